@@ -1,0 +1,210 @@
+"""Every rotation and axis convention of the project, in one table.
+
+| name         | axes                     | where it is used                                      |
+|--------------|--------------------------|-------------------------------------------------------|
+| `ned`        | north, east, down        | the world frame: all messages and goals               |
+| `enu`        | east, north, up          | the physics engine's world                            |
+| `frd`        | forward, right, down     | the vehicle's body on MAVLink and in all messages     |
+| `flu`        | forward, left, up        | the vehicle's body in the physics engine              |
+| `rover`      | north, east, down        | origin at the centre of the landing platform          |
+| `rover_body` | the same, turned by yaw  | what UWB measures in                                  |
+
+Vectors are tuples of three floats and quaternions are `(w, x, y, z)` with w >= 0: below ten elements plain
+floats are several times faster than arrays. A quaternion `q_ned_from_frd` turns body vectors into NED.
+"""
+
+from math import asin, atan2, copysign, cos, hypot, pi, sin, sqrt
+
+Vec3 = tuple[float, float, float]
+Quat = tuple[float, float, float, float]
+
+EARTH_RADIUS_M = 6_371_000.0
+"""Radius of the local tangent projection; PX4 and jezero use the same sphere."""
+
+
+def ned_from_enu(v_enu: Vec3) -> Vec3:
+    """Swap north and east and flip the vertical; its own inverse. Source: thesis eq. 2.1."""
+    return (v_enu[1], v_enu[0], -v_enu[2])
+
+
+enu_from_ned = ned_from_enu
+
+
+def frd_from_flu(v_flu: Vec3) -> Vec3:
+    """Flip the lateral and vertical axes; its own inverse."""
+    return (v_flu[0], -v_flu[1], -v_flu[2])
+
+
+flu_from_frd = frd_from_flu
+
+
+def altitude_m(z_ned_m: float) -> float:
+    """Height above the origin of a NED z coordinate, positive up."""
+    return -z_ned_m
+
+
+def z_ned_m(altitude_m: float) -> float:
+    """NED z coordinate of a height above the origin."""
+    return -altitude_m
+
+
+def add(a: Vec3, b: Vec3) -> Vec3:
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def subtract(a: Vec3, b: Vec3) -> Vec3:
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def scale(a: Vec3, factor: float) -> Vec3:
+    return (a[0] * factor, a[1] * factor, a[2] * factor)
+
+
+def cross(a: Vec3, b: Vec3) -> Vec3:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def norm(a: Vec3) -> float:
+    return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+
+
+def distance(a: Vec3, b: Vec3) -> float:
+    return norm(subtract(a, b))
+
+
+def horizontal(a: Vec3) -> float:
+    """Length of the horizontal part."""
+    return hypot(a[0], a[1])
+
+
+def wrap_pi(angle_rad: float) -> float:
+    """The same angle in [-pi, pi)."""
+    return (angle_rad + pi) % (2.0 * pi) - pi
+
+
+def quat_multiply(a: Quat, b: Quat) -> Quat:
+    """Hamilton product: `q_a_from_c = quat_multiply(q_a_from_b, q_b_from_c)`."""
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    return (
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    )
+
+
+def quat_conjugate(q: Quat) -> Quat:
+    """The inverse rotation of a unit quaternion."""
+    return (q[0], -q[1], -q[2], -q[3])
+
+
+def quat_normalize(q: Quat) -> Quat:
+    """Unit length and w >= 0.
+
+    Raises:
+        ValueError: the quaternion is zero or not finite.
+    """
+    n = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    if not 1e-12 < n < 1e12:
+        raise ValueError(f"not a rotation: quaternion {q}")
+    s = copysign(1.0 / n, q[0])
+    return (q[0] * s, q[1] * s, q[2] * s, q[3] * s)
+
+
+def quat_rotate(q_a_from_b: Quat, v_b: Vec3) -> Vec3:
+    """Turn a vector of frame b into frame a."""
+    w, x, y, z = q_a_from_b
+    vx, vy, vz = v_b
+    tx = 2.0 * (y * vz - z * vy)
+    ty = 2.0 * (z * vx - x * vz)
+    tz = 2.0 * (x * vy - y * vx)
+    return (
+        vx + w * tx + y * tz - z * ty,
+        vy + w * ty + z * tx - x * tz,
+        vz + w * tz + x * ty - y * tx,
+    )
+
+
+def quat_from_rotation_vector(rotation_rad: Vec3) -> Quat:
+    """Quaternion of a rotation by |v| about v."""
+    angle = norm(rotation_rad)
+    if angle < 1e-9:
+        return quat_normalize((1.0, 0.5 * rotation_rad[0], 0.5 * rotation_rad[1], 0.5 * rotation_rad[2]))
+    s = sin(0.5 * angle) / angle
+    return quat_normalize((cos(0.5 * angle), rotation_rad[0] * s, rotation_rad[1] * s, rotation_rad[2] * s))
+
+
+def quat_from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quat:
+    """Body-to-NED quaternion of yaw, then pitch, then roll (aerospace order)."""
+    cr, sr = cos(0.5 * roll_rad), sin(0.5 * roll_rad)
+    cp, sp = cos(0.5 * pitch_rad), sin(0.5 * pitch_rad)
+    cy, sy = cos(0.5 * yaw_rad), sin(0.5 * yaw_rad)
+    return quat_normalize(
+        (
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        )
+    )
+
+
+def euler_from_quat(q_ned_from_frd: Quat) -> Vec3:
+    """(roll_rad, pitch_rad, yaw_rad) of a body-to-NED quaternion."""
+    w, x, y, z = q_ned_from_frd
+    sin_pitch = max(-1.0, min(1.0, 2.0 * (w * y - z * x)))
+    return (
+        atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+        asin(sin_pitch),
+        yaw_from_quat(q_ned_from_frd),
+    )
+
+
+def yaw_from_quat(q_ned_from_frd: Quat) -> float:
+    """Heading in radians, zero at north and positive towards east."""
+    w, x, y, z = q_ned_from_frd
+    return atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def tilt_from_quat(q_ned_from_frd: Quat) -> float:
+    """Angle between the body's down axis and the world's, in radians."""
+    _, x, y, _ = q_ned_from_frd
+    return 2.0 * asin(min(1.0, hypot(x, y)))
+
+
+def q_ned_from_frd(q_enu_from_flu: Quat) -> Quat:
+    """Attitude on the MAVLink side from the physics engine's.
+
+    Source: R_ned_from_enu @ R_enu_from_flu @ R_flu_from_frd, thesis eq. 2.1.
+    """
+    half = sqrt(0.5)
+    return quat_normalize(
+        quat_multiply(quat_multiply((0.0, half, half, 0.0), q_enu_from_flu), (0.0, 1.0, 0.0, 0.0))
+    )
+
+
+def rotate_yaw(v: Vec3, yaw_rad: float) -> Vec3:
+    """Turn a vector of a yawed frame into NED; with -yaw the other way. Source: thesis eq. 4.11."""
+    c, s = cos(yaw_rad), sin(yaw_rad)
+    return (c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
+
+
+def geodetic_from_ned(pos_ned_m: Vec3, origin_deg: Vec3) -> Vec3:
+    """(latitude_deg, longitude_deg, altitude_m) of a local position on a sphere.
+
+    Args:
+        origin_deg: latitude and longitude in degrees and altitude in metres of the NED origin.
+    """
+    lat0, lon0, alt0 = origin_deg
+    lat = lat0 + pos_ned_m[0] / EARTH_RADIUS_M * 180.0 / pi
+    lon = lon0 + pos_ned_m[1] / (EARTH_RADIUS_M * cos(lat0 * pi / 180.0)) * 180.0 / pi
+    return (lat, lon, alt0 - pos_ned_m[2])
+
+
+def ned_from_geodetic(position_deg: Vec3, origin_deg: Vec3) -> Vec3:
+    """Inverse of `geodetic_from_ned`; metres."""
+    lat0, lon0, alt0 = origin_deg
+    north = (position_deg[0] - lat0) * pi / 180.0 * EARTH_RADIUS_M
+    east = (position_deg[1] - lon0) * pi / 180.0 * EARTH_RADIUS_M * cos(lat0 * pi / 180.0)
+    return (north, east, alt0 - position_deg[2])
