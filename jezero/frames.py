@@ -179,9 +179,7 @@ def q_ned_from_frd(q_enu_from_flu: Quat) -> Quat:
     Source: R_ned_from_enu @ R_enu_from_flu @ R_flu_from_frd, thesis eq. 2.1.
     """
     half = sqrt(0.5)
-    return quat_normalize(
-        quat_multiply(quat_multiply((0.0, half, half, 0.0), q_enu_from_flu), (0.0, 1.0, 0.0, 0.0))
-    )
+    return quat_normalize(quat_multiply(quat_multiply((0.0, half, half, 0.0), q_enu_from_flu), (0.0, 1.0, 0.0, 0.0)))
 
 
 def rotate_yaw(v: Vec3, yaw_rad: float) -> Vec3:

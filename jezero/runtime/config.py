@@ -1,0 +1,93 @@
+"""One frozen struct per service, read once from `deploy/config/<name>.toml`."""
+
+import os
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import msgspec
+from msgspec import Meta
+
+
+class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of every service's settings: unknown fields and values out of range are refused."""
+
+
+C = TypeVar("C", bound=Config)
+
+
+class ConfigError(ValueError):
+    """A setting is wrong; the message names the file, the field and what was expected."""
+
+
+class Instance(Config, frozen=True, kw_only=True):
+    """Which stack on this machine: read from the environment, the same for all its processes.
+
+    Attributes:
+        vehicle: name within the keys (`JEZERO_VEHICLE`).
+        router: Zenoh endpoint of the router (`JEZERO_ROUTER`).
+        number: offset of every MAVLink port, so that stacks don't collide (`JEZERO_INSTANCE`).
+    """
+
+    vehicle: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "uav1"
+    router: Annotated[str, Meta(pattern=r"^(tcp|tls|udp|unixsock-stream)/.+")] = "tcp/127.0.0.1:7447"
+    number: Annotated[int, Meta(ge=0, le=249)] = 0
+
+    @property
+    def hil_port(self) -> int:
+        """TCP: the simulator listens, the autopilot connects."""
+        return 4560 + self.number
+
+    @property
+    def bridge_port(self) -> int:
+        """UDP: the vehicle bridge listens."""
+        return 14540 + self.number
+
+    @property
+    def autopilot_offboard_port(self) -> int:
+        """UDP: where the autopilot's offboard link sends from."""
+        return 14580 + self.number
+
+    @property
+    def autopilot_gcs_port(self) -> int:
+        """UDP: where the autopilot's ground-station link sends from, to 14550."""
+        return 18570 + self.number
+
+    @property
+    def system_id(self) -> int:
+        """MAVLink system id of the autopilot."""
+        return 1 + self.number
+
+
+def instance_from_environment() -> Instance:
+    """Read `JEZERO_VEHICLE`, `JEZERO_ROUTER` and `JEZERO_INSTANCE`.
+
+    Raises:
+        ConfigError: one of them is malformed.
+    """
+    names = {"vehicle": "JEZERO_VEHICLE", "router": "JEZERO_ROUTER", "number": "JEZERO_INSTANCE"}
+    given = {field: os.environ[name] for field, name in names.items() if os.environ.get(name)}
+    try:
+        return msgspec.convert(given, Instance, strict=False)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"JEZERO_VEHICLE, JEZERO_ROUTER or JEZERO_INSTANCE is wrong: {error}") from error
+
+
+def config_directory() -> Path:
+    """`JEZERO_CONFIG_DIR`, else the folder that jezero ships."""
+    given = os.environ.get("JEZERO_CONFIG_DIR")
+    return Path(given) if given else Path(__file__).resolve().parent.parent / "deploy" / "config"
+
+
+def load_config(kind: type[C], name: str, directory: Path | None = None) -> C:
+    """Read `<name>.toml`; missing fields take their defaults.
+
+    Raises:
+        ConfigError: the file is missing or malformed, or a field is unknown or out of range.
+    """
+    path = (directory or config_directory()) / f"{name}.toml"
+    try:
+        return msgspec.toml.decode(path.read_bytes(), type=kind)
+    except FileNotFoundError:
+        raise ConfigError(f"{path} is missing: each service reads its settings from there") from None
+    except msgspec.DecodeError as error:
+        raise ConfigError(f"{path}: {error}") from error

@@ -1,0 +1,185 @@
+"""The one shape of a service: a declaration and a step.
+
+A service owns no thread, socket, timer or clock. It declares what it reads and writes in a `Spec`; the runtime
+hands it an `Inbox` and the time, and carries out the `Output`s that its step yields. The same class runs over
+Zenoh in real time (`zenoh_bus`) and on the in-memory bus in virtual time (`memory_bus`).
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
+
+from jezero.schemas.health import ServiceState
+from jezero.schemas.struct import Message, Payload
+from jezero.schemas.topics import Endpoint, Topic
+
+M = TypeVar("M", bound=Message)
+Q = TypeVar("Q", bound=Payload)
+R = TypeVar("R", bound=Payload)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spec:
+    """What a service reads, writes, answers and asks; anything else raises `UndeclaredError`.
+
+    Attributes:
+        name: unique within a vehicle; also the liveliness token and the key of its health.
+        inputs: topics it always listens to.
+        on_demand: topics it listens to only while a `Listen` output names them.
+        outputs: topics it publishes.
+        last_value: outputs whose latest message is also answered to a plain get on the same key.
+        serves: endpoints it answers; the runtime refuses to start a second server of the same name.
+        calls: endpoints it asks.
+        links: byte pipes by name; the shell decides whether they are TCP, UDP or memory.
+        triggers: names of topics, endpoints or links whose arrival makes a step at once.
+        rate_hz: steps per second of vehicle time when no trigger arrives.
+        lockstep: the time master names the link whose answer it awaits after each step (at most 20 ms); vehicle
+            time starts when this link first connects. None for every other service.
+        watches_clients: the inbox tells which clients have vanished.
+    """
+
+    name: str
+    inputs: tuple[Topic[Any], ...] = ()
+    on_demand: tuple[Topic[Any], ...] = ()
+    outputs: tuple[Topic[Any], ...] = ()
+    last_value: tuple[Topic[Any], ...] = ()
+    serves: tuple[Endpoint[Any, Any], ...] = ()
+    calls: tuple[Endpoint[Any, Any], ...] = ()
+    links: tuple[str, ...] = ()
+    triggers: tuple[str, ...] = ()
+    rate_hz: float = 10.0
+    lockstep: str | None = None
+    watches_clients: bool = False
+
+
+class UndeclaredError(RuntimeError):
+    """A service used a topic, endpoint or link that its `Spec` doesn't declare."""
+
+
+# -- what a step yields ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Publish:
+    """A message on a topic of `Spec.outputs`."""
+
+    topic: Topic[Any]
+    message: Message
+
+
+@dataclass(frozen=True)
+class Reply:
+    """An answer to `Request.request_id`. Any number may precede the one with `final`, which ends the request."""
+
+    request_id: int
+    payload: Payload
+    final: bool = True
+
+
+@dataclass(frozen=True)
+class Call:
+    """A question to an endpoint of `Spec.calls`; the answer comes as a `Response` with the same tag."""
+
+    endpoint: Endpoint[Any, Any]
+    payload: Payload
+    tag: str
+    timeout_s: float = 1.0
+
+
+@dataclass(frozen=True)
+class Send:
+    """Bytes for a link of `Spec.links`; dropped when the link is down."""
+
+    link: str
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Listen:
+    """From now on listen to exactly these of `Spec.on_demand`; the others' latest values are forgotten."""
+
+    topics: tuple[Topic[Any], ...]
+
+
+@dataclass(frozen=True)
+class Health:
+    """The service's own verdict and sentence, shown in `health/<service>` until the next one."""
+
+    state: ServiceState
+    text: str
+
+
+Output = Publish | Reply | Call | Send | Listen | Health
+
+
+# -- what a step is given ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Request:
+    """One question that came in. `payload` is decoded; undecodable ones were already refused by the runtime."""
+
+    request_id: int
+    client_id: str
+    payload: Any
+
+
+@dataclass(frozen=True)
+class Response:
+    """An answer to a `Call`: a payload, or the reason why there is none ("timeout", "no server", ...)."""
+
+    tag: str
+    payload: Any | None
+    error: str | None = None
+
+
+class Inbox(Protocol):
+    """What arrived since the last step."""
+
+    @property
+    def wall_ns(self) -> int:
+        """Monotonic wall time in ns: for liveness of other processes, never for control."""
+
+    @property
+    def connected(self) -> bool:
+        """Whether the bus's router is reachable."""
+
+    @property
+    def departed_clients(self) -> Sequence[str]:
+        """Ids of clients that vanished since the last step (needs `Spec.watches_clients`)."""
+
+    @property
+    def responses(self) -> Sequence[Response]:
+        """Answers to this service's calls."""
+
+    def new(self, topic: Topic[M]) -> Sequence[M]:
+        """Messages since the last step, oldest first."""
+
+    def latest(self, topic: Topic[M]) -> M | None:
+        """The newest message ever seen, or None."""
+
+    def requests(self, endpoint: Endpoint[Any, Any]) -> Sequence[Request]:
+        """Questions since the last step, oldest first."""
+
+    def received(self, link: str) -> bytes:
+        """Bytes since the last step."""
+
+    def connections(self, link: str) -> int:
+        """How often this link has connected so far; 0 while it never did."""
+
+    def is_up(self, link: str) -> bool:
+        """Whether the link is connected now. A UDP link is up once a peer's address is known."""
+
+
+class Service(Protocol):
+    """A declaration and a step."""
+
+    @property
+    def spec(self) -> Spec: ...
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        """React to what arrived.
+
+        Args:
+            t_ns: vehicle time; 0 while no `clock` message has been seen.
+        """

@@ -1,0 +1,165 @@
+"""Goals, what they report while they run, and how they end.
+
+A goal is a query on `@action/<name>`. Its replies are one `Accepted` or `Rejected`, any number of `Feedback`, and
+one `Result`.
+"""
+
+from typing import Annotated, Generic, Literal, TypeVar
+
+from msgspec import Meta
+
+from jezero.schemas.commands import Outcome
+from jezero.schemas.struct import Angle, Message, Name, NonNegative, Payload, PositionNed, Text, TimeNs
+
+Frame = Literal["world", "rover"]
+F = TypeVar("F")
+R = TypeVar("R")
+
+
+class Goal(Payload, frozen=True, kw_only=True):
+    """What every goal carries.
+
+    Attributes:
+        goal_id: chosen by the client, so that a goal sent twice runs once; made by the server when empty.
+        issued_t_ns: vehicle time at which the client sent it; it expires after 30 s. None: never.
+        on_client_loss: what happens when the client vanishes.
+    """
+
+    goal_id: Annotated[str, Meta(max_length=64, pattern=r"^[A-Za-z0-9_.-]*$")] = ""
+    issued_t_ns: TimeNs | None = None
+    on_client_loss: Literal["continue", "cancel"] = "continue"
+
+
+class TakeoffGoal(Goal, frozen=True, kw_only=True):
+    """altitude_m: above the take-off point, positive up."""
+
+    altitude_m: float = 2.0
+
+
+class GoToGoal(Goal, frozen=True, kw_only=True):
+    """Fly to a point.
+
+    Attributes:
+        target_ned_m: in `frame`; negative z is up.
+        do_takeoff: take off first when idle.
+        yaw_rad: heading at the target, None keeps the present one.
+        speed_mps: along the path, None for the default.
+    """
+
+    target_ned_m: PositionNed
+    frame: Frame = "world"
+    do_takeoff: bool = False
+    yaw_rad: Angle | None = None
+    speed_mps: float | None = None
+
+
+class LandOnSpotGoal(Goal, frozen=True, kw_only=True):
+    """Land on a spot.
+
+    Attributes:
+        landing_spot_ned_m: in `frame`; the rough position of the rover, or with both sensors off the spot itself.
+            Its z is not used: the vehicle descends until it touches down.
+    """
+
+    landing_spot_ned_m: PositionNed | None = None
+    frame: Frame = "world"
+    use_uwb: bool = True
+    use_marker: bool = True
+
+
+class MoveFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="move"):
+    """pos_uav_ned_m: in `frame`; distance_m: to the goal's point."""
+
+    pos_uav_ned_m: PositionNed
+    frame: Frame = "world"
+    distance_m: NonNegative
+
+
+class LandFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="land"):
+    """pos_rel_ned_m: vehicle relative to the landing spot; phase: approach, descent, contact."""
+
+    pos_uav_ned_m: PositionNed
+    frame: Frame = "world"
+    pos_rel_ned_m: PositionNed | None = None
+    phase: Literal["approach", "descent", "contact"]
+
+
+class MoveResult(Payload, frozen=True, kw_only=True):
+    """pos_uav_ned_m: where it ended, in world NED whatever the goal's frame."""
+
+    completed: bool
+    pos_uav_ned_m: PositionNed
+
+
+class LandResult(Payload, frozen=True, kw_only=True):
+    """touchdown_ned_m: by the vehicle's own estimate, world NED; None when it did not touch down."""
+
+    completed: bool
+    touchdown_ned_m: PositionNed | None = None
+
+
+class Accepted(Payload, frozen=True, kw_only=True, tag_field="type", tag="accepted"):
+    """`warning` tells what of the goal was not done as asked."""
+
+    goal_id: Name
+    warning: Text = ""
+
+
+class Rejected(Payload, frozen=True, kw_only=True, tag_field="type", tag="rejected"):
+    """`reason` tells what to do instead; `code` is the status at that time, None when unknown."""
+
+    goal_id: str = ""
+    reason: Text
+    code: int | None = None
+
+
+class Feedback(Payload, Generic[F], frozen=True, kw_only=True, tag_field="type", tag="feedback"):
+    goal_id: Name
+    t_ns: TimeNs
+    code: int
+    feedback: F
+
+
+class Result(Payload, Generic[R], frozen=True, kw_only=True, tag_field="type", tag="result"):
+    """`reason` says why a goal was canceled or aborted."""
+
+    goal_id: Name
+    t_ns: TimeNs
+    outcome: Outcome
+    reason: Text = ""
+    result: R
+
+
+class FeedbackMessage(Message, frozen=True, kw_only=True):
+    """An action's feedback for anyone watching; `feedback` has the fields of the action's own feedback type."""
+
+    goal_id: Name
+    action: Name
+    code: int
+    feedback: MoveFeedback | LandFeedback
+
+
+class Cancel(Payload, frozen=True, kw_only=True):
+    goal_id: Name
+
+
+class CancelReply(Payload, frozen=True, kw_only=True):
+    """canceled: the goal was running and is being ended; its own query gets the result."""
+
+    canceled: bool
+    reason: Text = ""
+
+
+class GetResult(Payload, frozen=True, kw_only=True):
+    """Ask all action servers for the result of a goal; only the one that knows it answers."""
+
+    goal_id: Name
+
+
+class ResultReply(Payload, frozen=True, kw_only=True):
+    """`result` is None while the goal still runs; else the JSON of the goal's `Result`."""
+
+    goal_id: Name
+    action: Name
+    running: bool
+    result: Annotated[str, Meta(max_length=1_000_000)] | None = None

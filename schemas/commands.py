@@ -1,0 +1,123 @@
+"""Who flies, and where to."""
+
+from enum import StrEnum
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from jezero.schemas.struct import Angle, Message, Name, Payload, PositionNed, Text, Vector, VelocityNed
+
+
+class Phase(StrEnum):
+    """What the goal in charge is doing; the bridge derives the status code from it."""
+
+    TAKEOFF = "takeoff"
+    GO_TO = "go_to"
+    GET_IMAGES = "get_images"
+    LANDING = "landing"
+    COVERAGE = "coverage"
+
+
+class Setpoint(Message, frozen=True, kw_only=True):
+    """One setpoint of the goal in charge.
+
+    Attributes:
+        control_id: from the grant; setpoints of anybody else are dropped.
+        sequence: grows by one with each setpoint; older ones are dropped.
+        reset_counter: of the odometry this setpoint was computed from.
+        pos_ned_m, vel_ned_mps, acc_ned_mps2: at least one of position and velocity; the others are feed-forward.
+        yaw_rad: heading, or None to keep it.
+    """
+
+    control_id: Name
+    sequence: Annotated[int, Meta(ge=0)]
+    phase: Phase
+    reset_counter: int = 0
+    pos_ned_m: PositionNed | None = None
+    vel_ned_mps: VelocityNed | None = None
+    acc_ned_mps2: Vector | None = None
+    yaw_rad: Angle | None = None
+
+
+class Acquire(Payload, frozen=True, kw_only=True):
+    """Ask to be in charge. Granted to one goal at a time; lapses without a setpoint within 0.5 s."""
+
+    goal_id: Name
+    action: Name
+    do_takeoff: bool = False
+
+
+class AcquireReply(Payload, frozen=True, kw_only=True):
+    granted: bool
+    reason: Text = ""
+    control_id: str = ""
+    bridge_boot_id: int = 0
+
+
+Outcome = Literal["succeeded", "canceled", "aborted"]
+
+
+class Release(Payload, frozen=True, kw_only=True):
+    """Give control back.
+
+    Attributes:
+        then: what the bridge does next: hover at `hover_pos_ned_m` (where it is when None), or disarm, which the
+            autopilot refuses in the air.
+        reset_counter: of the odometry that `hover_pos_ned_m` belongs to.
+    """
+
+    control_id: Name
+    outcome: Outcome
+    then: Literal["hover", "disarm"] = "hover"
+    hover_pos_ned_m: PositionNed | None = None
+    reset_counter: int = 0
+    reason: Text = ""
+
+
+class ReleaseReply(Payload, frozen=True, kw_only=True):
+    """Sent when the vehicle hovers (code 3) or is disarmed (code 0), or with the reason why not."""
+
+    released: bool
+    code: int
+    reason: Text = ""
+
+
+class Hover(Payload, frozen=True, kw_only=True):
+    """Hover here, or at a point (only while hovering). Also takes control back from a failsafe.
+
+    Attributes:
+        hover_req: false is refused: a goal in charge ends a hover, nothing else does.
+        hover_pos: world NED in metres. (Name of the thesis' service.)
+    """
+
+    hover_req: bool = True
+    hover_pos: PositionNed | None = None
+
+
+class HoverReply(Payload, frozen=True, kw_only=True):
+    hover_mode: bool
+    reason: Text = ""
+
+
+class Abort(Payload, frozen=True, kw_only=True):
+    """End whatever goal is in charge; `reason` is passed on to its client."""
+
+    reason: Text = ""
+
+
+class AbortReply(Payload, frozen=True, kw_only=True):
+    """`hovering` tells that the vehicle is in the air under the bridge's hover; on the ground it disarms."""
+
+    hovering: bool
+    reason: Text = ""
+
+
+class Kill(Payload, frozen=True, kw_only=True):
+    """Cut the motors at once, in the air too. Refused unless `confirm` is true."""
+
+    confirm: bool = False
+
+
+class KillReply(Payload, frozen=True, kw_only=True):
+    killed: bool
+    reason: Text = ""

@@ -1,0 +1,51 @@
+"""Base classes and checked number types of every message."""
+
+from typing import Annotated, TypeVar
+
+import msgspec
+from msgspec import Meta
+
+
+class Payload(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Anything that travels on the bus. Decoding refuses unknown fields and values out of range."""
+
+
+class Message(Payload, frozen=True, kw_only=True):
+    """A payload of a topic.
+
+    Attributes:
+        t_ns: vehicle time in ns at which the content was true.
+    """
+
+    t_ns: "TimeNs"
+
+
+TimeNs = Annotated[int, Meta(ge=0, le=2**62)]
+"""Vehicle time in ns since the time master's start."""
+
+Finite = Annotated[float, Meta(ge=-1e12, le=1e12)]
+"""Any finite number: the bounds also refuse NaN and infinity."""
+
+NonNegative = Annotated[float, Meta(ge=0.0, le=1e12)]
+Position = Annotated[float, Meta(ge=-1e6, le=1e6)]
+"""Coordinate in metres."""
+Speed = Annotated[float, Meta(ge=-1e3, le=1e3)]
+"""Velocity component in m/s."""
+Angle = Annotated[float, Meta(ge=-6.2832, le=6.2832)]
+"""Angle in radians."""
+Unit = Annotated[float, Meta(ge=-1.0001, le=1.0001)]
+"""Component of a unit vector or quaternion."""
+Fraction = Annotated[float, Meta(ge=0.0, le=1.0)]
+
+PositionNed = tuple[Position, Position, Position]
+VelocityNed = tuple[Speed, Speed, Speed]
+QuatNedFromFrd = tuple[Unit, Unit, Unit, Unit]
+"""Attitude [w, x, y, z] that turns body FRD into world NED, w >= 0."""
+Vector = tuple[Finite, Finite, Finite]
+
+Name = Annotated[str, Meta(max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
+"""An identifier that is safe within a key."""
+Text = Annotated[str, Meta(max_length=2000)]
+"""A sentence for people."""
+
+P = TypeVar("P", bound=Payload)
