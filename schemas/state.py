@@ -52,11 +52,9 @@ class Clock(Message, frozen=True, kw_only=True):
 
     Attributes:
         epoch_id: a new one says that the vehicle was lost and respawned: goals end, filters reset.
-        rate: vehicle seconds per wall second, below 1 when the simulator is overloaded.
     """
 
     epoch_id: int
-    rate: NonNegative = 1.0
 
 
 class Odometry(Message, frozen=True, kw_only=True):
