@@ -69,10 +69,13 @@ class Publish:
 
 @dataclass(frozen=True)
 class Reply:
-    """An answer to `Request.request_id`. Any number may precede the one with `final`, which ends the request."""
+    """An answer to `Request.request_id`. Any number may precede the one with `final`, which ends the request.
+
+    A `payload` of None ends it without saying anything: for endpoints shared by servers that each know a part.
+    """
 
     request_id: int
-    payload: Payload
+    payload: Payload | None
     final: bool = True
 
 
