@@ -29,6 +29,7 @@ class ServiceHealth(Message, frozen=True, kw_only=True):
 
     Attributes:
         boot_id: differs between two runs of the same service.
+        process: host and process id that run it, for people.
         text: a sentence for people.
         not_sent: outputs that were dropped because they were not finite.
         last_error: why the last message was rejected or not sent.
@@ -37,6 +38,7 @@ class ServiceHealth(Message, frozen=True, kw_only=True):
 
     service: Name
     boot_id: int
+    process: Text = ""
     state: ServiceState
     text: Text
     inputs: dict[str, InputHealth] = {}

@@ -1,0 +1,98 @@
+"""Bytes on the bus: JSON that is finite when it leaves and checked when it arrives."""
+
+import math
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+import msgspec
+
+from jezero.schemas.struct import Payload
+
+MAX_PAYLOAD_BYTES = 4_000_000
+_encoder = msgspec.json.Encoder()
+
+
+class NotFiniteError(ValueError):
+    """A number to be sent is NaN or infinite; JSON would write it as null."""
+
+
+class BadPayloadError(ValueError):
+    """What arrived is no valid message; the text says where and why."""
+
+
+def encode(payload: Payload) -> bytes:
+    """JSON of a payload.
+
+    Raises:
+        NotFiniteError: a float in it is NaN or infinite.
+    """
+    data = _encoder.encode(payload)
+    if b"null" in data:  # NaN, infinity, or an honest None
+        _require_finite(payload, type(payload).__name__)
+    return data
+
+
+def _require_finite(value: Any, where: str) -> None:
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            raise NotFiniteError(f"{where} is {value}")
+    elif isinstance(value, msgspec.Struct):
+        for field in value.__struct_fields__:
+            _require_finite(getattr(value, field), f"{where}.{field}")
+    elif isinstance(value, Mapping):
+        for name, item in value.items():
+            _require_finite(item, f"{where}[{name!r}]")
+    elif isinstance(value, tuple | list):
+        for index, item in enumerate(value):
+            _require_finite(item, f"{where}[{index}]")
+
+
+@lru_cache(maxsize=256)
+def _decoder(kind: Any) -> msgspec.json.Decoder[Any]:
+    return msgspec.json.Decoder(kind)
+
+
+def decode(kind: Any, data: bytes) -> Any:
+    """A payload of type `kind` (or of one type of a union).
+
+    Raises:
+        BadPayloadError: malformed, an unknown field, a wrong type, or a number out of its range.
+    """
+    if len(data) > MAX_PAYLOAD_BYTES:
+        raise BadPayloadError(f"{len(data)} bytes are more than {MAX_PAYLOAD_BYTES}")
+    try:
+        return _decoder(kind).decode(data)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise BadPayloadError(str(error)) from None
+    except RecursionError:
+        raise BadPayloadError("nested too deeply") from None
+
+
+def decode_request(kind: Any, data: bytes, parameters: Mapping[str, str]) -> Any:
+    """The payload of a question: its JSON body, or its selector's parameters, decoded into the same struct.
+
+    Args:
+        parameters: as strings; values are JSON where they parse and text elsewhere. Names that start with `_` belong
+            to Zenoh and are ignored.
+
+    Raises:
+        BadPayloadError: as `decode`; also when body and parameters are both given.
+    """
+    given = {name: value for name, value in parameters.items() if not name.startswith("_")}
+    if data and given:
+        raise BadPayloadError(f"both a payload and parameters ({', '.join(sorted(given))}): send one of them")
+    if data:
+        return decode(kind, data)
+    fields = {name: _json_or_text(value) for name, value in given.items()}
+    try:
+        return msgspec.convert(fields, kind)
+    except msgspec.ValidationError as error:
+        raise BadPayloadError(str(error)) from None
+
+
+def _json_or_text(value: str) -> Any:
+    try:
+        return msgspec.json.decode(value.encode())
+    except (msgspec.DecodeError, UnicodeEncodeError, RecursionError):
+        return value

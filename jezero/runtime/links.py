@@ -1,0 +1,186 @@
+"""Byte pipes to the autopilot over sockets; none of them ever blocks."""
+
+import contextlib
+import socket
+from typing import Protocol
+
+RETRY_NS = 100_000_000
+CHUNK = 65_536
+
+
+class SocketLink(Protocol):
+    """What the real-time runtime needs of a link."""
+
+    up: bool
+    connections: int
+    """How often it has connected so far."""
+
+    def start(self) -> None:
+        """Open it.
+
+        Raises:
+            OSError: the port is taken.
+        """
+
+    def sockets(self) -> list[socket.socket]:
+        """Those to wait on for reading."""
+
+    def poll(self, wall_ns: int) -> bytes:
+        """What has arrived; also accepts and retries connections."""
+
+    def send(self, data: bytes) -> None:
+        """Send, or drop when there is no peer or it doesn't keep up."""
+
+    def close(self) -> None: ...
+
+
+class _Stream:
+    """The connected half of a TCP link."""
+
+    def __init__(self) -> None:
+        self.up = False
+        self.connections = 0
+        self._connection: socket.socket | None = None
+
+    def _adopt(self, connection: socket.socket) -> None:
+        self._drop()
+        connection.setblocking(False)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._connection = connection
+        self.connections += 1
+        self.up = True
+
+    def _drop(self) -> None:
+        if self._connection is not None:
+            self._connection.close()
+        self._connection = None
+        self.up = False
+
+    def _receive(self) -> bytes:
+        parts: list[bytes] = []
+        while self._connection is not None:
+            try:
+                data = self._connection.recv(CHUNK)
+            except BlockingIOError:
+                break
+            except OSError:
+                self._drop()
+                break
+            if not data:
+                self._drop()
+                break
+            parts.append(data)
+            if len(data) < CHUNK:
+                break
+        return b"".join(parts)
+
+    def send(self, data: bytes) -> None:
+        if self._connection is not None:
+            try:
+                self._connection.sendall(data)
+            except OSError:  # gone, or so far behind that its buffer is full
+                self._drop()
+
+
+class TcpServer(_Stream):
+    """Listens; the newest connection replaces the one before."""
+
+    def __init__(self, host: str, port: int) -> None:
+        super().__init__()
+        self._address = (host, port)
+        self._listener: socket.socket | None = None
+
+    def start(self) -> None:
+        listener = socket.create_server(self._address, backlog=1)
+        listener.setblocking(False)
+        self._listener = listener
+
+    def sockets(self) -> list[socket.socket]:
+        return [s for s in (self._listener, self._connection) if s is not None]
+
+    def poll(self, wall_ns: int) -> bytes:
+        data = self._receive()
+        if self._listener is not None:
+            with contextlib.suppress(BlockingIOError):
+                connection, _ = self._listener.accept()
+                self._adopt(connection)
+                return b""
+        return data
+
+    def close(self) -> None:
+        self._drop()
+        if self._listener is not None:
+            self._listener.close()
+
+
+class TcpClient(_Stream):
+    """Connects, and again whenever the connection is lost."""
+
+    def __init__(self, host: str, port: int) -> None:
+        super().__init__()
+        self._address = (host, port)
+        self._retry_at = 0
+
+    def start(self) -> None:
+        self._retry_at = 0
+
+    def sockets(self) -> list[socket.socket]:
+        return [] if self._connection is None else [self._connection]
+
+    def poll(self, wall_ns: int) -> bytes:
+        if self._connection is None and wall_ns >= self._retry_at:
+            self._retry_at = wall_ns + RETRY_NS
+            with contextlib.suppress(OSError):
+                self._adopt(socket.create_connection(self._address, timeout=0.05))
+        return self._receive()
+
+    def close(self) -> None:
+        self._drop()
+
+
+class Udp:
+    """Datagrams from a local port to one peer.
+
+    Args:
+        peer: where to send; None learns it from whoever sent last.
+    """
+
+    def __init__(self, local: tuple[str, int], peer: tuple[str, int] | None = None) -> None:
+        self._local = local
+        self._peer = peer
+        self._learns = peer is None
+        self._socket: socket.socket | None = None
+        self.up = peer is not None
+        self.connections = int(self.up)
+
+    def start(self) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.bind(self._local)
+
+    def sockets(self) -> list[socket.socket]:
+        return [] if self._socket is None else [self._socket]
+
+    def poll(self, wall_ns: int) -> bytes:
+        parts: list[bytes] = []
+        while self._socket is not None and len(parts) < 256:
+            try:
+                data, sender = self._socket.recvfrom(CHUNK)
+            except BlockingIOError:
+                break
+            except OSError:  # an earlier datagram was refused by the peer's host
+                continue
+            parts.append(data)
+            if self._learns and sender != self._peer:
+                self._peer, self.up = sender, True
+                self.connections += 1
+        return b"".join(parts)
+
+    def send(self, data: bytes) -> None:
+        if self._socket is not None and self._peer is not None:
+            with contextlib.suppress(OSError):
+                self._socket.sendto(data, self._peer)
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()

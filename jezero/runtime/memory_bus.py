@@ -1,0 +1,343 @@
+"""The bus in one process and virtual time: the same services and bytes, deterministic, without sleeping.
+
+Events are carried out in the order (t_ns, topic, sequence). All that arrives at one instant is in a service's inbox
+before it steps. Each link delays its messages by a seeded distribution and keeps their order, as a connection does.
+"""
+
+import heapq
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from random import Random
+from typing import Any
+
+from jezero.runtime.codec import decode, encode
+from jezero.runtime.node import Node
+from jezero.runtime.service import Service
+from jezero.schemas.struct import Payload
+from jezero.schemas.topics import Endpoint, Topic, health_of
+
+NS_PER_S = 1_000_000_000
+Observer = Callable[[int, str, bytes], None]
+
+
+@dataclass(frozen=True)
+class LinkDelay:
+    """Log-normal delay of a link, measured on the real bus by `benchmarks/link_delay.py`.
+
+    Attributes:
+        median_s: half of the messages take less.
+        sigma: standard deviation of the logarithm; 0 makes every message take `median_s`.
+        longest_s: nothing takes longer.
+    """
+
+    median_s: float
+    sigma: float = 0.0
+    longest_s: float = 0.1
+
+    def sample_ns(self, rng: Random) -> int:
+        """One delay."""
+        if self.sigma == 0.0:
+            return int(self.median_s * NS_PER_S)
+        return int(min(self.median_s * rng.lognormvariate(0.0, self.sigma), self.longest_s) * NS_PER_S)
+
+
+BUS_DELAY = LinkDelay(median_s=0.0006, sigma=0.5)
+UDP_DELAY = LinkDelay(median_s=0.0002, sigma=0.5)
+NO_DELAY = LinkDelay(median_s=0.0)
+
+
+@dataclass
+class Answers:
+    """What came back to a client's question so far."""
+
+    replies: list[Any] = field(default_factory=list)
+    ended: bool = False
+
+
+class MemoryBus:
+    """Runs services in virtual time, which starts at 0.
+
+    Args:
+        seed: of every link's delays.
+        delay: of all topics and questions.
+        strict: services that publish what is not finite raise.
+    """
+
+    def __init__(self, seed: int = 0, delay: LinkDelay = BUS_DELAY, *, strict: bool = True) -> None:
+        self.t_ns = 0
+        self._seed = seed
+        self._delay = delay
+        self._strict = strict
+        self._heap: list[tuple[int, str, int, Callable[[], None]]] = []
+        self._sequence = 0
+        self._ports: dict[str, _Port] = {}
+        self._order: list[_Port] = []
+        self._wires: dict[tuple[str, str], _Wire] = {}
+        self._last_arrival: dict[tuple[str, str], int] = {}
+        self._rngs: dict[tuple[str, str], Random] = {}
+        self._requests: dict[int, _Question] = {}
+        self._observers: list[Observer] = []
+
+    # -- building --
+
+    def add(self, service: Service) -> None:
+        """Start a service; it steps first at the present time."""
+        name = service.spec.name
+        if name in self._ports:
+            raise ValueError(f"a service named {name!r} runs already")
+        port = _Port(self, service)
+        self._ports[name] = port
+        self._order.append(port)
+        for (owner, link), wire in self._wires.items():
+            if owner == name or wire.peer[0] == name:
+                self._set_link(owner, link, up=owner in self._ports and wire.peer[0] in self._ports)
+        port.schedule_tick(self.t_ns)
+
+    def remove(self, name: str) -> None:
+        """Let a service die at once: its links go down and its open requests end without a reply."""
+        port = self._ports.pop(name)
+        self._order.remove(port)
+        port.alive = False
+        for (owner, link), wire in self._wires.items():
+            if wire.peer[0] == name:
+                self._set_link(owner, link, up=False)
+        for question in [q for q in self._requests.values() if q.server == name]:
+            self._later(question.asker, name, question.end)
+
+    def wire(self, a: tuple[str, str], b: tuple[str, str], delay: LinkDelay = NO_DELAY) -> None:
+        """Join two services' links, each named (service, link)."""
+        self._wires[a] = _Wire(b, delay)
+        self._wires[b] = _Wire(a, delay)
+        if a[0] in self._ports and b[0] in self._ports:
+            self._set_link(*a, up=True)
+            self._set_link(*b, up=True)
+
+    def observe(self, observer: Observer) -> None:
+        """Call `observer(t_ns, topic, data)` for every published message, when it is sent."""
+        self._observers.append(observer)
+
+    # -- running --
+
+    def run_until(self, t_ns: int, stop: Callable[[], bool] | None = None) -> bool:
+        """Carry out events up to and including `t_ns`; returns early with True when `stop()` holds."""
+        heap = self._heap
+        while heap and heap[0][0] <= t_ns:
+            self.t_ns = heap[0][0]
+            while heap and heap[0][0] == self.t_ns:
+                heapq.heappop(heap)[3]()
+            for port in tuple(self._order):
+                if port.wants_step:
+                    port.step()
+            if stop is not None and stop():
+                return True
+        self.t_ns = max(self.t_ns, t_ns)
+        return stop is not None and stop()
+
+    def run_for(self, seconds: float, stop: Callable[[], bool] | None = None) -> bool:
+        """`run_until` for a span of virtual time."""
+        return self.run_until(self.t_ns + int(seconds * NS_PER_S), stop)
+
+    def ask(self, endpoint: Endpoint[Any, Any], payload: Payload, client_id: str = "client") -> Answers:
+        """Put a question as an outside client would; run the bus to see its replies come in."""
+        answers = Answers()
+
+        def on_reply(data: bytes | None) -> None:
+            if data is not None:
+                answers.replies.append(decode(endpoint.reply_type, data))
+
+        def on_end() -> None:
+            answers.ended = True
+
+        self._ask(client_id, endpoint, encode(payload), on_reply, on_end)
+        return answers
+
+    def client_departs(self, client_id: str) -> None:
+        """Tell the services that watch clients that one has vanished."""
+        for port in self._order:
+            if port.node.spec.watches_clients:
+                port.node.inbox.departed_clients.append(client_id)
+                port.wants_step = True
+
+    # -- what ports use --
+
+    def at(self, t_ns: int, name: str, action: Callable[[], None]) -> None:
+        self._sequence += 1
+        heapq.heappush(self._heap, (t_ns, name, self._sequence, action))
+
+    def publish(self, sender: str, topic: Topic[Any], data: bytes) -> None:
+        for observer in self._observers:
+            observer(self.t_ns, topic.name, data)
+        for port in self._order:
+            if topic.name in port.listening:
+                self.at(self._arrival(sender, port.name, self._delay), topic.name, port.receiver(topic.name, data))
+
+    def send(self, owner: str, link: str, data: bytes) -> None:
+        wire = self._wires.get((owner, link))
+        if wire is None or wire.peer[0] not in self._ports:
+            return
+        peer, peer_link = wire.peer
+        port = self._ports[peer]
+        t_ns = self._arrival(f"{owner}.{link}", f"{peer}.{peer_link}", wire.delay)
+        self.at(t_ns, peer_link, lambda: port.receive_bytes(peer_link, data))
+
+    def call(self, caller: "_Port", endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None:
+        answered = [False]
+
+        def finish(reply: bytes | None, error: str | None) -> None:
+            if not answered[0] and caller.alive:
+                answered[0] = True
+                caller.wants_step |= caller.node.deliver_response(call_id, reply, error)
+
+        self._ask(
+            caller.name,
+            endpoint,
+            data,
+            lambda reply: finish(reply, None) if reply is not None else None,
+            lambda: finish(None, "no server"),
+        )
+        self.at(self.t_ns + int(timeout_s * NS_PER_S), endpoint.name, lambda: finish(None, "timeout"))
+
+    def reply(self, server: str, request_id: int, data: bytes | None, *, final: bool) -> None:
+        question = self._requests.get(request_id)
+        if question is None:
+            return
+        if data is not None:
+            self._later(question.asker, server, lambda: question.on_reply(data))
+        if final:
+            del self._requests[request_id]
+            self._later(question.asker, server, question.end)
+
+    # -- inside --
+
+    def _ask(
+        self,
+        asker: str,
+        endpoint: Endpoint[Any, Any],
+        data: bytes,
+        on_reply: Callable[[bytes | None], None],
+        on_end: Callable[[], None],
+    ) -> None:
+        servers = [port for port in self._order if endpoint.name in port.serving]
+        if not servers:
+            self._later(asker, "", on_end)
+            return
+        waiting = [len(servers)]
+
+        def end() -> None:
+            waiting[0] -= 1
+            if waiting[0] == 0:
+                on_end()
+
+        for port in servers:
+            self._sequence += 1
+            request_id = self._sequence
+            self._requests[request_id] = _Question(asker, port.name, on_reply, end)
+            t_ns = self._arrival(asker, port.name, self._delay)
+            self.at(t_ns, endpoint.name, port.asker(endpoint.name, request_id, asker, data))
+
+    def _later(self, receiver: str, sender: str, action: Callable[[], None]) -> None:
+        self.at(self._arrival(sender, receiver, self._delay), "@reply", action)
+
+    def _arrival(self, sender: str, receiver: str, delay: LinkDelay) -> int:
+        path = (sender, receiver)
+        rng = self._rngs.get(path)
+        if rng is None:
+            rng = self._rngs[path] = Random(zlib.crc32(f"{self._seed}/{sender}>{receiver}".encode()))
+        t_ns = max(self.t_ns + delay.sample_ns(rng), self._last_arrival.get(path, 0))
+        self._last_arrival[path] = t_ns
+        return t_ns
+
+    def _set_link(self, owner: str, link: str, *, up: bool) -> None:
+        port = self._ports.get(owner)
+        if port is not None:
+            port.wants_step |= port.node.set_link(link, up)
+
+
+@dataclass(frozen=True)
+class _Wire:
+    peer: tuple[str, str]
+    delay: LinkDelay
+
+
+@dataclass(frozen=True)
+class _Question:
+    asker: str
+    server: str
+    on_reply: Callable[[bytes | None], None]
+    end: Callable[[], None]
+
+
+class _Port:
+    """A service on the memory bus; the `Transport` of its node."""
+
+    def __init__(self, bus: MemoryBus, service: Service) -> None:
+        self.name = service.spec.name
+        self.alive = True
+        self.wants_step = False
+        self._bus = bus
+        self.node = Node(service, self, strict=bus._strict, boot_id=0)
+        spec = self.node.spec
+        self.listening = frozenset(topic.name for topic in spec.inputs)
+        self.serving = frozenset(endpoint.name for endpoint in spec.serves)
+        self._always = self.listening
+        self._period_ns = int(NS_PER_S / spec.rate_hz)
+        self._tick_at = -1
+        self._health_at = bus.t_ns + NS_PER_S
+        self._health_topic = health_of(self.name)
+
+    def schedule_tick(self, t_ns: int) -> None:
+        self._tick_at = t_ns
+        self._bus.at(t_ns, "", lambda: self._tick(t_ns))
+
+    def _tick(self, t_ns: int) -> None:
+        if self.alive and t_ns == self._tick_at:
+            self.wants_step = True
+
+    def step(self) -> None:
+        bus = self._bus
+        self.wants_step = False
+        self.node.inbox.wall_ns = bus.t_ns
+        self.node.step(bus.t_ns)
+        if self.alive:
+            self.schedule_tick(bus.t_ns + self._period_ns)
+        if bus.t_ns >= self._health_at:
+            self._health_at += NS_PER_S
+            bus.publish(self.name, self._health_topic, encode(self.node.health(bus.t_ns, 0.0)))
+
+    def receiver(self, name: str, data: bytes) -> Callable[[], None]:
+        def receive() -> None:
+            if self.alive and name in self.listening:
+                self.node.inbox.wall_ns = self._bus.t_ns
+                self.wants_step |= self.node.deliver(name, data)
+
+        return receive
+
+    def asker(self, name: str, request_id: int, client: str, data: bytes) -> Callable[[], None]:
+        def ask() -> None:
+            if self.alive:
+                self.node.inbox.wall_ns = self._bus.t_ns
+                self.wants_step |= self.node.deliver_request(name, request_id, client, data, {})
+
+        return ask
+
+    def receive_bytes(self, link: str, data: bytes) -> None:
+        if self.alive:
+            self.wants_step |= self.node.deliver_bytes(link, data)
+
+    # -- Transport --
+
+    def publish(self, topic: Topic[Any], data: bytes) -> None:
+        self._bus.publish(self.name, topic, data)
+
+    def reply(self, request_id: int, data: bytes | None, *, final: bool) -> None:
+        self._bus.reply(self.name, request_id, data, final=final)
+
+    def call(self, endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None:
+        self._bus.call(self, endpoint, data, call_id, timeout_s)
+
+    def send(self, link: str, data: bytes) -> None:
+        self._bus.send(self.name, link, data)
+
+    def listen(self, names: frozenset[str]) -> None:
+        self.listening = self._always | names

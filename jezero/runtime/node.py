@@ -1,0 +1,303 @@
+"""One running service: its mailbox, the check of what it declared, and its health. The same under both buses."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+from jezero.runtime.codec import BadPayloadError, NotFiniteError, decode, decode_request, encode
+from jezero.runtime.service import (
+    Call,
+    Health,
+    Listen,
+    Publish,
+    Reply,
+    Request,
+    Response,
+    Send,
+    Service,
+    UndeclaredError,
+)
+from jezero.schemas.health import InputHealth, ServiceHealth, ServiceState
+from jezero.schemas.struct import Payload
+from jezero.schemas.topics import Endpoint, Topic
+
+
+class Transport(Protocol):
+    """What a bus does for a node. All payloads are encoded; `None` ends a request without a reply."""
+
+    def publish(self, topic: Topic[Any], data: bytes) -> None: ...
+    def reply(self, request_id: int, data: bytes | None, *, final: bool) -> None: ...
+    def call(self, endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None: ...
+    def send(self, link: str, data: bytes) -> None: ...
+    def listen(self, names: frozenset[str]) -> None: ...
+
+
+class _Counter:
+    """Of one input: messages received, rejected, and the wall time of the last good one."""
+
+    __slots__ = ("last_ns", "received", "rejected")
+
+    def __init__(self) -> None:
+        self.received = 0
+        self.rejected = 0
+        self.last_ns: int | None = None
+
+
+class Mailbox:
+    """The `Inbox` a service sees, filled by a bus through `Node`."""
+
+    def __init__(self, declared_links: Sequence[str]) -> None:
+        self.wall_ns = 0
+        self.connected = True
+        self.departed_clients: list[str] = []
+        self.responses: list[Response] = []
+        self._new: dict[str, list[Any]] = {}
+        self._latest: dict[str, Any] = {}
+        self._requests: dict[str, list[Request]] = {}
+        self._bytes: dict[str, list[bytes]] = {link: [] for link in declared_links}
+        self._connections = dict.fromkeys(declared_links, 0)
+        self._up = dict.fromkeys(declared_links, False)
+
+    def new(self, topic: Topic[Any]) -> Sequence[Any]:
+        return self._new.get(topic.name, ())
+
+    def latest(self, topic: Topic[Any]) -> Any | None:
+        return self._latest.get(topic.name)
+
+    def requests(self, endpoint: Endpoint[Any, Any]) -> Sequence[Request]:
+        return self._requests.get(endpoint.name, ())
+
+    def received(self, link: str) -> bytes:
+        parts = self._bytes[link]
+        return parts[0] if len(parts) == 1 else b"".join(parts)
+
+    def connections(self, link: str) -> int:
+        return self._connections[link]
+
+    def is_up(self, link: str) -> bool:
+        return self._up[link]
+
+    def clear(self) -> None:
+        """Forget what the step has seen; latest values and link states stay."""
+        self.departed_clients.clear()
+        self.responses.clear()
+        self._new.clear()
+        self._requests.clear()
+        for parts in self._bytes.values():
+            parts.clear()
+
+    def add_message(self, name: str, message: Any) -> None:
+        self._new.setdefault(name, []).append(message)
+        self._latest[name] = message
+
+    def forget(self, name: str) -> None:
+        self._new.pop(name, None)
+        self._latest.pop(name, None)
+
+    def add_request(self, name: str, request: Request) -> None:
+        self._requests.setdefault(name, []).append(request)
+
+    def add_bytes(self, link: str, data: bytes) -> None:
+        self._bytes[link].append(data)
+
+    def set_link(self, link: str, up: bool) -> None:
+        if up and not self._up[link]:
+            self._connections[link] += 1
+        if not up:
+            self._bytes[link].clear()
+        self._up[link] = up
+
+
+class Node:
+    """Runs a service on a transport.
+
+    Args:
+        strict: a number that is not finite raises; else it is counted and not sent.
+        boot_id: differs between two runs of the same service; shown in its health.
+        process: who runs it, for people.
+    """
+
+    def __init__(
+        self, service: Service, transport: Transport, *, strict: bool, boot_id: int, process: str = ""
+    ) -> None:
+        self.service = service
+        self.spec = service.spec
+        self.inbox = Mailbox(self.spec.links)
+        self._transport = transport
+        self._strict = strict
+        self._boot_id = boot_id
+        self._process = process
+        self._inputs = {topic.name: topic for topic in (*self.spec.inputs, *self.spec.on_demand)}
+        self._outputs = {topic.name: topic for topic in self.spec.outputs}
+        self._serves = {endpoint.name: endpoint for endpoint in self.spec.serves}
+        self._calls = {endpoint.name: endpoint for endpoint in self.spec.calls}
+        self._demandable = frozenset(topic.name for topic in self.spec.on_demand)
+        self._triggers = frozenset(self.spec.triggers)
+        self._counters = {name: _Counter() for name in (*self._inputs, *self._serves)}
+        self._pending_calls: dict[str, Call] = {}
+        self._call_number = 0
+        self._not_sent = 0
+        self._last_error = ""
+        self._state: ServiceState = "ok"
+        self._text = "running"
+
+    @property
+    def input_names(self) -> frozenset[str]:
+        """Names of all topics this node may listen to."""
+        return frozenset(self._inputs)
+
+    # -- what the bus brings. Each returns whether the service wants a step at once. --
+
+    def deliver(self, name: str, data: bytes) -> bool:
+        """A message on a topic this node listens to."""
+        counter = self._counters[name]
+        counter.received += 1
+        try:
+            message = decode(self._inputs[name].type, data)
+        except BadPayloadError as error:
+            counter.rejected += 1
+            self._last_error = f"{name}: {error}"[:500]
+            return False
+        counter.last_ns = self.inbox.wall_ns
+        self.inbox.add_message(name, message)
+        return name in self._triggers
+
+    def deliver_request(
+        self, name: str, request_id: int, client_id: str, data: bytes, parameters: Mapping[str, str]
+    ) -> bool:
+        """A question; a malformed one is refused here with the reason."""
+        counter = self._counters[name]
+        endpoint = self._serves[name]
+        counter.received += 1
+        try:
+            payload = decode_request(endpoint.request_type, data, parameters)
+        except BadPayloadError as error:
+            counter.rejected += 1
+            self._last_error = f"{name}: {error}"[:500]
+            refusal = endpoint.refuse(f"not understood: {error}"[:1000])
+            self._transport.reply(request_id, encode(refusal), final=True)
+            return False
+        counter.last_ns = self.inbox.wall_ns
+        self.inbox.add_request(name, Request(request_id, client_id, payload))
+        return name in self._triggers
+
+    def deliver_response(self, call_id: str, data: bytes | None, error: str | None) -> bool:
+        """The first answer to a call of this node, or why there is none; later ones are ignored."""
+        call = self._pending_calls.pop(call_id, None)
+        if call is None:
+            return False
+        payload = None
+        if data is not None:
+            try:
+                payload = decode(call.endpoint.reply_type, data)
+            except BadPayloadError as bad:
+                error = f"answer not understood: {bad}"
+        self.inbox.responses.append(Response(call.tag, payload, error))
+        return True
+
+    def deliver_bytes(self, link: str, data: bytes) -> bool:
+        """Bytes from a link."""
+        self.inbox.add_bytes(link, data)
+        return link in self._triggers
+
+    def set_link(self, link: str, up: bool) -> bool:
+        """A link connected or was lost."""
+        self.inbox.set_link(link, up)
+        return link in self._triggers
+
+    # -- the step --
+
+    def step(self, t_ns: int) -> None:
+        """Step the service once and carry out what it yields.
+
+        Raises:
+            UndeclaredError: it used what its `Spec` doesn't name.
+            NotFiniteError: only when strict.
+        """
+        for output in self.service.step(t_ns, self.inbox):
+            match output:
+                case Publish():
+                    self._publish(output)
+                case Send():
+                    self._require(output.link in self.inbox._up, "link", output.link)
+                    self._transport.send(output.link, output.data)
+                case Reply():
+                    data = None if output.payload is None else self._encoded(output.payload)
+                    self._transport.reply(output.request_id, data, final=output.final)
+                case Call():
+                    self._call(output)
+                case Listen():
+                    self._listen(output)
+                case Health():
+                    self._state, self._text = output.state, output.text[:2000]
+        self.inbox.clear()
+
+    def _publish(self, output: Publish) -> None:
+        topic = output.topic
+        self._require(topic.name in self._outputs, "output", topic.name)
+        if type(output.message) is not topic.type:
+            raise TypeError(f"{topic.name} carries {topic.type.__name__}, not {type(output.message).__name__}")
+        data = self._encoded(output.message)
+        if data is not None:
+            self._transport.publish(topic, data)
+
+    def _call(self, output: Call) -> None:
+        self._require(output.endpoint.name in self._calls, "call", output.endpoint.name)
+        data = self._encoded(output.payload)
+        if data is not None:
+            self._call_number += 1
+            call_id = f"{output.tag}#{self._call_number}"
+            self._pending_calls[call_id] = output
+            self._transport.call(output.endpoint, data, call_id, output.timeout_s)
+
+    def _listen(self, output: Listen) -> None:
+        names = frozenset(topic.name for topic in output.topics)
+        for name in sorted(names - self._demandable):
+            self._require(False, "on_demand", name)
+        for name in self._demandable - names:
+            self.inbox.forget(name)
+        self._transport.listen(names)
+
+    def _encoded(self, payload: Payload) -> bytes | None:
+        try:
+            return encode(payload)
+        except NotFiniteError as error:
+            if self._strict:
+                raise
+            self._not_sent += 1
+            self._last_error = f"not sent: {error}"[:500]
+            return None
+
+    def _require(self, declared: bool, what: str, name: str) -> None:
+        if not declared:
+            raise UndeclaredError(f"service {self.spec.name!r} uses {what} {name!r}, which its Spec doesn't declare")
+
+    # -- health --
+
+    def count_misdirected(self, name: str, why: str) -> None:
+        """Something came that was not a plain put on exactly this key."""
+        self._counters[name].received += 1
+        self._counters[name].rejected += 1
+        self._last_error = f"{name}: {why}"[:500]
+
+    def health(self, t_ns: int, late_s: float) -> ServiceHealth:
+        """The report that the runtime publishes at 1 Hz."""
+        wall_ns = self.inbox.wall_ns
+        return ServiceHealth(
+            t_ns=t_ns,
+            service=self.spec.name,
+            boot_id=self._boot_id,
+            process=self._process,
+            state=self._state,
+            text=self._text,
+            inputs={
+                name: InputHealth(
+                    received=c.received,
+                    rejected=c.rejected,
+                    age_s=None if c.last_ns is None else max(0, wall_ns - c.last_ns) / 1e9,
+                )
+                for name, c in self._counters.items()
+            },
+            not_sent=self._not_sent,
+            last_error=self._last_error,
+            late_s=max(0.0, late_s),
+        )

@@ -1,0 +1,463 @@
+"""The bus over Zenoh in real time: one service, one process, one thread of our own.
+
+Zenoh's callbacks only append to a queue and wake the loop once per batch; sockets are polled by the same loop.
+"""
+
+import contextlib
+import os
+import secrets
+import select
+import signal
+import socket
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import FrameType
+from typing import Any, cast
+
+import zenoh
+
+from jezero.runtime.clock import VehicleClock
+from jezero.runtime.codec import BadPayloadError, decode, encode
+from jezero.runtime.config import Instance
+from jezero.runtime.links import SocketLink
+from jezero.runtime.node import Node
+from jezero.runtime.service import Service
+from jezero.schemas import topics
+from jezero.schemas.state import Clock
+from jezero.schemas.topics import Endpoint, Topic, health_of, key, liveliness_key
+
+NS_PER_S = 1_000_000_000
+HOLDER_WAIT_S = 2.5
+CLOSE_WITHIN_S = 0.7
+PACE_SLACK_NS = 20_000_000
+"""A time master that is this much late slows vehicle time instead of catching up."""
+ANSWER_WITHIN_NS = 16_000_000
+"""How long the time master waits for the autopilot in one 4 ms step: vehicle time runs at 0.25x at least."""
+SILENT_STEPS = 60
+"""After this many unanswered steps in a row the autopilot is not waited for until it answers again."""
+
+
+class AlreadyRunningError(RuntimeError):
+    """Another process serves the same name for the same vehicle."""
+
+
+def new_boot_id() -> int:
+    """An id that differs between two runs of a service, on any host."""
+    return secrets.randbits(48)
+
+
+def client_config(router: str) -> zenoh.Config:
+    """Zenoh's settings of a service: one connection to the router."""
+    path = Path(__file__).resolve().parent.parent / "deploy" / "zenoh" / "client.json5"
+    config = zenoh.Config.from_file(str(path))
+    config.insert_json5("connect/endpoints", f'["{router}"]')
+    return config
+
+
+def run_service(
+    service: Service, instance: Instance, boot_id: int, links: Mapping[str, SocketLink] | None = None
+) -> int:
+    """Run a service until SIGTERM or SIGINT.
+
+    Args:
+        links: one for each name in the service's `Spec.links`.
+
+    Returns:
+        Exit code of the process.
+    """
+    runner = _Runner(service, instance, boot_id, dict(links or {}))
+    signal.signal(signal.SIGTERM, runner.stop)
+    signal.signal(signal.SIGINT, runner.stop)
+    try:
+        runner.run()
+    except AlreadyRunningError as error:
+        print(f"{service.spec.name}: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"{service.spec.name}: {error.strerror or error}", file=sys.stderr)
+        return 1
+    finally:
+        runner.close()
+    return 0
+
+
+class _Runner:
+    """The loop of one process; the `Transport` of its node."""
+
+    def __init__(self, service: Service, instance: Instance, boot_id: int, links: dict[str, SocketLink]) -> None:
+        self._instance = instance
+        self._node = Node(
+            service, self, strict=False, boot_id=boot_id, process=f"{socket.gethostname()} pid {os.getpid()}"
+        )
+        self._spec = self._node.spec
+        if set(links) != set(self._spec.links):
+            raise ValueError(f"service {self._spec.name!r} needs links {self._spec.links}, got {tuple(links)}")
+        self._links = links
+        self._clock = VehicleClock()
+        self._master_t_ns = 0
+        self._stopping = False
+        self._events: deque[tuple[str, Any, Any]] = deque()
+        self._wake_read, self._wake_write = socket.socketpair()
+        self._wake_read.setblocking(False)
+        self._wake_write.setblocking(False)
+        self._armed = False
+        self._session: zenoh.Session | None = None
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._subscribers: dict[str, zenoh.Subscriber[Any]] = {}
+        self._declared: list[Any] = []
+        self._last_value: dict[str, bytes] = {}
+        self._queries: dict[int, zenoh.Query] = {}
+        self._request_id = 0
+        self._late_ns = 0
+        self._next_health_ns = 0
+        self._next_router_check_ns = 0
+
+    # -- life --
+
+    def stop(self, signum: int = 0, frame: FrameType | None = None) -> None:
+        """Signal handler: end the loop."""
+        self._stopping = True
+        self._wake()
+
+    def run(self) -> None:
+        for link in self._links.values():
+            link.start()
+        self._open()
+        if self._session is None:
+            return
+        self._refuse_second()
+        self._declare()
+        if self._spec.lockstep is None:
+            self._loop()
+        else:
+            self._loop_as_master(self._spec.lockstep)
+
+    def close(self) -> None:
+        """Leave the bus; never takes longer than a moment, whatever the router does."""
+        for link in self._links.values():
+            link.close()
+        session = self._session
+        if session is None:
+            return
+        self._queries.clear()
+        closer = threading.Thread(target=session.close, daemon=True)
+        closer.start()
+        closer.join(CLOSE_WITHIN_S)
+        if closer.is_alive():
+            sys.stderr.flush()
+            os._exit(0)
+
+    def _open(self) -> None:
+        """Wait for the router; a stop signal ends the wait."""
+        opened: list[zenoh.Session] = []
+
+        def connect() -> None:
+            opened.append(zenoh.open(client_config(self._instance.router)))
+            self._wake()
+
+        thread = threading.Thread(target=connect, daemon=True)
+        thread.start()
+        while thread.is_alive() and not self._stopping:
+            select.select([self._wake_read], [], [], 0.2)
+        if opened:
+            self._session = opened[0]
+        elif self._stopping:  # the thread is inside the library, waiting for a router: leave without it
+            os._exit(0)
+
+    def _refuse_second(self) -> None:
+        name = self._spec.name
+        token = liveliness_key(self._instance.vehicle, "service", name)
+        deadline = time.monotonic() + HOLDER_WAIT_S
+        while self._is_alive(token) and not self._stopping:
+            if time.monotonic() > deadline:
+                raise AlreadyRunningError(
+                    f"{name!r} of vehicle {self._instance.vehicle!r} already runs as {self._holder()}; stop that first"
+                )
+            time.sleep(0.1)
+        self._declared.append(self._open_session.liveliness().declare_token(token))
+
+    def _is_alive(self, token: str) -> bool:
+        replies = self._open_session.liveliness().get(token, timeout=1.0)
+        return any(reply.ok is not None for reply in replies)
+
+    def _holder(self) -> str:
+        """The process that reports the health of this service's name."""
+        topic = health_of(self._spec.name)
+        found: deque[bytes] = deque(maxlen=1)
+        with self._open_session.declare_subscriber(
+            key(self._instance.vehicle, topic.name), lambda sample: found.append(sample.payload.to_bytes())
+        ):
+            deadline = time.monotonic() + 1.5
+            while not found and time.monotonic() < deadline:
+                time.sleep(0.02)
+        try:
+            return str(decode(topic.type, found[0]).process) if found else "an unknown process"
+        except BadPayloadError:
+            return "a process of another version"
+
+    @property
+    def _open_session(self) -> zenoh.Session:
+        if self._session is None:
+            raise RuntimeError("no session")
+        return self._session
+
+    # -- declarations --
+
+    def _declare(self) -> None:
+        session = self._open_session
+        for topic in (*self._spec.outputs, health_of(self._spec.name)):
+            self._publishers[topic.name] = session.declare_publisher(
+                key(self._instance.vehicle, topic.name),
+                encoding=zenoh.Encoding.APPLICATION_JSON,
+                congestion_control=(
+                    zenoh.CongestionControl.BLOCK if topic.delivery == "all" else zenoh.CongestionControl.DROP
+                ),
+            )
+        for topic in self._spec.last_value:
+            self._declare_last_value(topic.name)
+        for topic in self._spec.inputs:
+            self._subscribe(topic.name)
+        if self._uses_vehicle_time() and topics.CLOCK not in self._spec.inputs:
+            self._subscribe(topics.CLOCK.name)
+        for endpoint in self._spec.serves:
+            self._declare_endpoint(endpoint)
+        if self._spec.watches_clients:
+            watched = liveliness_key(self._instance.vehicle, "client", "*")
+            self._declared.append(session.liveliness().declare_subscriber(watched, self._on_client))
+
+    def _uses_vehicle_time(self) -> bool:
+        spec = self._spec
+        return spec.lockstep is None and bool(spec.inputs or spec.outputs or spec.serves)
+
+    def _subscribe(self, name: str) -> None:
+        own = key(self._instance.vehicle, name)
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            exact = str(sample.key_expr) == own and sample.kind == zenoh.SampleKind.PUT
+            self._enqueue("sample", name, sample.payload.to_bytes() if exact else None)
+
+        self._subscribers[name] = self._open_session.declare_subscriber(own, on_sample)
+
+    def _declare_endpoint(self, endpoint: Endpoint[Any, Any]) -> None:
+        own = key(self._instance.vehicle, endpoint.name)
+
+        def on_query(query: zenoh.Query) -> None:
+            self._enqueue("query", endpoint.name, query)
+
+        self._declared.append(self._open_session.declare_queryable(own, on_query, complete=not endpoint.shared))
+
+    def _declare_last_value(self, name: str) -> None:
+        own = key(self._instance.vehicle, name)
+
+        def on_query(query: zenoh.Query) -> None:
+            with query:
+                data = self._last_value.get(name)
+                if data is not None:
+                    query.reply(own, data, encoding=zenoh.Encoding.APPLICATION_JSON)
+
+        self._declared.append(self._open_session.declare_queryable(own, on_query, complete=True))
+
+    def _on_client(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.DELETE:
+            self._enqueue("departed", str(sample.key_expr).rsplit("/", 1)[-1], None)
+
+    # -- from Zenoh's threads to the loop --
+
+    def _enqueue(self, kind: str, name: str, value: Any) -> None:
+        self._events.append((kind, name, value))
+        if not self._armed:
+            self._armed = True
+            self._wake()
+
+    def _wake(self) -> None:
+        with contextlib.suppress(OSError):
+            self._wake_write.send(b"\0")
+
+    # -- the loop --
+
+    def _loop(self) -> None:
+        period_ns = int(NS_PER_S / self._spec.rate_hz)
+        due_ns = time.monotonic_ns()
+        while not self._stopping:
+            self._wait(min(due_ns, self._next_health_ns))
+            now_ns = time.monotonic_ns()
+            wanted = self._collect(now_ns)
+            if wanted or now_ns >= due_ns:
+                if not wanted:
+                    self._late_ns = max(self._late_ns, now_ns - due_ns)
+                self._node.step(self._clock.now_ns(now_ns))
+                due_ns = now_ns + period_ns
+            self._report(now_ns)
+
+    def _loop_as_master(self, link: str) -> None:
+        """Advance vehicle time by one period per step, in lockstep with whoever is on `link`."""
+        period_ns = int(NS_PER_S / self._spec.rate_hz)
+        due_ns = time.monotonic_ns()
+        silent = 0
+        while not self._stopping:
+            now_ns = time.monotonic_ns()
+            self._collect(now_ns)
+            if now_ns < due_ns:
+                self._wait(due_ns)
+                continue
+            if self._node.inbox.connections(link) > 0:
+                self._late_ns = max(self._late_ns, now_ns - due_ns)
+                self._node.step(self._master_t_ns)
+                self._master_t_ns += period_ns
+                if self._links[link].up:
+                    silent = 0 if self._await_answer(link, wait=silent < SILENT_STEPS) else silent + 1
+            due_ns = max(due_ns + period_ns, now_ns - PACE_SLACK_NS)
+            self._report(now_ns)
+
+    def _await_answer(self, link: str, *, wait: bool) -> bool:
+        sockets = self._links[link].sockets()
+        deadline_ns = time.monotonic_ns() + (ANSWER_WITHIN_NS if wait else 0)
+        while not self._stopping:
+            remaining_ns = max(0, deadline_ns - time.monotonic_ns())
+            ready, _, _ = select.select(sockets, [], [], remaining_ns / NS_PER_S)
+            if not ready:
+                return False
+            before = self._links[link].up
+            data = self._links[link].poll(time.monotonic_ns())
+            if data:
+                self._node.deliver_bytes(link, data)
+                return True
+            if before != self._links[link].up or not self._links[link].up:
+                return False
+            sockets = self._links[link].sockets()
+        return False
+
+    def _wait(self, until_ns: int) -> None:
+        sockets = [self._wake_read]
+        for link in self._links.values():
+            sockets.extend(link.sockets())
+        timeout_s = max(0, until_ns - time.monotonic_ns()) / NS_PER_S
+        select.select(sockets, [], [], min(timeout_s, 0.1 if self._links else 1.0))
+
+    def _collect(self, now_ns: int) -> bool:
+        """Move all that arrived into the inbox; tells whether a step is wanted at once."""
+        node = self._node
+        node.inbox.wall_ns = now_ns
+        with contextlib.suppress(BlockingIOError):
+            self._wake_read.recv(4096)
+        self._armed = False
+        wanted = self._collect_links(now_ns)
+        while self._events:
+            kind, name, value = self._events.popleft()
+            if kind == "sample":
+                wanted |= self._on_sample(name, value, now_ns)
+            elif kind == "query":
+                wanted |= self._on_query(name, value)
+            elif kind == "response":
+                wanted |= node.deliver_response(name, *value)
+            else:
+                node.inbox.departed_clients.append(name)
+                wanted = True
+        if now_ns >= self._next_router_check_ns and self._session is not None:
+            self._next_router_check_ns = now_ns + NS_PER_S // 2
+            node.inbox.connected = bool(self._session.info.routers_zid())
+        return wanted
+
+    def _collect_links(self, now_ns: int) -> bool:
+        wanted = False
+        for name, link in self._links.items():
+            data = link.poll(now_ns)
+            if link.connections != self._node.inbox.connections(name):
+                self._node.set_link(name, False)
+            if link.up != self._node.inbox.is_up(name):
+                wanted |= self._node.set_link(name, link.up)
+            if data:
+                wanted |= self._node.deliver_bytes(name, data)
+        return wanted
+
+    def _on_sample(self, name: str, data: bytes | None, now_ns: int) -> bool:
+        if name == topics.CLOCK.name and data is not None:
+            self._follow(data, now_ns)
+        if name not in self._node.input_names:
+            return False
+        if data is None:
+            self._node.count_misdirected(name, "not a put on exactly this key")
+            return False
+        if name not in self._subscribers:  # the last ones of a topic no longer listened to
+            return False
+        return self._node.deliver(name, data)
+
+    def _follow(self, data: bytes, now_ns: int) -> None:
+        try:
+            clock: Clock = decode(Clock, data)
+        except BadPayloadError:
+            return
+        self._clock.update(clock.t_ns, clock.epoch_id, now_ns)
+
+    def _on_query(self, name: str, query: zenoh.Query) -> bool:
+        if str(query.key_expr) != key(self._instance.vehicle, name):
+            query.drop()  # type: ignore[no-untyped-call]
+            return False
+        self._request_id += 1
+        self._queries[self._request_id] = query
+        payload = query.payload
+        attachment = query.attachment
+        return self._node.deliver_request(
+            name,
+            self._request_id,
+            "" if attachment is None else attachment.to_bytes().decode("utf-8", "replace")[:64],
+            b"" if payload is None else payload.to_bytes(),
+            dict(cast(Iterable[tuple[str, str]], query.parameters)),
+        )
+
+    def _report(self, now_ns: int) -> None:
+        if now_ns >= self._next_health_ns:
+            self._next_health_ns = now_ns + NS_PER_S
+            t_ns = self._master_t_ns if self._spec.lockstep else self._clock.now_ns(now_ns)
+            health = self._node.health(t_ns, self._late_ns / NS_PER_S)
+            self._late_ns = 0
+            self._publishers[health_of(self._spec.name).name].put(encode(health))
+
+    # -- Transport --
+
+    def publish(self, topic: Topic[Any], data: bytes) -> None:
+        self._publishers[topic.name].put(data)
+        if topic in self._spec.last_value:
+            self._last_value[topic.name] = data
+
+    def reply(self, request_id: int, data: bytes | None, *, final: bool) -> None:
+        query = self._queries.get(request_id)
+        if query is None:
+            return
+        if data is not None:
+            query.reply(query.key_expr, data, encoding=zenoh.Encoding.APPLICATION_JSON)
+        if final:
+            del self._queries[request_id]
+            query.drop()  # type: ignore[no-untyped-call]
+
+    def call(self, endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None:
+        def on_reply(reply: zenoh.Reply) -> None:
+            sample = reply.ok
+            if sample is not None:
+                self._enqueue("response", call_id, (sample.payload.to_bytes(), None))
+            else:
+                self._enqueue("response", call_id, (None, "timeout"))
+
+        self._open_session.get(
+            key(self._instance.vehicle, endpoint.name),
+            zenoh.handlers.Callback(on_reply, lambda: self._enqueue("response", call_id, (None, "no server"))),
+            target=zenoh.QueryTarget.BEST_MATCHING,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=timeout_s,
+            payload=data,
+            encoding=zenoh.Encoding.APPLICATION_JSON,
+        )
+
+    def send(self, link: str, data: bytes) -> None:
+        self._links[link].send(data)
+
+    def listen(self, names: frozenset[str]) -> None:
+        on_demand = {topic.name for topic in self._spec.on_demand}
+        for name in sorted(on_demand & set(self._subscribers) - names):
+            self._subscribers.pop(name).undeclare()  # type: ignore[no-untyped-call]
+        for name in sorted(names - set(self._subscribers)):
+            self._subscribe(name)
