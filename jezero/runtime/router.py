@@ -1,0 +1,102 @@
+"""The router of one stack: `python -m jezero.runtime.router` listens on `JEZERO_ROUTER` until SIGTERM."""
+
+import os
+import re
+import signal
+import socket
+import sys
+import threading
+from pathlib import Path
+
+import zenoh
+
+from jezero.runtime.codec import encode
+from jezero.runtime.config import ConfigError, Instance, instance_from_environment
+from jezero.runtime.zenoh_bus import new_boot_id
+from jezero.schemas.health import ServiceHealth
+from jezero.schemas.topics import health_of, key, liveliness_key
+
+NAME = "router"
+CLOSE_WITHIN_S = 0.7
+STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT)
+
+
+class ListenError(RuntimeError):
+    """The endpoint can't be listened on; the message names it and says why."""
+
+
+def router_config(endpoint: str) -> zenoh.Config:
+    """Zenoh's settings of the router."""
+    path = Path(__file__).resolve().parent.parent / "deploy" / "zenoh" / "router.json5"
+    config = zenoh.Config.from_file(str(path))
+    config.insert_json5("listen/endpoints", f'["{endpoint}"]')
+    return config
+
+
+def open_router(endpoint: str) -> zenoh.Session:
+    """Start listening.
+
+    Raises:
+        ListenError: the port is taken, or not for this user, or the address is not of this machine.
+    """
+    try:
+        return zenoh.open(router_config(endpoint))
+    except zenoh.ZError as error:
+        known = re.search(r"([A-Z][\w ]+) \(os error \d+\)", str(error))
+        reason = known[1] if known else str(error).split(" at /", maxsplit=1)[0]
+        raise ListenError(
+            f"cannot listen on {endpoint}: {reason}. Stop what holds it, or set JEZERO_ROUTER to another endpoint"
+        ) from error
+
+
+def run(instance: Instance) -> None:
+    """Route until SIGTERM or SIGINT, and say once a second that all is well.
+
+    Raises:
+        ListenError: see `open_router`.
+    """
+    signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
+    session = open_router(instance.router)
+    alive = session.liveliness().declare_token(liveliness_key(instance.vehicle, "service", NAME))
+    publisher = session.declare_publisher(
+        key(instance.vehicle, health_of(NAME).name), encoding=zenoh.Encoding.APPLICATION_JSON
+    )
+    boot_id, process = new_boot_id(), f"{socket.gethostname()} pid {os.getpid()}"
+    stopping = None
+    while stopping is None:
+        sessions = len(list(session.info.transports()))
+        report = ServiceHealth(
+            t_ns=0,
+            service=NAME,
+            boot_id=boot_id,
+            process=process,
+            state="ok",
+            text=f"listening on {instance.router}, {sessions} sessions",
+        )
+        publisher.put(encode(report))
+        stopping = signal.sigtimedwait(STOP_SIGNALS, 1.0)
+    alive.undeclare()  # type: ignore[no-untyped-call]
+    _close(session)
+
+
+def _close(session: zenoh.Session) -> None:
+    """Leave within a moment, whatever the clients do."""
+    closer = threading.Thread(target=session.close, daemon=True)  # type: ignore[no-untyped-call]
+    closer.start()
+    closer.join(CLOSE_WITHIN_S)
+    if closer.is_alive():
+        sys.stderr.flush()
+        os._exit(0)
+
+
+def main() -> int:
+    try:
+        run(instance_from_environment())
+    except (ConfigError, ListenError) as error:
+        print(f"{NAME}: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
