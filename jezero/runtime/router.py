@@ -75,7 +75,7 @@ def run(instance: Instance) -> None:
         )
         publisher.put(encode(report))
         stopping = signal.sigtimedwait(STOP_SIGNALS, 1.0)
-    alive.undeclare()  # type: ignore[no-untyped-call]
+    alive.undeclare()
     _close(session)
 
 
