@@ -75,13 +75,13 @@ def run(instance: Instance) -> None:
         )
         publisher.put(encode(report))
         stopping = signal.sigtimedwait(STOP_SIGNALS, 1.0)
-    alive.undeclare()
+    alive.undeclare()  # type: ignore[no-untyped-call]
     _close(session)
 
 
 def _close(session: zenoh.Session) -> None:
     """Leave within a moment, whatever the clients do."""
-    closer = threading.Thread(target=session.close, daemon=True)  # type: ignore[no-untyped-call]
+    closer = threading.Thread(target=session.close, daemon=True)
     closer.start()
     closer.join(CLOSE_WITHIN_S)
     if closer.is_alive():
