@@ -1,0 +1,152 @@
+"""A mission flown in virtual time, with its log, its hash and its figures."""
+
+import hashlib
+import time
+from collections.abc import Callable, Sequence
+from math import hypot
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from jezero.deploy.in_process import build_stack
+from jezero.report.flight_log import line
+from jezero.runtime.memory_bus import MemoryBus
+from jezero.schemas import topics
+from jezero.schemas.actions import Rejected, Result
+from jezero.schemas.state import Status, StatusCode, Truth
+
+READY_WITHIN_S = 60.0
+GOAL_WITHIN_S = 180.0
+NS_PER_S = 1e9
+Step = tuple[topics.Action[Any], Any, float]
+
+
+class FlightResult(msgspec.Struct, frozen=True, kw_only=True):
+    """How a flight in virtual time went.
+
+    Attributes:
+        result: succeeded when every goal did, and the vehicle is landed and disarmed.
+        reason: why it did not.
+        log_sha256: of the log, as `sha256sum` prints it for the file.
+        real_time_factor: virtual seconds per second of this machine, start-up left out.
+        touchdown_error_m: horizontal distance of the true position at disarm from the landing spot; None when the
+            vehicle did not land.
+    """
+
+    result: Literal["succeeded", "failed"]
+    reason: str = ""
+    seed: int
+    log_sha256: str
+    sim_time_s: float
+    real_time_factor: float
+    touchdown_error_m: float | None
+
+
+class _Recorder:
+    """Keeps the hash, the newest status and the newest truth of a bus, and writes the log where one is wanted."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._digest = hashlib.sha256()
+        self._file = None if path is None else path.open("wb")
+        self._status: bytes | None = None
+        self._truth: bytes | None = None
+
+    def __call__(self, t_ns: int, topic: str, data: bytes) -> None:
+        text = line(t_ns, topic, data)
+        self._digest.update(text)
+        if self._file is not None:
+            self._file.write(text)
+        if topic == topics.STATUS.name:
+            self._status = data
+        elif topic == topics.TRUTH.name:
+            self._truth = data
+
+    def close(self) -> str:
+        if self._file is not None:
+            self._file.close()
+        return self._digest.hexdigest()
+
+    @property
+    def status(self) -> Status | None:
+        return None if self._status is None else msgspec.json.decode(self._status, type=Status)
+
+    @property
+    def truth(self) -> Truth | None:
+        return None if self._truth is None else msgspec.json.decode(self._truth, type=Truth)
+
+
+def fly_virtually(
+    mission: Sequence[Step],
+    landing_spot_ned_m: tuple[float, float, float],
+    seed: int,
+    log: Path | None = None,
+    tell: Callable[[str], None] = lambda text: None,
+) -> FlightResult:
+    """Fly a mission through all services in one process.
+
+    Args:
+        mission: (action, goal, seconds to hover afterwards) in turn; the last one lands.
+        log: file to write every message to.
+        tell: called with a sentence on each step.
+    """
+    bus = build_stack(seed)
+    recorder = _Recorder(log)
+    bus.observe(recorder)
+    started = time.perf_counter()
+    reason = _fly(bus, recorder, mission, tell)
+    wall_s = time.perf_counter() - started
+    truth = recorder.truth
+    landed = not reason and truth is not None
+    return FlightResult(
+        result="failed" if reason else "succeeded",
+        reason=reason,
+        seed=seed,
+        log_sha256=recorder.close(),
+        sim_time_s=round(bus.t_ns / NS_PER_S, 3),
+        real_time_factor=round(bus.t_ns / NS_PER_S / wall_s, 2),
+        touchdown_error_m=(
+            round(
+                hypot(
+                    truth.pos_uav_ned_m[0] - landing_spot_ned_m[0],
+                    truth.pos_uav_ned_m[1] - landing_spot_ned_m[1],
+                ),
+                4,
+            )
+            if landed and truth is not None
+            else None
+        ),
+    )
+
+
+def _fly(bus: MemoryBus, recorder: _Recorder, mission: Sequence[Step], tell: Callable[[str], None]) -> str:
+    """Fly all goals; returns why it failed, or "" when it did not."""
+
+    def is_ready() -> bool:
+        status = recorder.status
+        return status is not None and status.ready
+
+    if not bus.run_for(READY_WITHIN_S, stop=is_ready):
+        status = recorder.status
+        return f"not ready after {READY_WITHIN_S:.0f} s: {status.not_ready_reason if status else 'no status'}"
+    for action, goal, hover_s in mission:
+        tell(f"{action.name} at {bus.t_ns / NS_PER_S:.1f} s")
+        reason = _fly_goal(bus, action, goal)
+        if reason:
+            return reason
+        bus.run_for(hover_s)
+    status = recorder.status
+    if status is None or status.armed or status.code != StatusCode.IDLE:
+        return f"not landed and disarmed at the end: status {status.name if status else 'unknown'}"
+    return ""
+
+
+def _fly_goal(bus: MemoryBus, action: topics.Action[Any], goal: Any) -> str:
+    answers = bus.ask(action.endpoint, goal)
+    bus.run_for(GOAL_WITHIN_S, stop=lambda: answers.ended)
+    last = answers.replies[-1] if answers.replies else None
+    if isinstance(last, Rejected):
+        return f"{action.name} refused: {last.reason}"
+    if not isinstance(last, Result):
+        return f"{action.name} gave no result within {GOAL_WITHIN_S:.0f} s"
+    return "" if last.outcome == "succeeded" else f"{action.name} {last.outcome}: {last.reason}"

@@ -1,0 +1,67 @@
+"""The log of a flight: one line of JSON per message, as it travelled."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+import msgspec
+
+from jezero.schemas.topics import TOPICS
+
+_TYPES = {topic.name: topic.type for topic in TOPICS}
+
+
+class Entry(NamedTuple):
+    """One logged message: when it was logged, in ns of the log's own clock, and what it was."""
+
+    logged_ns: int
+    topic: str
+    message: Any
+
+
+class _Line(msgspec.Struct, frozen=True):
+    logged_ns: int
+    topic: str
+    message: msgspec.Raw
+
+
+def line(logged_ns: int, topic: str, data: bytes) -> bytes:
+    """One line of a log. `data` is the message's JSON."""
+    return b'{"logged_ns":%d,"topic":"%s","message":%s}\n' % (logged_ns, topic.encode(), data)
+
+
+class LogWriter:
+    """Appends to a log file; a context manager."""
+
+    def __init__(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = path.open("wb")
+
+    def __enter__(self) -> "LogWriter":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+    def write(self, logged_ns: int, topic: str, data: bytes) -> None:
+        """Add one message."""
+        self._file.write(line(logged_ns, topic, data))
+
+
+def read_log(path: Path) -> Iterator[Entry]:
+    """Messages of the contract's topics in the order they were logged; a cut last line is left out.
+
+    Raises:
+        FileNotFoundError: there is no such log.
+        msgspec.DecodeError: a line is not of a flight's log.
+    """
+    lines = path.read_bytes().split(b"\n")
+    decoder = msgspec.json.Decoder(_Line)
+    for text in lines[:-1]:
+        entry = decoder.decode(text)
+        kind = _TYPES.get(entry.topic)
+        if kind is not None:
+            yield Entry(entry.logged_ns, entry.topic, msgspec.json.decode(entry.message, type=kind))
