@@ -1,0 +1,31 @@
+"""Refusals that several actions share: each tells the number, the limit and what to do."""
+
+from jezero.frames import Vec3, altitude_m, horizontal
+from jezero.services.actions.config import Limits
+
+ROVER_FRAME = "frame 'rover' needs the rover's estimate, which isn't running; use frame 'world'"
+
+
+def point_refusal(point_ned_m: Vec3, limits: Limits) -> str:
+    """Why the vehicle may not fly to a point, or ""."""
+    z = point_ned_m[2]
+    if not z < 0.0:
+        return f"target z = {z:g} m is not above the ground: NED counts down, 5 m up is −5"
+    if not altitude_m(z) <= limits.altitude_max_m:
+        return f"altitude {altitude_m(z):g} m is beyond the limit of {limits.altitude_max_m:g} m"
+    return distance_refusal(point_ned_m, limits)
+
+
+def distance_refusal(point_ned_m: Vec3, limits: Limits) -> str:
+    """Why a point is too far away, or ""."""
+    distance_m = horizontal(point_ned_m)
+    if not distance_m <= limits.distance_max_m:
+        return f"the target is {distance_m:.0f} m from the origin, beyond the limit of {limits.distance_max_m:g} m"
+    return ""
+
+
+def speed_refusal(speed_mps: float | None, limits: Limits) -> str:
+    """Why a speed may not be flown, or ""."""
+    if speed_mps is None or limits.speed_min_mps <= speed_mps <= limits.speed_max_mps:
+        return ""
+    return f"speed {speed_mps:g} m/s is not within {limits.speed_min_mps:g} to {limits.speed_max_mps:g} m/s"

@@ -1,0 +1,351 @@
+"""One goal from the request for control to its result: the lifecycle that all actions share.
+
+acquiring -> flying -> releasing -> over; a goal ends exactly once.
+"""
+
+from collections.abc import Iterator
+from typing import Any, Literal
+
+import msgspec
+
+from jezero.frames import Vec3, add, quat_rotate, subtract, yaw_from_quat
+from jezero.runtime.service import Call, Inbox, Listen, Output, Publish, Reply, Request, Response
+from jezero.schemas.actions import Accepted, Feedback, FeedbackMessage, Goal, Rejected, Result
+from jezero.schemas.commands import Acquire, AcquireReply, Release, ReleaseReply, Setpoint
+from jezero.schemas.state import Odometry, Status, StatusCode
+from jezero.schemas.struct import Message
+from jezero.schemas.topics import ACQUIRE, ALTIMETER, CLOCK, ODOMETRY, RELEASE, SETPOINT, STATUS, Action, feedback_of
+from jezero.services.actions.behaviour import Behaviour, Done, Move, VehicleState, Verdict
+from jezero.services.actions.config import LifecycleConfig
+
+NS_PER_S = 1_000_000_000
+EARLY_NS = 50_000_000
+"""Clocks of two processes agree to this: a message may seem to be so much ahead of its time."""
+STATUS_LAG_NS = 100_000_000
+"""After the grant a status may for so long still show the time before it."""
+RETRY_S = 0.2
+
+
+def is_fresh(message: Message | None, t_ns: int, age_max_s: float) -> bool:
+    """Whether a message is there and its age is between -50 ms and `age_max_s`."""
+    return message is not None and -EARLY_NS <= t_ns - message.t_ns <= age_max_s * NS_PER_S
+
+
+class GoalRun:
+    """The lifecycle of one goal.
+
+    Attributes:
+        result: set once the goal is over, unless it was rejected.
+        clients: those who sent it and are still there.
+    """
+
+    def __init__(
+        self,
+        *,
+        action: Action[Any],
+        goal: Goal,
+        goal_id: str,
+        behaviour: Behaviour,
+        verdict: Verdict,
+        config: LifecycleConfig,
+        status: Status,
+    ) -> None:
+        self.goal = goal
+        self.goal_id = goal_id
+        self.stage: Literal["acquiring", "flying", "releasing", "over"] = "acquiring"
+        self.result: Result[Any] | None = None
+        self.clients: list[str] = []
+        self._action = action
+        self._feedback_topic = feedback_of(action)
+        self._behaviour = behaviour
+        self._verdict = verdict
+        self._config = config
+        self._epoch_id = status.epoch_id
+        self._watchers: list[int] = []
+        self._cancel_reason = ""
+        self._tag = ""
+        self._attempt = 0
+        self._deadline_ns = 0
+        self._retry_ns: int | None = None
+        self._grant = AcquireReply(granted=False)
+        self._granted_ns = 0
+        self._seen_in_charge = False
+        self._offset_start_ned_m: Vec3 = (0.0, 0.0, 0.0)
+        self._sequence = 0
+        self._move: Move | None = None
+        self._setpoint_ns = 0
+        self._feedback_ns = 0
+        self._done: Done | None = None
+
+    # -- what the server asks of it --
+
+    def begin(self, t_ns: int) -> Iterator[Output]:
+        """Ask the bridge for control."""
+        yield Listen((ODOMETRY, *self._behaviour.inputs))
+        timeout_s = self._config.acquire_timeout_s
+        self._tag = f"{self.goal_id}/acquire/{t_ns}"
+        self._deadline_ns = t_ns + int((timeout_s + 0.5) * NS_PER_S)
+        acquire = Acquire(goal_id=self.goal_id, action=self._action.name, do_takeoff=self._verdict.do_takeoff)
+        yield Call(ACQUIRE, acquire, self._tag, timeout_s)
+
+    def attach(self, request: Request) -> Iterator[Output]:
+        """Let the sender of this goal watch it; more than one when it was sent twice."""
+        self._watchers.append(request.request_id)
+        if request.client_id and request.client_id not in self.clients:
+            self.clients.append(request.client_id)
+        if self.stage != "acquiring":
+            yield Reply(request.request_id, self._accepted(), final=False)
+
+    def cancel(self, reason: str) -> bool:
+        """End it at the next step; False when it is ending already."""
+        if self.stage not in ("acquiring", "flying"):
+            return False
+        self._cancel_reason = reason
+        return True
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        """React to what arrived."""
+        if self.stage == "acquiring":
+            yield from self._acquiring(t_ns, inbox)
+        if self.stage == "flying":
+            yield from self._flying(t_ns, inbox)
+        elif self.stage == "releasing":
+            yield from self._releasing(t_ns, inbox)
+
+    # -- acquiring --
+
+    def _acquiring(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        response = self._response(inbox)
+        if response is None:
+            if t_ns > self._deadline_ns:
+                yield from self._reject("the vehicle bridge did not answer", inbox)
+        elif response.payload is None:
+            yield from self._reject(f"the vehicle bridge did not answer: {response.error}", inbox)
+        elif not response.payload.granted:
+            yield from self._reject(response.payload.reason, inbox)
+        else:
+            self._grant = response.payload
+            self._granted_ns = t_ns
+            self.stage = "flying"
+            yield from (Reply(watcher, self._accepted(), final=False) for watcher in self._watchers)
+            if self._cancel_reason:
+                return
+            odometry = self._odometry(inbox)
+            if odometry is not None:
+                self._offset_start_ned_m = odometry.reset_offset_ned_m
+                self._behaviour.start(t_ns, self.goal, self._vehicle_state(t_ns, inbox, odometry))
+
+    def _reject(self, reason: str, inbox: Inbox) -> Iterator[Output]:
+        status = inbox.latest(STATUS)
+        rejected = Rejected(goal_id=self.goal_id, reason=reason, code=None if status is None else status.code)
+        yield from (Reply(watcher, rejected) for watcher in self._watchers)
+        self.stage = "over"
+
+    def _accepted(self) -> Accepted:
+        return Accepted(goal_id=self.goal_id, warning=self._verdict.warning)
+
+    # -- flying --
+
+    def _flying(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        if lost := self._loss(t_ns, inbox):
+            yield from self._finish(t_ns, inbox, Done("aborted", lost))
+            return
+        if self._cancel_reason:
+            yield from self._release(t_ns, Done("canceled", self._cancel_reason), inbox)
+            return
+        odometry = self._odometry(inbox)
+        age_max_s = self._config.odometry_age_max_s
+        if odometry is None or not is_fresh(odometry, t_ns, age_max_s):
+            reason = f"the vehicle's position is unknown: no odometry for {age_max_s:g} s"
+            yield from self._release(t_ns, Done("aborted", reason), inbox)
+            return
+        if not inbox.new(ODOMETRY) and (t_ns - self._setpoint_ns) * self._config.setpoint_rate_hz < NS_PER_S:
+            return
+        move = self._behaviour.step(t_ns, self._vehicle_state(t_ns, inbox, odometry))
+        if isinstance(move, Done):
+            yield from self._release(t_ns, move, inbox)
+            return
+        self._move = move
+        yield self._setpoint(t_ns, move, odometry)
+        if (t_ns - self._feedback_ns) * self._config.feedback_rate_hz >= NS_PER_S:
+            self._feedback_ns = t_ns
+            yield from self._feedback(t_ns, move, odometry, inbox)
+
+    def _loss(self, t_ns: int, inbox: Inbox) -> str:
+        """Why this goal isn't in charge any more, or "". Then there is nothing left to release."""
+        status = inbox.latest(STATUS)
+        if (broken := self._broken(t_ns, inbox)) or status is None:
+            return broken
+        ours = self._is_ours(status)
+        self._seen_in_charge |= ours
+        if not self._seen_in_charge and status.t_ns <= self._granted_ns + STATUS_LAG_NS:
+            return ""
+        if status.bridge_boot_id != self._grant.bridge_boot_id:
+            return "the vehicle bridge restarted"
+        if ours and status.code not in (StatusCode.ABORT, StatusCode.EXTERNAL):
+            return ""
+        return status.text or f"control was taken away (status {status.code} {status.name})"
+
+    def _broken(self, t_ns: int, inbox: Inbox) -> str:
+        """Why the vehicle or its bridge can't answer for this goal, or ""."""
+        clock, status = inbox.latest(CLOCK), inbox.latest(STATUS)
+        if status is None or t_ns - status.t_ns > self._config.status_age_max_s * NS_PER_S:
+            return f"the vehicle bridge has been silent for {self._config.status_age_max_s:g} s"
+        restarted = status.epoch_id != self._epoch_id or (clock is not None and clock.epoch_id != self._epoch_id)
+        return "the vehicle restarted" if restarted else ""
+
+    def _is_ours(self, status: Status) -> bool:
+        same_bridge = status.bridge_boot_id == self._grant.bridge_boot_id
+        return same_bridge and status.control_id == self._grant.control_id
+
+    def _setpoint(self, t_ns: int, move: Move, odometry: Odometry) -> Publish:
+        self._setpoint_ns = t_ns
+        self._sequence += 1
+        setpoint = Setpoint(
+            t_ns=t_ns,
+            control_id=self._grant.control_id,
+            sequence=self._sequence,
+            phase=move.phase,
+            reset_counter=odometry.reset_counter,
+            pos_ned_m=None if move.pos_ned_m is None else add(move.pos_ned_m, self._shift(odometry)),
+            vel_ned_mps=move.vel_ned_mps,
+            yaw_rad=move.yaw_rad,
+        )
+        return Publish(SETPOINT, setpoint)
+
+    def _feedback(self, t_ns: int, move: Move, odometry: Odometry, inbox: Inbox) -> Iterator[Output]:
+        status = inbox.latest(STATUS)
+        code = -1 if status is None else status.code
+        content = msgspec.structs.replace(move.feedback, pos_uav_ned_m=odometry.pos_uav_ned_m)
+        feedback = Feedback(goal_id=self.goal_id, t_ns=t_ns, code=code, feedback=content)
+        yield from (Reply(watcher, feedback, final=False) for watcher in self._watchers)
+        message = FeedbackMessage(
+            t_ns=t_ns, goal_id=self.goal_id, action=self._action.name, code=code, feedback=content
+        )
+        yield Publish(self._feedback_topic, message)
+
+    # -- releasing --
+
+    def _release(self, t_ns: int, done: Done, inbox: Inbox) -> Iterator[Output]:
+        self.stage = "releasing"
+        self._done = done
+        self._deadline_ns = t_ns + int(self._config.release_give_up_s * NS_PER_S)
+        yield from self._ask_release(t_ns, done, inbox)
+
+    def _ask_release(self, t_ns: int, done: Done, inbox: Inbox) -> Iterator[Output]:
+        self._attempt += 1
+        self._retry_ns = None
+        self._tag = f"{self.goal_id}/release/{self._attempt}/{t_ns}"
+        odometry = self._odometry(inbox)
+        hover_pos_ned_m = done.hover_pos_ned_m
+        if hover_pos_ned_m is not None and odometry is not None:
+            hover_pos_ned_m = add(hover_pos_ned_m, self._shift(odometry))
+        release = Release(
+            control_id=self._grant.control_id,
+            outcome=done.outcome,
+            then=done.then,
+            hover_pos_ned_m=hover_pos_ned_m,
+            reset_counter=0 if odometry is None else odometry.reset_counter,
+            reason=done.reason,
+        )
+        config = self._config
+        disarms = done.then == "disarm"
+        timeout_s = config.release_disarm_timeout_s if disarms else config.release_hover_timeout_s
+        yield Call(RELEASE, release, self._tag, timeout_s)
+
+    def _releasing(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        done = self._done
+        assert done is not None
+        response = self._response(inbox)
+        ended: Done | None = None
+        if response is not None and response.payload is not None:
+            ended = self._judge_release(response.payload, done, t_ns, inbox)
+        elif response is not None:
+            self._retry_ns = t_ns + int(RETRY_S * NS_PER_S)
+        if ended is None:
+            ended = self._give_up(t_ns, done, inbox)
+        if ended is not None:
+            yield from self._finish(t_ns, inbox, ended)
+            return
+        if self._retry_ns is not None and t_ns >= self._retry_ns:
+            yield from self._ask_release(t_ns, done, inbox)
+        status, odometry = inbox.latest(STATUS), self._odometry(inbox)
+        still_ours = status is not None and self._is_ours(status)
+        if done.outcome == "succeeded" and still_ours and self._move is not None and odometry is not None:
+            yield self._setpoint(t_ns, self._move, odometry)
+
+    def _judge_release(self, reply: ReleaseReply, done: Done, t_ns: int, inbox: Inbox) -> Done:
+        if reply.released or (self._attempt > 1 and self._is_settled(done, t_ns, inbox)):
+            return done
+        outcome = "aborted" if done.outcome == "succeeded" else done.outcome
+        return Done(outcome, "; ".join(text for text in (done.reason, reply.reason) if text))
+
+    def _is_settled(self, done: Done, t_ns: int, inbox: Inbox) -> bool:
+        """Whether the status shows what the release asked for: its answer was lost, then."""
+        status = inbox.latest(STATUS)
+        if status is None or not is_fresh(status, t_ns, self._config.status_age_max_s) or self._is_ours(status):
+            return False
+        if done.outcome == "succeeded":
+            return status.code == (StatusCode.IDLE if done.then == "disarm" else StatusCode.HOVER)
+        return status.code in (StatusCode.IDLE, StatusCode.HOVER)
+
+    def _give_up(self, t_ns: int, done: Done, inbox: Inbox) -> Done | None:
+        """The end without an answer: the bridge or the vehicle is not the one that granted control, or is silent."""
+        status = inbox.latest(STATUS)
+        why = self._broken(t_ns, inbox)
+        if status is not None and self._seen_in_charge and status.bridge_boot_id != self._grant.bridge_boot_id:
+            why = why or "the vehicle bridge restarted"
+        if t_ns > self._deadline_ns:
+            why = why or "the vehicle bridge did not confirm the end of the goal"
+        if not why:
+            return None
+        return Done("aborted", "; ".join(text for text in (done.reason, why) if text))
+
+    # -- the end --
+
+    def _finish(self, t_ns: int, inbox: Inbox, done: Done) -> Iterator[Output]:
+        self.stage = "over"
+        odometry = self._odometry(inbox)
+        pos_uav_ned_m = (0.0, 0.0, 0.0) if odometry is None else odometry.pos_uav_ned_m
+        self.result = Result(
+            goal_id=self.goal_id,
+            t_ns=t_ns,
+            outcome=done.outcome,
+            reason=done.reason,
+            result=self._behaviour.result(done.outcome == "succeeded", pos_uav_ned_m),
+        )
+        yield from (Reply(watcher, self.result) for watcher in self._watchers)
+
+    # -- what it sees --
+
+    def _response(self, inbox: Inbox) -> Response | None:
+        return next((response for response in inbox.responses if response.tag == self._tag), None)
+
+    def _odometry(self, inbox: Inbox) -> Odometry | None:
+        """The newest there is; until the first one of its own topic arrives, the status brings it."""
+        odometry, status = inbox.latest(ODOMETRY), inbox.latest(STATUS)
+        if odometry is None and status is not None:
+            return status.odometry
+        return odometry
+
+    def _shift(self, odometry: Odometry) -> Vec3:
+        """From the world frame as the behaviour knows it to the autopilot's present one."""
+        return subtract(odometry.reset_offset_ned_m, self._offset_start_ned_m)
+
+    def _vehicle_state(self, t_ns: int, inbox: Inbox, odometry: Odometry) -> VehicleState:
+        status = inbox.latest(STATUS)
+        q_ned_from_frd = odometry.q_ned_from_frd
+        altimeter = inbox.latest(ALTIMETER)
+        height_m = None
+        if altimeter is not None and altimeter.range_m is not None:
+            upright = quat_rotate(q_ned_from_frd, (0.0, 0.0, 1.0))[2]
+            fresh = is_fresh(altimeter, t_ns, self._config.altimeter_age_max_s)
+            height_m = altimeter.range_m * upright if fresh else None
+        return VehicleState(
+            pos_uav_ned_m=subtract(odometry.pos_uav_ned_m, self._shift(odometry)),
+            vel_uav_ned_mps=odometry.vel_uav_ned_mps,
+            yaw_rad=yaw_from_quat(q_ned_from_frd),
+            armed=status is not None and status.armed,
+            landed=status is not None and status.landed,
+            height_m=height_m,
+        )
