@@ -10,6 +10,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as dialect
 
+__all__ = ["Handler", "MavMessage", "MavlinkCodec", "dialect", "is_finite"]
+
 MavMessage = Any
 """A pymavlink message object: fields as attributes, `get_msgId()`, `get_srcSystem()`, `get_srcComponent()`."""
 
