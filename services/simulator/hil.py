@@ -1,0 +1,108 @@
+"""PX4's simulator interface: HIL_SENSOR and HIL_GPS out, HIL_ACTUATOR_CONTROLS in.
+
+Source: MAVLink common dialect; PX4 v1.15 `simulator_mavlink`, which takes a group of fields only when all its bits of
+`fields_updated` are set.
+"""
+
+from collections.abc import Sequence
+from math import atan2, degrees, hypot, inf, sqrt
+
+from jezero.frames import Vec3
+from jezero.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.schemas.sensors import Barometer, Gnss, Magnetometer
+
+SYSTEM_ID = 1
+COMPONENT_ID = 25
+ARMED = 128
+UPDATED_IMU = 0x3F
+UPDATED_MAG = 0x1C0
+UPDATED_BARO = 0x1A00
+"""Absolute pressure, pressure altitude and temperature; there is no airspeed sensor (0x400)."""
+FIX_3D = 3
+MOTORS_OFF: Sequence[float] = (0.0, 0.0, 0.0, 0.0)
+
+
+class HilPort:
+    """The simulator's side of one connection to an autopilot.
+
+    Attributes:
+        commands: (4,) motor commands in 0..1, in the autopilot's order; zero while it isn't armed.
+        answers: HIL_ACTUATOR_CONTROLS received.
+    """
+
+    def __init__(self) -> None:
+        self._codec = MavlinkCodec(SYSTEM_ID, COMPONENT_ID)
+        self.commands: Sequence[float] = MOTORS_OFF
+        self.answers = 0
+
+    def receive(self, data: bytes) -> None:
+        """Take in what the autopilot sent; the newest command counts, everything else is ignored."""
+        for message in self._codec.parse(data):
+            if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS:
+                self.commands = _motor_commands(message)
+                self.answers += 1
+
+    def sensor(
+        self, t_ns: int, acc_frd_mps2: Vec3, gyro_frd_rps: Vec3, mag: Magnetometer | None, baro: Barometer | None
+    ) -> bytes:
+        """HIL_SENSOR: accelerometer and gyroscope always, the others when they are given."""
+        updated = UPDATED_IMU
+        field = (0.0, 0.0, 0.0)
+        pressure_hpa = altitude_m = temperature_degc = 0.0
+        if mag is not None:
+            updated |= UPDATED_MAG
+            field = mag.field_frd_gauss
+        if baro is not None:
+            updated |= UPDATED_BARO
+            pressure_hpa = 0.01 * baro.pressure_pa
+            altitude_m = baro.altitude_pressure_m
+            temperature_degc = baro.temperature_degc
+        return self._codec.pack(
+            dialect.MAVLink_hil_sensor_message(
+                t_ns // 1000,
+                *acc_frd_mps2,
+                *gyro_frd_rps,
+                *field,
+                pressure_hpa,
+                0.0,
+                altitude_m,
+                temperature_degc,
+                updated,
+            )
+        )
+
+    def gps(self, fix: Gnss) -> bytes:
+        """HIL_GPS; its time is when the fix was true, not when it is sent."""
+        latitude_deg, longitude_deg, altitude_m = fix.position_deg
+        north_mps, east_mps, down_mps = fix.vel_uav_ned_mps
+        speed_mps = sqrt(north_mps * north_mps + east_mps * east_mps + down_mps * down_mps)
+        course_deg = degrees(atan2(east_mps, north_mps)) % 360.0 if hypot(north_mps, east_mps) > 0.0 else 0.0
+        return self._codec.pack(
+            dialect.MAVLink_hil_gps_message(
+                fix.t_ns // 1000,
+                FIX_3D,
+                round(latitude_deg * 1e7),
+                round(longitude_deg * 1e7),
+                round(altitude_m * 1e3),
+                round(fix.std_horizontal_m * 100.0),
+                round(fix.std_vertical_m * 100.0),
+                min(round(speed_mps * 100.0), 65_534),
+                _cmps(north_mps),
+                _cmps(east_mps),
+                _cmps(down_mps),
+                round(course_deg * 100.0) % 36_000,
+                fix.satellites,
+            )
+        )
+
+
+def _motor_commands(message: MavMessage) -> Sequence[float]:
+    """Clipped to 0..1; what is not finite is no command, and a disarmed autopilot gives none."""
+    if not message.mode & ARMED:
+        return MOTORS_OFF
+    return tuple(min(value, 1.0) if 0.0 < value < inf else 0.0 for value in message.controls[:4])
+
+
+def _cmps(speed_mps: float) -> int:
+    """Into the 16 bits of HIL_GPS."""
+    return max(-32_767, min(32_767, round(speed_mps * 100.0)))

@@ -1,0 +1,253 @@
+"""What each sensor reports of the true state: noise, bias and limits. Rates and delays are the service's business.
+
+Each sensor draws from a stream of its own, so that switching one off leaves the others' errors as they were.
+"""
+
+from math import ceil, cos, sin
+
+from jezero.frames import (
+    Vec3,
+    add,
+    distance,
+    geodetic_from_ned,
+    quat_conjugate,
+    quat_rotate,
+    rotate_yaw,
+    scale,
+    subtract,
+    wrap_pi,
+)
+from jezero.schemas import sensors as messages
+from jezero.services.simulator.body import BodyState, RoverState
+from jezero.services.simulator.config import (
+    AltimeterConfig,
+    BarometerConfig,
+    GnssConfig,
+    ImuConfig,
+    MagnetometerConfig,
+    OriginConfig,
+    RoverOdometryConfig,
+    UwbConfig,
+)
+from jezero.services.simulator.noise import Normals, Wander, generator
+
+NS_PER_S = 1_000_000_000
+PRESSURE_SEA_PA = 101_325.0
+TEMPERATURE_SEA_K = 288.15
+LAPSE_KPM = 0.0065
+PRESSURE_EXPONENT = 5.25588
+BIAS_STEPS = 25
+"""The IMU's bias advances once in so many samples: it hardly moves between two."""
+
+
+def pressure_pa(altitude_m: float) -> float:
+    """Static pressure of the standard atmosphere below 11 km."""
+    return float(PRESSURE_SEA_PA * (1.0 - LAPSE_KPM * altitude_m / TEMPERATURE_SEA_K) ** PRESSURE_EXPONENT)
+
+
+def altitude_pressure_m(static_pressure_pa: float) -> float:
+    """Inverse of `pressure_pa`."""
+    ratio = max(static_pressure_pa, 1.0) / PRESSURE_SEA_PA
+    return float(TEMPERATURE_SEA_K / LAPSE_KPM * (1.0 - ratio ** (1.0 / PRESSURE_EXPONENT)))
+
+
+class _Bias:
+    """Three independent wandering errors."""
+
+    def __init__(self, stds: Vec3, tau_s: float, dt_s: float, normals: Normals) -> None:
+        self._axes = tuple(Wander(std, tau_s, dt_s, normals) for std in stds)
+        self.value: Vec3 = (self._axes[0].value, self._axes[1].value, self._axes[2].value)
+
+    def step(self) -> Vec3:
+        x, y, z = self._axes
+        self.value = (x.step(), y.step(), z.step())
+        return self.value
+
+
+class Imu:
+    """Accelerometer and gyroscope at the centre of mass, one sample per physics step."""
+
+    def __init__(self, config: ImuConfig, seed: int, dt_s: float) -> None:
+        self._normals = Normals(generator(seed, "imu"))
+        acc, gyro, dt_bias_s = config.std_bias_acc_mps2, config.std_bias_gyro_rps, BIAS_STEPS * dt_s
+        self._bias_acc = _Bias((acc, acc, acc), config.tau_bias_s, dt_bias_s, self._normals)
+        self._bias_gyro = _Bias((gyro, gyro, gyro), config.tau_bias_s, dt_bias_s, self._normals)
+        self._config = config
+        self._count = 0
+
+    def measure(self, state: BodyState) -> tuple[Vec3, Vec3]:
+        """Specific force in m/s^2 and angular rate in rad/s, body FRD, cut off at the sensor's limits."""
+        self._count += 1
+        if self._count % BIAS_STEPS == 0:
+            self._bias_acc.step()
+            self._bias_gyro.step()
+        n, config = self._normals, self._config
+        std, limit = config.std_acc_mps2, config.limit_acc_mps2
+        ax, ay, az = state.acc_frd_mps2
+        bx, by, bz = self._bias_acc.value
+        acc = (
+            min(max(ax + bx + std * n(), -limit), limit),
+            min(max(ay + by + std * n(), -limit), limit),
+            min(max(az + bz + std * n(), -limit), limit),
+        )
+        std, limit = config.std_gyro_rps, config.limit_gyro_rps
+        gx, gy, gz = state.rates_frd_rps
+        bx, by, bz = self._bias_gyro.value
+        gyro = (
+            min(max(gx + bx + std * n(), -limit), limit),
+            min(max(gy + by + std * n(), -limit), limit),
+            min(max(gz + bz + std * n(), -limit), limit),
+        )
+        return acc, gyro
+
+
+class Gnss:
+    """Fixes with white noise on a wandering error, which the velocity doesn't show."""
+
+    def __init__(self, config: GnssConfig, origin: OriginConfig, seed: int) -> None:
+        self._normals = Normals(generator(seed, "gnss"))
+        horizontal_m, vertical_m = config.std_bias_horizontal_m, config.std_bias_vertical_m
+        stds_m = (horizontal_m, horizontal_m, vertical_m)
+        self._bias_m = _Bias(stds_m, config.tau_bias_s, 1.0 / config.rate_hz, self._normals)
+        self._origin_deg = origin.origin_deg
+        self._config = config
+        self._claim_horizontal_m = _round_up(config.std_horizontal_m + horizontal_m)
+        self._claim_vertical_m = _round_up(config.std_vertical_m + vertical_m)
+
+    def measure(self, t_ns: int, state: BodyState) -> messages.Gnss:
+        n, config = self._normals, self._config
+        north_m, east_m, down_m = add(state.pos_ned_m, self._bias_m.step())
+        noisy_ned_m = (
+            north_m + config.std_horizontal_m * n(),
+            east_m + config.std_horizontal_m * n(),
+            down_m + config.std_vertical_m * n(),
+        )
+        std_mps = config.std_velocity_mps
+        vx, vy, vz = state.vel_ned_mps
+        return messages.Gnss(
+            t_ns=t_ns,
+            position_deg=geodetic_from_ned(noisy_ned_m, self._origin_deg),
+            vel_uav_ned_mps=(vx + std_mps * n(), vy + std_mps * n(), vz + std_mps * n()),
+            std_horizontal_m=self._claim_horizontal_m,
+            std_vertical_m=self._claim_vertical_m,
+            satellites=config.satellites,
+        )
+
+
+class Barometer:
+    """Static pressure of the standard atmosphere with a wandering error."""
+
+    def __init__(self, config: BarometerConfig, origin: OriginConfig, seed: int) -> None:
+        self._normals = Normals(generator(seed, "barometer"))
+        self._bias_pa = Wander(config.std_bias_pa, config.tau_bias_s, 1.0 / config.rate_hil_hz, self._normals)
+        self._altitude_origin_m = origin.altitude_m
+        self._config = config
+
+    def measure(self, t_ns: int, state: BodyState) -> messages.Barometer:
+        true_pa = pressure_pa(self._altitude_origin_m - state.pos_ned_m[2])
+        measured_pa = true_pa + self._bias_pa.step() + self._config.std_pressure_pa * self._normals()
+        return messages.Barometer(
+            t_ns=t_ns,
+            pressure_pa=measured_pa,
+            altitude_pressure_m=altitude_pressure_m(measured_pa),
+            temperature_degc=self._config.temperature_degc,
+        )
+
+
+class Magnetometer:
+    """The place's field in the body's axes; the bias is what is left of the hard iron."""
+
+    def __init__(self, config: MagnetometerConfig, origin: OriginConfig, seed: int) -> None:
+        self._normals = Normals(generator(seed, "magnetometer"))
+        std = config.std_bias_gauss
+        self._bias_gauss = _Bias((std, std, std), config.tau_bias_s, 1.0 / config.rate_hil_hz, self._normals)
+        self._field_ned_gauss = origin.field_ned_gauss
+        self._std_gauss = config.std_gauss
+
+    def measure(self, t_ns: int, state: BodyState) -> messages.Magnetometer:
+        n, std = self._normals, self._std_gauss
+        field = quat_rotate(quat_conjugate(state.q_ned_from_frd), self._field_ned_gauss)
+        x, y, z = add(field, self._bias_gauss.step())
+        return messages.Magnetometer(t_ns=t_ns, field_frd_gauss=(x + std * n(), y + std * n(), z + std * n()))
+
+
+class Altimeter:
+    """Laser range; nothing between its limits is None."""
+
+    def __init__(self, config: AltimeterConfig, seed: int) -> None:
+        self._normals = Normals(generator(seed, "altimeter"))
+        self._bias_m = Wander(config.std_bias_m, config.tau_bias_s, 1.0 / config.rate_hz, self._normals)
+        self._config = config
+
+    def measure(self, t_ns: int, true_range_m: float | None) -> messages.Altimeter:
+        """Noise is drawn whether or not the beam met anything, so that the stream stays in step."""
+        config = self._config
+        error_m = self._bias_m.step() + config.std_m * self._normals()
+        if true_range_m is None or not config.range_min_m <= true_range_m + error_m <= config.range_max_m:
+            return messages.Altimeter(t_ns=t_ns, range_m=None)
+        return messages.Altimeter(t_ns=t_ns, range_m=true_range_m + error_m)
+
+
+class Uwb:
+    """Ranges from the vehicle's tag to the platform's anchors, each with its own wandering bias."""
+
+    def __init__(self, config: UwbConfig, pos_anchors_rover_body_m: tuple[Vec3, ...], seed: int) -> None:
+        self._normals = Normals(generator(seed, "uwb"))
+        dt_s = 1.0 / config.rate_hz
+        self._anchors = tuple(
+            (pos_m, Wander(config.std_bias_m, config.tau_bias_s, dt_s, self._normals))
+            for pos_m in pos_anchors_rover_body_m
+        )
+        self._config = config
+
+    def measure(self, t_ns: int, state: BodyState, rover: RoverState) -> messages.Uwb:
+        """One round that ends at `t_ns`: the anchors take turns, the first one's range is the oldest."""
+        config = self._config
+        tag_ned_m = add(state.pos_ned_m, quat_rotate(state.q_ned_from_frd, config.mount_frd_m))
+        tag_rover_body_m = rotate_yaw(subtract(tag_ned_m, rover.pos_ned_m), -rover.yaw_rad)
+        vel_rover_body_mps = rotate_yaw(subtract(state.vel_ned_mps, rover.vel_ned_mps), -rover.yaw_rad)
+        ranges = []
+        for i, (pos_anchor_m, bias_m) in enumerate(self._anchors):
+            age_s = (len(self._anchors) - 1 - i) * config.slot_s
+            error_m = bias_m.step() + config.std_m * self._normals()
+            then_m = subtract(tag_rover_body_m, scale(vel_rover_body_mps, age_s))
+            range_m = max(0.0, distance(then_m, pos_anchor_m) + error_m)
+            if range_m <= config.range_max_m:
+                then_ns = max(0, t_ns - round(age_s * NS_PER_S))
+                ranges.append(
+                    messages.UwbRange(t_ns=then_ns, anchor=i, pos_anchor_rover_body_m=pos_anchor_m, range_m=range_m)
+                )
+        return messages.Uwb(t_ns=t_ns, ranges=tuple(ranges))
+
+
+class RoverOdometry:
+    """Wheels and compass of the rover, and the path they dead reckon from where it started."""
+
+    def __init__(self, config: RoverOdometryConfig, seed: int) -> None:
+        self._normals = Normals(generator(seed, "rover_odometry"))
+        self._dt_s = 1.0 / config.rate_hz
+        self._bias_yaw_rad = Wander(config.std_bias_yaw_rad, config.tau_bias_s, self._dt_s, self._normals)
+        self._scale = 1.0 + config.std_scale * self._normals()
+        self._pos_odom_m = (0.0, 0.0)
+        self._config = config
+
+    def measure(self, t_ns: int, rover: RoverState) -> messages.RoverOdometry:
+        n, config = self._normals, self._config
+        yaw_rad = wrap_pi(rover.yaw_rad + self._bias_yaw_rad.step() + config.std_yaw_rad * n())
+        moved = rover.speed_mps != 0.0 or rover.yaw_rate_rps != 0.0
+        speed_mps = self._scale * rover.speed_mps + (config.std_speed_mps * n() if moved else 0.0)
+        step_m = speed_mps * self._dt_s
+        north_m, east_m = self._pos_odom_m
+        self._pos_odom_m = (north_m + step_m * cos(yaw_rad), east_m + step_m * sin(yaw_rad))
+        return messages.RoverOdometry(
+            t_ns=t_ns,
+            pos_odom_m=self._pos_odom_m,
+            yaw_rover_rad=yaw_rad,
+            speed_rover_body_mps=speed_mps,
+            yaw_rate_rover_rps=rover.yaw_rate_rps + config.std_yaw_rate_rps * n(),
+        )
+
+
+def _round_up(std_m: float) -> float:
+    """To the next 0.1 m, as receivers report their accuracy."""
+    return ceil(10.0 * std_m - 1e-9) / 10.0

@@ -1,0 +1,214 @@
+"""The simulator: one physics step per service step, and what every sensor makes of it."""
+
+from collections.abc import Iterable
+from math import inf
+
+from jezero.frames import subtract
+from jezero.runtime.service import Health, Inbox, Output, Publish, Send, Spec
+from jezero.schemas import sensors as messages
+from jezero.schemas import topics
+from jezero.schemas.state import Clock, Truth
+from jezero.services.simulator import sensors
+from jezero.services.simulator.body import BodyState
+from jezero.services.simulator.config import SimulatorConfig
+from jezero.services.simulator.hil import HilPort
+from jezero.services.simulator.noise import Normals, generator
+from jezero.services.simulator.rover import Rover
+from jezero.services.simulator.schedule import Schedule
+from jezero.services.simulator.terrain import make_terrain
+from jezero.services.simulator.uav import Uav
+from jezero.services.simulator.wind import Wind
+
+STEPS_PER_S = 250
+DT_S = 1.0 / STEPS_PER_S
+HIL = "hil"
+EPOCHS_PER_BOOT = 1000
+EPOCH_LIMIT = 2**53
+"""Integers below it survive JSON readers that only know doubles."""
+
+SPEC = Spec(
+    name="simulator",
+    outputs=(
+        topics.CLOCK,
+        topics.IMU,
+        topics.GNSS,
+        topics.BARO,
+        topics.MAG,
+        topics.ALTIMETER,
+        topics.UWB,
+        topics.ROVER_ODOMETRY,
+        topics.TRUTH,
+    ),
+    links=(HIL,),
+    rate_hz=STEPS_PER_S,
+    lockstep=HIL,
+)
+
+
+class Simulator:
+    """The world with its vehicle, rover and sensors; the master of vehicle time.
+
+    The vehicle respawns, in a new epoch, whenever an autopilot connects; while none is there the motors stand still.
+
+    Args:
+        seed: of wind and sensor errors. The ground has a seed of its own in the settings.
+        boot_id: differs between two runs; part of the epoch's id.
+    """
+
+    spec = SPEC
+
+    def __init__(self, config: SimulatorConfig, seed: int, boot_id: int) -> None:
+        from jezero.services.simulator.world import World
+
+        terrain = make_terrain(config.terrain)
+        self._config = config
+        self._boot_id = boot_id
+        self._connections = 0
+        self._up = False
+        self._hil = HilPort()
+        self._rover = Rover(config.rover, terrain)
+        self._world = World(config, terrain, self._rover.state)
+        self._uav = Uav(config, DT_S)
+        self._wind = Wind(config.wind, DT_S, Normals(generator(seed, "wind")))
+        self._height_rotor_m = inf
+        self._imu = sensors.Imu(config.imu, seed, DT_S)
+        self._gnss = sensors.Gnss(config.gnss, config.origin, seed)
+        self._baro = sensors.Barometer(config.barometer, config.origin, seed)
+        self._mag = sensors.Magnetometer(config.magnetometer, config.origin, seed)
+        self._altimeter = sensors.Altimeter(config.altimeter, seed)
+        self._uwb = sensors.Uwb(config.uwb, config.rover.pos_anchors_rover_body_m, seed)
+        self._odometry = sensors.RoverOdometry(config.rover_odometry, seed)
+        self._make_schedules(config)
+
+    def _make_schedules(self, config: SimulatorConfig) -> None:
+        """Phases spread the sensors over the steps."""
+        self._when_clock = Schedule[Clock](topics.CLOCK.rate_hz or 10.0)
+        self._when_truth = Schedule[Truth](topics.TRUTH.rate_hz or 50.0)
+        self._when_imu = Schedule[messages.Imu](config.imu.rate_hz, config.imu.delay_s)
+        self._when_mag = Schedule[messages.Magnetometer](config.magnetometer.rate_hil_hz, config.magnetometer.delay_s)
+        self._when_mag_bus = Schedule[None](config.magnetometer.rate_hz)
+        self._when_baro = Schedule[messages.Barometer](
+            config.barometer.rate_hil_hz, config.barometer.delay_s, phase_s=0.008
+        )
+        self._when_baro_bus = Schedule[None](config.barometer.rate_hz, phase_s=0.008)
+        self._when_gnss = Schedule[messages.Gnss](config.gnss.rate_hz, config.gnss.delay_s, phase_s=0.052)
+        self._when_altimeter = Schedule[messages.Altimeter](
+            config.altimeter.rate_hz, config.altimeter.delay_s, phase_s=0.004
+        )
+        self._when_uwb = Schedule[messages.Uwb](config.uwb.rate_hz, config.uwb.delay_s, phase_s=0.012)
+        self._when_odometry = Schedule[messages.RoverOdometry](
+            config.rover_odometry.rate_hz, config.rover_odometry.delay_s, phase_s=0.016
+        )
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        """Advance the world by 4 ms to `t_ns`, whatever the autopilot has answered."""
+        yield from self._follow_link(inbox)
+        if self._when_clock.due(t_ns):
+            yield Publish(topics.CLOCK, Clock(t_ns=t_ns, epoch_id=self._epoch_id))
+        state = self._advance()
+        yield from self._autopilot_sensors(t_ns, state)
+        yield from self._navigation_sensors(t_ns, state)
+        if self._when_truth.due(t_ns):
+            yield Publish(topics.TRUTH, self._truth(t_ns, state))
+
+    def close(self) -> None:
+        """Free the physics engine."""
+        self._world.close()
+
+    @property
+    def _epoch_id(self) -> int:
+        return (self._boot_id * EPOCHS_PER_BOOT + self._connections) % EPOCH_LIMIT
+
+    def _follow_link(self, inbox: Inbox) -> Iterable[Output]:
+        """Take the newest motor commands; a new autopilot finds a new vehicle, a lost one leaves the motors off."""
+        connections = inbox.connections(HIL)
+        up = inbox.is_up(HIL)
+        if connections != self._connections:
+            self._connections = connections
+            self._respawn()
+        if up:
+            self._hil.receive(inbox.received(HIL))
+        elif self._up:
+            self._hil = HilPort()
+            yield Health("degraded", "the autopilot is gone: motors are stopped until one connects")
+        if up and not self._up:
+            yield Health("ok", "an autopilot is connected")
+        self._up = up
+
+    def _respawn(self) -> None:
+        """The vehicle as new where it started; what its old sensors had under way is lost."""
+        self._hil = HilPort()
+        self._uav.stop()
+        self._world.respawn()
+        self._make_schedules(self._config)
+
+    def _advance(self) -> BodyState:
+        body = self._world.state
+        wind_ned_mps = self._wind.step(-body.pos_ned_m[2])
+        force_ned_n, torque_frd_nm = self._uav.step(self._hil.commands, body, wind_ned_mps, self._height_rotor_m)
+        return self._world.step(force_ned_n, torque_frd_nm)
+
+    def _autopilot_sensors(self, t_ns: int, state: BodyState) -> Iterable[Output]:
+        """What the autopilot's HIL feed carries; the bus gets a part of the same readings."""
+        acc, gyro = self._imu.measure(state)
+        if self._when_mag.due(t_ns):
+            self._when_mag.put(t_ns, self._mag.measure(t_ns, state))
+        if self._when_baro.due(t_ns):
+            self._when_baro.put(t_ns, self._baro.measure(t_ns, state))
+        mag, baro = self._when_mag.arrived(t_ns), self._when_baro.arrived(t_ns)
+        yield Send(HIL, self._hil.sensor(t_ns, acc, gyro, mag, baro))
+        if self._when_imu.due(t_ns):
+            self._when_imu.put(t_ns, messages.Imu(t_ns=t_ns, acc_imu_frd_mps2=acc, gyro_imu_frd_rps=gyro))
+        if (imu := self._when_imu.arrived(t_ns)) is not None:
+            yield Publish(topics.IMU, imu)
+        if mag is not None and self._when_mag_bus.due(t_ns):
+            yield Publish(topics.MAG, mag)
+        if baro is not None and self._when_baro_bus.due(t_ns):
+            yield Publish(topics.BARO, baro)
+        if self._when_gnss.due(t_ns):
+            self._when_gnss.put(t_ns, self._gnss.measure(t_ns, state))
+        if (fix := self._when_gnss.arrived(t_ns)) is not None:
+            yield Send(HIL, self._hil.gps(fix))
+            yield Publish(topics.GNSS, fix)
+
+    def _navigation_sensors(self, t_ns: int, state: BodyState) -> Iterable[Output]:
+        """What only the rest of the system sees."""
+        if self._when_altimeter.due(t_ns):
+            mount = self._config.altimeter.mount_frd_m
+            range_m = self._world.range_along_down_m(mount, self._config.altimeter.range_max_m)
+            self._height_rotor_m = inf if range_m is None else range_m + mount[2]
+            self._when_altimeter.put(t_ns, self._altimeter.measure(t_ns, range_m))
+        if (altimeter := self._when_altimeter.arrived(t_ns)) is not None:
+            yield Publish(topics.ALTIMETER, altimeter)
+        if self._when_uwb.due(t_ns):
+            self._when_uwb.put(t_ns, self._uwb.measure(t_ns, state, self._rover.state))
+        if (uwb := self._when_uwb.arrived(t_ns)) is not None:
+            yield Publish(topics.UWB, uwb)
+        if self._when_odometry.due(t_ns):
+            self._when_odometry.put(t_ns, self._odometry.measure(t_ns, self._rover.state))
+        if (odometry := self._when_odometry.arrived(t_ns)) is not None:
+            yield Publish(topics.ROVER_ODOMETRY, odometry)
+
+    def _truth(self, t_ns: int, state: BodyState) -> Truth:
+        """In NED whose origin is where the vehicle first stood.
+
+        The vehicle's position is that of its centre of mass, lowered by the height at which it stands: on level ground,
+        and on the platform, it has the height of what it stands on.
+        """
+        start_ned_m = self._world.start_ned_m
+        rover = self._rover.state
+        north_m, east_m, down_m = subtract(rover.pos_ned_m, start_ned_m)
+        return Truth(
+            t_ns=t_ns,
+            epoch_id=self._epoch_id,
+            pos_uav_ned_m=subtract(state.pos_ned_m, start_ned_m),
+            vel_uav_ned_mps=state.vel_ned_mps,
+            q_ned_from_frd=state.q_ned_from_frd,
+            rates_uav_frd_rps=state.rates_frd_rps,
+            pos_rover_ned_m=(north_m, east_m, down_m - self._world.height_stand_m),
+            vel_rover_ned_mps=rover.vel_ned_mps,
+            yaw_rover_rad=rover.yaw_rad,
+            wind_ned_mps=self._wind.vel_ned_mps,
+            contact_force_n=self._world.contact_force_n(),
+            armed_motors=any(self._hil.commands),
+        )
