@@ -42,7 +42,7 @@ class LinkDelay:
         return int(min(self.median_s * rng.lognormvariate(0.0, self.sigma), self.longest_s) * NS_PER_S)
 
 
-BUS_DELAY = LinkDelay(median_s=0.0006, sigma=0.5)
+BUS_DELAY = LinkDelay(median_s=0.0007, sigma=0.4, longest_s=0.02)
 UDP_DELAY = LinkDelay(median_s=0.0002, sigma=0.5)
 NO_DELAY = LinkDelay(median_s=0.0)
 

@@ -1,0 +1,292 @@
+"""The commands that fly: each parses its words, asks the client, and prints what comes back."""
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from jezero.cli.exit_codes import ABORTED, REFUSED, UNREACHABLE
+
+if TYPE_CHECKING:
+    from jezero.client import Goal, Vehicle
+
+FRAMES = click.Choice(["world", "rover"])
+NUMBERS = {"ignore_unknown_options": True}  # "-4" is a coordinate, not an option
+
+
+def common_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Options of every command that talks to a vehicle."""
+    command = click.option("--json", "as_json", is_flag=True, help="One JSON object per line, the result last.")(
+        command
+    )
+    command = click.option(
+        "--router", envvar="JEZERO_ROUTER", default="tcp/127.0.0.1:7447", show_default=True, help="Zenoh router."
+    )(command)
+    return click.option("--vehicle", envvar="JEZERO_VEHICLE", default="uav1", show_default=True, help="Which vehicle.")(
+        command
+    )
+
+
+class Printer:
+    """Prints for people on a terminal, in plain lines into a pipe, or as JSON lines."""
+
+    def __init__(self, as_json: bool) -> None:
+        self.as_json = as_json
+        self._live = not as_json and sys.stdout.isatty()
+        self._line_open = False
+
+    def event(self, kind: str, text: str, **fields: Any) -> None:
+        """One thing that happened: `text` for people, `fields` for programs."""
+        if self.as_json:
+            click.echo(json.dumps({"type": kind, **fields}))
+            return
+        self._end_line()
+        click.echo(text)
+
+    def progress(self, text: str, done: float | None, **fields: Any) -> None:
+        """Feedback: redrawn in place on a terminal. `done` is a fraction from 0 to 1."""
+        if self.as_json:
+            click.echo(json.dumps({"type": "feedback", **fields}))
+        elif self._live:
+            bar = "" if done is None else f"[{'━' * round(20 * done):<20}] "
+            click.echo(f"\r\x1b[K  {bar}{text}", nl=False)
+            self._line_open = True
+        else:
+            click.echo(text)
+
+    def fail(self, kind: str, text: str, code: int, **fields: Any) -> None:
+        """End the command: JSON on standard output, a sentence on standard error, and the exit code."""
+        self._end_line()
+        if self.as_json:
+            click.echo(json.dumps({"type": kind, **fields}))
+        else:
+            click.echo(text, err=True)
+        raise SystemExit(code)
+
+    def _end_line(self) -> None:
+        if self._line_open:
+            click.echo()
+            self._line_open = False
+
+
+@contextmanager
+def connected(vehicle: str, router: str, printer: Printer) -> Iterator["Vehicle"]:
+    """A client for one command; what goes wrong becomes a sentence and an exit code."""
+    from jezero.client import Aborted, Canceled, JezeroError, Refused, Vehicle
+
+    try:
+        with Vehicle.connect(vehicle, router=router) as uav:
+            yield uav
+    except Refused as error:
+        printer.fail("rejected", f"refused: {error}", REFUSED, reason=str(error), code=error.code)
+    except Canceled as error:
+        printer.fail("result", f"canceled: {error}", ABORTED, outcome="canceled", reason=str(error))
+    except Aborted as error:
+        printer.fail("result", f"aborted: {error}", ABORTED, outcome="aborted", reason=str(error))
+    except JezeroError as error:
+        printer.fail("unreachable", f"unreachable: {error}", UNREACHABLE, reason=str(error))
+
+
+def fly_goal(printer: Printer, goal: "Goal[Any, Any]", name: str) -> None:
+    """Follow a goal to its end. Ctrl+C cancels it and says so; a second one leaves at once."""
+    import msgspec
+
+    printer.event("accepted", f"{name}: accepted (goal {goal.goal_id})", goal_id=goal.goal_id, warning=goal.warning)
+    if goal.warning and not printer.as_json:
+        click.echo(f"warning: {goal.warning}", err=True)
+    try:
+        _follow(printer, goal)
+    except KeyboardInterrupt:
+        printer.event("canceling", "canceling: the vehicle will hover where it is", goal_id=goal.goal_id)
+        goal.cancel()
+        _follow(printer, goal)
+    result = msgspec.to_builtins(goal.result())
+    position = result.get("pos_uav_ned_m") or result.get("touchdown_ned_m")
+    where = f" at {_point(position)}" if position else ""
+    printer.event("result", f"{name}: succeeded{where}", outcome="succeeded", goal_id=goal.goal_id, result=result)
+
+
+def _follow(printer: Printer, goal: "Goal[Any, Any]") -> None:
+    import msgspec
+
+    farthest_m = 0.0
+    for feedback in goal.feedback():
+        fields = msgspec.to_builtins(feedback)
+        text = f"position {_point(fields['pos_uav_ned_m'])} in {fields['frame']}"
+        done = None
+        if "distance_m" in fields:
+            distance_m = fields["distance_m"]
+            farthest_m = max(farthest_m, distance_m)
+            done = 1.0 - distance_m / farthest_m if farthest_m > 0.0 else 1.0
+            text += f", {distance_m:.2f} m to go"
+        else:
+            text += f", {fields['phase']}"
+        printer.progress(text, done, goal_id=goal.goal_id, **fields)
+
+
+def _point(pos_ned_m: Any) -> str:
+    return "({:.2f}, {:.2f}, {:.2f})".format(*pos_ned_m)
+
+
+@click.command(context_settings=NUMBERS)
+@click.argument("altitude_m", metavar="[ALTITUDE]", type=float, default=2.0)
+@common_options
+def takeoff(altitude_m: float, vehicle: str, router: str, as_json: bool) -> None:
+    """Take off to ALTITUDE metres above the take-off point (2 by default; positive is up)."""
+    printer = Printer(as_json)
+    with connected(vehicle, router, printer) as uav:
+        fly_goal(printer, uav.takeoff(altitude_m=altitude_m), "takeoff")
+
+
+@click.command(context_settings=NUMBERS)
+@click.argument("x", type=float)
+@click.argument("y", type=float)
+@click.argument("z", type=float)
+@click.argument("frame", type=FRAMES, default="world")
+@click.argument("do_takeoff", metavar="[TAKEOFF]", type=bool, default=False)
+@click.option("--speed", "speed_mps", type=float, help="Metres per second along the path.")
+@click.option("--yaw", "yaw_deg", type=float, help="Heading in degrees, 0 is north and 90 east.")
+@common_options
+def target(
+    x: float,
+    y: float,
+    z: float,
+    frame: str,
+    do_takeoff: bool,
+    speed_mps: float | None,
+    yaw_deg: float | None,
+    vehicle: str,
+    router: str,
+    as_json: bool,
+) -> None:
+    """Fly to X Y Z: metres north, east and down, so 4 m up is `-4`.
+
+    FRAME is world (default) or rover; TAKEOFF true takes off first: `jezero target 0 0 -4 world true`.
+    """
+    from math import radians
+
+    from jezero.frames import wrap_pi
+
+    printer = Printer(as_json)
+    yaw_rad = None if yaw_deg is None else wrap_pi(radians(yaw_deg))
+    with connected(vehicle, router, printer) as uav:
+        goal = uav.go_to(x, y, z, frame=frame, do_takeoff=do_takeoff, yaw_rad=yaw_rad, speed_mps=speed_mps)
+        fly_goal(printer, goal, "target")
+
+
+@click.command(name="land_on_spot", context_settings=NUMBERS)
+@click.argument("use_uwb", type=bool, default=True)
+@click.argument("use_marker", type=bool, default=True)
+@click.option("--spot", nargs=3, type=float, metavar="X Y Z", help="Where to land: metres north, east and down.")
+@click.option("--frame", type=FRAMES, default="world", show_default=True, help="Frame of the spot.")
+@common_options
+def land_on_spot(
+    use_uwb: bool,
+    use_marker: bool,
+    spot: tuple[float, float, float] | None,
+    frame: str,
+    vehicle: str,
+    router: str,
+    as_json: bool,
+) -> None:
+    """Land. USE_UWB and USE_MARKER (both true by default) choose the sensors that find the rover.
+
+    Without UWB the landing spot is asked for, or given with --spot.
+    """
+    printer = Printer(as_json)
+    if not use_uwb and spot is None and sys.stdin.isatty():
+        click.echo("No UWB: where is the landing spot, in metres?")
+        spot = (
+            click.prompt("Enter x coordinate (north)", type=float),
+            click.prompt("Enter y coordinate (east)", type=float),
+            click.prompt("Enter z coordinate (down)", type=float, default=0.0),
+        )
+    with connected(vehicle, router, printer) as uav:
+        goal = uav.land_on_spot(spot_ned_m=spot, frame=frame, use_uwb=use_uwb, use_marker=use_marker)
+        fly_goal(printer, goal, "land_on_spot")
+
+
+@click.command(context_settings=NUMBERS)
+@click.argument("point", nargs=-1, type=float, metavar="[X Y Z]")
+@common_options
+def hover(point: tuple[float, ...], vehicle: str, router: str, as_json: bool) -> None:
+    """Hover here, or at X Y Z (metres north, east and down) while hovering already."""
+    if len(point) not in {0, 3}:
+        raise click.UsageError("give no coordinates, or all three: X Y Z")
+    printer = Printer(as_json)
+    with connected(vehicle, router, printer) as uav:
+        uav.hover((point[0], point[1], point[2]) if point else None)
+        where = f" at {_point(point)}" if point else ""
+        printer.event("result", f"hovering{where}", outcome="succeeded")
+
+
+@click.command()
+@common_options
+def abort(vehicle: str, router: str, as_json: bool) -> None:
+    """End the goal in charge at once: hover, or disarm when still on the ground."""
+    printer = Printer(as_json)
+    with connected(vehicle, router, printer) as uav:
+        reply = uav.abort("abort from the command line")
+        text = reply.reason or ("aborted: hovering" if reply.hovering else "aborted: on the ground")
+        printer.event("result", text, outcome="succeeded", hovering=reply.hovering, reason=reply.reason)
+
+
+@click.command()
+@click.option("--yes", is_flag=True, help="Really cut the motors, in the air too.")
+@common_options
+def kill(yes: bool, vehicle: str, router: str, as_json: bool) -> None:
+    """Cut the motors at once. The vehicle falls if it flies."""
+    if not yes:
+        raise click.UsageError("this cuts the motors in the air too: say --yes if you mean it (abort makes it hover)")
+    printer = Printer(as_json)
+    with connected(vehicle, router, printer) as uav:
+        uav.kill(confirm=True)
+        printer.event("result", "killed: motors off", outcome="succeeded")
+
+
+@click.command()
+@click.option("--watch", is_flag=True, help="Keep printing what changes.")
+@common_options
+def status(watch: bool, vehicle: str, router: str, as_json: bool) -> None:
+    """What the vehicle does, where it is, and what it waits for."""
+    printer = Printer(as_json)
+    with connected(vehicle, router, printer) as uav:
+        if not watch:
+            _print_status(printer, uav.status())
+            return
+        last = None
+        try:
+            for now in uav.watch_status():
+                shown = (now.code, now.armed, now.landed, now.autopilot_mode, now.in_charge, now.ready, now.text)
+                if as_json or shown != last:
+                    _print_status(printer, now)
+                last = shown
+        except KeyboardInterrupt:
+            return
+
+
+def _print_status(printer: Printer, now: Any) -> None:
+    import msgspec
+
+    if printer.as_json:
+        click.echo(msgspec.json.encode(now).decode())
+        return
+    rows = [
+        ("status", f"{now.code} {now.name}"),
+        ("in charge", now.in_charge + (f" (goal {now.goal_id})" if now.goal_id else "")),
+        ("autopilot", f"{now.autopilot_mode or 'no link'}, {'armed' if now.armed else 'disarmed'}"),
+        ("vehicle", "on the ground" if now.landed else "in the air"),
+        ("ready", "yes" if now.ready else f"no: {now.not_ready_reason}"),
+    ]
+    if now.odometry is not None:
+        rows.append(("position", f"{_point(now.odometry.pos_uav_ned_m)} m, NED"))
+        rows.append(("velocity", f"{_point(now.odometry.vel_uav_ned_mps)} m/s"))
+    if now.battery is not None and now.battery.remaining is not None:
+        rows.append(("battery", f"{100.0 * now.battery.remaining:.0f} %"))
+    if now.text:
+        rows.append(("last event", now.text))
+    for name, value in rows:
+        click.echo(f"{name:<11}{value}")

@@ -1,0 +1,131 @@
+"""Who is in charge, over real processes: two clients, abort, stale setpoints, dying servers and bridges."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+import zenoh
+
+from jezero import Aborted, Refused, Unreachable
+from jezero.runtime.codec import encode
+from jezero.schemas import topics
+from jezero.schemas.commands import Phase, Setpoint
+from jezero.schemas.state import StatusCode
+from tests.system.conftest import Stack, wait_for_status
+
+DISARM_WITHIN_S = 30.0
+
+
+def test_of_two_clients_one_is_refused_with_the_reason_and_a_third_aborts(stack: Stack) -> None:
+    with stack.connect() as first, stack.connect() as second, stack.connect() as third:
+        goal = first.takeoff(altitude_m=5.0)
+        start = time.monotonic()
+        with pytest.raises(Refused, match=r"(?i)takeoff") as refusal:
+            second.takeoff(altitude_m=2.0)
+        assert time.monotonic() - start < 0.2
+        assert refusal.value.code == StatusCode.TAKEOFF
+        wait_for_status(third, lambda s: s.armed and not s.landed, 15, "airborne")
+        third.abort()
+        with pytest.raises(Aborted):
+            goal.result(timeout_s=5)
+        wait_for_status(third, lambda s: s.code == StatusCode.HOVER, 15, "hovering")
+
+
+def test_setpoints_that_are_stale_or_of_somebody_else_are_not_executed(stack: Stack) -> None:
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", f'["{stack.instance.router}"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    key = topics.key(stack.instance.vehicle, topics.SETPOINT.name)
+    with stack.connect() as vehicle, zenoh.open(config) as session:
+        vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
+        goal = vehicle.go_to(0.0, 0.0, -8.0, speed_mps=0.5)
+        wait_for_status(vehicle, lambda s: bool(s.control_id), 5, "in charge")
+        worst_m = 0.0
+        for number in range(100):
+            status = vehicle.status()
+            assert status.odometry is not None
+            worst_m = max(worst_m, abs(status.odometry.pos_uav_ned_m[0]))
+            for control_id, age_ns in ((status.control_id, 350_000_000), ("somebody", 0)):
+                stale = Setpoint(
+                    t_ns=max(0, status.odometry.t_ns - age_ns),
+                    control_id=control_id or "nobody",
+                    sequence=1_000_000 + number,
+                    phase=Phase.GO_TO,
+                    pos_ned_m=(20.0, 0.0, -2.0),
+                )
+                session.put(key, encode(stale))
+            time.sleep(0.02)
+        assert worst_m < 0.5
+        assert vehicle.status().code == StatusCode.GO_TO
+        goal.cancel()
+
+
+def test_a_killed_action_server_is_told_to_the_client_and_the_vehicle_hovers(stack: Stack) -> None:
+    with stack.connect() as vehicle:
+        vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
+        goal = vehicle.go_to(10.0, 0.0, -3.0, speed_mps=1.0)
+        told: list[float] = []
+
+        def wait() -> None:
+            with pytest.raises(Unreachable):
+                goal.result(timeout_s=30)
+            told.append(time.monotonic())
+
+        waiter = threading.Thread(target=wait)
+        waiter.start()
+        wait_for_status(vehicle, lambda s: s.code == StatusCode.GO_TO, 5, "flying to the target")
+        time.sleep(1.0)
+        killed = time.monotonic()
+        os.kill(stack.processes_cached["go_to"], signal.SIGKILL)
+        hovering = wait_for_status(vehicle, lambda s: s.code == StatusCode.HOVER, 2.0, "hovering")
+        waiter.join(timeout=5)
+        assert told and told[0] - killed < 1.0
+        assert hovering < 0.8  # 0.5 s without a setpoint, 0.1 s of abort, and this test's polling
+        accepted_within = killed + 5.0
+        while True:
+            try:
+                vehicle.go_to(0.0, 0.0, -3.0).result(timeout_s=60)
+                break
+            except (Unreachable, Refused):
+                assert time.monotonic() < accepted_within, "no new goal accepted within 5 s"
+                time.sleep(0.1)
+
+
+@pytest.mark.parametrize("down_s", [0.3, 0.9, 1.5, 3.0])
+def test_when_the_bridge_dies_the_autopilot_lands_by_itself(start_stack: Callable[..., Stack], down_s: float) -> None:
+    stack = start_stack("--no-restart", "vehicle_bridge")
+    with stack.connect() as vehicle:
+        vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
+        os.kill(stack.processes_cached["vehicle_bridge"], signal.SIGKILL)
+    time.sleep(down_s)
+    bridge = subprocess.Popen([sys.executable, "-m", "jezero.services.vehicle_bridge"], env=stack.environment)
+    try:
+        with stack.connect() as vehicle:
+            seen: list[int] = []
+
+            def is_down() -> bool:
+                status = vehicle.status()
+                seen.append(status.code)
+                return status.code == StatusCode.IDLE and not status.armed and status.landed
+
+            start = time.monotonic()
+            while time.monotonic() - start < DISARM_WITHIN_S:
+                try:
+                    if is_down():
+                        break
+                except Unreachable:
+                    pass
+                time.sleep(0.05)
+            else:
+                raise AssertionError(f"not landed within {DISARM_WITHIN_S} s; codes seen: {sorted(set(seen))}")
+            assert set(seen) <= {StatusCode.EXTERNAL, StatusCode.IDLE}
+            assert StatusCode.EXTERNAL in seen
+    finally:
+        bridge.terminate()
+        bridge.wait(timeout=5)

@@ -1,0 +1,74 @@
+"""Somebody who knows only Zenoh flies, and can't break anything by accident."""
+
+import json
+import subprocess
+import sys
+import time
+
+import zenoh
+
+from jezero.schemas.state import StatusCode
+from tests.system.conftest import Stack, wait_for_status
+
+PLAIN_CLIENT = """
+import json, sys, zenoh
+router, selector = sys.argv[1:]
+config = zenoh.Config()
+config.insert_json5("mode", '"client"')
+config.insert_json5("connect/endpoints", json.dumps([router]))
+config.insert_json5("scouting/multicast/enabled", "false")
+with zenoh.open(config) as session:
+    replies = session.get(selector, timeout=60.0, consolidation=zenoh.ConsolidationMode.NONE)
+    for reply in replies:
+        print(reply.ok.payload.to_string(), flush=True)
+assert "jezero" not in sys.modules
+"""
+
+
+def test_a_plain_zenoh_session_takes_off_with_a_selector_and_gets_streamed_feedback(stack: Stack) -> None:
+    selector = f"jezero/{stack.instance.vehicle}/@action/takeoff?altitude_m=3;_time=[..]"
+    client = subprocess.Popen(
+        [sys.executable, "-c", PLAIN_CLIENT, stack.instance.router, selector], stdout=subprocess.PIPE, text=True
+    )
+    assert client.stdout is not None
+    arrivals = [(time.monotonic(), json.loads(line)) for line in client.stdout]
+    assert client.wait(timeout=10) == 0
+    kinds = [reply["type"] for _, reply in arrivals]
+    assert kinds[0] == "accepted" and kinds[-1] == "result"
+    assert kinds[1:-1] == ["feedback"] * (len(kinds) - 2)
+    assert len(kinds) > 20
+    assert arrivals[-1][0] - arrivals[1][0] > 2.0  # streamed, not delivered at the end
+    assert arrivals[-1][1]["outcome"] == "succeeded"
+    with stack.connect() as vehicle:
+        status = vehicle.status()
+        assert status.code == StatusCode.HOVER
+        assert status.odometry is not None and abs(status.odometry.pos_uav_ned_m[2] + 3.0) < 0.3
+
+
+def test_wildcard_get_put_and_delete_change_nothing(stack: Stack) -> None:
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([stack.instance.router]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    prefix = f"jezero/{stack.instance.vehicle}"
+    bodies = [b"{}", b"", b'{"altitude_m": 2}', b"\xff", b'{"confirm": true}']
+    with stack.connect() as vehicle, zenoh.open(config) as session:
+        vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
+        before = vehicle.status()
+        for pattern in ("**", f"{prefix}/**", f"{prefix}/*", f"{prefix}/*/*", f"{prefix}/@action/*", f"{prefix}/@*/**"):
+            for body in bodies:
+                try:
+                    session.put(pattern, body)
+                    session.delete(pattern)
+                    replies = list(session.get(pattern, payload=body, timeout=1.0))
+                except zenoh.ZError:
+                    continue  # Zenoh itself refuses the pattern
+                for reply in replies:
+                    assert reply.ok is None or "@" not in str(reply.ok.key_expr), reply.ok.key_expr
+        time.sleep(0.5)
+        after = vehicle.status()
+        assert (after.code, after.armed, after.control_id) == (before.code, True, before.control_id)
+        assert before.odometry is not None and after.odometry is not None
+        assert abs(after.odometry.pos_uav_ned_m[2] - before.odometry.pos_uav_ned_m[2]) < 0.5
+        vehicle.land_on_spot(spot_ned_m=(0.0, 0.0, 0.0), use_uwb=False, use_marker=False).result(timeout_s=90)
+        wait_for_status(vehicle, lambda s: s.code == StatusCode.IDLE and not s.armed, 10, "landed and disarmed")

@@ -1,0 +1,207 @@
+"""One service as a real process on a real router: it answers, refuses, reports, and leaves in time."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from jezero.deploy.launcher.ports import instance_environment, reserved_instance
+from jezero.runtime.config import Instance
+from jezero.runtime.links import TcpClient, TcpServer, Udp
+from jezero.runtime.zenoh_bus import client_config
+from jezero.schemas import topics
+from tests.system.conftest import wait_for
+
+TOYS = Path(__file__).with_name("toy_services.py")
+Started = tuple[Instance, dict[str, str], "subprocess.Popen[str]"]
+
+
+def start(environment: dict[str, str], name: str) -> "subprocess.Popen[str]":
+    return subprocess.Popen([sys.executable, str(TOYS), name], env=environment, stderr=subprocess.PIPE, text=True)
+
+
+@pytest.fixture
+def router() -> Iterator[tuple[Instance, dict[str, str]]]:
+    with reserved_instance(vehicle=f"r{os.getpid()}") as instance:
+        environment = {**os.environ, **instance_environment(instance)}
+        process = subprocess.Popen([sys.executable, "-m", "jezero.runtime.router"], env=environment)
+        yield instance, environment
+        process.terminate()
+        process.wait(timeout=5)
+
+
+@pytest.fixture
+def echo(router: tuple[Instance, dict[str, str]]) -> Iterator[Started]:
+    instance, environment = router
+    process = start(environment, "echo")
+    yield instance, environment, process
+    process.kill()
+    process.communicate(timeout=5)
+
+
+def ask(session: zenoh.Session, instance: Instance, selector: str = "", payload: bytes | None = None) -> list[str]:
+    replies = session.get(topics.key(instance.vehicle, topics.ABORT.name) + selector, payload=payload, timeout=2.0)
+    return [reply.ok.payload.to_string() for reply in replies if reply.ok is not None]
+
+
+def health(session: zenoh.Session, instance: Instance, condition: str) -> dict[str, object]:
+    """The first health report of the echo service that contains some text."""
+    found: list[dict[str, object]] = []
+
+    def on_sample(sample: zenoh.Sample) -> None:
+        text = sample.payload.to_string()
+        if condition in text:
+            found.append(json.loads(text))
+
+    subscriber = session.declare_subscriber(topics.key(instance.vehicle, "health/echo"), on_sample)
+    wait_for(lambda: bool(found), 5.0, f"a health report with {condition}")
+    subscriber.undeclare()  # type: ignore[no-untyped-call]
+    return found[0]
+
+
+def test_a_question_is_answered_and_a_malformed_one_refused_with_the_reason(echo: Started) -> None:
+    instance, _, _ = echo
+    with zenoh.open(client_config(instance.router)) as session:
+        wait_for(lambda: bool(ask(session, instance)), 10.0, "an answer")
+        assert '"hovering":true' in ask(session, instance, '?reason="x"')[0]
+        assert "not understood" in ask(session, instance, "?colour=red")[0]
+        assert "not understood" in ask(session, instance, "", b"\xff{")[0]
+        assert "both" in ask(session, instance, "?reason=x", b"{}")[0]
+
+
+def test_bad_messages_are_counted_in_health_and_never_acted_on(echo: Started) -> None:
+    instance, _, _ = echo
+    key = topics.key(instance.vehicle, topics.CLOCK.name)
+    with zenoh.open(client_config(instance.router)) as session:
+        wait_for(lambda: bool(ask(session, instance)), 10.0, "an answer")
+        for body in (b"", b"\xff", b'{"t_ns":1}', b'{"t_ns":-5,"epoch_id":1}', b'{"t_ns":null,"epoch_id":1}'):
+            session.put(key, body)
+        session.put("jezero/**", b'{"t_ns":1,"epoch_id":66}')
+        session.delete(key)
+        report = health(session, instance, '"rejected":7')
+        assert "epoch_id" in str(report["last_error"]) or "not a put" in str(report["last_error"])
+        assert "nothing" in ask(session, instance)[0]
+        session.put(key, b'{"t_ns":1,"epoch_id":77}')
+        wait_for(lambda: "epoch 77" in ask(session, instance)[0], 2.0, "the good one")
+
+
+def test_a_second_service_of_the_same_name_refuses_to_start_and_names_the_holder(echo: Started) -> None:
+    instance, environment, process = echo
+    with zenoh.open(client_config(instance.router)) as session:
+        wait_for(lambda: bool(ask(session, instance)), 10.0, "an answer")
+        second = start(environment, "echo")
+        _, error = second.communicate(timeout=15)
+        assert second.returncode == 1
+        assert f"{socket.gethostname()} pid {process.pid}" in error
+        process.kill()
+        process.wait(timeout=5)
+        third = start(environment, "echo")
+        wait_for(lambda: bool(ask(session, instance)), 10.0, "the successor's answer")
+        third.kill()
+        third.communicate(timeout=5)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("when", ["running", "router dead", "no router yet"])
+def test_a_service_leaves_within_a_second(
+    router: tuple[Instance, dict[str, str]], number: signal.Signals, when: str
+) -> None:
+    instance, environment = router
+    if when == "no router yet":
+        environment = {**environment, "JEZERO_ROUTER": "tcp/127.0.0.1:1"}
+        process = start(environment, "echo")
+        time.sleep(1.5)  # long enough to be waiting for the router; nothing tells that it is
+    else:
+        with zenoh.open(client_config(instance.router)) as session:
+            process = start(environment, "echo")
+            wait_for(lambda: bool(ask(session, instance)), 10.0, "an answer")
+    begin = time.monotonic()
+    process.send_signal(number)
+    _, error = process.communicate(timeout=5)
+    assert time.monotonic() - begin < 1.0
+    assert (process.returncode, error) == (0, "")
+
+
+def test_a_programming_error_ends_the_process(router: tuple[Instance, dict[str, str]]) -> None:
+    process = start(router[1], "undeclared")
+    _, error = process.communicate(timeout=15)
+    assert process.returncode not in {0, None}
+    assert "UndeclaredError" in error
+
+
+def test_a_service_that_lost_its_router_resumes_when_it_is_back() -> None:
+    with reserved_instance(vehicle=f"b{os.getpid()}") as instance:
+        environment = {**os.environ, **instance_environment(instance)}
+        command = [sys.executable, "-m", "jezero.runtime.router"]
+        first = subprocess.Popen(command, env=environment)
+        process = start(environment, "echo")
+        with zenoh.open(client_config(instance.router)) as session:
+            wait_for(lambda: bool(ask(session, instance)), 10.0, "an answer")
+        first.kill()
+        first.wait(timeout=5)
+        again = subprocess.Popen(command, env=environment)
+        with zenoh.open(client_config(instance.router)) as session:
+            took_s = wait_for(lambda: bool(ask(session, instance)), 10.0, "an answer after the router's return")
+        assert took_s < 5.0
+        for child in (process, again):
+            child.terminate()
+            child.communicate(timeout=5)
+
+
+def test_tcp_links_carry_bytes_both_ways_and_reconnect() -> None:
+    with reserved_instance() as instance:
+        server, client = TcpServer("127.0.0.1", instance.hil_port), TcpClient("127.0.0.1", instance.hil_port)
+        server.start()
+        client.start()
+        got = {"server": b"", "client": b""}
+
+        def pump() -> bool:
+            now_ns = time.monotonic_ns()
+            got["client"] += client.poll(now_ns)
+            got["server"] += server.poll(now_ns)
+            return server.up and client.up
+
+        wait_for(pump, 2.0, "connected")
+        client.send(b"ping")
+        server.send(b"pong")
+        wait_for(lambda: pump() and got == {"server": b"ping", "client": b"pong"}, 2.0, "both heard")
+        client.close()
+        wait_for(lambda: not (server.poll(time.monotonic_ns()) or server.up), 2.0, "the loss noticed")
+        wait_for(pump, 2.0, "connected again")
+        assert (server.connections, client.connections) == (2, 2)
+        client.close()
+        server.close()
+
+
+def test_a_udp_link_learns_its_peer() -> None:
+    with reserved_instance() as instance:
+        local = ("127.0.0.1", instance.bridge_port)
+        listening = Udp(local)
+        speaking = Udp(("127.0.0.1", instance.autopilot_offboard_port), local)
+        listening.start()
+        speaking.start()
+        assert not listening.up and speaking.up
+        speaking.send(b"hello")
+        heard: list[bytes] = []
+        wait_for(lambda: bool(heard.append(listening.poll(0)) or heard[-1]), 2.0, "a datagram")
+        assert heard[-1] == b"hello" and listening.up
+        listening.send(b"back")
+        wait_for(lambda: speaking.poll(0) == b"back", 2.0, "the answer")
+        listening.close()
+        speaking.close()
+
+
+def test_no_thread_is_left_when_a_session_closes(echo: Started) -> None:
+    before = threading.active_count()
+    with zenoh.open(client_config(echo[0].router)):
+        pass
+    assert threading.active_count() <= before
