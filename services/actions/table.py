@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from jezero.runtime.config import load_config
 from jezero.schemas.topics import ACTIONS
 from jezero.services.actions.behaviour import Behaviour
 from jezero.services.actions.config import ActionsConfig
@@ -17,10 +18,11 @@ BEHAVIOURS: dict[str, Callable[[ActionsConfig], Behaviour]] = {
 }
 
 
-def action_server(name: str, config: ActionsConfig, boot_id: int) -> ActionServer:
-    """The server of the action of that name.
+def action_server(name: str, boot_id: int, config: ActionsConfig | None = None) -> ActionServer:
+    """The server of the action of that name; settings from `actions.toml` unless given.
 
     Raises:
-        KeyError: there is none.
+        KeyError: there is no such action.
+        ConfigError: the settings are wrong.
     """
-    return ActionServer(ACTIONS[name], BEHAVIOURS[name], config, boot_id)
+    return ActionServer(ACTIONS[name], BEHAVIOURS[name], config or load_config(ActionsConfig, "actions"), boot_id)

@@ -1,0 +1,160 @@
+"""A goal that was accepted: its feedback, its result, its cancel."""
+
+import time
+from collections.abc import Iterator
+from typing import Any, Generic, TypeVar, cast
+
+from jezero.client.errors import Aborted, Canceled, JezeroError, Refused, TimedOut, Unreachable
+from jezero.client.session import Arrivals, Connection, decode, encode
+from jezero.schemas.actions import Accepted, Cancel, CancelReply, Feedback, GetResult, Rejected, Result, ResultReply
+from jezero.schemas.actions import Goal as GoalPayload
+from jezero.schemas.topics import RESULT, Action
+
+F = TypeVar("F")
+R = TypeVar("R")
+
+GOAL_TIMEOUT_S = 86_400.0
+RECOVER_S = 3.0
+POLL_S = 0.3
+
+
+class Goal(Generic[F, R]):
+    """A running goal, for use by one thread.
+
+    Attributes:
+        goal_id: by which its result stays readable.
+        warning: what of the goal will not be done as asked, else "".
+        code: status code of the vehicle with the last feedback, None before.
+    """
+
+    def __init__(self, connection: Connection, action: Action[Any], goal: GoalPayload, timeout_s: float) -> None:
+        self.goal_id = goal.goal_id
+        self.warning = ""
+        self.code: int | None = None
+        self._connection = connection
+        self._action = action
+        self._endpoint = action.endpoint
+        self._timeout_s = timeout_s
+        self._result: Result[R] | None = None
+        self._failure: JezeroError | None = None
+        self._arrivals = connection.stream(self._endpoint.name, encode(goal), GOAL_TIMEOUT_S)
+        self._await_acceptance()
+
+    def __repr__(self) -> str:
+        state = "running" if self._result is None else self._result.outcome
+        return f"<{self._action.name} goal {self.goal_id}: {state}>"
+
+    def feedback(self) -> Iterator[F]:
+        """What the goal reports, until it ends; then ask for the `result()`."""
+        while self._result is None and self._failure is None:
+            feedback = self._next(None)
+            if feedback is not None:
+                yield feedback
+
+    def result(self, timeout_s: float | None = None) -> R:
+        """Wait for the end.
+
+        Args:
+            timeout_s: None waits as long as the goal runs.
+
+        Returns:
+            The action's result.
+
+        Raises:
+            Aborted: it could not be finished.
+            Canceled: it was canceled.
+            TimedOut: it still runs; the goal goes on.
+            Unreachable: its server died, or the connection did.
+        """
+        deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
+        while self._result is None and self._failure is None:
+            try:
+                self._next(deadline_s)
+            except TimedOut:
+                raise TimedOut(f"{self._action.name} still runs after {timeout_s:g} s") from None
+        if self._failure is not None:
+            raise self._failure
+        result = cast(Result[R], self._result)
+        if result.outcome == "aborted":
+            raise Aborted(result.reason, result.result)
+        if result.outcome == "canceled":
+            raise Canceled(result.reason or "canceled", result.result)
+        return result.result
+
+    def cancel(self) -> bool:
+        """End the goal: the vehicle hovers, and `result()` raises `Canceled`. False when it had ended before.
+
+        Raises:
+            Unreachable: nobody is there to cancel it.
+            TimedOut: no answer.
+        """
+        reply: CancelReply = self._connection.ask(self._action.cancel, Cancel(goal_id=self.goal_id), self._timeout_s)
+        return reply.canceled
+
+    # -- inside --
+
+    def _await_acceptance(self) -> None:
+        accepted = False
+        try:
+            data = self._connection.first(self._arrivals, self._endpoint.name, self._timeout_s)
+            reply = decode(self._endpoint.reply_type, data)
+            if isinstance(reply, Rejected):
+                accepted = True  # nothing to take back
+                raise Refused(reply.reason, reply.code)
+            if not isinstance(reply, Accepted):
+                raise JezeroError(f"{self._action.name} answered with {type(reply).__name__} before accepting the goal")
+            accepted = True
+            self.goal_id, self.warning = reply.goal_id, reply.warning
+        finally:
+            if not accepted:
+                self._withdraw()
+
+    def _withdraw(self) -> None:
+        """Cancel a goal nobody waits for any more; best effort."""
+        if self._connection.connected and not self._arrivals.ended:
+            self._connection.stream(self._action.cancel.name, encode(Cancel(goal_id=self.goal_id)), 1.0)
+
+    def _next(self, deadline_s: float | None) -> F | None:
+        """Take one reply: feedback is returned, the result or the failure is kept."""
+        data = self._arrivals.take(deadline_s)
+        if data is None:
+            self._recover(deadline_s)
+            return None
+        reply = decode(self._endpoint.reply_type, data)
+        if isinstance(reply, Feedback):
+            self.code = reply.code
+            return cast(F, reply.feedback)
+        if isinstance(reply, Result):
+            self._result = reply
+        return None
+
+    def _recover(self, deadline_s: float | None) -> None:
+        """The replies ended without a result: either the server died, or only the connection did."""
+        link_was_lost = not self._connection.connected
+        give_up_s = time.monotonic() + RECOVER_S
+        while self._result is None and self._failure is None:
+            if deadline_s is not None and time.monotonic() > deadline_s:
+                raise TimedOut("no result in time")
+            reply = ask_result(self._connection, self.goal_id) if self._connection.connected else None
+            if reply is not None and reply.result is not None:
+                self._result = decode(Result[self._action.result_type], reply.result.encode())  # type: ignore[name-defined]
+            elif reply is not None:
+                give_up_s = time.monotonic() + RECOVER_S
+            elif not link_was_lost:
+                name = self._action.name
+                self._failure = Unreachable(f"the {name} server died; the vehicle hovers (`jezero ps`, uav.status())")
+            elif time.monotonic() > give_up_s:
+                lost = f"the connection to the router {self._connection.router} is lost"
+                self._failure = Unreachable(f"{lost}; goal {self.goal_id} may still run")
+            if self._result is None and self._failure is None:
+                time.sleep(POLL_S)
+
+
+def ask_result(connection: Connection, goal_id: str) -> ResultReply | None:
+    """What the action servers know of a goal; None when none does."""
+    arrivals: Arrivals = connection.stream(RESULT.name, encode(GetResult(goal_id=goal_id)), 0.5)
+    try:
+        data = connection.first_or_none(arrivals, RESULT.name, 0.5)
+    except TimedOut:
+        return None
+    return None if data is None else cast(ResultReply, decode(RESULT.reply_type, data))

@@ -1,0 +1,220 @@
+"""One Zenoh session: questions, their replies, and subscriptions.
+
+Zenoh calls back in threads of its own. The callbacks here only append and notify, and run directly in those threads:
+a thread of Python's would keep a program alive that forgot to close its vehicle.
+"""
+
+import json
+import time
+from collections import deque
+from collections.abc import Callable
+from secrets import token_hex
+from threading import Condition
+from typing import Any, NoReturn
+
+import msgspec
+import zenoh
+
+from jezero.client.errors import JezeroError, TimedOut, Unreachable
+from jezero.schemas.struct import Payload
+from jezero.schemas.topics import Endpoint, Topic, key, liveliness_key
+
+ATTEMPT_S = 0.5
+SLICE_S = 0.2
+"""Waits are cut into slices, so that Ctrl+C is heard."""
+KEPT = 1000
+
+
+class Arrivals:
+    """What Zenoh's threads bring and the caller's thread takes, in order. The oldest are dropped beyond `KEPT`.
+
+    Attributes:
+        ended: nothing more will come.
+        error: the last error reply, e.g. "Timeout".
+    """
+
+    def __init__(self) -> None:
+        self.ended = False
+        self.error = ""
+        self._items: deque[bytes] = deque(maxlen=KEPT)
+        self._changed = Condition()
+
+    def take(self, deadline_s: float | None) -> bytes | None:
+        """The next item, or None at the end.
+
+        Args:
+            deadline_s: of `time.monotonic()`; None waits for ever.
+
+        Raises:
+            TimedOut: the deadline passed first.
+        """
+        with self._changed:
+            while not self._items and not self.ended:
+                left_s = SLICE_S if deadline_s is None else deadline_s - time.monotonic()
+                if left_s <= 0.0:
+                    raise TimedOut("no answer in time")
+                self._changed.wait(min(left_s, SLICE_S))
+            return self._items.popleft() if self._items else None
+
+    def on_reply(self, reply: zenoh.Reply) -> None:
+        with self._changed:
+            if reply.ok is not None:
+                self._items.append(reply.ok.payload.to_bytes())
+            elif reply.err is not None:
+                self.error = reply.err.payload.to_bytes().decode("utf-8", "replace")
+            self._changed.notify_all()
+
+    def on_sample(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.PUT:
+            with self._changed:
+                self._items.append(sample.payload.to_bytes())
+                self._changed.notify_all()
+
+    def on_end(self) -> None:
+        with self._changed:
+            self.ended = True
+            self._changed.notify_all()
+
+
+class Connection:
+    """A client's session on the router of one vehicle.
+
+    Args:
+        timeout_s: to find the router.
+
+    Raises:
+        Unreachable: there is no router.
+    """
+
+    def __init__(self, vehicle: str, router: str, timeout_s: float) -> None:
+        self.vehicle = vehicle
+        self.router = router
+        self.client_id = f"py-{token_hex(6)}"
+        self._session = _open(router, timeout_s)
+        self._token = self._session.liveliness().declare_token(liveliness_key(vehicle, "client", self.client_id))
+
+    @property
+    def connected(self) -> bool:
+        """Whether the router is there now."""
+        return not self._session.is_closed() and bool(self._session.info.routers_zid())
+
+    def close(self) -> None:
+        """Leave; open questions end. May be called twice."""
+        if not self._session.is_closed():
+            self._session.close()  # type: ignore[no-untyped-call]
+
+    def stream(self, name: str, payload: bytes, timeout_s: float) -> Arrivals:
+        """Put a question to the server of a key and let the replies come in.
+
+        Raises:
+            Unreachable: the session is closed.
+        """
+        arrivals = Arrivals()
+        try:
+            self._session.get(
+                key(self.vehicle, name),
+                zenoh.handlers.Callback(arrivals.on_reply, arrivals.on_end, indirect=False),
+                target=zenoh.QueryTarget.BEST_MATCHING,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                timeout=timeout_s,
+                payload=payload or None,
+                encoding=zenoh.Encoding.APPLICATION_JSON,
+                attachment=self.client_id.encode(),
+            )
+        except zenoh.ZError as error:
+            raise Unreachable(f"can't ask {name} of {self.vehicle}: {error}") from None
+        return arrivals
+
+    def ask(self, endpoint: Endpoint[Any, Any], payload: Payload, timeout_s: float) -> Any:
+        """One question, one answer.
+
+        Raises:
+            Unreachable: nobody serves this.
+            TimedOut: somebody does, but doesn't answer.
+        """
+        data = self.first(self.stream(endpoint.name, encode(payload), timeout_s), endpoint.name, timeout_s)
+        return decode(endpoint.reply_type, data)
+
+    def first(self, arrivals: Arrivals, name: str, timeout_s: float) -> bytes:
+        """The first reply on `name`; raises as `ask`."""
+        data = self.first_or_none(arrivals, name, timeout_s)
+        if data is None:
+            self._raise_unreachable(name)
+        return data
+
+    def first_or_none(self, arrivals: Arrivals, name: str, timeout_s: float) -> bytes | None:
+        """The first reply, or None when nobody had one.
+
+        Raises:
+            TimedOut: nothing came and it didn't end.
+        """
+        timed_out = TimedOut(f"{name} of {self.vehicle} did not answer within {timeout_s:g} s")
+        try:
+            data = arrivals.take(time.monotonic() + timeout_s + SLICE_S)
+        except TimedOut:
+            raise timed_out from None
+        if data is None and arrivals.error:
+            raise timed_out
+        return data
+
+    def subscribe(self, topic: Topic[Any]) -> tuple[Arrivals, Callable[[], None]]:
+        """Messages of a topic from now on, and how to stop them."""
+        arrivals = Arrivals()
+        subscriber = self._session.declare_subscriber(
+            key(self.vehicle, topic.name), zenoh.handlers.Callback(arrivals.on_sample, arrivals.on_end, indirect=False)
+        )
+        return arrivals, subscriber.undeclare
+
+    def _raise_unreachable(self, name: str) -> NoReturn:
+        if not self.connected:
+            raise Unreachable(f"the connection to the router {self.router} is lost")
+        raise Unreachable(f"nobody answers {name} of {self.vehicle}: is the stack up? (`jezero up`, `jezero ps`)")
+
+
+def encode(payload: Payload) -> bytes:
+    """JSON of a question."""
+    return msgspec.json.encode(payload)
+
+
+def decode(kind: Any, data: bytes) -> Any:
+    """A reply or message.
+
+    Raises:
+        JezeroError: it is not what this version of the client knows.
+    """
+    try:
+        return msgspec.json.decode(data, type=kind)
+    except msgspec.DecodeError as error:
+        raise JezeroError(
+            f"the answer isn't understood ({error}): do client and stack have the same version?"
+        ) from None
+
+
+def _open(router: str, timeout_s: float) -> zenoh.Session:
+    """Connect to the router; tried in short attempts, as nothing interrupts one."""
+    deadline_s = time.monotonic() + timeout_s
+    while True:
+        attempt_s = min(ATTEMPT_S, max(deadline_s - time.monotonic(), 0.05))
+        try:
+            return zenoh.open(client_config(router, attempt_s))
+        except zenoh.ZError as error:
+            if time.monotonic() >= deadline_s - 0.01:
+                hint = "is the stack up? (`jezero up`) Are the address and the credentials right?"
+                raise Unreachable(f"no router at {router} within {timeout_s:g} s: {hint}") from error
+
+
+def client_config(router: str, timeout_s: float = 3.0) -> zenoh.Config:
+    """Zenoh's settings of a client: one connection to the router, found within `timeout_s`."""
+    config = zenoh.Config()
+    settings: dict[str, Any] = {
+        "mode": "client",
+        "connect/endpoints": [router],
+        "connect/timeout_ms": int(1000 * timeout_s),
+        "connect/exit_on_failure": True,
+        "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
+        "scouting/multicast/enabled": False,
+        "transport/link/tx/lease": 2000,
+    }
+    for name, value in settings.items():
+        config.insert_json5(name, json.dumps(value))
+    return config
