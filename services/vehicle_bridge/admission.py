@@ -1,0 +1,164 @@
+"""What is let in: goals, setpoints and hovers, and the reason when they are not. Source: spec §3, architecture §5."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import isfinite
+
+from jezero.frames import Vec3, altitude_m, horizontal
+from jezero.schemas.commands import Acquire, Hover, Phase, Setpoint
+from jezero.schemas.state import StatusCode
+from jezero.schemas.topics import ACTIONS
+from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+from jezero.services.vehicle_bridge.resets import ResetHistory
+from jezero.services.vehicle_bridge.transitions import CODE_OF, is_allowed
+from jezero.services.vehicle_bridge.vehicle import Situation
+
+MAX_AGE_S = 0.3
+MAX_LEAD_S = 0.05
+
+
+@dataclass
+class Grant:
+    """Leave to fly, of one goal.
+
+    Attributes:
+        phases: those that this goal may go through.
+        t_ns: when it was granted, then of its last accepted setpoint.
+        sequence: of its last accepted setpoint, -1 before the first.
+    """
+
+    control_id: str
+    goal_id: str
+    action: str
+    phases: tuple[Phase, ...]
+    t_ns: int
+    sequence: int = -1
+
+    @property
+    def name(self) -> str:
+        """For people, e.g. "go_to g-17"."""
+        return f"{self.action} {self.goal_id}"
+
+
+def in_words(code: StatusCode) -> str:
+    return f"the status is {int(code)} ({code.name})"
+
+
+def phases_of(action: str, code: StatusCode) -> tuple[Phase, ...]:
+    """The phases that a goal accepted in this status may go through, in their order."""
+    phase = ACTIONS[action].phase
+    lifts_off_first = code is StatusCode.IDLE and phase is not Phase.TAKEOFF
+    return (Phase.TAKEOFF, phase) if lifts_off_first else (phase,)
+
+
+def why_not_acquire(
+    request: Acquire, code: StatusCode, holder: Grant | None, text: str, now: Situation, link_timeout_s: float
+) -> str:
+    """Why this goal may not fly now, with what to do instead; "" when it may.
+
+    Args:
+        holder: of the control now.
+        text: the status' last event, which explains a status 13.
+    """
+    return next(_acquire_refusals(request, code, holder, text, now, link_timeout_s), "")
+
+
+def _acquire_refusals(
+    request: Acquire, code: StatusCode, holder: Grant | None, text: str, now: Situation, link_timeout_s: float
+) -> Iterator[str]:
+    status = in_words(code)
+    action = ACTIONS.get(request.action)
+    if action is None:
+        yield f"there is no action {request.action!r}; there are {', '.join(ACTIONS)}"
+        return
+    takes_off = action.phase is Phase.TAKEOFF
+    moves = action.phase is Phase.GO_TO
+    if holder is not None:
+        yield f"{holder.name} is in charge, {status}: wait for it or abort it"
+    if code is StatusCode.EXTERNAL:
+        yield f"{status}: {text}. Wait until it is disarmed, or take control back with hover"
+    if code not in (StatusCode.IDLE, StatusCode.HOVER):
+        yield f"goals are accepted in 0 (IDLE) and 3 (HOVER) only, {status}: try again when it has changed"
+    if code is StatusCode.HOVER and takes_off:
+        yield f"takeoff needs a vehicle on the ground (0), {status}: it flies already"
+    if code is StatusCode.HOVER and now.silent_s > link_timeout_s:
+        yield f"the autopilot's telemetry has been missing for {now.silent_s:.1f} s, {status}: wait for it"
+    if code is StatusCode.IDLE and not takes_off and not (moves and request.do_takeoff):
+        hint = ", or set do_takeoff" if moves else ""
+        yield f"{request.action} needs a hovering vehicle (3), {status}: take off first{hint}"
+    if code is StatusCode.IDLE and now.not_ready:
+        yield f"not ready to take off: {now.not_ready}"
+
+
+def why_not_setpoint(
+    setpoint: Setpoint, code: StatusCode, holder: Grant | None, now: Situation, resets: ResetHistory
+) -> str:
+    """Why this setpoint is dropped; "" when it is flown."""
+    return next(_setpoint_refusals(setpoint, code, holder, now, resets), "")
+
+
+def _setpoint_refusals(
+    setpoint: Setpoint, code: StatusCode, holder: Grant | None, now: Situation, resets: ResetHistory
+) -> Iterator[str]:
+    if holder is None or setpoint.control_id != holder.control_id:
+        yield f"control {setpoint.control_id} is not in charge"
+        return
+    if setpoint.sequence <= holder.sequence:
+        yield f"sequence {setpoint.sequence} after {holder.sequence}"
+    age_s = (now.t_ns - setpoint.t_ns) * 1e-9
+    if not -MAX_LEAD_S <= age_s <= MAX_AGE_S:
+        yield f"{age_s:.3f} s old; accepted are {-MAX_LEAD_S} to {MAX_AGE_S} s"
+    after = CODE_OF[setpoint.phase]
+    if setpoint.phase not in holder.phases or (after is not code and not is_allowed(code, after)):
+        yield f"phase {setpoint.phase} of {holder.action} in status {code.name}"
+    if setpoint.pos_ned_m is None and setpoint.vel_ned_mps is None:
+        yield "neither a position nor a velocity"
+    if setpoint.pos_ned_m is not None and resets.step_since(setpoint.reset_counter) is None:
+        yield f"reset counter {setpoint.reset_counter} is unknown; the present one is {resets.counter}"
+    vectors = (setpoint.pos_ned_m, setpoint.vel_ned_mps, setpoint.acc_ned_mps2, (setpoint.yaw_rad or 0.0,))
+    if not all(isfinite(x) for vector in vectors if vector is not None for x in vector):
+        yield "a number that is not finite"
+
+
+def why_not_hover(
+    request: Hover, code: StatusCode, text: str, killing: bool, now: Situation, config: VehicleBridgeConfig
+) -> str:
+    """Why the bridge doesn't hover as asked; "" when it does, or takes control back in order to.
+
+    Args:
+        text: the status' last event, which explains a status 13.
+        killing: the motors are being cut.
+    """
+    return next(_hover_refusals(request, code, text, killing, now, config), "")
+
+
+def _hover_refusals(
+    request: Hover, code: StatusCode, text: str, killing: bool, now: Situation, config: VehicleBridgeConfig
+) -> Iterator[str]:
+    status = in_words(code)
+    if not request.hover_req:
+        yield "hover_req is false: a goal in charge ends a hover, nothing else does"
+    if request.hover_pos is not None and code is not StatusCode.HOVER:
+        yield f"a hover point can be given only while hovering (3), {status}"
+    if code is StatusCode.IDLE:
+        yield f"the vehicle stands on the ground, {status}: take off first"
+    if code is StatusCode.LANDING_DONE or (code is StatusCode.ABORT and now.landed):
+        yield f"the vehicle stands on the ground and is being disarmed, {status}"
+    if code is StatusCode.EXTERNAL and (killing or not now.armed or now.landed):
+        yield f"control can be taken back in the air only, {status}: {text}"
+    if code is StatusCode.EXTERNAL and (now.silent_s > config.link_timeout_s or now.pos_ned_m is None):
+        yield f"control can't be taken back without telemetry, missing for {now.silent_s:.1f} s, {status}"
+    if request.hover_pos is not None:
+        yield from _broken_limits(request.hover_pos, config)
+
+
+def _broken_limits(pos_ned_m: Vec3, config: VehicleBridgeConfig) -> Iterator[str]:
+    z_m, distance_m = pos_ned_m[2], horizontal(pos_ned_m)
+    if not all(isfinite(x) for x in pos_ned_m):
+        yield f"{pos_ned_m} is not a point"
+    if z_m >= 0.0:
+        yield f"z = {z_m:g} is not above the ground: z points down, 5 m up is −5"
+    if altitude_m(z_m) > config.altitude_limit_m:
+        yield f"{altitude_m(z_m):g} m up is above the limit of {config.altitude_limit_m:g} m"
+    if distance_m > config.distance_limit_m:
+        yield f"{distance_m:.0f} m away is beyond the limit of {config.distance_limit_m:g} m"

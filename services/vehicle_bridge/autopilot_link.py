@@ -1,0 +1,327 @@
+"""The MAVLink side: telemetry in, setpoints and acknowledged commands out."""
+
+from dataclasses import dataclass, field
+from math import isfinite, sqrt
+
+from jezero.frames import Quat, Vec3, quat_normalize, quat_rotate
+from jezero.mavlink import MavlinkCodec, MavMessage, dialect, is_finite
+from jezero.schemas.state import Battery, Geodetic, Odometry
+from jezero.services.vehicle_bridge.resets import ResetHistory
+from jezero.services.vehicle_bridge.vehicle import Order, Target, mode_name
+
+COMPONENT_ID = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
+AUTOPILOT_COMPONENT_ID = dialect.MAV_COMP_ID_AUTOPILOT1
+RETRY_NS = 500_000_000
+"""An order that is not acknowledged, or refused, is given again after this."""
+EFFECT_NS = 1_500_000_000
+"""An order that is acknowledged but has no effect is given again after this."""
+RESTART_NS = 1_000_000_000
+"""The autopilot's time going back by more than this means that it restarted; by less, that datagrams overtook."""
+COMPLAINT_NS = 6_000_000_000
+"""A warning of the autopilot explains a refusal for this long."""
+FORCE = 21196.0
+
+INTERVALS_US = {
+    dialect.MAVLINK_MSG_ID_ODOMETRY: 20_000,
+    dialect.MAVLINK_MSG_ID_HEARTBEAT: 100_000,
+    dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 100_000,
+    dialect.MAVLINK_MSG_ID_SYS_STATUS: 500_000,
+    dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: 1_000_000,
+}
+"""What the bridge asks the autopilot to stream."""
+
+_COMMANDS: dict[Order, tuple[int, tuple[float, float, float]]] = {
+    Order.OFFBOARD: (dialect.MAV_CMD_DO_SET_MODE, (1.0, 6.0, 0.0)),
+    Order.HOLD: (dialect.MAV_CMD_DO_SET_MODE, (1.0, 4.0, 3.0)),
+    Order.LAND: (dialect.MAV_CMD_DO_SET_MODE, (1.0, 4.0, 6.0)),
+    Order.ARM: (dialect.MAV_CMD_COMPONENT_ARM_DISARM, (1.0, 0.0, 0.0)),
+    Order.DISARM: (dialect.MAV_CMD_COMPONENT_ARM_DISARM, (0.0, 0.0, 0.0)),
+    Order.FORCE_DISARM: (dialect.MAV_CMD_COMPONENT_ARM_DISARM, (0.0, FORCE, 0.0)),
+}
+_RESULTS = {
+    dialect.MAV_RESULT_TEMPORARILY_REJECTED: "temporarily rejected",
+    dialect.MAV_RESULT_DENIED: "denied",
+    dialect.MAV_RESULT_UNSUPPORTED: "unsupported",
+    dialect.MAV_RESULT_FAILED: "failed",
+}
+_MASK_POS, _MASK_VEL, _MASK_ACC, _MASK_YAW_RATE = 7, 56, 448, 2048
+_NONE: Vec3 = (0.0, 0.0, 0.0)
+
+
+@dataclass
+class Telemetry:
+    """What the autopilot told last; None and "" until it did.
+
+    Attributes:
+        heard_wall_ns: when it last said anything.
+        armable: its own arming checks pass.
+        warning: its last sentence of severity warning or worse, said at `warning_t_ns`.
+    """
+
+    heard_wall_ns: int | None = None
+    armed: bool | None = None
+    landed: bool | None = None
+    mode: str = ""
+    armable: bool = False
+    origin_deg: Geodetic | None = None
+    battery: Battery | None = None
+    odometry: Odometry | None = None
+    resets: ResetHistory = field(default_factory=ResetHistory)
+    warning: str = ""
+    warning_t_ns: int = 0
+
+
+@dataclass
+class Received:
+    """What one batch of bytes brought, oldest first.
+
+    Attributes:
+        steps_ned_m: position steps of the autopilot's resets.
+        restarted: its time went back.
+    """
+
+    odometry: list[Odometry] = field(default_factory=list)
+    steps_ned_m: list[Vec3] = field(default_factory=list)
+    restarted: bool = False
+
+
+class AutopilotLink:
+    """Speaks MAVLink with one autopilot.
+
+    Args:
+        system_id: of the vehicle; the bridge is another component of the same system.
+    """
+
+    def __init__(self, system_id: int) -> None:
+        self.telemetry = Telemetry()
+        self.accepted: Order | None = None
+        """The order pursued at present, once it has been acknowledged."""
+        self._system_id = system_id
+        self._codec = MavlinkCodec(system_id, COMPONENT_ID)
+        self._order: Order | None = None
+        self._next_try_t_ns = 0
+        self._tries = 0
+        self._refusal = ""
+        self._statustext: tuple[int, str] = (0, "")
+
+    @property
+    def malformed(self) -> int:
+        """Stretches of bytes that were no message, and messages with impossible numbers."""
+        return self._codec.malformed
+
+    def forget(self) -> None:
+        """The vehicle is another one than before: nothing that was told holds any more."""
+        self.telemetry = Telemetry()
+        self.pursue(None, 0)
+        self._refusal = ""
+
+    def complaint(self, t_ns: int) -> str:
+        """Why the autopilot refuses what it is asked, in its own words where it gave some."""
+        recent = self.telemetry.warning if t_ns - self.telemetry.warning_t_ns <= COMPLAINT_NS else ""
+        return "; ".join(part for part in (self._refusal, recent) if part)
+
+    # -- in --
+
+    def receive(self, data: bytes, t_ns: int, wall_ns: int, epoch_id: int) -> Received:
+        """Take in what arrived."""
+        received = Received()
+        for message in self._codec.parse(data):
+            if message.get_srcSystem() != self._system_id or message.get_srcComponent() != AUTOPILOT_COMPONENT_ID:
+                continue
+            self.telemetry.heard_wall_ns = wall_ns
+            kind = message.get_msgId()
+            if kind == dialect.MAVLINK_MSG_ID_ODOMETRY:
+                self._on_odometry(message, epoch_id, received)
+            elif kind == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+                self.telemetry.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+                self.telemetry.mode = mode_name(message.custom_mode)
+            elif kind == dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
+                undefined = message.landed_state == dialect.MAV_LANDED_STATE_UNDEFINED
+                self.telemetry.landed = None if undefined else message.landed_state == 1
+            elif kind == dialect.MAVLINK_MSG_ID_SYS_STATUS:
+                self._on_sys_status(message)
+            elif kind == dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN:
+                self._on_origin(message)
+            elif kind == dialect.MAVLINK_MSG_ID_COMMAND_ACK:
+                self._on_ack(message, t_ns)
+            elif kind == dialect.MAVLINK_MSG_ID_STATUSTEXT:
+                self._on_statustext(message, t_ns)
+        return received
+
+    def _on_odometry(self, message: MavMessage, epoch_id: int, received: Received) -> None:
+        try:
+            odometry = self._odometry(message, epoch_id)
+        except ValueError:
+            self._codec.malformed += 1
+            return
+        last = self.telemetry.odometry
+        if last is not None and odometry.t_ns <= last.t_ns:
+            if last.t_ns - odometry.t_ns <= RESTART_NS:
+                return
+            received.restarted = True
+            received.odometry.clear()
+            received.steps_ned_m.clear()
+            heard_wall_ns = self.telemetry.heard_wall_ns
+            self.forget()
+            self.telemetry.heard_wall_ns = heard_wall_ns
+        resets = self.telemetry.resets
+        step = resets.update(odometry.t_ns, message.reset_counter, odometry.pos_uav_ned_m, odometry.vel_uav_ned_mps)
+        if step is not None:
+            received.steps_ned_m.append(step)
+        odometry = _with_resets(odometry, resets, self.telemetry.origin_deg)
+        self.telemetry.odometry = odometry
+        received.odometry.append(odometry)
+
+    def _odometry(self, message: MavMessage, epoch_id: int) -> Odometry:
+        """The message in world NED.
+
+        Raises:
+            ValueError: a number is not finite, out of its range, or in a frame the bridge doesn't know.
+        """
+        numbers = ("x", "y", "z", "vx", "vy", "vz", "rollspeed", "pitchspeed", "yawspeed")
+        if not is_finite(message, *numbers) or message.frame_id != dialect.MAV_FRAME_LOCAL_NED:
+            raise ValueError("not a finite pose in local NED")
+        q: Quat = quat_normalize(tuple(message.q))
+        vel: Vec3 = (message.vx, message.vy, message.vz)
+        if message.child_frame_id == dialect.MAV_FRAME_BODY_FRD:
+            vel = quat_rotate(q, vel)
+        elif message.child_frame_id != dialect.MAV_FRAME_LOCAL_NED:
+            raise ValueError("velocity in an unknown frame")
+        pos: Vec3 = (message.x, message.y, message.z)
+        rates: Vec3 = (message.rollspeed, message.pitchspeed, message.yawspeed)
+        if message.time_usec * 1000 > 2**62:
+            raise ValueError("time out of range")
+        if max(map(abs, pos)) > 1e6 or max(map(abs, vel)) > 1e3 or max(map(abs, rates)) > 1e3:
+            raise ValueError("out of range")
+        return Odometry(
+            t_ns=message.time_usec * 1000,
+            epoch_id=epoch_id,
+            pos_uav_ned_m=pos,
+            vel_uav_ned_mps=vel,
+            q_ned_from_frd=q,
+            rates_uav_frd_rps=rates,
+            std_pos_m=_std(message.pose_covariance),
+        )
+
+    def _on_sys_status(self, message: MavMessage) -> None:
+        bit = dialect.MAV_SYS_STATUS_PREARM_CHECK
+        present, healthy = message.onboard_control_sensors_present, message.onboard_control_sensors_health
+        self.telemetry.armable = bool(present & healthy & bit)
+        if message.voltage_battery == 0xFFFF:
+            self.telemetry.battery = None
+            return
+        remaining = message.battery_remaining
+        self.telemetry.battery = Battery(
+            voltage_v=message.voltage_battery * 1e-3, remaining=remaining / 100.0 if 0 <= remaining <= 100 else None
+        )
+
+    def _on_origin(self, message: MavMessage) -> None:
+        latitude_deg, longitude_deg = message.latitude * 1e-7, message.longitude * 1e-7
+        altitude_m = message.altitude * 1e-3
+        if abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0 and abs(altitude_m) <= 1e5:
+            self.telemetry.origin_deg = (latitude_deg, longitude_deg, altitude_m)
+
+    def _on_statustext(self, message: MavMessage, t_ns: int) -> None:
+        text = message.text if isinstance(message.text, str) else message.text.decode("utf-8", "replace")
+        text = text.rstrip("\0")
+        last_id, before = self._statustext
+        if message.id != 0 and message.chunk_seq > 0 and message.id == last_id:
+            text = (before + text)[:1000]
+        self._statustext = (message.id, text)
+        if message.severity <= dialect.MAV_SEVERITY_WARNING:
+            self.telemetry.warning = text
+            self.telemetry.warning_t_ns = t_ns
+
+    def _on_ack(self, message: MavMessage, t_ns: int) -> None:
+        order = self._order
+        to_us = message.target_system in (0, self._system_id) and message.target_component in (0, COMPONENT_ID)
+        if order is None or not to_us or message.command != _COMMANDS[order][0] or self._tries == 0:
+            return
+        if message.result in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS):
+            self.accepted = order
+            self._refusal = ""
+            self._next_try_t_ns = t_ns + EFFECT_NS
+        else:
+            self._refusal = f"{order} {_RESULTS.get(message.result, f'refused with result {message.result}')}"
+
+    # -- out --
+
+    def heartbeat(self) -> bytes:
+        """That the bridge lives; due once per second."""
+        return self._codec.pack(
+            dialect.MAVLink_heartbeat_message(
+                dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
+            )
+        )
+
+    def intervals(self) -> bytes:
+        """Ask for the telemetry that the bridge needs."""
+        command = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+        return b"".join(self._command(command, float(kind), float(us)) for kind, us in INTERVALS_US.items())
+
+    def setpoint(self, target: Target, t_ns: int) -> bytes:
+        """One SET_POSITION_TARGET_LOCAL_NED."""
+        pos, vel, acc = target.pos_ned_m, target.vel_ned_mps, target.acc_ned_mps2
+        mask = _MASK_YAW_RATE
+        mask |= _MASK_POS if pos is None else 0
+        mask |= _MASK_VEL if vel is None else 0
+        mask |= _MASK_ACC if acc is None else 0
+        return self._codec.pack(
+            dialect.MAVLink_set_position_target_local_ned_message(
+                (t_ns // 1_000_000) & 0xFFFFFFFF,
+                self._system_id,
+                AUTOPILOT_COMPONENT_ID,
+                dialect.MAV_FRAME_LOCAL_NED,
+                mask,
+                *(pos or _NONE),
+                *(vel or _NONE),
+                *(acc or _NONE),
+                target.yaw_rad,
+                0.0,
+            )
+        )
+
+    def pursue(self, order: Order | None, t_ns: int) -> bytes:
+        """What must be sent now so that `order` gets done; call it with the same one until it is."""
+        if order is not self._order:
+            self._order = order
+            self.accepted = None
+            if order is not None:
+                self._refusal = ""
+            self._next_try_t_ns = t_ns
+            self._tries = 0
+        if order is None or t_ns < self._next_try_t_ns:
+            return b""
+        self._next_try_t_ns = t_ns + RETRY_NS
+        command, parameters = _COMMANDS[order]
+        data = self._command(command, *parameters, confirmation=min(self._tries, 255))
+        self._tries += 1
+        return data
+
+    def _command(self, command: int, p1: float, p2: float, p3: float = 0.0, *, confirmation: int = 0) -> bytes:
+        return self._codec.pack(
+            dialect.MAVLink_command_long_message(
+                self._system_id, AUTOPILOT_COMPONENT_ID, command, confirmation, p1, p2, p3, 0.0, 0.0, 0.0, 0.0
+            )
+        )
+
+
+def _with_resets(odometry: Odometry, resets: ResetHistory, origin_deg: Geodetic | None) -> Odometry:
+    return Odometry(
+        t_ns=odometry.t_ns,
+        epoch_id=odometry.epoch_id,
+        pos_uav_ned_m=odometry.pos_uav_ned_m,
+        vel_uav_ned_mps=odometry.vel_uav_ned_mps,
+        q_ned_from_frd=odometry.q_ned_from_frd,
+        rates_uav_frd_rps=odometry.rates_uav_frd_rps,
+        origin_deg=origin_deg,
+        reset_counter=resets.counter,
+        reset_offset_ned_m=resets.offset_ned_m,
+        std_pos_m=odometry.std_pos_m,
+    )
+
+
+def _std(pose_covariance: list[float]) -> float | None:
+    """Horizontal standard deviation from the upper triangle of the 6x6 pose covariance."""
+    variance = max(pose_covariance[0], pose_covariance[6])
+    return sqrt(variance) if isfinite(variance) and 0.0 <= variance <= 1e12 else None

@@ -1,0 +1,39 @@
+"""Settings of the vehicle bridge. What spec §3 and architecture §5 fix in figures is a constant where it is used."""
+
+from typing import Annotated
+
+from msgspec import Meta
+
+from jezero.runtime.config import Config
+
+Seconds = Annotated[float, Meta(gt=0.0, le=600.0)]
+Metres = Annotated[float, Meta(gt=0.0, le=10_000.0)]
+
+
+class VehicleBridgeConfig(Config, frozen=True, kw_only=True):
+    """Limits and patience of the one who commands the autopilot.
+
+    Attributes:
+        altitude_limit_m, distance_limit_m: of a hover point, above and horizontally from the world's origin.
+        low_height_m, climb_height_m: an abort below the first climbs to the second, over ground or deck.
+        tilt_limit_rad, tilt_timeout_s: tilted further than this for so long, the motors are cut.
+        setpoint_timeout_s: without a setpoint from the goal in charge for so long, the bridge hovers.
+        engage_timeout_s: for offboard mode and arming together.
+        disarm_timeout_s: for a normal disarm on the ground.
+        link_timeout_s: of telemetry missing, after which a goal ends and a hover begins.
+        blind_timeout_s: of telemetry missing, after which the bridge stops streaming and the autopilot lands.
+        router_timeout_s: without the bus's router, after which the bridge commands a landing.
+    """
+
+    altitude_limit_m: Metres = 120.0
+    distance_limit_m: Metres = 500.0
+    low_height_m: Metres = 1.0
+    climb_height_m: Metres = 1.5
+    tilt_limit_rad: Annotated[float, Meta(gt=0.0, le=3.1416)] = 1.0472
+    tilt_timeout_s: Seconds = 0.5
+    setpoint_timeout_s: Annotated[float, Meta(ge=0.1, le=0.45)] = 0.35
+    engage_timeout_s: Seconds = 5.0
+    disarm_timeout_s: Seconds = 10.0
+    link_timeout_s: Seconds = 1.0
+    blind_timeout_s: Seconds = 5.0
+    router_timeout_s: Seconds = 30.0

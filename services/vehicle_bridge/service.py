@@ -1,0 +1,354 @@
+"""The vehicle bridge: MAVLink on one side, the bus on the other, `Authority` between them."""
+
+from collections.abc import Callable, Iterator
+from math import cos, inf
+from typing import Any
+
+from jezero.frames import altitude_m, tilt_from_quat, yaw_from_quat
+from jezero.runtime.service import Health, Inbox, Listen, Output, Publish, Reply, Request, Send, Spec
+from jezero.schemas.commands import (
+    Abort,
+    AbortReply,
+    Acquire,
+    AcquireReply,
+    Hover,
+    HoverReply,
+    Kill,
+    KillReply,
+    Release,
+    ReleaseReply,
+)
+from jezero.schemas.health import ServiceState
+from jezero.schemas.state import Status, StatusCode
+from jezero.schemas.struct import Payload
+from jezero.schemas.topics import (
+    ABORT,
+    ACQUIRE,
+    ALTIMETER,
+    CLOCK,
+    HOVER,
+    KILL,
+    ODOMETRY,
+    RELEASE,
+    SETPOINT,
+    STATUS,
+    Endpoint,
+)
+from jezero.services.vehicle_bridge.authority import Authority, Standing
+from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink, Received
+from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+from jezero.services.vehicle_bridge.vehicle import Situation, Target
+
+LINK = "autopilot"
+STATUS_PERIOD_NS = 100_000_000
+STREAM_PERIOD_NS = 50_000_000
+"""A target that nobody renews is sent again after this: the autopilot wants more than 2 Hz, a hover 10 Hz."""
+HEARTBEAT_PERIOD_NS = 1_000_000_000
+INTERVALS_PERIOD_NS = 5_000_000_000
+ALTIMETER_MAX_AGE_NS = 300_000_000
+KILL_REPLY_NS = 3_000_000_000
+
+SPEC = Spec(
+    name="vehicle_bridge",
+    inputs=(CLOCK, SETPOINT),
+    on_demand=(ALTIMETER,),
+    outputs=(ODOMETRY, STATUS),
+    last_value=(STATUS,),
+    serves=(ACQUIRE, RELEASE, HOVER, ABORT, KILL),
+    links=(LINK,),
+    triggers=(LINK, SETPOINT.name, ACQUIRE.name, RELEASE.name, HOVER.name, ABORT.name, KILL.name),
+    rate_hz=50.0,
+)
+
+
+class VehicleBridge:
+    """The one on the bus who commands the autopilot, and the one writer of `status`.
+
+    Args:
+        system_id: MAVLink system id of the vehicle.
+        boot_id: differs between two runs of the bridge.
+    """
+
+    def __init__(self, config: VehicleBridgeConfig, system_id: int, boot_id: int) -> None:
+        self.spec = SPEC
+        self._config = config
+        self._boot_id = boot_id
+        self._link = AutopilotLink(system_id)
+        self._authority = Authority(config, boot_id)
+        self._epoch_id: int | None = None
+        self._ground_z_ned_m = 0.0
+        """Height of the last place where the vehicle stood disarmed."""
+        self._waiting: list[tuple[Request, int]] = []
+        """Releases, hovers and kills that are being done, and the wall time at which each came."""
+        self._dropped = 0
+        self._drop_reason = ""
+        self._fresh = False
+        self._sent: tuple[Target | None, int] = (None, 0)
+        self._published: tuple[object, ...] = ()
+        self._status_wall_ns = -STATUS_PERIOD_NS
+        self._heartbeat_wall_ns = -HEARTBEAT_PERIOD_NS
+        self._intervals_wall_ns = -INTERVALS_PERIOD_NS
+        self._router_seen_wall_ns: int | None = None
+        self._listening = False
+        self._health: tuple[ServiceState, str] | None = None
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        """Telemetry first, then what was asked, then time; see `Service`."""
+        if inbox.connected or self._router_seen_wall_ns is None:
+            self._router_seen_wall_ns = inbox.wall_ns
+        received = self._receive(t_ns, inbox)
+        for odometry in received.odometry:
+            yield Publish(ODOMETRY, odometry)
+        now = self._situation(t_ns, inbox)
+        yield from self._serve(now, inbox)
+        self._authority.tick(now)
+        yield from self._answer(now, inbox.wall_ns)
+        yield from self._command(t_ns, inbox)
+        yield from self._publish_status(now, inbox.wall_ns)
+        yield from self._listen()
+        yield from self._report(now)
+
+    # -- in ------------------------------------------------------------------------------------------------
+
+    def _receive(self, t_ns: int, inbox: Inbox) -> Received:
+        respawned = False
+        for clock in inbox.new(CLOCK):
+            respawned |= self._epoch_id not in (None, clock.epoch_id)
+            self._epoch_id = clock.epoch_id
+        if respawned:
+            self._link.forget()
+        received = self._link.receive(inbox.received(LINK), t_ns, inbox.wall_ns, self._epoch_id or 0)
+        if respawned or received.restarted:
+            self._sent = (None, 0)
+            why = "the vehicle was respawned" if respawned else "the autopilot restarted"
+            self._authority.restart(why, self._situation(t_ns, inbox))
+        for step_ned_m in received.steps_ned_m:
+            self._authority.moved(step_ned_m)
+            self._ground_z_ned_m += step_ned_m[2]
+        telemetry = self._link.telemetry
+        if telemetry.armed is False and telemetry.odometry is not None and telemetry.landed is not False:
+            self._ground_z_ned_m = telemetry.odometry.pos_uav_ned_m[2]
+        return received
+
+    def _situation(self, t_ns: int, inbox: Inbox) -> Situation:
+        telemetry = self._link.telemetry
+        odometry = telemetry.odometry
+        silent_s = inf
+        if telemetry.heard_wall_ns is not None:
+            silent_s = (inbox.wall_ns - telemetry.heard_wall_ns) * 1e-9
+            silent_s = max(silent_s, (t_ns - odometry.t_ns) * 1e-9) if odometry is not None else inf
+        q = (1.0, 0.0, 0.0, 0.0) if odometry is None else odometry.q_ned_from_frd
+        return Situation(
+            t_ns=t_ns,
+            armed=telemetry.armed,
+            landed=telemetry.armed is False if telemetry.landed is None else telemetry.landed,
+            mode=telemetry.mode,
+            pos_ned_m=None if odometry is None else odometry.pos_uav_ned_m,
+            vel_ned_mps=(0.0, 0.0, 0.0) if odometry is None else odometry.vel_uav_ned_mps,
+            yaw_rad=yaw_from_quat(q),
+            tilt_rad=tilt_from_quat(q),
+            height_m=self._height_m(t_ns, inbox),
+            silent_s=silent_s,
+            not_ready=self._not_ready(silent_s),
+            accepted=self._link.accepted,
+            complaint=self._link.complaint(t_ns),
+            router_lost_s=(inbox.wall_ns - (self._router_seen_wall_ns or 0)) * 1e-9,
+        )
+
+    def _height_m(self, t_ns: int, inbox: Inbox) -> float | None:
+        """Above ground or deck by the altimeter, else above the place where the vehicle last stood."""
+        odometry = self._link.telemetry.odometry
+        if odometry is None:
+            return None
+        altimeter = inbox.latest(ALTIMETER) if self._listening else None
+        if altimeter is not None and altimeter.range_m is not None and t_ns - altimeter.t_ns <= ALTIMETER_MAX_AGE_NS:
+            return altimeter.range_m * cos(tilt_from_quat(odometry.q_ned_from_frd))
+        return altitude_m(odometry.pos_uav_ned_m[2] - self._ground_z_ned_m)
+
+    def _not_ready(self, silent_s: float) -> str:
+        told = self._link.telemetry
+        missing = (
+            (self._epoch_id is None, "no vehicle time yet: is the simulator running?"),
+            (told.heard_wall_ns is None, "no autopilot heard yet"),
+            (told.odometry is None, "the autopilot sends no odometry yet: its estimator is still converging"),
+            (
+                silent_s > self._config.link_timeout_s,
+                f"the autopilot's telemetry has been missing for {silent_s:.0f} s",
+            ),
+            (told.origin_deg is None, "the autopilot has no origin yet: it waits for GNSS"),
+            (told.armed is None, "the autopilot has not told yet whether it is armed"),
+            (not told.armable, f"the autopilot isn't ready to arm: {told.warning or 'it gives no reason'}"),
+        )
+        return next((why for is_missing, why in missing if is_missing), "")
+
+    # -- what was asked ------------------------------------------------------------------------------------
+
+    def _serve(self, now: Situation, inbox: Inbox) -> Iterator[Output]:
+        """The urgent first; setpoints before the release that follows them."""
+        yield from self._each(KILL, self._on_kill, now, inbox)
+        yield from self._each(ABORT, self._on_abort, now, inbox)
+        yield from self._each(HOVER, self._on_hover, now, inbox)
+        for setpoint in inbox.new(SETPOINT):
+            refusal = self._authority.accept(setpoint, now, self._link.telemetry.resets)
+            self._fresh |= not refusal
+            if refusal:
+                self._dropped += 1
+                self._drop_reason = refusal
+        yield from self._each(RELEASE, self._on_release, now, inbox)
+        yield from self._each(ACQUIRE, self._on_acquire, now, inbox)
+
+    def _each(
+        self,
+        endpoint: Endpoint[Any, Any],
+        handle: Callable[[Any, Situation], Payload | None],
+        now: Situation,
+        inbox: Inbox,
+    ) -> Iterator[Output]:
+        """Reply at once where `handle` has an answer, else when it is done."""
+        for request in inbox.requests(endpoint):
+            payload = handle(request.payload, now)
+            if payload is None:
+                self._waiting.append((request, inbox.wall_ns))
+            else:
+                yield Reply(request.request_id, payload)
+
+    def _on_kill(self, request: Kill, now: Situation) -> KillReply | None:
+        if not request.confirm:
+            return KillReply(killed=False, reason="kill cuts the motors, in the air too: set confirm to true")
+        self._authority.kill("killed on request", now)
+        return None
+
+    def _on_abort(self, request: Abort, now: Situation) -> AbortReply:
+        text = self._authority.abort(request.reason, now)
+        flying = self._authority.code not in (StatusCode.IDLE, StatusCode.EXTERNAL, StatusCode.LANDING_DONE)
+        return AbortReply(hovering=flying and not now.landed, reason=text)
+
+    def _on_hover(self, request: Hover, now: Situation) -> HoverReply | None:
+        refusal = self._authority.hover(request, now)
+        return HoverReply(hover_mode=False, reason=refusal) if refusal else None
+
+    def _on_release(self, request: Release, now: Situation) -> ReleaseReply | None:
+        refusal = self._authority.release(request, now, self._link.telemetry.resets)
+        return ReleaseReply(released=False, code=int(self._authority.code), reason=refusal) if refusal else None
+
+    def _on_acquire(self, request: Acquire, now: Situation) -> AcquireReply:
+        refusal = self._authority.acquire(request, now)
+        grant = self._authority.grant
+        if refusal or grant is None:
+            return AcquireReply(granted=False, reason=refusal, bridge_boot_id=self._boot_id)
+        return AcquireReply(granted=True, control_id=grant.control_id, bridge_boot_id=self._boot_id)
+
+    def _answer(self, now: Situation, wall_ns: int) -> Iterator[Output]:
+        """Reply to what has been done by now."""
+        waiting, self._waiting = self._waiting, []
+        for request, since_ns in waiting:
+            payload = self._outcome(request.payload, now, wall_ns - since_ns)
+            if payload is None:
+                self._waiting.append((request, since_ns))
+            else:
+                yield Reply(request.request_id, payload)
+
+    def _outcome(self, asked: Kill | Hover | Release, now: Situation, waited_ns: int) -> Payload | None:
+        """The answer to what was asked, None while it is still being done."""
+        authority = self._authority
+        code = authority.code
+        if isinstance(asked, Kill):
+            if now.armed is False and not authority.killing:
+                return KillReply(killed=True, reason="the motors are off")
+            reason = f"the autopilot has not confirmed it, the bridge keeps trying: {now.complaint}"
+            return KillReply(killed=False, reason=reason) if waited_ns > KILL_REPLY_NS else None
+        lost = code is StatusCode.EXTERNAL and not authority.taking_back
+        moved_on = authority.grant is not None  # already done, and another goal is in charge
+        if isinstance(asked, Hover):
+            if code is StatusCode.HOVER or lost or moved_on or code is StatusCode.IDLE:
+                return HoverReply(hover_mode=code is StatusCode.HOVER, reason=authority.text)
+            return None
+        if lost or moved_on or code in (StatusCode.HOVER, StatusCode.IDLE):
+            return ReleaseReply(released=not lost, code=int(code), reason=authority.text if lost else "")
+        return None
+
+    # -- out -----------------------------------------------------------------------------------------------
+
+    def _command(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        """What goes to the autopilot; the stream before the order that needs it."""
+        link, authority = self._link, self._authority
+        data = b""
+        if authority.target is not None:
+            last, sent_t_ns = self._sent
+            due = self._fresh or authority.target is not last or t_ns - sent_t_ns >= STREAM_PERIOD_NS
+            if due:
+                data += link.setpoint(authority.target, t_ns)
+                self._sent = (authority.target, t_ns)
+        self._fresh = False
+        data += link.pursue(authority.wanted, t_ns)
+        wall_ns = inbox.wall_ns
+        if wall_ns - self._heartbeat_wall_ns >= HEARTBEAT_PERIOD_NS:
+            self._heartbeat_wall_ns = wall_ns
+            data += link.heartbeat()
+        heard = link.telemetry.heard_wall_ns is not None
+        if heard and wall_ns - self._intervals_wall_ns >= INTERVALS_PERIOD_NS:
+            self._intervals_wall_ns = wall_ns
+            data += link.intervals()
+        if data:
+            yield Send(LINK, data)
+
+    def _publish_status(self, now: Situation, wall_ns: int) -> Iterator[Output]:
+        changes, self._authority.changes = self._authority.changes, []
+        for standing in changes:
+            yield Publish(STATUS, self._status(standing, now))
+        standing = self._authority.standing
+        visible = (standing.code, standing.in_charge, standing.control_id, now.armed, now.landed, now.mode)
+        news = visible != self._published and not (changes and changes[-1] == standing)
+        if news or wall_ns - self._status_wall_ns >= STATUS_PERIOD_NS:
+            yield Publish(STATUS, self._status(standing, now))
+            self._status_wall_ns = wall_ns
+        self._published = visible
+
+    def _status(self, standing: Standing, now: Situation) -> Status:
+        telemetry = self._link.telemetry
+        not_ready = now.not_ready
+        if standing.code is StatusCode.EXTERNAL:
+            not_ready = f"not under the bridge's command: {standing.text}"
+        elif standing.code is not StatusCode.IDLE and now.silent_s <= self._config.link_timeout_s:
+            not_ready = ""
+        return Status(
+            t_ns=max(0, now.t_ns),
+            code=int(standing.code),
+            name=standing.code.name,
+            odometry=telemetry.odometry,
+            armed=bool(now.armed),
+            landed=now.landed,
+            autopilot_mode=now.mode,
+            in_charge=standing.in_charge,
+            goal_id=standing.goal_id,
+            control_id=standing.control_id,
+            bridge_boot_id=self._boot_id,
+            epoch_id=self._epoch_id or 0,
+            ready=not not_ready,
+            not_ready_reason=not_ready,
+            battery=telemetry.battery,
+            text=standing.text[:2000],
+        )
+
+    def _listen(self) -> Iterator[Output]:
+        """The altimeter is needed while armed only."""
+        needed = bool(self._link.telemetry.armed) or self._authority.code is not StatusCode.IDLE
+        if needed != self._listening:
+            self._listening = needed
+            yield Listen((ALTIMETER,) if needed else ())
+
+    def _report(self, now: Situation) -> Iterator[Output]:
+        state: ServiceState = "ok"
+        text = f"{self._authority.code.name}, linked"
+        if now.silent_s > self._config.link_timeout_s or self._epoch_id is None:
+            state = "starting" if self._link.telemetry.heard_wall_ns is None else "degraded"
+            text = now.not_ready
+        elif now.not_ready and self._authority.code is StatusCode.IDLE:
+            state, text = "degraded", now.not_ready
+        if self._dropped:
+            text += f"; {self._dropped} setpoints dropped, the last: {self._drop_reason}"
+        if self._link.malformed:
+            text += f"; {self._link.malformed} malformed MAVLink messages"
+        if (state, text) != self._health:
+            self._health = (state, text)
+            yield Health(state, text)

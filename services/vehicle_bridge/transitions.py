@@ -1,0 +1,42 @@
+"""Which status may follow which. Source: spec §3, thesis Table 3.1."""
+
+from jezero.schemas.commands import Phase
+from jezero.schemas.state import StatusCode as Code
+
+AFTER: dict[Code, tuple[Code, ...]] = {
+    Code.IDLE: (Code.TAKEOFF, Code.EXTERNAL),
+    Code.TAKEOFF: (Code.TAKEOFF_DONE, Code.GO_TO, Code.ABORT, Code.EXTERNAL),
+    Code.TAKEOFF_DONE: (Code.HOVER, Code.EXTERNAL),
+    Code.HOVER: (Code.GO_TO, Code.GET_IMAGES, Code.LANDING, Code.COVERAGE, Code.EXTERNAL),
+    Code.GO_TO: (Code.GO_TO_DONE, Code.ABORT, Code.EXTERNAL),
+    Code.GO_TO_DONE: (Code.HOVER, Code.EXTERNAL),
+    Code.GET_IMAGES: (Code.GET_IMAGES_DONE, Code.ABORT, Code.EXTERNAL),
+    Code.GET_IMAGES_DONE: (Code.HOVER, Code.EXTERNAL),
+    Code.LANDING: (Code.LANDING_DONE, Code.ABORT, Code.EXTERNAL),
+    Code.LANDING_DONE: (Code.IDLE, Code.EXTERNAL),
+    Code.COVERAGE: (Code.COVERAGE_DONE, Code.ABORT, Code.EXTERNAL),
+    Code.COVERAGE_DONE: (Code.HOVER, Code.EXTERNAL),
+    Code.ABORT: (Code.HOVER, Code.IDLE, Code.EXTERNAL),
+    Code.EXTERNAL: (Code.IDLE, Code.HOVER),
+}
+
+CODE_OF: dict[Phase, Code] = {
+    Phase.TAKEOFF: Code.TAKEOFF,
+    Phase.GO_TO: Code.GO_TO,
+    Phase.GET_IMAGES: Code.GET_IMAGES,
+    Phase.LANDING: Code.LANDING,
+    Phase.COVERAGE: Code.COVERAGE,
+}
+"""The code while a goal is in this phase; the next integer says that it is completed."""
+
+IN_PROGRESS: tuple[Code, ...] = tuple(CODE_OF.values())
+
+
+def is_allowed(before: Code, after: Code) -> bool:
+    """Whether `after` may directly follow `before`; a code never follows itself."""
+    return after in AFTER[before]
+
+
+def completed(code: Code) -> Code:
+    """The code that says that what `code` does is done; `code` is one of `IN_PROGRESS`."""
+    return Code(code + 1)

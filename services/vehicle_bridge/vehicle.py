@@ -1,0 +1,89 @@
+"""What the bridge knows of the vehicle, and what it can ask of the autopilot. No MAVLink here."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from jezero.frames import Vec3, add
+
+OFFBOARD = "OFFBOARD"
+LAND = "AUTO.LAND"
+PILOT_MODES = ("MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED", "ALTITUDE_CRUISE")
+"""Modes that no failsafe picks while a position is known: somebody holds the sticks."""
+UNARMABLE_MODES = (OFFBOARD, LAND, "AUTO.RTL")
+"""Modes in which a PX4 on the ground refuses to arm: offboard without a stream, and those that end on the ground."""
+
+_MAIN_MODES = {
+    1: "MANUAL", 2: "ALTCTL", 3: "POSCTL", 4: "AUTO", 5: "ACRO", 6: OFFBOARD, 7: "STABILIZED", 10: "TERMINATION",
+    11: "ALTITUDE_CRUISE",
+}  # fmt: skip
+_AUTO_MODES = {
+    1: "READY", 2: "TAKEOFF", 3: "LOITER", 4: "MISSION", 5: "RTL", 6: "LAND", 8: "FOLLOW_TARGET", 9: "PRECLAND",
+}  # fmt: skip
+
+
+def mode_name(custom_mode: int) -> str:
+    """PX4's word for its HEARTBEAT.custom_mode, e.g. "OFFBOARD" or "AUTO.LAND"."""
+    main, sub = (custom_mode >> 16) & 0xFF, (custom_mode >> 24) & 0xFF
+    name = _MAIN_MODES.get(main, f"MODE_{main}")
+    return f"{name}.{_AUTO_MODES.get(sub, sub)}" if main == 4 else name
+
+
+class Order(StrEnum):
+    """A command that is pursued until the vehicle does it."""
+
+    OFFBOARD = "offboard mode"
+    ARM = "arming"
+    DISARM = "disarming"
+    FORCE_DISARM = "forced disarming"
+    LAND = "land mode"
+    HOLD = "hold mode"
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is streamed to the autopilot; at least one of position and velocity is given."""
+
+    pos_ned_m: Vec3 | None
+    vel_ned_mps: Vec3 | None
+    acc_ned_mps2: Vec3 | None
+    yaw_rad: float
+
+    def moved(self, step_ned_m: Vec3) -> "Target":
+        """The same place after the world frame's positions moved by a step."""
+        if self.pos_ned_m is None:
+            return self
+        return Target(add(self.pos_ned_m, step_ned_m), self.vel_ned_mps, self.acc_ned_mps2, self.yaw_rad)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Situation:
+    """Everything that decisions rest on, at one instant.
+
+    Attributes:
+        t_ns: vehicle time.
+        armed: None until the autopilot tells.
+        landed: the autopilot's land detector; before it tells, true only of a disarmed vehicle.
+        mode: the autopilot's word, "" until it tells.
+        pos_ned_m, vel_ned_mps, yaw_rad, tilt_rad: newest odometry; None until there is one.
+        height_m: above ground or deck, None without odometry.
+        silent_s: for how long telemetry, or odometry in it, has been missing.
+        not_ready: why a takeoff isn't possible; "" when it is.
+        accepted: the order pursued at present, once the autopilot has acknowledged it.
+        complaint: the autopilot's last words of refusal, "" when there are none.
+        router_lost_s: for how long the bus's router has been missing.
+    """
+
+    t_ns: int
+    armed: bool | None = None
+    landed: bool = False
+    mode: str = ""
+    pos_ned_m: Vec3 | None = None
+    vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)
+    yaw_rad: float = 0.0
+    tilt_rad: float = 0.0
+    height_m: float | None = None
+    silent_s: float = 0.0
+    not_ready: str = ""
+    accepted: Order | None = None
+    complaint: str = ""
+    router_lost_s: float = 0.0
