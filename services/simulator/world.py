@@ -3,6 +3,7 @@
 Everything that goes in or comes out is in the map's NED and the body's FRD.
 """
 
+import weakref
 from math import cos, sin
 
 import numpy as np
@@ -39,7 +40,8 @@ class World:
 
     def __init__(self, config: SimulatorConfig, terrain: Terrain, rover: RoverState) -> None:
         self._gravity_mps2 = config.gravity_mps2
-        self._client = pybullet.connect(pybullet.DIRECT)
+        self._client = int(pybullet.connect(pybullet.DIRECT))
+        self._disconnect = weakref.finalize(self, pybullet.disconnect, physicsClientId=self._client)
         pybullet.setTimeStep(DT_S, physicsClientId=self._client)
         pybullet.setGravity(0.0, 0.0, -config.gravity_mps2, physicsClientId=self._client)
         self._add_ground(terrain, config.terrain.friction)
@@ -49,8 +51,8 @@ class World:
         self._settle(config, terrain, rover)
 
     def close(self) -> None:
-        """Free the physics engine."""
-        pybullet.disconnect(physicsClientId=self._client)
+        """Free the physics engine; happens by itself when the world is no longer used."""
+        self._disconnect()
 
     # -- every step --
 
