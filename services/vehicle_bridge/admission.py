@@ -13,8 +13,9 @@ from jezero.services.vehicle_bridge.resets import ResetHistory
 from jezero.services.vehicle_bridge.transitions import CODE_OF, is_allowed
 from jezero.services.vehicle_bridge.vehicle import Situation
 
-MAX_AGE_S = 0.3
-MAX_LEAD_S = 0.05
+MAX_AGE_NS = 300_000_000
+MAX_LEAD_NS = 50_000_000
+"""A setpoint may seem to come from the future by this much: clocks of two hosts are mapped, not shared."""
 
 
 @dataclass
@@ -105,9 +106,9 @@ def _setpoint_refusals(
         return
     if setpoint.sequence <= holder.sequence:
         yield f"sequence {setpoint.sequence} after {holder.sequence}"
-    age_s = (now.t_ns - setpoint.t_ns) * 1e-9
-    if not -MAX_LEAD_S <= age_s <= MAX_AGE_S:
-        yield f"{age_s:.3f} s old; accepted are {-MAX_LEAD_S} to {MAX_AGE_S} s"
+    age_ns = now.t_ns - setpoint.t_ns
+    if not -MAX_LEAD_NS <= age_ns <= MAX_AGE_NS:
+        yield f"{age_ns * 1e-9:.3f} s old; accepted are {-MAX_LEAD_NS * 1e-9:g} to {MAX_AGE_NS * 1e-9:g} s"
     after = CODE_OF[setpoint.phase]
     if setpoint.phase not in holder.phases or (after is not code and not is_allowed(code, after)):
         yield f"phase {setpoint.phase} of {holder.action} in status {code.name}"

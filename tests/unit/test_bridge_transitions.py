@@ -1,0 +1,35 @@
+"""Spec §3's table of transitions: every row, and no other."""
+
+from itertools import product
+
+import pytest
+
+from jezero.schemas.commands import Phase
+from jezero.schemas.state import StatusCode
+from jezero.services.vehicle_bridge.transitions import CODE_OF, completed, is_allowed
+
+SPEC = (
+    [(0, 1), (1, 2), (2, 3), (1, 4)]
+    + [(3, code) for code in (4, 6, 8, 10)]
+    + [(4, 5), (6, 7), (10, 11), (5, 3), (7, 3), (11, 3)]
+    + [(8, 9), (9, 0)]
+    + [(code, 12) for code in (1, 4, 6, 8, 10)]
+    + [(12, 3), (12, 0)]
+    + [(code, 13) for code in range(13)]
+    + [(13, 0), (13, 3)]
+)
+
+
+@pytest.mark.parametrize(("before", "after"), list(product(range(14), range(14))))
+def test_a_transition_is_allowed_exactly_when_the_specification_names_it(before: int, after: int) -> None:
+    assert is_allowed(StatusCode(before), StatusCode(after)) == ((before, after) in SPEC)
+
+
+def test_every_phase_has_a_code_and_the_next_one_says_that_it_is_done() -> None:
+    assert {phase: int(completed(CODE_OF[phase])) for phase in Phase} == {
+        Phase.TAKEOFF: 2,
+        Phase.GO_TO: 5,
+        Phase.GET_IMAGES: 7,
+        Phase.LANDING: 9,
+        Phase.COVERAGE: 11,
+    }
