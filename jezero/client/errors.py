@@ -38,11 +38,11 @@ class EndedError(JezeroError):
         self.result = result
 
 
-class Aborted(EndedError):
+class Aborted(EndedError):  # noqa: N818
     """The goal was accepted but could not be finished; the vehicle hovers or obeys somebody else."""
 
 
-class Canceled(EndedError):
+class Canceled(EndedError):  # noqa: N818
     """The goal was canceled; the vehicle hovers."""
 
 

@@ -74,7 +74,7 @@ class GoalRun:
         self._sequence = 0
         self._move: Move | None = None
         self._setpoint_ns = 0
-        self._feedback_ns = 0
+        self._feedback_due_ns = 0
         self._done: Done | None = None
 
     # -- what the server asks of it --
@@ -167,15 +167,20 @@ class GoalRun:
             return
         self._move = move
         yield self._setpoint(t_ns, move, odometry)
-        if (t_ns - self._feedback_ns) * self._config.feedback_rate_hz >= NS_PER_S:
-            self._feedback_ns = t_ns
+        if t_ns >= self._feedback_due_ns:
+            period_ns = int(NS_PER_S / self._config.feedback_rate_hz)
+            late_ns = t_ns - self._feedback_due_ns
+            self._feedback_due_ns = (self._feedback_due_ns if late_ns < period_ns else t_ns) + period_ns
             yield from self._feedback(t_ns, move, odometry, inbox)
 
     def _loss(self, t_ns: int, inbox: Inbox) -> str:
         """Why this goal isn't in charge any more, or "". Then there is nothing left to release."""
-        status = inbox.latest(STATUS)
-        if (broken := self._broken(t_ns, inbox)) or status is None:
+        latest = inbox.latest(STATUS)
+        if (broken := self._broken(t_ns, inbox)) or latest is None:
             return broken
+        return next((lost for status in inbox.new(STATUS) or (latest,) if (lost := self._loss_by(status))), "")
+
+    def _loss_by(self, status: Status) -> str:
         ours = self._is_ours(status)
         self._seen_in_charge |= ours
         if not self._seen_in_charge and status.t_ns <= self._granted_ns + STATUS_LAG_NS:
