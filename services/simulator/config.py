@@ -141,7 +141,7 @@ class ImuConfig(Config, frozen=True, kw_only=True):
     """White noise of each 250 Hz sample, and a bias that is random at the start and wanders with `tau_bias_s`.
 
     Attributes:
-        rate_hz: on the bus; the autopilot gets all 250 samples a second.
+        rate_hz, delay_s: on the bus; the autopilot gets all 250 samples a second, at once.
     """
 
     rate_hz: Rate = 50.0
@@ -170,6 +170,8 @@ class GnssConfig(Config, frozen=True, kw_only=True):
 
 
 class BarometerConfig(Config, frozen=True, kw_only=True):
+    """Attributes: rate_hil_hz: to the autopilot; the bus gets a part of the same readings."""
+
     rate_hz: Rate = 10.0
     rate_hil_hz: Rate = 50.0
     delay_s: Delay = 0.0
@@ -180,6 +182,8 @@ class BarometerConfig(Config, frozen=True, kw_only=True):
 
 
 class MagnetometerConfig(Config, frozen=True, kw_only=True):
+    """Attributes: rate_hil_hz: as the barometer's; std_bias_gauss: what is left of the hard iron."""
+
     rate_hz: Rate = 10.0
     rate_hil_hz: Rate = 50.0
     delay_s: Delay = 0.0

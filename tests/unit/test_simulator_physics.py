@@ -1,9 +1,10 @@
 """Forces, contact and rays, against numbers worked out by hand."""
 
 from collections.abc import Iterator
-from math import atan2, degrees, radians
+from math import atan2, degrees, isfinite, radians
 
 import msgspec
+import numpy as np
 import pytest
 
 from jezero.frames import Vec3, norm, quat_from_euler, subtract, tilt_from_quat
@@ -283,3 +284,18 @@ def test_on_mars_everything_falls_slower() -> None:
         state = world.step(ZERO, ZERO)
     assert state.vel_ned_mps[2] == pytest.approx(3.71)
     world.close()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_motor_commands_make_the_state_non_finite(world: World, seed: int) -> None:
+    """Each motor is anywhere between off and full for half a second at a time: it tumbles, crashes and scrapes."""
+    rng = np.random.default_rng(seed)
+    uav = Uav(CONFIG, DT_S)
+    for step in range(5000):
+        if step % 125 == 0:
+            commands = tuple(rng.random(4).round().tolist())
+        height_m = 0.1 - world.state.pos_ned_m[2]
+        state = world.step(*uav.step(commands, world.state, (3.0, 0.0, 0.0), height_m))
+        assert all(isfinite(value) for part in state for value in part)
+    assert norm(state.rates_frd_rps) < 300.0
+    assert state.pos_ned_m[2] < 2.0
