@@ -213,7 +213,9 @@ def client_config(router: str, timeout_s: float = 3.0) -> zenoh.Config:
         "connect/exit_on_failure": True,
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
         "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
         "transport/link/tx/lease": 2000,
+        "transport/link/tx/keep_alive": 4,
     }
     for name, value in settings.items():
         config.insert_json5(name, json.dumps(value))
