@@ -4,7 +4,7 @@ import zlib
 
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus
-from jezero.services.actions.table import action_server
+from jezero.services.actions.table import BEHAVIOURS, action_server
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.service import Autopilot
 from jezero.services.simulator.config import SimulatorConfig
@@ -56,6 +56,6 @@ def build_stack(
             boot_id=boot_id(seed, "vehicle_bridge"),
         )
     )
-    for name in ("takeoff", "go_to", "land_on_spot"):
+    for name in BEHAVIOURS:
         bus.add(action_server(name, boot_id(seed, name)))
     return bus

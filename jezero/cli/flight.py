@@ -4,7 +4,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
@@ -12,6 +12,7 @@ from jezero.cli.exit_codes import ABORTED, REFUSED, UNREACHABLE
 
 if TYPE_CHECKING:
     from jezero.client import Goal, Vehicle
+    from jezero.schemas.actions import Frame
 
 FRAMES = click.Choice(["world", "rover"])
 NUMBERS = {"ignore_unknown_options": True}  # "-4" is a coordinate, not an option
@@ -57,14 +58,14 @@ class Printer:
         else:
             click.echo(text)
 
-    def fail(self, kind: str, text: str, code: int, **fields: Any) -> None:
+    def fail(self, kind: str, text: str, exit_code: int, **fields: Any) -> None:
         """End the command: JSON on standard output, a sentence on standard error, and the exit code."""
         self._end_line()
         if self.as_json:
             click.echo(json.dumps({"type": kind, **fields}))
         else:
             click.echo(text, err=True)
-        raise SystemExit(code)
+        raise SystemExit(exit_code)
 
     def _end_line(self) -> None:
         if self._line_open:
@@ -173,7 +174,9 @@ def target(
     printer = Printer(as_json)
     yaw_rad = None if yaw_deg is None else wrap_pi(radians(yaw_deg))
     with connected(vehicle, router, printer) as uav:
-        goal = uav.go_to(x, y, z, frame=frame, do_takeoff=do_takeoff, yaw_rad=yaw_rad, speed_mps=speed_mps)
+        goal = uav.go_to(
+            x, y, z, frame=cast("Frame", frame), do_takeoff=do_takeoff, yaw_rad=yaw_rad, speed_mps=speed_mps
+        )
         fly_goal(printer, goal, "target")
 
 
@@ -205,7 +208,7 @@ def land_on_spot(
             click.prompt("Enter z coordinate (down)", type=float, default=0.0),
         )
     with connected(vehicle, router, printer) as uav:
-        goal = uav.land_on_spot(spot_ned_m=spot, frame=frame, use_uwb=use_uwb, use_marker=use_marker)
+        goal = uav.land_on_spot(spot_ned_m=spot, frame=cast("Frame", frame), use_uwb=use_uwb, use_marker=use_marker)
         fly_goal(printer, goal, "land_on_spot")
 
 

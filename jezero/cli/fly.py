@@ -17,9 +17,10 @@ import click
 from jezero.cli.exit_codes import ABORTED
 from jezero.cli.flight import Printer, common_options, connected, fly_goal
 from jezero.cli.mission import LANDING_SPOT_NED_M, MISSION, TITLE
+from jezero.schemas.actions import GoToGoal, LandOnSpotGoal, TakeoffGoal
 
 if TYPE_CHECKING:
-    from jezero.client import Vehicle
+    from jezero.client import Goal, Vehicle
 
 LOG = "flight.jsonl"
 READY_WITHIN_S = 60.0
@@ -89,10 +90,22 @@ def _fly_fast(printer: Printer, seed: int, out: Path | None) -> None:
 
 def _fly_mission(printer: Printer, uav: "Vehicle") -> None:
     for action, goal, hover_s in MISSION:
-        fly_goal(printer, uav.send(action, goal), action.name)
+        fly_goal(printer, _send(uav, goal), action.name)
         if hover_s:
             printer.event("hover", f"hovering for {hover_s:.0f} s", seconds=hover_s)
             time.sleep(hover_s)
+
+
+def _send(uav: "Vehicle", goal: Any) -> "Goal[Any, Any]":
+    match goal:
+        case TakeoffGoal():
+            return uav.takeoff(goal.altitude_m)
+        case GoToGoal():
+            return uav.go_to(*goal.target_ned_m)
+        case LandOnSpotGoal():
+            return uav.land_on_spot(goal.landing_spot_ned_m, use_uwb=goal.use_uwb, use_marker=goal.use_marker)
+        case _:
+            raise TypeError(f"the mission has a {type(goal).__name__}, which nobody here can send")
 
 
 def _draw(printer: Printer, folder: Path) -> None:

@@ -138,7 +138,11 @@ class Node:
         self._not_sent = 0
         self._last_error = ""
         self._state: ServiceState = "ok"
-        self._text = "running"
+        self._text = (
+            f"listening; vehicle time starts when link {self.spec.lockstep!r} connects"
+            if self.spec.lockstep
+            else "running"
+        )
 
     @property
     def input_names(self) -> frozenset[str]:
