@@ -32,6 +32,8 @@ DEFAULT_ROUTER = "tcp/127.0.0.1:7447"
 Point = tuple[float, float, float]
 OnClientLoss = Literal["continue", "cancel"]
 ANSWER_S = 3.0
+HOVER_S = 10.0
+"""Ending a goal near the ground climbs first, and taking control back takes its time."""
 DISARM_S = 15.0
 SILENCE_S = 3.0
 
@@ -145,7 +147,7 @@ class Vehicle:
         """
         if pos_ned_m is not None:
             _require_finite(x_m=pos_ned_m[0], y_m=pos_ned_m[1], z_m=pos_ned_m[2])
-        reply: HoverReply = self._connection.ask(HOVER, Hover(hover_pos=pos_ned_m), ANSWER_S)
+        reply: HoverReply = self._connection.ask(HOVER, Hover(hover_pos=pos_ned_m), HOVER_S)
         if not reply.hover_mode:
             raise Refused(reply.reason)
 

@@ -40,7 +40,10 @@ class LandOnSpot:
     def _refusal(self, goal: LandOnSpotGoal) -> str:
         if goal.use_uwb or goal.use_marker:
             asked = " and ".join(n for n, on in (("use_uwb", goal.use_uwb), ("use_marker", goal.use_marker)) if on)
-            return f"{asked}: needs the estimator, which isn't running; land with both false and a landing spot"
+            return (
+                f"{asked} needs the estimator, which isn't running: land without, with both false "
+                "(`land_on_spot false false`) and a landing spot"
+            )
         if goal.frame == "rover":
             return ROVER_FRAME
         if goal.landing_spot_ned_m is None:

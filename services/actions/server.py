@@ -1,6 +1,7 @@
 """An action server: takes goals, runs one at a time, answers for cancels and results."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -118,6 +119,9 @@ class ActionServer:
             rejected = Rejected(goal_id=goal.goal_id, reason=verdict.refusal, code=status.code)
             yield Reply(request.request_id, rejected)
             return
+        if goal.on_client_loss == "cancel" and not request.client_id:
+            unwatched = "on_client_loss has no effect: the goal names no client whose liveliness could be watched"
+            verdict = replace(verdict, warning="; ".join(text for text in (verdict.warning, unwatched) if text))
         self._goals_made += 1
         goal_id = goal.goal_id or f"{self._action.name}-{self._boot_id:x}-{self._goals_made}"
         self._run = GoalRun(

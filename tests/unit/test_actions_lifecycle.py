@@ -128,8 +128,8 @@ def test_an_idle_server_listens_to_status_and_clock_only() -> None:
         (GoToGoal(target_ned_m=(1.0, 0.0, -5.0), speed_mps=11.0), "speed 11 m/s is not within 0.1 to 10 m/s"),
         (GoToGoal(target_ned_m=(1.0, 0.0, -5.0), speed_mps=0.0), "speed 0 m/s"),
         (GoToGoal(target_ned_m=(1.0, 0.0, -5.0), frame="rover"), "rover's estimate, which isn't running"),
-        (LandOnSpotGoal(), "use_uwb and use_marker: needs the estimator"),
-        (LandOnSpotGoal(use_uwb=False), "use_marker: needs the estimator"),
+        (LandOnSpotGoal(), "use_uwb and use_marker needs the estimator"),
+        (LandOnSpotGoal(use_uwb=False), "use_marker needs the estimator"),
         (LandOnSpotGoal(use_uwb=False, use_marker=False), "landing_spot_ned_m is missing"),
         (
             LandOnSpotGoal(use_uwb=False, use_marker=False, landing_spot_ned_m=(0.0, 600.0, 0.0)),
@@ -356,6 +356,16 @@ def test_a_goal_with_two_clients_outlives_one_of_them() -> None:
     assert not first.ended
     world.bus.client_departs("b")
     assert world.end(first).outcome == "canceled"
+
+
+def test_a_goal_that_nobody_can_watch_over_says_so() -> None:
+    world = World()
+    goal = GoToGoal(target_ned_m=(9.0, 0.0, -3.0), goal_id="g", on_client_loss="cancel")
+    unnamed, named = world.flying(goal, ""), world.send(goal, "me")
+    world.bus.run_for(0.1)
+    assert "on_client_loss has no effect" in unnamed.replies[0].warning
+    assert world.bus.run_for(0.1) is False
+    assert isinstance(named.replies[0], Accepted)
 
 
 def test_results_stay_readable_and_only_the_knowing_server_answers() -> None:
