@@ -24,7 +24,7 @@ class Grant:
 
     Attributes:
         phases: those that this goal may go through.
-        t_ns: when it was granted, then of its last accepted setpoint.
+        timer_ns: when it was granted, then of its last accepted setpoint.
         sequence: of its last accepted setpoint, -1 before the first.
     """
 
@@ -32,13 +32,13 @@ class Grant:
     goal_id: str
     action: str
     phases: tuple[Phase, ...]
-    t_ns: int
+    timer_ns: int
     sequence: int = -1
 
     @property
     def name(self) -> str:
-        """For people, e.g. "go_to g-17"."""
-        return f"{self.action} {self.goal_id}"
+        """For people, e.g. "go_to g-17"; servers' own ids begin with the action."""
+        return self.goal_id if self.goal_id.startswith(self.action) else f"{self.action} {self.goal_id}"
 
 
 def in_words(code: StatusCode) -> str:

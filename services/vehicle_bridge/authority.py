@@ -87,10 +87,10 @@ class Authority:
         self._ended: dict[str, str] = {}
         """By control_id: why it ended, "" when it was given back."""
         self._other: InCharge = "failsafe"
-        self._entered_t_ns: int | None = None
-        self._since_t_ns = 0
+        self._entered_ns: int | None = None
+        self._since_ns = 0
         """When engaging, or taking back, began."""
-        self._upright_t_ns = 0
+        self._upright_ns = 0
         self._engaged = False
         """The autopilot has been seen armed and in offboard mode since the bridge asked for it."""
         self._arming = False
@@ -129,7 +129,7 @@ class Authority:
             goal_id=request.goal_id,
             action=request.action,
             phases=phases_of(request.action, self.code),
-            t_ns=now.t_ns,
+            timer_ns=now.timer_ns,
         )
         self.text = f"{self.grant.name} is in charge"
         return ""
@@ -144,11 +144,11 @@ class Authority:
         target = Target(setpoint.pos_ned_m, setpoint.vel_ned_mps, setpoint.acc_ned_mps2, yaw_rad)
         self.target = target.moved(resets.step_since(setpoint.reset_counter) or (0.0, 0.0, 0.0))
         grant.sequence = setpoint.sequence
-        grant.t_ns = now.t_ns
+        grant.timer_ns = now.timer_ns
         code = CODE_OF[setpoint.phase]
         if code is not self.code:
             if self.code is StatusCode.IDLE:
-                self._since_t_ns = now.t_ns
+                self._since_ns = now.timer_ns
             self.text = f"{grant.name}: {setpoint.phase}"
             self._go(code, now)
         return ""
@@ -197,7 +197,7 @@ class Authority:
         if not self.taking_back:
             self.taking_back = True
             self._landing_alone = False
-            self._since_t_ns = now.t_ns
+            self._since_ns = now.timer_ns
             self.target = self._at_rest(now)
             self.text = "taking control back"
 
@@ -221,7 +221,7 @@ class Authority:
             self._end(why, given_back=False)
         else:
             self._lose("failsafe", why, now)
-        self._entered_t_ns = now.t_ns
+        self._entered_ns = now.timer_ns
         self.killing = self._landing_alone = self._arming = self._seen_disarmed = False
 
     def moved(self, step_ned_m: Vec3) -> None:
@@ -233,13 +233,13 @@ class Authority:
 
     def tick(self, now: Situation) -> None:
         """Once per step, after all that was asked."""
-        if self._entered_t_ns is None:
-            self._entered_t_ns = now.t_ns
+        if self._entered_ns is None:
+            self._entered_ns = now.timer_ns
         if now.armed or now.accepted in (Order.DISARM, Order.FORCE_DISARM):
             self._arming = False
         flies = self.code not in (StatusCode.IDLE, StatusCode.EXTERNAL)
         if not (flies and now.armed and now.tilt_rad > self._config.tilt_limit_rad):
-            self._upright_t_ns = now.t_ns
+            self._upright_ns = now.timer_ns
         if flies:
             self._watch_flight(now)
         elif self.code is StatusCode.IDLE and now.armed:
@@ -259,7 +259,7 @@ class Authority:
     def _watch_flight(self, now: Situation) -> None:
         config = self._config
         because = f" ({now.complaint})" if now.complaint else ""
-        if (now.t_ns - self._upright_t_ns) * 1e-9 >= config.tilt_timeout_s:
+        if (now.timer_ns - self._upright_ns) * 1e-9 >= config.tilt_timeout_s:
             tilt_deg = degrees(now.tilt_rad)
             self.kill(f"motors cut: tilted by {tilt_deg:.0f} degrees for {config.tilt_timeout_s:g} s", now)
         elif self._engaged and now.armed and now.mode != OFFBOARD:
@@ -285,7 +285,7 @@ class Authority:
             self._lose("failsafe", f"the autopilot disarmed in status {self.code.name}{because}", now)
 
     def _expire(self, grant: Grant, now: Situation) -> None:
-        silent_s = (now.t_ns - grant.t_ns) * 1e-9
+        silent_s = (now.timer_ns - grant.timer_ns) * 1e-9
         if silent_s > (GRANT_TIMEOUT_S if grant.sequence < 0 else self._config.setpoint_timeout_s):
             self._revoke(f"{grant.name} ended: it sent no setpoint for {silent_s:.2f} s", now)
 
@@ -310,7 +310,7 @@ class Authority:
     def _engage(self, now: Situation) -> Order | None:
         if self._engaged or self.grant is None:
             return None
-        waited_s = (now.t_ns - self._since_t_ns) * 1e-9
+        waited_s = (now.timer_ns - self._since_ns) * 1e-9
         if now.armed and now.mode == OFFBOARD:
             self._engaged = True
         elif waited_s > self._config.engage_timeout_s:
@@ -360,7 +360,7 @@ class Authority:
         return Order.LAND if self._landing_alone else None
 
     def _advance_taking_back(self, now: Situation) -> Order | None:
-        waited_s = (now.t_ns - self._since_t_ns) * 1e-9
+        waited_s = (now.timer_ns - self._since_ns) * 1e-9
         if waited_s > self._config.engage_timeout_s:
             self.taking_back = False
             self.target = None
@@ -380,14 +380,14 @@ class Authority:
         if not is_allowed(self.code, code):
             raise TransitionError(f"{self.code.name} to {code.name}")
         self.code = code
-        self._entered_t_ns = now.t_ns
+        self._entered_ns = now.timer_ns
         if code in (StatusCode.IDLE, StatusCode.EXTERNAL):
             self._engaged = False
             self.target = None
         self.changes.append(self.standing)
 
     def _held_s(self, now: Situation) -> float:
-        return 0.0 if self._entered_t_ns is None else (now.t_ns - self._entered_t_ns) * 1e-9
+        return 0.0 if self._entered_ns is None else (now.timer_ns - self._entered_ns) * 1e-9
 
     def _end(self, why: str, *, given_back: bool) -> None:
         if self.grant is not None:

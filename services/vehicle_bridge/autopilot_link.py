@@ -55,7 +55,7 @@ class Telemetry:
     Attributes:
         heard_wall_ns: when it last said anything.
         armable: its own arming checks pass.
-        warning: its last sentence of severity warning or worse, said at `warning_t_ns`.
+        warning: its last sentence of severity warning or worse, said at `warning_ns`.
     """
 
     heard_wall_ns: int | None = None
@@ -68,7 +68,7 @@ class Telemetry:
     odometry: Odometry | None = None
     resets: ResetHistory = field(default_factory=ResetHistory)
     warning: str = ""
-    warning_t_ns: int = 0
+    warning_ns: int = 0
 
 
 @dataclass
@@ -99,7 +99,7 @@ class AutopilotLink:
         self._system_id = system_id
         self._codec = MavlinkCodec(system_id, COMPONENT_ID)
         self._order: Order | None = None
-        self._next_try_t_ns = 0
+        self._next_try_ns = 0
         self._tries = 0
         self._refusal = ""
         self._statustext: tuple[int, str] = (0, "")
@@ -115,14 +115,14 @@ class AutopilotLink:
         self.pursue(None, 0)
         self._refusal = ""
 
-    def complaint(self, t_ns: int) -> str:
+    def complaint(self, timer_ns: int) -> str:
         """Why the autopilot refuses what it is asked, in its own words where it gave some."""
-        recent = self.telemetry.warning if t_ns - self.telemetry.warning_t_ns <= COMPLAINT_NS else ""
+        recent = self.telemetry.warning if timer_ns - self.telemetry.warning_ns <= COMPLAINT_NS else ""
         return "; ".join(part for part in (self._refusal, recent) if part)
 
     # -- in --
 
-    def receive(self, data: bytes, t_ns: int, wall_ns: int, epoch_id: int) -> Received:
+    def receive(self, data: bytes, timer_ns: int, wall_ns: int, epoch_id: int) -> Received:
         """Take in what arrived."""
         received = Received()
         for message in self._codec.parse(data):
@@ -143,9 +143,9 @@ class AutopilotLink:
             elif kind == dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN:
                 self._on_origin(message)
             elif kind == dialect.MAVLINK_MSG_ID_COMMAND_ACK:
-                self._on_ack(message, t_ns)
+                self._on_ack(message, timer_ns)
             elif kind == dialect.MAVLINK_MSG_ID_STATUSTEXT:
-                self._on_statustext(message, t_ns)
+                self._on_statustext(message, timer_ns)
         return received
 
     def _on_odometry(self, message: MavMessage, epoch_id: int, received: Received) -> None:
@@ -221,7 +221,7 @@ class AutopilotLink:
         if abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0 and abs(altitude_m) <= 1e5:
             self.telemetry.origin_deg = (latitude_deg, longitude_deg, altitude_m)
 
-    def _on_statustext(self, message: MavMessage, t_ns: int) -> None:
+    def _on_statustext(self, message: MavMessage, timer_ns: int) -> None:
         text = message.text if isinstance(message.text, str) else message.text.decode("utf-8", "replace")
         text = text.rstrip("\0")
         last_id, before = self._statustext
@@ -230,9 +230,9 @@ class AutopilotLink:
         self._statustext = (message.id, text)
         if message.severity <= dialect.MAV_SEVERITY_WARNING:
             self.telemetry.warning = text
-            self.telemetry.warning_t_ns = t_ns
+            self.telemetry.warning_ns = timer_ns
 
-    def _on_ack(self, message: MavMessage, t_ns: int) -> None:
+    def _on_ack(self, message: MavMessage, timer_ns: int) -> None:
         order = self._order
         to_us = message.target_system in (0, self._system_id) and message.target_component in (0, COMPONENT_ID)
         if order is None or not to_us or message.command != _COMMANDS[order][0] or self._tries == 0:
@@ -240,7 +240,7 @@ class AutopilotLink:
         if message.result in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS):
             self.accepted = order
             self._refusal = ""
-            self._next_try_t_ns = t_ns + EFFECT_NS
+            self._next_try_ns = timer_ns + EFFECT_NS
         else:
             self._refusal = f"{order} {_RESULTS.get(message.result, f'refused with result {message.result}')}"
 
@@ -281,18 +281,18 @@ class AutopilotLink:
             )
         )
 
-    def pursue(self, order: Order | None, t_ns: int) -> bytes:
+    def pursue(self, order: Order | None, timer_ns: int) -> bytes:
         """What must be sent now so that `order` gets done; call it with the same one until it is."""
         if order is not self._order:
             self._order = order
             self.accepted = None
             if order is not None:
                 self._refusal = ""
-            self._next_try_t_ns = t_ns
+            self._next_try_ns = timer_ns
             self._tries = 0
-        if order is None or t_ns < self._next_try_t_ns:
+        if order is None or timer_ns < self._next_try_ns:
             return b""
-        self._next_try_t_ns = t_ns + RETRY_NS
+        self._next_try_ns = timer_ns + RETRY_NS
         command, parameters = _COMMANDS[order]
         data = self._command(command, *parameters, confirmation=min(self._tries, 255))
         self._tries += 1

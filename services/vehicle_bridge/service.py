@@ -76,6 +76,9 @@ class VehicleBridge:
         self._link = AutopilotLink(system_id)
         self._authority = Authority(config, boot_id)
         self._epoch_id: int | None = None
+        self._timer_ns = 0
+        self._t_ns: int | None = None
+        """Vehicle time of the last step; None until there is one."""
         self._ground_z_ned_m = 0.0
         """Height of the last place where the vehicle stood disarmed."""
         self._waiting: list[tuple[Request, int]] = []
@@ -96,6 +99,7 @@ class VehicleBridge:
         """Telemetry first, then what was asked, then time; see `Service`."""
         if inbox.connected or self._router_seen_wall_ns is None:
             self._router_seen_wall_ns = inbox.wall_ns
+        self._count_time(t_ns, inbox)
         received = self._receive(t_ns, inbox)
         for odometry in received.odometry:
             yield Publish(ODOMETRY, odometry)
@@ -110,6 +114,13 @@ class VehicleBridge:
 
     # -- in ------------------------------------------------------------------------------------------------
 
+    def _count_time(self, t_ns: int, inbox: Inbox) -> None:
+        """Vehicle time comes to be at the first `clock`, and steps back when it was estimated too far ahead."""
+        if inbox.latest(CLOCK) is not None:
+            if self._t_ns is not None:
+                self._timer_ns += max(0, t_ns - self._t_ns)
+            self._t_ns = t_ns
+
     def _receive(self, t_ns: int, inbox: Inbox) -> Received:
         respawned = False
         for clock in inbox.new(CLOCK):
@@ -117,7 +128,7 @@ class VehicleBridge:
             self._epoch_id = clock.epoch_id
         if respawned:
             self._link.forget()
-        received = self._link.receive(inbox.received(LINK), t_ns, inbox.wall_ns, self._epoch_id or 0)
+        received = self._link.receive(inbox.received(LINK), self._timer_ns, inbox.wall_ns, self._epoch_id or 0)
         if respawned or received.restarted:
             self._sent = (None, 0)
             why = "the vehicle was respawned" if respawned else "the autopilot restarted"
@@ -140,6 +151,7 @@ class VehicleBridge:
         q = (1.0, 0.0, 0.0, 0.0) if odometry is None else odometry.q_ned_from_frd
         return Situation(
             t_ns=t_ns,
+            timer_ns=self._timer_ns,
             armed=telemetry.armed,
             landed=telemetry.armed is False if telemetry.landed is None else telemetry.landed,
             mode=telemetry.mode,
@@ -151,7 +163,7 @@ class VehicleBridge:
             silent_s=silent_s,
             not_ready=self._not_ready(silent_s),
             accepted=self._link.accepted,
-            complaint=self._link.complaint(t_ns),
+            complaint=self._link.complaint(self._timer_ns),
             router_lost_s=(inbox.wall_ns - (self._router_seen_wall_ns or 0)) * 1e-9,
         )
 
@@ -274,13 +286,13 @@ class VehicleBridge:
         link, authority = self._link, self._authority
         data = b""
         if authority.target is not None:
-            last, sent_t_ns = self._sent
-            due = self._fresh or authority.target is not last or t_ns - sent_t_ns >= STREAM_PERIOD_NS
+            last, sent_ns = self._sent
+            due = self._fresh or authority.target is not last or self._timer_ns - sent_ns >= STREAM_PERIOD_NS
             if due:
                 data += link.setpoint(authority.target, t_ns)
-                self._sent = (authority.target, t_ns)
+                self._sent = (authority.target, self._timer_ns)
         self._fresh = False
-        data += link.pursue(authority.wanted, t_ns)
+        data += link.pursue(authority.wanted, self._timer_ns)
         wall_ns = inbox.wall_ns
         if wall_ns - self._heartbeat_wall_ns >= HEARTBEAT_PERIOD_NS:
             self._heartbeat_wall_ns = wall_ns

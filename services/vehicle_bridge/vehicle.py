@@ -60,7 +60,8 @@ class Situation:
     """Everything that decisions rest on, at one instant.
 
     Attributes:
-        t_ns: vehicle time.
+        t_ns: vehicle time, which ages of messages are measured by; it may be corrected backwards.
+        timer_ns: vehicle time that has passed in the bridge's life, never backwards: all time-outs.
         armed: None until the autopilot tells.
         landed: the autopilot's land detector; before it tells, true only of a disarmed vehicle.
         mode: the autopilot's word, "" until it tells.
@@ -74,6 +75,7 @@ class Situation:
     """
 
     t_ns: int
+    timer_ns: int
     armed: bool | None = None
     landed: bool = False
     mode: str = ""

@@ -448,6 +448,17 @@ def test_without_vehicle_time_or_autopilot_the_status_says_what_is_missing() -> 
     assert "no autopilot heard yet" in rig.replies[1].reason
 
 
+def test_vehicle_time_that_steps_back_interrupts_neither_stream_nor_time_outs() -> None:
+    rig = Rig().fly()
+    control_id = rig.go("go_to", Phase.GO_TO)
+    rig.t_ns -= 900_000_000
+    rig.autopilot.setpoints.clear()
+    rig.run(0.6)
+    assert rig.codes[-2:] == [12, 3]
+    assert len(rig.autopilot.setpoints) >= 6
+    assert not rig.release(control_id).released
+
+
 def test_garbage_on_the_link_changes_nothing() -> None:
     rig = Rig().fly()
     rig._to_bridge = bytes(range(256)) * 4
