@@ -39,9 +39,8 @@ class LandOnSpot:
 
     def _refusal(self, goal: LandOnSpotGoal) -> str:
         if goal.use_uwb or goal.use_marker:
-            asked = " and ".join(n for n, on in (("use_uwb", goal.use_uwb), ("use_marker", goal.use_marker)) if on)
             return (
-                f"{asked} needs the estimator, which isn't running: land without, with both false "
+                "use_uwb and use_marker need the estimator, which isn't running: land with both false "
                 "(`land_on_spot false false`) and a landing spot"
             )
         if goal.frame == "rover":

@@ -128,8 +128,8 @@ def test_an_idle_server_listens_to_status_and_clock_only() -> None:
         (GoToGoal(target_ned_m=(1.0, 0.0, -5.0), speed_mps=11.0), "speed 11 m/s is not within 0.1 to 10 m/s"),
         (GoToGoal(target_ned_m=(1.0, 0.0, -5.0), speed_mps=0.0), "speed 0 m/s"),
         (GoToGoal(target_ned_m=(1.0, 0.0, -5.0), frame="rover"), "rover's estimate, which isn't running"),
-        (LandOnSpotGoal(), "use_uwb and use_marker needs the estimator"),
-        (LandOnSpotGoal(use_uwb=False), "use_marker needs the estimator"),
+        (LandOnSpotGoal(), "use_uwb and use_marker need the estimator"),
+        (LandOnSpotGoal(use_uwb=False), "use_marker need the estimator"),
         (LandOnSpotGoal(use_uwb=False, use_marker=False), "landing_spot_ned_m is missing"),
         (
             LandOnSpotGoal(use_uwb=False, use_marker=False, landing_spot_ned_m=(0.0, 600.0, 0.0)),
