@@ -267,7 +267,8 @@ class VehicleBridge:
         if isinstance(asked, Kill):
             if now.armed is False and not authority.killing:
                 return KillReply(killed=True, reason="the motors are off")
-            reason = f"the autopilot has not confirmed it, the bridge keeps trying: {now.complaint}"
+            reason = "the autopilot has not confirmed it, the bridge keeps trying"
+            reason += f": {now.complaint}" if now.complaint else ""
             return KillReply(killed=False, reason=reason) if waited_ns > KILL_REPLY_NS else None
         lost = code is StatusCode.EXTERNAL and not authority.taking_back
         moved_on = authority.grant is not None  # already done, and another goal is in charge
