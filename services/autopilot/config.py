@@ -1,0 +1,179 @@
+"""Settings of the embedded autopilot. Names that PX4 has keep its names, with the unit appended."""
+
+from typing import Annotated
+
+from msgspec import Meta
+
+from jezero.runtime.config import Config
+
+Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
+NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
+
+
+class Rotor(Config, frozen=True, kw_only=True):
+    """Where a rotor is in body FRD, and its yaw torque per newton of thrust.
+
+    Attributes:
+        km_m: positive when the rotor turns counter-clockwise seen from above, so that it yaws the body right.
+    """
+
+    x_frd_m: Annotated[float, Meta(ge=-10.0, le=10.0)]
+    y_frd_m: Annotated[float, Meta(ge=-10.0, le=10.0)]
+    km_m: Annotated[float, Meta(ge=-1.0, le=1.0)]
+
+
+IRIS_ROTORS = (
+    Rotor(x_frd_m=0.1515, y_frd_m=0.245, km_m=0.05),
+    Rotor(x_frd_m=-0.1515, y_frd_m=-0.1875, km_m=0.05),
+    Rotor(x_frd_m=0.1515, y_frd_m=-0.245, km_m=-0.05),
+    Rotor(x_frd_m=-0.1515, y_frd_m=0.1875, km_m=-0.05),
+)
+"""PX4's airframe 10016."""
+
+
+class Airframe(Config, frozen=True, kw_only=True):
+    """What the controller believes about the vehicle.
+
+    Attributes:
+        inertia_frd_kgm2: (3,) diagonal.
+        mpc_thr_hover: share of full thrust that hovers; with the mass it gives each rotor's full thrust.
+        idle: command of the rotors while armed on the ground.
+    """
+
+    mass_kg: Positive = 1.5
+    gravity_mps2: Positive = 9.81
+    inertia_frd_kgm2: tuple[Positive, Positive, Positive] = (0.029, 0.029, 0.055)
+    mpc_thr_hover: Annotated[float, Meta(ge=0.1, le=0.8)] = 0.5
+    idle: Annotated[float, Meta(ge=0.0, le=0.2)] = 0.05
+    rotors: tuple[Rotor, Rotor, Rotor, Rotor] = IRIS_ROTORS
+
+
+class EstimatorConfig(Config, frozen=True, kw_only=True):
+    """The error-state Kalman filter.
+
+    Attributes:
+        declination_rad: of the magnetic field at the place of flight, positive east.
+        acc_density, gyro_density: white noise of the IMU, m/s²/√Hz and rad/s/√Hz.
+        acc_bias_walk, gyro_bias_walk: random walk of the biases, m/s²/√s and rad/s/√s.
+        acc_bias_std_mps2, gyro_bias_std_rps: of the biases at the start; the gyroscope's after averaging at rest.
+        ekf2_gps_delay_s: how old a fix is when it arrives.
+        ekf2_gps_p_noise_m, gps_z_noise_m, ekf2_gps_v_noise_mps: standard deviation of one fix for the update. The
+            position's is larger than its scatter because most of its error is slow.
+        ekf2_gps_p_gate_m: a fix that is horizontally further than this from the estimate is rejected.
+        ekf2_gps_v_gate_mps: the same for its velocity.
+        gps_reset_s: after so long a rejection the position is reset to the fixes.
+        ekf2_baro_noise_m, ekf2_baro_gate_m: the same for the pressure altitude.
+        ekf2_head_noise_rad, ekf2_head_gate_rad: the same for the heading from the magnetometer.
+        align_s: the vehicle must stand still for so long before the filter starts.
+        settle_s: and so long must it have run before it counts as settled.
+    """
+
+    declination_rad: Annotated[float, Meta(ge=-3.15, le=3.15)] = 0.0555
+    acc_density: Positive = 0.02
+    gyro_density: Positive = 0.002
+    acc_bias_walk: Positive = 0.003
+    gyro_bias_walk: Positive = 0.0003
+    acc_bias_std_mps2: Positive = 0.1
+    gyro_bias_std_rps: Positive = 0.005
+    ekf2_gps_delay_s: Annotated[float, Meta(ge=0.0, le=0.35)] = 0.1
+    ekf2_gps_p_noise_m: Positive = 0.5
+    gps_z_noise_m: Positive = 0.8
+    ekf2_gps_v_noise_mps: Positive = 0.15
+    ekf2_gps_p_gate_m: Positive = 1.2
+    ekf2_gps_v_gate_mps: Positive = 1.0
+    gps_reset_s: Positive = 3.0
+    ekf2_baro_noise_m: Positive = 0.4
+    ekf2_baro_gate_m: Positive = 3.0
+    ekf2_head_noise_rad: Positive = 0.1
+    ekf2_head_gate_rad: Positive = 0.6
+    align_s: Positive = 1.0
+    settle_s: Positive = 2.0
+
+
+class ControlConfig(Config, frozen=True, kw_only=True):
+    """Gains and limits of the cascade position, velocity, attitude, rate.
+
+    Attributes:
+        mpc_xy_p, mpc_z_p: velocity per metre of position error, 1/s.
+        mpc_acc_hor_mps2: deceleration that a position setpoint counts on when it is far away.
+        mpc_xy_vel_p_acc, mpc_z_vel_p_acc: acceleration per velocity error, 1/s; `_i_` 1/s², `_d_` on acceleration.
+        mpc_thr_min: least share of full thrust in flight.
+        mc_rollpitch_p, mc_yaw_p: body rate per attitude error, 1/s.
+        rate_p, yawrate_p: angular acceleration per rate error, 1/s; `_i` 1/s².
+        mpc_tko_ramp_t_s: at takeoff the thrust limit rises from zero to full in this time.
+        mpc_land_speed_mps: descent of the land mode.
+        acc_filter_hz: low pass of the acceleration that the D term sees.
+    """
+
+    mpc_xy_p: Positive = 1.0
+    mpc_z_p: Positive = 1.0
+    mpc_acc_hor_mps2: Positive = 3.0
+    mpc_xy_vel_max_mps: Positive = 5.0
+    mpc_z_vel_max_up_mps: Positive = 3.0
+    mpc_z_vel_max_dn_mps: Positive = 1.5
+    mpc_xy_vel_p_acc: Positive = 3.0
+    mpc_xy_vel_i_acc: NonNegative = 1.0
+    mpc_xy_vel_d_acc: NonNegative = 0.15
+    mpc_z_vel_p_acc: Positive = 4.0
+    mpc_z_vel_i_acc: NonNegative = 2.0
+    mpc_z_vel_d_acc: NonNegative = 0.0
+    mpc_tiltmax_air_rad: Annotated[float, Meta(gt=0.0, le=1.2)] = 0.611
+    mpc_thr_min: Annotated[float, Meta(ge=0.0, le=0.4)] = 0.12
+    mc_rollpitch_p: Positive = 6.5
+    mc_yaw_p: Positive = 2.8
+    mc_rollpitchrate_max_rps: Positive = 3.8
+    mc_yawrate_max_rps: Positive = 1.0
+    rate_p: Positive = 20.0
+    rate_i: NonNegative = 8.0
+    yawrate_p: Positive = 6.0
+    yawrate_i: NonNegative = 2.0
+    mpc_tko_ramp_t_s: Positive = 1.0
+    mpc_land_speed_mps: Positive = 0.7
+    acc_filter_hz: Positive = 5.0
+
+
+class LandDetectorConfig(Config, frozen=True, kw_only=True):
+    """When the vehicle counts as standing on something; see `land_detector`.
+
+    Attributes:
+        contact_s, maybe_landed_s, landed_s: how long each of the three stages must hold.
+    """
+
+    lndmc_z_vel_max_mps: Positive = 0.25
+    lndmc_xy_vel_max_mps: Positive = 1.5
+    lndmc_rot_max_rps: Positive = 0.349
+    contact_s: Positive = 0.5
+    maybe_landed_s: Positive = 0.25
+    landed_s: Positive = 0.25
+
+
+class CommanderConfig(Config, frozen=True, kw_only=True):
+    """Arming and failsafes.
+
+    Attributes:
+        offboard_stream_s: offboard is entered only with a setpoint younger than this.
+        com_of_loss_t_s: in flight without setpoints for so long: land.
+        com_disarm_land_s, com_disarm_prflt_s: automatic disarm after landing, and after arming without taking off.
+        fd_fail_tilt_rad, fd_fail_s: tilted further for so long: motors off.
+        sensor_timeout_s: a sensor that was silent for so long forbids arming.
+        arm_tilt_rad: the vehicle must stand straighter than this to arm.
+    """
+
+    offboard_stream_s: Positive = 0.5
+    com_of_loss_t_s: Positive = 1.0
+    com_disarm_land_s: Positive = 2.0
+    com_disarm_prflt_s: Positive = 10.0
+    fd_fail_tilt_rad: Positive = 1.047
+    fd_fail_s: Positive = 0.5
+    sensor_timeout_s: Positive = 1.0
+    arm_tilt_rad: Positive = 0.52
+
+
+class AutopilotConfig(Config, frozen=True, kw_only=True):
+    """All of it; `deploy/config/autopilot.toml`."""
+
+    airframe: Airframe = Airframe()
+    estimator: EstimatorConfig = EstimatorConfig()
+    control: ControlConfig = ControlConfig()
+    land_detector: LandDetectorConfig = LandDetectorConfig()
+    commander: CommanderConfig = CommanderConfig()

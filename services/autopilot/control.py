@@ -1,0 +1,247 @@
+"""The cascade: position, velocity, attitude, body rates."""
+
+from dataclasses import dataclass
+from math import hypot, pi, sqrt, tan
+
+from jezero.frames import Vec3, wrap_pi
+from jezero.services.autopilot.config import Airframe, ControlConfig
+from jezero.services.autopilot.mixer import STOPPED, Commands, Mixer
+
+Axes = tuple[float | None, float | None, float | None]
+"""North, east, down; None leaves the axis to the other quantities."""
+
+FREE: Axes = (None, None, None)
+RATE_INTEGRAL_LIMIT_RPS2 = 10.0
+VELOCITY_INTEGRAL_LIMIT_MPS2 = 5.0
+
+
+@dataclass(frozen=True)
+class Setpoint:
+    """Where to be and how to move. With neither yaw nor yaw rate the heading stays as it is."""
+
+    pos_ned_m: Axes = FREE
+    vel_ned_mps: Axes = FREE
+    acc_ned_mps2: Axes = FREE
+    yaw_rad: float | None = None
+    yaw_rate_rps: float | None = None
+
+    def moved(self, step_ned_m: Vec3) -> "Setpoint":
+        """The same setpoint after the position estimate was reset by `step_ned_m`."""
+        n, e, d = (None if p is None else p + s for p, s in zip(self.pos_ned_m, step_ned_m, strict=True))
+        return Setpoint((n, e, d), self.vel_ned_mps, self.acc_ned_mps2, self.yaw_rad, self.yaw_rate_rps)
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """What the controllers see of the estimate. `R_ned_from_frd` holds the rows one after the other."""
+
+    pos_ned_m: Vec3
+    vel_ned_mps: Vec3
+    acc_ned_mps2: Vec3
+    yaw_rad: float
+
+
+def approach_speed_mps(distance_m: float, gain: float, acc_mps2: float) -> float:
+    """Speed towards a point: proportional near it, further out such that a constant deceleration stops there."""
+    near_m = acc_mps2 / (gain * gain)
+    if distance_m <= near_m:
+        return gain * distance_m
+    return sqrt(acc_mps2 * (2.0 * distance_m - near_m))
+
+
+def stopping_distance_m(speed_mps: float, gain: float, acc_mps2: float) -> float:
+    """How far ahead a point must lie for `approach_speed_mps` to ask for the present speed."""
+    near_mps = acc_mps2 / gain
+    if speed_mps <= near_mps:
+        return speed_mps / gain
+    return (speed_mps * speed_mps / acc_mps2 + acc_mps2 / (gain * gain)) / 2.0
+
+
+class VelocityLoop:
+    """Position and velocity setpoints to specific force in NED; integrates the wind away."""
+
+    def __init__(self, config: ControlConfig, airframe: Airframe) -> None:
+        self._config = config
+        self._gravity = airframe.gravity_mps2
+        self._force_max = airframe.gravity_mps2 / airframe.mpc_thr_hover
+        self._force_min = config.mpc_thr_min * self._force_max
+        self._tan_tilt = tan(config.mpc_tiltmax_air_rad)
+        self.vel_setpoint_ned_mps: Vec3 = (0.0, 0.0, 0.0)
+        self.reset()
+
+    def reset(self) -> None:
+        self._integral = [0.0, 0.0, 0.0]
+        self._acc_smooth = [0.0, 0.0, 0.0]
+
+    def wanted_velocity(self, at: Kinematics, setpoint: Setpoint) -> Vec3:
+        """Velocity setpoint of the position error, with the setpoint's own velocity on top, within the limits."""
+        c = self._config
+        position, velocity = setpoint.pos_ned_m, setpoint.vel_ned_mps
+        n, e, d = (v or 0.0 for v in velocity)
+        dn = 0.0 if position[0] is None else position[0] - at.pos_ned_m[0]
+        de = 0.0 if position[1] is None else position[1] - at.pos_ned_m[1]
+        away = hypot(dn, de)
+        if away > 1e-9:
+            pull = approach_speed_mps(away, c.mpc_xy_p, c.mpc_acc_hor_mps2) / away
+            n, e = n + pull * dn, e + pull * de
+        speed = hypot(n, e)
+        if speed > c.mpc_xy_vel_max_mps:
+            n, e = n * c.mpc_xy_vel_max_mps / speed, e * c.mpc_xy_vel_max_mps / speed
+        if position[2] is not None:
+            d += c.mpc_z_p * (position[2] - at.pos_ned_m[2])
+        self.vel_setpoint_ned_mps = (n, e, max(-c.mpc_z_vel_max_up_mps, min(c.mpc_z_vel_max_dn_mps, d)))
+        return self.vel_setpoint_ned_mps
+
+    def specific_force(self, dt: float, at: Kinematics, setpoint: Setpoint) -> Vec3:
+        """(3,) specific force in NED, m/s², that the rotors shall give; at hover it is (0, 0, -g)."""
+        c = self._config
+        vel = self.wanted_velocity(at, setpoint)
+        smooth = min(1.0, 2.0 * pi * c.acc_filter_hz * dt)
+        error, wanted = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+        for i in range(3):
+            p, d = (c.mpc_z_vel_p_acc, c.mpc_z_vel_d_acc) if i == 2 else (c.mpc_xy_vel_p_acc, c.mpc_xy_vel_d_acc)
+            self._acc_smooth[i] += smooth * (at.acc_ned_mps2[i] - self._acc_smooth[i])
+            ahead = setpoint.acc_ned_mps2[i] or 0.0
+            if setpoint.pos_ned_m[i] is not None or setpoint.vel_ned_mps[i] is not None:
+                error[i] = vel[i] - at.vel_ned_mps[i]
+            wanted[i] = p * error[i] + self._integral[i] - d * (self._acc_smooth[i] - ahead) + ahead
+        force = self._limited(wanted)
+        lost = (wanted[0] - force[0], wanted[1] - force[1], wanted[2] - (force[2] + self._gravity))
+        for i in range(3):
+            p, gain = (c.mpc_z_vel_p_acc, c.mpc_z_vel_i_acc) if i == 2 else (c.mpc_xy_vel_p_acc, c.mpc_xy_vel_i_acc)
+            grown = self._integral[i] + gain * (error[i] - 2.0 / p * lost[i]) * dt
+            self._integral[i] = max(-VELOCITY_INTEGRAL_LIMIT_MPS2, min(VELOCITY_INTEGRAL_LIMIT_MPS2, grown))
+        return force
+
+    def _limited(self, acc_ned_mps2: list[float]) -> Vec3:
+        """Height first: the vertical part is kept, the horizontal one gets what tilt and thrust leave."""
+        n, e, d = acc_ned_mps2
+        d = max(-self._force_max, min(-self._force_min, d - self._gravity))
+        room = min(-d * self._tan_tilt, sqrt(max(0.0, self._force_max * self._force_max - d * d)))
+        size = hypot(n, e)
+        if size > room:
+            n, e = n * room / size, e * room / size
+        return (n, e, d)
+
+
+class AttitudeLoop:
+    """Direction of thrust and heading to torques. Tilt comes first, the heading follows at its own pace."""
+
+    def __init__(self, config: ControlConfig, airframe: Airframe) -> None:
+        self._config = config
+        self._inertia = airframe.inertia_frd_kgm2
+        self.reset()
+
+    def reset(self) -> None:
+        self._integral = [0.0, 0.0, 0.0]
+
+    def torques(
+        self,
+        dt: float,
+        rates_frd_rps: Vec3,
+        R_ned_from_frd: tuple[float, ...],
+        up_ned: Vec3,
+        yaw_rate_rps: float,
+    ) -> Vec3:
+        """(3,) torques in body FRD, N m.
+
+        Args:
+            R_ned_from_frd: rows one after the other.
+            up_ned: (3,) unit vector that the thrust shall point to.
+            yaw_rate_rps: turn about the vertical.
+        """
+        c, r, (un, ue, ud) = self._config, R_ned_from_frd, up_ned
+        ux = r[0] * un + r[3] * ue + r[6] * ud
+        uy = r[1] * un + r[4] * ue + r[7] * ud
+        uz = r[2] * un + r[5] * ue + r[8] * ud
+        # The shortest turn from (0, 0, -1) to u is about (u_y, -u_x, 0) by the angle whose cosine is -u_z.
+        stretch = 2.0 / sqrt(max(1e-3, 2.0 * (1.0 - uz))) if uz < 0.0 else 1.42 / max(0.1, hypot(ux, uy))
+        limit = c.mc_rollpitchrate_max_rps
+        wanted = (
+            max(-limit, min(limit, c.mc_rollpitch_p * stretch * uy)) + r[6] * yaw_rate_rps,
+            max(-limit, min(limit, -c.mc_rollpitch_p * stretch * ux)) + r[7] * yaw_rate_rps,
+            r[8] * yaw_rate_rps,
+        )
+        torque = [0.0, 0.0, 0.0]
+        for i in range(3):
+            error = wanted[i] - rates_frd_rps[i]
+            p, gain = (c.yawrate_p, c.yawrate_i) if i == 2 else (c.rate_p, c.rate_i)
+            torque[i] = self._inertia[i] * (p * error + self._integral[i])
+            grown = self._integral[i] + gain * error * dt
+            self._integral[i] = max(-RATE_INTEGRAL_LIMIT_RPS2, min(RATE_INTEGRAL_LIMIT_RPS2, grown))
+        return (torque[0], torque[1], torque[2])
+
+
+class Controller:
+    """The whole cascade. The velocity loop runs when `outer` is called, the rest with each IMU sample."""
+
+    def __init__(self, config: ControlConfig, airframe: Airframe) -> None:
+        self._config = config
+        self._airframe = airframe
+        self._velocity = VelocityLoop(config, airframe)
+        self._attitude = AttitudeLoop(config, airframe)
+        self._mixer = Mixer(airframe)
+        self._idle: Commands = (airframe.idle,) * 4
+        self.reset(0.0)
+
+    def reset(self, yaw_rad: float) -> None:
+        """Forget everything: on the ground, and when disarmed."""
+        self._velocity.reset()
+        self._attitude.reset()
+        self._force_ned_mps2: Vec3 = (0.0, 0.0, 0.0)
+        self._yaw_rad = yaw_rad
+        self._yaw_rate_rps = 0.0
+        self._ramp = 0.0
+        self.thrust_hover = 0.0
+
+    @property
+    def vel_setpoint_ned_mps(self) -> Vec3:
+        return self._velocity.vel_setpoint_ned_mps
+
+    def wanted_velocity(self, at: Kinematics, setpoint: Setpoint) -> Vec3:
+        return self._velocity.wanted_velocity(at, setpoint)
+
+    def outer(self, dt: float, at: Kinematics, setpoint: Setpoint, *, airborne: bool, held_down: bool = False) -> None:
+        """Position and velocity loop; on the ground it only ramps the thrust up, level and without integrals.
+
+        Args:
+            held_down: something holds the vehicle although it shall descend: the thrust ramps down quickly.
+        """
+        c = self._config
+        if setpoint.yaw_rad is not None:
+            self._yaw_rad = setpoint.yaw_rad
+        rate = setpoint.yaw_rate_rps or 0.0
+        if setpoint.yaw_rad is None and rate != 0.0:
+            self._yaw_rad = wrap_pi(at.yaw_rad + rate * dt)
+        turn = c.mc_yaw_p * wrap_pi(self._yaw_rad - at.yaw_rad) + rate
+        self._yaw_rate_rps = max(-c.mc_yawrate_max_rps, min(c.mc_yawrate_max_rps, turn))
+        if airborne:
+            self._force_ned_mps2 = self._velocity.specific_force(dt, at, setpoint)
+        else:
+            self._velocity.reset()
+            self._attitude.reset()
+            self._yaw_rad, self._yaw_rate_rps = at.yaw_rad, 0.0
+            self._force_ned_mps2 = (0.0, 0.0, -1.3 * self._airframe.gravity_mps2)
+        ramp = dt / c.mpc_tko_ramp_t_s
+        self._ramp = max(0.0, self._ramp - 2.0 * ramp) if held_down else min(1.0, self._ramp + ramp)
+
+    def inner(self, dt: float, rates_frd_rps: Vec3, R_ned_from_frd: tuple[float, ...]) -> Commands:
+        """Attitude and rate loop and mixer."""
+        r, (fn, fe, fd) = R_ned_from_frd, self._force_ned_mps2
+        size = sqrt(fn * fn + fe * fe + fd * fd)
+        up = (fn / size, fe / size, fd / size) if size > 1e-6 else (0.0, 0.0, -1.0)
+        torques = self._attitude.torques(dt, rates_frd_rps, r, up, self._yaw_rate_rps)
+        along = -(fn * r[2] + fe * r[5] + fd * r[8])
+        thrust = max(self._config.mpc_thr_min * self._mixer.thrust_full_n, along * self._airframe.mass_kg)
+        thrust = min(thrust, self._ramp * self._mixer.thrust_full_n)
+        self.thrust_hover = thrust / (self._airframe.mass_kg * self._airframe.gravity_mps2)
+        return self._mixer.commands(thrust, torques)
+
+    def idle(self, yaw_rad: float) -> Commands:
+        """Rotors turning, no thrust to speak of."""
+        self.reset(yaw_rad)
+        return self._idle
+
+    def stopped(self, yaw_rad: float) -> Commands:
+        self.reset(yaw_rad)
+        return STOPPED

@@ -1,0 +1,419 @@
+"""Where the vehicle is, by its own sensors: an error-state Kalman filter with 15 states.
+
+The nominal state is integrated with plain floats at the IMU's rate; the covariance of its error follows at 50 Hz.
+Order of the error states, all in NED except the biases, which are in body FRD:
+
+| index   | error of                | unit  |
+|---------|-------------------------|-------|
+| 0 – 2   | attitude, `q_true = exp(error) q` | rad |
+| 3 – 5   | velocity                | m/s   |
+| 6 – 8   | position                | m     |
+| 9 – 11  | gyroscope bias          | rad/s |
+| 12 – 14 | accelerometer bias      | m/s²  |
+
+Source: Solà, Quaternion kinematics for the error-state Kalman filter, 2017, ch. 7 (global angular error).
+"""
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import atan2, cos, hypot, isfinite, sin, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jezero.frames import (
+    Quat,
+    Vec3,
+    ned_from_geodetic,
+    quat_from_euler,
+    quat_from_rotation_vector,
+    quat_multiply,
+    quat_normalize,
+    tilt_from_quat,
+    wrap_pi,
+    yaw_from_quat,
+)
+from jezero.services.autopilot.config import EstimatorConfig
+
+COVARIANCE_PERIOD_US = 20_000
+HISTORY_LENGTH = 20
+MIN_FIXES = 10
+SETTLED_STD_MPS = 0.5
+ACC_BIAS_LIMIT_MPS2 = 0.4
+GYRO_BIAS_LIMIT_RPS = 0.15
+
+Matrix = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Fix:
+    """One GNSS fix. `position_deg` is (latitude_deg, longitude_deg, altitude_m)."""
+
+    position_deg: Vec3
+    vel_ned_mps: Vec3
+    usable: bool
+
+
+def _mean(vectors: Iterable[Vec3], count: int) -> Vec3:
+    north, east, down = zip(*vectors, strict=True)
+    return (sum(north) / count, sum(east) / count, sum(down) / count)
+
+
+class Alignment:
+    """Averages the sensors of a vehicle at rest to find tilt, heading, gyroscope bias and origin.
+
+    A movement, or a fix that is not usable, starts it over.
+    """
+
+    def __init__(self, config: EstimatorConfig, gravity_mps2: float) -> None:
+        self._config = config
+        self._gravity_mps2 = gravity_mps2
+        self._imu: deque[tuple[Vec3, Vec3]] = deque()
+        self._fixes: deque[Vec3] = deque(maxlen=MIN_FIXES)
+        self._mag: deque[Vec3] = deque(maxlen=MIN_FIXES)
+        self._baro: deque[float] = deque(maxlen=MIN_FIXES)
+        self._still_us = 0
+
+    @property
+    def missing(self) -> str:
+        """What the filter still waits for, in words; empty when it can start."""
+        if not self._imu:
+            return "no IMU data, or the vehicle moves"
+        if len(self._fixes) < MIN_FIXES:
+            return "no GNSS fix yet"
+        if len(self._mag) < MIN_FIXES:
+            return "no magnetometer data"
+        if len(self._baro) < MIN_FIXES:
+            return "no barometer data"
+        if self._still_us < self._config.align_s * 1e6:
+            return "aligning, keep the vehicle still"
+        return ""
+
+    def imu(self, dt_us: int, acc_frd_mps2: Vec3, gyro_frd_rps: Vec3) -> None:
+        force = sqrt(sum(a * a for a in acc_frd_mps2))
+        if abs(force - self._gravity_mps2) > 1.0 or max(abs(w) for w in gyro_frd_rps) > 0.15:
+            self._imu.clear()
+            self._still_us = 0
+            return
+        self._imu.append((acc_frd_mps2, gyro_frd_rps))
+        self._still_us += dt_us
+        if self._still_us > 2e6 * self._config.align_s:
+            self._imu.popleft()
+
+    def fix(self, fix: Fix) -> None:
+        if fix.usable:
+            self._fixes.append(fix.position_deg)
+        else:
+            self._fixes.clear()
+
+    def mag(self, field_frd_gauss: Vec3) -> None:
+        self._mag.append(field_frd_gauss)
+
+    def baro(self, altitude_pressure_m: float) -> None:
+        self._baro.append(altitude_pressure_m)
+
+    def result(self) -> tuple[Quat, Vec3, Vec3, float]:
+        """(q_ned_from_frd, gyro_bias_rps, origin_deg, pressure altitude of the origin in m)."""
+        acc = _mean((a for a, _ in self._imu), len(self._imu))
+        gyro = _mean((w for _, w in self._imu), len(self._imu))
+        roll = atan2(-acc[1], -acc[2])
+        pitch = atan2(acc[0], hypot(acc[1], acc[2]))
+        mx, my, mz = _mean(self._mag, len(self._mag))
+        level_x = mx * cos(pitch) + sin(pitch) * (my * sin(roll) + mz * cos(roll))
+        level_y = my * cos(roll) - mz * sin(roll)
+        yaw = wrap_pi(self._config.declination_rad - atan2(level_y, level_x))
+        origin = _mean(self._fixes, len(self._fixes))
+        return quat_from_euler(roll, pitch, yaw), gyro, origin, sum(self._baro) / len(self._baro)
+
+
+class Estimator:
+    """The filter. Give it IMU samples in the order of time, and the other sensors as they arrive."""
+
+    def __init__(self, config: EstimatorConfig, gravity_mps2: float) -> None:
+        self._config = config
+        self._gravity_mps2 = gravity_mps2
+        self._alignment = Alignment(config, gravity_mps2)
+        self.running = False
+        self.t_us = 0
+        self.q_ned_from_frd: Quat = (1.0, 0.0, 0.0, 0.0)
+        self.vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)
+        self.pos_ned_m: Vec3 = (0.0, 0.0, 0.0)
+        self.acc_ned_mps2: Vec3 = (0.0, 0.0, 0.0)
+        self.rates_frd_rps: Vec3 = (0.0, 0.0, 0.0)
+        self.gyro_bias_rps: Vec3 = (0.0, 0.0, 0.0)
+        self.acc_bias_mps2: Vec3 = (0.0, 0.0, 0.0)
+        self.R_ned_from_frd = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+        """Rows one after the other."""
+        self.origin_deg: Vec3 | None = None
+        self.reset_counter = 0
+        self.reset_step_ned_m: Vec3 = (0.0, 0.0, 0.0)
+        """By how much the last reset moved the position."""
+        self.P: Matrix = np.zeros((15, 15))
+        self._covariance_us = 0
+        self._force_ned_mps = [0.0, 0.0, 0.0]
+        self._origin_pressure_m = 0.0
+        self._started_us = 0
+        self._corrected = [0.0] * 6
+        self._history: deque[tuple[int, Vec3, Vec3]] = deque(maxlen=HISTORY_LENGTH)
+        self._rejected_since_us: int | None = None
+        self._rejected_step_m = (0.0, 0.0)
+
+    # -- what others ask -----------------------------------------------------------------------------------
+
+    @property
+    def missing(self) -> str:
+        """Why the estimate can't be flown with, in words; empty when it can."""
+        if not self.running:
+            return self._alignment.missing
+        if self.t_us - self._started_us < self._config.settle_s * 1e6 or self.std_vel_mps > SETTLED_STD_MPS:
+            return "position estimate is settling"
+        if self._rejected_since_us is not None:
+            return f"GNSS is {hypot(*self._rejected_step_m):.1f} m away from the estimate"
+        return ""
+
+    @property
+    def std_vel_mps(self) -> float:
+        return sqrt(max(self.P[3, 3], self.P[4, 4], self.P[5, 5]))
+
+    @property
+    def tilt_rad(self) -> float:
+        return tilt_from_quat(self.q_ned_from_frd)
+
+    @property
+    def yaw_rad(self) -> float:
+        return yaw_from_quat(self.q_ned_from_frd)
+
+    # -- inputs --------------------------------------------------------------------------------------------
+
+    def imu(self, t_us: int, acc_frd_mps2: Vec3, gyro_frd_rps: Vec3) -> None:
+        """Advance to `t_us` with the mean specific force and rate since the last sample."""
+        dt_us = t_us - self.t_us if self.t_us else 0
+        self.t_us = t_us
+        if self.running:
+            self._predict(dt_us * 1e-6, acc_frd_mps2, gyro_frd_rps)
+            self._covariance_us += dt_us
+            if self._covariance_us >= COVARIANCE_PERIOD_US:
+                self._predict_covariance()
+            return
+        self.rates_frd_rps = gyro_frd_rps
+        self._alignment.imu(dt_us, acc_frd_mps2, gyro_frd_rps)
+        if not self._alignment.missing:
+            self._start()
+
+    def fix(self, fix: Fix) -> None:
+        """Fuse a fix with the state at the time when it was measured."""
+        if not self.running:
+            self._alignment.fix(fix)
+            return
+        if not fix.usable or self.origin_deg is None:
+            return
+        pos_then, vel_then = self._state_at(self.t_us - int(self._config.ekf2_gps_delay_s * 1e6))
+        pos = ned_from_geodetic(fix.position_deg, self.origin_deg)
+        c = self._config
+        innovations = []
+        vel_error = [fix.vel_ned_mps[i] - vel_then[i] for i in range(3)]
+        if max(abs(e) for e in vel_error) < c.ekf2_gps_v_gate_mps + 3.0 * self.std_vel_mps:
+            innovations += [(3 + i, vel_error[i], c.ekf2_gps_v_noise_mps) for i in range(3)]
+        north, east = pos[0] - pos_then[0], pos[1] - pos_then[1]
+        if self._horizontal_is_plausible(north, east):
+            innovations += [(6, north, c.ekf2_gps_p_noise_m), (7, east, c.ekf2_gps_p_noise_m)]
+        down = pos[2] - pos_then[2]
+        if abs(down) < 4.0 * c.gps_z_noise_m + 3.0 * sqrt(self.P[8, 8]):
+            innovations.append((8, down, c.gps_z_noise_m))
+        self._update(innovations)
+
+    def baro(self, altitude_pressure_m: float) -> None:
+        if not self.running:
+            self._alignment.baro(altitude_pressure_m)
+            return
+        down = -(altitude_pressure_m - self._origin_pressure_m) - self.pos_ned_m[2]
+        if abs(down) < self._config.ekf2_baro_gate_m + 3.0 * sqrt(self.P[8, 8]):
+            self._update([(8, down, self._config.ekf2_baro_noise_m)])
+
+    def mag(self, field_frd_gauss: Vec3) -> None:
+        """Correct the heading; tilt is left alone, the field's local errors don't deserve it."""
+        if not self.running:
+            self._alignment.mag(field_frd_gauss)
+            return
+        x, y, z = field_frd_gauss
+        r = self.R_ned_from_frd
+        north = r[0] * x + r[1] * y + r[2] * z
+        east = r[3] * x + r[4] * y + r[5] * z
+        if hypot(north, east) < 0.01:
+            return
+        error = wrap_pi(self._config.declination_rad - atan2(east, north))
+        if abs(error) < self._config.ekf2_head_gate_rad + 3.0 * sqrt(self.P[2, 2]):
+            self._update([(2, error, self._config.ekf2_head_noise_rad)])
+
+    # -- mathematics ---------------------------------------------------------------------------------------
+
+    def _start(self) -> None:
+        q, gyro_bias, origin, self._origin_pressure_m = self._alignment.result()
+        self.q_ned_from_frd, self.gyro_bias_rps, self.origin_deg = q, gyro_bias, origin
+        self._turn_matrix()
+        c = self._config
+        std_tilt = c.acc_bias_std_mps2 / self._gravity_mps2
+        std = [std_tilt, std_tilt, c.ekf2_head_noise_rad, 0.1, 0.1, 0.1, 0.3, 0.3, 0.3]
+        std += [c.gyro_bias_std_rps] * 3 + [c.acc_bias_std_mps2] * 3
+        self.P = np.diag(np.square(np.array(std)))
+        self._correlate_tilt_with_bias()
+        self.running = True
+        self._started_us = self.t_us
+
+    def _correlate_tilt_with_bias(self) -> None:
+        """A levelled attitude is wrong by what the accelerometer's bias is wrong, in the opposite sense."""
+        r, g = np.array(self.R_ned_from_frd).reshape(3, 3), self._gravity_mps2
+        tilt_from_bias = np.array([[0.0, 1.0 / g, 0.0], [-1.0 / g, 0.0, 0.0], [0.0, 0.0, 0.0]]) @ r
+        self.P[0:3, 12:15] = tilt_from_bias @ self.P[12:15, 12:15]
+        self.P[12:15, 0:3] = self.P[0:3, 12:15].T
+        self.P[0:2, 0:2] += 1e-6 * np.eye(2)
+
+    def _predict(self, dt: float, acc: Vec3, gyro: Vec3) -> None:
+        """Integrate the nominal state over `dt` seconds; second order in the rotation."""
+        bias, (qw, qx, qy, qz) = self.gyro_bias_rps, self.q_ned_from_frd
+        wx, wy, wz = gyro[0] - bias[0], gyro[1] - bias[1], gyro[2] - bias[2]
+        self.rates_frd_rps = (wx, wy, wz)
+        bias = self.acc_bias_mps2
+        ax, ay, az = acc[0] - bias[0], acc[1] - bias[1], acc[2] - bias[2]
+        h = 0.5 * dt
+        hx, hy, hz = wx * h, wy * h, wz * h
+        ax, ay, az = ax + hy * az - hz * ay, ay + hz * ax - hx * az, az + hx * ay - hy * ax
+        r = self.R_ned_from_frd
+        fn = r[0] * ax + r[1] * ay + r[2] * az
+        fe = r[3] * ax + r[4] * ay + r[5] * az
+        fd = r[6] * ax + r[7] * ay + r[8] * az
+        total = self._force_ned_mps
+        total[0] += fn * dt
+        total[1] += fe * dt
+        total[2] += fd * dt
+        fd += self._gravity_mps2
+        self.acc_ned_mps2 = (fn, fe, fd)
+        vn, ve, vd = self.vel_ned_mps
+        pn, pe, pd = self.pos_ned_m
+        self.pos_ned_m = (pn + (vn + h * fn) * dt, pe + (ve + h * fe) * dt, pd + (vd + h * fd) * dt)
+        self.vel_ned_mps = (vn + fn * dt, ve + fe * dt, vd + fd * dt)
+        n2 = hx * hx + hy * hy + hz * hz
+        c, s = 1.0 - 0.5 * n2, 1.0 - n2 / 6.0
+        hx, hy, hz = hx * s, hy * s, hz * s
+        w = qw * c - qx * hx - qy * hy - qz * hz
+        x = qx * c + qw * hx + qy * hz - qz * hy
+        y = qy * c + qw * hy + qz * hx - qx * hz
+        z = qz * c + qw * hz + qx * hy - qy * hx
+        n = 1.0 / sqrt(w * w + x * x + y * y + z * z)
+        if w < 0.0:
+            n = -n
+        self.q_ned_from_frd = (w * n, x * n, y * n, z * n)
+        self._turn_matrix()
+
+    def _turn_matrix(self) -> None:
+        w, x, y, z = self.q_ned_from_frd
+        xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
+        self.R_ned_from_frd = (
+            1.0 - 2.0 * (yy + zz),
+            2.0 * (xy - wz),
+            2.0 * (xz + wy),
+            2.0 * (xy + wz),
+            1.0 - 2.0 * (xx + zz),
+            2.0 * (yz - wx),
+            2.0 * (xz - wy),
+            2.0 * (yz + wx),
+            1.0 - 2.0 * (xx + yy),
+        )
+
+    def _predict_covariance(self) -> None:
+        """P = F P Fᵀ + Q over the time since the last call; keeps the history for late fixes."""
+        c, dt = self._config, self._covariance_us * 1e-6
+        fn, fe, fd = self._force_ned_mps
+        r = np.array(self.R_ned_from_frd).reshape(3, 3) * dt
+        F = np.eye(15)
+        F[0:3, 9:12] = -r
+        F[3:6, 0:3] = ((0.0, fd, -fe), (-fd, 0.0, fn), (fe, -fn, 0.0))
+        F[3:6, 12:15] = -r
+        F[6, 3] = F[7, 4] = F[8, 5] = dt
+        P = F @ self.P @ F.T
+        diagonal = P.reshape(-1)[::16]
+        diagonal[0:3] += c.gyro_density**2 * dt
+        diagonal[3:6] += c.acc_density**2 * dt
+        diagonal[9:12] += c.gyro_bias_walk**2 * dt
+        diagonal[12:15] += c.acc_bias_walk**2 * dt
+        self.P = 0.5 * (P + P.T)
+        self._covariance_us = 0
+        self._force_ned_mps = [0.0, 0.0, 0.0]
+        d, (vn, ve, vd), (pn, pe, pd) = self._corrected, self.vel_ned_mps, self.pos_ned_m
+        self._history.append(
+            (self.t_us, (vn - d[0], ve - d[1], vd - d[2]), (pn - d[3], pe - d[4], pd - d[5])),
+        )
+
+    def _state_at(self, t_us: int) -> tuple[Vec3, Vec3]:
+        """Position and velocity at a past time, as they would be with all corrections made since."""
+        if not self._history:
+            return self.pos_ned_m, self.vel_ned_mps
+        then_us, v, p = min(self._history, key=lambda entry: abs(entry[0] - t_us))
+        d, dt = self._corrected, (t_us - then_us) * 1e-6
+        vel = (v[0] + d[0], v[1] + d[1], v[2] + d[2])
+        pos = (p[0] + d[3] + vel[0] * dt, p[1] + d[4] + vel[1] * dt, p[2] + d[5] + vel[2] * dt)
+        return pos, vel
+
+    def _horizontal_is_plausible(self, north_m: float, east_m: float) -> bool:
+        """Gate of the horizontal position; resets it when the fixes insist on another place for long enough."""
+        c = self._config
+        std = sqrt(max(self.P[6, 6], self.P[7, 7]))
+        if hypot(north_m, east_m) < max(c.ekf2_gps_p_gate_m, 3.0 * std):
+            self._rejected_since_us = None
+            return True
+        if self._rejected_since_us is None:
+            self._rejected_since_us, self._rejected_step_m = self.t_us, (north_m, east_m)
+        n, e = self._rejected_step_m
+        self._rejected_step_m = (n + 0.2 * (north_m - n), e + 0.2 * (east_m - e))
+        if self.t_us - self._rejected_since_us >= c.gps_reset_s * 1e6:
+            self._reset_position()
+        return False
+
+    def _reset_position(self) -> None:
+        n, e = self._rejected_step_m
+        self.pos_ned_m = (self.pos_ned_m[0] + n, self.pos_ned_m[1] + e, self.pos_ned_m[2])
+        self._corrected[3] += n
+        self._corrected[4] += e
+        self.P[6:8, :] = 0.0
+        self.P[:, 6:8] = 0.0
+        self.P[6, 6] = self.P[7, 7] = self._config.ekf2_gps_p_noise_m**2
+        self._rejected_since_us = None
+        self.reset_step_ned_m = (n, e, 0.0)
+        self.reset_counter += 1
+
+    def _update(self, innovations: list[tuple[int, float, float]]) -> None:
+        """Fuse measurements of single error states, one after the other, then move the nominal state.
+
+        Args:
+            innovations: (index of the error state, measured minus expected, standard deviation).
+        """
+        if not innovations:
+            return
+        P = self.P
+        dx = np.zeros(15)
+        for index, innovation, std in innovations:
+            if not isfinite(innovation):
+                continue
+            column = P[:, index].copy()
+            s = column[index] + std * std
+            dx += column * ((innovation - dx[index]) / s)
+            P -= np.outer(column, column / s)
+        self._inject(dx.tolist())
+
+    def _inject(self, dx: list[float]) -> None:
+        v, p = self.vel_ned_mps, self.pos_ned_m
+        self.vel_ned_mps = (v[0] + dx[3], v[1] + dx[4], v[2] + dx[5])
+        self.pos_ned_m = (p[0] + dx[6], p[1] + dx[7], p[2] + dx[8])
+        for i in range(6):
+            self._corrected[i] += dx[3 + i]
+        self.gyro_bias_rps = _limited(self.gyro_bias_rps, dx[9:12], GYRO_BIAS_LIMIT_RPS)
+        self.acc_bias_mps2 = _limited(self.acc_bias_mps2, dx[12:15], ACC_BIAS_LIMIT_MPS2)
+        turn = quat_from_rotation_vector((dx[0], dx[1], dx[2]))
+        self.q_ned_from_frd = quat_normalize(quat_multiply(turn, self.q_ned_from_frd))
+        self._turn_matrix()
+
+
+def _limited(bias: Vec3, change: list[float], limit: float) -> Vec3:
+    x, y, z = (max(-limit, min(limit, b + d)) for b, d in zip(bias, change, strict=True))
+    return (x, y, z)

@@ -1,0 +1,89 @@
+"""From a setpoint to motor commands: on the ground, lifting off, in the air, touching down."""
+
+from jezero.frames import Vec3, add, norm, scale
+from jezero.services.autopilot.config import AutopilotConfig
+from jezero.services.autopilot.control import Controller, Kinematics, Setpoint, stopping_distance_m
+from jezero.services.autopilot.estimator import Estimator
+from jezero.services.autopilot.land_detector import LandDetector
+from jezero.services.autopilot.mixer import Commands
+
+OUTER_STEPS = 4
+"""The velocity loop runs with every fourth IMU sample."""
+SPOOL_UP_S = 0.5
+CLIMB_WANTED_MPS = 0.1
+LIFTED_MPS = 0.2
+LIFTED_M = 0.1
+
+
+class Flight:
+    """Runs the controllers and the land detector.
+
+    Attributes:
+        detector: whether the vehicle stands on something.
+    """
+
+    def __init__(self, config: AutopilotConfig, estimator: Estimator) -> None:
+        self.detector = LandDetector(config.land_detector)
+        self._config = config
+        self._estimator = estimator
+        self._controller = Controller(config.control, config.airframe)
+        self._step = 0
+        self._outer_s = 0.0
+        self._armed_s = 0.0
+        self._lifting_from_m: float | None = None
+
+    def stopped(self) -> Commands:
+        """Disarmed: motors still, everything forgotten."""
+        self.detector.reset()
+        self._armed_s = 0.0
+        self._lifting_from_m = None
+        return self._controller.stopped(self._estimator.yaw_rad)
+
+    def step(self, dt: float, setpoint: Setpoint, *, may_lift: bool) -> Commands:
+        """Armed: (4,) motor commands from 0 to 1.
+
+        Args:
+            may_lift: a setpoint above the vehicle makes it take off.
+        """
+        self._armed_s += dt
+        self._outer_s += dt
+        self._step += 1
+        if self._step % OUTER_STEPS == 0:
+            self._outer(self._outer_s, setpoint, may_lift=may_lift)
+            self._outer_s = 0.0
+        estimator = self._estimator
+        if self.detector.landed and self._lifting_from_m is None:
+            return self._controller.idle(estimator.yaw_rad)
+        return self._controller.inner(dt, estimator.rates_frd_rps, estimator.R_ned_from_frd)
+
+    def _outer(self, dt: float, setpoint: Setpoint, *, may_lift: bool) -> None:
+        at = self._kinematics()
+        detector, controller = self.detector, self._controller
+        if not detector.landed:
+            controller.outer(dt, at, setpoint, airborne=True, held_down=detector.contact)
+            down_mps = controller.vel_setpoint_ned_mps[2]
+            detector.step(dt, at.vel_ned_mps, self._estimator.rates_frd_rps, down_mps, controller.thrust_hover)
+            return
+        climbs = controller.wanted_velocity(at, setpoint)[2] < -CLIMB_WANTED_MPS
+        if not (may_lift and climbs and self._armed_s >= SPOOL_UP_S):
+            self._lifting_from_m = None
+            return
+        if self._lifting_from_m is None:
+            self._lifting_from_m = at.pos_ned_m[2]
+        controller.outer(dt, at, setpoint, airborne=False)
+        if at.vel_ned_mps[2] < -LIFTED_MPS or self._lifting_from_m - at.pos_ned_m[2] > LIFTED_M:
+            self._lifting_from_m = None
+            detector.lifted_off()
+
+    def _kinematics(self) -> Kinematics:
+        e = self._estimator
+        return Kinematics(e.pos_ned_m, e.vel_ned_mps, e.acc_ned_mps2, e.yaw_rad)
+
+    def stopping_point_ned_m(self) -> Vec3:
+        """Where the vehicle comes to rest when it brakes now."""
+        e, c = self._estimator, self._config.control
+        speed_mps = norm(e.vel_ned_mps)
+        if speed_mps < 1e-6:
+            return e.pos_ned_m
+        ahead_m = stopping_distance_m(speed_mps, c.mpc_xy_p, c.mpc_acc_hor_mps2)
+        return add(e.pos_ned_m, scale(e.vel_ned_mps, ahead_m / speed_mps))

@@ -1,0 +1,85 @@
+"""The autopilot's side of PX4's simulator interface: HIL_SENSOR and HIL_GPS in, HIL_ACTUATOR_CONTROLS out.
+
+Source: MAVLink common dialect; PX4 v1.15 `simulator_mavlink`.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from jezero.frames import Vec3
+from jezero.mavlink import MavlinkCodec, MavMessage, dialect, is_finite
+from jezero.services.autopilot.estimator import Fix
+from jezero.services.autopilot.mixer import Commands
+
+ARMED = 128
+UPDATED_IMU = 0x3F
+UPDATED_MAG = 0x1C0
+UPDATED_BARO = 0x800
+MIN_SATELLITES = 6
+FIX_3D = 3
+SENSOR_FIELDS = ("xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro")
+MAG_FIELDS = ("xmag", "ymag", "zmag")
+UNUSED = (0.0,) * 12
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One HIL_SENSOR. What it doesn't carry is None.
+
+    Attributes:
+        acc_frd_mps2, gyro_frd_rps, field_frd_gauss: (3,) in the body.
+        altitude_pressure_m: in the standard atmosphere, positive up.
+    """
+
+    t_us: int
+    imu: tuple[Vec3, Vec3] | None
+    field_frd_gauss: Vec3 | None
+    altitude_pressure_m: float | None
+
+
+class HilLink:
+    """One connection to a simulator."""
+
+    def __init__(self, system_id: int) -> None:
+        self._codec = MavlinkCodec(system_id, dialect.MAV_COMP_ID_AUTOPILOT1)
+
+    @property
+    def malformed(self) -> int:
+        """Stretches of bytes that were no message, and messages with impossible numbers."""
+        return self._codec.malformed
+
+    def receive(self, data: bytes) -> Iterator[Reading | Fix]:
+        """What arrived, in order."""
+        for message in self._codec.parse(data):
+            kind = message.get_msgId()
+            if kind == dialect.MAVLINK_MSG_ID_HIL_SENSOR:
+                yield self._reading(message)
+            elif kind == dialect.MAVLINK_MSG_ID_HIL_GPS:
+                yield _fix(message)
+
+    def _reading(self, message: MavMessage) -> Reading:
+        """Groups of fields that are not updated, or not finite, are left out."""
+        updated = message.fields_updated
+        imu = field = altitude_m = None
+        if updated & UPDATED_IMU == UPDATED_IMU and is_finite(message, *SENSOR_FIELDS):
+            imu = ((message.xacc, message.yacc, message.zacc), (message.xgyro, message.ygyro, message.zgyro))
+        else:
+            self._codec.malformed += 1
+        if updated & UPDATED_MAG == UPDATED_MAG and is_finite(message, *MAG_FIELDS):
+            field = (message.xmag, message.ymag, message.zmag)
+        if updated & UPDATED_BARO and is_finite(message, "pressure_alt"):
+            altitude_m = message.pressure_alt
+        return Reading(message.time_usec, imu, field, altitude_m)
+
+    def actuators(self, t_us: int, commands: Commands, *, armed: bool) -> bytes:
+        """HIL_ACTUATOR_CONTROLS with (4,) motor commands from 0 to 1."""
+        mode = 1 | (ARMED if armed else 0)
+        return self._codec.pack(dialect.MAVLink_hil_actuator_controls_message(t_us, (*commands, *UNUSED), mode, 0))
+
+
+def _fix(message: MavMessage) -> Fix:
+    return Fix(
+        position_deg=(message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3),
+        vel_ned_mps=(message.vn * 0.01, message.ve * 0.01, message.vd * 0.01),
+        usable=message.fix_type >= FIX_3D and message.satellites_visible >= MIN_SATELLITES,
+    )

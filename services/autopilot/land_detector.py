@@ -1,0 +1,60 @@
+"""Whether the vehicle stands on something, from motion, thrust and what was asked of it.
+
+Three stages, each of which must hold for a while: contact (it shall descend and doesn't), maybe landed (and the thrust
+is low), landed. Source: PX4's multicopter land detector, thresholds `LNDMC_*`.
+"""
+
+from math import hypot
+
+from jezero.frames import Vec3
+from jezero.services.autopilot.config import LandDetectorConfig
+
+DESCENT_WANTED = 1.1
+"""A descent is wanted when the setpoint is faster than this many times the speed that counts as moving."""
+DESCENT_DONE = 0.5
+"""It doesn't happen when less than this share of it is seen."""
+LOW_THRUST = 0.3
+"""Share of the thrust that hovers."""
+
+
+class LandDetector:
+    """Attributes: contact: the vehicle shall descend and something holds it; landed: it stands there for good."""
+
+    def __init__(self, config: LandDetectorConfig) -> None:
+        self._config = config
+        self.reset()
+
+    def reset(self) -> None:
+        """The vehicle stands on the ground."""
+        self.contact = True
+        self.landed = True
+        self._contact_s = self._low_s = 0.0
+
+    def lifted_off(self) -> None:
+        """The vehicle flies."""
+        self.contact = False
+        self.landed = False
+        self._contact_s = self._low_s = 0.0
+
+    def step(
+        self, dt: float, vel_ned_mps: Vec3, rates_frd_rps: Vec3, down_wanted_mps: float, thrust_of_hover: float
+    ) -> None:
+        """Advance by `dt` seconds of armed flight.
+
+        Args:
+            down_wanted_mps: vertical velocity setpoint, positive down.
+            thrust_of_hover: thrust as a share of the thrust that hovers.
+        """
+        c = self._config
+        moves = abs(vel_ned_mps[2]) > c.lndmc_z_vel_max_mps or hypot(vel_ned_mps[0], vel_ned_mps[1]) > (
+            c.lndmc_xy_vel_max_mps
+        )
+        wanted = down_wanted_mps > DESCENT_WANTED * c.lndmc_z_vel_max_mps
+        blocked = wanted and vel_ned_mps[2] < DESCENT_DONE * down_wanted_mps
+        held_down = (blocked or thrust_of_hover < LOW_THRUST) and not moves
+        self._contact_s = self._contact_s + dt if held_down else 0.0
+        self.contact = self._contact_s >= c.contact_s
+        turns = max(abs(rate) for rate in rates_frd_rps) > c.lndmc_rot_max_rps
+        rests = self.contact and thrust_of_hover < LOW_THRUST and not turns
+        self._low_s = self._low_s + dt if rests else 0.0
+        self.landed = self._low_s >= c.maybe_landed_s + c.landed_s
