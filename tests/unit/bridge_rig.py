@@ -23,7 +23,8 @@ ARM, SET_MODE = dialect.MAV_CMD_COMPONENT_ARM_DISARM, dialect.MAV_CMD_DO_SET_MOD
 
 
 class FakeAutopilot:
-    """Attributes that tests set: what it tells; `deaf` loses commands, `mute` loses acknowledgements."""
+    """What it tells is set by tests; `deaf` loses commands, `mute` loses acknowledgements,
+    `tells_armed` is what an old heartbeat still says."""
 
     def __init__(self) -> None:
         self.codec = MavlinkCodec(1, 1)
@@ -39,6 +40,7 @@ class FakeAutopilot:
         self.deaf = 0
         self.mute = 0
         self.refuse_arming = ""
+        self.tells_armed: bool | None = None
         self.commands: list[tuple[int, tuple[float, float, float]]] = []
         self.setpoints: list[Any] = []
         self.t_us = 0
@@ -82,7 +84,8 @@ class FakeAutopilot:
         """One round of telemetry at the present time."""
         if self.silent:
             return b""
-        base_mode = 1 | (dialect.MAV_MODE_FLAG_SAFETY_ARMED if self.armed else 0)
+        armed = self.armed if self.tells_armed is None else self.tells_armed
+        base_mode = 1 | (dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
         prearm = dialect.MAV_SYS_STATUS_PREARM_CHECK
         nan = [float("nan")] * 21
         messages = (

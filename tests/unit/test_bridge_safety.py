@@ -75,15 +75,36 @@ def test_an_abort_on_the_ground_disarms() -> None:
 
 def test_an_abort_before_arming_is_known_of_still_disarms() -> None:
     rig = Rig().ready()
+    rig.autopilot.tells_armed, rig.autopilot.mute = False, 1
     control_id = rig.acquire().control_id
-    armings = lambda: [c for c in rig.autopilot.commands if c[0] == ARM]  # noqa: E731
-    rig.run_until(lambda: bool(armings()), lambda: rig.setpoint(control_id, Phase.TAKEOFF))
-    assert not rig.status.armed
+    rig.autopilot.mode = MODES["OFFBOARD"]
+    rig.run_until(lambda: rig.autopilot.armed, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    rig.autopilot.deaf = 1
     rig.ask(ABORT, Abort())
+    rig.run(0.3)
+    rig.autopilot.tells_armed = None
     rig.run(1.0)
     assert rig.codes == [0, 1, 12, 0]
     assert not rig.autopilot.armed
-    assert armings()[-1] == (ARM, (0.0, 0.0, 0.0))
+    assert (ARM, (0.0, 0.0, 0.0)) in rig.autopilot.commands
+
+
+def test_a_success_before_the_motors_run_is_none() -> None:
+    rig = Rig().ready()
+    control_id = rig.acquire().control_id
+    rig.run(0.1, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    assert rig.release(control_id).code == 0
+    assert rig.codes == [0, 1, 12, 0]
+    assert "before the vehicle was armed" in rig.status.text
+
+
+@pytest.mark.parametrize(("height_m", "rest_m"), [(5.0, 4.25), (1.5, 1.0), (1.05, 1.0)])
+def test_a_descent_that_is_aborted_comes_to_rest_above_a_metre(height_m: float, rest_m: float) -> None:
+    rig = Rig().fly()
+    rig.go("land_on_spot", Phase.LANDING)
+    rig.autopilot.pos[2], rig.autopilot.vel[2] = -height_m, 1.5
+    rig.ask(ABORT, Abort())
+    assert rig.autopilot.setpoints[-1].z == pytest.approx(-rest_m)
 
 
 def test_an_abort_at_lift_off_hovers_when_the_autopilot_refuses_to_disarm() -> None:
