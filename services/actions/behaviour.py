@@ -54,6 +54,7 @@ class Move:
     feedback: MoveFeedback | LandFeedback
     pos_ned_m: Vec3 | None = None
     vel_ned_mps: Vec3 | None = None
+    acc_ned_mps2: Vec3 | None = None
     yaw_rad: float | None = None
 
 

@@ -214,6 +214,7 @@ class GoalRun:
             reset_counter=odometry.reset_counter,
             pos_ned_m=None if move.pos_ned_m is None else add(move.pos_ned_m, self._shift(odometry)),
             vel_ned_mps=move.vel_ned_mps,
+            acc_ned_mps2=move.acc_ned_mps2,
             yaw_rad=move.yaw_rad,
         )
         return Publish(SETPOINT, setpoint)

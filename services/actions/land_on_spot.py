@@ -115,7 +115,7 @@ class LandOnSpot:
             self._leg.wait(t_ns)
         elif leg.reached:
             self._enter("descent", t_ns)
-        return Move(Phase.LANDING, self._feedback(state), leg.pos_ned_m, leg.vel_ned_mps, leg.yaw_rad)
+        return Move(Phase.LANDING, self._feedback(state), leg.pos_ned_m, leg.vel_ned_mps, leg.acc_ned_mps2, leg.yaw_rad)
 
     def _descent_velocity(self, state: VehicleState, land: LandConfig) -> Vec3:
         """Towards the spot, and down: slower near the ground, and never faster again."""
@@ -152,7 +152,7 @@ class LandOnSpot:
 
     def _move(self, state: VehicleState, vel_ned_mps: Vec3) -> Move:
         assert self._leg is not None
-        return Move(Phase.LANDING, self._feedback(state), None, vel_ned_mps, self._leg.yaw_rad)
+        return Move(Phase.LANDING, self._feedback(state), vel_ned_mps=vel_ned_mps, yaw_rad=self._leg.yaw_rad)
 
     def _feedback(self, state: VehicleState) -> LandFeedback:
         spot_x, spot_y, _ = self._spot_ned_m

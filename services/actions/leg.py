@@ -50,6 +50,7 @@ class Leg:
         self.end_ned_m = end_ned_m
         self.pos_ned_m = start_ned_m
         self.vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)
+        self.acc_ned_mps2: Vec3 = (0.0, 0.0, 0.0)
         self.yaw_rad = yaw_start_rad
         self.reached = False
         self._start_ned_m = start_ned_m
@@ -89,7 +90,7 @@ class Leg:
         return f"no progress for {stuck_s:.0f} s: still {self._nearest_m:.2f} m from the target"
 
     def _advance(self, dt: float, lead_m: float) -> None:
-        accel = self._config.accel_mps2
+        accel, speed_before_mps = self._config.accel_mps2, self._speed_mps
         remaining = self._length_m - self._travelled_m
         self._speed_mps = min(
             self._speed_mps + accel * dt,
@@ -105,7 +106,9 @@ class Leg:
         else:
             self._travelled_m += step_m
             self.pos_ned_m = add(self._start_ned_m, scale(self._direction, self._travelled_m))
+        change = (self._speed_mps - speed_before_mps) / dt if dt > 0.0 else 0.0
         self.vel_ned_mps = scale(self._direction, self._speed_mps)
+        self.acc_ned_mps2 = scale(self._direction, min(max(change, -accel), accel))
 
     def _judge(self, t_ns: int, state: VehicleState, *, turned: bool) -> None:
         config = self._config

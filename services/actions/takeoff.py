@@ -82,5 +82,6 @@ def follow(leg: Leg, phase: Phase, goal_ned_m: Vec3, state: VehicleState) -> Mov
         MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, distance_m=distance(goal_ned_m, state.pos_uav_ned_m)),
         leg.pos_ned_m,
         leg.vel_ned_mps,
+        leg.acc_ned_mps2,
         leg.yaw_rad,
     )

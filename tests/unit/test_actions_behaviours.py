@@ -177,6 +177,8 @@ def test_setpoints_are_finite_and_within_the_speed_limits(
         assert all(isfinite(v) for v in (*move.pos_ned_m, *move.vel_ned_mps))
         assert norm(move.vel_ned_mps) <= speed_mps + 1e-9
         assert -CONFIG.move.speed_up_mps - 1e-9 <= move.vel_ned_mps[2] <= CONFIG.move.speed_down_mps + 1e-9
+        assert move.acc_ned_mps2 is not None
+        assert norm(move.acc_ned_mps2) <= CONFIG.move.accel_mps2 + 1e-9
         assert dist(previous, move.pos_ned_m) <= speed_mps * DT_S + 1.1e-3
         previous = move.pos_ned_m
 
