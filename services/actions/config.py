@@ -49,9 +49,15 @@ class MoveConfig(Config, frozen=True, kw_only=True):
 
 
 class TakeoffConfig(Config, frozen=True, kw_only=True):
-    """Attributes: arming_timeout_s: aborted when the vehicle isn't armed by then."""
+    """Straight up.
+
+    Attributes:
+        lead_m: how far the reference rises before the vehicle leaves the ground, which it then catches up with.
+        arming_timeout_s: aborted when the vehicle isn't armed by then.
+    """
 
     altitude_min_m: Positive = 0.5
+    lead_m: Positive = 0.6
     arming_timeout_s: Positive = 10.0
 
 

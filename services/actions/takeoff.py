@@ -26,7 +26,7 @@ class Climb:
             (x, y, z),
             (x, y, z - altitude_m),
             speed_mps=config.move.speed_up_mps,
-            lead_max_m=config.move.lead_m,
+            lead_max_m=config.takeoff.lead_m,
             config=config.move,
             yaw_start_rad=state.yaw_rad,
         )

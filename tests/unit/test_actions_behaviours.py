@@ -114,7 +114,7 @@ def test_a_vehicle_that_does_not_rise_is_given_up_with_the_distance() -> None:
     assert done.outcome == "aborted"
     assert "still 2.00 m from the target" in done.reason
     highest = min(move.pos_ned_m[2] for _, move in flight.moves if move.pos_ned_m)
-    assert highest == pytest.approx(-CONFIG.move.lead_m, abs=0.05)
+    assert highest == pytest.approx(-CONFIG.takeoff.lead_m, abs=0.05)
 
 
 def test_go_to_flies_a_straight_line_and_turns_at_a_limited_rate() -> None:
