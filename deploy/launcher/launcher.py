@@ -1,0 +1,324 @@
+"""Starts services in order, restarts those that end, and stops them in reverse: one loop in the main thread."""
+
+import contextlib
+import os
+import selectors
+import signal
+import socket
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import FrameType
+from typing import TextIO
+
+from jezero.deploy.launcher.compose import Service, in_levels
+from jezero.deploy.launcher.health import HealthWatcher
+from jezero.deploy.launcher.output import Output
+from jezero.deploy.launcher.processes import Child, RestartPolicy, SpawnError, describe_exit, spawn
+from jezero.deploy.launcher.state import LaunchedService, RunFolder, RunState, ServiceState, start_ticks
+from jezero.runtime.config import Instance
+
+BRIDGE = "vehicle_bridge"
+STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+KILL_MARGIN_S = 0.5
+
+
+@dataclass
+class _Slot:
+    """What the launcher knows of one service.
+
+    Attributes:
+        due_s: monotonic time of the next try when restarting, of SIGKILL when stopping.
+    """
+
+    service: Service
+    policy: RestartPolicy
+    state: ServiceState = "waiting"
+    text: str = ""
+    child: Child | None = None
+    started_s: float = 0.0
+    started_unix_s: float | None = None
+    due_s: float | None = None
+    exit_code: int | None = None
+
+    @property
+    def has_started(self) -> bool:
+        return self.started_unix_s is not None or self.state == "external"
+
+
+class Launcher:
+    """Runs services until a signal stops it, on a terminal also until all have ended; must live in the main thread.
+
+    Args:
+        folder: already acquired.
+        external: services that another launch runs; they are waited for and left alone.
+        terminal: gets every line that is printed; None when detached.
+    """
+
+    def __init__(
+        self,
+        services: Mapping[str, Service],
+        folder: RunFolder,
+        instance: Instance,
+        compose_file: str,
+        *,
+        external: frozenset[str] = frozenset(),
+        terminal: TextIO | None = None,
+    ) -> None:
+        self._slots = {name: _Slot(service, RestartPolicy(service)) for name, service in services.items()}
+        for name in external.intersection(self._slots):
+            self._slots[name].state = "external"
+        self._levels = in_levels(services)
+        self._folder = folder
+        self._instance = instance
+        self._compose_file = compose_file
+        self._terminal = terminal
+        self._output = Output(folder, services, terminal)
+        self._selector = selectors.DefaultSelector()
+        self._wake_read, self._wake_write = socket.socketpair()
+        self._health = HealthWatcher(instance, self._wake)
+        self._stop_requests = 0
+        self._stopping: Iterator[list[str]] | None = None
+        self._level: list[str] = []
+        self._written: RunState | None = None
+        self._said_ready = False
+
+    def run(self) -> int:
+        """Returns the exit code: 1 when a service failed."""
+        for end in (self._wake_read, self._wake_write):
+            end.setblocking(False)
+        self._selector.register(self._wake_read, selectors.EVENT_READ, None)
+        for number in STOP_SIGNALS:
+            signal.signal(number, self._on_signal)
+        begin_s = time.monotonic()
+        self._advance()
+        with self._health:
+            while self._stopping is None or self._level:
+                self._wait()
+                self._advance()
+                self._say_ready(begin_s)
+        self._output.close()
+        self._folder.clear()
+        return 1 if any(slot.state == "failed" for slot in self._slots.values()) else 0
+
+    # -- events --
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        self._stop_requests += 1
+        self._wake()
+
+    def _wake(self) -> None:
+        with contextlib.suppress(OSError):
+            self._wake_write.send(b"\0")
+
+    def _wait(self) -> None:
+        """Until something happens or is due; then handle what happened."""
+        due = [slot.due_s for slot in self._slots.values() if slot.due_s is not None]
+        timeout_s = None if not due else max(0.0, min(due) - time.monotonic())
+        for selected, _ in self._selector.select(timeout_s):
+            name = selected.data
+            if name is None:
+                with contextlib.suppress(BlockingIOError):
+                    self._wake_read.recv(4096)
+                continue
+            child = self._slots[name].child
+            if child is None:  # both its ends were ready, and the first one was the last of it
+                continue
+            if selected.fd == child.pidfd:
+                self._on_exit(name, child)
+            else:
+                self._read(name, child)
+
+    def _read(self, name: str, child: Child) -> bool:
+        """Take what a service has printed; false at the end of it."""
+        try:
+            data = os.read(child.output.fileno(), 65536)
+        except BlockingIOError:
+            return False
+        if data:
+            self._output.feed(name, data)
+            return True
+        self._selector.unregister(child.output)
+        return False
+
+    def _on_exit(self, name: str, child: Child) -> None:
+        slot = self._slots[name]
+        now_s = time.monotonic()
+        self._selector.unregister(child.pidfd)
+        slot.exit_code = child.reap()
+        while self._read(name, child):
+            pass
+        if child.output in self._selector.get_map():
+            self._selector.unregister(child.output)
+        child.output.close()
+        self._output.finish(name)
+        self._health.forget(name)
+        slot.child = None
+        slot.due_s = None
+        how = describe_exit(slot.exit_code)
+        if self._stopping is not None or self._stop_requests:
+            self._set(slot, "stopped", f"stopped with {how}")
+            return
+        delay_s = slot.policy.after_exit(now_s, now_s - slot.started_s, slot.exit_code)
+        if delay_s is not None:
+            slot.due_s = now_s + delay_s
+            self._set(slot, "restarting", f"ended with {how}; again in {delay_s:.1f} s")
+        elif slot.policy.gave_up:
+            self._set(slot, "failed", slot.policy.gave_up)
+        else:
+            self._set(slot, "exited", f"ended with {how}")
+
+    # -- what follows --
+
+    def _advance(self) -> None:
+        """Start, restart, stop and kill whatever is due, and write down how things are."""
+        now_s = time.monotonic()
+        ended = all(s.state in ("exited", "failed", "stopped", "external") for s in self._slots.values())
+        # Detached it stays when all have ended, so that `jezero ps` can say why.
+        if self._stopping is None and (self._stop_requests or (ended and self._terminal is not None)):
+            self._begin_stop()
+        if self._stopping is not None:
+            self._stop(now_s)
+        else:
+            for slot in self._slots.values():
+                if slot.state == "waiting":
+                    self._start_if_possible(slot)
+                elif slot.state == "restarting" and slot.due_s is not None and now_s >= slot.due_s:
+                    slot.due_s = None
+                    self._start(slot)
+        self._write()
+
+    def _start_if_possible(self, slot: _Slot) -> None:
+        waits = []
+        for name, condition in slot.service.depends_on.items():
+            other = self._slots[name]
+            if condition == "service_healthy" and not self._is_healthy(other):
+                waits.append(f"{name} to be healthy" if other.state != "failed" else f"{name}, which failed")
+            elif not other.has_started:
+                waits.append(f"{name} to start" if other.state != "failed" else f"{name}, which failed")
+        if waits:
+            slot.text = f"waits for {', '.join(waits)}"
+        else:
+            self._start(slot)
+
+    def _start(self, slot: _Slot) -> None:
+        name = slot.service.name
+        try:
+            slot.child = spawn(slot.service)
+        except SpawnError as error:
+            self._set(slot, "failed", str(error))
+            return
+        slot.started_s = time.monotonic()
+        slot.started_unix_s = time.time()
+        self._selector.register(slot.child.pidfd, selectors.EVENT_READ, name)
+        self._selector.register(slot.child.output, selectors.EVENT_READ, name)
+        self._set(slot, "running", f"started, process {slot.child.pid}")
+
+    def _set(self, slot: _Slot, state: ServiceState, text: str) -> None:
+        slot.state = state
+        slot.text = text
+        self._output.say(slot.service.name, f"[launcher] {text}")
+
+    # -- the end --
+
+    def _begin_stop(self) -> None:
+        self._stopping = iter([list(level) for level in reversed(self._levels)])
+        self._level = next(self._stopping, [])
+        self._terminate(self._level)
+
+    def _terminate(self, level: list[str]) -> None:
+        for name in level:
+            slot = self._slots[name]
+            if slot.child is not None:
+                slot.child.signal(signal.SIGTERM)
+                slot.due_s = time.monotonic() + slot.service.stop_grace_s
+                slot.state = "stopping"
+            elif slot.state in ("waiting", "restarting"):
+                slot.due_s = None
+                self._set(slot, "stopped", "stopped before it ran")
+
+    def _stop(self, now_s: float) -> None:
+        """Kill who takes too long, or everybody when asked twice; go on to the next level when one is empty."""
+        assert self._stopping is not None
+        if self._stop_requests > 1:
+            for slot in self._slots.values():
+                if slot.child is not None:
+                    slot.child.signal(signal.SIGKILL)
+        while self._level:
+            running = [slot for name in self._level if (slot := self._slots[name]).child is not None]
+            if running:
+                for slot in running:
+                    if slot.child is not None and slot.due_s is not None and now_s >= slot.due_s:
+                        self._output.say(slot.service.name, f"[launcher] killed: still there after {_grace(slot)}")
+                        slot.child.signal(signal.SIGKILL)
+                        slot.due_s = now_s + KILL_MARGIN_S
+                return
+            self._level = next(self._stopping, [])
+            self._terminate(self._level)
+
+    # -- what people see --
+
+    def _is_healthy(self, slot: _Slot) -> bool:
+        running = slot.state in ("running", "external")
+        if not slot.service.has_healthcheck:
+            return running
+        return running and self._health.verdict(slot.service.name).healthy
+
+    def _not_ready_reason(self) -> str:
+        """Why the vehicle can't be used yet; "" when it can."""
+        if self._stopping is not None:
+            return "stopping"
+        for name, slot in self._slots.items():
+            if slot.state == "failed":
+                return f"{name} failed: {slot.text}"
+        for name, slot in self._slots.items():
+            if self._is_healthy(slot):
+                continue
+            verdict = self._health.verdict(name)
+            said = (verdict.text or "has not reported yet") if slot.state in ("running", "external") else slot.text
+            return f"{name} is {slot.state}: {said}"
+        if BRIDGE in self._slots:
+            ready, reason = self._health.vehicle_ready
+            return "" if ready else reason or "the vehicle is not ready"
+        return ""
+
+    def _say_ready(self, begin_s: float) -> None:
+        ready = self._written is not None and self._written.ready
+        if ready and not self._said_ready and self._terminal is not None:
+            print(f"ready after {time.monotonic() - begin_s:.1f} s", file=self._terminal, flush=True)
+        self._said_ready |= ready
+
+    def _write(self) -> None:
+        reason = self._not_ready_reason()
+        pid = os.getpid()
+        state = RunState(
+            launcher_pid=pid,
+            launcher_start_ticks=start_ticks(pid) or 0,
+            compose_file=self._compose_file,
+            vehicle=self._instance.vehicle,
+            router=self._instance.router,
+            ready=not reason,
+            not_ready_reason=reason,
+            services=tuple(self._describe(name, slot) for name, slot in self._slots.items()),
+        )
+        if state != self._written:
+            self._folder.write(state)
+            self._written = state
+
+    def _describe(self, name: str, slot: _Slot) -> LaunchedService:
+        verdict = self._health.verdict(name)
+        return LaunchedService(
+            service=name,
+            state=slot.state,
+            pid=None if slot.child is None else slot.child.pid,
+            healthy=self._is_healthy(slot),
+            health=verdict.health,
+            restarts=slot.policy.restarts,
+            exit_code=slot.exit_code,
+            started_unix_s=slot.started_unix_s,
+            text=verdict.text if slot.state == "running" and verdict.text else slot.text,
+        )
+
+
+def _grace(slot: _Slot) -> str:
+    return f"{slot.service.stop_grace_s:g} s"

@@ -1,0 +1,138 @@
+"""Child processes that die with the launcher, and when to start one again."""
+
+import contextlib
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import IO
+
+from jezero.deploy.launcher.compose import Service
+
+PR_SET_PDEATHSIG = 1
+FIRST_BACK_OFF_S = 0.2
+LAST_BACK_OFF_S = 5.0
+CRASH_LOOP_TRIES = 5
+CRASH_LOOP_WINDOW_S = 60.0
+
+_libc = ctypes.CDLL(None, use_errno=True)
+
+
+class SpawnError(RuntimeError):
+    """A command can't be run; the message says which and why."""
+
+
+def _die_with(parent_pid: int) -> Callable[[], None]:
+    """What a child does before its command starts.
+
+    The kernel sends SIGKILL when the *thread* that forked ends, so children must be forked by the main thread. A
+    parent that died before the call is seen by the changed parent id.
+    """
+
+    def before_exec() -> None:
+        if _libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0) != 0 or os.getppid() != parent_pid:
+            os._exit(127)
+
+    return before_exec
+
+
+@dataclass
+class Child:
+    """A running process.
+
+    Attributes:
+        pidfd: readable when the process has ended.
+        output: its standard output and error, not blocking.
+    """
+
+    process: subprocess.Popen[bytes]
+    pidfd: int
+    output: IO[bytes]
+
+    @property
+    def pid(self) -> int:
+        return self.process.pid
+
+    def signal(self, number: int) -> None:
+        """To its whole process group; without effect once the group is gone."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, number)
+
+    def reap(self) -> int:
+        """Exit code of the ended process, negative for a signal; what it left of its group is killed."""
+        self.signal(signal.SIGKILL)
+        code = self.process.wait()
+        os.close(self.pidfd)
+        return code
+
+
+def spawn(service: Service) -> Child:
+    """Start a service's command. `python` is the interpreter that runs the launcher.
+
+    Raises:
+        SpawnError: there is no such command, or it may not be run.
+    """
+    command = list(service.command)
+    if command[0] in ("python", "python3"):
+        command[0] = sys.executable
+    try:
+        process = subprocess.Popen(
+            command,
+            env={**os.environ, **service.environment},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,  # Ctrl+C at the terminal reaches the launcher alone, which stops in order
+            preexec_fn=_die_with(os.getpid()),  # noqa: PLW1509 - touches no lock that another thread could hold
+        )
+    except OSError as error:
+        raise SpawnError(f"cannot run {command[0]}: {error.strerror or error}") from error
+    assert process.stdout is not None
+    os.set_blocking(process.stdout.fileno(), False)
+    return Child(process, os.pidfd_open(process.pid), process.stdout)
+
+
+@dataclass
+class RestartPolicy:
+    """Decides after each exit whether and when to try again. Times are monotonic seconds."""
+
+    service: Service
+    restarts: int = 0
+    gave_up: str = ""
+    _exits_s: deque[float] = field(default_factory=deque)
+
+    def after_exit(self, now_s: float, ran_s: float, code: int) -> float | None:
+        """Seconds to wait before the next try; None for no other try, with the reason in `gave_up` if it failed."""
+        if self.service.restart == "no" or (self.service.restart == "on-failure" and code == 0):
+            self.gave_up = f"ended with {describe_exit(code)}" if code else ""
+            return None
+        if self.service.max_retries is not None and self.restarts >= self.service.max_retries:
+            self.gave_up = f"ended with {describe_exit(code)} after {self.restarts} restarts"
+            return None
+        if ran_s > CRASH_LOOP_WINDOW_S:
+            self._exits_s.clear()
+        while self._exits_s and self._exits_s[0] < now_s - CRASH_LOOP_WINDOW_S:
+            self._exits_s.popleft()
+        self._exits_s.append(now_s)
+        if len(self._exits_s) > CRASH_LOOP_TRIES:
+            self.gave_up = (
+                f"crash loop: ended {len(self._exits_s)} times within {CRASH_LOOP_WINDOW_S:.0f} s, "
+                f"last with {describe_exit(code)}"
+            )
+            return None
+        self.restarts += 1
+        return float(min(LAST_BACK_OFF_S, FIRST_BACK_OFF_S * 2 ** (len(self._exits_s) - 1)))
+
+
+def describe_exit(code: int) -> str:
+    """An exit code in words."""
+    if code >= 0:
+        return f"exit code {code}"
+    try:
+        return signal.Signals(-code).name
+    except ValueError:
+        return f"signal {-code}"

@@ -1,0 +1,141 @@
+"""The run folder: who runs in it, how the services are doing, and their logs."""
+
+import contextlib
+import fcntl
+import os
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+ServiceState = Literal["waiting", "running", "restarting", "stopping", "stopped", "exited", "failed", "external"]
+"""waiting: for what it depends on. restarting: waits for its next try. stopped: on request. exited: ended well, failed:
+ended badly or can't be started; neither is tried again. external: another launch runs it."""
+
+
+class AlreadyUpError(RuntimeError):
+    """Another launcher runs in the folder; the message names its process and the folder."""
+
+
+class LaunchedService(msgspec.Struct, frozen=True, kw_only=True):
+    """One service as `jezero ps` shows it.
+
+    Attributes:
+        health: "" until the service reports, else its own word: starting, ok or degraded.
+        healthy: alive on the bus and not starting.
+        exit_code: of its last run; negative is the signal that ended it.
+        started_unix_s: when its present run began.
+        text: a sentence for people.
+    """
+
+    service: str
+    state: ServiceState
+    pid: int | None = None
+    healthy: bool = False
+    health: str = ""
+    restarts: int = 0
+    exit_code: int | None = None
+    started_unix_s: float | None = None
+    text: str = ""
+
+
+class RunState(msgspec.Struct, frozen=True, kw_only=True):
+    """All that a launcher says about itself; `<folder>/state.json`.
+
+    Attributes:
+        launcher_start_ticks: tells the launcher from a later process with the same id.
+        not_ready_reason: "" when ready.
+    """
+
+    launcher_pid: int
+    launcher_start_ticks: int
+    compose_file: str
+    vehicle: str
+    router: str
+    ready: bool
+    not_ready_reason: str
+    services: tuple[LaunchedService, ...]
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """A sentence for each service that failed."""
+        return tuple(f"{s.service}: {s.text}" for s in self.services if s.state == "failed")
+
+
+def start_ticks(pid: int) -> int | None:
+    """Clock ticks from the machine's start to the process's; None when there is no such process. Source: proc(5)."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except (FileNotFoundError, ProcessLookupError):
+        return None
+    return None if fields[0] == "Z" else int(fields[19])
+
+
+def default_folder(vehicle: str) -> Path:
+    """This user's folder for a vehicle's stack."""
+    base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
+    return Path(base) / "jezero" / vehicle
+
+
+class RunFolder:
+    """A folder that at most one launcher runs in."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path.resolve()
+        self._lock: int | None = None
+
+    @property
+    def logs(self) -> Path:
+        return self.path / "logs"
+
+    def log_of(self, service: str) -> Path:
+        """Where a service's output goes."""
+        return self.logs / f"{service}.log"
+
+    def logged(self) -> list[str]:
+        """Services that have printed something in the present or last run."""
+        return sorted(path.stem for path in self.logs.glob("*.log") if path.stem != "launcher")
+
+    @property
+    def _state_path(self) -> Path:
+        return self.path / "state.json"
+
+    def acquire(self) -> None:
+        """Make the folder and hold it until this process ends, however it ends.
+
+        Raises:
+            AlreadyUpError: another launcher holds it.
+        """
+        self.logs.mkdir(parents=True, exist_ok=True)
+        lock = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(lock)
+            state = self.read()
+            pid = state.launcher_pid if state else "unknown"
+            raise AlreadyUpError(
+                f"already up: launcher process {pid} runs in {self.path}. Stop it with `jezero down`, or choose "
+                "another folder with --run-dir"
+            ) from None
+        self._lock = lock
+
+    def write(self, state: RunState) -> None:
+        """Replace the state in one step: a reader sees the old or the new one."""
+        temporary = self.path / "state.json.new"
+        temporary.write_bytes(msgspec.json.encode(state))
+        temporary.replace(self._state_path)
+
+    def clear(self) -> None:
+        """Say that nothing runs here."""
+        with contextlib.suppress(FileNotFoundError):
+            self._state_path.unlink()
+
+    def read(self) -> RunState | None:
+        """What the launcher that runs here last said; None when none runs."""
+        try:
+            state = msgspec.json.decode(self._state_path.read_bytes(), type=RunState)
+        except (FileNotFoundError, msgspec.DecodeError):
+            return None
+        alive = start_ticks(state.launcher_pid) == state.launcher_start_ticks
+        return state if alive else None

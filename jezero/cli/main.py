@@ -1,0 +1,76 @@
+"""The `jezero` command. A command's module is imported only when that command runs."""
+
+import importlib
+import sys
+from typing import NamedTuple
+
+try:
+    import click
+except ModuleNotFoundError:
+    sys.exit("jezero's command line is an extra: pip install 'jezero[cli]'")
+
+
+class Entry(NamedTuple):
+    """Where a command is, and its line in the help."""
+
+    module: str
+    name: str
+    summary: str
+
+
+SECTIONS: dict[str, dict[str, Entry]] = {
+    "Stack": {
+        "up": Entry("jezero.cli.stack", "up", "Start the services (Ctrl+C stops them; -d in the background)."),
+        "down": Entry("jezero.cli.stack", "down", "Stop what `up` started."),
+        "ps": Entry("jezero.cli.stack", "ps", "Show the services and how they are."),
+        "logs": Entry("jezero.cli.stack", "logs", "Show what the services printed."),
+    },
+    "Flight": {
+        "takeoff": Entry("jezero.cli.flight", "takeoff", "Take off."),
+        "target": Entry("jezero.cli.flight", "target", "Fly to a point."),
+        "land_on_spot": Entry("jezero.cli.flight", "land_on_spot", "Land."),
+        "hover": Entry("jezero.cli.flight", "hover", "Hover here, or at a point."),
+        "abort": Entry("jezero.cli.flight", "abort", "End the goal in charge and hover."),
+        "kill": Entry("jezero.cli.flight", "kill", "Cut the motors at once."),
+        "status": Entry("jezero.cli.flight", "status", "What the vehicle does, and where it is."),
+    },
+    "Demonstration": {
+        "fly": Entry("jezero.cli.fly", "fly", "Fly the demonstration (--fast: in virtual time)."),
+        "demo": Entry("jezero.cli.fly", "demo", "Bring a stack up, fly the demonstration, bring it down."),
+    },
+}
+COMMANDS = {name: entry for section in SECTIONS.values() for name, entry in section.items()}
+
+
+class LazyGroup(click.Group):
+    """Knows its commands from the table."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        entry = COMMANDS.get(cmd_name)
+        if entry is None:
+            return None
+        command = getattr(importlib.import_module(entry.module), entry.name)
+        assert isinstance(command, click.Command)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        for title, entries in SECTIONS.items():
+            with formatter.section(title):
+                formatter.write_dl([(name, entry.summary) for name, entry in entries.items()])
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="jezero")
+def main() -> None:
+    """Fly a drone that works with a rover.
+
+    `jezero up` starts everything; in a second terminal `jezero takeoff`, `jezero target -1 -2 -3` and
+    `jezero land_on_spot false false` fly. `jezero COMMAND --help` tells more.
+    """
+
+
+if __name__ == "__main__":
+    main(prog_name="jezero")

@@ -1,0 +1,301 @@
+"""The commands that start, stop and show the stack."""
+
+import os
+import select
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from jezero.cli.exit_codes import FAILED, REFUSED
+
+if TYPE_CHECKING:
+    from jezero.deploy.launcher.compose import Service
+    from jezero.deploy.launcher.state import RunFolder, RunState
+    from jezero.runtime.config import Instance
+
+POLL_S = 0.05
+KILL_LAUNCHER_AFTER_S = 30.0
+
+
+def run_dir_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The folder that a run's state and logs are in."""
+    return click.option(
+        "--run-dir",
+        envvar="JEZERO_RUN_DIR",
+        type=click.Path(path_type=Path, file_okay=False),
+        help="Folder of the run's state and logs [default: ~/.local/state/jezero/<vehicle>].",
+    )(command)
+
+
+def _instance() -> "Instance":
+    from jezero.runtime.config import ConfigError, instance_from_environment
+
+    try:
+        return instance_from_environment()
+    except ConfigError as error:
+        raise click.ClickException(str(error)) from error
+
+
+def _folder(run_dir: Path | None) -> "RunFolder":
+    from jezero.deploy.launcher.state import RunFolder, default_folder
+
+    return RunFolder(run_dir or default_folder(_instance().vehicle))
+
+
+def _shipped_compose_file() -> Path:
+    from jezero import deploy
+
+    return Path(deploy.__path__[0]).resolve() / "compose.yaml"
+
+
+@click.command()
+@click.option("--profile", "profiles", multiple=True, help="Only this part (sim, control); may be repeated.")
+@click.option("-d", "--detach", is_flag=True, help="In the background; `jezero down` stops it.")
+@click.option("--wait", is_flag=True, help="Return when the vehicle is ready; implies -d.")
+@click.option("--timeout", "timeout_s", type=click.FloatRange(min=0), default=60.0, show_default=True, metavar="S",
+              help="How long --wait waits, in seconds.")  # fmt: skip
+@click.option("-f", "--file", "file", type=click.Path(path_type=Path, dir_okay=False),
+              help="Compose file [default: the one shipped with jezero].")  # fmt: skip
+@run_dir_option
+def up(
+    profiles: tuple[str, ...], detach: bool, wait: bool, timeout_s: float, file: Path | None, run_dir: Path | None
+) -> None:
+    """Start the services of the compose file as local processes, in the foreground unless -d.
+
+    Ctrl+C stops them in reverse order; a second one kills. Nothing is left behind, however the launcher ends.
+    """
+    from jezero.deploy.launcher.state import AlreadyUpError
+
+    begin_s = time.monotonic()
+    instance, folder = _instance(), _folder(run_dir)
+    path = (file or _shipped_compose_file()).resolve()
+    services = _read_services(path, profiles)
+    try:
+        folder.acquire()
+    except AlreadyUpError as error:
+        click.echo(str(error), err=True)
+        raise SystemExit(REFUSED) from error
+    if not (detach or wait):
+        _leave(_launch(services, folder, instance, path, detached=False))
+    launcher = _detach(lambda: _launch(services, folder, instance, path, detached=True), folder)
+    _await_start(folder, launcher, begin_s + timeout_s if wait else None, begin_s)
+
+
+def _read_services(path: Path, profiles: tuple[str, ...]) -> "dict[str, Service]":
+    from jezero.deploy.launcher.compose import ComposeError, parse, select
+
+    try:
+        return select(parse(path.read_text(encoding="utf-8"), os.environ), profiles)
+    except (ComposeError, OSError) as error:
+        raise click.ClickException(f"{path}: {error.strerror if isinstance(error, OSError) else error}") from error
+
+
+def _launch(
+    services: "dict[str, Service]", folder: "RunFolder", instance: "Instance", file: Path, *, detached: bool
+) -> int:
+    """Be the launcher."""
+    from jezero.deploy.launcher.health import answers
+    from jezero.deploy.launcher.launcher import Launcher
+
+    shared = "router" in services and answers(instance.router)
+    launcher = Launcher(
+        services,
+        folder,
+        instance,
+        str(file),
+        external=frozenset(["router"] if shared else []),
+        terminal=None if detached else sys.stdout,
+    )
+    return launcher.run()
+
+
+def _leave(code: int) -> None:
+    """End at once: the bus's threads may still be waiting for a router that is gone."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
+
+
+def _detach(run: Callable[[], int], folder: "RunFolder") -> int:
+    """Run something in a process of its own session that outlives this one.
+
+    Returns:
+        A file descriptor that reaches its end when that process does.
+    """
+    alive_read, alive_write = os.pipe()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    if (middle := os.fork()) != 0:
+        os.close(alive_write)
+        os.waitpid(middle, 0)
+        return alive_read
+    os.setsid()
+    if os.fork() != 0:
+        os._exit(0)
+    os.close(alive_read)
+    log = os.open(folder.logs / "launcher.log", os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+    null = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(null, 0)
+    for standard in (1, 2):
+        os.dup2(log, standard)
+    code = 1
+    try:
+        code = run()
+    finally:
+        if sys.exc_info()[0] is not None:
+            sys.excepthook(*sys.exc_info())
+        _leave(code)
+    raise AssertionError("unreachable")
+
+
+def _await_start(folder: "RunFolder", launcher: int, deadline_s: float | None, begin_s: float) -> None:
+    """Until the launcher has begun, or, with a deadline, until the vehicle is ready.
+
+    Raises:
+        click.ClickException: it ended, a service failed, or it took too long.
+    """
+    shown = ""
+    while True:
+        state = folder.read()
+        if state is not None and deadline_s is None:
+            click.echo(f"started; `jezero ps` shows how it comes up. Run folder: {folder.path}")
+            return
+        if state is not None and state.ready:
+            click.echo(f"ready after {time.monotonic() - begin_s:.1f} s. Run folder: {folder.path}")
+            return
+        if state is not None and state.failures:
+            raise click.ClickException(f"{'; '.join(state.failures)}\n{_hint(folder)}")
+        reason = "the launcher has not begun" if state is None else state.not_ready_reason
+        if deadline_s is not None and time.monotonic() > deadline_s:
+            raise click.ClickException(f"not ready after {deadline_s - begin_s:g} s: {reason}\n{_hint(folder)}")
+        if reason != shown and sys.stderr.isatty():
+            click.echo(f"waiting: {reason}", err=True)
+            shown = reason
+        if select.select([launcher], [], [], POLL_S)[0]:
+            log = (folder.logs / "launcher.log").read_text(errors="replace").strip()
+            raise click.ClickException(f"the launcher ended by itself: {log or 'it printed nothing'}")
+
+
+def _hint(folder: "RunFolder") -> str:
+    return f"`jezero logs` tells more and `jezero down` stops the rest; run folder: {folder.path}"
+
+
+@click.command()
+@run_dir_option
+def down(run_dir: Path | None) -> None:
+    """Stop what `jezero up` started, in reverse order. Nothing running is no error."""
+    folder = _folder(run_dir)
+    state = folder.read()
+    if state is None:
+        click.echo(f"nothing runs in {folder.path}")
+        return
+    try:
+        pidfd = os.pidfd_open(state.launcher_pid)
+    except ProcessLookupError:
+        click.echo("stopped")
+        return
+    if folder.read() is None:  # it ended before the descriptor was there, which may be another process' now
+        click.echo("stopped")
+        return
+    signal.pidfd_send_signal(pidfd, signal.SIGTERM)
+    if not select.select([pidfd], [], [], KILL_LAUNCHER_AFTER_S)[0]:
+        signal.pidfd_send_signal(pidfd, signal.SIGKILL)  # its services die with it
+        select.select([pidfd], [], [], 1.0)
+        click.echo(f"killed the launcher: it was still there after {KILL_LAUNCHER_AFTER_S:g} s", err=True)
+        raise SystemExit(FAILED)
+    click.echo("stopped")
+
+
+@click.command()
+@click.option("--json", "as_json", is_flag=True, help="One JSON array.")
+@click.option("--healthy", metavar="SERVICE", help="Print nothing; ask the bus, and exit with 0 if it is healthy.")
+@run_dir_option
+def ps(as_json: bool, healthy: str | None, run_dir: Path | None) -> None:
+    """Show the services and how they are."""
+    if healthy is not None:
+        _leave(0 if _is_healthy(healthy) else FAILED)
+    import msgspec
+
+    folder = _folder(run_dir)
+    state = folder.read()
+    if as_json:
+        click.echo(msgspec.json.encode(state.services if state else []).decode())
+    elif state is None:
+        click.echo(f"nothing runs in {folder.path}")
+    else:
+        _print_table(state)
+
+
+def _is_healthy(service: str, within_s: float = 3.0) -> bool:
+    """Ask the bus: works in a container too, where no launcher runs."""
+    import threading
+
+    from jezero.deploy.launcher.health import HealthWatcher
+
+    changed = threading.Event()
+    deadline_s = time.monotonic() + within_s
+    with HealthWatcher(_instance(), changed.set) as watcher:
+        while not watcher.verdict(service).healthy and time.monotonic() < deadline_s:
+            changed.wait(deadline_s - time.monotonic())
+            changed.clear()
+        return watcher.verdict(service).healthy
+
+
+def _print_table(state: "RunState") -> None:
+    """A table in plain columns, and whether the vehicle is ready."""
+    rows = [("SERVICE", "STATE", "HEALTH", "PID", "UP", "RESTARTS", "")]
+    for s in state.services:
+        up_s = time.time() - s.started_unix_s if s.pid and s.started_unix_s else None
+        rows.append(
+            (s.service, s.state, s.health, str(s.pid or ""), _span(up_s), str(s.restarts or ""), s.text.split("\n")[0])
+        )
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    for row in rows:
+        click.echo("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
+    ready = "ready" if state.ready else f"not ready: {state.not_ready_reason}"
+    click.echo(f"\nvehicle {state.vehicle} on {state.router}, launcher process {state.launcher_pid}: {ready}")
+
+
+def _span(seconds: float | None) -> str:
+    if seconds is None:
+        return ""
+    minutes, rest = divmod(int(seconds), 60)
+    return f"{rest} s" if not minutes else f"{minutes} min {rest} s" if minutes < 60 else f"{minutes // 60} h"
+
+
+@click.command()
+@click.argument("services", nargs=-1, metavar="[SERVICE]...")
+@click.option("-f", "--follow", is_flag=True, help="Go on with what comes, until the stack stops.")
+@click.option("-n", "--tail", type=click.IntRange(min=0), metavar="N", help="Only the last N lines.")
+@click.option("-t", "--timestamps", is_flag=True, help="Show when each line was printed (UTC).")
+@run_dir_option
+def logs(services: tuple[str, ...], follow: bool, tail: int | None, timestamps: bool, run_dir: Path | None) -> None:
+    """Show what the services printed in the present or last run, in order of time."""
+    from jezero.deploy.launcher.output import STAMP_LENGTH, LogReader, Prefixer
+
+    folder = _folder(run_dir)
+    known = folder.logged()
+    if unknown := [name for name in services if name not in known]:
+        there = ", ".join(known) or "none"
+        raise click.ClickException(f"no log of {', '.join(unknown)} in {folder.logs}; there are: {there}")
+    reader = LogReader(folder, services or known)
+    prefixer = Prefixer(services or known, colour=sys.stdout.isatty())
+    lines = reader.read()
+    if tail is not None:
+        lines = lines[len(lines) - min(tail, len(lines)) :]
+    try:
+        while True:
+            running = folder.read() is not None  # before reading: what a launcher wrote last is read too
+            for name, line in lines:
+                click.echo(prefixer.line(name, line if timestamps else line[STAMP_LENGTH + 1 :]))
+            if not follow or not (running or lines):
+                return
+            time.sleep(0.0 if lines else 0.1)
+            lines = reader.read()
+    except KeyboardInterrupt:
+        return
