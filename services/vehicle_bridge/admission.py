@@ -141,6 +141,8 @@ def _hover_refusals(
         yield "hover_req is false: a goal in charge ends a hover, nothing else does"
     if request.hover_pos is not None and code is not StatusCode.HOVER:
         yield f"a hover point can be given only while hovering (3), {status}"
+    if code is StatusCode.IDLE and now.armed is None:
+        yield f"the autopilot has not told yet what the vehicle does: {now.not_ready}"
     if code is StatusCode.IDLE:
         yield f"the vehicle stands on the ground, {status}: take off first"
     if code is StatusCode.LANDING_DONE or (code is StatusCode.ABORT and now.landed):

@@ -352,6 +352,7 @@ class Authority:
             self.taking_back = self._landing_alone = False
             self.target = None
             if now.landed:
+                self.text += "; landed and disarmed"
                 self._go(StatusCode.IDLE, now)
             return None
         if self.taking_back:

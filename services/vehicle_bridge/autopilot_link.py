@@ -117,8 +117,12 @@ class AutopilotLink:
 
     def complaint(self, timer_ns: int) -> str:
         """Why the autopilot refuses what it is asked, in its own words where it gave some."""
-        recent = self.telemetry.warning if timer_ns - self.telemetry.warning_ns <= COMPLAINT_NS else ""
-        return "; ".join(part for part in (self._refusal, recent) if part)
+        return "; ".join(part for part in (self._refusal, self.warning(timer_ns)) if part)
+
+    def warning(self, timer_ns: int) -> str:
+        """What the autopilot warned of lately."""
+        recent = timer_ns - self.telemetry.warning_ns <= COMPLAINT_NS
+        return self.telemetry.warning if recent else ""
 
     # -- in --
 

@@ -47,6 +47,8 @@ HEARTBEAT_PERIOD_NS = 1_000_000_000
 INTERVALS_PERIOD_NS = 5_000_000_000
 ALTIMETER_MAX_AGE_NS = 300_000_000
 KILL_REPLY_NS = 3_000_000_000
+FIRST_STATUS_NS = 1_500_000_000
+"""A bridge that has just started waits this long for the autopilot before it reports 0: the vehicle may be flying."""
 
 SPEC = Spec(
     name="vehicle_bridge",
@@ -88,15 +90,18 @@ class VehicleBridge:
         self._fresh = False
         self._sent: tuple[Target | None, int] = (None, 0)
         self._published: tuple[object, ...] = ()
-        self._status_wall_ns = -STATUS_PERIOD_NS
+        self._status_wall_ns: int | None = None
         self._heartbeat_wall_ns = -HEARTBEAT_PERIOD_NS
         self._intervals_wall_ns = -INTERVALS_PERIOD_NS
         self._router_seen_wall_ns: int | None = None
+        self._started_wall_ns: int | None = None
         self._listening = False
         self._health: tuple[ServiceState, str] | None = None
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Telemetry first, then what was asked, then time; see `Service`."""
+        if self._started_wall_ns is None:
+            self._started_wall_ns = inbox.wall_ns
         if inbox.connected or self._router_seen_wall_ns is None:
             self._router_seen_wall_ns = inbox.wall_ns
         self._count_time(t_ns, inbox)
@@ -179,6 +184,7 @@ class VehicleBridge:
 
     def _not_ready(self, silent_s: float) -> str:
         told = self._link.telemetry
+        warning = self._link.warning(self._timer_ns)
         missing = (
             (self._epoch_id is None, "no vehicle time yet: is the simulator running?"),
             (told.heard_wall_ns is None, "no autopilot heard yet"),
@@ -189,7 +195,7 @@ class VehicleBridge:
             ),
             (told.origin_deg is None, "the autopilot has no origin yet: it waits for GNSS"),
             (told.armed is None, "the autopilot has not told yet whether it is armed"),
-            (not told.armable, f"the autopilot isn't ready to arm: {told.warning or 'it gives no reason'}"),
+            (not told.armable, "the autopilot's arming checks don't pass yet" + (f": {warning}" if warning else "")),
         )
         return next((why for is_missing, why in missing if is_missing), "")
 
@@ -306,13 +312,17 @@ class VehicleBridge:
             yield Send(LINK, data)
 
     def _publish_status(self, now: Situation, wall_ns: int) -> Iterator[Output]:
+        last_ns = self._status_wall_ns
+        waited_ns = wall_ns - (self._started_wall_ns or 0)
+        if last_ns is None and now.armed is None and waited_ns < FIRST_STATUS_NS:
+            return
         changes, self._authority.changes = self._authority.changes, []
         for standing in changes:
             yield Publish(STATUS, self._status(standing, now))
         standing = self._authority.standing
         visible = (standing.code, standing.in_charge, standing.control_id, now.armed, now.landed, now.mode)
         news = visible != self._published and not (changes and changes[-1] == standing)
-        if news or wall_ns - self._status_wall_ns >= STATUS_PERIOD_NS:
+        if news or last_ns is None or wall_ns - last_ns >= STATUS_PERIOD_NS:
             yield Publish(STATUS, self._status(standing, now))
             self._status_wall_ns = wall_ns
         self._published = visible

@@ -132,7 +132,7 @@ def test_before_the_autopilot_is_ready_a_takeoff_is_refused_with_what_is_missing
     rig.run(0.2)
     reply = rig.acquire()
     assert not reply.granted
-    assert "isn't ready to arm" in reply.reason
+    assert "arming checks" in reply.reason
     assert rig.status.not_ready_reason in reply.reason
 
 

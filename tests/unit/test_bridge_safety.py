@@ -455,8 +455,9 @@ def test_an_autopilot_whose_time_goes_back_has_restarted() -> None:
 
 def test_without_vehicle_time_or_autopilot_the_status_says_what_is_missing() -> None:
     rig = Rig()
-    for _ in range(10):
-        rig.box.wall_ns += 20_000_000
+    for wall_ns in range(0, 1_600_000_000, 20_000_000):
+        assert not rig.statuses or wall_ns >= 1_500_000_000, "an idle status before the vehicle was heard"
+        rig.box.wall_ns = wall_ns
         for output in rig.bridge.step(0, rig.box):
             rig._take(output)
     assert rig.status.not_ready_reason.startswith("no vehicle time yet")
@@ -464,9 +465,8 @@ def test_without_vehicle_time_or_autopilot_the_status_says_what_is_missing() -> 
     rig.run(0.2)
     assert rig.status.not_ready_reason == "no autopilot heard yet"
     assert rig.status.bridge_boot_id == BOOT_ID
-    rig.post(ACQUIRE, Acquire(goal_id="g", action="takeoff"))
-    rig.run(0.1)
-    assert "no autopilot heard yet" in rig.replies[1].reason
+    assert "no autopilot heard yet" in rig.ask(ACQUIRE, Acquire(goal_id="g", action="takeoff")).reason
+    assert "no autopilot heard yet" in rig.ask(HOVER, Hover()).reason
 
 
 def test_vehicle_time_that_steps_back_interrupts_neither_stream_nor_time_outs() -> None:
