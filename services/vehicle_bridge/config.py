@@ -31,7 +31,7 @@ class VehicleBridgeConfig(Config, frozen=True, kw_only=True):
     climb_height_m: Metres = 1.5
     tilt_limit_rad: Annotated[float, Meta(gt=0.0, le=3.1416)] = 1.0472
     tilt_timeout_s: Seconds = 0.5
-    setpoint_timeout_s: Annotated[float, Meta(ge=0.1, le=0.45)] = 0.35
+    setpoint_timeout_s: Annotated[float, Meta(ge=0.1, le=0.45)] = 0.3
     engage_timeout_s: Seconds = 5.0
     disarm_timeout_s: Seconds = 10.0
     link_timeout_s: Seconds = 1.0

@@ -2,8 +2,10 @@
 
 import pytest
 
+from jezero.runtime.config import load_config
 from jezero.schemas.commands import Abort, Acquire, Hover, Phase, Release
 from jezero.schemas.topics import ABORT, ACQUIRE, HOVER, RELEASE
+from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 
 from .bridge_rig import ARM, MODES, SET_MODE, STEP_NS, Rig
 
@@ -316,3 +318,7 @@ def test_setpoints_are_passed_on_with_the_right_masks_and_never_with_nan() -> No
     last = rig.autopilot.setpoints[-1]
     assert last.type_mask == 0b1001_1111_1000
     assert last.yaw == pytest.approx(1.5), "a heading that isn't given is kept"
+
+
+def test_the_settings_that_ship_are_the_defaults() -> None:
+    assert load_config(VehicleBridgeConfig, "vehicle_bridge") == VehicleBridgeConfig()
