@@ -167,7 +167,7 @@ def test_the_last_setpoint_is_repeated_at_ten_hertz_while_it_is_fresh() -> None:
     rig.setpoint(control_id, Phase.GO_TO, pos_ned_m=(1.0, 0.0, -2.0))
     rig.step()
     rig.autopilot.setpoints.clear()
-    rig.run(0.3)
+    rig.run(0.28)
     assert len(rig.autopilot.setpoints) >= 3
     assert all(s.x == 1.0 for s in rig.autopilot.setpoints)
 
