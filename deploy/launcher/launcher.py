@@ -72,7 +72,7 @@ class Launcher:
         self._folder = folder
         self._instance = instance
         self._compose_file = compose_file
-        self._terminal = terminal
+        self._ends_with_services = terminal is not None
         self._output = Output(folder, services, terminal)
         self._selector = selectors.DefaultSelector()
         self._wake_read, self._wake_write = socket.socketpair()
@@ -175,7 +175,7 @@ class Launcher:
         now_s = time.monotonic()
         ended = all(s.state in ("exited", "failed", "stopped", "external") for s in self._slots.values())
         # Detached it stays when all have ended, so that `jezero ps` can say why.
-        if self._stopping is None and (self._stop_requests or (ended and self._terminal is not None)):
+        if self._stopping is None and (self._stop_requests or (ended and self._ends_with_services)):
             self._begin_stop()
         if self._stopping is not None:
             self._stop(now_s)
@@ -284,8 +284,8 @@ class Launcher:
 
     def _say_ready(self, begin_s: float) -> None:
         ready = self._written is not None and self._written.ready
-        if ready and not self._said_ready and self._terminal is not None:
-            print(f"ready after {time.monotonic() - begin_s:.1f} s", file=self._terminal, flush=True)
+        if ready and not self._said_ready:
+            self._output.show(f"ready after {time.monotonic() - begin_s:.1f} s")
         self._said_ready |= ready
 
     def _write(self) -> None:

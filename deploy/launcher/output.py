@@ -72,11 +72,16 @@ class Output:
         """One line."""
         self._files[name].write(f"{stamp(time.time())} {text}\n")
         self._files[name].flush()
-        if self._terminal is not None:
-            try:
-                print(self._prefixer.line(name, text), file=self._terminal, flush=True)
-            except OSError:  # the terminal is gone; the services are not to die of it
-                self._terminal = None
+        self.show(self._prefixer.line(name, text))
+
+    def show(self, text: str) -> None:
+        """One line for the terminal only."""
+        if self._terminal is None:
+            return
+        try:
+            print(text, file=self._terminal, flush=True)
+        except OSError:  # the terminal is gone; the services are not to die of it
+            self._terminal = None
 
     def close(self) -> None:
         for file in self._files.values():

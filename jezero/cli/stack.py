@@ -1,5 +1,6 @@
 """The commands that start, stop and show the stack."""
 
+import contextlib
 import os
 import select
 import signal
@@ -116,8 +117,9 @@ def _launch(
 
 def _leave(code: int) -> None:
     """End at once: the bus's threads may still be waiting for a router that is gone."""
-    sys.stdout.flush()
-    sys.stderr.flush()
+    with contextlib.suppress(OSError):  # a terminal that is gone
+        sys.stdout.flush()
+        sys.stderr.flush()
     os._exit(code)
 
 

@@ -1,0 +1,112 @@
+"""The compose file: what is read, in which order it starts, and how mistakes are told."""
+
+from pathlib import Path
+
+import pytest
+
+from jezero import deploy
+from jezero.deploy.launcher.compose import ComposeError, in_levels, parse, select
+from jezero.schemas import topics
+
+SHIPPED = Path(deploy.__path__[0]) / "compose.yaml"
+
+
+def test_the_shipped_file_starts_the_router_first_and_the_autopilot_after_the_simulator() -> None:
+    services = parse(SHIPPED.read_text(), {})
+    levels = in_levels(services)
+    assert levels[0] == ["router"]
+    assert "simulator" in levels[1]
+    assert levels[2] == ["autopilot"]
+
+
+def test_the_shipped_file_has_a_server_for_every_action() -> None:
+    services = parse(SHIPPED.read_text(), {})
+    for action in topics.ACTIONS:
+        assert services[action].command == ("python", "-m", "jezero.services.actions", action)
+
+
+def test_every_shipped_service_but_the_router_is_in_a_profile_and_tells_its_health() -> None:
+    for name, service in parse(SHIPPED.read_text(), {}).items():
+        assert bool(service.profiles) == (name != "router")
+        assert service.has_healthcheck
+        assert service.restart == "unless-stopped"
+
+
+def test_profiles_choose_services_and_those_without_one_always_run() -> None:
+    services = parse(SHIPPED.read_text(), {})
+    assert list(select(services, ["sim"])) == ["router", "simulator", "autopilot"]
+    assert "simulator" not in select(services, ["control"])
+    assert select(services) == services
+
+
+def test_an_unknown_profile_is_refused_with_those_there_are() -> None:
+    with pytest.raises(ComposeError, match=r"profile simulation; there are control, sim"):
+        select(parse(SHIPPED.read_text(), {}), ["simulation"])
+
+
+def test_a_dependency_outside_the_chosen_profiles_is_refused() -> None:
+    text = "services: {a: {command: x, profiles: [p]}, b: {command: x, profiles: [q], depends_on: [a]}}"
+    with pytest.raises(ComposeError, match=r"services\.b\.depends_on: a is in none"):
+        select(parse(text, {}), ["q"])
+
+
+def test_the_environment_takes_defaults_unless_a_variable_is_set() -> None:
+    environment = parse(SHIPPED.read_text(), {})["router"].environment
+    assert environment["JEZERO_ROUTER"] == "tcp/127.0.0.1:7447"
+    environment = parse(SHIPPED.read_text(), {"JEZERO_ROUTER": "tcp/10.0.0.1:1"})["router"].environment
+    assert environment["JEZERO_ROUTER"] == "tcp/10.0.0.1:1"
+
+
+@pytest.mark.parametrize(
+    ("written", "variables", "read"),
+    [
+        ("$V", {"V": "1"}, "1"),
+        ("$V", {}, ""),
+        ("a${V}b", {"V": "1"}, "a1b"),
+        ("$$V", {"V": "1"}, "$V"),
+        ("${V:-d}", {"V": ""}, "d"),
+        ("${V-d}", {"V": ""}, ""),
+        ("${V-d}", {}, "d"),
+        ("${V:+set}", {"V": "1"}, "set"),
+        ("${V:+set}", {}, ""),
+    ],
+)
+def test_variables_are_replaced_as_the_specification_says(written: str, variables: dict[str, str], read: str) -> None:
+    text = f"services: {{a: {{command: x, environment: {{E: '{written}'}}}}}}"
+    assert parse(text, variables)["a"].environment == {"E": read}
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (" a: {comand: x}", "services.a.comand: not supported"),
+        (" a: {}", "services.a.command: missing"),
+        (" a: {command: x, restart: no}", 'services.a.restart: expected no, always, .* "no" needs its quotes'),
+        (" a: {command: x, stop_grace_period: 2}", "services.a.stop_grace_period: expected a duration"),
+        (" a: {command: x, depends_on: [b]}", "services.a.depends_on.b: there is no such service"),
+        (" a: {command: x, depends_on: {a: {condition: ready}}}", "services.a.depends_on.a.condition: expected"),
+        (" a: {command: x, environment: {E: true}}", "services.a.environment.E: expected text"),
+        (" a: {command: x, healthcheck: {interval: 1s}}", "services.a.healthcheck.test: missing"),
+        (" a: {command: '${V:?set it}'}", "services.a.command: V is not set: set it"),
+        (" a: {command: '${'}", "services.a.command: malformed variable"),
+        (" 'a b': {command: x}", "services.a b: a name consists of"),
+        (" a: [x]", "services.a: expected a mapping"),
+        (" a: {command: x, depends_on: [b]}\n b: {command: x, depends_on: [a]}", "wait for each other: a → b → a"),
+        (" a: {command: x, depends_on: {b: {condition: service_healthy}}}\n b: {command: x}", "has no healthcheck"),
+    ],
+)
+def test_a_mistake_is_told_with_its_service_and_field(text: str, told: str) -> None:
+    with pytest.raises(ComposeError, match=told):
+        parse(f"services:\n{text}", {})
+
+
+@pytest.mark.parametrize("text", ["", "[]", "services: []", "services: {a: ", "volumes: {}\nservices: {}"])
+def test_what_is_no_compose_file_is_refused(text: str) -> None:
+    with pytest.raises(ComposeError):
+        parse(text, {})
+
+
+def test_durations_and_restarts_are_read() -> None:
+    service = parse("services: {a: {command: x, stop_grace_period: 1m1.5s, restart: 'on-failure:3'}}", {})["a"]
+    assert service.stop_grace_s == 61.5
+    assert (service.restart, service.max_retries) == ("on-failure", 3)
