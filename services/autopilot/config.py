@@ -111,9 +111,9 @@ class ControlConfig(Config, frozen=True, kw_only=True):
     mpc_xy_vel_max_mps: Positive = 5.0
     mpc_z_vel_max_up_mps: Positive = 3.0
     mpc_z_vel_max_dn_mps: Positive = 1.5
-    mpc_xy_vel_p_acc: Positive = 3.0
-    mpc_xy_vel_i_acc: NonNegative = 1.0
-    mpc_xy_vel_d_acc: NonNegative = 0.15
+    mpc_xy_vel_p_acc: Positive = 4.0
+    mpc_xy_vel_i_acc: NonNegative = 1.5
+    mpc_xy_vel_d_acc: NonNegative = 0.2
     mpc_z_vel_p_acc: Positive = 4.0
     mpc_z_vel_i_acc: NonNegative = 2.0
     mpc_z_vel_d_acc: NonNegative = 0.0

@@ -1,0 +1,189 @@
+"""Arming, modes, failsafes and the land detector, row by row."""
+
+from dataclasses import replace
+
+import pytest
+
+from jezero.services.autopilot.commander import Commander, Condition, Mode
+from jezero.services.autopilot.config import CommanderConfig, LandDetectorConfig
+from jezero.services.autopilot.land_detector import LandDetector
+
+READY = Condition(t_us=10_000_000, not_armable="", position_lost="", stream_age_s=0.02, landed=True, tilt_rad=0.0)
+
+
+def at(t_s: float, **changes: object) -> Condition:
+    return replace(READY, t_us=int(t_s * 1e6), **changes)  # type: ignore[arg-type]
+
+
+def armed(mode: Mode = Mode.OFFBOARD) -> Commander:
+    commander = Commander(CommanderConfig())
+    assert commander.set_mode(mode, READY) == ""
+    assert commander.arm(READY) == ""
+    commander.take_said()
+    return commander
+
+
+def said(commander: Commander) -> str:
+    return " / ".join(text for _, text in commander.take_said())
+
+
+def test_a_vehicle_that_is_not_ready_is_not_armed_and_says_why() -> None:
+    commander = Commander(CommanderConfig())
+    assert commander.arm(replace(READY, not_armable="no GNSS fix yet")) == "no GNSS fix yet"
+    assert not commander.armed
+    assert said(commander) == "Arming denied: no GNSS fix yet"
+
+
+@pytest.mark.parametrize(
+    ("mode", "stream_age_s", "position_lost", "refusal"),
+    [
+        (Mode.OFFBOARD, 0.1, "", ""),
+        (Mode.OFFBOARD, 0.6, "", "no offboard setpoints"),
+        (Mode.OFFBOARD, float("inf"), "", "no offboard setpoints"),
+        (Mode.OFFBOARD, 0.1, "no GNSS fix yet", "no GNSS fix yet"),
+        (Mode.LOITER, float("inf"), "", ""),
+        (Mode.LOITER, 0.1, "no GNSS fix yet", "no GNSS fix yet"),
+        (Mode.LAND, float("inf"), "", ""),
+        (Mode.POSCTL, float("inf"), "", ""),
+    ],
+)
+def test_modes_are_entered_only_with_what_they_need(
+    mode: Mode, stream_age_s: float, position_lost: str, refusal: str
+) -> None:
+    commander = Commander(CommanderConfig())
+    now = replace(READY, stream_age_s=stream_age_s, position_lost=position_lost)
+    assert commander.set_mode(mode, now) == refusal
+    assert commander.mode is (Mode.LOITER if refusal else mode)
+
+
+def test_offboard_without_setpoints_is_not_armed() -> None:
+    commander = Commander(CommanderConfig())
+    commander.set_mode(Mode.OFFBOARD, READY)
+    assert "without setpoints" in commander.arm(replace(READY, stream_age_s=0.6))
+
+
+def test_land_mode_is_not_armed() -> None:
+    commander = Commander(CommanderConfig())
+    commander.set_mode(Mode.LAND, READY)
+    assert "land" in commander.arm(READY)
+
+
+def test_a_disarm_in_the_air_is_refused_unless_forced() -> None:
+    commander = armed()
+    flying = at(11.0, landed=False)
+    assert commander.disarm(flying, force=False) == "not landed"
+    assert commander.armed
+    assert commander.disarm(flying, force=True) == ""
+    assert not commander.armed
+
+
+def test_lost_setpoints_land_the_vehicle_after_a_second_and_not_before() -> None:
+    commander = armed()
+    commander.tick(at(11.0, landed=False, stream_age_s=0.99))
+    assert (commander.mode, commander.failsafe) == (Mode.OFFBOARD, False)
+    commander.tick(at(11.1, landed=False, stream_age_s=1.01))
+    assert (commander.mode, commander.failsafe) == (Mode.LAND, True)
+    assert "offboard setpoints lost" in said(commander)
+
+
+def test_setpoints_that_come_back_do_not_end_the_failsafe() -> None:
+    commander = armed()
+    commander.tick(at(11.0, landed=False, stream_age_s=1.5))
+    commander.tick(at(12.0, landed=False, stream_age_s=0.01))
+    assert (commander.mode, commander.failsafe) == (Mode.LAND, True)
+    assert commander.set_mode(Mode.OFFBOARD, at(12.1, landed=False)) == ""
+    assert (commander.mode, commander.failsafe) == (Mode.OFFBOARD, False)
+
+
+def test_after_landing_it_disarms_by_itself_in_two_seconds_and_can_be_armed_again() -> None:
+    commander = armed()
+    commander.tick(at(11.0, landed=False, stream_age_s=1.5))
+    commander.tick(at(15.0))
+    commander.tick(at(16.9))
+    assert commander.armed
+    commander.tick(at(17.1))
+    assert not commander.armed
+    assert commander.mode is Mode.LOITER
+    assert commander.arm(at(18.0)) == ""
+
+
+def test_armed_without_taking_off_it_disarms_after_ten_seconds() -> None:
+    commander = armed()
+    commander.tick(at(10.5))
+    commander.tick(at(20.4))
+    assert commander.armed
+    commander.tick(at(20.6))
+    assert not commander.armed
+
+
+@pytest.mark.parametrize(("tilted_s", "stays_armed"), [(0.4, True), (0.6, False)])
+def test_tilting_too_far_for_half_a_second_stops_the_motors(tilted_s: float, stays_armed: bool) -> None:
+    commander = armed()
+    commander.tick(at(11.0, landed=False))
+    commander.tick(at(11.0 + tilted_s, landed=False, tilt_rad=1.1))
+    assert commander.armed is stays_armed
+
+
+def test_what_has_been_said_is_said_once() -> None:
+    commander = armed()
+    commander.disarm(READY, force=False)
+    assert said(commander) == "Disarmed by external command"
+    assert said(commander) == ""
+
+
+# -- land detector -------------------------------------------------------------------------------------------
+
+STILL = (0.0, 0.0, 0.0)
+
+
+def run(detector: LandDetector, seconds: float, **state: object) -> None:
+    arguments: dict[str, object] = {
+        "vel_ned_mps": STILL, "rates_frd_rps": STILL, "down_wanted_mps": 0.7, "thrust_of_hover": 0.1, **state
+    }  # fmt: skip
+    for _ in range(round(seconds / 0.01)):
+        detector.step(0.01, **arguments)  # type: ignore[arg-type]
+
+
+def flying() -> LandDetector:
+    detector = LandDetector(LandDetectorConfig())
+    detector.lifted_off()
+    return detector
+
+
+def test_a_vehicle_that_is_held_down_for_about_a_second_has_landed() -> None:
+    detector = flying()
+    run(detector, 0.9)
+    assert detector.contact and not detector.landed
+    run(detector, 0.2)
+    assert detector.landed
+
+
+@pytest.mark.parametrize(
+    "state",
+    [
+        {"vel_ned_mps": (0.0, 0.0, 0.3)},
+        {"vel_ned_mps": (1.2, 1.0, 0.0)},
+        {"rates_frd_rps": (0.4, 0.0, 0.0)},
+        {"thrust_of_hover": 0.9},
+        {"thrust_of_hover": 0.9, "down_wanted_mps": 0.0},
+        {"thrust_of_hover": 0.9, "down_wanted_mps": 0.3, "vel_ned_mps": (0.0, 0.0, 0.22)},
+    ],
+)
+def test_a_vehicle_that_moves_turns_or_pulls_has_not_landed(state: dict[str, object]) -> None:
+    detector = flying()
+    run(detector, 5.0, **state)
+    assert not detector.landed
+
+
+def test_a_slow_descent_is_no_contact() -> None:
+    detector = flying()
+    run(detector, 5.0, thrust_of_hover=1.0, down_wanted_mps=0.3, vel_ned_mps=(0.0, 0.0, 0.2))
+    assert not detector.contact
+
+
+def test_movement_starts_the_count_over() -> None:
+    detector = flying()
+    for _ in range(10):
+        run(detector, 0.8)
+        run(detector, 0.05, vel_ned_mps=(0.0, 0.0, 0.4))
+    assert not detector.landed
