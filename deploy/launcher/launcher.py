@@ -138,7 +138,8 @@ class Launcher:
         if data:
             self._output.feed(name, data)
             return True
-        self._selector.unregister(child.output)
+        if child.output in self._selector.get_map():
+            self._selector.unregister(child.output)
         return False
 
     def _on_exit(self, name: str, child: Child) -> None:
