@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from jezero.client.vehicle import Vehicle
+from jezero import Vehicle
 from jezero.deploy.launcher.ports import instance_environment, reserved_instance
 from jezero.runtime.config import Instance
 from jezero.schemas.state import Status

@@ -7,12 +7,15 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
+import yaml
 import zenoh
 
 from jezero import Aborted, Refused, Unreachable
 from jezero.runtime.codec import encode
+from jezero.runtime.config import config_directory
 from jezero.schemas import topics
 from jezero.schemas.commands import Phase, Setpoint
 from jezero.schemas.state import StatusCode
@@ -98,8 +101,13 @@ def test_a_killed_action_server_is_told_to_the_client_and_the_vehicle_hovers(sta
 
 
 @pytest.mark.parametrize("down_s", [0.3, 0.9, 1.5, 3.0])
-def test_when_the_bridge_dies_the_autopilot_lands_by_itself(start_stack: Callable[..., Stack], down_s: float) -> None:
-    stack = start_stack("--no-restart", "vehicle_bridge")
+def test_when_the_bridge_dies_the_autopilot_lands_by_itself(
+    start_stack: Callable[..., Stack], tmp_path: Path, down_s: float
+) -> None:
+    compose = yaml.safe_load((config_directory().parent / "compose.yaml").read_text())
+    compose["services"]["vehicle_bridge"]["restart"] = "no"
+    (tmp_path / "compose.yaml").write_text(yaml.safe_dump(compose))
+    stack = start_stack("-f", str(tmp_path / "compose.yaml"))
     with stack.connect() as vehicle:
         vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
         os.kill(stack.processes_cached["vehicle_bridge"], signal.SIGKILL)

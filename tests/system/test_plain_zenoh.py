@@ -27,12 +27,11 @@ assert "jezero" not in sys.modules
 
 def test_a_plain_zenoh_session_takes_off_with_a_selector_and_gets_streamed_feedback(stack: Stack) -> None:
     selector = f"jezero/{stack.instance.vehicle}/@action/takeoff?altitude_m=3;_time=[..]"
-    client = subprocess.Popen(
-        [sys.executable, "-c", PLAIN_CLIENT, stack.instance.router, selector], stdout=subprocess.PIPE, text=True
-    )
-    assert client.stdout is not None
-    arrivals = [(time.monotonic(), json.loads(line)) for line in client.stdout]
-    assert client.wait(timeout=10) == 0
+    command = [sys.executable, "-c", PLAIN_CLIENT, stack.instance.router, selector]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as client:
+        assert client.stdout is not None
+        arrivals = [(time.monotonic(), json.loads(line)) for line in client.stdout]
+        assert client.wait(timeout=10) == 0
     kinds = [reply["type"] for _, reply in arrivals]
     assert kinds[0] == "accepted" and kinds[-1] == "result"
     assert kinds[1:-1] == ["feedback"] * (len(kinds) - 2)
