@@ -2,19 +2,23 @@
 
 import json
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 import click
 
 from jezero.cli.exit_codes import ABORTED, REFUSED, UNREACHABLE
 
 if TYPE_CHECKING:
+    from rich.progress import Progress
+
     from jezero.client import Goal, Vehicle
     from jezero.schemas.actions import Frame
 
 FRAMES = click.Choice(["world", "rover"])
+PLAIN_PERIOD_S = 1.0
 NUMBERS = {"ignore_unknown_options": True}  # "-4" is a coordinate, not an option
 
 
@@ -36,41 +40,45 @@ class Printer:
 
     def __init__(self, as_json: bool) -> None:
         self.as_json = as_json
-        self._live = not as_json and sys.stdout.isatty()
-        self._line_open = False
+        self._bar: Progress | None = None
+        self._printed_s = -PLAIN_PERIOD_S
 
     def event(self, kind: str, text: str, **fields: Any) -> None:
         """One thing that happened: `text` for people, `fields` for programs."""
-        if self.as_json:
-            click.echo(json.dumps({"type": kind, **fields}))
-            return
-        self._end_line()
-        click.echo(text)
+        self._end_bar()
+        click.echo(json.dumps({"type": kind, **fields}) if self.as_json else text)
 
     def progress(self, text: str, done: float | None, **fields: Any) -> None:
-        """Feedback: redrawn in place on a terminal. `done` is a fraction from 0 to 1."""
+        """Feedback: a bar on a terminal, a line per second in a pipe. `done` is a fraction from 0 to 1."""
         if self.as_json:
             click.echo(json.dumps({"type": "feedback", **fields}))
-        elif self._live:
-            bar = "" if done is None else f"[{'━' * round(20 * done):<20}] "
-            click.echo(f"\r\x1b[K  {bar}{text}", nl=False)
-            self._line_open = True
-        else:
+        elif sys.stdout.isatty():
+            self._draw(text, done)
+        elif time.monotonic() - self._printed_s >= PLAIN_PERIOD_S:
+            self._printed_s = time.monotonic()
             click.echo(text)
 
-    def fail(self, kind: str, text: str, exit_code: int, **fields: Any) -> None:
+    def fail(self, kind: str, text: str, exit_code: int, **fields: Any) -> NoReturn:
         """End the command: JSON on standard output, a sentence on standard error, and the exit code."""
-        self._end_line()
+        self._end_bar()
         if self.as_json:
             click.echo(json.dumps({"type": kind, **fields}))
-        else:
-            click.echo(text, err=True)
+        click.echo(text, err=True)
         raise SystemExit(exit_code)
 
-    def _end_line(self) -> None:
-        if self._line_open:
-            click.echo()
-            self._line_open = False
+    def _draw(self, text: str, done: float | None) -> None:
+        from rich.progress import BarColumn, Progress, TextColumn
+
+        if self._bar is None:
+            self._bar = Progress(BarColumn(24), TextColumn("{task.description}"), transient=True)
+            self._bar.start()
+            self._bar.add_task(text, total=None)
+        self._bar.update(self._bar.task_ids[0], description=text, completed=done or 0.0, total=done and 1.0)
+
+    def _end_bar(self) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None
 
 
 @contextmanager
@@ -87,6 +95,8 @@ def connected(vehicle: str, router: str, printer: Printer) -> Iterator["Vehicle"
         printer.fail("result", f"canceled: {error}", ABORTED, outcome="canceled", reason=str(error))
     except Aborted as error:
         printer.fail("result", f"aborted: {error}", ABORTED, outcome="aborted", reason=str(error))
+    except KeyboardInterrupt:
+        printer.fail("interrupted", "interrupted", ABORTED, reason="interrupted")
     except JezeroError as error:
         printer.fail("unreachable", f"unreachable: {error}", UNREACHABLE, reason=str(error))
 

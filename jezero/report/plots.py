@@ -54,7 +54,7 @@ def draw_flight(log: Path, directory: Path, title: str) -> list[Path]:
 def _draw(path: Path, title: str, fill: Any) -> Path:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10, 5), layout="constrained")
+    figure = Figure(figsize=(11, 5), layout="constrained")
     axes = figure.subplots()
     fill(axes)
     axes.set_title(title)
@@ -72,11 +72,11 @@ def _position(axes: "Axes", entries: Sequence[Entry]) -> None:
     for axis, (name, colour) in enumerate(zip(("x north", "y east", "z down"), COLOURS, strict=True)):
         axes.plot(_times(odometry), [m.pos_uav_ned_m[axis] for m in odometry], color=colour, label=name)
         axes.plot(_times(truth), [m.pos_uav_ned_m[axis] for m in truth], ":", color=colour, lw=1, alpha=0.8)
-        axes.plot(_times(setpoints), [m.pos_ned_m[axis] for m in setpoints], ".", color=colour, ms=1.2, alpha=0.35)
+        axes.plot(_times(setpoints), [m.pos_ned_m[axis] for m in setpoints], "--", color=colour, lw=1, alpha=0.6)
     axes.plot([], [], ":", color="0.4", lw=1, label="true position")
-    axes.plot([], [], ".", color="0.4", ms=3, label="position setpoints")
+    axes.plot([], [], "--", color="0.4", lw=1, label="position setpoints")
     axes.set_ylabel("position in the world frame, NED [m]")
-    axes.legend(loc="best", ncols=2, framealpha=0.9)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
 
 
 def _status(axes: "Axes", status: Sequence[Any]) -> None:
@@ -89,7 +89,7 @@ def _status(axes: "Axes", status: Sequence[Any]) -> None:
     axes.fill_between(
         times, 0, [max(present) if m.armed else 0 for m in status], step="post", alpha=0.07, color="0.3", label="armed"
     )
-    axes.legend(loc="best", framealpha=0.9)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
 
 
 def _times(messages: Sequence[Any]) -> list[float]:
