@@ -222,13 +222,14 @@ class Autopilot:
 
     def _tell(self, inbox: Inbox) -> Iterator[Output]:
         said = self._commander.take_said()
-        snapshot = self._snapshot() if self._t_us else None
+        commander = self._commander
+        state = (commander.mode.custom_mode, commander.armed, self._flight.detector.landed)
         for name, link in self._links.items():
             if not inbox.is_up(name):
                 continue
             data = b"".join(link.text(severity, text) for severity, text in said)
-            if snapshot is not None:
-                data += link.stream(snapshot)
+            if self._t_us and link.is_due(self._t_us, state):
+                data += link.stream(self._snapshot())
             if data:
                 yield Send(name, data)
         health = self._judge(inbox)

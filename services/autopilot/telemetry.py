@@ -73,6 +73,7 @@ class TelemetryLink:
         self._default_us = intervals_us
         self._interval_us = dict(intervals_us)
         self._due_us = dict.fromkeys(intervals_us, 0)
+        self._next_us = 0
         self._told: tuple[int, bool, bool] | None = None
         self._text_id = 0
 
@@ -100,6 +101,7 @@ class TelemetryLink:
         default_us = self._default_us.get(message_id, 1_000_000)
         self._interval_us[message_id] = default_us if interval_us == 0.0 else max(4_000, int(interval_us))
         self._due_us.setdefault(message_id, 0)
+        self._next_us = 0
         return True
 
     def request(self, message_id: int, now: Snapshot) -> bytes | None:
@@ -109,6 +111,10 @@ class TelemetryLink:
             return None
         message = maker(now)
         return b"" if message is None else self._codec.pack(message)
+
+    def is_due(self, t_us: int, state: tuple[int, bool, bool]) -> bool:
+        """Whether `stream` has something to tell. `state` is the custom mode, armed, landed."""
+        return state != self._told or t_us >= self._next_us
 
     def stream(self, now: Snapshot) -> bytes:
         """What is due, and at once what changed."""
@@ -126,6 +132,7 @@ class TelemetryLink:
             message = _MAKERS[message_id](now)
             if message is not None:
                 data += self._codec.pack(message)
+        self._next_us = min((self._due_us[message_id] for message_id in self._interval_us), default=now.t_us)
         return data
 
     def acknowledge(self, command: MavMessage, result: int) -> bytes:
