@@ -1,5 +1,7 @@
 """From collective thrust and torques to rotor commands."""
 
+from math import inf
+
 import numpy as np
 
 from jezero.frames import Vec3
@@ -24,30 +26,34 @@ class Mixer:
         self._rotor_full_n = full_n / 4.0
         rows = [[1.0, -r.y_frd_m, r.x_frd_m, r.km_m] for r in airframe.rotors]
         inverse = np.linalg.inv(np.array(rows).T)
-        self._inverse = [tuple(float(v) for v in row) for row in inverse]
+        self._inverse: list[list[float]] = inverse.tolist()
 
     def commands(self, thrust_n: float, torque_frd_nm: Vec3) -> Commands:
         """Rotor commands for a thrust along the body's up axis and (3,) torques."""
         tx, ty, tz = torque_frd_nm
         full = self._rotor_full_n
-        level = [row[0] * thrust_n for row in self._inverse]
-        turn = [row[1] * tx + row[2] * ty for row in self._inverse]
-        yaw = [row[3] * tz for row in self._inverse]
-        share = 1.0
-        for base, extra in zip(level, turn, strict=True):
-            if base + extra < 0.0:
-                share = min(share, max(0.0, base) / -extra)
-        wanted = [base + share * extra for base, extra in zip(level, turn, strict=True)]
-        excess = max(wanted) - full
-        if excess > 0.0:
-            wanted = [f - excess for f in wanted]
-        share = 1.0
-        for base, extra in zip(wanted, yaw, strict=True):
-            if base + extra < 0.0:
-                share = min(share, max(0.0, base) / -extra)
-            elif base + extra > full:
-                share = min(share, (full - base) / extra)
-        f1, f2, f3, f4 = (
-            max(0.0, min(1.0, (base + share * extra) / full)) for base, extra in zip(wanted, yaw, strict=True)
-        )
+        (a1, b1, c1, d1), (a2, b2, c2, d2), (a3, b3, c3, d3), (a4, b4, c4, d4) = self._inverse
+        level = (a1 * thrust_n, a2 * thrust_n, a3 * thrust_n, a4 * thrust_n)
+        turn = (b1 * tx + c1 * ty, b2 * tx + c2 * ty, b3 * tx + c3 * ty, b4 * tx + c4 * ty)
+        wanted = _added(level, turn, inf)
+        lower = max(0.0, max(wanted) - full)
+        wanted = (wanted[0] - lower, wanted[1] - lower, wanted[2] - lower, wanted[3] - lower)
+        wanted = _added(wanted, (d1 * tz, d2 * tz, d3 * tz, d4 * tz), full)
+        f1, f2, f3, f4 = (max(0.0, min(1.0, f / full)) for f in wanted)
         return (f1, f2, f3, f4)
+
+
+def _added(base: Commands, extra: Commands, limit: float) -> Commands:
+    """`base` and as large a share of `extra` as keeps every rotor between 0 and `limit`."""
+    b1, b2, b3, b4 = base
+    e1, e2, e3, e4 = extra
+    whole = (b1 + e1, b2 + e2, b3 + e3, b4 + e4)
+    if min(whole) >= 0.0 and max(whole) <= limit:
+        return whole
+    share = 1.0
+    for b, e in zip(base, extra, strict=True):
+        if e < 0.0 and b + e < 0.0:
+            share = min(share, max(0.0, b) / -e)
+        elif e > 0.0 and b + e > limit:
+            share = min(share, max(0.0, limit - b) / e)
+    return (b1 + share * e1, b2 + share * e2, b3 + share * e3, b4 + share * e4)

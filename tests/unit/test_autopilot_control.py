@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from jezero.runtime.config import ConfigError, config_directory, load_config
@@ -45,8 +45,24 @@ def test_the_mixer_gives_the_wrench_it_is_asked_for() -> None:
 
 
 @given(st.floats(0.0, 60.0), numbers, numbers, numbers)
+@example(60.0, 0.0, 0.0, 0.0)
+@example(14.7, 50.0, -50.0, 0.0)
+@example(0.0, 1.0, 1.0, 5e-324)
 def test_commands_stay_between_zero_and_one(thrust: float, roll: float, pitch: float, yaw: float) -> None:
     assert all(0.0 <= c <= 1.0 for c in Mixer(AIRFRAME).commands(thrust, (roll, pitch, yaw)))
+
+
+def test_yaw_gives_way_before_roll_and_pitch() -> None:
+    asked = (WEIGHT_N, 1.0, 0.5, 3.0)
+    thrust, roll, pitch, yaw = wrench(Mixer(AIRFRAME).commands(asked[0], asked[1:]))
+    assert (thrust, roll, pitch) == pytest.approx(asked[:3])
+    assert 0.0 <= yaw < 1.0
+
+
+def test_thrust_gives_way_before_roll_and_pitch() -> None:
+    thrust, roll, pitch, _ = wrench(Mixer(AIRFRAME).commands(2.0 * WEIGHT_N, (1.0, 0.5, 0.0)))
+    assert (roll, pitch) == pytest.approx((1.0, 0.5))
+    assert WEIGHT_N < thrust < 2.0 * WEIGHT_N
 
 
 def test_a_vehicle_at_its_setpoint_asks_for_its_weight() -> None:
