@@ -10,11 +10,9 @@ import select
 import signal
 import socket
 import sys
-import threading
 import time
 from collections import deque
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from types import FrameType
 from typing import Any, cast
 
@@ -26,9 +24,10 @@ from jezero.runtime.config import Instance
 from jezero.runtime.links import SocketLink
 from jezero.runtime.node import Node
 from jezero.runtime.service import Service
+from jezero.runtime.zenoh_session import AlreadyRunningError, BusSession, Kind
 from jezero.schemas import topics
 from jezero.schemas.state import Clock
-from jezero.schemas.topics import Endpoint, Topic, health_of, key, liveliness_key
+from jezero.schemas.topics import Endpoint, Topic, health_of, key
 
 NS_PER_S = 1_000_000_000
 HOLDER_WAIT_S = 2.5
@@ -41,21 +40,9 @@ SILENT_STEPS = 60
 """After this many unanswered steps in a row the autopilot is not waited for until it answers again."""
 
 
-class AlreadyRunningError(RuntimeError):
-    """Another process serves the same name for the same vehicle."""
-
-
 def new_boot_id() -> int:
     """An id that differs between two runs of a service, on any host."""
     return secrets.randbits(48)
-
-
-def client_config(router: str) -> zenoh.Config:
-    """Zenoh's settings of a service: one connection to the router."""
-    path = Path(__file__).resolve().parent.parent / "deploy" / "zenoh" / "client.json5"
-    config = zenoh.Config.from_file(str(path))
-    config.insert_json5("connect/endpoints", f'["{router}"]')
-    return config
 
 
 def run_service(
@@ -100,18 +87,15 @@ class _Runner:
         self._clock = VehicleClock()
         self._master_t_ns = 0
         self._stopping = False
-        self._events: deque[tuple[str, Any, Any]] = deque()
+        self._events: deque[tuple[Kind, str, Any]] = deque()
         self._wake_read, self._wake_write = socket.socketpair()
         self._wake_read.setblocking(False)
         self._wake_write.setblocking(False)
         self._armed = False
-        self._session: zenoh.Session | None = None
-        self._publishers: dict[str, zenoh.Publisher] = {}
-        self._subscribers: dict[str, zenoh.Subscriber[Any]] = {}
-        self._declared: list[Any] = []
-        self._last_value: dict[str, bytes] = {}
+        self._session = BusSession(instance, self._spec, self._enqueue)
         self._queries: dict[int, zenoh.Query] = {}
         self._request_id = 0
+        self._health_topic = health_of(self._spec.name)
         self._late_ns = 0
         self._next_health_ns = 0
         self._next_router_check_ns = 0
@@ -126,11 +110,13 @@ class _Runner:
     def run(self) -> None:
         for link in self._links.values():
             link.start()
-        self._open()
-        if self._session is None:
-            return
-        self._refuse_second()
-        self._declare()
+        opening = self._session.open_in_background()
+        while opening.is_alive() and not self._stopping:
+            select.select([self._wake_read], [], [], 0.2)
+        if not self._session.is_open:  # the thread is inside the library, waiting for a router: leave without it
+            os._exit(0)
+        self._session.claim_name(lambda: self._stopping)
+        self._session.declare()
         if self._spec.lockstep is None:
             self._loop()
         else:
@@ -140,134 +126,12 @@ class _Runner:
         """Leave the bus; never takes longer than a moment, whatever the router does."""
         for link in self._links.values():
             link.close()
-        session = self._session
-        if session is None:
-            return
         self._queries.clear()
-        closer = threading.Thread(target=session.close, daemon=True)
-        closer.start()
-        closer.join(CLOSE_WITHIN_S)
-        if closer.is_alive():
-            sys.stderr.flush()
-            os._exit(0)
-
-    def _open(self) -> None:
-        """Wait for the router; a stop signal ends the wait."""
-        opened: list[zenoh.Session] = []
-
-        def connect() -> None:
-            opened.append(zenoh.open(client_config(self._instance.router)))
-            self._wake()
-
-        thread = threading.Thread(target=connect, daemon=True)
-        thread.start()
-        while thread.is_alive() and not self._stopping:
-            select.select([self._wake_read], [], [], 0.2)
-        if opened:
-            self._session = opened[0]
-        elif self._stopping:  # the thread is inside the library, waiting for a router: leave without it
-            os._exit(0)
-
-    def _refuse_second(self) -> None:
-        name = self._spec.name
-        token = liveliness_key(self._instance.vehicle, "service", name)
-        deadline = time.monotonic() + HOLDER_WAIT_S
-        while self._is_alive(token) and not self._stopping:
-            if time.monotonic() > deadline:
-                raise AlreadyRunningError(
-                    f"{name!r} of vehicle {self._instance.vehicle!r} already runs as {self._holder()}; stop that first"
-                )
-            time.sleep(0.1)
-        self._declared.append(self._open_session.liveliness().declare_token(token))
-
-    def _is_alive(self, token: str) -> bool:
-        replies = self._open_session.liveliness().get(token, timeout=1.0)
-        return any(reply.ok is not None for reply in replies)
-
-    def _holder(self) -> str:
-        """The process that reports the health of this service's name."""
-        topic = health_of(self._spec.name)
-        found: deque[bytes] = deque(maxlen=1)
-        with self._open_session.declare_subscriber(
-            key(self._instance.vehicle, topic.name), lambda sample: found.append(sample.payload.to_bytes())
-        ):
-            deadline = time.monotonic() + 1.5
-            while not found and time.monotonic() < deadline:
-                time.sleep(0.02)
-        try:
-            return str(decode(topic.type, found[0]).process) if found else "an unknown process"
-        except BadPayloadError:
-            return "a process of another version"
-
-    @property
-    def _open_session(self) -> zenoh.Session:
-        if self._session is None:
-            raise RuntimeError("no session")
-        return self._session
-
-    # -- declarations --
-
-    def _declare(self) -> None:
-        session = self._open_session
-        for topic in (*self._spec.outputs, health_of(self._spec.name)):
-            self._publishers[topic.name] = session.declare_publisher(
-                key(self._instance.vehicle, topic.name),
-                encoding=zenoh.Encoding.APPLICATION_JSON,
-                congestion_control=(
-                    zenoh.CongestionControl.BLOCK if topic.delivery == "all" else zenoh.CongestionControl.DROP
-                ),
-            )
-        for topic in self._spec.last_value:
-            self._declare_last_value(topic.name)
-        for topic in self._spec.inputs:
-            self._subscribe(topic.name)
-        if self._uses_vehicle_time() and topics.CLOCK not in self._spec.inputs:
-            self._subscribe(topics.CLOCK.name)
-        for endpoint in self._spec.serves:
-            self._declare_endpoint(endpoint)
-        if self._spec.watches_clients:
-            watched = liveliness_key(self._instance.vehicle, "client", "*")
-            self._declared.append(session.liveliness().declare_subscriber(watched, self._on_client))
-
-    def _uses_vehicle_time(self) -> bool:
-        spec = self._spec
-        return spec.lockstep is None and bool(spec.inputs or spec.outputs or spec.serves)
-
-    def _subscribe(self, name: str) -> None:
-        own = key(self._instance.vehicle, name)
-
-        def on_sample(sample: zenoh.Sample) -> None:
-            exact = str(sample.key_expr) == own and sample.kind == zenoh.SampleKind.PUT
-            self._enqueue("sample", name, sample.payload.to_bytes() if exact else None)
-
-        self._subscribers[name] = self._open_session.declare_subscriber(own, on_sample)
-
-    def _declare_endpoint(self, endpoint: Endpoint[Any, Any]) -> None:
-        own = key(self._instance.vehicle, endpoint.name)
-
-        def on_query(query: zenoh.Query) -> None:
-            self._enqueue("query", endpoint.name, query)
-
-        self._declared.append(self._open_session.declare_queryable(own, on_query, complete=not endpoint.shared))
-
-    def _declare_last_value(self, name: str) -> None:
-        own = key(self._instance.vehicle, name)
-
-        def on_query(query: zenoh.Query) -> None:
-            with query:
-                data = self._last_value.get(name)
-                if data is not None:
-                    query.reply(own, data, encoding=zenoh.Encoding.APPLICATION_JSON)
-
-        self._declared.append(self._open_session.declare_queryable(own, on_query, complete=True))
-
-    def _on_client(self, sample: zenoh.Sample) -> None:
-        if sample.kind == zenoh.SampleKind.DELETE:
-            self._enqueue("departed", str(sample.key_expr).rsplit("/", 1)[-1], None)
+        self._session.close()
 
     # -- from Zenoh's threads to the loop --
 
-    def _enqueue(self, kind: str, name: str, value: Any) -> None:
+    def _enqueue(self, kind: Kind, name: str, value: Any) -> None:
         self._events.append((kind, name, value))
         if not self._armed:
             self._armed = True
@@ -354,12 +218,12 @@ class _Runner:
                 wanted |= self._on_query(name, value)
             elif kind == "response":
                 wanted |= node.deliver_response(name, *value)
-            else:
+            elif kind == "departed":
                 node.inbox.departed_clients.append(name)
                 wanted = True
-        if now_ns >= self._next_router_check_ns and self._session is not None:
+        if now_ns >= self._next_router_check_ns:
             self._next_router_check_ns = now_ns + NS_PER_S // 2
-            node.inbox.connected = bool(self._session.info.routers_zid())
+            node.inbox.connected = self._session.connected
         return wanted
 
     def _collect_links(self, now_ns: int) -> bool:
@@ -382,7 +246,7 @@ class _Runner:
         if data is None:
             self._node.count_misdirected(name, "not a put on exactly this key")
             return False
-        if name not in self._subscribers:  # the last ones of a topic no longer listened to
+        if not self._session.listens_to(name):  # the last ones of a topic no longer listened to
             return False
         return self._node.deliver(name, data)
 
@@ -415,14 +279,12 @@ class _Runner:
             t_ns = self._master_t_ns if self._spec.lockstep else self._clock.now_ns(now_ns)
             health = self._node.health(t_ns, self._late_ns / NS_PER_S)
             self._late_ns = 0
-            self._publishers[health_of(self._spec.name).name].put(encode(health))
+            self._session.publish(self._health_topic, encode(health))
 
     # -- Transport --
 
     def publish(self, topic: Topic[Any], data: bytes) -> None:
-        self._publishers[topic.name].put(data)
-        if topic in self._spec.last_value:
-            self._last_value[topic.name] = data
+        self._session.publish(topic, data)
 
     def reply(self, request_id: int, data: bytes | None, *, final: bool) -> None:
         query = self._queries.get(request_id)
@@ -435,29 +297,10 @@ class _Runner:
             query.drop()  # type: ignore[no-untyped-call]
 
     def call(self, endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None:
-        def on_reply(reply: zenoh.Reply) -> None:
-            sample = reply.ok
-            if sample is not None:
-                self._enqueue("response", call_id, (sample.payload.to_bytes(), None))
-            else:
-                self._enqueue("response", call_id, (None, "timeout"))
-
-        self._open_session.get(
-            key(self._instance.vehicle, endpoint.name),
-            zenoh.handlers.Callback(on_reply, lambda: self._enqueue("response", call_id, (None, "no server"))),
-            target=zenoh.QueryTarget.BEST_MATCHING,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            timeout=timeout_s,
-            payload=data,
-            encoding=zenoh.Encoding.APPLICATION_JSON,
-        )
+        self._session.call(endpoint, data, call_id, timeout_s)
 
     def send(self, link: str, data: bytes) -> None:
         self._links[link].send(data)
 
     def listen(self, names: frozenset[str]) -> None:
-        on_demand = {topic.name for topic in self._spec.on_demand}
-        for name in sorted(on_demand & set(self._subscribers) - names):
-            self._subscribers.pop(name).undeclare()  # type: ignore[no-untyped-call]
-        for name in sorted(names - set(self._subscribers)):
-            self._subscribe(name)
+        self._session.listen(names)

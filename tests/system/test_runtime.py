@@ -17,7 +17,7 @@ import zenoh
 from jezero.deploy.launcher.ports import instance_environment, reserved_instance
 from jezero.runtime.config import Instance
 from jezero.runtime.links import TcpClient, TcpServer, Udp
-from jezero.runtime.zenoh_bus import client_config
+from jezero.runtime.zenoh_session import client_config
 from jezero.schemas import topics
 from tests.system.conftest import wait_for
 

@@ -1,0 +1,231 @@
+"""One service's session on the Zenoh router: what it declares there, and what comes in."""
+
+import os
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal
+
+import zenoh
+
+from jezero.runtime.codec import BadPayloadError, decode
+from jezero.runtime.config import Instance
+from jezero.runtime.service import Spec
+from jezero.schemas import topics
+from jezero.schemas.topics import Endpoint, Topic, health_of, key, liveliness_key
+
+HOLDER_WAIT_S = 2.5
+CLOSE_WITHIN_S = 0.7
+Kind = Literal["sample", "query", "response", "departed", "opened"]
+Enqueue = Callable[[Kind, str, Any], None]
+
+
+class AlreadyRunningError(RuntimeError):
+    """Another process serves the same name for the same vehicle."""
+
+
+def client_config(router: str) -> zenoh.Config:
+    """Zenoh's settings of a service: one connection to the router."""
+    path = Path(__file__).resolve().parent.parent / "deploy" / "zenoh" / "client.json5"
+    config = zenoh.Config.from_file(str(path))
+    config.insert_json5("connect/endpoints", f'["{router}"]')
+    return config
+
+
+class BusSession:
+    """The session of one service. Zenoh's threads call `enqueue(kind, name, value)` with what comes in:
+
+    - sample: a topic's name and its bytes, None when it was no put on exactly this key.
+    - query: an endpoint's name and the query.
+    - response: a call's id and (bytes, None) or (None, error).
+    - departed: the id of a client that vanished.
+    """
+
+    def __init__(self, instance: Instance, spec: Spec, enqueue: Enqueue) -> None:
+        self._instance = instance
+        self._spec = spec
+        self._enqueue = enqueue
+        self._opened: zenoh.Session | None = None
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._subscribers: dict[str, zenoh.Subscriber[Any]] = {}
+        self._declared: list[Any] = []
+        self._last_value: dict[str, bytes] = {}
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the router has been found."""
+        return self._opened is not None
+
+    @property
+    def connected(self) -> bool:
+        """Whether the router is there now."""
+        return bool(self._session.info.routers_zid())
+
+    def open_in_background(self) -> threading.Thread:
+        """Start looking for the router; `is_open` when the thread has ended. Nothing interrupts it."""
+
+        def connect() -> None:
+            self._opened = zenoh.open(client_config(self._instance.router))
+            self._enqueue("opened", "", None)
+
+        thread = threading.Thread(target=connect, daemon=True)
+        thread.start()
+        return thread
+
+    def close(self) -> None:
+        """Leave the bus. Ends the process if that takes longer than a moment, as with a router that hangs."""
+        if self._opened is None:
+            return
+        closer = threading.Thread(target=self._opened.close, daemon=True)
+        closer.start()
+        closer.join(CLOSE_WITHIN_S)
+        if closer.is_alive():
+            sys.stderr.flush()
+            os._exit(0)
+
+    @property
+    def _session(self) -> zenoh.Session:
+        if self._opened is None:
+            raise RuntimeError("the session is not open")
+        return self._opened
+
+    # -- one service per name --
+
+    def claim_name(self, should_stop: Callable[[], bool]) -> None:
+        """Declare the service's liveliness token, once nobody else has it.
+
+        Raises:
+            AlreadyRunningError: somebody keeps it.
+        """
+        name = self._spec.name
+        token = liveliness_key(self._instance.vehicle, "service", name)
+        deadline = time.monotonic() + HOLDER_WAIT_S
+        while self._is_alive(token) and not should_stop():
+            if time.monotonic() > deadline:
+                raise AlreadyRunningError(
+                    f"{name!r} of vehicle {self._instance.vehicle!r} already runs as {self._holder()}; stop that first"
+                )
+            time.sleep(0.1)
+        self._declared.append(self._session.liveliness().declare_token(token))
+
+    def _is_alive(self, token: str) -> bool:
+        replies = self._session.liveliness().get(token, timeout=1.0)
+        return any(reply.ok is not None for reply in replies)
+
+    def _holder(self) -> str:
+        """The process that reports the health of this service's name."""
+        topic = health_of(self._spec.name)
+        found: deque[bytes] = deque(maxlen=1)
+        with self._session.declare_subscriber(
+            key(self._instance.vehicle, topic.name), lambda sample: found.append(sample.payload.to_bytes())
+        ):
+            deadline = time.monotonic() + 1.5
+            while not found and time.monotonic() < deadline:
+                time.sleep(0.02)
+        try:
+            return str(decode(topic.type, found[0]).process) if found else "an unknown process"
+        except BadPayloadError:
+            return "a process of another version"
+
+    # -- declarations --
+
+    def declare(self) -> None:
+        """Declare everything that the service's `Spec` names."""
+        session = self._session
+        for topic in (*self._spec.outputs, health_of(self._spec.name)):
+            self._publishers[topic.name] = session.declare_publisher(
+                key(self._instance.vehicle, topic.name),
+                encoding=zenoh.Encoding.APPLICATION_JSON,
+                congestion_control=(
+                    zenoh.CongestionControl.BLOCK if topic.delivery == "all" else zenoh.CongestionControl.DROP
+                ),
+            )
+        for topic in self._spec.last_value:
+            self._declare_last_value(topic.name)
+        for topic in self._spec.inputs:
+            self.subscribe(topic.name)
+        if self._uses_vehicle_time() and topics.CLOCK not in self._spec.inputs:
+            self.subscribe(topics.CLOCK.name)
+        for endpoint in self._spec.serves:
+            self._declare_endpoint(endpoint)
+        if self._spec.watches_clients:
+            watched = liveliness_key(self._instance.vehicle, "client", "*")
+            self._declared.append(session.liveliness().declare_subscriber(watched, self._on_client))
+
+    def _uses_vehicle_time(self) -> bool:
+        spec = self._spec
+        return spec.lockstep is None and bool(spec.inputs or spec.outputs or spec.serves)
+
+    def subscribe(self, name: str) -> None:
+        """Listen to a topic; only a put on exactly its key counts."""
+        own = key(self._instance.vehicle, name)
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            exact = str(sample.key_expr) == own and sample.kind == zenoh.SampleKind.PUT
+            self._enqueue("sample", name, sample.payload.to_bytes() if exact else None)
+
+        self._subscribers[name] = self._session.declare_subscriber(own, on_sample)
+
+    def _declare_endpoint(self, endpoint: Endpoint[Any, Any]) -> None:
+        own = key(self._instance.vehicle, endpoint.name)
+
+        def on_query(query: zenoh.Query) -> None:
+            self._enqueue("query", endpoint.name, query)
+
+        self._declared.append(self._session.declare_queryable(own, on_query, complete=not endpoint.shared))
+
+    def _declare_last_value(self, name: str) -> None:
+        own = key(self._instance.vehicle, name)
+
+        def on_query(query: zenoh.Query) -> None:
+            with query:
+                data = self._last_value.get(name)
+                if data is not None:
+                    query.reply(own, data, encoding=zenoh.Encoding.APPLICATION_JSON)
+
+        self._declared.append(self._session.declare_queryable(own, on_query, complete=True))
+
+    def _on_client(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.DELETE:
+            self._enqueue("departed", str(sample.key_expr).rsplit("/", 1)[-1], None)
+
+    def listen(self, names: frozenset[str]) -> None:
+        """Of the topics on demand, listen to exactly these."""
+        on_demand = {topic.name for topic in self._spec.on_demand}
+        for name in sorted(on_demand & set(self._subscribers) - names):
+            self._subscribers.pop(name).undeclare()  # type: ignore[no-untyped-call]
+        for name in sorted(names - set(self._subscribers)):
+            self.subscribe(name)
+
+    def listens_to(self, name: str) -> bool:
+        """Whether samples of a topic are still wanted."""
+        return name in self._subscribers
+
+    # -- out --
+
+    def publish(self, topic: Topic[Any], data: bytes) -> None:
+        """Put a message, and keep it where a plain get shall see the last one."""
+        self._publishers[topic.name].put(data)
+        if topic in self._spec.last_value:
+            self._last_value[topic.name] = data
+
+    def call(self, endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None:
+        """Put a question; whatever comes back is enqueued, and "no server" when it ends."""
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            sample = reply.ok
+            answer = (None, "timeout") if sample is None else (sample.payload.to_bytes(), None)
+            self._enqueue("response", call_id, answer)
+
+        self._session.get(
+            key(self._instance.vehicle, endpoint.name),
+            zenoh.handlers.Callback(on_reply, lambda: self._enqueue("response", call_id, (None, "no server"))),
+            target=zenoh.QueryTarget.BEST_MATCHING,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=timeout_s,
+            payload=data,
+            encoding=zenoh.Encoding.APPLICATION_JSON,
+        )
