@@ -26,7 +26,7 @@ _DURATION_PART = re.compile(r"(\d+(?:\.\d+)?)(us|ms|s|m|h)")
 _SECONDS = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "m": 60.0, "h": 3600.0}
 _VARIABLE = re.compile(
     r"\$(?:(?P<escaped>\$)|(?P<plain>[A-Za-z_]\w*)"
-    r"|\{(?P<name>[A-Za-z_]\w*)(?:(?P<operator>:?[-?+])(?P<word>[^}]*))?\}|(?P<bad>))"
+    r"|\{(?P<name>[A-Za-z_]\w*)(?:(?P<operator>:?[-?+])(?P<word>[^}$]*))?\}|(?P<bad>))"
 )
 _DEFAULT_GRACE_S = 10.0
 
@@ -163,7 +163,7 @@ def _variable(where: str, match: re.Match[str], variables: Mapping[str, str]) ->
     if match["escaped"]:
         return "$"
     if match["bad"] is not None:
-        raise ComposeError(f"{where}: malformed variable; write $$ for a dollar sign")
+        raise ComposeError(f"{where}: malformed or nested variable; write $$ for a dollar sign")
     name, operator, word = match["plain"] or match["name"], match["operator"] or "", match["word"] or ""
     given = variables.get(name)
     unset = given is None or (operator.startswith(":") and not given)

@@ -51,7 +51,7 @@ def _open(router: str) -> "zenoh.Session | None":
     """A session of a client, unless there is no router within a moment."""
     import zenoh
 
-    from jezero.runtime.zenoh_bus import client_config
+    from jezero.runtime.zenoh_session import client_config
 
     config = client_config(router)
     config.insert_json5("connect/timeout_ms", str(CONNECT_TRY_MS))
@@ -73,6 +73,7 @@ class HealthWatcher:
         self._on_change = on_change
         self._verdicts: dict[str, Verdict] = {}
         self._status: tuple[bool, str] | None = None
+        self._session: zenoh.Session | None = None
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="health", daemon=True)
 
@@ -83,6 +84,12 @@ class HealthWatcher:
     def __exit__(self, *_: object) -> None:
         self._stopping.set()
         self._thread.join(CONNECT_TRY_MS / 1000 + LEAVE_WITHIN_S)
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a router now."""
+        session = self._session
+        return session is not None and bool(session.info.routers_zid())
 
     def verdict(self, service: str) -> Verdict:
         return self._verdicts.get(service, Verdict())
@@ -108,7 +115,10 @@ class HealthWatcher:
         )
         health = session.declare_subscriber(key(vehicle, "health/*"), self._on_health)
         status = session.declare_subscriber(key(vehicle, topics.STATUS.name), self._on_status)
+        self._session = session
+        self._on_change()
         self._stopping.wait()
+        self._session = None
         for subscriber in (alive, health, status):
             subscriber.undeclare()  # type: ignore[no-untyped-call]
         session.close()  # type: ignore[no-untyped-call]
@@ -140,6 +150,8 @@ class HealthWatcher:
             report: ServiceHealth = decode(ServiceHealth, sample.payload.to_bytes())
         except BadPayloadError:
             return
+        if not self._is_put_on(topics.health_of(report.service).name, sample):
+            return
         verdict = Verdict(self.verdict(report.service).alive, report.state, report.text)
         if verdict != self.verdict(report.service):
             self._verdicts[report.service] = verdict
@@ -148,6 +160,8 @@ class HealthWatcher:
     def _on_status(self, sample: "zenoh.Sample") -> None:
         from jezero.runtime.codec import BadPayloadError, decode
 
+        if not self._is_put_on(topics.STATUS.name, sample):
+            return
         try:
             message = decode(topics.STATUS.type, sample.payload.to_bytes())
         except BadPayloadError:
@@ -156,3 +170,9 @@ class HealthWatcher:
         if status != self._status:
             self._status = status
             self._on_change()
+
+    def _is_put_on(self, name: str, sample: "zenoh.Sample") -> bool:
+        """Whether it was sent to exactly this key: what is put on a wildcard changes nothing."""
+        import zenoh
+
+        return sample.kind == zenoh.SampleKind.PUT and str(sample.key_expr) == key(self._instance.vehicle, name)

@@ -260,10 +260,11 @@ class Launcher:
     # -- what people see --
 
     def _is_healthy(self, slot: _Slot) -> bool:
-        running = slot.state in ("running", "external")
-        if not slot.service.has_healthcheck:
-            return running
-        return running and self._health.verdict(slot.service.name).healthy
+        if slot.state == "external":  # the router, perhaps under another vehicle's name
+            return self._health.connected
+        if slot.state != "running":
+            return False
+        return not slot.service.has_healthcheck or self._health.verdict(slot.service.name).healthy
 
     def _not_ready_reason(self) -> str:
         """Why the vehicle can't be used yet; "" when it can."""
@@ -302,8 +303,14 @@ class Launcher:
             not_ready_reason=reason,
             services=tuple(self._describe(name, slot) for name, slot in self._slots.items()),
         )
-        if state != self._written:
+        if state == self._written:
+            return
+        try:
             self._folder.write(state)
+        except OSError:  # a disk that is full by now: the services are not to die of it
+            if self._written is None:
+                raise
+        else:
             self._written = state
 
     def _describe(self, name: str, slot: _Slot) -> LaunchedService:

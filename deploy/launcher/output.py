@@ -1,5 +1,6 @@
 """What the services print: into a log file each, and with the service's name in front on a terminal."""
 
+import io
 import time
 from collections.abc import Iterable
 from datetime import UTC, datetime
@@ -35,6 +36,8 @@ class Prefixer:
 class Output:
     """Splits what services print into lines and writes each where it belongs.
 
+    A full disk or a terminal that can't show a character loses lines, never the launcher: the services would die with it.
+
     Args:
         terminal: also gets each line; None when nobody looks.
     """
@@ -46,8 +49,11 @@ class Output:
             path = folder.log_of(name)
             if path.exists():
                 path.replace(path.with_suffix(".log.1"))
-            self._files[name] = path.open("w", encoding="utf-8")
+            self._files[name] = path.open("wb", buffering=0)
+        self._lost = dict.fromkeys(listed, 0)
         self._unfinished = dict.fromkeys(listed, b"")
+        if isinstance(terminal, io.TextIOWrapper):
+            terminal.reconfigure(errors="replace")
         self._terminal = terminal
         self._prefixer = Prefixer(listed, colour=terminal is not None and terminal.isatty())
 
@@ -70,9 +76,18 @@ class Output:
 
     def say(self, name: str, text: str) -> None:
         """One line."""
-        self._files[name].write(f"{stamp(time.time())} {text}\n")
-        self._files[name].flush()
+        self._log(name, text)
         self.show(self._prefixer.line(name, text))
+
+    def _log(self, name: str, text: str) -> None:
+        at = stamp(time.time())
+        told = f"{at} [launcher] {self._lost[name]} lines before this one could not be written\n"
+        try:
+            self._files[name].write(f"{told if self._lost[name] else ''}{at} {text}\n".encode())
+        except OSError:
+            self._lost[name] += 1
+        else:
+            self._lost[name] = 0
 
     def show(self, text: str) -> None:
         """One line for the terminal only."""

@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
@@ -115,7 +115,7 @@ def _launch(
     return launcher.run()
 
 
-def _leave(code: int) -> None:
+def _leave(code: int) -> NoReturn:
     """End at once: the bus's threads may still be waiting for a router that is gone."""
     with contextlib.suppress(OSError):  # a terminal that is gone
         sys.stdout.flush()
@@ -145,14 +145,7 @@ def _detach(run: Callable[[], int], folder: "RunFolder") -> int:
     os.dup2(null, 0)
     for standard in (1, 2):
         os.dup2(log, standard)
-    code = 1
-    try:
-        code = run()
-    finally:
-        if sys.exc_info()[0] is not None:
-            sys.excepthook(*sys.exc_info())
-        _leave(code)
-    raise AssertionError("unreachable")
+    _leave(run())
 
 
 def _await_start(folder: "RunFolder", launcher: int, deadline_s: float | None, begin_s: float) -> None:

@@ -274,6 +274,22 @@ def test_simulation_and_control_can_be_launched_apart_and_share_the_router(toy: 
     assert rows(toy)["router"]["healthy"]
 
 
+def test_a_second_vehicle_uses_the_router_that_is_there(toy: Stack, tmp_path: Path) -> None:
+    file = compose_file(
+        tmp_path,
+        f"  router: {{command: python -m jezero.runtime.router, healthcheck: {{test: [x]}}}}\n  a: {SLEEPER}\n",
+    )
+    toy.jezero("up", "--wait", "-f", file)
+    environment = {**toy.environment, "JEZERO_RUN_DIR": str(tmp_path / "second"), "JEZERO_VEHICLE": "second"}
+    second = Stack(toy.instance, tmp_path / "second", environment)
+    try:
+        second.jezero("up", "--wait", "--timeout", "10", "-f", file)
+        assert [row["state"] for row in rows(second).values()] == ["external", "running"]
+    finally:
+        second.jezero("down")
+    assert rows(toy)["router"]["healthy"]
+
+
 @pytest.mark.skipif(shutil.which("docker-compose") is None, reason="docker-compose is not installed")
 def test_a_compose_implementation_accepts_the_shipped_file() -> None:
     done = subprocess.run(
