@@ -163,7 +163,7 @@ def _variable(where: str, match: re.Match[str], variables: Mapping[str, str]) ->
     if match["escaped"]:
         return "$"
     if match["bad"] is not None:
-        raise ComposeError(f"{where}: malformed or nested variable; write $$ for a dollar sign")
+        raise ComposeError(f"{where}: malformed variable, or one within another; write $$ for a dollar sign")
     name, operator, word = match["plain"] or match["name"], match["operator"] or "", match["word"] or ""
     given = variables.get(name)
     unset = given is None or (operator.startswith(":") and not given)

@@ -36,7 +36,8 @@ class Prefixer:
 class Output:
     """Splits what services print into lines and writes each where it belongs.
 
-    A full disk or a terminal that can't show a character loses lines, never the launcher: the services would die with it.
+    A full disk or a terminal that can't show a character costs lines, never the launcher: the services would die with
+    it.
 
     Args:
         terminal: also gets each line; None when nobody looks.
