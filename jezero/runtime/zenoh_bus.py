@@ -12,7 +12,7 @@ import socket
 import sys
 import time
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from types import FrameType
 from typing import Any, cast
 
@@ -20,7 +20,7 @@ import zenoh
 
 from jezero.runtime.clock import VehicleClock
 from jezero.runtime.codec import BadPayloadError, decode, encode
-from jezero.runtime.config import Instance
+from jezero.runtime.config import ConfigError, Instance, instance_from_environment
 from jezero.runtime.links import SocketLink
 from jezero.runtime.node import Node
 from jezero.runtime.service import Service
@@ -30,8 +30,6 @@ from jezero.schemas.state import Clock
 from jezero.schemas.topics import Endpoint, Topic, health_of, key
 
 NS_PER_S = 1_000_000_000
-HOLDER_WAIT_S = 2.5
-CLOSE_WITHIN_S = 0.7
 PACE_SLACK_NS = 20_000_000
 """A time master that is this much late slows vehicle time instead of catching up."""
 ANSWER_WITHIN_NS = 16_000_000
@@ -43,6 +41,29 @@ SILENT_STEPS = 60
 def new_boot_id() -> int:
     """An id that differs between two runs of a service, on any host."""
     return secrets.randbits(48)
+
+
+Build = Callable[[Instance, int], tuple[Service, Mapping[str, SocketLink]]]
+"""Makes a service and its links from the instance and a fresh boot id."""
+
+
+def run_process(name: str, build: Build) -> int:
+    """The whole of a service's process, until SIGTERM or SIGINT.
+
+    Args:
+        name: of the service, for its error messages.
+
+    Returns:
+        Exit code of the process; 2 when the settings are wrong.
+    """
+    boot_id = new_boot_id()
+    try:
+        instance = instance_from_environment()
+        service, links = build(instance, boot_id)
+    except ConfigError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return 2
+    return run_service(service, instance, boot_id, links)
 
 
 def run_service(

@@ -2,8 +2,7 @@
 
 import sys
 
-from jezero.runtime.config import ConfigError, instance_from_environment
-from jezero.runtime.zenoh_bus import new_boot_id, run_service
+from jezero.runtime.zenoh_bus import run_process
 from jezero.services.actions.table import BEHAVIOURS, action_server
 
 
@@ -12,12 +11,8 @@ def main() -> int:
     if len(sys.argv) != 2 or sys.argv[1] not in BEHAVIOURS:
         print(f"usage: python -m jezero.services.actions {{{','.join(BEHAVIOURS)}}}", file=sys.stderr)
         return 2
-    boot_id = new_boot_id()
-    try:
-        return run_service(action_server(sys.argv[1], boot_id), instance_from_environment(), boot_id)
-    except ConfigError as error:
-        print(f"{sys.argv[1]}: {error}", file=sys.stderr)
-        return 1
+    name = sys.argv[1]
+    return run_process(name, lambda _instance, boot_id: (action_server(name, boot_id), {}))
 
 
 if __name__ == "__main__":

@@ -2,30 +2,28 @@
 
 import argparse
 import sys
+from collections.abc import Mapping
 
-from jezero.runtime.config import ConfigError, instance_from_environment, load_config
-from jezero.runtime.links import TcpServer
-from jezero.runtime.zenoh_bus import new_boot_id, run_service
+from jezero.runtime.config import Instance, load_config
+from jezero.runtime.links import SocketLink, TcpServer
+from jezero.runtime.service import Service
+from jezero.runtime.zenoh_bus import run_process
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.service import HIL, Simulator
+
+HOST = "127.0.0.1"
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="jezero.services.simulator", description="The simulated world.")
     parser.add_argument("--seed", type=int, default=1, help="of wind and sensor errors (default 1)")
-    arguments = parser.parse_args()
-    try:
-        instance = instance_from_environment()
-        config = load_config(SimulatorConfig, "simulator")
-    except ConfigError as error:
-        print(f"simulator: {error}", file=sys.stderr)
-        return 2
-    boot_id = new_boot_id()
-    simulator = Simulator(config, arguments.seed, boot_id)
-    try:
-        return run_service(simulator, instance, boot_id, {HIL: TcpServer("127.0.0.1", instance.hil_port)})
-    finally:
-        simulator.close()
+    seed = parser.parse_args().seed
+
+    def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
+        simulator = Simulator(load_config(SimulatorConfig, "simulator"), seed, boot_id)
+        return simulator, {HIL: TcpServer(HOST, instance.hil_port)}
+
+    return run_process("simulator", build)
 
 
 if __name__ == "__main__":

@@ -1,27 +1,23 @@
 """`python -m jezero.services.vehicle_bridge`: the bridge over Zenoh, MAVLink on UDP 14540 + instance."""
 
 import sys
+from collections.abc import Mapping
 
-from jezero.runtime.config import ConfigError, instance_from_environment, load_config
-from jezero.runtime.links import Udp
-from jezero.runtime.zenoh_bus import new_boot_id, run_service
+from jezero.runtime.config import Instance, load_config
+from jezero.runtime.links import SocketLink, Udp
+from jezero.runtime.service import Service
+from jezero.runtime.zenoh_bus import run_process
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import LINK, VehicleBridge
 
 HOST = "127.0.0.1"
 
 
-def main() -> int:
-    try:
-        instance = instance_from_environment()
-        config = load_config(VehicleBridgeConfig, "vehicle_bridge")
-    except ConfigError as error:
-        print(f"vehicle_bridge: {error}", file=sys.stderr)
-        return 1
-    boot_id = new_boot_id()
-    bridge = VehicleBridge(config, instance.system_id, boot_id)
-    return run_service(bridge, instance, boot_id, {LINK: Udp((HOST, instance.bridge_port))})
+def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
+    """The bridge of an instance, and its link to the autopilot."""
+    bridge = VehicleBridge(load_config(VehicleBridgeConfig, "vehicle_bridge"), instance.system_id, boot_id)
+    return bridge, {LINK: Udp((HOST, instance.bridge_port))}
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_process("vehicle_bridge", build))
