@@ -112,7 +112,7 @@ def test_a_service_waits_until_what_it_needs_is_healthy(toy: Stack, tmp_path: Pa
     )
     failed = toy.jezero("up", "--wait", "--timeout", "3", "-f", file, check=False)
     assert failed.returncode == 1
-    assert "not ready after 3 s: mute is running: has not reported yet" in failed.stderr
+    assert "not ready after 3 s: mute is running: nothing heard from it on the bus" in failed.stderr
     shown = rows(toy)
     assert (shown["router"]["healthy"], shown["router"]["health"]) == (True, "ok")
     assert shown["first"]["state"] == "running"
