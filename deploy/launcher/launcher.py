@@ -277,7 +277,11 @@ class Launcher:
             if self._is_healthy(slot):
                 continue
             verdict = self._health.verdict(name)
-            said = (verdict.text or "nothing heard from it on the bus") if slot.state in ("running", "external") else slot.text
+            said = (
+                (verdict.text or "nothing heard from it on the bus")
+                if slot.state in ("running", "external")
+                else slot.text
+            )
             return f"{name} is {slot.state}: {said}"
         if BRIDGE in self._slots:
             ready, reason = self._health.vehicle_ready
