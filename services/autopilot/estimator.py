@@ -15,9 +15,7 @@ Source: Solà, Quaternion kinematics for the error-state Kalman filter, 2017, ch
 """
 
 from collections import deque
-from collections.abc import Iterable
-from dataclasses import dataclass
-from math import atan2, cos, hypot, isfinite, sin, sqrt
+from math import atan2, hypot, isfinite, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,20 +23,21 @@ from numpy.typing import NDArray
 from jezero.frames import (
     Quat,
     Vec3,
+    add,
     ned_from_geodetic,
-    quat_from_euler,
     quat_from_rotation_vector,
     quat_multiply,
     quat_normalize,
+    subtract,
     tilt_from_quat,
     wrap_pi,
     yaw_from_quat,
 )
+from jezero.services.autopilot.alignment import Alignment, Fix
 from jezero.services.autopilot.config import EstimatorConfig
 
 COVARIANCE_PERIOD_US = 20_000
 HISTORY_LENGTH = 20
-MIN_FIXES = 10
 SETTLED_STD_MPS = 0.5
 ACC_BIAS_LIMIT_MPS2 = 0.4
 GYRO_BIAS_LIMIT_RPS = 0.15
@@ -46,85 +45,27 @@ GYRO_BIAS_LIMIT_RPS = 0.15
 Matrix = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Fix:
-    """One GNSS fix. `position_deg` is (latitude_deg, longitude_deg, altitude_m)."""
+class Disagreement:
+    """How long a sensor has contradicted the estimate without a break, and by how much.
 
-    position_deg: Vec3
-    vel_ned_mps: Vec3
-    usable: bool
-
-
-def _mean(vectors: Iterable[Vec3], count: int) -> Vec3:
-    north, east, down = zip(*vectors, strict=True)
-    return (sum(north) / count, sum(east) / count, sum(down) / count)
-
-
-class Alignment:
-    """Averages the sensors of a vehicle at rest to find tilt, heading, gyroscope bias and origin.
-
-    A movement, or a fix that is not usable, starts it over.
+    Attributes:
+        mean: the innovations since then, smoothed; empty while sensor and estimate agree.
     """
 
-    def __init__(self, config: EstimatorConfig, gravity_mps2: float) -> None:
-        self._config = config
-        self._gravity_mps2 = gravity_mps2
-        self._imu: deque[tuple[Vec3, Vec3]] = deque()
-        self._fixes: deque[Vec3] = deque(maxlen=MIN_FIXES)
-        self._mag: deque[Vec3] = deque(maxlen=MIN_FIXES)
-        self._baro: deque[float] = deque(maxlen=MIN_FIXES)
-        self._still_us = 0
+    def __init__(self, limit_s: float) -> None:
+        self._limit_us = int(limit_s * 1e6)
+        self._since_us = 0
+        self.mean: tuple[float, ...] = ()
 
-    @property
-    def missing(self) -> str:
-        """What the filter still waits for, in words; empty when it can start."""
-        if not self._imu:
-            return "no IMU data, or the vehicle moves"
-        if len(self._fixes) < MIN_FIXES:
-            return "no GNSS fix yet"
-        if len(self._mag) < MIN_FIXES:
-            return "no magnetometer data"
-        if len(self._baro) < MIN_FIXES:
-            return "no barometer data"
-        if self._still_us < self._config.align_s * 1e6:
-            return "aligning, keep the vehicle still"
-        return ""
+    def ends(self) -> None:
+        self.mean = ()
 
-    def imu(self, dt_us: int, acc_frd_mps2: Vec3, gyro_frd_rps: Vec3) -> None:
-        force = sqrt(sum(a * a for a in acc_frd_mps2))
-        if abs(force - self._gravity_mps2) > 1.0 or max(abs(w) for w in gyro_frd_rps) > 0.15:
-            self._imu.clear()
-            self._still_us = 0
-            return
-        self._imu.append((acc_frd_mps2, gyro_frd_rps))
-        self._still_us += dt_us
-        if self._still_us > 2e6 * self._config.align_s:
-            self._imu.popleft()
-
-    def fix(self, fix: Fix) -> None:
-        if fix.usable:
-            self._fixes.append(fix.position_deg)
-        else:
-            self._fixes.clear()
-
-    def mag(self, field_frd_gauss: Vec3) -> None:
-        self._mag.append(field_frd_gauss)
-
-    def baro(self, altitude_pressure_m: float) -> None:
-        self._baro.append(altitude_pressure_m)
-
-    def result(self) -> tuple[Quat, Vec3, Vec3, float]:
-        """(q_ned_from_frd, gyro_bias_rps, origin_deg, pressure altitude of the origin in m)."""
-        acc = _mean((a for a, _ in self._imu), len(self._imu))
-        gyro = _mean((w for _, w in self._imu), len(self._imu))
-        roll = atan2(-acc[1], -acc[2])
-        pitch = atan2(acc[0], hypot(acc[1], acc[2]))
-        mx, my, mz = _mean(self._mag, len(self._mag))
-        level_x = mx * cos(pitch) + sin(pitch) * (my * sin(roll) + mz * cos(roll))
-        level_y = my * cos(roll) - mz * sin(roll)
-        yaw = wrap_pi(self._config.declination_rad - atan2(level_y, level_x))
-        origin = _mean(self._fixes, len(self._fixes))
-        return quat_from_euler(roll, pitch, yaw), gyro, origin, sum(self._baro) / len(self._baro)
+    def lasts(self, t_us: int, innovation: tuple[float, ...]) -> bool:
+        """Whether it has lasted for so long that the sensor is to be believed."""
+        if not self.mean:
+            self._since_us, self.mean = t_us, innovation
+        self.mean = tuple(m + 0.2 * (i - m) for m, i in zip(self.mean, innovation, strict=True))
+        return t_us - self._since_us >= self._limit_us
 
 
 class Estimator:
@@ -147,8 +88,8 @@ class Estimator:
         """Rows one after the other."""
         self.origin_deg: Vec3 | None = None
         self.reset_counter = 0
-        self.reset_step_ned_m: Vec3 = (0.0, 0.0, 0.0)
-        """By how much the last reset moved the position."""
+        self.reset_offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
+        """Sum of the steps by which resets moved the position."""
         self.P: Matrix = np.zeros((15, 15))
         self._covariance_us = 0
         self._force_ned_mps = [0.0, 0.0, 0.0]
@@ -156,8 +97,9 @@ class Estimator:
         self._started_us = 0
         self._corrected = [0.0] * 6
         self._history: deque[tuple[int, Vec3, Vec3]] = deque(maxlen=HISTORY_LENGTH)
-        self._rejected_since_us: int | None = None
-        self._rejected_step_m = (0.0, 0.0)
+        self._pos_differs = Disagreement(config.gps_reset_s)
+        self._vel_differs = Disagreement(config.gps_reset_s)
+        self._height_differs = Disagreement(config.gps_reset_s)
 
     # -- what others ask -----------------------------------------------------------------------------------
 
@@ -168,8 +110,12 @@ class Estimator:
             return self._alignment.missing
         if self.t_us - self._started_us < self._config.settle_s * 1e6 or self.std_vel_mps > SETTLED_STD_MPS:
             return "position estimate is settling"
-        if self._rejected_since_us is not None:
-            return f"GNSS is {hypot(*self._rejected_step_m):.1f} m away from the estimate"
+        if self._pos_differs.mean:
+            return f"GNSS is {hypot(*self._pos_differs.mean):.1f} m away from the estimate"
+        if self._vel_differs.mean:
+            return "GNSS and the estimate differ in velocity"
+        if self._height_differs.mean:
+            return f"the barometer is {abs(self._height_differs.mean[0]):.1f} m away from the estimate"
         return ""
 
     @property
@@ -208,17 +154,22 @@ class Estimator:
             return
         if not fix.usable or self.origin_deg is None:
             return
-        pos_then, vel_then = self._state_at(self.t_us - int(self._config.ekf2_gps_delay_s * 1e6))
-        pos = ned_from_geodetic(fix.position_deg, self.origin_deg)
         c = self._config
+        pos_then, vel_then = self._state_at(self.t_us - int(c.ekf2_gps_delay_s * 1e6))
+        vel_error = subtract(fix.vel_ned_mps, vel_then)
+        north, east, down = subtract(ned_from_geodetic(fix.position_deg, self.origin_deg), pos_then)
         innovations = []
-        vel_error = [fix.vel_ned_mps[i] - vel_then[i] for i in range(3)]
-        if max(abs(e) for e in vel_error) < c.ekf2_gps_v_gate_mps + 3.0 * self.std_vel_mps:
+        gate = c.ekf2_gps_v_gate_mps + 3.0 * self.std_vel_mps
+        if max(abs(e) for e in vel_error) < gate:
+            self._vel_differs.ends()
             innovations += [(3 + i, vel_error[i], c.ekf2_gps_v_noise_mps) for i in range(3)]
-        north, east = pos[0] - pos_then[0], pos[1] - pos_then[1]
-        if self._horizontal_is_plausible(north, east):
+        elif self._vel_differs.lasts(self.t_us, vel_error):
+            self._reset(3, self._vel_differs, c.ekf2_gps_v_noise_mps)
+        if hypot(north, east) < max(c.ekf2_gps_p_gate_m, 3.0 * sqrt(max(self.P[6, 6], self.P[7, 7]))):
+            self._pos_differs.ends()
             innovations += [(6, north, c.ekf2_gps_p_noise_m), (7, east, c.ekf2_gps_p_noise_m)]
-        down = pos[2] - pos_then[2]
+        elif self._pos_differs.lasts(self.t_us, (north, east)):
+            self._reset(6, self._pos_differs, c.ekf2_gps_p_noise_m)
         if abs(down) < 4.0 * c.gps_z_noise_m + 3.0 * sqrt(self.P[8, 8]):
             innovations.append((8, down, c.gps_z_noise_m))
         self._update(innovations)
@@ -227,9 +178,13 @@ class Estimator:
         if not self.running:
             self._alignment.baro(altitude_pressure_m)
             return
+        c = self._config
         down = -(altitude_pressure_m - self._origin_pressure_m) - self.pos_ned_m[2]
-        if abs(down) < self._config.ekf2_baro_gate_m + 3.0 * sqrt(self.P[8, 8]):
-            self._update([(8, down, self._config.ekf2_baro_noise_m)])
+        if abs(down) < c.ekf2_baro_gate_m + 3.0 * sqrt(self.P[8, 8]):
+            self._height_differs.ends()
+            self._update([(8, down, c.ekf2_baro_noise_m)])
+        elif self._height_differs.lasts(self.t_us, (down,)):
+            self._reset(8, self._height_differs, c.ekf2_baro_noise_m)
 
     def mag(self, field_frd_gauss: Vec3) -> None:
         """Correct the heading; tilt is left alone, the field's local errors don't deserve it."""
@@ -355,31 +310,18 @@ class Estimator:
         pos = (p[0] + d[3] + vel[0] * dt, p[1] + d[4] + vel[1] * dt, p[2] + d[5] + vel[2] * dt)
         return pos, vel
 
-    def _horizontal_is_plausible(self, north_m: float, east_m: float) -> bool:
-        """Gate of the horizontal position; resets it when the fixes insist on another place for long enough."""
-        c = self._config
-        std = sqrt(max(self.P[6, 6], self.P[7, 7]))
-        if hypot(north_m, east_m) < max(c.ekf2_gps_p_gate_m, 3.0 * std):
-            self._rejected_since_us = None
-            return True
-        if self._rejected_since_us is None:
-            self._rejected_since_us, self._rejected_step_m = self.t_us, (north_m, east_m)
-        n, e = self._rejected_step_m
-        self._rejected_step_m = (n + 0.2 * (north_m - n), e + 0.2 * (east_m - e))
-        if self.t_us - self._rejected_since_us >= c.gps_reset_s * 1e6:
-            self._reset_position()
-        return False
-
-    def _reset_position(self) -> None:
-        n, e = self._rejected_step_m
-        self.pos_ned_m = (self.pos_ned_m[0] + n, self.pos_ned_m[1] + e, self.pos_ned_m[2])
-        self._corrected[3] += n
-        self._corrected[4] += e
-        self.P[6:8, :] = 0.0
-        self.P[:, 6:8] = 0.0
-        self.P[6, 6] = self.P[7, 7] = self._config.ekf2_gps_p_noise_m**2
-        self._rejected_since_us = None
-        self.reset_step_ned_m = (n, e, 0.0)
+    def _reset(self, first: int, differs: Disagreement, std: float) -> None:
+        """Believe the sensor: move the error states from `first` on in one step, and forget how they hang together."""
+        step, before = differs.mean, self.pos_ned_m
+        dx = [0.0] * 15
+        dx[first : first + len(step)] = step
+        self._inject(dx)
+        moved = slice(first, first + len(step))
+        self.P[moved, :] = 0.0
+        self.P[:, moved] = 0.0
+        self.P[moved, moved] = std * std * np.eye(len(step))
+        differs.ends()
+        self.reset_offset_ned_m = add(self.reset_offset_ned_m, subtract(self.pos_ned_m, before))
         self.reset_counter += 1
 
     def _update(self, innovations: list[tuple[int, float, float]]) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from jezero.frames import Vec3
 from jezero.mavlink import MavlinkCodec, MavMessage, dialect, is_finite
-from jezero.services.autopilot.estimator import Fix
+from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.mixer import Commands
 
 ARMED = 128

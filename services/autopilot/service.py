@@ -3,13 +3,14 @@
 from collections.abc import Iterator
 from math import inf
 
-from jezero.frames import Vec3
+from jezero.frames import Vec3, subtract
 from jezero.mavlink import MavMessage, dialect, is_finite
 from jezero.runtime.service import Health, Inbox, Output, Send, Spec
+from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.commander import Commander, Condition, Mode
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.control import Axes, Setpoint
-from jezero.services.autopilot.estimator import Estimator, Fix
+from jezero.services.autopilot.estimator import Estimator
 from jezero.services.autopilot.flight import Flight
 from jezero.services.autopilot.hil import HilLink, Reading
 from jezero.services.autopilot.mixer import STOPPED
@@ -65,7 +66,7 @@ class Autopilot:
         self._offboard = Setpoint()
         self._offboard_us: int | None = None
         self._hold = Setpoint()
-        self._resets = 0
+        self._reset_offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
         self._links = {
             OFFBOARD: TelemetryLink(self._system_id, OFFBOARD_INTERVALS_US),
             GCS: TelemetryLink(self._system_id, GCS_INTERVALS_US),
@@ -80,6 +81,7 @@ class Autopilot:
             if isinstance(item, Fix):
                 self._fix_us = self._t_us
                 self._estimator.fix(item)
+                self._follow_reset()
             else:
                 yield Send(HIL, self._on_reading(item))
         for name, link in self._links.items():
@@ -119,11 +121,12 @@ class Autopilot:
 
     def _follow_reset(self) -> None:
         """Move what is stored in the local frame along with a step of the estimate."""
-        estimator = self._estimator
-        if estimator.reset_counter != self._resets:
-            self._resets = estimator.reset_counter
-            self._hold = self._hold.moved(estimator.reset_step_ned_m)
-            self._offboard = self._offboard.moved(estimator.reset_step_ned_m)
+        offset = self._estimator.reset_offset_ned_m
+        if offset != self._reset_offset_ned_m:
+            step = subtract(offset, self._reset_offset_ned_m)
+            self._reset_offset_ned_m = offset
+            self._hold = self._hold.moved(step)
+            self._offboard = self._offboard.moved(step)
 
     def _setpoint(self) -> Setpoint:
         return self._offboard if self._commander.mode is Mode.OFFBOARD else self._hold

@@ -1,0 +1,92 @@
+"""How the filter starts: tilt, heading, gyroscope bias and origin of a vehicle that stands still."""
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import atan2, cos, hypot, sin, sqrt
+
+from jezero.frames import Quat, Vec3, quat_from_euler, wrap_pi
+from jezero.services.autopilot.config import EstimatorConfig
+
+MIN_FIXES = 10
+
+
+@dataclass(frozen=True)
+class Fix:
+    """One GNSS fix. `position_deg` is (latitude_deg, longitude_deg, altitude_m)."""
+
+    position_deg: Vec3
+    vel_ned_mps: Vec3
+    usable: bool
+
+
+def _mean(vectors: Iterable[Vec3], count: int) -> Vec3:
+    north, east, down = zip(*vectors, strict=True)
+    return (sum(north) / count, sum(east) / count, sum(down) / count)
+
+
+class Alignment:
+    """Averages the sensors of a vehicle at rest to find tilt, heading, gyroscope bias and origin.
+
+    A movement, or a fix that is not usable, starts it over.
+    """
+
+    def __init__(self, config: EstimatorConfig, gravity_mps2: float) -> None:
+        self._config = config
+        self._gravity_mps2 = gravity_mps2
+        self._imu: deque[tuple[Vec3, Vec3]] = deque()
+        self._fixes: deque[Vec3] = deque(maxlen=MIN_FIXES)
+        self._mag: deque[Vec3] = deque(maxlen=MIN_FIXES)
+        self._baro: deque[float] = deque(maxlen=MIN_FIXES)
+        self._still_us = 0
+
+    @property
+    def missing(self) -> str:
+        """What the filter still waits for, in words; empty when it can start."""
+        if not self._imu:
+            return "no IMU data, or the vehicle moves"
+        if len(self._fixes) < MIN_FIXES:
+            return "no GNSS fix yet"
+        if len(self._mag) < MIN_FIXES:
+            return "no magnetometer data"
+        if len(self._baro) < MIN_FIXES:
+            return "no barometer data"
+        if self._still_us < self._config.align_s * 1e6:
+            return "aligning, keep the vehicle still"
+        return ""
+
+    def imu(self, dt_us: int, acc_frd_mps2: Vec3, gyro_frd_rps: Vec3) -> None:
+        force = sqrt(sum(a * a for a in acc_frd_mps2))
+        if abs(force - self._gravity_mps2) > 1.0 or max(abs(w) for w in gyro_frd_rps) > 0.15:
+            self._imu.clear()
+            self._still_us = 0
+            return
+        self._imu.append((acc_frd_mps2, gyro_frd_rps))
+        self._still_us += dt_us
+        if self._still_us > 2e6 * self._config.align_s:
+            self._imu.popleft()
+
+    def fix(self, fix: Fix) -> None:
+        if fix.usable:
+            self._fixes.append(fix.position_deg)
+        else:
+            self._fixes.clear()
+
+    def mag(self, field_frd_gauss: Vec3) -> None:
+        self._mag.append(field_frd_gauss)
+
+    def baro(self, altitude_pressure_m: float) -> None:
+        self._baro.append(altitude_pressure_m)
+
+    def result(self) -> tuple[Quat, Vec3, Vec3, float]:
+        """(q_ned_from_frd, gyro_bias_rps, origin_deg, pressure altitude of the origin in m)."""
+        acc = _mean((a for a, _ in self._imu), len(self._imu))
+        gyro = _mean((w for _, w in self._imu), len(self._imu))
+        roll = atan2(-acc[1], -acc[2])
+        pitch = atan2(acc[0], hypot(acc[1], acc[2]))
+        mx, my, mz = _mean(self._mag, len(self._mag))
+        level_x = mx * cos(pitch) + sin(pitch) * (my * sin(roll) + mz * cos(roll))
+        level_y = my * cos(roll) - mz * sin(roll)
+        yaw = wrap_pi(self._config.declination_rad - atan2(level_y, level_x))
+        origin = _mean(self._fixes, len(self._fixes))
+        return quat_from_euler(roll, pitch, yaw), gyro, origin, sum(self._baro) / len(self._baro)
