@@ -1,0 +1,241 @@
+"""The filter on a made-up flight whose truth is known: consistent, bounded, late fixes, steps and resets."""
+
+from collections.abc import Callable
+from math import cos, degrees, radians, sin
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jezero.frames import (
+    Quat,
+    Vec3,
+    add,
+    cross,
+    distance,
+    geodetic_from_ned,
+    norm,
+    quat_conjugate,
+    quat_from_euler,
+    quat_multiply,
+    quat_rotate,
+    scale,
+    subtract,
+)
+from jezero.services.autopilot.alignment import Fix
+from jezero.services.autopilot.config import EstimatorConfig
+from jezero.services.autopilot.estimator import Estimator
+
+G = 9.81
+DT_US = 4000
+REST_S = 3.0
+ORIGIN: Vec3 = (47.4, 8.5, 488.0)
+CONFIG = EstimatorConfig()
+FIELD_NED: Vec3 = (0.216 * cos(CONFIG.declination_rad), 0.216 * sin(CONFIG.declination_rad), 0.432)
+
+
+def pose(t_s: float) -> tuple[Vec3, Quat]:
+    """Position and attitude at a time: at rest, then a banked wander."""
+    t = max(0.0, t_s - REST_S)
+    grow = min(1.0, t / 4.0) ** 2 * (3.0 - 2.0 * min(1.0, t / 4.0))
+    pos = (4.0 * grow * sin(0.5 * t), 3.0 * grow * sin(0.35 * t), -2.0 * grow * (1.0 + 0.3 * sin(0.6 * t)))
+    q = quat_from_euler(0.15 * grow * sin(0.8 * t), 0.12 * grow * sin(0.9 * t), 0.4 + 0.5 * grow * sin(0.2 * t))
+    return pos, q
+
+
+def velocity(t_s: float) -> Vec3:
+    after, before = pose(t_s + 1e-4)[0], pose(t_s - 1e-4)[0]
+    return scale(subtract(after, before), 5000.0)
+
+
+class World:
+    """Feeds an estimator with the sensors of the made-up flight.
+
+    Args:
+        seed: of noise and biases; None makes perfect sensors.
+        shift_ned_m: added to each fix's position, by time.
+    """
+
+    def __init__(self, seed: int | None = None, shift_ned_m: Callable[[float], Vec3] = lambda _: (0.0, 0.0, 0.0)):
+        self.estimator = Estimator(CONFIG, G)
+        self._random = None if seed is None else np.random.default_rng(seed)
+        self._shift = shift_ned_m
+        self.acc_bias = self._draw(0.05)
+        self.gyro_bias = self._draw(0.003)
+        self.step = 0
+        self.vel = (0.0, 0.0, 0.0)
+
+    @property
+    def t_s(self) -> float:
+        return self.step * DT_US * 1e-6
+
+    def _draw(self, std: float) -> Vec3:
+        """Nothing is added at rest, where the filter takes its origin from."""
+        if self._random is None:
+            return (0.0, 0.0, 0.0)
+        x, y, z = self._random.normal(0.0, std, 3).tolist()
+        return (x, y, z)
+
+    def _white(self, std: float) -> Vec3:
+        return self._draw(std) if self.t_s > REST_S else (0.0, 0.0, 0.0)
+
+    def run(self, until_s: float) -> "World":
+        while self.t_s < until_s:
+            self._advance()
+        return self
+
+    def _advance(self) -> None:
+        q_before, before_s = pose(self.t_s)[1], self.t_s
+        self.step += 1
+        pos, q = pose(self.t_s)
+        turn = quat_multiply(quat_conjugate(q_before), q)
+        gyro = scale((turn[1], turn[2], turn[3]), 2.0 / (DT_US * 1e-6))
+        acc = scale(subtract(velocity(self.t_s), velocity(before_s)), 1e6 / DT_US)
+        middle = pose(0.5 * (self.t_s + before_s))[1]
+        force = quat_rotate(quat_conjugate(middle), subtract(acc, (0.0, 0.0, G)))
+        rate_hz = 1e6 / DT_US
+        force = add(add(force, self.acc_bias), self._white(CONFIG.acc_density * rate_hz**0.5))
+        gyro = add(add(gyro, self.gyro_bias), self._white(CONFIG.gyro_density * rate_hz**0.5))
+        self.estimator.imu(self.step * DT_US, force, gyro)
+        if self.step % 25 == 0:
+            self._slow(pos, q)
+
+    def _slow(self, pos: Vec3, q: Quat) -> None:
+        """Fixes (0.1 s late), pressure altitude and magnetic field, ten times a second."""
+        then_s = self.t_s - CONFIG.ekf2_gps_delay_s
+        noise = add(self._white(CONFIG.ekf2_gps_p_noise_m), self._shift(self.t_s))
+        noise = (noise[0], noise[1], noise[2] * CONFIG.gps_z_noise_m / CONFIG.ekf2_gps_p_noise_m)
+        vel = add(velocity(then_s), self._white(CONFIG.ekf2_gps_v_noise_mps))
+        self.estimator.fix(Fix(geodetic_from_ned(add(pose(then_s)[0], noise), ORIGIN), vel, usable=True))
+        self.estimator.baro(100.0 - pos[2] + self._white(CONFIG.ekf2_baro_noise_m)[0])
+        about_down = quat_from_euler(0.0, 0.0, self._white(CONFIG.ekf2_head_noise_rad)[2])
+        self.estimator.mag(quat_rotate(quat_conjugate(q), quat_rotate(about_down, FIELD_NED)))
+
+    def error(self) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+        """(15,) true error states, in the filter's order."""
+        e, (pos, q) = self.estimator, pose(self.t_s)
+        turn = quat_multiply(q, quat_conjugate(e.q_ned_from_frd))
+        sign = 2.0 if turn[0] >= 0.0 else -2.0
+        parts = (
+            scale((turn[1], turn[2], turn[3]), sign),
+            subtract(velocity(self.t_s), e.vel_ned_mps),
+            subtract(pos, e.pos_ned_m),
+            subtract(self.gyro_bias, e.gyro_bias_rps),
+            subtract(self.acc_bias, e.acc_bias_mps2),
+        )
+        return np.array([value for part in parts for value in part])
+
+
+def test_with_perfect_sensors_the_estimate_is_the_truth() -> None:
+    error = np.abs(World().run(30.0).error())
+    assert degrees(error[0:3].max()) < 0.2
+    assert error[3:6].max() < 0.02
+    assert error[6:9].max() < 0.02
+
+
+def test_the_filter_knows_how_wrong_it_is() -> None:
+    """Mean NEES of 12 flights within the 99.8 % bounds of chi-squared with 12 x 15 degrees of freedom."""
+    nees = []
+    for seed in range(12):
+        world = World(seed).run(18.0)
+        error = world.error()
+        nees.append(float(error @ np.linalg.solve(world.estimator.P, error)))
+    assert 10.5 < sum(nees) / len(nees) < 20.3
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_biases_are_found(seed: int) -> None:
+    world = World(seed).run(40.0)
+    assert distance(world.estimator.gyro_bias_rps, world.gyro_bias) < 0.003
+    assert abs(world.estimator.acc_bias_mps2[2] - world.acc_bias[2]) < 0.05
+
+
+def test_heading_counts_from_true_north() -> None:
+    world = World().run(REST_S)
+    assert world.estimator.yaw_rad == pytest.approx(0.4, abs=radians(0.1))
+
+
+def test_the_local_frame_starts_where_the_filter_started() -> None:
+    world = World().run(REST_S)
+    assert world.estimator.origin_deg == pytest.approx(ORIGIN)
+    assert norm(world.estimator.pos_ned_m) < 0.01
+
+
+def test_a_fix_that_is_far_off_is_ignored_and_then_believed_when_it_insists() -> None:
+    world = World(shift_ned_m=lambda t: (1.5, 0.0, 0.0) if t > 8.0 else (0.0, 0.0, 0.0)).run(10.9)
+    assert abs(world.error()[6]) < 0.1
+    assert "away from the estimate" in world.estimator.missing
+    assert world.estimator.reset_counter == 0
+    world.run(11.3)
+    assert world.estimator.reset_counter == 1
+    assert world.estimator.reset_offset_ned_m == pytest.approx((1.5, 0.0, 0.0), abs=0.05)
+    assert world.error()[6] == pytest.approx(-1.5, abs=0.1)
+    assert world.estimator.missing == ""
+
+
+def test_a_short_step_of_the_fixes_leaves_no_trace() -> None:
+    world = World(shift_ned_m=lambda t: (0.0, -2.0, 0.0) if 8.0 < t < 10.5 else (0.0, 0.0, 0.0)).run(15.0)
+    assert world.estimator.reset_counter == 0
+    assert norm((world.error()[6], world.error()[7], 0.0)) < 0.1
+
+
+def test_a_shock_that_kicks_the_velocity_is_forgotten() -> None:
+    world = World().run(8.0)
+    for _ in range(10):
+        world.step += 1
+        world.estimator.imu(world.step * DT_US, (60.0, 0.0, -140.0), (0.0, 0.0, 0.0))
+    assert norm(tuple(world.error()[3:6])) > 3.0  # type: ignore[arg-type]
+    world.run(20.0)
+    assert norm(tuple(world.error()[3:6])) < 0.1  # type: ignore[arg-type]
+    assert norm(tuple(world.error()[6:9])) < 0.3  # type: ignore[arg-type]
+    assert world.estimator.reset_counter > 0
+
+
+@pytest.mark.parametrize(
+    ("missing", "text"),
+    [("fix", "no GNSS fix yet"), ("mag", "no magnetometer data"), ("baro", "no barometer data")],
+)
+def test_without_a_sensor_it_does_not_start_and_says_which(missing: str, text: str) -> None:
+    world = World()
+    setattr(world.estimator, missing, lambda _: None)
+    world.run(REST_S)
+    assert not world.estimator.running
+    assert world.estimator.missing == text
+
+
+def test_a_moving_vehicle_is_not_aligned() -> None:
+    estimator = Estimator(CONFIG, G)
+    for step in range(1, 1000):
+        estimator.imu(step * DT_US, (0.0, 0.0, -G), (0.0, 0.0, 0.5))
+    assert not estimator.running
+    assert "moves" in estimator.missing
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["imu", "fix", "baro", "mag"]),
+            st.tuples(*[st.floats(-1000.0, 1000.0)] * 3),
+            st.tuples(*[st.floats(-35.0, 35.0)] * 3),
+        ),
+        max_size=60,
+    )
+)
+def test_no_reading_makes_the_estimate_anything_but_finite(inputs: list[tuple[str, Vec3, Vec3]]) -> None:
+    world = World().run(REST_S)
+    e = world.estimator
+    for kind, first, second in inputs:
+        world.step += 5
+        if kind == "imu":
+            e.imu(world.step * DT_US, first, second)
+        elif kind == "fix":
+            e.fix(Fix(geodetic_from_ned(first, ORIGIN), second, usable=True))
+        elif kind == "baro":
+            e.baro(first[0])
+        else:
+            e.mag(cross(first, second))
+    values = [*e.pos_ned_m, *e.vel_ned_mps, *e.q_ned_from_frd, *e.gyro_bias_rps, *e.acc_bias_mps2, *e.P.flat]
+    assert np.isfinite(values).all()
+    assert (np.diag(e.P) >= 0.0).all()
