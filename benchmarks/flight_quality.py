@@ -11,7 +11,7 @@ from math import sqrt
 import msgspec
 
 from jezero.deploy.in_process import SYSTEM_ID, boot_id
-from jezero.frames import Vec3, distance, horizontal, norm, subtract
+from jezero.frames import Vec3, distance, norm, subtract
 from jezero.mavlink import MavlinkCodec, dialect
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus
@@ -188,7 +188,7 @@ def _wander(flight: Flight, start_s: float) -> Iterator[float]:
     for sample in flight.samples:
         true = truth.get(round(sample.t_s, 2))
         if true is not None and sample.t_s >= start_s:
-            yield horizontal(subtract(sample.pos_ned_m, true))
+            yield distance(sample.pos_ned_m, true)
 
 
 def _rms(values: list[float]) -> float:

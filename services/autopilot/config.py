@@ -77,7 +77,7 @@ class EstimatorConfig(Config, frozen=True, kw_only=True):
     gyro_bias_std_rps: Positive = 0.005
     ekf2_gps_delay_s: Annotated[float, Meta(ge=0.0, le=0.35)] = 0.1
     ekf2_gps_p_noise_m: Positive = 0.5
-    gps_z_noise_m: Positive = 0.8
+    gps_z_noise_m: Positive = 1.5
     ekf2_gps_v_noise_mps: Positive = 0.15
     ekf2_gps_p_gate_m: Positive = 1.2
     ekf2_gps_v_gate_mps: Positive = 1.0

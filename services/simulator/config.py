@@ -162,8 +162,8 @@ class GnssConfig(Config, frozen=True, kw_only=True):
     delay_s: Delay = 0.1
     std_horizontal_m: NonNegative = 0.1
     std_vertical_m: NonNegative = 0.15
-    std_bias_horizontal_m: NonNegative = 0.35
-    std_bias_vertical_m: NonNegative = 0.5
+    std_bias_horizontal_m: NonNegative = 0.25
+    std_bias_vertical_m: NonNegative = 0.35
     tau_bias_s: Positive = 120.0
     std_velocity_mps: NonNegative = 0.05
     satellites: Annotated[int, Meta(ge=0, le=255)] = 14
@@ -176,7 +176,7 @@ class BarometerConfig(Config, frozen=True, kw_only=True):
     rate_hil_hz: Rate = 50.0
     delay_s: Delay = 0.0
     std_pressure_pa: NonNegative = 2.0
-    std_bias_pa: NonNegative = 6.0
+    std_bias_pa: NonNegative = 3.0
     tau_bias_s: Positive = 300.0
     temperature_degc: Annotated[float, Meta(ge=-100.0, le=60.0)] = 20.0
 
