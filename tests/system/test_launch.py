@@ -2,10 +2,10 @@
 
 import json
 import os
+import resource
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -302,11 +302,10 @@ def test_a_compose_implementation_accepts_the_shipped_file() -> None:
     assert {"router", "simulator", "autopilot", "vehicle_bridge", *topics.ACTIONS} <= set(done.stdout.split())
 
 
-def test_commands_start_within_0_3_s() -> None:
-    for words in (["--help"], ["takeoff", "--help"], ["up", "--help"], ["demo", "--help"]):
-        took_s = []
-        for _ in range(5):
-            begin = time.monotonic()
-            subprocess.run([sys.executable, "-m", "jezero.cli.main", *words], check=True, stdout=subprocess.DEVNULL)
-            took_s.append(time.monotonic() - begin)
-        assert min(took_s) < 0.3, words
+@pytest.mark.parametrize("words", [("--help",), ("takeoff", "--help"), ("up", "--help"), ("demo", "--help"), ("ps",)])
+def test_commands_start_within_0_3_s_of_work(toy: Stack, words: tuple[str, ...]) -> None:
+    """Processor time: starting waits for nothing, and other tests may hold the processor."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    toy.jezero(*words)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 0.3
