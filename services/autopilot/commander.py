@@ -151,8 +151,8 @@ class Commander:
     def _disarm(self, text: str, severity: int = 6) -> None:
         self.armed = False
         self._say(severity, text)
-        if self.failsafe:
-            self.failsafe = False
+        self.failsafe = False
+        if self.mode is Mode.LAND:
             self._switch(Mode.LOITER)
 
     def _switch(self, mode: Mode) -> None:

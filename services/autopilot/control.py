@@ -155,7 +155,8 @@ class AttitudeLoop:
         uy = r[1] * un + r[4] * ue + r[7] * ud
         uz = r[2] * un + r[5] * ue + r[8] * ud
         # The shortest turn from (0, 0, -1) to u is about (u_y, -u_x, 0) by the angle whose cosine is -u_z.
-        stretch = 2.0 / sqrt(max(1e-3, 2.0 * (1.0 - uz))) if uz < 0.0 else 1.42 / max(0.1, hypot(ux, uy))
+        # 2 sin(angle / 2) of it is asked for, as quaternion controllers do: sin(angle) times this.
+        stretch = sqrt(2.0 / max(0.02, 1.0 - uz))
         limit = c.mc_rollpitchrate_max_rps
         wanted = (
             max(-limit, min(limit, c.mc_rollpitch_p * stretch * uy)) + r[6] * yaw_rate_rps,

@@ -17,8 +17,9 @@ UPDATED_MAG = 0x1C0
 UPDATED_BARO = 0x800
 MIN_SATELLITES = 6
 FIX_3D = 3
-SENSOR_FIELDS = ("xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro")
 MAG_FIELDS = ("xmag", "ymag", "zmag")
+ACC_MAX_MPS2 = 1000.0
+GYRO_MAX_RPS = 100.0
 UNUSED = (0.0,) * 12
 
 
@@ -58,11 +59,13 @@ class HilLink:
                 yield _fix(message)
 
     def _reading(self, message: MavMessage) -> Reading:
-        """Groups of fields that are not updated, or not finite, are left out."""
+        """Groups of fields that are not updated, or hold what no sensor measures, are left out."""
         updated = message.fields_updated
         imu = field = altitude_m = None
-        if updated & UPDATED_IMU == UPDATED_IMU and is_finite(message, *SENSOR_FIELDS):
-            imu = ((message.xacc, message.yacc, message.zacc), (message.xgyro, message.ygyro, message.zgyro))
+        acc = (message.xacc, message.yacc, message.zacc)
+        gyro = (message.xgyro, message.ygyro, message.zgyro)
+        if updated & UPDATED_IMU == UPDATED_IMU and _is_within(acc, ACC_MAX_MPS2) and _is_within(gyro, GYRO_MAX_RPS):
+            imu = (acc, gyro)
         else:
             self._codec.malformed += 1
         if updated & UPDATED_MAG == UPDATED_MAG and is_finite(message, *MAG_FIELDS):
@@ -75,6 +78,12 @@ class HilLink:
         """HIL_ACTUATOR_CONTROLS with (4,) motor commands from 0 to 1."""
         mode = 1 | (ARMED if armed else 0)
         return self._codec.pack(dialect.MAVLink_hil_actuator_controls_message(t_us, (*commands, *UNUSED), mode, 0))
+
+
+def _is_within(vector: Vec3, limit: float) -> bool:
+    """Also false for NaN."""
+    x, y, z = vector
+    return abs(x) <= limit and abs(y) <= limit and abs(z) <= limit
 
 
 def _fix(message: MavMessage) -> Fix:

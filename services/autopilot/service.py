@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from math import inf
 
-from jezero.frames import Vec3, subtract
+from jezero.frames import Vec3, add, subtract
 from jezero.mavlink import MavMessage, dialect, is_finite
 from jezero.runtime.service import Health, Inbox, Output, Send, Spec
 from jezero.services.autopilot.alignment import Fix
@@ -23,8 +23,14 @@ from jezero.services.autopilot.telemetry import (
 
 HIL, OFFBOARD, GCS = "hil", "offboard", "gcs"
 STEP_MAX_S = 0.05
+GAP_MAX_US = 1_000_000
 FORCE = 21196.0
 MODES = {mode.value: mode for mode in Mode}
+USE_TWO_PARAMETERS = (
+    dialect.MAV_CMD_COMPONENT_ARM_DISARM,
+    dialect.MAV_CMD_DO_SET_MODE,
+    dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
+)
 
 SPEC = Spec(name="autopilot", links=(HIL, OFFBOARD, GCS), triggers=(HIL, OFFBOARD, GCS), rate_hz=10.0)
 
@@ -33,7 +39,7 @@ class Autopilot:
     """One autopilot with its links.
 
     All its time is that of HIL_SENSOR; it answers each with one HIL_ACTUATOR_CONTROLS. A new simulator, or time that
-    goes back, makes it start over.
+    goes back or leaps, makes it start over.
 
     Args:
         system_id: MAVLink system id.
@@ -66,6 +72,7 @@ class Autopilot:
         self._offboard = Setpoint()
         self._offboard_us: int | None = None
         self._hold = Setpoint()
+        self._home_ned_m: Vec3 = (0.0, 0.0, 0.0)
         self._reset_offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
         self._links = {
             OFFBOARD: TelemetryLink(self._system_id, OFFBOARD_INTERVALS_US),
@@ -94,7 +101,7 @@ class Autopilot:
 
     def _on_reading(self, reading: Reading) -> bytes:
         """One HIL_SENSOR in, one HIL_ACTUATOR_CONTROLS out."""
-        if reading.t_us < self._t_us:
+        if reading.t_us < self._t_us or (self._t_us and reading.t_us > self._t_us + GAP_MAX_US):
             self._start_over()
         dt = min((reading.t_us - self._t_us) * 1e-6, STEP_MAX_S) if self._t_us else 0.0
         self._t_us = reading.t_us
@@ -125,6 +132,7 @@ class Autopilot:
         if offset != self._reset_offset_ned_m:
             step = subtract(offset, self._reset_offset_ned_m)
             self._reset_offset_ned_m = offset
+            self._home_ned_m = add(self._home_ned_m, step)
             self._hold = self._hold.moved(step)
             self._offboard = self._offboard.moved(step)
 
@@ -181,23 +189,25 @@ class Autopilot:
                 self._offboard, self._offboard_us = setpoint, self._t_us
         elif kind == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
             return self._on_command(link, message)
+        elif kind == dialect.MAVLINK_MSG_ID_COMMAND_INT:
+            return link.acknowledge(message, dialect.MAV_RESULT_COMMAND_LONG_ONLY)
         return b""
 
     def _on_command(self, link: TelemetryLink, message: MavMessage) -> bytes:
         """Do it, and acknowledge it."""
-        if not is_finite(message, "param1", "param2"):
-            return link.acknowledge(message, dialect.MAV_RESULT_DENIED)
         command, mode_before, extra = message.command, self._commander.mode, b""
         result = dialect.MAV_RESULT_UNSUPPORTED
-        if command == dialect.MAV_CMD_COMPONENT_ARM_DISARM:
+        if command in USE_TWO_PARAMETERS and not is_finite(message, "param1", "param2"):
+            result = dialect.MAV_RESULT_DENIED
+        elif command == dialect.MAV_CMD_COMPONENT_ARM_DISARM:
             result = self._arm_or_disarm(message)
         elif command == dialect.MAV_CMD_DO_SET_MODE:
-            result = self._set_mode((int(message.param2), int(message.param3) if is_finite(message, "param3") else 0))
+            result = self._set_mode(_main_and_sub_mode(message))
         elif command == dialect.MAV_CMD_NAV_LAND:
             result = self._set_mode(Mode.LAND.value)
         elif command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL and link.set_interval(int(message.param1), message.param2):
             result = dialect.MAV_RESULT_ACCEPTED
-        elif command == dialect.MAV_CMD_REQUEST_MESSAGE:
+        elif command == dialect.MAV_CMD_REQUEST_MESSAGE and is_finite(message, "param1"):
             told = link.request(int(message.param1), self._snapshot())
             if told is not None:
                 result, extra = dialect.MAV_RESULT_ACCEPTED, told
@@ -207,15 +217,18 @@ class Autopilot:
     def _arm_or_disarm(self, message: MavMessage) -> int:
         now = self._condition()
         if message.param1 == 1.0:
+            was_armed = self._commander.armed
             reason = self._commander.arm(now)
+            if self._commander.armed and not was_armed:
+                self._home_ned_m = self._estimator.pos_ned_m
         elif message.param1 == 0.0:
             reason = self._commander.disarm(now, force=message.param2 == FORCE)
         else:
             return int(dialect.MAV_RESULT_DENIED)
         return int(dialect.MAV_RESULT_TEMPORARILY_REJECTED if reason else dialect.MAV_RESULT_ACCEPTED)
 
-    def _set_mode(self, main_and_sub: tuple[int, int]) -> int:
-        mode = MODES.get(main_and_sub)
+    def _set_mode(self, main_and_sub: tuple[int, int] | None) -> int:
+        mode = MODES.get(main_and_sub) if main_and_sub else None
         if mode is None:
             return int(dialect.MAV_RESULT_DENIED)
         reason = self._commander.set_mode(mode, self._condition())
@@ -243,7 +256,9 @@ class Autopilot:
     def _judge(self, inbox: Inbox) -> Health:
         if not inbox.is_up(HIL):
             return Health("starting", "waiting for the simulator")
-        return Health("ok", "flying" if not self._flight.detector.landed else "connected to the simulator")
+        text = "flying" if not self._flight.detector.landed else "connected to the simulator"
+        malformed = self._hil.malformed + sum(link.malformed for link in self._links.values())
+        return Health("ok", f"{text}; {malformed} malformed messages" if malformed else text)
 
     def _snapshot(self) -> Snapshot:
         estimator, commander = self._estimator, self._commander
@@ -263,7 +278,15 @@ class Autopilot:
             var_pos_ned_m2=variance,
             reset_counter=estimator.reset_counter,
             origin_deg=estimator.origin_deg,
+            home_ned_m=self._home_ned_m,
         )
+
+
+def _main_and_sub_mode(message: MavMessage) -> tuple[int, int] | None:
+    """PX4's mode of a DO_SET_MODE; None when it asks for a mode that is not custom."""
+    if not int(message.param1) & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+        return None
+    return int(message.param2), int(message.param3) if is_finite(message, "param3") else 0
 
 
 def _offboard_setpoint(message: MavMessage) -> Setpoint | None:

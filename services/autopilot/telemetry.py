@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import nan
 
-from jezero.frames import Quat, Vec3
+from jezero.frames import Quat, Vec3, geodetic_from_ned
 from jezero.mavlink import MavlinkCodec, MavMessage, dialect
 
 STATUSTEXT_CHARACTERS = 50
@@ -21,6 +21,7 @@ SENSORS = (
 )
 UNKNOWN_VOLTAGE = 0xFFFF
 UNKNOWN_COVARIANCE = [nan] * 21
+UNKNOWN_APPROACH = (nan, nan, nan)
 
 OFFBOARD_INTERVALS_US = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT: 1_000_000,
@@ -29,12 +30,14 @@ OFFBOARD_INTERVALS_US = {
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 200_000,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: 500_000,
     dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: 1_000_000,
+    dialect.MAVLINK_MSG_ID_HOME_POSITION: 1_000_000,
 }
 GCS_INTERVALS_US = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT: 1_000_000,
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 500_000,
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1_000_000,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: 1_000_000,
+    dialect.MAVLINK_MSG_ID_HOME_POSITION: 2_000_000,
 }
 
 
@@ -46,6 +49,7 @@ class Snapshot:
         custom_mode: as HEARTBEAT carries it.
         armable: every arming check passes.
         var_pos_ned_m2: (3,) variance of the position.
+        home_ned_m: where the vehicle last armed; before that, where its estimator started.
     """
 
     t_us: int
@@ -62,6 +66,7 @@ class Snapshot:
     var_pos_ned_m2: Vec3
     reset_counter: int
     origin_deg: Vec3 | None
+    home_ned_m: Vec3
 
 
 class TelemetryLink:
@@ -123,6 +128,7 @@ class TelemetryLink:
             self._told = state
             self._due_us[dialect.MAVLINK_MSG_ID_HEARTBEAT] = 0
             self._due_us[dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE] = 0
+            self._due_us[dialect.MAVLINK_MSG_ID_HOME_POSITION] = 0
         data = b""
         for message_id, interval_us in self._interval_us.items():
             if now.t_us < self._due_us[message_id]:
@@ -220,6 +226,21 @@ def _global_origin(now: Snapshot) -> MavMessage | None:
     )
 
 
+def _home_position(now: Snapshot) -> MavMessage | None:
+    if now.origin_deg is None:
+        return None
+    latitude_deg, longitude_deg, altitude_m = geodetic_from_ned(now.home_ned_m, now.origin_deg)
+    return dialect.MAVLink_home_position_message(
+        round(latitude_deg * 1e7),
+        round(longitude_deg * 1e7),
+        round(altitude_m * 1e3),
+        *now.home_ned_m,
+        [nan] * 4,
+        *UNKNOWN_APPROACH,
+        now.t_us,
+    )
+
+
 _MAKERS: dict[int, Callable[[Snapshot], MavMessage | None]] = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     dialect.MAVLINK_MSG_ID_ODOMETRY: _odometry,
@@ -227,4 +248,5 @@ _MAKERS: dict[int, Callable[[Snapshot], MavMessage | None]] = {
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: _extended_sys_state,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: _sys_status,
     dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: _global_origin,
+    dialect.MAVLINK_MSG_ID_HOME_POSITION: _home_position,
 }

@@ -107,6 +107,15 @@ def test_after_landing_it_disarms_by_itself_in_two_seconds_and_can_be_armed_agai
     assert commander.arm(at(18.0)) == ""
 
 
+def test_after_a_landing_on_request_it_can_be_armed_again() -> None:
+    commander = armed()
+    commander.tick(at(11.0, landed=False))
+    commander.set_mode(Mode.LAND, at(12.0, landed=False))
+    commander.disarm(at(15.0), force=False)
+    assert commander.mode is Mode.LOITER
+    assert commander.arm(at(16.0)) == ""
+
+
 def test_armed_without_taking_off_it_disarms_after_ten_seconds() -> None:
     commander = armed()
     commander.tick(at(10.5))

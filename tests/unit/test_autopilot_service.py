@@ -79,18 +79,18 @@ class Bench:
             )
         )
 
-    def gps(self, satellites: int = 12) -> bytes:
+    def gps(self, satellites: int = 12, north_m: float = 0.0) -> bytes:
         return self.simulator.pack(
             dialect.MAVLink_hil_gps_message(
-                self.t_us, 3, 473977418, 85455938, 488000, 50, 80, 0, 0, 0, 0, 0, satellites
+                self.t_us, 3, 473977418 + round(north_m * 89.93), 85455938, 488000, 50, 80, 0, 0, 0, 0, 0, satellites
             )
         )
 
-    def rest(self, seconds: float, offboard: bytes = b"") -> list[MavMessage]:
+    def rest(self, seconds: float, offboard: bytes = b"", north_m: float = 0.0) -> list[MavMessage]:
         """Stand still with all sensors; returns what the companion heard."""
         heard = []
         for number in range(round(seconds * 250)):
-            gps = self.gps() if number % 25 == 0 else b""
+            gps = self.gps(north_m=north_m) if number % 25 == 0 else b""
             heard += self.step(self.sensor() + gps, offboard if number % 10 == 0 else b"")[OFFBOARD]
         return heard
 
@@ -197,6 +197,9 @@ def test_offboard_needs_a_stream_and_then_arms_and_idles(bench: Bench) -> None:
         (ARM, (2.0,), dialect.MAV_RESULT_DENIED),
         (ARM, (NAN,), dialect.MAV_RESULT_DENIED),
         (MODE, (1.0, 77.0), dialect.MAV_RESULT_DENIED),
+        (MODE, (NAN, 6.0), dialect.MAV_RESULT_DENIED),
+        (MODE, (0.0, 6.0), dialect.MAV_RESULT_DENIED),
+        (dialect.MAV_CMD_REQUEST_MESSAGE, (NAN,), dialect.MAV_RESULT_UNSUPPORTED),
         (MODE, (1.0, 6.0, NAN), dialect.MAV_RESULT_TEMPORARILY_REJECTED),
         (12345, (), dialect.MAV_RESULT_UNSUPPORTED),
     ],
@@ -234,12 +237,55 @@ def test_readings_that_are_not_finite_are_not_used(bench: Bench) -> None:
     assert max(abs(odometry.x), abs(odometry.z), abs(odometry.vx)) < 0.3
 
 
-def test_a_new_simulator_or_time_that_goes_back_makes_it_start_over(bench: Bench) -> None:
+@pytest.mark.parametrize("acc_x", [1e30, 1e5, -2e3])
+def test_readings_that_no_sensor_gives_are_not_used_and_counted(bench: Bench, acc_x: float) -> None:
+    bench.rest(5.0)
+    bench.step(bench.sensor(acc=(acc_x, 0.0, -G)))
+    odometry = kinds(bench.rest(0.5), dialect.MAVLINK_MSG_ID_ODOMETRY)[-1]
+    assert max(abs(odometry.x), abs(odometry.z), abs(odometry.vx)) < 0.3
+    assert bench.health[-1].text == "connected to the simulator; 1 malformed messages"
+
+
+def test_home_is_where_the_estimate_started_and_then_where_it_armed(bench: Bench) -> None:
+    bench.rest(5.0)
+    assert kinds(bench.rest(1.2), dialect.MAVLINK_MSG_ID_HOME_POSITION)[-1].latitude == 473977418
+    bench.rest(3.0, north_m=1.0)
+    result, heard = bench.command(ARM, 1.0)
+    assert result == dialect.MAV_RESULT_ACCEPTED
+    home = kinds(heard, dialect.MAVLINK_MSG_ID_HOME_POSITION)[-1]
+    assert 0.3 < home.x < 1.1
+    assert home.latitude - 473977418 == pytest.approx(home.x * 89.9, abs=2.0)
+
+
+def test_a_point_to_hold_moves_with_a_reset_of_the_position_before_anyone_can_answer_it(bench: Bench) -> None:
+    bench.rest(5.0)
+    step = bench.rest(3.5, north_m=3.0)
+    counters = [m.reset_counter for m in kinds(step, dialect.MAVLINK_MSG_ID_ODOMETRY)]
+    assert (counters[0], counters[-1]) == (0, 1)
+    home = kinds(bench.rest(1.1, north_m=3.0), dialect.MAVLINK_MSG_ID_HOME_POSITION)[-1]
+    assert home.x == pytest.approx(3.0, abs=0.1)
+
+
+def test_integer_commands_are_answered_with_a_request_for_the_long_form(bench: Bench) -> None:
+    data = bench.companion.pack(dialect.MAVLink_command_int_message(1, 1, 0, ARM, 0, 0, 1.0, 0, 0, 0, 0, 0, 0))
+    acks = kinds(bench.step(b"", data)[OFFBOARD], dialect.MAVLINK_MSG_ID_COMMAND_ACK)
+    assert [(m.command, m.result) for m in acks] == [(ARM, dialect.MAV_RESULT_COMMAND_LONG_ONLY)]
+
+
+def test_landing_needs_no_parameters(bench: Bench) -> None:
+    bench.rest(5.0)
+    assert bench.command(dialect.MAV_CMD_NAV_LAND, *[NAN] * 7)[0] == dialect.MAV_RESULT_ACCEPTED
+
+
+def test_a_new_simulator_or_time_that_goes_back_or_leaps_makes_it_start_over(bench: Bench) -> None:
     bench.rest(5.0)
     bench.t_us = 0
     assert kinds(bench.rest(0.5), dialect.MAVLINK_MSG_ID_ODOMETRY) == []
     bench.rest(5.0)
     bench.box.hil_connections += 1
+    assert kinds(bench.rest(0.5), dialect.MAVLINK_MSG_ID_ODOMETRY) == []
+    bench.rest(5.0)
+    bench.t_us += 2_000_000
     assert kinds(bench.rest(0.5), dialect.MAVLINK_MSG_ID_ODOMETRY) == []
 
 
