@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import msgspec
@@ -73,17 +74,20 @@ def a_status(code: StatusCode = StatusCode.HOVER, t_ns: int = 9, ready: bool = T
 
 
 class Server:
-    """Answers on the keys of vehicle `v` as a stack would; every query it gets is kept.
+    """Answers on the keys of vehicle `v` as a stack would.
 
     Attributes:
         asked: names of the keys, with client id and payload.
         open: queries that were not ended yet, by key.
+        clients: sessions that shall know of a new server before the test goes on.
     """
 
     def __init__(self, endpoint: str) -> None:
         self.session = zenoh.open(client_config(endpoint))
+        self._probe = zenoh.open(client_config(endpoint))
         self.asked: list[tuple[str, str, Any]] = []
         self.open: dict[str, list[zenoh.Query]] = {}
+        self.clients: list[zenoh.Session] = []
         self._queryables: list[Any] = []
 
     def serve(self, name: str, *replies: Payload, end: bool = True, complete: bool = True) -> None:
@@ -91,14 +95,20 @@ class Server:
             payload, attachment = query.payload, query.attachment
             fields = msgspec.json.decode(payload.to_bytes()) if payload else None
             self.asked.append((name, attachment.to_bytes().decode() if attachment else "", fields))
+            if not end:
+                self.open.setdefault(name, []).append(query)
             for reply in replies:
                 self.reply(query, reply)
             if end:
                 query.drop()  # type: ignore[no-untyped-call]
-            else:
-                self.open.setdefault(name, []).append(query)
 
-        self._queryables.append(self.session.declare_queryable(topics.key("v", name), on_query, complete=complete))
+        key = topics.key("v", name)
+        callback = zenoh.handlers.Callback(on_query, indirect=False)
+        self._queryables.append(self.session.declare_queryable(key, callback, complete=complete))
+        for session in (self._probe, *self.clients):
+            querier = session.declare_querier(key)
+            wait_for(lambda querier=querier: querier.matching_status.matching)  # router and client know it
+            querier.undeclare()
 
     def reply(self, query: zenoh.Query, reply: Payload) -> None:
         query.reply(query.key_expr, msgspec.json.encode(reply), encoding=zenoh.Encoding.APPLICATION_JSON)
@@ -108,8 +118,53 @@ class Server:
 
     def close(self) -> None:
         self.open.clear()
-        if not self.session.is_closed():
-            self.session.close()  # type: ignore[no-untyped-call]
+        close(self.session)
+        close(self._probe)
+
+
+def close(session: zenoh.Session) -> None:
+    if not session.is_closed():
+        session.close()  # type: ignore[no-untyped-call]
+
+
+def wait_for(condition: Callable[[], object], within_s: float = 3.0) -> None:
+    deadline_s = time.monotonic() + within_s
+    while not condition():
+        assert time.monotonic() < deadline_s, "it did not happen"
+        time.sleep(0.005)
+
+
+@contextmanager
+def published(server: Server, make: Callable[[int], Status]) -> Iterator[None]:
+    """Publish `make(t_ns)` every 20 ms, with growing times."""
+    stop = threading.Event()
+
+    def publish() -> None:
+        t_ns = 100
+        while not stop.wait(0.02):
+            t_ns += 1
+            server.publish_status(make(t_ns))
+
+    publisher = threading.Thread(target=publish)
+    publisher.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        publisher.join()
+
+
+@contextmanager
+def own_stack() -> Iterator[tuple[str, zenoh.Session, Server]]:
+    """Endpoint, router and server of a test that stops the router itself."""
+    endpoint = free_endpoint()
+    router = open_router(endpoint)
+    server = Server(endpoint)
+    try:
+        yield endpoint, router, server
+    finally:
+        server.close()
+        close(router)
 
 
 @pytest.fixture
@@ -117,8 +172,7 @@ def endpoint() -> Iterator[str]:
     endpoint = free_endpoint()
     router = open_router(endpoint)
     yield endpoint
-    if not router.is_closed():
-        router.close()  # type: ignore[no-untyped-call]
+    close(router)
 
 
 @pytest.fixture
@@ -131,14 +185,8 @@ def server(endpoint: str) -> Iterator[Server]:
 @pytest.fixture
 def vehicle(endpoint: str, server: Server) -> Iterator[Vehicle]:
     with Vehicle.connect("v", router=endpoint) as vehicle:
+        server.clients.append(vehicle._connection._session)
         yield vehicle
-
-
-def wait_for(condition: Callable[[], object], within_s: float = 3.0) -> None:
-    deadline_s = time.monotonic() + within_s
-    while not condition():
-        assert time.monotonic() < deadline_s, "it did not happen"
-        time.sleep(0.005)
 
 
 def a_feedback(distance_m: float) -> Feedback[MoveFeedback]:
@@ -260,40 +308,33 @@ def test_a_server_that_dies_is_told_within_a_second(vehicle: Vehicle, server: Se
 
 
 def test_a_lost_connection_is_not_taken_for_a_dead_server() -> None:
-    own = free_endpoint()
-    router = open_router(own)
-    server = Server(own)
-    server.serve("@action/takeoff", ACCEPTED, end=False)
-    text = msgspec.json.encode(a_result()).decode()
-    server.serve("@action/result", ResultReply(goal_id="g", action="takeoff", running=False, result=text))
-    with Vehicle.connect("v", router=own) as vehicle:
-        goal = vehicle.takeoff()
-        router.close()  # type: ignore[no-untyped-call]
+    with own_stack() as (endpoint, router, server):
+        server.serve("@action/takeoff", ACCEPTED, end=False)
+        text = msgspec.json.encode(a_result()).decode()
+        server.serve("@action/result", ResultReply(goal_id="g", action="takeoff", running=False, result=text))
         again: list[zenoh.Session] = []
-        opener = threading.Timer(0.5, lambda: again.append(open_router(own)))
-        opener.start()
-        try:
-            assert goal.result(timeout_s=10.0).completed
-        finally:
-            opener.join()
-    server.close()
-    again[0].close()  # type: ignore[no-untyped-call]
+        opener = threading.Timer(0.5, lambda: again.append(open_router(endpoint)))
+        with Vehicle.connect("v", router=endpoint) as vehicle:
+            goal = vehicle.takeoff()
+            close(router)
+            opener.start()
+            try:
+                assert goal.result(timeout_s=10.0).completed
+            finally:
+                opener.join()
+                close(again[0])
 
 
 def test_a_router_that_stays_away_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("jezero.client.goal.RECOVER_S", 0.5)
-    own = free_endpoint()
-    router = open_router(own)
-    server = Server(own)
-    server.serve("@action/takeoff", ACCEPTED, end=False)
-    with Vehicle.connect("v", router=own) as vehicle:
+    with own_stack() as (endpoint, router, server), Vehicle.connect("v", router=endpoint) as vehicle:
+        server.serve("@action/takeoff", ACCEPTED, end=False)
         goal = vehicle.takeoff()
-        router.close()  # type: ignore[no-untyped-call]
+        close(router)
         with pytest.raises(Unreachable, match=r"connection to the router .* is lost; goal g may still run"):
             goal.result()
         with pytest.raises(Unreachable, match="is lost"):
             vehicle.status()
-    server.close()
 
 
 def test_without_a_router_connecting_says_so_in_time() -> None:
@@ -367,8 +408,10 @@ def test_status_is_read_and_watched(vehicle: Vehicle, server: Server) -> None:
     assert vehicle.status() == a_status(t_ns=1)
     stream = vehicle.watch_status()
     assert next(stream).t_ns == 1
-    server.publish_status(a_status(t_ns=2))
-    assert next(stream).t_ns == 2
+    with published(server, lambda t_ns: a_status(t_ns=t_ns)):
+        first = next(stream).t_ns
+        assert first > 100
+        assert next(stream).t_ns == first + 1
     stream.close()  # type: ignore[attr-defined]
 
 
@@ -385,26 +428,13 @@ def test_waiting_until_ready_says_what_is_missing(vehicle: Vehicle, server: Serv
     with pytest.raises(TimedOut, match=r"v is not ready after 0.1 s: nobody answers status"):
         vehicle.wait_ready(timeout_s=0.1)
     server.serve("status", a_status(ready=False, missing="no GNSS fix yet"))
-    repeat = threading.Timer(0.3, lambda: server.publish_status(a_status(t_ns=10)))
-    repeat.start()
-    assert vehicle.wait_ready(timeout_s=5.0).t_ns == 10
-    repeat.join()
-    stop = threading.Event()
-
-    def publish() -> None:
-        t_ns = 20
-        while not stop.wait(0.02):
-            t_ns += 1
-            server.publish_status(a_status(t_ns=t_ns, ready=False, missing="no GNSS fix yet"))
-
-    publisher = threading.Thread(target=publish)
-    publisher.start()
-    try:
-        with pytest.raises(TimedOut, match="no GNSS fix yet"):
-            vehicle.wait_ready(timeout_s=0.2)
-    finally:
-        stop.set()
-        publisher.join()
+    with published(server, lambda t_ns: a_status(t_ns=t_ns, ready=t_ns > 110, missing="no GNSS fix yet")):
+        assert vehicle.wait_ready(timeout_s=5.0).t_ns == 111
+    with (
+        published(server, lambda t_ns: a_status(t_ns=t_ns, ready=False, missing="no GNSS fix yet")),
+        pytest.raises(TimedOut, match="no GNSS fix yet"),
+    ):
+        vehicle.wait_ready(timeout_s=0.2)
 
 
 def test_the_result_of_a_lost_goal_can_be_asked_for(vehicle: Vehicle, server: Server) -> None:
