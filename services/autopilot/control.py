@@ -224,7 +224,10 @@ class Controller:
             self._yaw_rad, self._yaw_rate_rps = at.yaw_rad, 0.0
             self._force_ned_mps2 = (0.0, 0.0, -1.3 * self._airframe.gravity_mps2)
         ramp = dt / c.mpc_tko_ramp_t_s
-        self._ramp = max(0.0, self._ramp - 2.0 * ramp) if held_down else min(1.0, self._ramp + ramp)
+        if held_down:
+            self._ramp = max(0.0, min(self._ramp, self.thrust_hover * self._airframe.mpc_thr_hover) - 2.0 * ramp)
+        else:
+            self._ramp = min(1.0, self._ramp + ramp)
 
     def inner(self, dt: float, rates_frd_rps: Vec3, R_ned_from_frd: tuple[float, ...]) -> Commands:
         """Attitude and rate loop and mixer."""
