@@ -106,9 +106,14 @@ class Server:
         callback = zenoh.handlers.Callback(on_query, indirect=False)
         self._queryables.append(self.session.declare_queryable(key, callback, complete=complete))
         for session in (self._probe, *self.clients):
-            querier = session.declare_querier(key)
-            wait_for(lambda querier=querier: querier.matching_status.matching)  # router and client know it
-            querier.undeclare()
+            querier = self._probe.declare_querier(key)
+
+        def router_knows_it() -> bool:
+            status: Any = querier.matching_status
+            return bool(status.matching)
+
+        wait_for(router_knows_it)
+        querier.undeclare()  # type: ignore[no-untyped-call]
 
     def reply(self, query: zenoh.Query, reply: Payload) -> None:
         query.reply(query.key_expr, msgspec.json.encode(reply), encoding=zenoh.Encoding.APPLICATION_JSON)
