@@ -106,14 +106,7 @@ class Server:
         callback = zenoh.handlers.Callback(on_query, indirect=False)
         self._queryables.append(self.session.declare_queryable(key, callback, complete=complete))
         for session in (self._probe, *self.clients):
-            querier = self._probe.declare_querier(key)
-
-        def router_knows_it() -> bool:
-            status: Any = querier.matching_status
-            return bool(status.matching)
-
-        wait_for(router_knows_it)
-        querier.undeclare()  # type: ignore[no-untyped-call]
+            wait_until_served(session, key)
 
     def reply(self, query: zenoh.Query, reply: Payload) -> None:
         query.reply(query.key_expr, msgspec.json.encode(reply), encoding=zenoh.Encoding.APPLICATION_JSON)
@@ -137,6 +130,18 @@ def wait_for(condition: Callable[[], object], within_s: float = 3.0) -> None:
     while not condition():
         assert time.monotonic() < deadline_s, "it did not happen"
         time.sleep(0.005)
+
+
+def wait_until_served(session: zenoh.Session, key: str) -> None:
+    """Until the router, and through it the session, knows of a server on the key."""
+    querier = session.declare_querier(key)
+
+    def is_known() -> bool:
+        status: Any = querier.matching_status
+        return bool(status.matching)
+
+    wait_for(is_known)
+    querier.undeclare()  # type: ignore[no-untyped-call]
 
 
 @contextmanager
