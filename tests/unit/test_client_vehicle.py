@@ -489,8 +489,9 @@ def test_a_flight_that_a_pilot_took_over_is_left_alone(vehicle: Vehicle, server:
 
 
 PROGRAM = """
-import sys
+import signal, sys
 from jezero import Vehicle
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in a shell's background
 uav = Vehicle.connect("v", router=sys.argv[1])
 goal = uav.takeoff()
 print("accepted", flush=True)
@@ -499,27 +500,33 @@ if sys.argv[2] == "wait":
 """
 
 
-def start_program(endpoint: str, word: str) -> "subprocess.Popen[str]":
-    return subprocess.Popen(
+@contextmanager
+def running_program(endpoint: str, word: str) -> "Iterator[subprocess.Popen[str]]":
+    program = subprocess.Popen(
         [sys.executable, "-c", PROGRAM, endpoint, word], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
+    with program:
+        try:
+            yield program
+        finally:
+            program.kill()
 
 
 def test_a_program_that_forgets_to_close_still_exits(server: Server, endpoint: str) -> None:
     server.serve("@action/takeoff", ACCEPTED, end=False)
-    program = start_program(endpoint, "leave")
-    out, err = program.communicate(timeout=10)
+    with running_program(endpoint, "leave") as program:
+        out, err = program.communicate(timeout=10)
     assert (program.returncode, out, err) == (0, "accepted\n", "")
 
 
 def test_ctrl_c_is_heard_while_waiting_for_a_result(server: Server, endpoint: str) -> None:
     server.serve("@action/takeoff", ACCEPTED, end=False)
-    program = start_program(endpoint, "wait")
-    assert program.stdout is not None
-    assert program.stdout.readline() == "accepted\n"
-    start = time.monotonic()
-    program.send_signal(2)
-    _, err = program.communicate(timeout=10)
+    with running_program(endpoint, "wait") as program:
+        assert program.stdout is not None
+        assert program.stdout.readline() == "accepted\n"
+        start = time.monotonic()
+        program.send_signal(2)
+        _, err = program.communicate(timeout=10)
     assert time.monotonic() - start < 1.0
     assert "KeyboardInterrupt" in err
 
