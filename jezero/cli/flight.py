@@ -5,6 +5,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from math import isfinite, radians
 from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 import click
@@ -19,6 +20,21 @@ if TYPE_CHECKING:
 
 FRAMES = click.Choice(["world", "rover"])
 PLAIN_PERIOD_S = 1.0
+
+
+class Finite(click.ParamType[float]):
+    """A number that is neither NaN nor infinite."""
+
+    name = "float"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        number: float = click.FLOAT.convert(value, param, ctx)
+        if not isfinite(number):
+            self.fail(f"{value!r} is not a finite number", param, ctx)
+        return number
+
+
+FINITE = Finite()
 NUMBERS = {"ignore_unknown_options": True}  # "-4" is a coordinate, not an option
 
 
@@ -143,7 +159,7 @@ def _point(pos_ned_m: Any) -> str:
 
 
 @click.command(context_settings=NUMBERS)
-@click.argument("altitude_m", metavar="[ALTITUDE]", type=float, default=2.0)
+@click.argument("altitude_m", metavar="[ALTITUDE]", type=FINITE, default=2.0)
 @common_options
 def takeoff(altitude_m: float, vehicle: str, router: str, as_json: bool) -> None:
     """Take off to ALTITUDE metres above the take-off point (2 by default; positive is up)."""
@@ -153,13 +169,13 @@ def takeoff(altitude_m: float, vehicle: str, router: str, as_json: bool) -> None
 
 
 @click.command(context_settings=NUMBERS)
-@click.argument("x", type=float)
-@click.argument("y", type=float)
-@click.argument("z", type=float)
+@click.argument("x", type=FINITE)
+@click.argument("y", type=FINITE)
+@click.argument("z", type=FINITE)
 @click.argument("frame", type=FRAMES, default="world")
 @click.argument("do_takeoff", metavar="[TAKEOFF]", type=bool, default=False)
-@click.option("--speed", "speed_mps", type=float, help="Metres per second along the path.")
-@click.option("--yaw", "yaw_deg", type=float, help="Heading in degrees, 0 is north and 90 east.")
+@click.option("--speed", "speed_mps", type=FINITE, help="Metres per second along the path.")
+@click.option("--yaw", "yaw_deg", type=FINITE, help="Heading in degrees, 0 is north and 90 east.")
 @common_options
 def target(
     x: float,
@@ -177,8 +193,6 @@ def target(
 
     FRAME is world (default) or rover; TAKEOFF true takes off first: `jezero target 0 0 -4 world true`.
     """
-    from math import radians
-
     from jezero.frames import wrap_pi
 
     printer = Printer(as_json)
@@ -193,7 +207,7 @@ def target(
 @click.command(name="land_on_spot", context_settings=NUMBERS)
 @click.argument("use_uwb", type=bool, default=True)
 @click.argument("use_marker", type=bool, default=True)
-@click.option("--spot", nargs=3, type=float, metavar="X Y Z", help="Where to land: metres north, east and down.")
+@click.option("--spot", nargs=3, type=FINITE, metavar="X Y Z", help="Where to land: metres north, east and down.")
 @click.option("--frame", type=FRAMES, default="world", show_default=True, help="Frame of the spot.")
 @common_options
 def land_on_spot(
@@ -210,12 +224,14 @@ def land_on_spot(
     Without UWB the landing spot is asked for, or given with --spot.
     """
     printer = Printer(as_json)
-    if not use_uwb and spot is None and sys.stdin.isatty():
+    if not use_uwb and spot is None and not sys.stdin.isatty():
+        raise click.UsageError("without UWB the landing spot must be given: --spot X Y Z")
+    if not use_uwb and spot is None:
         click.echo("No UWB: where is the landing spot, in metres?")
         spot = (
-            click.prompt("Enter x coordinate (north)", type=float),
-            click.prompt("Enter y coordinate (east)", type=float),
-            click.prompt("Enter z coordinate (down)", type=float, default=0.0),
+            click.prompt("Enter x coordinate (north)", type=FINITE),
+            click.prompt("Enter y coordinate (east)", type=FINITE),
+            click.prompt("Enter z coordinate (down)", type=FINITE, default=0.0),
         )
     with connected(vehicle, router, printer) as uav:
         goal = uav.land_on_spot(spot_ned_m=spot, frame=cast("Frame", frame), use_uwb=use_uwb, use_marker=use_marker)
@@ -223,7 +239,7 @@ def land_on_spot(
 
 
 @click.command(context_settings=NUMBERS)
-@click.argument("point", nargs=-1, type=float, metavar="[X Y Z]")
+@click.argument("point", nargs=-1, type=FINITE, metavar="[X Y Z]")
 @common_options
 def hover(point: tuple[float, ...], vehicle: str, router: str, as_json: bool) -> None:
     """Hover here, or at X Y Z (metres north, east and down) while hovering already."""

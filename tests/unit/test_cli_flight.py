@@ -1,0 +1,54 @@
+"""The commands that fly, as far as they come without a vehicle."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from jezero.cli.main import COMMANDS, main
+
+NOBODY = ["--router", "tcp/127.0.0.1:9"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("target 1 2", "Missing argument 'Z'"),
+        ("target a 0 -3", "'a' is not a valid float"),
+        ("target nan 0 -3", "not a finite number"),
+        ("target 0 0 -inf", "not a finite number"),
+        ("target 0 0 -3 moon", "'moon' is not one of"),
+        ("target 0 0 -3 --sped 3", "--sped"),
+        ("takeoff nan", "not a finite number"),
+        ("hover 1 2", "all three"),
+        ("land_on_spot false", "--spot X Y Z"),
+        ("kill", "--yes"),
+        ("fly --seed -1", "--seed"),
+        ("flyy", "No such command"),
+    ],
+)
+def test_wrong_usage_says_what_is_wrong_and_exits_with_2(words: str, said: str) -> None:
+    result = CliRunner().invoke(main, words.split())
+    assert result.exit_code == 2
+    assert said in result.output
+
+
+@pytest.mark.parametrize("command", ["target 0 0 -4 world true", "takeoff 3", "abort", "status", "hover 0 0 -3"])
+def test_without_a_stack_it_says_so_and_exits_with_5(command: str) -> None:
+    result = CliRunner().invoke(main, [*command.split(), *NOBODY])
+    assert result.exit_code == 5
+    assert "no router at tcp/127.0.0.1:9" in result.stderr
+    assert result.stdout == ""
+
+
+def test_with_json_the_last_line_of_standard_output_tells_it_too() -> None:
+    result = CliRunner().invoke(main, ["takeoff", "--json", *NOBODY])
+    assert result.exit_code == 5
+    assert json.loads(result.stdout.splitlines()[-1])["type"] == "unreachable"
+
+
+@pytest.mark.parametrize("command", sorted(COMMANDS))
+def test_every_command_has_help(command: str) -> None:
+    result = CliRunner().invoke(main, [command, "--help"])
+    assert result.exit_code == 0
+    assert len(result.output.splitlines()) > 4
