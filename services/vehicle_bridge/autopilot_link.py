@@ -209,8 +209,8 @@ class AutopilotLink:
 
     def _on_sys_status(self, message: MavMessage) -> None:
         bit = dialect.MAV_SYS_STATUS_PREARM_CHECK
-        present, healthy = message.onboard_control_sensors_present, message.onboard_control_sensors_health
-        self.telemetry.armable = bool(present & healthy & bit)
+        healthy = message.onboard_control_sensors_health  # PX4 never says that the check is present
+        self.telemetry.armable = bool(healthy & bit)
         if message.voltage_battery == 0xFFFF:
             self.telemetry.battery = None
             return
