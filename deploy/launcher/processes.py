@@ -1,43 +1,25 @@
 """Child processes that die with the launcher, and when to start one again."""
 
 import contextlib
-import ctypes
 import os
 import signal
 import subprocess
 import sys
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import IO
 
 from jezero.deploy.launcher.compose import Service
+from jezero.runtime.child import die_with
 
-PR_SET_PDEATHSIG = 1
 FIRST_BACK_OFF_S = 0.2
 LAST_BACK_OFF_S = 5.0
 CRASH_LOOP_TRIES = 5
 CRASH_LOOP_WINDOW_S = 60.0
 
-_libc = ctypes.CDLL(None, use_errno=True)
-
 
 class SpawnError(RuntimeError):
     """A command can't be run; the message says which and why."""
-
-
-def _die_with(parent_pid: int) -> Callable[[], None]:
-    """What a child does before its command starts.
-
-    The kernel sends SIGKILL when the *thread* that forked ends, so children must be forked by the main thread. A
-    parent that died before the call is seen by the changed parent id.
-    """
-
-    def before_exec() -> None:
-        if _libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0) != 0 or os.getppid() != parent_pid:
-            os._exit(127)
-
-    return before_exec
 
 
 @dataclass
@@ -87,7 +69,7 @@ def spawn(service: Service) -> Child:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             start_new_session=True,  # Ctrl+C at the terminal reaches the launcher alone, which stops in order
-            preexec_fn=_die_with(os.getpid()),  # noqa: PLW1509 - touches no lock that another thread could hold
+            preexec_fn=die_with(os.getpid()),  # noqa: PLW1509 - touches no lock that another thread could hold
         )
     except OSError as error:
         raise SpawnError(f"cannot run {command[0]}: {error.strerror or error}") from error

@@ -1,12 +1,16 @@
-"""`python -m jezero.services.autopilot`: the embedded autopilot as a process, on PX4's ports."""
+"""`python -m jezero.services.autopilot`: the embedded autopilot as a process, on PX4's ports, or PX4 itself."""
 
+import os
 import sys
 from collections.abc import Mapping
+from pathlib import Path
 
-from jezero.runtime.config import Instance, load_config
+from jezero.runtime.child import ChildLink
+from jezero.runtime.config import ConfigError, Instance, load_config
 from jezero.runtime.links import SocketLink, TcpClient, Udp
 from jezero.runtime.service import Service
 from jezero.runtime.zenoh_bus import run_process
+from jezero.services.autopilot import px4
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.service import GCS, HIL, OFFBOARD, Autopilot
 
@@ -16,12 +20,28 @@ GCS_PORT = 14550
 
 def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
     """The autopilot of an instance, and its links."""
-    autopilot = Autopilot(load_config(AutopilotConfig, "autopilot"), instance.system_id, boot_id)
-    return autopilot, {
+    config = load_config(AutopilotConfig, "autopilot")
+    autopilot = os.environ.get("JEZERO_AUTOPILOT") or config.autopilot
+    if autopilot == "px4":
+        return px4.Px4(), {px4.PX4: _px4_link(instance)}
+    if autopilot != "embedded":
+        raise ConfigError(f'JEZERO_AUTOPILOT is "{autopilot}", expected "embedded" or "px4"')
+    return Autopilot(config, instance.system_id, boot_id), {
         HIL: TcpClient(HOST, instance.hil_port),
         OFFBOARD: Udp((HOST, instance.autopilot_offboard_port), (HOST, instance.bridge_port)),
         GCS: Udp((HOST, instance.autopilot_gcs_port), (HOST, GCS_PORT)),
     }
+
+
+def _px4_link(instance: Instance) -> ChildLink:
+    runtime, run_dir = os.environ.get("JEZERO_PX4_DIR"), os.environ.get("JEZERO_RUN_DIR")
+    return ChildLink(
+        "PX4",
+        px4.command(Path(runtime) if runtime else None, instance.number),
+        px4.ENVIRONMENT,
+        Path(run_dir).absolute() / "px4" if run_dir else None,
+        instance.hil_port,
+    )
 
 
 if __name__ == "__main__":

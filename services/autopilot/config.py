@@ -1,6 +1,6 @@
 """Settings of the embedded autopilot. Names that PX4 has keep its names, with the unit appended."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from msgspec import Meta
 
@@ -170,8 +170,13 @@ class CommanderConfig(Config, frozen=True, kw_only=True):
 
 
 class AutopilotConfig(Config, frozen=True, kw_only=True):
-    """All of it; `deploy/config/autopilot.toml`."""
+    """All of it; `deploy/config/autopilot.toml`.
 
+    Attributes:
+        autopilot: who flies; PX4 has settings of its own. JEZERO_AUTOPILOT goes before this one.
+    """
+
+    autopilot: Literal["embedded", "px4"] = "embedded"
     airframe: Airframe = Airframe()
     estimator: EstimatorConfig = EstimatorConfig()
     control: ControlConfig = ControlConfig()

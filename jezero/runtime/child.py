@@ -1,0 +1,172 @@
+"""A program that runs in a service's place: its output, and its connection to a server on this host, as a link."""
+
+import contextlib
+import ctypes
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+PR_SET_PDEATHSIG = 1
+LOOK_EVERY_NS = 200_000_000
+END_WITHIN_S = 0.3
+CHUNK = 65_536
+TCP_LISTEN, TCP_ESTABLISHED = "0A", "01"
+
+_libc = ctypes.CDLL(None, use_errno=True)
+
+
+def die_with(parent_pid: int) -> Callable[[], None]:
+    """What a child does before its command starts.
+
+    The kernel sends SIGKILL when the *thread* that forked ends, so children must be forked by the main thread. A
+    parent that died before the call is seen by the changed parent id.
+    """
+
+    def before_exec() -> None:
+        if _libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0) != 0 or os.getppid() != parent_pid:
+            os._exit(127)
+
+    return before_exec
+
+
+class ChildLink:
+    """Runs a program once a TCP server listens; up while the program is connected to it. Needs /proc (Linux).
+
+    What the program prints goes to our standard output too. It leads a process group of its own, whose members all end
+    with the link. Nothing can be sent to it.
+
+    Args:
+        name: of the program, for error messages.
+        environment: variables besides our own.
+        folder: where it runs, emptied before; None makes a temporary one.
+        port: of the server on this host. The program must connect to it and, unlike a socket link, isn't able to do so
+            a second time.
+    """
+
+    def __init__(
+        self, name: str, command: Sequence[str], environment: Mapping[str, str], folder: Path | None, port: int
+    ) -> None:
+        self.up = False
+        self.connections = 0
+        self._name = name
+        self._command = list(command)
+        self._environment = dict(environment)
+        self._folder = folder
+        self._port = port
+        self._temporary: tempfile.TemporaryDirectory[str] | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self._output: socket.socket | None = None
+        self._next_look_ns = 0
+
+    def start(self) -> None:
+        """Make the folder; the program starts when the server listens."""
+        if self._folder is None:
+            self._temporary = tempfile.TemporaryDirectory(prefix="jezero-", ignore_cleanup_errors=True)
+            self._folder = Path(self._temporary.name)
+        else:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            self._folder.mkdir(parents=True)
+
+    def sockets(self) -> list[socket.socket]:
+        return [] if self._output is None else [self._output]
+
+    def poll(self, wall_ns: int) -> bytes:
+        """What it has printed.
+
+        Raises:
+            ChildProcessError: it can't be run, or it ended by itself.
+            ConnectionAbortedError: its connection to the server is gone.
+        """
+        data = self._read()
+        if data:
+            sys.stdout.buffer.write(data)
+            sys.stdout.buffer.flush()
+        if wall_ns >= self._next_look_ns:
+            self._next_look_ns = wall_ns + LOOK_EVERY_NS
+            self._look()
+        return data
+
+    def send(self, data: bytes) -> None:
+        """Dropped."""
+
+    def close(self) -> None:
+        """Ask the program to end, and kill what is left of its group after a moment."""
+        if self._process is not None:
+            self._signal(signal.SIGTERM)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(END_WITHIN_S)
+            self._signal(signal.SIGKILL)
+            self._process.wait()
+        if self._output is not None:
+            self._output.close()
+        if self._temporary is not None:
+            self._temporary.cleanup()
+
+    def _look(self) -> None:
+        if self._process is None:
+            if _tcp_exists(TCP_LISTEN, local_port=self._port):
+                self._spawn()
+            return
+        code = self._process.poll()
+        if code is not None:
+            how = f"exit code {code}" if code >= 0 else f"signal {-code}"
+            raise ChildProcessError(f"{self._name} ended by itself with {how}")
+        up = _tcp_exists(TCP_ESTABLISHED, remote_port=self._port)
+        if self.up and not up:
+            raise ConnectionAbortedError(
+                f"{self._name} lost its connection to port {self._port} and can't connect again"
+            )
+        self.connections += int(up and not self.up)
+        self.up = up
+
+    def _spawn(self) -> None:
+        self._output, its_end = socket.socketpair()
+        self._output.setblocking(False)
+        with its_end:
+            try:
+                self._process = subprocess.Popen(
+                    self._command,
+                    cwd=self._folder,
+                    env={**os.environ, **self._environment},
+                    stdin=subprocess.DEVNULL,
+                    stdout=its_end.fileno(),
+                    stderr=its_end.fileno(),
+                    process_group=0,
+                    preexec_fn=die_with(os.getpid()),  # noqa: PLW1509 - touches no lock that another thread could hold
+                )
+            except OSError as error:
+                raise ChildProcessError(f"cannot run {self._command[0]}: {error.strerror or error}") from error
+
+    def _read(self) -> bytes:
+        if self._output is None:
+            return b""
+        try:
+            data = self._output.recv(CHUNK)
+        except BlockingIOError:
+            return b""
+        if not data:  # the last of its group has closed it
+            self._output.close()
+            self._output = None
+            self._next_look_ns = 0
+        return data
+
+    def _signal(self, number: int) -> None:
+        if self._process is not None:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self._process.pid, number)
+
+
+def _tcp_exists(state: str, *, local_port: int | None = None, remote_port: int | None = None) -> bool:
+    """Whether this host has an IPv4 socket in a state, with these ports; looking doesn't disturb it. Source: proc(5)."""
+    for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
+        _, local, remote, its_state, *_ = line.split()
+        ports = (int(local.rpartition(":")[2], 16), int(remote.rpartition(":")[2], 16))
+        if its_state == state and local_port in (None, ports[0]) and remote_port in (None, ports[1]):
+            return True
+    return False
