@@ -163,7 +163,7 @@ class ChildLink:
 
 
 def _tcp_exists(state: str, *, local_port: int | None = None, remote_port: int | None = None) -> bool:
-    """Whether this host has an IPv4 socket in a state, with these ports; looking doesn't disturb it. Source: proc(5)."""
+    """Whether this host has an IPv4 socket in a state, with these ports; looking disturbs nobody. Source: proc(5)."""
     for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
         _, local, remote, its_state, *_ = line.split()
         ports = (int(local.rpartition(":")[2], 16), int(remote.rpartition(":")[2], 16))
