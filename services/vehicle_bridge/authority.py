@@ -20,12 +20,11 @@ from jezero.services.vehicle_bridge.admission import (
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.maneuvers import climbing, coming_to_rest, pressing_down
 from jezero.services.vehicle_bridge.resets import ResetHistory
+from jezero.services.vehicle_bridge.takeover import Takeover, Tidying
 from jezero.services.vehicle_bridge.transitions import CODE_OF, IN_PROGRESS, completed, is_allowed
 from jezero.services.vehicle_bridge.vehicle import (
     LAND,
     OFFBOARD,
-    PILOT_MODES,
-    UNARMABLE_MODES,
     Order,
     Situation,
     Target,
@@ -38,8 +37,6 @@ STREAM_FIRST_S = 0.2
 """Setpoints stream this long before the autopilot is asked for offboard mode."""
 CLIMB_TIMEOUT_S = 5.0
 CLIMB_TOLERANCE_M = 0.3
-TIDY_S = 5.0
-"""After a flight the autopilot is asked for this long to leave a mode in which it couldn't be armed again."""
 ENDED_REMEMBERED = 32
 
 
@@ -87,6 +84,8 @@ class Authority:
         self._ended: dict[str, str] = {}
         """By control_id: why it ended, "" when it was given back."""
         self._other: InCharge = "failsafe"
+        self._takeover = Takeover()
+        self._tidying = Tidying()
         self._entered_ns: int | None = None
         self._since_ns = 0
         """When engaging, or taking back, began."""
@@ -222,6 +221,7 @@ class Authority:
         else:
             self._lose("failsafe", why, now)
         self._entered_ns = now.timer_ns
+        self._tidying.begin(now, at_once=True)
         self.killing = self._landing_alone = self._arming = self._seen_disarmed = False
 
     def moved(self, step_ned_m: Vec3) -> None:
@@ -235,12 +235,17 @@ class Authority:
         """Once per step, after all that was asked."""
         if self._entered_ns is None:
             self._entered_ns = now.timer_ns
+        asked_to_arm = self._arming
         if now.armed or now.accepted in (Order.DISARM, Order.FORCE_DISARM):
             self._arming = False
         flies = self.code not in (StatusCode.IDLE, StatusCode.EXTERNAL)
         if not (flies and now.armed and now.tilt_rad > self._config.tilt_limit_rad):
             self._upright_ns = now.timer_ns
-        if flies:
+        if self.code in IN_PROGRESS and not self._engaged:
+            taken_over = self._takeover.before_lift_off(now, asked_to_arm=asked_to_arm)
+            if taken_over:
+                self._lose_to_others(taken_over, now)
+        if flies and self.code is not StatusCode.EXTERNAL:
             self._watch_flight(now)
         elif self.code is StatusCode.IDLE and now.armed:
             self._on_armed_by_others(now)
@@ -252,19 +257,21 @@ class Authority:
 
     def _on_armed_by_others(self, now: Situation) -> None:
         if self._seen_disarmed:
-            self._lose("external", "armed, and not by the bridge", now)
-        else:
+            self._lose_to_others("armed, and not by the bridge", now)
+        elif now.failsafe or now.mode == OFFBOARD:
             self._lose("failsafe", "the vehicle was armed already when the bridge first heard it", now)
+        else:
+            self._lose_to_others(f"the vehicle flew already, in {now.mode}, when the bridge first heard it", now)
 
     def _watch_flight(self, now: Situation) -> None:
         config = self._config
         because = f" ({now.complaint})" if now.complaint else ""
+        taken_over = self._takeover.in_flight(now) if self._engaged else ""
         if (now.timer_ns - self._upright_ns) * 1e-9 >= config.tilt_timeout_s:
             tilt_deg = degrees(now.tilt_rad)
             self.kill(f"motors cut: tilted by {tilt_deg:.0f} degrees for {config.tilt_timeout_s:g} s", now)
-        elif self._engaged and now.armed and now.mode != OFFBOARD:
-            other: InCharge = "external" if now.mode in PILOT_MODES else "failsafe"
-            self._lose(other, f"the autopilot left offboard mode for {now.mode}{because}", now)
+        elif taken_over:
+            self._lose_to_others(taken_over, now)
         elif self._engaged and now.armed is False:
             self._on_disarmed(because, now)
         elif now.silent_s > config.blind_timeout_s:
@@ -295,8 +302,7 @@ class Authority:
         if code is StatusCode.EXTERNAL:
             return self._advance_external(now)
         if code is StatusCode.IDLE:
-            tidy = self._held_s(now) <= TIDY_S and now.armed is False and now.mode in UNARMABLE_MODES
-            return Order.HOLD if tidy else None
+            return Order.HOLD if self._tidying.is_wanted(now) else None
         if code in IN_PROGRESS:
             return self._engage(now)
         if code is StatusCode.ABORT:
@@ -316,8 +322,10 @@ class Authority:
         elif waited_s > self._config.engage_timeout_s:
             why = now.complaint or "the autopilot gives no reason"
             self._revoke(f"{self.grant.name} ended: could not arm in offboard mode: {why}", now)
-        elif waited_s >= STREAM_FIRST_S:
-            return Order.ARM if now.mode == OFFBOARD else Order.OFFBOARD
+        elif waited_s >= STREAM_FIRST_S and now.mode == OFFBOARD:
+            return Order.ARM
+        elif waited_s >= STREAM_FIRST_S and not self._takeover.was_offboard:
+            return Order.OFFBOARD
         return None
 
     def _advance_abort(self, now: Situation) -> Order | None:
@@ -357,6 +365,9 @@ class Authority:
             return None
         if self.taking_back:
             return self._advance_taking_back(now)
+        handed_over = self._takeover.of_others(now)
+        if handed_over is not None and not self._landing_alone:
+            self._other, self.text = handed_over
         self._landing_alone &= now.mode != LAND
         return Order.LAND if self._landing_alone else None
 
@@ -380,6 +391,9 @@ class Authority:
     def _go(self, code: StatusCode, now: Situation) -> None:
         if not is_allowed(self.code, code):
             raise TransitionError(f"{self.code.name} to {code.name}")
+        self._takeover.begin(now)
+        if code is StatusCode.IDLE:
+            self._tidying.begin(now, at_once=self.in_charge != "external")
         self.code = code
         self._entered_ns = now.timer_ns
         if code in (StatusCode.IDLE, StatusCode.EXTERNAL):
@@ -404,6 +418,14 @@ class Authority:
         if self.code in IN_PROGRESS:
             self._go(StatusCode.ABORT, now)
             self._plan_abort(now)
+
+    def _lose_to_others(self, what: str, now: Situation) -> None:
+        """Status 13 because of what the autopilot's failsafe did, or whom else it obeys."""
+        if now.failsafe:
+            because = f" ({now.complaint})" if now.complaint else ""
+            self._lose("failsafe", f"failsafe: {what}{because}", now)
+        else:
+            self._lose("external", f"taken over: {what}", now)
 
     def _lose(self, other: InCharge, why: str, now: Situation) -> None:
         """Status 13: silence."""

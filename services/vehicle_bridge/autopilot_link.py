@@ -1,11 +1,14 @@
 """The MAVLink side: telemetry in, setpoints and acknowledged commands out."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import isfinite, sqrt
+from math import isfinite, nan, sqrt
+from types import MappingProxyType
 
 from jezero.frames import Quat, Vec3, quat_normalize, quat_rotate
 from jezero.mavlink import MavlinkCodec, MavMessage, dialect, is_finite
 from jezero.schemas.state import Battery, Geodetic, Odometry
+from jezero.services.vehicle_bridge.parameters import ParameterSetter
 from jezero.services.vehicle_bridge.resets import ResetHistory
 from jezero.services.vehicle_bridge.vehicle import Order, Target, mode_name
 
@@ -27,6 +30,7 @@ INTERVALS_US = {
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 100_000,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: 500_000,
     dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: 1_000_000,
+    dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: 30_000,
 }
 """What the bridge asks the autopilot to stream."""
 
@@ -44,6 +48,7 @@ _RESULTS = {
     dialect.MAV_RESULT_UNSUPPORTED: "unsupported",
     dialect.MAV_RESULT_FAILED: "failed",
 }
+_FAILSAFE_STATES = (dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY, dialect.MAV_STATE_FLIGHT_TERMINATION)
 _MASK_POS, _MASK_VEL, _MASK_ACC, _MASK_YAW_RATE = 7, 56, 448, 2048
 _NONE: Vec3 = (0.0, 0.0, 0.0)
 
@@ -54,6 +59,7 @@ class Telemetry:
 
     Attributes:
         heard_wall_ns: when it last said anything.
+        failsafe: a failsafe chose what it does.
         armable: its own arming checks pass.
         warning: its last sentence of severity warning or worse, said at `warning_ns`.
     """
@@ -62,6 +68,7 @@ class Telemetry:
     armed: bool | None = None
     landed: bool | None = None
     mode: str = ""
+    failsafe: bool = False
     armable: bool = False
     origin_deg: Geodetic | None = None
     battery: Battery | None = None
@@ -77,11 +84,13 @@ class Received:
 
     Attributes:
         steps_ned_m: position steps of the autopilot's resets.
+        followed: the newest position and velocity that it follows, NaN where it controls none.
         restarted: its time went back.
     """
 
     odometry: list[Odometry] = field(default_factory=list)
     steps_ned_m: list[Vec3] = field(default_factory=list)
+    followed: tuple[Vec3, Vec3] | None = None
     restarted: bool = False
 
 
@@ -90,10 +99,12 @@ class AutopilotLink:
 
     Args:
         system_id: of the vehicle; the bridge is another component of the same system.
+        parameters: that the autopilot shall have.
     """
 
-    def __init__(self, system_id: int) -> None:
+    def __init__(self, system_id: int, parameters: Mapping[str, int | float] = MappingProxyType({})) -> None:
         self.telemetry = Telemetry()
+        self.parameters = ParameterSetter(parameters)
         self.accepted: Order | None = None
         """The order pursued at present, once it has been acknowledged."""
         self._system_id = system_id
@@ -112,6 +123,7 @@ class AutopilotLink:
     def forget(self) -> None:
         """The vehicle is another one than before: nothing that was told holds any more."""
         self.telemetry = Telemetry()
+        self.parameters.restart()
         self.pursue(None, 0)
         self._refusal = ""
 
@@ -139,6 +151,7 @@ class AutopilotLink:
             elif kind == dialect.MAVLINK_MSG_ID_HEARTBEAT:
                 self.telemetry.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
                 self.telemetry.mode = mode_name(message.custom_mode)
+                self.telemetry.failsafe = message.system_status in _FAILSAFE_STATES
             elif kind == dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
                 undefined = message.landed_state == dialect.MAV_LANDED_STATE_UNDEFINED
                 self.telemetry.landed = None if undefined else message.landed_state == 1
@@ -150,6 +163,10 @@ class AutopilotLink:
                 self._on_ack(message, timer_ns)
             elif kind == dialect.MAVLINK_MSG_ID_STATUSTEXT:
                 self._on_statustext(message, timer_ns)
+            elif kind == dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED:
+                received.followed = _followed(message)
+            elif kind == dialect.MAVLINK_MSG_ID_PARAM_VALUE:
+                self.parameters.confirm(message)
         return received
 
     def _on_odometry(self, message: MavMessage, epoch_id: int, received: Received) -> None:
@@ -238,7 +255,7 @@ class AutopilotLink:
 
     def _on_ack(self, message: MavMessage, timer_ns: int) -> None:
         order = self._order
-        to_us = message.target_system in (0, self._system_id) and message.target_component in (0, COMPONENT_ID)
+        to_us = (message.target_system, message.target_component) == (self._system_id, COMPONENT_ID)
         if order is None or not to_us or message.command != _COMMANDS[order][0] or self._tries == 0:
             return
         if message.result in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS):
@@ -262,6 +279,17 @@ class AutopilotLink:
         """Ask for the telemetry that the bridge needs."""
         command = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
         return b"".join(self._command(command, float(kind), float(us)) for kind, us in INTERVALS_US.items())
+
+    def set_parameters(self, wall_ns: int) -> bytes:
+        """PARAM_SET of what is not confirmed yet, when it is due."""
+        return b"".join(
+            self._codec.pack(
+                dialect.MAVLink_param_set_message(
+                    self._system_id, AUTOPILOT_COMPONENT_ID, name.encode("ascii"), value, kind
+                )
+            )
+            for name, value, kind in self.parameters.due(wall_ns)
+        )
 
     def setpoint(self, target: Target, t_ns: int) -> bytes:
         """One SET_POSITION_TARGET_LOCAL_NED."""
@@ -323,6 +351,13 @@ def _with_resets(odometry: Odometry, resets: ResetHistory, origin_deg: Geodetic 
         reset_offset_ned_m=resets.offset_ned_m,
         std_pos_m=odometry.std_pos_m,
     )
+
+
+def _followed(message: MavMessage) -> tuple[Vec3, Vec3]:
+    """Position and velocity of a POSITION_TARGET_LOCAL_NED, with NaN for what is masked."""
+    fields = ("x", "y", "z", "vx", "vy", "vz")
+    x, y, z, vx, vy, vz = (nan if message.type_mask >> i & 1 else getattr(message, f) for i, f in enumerate(fields))
+    return (x, y, z), (vx, vy, vz)
 
 
 def _std(pose_covariance: list[float]) -> float | None:

@@ -8,6 +8,9 @@ from jezero.runtime.config import Config
 
 Seconds = Annotated[float, Meta(gt=0.0, le=600.0)]
 Metres = Annotated[float, Meta(gt=0.0, le=10_000.0)]
+ParameterName = Annotated[str, Meta(pattern=r"^[A-Z][A-Z0-9_]{0,15}$")]
+ParameterValue = Annotated[int, Meta(ge=-4_194_304, le=2_139_095_040)] | Annotated[float, Meta(gt=-1e30, lt=1e30)]
+"""An integer or a float, as the autopilot has it; further integers wouldn't survive as the bytes of a float."""
 
 
 class VehicleBridgeConfig(Config, frozen=True, kw_only=True):
@@ -23,6 +26,7 @@ class VehicleBridgeConfig(Config, frozen=True, kw_only=True):
         link_timeout_s: of telemetry missing, after which a goal ends and a hover begins.
         blind_timeout_s: of telemetry missing, after which the bridge stops streaming and the autopilot lands.
         router_timeout_s: without the bus's router, after which the bridge commands a landing.
+        parameters: of the autopilot, set whenever it is first heard; 1 is an integer, 1.0 a float.
     """
 
     altitude_limit_m: Metres = 120.0
@@ -37,3 +41,4 @@ class VehicleBridgeConfig(Config, frozen=True, kw_only=True):
     link_timeout_s: Seconds = 1.0
     blind_timeout_s: Seconds = 5.0
     router_timeout_s: Seconds = 30.0
+    parameters: dict[ParameterName, ParameterValue] = {}

@@ -37,6 +37,7 @@ from jezero.schemas.topics import (
 from jezero.services.vehicle_bridge.authority import Authority, Standing
 from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink, Received
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+from jezero.services.vehicle_bridge.followed import Followed
 from jezero.services.vehicle_bridge.vehicle import Situation, Target
 
 LINK = "autopilot"
@@ -75,7 +76,8 @@ class VehicleBridge:
         self.spec = SPEC
         self._config = config
         self._boot_id = boot_id
-        self._link = AutopilotLink(system_id)
+        self._link = AutopilotLink(system_id, config.parameters)
+        self._followed = Followed()
         self._authority = Authority(config, boot_id)
         self._epoch_id: int | None = None
         self._timer_ns = 0
@@ -112,7 +114,7 @@ class VehicleBridge:
         yield from self._serve(now, inbox)
         self._authority.tick(now)
         yield from self._answer(now, inbox.wall_ns)
-        yield from self._command(t_ns, inbox)
+        yield from self._command(now, t_ns, inbox)
         yield from self._publish_status(now, inbox.wall_ns)
         yield from self._listen()
         yield from self._report(now)
@@ -138,6 +140,8 @@ class VehicleBridge:
             self._sent = (None, 0)
             why = "the vehicle was respawned" if respawned else "the autopilot restarted"
             self._authority.restart(why, self._situation(t_ns, inbox))
+        if received.followed is not None:
+            self._followed.tell(*received.followed, self._timer_ns)
         for step_ned_m in received.steps_ned_m:
             self._authority.moved(step_ned_m)
             self._ground_z_ned_m += step_ned_m[2]
@@ -160,6 +164,9 @@ class VehicleBridge:
             armed=telemetry.armed,
             landed=telemetry.armed is False if telemetry.landed is None else telemetry.landed,
             mode=telemetry.mode,
+            failsafe=telemetry.failsafe,
+            armable=telemetry.armable,
+            contested=telemetry.landed is False and self._followed.by_others(self._timer_ns),
             pos_ned_m=None if odometry is None else odometry.pos_uav_ned_m,
             vel_ned_mps=(0.0, 0.0, 0.0) if odometry is None else odometry.vel_uav_ned_mps,
             yaw_rad=yaw_from_quat(q),
@@ -185,6 +192,7 @@ class VehicleBridge:
     def _not_ready(self, silent_s: float) -> str:
         told = self._link.telemetry
         warning = self._link.warning(self._timer_ns)
+        setting = self._link.parameters.pending
         missing = (
             (self._epoch_id is None, "no vehicle time yet: is the simulator running?"),
             (told.heard_wall_ns is None, "no autopilot heard yet"),
@@ -195,7 +203,12 @@ class VehicleBridge:
             ),
             (told.origin_deg is None, "the autopilot has no origin yet: it waits for GNSS"),
             (told.armed is None, "the autopilot has not told yet whether it is armed"),
-            (not told.armable, "the autopilot's arming checks don't pass yet" + (f": {warning}" if warning else "")),
+            (bool(setting), f"the autopilot's parameters are being set: {', '.join(setting)}"),
+            (
+                not told.armable,
+                f"the autopilot's arming checks don't pass yet in mode {told.mode}"
+                + (f": {warning}" if warning else ""),
+            ),
         )
         return next((why for is_missing, why in missing if is_missing), "")
 
@@ -288,15 +301,18 @@ class VehicleBridge:
 
     # -- out -----------------------------------------------------------------------------------------------
 
-    def _command(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+    def _command(self, now: Situation, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """What goes to the autopilot; the stream before the order that needs it."""
         link, authority = self._link, self._authority
         data = b""
-        if authority.target is not None:
+        if authority.target is None:
+            self._followed.forget()
+        else:
             last, sent_ns = self._sent
             due = self._fresh or authority.target is not last or self._timer_ns - sent_ns >= STREAM_PERIOD_NS
             if due:
                 data += link.setpoint(authority.target, t_ns)
+                self._followed.send(authority.target, self._timer_ns)
                 self._sent = (authority.target, self._timer_ns)
         self._fresh = False
         data += link.pursue(authority.wanted, self._timer_ns)
@@ -304,12 +320,24 @@ class VehicleBridge:
         if wall_ns - self._heartbeat_wall_ns >= HEARTBEAT_PERIOD_NS:
             self._heartbeat_wall_ns = wall_ns
             data += link.heartbeat()
-        heard = link.telemetry.heard_wall_ns is not None
-        if heard and wall_ns - self._intervals_wall_ns >= INTERVALS_PERIOD_NS:
-            self._intervals_wall_ns = wall_ns
-            data += link.intervals()
+        data += self._set_up(now, wall_ns)
         if data:
             yield Send(LINK, data)
+
+    def _set_up(self, now: Situation, wall_ns: int) -> bytes:
+        """Asks for telemetry and sets parameters; nothing of it while others fly and tell of it."""
+        told = self._link.telemetry
+        if told.heard_wall_ns is None:
+            return b""
+        data = b""
+        others_fly = self._authority.code is StatusCode.EXTERNAL
+        blind = now.silent_s > self._config.link_timeout_s
+        if wall_ns - self._intervals_wall_ns >= INTERVALS_PERIOD_NS and (blind or not others_fly):
+            self._intervals_wall_ns = wall_ns
+            data += self._link.intervals()
+        if told.armed is False and self._authority.code is StatusCode.IDLE:
+            data += self._link.set_parameters(wall_ns)
+        return data
 
     def _publish_status(self, now: Situation, wall_ns: int) -> Iterator[Output]:
         last_ns = self._status_wall_ns
@@ -370,6 +398,8 @@ class VehicleBridge:
             state, text = "degraded", now.not_ready
         if self._dropped:
             text += f"; {self._dropped} setpoints dropped, the last: {self._drop_reason}"
+        if self._link.parameters.failed:
+            text += f"; {self._link.parameters.complaint}"
         if self._link.malformed:
             text += f"; {self._link.malformed} malformed MAVLink messages"
         if (state, text) != self._health:

@@ -7,8 +7,6 @@ from jezero.frames import Vec3, add
 
 OFFBOARD = "OFFBOARD"
 LAND = "AUTO.LAND"
-PILOT_MODES = ("MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED", "ALTITUDE_CRUISE")
-"""Modes that no failsafe picks while a position is known: somebody holds the sticks."""
 UNARMABLE_MODES = (OFFBOARD, LAND, "AUTO.RTL")
 """Modes in which a PX4 on the ground refuses to arm: offboard without a stream, and those that end on the ground."""
 
@@ -65,6 +63,9 @@ class Situation:
         armed: None until the autopilot tells.
         landed: the autopilot's land detector; before it tells, true only of a disarmed vehicle.
         mode: the autopilot's word, "" until it tells.
+        failsafe: the autopilot itself chose what it does; otherwise a mode was somebody's choice.
+        armable: the autopilot's arming checks pass, in its present mode.
+        contested: it follows setpoints that the bridge didn't send.
         pos_ned_m, vel_ned_mps, yaw_rad, tilt_rad: newest odometry; None until there is one.
         height_m: above ground or deck, None without odometry.
         silent_s: for how long telemetry, or odometry in it, has been missing.
@@ -79,6 +80,9 @@ class Situation:
     armed: bool | None = None
     landed: bool = False
     mode: str = ""
+    failsafe: bool = False
+    armable: bool = False
+    contested: bool = False
     pos_ned_m: Vec3 | None = None
     vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)
     yaw_rad: float = 0.0

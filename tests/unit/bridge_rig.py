@@ -3,6 +3,7 @@
 The autopilot answers commands, tells what it is told to be, and moves where setpoints say; no physics.
 """
 
+import struct
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -19,12 +20,13 @@ from jezero.services.vehicle_bridge.service import VehicleBridge
 STEP_NS = 20_000_000
 BOOT_ID = 0xB0
 MODES = {"OFFBOARD": 6 << 16, "POSCTL": 3 << 16, "LOITER": 4 << 16 | 3 << 24, "LAND": 4 << 16 | 6 << 24}
+CRITICAL = dialect.MAV_STATE_CRITICAL
 ARM, SET_MODE = dialect.MAV_CMD_COMPONENT_ARM_DISARM, dialect.MAV_CMD_DO_SET_MODE
 
 
 class FakeAutopilot:
     """What it tells is set by tests; `deaf` loses commands, `mute` loses acknowledgements,
-    `tells_armed` is what an old heartbeat still says."""
+    `tells_armed` is what an old heartbeat still says. `intruder` is what somebody else streams to it."""
 
     def __init__(self) -> None:
         self.codec = MavlinkCodec(1, 1)
@@ -34,6 +36,11 @@ class FakeAutopilot:
         self.armed = False
         self.landed = True
         self.mode = MODES["LOITER"]
+        self.system_status = dialect.MAV_STATE_ACTIVE
+        self.intruder: Any | None = None
+        self.parameters: dict[str, int | float] = {}
+        self.set_parameters: list[str] = []
+        self.heard = 0
         self.armable = True
         self.reset_counter = 0
         self.silent = False
@@ -47,9 +54,12 @@ class FakeAutopilot:
 
     def hear(self, data: bytes) -> bytes:
         out = b""
+        self.heard += len(data)
         for message in self.codec.parse(data):
             kind = message.get_msgId()
-            if kind == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
+            if kind == dialect.MAVLINK_MSG_ID_PARAM_SET:
+                out += self._set_parameter(message)
+            elif kind == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
                 self.setpoints.append(message)
             elif kind == dialect.MAVLINK_MSG_ID_COMMAND_LONG and message.command in (ARM, SET_MODE):
                 if self.deaf > 0:
@@ -80,6 +90,39 @@ class FakeAutopilot:
             return out
         return out + self.codec.pack(dialect.MAVLink_command_ack_message(message.command, result, 0, 0, 1, 191))
 
+    def _set_parameter(self, message: Any) -> bytes:
+        """As PX4 does: no word about a parameter that it doesn't know or that has another type."""
+        name = message.param_id
+        self.set_parameters.append(name)
+        known = self.parameters.get(name)
+        is_int = message.param_type == dialect.MAV_PARAM_TYPE_INT32
+        if known is None or is_int is not isinstance(known, int):
+            return b""
+        raw = struct.pack("<f", message.param_value)
+        self.parameters[name] = struct.unpack("<i", raw)[0] if is_int else message.param_value
+        return self.parameter(name)
+
+    def parameter(self, name: str) -> bytes:
+        """PARAM_VALUE."""
+        value = self.parameters[name]
+        kind, carried = dialect.MAV_PARAM_TYPE_REAL32, value
+        if isinstance(value, int):
+            kind, carried = dialect.MAV_PARAM_TYPE_INT32, struct.unpack("<f", struct.pack("<i", value))[0]
+        message = dialect.MAVLink_param_value_message(name.encode(), carried, kind, len(self.parameters), 0)
+        return self.codec.pack(message)
+
+    def _followed(self) -> Sequence[Any]:
+        """POSITION_TARGET_LOCAL_NED of what it follows now."""
+        followed = self.intruder or (self.setpoints[-1] if self.setpoints else None)
+        if followed is None or self.landed:
+            return ()
+        s = followed
+        return (
+            dialect.MAVLink_position_target_local_ned_message(
+                self.t_us // 1000, 1, s.type_mask, s.x, s.y, s.z, s.vx, s.vy, s.vz, s.afx, s.afy, s.afz, s.yaw, 0.0
+            ),
+        )
+
     def tell(self) -> bytes:
         """One round of telemetry at the present time."""
         if self.silent:
@@ -89,7 +132,7 @@ class FakeAutopilot:
         prearm = dialect.MAV_SYS_STATUS_PREARM_CHECK
         nan = [float("nan")] * 21
         messages = (
-            dialect.MAVLink_heartbeat_message(2, 12, base_mode, self.mode, 4, 3),
+            dialect.MAVLink_heartbeat_message(2, 12, base_mode, self.mode, self.system_status, 3),
             dialect.MAVLink_extended_sys_state_message(0, 1 if self.landed else 2),
             dialect.MAVLink_sys_status_message(
                 prearm, prearm, prearm if self.armable else 0, 0, 0xFFFF, -1, -1, 0, 0, 0, 0, 0, 0
@@ -98,6 +141,7 @@ class FakeAutopilot:
             dialect.MAVLink_odometry_message(
                 self.t_us, 1, 1, *self.pos, self.q, *self.vel, 0.0, 0.0, 0.0, nan, nan, self.reset_counter, 8, 100
             ),
+            *self._followed(),
         )
         return b"".join(self.codec.pack(message) for message in messages)
 

@@ -8,7 +8,7 @@ from jezero.schemas.commands import Abort, Acquire, Hover, Kill, Phase, Release
 from jezero.schemas.topics import ABORT, ACQUIRE, ALTIMETER, HOVER, KILL, RELEASE
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 
-from .bridge_rig import ARM, BOOT_ID, MODES, Rig
+from .bridge_rig import ARM, BOOT_ID, CRITICAL, MODES, Rig
 
 TARGETS = [("go_to", Phase.GO_TO), ("land_on_spot", Phase.LANDING)]
 
@@ -228,13 +228,26 @@ def test_under_a_pilot_no_tilt_disarms() -> None:
 # -- others in charge --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("mode", "who"), [("LAND", "failsafe"), ("POSCTL", "external")])
-def test_when_the_autopilot_leaves_offboard_mode_the_goal_ends_and_the_bridge_falls_silent(mode: str, who: str) -> None:
+@pytest.mark.parametrize(
+    ("mode", "state", "who"),
+    [
+        ("LAND", CRITICAL, "failsafe"),
+        ("POSCTL", CRITICAL, "failsafe"),
+        ("LOITER", 6, "failsafe"),
+        ("LAND", 4, "external"),
+        ("POSCTL", 4, "external"),
+        ("LOITER", 4, "external"),
+    ],
+)
+def test_when_the_autopilot_leaves_offboard_mode_the_goal_ends_and_the_bridge_falls_silent(
+    mode: str, state: int, who: str
+) -> None:
     rig = Rig().fly()
     control_id = rig.go("go_to", Phase.GO_TO)
-    rig.autopilot.mode = MODES[mode]
+    rig.autopilot.mode, rig.autopilot.system_status = MODES[mode], state
     rig.step()
     assert (rig.status.code, rig.status.in_charge, rig.status.control_id) == (13, who, "")
+    assert rig.status.text.startswith("failsafe: " if who == "failsafe" else "taken over: ")
     assert not rig.status.ready
     rig.autopilot.setpoints.clear()
     rig.autopilot.commands.clear()
