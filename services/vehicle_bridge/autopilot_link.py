@@ -166,7 +166,7 @@ class AutopilotLink:
             elif kind == dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED:
                 received.followed = _followed(message)
             elif kind == dialect.MAVLINK_MSG_ID_PARAM_VALUE:
-                self.parameters.confirm(message)
+                self.parameters.confirm(_text(message.param_id), message.param_value, message.param_type)
         return received
 
     def _on_odometry(self, message: MavMessage, epoch_id: int, received: Received) -> None:
@@ -243,8 +243,7 @@ class AutopilotLink:
             self.telemetry.origin_deg = (latitude_deg, longitude_deg, altitude_m)
 
     def _on_statustext(self, message: MavMessage, timer_ns: int) -> None:
-        text = message.text if isinstance(message.text, str) else message.text.decode("utf-8", "replace")
-        text = text.rstrip("\0")
+        text = _text(message.text)
         last_id, before = self._statustext
         if message.id != 0 and message.chunk_seq > 0 and message.id == last_id:
             text = (before + text)[:1000]
@@ -351,6 +350,10 @@ def _with_resets(odometry: Odometry, resets: ResetHistory, origin_deg: Geodetic 
         reset_offset_ned_m=resets.offset_ned_m,
         std_pos_m=odometry.std_pos_m,
     )
+
+
+def _text(field: str | bytes) -> str:
+    return (field if isinstance(field, str) else field.decode("utf-8", "replace")).rstrip("\0")
 
 
 def _followed(message: MavMessage) -> tuple[Vec3, Vec3]:

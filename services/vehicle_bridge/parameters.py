@@ -7,8 +7,8 @@ that it doesn't know or that has another type: what isn't confirmed after some t
 import struct
 from collections.abc import Mapping
 
-from jezero.mavlink import MavMessage, dialect
-
+INT32, REAL32 = 6, 9
+"""MAV_PARAM_TYPE of the two kinds that PX4 has."""
 TRIES = 5
 RETRY_NS = 300_000_000
 
@@ -60,29 +60,27 @@ class ParameterSetter:
             self._pending[name] += 1
         return [(name, *encoded(self._wanted[name])) for name in self._pending]
 
-    def confirm(self, message: MavMessage) -> None:
-        """Take in a PARAM_VALUE."""
-        name = message.param_id if isinstance(message.param_id, str) else message.param_id.decode("ascii", "replace")
-        name = name.rstrip("\0")
+    def confirm(self, name: str, carried: float, told_kind: int) -> None:
+        """Take in a PARAM_VALUE: its name, value as it is carried, and type."""
         if name not in self._wanted:
             return
         value, kind = encoded(self._wanted[name])
-        if message.param_type == kind and struct.pack("<f", message.param_value) == struct.pack("<f", value):
+        if told_kind == kind and struct.pack("<f", carried) == struct.pack("<f", value):
             self._pending.pop(name, None)
             self.failed.pop(name, None)
         else:
-            self._told[name] = decoded(message.param_value, message.param_type)
+            self._told[name] = decoded(carried, told_kind)
 
 
 def encoded(value: Value) -> tuple[float, int]:
     """The float that carries a parameter's value, and its MAVLink type."""
     if isinstance(value, int):
-        return float(struct.unpack("<f", struct.pack("<i", value))[0]), int(dialect.MAV_PARAM_TYPE_INT32)
-    return value, int(dialect.MAV_PARAM_TYPE_REAL32)
+        return float(struct.unpack("<f", struct.pack("<i", value))[0]), INT32
+    return value, REAL32
 
 
 def decoded(carried: float, kind: int) -> Value:
     """The value that a PARAM_VALUE carries."""
-    if kind == dialect.MAV_PARAM_TYPE_INT32:
+    if kind == INT32:
         return int(struct.unpack("<i", struct.pack("<f", carried))[0])
     return carried
