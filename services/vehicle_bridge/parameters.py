@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 INT32, REAL32 = 6, 9
 """MAV_PARAM_TYPE of the two kinds that PX4 has."""
-TRIES = 5
+TRIES = 8
 RETRY_NS = 300_000_000
 
 Value = int | float
