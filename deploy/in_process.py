@@ -22,6 +22,41 @@ def boot_id(seed: int, service: str) -> int:
     return zlib.crc32(f"{seed}/{service}".encode())
 
 
+def service_makers(
+    seed: int,
+    *,
+    simulator: SimulatorConfig | None = None,
+    autopilot: AutopilotConfig | None = None,
+    bridge: VehicleBridgeConfig | None = None,
+) -> dict[str, Callable[[int], Service]]:
+    """By name, in the order of their start: what makes a service from the id of its run.
+
+    Raises:
+        ConfigError: a configuration file is wrong.
+    """
+    simulator = simulator or load_config(SimulatorConfig, "simulator")
+    autopilot = autopilot or load_config(AutopilotConfig, "autopilot")
+    bridge = bridge or load_config(VehicleBridgeConfig, "vehicle_bridge")
+    makers: dict[str, Callable[[int], Service]] = {
+        "simulator": lambda boot: Simulator(simulator, seed=seed, boot_id=boot),
+        "autopilot": lambda boot: Autopilot(autopilot, system_id=SYSTEM_ID, boot_id=boot),
+        "vehicle_bridge": lambda boot: VehicleBridge(bridge, system_id=SYSTEM_ID, boot_id=boot),
+    }
+
+    def action_maker(name: str) -> Callable[[int], Service]:
+        return lambda boot: action_server(name, boot)
+
+    return makers | {name: action_maker(name) for name in BEHAVIOURS}
+
+
+def wired_bus(seed: int) -> MemoryBus:
+    """A bus without services, whose MAVLink links are joined."""
+    bus = MemoryBus(seed)
+    bus.wire(("simulator", "hil"), ("autopilot", "hil"))
+    bus.wire(("autopilot", "offboard"), ("vehicle_bridge", "autopilot"), UDP_DELAY)
+    return bus
+
+
 def build_stack(
     seed: int,
     *,
@@ -40,25 +75,9 @@ def build_stack(
     Raises:
         ConfigError: a configuration file is wrong.
     """
-    bus = MemoryBus(seed)
-    bus.wire(("simulator", "hil"), ("autopilot", "hil"))
-    bus.wire(("autopilot", "offboard"), ("vehicle_bridge", "autopilot"), UDP_DELAY)
-    config = simulator or load_config(SimulatorConfig, "simulator")
-    bus.add(wrap_simulator(Simulator(config, seed=seed, boot_id=boot_id(seed, "simulator"))))
-    bus.add(
-        Autopilot(
-            autopilot or load_config(AutopilotConfig, "autopilot"),
-            system_id=SYSTEM_ID,
-            boot_id=boot_id(seed, "autopilot"),
-        )
-    )
-    bus.add(
-        VehicleBridge(
-            bridge or load_config(VehicleBridgeConfig, "vehicle_bridge"),
-            system_id=SYSTEM_ID,
-            boot_id=boot_id(seed, "vehicle_bridge"),
-        )
-    )
-    for name in BEHAVIOURS:
-        bus.add(action_server(name, boot_id(seed, name)))
+    bus = wired_bus(seed)
+    makers = service_makers(seed, simulator=simulator, autopilot=autopilot, bridge=bridge)
+    for name, make in makers.items():
+        service = make(boot_id(seed, name))
+        bus.add(wrap_simulator(service) if name == "simulator" else service)
     return bus

@@ -6,8 +6,9 @@ before it steps. Each link delays its messages by a seeded distribution and keep
 
 import heapq
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import partial
 from random import Random
 from typing import Any
 
@@ -19,6 +20,13 @@ from jezero.schemas.topics import Endpoint, Topic, health_of
 
 NS_PER_S = 1_000_000_000
 Observer = Callable[[int, str, bytes], None]
+Tamper = Callable[[str, str, str, int, bytes], Iterable[tuple[int, bytes]]]
+"""(sender, receiver, name, t_ns of arrival, data) to what arrives instead, and when.
+
+`name` is a topic's, an endpoint's, or that of the receiver's link. Replies, and the end of a question, which has no
+data, are called REPLY.
+"""
+REPLY = "@reply"
 
 
 @dataclass(frozen=True)
@@ -62,10 +70,14 @@ class MemoryBus:
         seed: of every link's delays.
         delay: of all topics and questions.
         strict: services that publish what is not finite raise.
+
+    Attributes:
+        tamper: changes what is sent from now on, to simulate faults; None, the default, changes nothing.
     """
 
     def __init__(self, seed: int = 0, delay: LinkDelay = BUS_DELAY, *, strict: bool = True) -> None:
         self.t_ns = 0
+        self.tamper: Tamper | None = None
         self._seed = seed
         self._delay = delay
         self._strict = strict
@@ -102,8 +114,20 @@ class MemoryBus:
         for (owner, link), wire in self._wires.items():
             if wire.peer[0] == name:
                 self._set_link(owner, link, up=False)
-        for question in [q for q in self._requests.values() if q.server == name]:
-            self._later(question.asker, name, question.end)
+        for request_id, question in [(i, q) for i, q in self._requests.items() if q.server == name]:
+            del self._requests[request_id]
+            self._later(question.asker, name, b"", partial(_ignoring_data, question.end))
+
+    def freeze(self, name: str, seconds: float) -> None:
+        """Let a service stand still for a while, as a stopped process does; what arrives waits for it."""
+        port = self._ports[name]
+        port.frozen_until_ns = self.t_ns + int(seconds * NS_PER_S)
+        self.at(port.frozen_until_ns, "", port.wake)
+
+    def runs(self, name: str) -> bool:
+        """Whether a service of this name is there and not frozen."""
+        port = self._ports.get(name)
+        return port is not None and port.frozen_until_ns <= self.t_ns
 
     def wire(self, a: tuple[str, str], b: tuple[str, str], delay: LinkDelay = NO_DELAY) -> None:
         """Join two services' links, each named (service, link)."""
@@ -127,7 +151,7 @@ class MemoryBus:
             while heap and heap[0][0] == self.t_ns:
                 heapq.heappop(heap)[3]()
             for port in tuple(self._order):
-                if port.wants_step:
+                if port.wants_step and port.frozen_until_ns <= self.t_ns:
                     port.step()
             if stop is not None and stop():
                 return True
@@ -142,9 +166,8 @@ class MemoryBus:
         """Put a question as an outside client would; run the bus to see its replies come in."""
         answers = Answers()
 
-        def on_reply(data: bytes | None) -> None:
-            if data is not None:
-                answers.replies.append(decode(endpoint.reply_type, data))
+        def on_reply(data: bytes) -> None:
+            answers.replies.append(decode(endpoint.reply_type, data))
 
         def on_end() -> None:
             answers.ended = True
@@ -170,7 +193,8 @@ class MemoryBus:
             observer(self.t_ns, topic.name, data)
         for port in self._order:
             if topic.name in port.listening:
-                self.at(self._arrival(sender, port.name, self._delay), topic.name, port.receiver(topic.name, data))
+                t_ns = self._arrival(sender, port.name, self._delay)
+                self._deliver(sender, port.name, topic.name, t_ns, data, partial(port.receive, topic.name))
 
     def send(self, owner: str, link: str, data: bytes) -> None:
         wire = self._wires.get((owner, link))
@@ -179,7 +203,7 @@ class MemoryBus:
         peer, peer_link = wire.peer
         port = self._ports[peer]
         t_ns = self._arrival(f"{owner}.{link}", f"{peer}.{peer_link}", wire.delay)
-        self.at(t_ns, peer_link, lambda: port.receive_bytes(peer_link, data))
+        self._deliver(owner, peer, peer_link, t_ns, data, partial(port.receive_bytes, peer_link))
 
     def call(self, caller: "_Port", endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None:
         answered = [False]
@@ -193,7 +217,7 @@ class MemoryBus:
             caller.name,
             endpoint,
             data,
-            lambda reply: finish(reply, None) if reply is not None else None,
+            lambda reply: finish(reply, None),
             lambda: finish(None, "no server"),
         )
         self.at(self.t_ns + int(timeout_s * NS_PER_S), endpoint.name, lambda: finish(None, "timeout"))
@@ -203,10 +227,10 @@ class MemoryBus:
         if question is None:
             return
         if data is not None:
-            self._later(question.asker, server, lambda: question.on_reply(data))
+            self._later(question.asker, server, data, question.on_reply)
         if final:
             del self._requests[request_id]
-            self._later(question.asker, server, question.end)
+            self._later(question.asker, server, b"", partial(_ignoring_data, question.end))
 
     # -- inside --
 
@@ -215,12 +239,12 @@ class MemoryBus:
         asker: str,
         endpoint: Endpoint[Any, Any],
         data: bytes,
-        on_reply: Callable[[bytes | None], None],
+        on_reply: Callable[[bytes], None],
         on_end: Callable[[], None],
     ) -> None:
         servers = [port for port in self._order if endpoint.name in port.serving]
         if not servers:
-            self._later(asker, "", on_end)
+            self._later(asker, "", b"", partial(_ignoring_data, on_end))
             return
         waiting = [len(servers)]
 
@@ -234,10 +258,21 @@ class MemoryBus:
             request_id = self._sequence
             self._requests[request_id] = _Question(asker, port.name, on_reply, end)
             t_ns = self._arrival(asker, port.name, self._delay)
-            self.at(t_ns, endpoint.name, port.asker(endpoint.name, request_id, asker, data))
+            ask = partial(port.receive_request, endpoint.name, request_id, asker)
+            self._deliver(asker, port.name, endpoint.name, t_ns, data, ask)
 
-    def _later(self, receiver: str, sender: str, action: Callable[[], None]) -> None:
-        self.at(self._arrival(sender, receiver, self._delay), "@reply", action)
+    def _later(self, receiver: str, sender: str, data: bytes, receive: Callable[[bytes], None]) -> None:
+        self._deliver(sender, receiver, REPLY, self._arrival(sender, receiver, self._delay), data, receive)
+
+    def _deliver(
+        self, sender: str, receiver: str, name: str, t_ns: int, data: bytes, receive: Callable[[bytes], None]
+    ) -> None:
+        """Everything that travels from one service or client to another passes here."""
+        if self.tamper is None:
+            self.at(t_ns, name, partial(receive, data))
+            return
+        for arrival_ns, changed in self.tamper(sender, receiver, name, t_ns, data):
+            self.at(max(self.t_ns, arrival_ns), name, partial(receive, changed))
 
     def _arrival(self, sender: str, receiver: str, delay: LinkDelay) -> int:
         path = (sender, receiver)
@@ -254,6 +289,10 @@ class MemoryBus:
             port.wants_step |= port.node.set_link(link, up)
 
 
+def _ignoring_data(end: Callable[[], None], data: bytes) -> None:
+    end()
+
+
 @dataclass(frozen=True)
 class _Wire:
     peer: tuple[str, str]
@@ -264,7 +303,7 @@ class _Wire:
 class _Question:
     asker: str
     server: str
-    on_reply: Callable[[bytes | None], None]
+    on_reply: Callable[[bytes], None]
     end: Callable[[], None]
 
 
@@ -275,6 +314,7 @@ class _Port:
         self.name = service.spec.name
         self.alive = True
         self.wants_step = False
+        self.frozen_until_ns = 0
         self._bus = bus
         self.node = Node(service, self, strict=bus._strict, boot_id=0)
         spec = self.node.spec
@@ -294,6 +334,9 @@ class _Port:
         if self.alive and t_ns == self._tick_at:
             self.wants_step = True
 
+    def wake(self) -> None:
+        self.wants_step = True
+
     def step(self) -> None:
         bus = self._bus
         self.wants_step = False
@@ -305,21 +348,15 @@ class _Port:
             self._health_at += NS_PER_S
             bus.publish(self.name, self._health_topic, encode(self.node.health(bus.t_ns, 0.0)))
 
-    def receiver(self, name: str, data: bytes) -> Callable[[], None]:
-        def receive() -> None:
-            if self.alive and name in self.listening:
-                self.node.inbox.wall_ns = self._bus.t_ns
-                self.wants_step |= self.node.deliver(name, data)
+    def receive(self, name: str, data: bytes) -> None:
+        if self.alive and name in self.listening:
+            self.node.inbox.wall_ns = self._bus.t_ns
+            self.wants_step |= self.node.deliver(name, data)
 
-        return receive
-
-    def asker(self, name: str, request_id: int, client: str, data: bytes) -> Callable[[], None]:
-        def ask() -> None:
-            if self.alive:
-                self.node.inbox.wall_ns = self._bus.t_ns
-                self.wants_step |= self.node.deliver_request(name, request_id, client, data, {})
-
-        return ask
+    def receive_request(self, name: str, request_id: int, client: str, data: bytes) -> None:
+        if self.alive:
+            self.node.inbox.wall_ns = self._bus.t_ns
+            self.wants_step |= self.node.deliver_request(name, request_id, client, data, {})
 
     def receive_bytes(self, link: str, data: bytes) -> None:
         if self.alive:

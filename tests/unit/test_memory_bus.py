@@ -168,3 +168,35 @@ def test_what_is_not_finite_raises_in_tests_and_is_counted_in_flight() -> None:
     flying.observe(lambda _t, topic, data: health.append(data) if topic == "health/wrong" else None)
     flying.run_for(1.5)
     assert b'"not_sent":1' in health[0]
+
+
+def test_what_is_under_way_can_be_tampered_with() -> None:
+    bus, listener = MemoryBus(), Listener()
+    seen: list[tuple[str, str, str]] = []
+
+    def double_late(sender: str, receiver: str, name: str, t_ns: int, data: bytes) -> list[tuple[int, bytes]]:
+        seen.append((sender, receiver, name))
+        return [(t_ns, data), (t_ns + 250_000_000, data)]
+
+    bus.add(Talker())
+    bus.add(listener)
+    bus.tamper = double_late
+    bus.run_for(0.05)
+    bus.tamper = None
+    bus.run_for(0.4)
+    assert seen == [("talker", "listener", "clock")]
+    assert [sent for _, sent in listener.heard].count(0) == 2
+    assert max(at - sent for at, sent in listener.heard) > 250_000_000
+
+
+def test_a_frozen_service_finds_everything_when_it_goes_on() -> None:
+    bus, listener = MemoryBus(), Listener()
+    bus.add(Talker())
+    bus.add(listener)
+    bus.run_for(1.0)
+    bus.freeze("listener", 1.0)
+    heard = len(listener.heard)
+    bus.run_for(0.95)
+    assert not bus.runs("listener") and len(listener.heard) == heard
+    bus.run_for(0.1)
+    assert bus.runs("listener") and len(listener.heard) >= heard + 9
