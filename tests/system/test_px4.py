@@ -1,0 +1,116 @@
+"""PX4 itself in the embedded autopilot's place, over real processes; needs PX4's runtime in JEZERO_PX4_DIR."""
+
+import json
+import os
+import signal
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+
+from jezero import Aborted
+from jezero.runtime.config import config_directory
+from jezero.schemas.state import StatusCode
+from tests.system.conftest import JEZERO, Stack, wait_for, wait_for_status
+
+pytestmark = pytest.mark.skipif(
+    not os.environ.get("JEZERO_PX4_DIR"), reason="JEZERO_PX4_DIR names no folder with PX4's bin/px4 and etc/"
+)
+LANDS_WITHIN_S = 30.0
+
+
+@pytest.fixture
+def start_px4_stack(
+    start_stack: Callable[..., Stack], monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Callable[..., Stack]]:
+    """`start_stack` with PX4; no process of PX4 is left behind."""
+    monkeypatch.setenv("JEZERO_AUTOPILOT", "px4")
+    started: list[Stack] = []
+
+    def start(*words: str) -> Stack:
+        started.append(start_stack(*words))
+        assert px4_processes(started[-1].run_dir)
+        return started[-1]
+
+    yield start
+    for stack in started:
+        stack.jezero("down")
+        assert not px4_processes(stack.run_dir)
+
+
+def px4_processes(run_dir: Path) -> list[int]:
+    """Processes that run in PX4's working directory: PX4, its start script and what that has started."""
+    found = []
+    for folder in Path("/proc").iterdir():
+        try:
+            if folder.name.isdigit() and (folder / "cwd").readlink() == run_dir / "px4":
+                found.append(int(folder.name))
+        except OSError:  # it has ended, or it is somebody else's
+            continue
+    return found
+
+
+def test_the_demonstration_flies_unchanged(tmp_path: Path) -> None:
+    environment = {**os.environ, "JEZERO_AUTOPILOT": "px4"}
+    done = subprocess.run(
+        [*JEZERO, "demo", "--json", "--runs", str(tmp_path)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=150,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    results = [json.loads(line) for line in done.stdout.splitlines() if '"succeeded"' in line]
+    assert len(results) == 4
+    (run_dir,) = tmp_path.iterdir()
+    told = (run_dir / "logs" / "autopilot.log").read_text()
+    assert "Takeoff detected" in told and "Landing detected" in told and "Disarmed by" in told
+    assert not px4_processes(run_dir)
+
+
+def test_when_the_bridge_dies_px4_lands_by_itself(start_px4_stack: Callable[..., Stack], tmp_path: Path) -> None:
+    compose = yaml.safe_load((config_directory().parent / "compose.yaml").read_text())
+    compose["services"]["vehicle_bridge"]["restart"] = "no"
+    (tmp_path / "compose.yaml").write_text(yaml.safe_dump(compose))
+    stack = start_px4_stack("-f", str(tmp_path / "compose.yaml"))
+
+    def has_said(text: str) -> bool:
+        return text in stack.jezero("logs", "autopilot").stdout
+
+    with stack.connect() as vehicle:
+        vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
+        os.kill(stack.processes_cached["vehicle_bridge"], signal.SIGKILL)
+    wait_for(lambda: has_said("Failsafe activated"), 5.0, "failsafe")
+    wait_for(lambda: has_said("Disarmed by landing"), LANDS_WITHIN_S, "landed and disarmed")
+
+
+def test_a_killed_autopilot_comes_back_with_a_new_vehicle(start_px4_stack: Callable[..., Stack]) -> None:
+    stack = start_px4_stack()
+    with stack.connect() as vehicle:
+        epoch_id = vehicle.status().epoch_id
+        goal = vehicle.takeoff(altitude_m=2.0)
+        wait_for_status(vehicle, lambda s: s.armed and not s.landed, 15.0, "airborne")
+        before = px4_processes(stack.run_dir)
+        os.kill(stack.processes_cached["autopilot"], signal.SIGKILL)
+        with pytest.raises(Aborted):
+            goal.result(timeout_s=10.0)
+        wait_for_status(
+            vehicle, lambda s: s.ready and s.epoch_id != epoch_id and s.code == StatusCode.IDLE, 30.0, "ready again"
+        )
+        after = px4_processes(stack.run_dir)
+        assert after and not set(before) & set(after)
+        vehicle.takeoff(altitude_m=2.0).result(timeout_s=60.0)
+
+
+def test_a_restarted_simulator_gets_a_new_px4(start_px4_stack: Callable[..., Stack]) -> None:
+    """PX4 doesn't connect to a simulator for a second time."""
+    stack = start_px4_stack()
+    with stack.connect() as vehicle:
+        epoch_id = vehicle.status().epoch_id
+        before = px4_processes(stack.run_dir)
+        os.kill(stack.processes_cached["simulator"], signal.SIGKILL)
+        wait_for_status(vehicle, lambda s: s.ready and s.epoch_id != epoch_id, 30.0, "ready again")
+        assert not set(before) & set(px4_processes(stack.run_dir))
