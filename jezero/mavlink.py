@@ -44,16 +44,19 @@ class MavlinkCodec:
         return bytes(data)
 
     def parse(self, data: bytes) -> list[MavMessage]:
-        """Complete messages in `data` and what was left over from before; malformed bytes are counted."""
+        """Complete messages in `data` and what was left over from before.
+
+        Malformed bytes are counted; messages that the dialect doesn't have, of which PX4 sends some, are skipped.
+        """
         if not data:
             return []
         parsed = self._mav.parse_buffer(data) or []
         good = []
         for message in parsed:
-            if message.get_msgId() < 0:
-                self.malformed += 1
-            else:
+            if message.get_msgId() >= 0:
                 good.append(message)
+            elif not isinstance(message, dialect.MAVLink_unknown):
+                self.malformed += 1
         return good
 
 

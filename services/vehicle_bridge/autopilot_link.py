@@ -20,6 +20,8 @@ EFFECT_NS = 1_500_000_000
 """An order that is acknowledged but has no effect is given again after this."""
 RESTART_NS = 1_000_000_000
 """The autopilot's time going back by more than this means that it restarted; by less, that datagrams overtook."""
+BEAT_WALL_NS = 150_000_000
+"""In flight the mode must be known to be not older than this. PX4 beats once a second, but also when it is asked."""
 COMPLAINT_NS = 6_000_000_000
 """A warning of the autopilot explains a refusal for this long."""
 FORCE = 21196.0
@@ -59,12 +61,14 @@ class Telemetry:
 
     Attributes:
         heard_wall_ns: when it last said anything.
+        beat_wall_ns: when it was last asked for its HEARTBEAT, or told it unasked.
         failsafe: a failsafe chose what it does.
         armable: its own arming checks pass.
         warning: its last sentence of severity warning or worse, said at `warning_ns`.
     """
 
     heard_wall_ns: int | None = None
+    beat_wall_ns: int = 0
     armed: bool | None = None
     landed: bool | None = None
     mode: str = ""
@@ -149,6 +153,7 @@ class AutopilotLink:
             if kind == dialect.MAVLINK_MSG_ID_ODOMETRY:
                 self._on_odometry(message, epoch_id, received)
             elif kind == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+                self.telemetry.beat_wall_ns = wall_ns
                 self.telemetry.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
                 self.telemetry.mode = mode_name(message.custom_mode)
                 self.telemetry.failsafe = message.system_status in _FAILSAFE_STATES
@@ -273,6 +278,13 @@ class AutopilotLink:
                 dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
             )
         )
+
+    def ask_for_heartbeat(self, wall_ns: int) -> bytes:
+        """Ask for one unless the last is fresh enough; for use in flight."""
+        if wall_ns - self.telemetry.beat_wall_ns < BEAT_WALL_NS:
+            return b""
+        self.telemetry.beat_wall_ns = wall_ns
+        return self._command(dialect.MAV_CMD_REQUEST_MESSAGE, float(dialect.MAVLINK_MSG_ID_HEARTBEAT), 0.0)
 
     def intervals(self) -> bytes:
         """Ask for the telemetry that the bridge needs."""

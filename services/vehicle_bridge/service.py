@@ -335,6 +335,8 @@ class VehicleBridge:
         if wall_ns - self._intervals_wall_ns >= INTERVALS_PERIOD_NS and (blind or not others_fly):
             self._intervals_wall_ns = wall_ns
             data += self._link.intervals()
+        if (not others_fly and self._authority.code is not StatusCode.IDLE) or self._authority.taking_back:
+            data += self._link.ask_for_heartbeat(wall_ns)
         if told.armed is False and self._authority.code is StatusCode.IDLE:
             data += self._link.set_parameters(wall_ns)
         return data

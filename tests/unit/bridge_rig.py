@@ -26,7 +26,8 @@ ARM, SET_MODE = dialect.MAV_CMD_COMPONENT_ARM_DISARM, dialect.MAV_CMD_DO_SET_MOD
 
 class FakeAutopilot:
     """What it tells is set by tests; `deaf` loses commands, `mute` loses acknowledgements,
-    `tells_armed` is what an old heartbeat still says. `intruder` is what somebody else streams to it."""
+    `tells_armed` is what an old heartbeat still says. `intruder` is what somebody else streams to it; `beat_s`
+    is the period of its HEARTBEAT, 0 for one in each step."""
 
     def __init__(self) -> None:
         self.codec = MavlinkCodec(1, 1)
@@ -41,6 +42,9 @@ class FakeAutopilot:
         self.parameters: dict[str, int | float] = {}
         self.set_parameters: list[str] = []
         self.heard = 0
+        self.beat_s = 0.0
+        self.beat_requests = 0
+        self._next_beat_us = 0
         self.armable = True
         self.reset_counter = 0
         self.silent = False
@@ -59,6 +63,9 @@ class FakeAutopilot:
             kind = message.get_msgId()
             if kind == dialect.MAVLINK_MSG_ID_PARAM_SET:
                 out += self._set_parameter(message)
+            elif kind == dialect.MAVLINK_MSG_ID_COMMAND_LONG and message.command == dialect.MAV_CMD_REQUEST_MESSAGE:
+                self.beat_requests += 1
+                self._next_beat_us = 0
             elif kind == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
                 self.setpoints.append(message)
             elif kind == dialect.MAVLINK_MSG_ID_COMMAND_LONG and message.command in (ARM, SET_MODE):
@@ -111,6 +118,11 @@ class FakeAutopilot:
         message = dialect.MAVLink_param_value_message(name.encode(), carried, kind, len(self.parameters), 0)
         return self.codec.pack(message)
 
+    def _beats(self) -> bool:
+        is_due = self.beat_s == 0.0 or self.t_us >= self._next_beat_us
+        self._next_beat_us = self.t_us + int(self.beat_s * 1e6) if is_due else self._next_beat_us
+        return is_due
+
     def _followed(self) -> Sequence[Any]:
         """POSITION_TARGET_LOCAL_NED of what it follows now."""
         followed = self.intruder or (self.setpoints[-1] if self.setpoints else None)
@@ -132,7 +144,7 @@ class FakeAutopilot:
         prearm = dialect.MAV_SYS_STATUS_PREARM_CHECK
         nan = [float("nan")] * 21
         messages = (
-            dialect.MAVLink_heartbeat_message(2, 12, base_mode, self.mode, self.system_status, 3),
+            *((dialect.MAVLink_heartbeat_message(2, 12, base_mode, self.mode, self.system_status, 3),) * self._beats()),
             dialect.MAVLink_extended_sys_state_message(0, 1 if self.landed else 2),
             dialect.MAVLink_sys_status_message(
                 prearm, prearm, prearm if self.armable else 0, 0, 0xFFFF, -1, -1, 0, 0, 0, 0, 0, 0

@@ -87,6 +87,31 @@ def test_a_goal_ends_with_the_reason_and_whatever_it_still_sends_is_dropped() ->
     assert reply.reason == "taken over: the autopilot was switched to POSCTL"
 
 
+def test_an_autopilot_that_beats_once_a_second_is_asked_more_often_while_the_bridge_flies_and_only_then() -> None:
+    rig = Rig()
+    rig.autopilot.beat_s = 1.0
+    rig.ready().run(3.0)
+    assert rig.autopilot.beat_requests == 0
+    rig.fly()
+    before = rig.autopilot.beat_requests
+    rig.run(3.0)
+    assert 15 <= rig.autopilot.beat_requests - before <= 20
+    rig.autopilot.mode = MODES["POSCTL"]
+    rig.run(0.25)
+    assert (rig.status.code, rig.status.in_charge) == (13, "external")
+    before = rig.autopilot.beat_requests
+    rig.run(3.0)
+    assert rig.autopilot.beat_requests == before
+    assert rig.ask(HOVER, Hover()).hover_mode
+
+
+def test_an_autopilot_that_beats_often_is_not_asked() -> None:
+    rig = flying()
+    rig.autopilot.beat_s = 0.1
+    rig.run(2.0)
+    assert rig.autopilot.beat_requests == 0
+
+
 def arming() -> Rig:
     """A rig whose bridge has asked to arm and waits for it."""
     rig = Rig().ready()
