@@ -18,6 +18,7 @@ class Fix:
     position_deg: Vec3
     vel_ned_mps: Vec3
     usable: bool
+    satellites: int = 0
 
 
 def _mean(vectors: Iterable[Vec3], count: int) -> Vec3:

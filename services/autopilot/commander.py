@@ -1,26 +1,11 @@
 """Arming, modes and failsafes: what the autopilot may do, and what it does when something is lost."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import Enum
 
-from jezero.services.autopilot.config import CommanderConfig
-
-
-class Mode(Enum):
-    """PX4's modes as (main mode, sub mode)."""
-
-    POSCTL = (3, 0)
-    LOITER = (4, 3)
-    LAND = (4, 6)
-    OFFBOARD = (6, 0)
-
-    @property
-    def custom_mode(self) -> int:
-        """As HEARTBEAT carries it."""
-        return self.value[0] << 16 | self.value[1] << 24
-
-
-WORDS = {Mode.POSCTL: "position", Mode.LOITER: "hold", Mode.LAND: "land", Mode.OFFBOARD: "offboard"}
+from jezero.services.autopilot.config import CommanderConfig, FailsafeConfig
+from jezero.services.autopilot.failsafes import MODE_OF, Action, Trigger, respond
+from jezero.services.autopilot.modes import DOWN, Mode
 
 
 @dataclass(frozen=True)
@@ -34,6 +19,8 @@ class Condition:
         stream_age_s: of the newest offboard setpoint.
         landed: the land detector's word.
         tilt_rad: of the body against the vertical.
+        link_age_s: of the newest heartbeat of a ground station.
+        battery_remaining: share of the capacity.
     """
 
     t_us: int
@@ -42,6 +29,8 @@ class Condition:
     stream_age_s: float
     landed: bool
     tilt_rad: float
+    link_age_s: float = 0.0
+    battery_remaining: float = 1.0
 
 
 class Commander:
@@ -51,19 +40,26 @@ class Commander:
         armed: motors may turn.
         mode: what flies the vehicle.
         failsafe: the mode was chosen by a failsafe, not by a command.
-        said: sentences since the last `take_said`, each with its MAVLink severity.
     """
 
-    def __init__(self, config: CommanderConfig) -> None:
-        self._config = config
+    def __init__(self, config: CommanderConfig, failsafe: FailsafeConfig) -> None:
+        self.configure(config, failsafe)
         self.armed = False
-        self.mode = Mode.LOITER
+        self.mode = Mode.HOLD
         self.failsafe = False
         self._armed_us = 0
         self._has_flown = False
         self._landed_us: int | None = None
         self._upright_us = 0
+        self._overruled: tuple[Trigger, ...] = ()
+        """Wrong already when somebody last commanded a mode: it is his decision, as long as it stays wrong."""
+        self._warned: tuple[Trigger, ...] = ()
         self._said: list[tuple[int, str]] = []
+
+    def configure(self, config: CommanderConfig, failsafe: FailsafeConfig) -> None:
+        """New settings."""
+        self._config = config
+        self._failsafe = failsafe
 
     def take_said(self) -> list[tuple[int, str]]:
         """(severity, sentence) pairs that nobody has taken yet; 3 is an error, 4 a warning, 6 information."""
@@ -76,9 +72,9 @@ class Commander:
         """Arm, if every check passes."""
         if self.armed:
             return ""
-        reason = now.not_armable
-        if not reason and self.mode is Mode.LAND:
-            reason = "the mode is land, choose another first"
+        reason = self.not_armable(now)
+        if not reason and self.mode in DOWN:
+            reason = f"the mode is {self.mode.value}, choose another first"
         if not reason and self.mode is Mode.OFFBOARD and now.stream_age_s > self._config.offboard_stream_s:
             reason = "offboard mode without setpoints"
         if reason:
@@ -89,7 +85,18 @@ class Commander:
         self._armed_us = self._upright_us = now.t_us
         self._has_flown = False
         self._landed_us = None
+        self._overruled = self._warned = ()
         self._say(6, "Armed by external command")
+        return ""
+
+    def not_armable(self, now: Condition) -> str:
+        """Why the vehicle must not arm, whatever its mode."""
+        if now.not_armable:
+            return now.not_armable
+        if now.battery_remaining < self._failsafe.bat_crit_thr:
+            return f"the battery has {100.0 * now.battery_remaining:.0f} % left"
+        if self._failsafe.nav_dll_act and now.link_age_s > self._failsafe.com_dl_loss_t_s:
+            return "no ground station is heard, and NAV_DLL_ACT wants one"
         return ""
 
     def disarm(self, now: Condition, *, force: bool) -> str:
@@ -105,16 +112,25 @@ class Commander:
     def set_mode(self, mode: Mode, now: Condition) -> str:
         """Switch to another mode."""
         reason = ""
-        if mode is Mode.OFFBOARD and now.stream_age_s > self._config.offboard_stream_s:
+        if mode is Mode.LAND and self.armed and now.position_lost:
+            mode = Mode.DESCEND
+        elif mode is Mode.OFFBOARD and now.stream_age_s > self._config.offboard_stream_s:
             reason = "no offboard setpoints"
         elif now.position_lost:
             reason = now.position_lost
         if reason:
-            self._say(4, f"Switching to {WORDS[mode]} mode denied: {reason}")
+            self._say(4, f"Switching to {mode.value} mode denied: {reason}")
             return reason
         self.failsafe = False
-        self._switch(mode)
+        self._overruled = tuple(self._triggers(now))
+        self.switch(mode)
         return ""
+
+    def switch(self, mode: Mode) -> None:
+        """To the mode that follows of itself, such as hold after takeoff."""
+        if mode is not self.mode:
+            self.mode = mode
+            self._say(6, f"Mode: {mode.value}")
 
     # -- time --
 
@@ -122,17 +138,53 @@ class Commander:
         """Look after failsafes and automatic disarming."""
         if not self.armed:
             return
-        c = self._config
-        if now.tilt_rad <= c.fd_fail_tilt_rad:
+        if now.tilt_rad <= self._failsafe.fd_fail_tilt_rad:
             self._upright_us = now.t_us
-        if _seconds(now.t_us - self._upright_us) >= c.fd_fail_s:
-            self._disarm("Attitude failure: motors off", severity=2)
+        self._answer(tuple(self._triggers(now)), now.landed)
+        if self.armed:
+            self._disarm_by_itself(now)
+
+    def _triggers(self, now: Condition) -> Iterator[Trigger]:
+        """What is wrong now."""
+        c = self._failsafe
+        if now.stream_age_s > c.com_of_loss_t_s:
+            yield Trigger.OFFBOARD_LOST
+        if c.nav_dll_act and now.link_age_s > c.com_dl_loss_t_s:
+            yield Trigger.LINK_LOST
+        if level := self.battery_level(now.battery_remaining):
+            yield _BATTERY[level - 1]
+        if now.position_lost:
+            yield Trigger.POSITION_LOST
+        if self.armed and _seconds(now.t_us - self._upright_us) >= c.fd_fail_s:
+            yield Trigger.TILTED
+
+    def battery_level(self, remaining: float) -> int:
+        """0 when there is enough, then low, critical, emergency."""
+        c = self._failsafe
+        return sum(remaining < threshold for threshold in (c.bat_low_thr, c.bat_crit_thr, c.bat_emergen_thr))
+
+    def _answer(self, triggers: tuple[Trigger, ...], landed: bool) -> None:
+        """Do what the failsafes want."""
+        if self._overruled:
+            self._overruled = tuple(trigger for trigger in self._overruled if trigger in triggers)
+        if self._warned:
+            self._warned = tuple(trigger for trigger in self._warned if trigger in triggers)
+        if not triggers:
             return
-        if self.mode is Mode.OFFBOARD and now.stream_age_s > c.com_of_loss_t_s:
-            self._say(3, "Failsafe: offboard setpoints lost, landing")
+        new = [t for t in triggers if t not in self._overruled or t is Trigger.OFFBOARD_LOST]
+        action, because = respond(new, self.mode, landed, self._failsafe)
+        if because is None:
+            return
+        if action is Action.WARN:
+            if because not in self._warned:
+                self._warned = (*self._warned, because)
+                self._say(4, f"Warning: {because.value}")
+        elif action is Action.DISARM:
+            self._disarm(f"Failsafe: {because.value}, motors off", severity=2)
+        else:
+            self._say(3, f"Failsafe: {because.value}, {_DOING[action]}")
             self.failsafe = True
-            self._switch(Mode.LAND)
-        self._disarm_by_itself(now)
+            self.switch(MODE_OF[action])
 
     def _disarm_by_itself(self, now: Condition) -> None:
         c = self._config
@@ -152,16 +204,20 @@ class Commander:
         self.armed = False
         self._say(severity, text)
         self.failsafe = False
-        if self.mode is Mode.LAND:
-            self._switch(Mode.LOITER)
-
-    def _switch(self, mode: Mode) -> None:
-        if mode is not self.mode:
-            self.mode = mode
-            self._say(6, f"Mode: {WORDS[mode]}")
+        if self.mode in DOWN or self.mode is Mode.TAKEOFF:
+            self.switch(Mode.HOLD)
 
     def _say(self, severity: int, text: str) -> None:
         self._said.append((severity, text))
+
+
+_BATTERY = (Trigger.BATTERY_LOW, Trigger.BATTERY_CRITICAL, Trigger.BATTERY_EMERGENCY)
+_DOING = {
+    Action.HOLD: "holding",
+    Action.RETURN: "returning",
+    Action.LAND: "landing",
+    Action.DESCEND: "descending where it is",
+}
 
 
 def _seconds(us: int) -> float:

@@ -101,7 +101,8 @@ class ControlConfig(Config, frozen=True, kw_only=True):
         mc_rollpitch_p, mc_yaw_p: body rate per attitude error, 1/s.
         rate_p, yawrate_p: angular acceleration per rate error, 1/s; `_i` 1/s².
         mpc_tko_ramp_t_s: at takeoff the thrust limit rises from zero to full in this time.
-        mpc_land_speed_mps: descent of the land mode.
+        mpc_tko_speed_mps: climb of the takeoff mode.
+        mpc_land_speed_mps: descent of the land mode below `mpc_land_alt2_m` above home.
         acc_filter_hz: low pass of the acceleration that the D term sees.
     """
 
@@ -128,7 +129,9 @@ class ControlConfig(Config, frozen=True, kw_only=True):
     yawrate_p: Positive = 6.0
     yawrate_i: NonNegative = 2.0
     mpc_tko_ramp_t_s: Positive = 1.0
+    mpc_tko_speed_mps: Positive = 1.5
     mpc_land_speed_mps: Positive = 0.7
+    mpc_land_alt2_m: NonNegative = 5.0
     acc_filter_hz: Positive = 5.0
 
 
@@ -148,25 +151,84 @@ class LandDetectorConfig(Config, frozen=True, kw_only=True):
 
 
 class CommanderConfig(Config, frozen=True, kw_only=True):
-    """Arming and failsafes.
+    """Arming.
 
     Attributes:
         offboard_stream_s: offboard is entered only with a setpoint younger than this.
-        com_of_loss_t_s: in flight without setpoints for so long: land.
         com_disarm_land_s, com_disarm_prflt_s: automatic disarm after landing, and after arming without taking off.
-        fd_fail_tilt_rad, fd_fail_s: tilted further for so long: motors off.
         sensor_timeout_s: a sensor that was silent for so long forbids arming.
         arm_tilt_rad: the vehicle must stand straighter than this to arm.
     """
 
     offboard_stream_s: Positive = 0.5
-    com_of_loss_t_s: Positive = 1.0
     com_disarm_land_s: Positive = 2.0
     com_disarm_prflt_s: Positive = 10.0
-    fd_fail_tilt_rad: Positive = 1.047
-    fd_fail_s: Positive = 0.5
     sensor_timeout_s: Positive = 1.0
     arm_tilt_rad: Positive = 0.52
+
+
+class FailsafeConfig(Config, frozen=True, kw_only=True):
+    """When something counts as lost, and what is done about it; see `failsafes`.
+
+    Attributes:
+        com_of_loss_t_s: without offboard setpoints.
+        com_obl_rc_act: 0 to 2 a pilot (there is none: land), 3 return, 4 land, 5 hold, 6 and 7 motors off.
+        com_dl_loss_t_s: without the heartbeat of a ground station.
+        nav_dll_act: 0 nothing, 1 hold, 2 return, 3 land, 5 and 6 motors off.
+        com_low_bat_act: 0 warn, 2 land, 3 return at the critical and land at the emergency level.
+        bat_low_thr, bat_crit_thr, bat_emergen_thr: share of the battery that remains.
+        com_pos_fs_eph_m: horizontal standard deviation of the position.
+        ekf2_noaid_tout_s: without a GNSS fix.
+        fd_fail_tilt_rad, fd_fail_s: tilted further for so long.
+    """
+
+    com_of_loss_t_s: Positive = 1.0
+    com_obl_rc_act: Literal[0, 1, 2, 3, 4, 5, 6, 7] = 0
+    com_dl_loss_t_s: Positive = 10.0
+    nav_dll_act: Literal[0, 1, 2, 3, 5, 6] = 0
+    com_low_bat_act: Literal[0, 2, 3] = 0
+    bat_low_thr: Annotated[float, Meta(ge=0.12, le=0.5)] = 0.15
+    bat_crit_thr: Annotated[float, Meta(ge=0.05, le=0.25)] = 0.07
+    bat_emergen_thr: Annotated[float, Meta(ge=0.03, le=0.1)] = 0.05
+    com_pos_fs_eph_m: Positive = 5.0
+    ekf2_noaid_tout_s: Positive = 5.0
+    fd_fail_tilt_rad: Positive = 1.047
+    fd_fail_s: Positive = 0.5
+
+
+class NavigatorConfig(Config, frozen=True, kw_only=True):
+    """Takeoff and return.
+
+    Attributes:
+        mis_takeoff_alt_m: height of a takeoff that names none, and the least of one that does.
+        rtl_return_alt_m: height above home to fly home at, unless the vehicle is higher.
+        rtl_min_dist_m: nearer to home than this it needs no more height than a cone of `rtl_cone_ang_rad` about home.
+    """
+
+    mis_takeoff_alt_m: Positive = 2.5
+    rtl_return_alt_m: NonNegative = 60.0
+    rtl_min_dist_m: Positive = 10.0
+    rtl_cone_ang_rad: Annotated[float, Meta(gt=0.0, lt=1.57)] = 0.7854
+
+
+class BatteryConfig(Config, frozen=True, kw_only=True):
+    """The battery: a voltage that falls with the charge, and an inner resistance.
+
+    Attributes:
+        bat1_v_charged_v, bat1_v_empty_v, bat1_r_internal_ohm: per cell.
+        charge_at_start: share of the capacity.
+        electronics_a: drawn by everything but the rotors.
+        hover_a: drawn by the rotors in hover.
+    """
+
+    bat1_capacity_mah: Positive = 5000.0
+    bat1_n_cells: Annotated[int, Meta(ge=1, le=16)] = 4
+    bat1_v_charged_v: Positive = 4.05
+    bat1_v_empty_v: Positive = 3.6
+    bat1_r_internal_ohm: Annotated[float, Meta(ge=0.0, le=0.2)] = 0.005
+    charge_at_start: Annotated[float, Meta(ge=0.0, le=1.0)] = 1.0
+    electronics_a: NonNegative = 0.5
+    hover_a: Positive = 15.0
 
 
 class AutopilotConfig(Config, frozen=True, kw_only=True):
@@ -182,3 +244,6 @@ class AutopilotConfig(Config, frozen=True, kw_only=True):
     control: ControlConfig = ControlConfig()
     land_detector: LandDetectorConfig = LandDetectorConfig()
     commander: CommanderConfig = CommanderConfig()
+    failsafe: FailsafeConfig = FailsafeConfig()
+    navigator: NavigatorConfig = NavigatorConfig()
+    battery: BatteryConfig = BatteryConfig()

@@ -61,13 +61,17 @@ class VelocityLoop:
     """Position and velocity setpoints to specific force in NED; integrates the wind away."""
 
     def __init__(self, config: ControlConfig, airframe: Airframe) -> None:
-        self._config = config
         self._gravity = airframe.gravity_mps2
         self._force_max = airframe.gravity_mps2 / airframe.mpc_thr_hover
-        self._force_min = config.mpc_thr_min * self._force_max
-        self._tan_tilt = tan(config.mpc_tiltmax_air_rad)
+        self.configure(config)
         self.vel_setpoint_ned_mps: Vec3 = (0.0, 0.0, 0.0)
         self.reset()
+
+    def configure(self, config: ControlConfig) -> None:
+        """New settings."""
+        self._config = config
+        self._force_min = config.mpc_thr_min * self._force_max
+        self._tan_tilt = tan(config.mpc_tiltmax_air_rad)
 
     def reset(self) -> None:
         self._integral = [0.0, 0.0, 0.0]
@@ -128,9 +132,13 @@ class AttitudeLoop:
     """Direction of thrust and heading to torques. Tilt comes first, the heading follows at its own pace."""
 
     def __init__(self, config: ControlConfig, airframe: Airframe) -> None:
-        self._config = config
         self._inertia = airframe.inertia_frd_kgm2
+        self.configure(config)
         self.reset()
+
+    def configure(self, config: ControlConfig) -> None:
+        """New settings."""
+        self._config = config
 
     def reset(self) -> None:
         self._integral = [0.0, 0.0, 0.0]
@@ -184,6 +192,12 @@ class Controller:
         self._mixer = Mixer(airframe)
         self._idle: Commands = (airframe.idle,) * 4
         self.reset(0.0)
+
+    def configure(self, config: ControlConfig) -> None:
+        """New settings, effective at once."""
+        self._config = config
+        self._velocity.configure(config)
+        self._attitude.configure(config)
 
     def reset(self, yaw_rad: float) -> None:
         """Forget everything: on the ground, and when disarmed."""

@@ -32,6 +32,17 @@ class Flight:
         self._armed_s = 0.0
         self._lifting_from_m: float | None = None
 
+    def configure(self, config: AutopilotConfig) -> None:
+        """New settings, effective at once."""
+        self._config = config
+        self._controller.configure(config.control)
+        self.detector.configure(config.land_detector)
+
+    @property
+    def vel_setpoint_ned_mps(self) -> Vec3:
+        """What position and velocity of the setpoint come to."""
+        return self._controller.vel_setpoint_ned_mps
+
     def stopped(self) -> Commands:
         """Disarmed: motors still, everything forgotten."""
         self.detector.reset()
@@ -57,7 +68,7 @@ class Flight:
         return self._controller.inner(dt, estimator.rates_frd_rps, estimator.R_ned_from_frd)
 
     def _outer(self, dt: float, setpoint: Setpoint, *, may_lift: bool) -> None:
-        at = self._kinematics()
+        at = self.kinematics
         detector, controller = self.detector, self._controller
         if not detector.landed:
             controller.outer(dt, at, setpoint, airborne=True, held_down=detector.contact)
@@ -75,7 +86,9 @@ class Flight:
             self._lifting_from_m = None
             detector.lifted_off()
 
-    def _kinematics(self) -> Kinematics:
+    @property
+    def kinematics(self) -> Kinematics:
+        """What the estimate says of position and motion."""
         e = self._estimator
         return Kinematics(e.pos_ned_m, e.vel_ned_mps, e.acc_ned_mps2, e.yaw_rad)
 

@@ -21,8 +21,12 @@ class LandDetector:
     """Attributes: contact: the vehicle shall descend and something holds it; landed: it stands there for good."""
 
     def __init__(self, config: LandDetectorConfig) -> None:
-        self._config = config
+        self.configure(config)
         self.reset()
+
+    def configure(self, config: LandDetectorConfig) -> None:
+        """New settings."""
+        self._config = config
 
     def reset(self) -> None:
         """The vehicle stands on the ground."""

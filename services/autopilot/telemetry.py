@@ -3,70 +3,37 @@
 Streams have PX4's messages, units and frames; rates can be set with SET_MESSAGE_INTERVAL.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from math import nan
-
-from jezero.frames import Quat, Vec3, geodetic_from_ned
 from jezero.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.services.autopilot.streams import MAKERS, Snapshot
 
 STATUSTEXT_CHARACTERS = 50
-PREARM = dialect.MAV_SYS_STATUS_PREARM_CHECK
-SENSORS = (
-    dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO
-    | dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL
-    | dialect.MAV_SYS_STATUS_SENSOR_3D_MAG
-    | dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
-    | dialect.MAV_SYS_STATUS_SENSOR_GPS
-)
-UNKNOWN_VOLTAGE = 0xFFFF
-UNKNOWN_COVARIANCE = [nan] * 21
-UNKNOWN_APPROACH = (nan, nan, nan)
 
 OFFBOARD_INTERVALS_US = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT: 1_000_000,
     dialect.MAVLINK_MSG_ID_ODOMETRY: 20_000,
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 100_000,
+    dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: 100_000,
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 200_000,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: 500_000,
+    dialect.MAVLINK_MSG_ID_BATTERY_STATUS: 2_000_000,
     dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: 1_000_000,
     dialect.MAVLINK_MSG_ID_HOME_POSITION: 1_000_000,
 }
 GCS_INTERVALS_US = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT: 1_000_000,
-    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 500_000,
-    dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1_000_000,
-    dialect.MAVLINK_MSG_ID_SYS_STATUS: 1_000_000,
-    dialect.MAVLINK_MSG_ID_HOME_POSITION: 2_000_000,
+    dialect.MAVLINK_MSG_ID_ATTITUDE: 100_000,
+    dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 100_000,
+    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 200_000,
+    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 200_000,
+    dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: 500_000,
+    dialect.MAVLINK_MSG_ID_VFR_HUD: 250_000,
+    dialect.MAVLINK_MSG_ID_ALTITUDE: 1_000_000,
+    dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 500_000,
+    dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 500_000,
+    dialect.MAVLINK_MSG_ID_SYS_STATUS: 500_000,
+    dialect.MAVLINK_MSG_ID_BATTERY_STATUS: 1_000_000,
+    dialect.MAVLINK_MSG_ID_HOME_POSITION: 1_000_000,
 }
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """All that telemetry tells, at one instant. Position and velocity are local NED; `estimated` says they are valid.
-
-    Attributes:
-        custom_mode: as HEARTBEAT carries it.
-        armable: every arming check passes.
-        var_pos_ned_m2: (3,) variance of the position.
-        home_ned_m: where the vehicle last armed; before that, where its estimator started.
-    """
-
-    t_us: int
-    armed: bool
-    failsafe: bool
-    custom_mode: int
-    landed: bool
-    armable: bool
-    estimated: bool
-    pos_ned_m: Vec3
-    vel_ned_mps: Vec3
-    q_ned_from_frd: Quat
-    rates_frd_rps: Vec3
-    var_pos_ned_m2: Vec3
-    reset_counter: int
-    origin_deg: Vec3 | None
-    home_ned_m: Vec3
 
 
 class TelemetryLink:
@@ -92,13 +59,19 @@ class TelemetryLink:
         return [message for message in self._codec.parse(data) if self._is_for_us(message)]
 
     def _is_for_us(self, message: MavMessage) -> bool:
-        return getattr(message, "target_system", 0) in {0, self._system_id} and getattr(
-            message, "target_component", 0
-        ) in {0, dialect.MAV_COMP_ID_AUTOPILOT1}
+        """Not what claims to come from this autopilot itself."""
+        if (message.get_srcSystem(), message.get_srcComponent()) == (self._system_id, dialect.MAV_COMP_ID_AUTOPILOT1):
+            return False
+        system, component = getattr(message, "target_system", 0), getattr(message, "target_component", 0)
+        return system in {0, self._system_id} and component in {0, dialect.MAV_COMP_ID_AUTOPILOT1}
+
+    def pack(self, *messages: MavMessage) -> bytes:
+        """Bytes of messages, in order."""
+        return b"".join(self._codec.pack(message) for message in messages)
 
     def set_interval(self, message_id: int, interval_us: float) -> bool:
         """Change a stream's rate: 0 is its default, -1 stops it; False when there is no such stream."""
-        if message_id not in _MAKERS:
+        if message_id not in MAKERS:
             return False
         if interval_us < 0.0:
             self._interval_us.pop(message_id, None)
@@ -111,7 +84,7 @@ class TelemetryLink:
 
     def request(self, message_id: int, now: Snapshot) -> bytes | None:
         """One message now, b"" when it can't be told yet, None when there is no such message."""
-        maker = _MAKERS.get(message_id)
+        maker = MAKERS.get(message_id)
         if maker is None:
             return None
         message = maker(now)
@@ -135,19 +108,16 @@ class TelemetryLink:
                 continue
             late_us = now.t_us - self._due_us[message_id]
             self._due_us[message_id] = now.t_us + interval_us - (late_us if late_us < interval_us else 0)
-            message = _MAKERS[message_id](now)
+            message = MAKERS[message_id](now)
             if message is not None:
                 data += self._codec.pack(message)
         self._next_us = min((self._due_us[message_id] for message_id in self._interval_us), default=now.t_us)
         return data
 
-    def acknowledge(self, command: MavMessage, result: int) -> bytes:
-        """COMMAND_ACK to whoever sent it."""
-        return self._codec.pack(
-            dialect.MAVLink_command_ack_message(
-                command.command, result, 0, 0, command.get_srcSystem(), command.get_srcComponent()
-            )
-        )
+    def acknowledge(self, message: MavMessage, command: int, result: int) -> bytes:
+        """COMMAND_ACK of a command to whoever sent the message."""
+        sender = (message.get_srcSystem(), message.get_srcComponent())
+        return self._codec.pack(dialect.MAVLink_command_ack_message(command, result, 0, 0, *sender))
 
     def text(self, severity: int, text: str) -> bytes:
         """STATUSTEXT, in several chunks when it is long."""
@@ -160,93 +130,3 @@ class TelemetryLink:
             self._codec.pack(dialect.MAVLink_statustext_message(severity, chunk, text_id, number))
             for number, chunk in enumerate(chunks)
         )
-
-
-def _heartbeat(now: Snapshot) -> MavMessage:
-    base_mode = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
-    base_mode |= dialect.MAV_MODE_FLAG_SAFETY_ARMED if now.armed else 0
-    state = dialect.MAV_STATE_ACTIVE if now.armed else dialect.MAV_STATE_STANDBY
-    return dialect.MAVLink_heartbeat_message(
-        dialect.MAV_TYPE_QUADROTOR,
-        dialect.MAV_AUTOPILOT_PX4,
-        base_mode,
-        now.custom_mode,
-        dialect.MAV_STATE_CRITICAL if now.failsafe else state,
-        3,
-    )
-
-
-def _odometry(now: Snapshot) -> MavMessage | None:
-    if not now.estimated:
-        return None
-    covariance = list(UNKNOWN_COVARIANCE)
-    covariance[0], covariance[6], covariance[11] = now.var_pos_ned_m2
-    return dialect.MAVLink_odometry_message(
-        now.t_us,
-        dialect.MAV_FRAME_LOCAL_NED,
-        dialect.MAV_FRAME_LOCAL_NED,
-        *now.pos_ned_m,
-        now.q_ned_from_frd,
-        *now.vel_ned_mps,
-        *now.rates_frd_rps,
-        covariance,
-        UNKNOWN_COVARIANCE,
-        now.reset_counter % 256,
-        dialect.MAV_ESTIMATOR_TYPE_AUTOPILOT,
-        100,
-    )
-
-
-def _local_position(now: Snapshot) -> MavMessage | None:
-    if not now.estimated:
-        return None
-    t_ms = (now.t_us // 1000) & 0xFFFFFFFF
-    return dialect.MAVLink_local_position_ned_message(t_ms, *now.pos_ned_m, *now.vel_ned_mps)
-
-
-def _extended_sys_state(now: Snapshot) -> MavMessage:
-    landed = dialect.MAV_LANDED_STATE_ON_GROUND if now.landed else dialect.MAV_LANDED_STATE_IN_AIR
-    return dialect.MAVLink_extended_sys_state_message(dialect.MAV_VTOL_STATE_UNDEFINED, landed)
-
-
-def _sys_status(now: Snapshot) -> MavMessage:
-    """There is no battery to measure: its voltage, current and charge are unknown."""
-    healthy = SENSORS | (PREARM if now.armable else 0)
-    return dialect.MAVLink_sys_status_message(
-        SENSORS | PREARM, SENSORS | PREARM, healthy, 0, UNKNOWN_VOLTAGE, -1, -1, 0, 0, 0, 0, 0, 0
-    )
-
-
-def _global_origin(now: Snapshot) -> MavMessage | None:
-    if now.origin_deg is None:
-        return None
-    latitude_deg, longitude_deg, altitude_m = now.origin_deg
-    return dialect.MAVLink_gps_global_origin_message(
-        round(latitude_deg * 1e7), round(longitude_deg * 1e7), round(altitude_m * 1e3), now.t_us
-    )
-
-
-def _home_position(now: Snapshot) -> MavMessage | None:
-    if now.origin_deg is None:
-        return None
-    latitude_deg, longitude_deg, altitude_m = geodetic_from_ned(now.home_ned_m, now.origin_deg)
-    return dialect.MAVLink_home_position_message(
-        round(latitude_deg * 1e7),
-        round(longitude_deg * 1e7),
-        round(altitude_m * 1e3),
-        *now.home_ned_m,
-        [nan] * 4,
-        *UNKNOWN_APPROACH,
-        now.t_us,
-    )
-
-
-_MAKERS: dict[int, Callable[[Snapshot], MavMessage | None]] = {
-    dialect.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
-    dialect.MAVLINK_MSG_ID_ODOMETRY: _odometry,
-    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position,
-    dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: _extended_sys_state,
-    dialect.MAVLINK_MSG_ID_SYS_STATUS: _sys_status,
-    dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: _global_origin,
-    dialect.MAVLINK_MSG_ID_HOME_POSITION: _home_position,
-}

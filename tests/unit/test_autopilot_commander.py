@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from jezero.services.autopilot.commander import Commander, Condition, Mode
-from jezero.services.autopilot.config import CommanderConfig, LandDetectorConfig
+from jezero.services.autopilot.commander import Commander, Condition
+from jezero.services.autopilot.config import CommanderConfig, FailsafeConfig, LandDetectorConfig
 from jezero.services.autopilot.land_detector import LandDetector
+from jezero.services.autopilot.modes import Mode
 
 READY = Condition(t_us=10_000_000, not_armable="", position_lost="", stream_age_s=0.02, landed=True, tilt_rad=0.0)
 
@@ -16,7 +17,7 @@ def at(t_s: float, **changes: object) -> Condition:
 
 
 def armed(mode: Mode = Mode.OFFBOARD) -> Commander:
-    commander = Commander(CommanderConfig())
+    commander = Commander(CommanderConfig(), FailsafeConfig())
     assert commander.set_mode(mode, READY) == ""
     assert commander.arm(READY) == ""
     commander.take_said()
@@ -28,7 +29,7 @@ def said(commander: Commander) -> str:
 
 
 def test_a_vehicle_that_is_not_ready_is_not_armed_and_says_why() -> None:
-    commander = Commander(CommanderConfig())
+    commander = Commander(CommanderConfig(), FailsafeConfig())
     assert commander.arm(replace(READY, not_armable="no GNSS fix yet")) == "no GNSS fix yet"
     assert not commander.armed
     assert said(commander) == "Arming denied: no GNSS fix yet"
@@ -41,29 +42,29 @@ def test_a_vehicle_that_is_not_ready_is_not_armed_and_says_why() -> None:
         (Mode.OFFBOARD, 0.6, "", "no offboard setpoints"),
         (Mode.OFFBOARD, float("inf"), "", "no offboard setpoints"),
         (Mode.OFFBOARD, 0.1, "no GNSS fix yet", "no GNSS fix yet"),
-        (Mode.LOITER, float("inf"), "", ""),
-        (Mode.LOITER, 0.1, "no GNSS fix yet", "no GNSS fix yet"),
+        (Mode.HOLD, float("inf"), "", ""),
+        (Mode.HOLD, 0.1, "no GNSS fix yet", "no GNSS fix yet"),
         (Mode.LAND, float("inf"), "", ""),
-        (Mode.POSCTL, float("inf"), "", ""),
+        (Mode.POSITION, float("inf"), "", ""),
     ],
 )
 def test_modes_are_entered_only_with_what_they_need(
     mode: Mode, stream_age_s: float, position_lost: str, refusal: str
 ) -> None:
-    commander = Commander(CommanderConfig())
+    commander = Commander(CommanderConfig(), FailsafeConfig())
     now = replace(READY, stream_age_s=stream_age_s, position_lost=position_lost)
     assert commander.set_mode(mode, now) == refusal
-    assert commander.mode is (Mode.LOITER if refusal else mode)
+    assert commander.mode is (Mode.HOLD if refusal else mode)
 
 
 def test_offboard_without_setpoints_is_not_armed() -> None:
-    commander = Commander(CommanderConfig())
+    commander = Commander(CommanderConfig(), FailsafeConfig())
     commander.set_mode(Mode.OFFBOARD, READY)
     assert "without setpoints" in commander.arm(replace(READY, stream_age_s=0.6))
 
 
 def test_land_mode_is_not_armed() -> None:
-    commander = Commander(CommanderConfig())
+    commander = Commander(CommanderConfig(), FailsafeConfig())
     commander.set_mode(Mode.LAND, READY)
     assert "land" in commander.arm(READY)
 
@@ -103,7 +104,7 @@ def test_after_landing_it_disarms_by_itself_in_two_seconds_and_can_be_armed_agai
     assert commander.armed
     commander.tick(at(17.1))
     assert not commander.armed
-    assert commander.mode is Mode.LOITER
+    assert commander.mode is Mode.HOLD
     assert commander.arm(at(18.0)) == ""
 
 
@@ -112,7 +113,7 @@ def test_after_a_landing_on_request_it_can_be_armed_again() -> None:
     commander.tick(at(11.0, landed=False))
     commander.set_mode(Mode.LAND, at(12.0, landed=False))
     commander.disarm(at(15.0), force=False)
-    assert commander.mode is Mode.LOITER
+    assert commander.mode is Mode.HOLD
     assert commander.arm(at(16.0)) == ""
 
 

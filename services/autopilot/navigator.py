@@ -1,0 +1,120 @@
+"""Setpoints of the autopilot's own modes: takeoff, hold, return, land."""
+
+from enum import Enum
+from math import hypot, tan
+
+from jezero.frames import Vec3, add
+from jezero.services.autopilot.config import ControlConfig, NavigatorConfig
+from jezero.services.autopilot.control import Kinematics, Setpoint
+from jezero.services.autopilot.modes import Mode
+
+REACHED_M = 0.3
+
+
+class Leg(Enum):
+    """Of the way home."""
+
+    CLIMB = "climb"
+    FLY = "fly"
+    LAND = "land"
+
+
+class Navigator:
+    """Where to go in the modes that need no one else.
+
+    Attributes:
+        home_ned_m: where the vehicle last armed; before that, where its estimator started.
+    """
+
+    def __init__(self, config: NavigatorConfig, control: ControlConfig) -> None:
+        self.configure(config, control)
+        self.home_ned_m: Vec3 = (0.0, 0.0, 0.0)
+        self._point_ned_m: Vec3 = (0.0, 0.0, 0.0)
+        """To hold, to climb to, to land at, or the present one on the way home."""
+        self._yaw_rad = 0.0
+        self._leg = Leg.CLIMB
+
+    def configure(self, config: NavigatorConfig, control: ControlConfig) -> None:
+        """New settings."""
+        self._config = config
+        self._control = control
+
+    def moved(self, step_ned_m: Vec3) -> None:
+        """The position estimate was reset by a step."""
+        self.home_ned_m = add(self.home_ned_m, step_ned_m)
+        self._point_ned_m = add(self._point_ned_m, step_ned_m)
+
+    def enter(self, mode: Mode, at: Kinematics, stop_ned_m: Vec3) -> None:
+        """A new mode begins.
+
+        Args:
+            stop_ned_m: where the vehicle comes to rest when it brakes now.
+        """
+        self._yaw_rad = at.yaw_rad
+        self._point_ned_m = stop_ned_m
+        if mode is Mode.TAKEOFF:
+            self.climb_to(at, self._config.mis_takeoff_alt_m, landed=False)
+        elif mode is Mode.RETURN:
+            self._leg = Leg.CLIMB
+            self._point_ned_m = (stop_ned_m[0], stop_ned_m[1], self._return_z_ned_m(at.pos_ned_m))
+
+    def climb_to(self, at: Kinematics, height_m: float, *, landed: bool) -> None:
+        """Take off to a height above home, or above the ground it stands on."""
+        ground_z_m = at.pos_ned_m[2] if landed else self.home_ned_m[2]
+        height_m = max(height_m, self._config.mis_takeoff_alt_m)
+        self._point_ned_m = (at.pos_ned_m[0], at.pos_ned_m[1], min(at.pos_ned_m[2], ground_z_m - height_m))
+        self._yaw_rad = at.yaw_rad
+
+    def go_to(self, point_ned_m: Vec3, yaw_rad: float | None) -> None:
+        """Hold at another point; the heading stays when none is given."""
+        self._point_ned_m = point_ned_m
+        self._yaw_rad = self._yaw_rad if yaw_rad is None else yaw_rad
+
+    def finished(self, mode: Mode, at: Kinematics) -> bool:
+        """Whether a takeoff is at its height."""
+        return mode is Mode.TAKEOFF and abs(at.pos_ned_m[2] - self._point_ned_m[2]) < REACHED_M
+
+    def setpoint(self, mode: Mode, at: Kinematics) -> Setpoint:
+        """What to fly now."""
+        if mode is Mode.DESCEND:
+            return Setpoint(vel_ned_mps=(None, None, self._control.mpc_land_speed_mps), yaw_rad=self._yaw_rad)
+        if mode is Mode.LAND:
+            return self._landing(at)
+        if mode is Mode.TAKEOFF:
+            return self._climbing(at)
+        if mode is Mode.RETURN:
+            self._advance(at)
+            if self._leg is Leg.LAND:
+                return self._landing(at)
+        return Setpoint(self._point_ned_m, yaw_rad=self._yaw_rad)
+
+    def _climbing(self, at: Kinematics) -> Setpoint:
+        """The height that is asked for never is so far above that the climb exceeds its speed."""
+        north, east, down = self._point_ned_m
+        lead_m = self._control.mpc_tko_speed_mps / self._control.mpc_z_p
+        return Setpoint((north, east, max(down, at.pos_ned_m[2] - lead_m)), yaw_rad=self._yaw_rad)
+
+    def _landing(self, at: Kinematics) -> Setpoint:
+        c, (north, east, _) = self._control, self._point_ned_m
+        high = self.home_ned_m[2] - at.pos_ned_m[2] > c.mpc_land_alt2_m
+        speed_mps = c.mpc_z_vel_max_dn_mps if high else c.mpc_land_speed_mps
+        return Setpoint((north, east, None), (None, None, speed_mps), yaw_rad=self._yaw_rad)
+
+    def _advance(self, at: Kinematics) -> None:
+        """The next leg of the way home when this one is done."""
+        down = self._point_ned_m[2]
+        dn, de, dd = (a - b for a, b in zip(at.pos_ned_m, self._point_ned_m, strict=True))
+        if self._leg is Leg.CLIMB and dd < REACHED_M:
+            self._leg = Leg.FLY
+            self._point_ned_m = (self.home_ned_m[0], self.home_ned_m[1], down)
+        elif self._leg is Leg.FLY and hypot(dn, de) < REACHED_M and hypot(*at.vel_ned_mps[:2]) < REACHED_M:
+            self._leg = Leg.LAND
+
+    def _return_z_ned_m(self, pos_ned_m: Vec3) -> float:
+        """Height for the way home. Source: PX4's `calculate_return_alt_from_cone_half_angle`."""
+        c, home = self._config, self.home_ned_m
+        away_m = hypot(pos_ned_m[0] - home[0], pos_ned_m[1] - home[1])
+        height_m = c.rtl_return_alt_m
+        if away_m <= c.rtl_min_dist_m:
+            height_m = min(height_m, away_m / tan(c.rtl_cone_ang_rad))
+        return min(pos_ned_m[2], home[2] - height_m)
