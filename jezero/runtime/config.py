@@ -26,11 +26,13 @@ class Instance(Config, frozen=True, kw_only=True):
         vehicle: name within the keys (`JEZERO_VEHICLE`).
         router: Zenoh endpoint of the router (`JEZERO_ROUTER`).
         number: offset of every MAVLink port, so that stacks don't collide (`JEZERO_INSTANCE`).
+        gcs_port: UDP port where ground stations listen, the same for all vehicles (`JEZERO_GCS_PORT`).
     """
 
     vehicle: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "uav1"
     router: Annotated[str, Meta(pattern=r"^(tcp|tls|udp|unixsock-stream)/.+")] = "tcp/127.0.0.1:7447"
     number: Annotated[int, Meta(ge=0, le=249)] = 0
+    gcs_port: Annotated[int, Meta(ge=1, le=65535)] = 14550
 
     @property
     def hil_port(self) -> int:
@@ -49,7 +51,7 @@ class Instance(Config, frozen=True, kw_only=True):
 
     @property
     def autopilot_gcs_port(self) -> int:
-        """UDP: where the autopilot's ground-station link sends from, to 14550."""
+        """UDP: where the autopilot's ground-station link sends from, to `gcs_port`."""
         return 18570 + self.number
 
     @property
@@ -58,18 +60,25 @@ class Instance(Config, frozen=True, kw_only=True):
         return 1 + self.number
 
 
+_VARIABLES = {
+    "vehicle": "JEZERO_VEHICLE",
+    "router": "JEZERO_ROUTER",
+    "number": "JEZERO_INSTANCE",
+    "gcs_port": "JEZERO_GCS_PORT",
+}
+
+
 def instance_from_environment() -> Instance:
-    """Read `JEZERO_VEHICLE`, `JEZERO_ROUTER` and `JEZERO_INSTANCE`.
+    """Read `JEZERO_VEHICLE`, `JEZERO_ROUTER`, `JEZERO_INSTANCE` and `JEZERO_GCS_PORT`.
 
     Raises:
         ConfigError: one of them is malformed.
     """
-    names = {"vehicle": "JEZERO_VEHICLE", "router": "JEZERO_ROUTER", "number": "JEZERO_INSTANCE"}
-    given = {field: os.environ[name] for field, name in names.items() if os.environ.get(name)}
+    given = {field: os.environ[name] for field, name in _VARIABLES.items() if os.environ.get(name)}
     try:
         return msgspec.convert(given, Instance, strict=False)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"JEZERO_VEHICLE, JEZERO_ROUTER or JEZERO_INSTANCE is wrong: {error}") from error
+        raise ConfigError(f"one of {', '.join(_VARIABLES.values())} is wrong: {error}") from error
 
 
 def config_directory() -> Path:

@@ -15,7 +15,6 @@ from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.service import GCS, HIL, OFFBOARD, Autopilot
 
 HOST = "127.0.0.1"
-GCS_PORT = 14550
 
 
 def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
@@ -29,7 +28,7 @@ def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, Socke
     return Autopilot(config, instance.system_id, boot_id), {
         HIL: TcpClient(HOST, instance.hil_port),
         OFFBOARD: Udp((HOST, instance.autopilot_offboard_port), (HOST, instance.bridge_port)),
-        GCS: Udp((HOST, instance.autopilot_gcs_port), (HOST, GCS_PORT)),
+        GCS: Udp((HOST, instance.autopilot_gcs_port), (HOST, instance.gcs_port)),
     }
 
 

@@ -16,6 +16,8 @@ from jezero.deploy.launcher.ports import instance_environment, reserved_instance
 from jezero.runtime.config import Instance
 from jezero.schemas.state import Status
 
+GCS_PORT = 17550
+"""Of instance 0: each stack has a ground station's port of its own."""
 JEZERO = [sys.executable, "-m", "jezero.cli.main"]
 
 
@@ -82,7 +84,12 @@ def start_stack(tmp_path: Path) -> Iterator[Callable[..., Stack]]:
 
         def start(*words: str) -> Stack:
             run_dir = tmp_path / "run"
-            environment = {**os.environ, **instance_environment(instance), "JEZERO_RUN_DIR": str(run_dir)}
+            environment = {
+                **os.environ,
+                **instance_environment(instance),
+                "JEZERO_GCS_PORT": str(GCS_PORT + instance.number),
+                "JEZERO_RUN_DIR": str(run_dir),
+            }
             stack = Stack(instance, run_dir, environment)
             started.append(stack)
             stack.jezero("up", "-d", "--wait", "--timeout", "60", *words)
