@@ -10,13 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from jezero.mavlink import dialect
 from jezero.schemas import topics
 from jezero.schemas.commands import Abort, Acquire, Hover, Kill, Phase, Release
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import ABORT, ACQUIRE, HOVER, KILL, RELEASE
 from jezero.services.vehicle_bridge.transitions import is_allowed
 
-from .bridge_rig import MODES, Rig
+from .bridge_rig import CRITICAL, MODES, Rig
 
 ACTIONS = {"takeoff": Phase.TAKEOFF, "go_to": Phase.GO_TO, "land_on_spot": Phase.LANDING}
 LATER = {"get_images": Phase.GET_IMAGES, "area_coverage": Phase.COVERAGE}
@@ -40,7 +41,7 @@ class Chaos:
     def act(self) -> None:
         actions = (
             self.acquire, self.acquire, self.stream, self.stream, self.stream, self.climb_or_land, self.climb_or_land,
-            self.release, self.release, self.hover, self.abort, self.hush, self.next_phase, self.wait, self.disturb,
+            self.release, self.release, self.hover, self.abort, self.hush, self.next_phase, self.wait, self.disturb, self.meddle,
         )  # fmt: skip
         actions[self.choose(len(actions))]()
         for _ in range((1, 2, 6, 25)[self.choose(4)]):
@@ -128,6 +129,15 @@ class Chaos:
             autopilot.vel[2] = float("nan") if isfinite(autopilot.vel[2]) else 0.0
         else:
             autopilot.refuse_arming = "" if autopilot.refuse_arming else "Arming denied"
+
+    def meddle(self) -> None:
+        """Somebody else streams, or a failsafe says that it acts."""
+        autopilot = self.rig.autopilot
+        if self.choose(2):
+            autopilot.system_status = 4 if autopilot.system_status == CRITICAL else CRITICAL
+        else:
+            fast = dialect.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 7, 0, 0, 0, 9, 9, 9, 0, 0, 0, 0, 0)
+            autopilot.intruder = fast if autopilot.intruder is None else None
 
     def edges(self) -> list[tuple[int, int]]:
         return list(pairwise(self.rig.codes))

@@ -127,6 +127,8 @@ def test_an_order_is_repeated_until_it_is_acknowledged_to_us() -> None:
     assert not link.pursue(Order.ARM, S // 4)
     assert link.pursue(Order.ARM, S // 2)
     heard(link, dialect.MAVLink_command_ack_message(400, 0, 0, 0, 255, 190), at_ns=S // 2)
+    heard(link, dialect.MAVLink_command_ack_message(400, 0, 0, 0, 1, 190), at_ns=S // 2)
+    heard(link, dialect.MAVLink_command_ack_message(400, 0, 0, 0, 0, 0), at_ns=S // 2)
     heard(link, dialect.MAVLink_command_ack_message(176, 0, 0, 0, 1, 191), at_ns=S // 2)
     assert link.accepted is None
     heard(link, dialect.MAVLink_command_ack_message(400, 0, 0, 0, 1, 191), at_ns=S // 2)
