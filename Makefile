@@ -1,13 +1,14 @@
 # make setup   install into .venv
 # make demo    bring everything up, fly, land, plot
 # make test    every check there is
+# make bench   measure speed and cost: one table, and runs/bench.json
 
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: setup demo test
+.PHONY: setup demo test bench
 
 setup: $(INSTALLED)
 
@@ -27,3 +28,6 @@ test: setup
 	$(BIN)/mypy -p jezero
 	$(BIN)/lint-imports
 	$(BIN)/pytest -q -n 2 --dist worksteal
+
+bench: setup
+	$(BIN)/python -m benchmarks.bench

@@ -1,0 +1,159 @@
+"""Every figure of docs/performance.md about speed, in one run: `make bench`.
+
+`python -m benchmarks.bench [--out FILE] [--only PART]...` prints one table and writes JSON. It takes about five minutes
+on an idle machine. Nothing is asserted: the targets stand beside the figures.
+"""
+
+import argparse
+import os
+import platform
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks import hovering, latency, many_vehicles, message_cost, virtual_time
+from benchmarks.stack import percentile, running_stack
+from jezero.deploy.launcher.ports import reserved_instance
+
+STARTS = 5
+GOALS = 40
+MOST_VEHICLES = 6
+Row = tuple[str, str, str, str]
+"""What, figure, how it was taken, target."""
+
+
+def measure_start(folder: Path) -> dict[str, Any]:
+    """Seconds that `jezero up --wait` takes."""
+    taken_s = []
+    for number in range(STARTS):
+        with (
+            reserved_instance(vehicle=f"start{os.getpid()}") as instance,
+            running_stack(instance, folder / f"start{number}") as stack,
+        ):
+            taken_s.append(stack.ready_s)
+    return {"seconds": taken_s, "median_s": percentile(taken_s, 0.5), "most_s": max(taken_s)}
+
+
+def rows_of_start(figures: dict[str, Any]) -> Iterator[Row]:
+    yield "jezero up --wait", f"{figures['median_s']:.1f} s", f"n {STARTS}, most {figures['most_s']:.1f} s", "6 s"
+
+
+def measure_hover(folder: Path) -> dict[str, Any]:
+    """A hovering stack, and what each of its messages costs."""
+    with (
+        reserved_instance(vehicle=f"hover{os.getpid()}") as instance,
+        running_stack(instance, folder / "hover") as stack,
+    ):
+        hover = hovering.measure(stack)
+    costs = message_cost.measure(hover.samples, folder)
+    return {
+        "cpu_cores": hover.cpu,
+        "processes": hover.processes,
+        "messages_per_second": sum(hover.rates_hz.values()),
+        "topics": {
+            name: {"rate_hz": rate_hz, **msgspec.structs.asdict(costs[name])}
+            for name, rate_hz in hover.rates_hz.items()
+        },
+    }
+
+
+def rows_of_hover(figures: dict[str, Any]) -> Iterator[Row]:
+    shares = figures["processes"].values()
+    memory = f"{sum(s.pss_mb for s in shares):.0f} MB, shared pages once"
+    yield "whole stack hovering", f"{100 * figures['cpu_cores']:.0f} % of a core", memory, "100 %"
+    for name, share in sorted(figures["processes"].items(), key=lambda item: -item[1].cpu):
+        yield f"  {name}", f"{100 * share.cpu:.1f} %", f"{share.rss_mb:.0f} MB, {share.pss_mb:.0f} of its own", ""
+    yield "messages while hovering", f"{figures['messages_per_second']:.0f} per second", "all topics", ""
+    for name, topic in figures["topics"].items():
+        cost = f"{topic['writer_us']:.0f} writer + {topic['router_us']:.0f} router + {topic['reader_us']:.0f} reader us"
+        yield f"  {name}", f"{topic['rate_hz']:.0f} per second", f"{topic['size_bytes']} B; {cost}", ""
+
+
+def measure_latency(folder: Path) -> dict[str, Any]:
+    """Delays against bare Zenoh."""
+    found, tick_ms = latency.measure(folder / "latency", GOALS)
+    exchanges = {name: {**msgspec.structs.asdict(d), "ratio": d.ratio} for name, d in found.items()}
+    return {"exchanges": exchanges, "tick_ms": tick_ms}
+
+
+def rows_of_latency(figures: dict[str, Any]) -> Iterator[Row]:
+    for name, d in figures["exchanges"].items():
+        own = f"{d['median_ms']:.2f} ms, p95 {d['p95_ms']:.2f}"
+        plain = f"n {d['n']}; bare {d['bare_median_ms']:.2f} ms, p95 {d['bare_p95_ms']:.2f}, n {d['bare_n']}"
+        yield name, own, f"{plain}: {d['ratio']:.1f}x", "1.5x"
+    yield "tick, in none of these", f"{figures['tick_ms']:.1f} ms", "from one odometry to the next", ""
+
+
+def measure_virtual(_folder: Path) -> dict[str, Any]:
+    """A flight in virtual time."""
+    return msgspec.structs.asdict(virtual_time.measure(seed=0))
+
+
+def rows_of_virtual(figures: dict[str, Any]) -> Iterator[Row]:
+    factor = f"{figures['core_factor']:.1f}x real time"
+    how = f"one flight of {figures['sim_time_s']:.0f} s, per s of processor; {figures['real_time_factor']:.1f}x by wall"
+    yield "virtual time on one core", factor, how, "12x"
+    for name, part in figures["parts"].items():
+        yield f"  {name}", f"{part.us_per_step:.0f} us per 4 ms", f"{part.calls} calls", ""
+
+
+def measure_fleet(folder: Path) -> dict[str, Any]:
+    """Vehicles on one router."""
+    fleets = many_vehicles.measure(folder / "fleet", MOST_VEHICLES)
+    return {"in_real_time": sum(f.in_real_time for f in fleets), "most_tried": len(fleets), "fleets": fleets}
+
+
+def rows_of_fleet(figures: dict[str, Any]) -> Iterator[Row]:
+    yield "vehicles in real time", str(figures["in_real_time"]), f"tried up to {figures['most_tried']}", ""
+    for fleet in figures["fleets"]:
+        rates = ", ".join(f"{rate:.3f}" for rate in fleet.rates) or fleet.text.splitlines()[0]
+        yield f"  {fleet.vehicles} hovering", "real time" if fleet.in_real_time else "too slow", rates, "0.98 each"
+
+
+MEASURE: dict[str, tuple[Callable[[Path], dict[str, Any]], Callable[[dict[str, Any]], Iterator[Row]]]] = {
+    "virtual": (measure_virtual, rows_of_virtual),
+    "start": (measure_start, rows_of_start),
+    "hover": (measure_hover, rows_of_hover),
+    "latency": (measure_latency, rows_of_latency),
+    "fleet": (measure_fleet, rows_of_fleet),
+}
+
+
+def machine() -> dict[str, Any]:
+    """What the figures were taken on; the load is that before the run."""
+    return {"cores": os.cpu_count(), "machine": platform.machine(), "python": platform.python_version(),
+            "load_1_min": os.getloadavg()[0], "taken_unix_s": round(time.time())}  # fmt: skip
+
+
+def main() -> None:
+    """Measure, print, write."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--out", type=Path, default=Path("runs/bench.json"))
+    parser.add_argument("--only", choices=list(MEASURE), action="append", help="leave the other parts out")
+    options = parser.parse_args()
+    report: dict[str, Any] = {"machine": machine()}
+    console = Console(width=max(120, Console().width))
+    table = Table("what", "median", "how", "target", title="jezero: what it costs and how fast it is")
+    with tempfile.TemporaryDirectory(prefix="jezero-bench-") as folder:
+        for part, (measure, rows) in MEASURE.items():
+            if options.only and part not in options.only:
+                continue
+            console.print(f"measuring {part}, load {os.getloadavg()[0]:.1f} ...", style="dim")
+            report[part] = measure(Path(folder))
+            for row in rows(report[part]):
+                table.add_row(*row)
+            table.add_section()
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    options.out.write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=2))
+    console.print(table)
+    console.print(f"load {report['machine']['load_1_min']:.1f} before, {os.getloadavg()[0]:.1f} after; {options.out}")
+
+
+if __name__ == "__main__":
+    main()
