@@ -15,7 +15,7 @@ from jezero.frames import Vec3, distance, norm, subtract
 from jezero.mavlink import MavlinkCodec, dialect
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus
-from jezero.runtime.service import Inbox, Output, Send, Spec
+from jezero.runtime.service import Inbox, Output, Send, Service, Spec
 from jezero.schemas import topics
 from jezero.schemas.state import Truth
 from jezero.services.autopilot.config import AutopilotConfig
@@ -30,8 +30,11 @@ CLIMB_S = 12.0
 HEIGHT_M = 5.0
 TURN_RPS = 0.2
 """The rover's fastest turn."""
+INTERVALS_US = {dialect.MAVLINK_MSG_ID_ODOMETRY: 20_000.0, dialect.MAVLINK_MSG_ID_HEARTBEAT: 100_000.0}
 Target = tuple[Vec3 | None, Vec3 | None]
 """Position and velocity setpoint in NED."""
+Make = Callable[[], tuple[Service, int]]
+"""Makes an autopilot; the other value is its MAVLink system id."""
 
 
 class Sample(msgspec.Struct, frozen=True):
@@ -43,17 +46,24 @@ class Sample(msgspec.Struct, frozen=True):
 
 
 class Pilot:
-    """Streams setpoints at 50 Hz, engages offboard mode, arms, and notes the odometry."""
+    """Streams setpoints at 50 Hz, engages offboard mode, arms, and notes the odometry.
+
+    Args:
+        target: over vehicle time; nothing is streamed while it is neither a position nor a velocity.
+        system_id: of the autopilot.
+    """
 
     spec = Spec(name="pilot", links=("autopilot",), triggers=("autopilot",), rate_hz=50)
 
-    def __init__(self, target: Callable[[float], Target]) -> None:
+    def __init__(self, target: Callable[[float], Target], system_id: int) -> None:
         self._target = target
-        self._codec = MavlinkCodec(SYSTEM_ID, 191)
+        self._system_id = system_id
+        self._codec = MavlinkCodec(system_id, dialect.MAV_COMP_ID_ONBOARD_COMPUTER)
         self._sent_ns = 0
         self._ordered_ns = 0
         self.samples: list[Sample] = []
         self.resets: list[tuple[float, int]] = []
+        self.armed: list[tuple[float, bool]] = []
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         for message in self._codec.parse(inbox.received("autopilot")):
@@ -63,11 +73,16 @@ class Pilot:
                     Sample(t_s, (message.x, message.y, message.z), (message.vx, message.vy, message.vz))
                 )
                 self.resets.append((t_s, message.reset_counter))
-        if t_ns - self._sent_ns >= 20_000_000:
+            elif message.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT and message.get_srcSystem() == self._system_id:
+                self.armed.append((t_ns * 1e-9, bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)))
+        pos_ned_m, vel_ned_mps = self._target(t_ns * 1e-9)
+        if t_ns - self._sent_ns >= 20_000_000 and (pos_ned_m or vel_ned_mps):
             self._sent_ns = t_ns
-            yield Send("autopilot", self._setpoint(*self._target(t_ns * 1e-9)))
+            yield Send("autopilot", self._setpoint(pos_ned_m, vel_ned_mps))
         if READY_S * 1e9 < t_ns < (READY_S + 3.0) * 1e9 and t_ns - self._ordered_ns > 500_000_000:
             self._ordered_ns = t_ns
+            for kind, interval_us in INTERVALS_US.items():
+                yield Send("autopilot", self._command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, kind, interval_us))
             yield Send("autopilot", self._command(dialect.MAV_CMD_DO_SET_MODE, 1.0, 6.0))
             yield Send("autopilot", self._command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, 0.0))
 
@@ -76,29 +91,42 @@ class Pilot:
         none: Vec3 = (0.0, 0.0, 0.0)
         return self._codec.pack(
             dialect.MAVLink_set_position_target_local_ned_message(
-                0, SYSTEM_ID, 1, 1, mask, *(pos or none), *(vel or none), *none, 0.0, 0.0
+                0, self._system_id, 1, 1, mask, *(pos or none), *(vel or none), *none, 0.0, 0.0
             )
         )
 
     def _command(self, command: int, first: float, second: float) -> bytes:
         return self._codec.pack(
-            dialect.MAVLink_command_long_message(SYSTEM_ID, 1, command, 0, first, second, 0, 0, 0, 0, 0)
+            dialect.MAVLink_command_long_message(self._system_id, 1, command, 0, first, second, 0, 0, 0, 0, 0)
         )
 
 
 class Flight(msgspec.Struct, frozen=True):
-    """What one flight gave: the autopilot's odometry, its reset counter over time, and the truth."""
+    """What one flight gave: the autopilot's odometry, reset counter and whether it was armed, and the truth."""
 
     samples: list[Sample]
     resets: list[tuple[float, int]]
+    armed: list[tuple[float, bool]]
     truth: list[Truth]
 
 
-def fly(target: Callable[[float], Target], seed: int, until_s: float, config: SimulatorConfig | None = None) -> Flight:
+def embedded() -> tuple[Service, int]:
+    """The embedded autopilot and its system id."""
+    return Autopilot(load_config(AutopilotConfig, "autopilot"), SYSTEM_ID, 0), SYSTEM_ID
+
+
+def fly(
+    target: Callable[[float], Target],
+    seed: int,
+    until_s: float,
+    config: SimulatorConfig | None = None,
+    autopilot: Make = embedded,
+) -> Flight:
     """Fly a target over vehicle time; the vehicle takes off by itself when the target is above it."""
     config = config or windy()
     bus = MemoryBus(seed)
-    pilot = Pilot(target)
+    service, system_id = autopilot()
+    pilot = Pilot(target, system_id)
     truth: list[Truth] = []
     decoder = msgspec.json.Decoder(Truth)
     bus.observe(lambda _t, topic, data: truth.append(decoder.decode(data)) if topic == topics.TRUTH.name else None)
@@ -106,11 +134,11 @@ def fly(target: Callable[[float], Target], seed: int, until_s: float, config: Si
     bus.wire(("autopilot", "offboard"), ("pilot", "autopilot"), UDP_DELAY)
     simulator = Simulator(config, seed, boot_id(seed, "simulator"))
     bus.add(simulator)
-    bus.add(Autopilot(load_config(AutopilotConfig, "autopilot"), SYSTEM_ID, 0))
+    bus.add(service)
     bus.add(pilot)
     bus.run_until(int(until_s * 1e9))
     simulator.close()
-    return Flight(pilot.samples, pilot.resets, truth)
+    return Flight(pilot.samples, pilot.resets, pilot.armed, truth)
 
 
 def windy(mean_mps: float = WIND_MPS, gust_mps: float = GUST_MPS) -> SimulatorConfig:
@@ -129,14 +157,14 @@ class Hold(msgspec.Struct, frozen=True):
     wander_max_m: float
 
 
-def hold(seed: int, span_s: float = 60.0) -> Hold:
+def hold(seed: int, span_s: float = 60.0, autopilot: Make = embedded) -> Hold:
     """Hover at 5 m for a while.
 
     `wander_max_m` is the largest distance between estimate and truth over the span.
     """
     point: Vec3 = (0.0, 0.0, -HEIGHT_M)
     start_s = READY_S + CLIMB_S
-    flight = fly(lambda t: (point, None), seed, start_s + span_s)
+    flight = fly(lambda t: (point, None), seed, start_s + span_s, autopilot=autopilot)
     samples = [s for s in flight.samples if s.t_s >= start_s]
     errors = sorted(distance(s.pos_ned_m, point) for s in samples)
     vertical = [s.pos_ned_m[2] - point[2] for s in samples]
@@ -151,7 +179,7 @@ class Tracking(msgspec.Struct, frozen=True):
     overshoot: float
 
 
-def track(seed: int) -> Tracking:
+def track(seed: int, autopilot: Make = embedded) -> Tracking:
     """A 2 m/s step north for 6 s, then 2 m/s around a circle for 32 s, once around.
 
     The RMS leaves out the first 1.5 s after the step.
@@ -167,7 +195,7 @@ def track(seed: int) -> Tracking:
         phase = TURN_RPS * max(0.0, t_s - turn_s)
         return None, (2.0 * cos(phase), 2.0 * sin(phase), 0.0)
 
-    flight = fly(target, seed, turn_s + 32.0)
+    flight = fly(target, seed, turn_s + 32.0, autopilot=autopilot)
     step = [s for s in flight.samples if start_s <= s.t_s < turn_s]
     rise_s = next(s.t_s for s in step if s.vel_ned_mps[0] >= 1.8) - start_s
     steady = [s for s in flight.samples if s.t_s >= start_s + 1.5]
