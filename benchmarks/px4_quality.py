@@ -1,8 +1,8 @@
 """PX4 and the embedded autopilot side by side, in the same world, wind and sensor errors, with the same setpoints.
 
 `JEZERO_PX4_DIR=<folder> python -m benchmarks.px4_quality [--seeds N]`: 3 m/s mean wind, gusts of 0.6 m/s. PX4 flies as
-a process of its own, in lockstep with the simulated world and faster than real time, with the parameters that the bridge
-gives it; nothing but the autopilot is exchanged.
+a process of its own, in lockstep with the simulated world and faster than real time, with the parameters that the
+bridge gives it; nothing but the autopilot is exchanged.
 """
 
 import argparse
