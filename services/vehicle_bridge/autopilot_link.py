@@ -88,13 +88,14 @@ class Received:
 
     Attributes:
         steps_ned_m: position steps of the autopilot's resets.
-        followed: the newest position and velocity that it follows, NaN where it controls none.
+        followed: the newest it told of what it follows: vehicle time in ns, position and velocity, NaN where it
+            controls none.
         restarted: its time went back.
     """
 
     odometry: list[Odometry] = field(default_factory=list)
     steps_ned_m: list[Vec3] = field(default_factory=list)
-    followed: tuple[Vec3, Vec3] | None = None
+    followed: tuple[int, Vec3, Vec3] | None = None
     restarted: bool = False
 
 
@@ -368,11 +369,11 @@ def _text(field: str | bytes) -> str:
     return (field if isinstance(field, str) else field.decode("utf-8", "replace")).rstrip("\0")
 
 
-def _followed(message: MavMessage) -> tuple[Vec3, Vec3]:
-    """Position and velocity of a POSITION_TARGET_LOCAL_NED, with NaN for what is masked."""
+def _followed(message: MavMessage) -> tuple[int, Vec3, Vec3]:
+    """Vehicle time, position and velocity of a POSITION_TARGET_LOCAL_NED, with NaN for what is masked."""
     fields = ("x", "y", "z", "vx", "vy", "vz")
     x, y, z, vx, vy, vz = (nan if message.type_mask >> i & 1 else getattr(message, f) for i, f in enumerate(fields))
-    return (x, y, z), (vx, vy, vz)
+    return message.time_boot_ms * 1_000_000, (x, y, z), (vx, vy, vz)
 
 
 def _std(pose_covariance: list[float]) -> float | None:

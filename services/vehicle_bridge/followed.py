@@ -11,8 +11,10 @@ from math import dist, isnan
 from jezero.frames import Vec3
 from jezero.services.vehicle_bridge.vehicle import Target
 
-SENT_WITHIN_NS = 500_000_000
+SENT_WITHIN_NS = 1_000_000_000
 """What was sent this long before may still be followed: latency, and positions moved by a reset."""
+MAX_AGE_NS = 300_000_000
+"""What was told longer ago than this is no news; it may have been late on a link that was down."""
 WITHIN_NS = 2_000_000_000
 STRANGERS = 4
 SPAN_NS = 500_000_000
@@ -39,9 +41,9 @@ class Followed:
         while self._sent[0][0] < timer_ns - SENT_WITHIN_NS:
             self._sent.popleft()
 
-    def tell(self, pos_ned_m: Vec3, vel_ned_mps: Vec3, timer_ns: int) -> None:
-        """The autopilot tells what it follows; NaN is what it doesn't control."""
-        if not self._sent or all(map(isnan, pos_ned_m + vel_ned_mps)):
+    def tell(self, pos_ned_m: Vec3, vel_ned_mps: Vec3, age_ns: int, timer_ns: int) -> None:
+        """The autopilot tells what it followed `age_ns` ago; NaN is what it doesn't control."""
+        if not self._sent or age_ns > MAX_AGE_NS or all(map(isnan, pos_ned_m + vel_ned_mps)):
             return
         if not any(_explains(target, pos_ned_m, vel_ned_mps) for _, target in self._sent):
             self._strangers.append(timer_ns)

@@ -141,7 +141,8 @@ class VehicleBridge:
             why = "the vehicle was respawned" if respawned else "the autopilot restarted"
             self._authority.restart(why, self._situation(t_ns, inbox))
         if received.followed is not None:
-            self._followed.tell(*received.followed, self._timer_ns)
+            told_ns, pos_ned_m, vel_ned_mps = received.followed
+            self._followed.tell(pos_ned_m, vel_ned_mps, t_ns - told_ns, self._timer_ns)
         for step_ned_m in received.steps_ned_m:
             self._authority.moved(step_ned_m)
             self._ground_z_ned_m += step_ned_m[2]

@@ -256,7 +256,9 @@ def test_a_mode_that_others_may_be_about_to_arm_in_is_theirs(mode: str, armable:
 # -- whose setpoints are followed --------------------------------------------------------------------------
 
 
-def watched(told: Callable[[int], tuple[Target, tuple[tuple[float, float, float], tuple[float, float, float]]]]) -> int:
+def watched(
+    told: Callable[[int], tuple[Target, tuple[tuple[float, float, float], tuple[float, float, float]]]], age_ns: int = 0
+) -> int:
     """How many milliseconds pass until a foreign stream is noticed; -1 when it isn't within 5 s.
 
     `told(ms)` is what is sent then, each 20 ms, and what the autopilot tells that it follows, each 30 ms.
@@ -267,7 +269,7 @@ def watched(told: Callable[[int], tuple[Target, tuple[tuple[float, float, float]
         if ms % 20 == 0:
             followed.send(target, ms * MS)
         if ms % 30 == 0:
-            followed.tell(*follows, ms * MS)
+            followed.tell(*follows, age_ns, ms * MS)
         if followed.by_others(ms * MS):
             return ms
     return -1
@@ -282,7 +284,7 @@ def test_a_moving_target_is_recognised_late() -> None:
     def at(ms: int) -> tuple[float, float, float]:
         return (ms * 0.01, 0.0, -3.0)
 
-    assert watched(lambda ms: (Target(at(ms), None, None, 0.0), (at(max(0, ms - 300) // 20 * 20), NONE))) == -1
+    assert watched(lambda ms: (Target(at(ms), None, None, 0.0), (at(max(0, ms - 900) // 20 * 20), NONE))) == -1
 
 
 @pytest.mark.parametrize(
@@ -326,6 +328,11 @@ def test_a_stream_of_twenty_hertz_between_ours_is_noticed_too() -> None:
     ours, theirs = ((1.0, 2.0, -3.0), NONE), (NONE, (1.0, 0.0, 0.0))
     assert 500 <= watched(lambda ms: (HERE, theirs if ms % 50 == 10 or ms % 50 == 30 else ours)) < 2_000
     assert 500 <= watched(lambda ms: (HERE, theirs if ms % 50 == 10 else ours)) < 3_000
+
+
+def test_what_was_told_long_ago_is_no_news() -> None:
+    assert watched(lambda ms: (HERE, ((1.0, 2.5, -3.0), NONE)), age_ns=299 * MS) > 0
+    assert watched(lambda ms: (HERE, ((1.0, 2.5, -3.0), NONE)), age_ns=301 * MS) == -1
 
 
 @pytest.mark.parametrize("ms_long", [100, 400])

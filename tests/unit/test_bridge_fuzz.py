@@ -41,7 +41,8 @@ class Chaos:
     def act(self) -> None:
         actions = (
             self.acquire, self.acquire, self.stream, self.stream, self.stream, self.climb_or_land, self.climb_or_land,
-            self.release, self.release, self.hover, self.abort, self.hush, self.next_phase, self.wait, self.disturb, self.meddle,
+            self.release, self.release, self.hover, self.abort, self.hush, self.next_phase, self.wait, self.disturb,
+            self.meddle,
         )  # fmt: skip
         actions[self.choose(len(actions))]()
         for _ in range((1, 2, 6, 25)[self.choose(4)]):
