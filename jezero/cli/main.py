@@ -38,6 +38,9 @@ SECTIONS: dict[str, dict[str, Entry]] = {
         "fly": Entry("jezero.cli.fly", "fly", "Fly the demonstration (--fast: in virtual time)."),
         "demo": Entry("jezero.cli.fly", "demo", "Bring a stack up, fly the demonstration, bring it down."),
     },
+    "Tests": {
+        "campaign": Entry("jezero.cli.campaign", "campaign", "Fly missions under seeded faults in virtual time."),
+    },
 }
 COMMANDS = {name: entry for section in SECTIONS.values() for name, entry in section.items()}
 

@@ -124,6 +124,10 @@ class MemoryBus:
         port.frozen_until_ns = self.t_ns + int(seconds * NS_PER_S)
         self.at(port.frozen_until_ns, "", port.wake)
 
+    def has(self, name: str) -> bool:
+        """Whether a service of this name is there, be it frozen."""
+        return name in self._ports
+
     def runs(self, name: str) -> bool:
         """Whether a service of this name is there and not frozen."""
         port = self._ports.get(name)

@@ -1,0 +1,245 @@
+"""The bridge under observation: one owner, nothing stale or foreign to the autopilot, no jump of a hover point."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import dist, isfinite
+
+from jezero.deploy.campaign.judge import ALLOWED, NS_PER_S, Judge
+from jezero.frames import Vec3, add, subtract
+from jezero.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.runtime.service import Inbox, Output, Publish, Reply, Send, Service
+from jezero.schemas import topics
+from jezero.schemas.commands import AcquireReply, Setpoint
+from jezero.schemas.state import Odometry, Status
+from jezero.schemas.state import StatusCode as Code
+
+AGE_MAX_S = 0.3
+LEAD_MAX_S = 0.05
+SAME_M = 0.02
+STREAM_GAP_MAX_S = 0.2
+SILENT_OWNER_MAX_S = 0.6
+TAKING_BACK_S = 6.0
+HOVER_ENTRY_M = 3.0
+POS_IGNORED, VEL_IGNORED, ACC_IGNORED = 7, 56, 448
+FLYING = tuple(code for code in Code if code not in (Code.IDLE, Code.EXTERNAL))
+
+
+@dataclass
+class Sent:
+    """What a SET_POSITION_TARGET_LOCAL_NED asks for; None where it leaves something open."""
+
+    pos_ned_m: Vec3 | None
+    vel_ned_mps: Vec3 | None
+    finite: bool
+
+
+class WatchedBridge:
+    """A vehicle bridge and what it makes of what it is given.
+
+    Args:
+        grants: by goal id, every control id that any run of the bridge has given to it.
+    """
+
+    def __init__(self, bridge: Service, judge: Judge, grants: dict[str, set[str]]) -> None:
+        self.spec = bridge.spec
+        self._bridge = bridge
+        self._judge = judge
+        self._grants = grants
+        self._codec = MavlinkCodec(1, 200)
+        self._status: Status | None = None
+        self._before: Status | None = None
+        """Of the last step."""
+        self._offsets: dict[int, Vec3] = {0: (0.0, 0.0, 0.0)}
+        self._offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
+        self._odometry: Odometry | None = None
+        self._target: Sent | None = None
+        self._target_offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
+        self._streamed_ns: int | None = None
+        self._owner = ("", 0)
+        """Control id of the last grant or accepted setpoint, and when it came."""
+        self._taking_back_ns: int | None = None
+        self._stepped_ns = 0
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        """One step of the bridge, judged by what went in and what came out."""
+        sent: list[MavMessage] = []
+        self._before = self._status
+        if any(request.payload.hover_req for request in inbox.requests(topics.HOVER)):
+            self._taking_back_ns = t_ns
+        for output in self._bridge.step(t_ns, inbox):
+            match output:
+                case Publish(topic=topics.ODOMETRY):
+                    assert isinstance(output.message, Odometry)
+                    self._on_odometry(output.message)
+                case Publish(topic=topics.STATUS):
+                    assert isinstance(output.message, Status)
+                    self._on_status(t_ns, output.message)
+                case Reply(payload=AcquireReply(granted=True) as reply):
+                    self._on_grant(t_ns, reply, inbox)
+                case Send():
+                    sent += self._codec.parse(output.data)
+                case _:
+                    pass
+            yield output
+        if self._status is not None:
+            self._judge_step(t_ns, inbox, self._status, sent)
+        self._stepped_ns = t_ns
+
+    # -- the bus -------------------------------------------------------------------------------------------
+
+    def _on_odometry(self, odometry: Odometry) -> None:
+        last = self._odometry
+        if last is not None and (odometry.epoch_id != last.epoch_id or odometry.reset_counter < last.reset_counter):
+            self._offsets = {}
+            self._target = None
+        self._odometry = odometry
+        self._offset_ned_m = odometry.reset_offset_ned_m
+        self._offsets[odometry.reset_counter] = odometry.reset_offset_ned_m
+
+    def _on_status(self, t_ns: int, status: Status) -> None:
+        before, self._status = self._status, status
+        code = Code(status.code)
+        if before is None:
+            self._judge.states[code.name] += 1
+            starts = code in (Code.IDLE, Code.EXTERNAL)
+            self._judge.check(starts, t_ns, "only transitions of the table", f"a bridge starts in {code.name}")
+        elif before.code != code:
+            self._judge.states[code.name] += 1
+            text = f"{before.name} to {code.name}: {status.text}"
+            allowed = (Code(before.code), code) in ALLOWED
+            self._judge.check(allowed, t_ns, "only transitions of the table", text)
+
+    def _on_grant(self, t_ns: int, reply: AcquireReply, inbox: Inbox) -> None:
+        """Control goes to one goal at a time, and to each goal once."""
+        requests = inbox.requests(topics.ACQUIRE)
+        before = self._before
+        held = "" if before is None else before.control_id
+        ended = any(inbox.requests(e) for e in (topics.RELEASE, topics.HOVER, topics.ABORT, topics.KILL))
+        once = held in ("", reply.control_id) or ended
+        text = f"{reply.control_id} is granted while {held} is in charge"
+        self._judge.check(once, t_ns, "one owner at most", text)
+        self._owner = (reply.control_id, t_ns) if self._owner[0] != reply.control_id else self._owner
+        if len(requests) == 1:
+            goal_id = requests[0].payload.goal_id
+            ids = self._grants.setdefault(goal_id, set())
+            ids.add(reply.control_id)
+            text = f"goal {goal_id} was given control {len(ids)} times"
+            self._judge.check(len(ids) == 1, t_ns, "a goal sent twice runs once", text)
+
+    # -- MAVLink -------------------------------------------------------------------------------------------
+
+    def _judge_step(self, t_ns: int, inbox: Inbox, now: Status, sent: list[MavMessage]) -> None:
+        allowed = [setpoint for setpoint in inbox.new(topics.SETPOINT) if self._is_due(t_ns, setpoint, now)]
+        if allowed:
+            self._owner = (now.control_id, t_ns)
+        self._judge_owner(t_ns, inbox, now)
+        silent = now.code == Code.EXTERNAL and self._before is not None and self._before.code == Code.EXTERNAL
+        if silent and not self._is_taking_back(t_ns):
+            self._judge_silence(t_ns, now, sent)
+        for message in sent:
+            if message.get_msgId() == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
+                self._on_target(t_ns, inbox, now, _read(message), allowed)
+        self._judge_stream(t_ns, now)
+
+    def _is_due(self, t_ns: int, setpoint: Setpoint, now: Status) -> bool:
+        """Whether the bridge may fly this setpoint, by its owner and age."""
+        owner = now.control_id or ("" if self._before is None else self._before.control_id)
+        age_s = (t_ns - setpoint.t_ns) / NS_PER_S
+        return bool(owner) and setpoint.control_id == owner and -LEAD_MAX_S <= age_s <= AGE_MAX_S
+
+    def _judge_owner(self, t_ns: int, inbox: Inbox, now: Status) -> None:
+        if not now.control_id:
+            return
+        owner, since_ns = self._owner
+        silent_s = (t_ns - since_ns) / NS_PER_S
+        good = now.control_id == owner and silent_s <= SILENT_OWNER_MAX_S
+        text = f"{now.control_id} is in charge, its last setpoint came {silent_s:.2f} s ago"
+        self._judge.check(good, t_ns, "a silent goal loses control", text)
+        released = any(request.payload.control_id == owner for request in inbox.requests(topics.RELEASE))
+        text = f"{owner} gave control back and is still in charge"
+        self._judge.check(not released, t_ns, "who gives control back has none", text)
+
+    def _is_taking_back(self, t_ns: int) -> bool:
+        since_ns = self._taking_back_ns
+        return since_ns is not None and t_ns - since_ns <= TAKING_BACK_S * NS_PER_S
+
+    def _judge_silence(self, t_ns: int, now: Status, sent: list[MavMessage]) -> None:
+        """In status 13 the bridge asks for telemetry at most, unless hover was asked for."""
+        orders = (dialect.MAV_CMD_DO_SET_MODE, dialect.MAV_CMD_COMPONENT_ARM_DISARM)
+        for message in sent:
+            kind = message.get_msgId()
+            streams = kind == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+            commands = kind == dialect.MAVLINK_MSG_ID_COMMAND_LONG and message.command in orders
+            forces = commands and message.param1 == 0.0 and "motors cut" in now.text
+            text = f"{message.get_type()} in status 13 ({now.text})"
+            self._judge.check(forces or not (streams or commands), t_ns, "silence after a failsafe or takeover", text)
+
+    def _on_target(self, t_ns: int, inbox: Inbox, now: Status, sent: Sent, allowed: list[Setpoint]) -> None:
+        self._judge.check(sent.finite, t_ns, "only finite setpoints", f"{sent} was sent to the autopilot")
+        gap_s = 0.0 if self._streamed_ns is None else (t_ns - self._streamed_ns) / NS_PER_S
+        self._streamed_ns = t_ns
+        moved_ned_m = subtract(self._offset_ned_m, self._target_offset_ned_m)
+        before, self._target, self._target_offset_ned_m = self._target, sent, self._offset_ned_m
+        if before is not None and gap_s < 1.0 and _is_same(before, sent, moved_ned_m):
+            return
+        if now.control_id:
+            explained = any(self._explains(setpoint, sent) for setpoint in allowed)
+            text = f"{sent.pos_ned_m}, {sent.vel_ned_mps} is no setpoint that {now.control_id} sent lately"
+            self._judge.check(explained, t_ns, "only the owner's fresh setpoints", text)
+        elif now.code == Code.HOVER and sent.pos_ned_m is not None:
+            self._judge_hover_point(t_ns, inbox, sent.pos_ned_m, before)
+
+    def _judge_hover_point(self, t_ns: int, inbox: Inbox, pos_ned_m: Vec3, before: Sent | None) -> None:
+        """It begins near the vehicle, and moves on request only."""
+        if inbox.requests(topics.HOVER):
+            return
+        if self._before is not None and self._before.code == Code.HOVER and not self._before.control_id:
+            text = f"from {before and before.pos_ned_m} to {pos_ned_m} without a request"
+            self._judge.check(False, t_ns, "no jump of a hover point", text)
+        elif self._odometry is not None:
+            distance_m = dist(pos_ned_m, self._odometry.pos_uav_ned_m)
+            text = f"the hover begins {distance_m:.1f} m from the vehicle"
+            self._judge.check(distance_m <= HOVER_ENTRY_M, t_ns, "no jump of a hover point", text)
+
+    def _explains(self, setpoint: Setpoint, sent: Sent) -> bool:
+        offset_ned_m = self._offsets.get(setpoint.reset_counter)
+        if (setpoint.pos_ned_m is None) != (sent.pos_ned_m is None):
+            return False
+        if setpoint.pos_ned_m is None or sent.pos_ned_m is None:
+            return (setpoint.vel_ned_mps is None) == (sent.vel_ned_mps is None) and (
+                setpoint.vel_ned_mps is None or dist(setpoint.vel_ned_mps, sent.vel_ned_mps or ()) <= SAME_M
+            )
+        if offset_ned_m is None:
+            return False
+        expected = add(setpoint.pos_ned_m, subtract(self._offset_ned_m, offset_ned_m))
+        return dist(expected, sent.pos_ned_m) <= SAME_M
+
+    def _judge_stream(self, t_ns: int, now: Status) -> None:
+        """While the bridge flies the vehicle it streams, unless it stood still itself."""
+        flies = now.code in FLYING and now.armed and not now.landed
+        if not flies or self._before is None or self._before.code not in FLYING or t_ns - self._stepped_ns > 5e7:
+            self._streamed_ns = t_ns if flies else None
+            return
+        gap_s = 0.0 if self._streamed_ns is None else (t_ns - self._streamed_ns) / NS_PER_S
+        text = f"no setpoint for {gap_s:.2f} s in status {now.name}"
+        self._judge.check(gap_s <= STREAM_GAP_MAX_S, t_ns, "never without a commander", text)
+
+
+def _read(message: MavMessage) -> Sent:
+    mask = message.type_mask
+    pos = None if mask & POS_IGNORED else (message.x, message.y, message.z)
+    vel = None if mask & VEL_IGNORED else (message.vx, message.vy, message.vz)
+    acc = (0.0, 0.0, 0.0) if mask & ACC_IGNORED else (message.afx, message.afy, message.afz)
+    numbers = (*(pos or ()), *(vel or ()), *acc, message.yaw)
+    return Sent(pos, vel, all(isfinite(number) for number in numbers))
+
+
+def _is_same(before: Sent, now: Sent, moved_ned_m: Vec3) -> bool:
+    if (before.pos_ned_m is None) != (now.pos_ned_m is None) or (before.vel_ned_mps is None) != (
+        now.vel_ned_mps is None
+    ):
+        return False
+    same_pos = (
+        now.pos_ned_m is None or dist(add(before.pos_ned_m or now.pos_ned_m, moved_ned_m), now.pos_ned_m) < SAME_M
+    )
+    return same_pos and (now.vel_ned_mps is None or dist(before.vel_ned_mps or (), now.vel_ned_mps) < SAME_M)

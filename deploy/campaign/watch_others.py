@@ -1,0 +1,153 @@
+"""The autopilot, the action servers and the truth under observation."""
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from math import cos, degrees, radians
+from typing import Any
+
+import msgspec
+
+from jezero.deploy.campaign.judge import NS_PER_S, Judge
+from jezero.frames import norm, tilt_from_quat
+from jezero.mavlink import MavlinkCodec, dialect
+from jezero.runtime.service import Inbox, Output, Reply, Send, Service
+from jezero.schemas import topics
+from jezero.schemas.actions import Accepted, Rejected, Result
+from jezero.schemas.state import Truth
+
+OFFBOARD_LOSS_S = 1.3
+"""COM_OF_LOSS_T and some time to notice."""
+STALE_S = 0.3 + 0.21
+"""Of a setpoint when the autopilot gets it: sent fresh, and delayed by the link at most by what a fault delays it."""
+OFFBOARD_MODE = 6 << 16
+ARMED_BIT = dialect.MAV_MODE_FLAG_SAFETY_ARMED
+UPSIDE_DOWN_COS = cos(radians(90.0))
+HEADER = 10
+
+
+class WatchedAutopilot:
+    """An autopilot: in offboard mode it is being told what to do, or it does something by itself."""
+
+    def __init__(self, autopilot: Service, judge: Judge) -> None:
+        self.spec = autopilot.spec
+        self._autopilot = autopilot
+        self._judge = judge
+        self._codec = MavlinkCodec(1, 201)
+        self._commanded_ns: int | None = None
+        self._offboard = False
+        self._stepped_ns = 0
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        for message in self._codec.parse(inbox.received("offboard")):
+            if message.get_msgId() == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
+                self._commanded_ns = t_ns
+                age_s = t_ns / NS_PER_S - message.time_boot_ms / 1000.0
+                text = f"it gets a setpoint that is {age_s:.2f} s old"
+                self._judge.check(age_s <= STALE_S, t_ns, "no stale setpoint", text)
+        for output in self._autopilot.step(t_ns, inbox):
+            if isinstance(output, Send) and output.link == "offboard":
+                self._read(output.data)
+            yield output
+        if self._offboard and t_ns - self._stepped_ns < 1e8:
+            silent_s = (t_ns - (self._commanded_ns or 0)) / NS_PER_S
+            text = f"armed in offboard mode, and no setpoint for {silent_s:.2f} s"
+            self._judge.check(silent_s <= OFFBOARD_LOSS_S, t_ns, "never without a commander", text)
+        self._stepped_ns = t_ns
+
+    def _read(self, data: bytes) -> None:
+        """The newest heartbeat tells the mode. These bytes are the autopilot's own: they are well-formed."""
+        at = 0
+        while at + HEADER <= len(data) and data[at] == 0xFD:
+            length = data[at + 1]
+            if data[at + 7 : at + 10] == b"\0\0\0":
+                payload = data[at + HEADER : at + HEADER + length].ljust(9, b"\0")
+                custom_mode, _, _, base_mode = struct.unpack_from("<IBBB", payload)
+                self._offboard = custom_mode == OFFBOARD_MODE and bool(base_mode & ARMED_BIT)
+            at += HEADER + length + 2 + (13 if data[at + 2] & 1 else 0)
+
+
+@dataclass
+class GoalRecord:
+    """One accepted goal as its server told it.
+
+    Attributes:
+        run: which run of the server.
+        outcomes: by (t_ns, outcome), how it ended; more than one is a violation.
+    """
+
+    goal_id: str
+    action: str
+    run: int
+    accepted_ns: int
+    outcomes: list[tuple[int, str]] = field(default_factory=list)
+
+
+class WatchedServer:
+    """An action server: every accepted goal ends once, every question gets one final answer."""
+
+    def __init__(self, server: Service, run: int, judge: Judge, goals: list[GoalRecord]) -> None:
+        self.spec = server.spec
+        self._server = server
+        self._run = run
+        self._judge = judge
+        self._all = goals
+        self._goals: dict[str, GoalRecord] = {}
+        self._open: dict[int, str] = {}
+        """By request id: the state of each question for this action."""
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        endpoint = topics.ACTIONS[self.spec.name].endpoint
+        for request in inbox.requests(endpoint):
+            self._open[request.request_id] = "asked"
+        for output in self._server.step(t_ns, inbox):
+            if isinstance(output, Reply) and output.request_id in self._open:
+                self._on_reply(t_ns, output)
+            yield output
+
+    def _on_reply(self, t_ns: int, reply: Reply) -> None:
+        state = self._open[reply.request_id]
+        payload: Any = reply.payload
+        goal_id = getattr(payload, "goal_id", "")
+        rule = "every goal ends exactly once"
+        text = f"{type(payload).__name__} for {goal_id} after its query was {state}"
+        if isinstance(payload, Accepted):
+            self._judge.check(state == "asked", t_ns, rule, text)
+            if goal_id not in self._goals:
+                self._goals[goal_id] = GoalRecord(goal_id, self.spec.name, self._run, t_ns)
+                self._all.append(self._goals[goal_id])
+        elif isinstance(payload, Result):
+            self._judge.check(state == "accepted", t_ns, rule, text)
+            outcomes = self._goals[goal_id].outcomes
+            if (payload.t_ns, payload.outcome) not in outcomes:
+                outcomes.append((payload.t_ns, payload.outcome))
+            self._judge.check(len(outcomes) == 1, t_ns, rule, f"{goal_id} ended {len(outcomes)} times")
+        else:
+            expected = "asked" if isinstance(payload, Rejected) else "accepted"
+            self._judge.check(state == expected, t_ns, rule, text)
+        self._open[reply.request_id] = "answered" if reply.final else "accepted"
+
+
+class TruthWatch:
+    """The vehicle as it really is.
+
+    Attributes:
+        truth: the newest.
+    """
+
+    def __init__(self, judge: Judge) -> None:
+        self.truth: Truth | None = None
+        self._judge = judge
+        self._decoder = msgspec.json.Decoder(Truth)
+
+    def __call__(self, t_ns: int, topic: str, data: bytes) -> None:
+        if topic != topics.TRUTH.name:
+            return
+        self.truth = truth = self._decoder.decode(data)
+        tilt_rad = tilt_from_quat(truth.q_ned_from_frd)
+        upright = cos(tilt_rad) > UPSIDE_DOWN_COS
+        self._judge.check(upright, t_ns, "never upside down", f"tilted by {degrees(tilt_rad):.0f} degrees")
+
+    @property
+    def speed_mps(self) -> float:
+        return 0.0 if self.truth is None else norm(self.truth.vel_uav_ned_mps)
