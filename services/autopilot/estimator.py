@@ -101,6 +101,10 @@ class Estimator:
         self._vel_differs = Disagreement(config.gps_reset_s)
         self._height_differs = Disagreement(config.gps_reset_s)
 
+    def configure(self, config: EstimatorConfig) -> None:
+        """New settings, effective at once."""
+        self._config = config
+
     # -- what others ask -----------------------------------------------------------------------------------
 
     @property

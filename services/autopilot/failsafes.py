@@ -5,9 +5,12 @@ Names, numbers and defaults of the settings are PX4's.
 
 from collections.abc import Iterable
 from enum import Enum, IntEnum
+from math import degrees
 
 from jezero.services.autopilot.config import FailsafeConfig
 from jezero.services.autopilot.modes import Mode
+
+BEGIN, END = "<!-- failsafes: python -m jezero.services.autopilot.failsafes -->", "<!-- end of failsafes -->"
 
 
 class Trigger(Enum):
@@ -105,7 +108,7 @@ def respond(
 def table(config: FailsafeConfig) -> str:
     """`response` for everything, in Markdown; in the air, and where it differs on the ground."""
     modes = list(Mode)
-    lines = ["| " + " | ".join(["", *(mode.value for mode in modes)]) + " |"]
+    lines = ["| " + " | ".join(["wrong is", *(mode.value for mode in modes)]) + " |"]
     lines.append("|---" * (len(modes) + 1) + "|")
     for trigger in Trigger:
         cells = []
@@ -116,5 +119,49 @@ def table(config: FailsafeConfig) -> str:
     return "\n".join(lines) + "\n"
 
 
+def section() -> str:
+    """What docs/reliability.md tells of the failsafes."""
+    acting = FailsafeConfig(com_low_bat_act=3, nav_dll_act=2)
+    return f"""{BEGIN}
+What an armed vehicle does about each thing that can be wrong, in each mode, by default; in brackets what it does on
+the ground where that differs. The most severe counts: warn, hold, return, land, descend, disarm. A dash also stands
+for: it does that already, or something safer. Whoever commands another mode overrules what was wrong at that moment.
+
+{table(FailsafeConfig())}
+With `COM_LOW_BAT_ACT` 3 (return at the critical level, land when almost empty) and `NAV_DLL_ACT` 2 (return):
+
+{table(acting)}
+| wrong is | when | setting |
+|---|---|---|
+{_whens()}{END}
+"""
+
+
+def _whens() -> str:
+    c = FailsafeConfig()
+    rows = (
+        (Trigger.OFFBOARD_LOST, f"no setpoint for {c.com_of_loss_t_s:g} s in offboard mode", "COM_OF_LOSS_T"),
+        (Trigger.LINK_LOST, f"no heartbeat of a ground station for {c.com_dl_loss_t_s:g} s", "COM_DL_LOSS_T"),
+        (Trigger.BATTERY_LOW, f"less than {c.bat_low_thr:.0%} left", "BAT_LOW_THR"),
+        (Trigger.BATTERY_CRITICAL, f"less than {c.bat_crit_thr:.0%} left", "BAT_CRIT_THR"),
+        (Trigger.BATTERY_EMERGENCY, f"less than {c.bat_emergen_thr:.0%} left", "BAT_EMERGEN_THR"),
+        (
+            Trigger.POSITION_LOST,
+            f"no GNSS fix for {c.ekf2_noaid_tout_s:g} s, or a standard deviation above {c.com_pos_fs_eph_m:g} m",
+            "EKF2_NOAID_TOUT, COM_POS_FS_EPH",
+        ),
+        (
+            Trigger.TILTED,
+            f"by more than {degrees(c.fd_fail_tilt_rad):.0f}° for {c.fd_fail_s:g} s",
+            "FD_FAIL_R, FD_FAIL_P, FD_FAIL_R_TTRI",
+        ),
+    )
+    return "".join(f"| {trigger.value} | {when} | {setting} |\n" for trigger, when, setting in rows)
+
+
 def _word(action: Action) -> str:
     return "–" if action is Action.NONE else action.name.lower()
+
+
+if __name__ == "__main__":
+    print(section(), end="")

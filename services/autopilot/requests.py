@@ -195,13 +195,12 @@ class Requests:
         return self._tell(link, _name(message))
 
     def _on_parameter_set(self, link: TelemetryLink, message: MavMessage) -> bytes:
-        """The answer is the value that holds now, the new one or the old one."""
+        """The answer is the value that holds now, the new one or the old one; none when there is no such parameter."""
         name = _name(message)
         value = decoded(message.param_value, message.param_type)
         old = self._parameters.get(name)
-        if value is None or not self._vehicle.set_parameter(name, value):
-            why = "is unknown" if old is None else f"stays {old:g}"
-            return link.text(4, f"Parameter {name} {why}") + self._tell(link, name)
+        if old is not None and (value is None or not self._vehicle.set_parameter(name, value)):
+            return link.text(5, f"Parameter {name} stays {old:g}") + self._tell(link, name)
         return self._tell(link, name)
 
     def _tell(self, link: TelemetryLink, name: str) -> bytes:

@@ -184,6 +184,7 @@ class Vehicle:
         if config is not self._config:
             self._config = config
             self.commander.configure(config.commander, config.failsafe)
+            self.estimator.configure(config.estimator)
             self._flight.configure(config)
             self._navigator.configure(config.navigator, config.control)
             self._battery.configure(config.battery)

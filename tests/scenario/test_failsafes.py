@@ -1,0 +1,164 @@
+"""Each failsafe of the autopilot, flown in virtual time: what it does, and that the vehicle comes down in one piece."""
+
+from collections.abc import Callable, Iterable
+from math import degrees
+
+from jezero.deploy.in_process import build_stack
+from jezero.frames import altitude_m, horizontal, tilt_from_quat
+from jezero.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.runtime.memory_bus import UDP_DELAY
+from jezero.runtime.service import Inbox, Output, Send, Service, Spec
+from jezero.schemas import topics
+from jezero.schemas.state import StatusCode
+from jezero.services.autopilot.config import AutopilotConfig, BatteryConfig, FailsafeConfig, NavigatorConfig
+from tests.scenario.rig import Flight, go_to
+
+CLOSE_TO_HOME = NavigatorConfig(rtl_return_alt_m=6.0)
+
+
+class Between:
+    """A simulator whose MAVLink goes through a hand that changes or drops messages once `broken` is set."""
+
+    def __init__(self, simulator: Service, change: Callable[[MavMessage], bool]) -> None:
+        self._simulator = simulator
+        self._change = change
+        self._codec = MavlinkCodec(1, 25)
+        self.spec = simulator.spec
+        self.broken = False
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        for output in self._simulator.step(t_ns, inbox):
+            yield self._changed(output) if self.broken and isinstance(output, Send) else output
+
+    def _changed(self, output: Send) -> Send:
+        messages = MavlinkCodec(1, 25).parse(output.data)
+        return Send(output.link, b"".join(self._codec.pack(m) for m in messages if self._change(m)))
+
+
+class GroundStation:
+    """Beats once a second until it is silenced."""
+
+    spec = Spec(name="station", links=("autopilot",), rate_hz=1.0)
+
+    def __init__(self) -> None:
+        self.silent = False
+        self._codec = MavlinkCodec(255, 190)
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        if not self.silent:
+            yield Send("autopilot", self._codec.pack(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))
+
+
+def flight_with(config: AutopilotConfig) -> Flight:
+    return Flight(seed=5, prepare=lambda seed: build_stack(seed, autopilot=config))
+
+
+def broken_flight(change: Callable[[MavMessage], bool]) -> tuple[Flight, Between]:
+    hands: list[Between] = []
+
+    def wrap(simulator: Service) -> Service:
+        hands.append(Between(simulator, change))
+        return hands[0]
+
+    return Flight(seed=5, prepare=lambda seed: build_stack(seed, wrap_simulator=wrap)), hands[0]
+
+
+def wait_mode(flight: Flight, mode: str, within_s: float) -> None:
+    flight.wait(lambda: flight.status.autopilot_mode == mode, within_s, mode)
+
+
+def assert_lands_by_itself(flight: Flight, within_s: float, away_m: float) -> None:
+    """Down, upright, slowly, disarmed; the bridge watches and is idle again."""
+    assert flight.status.code == StatusCode.EXTERNAL
+    assert flight.status.in_charge == "failsafe"
+    start = len(flight.truths)
+    flight.wait(lambda: not flight.status.armed, within_s, "disarmed")
+    down = [t.vel_uav_ned_mps[2] for t in flight.truths[start:]]
+    assert max(down) < 1.8
+    assert altitude_m(flight.truth.pos_uav_ned_m[2]) < 1.0
+    assert degrees(tilt_from_quat(flight.truth.q_ned_from_frd)) < 15.0
+    assert horizontal(flight.truth.pos_uav_ned_m) < away_m
+    flight.wait_code(StatusCode.IDLE, 5.0)
+
+
+def test_without_setpoints_it_lands_within_a_second_and_a_half() -> None:
+    config = AutopilotConfig()
+    flight = flight_with(config)
+    flight.take_off(4.0)
+    flight.bus.freeze("vehicle_bridge", 60.0)
+    start = len(flight.truths)
+    flight.bus.run_for(25.0)
+    truths = flight.truths[start:]
+    t_ns = truths[0].t_ns
+    sinks = next(t for t in truths if t.vel_uav_ned_mps[2] > 0.3)
+    assert 1.0 < (sinks.t_ns - t_ns) * 1e-9 < 2.5
+    assert not truths[-1].armed_motors
+    assert altitude_m(truths[-1].pos_uav_ned_m[2]) < 1.0
+
+
+def test_without_its_ground_station_it_returns_and_lands_when_told_to() -> None:
+    config = AutopilotConfig(failsafe=FailsafeConfig(nav_dll_act=2), navigator=CLOSE_TO_HOME)
+    flight, station = flight_with(config), GroundStation()
+    flight.bus.wire(("autopilot", "gcs"), ("station", "autopilot"), UDP_DELAY)
+    flight.bus.add(station)
+    flight.take_off(3.0)
+    flight.do(topics.GO_TO, go_to(8.0, 0.0, -3.0))
+    flight.bus.run_for(12.0)
+    assert flight.status.code == StatusCode.HOVER
+    station.silent = True
+    flight.bus.run_for(9.0)
+    assert flight.status.code == StatusCode.HOVER
+    wait_mode(flight, "AUTO.RTL", 3.0)
+    assert_lands_by_itself(flight, 60.0, away_m=2.0)
+
+
+def test_a_low_battery_warns_a_critical_one_returns_and_an_empty_one_lands() -> None:
+    config = AutopilotConfig(
+        failsafe=FailsafeConfig(com_low_bat_act=3),
+        navigator=CLOSE_TO_HOME,
+        battery=BatteryConfig(charge_at_start=0.2, bat1_capacity_mah=1200.0),
+    )
+    flight = flight_with(config)
+    flight.take_off(3.0)
+    flight.do(topics.GO_TO, go_to(8.0, 0.0, -3.0))
+    assert flight.status.code == StatusCode.HOVER
+    wait_mode(flight, "AUTO.RTL", 60.0)
+    assert flight.status.battery is not None
+    assert flight.status.battery.remaining is not None
+    assert 0.05 < flight.status.battery.remaining < 0.08
+    wait_mode(flight, "AUTO.LAND", 20.0)
+    assert_lands_by_itself(flight, 40.0, away_m=9.0)
+
+
+def test_an_empty_battery_only_warns_by_default() -> None:
+    flight = flight_with(AutopilotConfig(battery=BatteryConfig(charge_at_start=0.08, bat1_capacity_mah=1000.0)))
+    flight.take_off(3.0)
+    flight.bus.run_for(15.0)
+    assert flight.status.battery is not None
+    assert flight.status.battery.remaining is not None
+    assert flight.status.battery.remaining < 0.05
+    assert flight.status.code == StatusCode.HOVER
+
+
+def test_without_gnss_it_comes_down_where_it_is() -> None:
+    flight, hand = broken_flight(lambda m: m.get_msgId() != dialect.MAVLINK_MSG_ID_HIL_GPS)
+    flight.take_off(4.0)
+    hand.broken = True
+    flight.bus.run_for(4.5)
+    assert flight.status.code == StatusCode.HOVER
+    wait_mode(flight, "AUTO.LAND", 2.0)
+    assert_lands_by_itself(flight, 40.0, away_m=12.0)
+
+
+def test_a_vehicle_that_tips_over_stops_its_motors() -> None:
+    def rolled(message: MavMessage) -> bool:
+        """The gyroscope says it rolls: so the controller rolls it the other way until it has tipped over."""
+        if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_SENSOR:
+            message.xgyro -= 1.5
+        return True
+
+    flight, hand = broken_flight(rolled)
+    flight.take_off(4.0)
+    hand.broken = True
+    flight.wait(lambda: not flight.truth.armed_motors, 15.0, "motors off")
+    assert not flight.status.armed or flight.bus.run_for(0.5, stop=lambda: not flight.status.armed)
