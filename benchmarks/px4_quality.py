@@ -10,7 +10,7 @@ import os
 import select
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext, redirect_stdout
 from math import degrees, inf
 from pathlib import Path
@@ -27,6 +27,7 @@ from jezero.runtime.config import Instance, load_config
 from jezero.runtime.links import TcpServer, Udp
 from jezero.runtime.service import Inbox, Output, Send, Service, Spec
 from jezero.services.autopilot import px4
+from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.parameters import ParameterSetter
 
@@ -46,7 +47,7 @@ class Px4Process:
 
     spec = Spec(name="autopilot", links=(HIL, OFFBOARD), triggers=(HIL, OFFBOARD), rate_hz=250.0)
 
-    def __init__(self, runtime: Path, instance: Instance) -> None:
+    def __init__(self, runtime: Path, instance: Instance, gains: Mapping[str, float]) -> None:
         self._system_id = instance.system_id
         self._hil = TcpServer(HOST, instance.hil_port)
         self._offboard = Udp((HOST, instance.bridge_port))
@@ -62,7 +63,7 @@ class Px4Process:
             self._hil.poll(time.monotonic_ns())
             time.sleep(0.001)
         self._begin_s = time.monotonic()
-        self._setter = ParameterSetter(load_config(VehicleBridgeConfig, "vehicle_bridge").parameters)
+        self._setter = ParameterSetter({**load_config(VehicleBridgeConfig, "vehicle_bridge").parameters, **gains})
         self._codec = MavlinkCodec(instance.system_id, dialect.MAV_COMP_ID_ONBOARD_COMPUTER)
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
@@ -101,13 +102,13 @@ class Px4Process:
 
 
 @contextmanager
-def real_px4(runtime: Path) -> Iterator[Make]:
-    """PX4 for one flight."""
+def real_px4(runtime: Path, gains: Mapping[str, float]) -> Iterator[Make]:
+    """PX4 for one flight, with gains other than its own."""
     with reserved_instance() as instance:
         started: list[Px4Process] = []
 
         def make() -> tuple[Service, int]:
-            started.append(Px4Process(runtime, instance))
+            started.append(Px4Process(runtime, instance, gains))
             return started[-1], instance.system_id
 
         try:
@@ -195,6 +196,16 @@ def figures(seed: int, autopilot: Callable[[], AbstractContextManager[Make]]) ->
     }
 
 
+def embedded_gains() -> dict[str, float]:
+    """Those of the embedded autopilot's velocity loop, under PX4's names."""
+    control = load_config(AutopilotConfig, "autopilot").control
+    return {
+        "MPC_XY_VEL_P_ACC": control.mpc_xy_vel_p_acc,
+        "MPC_XY_VEL_I_ACC": control.mpc_xy_vel_i_acc,
+        "MPC_XY_VEL_D_ACC": control.mpc_xy_vel_d_acc,
+    }
+
+
 def main() -> None:
     """Print a table: median and largest of the seeds."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -203,9 +214,13 @@ def main() -> None:
     runtime = Path(os.environ["JEZERO_PX4_DIR"])
     flown = []
     with redirect_stdout(sys.stderr):
-        for autopilot in (lambda: real_px4(runtime), lambda: nullcontext(embedded)):
+        for autopilot in (
+            lambda: real_px4(runtime, {}),
+            lambda: real_px4(runtime, embedded_gains()),
+            lambda: nullcontext(embedded),
+        ):
             flown.append([figures(seed, autopilot) for seed in seeds])
-    print(f"| median (largest) of {len(seeds)} seeds | PX4 | embedded |\n|---|---|---|")
+    print(f"| median (largest) of {len(seeds)} seeds | PX4 | PX4 with the gains of | embedded |\n|---|---|---|---|")
     for what in flown[0][0]:
         cells = ([flight[what] for flight in flights] for flights in flown)
         print(f"| {what} | {' | '.join(f'{median(values):.2f} ({max(values):.2f})' for values in cells)} |")
