@@ -30,7 +30,6 @@ CLIMB_S = 12.0
 HEIGHT_M = 5.0
 TURN_RPS = 0.2
 """The rover's fastest turn."""
-INTERVALS_US = {dialect.MAVLINK_MSG_ID_ODOMETRY: 20_000.0, dialect.MAVLINK_MSG_ID_HEARTBEAT: 100_000.0}
 Target = tuple[Vec3 | None, Vec3 | None]
 """Position and velocity setpoint in NED."""
 Make = Callable[[], tuple[Service, int]]
@@ -63,7 +62,6 @@ class Pilot:
         self._ordered_ns = 0
         self.samples: list[Sample] = []
         self.resets: list[tuple[float, int]] = []
-        self.armed: list[tuple[float, bool]] = []
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         for message in self._codec.parse(inbox.received("autopilot")):
@@ -73,16 +71,14 @@ class Pilot:
                     Sample(t_s, (message.x, message.y, message.z), (message.vx, message.vy, message.vz))
                 )
                 self.resets.append((t_s, message.reset_counter))
-            elif message.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT and message.get_srcSystem() == self._system_id:
-                self.armed.append((t_ns * 1e-9, bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)))
         pos_ned_m, vel_ned_mps = self._target(t_ns * 1e-9)
         if t_ns - self._sent_ns >= 20_000_000 and (pos_ned_m or vel_ned_mps):
             self._sent_ns = t_ns
             yield Send("autopilot", self._setpoint(pos_ned_m, vel_ned_mps))
         if READY_S * 1e9 < t_ns < (READY_S + 3.0) * 1e9 and t_ns - self._ordered_ns > 500_000_000:
             self._ordered_ns = t_ns
-            for kind, interval_us in INTERVALS_US.items():
-                yield Send("autopilot", self._command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, kind, interval_us))
+            interval = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+            yield Send("autopilot", self._command(interval, dialect.MAVLINK_MSG_ID_ODOMETRY, 20_000.0))
             yield Send("autopilot", self._command(dialect.MAV_CMD_DO_SET_MODE, 1.0, 6.0))
             yield Send("autopilot", self._command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, 0.0))
 
@@ -102,11 +98,10 @@ class Pilot:
 
 
 class Flight(msgspec.Struct, frozen=True):
-    """What one flight gave: the autopilot's odometry, reset counter and whether it was armed, and the truth."""
+    """What one flight gave: the autopilot's odometry, its reset counter over time, and the truth."""
 
     samples: list[Sample]
     resets: list[tuple[float, int]]
-    armed: list[tuple[float, bool]]
     truth: list[Truth]
 
 
@@ -138,7 +133,7 @@ def fly(
     bus.add(pilot)
     bus.run_until(int(until_s * 1e9))
     simulator.close()
-    return Flight(pilot.samples, pilot.resets, pilot.armed, truth)
+    return Flight(pilot.samples, pilot.resets, truth)
 
 
 def windy(mean_mps: float = WIND_MPS, gust_mps: float = GUST_MPS) -> SimulatorConfig:

@@ -135,11 +135,11 @@ class Landing(msgspec.Struct, frozen=True):
 
 
 def _landing(flight: Flight, from_s: float) -> Landing:
-    """What the truth and the autopilot say of a landing."""
+    """What the truth says of a landing; armed on the ground the motors idle, disarmed they stand still."""
     descent = [t for t in flight.truth if t.t_ns > from_s * 1e9]
     touched = next((i for i, t in enumerate(descent) if t.contact_force_n > 0.0), None)
-    off_s = next((t_s for t_s, armed in flight.armed if t_s > from_s and not armed), None)
-    if touched is None or off_s is None or off_s < descent[touched].t_ns * 1e-9:
+    off_s = max((t.t_ns * 1e-9 for t in descent if t.armed_motors), default=inf)
+    if touched is None or descent[-1].armed_motors:
         return Landing(inf, inf, inf, inf)
     return Landing(
         descent[touched - 1].vel_uav_ned_mps[2],
