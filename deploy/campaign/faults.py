@@ -9,7 +9,7 @@ from jezero.schemas.topics import ACTIONS
 CLIENTS = ("alice", "bob")
 BRIDGE, AUTOPILOT, SIMULATOR = "vehicle_bridge", "autopilot", "simulator"
 MAVLINK, HIL = "MAVLink", "HIL"
-FAULTS_MIN, FAULTS_MAX = 3, 7
+FAULTS_MIN, FAULTS_MAX = 3, 14
 PARTITION_MAX_S = 15.0
 
 
@@ -74,10 +74,10 @@ def _draw(kind: Kind, rng: Random, start_s: float) -> Fault:
     if kind in SENSOR_KINDS:
         return _draw_sensor(kind, rng, start_s)
     if kind is Kind.KILL:
-        names = (BRIDGE, *ACTIONS, *ACTIONS, AUTOPILOT, SIMULATOR)
+        names = (BRIDGE, BRIDGE, BRIDGE, *ACTIONS, *ACTIONS, AUTOPILOT, SIMULATOR)
         return Fault(kind, rng.choice(names), "bus", start_s, rng.uniform(0.3, 5.0))
     if kind is Kind.FREEZE:
-        name = rng.choice((BRIDGE, *ACTIONS, AUTOPILOT))
+        name = rng.choice((BRIDGE, BRIDGE, *ACTIONS, AUTOPILOT))
         longest_s = 0.1 if name == AUTOPILOT else 10.0
         return Fault(kind, name, "bus", start_s, rng.uniform(0.02, longest_s))
     if kind is Kind.PARTITION:
@@ -109,7 +109,7 @@ def _draw_partition(rng: Random, start_s: float) -> Fault:
     duration_s = rng.uniform(0.2, PARTITION_MAX_S)
     if rng.random() < 0.3:
         return Fault(Kind.PARTITION, _one_way(rng, BRIDGE, AUTOPILOT), MAVLINK, start_s, duration_s, 1.0)
-    name = rng.choice((BRIDGE, *ACTIONS, *CLIENTS))
+    name = rng.choice((BRIDGE, BRIDGE, *ACTIONS, *CLIENTS))
     return Fault(Kind.PARTITION, name, "bus", start_s, duration_s, float(rng.random() < 0.3))
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from jezero.schemas.state import StatusCode as Code
 
 NS_PER_S = 1_000_000_000
-TOLD_MAX = 20
+TOLD_MAX = 5
 
 IN_PROGRESS = (Code.TAKEOFF, Code.GO_TO, Code.GET_IMAGES, Code.LANDING, Code.COVERAGE)
 ALLOWED: frozenset[tuple[Code, Code]] = frozenset(

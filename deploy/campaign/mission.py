@@ -11,7 +11,7 @@ import msgspec
 
 from jezero.deploy.campaign.clients import PERIOD_S, Client, Sent
 from jezero.deploy.campaign.disturber import Disturber
-from jezero.deploy.campaign.faults import CLIENTS, SENSOR_KINDS, Fault, Kind, draw_faults
+from jezero.deploy.campaign.faults import AUTOPILOT, CLIENTS, SENSOR_KINDS, Fault, Kind, draw_faults
 from jezero.deploy.campaign.judge import NS_PER_S, Judge, Violation
 from jezero.deploy.campaign.sensor_faults import FaultySimulator
 from jezero.deploy.campaign.watch_bridge import WatchedBridge
@@ -139,6 +139,8 @@ class Mission:
             self.bus.freeze(fault.where, fault.duration_s)
         elif fault.kind is Kind.KILL and self.bus.has(fault.where):
             self._lost.add((fault.where, self._runs[fault.where]))
+            if fault.where == AUTOPILOT and self._truth.truth is not None:
+                self._truth.falls_in_epoch = self._truth.truth.epoch_id
             self.bus.remove(fault.where)
             restart_ns = self.bus.t_ns + int(fault.duration_s * NS_PER_S)
             self.bus.at(restart_ns, "", lambda: self._restart(fault.where))

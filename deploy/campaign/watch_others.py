@@ -20,6 +20,8 @@ OFFBOARD_LOSS_S = 1.3
 """COM_OF_LOSS_T and some time to notice."""
 STALE_S = 0.3 + 0.21
 """Of a setpoint when the autopilot gets it: sent fresh, and delayed by the link at most by what a fault delays it."""
+TOLD_NS = 1_100_000_000
+"""It tells its mode at least this often, and any change at once; while nobody is connected it tells nothing."""
 OFFBOARD_MODE = 6 << 16
 ARMED_BIT = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 UPSIDE_DOWN_COS = cos(radians(90.0))
@@ -35,7 +37,8 @@ class WatchedAutopilot:
         self._judge = judge
         self._codec = MavlinkCodec(1, 201)
         self._commanded_ns: int | None = None
-        self._offboard = False
+        self._offboard_ns: int | None = None
+        """When it last told that it is armed in offboard mode; None after it told something else."""
         self._stepped_ns = 0
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
@@ -47,15 +50,16 @@ class WatchedAutopilot:
                 self._judge.check(age_s <= STALE_S, t_ns, "no stale setpoint", text)
         for output in self._autopilot.step(t_ns, inbox):
             if isinstance(output, Send) and output.link == "offboard":
-                self._read(output.data)
+                self._read(t_ns, output.data)
             yield output
-        if self._offboard and t_ns - self._stepped_ns < 1e8:
+        told_ns = self._offboard_ns
+        if told_ns is not None and t_ns - told_ns <= TOLD_NS and t_ns - self._stepped_ns < TOLD_NS / 10:
             silent_s = (t_ns - (self._commanded_ns or 0)) / NS_PER_S
             text = f"armed in offboard mode, and no setpoint for {silent_s:.2f} s"
             self._judge.check(silent_s <= OFFBOARD_LOSS_S, t_ns, "never without a commander", text)
         self._stepped_ns = t_ns
 
-    def _read(self, data: bytes) -> None:
+    def _read(self, t_ns: int, data: bytes) -> None:
         """The newest heartbeat tells the mode. These bytes are the autopilot's own: they are well-formed."""
         at = 0
         while at + HEADER <= len(data) and data[at] == 0xFD:
@@ -63,7 +67,8 @@ class WatchedAutopilot:
             if data[at + 7 : at + 10] == b"\0\0\0":
                 payload = data[at + HEADER : at + HEADER + length].ljust(9, b"\0")
                 custom_mode, _, _, base_mode = struct.unpack_from("<IBBB", payload)
-                self._offboard = custom_mode == OFFBOARD_MODE and bool(base_mode & ARMED_BIT)
+                offboard = custom_mode == OFFBOARD_MODE and bool(base_mode & ARMED_BIT)
+                self._offboard_ns = t_ns if offboard else None
             at += HEADER + length + 2 + (13 if data[at + 2] & 1 else 0)
 
 
@@ -133,10 +138,12 @@ class TruthWatch:
 
     Attributes:
         truth: the newest.
+        falls_in_epoch: of a vehicle whose autopilot was killed: until it is respawned nobody can hold it.
     """
 
     def __init__(self, judge: Judge) -> None:
         self.truth: Truth | None = None
+        self.falls_in_epoch: int | None = None
         self._judge = judge
         self._decoder = msgspec.json.Decoder(Truth)
 
@@ -145,7 +152,7 @@ class TruthWatch:
             return
         self.truth = truth = self._decoder.decode(data)
         tilt_rad = tilt_from_quat(truth.q_ned_from_frd)
-        upright = cos(tilt_rad) > UPSIDE_DOWN_COS
+        upright = cos(tilt_rad) > UPSIDE_DOWN_COS or truth.epoch_id == self.falls_in_epoch
         self._judge.check(upright, t_ns, "never upside down", f"tilted by {degrees(tilt_rad):.0f} degrees")
 
     @property
