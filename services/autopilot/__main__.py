@@ -2,6 +2,7 @@
 
 import os
 import sys
+import time
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.service import GCS, HIL, OFFBOARD, Autopilot
 
 HOST = "127.0.0.1"
+UNIX_2015_S = 1_420_070_400
 
 
 def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
@@ -25,7 +27,7 @@ def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, Socke
         return px4.Px4(), {px4.PX4: _px4_link(instance)}
     if autopilot != "embedded":
         raise ConfigError(f'JEZERO_AUTOPILOT is "{autopilot}", expected "embedded" or "px4"')
-    return Autopilot(config, instance.system_id, boot_id), {
+    return Autopilot(config, instance.system_id, boot_id, time.time() - UNIX_2015_S), {
         HIL: TcpClient(HOST, instance.hil_port),
         OFFBOARD: Udp((HOST, instance.autopilot_offboard_port), (HOST, instance.bridge_port)),
         GCS: Udp((HOST, instance.autopilot_gcs_port), (HOST, instance.gcs_port)),

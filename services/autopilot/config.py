@@ -231,6 +231,18 @@ class BatteryConfig(Config, frozen=True, kw_only=True):
     hover_a: Positive = 15.0
 
 
+class SigningConfig(Config, frozen=True, kw_only=True):
+    """MAVLink 2 signing.
+
+    Attributes:
+        key: 64 hexadecimal digits; "" is off.
+        links: where it is demanded. The offboard link stays within the vehicle.
+    """
+
+    key: Annotated[str, Meta(pattern=r"^([0-9a-fA-F]{64})?$")] = ""
+    links: tuple[Literal["gcs", "offboard"], ...] = ("gcs",)
+
+
 class AutopilotConfig(Config, frozen=True, kw_only=True):
     """All of it; `deploy/config/autopilot.toml`.
 
@@ -247,3 +259,4 @@ class AutopilotConfig(Config, frozen=True, kw_only=True):
     failsafe: FailsafeConfig = FailsafeConfig()
     navigator: NavigatorConfig = NavigatorConfig()
     battery: BatteryConfig = BatteryConfig()
+    signing: SigningConfig = SigningConfig()

@@ -121,8 +121,9 @@ class Requests:
         if number == dialect.MAV_CMD_REQUEST_MESSAGE and command.has(0):
             wanted = int(command.p[0])
         if wanted is not None:
-            told = link.request(wanted, self._vehicle.snapshot())
-            return link.acknowledge(message, number, UNSUPPORTED if told is None else ACCEPTED) + (told or b"")
+            known = link.knows(wanted)
+            acknowledged = link.acknowledge(message, number, ACCEPTED if known else UNSUPPORTED)
+            return acknowledged + link.request(wanted, self._vehicle.snapshot())
         if number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
             known = command.has(0, 1) and link.set_interval(int(command.p[0]), command.p[1])
             return link.acknowledge(message, number, ACCEPTED if known else UNSUPPORTED)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from jezero.mavlink import Signing
 from jezero.runtime.service import Health, Inbox, Output, Send, Spec
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.config import AutopilotConfig
@@ -26,13 +27,18 @@ class Autopilot:
     Args:
         system_id: MAVLink system id.
         boot_id: differs between two runs; the autopilot itself has no use for it.
+        since_2015_s: wall time at the start, for signatures.
     """
 
     spec = SPEC
 
-    def __init__(self, config: AutopilotConfig, system_id: int, boot_id: int) -> None:
+    def __init__(self, config: AutopilotConfig, system_id: int, boot_id: int, since_2015_s: float = 0.0) -> None:
         self._system_id = system_id
         self._parameters = Parameters(config, system_id)
+        key = bytes.fromhex(config.signing.key)
+        self._signing: dict[str, Signing] = {name: Signing(key) for name in config.signing.links} if key else {}
+        self._since_2015_10us = int(since_2015_s * 1e5)
+        self._started_wall_ns: int | None = None
         self._connections = 0
         self._health: Health | None = None
         self._start_over()
@@ -42,8 +48,8 @@ class Autopilot:
         self._vehicle = Vehicle(self._parameters, self._system_id)
         self._requests = Requests(self._vehicle, self._parameters)
         self._links = {
-            OFFBOARD: TelemetryLink(self._system_id, OFFBOARD_INTERVALS_US),
-            GCS: TelemetryLink(self._system_id, GCS_INTERVALS_US),
+            OFFBOARD: TelemetryLink(self._system_id, OFFBOARD_INTERVALS_US, self._signing.get(OFFBOARD)),
+            GCS: TelemetryLink(self._system_id, GCS_INTERVALS_US, self._signing.get(GCS)),
         }
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
@@ -51,6 +57,8 @@ class Autopilot:
         if inbox.connections(HIL) != self._connections:
             self._connections = inbox.connections(HIL)
             self._start_over()
+        if self._signing:
+            self._tell_time(inbox.wall_ns)
         for item in self._hil.receive(inbox.received(HIL)):
             if isinstance(item, Fix):
                 self._vehicle.fix(item)
@@ -61,6 +69,13 @@ class Autopilot:
                 if answer := self._requests.answer(link, message):
                     yield Send(name, answer)
         yield from self._tell(inbox)
+
+    def _tell_time(self, wall_ns: int) -> None:
+        """What the clock of the signatures says."""
+        if self._started_wall_ns is None:
+            self._started_wall_ns = wall_ns
+        for signing in self._signing.values():
+            signing.now = self._since_2015_10us + (wall_ns - self._started_wall_ns) // 10_000
 
     def _on_reading(self, reading: Reading) -> bytes:
         """One HIL_SENSOR in, one HIL_ACTUATOR_CONTROLS out."""
@@ -93,4 +108,7 @@ class Autopilot:
             return Health("starting", "waiting for the simulator")
         text = "connected to the simulator" if self._vehicle.landed else "flying"
         malformed = self._hil.malformed + sum(link.malformed for link in self._links.values())
-        return Health("ok", f"{text}; {malformed} malformed messages" if malformed else text)
+        refused = sum(link.refused for link in self._links.values())
+        text += f"; {malformed} malformed messages" if malformed else ""
+        text += f"; {refused} messages without a valid signature" if refused else ""
+        return Health("ok", text)

@@ -3,7 +3,7 @@
 Streams have PX4's messages, units and frames; rates can be set with SET_MESSAGE_INTERVAL.
 """
 
-from jezero.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.mavlink import MavlinkCodec, MavMessage, Signing, dialect
 from jezero.services.autopilot.streams import MAKERS, Snapshot
 
 STATUSTEXT_CHARACTERS = 50
@@ -39,9 +39,9 @@ GCS_INTERVALS_US = {
 class TelemetryLink:
     """One link: its streams, and the messages on it that are meant for this autopilot."""
 
-    def __init__(self, system_id: int, intervals_us: dict[int, int]) -> None:
+    def __init__(self, system_id: int, intervals_us: dict[int, int], signing: Signing | None = None) -> None:
         self._system_id = system_id
-        self._codec = MavlinkCodec(system_id, dialect.MAV_COMP_ID_AUTOPILOT1)
+        self._codec = MavlinkCodec(system_id, dialect.MAV_COMP_ID_AUTOPILOT1, signing)
         self._default_us = intervals_us
         self._interval_us = dict(intervals_us)
         self._due_us = dict.fromkeys(intervals_us, 0)
@@ -53,6 +53,11 @@ class TelemetryLink:
     def malformed(self) -> int:
         """Stretches of bytes that were no message."""
         return self._codec.malformed
+
+    @property
+    def refused(self) -> int:
+        """Messages whose signature was not believed."""
+        return self._codec.refused
 
     def receive(self, data: bytes) -> list[MavMessage]:
         """Messages for this autopilot, or for everybody."""
@@ -82,12 +87,14 @@ class TelemetryLink:
         self._next_us = 0
         return True
 
-    def request(self, message_id: int, now: Snapshot) -> bytes | None:
-        """One message now, b"" when it can't be told yet, None when there is no such message."""
+    def knows(self, message_id: int) -> bool:
+        """Whether there is such a message to tell."""
+        return message_id in MAKERS
+
+    def request(self, message_id: int, now: Snapshot) -> bytes:
+        """One message now; nothing when there is no such message, or it can't be told yet."""
         maker = MAKERS.get(message_id)
-        if maker is None:
-            return None
-        message = maker(now)
+        message = None if maker is None else maker(now)
         return b"" if message is None else self._codec.pack(message)
 
     def is_due(self, t_us: int, state: tuple[int, bool, bool]) -> bool:
