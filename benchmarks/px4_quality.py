@@ -32,6 +32,7 @@ from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.parameters import ParameterSetter
 
 HIL, OFFBOARD = "hil", "offboard"
+FIRST_ANSWER_WITHIN_S = 0.02
 ANSWER_WITHIN_S = 0.5
 """Longer than a busy machine ever makes it wait; PX4 leaves only its first few readings unanswered."""
 STARTS_WITHIN_S = 10.0
@@ -64,6 +65,7 @@ class Px4Process:
             self._hil.poll(time.monotonic_ns())
             time.sleep(0.001)
         self._begin_s = time.monotonic()
+        self._patience_s = FIRST_ANSWER_WITHIN_S
         self._setter = ParameterSetter({**load_config(VehicleBridgeConfig, "vehicle_bridge").parameters, **gains})
         self._codec = MavlinkCodec(instance.system_id, dialect.MAV_COMP_ID_ONBOARD_COMPUTER)
 
@@ -74,8 +76,9 @@ class Px4Process:
             self._offboard.send(setpoints)
         if readings := inbox.received(HIL):
             self._hil.send(readings)
-            select.select(self._hil.sockets(), [], [], ANSWER_WITHIN_S)
+            select.select(self._hil.sockets(), [], [], self._patience_s)
             if commands := self._hil.poll(time.monotonic_ns()):
+                self._patience_s = ANSWER_WITHIN_S
                 yield Send(HIL, commands)
         if telemetry := self._offboard.poll(time.monotonic_ns()):
             self._set_parameters(t_ns, telemetry)

@@ -103,6 +103,7 @@ def _launch(
     from jezero.deploy.launcher.health import answers
     from jezero.deploy.launcher.launcher import Launcher
 
+    os.environ["JEZERO_RUN_DIR"] = str(folder.path.absolute())  # for services that keep files there
     shared = "router" in services and answers(instance.router)
     launcher = Launcher(
         services,
