@@ -81,12 +81,12 @@ class GoalRun:
 
     def begin(self, t_ns: int) -> Iterator[Output]:
         """Ask the bridge for control."""
-        yield Listen((ODOMETRY, *self._behaviour.inputs))
         timeout_s = self._config.acquire_timeout_s
         self._tag = f"{self.goal_id}/acquire/{t_ns}"
         self._deadline_ns = t_ns + int((timeout_s + 0.5) * NS_PER_S)
         acquire = Acquire(goal_id=self.goal_id, action=self._action.name, do_takeoff=self._verdict.do_takeoff)
         yield Call(ACQUIRE, acquire, self._tag, timeout_s)
+        yield Listen((ODOMETRY, *self._behaviour.inputs))  # after the question: while the bridge answers it
 
     def attach(self, request: Request) -> Iterator[Output]:
         """Let the sender of this goal watch it; more than one when it was sent twice."""
