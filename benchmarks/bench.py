@@ -144,8 +144,9 @@ def main() -> None:
         for part, (measure, rows) in MEASURE.items():
             if options.only and part not in options.only:
                 continue
-            console.print(f"measuring {part}, load {os.getloadavg()[0]:.1f} ...", style="dim")
-            report[part] = measure(Path(folder))
+            load = os.getloadavg()[0]
+            console.print(f"measuring {part}, load {load:.1f} ...", style="dim")
+            report[part] = {"load_1_min": load, **measure(Path(folder))}
             for row in rows(report[part]):
                 table.add_row(*row)
             table.add_section()
