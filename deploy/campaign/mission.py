@@ -72,7 +72,7 @@ class Mission:
         self._makers = service_makers(seed)
         self._runs: Counter[str] = Counter()
         self._goals: list[GoalRecord] = []
-        self._grants: dict[str, set[str]] = {}
+        self._flights: dict[str, set[str]] = {}
         self._lost: set[tuple[str, int]] = set()
         """Runs of services that were killed."""
         self._simulator: FaultySimulator | None = None
@@ -124,7 +124,7 @@ class Mission:
         if name == "autopilot":
             return WatchedAutopilot(service, self.judge)
         if name == "vehicle_bridge":
-            return WatchedBridge(service, self.judge, self._grants)
+            return WatchedBridge(service, self.judge, self._flights)
         return WatchedServer(service, run, self.judge, self._goals)
 
     def _begin(self, fault: Fault) -> None:

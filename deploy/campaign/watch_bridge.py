@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import dist, isfinite
 
-from jezero.deploy.campaign.judge import ALLOWED, NS_PER_S, Judge
+from jezero.deploy.campaign.judge import ALLOWED, IN_PROGRESS, NS_PER_S, Judge
 from jezero.frames import Vec3, add, subtract
 from jezero.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.runtime.service import Inbox, Output, Publish, Reply, Send, Service
@@ -37,14 +37,14 @@ class WatchedBridge:
     """A vehicle bridge and what it makes of what it is given.
 
     Args:
-        grants: by goal id, every control id that any run of the bridge has given to it.
+        flights: by goal id, the control ids with which it flew, in any run of the bridge.
     """
 
-    def __init__(self, bridge: Service, judge: Judge, grants: dict[str, set[str]]) -> None:
+    def __init__(self, bridge: Service, judge: Judge, flights: dict[str, set[str]]) -> None:
         self.spec = bridge.spec
         self._bridge = bridge
         self._judge = judge
-        self._grants = grants
+        self._flights = flights
         self._codec = MavlinkCodec(1, 200)
         self._status: Status | None = None
         self._before: Status | None = None
@@ -109,9 +109,14 @@ class WatchedBridge:
             allowed = (Code(before.code), code) in ALLOWED
             self._judge.check(allowed, t_ns, "only transitions of the table", text)
 
+        if status.control_id and code in IN_PROGRESS:
+            flights = self._flights.setdefault(status.goal_id, set())
+            flights.add(status.control_id)
+            text = f"goal {status.goal_id} flies for the {len(flights)}th time"
+            self._judge.check(len(flights) == 1, t_ns, "a goal sent twice runs once", text)
+
     def _on_grant(self, t_ns: int, reply: AcquireReply, inbox: Inbox) -> None:
-        """Control goes to one goal at a time, and to each goal once."""
-        requests = inbox.requests(topics.ACQUIRE)
+        """Control goes to one goal at a time."""
         before = self._before
         held = "" if before is None else before.control_id
         ended = any(inbox.requests(e) for e in (topics.RELEASE, topics.HOVER, topics.ABORT, topics.KILL))
@@ -119,12 +124,6 @@ class WatchedBridge:
         text = f"{reply.control_id} is granted while {held} is in charge"
         self._judge.check(once, t_ns, "one owner at most", text)
         self._owner = (reply.control_id, t_ns) if self._owner[0] != reply.control_id else self._owner
-        if len(requests) == 1:
-            goal_id = requests[0].payload.goal_id
-            ids = self._grants.setdefault(goal_id, set())
-            ids.add(reply.control_id)
-            text = f"goal {goal_id} was given control {len(ids)} times"
-            self._judge.check(len(ids) == 1, t_ns, "a goal sent twice runs once", text)
 
     # -- MAVLink -------------------------------------------------------------------------------------------
 

@@ -38,6 +38,7 @@ STREAM_FIRST_S = 0.2
 CLIMB_TIMEOUT_S = 5.0
 CLIMB_TOLERANCE_M = 0.3
 ENDED_REMEMBERED = 32
+FLOWN_REMEMBERED = 100
 
 
 class TransitionError(RuntimeError):
@@ -83,6 +84,8 @@ class Authority:
         self._grants = 0
         self._ended: dict[str, str] = {}
         """By control_id: why it ended, "" when it was given back."""
+        self._flown: dict[str, None] = {}
+        """Ids of goals that have sent a setpoint, oldest first."""
         self._other: InCharge = "failsafe"
         self._takeover = Takeover()
         self._tidying = Tidying()
@@ -119,6 +122,8 @@ class Authority:
         grant = self.grant
         if grant is not None and grant.sequence < 0 and grant.goal_id == request.goal_id:
             return ""  # it asks again because the reply was lost
+        if request.goal_id in self._flown:
+            return f"goal {request.goal_id} has flown already, and a goal runs once: send it with a new id"
         refusal = why_not_acquire(request, self.code, grant, self.text, now, self._config.link_timeout_s)
         if refusal:
             return refusal
@@ -142,6 +147,7 @@ class Authority:
         yaw_rad = self._yaw_rad(now) if setpoint.yaw_rad is None else setpoint.yaw_rad
         target = Target(setpoint.pos_ned_m, setpoint.vel_ned_mps, setpoint.acc_ned_mps2, yaw_rad)
         self.target = target.moved(resets.step_since(setpoint.reset_counter) or (0.0, 0.0, 0.0))
+        self._remember_flown(grant.goal_id)
         grant.sequence = setpoint.sequence
         grant.timer_ns = now.timer_ns
         code = CODE_OF[setpoint.phase]
@@ -151,6 +157,13 @@ class Authority:
             self.text = f"{grant.name}: {setpoint.phase}"
             self._go(code, now)
         return ""
+
+    def _remember_flown(self, goal_id: str) -> None:
+        """A restarted action server has forgotten which goals it ran, and clients may send theirs again."""
+        if goal_id not in self._flown:
+            self._flown[goal_id] = None
+            if len(self._flown) > FLOWN_REMEMBERED:
+                del self._flown[next(iter(self._flown))]
 
     def release(self, request: Release, now: Situation, resets: ResetHistory) -> str:
         """Take control back from a goal; returns why not, or "". It is done when the status is 3 or 0."""

@@ -12,11 +12,14 @@ from jezero.deploy.campaign.clients import draw_goal
 from jezero.deploy.campaign.faults import FAULTS_MIN, PARTITION_MAX_S, Kind, draw_faults
 from jezero.deploy.campaign.judge import ALLOWED
 from jezero.deploy.campaign.mission import MissionReport, fly_mission, named_random
+from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import ACTIONS
+from jezero.services.actions.table import action_server
 from jezero.services.vehicle_bridge import admission, authority
 from jezero.services.vehicle_bridge.authority import Authority
 from jezero.services.vehicle_bridge.transitions import is_allowed
+from tests.scenario.rig import Flight, go_to
 
 HASH = "from jezero.deploy.campaign.mission import fly_mission; print(fly_mission(3).log_sha256)"
 
@@ -87,3 +90,17 @@ def test_a_bridge_that_engages_again_after_a_failsafe_is_caught(monkeypatch: pyt
 
     monkeypatch.setattr(Authority, "_lose", lose_and_take_back)
     assert is_caught("silence after a failsafe or takeover", 2008, 2003, 6)
+
+
+def test_a_goal_sent_again_to_a_restarted_server_does_not_fly_again() -> None:
+    flight = Flight()
+    flight.take_off()
+    goal = go_to(8.0, 0.0, -3.0, goal_id="g-1")
+    flight.send(topics.GO_TO, goal)
+    flight.wait_code(StatusCode.GO_TO, 2.0)
+    flight.bus.remove("go_to")
+    flight.wait_code(StatusCode.HOVER, 2.0)
+    flight.bus.add(action_server("go_to", boot_id=777))
+    flight.bus.run_for(0.5)
+    assert "runs once" in flight.refusal(topics.GO_TO, goal)
+    assert flight.codes[-1] is StatusCode.HOVER

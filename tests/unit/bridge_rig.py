@@ -282,7 +282,9 @@ class Rig:
         self.run_until(lambda: request_id in self.replies, each)
         return self.replies[request_id]
 
-    def acquire(self, action: str = "takeoff", goal_id: str = "g1", *, do_takeoff: bool = False) -> AcquireReply:
+    def acquire(self, action: str = "takeoff", goal_id: str = "", *, do_takeoff: bool = False) -> AcquireReply:
+        """For a goal of its own, unless another id is given."""
+        goal_id = goal_id or f"g{self._request_id + 1}"
         reply: AcquireReply = self.ask(ACQUIRE, Acquire(goal_id=goal_id, action=action, do_takeoff=do_takeoff))
         return reply
 

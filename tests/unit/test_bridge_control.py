@@ -122,7 +122,7 @@ def test_of_two_goals_in_one_step_the_first_is_accepted() -> None:
 
 def test_an_acquire_that_is_repeated_because_its_reply_was_lost_gets_the_same_control() -> None:
     rig = Rig().ready()
-    assert rig.acquire().control_id == rig.acquire().control_id != ""
+    assert rig.acquire(goal_id="g").control_id == rig.acquire(goal_id="g").control_id != ""
 
 
 def test_an_unknown_action_is_refused_with_the_known_ones() -> None:
