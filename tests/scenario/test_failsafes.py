@@ -11,6 +11,7 @@ from jezero.runtime.service import Inbox, Output, Send, Service, Spec
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
 from jezero.services.autopilot.config import AutopilotConfig, BatteryConfig, FailsafeConfig, NavigatorConfig
+from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from tests.scenario.rig import Flight, go_to
 
 CLOSE_TO_HOME = NavigatorConfig(rtl_return_alt_m=6.0)
@@ -114,7 +115,6 @@ def test_without_its_ground_station_it_returns_and_lands_when_told_to() -> None:
 
 def test_a_low_battery_warns_a_critical_one_returns_and_an_empty_one_lands() -> None:
     config = AutopilotConfig(
-        failsafe=FailsafeConfig(com_low_bat_act=3),
         navigator=CLOSE_TO_HOME,
         battery=BatteryConfig(charge_at_start=0.2, bat1_capacity_mah=1200.0),
     )
@@ -130,8 +130,11 @@ def test_a_low_battery_warns_a_critical_one_returns_and_an_empty_one_lands() -> 
     assert_lands_by_itself(flight, 40.0, away_m=9.0)
 
 
-def test_an_empty_battery_only_warns_by_default() -> None:
-    flight = flight_with(AutopilotConfig(battery=BatteryConfig(charge_at_start=0.08, bat1_capacity_mah=1000.0)))
+def test_an_empty_battery_only_warns_without_the_bridges_parameters() -> None:
+    bridge = VehicleBridgeConfig()
+    assert not bridge.parameters
+    config = AutopilotConfig(battery=BatteryConfig(charge_at_start=0.08, bat1_capacity_mah=1000.0))
+    flight = Flight(seed=5, prepare=lambda seed: build_stack(seed, autopilot=config, bridge=bridge))
     flight.take_off(3.0)
     flight.bus.run_for(15.0)
     assert flight.status.battery is not None
