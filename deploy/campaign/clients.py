@@ -164,6 +164,7 @@ class Client:
 
     def _send_again(self, sent: Sent) -> None:
         self._tell(f"{self.name} sends {sent.goal.goal_id} again")
+        sent.learned = "" if sent.learned == "rejected" else sent.learned
         sent.answers.append(self._bus.ask(sent.action.endpoint, sent.goal, self.name))
 
     def _ask(self, endpoint: topics.Endpoint[Any, Any], payload: Any) -> None:

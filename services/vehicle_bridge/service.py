@@ -38,7 +38,7 @@ from jezero.services.vehicle_bridge.authority import Authority, Standing
 from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink, Received
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.followed import Followed
-from jezero.services.vehicle_bridge.vehicle import Situation, Target
+from jezero.services.vehicle_bridge.vehicle import OFFBOARD, Situation, Target
 
 LINK = "autopilot"
 STATUS_PERIOD_NS = 100_000_000
@@ -140,7 +140,7 @@ class VehicleBridge:
             self._sent = (None, 0)
             why = "the vehicle was respawned" if respawned else "the autopilot restarted"
             self._authority.restart(why, self._situation(t_ns, inbox))
-        if received.followed is not None:
+        if received.followed is not None and self._link.telemetry.mode == OFFBOARD:  # another mode has its own targets
             told_ns, pos_ned_m, vel_ned_mps = received.followed
             self._followed.tell(pos_ned_m, vel_ned_mps, t_ns - told_ns, self._timer_ns)
         for step_ned_m in received.steps_ned_m:

@@ -21,12 +21,12 @@ from jezero.services.vehicle_bridge.authority import Authority
 from jezero.services.vehicle_bridge.transitions import is_allowed
 from tests.scenario.rig import Flight, go_to
 
-HASH = "from jezero.deploy.campaign.mission import fly_mission; print(fly_mission(3).log_sha256)"
+HASH = "from jezero.deploy.campaign.mission import fly_mission; print(fly_mission(2019).log_sha256)"
 
 
 def test_a_mission_passes_and_replays_exactly_in_another_process() -> None:
     reports: list[MissionReport] = []
-    result = fly_campaign((3,), jobs=1, tell=reports.append)
+    result = fly_campaign((2019,), jobs=1, tell=reports.append)
     assert result.failed == {} and result.seeds == 1 and result.sim_time_s > 60.0
     assert sum(result.faults.values()) >= FAULTS_MIN
     assert result.states["HOVER"] >= 2
