@@ -30,14 +30,6 @@ def ned_from_enu(v_enu: Vec3) -> Vec3:
 enu_from_ned = ned_from_enu
 
 
-def frd_from_flu(v_flu: Vec3) -> Vec3:
-    """Flip the lateral and vertical axes; its own inverse."""
-    return (v_flu[0], -v_flu[1], -v_flu[2])
-
-
-flu_from_frd = frd_from_flu
-
-
 def altitude_m(z_ned_m: float) -> float:
     """Height above the origin of a NED z coordinate, positive up."""
     return -z_ned_m
@@ -58,10 +50,6 @@ def subtract(a: Vec3, b: Vec3) -> Vec3:
 
 def scale(a: Vec3, factor: float) -> Vec3:
     return (a[0] * factor, a[1] * factor, a[2] * factor)
-
-
-def cross(a: Vec3, b: Vec3) -> Vec3:
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def norm(a: Vec3) -> float:

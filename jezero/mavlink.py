@@ -7,12 +7,11 @@ attribute, so messages are told apart by `get_msgId()`.
 import hashlib
 import hmac
 import math
-from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import common as dialect
 
-__all__ = ["Handler", "MavMessage", "MavlinkCodec", "Signing", "dialect", "is_finite"]
+__all__ = ["MavMessage", "MavlinkCodec", "Signing", "dialect", "is_finite"]
 
 MavMessage = Any
 """A pymavlink message object: fields as attributes, `get_msgId()`, `get_srcSystem()`, `get_srcComponent()`."""
@@ -127,6 +126,3 @@ class MavlinkCodec:
 def is_finite(message: MavMessage, *fields: str) -> bool:
     """Whether the named fields hold finite numbers; MAVLink itself lets NaN and infinity pass."""
     return all(math.isfinite(getattr(message, field)) for field in fields)
-
-
-Handler = Callable[[MavMessage], None]

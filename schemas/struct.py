@@ -1,6 +1,6 @@
 """Base classes and checked number types of every message."""
 
-from typing import Annotated, TypeVar
+from typing import Annotated
 
 import msgspec
 from msgspec import Meta
@@ -47,5 +47,3 @@ Name = Annotated[str, Meta(max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
 """An identifier that is safe within a key."""
 Text = Annotated[str, Meta(max_length=2000)]
 """A sentence for people."""
-
-P = TypeVar("P", bound=Payload)

@@ -1,0 +1,84 @@
+"""Every rotation, by hand and there and back."""
+
+from math import pi, sqrt
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from jezero import frames
+from jezero.frames import Quat, Vec3
+
+angles = st.floats(-3.1, 3.1)
+numbers = st.floats(-1e3, 1e3)
+vectors = st.tuples(numbers, numbers, numbers)
+NORTH: Vec3 = (1.0, 0.0, 0.0)
+
+
+def near(vector: Vec3) -> object:
+    return pytest.approx(vector, abs=1e-6)
+
+
+@pytest.mark.parametrize(("enu", "ned"), [((1.0, 2.0, 3.0), (2.0, 1.0, -3.0)), ((0.0, 1.0, 0.0), NORTH)])
+def test_east_north_up_becomes_north_east_down_and_back(enu: Vec3, ned: Vec3) -> None:
+    assert frames.ned_from_enu(enu) == ned
+    assert frames.enu_from_ned(ned) == enu
+
+
+def test_up_is_negative_down() -> None:
+    assert frames.altitude_m(-4.0) == 4.0
+    assert frames.z_ned_m(4.0) == -4.0
+
+
+@pytest.mark.parametrize(
+    ("q_enu_from_flu", "forward_ned"),
+    [
+        ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0)),  # the engine's zero heading is east
+        ((sqrt(0.5), 0.0, 0.0, sqrt(0.5)), NORTH),  # a quarter turn to the left of it is north
+    ],
+)
+def test_a_level_vehicle_of_the_engine_is_level_and_points_there(q_enu_from_flu: Quat, forward_ned: Vec3) -> None:
+    q = frames.q_ned_from_frd(q_enu_from_flu)
+    assert frames.quat_rotate(q, NORTH) == near(forward_ned)
+    assert frames.quat_rotate(q, (0.0, 0.0, 1.0)) == near((0.0, 0.0, 1.0))
+    assert frames.tilt_from_quat(q) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_yaw_turns_north_to_east_and_pitch_lifts_the_nose() -> None:
+    assert frames.quat_rotate(frames.quat_from_euler(0.0, 0.0, pi / 2), NORTH) == near((0.0, 1.0, 0.0))
+    assert frames.quat_rotate(frames.quat_from_euler(0.0, pi / 6, 0.0), NORTH) == near((sqrt(0.75), 0.0, -0.5))
+    assert frames.rotate_yaw(NORTH, pi / 2) == near((0.0, 1.0, 0.0))
+
+
+@given(angles, st.floats(-1.5, 1.5), angles)
+def test_angles_survive_the_quaternion(roll: float, pitch: float, yaw: float) -> None:
+    q = frames.quat_from_euler(roll, pitch, yaw)
+    assert q[0] >= 0.0
+    assert frames.euler_from_quat(q) == pytest.approx((roll, pitch, yaw), abs=1e-4)
+    assert frames.yaw_from_quat(q) == pytest.approx(yaw, abs=1e-4)
+
+
+@given(vectors, vectors)
+def test_a_turn_is_undone_by_its_conjugate_and_keeps_lengths(turn: Vec3, vector: Vec3) -> None:
+    q = frames.quat_from_rotation_vector(turn)
+    there = frames.quat_rotate(q, vector)
+    assert frames.norm(there) == pytest.approx(frames.norm(vector), abs=1e-6)
+    assert frames.quat_rotate(frames.quat_conjugate(q), there) == pytest.approx(vector, abs=1e-6)
+
+
+@given(vectors)
+def test_a_local_position_survives_latitude_and_longitude(pos_ned_m: Vec3) -> None:
+    origin_deg = (47.4, 8.5, 488.0)
+    there = frames.geodetic_from_ned(pos_ned_m, origin_deg)
+    assert frames.ned_from_geodetic(there, origin_deg) == pytest.approx(pos_ned_m, abs=1e-5)
+
+
+@given(st.floats(-1e3, 1e3))
+def test_a_wrapped_angle_is_within_half_a_turn(angle: float) -> None:
+    assert -pi <= frames.wrap_pi(angle) < pi + 1e-9
+
+
+@pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0), (float("nan"), 0.0, 0.0, 0.0), (float("inf"), 0.0, 0.0, 0.0)])
+def test_what_is_no_rotation_is_refused(q: Quat) -> None:
+    with pytest.raises(ValueError, match="not a rotation"):
+        frames.quat_normalize(q)
