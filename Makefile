@@ -1,14 +1,19 @@
-# make setup   install into .venv
-# make demo    bring everything up, fly, land, plot
-# make test    every check there is
-# make bench   measure speed and cost: one table, and runs/bench.json
+# make setup      install into .venv
+# make demo       bring everything up, fly, land, plot
+# make test       every check there is
+# make campaign   three minutes of missions with faults; the seeds follow from the commit
+# make broken     fly bridges that are broken on purpose with full physics until each is caught: ten minutes or so
+# make bench      measure speed and cost: one table, and runs/bench.json
+
+# Arrays are small here: threads of the linear algebra library only wait for each other.
+export OPENBLAS_NUM_THREADS := 1
 
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: setup demo test bench
+.PHONY: setup demo test campaign broken bench
 
 setup: $(INSTALLED)
 
@@ -28,6 +33,12 @@ test: setup
 	$(BIN)/mypy -p jezero
 	$(BIN)/lint-imports
 	$(BIN)/pytest -q -n 2 --dist worksteal
+
+campaign: setup
+	$(BIN)/jezero campaign --commit HEAD --minutes 3 --jobs 2
+
+broken: setup
+	$(BIN)/pytest -q -s -m slow tests/scenario/test_broken_builds.py
 
 bench: setup
 	$(BIN)/python -m benchmarks.bench

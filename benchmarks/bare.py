@@ -5,22 +5,19 @@
     bridge -> router -> action -> router -> bridge -> UDP back to the sender   (odometry -> setpoint)
     client -> router -> action -> router -> bridge and back                    (goal -> accepted, first feedback)
 
-`... caller PORT` sends odometry at 50 Hz and prints, on SIGTERM, the delays in ns from sending to the answer's sending,
-one list over all hops and one of Zenoh's part alone. All callbacks run in Zenoh's own threads.
+All callbacks run in Zenoh's own threads. The answer on UDP carries the ns that Zenoh's part took.
 """
 
-import json
-import signal
 import socket
 import sys
 import time
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from threading import Event
 from typing import Any
 
 import zenoh
 
-from benchmarks.mavlink_proxy import HOST, SO_TIMESTAMPNS, kernel_time_ns
+from benchmarks.mavlink_proxy import HOST
 from jezero.runtime.codec import encode
 from jezero.runtime.config import Instance, instance_from_environment
 from jezero.runtime.zenoh_session import client_config
@@ -28,8 +25,6 @@ from jezero.schemas.actions import Accepted, Feedback, GoToGoal, MoveFeedback
 from jezero.schemas.commands import Acquire, AcquireReply, Phase, Setpoint
 from jezero.schemas.state import Odometry
 
-PERIOD_S = 0.02
-MAVLINK_ODOMETRY_BYTES = 245
 MAVLINK_SETPOINT_BYTES = 65
 POINT = (1.2345678901234567, -2.3456789012345678, -3.4567890123456789)
 GOAL_ID = "py-0123456789ab-12"
@@ -142,44 +137,25 @@ def action(session: zenoh.Session, instance: Instance) -> None:
 
 
 def ask_goal(session: zenoh.Session, instance: Instance) -> tuple[float, float]:
-    """Seconds from a goal to its two replies, as a waiting thread sees them."""
+    """Seconds from a goal to its two replies, as a waiting thread sees them.
+
+    Raises:
+        RuntimeError: an end doesn't answer.
+    """
     replies: SimpleQueue[Any] = SimpleQueue()
     begin_s = time.perf_counter()
     _ask(session, name(instance, "goal"), GOAL, replies.put)
-    replies.get(timeout=5)
-    accepted_s = time.perf_counter() - begin_s
-    replies.get(timeout=5)
+    try:
+        replies.get(timeout=5)
+        accepted_s = time.perf_counter() - begin_s
+        replies.get(timeout=5)
+    except Empty:
+        raise RuntimeError("the bare exchange does not answer") from None
     return accepted_s, time.perf_counter() - begin_s
-
-
-def caller(port: int) -> None:
-    """Ping at the rate of odometry until SIGTERM."""
-    stopping = Event()
-    signal.signal(signal.SIGTERM, lambda _number, _frame: stopping.set())
-    all_ns: list[int] = []
-    zenoh_ns: list[int] = []
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
-        link.bind((HOST, 0))
-        link.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-        link.settimeout(1.0)
-        while not stopping.is_set():
-            begin_ns = time.time_ns()
-            link.sendto(bytes(MAVLINK_ODOMETRY_BYTES), (HOST, port))
-            try:
-                end_ns, data = kernel_time_ns(link)
-            except TimeoutError:  # an end that isn't up yet
-                continue
-            all_ns.append(end_ns - begin_ns)
-            zenoh_ns.append(int.from_bytes(data[:8], "little"))
-            time.sleep(PERIOD_S)
-    print(json.dumps({"all_ns": all_ns, "zenoh_ns": zenoh_ns}))
 
 
 def main() -> None:
     role, instance = sys.argv[1], instance_from_environment()
-    if role == "caller":
-        caller(int(sys.argv[2]))
-        return
     with zenoh.open(client_config(instance.router)) as session:
         if role == "bridge":
             bridge(session, instance, int(sys.argv[2]))

@@ -25,7 +25,12 @@ class Share(msgspec.Struct, frozen=True):
 
 
 class Hover(msgspec.Struct, frozen=True):
-    """Attributes: rates_hz and samples by topic; only those that had a message."""
+    """What was seen.
+
+    Attributes:
+        rates_hz: by topic; only those that had a message.
+        samples: one message in JSON of each; none of pictures.
+    """
 
     processes: dict[str, Share]
     rates_hz: dict[str, float]
@@ -35,6 +40,11 @@ class Hover(msgspec.Struct, frozen=True):
     def cpu(self) -> float:
         """Of the whole stack, in cores."""
         return sum(share.cpu for share in self.processes.values())
+
+    @property
+    def cpu_without_camera(self) -> float:
+        """The same without the process that makes the pictures."""
+        return self.cpu - self.processes["camera"].cpu
 
 
 def measure(stack: Stack) -> Hover:
@@ -55,7 +65,7 @@ def measure(stack: Stack) -> Hover:
 
 
 def _listen(stack: Stack) -> tuple[dict[str, float], dict[str, bytes]]:
-    """Messages per second of each topic, and one of each."""
+    """Messages per second of each topic, and one in JSON of each."""
     instance = stack.instance
     counts: Counter[str] = Counter()
     samples: dict[str, bytes] = {}
@@ -63,7 +73,8 @@ def _listen(stack: Stack) -> tuple[dict[str, float], dict[str, bytes]]:
     def on_sample(sample: zenoh.Sample) -> None:
         name = str(sample.key_expr)
         counts[name] += 1
-        samples[name] = sample.payload.to_bytes()
+        if sample.encoding == zenoh.Encoding.APPLICATION_JSON:  # pictures are measured by benchmarks.camera
+            samples[name] = sample.payload.to_bytes()
 
     with zenoh.open(client_config(instance.router)) as session:
         session.declare_subscriber(key(instance.vehicle, "**"), direct(on_sample))
@@ -73,4 +84,4 @@ def _listen(stack: Stack) -> tuple[dict[str, float], dict[str, bytes]]:
         spent_s = time.monotonic() - begin_s
         seen = {topic.name: key(instance.vehicle, topic.name) for topic in TOPICS}
         rates_hz = {name: counts[at] / spent_s for name, at in seen.items() if counts[at]}
-    return rates_hz, {name: samples[seen[name]] for name in rates_hz}
+    return rates_hz, {name: samples[at] for name in rates_hz if (at := seen[name]) in samples}

@@ -1,6 +1,5 @@
 """Delays in a flying stack, each against a bare Zenoh exchange through the same router at the same time."""
 
-import json
 import os
 import signal
 import socket
@@ -10,13 +9,13 @@ from bisect import bisect_right
 from contextlib import ExitStack
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import zenoh
 
 from benchmarks import bare
-from benchmarks.stack import ROOT, percentile, running_module, running_stack, wait_for
+from benchmarks.mavlink_proxy import Times
+from benchmarks.stack import compose_file, percentile, running_module, running_stack, wait_for
 from jezero import Canceled, Vehicle
 from jezero.deploy.launcher.ports import HOST, reserved_instance
 from jezero.runtime.config import Instance
@@ -26,6 +25,8 @@ from jezero.schemas.state import StatusCode
 FLY_S = 1.0
 """How long each goal flies before it is canceled."""
 SIDE_M = 3.0
+BESIDES_CONTROL = ("camera", "estimator", "tag_detector")
+"""Left out: they hear odometry too or load the machine, and the bare exchange has no such company."""
 HEIGHT_M = 3.0
 
 
@@ -63,38 +64,50 @@ def delays(own_ms: list[float], bare_ms: list[float], left_out: int = 0) -> Dela
     )
 
 
-def measure(folder: Path, goals: int) -> tuple[dict[str, Delays], float]:
-    """Fly `goals` goals that are canceled on the way, the vehicle bridge behind a relay that takes the times.
+class Latency(msgspec.Struct, frozen=True):
+    """All delays.
 
-    Returns:
-        A row of each exchange, and the median time in ms from one odometry to the next, which none of them contains:
-        every step in them is triggered by what arrives.
+    Attributes:
+        exchanges: by name.
+        tick_ms: median time from one odometry to the next, which no exchange contains: every step in them is triggered
+            by what arrives.
+        bare_zenoh_ms: of the bare exchange of odometry and setpoint, Zenoh's part without UDP; median.
     """
+
+    exchanges: dict[str, Delays]
+    tick_ms: float
+    bare_zenoh_ms: float
+
+
+def measure(folder: Path, goals: int) -> Latency:
+    """Fly `goals` goals that are canceled on the way, the vehicle bridge behind a relay that takes the times."""
     with reserved_instance(vehicle=f"bench{os.getpid()}") as instance, ExitStack() as stack:
-        bridge_port, bare_port = _free_udp_port(), _free_udp_port()
-        relay = stack.enter_context(running_module("benchmarks.mavlink_proxy", str(bridge_port), instance=instance))
-        stack.enter_context(running_stack(instance, folder / "run", "-f", str(_compose_file(folder, bridge_port))))
+        ports, bare_port = (str(_free_udp_port()), str(_free_udp_port())), _free_udp_port()
+        relay = stack.enter_context(
+            running_module("benchmarks.mavlink_proxy", *ports, str(bare_port), instance=instance)
+        )
+        bridge = f"python -m benchmarks.shifted_bridge {' '.join(ports)}"
+        path = compose_file(folder, without=BESIDES_CONTROL, commands={"vehicle_bridge": bridge})
+        stack.enter_context(running_stack(instance, folder / "run", "-f", str(path)))
         for role in (("bridge", str(bare_port)), ("action",)):
             end = stack.enter_context(running_module("benchmarks.bare", *role, instance=instance))
             assert end.stdout is not None
             end.stdout.readline()
-        caller = stack.enter_context(running_module("benchmarks.bare", "caller", str(bare_port), instance=instance))
         session = stack.enter_context(zenoh.open(client_config(instance.router)))
         with Vehicle.connect(instance.vehicle, router=instance.router) as uav:
             uav.wait_ready()
             own, plain, flights_ns = _fly(uav, session, instance, goals)
-        passed, pinged = _stop_and_read(relay), _stop_and_read(caller)
-    hops_ms, left_out = pair(passed["odometry_ns"], passed["setpoint_ns"], flights_ns)
-    pings_ms = [ns / 1e6 for ns in pinged["all_ns"][50:]]
-    zenoh_ms = [ns / 1e6 for ns in pinged["zenoh_ns"][50:]]
-    ticks_ms = [(b - a) / 1e6 for a, b in pairwise(passed["odometry_ns"])]
+        passed = _stop_and_read(relay)
+    hops_ms, left_out = pair(passed.odometry_ns, passed.setpoint_ns, flights_ns)
+    bare_ms = [ns / 1e6 for ns in passed.bare_ns]
+    zenoh_ms = [ns / 1e6 for ns in passed.bare_zenoh_ns]
+    ticks_ms = [(b - a) / 1e6 for a, b in pairwise(passed.odometry_ns)]
     found = {
-        "odometry received -> setpoint sent": delays(hops_ms, pings_ms, left_out),
-        "the same against Zenoh's part alone, without UDP": delays(hops_ms, zenoh_ms, left_out),
+        "odometry received -> setpoint sent": delays(hops_ms, bare_ms, left_out),
         "goal -> accepted": delays([a for a, _ in own], [a for a, _ in plain]),
         "goal -> first feedback": delays([f for _, f in own], [f for _, f in plain]),
     }
-    return found, percentile(ticks_ms, 0.5)
+    return Latency(found, percentile(ticks_ms, 0.5), percentile(zenoh_ms, 0.5))
 
 
 def _fly(
@@ -147,25 +160,13 @@ def pair(odometry_ns: list[int], setpoint_ns: list[int], flights_ns: list[tuple[
     return paired, left_out
 
 
-def _compose_file(folder: Path, bridge_port: int) -> Path:
-    """The shipped one, with the vehicle bridge on another port."""
-    text = (ROOT / "deploy" / "compose.yaml").read_text(encoding="utf-8")
-    usual = "python -m jezero.services.vehicle_bridge"
-    if text.count(usual) != 1:
-        raise RuntimeError("the compose file starts the vehicle bridge in another way than this benchmark knows")
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "compose.yaml"
-    path.write_text(text.replace(usual, f"python -m benchmarks.shifted_bridge {bridge_port}"), encoding="utf-8")
-    return path
-
-
 def _free_udp_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind((HOST, 0))
         return int(probe.getsockname()[1])
 
 
-def _stop_and_read(process: "subprocess.Popen[str]") -> Any:
-    process.send_signal(signal.SIGTERM)
-    output, _ = process.communicate(timeout=30)
-    return json.loads(output.splitlines()[-1])
+def _stop_and_read(relay: "subprocess.Popen[str]") -> Times:
+    relay.send_signal(signal.SIGTERM)
+    output, _ = relay.communicate(timeout=30)
+    return msgspec.json.decode(output.splitlines()[-1], type=Times)

@@ -1,4 +1,4 @@
-"""How many vehicles fly in real time on one router, each with a whole stack and a simulator of its own."""
+"""How many vehicles fly in real time on one router, each with a whole stack but the camera and its own simulator."""
 
 import time
 from contextlib import ExitStack
@@ -8,7 +8,7 @@ import msgspec
 import zenoh
 
 from benchmarks.bare import direct
-from benchmarks.stack import HOVER_ALTITUDE_M, running_stack
+from benchmarks.stack import HOVER_ALTITUDE_M, compose_file, running_stack
 from jezero import JezeroError, Vehicle
 from jezero.deploy.launcher.ports import reserved_instance
 from jezero.runtime.codec import decode
@@ -43,6 +43,7 @@ def measure(folder: Path, most: int) -> list[Fleet]:
     """One more vehicle at a time, all hovering, until they fall behind or there are `most`."""
     fleets: list[Fleet] = []
     instances: list[Instance] = []
+    path = compose_file(folder, without=("camera",))
     with ExitStack() as stack:
         while len(fleets) < most and (not fleets or fleets[-1].in_real_time):
             instance = stack.enter_context(reserved_instance(vehicle=f"fleet{len(fleets) + 1}"))
@@ -50,7 +51,7 @@ def measure(folder: Path, most: int) -> list[Fleet]:
                 instance = msgspec.structs.replace(instance, router=instances[0].router)
             instances.append(instance)
             try:
-                stack.enter_context(running_stack(instance, folder / instance.vehicle))
+                stack.enter_context(running_stack(instance, folder / instance.vehicle, "-f", str(path)))
                 _take_off(instance)
             except (RuntimeError, JezeroError) as error:
                 fleets.append(Fleet(len(instances), (), str(error)))

@@ -1,10 +1,12 @@
-"""A relay on UDP between autopilot and vehicle bridge that notes when odometry and setpoints pass.
+"""A relay on UDP between autopilot and vehicle bridge that times odometry and setpoints, and bare Zenoh beside them.
 
-`python -m benchmarks.mavlink_proxy BRIDGE_PORT` listens where the instance's bridge would; on SIGTERM it prints one
-JSON object: times in ns of the realtime clock. A setpoint's is the kernel's, taken when the bridge sent it.
+`python -m benchmarks.mavlink_proxy BRIDGE_PORT OWN_PORT BARE_PORT` listens where the instance's bridge would, and
+speaks to the bridge from OWN_PORT. Three steps of the autopilot after each odometry, when the machine does the same as
+at the odometry itself, it sends as many bytes to the bare exchange on BARE_PORT, which answers. On SIGTERM it prints
+one `Times` as JSON. What the bridge and the bare exchange send is timed by the kernel, as it leaves them.
 """
 
-import json
+import contextlib
 import select
 import signal
 import socket
@@ -12,50 +14,104 @@ import struct
 import sys
 import time
 
+import msgspec
+
 from jezero.mavlink import MavlinkCodec, dialect
 from jezero.runtime.config import Instance, instance_from_environment
 
 HOST = "127.0.0.1"
 SO_TIMESTAMPNS = 35
+BARE_AFTER_NS = 12_000_000
+"""Three steps of autopilot and simulator, and more than half a period of odometry."""
+MAVLINK_ODOMETRY_BYTES = 245
+ODOMETRY_ID = dialect.MAVLINK_MSG_ID_ODOMETRY.to_bytes(3, "little")
+"""As it stands in the header of a frame."""
 Passed = tuple[int, bytes]
 
 
-def kernel_time_ns(receiver: socket.socket) -> tuple[int, bytes]:
+class Times(msgspec.Struct, frozen=True):
+    """When messages passed, in ns of the realtime clock.
+
+    Attributes:
+        bare_ns: durations of the bare exchange from sending to the sending of its answer.
+        bare_zenoh_ns: Zenoh's part of them, as the bare exchange tells it.
+    """
+
+    odometry_ns: list[int]
+    setpoint_ns: list[int]
+    bare_ns: list[int]
+    bare_zenoh_ns: list[int]
+
+
+def kernel_time_ns(receiver: socket.socket) -> Passed:
     """A datagram and when it was sent on this host. Needs SO_TIMESTAMPNS."""
     data, notes, _, _ = receiver.recvmsg(65536, 64)
     seconds, ns = struct.unpack("qq", notes[0][2])
     return seconds * 1_000_000_000 + ns, data
 
 
-def relay(instance: Instance, bridge_port: int) -> tuple[list[Passed], list[Passed]]:
-    """Until SIGTERM: what went to the bridge and what came from it, with times in ns."""
-    outer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    inner = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    stop_read, stop_write = socket.socketpair()
-    signal.signal(signal.SIGTERM, lambda _number, _frame: stop_write.close())
-    to_bridge: list[Passed] = []
-    from_bridge: list[Passed] = []
-    with outer, inner, stop_read:
-        outer.bind((HOST, instance.bridge_port))
-        inner.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-        inner.connect((HOST, bridge_port))
-        autopilot = None
-        while True:
-            ready, _, _ = select.select([outer, inner, stop_read], [], [])
-            if stop_read in ready:
-                return to_bridge, from_bridge
-            try:
-                if outer in ready:
-                    data, autopilot = outer.recvfrom(65536)
-                    to_bridge.append((time.time_ns(), data))
-                    inner.send(data)
-                if inner in ready:
-                    t_ns, data = kernel_time_ns(inner)
-                    from_bridge.append((t_ns, data))
-                    if autopilot is not None:
-                        outer.sendto(data, autopilot)
-            except ConnectionRefusedError:  # the bridge is not there yet
-                continue
+class Relay:
+    """Passes datagrams on and notes them.
+
+    Attributes:
+        to_bridge, from_bridge: what went by, with times in ns.
+        bare: when a bare exchange began, and its answer.
+    """
+
+    def __init__(self, instance: Instance, bridge_port: int, own_port: int, bare_port: int) -> None:
+        self.to_bridge: list[Passed] = []
+        self.from_bridge: list[Passed] = []
+        self.bare: list[tuple[int, Passed]] = []
+        self._outer, self._inner, self._plain = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(3))
+        self._outer.bind((HOST, instance.bridge_port))
+        self._inner.bind((HOST, own_port))
+        for end, port in ((self._inner, bridge_port), (self._plain, bare_port)):
+            end.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+            end.connect((HOST, port))
+        self._autopilot: object = None
+        self._bare_due_ns: int | None = None
+        self._bare_sent_ns = 0
+
+    def run(self, stop: socket.socket) -> None:
+        """Until `stop` is readable; its ports are free then."""
+        handlers = {self._outer: self._from_autopilot, self._inner: self._from_bridge, self._plain: self._from_bare}
+        with self._outer, self._inner, self._plain:
+            while True:
+                wait_s = None
+                if self._bare_due_ns is not None:
+                    wait_s = max(0, self._bare_due_ns - time.time_ns()) * 1e-9
+                ready, _, _ = select.select([*handlers, stop], [], [], wait_s)
+                if stop in ready:
+                    return
+                for end in ready:
+                    with contextlib.suppress(ConnectionRefusedError):  # the other side is not there yet
+                        handlers[end]()
+                if self._bare_due_ns is not None and time.time_ns() >= self._bare_due_ns:
+                    self._begin_bare()
+
+    def _from_autopilot(self) -> None:
+        data, self._autopilot = self._outer.recvfrom(65536)
+        now_ns = time.time_ns()
+        self.to_bridge.append((now_ns, data))
+        if ODOMETRY_ID in data:
+            self._bare_due_ns = now_ns + BARE_AFTER_NS
+        self._inner.send(data)
+
+    def _from_bridge(self) -> None:
+        t_ns, data = kernel_time_ns(self._inner)
+        self.from_bridge.append((t_ns, data))
+        if self._autopilot is not None:
+            self._outer.sendto(data, self._autopilot)  # type: ignore[arg-type]
+
+    def _begin_bare(self) -> None:
+        self._bare_due_ns = None
+        self._bare_sent_ns = time.time_ns()
+        with contextlib.suppress(ConnectionRefusedError):  # the bare bridge is not there yet
+            self._plain.send(bytes(MAVLINK_ODOMETRY_BYTES))
+
+    def _from_bare(self) -> None:
+        t_ns, data = kernel_time_ns(self._plain)
+        self.bare.append((self._bare_sent_ns, (t_ns, data)))
 
 
 def times_of(passed: list[Passed], message_id: int) -> list[int]:
@@ -65,10 +121,17 @@ def times_of(passed: list[Passed], message_id: int) -> list[int]:
 
 
 def main() -> None:
-    to_bridge, from_bridge = relay(instance_from_environment(), int(sys.argv[1]))
-    odometry = times_of(to_bridge, dialect.MAVLINK_MSG_ID_ODOMETRY)
-    setpoints = times_of(from_bridge, dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED)
-    print(json.dumps({"odometry_ns": odometry, "setpoint_ns": setpoints}))
+    stop_read, stop_write = socket.socketpair()
+    signal.signal(signal.SIGTERM, lambda _number, _frame: stop_write.close())
+    relay = Relay(instance_from_environment(), *map(int, sys.argv[1:4]))
+    relay.run(stop_read)
+    times = Times(
+        odometry_ns=times_of(relay.to_bridge, dialect.MAVLINK_MSG_ID_ODOMETRY),
+        setpoint_ns=times_of(relay.from_bridge, dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED),
+        bare_ns=[end_ns - begin_ns for begin_ns, (end_ns, _) in relay.bare],
+        bare_zenoh_ns=[int.from_bytes(data[:8], "little") for _, (_, data) in relay.bare],
+    )
+    print(msgspec.json.encode(times).decode())
 
 
 if __name__ == "__main__":

@@ -52,7 +52,7 @@ class Px4Process:
     def __init__(self, runtime: Path, instance: Instance, gains: Mapping[str, float]) -> None:
         self._system_id = instance.system_id
         self._hil = TcpServer(HOST, instance.hil_port)
-        self._offboard = Udp((HOST, instance.bridge_port))
+        self._offboard = Udp((HOST, instance.bridge_port), (HOST, instance.autopilot_offboard_port))
         command = px4.command(runtime, instance.number)
         self._child = ChildLink("PX4", command, px4.ENVIRONMENT, None, instance.hil_port)
         for link in (self._hil, self._offboard, self._child):

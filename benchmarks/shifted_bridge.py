@@ -1,4 +1,7 @@
-"""`python -m benchmarks.shifted_bridge PORT`: the vehicle bridge, listening to MAVLink on another port than usual."""
+"""`python -m benchmarks.shifted_bridge PORT PEER`: the vehicle bridge, listening to MAVLink on another port than usual.
+
+PEER is the port from which it hears the autopilot, and to which it sends.
+"""
 
 import sys
 
@@ -8,7 +11,6 @@ from jezero.services.vehicle_bridge.__main__ import HOST, build
 from jezero.services.vehicle_bridge.service import LINK
 
 if __name__ == "__main__":
-    port = int(sys.argv[1])
-    sys.exit(
-        run_process("vehicle_bridge", lambda instance, boot: (build(instance, boot)[0], {LINK: Udp((HOST, port))}))
-    )
+    port, peer = int(sys.argv[1]), int(sys.argv[2])
+    link = Udp((HOST, port), (HOST, peer), hears_only_peer=True)
+    sys.exit(run_process("vehicle_bridge", lambda instance, boot: (build(instance, boot)[0], {LINK: link})))

@@ -4,10 +4,13 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 from jezero.deploy.launcher.ports import instance_environment
 from jezero.deploy.launcher.state import RunFolder
@@ -35,6 +38,27 @@ class Stack:
         return {"launcher": state.launcher_pid, **{s.service: s.pid for s in state.services if s.pid is not None}}
 
 
+def compose_file(folder: Path, *, without: Sequence[str], commands: Mapping[str, str] | None = None) -> Path:
+    """The shipped one, without some services, and with others' commands replaced.
+
+    Raises:
+        RuntimeError: it has no service of such a name.
+    """
+    document = yaml.safe_load((ROOT / "deploy" / "compose.yaml").read_text(encoding="utf-8"))
+    services: dict[str, Any] = document["services"]
+    commands = commands or {}
+    unknown = {*without, *commands} - set(services)
+    if unknown:
+        raise RuntimeError(f"the shipped compose file has no service {sorted(unknown)}")
+    for name, command in commands.items():
+        services[name]["command"] = command
+    kept = {name: service for name, service in services.items() if name not in without}
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "compose.yaml"
+    path.write_text(yaml.safe_dump({"services": kept}), encoding="utf-8")
+    return path
+
+
 def _log(folder: Path) -> str:
     log = folder / "logs" / "launcher.log"
     return log.read_text(errors="replace").strip() if log.exists() else "it printed nothing"
@@ -47,13 +71,18 @@ def environment_of(instance: Instance) -> dict[str, str]:
 
 
 @contextmanager
-def running_stack(instance: Instance, folder: Path, *words: str) -> Iterator[Stack]:
+def running_stack(instance: Instance, folder: Path, *words: str, settings: Path | None = None) -> Iterator[Stack]:
     """`jezero up --wait` with extra words, and `jezero down` at the end.
+
+    Args:
+        settings: folder of the configuration files, the shipped one by default.
 
     Raises:
         RuntimeError: it doesn't get ready; the text is what the command printed.
     """
     environment = {**environment_of(instance), "JEZERO_RUN_DIR": str(folder)}
+    if settings is not None:
+        environment["JEZERO_CONFIG_DIR"] = str(settings)
     begin_s = time.monotonic()
     try:
         up = subprocess.run(

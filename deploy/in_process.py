@@ -3,12 +3,20 @@
 import zlib
 from collections.abc import Callable
 
+import msgspec
+
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus
 from jezero.runtime.service import Service
 from jezero.services.actions.table import BEHAVIOURS, action_server
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.service import Autopilot
+from jezero.services.estimator.config import EstimatorConfig
+from jezero.services.estimator.service import Estimator
+from jezero.services.estimator.tag_detector.config import TagDetectorConfig
+from jezero.services.estimator.tag_detector.service import TagDetector
+from jezero.services.simulator.camera.config import CameraConfig
+from jezero.services.simulator.camera.making import make_camera
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.service import Simulator
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
@@ -28,8 +36,14 @@ def service_makers(
     simulator: SimulatorConfig | None = None,
     autopilot: AutopilotConfig | None = None,
     bridge: VehicleBridgeConfig | None = None,
+    camera: CameraConfig | None = None,
+    estimator: EstimatorConfig | None = None,
 ) -> dict[str, Callable[[int], Service]]:
     """By name, in the order of their start: what makes a service from the id of its run.
+
+    Args:
+        camera: by default that of the configuration file, but in mode "projected": the other takes far longer than the
+            whole rest.
 
     Raises:
         ConfigError: a configuration file is wrong.
@@ -37,10 +51,15 @@ def service_makers(
     simulator = simulator or load_config(SimulatorConfig, "simulator")
     autopilot = autopilot or load_config(AutopilotConfig, "autopilot")
     bridge = bridge or load_config(VehicleBridgeConfig, "vehicle_bridge")
+    camera = camera or msgspec.structs.replace(load_config(CameraConfig, "camera"), mode="projected")
+    estimator = estimator or load_config(EstimatorConfig, "estimator")
     makers: dict[str, Callable[[int], Service]] = {
         "simulator": lambda boot: Simulator(simulator, seed=seed, boot_id=boot),
+        "camera": lambda boot: make_camera(camera, simulator, seed),
         "autopilot": lambda boot: Autopilot(autopilot, system_id=SYSTEM_ID, boot_id=boot),
         "vehicle_bridge": lambda boot: VehicleBridge(bridge, system_id=SYSTEM_ID, boot_id=boot),
+        "tag_detector": lambda boot: TagDetector(load_config(TagDetectorConfig, "tag_detector")),
+        "estimator": lambda boot: Estimator(estimator),
     }
 
     def action_maker(name: str) -> Callable[[int], Service]:
@@ -63,20 +82,24 @@ def build_stack(
     simulator: SimulatorConfig | None = None,
     autopilot: AutopilotConfig | None = None,
     bridge: VehicleBridgeConfig | None = None,
+    camera: CameraConfig | None = None,
+    estimator: EstimatorConfig | None = None,
     wrap_simulator: Callable[[Service], Service] = lambda service: service,
 ) -> MemoryBus:
-    """A bus with the simulator, the embedded autopilot, the bridge and the action servers, at time 0.
+    """A bus with every service that flies in one process, at time 0.
 
     Args:
         seed: of the world, the noise, the wind and the links' delays.
-        simulator, autopilot, bridge: settings other than those of the configuration files.
+        simulator, autopilot, bridge, camera, estimator: settings other than those of the configuration files.
         wrap_simulator: puts something in front of the simulator, such as a fault of a sensor.
 
     Raises:
         ConfigError: a configuration file is wrong.
     """
     bus = wired_bus(seed)
-    makers = service_makers(seed, simulator=simulator, autopilot=autopilot, bridge=bridge)
+    makers = service_makers(
+        seed, simulator=simulator, autopilot=autopilot, bridge=bridge, camera=camera, estimator=estimator
+    )
     for name, make in makers.items():
         service = make(boot_id(seed, name))
         bus.add(wrap_simulator(service) if name == "simulator" else service)

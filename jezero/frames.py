@@ -8,6 +8,7 @@
 | `flu`        | forward, left, up        | the vehicle's body in the physics engine              |
 | `rover`      | north, east, down        | origin at the centre of the landing platform          |
 | `rover_body` | the same, turned by yaw  | what UWB measures in                                  |
+| `camera`     | right, down, forward     | of the picture; forward is the optical axis           |
 
 Vectors are tuples of three floats and quaternions are `(w, x, y, z)` with w >= 0: below ten elements plain
 floats are several times faster than arrays. A quaternion `q_ned_from_frd` turns body vectors into NED.
@@ -198,3 +199,17 @@ def ned_from_geodetic(position_deg: Vec3, origin_deg: Vec3) -> Vec3:
     north = (position_deg[0] - lat0) * pi / 180.0 * EARTH_RADIUS_M
     east = (position_deg[1] - lon0) * pi / 180.0 * EARTH_RADIUS_M * cos(lat0 * pi / 180.0)
     return (north, east, alt0 - position_deg[2])
+
+
+def frd_from_camera(v_camera: Vec3, pitch_camera_rad: float) -> Vec3:
+    """Turn a vector of the camera into the body; at a pitch of -pi/2 it looks down, with the nose at the top."""
+    right, down, forward = v_camera
+    c, s = cos(pitch_camera_rad), sin(pitch_camera_rad)
+    return (s * down + c * forward, right, c * down - s * forward)
+
+
+def camera_from_frd(v_frd: Vec3, pitch_camera_rad: float) -> Vec3:
+    """Inverse of `frd_from_camera`."""
+    x, y, z = v_frd
+    c, s = cos(pitch_camera_rad), sin(pitch_camera_rad)
+    return (y, s * x + c * z, c * x - s * z)

@@ -9,9 +9,10 @@ from typing import Annotated, Generic, Literal, TypeVar
 from msgspec import Meta
 
 from jezero.schemas.commands import Outcome
-from jezero.schemas.struct import Angle, Message, Name, NonNegative, Payload, PositionNed, Text, TimeNs
+from jezero.schemas.struct import Angle, Message, Name, NonNegative, Payload, Position, PositionNed, Text, TimeNs
 
 Frame = Literal["world", "rover"]
+Overlap = Annotated[float, Meta(ge=0.0, le=0.95)]
 F = TypeVar("F")
 R = TypeVar("R")
 
@@ -57,14 +58,40 @@ class LandOnSpotGoal(Goal, frozen=True, kw_only=True):
     """Land on a spot.
 
     Attributes:
-        landing_spot_ned_m: in `frame`; the rough position of the rover, or with both sensors off the spot itself.
-            Its z is not used: the vehicle descends until it touches down.
+        landing_spot_ned_m: in `frame`; with the marker alone the rough position of the rover, with neither sensor the
+            spot itself, whose z is not used: the vehicle descends until it touches down. With UWB not needed.
     """
 
     landing_spot_ned_m: PositionNed | None = None
     frame: Frame = "world"
     use_uwb: bool = True
     use_marker: bool = True
+
+
+Corners = tuple[tuple[Position, Position], ...]
+"""(n, 2) north and east of a polygon's corners, in order; the last may repeat the first."""
+
+
+class AreaCoverageGoal(Goal, frozen=True, kw_only=True):
+    """Map an area: sweep it in lines, taking pictures.
+
+    Attributes:
+        polygon_ned_m, holes_ned_m: in `frame`, which is frozen to the world when the goal is accepted.
+        z_ned_m: height of the flight; negative is up.
+        resolution_m: distance between lines and between pictures, unless `overlap` is given.
+        overlap, sidelap: shares of a picture that the next one, and that of the next line, show again; instead of
+            `resolution_m`, from what the camera sees of level ground from that height.
+        speed_mps: None for the default; never more than half of the pictures' distance times the camera's rate.
+    """
+
+    polygon_ned_m: Corners
+    holes_ned_m: tuple[Corners, ...] = ()
+    z_ned_m: Position
+    resolution_m: NonNegative | None = None
+    overlap: Overlap | None = None
+    sidelap: Overlap | None = None
+    frame: Frame = "world"
+    speed_mps: float | None = None
 
 
 class MoveFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="move"):
@@ -75,13 +102,21 @@ class MoveFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="mo
     distance_m: NonNegative
 
 
+LandPhase = Literal["approach", "descent", "hold", "search", "contact"]
+
+
 class LandFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="land"):
-    """pos_rel_ned_m: vehicle relative to the landing spot; phase: approach, descent, contact."""
+    """How a landing goes.
+
+    Attributes:
+        pos_rel_ned_m: vehicle relative to the landing spot, or to the rover's platform; None as long as it isn't known.
+        phase: `hold` waits at its height for a rover out of sight, `search` looks for it.
+    """
 
     pos_uav_ned_m: PositionNed
     frame: Frame = "world"
     pos_rel_ned_m: PositionNed | None = None
-    phase: Literal["approach", "descent", "contact"]
+    phase: LandPhase
 
 
 class MoveResult(Payload, frozen=True, kw_only=True):

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from jezero.schemas.struct import Angle, Message, Name, Payload, PositionNed, Text, Vector, VelocityNed
+from jezero.schemas.struct import Angle, Message, Name, Payload, PositionNed, Text, TimeNs, Vector, VelocityNed
 
 
 class Phase(StrEnum):
@@ -40,11 +40,17 @@ class Setpoint(Message, frozen=True, kw_only=True):
 
 
 class Acquire(Payload, frozen=True, kw_only=True):
-    """Ask to be in charge. Granted to one goal at a time; lapses without a setpoint within 0.5 s."""
+    """Ask to be in charge. Granted to one goal at a time; lapses without a setpoint within 0.5 s.
+
+    Attributes:
+        issued_t_ns: vehicle time of asking; refused when it comes so late that nobody waits for the answer. None:
+            not checked.
+    """
 
     goal_id: Name
     action: Name
     do_takeoff: bool = False
+    issued_t_ns: TimeNs | None = None
 
 
 class AcquireReply(Payload, frozen=True, kw_only=True):
@@ -121,3 +127,21 @@ class Kill(Payload, frozen=True, kw_only=True):
 class KillReply(Payload, frozen=True, kw_only=True):
     killed: bool
     reason: Text = ""
+
+
+class CameraPitch(Message, frozen=True, kw_only=True):
+    """Where the camera shall look; see `CameraFrame.pitch_camera_rad`."""
+
+    pitch_camera_rad: Annotated[float, Meta(ge=-1.5708, le=0.0)]
+
+
+class RoverCommand(Message, frozen=True, kw_only=True):
+    """How the rover shall drive. It stops when no command has come for half a second.
+
+    Attributes:
+        speed_rover_body_mps: forward along its heading, negative is backwards.
+        yaw_rate_rover_rps: clockwise as seen from above.
+    """
+
+    speed_rover_body_mps: Annotated[float, Meta(ge=-2.0, le=2.0)]
+    yaw_rate_rover_rps: Annotated[float, Meta(ge=-1.0, le=1.0)]

@@ -10,12 +10,16 @@ from jezero.schemas.struct import (
     Finite,
     Message,
     NonNegative,
+    Payload,
     Position,
     PositionNed,
     Speed,
     Vector,
     VelocityNed,
 )
+
+Pixel = tuple[Finite, Finite]
+"""(x, y) in the picture."""
 
 
 class Imu(Message, frozen=True, kw_only=True):
@@ -85,3 +89,51 @@ class RoverOdometry(Message, frozen=True, kw_only=True):
     yaw_rover_rad: Angle
     speed_rover_body_mps: Speed
     yaw_rate_rover_rps: Finite
+
+
+class CameraInfo(Message, frozen=True, kw_only=True):
+    """The ventral camera: a pinhole without distortion, on a pitch axis that is fixed to the body.
+
+    Attributes:
+        focal_px, center_px: intrinsics; (0, 0) is the centre of the first pixel, x to the right and y down.
+        pos_camera_frd_m: of the optical centre, which is on the pitch axis, from the centre of mass.
+    """
+
+    width_px: Annotated[int, Meta(ge=1, le=8192)]
+    height_px: Annotated[int, Meta(ge=1, le=8192)]
+    focal_px: NonNegative
+    center_px: tuple[Finite, Finite]
+    pos_camera_frd_m: PositionNed
+    rate_hz: NonNegative
+
+
+class CameraFrame(Message, frozen=True, kw_only=True, omit_defaults=True):
+    """One picture; `t_ns` is the middle of its exposure.
+
+    On the bus the pixels are the payload and everything else is its attachment, in JSON.
+
+    Attributes:
+        pitch_camera_rad: of the optical axis against the body's forward axis; -pi/2 looks straight down.
+        pixels: rows from the top, three bytes red, green, blue each. Only a flight's log leaves them out.
+    """
+
+    sequence: Annotated[int, Meta(ge=0)]
+    width_px: Annotated[int, Meta(ge=1, le=8192)]
+    height_px: Annotated[int, Meta(ge=1, le=8192)]
+    pitch_camera_rad: Angle
+    exposure_s: NonNegative
+    pixels: bytes = b""
+
+
+class CornersOfTag(Payload, frozen=True, kw_only=True):
+    """Corners of the black square: top left, top right, bottom right, bottom left of the tag's own picture."""
+
+    tag_id: Annotated[int, Meta(ge=0, le=586)]
+    corners_px: tuple[Pixel, Pixel, Pixel, Pixel]
+
+
+class TagCorners(Message, frozen=True, kw_only=True):
+    """Tags as a detector would have found them in a picture that nobody rendered; `t_ns` as in `CameraFrame`."""
+
+    pitch_camera_rad: Angle
+    tags: Annotated[tuple[CornersOfTag, ...], Meta(max_length=32)]

@@ -140,3 +140,21 @@ class Truth(Message, frozen=True, kw_only=True):
     wind_ned_mps: VelocityNed
     contact_force_n: NonNegative
     armed_motors: bool
+
+
+class Scene(Message, frozen=True, kw_only=True):
+    """What there is to see at one exposure, for the camera alone; `t_ns` is its middle. As `Truth`, nothing that
+    flies may read it.
+
+    Positions are in the simulator's map, NED with its origin in the middle of the terrain: of the vehicle's centre of
+    mass and of the middle of the platform's top.
+    """
+
+    epoch_id: int
+    pos_uav_ned_m: PositionNed
+    vel_uav_ned_mps: VelocityNed
+    q_ned_from_frd: QuatNedFromFrd
+    rates_uav_frd_rps: Vector
+    pos_rover_ned_m: PositionNed
+    vel_rover_ned_mps: VelocityNed
+    yaw_rover_rad: float

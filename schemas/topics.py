@@ -5,9 +5,10 @@ Anything with an effect is behind an `@` chunk, which the wildcards `*` and `**`
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Generic, Literal, TypeVar
 
-from jezero.schemas import actions, commands, health, sensors, state
+from jezero.schemas import actions, commands, estimate, health, sensors, state
 from jezero.schemas.struct import Message, Payload
 
 M = TypeVar("M", bound=Message)
@@ -57,7 +58,7 @@ class Action(Generic[Q]):
     result_type: Any
     phase: commands.Phase
 
-    @property
+    @cached_property
     def endpoint(self) -> Endpoint[Q, actions.Rejected]:
         replies = (
             actions.Accepted
@@ -67,7 +68,7 @@ class Action(Generic[Q]):
         )
         return Endpoint(f"@action/{self.name}", self.goal_type, replies, lambda why: actions.Rejected(reason=why))
 
-    @property
+    @cached_property
     def cancel(self) -> Endpoint[actions.Cancel, actions.CancelReply]:
         return Endpoint(
             f"@action/{self.name}/cancel",
@@ -86,12 +87,22 @@ ALTIMETER = Topic("sensor/altimeter", sensors.Altimeter, 25.0)
 UWB = Topic("sensor/uwb", sensors.Uwb, 20.0)
 ROVER_ODOMETRY = Topic("rover/odometry", sensors.RoverOdometry, 25.0)
 TRUTH = Topic("truth", state.Truth, 50.0)
+SCENE = Topic("simulator/scene", state.Scene, 15.0)
+CAMERA = Topic("sensor/camera", sensors.CameraFrame, 15.0)
+CAMERA_INFO = Topic("camera/info", sensors.CameraInfo, 1.0)
+TAG_CORNERS = Topic("sensor/tag_corners", sensors.TagCorners, 15.0)
+ESTIMATE_TAG = Topic("estimate/tag", estimate.TagEstimate, 15.0)
+RELATIVE = Topic("estimate/relative", estimate.Relative, 50.0)
+ROVER_ESTIMATE = Topic("estimate/rover", estimate.RoverEstimate, 10.0)
+CAMERA_PITCH = Topic("command/camera_pitch", commands.CameraPitch, 20.0)
+ROVER_COMMAND = Topic("rover/command", commands.RoverCommand, 10.0)
 ODOMETRY = Topic("odometry", state.Odometry, 50.0)
 STATUS = Topic("status", state.Status, 10.0, "all")
 SETPOINT = Topic("command/setpoint", commands.Setpoint, 50.0)
 
 TOPICS: tuple[Topic[Any], ...] = (
     CLOCK, IMU, GNSS, BARO, MAG, ALTIMETER, UWB, ROVER_ODOMETRY, TRUTH, ODOMETRY, STATUS, SETPOINT,
+    SCENE, CAMERA, CAMERA_INFO, TAG_CORNERS, ESTIMATE_TAG, RELATIVE, ROVER_ESTIMATE, CAMERA_PITCH, ROVER_COMMAND,
 )  # fmt: skip
 
 ACQUIRE = Endpoint(
@@ -131,6 +142,24 @@ RESULT = Endpoint(
     lambda why: actions.ResultReply(goal_id="-", action="-", running=False, result=None),
     shared=True,
 )
+GET_PARAMETERS = Endpoint(
+    "@estimator/parameters/get",
+    estimate.GetParameters,
+    estimate.ParametersReply,
+    lambda why: estimate.ParametersReply(accepted=False, reason=why),
+)
+SET_PARAMETERS = Endpoint(
+    "@estimator/parameters/set",
+    estimate.SetParameters,
+    estimate.ParametersReply,
+    lambda why: estimate.ParametersReply(accepted=False, reason=why),
+)
+LEASE = Endpoint(
+    "@estimator/parameters/lease",
+    estimate.Lease,
+    estimate.LeaseReply,
+    lambda why: estimate.LeaseReply(accepted=False, reason=why),
+)
 
 TAKEOFF = Action("takeoff", actions.TakeoffGoal, actions.MoveFeedback, actions.MoveResult, commands.Phase.TAKEOFF)
 GO_TO = Action("go_to", actions.GoToGoal, actions.MoveFeedback, actions.MoveResult, commands.Phase.GO_TO)
@@ -140,7 +169,7 @@ LAND_ON_SPOT = Action(
 ACTIONS: dict[str, Action[Any]] = {a.name: a for a in (TAKEOFF, GO_TO, LAND_ON_SPOT)}
 
 ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (
-    ACQUIRE, RELEASE, HOVER, ABORT, KILL, RESULT,
+    ACQUIRE, RELEASE, HOVER, ABORT, KILL, RESULT, GET_PARAMETERS, SET_PARAMETERS, LEASE,
     *(a.endpoint for a in ACTIONS.values()), *(a.cancel for a in ACTIONS.values()),
 )  # fmt: skip
 
@@ -160,6 +189,6 @@ def key(vehicle: str, name: str) -> str:
     return f"jezero/{vehicle}/{name}"
 
 
-def liveliness_key(vehicle: str, kind: Literal["service", "client"], name: str) -> str:
-    """The liveliness token that says that a service or a client is there."""
+def liveliness_key(vehicle: str, kind: Literal["service", "client", "claim"], name: str) -> str:
+    """The liveliness token that says that a service or a client is there, or that somebody wants a service's name."""
     return f"jezero/{vehicle}/@alive/{kind}/{name}"

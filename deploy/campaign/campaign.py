@@ -1,8 +1,9 @@
 """Many seeds' missions, on several processes, and what they come to."""
 
 import multiprocessing
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
+from multiprocessing.pool import AsyncResult
 
 import msgspec
 
@@ -38,6 +39,7 @@ def fly_campaign(
     """Fly all seeds.
 
     Args:
+        seeds: taken one by one as they are flown, a few ahead of the reports.
         jobs: processes that fly at the same time.
         tell: called with each mission's report, in the order of the seeds.
         mission: flies one seed.
@@ -71,4 +73,9 @@ def _reports(seeds: Iterable[int], jobs: int, mission: Callable[[int], MissionRe
         yield from map(mission, seeds)
         return
     with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-        yield from pool.imap(mission, seeds)
+        waiting: deque[AsyncResult[MissionReport]] = deque()
+        for seed in seeds:
+            waiting.append(pool.apply_async(mission, (seed,)))
+            if len(waiting) >= 2 * jobs:
+                yield waiting.popleft().get()
+        yield from (flown.get() for flown in waiting)

@@ -29,8 +29,10 @@ FIELDS: dict[str, Callable[[Random], Any]] = {
     "z_ned_m": lambda rng: rng.uniform(-6.0, -2.0),
     "resolution_m": lambda rng: rng.uniform(0.5, 1.5),
     "do_takeoff": lambda rng: rng.random() < 0.5,
-    "use_uwb": lambda rng: False,
-    "use_marker": lambda rng: False,
+    "frame": lambda rng: rng.choice(("world", "world", "world", "rover")),
+    "use_uwb": lambda rng: rng.random() < 0.4,
+    "use_marker": lambda rng: rng.random() < 0.4,
+    "speed_mps": lambda rng: rng.choice((None, rng.uniform(0.5, 4.0))),
     "yaw_rad": lambda rng: rng.choice((None, rng.uniform(-3.1, 3.1))),
     "on_client_loss": lambda rng: rng.choice(("continue", "cancel")),
 }
@@ -38,7 +40,7 @@ FIELDS: dict[str, Callable[[Random], Any]] = {
 
 
 def draw_goal(action: topics.Action[Any], rng: Random, goal_id: str, t_ns: int) -> Goal:
-    """A goal that is possible by itself.
+    """A goal whose numbers are possible, whether or not the vehicle, the rover and its estimate are ready for it.
 
     Raises:
         KeyError: the action's goal has a field without a default that FIELDS doesn't know.

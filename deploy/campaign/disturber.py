@@ -24,6 +24,8 @@ class Disturber:
         self._bus = bus
         self._rng = rng
         self._active: list[tuple[Fault, int]] = []
+        self.late_ns = 0
+        """By how much a fault made any message on MAVLink late so far, at most."""
         self._not_before_ns: dict[tuple[str, str], int] = {}
         """What a connection holds back is not overtaken by what it carries later."""
 
@@ -55,6 +57,7 @@ class Disturber:
             if fault.path == path and _hits(fault, sender, receiver):
                 items = self._suffer(fault, end_ns, name, receiver, items)
         if path == MAVLINK:
+            self.late_ns = max(self.late_ns, *(at_ns - t_ns for at_ns, _ in items), 0)
             return items
         floor_ns = self._not_before_ns.get((sender, receiver), 0)
         reorders = any(fault.kind is Kind.REORDER for fault, _ in self._active) and name != REPLY
@@ -65,6 +68,7 @@ class Disturber:
         return items
 
     def _suffer(self, fault: Fault, end_ns: int, name: str, receiver: str, items: Items) -> Items:
+        """One fault's effect. A delay grows within a second, so that what is late need not have been missing before."""
         rng, amount = self._rng, fault.amount
         on_connection = name == REPLY or "@" in name
         for_client = receiver in CLIENTS
@@ -74,7 +78,8 @@ class Disturber:
             case Kind.PARTITION:
                 items = [] if amount else [(max(at_ns, end_ns), data) for at_ns, data in items]
             case Kind.DELAY:
-                items = [(at_ns + int(amount * NS_PER_S), data) for at_ns, data in items]
+                grown = min(1.0, (self._bus.t_ns - end_ns) / NS_PER_S + fault.duration_s)
+                items = [(at_ns + int(grown * amount * NS_PER_S), data) for at_ns, data in items]
             case Kind.REORDER if not on_connection:
                 items = [(at_ns + self._chance_ns(amount, REORDER_MAX_S), data) for at_ns, data in items]
             case Kind.DUPLICATE if not on_connection:

@@ -63,30 +63,34 @@ class Fault:
         return f"{self.kind}{amount} of {self.where}{path} for {self.duration_s:.2f} s"
 
 
-def draw_faults(rng: Random, span_s: float) -> list[Fault]:
-    """Between FAULTS_MIN and FAULTS_MAX faults that all begin within `span_s`, in the order of their start."""
+def draw_faults(rng: Random, span_s: float, others: tuple[str, ...] = ()) -> list[Fault]:
+    """Between FAULTS_MIN and FAULTS_MAX faults that all begin within `span_s`, in the order of their start.
+
+    Args:
+        others: services of the stack besides simulator, autopilot, bridge and action servers.
+    """
     kinds = [rng.choice(tuple(Kind)) for _ in range(rng.randint(FAULTS_MIN, FAULTS_MAX))]
-    faults = [_draw(kind, rng, rng.uniform(0.0, span_s)) for kind in kinds]
+    faults = [_draw(kind, rng, rng.uniform(0.0, span_s), others) for kind in kinds]
     return sorted(faults, key=lambda fault: fault.start_s)
 
 
-def _draw(kind: Kind, rng: Random, start_s: float) -> Fault:
+def _draw(kind: Kind, rng: Random, start_s: float, others: tuple[str, ...]) -> Fault:
     if kind in SENSOR_KINDS:
         return _draw_sensor(kind, rng, start_s)
     if kind is Kind.KILL:
-        names = (BRIDGE, BRIDGE, BRIDGE, *ACTIONS, *ACTIONS, AUTOPILOT, SIMULATOR)
+        names = (BRIDGE, BRIDGE, BRIDGE, *ACTIONS, *ACTIONS, AUTOPILOT, SIMULATOR, *others)
         return Fault(kind, rng.choice(names), "bus", start_s, rng.uniform(0.3, 5.0))
     if kind is Kind.FREEZE:
-        name = rng.choice((BRIDGE, BRIDGE, *ACTIONS, AUTOPILOT))
+        name = rng.choice((BRIDGE, BRIDGE, *ACTIONS, AUTOPILOT, *others))
         longest_s = 0.1 if name == AUTOPILOT else 10.0
         return Fault(kind, name, "bus", start_s, rng.uniform(0.02, longest_s))
     if kind is Kind.PARTITION:
-        return _draw_partition(rng, start_s)
+        return _draw_partition(rng, start_s, others)
     if kind is Kind.BIT_FLIPS:
         path, amount = rng.choice(((MAVLINK, 0.2), (MAVLINK, 0.05), (HIL, 0.01)))
         ends = (SIMULATOR, AUTOPILOT) if path == HIL else (BRIDGE, AUTOPILOT)
         return Fault(kind, _one_way(rng, *ends), path, start_s, rng.uniform(1.0, 15.0), amount)
-    return _draw_link(kind, rng, start_s)
+    return _draw_link(kind, rng, start_s, others)
 
 
 def _draw_sensor(kind: Kind, rng: Random, start_s: float) -> Fault:
@@ -104,23 +108,24 @@ def _draw_sensor(kind: Kind, rng: Random, start_s: float) -> Fault:
     return Fault(kind, sensor, HIL, start_s, rng.uniform(1.0, 15.0), amount)
 
 
-def _draw_partition(rng: Random, start_s: float) -> Fault:
+def _draw_partition(rng: Random, start_s: float, others: tuple[str, ...]) -> Fault:
     """On the bus what was sent arrives afterwards, as from a broken connection, or is lost (amount 1)."""
     duration_s = rng.uniform(0.2, PARTITION_MAX_S)
     if rng.random() < 0.3:
         return Fault(Kind.PARTITION, _one_way(rng, BRIDGE, AUTOPILOT), MAVLINK, start_s, duration_s, 1.0)
-    name = rng.choice((BRIDGE, BRIDGE, *ACTIONS, *CLIENTS))
+    name = rng.choice((BRIDGE, BRIDGE, *ACTIONS, *CLIENTS, *others))
     return Fault(Kind.PARTITION, name, "bus", start_s, duration_s, float(rng.random() < 0.3))
 
 
-def _draw_link(kind: Kind, rng: Random, start_s: float) -> Fault:
+def _draw_link(kind: Kind, rng: Random, start_s: float, others: tuple[str, ...]) -> Fault:
     duration_s = rng.uniform(1.0, 15.0)
     carries_time = kind in (Kind.NAN, Kind.WRONG_TIME)
     if not carries_time and rng.random() < 0.35:
         amount = {Kind.DELAY: rng.uniform(0.02, 0.2)}.get(kind, rng.choice((0.1, 0.5, 0.9)))
         return Fault(kind, _one_way(rng, BRIDGE, AUTOPILOT), MAVLINK, start_s, duration_s, amount)
     action = rng.choice(tuple(ACTIONS))
-    ends = rng.choice(((BRIDGE, action), (BRIDGE, action), (SIMULATOR, BRIDGE), (SIMULATOR, action)))
+    with_others = tuple((other, end) for other in others for end in (SIMULATOR, action))
+    ends = rng.choice(((BRIDGE, action), (BRIDGE, action), (SIMULATOR, BRIDGE), (SIMULATOR, action), *with_others))
     if not carries_time and rng.random() < 0.3:
         ends = (rng.choice(CLIENTS), rng.choice((action, BRIDGE)))
     amount = rng.choice((0.1, 0.5, 0.9))

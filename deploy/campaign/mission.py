@@ -11,12 +11,12 @@ import msgspec
 
 from jezero.deploy.campaign.clients import PERIOD_S, Client, Sent
 from jezero.deploy.campaign.disturber import Disturber
-from jezero.deploy.campaign.faults import AUTOPILOT, CLIENTS, SENSOR_KINDS, Fault, Kind, draw_faults
+from jezero.deploy.campaign.faults import AUTOPILOT, BRIDGE, CLIENTS, SENSOR_KINDS, Fault, Kind, draw_faults
 from jezero.deploy.campaign.judge import NS_PER_S, Judge, Violation
-from jezero.deploy.campaign.sensor_faults import FaultySimulator
 from jezero.deploy.campaign.watch_bridge import WatchedBridge
+from jezero.deploy.campaign.watch_landing import WatchedLanding
 from jezero.deploy.campaign.watch_others import GoalRecord, TruthWatch, WatchedAutopilot, WatchedServer
-from jezero.deploy.in_process import service_makers, wired_bus
+from jezero.deploy.campaign.worlds import PHYSICS, WORLDS, Sensing, World
 from jezero.report.flight_log import line
 from jezero.runtime.service import Service
 from jezero.schemas import topics
@@ -63,19 +63,21 @@ class Mission:
 
     Args:
         tell: called with a line for every event, for people.
+        world: what it flies in.
     """
 
-    def __init__(self, seed: int, tell: Callable[[str], None] = lambda text: None) -> None:
+    def __init__(self, seed: int, tell: Callable[[str], None] = lambda text: None, world: World = PHYSICS) -> None:
         self.seed = seed
         self.judge = Judge()
-        self.bus = wired_bus(seed)
-        self._makers = service_makers(seed)
+        self.bus = world.make_bus(seed)
+        self._world = world
+        self._makers = world.make_makers(seed)
         self._runs: Counter[str] = Counter()
         self._goals: list[GoalRecord] = []
         self._flights: dict[str, set[str]] = {}
         self._lost: set[tuple[str, int]] = set()
         """Runs of services that were killed."""
-        self._simulator: FaultySimulator | None = None
+        self._sensing: Sensing | None = None
         self._simulators: list[Simulator] = []
         self._disturber = Disturber(self.bus, named_random(seed, "links"))
         self._sensor_rng = named_random(seed, "sensors")
@@ -84,7 +86,10 @@ class Mission:
         self._status: Status | None = None
         self._status_decoder = msgspec.json.Decoder(Status)
         self._truth = TruthWatch(self.judge)
-        self.faults = draw_faults(named_random(seed, "faults"), FAULTS_WITHIN_S)
+        known = (world.sensing, world.autopilot, BRIDGE, *topics.ACTIONS)
+        others = tuple(name for name in self._makers if name not in known)
+        faults = draw_faults(named_random(seed, "faults"), FAULTS_WITHIN_S, others)
+        self.faults = [world.translate(fault) for fault in faults]
         self.clients = [Client(name, self.bus, named_random(seed, name), self._say) for name in CLIENTS]
         self.bus.observe(self._observe)
         self.bus.observe(self._truth)
@@ -119,22 +124,26 @@ class Mission:
     def _watched(self, name: str, run: int, service: Service) -> Service:
         if isinstance(service, Simulator):
             self._simulators.append(service)
-            self._simulator = FaultySimulator(service, self._sensor_rng)
-            return self._simulator
-        if name == "autopilot":
-            return WatchedAutopilot(service, self.judge)
-        if name == "vehicle_bridge":
+        if name == self._world.sensing:
+            service = self._sensing = self._world.with_faults(service, self._sensor_rng)
+        if name == self._world.autopilot:
+            return WatchedAutopilot(service, self.judge, lambda: self._disturber.late_ns)
+        if name == self._world.sensing:
+            return service
+        if name == BRIDGE:
             return WatchedBridge(service, self.judge, self._flights)
-        return WatchedServer(service, run, self.judge, self._goals)
+        if name == topics.LAND_ON_SPOT.name:
+            service = WatchedLanding(service, self.judge, lambda: self._truth.truth)
+        return WatchedServer(service, run, self.judge, self._goals) if name in topics.ACTIONS else service
 
     def _begin(self, fault: Fault) -> None:
         self._say(f"fault: {fault}")
         if fault.kind in SENSOR_KINDS:
-            assert self._simulator is not None
-            simulator = self._simulator
-            running = simulator.begin(fault)
+            assert self._sensing is not None
+            sensing = self._sensing
+            running = sensing.begin(fault)
             end_ns = self.bus.t_ns + int(fault.duration_s * NS_PER_S)
-            self.bus.at(end_ns, "", lambda: simulator.active.remove(running))
+            self.bus.at(end_ns, "", lambda: sensing.active.remove(running))
         elif fault.kind is Kind.FREEZE and self.bus.runs(fault.where):
             self.bus.freeze(fault.where, fault.duration_s)
         elif fault.kind is Kind.KILL and self.bus.has(fault.where):
@@ -234,6 +243,10 @@ class Mission:
         )
 
 
-def fly_mission(seed: int, tell: Callable[[str], None] = lambda text: None) -> MissionReport:
-    """Fly one seed's mission."""
-    return Mission(seed, tell).fly()
+def fly_mission(seed: int, tell: Callable[[str], None] = lambda text: None, world: str = "physics") -> MissionReport:
+    """Fly one seed's mission.
+
+    Args:
+        world: one of WORLDS.
+    """
+    return Mission(seed, tell, WORLDS[world]).fly()

@@ -76,7 +76,7 @@ class SensorFault:
     def __init__(self, fault: Fault, rng: Random) -> None:
         self.sensor = fault.where
         self._kind = fault.kind
-        self._amount = fault.amount
+        self.amount = fault.amount
         self._rng = rng
         self._first: Any = None
         self._count = 0
@@ -86,7 +86,7 @@ class SensorFault:
         """What the autopilot gets instead of one message of the simulator."""
         kind = message.get_msgId()
         if kind == dialect.MAVLINK_MSG_ID_HIL_GPS and self.sensor == "gnss":
-            yield from self._readings(t_ns, message, _stuck_fix, self._garbled_fix, self._wrong_fix)
+            yield from self.readings(t_ns, message, _stuck_fix, self._garbled_fix, self._wrong_fix)
         elif kind == dialect.MAVLINK_MSG_ID_HIL_SENSOR and self.sensor in GROUPS:
             mask, fields = GROUPS[self.sensor]
             if message.fields_updated & mask:
@@ -98,7 +98,7 @@ class SensorFault:
     def _change_group(self, t_ns: int, message: MavMessage, mask: int, fields: tuple[str, ...]) -> None:
         """HIL_SENSOR carries several sensors: this one's fields change, or it is not updated."""
         values = [getattr(message, name) for name in fields]
-        readings = list(self._readings(t_ns, values, lambda first, now: first, self._garbled, self._wrong))
+        readings = list(self.readings(t_ns, values, lambda first, now: first, self._garbled, self._wrong))
         if readings:
             for name, value in zip(fields, readings[-1], strict=True):
                 setattr(message, name, value)
@@ -107,9 +107,9 @@ class SensorFault:
 
     def on_bus(self, t_ns: int, message: Message) -> Iterator[Message]:
         """What the bus gets instead of one reading."""
-        yield from self._readings(t_ns, message, _stuck_message, self._garbled_message, self._wrong_message)
+        yield from self.readings(t_ns, message, _stuck_message, self._garbled_message, self._wrong_message)
 
-    def _readings(
+    def readings(
         self,
         t_ns: int,
         reading: Any,
@@ -127,17 +127,17 @@ class SensorFault:
             case Kind.SENSOR_STUCK:
                 yield stuck(self._first, reading)
             case Kind.SENSOR_GARBAGE:
-                yield garbled(reading) if self._rng.random() < self._amount else reading
+                yield garbled(reading) if self._rng.random() < self.amount else reading
             case Kind.SENSOR_WRONG:
                 yield wrong(reading)
             case Kind.SENSOR_SLOW:
-                if self._count % int(self._amount) == 0:
+                if self._count % int(self.amount) == 0:
                     yield reading
             case Kind.SENSOR_INTERMITTENT:
-                if self._rng.random() >= self._amount:
+                if self._rng.random() >= self.amount:
                     yield reading
             case Kind.SENSOR_DELAYED:
-                self._late.append((t_ns + int(self._amount * NS_PER_S), reading))
+                self._late.append((t_ns + int(self.amount * NS_PER_S), reading))
                 while self._late and self._late[0][0] <= t_ns:
                     yield self._late.popleft()[1]
             case _:
@@ -148,7 +148,7 @@ class SensorFault:
         return [nan if self._rng.random() < 0.2 else self._rng.uniform(-size, size) for _ in values]
 
     def _wrong(self, values: list[float]) -> list[float]:
-        return [value + self._amount * error for value, error in zip(values, ERRORS[self.sensor], strict=True)]
+        return [value + self.amount * error for value, error in zip(values, ERRORS[self.sensor], strict=True)]
 
     def _garbled_fix(self, message: MavMessage) -> MavMessage:
         rng = self._rng
@@ -162,8 +162,8 @@ class SensorFault:
 
     def _wrong_fix(self, message: MavMessage) -> MavMessage:
         """Up to 5 m to the north and 3 m up."""
-        message.lat += int(450 * self._amount)
-        message.alt += int(3000 * self._amount)
+        message.lat += int(450 * self.amount)
+        message.alt += int(3000 * self.amount)
         return message
 
     def _garbled_message(self, message: Any) -> Any:
@@ -175,7 +175,7 @@ class SensorFault:
         return replace(message, yaw_rover_rad=rng.uniform(-6.0, 6.0), speed_rover_body_mps=rng.uniform(-100.0, 100.0))
 
     def _wrong_message(self, message: Any) -> Any:
-        add, replace = self._amount, msgspec.structs.replace
+        add, replace = self.amount, msgspec.structs.replace
         if self.sensor == "altimeter":
             return message if message.range_m is None else replace(message, range_m=message.range_m + add)
         if self.sensor == "uwb":

@@ -68,12 +68,10 @@ class WatchedBridge:
             self._taking_back_ns = t_ns
         for output in self._bridge.step(t_ns, inbox):
             match output:
-                case Publish(topic=topics.ODOMETRY):
-                    assert isinstance(output.message, Odometry)
-                    self._on_odometry(output.message)
-                case Publish(topic=topics.STATUS):
-                    assert isinstance(output.message, Status)
-                    self._on_status(t_ns, output.message)
+                case Publish(message=Odometry() as odometry):
+                    self._on_odometry(odometry)
+                case Publish(message=Status() as status):
+                    self._on_status(t_ns, status)
                 case Reply(payload=AcquireReply(granted=True) as reply):
                     self._on_grant(t_ns, reply, inbox)
                 case Send():
@@ -151,12 +149,12 @@ class WatchedBridge:
             return
         owner, since_ns = self._owner
         silent_s = (t_ns - since_ns) / NS_PER_S
-        good = now.control_id == owner and silent_s <= SILENT_OWNER_MAX_S
-        text = f"{now.control_id} is in charge, its last setpoint came {silent_s:.2f} s ago"
-        self._judge.check(good, t_ns, "a silent goal loses control", text)
-        released = any(request.payload.control_id == owner for request in inbox.requests(topics.RELEASE))
-        text = f"{owner} gave control back and is still in charge"
-        self._judge.check(not released, t_ns, "who gives control back has none", text)
+        if now.control_id != owner or silent_s > SILENT_OWNER_MAX_S:
+            text = f"{now.control_id} is in charge, its last setpoint came {silent_s:.2f} s ago"
+            self._judge.check(False, t_ns, "a silent goal loses control", text)
+        if any(request.payload.control_id == owner for request in inbox.requests(topics.RELEASE)):
+            text = f"{owner} gave control back and is still in charge"
+            self._judge.check(False, t_ns, "who gives control back has none", text)
 
     def _is_taking_back(self, t_ns: int) -> bool:
         since_ns = self._taking_back_ns
@@ -174,31 +172,47 @@ class WatchedBridge:
             self._judge.check(forces or not (streams or commands), t_ns, "silence after a failsafe or takeover", text)
 
     def _on_target(self, t_ns: int, inbox: Inbox, now: Status, sent: Sent, allowed: list[Setpoint]) -> None:
-        self._judge.check(sent.finite, t_ns, "only finite setpoints", f"{sent} was sent to the autopilot")
+        if not sent.finite:
+            self._judge.check(False, t_ns, "only finite setpoints", f"{sent} was sent to the autopilot")
         gap_s = 0.0 if self._streamed_ns is None else (t_ns - self._streamed_ns) / NS_PER_S
         self._streamed_ns = t_ns
         moved_ned_m = subtract(self._offset_ned_m, self._target_offset_ned_m)
         before, self._target, self._target_offset_ned_m = self._target, sent, self._offset_ned_m
         if before is not None and gap_s < 1.0 and _is_same(before, sent, moved_ned_m):
             return
-        if now.control_id:
+        if now.control_id and not self._is_asked_for(inbox, now, sent):
             explained = any(self._explains(setpoint, sent) for setpoint in allowed)
             text = f"{sent.pos_ned_m}, {sent.vel_ned_mps} is no setpoint that {now.control_id} sent lately"
             self._judge.check(explained, t_ns, "only the owner's fresh setpoints", text)
         elif now.code == Code.HOVER and sent.pos_ned_m is not None:
-            self._judge_hover_point(t_ns, inbox, sent.pos_ned_m, before)
+            self._judge_hover_point(t_ns, inbox, sent.pos_ned_m, before, moved_ned_m)
 
-    def _judge_hover_point(self, t_ns: int, inbox: Inbox, pos_ned_m: Vec3, before: Sent | None) -> None:
-        """It begins near the vehicle, and moves on request only."""
-        if inbox.requests(topics.HOVER):
+    def _judge_hover_point(
+        self, t_ns: int, inbox: Inbox, pos_ned_m: Vec3, before: Sent | None, moved_ned_m: Vec3
+    ) -> None:
+        """It begins near the vehicle, and moves on request only; after a pause it is where it was."""
+        was_ned_m = None if before is None else before.pos_ned_m
+        stays = was_ned_m is not None and dist(add(was_ned_m, moved_ned_m), pos_ned_m) < SAME_M
+        if stays or inbox.requests(topics.HOVER):
             return
         if self._before is not None and self._before.code == Code.HOVER and not self._before.control_id:
-            text = f"from {before and before.pos_ned_m} to {pos_ned_m} without a request"
+            text = f"from {was_ned_m} to {pos_ned_m} without a request"
             self._judge.check(False, t_ns, "no jump of a hover point", text)
         elif self._odometry is not None:
             distance_m = dist(pos_ned_m, self._odometry.pos_uav_ned_m)
             text = f"the hover begins {distance_m:.1f} m from the vehicle"
             self._judge.check(distance_m <= HOVER_ENTRY_M, t_ns, "no jump of a hover point", text)
+
+    def _is_asked_for(self, inbox: Inbox, now: Status, sent: Sent) -> bool:
+        """A hover that was asked for in this very step, before control was granted in it."""
+        if now.code != Code.HOVER or sent.pos_ned_m is None or self._odometry is None:
+            return False
+        here_ned_m = self._odometry.pos_uav_ned_m
+        asked = (request.payload for request in inbox.requests(topics.HOVER) if request.payload.hover_req)
+        return any(
+            dist(sent.pos_ned_m, hover.hover_pos or here_ned_m) <= (SAME_M if hover.hover_pos else HOVER_ENTRY_M)
+            for hover in asked
+        )
 
     def _explains(self, setpoint: Setpoint, sent: Sent) -> bool:
         offset_ned_m = self._offsets.get(setpoint.reset_counter)
@@ -220,8 +234,9 @@ class WatchedBridge:
             self._streamed_ns = t_ns if flies else None
             return
         gap_s = 0.0 if self._streamed_ns is None else (t_ns - self._streamed_ns) / NS_PER_S
-        text = f"no setpoint for {gap_s:.2f} s in status {now.name}"
-        self._judge.check(gap_s <= STREAM_GAP_MAX_S, t_ns, "never without a commander", text)
+        if gap_s > STREAM_GAP_MAX_S:
+            text = f"no setpoint for {gap_s:.2f} s in status {now.name}"
+            self._judge.check(False, t_ns, "never without a commander", text)
 
 
 def _read(message: MavMessage) -> Sent:

@@ -1,7 +1,7 @@
 """The autopilot, the action servers and the truth under observation."""
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from math import cos, degrees, radians
 from typing import Any
@@ -18,8 +18,8 @@ from jezero.schemas.state import Truth
 
 OFFBOARD_LOSS_S = 1.3
 """COM_OF_LOSS_T and some time to notice."""
-STALE_S = 0.3 + 0.21
-"""Of a setpoint when the autopilot gets it: sent fresh, and delayed by the link at most by what a fault delays it."""
+STALE_S = 0.3
+"""Of a setpoint when the autopilot gets it, besides what faults of the link delay it."""
 TOLD_NS = 1_100_000_000
 """It tells its mode at least this often, and any change at once; while nobody is connected it tells nothing."""
 OFFBOARD_MODE = 6 << 16
@@ -29,13 +29,20 @@ HEADER = 10
 
 
 class WatchedAutopilot:
-    """An autopilot: in offboard mode it is being told what to do, or it does something by itself."""
+    """An autopilot: in offboard mode it is being told what to do, or it does something by itself.
 
-    def __init__(self, autopilot: Service, judge: Judge) -> None:
+    Args:
+        late_ns: by how much faults of the link have made anything late so far, at most.
+    """
+
+    def __init__(self, autopilot: Service, judge: Judge, late_ns: Callable[[], int]) -> None:
         self.spec = autopilot.spec
         self._autopilot = autopilot
         self._judge = judge
         self._codec = MavlinkCodec(1, 201)
+        self._late_ns = late_ns
+        looks_at_once = "offboard" in autopilot.spec.triggers
+        self._stale_s = STALE_S + (0.0 if looks_at_once else 1.0 / autopilot.spec.rate_hz)
         self._commanded_ns: int | None = None
         self._offboard_ns: int | None = None
         """When it last told that it is armed in offboard mode; None after it told something else."""
@@ -46,17 +53,19 @@ class WatchedAutopilot:
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
                 self._commanded_ns = t_ns
                 age_s = t_ns / NS_PER_S - message.time_boot_ms / 1000.0
-                text = f"it gets a setpoint that is {age_s:.2f} s old"
-                self._judge.check(age_s <= STALE_S, t_ns, "no stale setpoint", text)
+                if age_s > self._stale_s + self._late_ns() / NS_PER_S:
+                    text = f"it gets a setpoint that is {age_s:.2f} s old"
+                    self._judge.check(False, t_ns, "no stale setpoint", text)
         for output in self._autopilot.step(t_ns, inbox):
             if isinstance(output, Send) and output.link == "offboard":
                 self._read(t_ns, output.data)
             yield output
-        told_ns = self._offboard_ns
+        told_ns = self._offboard_ns if inbox.is_up("offboard") else None
         if told_ns is not None and t_ns - told_ns <= TOLD_NS and t_ns - self._stepped_ns < TOLD_NS / 10:
             silent_s = (t_ns - (self._commanded_ns or 0)) / NS_PER_S
-            text = f"armed in offboard mode, and no setpoint for {silent_s:.2f} s"
-            self._judge.check(silent_s <= OFFBOARD_LOSS_S, t_ns, "never without a commander", text)
+            if silent_s > OFFBOARD_LOSS_S:
+                text = f"armed in offboard mode, and no setpoint for {silent_s:.2f} s"
+                self._judge.check(False, t_ns, "never without a commander", text)
         self._stepped_ns = t_ns
 
     def _read(self, t_ns: int, data: bytes) -> None:

@@ -2,6 +2,7 @@
 
 import socket
 import threading
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
@@ -72,6 +73,7 @@ class HealthWatcher:
         self._instance = instance
         self._on_change = on_change
         self._verdicts: dict[str, Verdict] = {}
+        self._signs: Counter[str] = Counter()
         self._status: tuple[bool, str] | None = None
         self._session: zenoh.Session | None = None
         self._stopping = threading.Event()
@@ -93,6 +95,10 @@ class HealthWatcher:
 
     def verdict(self, service: str) -> Verdict:
         return self._verdicts.get(service, Verdict())
+
+    def signs(self, service: str) -> int:
+        """How often it has been heard of: its reports, and its arrivals on the bus."""
+        return self._signs[service]
 
     def forget(self, service: str) -> None:
         """Its process has ended: what it said no longer counts."""
@@ -138,6 +144,7 @@ class HealthWatcher:
         service = str(sample.key_expr).rpartition("/")[2]
         if sample.kind == zenoh.SampleKind.PUT:
             known = self.verdict(service)
+            self._signs[service] += 1
             self._verdicts[service] = Verdict(True, known.health, known.text)
         else:
             self._verdicts.pop(service, None)
@@ -152,6 +159,7 @@ class HealthWatcher:
             return
         if not self._is_put_on(topics.health_of(report.service).name, sample):
             return
+        self._signs[report.service] += 1
         verdict = Verdict(self.verdict(report.service).alive, report.state, report.text)
         if verdict != self.verdict(report.service):
             self._verdicts[report.service] = verdict

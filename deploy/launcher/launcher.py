@@ -12,6 +12,7 @@ from types import FrameType
 from typing import TextIO
 
 from jezero.deploy.launcher.compose import Service, in_levels
+from jezero.deploy.launcher.freezes import LOOK_PERIOD_S, FreezeWatch, look_at
 from jezero.deploy.launcher.health import HealthWatcher
 from jezero.deploy.launcher.output import Output
 from jezero.deploy.launcher.processes import Child, RestartPolicy, SpawnError, describe_exit, spawn
@@ -29,6 +30,7 @@ class _Slot:
 
     Attributes:
         due_s: monotonic time of the next try when restarting, of SIGKILL when stopping.
+        frozen: how it showed that the present process is frozen; "" when it isn't.
     """
 
     service: Service
@@ -36,14 +38,14 @@ class _Slot:
     state: ServiceState = "waiting"
     text: str = ""
     child: Child | None = None
-    started_s: float = 0.0
-    started_unix_s: float | None = None
+    started_s: float | None = None
     due_s: float | None = None
     exit_code: int | None = None
+    frozen: str = ""
 
     @property
     def has_started(self) -> bool:
-        return self.started_unix_s is not None or self.state == "external"
+        return self.started_s is not None or self.state == "external"
 
 
 class Launcher:
@@ -77,6 +79,8 @@ class Launcher:
         self._selector = selectors.DefaultSelector()
         self._wake_read, self._wake_write = socket.socketpair()
         self._health = HealthWatcher(instance, self._wake)
+        self._freezes = FreezeWatch()
+        self._look_s = time.monotonic()
         self._stop_requests = 0
         self._stopping: Iterator[list[str]] | None = None
         self._level: list[str] = []
@@ -98,7 +102,7 @@ class Launcher:
                 self._advance()
                 self._say_ready(begin_s)
         self._output.close()
-        self._folder.clear()
+        self._folder.release()
         return 1 if any(slot.state == "failed" for slot in self._slots.values()) else 0
 
     # -- events --
@@ -114,6 +118,8 @@ class Launcher:
     def _wait(self) -> None:
         """Until something happens or is due; then handle what happened."""
         due = [slot.due_s for slot in self._slots.values() if slot.due_s is not None]
+        if self._stopping is None:
+            due.append(self._look_s)
         timeout_s = None if not due else max(0.0, min(due) - time.monotonic())
         for selected, _ in self._selector.select(timeout_s):
             name = selected.data
@@ -156,18 +162,18 @@ class Launcher:
         self._health.forget(name)
         slot.child = None
         slot.due_s = None
-        how = describe_exit(slot.exit_code)
         if self._stopping is not None or self._stop_requests:
-            self._set(slot, "stopped", f"stopped with {how}")
+            self._set(slot, "stopped", f"stopped with {describe_exit(slot.exit_code)}")
             return
-        delay_s = slot.policy.after_exit(now_s, now_s - slot.started_s, slot.exit_code)
+        how = f"was frozen and killed: {slot.frozen}" if slot.frozen else f"ended with {describe_exit(slot.exit_code)}"
+        delay_s = slot.policy.after_exit(now_s, now_s - (slot.started_s or now_s), slot.exit_code, how)
         if delay_s is not None:
             slot.due_s = now_s + delay_s
-            self._set(slot, "restarting", f"ended with {how}; again in {delay_s:.1f} s")
+            self._set(slot, "restarting", f"{how}; again in {delay_s:.1f} s")
         elif slot.policy.gave_up:
             self._set(slot, "failed", slot.policy.gave_up)
         else:
-            self._set(slot, "exited", f"ended with {how}")
+            self._set(slot, "exited", how)
 
     # -- what follows --
 
@@ -187,7 +193,25 @@ class Launcher:
                 elif slot.state == "restarting" and slot.due_s is not None and now_s >= slot.due_s:
                     slot.due_s = None
                     self._start(slot)
+            if now_s >= self._look_s:
+                self._kill_frozen(now_s)
         self._write()
+
+    def _kill_frozen(self, now_s: float) -> None:
+        """What has frozen ends as if it had crashed."""
+        self._look_s = now_s + LOOK_PERIOD_S
+        running = {slot.child.pid: slot for slot in self._slots.values() if slot.child is not None}
+        connected = self._health.connected
+        looks = {}
+        for pid, slot in running.items():
+            name = slot.service.name
+            reachable = connected and self._health.verdict(name).alive
+            looks[pid] = look_at(pid, signs=self._health.signs(name), reachable=reachable)
+        for pid, how in self._freezes.judge(now_s, looks).items():
+            slot = running[pid]
+            if slot.child is not None and not slot.frozen:
+                slot.frozen = how
+                slot.child.signal(signal.SIGKILL)
 
     def _start_if_possible(self, slot: _Slot) -> None:
         waits = []
@@ -209,8 +233,8 @@ class Launcher:
         except SpawnError as error:
             self._set(slot, "failed", str(error))
             return
+        slot.frozen = ""
         slot.started_s = time.monotonic()
-        slot.started_unix_s = time.time()
         self._selector.register(slot.child.pidfd, selectors.EVENT_READ, name)
         self._selector.register(slot.child.output, selectors.EVENT_READ, name)
         self._set(slot, "running", f"started, process {slot.child.pid}")
@@ -327,7 +351,7 @@ class Launcher:
             health=verdict.health,
             restarts=slot.policy.restarts,
             exit_code=slot.exit_code,
-            started_unix_s=slot.started_unix_s,
+            started_monotonic_s=slot.started_s,
             text=verdict.text if slot.state == "running" and verdict.text else slot.text,
         )
 

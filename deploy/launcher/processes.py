@@ -87,13 +87,17 @@ class RestartPolicy:
     gave_up: str = ""
     _exits_s: deque[float] = field(default_factory=deque)
 
-    def after_exit(self, now_s: float, ran_s: float, code: int) -> float | None:
-        """Seconds to wait before the next try; None for no other try, with the reason in `gave_up` if it failed."""
+    def after_exit(self, now_s: float, ran_s: float, code: int, how: str) -> float | None:
+        """Seconds to wait before the next try; None for no other try, with the reason in `gave_up` if it failed.
+
+        Args:
+            how: it ended, in words.
+        """
         if self.service.restart == "no" or (self.service.restart == "on-failure" and code == 0):
-            self.gave_up = f"ended with {describe_exit(code)}" if code else ""
+            self.gave_up = how if code else ""
             return None
         if self.service.max_retries is not None and self.restarts >= self.service.max_retries:
-            self.gave_up = f"ended with {describe_exit(code)} after {self.restarts} restarts"
+            self.gave_up = f"{how} after {self.restarts} restarts"
             return None
         if ran_s > CRASH_LOOP_WINDOW_S:
             self._exits_s.clear()
@@ -102,8 +106,7 @@ class RestartPolicy:
         self._exits_s.append(now_s)
         if len(self._exits_s) > CRASH_LOOP_TRIES:
             self.gave_up = (
-                f"crash loop: ended {len(self._exits_s)} times within {CRASH_LOOP_WINDOW_S:.0f} s, "
-                f"last with {describe_exit(code)}"
+                f"crash loop: ended {len(self._exits_s)} times within {CRASH_LOOP_WINDOW_S:.0f} s; last it {how}"
             )
             return None
         self.restarts += 1

@@ -24,7 +24,7 @@ class LaunchedService(msgspec.Struct, frozen=True, kw_only=True):
         health: "" until the service reports, else its own word: starting, ok or degraded.
         healthy: alive on the bus and not starting.
         exit_code: of its last run; negative is the signal that ended it.
-        started_unix_s: when its present run began.
+        started_monotonic_s: when its present run began, by the clock that all processes of this machine share.
         text: a sentence for people.
     """
 
@@ -35,7 +35,7 @@ class LaunchedService(msgspec.Struct, frozen=True, kw_only=True):
     health: str = ""
     restarts: int = 0
     exit_code: int | None = None
-    started_unix_s: float | None = None
+    started_monotonic_s: float | None = None
     text: str = ""
 
 
@@ -71,6 +71,14 @@ def start_ticks(pid: int) -> int | None:
     return None if fields[0] == "Z" else int(fields[19])
 
 
+def _is_file(descriptor: int, path: Path) -> bool:
+    """Whether an open file is the one that has this name now."""
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except FileNotFoundError:
+        return False
+
+
 def default_folder(vehicle: str) -> Path:
     """This user's folder for a vehicle's stack."""
     base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
@@ -100,6 +108,10 @@ class RunFolder:
     def _state_path(self) -> Path:
         return self.path / "state.json"
 
+    @property
+    def _lock_path(self) -> Path:
+        return self.path / "lock"
+
     def acquire(self) -> None:
         """Make the folder and hold it until this process ends, however it ends.
 
@@ -107,18 +119,22 @@ class RunFolder:
             AlreadyUpError: another launcher holds it.
         """
         self.logs.mkdir(parents=True, exist_ok=True)
-        lock = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(lock)
-            state = self.read()
-            pid = state.launcher_pid if state else "unknown"
-            raise AlreadyUpError(
-                f"already up: launcher process {pid} runs in {self.path}. Stop it with `jezero down`, or choose "
-                "another folder with --run-dir"
-            ) from None
-        self._lock = lock
+        while self._lock is None:
+            lock = os.open(self._lock_path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                os.close(lock)
+                state = self.read()
+                pid = state.launcher_pid if state else "unknown"
+                raise AlreadyUpError(
+                    f"already up: launcher process {pid} runs in {self.path}. Stop it with `jezero down`, or choose "
+                    "another folder with --run-dir"
+                ) from None
+            if _is_file(lock, self._lock_path):
+                self._lock = lock
+            else:  # its holder removed it between our two calls
+                os.close(lock)
 
     def write(self, state: RunState) -> None:
         """Replace the state in one step: a reader sees the old or the new one."""
@@ -126,10 +142,15 @@ class RunFolder:
         temporary.write_bytes(msgspec.json.encode(state))
         temporary.replace(self._state_path)
 
-    def clear(self) -> None:
-        """Say that nothing runs here."""
+    def release(self) -> None:
+        """Say that nothing runs here any more, and let go."""
         with contextlib.suppress(FileNotFoundError):
             self._state_path.unlink()
+        if self._lock is not None:
+            with contextlib.suppress(FileNotFoundError):
+                self._lock_path.unlink()
+            os.close(self._lock)
+            self._lock = None
 
     def read(self) -> RunState | None:
         """What the launcher that runs here last said; None when none runs."""

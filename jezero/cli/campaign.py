@@ -2,7 +2,10 @@
 
 import json
 import re
+from collections.abc import Iterable
 from functools import partial
+from itertools import count
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -16,8 +19,10 @@ if TYPE_CHECKING:
 LONGEST = 1_000_000
 
 
-def seed_range(ctx: click.Context, param: click.Parameter, value: str) -> range:
+def seed_range(ctx: click.Context, param: click.Parameter, value: str | None) -> range | None:
     """`A..B`, both included, or one number."""
+    if value is None:
+        return None
     match = re.fullmatch(r"(\d{1,9})(?:\.\.(\d{1,9}))?", value)
     if match is None:
         raise click.BadParameter(f"{value!r} is no range of seeds: write 1..100, or one number")
@@ -28,21 +33,46 @@ def seed_range(ctx: click.Context, param: click.Parameter, value: str) -> range:
 
 
 @click.command()
+@click.option("--seeds", callback=seed_range, metavar="A..B", help="Both ends included; 1..10 if nothing is said.")
+@click.option("--commit", metavar="REV", help="Seeds that follow from a commit, e.g. HEAD; needs --minutes.")
+@click.option("--minutes", type=click.FloatRange(min=0.0), help="Begin no further mission after so long.")
 @click.option(
-    "--seeds", callback=seed_range, metavar="A..B", default="1..10", show_default=True, help="Both ends included."
+    "--world",
+    type=click.Choice(("physics", "point-mass")),
+    default="physics",
+    show_default=True,
+    help="The point mass takes the place of simulator and autopilot: for large numbers of seeds.",
 )
 @click.option("--jobs", type=click.IntRange(1, 64), default=1, show_default=True, help="Processes that fly at once.")
 @click.option("-v", "--verbose", is_flag=True, help="Tell every event of every mission; flies one at a time.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per mission, the sum last.")
-def campaign(seeds: range, jobs: int, verbose: bool, as_json: bool) -> None:
+def campaign(
+    seeds: range | None,
+    commit: str | None,
+    minutes: float | None,
+    world: str,
+    jobs: int,
+    verbose: bool,
+    as_json: bool,
+) -> None:
     """Fly missions under seeded faults and check what must always hold.
 
-    A seed that fails prints what broke, and fails again in the same way with `--seeds N -v`.
+    A seed that fails prints what broke, and fails again in the same way with `--seeds N -v`
+    in the same world.
     """
     import msgspec
 
     from jezero.deploy.campaign.campaign import fly_campaign
     from jezero.deploy.campaign.mission import fly_mission
+    from jezero.deploy.campaign.seeds import in_time
+
+    if commit is not None and (seeds is not None or minutes is None):
+        raise click.UsageError("--commit takes the place of --seeds, and --minutes says for how long: give these two")
+    chosen: Iterable[int] = range(1, 11) if seeds is None else seeds
+    if commit is not None:
+        chosen = _seeds_of(commit)
+    if minutes is not None:
+        chosen = in_time(chosen, minutes)
 
     def tell(report: "MissionReport") -> None:
         if as_json:
@@ -50,11 +80,28 @@ def campaign(seeds: range, jobs: int, verbose: bool, as_json: bool) -> None:
         else:
             _tell(report)
 
-    mission = partial(fly_mission, tell=click.echo) if verbose else fly_mission
-    result = fly_campaign(seeds, 1 if verbose else jobs, tell, mission)
+    mission = partial(fly_mission, tell=click.echo, world=world) if verbose else partial(fly_mission, world=world)
+    result = fly_campaign(chosen, 1 if verbose else jobs, tell, mission)
     click.echo(json.dumps(msgspec.to_builtins(result)) if as_json else _words(result))
     if result.failed:
         raise SystemExit(ABORTED)
+
+
+def _seeds_of(revision: str) -> Iterable[int]:
+    """A commit's seeds, without end; those from 0 on where there is no git checkout."""
+    from jezero.deploy.campaign.seeds import NoCheckoutError, commit_hash, first_seed
+
+    first = 0
+    try:
+        commit = commit_hash(revision, Path.cwd())
+        first = first_seed(commit)
+        whose = f"seeds of commit {commit[:12]}"
+    except NoCheckoutError as error:
+        whose = f"no commit {revision} here ({error}): seeds of no commit"
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint="--commit") from None
+    click.echo(f"{whose}: {first}, {first + 1}, {first + 2}, …", err=True)
+    return count(first)
 
 
 def _tell(report: "MissionReport") -> None:

@@ -207,7 +207,7 @@ def target(
 @click.command(name="land_on_spot", context_settings=NUMBERS)
 @click.argument("use_uwb", type=bool, default=True)
 @click.argument("use_marker", type=bool, default=True)
-@click.option("--spot", nargs=3, type=FINITE, metavar="X Y Z", help="Where to land: metres north, east and down.")
+@click.option("--spot", nargs=3, type=FINITE, metavar="X Y Z", help="Where the rover is: metres north, east and down.")
 @click.option("--frame", type=FRAMES, default="world", show_default=True, help="Frame of the spot.")
 @common_options
 def land_on_spot(
@@ -219,23 +219,35 @@ def land_on_spot(
     router: str,
     as_json: bool,
 ) -> None:
-    """Land. USE_UWB and USE_MARKER (both true by default) choose the sensors that find the rover.
+    """Land on the rover. USE_UWB and USE_MARKER (both true by default) choose the sensors that find it.
 
-    Without UWB the landing spot is asked for, or given with --spot.
+    Without UWB the rover's rough position is asked for, or given with --spot; without the marker as well, it is the
+    spot that the vehicle lands on by its own position.
     """
     printer = Printer(as_json)
-    if not use_uwb and spot is None and not sys.stdin.isatty():
-        raise click.UsageError("without UWB the landing spot must be given: --spot X Y Z")
     if not use_uwb and spot is None:
-        click.echo("No UWB: where is the landing spot, in metres?")
-        spot = (
-            click.prompt("Enter x coordinate (north)", type=FINITE),
-            click.prompt("Enter y coordinate (east)", type=FINITE),
-            click.prompt("Enter z coordinate (down)", type=FINITE, default=0.0),
-        )
+        spot = _asked_for_spot(use_marker)
+    if not use_uwb and spot is not None and not as_json:
+        what = "Rover position" if use_marker else "Landing spot"
+        click.echo(f"{what}: [{spot[0]:g}, {spot[1]:g}, {spot[2]:g}]")
     with connected(vehicle, router, printer) as uav:
         goal = uav.land_on_spot(spot_ned_m=spot, frame=cast("Frame", frame), use_uwb=use_uwb, use_marker=use_marker)
         fly_goal(printer, goal, "land_on_spot")
+
+
+def _asked_for_spot(use_marker: bool) -> tuple[float, float, float]:
+    """As in the thesis' Fig. 4.9; scripts give it with an option."""
+    if not sys.stdin.isatty():
+        raise click.UsageError("without UWB the landing spot must be given: --spot X Y Z")
+    click.echo("Not using UWB")
+    what = "rover position" if use_marker else "landing spot"
+    spot = (
+        click.prompt(f"Enter {what} x ", type=FINITE),
+        click.prompt(f"Enter {what} y ", type=FINITE),
+        click.prompt(f"Enter {what} z ", type=FINITE, default=0.0),
+    )
+    click.echo("Using apriltag" if use_marker else "Not using apriltag")
+    return spot
 
 
 @click.command(context_settings=NUMBERS)

@@ -117,7 +117,7 @@ def _draw(printer: Printer, folder: Path) -> None:
 
 @contextmanager
 def recorded(vehicle: str, router: str, log: Path) -> Iterator[None]:
-    """Log everything that is published for a vehicle."""
+    """Log everything that is published for a vehicle; of pictures, when they were taken."""
     import zenoh
 
     from jezero.client.session import client_config
@@ -129,9 +129,11 @@ def recorded(vehicle: str, router: str, log: Path) -> Iterator[None]:
     with LogWriter(log) as writer, zenoh.open(client_config(router)) as session:
 
         def on_sample(sample: zenoh.Sample) -> None:
-            if sample.kind == zenoh.SampleKind.PUT and sample.encoding == zenoh.Encoding.APPLICATION_JSON:
+            is_json = sample.encoding == zenoh.Encoding.APPLICATION_JSON
+            message = sample.payload if is_json else sample.attachment  # of a picture, only the header
+            if sample.kind == zenoh.SampleKind.PUT and message is not None:
                 with lock:
-                    writer.write(time.time_ns(), str(sample.key_expr)[len(prefix) :], sample.payload.to_bytes())
+                    writer.write(time.time_ns(), str(sample.key_expr)[len(prefix) :], message.to_bytes())
 
         subscriber = session.declare_subscriber(prefix + "**", on_sample)
         yield

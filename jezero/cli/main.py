@@ -33,6 +33,11 @@ SECTIONS: dict[str, dict[str, Entry]] = {
         "abort": Entry("jezero.cli.flight", "abort", "End the goal in charge and hover."),
         "kill": Entry("jezero.cli.flight", "kill", "Cut the motors at once."),
         "status": Entry("jezero.cli.flight", "status", "What the vehicle does, and where it is."),
+        "rover": Entry("jezero.cli.rover", "rover", "Drive the rover."),
+        "camera": Entry("jezero.cli.camera", "camera", "What the camera sees, and the ground from above."),
+    },
+    "Survey": {
+        "gridsweep": Entry("jezero.cli.survey", "gridsweep", "Map an area (--plan-only: draw the plan)."),
     },
     "Demonstration": {
         "fly": Entry("jezero.cli.fly", "fly", "Fly the demonstration (--fast: in virtual time)."),
@@ -40,6 +45,7 @@ SECTIONS: dict[str, dict[str, Entry]] = {
     },
     "Tests": {
         "campaign": Entry("jezero.cli.campaign", "campaign", "Fly missions under seeded faults in virtual time."),
+        "bench": Entry("jezero.cli.bench", "bench", "Land many times in virtual time, and how well."),
     },
 }
 COMMANDS = {name: entry for section in SECTIONS.values() for name, entry in section.items()}

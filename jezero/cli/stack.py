@@ -246,7 +246,7 @@ def _print_table(state: "RunState") -> None:
     """A table in plain columns, and whether the vehicle is ready."""
     rows = [("SERVICE", "STATE", "HEALTH", "PID", "UP", "RESTARTS", "")]
     for s in state.services:
-        up_s = time.time() - s.started_unix_s if s.pid and s.started_unix_s else None
+        up_s = time.monotonic() - s.started_monotonic_s if s.pid and s.started_monotonic_s else None
         rows.append(
             (s.service, s.state, s.health, str(s.pid or ""), _span(up_s), str(s.restarts or ""), s.text.split("\n")[0])
         )

@@ -14,7 +14,8 @@ F = TypeVar("F")
 R = TypeVar("R")
 
 GOAL_TIMEOUT_S = 86_400.0
-RECOVER_S = 3.0
+RECOVER_S = 5.0
+"""In so long everything has come back after the router has."""
 POLL_S = 0.3
 
 
@@ -121,6 +122,8 @@ class Goal(Generic[F, R]):
             self._recover(deadline_s)
             return None
         reply = decode(self._endpoint.reply_type, data)
+        if isinstance(reply, Feedback | Result):
+            self._connection.tell_time(reply.t_ns)
         if isinstance(reply, Feedback):
             self.code = reply.code
             return cast(F, reply.feedback)
@@ -129,25 +132,33 @@ class Goal(Generic[F, R]):
         return None
 
     def _recover(self, deadline_s: float | None) -> None:
-        """The replies ended without a result: either the server died, or only the connection did."""
-        link_was_lost = not self._connection.connected
+        """The replies ended without a result: the server died, or a connection did, which may show a little later."""
+        link_was_lost, denials = False, 0
         give_up_s = time.monotonic() + RECOVER_S
         while self._result is None and self._failure is None:
             if deadline_s is not None and time.monotonic() > deadline_s:
                 raise TimedOut("no result in time")
-            reply = ask_result(self._connection, self.goal_id) if self._connection.connected else None
+            connected = self._connection.connected
+            link_was_lost |= not connected
+            reply = ask_result(self._connection, self.goal_id) if connected else None
+            denials += reply is None
             if reply is not None and reply.result is not None:
                 self._result = decode(Result[self._action.result_type], reply.result.encode())  # type: ignore[name-defined]
             elif reply is not None:
                 give_up_s = time.monotonic() + RECOVER_S
-            elif not link_was_lost:
-                name = self._action.name
-                self._failure = Unreachable(f"the {name} server died; the vehicle hovers (`jezero ps`, uav.status())")
+            elif not link_was_lost and denials > 1:
+                died = f"the {self._action.name} server died or lost its router"
+                self._failure = Unreachable(f"{died}; the vehicle hovers (`jezero ps`, uav.status())")
             elif time.monotonic() > give_up_s:
-                lost = f"the connection to the router {self._connection.router} is lost"
-                self._failure = Unreachable(f"{lost}; goal {self.goal_id} may still run")
+                self._failure = Unreachable(self._lost(connected))
             if self._result is None and self._failure is None:
                 time.sleep(POLL_S)
+
+    def _lost(self, connected: bool) -> str:
+        """What is known of a goal after the connection was lost, and after it came back."""
+        if connected:
+            return f"the connection was lost, and now nobody knows goal {self.goal_id}: its server died too"
+        return f"the connection to the router {self._connection.router} is lost; goal {self.goal_id} may still run"
 
 
 def ask_result(connection: Connection, goal_id: str) -> ResultReply | None:

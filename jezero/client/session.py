@@ -1,6 +1,6 @@
 """One Zenoh session: questions, their replies, and subscriptions.
 
-Zenoh calls back in threads of its own. The callbacks here only append and notify, and run directly in those threads:
+Zenoh calls back in threads of its own. The callbacks here only append and wake, and run directly in those threads:
 a thread of Python's would keep a program alive that forgot to close its vehicle.
 """
 
@@ -8,21 +8,25 @@ import json
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from secrets import token_hex
-from threading import Condition
+from threading import Lock
 from typing import Any, NoReturn
 
 import msgspec
 import zenoh
 
 from jezero.client.errors import JezeroError, TimedOut, Unreachable
-from jezero.schemas.struct import Payload
+from jezero.schemas.sensors import CameraFrame
+from jezero.schemas.struct import Message, Payload
 from jezero.schemas.topics import Endpoint, Topic, key, liveliness_key
 
 ATTEMPT_S = 0.5
 SLICE_S = 0.2
 """Waits are cut into slices, so that Ctrl+C is heard."""
 KEPT = 1000
+TIME_KEPT_S = 1.0
+"""Vehicle time that was told so long ago is still good enough to say when a goal was issued."""
 
 
 class Arrivals:
@@ -37,10 +41,12 @@ class Arrivals:
         self.ended = False
         self.error = ""
         self._items: deque[bytes] = deque(maxlen=KEPT)
-        self._changed = Condition()
+        self._news = Lock()
+        """Held while there is nothing new."""
+        self._news.acquire()
 
     def take(self, deadline_s: float | None) -> bytes | None:
-        """The next item, or None at the end.
+        """The next item, or None at the end. For one thread.
 
         Args:
             deadline_s: of `time.monotonic()`; None waits for ever.
@@ -48,32 +54,39 @@ class Arrivals:
         Raises:
             TimedOut: the deadline passed first.
         """
-        with self._changed:
-            while not self._items and not self.ended:
-                left_s = SLICE_S if deadline_s is None else deadline_s - time.monotonic()
-                if left_s <= 0.0:
-                    raise TimedOut("no answer in time")
-                self._changed.wait(min(left_s, SLICE_S))
-            return self._items.popleft() if self._items else None
+        while not self._items and not self.ended:
+            left_s = SLICE_S if deadline_s is None else deadline_s - time.monotonic()
+            if left_s <= 0.0:
+                raise TimedOut("no answer in time")
+            self._news.acquire(timeout=min(left_s, SLICE_S))
+        return self._items.popleft() if self._items else None
+
+    def _wake(self) -> None:
+        with suppress(RuntimeError):  # it is awake already
+            self._news.release()
 
     def on_reply(self, reply: zenoh.Reply) -> None:
-        with self._changed:
-            if reply.ok is not None:
-                self._items.append(reply.ok.payload.to_bytes())
-            elif reply.err is not None:
-                self.error = reply.err.payload.to_bytes().decode("utf-8", "replace")
-            self._changed.notify_all()
+        if reply.ok is not None:
+            self._items.append(reply.ok.payload.to_bytes())
+        elif reply.err is not None:
+            self.error = reply.err.payload.to_bytes().decode("utf-8", "replace")
+        self._wake()
 
     def on_sample(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:
-            with self._changed:
-                self._items.append(sample.payload.to_bytes())
-                self._changed.notify_all()
+            self._items.append(sample.payload.to_bytes())
+            self._wake()
+
+    def on_picture(self, sample: zenoh.Sample) -> None:
+        """Header and pixels travel apart; here they are joined by a line feed."""
+        if sample.kind == zenoh.SampleKind.PUT:
+            header = b"" if sample.attachment is None else sample.attachment.to_bytes()
+            self._items.append(b"%b\n%b" % (header, sample.payload.to_bytes()))
+            self._wake()
 
     def on_end(self) -> None:
-        with self._changed:
-            self.ended = True
-            self._changed.notify_all()
+        self.ended = True
+        self._wake()
 
 
 class Connection:
@@ -91,12 +104,23 @@ class Connection:
         self.router = router
         self.client_id = f"py-{token_hex(6)}"
         self._session = _open(router, timeout_s)
+        self._told: tuple[int, float] | None = None
         self._token = self._session.liveliness().declare_token(liveliness_key(vehicle, "client", self.client_id))
 
     @property
     def connected(self) -> bool:
         """Whether the router is there now."""
         return not self._session.is_closed() and bool(self._session.info.routers_zid())
+
+    def tell_time(self, t_ns: int) -> None:
+        """A message that has just come in carried this vehicle time."""
+        self._told = (t_ns, time.monotonic())
+
+    def vehicle_time_ns(self) -> int | None:
+        """Vehicle time as it was told within the last second, or None."""
+        if self._told is None or time.monotonic() - self._told[1] > TIME_KEPT_S:
+            return None
+        return self._told[0]
 
     def close(self) -> None:
         """Leave; open questions end. May be called twice."""
@@ -160,10 +184,23 @@ class Connection:
     def subscribe(self, topic: Topic[Any]) -> tuple[Arrivals, Callable[[], None]]:
         """Messages of a topic from now on, and how to stop them."""
         arrivals = Arrivals()
+        take = arrivals.on_picture if topic.type is CameraFrame else arrivals.on_sample
         subscriber = self._session.declare_subscriber(
-            key(self.vehicle, topic.name), zenoh.handlers.Callback(arrivals.on_sample, arrivals.on_end, indirect=False)
+            key(self.vehicle, topic.name), zenoh.handlers.Callback(take, arrivals.on_end, indirect=False)
         )
         return arrivals, subscriber.undeclare
+
+    def publish(self, topic: Topic[Any], message: Message) -> None:
+        """One message for whoever listens.
+
+        Raises:
+            Unreachable: the session is closed.
+        """
+        name = key(self.vehicle, topic.name)
+        try:
+            self._session.put(name, encode(message), encoding=zenoh.Encoding.APPLICATION_JSON)
+        except zenoh.ZError as error:
+            raise Unreachable(f"can't publish {topic.name} of {self.vehicle}: {error}") from None
 
     def _raise_unreachable(self, name: str) -> NoReturn:
         if not self.connected:
@@ -172,7 +209,7 @@ class Connection:
 
 
 def encode(payload: Payload) -> bytes:
-    """JSON of a question."""
+    """JSON of a question or message."""
     return msgspec.json.encode(payload)
 
 

@@ -3,12 +3,14 @@
 import math
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import TracebackType
 from typing import Any, Literal, Self
 
+from jezero.client.camera import next_picture
 from jezero.client.errors import Refused, TimedOut, Unreachable
 from jezero.client.goal import Goal, ask_result
+from jezero.client.rover import Rover
 from jezero.client.session import Connection, decode
 from jezero.schemas.actions import (
     Frame,
@@ -25,6 +27,7 @@ from jezero.schemas.actions import (
     Goal as GoalPayload,
 )
 from jezero.schemas.commands import Abort, AbortReply, Hover, HoverReply, Kill, KillReply
+from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.topics import ABORT, GO_TO, HOVER, KILL, LAND_ON_SPOT, STATUS, TAKEOFF, Action
 
@@ -48,11 +51,15 @@ class Vehicle:
         for feedback in goal.feedback():
             print(feedback.distance_m)
         goal.result()
-        uav.land_on_spot(spot_ned_m=(0.0, 0.0, 0.0), use_uwb=False, use_marker=False).result()
+        uav.land_on_spot().result()  # on the rover
     ```
+
+    Attributes:
+        rover: to drive it.
     """
 
     def __init__(self, connection: Connection) -> None:
+        self.rover = Rover(connection)
         self._connection = connection
         self._goals_sent = 0
 
@@ -125,7 +132,12 @@ class Vehicle:
         use_marker: bool = True,
         on_client_loss: OnClientLoss = "continue",
     ) -> Goal[LandFeedback, LandResult]:
-        """Land, with the rover's sensors or on a spot (whose z is not used)."""
+        """Land on the rover.
+
+        Args:
+            spot_ned_m: without UWB: roughly where the rover is, or without either sensor where to land.
+            use_uwb, use_marker: what finds the rover.
+        """
         if spot_ned_m is not None:
             _require_finite(x_m=spot_ned_m[0], y_m=spot_ned_m[1], z_m=spot_ned_m[2])
         goal = LandOnSpotGoal(
@@ -176,7 +188,16 @@ class Vehicle:
         """
         arrivals = self._connection.stream(STATUS.name, b"", ANSWER_S)
         status: Status = decode(Status, self._connection.first(arrivals, STATUS.name, ANSWER_S))
+        self._connection.tell_time(status.t_ns)
         return status
+
+    def picture(self, timeout_s: float = 3.0) -> CameraFrame:
+        """The next picture of the camera.
+
+        Raises:
+            Unreachable: none comes in time.
+        """
+        return next_picture(self._connection, timeout_s)
 
     def watch_status(self) -> Iterator[Status]:
         """The present status and every one from now on.
@@ -256,12 +277,15 @@ class Vehicle:
         return Goal(self._connection, action, goal, ANSWER_S)
 
     def _common(self, on_client_loss: OnClientLoss) -> dict[str, Any]:
-        """The fields that every goal carries: a fresh id, and the vehicle time of now so that it can expire."""
+        """The fields that every goal carries: a fresh id, and the vehicle time of now so that it can expire.
+
+        That time is asked for only where no status, feedback or result has just told it.
+        """
         self._goals_sent += 1
-        try:
-            issued_t_ns = self.status().t_ns
-        except (Unreachable, TimedOut):
-            issued_t_ns = None
+        issued_t_ns = self._connection.vehicle_time_ns()
+        if issued_t_ns is None:
+            with suppress(Unreachable, TimedOut):
+                issued_t_ns = self.status().t_ns
         return {
             "goal_id": f"{self._connection.client_id}-{self._goals_sent}",
             "issued_t_ns": issued_t_ns,

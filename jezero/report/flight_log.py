@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from jezero.runtime.codec import split_picture
 from jezero.schemas.topics import TOPICS
 
 _TYPES = {topic.name: topic.type for topic in TOPICS}
@@ -27,8 +28,9 @@ class _Line(msgspec.Struct, frozen=True):
 
 
 def line(logged_ns: int, topic: str, data: bytes) -> bytes:
-    """One line of a log. `data` is the message's JSON."""
-    return b'{"logged_ns":%d,"topic":"%s","message":%s}\n' % (logged_ns, topic.encode(), data)
+    """One line of a log. `data` is the message as it travelled; of a picture only its header is logged."""
+    message, _ = split_picture(data)
+    return b'{"logged_ns":%d,"topic":"%s","message":%s}\n' % (logged_ns, topic.encode(), message)
 
 
 class LogWriter:

@@ -14,6 +14,8 @@ from pathlib import Path
 
 PR_SET_PDEATHSIG = 1
 LOOK_EVERY_NS = 200_000_000
+STOPPED_LOOKS = 7
+"""A program that is seen stopped so often in a row is frozen: after 1.4 s, and later when we ourselves are late."""
 END_WITHIN_S = 0.3
 CHUNK = 65_536
 TCP_LISTEN, TCP_ESTABLISHED = "0A", "01"
@@ -63,6 +65,7 @@ class ChildLink:
         self._process: subprocess.Popen[bytes] | None = None
         self._output: socket.socket | None = None
         self._next_look_ns = 0
+        self._seen_stopped = 0
 
     def start(self) -> None:
         """Make the folder; the program starts when the server listens."""
@@ -80,7 +83,7 @@ class ChildLink:
         """What it has printed.
 
         Raises:
-            ChildProcessError: it can't be run, or it ended by itself.
+            ChildProcessError: it can't be run, it ended by itself, or it is frozen.
             ConnectionAbortedError: its connection to the server is gone.
         """
         data = self._read()
@@ -117,6 +120,9 @@ class ChildLink:
         if code is not None:
             how = f"exit code {code}" if code >= 0 else f"signal {-code}"
             raise ChildProcessError(f"{self._name} ended by itself with {how}")
+        self._seen_stopped = self._seen_stopped + 1 if is_stopped(self._process.pid) else 0
+        if self._seen_stopped >= STOPPED_LOOKS:
+            raise ChildProcessError(f"{self._name} is frozen: stopped by a signal")
         up = _tcp_exists(TCP_ESTABLISHED, remote_port=self._port)
         if self.up and not up:
             raise ConnectionAbortedError(
@@ -160,6 +166,11 @@ class ChildLink:
         if self._process is not None:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self._process.pid, number)
+
+
+def is_stopped(pid: int) -> bool:
+    """Whether a signal has stopped a child that was not waited for; not so for a debugger. Source: proc(5)."""
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "T"
 
 
 def _tcp_exists(state: str, *, local_port: int | None = None, remote_port: int | None = None) -> bool:

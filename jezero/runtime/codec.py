@@ -1,4 +1,7 @@
-"""Bytes on the bus: JSON that is finite when it leaves and checked when it arrives."""
+"""Bytes on the bus: JSON that is finite when it leaves and checked when it arrives.
+
+A picture is its header in JSON, a line feed, and its pixels.
+"""
 
 import math
 from collections.abc import Mapping
@@ -7,9 +10,11 @@ from typing import Any
 
 import msgspec
 
+from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.struct import Payload
 
 MAX_PAYLOAD_BYTES = 4_000_000
+MAX_PICTURE_HEADER_BYTES = 4_000
 _encoder = msgspec.json.Encoder()
 
 
@@ -22,11 +27,13 @@ class BadPayloadError(ValueError):
 
 
 def encode(payload: Payload) -> bytes:
-    """JSON of a payload.
+    """JSON of a payload; of a picture also the pixels.
 
     Raises:
         NotFiniteError: a float in it is NaN or infinite.
     """
+    if isinstance(payload, CameraFrame) and payload.pixels:
+        return join_picture(encode(msgspec.structs.replace(payload, pixels=b"")), payload.pixels)
     data = _encoder.encode(payload)
     if b"null" in data:  # NaN, infinity, or an honest None
         _require_finite(payload, type(payload).__name__)
@@ -57,8 +64,11 @@ def decode(kind: Any, data: bytes) -> Any:
     """A payload of type `kind` (or of one type of a union).
 
     Raises:
-        BadPayloadError: malformed, an unknown field, a wrong type, or a number out of its range.
+        BadPayloadError: malformed, an unknown field, a wrong type, a number out of its range, or a picture that has
+            not three bytes for each pixel.
     """
+    if kind is CameraFrame:
+        return _decode_picture(data)
     if len(data) > MAX_PAYLOAD_BYTES:
         raise BadPayloadError(f"{len(data)} bytes are more than {MAX_PAYLOAD_BYTES}")
     try:
@@ -67,6 +77,32 @@ def decode(kind: Any, data: bytes) -> Any:
         raise BadPayloadError(str(error)) from None
     except RecursionError:
         raise BadPayloadError("nested too deeply") from None
+
+
+def join_picture(header: bytes, pixels: bytes) -> bytes:
+    """A picture as one piece."""
+    return b"%b\n%b" % (header, pixels)
+
+
+def split_picture(data: bytes) -> tuple[bytes, bytes]:
+    """A picture's header, in JSON, and its pixels."""
+    header, _, pixels = data.partition(b"\n")
+    return header, pixels
+
+
+def _decode_picture(data: bytes) -> CameraFrame:
+    header, pixels = split_picture(data)
+    if len(header) > MAX_PICTURE_HEADER_BYTES:
+        raise BadPayloadError(f"a header of {len(header)} bytes is more than {MAX_PICTURE_HEADER_BYTES}")
+    try:
+        frame: CameraFrame = _decoder(CameraFrame).decode(header)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise BadPayloadError(str(error)) from None
+    except RecursionError:
+        raise BadPayloadError("nested too deeply") from None
+    if frame.pixels or len(pixels) != 3 * frame.width_px * frame.height_px:
+        raise BadPayloadError(f"{len(pixels)} bytes are not {frame.width_px} x {frame.height_px} pixels of three bytes")
+    return msgspec.structs.replace(frame, pixels=pixels)
 
 
 def decode_request(kind: Any, data: bytes, parameters: Mapping[str, str]) -> Any:

@@ -1,6 +1,7 @@
 """Byte pipes to the autopilot over sockets; none of them ever blocks."""
 
 import contextlib
+import select
 import socket
 from typing import Protocol
 
@@ -142,16 +143,17 @@ class Udp:
     """Datagrams from a local port to one peer.
 
     Args:
-        peer: where to send; None learns it from whoever sent last.
+        peer: where to send.
+        hears_only_peer: what anybody else sends is dropped.
     """
 
-    def __init__(self, local: tuple[str, int], peer: tuple[str, int] | None = None) -> None:
+    def __init__(self, local: tuple[str, int], peer: tuple[str, int], *, hears_only_peer: bool = False) -> None:
         self._local = local
         self._peer = peer
-        self._learns = peer is None
+        self._hears_only_peer = hears_only_peer
         self._socket: socket.socket | None = None
-        self.up = peer is not None
-        self.connections = int(self.up)
+        self.up = True
+        self.connections = 1
 
     def start(self) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -170,14 +172,14 @@ class Udp:
                 break
             except OSError:  # an earlier datagram was refused by the peer's host
                 continue
-            parts.append(data)
-            if self._learns and sender != self._peer:
-                self._peer, self.up = sender, True
-                self.connections += 1
+            if sender == self._peer or not self._hears_only_peer:
+                parts.append(data)
+            if not select.select((self._socket,), (), (), 0)[0]:  # cheaper than an error each time
+                break
         return b"".join(parts)
 
     def send(self, data: bytes) -> None:
-        if self._socket is not None and self._peer is not None:
+        if self._socket is not None:
             with contextlib.suppress(OSError):
                 self._socket.sendto(data, self._peer)
 

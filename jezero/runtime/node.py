@@ -127,6 +127,8 @@ class Node:
         self._boot_id = boot_id
         self._process = process
         self._inputs = {topic.name: topic for topic in (*self.spec.inputs, *self.spec.on_demand)}
+        self.input_names = frozenset(self._inputs)
+        """Of all topics this node may listen to."""
         self._outputs = {topic.name: topic for topic in self.spec.outputs}
         self._serves = {endpoint.name: endpoint for endpoint in self.spec.serves}
         self._calls = {endpoint.name: endpoint for endpoint in self.spec.calls}
@@ -143,11 +145,6 @@ class Node:
             if self.spec.lockstep
             else "running"
         )
-
-    @property
-    def input_names(self) -> frozenset[str]:
-        """Names of all topics this node may listen to."""
-        return frozenset(self._inputs)
 
     # -- what the bus brings. Each returns whether the service wants a step at once. --
 

@@ -2,6 +2,7 @@
 
 import os
 import re
+import select
 import signal
 import socket
 import sys
@@ -55,15 +56,19 @@ def run(instance: Instance) -> None:
     Raises:
         ListenError: see `open_router`.
     """
-    signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
+    stop_read, stop_write = socket.socketpair()
+    stop_write.setblocking(False)
+    signal.set_wakeup_fd(stop_write.fileno())  # heard whichever thread the signal comes to
+    for number in STOP_SIGNALS:
+        signal.signal(number, lambda _number, _frame: None)
     session = open_router(instance.router)
     alive = session.liveliness().declare_token(liveliness_key(instance.vehicle, "service", NAME))
     publisher = session.declare_publisher(
         key(instance.vehicle, health_of(NAME).name), encoding=zenoh.Encoding.APPLICATION_JSON
     )
     boot_id, process = new_boot_id(), f"{socket.gethostname()} pid {os.getpid()}"
-    stopping = None
-    while stopping is None:
+    stopping = False
+    while not stopping:
         sessions = len(list(session.info.transports()))
         report = ServiceHealth(
             t_ns=0,
@@ -74,7 +79,7 @@ def run(instance: Instance) -> None:
             text=f"listening on {instance.router}, {sessions} sessions",
         )
         publisher.put(encode(report))
-        stopping = signal.sigtimedwait(STOP_SIGNALS, 1.0)
+        stopping = bool(select.select([stop_read], [], [], 1.0)[0])
     alive.undeclare()  # type: ignore[no-untyped-call]
     _close(session)
 

@@ -9,6 +9,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
+import msgspec
+
 from jezero.schemas.health import ServiceState
 from jezero.schemas.struct import Message, Payload
 from jezero.schemas.topics import Endpoint, Topic
@@ -59,16 +61,14 @@ class UndeclaredError(RuntimeError):
 # -- what a step yields ------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Publish:
+class Publish(msgspec.Struct, frozen=True):
     """A message on a topic of `Spec.outputs`."""
 
     topic: Topic[Any]
     message: Message
 
 
-@dataclass(frozen=True)
-class Reply:
+class Reply(msgspec.Struct, frozen=True):
     """An answer to `Request.request_id`. Any number may precede the one with `final`, which ends the request.
 
     A `payload` of None ends it without saying anything: for endpoints shared by servers that each know a part.
@@ -79,8 +79,7 @@ class Reply:
     final: bool = True
 
 
-@dataclass(frozen=True)
-class Call:
+class Call(msgspec.Struct, frozen=True):
     """A question to an endpoint of `Spec.calls`; the answer comes as a `Response` with the same tag."""
 
     endpoint: Endpoint[Any, Any]
@@ -89,23 +88,20 @@ class Call:
     timeout_s: float = 1.0
 
 
-@dataclass(frozen=True)
-class Send:
+class Send(msgspec.Struct, frozen=True):
     """Bytes for a link of `Spec.links`; dropped when the link is down."""
 
     link: str
     data: bytes
 
 
-@dataclass(frozen=True)
-class Listen:
+class Listen(msgspec.Struct, frozen=True):
     """From now on listen to exactly these of `Spec.on_demand`; the others' latest values are forgotten."""
 
     topics: tuple[Topic[Any], ...]
 
 
-@dataclass(frozen=True)
-class Health:
+class Health(msgspec.Struct, frozen=True):
     """The service's own verdict and sentence, shown in `health/<service>` until the next one."""
 
     state: ServiceState
@@ -118,8 +114,7 @@ Output = Publish | Reply | Call | Send | Listen | Health
 # -- what a step is given ----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Request:
+class Request(msgspec.Struct, frozen=True):
     """One question that came in. `payload` is decoded; undecodable ones were already refused by the runtime."""
 
     request_id: int
@@ -127,8 +122,7 @@ class Request:
     payload: Any
 
 
-@dataclass(frozen=True)
-class Response:
+class Response(msgspec.Struct, frozen=True):
     """An answer to a `Call`: a payload, or the reason why there is none ("timeout", "no server", ...)."""
 
     tag: str
@@ -171,7 +165,7 @@ class Inbox(Protocol):
         """How often this link has connected so far; 0 while it never did."""
 
     def is_up(self, link: str) -> bool:
-        """Whether the link is connected now. A UDP link is up once a peer's address is known."""
+        """Whether the link is connected now; a UDP link always is."""
 
 
 class Service(Protocol):

@@ -3,7 +3,6 @@
 Zenoh's callbacks only append to a queue and wake the loop once per batch; sockets are polled by the same loop.
 """
 
-import contextlib
 import os
 import secrets
 import select
@@ -24,7 +23,7 @@ from jezero.runtime.config import ConfigError, Instance, instance_from_environme
 from jezero.runtime.links import SocketLink
 from jezero.runtime.node import Node
 from jezero.runtime.service import Service
-from jezero.runtime.zenoh_session import AlreadyRunningError, BusSession, Kind
+from jezero.runtime.zenoh_session import AlreadyRunningError, BusSession, Kind, picture_data
 from jezero.schemas import topics
 from jezero.schemas.state import Clock
 from jezero.schemas.topics import Endpoint, Topic, health_of, key
@@ -36,6 +35,8 @@ ANSWER_WITHIN_NS = 16_000_000
 """How long the time master waits for the autopilot in one 4 ms step: vehicle time runs at 0.25x at least."""
 SILENT_STEPS = 60
 """After this many unanswered steps in a row the autopilot is not waited for until it answers again."""
+LOOK_EVERY_NS = 50_000_000
+"""A link with nothing to read is polled so often all the same."""
 
 
 def new_boot_id() -> int:
@@ -109,10 +110,11 @@ class _Runner:
         self._master_t_ns = 0
         self._stopping = False
         self._events: deque[tuple[Kind, str, Any]] = deque()
-        self._wake_read, self._wake_write = socket.socketpair()
-        self._wake_read.setblocking(False)
-        self._wake_write.setblocking(False)
-        self._armed = False
+        self._newest_picture: dict[str, zenoh.Sample | None] = {}
+        self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self._rung = False
+        self._readable: list[Any] = []
+        """Of the bell and the links' sockets, those that the last wait found readable."""
         self._session = BusSession(instance, self._spec, self._enqueue)
         self._queries: dict[int, zenoh.Query] = {}
         self._request_id = 0
@@ -120,6 +122,7 @@ class _Runner:
         self._late_ns = 0
         self._next_health_ns = 0
         self._next_router_check_ns = 0
+        self._next_look_ns = 0
 
     # -- life --
 
@@ -133,7 +136,7 @@ class _Runner:
             link.start()
         opening = self._session.open_in_background()
         while opening.is_alive() and not self._stopping:
-            select.select([self._wake_read], [], [], 0.2)
+            select.select([self._bell], [], [], 0.2)
         if not self._session.is_open:  # the thread is inside the library, waiting for a router: leave without it
             os._exit(0)
         self._session.claim_name(lambda: self._stopping)
@@ -153,14 +156,20 @@ class _Runner:
     # -- from Zenoh's threads to the loop --
 
     def _enqueue(self, kind: Kind, name: str, value: Any) -> None:
+        """Everything is kept in order, but of pictures only the newest: who is slow shall not fill the memory."""
+        if kind == "picture":
+            waits = name in self._newest_picture
+            self._newest_picture[name] = value
+            if waits:
+                return
+            value = None
         self._events.append((kind, name, value))
-        if not self._armed:
-            self._armed = True
+        if not self._rung:
+            self._rung = True
             self._wake()
 
     def _wake(self) -> None:
-        with contextlib.suppress(OSError):
-            self._wake_write.send(b"\0")
+        os.eventfd_write(self._bell, 1)
 
     # -- the loop --
 
@@ -184,10 +193,10 @@ class _Runner:
         due_ns = time.monotonic_ns()
         silent = 0
         while not self._stopping:
+            self._wait(due_ns)
             now_ns = time.monotonic_ns()
             self._collect(now_ns)
             if now_ns < due_ns:
-                self._wait(due_ns)
                 continue
             if self._node.inbox.connections(link) > 0:
                 self._late_ns = max(self._late_ns, now_ns - due_ns)
@@ -217,24 +226,27 @@ class _Runner:
         return False
 
     def _wait(self, until_ns: int) -> None:
-        sockets = [self._wake_read]
+        ends: list[Any] = [self._bell]
         for link in self._links.values():
-            sockets.extend(link.sockets())
+            ends += link.sockets()
         timeout_s = max(0, until_ns - time.monotonic_ns()) / NS_PER_S
-        select.select(sockets, [], [], min(timeout_s, 0.1 if self._links else 1.0))
+        self._readable, _, _ = select.select(ends, [], [], min(timeout_s, 0.1 if self._links else 1.0))
 
     def _collect(self, now_ns: int) -> bool:
         """Move all that arrived into the inbox; tells whether a step is wanted at once."""
         node = self._node
         node.inbox.wall_ns = now_ns
-        with contextlib.suppress(BlockingIOError):
-            self._wake_read.recv(4096)
-        self._armed = False
+        if self._bell in self._readable:
+            os.eventfd_read(self._bell)
+        self._rung = False
         wanted = self._collect_links(now_ns)
         while self._events:
             kind, name, value = self._events.popleft()
             if kind == "sample":
                 wanted |= self._on_sample(name, value, now_ns)
+            elif kind == "picture":
+                sample = self._newest_picture.pop(name)
+                wanted |= self._on_sample(name, None if sample is None else picture_data(sample), now_ns)
             elif kind == "query":
                 wanted |= self._on_query(name, value)
             elif kind == "response":
@@ -242,14 +254,17 @@ class _Runner:
             elif kind == "departed":
                 node.inbox.departed_clients.append(name)
                 wanted = True
-        if now_ns >= self._next_router_check_ns:
-            self._next_router_check_ns = now_ns + NS_PER_S // 2
-            node.inbox.connected = self._session.connected
         return wanted
 
     def _collect_links(self, now_ns: int) -> bool:
+        """Those with something to read, and now and then all: a link also connects when it is polled."""
         wanted = False
+        look = now_ns >= self._next_look_ns
+        if look:
+            self._next_look_ns = now_ns + LOOK_EVERY_NS
         for name, link in self._links.items():
+            if not (look or any(end in self._readable for end in link.sockets())):
+                continue
             data = link.poll(now_ns)
             if link.connections != self._node.inbox.connections(name):
                 self._node.set_link(name, False)
@@ -295,6 +310,9 @@ class _Runner:
         )
 
     def _report(self, now_ns: int) -> None:
+        if now_ns >= self._next_router_check_ns:
+            self._next_router_check_ns = now_ns + NS_PER_S // 2
+            self._node.inbox.connected = self._session.connected
         if now_ns >= self._next_health_ns:
             self._next_health_ns = now_ns + NS_PER_S
             t_ns = self._master_t_ns if self._spec.lockstep else self._clock.now_ns(now_ns)

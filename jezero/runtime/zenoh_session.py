@@ -7,19 +7,21 @@ import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
+from secrets import token_hex
 from typing import Any, Literal
 
 import zenoh
 
-from jezero.runtime.codec import BadPayloadError, decode
+from jezero.runtime.codec import BadPayloadError, decode, join_picture, split_picture
 from jezero.runtime.config import Instance
 from jezero.runtime.service import Spec
 from jezero.schemas import topics
+from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.topics import Endpoint, Topic, health_of, key, liveliness_key
 
 HOLDER_WAIT_S = 2.5
 CLOSE_WITHIN_S = 0.7
-Kind = Literal["sample", "query", "response", "departed", "opened"]
+Kind = Literal["sample", "picture", "query", "response", "departed", "opened"]
 Enqueue = Callable[[Kind, str, Any], None]
 
 
@@ -35,10 +37,17 @@ def client_config(router: str) -> zenoh.Config:
     return config
 
 
+def picture_data(sample: zenoh.Sample) -> bytes:
+    """A picture's header and pixels in one piece, as the codec wants it."""
+    header = sample.attachment
+    return join_picture(b"" if header is None else header.to_bytes(), sample.payload.to_bytes())
+
+
 class BusSession:
     """The session of one service. Zenoh's threads call `enqueue(kind, name, value)` with what comes in:
 
     - sample: a topic's name and its bytes, None when it was no put on exactly this key.
+    - picture: a topic's name and the sample, of which `picture_data` makes bytes.
     - query: an endpoint's name and the query.
     - response: a call's id and (bytes, None) or (None, error).
     - departed: the id of a client that vanished.
@@ -53,6 +62,7 @@ class BusSession:
         self._subscribers: dict[str, zenoh.Subscriber[Any]] = {}
         self._declared: list[Any] = []
         self._last_value: dict[str, bytes] = {}
+        self._pictures = frozenset(t.name for t in (*spec.inputs, *spec.on_demand) if t.type is CameraFrame)
 
     @property
     def is_open(self) -> bool:
@@ -95,25 +105,42 @@ class BusSession:
     # -- one service per name --
 
     def claim_name(self, should_stop: Callable[[], bool]) -> None:
-        """Declare the service's liveliness token, once nobody else has it.
+        """Declare the service's liveliness token, once nobody else wants it.
+
+        Whoever wants a name declares a claim of its own and only then looks for others', so that of two at least one
+        sees the other, however close together they start. Who sees none has the name, and keeps its claim. Else the
+        claim that sorts first waits for the others to withdraw.
 
         Raises:
             AlreadyRunningError: somebody keeps it.
         """
-        name = self._spec.name
-        token = liveliness_key(self._instance.vehicle, "service", name)
+        name, liveliness = self._spec.name, self._session.liveliness()
+        own = liveliness_key(self._instance.vehicle, "claim", f"{name}/{token_hex(8)}")
+        claim: zenoh.LivelinessToken | None = None
         deadline = time.monotonic() + HOLDER_WAIT_S
-        while self._is_alive(token) and not should_stop():
+        while not should_stop():
+            others = self._claims() - {own}
+            if not others and claim is not None:
+                token = liveliness.declare_token(liveliness_key(self._instance.vehicle, "service", name))
+                self._declared.extend((claim, token))
+                return
+            if not others:
+                claim = liveliness.declare_token(own)
+                continue
+            if claim is not None and min(others) < own:
+                claim.undeclare()  # type: ignore[no-untyped-call]
+                claim = None
             if time.monotonic() > deadline:
                 raise AlreadyRunningError(
                     f"{name!r} of vehicle {self._instance.vehicle!r} already runs as {self._holder()}; stop that first"
                 )
             time.sleep(0.1)
-        self._declared.append(self._session.liveliness().declare_token(token))
 
-    def _is_alive(self, token: str) -> bool:
-        replies = self._session.liveliness().get(token, timeout=1.0)
-        return any(reply.ok is not None for reply in replies)
+    def _claims(self) -> set[str]:
+        """Keys of all who want the service's name."""
+        everybody = liveliness_key(self._instance.vehicle, "claim", f"{self._spec.name}/*")
+        replies = self._session.liveliness().get(everybody, timeout=1.0)
+        return {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
 
     def _holder(self) -> str:
         """The process that reports the health of this service's name."""
@@ -138,7 +165,11 @@ class BusSession:
         for topic in (*self._spec.outputs, health_of(self._spec.name)):
             self._publishers[topic.name] = session.declare_publisher(
                 key(self._instance.vehicle, topic.name),
-                encoding=zenoh.Encoding.APPLICATION_JSON,
+                encoding=(
+                    zenoh.Encoding.APPLICATION_OCTET_STREAM
+                    if topic.type is CameraFrame
+                    else zenoh.Encoding.APPLICATION_JSON
+                ),
                 congestion_control=(
                     zenoh.CongestionControl.BLOCK if topic.delivery == "all" else zenoh.CongestionControl.DROP
                 ),
@@ -167,7 +198,12 @@ class BusSession:
             exact = str(sample.key_expr) == own and sample.kind == zenoh.SampleKind.PUT
             self._enqueue("sample", name, sample.payload.to_bytes() if exact else None)
 
-        self._subscribers[name] = self._session.declare_subscriber(own, on_sample)
+        def on_picture(sample: zenoh.Sample) -> None:
+            exact = str(sample.key_expr) == own and sample.kind == zenoh.SampleKind.PUT
+            self._enqueue("picture", name, sample if exact else None)
+
+        is_picture = name in self._pictures
+        self._subscribers[name] = self._session.declare_subscriber(own, on_picture if is_picture else on_sample)
 
     def _declare_endpoint(self, endpoint: Endpoint[Any, Any]) -> None:
         own = key(self._instance.vehicle, endpoint.name)
@@ -208,6 +244,10 @@ class BusSession:
 
     def publish(self, topic: Topic[Any], data: bytes) -> None:
         """Put a message, and keep it where a plain get shall see the last one."""
+        if topic.type is CameraFrame:
+            header, pixels = split_picture(data)
+            self._publishers[topic.name].put(pixels, attachment=header)
+            return
         self._publishers[topic.name].put(data)
         if topic in self._spec.last_value:
             self._last_value[topic.name] = data
@@ -222,7 +262,11 @@ class BusSession:
 
         self._session.get(
             key(self._instance.vehicle, endpoint.name),
-            zenoh.handlers.Callback(on_reply, lambda: self._enqueue("response", call_id, (None, "no server"))),
+            zenoh.handlers.Callback(
+                on_reply,
+                lambda: self._enqueue("response", call_id, (None, "no server")),
+                indirect=False,  # else each call starts a thread
+            ),
             target=zenoh.QueryTarget.BEST_MATCHING,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=timeout_s,

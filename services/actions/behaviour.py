@@ -4,12 +4,14 @@ Behaviours see positions in the world frame as it was when they started. When th
 one step, the goal's run shifts what goes in and what comes out, so that stored points move along (spec §1).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 from jezero.frames import Vec3
 from jezero.schemas.actions import LandFeedback, MoveFeedback
 from jezero.schemas.commands import Outcome, Phase
+from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.schemas.state import Status
 from jezero.schemas.struct import Payload
 from jezero.schemas.topics import Topic
@@ -20,7 +22,12 @@ class VehicleState:
     """What a behaviour may look at.
 
     Attributes:
+        down_ned: (2,) north and east of the unit vector that points down through the vehicle's feet: its lean.
         height_m: over ground or deck by the laser altimeter, tilt-corrected; None when it measures nothing.
+        relative: the vehicle relative to the rover, of the behaviour's own selection if it has one; None when the
+            estimator is silent, or the behaviour doesn't list it in its inputs. Whether it is fit to fly by it says
+            itself.
+        rover: the rover in the behaviour's world frame; None as above.
     """
 
     pos_uav_ned_m: Vec3
@@ -28,7 +35,10 @@ class VehicleState:
     yaw_rad: float
     armed: bool
     landed: bool
+    down_ned: tuple[float, float] = (0.0, 0.0)
     height_m: float | None = None
+    relative: Relative | None = None
+    rover: RoverEstimate | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,11 +49,27 @@ class Verdict:
         refusal: why not, and what to do instead; empty when it may.
         warning: what of the goal will not be done as asked.
         do_takeoff: the goal starts on the ground.
+        look: why the goal is refused, or "", by what its inputs say; asked as soon as each has said something, before
+            the goal is accepted. None: they need not be looked at.
     """
 
     refusal: str = ""
     warning: str = ""
     do_takeoff: bool = False
+    look: Callable[[VehicleState], str] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """What the estimator shall use for one goal, for as long as it runs.
+
+    Attributes:
+        pos_rover_ned_m: where the rover roughly is; None when nobody told.
+    """
+
+    use_uwb: bool
+    use_tag: bool
+    pos_rover_ned_m: Vec3 | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +99,11 @@ class Behaviour(Protocol):
 
     @property
     def inputs(self) -> tuple[Topic[Any], ...]:
-        """Topics it needs besides odometry."""
+        """Topics it needs besides odometry; asked for after `check`."""
+
+    @property
+    def selection(self) -> Selection | None:
+        """Whose estimate it needs; None: whatever the estimator makes. Asked for after `check`."""
 
     def check(self, goal: Any, status: Status) -> Verdict:
         """Whether the goal is possible; whether the vehicle's status allows it is the bridge's decision."""

@@ -3,16 +3,20 @@
 from jezero.frames import Vec3, altitude_m, horizontal
 from jezero.services.actions.config import Limits
 
-ROVER_FRAME = "frame 'rover' needs the rover's estimate, which isn't running; use frame 'world'"
-
 
 def point_refusal(point_ned_m: Vec3, limits: Limits) -> str:
     """Why the vehicle may not fly to a point, or ""."""
     z = point_ned_m[2]
     if not z < 0.0:
         return f"target z = {z:g} m is not above the ground: NED counts down, 5 m up is −5"
-    if not altitude_m(z) <= limits.altitude_max_m:
-        return f"altitude {altitude_m(z):g} m is beyond the limit of {limits.altitude_max_m:g} m"
+    return beyond_limits(point_ned_m, limits)
+
+
+def beyond_limits(point_ned_m: Vec3, limits: Limits) -> str:
+    """Why a point is too high or too far away, or ""."""
+    up_m = altitude_m(point_ned_m[2])
+    if not up_m <= limits.altitude_max_m:
+        return f"altitude {up_m:g} m is beyond the limit of {limits.altitude_max_m:g} m"
     return distance_refusal(point_ned_m, limits)
 
 

@@ -102,15 +102,125 @@ class LandConfig(Config, frozen=True, kw_only=True):
     descent_timeout_s: Positive = 600.0
 
 
+class PadControlConfig(Config, frozen=True, kw_only=True):
+    """Velocity over the platform from the relative pose: proportional, integral, and what the platform does.
+
+    Attributes:
+        gain_far_1ps, gain_near_1ps: speed per metre of error beyond `far_m` and within `near_m`, linear in between.
+        gain_integral_1ps2: grows only within `near_m`; beyond `far_m` the integral is reset.
+        integral_max_mps: limit of it.
+        speed_max_mps, acc_max_mps2: towards the platform, and braking before it.
+    """
+
+    gain_far_1ps: Positive = 0.7
+    gain_near_1ps: Positive = 2.2
+    far_m: Positive = 3.5
+    near_m: Positive = 0.5
+    gain_integral_1ps2: Positive = 0.8
+    integral_max_mps: Positive = 0.3
+    speed_max_mps: Positive = 3.5
+    acc_max_mps2: Positive = 1.5
+
+
+class RoverLandConfig(Config, frozen=True, kw_only=True):
+    """Landing on the rover by the estimate of the relative pose. Heights are over the platform.
+
+    Attributes:
+        height_approach_m: up to here the vehicle comes down on the way.
+        clear_m, beside_m: lower than the first and farther away than the second, it climbs before it comes near.
+        view_per_m: with the tag alone, the height on the way is at least the distance times this, to keep it in view.
+        speed_down_max_mps, speed_up_mps: on the way, and when it climbs.
+        gain_height_1ps: vertical speed per metre.
+        cone_m, cone_per_m: it descends only while the horizontal error is below the first + the second times height.
+        std_m, std_per_m: and only while the position is known better than the first + the second times height.
+        rough_share: farther away it comes nearer at its height by an estimate that is known better than this share of
+            the distance, though it is not valid: UWB from afar.
+        foresight_s: the error is that of so much later.
+        cone_patience_s: the cone is twice as wide after waiting for so long, three times after twice as long, ...
+        speed_gate_mps: and only while the relative horizontal speed is below this.
+        gain_descent_1ps, descent_min_mps, descent_max_mps: rate of descent per metre of height, and its limits.
+        commit_m: below this height it descends whatever the error is.
+        strayed_cones: it climbs when the error is so many times the cone's.
+        feet_below_m: below the centre of mass, and more: so many metres downwind per radian of lean ends the vehicle
+            from where its centre of mass was at contact, by turning upright and by sliding while the thrust goes.
+        lean_tau_s: the lean is averaged over so long.
+        contact_m, contact_s: so low, or stopped for so long although it shall descend, is contact.
+        push_mps: downward after contact. Source: spec §8.
+        contact_timeout_s: aborted when the autopilot doesn't see the ground by then.
+        blind_m: below this height the target need not be seen any more.
+        on_platform_m: a touchdown farther from its middle is no success.
+        coast_s: the target may be out of sight for so long without any effect. Source: spec §8, as the next.
+        hold_s: then the height is held for so long, then it is searched for.
+        acquire_s: for the first estimate, before the search begins.
+        timeout_s: for all of it.
+    """
+
+    height_approach_m: Positive = 3.0
+    clear_m: Positive = 1.0
+    beside_m: Positive = 0.8
+    view_per_m: Positive = 1.6
+    speed_down_max_mps: Positive = 1.2
+    speed_up_mps: Positive = 1.0
+    gain_height_1ps: Positive = 0.8
+    cone_m: Positive = 0.008
+    cone_per_m: Positive = 0.08
+    std_m: Positive = 0.1
+    std_per_m: Positive = 0.15
+    rough_share: Positive = 0.4
+    foresight_s: Positive = 0.3
+    cone_patience_s: Positive = 4.0
+    speed_gate_mps: Positive = 0.5
+    gain_descent_1ps: Positive = 0.6
+    descent_min_mps: Positive = 0.35
+    descent_max_mps: Positive = 1.5
+    commit_m: Positive = 0.1
+    strayed_cones: Positive = 4.0
+    feet_below_m: Positive = 0.22
+    lean_tau_s: Positive = 1.0
+    contact_m: Positive = 0.03
+    contact_s: Positive = 0.6
+    push_mps: Positive = 0.5
+    contact_timeout_s: Positive = 10.0
+    blind_m: Positive = 0.25
+    on_platform_m: Positive = 0.5
+    coast_s: Positive = 0.5
+    hold_s: Positive = 5.0
+    acquire_s: Positive = 3.0
+    timeout_s: Positive = 180.0
+
+
+class SearchConfig(Config, frozen=True, kw_only=True):
+    """Looking for a rover out of sight.
+
+    Attributes:
+        tries: rounds, each higher and wider; then the goal ends hovering.
+        climb_m: by which each round is higher than the one before; never above `height_max_m` over the platform.
+        radius_m: of the first round's corners around where the rover is believed; the others add the same.
+        speed_mps: on the way.
+        reached_m: of a corner.
+        corner_timeout_s: for each corner.
+    """
+
+    tries: Annotated[int, Meta(ge=1, le=20)] = 3
+    climb_m: Positive = 1.5
+    height_max_m: Positive = 9.0
+    radius_m: Positive = 2.0
+    speed_mps: Positive = 1.5
+    reached_m: Positive = 0.5
+    corner_timeout_s: Positive = 10.0
+
+
 class LifecycleConfig(Config, frozen=True, kw_only=True):
     """From a goal's arrival to its result.
 
     Attributes:
         expiry_s: older goals are refused.
-        status_age_max_s, odometry_age_max_s: older ones count as lost.
+        status_age_max_s, odometry_age_max_s, altimeter_age_max_s, estimate_age_max_s: older ones count as lost.
+        look_timeout_s: for the inputs of a goal that is accepted only by what they say.
         acquire_timeout_s: for the bridge's answer.
         release_hover_timeout_s, release_disarm_timeout_s: for one answer; asked again after it.
         release_give_up_s: after which a goal ends without the bridge's answer.
+        step_rate_hz: of the server's steps while nothing arrives.
         setpoint_rate_hz, feedback_rate_hz: while a goal runs.
     """
 
@@ -118,12 +228,36 @@ class LifecycleConfig(Config, frozen=True, kw_only=True):
     status_age_max_s: Positive = 1.0
     odometry_age_max_s: Positive = 0.5
     altimeter_age_max_s: Positive = 0.3
+    estimate_age_max_s: Positive = 0.3
+    look_timeout_s: Positive = 0.5
     acquire_timeout_s: Positive = 1.0
     release_hover_timeout_s: Positive = 6.0
     release_disarm_timeout_s: Positive = 12.0
     release_give_up_s: Positive = 20.0
+    step_rate_hz: Positive = 10.0
     setpoint_rate_hz: Positive = 50.0
     feedback_rate_hz: Positive = 10.0
+
+
+class CoverageConfig(Config, frozen=True, kw_only=True):
+    """Mapping an area.
+
+    Attributes:
+        speed_mps: along the lines, when the goal names none.
+        acceleration_mps2: in turns, speeding up and braking.
+        cut: a turn begins so long before its corner, in line distances.
+        pictures_max: a goal that needs more is refused.
+        camera_rate_hz, focal_px, width_px, height_px: of the camera, for overlaps and the bound of the speed.
+    """
+
+    speed_mps: Positive = 1.0
+    acceleration_mps2: Positive = 1.0
+    cut: Annotated[float, Meta(gt=0.0, le=0.5)] = 0.5
+    pictures_max: Annotated[int, Meta(ge=1, le=100_000)] = 5000
+    camera_rate_hz: Positive = 15.0
+    focal_px: Positive = 381.36
+    width_px: Positive = 640.0
+    height_px: Positive = 480.0
 
 
 class ActionsConfig(Config, frozen=True, kw_only=True):
@@ -133,3 +267,7 @@ class ActionsConfig(Config, frozen=True, kw_only=True):
     takeoff: TakeoffConfig = TakeoffConfig()
     go_to: GoToConfig = GoToConfig()
     land_on_spot: LandConfig = LandConfig()
+    land_on_rover: RoverLandConfig = RoverLandConfig()
+    pad_control: PadControlConfig = PadControlConfig()
+    search: SearchConfig = SearchConfig()
+    area_coverage: CoverageConfig = CoverageConfig()

@@ -12,11 +12,26 @@ from jezero.frames import Vec3, add, quat_rotate, subtract, yaw_from_quat
 from jezero.runtime.service import Call, Inbox, Listen, Output, Publish, Reply, Request, Response
 from jezero.schemas.actions import Accepted, Feedback, FeedbackMessage, Goal, Rejected, Result
 from jezero.schemas.commands import Acquire, AcquireReply, Release, ReleaseReply, Setpoint
+from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.schemas.state import Odometry, Status, StatusCode
 from jezero.schemas.struct import Message
-from jezero.schemas.topics import ACQUIRE, ALTIMETER, CLOCK, ODOMETRY, RELEASE, SETPOINT, STATUS, Action, feedback_of
+from jezero.schemas.topics import (
+    ACQUIRE,
+    ALTIMETER,
+    CLOCK,
+    ODOMETRY,
+    RELATIVE,
+    RELEASE,
+    ROVER_ESTIMATE,
+    SETPOINT,
+    STATUS,
+    Action,
+    feedback_of,
+)
 from jezero.services.actions.behaviour import Behaviour, Done, Move, VehicleState, Verdict
-from jezero.services.actions.config import LifecycleConfig
+from jezero.services.actions.checks import beyond_limits
+from jezero.services.actions.config import LifecycleConfig, Limits
+from jezero.services.actions.lease import SelectionLease
 
 NS_PER_S = 1_000_000_000
 EARLY_NS = 50_000_000
@@ -48,11 +63,12 @@ class GoalRun:
         behaviour: Behaviour,
         verdict: Verdict,
         config: LifecycleConfig,
+        limits: Limits,
         status: Status,
     ) -> None:
         self.goal = goal
         self.goal_id = goal_id
-        self.stage: Literal["acquiring", "flying", "releasing", "over"] = "acquiring"
+        self.stage: Literal["looking", "acquiring", "flying", "releasing", "over"] = "acquiring"
         self.result: Result[Any] | None = None
         self.clients: list[str] = []
         self._action = action
@@ -60,6 +76,7 @@ class GoalRun:
         self._behaviour = behaviour
         self._verdict = verdict
         self._config = config
+        self._limits = limits
         self._epoch_id = status.epoch_id
         self._watchers: list[int] = []
         self._cancel_reason = ""
@@ -69,6 +86,7 @@ class GoalRun:
         self._retry_ns: int | None = None
         self._grant = AcquireReply(granted=False)
         self._granted_ns = 0
+        self._listening = False
         self._seen_in_charge = False
         self._offset_start_ned_m: Vec3 = (0.0, 0.0, 0.0)
         self._sequence = 0
@@ -76,43 +94,74 @@ class GoalRun:
         self._setpoint_ns = 0
         self._feedback_due_ns = 0
         self._done: Done | None = None
+        selection = behaviour.selection
+        self._lease = None if selection is None else SelectionLease(goal_id, selection)
 
     # -- what the server asks of it --
 
     def begin(self, t_ns: int) -> Iterator[Output]:
-        """Ask the bridge for control."""
+        """Look at the inputs where the goal depends on them, else ask the bridge for control."""
+        if self._verdict.look is None:
+            yield from self._acquire(t_ns)
+            return
+        self.stage = "looking"
+        self._deadline_ns = t_ns + int(self._config.look_timeout_s * NS_PER_S)
+        self._listening = True
+        yield Listen((ODOMETRY, *self._behaviour.inputs))
+
+    def _acquire(self, t_ns: int) -> Iterator[Output]:
+        self.stage = "acquiring"
         timeout_s = self._config.acquire_timeout_s
         self._tag = f"{self.goal_id}/acquire/{t_ns}"
         self._deadline_ns = t_ns + int((timeout_s + 0.5) * NS_PER_S)
-        acquire = Acquire(goal_id=self.goal_id, action=self._action.name, do_takeoff=self._verdict.do_takeoff)
+        acquire = Acquire(
+            goal_id=self.goal_id, action=self._action.name, do_takeoff=self._verdict.do_takeoff, issued_t_ns=t_ns
+        )
         yield Call(ACQUIRE, acquire, self._tag, timeout_s)
-        yield Listen((ODOMETRY, *self._behaviour.inputs))  # after the question: while the bridge answers it
 
     def attach(self, request: Request) -> Iterator[Output]:
         """Let the sender of this goal watch it; more than one when it was sent twice."""
         self._watchers.append(request.request_id)
         if request.client_id and request.client_id not in self.clients:
             self.clients.append(request.client_id)
-        if self.stage != "acquiring":
+        if self.stage not in ("looking", "acquiring"):
             yield Reply(request.request_id, self._accepted(), final=False)
 
     def cancel(self, reason: str) -> bool:
         """End it at the next step; False when it is ending already."""
-        if self.stage not in ("acquiring", "flying"):
+        if self.stage not in ("looking", "acquiring", "flying"):
             return False
         self._cancel_reason = reason
         return True
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """React to what arrived."""
-        if self.stage == "acquiring":
+        if self.stage == "looking":
+            yield from self._looking(t_ns, inbox)
+        elif self.stage == "acquiring":
             yield from self._acquiring(t_ns, inbox)
         if self.stage == "flying":
             yield from self._flying(t_ns, inbox)
+            if not self._listening:  # only now: others on the bus wait while the router takes in a declaration
+                self._listening = True
+                yield Listen((ODOMETRY, *self._behaviour.inputs))
         elif self.stage == "releasing":
             yield from self._releasing(t_ns, inbox)
 
-    # -- acquiring --
+    # -- looking and acquiring --
+
+    def _looking(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        """Acquire or refuse as soon as every input has come, or the time for it is over."""
+        assert self._verdict.look is not None
+        odometry = self._odometry(inbox)
+        complete = all(inbox.latest(topic) is not None for topic in self._behaviour.inputs)
+        if odometry is None or not (complete or t_ns > self._deadline_ns):
+            return
+        refusal = self._verdict.look(self._vehicle_state(t_ns, inbox, odometry))
+        if refusal or self._cancel_reason:
+            yield from self._reject(refusal or self._cancel_reason, inbox)
+        else:
+            yield from self._acquire(t_ns)
 
     def _acquiring(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         response = self._response(inbox)
@@ -159,9 +208,14 @@ class GoalRun:
             reason = f"the vehicle's position is unknown: no odometry for {age_max_s:g} s"
             yield from self._release(t_ns, Done("aborted", reason), inbox)
             return
-        if not inbox.new(ODOMETRY) and (t_ns - self._setpoint_ns) * self._config.setpoint_rate_hz < NS_PER_S:
+        if self._lease is not None:
+            yield from self._lease.renew(t_ns, inbox, self._shift(odometry))
+        news = bool(inbox.new(ODOMETRY)) or bool(inbox.new(RELATIVE))
+        if not news and (t_ns - self._setpoint_ns) * self._config.setpoint_rate_hz < NS_PER_S:
             return
         move = self._behaviour.step(t_ns, self._vehicle_state(t_ns, inbox, odometry))
+        if isinstance(move, Move) and (beyond := self._moved_beyond(move, odometry)):
+            move = Done("aborted", beyond)
         if isinstance(move, Done):
             yield from self._release(t_ns, move, inbox)
             return
@@ -172,6 +226,14 @@ class GoalRun:
             late_ns = t_ns - self._feedback_due_ns
             self._feedback_due_ns = (self._feedback_due_ns if late_ns < period_ns else t_ns) + period_ns
             yield from self._feedback(t_ns, move, odometry, inbox)
+
+    def _moved_beyond(self, move: Move, odometry: Odometry) -> str:
+        """Why the goal can't go on after its points moved along with the autopilot's position, or ""."""
+        point_ned_m, shift_ned_m = move.pos_ned_m, self._shift(odometry)
+        if point_ned_m is None or not any(shift_ned_m) or beyond_limits(point_ned_m, self._limits):
+            return ""
+        beyond = beyond_limits(add(point_ned_m, shift_ned_m), self._limits)
+        return f"the autopilot corrected its position, and with it the goal's: {beyond}" if beyond else ""
 
     def _loss(self, t_ns: int, inbox: Inbox) -> str:
         """Why this goal isn't in charge any more, or "". Then there is nothing left to release."""
@@ -222,7 +284,9 @@ class GoalRun:
     def _feedback(self, t_ns: int, move: Move, odometry: Odometry, inbox: Inbox) -> Iterator[Output]:
         status = inbox.latest(STATUS)
         code = -1 if status is None else status.code
-        content = msgspec.structs.replace(move.feedback, pos_uav_ned_m=odometry.pos_uav_ned_m)
+        content = move.feedback
+        if content.frame == "world":
+            content = msgspec.structs.replace(content, pos_uav_ned_m=odometry.pos_uav_ned_m)
         feedback = Feedback(goal_id=self.goal_id, t_ns=t_ns, code=code, feedback=content)
         yield from (Reply(watcher, feedback, final=False) for watcher in self._watchers)
         message = FeedbackMessage(
@@ -311,6 +375,8 @@ class GoalRun:
 
     def _finish(self, t_ns: int, inbox: Inbox, done: Done) -> Iterator[Output]:
         self.stage = "over"
+        if self._lease is not None:
+            yield from self._lease.end(t_ns)
         odometry = self._odometry(inbox)
         pos_uav_ned_m = (0.0, 0.0, 0.0) if odometry is None else odometry.pos_uav_ned_m
         self.result = Result(
@@ -341,10 +407,10 @@ class GoalRun:
     def _vehicle_state(self, t_ns: int, inbox: Inbox, odometry: Odometry) -> VehicleState:
         status = inbox.latest(STATUS)
         q_ned_from_frd = odometry.q_ned_from_frd
+        lean_north, lean_east, upright = quat_rotate(q_ned_from_frd, (0.0, 0.0, 1.0))
         altimeter = inbox.latest(ALTIMETER)
         height_m = None
         if altimeter is not None and altimeter.range_m is not None:
-            upright = quat_rotate(q_ned_from_frd, (0.0, 0.0, 1.0))[2]
             fresh = is_fresh(altimeter, t_ns, self._config.altimeter_age_max_s)
             height_m = altimeter.range_m * upright if fresh else None
         return VehicleState(
@@ -353,5 +419,29 @@ class GoalRun:
             yaw_rad=yaw_from_quat(q_ned_from_frd),
             armed=status is not None and status.armed,
             landed=status is not None and status.landed,
+            down_ned=(lean_north, lean_east),
             height_m=height_m,
+            relative=self._relative(t_ns, inbox),
+            rover=self._rover(t_ns, inbox),
+        )
+
+    def _relative(self, t_ns: int, inbox: Inbox) -> Relative | None:
+        relative = inbox.latest(RELATIVE)
+        if relative is None or relative.epoch_id != self._epoch_id:
+            return None
+        if self._lease is not None:
+            relative = self._lease.own(relative)
+        return relative if is_fresh(relative, t_ns, self._config.estimate_age_max_s) else None
+
+    def _rover(self, t_ns: int, inbox: Inbox) -> RoverEstimate | None:
+        """In the world frame as the behaviour knows it."""
+        rover = inbox.latest(ROVER_ESTIMATE)
+        if rover is None or rover.epoch_id != self._epoch_id:
+            return None
+        if not is_fresh(rover, t_ns, self._config.estimate_age_max_s):
+            return None
+        shift = subtract(rover.reset_offset_ned_m, self._offset_start_ned_m)
+        pos_rover_ned_m = subtract(rover.pos_rover_ned_m, shift)
+        return msgspec.structs.replace(
+            rover, pos_rover_ned_m=pos_rover_ned_m, reset_offset_ned_m=self._offset_start_ned_m
         )

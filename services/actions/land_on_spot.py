@@ -1,164 +1,63 @@
-"""Land on a spot by the vehicle's own position: the case without sensors of the rover."""
+"""Land: on the rover by what the estimator sees of it, or on a spot by the vehicle's own position. Source: spec §8."""
 
-from math import hypot
-from typing import Any, Literal
+from typing import Any
 
-from jezero.frames import Vec3, altitude_m, subtract
-from jezero.schemas.actions import LandFeedback, LandOnSpotGoal, LandResult
-from jezero.schemas.commands import Phase
+from jezero.frames import Vec3
+from jezero.schemas.actions import LandOnSpotGoal, LandResult
 from jezero.schemas.state import Status
-from jezero.schemas.topics import ALTIMETER, Topic
-from jezero.services.actions.behaviour import Done, Move, VehicleState, Verdict
-from jezero.services.actions.checks import ROVER_FRAME, distance_refusal
-from jezero.services.actions.config import ActionsConfig, LandConfig
-from jezero.services.actions.leg import NS_PER_S, Leg
-
-LandPhase = Literal["approach", "descent", "contact"]
+from jezero.schemas.topics import Topic
+from jezero.services.actions.behaviour import Done, Move, Selection, VehicleState, Verdict
+from jezero.services.actions.checks import distance_refusal
+from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.plain_landing import PlainLanding
+from jezero.services.actions.rover_landing import RoverLanding
 
 
 class LandOnSpot:
-    """Approach at height, descent over the spot, contact until the autopilot sees the ground.
-
-    Source: spec §8, case 4.
-    """
-
-    inputs: tuple[Topic[Any], ...] = (ALTIMETER,)
+    """Picks the landing that the goal's sensors allow."""
 
     def __init__(self, config: ActionsConfig) -> None:
         self._config = config
-        self._phase: LandPhase = "approach"
-        self._spot_ned_m: Vec3 = (0.0, 0.0, 0.0)
-        self._leg: Leg | None = None
-        self._lift: Leg | None = None
-        self._speed_down_mps = config.land_on_spot.speed_high_mps
-        self._phase_since_ns = 0
-        self._still_since_ns: int | None = None
+        self._landing: PlainLanding | RoverLanding | None = None
+
+    @property
+    def inputs(self) -> tuple[Topic[Any], ...]:
+        return self._chosen.inputs
+
+    @property
+    def selection(self) -> Selection | None:
+        return self._chosen.selection
 
     def check(self, goal: LandOnSpotGoal, status: Status) -> Verdict:
-        return Verdict(refusal=self._refusal(goal))
-
-    def _refusal(self, goal: LandOnSpotGoal) -> str:
-        if goal.use_uwb or goal.use_marker:
-            return (
-                "use_uwb and use_marker need the estimator, which isn't running: land with both false "
-                "(`land_on_spot false false`) and a landing spot"
-            )
-        if goal.frame == "rover":
-            return ROVER_FRAME
-        if goal.landing_spot_ned_m is None:
-            return "landing_spot_ned_m is missing: without use_uwb the vehicle must be told where to land"
-        return distance_refusal(goal.landing_spot_ned_m, self._config.limits)
+        if refusal := self._refusal(goal):
+            return Verdict(refusal=refusal)
+        sees = goal.use_uwb or goal.use_marker
+        self._landing = RoverLanding(self._config, goal) if sees else PlainLanding(self._config)
+        unused = goal.use_uwb and goal.landing_spot_ned_m is not None
+        return Verdict(warning="the landing spot isn't used: UWB finds the rover" if unused else "")
 
     def start(self, t_ns: int, goal: LandOnSpotGoal, state: VehicleState) -> None:
-        assert goal.landing_spot_ned_m is not None, "start without check"
-        move, land = self._config.move, self._config.land_on_spot
-        x, y, z = state.pos_uav_ned_m
-        height_m = altitude_m(z) if state.height_m is None else state.height_m
-        up_m = max(0.0, land.approach_height_min_m - height_m)
-        self._spot_ned_m = goal.landing_spot_ned_m
-        above_ned_m = (self._spot_ned_m[0], self._spot_ned_m[1], z - up_m)
-        start_ned_m = (x, y, z - up_m)
-        speed_mps = land.speed_approach_mps
-        self._leg = Leg(
-            t_ns,
-            start_ned_m,
-            above_ned_m,
-            speed_mps=speed_mps,
-            lead_max_m=move.lead_m + move.lead_s * speed_mps,
-            config=move,
-            yaw_start_rad=state.yaw_rad,
-        )
-        if up_m > move.reached_m:
-            self._lift = Leg(
-                t_ns,
-                (x, y, z),
-                start_ned_m,
-                speed_mps=move.speed_up_mps,
-                lead_max_m=move.lead_m,
-                config=move,
-                yaw_start_rad=state.yaw_rad,
-            )
-        self._phase_since_ns = t_ns
+        self._chosen.start(t_ns, goal, state)
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
-        if self._phase == "approach":
-            return self._approach(t_ns, state)
-        if state.landed:
-            return Done("succeeded", then="disarm")
-        since_s = (t_ns - self._phase_since_ns) / NS_PER_S
-        land = self._config.land_on_spot
-        if self._phase == "descent":
-            if since_s > land.descent_timeout_s:
-                return Done("aborted", f"nothing touched after {since_s:.0f} s of descent")
-            if self._touches(t_ns, state, land):
-                self._enter("contact", t_ns)
-        elif since_s > land.contact_timeout_s:
-            return Done("aborted", f"the autopilot doesn't see the ground {since_s:.0f} s after contact")
-        elif state.vel_uav_ned_mps[2] > 0.5 * land.push_mps:
-            self._enter("descent", t_ns)
-        if self._phase == "contact":
-            return self._move(state, (0.0, 0.0, land.push_mps))
-        return self._move(state, self._descent_velocity(state, land))
+        return self._chosen.step(t_ns, state)
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> LandResult:
-        return LandResult(completed=completed, touchdown_ned_m=pos_uav_ned_m if completed else None)
+        return self._chosen.result(completed, pos_uav_ned_m)
 
-    def _approach(self, t_ns: int, state: VehicleState) -> Move | Done:
-        leg = self._lift if self._lift is not None else self._leg
-        assert leg is not None, "step before start"
-        leg.step(t_ns, state)
-        if problem := leg.stuck(t_ns):
-            return Done("aborted", f"approach: {problem}")
-        if leg.reached and self._lift is not None:
-            self._lift = None
-            assert self._leg is not None
-            self._leg.wait(t_ns)
-        elif leg.reached:
-            self._enter("descent", t_ns)
-        return Move(Phase.LANDING, self._feedback(state), leg.pos_ned_m, leg.vel_ned_mps, leg.acc_ned_mps2, leg.yaw_rad)
+    @property
+    def _chosen(self) -> PlainLanding | RoverLanding:
+        assert self._landing is not None, "used before check"
+        return self._landing
 
-    def _descent_velocity(self, state: VehicleState, land: LandConfig) -> Vec3:
-        """Towards the spot, and down: slower near the ground, and never faster again."""
-        slow_m = land.slow_height_m
-        height_m = state.height_m
-        if height_m is None:
-            height_m, slow_m = altitude_m(state.pos_uav_ned_m[2]), slow_m + land.slow_margin_m
-        if height_m < slow_m:
-            self._speed_down_mps = land.speed_low_mps
-        north = land.gain_horizontal_1ps * (self._spot_ned_m[0] - state.pos_uav_ned_m[0])
-        east = land.gain_horizontal_1ps * (self._spot_ned_m[1] - state.pos_uav_ned_m[1])
-        shrink = min(1.0, land.speed_horizontal_max_mps / max(hypot(north, east), 1e-9))
-        return (north * shrink, east * shrink, self._speed_down_mps)
-
-    def _touches(self, t_ns: int, state: VehicleState, land: LandConfig) -> bool:
-        """Whether the range is below what the altimeter can measure in the air, or the descent has stopped."""
-        if state.height_m is not None and state.height_m < land.contact_height_m:
-            return True
-        if state.vel_uav_ned_mps[2] > land.contact_mps:
-            self._still_since_ns = None
-        elif self._still_since_ns is None:
-            self._still_since_ns = t_ns
-        started_s = (t_ns - self._phase_since_ns) / NS_PER_S
-        return (
-            started_s > 2.0 * land.contact_s
-            and self._still_since_ns is not None
-            and t_ns - self._still_since_ns >= land.contact_s * NS_PER_S
-        )
-
-    def _enter(self, phase: LandPhase, t_ns: int) -> None:
-        self._phase = phase
-        self._phase_since_ns = t_ns
-        self._still_since_ns = None
-
-    def _move(self, state: VehicleState, vel_ned_mps: Vec3) -> Move:
-        assert self._leg is not None
-        return Move(Phase.LANDING, self._feedback(state), vel_ned_mps=vel_ned_mps, yaw_rad=self._leg.yaw_rad)
-
-    def _feedback(self, state: VehicleState) -> LandFeedback:
-        spot_x, spot_y, _ = self._spot_ned_m
-        z_spot = state.pos_uav_ned_m[2] + state.height_m if state.height_m is not None else 0.0
-        return LandFeedback(
-            pos_uav_ned_m=state.pos_uav_ned_m,
-            pos_rel_ned_m=subtract(state.pos_uav_ned_m, (spot_x, spot_y, z_spot)),
-            phase=self._phase,
-        )
+    def _refusal(self, goal: LandOnSpotGoal) -> str:
+        spot_ned_m = goal.landing_spot_ned_m
+        if goal.use_uwb:
+            return ""
+        if goal.frame == "rover":
+            return "without use_uwb nothing knows where the rover is: give the landing spot in frame 'world'"
+        if spot_ned_m is None and goal.use_marker:
+            return "landing_spot_ned_m is missing: without use_uwb the vehicle must be told roughly where the rover is"
+        if spot_ned_m is None:
+            return "landing_spot_ned_m is missing: without use_uwb the vehicle must be told where to land"
+        return distance_refusal(spot_ned_m, self._config.limits)

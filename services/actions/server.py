@@ -13,9 +13,12 @@ from jezero.schemas.topics import (
     ACQUIRE,
     ALTIMETER,
     CLOCK,
+    LEASE,
     ODOMETRY,
+    RELATIVE,
     RELEASE,
     RESULT,
+    ROVER_ESTIMATE,
     SETPOINT,
     STATUS,
     Action,
@@ -57,12 +60,12 @@ class ActionServer:
         self.spec = Spec(
             name=action.name,
             inputs=(STATUS, CLOCK),
-            on_demand=(ODOMETRY, ALTIMETER),
+            on_demand=(ODOMETRY, ALTIMETER, RELATIVE, ROVER_ESTIMATE),
             outputs=(SETPOINT, feedback_of(action)),
             serves=(self._endpoint, self._cancel, RESULT),
-            calls=(ACQUIRE, RELEASE),
-            triggers=(ODOMETRY.name, self._endpoint.name, self._cancel.name, RESULT.name),
-            rate_hz=10.0,
+            calls=(ACQUIRE, RELEASE, LEASE),
+            triggers=(ODOMETRY.name, RELATIVE.name, self._endpoint.name, self._cancel.name, RESULT.name),
+            rate_hz=config.lifecycle.step_rate_hz,
             watches_clients=True,
         )
 
@@ -131,6 +134,7 @@ class ActionServer:
             behaviour=behaviour,
             verdict=verdict,
             config=self._config.lifecycle,
+            limits=self._config.limits,
             status=status,
         )
         yield from self._run.begin(t_ns)

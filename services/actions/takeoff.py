@@ -7,7 +7,7 @@ from jezero.schemas.actions import MoveFeedback, MoveResult, TakeoffGoal
 from jezero.schemas.commands import Phase
 from jezero.schemas.state import Status
 from jezero.schemas.topics import Topic
-from jezero.services.actions.behaviour import Done, Move, VehicleState, Verdict
+from jezero.services.actions.behaviour import Done, Move, Selection, VehicleState, Verdict
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.leg import NS_PER_S, Leg
 
@@ -45,6 +45,7 @@ class Takeoff:
     """Climbs to `altitude_m` above the take-off point."""
 
     inputs: tuple[Topic[Any], ...] = ()
+    selection: Selection | None = None
 
     def __init__(self, config: ActionsConfig) -> None:
         self._config = config

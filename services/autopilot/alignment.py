@@ -40,6 +40,7 @@ class Alignment:
         self._mag: deque[Vec3] = deque(maxlen=MIN_FIXES)
         self._baro: deque[float] = deque(maxlen=MIN_FIXES)
         self._still_us = 0
+        self._disturbed = False
 
     @property
     def missing(self) -> str:
@@ -49,7 +50,7 @@ class Alignment:
         if len(self._fixes) < MIN_FIXES:
             return "no GNSS fix yet"
         if len(self._mag) < MIN_FIXES:
-            return "no magnetometer data"
+            return "the magnetic field is disturbed" if self._disturbed else "no magnetometer data"
         if len(self._baro) < MIN_FIXES:
             return "no barometer data"
         if self._still_us < self._config.align_s * 1e6:
@@ -74,7 +75,15 @@ class Alignment:
             self._fixes.clear()
 
     def mag(self, field_frd_gauss: Vec3) -> None:
-        self._mag.append(field_frd_gauss)
+        """Gravity tells what of the field is horizontal."""
+        down = self._imu[-1][0] if self._imu else (0.0, 0.0, -1.0)
+        along = sum(f * d for f, d in zip(field_frd_gauss, down, strict=True)) / sqrt(sum(d * d for d in down))
+        horizontal = sqrt(max(0.0, sum(f * f for f in field_frd_gauss) - along * along))
+        self._disturbed = abs(horizontal - self._config.field_horizontal_gauss) > self._config.mag_check_gauss
+        if self._disturbed:
+            self._mag.clear()
+        else:
+            self._mag.append(field_frd_gauss)
 
     def baro(self, altitude_pressure_m: float) -> None:
         self._baro.append(altitude_pressure_m)

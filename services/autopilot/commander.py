@@ -1,15 +1,15 @@
 """Arming, modes and failsafes: what the autopilot may do, and what it does when something is lost."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+
+import msgspec
 
 from jezero.services.autopilot.config import CommanderConfig, FailsafeConfig
 from jezero.services.autopilot.failsafes import MODE_OF, Action, Trigger, respond
 from jezero.services.autopilot.modes import DOWN, Mode
 
 
-@dataclass(frozen=True)
-class Condition:
+class Condition(msgspec.Struct, frozen=True, gc=False):
     """What the commander looks at in each step.
 
     Attributes:
@@ -78,7 +78,7 @@ class Commander:
         if not reason and self.mode is Mode.OFFBOARD and now.stream_age_s > self._config.offboard_stream_s:
             reason = "offboard mode without setpoints"
         if reason:
-            self._say(3, f"Arming denied: {reason}")
+            self.say(3, f"Arming denied: {reason}")
             return reason
         self.armed = True
         self.failsafe = False
@@ -86,7 +86,7 @@ class Commander:
         self._has_flown = False
         self._landed_us = None
         self._overruled = self._warned = ()
-        self._say(6, "Armed by external command")
+        self.say(6, "Armed by external command")
         return ""
 
     def not_armable(self, now: Condition) -> str:
@@ -104,7 +104,7 @@ class Commander:
         if not self.armed:
             return ""
         if not (now.landed or force):
-            self._say(3, "Disarming denied: not landed")
+            self.say(3, "Disarming denied: not landed")
             return "not landed"
         self._disarm("Disarmed by force" if force and not now.landed else "Disarmed by external command")
         return ""
@@ -119,7 +119,7 @@ class Commander:
         elif now.position_lost:
             reason = now.position_lost
         if reason:
-            self._say(4, f"Switching to {mode.value} mode denied: {reason}")
+            self.say(4, f"Switching to {mode.value} mode denied: {reason}")
             return reason
         self.failsafe = False
         self._overruled = tuple(self._triggers(now))
@@ -130,7 +130,7 @@ class Commander:
         """To the mode that follows of itself, such as hold after takeoff."""
         if mode is not self.mode:
             self.mode = mode
-            self._say(6, f"Mode: {mode.value}")
+            self.say(6, f"Mode: {mode.value}")
 
     # -- time --
 
@@ -178,11 +178,11 @@ class Commander:
         if action is Action.WARN:
             if because not in self._warned:
                 self._warned = (*self._warned, because)
-                self._say(4, f"Warning: {because.value}")
+                self.say(4, f"Warning: {because.value}")
         elif action is Action.DISARM:
             self._disarm(f"Failsafe: {because.value}, motors off", severity=2)
         else:
-            self._say(3, f"Failsafe: {because.value}, {_DOING[action]}")
+            self.say(3, f"Failsafe: {because.value}, {_DOING[action]}")
             self.failsafe = True
             self.switch(MODE_OF[action])
 
@@ -202,12 +202,13 @@ class Commander:
 
     def _disarm(self, text: str, severity: int = 6) -> None:
         self.armed = False
-        self._say(severity, text)
+        self.say(severity, text)
         self.failsafe = False
         if self.mode in DOWN or self.mode is Mode.TAKEOFF:
             self.switch(Mode.HOLD)
 
-    def _say(self, severity: int, text: str) -> None:
+    def say(self, severity: int, text: str) -> None:
+        """To be told by whoever takes it next."""
         self._said.append((severity, text))
 
 

@@ -53,6 +53,7 @@ class EstimatorConfig(Config, frozen=True, kw_only=True):
 
     Attributes:
         declination_rad: of the magnetic field at the place of flight, positive east.
+        field_horizontal_gauss: its horizontal part there.
         acc_density, gyro_density: white noise of the IMU, m/s²/√Hz and rad/s/√Hz.
         acc_bias_walk, gyro_bias_walk: random walk of the biases, m/s²/√s and rad/s/√s.
         acc_bias_std_mps2, gyro_bias_std_rps: of the biases at the start; the gyroscope's after averaging at rest.
@@ -64,11 +65,13 @@ class EstimatorConfig(Config, frozen=True, kw_only=True):
         gps_reset_s: after so long a rejection the position is reset to the fixes.
         ekf2_baro_noise_m, ekf2_baro_gate_m: the same for the pressure altitude.
         ekf2_head_noise_rad, ekf2_head_gate_rad: the same for the heading from the magnetometer.
+        mag_check_gauss: a field whose horizontal part differs by more from that of the place is disturbed.
         align_s: the vehicle must stand still for so long before the filter starts.
         settle_s: and so long must it have run before it counts as settled.
     """
 
     declination_rad: Annotated[float, Meta(ge=-3.15, le=3.15)] = 0.0555
+    field_horizontal_gauss: Positive = 0.216
     acc_density: Positive = 0.02
     gyro_density: Positive = 0.002
     acc_bias_walk: Positive = 0.003
@@ -86,6 +89,7 @@ class EstimatorConfig(Config, frozen=True, kw_only=True):
     ekf2_baro_gate_m: Positive = 3.0
     ekf2_head_noise_rad: Positive = 0.1
     ekf2_head_gate_rad: Positive = 0.6
+    mag_check_gauss: Positive = 0.06
     align_s: Positive = 1.0
     settle_s: Positive = 2.0
 
@@ -231,6 +235,12 @@ class BatteryConfig(Config, frozen=True, kw_only=True):
     hover_a: Positive = 15.0
 
 
+class TelemetryConfig(Config, frozen=True, kw_only=True):
+    """Attributes: interval_min_s: no message is streamed more often, whoever asks: PX4 too spares a slow link."""
+
+    interval_min_s: Annotated[float, Meta(ge=0.004, le=1.0)] = 0.004
+
+
 class SigningConfig(Config, frozen=True, kw_only=True):
     """MAVLink 2 signing.
 
@@ -259,4 +269,5 @@ class AutopilotConfig(Config, frozen=True, kw_only=True):
     failsafe: FailsafeConfig = FailsafeConfig()
     navigator: NavigatorConfig = NavigatorConfig()
     battery: BatteryConfig = BatteryConfig()
+    telemetry: TelemetryConfig = TelemetryConfig()
     signing: SigningConfig = SigningConfig()

@@ -1,9 +1,10 @@
 """The cascade: position, velocity, attitude, body rates."""
 
-from dataclasses import dataclass
 from math import hypot, pi, sqrt, tan
 
-from jezero.frames import Vec3, wrap_pi
+import msgspec
+
+from jezero.frames import Vec3, add, norm, scale, wrap_pi
 from jezero.services.autopilot.config import Airframe, ControlConfig
 from jezero.services.autopilot.mixer import STOPPED, Commands, Mixer
 
@@ -15,8 +16,7 @@ RATE_INTEGRAL_LIMIT_RPS2 = 10.0
 VELOCITY_INTEGRAL_LIMIT_MPS2 = 5.0
 
 
-@dataclass(frozen=True)
-class Setpoint:
+class Setpoint(msgspec.Struct, frozen=True, gc=False):
     """Where to be and how to move. With neither yaw nor yaw rate the heading stays as it is."""
 
     pos_ned_m: Axes = FREE
@@ -31,8 +31,7 @@ class Setpoint:
         return Setpoint((n, e, d), self.vel_ned_mps, self.acc_ned_mps2, self.yaw_rad, self.yaw_rate_rps)
 
 
-@dataclass(frozen=True)
-class Kinematics:
+class Kinematics(msgspec.Struct, frozen=True, gc=False):
     """What the controllers see of the estimate. `R_ned_from_frd` holds the rows one after the other."""
 
     pos_ned_m: Vec3
@@ -55,6 +54,15 @@ def stopping_distance_m(speed_mps: float, gain: float, acc_mps2: float) -> float
     if speed_mps <= near_mps:
         return speed_mps / gain
     return (speed_mps * speed_mps / acc_mps2 + acc_mps2 / (gain * gain)) / 2.0
+
+
+def stopping_point_ned_m(at: Kinematics, config: ControlConfig) -> Vec3:
+    """Where the vehicle comes to rest when it brakes now."""
+    speed_mps = norm(at.vel_ned_mps)
+    if speed_mps < 1e-6:
+        return at.pos_ned_m
+    ahead_m = stopping_distance_m(speed_mps, config.mpc_xy_p, config.mpc_acc_hor_mps2)
+    return add(at.pos_ned_m, scale(at.vel_ned_mps, ahead_m / speed_mps))
 
 
 class VelocityLoop:

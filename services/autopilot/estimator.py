@@ -15,7 +15,7 @@ Source: Solà, Quaternion kinematics for the error-state Kalman filter, 2017, ch
 """
 
 from collections import deque
-from math import atan2, hypot, isfinite, sqrt
+from math import atan2, cos, degrees, hypot, isfinite, sin, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,9 @@ Matrix = NDArray[np.float64]
 class Disagreement:
     """How long a sensor has contradicted the estimate without a break, and by how much.
 
+    A sensor is believed against the estimate only while it agrees with itself: what jumps from reading to reading
+    tells nothing, however long it lasts.
+
     Attributes:
         mean: the innovations since then, smoothed; empty while sensor and estimate agree.
     """
@@ -55,15 +58,21 @@ class Disagreement:
     def __init__(self, limit_s: float) -> None:
         self._limit_us = int(limit_s * 1e6)
         self._since_us = 0
+        self._last: tuple[float, ...] = ()
         self.mean: tuple[float, ...] = ()
 
     def ends(self) -> None:
         self.mean = ()
 
-    def lasts(self, t_us: int, innovation: tuple[float, ...]) -> bool:
-        """Whether it has lasted for so long that the sensor is to be believed."""
-        if not self.mean:
+    def lasts(self, t_us: int, innovation: tuple[float, ...], spread: float) -> bool:
+        """Whether it has lasted for so long that the sensor is to be believed.
+
+        Args:
+            spread: by so much an innovation may differ from the one before it, else it begins anew.
+        """
+        if not self.mean or any(abs(i - before) > spread for i, before in zip(innovation, self._last, strict=True)):
             self._since_us, self.mean = t_us, innovation
+        self._last = innovation
         self.mean = tuple(m + 0.2 * (i - m) for m, i in zip(self.mean, innovation, strict=True))
         return t_us - self._since_us >= self._limit_us
 
@@ -100,6 +109,8 @@ class Estimator:
         self._pos_differs = Disagreement(config.gps_reset_s)
         self._vel_differs = Disagreement(config.gps_reset_s)
         self._height_differs = Disagreement(config.gps_reset_s)
+        self._heading_differs = Disagreement(config.gps_reset_s)
+        """By the cosine and sine of the angle between."""
 
     def configure(self, config: EstimatorConfig) -> None:
         """New settings, effective at once."""
@@ -114,17 +125,31 @@ class Estimator:
             return self._alignment.missing
         if self.t_us - self._started_us < self._config.settle_s * 1e6 or self.std_vel_mps > SETTLED_STD_MPS:
             return "position estimate is settling"
+        return self._contradiction
+
+    @property
+    def _contradiction(self) -> str:
+        """Which sensor contradicts the estimate, in words, or ""."""
         if self._pos_differs.mean:
             return f"GNSS is {hypot(*self._pos_differs.mean):.1f} m away from the estimate"
         if self._vel_differs.mean:
             return "GNSS and the estimate differ in velocity"
         if self._height_differs.mean:
             return f"the barometer is {abs(self._height_differs.mean[0]):.1f} m away from the estimate"
+        if self._heading_differs.mean:
+            cosine, sine = self._heading_differs.mean
+            return f"the magnetometer's heading is {abs(degrees(atan2(sine, cosine))):.0f} degrees off the estimate"
         return ""
 
     @property
     def std_vel_mps(self) -> float:
         return sqrt(max(self.P[3, 3], self.P[4, 4], self.P[5, 5]))
+
+    @property
+    def var_pos_ned_m2(self) -> Vec3:
+        """(3,) variance of the position."""
+        P = self.P
+        return (float(P[6, 6]), float(P[7, 7]), float(P[8, 8]))
 
     @property
     def tilt_rad(self) -> float:
@@ -167,13 +192,15 @@ class Estimator:
         if max(abs(e) for e in vel_error) < gate:
             self._vel_differs.ends()
             innovations += [(3 + i, vel_error[i], c.ekf2_gps_v_noise_mps) for i in range(3)]
-        elif self._vel_differs.lasts(self.t_us, vel_error):
-            self._reset(3, self._vel_differs, c.ekf2_gps_v_noise_mps)
+        elif self._vel_differs.lasts(self.t_us, vel_error, c.ekf2_gps_v_gate_mps):
+            self._reset(3, self._vel_differs.mean, c.ekf2_gps_v_noise_mps)
+            self._vel_differs.ends()
         if hypot(north, east) < max(c.ekf2_gps_p_gate_m, 3.0 * sqrt(max(self.P[6, 6], self.P[7, 7]))):
             self._pos_differs.ends()
             innovations += [(6, north, c.ekf2_gps_p_noise_m), (7, east, c.ekf2_gps_p_noise_m)]
-        elif self._pos_differs.lasts(self.t_us, (north, east)):
-            self._reset(6, self._pos_differs, c.ekf2_gps_p_noise_m)
+        elif self._pos_differs.lasts(self.t_us, (north, east), c.ekf2_gps_p_gate_m):
+            self._reset(6, self._pos_differs.mean, c.ekf2_gps_p_noise_m)
+            self._pos_differs.ends()
         if abs(down) < 4.0 * c.gps_z_noise_m + 3.0 * sqrt(self.P[8, 8]):
             innovations.append((8, down, c.gps_z_noise_m))
         self._update(innovations)
@@ -187,11 +214,12 @@ class Estimator:
         if abs(down) < c.ekf2_baro_gate_m + 3.0 * sqrt(self.P[8, 8]):
             self._height_differs.ends()
             self._update([(8, down, c.ekf2_baro_noise_m)])
-        elif self._height_differs.lasts(self.t_us, (down,)):
-            self._reset(8, self._height_differs, c.ekf2_baro_noise_m)
+        elif self._height_differs.lasts(self.t_us, (down,), c.ekf2_baro_gate_m):
+            self._reset(8, self._height_differs.mean, c.ekf2_baro_noise_m)
+            self._height_differs.ends()
 
     def mag(self, field_frd_gauss: Vec3) -> None:
-        """Correct the heading; tilt is left alone, the field's local errors don't deserve it."""
+        """Correct the heading by a field that can be the place's; tilt is left alone, which no field deserves."""
         if not self.running:
             self._alignment.mag(field_frd_gauss)
             return
@@ -199,11 +227,17 @@ class Estimator:
         r = self.R_ned_from_frd
         north = r[0] * x + r[1] * y + r[2] * z
         east = r[3] * x + r[4] * y + r[5] * z
-        if hypot(north, east) < 0.01:
+        c = self._config
+        if abs(hypot(north, east) - c.field_horizontal_gauss) > c.mag_check_gauss:
             return
-        error = wrap_pi(self._config.declination_rad - atan2(east, north))
-        if abs(error) < self._config.ekf2_head_gate_rad + 3.0 * sqrt(self.P[2, 2]):
-            self._update([(2, error, self._config.ekf2_head_noise_rad)])
+        error = wrap_pi(c.declination_rad - atan2(east, north))
+        if abs(error) < c.ekf2_head_gate_rad + 3.0 * sqrt(self.P[2, 2]):
+            self._heading_differs.ends()
+            self._update([(2, error, c.ekf2_head_noise_rad)])
+        elif self._heading_differs.lasts(self.t_us, (cos(error), sin(error)), c.ekf2_head_gate_rad):
+            cosine, sine = self._heading_differs.mean
+            self._reset(2, (atan2(sine, cosine),), c.ekf2_head_noise_rad)
+            self._heading_differs.ends()
 
     # -- mathematics ---------------------------------------------------------------------------------------
 
@@ -314,9 +348,9 @@ class Estimator:
         pos = (p[0] + d[3] + vel[0] * dt, p[1] + d[4] + vel[1] * dt, p[2] + d[5] + vel[2] * dt)
         return pos, vel
 
-    def _reset(self, first: int, differs: Disagreement, std: float) -> None:
-        """Believe the sensor: move the error states from `first` on in one step, and forget how they hang together."""
-        step, before = differs.mean, self.pos_ned_m
+    def _reset(self, first: int, step: tuple[float, ...], std: float) -> None:
+        """Believe a sensor: move the error states from `first` on in one step, and forget how they hang together."""
+        before = self.pos_ned_m
         dx = [0.0] * 15
         dx[first : first + len(step)] = step
         self._inject(dx)
@@ -324,7 +358,6 @@ class Estimator:
         self.P[moved, :] = 0.0
         self.P[:, moved] = 0.0
         self.P[moved, moved] = std * std * np.eye(len(step))
-        differs.ends()
         self.reset_offset_ned_m = add(self.reset_offset_ned_m, subtract(self.pos_ned_m, before))
         self.reset_counter += 1
 

@@ -141,7 +141,11 @@ def _whens() -> str:
     c = FailsafeConfig()
     rows = (
         (Trigger.OFFBOARD_LOST, f"no setpoint for {c.com_of_loss_t_s:g} s in offboard mode", "COM_OF_LOSS_T"),
-        (Trigger.LINK_LOST, f"no heartbeat of a ground station for {c.com_dl_loss_t_s:g} s", "COM_DL_LOSS_T"),
+        (
+            Trigger.LINK_LOST,
+            f"no ground station for {c.com_dl_loss_t_s:g} s; each of its heartbeats counts for 2.5 s",
+            "COM_DL_LOSS_T",
+        ),
         (Trigger.BATTERY_LOW, f"less than {c.bat_low_thr:.0%} left", "BAT_LOW_THR"),
         (Trigger.BATTERY_CRITICAL, f"less than {c.bat_crit_thr:.0%} left", "BAT_CRIT_THR"),
         (Trigger.BATTERY_EMERGENCY, f"less than {c.bat_emergen_thr:.0%} left", "BAT_EMERGEN_THR"),

@@ -1,8 +1,8 @@
 """From a setpoint to motor commands: on the ground, lifting off, in the air, touching down."""
 
-from jezero.frames import Vec3, add, norm, scale
+from jezero.frames import Vec3
 from jezero.services.autopilot.config import AutopilotConfig
-from jezero.services.autopilot.control import Controller, Kinematics, Setpoint, stopping_distance_m
+from jezero.services.autopilot.control import Controller, Kinematics, Setpoint
 from jezero.services.autopilot.estimator import Estimator
 from jezero.services.autopilot.land_detector import LandDetector
 from jezero.services.autopilot.mixer import Commands
@@ -24,7 +24,6 @@ class Flight:
 
     def __init__(self, config: AutopilotConfig, estimator: Estimator) -> None:
         self.detector = LandDetector(config.land_detector)
-        self._config = config
         self._estimator = estimator
         self._controller = Controller(config.control, config.airframe)
         self._step = 0
@@ -34,7 +33,6 @@ class Flight:
 
     def configure(self, config: AutopilotConfig) -> None:
         """New settings, effective at once."""
-        self._config = config
         self._controller.configure(config.control)
         self.detector.configure(config.land_detector)
 
@@ -91,12 +89,3 @@ class Flight:
         """What the estimate says of position and motion."""
         e = self._estimator
         return Kinematics(e.pos_ned_m, e.vel_ned_mps, e.acc_ned_mps2, e.yaw_rad)
-
-    def stopping_point_ned_m(self) -> Vec3:
-        """Where the vehicle comes to rest when it brakes now."""
-        e, c = self._estimator, self._config.control
-        speed_mps = norm(e.vel_ned_mps)
-        if speed_mps < 1e-6:
-            return e.pos_ned_m
-        ahead_m = stopping_distance_m(speed_mps, c.mpc_xy_p, c.mpc_acc_hor_mps2)
-        return add(e.pos_ned_m, scale(e.vel_ned_mps, ahead_m / speed_mps))

@@ -4,7 +4,8 @@ Source: MAVLink common dialect; PX4 v1.15 `simulator_mavlink`.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+
+import msgspec
 
 from jezero.frames import Vec3
 from jezero.mavlink import MavlinkCodec, MavMessage, dialect, is_finite
@@ -23,8 +24,7 @@ GYRO_MAX_RPS = 100.0
 UNUSED = (0.0,) * 12
 
 
-@dataclass(frozen=True)
-class Reading:
+class Reading(msgspec.Struct, frozen=True, gc=False):
     """One HIL_SENSOR. What it doesn't carry is None.
 
     Attributes:

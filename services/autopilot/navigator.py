@@ -5,10 +5,12 @@ from math import hypot, tan
 
 from jezero.frames import Vec3, add
 from jezero.services.autopilot.config import ControlConfig, NavigatorConfig
-from jezero.services.autopilot.control import Kinematics, Setpoint
+from jezero.services.autopilot.control import Axes, Kinematics, Setpoint
 from jezero.services.autopilot.modes import Mode
 
 REACHED_M = 0.3
+LIFT_FOR_M = 0.2
+"""Source: PX4's `FlightTask::_checkTakeoff`."""
 
 
 class Leg(Enum):
@@ -53,22 +55,34 @@ class Navigator:
         self._yaw_rad = at.yaw_rad
         self._point_ned_m = stop_ned_m
         if mode is Mode.TAKEOFF:
-            self.climb_to(at, self._config.mis_takeoff_alt_m, landed=False)
+            self.climb_to(at, (None, None, None))
         elif mode is Mode.RETURN:
             self._leg = Leg.CLIMB
             self._point_ned_m = (stop_ned_m[0], stop_ned_m[1], self._return_z_ned_m(at.pos_ned_m))
 
-    def climb_to(self, at: Kinematics, height_m: float, *, landed: bool) -> None:
-        """Take off to a height above home, or above the ground it stands on."""
-        ground_z_m = at.pos_ned_m[2] if landed else self.home_ned_m[2]
-        height_m = max(height_m, self._config.mis_takeoff_alt_m)
-        self._point_ned_m = (at.pos_ned_m[0], at.pos_ned_m[1], min(at.pos_ned_m[2], ground_z_m - height_m))
+    def climb_to(self, at: Kinematics, point_ned_m: Axes) -> None:
+        """Take off to a point, never downwards; without a height to the usual one above the vehicle.
+
+        Source: PX4's `Takeoff::set_takeoff_position`.
+        """
+        north, east, down = at.pos_ned_m
+        point_n, point_e, point_d = point_ned_m
+        usual_d = down - self._config.mis_takeoff_alt_m
+        self._point_ned_m = (
+            north if point_n is None else point_n,
+            east if point_e is None else point_e,
+            usual_d if point_d is None else min(down, point_d),
+        )
         self._yaw_rad = at.yaw_rad
 
     def go_to(self, point_ned_m: Vec3, yaw_rad: float | None) -> None:
         """Hold at another point; the heading stays when none is given."""
         self._point_ned_m = point_ned_m
         self._yaw_rad = self._yaw_rad if yaw_rad is None else yaw_rad
+
+    def leads_up(self, at: Kinematics) -> bool:
+        """Whether the point is so far above the vehicle that it lifts off for it."""
+        return at.pos_ned_m[2] - self._point_ned_m[2] > LIFT_FOR_M
 
     def finished(self, mode: Mode, at: Kinematics) -> bool:
         """Whether a takeoff is at its height."""

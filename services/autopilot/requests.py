@@ -150,18 +150,29 @@ class Requests:
         return _result(self._vehicle.set_mode(Mode.RETURN))
 
     def _take_off(self, command: Command) -> int:
-        return _result(self._vehicle.take_off(self._amsl_m(command)))
+        vehicle, origin_deg = self._vehicle, self._vehicle.estimator.origin_deg
+        if origin_deg is None:
+            return REJECTED
+        point_ned_m = self._place(command, origin_deg)
+        if point_ned_m is None:
+            vehicle.commander.say(3, "Takeoff denied: the place is out of reach, and NaN means here")
+            return DENIED
+        return _result(vehicle.take_off(point_ned_m))
 
-    def _amsl_m(self, command: Command) -> float | None:
-        """Altitude above sea level; None when the command has none."""
-        altitude_m = command.place_deg[2]
-        if not isfinite(altitude_m):
-            return None
-        return altitude_m + (self._home_amsl_m() if command.relative else 0.0)
-
-    def _home_amsl_m(self) -> float:
-        origin_deg = self._vehicle.estimator.origin_deg
-        return 0.0 if origin_deg is None else origin_deg[2] - self._vehicle.home_ned_m[2]
+    def _place(self, command: Command, origin_deg: Vec3) -> Axes | None:
+        """Where a command's place is, each axis None that it doesn't tell; no place at all when it is out of reach."""
+        latitude_deg, longitude_deg, altitude_m = command.place_deg
+        north: float | None = None
+        east: float | None = None
+        down: float | None = None
+        if isfinite(latitude_deg) and isfinite(longitude_deg):
+            if abs(latitude_deg) > 90.0 or abs(longitude_deg) > 180.0:
+                return None
+            north, east, _ = ned_from_geodetic((latitude_deg, longitude_deg, origin_deg[2]), origin_deg)
+        if isfinite(altitude_m):
+            down = z_ned_m(altitude_m) + (self._vehicle.home_ned_m[2] if command.relative else origin_deg[2])
+        far = any(axis is not None and abs(axis) > REPOSITION_MAX_M for axis in (north, east, down))
+        return None if far else (north, east, down)
 
     def _reposition(self, command: Command) -> int:
         """What is not given stays as it is."""
@@ -170,17 +181,11 @@ class Requests:
             return DENIED
         if origin_deg is None:
             return REJECTED
-        north, east, down = vehicle.estimator.pos_ned_m
-        latitude_deg, longitude_deg, _ = command.place_deg
-        if isfinite(latitude_deg) and isfinite(longitude_deg):
-            if abs(latitude_deg) > 90.0 or abs(longitude_deg) > 180.0:
-                return DENIED
-            north, east, _ = ned_from_geodetic((latitude_deg, longitude_deg, origin_deg[2]), origin_deg)
-        amsl_m = self._amsl_m(command)
-        if amsl_m is not None:
-            down = z_ned_m(amsl_m - origin_deg[2])
-        if max(abs(north), abs(east), abs(down)) > REPOSITION_MAX_M:
+        place = self._place(command, origin_deg)
+        if place is None:
             return DENIED
+        here = vehicle.estimator.pos_ned_m
+        north, east, down = (now if asked is None else asked for asked, now in zip(place, here, strict=True))
         yaw_rad = radians(command.p[3]) if command.has(3) else None
         return _result(vehicle.reposition((north, east, down), yaw_rad))
 

@@ -2,17 +2,19 @@
 
 from collections.abc import Iterator
 
-from jezero.mavlink import Signing
 from jezero.runtime.service import Health, Inbox, Output, Send, Spec
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.config import AutopilotConfig
+from jezero.services.autopilot.estimator import Estimator
+from jezero.services.autopilot.flight import Flight
 from jezero.services.autopilot.hil import HilLink, Reading
+from jezero.services.autopilot.mavlink_side import GCS, OFFBOARD, MavlinkSide, make_signing
 from jezero.services.autopilot.parameters import Parameters
-from jezero.services.autopilot.requests import Requests
-from jezero.services.autopilot.telemetry import GCS_INTERVALS_US, OFFBOARD_INTERVALS_US, TelemetryLink
 from jezero.services.autopilot.vehicle import Vehicle
 
-HIL, OFFBOARD, GCS = "hil", "offboard", "gcs"
+__all__ = ["GCS", "HIL", "OFFBOARD", "SPEC", "Autopilot"]
+
+HIL = "hil"
 GAP_MAX_US = 1_000_000
 
 SPEC = Spec(name="autopilot", links=(HIL, OFFBOARD, GCS), triggers=(HIL, OFFBOARD, GCS), rate_hz=10.0)
@@ -35,8 +37,7 @@ class Autopilot:
     def __init__(self, config: AutopilotConfig, system_id: int, boot_id: int, since_2015_s: float = 0.0) -> None:
         self._system_id = system_id
         self._parameters = Parameters(config, system_id)
-        key = bytes.fromhex(config.signing.key)
-        self._signing: dict[str, Signing] = {name: Signing(key) for name in config.signing.links} if key else {}
+        self._signing = make_signing(config.signing)
         self._since_2015_10us = int(since_2015_s * 1e5)
         self._started_wall_ns: int | None = None
         self._connections = 0
@@ -44,13 +45,11 @@ class Autopilot:
         self._start_over()
 
     def _start_over(self) -> None:
+        config = self._parameters.config
+        estimator = Estimator(config.estimator, config.airframe.gravity_mps2)
         self._hil = HilLink(self._system_id)
-        self._vehicle = Vehicle(self._parameters, self._system_id)
-        self._requests = Requests(self._vehicle, self._parameters)
-        self._links = {
-            OFFBOARD: TelemetryLink(self._system_id, OFFBOARD_INTERVALS_US, self._signing.get(OFFBOARD)),
-            GCS: TelemetryLink(self._system_id, GCS_INTERVALS_US, self._signing.get(GCS)),
-        }
+        self._vehicle = Vehicle(self._parameters, self._system_id, estimator, Flight(config, estimator))
+        self._side = MavlinkSide(self._vehicle, self._parameters, self._system_id, (OFFBOARD, GCS), self._signing)
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Sensors in, motors out; then what the links ask and tell."""
@@ -64,11 +63,12 @@ class Autopilot:
                 self._vehicle.fix(item)
             else:
                 yield Send(HIL, self._on_reading(item))
-        for name, link in self._links.items():
-            for message in link.receive(inbox.received(name)):
-                if answer := self._requests.answer(link, message):
-                    yield Send(name, answer)
-        yield from self._tell(inbox)
+        yield from self._side.answer(inbox)
+        yield from self._side.tell(inbox)
+        health = self._judge(inbox)
+        if health != self._health:
+            self._health = health
+            yield health
 
     def _tell_time(self, wall_ns: int) -> None:
         """What the clock of the signatures says."""
@@ -85,30 +85,11 @@ class Autopilot:
         commands = self._vehicle.step(reading)
         return self._hil.actuators(reading.t_us, commands, armed=self._vehicle.commander.armed)
 
-    def _tell(self, inbox: Inbox) -> Iterator[Output]:
-        vehicle = self._vehicle
-        commander = vehicle.commander
-        said = commander.take_said()
-        state = (commander.mode.custom_mode, commander.armed, vehicle.landed)
-        for name, link in self._links.items():
-            if not inbox.is_up(name):
-                continue
-            data = b"".join(link.text(severity, text) for severity, text in said)
-            if vehicle.t_us and link.is_due(vehicle.t_us, state):
-                data += link.stream(vehicle.snapshot())
-            if data:
-                yield Send(name, data)
-        health = self._judge(inbox)
-        if health != self._health:
-            self._health = health
-            yield health
-
     def _judge(self, inbox: Inbox) -> Health:
         if not inbox.is_up(HIL):
             return Health("starting", "waiting for the simulator")
         text = "connected to the simulator" if self._vehicle.landed else "flying"
-        malformed = self._hil.malformed + sum(link.malformed for link in self._links.values())
-        refused = sum(link.refused for link in self._links.values())
+        malformed, refused = self._hil.malformed + self._side.malformed, self._side.refused
         text += f"; {malformed} malformed messages" if malformed else ""
         text += f"; {refused} messages without a valid signature" if refused else ""
         return Health("ok", text)

@@ -1,8 +1,9 @@
 """What the autopilot tells: each message made from one snapshot, in PX4's units and frames."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import atan2, degrees, hypot, nan, pi
+
+import msgspec
 
 from jezero.frames import Quat, Vec3, altitude_m, euler_from_quat, geodetic_from_ned
 from jezero.mavlink import MavMessage, dialect
@@ -31,8 +32,7 @@ CAPABILITIES = (
 )
 
 
-@dataclass(frozen=True)
-class Snapshot:
+class Snapshot(msgspec.Struct, frozen=True, gc=False):
     """All that telemetry tells, at one instant. Position and velocity are local NED; `estimated` says they are valid.
 
     Attributes:

@@ -39,11 +39,14 @@ GCS_INTERVALS_US = {
 class TelemetryLink:
     """One link: its streams, and the messages on it that are meant for this autopilot."""
 
-    def __init__(self, system_id: int, intervals_us: dict[int, int], signing: Signing | None = None) -> None:
+    def __init__(
+        self, system_id: int, intervals_us: dict[int, int], interval_min_us: int, signing: Signing | None = None
+    ) -> None:
         self._system_id = system_id
         self._codec = MavlinkCodec(system_id, dialect.MAV_COMP_ID_AUTOPILOT1, signing)
-        self._default_us = intervals_us
-        self._interval_us = dict(intervals_us)
+        self._interval_min_us = interval_min_us
+        self._default_us = {message_id: max(interval_min_us, us) for message_id, us in intervals_us.items()}
+        self._interval_us = dict(self._default_us)
         self._due_us = dict.fromkeys(intervals_us, 0)
         self._next_us = 0
         self._told: tuple[int, bool, bool] | None = None
@@ -82,7 +85,8 @@ class TelemetryLink:
             self._interval_us.pop(message_id, None)
             return True
         default_us = self._default_us.get(message_id, 1_000_000)
-        self._interval_us[message_id] = default_us if interval_us == 0.0 else max(4_000, int(interval_us))
+        asked_us = default_us if interval_us == 0.0 else int(interval_us)
+        self._interval_us[message_id] = max(self._interval_min_us, asked_us)
         self._due_us.setdefault(message_id, 0)
         self._next_us = 0
         return True
@@ -102,7 +106,10 @@ class TelemetryLink:
         return state != self._told or t_us >= self._next_us
 
     def stream(self, now: Snapshot) -> bytes:
-        """What is due, and at once what changed."""
+        """What is due, and at once what changed.
+
+        Streams keep to multiples of their interval: those that are as frequent travel together.
+        """
         state = (now.custom_mode, now.armed, now.landed)
         if state != self._told:
             self._told = state
@@ -113,8 +120,7 @@ class TelemetryLink:
         for message_id, interval_us in self._interval_us.items():
             if now.t_us < self._due_us[message_id]:
                 continue
-            late_us = now.t_us - self._due_us[message_id]
-            self._due_us[message_id] = now.t_us + interval_us - (late_us if late_us < interval_us else 0)
+            self._due_us[message_id] = (now.t_us // interval_us + 1) * interval_us
             message = MAKERS[message_id](now)
             if message is not None:
                 data += self._codec.pack(message)

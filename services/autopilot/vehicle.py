@@ -1,22 +1,25 @@
 """The autopilot without its links: sensors in, motors out, and what others may ask of it."""
 
+from dataclasses import replace
 from math import inf, sqrt
 
 from jezero.frames import Vec3, subtract
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.battery import Battery
 from jezero.services.autopilot.commander import Commander, Condition
-from jezero.services.autopilot.control import Setpoint
-from jezero.services.autopilot.estimator import Estimator
-from jezero.services.autopilot.flight import Flight
+from jezero.services.autopilot.control import Axes, Setpoint, stopping_point_ned_m
 from jezero.services.autopilot.hil import Reading
 from jezero.services.autopilot.mixer import STOPPED, Commands
 from jezero.services.autopilot.modes import Mode
 from jezero.services.autopilot.navigator import Navigator
 from jezero.services.autopilot.parameters import Parameters, Value
+from jezero.services.autopilot.parts import Estimate, Pilot
 from jezero.services.autopilot.streams import Snapshot
+from jezero.services.autopilot.stuck import Stuck
 
 STEP_MAX_S = 0.05
+HEARTBEAT_HOLDS_S = 2.5
+"""A ground station counts as heard for so long after each of its heartbeats. Source: PX4's HEARTBEAT_TIMEOUT_US."""
 
 
 class Vehicle:
@@ -28,15 +31,15 @@ class Vehicle:
         landed: the land detector's word.
     """
 
-    def __init__(self, parameters: Parameters, system_id: int) -> None:
+    def __init__(self, parameters: Parameters, system_id: int, estimator: Estimate, flight: Pilot) -> None:
         config = parameters.config
         self._parameters = parameters
         self._system_id = system_id
         self.t_us = 0
-        self.estimator = Estimator(config.estimator, config.airframe.gravity_mps2)
+        self.estimator = estimator
         self.commander = Commander(config.commander, config.failsafe)
         self._config = config
-        self._flight = Flight(config, self.estimator)
+        self._flight = flight
         self._navigator = Navigator(config.navigator, config.control)
         self._battery = Battery(config.battery, config.airframe)
         self._fix: Fix | None = None
@@ -44,6 +47,7 @@ class Vehicle:
         self._usable_fix_us: int | None = None
         self._mag_us: int | None = None
         self._baro_us: int | None = None
+        self._fix_stuck, self._mag_stuck, self._baro_stuck = Stuck(), Stuck(), Stuck()
         self._link_us: int | None = None
         self._offboard = Setpoint()
         self._offboard_us: int | None = None
@@ -65,6 +69,8 @@ class Vehicle:
 
     def fix(self, fix: Fix) -> None:
         """One GNSS fix."""
+        if self._fix_stuck.is_so((fix.position_deg, fix.vel_ned_mps)):
+            fix = replace(fix, usable=False)
         self._fix, self._fix_us = fix, self.t_us
         if fix.usable:
             self._usable_fix_us = self.t_us
@@ -78,12 +84,13 @@ class Vehicle:
         estimator = self.estimator
         if reading.imu is not None:
             estimator.imu(reading.t_us, *reading.imu)
-        if reading.field_frd_gauss is not None:
+        field_frd_gauss, altitude_m = reading.field_frd_gauss, reading.altitude_pressure_m
+        if field_frd_gauss is not None and not self._mag_stuck.is_so(field_frd_gauss):
             self._mag_us = reading.t_us
-            estimator.mag(reading.field_frd_gauss)
-        if reading.altitude_pressure_m is not None:
+            estimator.mag(field_frd_gauss)
+        if altitude_m is not None and not self._baro_stuck.is_so(altitude_m):
             self._baro_us = reading.t_us
-            estimator.baro(reading.altitude_pressure_m)
+            estimator.baro(altitude_m)
         self._follow_reset()
         self.commander.tick(self._condition())
         self._enter()
@@ -100,15 +107,16 @@ class Vehicle:
     def _fly(self, dt: float) -> Commands:
         commander = self.commander
         mode = commander.mode
+        at = self._flight.kinematics
         if mode is Mode.OFFBOARD:
             setpoint = self._offboard
         else:
-            at = self._flight.kinematics
-            if self._navigator.finished(mode, at):
+            if not self.landed and self._navigator.finished(mode, at):
                 commander.switch(Mode.HOLD)
                 self._mode = Mode.HOLD  # the point to hold is the one that it climbed to
             setpoint = self._navigator.setpoint(commander.mode, at)
-        commands = self._flight.step(dt, setpoint, may_lift=mode in (Mode.OFFBOARD, Mode.TAKEOFF))
+        may_lift = mode is Mode.OFFBOARD or (mode is Mode.TAKEOFF and self._navigator.leads_up(at))
+        commands = self._flight.step(dt, setpoint, may_lift=may_lift)
         if not self.landed:
             self._followed = setpoint
         return commands
@@ -126,7 +134,8 @@ class Vehicle:
         """A new mode starts where the vehicle comes to rest."""
         if self.commander.mode is not self._mode:
             self._mode = self.commander.mode
-            self._navigator.enter(self._mode, self._flight.kinematics, self._flight.stopping_point_ned_m())
+            at = self._flight.kinematics
+            self._navigator.enter(self._mode, at, stopping_point_ned_m(at, self._config.control))
 
     # -- what others ask; each returns why it is refused, or "" --------------------------------------------
 
@@ -149,16 +158,14 @@ class Vehicle:
         self._enter()
         return reason
 
-    def take_off(self, amsl_m: float | None) -> str:
-        """Takeoff mode, to a height above sea level if one is given; not below the least one."""
+    def take_off(self, point_ned_m: Axes) -> str:
+        """Takeoff mode, to a point; what is None of it is above the vehicle, or the usual height."""
         if reason := self.set_mode(Mode.TAKEOFF):
             return reason
-        origin_deg = self.estimator.origin_deg
-        ground_z_m = self.estimator.pos_ned_m[2] if self.landed else self.home_ned_m[2]
-        height_m = 0.0
-        if amsl_m is not None and origin_deg is not None:
-            height_m = amsl_m - (origin_deg[2] - ground_z_m)
-        self._navigator.climb_to(self._flight.kinematics, height_m, landed=self.landed)
+        down = point_ned_m[2]
+        if down is not None and down > self.estimator.pos_ned_m[2]:
+            self.commander.say(2, "Already higher than takeoff altitude")
+        self._navigator.climb_to(self._flight.kinematics, point_ned_m)
         return ""
 
     def reposition(self, point_ned_m: Vec3, yaw_rad: float | None) -> str:
@@ -200,7 +207,7 @@ class Vehicle:
             stream_age_s=self._age_s(self._offboard_us),
             landed=self.landed,
             tilt_rad=self.estimator.tilt_rad,
-            link_age_s=self._age_s(self._link_us),
+            link_age_s=max(0.0, self._age_s(self._link_us) - HEARTBEAT_HOLDS_S),
             battery_remaining=self._battery.remaining,
         )
 
@@ -208,8 +215,8 @@ class Vehicle:
         estimator, c = self.estimator, self._config.failsafe
         if not estimator.running:
             return estimator.missing
-        P = estimator.P
-        variance = float(P[6, 6] + P[7, 7])
+        north_m2, east_m2, _ = estimator.var_pos_ned_m2
+        variance = north_m2 + east_m2
         if variance > c.com_pos_fs_eph_m * c.com_pos_fs_eph_m:
             return f"the position is uncertain by {sqrt(variance):.0f} m"
         age_s = self._age_s(self._usable_fix_us)
@@ -236,7 +243,6 @@ class Vehicle:
     def snapshot(self) -> Snapshot:
         """All that telemetry tells."""
         estimator, commander, battery = self.estimator, self.commander, self._battery
-        P = estimator.P
         return Snapshot(
             system_id=self._system_id,
             t_us=self.t_us,
@@ -250,7 +256,7 @@ class Vehicle:
             vel_ned_mps=estimator.vel_ned_mps,
             q_ned_from_frd=estimator.q_ned_from_frd,
             rates_frd_rps=estimator.rates_frd_rps,
-            var_pos_ned_m2=(float(P[6, 6]), float(P[7, 7]), float(P[8, 8])),
+            var_pos_ned_m2=estimator.var_pos_ned_m2,
             reset_counter=estimator.reset_counter,
             origin_deg=estimator.origin_deg,
             home_ned_m=self.home_ned_m,

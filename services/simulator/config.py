@@ -121,6 +121,8 @@ class RoverConfig(Config, frozen=True, kw_only=True):
         start_north_m, start_east_m: in the map; the platform's height follows from the ground there.
         height_platform_m: top of the platform above the ground at its middle.
         pos_anchors_rover_body_m: (4, 3) UWB anchors, z down from the platform's top.
+        acc_max_mps2, acc_yaw_max_rps2: how fast the wheels change speed and yaw rate.
+        command_timeout_s: the rover stops when no command has come for so long.
     """
 
     start_north_m: Coordinate = 5.0
@@ -135,6 +137,9 @@ class RoverConfig(Config, frozen=True, kw_only=True):
         (-0.45, -0.45, 0.0),
         (-0.45, 0.45, 0.0),
     )
+    acc_max_mps2: Positive = 0.5
+    acc_yaw_max_rps2: Positive = 0.5
+    command_timeout_s: Positive = 0.5
 
 
 class ImuConfig(Config, frozen=True, kw_only=True):
@@ -210,6 +215,8 @@ class UwbConfig(Config, frozen=True, kw_only=True):
 
     Attributes:
         slot_s: between the ranges of two anchors.
+        share_blocked: of the ranges, measured along a detour as there is no line of sight; 0.1 is a tenth of them.
+        detour_min_m, detour_max_m: by how much those are too long.
     """
 
     rate_hz: Rate = 20.0
@@ -219,6 +226,9 @@ class UwbConfig(Config, frozen=True, kw_only=True):
     tau_bias_s: Positive = 600.0
     range_max_m: Positive = 15.0
     slot_s: Delay = 0.002
+    share_blocked: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    detour_min_m: NonNegative = 0.5
+    detour_max_m: NonNegative = 3.0
     mount_frd_m: Mount = (0.0, 0.0, 0.05)
 
 
@@ -227,6 +237,7 @@ class RoverOdometryConfig(Config, frozen=True, kw_only=True):
 
     Attributes:
         std_scale: of the wheels' radius, relative, drawn once.
+        std_slip: of the wheels' slip, a share of the speed that changes within `tau_slip_s`.
     """
 
     rate_hz: Rate = 25.0
@@ -237,6 +248,8 @@ class RoverOdometryConfig(Config, frozen=True, kw_only=True):
     std_speed_mps: NonNegative = 0.02
     std_yaw_rate_rps: NonNegative = 0.005
     std_scale: NonNegative = 0.01
+    std_slip: NonNegative = 0.02
+    tau_slip_s: Positive = 2.0
 
 
 class SimulatorConfig(Config, frozen=True, kw_only=True):

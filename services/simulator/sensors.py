@@ -198,6 +198,7 @@ class Uwb:
             (pos_m, Wander(config.std_bias_m, config.tau_bias_s, dt_s, self._normals))
             for pos_m in pos_anchors_rover_body_m
         )
+        self._blocking = generator(seed, "uwb blocked")
         self._config = config
 
     def measure(self, t_ns: int, state: BodyState, rover: RoverState) -> messages.Uwb:
@@ -209,7 +210,7 @@ class Uwb:
         ranges = []
         for i, (pos_anchor_m, bias_m) in enumerate(self._anchors):
             age_s = (len(self._anchors) - 1 - i) * config.slot_s
-            error_m = bias_m.step() + config.std_m * self._normals()
+            error_m = bias_m.step() + config.std_m * self._normals() + self._detour_m()
             then_m = subtract(tag_rover_body_m, scale(vel_rover_body_mps, age_s))
             range_m = max(0.0, distance(then_m, pos_anchor_m) + error_m)
             if range_m <= config.range_max_m:
@@ -218,6 +219,13 @@ class Uwb:
                     messages.UwbRange(t_ns=then_ns, anchor=i, pos_anchor_rover_body_m=pos_anchor_m, range_m=range_m)
                 )
         return messages.Uwb(t_ns=t_ns, ranges=tuple(ranges))
+
+    def _detour_m(self) -> float:
+        """By how much one range is too long because something is in its way."""
+        config = self._config
+        if config.share_blocked == 0.0 or self._blocking.random() >= config.share_blocked:
+            return 0.0
+        return float(self._blocking.uniform(config.detour_min_m, config.detour_max_m))
 
 
 class RoverOdometry:
@@ -228,14 +236,20 @@ class RoverOdometry:
         self._dt_s = 1.0 / config.rate_hz
         self._bias_yaw_rad = Wander(config.std_bias_yaw_rad, config.tau_bias_s, self._dt_s, self._normals)
         self._scale = 1.0 + config.std_scale * self._normals()
+        self._slip = Wander(config.std_slip, config.tau_slip_s, self._dt_s, self._normals)
         self._pos_odom_m = (0.0, 0.0)
         self._config = config
+
+    def restart(self) -> None:
+        """The rover is where it started."""
+        self._pos_odom_m = (0.0, 0.0)
 
     def measure(self, t_ns: int, rover: RoverState) -> messages.RoverOdometry:
         n, config = self._normals, self._config
         yaw_rad = wrap_pi(rover.yaw_rad + self._bias_yaw_rad.step() + config.std_yaw_rad * n())
         moved = rover.speed_mps != 0.0 or rover.yaw_rate_rps != 0.0
-        speed_mps = self._scale * rover.speed_mps + (config.std_speed_mps * n() if moved else 0.0)
+        turned = self._scale + self._slip.step()  # wheels that slip turn faster than the rover moves
+        speed_mps = turned * rover.speed_mps + (config.std_speed_mps * n() if moved else 0.0)
         step_m = speed_mps * self._dt_s
         north_m, east_m = self._pos_odom_m
         self._pos_odom_m = (north_m + step_m * cos(yaw_rad), east_m + step_m * sin(yaw_rad))

@@ -7,10 +7,11 @@ from jezero.frames import subtract
 from jezero.runtime.service import Health, Inbox, Output, Publish, Send, Spec
 from jezero.schemas import sensors as messages
 from jezero.schemas import topics
-from jezero.schemas.state import Clock, Truth
+from jezero.schemas.state import Clock, Scene, Truth
 from jezero.services.simulator import sensors
 from jezero.services.simulator.body import BodyState
 from jezero.services.simulator.config import SimulatorConfig
+from jezero.services.simulator.drive import Drive
 from jezero.services.simulator.hil import HilPort
 from jezero.services.simulator.noise import Normals, generator
 from jezero.services.simulator.rover import Rover
@@ -28,6 +29,7 @@ EPOCH_LIMIT = 2**53
 
 SPEC = Spec(
     name="simulator",
+    inputs=(topics.ROVER_COMMAND,),
     outputs=(
         topics.CLOCK,
         topics.IMU,
@@ -38,6 +40,7 @@ SPEC = Spec(
         topics.UWB,
         topics.ROVER_ODOMETRY,
         topics.TRUTH,
+        topics.SCENE,
     ),
     links=(HIL,),
     rate_hz=STEPS_PER_S,
@@ -48,7 +51,8 @@ SPEC = Spec(
 class Simulator:
     """The world with its vehicle, rover and sensors; the master of vehicle time.
 
-    The vehicle respawns, in a new epoch, whenever an autopilot connects; while none is there the motors stand still.
+    Vehicle and rover respawn, in a new epoch, whenever an autopilot connects; while none is there the motors stand
+    still.
 
     Args:
         seed: of wind and sensor errors. The ground has a seed of its own in the settings.
@@ -60,13 +64,14 @@ class Simulator:
     def __init__(self, config: SimulatorConfig, seed: int, boot_id: int) -> None:
         from jezero.services.simulator.world import World
 
-        terrain = make_terrain(config.terrain)
+        self._terrain = terrain = make_terrain(config.terrain)
         self._config = config
         self._boot_id = boot_id
         self._connections = 0
         self._up = False
         self._hil = HilPort()
         self._rover = Rover(config.rover, terrain)
+        self._drive = Drive(config.rover)
         self._world = World(config, terrain, self._rover.state)
         self._uav = Uav(config, DT_S)
         self._wind = Wind(config.wind, DT_S, Normals(generator(seed, "wind")))
@@ -84,6 +89,7 @@ class Simulator:
         """Phases spread the sensors over the steps."""
         self._when_clock = Schedule[Clock](topics.CLOCK.rate_hz or 10.0)
         self._when_truth = Schedule[Truth](topics.TRUTH.rate_hz or 50.0)
+        self._when_scene = Schedule[Scene](topics.SCENE.rate_hz or 15.0, phase_s=0.02)
         self._when_imu = Schedule[messages.Imu](config.imu.rate_hz, config.imu.delay_s)
         self._when_mag = Schedule[messages.Magnetometer](config.magnetometer.rate_hil_hz, config.magnetometer.delay_s)
         self._when_mag_bus = Schedule[None](config.magnetometer.rate_hz)
@@ -105,11 +111,15 @@ class Simulator:
         yield from self._follow_link(inbox)
         if self._when_clock.due(t_ns):
             yield Publish(topics.CLOCK, Clock(t_ns=t_ns, epoch_id=self._epoch_id))
+        self._drive.take(t_ns, inbox.new(topics.ROVER_COMMAND))
+        self._drive_rover(t_ns)
         state = self._advance()
         yield from self._autopilot_sensors(t_ns, state)
         yield from self._navigation_sensors(t_ns, state)
         if self._when_truth.due(t_ns):
             yield Publish(topics.TRUTH, self._truth(t_ns, state))
+        if self._when_scene.due(t_ns):
+            yield Publish(topics.SCENE, self._scene(t_ns, state))
 
     def close(self) -> None:
         """Free the physics engine."""
@@ -136,11 +146,21 @@ class Simulator:
         self._up = up
 
     def _respawn(self) -> None:
-        """The vehicle as new where it started; what its old sensors had under way is lost."""
+        """Vehicle and rover as new where they started; what the old sensors had under way is lost."""
         self._hil = HilPort()
         self._uav.stop()
+        self._rover = Rover(self._config.rover, self._terrain)
+        self._drive = Drive(self._config.rover)
+        self._odometry.restart()
+        self._world.move_rover(self._rover.state)
         self._world.respawn()
         self._make_schedules(self._config)
+
+    def _drive_rover(self, t_ns: int) -> None:
+        moved = self._drive.moves
+        self._drive.step(t_ns, DT_S)
+        if moved or self._drive.moves:
+            self._world.move_rover(self._rover.drive(self._drive.speed_mps, self._drive.yaw_rate_rps, DT_S))
 
     def _advance(self) -> BodyState:
         body = self._world.state
@@ -188,6 +208,21 @@ class Simulator:
             self._when_odometry.put(t_ns, self._odometry.measure(t_ns, self._rover.state))
         if (odometry := self._when_odometry.arrived(t_ns)) is not None:
             yield Publish(topics.ROVER_ODOMETRY, odometry)
+
+    def _scene(self, t_ns: int, state: BodyState) -> Scene:
+        """What the camera needs to know for one picture, in the map."""
+        rover = self._rover.state
+        return Scene(
+            t_ns=t_ns,
+            epoch_id=self._epoch_id,
+            pos_uav_ned_m=state.pos_ned_m,
+            vel_uav_ned_mps=state.vel_ned_mps,
+            q_ned_from_frd=state.q_ned_from_frd,
+            rates_uav_frd_rps=state.rates_frd_rps,
+            pos_rover_ned_m=rover.pos_ned_m,
+            vel_rover_ned_mps=rover.vel_ned_mps,
+            yaw_rover_rad=rover.yaw_rad,
+        )
 
     def _truth(self, t_ns: int, state: BodyState) -> Truth:
         """In NED whose origin is where the vehicle first stood.

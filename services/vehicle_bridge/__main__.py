@@ -16,7 +16,8 @@ HOST = "127.0.0.1"
 def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
     """The bridge of an instance, and its link to the autopilot."""
     bridge = VehicleBridge(load_config(VehicleBridgeConfig, "vehicle_bridge"), instance.system_id, boot_id)
-    return bridge, {LINK: Udp((HOST, instance.bridge_port))}
+    autopilot = (HOST, instance.autopilot_offboard_port)
+    return bridge, {LINK: Udp((HOST, instance.bridge_port), autopilot, hears_only_peer=True)}
 
 
 if __name__ == "__main__":

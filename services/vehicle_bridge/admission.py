@@ -11,9 +11,11 @@ from jezero.schemas.topics import ACTIONS
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.resets import ResetHistory
 from jezero.services.vehicle_bridge.transitions import CODE_OF, is_allowed
-from jezero.services.vehicle_bridge.vehicle import Situation
+from jezero.services.vehicle_bridge.vehicle import Situation, Target
 
 MAX_AGE_NS = 300_000_000
+MAX_REQUEST_AGE_S = 1.0
+"""Action servers wait so long for the answer to a request for control."""
 MAX_LEAD_NS = 50_000_000
 """A setpoint may seem to come from the future by this much: clocks of two hosts are mapped, not shared."""
 
@@ -72,6 +74,11 @@ def _acquire_refusals(
     if action is None:
         yield f"there is no action {request.action!r}; there are {', '.join(ACTIONS)}"
         return
+    age_s = 0.0 if request.issued_t_ns is None else (now.t_ns - request.issued_t_ns) * 1e-9
+    if age_s > MAX_REQUEST_AGE_S:
+        yield f"asked {age_s:.1f} s ago: nobody waits for the answer any more"
+    if age_s < -MAX_REQUEST_AGE_S:
+        yield f"asked {-age_s:.1f} s ahead of vehicle time: before the vehicle restarted"
     takes_off = action.phase is Phase.TAKEOFF
     moves = action.phase is Phase.GO_TO
     if holder is not None:
@@ -117,7 +124,7 @@ def _setpoint_refusals(
     if setpoint.pos_ned_m is not None and resets.step_since(setpoint.reset_counter) is None:
         yield f"reset counter {setpoint.reset_counter} is unknown; the present one is {resets.counter}"
     vectors = (setpoint.pos_ned_m, setpoint.vel_ned_mps, setpoint.acc_ned_mps2, (setpoint.yaw_rad or 0.0,))
-    if not all(isfinite(x) for vector in vectors if vector is not None for x in vector):
+    if not all(all(map(isfinite, vector)) for vector in vectors if vector is not None):
         yield "a number that is not finite"
 
 
@@ -156,12 +163,22 @@ def _hover_refusals(
 
 
 def _broken_limits(pos_ned_m: Vec3, config: VehicleBridgeConfig) -> Iterator[str]:
-    z_m, distance_m = pos_ned_m[2], horizontal(pos_ned_m)
+    z_m = pos_ned_m[2]
     if not all(isfinite(x) for x in pos_ned_m):
         yield f"{pos_ned_m} is not a point"
     if z_m >= 0.0:
         yield f"z = {z_m:g} is not above the ground: z points down, 5 m up is −5"
+    yield from _too_far(pos_ned_m, config)
+
+
+def _too_far(pos_ned_m: Vec3, config: VehicleBridgeConfig) -> Iterator[str]:
+    z_m, distance_m = pos_ned_m[2], horizontal(pos_ned_m)
     if altitude_m(z_m) > config.altitude_limit_m:
         yield f"{altitude_m(z_m):g} m up is above the limit of {config.altitude_limit_m:g} m"
     if distance_m > config.distance_limit_m:
         yield f"{distance_m:.0f} m away is beyond the limit of {config.distance_limit_m:g} m"
+
+
+def is_within_limits(target: Target, config: VehicleBridgeConfig) -> bool:
+    """Whether a target's point, if it has one, is neither too high nor too far away."""
+    return target.pos_ned_m is None or next(_too_far(target.pos_ned_m, config), None) is None

@@ -3,8 +3,9 @@
 Time and the vehicle come in as a `Situation`; out come `code`, `target` (what to stream) and `wanted` (what to order).
 """
 
-from dataclasses import dataclass
 from math import degrees
+
+import msgspec
 
 from jezero.frames import Vec3
 from jezero.schemas.commands import Acquire, Hover, Release, Setpoint
@@ -12,6 +13,7 @@ from jezero.schemas.state import InCharge, StatusCode
 from jezero.services.vehicle_bridge.admission import (
     Grant,
     in_words,
+    is_within_limits,
     phases_of,
     why_not_acquire,
     why_not_hover,
@@ -45,8 +47,7 @@ class TransitionError(RuntimeError):
     """A status that may not follow the present one: a bug."""
 
 
-@dataclass(frozen=True)
-class Standing:
+class Standing(msgspec.Struct, frozen=True):
     """Everything of `status` that authority decides, at one instant."""
 
     code: StatusCode
@@ -237,10 +238,16 @@ class Authority:
         self._tidying.begin(now, at_once=True)
         self.killing = self._landing_alone = self._arming = self._seen_disarmed = False
 
-    def moved(self, step_ned_m: Vec3) -> None:
-        """The autopilot moved its position in one step; what is streamed moves along."""
-        if self.target is not None:
-            self.target = self.target.moved(step_ned_m)
+    def moved(self, step_ned_m: Vec3, now: Situation) -> None:
+        """The autopilot moved its position in one step; what is streamed moves along, a hover within the limits."""
+        before = self.target
+        if before is None:
+            return
+        self.target = before.moved(step_ned_m)
+        hovers = self.code is StatusCode.HOVER and self.grant is None
+        if hovers and is_within_limits(before, self._config) and not is_within_limits(self.target, self._config):
+            self.target = self._at_rest(now)
+            self.text = "the autopilot corrected its position, and the hover point is beyond the limits: hovering here"
 
     # -- what time and the vehicle do --------------------------------------------------------------------
 

@@ -5,8 +5,10 @@ from dataclasses import dataclass, field
 from math import isfinite, nan, sqrt
 from types import MappingProxyType
 
+import msgspec
+
 from jezero.frames import Quat, Vec3, quat_normalize, quat_rotate
-from jezero.mavlink import MavlinkCodec, MavMessage, dialect, is_finite
+from jezero.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.schemas.state import Battery, Geodetic, Odometry
 from jezero.services.vehicle_bridge.parameters import ParameterSetter
 from jezero.services.vehicle_bridge.resets import ResetHistory
@@ -134,7 +136,8 @@ class AutopilotLink:
 
     def complaint(self, timer_ns: int) -> str:
         """Why the autopilot refuses what it is asked, in its own words where it gave some."""
-        return "; ".join(part for part in (self._refusal, self.warning(timer_ns)) if part)
+        warning = self.warning(timer_ns)
+        return f"{self._refusal}; {warning}" if self._refusal and warning else self._refusal or warning
 
     def warning(self, timer_ns: int) -> str:
         """What the autopilot warned of lately."""
@@ -195,7 +198,12 @@ class AutopilotLink:
         step = resets.update(odometry.t_ns, message.reset_counter, odometry.pos_uav_ned_m, odometry.vel_uav_ned_mps)
         if step is not None:
             received.steps_ned_m.append(step)
-        odometry = _with_resets(odometry, resets, self.telemetry.origin_deg)
+        odometry = msgspec.structs.replace(
+            odometry,
+            origin_deg=self.telemetry.origin_deg,
+            reset_counter=resets.counter,
+            reset_offset_ned_m=resets.offset_ned_m,
+        )
         self.telemetry.odometry = odometry
         received.odometry.append(odometry)
 
@@ -205,17 +213,16 @@ class AutopilotLink:
         Raises:
             ValueError: a number is not finite, out of its range, or in a frame the bridge doesn't know.
         """
-        numbers = ("x", "y", "z", "vx", "vy", "vz", "rollspeed", "pitchspeed", "yawspeed")
-        if not is_finite(message, *numbers) or message.frame_id != dialect.MAV_FRAME_LOCAL_NED:
+        pos: Vec3 = (message.x, message.y, message.z)
+        vel: Vec3 = (message.vx, message.vy, message.vz)
+        rates: Vec3 = (message.rollspeed, message.pitchspeed, message.yawspeed)
+        if not all(map(isfinite, pos + vel + rates)) or message.frame_id != dialect.MAV_FRAME_LOCAL_NED:
             raise ValueError("not a finite pose in local NED")
         q: Quat = quat_normalize(tuple(message.q))
-        vel: Vec3 = (message.vx, message.vy, message.vz)
         if message.child_frame_id == dialect.MAV_FRAME_BODY_FRD:
             vel = quat_rotate(q, vel)
         elif message.child_frame_id != dialect.MAV_FRAME_LOCAL_NED:
             raise ValueError("velocity in an unknown frame")
-        pos: Vec3 = (message.x, message.y, message.z)
-        rates: Vec3 = (message.rollspeed, message.pitchspeed, message.yawspeed)
         if message.time_usec * 1000 > 2**62:
             raise ValueError("time out of range")
         if max(map(abs, pos)) > 1e6 or max(map(abs, vel)) > 1e3 or max(map(abs, rates)) > 1e3:
@@ -348,21 +355,6 @@ class AutopilotLink:
                 self._system_id, AUTOPILOT_COMPONENT_ID, command, confirmation, p1, p2, p3, 0.0, 0.0, 0.0, 0.0
             )
         )
-
-
-def _with_resets(odometry: Odometry, resets: ResetHistory, origin_deg: Geodetic | None) -> Odometry:
-    return Odometry(
-        t_ns=odometry.t_ns,
-        epoch_id=odometry.epoch_id,
-        pos_uav_ned_m=odometry.pos_uav_ned_m,
-        vel_uav_ned_mps=odometry.vel_uav_ned_mps,
-        q_ned_from_frd=odometry.q_ned_from_frd,
-        rates_uav_frd_rps=odometry.rates_uav_frd_rps,
-        origin_deg=origin_deg,
-        reset_counter=resets.counter,
-        reset_offset_ned_m=resets.offset_ned_m,
-        std_pos_m=odometry.std_pos_m,
-    )
 
 
 def _text(field: str | bytes) -> str:

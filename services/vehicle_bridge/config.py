@@ -17,8 +17,10 @@ class VehicleBridgeConfig(Config, frozen=True, kw_only=True):
     """Limits and patience of the one who commands the autopilot.
 
     Attributes:
+        rate_hz: of its steps while nothing arrives; a target is streamed anew at 20 Hz at most, and at this rate.
         altitude_limit_m, distance_limit_m: of a hover point, above and horizontally from the world's origin.
         low_height_m, climb_height_m: an abort below the first climbs to the second, over ground or deck.
+        takeoff_speed_max_mps: nothing takes off from something that moves faster over ground, such as a driving rover.
         tilt_limit_rad, tilt_timeout_s: tilted further than this for so long, the motors are cut.
         setpoint_timeout_s: without a setpoint from the goal in charge for so long, the bridge hovers.
         engage_timeout_s: for offboard mode and arming together.
@@ -29,10 +31,12 @@ class VehicleBridgeConfig(Config, frozen=True, kw_only=True):
         parameters: of the autopilot, set whenever it is first heard; 1 is an integer, 1.0 a float.
     """
 
+    rate_hz: Annotated[float, Meta(ge=20.0, le=250.0)] = 50.0
     altitude_limit_m: Metres = 120.0
     distance_limit_m: Metres = 500.0
     low_height_m: Metres = 1.0
     climb_height_m: Metres = 1.5
+    takeoff_speed_max_mps: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.3
     tilt_limit_rad: Annotated[float, Meta(gt=0.0, le=3.1416)] = 1.0472
     tilt_timeout_s: Seconds = 0.5
     setpoint_timeout_s: Annotated[float, Meta(ge=0.1, le=0.45)] = 0.3

@@ -49,6 +49,8 @@ class ResetHistory:
 
     def step_since(self, counter: int) -> Vec3 | None:
         """How far a point of the time of `counter` has moved since; None when that counter is unknown."""
+        if counter == self.counter and self._history:
+            return (0.0, 0.0, 0.0)
         for known, offset_ned_m in reversed(self._history):
             if known == counter:
                 return subtract(self.offset_ned_m, offset_ned_m)

@@ -1,10 +1,11 @@
 """The vehicle bridge: MAVLink on one side, the bus on the other, `Authority` between them."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from math import cos, inf
 from typing import Any
 
-from jezero.frames import altitude_m, tilt_from_quat, yaw_from_quat
+from jezero.frames import altitude_m, horizontal, tilt_from_quat, yaw_from_quat
 from jezero.runtime.service import Health, Inbox, Listen, Output, Publish, Reply, Request, Send, Spec
 from jezero.schemas.commands import (
     Abort,
@@ -60,8 +61,10 @@ SPEC = Spec(
     serves=(ACQUIRE, RELEASE, HOVER, ABORT, KILL),
     links=(LINK,),
     triggers=(LINK, SETPOINT.name, ACQUIRE.name, RELEASE.name, HOVER.name, ABORT.name, KILL.name),
-    rate_hz=50.0,
 )
+
+Handle = Callable[[Any, "Situation"], Payload | None]
+"""Answers what was asked; None: later."""
 
 
 class VehicleBridge:
@@ -73,7 +76,7 @@ class VehicleBridge:
     """
 
     def __init__(self, config: VehicleBridgeConfig, system_id: int, boot_id: int) -> None:
-        self.spec = SPEC
+        self.spec = replace(SPEC, rate_hz=config.rate_hz)
         self._config = config
         self._boot_id = boot_id
         self._link = AutopilotLink(system_id, config.parameters)
@@ -87,6 +90,15 @@ class VehicleBridge:
         """Height of the last place where the vehicle stood disarmed."""
         self._waiting: list[tuple[Request, int]] = []
         """Releases, hovers and kills that are being done, and the wall time at which each came."""
+        self._urgent: tuple[tuple[Endpoint[Any, Any], Handle], ...] = (
+            (KILL, self._on_kill),
+            (ABORT, self._on_abort),
+            (HOVER, self._on_hover),
+        )
+        self._orderly: tuple[tuple[Endpoint[Any, Any], Handle], ...] = (
+            (RELEASE, self._on_release),
+            (ACQUIRE, self._on_acquire),
+        )
         self._dropped = 0
         self._drop_reason = ""
         self._fresh = False
@@ -113,7 +125,8 @@ class VehicleBridge:
         now = self._situation(t_ns, inbox)
         yield from self._serve(now, inbox)
         self._authority.tick(now)
-        yield from self._answer(now, inbox.wall_ns)
+        if self._waiting:
+            yield from self._answer(now, inbox.wall_ns)
         yield from self._command(now, t_ns, inbox)
         yield from self._publish_status(now, inbox.wall_ns)
         yield from self._listen()
@@ -135,7 +148,10 @@ class VehicleBridge:
             self._epoch_id = clock.epoch_id
         if respawned:
             self._link.forget()
-        received = self._link.receive(inbox.received(LINK), self._timer_ns, inbox.wall_ns, self._epoch_id or 0)
+        data = inbox.received(LINK)
+        if not (data or respawned):
+            return Received()
+        received = self._link.receive(data, self._timer_ns, inbox.wall_ns, self._epoch_id or 0)
         if respawned or received.restarted:
             self._sent = (None, 0)
             why = "the vehicle was respawned" if respawned else "the autopilot restarted"
@@ -144,7 +160,7 @@ class VehicleBridge:
             told_ns, pos_ned_m, vel_ned_mps = received.followed
             self._followed.tell(pos_ned_m, vel_ned_mps, t_ns - told_ns, self._timer_ns)
         for step_ned_m in received.steps_ned_m:
-            self._authority.moved(step_ned_m)
+            self._authority.moved(step_ned_m, self._situation(t_ns, inbox))
             self._ground_z_ned_m += step_ned_m[2]
         telemetry = self._link.telemetry
         if telemetry.armed is False and telemetry.odometry is not None and telemetry.landed is not False:
@@ -159,6 +175,7 @@ class VehicleBridge:
             silent_s = (inbox.wall_ns - telemetry.heard_wall_ns) * 1e-9
             silent_s = max(silent_s, (t_ns - odometry.t_ns) * 1e-9) if odometry is not None else inf
         q = (1.0, 0.0, 0.0, 0.0) if odometry is None else odometry.q_ned_from_frd
+        tilt_rad = tilt_from_quat(q)
         return Situation(
             t_ns=t_ns,
             timer_ns=self._timer_ns,
@@ -171,8 +188,8 @@ class VehicleBridge:
             pos_ned_m=None if odometry is None else odometry.pos_uav_ned_m,
             vel_ned_mps=(0.0, 0.0, 0.0) if odometry is None else odometry.vel_uav_ned_mps,
             yaw_rad=yaw_from_quat(q),
-            tilt_rad=tilt_from_quat(q),
-            height_m=self._height_m(t_ns, inbox),
+            tilt_rad=tilt_rad,
+            height_m=self._height_m(t_ns, inbox, tilt_rad),
             silent_s=silent_s,
             not_ready=self._not_ready(silent_s),
             accepted=self._link.accepted,
@@ -180,69 +197,75 @@ class VehicleBridge:
             router_lost_s=(inbox.wall_ns - (self._router_seen_wall_ns or 0)) * 1e-9,
         )
 
-    def _height_m(self, t_ns: int, inbox: Inbox) -> float | None:
+    def _height_m(self, t_ns: int, inbox: Inbox, tilt_rad: float) -> float | None:
         """Above ground or deck by the altimeter, else above the place where the vehicle last stood."""
         odometry = self._link.telemetry.odometry
         if odometry is None:
             return None
         altimeter = inbox.latest(ALTIMETER) if self._listening else None
         if altimeter is not None and altimeter.range_m is not None and t_ns - altimeter.t_ns <= ALTIMETER_MAX_AGE_NS:
-            return altimeter.range_m * cos(tilt_from_quat(odometry.q_ned_from_frd))
+            return altimeter.range_m * cos(tilt_rad)
         return altitude_m(odometry.pos_uav_ned_m[2] - self._ground_z_ned_m)
 
     def _not_ready(self, silent_s: float) -> str:
+        return next(self._missing(silent_s), "") or self._carried()
+
+    def _missing(self, silent_s: float) -> Iterator[str]:
+        """Everything that a takeoff lacks, in words."""
         told = self._link.telemetry
-        warning = self._link.warning(self._timer_ns)
-        setting = self._link.parameters.pending
-        missing = (
-            (self._epoch_id is None, "no vehicle time yet: is the simulator running?"),
-            (told.heard_wall_ns is None, "no autopilot heard yet"),
-            (told.odometry is None, "the autopilot sends no odometry yet: its estimator is still converging"),
-            (
-                silent_s > self._config.link_timeout_s,
-                f"the autopilot's telemetry has been missing for {silent_s:.0f} s",
-            ),
-            (told.origin_deg is None, "the autopilot has no origin yet: it waits for GNSS"),
-            (told.armed is None, "the autopilot has not told yet whether it is armed"),
-            (bool(setting), f"the autopilot's parameters are being set: {', '.join(setting)}"),
-            (
-                not told.armable,
-                f"the autopilot's arming checks don't pass yet in mode {told.mode}"
-                + (f": {warning}" if warning else ""),
-            ),
-        )
-        return next((why for is_missing, why in missing if is_missing), "")
+        if self._epoch_id is None:
+            yield "no vehicle time yet: is the simulator running?"
+        if told.heard_wall_ns is None:
+            yield "no autopilot heard yet"
+        if told.odometry is None:
+            yield "the autopilot sends no odometry yet: its estimator is still converging"
+        if silent_s > self._config.link_timeout_s:
+            yield f"the autopilot's telemetry has been missing for {silent_s:.0f} s"
+        if told.origin_deg is None:
+            yield "the autopilot has no origin yet: it waits for GNSS"
+        if told.armed is None:
+            yield "the autopilot has not told yet whether it is armed"
+        if setting := self._link.parameters.pending:
+            yield f"the autopilot's parameters are being set: {', '.join(setting)}"
+        if not told.armable:
+            warning = self._link.warning(self._timer_ns)
+            because = f": {warning}" if warning else ""
+            yield f"the autopilot's arming checks don't pass yet in mode {told.mode}{because}"
+
+    def _carried(self) -> str:
+        """Why nothing can take off from what the vehicle stands on, or ""."""
+        odometry, limit_mps = self._link.telemetry.odometry, self._config.takeoff_speed_max_mps
+        if self._authority.code is not StatusCode.IDLE or odometry is None:
+            return ""
+        speed_mps = horizontal(odometry.vel_uav_ned_mps)
+        if speed_mps <= limit_mps:
+            return ""
+        return f"what the vehicle stands on moves at {speed_mps:.2f} m/s: stop it, {limit_mps:g} m/s is the limit"
 
     # -- what was asked ------------------------------------------------------------------------------------
 
     def _serve(self, now: Situation, inbox: Inbox) -> Iterator[Output]:
         """The urgent first; setpoints before the release that follows them."""
-        yield from self._each(KILL, self._on_kill, now, inbox)
-        yield from self._each(ABORT, self._on_abort, now, inbox)
-        yield from self._each(HOVER, self._on_hover, now, inbox)
+        for endpoint, handle in self._urgent:
+            for request in inbox.requests(endpoint):
+                yield from self._attend(request, handle, now, inbox)
         for setpoint in inbox.new(SETPOINT):
             refusal = self._authority.accept(setpoint, now, self._link.telemetry.resets)
             self._fresh |= not refusal
             if refusal:
                 self._dropped += 1
                 self._drop_reason = refusal
-        yield from self._each(RELEASE, self._on_release, now, inbox)
-        yield from self._each(ACQUIRE, self._on_acquire, now, inbox)
+        for endpoint, handle in self._orderly:
+            for request in inbox.requests(endpoint):
+                yield from self._attend(request, handle, now, inbox)
 
-    def _each(
-        self,
-        endpoint: Endpoint[Any, Any],
-        handle: Callable[[Any, Situation], Payload | None],
-        now: Situation,
-        inbox: Inbox,
-    ) -> Iterator[Output]:
+    def _attend(self, request: Request, handle: Handle, now: Situation, inbox: Inbox) -> Iterator[Output]:
         """Reply at once where `handle` has an answer, else when it is done."""
-        for request in inbox.requests(endpoint):
-            payload = handle(request.payload, now)
-            if payload is None:
-                self._waiting.append((request, inbox.wall_ns))
-            else:
-                yield Reply(request.request_id, payload)
+        payload = handle(request.payload, now)
+        if payload is None:
+            self._waiting.append((request, inbox.wall_ns))
+        else:
+            yield Reply(request.request_id, payload)
 
     def _on_kill(self, request: Kill, now: Situation) -> KillReply | None:
         if not request.confirm:
@@ -303,20 +326,19 @@ class VehicleBridge:
     # -- out -----------------------------------------------------------------------------------------------
 
     def _command(self, now: Situation, t_ns: int, inbox: Inbox) -> Iterator[Output]:
-        """What goes to the autopilot; the stream before the order that needs it."""
+        """What goes to the autopilot; the stream at once, and before the order that needs it."""
         link, authority = self._link, self._authority
-        data = b""
         if authority.target is None:
             self._followed.forget()
         else:
             last, sent_ns = self._sent
             due = self._fresh or authority.target is not last or self._timer_ns - sent_ns >= STREAM_PERIOD_NS
             if due:
-                data += link.setpoint(authority.target, t_ns)
+                yield Send(LINK, link.setpoint(authority.target, t_ns))
                 self._followed.send(authority.target, self._timer_ns)
                 self._sent = (authority.target, self._timer_ns)
         self._fresh = False
-        data += link.pursue(authority.wanted, self._timer_ns)
+        data = link.pursue(authority.wanted, self._timer_ns)
         wall_ns = inbox.wall_ns
         if wall_ns - self._heartbeat_wall_ns >= HEARTBEAT_PERIOD_NS:
             self._heartbeat_wall_ns = wall_ns

@@ -1,7 +1,8 @@
 """What the bridge knows of the vehicle, and what it can ask of the autopilot. No MAVLink here."""
 
-from dataclasses import dataclass
 from enum import StrEnum
+
+import msgspec
 
 from jezero.frames import Vec3, add
 
@@ -37,8 +38,7 @@ class Order(StrEnum):
     HOLD = "hold mode"
 
 
-@dataclass(frozen=True)
-class Target:
+class Target(msgspec.Struct, frozen=True):
     """What is streamed to the autopilot; at least one of position and velocity is given."""
 
     pos_ned_m: Vec3 | None
@@ -48,13 +48,12 @@ class Target:
 
     def moved(self, step_ned_m: Vec3) -> "Target":
         """The same place after the world frame's positions moved by a step."""
-        if self.pos_ned_m is None:
+        if self.pos_ned_m is None or not any(step_ned_m):
             return self
         return Target(add(self.pos_ned_m, step_ned_m), self.vel_ned_mps, self.acc_ned_mps2, self.yaw_rad)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Situation:
+class Situation(msgspec.Struct, frozen=True, kw_only=True):
     """Everything that decisions rest on, at one instant.
 
     Attributes:

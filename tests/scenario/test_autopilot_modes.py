@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from math import nan
 
 import msgspec
+import pytest
 
 from benchmarks.flight_quality import windy
 from jezero.deploy.in_process import SYSTEM_ID
@@ -91,6 +92,37 @@ def test_takeoff_climbs_to_the_parameters_height_and_holds() -> None:
     flight.take_off()
     flight.bus.run_for(4.0)
     assert 2.0 < flight.height_m < 3.0
+
+
+def test_takeoff_to_an_altitude_above_sea_level_and_a_place_ends_there() -> None:
+    flight = Flight()
+    home = flight.station.newest[dialect.MAVLINK_MSG_ID_HOME_POSITION]
+    latitude_deg = home.latitude * 1e-7 + NORTH_10_M_DEG
+    flight.station.send(ARM, 1.0)
+    flight.bus.run_for(1.0)
+    flight.station.send(TAKEOFF, 0.0, 0.0, 0.0, nan, latitude_deg, home.longitude * 1e-7, home.altitude * 1e-3 + 1.5)
+    flight.bus.run_for(15.0)
+    assert flight.mode == (4, 3)
+    assert 1.0 < flight.height_m < 2.0
+    assert flight.truth is not None
+    assert 8.5 < flight.truth.pos_uav_ned_m[0] < 11.5
+
+
+@pytest.mark.parametrize(("latitude_deg", "above_m", "result"), [(nan, -400.0, 0), (0.0, 5.0, 2)])
+def test_takeoff_to_below_the_ground_or_out_of_reach_stays_on_it(
+    latitude_deg: float, above_m: float, result: int
+) -> None:
+    """PX4 doesn't lift off either, in neither case; the place 0/0 is what a client sends that means: here."""
+    flight = Flight()
+    home = flight.station.newest[dialect.MAVLINK_MSG_ID_HOME_POSITION]
+    flight.station.send(ARM, 1.0)
+    flight.bus.run_for(1.0)
+    flight.station.send(TAKEOFF, 0.0, 0.0, 0.0, nan, latitude_deg, latitude_deg, home.altitude * 1e-3 + above_m)
+    flight.bus.run_for(1.0)
+    assert flight.station.newest[dialect.MAVLINK_MSG_ID_COMMAND_ACK].result == result
+    assert flight.mode == ((4, 2) if result == 0 else (4, 3))
+    assert flight.bus.run_for(12.0, stop=lambda: not flight.armed)
+    assert flight.height_m < 0.05
 
 
 def test_land_lands_and_disarms() -> None:

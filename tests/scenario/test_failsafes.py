@@ -107,9 +107,9 @@ def test_without_its_ground_station_it_returns_and_lands_when_told_to() -> None:
     flight.bus.run_for(12.0)
     assert flight.status.code == StatusCode.HOVER
     station.silent = True
-    flight.bus.run_for(9.0)
+    flight.bus.run_for(11.0)
     assert flight.status.code == StatusCode.HOVER
-    wait_mode(flight, "AUTO.RTL", 3.0)
+    wait_mode(flight, "AUTO.RTL", 2.0)
     assert_lands_by_itself(flight, 60.0, away_m=2.0)
 
 

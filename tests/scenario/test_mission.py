@@ -82,9 +82,8 @@ def test_what_is_beyond_a_limit_is_refused_with_the_limit() -> None:
     assert "500" in flight.refusal(topics.GO_TO, go_to(501.0, 0.0, -3.0))
     assert "10" in flight.refusal(topics.GO_TO, go_to(1.0, 0.0, -3.0, speed_mps=11.0))
     assert "−5" in flight.refusal(topics.GO_TO, go_to(1.0, 0.0, 5.0))
-    assert "rover" in flight.refusal(topics.GO_TO, go_to(1.0, 0.0, -3.0, frame="rover"))
     assert "takeoff" in flight.refusal(topics.TAKEOFF, TakeoffGoal(altitude_m=2.0)).lower()
-    assert flight.refusal(topics.LAND_ON_SPOT, LandOnSpotGoal())
+    assert "landing_spot_ned_m" in flight.refusal(topics.LAND_ON_SPOT, LandOnSpotGoal(use_uwb=False, use_marker=False))
     assert not flight.ask(topics.HOVER, Hover(hover_pos=(0.0, 0.0, 5.0))).hover_mode
     assert flight.codes[-1] is Code.HOVER
 

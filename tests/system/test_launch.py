@@ -163,18 +163,24 @@ def test_a_crash_loop_is_given_up_with_a_clear_state_and_the_others_run_on(toy: 
     crash = f"python -c \"import sys; open('{events}', 'a').write('x\\n'); sys.exit('no such world')\""
     file = compose_file(
         tmp_path,
-        f"  a: {SLEEPER}\n  broken:\n    command: {json.dumps(crash)}\n    restart: always\n"
-        "  absent: {command: no-such-program}\n",
+        f"  router: {{command: python -m jezero.runtime.router, healthcheck: {{test: [x]}}}}\n  a: {SLEEPER}\n"
+        f"  broken:\n    command: {json.dumps(crash)}\n    restart: always\n    healthcheck: {{test: [x]}}\n",
     )
-    failed = toy.jezero("up", "-d", "--wait", "--timeout", "30", "-f", file, check=False)
+    failed = toy.jezero("up", "-d", "--wait", "--timeout", "60", "-f", file, check=False)
     assert failed.returncode == 1
-    assert "absent: cannot run no-such-program: No such file or directory" in failed.stderr
-    wait_for(lambda: rows(toy)["broken"]["state"] == "failed", 15.0, "given up")
+    assert "broken: crash loop: ended 6 times within 60 s; last it ended with exit code 1" in failed.stderr
     shown = rows(toy)
-    assert shown["broken"]["text"] == "crash loop: ended 6 times within 60 s, last with exit code 1"
+    assert shown["broken"]["text"] == "crash loop: ended 6 times within 60 s; last it ended with exit code 1"
     assert len(lines_of(events)) == 6
     assert shown["a"]["state"] == "running"
     assert "no such world" in toy.jezero("logs", "broken").stdout
+
+
+def test_a_command_that_cannot_be_run_is_told_at_once(toy: Stack, tmp_path: Path) -> None:
+    file = compose_file(tmp_path, f"  a: {SLEEPER}\n  absent: {{command: no-such-program}}\n")
+    failed = toy.jezero("up", "-d", "--wait", "--timeout", "30", "-f", file, check=False)
+    assert failed.returncode == 1
+    assert "absent: cannot run no-such-program: No such file or directory" in failed.stderr
 
 
 def test_a_service_that_ignores_sigterm_is_killed_after_its_grace_period(toy: Stack, tmp_path: Path) -> None:
@@ -236,7 +242,7 @@ def test_the_launcher_ends_with_its_services_in_the_foreground_and_tells_that_on
     ("words", "told"),
     [
         (("up", "-f", "/no/such/file"), "/no/such/file: No such file or directory"),
-        (("up", "--profile", "nobody"), "no service has the profile nobody; there are control, sim"),
+        (("up", "--profile", "nobody"), "no service has the profile nobody; there are control, estimation, sim"),
         (("logs", "nobody"), "no log of nobody"),
     ],
 )

@@ -22,22 +22,18 @@ LANDS_WITHIN_S = 30.0
 
 
 @pytest.fixture
-def start_px4_stack(
-    start_stack: Callable[..., Stack], monkeypatch: pytest.MonkeyPatch
-) -> Iterator[Callable[..., Stack]]:
+def start_px4_stack(unstarted: Stack) -> Iterator[Callable[..., Stack]]:
     """`start_stack` with PX4; no process of PX4 is left behind."""
-    monkeypatch.setenv("JEZERO_AUTOPILOT", "px4")
-    started: list[Stack] = []
+    unstarted.choose("px4")
 
     def start(*words: str) -> Stack:
-        started.append(start_stack(*words))
-        assert px4_processes(started[-1].run_dir)
-        return started[-1]
+        stack = unstarted.up(*words)
+        assert px4_processes(stack.run_dir)
+        return stack
 
     yield start
-    for stack in started:
-        stack.jezero("down")
-        assert not px4_processes(stack.run_dir)
+    unstarted.jezero("down", check=False)
+    assert not px4_processes(unstarted.run_dir)
 
 
 def px4_processes(run_dir: Path) -> list[int]:

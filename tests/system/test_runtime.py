@@ -8,17 +8,23 @@ import subprocess
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 import zenoh
 
 from jezero.deploy.launcher.ports import instance_environment, reserved_instance
+from jezero.runtime import zenoh_session
+from jezero.runtime.codec import encode
 from jezero.runtime.config import Instance
 from jezero.runtime.links import TcpClient, TcpServer, Udp
-from jezero.runtime.zenoh_session import client_config
+from jezero.runtime.service import Spec
+from jezero.runtime.zenoh_session import BusSession, client_config
 from jezero.schemas import topics
+from jezero.schemas.sensors import CameraFrame
 from tests.system.conftest import wait_for
 
 TOYS = Path(__file__).with_name("toy_services.py")
@@ -110,6 +116,50 @@ def test_a_second_service_of_the_same_name_refuses_to_start_and_names_the_holder
         third.communicate(timeout=5)
 
 
+def test_a_router_that_was_stopped_for_longer_than_its_tick_goes_on(router: tuple[Instance, dict[str, str]]) -> None:
+    instance, _ = router
+    with zenoh.open(client_config(instance.router)) as session:
+        reports = deque[str]()
+        topic = topics.key(instance.vehicle, topics.health_of("router").name)
+        subscriber = session.declare_subscriber(topic, lambda sample: reports.append(sample.payload.to_string()))
+        wait_for(lambda: bool(reports), 10.0, "a report")
+        pid = int(json.loads(reports[0])["process"].split()[-1])
+        os.kill(pid, signal.SIGSTOP)
+        time.sleep(1.2)  # longer than the second between two reports
+        os.kill(pid, signal.SIGCONT)
+        reports.clear()
+        wait_for(lambda: len(reports) > 1, 10.0, "more reports")
+        assert f"pid {pid}" in reports[-1]
+        subscriber.undeclare()  # type: ignore[no-untyped-call]
+
+
+def test_of_services_of_one_name_that_start_at_the_same_instant_exactly_one_gets_it(
+    router: tuple[Instance, dict[str, str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    instance, _ = router
+    monkeypatch.setattr(zenoh_session, "HOLDER_WAIT_S", 0.3)
+    monkeypatch.setattr(zenoh_session.BusSession, "_holder", lambda self: "the winner")
+    for _ in range(8):
+        sessions = [zenoh_session.BusSession(instance, Spec(name="wanted"), lambda *_: None) for _ in range(3)]
+        for opening in [session.open_in_background() for session in sessions]:
+            opening.join()
+        together = threading.Barrier(len(sessions))
+
+        def claims(session: zenoh_session.BusSession, together: threading.Barrier = together) -> bool:
+            together.wait()
+            try:
+                session.claim_name(lambda: False)
+            except zenoh_session.AlreadyRunningError:
+                return False
+            return True
+
+        with ThreadPoolExecutor() as threads:
+            winners = [session for session, won in zip(sessions, threads.map(claims, sessions), strict=True) if won]
+        for session in sessions:
+            session.close()
+        assert len(winners) == 1
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize("when", ["running", "router dead", "no router yet"])
 def test_a_service_leaves_within_a_second(
@@ -182,22 +232,28 @@ def test_tcp_links_carry_bytes_both_ways_and_reconnect() -> None:
         server.close()
 
 
-def test_a_udp_link_learns_its_peer() -> None:
+def test_a_udp_link_hears_its_peer_and_nobody_else() -> None:
     with reserved_instance() as instance:
-        local = ("127.0.0.1", instance.bridge_port)
-        listening = Udp(local)
-        speaking = Udp(("127.0.0.1", instance.autopilot_offboard_port), local)
-        listening.start()
-        speaking.start()
-        assert not listening.up and speaking.up
+        local, peer = ("127.0.0.1", instance.bridge_port), ("127.0.0.1", instance.autopilot_offboard_port)
+        listening = Udp(local, peer, hears_only_peer=True)
+        speaking = Udp(peer, local)
+        stranger = Udp(("127.0.0.1", instance.autopilot_gcs_port), local)
+        for link in (listening, speaking, stranger):
+            link.start()
+        stranger.send(b"turn to me")
         speaking.send(b"hello")
         heard: list[bytes] = []
         wait_for(lambda: bool(heard.append(listening.poll(0)) or heard[-1]), 2.0, "a datagram")
-        assert heard[-1] == b"hello" and listening.up
+        assert heard[-1] == b"hello"
         listening.send(b"back")
         wait_for(lambda: speaking.poll(0) == b"back", 2.0, "the answer")
-        listening.close()
-        speaking.close()
+        assert stranger.poll(0) == b""
+        stranger.send(b"anybody there?")
+        speaking.send(b"bye")
+        wait_for(lambda: bool(heard.append(listening.poll(0)) or heard[-1]), 2.0, "another datagram")
+        assert heard[-1] == b"bye"
+        for link in (listening, speaking, stranger):
+            link.close()
 
 
 def test_no_thread_is_left_when_a_session_closes(echo: Started) -> None:
@@ -205,3 +261,37 @@ def test_no_thread_is_left_when_a_session_closes(echo: Started) -> None:
     with zenoh.open(client_config(echo[0].router)):
         pass
     assert threading.active_count() <= before
+
+
+def test_who_is_slow_sees_the_newest_picture_and_not_every_one(router: tuple[Instance, dict[str, str]]) -> None:
+    instance, environment = router
+    process = start(environment, "slow_viewer")
+    camera = BusSession(instance, Spec(name="painter", outputs=(topics.CAMERA,)), lambda *event: None)
+    camera.open_in_background().join()
+    camera.declare()
+    try:
+        with zenoh.open(client_config(instance.router)) as session:
+            wait_for(lambda: bool(ask(session, instance)), 10.0, "an answer")
+            for number in range(21):
+                camera.publish(topics.CAMERA, encode(picture(number)))
+                time.sleep(0.02)
+            wait_for(lambda: any('"20 ' in answer for answer in ask(session, instance)), 10.0, "the newest picture")
+            (answer,) = ask(session, instance)
+    finally:
+        camera.close()
+        process.kill()
+        process.communicate(timeout=5)
+    assert '"hovering":true' in answer
+    assert int(json.loads(answer)["reason"].split()[1]) < 10
+
+
+def picture(number: int) -> CameraFrame:
+    return CameraFrame(
+        t_ns=1,
+        sequence=number,
+        width_px=640,
+        height_px=480,
+        pitch_camera_rad=0.0,
+        exposure_s=0.005,
+        pixels=bytes([number]) * (640 * 480 * 3),
+    )

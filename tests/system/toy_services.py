@@ -1,6 +1,8 @@
 """Small services that the tests of the runtime run as processes: `python toy_services.py NAME`."""
 
 import sys
+import threading
+import time
 from collections.abc import Iterable
 
 from jezero.runtime.config import instance_from_environment
@@ -30,6 +32,23 @@ class Echo:
             yield Reply(request.request_id, AbortReply(hovering=True, reason=heard))
 
 
+class SlowViewer:
+    """Looks at pictures, half a second at each; tells the newest and how many it has seen when an abort is asked."""
+
+    spec = Spec(name="slow_viewer", inputs=(topics.CAMERA,), serves=(topics.ABORT,), triggers=(topics.CAMERA.name,))
+    seen = 0
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        if inbox.new(topics.CAMERA):
+            self.seen += len(inbox.new(topics.CAMERA))
+            time.sleep(0.5)
+        frame = inbox.latest(topics.CAMERA)
+        for request in inbox.requests(topics.ABORT):
+            newest = -1 if frame is None else frame.sequence
+            whole = frame is not None and frame.pixels == bytes([newest]) * (640 * 480 * 3)
+            yield Reply(request.request_id, AbortReply(hovering=whole, reason=f"{newest} {self.seen}"))
+
+
 class Undeclared:
     """Publishes what it doesn't declare: a programming error, on which the process ends."""
 
@@ -39,7 +58,22 @@ class Undeclared:
         yield Publish(topics.CLOCK, Clock(t_ns=0, epoch_id=0))
 
 
-SERVICES = {"echo": Echo, "undeclared": Undeclared}
+class Hung:
+    """Waits for ever in its first step after a second, as a deadlock does; Zenoh's threads go on."""
+
+    spec = Spec(name="hung", rate_hz=20)
+
+    def __init__(self) -> None:
+        self._first_ns: int | None = None
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        self._first_ns = self._first_ns or inbox.wall_ns
+        if inbox.wall_ns - self._first_ns > 1_000_000_000:
+            threading.Event().wait()
+        return ()
+
+
+SERVICES = {"echo": Echo, "hung": Hung, "slow_viewer": SlowViewer, "undeclared": Undeclared}
 
 if __name__ == "__main__":
     sys.exit(run_service(SERVICES[sys.argv[1]](), instance_from_environment(), new_boot_id()))

@@ -127,9 +127,8 @@ def test_an_idle_server_listens_to_status_and_clock_only() -> None:
         (GoToGoal(target_ned_m=(400.0, 400.0, -5.0)), "566 m from the origin, beyond the limit of 500 m"),
         (GoToGoal(target_ned_m=(1.0, 0.0, -5.0), speed_mps=11.0), "speed 11 m/s is not within 0.1 to 10 m/s"),
         (GoToGoal(target_ned_m=(1.0, 0.0, -5.0), speed_mps=0.0), "speed 0 m/s"),
-        (GoToGoal(target_ned_m=(1.0, 0.0, -5.0), frame="rover"), "rover's estimate, which isn't running"),
-        (LandOnSpotGoal(), "use_uwb and use_marker need the estimator"),
-        (LandOnSpotGoal(use_uwb=False), "use_marker need the estimator"),
+        (GoToGoal(target_ned_m=(1.0, 0.0, -5.0), frame="rover"), "rover's estimate, and the estimator is silent"),
+        (LandOnSpotGoal(use_uwb=False), "must be told roughly where the rover is"),
         (LandOnSpotGoal(use_uwb=False, use_marker=False), "landing_spot_ned_m is missing"),
         (
             LandOnSpotGoal(use_uwb=False, use_marker=False, landing_spot_ned_m=(0.0, 600.0, 0.0)),
@@ -413,6 +412,16 @@ def test_a_position_reset_moves_the_target_along() -> None:
     assert result.result.pos_uav_ned_m == pytest.approx((4.5, -1.0, -2.8), abs=0.15)
     assert world.bridge.releases[0].hover_pos_ned_m == pytest.approx((4.5, -1.0, -2.8))
     assert world.bridge.releases[0].reset_counter == 1
+
+
+def test_a_goal_whose_point_is_beyond_the_limits_after_a_position_reset_is_aborted() -> None:
+    world = World()
+    answers = world.send(GoToGoal(target_ned_m=(4.0, 0.0, -3.0), goal_id="g"))
+    world.bus.run_for(1.5)
+    world.bridge.step_position((0.0, 0.0, -200.0))
+    result = world.end(answers, 1.0)
+    assert result.outcome == "aborted"
+    assert "beyond the limit of 120 m" in result.reason
 
 
 def test_feedback_on_the_topic_is_the_clients_feedback() -> None:

@@ -1,8 +1,7 @@
 """Arming, modes, failsafes and the land detector, row by row."""
 
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 
 from jezero.services.autopilot.commander import Commander, Condition
 from jezero.services.autopilot.config import CommanderConfig, FailsafeConfig, LandDetectorConfig

@@ -1,7 +1,9 @@
 """The filter on a made-up flight whose truth is known: consistent, bounded, late fixes, steps and resets."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from math import cos, degrees, radians, sin
+from typing import Any
 
 import numpy as np
 import pytest
@@ -178,6 +180,62 @@ def test_a_short_step_of_the_fixes_leaves_no_trace() -> None:
     world = World(shift_ned_m=lambda t: (0.0, -2.0, 0.0) if 8.0 < t < 10.5 else (0.0, 0.0, 0.0)).run(15.0)
     assert world.estimator.reset_counter == 0
     assert norm((world.error()[6], world.error()[7], 0.0)) < 0.1
+
+
+@pytest.mark.parametrize("sensor", ["baro", "fix"])
+def test_a_sensor_that_jumps_about_is_never_believed_and_one_that_insists_is(sensor: str) -> None:
+    world, rng = World().run(8.0), np.random.default_rng(1)
+    estimator = world.estimator
+    pass_on = getattr(estimator, sensor)
+    shift_m = 0.0
+
+    def shifted(reading: Any) -> None:
+        if sensor == "baro":
+            pass_on(reading + shift_m)
+        else:
+            latitude_deg, longitude_deg, up_m = reading.position_deg
+            pass_on(replace(reading, position_deg=(latitude_deg + shift_m / 111_195.0, longitude_deg, up_m)))
+
+    def garbled(reading: Any) -> None:
+        nonlocal shift_m
+        shift_m = float(rng.uniform(-500.0, 500.0))
+        shifted(reading)
+
+    setattr(estimator, sensor, garbled)
+    world.run(16.0)
+    assert estimator.reset_counter == 0
+    assert norm(tuple(world.error()[6:9])) < 0.5  # type: ignore[arg-type]
+    setattr(estimator, sensor, shifted)
+    world.run(20.0)
+    assert estimator.reset_counter == 1
+    assert norm(tuple(world.error()[6:9])) == pytest.approx(abs(shift_m), rel=0.05)  # type: ignore[arg-type]
+
+
+def test_a_field_that_can_not_be_the_places_does_not_turn_the_heading() -> None:
+    world = World().run(8.0)
+    mag = world.estimator.mag
+    world.estimator.mag = lambda field: mag(add(field, (0.18, -0.18, 0.0)))
+    world.run(18.0)
+    assert degrees(abs(world.error()[2])) < 2.0
+
+
+def test_a_heading_that_is_far_off_is_found_again() -> None:
+    world = World().run(8.0)
+    estimator = world.estimator
+    estimator.q_ned_from_frd = quat_multiply(quat_from_euler(0.0, 0.0, 1.2), estimator.q_ned_from_frd)
+    world.run(10.5)
+    assert "the magnetometer's heading is" in estimator._contradiction
+    world.run(25.0)
+    assert degrees(abs(world.error()[2])) < 4.0
+    assert estimator.missing == ""
+
+
+def test_in_a_disturbed_field_it_does_not_start_and_says_so() -> None:
+    world = World()
+    mag = world.estimator.mag
+    world.estimator.mag = lambda field: mag(add(field, (0.1, -0.1, 0.0)))
+    world.run(REST_S)
+    assert world.estimator.missing == "the magnetic field is disturbed"
 
 
 def test_a_shock_that_kicks_the_velocity_is_forgotten() -> None:

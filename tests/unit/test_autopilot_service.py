@@ -48,7 +48,7 @@ class Box:
 
 
 class Bench:
-    """An autopilot on a table: sensors at rest on one link, a companion computer on the other."""
+    """An autopilot on a table: sensors at rest, their last digits alive, on one link, a companion on the other."""
 
     def __init__(self) -> None:
         self.autopilot = Autopilot(AutopilotConfig(), system_id=1, boot_id=7)
@@ -58,6 +58,7 @@ class Bench:
         self.heard = {HIL: MavlinkCodec(255, 1), OFFBOARD: MavlinkCodec(255, 1)}
         self.t_us = 0
         self.health: list[Health] = []
+        self.digits = {"slow": True, "gps": True}
 
     def step(self, hil: bytes = b"", offboard: bytes = b"") -> dict[str, list[MavMessage]]:
         """Deliver bytes; returns the messages that came back by link."""
@@ -72,18 +73,18 @@ class Bench:
 
     def sensor(self, acc: tuple[float, float, float] = (0.0, 0.0, -G), gyro_x: float = 0.0) -> bytes:
         self.t_us += 4000
-        slow = self.t_us % 20_000 == 0
+        slow, digit = self.t_us % 20_000 == 0, 1e-4 * (self.digits["slow"] and self.t_us % 40_000 == 0)
+        mag, up_m = (0.216 + digit, 0.0, 0.43), 488.0 + digit
         return self.simulator.pack(
             dialect.MAVLink_hil_sensor_message(
-                self.t_us, *acc, gyro_x, 0.0, 0.0, 0.216, 0.0, 0.43, 955.0, 0.0, 488.0, 20.0, 0x1BFF if slow else 0x3F
+                self.t_us, *acc, gyro_x, 0.0, 0.0, *mag, 955.0, 0.0, up_m, 20.0, 0x1BFF if slow else 0x3F
             )
         )
 
     def gps(self, satellites: int = 12, north_m: float = 0.0) -> bytes:
+        digit, lat = self.digits["gps"] and self.t_us // 100_000 % 2, 473977418 + round(north_m * 89.93)
         return self.simulator.pack(
-            dialect.MAVLink_hil_gps_message(
-                self.t_us, 3, 473977418 + round(north_m * 89.93), 85455938, 488000, 50, 80, 0, 0, 0, 0, 0, satellites
-            )
+            dialect.MAVLink_hil_gps_message(self.t_us, 3, lat, 85455938, 488000, 50, 80, 0, digit, 0, 0, 0, satellites)
         )
 
     def rest(self, seconds: float, offboard: bytes = b"", north_m: float = 0.0) -> list[MavMessage]:
@@ -134,6 +135,18 @@ def test_each_hil_sensor_gets_one_answer_with_its_time(bench: Bench) -> None:
         assert tuple(answers[0].controls[:4]) == (0.0, 0.0, 0.0, 0.0)
         assert not answers[0].mode & 128
     assert len(bench.step(bench.sensor() + bench.sensor())[HIL]) == 2
+
+
+@pytest.mark.parametrize(("sensor", "word"), [("gps", "settling"), ("slow", "no magnetometer")])
+def test_a_sensor_that_repeats_itself_to_the_last_digit_counts_as_none(bench: Bench, sensor: str, word: str) -> None:
+    bench.rest(5.0)
+    assert bench.command(ARM, 1.0)[0] == dialect.MAV_RESULT_ACCEPTED
+    bench.command(ARM, 0.0)
+    bench.digits[sensor] = False
+    bench.rest(6.0)
+    result, heard = bench.command(ARM, 1.0)
+    assert result != dialect.MAV_RESULT_ACCEPTED
+    assert word in bench.texts(heard)
 
 
 def test_telemetry_has_px4s_rates_and_the_truth_at_rest(bench: Bench) -> None:

@@ -125,6 +125,18 @@ def test_an_acquire_that_is_repeated_because_its_reply_was_lost_gets_the_same_co
     assert rig.acquire(goal_id="g").control_id == rig.acquire(goal_id="g").control_id != ""
 
 
+@pytest.mark.parametrize(
+    ("age_s", "refusal"),
+    [(0.0, ""), (0.8, ""), (1.2, "asked 1.2 s ago"), (-0.8, ""), (-3600.0, "asked 3600.0 s ahead of vehicle time")],
+)
+def test_a_request_for_control_that_nobody_waits_for_any_more_is_refused(age_s: float, refusal: str) -> None:
+    rig = Rig().ready()
+    issued_t_ns = rig.t_ns - int(age_s * 1e9)
+    reply = rig.ask(ACQUIRE, Acquire(goal_id="g", action="takeoff", issued_t_ns=issued_t_ns))
+    assert reply.granted == (not refusal)
+    assert refusal in reply.reason
+
+
 def test_an_unknown_action_is_refused_with_the_known_ones() -> None:
     assert "takeoff" in Rig().ready().acquire("somersault").reason
 

@@ -363,6 +363,18 @@ def test_a_position_reset_moves_the_hover_point_along() -> None:
     assert rig.odometry[-1].reset_offset_ned_m == pytest.approx((1.5, 0.0, 0.0))
 
 
+def test_a_hover_point_that_a_position_reset_moves_beyond_the_limits_is_given_up_for_where_the_vehicle_is() -> None:
+    rig = Rig().fly()
+    rig.ask(HOVER, Hover(hover_pos=(0.0, 0.0, -100.0)))
+    rig.autopilot.pos[2] -= 50.0
+    z_m = rig.autopilot.pos[2]
+    rig.autopilot.reset_counter += 1
+    rig.step()
+    rig.run(0.1)
+    assert rig.autopilot.setpoints[-1].z == pytest.approx(z_m, abs=0.1)
+    assert "beyond the limits" in rig.status.text
+
+
 def test_a_setpoint_computed_before_a_reset_is_moved_and_one_after_it_is_not() -> None:
     rig = Rig().fly()
     control_id = rig.go("go_to", Phase.GO_TO)

@@ -2,16 +2,27 @@
 
 import json
 import math
+from pathlib import Path
 
 import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jezero.runtime.codec import BadPayloadError, NotFiniteError, decode, decode_request, encode
+from jezero.report.flight_log import LogWriter, read_log
+from jezero.runtime.codec import (
+    BadPayloadError,
+    NotFiniteError,
+    decode,
+    decode_request,
+    encode,
+    join_picture,
+    split_picture,
+)
+from jezero.schemas import topics
 from jezero.schemas.actions import GoToGoal, TakeoffGoal
 from jezero.schemas.commands import Hover, Phase, Setpoint
-from jezero.schemas.sensors import Altimeter
+from jezero.schemas.sensors import Altimeter, CameraFrame
 from jezero.schemas.state import Clock
 from jezero.schemas.topics import ACTIONS, ENDPOINTS, TOPICS
 
@@ -27,6 +38,35 @@ def test_a_number_that_is_not_finite_is_never_sent_and_the_field_is_named(bad: f
     message = Setpoint(t_ns=5, control_id="c", sequence=1, phase=Phase.GO_TO, vel_ned_mps=(1.0, bad, 3.0))
     with pytest.raises(NotFiniteError, match=r"Setpoint\.vel_ned_mps\[1\]"):
         encode(message)
+
+
+FRAME = CameraFrame(
+    t_ns=5, sequence=1, width_px=2, height_px=1, pitch_camera_rad=-1.5, exposure_s=0.01, pixels=b"\n\x00\xffabc"
+)
+
+
+def test_a_picture_travels_as_a_header_in_json_and_its_bare_pixels() -> None:
+    data = encode(FRAME)
+    header, pixels = split_picture(data)
+    assert pixels == FRAME.pixels
+    assert json.loads(header)["width_px"] == 2 and "pixels" not in json.loads(header)
+    assert decode(CameraFrame, data) == FRAME
+
+
+@pytest.mark.parametrize("pixels", [b"", b"12345", b"1234567"])
+def test_a_picture_with_too_few_or_too_many_pixels_is_refused(pixels: bytes) -> None:
+    header, _ = split_picture(encode(FRAME))
+    with pytest.raises(BadPayloadError, match="2 x 1 pixels"):
+        decode(CameraFrame, join_picture(header, pixels))
+
+
+def test_a_flights_log_keeps_only_the_header_of_a_picture(tmp_path: Path) -> None:
+    with LogWriter(tmp_path / "log.jsonl") as log:
+        log.write(7, topics.CAMERA.name, encode(FRAME))
+        log.write(8, topics.CLOCK.name, encode(Clock(t_ns=1, epoch_id=2)))
+    frame, clock = read_log(tmp_path / "log.jsonl")
+    assert frame.message == msgspec.structs.replace(FRAME, pixels=b"")
+    assert clock.message == Clock(t_ns=1, epoch_id=2)
 
 
 def test_an_honest_none_is_sent() -> None:

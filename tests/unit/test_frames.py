@@ -82,3 +82,18 @@ def test_a_wrapped_angle_is_within_half_a_turn(angle: float) -> None:
 def test_what_is_no_rotation_is_refused(q: Quat) -> None:
     with pytest.raises(ValueError, match="not a rotation"):
         frames.quat_normalize(q)
+
+
+def test_a_camera_that_looks_down_has_the_nose_at_the_top_and_the_right_side_right() -> None:
+    down = -pi / 2
+    assert frames.frd_from_camera((0.0, 0.0, 1.0), down) == pytest.approx((0.0, 0.0, 1.0))
+    assert frames.frd_from_camera((0.0, -1.0, 0.0), down) == pytest.approx((1.0, 0.0, 0.0))
+    assert frames.frd_from_camera((1.0, 0.0, 0.0), down) == pytest.approx((0.0, 1.0, 0.0))
+    assert frames.frd_from_camera((0.0, 0.0, 1.0), 0.0) == pytest.approx((1.0, 0.0, 0.0))
+
+
+@given(vectors, st.floats(-pi, pi))
+def test_a_vector_survives_the_camera(vector: Vec3, pitch_rad: float) -> None:
+    assert frames.camera_from_frd(frames.frd_from_camera(vector, pitch_rad), pitch_rad) == pytest.approx(
+        vector, abs=1e-9
+    )

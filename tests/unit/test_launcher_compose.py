@@ -34,13 +34,13 @@ def test_every_shipped_service_but_the_router_is_in_a_profile_and_tells_its_heal
 
 def test_profiles_choose_services_and_those_without_one_always_run() -> None:
     services = parse(SHIPPED.read_text(), {})
-    assert list(select(services, ["sim"])) == ["router", "simulator", "autopilot"]
+    assert list(select(services, ["sim"])) == ["router", "simulator", "camera", "autopilot"]
     assert "simulator" not in select(services, ["control"])
     assert select(services) == services
 
 
 def test_an_unknown_profile_is_refused_with_those_there_are() -> None:
-    with pytest.raises(ComposeError, match=r"profile simulation; there are control, sim"):
+    with pytest.raises(ComposeError, match=r"profile simulation; there are control, estimation, sim"):
         select(parse(SHIPPED.read_text(), {}), ["simulation"])
 
 

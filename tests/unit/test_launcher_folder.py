@@ -1,5 +1,6 @@
 """The run folder: one launcher at a time, its state, and the services' logs."""
 
+import fcntl
 import io
 import os
 from pathlib import Path
@@ -39,8 +40,37 @@ def test_what_the_launcher_wrote_is_read_while_it_lives(tmp_path: Path) -> None:
     assert state.failures == ("a: crash loop",)
     folder.write(state_of(os.getpid(), ticks + 1))  # the id of a process that ended, given to another one
     assert folder.read() is None
-    folder.clear()
+    folder.release()
     assert folder.read() is None
+
+
+def test_a_folder_that_was_let_go_of_keeps_the_logs_only_and_is_free(tmp_path: Path) -> None:
+    first, second = RunFolder(tmp_path), RunFolder(tmp_path)
+    first.acquire()
+    first.write(state_of(os.getpid(), start_ticks(os.getpid()) or 0))
+    first.release()
+    assert [path.name for path in tmp_path.iterdir()] == ["logs"]
+    second.acquire()
+    with pytest.raises(AlreadyUpError):
+        first.acquire()
+
+
+def test_a_lock_that_its_holder_removes_while_it_is_being_taken_is_taken_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = RunFolder(tmp_path), RunFolder(tmp_path)
+    first.acquire()
+    real_flock = fcntl.flock
+
+    def flock_just_after_the_release(descriptor: int, operation: int) -> None:
+        monkeypatch.setattr(fcntl, "flock", real_flock)
+        first.release()
+        real_flock(descriptor, operation)
+
+    monkeypatch.setattr(fcntl, "flock", flock_just_after_the_release)
+    second.acquire()
+    with pytest.raises(AlreadyUpError):
+        RunFolder(tmp_path).acquire()
 
 
 def test_a_damaged_state_counts_as_none(tmp_path: Path) -> None:

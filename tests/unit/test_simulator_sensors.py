@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from math import atan2, radians
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -215,3 +216,17 @@ def test_odometry_adds_up_the_way_driven() -> None:
         reading = standing.measure(0, ROVER)
     assert reading.pos_odom_m == (0.0, 0.0)
     assert reading.speed_rover_body_mps == 0.0
+
+
+def test_a_share_of_the_uwb_ranges_is_too_long_without_line_of_sight() -> None:
+    config = msgspec.structs.replace(CONFIG.uwb, share_blocked=0.2)
+    clear = Uwb(CONFIG.uwb, CONFIG.rover.pos_anchors_rover_body_m, 1)
+    blocked = Uwb(config, CONFIG.rover.pos_anchors_rover_body_m, 1)
+    detours_m = []
+    for _ in range(500):
+        for a, b in zip(clear.measure(0, BODY, ROVER).ranges, blocked.measure(0, BODY, ROVER).ranges, strict=True):
+            detours_m.append(b.range_m - a.range_m)
+    longer = [detour_m for detour_m in detours_m if detour_m != 0.0]
+    assert len(longer) / len(detours_m) == pytest.approx(0.2, abs=0.03)
+    assert 0.5 <= min(longer) < 0.55
+    assert 2.9 < max(longer) <= 3.0

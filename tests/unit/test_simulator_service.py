@@ -41,6 +41,9 @@ class Bench:
         values = [self.command] * 4 + [0.0] * 12
         return self._codec.pack(dialect.MAVLink_hil_actuator_controls_message(self.t_ns // 1000, values, 129, 1))
 
+    def new(self, topic: topics.Topic[Any]) -> tuple[Any, ...]:
+        return ()
+
     def connections(self, link: str) -> int:
         return self.count
 
@@ -270,3 +273,12 @@ def test_a_schedule_delays_readings_and_keeps_their_order() -> None:
     assert schedule.arrived(30_000_000) == "first"
     assert schedule.arrived(30_000_000) == "second"
     assert schedule.arrived(30_000_000) is None
+
+
+def test_each_exposure_has_its_scene_in_the_map_where_vehicle_and_rover_are() -> None:
+    config = SimulatorConfig(uav=UavConfig(start="platform"))
+    scenes = published(Bench(config).run(250), topics.SCENE)
+    assert len(scenes) == 15
+    assert scenes[-1].pos_rover_ned_m[:2] == pytest.approx((config.rover.start_north_m, config.rover.start_east_m))
+    above_m = scenes[-1].pos_rover_ned_m[2] - scenes[-1].pos_uav_ned_m[2]
+    assert above_m == pytest.approx(config.uav.height_stand_m, abs=0.02)

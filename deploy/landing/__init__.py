@@ -1,0 +1,1 @@
+"""Many landings in virtual time, and how well they went."""

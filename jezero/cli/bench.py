@@ -1,0 +1,108 @@
+"""The benchmarks that fly in virtual time."""
+
+from typing import TYPE_CHECKING, cast
+
+import click
+
+from jezero.cli.exit_codes import FAILED
+
+if TYPE_CHECKING:
+    from jezero.deploy.landing.benchmark import LandingReport
+    from jezero.deploy.landing.flight import Landing
+    from jezero.deploy.landing.trial import CaseName, RoverName
+
+CASES = ("uwb+tag", "uwb", "tag", "none")
+
+
+@click.group()
+def bench() -> None:
+    """Fly benchmarks in virtual time; no running stack is needed."""
+
+
+@bench.command()
+@click.option("--case", type=click.Choice(["all", *CASES]), default="all", show_default=True, help="Which sensors.")
+@click.option("--n", type=click.IntRange(1, 100_000), default=100, show_default=True, help="Landings of each case.")
+@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of the first landing.")
+@click.option("--rover", type=click.Choice(["still", "drive", "turn"]), default="still", show_default=True,
+              help="Standing, 0.5 m/s straight on, or 1 m/s and 0.2 rad/s.")  # fmt: skip
+@click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Processes at the same time.")
+@click.option("--tags", type=click.Choice(["projected", "rendered"]), default="projected", show_default=True,
+              help="Calculate the tags' corners, or render pictures and detect.")  # fmt: skip
+@click.option("--uwb-std", type=click.FloatRange(0.0, 10.0), metavar="M", help="Of a range [default: 0.01, uwb: 0.1].")
+@click.option("--uwb-outliers", type=click.FloatRange(0.0, 1.0), metavar="SHARE",
+              help="Ranges without line of sight, 0.5 to 3 m too long [default: 0, uwb: 0.1].")  # fmt: skip
+@click.option("--camera-latency", type=click.FloatRange(0.0, 1.0), metavar="S", help="[default: 0.1]")
+@click.option("--hide-tag", is_flag=True, help="The tag is out of sight twice for a second.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object per case.")
+def landing(
+    case: str,
+    n: int,
+    seed: int,
+    rover: str,
+    jobs: int,
+    tags: str,
+    uwb_std: float | None,
+    uwb_outliers: float | None,
+    camera_latency: float | None,
+    hide_tag: bool,
+    as_json: bool,
+) -> None:
+    """Land many times in 3 m/s wind with gusts, from random places 4 to 8 m up and up to 8 m away.
+
+    Prints the touchdown error, the time, the estimate's error by range, its consistency, and the failed seeds.
+    """
+    import msgspec
+
+    from jezero.deploy.landing.benchmark import fly_landings
+    from jezero.deploy.landing.trial import Conditions
+
+    failed = False
+    for name in CASES if case == "all" else (case,):
+        conditions = Conditions(
+            case=cast("CaseName", name),
+            rover=cast("RoverName", rover),
+            tags="rendered" if tags == "rendered" else "projected",
+            uwb_std_m=uwb_std,
+            uwb_outliers=uwb_outliers,
+            camera_latency_s=camera_latency,
+            hide_tag=hide_tag,
+        )
+        report = fly_landings(conditions, n, seed, jobs, _quiet if as_json else _tell)
+        click.echo(msgspec.json.encode(report).decode() if as_json else _table(report))
+        failed |= bool(report.failed_seeds)
+    if failed:
+        raise SystemExit(FAILED)
+
+
+def _quiet(landing: "Landing") -> None:
+    pass
+
+
+def _tell(landing: "Landing") -> None:
+    if landing.failure:
+        click.echo(f"seed {landing.seed}: {landing.failure}")
+        return
+    where = f"{100.0 * landing.error_m:.1f} cm off in {landing.time_s:.1f} s"
+    click.echo(f"seed {landing.seed}: {where}, impact at {landing.impact_mps:.2f} m/s")
+
+
+def _table(report: "LandingReport") -> str:
+    error_m, time_s, rmse_m = report.touchdown_error_m, report.time_s, report.rmse_m
+    rows = (
+        ("landed", f"{report.landed} of {report.n}"),
+        ("touchdown", f"median {_cm(error_m['median'])}, p95 {_cm(error_m['p95'])}, max {_cm(error_m['max'])} cm"),
+        ("time", f"median {_s(time_s['median'])}, p95 {_s(time_s['p95'])} s"),
+        ("estimate", f"RMSE {_cm(rmse_m['below_3m'])} cm below 3 m, {_cm(rmse_m['3_to_8m'])} cm from 3 to 8 m"),
+        ("NEES", "no estimate" if report.nees is None else f"{report.nees:.2f} (1 is consistent)"),
+        ("failed", ", ".join(map(str, report.failed_seeds)) or "none"),
+    )
+    title = f"{report.case}, rover: {report.rover}"
+    return "\n".join((title, *(f"  {name:<10}{text}" for name, text in rows)))
+
+
+def _cm(value_m: float | None) -> str:
+    return "-" if value_m is None else f"{100.0 * value_m:.1f}"
+
+
+def _s(value_s: float | None) -> str:
+    return "-" if value_s is None else f"{value_s:.1f}"

@@ -1,0 +1,17 @@
+"""Writes PNG files with the standard library alone."""
+
+import struct
+import zlib
+
+
+def png_of(width_px: int, height_px: int, pixels: bytes) -> bytes:
+    """A PNG of rows from the top with three bytes red, green, blue each. Source: W3C PNG specification."""
+    row = 3 * width_px
+    lines = b"".join(b"\0" + pixels[i * row : (i + 1) * row] for i in range(height_px))
+    header = struct.pack(">IIBBBBB", width_px, height_px, 8, 2, 0, 0, 0)
+    parts = ((b"IHDR", header), (b"IDAT", zlib.compress(lines, 6)), (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(_chunk(kind, data) for kind, data in parts)
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))

@@ -1,0 +1,81 @@
+"""The commands that drive the rover."""
+
+from contextlib import suppress
+from math import inf
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from jezero.cli.flight import FINITE, NUMBERS, Printer, common_options, connected
+
+if TYPE_CHECKING:
+    from jezero.client.rover import Leg
+
+
+@click.group()
+def rover() -> None:
+    """Drive the rover.
+
+    `jezero rover drive 0.5` drives at 0.5 m/s until Ctrl+C, `jezero rover drive 1 0.2 --for 30` in a circle for half
+    a minute. The rover stops when the command ends, or dies.
+    """
+
+
+@rover.command(context_settings=NUMBERS)
+@click.argument("speed_mps", metavar="SPEED", type=FINITE)
+@click.argument("yaw_rate_rps", metavar="[YAW_RATE]", type=FINITE, default=0.0)
+@click.option("--for", "for_s", type=FINITE, metavar="S", help="Seconds; without it until Ctrl+C.")
+@common_options
+def drive(speed_mps: float, yaw_rate_rps: float, for_s: float | None, vehicle: str, router: str, as_json: bool) -> None:
+    """Drive at SPEED m/s (negative is backwards), turning at YAW_RATE rad/s (positive is clockwise from above)."""
+    from jezero.client.rover import Leg, problem_of
+
+    if problem := problem_of(Leg(inf if for_s is None else for_s, speed_mps, yaw_rate_rps)):
+        raise click.UsageError(problem)
+    printer = Printer(as_json)
+    with connected(vehicle, router, printer) as uav:
+        printer.event(
+            "driving",
+            f"driving at {speed_mps:g} m/s and {yaw_rate_rps:g} rad/s" + ("" if for_s else "; Ctrl+C stops"),
+            speed_mps=speed_mps,
+            yaw_rate_rps=yaw_rate_rps,
+        )
+        with suppress(KeyboardInterrupt):
+            uav.rover.drive(speed_mps, yaw_rate_rps, for_s=for_s)
+        printer.event("result", "the rover stops", outcome="succeeded")
+
+
+@rover.command()
+@common_options
+def stop(vehicle: str, router: str, as_json: bool) -> None:
+    """Stop the rover. Somebody who goes on driving it sets it in motion again."""
+    printer = Printer(as_json)
+    with connected(vehicle, router, printer) as uav:
+        uav.rover.stop()
+        printer.event("result", "the rover stops", outcome="succeeded")
+
+
+@rover.command()
+@click.argument("file", type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@common_options
+def follow(file: Path, vehicle: str, router: str, as_json: bool) -> None:
+    """Drive what a CSV FILE says, one line after the other, and stop.
+
+    Its first line is `duration_s,speed_mps,yaw_rate_rps`.
+    """
+    from jezero.client.rover import read_legs
+
+    try:
+        legs = read_legs(file)
+    except (ValueError, OSError) as error:
+        raise click.UsageError(str(error)) from error
+    printer = Printer(as_json)
+
+    def tell(number: int, leg: "Leg") -> None:
+        text = f"{number} of {len(legs)}: {leg.duration_s:g} s at {leg.speed_mps:g} m/s and {leg.yaw_rate_rps:g} rad/s"
+        printer.event("leg", text, number=number, **leg._asdict())
+
+    with connected(vehicle, router, printer) as uav:
+        uav.rover.follow(legs, tell)
+        printer.event("result", "the rover stops", outcome="succeeded")

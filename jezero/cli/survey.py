@@ -1,0 +1,88 @@
+"""The commands that take pictures."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from jezero.cli.flight import FINITE, FRAMES, NUMBERS
+
+DRAWING = Path("runs/plan.png")
+
+
+@click.command(context_settings=NUMBERS)
+@click.argument("frame", type=FRAMES, default="world")
+@click.option(
+    "--polygon", "file", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="GeoJSON or CSV, see above."
+)
+@click.option("--z", "z_ned_m", type=FINITE, help="Height of the flight, NED: 5 m up is -5.")
+@click.option("--resolution", "resolution_m", type=FINITE, help="Metres between lines, and between pictures.")
+@click.option("--overlap", type=click.FloatRange(0.0, 0.95), help="Share of a picture that the next one repeats.")
+@click.option("--sidelap", type=click.FloatRange(0.0, 0.95), help="The same for the pictures of the next line.")
+@click.option("--speed", "speed_mps", type=FINITE, help="Metres per second along the lines.")
+@click.option("--plan-only", is_flag=True, help="Draw the plan, and don't fly it.")
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), default=DRAWING, show_default=True)
+@click.option("--json", "as_json", is_flag=True, help="The plan as one JSON object.")
+def gridsweep(plan_only: bool, out: Path, as_json: bool, **given: Any) -> None:
+    """Map an area in sweep lines.
+
+    Without --polygon the corners are asked for. A GeoJSON file holds a Polygon (its further rings are holes) in metres,
+    [north, east]; a CSV file has a line "north,east" for each corner, and an empty line before each hole.
+    """
+    if not plan_only:
+        raise click.UsageError("there is no server yet that flies a coverage: --plan-only plans it")
+    from jezero.report.coverage_plot import draw_plan
+    from jezero.runtime.config import load_config
+    from jezero.services.actions.config import ActionsConfig
+    from jezero.services.actions.coverage.area import AreaError
+    from jezero.services.actions.coverage.planned import plan_coverage
+
+    try:
+        plan = plan_coverage(_goal(**given), load_config(ActionsConfig, "actions"))
+    except AreaError as error:
+        raise click.ClickException(str(error)) from None
+    length_m, time_s = plan.trajectory.length_m, plan.trajectory.duration_s
+    title = f"{len(plan.pictures_m)} pictures, {length_m:.0f} m, {time_s:.0f} s"
+    draw_plan(out, plan.area, plan.trajectory.pos_m, plan.pictures_m, title)
+    if as_json:
+        fields = {
+            "path_ned_m": plan.trajectory.pos_m.round(4).tolist(),
+            "pictures_ned_m": plan.pictures_m.round(4).tolist(),
+            "length_m": round(length_m, 3),
+            "time_s": round(time_s, 3),
+            "covered": round(plan.covered, 5),
+        }
+        click.echo(json.dumps(fields))
+        return
+    click.echo(f"area        {plan.area.area:.1f} m², {100.0 * plan.covered:.1f} % of it swept")
+    click.echo(f"path        {length_m:.1f} m in {time_s:.0f} s, lines {plan.line_distance_m:.3g} m apart")
+    click.echo(f"pictures    {len(plan.pictures_m)}, every {plan.picture_distance_m:.3g} m")
+    click.echo(f"drawn in    {out}")
+
+
+def _goal(file: Path | None, **fields: Any) -> Any:
+    """The goal as the command line has it; what is missing is asked for."""
+    from jezero.cli.polygon_file import PolygonFileError, read_polygon
+    from jezero.schemas.actions import AreaCoverageGoal
+
+    try:
+        polygon, holes = (_asked_for_corners(), ()) if file is None else read_polygon(file)
+    except PolygonFileError as error:
+        raise click.ClickException(str(error)) from None
+    if fields["z_ned_m"] is None:
+        fields["z_ned_m"] = click.prompt("Enter altitude", type=FINITE)
+    if fields["resolution_m"] is None and fields["overlap"] is None and fields["sidelap"] is None:
+        fields["resolution_m"] = click.prompt("Enter resolution", type=FINITE)
+    return AreaCoverageGoal(polygon_ned_m=polygon, holes_ned_m=holes, **fields)
+
+
+def _asked_for_corners() -> tuple[tuple[float, float], ...]:
+    """As in the thesis' Fig. 3.13."""
+    corners = []
+    for number in range(1, click.prompt("Enter number of grid points", type=click.IntRange(3, 1000)) + 1):
+        click.echo(f"Grid point n. {number} :")
+        corners.append(
+            (click.prompt("Enter x coordinate", type=FINITE), click.prompt("Enter y coordinate", type=FINITE))
+        )
+    return tuple(corners)

@@ -1,0 +1,146 @@
+"""From the corners of a path to a motion along it: spline turns, bounded acceleration, pictures by distance."""
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+
+Array = NDArray[np.float64]
+SPACING_STRAIGHT_M = 0.25
+SPEED_MIN_MPS = 0.05
+SAMPLES_OF_TURN = np.linspace(0.0, 1.0, 17)
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A motion in the plane, sampled; between samples it is linear.
+
+    Attributes:
+        t_s: (n,) from 0.
+        distance_m: (n,) along the path.
+        pos_m, vel_mps, acc_mps2: (n, 2).
+    """
+
+    t_s: Array
+    distance_m: Array
+    pos_m: Array
+    vel_mps: Array
+    acc_mps2: Array
+
+    @property
+    def length_m(self) -> float:
+        return float(self.distance_m[-1])
+
+    @property
+    def duration_s(self) -> float:
+        return float(self.t_s[-1])
+
+    def at(self, t_s: float) -> tuple[Array, Array, Array]:
+        """Position, velocity and acceleration at a time; at rest before the start and after the end."""
+        position = np.array([np.interp(t_s, self.t_s, self.pos_m[:, k]) for k in (0, 1)])
+        if not 0.0 <= t_s < self.duration_s:
+            return position, np.zeros(2), np.zeros(2)
+        velocity = np.array([np.interp(t_s, self.t_s, self.vel_mps[:, k]) for k in (0, 1)])
+        acceleration = np.array([np.interp(t_s, self.t_s, self.acc_mps2[:, k]) for k in (0, 1)])
+        return position, velocity, acceleration
+
+    def time_at(self, distance_m: float) -> float:
+        """When the motion has come that far along the path."""
+        return float(np.interp(distance_m, self.distance_m, self.t_s))
+
+
+def make_trajectory(corners_m: Array, *, speed_mps: float, acceleration_mps2: float, cut_m: float) -> Trajectory:
+    """Fly along a path from rest to rest, as fast as speed and acceleration allow.
+
+    Args:
+        corners_m: (n, 2) of the path.
+        acceleration_mps2: its bound; shared equally between the parts along and across the path.
+        cut_m: how long before a corner a turn begins, at most.
+    """
+    points = smooth(corners_m, cut_m)
+    part_mps2 = acceleration_mps2 / sqrt(2.0)
+    steps_m = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    distance_m = np.concatenate(([0.0], np.cumsum(steps_m)))
+    if distance_m[-1] < 1e-6:
+        rest = np.zeros((2, 2))
+        return Trajectory(np.array((0.0, 1e-3)), np.array((0.0, 0.0)), points[[0, -1]], rest, rest)
+    tangents, curvature = _bend(points, steps_m)
+    limit_mps = np.minimum(speed_mps, np.sqrt(part_mps2 / np.maximum(np.abs(curvature), 1e-9)))
+    limit_mps[[0, -1]] = 0.0
+    speeds = _reachable(limit_mps, steps_m, part_mps2)
+    speeds = _reachable(speeds[::-1], steps_m[::-1], part_mps2)[::-1]
+    mean_mps = np.maximum(0.5 * (speeds[:-1] + speeds[1:]), 0.5 * SPEED_MIN_MPS)
+    t_s = np.concatenate(([0.0], np.cumsum(steps_m / mean_mps)))
+    along = np.gradient(0.5 * speeds**2, distance_m)
+    normals = np.column_stack((-tangents[:, 1], tangents[:, 0]))
+    acc = along[:, None] * tangents + (curvature * speeds**2)[:, None] * normals
+    return Trajectory(t_s, distance_m, points, speeds[:, None] * tangents, acc)
+
+
+def smooth(corners_m: Array, cut_m: float) -> Array:
+    """(m, 2) points along straight lines and turns; a turn is a cubic B-spline whose curvature begins and ends at 0.
+
+    The control points of a turn at V, between directions u and w, are V - 2cu, V - cu, V, V + cw, V + 2cw: the curve
+    leaves the first line at V - cu, joins the second at V + cw, and stays inside the triangle between these and V.
+    """
+    corners = corners_m[np.append(True, np.linalg.norm(np.diff(corners_m, axis=0), axis=1) > 1e-6)]
+    if len(corners) < 3:
+        return _filled(corners if len(corners) == 2 else np.repeat(corners, 2, axis=0))
+    legs = np.diff(corners, axis=0)
+    lengths = np.linalg.norm(legs, axis=1)
+    directions = legs / lengths[:, None]
+    pieces = [corners[:1]]
+    for i in range(1, len(corners) - 1):
+        cut = min(cut_m, 0.5 * lengths[i - 1], 0.5 * lengths[i])
+        before, after = directions[i - 1], directions[i]
+        turn = np.stack([corners[i] + k * cut * (before if k < 0 else after) for k in (-2, -1, 0, 1, 2)])
+        spline = BSpline(np.arange(9.0), turn, 3)
+        pieces.append(spline(3.0 + 2.0 * SAMPLES_OF_TURN))
+    pieces.append(corners[-1:])
+    return _filled(np.concatenate(pieces))
+
+
+def _filled(points: Array) -> Array:
+    """The same line with no two points further apart than `SPACING_STRAIGHT_M`, and none closer than a micrometre."""
+    kept = points[np.append(True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6)]
+    if len(kept) < 2:
+        return np.repeat(points[:1], 2, axis=0)
+    distance = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(kept, axis=0), axis=1))))
+    counts = np.maximum(np.ceil(np.diff(distance) / SPACING_STRAIGHT_M).astype(int), 1)
+    at = np.concatenate(
+        [a + (b - a) * np.arange(n) / n for a, b, n in zip(distance, distance[1:], counts, strict=False)]
+    )
+    at = np.append(at, distance[-1])
+    return np.column_stack([np.interp(at, distance, kept[:, k]) for k in (0, 1)])
+
+
+def _bend(points: Array, steps_m: Array) -> tuple[Array, Array]:
+    """Unit tangents (n, 2) and signed curvature (n,), positive towards east when flying north."""
+    directions = np.diff(points, axis=0) / steps_m[:, None]
+    headings = np.unwrap(np.arctan2(directions[:, 1], directions[:, 0]))
+    turns = np.diff(headings)
+    curvature = np.zeros(len(points))
+    curvature[1:-1] = turns / (0.5 * (steps_m[:-1] + steps_m[1:]))
+    middle = np.concatenate((headings[:1], headings[:-1] + 0.5 * turns, headings[-1:]))
+    tangents: Array = np.column_stack((np.cos(middle), np.sin(middle)))
+    return tangents, curvature
+
+
+def _reachable(limit_mps: Array, steps_m: Array, acceleration_mps2: float) -> Array:
+    """Speeds that no acceleration beyond the bound is needed for, going forward."""
+    speeds: Array = limit_mps.copy()
+    for i, step_m in enumerate(steps_m):
+        speeds[i + 1] = min(speeds[i + 1], np.sqrt(speeds[i] ** 2 + 2.0 * acceleration_mps2 * step_m))
+    return speeds
+
+
+def picture_distances(length_m: float, spacing_m: float) -> Array:
+    """How far along the path pictures are taken: at the start, and whenever so much has been flown since the last.
+
+    Source: thesis Alg. 6, eq. 3.7.
+    """
+    count = int(length_m / spacing_m + 1e-9) + 1
+    distances: Array = np.arange(count, dtype=np.float64) * spacing_m
+    return distances

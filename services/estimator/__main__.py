@@ -1,0 +1,20 @@
+"""`python -m jezero.services.estimator`: the estimator over Zenoh."""
+
+import sys
+from collections.abc import Mapping
+
+from jezero.runtime.config import Instance, load_config
+from jezero.runtime.links import SocketLink
+from jezero.runtime.service import Service
+from jezero.runtime.zenoh_bus import run_process
+from jezero.services.estimator.config import EstimatorConfig
+from jezero.services.estimator.service import Estimator
+
+
+def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
+    """The estimator; it has no link but the bus."""
+    return Estimator(load_config(EstimatorConfig, "estimator")), {}
+
+
+if __name__ == "__main__":
+    sys.exit(run_process("estimator", build))

@@ -1,0 +1,42 @@
+"""The vehicle's attitude at a moment of the last second."""
+
+from bisect import bisect_left
+from collections import deque
+
+from jezero.frames import Quat, quat_from_rotation_vector, quat_multiply, quat_normalize, scale
+from jezero.schemas.state import Odometry
+
+NS_PER_S = 1e9
+KEPT = 100
+
+
+class Attitudes:
+    """A short history of the autopilot's attitude.
+
+    Args:
+        age_max_s: how far a moment may be from the nearest known one.
+    """
+
+    def __init__(self, age_max_s: float) -> None:
+        self._age_max_s = age_max_s
+        self._known: deque[Odometry] = deque(maxlen=KEPT)
+
+    def add(self, odometry: Odometry) -> None:
+        """Keep what is newer than all before; a new epoch forgets the old one."""
+        if self._known and odometry.epoch_id != self._known[-1].epoch_id:
+            self._known.clear()
+        if not self._known or odometry.t_ns > self._known[-1].t_ns:
+            self._known.append(odometry)
+
+    def at(self, t_ns: int) -> Quat | None:
+        """Attitude at that time, turned on from the nearest known one by its angular rates; None when too far off."""
+        if not self._known:
+            return None
+        after = bisect_left(self._known, t_ns, key=lambda odometry: odometry.t_ns)
+        candidates = [self._known[i] for i in (after - 1, after) if 0 <= i < len(self._known)]
+        nearest = min(candidates, key=lambda odometry: abs(odometry.t_ns - t_ns))
+        dt_s = (t_ns - nearest.t_ns) / NS_PER_S
+        if abs(dt_s) > self._age_max_s:
+            return None
+        turn = quat_from_rotation_vector(scale(nearest.rates_uav_frd_rps, dt_s))
+        return quat_normalize(quat_multiply(nearest.q_ned_from_frd, turn))

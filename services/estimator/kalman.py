@@ -1,0 +1,130 @@
+"""FilterPy's extended Kalman filter on the state of `motion`, at one instant."""
+
+from dataclasses import dataclass
+from math import inf, isfinite, sqrt
+
+import numpy as np
+
+from jezero.services.estimator.motion import POS_ROVER, POS_UAV, SIZE, Array, MotionModel
+
+NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """The filter at one instant."""
+
+    t_ns: int
+    x: Array
+    P: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What became of a measurement.
+
+    Attributes:
+        used, offered: how many of its parts were fused, of how many.
+        nis: normalised innovation squared of what was fused; chi-square distributed with `used` degrees of freedom.
+    """
+
+    used: int
+    offered: int
+    nis: float = 0.0
+
+
+class Kalman:
+    """Predicts and updates, once it was given a moment to start from; every call of FilterPy is here.
+
+    Attributes:
+        t_ns: when the state is true.
+    """
+
+    def __init__(self, motion: MotionModel) -> None:
+        from filterpy.kalman import ExtendedKalmanFilter
+
+        self._filter = ExtendedKalmanFilter(dim_x=SIZE, dim_z=1)
+        self._motion = motion
+        self.t_ns = 0
+
+    @property
+    def x(self) -> Array:
+        x: Array = self._filter.x
+        return x
+
+    @property
+    def P(self) -> Array:  # noqa: N802
+        P: Array = self._filter.P
+        return P
+
+    def use(self, motion: MotionModel) -> None:
+        """Another model from now on."""
+        self._motion = motion
+
+    def save(self) -> Moment:
+        return Moment(self.t_ns, self.x, self.P)
+
+    def restore(self, moment: Moment) -> None:
+        self.t_ns, self._filter.x, self._filter.P = moment.t_ns, moment.x, moment.P
+
+    def predict_to(self, t_ns: int) -> None:
+        """Move on to a later time."""
+        if t_ns <= self.t_ns:
+            return
+        dt_s = (t_ns - self.t_ns) / NS_PER_S
+        after, self._filter.F = self._motion.step(self.x, dt_s)
+        self._filter.Q = self._motion.noise(dt_s)
+        self._filter.predict()
+        self._filter.P = 0.5 * (self.P + self.P.T)
+        self._filter.x = after  # the motion isn't linear: FilterPy's own product is only its Jacobian's
+        self.t_ns = t_ns
+
+    def innovation_covariance(self, H: Array, R: Array) -> Array:
+        S: Array = H @ self.P @ H.T + R
+        return S
+
+    def update(self, innovation: Array, H: Array, R: Array) -> float:
+        """Fuse a measurement, linearised at the present state.
+
+        Args:
+            innovation: (m,) measured minus expected.
+            H, R: (m, n) Jacobian and (m, m) covariance of the measurement.
+        Returns:
+            The normalised innovation squared.
+        """
+        ekf = self._filter
+        ekf.update(innovation, lambda x: H, lambda x: 0.0, R=R)
+        return float(innovation @ ekf.SI @ innovation)
+
+    def locate(self, pos_rel_m: Array, cov_m2: Array) -> None:
+        """Forget where the rover is: the vehicle is at `pos_rel_m` from it, with covariance `cov_m2`."""
+        x, P = self.x.copy(), self.P.copy()
+        x[POS_ROVER] = x[POS_UAV] - pos_rel_m
+        P[POS_ROVER, :] = P[POS_UAV, :]
+        P[:, POS_ROVER] = P[:, POS_UAV]
+        P[POS_ROVER, POS_ROVER] = P[POS_UAV, POS_UAV] + cov_m2
+        self._filter.x, self._filter.P = x, P
+
+    def loosen(self, states: slice, std: float) -> None:
+        """Add an independent uncertainty to some states."""
+        P = self.P.copy()
+        P[states, states] += std * std * np.eye(states.stop - states.start)
+        self._filter.P = P
+
+    @property
+    def pos_rel_m(self) -> Array:
+        """(3,) vehicle minus rover."""
+        return self.x[POS_UAV] - self.x[POS_ROVER]
+
+    @property
+    def var_pos_rel_m2(self) -> tuple[float, float, float]:
+        """Of each axis."""
+        P = self.P
+        north, east, down = (float(P[i, i] + P[i + 6, i + 6] - 2.0 * P[i, i + 6]) for i in range(3))
+        return north, east, down
+
+    @property
+    def std_pos_rel_m(self) -> float:
+        """Of the worst axis; infinite when it is not a number."""
+        variances_m2 = self.var_pos_rel_m2
+        return sqrt(max(*variances_m2, 0.0)) if isfinite(sum(variances_m2)) else inf

@@ -1,0 +1,82 @@
+"""A first position from UWB alone, also when some ranges are far too long."""
+
+from collections import deque
+from math import cos, hypot, sin
+
+import numpy as np
+
+from jezero.frames import Vec3
+from jezero.services.estimator.measurements import UwbRound
+from jezero.services.estimator.motion import Array
+from jezero.services.estimator.trilateration import trilaterate
+
+WINDOW_NS = 600_000_000
+ROUNDS_MIN = 8
+STD_FLOOR_M = 0.05
+EXCESS = 2.0
+"""On the standard deviation that the ranges' noise gives: they have constant errors, too."""
+HEIGHT_PLATFORM_M, BESIDE_M, STD_MIRRORED_M = 1.0, 0.7, 2.0
+"""Ranges don't tell above from below the anchors. A vehicle beside the rover may be below them, but hardly by more than
+the first: then the height counts as unknown until it is further up."""
+
+
+class UwbWindow:
+    """The last rounds of ranges. Their medians by anchor, each range moved to the present by the vehicle's velocity,
+    are not impressed by the few that met an obstacle."""
+
+    def __init__(self) -> None:
+        self._rounds: deque[UwbRound] = deque()
+
+    def add(self, uwb: UwbRound) -> None:
+        if any(r.t_ns == uwb.t_ns for r in self._rounds):
+            return
+        self._rounds.append(uwb)
+        newest_ns = max(r.t_ns for r in self._rounds)
+        while self._rounds[0].t_ns < newest_ns - WINDOW_NS:
+            self._rounds.popleft()
+
+    def clear(self) -> None:
+        self._rounds.clear()
+
+    def position(self, t_ns: int, vel_rel_mps: Array, yaw_rad: float) -> tuple[Array, Array] | None:
+        """Vehicle minus rover (3,) at `t_ns` and its covariance, or None when that can't be told.
+
+        Args:
+            vel_rel_mps: (3,) of the vehicle relative to the rover over the window.
+        """
+        rounds = [r for r in self._rounds if t_ns - WINDOW_NS <= r.t_ns <= t_ns]
+        if len(rounds) < ROUNDS_MIN:
+            return None
+        c, s = cos(yaw_rad), sin(yaw_rad)
+        to_ned = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+        vel_body_mps = vel_rel_mps @ to_ned
+        found = None
+        for _ in range(3):
+            found = trilaterate(*_medians(rounds, t_ns, vel_body_mps, None if found is None else found[0]))
+            if found is None:
+                return None
+        assert found is not None
+        pos_body_m, unit_cov = found
+        variance = (EXCESS * rounds[-1].std_m) ** 2 / len(rounds)
+        cov_m2 = to_ned @ (unit_cov * variance) @ to_ned.T + STD_FLOOR_M**2 * np.eye(3)
+        if -pos_body_m[2] < HEIGHT_PLATFORM_M and hypot(pos_body_m[0], pos_body_m[1]) > BESIDE_M:
+            cov_m2[2, 2] += STD_MIRRORED_M**2
+        lever_ned_m = rounds[-1].lever_ned_m
+        return to_ned @ np.array(pos_body_m) - lever_ned_m, cov_m2
+
+
+def _medians(
+    rounds: list[UwbRound], t_ns: int, vel_body_mps: Array, pos_body_m: Vec3 | None
+) -> tuple[list[Vec3], list[float]]:
+    """Anchors and the median of each one's ranges, moved to `t_ns` when a rough position is known."""
+    by_anchor: dict[Vec3, list[float]] = {}
+    for uwb in rounds:
+        for anchor_m, range_m, delay_s in zip(uwb.anchors_m, uwb.ranges_m, uwb.delays_s, strict=True):
+            x, y, z = anchor_m.tolist()
+            moved_m = 0.0
+            if pos_body_m is not None:
+                away = np.array(pos_body_m) - anchor_m
+                age_s = (t_ns - uwb.t_ns) * 1e-9 - float(delay_s)
+                moved_m = float(away @ vel_body_mps) / max(float(np.linalg.norm(away)), 1e-3) * age_s
+            by_anchor.setdefault((x, y, z), []).append(float(range_m) + moved_m)
+    return list(by_anchor), [float(np.median(ranges)) for ranges in by_anchor.values()]

@@ -1,0 +1,98 @@
+"""The filter's state and how it moves by itself.
+
+| index   | state                                                              | unit  |
+|---------|--------------------------------------------------------------------|-------|
+| 0 – 2   | position of the vehicle, world NED without the autopilot's resets  | m     |
+| 3 – 5   | velocity of the vehicle over ground, NED                           | m/s   |
+| 6 – 8   | position of the platform, as the vehicle's                         | m     |
+| 9 – 11  | velocity of the platform over ground, NED                          | m/s   |
+| 12      | yaw of the rover                                                   | rad   |
+| 13      | yaw rate of the rover                                              | rad/s |
+| 14 – 16 | error of the autopilot's velocity, NED                             | m/s   |
+| 17 – 19 | error of the autopilot's attitude, forward, right and down of its heading | rad |
+
+Source: thesis §4.2, and the two errors: they are what limits the estimate at height.
+"""
+
+from math import cos, exp, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jezero.services.estimator.config import Tuning
+
+Array = NDArray[np.float64]
+
+SIZE = 20
+POS_UAV, VEL_UAV, POS_ROVER, VEL_ROVER = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
+YAW, YAW_RATE = 12, 13
+VEL_ERROR, ATTITUDE_ERROR = slice(14, 17), slice(17, 20)
+
+TAU_ATTITUDE_S = 100.0
+TAU_CLIMB_S = 1.0
+PSD_YAW_ACC_R2PS3 = 0.02
+PSD_CLIMB_M2PS3 = 0.02
+"""Of the platform's vertical acceleration on uneven ground."""
+STD_UNKNOWN_M = 1e3
+STD_UNKNOWN_MPS = 2.0
+
+
+def initial(pos_uav_m: Array, tuning: Tuning) -> tuple[Array, Array]:
+    """State and covariance of a vehicle at a known place and a rover anywhere."""
+    x = np.zeros(SIZE)
+    x[POS_UAV] = pos_uav_m
+    x[POS_ROVER] = pos_uav_m
+    std = np.empty(SIZE)
+    std[POS_UAV], std[VEL_UAV] = 1.0, 10.0
+    std[POS_ROVER], std[VEL_ROVER] = STD_UNKNOWN_M, STD_UNKNOWN_MPS
+    std[YAW], std[YAW_RATE] = 4.0, 1.0
+    std[VEL_ERROR] = tuning.std_vel_uav_mps
+    std[ATTITUDE_ERROR] = tuning.std_tilt_rad, tuning.std_tilt_rad, tuning.std_heading_rad
+    return x, np.diag(std * std)
+
+
+class MotionModel:
+    """Constant velocities but for the rover's turn, driven by white accelerations; errors that wander.
+
+    The process noise of a step is a cubic in its length, whose coefficients are made once.
+    """
+
+    def __init__(self, tuning: Tuning) -> None:
+        self._tau_vel_s = tuning.tau_vel_uav_s
+        linear, square, cubic = (np.zeros((SIZE, SIZE)) for _ in range(3))
+        for axis in range(3):
+            psd_rover = tuning.psd_acc_rover_m2ps3 if axis < 2 else PSD_CLIMB_M2PS3
+            for pos, vel, psd in ((axis, 3 + axis, tuning.psd_acc_uav_m2ps3), (6 + axis, 9 + axis, psd_rover)):
+                _drive(pos, vel, psd, linear, square, cubic)
+        _drive(YAW, YAW_RATE, PSD_YAW_ACC_R2PS3, linear, square, cubic)
+        stds = (tuning.std_tilt_rad, tuning.std_tilt_rad, tuning.std_heading_rad)
+        for i in range(3):
+            linear[14 + i, 14 + i] = 2.0 * tuning.std_vel_uav_mps**2 / tuning.tau_vel_uav_s
+            linear[17 + i, 17 + i] = 2.0 * stds[i] ** 2 / TAU_ATTITUDE_S
+        self._linear, self._square, self._cubic = linear, square, cubic
+
+    def noise(self, dt_s: float) -> Array:
+        """Covariance that `dt_s` adds."""
+        return self._linear * dt_s + self._square * (dt_s * dt_s) + self._cubic * (dt_s * dt_s * dt_s)
+
+    def step(self, x: Array, dt_s: float) -> tuple[Array, Array]:
+        """State after `dt_s`, and the Jacobian of it."""
+        F = np.eye(SIZE)
+        turn = float(x[YAW_RATE]) * dt_s
+        c, s = cos(turn), sin(turn)
+        F[0, 3] = F[1, 4] = F[2, 5] = F[6, 9] = F[7, 10] = F[8, 11] = F[YAW, YAW_RATE] = dt_s
+        F[9, 9] = F[10, 10] = c
+        F[9, 10], F[10, 9] = -s, s
+        F[11, 11] = exp(-dt_s / TAU_CLIMB_S)
+        F[14, 14] = F[15, 15] = F[16, 16] = exp(-dt_s / self._tau_vel_s)
+        F[17, 17] = F[18, 18] = F[19, 19] = exp(-dt_s / TAU_ATTITUDE_S)
+        after = F @ x
+        F[9, YAW_RATE], F[10, YAW_RATE] = -dt_s * after[10], dt_s * after[9]
+        return after, F
+
+
+def _drive(pos: int, vel: int, psd: float, linear: Array, square: Array, cubic: Array) -> None:
+    """White noise of a density drives the rate `vel` of `pos`."""
+    linear[vel, vel] = psd
+    square[pos, vel] = square[vel, pos] = psd / 2.0
+    cubic[pos, pos] = psd / 3.0

@@ -1,0 +1,78 @@
+"""What the ranges say of themselves: how noisy they are, and which of them took a detour."""
+
+from collections import deque
+from statistics import median
+
+import numpy as np
+
+from jezero.schemas.sensors import Uwb, UwbRange
+
+NS_PER_S = 1_000_000_000
+NOISE_NS = 2 * NS_PER_S
+LINE_NS = NS_PER_S // 2
+LINE_MIN = 5
+QUANTILE, QUANTILE_OF_NORMAL = 0.3, 0.385
+"""A low quantile of the second differences: with a fifth of the ranges too long, half of them are wrong."""
+VARIANCE_OF_DIFFERENCE = 6.0
+NOISE_SAMPLES_MIN = 20
+DETOUR_SIGMAS, DETOUR_MIN_M = 3.0, 0.12
+"""A range so much above the line through its anchor's last ones is dropped; the second is what curvature may do."""
+
+
+class RangeScreen:
+    """Follows the ranges of each anchor for two seconds.
+
+    Attributes:
+        std_m: white noise of a range, 0 before enough of them have come.
+    """
+
+    def __init__(self) -> None:
+        self.std_m = 0.0
+        self._past: dict[int, deque[tuple[int, float]]] = {}
+
+    def clear(self) -> None:
+        self._past.clear()
+        self.std_m = 0.0
+
+    def screen(self, uwb: Uwb, std_m: float) -> tuple[UwbRange, ...]:
+        """The ranges that are no longer than their anchor's last ones let expect.
+
+        Args:
+            std_m: of a range as the filter takes it.
+        """
+        for r in uwb.ranges:
+            past = self._past.setdefault(r.anchor, deque())
+            if past and r.t_ns <= past[-1][0]:
+                continue
+            past.append((r.t_ns, r.range_m))
+            while past[0][0] < r.t_ns - NOISE_NS:
+                past.popleft()
+        self._measure_noise()
+        limit_m = DETOUR_SIGMAS * max(std_m, self.std_m) + DETOUR_MIN_M
+        return tuple(r for r in uwb.ranges if not self._is_detour(r, limit_m))
+
+    def _is_detour(self, r: UwbRange, limit_m: float) -> bool:
+        """Whether an anchor's newest range is too long; late ones are left to the filter's gate."""
+        past = self._past[r.anchor]
+        return past[-1][0] == r.t_ns and _above_line_m(past) > limit_m
+
+    def _measure_noise(self) -> None:
+        """From second differences, which no speed and hardly any acceleration enters."""
+        seconds = [np.diff([r for _, r in past], n=2) for past in self._past.values() if len(past) > 2]
+        if sum(map(len, seconds)) >= NOISE_SAMPLES_MIN:
+            spread_m = float(np.quantile(np.abs(np.concatenate(seconds)), QUANTILE))
+            self.std_m = spread_m / (QUANTILE_OF_NORMAL * VARIANCE_OF_DIFFERENCE**0.5)
+
+
+def _above_line_m(past: deque[tuple[int, float]]) -> float:
+    """How far the newest range is above the line through the last half second; outliers hardly move that line.
+
+    Source: Theil and Sen, the median of the slopes between all pairs.
+    """
+    newest_ns, newest_m = past[-1]
+    recent = [(1e-9 * (t_ns - newest_ns), range_m) for t_ns, range_m in past if t_ns >= newest_ns - LINE_NS]
+    if len(recent) < LINE_MIN:
+        return 0.0
+    slopes = [(r2 - r1) / (t2 - t1) for i, (t2, r2) in enumerate(recent) for t1, r1 in recent[:i]]
+    slope = median(slopes)
+    return newest_m - median(r - slope * t for t, r in recent)

@@ -1,0 +1,366 @@
+"""The estimator as a service: messages to measurements, requests to settings, and the estimate with its reasons."""
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from jezero.frames import Vec3, add, quat_rotate, scale, subtract, wrap_pi, yaw_from_quat
+from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Spec
+from jezero.schemas import sensors, topics
+from jezero.schemas.estimate import Relative, RoverEstimate, TagEstimate
+from jezero.schemas.state import Odometry
+from jezero.services.estimator.attitudes import Attitudes
+from jezero.services.estimator.config import EstimatorConfig
+from jezero.services.estimator.kalman import NS_PER_S
+from jezero.services.estimator.measurements import (
+    AltimeterRange,
+    Kind,
+    Measurement,
+    OdometryFix,
+    RoverMotion,
+    TagFix,
+    UwbRound,
+)
+from jezero.services.estimator.motion import Array
+from jezero.services.estimator.ranging import RangeScreen
+from jezero.services.estimator.relative_filter import Estimate, RelativeFilter
+from jezero.services.estimator.selection import Selection
+
+UPPER_6 = np.triu_indices(6)
+NAMES: dict[Kind, str] = {"rover": "the rover's odometry", "uwb": "UWB", "tag": "the tag"}
+ATTITUDE_AGE_MAX_S = 0.06
+NOISE_MARGIN = 1.5
+"""On the ranges' own noise, for what differs from anchor to anchor and stays."""
+STD_MAX_M = 1e5
+SILENT_PERIOD_NS = 100_000_000
+"""Without odometry the result is told so often, that it isn't valid."""
+ROVER_PERIOD_NS = NS_PER_S // 10
+ZERO: Vec3 = (0.0, 0.0, 0.0)
+
+SPEC = Spec(
+    name="estimator",
+    inputs=(
+        topics.CLOCK,
+        topics.ODOMETRY,
+        topics.UWB,
+        topics.ALTIMETER,
+        topics.ROVER_ODOMETRY,
+        topics.ESTIMATE_TAG,
+    ),
+    outputs=(topics.RELATIVE, topics.ROVER_ESTIMATE),
+    serves=(topics.GET_PARAMETERS, topics.SET_PARAMETERS, topics.LEASE),
+    triggers=(
+        topics.ODOMETRY.name,
+        topics.GET_PARAMETERS.name,
+        topics.SET_PARAMETERS.name,
+        topics.LEASE.name,
+    ),
+    rate_hz=10.0,
+)
+
+
+class _InForce(NamedTuple):
+    """What a change of needs the filter to start anew."""
+
+    use_uwb: bool
+    use_tag: bool
+    rough_ned_m: Vec3 | None
+
+
+class Estimator:
+    """Fuses what the sensors say when odometry arrives, and publishes the result with it."""
+
+    spec = SPEC
+
+    def __init__(self, config: EstimatorConfig) -> None:
+        self._config = config
+        self._selection = Selection(config.tuning)
+        self._filter = RelativeFilter(config.tuning, config.trust)
+        self._attitude = Attitudes(ATTITUDE_AGE_MAX_S)
+        self._screen = RangeScreen()
+        self._epoch_id: int | None = None
+        self._since_ns = 0
+        """Sensors' messages of before belong to another epoch, or another selection."""
+        self._odometry: Odometry | None = None
+        self._rover_heard_ns: int | None = None
+        self._in_force = self._wanted()
+        self._restart_due = True
+        self._published_ns = 0
+        self._rover_published_ns = 0
+        self._dropped = 0
+        self._health = ""
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        """React to what arrived."""
+        self._follow_epoch(t_ns, inbox)
+        yield from self._serve(t_ns, inbox)
+        self._selection.expire(t_ns)
+        self._apply_selection()
+        fresh = self._take_odometry(t_ns, inbox)
+        self._restart_if_due()
+        measurements = [*fresh, *self._measurements(t_ns, inbox)]
+        if measurements:
+            self._filter.add(measurements)
+        reason = self._invalid(t_ns)
+        yield from self._publish(t_ns, bool(fresh), reason)
+        yield from self._report(reason)
+
+    # -- epochs, requests, selection -----------------------------------------------------------------------
+
+    def _follow_epoch(self, t_ns: int, inbox: Inbox) -> None:
+        clock = inbox.latest(topics.CLOCK)
+        if clock is None or clock.epoch_id == self._epoch_id:
+            return
+        if self._epoch_id is not None:
+            self._selection.end_lease()
+            self._start_anew(clock.t_ns)
+        self._epoch_id = clock.epoch_id
+
+    def _start_anew(self, t_ns: int) -> None:
+        self._since_ns = t_ns
+        self._odometry = None
+        self._rover_heard_ns = None
+        self._screen.clear()
+        self._restart_due = True
+
+    def _serve(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        for request in inbox.requests(topics.GET_PARAMETERS):
+            yield Reply(request.request_id, self._selection.get())
+        for request in inbox.requests(topics.SET_PARAMETERS):
+            reply = self._selection.set(request.payload)
+            if reply.accepted:
+                self._filter.tune(self._selection.tuning)
+                self._restart_due |= request.payload.pos_rover_ned_m is not None
+            yield Reply(request.request_id, reply)
+        for request in inbox.requests(topics.LEASE):
+            yield Reply(request.request_id, self._selection.lease(t_ns, request.payload))
+
+    def _wanted(self) -> _InForce:
+        selection = self._selection
+        return _InForce(selection.use_uwb, selection.use_tag, selection.rough_ned_m)
+
+    def _apply_selection(self) -> None:
+        """Start anew when an input is not to be used any more, or another rough position holds."""
+        wanted, before = self._wanted(), self._in_force
+        self._in_force = wanted
+        less = (before.use_uwb and not wanted.use_uwb) or (before.use_tag and not wanted.use_tag)
+        self._restart_due |= less or wanted.rough_ned_m != before.rough_ned_m
+
+    def _restart_if_due(self) -> None:
+        """With the rover's rough position in the frame that the autopilot's resets don't move, which odometry tells."""
+        if not self._restart_due or self._odometry is None:
+            return
+        self._restart_due = False
+        rough_ned_m = self._selection.rough_ned_m
+        if rough_ned_m is None:
+            self._filter.restart()
+        else:
+            rough_m = np.array(subtract(rough_ned_m, self._odometry.reset_offset_ned_m))
+            self._filter.restart((rough_m, self._selection.tuning.std_rover_m))
+
+    # -- messages to measurements --------------------------------------------------------------------------
+
+    def _in_time(self, t_ns: int, measured_ns: int) -> bool:
+        trust = self._config.trust
+        late = measured_ns < max(self._since_ns, t_ns - int(trust.late_max_s * NS_PER_S))
+        if late or measured_ns > t_ns + int(trust.early_max_s * NS_PER_S):
+            self._dropped += 1
+            return False
+        return True
+
+    def _take_odometry(self, t_ns: int, inbox: Inbox) -> list[Measurement]:
+        taken: list[Measurement] = []
+        for odometry in inbox.new(topics.ODOMETRY):
+            if odometry.epoch_id != self._epoch_id or not self._in_time(t_ns, odometry.t_ns):
+                continue
+            if self._odometry is not None and odometry.t_ns <= self._odometry.t_ns:
+                continue
+            reset = self._odometry is not None and odometry.reset_counter != self._odometry.reset_counter
+            self._odometry = odometry
+            self._attitude.add(odometry)
+            pos_m = subtract(odometry.pos_uav_ned_m, odometry.reset_offset_ned_m)
+            taken.append(OdometryFix(odometry.t_ns, np.array(pos_m + odometry.vel_uav_ned_mps), reset))
+        return taken
+
+    def _measurements(self, t_ns: int, inbox: Inbox) -> Iterator[Measurement]:
+        for rover in inbox.new(topics.ROVER_ODOMETRY):
+            if self._in_time(t_ns, rover.t_ns):
+                self._rover_heard_ns = rover.t_ns
+                yield self._rover_motion(rover)
+        for altimeter in inbox.new(topics.ALTIMETER):
+            if altimeter.range_m is not None and self._in_time(t_ns, altimeter.t_ns):
+                yield from self._altimeter_range(altimeter, altimeter.range_m)
+        if self._selection.use_uwb:
+            for uwb in inbox.new(topics.UWB):
+                if uwb.ranges and self._in_time(t_ns, uwb.t_ns):
+                    yield from self._uwb_round(uwb)
+        if self._selection.use_tag:
+            for tag in inbox.new(topics.ESTIMATE_TAG):
+                if self._in_time(t_ns, tag.t_ns):
+                    yield from self._tag_fix(tag)
+
+    def _rover_motion(self, rover: sensors.RoverOdometry) -> RoverMotion:
+        tuning = self._selection.tuning
+        return RoverMotion(
+            rover.t_ns,
+            rover.speed_rover_body_mps,
+            rover.yaw_rover_rad,
+            rover.yaw_rate_rover_rps,
+            tuning.std_speed_rover_mps,
+            tuning.std_yaw_rover_rad,
+            tuning.std_yaw_rate_rover_rps,
+        )
+
+    def _lever(self, t_ns: int, mount_frd_m: Vec3) -> Array | None:
+        """(3,) in NED from the vehicle's position to a mount."""
+        q_ned_from_frd = self._attitude.at(t_ns)
+        if q_ned_from_frd is None:
+            return None
+        x, y, z = quat_rotate(q_ned_from_frd, mount_frd_m)
+        return np.array((x, y, z - self._config.vehicle.height_stand_m))
+
+    def _altimeter_range(self, altimeter: sensors.Altimeter, range_m: float) -> Iterator[Measurement]:
+        lever_m = self._lever(altimeter.t_ns, self._config.vehicle.mount_altimeter_frd_m)
+        q_ned_from_frd = self._attitude.at(altimeter.t_ns)
+        if lever_m is not None and q_ned_from_frd is not None:
+            beam_ned = np.array(quat_rotate(q_ned_from_frd, (0.0, 0.0, 1.0)))
+            half_m = 0.5 * self._config.platform.side_m
+            std_m = self._selection.tuning.std_altimeter_m
+            yield AltimeterRange(altimeter.t_ns, range_m, lever_m, beam_ned, half_m, std_m)
+
+    def _uwb_round(self, uwb: sensors.Uwb) -> Iterator[Measurement]:
+        """The ranges that took no detour, with the noise they show where that is more than the parameter's."""
+        std_m = max(self._selection.tuning.std_uwb_m, NOISE_MARGIN * self._screen.std_m)
+        ranges = self._screen.screen(uwb, std_m)
+        if not ranges:
+            return
+        t_ns = sum(r.t_ns for r in ranges) // len(ranges)
+        lever_m = self._lever(t_ns, self._config.vehicle.mount_uwb_frd_m)
+        if lever_m is not None:
+            yield UwbRound(
+                t_ns,
+                lever_m,
+                np.array([r.pos_anchor_rover_body_m for r in ranges]),
+                np.array([r.range_m for r in ranges]),
+                np.array([(r.t_ns - t_ns) * 1e-9 for r in ranges]),
+                std_m,
+            )
+
+    def _tag_fix(self, tag: TagEstimate) -> Iterator[Measurement]:
+        q_ned_from_frd = self._attitude.at(tag.t_ns)
+        if q_ned_from_frd is None:
+            return
+        arm_m = np.array(tag.pos_uav_rel_rover_ned_m)
+        xx, xy, xz, yy, yz, zz = tag.cov_pos_ned_m2
+        cov_m2 = np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
+        if float(np.linalg.eigvalsh(cov_m2)[0]) < -1e-9:
+            self._dropped += 1
+            return
+        factor = self._selection.tuning.scale_std_tag
+        knows_yaw = tag.yaw_rover_rad is not None and bool(tag.std_yaw_rover_rad)
+        yield TagFix(
+            tag.t_ns,
+            arm_m + np.array((0.0, 0.0, self._config.vehicle.height_stand_m)),
+            arm_m,
+            factor * factor * cov_m2,
+            yaw_from_quat(q_ned_from_frd),
+            tag.yaw_rover_rad if knows_yaw else None,
+            (tag.std_yaw_rover_rad or 1.0) * factor,
+        )
+
+    # -- the result ----------------------------------------------------------------------------------------
+
+    def _publish(self, t_ns: int, fresh: bool, reason: str) -> Iterator[Output]:
+        period_ns = int(NS_PER_S / self._selection.tuning.rate_relative_hz)
+        since_ns = t_ns - self._published_ns
+        if self._epoch_id is None or since_ns < (0.75 * period_ns if fresh else SILENT_PERIOD_NS):
+            return
+        self._published_ns = t_ns
+        estimate = self._filter.estimate
+        yield Publish(topics.RELATIVE, self._relative(t_ns, estimate, reason))
+        odometry = self._odometry
+        if estimate is not None and odometry is not None and t_ns - self._rover_published_ns >= 0.9 * ROVER_PERIOD_NS:
+            self._rover_published_ns = t_ns
+            yield Publish(topics.ROVER_ESTIMATE, self._rover(estimate, odometry, reason))
+
+    def _invalid(self, t_ns: int) -> str:
+        """Why the estimate isn't fit to fly by, or ""."""
+        return next(self._reasons(t_ns), "")
+
+    def _reasons(self, t_ns: int) -> Iterator[str]:
+        trust, selection, found = self._config.trust, self._selection, self._filter
+        if self._odometry is None or t_ns - self._odometry.t_ns > trust.odometry_max_s * NS_PER_S:
+            yield "no odometry of the vehicle"
+        wanted = " and ".join(n for n, use in (("UWB", selection.use_uwb), ("tag", selection.use_tag)) if use)
+        if not wanted:
+            yield "neither UWB nor tag is selected"
+        if not found.located:
+            missing = "" if self._rover_heard_ns is not None else "; the rover's odometry is missing"
+            yield f"the rover has not been found yet by {wanted}{missing}"
+        if found.std_pos_m > trust.std_valid_m:
+            yield f"the rover's position is known to {found.std_pos_m:.1f} m only"
+        if found.fused_ns == 0:
+            yield f"nothing measured by {wanted} yet"
+        silent_s = (t_ns - found.fused_ns) / NS_PER_S
+        if silent_s > trust.silent_max_s:
+            yield f"nothing measured by {wanted} for {silent_s:.0f} s"
+        if found.rivals:
+            yield "UWB and tag contradict each other"
+        if found.contradicted:
+            yield f"the estimate is contradicted by {' and '.join(NAMES[kind] for kind in found.contradicted)}"
+
+    def _relative(self, t_ns: int, estimate: Estimate | None, reason: str) -> Relative:
+        selection, located = self._selection, self._filter.located
+        known = estimate if located else None
+        std_m2 = STD_MAX_M * STD_MAX_M
+        unknown = tuple(std_m2 if row == column else 0.0 for row, column in zip(*UPPER_6, strict=True))
+        return Relative(
+            t_ns=t_ns if estimate is None else estimate.t_ns,
+            epoch_id=self._epoch_id or 0,
+            valid=not reason,
+            reason=reason,
+            pos_uav_rel_rover_ned_m=ZERO if known is None else _vec3(known.pos_rel_m),
+            vel_uav_rel_rover_ned_mps=ZERO if known is None else _vec3(known.vel_rel_mps),
+            cov=unknown if known is None else tuple(known.cov[UPPER_6].tolist()),
+            vel_rover_ned_mps=ZERO if estimate is None else _vec3(estimate.vel_rover_mps),
+            yaw_rover_rad=0.0 if estimate is None else wrap_pi(estimate.yaw_rover_rad),
+            yaw_rate_rover_rps=0.0 if estimate is None else estimate.yaw_rate_rover_rps,
+            use_uwb=selection.use_uwb,
+            use_tag=selection.use_tag,
+            inputs=self._filter.inputs,
+            fused_t_ns=self._filter.fused_ns,
+            goal_id=selection.goal_id,
+            parameters_version=selection.version,
+        )
+
+    def _rover(self, estimate: Estimate, odometry: Odometry, reason: str) -> RoverEstimate:
+        """The rover's place from the vehicle's, in the odometry's own frame: whoever flies by one has the other."""
+        age_s = (estimate.t_ns - odometry.t_ns) / NS_PER_S
+        pos_uav_m = add(odometry.pos_uav_ned_m, scale(odometry.vel_uav_ned_mps, age_s))
+        located = self._filter.located
+        return RoverEstimate(
+            t_ns=estimate.t_ns,
+            epoch_id=odometry.epoch_id,
+            valid=not reason,
+            reason=reason,
+            pos_rover_ned_m=subtract(pos_uav_m, _vec3(estimate.pos_rel_m)) if located else ZERO,
+            vel_rover_ned_mps=_vec3(estimate.vel_rover_mps),
+            yaw_rover_rad=wrap_pi(estimate.yaw_rover_rad),
+            std_pos_m=min(self._filter.std_pos_m, STD_MAX_M),
+            reset_offset_ned_m=odometry.reset_offset_ned_m,
+        )
+
+    def _report(self, reason: str) -> Iterable[Output]:
+        missing = "the vehicle's clock" if self._epoch_id is None else "odometry" if self._odometry is None else ""
+        text = f"waiting for {missing}" if missing else reason or "the rover is found"
+        if self._dropped:
+            text += f"; {self._dropped} measurements dropped: too late, too early or impossible"
+        if text != self._health:
+            self._health = text
+            yield Health("degraded" if missing or self._filter.contradicted else "ok", text)
+
+
+def _vec3(v: Array) -> Vec3:
+    x, y, z = v.tolist()
+    return (x, y, z)

@@ -1,0 +1,46 @@
+"""From pixels to the corners of tags."""
+
+from typing import Any
+
+import cv2
+import numpy as np
+from pupil_apriltags import Detector
+
+from jezero.schemas.sensors import CameraFrame, CornersOfTag
+from jezero.services.estimator.tag_detector.config import TagDetectorConfig
+
+HALF_PIXEL = 0.5
+"""The library counts from the first pixel's edge, the picture from its middle."""
+IN_PICTURE_ORDER = (1, 0, 3, 2)
+"""The library's corners, sorted to: top left, top right, bottom right, bottom left."""
+
+
+class _Detector(Detector):  # type: ignore[misc]
+    """The library's detector, which is never freed: it frees its parts in the wrong order and crashes."""
+
+    def __del__(self) -> None: ...
+
+
+class Finder:
+    """AprilTags of the family 36h11, by the AprilTag 3 library."""
+
+    def __init__(self, config: TagDetectorConfig) -> None:
+        self._config = config
+        self._detector = _Detector(families="tag36h11", nthreads=1, quad_decimate=config.decimate)
+
+    def find(self, frame: CameraFrame) -> tuple[CornersOfTag, ...]:
+        """All tags that are wholly in the picture, of whatever board."""
+        pixels = np.frombuffer(frame.pixels, np.uint8).reshape(frame.height_px, frame.width_px, 3)
+        found = self._detector.detect(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY))
+        return tuple(tag for each in found if (tag := self._tag(each, frame)) is not None)
+
+    def _tag(self, found: Any, frame: CameraFrame) -> CornersOfTag | None:
+        if found.hamming > 0 or found.decision_margin < self._config.margin_min:
+            return None
+        corners_px = found.corners - HALF_PIXEL
+        low = self._config.border_px
+        high = np.array((frame.width_px - 1 - low, frame.height_px - 1 - low))
+        if (corners_px < low).any() or (corners_px > high).any():
+            return None
+        first, second, third, fourth = ((float(corners_px[i][0]), float(corners_px[i][1])) for i in IN_PICTURE_ORDER)
+        return CornersOfTag(tag_id=int(found.tag_id), corners_px=(first, second, third, fourth))

@@ -1,0 +1,140 @@
+"""The tag detector: the newest picture in, one relative position out."""
+
+from collections.abc import Iterable, Sequence
+from math import pi, sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jezero.frames import Vec3
+from jezero.runtime.service import Health, Inbox, Output, Publish, Spec
+from jezero.schemas import topics
+from jezero.schemas.estimate import TagEstimate
+from jezero.schemas.landing_board import LANDING_BOARD
+from jezero.schemas.sensors import CameraFrame, CornersOfTag
+from jezero.services.estimator.attitudes import Attitudes
+from jezero.services.estimator.tag_detector.config import TagDetectorConfig
+from jezero.services.estimator.tag_detector.pose import Array, Pose, View, make_view, solve
+
+if TYPE_CHECKING:
+    from jezero.services.estimator.tag_detector.finder import Finder
+
+NS_PER_S = 1_000_000_000
+CORNERS_ROVER_BODY_M = {tag.tag_id: np.array(tag.corners_rover_body_m) for tag in LANDING_BOARD}
+SILENT_S = 2.0
+
+SPEC = Spec(
+    name="tag_detector",
+    inputs=(topics.CAMERA, topics.CAMERA_INFO, topics.TAG_CORNERS, topics.ODOMETRY),
+    outputs=(topics.ESTIMATE_TAG,),
+    triggers=(topics.CAMERA.name, topics.TAG_CORNERS.name),
+    rate_hz=5.0,
+)
+
+
+class TagDetector:
+    """Only tags of the landing board count, at the attitude that the vehicle had when the picture was taken."""
+
+    spec = SPEC
+
+    def __init__(self, config: TagDetectorConfig) -> None:
+        self._config = config
+        self._finder: Finder | None = None
+        self._attitudes = Attitudes(config.attitude_age_max_s)
+        self._seen_ns = -NS_PER_S
+        self._picture_ns = -NS_PER_S
+        self._health = ""
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        """Look at the newest picture, if there is a new one."""
+        for odometry in inbox.new(topics.ODOMETRY):
+            self._attitudes.add(odometry)
+        frames, corners = inbox.new(topics.CAMERA), inbox.new(topics.TAG_CORNERS)
+        if frames:
+            frame = frames[-1]
+            yield from self._estimate(t_ns, frame.t_ns, frame.pitch_camera_rad, self._find(frame), inbox)
+        elif corners:
+            newest = corners[-1]
+            yield from self._estimate(t_ns, newest.t_ns, newest.pitch_camera_rad, newest.tags, inbox)
+        yield from self._tell(t_ns, inbox)
+
+    def _find(self, frame: CameraFrame) -> tuple[CornersOfTag, ...]:
+        """The first picture loads the libraries that pictures need."""
+        from jezero.services.estimator.tag_detector.finder import Finder
+
+        if self._finder is None:
+            self._finder = Finder(self._config)
+        return self._finder.find(frame)
+
+    def _estimate(
+        self, t_ns: int, exposed_ns: int, pitch_camera_rad: float, tags: Sequence[CornersOfTag], inbox: Inbox
+    ) -> Iterable[Output]:
+        self._picture_ns = t_ns
+        info, q_ned_from_frd = inbox.latest(topics.CAMERA_INFO), self._attitudes.at(exposed_ns)
+        if info is None or q_ned_from_frd is None:
+            return
+        view = make_view(info.focal_px, info.center_px, info.pos_camera_frd_m, pitch_camera_rad, q_ned_from_frd)
+        solution = locate(tags, view, self._config)
+        if solution is None:
+            return
+        self._seen_ns = t_ns
+        yield Publish(topics.ESTIMATE_TAG, _message(exposed_ns, solution, view, self._config))
+
+    def _tell(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        if t_ns - self._picture_ns > SILENT_S * NS_PER_S:
+            text = "no pictures: is the camera running?"
+        elif inbox.latest(topics.CAMERA_INFO) is None:
+            text = "no camera/info: the pictures can't be measured"
+        elif t_ns - self._seen_ns > SILENT_S * NS_PER_S:
+            text = "pictures, but no landing tag in view"
+        else:
+            text = "sees the landing board"
+        if text != self._health:
+            self._health = text
+            yield Health("degraded" if text.startswith("no ") else "ok", text)
+
+
+def locate(tags: Sequence[CornersOfTag], view: View, config: TagDetectorConfig) -> tuple[tuple[int, ...], Pose] | None:
+    """Ids of the tags that agree, and the pose they tell; tags of other boards are ignored.
+
+    When the corners don't fit one pose, the tag that fits worst is left out, until they do.
+    """
+    known = [tag for tag in tags if tag.tag_id in CORNERS_ROVER_BODY_M]
+    while known:
+        points_m = np.concatenate([CORNERS_ROVER_BODY_M[tag.tag_id] for tag in known])
+        corners_px: Array = np.array([corner for tag in known for corner in tag.corners_px])
+        pose = solve(points_m, corners_px, view)
+        if pose is not None and _rms(pose.residuals_px) <= config.reprojection_max_px:
+            return tuple(tag.tag_id for tag in known), pose
+        if pose is None or len(known) == 1:
+            return None
+        worst = int(np.argmax([_rms(pose.residuals_px[4 * i : 4 * i + 4]) for i in range(len(known))]))
+        del known[worst]
+    return None
+
+
+def _rms(residuals_px: Array) -> float:
+    return sqrt(float(np.mean(np.sum(residuals_px**2, axis=1))))
+
+
+def _message(
+    exposed_ns: int, solution: tuple[tuple[int, ...], Pose], view: View, config: TagDetectorConfig
+) -> TagEstimate:
+    tag_ids, pose = solution
+    pos_camera_m = pose.pos_uav_rel_rover_ned_m + view.pos_camera_uav_ned_m
+    range_m = float(np.linalg.norm(pos_camera_m))
+    cov = config.std_corner_px**2 * pose.inverse_normal
+    common_m = config.std_common_px / view.focal_px * range_m
+    cov[:3, :3] += common_m**2 * np.eye(3)
+    n, e, d = (float(value) for value in pose.pos_uav_rel_rover_ned_m)
+    pos_uav_rel_rover_ned_m: Vec3 = (n, e, d)
+    return TagEstimate(
+        t_ns=exposed_ns,
+        tag_ids=tag_ids[:8],
+        pos_uav_rel_rover_ned_m=pos_uav_rel_rover_ned_m,
+        cov_pos_ned_m2=tuple(float(cov[i, j]) for i in range(3) for j in range(i, 3)),  # type: ignore[arg-type]
+        range_m=range_m,
+        yaw_rover_rad=max(-pi, min(pi, pose.yaw_rover_rad)),
+        std_yaw_rover_rad=sqrt(float(cov[3, 3])),
+        reprojection_px=_rms(pose.residuals_px),
+    )

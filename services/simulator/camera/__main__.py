@@ -1,0 +1,35 @@
+"""`python -m jezero.services.simulator.camera`: the ventral camera as a process."""
+
+import argparse
+import sys
+from collections.abc import Mapping
+
+from jezero.runtime.config import ConfigError, Instance, load_config
+from jezero.runtime.links import SocketLink
+from jezero.runtime.service import Service
+from jezero.runtime.zenoh_bus import run_process
+from jezero.services.simulator.camera.config import CameraConfig
+from jezero.services.simulator.camera.making import make_camera
+from jezero.services.simulator.camera.service import NoEglError
+from jezero.services.simulator.config import SimulatorConfig
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="jezero.services.simulator.camera", description="The ventral camera.")
+    parser.add_argument("--seed", type=int, default=1, help="of the pictures' noise (default 1)")
+    seed = parser.parse_args().seed
+
+    def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
+        config, simulator = load_config(CameraConfig, "camera"), load_config(SimulatorConfig, "simulator")
+        try:
+            camera = make_camera(config, simulator, seed)
+        except NoEglError as error:
+            raise ConfigError(f'camera.toml says renderer = "egl", but there is {error}') from None
+        print(f"camera: {camera.description}")
+        return camera, {}
+
+    return run_process("camera", build)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,111 @@
+"""What a tag detector would find in a picture that nobody has rendered."""
+
+from math import exp
+
+import numpy as np
+import numpy.typing as npt
+
+from jezero.frames import rotate_yaw, subtract
+from jezero.schemas.landing_board import CELLS, LANDING_BOARD
+from jezero.schemas.sensors import CameraInfo, CornersOfTag
+from jezero.services.simulator.camera.config import ProjectionConfig
+from jezero.services.simulator.camera.sun import shadow_of
+from jezero.services.simulator.camera.view import Array, View, on_rover, project
+
+Indices = npt.NDArray[np.int64]
+CORNERS_M: Array = np.array([tag.corners_rover_body_m for tag in LANDING_BOARD])
+"""(N, 4, 3)"""
+MIDDLES_M: Array = CORNERS_M.mean(axis=1, keepdims=True)
+HALF_SIDES_M: Array = np.array([0.5 * tag.side_m for tag in LANDING_BOARD])
+MARGINS_M: Array = MIDDLES_M + (CELLS + 2) / CELLS * (CORNERS_M - MIDDLES_M)
+"""(N, 4, 3) corners of the white margins: without them a tag is not found."""
+
+
+def tags_in_picture(view: View, info: CameraInfo) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Corners of all tags of the board, and which tags are in the picture with their whole margin.
+
+    Returns:
+        (N, 4, 2) pixels and (N,) truth values; seen from below, a tag is not in the picture.
+    """
+    relative = on_rover(view)
+    corners_px = project(CORNERS_M, relative, info)
+    margins_px = project(MARGINS_M, relative, info)
+    limit_px = np.array((info.width_px - 0.5, info.height_px - 0.5))
+    if relative.pos_camera_ned_m[2] >= 0.0:
+        return corners_px, np.zeros(len(corners_px), dtype=np.bool_)
+    within = (margins_px > -0.5) & (margins_px < limit_px)
+    return corners_px, np.logical_and.reduce(within, axis=(1, 2))
+
+
+def detect(
+    views: tuple[View, View, View], info: CameraInfo, config: ProjectionConfig, rng: np.random.Generator
+) -> tuple[CornersOfTag, ...]:
+    """Tags as found, with the detector's errors.
+
+    Args:
+        views: at the exposure's begin, middle and end.
+    """
+    corners_px, inside = tags_in_picture(views[1], info)
+    if not inside.any():
+        return ()
+    kept = np.flatnonzero(inside)
+    corners_px = corners_px[kept]
+    blurs_px, sizes_px = blurs(kept, views, info), sizes(corners_px)
+    dark = in_shadow(kept, views[1], config.radius_shadow_m)
+    found = []
+    for i, index in enumerate(kept.tolist()):
+        blur_px, size_px = float(blurs_px[i]), float(sizes_px[i])
+        if rng.random() < probability_found(size_px, blur_px, bool(dark[i]), config):
+            noisy_px = _with_errors(corners_px[i], size_px, blur_px, config, rng)
+            (ax, ay), (bx, by), (cx, cy), (dx, dy) = noisy_px.tolist()
+            quad = ((ax, ay), (bx, by), (cx, cy), (dx, dy))
+            found.append(CornersOfTag(tag_id=LANDING_BOARD[index].tag_id, corners_px=quad))
+    return tuple(found)
+
+
+def blurs(tags: Indices, views: tuple[View, View, View], info: CameraInfo) -> Array:
+    """Pixels by which the middles of some tags move from the first view to the last."""
+    middles_m = MIDDLES_M[tags, 0]
+    path_px = project(middles_m, on_rover(views[2]), info) - project(middles_m, on_rover(views[0]), info)
+    result: Array = np.hypot(path_px[:, 0], path_px[:, 1])
+    return result
+
+
+def in_shadow(tags: Indices, view: View, radius_m: float) -> npt.NDArray[np.bool_]:
+    """Which tags the vehicle's shadow touches; the vehicle is where its camera is."""
+    shadow_ned_m = shadow_of(view.pos_camera_ned_m, view.pos_rover_ned_m[2])
+    north_m, east_m, _ = rotate_yaw(subtract(shadow_ned_m, view.pos_rover_ned_m), -view.yaw_rover_rad)
+    away_m = MIDDLES_M[tags, 0, :2] - np.array((north_m, east_m))
+    reach_m = radius_m + HALF_SIDES_M[tags]
+    touched: npt.NDArray[np.bool_] = np.hypot(away_m[:, 0], away_m[:, 1]) < reach_m
+    return touched
+
+
+def sizes(corners_px: Array) -> Array:
+    """Roots of the areas of (N, 4, 2) quadrilaterals."""
+    a, b = corners_px[:, 2] - corners_px[:, 0], corners_px[:, 3] - corners_px[:, 1]
+    result: Array = np.sqrt(0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
+    return result
+
+
+def probability_found(size_px: float, blur_px: float, dark: bool, config: ProjectionConfig) -> float:
+    """A logistic function of the tag's size, lower where shadows cross the tag."""
+    half_px = config.size_half_px + config.size_per_blur * blur_px
+    share = config.share_in_shadow if dark else 1.0
+    return share / (1.0 + exp(min(50.0, (half_px - size_px) / config.size_width_px)))
+
+
+def _with_errors(
+    corners_px: Array, size_px: float, blur_px: float, config: ProjectionConfig, rng: np.random.Generator
+) -> Array:
+    """Errors of each corner, of all corners together, and of the size."""
+    blur2 = blur_px * blur_px
+    std_corner_px = config.std_corner_px + config.std_corner_per_blur2 * blur2
+    std_shift_px = config.std_shift_px + config.std_shift_per_blur2 * blur2
+    std_size_px = config.std_size_px + config.std_size_per_blur2 * blur2
+    middle_px = corners_px.mean(axis=0)
+    errors = rng.standard_normal(11)
+    scale = 1.0 + (std_size_px * errors[10] - config.shrinks_per_blur2 * blur2) / size_px
+    result: Array = middle_px + scale * (corners_px - middle_px)
+    result += std_shift_px * errors[8:10] + std_corner_px * errors[:8].reshape(4, 2)
+    return result

@@ -1,0 +1,44 @@
+"""The camera's pitch axis."""
+
+from collections.abc import Iterable
+
+from jezero.schemas.commands import CameraPitch
+from jezero.services.simulator.camera.config import CameraConfig
+
+NS_PER_S = 1_000_000_000
+AGE_MAX_NS = 300_000_000
+LEAD_MAX_NS = 50_000_000
+
+
+class Gimbal:
+    """Follows the newest command at a bounded rate; returns to rest when nobody commands any more.
+
+    Attributes:
+        pitch_rad, rate_rps: as of the last `move`.
+    """
+
+    def __init__(self, config: CameraConfig) -> None:
+        self._config = config
+        self._command: CameraPitch | None = None
+        self._moved_ns: int | None = None
+        self.pitch_rad = config.pitch_rest_rad
+        self.rate_rps = 0.0
+
+    def take(self, t_ns: int, commands: Iterable[CameraPitch]) -> None:
+        """Commands that arrived; those that are older than 0.3 s, or than the present one, change nothing."""
+        for command in commands:
+            newer = self._command is None or command.t_ns >= self._command.t_ns
+            if newer and -LEAD_MAX_NS <= t_ns - command.t_ns <= AGE_MAX_NS:
+                self._command = command
+
+    def move(self, t_ns: int) -> None:
+        """Go on to a later time; an earlier one (the clock has started anew) leaves the axis where it is."""
+        if self._command is not None and abs(t_ns - self._command.t_ns) > self._config.hold_pitch_s * NS_PER_S:
+            self._command = None
+        wanted_rad = self._config.pitch_rest_rad if self._command is None else self._command.pitch_camera_rad
+        dt_s = 0.0 if self._moved_ns is None else max(0, t_ns - self._moved_ns) / NS_PER_S
+        self._moved_ns = t_ns
+        reach_rad = self._config.pitch_rate_max_rps * dt_s
+        before_rad = self.pitch_rad
+        self.pitch_rad += min(reach_rad, max(-reach_rad, wanted_rad - before_rad))
+        self.rate_rps = (self.pitch_rad - before_rad) / dt_s if dt_s > 0.0 else 0.0

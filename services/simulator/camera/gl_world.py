@@ -1,0 +1,171 @@
+"""The simulated world in OpenGL: ground, rocks, rover and the shadows of all that stands on the ground."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import moderngl
+import numpy as np
+import numpy.typing as npt
+
+from jezero.frames import Vec3
+from jezero.services.simulator.camera.board import board_picture
+from jezero.services.simulator.camera.gl_ground import make_ground_mesh
+from jezero.services.simulator.camera.gl_matrices import clip_from_sun
+from jezero.services.simulator.camera.ground import FINE_SIDE_M, SIDE_M, ground_textures
+from jezero.services.simulator.camera.meshes import Mesh, rocks_mesh, rover_mesh, uav_mesh
+from jezero.services.simulator.camera.sun import TO_SUN_NED
+from jezero.services.simulator.camera.view import Array
+from jezero.services.simulator.config import SimulatorConfig
+from jezero.services.simulator.terrain import make_terrain
+
+SHADERS = Path(__file__).with_name("shaders")
+SHADOW_TEXELS = 1024
+SHADOW_DEPTH_M = 25.0
+SHADOW_BIAS_TEXELS = 2.0
+"""A surface shall not lie in the shadow of its own neighbourhood."""
+HAZE_PER_M = 1.0 / 900.0
+FINE_AGAIN = 4.7
+"""The fine texture repeats once more at so much smaller a scale."""
+COARSE_UNIT, FINE_UNIT, BOARD_UNIT, SHADOW_UNIT = range(4)
+
+
+class Body(NamedTuple):
+    """One mesh, as it is seen and as it throws its shadow."""
+
+    seen: moderngl.VertexArray
+    dark: moderngl.VertexArray
+
+
+class Placed(NamedTuple):
+    """Where rover and vehicle are: None leaves them out."""
+
+    ned_from_rover: Array | None
+    ned_from_uav: Array | None
+
+
+class GlWorld:
+    """Textures, meshes and programs in one context."""
+
+    def __init__(self, gl: moderngl.Context, config: SimulatorConfig) -> None:
+        self._gl = gl
+        self._kept: list[moderngl.Texture] = []
+        terrain = make_terrain(config.terrain)
+        self._make_programs(config.rover.platform_side_m)
+        textures = ground_textures(config.terrain)
+        self._texture(textures.coarse, COARSE_UNIT)
+        self._texture(textures.fine, FINE_UNIT)
+        self._texture(board_picture(config.rover.platform_side_m), BOARD_UNIT)
+        self._shadow_map = gl.depth_texture((SHADOW_TEXELS, SHADOW_TEXELS))
+        self._shadow_map.compare_func = "<="
+        self._shadow_map.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        self._shadow_target = gl.framebuffer(depth_attachment=self._shadow_map)
+        self.ground = make_ground_mesh(terrain)
+        vertices, indices = gl.buffer(self.ground.vertices.tobytes()), gl.buffer(self.ground.indices.tobytes())
+        layout = [(vertices, "3f 3f", "in_position", "in_normal")]
+        self._ground = gl.vertex_array(self._ground_program, layout, indices)
+        rocks = rocks_mesh(terrain)
+        self._rocks = self._body(rocks, self._rock_program) if len(rocks) else None
+        self._rover = self._body(rover_mesh(config.rover), self._body_program)
+        self._board = self._body(_top(config.rover.platform_side_m), self._board_program)
+        self._uav = self._body(uav_mesh(config.uav), self._body_program)
+
+    # -- building --
+
+    def program(self, vertex: str, fragment: str) -> moderngl.Program:
+        """A program from two files of the folder with the shaders."""
+        light = (SHADERS / "light.glsl").read_text()
+        sources = [(SHADERS / name).read_text().replace("#include light.glsl", light) for name in (vertex, fragment)]
+        return self._gl.program(vertex_shader=sources[0], fragment_shader=sources[1])
+
+    def _make_programs(self, side_platform_m: float) -> None:
+        self._ground_program = self.program("ground.vert", "ground.frag")
+        self._body_program = self.program("body.vert", "body.frag")
+        self._rock_program = self.program("body.vert", "rock.frag")
+        self._board_program = self.program("body.vert", "board.frag")
+        self._shadow_program = self.program("shadow.vert", "shadow.frag")
+        self._lit = (self._ground_program, self._body_program, self._rock_program, self._board_program)
+        for program in self._lit:
+            program["to_sun"] = TO_SUN_NED
+            program["shadow_map"] = SHADOW_UNIT
+        self._ground_program["coarse"] = COARSE_UNIT
+        self._ground_program["fine"] = FINE_UNIT
+        self._ground_program["coarse_per_m"] = 1.0 / SIDE_M
+        self._ground_program["fine_per_m"] = (1.0 / FINE_SIDE_M, FINE_AGAIN / FINE_SIDE_M)
+        self._rock_program["fine"] = FINE_UNIT
+        self._board_program["board"] = BOARD_UNIT
+        self._board_program["side"] = side_platform_m
+
+    def _texture(self, picture: npt.NDArray[np.uint8], unit: int) -> None:
+        rows, columns, channels = picture.shape
+        texture = self._gl.texture((columns, rows), channels, np.ascontiguousarray(picture).tobytes(), alignment=1)
+        texture.build_mipmaps()
+        smooth = unit == BOARD_UNIT  # the ground is the dearest part of a picture, and hides the steps
+        texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR if smooth else moderngl.LINEAR_MIPMAP_NEAREST, moderngl.LINEAR)
+        texture.use(unit)
+        self._kept.append(texture)
+
+    def _body(self, mesh: Mesh, program: moderngl.Program) -> Body:
+        corners = self._gl.buffer(mesh.tobytes())
+        names = ["in_position", "in_normal", "in_colour"]
+        used = [name for name in names if name in program]
+        layout = "3f " * len(used) + ("12x " * (3 - len(used)))
+        seen = self._gl.vertex_array(program, [(corners, layout.strip(), *used)])
+        dark = self._gl.vertex_array(self._shadow_program, [(corners, "3f 24x", "in_position")])
+        return Body(seen, dark)
+
+    # -- drawing --
+
+    def cast_shadows(self, middle_ned_m: Vec3, reach_m: float, placed: Placed) -> None:
+        """Make the shadows on the ground within `reach_m` of a point; there are none beyond."""
+        depth_m = reach_m + SHADOW_DEPTH_M
+        bias_m = SHADOW_BIAS_TEXELS * 2.0 * reach_m / SHADOW_TEXELS
+        matrix = clip_from_sun(TO_SUN_NED, middle_ned_m, reach_m, depth_m)
+        program = self._shadow_program
+        self._shadow_target.use()
+        self._shadow_target.clear(depth=1.0)
+        put(program["clip_from_ned"], matrix)
+        casters = [(self._rocks, np.eye(4)), (self._rover, placed.ned_from_rover), (self._uav, placed.ned_from_uav)]
+        for body, pose in casters:
+            if body is not None and pose is not None:
+                put(program["ned_from_body"], pose)
+                body.dark.render(moderngl.TRIANGLES)
+        self._shadow_map.use(SHADOW_UNIT)
+        for lit in self._lit:
+            put(lit["shadow_from_ned"], matrix)
+            lit["shadow_bias"] = bias_m / (2.0 * depth_m)
+
+    def draw(self, clip_from_ned: Array, eye_ned_m: Vec3, pieces: list[int], placed: Placed, haze_per_m: float) -> None:
+        """Draw all but the sky, what is nearest first. The vehicle itself is not drawn: its camera never sees it.
+
+        Args:
+            pieces: of the ground.
+        """
+        for program in self._lit:
+            put(program["clip_from_ned"], clip_from_ned)
+            program["eye"] = eye_ned_m
+            program["haze_per_m"] = haze_per_m
+        if placed.ned_from_rover is not None:
+            put(self._board_program["ned_from_body"], placed.ned_from_rover)
+            self._board.seen.render(moderngl.TRIANGLE_STRIP)
+            put(self._body_program["ned_from_body"], placed.ned_from_rover)
+            self._rover.seen.render(moderngl.TRIANGLES)
+        if self._rocks is not None:
+            put(self._rock_program["ned_from_body"], np.eye(4))
+            self._rocks.seen.render(moderngl.TRIANGLES)
+        length = self.ground.piece_length
+        for piece in pieces:
+            self._ground.render(moderngl.TRIANGLES, vertices=length, first=piece * length)
+        apron = self.ground.apron_length
+        self._ground.render(moderngl.TRIANGLES, vertices=apron, first=len(self.ground.indices) - apron)
+
+
+def put(uniform: Any, matrix: Array) -> None:
+    """Set a matrix; OpenGL keeps its columns one after the other."""
+    uniform.write(np.ascontiguousarray(matrix.T, dtype=np.float32).tobytes())
+
+
+def _top(side_m: float) -> Mesh:
+    """The platform's upper face as a strip of two triangles."""
+    half_m = 0.5 * side_m
+    corners = ((half_m, -half_m), (half_m, half_m), (-half_m, -half_m), (-half_m, half_m))
+    return np.array([(a, b, 0.0, 0.0, 0.0, -1.0, 1.0, 1.0, 1.0) for a, b in corners], dtype=np.float32)

@@ -1,0 +1,41 @@
+"""The camera with the renderer that its settings ask for."""
+
+import msgspec
+
+from jezero.services.simulator.camera.config import CameraConfig
+from jezero.services.simulator.camera.service import Camera, NoEglError, Renderer
+from jezero.services.simulator.config import SimulatorConfig
+from jezero.services.simulator.noise import generator
+
+
+def make_camera(config: CameraConfig, simulator: SimulatorConfig, seed: int) -> Camera:
+    """A camera in the world that the simulator's settings describe.
+
+    Raises:
+        NoEglError: `renderer` is "egl", and there is none.
+    """
+    renderer = make_renderer(config, simulator, seed) if config.mode == "rendered" else None
+    if renderer is not None and renderer.rate_max_hz < config.rate_hz:
+        config = msgspec.structs.replace(config, rate_hz=renderer.rate_max_hz)
+    return Camera(config, renderer, seed)
+
+
+def make_renderer(config: CameraConfig, simulator: SimulatorConfig, seed: int) -> Renderer:
+    """The renderer that the settings ask for; each one's libraries are imported only where it is used.
+
+    Raises:
+        NoEglError: `renderer` is "egl", and there is none.
+    """
+    from jezero.services.simulator.camera.egl_renderer import EglRenderer
+    from jezero.services.simulator.camera.exposure import PixelNoise
+
+    noise = PixelNoise(config.std_pixel, generator(seed, "pixels"))
+    if config.renderer != "tiny":
+        try:
+            return EglRenderer(simulator, config.info(0), noise)
+        except NoEglError:
+            if config.renderer == "egl":
+                raise
+    from jezero.services.simulator.camera.tiny_renderer import TinyRenderer
+
+    return TinyRenderer(simulator, config.info(0), noise)

@@ -1,0 +1,133 @@
+"""The camera: takes a picture of each scene that the simulator describes, or projects the tags in it."""
+
+from collections import deque
+from collections.abc import Iterable
+from typing import Protocol
+
+from jezero.runtime.service import Health, Inbox, Output, Publish, Spec
+from jezero.schemas import topics
+from jezero.schemas.sensors import CameraFrame, TagCorners
+from jezero.schemas.state import Scene
+from jezero.services.simulator.camera.config import CameraConfig
+from jezero.services.simulator.camera.detections import detect
+from jezero.services.simulator.camera.gimbal import Gimbal
+from jezero.services.simulator.camera.view import View, view_of
+from jezero.services.simulator.noise import generator
+
+NS_PER_S = 1_000_000_000
+INFO_PERIOD_NS = NS_PER_S
+
+SPEC = Spec(
+    name="camera",
+    inputs=(topics.SCENE, topics.CAMERA_PITCH),
+    outputs=(topics.CAMERA, topics.CAMERA_INFO, topics.TAG_CORNERS),
+    triggers=(topics.SCENE.name,),
+    rate_hz=100.0,
+)
+
+
+class NoEglError(RuntimeError):
+    """There is no OpenGL on EGL; the text says what is missing."""
+
+
+class Renderer(Protocol):
+    """Makes pictures of the simulated world.
+
+    Attributes:
+        description: what it is, for people.
+        rate_max_hz: pictures per second that it can be asked for.
+    """
+
+    @property
+    def description(self) -> str: ...
+    @property
+    def rate_max_hz(self) -> float: ...
+
+    def picture(self, scene: Scene, views: tuple[View, View, View]) -> bytes:
+        """Rows from the top, three bytes red, green, blue each.
+
+        Args:
+            views: at the exposure's begin, middle and end.
+        """
+
+
+class Camera:
+    """One picture, or one list of tags, per exposure, as late as a real camera's.
+
+    Args:
+        renderer: None in mode "projected".
+        seed: of the noise.
+
+    Attributes:
+        description: how it sees, for people.
+    """
+
+    spec = SPEC
+
+    def __init__(self, config: CameraConfig, renderer: Renderer | None, seed: int) -> None:
+        self._config = config
+        self._renderer = renderer
+        self._rng = generator(seed, "camera")
+        self._gimbal = Gimbal(config)
+        self._waiting: deque[tuple[int, Publish]] = deque()
+        self._epoch_id: int | None = None
+        self._sequence = 0
+        self._next_exposure_ns = 0
+        self._next_info_ns = 0
+        self._said = False
+        self.description = "projecting the tags" if renderer is None else renderer.description
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        """Take the picture of a new scene; publish what has become due."""
+        if not self._said:
+            self._said = True
+            yield Health("ok", self.description)
+        self._gimbal.take(t_ns, inbox.new(topics.CAMERA_PITCH))
+        scenes = inbox.new(topics.SCENE)
+        if scenes:
+            self._expose(scenes[-1])
+        while self._waiting and self._waiting[0][0] <= t_ns:
+            yield self._waiting.popleft()[1]
+        if t_ns >= self._next_info_ns or self._next_info_ns > t_ns + INFO_PERIOD_NS:
+            self._next_info_ns = t_ns + INFO_PERIOD_NS
+            yield Publish(topics.CAMERA_INFO, self._config.info(t_ns))
+
+    def _expose(self, scene: Scene) -> None:
+        if scene.epoch_id != self._epoch_id:
+            self._epoch_id = scene.epoch_id
+            self._waiting.clear()
+            self._next_exposure_ns = 0
+        self._gimbal.move(scene.t_ns)
+        period_ns = int(NS_PER_S / self._config.rate_hz)
+        if scene.t_ns < self._next_exposure_ns - period_ns // 10:
+            return
+        self._next_exposure_ns = max(self._next_exposure_ns + period_ns, scene.t_ns)
+        views = self._views(scene)
+        due_ns = scene.t_ns + int(self._config.delay_s * NS_PER_S)
+        self._waiting.append((due_ns, self._take(scene, views)))
+
+    def _views(self, scene: Scene) -> tuple[View, View, View]:
+        mount_frd_m, pitch_rad, rate_rps = self._config.pos_camera_frd_m, self._gimbal.pitch_rad, self._gimbal.rate_rps
+        half_s = 0.5 * self._config.exposure_s
+        return (
+            view_of(scene, mount_frd_m, pitch_rad, rate_rps, -half_s),
+            view_of(scene, mount_frd_m, pitch_rad),
+            view_of(scene, mount_frd_m, pitch_rad, rate_rps, half_s),
+        )
+
+    def _take(self, scene: Scene, views: tuple[View, View, View]) -> Publish:
+        config, pitch_rad = self._config, self._gimbal.pitch_rad
+        if self._renderer is None:
+            found = detect(views, config.info(scene.t_ns), config.projection, self._rng)
+            return Publish(topics.TAG_CORNERS, TagCorners(t_ns=scene.t_ns, pitch_camera_rad=pitch_rad, tags=found))
+        self._sequence += 1
+        frame = CameraFrame(
+            t_ns=scene.t_ns,
+            sequence=self._sequence,
+            width_px=config.width_px,
+            height_px=config.height_px,
+            pitch_camera_rad=pitch_rad,
+            exposure_s=config.exposure_s,
+            pixels=self._renderer.picture(scene, views),
+        )
+        return Publish(topics.CAMERA, frame)

@@ -1,0 +1,102 @@
+"""Where the camera is and what falls where in its picture."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from jezero.frames import (
+    Vec3,
+    add,
+    frd_from_camera,
+    quat_from_rotation_vector,
+    quat_multiply,
+    quat_normalize,
+    quat_rotate,
+    rotate_yaw,
+    scale,
+)
+from jezero.schemas.sensors import CameraInfo
+from jezero.schemas.state import Scene
+
+Array = npt.NDArray[np.float64]
+NEAREST_M = 1e-3
+"""Points nearer to the camera's plane than this, or behind it, have no place in the picture."""
+
+
+@dataclass(frozen=True)
+class View:
+    """The camera and the rover's platform at one instant, in the map.
+
+    Attributes:
+        axes_camera_ned: the camera's right, down and forward axes: the columns of R_ned_from_camera.
+    """
+
+    pos_camera_ned_m: Vec3
+    axes_camera_ned: tuple[Vec3, Vec3, Vec3]
+    pos_rover_ned_m: Vec3
+    yaw_rover_rad: float
+
+    @property
+    def rotation_ned_from_camera(self) -> Array:
+        """(3, 3)"""
+        return np.array(self.axes_camera_ned).T
+
+    def ned_from_rover_body(self, point_rover_body_m: Vec3) -> Vec3:
+        """A point of the rover in the map."""
+        return add(self.pos_rover_ned_m, rotate_yaw(point_rover_body_m, self.yaw_rover_rad))
+
+
+def view_of(
+    scene: Scene, pos_camera_frd_m: Vec3, pitch_camera_rad: float, pitch_rate_rps: float = 0.0, ahead_s: float = 0.0
+) -> View:
+    """The view at an exposure's middle, or a moment `ahead_s` after it, by the velocities and rates of the scene."""
+    turned = quat_from_rotation_vector(scale(scene.rates_uav_frd_rps, ahead_s))
+    q_ned_from_frd = quat_normalize(quat_multiply(scene.q_ned_from_frd, turned))
+    pitch_rad = pitch_camera_rad + pitch_rate_rps * ahead_s
+    right, down, forward = (
+        quat_rotate(q_ned_from_frd, frd_from_camera(axis, pitch_rad))
+        for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    )
+    pos_uav_ned_m = add(scene.pos_uav_ned_m, scale(scene.vel_uav_ned_mps, ahead_s))
+    return View(
+        pos_camera_ned_m=add(pos_uav_ned_m, quat_rotate(q_ned_from_frd, pos_camera_frd_m)),
+        axes_camera_ned=(right, down, forward),
+        pos_rover_ned_m=add(scene.pos_rover_ned_m, scale(scene.vel_rover_ned_mps, ahead_s)),
+        yaw_rover_rad=scene.yaw_rover_rad,
+    )
+
+
+def on_rover(view: View) -> View:
+    """The same view with everything relative to the rover: its frame is then `rover_body`."""
+    yaw_rad = view.yaw_rover_rad
+    offset = add(view.pos_camera_ned_m, scale(view.pos_rover_ned_m, -1.0))
+    right, down, forward = (rotate_yaw(axis, -yaw_rad) for axis in view.axes_camera_ned)
+    return replace(
+        view,
+        pos_camera_ned_m=rotate_yaw(offset, -yaw_rad),
+        axes_camera_ned=(right, down, forward),
+        pos_rover_ned_m=(0.0, 0.0, 0.0),
+        yaw_rover_rad=0.0,
+    )
+
+
+def half_tangents(info: CameraInfo) -> tuple[float, float]:
+    """Half of the picture's width and height at a distance of one."""
+    return 0.5 * info.width_px / info.focal_px, 0.5 * info.height_px / info.focal_px
+
+
+def project(points_m: Array, view: View, info: CameraInfo) -> Array:
+    """Places in the picture of points in the view's frame.
+
+    Args:
+        points_m: (..., 3).
+    Returns:
+        (..., 2) x to the right and y down in pixels, NaN for points that are not in front of the camera.
+    Source: pinhole without distortion.
+    """
+    in_camera = (points_m - np.array(view.pos_camera_ned_m)) @ view.rotation_ned_from_camera
+    depth_m = in_camera[..., 2:]
+    depth_m = np.where(depth_m > NEAREST_M, depth_m, np.nan)
+    pixels: Array = in_camera[..., :2] * (info.focal_px / depth_m) + np.array(info.center_px)
+    return pixels

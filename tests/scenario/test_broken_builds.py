@@ -1,0 +1,72 @@
+"""A test of the campaign itself: bridges that are broken on purpose are caught by the seeds from 0 on.
+
+Nothing is picked: the seeds are flown in order until one breaks the rule, at most `SEEDS`. With the point mass that
+takes seconds; `make broken` does the same with full physics.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from jezero.deploy.campaign.mission import fly_mission
+from jezero.services.vehicle_bridge import admission, authority
+from jezero.services.vehicle_bridge.authority import Authority
+
+SEEDS = 200
+
+Break = Callable[[pytest.MonkeyPatch], None]
+
+
+def takes_setpoints_of_any_age(patch: pytest.MonkeyPatch) -> None:
+    refusals = admission._setpoint_refusals
+
+    def remaining(*args: Any) -> Iterator[str]:
+        return (refusal for refusal in refusals(*args) if " s old; accepted are" not in refusal)
+
+    patch.setattr(admission, "_setpoint_refusals", remaining)
+
+
+def loses_releases(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Authority, "release", lambda self, request, now, resets: "")
+
+
+def grants_control_twice(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(authority, "why_not_acquire", lambda *args: "")
+
+
+def engages_again_after_a_failsafe(patch: pytest.MonkeyPatch) -> None:
+    lose = Authority._lose
+
+    def lose_and_take_back(self: Authority, other: Any, why: str, now: Any) -> None:
+        lose(self, other, why, now)
+        self._begin_taking_back(now)
+
+    patch.setattr(Authority, "_lose", lose_and_take_back)
+
+
+BROKEN: dict[Break, str] = {
+    takes_setpoints_of_any_age: "only the owner's fresh setpoints",
+    loses_releases: "who gives control back has none",
+    grants_control_twice: "one owner at most",
+    engages_again_after_a_failsafe: "silence after a failsafe or takeover",
+}
+"""What the broken bridge does, and the promise that it breaks."""
+
+
+def first_seed_that_breaks(rule: str, world: str) -> int | None:
+    for seed in range(SEEDS):
+        report = fly_mission(seed, world=world)
+        if any(f": {rule}: " in violation for violation in report.violations):
+            return seed
+    return None
+
+
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize("broken", BROKEN, ids=lambda broken: broken.__name__)
+@pytest.mark.parametrize("world", ["point-mass", pytest.param("physics", marks=pytest.mark.slow)])
+def test_a_broken_bridge_is_caught(monkeypatch: pytest.MonkeyPatch, world: str, broken: Break) -> None:
+    broken(monkeypatch)
+    seed = first_seed_that_breaks(BROKEN[broken], world)
+    assert seed is not None, f"a bridge that {broken.__name__} went unnoticed in {SEEDS} missions"
+    print(f"{world}: a bridge that {broken.__name__} is caught by seed {seed}")

@@ -1,0 +1,67 @@
+"""The rendered camera in flight: what it shows, the tag detector measures; in virtual time."""
+
+from collections.abc import Callable
+
+import msgspec
+import pytest
+
+from jezero.deploy.in_process import build_stack
+from jezero.frames import distance, subtract
+from jezero.runtime.codec import decode
+from jezero.runtime.config import load_config
+from jezero.runtime.memory_bus import MemoryBus
+from jezero.schemas import topics
+from jezero.schemas.estimate import TagEstimate
+from jezero.schemas.sensors import CameraFrame
+from jezero.schemas.state import Scene
+from jezero.services.simulator.camera.config import CameraConfig
+from jezero.services.simulator.camera.service import NoEglError
+from jezero.services.simulator.config import SimulatorConfig, UavConfig, WindConfig
+from tests.scenario.rig import Flight
+
+
+def over_the_rover(mode: str) -> Callable[[int], MemoryBus]:
+    """A stack whose vehicle starts on the rover."""
+    simulator = load_config(SimulatorConfig, "simulator")
+    simulator = msgspec.structs.replace(simulator, uav=UavConfig(start="platform"), wind=WindConfig(mean_mps=1.0))
+    camera = msgspec.structs.replace(load_config(CameraConfig, "camera"), mode=mode, renderer="egl")
+    return lambda seed: build_stack(seed, simulator=simulator, camera=camera)
+
+
+class Comparison:
+    """Observes a bus: how wrong the tag detector is, and how late the pictures are."""
+
+    def __init__(self) -> None:
+        self.errors_m: list[float] = []
+        self.late_ns: list[int] = []
+        self._scenes: dict[int, Scene] = {}
+
+    def __call__(self, t_ns: int, topic: str, data: bytes) -> None:
+        if topic == topics.SCENE.name:
+            scene = msgspec.json.decode(data, type=Scene)
+            self._scenes[scene.t_ns] = scene
+        elif topic == topics.ESTIMATE_TAG.name:
+            estimate = msgspec.json.decode(data, type=TagEstimate)
+            scene = self._scenes[estimate.t_ns]
+            true_ned_m = subtract(scene.pos_uav_ned_m, scene.pos_rover_ned_m)
+            self.errors_m.append(distance(estimate.pos_uav_rel_rover_ned_m, true_ned_m))
+        elif topic == topics.CAMERA.name:
+            frame = decode(CameraFrame, data)
+            assert len(frame.pixels) == 640 * 480 * 3
+            self.late_ns.append(t_ns - frame.t_ns)
+
+
+@pytest.mark.parametrize("mode", ["rendered", "projected"])
+def test_hovering_over_the_rover_the_tag_detector_knows_where_it_is(mode: str) -> None:
+    try:
+        flight = Flight(1, over_the_rover(mode))
+    except NoEglError as error:
+        pytest.skip(str(error))
+    comparison = Comparison()
+    flight.bus.observe(comparison)
+    flight.take_off(1.5)
+    flight.bus.run_for(1.0)
+    assert len(comparison.errors_m) > 40
+    assert max(comparison.errors_m[-15:]) < 0.15
+    assert all(100e6 <= late <= 112e6 for late in comparison.late_ns)
+    assert bool(comparison.late_ns) == (mode == "rendered")

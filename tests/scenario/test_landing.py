@@ -1,0 +1,35 @@
+"""Landings as the benchmark flies them, a few of each kind, for the whole path; figures come from many."""
+
+import pytest
+
+from jezero.deploy.landing.benchmark import fly_landings
+from jezero.deploy.landing.flight import fly_landing
+from jezero.deploy.landing.trial import Conditions
+
+
+def test_a_plain_landing_gives_a_report() -> None:
+    told: list[int] = []
+    report = fly_landings(Conditions(case="none"), 1, 3, 1, lambda landing: told.append(landing.seed))
+    assert told == [3]
+    assert (report.n, report.landed, report.failed_seeds) == (1, 1, [])
+    assert report.touchdown_error_m["max"] is not None
+    assert report.touchdown_error_m["max"] < 1.0
+    assert report.time_s["median"] == report.time_s["p95"]
+    assert report.rmse_m == {"below_3m": None, "3_to_8m": None}
+
+
+@pytest.mark.parametrize(
+    ("conditions", "within_m"),
+    [
+        (Conditions(case="uwb+tag", rover="turn", hide_tag=True), 0.09),
+        (Conditions(case="tag"), 0.08),
+        (Conditions(case="uwb"), 0.3),
+    ],
+    ids=["uwb+tag, turning, tag hidden twice", "tag", "uwb"],
+)
+def test_it_lands_on_the_rover_with(conditions: Conditions, within_m: float) -> None:
+    landing = fly_landing(2, conditions)
+    assert landing.failure == ""
+    assert landing.error_m < within_m
+    assert landing.time_s < 30.0
+    assert landing.impact_mps <= 0.6

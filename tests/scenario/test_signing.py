@@ -1,0 +1,85 @@
+"""A signing key on the ground-station link: forgers and garbage on it neither move a flying vehicle nor the honest."""
+
+from collections import Counter
+from collections.abc import Iterator
+from random import Random
+
+import msgspec
+
+from jezero.deploy.in_process import build_stack
+from jezero.mavlink import MavlinkCodec, Signing, dialect
+from jezero.runtime.config import load_config
+from jezero.runtime.memory_bus import UDP_DELAY
+from jezero.runtime.service import Inbox, Output, Send, Spec
+from jezero.schemas import topics
+from jezero.schemas.state import StatusCode as Code
+from jezero.services.autopilot.config import AutopilotConfig, SigningConfig
+from tests.scenario.rig import Flight, go_to, land_at
+
+KEY = bytes(range(32))
+HOUR = 360_000_000
+FORGED = ((400, 0.0, 21196.0), (21, 0.0, 0.0), (20, 0.0, 0.0), (176, 1.0, 4.0), (400, 1.0, 0.0))
+"""Force-disarm, land, return, another mode, arm."""
+ASKED = dialect.MAV_CMD_GET_HOME_POSITION
+
+
+class GroundLink:
+    """An honest ground station that signs, and those who pretend to be one, on one cable.
+
+    Attributes:
+        asked: questions that the honest station has signed and sent.
+        acknowledged: the autopilot's answers, by command and result.
+    """
+
+    spec = Spec(name="station", links=("autopilot",), rate_hz=10.0)
+
+    def __init__(self) -> None:
+        self.asked = 0
+        self.acknowledged: Counter[tuple[int, int]] = Counter()
+        self._random = Random(6)
+        self._signing = Signing(KEY)
+        self._honest = MavlinkCodec(255, 190, self._signing)
+        self._reader = MavlinkCodec(255, 190)
+        self._heard: list[bytes] = []
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        for message in self._reader.parse(inbox.received("autopilot")):
+            if message.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_ACK:
+                self.acknowledged[message.command, message.result] += 1
+        self._signing.now = t_ns // 10_000
+        question = self._honest.pack(self._command(ASKED, 0.0, 0.0))
+        self.asked += 1
+        self._heard.append(question)
+        replayed = self._random.choice(self._heard[:-1] or [b""])
+        yield Send("autopilot", replayed + self._forgeries() + bytes(300) + question)
+
+    def _forgeries(self) -> bytes:
+        future, wrong, broken = Signing(KEY), Signing(KEY[::-1]), Signing(KEY)
+        future.now, wrong.now, broken.now = self._signing.now + HOUR, self._signing.now, self._signing.now
+        flipped = bytearray(MavlinkCodec(255, 190, broken).pack(self._any()))
+        flipped[self._random.randrange(10, len(flipped))] ^= 1 << self._random.randrange(8)
+        signed = [MavlinkCodec(255, 190, signing).pack(self._any()) for signing in (None, wrong, future)]
+        return b"".join(signed) + bytes(flipped) + self._random.randbytes(self._random.randrange(200))
+
+    def _any(self) -> object:
+        return self._command(*self._random.choice(FORGED))
+
+    @staticmethod
+    def _command(command: int, p1: float, p2: float) -> object:
+        return dialect.MAVLink_command_long_message(1, 1, command, 0, p1, p2, *[0.0] * 5)
+
+
+def test_forged_replayed_and_future_commands_on_the_ground_link_neither_move_nor_mute_anything() -> None:
+    config = load_config(AutopilotConfig, "autopilot")
+    config = msgspec.structs.replace(config, signing=SigningConfig(key=KEY.hex()))
+    flight, ground = Flight(seed=5, prepare=lambda seed: build_stack(seed, autopilot=config)), GroundLink()
+    flight.bus.wire(("autopilot", "gcs"), ("station", "autopilot"), UDP_DELAY)
+    flight.bus.add(ground)
+    flight.take_off(3.0)
+    flight.do(topics.GO_TO, go_to(4.0, 0.0, -3.0))
+    flight.do(topics.LAND_ON_SPOT, land_at(4.0, 0.0))
+    assert Code.EXTERNAL not in flight.codes
+    assert ground.asked > 200
+    (answered,) = ground.acknowledged
+    assert answered == (ASKED, dialect.MAV_RESULT_ACCEPTED)
+    assert ground.asked - ground.acknowledged[answered] <= 3

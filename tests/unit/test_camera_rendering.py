@@ -1,0 +1,176 @@
+"""Rendered pictures: what is where, what a detector finds, and that both renderers show the same world."""
+
+from collections.abc import Callable
+from functools import lru_cache
+from math import pi
+
+import cv2
+import msgspec
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from jezero.frames import Vec3, quat_from_euler
+from jezero.schemas.landing_board import LANDING_BOARD
+from jezero.schemas.state import Scene
+from jezero.services.simulator.camera.config import CameraConfig
+from jezero.services.simulator.camera.detections import tags_in_picture
+from jezero.services.simulator.camera.egl_renderer import EglRenderer
+from jezero.services.simulator.camera.exposure import PixelNoise
+from jezero.services.simulator.camera.making import make_renderer
+from jezero.services.simulator.camera.service import NoEglError, Renderer
+from jezero.services.simulator.camera.tiny_renderer import TinyRenderer
+from jezero.services.simulator.camera.view import View, view_of
+from jezero.services.simulator.config import RoverConfig, SimulatorConfig
+
+Image = npt.NDArray[np.uint8]
+CONFIG = CameraConfig(std_pixel=0.0)
+SIMULATOR = SimulatorConfig()
+INFO = CONFIG.info(0)
+DOWN_RAD = -0.5 * pi
+BIG = LANDING_BOARD[0].tag_id
+ROVER_NED_M = (5.0, -3.0, -0.5)
+
+
+@lru_cache(maxsize=2)
+def renderer(kind: str) -> Renderer:
+    try:
+        return make_renderer(msgspec.structs.replace(CONFIG, renderer=kind), SIMULATOR, seed=1)
+    except NoEglError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture
+def egl() -> EglRenderer:
+    found = renderer("egl")
+    assert isinstance(found, EglRenderer)
+    return found
+
+
+def scene(above_m: float, beside_m: tuple[float, float] = (0.0, 0.0), attitude_rad: Vec3 = (0.0, 0.0, 0.3)) -> Scene:
+    zero = (0.0, 0.0, 0.0)
+    return Scene(
+        t_ns=0,
+        epoch_id=1,
+        pos_uav_ned_m=(ROVER_NED_M[0] + beside_m[0], ROVER_NED_M[1] + beside_m[1], ROVER_NED_M[2] - above_m - 0.03),
+        vel_uav_ned_mps=zero,
+        q_ned_from_frd=quat_from_euler(*attitude_rad),
+        rates_uav_frd_rps=zero,
+        pos_rover_ned_m=ROVER_NED_M,
+        vel_rover_ned_mps=zero,
+        yaw_rover_rad=0.5,
+    )
+
+
+def view(at: Scene, pitch_rad: float = DOWN_RAD) -> View:
+    return view_of(at, CONFIG.pos_camera_frd_m, pitch_rad)
+
+
+def photograph(by: Renderer, at: Scene, pitch_rad: float = DOWN_RAD) -> Image:
+    still = view(at, pitch_rad)
+    pixels = by.picture(at, (still, still, still))
+    return np.frombuffer(pixels, dtype=np.uint8).reshape(INFO.height_px, INFO.width_px, 3)
+
+
+def find_tags(picture: Image) -> dict[int, npt.NDArray[np.float64]]:
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+    corners, ids, _ = cv2.aruco.ArucoDetector(dictionary, parameters).detectMarkers(grey)
+    return {} if ids is None else {int(i): c[0] for i, c in zip(ids.ravel(), corners, strict=True)}
+
+
+@pytest.mark.parametrize(("kind", "largest_px"), [("egl", 0.6), ("tiny", 1.2)])
+def test_tags_are_where_they_are_projected(kind: str, largest_px: float) -> None:
+    errors_px = []
+    for turn in range(8):
+        at = scene(3.0, (0.4 - 0.1 * turn, -0.3), (0.05, -0.05, 0.8 * turn))
+        found = find_tags(photograph(renderer(kind), at))
+        corners_px, _ = tags_in_picture(view(at), INFO)
+        if BIG in found:
+            errors_px.append(found[BIG] - corners_px[0])
+    assert len(errors_px) >= 6
+    assert np.abs(errors_px).max() < largest_px
+    assert np.abs(np.mean(errors_px, axis=(0, 1))).max() < 0.15
+
+
+@pytest.mark.parametrize("kind", ["egl", "tiny"])
+def test_the_nose_is_at_the_top_and_red_is_the_first_colour(kind: str) -> None:
+    picture = photograph(renderer(kind), scene(6.0, (4.0, 0.0), (0.0, 0.0, 0.0)))
+    bright = picture.min(axis=2) > 160
+    assert bright[INFO.height_px // 2 :].sum() > 4 * bright[: INFO.height_px // 2].sum()
+    ground = picture[:100].reshape(-1, 3).mean(axis=0)
+    assert ground[0] > ground[1] > ground[2]
+
+
+@pytest.mark.parametrize("above_m", [0.12, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 10.0])
+def test_a_tag_is_found_at_every_height_from_standing_to_10_m(egl: EglRenderer, above_m: float) -> None:
+    beside_m = 0.05 * min(1.0, above_m)
+    found = find_tags(photograph(egl, scene(above_m, (beside_m, -beside_m))))
+    assert set(found) & {tag.tag_id for tag in LANDING_BOARD}, f"nothing at {above_m} m"
+    if above_m >= 3.0:
+        assert BIG in found
+
+
+def test_the_horizon_is_where_a_level_camera_has_its_middle(egl: EglRenderer) -> None:
+    picture = photograph(egl, scene(3.0, (-8.0, 3.0), (0.0, 0.0, 2.0)), pitch_rad=0.0).astype(float)
+    steps = np.abs(np.diff(picture.mean(axis=(1, 2))))
+    assert abs(int(np.argmax(steps)) - INFO.height_px / 2) < 8
+
+
+def test_the_vehicle_throws_a_shadow_and_is_not_in_its_own_picture(egl: EglRenderer) -> None:
+    low = photograph(egl, scene(1.0, (-5.0, 3.0))).mean(axis=2)
+    assert (low < 0.62 * np.median(low)).mean() > 0.01
+
+
+def test_what_moves_is_smeared_along_its_way(egl: EglRenderer) -> None:
+    at = msgspec.structs.replace(scene(3.0, attitude_rad=(0.0, 0.0, 0.5)), vel_uav_ned_mps=(0.0, 4.0, 0.0))
+    at = msgspec.structs.replace(at, q_ned_from_frd=(1.0, 0.0, 0.0, 0.0), yaw_rover_rad=0.0)
+    views = tuple(view_of(at, CONFIG.pos_camera_frd_m, DOWN_RAD, 0.0, ahead_s) for ahead_s in (-0.01, 0.0, 0.01))
+    moving = np.frombuffer(egl.picture(at, (views[0], views[1], views[2])), dtype=np.uint8).reshape(480, 640, 3)
+    still = photograph(egl, at)
+
+    def sharpness(picture: Image, axis: int) -> float:
+        return float(np.abs(np.diff(picture[200:280, 280:360].astype(float), axis=axis)).mean())
+
+    assert sharpness(moving, 1) < 0.7 * sharpness(still, 1)
+    assert sharpness(moving, 0) > 0.8 * sharpness(still, 0)
+
+
+def test_the_same_scene_gives_the_same_picture(egl: EglRenderer) -> None:
+    assert (photograph(egl, scene(2.0)) == photograph(egl, scene(2.0))).all()
+
+
+def test_the_orthophoto_shows_the_ground_that_the_camera_sees(egl: EglRenderer) -> None:
+    simulator = msgspec.structs.replace(SIMULATOR, rover=RoverConfig())
+    assert simulator.terrain == SIMULATOR.terrain
+    at = scene(7.5, (-20.0, 10.0), (0.0, 0.0, 0.0))
+    seen = photograph(egl, at)[40:440, 120:520].mean(axis=2)
+    m_per_px = 8.0 / INFO.focal_px
+    north_m, east_m = at.pos_uav_ned_m[0], at.pos_uav_ned_m[1]
+    above = egl.orthophoto((north_m, east_m, 0.0), 400 * m_per_px, 400).mean(axis=2)
+    shared = cv2.matchTemplate(above.astype(np.float32), seen[60:340, 60:340].astype(np.float32), cv2.TM_CCOEFF_NORMED)
+    _, score, _, place = cv2.minMaxLoc(shared)
+    assert score > 0.5
+    assert np.abs(np.array(place) - 60).max() < 12  # the ground is up to half a metre off its mean height
+
+
+def test_without_egl_the_other_renderer_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*args: object, **kwargs: object) -> Callable[..., object]:
+        raise Exception("libEGL.so.1 not found")
+
+    monkeypatch.setattr("moderngl.create_context", fail)
+    monkeypatch.setattr(TinyRenderer, "__init__", lambda *args: None)
+    fallback = make_renderer(CONFIG, SIMULATOR, seed=1)
+    assert "libegl1" in fallback.description
+    with pytest.raises(NoEglError, match="libEGL"):
+        make_renderer(msgspec.structs.replace(CONFIG, renderer="egl"), SIMULATOR, seed=1)
+
+
+def test_noise_has_the_given_standard_deviation_and_differs_from_picture_to_picture() -> None:
+    noise = PixelNoise(4.0, np.random.default_rng(0))
+    grey = np.full((480, 640, 3), 128, dtype=np.uint8)
+    first, second = noise.add(grey).astype(float), noise.add(grey).astype(float)
+    assert first.std() == pytest.approx(4.0, rel=0.02)
+    assert (first - second).std() == pytest.approx(4.0 * 2**0.5, rel=0.02)

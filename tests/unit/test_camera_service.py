@@ -1,0 +1,164 @@
+"""The camera's pitch axis, its delay, and what it publishes."""
+
+from collections.abc import Iterable
+from itertools import pairwise
+from math import pi
+
+import pytest
+
+from jezero.runtime.config import load_config
+from jezero.runtime.memory_bus import NO_DELAY, MemoryBus
+from jezero.runtime.service import Inbox, Output, Publish, Spec
+from jezero.schemas import topics
+from jezero.schemas.commands import CameraPitch
+from jezero.schemas.landing_board import LANDING_BOARD
+from jezero.schemas.sensors import CameraFrame, TagCorners
+from jezero.schemas.state import Scene
+from jezero.services.simulator.camera.config import CameraConfig
+from jezero.services.simulator.camera.gimbal import Gimbal
+from jezero.services.simulator.camera.service import Camera
+from jezero.services.simulator.camera.view import View
+
+MS = 1_000_000
+CONFIG = CameraConfig(mode="projected")
+BIG = LANDING_BOARD[0].tag_id
+
+
+def command(t_ns: int, pitch_rad: float) -> CameraPitch:
+    return CameraPitch(t_ns=t_ns, pitch_camera_rad=pitch_rad)
+
+
+def scene(t_ns: int, epoch_id: int = 1) -> Scene:
+    zero = (0.0, 0.0, 0.0)
+    return Scene(
+        t_ns=t_ns,
+        epoch_id=epoch_id,
+        pos_uav_ned_m=(0.0, 0.0, -4.5),
+        vel_uav_ned_mps=zero,
+        q_ned_from_frd=(1.0, 0.0, 0.0, 0.0),
+        rates_uav_frd_rps=zero,
+        pos_rover_ned_m=(0.0, 0.0, -0.5),
+        vel_rover_ned_mps=zero,
+        yaw_rover_rad=0.0,
+    )
+
+
+def test_the_shipped_settings_are_the_defaults() -> None:
+    assert load_config(CameraConfig, "camera") == CameraConfig()
+
+
+def test_the_axis_follows_a_command_at_a_bounded_rate() -> None:
+    gimbal = Gimbal(CONFIG)
+    gimbal.move(0)
+    gimbal.take(0, [command(0, -0.5 * pi + 0.2)])
+    gimbal.move(100 * MS)
+    assert gimbal.pitch_rad == pytest.approx(CONFIG.pitch_rest_rad + 0.15)
+    assert gimbal.rate_rps == pytest.approx(CONFIG.pitch_rate_max_rps)
+    gimbal.move(200 * MS)
+    assert gimbal.pitch_rad == pytest.approx(-0.5 * pi + 0.2)
+
+
+def test_the_axis_returns_to_rest_when_nobody_commands_any_more() -> None:
+    gimbal = Gimbal(CONFIG)
+    gimbal.take(0, [command(0, -1.0)])
+    for t_ms in range(0, 1001, 100):
+        gimbal.move(t_ms * MS)
+    assert gimbal.pitch_rad == pytest.approx(-1.0)
+    for t_ms in range(1100, 2001, 100):
+        gimbal.move(t_ms * MS)
+    assert gimbal.pitch_rad == pytest.approx(CONFIG.pitch_rest_rad)
+
+
+def test_an_old_command_changes_nothing() -> None:
+    gimbal = Gimbal(CONFIG)
+    gimbal.move(0)
+    gimbal.take(500 * MS, [command(100 * MS, -1.0)])
+    gimbal.move(600 * MS)
+    assert gimbal.pitch_rad == CONFIG.pitch_rest_rad
+
+
+class Scenes:
+    """In place of the simulator: scenes at 15 Hz until it is told to stop."""
+
+    spec = Spec(name="scenes", outputs=(topics.SCENE,), rate_hz=15.0)
+    epoch_id = 1
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        yield Publish(topics.SCENE, scene(t_ns, self.epoch_id))
+
+
+class Grey:
+    """In place of a renderer."""
+
+    description = "grey"
+    rate_max_hz = 60.0
+
+    def picture(self, scene: Scene, views: tuple[View, View, View]) -> bytes:
+        return bytes(3 * 640 * 480)
+
+
+def published(camera: Camera, seconds: float) -> dict[str, list[tuple[int, bytes]]]:
+    bus = MemoryBus(delay=NO_DELAY)
+    seen: dict[str, list[tuple[int, bytes]]] = {}
+    bus.observe(lambda t_ns, topic, data: seen.setdefault(topic, []).append((t_ns, data)))
+    bus.add(Scenes())
+    bus.add(camera)
+    bus.run_for(seconds)
+    return seen
+
+
+def decoded(kind: type, entries: list[tuple[int, bytes]]) -> list[tuple[int, object]]:
+    from jezero.runtime.codec import decode
+
+    return [(t_ns, decode(kind, data)) for t_ns, data in entries]
+
+
+def test_projected_tags_arrive_100_ms_after_the_exposure_at_15_per_second() -> None:
+    seen = published(Camera(CONFIG, None, seed=1), 2.0)
+    assert topics.CAMERA.name not in seen
+    messages = decoded(TagCorners, seen[topics.TAG_CORNERS.name])
+    assert len(messages) in {28, 29}
+    for t_ns, message in messages:
+        assert isinstance(message, TagCorners)
+        assert 100 * MS <= t_ns - message.t_ns <= 112 * MS
+        assert [tag.tag_id for tag in message.tags] == [BIG]
+
+
+def test_rendered_pictures_keep_their_exposure_time_and_count_up() -> None:
+    seen = published(Camera(CameraConfig(), Grey(), seed=1), 1.0)
+    assert topics.TAG_CORNERS.name not in seen
+    frames = [message for _, message in decoded(CameraFrame, seen[topics.CAMERA.name])]
+    assert len(frames) >= 12
+    for first, second in pairwise(frames):
+        assert isinstance(first, CameraFrame) and isinstance(second, CameraFrame)
+        assert second.sequence == first.sequence + 1
+        assert second.t_ns > first.t_ns
+
+
+def test_a_slower_camera_takes_every_third_scene() -> None:
+    seen = published(Camera(CameraConfig(mode="projected", rate_hz=5.0), None, seed=1), 3.0)
+    assert len(seen[topics.TAG_CORNERS.name]) in {14, 15}
+
+
+def test_it_describes_itself_once_a_second() -> None:
+    seen = published(Camera(CONFIG, None, seed=1), 3.5)
+    assert len(seen[topics.CAMERA_INFO.name]) == 4
+
+
+def test_a_new_epoch_drops_what_was_on_its_way() -> None:
+    bus = MemoryBus(delay=NO_DELAY)
+    seen: list[int] = []
+    scenes = Scenes()
+    bus.add(scenes)
+    bus.add(Camera(CONFIG, None, seed=1))
+    bus.run_for(0.5)
+    scenes.epoch_id = 2
+    bus.observe(lambda t_ns, topic, data: seen.append(t_ns) if topic == topics.TAG_CORNERS.name else None)
+    bus.run_for(0.12)
+    assert len(seen) <= 1
+
+
+def test_the_same_seed_finds_the_same_tags() -> None:
+    first, again, other = (published(Camera(CONFIG, None, seed), 1.0) for seed in (1, 1, 2))
+    assert first == again
+    assert first != other

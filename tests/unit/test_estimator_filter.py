@@ -1,0 +1,107 @@
+"""The relative filter finds the rover, keeps it, and knows how well."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from jezero.services.estimator.config import Trust, Tuning
+from jezero.services.estimator.kalman import Kalman, Moment
+from jezero.services.estimator.measurements import Measurement, OdometryFix, RoverMotion, TagFix, UwbRound
+from jezero.services.estimator.motion import Array, MotionModel, initial
+from jezero.services.estimator.relative_filter import RelativeFilter
+from jezero.services.estimator.trilateration import trilaterate
+
+ANCHORS_M = np.array(((0.45, 0.45, 0.0), (0.45, -0.45, 0.0), (-0.45, -0.45, 0.0), (-0.45, 0.45, 0.0)))
+POS_UAV_M = np.array((10.0, -4.0, -6.0))
+POS_ROVER_M = np.array((9.0, -3.5, -0.5))
+YAW_RAD = 0.7
+MS = 1_000_000
+LEVER_M = np.array((0.0, 0.0, -0.1))
+
+GATE = (10.8, 16.3)
+
+
+def kalman_at(pos_uav_m: Array, std_m: float) -> Kalman:
+    """A filter over the rover at `POS_ROVER_M` whose relative position has a standard deviation of `std_m`."""
+    kalman = Kalman(MotionModel(Tuning()))
+    x, P = initial(pos_uav_m, Tuning())
+    kalman.restore(Moment(0, x, P))
+    kalman.locate(pos_uav_m - POS_ROVER_M, std_m**2 * np.eye(3))
+    return kalman
+
+
+def ranges_m(pos_rel_m: Array, yaw_rad: float = YAW_RAD) -> Array:
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    body = np.array(((c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0))) @ (pos_rel_m + LEVER_M)
+    distances: Array = np.linalg.norm(body - ANCHORS_M, axis=1)
+    return distances
+
+
+def uwb(t_ns: int, pos_rel_m: Array, rng: np.random.Generator | None = None, std_m: float = 0.01) -> UwbRound:
+    noise = np.zeros(4) if rng is None else rng.normal(0.0, std_m, 4)
+    return UwbRound(t_ns, LEVER_M, ANCHORS_M, ranges_m(pos_rel_m) + noise, np.zeros(4), 0.02)
+
+
+def tag(t_ns: int, pos_rel_m: Array) -> TagFix:
+    return TagFix(t_ns, pos_rel_m, pos_rel_m, 1e-4 * np.eye(3), 0.0, None, 1.0)
+
+
+def hovering(seconds: float, start_ms: int = 0) -> Iterator[Measurement]:
+    """Odometry and rover of a vehicle that stands still in the air over a rover that stands."""
+    for ms in range(start_ms, start_ms + int(1000 * seconds), 20):
+        yield OdometryFix(ms * MS, np.concatenate((POS_UAV_M, np.zeros(3))))
+        yield RoverMotion(ms * MS, 0.0, YAW_RAD, 0.0, 0.03, 0.03, 0.01)
+
+
+def test_trilateration_finds_a_point_above_the_anchors() -> None:
+    point = (1.2, -2.3, -5.0)
+    found = trilaterate(
+        [tuple(a) for a in ANCHORS_M.tolist()],
+        np.linalg.norm(np.array(point) - ANCHORS_M, axis=1).tolist(),
+    )
+    assert found is not None
+    assert found[0] == pytest.approx(point, abs=1e-6)
+
+
+def test_trilateration_refuses_anchors_in_a_line() -> None:
+    assert trilaterate([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0, 0.0)], [5.0, 5.0, 5.0]) is None
+
+
+def test_the_rover_is_found_by_uwb() -> None:
+    rng = np.random.default_rng(1)
+    located = RelativeFilter(Tuning(), Trust())
+    rel_m = POS_UAV_M - POS_ROVER_M
+    assert not located.located
+    for ms in range(0, 2000, 100):
+        located.add([*hovering(0.1, start_ms=ms), uwb(ms * MS, rel_m, rng), uwb((ms + 50) * MS, rel_m, rng)])
+    assert located.estimate is not None
+    assert np.abs(located.estimate.pos_rel_m - rel_m).max() < 0.1
+    assert located.std_pos_m < 0.1
+
+
+def test_the_rover_is_found_by_its_tag() -> None:
+    rel_m = POS_UAV_M - POS_ROVER_M
+    located = RelativeFilter(Tuning(), Trust())
+    located.add(list(hovering(1.0)))
+    for ms in range(0, 1000, 66):
+        located.add([tag(ms * MS, rel_m)])
+    assert located.estimate is not None
+    assert np.abs(located.estimate.pos_rel_m - rel_m).max() < 0.02
+
+
+def test_the_order_of_arrival_does_not_matter() -> None:
+    rng = np.random.default_rng(2)
+    rel_m = POS_UAV_M - POS_ROVER_M
+    tags = [tag(ms * MS, rel_m + rng.normal(0.0, 0.01, 3)) for ms in range(100, 900, 66)]
+    in_order, late = RelativeFilter(Tuning(), Trust()), RelativeFilter(Tuning(), Trust())
+    first = tag(33 * MS, rel_m)
+    for located in (in_order, late):
+        located.add([*hovering(0.06), first])
+    in_order.add(sorted([*hovering(1.0, start_ms=60), *tags], key=lambda m: m.t_ns))
+    late.add(list(hovering(1.0, start_ms=60)))
+    for i in rng.permutation(len(tags)).tolist():
+        late.add([tags[i]])
+    assert in_order.estimate is not None and late.estimate is not None
+    assert late.estimate.pos_rel_m == pytest.approx(in_order.estimate.pos_rel_m, abs=1e-9)
+    assert late.estimate.cov == pytest.approx(in_order.estimate.cov, abs=1e-9)
