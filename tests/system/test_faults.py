@@ -163,7 +163,8 @@ def test_when_autopilot_or_simulator_dies_goals_are_aborted_and_a_new_vehicle_ge
         with pytest.raises(Aborted, match=r"no odometry for|no setpoint for|the vehicle restarted|respawned"):
             goal.result(timeout_s=PATIENCE_S)
         wait_for_status(vehicle, lambda s: s.epoch_id not in (0, epoch_id), PATIENCE_S, "a new epoch")
-        assert vehicle.status().code == StatusCode.IDLE
+        assert vehicle.status().code in (StatusCode.EXTERNAL, StatusCode.IDLE)
+        wait_for_status(vehicle, lambda s: s.code == StatusCode.IDLE, PATIENCE_S, "the new vehicle's IDLE")
         vehicle.wait_ready(PATIENCE_S)
         print(f"{service}: a new vehicle is ready after {time.monotonic() - begin_s:.1f} s")
         in_the_air(vehicle)
