@@ -197,6 +197,7 @@ class SearchConfig(Config, frozen=True, kw_only=True):
         climb_m: by which each round is higher than the one before; never above `height_max_m` over the platform.
         radius_m: of the first round's corners around where the rover is believed; the others add the same.
         speed_mps: on the way.
+        speed_down_max_mps: as the height is the autopilot's word only, which its barometer may have wrong.
         reached_m: of a corner.
         corner_timeout_s: for each corner.
     """
@@ -206,6 +207,7 @@ class SearchConfig(Config, frozen=True, kw_only=True):
     height_max_m: Positive = 9.0
     radius_m: Positive = 2.0
     speed_mps: Positive = 1.5
+    speed_down_max_mps: Positive = 0.15
     reached_m: Positive = 0.5
     corner_timeout_s: Positive = 10.0
 

@@ -218,9 +218,10 @@ class RoverLanding:
             return Done("aborted", f"{LOST}: not found in {tries} rounds of search: {self._why_unseen}")
         to_north_m, to_east_m = search.offset_m
         offset_m = (to_north_m - north_m, to_east_m - east_m, height_m - search.height_m)
-        north_mps, east_mps, _ = self._vel_believed_ned_mps
-        velocity = add((north_mps, east_mps, 0.0), towards(offset_m, self._search_config.speed_mps))
-        return self._fly(state, velocity, None)
+        rover_north_mps, rover_east_mps, _ = self._vel_believed_ned_mps
+        north_mps, east_mps, down_mps = towards(offset_m, self._search_config.speed_mps)
+        down_mps = min(down_mps, self._search_config.speed_down_max_mps)
+        return self._fly(state, (rover_north_mps + north_mps, rover_east_mps + east_mps, down_mps), None)
 
     # -- out --
 

@@ -257,6 +257,17 @@ def test_a_rover_found_in_the_search_is_landed_on() -> None:
     assert landing.phases == ["approach", "descent", "hold", "search", "contact"]
 
 
+def test_a_height_that_jumps_up_in_the_search_does_not_bring_it_down_fast() -> None:
+    landing = Landing(BOTH, sees=lambda t_s, offset_m: t_s < 6.0)
+    assert landing.run(14.0) is None
+    north_m, east_m, down_m = landing.pos_m
+    landing.pos_m = (north_m, east_m, down_m - 3.0)
+    before = len(landing.moves)
+    assert landing.run(2.0) is None
+    fastest_mps = max(move.vel_ned_mps[2] for _, _, move in landing.moves[before:] if move.vel_ned_mps is not None)
+    assert 0.0 < fastest_mps <= CONFIG.search.speed_down_max_mps
+
+
 def test_below_the_last_range_of_the_tag_it_finishes_blind() -> None:
     landing = Landing(BOTH, sees=lambda t_s, offset_m: altitude_m(offset_m[2]) > 0.2)
     assert landing.run(40.0) == Done("succeeded", then="disarm")
