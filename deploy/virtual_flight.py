@@ -15,6 +15,7 @@ from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.actions import Rejected, Result
 from jezero.schemas.state import Status, StatusCode, Truth
+from jezero.schemas.struct import Payload
 
 READY_WITHIN_S = 60.0
 GOAL_WITHIN_S = 180.0
@@ -131,7 +132,7 @@ def _fly(bus: MemoryBus, recorder: _Recorder, mission: Sequence[Step], tell: Cal
         return f"not ready after {READY_WITHIN_S:.0f} s: {status.not_ready_reason if status else 'no status'}"
     for action, goal, hover_s in mission:
         tell(f"{action.name} at {bus.t_ns / NS_PER_S:.1f} s")
-        reason = _fly_goal(bus, action, goal)
+        reason = fly_goal(bus, action, goal, GOAL_WITHIN_S)
         if reason:
             return reason
         bus.run_for(hover_s)
@@ -141,12 +142,13 @@ def _fly(bus: MemoryBus, recorder: _Recorder, mission: Sequence[Step], tell: Cal
     return ""
 
 
-def _fly_goal(bus: MemoryBus, action: topics.Action[Any], goal: Any) -> str:
+def fly_goal(bus: MemoryBus, action: topics.Action[Any], goal: Payload, within_s: float) -> str:
+    """Send a goal and wait for its end; returns why it failed, or "" when it did not."""
     answers = bus.ask(action.endpoint, goal)
-    bus.run_for(GOAL_WITHIN_S, stop=lambda: answers.ended)
+    bus.run_for(within_s, stop=lambda: answers.ended)
     last = answers.replies[-1] if answers.replies else None
     if isinstance(last, Rejected):
         return f"{action.name} refused: {last.reason}"
     if not isinstance(last, Result):
-        return f"{action.name} gave no result within {GOAL_WITHIN_S:.0f} s"
+        return f"{action.name} gave no result within {within_s:.0f} s"
     return "" if last.outcome == "succeeded" else f"{action.name} {last.outcome}: {last.reason}"

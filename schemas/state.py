@@ -118,7 +118,20 @@ class Status(Message, frozen=True, kw_only=True):
     text: Text = ""
 
 
-class Truth(Message, frozen=True, kw_only=True):
+class TruePoses(Message, frozen=True, kw_only=True):
+    """How vehicle and rover lie and move, without any sensor's error."""
+
+    epoch_id: int
+    pos_uav_ned_m: PositionNed
+    vel_uav_ned_mps: VelocityNed
+    q_ned_from_frd: QuatNedFromFrd
+    rates_uav_frd_rps: Vector
+    pos_rover_ned_m: PositionNed
+    vel_rover_ned_mps: VelocityNed
+    yaw_rover_rad: float
+
+
+class Truth(TruePoses, frozen=True, kw_only=True):
     """What the simulator knows. For recordings, plots and figures only: nothing that flies may read it.
 
     Positions are in the simulator's NED frame, whose origin is where the vehicle first stood; the world frame
@@ -129,32 +142,15 @@ class Truth(Message, frozen=True, kw_only=True):
         armed_motors: at least one rotor is driven.
     """
 
-    epoch_id: int
-    pos_uav_ned_m: PositionNed
-    vel_uav_ned_mps: VelocityNed
-    q_ned_from_frd: QuatNedFromFrd
-    rates_uav_frd_rps: Vector
-    pos_rover_ned_m: PositionNed
-    vel_rover_ned_mps: VelocityNed
-    yaw_rover_rad: float
     wind_ned_mps: VelocityNed
     contact_force_n: NonNegative
     armed_motors: bool
 
 
-class Scene(Message, frozen=True, kw_only=True):
+class Scene(TruePoses, frozen=True, kw_only=True):
     """What there is to see at one exposure, for the camera alone; `t_ns` is its middle. As `Truth`, nothing that
     flies may read it.
 
     Positions are in the simulator's map, NED with its origin in the middle of the terrain: of the vehicle's centre of
     mass and of the middle of the platform's top.
     """
-
-    epoch_id: int
-    pos_uav_ned_m: PositionNed
-    vel_uav_ned_mps: VelocityNed
-    q_ned_from_frd: QuatNedFromFrd
-    rates_uav_frd_rps: Vector
-    pos_rover_ned_m: PositionNed
-    vel_rover_ned_mps: VelocityNed
-    yaw_rover_rad: float

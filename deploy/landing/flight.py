@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from math import hypot, inf
-from typing import Any
 
 import msgspec
 
@@ -17,12 +16,12 @@ from jezero.deploy.landing.judge import (
 )
 from jezero.deploy.landing.trial import HIDDEN_S, MOTIONS, STD_GUST_MPS, WIND_MPS, Conditions, Trial, draw_trial
 from jezero.deploy.rover_driver import RoverDriver
+from jezero.deploy.virtual_flight import fly_goal
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Service
 from jezero.schemas import topics
-from jezero.schemas.actions import Rejected, Result, TakeoffGoal
-from jezero.schemas.struct import Payload
+from jezero.schemas.actions import TakeoffGoal
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.config import SimulatorConfig, WindConfig
 from jezero.services.simulator.service import Simulator
@@ -107,7 +106,7 @@ def _fly(trial: Trial, bus: MemoryBus, blindfold: _Blindfold) -> Landing:
             begins_ns = [bus.t_ns + int(s * NS_PER_S) for s in trial.hidden_s]
             blindfold.hidden_ns = [(begin_ns, begin_ns + int(HIDDEN_S * NS_PER_S)) for begin_ns in begins_ns]
         begun_ns = bus.t_ns
-        failure = _do(bus, topics.LAND_ON_SPOT, trial.goal(judge.truth.pos_rover_ned_m))
+        failure = fly_goal(bus, topics.LAND_ON_SPOT, trial.goal(judge.truth.pos_rover_ned_m), GOAL_WITHIN_S)
         return _judged(trial, judge, begun_ns, failure)
     return _judged(trial, judge, bus.t_ns, f"before the landing: {failure}")
 
@@ -174,19 +173,7 @@ def _up(bus: MemoryBus, judge: LandingJudge, trial: Trial) -> str:
 
     if not bus.run_for(READY_WITHIN_S, stop=is_ready):
         return f"not ready: {judge.status.not_ready_reason if judge.status else 'no status'}"
-    return _do(bus, topics.TAKEOFF, TakeoffGoal(altitude_m=trial.up_m))
-
-
-def _do(bus: MemoryBus, action: topics.Action[Any], goal: Payload) -> str:
-    """Send a goal and wait for its end; returns why it failed."""
-    answers = bus.ask(action.endpoint, goal)
-    bus.run_for(GOAL_WITHIN_S, stop=lambda: answers.ended)
-    last = answers.replies[-1] if answers.replies else None
-    if isinstance(last, Rejected):
-        return f"refused: {last.reason}"
-    if not isinstance(last, Result):
-        return f"no result within {GOAL_WITHIN_S:g} s"
-    return "" if last.outcome == "succeeded" else f"{last.outcome}: {last.reason}"
+    return fly_goal(bus, topics.TAKEOFF, TakeoffGoal(altitude_m=trial.up_m), GOAL_WITHIN_S)
 
 
 def _judged(trial: Trial, judge: LandingJudge, begun_ns: int, failure: str) -> Landing:
