@@ -53,6 +53,8 @@ class LinkDelay:
 BUS_DELAY = LinkDelay(median_s=0.0007, sigma=0.4, longest_s=0.02)
 UDP_DELAY = LinkDelay(median_s=0.0002, sigma=0.5)
 NO_DELAY = LinkDelay(median_s=0.0)
+WORK_S = 0.2
+"""Work takes so long, whatever it is: flights must not depend on how fast this machine is."""
 
 
 @dataclass
@@ -327,6 +329,7 @@ class _Port:
         self._always = self.listening
         self._period_ns = int(NS_PER_S / spec.rate_hz)
         self._tick_at = -1
+        self._work_ends_ns = 0
         self._health_at = bus.t_ns + NS_PER_S
         self._health_topic = health_of(self.name)
 
@@ -382,3 +385,14 @@ class _Port:
 
     def listen(self, names: frozenset[str]) -> None:
         self.listening = self._always | names
+
+    def pace(self, rate_hz: float) -> None:
+        self._period_ns = int(NS_PER_S / rate_hz)
+
+    def work(self, function: Callable[[], Any], tag: str) -> None:
+        self._work_ends_ns = max(self._work_ends_ns, self._bus.t_ns) + int(WORK_S * NS_PER_S)
+        self._bus.at(self._work_ends_ns, "", partial(self._finish_work, function, tag))
+
+    def _finish_work(self, function: Callable[[], Any], tag: str) -> None:
+        if self.alive:
+            self.wants_step |= self.node.deliver_outcome(tag, function())

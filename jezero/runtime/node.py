@@ -1,6 +1,6 @@
 """One running service: its mailbox, the check of what it declared, and its health. The same under both buses."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 from jezero.runtime.codec import BadPayloadError, NotFiniteError, decode, decode_request, encode
@@ -8,6 +8,7 @@ from jezero.runtime.service import (
     Call,
     Health,
     Listen,
+    Pace,
     Publish,
     Reply,
     Request,
@@ -15,6 +16,7 @@ from jezero.runtime.service import (
     Send,
     Service,
     UndeclaredError,
+    Work,
 )
 from jezero.schemas.health import InputHealth, ServiceHealth, ServiceState
 from jezero.schemas.struct import Payload
@@ -29,6 +31,8 @@ class Transport(Protocol):
     def call(self, endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None: ...
     def send(self, link: str, data: bytes) -> None: ...
     def listen(self, names: frozenset[str]) -> None: ...
+    def pace(self, rate_hz: float) -> None: ...
+    def work(self, function: Callable[[], Any], tag: str) -> None: ...
 
 
 class _Counter:
@@ -195,6 +199,11 @@ class Node:
         self.inbox.responses.append(Response(call.tag, payload, error))
         return True
 
+    def deliver_outcome(self, tag: str, outcome: Any) -> bool:
+        """What a work of this node returned."""
+        self.inbox.responses.append(Response(tag, outcome))
+        return True
+
     def deliver_bytes(self, link: str, data: bytes) -> bool:
         """Bytes from a link."""
         self.inbox.add_bytes(link, data)
@@ -228,6 +237,10 @@ class Node:
                     self._call(output)
                 case Listen():
                     self._listen(output)
+                case Pace():
+                    self._transport.pace(output.rate_hz or self.spec.rate_hz)
+                case Work():
+                    self._transport.work(output.function, output.tag)
                 case Health():
                     self._state, self._text = output.state, output.text[:2000]
         self.inbox.clear()

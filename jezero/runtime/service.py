@@ -5,7 +5,7 @@ hands it an `Inbox` and the time, and carries out the `Output`s that its step yi
 Zenoh in real time (`zenoh_bus`) and on the in-memory bus in virtual time (`memory_bus`).
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
@@ -34,7 +34,7 @@ class Spec:
         calls: endpoints it asks.
         links: byte pipes by name; the shell decides whether they are TCP, UDP or memory.
         triggers: names of topics, endpoints or links whose arrival makes a step at once.
-        rate_hz: steps per second of vehicle time when no trigger arrives.
+        rate_hz: steps per second of vehicle time when no trigger arrives; `Pace` changes it.
         lockstep: the time master names the link whose answer it awaits after each step (at most 20 ms); vehicle
             time starts when this link first connects. None for every other service.
         watches_clients: the inbox tells which clients have vanished.
@@ -101,6 +101,25 @@ class Listen(msgspec.Struct, frozen=True):
     topics: tuple[Topic[Any], ...]
 
 
+class Pace(msgspec.Struct, frozen=True):
+    """From now on step so often when no trigger arrives; None is the rate of the `Spec` again."""
+
+    rate_hz: float | None
+
+
+class Work(msgspec.Struct, frozen=True):
+    """What takes too long for a step: carried out beside the service, which goes on stepping meanwhile.
+
+    One at a time, in the order they were asked for.
+
+    Args:
+        function: pure; what it returns comes as the payload of a `Response` with the same tag.
+    """
+
+    function: Callable[[], Any]
+    tag: str
+
+
 class Health(msgspec.Struct, frozen=True):
     """The service's own verdict and sentence, shown in `health/<service>` until the next one."""
 
@@ -108,7 +127,7 @@ class Health(msgspec.Struct, frozen=True):
     text: str
 
 
-Output = Publish | Reply | Call | Send | Listen | Health
+Output = Publish | Reply | Call | Send | Listen | Pace | Work | Health
 
 
 # -- what a step is given ----------------------------------------------------------------------------------
@@ -123,7 +142,8 @@ class Request(msgspec.Struct, frozen=True):
 
 
 class Response(msgspec.Struct, frozen=True):
-    """An answer to a `Call`: a payload, or the reason why there is none ("timeout", "no server", ...)."""
+    """An answer to a `Call`: a payload, or the reason why there is none ("timeout", "no server", ...); or the outcome
+    of a `Work`."""
 
     tag: str
     payload: Any | None
@@ -147,7 +167,7 @@ class Inbox(Protocol):
 
     @property
     def responses(self) -> Sequence[Response]:
-        """Answers to this service's calls."""
+        """Answers to this service's calls, outcomes of its work."""
 
     def new(self, topic: Topic[M]) -> Sequence[M]:
         """Messages since the last step, oldest first."""

@@ -1,4 +1,4 @@
-"""The bus over Zenoh in real time: one service, one process, one thread of our own.
+"""The bus over Zenoh in real time: one service, one process, one loop.
 
 Zenoh's callbacks only append to a queue and wake the loop once per batch; sockets are polled by the same loop.
 """
@@ -23,6 +23,7 @@ from jezero.runtime.config import ConfigError, Instance, instance_from_environme
 from jezero.runtime.links import SocketLink
 from jezero.runtime.node import Node
 from jezero.runtime.service import Service
+from jezero.runtime.worker import Worker
 from jezero.runtime.zenoh_session import AlreadyRunningError, BusSession, Kind, picture_data
 from jezero.schemas import topics
 from jezero.schemas.state import Clock
@@ -116,6 +117,8 @@ class _Runner:
         self._readable: list[Any] = []
         """Of the bell and the links' sockets, those that the last wait found readable."""
         self._session = BusSession(instance, self._spec, self._enqueue)
+        self._worker = Worker(lambda tag, outcome, error: self._enqueue("outcome", tag, (outcome, error)))
+        self._period_ns = int(NS_PER_S / self._spec.rate_hz)
         self._queries: dict[int, zenoh.Query] = {}
         self._request_id = 0
         self._health_topic = health_of(self._spec.name)
@@ -174,7 +177,6 @@ class _Runner:
     # -- the loop --
 
     def _loop(self) -> None:
-        period_ns = int(NS_PER_S / self._spec.rate_hz)
         due_ns = time.monotonic_ns()
         while not self._stopping:
             self._wait(min(due_ns, self._next_health_ns))
@@ -184,7 +186,7 @@ class _Runner:
                 if not wanted:
                     self._late_ns = max(self._late_ns, now_ns - due_ns)
                 self._node.step(self._clock.now_ns(now_ns))
-                due_ns = now_ns + period_ns
+                due_ns = now_ns + self._period_ns
             self._report(now_ns)
 
     def _loop_as_master(self, link: str) -> None:
@@ -251,6 +253,11 @@ class _Runner:
                 wanted |= self._on_query(name, value)
             elif kind == "response":
                 wanted |= node.deliver_response(name, *value)
+            elif kind == "outcome":
+                outcome, error = value
+                if error is not None:
+                    raise error
+                wanted |= node.deliver_outcome(name, outcome)
             elif kind == "departed":
                 node.inbox.departed_clients.append(name)
                 wanted = True
@@ -343,3 +350,9 @@ class _Runner:
 
     def listen(self, names: frozenset[str]) -> None:
         self._session.listen(names)
+
+    def pace(self, rate_hz: float) -> None:
+        self._period_ns = int(NS_PER_S / rate_hz)
+
+    def work(self, function: Callable[[], Any], tag: str) -> None:
+        self._worker.add(function, tag)

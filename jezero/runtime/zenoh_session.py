@@ -21,7 +21,7 @@ from jezero.schemas.topics import Endpoint, Topic, health_of, key, liveliness_ke
 
 HOLDER_WAIT_S = 2.5
 CLOSE_WITHIN_S = 0.7
-Kind = Literal["sample", "picture", "query", "response", "departed", "opened"]
+Kind = Literal["sample", "picture", "query", "response", "departed", "opened", "outcome"]
 Enqueue = Callable[[Kind, str, Any], None]
 
 

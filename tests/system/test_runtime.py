@@ -181,11 +181,32 @@ def test_a_service_leaves_within_a_second(
     assert (process.returncode, error) == (0, "")
 
 
-def test_a_programming_error_ends_the_process(router: tuple[Instance, dict[str, str]]) -> None:
-    process = start(router[1], "undeclared")
-    _, error = process.communicate(timeout=15)
+@pytest.mark.parametrize(
+    ("service", "error"), [("undeclared", "UndeclaredError"), ("broken_work", "ZeroDivisionError")]
+)
+def test_a_programming_error_ends_the_process(
+    router: tuple[Instance, dict[str, str]], service: str, error: str
+) -> None:
+    process = start(router[1], service)
+    _, printed = process.communicate(timeout=15)
     assert process.returncode not in {0, None}
-    assert "UndeclaredError" in error
+    assert error in printed
+
+
+def test_a_service_answers_while_its_work_keeps_the_interpreter_busy(router: tuple[Instance, dict[str, str]]) -> None:
+    process = start(router[1], "busy")
+    try:
+        with zenoh.open(client_config(router[0].router)) as session:
+            wait_for(lambda: bool(ask(session, router[0])), 10.0, "an answer")
+            answers, delays_s = [""], []
+            while "1 done" not in answers[-1]:
+                asked_s = time.monotonic()
+                answers += ask(session, router[0])
+                delays_s.append(time.monotonic() - asked_s)
+    finally:
+        process.terminate()
+        process.communicate(timeout=5)
+    assert len(delays_s) > 10 and max(delays_s) < 0.5
 
 
 def test_a_service_that_lost_its_router_resumes_when_it_is_back() -> None:

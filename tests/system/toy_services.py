@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterable
 
 from jezero.runtime.config import instance_from_environment
-from jezero.runtime.service import Inbox, Output, Publish, Reply, Spec
+from jezero.runtime.service import Inbox, Output, Publish, Reply, Spec, Work
 from jezero.runtime.zenoh_bus import new_boot_id, run_service
 from jezero.schemas import topics
 from jezero.schemas.commands import AbortReply
@@ -49,6 +49,38 @@ class SlowViewer:
             yield Reply(request.request_id, AbortReply(hovering=whole, reason=f"{newest} {self.seen}"))
 
 
+def count_for_a_second() -> int:
+    """Keeps the interpreter busy, as planning does."""
+    count, end_s = 0, time.monotonic() + 1.0
+    while time.monotonic() < end_s:
+        count += 1
+    return count
+
+
+class Busy:
+    """Asks for a second of work at the first abort; answers each abort with how much work is done."""
+
+    spec = Spec(name="busy", serves=(topics.ABORT,), triggers=(topics.ABORT.name,), rate_hz=20)
+    asked, done = False, 0
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        self.done += sum(response.tag == "count" and response.payload > 0 for response in inbox.responses)
+        for request in inbox.requests(topics.ABORT):
+            yield Reply(request.request_id, AbortReply(hovering=True, reason=f"{self.done} done"))
+            if not self.asked:
+                self.asked = True
+                yield Work(count_for_a_second, "count")
+
+
+class BrokenWork:
+    """Its work raises: a programming error, on which the process ends."""
+
+    spec = Spec(name="broken_work", rate_hz=20)
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        yield Work(lambda: 1 // 0, "broken")
+
+
 class Undeclared:
     """Publishes what it doesn't declare: a programming error, on which the process ends."""
 
@@ -73,7 +105,14 @@ class Hung:
         return ()
 
 
-SERVICES = {"echo": Echo, "hung": Hung, "slow_viewer": SlowViewer, "undeclared": Undeclared}
+SERVICES = {
+    "broken_work": BrokenWork,
+    "busy": Busy,
+    "echo": Echo,
+    "hung": Hung,
+    "slow_viewer": SlowViewer,
+    "undeclared": Undeclared,
+}
 
 if __name__ == "__main__":
     sys.exit(run_service(SERVICES[sys.argv[1]](), instance_from_environment(), new_boot_id()))

@@ -7,18 +7,20 @@ from collections.abc import Iterable
 import pytest
 
 from jezero.runtime.codec import NotFiniteError
-from jezero.runtime.memory_bus import BUS_DELAY, LinkDelay, MemoryBus
+from jezero.runtime.memory_bus import BUS_DELAY, WORK_S, LinkDelay, MemoryBus
 from jezero.runtime.service import (
     Call,
     Inbox,
     Listen,
     Output,
+    Pace,
     Publish,
     Reply,
     Response,
     Send,
     Spec,
     UndeclaredError,
+    Work,
 )
 from jezero.schemas import topics
 from jezero.schemas.commands import Abort, AbortReply, Kill
@@ -200,3 +202,39 @@ def test_a_frozen_service_finds_everything_when_it_goes_on() -> None:
     assert not bus.runs("listener") and len(listener.heard) == heard
     bus.run_for(0.1)
     assert bus.runs("listener") and len(listener.heard) >= heard + 9
+
+
+class Planner:
+    """Steps at 10 Hz, asks for two pieces of work at once, and for 100 Hz when the second is done."""
+
+    spec = Spec(name="planner", rate_hz=10)
+
+    def __init__(self) -> None:
+        self.steps: list[int] = []
+        self.outcomes: list[tuple[int, str, int]] = []
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        if not self.steps:
+            yield Work(lambda: 6 * 7, "first")
+            yield Work(lambda: 6 + 7, "second")
+        self.steps.append(t_ns)
+        self.outcomes += [(t_ns, response.tag, response.payload) for response in inbox.responses]
+        if inbox.responses and len(self.outcomes) == 2:
+            yield Pace(100.0)
+
+
+def test_work_goes_on_beside_the_steps_and_takes_its_time_one_after_the_other() -> None:
+    bus, planner = MemoryBus(), Planner()
+    bus.add(planner)
+    bus.run_for(2.5 * WORK_S)
+    assert planner.outcomes == [(int(WORK_S * 1e9), "first", 42), (int(2 * WORK_S * 1e9), "second", 13)]
+    assert len(planner.steps) > 4
+
+
+def test_a_service_that_asks_for_it_steps_more_often() -> None:
+    bus, planner = MemoryBus(), Planner()
+    bus.add(planner)
+    bus.run_for(2.0 * WORK_S)
+    slow = len(planner.steps)
+    bus.run_for(1.0)
+    assert slow < 8 and len(planner.steps) - slow == 100

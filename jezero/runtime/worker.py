@@ -1,0 +1,36 @@
+"""Carries out a service's `Work` in a thread beside its loop, one piece at a time."""
+
+import queue
+import threading
+from collections.abc import Callable
+from typing import Any
+
+
+class Worker:
+    """Starts its thread with the first piece of work; it dies with the process.
+
+    Args:
+        done: called from the thread with the tag, what the function returned, and what it raised instead.
+    """
+
+    def __init__(self, done: Callable[[str, Any, BaseException | None], None]) -> None:
+        self._done = done
+        self._tasks: queue.SimpleQueue[tuple[Callable[[], Any], str]] = queue.SimpleQueue()
+        self._started = False
+
+    def add(self, function: Callable[[], Any], tag: str) -> None:
+        """Work for later; returns at once."""
+        self._tasks.put((function, tag))
+        if not self._started:
+            self._started = True
+            threading.Thread(target=self._run, name="work", daemon=True).start()
+
+    def _run(self) -> None:
+        while True:
+            function, tag = self._tasks.get()
+            try:
+                outcome = function()
+            except BaseException as error:  # noqa: BLE001 - handed over to the loop, which raises it
+                self._done(tag, None, error)
+            else:
+                self._done(tag, outcome, None)
