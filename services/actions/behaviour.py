@@ -22,6 +22,7 @@ class VehicleState:
     """What a behaviour may look at.
 
     Attributes:
+        age_s: how long ago the vehicle was there; 0 to 0.5.
         down_ned: (2,) north and east of the unit vector that points down through the vehicle's feet: its lean.
         height_m: over ground or deck by the laser altimeter, tilt-corrected; None when it measures nothing.
         relative: the vehicle relative to the rover, of the behaviour's own selection if it has one; None when the
@@ -35,6 +36,7 @@ class VehicleState:
     yaw_rad: float
     armed: bool
     landed: bool
+    age_s: float = 0.0
     down_ned: tuple[float, float] = (0.0, 0.0)
     height_m: float | None = None
     relative: Relative | None = None
@@ -104,6 +106,10 @@ class Behaviour(Protocol):
     @property
     def selection(self) -> Selection | None:
         """Whose estimate it needs; None: whatever the estimator makes. Asked for after `check`."""
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Setpoints per second; None: one for each odometry and estimate."""
 
     def check(self, goal: Any, status: Status) -> Verdict:
         """Whether the goal is possible; whether the vehicle's status allows it is the bridge's decision."""

@@ -212,6 +212,32 @@ class SearchConfig(Config, frozen=True, kw_only=True):
     corner_timeout_s: Positive = 10.0
 
 
+class TrackingConfig(Config, frozen=True, kw_only=True):
+    """Following a moving reference with velocity setpoints.
+
+    Attributes:
+        rate_hz: setpoints per second.
+        gain_1ps, gain_integral_1ps2, gain_derivative: velocity per error of position, its integral and its derivative.
+        integral_within_m: the integral grows only nearer to the reference than this.
+        integral_max_mps, correction_max_mps: limits of the integral, and of the rest of the correction.
+        acceleration_max_mps2: limit of what is fed forward.
+        lag_free_m, lag_max_m: the reference slows down when the vehicle is farther from it, and waits at the second.
+        progress_timeout_s: a goal is aborted when the reference had to wait for so long.
+    """
+
+    rate_hz: Positive = 100.0
+    gain_1ps: Positive = 2.0
+    gain_integral_1ps2: Positive = 0.8
+    gain_derivative: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.2
+    integral_within_m: Positive = 0.5
+    integral_max_mps: Positive = 0.3
+    correction_max_mps: Positive = 1.0
+    acceleration_max_mps2: Positive = 3.0
+    lag_free_m: Positive = 0.3
+    lag_max_m: Positive = 1.0
+    progress_timeout_s: Positive = 20.0
+
+
 class LifecycleConfig(Config, frozen=True, kw_only=True):
     """From a goal's arrival to its result.
 
@@ -272,4 +298,5 @@ class ActionsConfig(Config, frozen=True, kw_only=True):
     land_on_rover: RoverLandConfig = RoverLandConfig()
     pad_control: PadControlConfig = PadControlConfig()
     search: SearchConfig = SearchConfig()
+    tracking: TrackingConfig = TrackingConfig()
     area_coverage: CoverageConfig = CoverageConfig()

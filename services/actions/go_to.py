@@ -20,6 +20,7 @@ class GoTo:
     """Flies to `target_ned_m`. Source: thesis algorithm 3."""
 
     selection: Selection | None = None
+    rate_hz: float | None = None
 
     def __init__(self, config: ActionsConfig) -> None:
         self._config = config

@@ -8,42 +8,31 @@ from typing import Any, Literal
 
 import msgspec
 
-from jezero.frames import Vec3, add, quat_rotate, subtract, yaw_from_quat
-from jezero.runtime.service import Call, Inbox, Listen, Output, Publish, Reply, Request, Response
+from jezero.frames import add
+from jezero.runtime.service import Call, Inbox, Listen, Output, Pace, Publish, Reply, Request, Response
 from jezero.schemas.actions import Accepted, Feedback, FeedbackMessage, Goal, Rejected, Result
 from jezero.schemas.commands import Acquire, AcquireReply, Release, ReleaseReply, Setpoint
-from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.schemas.state import Odometry, Status, StatusCode
-from jezero.schemas.struct import Message
 from jezero.schemas.topics import (
     ACQUIRE,
-    ALTIMETER,
     CLOCK,
     ODOMETRY,
     RELATIVE,
     RELEASE,
-    ROVER_ESTIMATE,
     SETPOINT,
     STATUS,
     Action,
     feedback_of,
 )
-from jezero.services.actions.behaviour import Behaviour, Done, Move, VehicleState, Verdict
+from jezero.services.actions.behaviour import Behaviour, Done, Move, Verdict
 from jezero.services.actions.checks import beyond_limits
 from jezero.services.actions.config import LifecycleConfig, Limits
 from jezero.services.actions.lease import SelectionLease
+from jezero.services.actions.vehicle_view import NS_PER_S, VehicleView, is_fresh
 
-NS_PER_S = 1_000_000_000
-EARLY_NS = 50_000_000
-"""Clocks of two processes agree to this: a message may seem to be so much ahead of its time."""
 STATUS_LAG_NS = 100_000_000
 """After the grant a status may for so long still show the time before it."""
 RETRY_S = 0.2
-
-
-def is_fresh(message: Message | None, t_ns: int, age_max_s: float) -> bool:
-    """Whether a message is there and its age is between -50 ms and `age_max_s`."""
-    return message is not None and -EARLY_NS <= t_ns - message.t_ns <= age_max_s * NS_PER_S
 
 
 class GoalRun:
@@ -88,7 +77,6 @@ class GoalRun:
         self._granted_ns = 0
         self._listening = False
         self._seen_in_charge = False
-        self._offset_start_ned_m: Vec3 = (0.0, 0.0, 0.0)
         self._sequence = 0
         self._move: Move | None = None
         self._setpoint_ns = 0
@@ -96,6 +84,7 @@ class GoalRun:
         self._done: Done | None = None
         selection = behaviour.selection
         self._lease = None if selection is None else SelectionLease(goal_id, selection)
+        self._view = VehicleView(config, status.epoch_id, self._lease)
 
     # -- what the server asks of it --
 
@@ -153,11 +142,11 @@ class GoalRun:
     def _looking(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Acquire or refuse as soon as every input has come, or the time for it is over."""
         assert self._verdict.look is not None
-        odometry = self._odometry(inbox)
+        odometry = self._view.odometry(inbox)
         complete = all(inbox.latest(topic) is not None for topic in self._behaviour.inputs)
         if odometry is None or not (complete or t_ns > self._deadline_ns):
             return
-        refusal = self._verdict.look(self._vehicle_state(t_ns, inbox, odometry))
+        refusal = self._verdict.look(self._view.state(t_ns, inbox, odometry))
         if refusal or self._cancel_reason:
             yield from self._reject(refusal or self._cancel_reason, inbox)
         else:
@@ -179,10 +168,11 @@ class GoalRun:
             yield from (Reply(watcher, self._accepted(), final=False) for watcher in self._watchers)
             if self._cancel_reason:
                 return
-            odometry = self._odometry(inbox)
+            yield Pace(self._behaviour.rate_hz)
+            odometry = self._view.odometry(inbox)
             if odometry is not None:
-                self._offset_start_ned_m = odometry.reset_offset_ned_m
-                self._behaviour.start(t_ns, self.goal, self._vehicle_state(t_ns, inbox, odometry))
+                self._view.begin(odometry)
+                self._behaviour.start(t_ns, self.goal, self._view.state(t_ns, inbox, odometry))
 
     def _reject(self, reason: str, inbox: Inbox) -> Iterator[Output]:
         status = inbox.latest(STATUS)
@@ -202,18 +192,19 @@ class GoalRun:
         if self._cancel_reason:
             yield from self._release(t_ns, Done("canceled", self._cancel_reason), inbox)
             return
-        odometry = self._odometry(inbox)
+        odometry = self._view.odometry(inbox)
         age_max_s = self._config.odometry_age_max_s
         if odometry is None or not is_fresh(odometry, t_ns, age_max_s):
             reason = f"the vehicle's position is unknown: no odometry for {age_max_s:g} s"
             yield from self._release(t_ns, Done("aborted", reason), inbox)
             return
         if self._lease is not None:
-            yield from self._lease.renew(t_ns, inbox, self._shift(odometry))
+            yield from self._lease.renew(t_ns, inbox, self._view.shift(odometry))
         news = bool(inbox.new(ODOMETRY)) or bool(inbox.new(RELATIVE))
-        if not news and (t_ns - self._setpoint_ns) * self._config.setpoint_rate_hz < NS_PER_S:
+        rate_hz = self._behaviour.rate_hz or self._config.setpoint_rate_hz
+        if not news and (t_ns - self._setpoint_ns) * rate_hz < NS_PER_S:
             return
-        move = self._behaviour.step(t_ns, self._vehicle_state(t_ns, inbox, odometry))
+        move = self._behaviour.step(t_ns, self._view.state(t_ns, inbox, odometry))
         if isinstance(move, Move) and (beyond := self._moved_beyond(move, odometry)):
             move = Done("aborted", beyond)
         if isinstance(move, Done):
@@ -229,7 +220,7 @@ class GoalRun:
 
     def _moved_beyond(self, move: Move, odometry: Odometry) -> str:
         """Why the goal can't go on after its points moved along with the autopilot's position, or ""."""
-        point_ned_m, shift_ned_m = move.pos_ned_m, self._shift(odometry)
+        point_ned_m, shift_ned_m = move.pos_ned_m, self._view.shift(odometry)
         if point_ned_m is None or not any(shift_ned_m) or beyond_limits(point_ned_m, self._limits):
             return ""
         beyond = beyond_limits(add(point_ned_m, shift_ned_m), self._limits)
@@ -274,7 +265,7 @@ class GoalRun:
             sequence=self._sequence,
             phase=move.phase,
             reset_counter=odometry.reset_counter,
-            pos_ned_m=None if move.pos_ned_m is None else add(move.pos_ned_m, self._shift(odometry)),
+            pos_ned_m=None if move.pos_ned_m is None else add(move.pos_ned_m, self._view.shift(odometry)),
             vel_ned_mps=move.vel_ned_mps,
             acc_ned_mps2=move.acc_ned_mps2,
             yaw_rad=move.yaw_rad,
@@ -306,10 +297,10 @@ class GoalRun:
         self._attempt += 1
         self._retry_ns = None
         self._tag = f"{self.goal_id}/release/{self._attempt}/{t_ns}"
-        odometry = self._odometry(inbox)
+        odometry = self._view.odometry(inbox)
         hover_pos_ned_m = done.hover_pos_ned_m
         if hover_pos_ned_m is not None and odometry is not None:
-            hover_pos_ned_m = add(hover_pos_ned_m, self._shift(odometry))
+            hover_pos_ned_m = add(hover_pos_ned_m, self._view.shift(odometry))
         release = Release(
             control_id=self._grant.control_id,
             outcome=done.outcome,
@@ -339,7 +330,7 @@ class GoalRun:
             return
         if self._retry_ns is not None and t_ns >= self._retry_ns:
             yield from self._ask_release(t_ns, done, inbox)
-        status, odometry = inbox.latest(STATUS), self._odometry(inbox)
+        status, odometry = inbox.latest(STATUS), self._view.odometry(inbox)
         still_ours = status is not None and self._is_ours(status)
         if done.outcome == "succeeded" and still_ours and self._move is not None and odometry is not None:
             yield self._setpoint(t_ns, self._move, odometry)
@@ -377,7 +368,7 @@ class GoalRun:
         self.stage = "over"
         if self._lease is not None:
             yield from self._lease.end(t_ns)
-        odometry = self._odometry(inbox)
+        odometry = self._view.odometry(inbox)
         pos_uav_ned_m = (0.0, 0.0, 0.0) if odometry is None else odometry.pos_uav_ned_m
         self.result = Result(
             goal_id=self.goal_id,
@@ -388,60 +379,5 @@ class GoalRun:
         )
         yield from (Reply(watcher, self.result) for watcher in self._watchers)
 
-    # -- what it sees --
-
     def _response(self, inbox: Inbox) -> Response | None:
         return next((response for response in inbox.responses if response.tag == self._tag), None)
-
-    def _odometry(self, inbox: Inbox) -> Odometry | None:
-        """The newest there is; until the first one of its own topic arrives, the status brings it."""
-        odometry, status = inbox.latest(ODOMETRY), inbox.latest(STATUS)
-        if odometry is None and status is not None:
-            return status.odometry
-        return odometry
-
-    def _shift(self, odometry: Odometry) -> Vec3:
-        """From the world frame as the behaviour knows it to the autopilot's present one."""
-        return subtract(odometry.reset_offset_ned_m, self._offset_start_ned_m)
-
-    def _vehicle_state(self, t_ns: int, inbox: Inbox, odometry: Odometry) -> VehicleState:
-        status = inbox.latest(STATUS)
-        q_ned_from_frd = odometry.q_ned_from_frd
-        lean_north, lean_east, upright = quat_rotate(q_ned_from_frd, (0.0, 0.0, 1.0))
-        altimeter = inbox.latest(ALTIMETER)
-        height_m = None
-        if altimeter is not None and altimeter.range_m is not None:
-            fresh = is_fresh(altimeter, t_ns, self._config.altimeter_age_max_s)
-            height_m = altimeter.range_m * upright if fresh else None
-        return VehicleState(
-            pos_uav_ned_m=subtract(odometry.pos_uav_ned_m, self._shift(odometry)),
-            vel_uav_ned_mps=odometry.vel_uav_ned_mps,
-            yaw_rad=yaw_from_quat(q_ned_from_frd),
-            armed=status is not None and status.armed,
-            landed=status is not None and status.landed,
-            down_ned=(lean_north, lean_east),
-            height_m=height_m,
-            relative=self._relative(t_ns, inbox),
-            rover=self._rover(t_ns, inbox),
-        )
-
-    def _relative(self, t_ns: int, inbox: Inbox) -> Relative | None:
-        relative = inbox.latest(RELATIVE)
-        if relative is None or relative.epoch_id != self._epoch_id:
-            return None
-        if self._lease is not None:
-            relative = self._lease.own(relative)
-        return relative if is_fresh(relative, t_ns, self._config.estimate_age_max_s) else None
-
-    def _rover(self, t_ns: int, inbox: Inbox) -> RoverEstimate | None:
-        """In the world frame as the behaviour knows it."""
-        rover = inbox.latest(ROVER_ESTIMATE)
-        if rover is None or rover.epoch_id != self._epoch_id:
-            return None
-        if not is_fresh(rover, t_ns, self._config.estimate_age_max_s):
-            return None
-        shift = subtract(rover.reset_offset_ned_m, self._offset_start_ned_m)
-        pos_rover_ned_m = subtract(rover.pos_rover_ned_m, shift)
-        return msgspec.structs.replace(
-            rover, pos_rover_ned_m=pos_rover_ned_m, reset_offset_ned_m=self._offset_start_ned_m
-        )

@@ -16,6 +16,8 @@ from jezero.services.actions.rover_landing import RoverLanding
 class LandOnSpot:
     """Picks the landing that the goal's sensors allow."""
 
+    rate_hz: float | None = None
+
     def __init__(self, config: ActionsConfig) -> None:
         self._config = config
         self._landing: PlainLanding | RoverLanding | None = None

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from jezero.runtime.service import Health, Inbox, Listen, Output, Reply, Request, Spec
+from jezero.runtime.service import Health, Inbox, Listen, Output, Pace, Reply, Request, Spec
 from jezero.schemas.actions import Accepted, CancelReply, Goal, Rejected, Result, ResultReply
 from jezero.schemas.state import Status
 from jezero.schemas.topics import (
@@ -26,7 +26,8 @@ from jezero.schemas.topics import (
 )
 from jezero.services.actions.behaviour import Behaviour
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.goal_run import NS_PER_S, GoalRun, is_fresh
+from jezero.services.actions.goal_run import GoalRun
+from jezero.services.actions.vehicle_view import NS_PER_S, is_fresh
 
 RESULTS_KEPT = 100
 EARLY_GOAL_NS = NS_PER_S
@@ -94,6 +95,7 @@ class ActionServer:
             if run.result is not None:
                 self._keep(run.result)
             yield Listen(())
+            yield Pace(None)
 
     def _keep(self, result: Result[Any]) -> None:
         self._results[result.goal_id] = result

@@ -46,6 +46,7 @@ class Takeoff:
 
     inputs: tuple[Topic[Any], ...] = ()
     selection: Selection | None = None
+    rate_hz: float | None = None
 
     def __init__(self, config: ActionsConfig) -> None:
         self._config = config
