@@ -213,3 +213,16 @@ def camera_from_frd(v_frd: Vec3, pitch_camera_rad: float) -> Vec3:
     x, y, z = v_frd
     c, s = cos(pitch_camera_rad), sin(pitch_camera_rad)
     return (y, s * x + c * z, c * x - s * z)
+
+
+def q_frd_from_camera(pitch_camera_rad: float) -> Quat:
+    """The rotation of `frd_from_camera`."""
+    half_rad = 0.5 * pitch_camera_rad
+    return quat_normalize(quat_multiply((cos(half_rad), 0.0, sin(half_rad), 0.0), (0.5, 0.5, 0.5, 0.5)))
+
+
+def quat_between(a: Quat, b: Quat, share: float) -> Quat:
+    """Between two attitudes that are near each other; a share of 0 is `a`. Source: normalised linear interpolation."""
+    sign = copysign(1.0, a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3])
+    w, x, y, z = (p + share * (sign * q - p) for p, q in zip(a, b, strict=True))
+    return quat_normalize((w, x, y, z))

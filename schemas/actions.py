@@ -9,6 +9,7 @@ from typing import Annotated, Generic, Literal, TypeVar
 from msgspec import Meta
 
 from jezero.schemas.commands import Outcome
+from jezero.schemas.images import Image, Index
 from jezero.schemas.struct import Angle, Message, Name, NonNegative, Payload, Position, PositionNed, Text, TimeNs
 
 Frame = Literal["world", "rover"]
@@ -68,6 +69,27 @@ class LandOnSpotGoal(Goal, frozen=True, kw_only=True):
     use_marker: bool = True
 
 
+class GetImagesGoal(Goal, frozen=True, kw_only=True):
+    """Photograph a target from all sides, on a circle around it.
+
+    Attributes:
+        center_ned_m: of the circle, in `frame`; its z is the height of the flight, negative is up.
+        num_images: spread evenly over one turn.
+        target_z_ned_m: in `frame`: what is straight above or below the centre at this height is in the middle of each
+            picture.
+        speed_mps: along the circle, None for the default.
+        stream_images: feedback tells of each picture as it is taken; else only the result tells.
+    """
+
+    center_ned_m: PositionNed
+    radius_m: float
+    num_images: int
+    frame: Frame = "world"
+    target_z_ned_m: Position = 0.0
+    speed_mps: float | None = None
+    stream_images: bool = True
+
+
 Corners = tuple[tuple[Position, Position], ...]
 """(n, 2) north and east of a polygon's corners, in order; the last may repeat the first."""
 
@@ -119,11 +141,39 @@ class LandFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="la
     phase: LandPhase
 
 
+class ImagesFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="images"):
+    """How the taking of pictures goes.
+
+    Attributes:
+        pos_uav_ned_m: in `frame`.
+        taken, planned: numbers of pictures.
+        images: taken since the last feedback; always empty without `stream_images`.
+    """
+
+    pos_uav_ned_m: PositionNed
+    frame: Frame = "world"
+    taken: Index
+    planned: Index
+    images: tuple[Image, ...] = ()
+
+
 class MoveResult(Payload, frozen=True, kw_only=True):
     """pos_uav_ned_m: where it ended, in world NED whatever the goal's frame."""
 
     completed: bool
     pos_uav_ned_m: PositionNed
+
+
+class ImagesResult(Payload, frozen=True, kw_only=True):
+    """What was photographed, also by a goal that could not be finished.
+
+    Attributes:
+        pos_uav_ned_m: where it ended; this and all positions of `images` in world NED, whatever the goal's frame.
+    """
+
+    completed: bool
+    pos_uav_ned_m: PositionNed
+    images: tuple[Image, ...] = ()
 
 
 class LandResult(Payload, frozen=True, kw_only=True):
@@ -171,7 +221,7 @@ class FeedbackMessage(Message, frozen=True, kw_only=True):
     goal_id: Name
     action: Name
     code: int
-    feedback: MoveFeedback | LandFeedback
+    feedback: MoveFeedback | LandFeedback | ImagesFeedback
 
 
 class Cancel(Payload, frozen=True, kw_only=True):
@@ -197,4 +247,4 @@ class ResultReply(Payload, frozen=True, kw_only=True):
     goal_id: Name
     action: Name
     running: bool
-    result: Annotated[str, Meta(max_length=1_000_000)] | None = None
+    result: Annotated[str, Meta(max_length=4_000_000)] | None = None

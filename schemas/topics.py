@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Generic, Literal, TypeVar
 
-from jezero.schemas import actions, commands, estimate, health, sensors, state
+from jezero.schemas import actions, commands, estimate, health, images, sensors, state
 from jezero.schemas.struct import Message, Payload
 
 M = TypeVar("M", bound=Message)
@@ -50,13 +50,18 @@ class Endpoint(Generic[Q, R]):
 
 @dataclass(frozen=True)
 class Action(Generic[Q]):
-    """One action: its goal, what it reports, how it ends, and the endpoints it is served on."""
+    """One action: its goal, what it reports, how it ends, and the endpoints it is served on.
+
+    Attributes:
+        takes_pictures: whether it is served on `image` too.
+    """
 
     name: str
     goal_type: type[Q]
     feedback_type: Any
     result_type: Any
     phase: commands.Phase
+    takes_pictures: bool = False
 
     @cached_property
     def endpoint(self) -> Endpoint[Q, actions.Rejected]:
@@ -75,6 +80,16 @@ class Action(Generic[Q]):
             actions.Cancel,
             actions.CancelReply,
             lambda why: actions.CancelReply(canceled=False, reason=why),
+        )
+
+    @cached_property
+    def image(self) -> Endpoint[images.GetImage, images.ImageReply]:
+        """The pixels of one picture per question, also after the goal's end."""
+        return Endpoint(
+            f"@action/{self.name}/image",
+            images.GetImage,
+            images.ImageReply,
+            lambda why: images.ImageReply(reason=why),
         )
 
 
@@ -171,6 +186,7 @@ ACTIONS: dict[str, Action[Any]] = {a.name: a for a in (TAKEOFF, GO_TO, LAND_ON_S
 ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (
     ACQUIRE, RELEASE, HOVER, ABORT, KILL, RESULT, GET_PARAMETERS, SET_PARAMETERS, LEASE,
     *(a.endpoint for a in ACTIONS.values()), *(a.cancel for a in ACTIONS.values()),
+    *(a.image for a in ACTIONS.values() if a.takes_pictures),
 )  # fmt: skip
 
 

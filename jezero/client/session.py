@@ -17,7 +17,6 @@ import msgspec
 import zenoh
 
 from jezero.client.errors import JezeroError, TimedOut, Unreachable
-from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.struct import Message, Payload
 from jezero.schemas.topics import Endpoint, Topic, key, liveliness_key
 
@@ -67,26 +66,26 @@ class Arrivals:
 
     def on_reply(self, reply: zenoh.Reply) -> None:
         if reply.ok is not None:
-            self._items.append(reply.ok.payload.to_bytes())
+            self._items.append(_whole(reply.ok))
         elif reply.err is not None:
             self.error = reply.err.payload.to_bytes().decode("utf-8", "replace")
         self._wake()
 
     def on_sample(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:
-            self._items.append(sample.payload.to_bytes())
-            self._wake()
-
-    def on_picture(self, sample: zenoh.Sample) -> None:
-        """Header and pixels travel apart; here they are joined by a line feed."""
-        if sample.kind == zenoh.SampleKind.PUT:
-            header = b"" if sample.attachment is None else sample.attachment.to_bytes()
-            self._items.append(b"%b\n%b" % (header, sample.payload.to_bytes()))
+            self._items.append(_whole(sample))
             self._wake()
 
     def on_end(self) -> None:
         self.ended = True
         self._wake()
+
+
+def _whole(sample: zenoh.Sample) -> bytes:
+    """Its payload. A picture's header and pixels travel apart; here they are joined by a line feed."""
+    if sample.attachment is None:
+        return sample.payload.to_bytes()
+    return b"%b\n%b" % (sample.attachment.to_bytes(), sample.payload.to_bytes())
 
 
 class Connection:
@@ -184,9 +183,8 @@ class Connection:
     def subscribe(self, topic: Topic[Any]) -> tuple[Arrivals, Callable[[], None]]:
         """Messages of a topic from now on, and how to stop them."""
         arrivals = Arrivals()
-        take = arrivals.on_picture if topic.type is CameraFrame else arrivals.on_sample
         subscriber = self._session.declare_subscriber(
-            key(self.vehicle, topic.name), zenoh.handlers.Callback(take, arrivals.on_end, indirect=False)
+            key(self.vehicle, topic.name), zenoh.handlers.Callback(arrivals.on_sample, arrivals.on_end, indirect=False)
         )
         return arrivals, subscriber.undeclare
 

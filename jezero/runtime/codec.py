@@ -10,11 +10,14 @@ from typing import Any
 
 import msgspec
 
+from jezero.schemas.images import ImageReply
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.struct import Payload
 
 MAX_PAYLOAD_BYTES = 4_000_000
 MAX_PICTURE_HEADER_BYTES = 4_000
+PICTURES = (CameraFrame, ImageReply)
+"""Payloads whose pixels travel beside their header."""
 _encoder = msgspec.json.Encoder()
 
 
@@ -32,7 +35,7 @@ def encode(payload: Payload) -> bytes:
     Raises:
         NotFiniteError: a float in it is NaN or infinite.
     """
-    if isinstance(payload, CameraFrame) and payload.pixels:
+    if isinstance(payload, PICTURES) and payload.pixels:
         return join_picture(encode(msgspec.structs.replace(payload, pixels=b"")), payload.pixels)
     data = _encoder.encode(payload)
     if b"null" in data:  # NaN, infinity, or an honest None
@@ -67,8 +70,8 @@ def decode(kind: Any, data: bytes) -> Any:
         BadPayloadError: malformed, an unknown field, a wrong type, a number out of its range, or a picture that has
             not three bytes for each pixel.
     """
-    if kind is CameraFrame:
-        return _decode_picture(data)
+    if kind in PICTURES:
+        return _decode_picture(kind, data)
     if len(data) > MAX_PAYLOAD_BYTES:
         raise BadPayloadError(f"{len(data)} bytes are more than {MAX_PAYLOAD_BYTES}")
     try:
@@ -90,12 +93,12 @@ def split_picture(data: bytes) -> tuple[bytes, bytes]:
     return header, pixels
 
 
-def _decode_picture(data: bytes) -> CameraFrame:
+def _decode_picture(kind: Any, data: bytes) -> CameraFrame | ImageReply:
     header, pixels = split_picture(data)
     if len(header) > MAX_PICTURE_HEADER_BYTES:
         raise BadPayloadError(f"a header of {len(header)} bytes is more than {MAX_PICTURE_HEADER_BYTES}")
     try:
-        frame: CameraFrame = _decoder(CameraFrame).decode(header)
+        frame: CameraFrame | ImageReply = _decoder(kind).decode(header)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise BadPayloadError(str(error)) from None
     except RecursionError:

@@ -18,7 +18,7 @@ from typing import Any, cast
 import zenoh
 
 from jezero.runtime.clock import VehicleClock
-from jezero.runtime.codec import BadPayloadError, decode, encode
+from jezero.runtime.codec import PICTURES, BadPayloadError, decode, encode, split_picture
 from jezero.runtime.config import ConfigError, Instance, instance_from_environment
 from jezero.runtime.links import SocketLink
 from jezero.runtime.node import Node
@@ -120,6 +120,10 @@ class _Runner:
         self._worker = Worker(lambda tag, outcome, error: self._enqueue("outcome", tag, (outcome, error)))
         self._period_ns = int(NS_PER_S / self._spec.rate_hz)
         self._queries: dict[int, zenoh.Query] = {}
+        self._pictures = {
+            key(instance.vehicle, served.name) for served in self._spec.serves if served.reply_type in PICTURES
+        }
+        """Keys whose replies are pictures."""
         self._request_id = 0
         self._health_topic = health_of(self._spec.name)
         self._late_ns = 0
@@ -336,7 +340,11 @@ class _Runner:
         query = self._queries.get(request_id)
         if query is None:
             return
-        if data is not None:
+        if data is not None and str(query.key_expr) in self._pictures:
+            header, pixels = split_picture(data)
+            octets = zenoh.Encoding.APPLICATION_OCTET_STREAM
+            query.reply(query.key_expr, pixels, encoding=octets, attachment=header)
+        elif data is not None:
             query.reply(query.key_expr, data, encoding=zenoh.Encoding.APPLICATION_JSON)
         if final:
             del self._queries[request_id]

@@ -1,8 +1,12 @@
 """`python -m jezero.services.actions takeoff`: the server of one action."""
 
+import os
 import sys
+from pathlib import Path
 
+from jezero.runtime.spool import Spool
 from jezero.runtime.zenoh_bus import run_process
+from jezero.schemas.topics import ACTIONS
 from jezero.services.actions.table import BEHAVIOURS, action_server
 
 
@@ -12,7 +16,10 @@ def main() -> int:
         print(f"usage: python -m jezero.services.actions {{{','.join(BEHAVIOURS)}}}", file=sys.stderr)
         return 2
     name = sys.argv[1]
-    return run_process(name, lambda _instance, boot_id: (action_server(name, boot_id), {}))
+    run_dir = os.environ.get("JEZERO_RUN_DIR")
+    folder = Path(run_dir).absolute() / "pictures" / name if run_dir else None
+    spool = Spool(folder) if ACTIONS[name].takes_pictures else None
+    return run_process(name, lambda _instance, boot_id: (action_server(name, boot_id, spool=spool), {}))
 
 
 if __name__ == "__main__":

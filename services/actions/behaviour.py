@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 from jezero.frames import Vec3
-from jezero.schemas.actions import LandFeedback, MoveFeedback
+from jezero.schemas.actions import ImagesFeedback, LandFeedback, MoveFeedback
 from jezero.schemas.commands import Outcome, Phase
 from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.schemas.state import Status
 from jezero.schemas.struct import Payload
 from jezero.schemas.topics import Topic
+from jezero.services.actions.capture import Capture
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,14 +77,19 @@ class Selection:
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """One setpoint and what to report with it; at least one of position and velocity is given."""
+    """One setpoint and what to report with it; at least one of position and velocity is given.
+
+    Attributes:
+        pitch_camera_rad: where the camera shall look, None leaves it alone; only for actions that take pictures.
+    """
 
     phase: Phase
-    feedback: MoveFeedback | LandFeedback
+    feedback: MoveFeedback | LandFeedback | ImagesFeedback
     pos_ned_m: Vec3 | None = None
     vel_ned_mps: Vec3 | None = None
     acc_ned_mps2: Vec3 | None = None
     yaw_rad: float | None = None
+    pitch_camera_rad: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +104,10 @@ class Done:
 
 class Behaviour(Protocol):
     """One goal's behaviour; a new one is made for each goal."""
+
+    @property
+    def capture(self) -> Capture | None:
+        """The pictures it takes; None: none. Asked for after `check`."""
 
     @property
     def inputs(self) -> tuple[Topic[Any], ...]:

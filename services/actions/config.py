@@ -257,7 +257,7 @@ class LifecycleConfig(Config, frozen=True, kw_only=True):
     odometry_age_max_s: Positive = 0.5
     altimeter_age_max_s: Positive = 0.3
     estimate_age_max_s: Positive = 0.3
-    look_timeout_s: Positive = 0.5
+    look_timeout_s: Positive = 1.5
     acquire_timeout_s: Positive = 1.0
     release_hover_timeout_s: Positive = 6.0
     release_disarm_timeout_s: Positive = 12.0
@@ -265,6 +265,20 @@ class LifecycleConfig(Config, frozen=True, kw_only=True):
     step_rate_hz: Positive = 10.0
     setpoint_rate_hz: Positive = 50.0
     feedback_rate_hz: Positive = 10.0
+
+
+class CaptureConfig(Config, frozen=True, kw_only=True):
+    """Taking pictures.
+
+    Attributes:
+        late_max_s: a goal is aborted when a planned point's picture hasn't come so long after the vehicle passed it.
+        history_s: what was measured is kept for so long, to be there when the picture comes; later ones are dropped.
+        sensor_age_max_s: what was measured so long before or after an exposure is not its.
+    """
+
+    late_max_s: Positive = 2.0
+    history_s: Positive = 2.0
+    sensor_age_max_s: Positive = 0.3
 
 
 class CoverageConfig(Config, frozen=True, kw_only=True):
@@ -299,4 +313,5 @@ class ActionsConfig(Config, frozen=True, kw_only=True):
     pad_control: PadControlConfig = PadControlConfig()
     search: SearchConfig = SearchConfig()
     tracking: TrackingConfig = TrackingConfig()
+    capture: CaptureConfig = CaptureConfig()
     area_coverage: CoverageConfig = CoverageConfig()

@@ -9,6 +9,7 @@ from jezero.schemas.commands import Phase
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.topics import RELATIVE, Topic
 from jezero.services.actions.behaviour import Done, Move, Selection, VehicleState, Verdict
+from jezero.services.actions.capture import Capture
 from jezero.services.actions.checks import distance_refusal, point_refusal, speed_refusal
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.leg import Leg
@@ -21,6 +22,7 @@ class GoTo:
 
     selection: Selection | None = None
     rate_hz: float | None = None
+    capture: Capture | None = None
 
     def __init__(self, config: ActionsConfig) -> None:
         self._config = config

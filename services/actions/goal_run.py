@@ -10,11 +10,14 @@ import msgspec
 
 from jezero.frames import add
 from jezero.runtime.service import Call, Inbox, Listen, Output, Pace, Publish, Reply, Request, Response
-from jezero.schemas.actions import Accepted, Feedback, FeedbackMessage, Goal, Rejected, Result
-from jezero.schemas.commands import Acquire, AcquireReply, Release, ReleaseReply, Setpoint
+from jezero.runtime.spool import Spool
+from jezero.schemas.actions import Accepted, Feedback, FeedbackMessage, Goal, ImagesFeedback, Rejected, Result
+from jezero.schemas.commands import Acquire, AcquireReply, CameraPitch, Release, ReleaseReply, Setpoint
+from jezero.schemas.images import ImageReply
 from jezero.schemas.state import Odometry, Status, StatusCode
 from jezero.schemas.topics import (
     ACQUIRE,
+    CAMERA_PITCH,
     CLOCK,
     ODOMETRY,
     RELATIVE,
@@ -25,6 +28,7 @@ from jezero.schemas.topics import (
     feedback_of,
 )
 from jezero.services.actions.behaviour import Behaviour, Done, Move, Verdict
+from jezero.services.actions.capture import CAPTURE_INPUTS
 from jezero.services.actions.checks import beyond_limits
 from jezero.services.actions.config import LifecycleConfig, Limits
 from jezero.services.actions.lease import SelectionLease
@@ -33,6 +37,8 @@ from jezero.services.actions.vehicle_view import NS_PER_S, VehicleView, is_fresh
 STATUS_LAG_NS = 100_000_000
 """After the grant a status may for so long still show the time before it."""
 RETRY_S = 0.2
+PITCH_PERIOD_NS = 45_000_000
+"""A little less than that of `command/camera_pitch`, as steps don't come evenly."""
 
 
 class GoalRun:
@@ -41,6 +47,7 @@ class GoalRun:
     Attributes:
         result: set once the goal is over, unless it was rejected.
         clients: those who sent it and are still there.
+        capture: the pictures it takes, if it does.
     """
 
     def __init__(
@@ -54,6 +61,7 @@ class GoalRun:
         config: LifecycleConfig,
         limits: Limits,
         status: Status,
+        spool: Spool | None = None,
     ) -> None:
         self.goal = goal
         self.goal_id = goal_id
@@ -81,10 +89,15 @@ class GoalRun:
         self._move: Move | None = None
         self._setpoint_ns = 0
         self._feedback_due_ns = 0
+        self._pitch_due_ns = 0
         self._done: Done | None = None
         selection = behaviour.selection
         self._lease = None if selection is None else SelectionLease(goal_id, selection)
         self._view = VehicleView(config, status.epoch_id, self._lease)
+        self.capture = behaviour.capture
+        self._spool = spool
+        captured = () if self.capture is None else CAPTURE_INPUTS
+        self._inputs = tuple(dict.fromkeys((*behaviour.inputs, *captured)))
 
     # -- what the server asks of it --
 
@@ -96,7 +109,7 @@ class GoalRun:
         self.stage = "looking"
         self._deadline_ns = t_ns + int(self._config.look_timeout_s * NS_PER_S)
         self._listening = True
-        yield Listen((ODOMETRY, *self._behaviour.inputs))
+        yield Listen((ODOMETRY, *self._inputs))
 
     def _acquire(self, t_ns: int) -> Iterator[Output]:
         self.stage = "acquiring"
@@ -125,6 +138,7 @@ class GoalRun:
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """React to what arrived."""
+        self._take_pictures(t_ns, inbox)
         if self.stage == "looking":
             yield from self._looking(t_ns, inbox)
         elif self.stage == "acquiring":
@@ -133,7 +147,7 @@ class GoalRun:
             yield from self._flying(t_ns, inbox)
             if not self._listening:  # only now: others on the bus wait while the router takes in a declaration
                 self._listening = True
-                yield Listen((ODOMETRY, *self._behaviour.inputs))
+                yield Listen((ODOMETRY, *self._inputs))
         elif self.stage == "releasing":
             yield from self._releasing(t_ns, inbox)
 
@@ -143,7 +157,7 @@ class GoalRun:
         """Acquire or refuse as soon as every input has come, or the time for it is over."""
         assert self._verdict.look is not None
         odometry = self._view.odometry(inbox)
-        complete = all(inbox.latest(topic) is not None for topic in self._behaviour.inputs)
+        complete = all(inbox.latest(topic) is not None for topic in self._inputs)
         if odometry is None or not (complete or t_ns > self._deadline_ns):
             return
         refusal = self._verdict.look(self._view.state(t_ns, inbox, odometry))
@@ -198,6 +212,9 @@ class GoalRun:
             reason = f"the vehicle's position is unknown: no odometry for {age_max_s:g} s"
             yield from self._release(t_ns, Done("aborted", reason), inbox)
             return
+        if self.capture is not None and (problem := self.capture.problem(t_ns)):
+            yield from self._release(t_ns, Done("aborted", problem), inbox)
+            return
         if self._lease is not None:
             yield from self._lease.renew(t_ns, inbox, self._view.shift(odometry))
         news = bool(inbox.new(ODOMETRY)) or bool(inbox.new(RELATIVE))
@@ -212,6 +229,9 @@ class GoalRun:
             return
         self._move = move
         yield self._setpoint(t_ns, move, odometry)
+        if move.pitch_camera_rad is not None and t_ns >= self._pitch_due_ns:
+            self._pitch_due_ns = t_ns + PITCH_PERIOD_NS
+            yield Publish(CAMERA_PITCH, CameraPitch(t_ns=t_ns, pitch_camera_rad=move.pitch_camera_rad))
         if t_ns >= self._feedback_due_ns:
             period_ns = int(NS_PER_S / self._config.feedback_rate_hz)
             late_ns = t_ns - self._feedback_due_ns
@@ -278,12 +298,33 @@ class GoalRun:
         content = move.feedback
         if content.frame == "world":
             content = msgspec.structs.replace(content, pos_uav_ned_m=odometry.pos_uav_ned_m)
+        if isinstance(content, ImagesFeedback) and self.capture is not None:
+            taken, planned = self.capture.taken, self.capture.planned
+            content = msgspec.structs.replace(content, taken=taken, planned=planned, images=self.capture.told())
         feedback = Feedback(goal_id=self.goal_id, t_ns=t_ns, code=code, feedback=content)
         yield from (Reply(watcher, feedback, final=False) for watcher in self._watchers)
         message = FeedbackMessage(
             t_ns=t_ns, goal_id=self.goal_id, action=self._action.name, code=code, feedback=content
         )
         yield Publish(self._feedback_topic, message)
+
+    def _take_pictures(self, t_ns: int, inbox: Inbox) -> None:
+        """Those that have come are written to the disk at once: none is kept in memory."""
+        if self.capture is None or self._spool is None:
+            return
+        for shot in self.capture.take_in(t_ns, inbox):
+            frame = shot.frame
+            picture = ImageReply(
+                goal_id=self.goal_id,
+                index=shot.image.index,
+                width_px=frame.width_px,
+                height_px=frame.height_px,
+                pixels=frame.pixels,
+            )
+            try:
+                self._spool.keep(picture)
+            except OSError as error:
+                self.capture.fail(f"they can't be stored: {error.strerror or error}")
 
     # -- releasing --
 

@@ -7,6 +7,7 @@ from jezero.schemas.actions import LandOnSpotGoal, LandResult
 from jezero.schemas.state import Status
 from jezero.schemas.topics import Topic
 from jezero.services.actions.behaviour import Done, Move, Selection, VehicleState, Verdict
+from jezero.services.actions.capture import Capture
 from jezero.services.actions.checks import distance_refusal
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.plain_landing import PlainLanding
@@ -17,6 +18,7 @@ class LandOnSpot:
     """Picks the landing that the goal's sensors allow."""
 
     rate_hz: float | None = None
+    capture: Capture | None = None
 
     def __init__(self, config: ActionsConfig) -> None:
         self._config = config

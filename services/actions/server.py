@@ -7,11 +7,14 @@ from typing import Any
 import msgspec
 
 from jezero.runtime.service import Health, Inbox, Listen, Output, Pace, Reply, Request, Spec
+from jezero.runtime.spool import Spool
 from jezero.schemas.actions import Accepted, CancelReply, Goal, Rejected, Result, ResultReply
+from jezero.schemas.images import GetImage
 from jezero.schemas.state import Status
 from jezero.schemas.topics import (
     ACQUIRE,
     ALTIMETER,
+    CAMERA_PITCH,
     CLOCK,
     LEASE,
     ODOMETRY,
@@ -25,6 +28,7 @@ from jezero.schemas.topics import (
     feedback_of,
 )
 from jezero.services.actions.behaviour import Behaviour
+from jezero.services.actions.capture import CAPTURE_INPUTS
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.goal_run import GoalRun
 from jezero.services.actions.vehicle_view import NS_PER_S, is_fresh
@@ -39,6 +43,7 @@ class ActionServer:
     Args:
         behaviour_factory: makes a fresh behaviour for each goal.
         boot_id: differs between two runs, so that ids of goals do too.
+        spool: where pictures are kept, for actions that take some; by default a temporary folder.
     """
 
     def __init__(
@@ -47,6 +52,7 @@ class ActionServer:
         behaviour_factory: Callable[[ActionsConfig], Behaviour],
         config: ActionsConfig,
         boot_id: int,
+        spool: Spool | None = None,
     ) -> None:
         self._action = action
         self._endpoint = action.endpoint
@@ -54,18 +60,23 @@ class ActionServer:
         self._make_behaviour = behaviour_factory
         self._config = config
         self._boot_id = boot_id
+        self._spool = (spool or Spool()) if action.takes_pictures else None
         self._goals_made = 0
         self._run: GoalRun | None = None
         self._results: dict[str, Result[Any]] = {}
         self._health: Health | None = None
+        takes = action.takes_pictures
         self.spec = Spec(
             name=action.name,
             inputs=(STATUS, CLOCK),
-            on_demand=(ODOMETRY, ALTIMETER, RELATIVE, ROVER_ESTIMATE),
-            outputs=(SETPOINT, feedback_of(action)),
-            serves=(self._endpoint, self._cancel, RESULT),
+            on_demand=(ODOMETRY, RELATIVE, ROVER_ESTIMATE, *(CAPTURE_INPUTS if takes else (ALTIMETER,))),
+            outputs=(SETPOINT, feedback_of(action), *((CAMERA_PITCH,) if takes else ())),
+            serves=(self._endpoint, self._cancel, RESULT, *((action.image,) if takes else ())),
             calls=(ACQUIRE, RELEASE, LEASE),
-            triggers=(ODOMETRY.name, RELATIVE.name, self._endpoint.name, self._cancel.name, RESULT.name),
+            triggers=(
+                *(ODOMETRY.name, RELATIVE.name, self._endpoint.name, self._cancel.name, RESULT.name),
+                *((action.image.name,) if takes else ()),
+            ),
             rate_hz=config.lifecycle.step_rate_hz,
             watches_clients=True,
         )
@@ -80,6 +91,10 @@ class ActionServer:
             yield Reply(request.request_id, self._answer_cancel(request.payload.goal_id))
         for request in inbox.requests(RESULT):
             yield Reply(request.request_id, self._answer_result(request.payload.goal_id))
+        if self._spool is not None:
+            for request in inbox.requests(self._action.image):
+                wanted: GetImage = request.payload
+                yield Reply(request.request_id, self._spool.get(wanted.goal_id, wanted.index))
         health = self._judge_health(t_ns, inbox)
         if health != self._health:
             self._health = health
@@ -138,6 +153,7 @@ class ActionServer:
             config=self._config.lifecycle,
             limits=self._config.limits,
             status=status,
+            spool=self._spool,
         )
         yield from self._run.begin(t_ns)
         yield from self._run.attach(request)

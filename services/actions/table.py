@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from jezero.runtime.config import load_config
+from jezero.runtime.spool import Spool
 from jezero.schemas.topics import ACTIONS
 from jezero.services.actions.behaviour import Behaviour
 from jezero.services.actions.config import ActionsConfig
@@ -18,11 +19,17 @@ BEHAVIOURS: dict[str, Callable[[ActionsConfig], Behaviour]] = {
 }
 
 
-def action_server(name: str, boot_id: int, config: ActionsConfig | None = None) -> ActionServer:
+def action_server(
+    name: str, boot_id: int, config: ActionsConfig | None = None, spool: Spool | None = None
+) -> ActionServer:
     """The server of the action of that name; settings from `actions.toml` unless given.
+
+    Args:
+        spool: see `ActionServer`.
 
     Raises:
         KeyError: there is no such action.
         ConfigError: the settings are wrong.
     """
-    return ActionServer(ACTIONS[name], BEHAVIOURS[name], config or load_config(ActionsConfig, "actions"), boot_id)
+    config = config or load_config(ActionsConfig, "actions")
+    return ActionServer(ACTIONS[name], BEHAVIOURS[name], config, boot_id, spool)

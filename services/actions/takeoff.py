@@ -8,6 +8,7 @@ from jezero.schemas.commands import Phase
 from jezero.schemas.state import Status
 from jezero.schemas.topics import Topic
 from jezero.services.actions.behaviour import Done, Move, Selection, VehicleState, Verdict
+from jezero.services.actions.capture import Capture
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.leg import NS_PER_S, Leg
 
@@ -47,6 +48,7 @@ class Takeoff:
     inputs: tuple[Topic[Any], ...] = ()
     selection: Selection | None = None
     rate_hz: float | None = None
+    capture: Capture | None = None
 
     def __init__(self, config: ActionsConfig) -> None:
         self._config = config

@@ -178,5 +178,11 @@ class FakeBridge:
 
 def topics_code(setpoint: Setpoint) -> StatusCode:
     """The status code of a setpoint's phase."""
-    codes = {"takeoff": StatusCode.TAKEOFF, "go_to": StatusCode.GO_TO, "landing": StatusCode.LANDING}
+    codes = {
+        "takeoff": StatusCode.TAKEOFF,
+        "go_to": StatusCode.GO_TO,
+        "get_images": StatusCode.GET_IMAGES,
+        "landing": StatusCode.LANDING,
+        "coverage": StatusCode.COVERAGE,
+    }
     return codes[setpoint.phase]
