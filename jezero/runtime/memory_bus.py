@@ -153,11 +153,11 @@ class MemoryBus:
         """Carry out events up to and including `t_ns`; returns early with True when `stop()` holds."""
         heap = self._heap
         while heap and heap[0][0] <= t_ns:
-            self.t_ns = heap[0][0]
-            while heap and heap[0][0] == self.t_ns:
+            now_ns = self.t_ns = heap[0][0]
+            while heap and heap[0][0] == now_ns:
                 heapq.heappop(heap)[3]()
-            for port in tuple(self._order):
-                if port.wants_step and port.frozen_until_ns <= self.t_ns:
+            for port in [port for port in self._order if port.wants_step]:
+                if port.frozen_until_ns <= now_ns:
                     port.step()
             if stop is not None and stop():
                 return True
@@ -186,7 +186,7 @@ class MemoryBus:
         for port in self._order:
             if port.node.spec.watches_clients:
                 port.node.inbox.departed_clients.append(client_id)
-                port.wants_step = True
+                self.at(self.t_ns, "", port.wake)
 
     # -- what ports use --
 
@@ -328,17 +328,26 @@ class _Port:
         self.serving = frozenset(endpoint.name for endpoint in spec.serves)
         self._always = self.listening
         self._period_ns = int(NS_PER_S / spec.rate_hz)
-        self._tick_at = -1
+        self._tick_at = 0
+        self._alarm_at: int | None = None
         self._work_ends_ns = 0
         self._health_at = bus.t_ns + NS_PER_S
         self._health_topic = health_of(self.name)
 
     def schedule_tick(self, t_ns: int) -> None:
+        """Step at that time; each step puts it off. The alarm that is set already comes first and is set anew then."""
         self._tick_at = t_ns
-        self._bus.at(t_ns, "", lambda: self._tick(t_ns))
+        if self._alarm_at is None or self._alarm_at > t_ns:
+            self._alarm_at = t_ns
+            self._bus.at(t_ns, "", partial(self._alarm, t_ns))
 
-    def _tick(self, t_ns: int) -> None:
-        if self.alive and t_ns == self._tick_at:
+    def _alarm(self, t_ns: int) -> None:
+        if not self.alive or t_ns != self._alarm_at:
+            return
+        self._alarm_at = None
+        if t_ns < self._tick_at:
+            self.schedule_tick(self._tick_at)
+        else:
             self.wants_step = True
 
     def wake(self) -> None:
