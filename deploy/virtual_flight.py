@@ -3,19 +3,22 @@
 import hashlib
 import time
 from collections.abc import Callable, Sequence
-from math import hypot
 from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
 
 from jezero.deploy.in_process import build_stack
+from jezero.deploy.landing.judge import offset_m, why_not_on_platform
+from jezero.frames import horizontal
 from jezero.report.flight_log import line
+from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.actions import Rejected, Result
 from jezero.schemas.state import Status, StatusCode, Truth
 from jezero.schemas.struct import Payload
+from jezero.services.simulator.config import SimulatorConfig
 
 READY_WITHIN_S = 60.0
 GOAL_WITHIN_S = 180.0
@@ -27,12 +30,12 @@ class FlightResult(msgspec.Struct, frozen=True, kw_only=True):
     """How a flight in virtual time went.
 
     Attributes:
-        result: succeeded when every goal did, and the vehicle is landed and disarmed.
+        result: succeeded when every goal did, and the vehicle stands disarmed on the rover.
         reason: why it did not.
         log_sha256: of the log, as `sha256sum` prints it for the file.
         real_time_factor: virtual seconds per second of this machine, start-up left out.
-        touchdown_error_m: horizontal distance of the true position at disarm from the landing spot; None when the
-            vehicle did not land.
+        touchdown_error_m: horizontal distance of the true position at disarm from the middle of the rover's platform;
+            None when the vehicle did not land on it.
     """
 
     result: Literal["succeeded", "failed"]
@@ -79,7 +82,6 @@ class _Recorder:
 
 def fly_virtually(
     mission: Sequence[Step],
-    landing_spot_ned_m: tuple[float, float, float],
     seed: int,
     log: Path | None = None,
     tell: Callable[[str], None] = lambda text: None,
@@ -87,7 +89,7 @@ def fly_virtually(
     """Fly a mission through all services in one process.
 
     Args:
-        mission: (action, goal, seconds to hover afterwards) in turn; the last one lands.
+        mission: (action, goal, seconds to hover afterwards) in turn; the last one lands on the rover.
         log: file to write every message to.
         tell: called with a sentence on each step.
     """
@@ -97,8 +99,6 @@ def fly_virtually(
     started = time.perf_counter()
     reason = _fly(bus, recorder, mission, tell)
     wall_s = time.perf_counter() - started
-    truth = recorder.truth
-    landed = not reason and truth is not None
     return FlightResult(
         result="failed" if reason else "succeeded",
         reason=reason,
@@ -106,17 +106,7 @@ def fly_virtually(
         log_sha256=recorder.close(),
         sim_time_s=round(bus.t_ns / NS_PER_S, 3),
         real_time_factor=round(bus.t_ns / NS_PER_S / wall_s, 2),
-        touchdown_error_m=(
-            round(
-                hypot(
-                    truth.pos_uav_ned_m[0] - landing_spot_ned_m[0],
-                    truth.pos_uav_ned_m[1] - landing_spot_ned_m[1],
-                ),
-                4,
-            )
-            if landed and truth is not None
-            else None
-        ),
+        touchdown_error_m=None if reason or recorder.truth is None else round(horizontal(offset_m(recorder.truth)), 4),
     )
 
 
@@ -139,7 +129,9 @@ def _fly(bus: MemoryBus, recorder: _Recorder, mission: Sequence[Step], tell: Cal
     status = recorder.status
     if status is None or status.armed or status.code != StatusCode.IDLE:
         return f"not landed and disarmed at the end: status {status.name if status else 'unknown'}"
-    return ""
+    if recorder.truth is None:
+        return "the simulator told no truth"
+    return why_not_on_platform(recorder.truth, 0.5 * load_config(SimulatorConfig, "simulator").rover.platform_side_m)
 
 
 def fly_goal(bus: MemoryBus, action: topics.Action[Any], goal: Payload, within_s: float) -> str:

@@ -4,6 +4,7 @@ import multiprocessing
 from collections.abc import Callable, Iterator
 from functools import partial
 from math import isfinite
+from pathlib import Path
 
 import msgspec
 
@@ -19,6 +20,8 @@ class LandingReport(msgspec.Struct, frozen=True, kw_only=True):
         touchdown_error_m: median, p95, max; horizontal and true, at disarm.
         time_s: median, p95; from the goal to disarmed.
         rmse_m: of the relative position, in space, below_3m and 3_to_8m.
+        touchdowns_m: (2,) of each landing that did not fail, true at disarm: forward and right of the platform's
+            middle, north and east of the spot in the case none.
         nees: mean over the estimates and the dimensions; 1 is consistent.
     """
 
@@ -31,19 +34,26 @@ class LandingReport(msgspec.Struct, frozen=True, kw_only=True):
     rmse_m: dict[str, float | None]
     nees: float | None
     failed_seeds: list[int]
+    touchdowns_m: list[tuple[float, float]]
 
 
 def fly_landings(
-    conditions: Conditions, n: int, seed: int, jobs: int, tell: Callable[[Landing], None] = lambda landing: None
+    conditions: Conditions,
+    n: int,
+    seed: int,
+    jobs: int,
+    tell: Callable[[Landing], None] = lambda landing: None,
+    logs: Path | None = None,
 ) -> LandingReport:
     """Fly `n` landings from `seed` on.
 
     Args:
         jobs: processes that fly at the same time.
         tell: called with each landing, in the order of the seeds.
+        logs: folder to keep each landing's log in, as <case>-<seed>/flight.jsonl.
     """
     landings: list[Landing] = []
-    for landing in _landings(conditions, range(seed, seed + n), jobs):
+    for landing in _landings(conditions, range(seed, seed + n), jobs, logs):
         tell(landing)
         landings.append(landing)
     errors = Errors()
@@ -63,11 +73,16 @@ def fly_landings(
         rmse_m={"below_3m": _finite(errors.rmse_m(0)), "3_to_8m": _finite(errors.rmse_m(1))},
         nees=_finite(errors.nees / errors.samples) if errors.samples else None,
         failed_seeds=[landing.seed for landing in landings if landing.failure],
+        touchdowns_m=[
+            (round(place_m[0], 4), round(place_m[1], 4))
+            for place_m in (landing.error_rover_body_m for landing in landings)
+            if place_m is not None
+        ],
     )
 
 
-def _landings(conditions: Conditions, seeds: range, jobs: int) -> Iterator[Landing]:
-    fly = partial(fly_landing, conditions=conditions)
+def _landings(conditions: Conditions, seeds: range, jobs: int, logs: Path | None) -> Iterator[Landing]:
+    fly = partial(fly_landing, conditions=conditions, logs=logs)
     if jobs == 1:
         yield from map(fly, seeds)
         return

@@ -1,7 +1,9 @@
 """One landing in virtual time: up, where the goal finds the vehicle, and down again."""
 
 from collections.abc import Iterable
+from contextlib import ExitStack
 from math import hypot, inf
+from pathlib import Path
 
 import msgspec
 
@@ -17,6 +19,7 @@ from jezero.deploy.landing.judge import (
 from jezero.deploy.landing.trial import HIDDEN_S, MOTIONS, STD_GUST_MPS, WIND_MPS, Conditions, Trial, draw_trial
 from jezero.deploy.rover_driver import RoverDriver
 from jezero.deploy.virtual_flight import fly_goal
+from jezero.report.flight_log import LOG, LogWriter
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Service
@@ -76,18 +79,23 @@ class _Blindfold:
                 yield output
 
 
-def fly_landing(seed: int, conditions: Conditions) -> Landing:
+def fly_landing(seed: int, conditions: Conditions, logs: Path | None = None) -> Landing:
     """Fly one seed's landing.
+
+    Args:
+        logs: folder to keep its log in, as <case>-<seed>/flight.jsonl.
 
     Raises:
         ConfigError: a configuration file is wrong.
     """
     trial = draw_trial(seed, conditions)
     bus, blindfold, simulator = _stack(trial)
-    try:
+    with ExitStack() as cleanup:
+        cleanup.callback(simulator.close)
+        if logs is not None:
+            log = cleanup.enter_context(LogWriter(logs / f"{conditions.case}-{seed}" / LOG))
+            bus.observe(log.write)
         return _fly(trial, bus, blindfold)
-    finally:
-        simulator.close()
 
 
 def _fly(trial: Trial, bus: MemoryBus, blindfold: _Blindfold) -> Landing:

@@ -1,5 +1,6 @@
 """The benchmarks that fly in virtual time."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 import click
@@ -33,7 +34,9 @@ def bench() -> None:
               help="Ranges without line of sight, 0.5 to 3 m too long [default: 0, uwb: 0.1].")  # fmt: skip
 @click.option("--camera-latency", type=click.FloatRange(0.0, 1.0), metavar="S", help="[default: 0.1]")
 @click.option("--hide-tag", is_flag=True, help="The tag is out of sight twice for a second.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object per case.")
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER",
+              help="Keep each landing's log, some 6 MB, for `jezero report`.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="One JSON object per case; `jezero report` draws a file of them.")
 def landing(
     case: str,
     n: int,
@@ -45,6 +48,7 @@ def landing(
     uwb_outliers: float | None,
     camera_latency: float | None,
     hide_tag: bool,
+    out: Path | None,
     as_json: bool,
 ) -> None:
     """Land many times in 3 m/s wind with gusts, from random places 4 to 8 m up and up to 8 m away.
@@ -67,7 +71,7 @@ def landing(
             camera_latency_s=camera_latency,
             hide_tag=hide_tag,
         )
-        report = fly_landings(conditions, n, seed, jobs, _quiet if as_json else _tell)
+        report = fly_landings(conditions, n, seed, jobs, _quiet if as_json else _tell, out)
         click.echo(msgspec.json.encode(report).decode() if as_json else _table(report))
         failed |= bool(report.failed_seeds)
     if failed:

@@ -1,6 +1,7 @@
 """The demonstration flight: in virtual time (`fly --fast`), on a running stack (`fly`), or all by itself (`demo`)."""
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -16,13 +17,13 @@ import click
 
 from jezero.cli.exit_codes import ABORTED
 from jezero.cli.flight import Printer, common_options, connected, fly_goal
-from jezero.cli.mission import LANDING_SPOT_NED_M, MISSION, TITLE
+from jezero.cli.mission import MISSION
+from jezero.report.flight_log import LOG
 from jezero.schemas.actions import GoToGoal, LandOnSpotGoal, TakeoffGoal
 
 if TYPE_CHECKING:
     from jezero.client import Goal, Vehicle
 
-LOG = "flight.jsonl"
 READY_WITHIN_S = 60.0
 
 
@@ -45,7 +46,7 @@ def new_run_folder(runs: Path) -> Path:
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Keep the log and plots in this folder.")
 @common_options
 def fly(fast: bool, seed: int, out: Path | None, vehicle: str, router: str, as_json: bool) -> None:
-    """Take off, fly to (-1, -2, -3), hover, come back and land."""
+    """Take off, fly to (-1, -2, -3), hover, climb, and land on the rover."""
     printer = Printer(as_json)
     if fast:
         _fly_fast(printer, seed, out)
@@ -73,15 +74,16 @@ def _fly_fast(printer: Printer, seed: int, out: Path | None) -> None:
         if not printer.as_json:
             click.echo(text)
 
-    flight = fly_virtually(MISSION, LANDING_SPOT_NED_M, seed, log, tell)
+    flight = fly_virtually(MISSION, seed, log, tell)
     if out is not None:
-        _draw(printer, out)
+        _draw(printer, out, tell_touchdown=False)
     if printer.as_json:
         click.echo(json.dumps(msgspec.to_builtins(flight)))
-    elif flight.result == "succeeded":
+    elif flight.touchdown_error_m is not None:
         click.echo(
-            f"landed {flight.touchdown_error_m:.2f} m from the spot after {flight.sim_time_s:.1f} s of flight time, "
-            f"{flight.real_time_factor:.1f}x real time\nlog sha256 {flight.log_sha256}"
+            f"landed {100.0 * flight.touchdown_error_m:.1f} cm from the middle of the platform after "
+            f"{flight.sim_time_s:.1f} s of flight time, {flight.real_time_factor:.1f}x real time\n"
+            f"log sha256 {flight.log_sha256}"
         )
     if flight.result != "succeeded":
         click.echo(f"failed: {flight.reason}", err=True)
@@ -108,20 +110,29 @@ def _send(uav: "Vehicle", goal: Any) -> "Goal[Any, Any]":
             raise TypeError(f"the mission has a {type(goal).__name__}, which nobody here can send")
 
 
-def _draw(printer: Printer, folder: Path) -> None:
-    from jezero.report.plots import draw_flight
+def _draw(printer: Printer, folder: Path, *, tell_touchdown: bool = True) -> None:
+    from jezero.report.report import ReportError, draw_run
 
-    files = draw_flight(folder / LOG, folder, TITLE)
+    try:
+        files, landings = draw_run(folder)
+    except ReportError as error:
+        printer.event("report", str(error), files=[])
+        return
     printer.event("report", "\n".join(f"wrote {path}" for path in files), files=[str(path) for path in files])
+    for landing in landings:
+        if tell_touchdown and landing.touchdown_rover_body_m is not None:
+            error_m = math.hypot(*landing.touchdown_rover_body_m)
+            text = f"touched down {100.0 * error_m:.1f} cm from the middle of the platform, by the simulator's truth"
+            printer.event("touchdown", text, touchdown_error_m=round(error_m, 4))
 
 
 @contextmanager
 def recorded(vehicle: str, router: str, log: Path) -> Iterator[None]:
-    """Log everything that is published for a vehicle; of pictures, when they were taken."""
+    """Log what is published for a vehicle, without its pictures."""
     import zenoh
 
     from jezero.client.session import client_config
-    from jezero.report.flight_log import LogWriter
+    from jezero.report.flight_log import RECORDED, LogWriter
     from jezero.schemas.topics import key
 
     prefix = key(vehicle, "")
@@ -129,15 +140,15 @@ def recorded(vehicle: str, router: str, log: Path) -> Iterator[None]:
     with LogWriter(log) as writer, zenoh.open(client_config(router)) as session:
 
         def on_sample(sample: zenoh.Sample) -> None:
-            is_json = sample.encoding == zenoh.Encoding.APPLICATION_JSON
-            message = sample.payload if is_json else sample.attachment  # of a picture, only the header
-            if sample.kind == zenoh.SampleKind.PUT and message is not None:
+            if sample.kind == zenoh.SampleKind.PUT:
                 with lock:
-                    writer.write(time.time_ns(), str(sample.key_expr)[len(prefix) :], message.to_bytes())
+                    writer.write(time.time_ns(), str(sample.key_expr)[len(prefix) :], sample.payload.to_bytes())
 
-        subscriber = session.declare_subscriber(prefix + "**", on_sample)
+        keys = [prefix + topic.name for topic in RECORDED] + [prefix + "health/*"]
+        subscribers = [session.declare_subscriber(each, on_sample) for each in keys]
         yield
-        subscriber.undeclare()  # type: ignore[no-untyped-call]
+        for subscriber in subscribers:
+            subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 
 @click.command()

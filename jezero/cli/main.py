@@ -39,6 +39,9 @@ SECTIONS: dict[str, dict[str, Entry]] = {
     "Survey": {
         "gridsweep": Entry("jezero.cli.survey", "gridsweep", "Map an area (--plan-only: draw the plan)."),
     },
+    "Records": {
+        "report": Entry("jezero.cli.report", "report", "Draw the figures of recorded flights."),
+    },
     "Demonstration": {
         "fly": Entry("jezero.cli.fly", "fly", "Fly the demonstration (--fast: in virtual time)."),
         "demo": Entry("jezero.cli.fly", "demo", "Bring a stack up, fly the demonstration, bring it down."),
@@ -77,7 +80,7 @@ def main() -> None:
     """Fly a drone that works with a rover.
 
     `jezero up` starts everything; in a second terminal `jezero takeoff`, `jezero target -1 -2 -3` and
-    `jezero land_on_spot false false` fly. `jezero COMMAND --help` tells more.
+    `jezero land_on_spot` fly. `jezero COMMAND --help` tells more.
     """
 
 

@@ -8,9 +8,14 @@ from typing import Any, NamedTuple
 import msgspec
 
 from jezero.runtime.codec import split_picture
-from jezero.schemas.topics import TOPICS
+from jezero.schemas.topics import ACTIONS, CAMERA, SCENE, TOPICS, feedback_of
 
-_TYPES = {topic.name: topic.type for topic in TOPICS}
+LOG = "flight.jsonl"
+"""Its name in the folder of a run."""
+FEEDBACK = tuple(feedback_of(action) for action in ACTIONS.values())
+RECORDED = tuple(topic for topic in (*TOPICS, *FEEDBACK) if topic not in (CAMERA, SCENE))
+"""What is worth listening to for a log: everything but pictures and what is there for them only."""
+_TYPES: dict[str, Any] = {topic.name: topic.type for topic in (*TOPICS, *FEEDBACK)}
 
 
 class Entry(NamedTuple):

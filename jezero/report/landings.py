@@ -1,0 +1,185 @@
+"""The landings of a flight's log: what was estimated, measured and true, as arrays over time."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import sqrt
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from jezero.frames import Vec3, add, quat_rotate, rotate_yaw, subtract
+from jezero.report.flight_log import Entry
+from jezero.runtime.config import load_config
+from jezero.schemas import topics
+from jezero.schemas.actions import LandFeedback
+from jezero.schemas.sensors import RoverOdometry, Uwb
+from jezero.schemas.state import Odometry, StatusCode
+from jezero.services.estimator.config import EstimatorConfig, Vehicle
+from jezero.services.estimator.trilateration import trilaterate
+
+Array = npt.NDArray[np.float64]
+NS_PER_S = 1e9
+VARIANCES = (0, 6, 11)
+"""Of the position, in the upper triangle of a covariance of six."""
+AFTER_NS = 1_000_000_000
+"""A figure goes on for so long after the disarm."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """Values over time: t_s (n,) from the landing's begin, and (n, k) values."""
+
+    t_s: Array
+    values: Array
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    def at(self, t_s: Array) -> Array:
+        """(m, k) linear between the samples; before the first and after the last it stays as it is."""
+        return np.column_stack([np.interp(t_s, self.t_s, column) for column in self.values.T])
+
+    def where(self, keep: npt.NDArray[np.bool_]) -> "Series":
+        """The samples to keep."""
+        return Series(self.t_s[keep], self.values[keep])
+
+
+@dataclass(frozen=True)
+class Landing:
+    """One landing; all positions in m, NED, vehicle minus rover where they are relative.
+
+    Attributes:
+        begun_ns: vehicle time that all times count from.
+        disarmed_s: None when the landing did not end on the ground.
+        phases: (name, begin, end) in s, one after the other.
+        relative, std: (n, 3) estimated relative position and its standard deviations; `valid` (n,).
+        rover: (n, 4) estimated rover position in the vehicle's world frame, and whether it was valid.
+        uwb, tag: (n, 3) relative positions that one round of ranges, and one picture, gives.
+        uav: (n, 3) the autopilot's own position; the world frame is its own.
+        true_relative, true_rover, true_uav: (n, 3) in the simulator's frame.
+        touchdown_rover_body_m: (2,) true place at disarm, forward and right of the platform's middle.
+        path_rover_body_m: (n, 3) true way there, on the same axes, z down.
+    """
+
+    begun_ns: int
+    disarmed_s: float | None
+    phases: tuple[tuple[str, float, float], ...]
+    relative: Series
+    std: Array
+    valid: npt.NDArray[np.bool_]
+    rover: Series
+    uwb: Series
+    tag: Series
+    uav: Series
+    true_relative: Series
+    true_rover: Series
+    true_uav: Series
+    touchdown_rover_body_m: tuple[float, float] | None
+    path_rover_body_m: Array
+
+    @property
+    def by_estimate(self) -> bool:
+        """Whether it was on the rover, by an estimate; else it was a plain one."""
+        return bool(self.valid.any())
+
+    @property
+    def end_s(self) -> float:
+        return self.phases[-1][2] if self.phases else float(self.uav.t_s[-1])
+
+
+def landings(entries: Sequence[Entry]) -> list[Landing]:
+    """Every landing of a log, in their order. One that was given up in the air is one, too."""
+    by_topic: dict[str, list[Any]] = {}
+    for entry in entries:
+        by_topic.setdefault(entry.topic, []).append(entry.message)
+    return [_landing(by_topic, begun_ns, ended_ns) for begun_ns, ended_ns in _spans(by_topic)]
+
+
+def _spans(by_topic: dict[str, list[Any]]) -> Iterator[tuple[int, int]]:
+    """Vehicle time of begin and end, of each stretch of status 8 and 9."""
+    begun_ns: int | None = None
+    for status in by_topic.get(topics.STATUS.name, ()):
+        lands = status.code in (StatusCode.LANDING, StatusCode.LANDING_DONE)
+        if lands and begun_ns is None:
+            begun_ns = status.t_ns
+        elif not lands and begun_ns is not None:
+            yield begun_ns, status.t_ns
+            begun_ns = None
+    if begun_ns is not None:
+        yield begun_ns, by_topic[topics.STATUS.name][-1].t_ns
+
+
+def _landing(by_topic: dict[str, list[Any]], begun_ns: int, ended_ns: int) -> Landing:
+    def within(topic: topics.Topic[Any], after_ns: int = 0) -> list[Any]:
+        return [m for m in by_topic.get(topic.name, ()) if begun_ns <= m.t_ns <= ended_ns + after_ns]
+
+    def series(messages: list[Any], values: Sequence[Sequence[float]], size: int = 3) -> Series:
+        t_s = np.array([(m.t_ns - begun_ns) / NS_PER_S for m in messages], dtype=float)
+        return Series(t_s, np.array(values, dtype=float).reshape(len(messages), size))
+
+    disarmed_ns = next((m.t_ns for m in within(topics.STATUS, AFTER_NS) if not m.armed and m.landed), None)
+    relative = within(topics.RELATIVE)
+    rover = within(topics.ROVER_ESTIMATE)
+    tag = within(topics.ESTIMATE_TAG)
+    odometry = within(topics.ODOMETRY, AFTER_NS)
+    truth = within(topics.TRUTH)
+    offsets_m = [subtract(m.pos_uav_ned_m, m.pos_rover_ned_m) for m in truth]
+    path_m = [rotate_yaw(offset_m, -m.yaw_rover_rad) for offset_m, m in zip(offsets_m, truth, strict=True)]
+    vehicle = load_config(EstimatorConfig, "estimator").vehicle
+    standing_m = (0.0, 0.0, vehicle.height_stand_m)
+    uwb = list(_uwb_positions(within(topics.UWB), within(topics.ROVER_ODOMETRY), odometry, vehicle))
+    at_disarm = None
+    if disarmed_ns is not None and truth:
+        nearest = min(range(len(truth)), key=lambda i: abs(truth[i].t_ns - disarmed_ns))
+        at_disarm = path_m[nearest][:2]
+    return Landing(
+        begun_ns=begun_ns,
+        disarmed_s=None if disarmed_ns is None else (disarmed_ns - begun_ns) / NS_PER_S,
+        phases=_phases(within(topics.feedback_of(topics.LAND_ON_SPOT)), begun_ns, disarmed_ns or ended_ns),
+        relative=series(relative, [m.pos_uav_rel_rover_ned_m for m in relative]),
+        std=np.array([[sqrt(max(m.cov[i], 0.0)) for i in VARIANCES] for m in relative]).reshape(-1, 3),
+        valid=np.array([m.valid and bool(m.goal_id) for m in relative], dtype=bool),
+        rover=series(rover, [(*m.pos_rover_ned_m, float(m.valid)) for m in rover], 4),
+        uwb=series([m for m, _ in uwb], [place_m for _, place_m in uwb]),
+        tag=series(tag, [add(m.pos_uav_rel_rover_ned_m, standing_m) for m in tag]),
+        uav=series(odometry, [m.pos_uav_ned_m for m in odometry]),
+        true_relative=series(truth, offsets_m),
+        true_rover=series(truth, [m.pos_rover_ned_m for m in truth]),
+        true_uav=series(truth, [m.pos_uav_ned_m for m in truth]),
+        touchdown_rover_body_m=at_disarm,
+        path_rover_body_m=np.array(path_m, dtype=float).reshape(-1, 3),
+    )
+
+
+def _phases(feedback: Sequence[Any], begun_ns: int, ended_ns: int) -> tuple[tuple[str, float, float], ...]:
+    """Consecutive ones of the same name as one; the last lasts to the end."""
+    changes: list[tuple[str, int]] = []
+    for message in feedback:
+        content = message.feedback
+        if isinstance(content, LandFeedback) and (not changes or changes[-1][0] != content.phase):
+            changes.append((content.phase, message.t_ns if changes else begun_ns))
+    ends_ns = [t_ns for _, t_ns in changes[1:]] + [ended_ns]
+    return tuple(
+        (name, (t_ns - begun_ns) / NS_PER_S, (end_ns - begun_ns) / NS_PER_S)
+        for (name, t_ns), end_ns in zip(changes, ends_ns, strict=True)
+    )
+
+
+def _uwb_positions(
+    rounds: Sequence[Uwb], rover: Sequence[RoverOdometry], odometry: Sequence[Odometry], vehicle: Vehicle
+) -> Iterator[tuple[Uwb, Vec3]]:
+    """Each round of ranges with the relative position that it gives by itself. Source: thesis eqs. 4.11–4.13.
+
+    The rover's heading is its compass', the vehicle's attitude the autopilot's.
+    """
+    rover_ns, odometry_ns = [m.t_ns for m in rover], [m.t_ns for m in odometry]
+    for uwb in rounds:
+        fix = trilaterate([r.pos_anchor_rover_body_m for r in uwb.ranges], [r.range_m for r in uwb.ranges])
+        if fix is None or not rover or not odometry:
+            continue
+        heading = rover[min(int(np.searchsorted(rover_ns, uwb.t_ns)), len(rover) - 1)].yaw_rover_rad
+        told = odometry[min(int(np.searchsorted(odometry_ns, uwb.t_ns)), len(odometry) - 1)]
+        mount_ned_m = quat_rotate(told.q_ned_from_frd, vehicle.mount_uwb_frd_m)
+        center_ned_m = subtract(rotate_yaw(fix[0], heading), mount_ned_m)
+        yield uwb, add(center_ned_m, (0.0, 0.0, vehicle.height_stand_m))

@@ -1,0 +1,115 @@
+"""All figures of what flights left behind: runs' folders, and files of the landing benchmark."""
+
+from collections.abc import Sequence
+from os.path import commonpath
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from jezero.report.flight_log import LOG, read_log
+from jezero.report.landing_plots import draw_landing
+from jezero.report.landings import Landing, landings
+from jezero.report.plots import draw_flight
+from jezero.report.style import Format
+from jezero.report.touchdowns import Touchdowns, draw_touchdown, draw_touchdowns
+
+
+class ReportError(ValueError):
+    """What was given can't be drawn; says which file, and why."""
+
+
+class _Case(msgspec.Struct, frozen=True):
+    """What a line of `jezero bench landing --json` has, as far as it is drawn."""
+
+    case: str
+    rover: str
+    n: int
+    touchdowns_m: list[tuple[float, float]]
+
+
+def draw_report(paths: Sequence[Path], form: Format = "png") -> list[Path]:
+    """Draw runs' folders, or their logs, and files of the landing benchmark.
+
+    Each run's figures go into its folder. The touchdowns of several runs together, and those of the benchmark, go
+    beside them, as `touchdowns`.
+
+    Returns:
+        The files written.
+
+    Raises:
+        ReportError: one of the paths is neither.
+    """
+    files: list[Path] = []
+    kinds: list[Touchdowns] = []
+    flown: list[Landing] = []
+    folders: list[Path] = []
+    for path in paths:
+        if path.is_dir() or path.name == LOG:
+            folder = path if path.is_dir() else path.parent
+            drawn, found = draw_run(folder, form)
+            files += drawn
+            flown += found
+            folders.append(folder.resolve().parent)
+        else:
+            kinds += _read_benchmark(path)
+            folders.append(path.resolve().parent)
+    over_rover = [landing for landing in flown if landing.by_estimate]
+    if len(over_rover) > 1:
+        kinds.append(_together(over_rover))
+    if kinds:
+        files.append(draw_touchdowns(kinds, Path(commonpath(folders)) / f"touchdowns.{form}"))
+    return files
+
+
+def draw_run(folder: Path, form: Format = "png") -> tuple[list[Path], list[Landing]]:
+    """Draw a run's log into its folder.
+
+    Returns:
+        The files written, and the landings of the log.
+
+    Raises:
+        ReportError: there is no log, or nothing in it.
+    """
+    log = folder / LOG
+    try:
+        entries = list(read_log(log))
+        files = draw_flight(entries, folder, form)
+    except FileNotFoundError as error:
+        raise ReportError(f"{folder} has no {LOG}: give the folder of a run, such as runs/<time>") from error
+    except (msgspec.DecodeError, ValueError) as error:
+        raise ReportError(f"{log} can't be drawn: {error}") from error
+    found = landings(entries)
+    for number, landing in enumerate(found, 1):
+        suffix = f"_{number}" if number > 1 else ""
+        files += draw_landing(landing, folder, suffix, form)
+        files += draw_touchdown(landing, folder, suffix, form)
+    return files, found
+
+
+def _together(flown: Sequence[Landing]) -> Touchdowns:
+    places_m = [landing.touchdown_rover_body_m for landing in flown]
+    ended = [place_m for place_m in places_m if place_m is not None]
+    return Touchdowns("flights", np.array(ended).reshape(-1, 2), failed=len(places_m) - len(ended))
+
+
+def _read_benchmark(path: Path) -> list[Touchdowns]:
+    try:
+        lines = path.read_bytes().split(b"\n")
+        cases = [msgspec.json.decode(text, type=_Case) for text in lines if text.strip()]
+    except OSError as error:
+        raise ReportError(f"{path} can't be read: {error.strerror}") from error
+    except msgspec.DecodeError as error:
+        neither = "neither the folder of a run nor a file of `jezero bench landing --json`"
+        raise ReportError(f"{path} is {neither}: {error}") from error
+    if not cases:
+        raise ReportError(f"{path} is empty")
+    return [
+        Touchdowns(
+            case.case if case.rover == "still" else f"{case.case}, rover: {case.rover}",
+            np.array(case.touchdowns_m, dtype=float).reshape(-1, 2),
+            on_platform=case.case != "none",
+            failed=case.n - len(case.touchdowns_m),
+        )
+        for case in cases
+    ]

@@ -1,0 +1,83 @@
+"""How all figures look: sizes of a two-column paper, colours that everybody can tell apart, where legends go."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Format = Literal["png", "pdf", "svg"]
+
+WIDTH_IN = 7.16
+"""Both columns of an IEEE page."""
+BLUE, ORANGE, GREEN, PINK, SKY, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#666666"
+"""Source: Okabe and Ito's palette."""
+LEGEND_COLUMNS = 6
+TRUTH = "black"
+ESTIMATE = BLUE
+PHASES = {"approach": "#dcebf5", "descent": "#fdebd3", "contact": "#d6efdf", "hold": "#e9e9e9", "search": "#f3e0ec"}
+BAND = "#bdbdbd"
+STYLE: dict[Any, Any] = {
+    "font.size": 8.5,
+    "axes.titlesize": 9,
+    "axes.linewidth": 0.7,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.xmargin": 0.0,
+    "grid.color": "0.5",
+    "grid.alpha": 0.25,
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.1,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "legend.handlelength": 1.6,
+    "savefig.dpi": 200,
+    "pdf.fonttype": 42,
+    "svg.hashsalt": "jezero",
+}
+
+
+def draw(
+    path: Path,
+    shape: tuple[int, int],
+    height_in: float,
+    fill: "Callable[[Figure, Any], None]",
+    width_in: float = WIDTH_IN,
+    **subplots: Any,
+) -> Path:
+    """Make one figure and write it.
+
+    Args:
+        path: its ending decides the format.
+        shape: rows and columns of axes.
+        fill: draws into the figure's axes, a (rows, columns) array of them.
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+        fill(figure, figure.subplots(*shape, squeeze=False, **subplots))
+        figure.savefig(path)
+    return path
+
+
+def shade(axes: "Sequence[Axes]", phases: Sequence[tuple[str, float, float]]) -> None:
+    """Colour the background of the phases of a landing, (name, begin, end) each; legends name them once."""
+    for ax in axes:
+        for name, begin_s, end_s in phases:
+            ax.axvspan(begin_s, end_s, color=PHASES[name], lw=0, zorder=0)
+
+
+def legend_above(figure: "Figure", axes: "Axes", phases: Sequence[tuple[str, float, float]] = ()) -> None:
+    """One legend above all axes: what has a label in `axes`, then the phases that occur."""
+    from matplotlib.patches import Patch
+
+    handles, labels = axes.get_legend_handles_labels()
+    for name in dict.fromkeys(name for name, _, _ in phases):
+        handles.append(Patch(facecolor=PHASES[name], edgecolor="0.6", lw=0.4))
+        labels.append(name)
+    rows = -(-len(handles) // LEGEND_COLUMNS)
+    figure.legend(handles, labels, loc="outside upper center", ncols=-(-len(handles) // rows), columnspacing=1.3)

@@ -1,0 +1,136 @@
+"""Where vehicles touched down, seen from above the platform: one landing with its way, or many as a scatter."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from jezero.report.landings import Array, Landing
+from jezero.report.style import BLUE, GREEN, ORANGE, Format, draw, legend_above
+from jezero.runtime.config import load_config
+from jezero.services.estimator.config import EstimatorConfig
+from jezero.services.simulator.camera.board import board_picture
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SHOWN_M, SCATTER_M = 0.55, 0.22
+"""From the middle of the platform to the edge of a figure: of one landing, and of many unless one is farther out."""
+PANEL_IN = 3.5
+MARKS_M = (2.0, 0.5)
+"""Heights over the platform that are marked on a way."""
+
+
+class Touchdowns(NamedTuple):
+    """Landings of one kind.
+
+    Attributes:
+        places_m: (n, 2) forward and right of the platform's middle; of plain landings north and east of the spot.
+        on_platform: else they were plain ones.
+        failed: so many landings ended otherwise.
+    """
+
+    title: str
+    places_m: Array
+    on_platform: bool = True
+    failed: int = 0
+
+
+def draw_touchdown(landing: Landing, directory: Path, suffix: str, form: Format) -> list[Path]:
+    """One landing's last metres over the platform; nothing when it did not end on it."""
+    place_m = landing.touchdown_rover_body_m
+    if place_m is None or not landing.by_estimate or not len(landing.path_rover_body_m):
+        return []
+
+    def fill(figure: Any, axes: Any) -> None:
+        ax = axes[0, 0]
+        _board(ax, SHOWN_M)
+        way_m = landing.path_rover_body_m
+        height_m = -way_m[:, 2]
+        near = np.flatnonzero(np.abs(way_m[:, :2]).max(axis=1) > 1.0)
+        begin = int(near[-1]) + 1 if len(near) else 0
+        ax.plot(way_m[begin:, 1], way_m[begin:, 0], color=BLUE, lw=1.2, label="true way")
+        for mark_m in MARKS_M:
+            above = np.flatnonzero(height_m > mark_m)
+            if len(above) and begin <= above[-1]:
+                north_m, east_m = way_m[above[-1], 0], way_m[above[-1], 1]
+                ax.plot(east_m, north_m, "o", ms=3, color=BLUE)
+                box = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.85}
+                place = {"xytext": (-6, 3), "textcoords": "offset points", "ha": "right", "fontsize": 7}
+                ax.annotate(f"{mark_m:g} m up", (east_m, north_m), bbox=box, **place)
+        error_cm = 100.0 * float(np.hypot(*place_m))
+        ax.plot(
+            place_m[1],
+            place_m[0],
+            "X",
+            ms=8,
+            zorder=5,
+            mec="white",
+            mew=0.8,
+            color=ORANGE,
+            label=f"touchdown, {error_cm:.1f} cm",
+        )
+        legend_above(figure, ax)
+
+    return [draw(directory / f"touchdown{suffix}.{form}", (1, 1), PANEL_IN + 0.2, fill, width_in=PANEL_IN)]
+
+
+def draw_touchdowns(kinds: Sequence[Touchdowns], path: Path) -> Path:
+    """The scatter of many landings, one panel for each kind; all panels with a platform have one scale."""
+    on_platform = [float(np.abs(kind.places_m).max(initial=0.0)) for kind in kinds if kind.on_platform]
+    shown_m = max(SCATTER_M, 1.15 * max(on_platform, default=0.0))
+    columns = min(len(kinds), 2)
+    rows = -(-len(kinds) // columns)
+
+    def fill(figure: Any, axes: Any) -> None:
+        for ax, kind in zip(axes.flat, kinds, strict=False):
+            _scatter(ax, kind, shown_m)
+        for ax in axes.flat[len(kinds) :]:
+            ax.set_visible(False)
+        legend_above(figure, axes[0, 0])
+
+    return draw(path, (rows, columns), (PANEL_IN + 0.1) * rows + 0.3, fill, width_in=PANEL_IN * columns)
+
+
+def _scatter(ax: "Axes", kind: Touchdowns, shown_m: float) -> None:
+    errors_m = np.hypot(*kind.places_m.T) if len(kind.places_m) else np.zeros(0)
+    if kind.on_platform:
+        _board(ax, shown_m)
+    else:
+        _frame(ax, max(SCATTER_M, 1.15 * float(errors_m.max(initial=0.0))), ("north", "east"))
+    ax.plot(kind.places_m[:, 1], kind.places_m[:, 0], "o", ms=4, mec="white", mew=0.4, color=ORANGE, label="touchdown")
+    total = len(errors_m) + kind.failed
+    lines = [f"{kind.title}: {len(errors_m)} of {total} landed"]
+    every_m = np.concatenate([errors_m, np.full(kind.failed, np.inf)])
+    told = []
+    for share, name, style in ((0.5, "median", "-"), (0.95, "95 %", "--")):
+        radius_m = float(np.quantile(every_m, share, method="inverted_cdf")) if total else np.inf
+        if np.isfinite(radius_m):
+            _circle(ax, radius_m, GREEN, style, name)
+            told.append(f"{name} {100 * radius_m:.1f} cm")
+    ax.set_title("\n".join([*lines, ", ".join(told)]), fontsize=8)
+
+
+def _board(ax: "Axes", shown_m: float) -> None:
+    """The platform with its tags, the rover's nose upwards, and the thesis' 10 cm."""
+    half_m = 0.5 * load_config(EstimatorConfig, "estimator").platform.side_m
+    picture = board_picture(2.0 * half_m)[::4, ::4]
+    ax.imshow(picture, extent=(-half_m, half_m, -half_m, half_m), alpha=0.22, zorder=0)
+    _frame(ax, shown_m, ("forward", "right"))
+    _circle(ax, 0.1, "black", ":", "10 cm")
+
+
+def _frame(ax: "Axes", shown_m: float, names: tuple[str, str]) -> None:
+    ax.axhline(0.0, color="0.4", lw=0.5)
+    ax.axvline(0.0, color="0.4", lw=0.5)
+    ax.set_aspect("equal")
+    ax.set_xlim(-shown_m, shown_m)
+    ax.set_ylim(-shown_m, shown_m)
+    ax.set_ylabel(f"{names[0]} [m]")
+    ax.set_xlabel(f"{names[1]} [m]")
+
+
+def _circle(ax: "Axes", radius_m: float, colour: str, style: str, label: str) -> None:
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
+    ax.plot(radius_m * np.sin(angle), radius_m * np.cos(angle), style, color=colour, lw=1.0, label=label)

@@ -1,0 +1,91 @@
+"""The figures of a flight in virtual time, and what they are drawn from."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from jezero.cli.main import main
+from jezero.cli.mission import MISSION
+from jezero.deploy.virtual_flight import FlightResult, fly_virtually
+from jezero.report.flight_log import LOG, RECORDED, read_log
+from jezero.report.landings import Landing, Series, landings
+from jezero.schemas import topics
+
+BENCHMARK = {"case": "tag", "rover": "turn", "n": 3, "landed": 2, "touchdowns_m": [[0.01, -0.02], [0.0, 0.03]]}
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FlightResult]:
+    folder = tmp_path_factory.mktemp("run")
+    return folder, fly_virtually(MISSION, 3, folder / LOG)
+
+
+@pytest.fixture(scope="module")
+def landing(flown: tuple[Path, FlightResult]) -> Landing:
+    (landing,) = landings(list(read_log(flown[0] / LOG)))
+    return landing
+
+
+def report(*words: str | Path) -> Result:
+    return CliRunner().invoke(main, ["report", *map(str, words)])
+
+
+def rms_m(landing: Landing, measured: Series) -> float:
+    error_m = measured.values - landing.true_relative.at(measured.t_s)
+    return float(np.sqrt(np.mean(np.sum(error_m**2, axis=1))))
+
+
+def test_the_demonstration_lands_on_the_rover_and_a_report_draws_it(flown: tuple[Path, FlightResult]) -> None:
+    folder, flight = flown
+    assert flight.result == "succeeded", flight.reason
+    assert flight.touchdown_error_m is not None and flight.touchdown_error_m < 0.1
+    result = report(folder)
+    assert result.exit_code == 0, result.output
+    assert {path.stem for path in folder.glob("*.png")} == {
+        "position", "status", "relative_position", "relative_error", "rover_position", "uwb_tag", "touchdown",
+    }  # fmt: skip
+
+
+def test_a_landing_is_what_its_log_says(flown: tuple[Path, FlightResult], landing: Landing) -> None:
+    assert [name for name, _, _ in landing.phases] == ["approach", "descent", "contact"]
+    assert landing.phases[0][1] == 0.0
+    assert landing.phases[-1][2] == landing.disarmed_s
+    assert landing.by_estimate and landing.valid.mean() > 0.9
+    assert landing.touchdown_rover_body_m is not None
+    assert np.hypot(*landing.touchdown_rover_body_m) == pytest.approx(flown[1].touchdown_error_m, abs=1e-3)
+
+
+def test_estimate_ranges_and_tag_are_of_the_same_point_as_the_truth(landing: Landing) -> None:
+    low = landing.true_relative.at(landing.tag.t_s)[:, 2] > -2.0
+    assert rms_m(landing, landing.tag.where(low)) < 0.03
+    low = landing.true_relative.at(landing.uwb.t_s)[:, 2] > -2.0
+    assert rms_m(landing, landing.uwb.where(low)) < 0.08
+    low = landing.true_relative.at(landing.relative.t_s)[:, 2] > -2.0
+    assert rms_m(landing, landing.relative.where(low)) < 0.03
+
+
+def test_the_touchdowns_of_a_benchmark_are_drawn_beside_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "landings.jsonl"
+    file.write_text(f"{json.dumps(BENCHMARK)}\n{json.dumps({**BENCHMARK, 'case': 'none', 'touchdowns_m': []})}\n")
+    result = report(file)
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "touchdowns.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_is_no_flight_is_told(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    assert "has no flight.jsonl" in report(tmp_path / "empty").output
+    (tmp_path / "empty" / LOG).write_text("")
+    assert "it has no status or no odometry" in report(tmp_path / "empty").output
+    (tmp_path / "other.json").write_text('{"case": 3}')
+    result = report(tmp_path / "other.json")
+    assert result.exit_code == 1
+    assert "neither the folder of a run nor a file of `jezero bench landing --json`" in result.output
+
+
+def test_a_recording_asks_for_no_pictures() -> None:
+    assert not {topics.CAMERA, topics.SCENE} & set(RECORDED)
+    assert {topics.TRUTH, topics.RELATIVE, topics.UWB, topics.feedback_of(topics.LAND_ON_SPOT)} <= set(RECORDED)
