@@ -44,6 +44,7 @@ class Kalman:
         from filterpy.kalman import ExtendedKalmanFilter
 
         self._filter = ExtendedKalmanFilter(dim_x=SIZE, dim_z=1)
+        self._filter.predict_x = lambda u: None  # the motion isn't linear: `predict_to` moves x itself
         self._motion = motion
         self.t_ns = 0
 
@@ -72,11 +73,11 @@ class Kalman:
         if t_ns <= self.t_ns:
             return
         dt_s = (t_ns - self.t_ns) / NS_PER_S
-        after, self._filter.F = self._motion.step(self.x, dt_s)
-        self._filter.Q = self._motion.noise(dt_s)
-        self._filter.predict()
-        self._filter.P = 0.5 * (self.P + self.P.T)
-        self._filter.x = after  # the motion isn't linear: FilterPy's own product is only its Jacobian's
+        ekf = self._filter
+        ekf.x, ekf.F = self._motion.step(ekf.x, dt_s)
+        ekf.Q = self._motion.noise(dt_s)
+        ekf.predict()
+        ekf.P = 0.5 * (ekf.P + ekf.P.T)
         self.t_ns = t_ns
 
     def innovation_covariance(self, H: Array, R: Array) -> Array:
@@ -119,8 +120,8 @@ class Kalman:
     @property
     def var_pos_rel_m2(self) -> tuple[float, float, float]:
         """Of each axis."""
-        P = self.P
-        north, east, down = (float(P[i, i] + P[i + 6, i + 6] - 2.0 * P[i, i + 6]) for i in range(3))
+        variances, covariances = self.P.diagonal().tolist(), self.P.diagonal(POS_ROVER.start).tolist()
+        north, east, down = (variances[i] + variances[i + 6] - 2.0 * covariances[i] for i in range(3))
         return north, east, down
 
     @property

@@ -75,8 +75,8 @@ ODOMETRY_R = np.diag([STD_POS_UAV_M**2] * 3 + [STD_VEL_UAV_MPS**2] * 3)
 
 def is_linear(kalman: Kalman) -> bool:
     """Whether the position is known well enough for ranges to be linearised around it."""
-    range_m = float(np.linalg.norm(kalman.x[POS_UAV] - kalman.x[POS_ROVER]))
-    return kalman.std_pos_rel_m <= max(UWB_STD_MAX_M, UWB_STD_SHARE * range_m)
+    std_m = kalman.std_pos_rel_m
+    return std_m <= UWB_STD_MAX_M or std_m <= UWB_STD_SHARE * float(np.linalg.norm(kalman.pos_rel_m))
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,10 +136,10 @@ class RoverMotion:
         )
         R = np.diag(np.square(self._stds()))
         S = kalman.innovation_covariance(H, R)
-        excess = np.square(innovation) / np.diagonal(S) / gate[0]
+        excess = np.square(innovation) / S.diagonal() / gate[0]
         fits = float(excess.max()) <= 1.0
         if not fits:
-            R = R * np.maximum(excess, 1.0)[:, None] * np.eye(5)
+            R = R * np.maximum(excess, 1.0)
         return Verdict(int(fits), 1, kalman.update(innovation, H, R))
 
     def _stds(self) -> Array:

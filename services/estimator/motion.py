@@ -35,6 +35,7 @@ PSD_CLIMB_M2PS3 = 0.02
 """Of the platform's vertical acceleration on uneven ground."""
 STD_UNKNOWN_M = 1e3
 STD_UNKNOWN_MPS = 2.0
+IDENTITY = np.eye(SIZE)
 
 
 def initial(pos_uav_m: Array, tuning: Tuning) -> tuple[Array, Array]:
@@ -77,7 +78,7 @@ class MotionModel:
 
     def step(self, x: Array, dt_s: float) -> tuple[Array, Array]:
         """State after `dt_s`, and the Jacobian of it."""
-        F = np.eye(SIZE)
+        F = IDENTITY.copy()
         turn = float(x[YAW_RATE]) * dt_s
         c, s = cos(turn), sin(turn)
         F[0, 3] = F[1, 4] = F[2, 5] = F[6, 9] = F[7, 10] = F[8, 11] = F[YAW, YAW_RATE] = dt_s

@@ -1,9 +1,8 @@
 """What the ranges say of themselves: how noisy they are, and which of them took a detour."""
 
 from collections import deque
+from itertools import combinations, islice
 from statistics import median
-
-import numpy as np
 
 from jezero.schemas.sensors import Uwb, UwbRange
 
@@ -19,6 +18,10 @@ DETOUR_SIGMAS, DETOUR_MIN_M = 3.0, 0.12
 """A range so much above the line through its anchor's last ones is dropped; the second is what curvature may do."""
 
 
+Past = deque[tuple[int, float, float]]
+"""Of an anchor: time, range, and how far the range is from what the two before it went on to (m)."""
+
+
 class RangeScreen:
     """Follows the ranges of each anchor for two seconds.
 
@@ -28,7 +31,7 @@ class RangeScreen:
 
     def __init__(self) -> None:
         self.std_m = 0.0
-        self._past: dict[int, deque[tuple[int, float]]] = {}
+        self._past: dict[int, Past] = {}
 
     def clear(self) -> None:
         self._past.clear()
@@ -44,7 +47,8 @@ class RangeScreen:
             past = self._past.setdefault(r.anchor, deque())
             if past and r.t_ns <= past[-1][0]:
                 continue
-            past.append((r.t_ns, r.range_m))
+            bend_m = (r.range_m - past[-1][1]) - (past[-1][1] - past[-2][1]) if len(past) > 1 else 0.0
+            past.append((r.t_ns, r.range_m, bend_m))
             while past[0][0] < r.t_ns - NOISE_NS:
                 past.popleft()
         self._measure_noise()
@@ -58,21 +62,26 @@ class RangeScreen:
 
     def _measure_noise(self) -> None:
         """From second differences, which no speed and hardly any acceleration enters."""
-        seconds = [np.diff([r for _, r in past], n=2) for past in self._past.values() if len(past) > 2]
-        if sum(map(len, seconds)) >= NOISE_SAMPLES_MIN:
-            spread_m = float(np.quantile(np.abs(np.concatenate(seconds)), QUANTILE))
-            self.std_m = spread_m / (QUANTILE_OF_NORMAL * VARIANCE_OF_DIFFERENCE**0.5)
+        bends_m = sorted(abs(bend_m) for past in self._past.values() for _, _, bend_m in islice(past, 2, None))
+        if len(bends_m) >= NOISE_SAMPLES_MIN:
+            self.std_m = _quantile(bends_m, QUANTILE) / (QUANTILE_OF_NORMAL * VARIANCE_OF_DIFFERENCE**0.5)
 
 
-def _above_line_m(past: deque[tuple[int, float]]) -> float:
+def _quantile(ordered: list[float], share: float) -> float:
+    """Linear between the two nearest, rounded as numpy does."""
+    below, weight = divmod(share * (len(ordered) - 1), 1.0)
+    low, high = ordered[int(below)], ordered[int(below) + 1]
+    return low + (high - low) * weight if weight < 0.5 else high - (high - low) * (1.0 - weight)
+
+
+def _above_line_m(past: Past) -> float:
     """How far the newest range is above the line through the last half second; outliers hardly move that line.
 
     Source: Theil and Sen, the median of the slopes between all pairs.
     """
-    newest_ns, newest_m = past[-1]
-    recent = [(1e-9 * (t_ns - newest_ns), range_m) for t_ns, range_m in past if t_ns >= newest_ns - LINE_NS]
+    newest_ns, newest_m, _ = past[-1]
+    recent = [(1e-9 * (t_ns - newest_ns), range_m) for t_ns, range_m, _ in past if t_ns >= newest_ns - LINE_NS]
     if len(recent) < LINE_MIN:
         return 0.0
-    slopes = [(r2 - r1) / (t2 - t1) for i, (t2, r2) in enumerate(recent) for t1, r1 in recent[:i]]
-    slope = median(slopes)
+    slope = median((r2 - r1) / (t2 - t1) for (t1, r1), (t2, r2) in combinations(recent, 2))
     return newest_m - median(r - slope * t for t, r in recent)

@@ -117,7 +117,7 @@ class RelativeFilter:
             self._locate_by_uwb(timeline)
         if any(measurement.kind in WATCHED for measurement in measurements):
             self._break_wrong_lock(timeline)
-        if not (np.all(np.isfinite(timeline.kalman.x)) and np.all(np.isfinite(timeline.kalman.P))):
+        if not (np.isfinite(timeline.kalman.x).all() and np.isfinite(timeline.kalman.P).all()):
             self.restart(self._rough)
 
     # -- what is known -------------------------------------------------------------------------------------

@@ -33,6 +33,7 @@ ATTITUDE_AGE_MAX_S = 0.06
 NOISE_MARGIN = 1.5
 """On the ranges' own noise, for what differs from anchor to anchor and stays."""
 STD_MAX_M = 1e5
+COV_UNKNOWN = tuple((STD_MAX_M**2 * np.eye(6))[UPPER_6].tolist())
 SILENT_PERIOD_NS = 100_000_000
 """Without odometry the result is told so often, that it isn't valid."""
 ROVER_PERIOD_NS = NS_PER_S // 10
@@ -313,8 +314,6 @@ class Estimator:
     def _relative(self, t_ns: int, estimate: Estimate | None, reason: str) -> Relative:
         selection, located = self._selection, self._filter.located
         known = estimate if located else None
-        std_m2 = STD_MAX_M * STD_MAX_M
-        unknown = tuple(std_m2 if row == column else 0.0 for row, column in zip(*UPPER_6, strict=True))
         return Relative(
             t_ns=t_ns if estimate is None else estimate.t_ns,
             epoch_id=self._epoch_id or 0,
@@ -322,7 +321,7 @@ class Estimator:
             reason=reason,
             pos_uav_rel_rover_ned_m=ZERO if known is None else _vec3(known.pos_rel_m),
             vel_uav_rel_rover_ned_mps=ZERO if known is None else _vec3(known.vel_rel_mps),
-            cov=unknown if known is None else tuple(known.cov[UPPER_6].tolist()),
+            cov=COV_UNKNOWN if known is None else tuple(known.cov[UPPER_6].tolist()),
             vel_rover_ned_mps=ZERO if estimate is None else _vec3(estimate.vel_rover_mps),
             yaw_rover_rad=0.0 if estimate is None else wrap_pi(estimate.yaw_rover_rad),
             yaw_rate_rover_rps=0.0 if estimate is None else estimate.yaw_rate_rover_rps,

@@ -3,6 +3,7 @@
 from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass
+from operator import attrgetter
 
 from jezero.services.estimator.kalman import Kalman, Moment, Verdict
 from jezero.services.estimator.measurements import Kind, Measurement
@@ -17,19 +18,19 @@ RANK: dict[Kind, int] = {"odometry": 0, "rover": 1, "altimeter": 2, "uwb": 3, "t
 
 @dataclass(slots=True)
 class Entry:
-    """A measurement and the filter after it."""
+    """A measurement and the filter after it; `key` is the measurement's place in the order."""
 
+    key: tuple[int, int]
     measurement: Measurement
     after: Moment
     verdict: Verdict
 
-    @property
-    def key(self) -> tuple[int, int]:
-        return _key(self.measurement)
-
 
 def _key(measurement: Measurement) -> tuple[int, int]:
     return (measurement.t_ns, RANK[measurement.kind])
+
+
+_BY_KEY = attrgetter("key")
 
 
 @dataclass(slots=True)
@@ -75,7 +76,7 @@ class Timeline:
                 added.append(measurement)
         if not added:
             return
-        first = bisect_right(self.entries, min(_key(m) for m in added), key=lambda entry: entry.key)
+        first = bisect_right(self.entries, min(_key(m) for m in added), key=_BY_KEY)
         again = [entry.measurement for entry in self.entries[first:]]
         del self.entries[first:]
         self.kalman.restore(self.entries[-1].after if self.entries else self._start)
@@ -109,15 +110,16 @@ class Timeline:
             self.refused[measurement.kind] = verdict.used < REFUSED_SHARE * verdict.offered
         if verdict.used:
             self.used_ns[measurement.kind] = max(measurement.t_ns, self.used_ns.get(measurement.kind, 0))
-        self.entries.append(Entry(measurement, self.kalman.save(), verdict))
+        self.entries.append(Entry(_key(measurement), measurement, self.kalman.save(), verdict))
 
     def _is_known(self, measurement: Measurement) -> bool:
-        i = bisect_right(self.entries, _key(measurement), key=lambda entry: entry.key)
-        return i > 0 and self.entries[i - 1].key == _key(measurement)
+        key = _key(measurement)
+        i = bisect_right(self.entries, key, key=_BY_KEY)
+        return i > 0 and self.entries[i - 1].key == key
 
     def _forget(self) -> None:
         until_ns = self.kalman.t_ns - KEPT_NS
-        kept = bisect_right(self.entries, until_ns, key=lambda entry: entry.measurement.t_ns)
-        if kept:
+        if self.entries[0].measurement.t_ns <= until_ns:
+            kept = bisect_right(self.entries, until_ns, key=lambda entry: entry.measurement.t_ns)
             self._start = self.entries[kept - 1].after
             del self.entries[:kept]
