@@ -10,7 +10,18 @@ from msgspec import Meta
 
 from jezero.schemas.commands import Outcome
 from jezero.schemas.images import Image, Index
-from jezero.schemas.struct import Angle, Message, Name, NonNegative, Payload, Position, PositionNed, Text, TimeNs
+from jezero.schemas.struct import (
+    Angle,
+    Fraction,
+    Message,
+    Name,
+    NonNegative,
+    Payload,
+    Position,
+    PositionNed,
+    Text,
+    TimeNs,
+)
 
 Frame = Literal["world", "rover"]
 Overlap = Annotated[float, Meta(ge=0.0, le=0.95)]
@@ -104,6 +115,8 @@ class AreaCoverageGoal(Goal, frozen=True, kw_only=True):
         overlap, sidelap: shares of a picture that the next one, and that of the next line, show again; instead of
             `resolution_m`, from what the camera sees of level ground from that height.
         speed_mps: None for the default; never more than half of the pictures' distance times the camera's rate.
+        start_ned_m: (2,) north and east in `frame`; the path begins near it. None: near the vehicle.
+        first_picture: go on with this one, counted from 0, of the path that everything else gives.
     """
 
     polygon_ned_m: Corners
@@ -114,6 +127,8 @@ class AreaCoverageGoal(Goal, frozen=True, kw_only=True):
     sidelap: Overlap | None = None
     frame: Frame = "world"
     speed_mps: float | None = None
+    start_ned_m: tuple[Position, Position] | None = None
+    first_picture: Index = 0
 
 
 class MoveFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="move"):
@@ -174,6 +189,18 @@ class ImagesResult(Payload, frozen=True, kw_only=True):
     completed: bool
     pos_uav_ned_m: PositionNed
     images: tuple[Image, ...] = ()
+
+
+class CoverageResult(ImagesResult, frozen=True, kw_only=True):
+    """How much was mapped.
+
+    Attributes:
+        covered: share of the area within half a line distance of the way flown, by the vehicle's own estimate.
+        resume: the goal that takes the pictures that are missing, in the world frame; None when there are none.
+    """
+
+    covered: Fraction
+    resume: AreaCoverageGoal | None = None
 
 
 class LandResult(Payload, frozen=True, kw_only=True):

@@ -181,7 +181,15 @@ GO_TO = Action("go_to", actions.GoToGoal, actions.MoveFeedback, actions.MoveResu
 LAND_ON_SPOT = Action(
     "land_on_spot", actions.LandOnSpotGoal, actions.LandFeedback, actions.LandResult, commands.Phase.LANDING
 )
-ACTIONS: dict[str, Action[Any]] = {a.name: a for a in (TAKEOFF, GO_TO, LAND_ON_SPOT)}
+AREA_COVERAGE = Action(
+    "area_coverage",
+    actions.AreaCoverageGoal,
+    actions.ImagesFeedback,
+    actions.CoverageResult,
+    commands.Phase.COVERAGE,
+    takes_pictures=True,
+)
+ACTIONS: dict[str, Action[Any]] = {a.name: a for a in (TAKEOFF, GO_TO, LAND_ON_SPOT, AREA_COVERAGE)}
 
 ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (
     ACQUIRE, RELEASE, HOVER, ABORT, KILL, RESULT, GET_PARAMETERS, SET_PARAMETERS, LEASE,

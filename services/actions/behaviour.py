@@ -30,6 +30,7 @@ class VehicleState:
             estimator is silent, or the behaviour doesn't list it in its inputs. Whether it is fit to fly by it says
             itself.
         rover: the rover in the behaviour's world frame; None as above.
+        shift_ned_m: how far the autopilot has moved its world frame's positions since the goal started.
     """
 
     pos_uav_ned_m: Vec3
@@ -42,6 +43,20 @@ class VehicleState:
     height_m: float | None = None
     relative: Relative | None = None
     rover: RoverEstimate | None = None
+    shift_ned_m: Vec3 = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Preparation:
+    """What must be worked out before a goal is accepted, and takes too long for a step.
+
+    Attributes:
+        work: from the state, the function that is carried out beside the server.
+        take: what it returned goes here; tells why the goal is refused, or "".
+    """
+
+    work: Callable[[VehicleState], Callable[[], Any]]
+    take: Callable[[Any], str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +69,14 @@ class Verdict:
         do_takeoff: the goal starts on the ground.
         look: why the goal is refused, or "", by what its inputs say; asked as soon as each has said something, before
             the goal is accepted. None: they need not be looked at.
+        prepare: done after the look, if there is one.
     """
 
     refusal: str = ""
     warning: str = ""
     do_takeoff: bool = False
     look: Callable[[VehicleState], str] | None = None
+    prepare: Preparation | None = None
 
 
 @dataclass(frozen=True, slots=True)

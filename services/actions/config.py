@@ -245,6 +245,7 @@ class LifecycleConfig(Config, frozen=True, kw_only=True):
         expiry_s: older goals are refused.
         status_age_max_s, odometry_age_max_s, altimeter_age_max_s, estimate_age_max_s: older ones count as lost.
         look_timeout_s: for the inputs of a goal that is accepted only by what they say.
+        prepare_timeout_s: for what is worked out before a goal is accepted.
         acquire_timeout_s: for the bridge's answer.
         release_hover_timeout_s, release_disarm_timeout_s: for one answer; asked again after it.
         release_give_up_s: after which a goal ends without the bridge's answer.
@@ -258,6 +259,7 @@ class LifecycleConfig(Config, frozen=True, kw_only=True):
     altimeter_age_max_s: Positive = 0.3
     estimate_age_max_s: Positive = 0.3
     look_timeout_s: Positive = 1.5
+    prepare_timeout_s: Positive = 20.0
     acquire_timeout_s: Positive = 1.0
     release_hover_timeout_s: Positive = 6.0
     release_disarm_timeout_s: Positive = 12.0
@@ -288,14 +290,14 @@ class CoverageConfig(Config, frozen=True, kw_only=True):
         speed_mps: along the lines, when the goal names none.
         acceleration_mps2: in turns, speeding up and braking.
         cut: a turn begins so long before its corner, in line distances.
-        pictures_max: a goal that needs more is refused.
+        pictures_max: a goal that needs more is refused: its result, which tells of each, would be too long to send.
         camera_rate_hz, focal_px, width_px, height_px: of the camera, for overlaps and the bound of the speed.
     """
 
     speed_mps: Positive = 1.0
     acceleration_mps2: Positive = 1.0
     cut: Annotated[float, Meta(gt=0.0, le=0.5)] = 0.5
-    pictures_max: Annotated[int, Meta(ge=1, le=100_000)] = 5000
+    pictures_max: Annotated[int, Meta(ge=1, le=3000)] = 3000
     camera_rate_hz: Positive = 15.0
     focal_px: Positive = 381.36
     width_px: Positive = 640.0

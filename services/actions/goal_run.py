@@ -1,6 +1,6 @@
 """One goal from the request for control to its result: the lifecycle that all actions share.
 
-acquiring -> flying -> releasing -> over; a goal ends exactly once.
+looking and preparing where the goal needs them -> acquiring -> flying -> releasing -> over; a goal ends exactly once.
 """
 
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ from typing import Any, Literal
 import msgspec
 
 from jezero.frames import add
-from jezero.runtime.service import Call, Inbox, Listen, Output, Pace, Publish, Reply, Request, Response
+from jezero.runtime.service import Call, Inbox, Listen, Output, Pace, Publish, Reply, Request, Response, Work
 from jezero.runtime.spool import Spool
 from jezero.schemas.actions import Accepted, Feedback, FeedbackMessage, Goal, ImagesFeedback, Rejected, Result
 from jezero.schemas.commands import Acquire, AcquireReply, CameraPitch, Release, ReleaseReply, Setpoint
@@ -65,7 +65,7 @@ class GoalRun:
     ) -> None:
         self.goal = goal
         self.goal_id = goal_id
-        self.stage: Literal["looking", "acquiring", "flying", "releasing", "over"] = "acquiring"
+        self.stage: Literal["looking", "preparing", "acquiring", "flying", "releasing", "over"] = "acquiring"
         self.result: Result[Any] | None = None
         self.clients: list[str] = []
         self._action = action
@@ -126,12 +126,12 @@ class GoalRun:
         self._watchers.append(request.request_id)
         if request.client_id and request.client_id not in self.clients:
             self.clients.append(request.client_id)
-        if self.stage not in ("looking", "acquiring"):
+        if self.stage not in ("looking", "preparing", "acquiring"):
             yield Reply(request.request_id, self._accepted(), final=False)
 
     def cancel(self, reason: str) -> bool:
         """End it at the next step; False when it is ending already."""
-        if self.stage not in ("looking", "acquiring", "flying"):
+        if self.stage not in ("looking", "preparing", "acquiring", "flying"):
             return False
         self._cancel_reason = reason
         return True
@@ -141,6 +141,8 @@ class GoalRun:
         self._take_pictures(t_ns, inbox)
         if self.stage == "looking":
             yield from self._looking(t_ns, inbox)
+        elif self.stage == "preparing":
+            yield from self._preparing(t_ns, inbox)
         elif self.stage == "acquiring":
             yield from self._acquiring(t_ns, inbox)
         if self.stage == "flying":
@@ -156,14 +158,37 @@ class GoalRun:
     def _looking(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Acquire or refuse as soon as every input has come, or the time for it is over."""
         assert self._verdict.look is not None
+        if self._cancel_reason:
+            yield from self._reject(self._cancel_reason, inbox)
+            return
         odometry = self._view.odometry(inbox)
         complete = all(inbox.latest(topic) is not None for topic in self._inputs)
         if odometry is None or not (complete or t_ns > self._deadline_ns):
             return
-        refusal = self._verdict.look(self._view.state(t_ns, inbox, odometry))
-        if refusal or self._cancel_reason:
-            yield from self._reject(refusal or self._cancel_reason, inbox)
+        state = self._view.state(t_ns, inbox, odometry)
+        refusal = self._verdict.look(state)
+        if refusal:
+            yield from self._reject(refusal, inbox)
+        elif self._verdict.prepare is None:
+            yield from self._acquire(t_ns)
         else:
+            self.stage = "preparing"
+            self._tag = f"{self.goal_id}/prepare/{t_ns}"
+            self._deadline_ns = t_ns + int(self._config.prepare_timeout_s * NS_PER_S)
+            yield Work(self._verdict.prepare.work(state), self._tag)
+
+    def _preparing(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        """Acquire or refuse when the work is done; a cancel doesn't wait for it."""
+        assert self._verdict.prepare is not None
+        response = self._response(inbox)
+        refusal = self._cancel_reason
+        if response is not None:
+            refusal = refusal or self._verdict.prepare.take(response.payload)
+        elif t_ns > self._deadline_ns:
+            refusal = refusal or f"the goal could not be prepared within {self._config.prepare_timeout_s:g} s"
+        if refusal:
+            yield from self._reject(refusal, inbox)
+        elif response is not None:
             yield from self._acquire(t_ns)
 
     def _acquiring(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from jezero.runtime.config import load_config
 from jezero.runtime.spool import Spool
 from jezero.schemas.topics import ACTIONS
+from jezero.services.actions.area_coverage import AreaCoverage
 from jezero.services.actions.behaviour import Behaviour
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.go_to import GoTo
@@ -16,6 +17,7 @@ BEHAVIOURS: dict[str, Callable[[ActionsConfig], Behaviour]] = {
     "takeoff": Takeoff,
     "go_to": GoTo,
     "land_on_spot": LandOnSpot,
+    "area_coverage": AreaCoverage,
 }
 
 

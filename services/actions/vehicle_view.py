@@ -72,6 +72,7 @@ class VehicleView:
             height_m=height_m,
             relative=self._relative(t_ns, inbox),
             rover=self._rover(t_ns, inbox),
+            shift_ned_m=self.shift(odometry),
         )
 
     def _relative(self, t_ns: int, inbox: Inbox) -> Relative | None:

@@ -19,8 +19,13 @@ from jezero.services.vehicle_bridge.transitions import is_allowed
 
 from .bridge_rig import CRITICAL, MODES, Rig
 
-ACTIONS = {"takeoff": Phase.TAKEOFF, "go_to": Phase.GO_TO, "land_on_spot": Phase.LANDING}
-LATER = {"get_images": Phase.GET_IMAGES, "area_coverage": Phase.COVERAGE}
+ACTIONS = {
+    "takeoff": Phase.TAKEOFF,
+    "go_to": Phase.GO_TO,
+    "land_on_spot": Phase.LANDING,
+    "area_coverage": Phase.COVERAGE,
+}
+LATER = {"get_images": Phase.GET_IMAGES}
 
 
 class Chaos:

@@ -46,7 +46,7 @@ def test_a_plan_is_told_to_programs(tmp_path: Path) -> None:
     ("words", "why"),
     [
         (("--z", "5", "--resolution", "0.5"), "5 m up is −5"),
-        (("--z", "-5", "--resolution", "0.005"), "needs about 640000 pictures, more than 5000"),
+        (("--z", "-5", "--resolution", "0.005"), "needs about 640000 pictures, more than 3000"),
         (("--z", "-5", "--resolution", "0.5", "--overlap", "0.7"), "choose one of them"),
         (("--z", "-5", "--resolution", "0"), "above 0 m"),
         (("--z", "-5", "--resolution", "nan"), "finite"),

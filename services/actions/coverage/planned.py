@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely.geometry import Polygon
 
-from jezero.frames import altitude_m
+from jezero.frames import Vec3, add, altitude_m
 from jezero.schemas.actions import AreaCoverageGoal
-from jezero.services.actions.checks import point_refusal, speed_refusal
+from jezero.services.actions.checks import beyond_limits, point_refusal, speed_refusal
 from jezero.services.actions.config import ActionsConfig, CoverageConfig
 from jezero.services.actions.coverage.area import AreaError, make_area
+from jezero.services.actions.coverage.ground import CoveredGround
 from jezero.services.actions.coverage.plan import covered_share, plan_path
 from jezero.services.actions.coverage.trajectory import Trajectory, make_trajectory, picture_distances
 
@@ -24,37 +25,55 @@ class CoveragePlan:
 
     Attributes:
         line_distance_m, picture_distance_m: across and along.
+        start_m: (2,) what the path begins near.
         pictures_m: (n, 2) where pictures are taken.
+        first_picture: where the trajectory begins.
+        picture_times_s: (n - first_picture,) when, in the trajectory's time.
+        ground: of which nothing is covered yet but what lies before the first picture.
     """
 
     area: Polygon
     line_distance_m: float
     picture_distance_m: float
+    start_m: tuple[float, float]
     trajectory: Trajectory
     pictures_m: Array
+    first_picture: int
+    picture_times_s: Array
+    ground: CoveredGround
 
     @property
     def covered(self) -> float:
         """Share of the area within half a line distance of the path."""
         return covered_share(self.area, self.trajectory.pos_m, self.line_distance_m)
 
+    @property
+    def lines_rad(self) -> float:
+        """Direction of most of the path, 0 to pi from north towards east; either way along the lines."""
+        steps_m = np.diff(self.trajectory.pos_m, axis=0)
+        lengths_m = np.linalg.norm(steps_m, axis=1)
+        twice_rad = 2.0 * np.arctan2(steps_m[:, 1], steps_m[:, 0])
+        mean_rad = np.arctan2((lengths_m * np.sin(twice_rad)).sum(), (lengths_m * np.cos(twice_rad)).sum())
+        return float(0.5 * mean_rad % np.pi)
+
 
 def plan_coverage(
-    goal: AreaCoverageGoal, config: ActionsConfig, start_m: Sequence[float] | None = None
+    goal: AreaCoverageGoal,
+    config: ActionsConfig,
+    start_m: Sequence[float] | None = None,
+    origin_ned_m: Vec3 = (0.0, 0.0, 0.0),
 ) -> CoveragePlan:
     """The plan of a goal.
 
     Args:
-        start_m: (2,) where the vehicle is, in the goal's frame; the path begins near it.
+        start_m: (2,) where the vehicle is, in the goal's frame; the path begins near it, unless the goal says where.
+        origin_ned_m: of the goal's frame in the world, for the limits.
 
     Raises:
         AreaError: the goal can't be flown; why, and what to change.
     """
     area = make_area(goal.polygon_ned_m, goal.holes_ned_m)
-    for north_m, east_m in goal.polygon_ned_m:
-        if reason := point_refusal((north_m, east_m, goal.z_ned_m), config.limits):
-            raise AreaError(reason)
-    if reason := speed_refusal(goal.speed_mps, config.limits):
+    if reason := _refusal(goal, config, origin_ned_m):
         raise AreaError(reason)
     settings = config.area_coverage
     across_m, along_m = _distances(goal, settings)
@@ -63,16 +82,43 @@ def plan_coverage(
             f"the area of {area.area:.0f} m² needs about {area.area / across_m / along_m:.0f} pictures, more than "
             f"{settings.pictures_max}: take a coarser resolution, or map it in parts"
         )
-    speed_mps = min(goal.speed_mps or settings.speed_mps, 0.5 * along_m * settings.camera_rate_hz)
-    trajectory = make_trajectory(
-        plan_path(area, across_m, start_m),
-        speed_mps=speed_mps,
-        acceleration_mps2=settings.acceleration_mps2,
-        cut_m=settings.cut * across_m,
-    )
-    at_m = picture_distances(trajectory.length_m, along_m)
-    pictures_m = np.column_stack([np.interp(at_m, trajectory.distance_m, trajectory.pos_m[:, k]) for k in (0, 1)])
-    return CoveragePlan(area, across_m, along_m, trajectory, pictures_m)
+    motion = {
+        "speed_mps": min(goal.speed_mps or settings.speed_mps, 0.5 * along_m * settings.camera_rate_hz),
+        "acceleration_mps2": settings.acceleration_mps2,
+        "cut_m": settings.cut * across_m,
+    }
+    start = goal.start_ned_m or start_m
+    path_m = plan_path(area, across_m, start)
+    whole = make_trajectory(path_m, **motion)
+    at_m = picture_distances(whole.length_m, along_m)
+    if goal.first_picture >= len(at_m):
+        raise AreaError(f"there is no picture {goal.first_picture}: this coverage has {len(at_m)}, counted from 0")
+    pictures_m = np.column_stack([np.interp(at_m, whole.distance_m, whole.pos_m[:, k]) for k in (0, 1)])
+    ground = CoveredGround(area, across_m)
+    first_m = at_m[goal.first_picture]
+    rest = whole
+    if goal.first_picture:
+        rest = make_trajectory(path_m, **motion, from_m=first_m)
+        ground.mark_way(whole.pos_m[whole.distance_m <= first_m])
+    times_s = np.interp(at_m[goal.first_picture :] - first_m, rest.distance_m, rest.t_s)
+    near_m = path_m[0] if start is None else start
+    begin_m = (float(near_m[0]), float(near_m[1]))
+    return CoveragePlan(area, across_m, along_m, begin_m, rest, pictures_m, goal.first_picture, times_s, ground)
+
+
+def _refusal(goal: AreaCoverageGoal, config: ActionsConfig, origin_ned_m: Vec3) -> str:
+    """Why a goal's numbers can't be flown whatever its shape is, or ""."""
+    if not goal.z_ned_m < 0.0:
+        return point_refusal((0.0, 0.0, goal.z_ned_m), config.limits)
+    for north_m, east_m in goal.polygon_ned_m:
+        corner_ned_m = add((north_m, east_m, goal.z_ned_m), origin_ned_m)
+        if reason := beyond_limits(corner_ned_m, config.limits):
+            return reason
+    if goal.first_picture and goal.start_ned_m is None:
+        return "a coverage that goes on with first_picture needs the start_ned_m of the one before: it is in its result"
+    if goal.first_picture and goal.frame != "world":
+        return "a coverage goes on in frame 'world' only: its result holds the goal that does"
+    return speed_refusal(goal.speed_mps, config.limits)
 
 
 def _distances(goal: AreaCoverageGoal, settings: CoverageConfig) -> tuple[float, float]:

@@ -51,15 +51,18 @@ class Trajectory:
         return float(np.interp(distance_m, self.distance_m, self.t_s))
 
 
-def make_trajectory(corners_m: Array, *, speed_mps: float, acceleration_mps2: float, cut_m: float) -> Trajectory:
+def make_trajectory(
+    corners_m: Array, *, speed_mps: float, acceleration_mps2: float, cut_m: float, from_m: float = 0.0
+) -> Trajectory:
     """Fly along a path from rest to rest, as fast as speed and acceleration allow.
 
     Args:
         corners_m: (n, 2) of the path.
         acceleration_mps2: its bound; shared equally between the parts along and across the path.
         cut_m: how long before a corner a turn begins, at most.
+        from_m: what lies before this distance along the path is left out.
     """
-    points = smooth(corners_m, cut_m)
+    points = _rest_of(smooth(corners_m, cut_m), from_m)
     part_mps2 = acceleration_mps2 / sqrt(2.0)
     steps_m = np.linalg.norm(np.diff(points, axis=0), axis=1)
     distance_m = np.concatenate(([0.0], np.cumsum(steps_m)))
@@ -114,6 +117,15 @@ def _filled(points: Array) -> Array:
     )
     at = np.append(at, distance[-1])
     return np.column_stack([np.interp(at, distance, kept[:, k]) for k in (0, 1)])
+
+
+def _rest_of(points: Array, from_m: float) -> Array:
+    """The line from a distance along it on."""
+    if from_m <= 0.0:
+        return points
+    distance = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))))
+    first = np.array([[np.interp(from_m, distance, points[:, k]) for k in (0, 1)]])
+    return _filled(np.concatenate((first, points[distance > from_m])))
 
 
 def _bend(points: Array, steps_m: Array) -> tuple[Array, Array]:
