@@ -35,8 +35,8 @@ def encode(payload: Payload) -> bytes:
     Raises:
         NotFiniteError: a float in it is NaN or infinite.
     """
-    if isinstance(payload, PICTURES) and payload.pixels:
-        return join_picture(encode(msgspec.structs.replace(payload, pixels=b"")), payload.pixels)
+    if pixels := getattr(payload, "pixels", b""):
+        return join_picture(encode(msgspec.structs.replace(payload, pixels=b"")), pixels)
     data = _encoder.encode(payload)
     if b"null" in data:  # NaN, infinity, or an honest None
         _require_finite(payload, type(payload).__name__)

@@ -8,6 +8,7 @@ from jezero.runtime.service import (
     Call,
     Health,
     Listen,
+    Output,
     Pace,
     Publish,
     Reply,
@@ -224,26 +225,31 @@ class Node:
             NotFiniteError: only when strict.
         """
         for output in self.service.step(t_ns, self.inbox):
-            match output:
-                case Publish():
-                    self._publish(output)
-                case Send():
-                    self._require(output.link in self.inbox._up, "link", output.link)
-                    self._transport.send(output.link, output.data)
-                case Reply():
-                    data = None if output.payload is None else self._encoded(output.payload)
-                    self._transport.reply(output.request_id, data, final=output.final)
-                case Call():
-                    self._call(output)
-                case Listen():
-                    self._listen(output)
-                case Pace():
-                    self._transport.pace(output.rate_hz or self.spec.rate_hz)
-                case Work():
-                    self._transport.work(output.function, output.tag)
-                case Health():
-                    self._state, self._text = output.state, output.text[:2000]
+            if type(output) is Publish:
+                self._publish(output)
+            elif type(output) is Send:
+                self._require(output.link in self.inbox._up, "link", output.link)
+                self._transport.send(output.link, output.data)
+            else:
+                self._carry_out(output)
         self.inbox.clear()
+
+    def _carry_out(self, output: Output) -> None:
+        """The rarer outputs: a pattern that doesn't match costs 0.5 us."""
+        match output:
+            case Reply():
+                data = None if output.payload is None else self._encoded(output.payload)
+                self._transport.reply(output.request_id, data, final=output.final)
+            case Call():
+                self._call(output)
+            case Listen():
+                self._listen(output)
+            case Pace():
+                self._transport.pace(output.rate_hz or self.spec.rate_hz)
+            case Work():
+                self._transport.work(output.function, output.tag)
+            case Health():
+                self._state, self._text = output.state, output.text[:2000]
 
     def _publish(self, output: Publish) -> None:
         topic = output.topic

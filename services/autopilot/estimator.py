@@ -43,6 +43,7 @@ ACC_BIAS_LIMIT_MPS2 = 0.4
 GYRO_BIAS_LIMIT_RPS = 0.15
 
 Matrix = NDArray[np.float64]
+IDENTITY: Matrix = np.eye(15)
 
 
 class Disagreement:
@@ -319,10 +320,10 @@ class Estimator:
         c, dt = self._config, self._covariance_us * 1e-6
         fn, fe, fd = self._force_ned_mps
         r = np.array(self.R_ned_from_frd).reshape(3, 3) * dt
-        F = np.eye(15)
-        F[0:3, 9:12] = -r
-        F[3:6, 0:3] = ((0.0, fd, -fe), (-fd, 0.0, fn), (fe, -fn, 0.0))
-        F[3:6, 12:15] = -r
+        F = IDENTITY.copy()
+        F[0:3, 9:12] = F[3:6, 12:15] = -r
+        F[3, 1], F[3, 2], F[4, 2] = fd, -fe, fn
+        F[4, 0], F[5, 0], F[5, 1] = -fd, fe, -fn
         F[6, 3] = F[7, 4] = F[8, 5] = dt
         P = F @ self.P @ F.T
         diagonal = P.reshape(-1)[::16]
@@ -377,7 +378,7 @@ class Estimator:
             column = P[:, index].copy()
             s = column[index] + std * std
             dx += column * ((innovation - dx[index]) / s)
-            P -= np.outer(column, column / s)
+            P -= column[:, None] * (column / s)
         self._inject(dx.tolist())
 
     def _inject(self, dx: list[float]) -> None:

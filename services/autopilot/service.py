@@ -59,10 +59,10 @@ class Autopilot:
         if self._signing:
             self._tell_time(inbox.wall_ns)
         for item in self._hil.receive(inbox.received(HIL)):
-            if isinstance(item, Fix):
-                self._vehicle.fix(item)
-            else:
+            if type(item) is Reading:
                 yield Send(HIL, self._on_reading(item))
+            elif type(item) is Fix:
+                self._vehicle.fix(item)
         yield from self._side.answer(inbox)
         yield from self._side.tell(inbox)
         health = self._judge(inbox)
