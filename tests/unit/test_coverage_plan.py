@@ -2,10 +2,15 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from shapely.geometry import LineString, Polygon
 
+from jezero.schemas.actions import AreaCoverageGoal
+from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.coverage.area import AreaError, Point, make_area
+from jezero.services.actions.coverage.ground import CoveredGround
 from jezero.services.actions.coverage.plan import covered_share, plan_path
+from jezero.services.actions.coverage.planned import CoveragePlan, plan_coverage
 from jezero.services.actions.coverage.trajectory import Trajectory, make_trajectory, picture_distances
 
 THESIS: tuple[Point, ...] = ((0, 0), (3, 5), (7, 4), (7, 2), (4, 1), (3, 2), (0, 0))
@@ -83,6 +88,38 @@ def test_an_area_narrower_than_the_resolution_gets_a_pass_down_its_middle() -> N
     path_m = plan_path(make_area(((0.0, 0.0), (6.0, 0.0), (6.0, 0.2), (0.0, 0.2))), 1.0)
     assert np.abs(path_m[:, 1] - 0.1).max() < 0.01
     assert np.ptp(path_m[:, 0]) > 5.0
+
+
+def test_the_same_area_elsewhere_gets_the_same_plan() -> None:
+    away = np.array((31.7, -12.3))
+
+    def plan(by_m: NDArray[np.float64]) -> CoveragePlan:
+        corners = tuple((float(north), float(east)) for north, east in np.array(THESIS) + by_m)
+        goal = AreaCoverageGoal(polygon_ned_m=corners, z_ned_m=-5.0, resolution_m=0.25)
+        return plan_coverage(goal, ActionsConfig(), 1.0 + by_m)
+
+    here, there = plan(np.zeros(2)), plan(away)
+    assert there.pictures_m - away == pytest.approx(here.pictures_m, abs=1e-6)
+    assert there.covered == pytest.approx(here.covered, abs=1e-6)
+    assert there.lines_rad == here.lines_rad
+
+
+def test_the_rest_of_a_motion_begins_at_rest_where_it_is_taken_up() -> None:
+    path_m = plan_path(make_area(SQUARE), 0.5)
+    whole = make_trajectory(path_m, speed_mps=1.0, acceleration_mps2=1.0, cut_m=0.25)
+    rest = make_trajectory(path_m, speed_mps=1.0, acceleration_mps2=1.0, cut_m=0.25, from_m=7.3)
+    assert rest.length_m == pytest.approx(whole.length_m - 7.3, abs=1e-6)
+    assert rest.pos_m[0] == pytest.approx(whole.at(whole.time_at(7.3))[0], abs=0.01)
+    assert np.linalg.norm(rest.vel_mps[0]) == 0.0
+
+
+def test_covered_ground_is_what_the_way_came_near() -> None:
+    ground = CoveredGround(make_area(SQUARE), 1.0)
+    assert ground.share == 0.0
+    ground.mark_way(np.array(((0.0, 2.0), (4.0, 2.0))))
+    assert ground.share == pytest.approx(0.25, abs=0.01)
+    ground.mark(100.0, 100.0)
+    assert ground.share == pytest.approx(0.25, abs=0.01)
 
 
 def test_holes_are_flown_around() -> None:

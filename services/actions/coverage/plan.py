@@ -86,11 +86,10 @@ def _angles(area: Polygon) -> list[float]:
 
 
 def _cost_m(tracks: list[Track]) -> float:
-    """Length of the sweep lines, each of their turns, and the ways between cells. Rounded: the same area elsewhere
-    gets the same plan."""
+    """Length of the sweep lines, each of their turns, and the ways between cells."""
     lengths = [float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) for way in tracks_of(tracks)]
     corners = sum(len(way) for way in tracks_of(tracks))
-    return round(sum(lengths) + TURN_COST_M * (corners + 4 * len(tracks)), 6)
+    return sum(lengths) + TURN_COST_M * (corners + 4 * len(tracks))
 
 
 def _joined(ways: list[Array], area: Polygon, resolution_m: float) -> Array:

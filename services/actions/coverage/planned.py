@@ -5,18 +5,21 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from shapely.affinity import translate
 from shapely.geometry import Polygon
 
 from jezero.frames import Vec3, add, altitude_m
 from jezero.schemas.actions import AreaCoverageGoal
 from jezero.services.actions.checks import beyond_limits, point_refusal, speed_refusal
 from jezero.services.actions.config import ActionsConfig, CoverageConfig
-from jezero.services.actions.coverage.area import AreaError, make_area
+from jezero.services.actions.coverage.area import AreaError, Point, make_area
 from jezero.services.actions.coverage.ground import CoveredGround
 from jezero.services.actions.coverage.plan import covered_share, plan_path
 from jezero.services.actions.coverage.trajectory import Trajectory, make_trajectory, picture_distances
 
 Array = NDArray[np.float64]
+DIRECTION_RAD = np.pi / 180.0
+"""Directions nearer to each other than this are the same."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +52,12 @@ class CoveragePlan:
 
     @property
     def lines_rad(self) -> float:
-        """Direction of most of the path, 0 to pi from north towards east; either way along the lines."""
+        """Direction that most of the path has, 0 to pi from north towards east; either way along the lines."""
         steps_m = np.diff(self.trajectory.pos_m, axis=0)
         lengths_m = np.linalg.norm(steps_m, axis=1)
-        twice_rad = 2.0 * np.arctan2(steps_m[:, 1], steps_m[:, 0])
-        mean_rad = np.arctan2((lengths_m * np.sin(twice_rad)).sum(), (lengths_m * np.cos(twice_rad)).sum())
-        return float(0.5 * mean_rad % np.pi)
+        directions = np.round(np.arctan2(steps_m[:, 1], steps_m[:, 0]) % np.pi / DIRECTION_RAD).astype(int)
+        most = int(np.argmax(np.bincount(directions % round(np.pi / DIRECTION_RAD), lengths_m)))
+        return most * DIRECTION_RAD
 
 
 def plan_coverage(
@@ -72,7 +75,8 @@ def plan_coverage(
     Raises:
         AreaError: the goal can't be flown; why, and what to change.
     """
-    area = make_area(goal.polygon_ned_m, goal.holes_ned_m)
+    corner_m = goal.polygon_ned_m[0] if goal.polygon_ned_m else (0.0, 0.0)
+    area = make_area(_from(corner_m, goal.polygon_ned_m), [_from(corner_m, hole) for hole in goal.holes_ned_m])
     if reason := _refusal(goal, config, origin_ned_m):
         raise AreaError(reason)
     settings = config.area_coverage
@@ -88,7 +92,9 @@ def plan_coverage(
         "cut_m": settings.cut * across_m,
     }
     start = goal.start_ned_m or start_m
-    path_m = plan_path(area, across_m, start)
+    near_m = None if start is None else _from(corner_m, [start])[0]
+    path_m = plan_path(area, across_m, near_m) + np.array(corner_m)
+    area = translate(area, *corner_m)
     whole = make_trajectory(path_m, **motion)
     at_m = picture_distances(whole.length_m, along_m)
     if goal.first_picture >= len(at_m):
@@ -101,9 +107,13 @@ def plan_coverage(
         rest = make_trajectory(path_m, **motion, from_m=first_m)
         ground.mark_way(whole.pos_m[whole.distance_m <= first_m])
     times_s = np.interp(at_m[goal.first_picture :] - first_m, rest.distance_m, rest.t_s)
-    near_m = path_m[0] if start is None else start
-    begin_m = (float(near_m[0]), float(near_m[1]))
+    begin_m = (float(path_m[0][0]), float(path_m[0][1])) if start is None else (float(start[0]), float(start[1]))
     return CoveragePlan(area, across_m, along_m, begin_m, rest, pictures_m, goal.first_picture, times_s, ground)
+
+
+def _from(corner_m: Point, points_m: Sequence[Sequence[float]]) -> list[Point]:
+    """Points relative to a corner, to the tenth of a millimetre: the same area elsewhere gets the same plan."""
+    return [(round(point[0] - corner_m[0], 4), round(point[1] - corner_m[1], 4)) for point in points_m]
 
 
 def _refusal(goal: AreaCoverageGoal, config: ActionsConfig, origin_ned_m: Vec3) -> str:

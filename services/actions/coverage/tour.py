@@ -32,7 +32,7 @@ def order_tracks(tracks: Sequence[Track], start_m: Array | None) -> list[Array]:
                 trial = order[:i] + order[i : j + 1][::-1] + order[j + 1 :]
                 trial_cost, trial_chosen = _choose(trial, entries, exits, start_m)
                 trials += 1
-                if trial_cost < cost - 1e-6:
+                if trial_cost < cost - 1e-9:
                     order, cost, chosen, improved = trial, trial_cost, trial_chosen, True
             if trials >= TRIALS_MAX:
                 break
@@ -43,7 +43,7 @@ def _nearest(entries: list[Array], exits: list[Array], start_m: Array | None) ->
     at = entries[0][0] if start_m is None else start_m
     left, order = set(range(len(entries))), []
     while left:
-        distances = {i: _rounded(np.linalg.norm(entries[i] - at, axis=1)) for i in left}
+        distances = {i: np.linalg.norm(entries[i] - at, axis=1) for i in left}
         nearest = min(left, key=lambda i: (float(distances[i].min()), i))
         at = exits[nearest][int(np.argmin(distances[nearest]))]
         order.append(nearest)
@@ -61,14 +61,9 @@ def _choose(
     for before, after in pairwise(order):
         gaps = np.linalg.norm(exits[before][:, None, :] - entries[after][None, :, :], axis=2)
         total = costs[:, None] + gaps
-        froms.append(np.argmin(_rounded(total), axis=0))
+        froms.append(np.argmin(total, axis=0))
         costs = total.min(axis=0)
-    chosen = [int(np.argmin(_rounded(costs)))]
+    chosen = [int(np.argmin(costs))]
     for back in reversed(froms):
         chosen.append(int(back[chosen[-1]]))
     return float(costs.min()), chosen[::-1]
-
-
-def _rounded(lengths_m: Array) -> Array:
-    """Equal ones stay equal wherever the area lies: the first of them is taken."""
-    return lengths_m.round(6)
