@@ -38,6 +38,7 @@ SECTIONS: dict[str, dict[str, Entry]] = {
     },
     "Survey": {
         "gridsweep": Entry("jezero.cli.survey", "gridsweep", "Map an area (--plan-only: draw the plan)."),
+        "map": Entry("jezero.cli.mapping", "make", "Make a map of the pictures that gridsweep took."),
     },
     "Records": {
         "report": Entry("jezero.cli.report", "report", "Draw the figures of recorded flights."),

@@ -3,7 +3,11 @@
 import os
 import time
 
+import numpy as np
+import pytest
+
 from benchmarks.latency import delays, pair
+from benchmarks.map import M_PER_PX, MARGIN_PX, compare
 from benchmarks.stack import cpu_ns, memory_mb, percentile
 
 MS = 1_000_000
@@ -36,3 +40,16 @@ def test_the_clock_of_a_process_counts_its_processor_time() -> None:
     spent, expected = cpu_ns(os.getpid()) - before[0], time.process_time_ns() - before[1]
     assert abs(spent - expected) < 5 * MS
     assert memory_mb(os.getpid())[0] >= memory_mb(os.getpid())[1] > 1.0
+
+
+def test_a_map_is_compared_place_by_place_and_its_common_translation_is_told_apart() -> None:
+    rng = np.random.default_rng(3)
+    reference = rng.integers(0, 255, (420, 420, 3), dtype=np.uint8)
+    up, left = 12, 7
+    part = reference[MARGIN_PX + up : 320 + up, MARGIN_PX + left : 320 + left].copy()
+    part[:110] = reference[MARGIN_PX + up + 3 : MARGIN_PX + up + 113, MARGIN_PX + left : 320 + left]
+    found = compare(part, reference)
+    assert found.found_share > 0.8
+    assert found.offset_m == pytest.approx((M_PER_PX * up, -M_PER_PX * left), abs=0.01 + 3 * M_PER_PX)
+    assert np.ptp(found.errors_m[:, 0]) == pytest.approx(3 * M_PER_PX, abs=0.01)
+    assert np.abs(found.errors_m[:, 1] + M_PER_PX * left).max() < 0.01

@@ -1,0 +1,115 @@
+"""A coverage in virtual time, in 3 m/s mean wind with gusts of 0.6 m/s, with all that is needed to judge it."""
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from jezero.client.dataset import Dataset
+from jezero.client.images import Picture
+from jezero.deploy.in_process import boot_id, service_makers, wired_bus
+from jezero.runtime.config import load_config
+from jezero.runtime.memory_bus import Answers
+from jezero.schemas import topics
+from jezero.schemas.actions import AreaCoverageGoal, CoverageResult, Result, TakeoffGoal
+from jezero.schemas.commands import Phase, Setpoint
+from jezero.schemas.images import GetImage
+from jezero.schemas.state import Odometry, Scene, Status, Truth
+from jezero.services.simulator.camera.config import CameraConfig
+from jezero.services.simulator.camera.service import Camera
+from jezero.services.simulator.camera.view import View
+from jezero.services.simulator.config import SimulatorConfig, WindConfig
+
+WIND = WindConfig(mean_mps=3.0, from_deg=250.0, std_gust_mps=0.6)
+NOT_NEEDED = ("tag_detector", "go_to", "land_on_spot")
+WATCHED: dict[str, Any] = {
+    topic.name: topic.type for topic in (topics.ODOMETRY, topics.TRUTH, topics.STATUS, topics.SETPOINT)
+}
+
+
+class _Black:
+    """A renderer for flights whose pictures nobody looks at."""
+
+    description = "black"
+    rate_max_hz = 60.0
+
+    def __init__(self, config: CameraConfig) -> None:
+        self._pixels = bytes(3 * config.width_px * config.height_px)
+
+    def picture(self, scene: Scene, views: tuple[View, View, View]) -> bytes:
+        """See `Renderer`."""
+        return self._pixels
+
+
+class Covering:
+    """A vehicle that takes off and maps an area.
+
+    Args:
+        rendered: pictures show the simulated world, else they are black.
+
+    Attributes:
+        odometry, truths: of the whole flight.
+        mapping_ns: first and last time of a setpoint on the path.
+    """
+
+    def __init__(self, seed: int, *, rendered: bool, simulator: SimulatorConfig | None = None) -> None:
+        simulator = msgspec.structs.replace(simulator or load_config(SimulatorConfig, "simulator"), wind=WIND)
+        camera = msgspec.structs.replace(load_config(CameraConfig, "camera"), mode="rendered")
+        makers = service_makers(seed, simulator=simulator, camera=camera)
+        if not rendered:
+            makers["camera"] = lambda boot: Camera(camera, _Black(camera), seed)
+        self._bus = wired_bus(seed)
+        for name, make in makers.items():
+            if name not in NOT_NEEDED:
+                self._bus.add(make(boot_id(seed, name)))
+        self.odometry: list[Odometry] = []
+        self.truths: list[Truth] = []
+        self.mapping_ns: tuple[int, int] | None = None
+        self._status: Status | None = None
+        self._bus.observe(self._observe)
+
+    def _observe(self, t_ns: int, topic: str, data: bytes) -> None:
+        if topic not in WATCHED:
+            return
+        message = msgspec.json.decode(data, type=WATCHED[topic])
+        if isinstance(message, Odometry):
+            self.odometry.append(message)
+        elif isinstance(message, Truth):
+            self.truths.append(message)
+        elif isinstance(message, Status):
+            self._status = message
+        elif isinstance(message, Setpoint) and message.phase is Phase.COVERAGE and message.pos_ned_m is None:
+            self.mapping_ns = (self.mapping_ns[0] if self.mapping_ns else message.t_ns, message.t_ns)
+
+    def fly(self, goal: AreaCoverageGoal) -> CoverageResult:
+        """Up and over the area.
+
+        Raises:
+            RuntimeError: it was refused, did not succeed, or has no end.
+        """
+        self._bus.run_for(30.0, lambda: self._status is not None and self._status.ready)
+        self._end(self._bus.ask(topics.TAKEOFF.endpoint, TakeoffGoal(altitude_m=3.0)))
+        result: CoverageResult = self._end(self._bus.ask(topics.AREA_COVERAGE.endpoint, goal)).result
+        return result
+
+    def keep(self, folder: Path, goal: AreaCoverageGoal, result: CoverageResult) -> None:
+        """Write the dataset, as a client does.
+
+        Raises:
+            RuntimeError: a picture is missing.
+        """
+        with Dataset(folder, "png", goal=goal) as dataset:
+            for image in result.images:
+                question = GetImage(goal_id=goal.goal_id, index=image.index)
+                answers = self._bus.ask(topics.AREA_COVERAGE.image, question)
+                self._bus.run_for(1.0, lambda answers=answers: answers.ended)  # type: ignore[misc]
+                if not answers.replies or answers.replies[0].reason:
+                    raise RuntimeError(f"no picture {image.index}: {answers.replies}")
+                dataset.add(Picture(image, answers.replies[0].pixels))
+
+    def _end(self, answers: Answers) -> Result[Any]:
+        self._bus.run_for(1800.0, lambda: answers.ended)
+        last = answers.replies[-1] if answers.replies else None
+        if not isinstance(last, Result) or last.outcome != "succeeded":
+            raise RuntimeError(f"it did not succeed: {last}")
+        return last

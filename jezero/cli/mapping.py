@@ -1,0 +1,56 @@
+"""The command that makes a map."""
+
+from pathlib import Path
+
+import click
+
+from jezero.cli.flight import Printer
+
+
+@click.command("map")
+@click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option(
+    "--resolution",
+    "m_per_px",
+    type=click.FloatRange(0.001, 10.0),
+    default=0.02,
+    show_default=True,
+    help="Metres per pixel.",
+)
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="The map's file [FOLDER/map.png].")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object per line, the result last.")
+def make(folder: Path, m_per_px: float, out: Path | None, as_json: bool) -> None:
+    """Make a map of a coverage's pictures in FOLDER: a PNG with north at the top, and its world file.
+
+    Coordinates are metres in the world frame, x to the east and y to the north. The ground's height comes from the
+    altimeter's ranges; what pictures show in common puts them in their places.
+    """
+    from jezero.mapping.making import make_map
+    from jezero.mapping.survey import SurveyError
+
+    printer = Printer(as_json)
+    file = (out or folder / "map.png").with_suffix(".png")
+    try:
+        made = make_map(folder, m_per_px)
+        world = made.mosaic.save(file)
+    except (SurveyError, OSError) as error:
+        raise click.ClickException(str(error)) from None
+    height_px, width_px, _ = made.mosaic.pixels.shape
+    alignment = made.alignment
+    text = (
+        f"{made.pictures} pictures, {alignment.pairs} pairs with ground in common, which were "
+        f"{100.0 * alignment.before_m:.1f} cm apart (median) and are {100.0 * alignment.after_m:.1f} cm\n"
+        if alignment.pairs
+        else f"{made.pictures} pictures without ground in common: each lies where the vehicle says\n"
+    )
+    printer.event(
+        "result",
+        f"{text}wrote {file}: {width_px} x {height_px} pixels of {m_per_px:g} m, and {world}",
+        outcome="succeeded",
+        file=str(file),
+        world_file=str(world),
+        pictures=made.pictures,
+        pairs=alignment.pairs,
+        apart_before_m=alignment.before_m if alignment.pairs else None,
+        apart_after_m=alignment.after_m if alignment.pairs else None,
+    )

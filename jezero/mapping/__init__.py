@@ -1,0 +1,1 @@
+"""Maps from pictures: a coverage's dataset in, an orthomosaic out. Axes of arrays are (north, east, down) in metres."""

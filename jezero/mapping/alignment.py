@@ -1,0 +1,159 @@
+"""Better poses of the pictures: those under which what two pictures show of the same ground falls together.
+
+Unknown are each picture's position and attitude. What is known beforehand, and how well, keeps what the pictures can't
+tell: where all of it lies, which way is north, and how high it is.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+import scipy.sparse.linalg
+from numpy.typing import NDArray
+
+from jezero.mapping.ground import Ground
+from jezero.mapping.matching import Matches
+from jezero.mapping.survey import Survey
+
+Array = NDArray[np.float64]
+STD_MATCH_M = 0.02
+HUBER_M = 0.04
+STD_PLACE_M = 0.5
+"""Of a picture's position; of the way between two exposures it is far less:"""
+STD_WAY_M = 0.02
+STD_WAY_M_PER_S = 0.015
+STD_HEIGHT_M = 0.05
+STD_TILT_RAD, STD_YAW_RAD = np.radians(1.0), np.radians(1.5)
+"""Of the error that all pictures' attitudes share,"""
+STD_WOBBLE_RAD = np.radians(0.3)
+"""and of what each has besides."""
+ITERATIONS = 8
+UNKNOWNS = 6
+"""Of each picture: north, east, down, and a small turn about these axes. One turn more is everybody's."""
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """How well the pictures agree.
+
+    Attributes:
+        survey: with the better poses.
+        before_m, after_m: median distance on the ground between the two ends of a match; NaN when there are none.
+    """
+
+    survey: Survey
+    pairs: int
+    before_m: float
+    after_m: float
+
+
+def align(survey: Survey, ground: Ground, matches: list[Matches]) -> Alignment:
+    """Find the poses by iterated least squares with robust weights."""
+    if not matches:
+        return Alignment(survey, 0, float("nan"), float("nan"))
+    ends = _Ends(survey, matches)
+    before_m = _median_m(ends.apart(survey, ground)[0])
+    moved = np.zeros(UNKNOWNS * len(survey) + 3)
+    priors = _priors(survey)
+    present = survey
+    for _ in range(ITERATIONS):
+        apart_m, slopes = ends.apart(present, ground)
+        lengths_m = np.maximum(np.linalg.norm(apart_m, axis=1), 1e-9)
+        weights = np.repeat(np.sqrt(np.minimum(1.0, HUBER_M / lengths_m)) / STD_MATCH_M, 2)
+        rows = scipy.sparse.vstack((slopes.multiply(weights[:, None]), priors)).tocsr()
+        rest = np.concatenate((weights * apart_m.ravel(), priors @ moved))
+        step = scipy.sparse.linalg.spsolve((rows.T @ rows).tocsc(), -(rows.T @ rest))
+        moved += step
+        present = _moved(survey, moved)
+        if np.abs(step).max() < 1e-6:
+            break
+    return Alignment(present, len(matches), before_m, _median_m(ends.apart(present, ground)[0]))
+
+
+def _median_m(apart_m: Array) -> float:
+    return float(np.median(np.linalg.norm(apart_m, axis=1)))
+
+
+def _moved(survey: Survey, moved: Array) -> Survey:
+    """The survey with each picture's position shifted, and its attitude turned by its own turn."""
+    each = moved[:-3].reshape(-1, UNKNOWNS)
+    turns = np.array([_turn(rotation) for rotation in each[:, 3:]])
+    return survey.moved(survey.pos_m + each[:, :3], turns @ survey.rotations)
+
+
+def _turn(vector: Array) -> Array:
+    """(3, 3) rotation of a rotation vector."""
+    angle = float(np.linalg.norm(vector))
+    if angle < 1e-12:
+        return np.eye(3)
+    x, y, z = vector / angle
+    skew = np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
+    return np.asarray(np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * skew @ skew)
+
+
+class _Ends:
+    """All matches at once: for each the picture and the ray of either end."""
+
+    def __init__(self, survey: Survey, matches: list[Matches]) -> None:
+        counts = [len(pair.points_first_px) for pair in matches]
+        self._numbers = [np.repeat([getattr(pair, end) for pair in matches], counts) for end in ("first", "second")]
+        self._rays = [
+            survey.rays(np.concatenate([getattr(pair, f"points_{end}_px") for pair in matches]))
+            for end in ("first", "second")
+        ]
+        self._unknowns = UNKNOWNS * len(survey) + 3
+
+    def apart(self, survey: Survey, ground: Ground) -> tuple[Array, scipy.sparse.csr_matrix]:
+        """(k, 2) from second to first end on the ground, and (2k, unknowns) how it changes with them."""
+        (first_m, first_slopes), (second_m, second_slopes) = (self._on_ground(survey, ground, end) for end in (0, 1))
+        return first_m - second_m, (first_slopes - second_slopes).tocsr()
+
+    def _on_ground(self, survey: Survey, ground: Ground, end: int) -> tuple[Array, scipy.sparse.csr_matrix]:
+        """Where one end's rays meet the ground, and how that moves with the pictures' unknowns.
+
+        With u = d_north/d_down, v = d_east/d_down and the height h, a point is at (N + hu, E + hv).
+        """
+        numbers = self._numbers[end]
+        along = np.einsum("kij,kj->ki", survey.rotations[numbers], self._rays[end])
+        met_m = ground.met(survey.pos_m[numbers], along)
+        height_m = met_m[:, 2] - survey.pos_m[numbers, 2]
+        u, v = along[:, 0] / along[:, 2], along[:, 1] / along[:, 2]
+        one, zero = np.ones_like(u), np.zeros_like(u)
+        north = np.stack((one, zero, -u, -height_m * u * v, height_m * (1.0 + u * u), -height_m * v))
+        east = np.stack((zero, one, -v, -height_m * (1.0 + v * v), height_m * u * v, height_m * u))
+        values = np.stack((north, east)).transpose(2, 0, 1)
+        count = len(numbers)
+        rows = np.repeat(np.arange(2 * count), UNKNOWNS)
+        columns = (UNKNOWNS * numbers[:, None, None] + np.arange(UNKNOWNS)[None, None, :]).repeat(2, axis=1)
+        shape = (2 * count, self._unknowns)
+        return met_m[:, :2], scipy.sparse.csr_matrix((values.ravel(), (rows, columns.ravel())), shape=shape)
+
+
+def _priors(survey: Survey) -> scipy.sparse.csr_matrix:
+    """What is known beforehand: each row is a sum of unknowns over its standard deviation, and should be zero."""
+    count = len(survey)
+    shared = UNKNOWNS * count
+    rows: list[int] = []
+    columns: list[int] = []
+    values: list[float] = []
+
+    def know(std: float, terms: dict[int, float]) -> None:
+        row = rows[-1] + 1 if rows else 0
+        for column, value in terms.items():
+            rows.append(row)
+            columns.append(column)
+            values.append(value / std)
+
+    for i in range(count):
+        at = UNKNOWNS * i
+        for axis, std_m in enumerate((STD_PLACE_M, STD_PLACE_M, STD_HEIGHT_M)):
+            know(std_m, {at + axis: 1.0})
+        for axis in range(3):
+            know(STD_WOBBLE_RAD, {at + 3 + axis: 1.0, shared + axis: -1.0})
+        if i > 0:
+            std_m = STD_WAY_M + STD_WAY_M_PER_S * float(survey.times_s[i] - survey.times_s[i - 1])
+            for axis in range(2):
+                know(std_m, {at + axis: 1.0, at - UNKNOWNS + axis: -1.0})
+    for axis, std_rad in enumerate((STD_TILT_RAD, STD_TILT_RAD, STD_YAW_RAD)):
+        know(float(std_rad), {shared + axis: 1.0})
+    return scipy.sparse.csr_matrix((values, (rows, columns)), shape=(rows[-1] + 1, shared + 3))

@@ -1,0 +1,137 @@
+"""The pictures of a dataset, with where each was taken, as arrays."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from jezero.frames import quat_rotate
+from jezero.schemas.images import Image
+
+Array = NDArray[np.float64]
+Pixels = NDArray[np.uint8]
+LASER_BELOW_CAMERA_M = 0.02
+"""As both are mounted: see `mount_frd_m` in simulator.toml and `pos_camera_frd_m` in camera.toml."""
+
+
+class SurveyError(ValueError):
+    """The folder can't be mapped; the message tells why and what to do."""
+
+
+class _Entry(msgspec.Struct):
+    file: str
+
+
+class _Listing(msgspec.Struct):
+    images: list[msgspec.Raw]
+
+
+@dataclass(frozen=True)
+class Survey:
+    """n pictures of one camera.
+
+    Attributes:
+        times_s: (n,) of the exposures.
+        pos_m: (n, 3) of the camera.
+        rotations: (n, 3, 3) that turn the camera's right, down, forward into north, east, down.
+        focal_px, center_px: of the pinhole.
+        spots_m: (m, 3) where the altimeter's beam met the ground, by the vehicle's own position.
+    """
+
+    files: tuple[Path, ...]
+    times_s: Array
+    pos_m: Array
+    rotations: Array
+    focal_px: float
+    center_px: tuple[float, float]
+    size_px: tuple[int, int]
+    spots_m: Array
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    def pixels(self, number: int) -> Pixels:
+        """(height, width, 3) of a picture: red, green, blue.
+
+        Raises:
+            SurveyError: its file is missing or broken.
+        """
+        picture = cv2.imread(str(self.files[number]), cv2.IMREAD_COLOR)
+        if picture is None:
+            raise SurveyError(f"{self.files[number]} can't be read")
+        width_px, height_px = self.size_px
+        if picture.shape[:2] != (height_px, width_px):
+            raise SurveyError(f"{self.files[number]} is not {width_px} x {height_px} pixels as images.json says")
+        return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
+
+    @cached_property
+    def rays_of_corners(self) -> Array:
+        """(4, 3) in the camera's axes, around the picture."""
+        width_px, height_px = self.size_px
+        corners_px = np.array([(0, 0), (width_px - 1, 0), (width_px - 1, height_px - 1), (0, height_px - 1)], float)
+        return self.rays(corners_px)
+
+    def rays(self, points_px: Array) -> Array:
+        """(k, 3) in the camera's axes through points of the picture, (k, 2)."""
+        across = (points_px - np.array(self.center_px)) / self.focal_px
+        return np.column_stack((across, np.ones(len(points_px))))
+
+    def moved(self, pos_m: Array, rotations: Array) -> "Survey":
+        """The same pictures, taken from elsewhere."""
+        return replace(self, pos_m=pos_m, rotations=rotations)
+
+
+def read_survey(folder: Path) -> Survey:
+    """The dataset of a coverage.
+
+    Raises:
+        SurveyError: there is none, or it has no picture with an altimeter range.
+    """
+    listing = folder / "images.json"
+    try:
+        entries = msgspec.json.decode(listing.read_bytes(), type=_Listing).images
+        files = [msgspec.json.decode(entry, type=_Entry).file for entry in entries]
+        images = [_image(entry) for entry in entries]
+    except FileNotFoundError:
+        raise SurveyError(f"{folder} holds no images.json: is it the folder that gridsweep wrote?") from None
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise SurveyError(f"{listing} is not a dataset's list of pictures: {error}") from None
+    if not images:
+        raise SurveyError(f"{listing} lists no pictures")
+    kinds = {(image.focal_px, image.center_px, image.width_px, image.height_px) for image in images}
+    if len(kinds) > 1:
+        raise SurveyError(f"{listing} has pictures of {len(kinds)} different cameras: map them one by one")
+    spots_m = [_spot(image) for image in images if image.range_m is not None]
+    if not spots_m:
+        raise SurveyError(f"no picture in {folder} has an altimeter range: the laser reaches 10 m, fly lower")
+    first = images[0]
+    return Survey(
+        files=tuple(folder / file for file in files),
+        times_s=np.array([image.t_ns for image in images]) * 1e-9,
+        pos_m=np.array([image.pos_camera_ned_m for image in images]),
+        rotations=np.array([_matrix(image) for image in images]),
+        focal_px=first.focal_px,
+        center_px=first.center_px,
+        size_px=(first.width_px, first.height_px),
+        spots_m=np.array(spots_m),
+    )
+
+
+def _image(entry: msgspec.Raw) -> Image:
+    fields = msgspec.json.decode(entry)
+    fields.pop("file", None)
+    return msgspec.convert(fields, Image)
+
+
+def _matrix(image: Image) -> Array:
+    axes = [quat_rotate(image.q_ned_from_camera, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]
+    return np.array(axes).T
+
+
+def _spot(image: Image) -> Array:
+    down = quat_rotate(image.q_ned_from_frd, (0.0, 0.0, LASER_BELOW_CAMERA_M + (image.range_m or 0.0)))
+    return np.add(image.pos_camera_ned_m, down)

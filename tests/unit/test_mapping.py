@@ -1,0 +1,171 @@
+"""Maps from pictures of a painted plane: taken from poses that are told wrongly, they end up where things are."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from numpy.typing import NDArray
+
+from jezero.cli.main import main
+from jezero.frames import quat_from_euler, quat_multiply, quat_normalize
+from jezero.mapping.ground import fit_ground
+from jezero.mapping.making import make_map
+from jezero.mapping.mosaic import Mosaic
+from jezero.mapping.survey import SurveyError, read_survey
+
+WIDTH_PX, HEIGHT_PX, FOCAL_PX = 180, 136, 112.0
+HEIGHT_M = 4.0
+M_PER_PX = 0.02
+MIDDLES_M = [(north, east) for north in (-0.5, 1.5) for east in (-1.5, 0.5, 2.5)]
+LOOKING_DOWN = (0.5, 0.5, 0.5, 0.5)
+
+
+def painted(side_px: int = 700) -> NDArray[np.uint8]:
+    """Ground of 14 m to a side, north at the top and (0, 0) in its middle."""
+    rng = np.random.default_rng(5)
+    layers = [cv2.resize(rng.uniform(0, 255, (n, n, 3)), (side_px, side_px)) for n in (40, 120, 350)]
+    return np.clip(sum(layers) / 3.0, 0, 255).astype(np.uint8)  # type: ignore[call-overload, no-any-return]
+
+
+def dataset(folder: Path, *, astray_m: float = 0.0, yaw_error_rad: float = 0.0) -> NDArray[np.uint8]:
+    """Six pictures that overlap; what they tell of their place is wrong by as much."""
+    ground, rng = painted(), np.random.default_rng(1)
+    images: list[dict[str, Any]] = []
+    for index, (north_m, east_m) in enumerate(MIDDLES_M):
+        yaw_rad = rng.uniform(-0.1, 0.1)
+        picture_from_px = picture_matrix(north_m, east_m, yaw_rad)
+        picture = cv2.warpPerspective(ground, picture_from_px, (WIDTH_PX, HEIGHT_PX))
+        cv2.imwrite(str(folder / f"{index:04d}.png"), picture[:, :, ::-1])
+        told_m = (north_m + rng.uniform(-astray_m, astray_m), east_m + rng.uniform(-astray_m, astray_m), -HEIGHT_M)
+        q_ned_from_frd = quat_from_euler(0.0, 0.0, yaw_rad + yaw_error_rad)
+        q_frd_from_camera = quat_multiply(quat_from_euler(0.0, -0.5 * np.pi, 0.0), LOOKING_DOWN)
+        images.append(
+            {
+                "file": f"{index:04d}.png",
+                "index": index,
+                "t_ns": 2_000_000_000 * index,
+                "pos_uav_ned_m": told_m,
+                "q_ned_from_frd": q_ned_from_frd,
+                "yaw_rad": yaw_rad,
+                "pos_camera_ned_m": told_m,
+                "q_ned_from_camera": quat_normalize(quat_multiply(q_ned_from_frd, q_frd_from_camera)),
+                "pitch_camera_rad": -1.5708,
+                "exposure_s": 0.004,
+                "width_px": WIDTH_PX,
+                "height_px": HEIGHT_PX,
+                "focal_px": FOCAL_PX,
+                "center_px": (0.5 * (WIDTH_PX - 1), 0.5 * (HEIGHT_PX - 1)),
+                "range_m": HEIGHT_M - 0.02,
+            }
+        )
+    (folder / "images.json").write_text(json.dumps({"images": images}))
+    return ground
+
+
+def picture_matrix(north_m: float, east_m: float, yaw_rad: float) -> NDArray[np.float64]:
+    """(3, 3) from pixels of the painted ground to those of a picture taken straight above a place."""
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    right, down = np.array((-s, c)), np.array((-c, -s))
+    scale = FOCAL_PX / HEIGHT_M
+    # north = 7 - M_PER_PX * row, east = M_PER_PX * column - 7, of the pixels' middles
+    place_from_px = np.array(((0.0, -M_PER_PX, 7.0 - north_m), (M_PER_PX, 0.0, -7.0 - east_m), (0.0, 0.0, 1.0)))
+    picture_from_place = np.array(
+        (
+            (scale * right[0], scale * right[1], 0.5 * (WIDTH_PX - 1)),
+            (scale * down[0], scale * down[1], 0.5 * (HEIGHT_PX - 1)),
+            (0.0, 0.0, 1.0),
+        )
+    )
+    return np.asarray(picture_from_place @ place_from_px)
+
+
+def displacement_m(mosaic: Mosaic, ground: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """(k, 2) how far, north and east, patches of the map are from where they belong."""
+    found = []
+    for north_m in (-0.5, 0.5, 1.5):
+        for east_m in (-1.5, 0.0, 1.5, 2.5):
+            row, column = round((mosaic.north_m - north_m) / M_PER_PX), round((east_m - mosaic.east_m) / M_PER_PX)
+            patch = mosaic.pixels[row - 20 : row + 20, column - 20 : column + 20]
+            top, left = round((7.0 - north_m) / M_PER_PX) - 50, round((east_m + 7.0) / M_PER_PX) - 50
+            window = ground[top : top + 100, left : left + 100]
+            _, _, _, (right, down) = cv2.minMaxLoc(cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED))
+            found.append((M_PER_PX * (down - 30), -M_PER_PX * (right - 30)))
+    return np.array(found)
+
+
+def test_pictures_from_known_poses_make_a_map_that_is_where_things_are(tmp_path: Path) -> None:
+    ground = dataset(tmp_path)
+    assert np.abs(displacement_m(make_map(tmp_path, M_PER_PX).mosaic, ground)).max() <= 1.5 * M_PER_PX
+
+
+def test_what_pictures_show_in_common_puts_them_right_but_for_a_common_shift(tmp_path: Path) -> None:
+    ground = dataset(tmp_path, astray_m=0.15, yaw_error_rad=0.01)
+    made = make_map(tmp_path, M_PER_PX)
+    astray_m = displacement_m(made.mosaic, ground)
+    rest_m = np.linalg.norm(astray_m - np.median(astray_m, axis=0), axis=1)
+    assert made.alignment.before_m > 0.08 and made.alignment.after_m < 0.01
+    assert np.median(rest_m) < 0.05
+    assert np.abs(np.median(astray_m, axis=0)).max() < 0.15
+
+
+def test_the_world_file_says_where_the_first_pixel_is(tmp_path: Path) -> None:
+    dataset(tmp_path)
+    result = CliRunner().invoke(main, ["map", str(tmp_path), "--resolution", "0.05", "--json"])
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.output)
+    assert told["pictures"] == 6 and told["pairs"] > 5
+    numbers = [float(line) for line in (tmp_path / "map.pgw").read_text().split()]
+    assert numbers[:4] == [0.05, 0.0, 0.0, -0.05]
+    half_m = 0.5 * HEIGHT_M / FOCAL_PX * HEIGHT_PX
+    assert numbers[5] == pytest.approx(1.5 + half_m, abs=0.4)
+    assert numbers[4] == pytest.approx(-1.5 - 0.5 * HEIGHT_M / FOCAL_PX * WIDTH_PX, abs=0.4)
+    picture = cv2.imread(str(tmp_path / "map.png"), cv2.IMREAD_UNCHANGED)
+    assert picture.shape[2] == 4 and 0.05 * picture.shape[0] == pytest.approx(2.0 + 2.0 * half_m, abs=0.8)
+    assert set(np.unique(picture[:, :, 3])) == {0, 255}
+
+
+def test_the_ground_follows_the_altimeter_and_leaves_out_what_stands_on_it() -> None:
+    rng = np.random.default_rng(2)
+    places = rng.uniform(-5.0, 5.0, (60, 2))
+    down = 0.3 - 0.05 * places[:, 0] + 0.02 * places[:, 1] + 0.02 * rng.standard_normal(60)
+    spots = np.column_stack((places, down))
+    spots[:3, 2] -= 0.8
+    ground = fit_ground(spots)
+    assert ground.down_m(np.array(((0.0, 0.0), (4.0, 0.0), (0.0, -4.0)))) == pytest.approx((0.3, 0.1, 0.22), abs=0.05)
+    met = ground.met(np.array((0.0, 0.0, -5.0)), np.array(((0.0, 0.0, 1.0), (0.3, 0.0, 1.0), (0.0, 0.0, -1.0))))
+    assert met[0, 2] == pytest.approx(0.3, abs=0.05)
+    assert met[1, 0] == pytest.approx(0.3 * (met[1, 2] + 5.0), abs=1e-3)
+    assert np.isnan(met[2]).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        (None, "holds no images.json"),
+        ("{", "is not a dataset's list"),
+        ('{"images": []}', "lists no pictures"),
+        ('{"images": [{"file": "a.jpg"}]}', "is not a dataset's list"),
+    ],
+)
+def test_a_folder_without_pictures_says_what_is_wrong(tmp_path: Path, text: str | None, why: str) -> None:
+    if text is not None:
+        (tmp_path / "images.json").write_text(text)
+    with pytest.raises(SurveyError, match=why):
+        read_survey(tmp_path)
+
+
+def test_pictures_without_a_range_or_a_file_can_not_be_mapped(tmp_path: Path) -> None:
+    dataset(tmp_path)
+    (tmp_path / "0003.png").unlink()
+    result = CliRunner().invoke(main, ["map", str(tmp_path)])
+    assert result.exit_code == 1 and "0003.png can't be read" in result.output
+    listing = json.loads((tmp_path / "images.json").read_text())
+    for image in listing["images"]:
+        del image["range_m"]
+    (tmp_path / "images.json").write_text(json.dumps(listing))
+    with pytest.raises(SurveyError, match="the laser reaches 10 m, fly lower"):
+        read_survey(tmp_path)
