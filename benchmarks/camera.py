@@ -92,7 +92,9 @@ def costs(kind: str) -> dict[str, Cost]:
 
         def make(scene: Scene = scene, pitch_rad: float = pitch_rad) -> object:
             half_s, mount = 0.5 * config.exposure_s, config.pos_camera_frd_m
-            begin, middle, end = (view_of(scene, mount, pitch_rad, 0.0, ahead_s) for ahead_s in (-half_s, 0.0, half_s))
+            begin, middle, end = (
+                view_of(scene, mount, (pitch_rad, 0.0), ahead_s=ahead_s) for ahead_s in (-half_s, 0.0, half_s)
+            )
             if renderer is None:
                 return detect((begin, middle, end), config.info(0), config.projection, rng)
             return renderer.picture(scene, (begin, middle, end))

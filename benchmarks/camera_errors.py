@@ -101,7 +101,8 @@ def look(number: int, scene: Scene, config: CameraConfig, renderer: Renderer, fi
     info = config.info(0)
     half_s = 0.5 * config.exposure_s
     begin, middle, end = (
-        view_of(scene, config.pos_camera_frd_m, config.pitch_rest_rad, 0.0, ahead_s) for ahead_s in (-half_s, 0, half_s)
+        view_of(scene, config.pos_camera_frd_m, (config.pitch_rest_rad, 0.0), ahead_s=ahead_s)
+        for ahead_s in (-half_s, 0, half_s)
     )
     frame = CameraFrame(
         t_ns=0,

@@ -201,24 +201,33 @@ def ned_from_geodetic(position_deg: Vec3, origin_deg: Vec3) -> Vec3:
     return (north, east, alt0 - position_deg[2])
 
 
-def frd_from_camera(v_camera: Vec3, pitch_camera_rad: float) -> Vec3:
-    """Turn a vector of the camera into the body; at a pitch of -pi/2 it looks down, with the nose at the top."""
+def frd_from_camera(v_camera: Vec3, pitch_camera_rad: float, roll_camera_rad: float = 0.0) -> Vec3:
+    """Turn a vector of the camera into the body; at a pitch of -pi/2 it looks down, with the nose at the top.
+
+    Args:
+        roll_camera_rad: about the body's forward axis, which carries the pitch axis; positive looks to the left.
+    """
     right, down, forward = v_camera
     c, s = cos(pitch_camera_rad), sin(pitch_camera_rad)
-    return (s * down + c * forward, right, c * down - s * forward)
+    x, z = s * down + c * forward, c * down - s * forward
+    c, s = cos(roll_camera_rad), sin(roll_camera_rad)
+    return (x, c * right - s * z, s * right + c * z)
 
 
-def camera_from_frd(v_frd: Vec3, pitch_camera_rad: float) -> Vec3:
+def camera_from_frd(v_frd: Vec3, pitch_camera_rad: float, roll_camera_rad: float = 0.0) -> Vec3:
     """Inverse of `frd_from_camera`."""
-    x, y, z = v_frd
+    x, right, down = v_frd
+    c, s = cos(roll_camera_rad), sin(roll_camera_rad)
+    y, z = c * right + s * down, c * down - s * right
     c, s = cos(pitch_camera_rad), sin(pitch_camera_rad)
     return (y, s * x + c * z, c * x - s * z)
 
 
-def q_frd_from_camera(pitch_camera_rad: float) -> Quat:
+def q_frd_from_camera(pitch_camera_rad: float, roll_camera_rad: float = 0.0) -> Quat:
     """The rotation of `frd_from_camera`."""
-    half_rad = 0.5 * pitch_camera_rad
-    return quat_normalize(quat_multiply((cos(half_rad), 0.0, sin(half_rad), 0.0), (0.5, 0.5, 0.5, 0.5)))
+    axes = quat_from_euler(roll_camera_rad, 0.0, 0.0)
+    axes = quat_multiply(axes, quat_from_euler(0.0, pitch_camera_rad, 0.0))
+    return quat_normalize(quat_multiply(axes, (0.5, 0.5, 0.5, 0.5)))
 
 
 def quat_between(a: Quat, b: Quat, share: float) -> Quat:

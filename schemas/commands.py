@@ -26,7 +26,7 @@ class Setpoint(Message, frozen=True, kw_only=True):
         sequence: grows by one with each setpoint; older ones are dropped.
         reset_counter: of the odometry this setpoint was computed from.
         pos_ned_m, vel_ned_mps, acc_ned_mps2: at least one of position and velocity; the others are feed-forward.
-        yaw_rad: heading, or None to keep it.
+        yaw_rad: heading, or None to keep it; yaw_rate_rps: how fast it turns, fed forward.
     """
 
     control_id: Name
@@ -37,6 +37,7 @@ class Setpoint(Message, frozen=True, kw_only=True):
     vel_ned_mps: VelocityNed | None = None
     acc_ned_mps2: Vector | None = None
     yaw_rad: Angle | None = None
+    yaw_rate_rps: Annotated[float, Meta(ge=-10.0, le=10.0)] | None = None
 
 
 class Acquire(Payload, frozen=True, kw_only=True):
@@ -130,9 +131,10 @@ class KillReply(Payload, frozen=True, kw_only=True):
 
 
 class CameraPitch(Message, frozen=True, kw_only=True):
-    """Where the camera shall look; see `CameraFrame.pitch_camera_rad`."""
+    """Where the camera shall look; see `CameraFrame`."""
 
     pitch_camera_rad: Annotated[float, Meta(ge=-1.5708, le=0.0)]
+    roll_camera_rad: Annotated[float, Meta(ge=-0.8, le=0.8)] = 0.0
 
 
 class RoverCommand(Message, frozen=True, kw_only=True):

@@ -24,7 +24,7 @@ class Image(Payload, frozen=True, kw_only=True):
         q_ned_from_frd, yaw_rad: of the vehicle.
         pos_camera_ned_m: of the optical centre; position_camera_deg is the same on the globe, None when the
             autopilot hasn't told where the world's origin is.
-        pitch_camera_rad, focal_px, center_px: see `CameraFrame` and `CameraInfo`.
+        pitch_camera_rad, roll_camera_rad, focal_px, center_px: see `CameraFrame` and `CameraInfo`.
         range_m: of the laser altimeter along the body's down axis; None when it met nothing.
         imu, gnss: the nearest in time, which their `t_ns` tells; None when there was none.
     """
@@ -38,6 +38,7 @@ class Image(Payload, frozen=True, kw_only=True):
     q_ned_from_camera: QuatNedFromCamera
     position_camera_deg: Geodetic | None = None
     pitch_camera_rad: Angle
+    roll_camera_rad: Angle = 0.0
     exposure_s: NonNegative
     width_px: Annotated[int, Meta(ge=1, le=8192)]
     height_px: Annotated[int, Meta(ge=1, le=8192)]

@@ -92,11 +92,11 @@ class RoverOdometry(Message, frozen=True, kw_only=True):
 
 
 class CameraInfo(Message, frozen=True, kw_only=True):
-    """The ventral camera: a pinhole without distortion, on a pitch axis that is fixed to the body.
+    """The ventral camera: a pinhole without distortion, on a pitch axis that a roll axis carries.
 
     Attributes:
         focal_px, center_px: intrinsics; (0, 0) is the centre of the first pixel, x to the right and y down.
-        pos_camera_frd_m: of the optical centre, which is on the pitch axis, from the centre of mass.
+        pos_camera_frd_m: of the optical centre, which is on both axes, from the centre of mass.
     """
 
     width_px: Annotated[int, Meta(ge=1, le=8192)]
@@ -114,6 +114,7 @@ class CameraFrame(Message, frozen=True, kw_only=True, omit_defaults=True):
 
     Attributes:
         pitch_camera_rad: of the optical axis against the body's forward axis; -pi/2 looks straight down.
+        roll_camera_rad: of the pitch axis about the body's forward axis; positive looks to the left.
         pixels: rows from the top, three bytes red, green, blue each. Only a flight's log leaves them out.
     """
 
@@ -121,6 +122,7 @@ class CameraFrame(Message, frozen=True, kw_only=True, omit_defaults=True):
     width_px: Annotated[int, Meta(ge=1, le=8192)]
     height_px: Annotated[int, Meta(ge=1, le=8192)]
     pitch_camera_rad: Angle
+    roll_camera_rad: Angle = 0.0
     exposure_s: NonNegative
     pixels: bytes = b""
 
@@ -136,4 +138,5 @@ class TagCorners(Message, frozen=True, kw_only=True):
     """Tags as a detector would have found them in a picture that nobody rendered; `t_ns` as in `CameraFrame`."""
 
     pitch_camera_rad: Angle
+    roll_camera_rad: Angle = 0.0
     tags: Annotated[tuple[CornersOfTag, ...], Meta(max_length=32)]

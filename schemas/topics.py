@@ -189,7 +189,15 @@ AREA_COVERAGE = Action(
     commands.Phase.COVERAGE,
     takes_pictures=True,
 )
-ACTIONS: dict[str, Action[Any]] = {a.name: a for a in (TAKEOFF, GO_TO, LAND_ON_SPOT, AREA_COVERAGE)}
+GET_IMAGES = Action(
+    "get_images",
+    actions.GetImagesGoal,
+    actions.ImagesFeedback,
+    actions.ImagesResult,
+    commands.Phase.GET_IMAGES,
+    takes_pictures=True,
+)
+ACTIONS: dict[str, Action[Any]] = {a.name: a for a in (TAKEOFF, GO_TO, GET_IMAGES, AREA_COVERAGE, LAND_ON_SPOT)}
 
 ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (
     ACQUIRE, RELEASE, HOVER, ABORT, KILL, RESULT, GET_PARAMETERS, SET_PARAMETERS, LEASE,

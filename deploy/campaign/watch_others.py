@@ -13,7 +13,7 @@ from jezero.frames import norm, tilt_from_quat
 from jezero.mavlink import MavlinkCodec, dialect
 from jezero.runtime.service import Inbox, Output, Reply, Send, Service
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, Rejected, Result
+from jezero.schemas.actions import Accepted, GetImagesGoal, ImagesResult, Rejected, Result
 from jezero.schemas.state import Truth
 
 OFFBOARD_LOSS_S = 1.3
@@ -109,11 +109,15 @@ class WatchedServer:
         self._goals: dict[str, GoalRecord] = {}
         self._open: dict[int, str] = {}
         """By request id: the state of each question for this action."""
+        self._planned: dict[str, int] = {}
+        """By goal: how many pictures it shall take."""
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         endpoint = topics.ACTIONS[self.spec.name].endpoint
         for request in inbox.requests(endpoint):
             self._open[request.request_id] = "asked"
+            if isinstance(request.payload, GetImagesGoal):
+                self._planned[request.payload.goal_id] = request.payload.num_images
         for output in self._server.step(t_ns, inbox):
             if isinstance(output, Reply) and output.request_id in self._open:
                 self._on_reply(t_ns, output)
@@ -136,10 +140,24 @@ class WatchedServer:
             if (payload.t_ns, payload.outcome) not in outcomes:
                 outcomes.append((payload.t_ns, payload.outcome))
             self._judge.check(len(outcomes) == 1, t_ns, rule, f"{goal_id} ended {len(outcomes)} times")
+            self._check_pictures(t_ns, payload)
         else:
             expected = "asked" if isinstance(payload, Rejected) else "accepted"
             self._judge.check(state == expected, t_ns, rule, text)
         self._open[reply.request_id] = "answered" if reply.final else "accepted"
+
+    def _check_pictures(self, t_ns: int, result: Result[Any]) -> None:
+        """Pictures come in the order of their points, each once; a goal that succeeded has all of them."""
+        content = result.result
+        if not isinstance(content, ImagesResult):
+            return
+        indices = [image.index for image in content.images]
+        times = [image.t_ns for image in content.images]
+        in_order = indices == sorted(set(indices)) and times == sorted(set(times))
+        text = f"{result.goal_id} {result.outcome} with pictures {indices}"
+        self._judge.check(in_order, t_ns, "pictures are taken in order", text)
+        all_there = result.outcome != "succeeded" or len(indices) == self._planned.get(result.goal_id, len(indices))
+        self._judge.check(all_there, t_ns, "a goal that succeeded has all its pictures", text)
 
 
 class TruthWatch:

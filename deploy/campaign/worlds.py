@@ -8,6 +8,8 @@ from typing import Any, Protocol
 
 import msgspec
 
+from jezero.deploy.campaign.blank_camera import NAME as BLANK_CAMERA
+from jezero.deploy.campaign.blank_camera import BlankCamera
 from jezero.deploy.campaign.faults import AUTOPILOT, BRIDGE, SIMULATOR, Fault
 from jezero.deploy.campaign.point_mass_faults import FaultyPointMass, as_in_point_mass
 from jezero.deploy.campaign.point_mass_world import NAME, PointMass
@@ -19,6 +21,7 @@ from jezero.runtime.service import Service
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.table import BEHAVIOURS, action_server
 from jezero.services.autopilot.config import AutopilotConfig, TelemetryConfig
+from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import VehicleBridge
@@ -76,15 +79,22 @@ def _point_mass_makers(seed: int) -> Makers:
     return {
         NAME: partial(PointMass, config, place, SYSTEM_ID, seed),
         BRIDGE: lambda boot: VehicleBridge(bridge, system_id=SYSTEM_ID, boot_id=boot),
+        BLANK_CAMERA: lambda boot: BlankCamera(load_config(CameraConfig, "camera"), describes_itself=True),
         **{name: partial(action_server, name, config=actions) for name in BEHAVIOURS},
     }
+
+
+def _physics_makers(seed: int) -> Makers:
+    """All services, with a camera that projects tags, and small grey pictures for those who want some."""
+    blank = {BLANK_CAMERA: lambda boot: BlankCamera(load_config(CameraConfig, "camera"), describes_itself=False)}
+    return service_makers(seed) | blank
 
 
 PHYSICS = World(
     sensing=SIMULATOR,
     autopilot=AUTOPILOT,
     make_bus=wired_bus,
-    make_makers=service_makers,
+    make_makers=_physics_makers,
     with_faults=FaultySimulator,
     translate=lambda fault: fault,
 )

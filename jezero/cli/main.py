@@ -37,6 +37,7 @@ SECTIONS: dict[str, dict[str, Entry]] = {
         "camera": Entry("jezero.cli.camera", "camera", "What the camera sees, and the ground from above."),
     },
     "Survey": {
+        "getimages": Entry("jezero.cli.survey", "getimages", "Photograph a target from all sides."),
         "gridsweep": Entry("jezero.cli.survey", "gridsweep", "Map an area (--plan-only: draw the plan)."),
         "map": Entry("jezero.cli.mapping", "make", "Make a map of the pictures that gridsweep took."),
     },

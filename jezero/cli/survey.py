@@ -2,13 +2,66 @@
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from jezero.cli.flight import FINITE, FRAMES, NUMBERS
+from jezero.cli.flight import FINITE, FRAMES, NUMBERS, Printer, common_options, connected
+from jezero.cli.pictures import PNG_OR_JPG, default_folder, take_pictures
+
+if TYPE_CHECKING:
+    from jezero.client.dataset import Kind
+    from jezero.schemas.actions import Frame
 
 DRAWING = Path("runs/plan.png")
+
+
+@click.command(context_settings=NUMBERS)
+@click.argument("x", type=FINITE)
+@click.argument("y", type=FINITE)
+@click.argument("z", type=FINITE)
+@click.argument("radius", type=FINITE)
+@click.argument("n", type=int)
+@click.argument("frame", type=FRAMES, default="world")
+@click.option("--target-z", type=FINITE, default=0.0, show_default=True, help="What the camera looks at, NED.")
+@click.option("--speed", "speed_mps", type=FINITE, help="Metres per second along the circle.")
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder of the pictures [runs/<time>].")
+@click.option("--format", "kind", type=PNG_OR_JPG, default="jpg", show_default=True, help="Of the pictures.")
+@click.option("--stream/--no-stream", default=True, show_default=True, help="Fetch pictures as taken, or at the end.")
+@common_options
+def getimages(
+    x: float,
+    y: float,
+    z: float,
+    radius: float,
+    n: int,
+    frame: str,
+    target_z: float,
+    speed_mps: float | None,
+    out: Path | None,
+    kind: str,
+    stream: bool,
+    vehicle: str,
+    router: str,
+    as_json: bool,
+) -> None:
+    """Photograph a target from all sides: N pictures on a circle of RADIUS metres around X Y, at height Z.
+
+    Coordinates are metres north, east and down, so 4 m up is `-4`. FRAME is world (default) or rover, whose origin is
+    the middle of its platform: `jezero getimages -2.0 0 -4 2 4 rover`.
+    """
+    printer = Printer(as_json)
+    with connected(vehicle, router, printer) as uav:
+        goal = uav.get_images(
+            (x, y, z),
+            radius,
+            n,
+            frame=cast("Frame", frame),
+            target_z_ned_m=target_z,
+            speed_mps=speed_mps,
+            stream_images=stream,
+        )
+        take_pictures(printer, goal, "getimages", out or default_folder(), cast("Kind", kind))
 
 
 @click.command(context_settings=NUMBERS)

@@ -46,6 +46,7 @@ def picture_of(data: bytes) -> CameraFrame:
         width_px=frame.width_px,
         height_px=frame.height_px,
         pitch_camera_rad=frame.pitch_camera_rad,
+        roll_camera_rad=frame.roll_camera_rad,
         exposure_s=frame.exposure_s,
         pixels=pixels,
     )

@@ -21,6 +21,7 @@ from jezero.schemas.images import Image, QuatNedFromCamera
 if TYPE_CHECKING:
     from PIL.Image import Exif
 
+Kind = Literal["jpg", "png"]
 JPEG_QUALITY = 95
 SENSOR_WIDTH_MM = 6.4
 """The simulated camera has pixels, but no millimetres: EXIF needs both, so one is chosen (10 um at 640 pixels)."""
@@ -37,7 +38,7 @@ class Dataset:
         extra: told in `images.json` too, e.g. the goal.
     """
 
-    def __init__(self, folder: Path | str, kind: Literal["jpg", "png"] = "jpg", **extra: Any) -> None:
+    def __init__(self, folder: Path | str, kind: Kind = "jpg", **extra: Any) -> None:
         self.folder = Path(folder)
         self._kind = kind
         self._extra = extra
@@ -49,6 +50,15 @@ class Dataset:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
+
+    @property
+    def count(self) -> int:
+        """Pictures so far."""
+        return len(self._images)
+
+    def has(self, image: Image) -> bool:
+        """Whether this picture was added."""
+        return image.index in self._images
 
     def name_of(self, image: Image) -> str:
         """Its file's name."""

@@ -10,10 +10,12 @@ from typing import Any, Literal, Self
 from jezero.client.camera import next_picture
 from jezero.client.errors import Refused, TimedOut, Unreachable
 from jezero.client.goal import Goal, ask_result
+from jezero.client.images import ImagesGoal
 from jezero.client.rover import Rover
 from jezero.client.session import Connection, decode
 from jezero.schemas.actions import (
     Frame,
+    GetImagesGoal,
     GoToGoal,
     LandFeedback,
     LandOnSpotGoal,
@@ -29,7 +31,7 @@ from jezero.schemas.actions import (
 from jezero.schemas.commands import Abort, AbortReply, Hover, HoverReply, Kill, KillReply
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.state import Status, StatusCode
-from jezero.schemas.topics import ABORT, GO_TO, HOVER, KILL, LAND_ON_SPOT, STATUS, TAKEOFF, Action
+from jezero.schemas.topics import ABORT, GET_IMAGES, GO_TO, HOVER, KILL, LAND_ON_SPOT, STATUS, TAKEOFF, Action
 
 DEFAULT_ROUTER = "tcp/127.0.0.1:7447"
 Point = tuple[float, float, float]
@@ -148,6 +150,42 @@ class Vehicle:
             use_marker=use_marker,
         )
         return self._send(LAND_ON_SPOT, goal)
+
+    def get_images(
+        self,
+        center_ned_m: Point,
+        radius_m: float,
+        num_images: int,
+        *,
+        frame: Frame = "world",
+        target_z_ned_m: float = 0.0,
+        speed_mps: float | None = None,
+        stream_images: bool = True,
+        on_client_loss: OnClientLoss = "continue",
+    ) -> ImagesGoal:
+        """Photograph a target from all sides, on a circle around it.
+
+        Args:
+            center_ned_m: of the circle; its z is the height of the flight.
+            num_images: 1 to 255, spread evenly.
+            target_z_ned_m: what the camera looks at, straight below the centre.
+            speed_mps: along the circle, None for the default.
+            stream_images: pictures come as they are taken, else all after the last one.
+        """
+        north_m, east_m, down_m = center_ned_m
+        _require_finite(x_m=north_m, y_m=east_m, z_m=down_m, radius_m=radius_m)
+        _require_finite(target_z_ned_m=target_z_ned_m, speed_mps=speed_mps)
+        goal = GetImagesGoal(
+            **self._common(on_client_loss),
+            center_ned_m=center_ned_m,
+            radius_m=radius_m,
+            num_images=num_images,
+            frame=frame,
+            target_z_ned_m=target_z_ned_m,
+            speed_mps=speed_mps,
+            stream_images=stream_images,
+        )
+        return ImagesGoal(self._connection, GET_IMAGES, goal, ANSWER_S)
 
     # -- services --
 

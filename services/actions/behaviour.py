@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
-from jezero.frames import Vec3
+from jezero.frames import Quat, Vec3
 from jezero.schemas.actions import ImagesFeedback, LandFeedback, MoveFeedback
 from jezero.schemas.commands import Outcome, Phase
 from jezero.schemas.estimate import Relative, RoverEstimate
@@ -39,6 +39,7 @@ class VehicleState:
     armed: bool
     landed: bool
     age_s: float = 0.0
+    q_ned_from_frd: Quat = (1.0, 0.0, 0.0, 0.0)
     down_ned: tuple[float, float] = (0.0, 0.0)
     height_m: float | None = None
     relative: Relative | None = None
@@ -97,7 +98,9 @@ class Move:
     """One setpoint and what to report with it; at least one of position and velocity is given.
 
     Attributes:
-        pitch_camera_rad: where the camera shall look, None leaves it alone; only for actions that take pictures.
+        yaw_rate_rps: how fast `yaw_rad` turns, fed forward.
+        pitch_camera_rad, roll_camera_rad: where the camera shall look, None leaves it alone; only for actions that take
+            pictures.
     """
 
     phase: Phase
@@ -106,7 +109,9 @@ class Move:
     vel_ned_mps: Vec3 | None = None
     acc_ned_mps2: Vec3 | None = None
     yaw_rad: float | None = None
+    yaw_rate_rps: float | None = None
     pitch_camera_rad: float | None = None
+    roll_camera_rad: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

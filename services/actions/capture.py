@@ -9,6 +9,7 @@ aborts the goal with `problem`; the server answers for the pixels on the action'
 - calls `capture.ask(index, t_ns)` in the `step` in which the vehicle passes planned point `index`: its picture is the
   first one that is exposed at `t_ns` or later, and one picture serves one point. Pictures arrive 0.1 s and more after
   their exposure: `capture.waits` is true until all that were asked for have come;
+- may aim with `capture.pos_camera`;
 - reads `capture.taken`, and gives `capture.images()` in its result: all so far, in today's world frame.
 """
 
@@ -19,6 +20,7 @@ from typing import Any, NamedTuple, TypeVar
 import msgspec
 
 from jezero.frames import (
+    Quat,
     Vec3,
     add,
     geodetic_from_ned,
@@ -32,7 +34,7 @@ from jezero.frames import (
     yaw_from_quat,
 )
 from jezero.runtime.service import Inbox
-from jezero.schemas.images import Image
+from jezero.schemas.images import Image, ImageReply
 from jezero.schemas.sensors import CameraFrame, CameraInfo
 from jezero.schemas.state import Odometry
 from jezero.schemas.struct import Message
@@ -54,6 +56,12 @@ class Shot(NamedTuple):
 
     image: Image
     frame: CameraFrame
+
+    def picture(self, goal_id: str) -> ImageReply:
+        """What the server answers with."""
+        width_px, height_px, pixels = self.frame.width_px, self.frame.height_px, self.frame.pixels
+        index = self.image.index
+        return ImageReply(goal_id=goal_id, index=index, width_px=width_px, height_px=height_px, pixels=pixels)
 
 
 class _Record(NamedTuple):
@@ -105,6 +113,12 @@ class Capture:
     def ask(self, index: int, t_ns: int) -> None:
         """The vehicle passes a planned point."""
         self._asked.append((index, t_ns))
+
+    def pos_camera(self, pos_uav_ned_m: Vec3, q_ned_from_frd: Quat) -> Vec3:
+        """Where the optical centre is on a vehicle of that pose."""
+        arm_frd_m = (0.0, 0.0, 0.0) if self._info is None else self._info.pos_camera_frd_m
+        north_m, east_m, down_m = add(pos_uav_ned_m, quat_rotate(q_ned_from_frd, arm_frd_m))
+        return (north_m, east_m, down_m - self._config.height_stand_m)
 
     def refusal(self) -> str:
         """Why no goal can begin, or ""; to be asked when the inputs have had time to come."""
@@ -203,9 +217,12 @@ class Capture:
         return None
 
     def _record(self, index: int, frame: CameraFrame, at: Odometry, info: CameraInfo) -> _Record:
-        q_ned_from_camera = quat_multiply(at.q_ned_from_frd, q_frd_from_camera(frame.pitch_camera_rad))
-        pos_camera_ned_m = add(at.pos_uav_ned_m, quat_rotate(at.q_ned_from_frd, info.pos_camera_frd_m))
+        q_ned_from_camera = quat_multiply(
+            at.q_ned_from_frd, q_frd_from_camera(frame.pitch_camera_rad, frame.roll_camera_rad)
+        )
+        pos_camera_ned_m = self.pos_camera(at.pos_uav_ned_m, at.q_ned_from_frd)
         altimeter = self._nearest(ALTIMETER, frame.t_ns)
+        reduced, (center_x_px, center_y_px) = frame.width_px / info.width_px, info.center_px
         image = Image(
             index=index,
             t_ns=frame.t_ns,
@@ -216,11 +233,12 @@ class Capture:
             q_ned_from_camera=_rounded(quat_normalize(q_ned_from_camera), 7),
             position_camera_deg=self._on_globe(pos_camera_ned_m),
             pitch_camera_rad=frame.pitch_camera_rad,
+            roll_camera_rad=frame.roll_camera_rad,
             exposure_s=frame.exposure_s,
             width_px=frame.width_px,
             height_px=frame.height_px,
-            focal_px=info.focal_px,
-            center_px=info.center_px,
+            focal_px=reduced * info.focal_px,
+            center_px=(reduced * (center_x_px + 0.5) - 0.5, reduced * (center_y_px + 0.5) - 0.5),
             range_m=None if altimeter is None else altimeter.range_m,
             imu=self._nearest(IMU, frame.t_ns),
             gnss=self._nearest(GNSS, frame.t_ns),

@@ -269,6 +269,27 @@ class LifecycleConfig(Config, frozen=True, kw_only=True):
     feedback_rate_hz: Positive = 10.0
 
 
+class GetImagesConfig(Config, frozen=True, kw_only=True):
+    """Flying around a target.
+
+    Attributes:
+        speed_mps: along the circle, when the goal names none.
+        acceleration_mps2: along the circle, speeding up and braking.
+        inwards_max_mps2: the speed is lowered where the circle is so small that it would exceed this.
+        radius_min_m: smaller circles are refused.
+        settled_rad, settled_s: the turn begins when the vehicle has faced the centre to this for so long.
+        roll_camera_max_rad: the camera's roll axis turns no farther.
+    """
+
+    speed_mps: Positive = 1.0
+    acceleration_mps2: Positive = 0.5
+    inwards_max_mps2: Positive = 1.5
+    radius_min_m: Positive = 0.5
+    settled_rad: Positive = 0.035
+    settled_s: Positive = 0.5
+    roll_camera_max_rad: Positive = 0.6
+
+
 class CaptureConfig(Config, frozen=True, kw_only=True):
     """Taking pictures.
 
@@ -276,11 +297,13 @@ class CaptureConfig(Config, frozen=True, kw_only=True):
         late_max_s: a goal is aborted when a planned point's picture hasn't come so long after the vehicle passed it.
         history_s: what was measured is kept for so long, to be there when the picture comes; later ones are dropped.
         sensor_age_max_s: what was measured so long before or after an exposure is not its.
+        height_stand_m: of the vehicle's centre of mass over the point that its position is of.
     """
 
     late_max_s: Positive = 2.0
     history_s: Positive = 2.0
     sensor_age_max_s: Positive = 0.3
+    height_stand_m: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.148
 
 
 class CoverageConfig(Config, frozen=True, kw_only=True):
@@ -315,5 +338,6 @@ class ActionsConfig(Config, frozen=True, kw_only=True):
     pad_control: PadControlConfig = PadControlConfig()
     search: SearchConfig = SearchConfig()
     tracking: TrackingConfig = TrackingConfig()
+    get_images: GetImagesConfig = GetImagesConfig()
     capture: CaptureConfig = CaptureConfig()
     area_coverage: CoverageConfig = CoverageConfig()

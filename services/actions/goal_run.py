@@ -13,7 +13,6 @@ from jezero.runtime.service import Call, Inbox, Listen, Output, Pace, Publish, R
 from jezero.runtime.spool import Spool
 from jezero.schemas.actions import Accepted, Feedback, FeedbackMessage, Goal, ImagesFeedback, Rejected, Result
 from jezero.schemas.commands import Acquire, AcquireReply, CameraPitch, Release, ReleaseReply, Setpoint
-from jezero.schemas.images import ImageReply
 from jezero.schemas.state import Odometry, Status, StatusCode
 from jezero.schemas.topics import (
     ACQUIRE,
@@ -162,7 +161,8 @@ class GoalRun:
             yield from self._reject(self._cancel_reason, inbox)
             return
         odometry = self._view.odometry(inbox)
-        complete = all(inbox.latest(topic) is not None for topic in self._inputs)
+        complete = all(inbox.latest(topic) is not None for topic in self._behaviour.inputs)
+        complete = complete and (self.capture is None or not self.capture.refusal())
         if odometry is None or not (complete or t_ns > self._deadline_ns):
             return
         state = self._view.state(t_ns, inbox, odometry)
@@ -256,7 +256,8 @@ class GoalRun:
         yield self._setpoint(t_ns, move, odometry)
         if move.pitch_camera_rad is not None and t_ns >= self._pitch_due_ns:
             self._pitch_due_ns = t_ns + PITCH_PERIOD_NS
-            yield Publish(CAMERA_PITCH, CameraPitch(t_ns=t_ns, pitch_camera_rad=move.pitch_camera_rad))
+            axes = CameraPitch(t_ns=t_ns, pitch_camera_rad=move.pitch_camera_rad, roll_camera_rad=move.roll_camera_rad)
+            yield Publish(CAMERA_PITCH, axes)
         if t_ns >= self._feedback_due_ns:
             period_ns = int(NS_PER_S / self._config.feedback_rate_hz)
             late_ns = t_ns - self._feedback_due_ns
@@ -314,6 +315,7 @@ class GoalRun:
             vel_ned_mps=move.vel_ned_mps,
             acc_ned_mps2=move.acc_ned_mps2,
             yaw_rad=move.yaw_rad,
+            yaw_rate_rps=move.yaw_rate_rps,
         )
         return Publish(SETPOINT, setpoint)
 
@@ -338,16 +340,8 @@ class GoalRun:
         if self.capture is None or self._spool is None:
             return
         for shot in self.capture.take_in(t_ns, inbox):
-            frame = shot.frame
-            picture = ImageReply(
-                goal_id=self.goal_id,
-                index=shot.image.index,
-                width_px=frame.width_px,
-                height_px=frame.height_px,
-                pixels=frame.pixels,
-            )
             try:
-                self._spool.keep(picture)
+                self._spool.keep(shot.picture(self.goal_id))
             except OSError as error:
                 self.capture.fail(f"they can't be stored: {error.strerror or error}")
 

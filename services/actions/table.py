@@ -8,6 +8,7 @@ from jezero.schemas.topics import ACTIONS
 from jezero.services.actions.area_coverage import AreaCoverage
 from jezero.services.actions.behaviour import Behaviour
 from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.get_images import GetImages
 from jezero.services.actions.go_to import GoTo
 from jezero.services.actions.land_on_spot import LandOnSpot
 from jezero.services.actions.server import ActionServer
@@ -16,6 +17,7 @@ from jezero.services.actions.takeoff import Takeoff
 BEHAVIOURS: dict[str, Callable[[ActionsConfig], Behaviour]] = {
     "takeoff": Takeoff,
     "go_to": GoTo,
+    "get_images": GetImages,
     "land_on_spot": LandOnSpot,
     "area_coverage": AreaCoverage,
 }

@@ -44,6 +44,11 @@ class Tracker:
         self._moved_ns = t_ns
         self._integral_mps = ZERO
 
+    def restart(self, t_ns: int) -> None:
+        """On to another reference, from its beginning; what was learned of the wind stays."""
+        self.time_s = 0.0
+        self._t_ns = self._moved_ns = t_ns
+
     def advance(self, t_ns: int, reference: Reference, state: VehicleState) -> float:
         """Let the reference's time run on until `t_ns`.
 

@@ -65,6 +65,7 @@ class VehicleView:
             pos_uav_ned_m=subtract(odometry.pos_uav_ned_m, self.shift(odometry)),
             vel_uav_ned_mps=odometry.vel_uav_ned_mps,
             yaw_rad=yaw_from_quat(q_ned_from_frd),
+            q_ned_from_frd=q_ned_from_frd,
             armed=status is not None and status.armed,
             landed=status is not None and status.landed,
             age_s=min(max((t_ns - odometry.t_ns) / NS_PER_S, 0.0), self._config.odometry_age_max_s),

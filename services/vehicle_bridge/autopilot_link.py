@@ -313,7 +313,7 @@ class AutopilotLink:
     def setpoint(self, target: Target, t_ns: int) -> bytes:
         """One SET_POSITION_TARGET_LOCAL_NED."""
         pos, vel, acc = target.pos_ned_m, target.vel_ned_mps, target.acc_ned_mps2
-        mask = _MASK_YAW_RATE
+        mask = _MASK_YAW_RATE if target.yaw_rate_rps is None else 0
         mask |= _MASK_POS if pos is None else 0
         mask |= _MASK_VEL if vel is None else 0
         mask |= _MASK_ACC if acc is None else 0
@@ -328,7 +328,7 @@ class AutopilotLink:
                 *(vel or _NONE),
                 *(acc or _NONE),
                 target.yaw_rad,
-                0.0,
+                target.yaw_rate_rps or 0.0,
             )
         )
 

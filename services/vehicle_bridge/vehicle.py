@@ -45,12 +45,13 @@ class Target(msgspec.Struct, frozen=True):
     vel_ned_mps: Vec3 | None
     acc_ned_mps2: Vec3 | None
     yaw_rad: float
+    yaw_rate_rps: float | None = None
 
     def moved(self, step_ned_m: Vec3) -> "Target":
         """The same place after the world frame's positions moved by a step."""
         if self.pos_ned_m is None or not any(step_ned_m):
             return self
-        return Target(add(self.pos_ned_m, step_ned_m), self.vel_ned_mps, self.acc_ned_mps2, self.yaw_rad)
+        return msgspec.structs.replace(self, pos_ned_m=add(self.pos_ned_m, step_ned_m))
 
 
 class Situation(msgspec.Struct, frozen=True, kw_only=True):

@@ -1,7 +1,6 @@
 """Random goals, requests and mishaps: the status only ever moves along the table, and nothing unfit is sent."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import pairwise
 from math import isfinite
 from random import Random
@@ -22,10 +21,10 @@ from .bridge_rig import CRITICAL, MODES, Rig
 ACTIONS = {
     "takeoff": Phase.TAKEOFF,
     "go_to": Phase.GO_TO,
-    "land_on_spot": Phase.LANDING,
+    "get_images": Phase.GET_IMAGES,
     "area_coverage": Phase.COVERAGE,
+    "land_on_spot": Phase.LANDING,
 }
-LATER = {"get_images": Phase.GET_IMAGES}
 
 
 class Chaos:
@@ -66,7 +65,7 @@ class Chaos:
             if reply.granted:
                 idle = self.rig.status.code == 0
                 self.control_id = reply.control_id
-                self.phase = Phase.TAKEOFF if idle else {**ACTIONS, **LATER}[action]
+                self.phase = Phase.TAKEOFF if idle else ACTIONS[action]
                 self.sending = True
             self.acquiring = None
 
@@ -167,7 +166,6 @@ def test_no_sequence_of_requests_and_mishaps_leaves_the_table(numbers: list[int]
     chaos.check()
 
 
-@pytest.mark.usefixtures("later_actions")
 def test_neither_do_the_actions_still_to_come() -> None:
     for seed in range(25):
         chaos = Chaos(Random(seed).randrange)
@@ -180,12 +178,6 @@ def test_neither_do_the_actions_still_to_come() -> None:
 
 FLIGHTS = {4: ("go_to", Phase.GO_TO), 8: ("land_on_spot", Phase.LANDING), 6: ("get_images", Phase.GET_IMAGES),
            10: ("area_coverage", Phase.COVERAGE)}  # fmt: skip
-
-
-@pytest.fixture
-def later_actions(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, phase in LATER.items():
-        monkeypatch.setitem(topics.ACTIONS, name, replace(topics.GO_TO, name=name, phase=phase))
 
 
 def reached(code: int) -> Rig:
@@ -218,7 +210,6 @@ def reached(code: int) -> Rig:
     return rig
 
 
-@pytest.mark.usefixtures("later_actions")
 @pytest.mark.parametrize("code", range(13))
 def test_any_status_gives_way_to_13(code: int) -> None:
     rig = reached(code)
@@ -230,7 +221,6 @@ def test_any_status_gives_way_to_13(code: int) -> None:
     assert rig.codes[-2:] == [code, 13]
 
 
-@pytest.mark.usefixtures("later_actions")
 @pytest.mark.parametrize("code", [1, 4, 6, 8, 10])
 def test_any_flight_of_a_goal_can_be_aborted_into_a_hover(code: int) -> None:
     rig = reached(code)
@@ -239,7 +229,6 @@ def test_any_flight_of_a_goal_can_be_aborted_into_a_hover(code: int) -> None:
     assert rig.codes[-3:] == [code, 12, 3]
 
 
-@pytest.mark.usefixtures("later_actions")
 @pytest.mark.parametrize("code", [2, 5, 7, 11])
 def test_what_is_completed_ends_in_a_hover(code: int) -> None:
     rig = reached(code)

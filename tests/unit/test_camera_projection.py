@@ -55,7 +55,7 @@ def scene(
 
 
 def down(at: Scene) -> View:
-    return view_of(at, CONFIG.pos_camera_frd_m, DOWN_RAD)
+    return view_of(at, CONFIG.pos_camera_frd_m, (DOWN_RAD, 0.0))
 
 
 def still(at: Scene) -> tuple[View, View, View]:
@@ -85,7 +85,7 @@ def test_projection_agrees_with_opencv_for_any_pose() -> None:
     matrix = np.array([[INFO.focal_px, 0, INFO.center_px[0]], [0, INFO.focal_px, INFO.center_px[1]], [0, 0, 1.0]])
     for _ in range(50):
         at = scene(attitude_rad=tuple(rng.uniform(-0.5, 0.5, 3)), beside_m=tuple(rng.uniform(-2, 2, 2)))
-        view = view_of(at, (0.1, 0.02, 0.05), rng.uniform(-pi / 2, 0.0))
+        view = view_of(at, (0.1, 0.02, 0.05), (rng.uniform(-pi / 2, 0.0), rng.uniform(-0.5, 0.5)))
         in_camera_m = rng.uniform((-1, -1, 0.5), (1, 1, 5), (20, 3))
         points_m = np.array(view.pos_camera_ned_m) + in_camera_m @ view.rotation_ned_from_camera.T
         rotation = view.rotation_ned_from_camera.T
@@ -134,7 +134,7 @@ def test_corner_errors_have_the_given_standard_deviation_and_grow_with_blur() ->
     still_px = [np.array(detect(still(at), INFO, config, rng)[0].corners_px) - exact for _ in range(500)]
     assert np.std(still_px) == pytest.approx(0.2, rel=0.05)
     fast = scene(4.0, vel_uav_ned_mps=(5.0, 0.0, 0.0))
-    views = tuple(view_of(fast, (0.0, 0.0, 0.0), DOWN_RAD, 0.0, ahead_s) for ahead_s in (-0.01, 0.0, 0.01))
+    views = tuple(view_of(fast, (0.0, 0.0, 0.0), (DOWN_RAD, 0.0), ahead_s=ahead_s) for ahead_s in (-0.01, 0.0, 0.01))
     blur_px = 0.02 * 5.0 * INFO.focal_px / 4.0
     fast_px = [
         np.array(detect((views[0], views[1], views[2]), INFO, config, rng)[0].corners_px) - exact for _ in range(500)
@@ -144,7 +144,7 @@ def test_corner_errors_have_the_given_standard_deviation_and_grow_with_blur() ->
 
 def test_turning_blurs_too() -> None:
     at = scene(4.0, rates_uav_frd_rps=(0.0, 1.0, 0.0))
-    before, after = (view_of(at, (0.0, 0.0, 0.0), DOWN_RAD, 0.0, s) for s in (-0.005, 0.005))
+    before, after = (view_of(at, (0.0, 0.0, 0.0), (DOWN_RAD, 0.0), ahead_s=s) for s in (-0.005, 0.005))
     point_m = np.array(at.pos_rover_ned_m)
     moved_px = project(point_m, after, INFO) - project(point_m, before, INFO)
     assert moved_px == pytest.approx((0.0, 0.01 * INFO.focal_px), abs=0.01)

@@ -63,7 +63,7 @@ def scene(above_m: float, beside_m: tuple[float, float] = (0.0, 0.0), attitude_r
 
 
 def view(at: Scene, pitch_rad: float = DOWN_RAD) -> View:
-    return view_of(at, CONFIG.pos_camera_frd_m, pitch_rad)
+    return view_of(at, CONFIG.pos_camera_frd_m, (pitch_rad, 0.0))
 
 
 def photograph(by: Renderer, at: Scene, pitch_rad: float = DOWN_RAD) -> Image:
@@ -127,7 +127,9 @@ def test_the_vehicle_throws_a_shadow_and_is_not_in_its_own_picture(egl: EglRende
 def test_what_moves_is_smeared_along_its_way(egl: EglRenderer) -> None:
     at = msgspec.structs.replace(scene(3.0, attitude_rad=(0.0, 0.0, 0.5)), vel_uav_ned_mps=(0.0, 4.0, 0.0))
     at = msgspec.structs.replace(at, q_ned_from_frd=(1.0, 0.0, 0.0, 0.0), yaw_rover_rad=0.0)
-    views = tuple(view_of(at, CONFIG.pos_camera_frd_m, DOWN_RAD, 0.0, ahead_s) for ahead_s in (-0.01, 0.0, 0.01))
+    views = tuple(
+        view_of(at, CONFIG.pos_camera_frd_m, (DOWN_RAD, 0.0), ahead_s=ahead_s) for ahead_s in (-0.01, 0.0, 0.01)
+    )
     moving = np.frombuffer(egl.picture(at, (views[0], views[1], views[2])), dtype=np.uint8).reshape(480, 640, 3)
     still = photograph(egl, at)
 

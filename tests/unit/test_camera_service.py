@@ -53,7 +53,7 @@ def test_the_axis_follows_a_command_at_a_bounded_rate() -> None:
     gimbal.take(0, [command(0, -0.5 * pi + 0.2)])
     gimbal.move(100 * MS)
     assert gimbal.pitch_rad == pytest.approx(CONFIG.pitch_rest_rad + 0.15)
-    assert gimbal.rate_rps == pytest.approx(CONFIG.pitch_rate_max_rps)
+    assert gimbal.pitch_rate_rps == pytest.approx(CONFIG.axis_rate_max_rps)
     gimbal.move(200 * MS)
     assert gimbal.pitch_rad == pytest.approx(-0.5 * pi + 0.2)
 

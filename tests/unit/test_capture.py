@@ -82,8 +82,8 @@ def test_what_is_told_is_as_of_the_exposure() -> None:
     feeder.fly(900, since_ms=500)
     image = feeder.shots[0].image
     assert image.pos_uav_ned_m == pytest.approx((0.547, 0.0, -4.0), abs=1e-5)
-    assert image.pos_camera_ned_m == pytest.approx((0.547, 0.0, -3.97), abs=1e-5)
-    assert image.position_camera_deg == pytest.approx(geodetic_from_ned((0.547, 0.0, -3.97), ORIGIN_DEG), abs=1e-9)
+    assert image.pos_camera_ned_m == pytest.approx((0.547, 0.0, -4.118), abs=1e-5)
+    assert image.position_camera_deg == pytest.approx(geodetic_from_ned((0.547, 0.0, -4.118), ORIGIN_DEG), abs=1e-9)
     assert image.imu is not None
     assert image.imu.t_ns == 540 * MS
     assert image.gnss is not None
@@ -118,7 +118,7 @@ def test_a_corrected_position_moves_what_was_recorded_before() -> None:
     feeder.fly(900, since_ms=500)
     feeder.fly(1000, since_ms=900, offset_m=2.0)
     assert feeder.capture.images()[0].pos_uav_ned_m[0] == pytest.approx(2.547, abs=1e-5)
-    moved = geodetic_from_ned((2.547, 0.0, -3.97), ORIGIN_DEG)
+    moved = geodetic_from_ned((2.547, 0.0, -4.118), ORIGIN_DEG)
     assert feeder.capture.images()[0].position_camera_deg == pytest.approx(moved, abs=1e-9)
 
 

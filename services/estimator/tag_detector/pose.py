@@ -39,10 +39,11 @@ def make_view(
     pos_camera_frd_m: Vec3,
     pitch_camera_rad: float,
     q_ned_from_frd: Quat,
+    roll_camera_rad: float = 0.0,
 ) -> View:
-    """The view of a camera on its pitch axis under a vehicle of that attitude."""
+    """The view of a camera on its axes under a vehicle of that attitude."""
     axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    columns = [quat_rotate(q_ned_from_frd, frd_from_camera(axis, pitch_camera_rad)) for axis in axes]
+    columns = [quat_rotate(q_ned_from_frd, frd_from_camera(axis, pitch_camera_rad, roll_camera_rad)) for axis in axes]
     mount_ned_m = np.array(quat_rotate(q_ned_from_frd, pos_camera_frd_m))
     return View(focal_px, center_px, np.array(columns).T, mount_ned_m)
 

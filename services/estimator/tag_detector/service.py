@@ -11,7 +11,7 @@ from jezero.runtime.service import Health, Inbox, Output, Publish, Spec
 from jezero.schemas import topics
 from jezero.schemas.estimate import TagEstimate
 from jezero.schemas.landing_board import LANDING_BOARD
-from jezero.schemas.sensors import CameraFrame, CornersOfTag
+from jezero.schemas.sensors import CameraFrame, CornersOfTag, TagCorners
 from jezero.services.estimator.attitudes import Attitudes
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.pose import Array, Pose, View, make_view, solve
@@ -52,10 +52,10 @@ class TagDetector:
         frames, corners = inbox.new(topics.CAMERA), inbox.new(topics.TAG_CORNERS)
         if frames:
             frame = frames[-1]
-            yield from self._estimate(t_ns, frame.t_ns, frame.pitch_camera_rad, self._find(frame), inbox)
+            yield from self._estimate(t_ns, frame, self._find(frame), inbox)
         elif corners:
             newest = corners[-1]
-            yield from self._estimate(t_ns, newest.t_ns, newest.pitch_camera_rad, newest.tags, inbox)
+            yield from self._estimate(t_ns, newest, newest.tags, inbox)
         yield from self._tell(t_ns, inbox)
 
     def _find(self, frame: CameraFrame) -> tuple[CornersOfTag, ...]:
@@ -67,18 +67,19 @@ class TagDetector:
         return self._finder.find(frame)
 
     def _estimate(
-        self, t_ns: int, exposed_ns: int, pitch_camera_rad: float, tags: Sequence[CornersOfTag], inbox: Inbox
+        self, t_ns: int, exposed: CameraFrame | TagCorners, tags: Sequence[CornersOfTag], inbox: Inbox
     ) -> Iterable[Output]:
         self._picture_ns = t_ns
-        info, q_ned_from_frd = inbox.latest(topics.CAMERA_INFO), self._attitudes.at(exposed_ns)
+        info, q_ned_from_frd = inbox.latest(topics.CAMERA_INFO), self._attitudes.at(exposed.t_ns)
         if info is None or q_ned_from_frd is None:
             return
-        view = make_view(info.focal_px, info.center_px, info.pos_camera_frd_m, pitch_camera_rad, q_ned_from_frd)
+        pitch_rad, roll_rad = exposed.pitch_camera_rad, exposed.roll_camera_rad
+        view = make_view(info.focal_px, info.center_px, info.pos_camera_frd_m, pitch_rad, q_ned_from_frd, roll_rad)
         solution = locate(tags, view, self._config)
         if solution is None:
             return
         self._seen_ns = t_ns
-        yield Publish(topics.ESTIMATE_TAG, _message(exposed_ns, solution, view, self._config))
+        yield Publish(topics.ESTIMATE_TAG, _message(exposed.t_ns, solution, view, self._config))
 
     def _tell(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
         if t_ns - self._picture_ns > SILENT_S * NS_PER_S:

@@ -55,8 +55,9 @@ class CameraConfig(Config, frozen=True, kw_only=True):
         rate_hz: at most the simulator's 15 exposures per second; "tiny" manages about 5.
         field_of_view_deg: across the picture's width.
         pos_camera_frd_m: of the optical centre, from the centre of mass.
-        pitch_rest_rad: where it looks while nobody commands the pitch axis.
-        hold_pitch_s: after this time without a command it returns to rest.
+        pitch_rest_rad: where it looks while nobody commands its axes.
+        axis_rate_max_rps: how fast they turn.
+        hold_pitch_s: after this time without a command they return to rest.
         delay_s: from the middle of the exposure until the picture is published.
         std_pixel: noise of each colour of each pixel, of 255.
     """
@@ -69,7 +70,7 @@ class CameraConfig(Config, frozen=True, kw_only=True):
     field_of_view_deg: Annotated[float, Meta(gt=1.0, le=150.0)] = 80.0
     pos_camera_frd_m: tuple[Small, Small, Small] = (0.0, 0.0, 0.03)
     pitch_rest_rad: Annotated[float, Meta(ge=-1.5708, le=0.0)] = -1.5708
-    pitch_rate_max_rps: Positive = 1.5
+    axis_rate_max_rps: Positive = 1.5
     hold_pitch_s: Positive = 1.0
     exposure_s: NonNegative = 0.004
     delay_s: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.1

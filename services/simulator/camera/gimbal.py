@@ -1,4 +1,4 @@
-"""The camera's pitch axis."""
+"""The camera's axes."""
 
 from collections.abc import Iterable
 
@@ -14,7 +14,7 @@ class Gimbal:
     """Follows the newest command at a bounded rate; returns to rest when nobody commands any more.
 
     Attributes:
-        pitch_rad, rate_rps: as of the last `move`.
+        pitch_rad, roll_rad, pitch_rate_rps, roll_rate_rps: as of the last `move`.
     """
 
     def __init__(self, config: CameraConfig) -> None:
@@ -22,7 +22,7 @@ class Gimbal:
         self._command: CameraPitch | None = None
         self._moved_ns: int | None = None
         self.pitch_rad = config.pitch_rest_rad
-        self.rate_rps = 0.0
+        self.roll_rad = self.pitch_rate_rps = self.roll_rate_rps = 0.0
 
     def take(self, t_ns: int, commands: Iterable[CameraPitch]) -> None:
         """Commands that arrived; those that are older than 0.3 s, or than the present one, change nothing."""
@@ -32,13 +32,19 @@ class Gimbal:
                 self._command = command
 
     def move(self, t_ns: int) -> None:
-        """Go on to a later time; an earlier one (the clock has started anew) leaves the axis where it is."""
+        """Go on to a later time; an earlier one (the clock has started anew) leaves the axes where they are."""
         if self._command is not None and abs(t_ns - self._command.t_ns) > self._config.hold_pitch_s * NS_PER_S:
             self._command = None
-        wanted_rad = self._config.pitch_rest_rad if self._command is None else self._command.pitch_camera_rad
+        command = self._command
+        pitch_rad = self._config.pitch_rest_rad if command is None else command.pitch_camera_rad
+        roll_rad = 0.0 if command is None else command.roll_camera_rad
         dt_s = 0.0 if self._moved_ns is None else max(0, t_ns - self._moved_ns) / NS_PER_S
         self._moved_ns = t_ns
-        reach_rad = self._config.pitch_rate_max_rps * dt_s
-        before_rad = self.pitch_rad
-        self.pitch_rad += min(reach_rad, max(-reach_rad, wanted_rad - before_rad))
-        self.rate_rps = (self.pitch_rad - before_rad) / dt_s if dt_s > 0.0 else 0.0
+        self.pitch_rad, self.pitch_rate_rps = self._turned(dt_s, self.pitch_rad, pitch_rad)
+        self.roll_rad, self.roll_rate_rps = self._turned(dt_s, self.roll_rad, roll_rad)
+
+    def _turned(self, dt_s: float, now_rad: float, wanted_rad: float) -> tuple[float, float]:
+        """Where an axis is after a time, and how fast it turned."""
+        reach_rad = self._config.axis_rate_max_rps * dt_s
+        way_rad = min(reach_rad, max(-reach_rad, wanted_rad - now_rad))
+        return now_rad + way_rad, way_rad / dt_s if dt_s > 0.0 else 0.0

@@ -107,19 +107,21 @@ class Camera:
         self._waiting.append((due_ns, self._take(scene, views)))
 
     def _views(self, scene: Scene) -> tuple[View, View, View]:
-        mount_frd_m, pitch_rad, rate_rps = self._config.pos_camera_frd_m, self._gimbal.pitch_rad, self._gimbal.rate_rps
+        mount_frd_m, gimbal = self._config.pos_camera_frd_m, self._gimbal
+        axes_rad, rates_rps = (gimbal.pitch_rad, gimbal.roll_rad), (gimbal.pitch_rate_rps, gimbal.roll_rate_rps)
         half_s = 0.5 * self._config.exposure_s
         return (
-            view_of(scene, mount_frd_m, pitch_rad, rate_rps, -half_s),
-            view_of(scene, mount_frd_m, pitch_rad),
-            view_of(scene, mount_frd_m, pitch_rad, rate_rps, half_s),
+            view_of(scene, mount_frd_m, axes_rad, rates_rps, -half_s),
+            view_of(scene, mount_frd_m, axes_rad),
+            view_of(scene, mount_frd_m, axes_rad, rates_rps, half_s),
         )
 
     def _take(self, scene: Scene, views: tuple[View, View, View]) -> Publish:
-        config, pitch_rad = self._config, self._gimbal.pitch_rad
+        config, pitch_rad, roll_rad = self._config, self._gimbal.pitch_rad, self._gimbal.roll_rad
         if self._renderer is None:
             found = detect(views, config.info(scene.t_ns), config.projection, self._rng)
-            return Publish(topics.TAG_CORNERS, TagCorners(t_ns=scene.t_ns, pitch_camera_rad=pitch_rad, tags=found))
+            corners = TagCorners(t_ns=scene.t_ns, pitch_camera_rad=pitch_rad, roll_camera_rad=roll_rad, tags=found)
+            return Publish(topics.TAG_CORNERS, corners)
         self._sequence += 1
         frame = CameraFrame(
             t_ns=scene.t_ns,
@@ -127,6 +129,7 @@ class Camera:
             width_px=config.width_px,
             height_px=config.height_px,
             pitch_camera_rad=pitch_rad,
+            roll_camera_rad=roll_rad,
             exposure_s=config.exposure_s,
             pixels=self._renderer.picture(scene, views),
         )

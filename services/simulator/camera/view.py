@@ -48,14 +48,24 @@ class View:
 
 
 def view_of(
-    scene: Scene, pos_camera_frd_m: Vec3, pitch_camera_rad: float, pitch_rate_rps: float = 0.0, ahead_s: float = 0.0
+    scene: Scene,
+    pos_camera_frd_m: Vec3,
+    axes_rad: tuple[float, float],
+    rates_rps: tuple[float, float] = (0.0, 0.0),
+    ahead_s: float = 0.0,
 ) -> View:
-    """The view at an exposure's middle, or a moment `ahead_s` after it, by the velocities and rates of the scene."""
+    """The view at an exposure's middle, or a moment `ahead_s` after it, by the velocities and rates of the scene.
+
+    Args:
+        axes_rad, rates_rps: pitch and roll of the camera, and how fast they turn.
+    """
     turned = quat_from_rotation_vector(scale(scene.rates_uav_frd_rps, ahead_s))
     q_ned_from_frd = quat_normalize(quat_multiply(scene.q_ned_from_frd, turned))
-    pitch_rad = pitch_camera_rad + pitch_rate_rps * ahead_s
+    pitch_rad, roll_rad = (
+        angle_rad + rate_rps * ahead_s for angle_rad, rate_rps in zip(axes_rad, rates_rps, strict=True)
+    )
     right, down, forward = (
-        quat_rotate(q_ned_from_frd, frd_from_camera(axis, pitch_rad))
+        quat_rotate(q_ned_from_frd, frd_from_camera(axis, pitch_rad, roll_rad))
         for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     )
     pos_uav_ned_m = add(scene.pos_uav_ned_m, scale(scene.vel_uav_ned_mps, ahead_s))

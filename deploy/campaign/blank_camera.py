@@ -1,0 +1,53 @@
+"""A camera for flights that nobody looks at: grey pictures, small and cheap, with true axes and times."""
+
+from collections.abc import Iterator
+
+from jezero.runtime.service import Inbox, Output, Publish, Spec
+from jezero.schemas import topics
+from jezero.schemas.sensors import CameraFrame
+from jezero.services.simulator.camera.config import CameraConfig
+from jezero.services.simulator.camera.gimbal import Gimbal
+
+NAME = "blank_camera"
+RATE_HZ = 5.0
+WIDTH_PX, HEIGHT_PX = 16, 12
+GREY = bytes([128]) * (3 * WIDTH_PX * HEIGHT_PX)
+
+
+class BlankCamera:
+    """Publishes pictures that are reduced to a few pixels.
+
+    Args:
+        describes_itself: also publishes `camera/info`, where no other camera does.
+    """
+
+    def __init__(self, config: CameraConfig, *, describes_itself: bool) -> None:
+        self.spec = Spec(
+            name=NAME,
+            inputs=(topics.CAMERA_PITCH,),
+            outputs=(topics.CAMERA, topics.CAMERA_INFO),
+            rate_hz=RATE_HZ,
+        )
+        self._config = config
+        self._gimbal = Gimbal(config)
+        self._describes_itself = describes_itself
+        self._sequence = 0
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        """One picture of this very moment."""
+        self._gimbal.take(t_ns, inbox.new(topics.CAMERA_PITCH))
+        self._gimbal.move(t_ns)
+        self._sequence += 1
+        frame = CameraFrame(
+            t_ns=t_ns,
+            sequence=self._sequence,
+            width_px=WIDTH_PX,
+            height_px=HEIGHT_PX,
+            pitch_camera_rad=self._gimbal.pitch_rad,
+            roll_camera_rad=self._gimbal.roll_rad,
+            exposure_s=self._config.exposure_s,
+            pixels=GREY,
+        )
+        yield Publish(topics.CAMERA, frame)
+        if self._describes_itself:
+            yield Publish(topics.CAMERA_INFO, self._config.info(t_ns))

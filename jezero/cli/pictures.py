@@ -1,0 +1,70 @@
+"""Following a goal that takes pictures: the bar that counts them, and the dataset they go to."""
+
+import sys
+from pathlib import Path
+from time import strftime
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from jezero.cli.flight import Printer
+
+if TYPE_CHECKING:
+    from jezero.client.dataset import Dataset, Kind
+    from jezero.client.images import ImagesGoal
+    from jezero.schemas.actions import ImagesFeedback
+
+PNG_OR_JPG = click.Choice(["jpg", "png"])
+
+
+def default_folder() -> Path:
+    """A new one for each run."""
+    return Path("runs") / strftime("%Y%m%d-%H%M%S")
+
+
+def take_pictures(printer: Printer, goal: "ImagesGoal", name: str, folder: Path, kind: "Kind") -> None:
+    """Follow a goal to its end and write what it photographs. Ctrl+C cancels it; a second one leaves at once.
+
+    What was taken is on the disk also when the goal is canceled or aborted.
+    """
+    import msgspec
+
+    from jezero.client.dataset import Dataset
+    from jezero.client.errors import EndedError
+
+    printer.event("accepted", f"{name}: accepted (goal {goal.goal_id})", goal_id=goal.goal_id, warning=goal.warning)
+    if goal.warning and not printer.as_json:
+        click.echo(f"warning: {goal.warning}", err=True)
+    with Dataset(folder, kind, action=name, goal_id=goal.goal_id) as dataset:
+        try:
+            _follow(printer, goal, dataset)
+        except KeyboardInterrupt:
+            printer.event("canceling", "canceling: the vehicle will hover where it is", goal_id=goal.goal_id)
+            goal.cancel()
+            _follow(printer, goal, dataset)
+        try:
+            result = goal.result()
+        except EndedError as error:
+            dataset.update(getattr(error.result, "images", ()))
+            if dataset.count and not printer.as_json:
+                click.echo(f"{dataset.count} pictures are in {folder}", err=True)
+            raise
+        dataset.update(result.images)
+        text = f"{name}: succeeded, {dataset.count} pictures in {folder}"
+    fields: dict[str, Any] = {"outcome": "succeeded", "goal_id": goal.goal_id, "folder": str(folder)}
+    printer.event("result", text, **fields, result=msgspec.to_builtins(result))
+
+
+def _follow(printer: Printer, goal: "ImagesGoal", dataset: "Dataset") -> None:
+    def watch(feedback: "ImagesFeedback") -> None:
+        north_m, east_m, down_m = feedback.pos_uav_ned_m
+        text = f"{feedback.taken} of {feedback.planned} pictures, at ({north_m:.2f}, {east_m:.2f}, {down_m:.2f})"
+        fields = {"pos_uav_ned_m": feedback.pos_uav_ned_m, "frame": feedback.frame}
+        counts = {"taken": feedback.taken, "planned": feedback.planned}
+        printer.progress(text, feedback.taken / max(feedback.planned, 1), goal_id=goal.goal_id, **fields, **counts)
+
+    for picture in goal.pictures(watch):
+        if not dataset.has(picture.image):
+            path = dataset.add(picture)
+            if printer.as_json or not sys.stdout.isatty():
+                printer.event("image", f"picture {picture.image.index + 1}: {path}", file=str(path))
