@@ -69,13 +69,14 @@ class Release(Payload, frozen=True, kw_only=True):
 
     Attributes:
         then: what the bridge does next: hover at `hover_pos_ned_m` (where it is when None), or disarm, which the
-            autopilot refuses in the air.
+            autopilot refuses in the air, or disarm by force, for a landing whose own signs say that the vehicle stands
+            although the autopilot doesn't; the bridge refuses it when its altimeter says otherwise.
         reset_counter: of the odometry that `hover_pos_ned_m` belongs to.
     """
 
     control_id: Name
     outcome: Outcome
-    then: Literal["hover", "disarm"] = "hover"
+    then: Literal["hover", "disarm", "force_disarm"] = "hover"
     hover_pos_ned_m: PositionNed | None = None
     reset_counter: int = 0
     reason: Text = ""

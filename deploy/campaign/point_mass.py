@@ -10,8 +10,8 @@ from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.config import AutopilotConfig, EstimatorConfig
 from jezero.services.autopilot.control import Kinematics, Setpoint, VelocityLoop
 from jezero.services.autopilot.estimator import Disagreement
-from jezero.services.autopilot.flight import CLIMB_WANTED_MPS, LIFTED_MPS, SPOOL_UP_S
-from jezero.services.autopilot.land_detector import LandDetector
+from jezero.services.autopilot.flight import LIFTED_MPS, SPOOL_UP_S
+from jezero.services.autopilot.land_detector import CLIMB_WANTED_MPS, LandDetector
 from jezero.services.autopilot.mixer import STOPPED, Commands
 
 LAG_S = 0.1

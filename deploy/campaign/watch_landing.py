@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 
 from jezero.deploy.campaign.judge import NS_PER_S, Judge
-from jezero.deploy.landing.judge import on_platform_m
+from jezero.deploy.landing.judge import ON_DECK_M, on_platform_m
 from jezero.runtime.service import Inbox, Output, Publish, Reply, Service
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, LandOnSpotGoal, Result
@@ -81,3 +81,5 @@ class WatchedLanding:
         rule = "no touchdown more than 0.2 m off the board without aborted"
         text = f"{self._goal_id} succeeded {off_m:.2f} m off the board, {-down_m:.2f} m above it"
         self._judge.check(off_m <= OFF_BOARD_MAX_M, t_ns, rule, text)
+        if off_m <= 0.0:
+            self._judge.check(-down_m <= ON_DECK_M, t_ns, "no landing succeeds above the platform", text)

@@ -120,7 +120,7 @@ class Done:
 
     outcome: Outcome
     reason: str = ""
-    then: Literal["hover", "disarm"] = "hover"
+    then: Literal["hover", "disarm", "force_disarm"] = "hover"
     hover_pos_ned_m: Vec3 | None = None
 
 

@@ -146,7 +146,11 @@ class RoverLandConfig(Config, frozen=True, kw_only=True):
         lean_tau_s: the lean is averaged over so long.
         contact_m, contact_s: so low, or stopped for so long although it shall descend, is contact.
         push_mps: downward after contact. Source: spec §8.
-        contact_timeout_s: aborted when the autopilot doesn't see the ground by then.
+        force_below_m, force_mps, force_s: when the autopilot doesn't see the ground, but for the third the vehicle has
+            surely been lower than the first and slower than the second although it is pushed down, it is disarmed by
+            force. Source: spec §8, which wants 2 s at least; PX4 takes about as long to notice the ground.
+        range_force_max_m: and only while the altimeter measures nothing above this, tilt-corrected.
+        contact_timeout_s: aborted when neither happened by then.
         blind_m: below this height the target need not be seen any more.
         on_platform_m: a touchdown farther from its middle is no success.
         coast_s: the target may be out of sight for so long without any effect. Source: spec §8, as the next.
@@ -180,6 +184,10 @@ class RoverLandConfig(Config, frozen=True, kw_only=True):
     contact_m: Positive = 0.03
     contact_s: Positive = 0.6
     push_mps: Positive = 0.5
+    force_below_m: Annotated[float, Meta(gt=0.0, le=0.1)] = 0.1
+    force_mps: Positive = 0.2
+    force_s: Annotated[float, Meta(ge=2.0, le=60.0)] = 3.0
+    range_force_max_m: Positive = 0.2
     contact_timeout_s: Positive = 10.0
     blind_m: Positive = 0.25
     on_platform_m: Positive = 0.5

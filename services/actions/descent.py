@@ -9,6 +9,8 @@ STALLED = 0.5
 """Descending at less than this share of what is asked for is being held up."""
 STALLED_BELOW_M = 0.3
 STEP_MAX_S = 0.1
+LOW_SIGMAS = 2.0
+"""By so many standard deviations the height must be below what a forced disarm allows."""
 
 
 class Descent:
@@ -55,3 +57,40 @@ class Descent:
         """Permitted error at this height; it widens with the time spent waiting, and narrows again."""
         config = self._config
         return (config.cone_m + config.cone_per_m * pad.height_m) * (1.0 + self._waited_s / config.cone_patience_s)
+
+
+class Standing:
+    """Signs of the vehicle's own that it stands on the platform, whatever the autopilot says. Source: spec §8.
+
+    One is its height over the platform, the other that it rests there although it is pushed down. They count only while
+    the platform is measured, and the altimeter may not contradict.
+    """
+
+    def __init__(self, config: RoverLandConfig) -> None:
+        self._config = config
+        self._since_ns: int | None = None
+
+    def reset(self) -> None:
+        """What was seen so far was no touchdown."""
+        self._since_ns = None
+
+    def is_sure(self, t_ns: int, pad: Pad | None, range_m: float | None) -> bool:
+        """Whether both signs have held for long enough without a break; to be asked all the time of pushing down.
+
+        Args:
+            pad: None while the platform isn't measured.
+            range_m: of the altimeter, tilt-corrected; None when it measures nothing, as on the ground.
+        """
+        if pad is None or not self._holds(pad, range_m):
+            self.reset()
+            return False
+        if self._since_ns is None:
+            self._since_ns = t_ns
+        return t_ns - self._since_ns >= self._config.force_s * NS_PER_S
+
+    def _holds(self, pad: Pad, range_m: float | None) -> bool:
+        config = self._config
+        low = pad.height_m + LOW_SIGMAS * pad.std_height_m < config.force_below_m
+        rests = pad.speed_mps < config.force_mps and abs(pad.vel_ned_mps[2]) < config.force_mps
+        on_platform = pad.error_m < config.on_platform_m
+        return low and rests and on_platform and (range_m is None or range_m < config.range_force_max_m)

@@ -370,7 +370,7 @@ class GoalRun:
             reason=done.reason,
         )
         config = self._config
-        disarms = done.then == "disarm"
+        disarms = done.then != "hover"
         timeout_s = config.release_disarm_timeout_s if disarms else config.release_hover_timeout_s
         yield Call(RELEASE, release, self._tag, timeout_s)
 
@@ -407,7 +407,7 @@ class GoalRun:
         if status is None or not is_fresh(status, t_ns, self._config.status_age_max_s) or self._is_ours(status):
             return False
         if done.outcome == "succeeded":
-            return status.code == (StatusCode.IDLE if done.then == "disarm" else StatusCode.HOVER)
+            return status.code == (StatusCode.HOVER if done.then == "hover" else StatusCode.IDLE)
         return status.code in (StatusCode.IDLE, StatusCode.HOVER)
 
     def _give_up(self, t_ns: int, done: Done, inbox: Inbox) -> Done | None:

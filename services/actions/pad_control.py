@@ -12,7 +12,7 @@ from jezero.services.actions.config import PadControlConfig
 
 NS_PER_S = 1_000_000_000
 AGE_MAX_NS = 500_000_000
-NORTH, EAST = 0, 6
+NORTH, EAST, DOWN = 0, 6, 11
 """Variances of the position in the upper triangle of the covariance."""
 
 
@@ -22,7 +22,7 @@ class Pad(NamedTuple):
     Attributes:
         pos_ned_m, vel_ned_mps: middle of the vehicle's feet, minus that of the platform.
         vel_rover_ned_mps, yaw_rate_rover_rps: of the platform.
-        std_m: how well the horizontal position is known.
+        std_m, std_height_m: how well the horizontal position and the height are known.
     """
 
     pos_ned_m: Vec3
@@ -30,6 +30,7 @@ class Pad(NamedTuple):
     vel_rover_ned_mps: Vec3
     yaw_rate_rover_rps: float
     std_m: float = 0.0
+    std_height_m: float = 0.0
 
     @property
     def height_m(self) -> float:
@@ -72,6 +73,7 @@ def pad_at(t_ns: int, relative: Relative, feet_ned_m: Vec3) -> Pad:
         relative.vel_rover_ned_mps,
         relative.yaw_rate_rover_rps,
         sqrt(max(relative.cov[NORTH], 0.0) + max(relative.cov[EAST], 0.0)),
+        sqrt(max(relative.cov[DOWN], 0.0)),
     )
 
 

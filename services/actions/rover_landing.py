@@ -13,7 +13,7 @@ from jezero.schemas.estimate import Relative
 from jezero.schemas.topics import ALTIMETER, RELATIVE, ROVER_ESTIMATE, Topic
 from jezero.services.actions.behaviour import Done, Move, Selection, VehicleState
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.descent import Descent
+from jezero.services.actions.descent import Descent, Standing
 from jezero.services.actions.pad_control import NS_PER_S, Pad, PadControl, pad_at
 from jezero.services.actions.search import Search, towards
 
@@ -41,6 +41,7 @@ class RoverLanding:
         self._search_config = config.search
         self._control = PadControl(config.pad_control)
         self._descent = Descent(config.land_on_rover)
+        self._standing = Standing(config.land_on_rover)
         self._phase: LandPhase = "approach"
         self._search: Search | None = None
         self._pad: Pad | None = None
@@ -70,7 +71,7 @@ class RoverLanding:
         if (t_ns - self._start_ns) / NS_PER_S > self._land.timeout_s:
             return Done("aborted", f"not landed after {self._land.timeout_s:g} s")
         if self._phase == "contact":
-            return self._press_down(t_ns, state)
+            return self._press_down(t_ns, seen, state)
         if seen is not None:
             return self._over_platform(t_ns, dt_s, seen, state)
         if self._rough is not None and self._phase == "approach":
@@ -161,13 +162,16 @@ class RoverLanding:
         if self._descent.touches(t_ns, pad, down_mps):
             self._phase = "contact"
             self._contact_ns = t_ns
-            return self._press_down(t_ns, state)
+            self._standing.reset()
+            return self._press_down(t_ns, None, state)
         return self._follow(state, pad, dt_s, down_mps)
 
-    def _press_down(self, t_ns: int, state: VehicleState) -> Move | Done:
-        """With the platform, and down, until the autopilot sees the ground."""
+    def _press_down(self, t_ns: int, seen: Pad | None, state: VehicleState) -> Move | Done:
+        """With the platform, and down, until the autopilot sees the ground, or the vehicle's own signs are sure."""
         land, pad = self._land, self._pad
         assert pad is not None, "contact without an estimate"
+        if self._standing.is_sure(t_ns, seen, state.height_m):
+            return Done("succeeded", then="force_disarm")
         waited_s = (t_ns - self._contact_ns) / NS_PER_S
         if waited_s > land.contact_timeout_s:
             return Done("aborted", f"the autopilot doesn't see the ground {waited_s:.0f} s after contact")

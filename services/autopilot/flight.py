@@ -4,13 +4,12 @@ from jezero.frames import Vec3
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.control import Controller, Kinematics, Setpoint
 from jezero.services.autopilot.estimator import Estimator
-from jezero.services.autopilot.land_detector import LandDetector
+from jezero.services.autopilot.land_detector import CLIMB_WANTED_MPS, LandDetector
 from jezero.services.autopilot.mixer import Commands
 
 OUTER_STEPS = 4
 """The velocity loop runs with every fourth IMU sample."""
 SPOOL_UP_S = 0.5
-CLIMB_WANTED_MPS = 0.1
 LIFTED_MPS = 0.2
 LIFTED_M = 0.1
 

@@ -13,6 +13,8 @@ DESCENT_WANTED = 1.1
 """A descent is wanted when the setpoint is faster than this many times the speed that counts as moving."""
 DESCENT_DONE = 0.5
 """It doesn't happen when less than this share of it is seen."""
+CLIMB_WANTED_MPS = 0.1
+"""A setpoint that is faster upwards wants to leave, which low thrust must not keep from having more of it."""
 LOW_THRUST = 0.3
 """Share of the thrust that hovers."""
 
@@ -55,7 +57,8 @@ class LandDetector:
         )
         wanted = down_wanted_mps > DESCENT_WANTED * c.lndmc_z_vel_max_mps
         blocked = wanted and vel_ned_mps[2] < DESCENT_DONE * down_wanted_mps
-        held_down = (blocked or thrust_of_hover < LOW_THRUST) and not moves
+        climbs = down_wanted_mps < -CLIMB_WANTED_MPS
+        held_down = (blocked or thrust_of_hover < LOW_THRUST) and not (moves or climbs)
         self._contact_s = self._contact_s + dt if held_down else 0.0
         self.contact = self._contact_s >= c.contact_s
         turns = max(abs(rate) for rate in rates_frd_rps) > c.lndmc_rot_max_rps

@@ -141,6 +141,14 @@ def why_not_hover(
     return next(_hover_refusals(request, code, text, killing, now, config), "")
 
 
+def why_not_force(now: Situation, config: VehicleBridgeConfig) -> str:
+    """Why the motors aren't stopped by force at the end of a landing, whatever its goal says; "" when they are."""
+    limit_m = config.range_force_max_m
+    if now.range_m is None or now.range_m <= limit_m:
+        return ""
+    return f"not disarmed by force: the altimeter measures {now.range_m:.2f} m, {limit_m:g} m is the limit"
+
+
 def _hover_refusals(
     request: Hover, code: StatusCode, text: str, killing: bool, now: Situation, config: VehicleBridgeConfig
 ) -> Iterator[str]:

@@ -16,6 +16,7 @@ from jezero.services.vehicle_bridge.admission import (
     is_within_limits,
     phases_of,
     why_not_acquire,
+    why_not_force,
     why_not_hover,
     why_not_setpoint,
 )
@@ -102,6 +103,8 @@ class Authority:
         self._on_ground = False
         self._climbing = False
         self._landing_alone = False
+        self._by_force = False
+        """The landing that has ended is sure that the vehicle stands, though the autopilot is not."""
 
     @property
     def in_charge(self) -> InCharge:
@@ -177,10 +180,14 @@ class Authority:
             self._revoke(f"{grant.name} {request.outcome}{because}", now, given_back=True)
         elif not self._engaged:
             self._revoke(f"{grant.name} ended before the vehicle was armed in offboard mode", now, given_back=True)
-        elif (self.code is StatusCode.LANDING) != (request.then == "disarm"):
+        elif (self.code is StatusCode.LANDING) != (request.then != "hover"):
             return "a landing that succeeded ends with then=disarm, and nothing else does"
+        elif request.then == "force_disarm" and (refusal := why_not_force(now, self._config)):
+            return refusal
         else:
-            self._end(f"{grant.name} succeeded", given_back=True)
+            self._by_force = request.then == "force_disarm"
+            forced = ", disarming by force: the autopilot doesn't see the ground" if self._by_force else ""
+            self._end(f"{grant.name} succeeded{forced}", given_back=True)
             if self.code is StatusCode.LANDING:
                 self.target = pressing_down(self.target, self._yaw_rad(now))
             else:
@@ -305,7 +312,8 @@ class Authority:
 
     def _on_disarmed(self, because: str, now: Situation) -> None:
         """The motors stopped; during a landing or an abort on the ground that is what was wanted."""
-        if now.landed and self.code in (StatusCode.LANDING, StatusCode.LANDING_DONE, StatusCode.ABORT):
+        stands = now.landed or self._by_force
+        if stands and self.code in (StatusCode.LANDING, StatusCode.LANDING_DONE, StatusCode.ABORT):
             return
         if now.landed and self.code is StatusCode.TAKEOFF and self.grant is not None:
             self._revoke(f"{self.grant.name} ended: the autopilot disarmed before lift-off{because}", now)
@@ -371,7 +379,8 @@ class Authority:
             why = now.complaint or "it gives no reason"
             self._lose("failsafe", f"the autopilot did not disarm within {held_s:.0f} s: {why}", now)
             return None
-        return Order.DISARM
+        by_force = self._by_force and not now.landed and not why_not_force(now, self._config)
+        return Order.FORCE_DISARM if by_force else Order.DISARM
 
     def _advance_external(self, now: Situation) -> Order | None:
         if self.killing:
@@ -418,7 +427,7 @@ class Authority:
         self.code = code
         self._entered_ns = now.timer_ns
         if code in (StatusCode.IDLE, StatusCode.EXTERNAL):
-            self._engaged = False
+            self._engaged = self._by_force = False
             self.target = None
         self.changes.append(self.standing)
 

@@ -19,6 +19,8 @@ class VehicleBridgeConfig(Config, frozen=True, kw_only=True):
     Attributes:
         rate_hz: of its steps while nothing arrives; a target is streamed anew at 20 Hz at most, and at this rate.
         altitude_limit_m, distance_limit_m: of a hover point, above and horizontally from the world's origin.
+        range_force_max_m: nothing is disarmed by force while the altimeter measures more, tilt-corrected: 0.1 m under
+            the feet, above which it is mounted by as much.
         low_height_m, climb_height_m: an abort below the first climbs to the second, over ground or deck.
         takeoff_speed_max_mps: nothing takes off from something that moves faster over ground, such as a driving rover.
         tilt_limit_rad, tilt_timeout_s: tilted further than this for so long, the motors are cut.
@@ -34,6 +36,7 @@ class VehicleBridgeConfig(Config, frozen=True, kw_only=True):
     rate_hz: Annotated[float, Meta(ge=20.0, le=250.0)] = 50.0
     altitude_limit_m: Metres = 120.0
     distance_limit_m: Metres = 500.0
+    range_force_max_m: Metres = 0.2
     low_height_m: Metres = 1.0
     climb_height_m: Metres = 1.5
     takeoff_speed_max_mps: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.3

@@ -176,6 +176,7 @@ class VehicleBridge:
             silent_s = max(silent_s, (t_ns - odometry.t_ns) * 1e-9) if odometry is not None else inf
         q = (1.0, 0.0, 0.0, 0.0) if odometry is None else odometry.q_ned_from_frd
         tilt_rad = tilt_from_quat(q)
+        range_m = self._range_m(t_ns, inbox, tilt_rad)
         return Situation(
             t_ns=t_ns,
             timer_ns=self._timer_ns,
@@ -189,7 +190,8 @@ class VehicleBridge:
             vel_ned_mps=(0.0, 0.0, 0.0) if odometry is None else odometry.vel_uav_ned_mps,
             yaw_rad=yaw_from_quat(q),
             tilt_rad=tilt_rad,
-            height_m=self._height_m(t_ns, inbox, tilt_rad),
+            range_m=range_m,
+            height_m=self._height_m(range_m),
             silent_s=silent_s,
             not_ready=self._not_ready(silent_s),
             accepted=self._link.accepted,
@@ -197,14 +199,17 @@ class VehicleBridge:
             router_lost_s=(inbox.wall_ns - (self._router_seen_wall_ns or 0)) * 1e-9,
         )
 
-    def _height_m(self, t_ns: int, inbox: Inbox, tilt_rad: float) -> float | None:
+    def _range_m(self, t_ns: int, inbox: Inbox, tilt_rad: float) -> float | None:
+        altimeter = inbox.latest(ALTIMETER) if self._listening else None
+        if altimeter is None or altimeter.range_m is None or t_ns - altimeter.t_ns > ALTIMETER_MAX_AGE_NS:
+            return None
+        return altimeter.range_m * cos(tilt_rad)
+
+    def _height_m(self, range_m: float | None) -> float | None:
         """Above ground or deck by the altimeter, else above the place where the vehicle last stood."""
         odometry = self._link.telemetry.odometry
-        if odometry is None:
-            return None
-        altimeter = inbox.latest(ALTIMETER) if self._listening else None
-        if altimeter is not None and altimeter.range_m is not None and t_ns - altimeter.t_ns <= ALTIMETER_MAX_AGE_NS:
-            return altimeter.range_m * cos(tilt_rad)
+        if odometry is None or range_m is not None:
+            return None if odometry is None else range_m
         return altitude_m(odometry.pos_uav_ned_m[2] - self._ground_z_ned_m)
 
     def _not_ready(self, silent_s: float) -> str:

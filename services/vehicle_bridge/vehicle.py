@@ -67,6 +67,7 @@ class Situation(msgspec.Struct, frozen=True, kw_only=True):
         armable: the autopilot's arming checks pass, in its present mode.
         contested: it follows setpoints that the bridge didn't send.
         pos_ned_m, vel_ned_mps, yaw_rad, tilt_rad: newest odometry; None until there is one.
+        range_m: to ground or deck by the altimeter, tilt-corrected; None when it measures nothing.
         height_m: above ground or deck, None without odometry.
         silent_s: for how long telemetry, or odometry in it, has been missing.
         not_ready: why a takeoff isn't possible; "" when it is.
@@ -87,6 +88,7 @@ class Situation(msgspec.Struct, frozen=True, kw_only=True):
     vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)
     yaw_rad: float = 0.0
     tilt_rad: float = 0.0
+    range_m: float | None = None
     height_m: float | None = None
     silent_s: float = 0.0
     not_ready: str = ""

@@ -115,7 +115,7 @@ class FakeBridge:
         self.releases.append(release)
         if release.control_id == self.control_id:
             self.control_id, self._setpoint = "", None
-            idle = release.then == "disarm" or self.landed
+            idle = release.then != "hover" or self.landed
             self.code = StatusCode.IDLE if idle else StatusCode.HOVER
             reply = ReleaseReply(released=True, code=int(self.code))
         else:

@@ -184,6 +184,15 @@ def test_a_vehicle_that_moves_turns_or_pulls_has_not_landed(state: dict[str, obj
     assert not detector.landed
 
 
+def test_a_vehicle_that_shall_climb_is_not_held_down_by_its_own_low_thrust() -> None:
+    detector = flying()
+    run(detector, 0.9)
+    run(detector, 0.01, down_wanted_mps=-0.5)
+    assert not detector.contact
+    run(detector, 5.0, down_wanted_mps=-0.5)
+    assert not detector.landed
+
+
 def test_a_slow_descent_is_no_contact() -> None:
     detector = flying()
     run(detector, 5.0, thrust_of_hover=1.0, down_wanted_mps=0.3, vel_ned_mps=(0.0, 0.0, 0.2))

@@ -63,6 +63,77 @@ def test_a_landing_goes_through_8_9_0_and_presses_down_until_disarmed() -> None:
     assert rig.codes == [0, 1, 2, 3, 8, 9, 0]
 
 
+def forced(rig: Rig) -> list[tuple[int, tuple[float, float, float]]]:
+    return [command for command in rig.autopilot.commands if command[1][1] == 21196.0]
+
+
+def test_a_landing_that_is_sure_of_the_ground_is_disarmed_by_force() -> None:
+    rig = Rig().fly()
+    control_id = rig.go("land_on_spot", Phase.LANDING)
+    reply = rig.release(control_id, then="force_disarm")
+    assert reply.released and reply.code == 0
+    assert len(forced(rig)) == 1
+    assert not rig.status.armed
+    assert rig.codes == [0, 1, 2, 3, 8, 9, 0]
+    assert "by force" in next(status.text for status in rig.statuses if status.code == 9)
+
+
+def test_what_the_autopilot_sees_landed_is_disarmed_without_force() -> None:
+    rig = Rig().fly()
+    control_id = rig.go("land_on_spot", Phase.LANDING)
+    rig.autopilot.landed = True
+    assert rig.release(control_id, then="force_disarm").code == 0
+    assert not forced(rig)
+
+
+def test_nothing_is_disarmed_by_force_above_a_tenth_of_a_metre_by_the_altimeter() -> None:
+    rig = Rig().fly()
+    control_id = rig.go("land_on_spot", Phase.LANDING)
+    rig.range_m = 0.21
+    rig.run(0.1, lambda: rig.setpoint(control_id, Phase.LANDING))
+    reply = rig.release(control_id, then="force_disarm")
+    assert not reply.released
+    assert "the altimeter measures 0.21 m" in reply.reason
+    rig.run(0.5)
+    rig.range_m = 1.6
+    rig.run(1.0)
+    assert not forced(rig)
+    assert rig.codes[-2:] == [12, 3]
+    assert rig.status.armed
+
+
+def test_force_ends_where_the_altimeter_begins_to_measure() -> None:
+    rig = Rig().fly()
+    control_id = rig.go("land_on_spot", Phase.LANDING)
+    rig.autopilot.deaf = 1
+    rig.post(RELEASE, Release(control_id=control_id, outcome="succeeded", then="force_disarm"))
+    rig.run(0.1)
+    rig.range_m = 0.5
+    rig.run(3.0)
+    assert not forced(rig)
+    assert rig.status.armed
+
+
+def test_nothing_but_a_landing_is_disarmed_by_force() -> None:
+    rig = Rig().fly()
+    control_id = rig.go("go_to", Phase.GO_TO)
+    reply = rig.release(control_id, then="force_disarm")
+    assert not reply.released
+    assert "nothing else does" in reply.reason
+    rig.run(1.0)
+    assert not forced(rig)
+
+
+@pytest.mark.parametrize("outcome", ["aborted", "canceled"])
+def test_a_landing_that_failed_is_not_disarmed_by_force(outcome: str) -> None:
+    rig = Rig().fly()
+    control_id = rig.go("land_on_spot", Phase.LANDING)
+    rig.release(control_id, outcome, then="force_disarm")
+    rig.run(1.0)
+    assert not forced(rig)
+    assert rig.status.code == 3
+
+
 def test_in_0_nothing_is_streamed_and_the_autopilot_is_left_ready_to_arm_again() -> None:
     rig = Rig().fly()
     control_id = rig.go("land_on_spot", Phase.LANDING)

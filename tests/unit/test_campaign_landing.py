@@ -100,6 +100,7 @@ def violations(
 
 
 DESCENT = "no descent without a valid estimate of the goal's own selection"
+ABOVE = "no landing succeeds above the platform"
 TOUCHDOWN = "no touchdown more than 0.2 m off the board without aborted"
 
 
@@ -114,12 +115,17 @@ TOUCHDOWN = "no touchdown more than 0.2 m off the board without aborted"
     ],
 )
 def test_going_down_needs_a_valid_and_fresh_estimate_of_its_own(relative: Relative | None, broken: list[str]) -> None:
-    assert violations(relative, truth(0.0, 2.0)) == broken
+    assert violations(relative, truth(0.0, 2.0)) == [*broken, ABOVE]
 
 
 def test_holding_the_height_and_the_last_half_metre_need_none() -> None:
-    assert violations(None, truth(0.0, 2.0), down_mps=0.2) == []
-    assert violations(None, truth(0.0, 0.4)) == []
+    assert violations(None, truth(0.0, 2.0), down_mps=0.2) == [ABOVE]
+    assert violations(None, truth(0.0, 0.4)) == [ABOVE]
+
+
+def test_success_in_the_air_is_none() -> None:
+    assert violations(estimate(), truth(0.3, 0.09)) == []
+    assert violations(estimate(), truth(0.3, 0.11)) == [ABOVE]
 
 
 def test_a_landing_without_sensors_of_the_rover_is_not_meant() -> None:

@@ -33,6 +33,9 @@ class Landing:
 
     Attributes:
         forget_s: so long after the last measurement the estimate is not valid any more.
+        grounded: the autopilot notices the ground.
+        offset_of_estimate_m, vel_error_mps: by which the estimate is wrong, the second at a time in s.
+        range_m: of the altimeter.
         moves: every move with the time in s and the vehicle's offset from the platform.
     """
 
@@ -56,6 +59,10 @@ class Landing:
         self.forget_s = 3.0
         self.std_at: Callable[[Vec3], float] = lambda offset_m: 0.0
         self.grounded = True
+        self.offset_of_estimate_m = STILL
+        self.vel_error_mps: Callable[[float], Vec3] = lambda t_s: STILL
+        self.std_height_m = 0.01
+        self.range_m: float | None = None
         self.silent = False
         self.moves: list[tuple[float, Vec3, Move]] = []
         self._rng = Random(1)
@@ -86,6 +93,7 @@ class Landing:
             0.3,
             armed=True,
             landed=self.grounded and self._still_s > 0.8,
+            height_m=self.range_m,
             relative=None if self.silent else self.relative(),
             rover=self.rover(),
         )
@@ -100,9 +108,9 @@ class Landing:
             epoch_id=1,
             valid=self._fused_ns > 0 and self.t_ns - self._fused_ns < self.forget_s * S and std_m < 0.5,
             reason="not seen",
-            pos_uav_rel_rover_ned_m=add(self.offset_m, noise),
-            vel_uav_rel_rover_ned_mps=subtract(self.vel_mps, self.vel_deck_mps),
-            cov=(std_m**2 / 2, *(0.0,) * 5, std_m**2 / 2, *(0.0,) * 14),
+            pos_uav_rel_rover_ned_m=add(add(self.offset_m, noise), self.offset_of_estimate_m),
+            vel_uav_rel_rover_ned_mps=add(subtract(self.vel_mps, self.vel_deck_mps), self.vel_error_mps(self.t_s)),
+            cov=(std_m**2 / 2, *(0.0,) * 5, std_m**2 / 2, *(0.0,) * 4, self.std_height_m**2, *(0.0,) * 9),
             vel_rover_ned_mps=self.vel_deck_mps,
             yaw_rover_rad=self.yaw_rad,
             yaw_rate_rover_rps=self.yaw_rate_rps,
@@ -286,13 +294,83 @@ def test_without_any_estimate_it_waits_and_then_gives_up_with_the_reason(silent:
     assert all(move.pos_ned_m == (-1.0, -3.0, -6.0) for _, _, move in landing.moves)
 
 
-def test_a_touchdown_nobody_confirms_is_given_up() -> None:
+@pytest.mark.parametrize("speed_mps", [0.0, 0.5])
+def test_standing_for_long_enough_it_is_disarmed_by_force_when_the_autopilot_does_not_see_the_ground(
+    speed_mps: float,
+) -> None:
+    landing = Landing(BOTH, speed_mps=speed_mps)
+    landing.grounded = False
+    assert landing.run(60.0) == Done("succeeded", then="force_disarm")
+    contact_s = contact_begin_s(landing)
+    assert landing.t_s - contact_s == pytest.approx(CONFIG.land_on_rover.force_s, abs=0.6)
+    last = [altitude_m(offset_m[2]) for t_s, offset_m, _ in landing.moves if t_s > landing.t_s - 2.0]
+    assert max(last) < 0.1
+
+
+def contact_begin_s(landing: Landing) -> float:
+    return next(t_s for t_s, _, move in landing.moves if move.feedback.phase == "contact")  # type: ignore[union-attr]
+
+
+def is_given_up(landing: Landing) -> bool:
+    done = landing.run(60.0)
+    assert done is not None and "contact" in landing.phases
+    return done.outcome == "aborted" and done.then == "hover" and "doesn't see the ground" in done.reason
+
+
+def held_up_at(height_m: float) -> Landing:
+    """Something unseen holds the vehicle up over the platform; the autopilot knows of nothing."""
     landing = Landing(BOTH)
     landing.grounded = False
-    done = landing.run(60.0)
-    assert done is not None
-    assert done.outcome == "aborted"
-    assert "doesn't see the ground" in done.reason
+    landing.deck_m = (*DECK_NED_M[:2], DECK_NED_M[2] - height_m)
+    landing.offset_of_estimate_m = (0.0, 0.0, -height_m)
+    return landing
+
+
+def test_resting_above_a_tenth_of_a_metre_it_is_never_disarmed_by_force() -> None:
+    assert is_given_up(held_up_at(0.15))
+    assert held_up_at(0.05).run(60.0) == Done("succeeded", then="force_disarm")
+
+
+def test_a_height_that_is_not_surely_below_a_tenth_of_a_metre_is_no_sign() -> None:
+    landing = Landing(BOTH)
+    landing.grounded = False
+    landing.std_height_m = 0.06
+    assert is_given_up(landing)
+
+
+def test_low_but_moving_it_is_not_disarmed_by_force() -> None:
+    landing = Landing(BOTH)
+    landing.grounded = False
+    landing.vel_error_mps = lambda t_s: (0.0, 0.0, 0.3 if t_s % 1.0 < 0.3 else 0.0)
+    assert is_given_up(landing)
+
+
+def test_signs_that_lapse_begin_anew() -> None:
+    landing = Landing(BOTH)
+    landing.grounded = False
+    while "contact" not in landing.phases:
+        assert landing.run(DT_S) is None
+    contact_s = landing.t_s
+    landing.sees = lambda t_s, offset_m: not contact_s + 1.0 < t_s < contact_s + 1.9
+    assert landing.run(60.0) == Done("succeeded", then="force_disarm")
+    assert landing.t_s - contact_s > 1.9 + CONFIG.land_on_rover.force_s - 0.1
+
+
+def test_signs_that_do_not_last_are_none() -> None:
+    landing = Landing(BOTH, sees=lambda t_s, offset_m: altitude_m(offset_m[2]) > 0.01 or t_s % 2.6 < 1.6)
+    landing.grounded = False
+    assert is_given_up(landing)
+
+
+def test_an_altimeter_that_measures_a_way_down_forbids_force() -> None:
+    landing = Landing(BOTH)
+    landing.grounded = False
+    landing.range_m = 0.3
+    assert is_given_up(landing)
+    landing = Landing(BOTH)
+    landing.grounded = False
+    landing.range_m = 0.16
+    assert landing.run(60.0) == Done("succeeded", then="force_disarm")
 
 
 def test_a_touchdown_beside_the_platform_is_no_success() -> None:
