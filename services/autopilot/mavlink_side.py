@@ -56,7 +56,8 @@ class MavlinkSide:
     def answer(self, inbox: Inbox) -> Iterator[Output]:
         """Do what was asked."""
         for name, link in self._links.items():
-            for message in link.receive(inbox.received(name)):
+            data = inbox.received(name)
+            for message in link.receive(data) if data else ():
                 if answer := self._requests.answer(link, message):
                     yield Send(name, answer)
 

@@ -2,6 +2,7 @@
 
 from collections import deque
 from math import cos, hypot, sin
+from statistics import median
 
 import numpy as np
 
@@ -70,13 +71,20 @@ def _medians(
 ) -> tuple[list[Vec3], list[float]]:
     """Anchors and the median of each one's ranges, moved to `t_ns` when a rough position is known."""
     by_anchor: dict[Vec3, list[float]] = {}
+    away_mps: dict[Vec3, float] = {}
     for uwb in rounds:
-        for anchor_m, range_m, delay_s in zip(uwb.anchors_m, uwb.ranges_m, uwb.delays_s, strict=True):
-            x, y, z = anchor_m.tolist()
-            moved_m = 0.0
-            if pos_body_m is not None:
-                away = np.array(pos_body_m) - anchor_m
-                age_s = (t_ns - uwb.t_ns) * 1e-9 - float(delay_s)
-                moved_m = float(away @ vel_body_mps) / max(float(np.linalg.norm(away)), 1e-3) * age_s
-            by_anchor.setdefault((x, y, z), []).append(float(range_m) + moved_m)
-    return list(by_anchor), [float(np.median(ranges)) for ranges in by_anchor.values()]
+        for anchor_m, range_m, delay_s in zip(
+            uwb.anchors_m.tolist(), uwb.ranges_m.tolist(), uwb.delays_s.tolist(), strict=True
+        ):
+            anchor = (anchor_m[0], anchor_m[1], anchor_m[2])
+            if anchor not in by_anchor:
+                by_anchor[anchor] = []
+                away_mps[anchor] = 0.0 if pos_body_m is None else _speed_away_mps(pos_body_m, anchor, vel_body_mps)
+            age_s = (t_ns - uwb.t_ns) * 1e-9 - delay_s
+            by_anchor[anchor].append(range_m + away_mps[anchor] * age_s)
+    return list(by_anchor), [median(ranges) for ranges in by_anchor.values()]
+
+
+def _speed_away_mps(pos_body_m: Vec3, anchor_m: Vec3, vel_body_mps: Array) -> float:
+    away = np.array(pos_body_m) - np.array(anchor_m)
+    return float(away @ vel_body_mps) / max(float(np.linalg.norm(away)), 1e-3)
