@@ -2,16 +2,14 @@
 
 `JEZERO_PX4_DIR=<folder> python -m benchmarks.px4_quality [--seeds N]`: 3 m/s mean wind, gusts of 0.6 m/s. PX4 flies as
 a process of its own, in lockstep with the simulated world and faster than real time, with the parameters that the
-bridge gives it; nothing but the autopilot is exchanged.
+bridge gives it, once without the gains among them; nothing but the autopilot is exchanged.
 """
 
 import argparse
 import os
-import select
 import sys
-import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext, redirect_stdout
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext, redirect_stdout
 from math import degrees, inf
 from pathlib import Path
 from statistics import median
@@ -19,107 +17,15 @@ from statistics import median
 import msgspec
 
 from benchmarks.flight_quality import CLIMB_S, HEIGHT_M, READY_S, Flight, Make, Target, embedded, fly, hold, track
-from jezero.deploy.launcher.ports import HOST, reserved_instance
+from benchmarks.px4_process import real_px4
 from jezero.frames import tilt_from_quat
-from jezero.mavlink import MavlinkCodec, dialect
-from jezero.runtime.child import ChildLink
-from jezero.runtime.config import Instance, load_config
-from jezero.runtime.links import TcpServer, Udp
-from jezero.runtime.service import Inbox, Output, Send, Service, Spec
-from jezero.services.autopilot import px4
-from jezero.services.autopilot.config import AutopilotConfig
+from jezero.runtime.config import load_config
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
-from jezero.services.vehicle_bridge.parameters import ParameterSetter
 
-HIL, OFFBOARD = "hil", "offboard"
-FIRST_ANSWER_WITHIN_S = 0.02
-ANSWER_WITHIN_S = 0.5
-"""Longer than a busy machine ever makes it wait; PX4 leaves only its first few readings unanswered."""
-STARTS_WITHIN_S = 10.0
 DOWN_S = READY_S + CLIMB_S
 DOWN_MPS = 0.5
-
-
-class Px4Process:
-    """PX4 behind the links of a service on the memory bus.
-
-    It answers each HIL_SENSOR before virtual time goes on. Until it is ready, time runs no faster than the wall's, as
-    its start-up script doesn't know of virtual time.
-    """
-
-    spec = Spec(name="autopilot", links=(HIL, OFFBOARD), triggers=(HIL, OFFBOARD), rate_hz=250.0)
-
-    def __init__(self, runtime: Path, instance: Instance, gains: Mapping[str, float]) -> None:
-        self._system_id = instance.system_id
-        self._hil = TcpServer(HOST, instance.hil_port)
-        self._offboard = Udp((HOST, instance.bridge_port), (HOST, instance.autopilot_offboard_port))
-        command = px4.command(runtime, instance.number)
-        self._child = ChildLink("PX4", command, px4.ENVIRONMENT, None, instance.hil_port)
-        for link in (self._hil, self._offboard, self._child):
-            link.start()
-        self._begin_s = time.monotonic()
-        while not self._hil.up:
-            if time.monotonic() - self._begin_s > STARTS_WITHIN_S:
-                raise TimeoutError("PX4 has not connected")
-            self._child.poll(time.monotonic_ns())
-            self._hil.poll(time.monotonic_ns())
-            time.sleep(0.001)
-        self._begin_s = time.monotonic()
-        self._patience_s = FIRST_ANSWER_WITHIN_S
-        self._setter = ParameterSetter({**load_config(VehicleBridgeConfig, "vehicle_bridge").parameters, **gains})
-        self._codec = MavlinkCodec(instance.system_id, dialect.MAV_COMP_ID_ONBOARD_COMPUTER)
-
-    def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
-        """Pass on what arrived in either direction."""
-        self._child.poll(time.monotonic_ns())
-        if setpoints := inbox.received(OFFBOARD):
-            self._offboard.send(setpoints)
-        if readings := inbox.received(HIL):
-            self._hil.send(readings)
-            select.select(self._hil.sockets(), [], [], self._patience_s)
-            if commands := self._hil.poll(time.monotonic_ns()):
-                self._patience_s = ANSWER_WITHIN_S
-                yield Send(HIL, commands)
-        if telemetry := self._offboard.poll(time.monotonic_ns()):
-            self._set_parameters(t_ns, telemetry)
-            yield Send(OFFBOARD, telemetry)
-        if t_ns < READY_S * 1e9:
-            time.sleep(max(0.0, self._begin_s + t_ns * 1e-9 - time.monotonic()))
-
-    def _set_parameters(self, t_ns: int, telemetry: bytes) -> None:
-        """As the bridge does when it first hears the autopilot."""
-        if not self._setter.pending:
-            return
-        for message in self._codec.parse(telemetry):
-            if message.get_msgId() == dialect.MAVLINK_MSG_ID_PARAM_VALUE:
-                self._setter.confirm(message.param_id, message.param_value, message.param_type)
-        for name, value, kind in self._setter.due(t_ns):
-            message = dialect.MAVLink_param_set_message(self._system_id, 1, name.encode(), value, kind)
-            self._offboard.send(self._codec.pack(message))
-        if self._setter.failed:
-            raise RuntimeError(self._setter.complaint)
-
-    def close(self) -> None:
-        """End PX4."""
-        for link in (self._child, self._hil, self._offboard):
-            link.close()
-
-
-@contextmanager
-def real_px4(runtime: Path, gains: Mapping[str, float]) -> Iterator[Make]:
-    """PX4 for one flight, with gains other than its own."""
-    with reserved_instance() as instance:
-        started: list[Px4Process] = []
-
-        def make() -> tuple[Service, int]:
-            started.append(Px4Process(runtime, instance, gains))
-            return started[-1], instance.system_id
-
-        try:
-            yield make
-        finally:
-            for process in started:
-                process.close()
+GAINS = ("MPC_XY_VEL_P_ACC", "MPC_XY_VEL_I_ACC")
+"""Of those that the bridge gives, the ones that make it fly otherwise."""
 
 
 class Landing(msgspec.Struct, frozen=True):
@@ -200,16 +106,6 @@ def figures(seed: int, autopilot: Callable[[], AbstractContextManager[Make]]) ->
     }
 
 
-def embedded_gains() -> dict[str, float]:
-    """Those of the embedded autopilot's velocity loop, under PX4's names."""
-    control = load_config(AutopilotConfig, "autopilot").control
-    return {
-        "MPC_XY_VEL_P_ACC": control.mpc_xy_vel_p_acc,
-        "MPC_XY_VEL_I_ACC": control.mpc_xy_vel_i_acc,
-        "MPC_XY_VEL_D_ACC": control.mpc_xy_vel_d_acc,
-    }
-
-
 def main() -> None:
     """Print a table: median and largest of the seeds."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -217,14 +113,16 @@ def main() -> None:
     seeds = range(parser.parse_args().seeds)
     runtime = Path(os.environ["JEZERO_PX4_DIR"])
     flown = []
+    given = load_config(VehicleBridgeConfig, "vehicle_bridge").parameters
+    without_gains = {name: value for name, value in given.items() if name not in GAINS}
     with redirect_stdout(sys.stderr):
         for autopilot in (
-            lambda: real_px4(runtime, {}),
-            lambda: real_px4(runtime, embedded_gains()),
+            lambda: real_px4(runtime, without_gains),
+            lambda: real_px4(runtime, given),
             lambda: nullcontext(embedded),
         ):
             flown.append([figures(seed, autopilot) for seed in seeds])
-    print(f"| median (largest) of {len(seeds)} seeds | PX4 | PX4 with the gains of | embedded |\n|---|---|---|---|")
+    print(f"| median (largest) of {len(seeds)} seeds | PX4, its own gains | PX4 | embedded |\n|---|---|---|---|")
     for what in flown[0][0]:
         cells = ([flight[what] for flight in flights] for flights in flown)
         print(f"| {what} | {' | '.join(f'{median(values):.2f} ({max(values):.2f})' for values in cells)} |")

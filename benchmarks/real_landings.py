@@ -1,8 +1,9 @@
 """Landings of a whole stack of real processes, in real time, with the rendered camera.
 
-`python -m benchmarks.real_landings [--n 10] [--seed 0]` brings a stack up in 3 m/s wind, takes off, flies to a random
-place 4 to 8 m up and up to 8 m away from the rover, lands on it with UWB and tags, and starts again from there. Prints
-each touchdown error by the truth, and what they come to.
+`python -m benchmarks.real_landings [--n 10] [--seed 0] [--rover drive]` brings a stack up in 3 m/s wind, takes off,
+flies to a random place 4 to 8 m up and up to 8 m away from the rover, lands on it with UWB and tags, and starts again
+from there. A rover that drives does so from 2 s before the goal until the touchdown, every second time backwards.
+Prints each touchdown error by the truth, and what they come to.
 """
 
 import argparse
@@ -10,24 +11,26 @@ import json
 import shutil
 import tempfile
 import time
+from contextlib import AbstractContextManager, nullcontext
 from math import cos, hypot, pi, sin, sqrt
 from pathlib import Path
 from random import Random
 
 import msgspec
 
-from benchmarks.stack import percentile, running_stack
+from benchmarks.stack import percentile, running_module, running_stack, wait_for
 from jezero import JezeroError, Vehicle
 from jezero.client.session import Connection
+from jezero.deploy.landing.flight import SETTLED_S
 from jezero.deploy.landing.judge import on_platform_m
-from jezero.deploy.landing.trial import AWAY_MAX_M, STD_GUST_MPS, UP_M, WIND_MPS
-from jezero.runtime.config import Instance, config_directory, load_config
+from jezero.deploy.landing.trial import AWAY_MAX_M, MOTIONS, STD_GUST_MPS, UP_M, WIND_MPS, RoverName
+from jezero.runtime.config import Instance, config_directory
 from jezero.schemas.state import Truth
 from jezero.schemas.topics import TRUTH
-from jezero.services.simulator.config import SimulatorConfig
 
 INSTANCE = Instance(vehicle="landings", router="tcp/127.0.0.1:7497", number=8, gcs_port=14608)
-SETTLED_S = 1.0
+TRUTH_WITHIN_S = 1.0
+STOPS_WITHIN_S = 10.0
 
 
 class Outcome(msgspec.Struct, frozen=True):
@@ -49,22 +52,41 @@ def windy_settings(folder: Path) -> Path:
     return folder
 
 
-def land_once(uav: Vehicle, connection: Connection, rng: Random, rover_m: tuple[float, float]) -> Outcome:
-    """Up, away, and down onto the rover."""
-    up_m, away_m, bearing_rad = rng.uniform(*UP_M), AWAY_MAX_M * sqrt(rng.random()), rng.uniform(-pi, pi)
-    uav.takeoff(altitude_m=up_m).result(60.0)
-    uav.go_to(rover_m[0] + away_m * cos(bearing_rad), rover_m[1] + away_m * sin(bearing_rad), -up_m).result(60.0)
-    begin_s = time.monotonic()
-    try:
-        uav.land_on_spot().result(200.0)
-    except JezeroError as error:
-        return Outcome(None, time.monotonic() - begin_s, str(error))
-    time_s = time.monotonic() - begin_s
+def drive(rover: RoverName, number: int) -> AbstractContextManager[object]:
+    """`jezero rover drive` as a process of its own, until the context ends."""
+    speed_mps, yaw_rate_rps = MOTIONS[rover]
+    if speed_mps == 0.0:
+        return nullcontext()
+    backwards = number % 2
+    words = ("rover", "drive", "--", f"{-speed_mps if backwards else speed_mps}", f"{yaw_rate_rps}")
+    return running_module("jezero.cli.main", *words, instance=INSTANCE)
+
+
+def truth_of(connection: Connection) -> Truth:
+    """What the simulator knows now."""
     arrivals, undeclare = connection.subscribe(TRUTH)
-    data = arrivals.take(time.monotonic() + SETTLED_S)
+    data = arrivals.take(time.monotonic() + TRUTH_WITHIN_S)
     undeclare()
     assert data is not None, "the simulator tells no truth"
-    forward_m, right_m, _ = on_platform_m(msgspec.json.decode(data, type=Truth))
+    return msgspec.json.decode(data, type=Truth)
+
+
+def land_once(uav: Vehicle, connection: Connection, rng: Random, rover: AbstractContextManager[object]) -> Outcome:
+    """Up, away, and down onto the rover."""
+    up_m, away_m, bearing_rad = rng.uniform(*UP_M), AWAY_MAX_M * sqrt(rng.random()), rng.uniform(-pi, pi)
+    wait_for(lambda: hypot(*truth_of(connection).vel_rover_ned_mps) == 0.0, STOPS_WITHIN_S, "the rover stands")
+    north_m, east_m, _ = truth_of(connection).pos_rover_ned_m
+    uav.takeoff(altitude_m=up_m).result(60.0)
+    uav.go_to(north_m + away_m * cos(bearing_rad), east_m + away_m * sin(bearing_rad), -up_m).result(60.0)
+    with rover:
+        time.sleep(0.0 if isinstance(rover, nullcontext) else SETTLED_S)
+        begin_s = time.monotonic()
+        try:
+            uav.land_on_spot().result(200.0)
+        except JezeroError as error:
+            return Outcome(None, time.monotonic() - begin_s, str(error))
+        time_s = time.monotonic() - begin_s
+        forward_m, right_m, _ = on_platform_m(truth_of(connection))
     return Outcome(hypot(forward_m, right_m), time_s, "")
 
 
@@ -72,11 +94,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--n", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--rover", choices=list(MOTIONS), default="still")
     options = parser.parse_args()
     outcomes: list[Outcome] = []
     with tempfile.TemporaryDirectory() as scratch:
         settings = windy_settings(Path(scratch) / "config")
-        rover = load_config(SimulatorConfig, "simulator", settings).rover
         with (
             running_stack(INSTANCE, Path(scratch) / "run", settings=settings),
             Vehicle.connect(INSTANCE.vehicle, router=INSTANCE.router) as uav,
@@ -85,7 +107,7 @@ def main() -> None:
             connection = Connection(INSTANCE.vehicle, INSTANCE.router, 3.0)
             for number in range(options.n):
                 rng = Random(options.seed + number)
-                outcomes.append(land_once(uav, connection, rng, (rover.start_north_m, rover.start_east_m)))
+                outcomes.append(land_once(uav, connection, rng, drive(options.rover, number)))
                 print(json.dumps(msgspec.to_builtins(outcomes[-1])), flush=True)
                 if outcomes[-1].failure:
                     uav.land_on_spot().result(200.0)

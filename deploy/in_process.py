@@ -38,10 +38,12 @@ def service_makers(
     bridge: VehicleBridgeConfig | None = None,
     camera: CameraConfig | None = None,
     estimator: EstimatorConfig | None = None,
+    system_id: int = SYSTEM_ID,
 ) -> dict[str, Callable[[int], Service]]:
     """By name, in the order of their start: what makes a service from the id of its run.
 
     Args:
+        system_id: of the autopilot and the bridge in MAVLink.
         camera: by default that of the configuration file, but in mode "projected": the other takes far longer than the
             whole rest.
 
@@ -56,8 +58,8 @@ def service_makers(
     makers: dict[str, Callable[[int], Service]] = {
         "simulator": lambda boot: Simulator(simulator, seed=seed, boot_id=boot),
         "camera": lambda boot: make_camera(camera, simulator, seed),
-        "autopilot": lambda boot: Autopilot(autopilot, system_id=SYSTEM_ID, boot_id=boot),
-        "vehicle_bridge": lambda boot: VehicleBridge(bridge, system_id=SYSTEM_ID, boot_id=boot),
+        "autopilot": lambda boot: Autopilot(autopilot, system_id=system_id, boot_id=boot),
+        "vehicle_bridge": lambda boot: VehicleBridge(bridge, system_id=system_id, boot_id=boot),
         "tag_detector": lambda boot: TagDetector(load_config(TagDetectorConfig, "tag_detector")),
         "estimator": lambda boot: Estimator(estimator),
     }

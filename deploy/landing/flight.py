@@ -1,13 +1,13 @@
 """One landing in virtual time: up, where the goal finds the vehicle, and down again."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from math import hypot, inf
 from pathlib import Path
 
 import msgspec
 
-from jezero.deploy.in_process import boot_id, service_makers, wired_bus
+from jezero.deploy.in_process import SYSTEM_ID, boot_id, service_makers, wired_bus
 from jezero.deploy.landing.judge import (
     IMPACT_MAX_MPS,
     Errors,
@@ -79,17 +79,23 @@ class _Blindfold:
                 yield output
 
 
-def fly_landing(seed: int, conditions: Conditions, logs: Path | None = None) -> Landing:
+def fly_landing(
+    seed: int,
+    conditions: Conditions,
+    logs: Path | None = None,
+    autopilot: Callable[[], tuple[Service, int]] | None = None,
+) -> Landing:
     """Fly one seed's landing.
 
     Args:
         logs: folder to keep its log in, as <case>-<seed>/flight.jsonl.
+        autopilot: makes another than the embedded one, and tells its MAVLink system id.
 
     Raises:
         ConfigError: a configuration file is wrong.
     """
     trial = draw_trial(seed, conditions)
-    bus, blindfold, simulator = _stack(trial)
+    bus, blindfold, simulator = _stack(trial, None if autopilot is None else autopilot())
     with ExitStack() as cleanup:
         cleanup.callback(simulator.close)
         if logs is not None:
@@ -119,12 +125,13 @@ def _fly(trial: Trial, bus: MemoryBus, blindfold: _Blindfold) -> Landing:
     return _judged(trial, judge, bus.t_ns, f"before the landing: {failure}")
 
 
-def _stack(trial: Trial) -> tuple[MemoryBus, _Blindfold, Simulator]:
+def _stack(trial: Trial, flown_by: tuple[Service, int] | None) -> tuple[MemoryBus, _Blindfold, Simulator]:
     conditions, seed = trial.conditions, trial.seed
     makers = service_makers(
         seed,
         simulator=simulator_config(trial),
         camera=camera_config(conditions),
+        system_id=SYSTEM_ID if flown_by is None else flown_by[1],
     )
     bus = wired_bus(seed)
     blindfold: _Blindfold | None = None
@@ -132,7 +139,7 @@ def _stack(trial: Trial) -> tuple[MemoryBus, _Blindfold, Simulator]:
     for name, make in makers.items():
         if name in UNUSED:
             continue
-        service = make(boot_id(seed, name))
+        service = flown_by[0] if name == "autopilot" and flown_by is not None else make(boot_id(seed, name))
         if isinstance(service, Simulator):
             simulator = service
         if name == "camera":

@@ -10,6 +10,8 @@ from jezero.services.autopilot.config import AutopilotConfig
 Value = int | float
 
 DEG = degrees(1.0)
+SQRT_STEPS_PER_S = 10.0
+"""PX4's filter makes 100 steps per second, each of which adds the noise of a bias times the step to the bias."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,7 @@ ROWS = tuple(
             Row("COM_OBL_RC_ACT", "failsafe", "com_obl_rc_act", 0, 7, int, choices=tuple(range(8))),
             Row("COM_OF_LOSS_T", "failsafe", "com_of_loss_t_s", 0.1, 60.0),
             Row("COM_POS_FS_EPH", "failsafe", "com_pos_fs_eph_m", 0.5, 400.0),
+            Row("EKF2_ACC_B_NOISE", "estimator", "acc_bias_walk", 1e-4, 1.0, float, SQRT_STEPS_PER_S),
             Row("EKF2_GPS_DELAY", "estimator", "ekf2_gps_delay_s", 0.0, 300.0, float, 1e3),
             Row("EKF2_NOAID_TOUT", "failsafe", "ekf2_noaid_tout_s", 500_000, 10_000_000, int, 1e6),
             Row("FD_FAIL_P", "failsafe", "fd_fail_tilt_rad", 30, 170, int, DEG),

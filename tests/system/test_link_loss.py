@@ -106,7 +106,7 @@ def test_without_its_ground_station_it_lands_when_told_to(autopilot: str, unstar
             wait_for_status(vehicle, lambda s: s.ready, 60, "ready")
             vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
             station.set("NAV_DLL_ACT", LAND)
-            assert vehicle.status().code == StatusCode.HOVER
+            wait_for_status(vehicle, lambda s: s.code == StatusCode.HOVER, 10.0, "hovering")
             station.fall_silent()
             silent_ns = vehicle.status().t_ns
             wait_for_status(vehicle, lambda s: s.code != StatusCode.HOVER, 4 * LOSS_S, "the link is lost")
