@@ -174,10 +174,22 @@ def demo(runs: Path, as_json: bool) -> None:
             with (
                 connected(instance.vehicle, instance.router, printer) as uav,
                 recorded(instance.vehicle, instance.router, folder / LOG),
+                pointing_to(printer, folder),
             ):
                 _fly_mission(printer, uav)
     _draw(printer, folder)
     printer.event("done", f"the log, the plots and each service's output are in {folder}/", folder=str(folder))
+
+
+@contextmanager
+def pointing_to(printer: Printer, folder: Path) -> Iterator[None]:
+    """When a flight fails, what it left behind tells why."""
+    try:
+        yield
+    except SystemExit:
+        text = f"the log and each service's output are in {folder}/; `jezero report {folder}` draws the log"
+        printer.event("failed", text, folder=str(folder))
+        raise
 
 
 @contextmanager

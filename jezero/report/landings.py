@@ -51,6 +51,7 @@ class Landing:
 
     Attributes:
         begun_ns: vehicle time that all times count from.
+        end_s: of the landing, or of the log if that broke off.
         disarmed_s: None when the landing did not end on the ground.
         phases: (name, begin, end) in s, one after the other.
         relative, std: (n, 3) estimated relative position and its standard deviations; `valid` (n,).
@@ -63,6 +64,7 @@ class Landing:
     """
 
     begun_ns: int
+    end_s: float
     disarmed_s: float | None
     phases: tuple[tuple[str, float, float], ...]
     relative: Series
@@ -82,10 +84,6 @@ class Landing:
     def by_estimate(self) -> bool:
         """Whether it was on the rover, by an estimate; else it was a plain one."""
         return bool(self.valid.any())
-
-    @property
-    def end_s(self) -> float:
-        return self.phases[-1][2] if self.phases else float(self.uav.t_s[-1])
 
 
 def landings(entries: Sequence[Entry]) -> list[Landing]:
@@ -135,6 +133,7 @@ def _landing(by_topic: dict[str, list[Any]], begun_ns: int, ended_ns: int) -> La
         at_disarm = path_m[nearest][:2]
     return Landing(
         begun_ns=begun_ns,
+        end_s=((disarmed_ns or ended_ns) - begun_ns) / NS_PER_S,
         disarmed_s=None if disarmed_ns is None else (disarmed_ns - begun_ns) / NS_PER_S,
         phases=_phases(within(topics.feedback_of(topics.LAND_ON_SPOT)), begun_ns, disarmed_ns or ended_ns),
         relative=series(relative, [m.pos_uav_rel_rover_ned_m for m in relative]),
@@ -159,7 +158,7 @@ def _phases(feedback: Sequence[Any], begun_ns: int, ended_ns: int) -> tuple[tupl
         content = message.feedback
         if isinstance(content, LandFeedback) and (not changes or changes[-1][0] != content.phase):
             changes.append((content.phase, message.t_ns if changes else begun_ns))
-    ends_ns = [t_ns for _, t_ns in changes[1:]] + [ended_ns]
+    ends_ns = [*(t_ns for _, t_ns in changes), ended_ns][1:] if changes else []
     return tuple(
         (name, (t_ns - begun_ns) / NS_PER_S, (end_ns - begun_ns) / NS_PER_S)
         for (name, t_ns), end_ns in zip(changes, ends_ns, strict=True)
