@@ -38,7 +38,9 @@ SECTIONS: dict[str, dict[str, Entry]] = {
     },
     "Survey": {
         "getimages": Entry("jezero.cli.survey", "getimages", "Photograph a target from all sides."),
-        "gridsweep": Entry("jezero.cli.survey", "gridsweep", "Map an area (--plan-only: draw the plan)."),
+        "gridsweep": Entry(
+            "jezero.cli.survey", "gridsweep", "Photograph an area in lines (--plan-only: draw the plan)."
+        ),
         "map": Entry("jezero.cli.mapping", "make", "Make a map of the pictures that gridsweep took."),
     },
     "Records": {

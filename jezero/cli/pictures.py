@@ -1,6 +1,7 @@
 """Following a goal that takes pictures: the bar that counts them, and the dataset they go to."""
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from time import strftime
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ import click
 from jezero.cli.flight import Printer
 
 if TYPE_CHECKING:
-    from jezero.client.dataset import Dataset, Kind
+    from jezero.client.dataset import Dataset
     from jezero.client.images import ImagesGoal
     from jezero.schemas.actions import ImagesFeedback
 
@@ -22,20 +23,32 @@ def default_folder() -> Path:
     return Path("runs") / strftime("%Y%m%d-%H%M%S")
 
 
-def take_pictures(printer: Printer, goal: "ImagesGoal", name: str, folder: Path, kind: "Kind") -> None:
+def take_pictures(
+    printer: Printer,
+    goal: "ImagesGoal",
+    name: str,
+    dataset: "Dataset",
+    ended: Callable[[Any], None] = lambda result: None,
+) -> None:
     """Follow a goal to its end and write what it photographs. Ctrl+C cancels it; a second one leaves at once.
 
     What was taken is on the disk also when the goal is canceled or aborted.
+
+    Args:
+        ended: called with the result, however the goal ended.
     """
     import msgspec
 
-    from jezero.client.dataset import Dataset
     from jezero.client.errors import EndedError
+    from jezero.schemas.actions import ImagesResult
+
+    folder = dataset.folder
 
     printer.event("accepted", f"{name}: accepted (goal {goal.goal_id})", goal_id=goal.goal_id, warning=goal.warning)
     if goal.warning and not printer.as_json:
         click.echo(f"warning: {goal.warning}", err=True)
-    with Dataset(folder, kind, action=name, goal_id=goal.goal_id) as dataset:
+    with dataset:
+        dataset.note(action=name, goal_id=goal.goal_id)
         try:
             _follow(printer, goal, dataset)
         except KeyboardInterrupt:
@@ -45,18 +58,25 @@ def take_pictures(printer: Printer, goal: "ImagesGoal", name: str, folder: Path,
         try:
             result = goal.result()
         except EndedError as error:
-            dataset.update(getattr(error.result, "images", ()))
+            if isinstance(error.result, ImagesResult):
+                dataset.update(error.result.images)
+                ended(error.result)
             if dataset.count and not printer.as_json:
                 click.echo(f"{dataset.count} pictures are in {folder}", err=True)
             raise
         dataset.update(result.images)
+        ended(result)
         text = f"{name}: succeeded, {dataset.count} pictures in {folder}"
     fields: dict[str, Any] = {"outcome": "succeeded", "goal_id": goal.goal_id, "folder": str(folder)}
     printer.event("result", text, **fields, result=msgspec.to_builtins(result))
 
 
 def _follow(printer: Printer, goal: "ImagesGoal", dataset: "Dataset") -> None:
+    track: list[Any] = []
+
     def watch(feedback: "ImagesFeedback") -> None:
+        track.append(feedback.pos_uav_ned_m)
+        dataset.note(track_ned_m=track, track_frame=feedback.frame)
         north_m, east_m, down_m = feedback.pos_uav_ned_m
         text = f"{feedback.taken} of {feedback.planned} pictures, at ({north_m:.2f}, {east_m:.2f}, {down_m:.2f})"
         fields = {"pos_uav_ned_m": feedback.pos_uav_ned_m, "frame": feedback.frame}

@@ -5,15 +5,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import click
+import msgspec
 
 from jezero.cli.flight import FINITE, FRAMES, NUMBERS, Printer, common_options, connected
 from jezero.cli.pictures import PNG_OR_JPG, default_folder, take_pictures
 
 if TYPE_CHECKING:
-    from jezero.client.dataset import Kind
-    from jezero.schemas.actions import Frame
+    from jezero.client.dataset import Dataset, Kind
+    from jezero.schemas.actions import AreaCoverageGoal, Frame
 
 DRAWING = Path("runs/plan.png")
+RESUME = "resume.json"
+"""In a folder whose coverage isn't complete: the goal that takes the rest."""
 
 
 @click.command(context_settings=NUMBERS)
@@ -50,6 +53,8 @@ def getimages(
     Coordinates are metres north, east and down, so 4 m up is `-4`. FRAME is world (default) or rover, whose origin is
     the middle of its platform: `jezero getimages -2.0 0 -4 2 4 rover`.
     """
+    from jezero.client.dataset import Dataset
+
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
         goal = uav.get_images(
@@ -61,7 +66,7 @@ def getimages(
             speed_mps=speed_mps,
             stream_images=stream,
         )
-        take_pictures(printer, goal, "getimages", out or default_folder(), cast("Kind", kind))
+        take_pictures(printer, goal, "getimages", Dataset(out or default_folder(), cast("Kind", kind)))
 
 
 @click.command(context_settings=NUMBERS)
@@ -75,16 +80,73 @@ def getimages(
 @click.option("--sidelap", type=click.FloatRange(0.0, 0.95), help="The same for the pictures of the next line.")
 @click.option("--speed", "speed_mps", type=FINITE, help="Metres per second along the lines.")
 @click.option("--plan-only", is_flag=True, help="Draw the plan, and don't fly it.")
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), default=DRAWING, show_default=True)
-@click.option("--json", "as_json", is_flag=True, help="The plan as one JSON object.")
-def gridsweep(plan_only: bool, out: Path, as_json: bool, **given: Any) -> None:
-    """Map an area in sweep lines.
+@click.option("--resume", type=click.Path(path_type=Path, exists=True, file_okay=False), help="Folder to complete.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder of the pictures [runs/<time>]; of a plan, its PNG."
+)
+@click.option("--format", "kind", type=PNG_OR_JPG, default="jpg", show_default=True, help="Of the pictures.")
+@common_options
+def gridsweep(
+    plan_only: bool,
+    resume: Path | None,
+    out: Path | None,
+    kind: str,
+    vehicle: str,
+    router: str,
+    as_json: bool,
+    **given: Any,
+) -> None:
+    """Map an area: sweep it in lines, taking pictures.
 
     Without --polygon the corners are asked for. A GeoJSON file holds a Polygon (its further rings are holes) in metres,
-    [north, east]; a CSV file has a line "north,east" for each corner, and an empty line before each hole.
+    [north, east]; a CSV file has a line "north,east" for each corner, and an empty line before each hole. FRAME is
+    world (default) or rover. --resume takes the pictures that a coverage which ended early has left out.
     """
-    if not plan_only:
-        raise click.UsageError("there is no server yet that flies a coverage: --plan-only plans it")
+    if plan_only:
+        _show_plan(_goal(**given), out or DRAWING, as_json)
+        return
+    from jezero.client.dataset import Dataset
+
+    printer = Printer(as_json)
+    goal, dataset = (_goal(**given), None) if resume is None else _resumed(resume)
+    with connected(vehicle, router, printer) as uav:
+        if goal.start_ned_m is None and goal.frame == "world":  # else a coverage whose server died can't be resumed
+            odometry = uav.status().odometry
+            start_ned_m = None if odometry is None else odometry.pos_uav_ned_m[:2]
+            goal = msgspec.structs.replace(goal, start_ned_m=start_ned_m)
+        flown = uav.resume_coverage(goal)
+        into = dataset or Dataset(out or default_folder(), cast("Kind", kind), goal=goal)
+        _remember(into.folder, goal)
+        take_pictures(printer, flown, "gridsweep", into, lambda result: _remember(into.folder, result.resume))
+
+
+def _resumed(folder: Path) -> "tuple[AreaCoverageGoal, Dataset]":
+    """What is missing in a folder, and its dataset."""
+    from jezero.client.dataset import Dataset
+    from jezero.schemas.actions import AreaCoverageGoal
+
+    try:
+        goal = msgspec.json.decode((folder / RESUME).read_bytes(), type=AreaCoverageGoal)
+        first = msgspec.structs.replace(goal, first_picture=0)
+        if goal.first_picture == 0:
+            return goal, Dataset(folder, goal=first)
+        return goal, Dataset.reopen(folder, goal=first)
+    except FileNotFoundError:
+        raise click.ClickException(f"{folder} has no {RESUME}: nothing is missing in it") from None
+    except msgspec.DecodeError as error:
+        raise click.ClickException(f"{folder} can't be completed: {error}") from None
+
+
+def _remember(folder: Path, goal: "AreaCoverageGoal | None") -> None:
+    """Keep the goal that takes what is missing; nothing when there is nothing."""
+    file = folder / RESUME
+    if goal is None:
+        file.unlink(missing_ok=True)
+    else:
+        file.write_bytes(msgspec.json.format(msgspec.json.encode(goal), indent=1) + b"\n")
+
+
+def _show_plan(goal: "AreaCoverageGoal", file: Path, as_json: bool) -> None:
     from jezero.report.coverage_plot import draw_plan
     from jezero.runtime.config import load_config
     from jezero.services.actions.config import ActionsConfig
@@ -92,12 +154,12 @@ def gridsweep(plan_only: bool, out: Path, as_json: bool, **given: Any) -> None:
     from jezero.services.actions.coverage.planned import plan_coverage
 
     try:
-        plan = plan_coverage(_goal(**given), load_config(ActionsConfig, "actions"))
+        plan = plan_coverage(goal, load_config(ActionsConfig, "actions"))
     except AreaError as error:
         raise click.ClickException(str(error)) from None
     length_m, time_s = plan.trajectory.length_m, plan.trajectory.duration_s
     title = f"{len(plan.pictures_m)} pictures, {length_m:.0f} m, {time_s:.0f} s"
-    draw_plan(out, plan.area, plan.trajectory.pos_m, plan.pictures_m, title)
+    draw_plan(file, plan.area, plan.trajectory.pos_m, plan.pictures_m, title)
     if as_json:
         fields = {
             "path_ned_m": plan.trajectory.pos_m.round(4).tolist(),
@@ -111,10 +173,10 @@ def gridsweep(plan_only: bool, out: Path, as_json: bool, **given: Any) -> None:
     click.echo(f"area        {plan.area.area:.1f} m², {100.0 * plan.covered:.1f} % of it swept")
     click.echo(f"path        {length_m:.1f} m in {time_s:.0f} s, lines {plan.line_distance_m:.3g} m apart")
     click.echo(f"pictures    {len(plan.pictures_m)}, every {plan.picture_distance_m:.3g} m")
-    click.echo(f"drawn in    {out}")
+    click.echo(f"drawn in    {file}")
 
 
-def _goal(file: Path | None, **fields: Any) -> Any:
+def _goal(file: Path | None, **fields: Any) -> "AreaCoverageGoal":
     """The goal as the command line has it; what is missing is asked for."""
     from jezero.cli.polygon_file import PolygonFileError, read_polygon
     from jezero.schemas.actions import AreaCoverageGoal

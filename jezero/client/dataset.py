@@ -22,11 +22,16 @@ if TYPE_CHECKING:
     from PIL.Image import Exif
 
 Kind = Literal["jpg", "png"]
+LISTING = "images.json"
 JPEG_QUALITY = 95
 SENSOR_WIDTH_MM = 6.4
 """The simulated camera has pixels, but no millimetres: EXIF needs both, so one is chosen (10 um at 640 pixels)."""
 MAKE, MODEL = "jezero", "ventral"
 EXIF_IFD, GPS_IFD = 0x8769, 0x8825
+
+
+class _Listing(msgspec.Struct):
+    images: list[dict[str, Any]]
 
 
 class Dataset:
@@ -45,6 +50,23 @@ class Dataset:
         self._images: dict[int, Image] = {}
         self.folder.mkdir(parents=True, exist_ok=True)
 
+    @classmethod
+    def reopen(cls, folder: Path | str, **extra: Any) -> Self:
+        """A dataset that was written before, to add more pictures to.
+
+        Raises:
+            FileNotFoundError: there is none in this folder.
+            msgspec.DecodeError: its `images.json` is broken.
+        """
+        told = msgspec.json.decode((Path(folder) / LISTING).read_bytes(), type=_Listing)
+        png = bool(told.images) and str(told.images[0].get("file", "")).endswith(".png")
+        dataset = cls(folder, "png" if png else "jpg", **extra)
+        for fields in told.images:
+            fields.pop("file", None)
+            image = msgspec.convert(fields, Image)
+            dataset._images[image.index] = image
+        return dataset
+
     def __enter__(self) -> Self:
         return self
 
@@ -59,6 +81,10 @@ class Dataset:
     def has(self, image: Image) -> bool:
         """Whether this picture was added."""
         return image.index in self._images
+
+    def note(self, **extra: Any) -> None:
+        """Something more to be told in `images.json`."""
+        self._extra.update(extra)
 
     def name_of(self, image: Image) -> str:
         """Its file's name."""
@@ -90,7 +116,7 @@ class Dataset:
         images = [self._images[index] for index in sorted(self._images)]
         told = [{"file": self.name_of(image), **msgspec.to_builtins(image)} for image in images]
         content = msgspec.json.encode({**msgspec.to_builtins(self._extra), "images": told})
-        (self.folder / "images.json").write_bytes(msgspec.json.format(content, indent=1) + b"\n")
+        (self.folder / LISTING).write_bytes(msgspec.json.format(content, indent=1) + b"\n")
         lines = [geo_line(self.name_of(image), image) for image in images if image.position_camera_deg is not None]
         (self.folder / "geo.txt").write_text("\n".join(["EPSG:4326", *lines]) + "\n")
 

@@ -7,6 +7,8 @@ from contextlib import contextmanager, suppress
 from types import TracebackType
 from typing import Any, Literal, Self
 
+import msgspec
+
 from jezero.client.camera import next_picture
 from jezero.client.errors import Refused, TimedOut, Unreachable
 from jezero.client.goal import Goal, ask_result
@@ -14,6 +16,8 @@ from jezero.client.images import ImagesGoal
 from jezero.client.rover import Rover
 from jezero.client.session import Connection, decode
 from jezero.schemas.actions import (
+    AreaCoverageGoal,
+    Corners,
     Frame,
     GetImagesGoal,
     GoToGoal,
@@ -31,12 +35,25 @@ from jezero.schemas.actions import (
 from jezero.schemas.commands import Abort, AbortReply, Hover, HoverReply, Kill, KillReply
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.state import Status, StatusCode
-from jezero.schemas.topics import ABORT, GET_IMAGES, GO_TO, HOVER, KILL, LAND_ON_SPOT, STATUS, TAKEOFF, Action
+from jezero.schemas.topics import (
+    ABORT,
+    AREA_COVERAGE,
+    GET_IMAGES,
+    GO_TO,
+    HOVER,
+    KILL,
+    LAND_ON_SPOT,
+    STATUS,
+    TAKEOFF,
+    Action,
+)
 
 DEFAULT_ROUTER = "tcp/127.0.0.1:7447"
 Point = tuple[float, float, float]
 OnClientLoss = Literal["continue", "cancel"]
 ANSWER_S = 3.0
+PLANNED_S = 30.0
+"""For the answer to a goal that is planned before it is accepted."""
 HOVER_S = 10.0
 """Ending a goal near the ground climbs first, and taking control back takes its time."""
 DISARM_S = 15.0
@@ -186,6 +203,53 @@ class Vehicle:
             stream_images=stream_images,
         )
         return ImagesGoal(self._connection, GET_IMAGES, goal, ANSWER_S)
+
+    def area_coverage(
+        self,
+        polygon_ned_m: Corners,
+        z_ned_m: float,
+        *,
+        holes_ned_m: tuple[Corners, ...] = (),
+        resolution_m: float | None = None,
+        overlap: float | None = None,
+        sidelap: float | None = None,
+        frame: Frame = "world",
+        speed_mps: float | None = None,
+        start_ned_m: tuple[float, float] | None = None,
+        on_client_loss: OnClientLoss = "continue",
+    ) -> ImagesGoal:
+        """Map an area: sweep it in lines, taking pictures.
+
+        Args:
+            polygon_ned_m, holes_ned_m: north and east of the corners, in order.
+            z_ned_m: height of the flight; 5 m up is -5.
+            resolution_m: between lines and between pictures; or `overlap` (and `sidelap`) of the pictures.
+            speed_mps: along the lines, None for the default.
+            start_ned_m: the path begins near it, None for the vehicle.
+        """
+        _require_finite(z_m=z_ned_m, resolution_m=resolution_m, overlap=overlap, sidelap=sidelap, speed_mps=speed_mps)
+        goal = AreaCoverageGoal(
+            **self._common(on_client_loss),
+            polygon_ned_m=polygon_ned_m,
+            holes_ned_m=holes_ned_m,
+            z_ned_m=z_ned_m,
+            resolution_m=resolution_m,
+            overlap=overlap,
+            sidelap=sidelap,
+            frame=frame,
+            speed_mps=speed_mps,
+            start_ned_m=start_ned_m,
+        )
+        return ImagesGoal(self._connection, AREA_COVERAGE, goal, PLANNED_S)
+
+    def resume_coverage(self, goal: AreaCoverageGoal) -> ImagesGoal:
+        """Take the missing pictures of a coverage that ended early.
+
+        Args:
+            goal: `resume` of its result.
+        """
+        fresh = msgspec.structs.replace(goal, **self._common(goal.on_client_loss))
+        return ImagesGoal(self._connection, AREA_COVERAGE, fresh, PLANNED_S)
 
     # -- services --
 

@@ -20,8 +20,8 @@ STD_MATCH_M = 0.02
 HUBER_M = 0.04
 STD_PLACE_M = 0.5
 """Of a picture's position; of the way between two exposures it is far less:"""
-STD_WAY_M = 0.02
-STD_WAY_M_PER_S = 0.015
+STD_WAY_M = 0.01
+STD_WAY_M_PER_S = 0.005
 STD_HEIGHT_M = 0.05
 STD_TILT_RAD, STD_YAW_RAD = np.radians(1.0), np.radians(1.5)
 """Of the error that all pictures' attitudes share,"""

@@ -1,13 +1,22 @@
-"""`jezero gridsweep --plan-only`: its words, its files, its refusals."""
+"""`jezero gridsweep`: its words, its files, its refusals, and what it leaves behind."""
 
 import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import msgspec
 import pytest
 from click.testing import CliRunner, Result
 
 from jezero.cli.main import main
 from jezero.cli.polygon_file import PolygonFileError, read_polygon
+from jezero.client.errors import Aborted
+from jezero.client.images import Picture
+from jezero.schemas.actions import AreaCoverageGoal, CoverageResult, ImagesFeedback
+from tests.unit.test_client_dataset import picture
 
 SQUARE = {"type": "Polygon", "coordinates": [[[0, 0], [4, 0], [4, 4], [0, 4], [0, 0]]]}
 HOLE = [[1, 1], [1, 2], [2, 2], [2, 1], [1, 1]]
@@ -93,3 +102,82 @@ def test_a_csv_file_has_an_empty_line_before_each_hole(tmp_path: Path) -> None:
     outline, holes = read_polygon(tmp_path / "a.csv")
     assert outline == ((0, 0), (4, 0), (4, 4))
     assert holes == (((1, 1), (1.5, 1), (1.5, 1.2)),)
+
+
+# -- flown --
+
+
+class FakeGoal:
+    """A coverage that gives its pictures and ends as told."""
+
+    goal_id, warning = "g", ""
+
+    def __init__(self, pictures: list[Picture], result: CoverageResult, outcome: str) -> None:
+        self._pictures, self._result, self._outcome = pictures, result, outcome
+
+    def pictures(self, watch: Callable[[ImagesFeedback], None]) -> Iterator[Picture]:
+        for taken in self._pictures:
+            watch(ImagesFeedback(pos_uav_ned_m=taken.image.pos_uav_ned_m, taken=1, planned=4))
+            yield taken
+
+    def result(self) -> CoverageResult:
+        if self._outcome == "aborted":
+            raise Aborted("no pictures: the camera is gone", self._result)
+        return self._result
+
+
+class FakeVehicle:
+    """Flies two of four pictures, then the rest.
+
+    Attributes:
+        goals: that it was asked to fly.
+    """
+
+    def __init__(self) -> None:
+        self.goals: list[AreaCoverageGoal] = []
+
+    def status(self) -> Any:
+        return SimpleNamespace(odometry=SimpleNamespace(pos_uav_ned_m=(1.5, 2.5, -3.0)))
+
+    def resume_coverage(self, goal: AreaCoverageGoal) -> FakeGoal:
+        self.goals.append(goal)
+        first = goal.first_picture
+        pictures = [picture(index) for index in range(first, first + 2)]
+        resume = None if first else msgspec.structs.replace(goal, first_picture=2)
+        images = tuple(taken.image for taken in pictures)
+        result = CoverageResult(
+            completed=resume is None, pos_uav_ned_m=(0.0, 0.0, -5.0), images=images, covered=0.5, resume=resume
+        )
+        return FakeGoal(pictures, result, "aborted" if resume else "succeeded")
+
+
+@pytest.fixture
+def vehicle(monkeypatch: pytest.MonkeyPatch) -> FakeVehicle:
+    fake = FakeVehicle()
+
+    @contextmanager
+    def connected(*_: Any) -> Iterator[FakeVehicle]:
+        with suppress(Aborted):
+            yield fake
+
+    monkeypatch.setattr("jezero.cli.survey.connected", connected)
+    return fake
+
+
+def test_a_coverage_that_ended_early_is_completed_in_its_folder(tmp_path: Path, vehicle: FakeVehicle) -> None:
+    area, folder = tmp_path / "area.geojson", tmp_path / "run"
+    area.write_text(json.dumps(SQUARE))
+    words = ["gridsweep", "--polygon", str(area), "--z", "-5", "--resolution", "2", "--out", str(folder)]
+    CliRunner().invoke(main, words)
+    listing = json.loads((folder / "images.json").read_text())
+    assert [image["file"] for image in listing["images"]] == ["0000.jpg", "0001.jpg"]
+    assert listing["goal"]["start_ned_m"] == [1.5, 2.5] and len(listing["track_ned_m"]) == 2
+    assert json.loads((folder / "resume.json").read_text())["first_picture"] == 2
+    done = CliRunner().invoke(main, ["gridsweep", "--resume", str(folder), "--json"])
+    assert done.exit_code == 0, done.output
+    assert vehicle.goals[1] == msgspec.structs.replace(vehicle.goals[0], first_picture=2)
+    listing = json.loads((folder / "images.json").read_text())
+    assert [image["index"] for image in listing["images"]] == [0, 1, 2, 3]
+    assert len((folder / "geo.txt").read_text().splitlines()) == 5
+    again = CliRunner().invoke(main, ["gridsweep", "--resume", str(folder)])
+    assert again.exit_code == 1 and "nothing is missing in it" in again.output
