@@ -99,6 +99,7 @@ class Covering:
             RuntimeError: a picture is missing.
         """
         with Dataset(folder, "png", goal=goal) as dataset:
+            dataset.note(track_ned_m=[o.pos_uav_ned_m for o in self.odometry[::5]])
             for image in result.images:
                 question = GetImage(goal_id=goal.goal_id, index=image.index)
                 answers = self._bus.ask(topics.AREA_COVERAGE.image, question)

@@ -159,7 +159,7 @@ def _show_plan(goal: "AreaCoverageGoal", file: Path, as_json: bool) -> None:
         raise click.ClickException(str(error)) from None
     length_m, time_s = plan.trajectory.length_m, plan.trajectory.duration_s
     title = f"{len(plan.pictures_m)} pictures, {length_m:.0f} m, {time_s:.0f} s"
-    draw_plan(file, plan.area, plan.trajectory.pos_m, plan.pictures_m, title)
+    draw_plan(file, plan, title)
     if as_json:
         fields = {
             "path_ned_m": plan.trajectory.pos_m.round(4).tolist(),

@@ -1,38 +1,130 @@
-"""A plan of an area coverage, drawn: area, path, pictures (thesis Fig. 3.14)."""
+"""Area coverages, drawn: the plan, and the flight over it (thesis Figs 3.12, 3.14 to 3.16)."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
+import numpy.typing as npt
+
+from jezero.report.style import BLUE, GREEN, GREY, ORANGE, WIDTH_IN, Format, draw
+from jezero.schemas.actions import AreaCoverageGoal, Frame
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from shapely.geometry import Polygon
 
+    from jezero.services.actions.coverage.planned import CoveragePlan
 
-def draw_plan(path: Path, area: "Polygon", path_ned_m: Any, pictures_ned_m: Any, title: str) -> None:
-    """Write a PNG, north up.
+Array = npt.NDArray[np.float64]
+DATASET = "images.json"
+GROUND, EDGE = "#efe6db", "0.25"
 
-    Args:
-        path_ned_m, pictures_ned_m: (n, 2) north and east.
-    """
-    from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8, 8), layout="constrained")
-    axes = figure.subplots()
-    for number, ring in enumerate((area.exterior, *area.interiors)):
-        north_m, east_m = np.array(ring.coords).T
-        axes.fill(east_m, north_m, facecolor="white" if number else "#efe6db", edgecolor="0.25", lw=1.2)
-    north_m, east_m = np.asarray(path_ned_m).T
-    axes.plot(east_m, north_m, color="#1f77b4", lw=1.4, label="path")
-    north_m, east_m = np.asarray(pictures_ned_m).T
-    size = float(np.clip(3000.0 / max(len(north_m), 1), 3.0, 30.0))
-    axes.scatter(east_m, north_m, s=size, color="#d95f02", zorder=3, label=f"{len(north_m)} pictures")
-    axes.plot(*np.asarray(path_ned_m)[0][::-1], "o", color="#2a9d5c", ms=9, label="start")
-    axes.set_aspect("equal")
-    axes.set_xlabel("east [m]")
-    axes.set_ylabel("north [m]")
-    axes.set_title(title)
-    axes.grid(True, alpha=0.25)
-    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+class _Image(msgspec.Struct, frozen=True):
+    pos_uav_ned_m: tuple[float, float, float]
+
+
+class _Dataset(msgspec.Struct, frozen=True):
+    """What the dataset of a coverage has, as far as it is drawn."""
+
+    images: list[_Image]
+    goal: AreaCoverageGoal | None = None
+    track_ned_m: list[tuple[float, float, float]] = []
+    track_frame: Frame = "world"
+
+
+def draw_plan(path: Path, plan: "CoveragePlan", title: str) -> None:
+    """Write the drawing of a plan, north up."""
+
+    def fill(figure: Any, axes: Any) -> None:
+        ax = axes[0, 0]
+        _area(ax, plan.area)
+        ax.plot(plan.trajectory.pos_m[:, 1], plan.trajectory.pos_m[:, 0], color=BLUE, label="path")
+        _places(ax, plan.pictures_m, f"{len(plan.pictures_m)} pictures")
+        ax.plot(*plan.trajectory.pos_m[0, ::-1], "o", color=GREEN, ms=6, label="start", zorder=4)
+        ax.set_title(title)
+        figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=130)
+    draw(path, (1, 1), WIDTH_IN, fill)
+
+
+def draw_coverage(folder: Path, form: Format) -> list[Path]:
+    """Of a coverage's dataset: the planned path, and the way flown with the places of the pictures.
+
+    Returns:
+        The file written, if the folder holds such a dataset.
+
+    Raises:
+        msgspec.DecodeError: `images.json` is not a dataset's.
+    """
+    from jezero.runtime.config import load_config
+    from jezero.services.actions.config import ActionsConfig
+    from jezero.services.actions.coverage.planned import plan_coverage
+
+    try:
+        dataset = msgspec.json.decode((folder / DATASET).read_bytes(), type=_Dataset)
+    except FileNotFoundError:
+        return []
+    if dataset.goal is None or not dataset.images:
+        return []
+    track_m = np.array(dataset.track_ned_m, dtype=float).reshape(-1, 3)[:, :2]
+    plan = plan_coverage(dataset.goal, load_config(ActionsConfig, "actions"), track_m[0] if len(track_m) else None)
+    taken_m = np.array([image.pos_uav_ned_m[:2] for image in dataset.images], dtype=float)
+    if dataset.goal.frame == "rover":  # pictures tell world positions: the frame's origin was where they agree
+        taken_m = taken_m - np.median(taken_m - plan.pictures_m[: len(taken_m)], axis=0)
+    if dataset.track_frame != dataset.goal.frame:
+        track_m = track_m[:0]
+    return [_draw_flown(folder / f"coverage.{form}", plan, track_m, taken_m)]
+
+
+def _draw_flown(path: Path, plan: "CoveragePlan", track_m: Array, taken_m: Array) -> Path:
+    def fill(figure: Any, axes: Any) -> None:
+        planned, flown = axes[0]
+        for ax in (planned, flown):
+            _area(ax, plan.area)
+        planned.plot(plan.trajectory.pos_m[:, 1], plan.trajectory.pos_m[:, 0], color=BLUE, lw=0.9)
+        _places(planned, plan.pictures_m, "")
+        planned.plot(*plan.trajectory.pos_m[0, ::-1], "o", color=GREEN, ms=5, zorder=4)
+        length_m, covered = plan.trajectory.length_m, 100.0 * plan.covered
+        planned.set_title(f"planned: {length_m:.0f} m, {len(plan.pictures_m)} pictures, {covered:.1f} % covered")
+        flown.plot(plan.trajectory.pos_m[:, 1], plan.trajectory.pos_m[:, 0], color=GREY, lw=0.6, label="planned path")
+        flown.plot(track_m[:, 1], track_m[:, 0], color=BLUE, lw=0.9, label="way flown")
+        _places(flown, taken_m, "pictures")
+        flown.plot([], [], "o", color=GREEN, ms=5, label="start of the path")
+        flown.set_title(f"flown: {len(taken_m)} pictures{_off_text(plan, track_m)}")
+        figure.legend(*flown.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+
+    north_m, east_m = np.ptp(plan.trajectory.pos_m, axis=0)
+    height_in = float(np.clip(0.5 * WIDTH_IN * (north_m + 1.0) / (east_m + 1.0), 2.2, 9.0)) + 0.6
+    return draw(path, (1, 2), height_in, fill, sharex=True, sharey=True)
+
+
+def _off_text(plan: "CoveragePlan", track_m: Array) -> str:
+    """How far the way flown was from the path, once it was on it."""
+    if len(track_m) == 0:
+        return ""
+    import shapely
+    from shapely.geometry import LineString
+
+    off_m = shapely.distance(LineString(plan.trajectory.pos_m), shapely.points(track_m))
+    start_m = np.linalg.norm(track_m - plan.trajectory.pos_m[0], axis=1)
+    on_it = off_m[int(np.argmin(start_m)) :]
+    return f", {100.0 * float(np.sqrt(np.mean(on_it**2))):.1f} cm RMS from the path"
+
+
+def _area(ax: "Axes", area: "Polygon") -> None:
+    for number, ring in enumerate((area.exterior, *area.interiors)):
+        corners = np.array(ring.coords)
+        ax.fill(corners[:, 1], corners[:, 0], facecolor="white" if number else GROUND, edgecolor=EDGE, lw=0.9)
+    ax.set_aspect("equal")
+    ax.margins(0.05)
+    ax.set_xlabel("east [m]")
+    ax.set_ylabel("north [m]")
+
+
+def _places(ax: "Axes", places_m: Array, label: str) -> None:
+    """Of pictures; the more there are, the smaller."""
+    size = float(np.clip(1500.0 / max(len(places_m), 1), 1.5, 16.0))
+    ax.scatter(places_m[:, 1], places_m[:, 0], s=size, color=ORANGE, zorder=3, linewidths=0, label=label or None)
