@@ -20,7 +20,7 @@ PNG_OR_JPG = click.Choice(["jpg", "png"])
 
 def default_folder() -> Path:
     """A new one for each run."""
-    return Path("runs") / strftime("%Y%m%d-%H%M%S")
+    return Path("runs") / strftime("%Y-%m-%d_%H-%M-%S")
 
 
 def take_pictures(

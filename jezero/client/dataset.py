@@ -112,7 +112,7 @@ class Dataset:
                 self._images[image.index] = image
 
     def close(self) -> None:
-        """Write `images.json` and `geo.txt`."""
+        """Write `images.json` and `geo.txt`, also when there is no picture."""
         images = [self._images[index] for index in sorted(self._images)]
         told = [{"file": self.name_of(image), **msgspec.to_builtins(image)} for image in images]
         content = msgspec.json.encode({**msgspec.to_builtins(self._extra), "images": told})

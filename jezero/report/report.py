@@ -10,6 +10,7 @@ import numpy as np
 from jezero.report.flight_log import LOG, read_log
 from jezero.report.landing_plots import draw_landing
 from jezero.report.landings import Landing, landings
+from jezero.report.pictures import DATASET, draw_contact_sheet, draw_orbits
 from jezero.report.plots import draw_flight
 from jezero.report.style import Format
 from jezero.report.touchdowns import Touchdowns, draw_touchdown, draw_touchdowns
@@ -63,7 +64,7 @@ def draw_report(paths: Sequence[Path], form: Format = "png") -> list[Path]:
 
 
 def draw_run(folder: Path, form: Format = "png") -> tuple[list[Path], list[Landing]]:
-    """Draw a run's log into its folder.
+    """Draw a run's log and its pictures into its folder; either may be missing.
 
     Returns:
         The files written, and the landings of the log.
@@ -73,12 +74,19 @@ def draw_run(folder: Path, form: Format = "png") -> tuple[list[Path], list[Landi
     """
     log = folder / LOG
     try:
+        files = draw_contact_sheet(folder, form)
+    except (msgspec.DecodeError, OSError) as error:
+        raise ReportError(f"{folder / DATASET} can't be drawn: {error}") from error
+    try:
         entries = list(read_log(log))
-        files = draw_flight(entries, folder, form)
+        files += draw_flight(entries, folder, form)
     except FileNotFoundError as error:
+        if files:
+            return files, []
         raise ReportError(f"{folder} has no {LOG}: give the folder of a run, such as runs/<time>") from error
     except (msgspec.DecodeError, ValueError) as error:
         raise ReportError(f"{log} can't be drawn: {error}") from error
+    files += draw_orbits(entries, folder, form)
     found = landings(entries)
     for number, landing in enumerate(found, 1):
         suffix = f"_{number}" if number > 1 else ""

@@ -284,6 +284,8 @@ class GetImagesConfig(Config, frozen=True, kw_only=True):
         speed_mps: along the circle, when the goal names none.
         acceleration_mps2: along the circle, speeding up and braking.
         inwards_max_mps2: the speed is lowered where the circle is so small that it would exceed this.
+        velocity_lead_s: velocity setpoints are those of so much later, as the vehicle's velocity follows them so late:
+            without it, it is carried out of the circle.
         radius_min_m: smaller circles are refused.
         settled_rad, settled_s: the turn begins when the vehicle has faced the centre to this for so long.
         roll_camera_max_rad: the camera's roll axis turns no farther.
@@ -292,6 +294,7 @@ class GetImagesConfig(Config, frozen=True, kw_only=True):
     speed_mps: Positive = 1.0
     acceleration_mps2: Positive = 0.5
     inwards_max_mps2: Positive = 1.5
+    velocity_lead_s: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.11
     radius_min_m: Positive = 0.5
     settled_rad: Positive = 0.035
     settled_s: Positive = 0.5

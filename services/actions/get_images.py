@@ -8,7 +8,7 @@ from dataclasses import replace
 from math import hypot, pi, sqrt
 from typing import Any
 
-from jezero.frames import Vec3, add, norm, subtract, wrap_pi
+from jezero.frames import Vec3, add, norm, scale, subtract, wrap_pi
 from jezero.schemas.actions import GetImagesGoal, ImagesFeedback, ImagesResult
 from jezero.schemas.commands import Phase
 from jezero.schemas.estimate import Relative
@@ -186,6 +186,8 @@ class GetImages:
     def _move(self, t_ns: int, dt_s: float, goal: GetImagesGoal, path: Line | Orbit, state: VehicleState) -> Move:
         assert self._tracker is not None
         reference = path.at(self._tracker.time_s)
+        lead_ned_mps = scale(reference.acc_ned_mps2, self._orbit_config.velocity_lead_s)
+        reference = reference._replace(vel_ned_mps=add(reference.vel_ned_mps, lead_ned_mps))
         vel_ned_mps, acc_ned_mps2 = self._tracker.command(dt_s, reference, state)
         yaw_rad, yaw_rate_rps = self._heading(dt_s, goal, state)
         target_ned_m = (goal.center_ned_m[0], goal.center_ned_m[1], goal.target_z_ned_m)

@@ -348,6 +348,9 @@ class GoalRun:
     # -- releasing --
 
     def _release(self, t_ns: int, done: Done, inbox: Inbox) -> Iterator[Output]:
+        odometry = self._view.odometry(inbox)
+        if self._move is not None and odometry is not None and self.capture is not None:
+            yield from self._feedback(t_ns, self._move, odometry, inbox)  # of the last pictures
         self.stage = "releasing"
         self._done = done
         self._deadline_ns = t_ns + int(self._config.release_give_up_s * NS_PER_S)

@@ -102,8 +102,8 @@ def test_pictures_are_told_as_taken_and_their_pixels_come_one_by_one() -> None:
     assert isinstance(answers.replies[0], Accepted)
     assert result.outcome == "succeeded"
     assert [image.index for image in result.result.images] == [0, 1, 2, 3]
-    assert [image.index for f in feedback_of(answers) for image in f.images] == [0, 1, 2]  # the last one ended it
-    assert (feedback_of(answers)[-1].taken, feedback_of(answers)[-1].planned) == (3, 4)
+    assert [image.index for f in feedback_of(answers) for image in f.images] == [0, 1, 2, 3]
+    assert (feedback_of(answers)[-1].taken, feedback_of(answers)[-1].planned) == (4, 4)
     assert len(during.pixels) == 3 * SIDE_PX * SIDE_PX
     pictures = [world.picture(index) for index in range(4)]
     assert len({picture.pixels[0] for picture in pictures}) == 4

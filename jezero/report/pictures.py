@@ -1,0 +1,126 @@
+"""Where pictures were taken, and the pictures themselves on one sheet (thesis Figs 3.10 and 3.12)."""
+
+from collections.abc import Sequence
+from math import ceil, cos, sin, sqrt
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+
+from jezero.frames import altitude_m, quat_rotate
+from jezero.report.flight_log import Entry
+from jezero.report.style import BLUE, GREY, ORANGE, WIDTH_IN, Format, draw
+from jezero.schemas import topics
+from jezero.schemas.images import Image
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+DATASET = "images.json"
+SHEET_MAX = 24
+"""Of more pictures, so many are shown, evenly chosen."""
+ASIDE_M = 0.35
+"""Numbers of pictures stand so far outside of the circle."""
+
+
+class Taken(msgspec.Struct, frozen=True):
+    """One picture of a dataset, as far as it is drawn."""
+
+    file: str
+    index: int
+
+
+class _Dataset(msgspec.Struct, frozen=True):
+    images: list[Taken]
+
+
+def read_dataset(folder: Path) -> list[Taken]:
+    """The pictures of a folder; empty where there is no list of them.
+
+    Raises:
+        msgspec.DecodeError: `images.json` is not a dataset's.
+    """
+    try:
+        data = (folder / DATASET).read_bytes()
+    except FileNotFoundError:
+        return []
+    return msgspec.json.decode(data, type=_Dataset).images
+
+
+def draw_orbits(entries: Sequence[Entry], folder: Path, form: Format) -> list[Path]:
+    """Of each flight around a target in a log: the way flown, from above, and where it was photographed from."""
+    feedback_topic = topics.feedback_of(topics.GET_IMAGES).name
+    feedback = [entry.message for entry in entries if entry.topic == feedback_topic]
+    odometry = [entry.message for entry in entries if entry.topic == topics.ODOMETRY.name]
+    files = []
+    for number, goal_id in enumerate(dict.fromkeys(message.goal_id for message in feedback), 1):
+        own = [message for message in feedback if message.goal_id == goal_id]
+        images = [image for message in own for image in message.feedback.images]
+        flown = [o.pos_uav_ned_m for o in odometry if own[0].t_ns <= o.t_ns <= own[-1].t_ns]
+        if images and flown:
+            name = "orbit" if number == 1 else f"orbit_{number}"
+            files.append(_draw_orbit(folder / f"{name}.{form}", np.array(flown), images))
+    return files
+
+
+def _draw_orbit(path: Path, flown_ned_m: Any, images: Sequence[Image]) -> Path:
+    def fill(figure: Any, axes: Any) -> None:
+        above, beside = axes[0]
+        _from_above(above, flown_ned_m, images)
+        beside.plot(flown_ned_m[:, 1], [altitude_m(z) for z in flown_ned_m[:, 2]], color=BLUE)
+        places_m = [image.pos_uav_ned_m for image in images]
+        beside.plot([m[1] for m in places_m], [altitude_m(m[2]) for m in places_m], "o", color=ORANGE, ms=4)
+        beside.set_xlabel("east [m]")
+        beside.set_ylabel("height [m]")
+        beside.set_ylim(0.0, max(1.25 * altitude_m(float(flown_ned_m[:, 2].min())), 1.0))
+        beside.margins(x=0.1)
+        figure.legend(*above.get_legend_handles_labels(), loc="outside upper center", ncols=4)
+
+    return draw(path, (1, 2), 3.6, fill, width_ratios=(1.5, 1.0))
+
+
+def _from_above(ax: "Axes", flown_ned_m: Any, images: Sequence[Image]) -> None:
+    """North up, with the direction that each picture looks in."""
+    places_m = np.array([image.pos_uav_ned_m for image in images])
+    views = np.array([quat_rotate(image.q_ned_from_camera, (0.0, 0.0, 1.0)) for image in images])
+    ax.plot(flown_ned_m[:, 1], flown_ned_m[:, 0], color=BLUE, label="flown")
+    ax.plot(flown_ned_m[0, 1], flown_ned_m[0, 0], "s", color=GREY, ms=5, label="start")
+    ax.plot(places_m[:, 1], places_m[:, 0], "o", color=ORANGE, ms=4, label="pictures", zorder=4)
+    ax.quiver(
+        *(places_m[:, 1], places_m[:, 0], views[:, 1], views[:, 0]),
+        angles="xy", scale_units="xy", scale=1.0, width=0.004, color=ORANGE, alpha=0.7,
+    )  # fmt: skip
+    for image, (north_m, east_m, _) in zip(images, places_m, strict=True):
+        outwards = image.yaw_rad + np.pi
+        place = (east_m + ASIDE_M * sin(outwards), north_m + ASIDE_M * cos(outwards))
+        ax.plot(*place, alpha=0.0)  # the axes reach as far as the numbers
+        ax.annotate(str(image.index + 1), place, ha="center", va="center", fontsize=7)
+    ax.set_xlabel("east [m]")
+    ax.set_ylabel("north [m]")
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.margins(0.12)
+
+
+def draw_contact_sheet(folder: Path, form: Format) -> list[Path]:
+    """All pictures of a dataset on one sheet, each with its number; none where there are no pictures."""
+    taken = read_dataset(folder)
+    if not taken:
+        return []
+    chosen = [
+        taken[i] for i in np.unique(np.linspace(0, len(taken) - 1, min(len(taken), SHEET_MAX)).round().astype(int))
+    ]
+    columns = min(len(chosen), max(2, ceil(sqrt(len(chosen) * 4 / 3))))
+    rows = ceil(len(chosen) / columns)
+
+    def fill(figure: Any, axes: Any) -> None:
+        from PIL import Image as Pillow
+
+        for ax in axes.flat:
+            ax.set_axis_off()
+        for ax, picture in zip(axes.flat, chosen, strict=False):
+            with Pillow.open(folder / picture.file) as opened:
+                ax.imshow(np.asarray(opened))
+            ax.set_title(str(picture.index + 1), pad=2)
+
+    return [draw(folder / f"contact_sheet.{form}", (rows, columns), 0.95 * WIDTH_IN * 0.75 * rows / columns, fill)]
