@@ -25,12 +25,13 @@ from jezero.deploy.landing.flight import SETTLED_S
 from jezero.deploy.landing.judge import on_platform_m
 from jezero.deploy.landing.trial import AWAY_MAX_M, MOTIONS, STD_GUST_MPS, UP_M, WIND_MPS, RoverName
 from jezero.runtime.config import Instance, config_directory
-from jezero.schemas.state import Truth
+from jezero.schemas.state import StatusCode, Truth
 from jezero.schemas.topics import TRUTH
 
 INSTANCE = Instance(vehicle="landings", router="tcp/127.0.0.1:7497", number=8, gcs_port=14608)
 TRUTH_WITHIN_S = 1.0
 STOPS_WITHIN_S = 10.0
+HOVERS_WITHIN_S = 30.0
 
 
 class Outcome(msgspec.Struct, frozen=True):
@@ -110,6 +111,7 @@ def main() -> None:
                 outcomes.append(land_once(uav, connection, rng, drive(options.rover, number)))
                 print(json.dumps(msgspec.to_builtins(outcomes[-1])), flush=True)
                 if outcomes[-1].failure:
+                    wait_for(lambda: uav.status().code == StatusCode.HOVER, HOVERS_WITHIN_S, "it hovers again")
                     uav.land_on_spot().result(200.0)
             connection.close()
     errors_m = [float("inf") if o.error_m is None else o.error_m for o in outcomes]
