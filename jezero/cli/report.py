@@ -16,10 +16,12 @@ if TYPE_CHECKING:
 def report(paths: tuple[Path, ...], form: str) -> None:
     """Draw what flights left behind, into their folders.
 
-    A PATH is the folder of a run (`jezero demo`, `jezero fly --out`, `jezero bench landing --out`) or a file of
-    `jezero bench landing --json`. Of each flight: position and status over time. Of each landing on the rover: the
-    estimate against the truth, the rover's position, UWB against tag, the touchdown. Of each plain landing: the
-    vehicle's odometry. Of several landings, and of a benchmark: the scatter of the touchdowns, beside them.
+    A PATH is the folder of a run (`jezero demo`, `jezero fly --out`, `jezero getimages`, `jezero gridsweep`,
+    `jezero bench landing --out`) or a file of `jezero bench landing --json`. Of pictures: a contact sheet, and of a
+    coverage its plan beside the way flown. Of each flight: position and status over time, and where pictures were taken
+    in an orbit. Of each landing on the rover: the estimate against the truth, the rover's position, UWB against tag,
+    the touchdown. Of each plain landing: the vehicle's odometry. Of several landings, and of a benchmark: the scatter
+    of the touchdowns, beside them.
     """
     from jezero.report.report import ReportError, draw_report
 

@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from jezero.report.pictures import DATASET
 from jezero.report.style import BLUE, GREEN, GREY, ORANGE, WIDTH_IN, Format, draw
 from jezero.schemas.actions import AreaCoverageGoal, Frame
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from jezero.services.actions.coverage.planned import CoveragePlan
 
 Array = npt.NDArray[np.float64]
-DATASET = "images.json"
 GROUND, EDGE = "#efe6db", "0.25"
 
 
@@ -58,6 +58,7 @@ def draw_coverage(folder: Path, form: Format) -> list[Path]:
 
     Raises:
         msgspec.DecodeError: `images.json` is not a dataset's.
+        AreaError: its goal can't be planned any more, by other settings.
     """
     from jezero.runtime.config import load_config
     from jezero.services.actions.config import ActionsConfig

@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from jezero.report.coverage_plot import draw_coverage
 from jezero.report.flight_log import LOG, read_log
 from jezero.report.landing_plots import draw_landing
 from jezero.report.landings import Landing, landings
@@ -74,8 +75,8 @@ def draw_run(folder: Path, form: Format = "png") -> tuple[list[Path], list[Landi
     """
     log = folder / LOG
     try:
-        files = draw_contact_sheet(folder, form)
-    except (msgspec.DecodeError, OSError) as error:
+        files = [*draw_contact_sheet(folder, form), *draw_coverage(folder, form)]
+    except (msgspec.DecodeError, ValueError, OSError) as error:
         raise ReportError(f"{folder / DATASET} can't be drawn: {error}") from error
     try:
         entries = list(read_log(log))
