@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from shapely.geometry import LineString
 
 from benchmarks.covering import Covering
-from jezero.schemas.actions import AreaCoverageGoal
+from jezero.schemas.actions import AreaCoverageGoal, Corners
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.coverage.plan import covered_share
 from jezero.services.actions.coverage.planned import CoveragePlan, plan_coverage
@@ -49,10 +49,10 @@ class Figures:
     time_s: float
 
 
-def measure(seed: int, resolution_m: float) -> Figures:
+def measure(seed: int, resolution_m: float, polygon_ned_m: Corners = THESIS) -> Figures:
     """Fly once."""
     goal = AreaCoverageGoal(
-        goal_id="map", polygon_ned_m=THESIS, z_ned_m=Z_NED_M, resolution_m=resolution_m, start_ned_m=(0.0, 0.0)
+        goal_id="map", polygon_ned_m=polygon_ned_m, z_ned_m=Z_NED_M, resolution_m=resolution_m, start_ned_m=(0.0, 0.0)
     )
     flight = Covering(seed, rendered=False)
     result = flight.fly(goal)

@@ -49,7 +49,9 @@ class Covering:
 
     Attributes:
         odometry, truths: of the whole flight.
+        bus: it flies on.
         mapping_ns: first and last time of a setpoint on the path.
+        status: the newest.
     """
 
     def __init__(self, seed: int, *, rendered: bool, simulator: SimulatorConfig | None = None) -> None:
@@ -58,15 +60,15 @@ class Covering:
         makers = service_makers(seed, simulator=simulator, camera=camera)
         if not rendered:
             makers["camera"] = lambda boot: Camera(camera, _Black(camera), seed)
-        self._bus = wired_bus(seed)
+        self.bus = wired_bus(seed)
         for name, make in makers.items():
             if name not in NOT_NEEDED:
-                self._bus.add(make(boot_id(seed, name)))
+                self.bus.add(make(boot_id(seed, name)))
         self.odometry: list[Odometry] = []
         self.truths: list[Truth] = []
         self.mapping_ns: tuple[int, int] | None = None
-        self._status: Status | None = None
-        self._bus.observe(self._observe)
+        self.status: Status | None = None
+        self.bus.observe(self._observe)
 
     def _observe(self, t_ns: int, topic: str, data: bytes) -> None:
         if topic not in WATCHED:
@@ -77,7 +79,7 @@ class Covering:
         elif isinstance(message, Truth):
             self.truths.append(message)
         elif isinstance(message, Status):
-            self._status = message
+            self.status = message
         elif isinstance(message, Setpoint) and message.phase is Phase.COVERAGE and message.pos_ned_m is None:
             self.mapping_ns = (self.mapping_ns[0] if self.mapping_ns else message.t_ns, message.t_ns)
 
@@ -87,10 +89,18 @@ class Covering:
         Raises:
             RuntimeError: it was refused, did not succeed, or has no end.
         """
-        self._bus.run_for(30.0, lambda: self._status is not None and self._status.ready)
-        self._end(self._bus.ask(topics.TAKEOFF.endpoint, TakeoffGoal(altitude_m=3.0)))
-        result: CoverageResult = self._end(self._bus.ask(topics.AREA_COVERAGE.endpoint, goal)).result
+        self.climb()
+        result: CoverageResult = self._end(self.bus.ask(topics.AREA_COVERAGE.endpoint, goal)).result
         return result
+
+    def climb(self) -> None:
+        """Get ready and take off.
+
+        Raises:
+            RuntimeError: it didn't.
+        """
+        self.bus.run_for(30.0, lambda: self.status is not None and self.status.ready)
+        self._end(self.bus.ask(topics.TAKEOFF.endpoint, TakeoffGoal(altitude_m=3.0)))
 
     def keep(self, folder: Path, goal: AreaCoverageGoal, result: CoverageResult) -> None:
         """Write the dataset, as a client does.
@@ -102,14 +112,14 @@ class Covering:
             dataset.note(track_ned_m=[o.pos_uav_ned_m for o in self.odometry[::5]])
             for image in result.images:
                 question = GetImage(goal_id=goal.goal_id, index=image.index)
-                answers = self._bus.ask(topics.AREA_COVERAGE.image, question)
-                self._bus.run_for(1.0, lambda answers=answers: answers.ended)  # type: ignore[misc]
+                answers = self.bus.ask(topics.AREA_COVERAGE.image, question)
+                self.bus.run_for(1.0, lambda answers=answers: answers.ended)  # type: ignore[misc]
                 if not answers.replies or answers.replies[0].reason:
                     raise RuntimeError(f"no picture {image.index}: {answers.replies}")
                 dataset.add(Picture(image, answers.replies[0].pixels))
 
     def _end(self, answers: Answers) -> Result[Any]:
-        self._bus.run_for(1800.0, lambda: answers.ended)
+        self.bus.run_for(1800.0, lambda: answers.ended)
         last = answers.replies[-1] if answers.replies else None
         if not isinstance(last, Result) or last.outcome != "succeeded":
             raise RuntimeError(f"it did not succeed: {last}")

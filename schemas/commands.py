@@ -46,12 +46,15 @@ class Acquire(Payload, frozen=True, kw_only=True):
     Attributes:
         issued_t_ns: vehicle time of asking; refused when it comes so late that nobody waits for the answer. None:
             not checked.
+        goal_t_ns: vehicle time at which the goal came; refused when there was an abort since, which may have meant a
+            goal that was still being prepared. None: not checked.
     """
 
     goal_id: Name
     action: Name
     do_takeoff: bool = False
     issued_t_ns: TimeNs | None = None
+    goal_t_ns: TimeNs | None = None
 
 
 class AcquireReply(Payload, frozen=True, kw_only=True):

@@ -234,8 +234,8 @@ class TrackingConfig(Config, frozen=True, kw_only=True):
     """
 
     rate_hz: Positive = 100.0
-    gain_1ps: Positive = 2.0
-    gain_integral_1ps2: Positive = 0.8
+    gain_1ps: Positive = 2.5
+    gain_integral_1ps2: Positive = 1.5
     gain_derivative: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.2
     integral_within_m: Positive = 0.5
     integral_max_mps: Positive = 0.3

@@ -78,6 +78,7 @@ class GoalRun:
         self._cancel_reason = ""
         self._tag = ""
         self._attempt = 0
+        self._came_ns = 0
         self._deadline_ns = 0
         self._retry_ns: int | None = None
         self._grant = AcquireReply(granted=False)
@@ -102,6 +103,7 @@ class GoalRun:
 
     def begin(self, t_ns: int) -> Iterator[Output]:
         """Look at the inputs where the goal depends on them, else ask the bridge for control."""
+        self._came_ns = t_ns
         if self._verdict.look is None:
             yield from self._acquire(t_ns)
             return
@@ -115,9 +117,8 @@ class GoalRun:
         timeout_s = self._config.acquire_timeout_s
         self._tag = f"{self.goal_id}/acquire/{t_ns}"
         self._deadline_ns = t_ns + int((timeout_s + 0.5) * NS_PER_S)
-        acquire = Acquire(
-            goal_id=self.goal_id, action=self._action.name, do_takeoff=self._verdict.do_takeoff, issued_t_ns=t_ns
-        )
+        name, do_takeoff, came_ns = self._action.name, self._verdict.do_takeoff, self._came_ns
+        acquire = Acquire(goal_id=self.goal_id, action=name, do_takeoff=do_takeoff, issued_t_ns=t_ns, goal_t_ns=came_ns)
         yield Call(ACQUIRE, acquire, self._tag, timeout_s)
 
     def attach(self, request: Request) -> Iterator[Output]:

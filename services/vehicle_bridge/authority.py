@@ -83,6 +83,8 @@ class Authority:
         self.changes: list[Standing] = []
         self._config = config
         self._boot_id = boot_id
+        self._aborted_ns: int | None = None
+        """Vehicle time of the last abort."""
         self._grants = 0
         self._ended: dict[str, str] = {}
         """By control_id: why it ended, "" when it was given back."""
@@ -128,6 +130,8 @@ class Authority:
             return ""  # it asks again because the reply was lost
         if request.goal_id in self._flown:
             return f"goal {request.goal_id} has flown already, and a goal runs once: send it with a new id"
+        if request.goal_t_ns is not None and self._aborted_ns is not None and request.goal_t_ns <= self._aborted_ns:
+            return f"goal {request.goal_id} came before the last abort: send it again"
         refusal = why_not_acquire(request, self.code, grant, self.text, now, self._config.link_timeout_s)
         if refusal:
             return refusal
@@ -223,7 +227,8 @@ class Authority:
             self.text = "taking control back"
 
     def abort(self, reason: str, now: Situation) -> str:
-        """End whatever goal is in charge; returns what happened, in words."""
+        """End whatever goal is in charge, and all that wait for it; returns what happened, in words."""
+        self._aborted_ns = max(0, now.t_ns)
         if self.grant is None:
             return f"no goal was in charge, {in_words(self.code)}"
         because = f": {reason}" if reason else ""
@@ -238,6 +243,7 @@ class Authority:
 
     def restart(self, why: str, now: Situation) -> None:
         """The vehicle is another one than before."""
+        self._aborted_ns = None
         if self.code is StatusCode.IDLE:
             self._end(why, given_back=False)
         else:

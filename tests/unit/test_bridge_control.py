@@ -407,3 +407,15 @@ def test_setpoints_are_passed_on_with_the_right_masks_and_never_with_nan() -> No
 def test_the_settings_that_ship_are_the_defaults() -> None:
     shipped = load_config(VehicleBridgeConfig, "vehicle_bridge")
     assert msgspec.structs.replace(shipped, parameters={}) == VehicleBridgeConfig()
+
+
+def test_a_goal_that_was_being_prepared_during_an_abort_is_not_flown() -> None:
+    rig = Rig().fly()
+    came_ns = rig.t_ns
+    rig.run(0.3)
+    rig.ask(ABORT, Abort())
+    rig.run(0.2)
+    late = rig.ask(ACQUIRE, Acquire(goal_id="late", action="go_to", goal_t_ns=came_ns))
+    assert not late.granted
+    assert late.reason == "goal late came before the last abort: send it again"
+    assert rig.ask(ACQUIRE, Acquire(goal_id="new", action="go_to", goal_t_ns=rig.t_ns)).granted
