@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from jezero.cli.mission import MISSION
+from jezero.cli.mission import FLIGHT
 from jezero.deploy.virtual_flight import fly_virtually
 from jezero.mavlink import MavlinkCodec
 from jezero.runtime.node import Node
@@ -69,14 +69,14 @@ def measure(seed: int) -> Flight:
     from jezero.services.simulator.world import World
 
     wall_s, core_s = time.perf_counter(), time.process_time()
-    plain = fly_virtually(MISSION, seed)
+    plain = fly_virtually(FLIGHT, seed)
     wall_s, core_s = time.perf_counter() - wall_s, time.process_time() - core_s
     watch = Stopwatch()
     watch.wrap(Node, "step", lambda node: str(node.spec.name))
     watch.wrap(MavlinkCodec, "parse", lambda _codec: "of which MAVLink parsing")
     watch.wrap(MavlinkCodec, "pack", lambda _codec: "of which MAVLink packing")
     watch.wrap(World, "step", lambda _world: "of which Bullet and its axes")
-    flight = fly_virtually(MISSION, seed)
+    flight = fly_virtually(FLIGHT, seed)
     steps = flight.sim_time_s * 250.0
     rows = sorted(watch.spent_s.items(), key=lambda item: ("of which" in item[0], -item[1]))
     return Flight(

@@ -2,26 +2,29 @@
 
 import hashlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 
 from jezero.deploy.in_process import build_stack
 from jezero.deploy.landing.judge import offset_m, why_not_on_platform
-from jezero.frames import horizontal
+from jezero.frames import Vec3, horizontal
 from jezero.report.flight_log import line
 from jezero.runtime.config import load_config
-from jezero.runtime.memory_bus import MemoryBus
+from jezero.runtime.memory_bus import Answers, MemoryBus
 from jezero.schemas import topics
-from jezero.schemas.actions import Rejected, Result
+from jezero.schemas.actions import Feedback, ImagesResult, Rejected, Result
+from jezero.schemas.images import GetImage, Image
 from jezero.schemas.state import Status, StatusCode, Truth
 from jezero.schemas.struct import Payload
+from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.config import SimulatorConfig
 
 READY_WITHIN_S = 60.0
 GOAL_WITHIN_S = 180.0
+PICTURE_WITHIN_S = 1.0
 NS_PER_S = 1e9
 Step = tuple[topics.Action[Any], Any, float]
 
@@ -80,11 +83,27 @@ class _Recorder:
         return None if self._truth is None else msgspec.json.decode(self._truth, type=Truth)
 
 
+class Photographed(NamedTuple):
+    """What a goal that takes pictures has left.
+
+    Attributes:
+        track_ned_m: the way flown, in the goal's frame.
+        pictures: with their pixels, one at a time.
+    """
+
+    action: topics.Action[Any]
+    goal: Any
+    result: ImagesResult
+    track_ned_m: list[Vec3]
+    pictures: Iterator[tuple[Image, bytes]]
+
+
 def fly_virtually(
     mission: Sequence[Step],
     seed: int,
     log: Path | None = None,
     tell: Callable[[str], None] = lambda text: None,
+    keep: Callable[[Photographed], None] | None = None,
 ) -> FlightResult:
     """Fly a mission through all services in one process.
 
@@ -92,12 +111,14 @@ def fly_virtually(
         mission: (action, goal, seconds to hover afterwards) in turn; the last one lands on the rover.
         log: file to write every message to.
         tell: called with a sentence on each step.
+        keep: called after each goal that takes pictures, which the camera then renders; None: it only projects tags.
     """
-    bus = build_stack(seed)
+    camera = None if keep is None else msgspec.structs.replace(load_config(CameraConfig, "camera"), mode="rendered")
+    bus = build_stack(seed, camera=camera)
     recorder = _Recorder(log)
     bus.observe(recorder)
     started = time.perf_counter()
-    reason = _fly(bus, recorder, mission, tell)
+    reason = _fly(bus, recorder, mission, tell, keep or (lambda photographed: None))
     wall_s = time.perf_counter() - started
     return FlightResult(
         result="failed" if reason else "succeeded",
@@ -110,7 +131,13 @@ def fly_virtually(
     )
 
 
-def _fly(bus: MemoryBus, recorder: _Recorder, mission: Sequence[Step], tell: Callable[[str], None]) -> str:
+def _fly(
+    bus: MemoryBus,
+    recorder: _Recorder,
+    mission: Sequence[Step],
+    tell: Callable[[str], None],
+    keep: Callable[[Photographed], None],
+) -> str:
     """Fly all goals; returns why it failed, or "" when it did not."""
 
     def is_ready() -> bool:
@@ -122,9 +149,12 @@ def _fly(bus: MemoryBus, recorder: _Recorder, mission: Sequence[Step], tell: Cal
         return f"not ready after {READY_WITHIN_S:.0f} s: {status.not_ready_reason if status else 'no status'}"
     for action, goal, hover_s in mission:
         tell(f"{action.name} at {bus.t_ns / NS_PER_S:.1f} s")
-        reason = fly_goal(bus, action, goal, GOAL_WITHIN_S)
+        answers = bus.ask(action.endpoint, goal)
+        reason = _wait(bus, action, answers, GOAL_WITHIN_S)
         if reason:
             return reason
+        if action.takes_pictures:
+            keep(_photographed(bus, action, goal, answers))
         bus.run_for(hover_s)
     status = recorder.status
     if status is None or status.armed or status.code != StatusCode.IDLE:
@@ -136,7 +166,10 @@ def _fly(bus: MemoryBus, recorder: _Recorder, mission: Sequence[Step], tell: Cal
 
 def fly_goal(bus: MemoryBus, action: topics.Action[Any], goal: Payload, within_s: float) -> str:
     """Send a goal and wait for its end; returns why it failed, or "" when it did not."""
-    answers = bus.ask(action.endpoint, goal)
+    return _wait(bus, action, bus.ask(action.endpoint, goal), within_s)
+
+
+def _wait(bus: MemoryBus, action: topics.Action[Any], answers: Answers, within_s: float) -> str:
     bus.run_for(within_s, stop=lambda: answers.ended)
     last = answers.replies[-1] if answers.replies else None
     if isinstance(last, Rejected):
@@ -144,3 +177,20 @@ def fly_goal(bus: MemoryBus, action: topics.Action[Any], goal: Payload, within_s
     if not isinstance(last, Result):
         return f"{action.name} gave no result within {within_s:.0f} s"
     return "" if last.outcome == "succeeded" else f"{action.name} {last.outcome}: {last.reason}"
+
+
+def _photographed(bus: MemoryBus, action: topics.Action[Any], goal: Any, answers: Answers) -> Photographed:
+    result = answers.replies[-1].result
+    track_ned_m = [reply.feedback.pos_uav_ned_m for reply in answers.replies if isinstance(reply, Feedback)]
+    return Photographed(action, goal, result, track_ned_m, _pictures(bus, action, answers.replies[-1].goal_id, result))
+
+
+def _pictures(
+    bus: MemoryBus, action: topics.Action[Any], goal_id: str, result: ImagesResult
+) -> Iterator[tuple[Image, bytes]]:
+    for image in result.images:
+        answers = bus.ask(action.image, GetImage(goal_id=goal_id, index=image.index))
+        bus.run_for(PICTURE_WITHIN_S, stop=lambda answers=answers: answers.ended)  # type: ignore[misc]
+        if not answers.replies or answers.replies[0].reason:
+            raise RuntimeError(f"{action.name} has no picture {image.index}: {answers.replies}")
+        yield image, answers.replies[0].pixels

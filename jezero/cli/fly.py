@@ -1,15 +1,12 @@
-"""The demonstration flight: in virtual time (`fly --fast`), on a running stack (`fly`), or all by itself (`demo`)."""
+"""Flying a whole mission, on a running stack or in virtual time."""
 
 import json
 import math
-import os
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,27 +14,14 @@ import click
 
 from jezero.cli.exit_codes import ABORTED
 from jezero.cli.flight import Printer, common_options, connected, fly_goal
-from jezero.cli.mission import MISSION
+from jezero.cli.mission import FLIGHT, Mission
+from jezero.cli.pictures import take_pictures
 from jezero.report.flight_log import LOG
-from jezero.schemas.actions import GoToGoal, LandOnSpotGoal, TakeoffGoal
+from jezero.schemas.actions import AreaCoverageGoal, GetImagesGoal, GoToGoal, LandOnSpotGoal, TakeoffGoal
 
 if TYPE_CHECKING:
     from jezero.client import Goal, Vehicle
-
-READY_WITHIN_S = 60.0
-
-
-def new_run_folder(runs: Path) -> Path:
-    """`<runs>/<date and time>`, with a number behind it when that exists."""
-    name = datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
-    for attempt in range(100):
-        folder = runs / (name if attempt == 0 else f"{name}-{attempt}")
-        try:
-            folder.mkdir(parents=True)
-        except FileExistsError:
-            continue
-        return folder
-    raise click.ClickException(f"{runs} has a hundred runs of this very second")
+    from jezero.deploy.virtual_flight import Photographed
 
 
 @click.command()
@@ -49,19 +33,24 @@ def fly(fast: bool, seed: int, out: Path | None, vehicle: str, router: str, as_j
     """Take off, fly to (-1, -2, -3), hover, climb, and land on the rover."""
     printer = Printer(as_json)
     if fast:
-        _fly_fast(printer, seed, out)
+        fly_fast(printer, FLIGHT, seed, out)
         return
     with connected(vehicle, router, printer) as uav:
         if out is None:
-            _fly_mission(printer, uav)
+            _fly_flight(printer, uav)
         else:
             out.mkdir(parents=True, exist_ok=True)
             with recorded(vehicle, router, out / LOG):
-                _fly_mission(printer, uav)
-            _draw(printer, out)
+                _fly_flight(printer, uav)
+            draw(printer, out)
 
 
-def _fly_fast(printer: Printer, seed: int, out: Path | None) -> None:
+def fly_fast(printer: Printer, mission: Mission, seed: int, out: Path | None) -> None:
+    """A mission in virtual time; with its log, pictures, figures and map in a folder, if one is given.
+
+    Raises:
+        SystemExit: it failed.
+    """
     import msgspec
 
     from jezero.deploy.virtual_flight import fly_virtually
@@ -74,9 +63,11 @@ def _fly_fast(printer: Printer, seed: int, out: Path | None) -> None:
         if not printer.as_json:
             click.echo(text)
 
-    flight = fly_virtually(MISSION, seed, log, tell)
+    photographs = any(action.takes_pictures for action, _, _ in mission)
+    keep = partial(_keep, out) if out is not None and photographs else None
+    flight = fly_virtually(mission, seed, log, tell, keep)
     if out is not None:
-        _draw(printer, out, tell_touchdown=False)
+        draw(printer, out, tell_touchdown=False)
     if printer.as_json:
         click.echo(json.dumps(msgspec.to_builtins(flight)))
     elif flight.touchdown_error_m is not None:
@@ -90,9 +81,28 @@ def _fly_fast(printer: Printer, seed: int, out: Path | None) -> None:
         raise SystemExit(ABORTED)
 
 
-def _fly_mission(printer: Printer, uav: "Vehicle") -> None:
-    for action, goal, hover_s in MISSION:
-        fly_goal(printer, _send(uav, goal), action.name)
+def _keep(out: Path, photographed: "Photographed") -> None:
+    from jezero.client.dataset import Dataset
+    from jezero.client.images import Picture
+
+    action, goal, _, track_ned_m, pictures = photographed
+    with Dataset(out / action.name, **_planned(goal)) as dataset:
+        dataset.note(action=action.name, track_ned_m=track_ned_m, track_frame=goal.frame)
+        for image, pixels in pictures:
+            dataset.add(Picture(image, pixels))
+
+
+def _fly_flight(printer: Printer, uav: "Vehicle") -> None:
+    fly_mission(printer, uav, FLIGHT, Path())
+
+
+def fly_mission(printer: Printer, uav: "Vehicle", mission: Mission, folder: Path) -> None:
+    """A mission on a running stack; pictures go into folders of the actions' names."""
+    for action, goal, hover_s in mission:
+        if action.takes_pictures:
+            _photograph(printer, uav, action.name, goal, folder)
+        else:
+            fly_goal(printer, _send(uav, goal), action.name)
         if hover_s:
             printer.event("hover", f"hovering for {hover_s:.0f} s", seconds=hover_s)
             time.sleep(hover_s)
@@ -110,7 +120,26 @@ def _send(uav: "Vehicle", goal: Any) -> "Goal[Any, Any]":
             raise TypeError(f"the mission has a {type(goal).__name__}, which nobody here can send")
 
 
-def _draw(printer: Printer, folder: Path, *, tell_touchdown: bool = True) -> None:
+def _photograph(printer: Printer, uav: "Vehicle", name: str, goal: Any, folder: Path) -> None:
+    from jezero.client.dataset import Dataset
+
+    match goal:
+        case GetImagesGoal():
+            flown = uav.get_images(goal.center_ned_m, goal.radius_m, goal.num_images, frame=goal.frame)
+        case AreaCoverageGoal():
+            flown = uav.resume_coverage(goal)
+        case _:
+            raise TypeError(f"the mission has a {type(goal).__name__}, which nobody here can send")
+    take_pictures(printer, flown, name, Dataset(folder / name, **_planned(goal)))
+
+
+def _planned(goal: Any) -> dict[str, Any]:
+    """What of a goal is worth keeping with its pictures: an area's plan is made anew from it."""
+    return {"goal": goal} if isinstance(goal, AreaCoverageGoal) else {}
+
+
+def draw(printer: Printer, folder: Path, *, tell_touchdown: bool = True) -> None:
+    """Every figure of a run into its folder."""
     from jezero.report.report import ReportError, draw_run
 
     try:
@@ -149,60 +178,3 @@ def recorded(vehicle: str, router: str, log: Path) -> Iterator[None]:
         yield
         for subscriber in subscribers:
             subscriber.undeclare()  # type: ignore[no-untyped-call]
-
-
-@click.command()
-@click.option(
-    "--runs",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("runs"),
-    show_default=True,
-    help="Where the run's folder is made.",
-)
-@click.option("--json", "as_json", is_flag=True, help="One JSON object per line, the result last.")
-def demo(runs: Path, as_json: bool) -> None:
-    """Bring a stack up, fly the demonstration, bring it down; leaves the log and plots in runs/<time>/."""
-    from jezero.deploy.launcher.ports import instance_environment, reserved_instance
-
-    printer = Printer(as_json)
-    folder = new_run_folder(runs)
-    with reserved_instance() as instance:
-        environment = {**os.environ, **instance_environment(instance), "JEZERO_RUN_DIR": str(folder.resolve())}
-        printer.event("starting", "starting the stack ...", folder=str(folder))
-        with running_stack(environment):
-            printer.event("ready", "ready to fly")
-            with (
-                connected(instance.vehicle, instance.router, printer) as uav,
-                recorded(instance.vehicle, instance.router, folder / LOG),
-                pointing_to(printer, folder),
-            ):
-                _fly_mission(printer, uav)
-    _draw(printer, folder)
-    printer.event("done", f"the log, the plots and each service's output are in {folder}/", folder=str(folder))
-
-
-@contextmanager
-def pointing_to(printer: Printer, folder: Path) -> Iterator[None]:
-    """When a flight fails, what it left behind tells why."""
-    try:
-        yield
-    except SystemExit:
-        text = f"the log and each service's output are in {folder}/; `jezero report {folder}` draws the log"
-        printer.event("failed", text, folder=str(folder))
-        raise
-
-
-@contextmanager
-def running_stack(environment: dict[str, str]) -> Iterator[None]:
-    """`jezero up` before and `jezero down` after, whatever happens in between."""
-    jezero = [sys.executable, "-m", "jezero.cli.main"]
-    up = [*jezero, "up", "-d", "--wait", "--timeout", str(READY_WITHIN_S)]
-    try:
-        started = subprocess.run(up, env=environment, capture_output=True, text=True, check=False)
-        if started.returncode != 0:
-            raise click.ClickException(f"the stack did not come up:\n{started.stdout}{started.stderr}")
-        yield
-    finally:
-        down: Any = subprocess.run([*jezero, "down"], env=environment, capture_output=True, text=True, check=False)
-        if down.returncode != 0:
-            click.echo(f"jezero down: {down.stderr.strip()}", err=True)

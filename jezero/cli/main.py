@@ -47,8 +47,8 @@ SECTIONS: dict[str, dict[str, Entry]] = {
         "report": Entry("jezero.cli.report", "report", "Draw the figures of recorded flights."),
     },
     "Demonstration": {
-        "fly": Entry("jezero.cli.fly", "fly", "Fly the demonstration (--fast: in virtual time)."),
-        "demo": Entry("jezero.cli.fly", "demo", "Bring a stack up, fly the demonstration, bring it down."),
+        "fly": Entry("jezero.cli.fly", "fly", "Fly there and onto the rover (--fast: in virtual time)."),
+        "demo": Entry("jezero.cli.demo", "demo", "The thesis' mission: photograph the rover, map, land on it."),
     },
     "Tests": {
         "campaign": Entry("jezero.cli.campaign", "campaign", "Fly missions under seeded faults in virtual time."),

@@ -6,6 +6,8 @@ import click
 
 from jezero.cli.flight import Printer
 
+M_PER_PX = 0.02
+
 
 @click.command("map")
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
@@ -13,7 +15,7 @@ from jezero.cli.flight import Printer
     "--resolution",
     "m_per_px",
     type=click.FloatRange(0.001, 10.0),
-    default=0.02,
+    default=M_PER_PX,
     show_default=True,
     help="Metres per pixel.",
 )
@@ -25,10 +27,18 @@ def make(folder: Path, m_per_px: float, out: Path | None, as_json: bool) -> None
     Coordinates are metres in the world frame, x to the east and y to the north. The ground's height comes from the
     altimeter's ranges; what pictures show in common puts them in their places.
     """
+    map_pictures(Printer(as_json), folder, m_per_px, out)
+
+
+def map_pictures(printer: Printer, folder: Path, m_per_px: float = M_PER_PX, out: Path | None = None) -> None:
+    """Make a map of a folder's pictures, and tell of it.
+
+    Raises:
+        click.ClickException: there is nothing to make a map of.
+    """
     from jezero.mapping.making import make_map
     from jezero.mapping.survey import SurveyError
 
-    printer = Printer(as_json)
     file = (out or folder / "map.png").with_suffix(".png")
     try:
         made = make_map(folder, m_per_px)

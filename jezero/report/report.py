@@ -65,7 +65,8 @@ def draw_report(paths: Sequence[Path], form: Format = "png") -> list[Path]:
 
 
 def draw_run(folder: Path, form: Format = "png") -> tuple[list[Path], list[Landing]]:
-    """Draw a run's log and its pictures into its folder; either may be missing.
+    """Draw a run's log and its pictures into its folder; either may be missing. The pictures may also be in folders of
+    their own in it, which their figures go into.
 
     Returns:
         The files written, and the landings of the log.
@@ -74,10 +75,12 @@ def draw_run(folder: Path, form: Format = "png") -> tuple[list[Path], list[Landi
         ReportError: there is no log, or nothing in it.
     """
     log = folder / LOG
-    try:
-        files = [*draw_contact_sheet(folder, form), *draw_coverage(folder, form)]
-    except (msgspec.DecodeError, ValueError, OSError) as error:
-        raise ReportError(f"{folder / DATASET} can't be drawn: {error}") from error
+    files: list[Path] = []
+    for dataset in sorted((*folder.glob(DATASET), *folder.glob(f"*/{DATASET}"))):
+        try:
+            files += [*draw_contact_sheet(dataset.parent, form), *draw_coverage(dataset.parent, form)]
+        except (msgspec.DecodeError, ValueError, OSError) as error:
+            raise ReportError(f"{dataset} can't be drawn: {error}") from error
     try:
         entries = list(read_log(log))
         files += draw_flight(entries, folder, form)

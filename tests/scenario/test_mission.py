@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from jezero.cli.mission import MISSION
+from jezero.cli.mission import FLIGHT
 from jezero.deploy.virtual_flight import fly_virtually
 from jezero.frames import horizontal, norm, subtract
 from jezero.schemas import topics
@@ -15,14 +15,14 @@ from jezero.schemas.state import StatusCode as Code
 from tests.scenario.rig import Flight, go_to, land_at
 
 HASH = """
-from jezero.cli.mission import MISSION
+from jezero.cli.mission import FLIGHT
 from jezero.deploy.virtual_flight import fly_virtually
-print(fly_virtually(MISSION, 5).log_sha256)
+print(fly_virtually(FLIGHT, 5).log_sha256)
 """
 
 
 def test_the_same_seed_gives_the_same_log_also_in_another_process_and_another_seed_does_not() -> None:
-    first = fly_virtually(MISSION, 5)
+    first = fly_virtually(FLIGHT, 5)
     assert first.result == "succeeded", first.reason
     assert first.touchdown_error_m is not None and first.touchdown_error_m < 0.1
     environment = {"PYTHONHASHSEED": "99"}
@@ -30,7 +30,7 @@ def test_the_same_seed_gives_the_same_log_also_in_another_process_and_another_se
         [sys.executable, "-c", HASH], capture_output=True, text=True, check=True, env=environment
     ).stdout.split()[-1]
     assert other == first.log_sha256
-    assert fly_virtually(MISSION, 6).log_sha256 != first.log_sha256
+    assert fly_virtually(FLIGHT, 6).log_sha256 != first.log_sha256
 
 
 def test_the_status_goes_through_the_codes_of_the_thesis() -> None:

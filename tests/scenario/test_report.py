@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from jezero.cli.main import main
-from jezero.cli.mission import MISSION
+from jezero.cli.mission import FLIGHT
 from jezero.deploy.virtual_flight import FlightResult, fly_virtually
 from jezero.report.flight_log import LOG, RECORDED, read_log
 from jezero.report.landings import Landing, Series, landings
@@ -20,7 +20,7 @@ BENCHMARK = {"case": "tag", "rover": "turn", "n": 3, "landed": 2, "touchdowns_m"
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FlightResult]:
     folder = tmp_path_factory.mktemp("run")
-    return folder, fly_virtually(MISSION, 3, folder / LOG)
+    return folder, fly_virtually(FLIGHT, 3, folder / LOG)
 
 
 @pytest.fixture(scope="module")

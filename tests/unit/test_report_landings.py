@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from jezero.cli.demo import pointing_to
 from jezero.cli.flight import Printer
-from jezero.cli.fly import pointing_to
 from jezero.report.flight_log import Entry
 from jezero.report.landings import landings
 from jezero.report.report import draw_report
