@@ -44,10 +44,12 @@ class Comparison:
     """A map against a reference, patch by patch.
 
     Attributes:
-        errors_m: (k, 2) by how much the map is too far north and east.
+        places_m: (k, 2) of the patches in the part, to the north and to the east.
+        errors_m: (k, 2) by how much the map is too far north and east there.
         found_share: of all patches, how many were found again; the rover, for one, is not in the reference.
     """
 
+    places_m: Array
     errors_m: Array
     found_share: float
 
@@ -61,6 +63,23 @@ class Comparison:
         """(k,) lengths of the errors without the common translation."""
         return np.asarray(np.linalg.norm(self.errors_m - self.offset_m, axis=1))
 
+    @property
+    def turn_rad(self) -> float:
+        """Of the whole map, clockwise."""
+        return float(self._turned()[0])
+
+    @property
+    def unturned_m(self) -> Array:
+        """(k,) lengths of the errors without the common translation and turn."""
+        return np.asarray(np.linalg.norm(self._turned()[1], axis=1))
+
+    def _turned(self) -> tuple[float, Array]:
+        """The turn that explains most of the errors, and what it leaves."""
+        at, errors_m = (values - values.mean(axis=0) for values in (self.places_m, self.errors_m))
+        aside = np.column_stack((-at[:, 1], at[:, 0]))
+        turn_rad = float((aside * errors_m).sum() / (aside**2).sum())
+        return turn_rad, np.asarray(errors_m - turn_rad * aside)
+
 
 def compare(part: Pixels, reference: Pixels) -> Comparison:
     """Find each patch of a part of a map in the reference.
@@ -71,7 +90,7 @@ def compare(part: Pixels, reference: Pixels) -> Comparison:
     picture, wanted = (np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), np.uint8) for pixels in (part, reference))
     down, right = _coarse(picture, wanted)
     side_px = PATCH_PX + 2 * SEARCH_PX
-    errors_px, count = [], 0
+    places_px, errors_px, count = [], [], 0
     for row in range(0, picture.shape[0] - PATCH_PX + 1, STEP_PX):
         for column in range(0, picture.shape[1] - PATCH_PX + 1, STEP_PX):
             count += 1
@@ -79,9 +98,11 @@ def compare(part: Pixels, reference: Pixels) -> Comparison:
             window = wanted[max(top, 0) : top + side_px, max(left, 0) : left + side_px]
             patch = picture[row : row + PATCH_PX, column : column + PATCH_PX]
             if window.shape == (side_px, side_px) and (found := _found(patch, window)) is not None:
+                places_px.append((-row, column))
                 errors_px.append((top + found[0] - row - MARGIN_PX, left + found[1] - column - MARGIN_PX))
     errors_m = M_PER_PX * np.array(errors_px, float).reshape(-1, 2) * np.array((1.0, -1.0))
-    return Comparison(errors_m, len(errors_px) / max(count, 1))
+    places_m = M_PER_PX * np.array(places_px, float).reshape(-1, 2)
+    return Comparison(places_m, errors_m, len(errors_px) / max(count, 1))
 
 
 def _coarse(picture: Pixels, wanted: Pixels) -> tuple[int, int]:
@@ -144,7 +165,8 @@ def main() -> None:
         north_m, east_m = found.offset_m
         print(
             f"seed {seed}: {made.pictures} pictures; median error {100 * np.median(found.rest_m):.1f} cm, 95 % "
-            f"{100 * np.percentile(found.rest_m, 95):.1f} cm of {100 * found.found_share:.0f} % of the patches; "
+            f"{100 * np.percentile(found.rest_m, 95):.1f} cm (without a turn of {np.degrees(found.turn_rad):.2f}° "
+            f"{100 * np.median(found.unturned_m):.1f} cm) of {100 * found.found_share:.0f} % of the patches; "
             f"absolute offset {100 * north_m:+.0f} cm north, {100 * east_m:+.0f} cm east; what two pictures show of "
             f"one place was {100 * made.alignment.before_m:.1f} cm apart and is {100 * made.alignment.after_m:.1f} cm",
             flush=True,

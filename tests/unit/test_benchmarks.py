@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.latency import delays, pair
-from benchmarks.map import M_PER_PX, MARGIN_PX, compare
+from benchmarks.map import M_PER_PX, MARGIN_PX, Comparison, compare
 from benchmarks.stack import cpu_ns, memory_mb, percentile
 
 MS = 1_000_000
@@ -53,3 +53,12 @@ def test_a_map_is_compared_place_by_place_and_its_common_translation_is_told_apa
     assert found.offset_m == pytest.approx((M_PER_PX * up, -M_PER_PX * left), abs=0.01 + 3 * M_PER_PX)
     assert np.ptp(found.errors_m[:, 0]) == pytest.approx(3 * M_PER_PX, abs=0.01)
     assert np.abs(found.errors_m[:, 1] + M_PER_PX * left).max() < 0.01
+
+
+def test_a_turn_of_the_whole_map_is_told_apart() -> None:
+    places_m = np.random.default_rng(1).uniform(0.0, 5.0, (40, 2))
+    errors_m = np.array((0.2, -0.1)) + 0.01 * np.column_stack((-places_m[:, 1], places_m[:, 0]))
+    found = Comparison(places_m, errors_m, 1.0)
+    assert found.turn_rad == pytest.approx(0.01)
+    assert found.unturned_m.max() < 1e-9
+    assert found.rest_m.max() > 0.01
