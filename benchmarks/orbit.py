@@ -33,6 +33,7 @@ from jezero.runtime.memory_bus import Answers, MemoryBus
 from jezero.runtime.service import Service
 from jezero.schemas import topics
 from jezero.schemas.actions import Frame, GetImagesGoal, Result, TakeoffGoal
+from jezero.schemas.estimate import Relative
 from jezero.schemas.images import Image
 from jezero.schemas.state import Odometry, Scene, Status, Truth
 from jezero.services.actions.config import CaptureConfig
@@ -49,7 +50,9 @@ NUM_IMAGES = 8
 CENTER_WORLD_NED_M = (-2.0, 0.0, HEIGHT_NED_M)
 CENTER_ROVER_NED_M = (0.0, 0.0, HEIGHT_NED_M)
 NO_TAGS = ("tag_detector",)
-WATCHED: dict[str, Any] = {topic.name: topic for topic in (topics.ODOMETRY, topics.TRUTH, topics.SCENE, topics.STATUS)}
+WATCHED: dict[str, Any] = {
+    topic.name: topic for topic in (topics.ODOMETRY, topics.RELATIVE, topics.TRUTH, topics.SCENE, topics.STATUS)
+}
 
 
 class Black:
@@ -70,7 +73,7 @@ class Orbiting:
     """A stack in wind whose camera takes black pictures; takes off, orbits, and keeps what it sees.
 
     Attributes:
-        odometry, truths: of the whole flight; scenes: by the time of their exposure.
+        odometry, relatives, truths: of the whole flight; scenes: by the time of their exposure.
     """
 
     def __init__(self, seed: int, *, rover_mps: float | None = None, wind: WindConfig = WIND) -> None:
@@ -86,6 +89,7 @@ class Orbiting:
         self.bus.add(self._driver)
         self._rover_mps = rover_mps
         self.odometry: list[Odometry] = []
+        self.relatives: list[Relative] = []
         self.truths: list[Truth] = []
         self.scenes: dict[int, Scene] = {}
         self._status: Status | None = None
@@ -97,6 +101,8 @@ class Orbiting:
         message = msgspec.json.decode(data, type=WATCHED[topic].type)
         if isinstance(message, Odometry):
             self.odometry.append(message)
+        elif isinstance(message, Relative):
+            self.relatives.append(message)
         elif isinstance(message, Truth):
             self.truths.append(message)
         elif isinstance(message, Scene):
@@ -154,10 +160,11 @@ def measure(flight: Orbiting, goal: GetImagesGoal, images: tuple[Image, ...]) ->
     estimated = [o for o in flight.odometry if first_ns <= o.t_ns <= last_ns]
     offsets = []
     for odometry in estimated:
-        position = np.array(odometry.pos_uav_ned_m)
-        if follows:  # the estimate of the relative pose is judged elsewhere: here by the truth
-            position = true_at(odometry.t_ns, "pos_uav_ned_m") - true_at(odometry.t_ns, "pos_rover_ned_m")
-        offsets.append(position - np.array(goal.center_ned_m))
+        pos_ned_m = odometry.pos_uav_ned_m
+        if follows:
+            nearest = min(flight.relatives, key=lambda relative: abs(relative.t_ns - odometry.t_ns))
+            pos_ned_m = nearest.pos_uav_rel_rover_ned_m
+        offsets.append(np.array(subtract(pos_ned_m, goal.center_ned_m)))
     away = np.array(offsets)
     bearings = np.arctan2(-away[:, 1], -away[:, 0])
     yaws = [yaw_from_quat(o.q_ned_from_frd) for o in estimated]

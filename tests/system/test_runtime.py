@@ -306,6 +306,31 @@ def test_who_is_slow_sees_the_newest_picture_and_not_every_one(router: tuple[Ins
     assert int(json.loads(answer)["reason"].split()[1]) < 10
 
 
+def test_a_pictures_pixels_are_the_bare_payload_of_a_reply(router: tuple[Instance, dict[str, str]]) -> None:
+    instance, environment = router
+    process = start(environment, "album")
+    key = topics.key(instance.vehicle, topics.GET_IMAGES.image.name)
+
+    def fetched(selector: str) -> list[tuple[dict[str, object], bytes]]:
+        replies = [reply.ok for reply in session.get(key + selector, timeout=2.0) if reply.ok is not None]
+        headers = [b"{}" if reply.attachment is None else reply.attachment.to_bytes() for reply in replies]
+        return [(json.loads(h), r.payload.to_bytes()) for h, r in zip(headers, replies, strict=True)]
+
+    try:
+        with zenoh.open(client_config(instance.router)) as session:
+            wait_for(lambda: bool(fetched("?goal_id=g;index=0")), 10.0, "an answer")
+            ((header, pixels),) = fetched("?goal_id=g;index=0")
+            assert pixels == b"\n\x00\xffabc"
+            assert (header["goal_id"], header["width_px"], header["height_px"]) == ("g", 2, 1)
+            ((header, pixels),) = fetched("?goal_id=g;index=4")
+            assert (header["reason"], pixels) == ("no picture 4", b"")
+            ((header, _),) = fetched("?goal_id=g;index=-4")
+            assert "index" in str(header["reason"])
+    finally:
+        process.kill()
+        process.communicate(timeout=5)
+
+
 def picture(number: int) -> CameraFrame:
     return CameraFrame(
         t_ns=1,

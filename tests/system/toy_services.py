@@ -10,6 +10,7 @@ from jezero.runtime.service import Inbox, Output, Publish, Reply, Spec, Work
 from jezero.runtime.zenoh_bus import new_boot_id, run_service
 from jezero.schemas import topics
 from jezero.schemas.commands import AbortReply
+from jezero.schemas.images import GetImage, ImageReply
 from jezero.schemas.state import Clock
 
 
@@ -47,6 +48,20 @@ class SlowViewer:
             newest = -1 if frame is None else frame.sequence
             whole = frame is not None and frame.pixels == bytes([newest]) * (640 * 480 * 3)
             yield Reply(request.request_id, AbortReply(hovering=whole, reason=f"{newest} {self.seen}"))
+
+
+class Album:
+    """Has one picture, number 0."""
+
+    spec = Spec(name="album", serves=(topics.GET_IMAGES.image,), triggers=(topics.GET_IMAGES.image.name,), rate_hz=20)
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        for request in inbox.requests(topics.GET_IMAGES.image):
+            wanted: GetImage = request.payload
+            picture = ImageReply(goal_id=wanted.goal_id, index=wanted.index, reason=f"no picture {wanted.index}")
+            if wanted.index == 0:
+                picture = ImageReply(goal_id=wanted.goal_id, width_px=2, height_px=1, pixels=b"\n\x00\xffabc")
+            yield Reply(request.request_id, picture)
 
 
 def count_for_a_second() -> int:
@@ -106,6 +121,7 @@ class Hung:
 
 
 SERVICES = {
+    "album": Album,
     "broken_work": BrokenWork,
     "busy": Busy,
     "echo": Echo,

@@ -72,7 +72,7 @@ def test_a_run_may_be_only_a_dataset_but_not_nothing(tmp_path: Path) -> None:
     assert [file.name for file in files] == ["contact_sheet.png"]
     assert flown == []
     with pytest.raises(ReportError, match=r"has no flight\.jsonl"):
-        draw_run(tmp_path)
+        draw_run(tmp_path / "elsewhere")
     (tmp_path / "run" / "images.json").write_text("{")
     with pytest.raises(ReportError, match=r"images\.json can't be drawn"):
         draw_run(tmp_path / "run")
