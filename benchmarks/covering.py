@@ -5,6 +5,7 @@ from typing import Any
 
 import msgspec
 
+from benchmarks.orbit import WIND, Black
 from jezero.client.dataset import Dataset
 from jezero.client.images import Picture
 from jezero.deploy.in_process import boot_id, service_makers, wired_bus
@@ -14,31 +15,15 @@ from jezero.schemas import topics
 from jezero.schemas.actions import AreaCoverageGoal, CoverageResult, Result, TakeoffGoal
 from jezero.schemas.commands import Phase, Setpoint
 from jezero.schemas.images import GetImage
-from jezero.schemas.state import Odometry, Scene, Status, Truth
+from jezero.schemas.state import Odometry, Status, Truth
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.service import Camera
-from jezero.services.simulator.camera.view import View
-from jezero.services.simulator.config import SimulatorConfig, WindConfig
+from jezero.services.simulator.config import SimulatorConfig
 
-WIND = WindConfig(mean_mps=3.0, from_deg=250.0, std_gust_mps=0.6)
 NOT_NEEDED = ("tag_detector", "go_to", "land_on_spot")
 WATCHED: dict[str, Any] = {
     topic.name: topic.type for topic in (topics.ODOMETRY, topics.TRUTH, topics.STATUS, topics.SETPOINT)
 }
-
-
-class _Black:
-    """A renderer for flights whose pictures nobody looks at."""
-
-    description = "black"
-    rate_max_hz = 60.0
-
-    def __init__(self, config: CameraConfig) -> None:
-        self._pixels = bytes(3 * config.width_px * config.height_px)
-
-    def picture(self, scene: Scene, views: tuple[View, View, View]) -> bytes:
-        """See `Renderer`."""
-        return self._pixels
 
 
 class Covering:
@@ -59,7 +44,7 @@ class Covering:
         camera = msgspec.structs.replace(load_config(CameraConfig, "camera"), mode="rendered")
         makers = service_makers(seed, simulator=simulator, camera=camera)
         if not rendered:
-            makers["camera"] = lambda boot: Camera(camera, _Black(camera), seed)
+            makers["camera"] = lambda boot: Camera(camera, Black(camera), seed)
         self.bus = wired_bus(seed)
         for name, make in makers.items():
             if name not in NOT_NEEDED:
