@@ -35,6 +35,7 @@ class WatchedLanding:
         self._asked: dict[int, LandOnSpotGoal] = {}
         self._goal: LandOnSpotGoal | None = None
         self._goal_id = ""
+        self._ended: set[str] = set()
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         for request in inbox.requests(topics.LAND_ON_SPOT.endpoint):
@@ -48,12 +49,15 @@ class WatchedLanding:
 
     def _on_reply(self, t_ns: int, reply: Reply) -> None:
         payload, goal = reply.payload, self._asked.get(reply.request_id)
-        if isinstance(payload, Accepted) and goal is not None and (goal.use_uwb or goal.use_marker):
+        if isinstance(payload, Accepted | Result) and payload.goal_id in self._ended:
+            pass  # sent again: it is told how the goal ended, wherever the vehicle is by now
+        elif isinstance(payload, Accepted) and goal is not None and (goal.use_uwb or goal.use_marker):
             self._goal, self._goal_id = goal, payload.goal_id
         elif isinstance(payload, Result) and payload.goal_id == self._goal_id:
             if payload.outcome == "succeeded" and self._goal is not None:
                 self._on_success(t_ns)
             self._goal = None
+            self._ended.add(payload.goal_id)
         if reply.final:
             self._asked.pop(reply.request_id, None)
 

@@ -133,6 +133,17 @@ def test_a_landing_without_sensors_of_the_rover_is_not_meant() -> None:
     assert violations(None, truth(3.0, 2.0), goal=plain) == []
 
 
+def test_a_goal_that_is_sent_again_after_its_end_is_not_judged_again() -> None:
+    judge = Judge()
+    place = truth(0.0, 0.0)
+    watched = WatchedLanding(Blind(0.2), judge, lambda: place)
+    inbox: Any = OneGoal(estimate(), BOTH)
+    list(watched.step(10 * S, inbox))
+    place = truth(0.8, 2.3)
+    list(watched.step(20 * S, inbox))
+    assert judge.violations == []
+
+
 def test_success_beside_the_board_is_none() -> None:
     assert violations(estimate(), truth(0.69, 0.0)) == []
     assert violations(estimate(), truth(0.71, 0.0)) == [TOUCHDOWN]
