@@ -32,7 +32,7 @@ test: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy -p jezero
 	$(BIN)/lint-imports
-	$(BIN)/pytest -q -n 2 --dist worksteal
+	$(BIN)/pytest -q -n 2 --dist loadgroup
 
 campaign: setup
 	$(BIN)/jezero campaign --commit HEAD --minutes 3 --jobs 2

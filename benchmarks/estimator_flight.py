@@ -133,7 +133,7 @@ class EstimatorFlight:
 
     def arrivals(self) -> Iterator[Arrival]:
         """All messages in the order of their arrival, odometry 50 times a second."""
-        clock = ((t_ns, topics.CLOCK, Clock(t_ns=t_ns, epoch_id=1)) for t_ns in self._times(10.0, 0))
+        clock = ((t_ns, topics.CLOCK, Clock(t_ns=t_ns, epoch_id=1, wall_ns=t_ns)) for t_ns in self._times(10.0, 0))
         arrivals = [*clock, *self._odometry(), *self._sensors(), *self._tags()]
         yield from sorted(arrivals, key=lambda arrival: arrival[0])
 

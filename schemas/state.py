@@ -14,6 +14,7 @@ from jezero.schemas.struct import (
     PositionNed,
     QuatNedFromFrd,
     Text,
+    TimeNs,
     Vector,
     VelocityNed,
 )
@@ -52,9 +53,12 @@ class Clock(Message, frozen=True, kw_only=True):
 
     Attributes:
         epoch_id: a new one says that the vehicle was lost and respawned: goals end, filters reset.
+        wall_ns: the master's monotonic clock at that moment. Where it runs on and `t_ns` doesn't, the master stood
+            still; a message that comes late is late in both.
     """
 
     epoch_id: int
+    wall_ns: TimeNs
 
 
 class Odometry(Message, frozen=True, kw_only=True):

@@ -81,7 +81,7 @@ class PointMass:
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Advance the point to `t_ns` as it was steered, then do what is asked and steer it anew."""
         if self._when_clock.due(t_ns):
-            yield Publish(topics.CLOCK, Clock(t_ns=t_ns, epoch_id=self._epoch_id))
+            yield Publish(topics.CLOCK, Clock(t_ns=t_ns, epoch_id=self._epoch_id, wall_ns=inbox.wall_ns))
         dt = 0.0 if self._t_ns is None else min(STEP_MAX_S, (t_ns - self._t_ns) * 1e-9)
         self._t_ns = t_ns
         self._point.step(dt, self._pilot.wanted_ned_mps2, self._pilot.yaw_rate_rps)

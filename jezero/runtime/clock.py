@@ -1,51 +1,54 @@
 """Vehicle time on a host that only knows its own monotonic clock."""
 
 from collections import deque
+from itertools import pairwise
 
-WINDOW = 10
-JUMP_BACK_NS = 200_000_000
-SETTLE_NS = 150_000_000
-NS_PER_S = 1_000_000_000
+RATE_MIN = 0.2
+RATES = 5
+"""The rate is the fastest of so many: one stall does not make a master slow."""
+DRIFT = 2e-4
+"""Monotonic clocks of two hosts differ by less."""
 
 
 class VehicleClock:
     """Maps monotonic wall time onto the vehicle time that `clock` messages carry.
 
-    The earliest-arriving message of the last ten decides, as a delay can only make the master look late. The rate
-    follows the master, which may run slower than the wall. Without messages time goes on at the last rate, so that
-    what has stopped coming grows old. Time steps back only when messages stay behind it for a while, as they do after
-    the master has stood still: those that a link held back come all at once, and must not make old setpoints young.
+    Each message tells both times of its master. The one that arrived earliest ties the two monotonic clocks together,
+    as a delay can only make the master look late; the newest ties vehicle time to the master's. So a master that stood
+    still is told from messages that came late: vehicle time steps back for the former at once, and never for the
+    latter, which would make old setpoints young. Between messages it follows the master's rate, which may be slower
+    than the wall's; without messages it goes on, so that what has stopped coming grows old.
     """
 
     def __init__(self) -> None:
         self.epoch_id: int | None = None
-        self._samples: deque[tuple[int, int]] = deque(maxlen=WINDOW)
-        self._behind: list[tuple[int, int]] = []
-        """The latest messages, while they are too far behind to be believed yet."""
+        self._master_ahead_ns = 0
+        """The master's monotonic clock less ours."""
+        self._updated_ns = 0
+        self._samples: deque[tuple[int, int]] = deque(maxlen=RATES + 1)
+        """(wall time of the master, vehicle time), oldest first."""
         self._rate = 1.0
 
-    def update(self, t_ns: int, epoch_id: int, wall_ns: int) -> None:
+    def update(self, t_ns: int, epoch_id: int, wall_master_ns: int, wall_ns: int) -> None:
         """Take one `clock` message that arrived at `wall_ns`."""
+        ahead_ns = wall_master_ns - wall_ns
         if epoch_id != self.epoch_id:
-            self._begin([], epoch_id)
-        if self.now_ns(wall_ns) - t_ns > JUMP_BACK_NS:
-            self._behind.append((wall_ns, t_ns))
-            if wall_ns - self._behind[0][0] >= SETTLE_NS:
-                self._begin(self._behind, epoch_id)
-            return
-        self._behind.clear()
-        self._samples.append((wall_ns, t_ns))
-        first_wall, first_t = self._samples[0]
-        spans = [(wall - first_wall, t - first_t) for wall, t in self._samples if wall - first_wall > NS_PER_S // 4]
-        if spans:  # late messages make it look slow: the fastest span is the one without them
-            self._rate = min(1.0, max(0.2, *(t / wall for wall, t in spans)))
-
-    def _begin(self, samples: list[tuple[int, int]], epoch_id: int) -> None:
-        self._samples = deque(samples, maxlen=WINDOW)
-        self._behind = []
-        self._rate = 1.0
-        self.epoch_id = epoch_id
+            self.epoch_id = epoch_id
+            self._samples.clear()
+        else:
+            drift_ns = int((wall_ns - self._updated_ns) * DRIFT)
+            ahead_ns = max(ahead_ns, self._master_ahead_ns - drift_ns)
+        self._master_ahead_ns = ahead_ns
+        self._updated_ns = wall_ns
+        if self._samples and wall_master_ns <= self._samples[-1][0]:
+            return  # overtaken by a newer one
+        self._samples.append((wall_master_ns, t_ns))
+        rates = [(t - t_before) / (wall - before) for (before, t_before), (wall, t) in pairwise(self._samples)]
+        self._rate = min(1.0, max([RATE_MIN, *rates])) if rates else 1.0
 
     def now_ns(self, wall_ns: int) -> int:
         """Vehicle time at `wall_ns`; 0 before the first message."""
-        return max((t + int((wall_ns - wall) * self._rate) for wall, t in self._samples), default=0)
+        if not self._samples:
+            return 0
+        wall_master_ns, t_ns = self._samples[-1]
+        return t_ns + int((wall_ns + self._master_ahead_ns - wall_master_ns) * self._rate)

@@ -36,6 +36,10 @@ ANSWER_WITHIN_NS = 16_000_000
 """How long the time master waits for the autopilot in one 4 ms step: vehicle time runs at 0.25x at least."""
 SILENT_STEPS = 60
 """After this many unanswered steps in a row the autopilot is not waited for until it answers again."""
+STALL_NS = 100_000_000
+CATCH_UP_S = 0.03
+"""A process that stood still for a stall lets in what has piled up since, and what tells the time, before it judges
+anybody's silence or executes anything."""
 LOOK_EVERY_NS = 50_000_000
 """A link with nothing to read is polled so often all the same."""
 
@@ -109,6 +113,7 @@ class _Runner:
         self._links = links
         self._clock = VehicleClock()
         self._master_t_ns = 0
+        self._stalled_ns = 0
         self._stopping = False
         self._events: deque[tuple[Kind, str, Any]] = deque()
         self._newest_picture: dict[str, zenoh.Sample | None] = {}
@@ -180,11 +185,21 @@ class _Runner:
 
     # -- the loop --
 
+    def _now_ns(self) -> int:
+        """Monotonic time less that in which this process stood still: others may have stood still as well."""
+        return time.monotonic_ns() - self._stalled_ns
+
     def _loop(self) -> None:
-        due_ns = time.monotonic_ns()
+        due_ns = now_ns = self._now_ns()
         while not self._stopping:
-            self._wait(min(due_ns, self._next_health_ns))
-            now_ns = time.monotonic_ns()
+            until_ns = max(now_ns, min(due_ns, self._next_health_ns))
+            self._wait(until_ns)
+            now_ns = self._now_ns()
+            if now_ns - until_ns > STALL_NS:
+                self._late_ns = max(self._late_ns, now_ns - until_ns)
+                self._stalled_ns += now_ns - until_ns
+                time.sleep(CATCH_UP_S)
+                now_ns = self._now_ns()
             wanted = self._collect(now_ns)
             if wanted or now_ns >= due_ns:
                 if not wanted:
@@ -196,11 +211,11 @@ class _Runner:
     def _loop_as_master(self, link: str) -> None:
         """Advance vehicle time by one period per step, in lockstep with whoever is on `link`."""
         period_ns = int(NS_PER_S / self._spec.rate_hz)
-        due_ns = time.monotonic_ns()
+        due_ns = self._now_ns()
         silent = 0
         while not self._stopping:
             self._wait(due_ns)
-            now_ns = time.monotonic_ns()
+            now_ns = self._now_ns()
             self._collect(now_ns)
             if now_ns < due_ns:
                 continue
@@ -215,14 +230,14 @@ class _Runner:
 
     def _await_answer(self, link: str, *, wait: bool) -> bool:
         sockets = self._links[link].sockets()
-        deadline_ns = time.monotonic_ns() + (ANSWER_WITHIN_NS if wait else 0)
+        deadline_ns = self._now_ns() + (ANSWER_WITHIN_NS if wait else 0)
         while not self._stopping:
-            remaining_ns = max(0, deadline_ns - time.monotonic_ns())
+            remaining_ns = max(0, deadline_ns - self._now_ns())
             ready, _, _ = select.select(sockets, [], [], remaining_ns / NS_PER_S)
             if not ready:
                 return False
             before = self._links[link].up
-            data = self._links[link].poll(time.monotonic_ns())
+            data = self._links[link].poll(self._now_ns())
             if data:
                 self._node.deliver_bytes(link, data)
                 return True
@@ -235,7 +250,7 @@ class _Runner:
         ends: list[Any] = [self._bell]
         for link in self._links.values():
             ends += link.sockets()
-        timeout_s = max(0, until_ns - time.monotonic_ns()) / NS_PER_S
+        timeout_s = max(0, until_ns - self._now_ns()) / NS_PER_S
         self._readable, _, _ = select.select(ends, [], [], min(timeout_s, 0.1 if self._links else 1.0))
 
     def _collect(self, now_ns: int) -> bool:
@@ -302,7 +317,7 @@ class _Runner:
             clock: Clock = decode(Clock, data)
         except BadPayloadError:
             return
-        self._clock.update(clock.t_ns, clock.epoch_id, now_ns)
+        self._clock.update(clock.t_ns, clock.epoch_id, clock.wall_ns, now_ns)
 
     def _on_query(self, name: str, query: zenoh.Query) -> bool:
         if str(query.key_expr) != key(self._instance.vehicle, name):

@@ -31,7 +31,7 @@ class Descent:
     def down_mps(self, t_ns: int, pad: Pad) -> float:
         """Speed downwards relative to the platform: none outside the cone, upwards far outside."""
         config = self._config
-        passed_s = 0.0 if self._t_ns is None else min((t_ns - self._t_ns) / NS_PER_S, STEP_MAX_S)
+        passed_s = 0.0 if self._t_ns is None else min(max((t_ns - self._t_ns) / NS_PER_S, 0.0), STEP_MAX_S)
         self._t_ns = t_ns
         wanted_mps = min(max(config.gain_descent_1ps * pad.height_m, config.descent_min_mps), config.descent_max_mps)
         if pad.height_m < config.commit_m:

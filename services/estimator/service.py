@@ -275,7 +275,7 @@ class Estimator:
     def _publish(self, t_ns: int, fresh: bool, reason: str) -> Iterator[Output]:
         period_ns = int(NS_PER_S / self._selection.tuning.rate_relative_hz)
         since_ns = t_ns - self._published_ns
-        if self._epoch_id is None or since_ns < (0.75 * period_ns if fresh else SILENT_PERIOD_NS):
+        if self._epoch_id is None or 0 <= since_ns < (0.75 * period_ns if fresh else SILENT_PERIOD_NS):
             return
         self._published_ns = t_ns
         estimate = self._filter.estimate

@@ -23,6 +23,7 @@ from jezero.services.simulator.wind import Wind
 STEPS_PER_S = 250
 DT_S = 1.0 / STEPS_PER_S
 HIL = "hil"
+BEHIND_NS = 20_000_000
 EPOCHS_PER_BOOT = 1000
 EPOCH_LIMIT = 2**53
 """Integers below it survive JSON readers that only know doubles."""
@@ -69,6 +70,8 @@ class Simulator:
         self._boot_id = boot_id
         self._connections = 0
         self._up = False
+        self._behind_ns = 0
+        """How far vehicle time was behind the wall's when it was last told, less a constant."""
         self._hil = HilPort()
         self._rover = Rover(config.rover, terrain)
         self._drive = Drive(config.rover)
@@ -109,8 +112,7 @@ class Simulator:
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
         """Advance the world by 4 ms to `t_ns`, whatever the autopilot has answered."""
         yield from self._follow_link(inbox)
-        if self._when_clock.due(t_ns):
-            yield Publish(topics.CLOCK, Clock(t_ns=t_ns, epoch_id=self._epoch_id))
+        yield from self._clock(t_ns, inbox.wall_ns)
         self._drive.take(t_ns, inbox.new(topics.ROVER_COMMAND))
         self._drive_rover(t_ns)
         state = self._advance()
@@ -124,6 +126,13 @@ class Simulator:
     def close(self) -> None:
         """Free the physics engine."""
         self._world.close()
+
+    def _clock(self, t_ns: int, wall_ns: int) -> Iterable[Output]:
+        """Now and then, and at once when vehicle time has fallen behind: everybody else thinks it went on."""
+        behind_ns = wall_ns - t_ns
+        if self._when_clock.due(t_ns) or behind_ns - self._behind_ns > BEHIND_NS:
+            self._behind_ns = behind_ns
+            yield Publish(topics.CLOCK, Clock(t_ns=t_ns, epoch_id=self._epoch_id, wall_ns=wall_ns))
 
     @property
     def _epoch_id(self) -> int:

@@ -45,6 +45,7 @@ LINK = "autopilot"
 STATUS_PERIOD_NS = 100_000_000
 STREAM_PERIOD_NS = 50_000_000
 """A target that nobody renews is sent again after this: the autopilot wants more than 2 Hz, a hover 10 Hz."""
+AHEAD_MAX_NS = 150_000_000
 HEARTBEAT_PERIOD_NS = 1_000_000_000
 INTERVALS_PERIOD_NS = 5_000_000_000
 ALTIMETER_MAX_AGE_NS = 300_000_000
@@ -84,6 +85,8 @@ class VehicleBridge:
         self._authority = Authority(config, boot_id)
         self._epoch_id: int | None = None
         self._timer_ns = 0
+        self._ahead_ns = 0
+        """Of vehicle time that the timer has counted already."""
         self._t_ns: int | None = None
         """Vehicle time of the last step; None until there is one."""
         self._ground_z_ned_m = 0.0
@@ -118,8 +121,10 @@ class VehicleBridge:
             self._started_wall_ns = inbox.wall_ns
         if inbox.connected or self._router_seen_wall_ns is None:
             self._router_seen_wall_ns = inbox.wall_ns
+        t_ns = self._not_before_autopilot(t_ns)
         self._count_time(t_ns, inbox)
         received = self._receive(t_ns, inbox)
+        t_ns = self._not_before_autopilot(t_ns)
         for odometry in received.odometry:
             yield Publish(ODOMETRY, odometry)
         now = self._situation(t_ns, inbox)
@@ -135,11 +140,21 @@ class VehicleBridge:
     # -- in ------------------------------------------------------------------------------------------------
 
     def _count_time(self, t_ns: int, inbox: Inbox) -> None:
-        """Vehicle time comes to be at the first `clock`, and steps back when it was estimated too far ahead."""
+        """Vehicle time comes to be at the first `clock`, and steps back when it was estimated too far ahead.
+
+        What is passed twice then counts once, within bounds: a silence is noticed soon all the same.
+        """
         if inbox.latest(CLOCK) is not None:
-            if self._t_ns is not None:
-                self._timer_ns += max(0, t_ns - self._t_ns)
+            passed_ns = 0 if self._t_ns is None else t_ns - self._t_ns
             self._t_ns = t_ns
+            self._ahead_ns = min(self._ahead_ns - passed_ns, AHEAD_MAX_NS)
+            self._timer_ns += max(0, -self._ahead_ns)
+            self._ahead_ns = max(0, self._ahead_ns)
+
+    def _not_before_autopilot(self, t_ns: int) -> int:
+        """The autopilot tells vehicle time as well, whoever is cut off from the bus or has stood still himself."""
+        odometry = self._link.telemetry.odometry
+        return t_ns if odometry is None else max(t_ns, odometry.t_ns)
 
     def _receive(self, t_ns: int, inbox: Inbox) -> Received:
         respawned = False

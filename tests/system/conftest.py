@@ -23,7 +23,16 @@ from tests.system.overheard import Tap
 GCS_PORT = 17550
 """Of instance 0: each stack has a ground station's port of its own."""
 PX4_GCS_PORT = 14550
+HERE = Path(__file__).parent
 JEZERO = [sys.executable, "-m", "jezero.cli.main"]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """One stack at a time with `pytest --dist loadgroup`: it needs a core and a half, and there may be two."""
+    for item in items:
+        if HERE in item.path.parents:
+            item.add_marker(pytest.mark.xdist_group("stack"))
 
 
 @dataclass

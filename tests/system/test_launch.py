@@ -110,9 +110,9 @@ def test_a_service_waits_until_what_it_needs_is_healthy(toy: Stack, tmp_path: Pa
         "  first: {command: sleep 1000, depends_on: {router: {condition: service_healthy}}}\n"
         "  second: {command: sleep 1000, depends_on: {mute: {condition: service_healthy}}}\n",
     )
-    failed = toy.jezero("up", "--wait", "--timeout", "3", "-f", file, check=False)
+    failed = toy.jezero("up", "--wait", "--timeout", "8", "-f", file, check=False)
     assert failed.returncode == 1
-    assert "not ready after 3 s: mute is running: nothing heard from it on the bus" in failed.stderr
+    assert "not ready after 8 s: mute is running: nothing heard from it on the bus" in failed.stderr
     shown = rows(toy)
     assert (shown["router"]["healthy"], shown["router"]["health"]) == (True, "ok")
     assert shown["first"]["state"] == "running"

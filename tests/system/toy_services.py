@@ -102,7 +102,7 @@ class Undeclared:
     spec = Spec(name="undeclared", rate_hz=20)
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
-        yield Publish(topics.CLOCK, Clock(t_ns=0, epoch_id=0))
+        yield Publish(topics.CLOCK, Clock(t_ns=0, epoch_id=0, wall_ns=0))
 
 
 class Hung:

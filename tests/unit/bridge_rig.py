@@ -207,6 +207,8 @@ class Rig:
         self.autopilot = FakeAutopilot()
         self.box = Box()
         self.t_ns = 1_000_000_000
+        self.ahead_ns = 0
+        """The bridge's estimate of vehicle time less the true one."""
         self.epoch_id = 7
         self.outputs: list[Output] = []
         self.statuses: list[Status] = []
@@ -235,12 +237,12 @@ class Rig:
         self.t_ns += STEP_NS
         self.box.wall_ns += STEP_NS
         self.autopilot.t_us = self.t_ns // 1000
-        self.box.put(CLOCK, Clock(t_ns=self.t_ns, epoch_id=self.epoch_id))
+        self.box.put(CLOCK, Clock(t_ns=self.t_ns, epoch_id=self.epoch_id, wall_ns=self.t_ns))
         if self.range_m is not None:
             self.box.put(ALTIMETER, Altimeter(t_ns=self.t_ns, range_m=self.range_m))
         self.box.bytes = b"" if self.autopilot.silent else self._to_bridge + self.autopilot.tell()
         self._to_bridge = b""
-        for output in self.bridge.step(self.t_ns, self.box):
+        for output in self.bridge.step(self.t_ns + self.ahead_ns, self.box):
             self._take(output)
         self.box.clear()
 
@@ -261,6 +263,16 @@ class Rig:
         for _ in range(round(seconds * 1e9 / STEP_NS)):
             each()
             self.step()
+
+    def stand_still(self, seconds: float) -> None:
+        """Vehicle time stops for so long, which the bridge learns afterwards; nothing is heard meanwhile."""
+        self.autopilot.silent = True
+        for _ in range(round(seconds * 1e9 / STEP_NS)):
+            self.t_ns -= STEP_NS
+            self.ahead_ns += STEP_NS
+            self.step()
+        self.autopilot.silent = False
+        self.ahead_ns = 0
 
     def run_until(self, condition: Callable[[], bool], each: Callable[[], None] = lambda: None, limit_s: float = 20.0):
         for _ in range(round(limit_s * 1e9 / STEP_NS)):

@@ -156,7 +156,7 @@ class FakeBridge:
         if self.mute_status or not (due or shown != self._shown):
             return
         self._status_ns, self._shown = t_ns, shown
-        yield Publish(topics.CLOCK, Clock(t_ns=t_ns, epoch_id=self.epoch_id))
+        yield Publish(topics.CLOCK, Clock(t_ns=t_ns, epoch_id=self.epoch_id, wall_ns=t_ns))
         yield Publish(
             topics.STATUS,
             Status(

@@ -43,7 +43,7 @@ class PointMass:
         self._fly()
         yield Send("offboard", answer + autopilot.tell())
         if self.steps % 5 == 0:
-            yield Publish(topics.CLOCK, Clock(t_ns=t_ns, epoch_id=3))
+            yield Publish(topics.CLOCK, Clock(t_ns=t_ns, epoch_id=3, wall_ns=t_ns))
         self.steps += 1
         height_m = -autopilot.pos[2]
         yield Publish(topics.ALTIMETER, Altimeter(t_ns=t_ns, range_m=height_m if height_m > 0.15 else None))

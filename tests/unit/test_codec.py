@@ -63,10 +63,10 @@ def test_a_picture_with_too_few_or_too_many_pixels_is_refused(pixels: bytes) -> 
 def test_a_flights_log_keeps_only_the_header_of_a_picture(tmp_path: Path) -> None:
     with LogWriter(tmp_path / "log.jsonl") as log:
         log.write(7, topics.CAMERA.name, encode(FRAME))
-        log.write(8, topics.CLOCK.name, encode(Clock(t_ns=1, epoch_id=2)))
+        log.write(8, topics.CLOCK.name, encode(Clock(t_ns=1, epoch_id=2, wall_ns=3)))
     frame, clock = read_log(tmp_path / "log.jsonl")
     assert frame.message == msgspec.structs.replace(FRAME, pixels=b"")
-    assert clock.message == Clock(t_ns=1, epoch_id=2)
+    assert clock.message == Clock(t_ns=1, epoch_id=2, wall_ns=3)
 
 
 def test_an_honest_none_is_sent() -> None:
@@ -77,11 +77,11 @@ def test_an_honest_none_is_sent() -> None:
     "text",
     [
         '{"t_ns": 1}',
-        '{"t_ns": 1, "epoch_id": 2, "colour": "red"}',
-        '{"t_ns": -1, "epoch_id": 2}',
-        '{"t_ns": 1e400, "epoch_id": 2}',
-        '{"t_ns": null, "epoch_id": 2}',
-        '{"t_ns": NaN, "epoch_id": 2}',
+        '{"t_ns": 1, "epoch_id": 2, "wall_ns": 3, "colour": "red"}',
+        '{"t_ns": -1, "epoch_id": 2, "wall_ns": 3}',
+        '{"t_ns": 1e400, "epoch_id": 2, "wall_ns": 3}',
+        '{"t_ns": null, "epoch_id": 2, "wall_ns": 3}',
+        '{"t_ns": NaN, "epoch_id": 2, "wall_ns": 3}',
         "",
         "\xff",
         "[" * 100_000,

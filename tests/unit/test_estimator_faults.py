@@ -54,7 +54,7 @@ def pictures(draw: st.DrawFn, t_ns: int) -> TagEstimate:
 @given(st.data())
 def test_no_message_makes_the_result_anything_but_numbers(data: st.DataObject) -> None:
     estimator, inbox = Estimator(EstimatorConfig()), Mailbox(())
-    inbox.add_message(topics.CLOCK.name, Clock(t_ns=0, epoch_id=1))
+    inbox.add_message(topics.CLOCK.name, Clock(t_ns=0, epoch_id=1, wall_ns=0))
     for i in range(12):
         t_ns = (100 + 50 * i) * MS
         position = (data.draw(signed), data.draw(signed), data.draw(signed))

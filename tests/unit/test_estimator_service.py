@@ -210,7 +210,7 @@ def test_a_new_epoch_forgets_everything() -> None:
     def restarted(arrival: Arrival) -> Iterable[Arrival]:
         t_ns, topic, message = arrival
         if topic is topics.CLOCK and t_ns >= 4 * NS_PER_S:
-            message = Clock(t_ns=t_ns, epoch_id=2)
+            message = Clock(t_ns=t_ns, epoch_id=2, wall_ns=t_ns)
         yield t_ns, topic, message
 
     rig = Rig(tamper=restarted)

@@ -34,7 +34,7 @@ class Talker:
     spec = Spec(name="talker", outputs=(topics.CLOCK,), rate_hz=10)
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
-        yield Publish(topics.CLOCK, Clock(t_ns=t_ns, epoch_id=1))
+        yield Publish(topics.CLOCK, Clock(t_ns=t_ns, epoch_id=1, wall_ns=t_ns))
 
 
 class Listener:
@@ -138,7 +138,7 @@ class Wrong:
 @pytest.mark.parametrize(
     "output",
     [
-        Publish(topics.CLOCK, Clock(t_ns=0, epoch_id=0)),
+        Publish(topics.CLOCK, Clock(t_ns=0, epoch_id=0, wall_ns=0)),
         Call(topics.KILL, Kill(), "k"),
         Send("pipe", b""),
         Listen((topics.ALTIMETER,)),
@@ -153,7 +153,7 @@ def test_what_is_not_declared_raises(output: Output) -> None:
 
 def test_a_message_of_another_type_raises() -> None:
     bus = MemoryBus()
-    bus.add(Wrong(Publish(topics.ALTIMETER, Clock(t_ns=0, epoch_id=0))))
+    bus.add(Wrong(Publish(topics.ALTIMETER, Clock(t_ns=0, epoch_id=0, wall_ns=0))))
     with pytest.raises(TypeError, match="altimeter"):
         bus.run_for(0.1)
 

@@ -30,6 +30,7 @@ class Bench:
         self.t_ns = 0
         self.up = True
         self.count = 1
+        self.wall_ns = 0
         self.command: float | None = None
         self.outputs: list[Output] = []
         self._codec = MavlinkCodec(1, 1)
@@ -56,6 +57,7 @@ class Bench:
         for _ in range(steps):
             outputs.extend(self.simulator.step(self.t_ns, inbox))
             self.t_ns += STEP_NS
+            self.wall_ns += STEP_NS
         self.outputs.extend(outputs)
         return outputs
 
@@ -182,6 +184,15 @@ def test_a_lost_autopilot_stops_the_motors_but_not_the_time() -> None:
     assert not truth.armed_motors
     assert truth.pos_uav_ned_m[2] == pytest.approx(0.0, abs=0.05)
     assert truth.t_ns > 2_900_000_000
+
+
+def test_vehicle_time_that_fell_behind_is_told_at_once() -> None:
+    bench = Bench()
+    bench.run(2)
+    bench.wall_ns += 400_000_000
+    clock = published(bench.run(1), topics.CLOCK)[-1]
+    assert (clock.t_ns, clock.wall_ns) == (2 * STEP_NS, 2 * STEP_NS + 400_000_000)
+    assert len(published(bench.run(250), topics.CLOCK)) == 10
 
 
 def test_a_new_autopilot_finds_a_new_vehicle_in_a_new_epoch() -> None:
