@@ -21,6 +21,7 @@ from jezero.services.vehicle_bridge.admission import (
     why_not_setpoint,
 )
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+from jezero.services.vehicle_bridge.goals_past import GoalsPast
 from jezero.services.vehicle_bridge.maneuvers import climbing, coming_to_rest, pressing_down
 from jezero.services.vehicle_bridge.resets import ResetHistory
 from jezero.services.vehicle_bridge.takeover import Takeover, Tidying
@@ -40,8 +41,6 @@ STREAM_FIRST_S = 0.2
 """Setpoints stream this long before the autopilot is asked for offboard mode."""
 CLIMB_TIMEOUT_S = 5.0
 CLIMB_TOLERANCE_M = 0.3
-ENDED_REMEMBERED = 32
-FLOWN_REMEMBERED = 100
 
 
 class TransitionError(RuntimeError):
@@ -83,13 +82,8 @@ class Authority:
         self.changes: list[Standing] = []
         self._config = config
         self._boot_id = boot_id
-        self._aborted_ns: int | None = None
-        """Vehicle time of the last abort."""
         self._grants = 0
-        self._ended: dict[str, str] = {}
-        """By control_id: why it ended, "" when it was given back."""
-        self._flown: dict[str, None] = {}
-        """Ids of goals that have sent a setpoint, oldest first."""
+        self._past = GoalsPast()
         self._other: InCharge = "failsafe"
         self._takeover = Takeover()
         self._tidying = Tidying()
@@ -128,11 +122,9 @@ class Authority:
         grant = self.grant
         if grant is not None and grant.sequence < 0 and grant.goal_id == request.goal_id:
             return ""  # it asks again because the reply was lost
-        if request.goal_id in self._flown:
-            return f"goal {request.goal_id} has flown already, and a goal runs once: send it with a new id"
-        if request.goal_t_ns is not None and self._aborted_ns is not None and request.goal_t_ns <= self._aborted_ns:
-            return f"goal {request.goal_id} came before the last abort: send it again"
-        refusal = why_not_acquire(request, self.code, grant, self.text, now, self._config.link_timeout_s)
+        refusal = self._past.why_not(request) or why_not_acquire(
+            request, self.code, grant, self.text, now, self._config.link_timeout_s
+        )
         if refusal:
             return refusal
         self._grants += 1
@@ -156,7 +148,7 @@ class Authority:
         moves = (setpoint.pos_ned_m, setpoint.vel_ned_mps, setpoint.acc_ned_mps2)
         target = Target(*moves, yaw_rad, setpoint.yaw_rate_rps)
         self.target = target.moved(resets.step_since(setpoint.reset_counter) or (0.0, 0.0, 0.0))
-        self._remember_flown(grant.goal_id)
+        self._past.flies(grant.goal_id)
         grant.sequence = setpoint.sequence
         grant.timer_ns = now.timer_ns
         code = CODE_OF[setpoint.phase]
@@ -167,18 +159,11 @@ class Authority:
             self._go(code, now)
         return ""
 
-    def _remember_flown(self, goal_id: str) -> None:
-        """A restarted action server has forgotten which goals it ran, and clients may send theirs again."""
-        if goal_id not in self._flown:
-            self._flown[goal_id] = None
-            if len(self._flown) > FLOWN_REMEMBERED:
-                del self._flown[next(iter(self._flown))]
-
     def release(self, request: Release, now: Situation, resets: ResetHistory) -> str:
         """Take control back from a goal; returns why not, or "". It is done when the status is 3 or 0."""
         grant = self.grant
         if grant is None or grant.control_id != request.control_id:
-            return self._ended.get(request.control_id, f"control {request.control_id} was never given")
+            return self._past.why_ended(request.control_id)
         if request.outcome != "succeeded" or self.code not in IN_PROGRESS:
             because = f": {request.reason}" if request.reason else ""
             self._revoke(f"{grant.name} {request.outcome}{because}", now, given_back=True)
@@ -228,7 +213,7 @@ class Authority:
 
     def abort(self, reason: str, now: Situation) -> str:
         """End whatever goal is in charge, and all that wait for it; returns what happened, in words."""
-        self._aborted_ns = max(0, now.t_ns)
+        self._past.aborted_ns = max(0, now.t_ns)
         if self.grant is None:
             return f"no goal was in charge, {in_words(self.code)}"
         because = f": {reason}" if reason else ""
@@ -243,7 +228,7 @@ class Authority:
 
     def restart(self, why: str, now: Situation) -> None:
         """The vehicle is another one than before."""
-        self._aborted_ns = None
+        self._past.aborted_ns = None
         if self.code is StatusCode.IDLE:
             self._end(why, given_back=False)
         else:
@@ -442,9 +427,7 @@ class Authority:
 
     def _end(self, why: str, *, given_back: bool) -> None:
         if self.grant is not None:
-            self._ended[self.grant.control_id] = "" if given_back else why
-            if len(self._ended) > ENDED_REMEMBERED:
-                del self._ended[next(iter(self._ended))]
+            self._past.end(self.grant, "" if given_back else why)
         self.grant = None
         self.text = why
 
