@@ -8,6 +8,8 @@ from jezero.schemas.sensors import Gnss, Imu, Pixel
 from jezero.schemas.state import Geodetic
 from jezero.schemas.struct import Angle, Name, NonNegative, Payload, PositionNed, QuatNedFromFrd, Text, TimeNs, Unit
 
+LISTING = "images/images.json"
+"""In a dataset's folder, the list of its pictures: each an `Image` and its `file`, which is beside the list."""
 Index = Annotated[int, Meta(ge=0, le=100_000)]
 QuatNedFromCamera = tuple[Unit, Unit, Unit, Unit]
 """Attitude [w, x, y, z] that turns the camera's right, down, forward into world NED, w >= 0."""

@@ -1,14 +1,18 @@
 """A folder of pictures that other programs take as it is. Needs Pillow: `pip install 'jezero[cli]'`.
 
-- `0000.jpg` …, or PNG, with time of exposure, focal length and GPS position in their EXIF.
-- `images.json`: every picture with the camera's pose and intrinsics, the vehicle's state and its sensors
+- `images/0000.jpg` …, or PNG, with date, time of exposure, focal length and GPS position in their EXIF.
+- `images/images.json`: every picture with the camera's pose and intrinsics, the vehicle's state and its sensors
   (`schemas/images.py` tells units and frames).
-- `geo.txt`: OpenDroneMap's image geolocation file: name, longitude, latitude, altitude, and the camera's attitude as
-  omega, phi, kappa in degrees. Source: OpenDroneMap, `opendm/geo.py` and `opendm/photo.py`.
+- `geo.txt`: OpenDroneMap's image geolocation file: name, longitude, latitude, altitude, `nan` for each of three angles,
+  and the position's standard deviations, horizontal and vertical.
+
+So the folder is a project of OpenDroneMap, which looks for pictures in `images/` and for `geo.txt` beside it. Nothing
+named `images.json` may be beside it: OpenDroneMap keeps a list of its own there.
 """
 
 from collections.abc import Iterable
-from math import asin, atan2, degrees
+from datetime import UTC, datetime, timedelta
+from math import degrees
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self
@@ -16,22 +20,24 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import msgspec
 
 from jezero.client.images import Picture
-from jezero.schemas.images import Image, QuatNedFromCamera
+from jezero.schemas.images import LISTING, Image
 
 if TYPE_CHECKING:
     from PIL.Image import Exif
+    from PIL.TiffImagePlugin import IFDRational
 
 Kind = Literal["jpg", "png"]
-LISTING = "images.json"
 JPEG_QUALITY = 95
 SENSOR_WIDTH_MM = 6.4
 """The simulated camera has pixels, but no millimetres: EXIF needs both, so one is chosen (10 um at 640 pixels)."""
 MAKE, MODEL = "jezero", "ventral"
 EXIF_IFD, GPS_IFD = 0x8769, 0x8825
+CENTIMETRE = 3
 
 
 class _Listing(msgspec.Struct):
     images: list[dict[str, Any]]
+    t0_utc: datetime | None = None
 
 
 class Dataset:
@@ -48,7 +54,10 @@ class Dataset:
         self._kind = kind
         self._extra = extra
         self._images: dict[int, Image] = {}
-        self.folder.mkdir(parents=True, exist_ok=True)
+        self._listing = self.folder / LISTING
+        self._t0_utc: datetime | None = None
+        self._newest_before_ns = -1
+        self._listing.parent.mkdir(parents=True, exist_ok=True)
 
     @classmethod
     def reopen(cls, folder: Path | str, **extra: Any) -> Self:
@@ -65,6 +74,8 @@ class Dataset:
             fields.pop("file", None)
             image = msgspec.convert(fields, Image)
             dataset._images[image.index] = image
+        dataset._t0_utc = told.t0_utc
+        dataset._newest_before_ns = max((image.t_ns for image in dataset._images.values()), default=-1)
         return dataset
 
     def __enter__(self) -> Self:
@@ -99,11 +110,21 @@ class Dataset:
         from PIL import Image as Pillow
 
         image = picture.image
-        path = self.folder / self.name_of(image)
+        path = self._listing.with_name(self.name_of(image))
         pixels = Pillow.frombytes("RGB", (image.width_px, image.height_px), picture.pixels)
-        pixels.save(path, quality=JPEG_QUALITY, subsampling=0, exif=exif_of(image))
+        pixels.save(path, quality=JPEG_QUALITY, subsampling=0, exif=exif_of(image, self._taken_utc(image)))
         self._images[image.index] = image
         return path
+
+    def _taken_utc(self, image: Image) -> datetime:
+        """Vehicle time has no date: the first picture's is the wall clock's, the others follow by vehicle time.
+
+        That holds on in a dataset that is reopened, unless vehicle time has begun anew in between.
+        """
+        since_t0 = timedelta(microseconds=image.t_ns // 1_000)
+        if self._t0_utc is None or image.t_ns <= self._newest_before_ns:
+            self._t0_utc, self._newest_before_ns = datetime.now(UTC) - since_t0, -1
+        return self._t0_utc + since_t0
 
     def update(self, images: Iterable[Image]) -> None:
         """What is known of pictures that were added, now that the goal is over: positions may have been corrected."""
@@ -115,57 +136,45 @@ class Dataset:
         """Write `images.json` and `geo.txt`, also when there is no picture."""
         images = [self._images[index] for index in sorted(self._images)]
         told = [{"file": self.name_of(image), **msgspec.to_builtins(image)} for image in images]
-        content = msgspec.json.encode({**msgspec.to_builtins(self._extra), "images": told})
-        (self.folder / LISTING).write_bytes(msgspec.json.format(content, indent=1) + b"\n")
+        content = msgspec.json.encode({**msgspec.to_builtins(self._extra), "t0_utc": self._t0_utc, "images": told})
+        self._listing.write_bytes(msgspec.json.format(content, indent=1) + b"\n")
         lines = [geo_line(self.name_of(image), image) for image in images if image.position_camera_deg is not None]
         (self.folder / "geo.txt").write_text("\n".join(["EPSG:4326", *lines]) + "\n")
 
 
 def geo_line(name: str, image: Image) -> str:
-    """One line of `geo.txt`."""
+    """One line of `geo.txt`; its standard deviations are those of the nearest GNSS fix, if there was one."""
     assert image.position_camera_deg is not None
     latitude, longitude, altitude = image.position_camera_deg
-    angles = " ".join(f"{degrees(angle):.4f}" for angle in omega_phi_kappa(image.q_ned_from_camera))
-    return f"{name} {longitude:.9f} {latitude:.9f} {altitude:.3f} {angles}"
+    gnss = image.gnss
+    accuracy = "" if gnss is None else f" {gnss.std_horizontal_m:.3f} {gnss.std_vertical_m:.3f}"
+    return f"{name} {longitude:.9f} {latitude:.9f} {altitude:.3f} nan nan nan{accuracy}"
 
 
-def omega_phi_kappa(q_ned_from_camera: QuatNedFromCamera) -> tuple[float, float, float]:
-    """Photogrammetric angles in radians: R_enu_from_image = Rx(omega) Ry(phi) Rz(kappa).
-
-    The image's axes are right, up, and backwards against the view; looking straight down with north at the top of the
-    picture, all angles are zero.
-    """
-    right, down, forward = (_turned(q_ned_from_camera, axis) for axis in range(3))
-    # Rows are east, north and up of the image's right, up and backward axes.
-    r00, r01, r02 = right[1], -down[1], -forward[1]
-    r12 = -forward[0]
-    r22 = forward[2]
-    return atan2(-r12, r22), asin(max(-1.0, min(1.0, r02))), atan2(-r01, r00)
-
-
-def _turned(q: QuatNedFromCamera, axis: int) -> tuple[float, float, float]:
-    """North, east and down of one of the camera's axes: a column of the rotation's matrix."""
-    w, x, y, z = q
-    columns = (
-        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
-        (2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
-        (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)),
-    )
-    return columns[axis]
-
-
-def exif_of(image: Image) -> "Exif":
+def exif_of(image: Image, taken_utc: datetime) -> "Exif":
     """What viewers and photogrammetry read from the file itself.
 
-    Times of the picture are vehicle time, which starts at 0: as a date it has none.
+    It has no focal length in 35 mm terms: that is in whole millimetres, and would be preferred to the true one.
     """
     from PIL.Image import Exif
 
     exif = Exif()
     exif[0x010F], exif[0x0110] = MAKE, MODEL
-    focal_mm = image.focal_px * SENSOR_WIDTH_MM / image.width_px
-    focal_35mm = round(focal_mm * 36.0 / SENSOR_WIDTH_MM)
-    exif.get_ifd(EXIF_IFD).update({0x829A: image.exposure_s, 0x920A: focal_mm, 0xA405: focal_35mm})
+    px_per_cm = _rational(10.0 * image.width_px / SENSOR_WIDTH_MM, 1_000)
+    exif.get_ifd(EXIF_IFD).update(
+        {
+            0x829A: _rational(image.exposure_s, 1_000_000),
+            0x9003: f"{taken_utc:%Y:%m:%d %H:%M:%S}",
+            0x9011: "+00:00",
+            # One digit, because some readers drop zeros in front.
+            0x9290: str(taken_utc.microsecond // 100_000),
+            0x9291: f"{taken_utc.microsecond // 1_000:03d}",
+            0x920A: _rational(image.focal_px * SENSOR_WIDTH_MM / image.width_px, 1_000_000),
+            0xA20E: px_per_cm,
+            0xA20F: px_per_cm,
+            0xA210: CENTIMETRE,
+        }
+    )
     if image.position_camera_deg is not None:
         latitude, longitude, altitude = image.position_camera_deg
         heading_deg = degrees(image.yaw_rad) % 360.0
@@ -177,16 +186,23 @@ def exif_of(image: Image) -> "Exif":
                 3: "W" if longitude < 0.0 else "E",
                 4: _sexagesimal(longitude),
                 5: b"\1" if altitude < 0.0 else b"\0",
-                6: abs(altitude),
+                6: _rational(abs(altitude), 1_000),
                 16: "T",
-                17: heading_deg,
+                17: _rational(heading_deg, 100),
             }
         )
     return exif
 
 
-def _sexagesimal(angle_deg: float) -> tuple[float, float, float]:
+def _rational(value: float, denominator: int) -> "IFDRational":
+    """As EXIF has numbers: as a float, Pillow would write a type that the tag doesn't have."""
+    from PIL.TiffImagePlugin import IFDRational
+
+    return IFDRational(round(value * denominator), denominator)
+
+
+def _sexagesimal(angle_deg: float) -> "tuple[IFDRational, IFDRational, IFDRational]":
     """Degrees, minutes and seconds, which alone has decimals."""
     minutes, seconds = divmod(abs(angle_deg) * 3600.0, 60.0)
     whole, minutes = divmod(minutes, 60.0)
-    return (whole, minutes, round(seconds, 6))
+    return (_rational(whole, 1), _rational(minutes, 1), _rational(seconds, 1_000_000))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jezero.frames import quat_rotate
-from jezero.schemas.images import Image
+from jezero.schemas.images import LISTING, Image
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
@@ -65,7 +65,7 @@ class Survey:
             raise SurveyError(f"{self.files[number]} can't be read")
         width_px, height_px = self.size_px
         if picture.shape[:2] != (height_px, width_px):
-            raise SurveyError(f"{self.files[number]} is not {width_px} x {height_px} pixels as images.json says")
+            raise SurveyError(f"{self.files[number]} is not {width_px} x {height_px} pixels as {LISTING} says")
         return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
 
     @cached_property
@@ -91,13 +91,13 @@ def read_survey(folder: Path) -> Survey:
     Raises:
         SurveyError: there is none, or it has no picture with an altimeter range.
     """
-    listing = folder / "images.json"
+    listing = folder / LISTING
     try:
         entries = msgspec.json.decode(listing.read_bytes(), type=_Listing).images
         files = [msgspec.json.decode(entry, type=_Entry).file for entry in entries]
         images = [_image(entry) for entry in entries]
     except FileNotFoundError:
-        raise SurveyError(f"{folder} holds no images.json: is it the folder that gridsweep wrote?") from None
+        raise SurveyError(f"{folder} holds no {LISTING}: is it the folder that gridsweep wrote?") from None
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise SurveyError(f"{listing} is not a dataset's list of pictures: {error}") from None
     if not images:
@@ -110,7 +110,7 @@ def read_survey(folder: Path) -> Survey:
         raise SurveyError(f"no picture in {folder} has an altimeter range: the laser reaches 10 m, fly lower")
     first = images[0]
     return Survey(
-        files=tuple(folder / file for file in files),
+        files=tuple(listing.parent / file for file in files),
         times_s=np.array([image.t_ns for image in images]) * 1e-9,
         pos_m=np.array([image.pos_camera_ned_m for image in images]),
         rotations=np.array([_matrix(image) for image in images]),

@@ -7,9 +7,9 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from jezero.report.pictures import DATASET
 from jezero.report.style import BLUE, GREEN, GREY, ORANGE, WIDTH_IN, Format, draw
 from jezero.schemas.actions import AreaCoverageGoal, Frame
+from jezero.schemas.images import LISTING
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -65,7 +65,7 @@ def draw_coverage(folder: Path, form: Format) -> list[Path]:
     from jezero.services.actions.coverage.planned import plan_coverage
 
     try:
-        dataset = msgspec.json.decode((folder / DATASET).read_bytes(), type=_Dataset)
+        dataset = msgspec.json.decode((folder / LISTING).read_bytes(), type=_Dataset)
     except FileNotFoundError:
         return []
     if dataset.goal is None or not dataset.images:

@@ -12,12 +12,11 @@ from jezero.frames import altitude_m, quat_rotate
 from jezero.report.flight_log import Entry
 from jezero.report.style import BLUE, GREY, ORANGE, WIDTH_IN, Format, draw
 from jezero.schemas import topics
-from jezero.schemas.images import Image
+from jezero.schemas.images import LISTING, Image
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-DATASET = "images.json"
 SHEET_MAX = 24
 """Of more pictures, so many are shown, evenly chosen."""
 ASIDE_M = 0.35
@@ -25,7 +24,7 @@ ASIDE_M = 0.35
 
 
 class Taken(msgspec.Struct, frozen=True):
-    """One picture of a dataset, as far as it is drawn."""
+    """One picture of a dataset, as far as it is drawn; its file is beside the list."""
 
     file: str
     index: int
@@ -42,7 +41,7 @@ def read_dataset(folder: Path) -> list[Taken]:
         msgspec.DecodeError: `images.json` is not a dataset's.
     """
     try:
-        data = (folder / DATASET).read_bytes()
+        data = (folder / LISTING).read_bytes()
     except FileNotFoundError:
         return []
     return msgspec.json.decode(data, type=_Dataset).images
@@ -119,7 +118,7 @@ def draw_contact_sheet(folder: Path, form: Format) -> list[Path]:
         for ax in axes.flat:
             ax.set_axis_off()
         for ax, picture in zip(axes.flat, chosen, strict=False):
-            with Pillow.open(folder / picture.file) as opened:
+            with Pillow.open((folder / LISTING).parent / picture.file) as opened:
                 ax.imshow(np.asarray(opened))
             ax.set_title(str(picture.index + 1), pad=2)
 

@@ -11,10 +11,11 @@ from jezero.report.coverage_plot import draw_coverage
 from jezero.report.flight_log import LOG, read_log
 from jezero.report.landing_plots import draw_landing
 from jezero.report.landings import Landing, landings
-from jezero.report.pictures import DATASET, draw_contact_sheet, draw_orbits
+from jezero.report.pictures import draw_contact_sheet, draw_orbits
 from jezero.report.plots import draw_flight
 from jezero.report.style import Format
 from jezero.report.touchdowns import Touchdowns, draw_touchdown, draw_touchdowns
+from jezero.schemas.images import LISTING
 
 
 class ReportError(ValueError):
@@ -76,11 +77,12 @@ def draw_run(folder: Path, form: Format = "png") -> tuple[list[Path], list[Landi
     """
     log = folder / LOG
     files: list[Path] = []
-    for dataset in sorted((*folder.glob(DATASET), *folder.glob(f"*/{DATASET}"))):
+    for listing in sorted((*folder.glob(LISTING), *folder.glob(f"*/{LISTING}"))):
+        dataset = listing.parent.parent
         try:
-            files += [*draw_contact_sheet(dataset.parent, form), *draw_coverage(dataset.parent, form)]
+            files += [*draw_contact_sheet(dataset, form), *draw_coverage(dataset, form)]
         except (msgspec.DecodeError, ValueError, OSError) as error:
-            raise ReportError(f"{dataset} can't be drawn: {error}") from error
+            raise ReportError(f"{listing} can't be drawn: {error}") from error
     try:
         entries = list(read_log(log))
         files += draw_flight(entries, folder, form)

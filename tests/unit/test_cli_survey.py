@@ -16,6 +16,7 @@ from jezero.cli.polygon_file import PolygonFileError, read_polygon
 from jezero.client.errors import Aborted
 from jezero.client.images import Picture
 from jezero.schemas.actions import AreaCoverageGoal, CoverageResult, ImagesFeedback
+from jezero.schemas.images import LISTING
 from tests.unit.test_client_dataset import picture
 
 SQUARE = {"type": "Polygon", "coordinates": [[[0, 0], [4, 0], [4, 4], [0, 4], [0, 0]]]}
@@ -169,14 +170,14 @@ def test_a_coverage_that_ended_early_is_completed_in_its_folder(tmp_path: Path, 
     area.write_text(json.dumps(SQUARE))
     words = ["gridsweep", "--polygon", str(area), "--z", "-5", "--resolution", "2", "--out", str(folder)]
     CliRunner().invoke(main, words)
-    listing = json.loads((folder / "images.json").read_text())
+    listing = json.loads((folder / LISTING).read_text())
     assert [image["file"] for image in listing["images"]] == ["0000.jpg", "0001.jpg"]
     assert listing["goal"]["start_ned_m"] == [1.5, 2.5] and len(listing["track_ned_m"]) == 2
     assert json.loads((folder / "resume.json").read_text())["first_picture"] == 2
     done = CliRunner().invoke(main, ["gridsweep", "--resume", str(folder), "--json"])
     assert done.exit_code == 0, done.output
     assert vehicle.goals[1] == msgspec.structs.replace(vehicle.goals[0], first_picture=2)
-    listing = json.loads((folder / "images.json").read_text())
+    listing = json.loads((folder / LISTING).read_text())
     assert [image["index"] for image in listing["images"]] == [0, 1, 2, 3]
     assert len((folder / "geo.txt").read_text().splitlines()) == 5
     again = CliRunner().invoke(main, ["gridsweep", "--resume", str(folder)])

@@ -1,18 +1,20 @@
 """A dataset on disk is what other programs expect."""
 
 import json
-from math import degrees, pi, radians
+from datetime import UTC, datetime, timedelta
+from math import pi, radians
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
+import msgspec
 import pytest
 from PIL import Image as Pillow
 
-from jezero.client.dataset import Dataset, omega_phi_kappa
+from jezero.client.dataset import Dataset, exif_of
 from jezero.client.images import Picture
 from jezero.frames import q_frd_from_camera, quat_from_euler, quat_multiply, quat_normalize
-from jezero.schemas.images import Image, QuatNedFromCamera
+from jezero.schemas.images import LISTING, Image, QuatNedFromCamera
+from jezero.schemas.sensors import Gnss
 
 DOWN_RAD = -0.5 * pi
 WIDTH_PX, HEIGHT_PX = 8, 6
@@ -43,45 +45,11 @@ def picture(index: int, *, latitude: float = 45.0, longitude: float = 7.0, where
     return Picture(image, bytes(range(3 * WIDTH_PX * HEIGHT_PX)))
 
 
-def opk_deg(q: QuatNedFromCamera) -> tuple[float, ...]:
-    return tuple(degrees(angle) for angle in omega_phi_kappa(q))
-
-
-def test_angles_are_those_of_photogrammetry() -> None:
-    assert opk_deg(attitude(0.0, DOWN_RAD)) == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
-    # The top of the picture to the east: the image turned clockwise as seen from above.
-    assert opk_deg(attitude(90.0, DOWN_RAD)) == pytest.approx((0.0, 0.0, -90.0), abs=1e-6)
-    # Looking north and 30 degrees above straight down: about the east axis, positive.
-    assert opk_deg(attitude(0.0, DOWN_RAD + radians(30.0))) == pytest.approx((30.0, 0.0, 0.0), abs=1e-6)
-    # Right side of the vehicle down: the camera looks to the left, which is west.
-    assert opk_deg(attitude(0.0, DOWN_RAD, roll_deg=10.0)) == pytest.approx((0.0, 10.0, 0.0), abs=1e-6)
-
-
-def test_angles_make_the_rotation_again() -> None:
-    q = attitude(37.0, radians(-55.0), roll_deg=6.0)
-    omega, phi, kappa = omega_phi_kappa(q)
-    c, s = np.cos, np.sin
-    rx = np.array([[1, 0, 0], [0, c(omega), -s(omega)], [0, s(omega), c(omega)]])
-    ry = np.array([[c(phi), 0, s(phi)], [0, 1, 0], [-s(phi), 0, c(phi)]])
-    rz = np.array([[c(kappa), -s(kappa), 0], [s(kappa), c(kappa), 0], [0, 0, 1]])
-    w, x, y, z = q
-    ned_from_camera = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    enu_from_ned = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
-    camera_from_image = np.diag((1, -1, -1))
-    assert rx @ ry @ rz == pytest.approx(enu_from_ned @ ned_from_camera @ camera_from_image, abs=1e-12)
-
-
 @pytest.mark.parametrize("kind", ["jpg", "png"])
 def test_pictures_carry_their_position(kind: Literal["jpg", "png"], tmp_path: Path) -> None:
     with Dataset(tmp_path, kind) as dataset:
         path = dataset.add(picture(0, latitude=-45.5, longitude=-7.25))
-    assert path.name == f"0000.{kind}"
+    assert path == tmp_path / "images" / f"0000.{kind}"
     with Pillow.open(path) as read:
         gps = read.getexif().get_ifd(0x8825)
         assert read.size == (WIDTH_PX, HEIGHT_PX)
@@ -95,6 +63,77 @@ def test_pictures_carry_their_position(kind: Literal["jpg", "png"], tmp_path: Pa
     assert float(camera[0x920A]) == pytest.approx(4.0)
 
 
+def test_the_focal_length_is_exact_and_in_pixels_too() -> None:
+    image = msgspec.structs.replace(picture(0).image, width_px=640, focal_px=381.4)
+    camera = exif_of(image, datetime.now(UTC)).get_ifd(0x8769)
+    assert camera[0xA210] == 3  # pixels per centimetre
+    assert float(camera[0x920A]) / 10.0 * float(camera[0xA20E]) == pytest.approx(381.4, abs=1e-3)
+    assert camera[0xA20F] == camera[0xA20E] == 1000
+    assert 0xA405 not in camera  # the 35 mm equivalent, in whole millimetres
+
+
+def test_numbers_have_the_types_of_their_tags() -> None:
+    """Types as they are written: 2 is text, 3 a short integer, 5 a fraction of integers."""
+    written = exif_of(picture(0).image, datetime.now(UTC)).tobytes()[6:]
+    assert written[:4] == b"MM\0*"
+
+    def entries(offset: int) -> dict[int, tuple[int, int]]:
+        """Type, and value or its offset, of each tag of a directory."""
+        starts = range(offset + 2, offset + 2 + 12 * integer(offset, 2), 12)
+        return {integer(at, 2): (integer(at + 2, 2), integer(at + 8, 4)) for at in starts}
+
+    def integer(at: int, length: int) -> int:
+        return int.from_bytes(written[at : at + length], "big")
+
+    main = entries(integer(4, 4))
+    camera, gps = entries(main[0x8769][1]), entries(main[0x8825][1])
+    assert {tag: kind for tag, (kind, _) in camera.items()} == {
+        0x829A: 5, 0x9003: 2, 0x9011: 2, 0x9290: 2, 0x9291: 2, 0x920A: 5, 0xA20E: 5, 0xA20F: 5, 0xA210: 3,
+    }  # fmt: skip
+    assert {tag: kind for tag, (kind, _) in gps.items()} == {0: 1, 1: 2, 2: 5, 3: 2, 4: 5, 5: 1, 6: 5, 16: 2, 17: 5}
+
+
+def taken_utc(path: Path) -> datetime:
+    """The date in a picture."""
+    with Pillow.open(path) as read:
+        camera = read.getexif().get_ifd(0x8769)
+    assert camera[0x9011] == "+00:00"
+    assert len(camera[0x9291]) == 3 and camera[0x9290] == camera[0x9291][0]
+    whole = datetime.strptime(camera[0x9003], "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
+    return whole + timedelta(milliseconds=int(camera[0x9291]))
+
+
+def test_dates_begin_with_the_wall_clock_and_follow_vehicle_time(tmp_path: Path) -> None:
+    before = datetime.now(UTC) - timedelta(milliseconds=1)
+    with Dataset(tmp_path) as dataset:
+        first = taken_utc(dataset.add(picture(5)))
+        assert before <= first <= datetime.now(UTC)
+        assert taken_utc(dataset.add(picture(65))) - first == timedelta(seconds=60)
+        assert taken_utc(dataset.add(picture(4))) - first == timedelta(seconds=-1)
+    told = json.loads((tmp_path / LISTING).read_text())
+    assert abs(datetime.fromisoformat(told["t0_utc"]) + timedelta(seconds=5) - first) < timedelta(milliseconds=1)
+
+
+def test_dates_go_on_in_a_dataset_that_is_reopened(tmp_path: Path) -> None:
+    with Dataset(tmp_path, "png") as dataset:
+        first = taken_utc(dataset.add(picture(5)))
+    with Dataset.reopen(tmp_path) as dataset:
+        assert taken_utc(dataset.add(picture(3600))) - first == timedelta(seconds=3595)
+    with Dataset.reopen(tmp_path) as dataset:
+        assert taken_utc(dataset.add(picture(3601))) - first == timedelta(seconds=3596)
+    assert len((tmp_path / "geo.txt").read_text().splitlines()) == 4
+
+
+def test_vehicle_time_that_began_anew_has_another_date(tmp_path: Path) -> None:
+    with Dataset(tmp_path) as dataset:
+        dataset.add(picture(3600))
+    before = datetime.now(UTC) - timedelta(milliseconds=1)
+    with Dataset.reopen(tmp_path) as dataset:
+        first = taken_utc(dataset.add(picture(5)))
+        assert before <= first <= datetime.now(UTC)
+        assert taken_utc(dataset.add(picture(4))) - first == timedelta(seconds=-1)
+
+
 def test_png_keeps_every_pixel(tmp_path: Path) -> None:
     with Dataset(tmp_path, "png") as dataset:
         path = dataset.add(picture(0))
@@ -102,24 +141,39 @@ def test_png_keeps_every_pixel(tmp_path: Path) -> None:
         assert read.tobytes() == picture(0).pixels
 
 
-def test_geo_txt_is_longitude_latitude_altitude_and_angles(tmp_path: Path) -> None:
+def test_geo_txt_is_longitude_latitude_altitude_no_angles_and_the_accuracy(tmp_path: Path) -> None:
+    fix = Gnss(
+        t_ns=1,
+        position_deg=(45.0, 7.0, 300.0),
+        vel_uav_ned_mps=(0.0, 0.0, 0.0),
+        std_horizontal_m=0.27,
+        std_vertical_m=0.3811,
+        satellites=14,
+    )
+    image, pixels = picture(1, longitude=7.123456789)
     with Dataset(tmp_path) as dataset:
-        dataset.add(picture(1, longitude=7.123456789))
+        dataset.add(Picture(msgspec.structs.replace(image, gnss=fix), pixels))
         dataset.add(picture(0))
         dataset.add(picture(2, where=False))
-    lines = (tmp_path / "geo.txt").read_text().splitlines()
-    assert lines[0] == "EPSG:4326"
-    assert [line.split()[0] for line in lines[1:]] == ["0000.jpg", "0001.jpg"]
-    numbers = [float(part) for part in lines[2].split()[1:]]
-    assert numbers[:3] == [7.123456789, 45.0, 303.97]
-    assert numbers[3:] == pytest.approx([0.0, 0.0, 0.0], abs=1e-4)
+    assert (tmp_path / "geo.txt").read_text().splitlines() == [
+        "EPSG:4326",
+        "0000.jpg 7.000000000 45.000000000 303.970 nan nan nan",
+        "0001.jpg 7.123456789 45.000000000 303.970 nan nan nan 0.270 0.381",
+    ]
+
+
+def test_the_folder_holds_nothing_that_opendronemap_would_take_for_its_own(tmp_path: Path) -> None:
+    with Dataset(tmp_path) as dataset:
+        dataset.add(picture(0))
+    assert {file.name for file in tmp_path.iterdir()} == {"images", "geo.txt"}
+    assert {file.name for file in (tmp_path / "images").iterdir()} == {"0000.jpg", "images.json"}
 
 
 def test_images_json_tells_everything_and_takes_later_corrections(tmp_path: Path) -> None:
     with Dataset(tmp_path, goal_id="g") as dataset:
         dataset.add(picture(3))
         dataset.update([picture(3, latitude=46.0).image, picture(4).image])
-    told = json.loads((tmp_path / "images.json").read_text())
+    told = json.loads((tmp_path / LISTING).read_text())
     assert told["goal_id"] == "g"
     assert [image["file"] for image in told["images"]] == ["0003.jpg"]
     assert told["images"][0]["position_camera_deg"][0] == 46.0

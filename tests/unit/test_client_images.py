@@ -104,8 +104,9 @@ def test_the_words_of_the_thesis_write_a_dataset(
     assert done.exit_code == 0, done.output
     assert "3 of 3 pictures" in done.output
     assert f"succeeded, 3 pictures in {tmp_path / 'out'}" in done.output
-    names = {file.name for file in (tmp_path / "out").iterdir()}
-    assert names == {"0000.png", "0001.png", "0002.png", "geo.txt", "images.json"}
+    assert {file.name for file in (tmp_path / "out").iterdir()} == {"images", "geo.txt"}
+    names = {file.name for file in (tmp_path / "out" / "images").iterdir()}
+    assert names == {"0000.png", "0001.png", "0002.png", "images.json"}
     sent = next(fields for name, _, fields in server.asked if name == topics.GET_IMAGES.endpoint.name)
     goal = msgspec.convert(sent, GetImagesGoal)
     assert (goal.center_ned_m, goal.radius_m, goal.num_images) == ((-2.0, 0.0, -4.0), 2.0, 4)

@@ -7,6 +7,7 @@ import pytest
 
 from jezero.report.coverage_plot import draw_coverage
 from jezero.schemas.actions import AreaCoverageGoal
+from jezero.schemas.images import LISTING
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.coverage.planned import plan_coverage
 
@@ -20,7 +21,8 @@ def dataset(folder: Path, frame: str) -> None:
     images = [{"pos_uav_ned_m": (north + 0.02, east, -4.0)} for north, east in plan.pictures_m]
     track = [(north, east + 0.03, -4.0) for north, east in plan.trajectory.pos_m]
     content = {"goal": told, "images": images, "track_ned_m": track, "track_frame": frame}
-    (folder / "images.json").write_text(json.dumps(content))
+    (folder / LISTING).parent.mkdir()
+    (folder / LISTING).write_text(json.dumps(content))
 
 
 @pytest.mark.parametrize("frame", ["world", "rover"])
@@ -35,5 +37,6 @@ def test_a_coverage_is_drawn_beside_its_plan(tmp_path: Path, frame: str) -> None
 
 def test_a_folder_without_a_coverage_has_no_figure_of_one(tmp_path: Path) -> None:
     assert draw_coverage(tmp_path, "png") == []
-    (tmp_path / "images.json").write_text(json.dumps({"images": [{"pos_uav_ned_m": [0.0, 0.0, -3.0]}]}))
+    (tmp_path / LISTING).parent.mkdir()
+    (tmp_path / LISTING).write_text(json.dumps({"images": [{"pos_uav_ned_m": [0.0, 0.0, -3.0]}]}))
     assert draw_coverage(tmp_path, "png") == []

@@ -16,6 +16,7 @@ from jezero.mapping.ground import fit_ground
 from jezero.mapping.making import make_map
 from jezero.mapping.mosaic import Mosaic
 from jezero.mapping.survey import SurveyError, read_survey
+from jezero.schemas.images import LISTING
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 180, 136, 112.0
 HEIGHT_M = 4.0
@@ -36,11 +37,12 @@ def dataset(folder: Path, *, wander_m: float = 0.0, yaw_error_rad: float = 0.0) 
     ground, rng = painted(), np.random.default_rng(1)
     error_m = np.full(2, 0.1 if wander_m else 0.0)
     images: list[dict[str, Any]] = []
+    (folder / "images").mkdir()
     for index, (north_m, east_m) in enumerate(MIDDLES_M):
         yaw_rad = rng.uniform(-0.1, 0.1)
         picture_from_px = picture_matrix(north_m, east_m, yaw_rad)
         picture = cv2.warpPerspective(ground, picture_from_px, (WIDTH_PX, HEIGHT_PX))
-        cv2.imwrite(str(folder / f"{index:04d}.png"), picture[:, :, ::-1])
+        cv2.imwrite(str(folder / "images" / f"{index:04d}.png"), picture[:, :, ::-1])
         error_m += rng.uniform(-wander_m, wander_m, 2)
         told_m = (north_m + error_m[0], east_m + error_m[1], -HEIGHT_M)
         q_ned_from_frd = quat_from_euler(0.0, 0.0, yaw_rad + yaw_error_rad)
@@ -64,7 +66,7 @@ def dataset(folder: Path, *, wander_m: float = 0.0, yaw_error_rad: float = 0.0) 
                 "range_m": HEIGHT_M - 0.02,
             }
         )
-    (folder / "images.json").write_text(json.dumps({"images": images}))
+    (folder / LISTING).write_text(json.dumps({"images": images}))
     return ground
 
 
@@ -147,7 +149,7 @@ def test_the_ground_follows_the_altimeter_and_leaves_out_what_stands_on_it() -> 
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        (None, "holds no images.json"),
+        (None, "holds no images/images.json"),
         ("{", "is not a dataset's list"),
         ('{"images": []}', "lists no pictures"),
         ('{"images": [{"file": "a.jpg"}]}', "is not a dataset's list"),
@@ -155,19 +157,20 @@ def test_the_ground_follows_the_altimeter_and_leaves_out_what_stands_on_it() -> 
 )
 def test_a_folder_without_pictures_says_what_is_wrong(tmp_path: Path, text: str | None, why: str) -> None:
     if text is not None:
-        (tmp_path / "images.json").write_text(text)
+        (tmp_path / "images").mkdir()
+        (tmp_path / LISTING).write_text(text)
     with pytest.raises(SurveyError, match=why):
         read_survey(tmp_path)
 
 
 def test_pictures_without_a_range_or_a_file_can_not_be_mapped(tmp_path: Path) -> None:
     dataset(tmp_path)
-    (tmp_path / "0003.png").unlink()
+    (tmp_path / "images" / "0003.png").unlink()
     result = CliRunner().invoke(main, ["map", str(tmp_path)])
     assert result.exit_code == 1 and "0003.png can't be read" in result.output
-    listing = json.loads((tmp_path / "images.json").read_text())
+    listing = json.loads((tmp_path / LISTING).read_text())
     for image in listing["images"]:
         del image["range_m"]
-    (tmp_path / "images.json").write_text(json.dumps(listing))
+    (tmp_path / LISTING).write_text(json.dumps(listing))
     with pytest.raises(SurveyError, match="the laser reaches 10 m, fly lower"):
         read_survey(tmp_path)

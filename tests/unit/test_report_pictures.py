@@ -13,6 +13,7 @@ from jezero.report.pictures import SHEET_MAX, draw_contact_sheet, draw_orbits
 from jezero.report.report import ReportError, draw_run
 from jezero.schemas import topics
 from jezero.schemas.actions import FeedbackMessage, ImagesFeedback
+from jezero.schemas.images import LISTING
 from jezero.schemas.state import Odometry
 from tests.unit.test_client_dataset import picture
 
@@ -68,11 +69,12 @@ def test_a_contact_sheet_has_a_bounded_number_of_pictures(count: int, tmp_path: 
 def test_a_run_may_be_only_a_dataset_but_not_nothing(tmp_path: Path) -> None:
     with Dataset(tmp_path / "run") as dataset:
         dataset.add(picture(0))
+    (tmp_path / "run" / "images.json").write_text("[]")  # OpenDroneMap's
     files, flown = draw_run(tmp_path / "run")
     assert [file.name for file in files] == ["contact_sheet.png"]
     assert flown == []
     with pytest.raises(ReportError, match=r"has no flight\.jsonl"):
         draw_run(tmp_path / "elsewhere")
-    (tmp_path / "run" / "images.json").write_text("{")
+    (tmp_path / "run" / LISTING).write_text("{")
     with pytest.raises(ReportError, match=r"images\.json can't be drawn"):
         draw_run(tmp_path / "run")
