@@ -59,7 +59,8 @@ def fit_ground(spots_m: Array) -> Ground:
 
     Spots that stand out, such as those on the rover's platform, are left out.
     """
-    kept = spots_m[np.abs(spots_m[:, 2] - np.median(spots_m[:, 2])) < 1.0]
+    level_m = np.quantile(spots_m[:, 2], 0.5, method="lower")  # one of them: some spot is always near it
+    kept = spots_m[np.abs(spots_m[:, 2] - level_m) < 1.0]
     for _ in range(3):
         middle_m, plane = _plane(kept)
         rest_m = kept[:, 2] - plane[0] - (kept[:, :2] - middle_m) @ plane[1:]

@@ -174,3 +174,8 @@ def test_pictures_without_a_range_or_a_file_can_not_be_mapped(tmp_path: Path) ->
     (tmp_path / LISTING).write_text(json.dumps(listing))
     with pytest.raises(SurveyError, match="the laser reaches 10 m, fly lower"):
         read_survey(tmp_path)
+
+
+def test_two_spots_far_apart_in_height_are_a_ground_all_the_same() -> None:
+    ground = fit_ground(np.array(((0.0, 0.0, 0.0), (1.0, 0.0, -3.0))))
+    assert np.isfinite(ground.down_m(np.array(((0.5, 0.0),)))).all()
