@@ -204,7 +204,7 @@ class _Runner:
             if wanted or now_ns >= due_ns:
                 if not wanted:
                     self._late_ns = max(self._late_ns, now_ns - due_ns)
-                self._node.step(self._clock.now_ns(now_ns))
+                self._node.step(self._clock.now_ns(self._now_ns()))
                 due_ns = now_ns + self._period_ns
             self._report(now_ns)
 
@@ -264,10 +264,10 @@ class _Runner:
         while self._events:
             kind, name, value = self._events.popleft()
             if kind == "sample":
-                wanted |= self._on_sample(name, value, now_ns)
+                wanted |= self._on_sample(name, value)
             elif kind == "picture":
                 sample = self._newest_picture.pop(name)
-                wanted |= self._on_sample(name, None if sample is None else picture_data(sample), now_ns)
+                wanted |= self._on_sample(name, None if sample is None else picture_data(sample))
             elif kind == "query":
                 wanted |= self._on_query(name, value)
             elif kind == "response":
@@ -300,9 +300,9 @@ class _Runner:
                 wanted |= self._node.deliver_bytes(name, data)
         return wanted
 
-    def _on_sample(self, name: str, data: bytes | None, now_ns: int) -> bool:
+    def _on_sample(self, name: str, data: bytes | None) -> bool:
         if name == topics.CLOCK.name and data is not None:
-            self._follow(data, now_ns)
+            self._follow(data)
         if name not in self._node.input_names:
             return False
         if data is None:
@@ -312,12 +312,13 @@ class _Runner:
             return False
         return self._node.deliver(name, data)
 
-    def _follow(self, data: bytes, now_ns: int) -> None:
+    def _follow(self, data: bytes) -> None:
+        """As of now: with the step's time, from before it came, the master would seem ahead for good."""
         try:
             clock: Clock = decode(Clock, data)
         except BadPayloadError:
             return
-        self._clock.update(clock.t_ns, clock.epoch_id, clock.wall_ns, now_ns)
+        self._clock.update(clock.t_ns, clock.epoch_id, clock.wall_ns, self._now_ns())
 
     def _on_query(self, name: str, query: zenoh.Query) -> bool:
         if str(query.key_expr) != key(self._instance.vehicle, name):
