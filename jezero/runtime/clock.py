@@ -3,6 +3,8 @@
 from collections import deque
 from itertools import pairwise
 
+FORGET_NS = 60_000_000_000
+"""A message older than the newest by so much, by their master's clock, shows that one of the two tells a wrong one."""
 RATE_MIN = 0.2
 RATES = 5
 """The rate is the fastest of so many: one stall does not make a master slow."""
@@ -32,10 +34,10 @@ class VehicleClock:
     def update(self, t_ns: int, epoch_id: int, wall_master_ns: int, wall_ns: int) -> None:
         """Take one `clock` message that arrived at `wall_ns`."""
         ahead_ns = wall_master_ns - wall_ns
-        if epoch_id != self.epoch_id:
+        if epoch_id != self.epoch_id or (self._samples and self._samples[-1][0] - wall_master_ns > FORGET_NS):
             self.epoch_id = epoch_id
             self._samples.clear()
-        else:
+        if self._samples:
             drift_ns = int((wall_ns - self._updated_ns) * DRIFT)
             ahead_ns = max(ahead_ns, self._master_ahead_ns - drift_ns)
         self._master_ahead_ns = ahead_ns

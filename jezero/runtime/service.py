@@ -155,7 +155,10 @@ class Inbox(Protocol):
 
     @property
     def wall_ns(self) -> int:
-        """Monotonic wall time in ns: for liveness of other processes, never for control."""
+        """Monotonic wall time in ns: for liveness of other processes, never for control.
+
+        Time in which this process itself stood still is left out, as the others may have stood still as well.
+        """
 
     @property
     def connected(self) -> bool:

@@ -39,13 +39,13 @@ from jezero.services.vehicle_bridge.authority import Authority, Standing
 from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink, Received
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.followed import Followed
+from jezero.services.vehicle_bridge.timer import Timer
 from jezero.services.vehicle_bridge.vehicle import OFFBOARD, Situation, Target
 
 LINK = "autopilot"
 STATUS_PERIOD_NS = 100_000_000
 STREAM_PERIOD_NS = 50_000_000
 """A target that nobody renews is sent again after this: the autopilot wants more than 2 Hz, a hover 10 Hz."""
-AHEAD_MAX_NS = 150_000_000
 HEARTBEAT_PERIOD_NS = 1_000_000_000
 INTERVALS_PERIOD_NS = 5_000_000_000
 ALTIMETER_MAX_AGE_NS = 300_000_000
@@ -84,11 +84,7 @@ class VehicleBridge:
         self._followed = Followed()
         self._authority = Authority(config, boot_id)
         self._epoch_id: int | None = None
-        self._timer_ns = 0
-        self._ahead_ns = 0
-        """Of vehicle time that the timer has counted already."""
-        self._t_ns: int | None = None
-        """Vehicle time of the last step; None until there is one."""
+        self._timer = Timer()
         self._ground_z_ned_m = 0.0
         """Height of the last place where the vehicle stood disarmed."""
         self._waiting: list[tuple[Request, int]] = []
@@ -122,7 +118,8 @@ class VehicleBridge:
         if inbox.connected or self._router_seen_wall_ns is None:
             self._router_seen_wall_ns = inbox.wall_ns
         t_ns = self._not_before_autopilot(t_ns)
-        self._count_time(t_ns, inbox)
+        if inbox.latest(CLOCK) is not None:  # before, there is no vehicle time
+            self._timer.tell(t_ns)
         received = self._receive(t_ns, inbox)
         t_ns = self._not_before_autopilot(t_ns)
         for odometry in received.odometry:
@@ -139,20 +136,8 @@ class VehicleBridge:
 
     # -- in ------------------------------------------------------------------------------------------------
 
-    def _count_time(self, t_ns: int, inbox: Inbox) -> None:
-        """Vehicle time comes to be at the first `clock`, and steps back when it was estimated too far ahead.
-
-        What is passed twice then counts once, within bounds: a silence is noticed soon all the same.
-        """
-        if inbox.latest(CLOCK) is not None:
-            passed_ns = 0 if self._t_ns is None else t_ns - self._t_ns
-            self._t_ns = t_ns
-            self._ahead_ns = min(self._ahead_ns - passed_ns, AHEAD_MAX_NS)
-            self._timer_ns += max(0, -self._ahead_ns)
-            self._ahead_ns = max(0, self._ahead_ns)
-
     def _not_before_autopilot(self, t_ns: int) -> int:
-        """The autopilot tells vehicle time as well, whoever is cut off from the bus or has stood still himself."""
+        """The autopilot tells vehicle time as well: it goes on where the bridge is cut off from the bus."""
         odometry = self._link.telemetry.odometry
         return t_ns if odometry is None else max(t_ns, odometry.t_ns)
 
@@ -166,14 +151,14 @@ class VehicleBridge:
         data = inbox.received(LINK)
         if not (data or respawned):
             return Received()
-        received = self._link.receive(data, self._timer_ns, inbox.wall_ns, self._epoch_id or 0)
+        received = self._link.receive(data, self._timer.now_ns, inbox.wall_ns, self._epoch_id or 0)
         if respawned or received.restarted:
             self._sent = (None, 0)
             why = "the vehicle was respawned" if respawned else "the autopilot restarted"
             self._authority.restart(why, self._situation(t_ns, inbox))
         if received.followed is not None and self._link.telemetry.mode == OFFBOARD:  # another mode has its own targets
             told_ns, pos_ned_m, vel_ned_mps = received.followed
-            self._followed.tell(pos_ned_m, vel_ned_mps, t_ns - told_ns, self._timer_ns)
+            self._followed.tell(pos_ned_m, vel_ned_mps, t_ns - told_ns, self._timer.now_ns)
         for step_ned_m in received.steps_ned_m:
             self._authority.moved(step_ned_m, self._situation(t_ns, inbox))
             self._ground_z_ned_m += step_ned_m[2]
@@ -194,13 +179,13 @@ class VehicleBridge:
         range_m = self._range_m(t_ns, inbox, tilt_rad)
         return Situation(
             t_ns=t_ns,
-            timer_ns=self._timer_ns,
+            timer_ns=self._timer.now_ns,
             armed=telemetry.armed,
             landed=telemetry.armed is False if telemetry.landed is None else telemetry.landed,
             mode=telemetry.mode,
             failsafe=telemetry.failsafe,
             armable=telemetry.armable,
-            contested=telemetry.landed is False and self._followed.by_others(self._timer_ns),
+            contested=telemetry.landed is False and self._followed.by_others(self._timer.now_ns),
             pos_ned_m=None if odometry is None else odometry.pos_uav_ned_m,
             vel_ned_mps=(0.0, 0.0, 0.0) if odometry is None else odometry.vel_uav_ned_mps,
             yaw_rad=yaw_from_quat(q),
@@ -210,7 +195,7 @@ class VehicleBridge:
             silent_s=silent_s,
             not_ready=self._not_ready(silent_s),
             accepted=self._link.accepted,
-            complaint=self._link.complaint(self._timer_ns),
+            complaint=self._link.complaint(self._timer.now_ns),
             router_lost_s=(inbox.wall_ns - (self._router_seen_wall_ns or 0)) * 1e-9,
         )
 
@@ -248,7 +233,7 @@ class VehicleBridge:
         if setting := self._link.parameters.pending:
             yield f"the autopilot's parameters are being set: {', '.join(setting)}"
         if not told.armable:
-            warning = self._link.warning(self._timer_ns)
+            warning = self._link.warning(self._timer.now_ns)
             because = f": {warning}" if warning else ""
             yield f"the autopilot's arming checks don't pass yet in mode {told.mode}{because}"
 
@@ -352,13 +337,13 @@ class VehicleBridge:
             self._followed.forget()
         else:
             last, sent_ns = self._sent
-            due = self._fresh or authority.target is not last or self._timer_ns - sent_ns >= STREAM_PERIOD_NS
+            due = self._fresh or authority.target is not last or self._timer.now_ns - sent_ns >= STREAM_PERIOD_NS
             if due:
                 yield Send(LINK, link.setpoint(authority.target, t_ns))
-                self._followed.send(authority.target, self._timer_ns)
-                self._sent = (authority.target, self._timer_ns)
+                self._followed.send(authority.target, self._timer.now_ns)
+                self._sent = (authority.target, self._timer.now_ns)
         self._fresh = False
-        data = link.pursue(authority.wanted, self._timer_ns)
+        data = link.pursue(authority.wanted, self._timer.now_ns)
         wall_ns = inbox.wall_ns
         if wall_ns - self._heartbeat_wall_ns >= HEARTBEAT_PERIOD_NS:
             self._heartbeat_wall_ns = wall_ns

@@ -83,6 +83,13 @@ def test_monotonic_clocks_that_drift_apart_are_followed(ppm: int) -> None:
     assert now_ms(clock, sent_ms * (1.0 + ppm * 1e-6)) == pytest.approx(sent_ms, abs=1.0)
 
 
+def test_a_message_with_a_false_time_of_its_master_does_not_shut_out_the_true_ones() -> None:
+    clock = running()
+    tell(clock, 1150, sent_ms=10_000_000, arrived_ms=1150)
+    tell(clock, 1204, sent_ms=1600)  # the true one stood still
+    assert now_ms(clock, 1700) == pytest.approx(1304, abs=0.1)
+
+
 def test_a_new_epoch_is_believed_at_once() -> None:
     clock = running()
     clock.update(7 * MS, 2, 3 * MS, 1100 * MS)
