@@ -13,8 +13,8 @@ from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Feedback, GetImagesGoal, ImagesFeedback, ImagesResult, Result
 from jezero.schemas.commands import Outcome
 from jezero.schemas.images import GetImage, Image, ImageReply
+from tests.unit.client_rig import Server, endpoint, server, vehicle, wait_until_served
 from tests.unit.test_client_dataset import HEIGHT_PX, WIDTH_PX, picture
-from tests.unit.test_client_vehicle import Server, endpoint, server, vehicle, wait_until_served
 
 __all__ = ["endpoint", "server", "vehicle"]
 PLACE = (1.0, 2.0, -4.0)
