@@ -178,7 +178,8 @@ class WatchedBridge:
         self._streamed_ns = t_ns
         moved_ned_m = subtract(self._offset_ned_m, self._target_offset_ned_m)
         before, self._target, self._target_offset_ned_m = self._target, sent, self._offset_ned_m
-        if before is not None and gap_s < 1.0 and _is_same(before, sent, moved_ned_m):
+        hovers_on = now.code == Code.HOVER and self._before is not None and self._before.code == Code.HOVER
+        if before is not None and (gap_s < 1.0 or hovers_on) and _is_same(before, sent, moved_ned_m):
             return
         if now.control_id and not self._is_asked_for(inbox, now, sent):
             explained = any(self._explains(setpoint, sent) for setpoint in allowed)

@@ -208,6 +208,7 @@ class SearchConfig(Config, frozen=True, kw_only=True):
         speed_down_max_mps: as the height is the autopilot's word only, which its barometer may have wrong.
         reached_m: of a corner.
         corner_timeout_s: for each corner.
+        tau_drive_s: the rover is believed to drive on as it was seen, ever more slowly with this time constant.
     """
 
     tries: Annotated[int, Meta(ge=1, le=20)] = 3
@@ -218,6 +219,7 @@ class SearchConfig(Config, frozen=True, kw_only=True):
     speed_down_max_mps: Positive = 0.15
     reached_m: Positive = 0.5
     corner_timeout_s: Positive = 10.0
+    tau_drive_s: Positive = 10.0
 
 
 class TrackingConfig(Config, frozen=True, kw_only=True):

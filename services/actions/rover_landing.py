@@ -4,6 +4,7 @@ Approach, descent, contact. The vehicle goes down only while the estimate is val
 second it holds its height, then it climbs and searches, and when it finds nothing it hovers.
 """
 
+from math import exp
 from typing import Any
 
 from jezero.frames import Vec3, add, altitude_m, scale, subtract
@@ -124,11 +125,17 @@ class RoverLanding:
         )
 
     def _believe(self, dt_s: float, state: VehicleState) -> None:
-        """Where the rover must be without a valid estimate: what it says of itself, or on as it was seen driving."""
+        """Where the rover must be without a valid estimate: what it says of itself, or on as it was seen driving.
+
+        While it is searched for it slows down: what it did long ago tells ever less, and may have been wrong.
+        """
         if state.rover is not None and state.rover.valid:
             self._pos_believed_ned_m = state.rover.pos_rover_ned_m
             self._vel_believed_ned_mps = state.rover.vel_rover_ned_mps
         elif self._pos_believed_ned_m is not None:
+            if self._phase == "search":
+                share = exp(-dt_s / self._search_config.tau_drive_s)
+                self._vel_believed_ned_mps = scale(self._vel_believed_ned_mps, share)
             self._pos_believed_ned_m = add(self._pos_believed_ned_m, scale(self._vel_believed_ned_mps, dt_s))
         if self._pad is not None and self._pos_believed_ned_m is not None:
             pos_ned_m = add(subtract(state.pos_uav_ned_m, self._pos_believed_ned_m), self._feet_ned_m)
@@ -224,7 +231,8 @@ class RoverLanding:
         offset_m = (to_north_m - north_m, to_east_m - east_m, height_m - search.height_m)
         rover_north_mps, rover_east_mps, _ = self._vel_believed_ned_mps
         north_mps, east_mps, down_mps = towards(offset_m, self._search_config.speed_mps)
-        down_mps = min(down_mps, self._search_config.speed_down_max_mps)
+        low = state.height_m is not None and state.height_m < self._land.height_approach_m
+        down_mps = min(down_mps, 0.0 if low else self._search_config.speed_down_max_mps)
         return self._fly(state, (rover_north_mps + north_mps, rover_east_mps + east_mps, down_mps), None)
 
     # -- out --

@@ -25,6 +25,7 @@ from jezero.services.estimator.measurements import (
 from jezero.services.estimator.motion import Array
 from jezero.services.estimator.ranging import RangeScreen
 from jezero.services.estimator.relative_filter import Estimate, RelativeFilter
+from jezero.services.estimator.rover_screen import RoverScreen
 from jezero.services.estimator.selection import Selection
 
 UPPER_6 = np.triu_indices(6)
@@ -80,6 +81,7 @@ class Estimator:
         self._filter = RelativeFilter(config.tuning, config.trust)
         self._attitude = Attitudes(ATTITUDE_AGE_MAX_S)
         self._screen = RangeScreen()
+        self._rover_screen = RoverScreen()
         self._epoch_id: int | None = None
         self._since_ns = 0
         """Sensors' messages of before belong to another epoch, or another selection."""
@@ -123,6 +125,7 @@ class Estimator:
         self._odometry = None
         self._rover_heard_ns = None
         self._screen.clear()
+        self._rover_screen.clear()
         self._restart_due = True
 
     def _serve(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
@@ -186,7 +189,7 @@ class Estimator:
 
     def _measurements(self, t_ns: int, inbox: Inbox) -> Iterator[Measurement]:
         for rover in inbox.new(topics.ROVER_ODOMETRY):
-            if self._in_time(t_ns, rover.t_ns):
+            if self._in_time(t_ns, rover.t_ns) and self._is_a_rovers(rover):
                 self._rover_heard_ns = rover.t_ns
                 yield self._rover_motion(rover)
         for altimeter in inbox.new(topics.ALTIMETER):
@@ -200,6 +203,11 @@ class Estimator:
             for tag in inbox.new(topics.ESTIMATE_TAG):
                 if self._in_time(t_ns, tag.t_ns):
                     yield from self._tag_fix(tag)
+
+    def _is_a_rovers(self, rover: sensors.RoverOdometry) -> bool:
+        believed = self._rover_screen.believes(rover)
+        self._dropped += not believed
+        return believed
 
     def _rover_motion(self, rover: sensors.RoverOdometry) -> RoverMotion:
         tuning = self._selection.tuning

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable
 from math import hypot
+from random import Random
 
 import msgspec
 import pytest
 
 from benchmarks.estimator_flight import Arrival, Conditions
-from jezero.frames import add, subtract
+from jezero.frames import add, norm, subtract
 from jezero.schemas import topics
 from jezero.schemas.estimate import GetParameters, Lease, SetParameters
 from jezero.schemas.state import Clock
@@ -286,4 +287,24 @@ def test_a_lock_on_a_wrong_place_is_told_and_left() -> None:
     wrong = [r for r in rig.relatives if r.valid and r.t_ns > 6 * NS_PER_S and rig.error_m(r) > 0.5]
     assert times_ns or not any(r.valid for r in rig.relatives if r.t_ns < 4 * NS_PER_S)
     assert not wrong
+    assert rig.relative.valid
+
+
+@pytest.mark.parametrize("seed", [2, 8])
+def test_odometry_of_the_rover_that_is_garbage_leads_nobody_astray(seed: int) -> None:
+    rng = Random(seed)
+
+    def garbled(arrival: Arrival) -> Iterable[Arrival]:
+        t_ns, topic, message = arrival
+        if topic is topics.ROVER_ODOMETRY and 3 * NS_PER_S < t_ns < 11 * NS_PER_S:
+            yaw_rad, speed_mps = rng.uniform(-6.0, 6.0), rng.uniform(-100.0, 100.0)
+            message = replace(message, yaw_rover_rad=yaw_rad, speed_rover_body_mps=speed_mps)
+        yield t_ns, topic, message
+
+    rig = Rig(seed=seed, tamper=garbled)
+    rig.until(rig.flight.end_s)
+    meanwhile = [r for r in rig.relatives if 3 * NS_PER_S < r.t_ns < 12 * NS_PER_S and r.valid]
+    assert len(meanwhile) > 400
+    assert max(rig.error_m(r) for r in meanwhile) < 0.3
+    assert max(norm(r.vel_rover_ned_mps) for r in meanwhile) < 0.3
     assert rig.relative.valid

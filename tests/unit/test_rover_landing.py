@@ -35,6 +35,7 @@ class Landing:
         forget_s: so long after the last measurement the estimate is not valid any more.
         grounded: the autopilot notices the ground.
         offset_of_estimate_m, vel_error_mps: by which the estimate is wrong, the second at a time in s.
+        vel_rover_error_mps: the same of the rover's velocity over ground.
         range_m: of the altimeter.
         moves: every move with the time in s and the vehicle's offset from the platform.
     """
@@ -61,6 +62,7 @@ class Landing:
         self.grounded = True
         self.offset_of_estimate_m = STILL
         self.vel_error_mps: Callable[[float], Vec3] = lambda t_s: STILL
+        self.vel_rover_error_mps = STILL
         self.std_height_m = 0.01
         self.range_m: float | None = None
         self.silent = False
@@ -111,7 +113,7 @@ class Landing:
             pos_uav_rel_rover_ned_m=add(add(self.offset_m, noise), self.offset_of_estimate_m),
             vel_uav_rel_rover_ned_mps=add(subtract(self.vel_mps, self.vel_deck_mps), self.vel_error_mps(self.t_s)),
             cov=(std_m**2 / 2, *(0.0,) * 5, std_m**2 / 2, *(0.0,) * 4, self.std_height_m**2, *(0.0,) * 9),
-            vel_rover_ned_mps=self.vel_deck_mps,
+            vel_rover_ned_mps=add(self.vel_deck_mps, self.vel_rover_error_mps),
             yaw_rover_rad=self.yaw_rad,
             yaw_rate_rover_rps=self.yaw_rate_rps,
             use_uwb=True,
@@ -274,6 +276,29 @@ def test_a_height_that_jumps_up_in_the_search_does_not_bring_it_down_fast() -> N
     assert landing.run(2.0) is None
     fastest_mps = max(move.vel_ned_mps[2] for _, _, move in landing.moves[before:] if move.vel_ned_mps is not None)
     assert 0.0 < fastest_mps <= CONFIG.search.speed_down_max_mps
+
+
+def test_near_the_ground_the_search_does_not_go_down() -> None:
+    landing = Landing(BOTH, sees=lambda t_s, offset_m: t_s < 6.0)
+    assert landing.run(14.0) is None
+    north_m, east_m, down_m = landing.pos_m
+    landing.pos_m = (north_m, east_m, down_m - 3.0)
+    landing.range_m = 2.9
+    before = len(landing.moves)
+    assert landing.run(2.0) is None
+    assert all(move.vel_ned_mps is None or move.vel_ned_mps[2] <= 0.0 for _, _, move in landing.moves[before:])
+
+
+def test_a_rover_that_was_seen_at_an_impossible_speed_is_not_followed_far() -> None:
+    landing = Landing(BOTH, sees=lambda t_s, offset_m: t_s < 6.0)
+    landing.forget_s = 0.5
+    landing.vel_rover_error_mps = (6.0, 0.0, -1.0)
+    seen_at_m = landing.deck_m
+    done = landing.run(180.0)
+    assert done is not None
+    assert done.reason.startswith("TARGET_LOST: not found in 3 rounds of search")
+    away_m = subtract(landing.pos_m, seen_at_m)
+    assert hypot(*away_m[:2]) < 6.0 * (5.5 + CONFIG.search.tau_drive_s) + 7.0
 
 
 def test_below_the_last_range_of_the_tag_it_finishes_blind() -> None:
