@@ -11,12 +11,14 @@ from jezero.schemas import topics
 SHIPPED = Path(deploy.__path__[0]) / "compose.yaml"
 
 
-def test_the_shipped_file_starts_the_router_first_and_the_autopilot_after_the_simulator() -> None:
+def test_the_shipped_file_starts_the_router_first_and_what_needs_the_simulator_after_it() -> None:
     services = parse(SHIPPED.read_text(), {})
     levels = in_levels(services)
     assert levels[0] == ["router"]
     assert "simulator" in levels[1]
-    assert levels[2] == ["autopilot"]
+    assert levels[2] == ["camera", "autopilot"]
+    assert services["autopilot"].depends_on["simulator"] == "service_started"
+    assert services["camera"].depends_on["simulator"] == "service_healthy"
 
 
 def test_the_shipped_file_has_a_server_for_every_action() -> None:
