@@ -1,5 +1,6 @@
 """From pixels to the corners of tags."""
 
+from functools import cache
 from typing import Any
 
 import cv2
@@ -21,12 +22,18 @@ class _Detector(Detector):  # type: ignore[misc]
     def __del__(self) -> None: ...
 
 
+@cache
+def _detector(decimate: float) -> _Detector:
+    """One for each process, as each has 37 MB."""
+    return _Detector(families="tag36h11", nthreads=1, quad_decimate=decimate)
+
+
 class Finder:
     """AprilTags of the family 36h11, by the AprilTag 3 library."""
 
     def __init__(self, config: TagDetectorConfig) -> None:
         self._config = config
-        self._detector = _Detector(families="tag36h11", nthreads=1, quad_decimate=config.decimate)
+        self._detector = _detector(config.decimate)
 
     def find(self, frame: CameraFrame) -> tuple[CornersOfTag, ...]:
         """All tags that are wholly in the picture, of whatever board."""
