@@ -15,7 +15,7 @@ from jezero.services.autopilot.navigator import Navigator
 from jezero.services.autopilot.parameters import Parameters, Value
 from jezero.services.autopilot.parts import Estimate, Pilot
 from jezero.services.autopilot.streams import Snapshot
-from jezero.services.autopilot.stuck import Stuck
+from jezero.stuck import Stuck
 
 STEP_MAX_S = 0.05
 HEARTBEAT_HOLDS_S = 2.5

@@ -1,10 +1,11 @@
-"""What the ranges say of themselves: how noisy they are, and which of them took a detour."""
+"""What the ranges say of themselves: how noisy they are, which of them took a detour, and which are stuck."""
 
 from collections import deque
 from itertools import combinations, islice
 from statistics import median
 
 from jezero.schemas.sensors import Uwb, UwbRange
+from jezero.stuck import Stuck
 
 NS_PER_S = 1_000_000_000
 NOISE_NS = 2 * NS_PER_S
@@ -32,13 +33,17 @@ class RangeScreen:
     def __init__(self) -> None:
         self.std_m = 0.0
         self._past: dict[int, Past] = {}
+        self._repeats: dict[int, Stuck] = {}
+        self._stuck: set[int] = set()
 
     def clear(self) -> None:
         self._past.clear()
+        self._repeats.clear()
+        self._stuck.clear()
         self.std_m = 0.0
 
     def screen(self, uwb: Uwb, std_m: float) -> tuple[UwbRange, ...]:
-        """The ranges that are no longer than their anchor's last ones let expect.
+        """The ranges that are no longer than their anchor's last ones let expect, and not the same again and again.
 
         Args:
             std_m: of a range as the filter takes it.
@@ -47,13 +52,20 @@ class RangeScreen:
             past = self._past.setdefault(r.anchor, deque())
             if past and r.t_ns <= past[-1][0]:
                 continue
+            self._note_repeats(r)
             bend_m = (r.range_m - past[-1][1]) - (past[-1][1] - past[-2][1]) if len(past) > 1 else 0.0
             past.append((r.t_ns, r.range_m, bend_m))
             while past[0][0] < r.t_ns - NOISE_NS:
                 past.popleft()
         self._measure_noise()
         limit_m = DETOUR_SIGMAS * max(std_m, self.std_m) + DETOUR_MIN_M
-        return tuple(r for r in uwb.ranges if not self._is_detour(r, limit_m))
+        return tuple(r for r in uwb.ranges if r.anchor not in self._stuck and not self._is_detour(r, limit_m))
+
+    def _note_repeats(self, r: UwbRange) -> None:
+        if self._repeats.setdefault(r.anchor, Stuck()).is_so(r.range_m):
+            self._stuck.add(r.anchor)
+        else:
+            self._stuck.discard(r.anchor)
 
     def _is_detour(self, r: UwbRange, limit_m: float) -> bool:
         """Whether an anchor's newest range is too long; late ones are left to the filter's gate."""

@@ -27,6 +27,7 @@ from jezero.services.estimator.ranging import RangeScreen
 from jezero.services.estimator.relative_filter import Estimate, RelativeFilter
 from jezero.services.estimator.rover_screen import RoverScreen
 from jezero.services.estimator.selection import Selection
+from jezero.stuck import Stuck
 
 UPPER_6 = np.triu_indices(6)
 NAMES: dict[Kind, str] = {"rover": "the rover's odometry", "uwb": "UWB", "tag": "the tag"}
@@ -82,6 +83,7 @@ class Estimator:
         self._attitude = Attitudes(ATTITUDE_AGE_MAX_S)
         self._screen = RangeScreen()
         self._rover_screen = RoverScreen()
+        self._tag_repeats = Stuck()
         self._epoch_id: int | None = None
         self._since_ns = 0
         """Sensors' messages of before belong to another epoch, or another selection."""
@@ -259,6 +261,9 @@ class Estimator:
     def _tag_fix(self, tag: TagEstimate) -> Iterator[Measurement]:
         q_ned_from_frd = self._attitude.at(tag.t_ns)
         if q_ned_from_frd is None:
+            return
+        if self._tag_repeats.is_so(tag.pos_uav_rel_rover_ned_m):  # the camera shows the same picture all the time
+            self._dropped += 1
             return
         arm_m = np.array(tag.pos_uav_rel_rover_ned_m)
         xx, xy, xz, yy, yz, zz = tag.cov_pos_ned_m2

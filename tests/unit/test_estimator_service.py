@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from math import hypot
 from random import Random
+from typing import Any
 
 import msgspec
 import pytest
@@ -308,3 +309,25 @@ def test_odometry_of_the_rover_that_is_garbage_leads_nobody_astray(seed: int) ->
     assert max(rig.error_m(r) for r in meanwhile) < 0.3
     assert max(norm(r.vel_rover_ned_mps) for r in meanwhile) < 0.3
     assert rig.relative.valid
+
+
+@pytest.mark.parametrize("sensor", [topics.UWB, topics.ESTIMATE_TAG])
+def test_a_sensor_that_tells_the_same_again_and_again_leads_nobody_astray(sensor: topics.Topic[Any]) -> None:
+    first: list[Any] = []
+
+    def stuck(arrival: Arrival) -> Iterable[Arrival]:
+        t_ns, topic, message = arrival
+        if topic is sensor and 3 * NS_PER_S < t_ns < 11 * NS_PER_S:
+            first.append(message)
+            if topic is topics.UWB:
+                ranges = zip(first[0].ranges, message.ranges, strict=False)
+                message = replace(message, ranges=tuple(replace(old, t_ns=new.t_ns) for old, new in ranges))
+            else:
+                message = replace(first[0], t_ns=message.t_ns)
+        yield t_ns, topic, message
+
+    rig = Rig(seed=2, tamper=stuck)
+    rig.until(rig.flight.end_s)
+    meanwhile = [r for r in rig.relatives if 3 * NS_PER_S < r.t_ns < 12 * NS_PER_S]
+    assert all(r.valid for r in meanwhile)
+    assert max(rig.error_m(r) for r in meanwhile) < 0.1
