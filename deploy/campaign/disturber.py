@@ -3,7 +3,7 @@
 import re
 from random import Random
 
-from jezero.deploy.campaign.faults import CLIENTS, HIL, MAVLINK, Fault, Kind
+from jezero.deploy.campaign.faults import CLIENTS, HIL, MAVLINK, Fault, Kind, hits
 from jezero.runtime.memory_bus import REPLY, MemoryBus
 
 NS_PER_S = 1_000_000_000
@@ -54,7 +54,7 @@ class Disturber:
         path = LINK_NAMES.get(name, "bus")
         items: Items = [(t_ns, data)]
         for fault, end_ns in self._active:
-            if fault.path == path and _hits(fault, sender, receiver):
+            if fault.path == path and hits(fault, sender, receiver):
                 items = self._suffer(fault, end_ns, name, receiver, items)
         if path == MAVLINK:
             self.late_ns = max(self.late_ns, *(at_ns - t_ns for at_ns, _ in items), 0)
@@ -111,13 +111,6 @@ class Disturber:
             return data
         start, end = self._rng.choice(numbers).span()
         return data[:start] + self._rng.choice(NO_NUMBERS) + data[end:]
-
-
-def _hits(fault: Fault, sender: str, receiver: str) -> bool:
-    if ">" in fault.where:
-        return fault.where == f"{sender}>{receiver}"
-
-    return fault.where in (sender, receiver)
 
 
 def _shifted(data: bytes, seconds: float) -> bytes:

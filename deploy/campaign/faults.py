@@ -8,6 +8,8 @@ from jezero.schemas.topics import ACTIONS
 
 CLIENTS = ("alice", "bob")
 BRIDGE, AUTOPILOT, SIMULATOR = "vehicle_bridge", "autopilot", "simulator"
+SERVERS = "servers"
+"""Of all actions at once, as when they run on one host."""
 MAVLINK, HIL = "MAVLink", "HIL"
 FAULTS_MIN, FAULTS_MAX = 3, 14
 PARTITION_MAX_S = 15.0
@@ -44,7 +46,7 @@ class Fault:
     """One fault of a mission.
 
     Attributes:
-        where: "a>b" for what a sends to b, else a service, a client or a sensor.
+        where: "a>b" for what a sends to b, where one may be SERVERS; else a service, a client or a sensor.
         path: "bus", or the byte link: MAVLINK or HIL.
         start_s: after the vehicle was first ready, or after the mission's start where it never is.
         amount: a probability, seconds, or a size, whichever the kind has; 0 where it has none.
@@ -123,9 +125,11 @@ def _draw_link(kind: Kind, rng: Random, start_s: float, others: tuple[str, ...])
     if not carries_time and rng.random() < 0.35:
         amount = {Kind.DELAY: rng.uniform(0.02, 0.2)}.get(kind, rng.choice((0.1, 0.5, 0.9)))
         return Fault(kind, _one_way(rng, BRIDGE, AUTOPILOT), MAVLINK, start_s, duration_s, amount)
-    action = rng.choice(tuple(ACTIONS))
+    action = SERVERS if rng.random() < 0.6 else rng.choice(tuple(ACTIONS))
     with_others = tuple((other, end) for other in others for end in (SIMULATOR, action))
-    ends = rng.choice(((BRIDGE, action), (BRIDGE, action), (SIMULATOR, BRIDGE), (SIMULATOR, action), *with_others))
+    ends = rng.choice(((SIMULATOR, BRIDGE), (SIMULATOR, action), *with_others))
+    if rng.random() < 0.5:  # what flies the vehicle
+        ends = (BRIDGE, action)
     if not carries_time and rng.random() < 0.3:
         ends = (rng.choice(CLIENTS), rng.choice((action, BRIDGE)))
     amount = rng.choice((0.1, 0.5, 0.9))
@@ -134,6 +138,18 @@ def _draw_link(kind: Kind, rng: Random, start_s: float, others: tuple[str, ...])
     elif kind is Kind.WRONG_TIME:
         amount = rng.choice((-3600.0, -5.0, -1.0, -0.4, -0.2, 0.1, 1.0, 5.0, 3600.0))
     return Fault(kind, _one_way(rng, *ends), "bus", start_s, duration_s, amount)
+
+
+def hits(fault: Fault, sender: str, receiver: str) -> bool:
+    """Whether a fault of a link, or of one end, concerns what one sends to the other."""
+    one, arrow, other = fault.where.partition(">")
+    if not arrow:
+        return one in (sender, receiver)
+    return _is(one, sender) and _is(other, receiver)
+
+
+def _is(name: str, who: str) -> bool:
+    return who == name or (name == SERVERS and who in ACTIONS)
 
 
 def _one_way(rng: Random, a: str, b: str) -> str:

@@ -24,8 +24,8 @@ from jezero.schemas.state import Status, StatusCode
 from jezero.services.simulator.service import Simulator
 
 READY_WITHIN_S = 20.0
-FAULTS_WITHIN_S = 50.0
-WISHES_FOR_S = 55.0
+FAULTS_WITHIN_S = 42.0
+WISHES_FOR_S = 47.0
 QUIET_S = 10.0
 SETTLED_WITHIN_S = 200.0
 """A landing on the rover may take 180 s."""

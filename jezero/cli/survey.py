@@ -53,9 +53,9 @@ def getimages(
     Coordinates are metres north, east and down, so 4 m up is `-4`. FRAME is world (default) or rover, whose origin is
     the middle of its platform: `jezero getimages -2.0 0 -4 2 4 rover`.
     """
-    from jezero.client.dataset import Dataset
 
     printer = Printer(as_json)
+    dataset = _new_dataset(out, kind)
     with connected(vehicle, router, printer) as uav:
         goal = uav.get_images(
             (x, y, z),
@@ -66,7 +66,7 @@ def getimages(
             speed_mps=speed_mps,
             stream_images=stream,
         )
-        take_pictures(printer, goal, "getimages", Dataset(out or default_folder(), cast("Kind", kind)))
+        take_pictures(printer, goal, "getimages", dataset)
 
 
 @click.command(context_settings=NUMBERS)
@@ -105,22 +105,33 @@ def gridsweep(
     if plan_only:
         _show_plan(_goal(**given), out or DRAWING, as_json)
         return
-    from jezero.client.dataset import Dataset
-
     printer = Printer(as_json)
-    goal, dataset = (_goal(**given), None) if resume is None else _resumed(resume)
+    if resume is None:
+        goal, dataset = _goal(**given), _new_dataset(out, kind)
+    else:
+        goal, dataset = _resumed(resume, kind)
     with connected(vehicle, router, printer) as uav:
         if goal.start_ned_m is None and goal.frame == "world":  # else a coverage whose server died can't be resumed
             odometry = uav.status().odometry
             start_ned_m = None if odometry is None else odometry.pos_uav_ned_m[:2]
             goal = msgspec.structs.replace(goal, start_ned_m=start_ned_m)
         flown = uav.resume_coverage(goal)
-        into = dataset or Dataset(out or default_folder(), cast("Kind", kind), goal=goal)
-        _remember(into.folder, goal)
-        take_pictures(printer, flown, "gridsweep", into, lambda result: _remember(into.folder, result.resume))
+        if resume is None:
+            dataset.note(goal=goal)
+        _remember(dataset.folder, goal)
+        take_pictures(printer, flown, "gridsweep", dataset, lambda result: _remember(dataset.folder, result.resume))
 
 
-def _resumed(folder: Path) -> "tuple[AreaCoverageGoal, Dataset]":
+def _new_dataset(out: Path | None, kind: str) -> "Dataset":
+    from jezero.client.dataset import Dataset
+
+    try:
+        return Dataset(out or default_folder(), cast("Kind", kind))
+    except FileExistsError as error:
+        raise click.ClickException(str(error)) from None
+
+
+def _resumed(folder: Path, kind: str) -> "tuple[AreaCoverageGoal, Dataset]":
     """What is missing in a folder, and its dataset."""
     from jezero.client.dataset import Dataset
     from jezero.schemas.actions import AreaCoverageGoal
@@ -129,7 +140,7 @@ def _resumed(folder: Path) -> "tuple[AreaCoverageGoal, Dataset]":
         goal = msgspec.json.decode((folder / RESUME).read_bytes(), type=AreaCoverageGoal)
         first = msgspec.structs.replace(goal, first_picture=0)
         if goal.first_picture == 0:
-            return goal, Dataset(folder, goal=first)
+            return goal, Dataset(folder, cast("Kind", kind), goal=first)
         return goal, Dataset.reopen(folder, goal=first)
     except FileNotFoundError:
         raise click.ClickException(f"{folder} has no {RESUME}: nothing is missing in it") from None
@@ -143,6 +154,7 @@ def _remember(folder: Path, goal: "AreaCoverageGoal | None") -> None:
     if goal is None:
         file.unlink(missing_ok=True)
     else:
+        folder.mkdir(parents=True, exist_ok=True)
         file.write_bytes(msgspec.json.format(msgspec.json.encode(goal), indent=1) + b"\n")
 
 

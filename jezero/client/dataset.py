@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from PIL.TiffImagePlugin import IFDRational
 
 Kind = Literal["jpg", "png"]
+SUFFIXES = (".jpg", ".png")
 JPEG_QUALITY = 95
 SENSOR_WIDTH_MM = 6.4
 """The simulated camera has pixels, but no millimetres: EXIF needs both, so one is chosen (10 um at 640 pixels)."""
@@ -47,9 +48,17 @@ class Dataset:
         folder: made when it isn't there.
         kind: of the pictures' files; JPEG loses a little, PNG nothing.
         extra: told in `images.json` too, e.g. the goal.
+
+    Raises:
+        FileExistsError: the folder has pictures of another dataset.
     """
 
     def __init__(self, folder: Path | str, kind: Kind = "jpg", **extra: Any) -> None:
+        self._begin(folder, kind, extra)
+        if old := next((path for path in self._listing.parent.glob("*") if path.suffix in SUFFIXES), None):
+            raise FileExistsError(f"{self.folder} has pictures already, e.g. {old.name}: choose another folder")
+
+    def _begin(self, folder: Path | str, kind: Kind, extra: dict[str, Any]) -> None:
         self.folder = Path(folder)
         self._kind = kind
         self._extra = extra
@@ -57,7 +66,6 @@ class Dataset:
         self._listing = self.folder / LISTING
         self._t0_utc: datetime | None = None
         self._newest_before_ns = -1
-        self._listing.parent.mkdir(parents=True, exist_ok=True)
 
     @classmethod
     def reopen(cls, folder: Path | str, **extra: Any) -> Self:
@@ -69,7 +77,8 @@ class Dataset:
         """
         told = msgspec.json.decode((Path(folder) / LISTING).read_bytes(), type=_Listing)
         png = bool(told.images) and str(told.images[0].get("file", "")).endswith(".png")
-        dataset = cls(folder, "png" if png else "jpg", **extra)
+        dataset = cls.__new__(cls)
+        dataset._begin(folder, "png" if png else "jpg", extra)
         for fields in told.images:
             fields.pop("file", None)
             image = msgspec.convert(fields, Image)
@@ -111,6 +120,7 @@ class Dataset:
 
         image = picture.image
         path = self._listing.with_name(self.name_of(image))
+        path.parent.mkdir(parents=True, exist_ok=True)
         pixels = Pillow.frombytes("RGB", (image.width_px, image.height_px), picture.pixels)
         pixels.save(path, quality=JPEG_QUALITY, subsampling=0, exif=exif_of(image, self._taken_utc(image)))
         self._images[image.index] = image
@@ -137,6 +147,7 @@ class Dataset:
         images = [self._images[index] for index in sorted(self._images)]
         told = [{"file": self.name_of(image), **msgspec.to_builtins(image)} for image in images]
         content = msgspec.json.encode({**msgspec.to_builtins(self._extra), "t0_utc": self._t0_utc, "images": told})
+        self._listing.parent.mkdir(parents=True, exist_ok=True)
         self._listing.write_bytes(msgspec.json.format(content, indent=1) + b"\n")
         lines = [geo_line(self.name_of(image), image) for image in images if image.position_camera_deg is not None]
         (self.folder / "geo.txt").write_text("\n".join(["EPSG:4326", *lines]) + "\n")

@@ -34,7 +34,7 @@ def test_a_mission_passes_and_replays_exactly_in_another_process(world: str) -> 
 
 
 def test_every_kind_of_fault_is_drawn_and_no_partition_is_too_long() -> None:
-    faults = [fault for seed in range(300) for fault in draw_faults(named_random(seed, "faults"), 50.0)]
+    faults = [fault for seed in range(300) for fault in draw_faults(named_random(seed, "faults"), 42.0)]
     assert {fault.kind for fault in faults} == set(Kind)
     assert len(faults) >= 300 * FAULTS_MIN
     assert all(f.duration_s <= PARTITION_MAX_S for f in faults if f.kind is Kind.PARTITION)

@@ -22,6 +22,6 @@ def test_a_mission_with_the_point_mass_begins_with_all_that_commands_the_vehicle
 
 
 def test_every_further_service_has_faults_of_its_own() -> None:
-    faults = [f for seed in range(300) for f in draw_faults(named_random(seed, "faults"), 50.0, ("estimator",))]
+    faults = [f for seed in range(300) for f in draw_faults(named_random(seed, "faults"), 42.0, ("estimator",))]
     hit = {fault.kind for fault in faults if "estimator" in fault.where}
     assert hit >= {Kind.KILL, Kind.FREEZE, Kind.PARTITION, Kind.DELAY, Kind.DROP, Kind.NAN, Kind.WRONG_TIME}

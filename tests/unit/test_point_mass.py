@@ -100,7 +100,7 @@ def test_sensors_that_insist_on_an_error_reset_the_estimate_and_small_errors_pul
 
 
 def test_faults_of_what_the_point_mass_lacks_hit_what_it_has() -> None:
-    faults = [as_in_point_mass(f) for seed in range(200) for f in draw_faults(named_random(seed, "faults"), 50.0)]
+    faults = [as_in_point_mass(f) for seed in range(200) for f in draw_faults(named_random(seed, "faults"), 42.0)]
     assert not any(name in fault.where.split(">") for fault in faults for name in NEVER_HERE)
     on_hil = Fault(Kind.BIT_FLIPS, "simulator>autopilot", HIL, 1.0, 2.0, 0.01)
     assert as_in_point_mass(on_hil).where == "vehicle_bridge>point_mass"
