@@ -182,3 +182,26 @@ def test_a_coverage_that_ended_early_is_completed_in_its_folder(tmp_path: Path, 
     assert len((folder / "geo.txt").read_text().splitlines()) == 5
     again = CliRunner().invoke(main, ["gridsweep", "--resume", str(folder)])
     assert again.exit_code == 1 and "nothing is missing in it" in again.output
+
+
+def test_pictures_do_not_go_where_others_are(tmp_path: Path, vehicle: FakeVehicle) -> None:
+    area, folder = tmp_path / "area.geojson", tmp_path / "run"
+    area.write_text(json.dumps(SQUARE))
+    words = ["gridsweep", "--polygon", str(area), "--z", "-5", "--resolution", "2", "--out", str(folder)]
+    CliRunner().invoke(main, words)
+    again = CliRunner().invoke(main, words)
+    assert again.exit_code == 1 and "has pictures already" in again.output
+    assert len(vehicle.goals) == 1
+
+
+def test_a_coverage_that_took_no_picture_is_completed_in_the_format_that_is_asked_for(
+    tmp_path: Path, vehicle: FakeVehicle
+) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    corners = ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0))
+    goal = AreaCoverageGoal(polygon_ned_m=corners, z_ned_m=-5.0, resolution_m=2.0, start_ned_m=(0.0, 0.0))
+    (folder / "resume.json").write_bytes(msgspec.json.encode(goal))
+    CliRunner().invoke(main, ["gridsweep", "--resume", str(folder), "--format", "png"])
+    listing = json.loads((folder / LISTING).read_text())
+    assert [image["file"] for image in listing["images"]] == ["0000.png", "0001.png"]

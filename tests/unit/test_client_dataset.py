@@ -103,6 +103,20 @@ def taken_utc(path: Path) -> datetime:
     return whole + timedelta(milliseconds=int(camera[0x9291]))
 
 
+def test_a_folder_with_pictures_of_another_dataset_is_left_alone(tmp_path: Path) -> None:
+    with Dataset(tmp_path) as dataset:
+        dataset.add(picture(5))
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    with pytest.raises(FileExistsError, match=r"has pictures already, e\.g\. 0005\.jpg: choose another folder"):
+        Dataset(tmp_path, "png")
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+def test_a_dataset_that_nothing_was_written_to_leaves_no_folder(tmp_path: Path) -> None:
+    Dataset(tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
 def test_dates_begin_with_the_wall_clock_and_follow_vehicle_time(tmp_path: Path) -> None:
     before = datetime.now(UTC) - timedelta(milliseconds=1)
     with Dataset(tmp_path) as dataset:
