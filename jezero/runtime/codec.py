@@ -18,6 +18,7 @@ MAX_PAYLOAD_BYTES = 4_000_000
 MAX_PICTURE_HEADER_BYTES = 4_000
 PICTURES = (CameraFrame, ImageReply)
 """Payloads whose pixels travel beside their header."""
+_WITHOUT_FLOATS = frozenset((type(None), bool, int, str, bytes))
 _encoder = msgspec.json.Encoder()
 
 
@@ -38,9 +39,23 @@ def encode(payload: Payload) -> bytes:
     if pixels := getattr(payload, "pixels", b""):
         return join_picture(encode(msgspec.structs.replace(payload, pixels=b"")), pixels)
     data = _encoder.encode(payload)
-    if b"null" in data:  # NaN, infinity, or an honest None
+    if b"null" in data and not _is_finite(payload):  # else an honest None
         _require_finite(payload, type(payload).__name__)
     return data
+
+
+def _is_finite(value: Any) -> bool:
+    """What `_require_finite` finds out, without the words that tell where."""
+    kind = type(value)
+    if kind in _WITHOUT_FLOATS:
+        return True
+    if kind is float:
+        return math.isfinite(value)
+    if kind is tuple:
+        return all(map(_is_finite, value))
+    if issubclass(kind, msgspec.Struct):
+        return all(map(_is_finite, msgspec.structs.astuple(value)))
+    return False  # rarer ones: let the other look
 
 
 def _require_finite(value: Any, where: str) -> None:

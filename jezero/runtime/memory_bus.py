@@ -87,6 +87,8 @@ class MemoryBus:
         self._sequence = 0
         self._ports: dict[str, _Port] = {}
         self._order: list[_Port] = []
+        self._listeners: dict[str, list[_Port]] = {}
+        """By topic, as far as they were looked for since the last change."""
         self._wires: dict[tuple[str, str], _Wire] = {}
         self._last_arrival: dict[tuple[str, str], int] = {}
         self._rngs: dict[tuple[str, str], Random] = {}
@@ -103,6 +105,7 @@ class MemoryBus:
         port = _Port(self, service)
         self._ports[name] = port
         self._order.append(port)
+        self._listeners.clear()
         for (owner, link), wire in self._wires.items():
             if owner == name or wire.peer[0] == name:
                 self._set_link(owner, link, up=owner in self._ports and wire.peer[0] in self._ports)
@@ -112,6 +115,7 @@ class MemoryBus:
         """Let a service die at once: its links go down and its open requests end without a reply."""
         port = self._ports.pop(name)
         self._order.remove(port)
+        self._listeners.clear()
         port.alive = False
         for (owner, link), wire in self._wires.items():
             if wire.peer[0] == name:
@@ -197,10 +201,12 @@ class MemoryBus:
     def publish(self, sender: str, topic: Topic[Any], data: bytes) -> None:
         for observer in self._observers:
             observer(self.t_ns, topic.name, data)
-        for port in self._order:
-            if topic.name in port.listening:
-                t_ns = self._arrival(sender, port.name, self._delay)
-                self._deliver(sender, port.name, topic.name, t_ns, data, partial(port.receive, topic.name))
+        listeners = self._listeners.get(topic.name)
+        if listeners is None:
+            listeners = self._listeners[topic.name] = [port for port in self._order if topic.name in port.listening]
+        for port in listeners:
+            t_ns = self._arrival(sender, port.name, self._delay)
+            self._deliver(sender, port.name, topic.name, t_ns, data, partial(port.receive, topic.name))
 
     def send(self, owner: str, link: str, data: bytes) -> None:
         wire = self._wires.get((owner, link))
@@ -394,6 +400,7 @@ class _Port:
 
     def listen(self, names: frozenset[str]) -> None:
         self.listening = self._always | names
+        self._bus._listeners.clear()
 
     def pace(self, rate_hz: float) -> None:
         self._period_ns = int(NS_PER_S / rate_hz)
