@@ -55,7 +55,7 @@ def _is_finite(value: Any) -> bool:
         return all(map(_is_finite, value))
     if issubclass(kind, msgspec.Struct):
         return all(map(_is_finite, msgspec.structs.astuple(value)))
-    return False  # rarer ones: let the other look
+    return isinstance(value, str | int)  # an enumeration; rarer ones are left to the other
 
 
 def _require_finite(value: Any, where: str) -> None:
