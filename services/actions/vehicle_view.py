@@ -13,12 +13,12 @@ from jezero.services.actions.config import LifecycleConfig
 from jezero.services.actions.lease import SelectionLease
 
 NS_PER_S = 1_000_000_000
-EARLY_NS = 50_000_000
-"""Clocks of two processes agree to this: a message may seem to be so much ahead of its time."""
+EARLY_NS = 300_000_000
+"""A message may seem to be so much ahead of its time: a process that stood still tells time late for a moment."""
 
 
 def is_fresh(message: Message | None, t_ns: int, age_max_s: float) -> bool:
-    """Whether a message is there and its age is between -50 ms and `age_max_s`."""
+    """Whether a message is there and its age is between -0.3 s and `age_max_s`."""
     return message is not None and -EARLY_NS <= t_ns - message.t_ns <= age_max_s * NS_PER_S
 
 
