@@ -117,8 +117,12 @@ def _waited_ns(pid: int) -> int:
 
 
 def wait_for_status(vehicle: Vehicle, condition: Callable[[Status], bool], within_s: float, what: str) -> float:
-    """`wait_for` on the newest status."""
-    return wait_for(lambda: condition(vehicle.status()), within_s, what)
+    """`wait_for` on the newest status; a failure tells that status."""
+    try:
+        return wait_for(lambda: condition(vehicle.status()), within_s, what)
+    except AssertionError as error:
+        status = vehicle.status()
+        raise AssertionError(f"{error}; {status.code} {status.name}: {status.text} {status.not_ready_reason}") from None
 
 
 @contextmanager
