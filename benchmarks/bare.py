@@ -56,7 +56,7 @@ SETPOINT = encode(
 )
 GOAL = encode(GoToGoal(goal_id=GOAL_ID, target_ned_m=POINT))
 ACQUIRE = encode(Acquire(goal_id=GOAL_ID, action="go_to", do_takeoff=False))
-GRANT = encode(AcquireReply(granted=True, control_id="1f2e3d4c5b6a-12", bridge_boot_id=123_456_789_012_345))
+GRANT = encode(AcquireReply(granted=True, control_id="1f2e3d4c5b6a-12", bridge_boot_id=123_456_789_012_345, grants=12))
 ACCEPTED = encode(Accepted(goal_id=GOAL_ID))
 FEEDBACK = encode(
     Feedback(

@@ -58,10 +58,18 @@ class Acquire(Payload, frozen=True, kw_only=True):
 
 
 class AcquireReply(Payload, frozen=True, kw_only=True):
+    """The bridge's answer.
+
+    Attributes:
+        grants: how often this run of the bridge has given control, this time included; a `Status` with less is from
+            before.
+    """
+
     granted: bool
     reason: Text = ""
     control_id: str = ""
     bridge_boot_id: int = 0
+    grants: Annotated[int, Meta(ge=0)] = 0
 
 
 Outcome = Literal["succeeded", "canceled", "aborted"]

@@ -101,6 +101,7 @@ class Status(Message, frozen=True, kw_only=True):
         autopilot_mode: the autopilot's own word, e.g. "OFFBOARD"; "" when there is no link.
         goal_id, control_id: of the goal in charge, else "".
         bridge_boot_id: differs between two runs of the bridge.
+        grants: how often this run of the bridge has given control to a goal.
         ready: a takeoff would be accepted now, or the vehicle flies; `not_ready_reason` says what is missing.
         text: the last event worth telling, in words.
     """
@@ -115,6 +116,7 @@ class Status(Message, frozen=True, kw_only=True):
     goal_id: str = ""
     control_id: str = ""
     bridge_boot_id: int
+    grants: Annotated[int, Meta(ge=0)] = 0
     epoch_id: int = 0
     ready: bool
     not_ready_reason: Text = ""

@@ -33,8 +33,8 @@ from jezero.services.actions.config import LifecycleConfig, Limits
 from jezero.services.actions.lease import SelectionLease
 from jezero.services.actions.vehicle_view import NS_PER_S, VehicleView, is_fresh
 
-STATUS_LAG_NS = 100_000_000
-"""After the grant a status may for so long still show the time before it."""
+BRIDGE_BEFORE_NS = 100_000_000
+"""A status of another run of the bridge, until so long after the grant, is from the run before."""
 RETRY_S = 0.2
 PITCH_PERIOD_NS = 45_000_000
 """A little less than that of `command/camera_pitch`, as steps don't come evenly."""
@@ -283,10 +283,11 @@ class GoalRun:
     def _loss_by(self, status: Status) -> str:
         ours = self._is_ours(status)
         self._seen_in_charge |= ours
-        if not self._seen_in_charge and status.t_ns <= self._granted_ns + STATUS_LAG_NS:
-            return ""
         if status.bridge_boot_id != self._grant.bridge_boot_id:
-            return "the vehicle bridge restarted"
+            before = not self._seen_in_charge and status.t_ns <= self._granted_ns + BRIDGE_BEFORE_NS
+            return "" if before else "the vehicle bridge restarted"
+        if status.grants < self._grant.grants:
+            return ""
         if ours and status.code not in (StatusCode.ABORT, StatusCode.EXTERNAL):
             return ""
         return status.text or f"control was taken away (status {status.code} {status.name})"

@@ -54,6 +54,7 @@ class Standing(msgspec.Struct, frozen=True):
     in_charge: InCharge
     goal_id: str
     control_id: str
+    grants: int
     text: str
 
 
@@ -113,7 +114,7 @@ class Authority:
     @property
     def standing(self) -> Standing:
         goal_id, control_id = ("", "") if self.grant is None else (self.grant.goal_id, self.grant.control_id)
-        return Standing(self.code, self.in_charge, goal_id, control_id, self.text)
+        return Standing(self.code, self.in_charge, goal_id, control_id, self._grants, self.text)
 
     # -- what others ask ---------------------------------------------------------------------------------
 

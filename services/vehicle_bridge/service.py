@@ -296,7 +296,8 @@ class VehicleBridge:
         grant = self._authority.grant
         if refusal or grant is None:
             return AcquireReply(granted=False, reason=refusal, bridge_boot_id=self._boot_id)
-        return AcquireReply(granted=True, control_id=grant.control_id, bridge_boot_id=self._boot_id)
+        grants = self._authority.standing.grants
+        return AcquireReply(granted=True, control_id=grant.control_id, bridge_boot_id=self._boot_id, grants=grants)
 
     def _answer(self, now: Situation, wall_ns: int) -> Iterator[Output]:
         """Reply to what has been done by now."""
@@ -404,6 +405,7 @@ class VehicleBridge:
             goal_id=standing.goal_id,
             control_id=standing.control_id,
             bridge_boot_id=self._boot_id,
+            grants=standing.grants,
             epoch_id=self._epoch_id or 0,
             ready=not not_ready,
             not_ready_reason=not_ready,

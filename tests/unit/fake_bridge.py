@@ -105,7 +105,7 @@ class FakeBridge:
             return AcquireReply(granted=False, reason=self.refuse or "another goal is in charge")
         self.grants += 1
         self.control_id = f"c{self.grants}"
-        return AcquireReply(granted=True, control_id=self.control_id, bridge_boot_id=self.boot_id)
+        return AcquireReply(granted=True, control_id=self.control_id, bridge_boot_id=self.boot_id, grants=self.grants)
 
     def _release(self, request_id: int, release: Release) -> Iterator[Output]:
         if self.lost_releases:
@@ -169,6 +169,7 @@ class FakeBridge:
                 in_charge="goal" if self.control_id else "none",
                 control_id=self.control_id,
                 bridge_boot_id=self.boot_id,
+                grants=self.grants,
                 epoch_id=self.epoch_id,
                 ready=True,
                 text=self.text,

@@ -5,6 +5,7 @@ from typing import Any, Literal
 import msgspec
 import pytest
 
+from jezero.runtime.codec import decode, encode
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.actions import (
@@ -20,7 +21,7 @@ from jezero.schemas.actions import (
     Result,
     TakeoffGoal,
 )
-from jezero.schemas.state import StatusCode
+from jezero.schemas.state import Status, StatusCode
 from jezero.services.actions.table import action_server
 from tests.unit.actions_rig import CONFIG, FAR, World
 
@@ -215,6 +216,24 @@ def test_control_taken_away_ends_the_goal_with_the_bridges_words(code: StatusCod
     result = world.end(goal, 0.2)
     assert (result.outcome, result.reason) == ("aborted", "aborted: somebody said so")
     assert world.bridge.releases == []
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.05, 1.0])
+@pytest.mark.parametrize("ahead_s", [-0.3, 0.0, 0.4])
+def test_a_status_from_before_the_grant_ends_nothing(after_s: float, ahead_s: float) -> None:
+    """Whatever its time says: the bridge's clock may run ahead while the simulator stands still, and go back then."""
+    world = World()
+    told: list[bytes] = []
+    world.bus.observe(lambda t_ns, name, data: told.append(data) if name == topics.STATUS.name else None)
+    world.bus.run_for(0.2)
+    before = decode(Status, told[-1])
+    goal = world.send(FAR)
+    assert world.bus.run_for(1.0, lambda: bool(goal.replies))
+    world.bus.run_for(after_s)
+    stale = msgspec.structs.replace(before, t_ns=world.bus.t_ns + int(ahead_s * 1e9), text="long ago")
+    world.bus.publish("vehicle_bridge", topics.STATUS, encode(stale))
+    world.bus.run_for(1.0)
+    assert not goal.ended, goal.replies[-1]
 
 
 def test_a_restarted_bridge_ends_the_goal() -> None:
