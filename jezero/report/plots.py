@@ -1,9 +1,11 @@
 """Plots of a whole flight: position and status code over time (thesis Figs 3.5 and 3.6)."""
 
 from collections.abc import Sequence
+from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from jezero.frames import Vec3
 from jezero.report.flight_log import Entry
 from jezero.report.style import BLUE, GREEN, ORANGE, Format, draw
 from jezero.schemas import topics
@@ -14,6 +16,8 @@ if TYPE_CHECKING:
 
 NS_PER_S = 1e9
 COLOURS = (BLUE, ORANGE, GREEN)
+NOWHERE: Vec3 = (nan, nan, nan)
+SETPOINT_GAP_S = 0.5
 WORDS = {
     StatusCode.IDLE: "idle",
     StatusCode.TAKEOFF: "takeoff",
@@ -63,14 +67,27 @@ def _draw(path: Path, height_in: float, fill: Any) -> Path:
 def _position(axes: "Axes", entries: Sequence[Entry]) -> None:
     odometry = [e.message for e in entries if e.topic == topics.ODOMETRY.name]
     truth = [e.message for e in entries if e.topic == topics.TRUTH.name]
-    setpoints = [e.message for e in entries if e.topic == topics.SETPOINT.name and e.message.pos_ned_m is not None]
+    setpoint_s, setpoint_m = _position_setpoints([e.message for e in entries if e.topic == topics.SETPOINT.name])
     for axis, (name, colour) in enumerate(zip(("x north", "y east", "z down"), COLOURS, strict=True)):
         axes.plot(_times(odometry), [m.pos_uav_ned_m[axis] for m in odometry], color=colour, label=name)
         axes.plot(_times(truth), [m.pos_uav_ned_m[axis] for m in truth], ":", color=colour, lw=1, alpha=0.8)
-        axes.plot(_times(setpoints), [m.pos_ned_m[axis] for m in setpoints], "--", color=colour, lw=0.8, alpha=0.6)
+        axes.plot(setpoint_s, [m[axis] for m in setpoint_m], "--", color=colour, lw=0.8, alpha=0.6)
     axes.plot([], [], ":", color="0.4", lw=1, label="true position")
     axes.plot([], [], "--", color="0.4", lw=0.8, label="position setpoints")
     axes.set_ylabel("position in the world frame, NED [m]")
+
+
+def _position_setpoints(setpoints: Sequence[Any]) -> tuple[list[float], list[Vec3]]:
+    """Their times and points; not a number where a velocity was asked for, or nothing for a while: no line there."""
+    times_s: list[float] = []
+    points_m: list[Vec3] = []
+    for t_s, setpoint in zip(_times(setpoints), setpoints, strict=True):
+        if times_s and t_s - times_s[-1] > SETPOINT_GAP_S:
+            times_s.append(t_s)
+            points_m.append(NOWHERE)
+        times_s.append(t_s)
+        points_m.append(setpoint.pos_ned_m or NOWHERE)
+    return times_s, points_m
 
 
 def _status(axes: "Axes", status: Sequence[Any]) -> None:

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 SHOWN_M, SCATTER_M = 0.55, 0.22
 """From the middle of the platform to the edge of a figure: of one landing, and of many unless one is farther out."""
 PANEL_IN = 3.5
-MARKS_M = (2.0, 0.5)
-"""Heights over the platform that are marked on a way."""
+MARKS_M = {2.0: (-32, 30), 0.5: (32, -30)}
+"""Heights over the platform that are marked on a way, and where the words stand from the mark, in points."""
 
 
 class Touchdowns(NamedTuple):
@@ -51,14 +51,15 @@ def draw_touchdown(landing: Landing, directory: Path, suffix: str, form: Format)
         near = np.flatnonzero(np.abs(way_m[:, :2]).max(axis=1) > 1.0)
         begin = int(near[-1]) + 1 if len(near) else 0
         ax.plot(way_m[begin:, 1], way_m[begin:, 0], color=BLUE, lw=1.2, label="true way")
-        for mark_m in MARKS_M:
+        for mark_m, words_pt in MARKS_M.items():
             above = np.flatnonzero(height_m > mark_m)
             if len(above) and begin <= above[-1]:
                 north_m, east_m = way_m[above[-1], 0], way_m[above[-1], 1]
                 ax.plot(east_m, north_m, "o", ms=3, color=BLUE)
                 box = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.85}
-                place = {"xytext": (-6, 3), "textcoords": "offset points", "ha": "right", "fontsize": 7}
-                ax.annotate(f"{mark_m:g} m up", (east_m, north_m), bbox=box, **place)
+                line = {"arrowstyle": "-", "lw": 0.5, "color": "0.4"}
+                place = {"xytext": words_pt, "textcoords": "offset points", "ha": "center", "fontsize": 7}
+                ax.annotate(f"{mark_m:g} m up", (east_m, north_m), bbox=box, arrowprops=line, **place)
         error_cm = 100.0 * float(np.hypot(*place_m))
         ax.plot(
             place_m[1],
