@@ -116,7 +116,7 @@ class _Layout:
         crc = crc16.mcrf4xx(frame[1:-2] + self._crc_extra)
         if crc != frame[-2] | frame[-1] << 8:
             return None
-        _, size, incompatible, compatible, sequence, system_id, component_id, _, _ = self.HEADER.unpack(frame[:10])
+        _, size, incompatible, compatible, sequence, system_id, component_id, _, _ = self.HEADER.unpack_from(frame)
         length = self._unpacker.size
         payload = frame[10:-2]
         values: Any = self._unpacker.unpack(payload.ljust(length, b"\0") if size < length else payload[:length])
@@ -125,11 +125,13 @@ class _Layout:
             for place, count in self._arrays:
                 values[place : place + count] = [values[place : place + count]]
         message = self._type.__new__(self._type)
-        message.__dict__ = self._blank | dict(zip(self._names, values, strict=True))
-        message._header = dialect.MAVLink_header(
+        fields = message.__dict__
+        fields.update(self._blank)
+        fields.update(zip(self._names, values, strict=True))
+        fields["_header"] = dialect.MAVLink_header(
             self._id, incompatible, compatible, size, sequence, system_id, component_id
         )
-        message._msgbuf, message._crc = frame, crc
+        fields["_msgbuf"], fields["_crc"] = frame, crc
         return message
 
 

@@ -53,6 +53,8 @@ def _is_finite(value: Any) -> bool:
         return math.isfinite(value)
     if kind is tuple:
         return all(map(_is_finite, value))
+    if kind is dict:
+        return all(map(_is_finite, value.values()))
     if issubclass(kind, msgspec.Struct):
         return all(map(_is_finite, msgspec.structs.astuple(value)))
     return isinstance(value, str | int)  # an enumeration; rarer ones are left to the other

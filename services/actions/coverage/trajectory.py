@@ -39,11 +39,14 @@ class Trajectory:
 
     def at(self, t_s: float) -> tuple[Array, Array, Array]:
         """Position, velocity and acceleration at a time; at rest before the start and after the end."""
-        position = np.array([np.interp(t_s, self.t_s, self.pos_m[:, k]) for k in (0, 1)])
         if not 0.0 <= t_s < self.duration_s:
-            return position, np.zeros(2), np.zeros(2)
-        velocity = np.array([np.interp(t_s, self.t_s, self.vel_mps[:, k]) for k in (0, 1)])
-        acceleration = np.array([np.interp(t_s, self.t_s, self.acc_mps2[:, k]) for k in (0, 1)])
+            return self.pos_m[-1 if t_s > 0.0 else 0], np.zeros(2), np.zeros(2)
+        i = int(self.t_s.searchsorted(t_s, side="right")) - 1
+        since_s, step_s = t_s - self.t_s[i], self.t_s[i + 1] - self.t_s[i]
+        position, velocity, acceleration = (
+            (samples[i + 1] - samples[i]) / step_s * since_s + samples[i]
+            for samples in (self.pos_m, self.vel_mps, self.acc_mps2)
+        )
         return position, velocity, acceleration
 
     def time_at(self, distance_m: float) -> float:
