@@ -87,7 +87,10 @@ class WatchedBridge:
 
     def _on_odometry(self, odometry: Odometry) -> None:
         last = self._odometry
-        if last is not None and (odometry.epoch_id != last.epoch_id or odometry.reset_counter < last.reset_counter):
+        # A bridge that has just started doesn't know the epoch yet and tells 0.
+        if last is not None and (
+            last.epoch_id not in (0, odometry.epoch_id) or odometry.reset_counter < last.reset_counter
+        ):
             self._offsets = {}
             self._target = None
         self._odometry = odometry
