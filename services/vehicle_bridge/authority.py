@@ -5,8 +5,6 @@ Time and the vehicle come in as a `Situation`; out come `code`, `target` (what t
 
 from math import degrees
 
-import msgspec
-
 from jezero.frames import Vec3
 from jezero.schemas.commands import Acquire, Hover, Release, Setpoint
 from jezero.schemas.state import InCharge, StatusCode
@@ -22,40 +20,17 @@ from jezero.services.vehicle_bridge.admission import (
 )
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.goals_past import GoalsPast
-from jezero.services.vehicle_bridge.maneuvers import climbing, coming_to_rest, pressing_down
+from jezero.services.vehicle_bridge.maneuvers import Aborting, coming_to_rest, pressing_down
 from jezero.services.vehicle_bridge.resets import ResetHistory
 from jezero.services.vehicle_bridge.takeover import Takeover, Tidying
-from jezero.services.vehicle_bridge.transitions import CODE_OF, IN_PROGRESS, completed, is_allowed
-from jezero.services.vehicle_bridge.vehicle import (
-    LAND,
-    OFFBOARD,
-    Order,
-    Situation,
-    Target,
-)
+from jezero.services.vehicle_bridge.transitions import CODE_OF, IN_PROGRESS, completed, require
+from jezero.services.vehicle_bridge.vehicle import LAND, OFFBOARD, Order, Situation, Standing, Target
 
 GRANT_TIMEOUT_S = 0.5
 HOLD_S = 0.1
 """How long a code that only reports something lasts, so that everyone sees it."""
 STREAM_FIRST_S = 0.2
 """Setpoints stream this long before the autopilot is asked for offboard mode."""
-CLIMB_TIMEOUT_S = 5.0
-CLIMB_TOLERANCE_M = 0.3
-
-
-class TransitionError(RuntimeError):
-    """A status that may not follow the present one: a bug."""
-
-
-class Standing(msgspec.Struct, frozen=True):
-    """Everything of `status` that authority decides, at one instant."""
-
-    code: StatusCode
-    in_charge: InCharge
-    goal_id: str
-    control_id: str
-    grants: int
-    text: str
 
 
 class Authority:
@@ -97,8 +72,7 @@ class Authority:
         self._arming = False
         """Arming was asked for and may still happen, whatever telemetry says."""
         self._seen_disarmed = False
-        self._on_ground = False
-        self._climbing = False
+        self._aborting = Aborting(config)
         self._landing_alone = False
         self._by_force = False
         """The landing that has ended is sure that the vehicle stands, though the autopilot is not."""
@@ -350,13 +324,12 @@ class Authority:
         return None
 
     def _advance_abort(self, now: Situation) -> Order | None:
-        if now.landed is not self._on_ground and not self._plan_abort(now):
+        if now.landed is not self._aborting.on_ground and not self._plan_abort(now):
             return None
-        if self._on_ground:
+        if self._aborting.on_ground:
             return self._disarm(now)
         held_s = self._held_s(now)
-        high = now.height_m is None or now.height_m >= self._config.climb_height_m - CLIMB_TOLERANCE_M
-        if held_s >= HOLD_S and (high or not self._climbing or held_s >= CLIMB_TIMEOUT_S):
+        if held_s >= HOLD_S and self._aborting.is_done(now, held_s):
             self._go(StatusCode.HOVER, now)
         return None
 
@@ -411,8 +384,7 @@ class Authority:
     # -- steps that several of these take ----------------------------------------------------------------
 
     def _go(self, code: StatusCode, now: Situation) -> None:
-        if not is_allowed(self.code, code):
-            raise TransitionError(f"{self.code.name} to {code.name}")
+        require(self.code, code)
         self._takeover.begin(now)
         if code is StatusCode.IDLE:
             self._tidying.begin(now, at_once=self.in_charge != "external")
@@ -458,19 +430,10 @@ class Authority:
 
     def _plan_abort(self, now: Situation) -> bool:
         """Decide where an abort leads; returns whether the status is still 12."""
-        self._on_ground = now.landed
-        self._climbing = False
-        if now.landed:
-            self.target = pressing_down(self.target, self._yaw_rad(now)) if now.armed else None
-        elif now.pos_ned_m is None or now.height_m is None:
+        if not now.landed and (now.pos_ned_m is None or now.height_m is None):
             self._lose("failsafe", f"{self.text}; the position is unknown", now)
             return False
-        else:
-            self.target = self._at_rest(now)
-            self._climbing = now.height_m < self._config.low_height_m
-            if self._climbing:
-                up_m = self._config.climb_height_m - now.height_m
-                self.target = climbing(self.target, now.pos_ned_m[2], up_m)
+        self.target = self._aborting.plan(self.target, now, self._yaw_rad(now))
         return True
 
     def _yaw_rad(self, now: Situation) -> float:
@@ -478,7 +441,7 @@ class Authority:
         return now.yaw_rad if self.target is None else self.target.yaw_rad
 
     def _at_rest(self, now: Situation) -> Target:
-        return coming_to_rest(now.pos_ned_m or (0.0, 0.0, 0.0), now, self._yaw_rad(now), self._config.low_height_m)
+        return coming_to_rest(now, self._yaw_rad(now), self._config.low_height_m)
 
     def _hovering_at(self, request: Release, now: Situation, resets: ResetHistory) -> Target:
         step_ned_m = resets.step_since(request.reset_counter)

@@ -35,12 +35,12 @@ from jezero.schemas.topics import (
     STATUS,
     Endpoint,
 )
-from jezero.services.vehicle_bridge.authority import Authority, Standing
+from jezero.services.vehicle_bridge.authority import Authority
 from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink, Received
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.followed import Followed
 from jezero.services.vehicle_bridge.timer import Timer
-from jezero.services.vehicle_bridge.vehicle import OFFBOARD, Situation, Target
+from jezero.services.vehicle_bridge.vehicle import OFFBOARD, Situation, Standing, Target
 
 LINK = "autopilot"
 STATUS_PERIOD_NS = 100_000_000

@@ -32,9 +32,19 @@ CODE_OF: dict[Phase, Code] = {
 IN_PROGRESS: tuple[Code, ...] = tuple(CODE_OF.values())
 
 
+class TransitionError(RuntimeError):
+    """A status that may not follow the present one: a bug."""
+
+
 def is_allowed(before: Code, after: Code) -> bool:
     """Whether `after` may directly follow `before`; a code never follows itself."""
     return after in AFTER[before]
+
+
+def require(before: Code, after: Code) -> None:
+    """Raises TransitionError unless `after` may directly follow `before`."""
+    if not is_allowed(before, after):
+        raise TransitionError(f"{before.name} to {after.name}")
 
 
 def completed(code: Code) -> Code:

@@ -1,10 +1,11 @@
-"""What the bridge knows of the vehicle, and what it can ask of the autopilot. No MAVLink here."""
+"""What the bridge knows and tells of the vehicle, and what it can ask of the autopilot. No MAVLink here."""
 
 from enum import StrEnum
 
 import msgspec
 
 from jezero.frames import Vec3, add
+from jezero.schemas.state import InCharge, StatusCode
 
 OFFBOARD = "OFFBOARD"
 LAND = "AUTO.LAND"
@@ -95,3 +96,14 @@ class Situation(msgspec.Struct, frozen=True, kw_only=True):
     accepted: Order | None = None
     complaint: str = ""
     router_lost_s: float = 0.0
+
+
+class Standing(msgspec.Struct, frozen=True):
+    """Everything of `status` that authority decides, at one instant."""
+
+    code: StatusCode
+    in_charge: InCharge
+    goal_id: str
+    control_id: str
+    grants: int
+    text: str
