@@ -48,6 +48,8 @@ class Acquire(Payload, frozen=True, kw_only=True):
             not checked.
         goal_t_ns: vehicle time at which the goal came; refused when there was an abort since, which may have meant a
             goal that was still being prepared. None: not checked.
+        goal_issued_t_ns: vehicle time at which the client sent the goal; refused when the bridge has started since, as
+            nobody may remember that it flew. None: not checked.
     """
 
     goal_id: Name
@@ -55,6 +57,7 @@ class Acquire(Payload, frozen=True, kw_only=True):
     do_takeoff: bool = False
     issued_t_ns: TimeNs | None = None
     goal_t_ns: TimeNs | None = None
+    goal_issued_t_ns: TimeNs | None = None
 
 
 class AcquireReply(Payload, frozen=True, kw_only=True):

@@ -117,8 +117,14 @@ class GoalRun:
         timeout_s = self._config.acquire_timeout_s
         self._tag = f"{self.goal_id}/acquire/{t_ns}"
         self._deadline_ns = t_ns + int((timeout_s + 0.5) * NS_PER_S)
-        name, do_takeoff, came_ns = self._action.name, self._verdict.do_takeoff, self._came_ns
-        acquire = Acquire(goal_id=self.goal_id, action=name, do_takeoff=do_takeoff, issued_t_ns=t_ns, goal_t_ns=came_ns)
+        acquire = Acquire(
+            goal_id=self.goal_id,
+            action=self._action.name,
+            do_takeoff=self._verdict.do_takeoff,
+            issued_t_ns=t_ns,
+            goal_t_ns=self._came_ns,
+            goal_issued_t_ns=self.goal.issued_t_ns,
+        )
         yield Call(ACQUIRE, acquire, self._tag, timeout_s)
 
     def attach(self, request: Request) -> Iterator[Output]:
@@ -332,9 +338,8 @@ class GoalRun:
             content = msgspec.structs.replace(content, taken=taken, planned=planned, images=self.capture.told())
         feedback = Feedback(goal_id=self.goal_id, t_ns=t_ns, code=code, feedback=content)
         yield from (Reply(watcher, feedback, final=False) for watcher in self._watchers)
-        message = FeedbackMessage(
-            t_ns=t_ns, goal_id=self.goal_id, action=self._action.name, code=code, feedback=content
-        )
+        name = self._action.name
+        message = FeedbackMessage(t_ns=t_ns, goal_id=self.goal_id, action=name, code=code, feedback=content)
         yield Publish(self._feedback_topic, message)
 
     def _take_pictures(self, t_ns: int, inbox: Inbox) -> None:
@@ -374,9 +379,8 @@ class GoalRun:
             reset_counter=0 if odometry is None else odometry.reset_counter,
             reason=done.reason,
         )
-        config = self._config
-        disarms = done.then != "hover"
-        timeout_s = config.release_disarm_timeout_s if disarms else config.release_hover_timeout_s
+        hovers = done.then == "hover"
+        timeout_s = self._config.release_hover_timeout_s if hovers else self._config.release_disarm_timeout_s
         yield Call(RELEASE, release, self._tag, timeout_s)
 
     def _releasing(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:

@@ -97,7 +97,7 @@ class Authority:
         grant = self.grant
         if grant is not None and grant.sequence < 0 and grant.goal_id == request.goal_id:
             return ""  # it asks again because the reply was lost
-        refusal = self._past.why_not(request) or why_not_acquire(
+        refusal = self._past.why_not(request, now) or why_not_acquire(
             request, self.code, grant, self.text, now, self._config.link_timeout_s
         )
         if refusal:

@@ -2,6 +2,7 @@
 
 from jezero.schemas.commands import Acquire
 from jezero.services.vehicle_bridge.admission import Grant
+from jezero.services.vehicle_bridge.vehicle import Situation
 
 ENDED_REMEMBERED = 32
 FLOWN_REMEMBERED = 100
@@ -21,10 +22,13 @@ class GoalsPast:
         self._flown: dict[str, None] = {}
         """Ids of goals that have sent a setpoint, oldest first."""
 
-    def why_not(self, request: Acquire) -> str:
+    def why_not(self, request: Acquire, now: Situation) -> str:
         """Why this goal may not have control any more, or ""."""
         if request.goal_id in self._flown:
             return f"goal {request.goal_id} has flown already, and a goal runs once: send it with a new id"
+        started_ns = now.t_ns - now.timer_ns
+        if request.goal_issued_t_ns is not None and request.goal_issued_t_ns < started_ns:
+            return f"goal {request.goal_id} is from before the bridge started and may have flown: send it with a new id"
         if request.goal_t_ns is not None and self.aborted_ns is not None and request.goal_t_ns <= self.aborted_ns:
             return f"goal {request.goal_id} came before the last abort: send it again"
         return ""

@@ -419,3 +419,13 @@ def test_a_goal_that_was_being_prepared_during_an_abort_is_not_flown() -> None:
     assert not late.granted
     assert late.reason == "goal late came before the last abort: send it again"
     assert rig.ask(ACQUIRE, Acquire(goal_id="new", action="go_to", goal_t_ns=rig.t_ns)).granted
+
+
+def test_a_goal_from_before_the_bridge_started_is_not_flown_as_nobody_may_remember_that_it_flew() -> None:
+    rig = Rig()
+    before_ns = rig.t_ns
+    rig.fly()
+    old = rig.ask(ACQUIRE, Acquire(goal_id="old", action="go_to", goal_t_ns=rig.t_ns, goal_issued_t_ns=before_ns))
+    assert not old.granted
+    assert old.reason == "goal old is from before the bridge started and may have flown: send it with a new id"
+    assert rig.ask(ACQUIRE, Acquire(goal_id="new", action="go_to", goal_issued_t_ns=rig.t_ns)).granted
