@@ -12,12 +12,11 @@ from jezero.frames import add
 from jezero.runtime.service import Call, Inbox, Listen, Output, Pace, Publish, Reply, Request, Response, Work
 from jezero.runtime.spool import Spool
 from jezero.schemas.actions import Accepted, Feedback, FeedbackMessage, Goal, ImagesFeedback, Rejected, Result
-from jezero.schemas.commands import Acquire, AcquireReply, CameraPitch, Release, ReleaseReply, Setpoint
+from jezero.schemas.commands import Acquire, CameraPitch, Release, ReleaseReply, Setpoint
 from jezero.schemas.state import Odometry, Status, StatusCode
 from jezero.schemas.topics import (
     ACQUIRE,
     CAMERA_PITCH,
-    CLOCK,
     ODOMETRY,
     RELATIVE,
     RELEASE,
@@ -30,11 +29,10 @@ from jezero.services.actions.behaviour import Behaviour, Done, Move, Verdict
 from jezero.services.actions.capture import CAPTURE_INPUTS
 from jezero.services.actions.checks import beyond_limits
 from jezero.services.actions.config import LifecycleConfig, Limits
+from jezero.services.actions.control import Control
 from jezero.services.actions.lease import SelectionLease
 from jezero.services.actions.vehicle_view import NS_PER_S, VehicleView, is_fresh
 
-BRIDGE_BEFORE_NS = 100_000_000
-"""A status of another run of the bridge, until so long after the grant, is from the run before."""
 RETRY_S = 0.2
 PITCH_PERIOD_NS = 45_000_000
 """A little less than that of `command/camera_pitch`, as steps don't come evenly."""
@@ -73,7 +71,7 @@ class GoalRun:
         self._verdict = verdict
         self._config = config
         self._limits = limits
-        self._epoch_id = status.epoch_id
+        self._control = Control(config, status.epoch_id)
         self._watchers: list[int] = []
         self._cancel_reason = ""
         self._tag = ""
@@ -81,10 +79,7 @@ class GoalRun:
         self._came_ns = 0
         self._deadline_ns = 0
         self._retry_ns: int | None = None
-        self._grant = AcquireReply(granted=False)
-        self._granted_ns = 0
         self._listening = False
-        self._seen_in_charge = False
         self._sequence = 0
         self._move: Move | None = None
         self._setpoint_ns = 0
@@ -208,8 +203,7 @@ class GoalRun:
         elif not response.payload.granted:
             yield from self._reject(response.payload.reason, inbox)
         else:
-            self._grant = response.payload
-            self._granted_ns = t_ns
+            self._control.begin(response.payload, t_ns)
             self.stage = "flying"
             yield from (Reply(watcher, self._accepted(), final=False) for watcher in self._watchers)
             if self._cancel_reason:
@@ -232,7 +226,7 @@ class GoalRun:
     # -- flying --
 
     def _flying(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
-        if lost := self._loss(t_ns, inbox):
+        if lost := self._control.loss(t_ns, inbox):
             yield from self._finish(t_ns, inbox, Done("aborted", lost))
             return
         if self._cancel_reason:
@@ -279,43 +273,12 @@ class GoalRun:
         beyond = beyond_limits(add(point_ned_m, shift_ned_m), self._limits)
         return f"the autopilot corrected its position, and with it the goal's: {beyond}" if beyond else ""
 
-    def _loss(self, t_ns: int, inbox: Inbox) -> str:
-        """Why this goal isn't in charge any more, or "". Then there is nothing left to release."""
-        latest = inbox.latest(STATUS)
-        if (broken := self._broken(t_ns, inbox)) or latest is None:
-            return broken
-        return next((lost for status in inbox.new(STATUS) or (latest,) if (lost := self._loss_by(status))), "")
-
-    def _loss_by(self, status: Status) -> str:
-        ours = self._is_ours(status)
-        self._seen_in_charge |= ours
-        if status.bridge_boot_id != self._grant.bridge_boot_id:
-            before = not self._seen_in_charge and status.t_ns <= self._granted_ns + BRIDGE_BEFORE_NS
-            return "" if before else "the vehicle bridge restarted"
-        if status.grants < self._grant.grants:
-            return ""
-        if ours and status.code not in (StatusCode.ABORT, StatusCode.EXTERNAL):
-            return ""
-        return status.text or f"control was taken away (status {status.code} {status.name})"
-
-    def _broken(self, t_ns: int, inbox: Inbox) -> str:
-        """Why the vehicle or its bridge can't answer for this goal, or ""."""
-        clock, status = inbox.latest(CLOCK), inbox.latest(STATUS)
-        if status is None or t_ns - status.t_ns > self._config.status_age_max_s * NS_PER_S:
-            return f"the vehicle bridge has been silent for {self._config.status_age_max_s:g} s"
-        restarted = status.epoch_id != self._epoch_id or (clock is not None and clock.epoch_id != self._epoch_id)
-        return "the vehicle restarted" if restarted else ""
-
-    def _is_ours(self, status: Status) -> bool:
-        same_bridge = status.bridge_boot_id == self._grant.bridge_boot_id
-        return same_bridge and status.control_id == self._grant.control_id
-
     def _setpoint(self, t_ns: int, move: Move, odometry: Odometry) -> Publish:
         self._setpoint_ns = t_ns
         self._sequence += 1
         setpoint = Setpoint(
             t_ns=t_ns,
-            control_id=self._grant.control_id,
+            control_id=self._control.id,
             sequence=self._sequence,
             phase=move.phase,
             reset_counter=odometry.reset_counter,
@@ -372,7 +335,7 @@ class GoalRun:
         if hover_pos_ned_m is not None and odometry is not None:
             hover_pos_ned_m = add(hover_pos_ned_m, self._view.shift(odometry))
         release = Release(
-            control_id=self._grant.control_id,
+            control_id=self._control.id,
             outcome=done.outcome,
             then=done.then,
             hover_pos_ned_m=hover_pos_ned_m,
@@ -400,7 +363,7 @@ class GoalRun:
         if self._retry_ns is not None and t_ns >= self._retry_ns:
             yield from self._ask_release(t_ns, done, inbox)
         status, odometry = inbox.latest(STATUS), self._view.odometry(inbox)
-        still_ours = status is not None and self._is_ours(status)
+        still_ours = status is not None and self._control.is_ours(status)
         if done.outcome == "succeeded" and still_ours and self._move is not None and odometry is not None:
             yield self._setpoint(t_ns, self._move, odometry)
 
@@ -413,7 +376,7 @@ class GoalRun:
     def _is_settled(self, done: Done, t_ns: int, inbox: Inbox) -> bool:
         """Whether the status shows what the release asked for: its answer was lost, then."""
         status = inbox.latest(STATUS)
-        if status is None or not is_fresh(status, t_ns, self._config.status_age_max_s) or self._is_ours(status):
+        if status is None or not is_fresh(status, t_ns, self._config.status_age_max_s) or self._control.is_ours(status):
             return False
         if done.outcome == "succeeded":
             return status.code == (StatusCode.HOVER if done.then == "hover" else StatusCode.IDLE)
@@ -421,10 +384,7 @@ class GoalRun:
 
     def _give_up(self, t_ns: int, done: Done, inbox: Inbox) -> Done | None:
         """The end without an answer: the bridge or the vehicle is not the one that granted control, or is silent."""
-        status = inbox.latest(STATUS)
-        why = self._broken(t_ns, inbox)
-        if status is not None and self._seen_in_charge and status.bridge_boot_id != self._grant.bridge_boot_id:
-            why = why or "the vehicle bridge restarted"
+        why = self._control.partner_loss(t_ns, inbox)
         if t_ns > self._deadline_ns:
             why = why or "the vehicle bridge did not confirm the end of the goal"
         if not why:
