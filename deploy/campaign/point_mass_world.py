@@ -118,7 +118,7 @@ class PointMass:
         config, gauss, (north_m, east_m, down_m) = self._world.gnss, self._rng.gauss, self._point.pos_ned_m
         north_m, east_m = north_m + gauss(0.0, config.std_horizontal_m), east_m + gauss(0.0, config.std_horizontal_m)
         position_deg = geodetic_from_ned((north_m, east_m, down_m), self._world.origin.origin_deg)
-        return Fix(position_deg, self._point.vel_ned_mps, True, config.satellites)
+        return Fix(0, position_deg, self._point.vel_ned_mps, True, config.satellites)
 
     def _field_frd_gauss(self) -> Vec3:
         """The place's field in a level vehicle."""

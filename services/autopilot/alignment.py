@@ -9,12 +9,20 @@ from jezero.frames import Quat, Vec3, quat_from_euler, wrap_pi
 from jezero.services.autopilot.config import EstimatorConfig
 
 MIN_FIXES = 10
+FIX_AGE_MAX_US = 1_500_000
+"""Where the vehicle was longer ago isn't known well enough to be compared with a fix."""
 
 
 @dataclass(frozen=True)
 class Fix:
-    """One GNSS fix. `position_deg` is (latitude_deg, longitude_deg, altitude_m)."""
+    """One GNSS fix.
 
+    Attributes:
+        t_us: when it was true, in the time of the other sensors; it arrives later. 0 where it isn't known.
+        position_deg: (latitude_deg, longitude_deg, altitude_m).
+    """
+
+    t_us: int
     position_deg: Vec3
     vel_ned_mps: Vec3
     usable: bool

@@ -57,7 +57,7 @@ class EstimatorConfig(Config, frozen=True, kw_only=True):
         acc_density, gyro_density: white noise of the IMU, m/s²/√Hz and rad/s/√Hz.
         acc_bias_walk, gyro_bias_walk: random walk of the biases, m/s²/√s and rad/s/√s.
         acc_bias_std_mps2, gyro_bias_std_rps: of the biases at the start; the gyroscope's after averaging at rest.
-        ekf2_gps_delay_s: how old a fix is when it arrives.
+        ekf2_gps_delay_s: how old a fix is when it arrives, if it doesn't tell when it was true.
         ekf2_gps_p_noise_m, gps_z_noise_m, ekf2_gps_v_noise_mps: standard deviation of one fix for the update. The
             position's is larger than its scatter because most of its error is slow.
         ekf2_gps_p_gate_m: a fix that is horizontally further than this from the estimate is rejected.

@@ -33,11 +33,11 @@ from jezero.frames import (
     wrap_pi,
     yaw_from_quat,
 )
-from jezero.services.autopilot.alignment import Alignment, Fix
+from jezero.services.autopilot.alignment import FIX_AGE_MAX_US, Alignment, Fix
 from jezero.services.autopilot.config import EstimatorConfig
 
 COVARIANCE_PERIOD_US = 20_000
-HISTORY_LENGTH = 20
+HISTORY_LENGTH = FIX_AGE_MAX_US // COVARIANCE_PERIOD_US
 SETTLED_STD_MPS = 0.5
 ACC_BIAS_LIMIT_MPS2 = 0.4
 GYRO_BIAS_LIMIT_RPS = 0.15
@@ -185,7 +185,7 @@ class Estimator:
         if not fix.usable or self.origin_deg is None:
             return
         c = self._config
-        pos_then, vel_then = self._state_at(self.t_us - int(c.ekf2_gps_delay_s * 1e6))
+        pos_then, vel_then = self._state_at(fix.t_us or self.t_us - int(c.ekf2_gps_delay_s * 1e6))
         vel_error = subtract(fix.vel_ned_mps, vel_then)
         north, east, down = subtract(ned_from_geodetic(fix.position_deg, self.origin_deg), pos_then)
         innovations = []

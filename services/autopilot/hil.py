@@ -88,6 +88,7 @@ def _is_within(vector: Vec3, limit: float) -> bool:
 
 def _fix(message: MavMessage) -> Fix:
     return Fix(
+        t_us=message.time_usec,
         position_deg=(message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3),
         vel_ned_mps=(message.vn * 0.01, message.ve * 0.01, message.vd * 0.01),
         usable=message.fix_type >= FIX_3D and message.satellites_visible >= MIN_SATELLITES,

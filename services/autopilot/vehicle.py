@@ -4,7 +4,7 @@ from dataclasses import replace
 from math import inf, sqrt
 
 from jezero.frames import Vec3, subtract
-from jezero.services.autopilot.alignment import Fix
+from jezero.services.autopilot.alignment import FIX_AGE_MAX_US, Fix
 from jezero.services.autopilot.battery import Battery
 from jezero.services.autopilot.commander import Commander, Condition
 from jezero.services.autopilot.control import Axes, Setpoint, stopping_point_ned_m
@@ -68,8 +68,9 @@ class Vehicle:
     # -- sensors -------------------------------------------------------------------------------------------
 
     def fix(self, fix: Fix) -> None:
-        """One GNSS fix."""
-        if self._fix_stuck.is_so((fix.position_deg, fix.vel_ned_mps)):
+        """One GNSS fix; one that repeats itself, or is of another time, is none to fly by."""
+        stuck = self._fix_stuck.is_so((fix.position_deg, fix.vel_ned_mps))
+        if stuck or (fix.t_us and abs(self.t_us - fix.t_us) > FIX_AGE_MAX_US):
             fix = replace(fix, usable=False)
         self._fix, self._fix_us = fix, self.t_us
         if fix.usable:

@@ -57,12 +57,17 @@ class World:
     Args:
         seed: of noise and biases; None makes perfect sensors.
         shift_ned_m: added to each fix's position, by time.
+
+    Attributes:
+        gnss_delay_s: how old fixes are when they arrive.
+        dates_fixes: whether they tell when they were true.
     """
 
     def __init__(self, seed: int | None = None, shift_ned_m: Callable[[float], Vec3] = lambda _: (0.0, 0.0, 0.0)):
         self.estimator = Estimator(CONFIG, G)
         self._random = None if seed is None else np.random.default_rng(seed)
         self._shift = shift_ned_m
+        self.gnss_delay_s, self.dates_fixes = 0.1, True
         self.acc_bias = self._draw(0.05)
         self.gyro_bias = self._draw(0.003)
         self.step = 0
@@ -104,12 +109,14 @@ class World:
             self._slow(pos, q)
 
     def _slow(self, pos: Vec3, q: Quat) -> None:
-        """Fixes (0.1 s late), pressure altitude and magnetic field, ten times a second."""
-        then_s = self.t_s - CONFIG.ekf2_gps_delay_s
+        """Fixes, which are late, pressure altitude and magnetic field, ten times a second."""
+        then_s = self.t_s - self.gnss_delay_s
         noise = add(self._white(CONFIG.ekf2_gps_p_noise_m), self._shift(self.t_s))
         noise = (noise[0], noise[1], noise[2] * CONFIG.gps_z_noise_m / CONFIG.ekf2_gps_p_noise_m)
         vel = add(velocity(then_s), self._white(CONFIG.ekf2_gps_v_noise_mps))
-        self.estimator.fix(Fix(geodetic_from_ned(add(pose(then_s)[0], noise), ORIGIN), vel, usable=True))
+        position_deg = geodetic_from_ned(add(pose(then_s)[0], noise), ORIGIN)
+        t_us = round(then_s * 1e6) if self.dates_fixes else 0
+        self.estimator.fix(Fix(t_us, position_deg, vel, usable=True))
         self.estimator.baro(100.0 - pos[2] + self._white(CONFIG.ekf2_baro_noise_m)[0])
         about_down = quat_from_euler(0.0, 0.0, self._white(CONFIG.ekf2_head_noise_rad)[2])
         self.estimator.mag(quat_rotate(quat_conjugate(q), quat_rotate(about_down, FIELD_NED)))
@@ -162,6 +169,26 @@ def test_the_local_frame_starts_where_the_filter_started() -> None:
     world = World().run(REST_S)
     assert world.estimator.origin_deg == pytest.approx(ORIGIN)
     assert norm(world.estimator.pos_ned_m) < 0.01
+
+
+@pytest.mark.parametrize("delay_s", [0.02, 0.4, 1.1])
+def test_late_fixes_do_not_matter_as_they_tell_when_they_were_true(delay_s: float) -> None:
+    world = World().run(8.0)
+    world.gnss_delay_s = delay_s
+    world.run(30.0)
+    error = np.abs(world.error())
+    assert degrees(error[0:3].max()) < 0.2
+    assert error[3:6].max() < 0.02
+    assert error[6:9].max() < 0.02
+    assert world.estimator.reset_counter == 0
+
+
+def test_fixes_without_a_time_are_as_late_as_the_settings_say() -> None:
+    world = World()
+    world.dates_fixes = False
+    assert np.abs(world.run(30.0).error()[3:9]).max() < 0.02
+    world.gnss_delay_s = 0.5
+    assert np.abs(world.run(60.0).error()[3:9]).max() > 0.1
 
 
 def test_a_fix_that_is_far_off_is_ignored_and_then_believed_when_it_insists() -> None:
@@ -289,7 +316,7 @@ def test_no_reading_makes_the_estimate_anything_but_finite(inputs: list[tuple[st
         if kind == "imu":
             e.imu(world.step * DT_US, first, second)
         elif kind == "fix":
-            e.fix(Fix(geodetic_from_ned(first, ORIGIN), second, usable=True))
+            e.fix(Fix(world.step * DT_US, geodetic_from_ned(first, ORIGIN), second, usable=True))
         elif kind == "baro":
             e.baro(first[0])
         else:

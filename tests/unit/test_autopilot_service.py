@@ -59,6 +59,7 @@ class Bench:
         self.t_us = 0
         self.health: list[Health] = []
         self.digits = {"slow": True, "gps": True}
+        self.gps_late_us = 0
 
     def step(self, hil: bytes = b"", offboard: bytes = b"") -> dict[str, list[MavMessage]]:
         """Deliver bytes; returns the messages that came back by link."""
@@ -84,7 +85,9 @@ class Bench:
     def gps(self, satellites: int = 12, north_m: float = 0.0) -> bytes:
         digit, lat = self.digits["gps"] and self.t_us // 100_000 % 2, 473977418 + round(north_m * 89.93)
         return self.simulator.pack(
-            dialect.MAVLink_hil_gps_message(self.t_us, 3, lat, 85455938, 488000, 50, 80, 0, digit, 0, 0, 0, satellites)
+            dialect.MAVLink_hil_gps_message(
+                max(0, self.t_us - self.gps_late_us), 3, lat, 85455938, 488000, 50, 80, 0, digit, 0, 0, 0, satellites
+            )
         )
 
     def rest(self, seconds: float, offboard: bytes = b"", north_m: float = 0.0) -> list[MavMessage]:
@@ -147,6 +150,16 @@ def test_a_sensor_that_repeats_itself_to_the_last_digit_counts_as_none(bench: Be
     result, heard = bench.command(ARM, 1.0)
     assert result != dialect.MAV_RESULT_ACCEPTED
     assert word in bench.texts(heard)
+
+
+@pytest.mark.parametrize(("late_us", "armed"), [(1_400_000, True), (1_600_000, False), (-10_000_000, False)])
+def test_a_fix_of_another_time_counts_as_none(bench: Bench, late_us: int, armed: bool) -> None:
+    bench.rest(5.0)
+    bench.gps_late_us = late_us
+    bench.rest(6.0)
+    result, heard = bench.command(ARM, 1.0)
+    assert (result == dialect.MAV_RESULT_ACCEPTED) == armed
+    assert armed or "settling" in bench.texts(heard)
 
 
 def test_telemetry_has_px4s_rates_and_the_truth_at_rest(bench: Bench) -> None:

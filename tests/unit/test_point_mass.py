@@ -41,7 +41,8 @@ class Bench:
             self.t_us += 200_000
             self.estimate.tick(self.t_us)
             north, east, down = (p + e for p, e in zip(self.point.pos_ned_m, error_ned_m, strict=True))
-            self.estimate.fix(Fix(geodetic_from_ned((north, east, down), ORIGIN), (0.0, 0.0, 0.0), True))
+            position_deg = geodetic_from_ned((north, east, down), ORIGIN)
+            self.estimate.fix(Fix(self.t_us, position_deg, (0.0, 0.0, 0.0), True))
             self.estimate.baro(-down)
 
 
