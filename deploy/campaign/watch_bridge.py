@@ -12,6 +12,7 @@ from jezero.schemas import topics
 from jezero.schemas.commands import AcquireReply, Setpoint
 from jezero.schemas.state import Odometry, Status
 from jezero.schemas.state import StatusCode as Code
+from jezero.schemas.struct import Message
 
 AGE_MAX_S = 0.3
 LEAD_MAX_S = 0.05
@@ -67,23 +68,24 @@ class WatchedBridge:
         if any(request.payload.hover_req for request in inbox.requests(topics.HOVER)):
             self._taking_back_ns = t_ns
         for output in self._bridge.step(t_ns, inbox):
-            match output:
-                case Publish(message=Odometry() as odometry):
-                    self._on_odometry(odometry)
-                case Publish(message=Status() as status):
-                    self._on_status(t_ns, status)
-                case Reply(payload=AcquireReply(granted=True) as reply):
-                    self._on_grant(t_ns, reply, inbox)
-                case Send():
-                    sent += self._codec.parse(output.data)
-                case _:
-                    pass
+            if type(output) is Send:
+                sent += self._codec.parse(output.data)
+            elif type(output) is Publish:
+                self._on_publish(t_ns, output.message)
+            elif type(output) is Reply and isinstance(output.payload, AcquireReply) and output.payload.granted:
+                self._on_grant(t_ns, output.payload, inbox)
             yield output
         if self._status is not None:
             self._judge_step(t_ns, inbox, self._status, sent)
         self._stepped_ns = t_ns
 
     # -- the bus -------------------------------------------------------------------------------------------
+
+    def _on_publish(self, t_ns: int, message: Message) -> None:
+        if type(message) is Odometry:
+            self._on_odometry(message)
+        elif type(message) is Status:
+            self._on_status(t_ns, message)
 
     def _on_odometry(self, odometry: Odometry) -> None:
         last = self._odometry

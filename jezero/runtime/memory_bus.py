@@ -9,6 +9,7 @@ import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
+from math import exp
 from random import Random
 from typing import Any
 
@@ -47,7 +48,7 @@ class LinkDelay:
         """One delay."""
         if self.sigma == 0.0:
             return int(self.median_s * NS_PER_S)
-        return int(min(self.median_s * rng.lognormvariate(0.0, self.sigma), self.longest_s) * NS_PER_S)
+        return int(min(self.median_s * exp(rng.normalvariate(0.0, self.sigma)), self.longest_s) * NS_PER_S)
 
 
 BUS_DELAY = LinkDelay(median_s=0.0007, sigma=0.4, longest_s=0.02)
@@ -90,8 +91,7 @@ class MemoryBus:
         self._listeners: dict[str, list[_Port]] = {}
         """By topic, as far as they were looked for since the last change."""
         self._wires: dict[tuple[str, str], _Wire] = {}
-        self._last_arrival: dict[tuple[str, str], int] = {}
-        self._rngs: dict[tuple[str, str], Random] = {}
+        self._paths: dict[tuple[str, str], _Path] = {}
         self._requests: dict[int, _Question] = {}
         self._observers: list[Observer] = []
 
@@ -160,8 +160,8 @@ class MemoryBus:
             now_ns = self.t_ns = heap[0][0]
             while heap and heap[0][0] == now_ns:
                 heapq.heappop(heap)[3]()
-            for port in [port for port in self._order if port.wants_step]:
-                if port.frozen_until_ns <= now_ns:
+            for port in self._order:
+                if port.wants_step and port.frozen_until_ns <= now_ns:
                     port.step()
             if stop is not None and stop():
                 return True
@@ -287,12 +287,13 @@ class MemoryBus:
             self.at(max(self.t_ns, arrival_ns), name, partial(receive, changed))
 
     def _arrival(self, sender: str, receiver: str, delay: LinkDelay) -> int:
-        path = (sender, receiver)
-        rng = self._rngs.get(path)
-        if rng is None:
-            rng = self._rngs[path] = Random(zlib.crc32(f"{self._seed}/{sender}>{receiver}".encode()))
-        t_ns = max(self.t_ns + delay.sample_ns(rng), self._last_arrival.get(path, 0))
-        self._last_arrival[path] = t_ns
+        path = self._paths.get((sender, receiver))
+        if path is None:
+            rng = Random(zlib.crc32(f"{self._seed}/{sender}>{receiver}".encode()))
+            path = self._paths[sender, receiver] = _Path(rng)
+        t_ns = self.t_ns + delay.sample_ns(path.rng)
+        t_ns = max(t_ns, path.arrived_ns)
+        path.arrived_ns = t_ns
         return t_ns
 
     def _set_link(self, owner: str, link: str, *, up: bool) -> None:
@@ -303,6 +304,14 @@ class MemoryBus:
 
 def _ignoring_data(end: Callable[[], None], data: bytes) -> None:
     end()
+
+
+@dataclass(slots=True)
+class _Path:
+    """What travels from one to another; `arrived_ns` is when the last of it arrives."""
+
+    rng: Random
+    arrived_ns: int = 0
 
 
 @dataclass(frozen=True)

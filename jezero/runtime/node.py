@@ -83,12 +83,16 @@ class Mailbox:
 
     def clear(self) -> None:
         """Forget what the step has seen; latest values and link states stay."""
-        self.departed_clients.clear()
-        self.responses.clear()
         self._new.clear()
-        self._requests.clear()
+        if self.departed_clients:
+            self.departed_clients.clear()
+        if self.responses:
+            self.responses.clear()
+        if self._requests:
+            self._requests.clear()
         for parts in self._bytes.values():
-            parts.clear()
+            if parts:
+                parts.clear()
 
     def add_message(self, name: str, message: Any) -> None:
         self._new.setdefault(name, []).append(message)

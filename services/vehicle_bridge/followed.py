@@ -45,7 +45,7 @@ class Followed:
         """The autopilot tells what it followed `age_ns` ago; NaN is what it doesn't control."""
         if not self._sent or age_ns > MAX_AGE_NS or all(map(isnan, pos_ned_m + vel_ned_mps)):
             return
-        if not any(_explains(target, pos_ned_m, vel_ned_mps) for _, target in self._sent):
+        if not any(_explains(target, pos_ned_m, vel_ned_mps) for _, target in reversed(self._sent)):
             self._strangers.append(timer_ns)
 
     def by_others(self, timer_ns: int) -> bool:
