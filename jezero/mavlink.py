@@ -78,7 +78,7 @@ class Signing:
 
 
 class _Layout:
-    """A message of the dialect as it stands on the wire, to pack and parse it at a quarter of pymavlink's cost.
+    """A message of the dialect as it stands on the wire, to pack and parse it at less than half of pymavlink's cost.
 
     Args:
         message_type: pymavlink's class; one without text.
