@@ -1,4 +1,4 @@
-"""Delays in a flying stack, each against a bare Zenoh exchange through the same router at the same time."""
+"""Delays in a flying stack, each against exchanges through the same router at the same time: bare, and by hand."""
 
 import os
 import signal
@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 import zenoh
 
-from benchmarks import bare
+from benchmarks import bare, by_hand
 from benchmarks.mavlink_proxy import Times
 from benchmarks.stack import compose_file, percentile, running_module, running_stack, wait_for
 from jezero import Canceled, Vehicle
@@ -28,40 +28,49 @@ SIDE_M = 3.0
 BESIDES_CONTROL = ("camera", "estimator", "tag_detector")
 """Left out: they hear odometry too or load the machine, and the bare exchange has no such company."""
 HEIGHT_M = 3.0
+Replies = tuple[float, float]
+"""Until a goal was accepted, and until its first feedback, in ms."""
 
 
 class Delays(msgspec.Struct, frozen=True):
-    """One row of the table, in ms.
-
-    Attributes:
-        bare_median_ms, bare_p95_ms: of the same exchange with nothing but Zenoh in it.
-        left_out: exchanges whose two ends could not be paired.
-    """
+    """One kind of exchange, in ms."""
 
     n: int
     median_ms: float
     p95_ms: float
-    bare_n: int
-    bare_median_ms: float
-    bare_p95_ms: float
+
+
+class Row(msgspec.Struct, frozen=True):
+    """One row of the table.
+
+    Attributes:
+        bare: the same exchange with nothing but Zenoh in it.
+        by_hand: the same with its work in it, done by the libraries alone.
+        left_out: exchanges whose two ends could not be paired.
+    """
+
+    own: Delays
+    bare: Delays
+    by_hand: Delays
     left_out: int = 0
 
     @property
     def ratio(self) -> float:
-        return self.median_ms / self.bare_median_ms
+        return self.own.median_ms / self.bare.median_ms
+
+    @property
+    def ratio_by_hand(self) -> float:
+        return self.own.median_ms / self.by_hand.median_ms
 
 
-def delays(own_ms: list[float], bare_ms: list[float], left_out: int = 0) -> Delays:
-    """Medians and 95th percentiles of both."""
-    return Delays(
-        n=len(own_ms),
-        median_ms=percentile(own_ms, 0.5),
-        p95_ms=percentile(own_ms, 0.95),
-        bare_n=len(bare_ms),
-        bare_median_ms=percentile(bare_ms, 0.5),
-        bare_p95_ms=percentile(bare_ms, 0.95),
-        left_out=left_out,
-    )
+def delays(taken_ms: list[float]) -> Delays:
+    """Their number, median and 95th percentile."""
+    return Delays(n=len(taken_ms), median_ms=percentile(taken_ms, 0.5), p95_ms=percentile(taken_ms, 0.95))
+
+
+def row(own_ms: list[float], bare_ms: list[float], by_hand_ms: list[float], left_out: int = 0) -> Row:
+    """All three."""
+    return Row(delays(own_ms), delays(bare_ms), delays(by_hand_ms), left_out)
 
 
 class Latency(msgspec.Struct, frozen=True):
@@ -74,7 +83,7 @@ class Latency(msgspec.Struct, frozen=True):
         bare_zenoh_ms: of the bare exchange of odometry and setpoint, Zenoh's part without UDP; median.
     """
 
-    exchanges: dict[str, Delays]
+    exchanges: dict[str, Row]
     tick_ms: float
     bare_zenoh_ms: float
 
@@ -82,40 +91,43 @@ class Latency(msgspec.Struct, frozen=True):
 def measure(folder: Path, goals: int) -> Latency:
     """Fly `goals` goals that are canceled on the way, the vehicle bridge behind a relay that takes the times."""
     with reserved_instance(vehicle=f"bench{os.getpid()}") as instance, ExitStack() as stack:
-        ports, bare_port = (str(_free_udp_port()), str(_free_udp_port())), _free_udp_port()
-        relay = stack.enter_context(
-            running_module("benchmarks.mavlink_proxy", *ports, str(bare_port), instance=instance)
-        )
-        bridge = f"python -m benchmarks.shifted_bridge {' '.join(ports)}"
+        bridge_port, own_port, bare_port, by_hand_port = ports = _free_udp_ports(4)
+        relay = stack.enter_context(running_module("benchmarks.mavlink_proxy", *ports, instance=instance))
+        bridge = f"python -m benchmarks.shifted_bridge {bridge_port} {own_port}"
         path = compose_file(folder, without=BESIDES_CONTROL, commands={"vehicle_bridge": bridge})
         stack.enter_context(running_stack(instance, folder / "run", "-f", str(path)))
-        for role in (("bridge", str(bare_port)), ("action",)):
-            end = stack.enter_context(running_module("benchmarks.bare", *role, instance=instance))
+        for words in (
+            ("bare", "bridge", bare_port),
+            ("bare", "action"),
+            ("by_hand", "bridge", by_hand_port),
+            ("by_hand", "action"),
+        ):
+            end = stack.enter_context(running_module(f"benchmarks.{words[0]}", *words[1:], instance=instance))
             assert end.stdout is not None
             end.stdout.readline()
         session = stack.enter_context(zenoh.open(client_config(instance.router)))
         with Vehicle.connect(instance.vehicle, router=instance.router) as uav:
             uav.wait_ready()
-            own, plain, flights_ns = _fly(uav, session, instance, goals)
+            goals_ms, flights_ns = _fly(uav, session, instance, goals)
         passed = _stop_and_read(relay)
     hops_ms, left_out = pair(passed.odometry_ns, passed.setpoint_ns, flights_ns)
-    bare_ms = [ns / 1e6 for ns in passed.bare_ns]
+    others_ms = ([ns / 1e6 for ns in taken_ns] for taken_ns in (passed.bare_ns, passed.by_hand_ns))
     zenoh_ms = [ns / 1e6 for ns in passed.bare_zenoh_ns]
     ticks_ms = [(b - a) / 1e6 for a, b in pairwise(passed.odometry_ns)]
     found = {
-        "odometry received -> setpoint sent": delays(hops_ms, bare_ms, left_out),
-        "goal -> accepted": delays([a for a, _ in own], [a for a, _ in plain]),
-        "goal -> first feedback": delays([f for _, f in own], [f for _, f in plain]),
+        "odometry received -> setpoint sent": row(hops_ms, *others_ms, left_out),
+        "goal -> accepted": row(*([accepted for accepted, _ in taken_ms] for taken_ms in goals_ms)),
+        "goal -> first feedback": row(*([feedback for _, feedback in taken_ms] for taken_ms in goals_ms)),
     }
     return Latency(found, percentile(ticks_ms, 0.5), percentile(zenoh_ms, 0.5))
 
 
 def _fly(
     uav: Vehicle, session: zenoh.Session, instance: Instance, goals: int
-) -> tuple[list[tuple[float, float]], list[tuple[float, float]], list[tuple[int, int]]]:
-    """Own and bare (accepted, first feedback) in ms, and when a goal flew, in ns of the realtime clock."""
-    own: list[tuple[float, float]] = []
-    plain: list[tuple[float, float]] = []
+) -> tuple[tuple[list[Replies], list[Replies], list[Replies]], list[tuple[int, int]]]:
+    """Own, bare and by hand, and when a goal flew, in ns of the realtime clock."""
+    own: list[Replies] = []
+    others: tuple[list[Replies], list[Replies]] = ([], [])
     flights_ns: list[tuple[int, int]] = []
     uav.takeoff(altitude_m=HEIGHT_M).result(timeout_s=60)
     for number in range(goals):
@@ -132,10 +144,11 @@ def _fly(
             goal.result(timeout_s=10)
         except Canceled:
             wait_for(lambda: uav.status().code == StatusCode.HOVER, 10, "hover after a goal")
-        time.sleep(0.037)
-        accepted_s, feedback_s = bare.ask_goal(session, instance)
-        plain.append((accepted_s * 1e3, feedback_s * 1e3))
-    return own, plain, flights_ns
+        for ask_goal, taken_ms in zip((bare.ask_goal, by_hand.ask_goal), others, strict=True):
+            time.sleep(0.037)
+            accepted_s, feedback_s = ask_goal(session, instance)
+            taken_ms.append((accepted_s * 1e3, feedback_s * 1e3))
+    return (own, *others), flights_ns
 
 
 def pair(odometry_ns: list[int], setpoint_ns: list[int], flights_ns: list[tuple[int, int]]) -> tuple[list[float], int]:
@@ -160,10 +173,12 @@ def pair(odometry_ns: list[int], setpoint_ns: list[int], flights_ns: list[tuple[
     return paired, left_out
 
 
-def _free_udp_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind((HOST, 0))
-        return int(probe.getsockname()[1])
+def _free_udp_ports(n: int) -> list[str]:
+    with ExitStack() as stack:
+        probes = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(n)]
+        for probe in probes:
+            probe.bind((HOST, 0))
+        return [str(probe.getsockname()[1]) for probe in probes]
 
 
 def _stop_and_read(relay: "subprocess.Popen[str]") -> Times:
