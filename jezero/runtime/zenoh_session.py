@@ -37,6 +37,11 @@ def client_config(router: str) -> zenoh.Config:
     return config
 
 
+def _direct(callback: Callable[[Any], None]) -> "zenoh.handlers.Callback[Any]":
+    """A callback that runs in the thread that receives; by default each has a thread of its own."""
+    return zenoh.handlers.Callback(callback, indirect=False)
+
+
 def picture_data(sample: zenoh.Sample) -> bytes:
     """A picture's header and pixels in one piece, as the codec wants it."""
     header = sample.attachment
@@ -202,8 +207,8 @@ class BusSession:
             exact = str(sample.key_expr) == own and sample.kind == zenoh.SampleKind.PUT
             self._enqueue("picture", name, sample if exact else None)
 
-        is_picture = name in self._pictures
-        self._subscribers[name] = self._session.declare_subscriber(own, on_picture if is_picture else on_sample)
+        callback = on_picture if name in self._pictures else on_sample
+        self._subscribers[name] = self._session.declare_subscriber(own, _direct(callback))
 
     def _declare_endpoint(self, endpoint: Endpoint[Any, Any]) -> None:
         own = key(self._instance.vehicle, endpoint.name)
@@ -211,7 +216,7 @@ class BusSession:
         def on_query(query: zenoh.Query) -> None:
             self._enqueue("query", endpoint.name, query)
 
-        self._declared.append(self._session.declare_queryable(own, on_query, complete=not endpoint.shared))
+        self._declared.append(self._session.declare_queryable(own, _direct(on_query), complete=not endpoint.shared))
 
     def _declare_last_value(self, name: str) -> None:
         own = key(self._instance.vehicle, name)
@@ -236,21 +241,19 @@ class BusSession:
         for name in sorted(names - set(self._subscribers)):
             self.subscribe(name)
 
-    def listens_to(self, name: str) -> bool:
-        """Whether samples of a topic are still wanted."""
-        return name in self._subscribers
-
     # -- out --
 
-    def publish(self, topic: Topic[Any], data: bytes) -> None:
-        """Put a message, and keep it where a plain get shall see the last one."""
+    def put(self, topic: Topic[Any], data: bytes) -> None:
+        """Publish a message."""
         if topic.type is CameraFrame:
             header, pixels = split_picture(data)
             self._publishers[topic.name].put(pixels, attachment=header)
-            return
-        self._publishers[topic.name].put(data)
-        if topic in self._spec.last_value:
-            self._last_value[topic.name] = data
+        else:
+            self._publishers[topic.name].put(data)
+
+    def keep(self, topic: Topic[Any], data: bytes) -> None:
+        """What a plain get shall see of a topic from now on."""
+        self._last_value[topic.name] = data
 
     def call(self, endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None:
         """Put a question; whatever comes back is enqueued, and "no server" when it ends."""

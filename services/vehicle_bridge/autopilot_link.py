@@ -5,8 +5,6 @@ from dataclasses import dataclass, field
 from math import isfinite, nan, sqrt
 from types import MappingProxyType
 
-import msgspec
-
 from jezero.frames import Quat, Vec3, quat_normalize, quat_rotate
 from jezero.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.schemas.state import Battery, Geodetic, Odometry
@@ -180,13 +178,13 @@ class AutopilotLink:
 
     def _on_odometry(self, message: MavMessage, epoch_id: int, received: Received) -> None:
         try:
-            odometry = self._odometry(message, epoch_id)
+            t_ns, pos, vel, q, rates = _pose(message)
         except ValueError:
             self._codec.malformed += 1
             return
         last = self.telemetry.odometry
-        if last is not None and odometry.t_ns <= last.t_ns:
-            if last.t_ns - odometry.t_ns <= RESTART_NS:
+        if last is not None and t_ns <= last.t_ns:
+            if last.t_ns - t_ns <= RESTART_NS:
                 return
             received.restarted = True
             received.odometry.clear()
@@ -195,47 +193,23 @@ class AutopilotLink:
             self.forget()
             self.telemetry.heard_wall_ns = heard_wall_ns
         resets = self.telemetry.resets
-        step = resets.update(odometry.t_ns, message.reset_counter, odometry.pos_uav_ned_m, odometry.vel_uav_ned_mps)
+        step = resets.update(t_ns, message.reset_counter, pos, vel)
         if step is not None:
             received.steps_ned_m.append(step)
-        odometry = msgspec.structs.replace(
-            odometry,
-            origin_deg=self.telemetry.origin_deg,
-            reset_counter=resets.counter,
-            reset_offset_ned_m=resets.offset_ned_m,
-        )
-        self.telemetry.odometry = odometry
-        received.odometry.append(odometry)
-
-    def _odometry(self, message: MavMessage, epoch_id: int) -> Odometry:
-        """The message in world NED.
-
-        Raises:
-            ValueError: a number is not finite, out of its range, or in a frame the bridge doesn't know.
-        """
-        pos: Vec3 = (message.x, message.y, message.z)
-        vel: Vec3 = (message.vx, message.vy, message.vz)
-        rates: Vec3 = (message.rollspeed, message.pitchspeed, message.yawspeed)
-        if not all(map(isfinite, pos + vel + rates)) or message.frame_id != dialect.MAV_FRAME_LOCAL_NED:
-            raise ValueError("not a finite pose in local NED")
-        q: Quat = quat_normalize(tuple(message.q))
-        if message.child_frame_id == dialect.MAV_FRAME_BODY_FRD:
-            vel = quat_rotate(q, vel)
-        elif message.child_frame_id != dialect.MAV_FRAME_LOCAL_NED:
-            raise ValueError("velocity in an unknown frame")
-        if message.time_usec * 1000 > 2**62:
-            raise ValueError("time out of range")
-        if max(map(abs, pos)) > 1e6 or max(map(abs, vel)) > 1e3 or max(map(abs, rates)) > 1e3:
-            raise ValueError("out of range")
-        return Odometry(
-            t_ns=message.time_usec * 1000,
+        odometry = Odometry(
+            t_ns=t_ns,
             epoch_id=epoch_id,
             pos_uav_ned_m=pos,
             vel_uav_ned_mps=vel,
             q_ned_from_frd=q,
             rates_uav_frd_rps=rates,
             std_pos_m=_std(message.pose_covariance),
+            origin_deg=self.telemetry.origin_deg,
+            reset_counter=resets.counter,
+            reset_offset_ned_m=resets.offset_ned_m,
         )
+        self.telemetry.odometry = odometry
+        received.odometry.append(odometry)
 
     def _on_sys_status(self, message: MavMessage) -> None:
         bit = dialect.MAV_SYS_STATUS_PREARM_CHECK
@@ -366,6 +340,36 @@ def _followed(message: MavMessage) -> tuple[int, Vec3, Vec3]:
     fields = ("x", "y", "z", "vx", "vy", "vz")
     x, y, z, vx, vy, vz = (nan if message.type_mask >> i & 1 else getattr(message, f) for i, f in enumerate(fields))
     return message.time_boot_ms * 1_000_000, (x, y, z), (vx, vy, vz)
+
+
+def _pose(message: MavMessage) -> tuple[int, Vec3, Vec3, Quat, Vec3]:
+    """Time in ns, position, velocity and attitude in world NED, and body rates of an ODOMETRY.
+
+    Raises:
+        ValueError: a number is not finite, out of its range, or in a frame the bridge doesn't know.
+    """
+    pos: Vec3 = (message.x, message.y, message.z)
+    vel: Vec3 = (message.vx, message.vy, message.vz)
+    rates: Vec3 = (message.rollspeed, message.pitchspeed, message.yawspeed)
+    if message.frame_id != dialect.MAV_FRAME_LOCAL_NED:
+        raise ValueError("not a pose in local NED")
+    q: Quat = quat_normalize(tuple(message.q))
+    if message.child_frame_id == dialect.MAV_FRAME_BODY_FRD:
+        vel = quat_rotate(q, vel)
+    elif message.child_frame_id != dialect.MAV_FRAME_LOCAL_NED:
+        raise ValueError("velocity in an unknown frame")
+    t_ns = message.time_usec * 1000
+    if t_ns > 2**62:
+        raise ValueError("time out of range")
+    if not (_within(pos, 1e6) and _within(vel, 1e3) and _within(rates, 1e3)):
+        raise ValueError("not finite, or out of range")
+    return t_ns, pos, vel, q, rates
+
+
+def _within(vector: Vec3, limit: float) -> bool:
+    """Whether no component is greater than a limit, infinite or NaN."""
+    x, y, z = vector
+    return abs(x) <= limit and abs(y) <= limit and abs(z) <= limit
 
 
 def _std(pose_covariance: list[float]) -> float | None:
