@@ -1,7 +1,7 @@
 """The whole stack in one process and virtual time: every service that `compose.yaml` starts, on the memory bus."""
 
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 import msgspec
 
@@ -87,6 +87,7 @@ def build_stack(
     camera: CameraConfig | None = None,
     estimator: EstimatorConfig | None = None,
     wrap_simulator: Callable[[Service], Service] = lambda service: service,
+    without: Collection[str] = (),
 ) -> MemoryBus:
     """A bus with every service that flies in one process, at time 0.
 
@@ -94,6 +95,7 @@ def build_stack(
         seed: of the world, the noise, the wind and the links' delays.
         simulator, autopilot, bridge, camera, estimator: settings other than those of the configuration files.
         wrap_simulator: puts something in front of the simulator, such as a fault of a sensor.
+        without: names of services to leave out.
 
     Raises:
         ConfigError: a configuration file is wrong.
@@ -103,6 +105,8 @@ def build_stack(
         seed, simulator=simulator, autopilot=autopilot, bridge=bridge, camera=camera, estimator=estimator
     )
     for name, make in makers.items():
+        if name in without:
+            continue
         service = make(boot_id(seed, name))
         bus.add(wrap_simulator(service) if name == "simulator" else service)
     return bus

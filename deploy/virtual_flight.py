@@ -2,7 +2,7 @@
 
 import hashlib
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -104,6 +104,7 @@ def fly_virtually(
     log: Path | None = None,
     tell: Callable[[str], None] = lambda text: None,
     keep: Callable[[Photographed], None] | None = None,
+    without: Collection[str] = (),
 ) -> FlightResult:
     """Fly a mission through all services in one process.
 
@@ -112,9 +113,10 @@ def fly_virtually(
         log: file to write every message to.
         tell: called with a sentence on each step.
         keep: called after each goal that takes pictures, which the camera then renders; None: it only projects tags.
+        without: names of services that don't fly along.
     """
     camera = None if keep is None else msgspec.structs.replace(load_config(CameraConfig, "camera"), mode="rendered")
-    bus = build_stack(seed, camera=camera)
+    bus = build_stack(seed, camera=camera, without=without)
     recorder = _Recorder(log)
     bus.observe(recorder)
     started = time.perf_counter()
