@@ -11,6 +11,7 @@ All callbacks run in Zenoh's own threads. The answer on UDP carries the ns that 
 import socket
 import sys
 import time
+from collections.abc import Callable
 from queue import Empty, SimpleQueue
 from threading import Event
 from typing import Any
@@ -154,7 +155,10 @@ def ask_goal(session: zenoh.Session, instance: Instance) -> tuple[float, float]:
     return accepted_s, time.perf_counter() - begin_s
 
 
-def main() -> None:
+def run_end(
+    bridge: Callable[[zenoh.Session, Instance, int], None], action: Callable[[zenoh.Session, Instance], None]
+) -> None:
+    """One of two ends, as the command line says: `bridge PORT` or `action`."""
     role, instance = sys.argv[1], instance_from_environment()
     with zenoh.open(client_config(instance.router)) as session:
         if role == "bridge":
@@ -164,4 +168,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_end(bridge, action)

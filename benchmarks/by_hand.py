@@ -7,7 +7,6 @@ in command, and what dies stays dead.
 
 import json
 import socket
-import sys
 import time
 from threading import Event
 from typing import Any
@@ -15,9 +14,9 @@ from typing import Any
 import zenoh
 from pymavlink.dialects.v20 import common as dialect
 
+from benchmarks.bare import run_end
 from benchmarks.mavlink_proxy import HOST
-from jezero.runtime.config import Instance, instance_from_environment
-from jezero.runtime.zenoh_session import client_config
+from jezero.runtime.config import Instance
 
 TARGET_NED_M = (3.0, 0.0, -3.0)
 ORIGIN_DEG = (47.397742, 8.545594, 488.0)
@@ -164,14 +163,5 @@ def ask_goal(session: zenoh.Session, instance: Instance) -> tuple[float, float]:
     return taken_s[0], taken_s[1]
 
 
-def main() -> None:
-    role, instance = sys.argv[1], instance_from_environment()
-    with zenoh.open(client_config(instance.router)) as session:
-        if role == "bridge":
-            bridge(session, instance, int(sys.argv[2]))
-        else:
-            action(session, instance)
-
-
 if __name__ == "__main__":
-    main()
+    run_end(bridge, action)

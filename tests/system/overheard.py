@@ -30,7 +30,7 @@ class Tap:
         compose["services"]["vehicle_bridge"]["command"] = command
         (folder / "tapped.yaml").write_text(yaml.safe_dump(compose))
         self.words = ("-f", str(folder / "tapped.yaml"))
-        self._relay = Relay(instance, bridge_port, own_port, nobodys_port)
+        self._relay = Relay(instance, bridge_port, own_port, nobodys_port, nobodys_port)
         self._end, self._stop = socket.socketpair()
         self._thread = threading.Thread(target=self._relay.run, args=(self._stop,), daemon=True)
         self._thread.start()

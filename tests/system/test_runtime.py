@@ -294,7 +294,7 @@ def test_who_is_slow_sees_the_newest_picture_and_not_every_one(router: tuple[Ins
         with zenoh.open(client_config(instance.router)) as session:
             wait_for(lambda: bool(ask(session, instance)), 10.0, "an answer")
             for number in range(21):
-                camera.publish(topics.CAMERA, encode(picture(number)))
+                camera.put(topics.CAMERA, encode(picture(number)))
                 time.sleep(0.02)
             wait_for(lambda: any('"20 ' in answer for answer in ask(session, instance)), 10.0, "the newest picture")
             (answer,) = ask(session, instance)
