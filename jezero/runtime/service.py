@@ -38,8 +38,6 @@ class Spec:
         lockstep: the time master names the link whose answer it awaits after each step (at most 20 ms); vehicle
             time starts when this link first connects. None for every other service.
         watches_clients: the inbox tells which clients have vanished.
-        prompt: its steps take so short a time that the thread which receives a message may make them: nothing else is
-            received meanwhile. Saves the change to another thread.
     """
 
     name: str
@@ -54,7 +52,6 @@ class Spec:
     rate_hz: float = 10.0
     lockstep: str | None = None
     watches_clients: bool = False
-    prompt: bool = False
 
 
 class UndeclaredError(RuntimeError):

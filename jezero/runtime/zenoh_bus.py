@@ -1,7 +1,6 @@
 """The bus over Zenoh in real time: one service, one process, one loop.
 
-Zenoh's callbacks append to a queue and wake the loop once per batch; sockets are polled by the same loop. Of a service
-whose steps are short, the callback itself makes the step when the loop isn't at it: `_turn` is held by whoever steps.
+Zenoh's callbacks only append to a queue and wake the loop once per batch; sockets are polled by the same loop.
 """
 
 import os
@@ -10,7 +9,6 @@ import select
 import signal
 import socket
 import sys
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
@@ -52,10 +50,6 @@ LOOK_EVERY_NS = 50_000_000
 def new_boot_id() -> int:
     """An id that differs between two runs of a service, on any host."""
     return secrets.randbits(48)
-
-
-PROMPT = ("sample", "query", "response", "departed")
-"""What a thread that received may hand to the service itself; pictures and outcomes of work are for the loop."""
 
 
 Build = Callable[[Instance, int], tuple[Service, Mapping[str, SocketLink]]]
@@ -128,23 +122,11 @@ class _Runner:
         self._newest_picture: dict[str, zenoh.Sample | None] = {}
         self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._rung = False
-        self._turn = threading.Lock()
-        """Of whoever collects what arrived and steps: the loop, or a thread that received."""
-        self._failure: BaseException | None = None
-        """Of a step in a thread that received; the loop raises it."""
         self._readable: list[Any] = []
         """Of the bell and the links' sockets, those that the last wait found readable."""
         self._session = BusSession(instance, self._spec, self._enqueue)
         self._worker = Worker(lambda tag, outcome, error: self._enqueue("outcome", tag, (outcome, error)))
         self._period_ns = int(NS_PER_S / self._spec.rate_hz)
-        self._due_ns = 0
-        self._until_ns = 0
-        """When the next step is due, and the loop's next waking."""
-        self._looping = False
-        self._listening: frozenset[str] = frozenset()
-        """Topics on demand that the service wants now."""
-        self._to_declare: frozenset[str] | None = None
-        """The same, when the loop has yet to tell the router."""
         self._replied = False
         """In the present step."""
         self._held: list[tuple[Topic[Any], bytes]] = []
@@ -154,7 +136,6 @@ class _Runner:
             key(instance.vehicle, served.name) for served in self._spec.serves if served.reply_type in PICTURES
         }
         """Keys whose replies are pictures."""
-        self._on_demand = frozenset(topic.name for topic in self._spec.on_demand)
         self._request_id = 0
         self._health_topic = health_of(self._spec.name)
         self._late_ns = 0
@@ -186,13 +167,12 @@ class _Runner:
 
     def close(self) -> None:
         """Leave the bus; never takes longer than a moment, whatever the router does."""
-        self._turn.acquire(timeout=CATCH_UP_S)  # for good: no thread that receives steps any more
         for link in self._links.values():
             link.close()
         self._queries.clear()
         self._session.close()
 
-    # -- in Zenoh's threads --
+    # -- from Zenoh's threads to the loop --
 
     def _enqueue(self, kind: Kind, name: str, value: Any) -> None:
         """Everything is kept in order, but of pictures only the newest: who is slow shall not fill the memory."""
@@ -203,28 +183,9 @@ class _Runner:
                 return
             value = None
         self._events.append((kind, name, value))
-        if kind in PROMPT and self._looping and self._step_here():
-            return
         if not self._rung:
             self._rung = True
             self._wake()
-
-    def _step_here(self) -> bool:
-        """In the thread that received; False when the loop has to do it: it is stepping, or stood still."""
-        if not self._turn.acquire(blocking=False):
-            return False
-        try:
-            now_ns = self._now_ns()
-            if now_ns - self._until_ns > STALL_NS or self._stopping:
-                return False
-            if self._collect(now_ns):
-                self._step(now_ns)
-        except BaseException as error:  # noqa: BLE001 - the loop raises it
-            self._failure = error
-            return False
-        finally:
-            self._turn.release()
-        return True
 
     def _wake(self) -> None:
         os.eventfd_write(self._bell, 1)
@@ -236,41 +197,25 @@ class _Runner:
         return time.monotonic_ns() - self._stalled_ns
 
     def _loop(self) -> None:
-        now_ns = self._until_ns = self._due_ns = self._now_ns()
-        self._looping = self._spec.prompt
+        due_ns = now_ns = self._now_ns()
         while not self._stopping:
-            next_ns = min(self._due_ns, self._next_health_ns, self._held_until_ns if self._held else self._due_ns)
-            until_ns = self._until_ns = max(now_ns, next_ns)
+            next_ns = min(due_ns, self._next_health_ns, self._held_until_ns if self._held else due_ns)
+            until_ns = max(now_ns, next_ns)
             self._wait(until_ns)
-            with self._turn:
+            now_ns = self._now_ns()
+            if now_ns - until_ns > STALL_NS:
+                self._late_ns = max(self._late_ns, now_ns - until_ns)
+                self._stalled_ns += now_ns - until_ns
+                time.sleep(CATCH_UP_S)
                 now_ns = self._now_ns()
-                if now_ns - until_ns > STALL_NS:
-                    self._late_ns = max(self._late_ns, now_ns - until_ns)
-                    self._stalled_ns += now_ns - until_ns
-                    time.sleep(CATCH_UP_S)
-                    now_ns = self._now_ns()
-                wanted = self._collect_links(now_ns)
-                wanted |= self._collect(now_ns)
-                if wanted or now_ns >= self._due_ns:
-                    if not wanted:
-                        self._late_ns = max(self._late_ns, now_ns - self._due_ns)
-                    self._step(now_ns)
-                self._report(now_ns)
-            if self._failure is not None:
-                raise self._failure
-            self._listen()
-        self._looping = False
-
-    def _listen(self) -> None:
-        """Not within a step: the router takes a millisecond to take in a declaration."""
-        names, self._to_declare = self._to_declare, None
-        if names is not None:
-            self._session.listen(names)
-
-    def _step(self, now_ns: int) -> None:
-        self._replied = False
-        self._node.step(self._clock.now_ns(self._now_ns()))
-        self._due_ns = now_ns + self._period_ns
+            wanted = self._collect(now_ns)
+            if wanted or now_ns >= due_ns:
+                if not wanted:
+                    self._late_ns = max(self._late_ns, now_ns - due_ns)
+                self._replied = False
+                self._node.step(self._clock.now_ns(self._now_ns()))
+                due_ns = now_ns + self._period_ns
+            self._report(now_ns)
 
     def _loop_as_master(self, link: str) -> None:
         """Advance vehicle time by one period per step, in lockstep with whoever is on `link`."""
@@ -280,9 +225,7 @@ class _Runner:
         while not self._stopping:
             self._wait(due_ns)
             now_ns = self._now_ns()
-            self._collect_links(now_ns)
             self._collect(now_ns)
-            self._listen()
             if now_ns < due_ns:
                 continue
             if self._node.inbox.connections(link) > 0:
@@ -318,15 +261,15 @@ class _Runner:
             ends += link.sockets()
         timeout_s = max(0, until_ns - self._now_ns()) / NS_PER_S
         self._readable, _, _ = select.select(ends, [], [], min(timeout_s, 0.1 if self._links else 1.0))
-        if self._bell in self._readable:
-            os.eventfd_read(self._bell)
-            self._rung = False
 
     def _collect(self, now_ns: int) -> bool:
-        """Move all that the bus brought into the inbox; tells whether a step is wanted at once."""
+        """Move all that arrived into the inbox; tells whether a step is wanted at once."""
         node = self._node
         node.inbox.wall_ns = now_ns
-        wanted = False
+        if self._bell in self._readable:
+            os.eventfd_read(self._bell)
+        self._rung = False
+        wanted = self._collect_links(now_ns)
         while self._events:
             kind, name, value = self._events.popleft()
             if kind == "sample":
@@ -350,13 +293,10 @@ class _Runner:
 
     def _collect_links(self, now_ns: int) -> bool:
         """Those with something to read, and now and then all: a link also connects when it is polled."""
+        wanted = False
         look = now_ns >= self._next_look_ns
         if look:
             self._next_look_ns = now_ns + LOOK_EVERY_NS
-        elif not self._readable:
-            return False
-        self._node.inbox.wall_ns = now_ns
-        wanted = False
         for name, link in self._links.items():
             if not (look or any(end in self._readable for end in link.sockets())):
                 continue
@@ -377,7 +317,7 @@ class _Runner:
         if data is None:
             self._node.count_misdirected(name, "not a put on exactly this key")
             return False
-        if name in self._on_demand and name not in self._listening:  # the last ones of a topic no longer listened to
+        if not self._session.listens_to(name):  # the last ones of a topic no longer listened to
             return False
         return self._node.deliver(name, data)
 
@@ -454,8 +394,7 @@ class _Runner:
         self._links[link].send(data)
 
     def listen(self, names: frozenset[str]) -> None:
-        self._listening = self._to_declare = names
-        self._wake()
+        self._session.listen(names)
 
     def pace(self, rate_hz: float) -> None:
         self._period_ns = int(NS_PER_S / rate_hz)

@@ -37,11 +37,6 @@ def client_config(router: str) -> zenoh.Config:
     return config
 
 
-def _direct(callback: Callable[[Any], None]) -> "zenoh.handlers.Callback[Any]":
-    """A callback that runs in the thread that receives; by default each has a thread of its own."""
-    return zenoh.handlers.Callback(callback, indirect=False)
-
-
 def picture_data(sample: zenoh.Sample) -> bytes:
     """A picture's header and pixels in one piece, as the codec wants it."""
     header = sample.attachment
@@ -207,8 +202,8 @@ class BusSession:
             exact = str(sample.key_expr) == own and sample.kind == zenoh.SampleKind.PUT
             self._enqueue("picture", name, sample if exact else None)
 
-        callback = on_picture if name in self._pictures else on_sample
-        self._subscribers[name] = self._session.declare_subscriber(own, _direct(callback))
+        is_picture = name in self._pictures
+        self._subscribers[name] = self._session.declare_subscriber(own, on_picture if is_picture else on_sample)
 
     def _declare_endpoint(self, endpoint: Endpoint[Any, Any]) -> None:
         own = key(self._instance.vehicle, endpoint.name)
@@ -216,7 +211,7 @@ class BusSession:
         def on_query(query: zenoh.Query) -> None:
             self._enqueue("query", endpoint.name, query)
 
-        self._declared.append(self._session.declare_queryable(own, _direct(on_query), complete=not endpoint.shared))
+        self._declared.append(self._session.declare_queryable(own, on_query, complete=not endpoint.shared))
 
     def _declare_last_value(self, name: str) -> None:
         own = key(self._instance.vehicle, name)
@@ -240,6 +235,10 @@ class BusSession:
             self._subscribers.pop(name).undeclare()  # type: ignore[no-untyped-call]
         for name in sorted(names - set(self._subscribers)):
             self.subscribe(name)
+
+    def listens_to(self, name: str) -> bool:
+        """Whether samples of a topic are still wanted."""
+        return name in self._subscribers
 
     # -- out --
 

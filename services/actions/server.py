@@ -79,7 +79,6 @@ class ActionServer:
             ),
             rate_hz=config.lifecycle.step_rate_hz,
             watches_clients=True,
-            prompt=True,
         )
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:

@@ -62,7 +62,6 @@ SPEC = Spec(
     serves=(ACQUIRE, RELEASE, HOVER, ABORT, KILL),
     links=(LINK,),
     triggers=(LINK, SETPOINT.name, ACQUIRE.name, RELEASE.name, HOVER.name, ABORT.name, KILL.name),
-    prompt=True,
 )
 
 Handle = Callable[[Any, "Situation"], Payload | None]

@@ -1,9 +1,7 @@
 """The loop of one process, without a bus: its clock is the test's, and messages are put into its queue."""
 
-import threading
 from collections.abc import Iterable, Iterator
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
@@ -65,7 +63,7 @@ def test_a_message_that_came_while_the_others_were_read_does_not_make_its_master
 
 
 class Asked:
-    """Changes its status whenever it is asked; `fails` when it is told to."""
+    """Changes its status at each step, and answers whoever asks."""
 
     spec = Spec(
         name="asked",
@@ -73,17 +71,13 @@ class Asked:
         last_value=(topics.STATUS,),
         serves=(topics.ABORT,),
         triggers=(topics.ABORT.name,),
-        prompt=True,
     )
 
     def __init__(self) -> None:
-        self.threads: list[threading.Thread] = []
-        self.fails = False
+        self.steps = 0
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
-        self.threads.append(threading.current_thread())
-        if self.fails:
-            raise RuntimeError("broken")
+        self.steps += 1
         for request in inbox.requests(topics.ABORT):
             yield Reply(request.request_id, AbortReply(hovering=False, reason=""))
         status = Status(
@@ -95,95 +89,27 @@ class Asked:
             in_charge="none",
             bridge_boot_id=1,
             ready=True,
-            text=str(len(self.threads)),
+            text=str(self.steps),
         )
         yield Publish(topics.STATUS, status)
 
 
-class Query:
-    """Of a client."""
-
-    key_expr = topics.key("uav1", topics.ABORT.name)
-    payload = attachment = None
-    parameters: tuple[tuple[str, str], ...] = ()
-
-    def __init__(self) -> None:
-        self.replies: list[bytes] = []
-
-    def reply(self, key_expr: str, data: bytes, **_settings: Any) -> None:
-        self.replies.append(data)
-
-    def drop(self) -> None: ...
-
-
-class Asking:
-    """A process that is asked from another thread, as Zenoh does; its loop waits until `wait_ms`."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.wall_ns = 0
-        monkeypatch.setattr(zenoh_bus.time, "monotonic_ns", lambda: self.wall_ns)
-        self.service = Asked()
-        self.runner = zenoh_bus._Runner(self.service, Instance(), 1, {})
-        self.put: list[tuple[str, int]] = []
-        monkeypatch.setattr(self.runner._session, "put", self._put)
-        self.runner._looping = True
-        self.runner._until_ns = 20 * MS
-        self.runner._next_health_ns = self.runner._next_router_check_ns = 10**12
-
-    def _put(self, topic: topics.Topic[Any], data: bytes) -> None:
-        self.put.append((topic.name, self.wall_ns // MS))
-
-    def ask(self) -> Query:
-        query = Query()
-        thread = threading.Thread(target=self.runner._enqueue, args=("query", topics.ABORT.name, query))
-        thread.start()
-        thread.join()
-        return query
-
-
-@pytest.fixture
-def asking(monkeypatch: pytest.MonkeyPatch) -> Iterator[Asking]:
-    asking = Asking(monkeypatch)
-    yield asking
-    asking.runner.close()
-
-
-def test_a_prompt_service_answers_in_the_thread_that_received(asking: Asking) -> None:
-    assert asking.ask().replies
-    assert asking.service.threads[0] is not threading.current_thread()
-    assert not asking.runner._rung
-
-
-def test_while_the_loop_steps_it_is_rung_instead(asking: Asking) -> None:
-    with asking.runner._turn:
-        assert not asking.ask().replies
-    assert asking.runner._rung
-
-
-def test_after_the_process_stood_still_the_loop_catches_up_first(asking: Asking) -> None:
-    asking.wall_ns = 20 * MS + zenoh_bus.STALL_NS + 1
-    assert not asking.ask().replies
-    assert asking.runner._rung
-
-
-def test_a_step_that_fails_in_the_thread_that_received_ends_the_process(asking: Asking) -> None:
-    asking.service.fails = True
-    asking.ask()
-    assert asking.runner._rung
-    with pytest.raises(RuntimeError, match="broken"):
-        asking.runner._loop()
-
-
-def test_state_that_changes_with_a_reply_can_be_asked_for_at_once_but_is_published_when_the_reply_has_gone(
-    asking: Asking,
-) -> None:
-    asking.ask()
-    assert b'"text":"1"' in asking.runner._session._last_value[topics.STATUS.name]
-    asking.runner._step(asking.wall_ns)  # what changes next waits as well, so that the order stays
-    asking.runner._report(asking.wall_ns)
-    assert asking.put == []
-    asking.wall_ns = zenoh_bus.HELD_NS
-    asking.runner._report(asking.wall_ns)
-    assert asking.put == [("status", 10), ("status", 10)]
-    asking.runner._step(asking.wall_ns)
-    assert len(asking.put) == 3
+def test_state_that_changes_with_a_reply_is_published_when_the_reply_has_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    wall_ns = 0
+    monkeypatch.setattr(zenoh_bus, "time", SimpleNamespace(monotonic_ns=lambda: wall_ns))
+    runner = zenoh_bus._Runner(Asked(), Instance(), 1, {})
+    runner._next_health_ns = runner._next_router_check_ns = 10**12
+    put: list[int] = []
+    monkeypatch.setattr(runner._session, "put", lambda topic, data: put.append(wall_ns))
+    runner.reply(1, None, final=True)
+    runner._node.step(0)
+    assert b'"text":"1"' in runner._session._last_value[topics.STATUS.name]  # a plain get sees it at once
+    runner._replied = False
+    runner._node.step(0)  # what changes next waits as well, so that the order stays
+    runner._report(wall_ns)
+    assert put == []
+    wall_ns = zenoh_bus.HELD_NS
+    runner._report(wall_ns)
+    runner._node.step(0)
+    assert put == [zenoh_bus.HELD_NS] * 3
+    runner.close()
