@@ -37,7 +37,7 @@ ANSWER_WITHIN_NS = 16_000_000
 SILENT_STEPS = 60
 """After this many unanswered steps in a row the autopilot is not waited for until it answers again."""
 STALL_NS = 100_000_000
-CATCH_UP_S = 0.03
+CATCH_UP_NS = 30_000_000
 """A process that stood still for a stall lets in what has piled up since, and what tells the time, before it judges
 anybody's silence or executes anything."""
 HELD_NS = 10_000_000
@@ -202,20 +202,26 @@ class _Runner:
             next_ns = min(due_ns, self._next_health_ns, self._held_until_ns if self._held else due_ns)
             until_ns = max(now_ns, next_ns)
             self._wait(until_ns)
-            now_ns = self._now_ns()
-            if now_ns - until_ns > STALL_NS:
-                self._late_ns = max(self._late_ns, now_ns - until_ns)
-                self._stalled_ns += now_ns - until_ns
-                time.sleep(CATCH_UP_S)
-                now_ns = self._now_ns()
+            now_ns = self._past_stalls_ns(until_ns)
             wanted = self._collect(now_ns)
             if wanted or now_ns >= due_ns:
                 if not wanted:
                     self._late_ns = max(self._late_ns, now_ns - due_ns)
                 self._replied = False
-                self._node.step(self._clock.now_ns(self._now_ns()))
+                self._node.step(self._clock.now_ns(now_ns))  # not a later time: a stall since then is in none of it
                 due_ns = now_ns + self._period_ns
             self._report(now_ns)
+
+    def _past_stalls_ns(self, until_ns: int) -> int:
+        """The time now, when it should be `until_ns`; a stall is left out of it, and what piled up has come in."""
+        now_ns = self._now_ns()
+        while now_ns - until_ns > STALL_NS:
+            self._late_ns = max(self._late_ns, now_ns - until_ns)
+            self._stalled_ns += now_ns - until_ns
+            until_ns += CATCH_UP_NS
+            time.sleep(CATCH_UP_NS / NS_PER_S)  # in which it may stand still again
+            now_ns = self._now_ns()
+        return now_ns
 
     def _loop_as_master(self, link: str) -> None:
         """Advance vehicle time by one period per step, in lockstep with whoever is on `link`."""

@@ -10,7 +10,7 @@ import re
 import select
 import signal
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -238,25 +238,29 @@ def test_a_machine_that_stalls_as_a_whole_finds_everybody_alive(shared_stack: St
     assert not changed(shared_stack, before)
 
 
-@pytest.mark.parametrize("still_s", [0.4, 1.2])
-def test_a_machine_that_stands_still_for_a_moment_costs_no_goal(stack: Stack, still_s: float) -> None:
+@pytest.mark.parametrize(
+    ("still_s", "between_s"), [(0.4, (0.5,) * 3), (1.2, (0.5,) * 3), (0.7, (0.5, 0.015, 0.2, 0.005, 0.025, 0.1) * 2)]
+)
+def test_a_machine_that_stands_still_for_a_moment_costs_no_goal(
+    stack: Stack, still_s: float, between_s: tuple[float, ...]
+) -> None:
     """As a virtual machine does whose host is busy: no process runs, and no time passes for the vehicle."""
     with stack.connect() as vehicle:
         vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
         goal = vehicle.go_to(4.0, 0.0, -2.0)
         wait_for_status(vehicle, lambda s: s.code == StatusCode.GO_TO, 10, "on its way")
-        for _ in range(3):
-            time.sleep(0.5)
+        for seconds in between_s:
+            time.sleep(seconds)
             stand_still([launcher_of(stack), *stack.processes_cached.values()], still_s)
         goal.result(timeout_s=60)
 
 
-def stand_still(processes: Iterable[int], seconds: float) -> None:
-    """Stop all of them, and let them go on."""
+def stand_still(processes: Sequence[int], seconds: float) -> None:
+    """Stop all of them, and let them go on; the first, the launcher, last, lest it look at those that are stopped."""
     try:
         for pid in processes:
             os.kill(pid, signal.SIGSTOP)
         time.sleep(seconds)
     finally:
-        for pid in processes:
+        for pid in reversed(processes):
             os.kill(pid, signal.SIGCONT)

@@ -1,6 +1,7 @@
 """The loop of one process, without a bus: its clock is the test's, and messages are put into its queue."""
 
 from collections.abc import Iterable, Iterator
+from itertools import pairwise
 from types import SimpleNamespace
 
 import pytest
@@ -30,8 +31,14 @@ class Host:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.wall_ns = 0
-        monkeypatch.setattr(zenoh_bus, "time", SimpleNamespace(monotonic_ns=lambda: self.wall_ns))
+        self.stalls_ms: list[float] = []
+        """How long the process stands still in each of its next sleeps."""
+        clock = SimpleNamespace(monotonic_ns=lambda: self.wall_ns, sleep=self._sleep)
+        monkeypatch.setattr(zenoh_bus, "time", clock)
         self.runner = zenoh_bus._Runner(Idle(), Instance(), 1, {})
+
+    def _sleep(self, seconds: float) -> None:
+        self.wall_ns += round(seconds * 1000 * MS + (self.stalls_ms.pop(0) if self.stalls_ms else 0) * MS)
 
     def told(self, sent_ms: int) -> None:
         """A message whose master has the same clock and vehicle time."""
@@ -60,6 +67,39 @@ def test_a_message_that_came_while_the_others_were_read_does_not_make_its_master
         host.wall_ns = (sent_ms + 1) * MS
         host.runner._collect(host.wall_ns)
     assert host.t_ms == pytest.approx(2050, abs=0.1)
+
+
+@pytest.mark.parametrize("where", ["waiting", "catching up", "reading"])
+def test_no_step_counts_the_time_in_which_the_process_stood_still(
+    host: Host, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    stepped_ms: list[float] = []
+    runner, collect = host.runner, host.runner._collect
+    runner._next_health_ns = runner._next_router_check_ns = 10**12
+
+    def wait(until_ns: int) -> None:
+        host.wall_ns += max(0, until_ns - runner._now_ns())
+        if len(stepped_ms) == 3 and where != "reading":
+            host.wall_ns += 700 * MS
+            host.stalls_ms = [800, 150] if where == "catching up" else []
+
+    def read(now_ns: int) -> bool:
+        wanted = collect(now_ns)
+        if len(stepped_ms) == 3 and where == "reading":
+            host.wall_ns += 700 * MS
+        return wanted
+
+    def step(t_ns: int) -> None:
+        stepped_ms.append(t_ns / MS)
+        runner._stopping = len(stepped_ms) == 8
+
+    monkeypatch.setattr(runner, "_wait", wait)
+    monkeypatch.setattr(runner, "_collect", read)
+    monkeypatch.setattr(runner._node, "step", step)
+    host.told(sent_ms=0)
+    runner._loop()
+    assert all(90 < after - before < 200 for before, after in pairwise(stepped_ms))
+    assert runner._late_ns >= 600 * MS
 
 
 class Asked:
