@@ -49,8 +49,8 @@ class VehicleClock:
         self._rate = min(1.0, max([RATE_MIN, *rates])) if rates else 1.0
 
     def now_ns(self, wall_ns: int) -> int:
-        """Vehicle time at `wall_ns`; 0 before the first message."""
+        """Vehicle time at `wall_ns`, never negative; 0 before the first message."""
         if not self._samples:
             return 0
         wall_master_ns, t_ns = self._samples[-1]
-        return t_ns + int((wall_ns + self._master_ahead_ns - wall_master_ns) * self._rate)
+        return max(0, t_ns + int((wall_ns + self._master_ahead_ns - wall_master_ns) * self._rate))

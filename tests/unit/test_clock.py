@@ -33,6 +33,13 @@ def test_there_is_no_time_before_the_first_message() -> None:
     assert VehicleClock().now_ns(123) == 0
 
 
+def test_a_step_that_began_before_the_first_message_was_read_is_not_before_the_beginning() -> None:
+    clock = VehicleClock()
+    clock.update(t_ns=0, epoch_id=1, wall_master_ns=MASTER_NS, wall_ns=10 * MS)
+    assert clock.now_ns(9 * MS) == 0
+    assert clock.now_ns(11 * MS) == 1 * MS
+
+
 def test_the_message_that_came_first_decides() -> None:
     clock = running()
     tell(clock, 1100, 1100, arrived_ms=1180)
