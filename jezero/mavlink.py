@@ -10,7 +10,7 @@ import math
 import struct
 from collections.abc import Callable
 from functools import cache, cached_property
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from typing import Any
 
 from fastcrc import crc16
@@ -93,14 +93,22 @@ class _Layout:
         self._length = message_type.unpacker.size
         self._id = (message_type.id & 0xFFFF, message_type.id >> 16)
         self._names = names
-        self._get = attrgetter(*names) if len(names) > 1 else lambda message: (getattr(message, names[0]),)
+        several = len(names) > 1
+        self._get = attrgetter(*names) if several else lambda message: (getattr(message, names[0]),)
+        self.in_wire_order = itemgetter(*names) if several else lambda fields: (fields[names[0]],)
+        """Values of a mapping of the message's fields."""
         self._arrays = [(place, counts[place]) for place in range(len(names)) if counts[place]]
+        self._gather = itemgetter(*_places(counts))
+        """From a list of all numbers, the fields' values."""
         self._crc_extra = bytes((message_type.crc_extra,))
         self._parsed = _parsed_type(message_type)
 
     def pack(self, message: MavMessage, system_id: int, component_id: int, sequence: int) -> bytes:
         """A MAVLink 2 frame without a signature."""
-        values: Any = self._get(message)
+        return self.pack_values(self._get(message), system_id, component_id, sequence)
+
+    def pack_values(self, values: Any, system_id: int, component_id: int, sequence: int) -> bytes:
+        """The same from the fields' values in the order on the wire."""
         if self._arrays:
             values = list(values)
             for place, _ in reversed(self._arrays):
@@ -119,16 +127,24 @@ class _Layout:
             payload = payload.ljust(length, b"\0")[:length]
         values: Any = self._unpacker.unpack(payload)
         if self._arrays:
-            values = list(values)
-            for place, count in self._arrays:
-                values[place : place + count] = [values[place : place + count]]
+            values = self._gather(list(values))
         message = _new(self._parsed)
-        message.__dict__ = fields = dict(zip(self._names, values, strict=True))
+        message.__dict__ = fields = dict(zip(self._names, values))  # noqa: B905 - as many, and this is the hot path
         fields["_msgbuf"] = frame
         return message
 
 
 _new: Callable[[type], Any] = object.__new__
+
+
+def _places(counts: list[int]) -> list[int | slice]:
+    """Of the fields among all numbers of a message: an index, or a slice for an array. At least two."""
+    places: list[int | slice] = []
+    at = 0
+    for count in counts:
+        places.append(slice(at, at + count) if count else at)
+        at += count or 1
+    return places if len(places) > 1 else [*places, slice(0, 0)]
 
 
 def _parsed_type(message_type: Any) -> Any:
@@ -198,6 +214,20 @@ class MavlinkCodec:
         """Stretches of bytes that were no message, and messages with a non-finite number where none may be."""
         self.refused = 0
         """Messages whose signature was not believed."""
+
+    def pack_fields(self, kind: Any, **fields: Any) -> bytes:
+        """Bytes of a message from all its fields, for what is sent often: building `kind(**fields)` costs more than
+        packing it.
+
+        Args:
+            kind: a class of `dialect`.
+        """
+        packer, layout = self._packer, _layout(kind.id)
+        if self._signing is not None or layout is None:
+            return self.pack(kind(**fields))
+        data = layout.pack_values(layout.in_wire_order(fields), packer.srcSystem, packer.srcComponent, packer.seq)
+        packer.seq = (packer.seq + 1) % 256
+        return data
 
     def pack(self, message: MavMessage) -> bytes:
         """Bytes of a message built by a class of `dialect`, e.g. `dialect.MAVLink_heartbeat_message(...)`."""

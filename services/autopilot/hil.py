@@ -77,7 +77,8 @@ class HilLink:
     def actuators(self, t_us: int, commands: Commands, *, armed: bool) -> bytes:
         """HIL_ACTUATOR_CONTROLS with (4,) motor commands from 0 to 1."""
         mode = 1 | (ARMED if armed else 0)
-        return self._codec.pack(dialect.MAVLink_hil_actuator_controls_message(t_us, (*commands, *UNUSED), mode, 0))
+        kind = dialect.MAVLink_hil_actuator_controls_message
+        return self._codec.pack_fields(kind, time_usec=t_us, controls=(*commands, *UNUSED), mode=mode, flags=0)
 
 
 def _is_within(vector: Vec3, limit: float) -> bool:

@@ -57,18 +57,27 @@ class HilPort:
             pressure_hpa = 0.01 * baro.pressure_pa
             altitude_m = baro.altitude_pressure_m
             temperature_degc = baro.temperature_degc
-        return self._codec.pack(
-            dialect.MAVLink_hil_sensor_message(
-                t_ns // 1000,
-                *acc_frd_mps2,
-                *gyro_frd_rps,
-                *field,
-                pressure_hpa,
-                0.0,
-                altitude_m,
-                temperature_degc,
-                updated,
-            )
+        xacc, yacc, zacc = acc_frd_mps2
+        xgyro, ygyro, zgyro = gyro_frd_rps
+        xmag, ymag, zmag = field
+        return self._codec.pack_fields(
+            dialect.MAVLink_hil_sensor_message,
+            time_usec=t_ns // 1000,
+            xacc=xacc,
+            yacc=yacc,
+            zacc=zacc,
+            xgyro=xgyro,
+            ygyro=ygyro,
+            zgyro=zgyro,
+            xmag=xmag,
+            ymag=ymag,
+            zmag=zmag,
+            abs_pressure=pressure_hpa,
+            diff_pressure=0.0,
+            pressure_alt=altitude_m,
+            temperature=temperature_degc,
+            fields_updated=updated,
+            id=0,
         )
 
     def gps(self, fix: Gnss) -> bytes:

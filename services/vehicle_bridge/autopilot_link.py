@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from math import isfinite, nan, sqrt
 from types import MappingProxyType
 
+import msgspec
+
 from jezero.frames import Quat, Vec3, quat_normalize, quat_rotate
 from jezero.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.schemas.state import Battery, Geodetic, Odometry
@@ -82,8 +84,7 @@ class Telemetry:
     warning_ns: int = 0
 
 
-@dataclass
-class Received:
+class Received(msgspec.Struct):
     """What one batch of bytes brought, oldest first.
 
     Attributes:
@@ -93,8 +94,8 @@ class Received:
         restarted: its time went back.
     """
 
-    odometry: list[Odometry] = field(default_factory=list)
-    steps_ned_m: list[Vec3] = field(default_factory=list)
+    odometry: list[Odometry] = msgspec.field(default_factory=list)
+    steps_ned_m: list[Vec3] = msgspec.field(default_factory=list)
     followed: tuple[int, Vec3, Vec3] | None = None
     restarted: bool = False
 
@@ -291,19 +292,27 @@ class AutopilotLink:
         mask |= _MASK_POS if pos is None else 0
         mask |= _MASK_VEL if vel is None else 0
         mask |= _MASK_ACC if acc is None else 0
-        return self._codec.pack(
-            dialect.MAVLink_set_position_target_local_ned_message(
-                (t_ns // 1_000_000) & 0xFFFFFFFF,
-                self._system_id,
-                AUTOPILOT_COMPONENT_ID,
-                dialect.MAV_FRAME_LOCAL_NED,
-                mask,
-                *(pos or _NONE),
-                *(vel or _NONE),
-                *(acc or _NONE),
-                target.yaw_rad,
-                target.yaw_rate_rps or 0.0,
-            )
+        x, y, z = pos or _NONE
+        vx, vy, vz = vel or _NONE
+        afx, afy, afz = acc or _NONE
+        return self._codec.pack_fields(
+            dialect.MAVLink_set_position_target_local_ned_message,
+            time_boot_ms=(t_ns // 1_000_000) & 0xFFFFFFFF,
+            target_system=self._system_id,
+            target_component=AUTOPILOT_COMPONENT_ID,
+            coordinate_frame=dialect.MAV_FRAME_LOCAL_NED,
+            type_mask=mask,
+            x=x,
+            y=y,
+            z=z,
+            vx=vx,
+            vy=vy,
+            vz=vz,
+            afx=afx,
+            afy=afy,
+            afz=afz,
+            yaw=target.yaw_rad,
+            yaw_rate=target.yaw_rate_rps or 0.0,
         )
 
     def pursue(self, order: Order | None, timer_ns: int) -> bytes:
@@ -369,7 +378,7 @@ def _pose(message: MavMessage) -> tuple[int, Vec3, Vec3, Quat, Vec3]:
 def _within(vector: Vec3, limit: float) -> bool:
     """Whether no component is greater than a limit, infinite or NaN."""
     x, y, z = vector
-    return abs(x) <= limit and abs(y) <= limit and abs(z) <= limit
+    return -limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit
 
 
 def _std(pose_covariance: list[float]) -> float | None:
