@@ -122,12 +122,12 @@ class Goal(Generic[F, R]):
             self._recover(deadline_s)
             return None
         reply = decode(self._endpoint.reply_type, data)
-        if isinstance(reply, Feedback | Result):
-            self._connection.tell_time(reply.t_ns)
         if isinstance(reply, Feedback):
+            self._connection.tell_time(reply.t_ns)
             self.code = reply.code
             return cast(F, reply.feedback)
         if isinstance(reply, Result):
+            self._connection.tell_time(reply.t_ns)
             self._result = reply
         return None
 

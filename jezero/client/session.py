@@ -9,6 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from functools import lru_cache
 from secrets import token_hex
 from threading import Lock
 from typing import Any, NoReturn
@@ -218,11 +219,17 @@ def decode(kind: Any, data: bytes) -> Any:
         JezeroError: it is not what this version of the client knows.
     """
     try:
-        return msgspec.json.decode(data, type=kind)
+        return _decoder(kind).decode(data)
     except msgspec.DecodeError as error:
         raise JezeroError(
             f"the answer isn't understood ({error}): do client and stack have the same version?"
         ) from None
+
+
+@lru_cache(maxsize=64)
+def _decoder(kind: Any) -> msgspec.json.Decoder[Any]:
+    """Made once: a union of messages takes longer to understand than to decode."""
+    return msgspec.json.Decoder(kind)
 
 
 def _open(router: str, timeout_s: float) -> zenoh.Session:
