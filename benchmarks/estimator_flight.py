@@ -34,7 +34,7 @@ from jezero.schemas.estimate import TagEstimate
 from jezero.schemas.state import Clock, Odometry
 from jezero.services.simulator.body import BodyState, RoverState
 from jezero.services.simulator.config import SimulatorConfig, UwbConfig
-from jezero.services.simulator.noise import Normals, Wander, generator
+from jezero.services.simulator.noise import Wander, generator, normals_of
 from jezero.services.simulator.sensors import Altimeter, RoverOdometry, Uwb
 
 NS_PER_S = 1_000_000_000
@@ -171,7 +171,7 @@ class EstimatorFlight:
 
     def _attitude_errors(self) -> Callable[[int], Quat]:
         """Rotation from the true attitude to the estimated one at multiples of 20 ms."""
-        normals = Normals(generator(self._seed, "attitude"))
+        normals = normals_of(generator(self._seed, "attitude"))
         tilt, heading = radians(0.6), radians(1.2)
         constant = (tilt * normals(), tilt * normals(), heading * normals())
         wander = [Wander(radians(std), 5.0, 0.02, normals) for std in (0.1, 0.1, 0.25)]
@@ -186,7 +186,7 @@ class EstimatorFlight:
         return at
 
     def _odometry(self) -> Iterator[Arrival]:
-        normals = Normals(generator(self._seed, "autopilot"))
+        normals = normals_of(generator(self._seed, "autopilot"))
         vel_error = [Wander(0.018, 2.0, 0.02, normals) for _ in range(3)]
         pos_error = [Wander(0.3, 60.0, 0.02, normals) for _ in range(3)]
         self._attitude_error = self._attitude_errors()

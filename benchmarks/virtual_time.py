@@ -45,10 +45,10 @@ class Stopwatch:
         """Time a method of a class; `label` names the row from the instance."""
         inner = getattr(owner, name)
 
-        def timed(this: Any, *arguments: Any) -> Any:
+        def timed(this: Any, *arguments: Any, **named: Any) -> Any:
             started = time.thread_time()
             try:
-                return inner(this, *arguments)
+                return inner(this, *arguments, **named)
             finally:
                 row = label(this)
                 self.spent_s[row] += time.thread_time() - started
@@ -106,6 +106,7 @@ def measure(seed: int) -> Flight:
     watch.wrap(Node, "step", lambda node: str(node.spec.name))
     watch.wrap(MavlinkCodec, "parse", lambda _codec: "of which MAVLink parsing")
     watch.wrap(MavlinkCodec, "pack", lambda _codec: "of which MAVLink packing")
+    watch.wrap(MavlinkCodec, "pack_fields", lambda _codec: "of which MAVLink packing")
     watch.wrap(World, "step", lambda _world: "of which Bullet and its axes")
     flight = fly_virtually(FLIGHT, seed)
     steps = flight.sim_time_s * 250.0

@@ -12,6 +12,7 @@ from jezero.deploy.in_process import build_stack
 from jezero.deploy.landing.judge import offset_m, why_not_on_platform
 from jezero.frames import Vec3, horizontal
 from jezero.report.flight_log import line
+from jezero.runtime.codec import decode
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import Answers, MemoryBus
 from jezero.schemas import topics
@@ -76,11 +77,13 @@ class _Recorder:
 
     @property
     def status(self) -> Status | None:
-        return None if self._status is None else msgspec.json.decode(self._status, type=Status)
+        status: Status | None = None if self._status is None else decode(Status, self._status)
+        return status
 
     @property
     def truth(self) -> Truth | None:
-        return None if self._truth is None else msgspec.json.decode(self._truth, type=Truth)
+        truth: Truth | None = None if self._truth is None else decode(Truth, self._truth)
+        return truth
 
 
 class Photographed(NamedTuple):

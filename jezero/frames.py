@@ -19,6 +19,7 @@ from math import asin, atan2, copysign, cos, hypot, pi, sin, sqrt
 Vec3 = tuple[float, float, float]
 Quat = tuple[float, float, float, float]
 
+SQRT_HALF = sqrt(0.5)
 EARTH_RADIUS_M = 6_371_000.0
 """Radius of the local tangent projection; PX4 and jezero use the same sphere."""
 
@@ -62,7 +63,8 @@ def norm(a: Vec3) -> float:
 
 
 def distance(a: Vec3, b: Vec3) -> float:
-    return norm(subtract(a, b))
+    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    return sqrt(x * x + y * y + z * z)
 
 
 def horizontal(a: Vec3) -> float:
@@ -169,10 +171,12 @@ def tilt_from_quat(q_ned_from_frd: Quat) -> float:
 def q_ned_from_frd(q_enu_from_flu: Quat) -> Quat:
     """Attitude on the MAVLink side from the physics engine's.
 
-    Source: R_ned_from_enu @ R_enu_from_flu @ R_flu_from_frd, thesis eq. 2.1.
+    Source: R_ned_from_enu @ R_enu_from_flu @ R_flu_from_frd, thesis eq. 2.1; as quaternions
+    (0, 1, 1, 0) / sqrt(2) * q * (0, 1, 0, 0).
     """
-    half = sqrt(0.5)
-    return quat_normalize(quat_multiply(quat_multiply((0.0, half, half, 0.0), q_enu_from_flu), (0.0, 1.0, 0.0, 0.0)))
+    w, x, y, z = q_enu_from_flu
+    half = SQRT_HALF
+    return quat_normalize((-half * w - half * z, -half * x - half * y, half * y - half * x, half * z - half * w))
 
 
 def rotate_yaw(v: Vec3, yaw_rad: float) -> Vec3:

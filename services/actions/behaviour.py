@@ -5,8 +5,9 @@ one step, the goal's run shifts what goes in and what comes out, so that stored 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Literal, Protocol
+
+import msgspec
 
 from jezero.frames import Quat, Vec3
 from jezero.schemas.actions import ImagesFeedback, LandFeedback, MoveFeedback
@@ -18,8 +19,7 @@ from jezero.schemas.topics import Topic
 from jezero.services.actions.capture import Capture
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleState:
+class VehicleState(msgspec.Struct, frozen=True):
     """What a behaviour may look at.
 
     Attributes:
@@ -47,8 +47,7 @@ class VehicleState:
     shift_ned_m: Vec3 = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Preparation:
+class Preparation(msgspec.Struct, frozen=True):
     """What must be worked out before a goal is accepted, and takes too long for a step.
 
     Attributes:
@@ -60,8 +59,7 @@ class Preparation:
     take: Callable[[Any], str]
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
+class Verdict(msgspec.Struct, frozen=True):
     """Whether a goal may start.
 
     Attributes:
@@ -80,8 +78,7 @@ class Verdict:
     prepare: Preparation | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Selection:
+class Selection(msgspec.Struct, frozen=True):
     """What the estimator shall use for one goal, for as long as it runs.
 
     Attributes:
@@ -93,8 +90,7 @@ class Selection:
     pos_rover_ned_m: Vec3 | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Move:
+class Move(msgspec.Struct, frozen=True):
     """One setpoint and what to report with it; at least one of position and velocity is given.
 
     Attributes:
@@ -114,8 +110,7 @@ class Move:
     roll_camera_rad: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Done:
+class Done(msgspec.Struct, frozen=True):
     """The behaviour's end and what the bridge does next; hover_pos_ned_m None: where the vehicle is."""
 
     outcome: Outcome

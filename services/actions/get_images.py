@@ -4,9 +4,10 @@ Straight to the orbit's nearest point, then one turn with velocity setpoints, fa
 the target in the middle of the picture. In the rover's frame all of it moves with the rover.
 """
 
-from dataclasses import replace
 from math import hypot, pi, sqrt
 from typing import Any
+
+from msgspec.structs import replace
 
 from jezero.frames import Vec3, add, norm, scale, subtract, wrap_pi
 from jezero.schemas.actions import GetImagesGoal, ImagesFeedback, ImagesResult

@@ -1,7 +1,8 @@
 """Go to a target: in a straight line, after a takeoff when asked for."""
 
-from dataclasses import replace
 from typing import Any
+
+from msgspec.structs import replace
 
 from jezero.frames import Vec3, add, subtract
 from jezero.schemas.actions import GoToGoal, MoveResult

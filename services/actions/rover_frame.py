@@ -1,6 +1,6 @@
 """Flying in the rover's frame: what a behaviour sees and commands there, in terms of the world's."""
 
-from dataclasses import replace
+from msgspec.structs import replace
 
 from jezero.frames import Vec3, add, subtract
 from jezero.schemas.actions import MoveFeedback

@@ -1,10 +1,10 @@
 """An action server: takes goals, runs one at a time, answers for cancels and results."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from typing import Any
 
 import msgspec
+from msgspec.structs import replace
 
 from jezero.runtime.service import Health, Inbox, Listen, Output, Pace, Reply, Request, Spec
 from jezero.runtime.spool import Spool

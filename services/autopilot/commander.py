@@ -161,7 +161,7 @@ class Commander:
     def battery_level(self, remaining: float) -> int:
         """0 when there is enough, then low, critical, emergency."""
         c = self._failsafe
-        return sum(remaining < threshold for threshold in (c.bat_low_thr, c.bat_crit_thr, c.bat_emergen_thr))
+        return (remaining < c.bat_low_thr) + (remaining < c.bat_crit_thr) + (remaining < c.bat_emergen_thr)
 
     def _answer(self, triggers: tuple[Trigger, ...], landed: bool) -> None:
         """Do what the failsafes want."""

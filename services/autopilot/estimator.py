@@ -395,5 +395,5 @@ class Estimator:
 
 
 def _limited(bias: Vec3, change: list[float], limit: float) -> Vec3:
-    x, y, z = (max(-limit, min(limit, b + d)) for b, d in zip(bias, change, strict=True))
-    return (x, y, z)
+    x, y, z = bias[0] + change[0], bias[1] + change[1], bias[2] + change[2]
+    return (max(-limit, min(limit, x)), max(-limit, min(limit, y)), max(-limit, min(limit, z)))

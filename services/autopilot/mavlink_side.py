@@ -46,12 +46,12 @@ class MavlinkSide:
     @property
     def malformed(self) -> int:
         """Stretches of bytes that were no message."""
-        return sum(link.malformed for link in self._links.values())
+        return sum([link.malformed for link in self._links.values()])
 
     @property
     def refused(self) -> int:
         """Messages whose signature was not believed."""
-        return sum(link.refused for link in self._links.values())
+        return sum([link.refused for link in self._links.values()])
 
     def answer(self, inbox: Inbox) -> Iterator[Output]:
         """Do what was asked."""
@@ -70,7 +70,7 @@ class MavlinkSide:
         for name, link in self._links.items():
             if not inbox.is_up(name):
                 continue
-            data = b"".join(link.text(severity, text) for severity, text in said)
+            data = b"".join([link.text(severity, text) for severity, text in said]) if said else b""
             if vehicle.t_us and link.is_due(vehicle.t_us, state):
                 data += link.stream(vehicle.snapshot())
             if data:

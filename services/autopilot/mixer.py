@@ -39,8 +39,12 @@ class Mixer:
         lower = max(0.0, max(wanted) - full)
         wanted = (wanted[0] - lower, wanted[1] - lower, wanted[2] - lower, wanted[3] - lower)
         wanted = _added(wanted, (d1 * tz, d2 * tz, d3 * tz, d4 * tz), full)
-        f1, f2, f3, f4 = (max(0.0, min(1.0, f / full)) for f in wanted)
-        return (f1, f2, f3, f4)
+        f1, f2, f3, f4 = wanted
+        return (_share(f1, full), _share(f2, full), _share(f3, full), _share(f4, full))
+
+
+def _share(force_n: float, full_n: float) -> float:
+    return max(0.0, min(1.0, force_n / full_n))
 
 
 def _added(base: Commands, extra: Commands, limit: float) -> Commands:

@@ -42,6 +42,8 @@ class Autopilot:
         self._started_wall_ns: int | None = None
         self._connections = 0
         self._health: Health | None = None
+        self._judged: tuple[bool, int, int] | None = None
+        """What the health of a connected autopilot tells."""
         self._start_over()
 
     def _start_over(self) -> None:
@@ -87,9 +89,17 @@ class Autopilot:
 
     def _judge(self, inbox: Inbox) -> Health:
         if not inbox.is_up(HIL):
+            self._judged = None
             return Health("starting", "waiting for the simulator")
-        text = "connected to the simulator" if self._vehicle.landed else "flying"
-        malformed, refused = self._hil.malformed + self._side.malformed, self._side.refused
+        landed, malformed, refused = (
+            self._vehicle.landed,
+            self._hil.malformed + self._side.malformed,
+            self._side.refused,
+        )
+        if self._health is not None and self._judged == (landed, malformed, refused):
+            return self._health
+        self._judged = (landed, malformed, refused)
+        text = "connected to the simulator" if landed else "flying"
         text += f"; {malformed} malformed messages" if malformed else ""
         text += f"; {refused} messages without a valid signature" if refused else ""
         return Health("ok", text)

@@ -1,8 +1,8 @@
 """FilterPy's extended Kalman filter on the state of `motion`, at one instant."""
 
-from dataclasses import dataclass
 from math import inf, isfinite, sqrt
 
+import msgspec
 import numpy as np
 
 from jezero.services.estimator.motion import POS_ROVER, POS_UAV, SIZE, Array, MotionModel
@@ -10,8 +10,7 @@ from jezero.services.estimator.motion import POS_ROVER, POS_UAV, SIZE, Array, Mo
 NS_PER_S = 1_000_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class Moment:
+class Moment(msgspec.Struct, frozen=True, gc=False):
     """The filter at one instant."""
 
     t_ns: int
@@ -19,8 +18,7 @@ class Moment:
     P: Array
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
+class Verdict(msgspec.Struct, frozen=True, gc=False):
     """What became of a measurement.
 
     Attributes:
@@ -74,8 +72,7 @@ class Kalman:
             return
         dt_s = (t_ns - self.t_ns) / NS_PER_S
         ekf = self._filter
-        ekf.x, ekf.F = self._motion.step(ekf.x, dt_s)
-        ekf.Q = self._motion.noise(dt_s)
+        ekf.x, ekf.F, ekf.Q = self._motion.step(ekf.x, dt_s)
         ekf.predict()
         ekf.P = 0.5 * (ekf.P + ekf.P.T)
         self.t_ns = t_ns
@@ -120,8 +117,10 @@ class Kalman:
     @property
     def var_pos_rel_m2(self) -> tuple[float, float, float]:
         """Of each axis."""
-        variances, covariances = self.P.diagonal().tolist(), self.P.diagonal(POS_ROVER.start).tolist()
-        north, east, down = (variances[i] + variances[i + 6] - 2.0 * covariances[i] for i in range(3))
+        at = self.P.item
+        north = at(0, 0) + at(6, 6) - 2.0 * at(0, 6)
+        east = at(1, 1) + at(7, 7) - 2.0 * at(1, 7)
+        down = at(2, 2) + at(8, 8) - 2.0 * at(2, 8)
         return north, east, down
 
     @property

@@ -4,10 +4,10 @@ A measurement keeps what it needs of the vehicle's attitude at its own time, so 
 older one comes in late.
 """
 
-from dataclasses import dataclass
 from math import cos, sin, sqrt
 from typing import ClassVar, Literal, Protocol
 
+import msgspec
 import numpy as np
 
 from jezero.frames import wrap_pi
@@ -79,8 +79,7 @@ def is_linear(kalman: Kalman) -> bool:
     return std_m <= UWB_STD_MAX_M or std_m <= UWB_STD_SHARE * float(np.linalg.norm(kalman.pos_rel_m))
 
 
-@dataclass(frozen=True, slots=True)
-class OdometryFix:
+class OdometryFix(msgspec.Struct, frozen=True, gc=False):
     """The autopilot's position, without its resets, and velocity, (6,) together. Source: thesis eq. 4.14.
 
     Attributes:
@@ -99,8 +98,7 @@ class OdometryFix:
         return Verdict(6, 6, nis)
 
 
-@dataclass(frozen=True, slots=True)
-class RoverMotion:
+class RoverMotion(msgspec.Struct, frozen=True, gc=False):
     """Speed along the heading, none across it and little upwards, yaw and yaw rate. Source: thesis eq. 4.15.
 
     What exceeds its gate weighs the less the more it does; it counts as not used, although it is never shut out.
@@ -152,8 +150,7 @@ class RoverMotion:
         return np.array((along, across, SHARE_CLIMB * speed, self.std_yaw_rad, self.std_yaw_rate_rps))
 
 
-@dataclass(frozen=True, slots=True)
-class UwbRound:
+class UwbRound(msgspec.Struct, frozen=True, gc=False):
     """Ranges to the anchors of the platform, fused as they are.
 
     Attributes:
@@ -205,8 +202,7 @@ class UwbRound:
         return lengths, H
 
 
-@dataclass(frozen=True, slots=True)
-class AltimeterRange:
+class AltimeterRange(msgspec.Struct, frozen=True, gc=False):
     """Laser range to the platform, fused only when the beam surely meets it.
 
     Attributes:
@@ -249,8 +245,7 @@ class AltimeterRange:
         return off_m + INSIDE_SIGMAS * sqrt(max(variance, 0.0)) < self.half_side_m
 
 
-@dataclass(frozen=True, slots=True)
-class TagFix:
+class TagFix(msgspec.Struct, frozen=True, gc=False):
     """What a picture of the landing tags says; turned by an attitude that is wrong by the state's attitude error.
 
     Attributes:
@@ -310,8 +305,7 @@ class TagFix:
             kalman.update(innovation, H, R)
 
 
-@dataclass(frozen=True, slots=True)
-class Location:
+class Location(msgspec.Struct, frozen=True, gc=False):
     """Where the vehicle is from the rover, in place of everything known before."""
 
     kind: ClassVar[Kind] = "locate"

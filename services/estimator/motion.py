@@ -14,6 +14,7 @@
 Source: thesis §4.2, and the two errors: they are what limits the estimate at height.
 """
 
+from functools import lru_cache
 from math import cos, exp, sin
 
 import numpy as np
@@ -55,7 +56,8 @@ def initial(pos_uav_m: Array, tuning: Tuning) -> tuple[Array, Array]:
 class MotionModel:
     """Constant velocities but for the rover's turn, driven by white accelerations; errors that wander.
 
-    The process noise of a step is a cubic in its length, whose coefficients are made once.
+    The process noise of a step is a cubic in its length, whose coefficients are made once. What depends on the length
+    alone is kept: most steps are as long as others before.
     """
 
     def __init__(self, tuning: Tuning) -> None:
@@ -71,25 +73,28 @@ class MotionModel:
             linear[14 + i, 14 + i] = 2.0 * tuning.std_vel_uav_mps**2 / tuning.tau_vel_uav_s
             linear[17 + i, 17 + i] = 2.0 * stds[i] ** 2 / TAU_ATTITUDE_S
         self._linear, self._square, self._cubic = linear, square, cubic
+        self._of_length = lru_cache(maxsize=256)(self._of_new_length)
 
-    def noise(self, dt_s: float) -> Array:
-        """Covariance that `dt_s` adds."""
-        return self._linear * dt_s + self._square * (dt_s * dt_s) + self._cubic * (dt_s * dt_s * dt_s)
-
-    def step(self, x: Array, dt_s: float) -> tuple[Array, Array]:
-        """State after `dt_s`, and the Jacobian of it."""
+    def _of_new_length(self, dt_s: float) -> tuple[Array, Array]:
+        """The Jacobian of a step without the rover's turn, and the covariance that it adds."""
         F = IDENTITY.copy()
-        turn = float(x[YAW_RATE]) * dt_s
-        c, s = cos(turn), sin(turn)
         F[0, 3] = F[1, 4] = F[2, 5] = F[6, 9] = F[7, 10] = F[8, 11] = F[YAW, YAW_RATE] = dt_s
-        F[9, 9] = F[10, 10] = c
-        F[9, 10], F[10, 9] = -s, s
         F[11, 11] = exp(-dt_s / TAU_CLIMB_S)
         F[14, 14] = F[15, 15] = F[16, 16] = exp(-dt_s / self._tau_vel_s)
         F[17, 17] = F[18, 18] = F[19, 19] = exp(-dt_s / TAU_ATTITUDE_S)
+        return F, self._linear * dt_s + self._square * (dt_s * dt_s) + self._cubic * (dt_s * dt_s * dt_s)
+
+    def step(self, x: Array, dt_s: float) -> tuple[Array, Array, Array]:
+        """State after `dt_s`, the Jacobian of it, and the covariance that is added; the last is not to be changed."""
+        still, noise = self._of_length(dt_s)
+        F = still.copy()
+        turn = float(x[YAW_RATE]) * dt_s
+        c, s = cos(turn), sin(turn)
+        F[9, 9] = F[10, 10] = c
+        F[9, 10], F[10, 9] = -s, s
         after = F @ x
         F[9, YAW_RATE], F[10, YAW_RATE] = -dt_s * after[10], dt_s * after[9]
-        return after, F
+        return after, F, noise
 
 
 def _drive(pos: int, vel: int, psd: float, linear: Array, square: Array, cubic: Array) -> None:

@@ -74,7 +74,7 @@ class RangeScreen:
 
     def _measure_noise(self) -> None:
         """From second differences, which no speed and hardly any acceleration enters."""
-        bends_m = sorted(abs(bend_m) for past in self._past.values() for _, _, bend_m in islice(past, 2, None))
+        bends_m = sorted([abs(bend_m) for past in self._past.values() for _, _, bend_m in islice(past, 2, None)])
         if len(bends_m) >= NOISE_SAMPLES_MIN:
             self.std_m = _quantile(bends_m, QUANTILE) / (QUANTILE_OF_NORMAL * VARIANCE_OF_DIFFERENCE**0.5)
 
@@ -95,5 +95,5 @@ def _above_line_m(past: Past) -> float:
     recent = [(1e-9 * (t_ns - newest_ns), range_m) for t_ns, range_m, _ in past if t_ns >= newest_ns - LINE_NS]
     if len(recent) < LINE_MIN:
         return 0.0
-    slope = median((r2 - r1) / (t2 - t1) for (t1, r1), (t2, r2) in combinations(recent, 2))
-    return newest_m - median(r - slope * t for t, r in recent)
+    slope = median([(r2 - r1) / (t2 - t1) for (t1, r1), (t2, r2) in combinations(recent, 2)])
+    return newest_m - median([r - slope * t for t, r in recent])

@@ -1,9 +1,9 @@
 """The estimator proper: measurements in, where the vehicle is relative to the rover out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import inf
+from math import inf, isfinite
 
+import msgspec
 import numpy as np
 
 from jezero.services.estimator.config import Trust, Tuning
@@ -56,8 +56,7 @@ def _relative() -> Array:
 RELATIVE_T = _relative()
 
 
-@dataclass(frozen=True, slots=True)
-class Estimate:
+class Estimate(msgspec.Struct, frozen=True, gc=False):
     """The vehicle relative to the rover; the fields are those of `schemas.estimate.Relative`.
 
     Attributes:
@@ -117,7 +116,7 @@ class RelativeFilter:
             self._locate_by_uwb(timeline)
         if any(measurement.kind in WATCHED for measurement in measurements):
             self._break_wrong_lock(timeline)
-        if not (np.isfinite(timeline.kalman.x).all() and np.isfinite(timeline.kalman.P).all()):
+        if not isfinite(timeline.kalman.x.sum() + timeline.kalman.P.sum()):
             self.restart(self._rough)
 
     # -- what is known -------------------------------------------------------------------------------------

@@ -5,6 +5,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from operator import attrgetter
 
+import msgspec
+
 from jezero.services.estimator.kalman import Kalman, Moment, Verdict
 from jezero.services.estimator.measurements import Kind, Measurement
 
@@ -16,8 +18,7 @@ RANK: dict[Kind, int] = {"odometry": 0, "rover": 1, "altimeter": 2, "uwb": 3, "t
 """Order of measurements of one instant."""
 
 
-@dataclass(slots=True)
-class Entry:
+class Entry(msgspec.Struct):
     """A measurement and the filter after it; `key` is the measurement's place in the order."""
 
     key: tuple[int, int]

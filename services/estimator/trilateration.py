@@ -1,6 +1,8 @@
 """Where the UWB tag is, from ranges to anchors that lie in a plane. Source: thesis §4.2.2, the position `norot_pos`."""
 
 from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,14 +26,12 @@ def trilaterate(anchors_m: Sequence[Vec3], ranges_m: Sequence[float]) -> tuple[V
     Returns:
         None when the anchors are too few or in a line, or the result isn't finite.
     """
-    if len(anchors_m) < ANCHORS_MIN:
+    anchors = _about_their_center(tuple(anchors_m))
+    if anchors is None:
         return None
-    A, rho = np.array(anchors_m, dtype=float), np.array(ranges_m, dtype=float)
-    center = A.mean(axis=0)
-    B = A - center
-    if np.linalg.matrix_rank(B[:, :2], tol=1e-3) < 2:
-        return None
-    squares = rho * rho - np.sum(B * B, axis=1)
+    center, B, lengths_squared = anchors
+    rho = np.array(ranges_m, dtype=float)
+    squares = rho * rho - lengths_squared
     horizontal = np.linalg.lstsq(-2.0 * B[:, :2], squares - squares.mean(), rcond=None)[0]
     above = float(np.mean(squares + 2.0 * B[:, :2] @ horizontal) - horizontal @ horizontal)
     p = np.array([horizontal[0], horizontal[1], -np.sqrt(max(above, 1e-4))])
@@ -48,3 +48,16 @@ def trilaterate(anchors_m: Sequence[Vec3], ranges_m: Sequence[float]) -> tuple[V
         return None
     x, y, z = (p + center).tolist()
     return (x, y, z), covariance
+
+
+@lru_cache(maxsize=16)
+def _about_their_center(anchors_m: tuple[Vec3, ...]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]] | None:
+    """The anchors' centre (3,), the anchors seen from it (m, 3), and their squared distances to it (m,)."""
+    if len(anchors_m) < ANCHORS_MIN:
+        return None
+    A = np.array(anchors_m, dtype=float)
+    center = A.mean(axis=0)
+    B = A - center
+    if np.linalg.matrix_rank(B[:, :2], tol=1e-3) < 2:
+        return None
+    return center, B, np.sum(B * B, axis=1)

@@ -29,7 +29,7 @@ from jezero.services.simulator.config import (
     RoverOdometryConfig,
     UwbConfig,
 )
-from jezero.services.simulator.noise import Normals, Wander, generator
+from jezero.services.simulator.noise import Normals, Wander, generator, normals_of
 
 NS_PER_S = 1_000_000_000
 PRESSURE_SEA_PA = 101_325.0
@@ -68,7 +68,7 @@ class Imu:
     """Accelerometer and gyroscope at the centre of mass, one sample per physics step."""
 
     def __init__(self, config: ImuConfig, seed: int, dt_s: float) -> None:
-        self._normals = Normals(generator(seed, "imu"))
+        self._normals = normals_of(generator(seed, "imu"))
         acc, gyro, dt_bias_s = config.std_bias_acc_mps2, config.std_bias_gyro_rps, BIAS_STEPS * dt_s
         self._bias_acc = _Bias((acc, acc, acc), config.tau_bias_s, dt_bias_s, self._normals)
         self._bias_gyro = _Bias((gyro, gyro, gyro), config.tau_bias_s, dt_bias_s, self._normals)
@@ -105,7 +105,7 @@ class Gnss:
     """Fixes with white noise on a wandering error, which the velocity doesn't show."""
 
     def __init__(self, config: GnssConfig, origin: OriginConfig, seed: int) -> None:
-        self._normals = Normals(generator(seed, "gnss"))
+        self._normals = normals_of(generator(seed, "gnss"))
         horizontal_m, vertical_m = config.std_bias_horizontal_m, config.std_bias_vertical_m
         stds_m = (horizontal_m, horizontal_m, vertical_m)
         self._bias_m = _Bias(stds_m, config.tau_bias_s, 1.0 / config.rate_hz, self._normals)
@@ -138,7 +138,7 @@ class Barometer:
     """Static pressure of the standard atmosphere with a wandering error."""
 
     def __init__(self, config: BarometerConfig, origin: OriginConfig, seed: int) -> None:
-        self._normals = Normals(generator(seed, "barometer"))
+        self._normals = normals_of(generator(seed, "barometer"))
         self._bias_pa = Wander(config.std_bias_pa, config.tau_bias_s, 1.0 / config.rate_hil_hz, self._normals)
         self._altitude_origin_m = origin.altitude_m
         self._config = config
@@ -158,7 +158,7 @@ class Magnetometer:
     """The place's field in the body's axes; the bias is what is left of the hard iron."""
 
     def __init__(self, config: MagnetometerConfig, origin: OriginConfig, seed: int) -> None:
-        self._normals = Normals(generator(seed, "magnetometer"))
+        self._normals = normals_of(generator(seed, "magnetometer"))
         std = config.std_bias_gauss
         self._bias_gauss = _Bias((std, std, std), config.tau_bias_s, 1.0 / config.rate_hil_hz, self._normals)
         self._field_ned_gauss = origin.field_ned_gauss
@@ -175,7 +175,7 @@ class Altimeter:
     """Laser range; nothing between its limits is None."""
 
     def __init__(self, config: AltimeterConfig, seed: int) -> None:
-        self._normals = Normals(generator(seed, "altimeter"))
+        self._normals = normals_of(generator(seed, "altimeter"))
         self._bias_m = Wander(config.std_bias_m, config.tau_bias_s, 1.0 / config.rate_hz, self._normals)
         self._config = config
 
@@ -192,7 +192,7 @@ class Uwb:
     """Ranges from the vehicle's tag to the platform's anchors, each with its own wandering bias."""
 
     def __init__(self, config: UwbConfig, pos_anchors_rover_body_m: tuple[Vec3, ...], seed: int) -> None:
-        self._normals = Normals(generator(seed, "uwb"))
+        self._normals = normals_of(generator(seed, "uwb"))
         dt_s = 1.0 / config.rate_hz
         self._anchors = tuple(
             (pos_m, Wander(config.std_bias_m, config.tau_bias_s, dt_s, self._normals))
@@ -232,7 +232,7 @@ class RoverOdometry:
     """Wheels and compass of the rover, and the path they dead reckon from where it started."""
 
     def __init__(self, config: RoverOdometryConfig, seed: int) -> None:
-        self._normals = Normals(generator(seed, "rover_odometry"))
+        self._normals = normals_of(generator(seed, "rover_odometry"))
         self._dt_s = 1.0 / config.rate_hz
         self._bias_yaw_rad = Wander(config.std_bias_yaw_rad, config.tau_bias_s, self._dt_s, self._normals)
         self._scale = 1.0 + config.std_scale * self._normals()

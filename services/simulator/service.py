@@ -13,7 +13,7 @@ from jezero.services.simulator.body import BodyState
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.drive import Drive
 from jezero.services.simulator.hil import HilPort
-from jezero.services.simulator.noise import Normals, generator
+from jezero.services.simulator.noise import generator, normals_of
 from jezero.services.simulator.rover import Rover
 from jezero.services.simulator.schedule import Schedule
 from jezero.services.simulator.terrain import make_terrain
@@ -77,7 +77,7 @@ class Simulator:
         self._drive = Drive(config.rover)
         self._world = World(config, terrain, self._rover.state)
         self._uav = Uav(config, DT_S)
-        self._wind = Wind(config.wind, DT_S, Normals(generator(seed, "wind")))
+        self._wind = Wind(config.wind, DT_S, normals_of(generator(seed, "wind")))
         self._height_rotor_m = inf
         self._imu = sensors.Imu(config.imu, seed, DT_S)
         self._gnss = sensors.Gnss(config.gnss, config.origin, seed)

@@ -193,7 +193,7 @@ class VehicleBridge:
             range_m=range_m,
             height_m=self._height_m(range_m),
             silent_s=silent_s,
-            not_ready=self._not_ready(silent_s),
+            not_ready=self._not_ready(silent_s) if self._authority.code is StatusCode.IDLE else "",
             accepted=self._link.accepted,
             complaint=self._link.complaint(self._timer.now_ns),
             router_lost_s=(inbox.wall_ns - (self._router_seen_wall_ns or 0)) * 1e-9,
@@ -388,11 +388,12 @@ class VehicleBridge:
 
     def _status(self, standing: Standing, now: Situation) -> Status:
         telemetry = self._link.telemetry
-        not_ready = now.not_ready
         if standing.code is StatusCode.EXTERNAL:
             not_ready = f"not under the bridge's command: {standing.text}"
         elif standing.code is not StatusCode.IDLE and now.silent_s <= self._config.link_timeout_s:
             not_ready = ""
+        else:
+            not_ready = self._not_ready(now.silent_s)
         return Status(
             t_ns=max(0, now.t_ns),
             code=int(standing.code),
@@ -425,9 +426,9 @@ class VehicleBridge:
         text = f"{self._authority.code.name}, linked"
         if now.silent_s > self._config.link_timeout_s or self._epoch_id is None:
             state = "starting" if self._link.telemetry.heard_wall_ns is None else "degraded"
-            text = now.not_ready
-        elif now.not_ready and self._authority.code is StatusCode.IDLE:
-            state, text = "degraded", now.not_ready
+            text = self._not_ready(now.silent_s)
+        elif self._authority.code is StatusCode.IDLE and (not_ready := self._not_ready(now.silent_s)):
+            state, text = "degraded", not_ready
         if self._dropped:
             text += f"; {self._dropped} setpoints dropped, the last: {self._drop_reason}"
         if self._link.parameters.failed:

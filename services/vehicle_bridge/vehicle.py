@@ -71,7 +71,7 @@ class Situation(msgspec.Struct, frozen=True, kw_only=True):
         range_m: to ground or deck by the altimeter, tilt-corrected; None when it measures nothing.
         height_m: above ground or deck, None without odometry.
         silent_s: for how long telemetry, or odometry in it, has been missing.
-        not_ready: why a takeoff isn't possible; "" when it is.
+        not_ready: why a takeoff isn't possible; "" when it is, and in any other status than 0.
         accepted: the order pursued at present, once the autopilot has acknowledged it.
         complaint: the autopilot's last words of refusal, "" when there are none.
         router_lost_s: for how long the bus's router has been missing.

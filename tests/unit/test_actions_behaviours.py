@@ -1,6 +1,5 @@
 """The behaviours against a point mass: they arrive, within their limits, with finite setpoints."""
 
-from dataclasses import replace
 from itertools import pairwise
 from math import dist, hypot, isfinite
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from jezero.frames import Vec3, norm, wrap_pi
 from jezero.schemas.actions import GoToGoal, LandOnSpotGoal, TakeoffGoal

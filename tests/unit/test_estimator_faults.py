@@ -1,11 +1,10 @@
 """No message makes the estimator's state anything but finite numbers, and ranges that lie don't move it."""
 
-from dataclasses import replace as changed
-
 import msgspec
 import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace as changed
 
 from benchmarks.estimator_flight import Conditions
 from jezero.runtime.node import Mailbox

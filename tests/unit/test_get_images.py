@@ -1,6 +1,5 @@
 """The orbit's geometry, what is refused, and one turn of a point mass."""
 
-from dataclasses import replace
 from itertools import pairwise
 from math import atan2, degrees, hypot, pi, radians
 
@@ -8,6 +7,7 @@ import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from jezero.frames import Vec3, frd_from_camera, quat_from_euler, quat_rotate, subtract, wrap_pi
 from jezero.schemas.actions import GetImagesGoal, ImagesFeedback

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from jezero.services.simulator.config import WindConfig
-from jezero.services.simulator.noise import Normals, Wander, generator
+from jezero.services.simulator.noise import Wander, generator, normals_of
 from jezero.services.simulator.wind import Wind, dryden_scales
 
 HEIGHT_M = 10.0
 
 
 def gusts(config: WindConfig, dt_s: float, steps: int, seed: int = 1) -> np.ndarray:
-    wind = Wind(config, dt_s, Normals(generator(seed, "wind")))
+    wind = Wind(config, dt_s, normals_of(generator(seed, "wind")))
     return np.array([wind.step(HEIGHT_M) for _ in range(steps)])
 
 
@@ -24,7 +24,7 @@ def test_scale_lengths_at_a_hundred_feet() -> None:
 
 
 def test_a_west_wind_blows_to_the_east() -> None:
-    wind = Wind(WindConfig(mean_mps=3.0, from_deg=270.0, std_gust_mps=0.0), 0.004, Normals(generator(1, "wind")))
+    wind = Wind(WindConfig(mean_mps=3.0, from_deg=270.0, std_gust_mps=0.0), 0.004, normals_of(generator(1, "wind")))
     assert wind.step(5.0) == pytest.approx((0.0, 3.0, 0.0), abs=1e-12)
 
 
@@ -61,7 +61,7 @@ def test_gusts_forget_as_the_dryden_form_says() -> None:
 def test_a_wandering_error_is_random_at_the_start_and_keeps_its_spread() -> None:
     starts, ends = [], []
     for seed in range(500):
-        wander = Wander(2.0, 10.0, 0.5, Normals(generator(seed, "wander")))
+        wander = Wander(2.0, 10.0, 0.5, normals_of(generator(seed, "wander")))
         starts.append(wander.value)
         for _ in range(20):
             wander.step()
@@ -72,7 +72,7 @@ def test_a_wandering_error_is_random_at_the_start_and_keeps_its_spread() -> None
 
 
 def test_streams_of_different_names_are_independent() -> None:
-    a, b, again = (Normals(generator(5, name)) for name in ("imu", "gnss", "imu"))
+    a, b, again = (normals_of(generator(5, name)) for name in ("imu", "gnss", "imu"))
     first = [a() for _ in range(3000)]
     assert first == [again() for _ in range(3000)]
     assert abs(np.corrcoef(first, [b() for _ in range(3000)])[0, 1]) < 0.08
