@@ -19,9 +19,11 @@ from math import asin, atan2, copysign, cos, hypot, pi, sin, sqrt
 Vec3 = tuple[float, float, float]
 Quat = tuple[float, float, float, float]
 
-SQRT_HALF = sqrt(0.5)
 EARTH_RADIUS_M = 6_371_000.0
 """Radius of the local tangent projection; PX4 and jezero use the same sphere."""
+
+
+_SQRT_HALF = sqrt(0.5)
 
 
 def ned_from_enu(v_enu: Vec3) -> Vec3:
@@ -175,8 +177,8 @@ def q_ned_from_frd(q_enu_from_flu: Quat) -> Quat:
     (0, 1, 1, 0) / sqrt(2) * q * (0, 1, 0, 0).
     """
     w, x, y, z = q_enu_from_flu
-    half = SQRT_HALF
-    return quat_normalize((-half * w - half * z, -half * x - half * y, half * y - half * x, half * z - half * w))
+    h = _SQRT_HALF
+    return quat_normalize((-h * w - h * z, -h * x - h * y, h * y - h * x, h * z - h * w))
 
 
 def rotate_yaw(v: Vec3, yaw_rad: float) -> Vec3:

@@ -98,7 +98,7 @@ class _Layout:
         self.in_wire_order = itemgetter(*names) if several else lambda fields: (fields[names[0]],)
         """Values of a mapping of the message's fields."""
         self._arrays = [(place, counts[place]) for place in range(len(names)) if counts[place]]
-        self._gather = itemgetter(*_places(counts))
+        self._gather = itemgetter(*_places(counts)) if several else lambda numbers: (numbers,)
         """From a list of all numbers, the fields' values."""
         self._crc_extra = bytes((message_type.crc_extra,))
         self._parsed = _parsed_type(message_type)
@@ -138,13 +138,13 @@ _new: Callable[[type], Any] = object.__new__
 
 
 def _places(counts: list[int]) -> list[int | slice]:
-    """Of the fields among all numbers of a message: an index, or a slice for an array. At least two."""
+    """Of the fields among all numbers of a message: an index, or a slice for an array."""
     places: list[int | slice] = []
     at = 0
     for count in counts:
         places.append(slice(at, at + count) if count else at)
         at += count or 1
-    return places if len(places) > 1 else [*places, slice(0, 0)]
+    return places
 
 
 def _parsed_type(message_type: Any) -> Any:
