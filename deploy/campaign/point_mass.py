@@ -243,6 +243,13 @@ class PointPilot:
     def vel_setpoint_ned_mps(self) -> Vec3:
         return self._loop.vel_setpoint_ned_mps
 
+    @property
+    def tips_ned(self) -> None:
+        """None: a point doesn't lean."""
+
+    def leave(self) -> None:
+        """Nobody asks it to, as it doesn't lean."""
+
     def stopped(self) -> Commands:
         """No thrust: the point falls, or stands."""
         self.detector.reset()

@@ -85,6 +85,10 @@ class VelocityLoop:
         self._integral = [0.0, 0.0, 0.0]
         self._acc_smooth = [0.0, 0.0, 0.0]
 
+    def stop_pushing_down(self) -> None:
+        """Forget what a descent that something held up has added."""
+        self._integral[2] = min(0.0, self._integral[2])
+
     def wanted_velocity(self, at: Kinematics, setpoint: Setpoint) -> Vec3:
         """Velocity setpoint of the position error, with the setpoint's own velocity on top, within the limits."""
         c = self._config
@@ -224,6 +228,18 @@ class Controller:
     def wanted_velocity(self, at: Kinematics, setpoint: Setpoint) -> Vec3:
         return self._velocity.wanted_velocity(at, setpoint)
 
+    @property
+    def up_wanted_ned(self) -> Vec3:
+        """(3,) unit vector that the body's up axis shall point along."""
+        fn, fe, fd = self._force_ned_mps2
+        size = sqrt(fn * fn + fe * fe + fd * fd)
+        return (fn / size, fe / size, fd / size) if size > 1e-6 else (0.0, 0.0, -1.0)
+
+    def leave(self) -> None:
+        """Something held the vehicle up that it shall get away from: all thrust may be used at once."""
+        self._ramp = 1.0
+        self._velocity.stop_pushing_down()
+
     def outer(self, dt: float, at: Kinematics, setpoint: Setpoint, *, airborne: bool, held_down: bool = False) -> None:
         """Position and velocity loop; on the ground it only ramps the thrust up, level and without integrals.
 
@@ -254,9 +270,7 @@ class Controller:
     def inner(self, dt: float, rates_frd_rps: Vec3, R_ned_from_frd: tuple[float, ...]) -> Commands:
         """Attitude and rate loop and mixer."""
         r, (fn, fe, fd) = R_ned_from_frd, self._force_ned_mps2
-        size = sqrt(fn * fn + fe * fe + fd * fd)
-        up = (fn / size, fe / size, fd / size) if size > 1e-6 else (0.0, 0.0, -1.0)
-        torques = self._attitude.torques(dt, rates_frd_rps, r, up, self._yaw_rate_rps)
+        torques = self._attitude.torques(dt, rates_frd_rps, r, self.up_wanted_ned, self._yaw_rate_rps)
         along = -(fn * r[2] + fe * r[5] + fd * r[8])
         thrust = max(self._config.mpc_thr_min * self._mixer.thrust_full_n, along * self._airframe.mass_kg)
         thrust = min(thrust, self._ramp * self._mixer.thrust_full_n)

@@ -1,5 +1,7 @@
 """From a setpoint to motor commands: on the ground, lifting off, in the air, touching down."""
 
+from math import hypot
+
 from jezero.frames import Vec3
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.control import Controller, Kinematics, Setpoint
@@ -12,6 +14,8 @@ OUTER_STEPS = 4
 SPOOL_UP_S = 0.5
 LIFTED_MPS = 0.2
 LIFTED_M = 0.1
+LEAN_MAX = 0.17
+"""Sine of an angle: what turns the vehicle over by more, and by more than it is wanted to lean there, is an edge."""
 
 
 class Flight:
@@ -39,6 +43,22 @@ class Flight:
     def vel_setpoint_ned_mps(self) -> Vec3:
         """What position and velocity of the setpoint come to."""
         return self._controller.vel_setpoint_ned_mps
+
+    @property
+    def tips_ned(self) -> tuple[float, float] | None:
+        """North and east part of where the vehicle leans over, held up on the other side; None when it doesn't."""
+        if not self.detector.touches:
+            return None
+        r, (north_wanted, east_wanted, _) = self._estimator.R_ned_from_frd, self._controller.up_wanted_ned
+        north, east = -r[2], -r[5]
+        lean = hypot(north, east)
+        further = lean - (north * north_wanted + east * east_wanted) / max(lean, 1e-6)
+        return (north, east) if min(lean, further) > LEAN_MAX else None
+
+    def leave(self) -> None:
+        """Away from what it touches."""
+        self.detector.lifted_off()
+        self._controller.leave()
 
     def stopped(self) -> Commands:
         """Disarmed: motors still, everything forgotten."""

@@ -15,6 +15,9 @@ DESCENT_DONE = 0.5
 """It doesn't happen when less than this share of it is seen."""
 CLIMB_WANTED_MPS = 0.1
 """A setpoint that is faster upwards wants to leave, which low thrust must not keep from having more of it."""
+TOUCHES_S = 0.2
+UNTOUCHED_S = 0.2
+"""What kept the vehicle from descending for the one time touches it, until it hasn't done so for the other."""
 LOW_THRUST = 0.3
 """Share of the thrust that hovers."""
 
@@ -34,13 +37,19 @@ class LandDetector:
         """The vehicle stands on the ground."""
         self.contact = True
         self.landed = True
-        self._contact_s = self._low_s = 0.0
+        self._contact_s = self._low_s = self._blocked_s = self._untouched_s = 0.0
 
     def lifted_off(self) -> None:
         """The vehicle flies."""
         self.contact = False
         self.landed = False
-        self._contact_s = self._low_s = 0.0
+        self._contact_s = self._low_s = self._blocked_s = 0.0
+        self._untouched_s = UNTOUCHED_S
+
+    @property
+    def touches(self) -> bool:
+        """Something keeps the vehicle from descending for longer than a bump does, or did a moment ago."""
+        return self._untouched_s < UNTOUCHED_S
 
     def step(
         self, dt: float, vel_ned_mps: Vec3, rates_frd_rps: Vec3, down_wanted_mps: float, thrust_of_hover: float
@@ -61,6 +70,8 @@ class LandDetector:
         held_down = (blocked or thrust_of_hover < LOW_THRUST) and not (moves or climbs)
         self._contact_s = self._contact_s + dt if held_down else 0.0
         self.contact = self._contact_s >= c.contact_s
+        self._blocked_s = self._blocked_s + dt if blocked else 0.0
+        self._untouched_s = 0.0 if self._blocked_s >= TOUCHES_S else self._untouched_s + dt
         turns = max(abs(rate) for rate in rates_frd_rps) > c.lndmc_rot_max_rps
         rests = self.contact and thrust_of_hover < LOW_THRUST and not turns
         self._low_s = self._low_s + dt if rests else 0.0

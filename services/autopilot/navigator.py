@@ -3,12 +3,17 @@
 from enum import Enum
 from math import hypot, tan
 
-from jezero.frames import Vec3, add
+from jezero.frames import Vec3, add, distance
 from jezero.services.autopilot.config import ControlConfig, NavigatorConfig
 from jezero.services.autopilot.control import Axes, Kinematics, Setpoint
 from jezero.services.autopilot.modes import Mode
 
 REACHED_M = 0.3
+ASIDE_M = 1.0
+ASIDE_UP_M = 0.5
+ASIDE_US = 4_000_000
+ASIDE_TIMES = 3
+"""How far from an edge it tries to land again, how far above it goes there, for how long at most, and how often."""
 LIFT_FOR_M = 0.2
 """Source: PX4's `FlightTask::_checkTakeoff`."""
 
@@ -35,6 +40,8 @@ class Navigator:
         """To hold, to climb to, to land at, or the present one on the way home."""
         self._yaw_rad = 0.0
         self._leg = Leg.CLIMB
+        self._aside_until_us = 0
+        self._asides = 0
 
     def configure(self, config: NavigatorConfig, control: ControlConfig) -> None:
         """New settings."""
@@ -54,6 +61,8 @@ class Navigator:
         """
         self._yaw_rad = at.yaw_rad
         self._point_ned_m = stop_ned_m
+        self._aside_until_us = 0
+        self._asides = 0
         if mode is Mode.TAKEOFF:
             self.climb_to(at, (None, None, None))
         elif mode is Mode.RETURN:
@@ -80,6 +89,18 @@ class Navigator:
         self._point_ned_m = point_ned_m
         self._yaw_rad = self._yaw_rad if yaw_rad is None else yaw_rad
 
+    def step_aside(self, mode: Mode, at: Kinematics, lean_ned: tuple[float, float], t_us: int) -> bool:
+        """Land beside the edge that the vehicle leans over; False when it doesn't land, or has tried often enough."""
+        lands = mode is Mode.LAND or (mode is Mode.RETURN and self._leg is Leg.LAND)
+        if not lands or t_us < self._aside_until_us or self._asides == ASIDE_TIMES:
+            return False
+        self._aside_until_us = t_us + ASIDE_US
+        self._asides += 1
+        north, east, down = at.pos_ned_m
+        share = ASIDE_M / hypot(*lean_ned)
+        self._point_ned_m = (north + share * lean_ned[0], east + share * lean_ned[1], down - ASIDE_UP_M)
+        return True
+
     def leads_up(self, at: Kinematics) -> bool:
         """Whether the point is so far above the vehicle that it lifts off for it."""
         return at.pos_ned_m[2] - self._point_ned_m[2] > LIFT_FOR_M
@@ -88,18 +109,18 @@ class Navigator:
         """Whether a takeoff is at its height."""
         return mode is Mode.TAKEOFF and abs(at.pos_ned_m[2] - self._point_ned_m[2]) < REACHED_M
 
-    def setpoint(self, mode: Mode, at: Kinematics) -> Setpoint:
+    def setpoint(self, mode: Mode, at: Kinematics, t_us: int) -> Setpoint:
         """What to fly now."""
         if mode is Mode.DESCEND:
             return Setpoint(vel_ned_mps=(None, None, self._control.mpc_land_speed_mps), yaw_rad=self._yaw_rad)
         if mode is Mode.LAND:
-            return self._landing(at)
+            return self._landing(at, t_us)
         if mode is Mode.TAKEOFF:
             return self._climbing(at)
         if mode is Mode.RETURN:
             self._advance(at)
             if self._leg is Leg.LAND:
-                return self._landing(at)
+                return self._landing(at, t_us)
         return Setpoint(self._point_ned_m, yaw_rad=self._yaw_rad)
 
     def _climbing(self, at: Kinematics) -> Setpoint:
@@ -108,7 +129,11 @@ class Navigator:
         lead_m = self._control.mpc_tko_speed_mps / self._control.mpc_z_p
         return Setpoint((north, east, max(down, at.pos_ned_m[2] - lead_m)), yaw_rad=self._yaw_rad)
 
-    def _landing(self, at: Kinematics) -> Setpoint:
+    def _landing(self, at: Kinematics, t_us: int) -> Setpoint:
+        if t_us < self._aside_until_us:
+            if distance(at.pos_ned_m, self._point_ned_m) > REACHED_M:
+                return Setpoint(self._point_ned_m, yaw_rad=self._yaw_rad)
+            self._aside_until_us = t_us
         c, (north, east, _) = self._control, self._point_ned_m
         high = self.home_ned_m[2] - at.pos_ned_m[2] > c.mpc_land_alt2_m
         speed_mps = c.mpc_z_vel_max_dn_mps if high else c.mpc_land_speed_mps

@@ -69,7 +69,14 @@ class Pilot(Protocol):
     def vel_setpoint_ned_mps(self) -> Vec3:
         """What position and velocity of the setpoint come to."""
 
+    @property
+    def tips_ned(self) -> tuple[float, float] | None:
+        """North and east part of where the vehicle leans over, held up on the other side; None when it doesn't."""
+
     def configure(self, config: AutopilotConfig) -> None: ...
+
+    def leave(self) -> None:
+        """Away from what it touches."""
 
     def stopped(self) -> Commands:
         """Disarmed: motors still, everything forgotten."""

@@ -115,7 +115,10 @@ class Vehicle:
             if not self.landed and self._navigator.finished(mode, at):
                 commander.switch(Mode.HOLD)
                 self._mode = Mode.HOLD  # the point to hold is the one that it climbed to
-            setpoint = self._navigator.setpoint(commander.mode, at)
+            tips_ned = self._flight.tips_ned
+            if tips_ned is not None and self._navigator.step_aside(mode, at, tips_ned, self.t_us):
+                self._flight.leave()
+            setpoint = self._navigator.setpoint(commander.mode, at, self.t_us)
         may_lift = mode is Mode.OFFBOARD or (mode is Mode.TAKEOFF and self._navigator.leads_up(at))
         commands = self._flight.step(dt, setpoint, may_lift=may_lift)
         if not self.landed:
