@@ -205,3 +205,15 @@ def test_movement_starts_the_count_over() -> None:
         run(detector, 0.8)
         run(detector, 0.05, vel_ned_mps=(0.0, 0.0, 0.4))
     assert not detector.landed
+
+
+def test_what_keeps_it_up_for_longer_than_a_bump_touches_it_until_a_moment_after() -> None:
+    detector = flying()
+    run(detector, 0.15)
+    assert not detector.touches
+    run(detector, 0.1)
+    assert detector.touches
+    run(detector, 0.15, vel_ned_mps=(0.0, 0.0, 0.6))
+    assert detector.touches
+    run(detector, 0.1, vel_ned_mps=(0.0, 0.0, 0.6))
+    assert not detector.touches

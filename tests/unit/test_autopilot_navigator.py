@@ -1,0 +1,66 @@
+"""Where the autopilot goes by itself when a landing meets an edge."""
+
+import pytest
+
+from jezero.frames import Vec3
+from jezero.services.autopilot.config import ControlConfig, NavigatorConfig
+from jezero.services.autopilot.control import Kinematics
+from jezero.services.autopilot.modes import Mode
+from jezero.services.autopilot.navigator import Navigator
+
+LEANS_EAST = (0.0, 0.2)
+S = 1_000_000
+
+
+def at(north_m: float, east_m: float, down_m: float) -> Kinematics:
+    still: Vec3 = (0.0, 0.0, 0.0)
+    return Kinematics((north_m, east_m, down_m), still, still, 0.0)
+
+
+def landing() -> Navigator:
+    navigator = Navigator(NavigatorConfig(), ControlConfig())
+    navigator.enter(Mode.LAND, at(1.0, 2.0, -0.5), (1.0, 2.0, -0.5))
+    return navigator
+
+
+def test_it_goes_up_and_to_where_it_leans_and_lands_there() -> None:
+    navigator = landing()
+    assert navigator.step_aside(Mode.LAND, at(1.0, 2.0, -0.5), LEANS_EAST, 0)
+    assert navigator.setpoint(Mode.LAND, at(1.0, 2.0, -0.5), S).pos_ned_m == (1.0, 3.0, -1.0)
+    setpoint = navigator.setpoint(Mode.LAND, at(1.0, 2.9, -1.0), 2 * S)
+    assert setpoint.pos_ned_m == (1.0, 3.0, None)
+    assert setpoint.vel_ned_mps[2] == ControlConfig().mpc_land_speed_mps
+
+
+def test_it_lands_where_it_is_when_it_does_not_get_there() -> None:
+    navigator = landing()
+    navigator.step_aside(Mode.LAND, at(1.0, 2.0, -0.5), LEANS_EAST, 0)
+    assert navigator.setpoint(Mode.LAND, at(1.0, 2.0, -0.5), 3_900_000).pos_ned_m[2] is not None
+    assert navigator.setpoint(Mode.LAND, at(1.0, 2.0, -0.5), 4_000_000).pos_ned_m[2] is None
+
+
+def test_it_tries_three_times_for_each_landing() -> None:
+    navigator, here = landing(), at(1.0, 2.0, -0.5)
+    assert [navigator.step_aside(Mode.LAND, here, LEANS_EAST, 5 * S * k) for k in range(4)] == [True, True, True, False]
+    navigator.enter(Mode.LAND, here, here.pos_ned_m)
+    assert navigator.step_aside(Mode.LAND, here, LEANS_EAST, 30 * S)
+
+
+def test_it_does_not_try_again_on_its_way() -> None:
+    navigator, here = landing(), at(1.0, 2.0, -0.5)
+    assert navigator.step_aside(Mode.LAND, here, LEANS_EAST, 0)
+    assert not navigator.step_aside(Mode.LAND, here, LEANS_EAST, S)
+
+
+@pytest.mark.parametrize("mode", [Mode.HOLD, Mode.TAKEOFF, Mode.DESCEND, Mode.RETURN])
+def test_only_who_lands_steps_aside(mode: Mode) -> None:
+    navigator = landing()
+    navigator.enter(mode, at(1.0, 2.0, -0.5), (1.0, 2.0, -0.5))
+    assert not navigator.step_aside(mode, at(1.0, 2.0, -0.5), LEANS_EAST, 0)
+
+
+def test_the_place_aside_moves_along_with_the_estimate() -> None:
+    navigator = landing()
+    navigator.step_aside(Mode.LAND, at(1.0, 2.0, -0.5), LEANS_EAST, 0)
+    navigator.moved((10.0, 0.0, 0.0))
+    assert navigator.setpoint(Mode.LAND, at(11.0, 2.0, -0.5), S).pos_ned_m == (11.0, 3.0, -1.0)
