@@ -84,6 +84,7 @@ class LandConfig(Config, frozen=True, kw_only=True):
         push_mps: downward speed after contact. Source: spec §8.
         contact_timeout_s: aborted when the autopilot doesn't see the ground by then.
         descent_timeout_s: aborted when nothing is touched by then.
+        speed_leave_mps, leave_s: upwards when the vehicle leans over what it touches, before the goal is aborted.
     """
 
     approach_height_min_m: Positive = 1.5
@@ -100,6 +101,8 @@ class LandConfig(Config, frozen=True, kw_only=True):
     push_mps: Positive = 0.5
     contact_timeout_s: Positive = 15.0
     descent_timeout_s: Positive = 600.0
+    speed_leave_mps: Positive = 1.0
+    leave_s: Positive = 1.5
 
 
 class PadControlConfig(Config, frozen=True, kw_only=True):

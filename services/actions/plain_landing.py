@@ -1,19 +1,23 @@
 """Land on a spot by the vehicle's own position: the case without sensors of the rover."""
 
-from math import hypot
+from math import degrees, hypot
 from typing import Any
 
-from jezero.frames import Vec3, altitude_m, subtract
+from jezero.frames import Vec3, altitude_m, subtract, tilt_from_quat
 from jezero.schemas.actions import LandFeedback, LandOnSpotGoal, LandPhase, LandResult
 from jezero.schemas.commands import Phase
 from jezero.schemas.topics import ALTIMETER, Topic
 from jezero.services.actions.behaviour import Done, Move, Selection, VehicleState
 from jezero.services.actions.config import ActionsConfig, LandConfig
+from jezero.services.actions.edge import Edge
 from jezero.services.actions.leg import NS_PER_S, Leg
+
+FALLEN_RAD = 0.52
+"""Whoever leans by more doesn't stand."""
 
 
 class PlainLanding:
-    """Approach at height, descent over the spot, contact until the autopilot sees the ground.
+    """Approach at height, descent over the spot, contact until the autopilot sees the ground; off again from an edge.
 
     Source: spec §8, case 4.
     """
@@ -30,6 +34,8 @@ class PlainLanding:
         self._speed_down_mps = config.land_on_spot.speed_high_mps
         self._phase_since_ns = 0
         self._still_since_ns: int | None = None
+        self._edge = Edge()
+        self._leaves_ns: int | None = None
 
     def start(self, t_ns: int, goal: LandOnSpotGoal, state: VehicleState) -> None:
         assert goal.landing_spot_ned_m is not None, "start without check"
@@ -65,22 +71,45 @@ class PlainLanding:
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
         if self._phase == "approach":
             return self._approach(t_ns, state)
-        if state.landed:
-            return Done("succeeded", then="disarm")
-        since_s = (t_ns - self._phase_since_ns) / NS_PER_S
         land = self._config.land_on_spot
+        if self._leaves_ns is not None:
+            return self._leave(t_ns, self._leaves_ns, state, land)
+        if state.landed:
+            return self._landed(state)
+        if problem := self._advance(t_ns, state, land):
+            return Done("aborted", problem)
+        pushes = self._phase == "contact"
+        vel_ned_mps = (0.0, 0.0, land.push_mps) if pushes else self._descent_velocity(state, land)
+        if self._edge.is_below(t_ns, state, vel_ned_mps[2]):
+            self._leaves_ns = t_ns
+            return self._leave(t_ns, t_ns, state, land)
+        return self._move(state, vel_ned_mps)
+
+    def _advance(self, t_ns: int, state: VehicleState, land: LandConfig) -> str:
+        """The next phase when it is time for it; why the landing is given up, or ""."""
+        since_s = (t_ns - self._phase_since_ns) / NS_PER_S
         if self._phase == "descent":
             if since_s > land.descent_timeout_s:
-                return Done("aborted", f"nothing touched after {since_s:.0f} s of descent")
+                return f"nothing touched after {since_s:.0f} s of descent"
             if self._touches(t_ns, state, land):
                 self._enter("contact", t_ns)
         elif since_s > land.contact_timeout_s:
-            return Done("aborted", f"the autopilot doesn't see the ground {since_s:.0f} s after contact")
+            return f"the autopilot doesn't see the ground {since_s:.0f} s after contact"
         elif state.vel_uav_ned_mps[2] > 0.5 * land.push_mps:
             self._enter("descent", t_ns)
-        if self._phase == "contact":
-            return self._move(state, (0.0, 0.0, land.push_mps))
-        return self._move(state, self._descent_velocity(state, land))
+        return ""
+
+    def _landed(self, state: VehicleState) -> Done:
+        tilt_rad = tilt_from_quat(state.q_ned_from_frd)
+        if tilt_rad > FALLEN_RAD:
+            return Done("aborted", f"fell over at the landing spot: leans by {degrees(tilt_rad):.0f} degrees", "disarm")
+        return Done("succeeded", then="disarm")
+
+    def _leave(self, t_ns: int, since_ns: int, state: VehicleState, land: LandConfig) -> Move | Done:
+        """Up again, and leave it to others where else to land."""
+        if t_ns - since_ns > land.leave_s * NS_PER_S:
+            return Done("aborted", "the vehicle leaned over an edge or a rock at the landing spot: land somewhere else")
+        return self._move(state, (0.0, 0.0, -land.speed_leave_mps))
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> LandResult:
         return LandResult(completed=completed, touchdown_ned_m=pos_uav_ned_m if completed else None)

@@ -1,8 +1,7 @@
 """From a setpoint to motor commands: on the ground, lifting off, in the air, touching down."""
 
-from math import hypot
-
 from jezero.frames import Vec3
+from jezero.lean import leans_over
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.control import Controller, Kinematics, Setpoint
 from jezero.services.autopilot.estimator import Estimator
@@ -14,8 +13,6 @@ OUTER_STEPS = 4
 SPOOL_UP_S = 0.5
 LIFTED_MPS = 0.2
 LIFTED_M = 0.1
-LEAN_MAX = 0.17
-"""Sine of an angle: what turns the vehicle over by more, and by more than it is wanted to lean there, is an edge."""
 
 
 class Flight:
@@ -49,11 +46,9 @@ class Flight:
         """North and east part of where the vehicle leans over, held up on the other side; None when it doesn't."""
         if not self.detector.touches:
             return None
-        r, (north_wanted, east_wanted, _) = self._estimator.R_ned_from_frd, self._controller.up_wanted_ned
-        north, east = -r[2], -r[5]
-        lean = hypot(north, east)
-        further = lean - (north * north_wanted + east * east_wanted) / max(lean, 1e-6)
-        return (north, east) if min(lean, further) > LEAN_MAX else None
+        r = self._estimator.R_ned_from_frd
+        up_ned = (-r[2], -r[5])
+        return up_ned if leans_over(up_ned, self._controller.up_wanted_ned[:2]) else None
 
     def leave(self) -> None:
         """Away from what it touches."""
@@ -90,6 +85,8 @@ class Flight:
         if not detector.landed:
             controller.outer(dt, at, setpoint, airborne=True, held_down=detector.contact)
             down_mps = controller.vel_setpoint_ned_mps[2]
+            if detector.touches and down_mps < -CLIMB_WANTED_MPS:
+                controller.leave()
             detector.step(dt, at.vel_ned_mps, self._estimator.rates_frd_rps, down_mps, controller.thrust_hover)
             return
         climbs = controller.wanted_velocity(at, setpoint)[2] < -CLIMB_WANTED_MPS
