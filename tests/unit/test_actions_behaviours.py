@@ -272,6 +272,51 @@ def test_a_landing_whose_touchdown_nobody_confirms_is_given_up() -> None:
     assert "doesn't see the ground" in flight.done.reason
 
 
+def descend(flight: Flight, to_phase: str) -> None:
+    while not (flight.moves and flight.moves[-1][1].feedback.phase == to_phase):  # type: ignore[union-attr]
+        assert flight.run(DT_S) is None
+
+
+@pytest.mark.parametrize("down_ned", [(0.25, 0.0), (0.0, -0.25)])
+def test_a_landing_that_leans_over_something_climbs_and_is_given_up(down_ned: tuple[float, float]) -> None:
+    flight = Flight(LandOnSpot(CONFIG), LAND, hovering((2.0, -1.0, -2.0)))
+    while flight.state.pos_uav_ned_m[2] < 0.0:
+        assert flight.run(DT_S) is None
+    flight.state = replace(flight.state, down_ned=down_ned)
+    before = len(flight.moves)
+    done = flight.run(10.0)
+    assert done is not None
+    assert (done.outcome, done.then) == ("aborted", "hover")
+    assert done.reason == "the vehicle leaned over an edge or a rock at the landing spot: land somewhere else"
+    climbs = [move for _, move in flight.moves[before:] if move.vel_ned_mps == (0.0, 0.0, -1.0)]
+    assert len(climbs) == pytest.approx(1.5 / DT_S, abs=2)
+    assert flight.state.pos_uav_ned_m[2] < -1.0
+
+
+def test_a_lean_against_the_wind_is_no_edge() -> None:
+    flight = Flight(LandOnSpot(CONFIG), LAND, replace(hovering((2.0, -1.0, -2.0)), down_ned=(0.25, 0.0)))
+    descend(flight, "contact")
+    assert flight.run(10.0) == Done("succeeded", then="disarm")
+
+
+def test_a_lean_in_the_air_is_no_edge() -> None:
+    flight = Flight(LandOnSpot(CONFIG), LAND, hovering((2.0, -1.0, -4.0)))
+    descend(flight, "descent")
+    flight.run(0.5)
+    flight.state = replace(flight.state, down_ned=(0.25, 0.0))
+    assert flight.run(1.0) is None
+    downs = [move.vel_ned_mps[2] for _, move in flight.moves if move.vel_ned_mps and move.pos_ned_m is None]
+    assert min(downs) > 0.0
+
+
+def test_a_vehicle_that_lies_on_its_side_has_not_landed() -> None:
+    flight = Flight(LandOnSpot(CONFIG), LAND, hovering((2.0, -1.0, -2.0)))
+    descend(flight, "contact")
+    flight.state = replace(flight.state, landed=True, q_ned_from_frd=(0.6, 0.8, 0.0, 0.0))
+    done = flight.behaviour.step(flight.t_ns + int(DT_S * 1e9), flight.state)
+    assert done == Done("aborted", "fell over at the landing spot: leans by 106 degrees", "disarm")
+
+
 def test_a_vehicle_that_falls_after_a_false_contact_descends_again() -> None:
     landing = LandOnSpot(CONFIG)
     flight = Flight(landing, LAND, hovering((2.0, -1.0, -4.0)))

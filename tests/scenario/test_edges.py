@@ -1,0 +1,62 @@
+"""Landing where there is an edge: half on the rover's platform, by the autopilot itself and by a goal."""
+
+from math import cos, degrees, pi, sin
+
+import pytest
+
+from benchmarks.flight_quality import READY_S, Target, fly, windy
+from jezero.deploy.in_process import build_stack
+from jezero.frames import tilt_from_quat
+from jezero.runtime.config import load_config
+from jezero.schemas import topics
+from jezero.schemas.state import StatusCode, Truth
+from jezero.services.simulator.config import SimulatorConfig
+from tests.scenario.rig import Flight, land_at
+
+PLACES = 12
+FALLS_AT_DEG = 60.0
+UNTIL_S = READY_S + 16.0
+
+
+def edge_ned_m(place: int) -> tuple[float, float]:
+    """North and east of a point about the edge of the platform."""
+    rover = load_config(SimulatorConfig, "simulator").rover
+    away_m, direction_rad = 0.54 + 0.02 * (place % 6), 2.0 * pi * place / PLACES
+    return rover.start_north_m + away_m * cos(direction_rad), rover.start_east_m + away_m * sin(direction_rad)
+
+
+def tilt_deg(truth: Truth) -> float:
+    return degrees(tilt_from_quat(truth.q_ned_from_frd))
+
+
+@pytest.mark.parametrize("place", range(PLACES))
+def test_the_autopilot_steps_aside(place: int) -> None:
+    """Setpoints end above the edge: the failsafe lands there."""
+    north_m, east_m = edge_ned_m(place)
+
+    def target(t_s: float) -> Target:
+        if t_s > UNTIL_S:
+            return None, None
+        return ((0.0, 0.0, -3.0) if t_s < READY_S + 6.0 else (north_m, east_m, -3.0)), None
+
+    flight = fly(target, place, UNTIL_S + 18.0, windy(1.5, 0.3))
+    landing = [truth for truth in flight.truth if truth.t_ns > UNTIL_S * 1e9]
+    assert max(tilt_deg(truth) for truth in landing) < FALLS_AT_DEG
+    assert tilt_deg(landing[-1]) < 5.0
+    assert not landing[-1].armed_motors
+
+
+@pytest.mark.parametrize("place", range(PLACES))
+def test_a_goal_ends_in_a_hover_or_on_the_platform(place: int) -> None:
+    flight = Flight(place, lambda seed: build_stack(seed, without=("estimator", "camera", "tag_detector")))
+    flight.take_off(3.0)
+    start = len(flight.truths)
+    result = flight.finish(flight.send(topics.LAND_ON_SPOT, land_at(*edge_ned_m(place))))
+    flight.bus.run_for(3.0)
+    assert max(tilt_deg(truth) for truth in flight.truths[start:]) < FALLS_AT_DEG
+    if result.outcome == "succeeded":
+        assert not flight.status.armed
+    else:
+        assert "an edge or a rock at the landing spot" in result.reason
+        assert flight.status.code == StatusCode.HOVER
+        assert tilt_deg(flight.truth) < 10.0
