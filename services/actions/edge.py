@@ -1,7 +1,10 @@
-"""Whether what a landing touches is an edge or a rock, which the vehicle leans over."""
+"""Whether what a landing touches is an edge or a rock, which the vehicle leans over; and whether it stands at last."""
 
+from math import degrees
+
+from jezero.frames import tilt_from_quat
 from jezero.lean import leans_over
-from jezero.services.actions.behaviour import VehicleState
+from jezero.services.actions.behaviour import Done, VehicleState
 
 NS_PER_S = 1e9
 DESCENT_DONE = 0.5
@@ -12,6 +15,16 @@ RELEASED_S = 0.2
 TAU_S = 0.5
 """Of the lean in the air."""
 STEP_MAX_S = 0.1
+FALLEN_RAD = 0.52
+"""Whoever leans by more doesn't stand."""
+
+
+def standing(state: VehicleState) -> Done:
+    """The end of a landing when the autopilot sees the ground."""
+    tilt_rad = tilt_from_quat(state.q_ned_from_frd)
+    if tilt_rad > FALLEN_RAD:
+        return Done("aborted", f"the vehicle fell over: it leans by {degrees(tilt_rad):.0f} degrees", "disarm")
+    return Done("succeeded", then="disarm")
 
 
 class Edge:

@@ -1,19 +1,16 @@
 """Land on a spot by the vehicle's own position: the case without sensors of the rover."""
 
-from math import degrees, hypot
+from math import hypot
 from typing import Any
 
-from jezero.frames import Vec3, altitude_m, subtract, tilt_from_quat
+from jezero.frames import Vec3, altitude_m, subtract
 from jezero.schemas.actions import LandFeedback, LandOnSpotGoal, LandPhase, LandResult
 from jezero.schemas.commands import Phase
 from jezero.schemas.topics import ALTIMETER, Topic
 from jezero.services.actions.behaviour import Done, Move, Selection, VehicleState
 from jezero.services.actions.config import ActionsConfig, LandConfig
-from jezero.services.actions.edge import Edge
+from jezero.services.actions.edge import Edge, standing
 from jezero.services.actions.leg import NS_PER_S, Leg
-
-FALLEN_RAD = 0.52
-"""Whoever leans by more doesn't stand."""
 
 
 class PlainLanding:
@@ -75,7 +72,7 @@ class PlainLanding:
         if self._leaves_ns is not None:
             return self._leave(t_ns, self._leaves_ns, state, land)
         if state.landed:
-            return self._landed(state)
+            return standing(state)
         if problem := self._advance(t_ns, state, land):
             return Done("aborted", problem)
         pushes = self._phase == "contact"
@@ -98,12 +95,6 @@ class PlainLanding:
         elif state.vel_uav_ned_mps[2] > 0.5 * land.push_mps:
             self._enter("descent", t_ns)
         return ""
-
-    def _landed(self, state: VehicleState) -> Done:
-        tilt_rad = tilt_from_quat(state.q_ned_from_frd)
-        if tilt_rad > FALLEN_RAD:
-            return Done("aborted", f"fell over at the landing spot: leans by {degrees(tilt_rad):.0f} degrees", "disarm")
-        return Done("succeeded", then="disarm")
 
     def _leave(self, t_ns: int, since_ns: int, state: VehicleState, land: LandConfig) -> Move | Done:
         """Up again, and leave it to others where else to land."""

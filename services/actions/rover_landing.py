@@ -15,6 +15,7 @@ from jezero.schemas.topics import ALTIMETER, RELATIVE, ROVER_ESTIMATE, Topic
 from jezero.services.actions.behaviour import Done, Move, Selection, VehicleState
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.descent import Descent, Standing
+from jezero.services.actions.edge import standing
 from jezero.services.actions.pad_control import NS_PER_S, Pad, PadControl, pad_at
 from jezero.services.actions.search import Search, towards
 
@@ -68,7 +69,7 @@ class RoverLanding:
         self._t_ns = t_ns
         seen = self._look(t_ns, dt_s, state)
         if state.landed and self._phase in ("descent", "contact"):
-            return self._landed()
+            return self._landed(state)
         if (t_ns - self._start_ns) / NS_PER_S > self._land.timeout_s:
             return Done("aborted", f"not landed after {self._land.timeout_s:g} s")
         if self._phase == "contact":
@@ -187,11 +188,11 @@ class RoverLanding:
         north_mps, east_mps, down_mps = pad.vel_rover_ned_mps
         return self._fly(state, (north_mps, east_mps, down_mps + land.push_mps), pad.acc_rover_ned_mps2)
 
-    def _landed(self) -> Done:
+    def _landed(self, state: VehicleState) -> Done:
         beside_m = 0.0 if self._pad is None else self._pad.error_m
         if beside_m > self._land.on_platform_m:
             return Done("aborted", f"touched down {beside_m:.2f} m from the middle of the platform", then="disarm")
-        return Done("succeeded", then="disarm")
+        return standing(state)
 
     # -- out of sight --
 

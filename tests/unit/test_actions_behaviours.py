@@ -314,7 +314,7 @@ def test_a_vehicle_that_lies_on_its_side_has_not_landed() -> None:
     descend(flight, "contact")
     flight.state = replace(flight.state, landed=True, q_ned_from_frd=(0.6, 0.8, 0.0, 0.0))
     done = flight.behaviour.step(flight.t_ns + int(DT_S * 1e9), flight.state)
-    assert done == Done("aborted", "fell over at the landing spot: leans by 106 degrees", "disarm")
+    assert done == Done("aborted", "the vehicle fell over: it leans by 106 degrees", "disarm")
 
 
 def test_a_vehicle_that_falls_after_a_false_contact_descends_again() -> None:
