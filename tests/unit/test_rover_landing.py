@@ -6,7 +6,7 @@ from random import Random
 
 import pytest
 
-from jezero.frames import Vec3, add, altitude_m, scale, subtract
+from jezero.frames import Quat, Vec3, add, altitude_m, scale, subtract
 from jezero.schemas.actions import LandOnSpotGoal
 from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.schemas.state import Status
@@ -66,6 +66,7 @@ class Landing:
         self.std_height_m = 0.01
         self.range_m: float | None = None
         self.silent = False
+        self.q_ned_from_frd: Quat = (1.0, 0.0, 0.0, 0.0)
         self.moves: list[tuple[float, Vec3, Move]] = []
         self._rng = Random(1)
         self._fused_ns = 0
@@ -95,6 +96,7 @@ class Landing:
             0.3,
             armed=True,
             landed=self.grounded and self._still_s > 0.8,
+            q_ned_from_frd=self.q_ned_from_frd,
             height_m=self.range_m,
             relative=None if self.silent else self.relative(),
             rover=self.rover(),
@@ -408,6 +410,12 @@ def test_a_touchdown_beside_the_platform_is_no_success() -> None:
     assert done is not None
     assert (done.outcome, done.then) == ("aborted", "disarm")
     assert "m from the middle of the platform" in done.reason
+
+
+def test_a_vehicle_that_lies_on_the_platform_has_not_landed() -> None:
+    landing = Landing(BOTH)
+    landing.q_ned_from_frd = (0.6, 0.8, 0.0, 0.0)
+    assert landing.run(60.0) == Done("aborted", "the vehicle fell over: it leans by 106 degrees", "disarm")
 
 
 @pytest.mark.parametrize(
