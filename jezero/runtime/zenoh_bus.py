@@ -201,8 +201,9 @@ class _Runner:
         while not self._stopping:
             next_ns = min(due_ns, self._next_health_ns, self._held_until_ns if self._held else due_ns)
             until_ns = max(now_ns, next_ns)
+            since_ns = self._now_ns()
             self._wait(until_ns)
-            now_ns = self._past_stalls_ns(until_ns)
+            now_ns = self._past_stalls_ns(min(since_ns, until_ns), until_ns)
             wanted = self._collect(now_ns)
             if wanted or now_ns >= due_ns:
                 if not wanted:
@@ -212,13 +213,17 @@ class _Runner:
                 due_ns = now_ns + self._period_ns
             self._report(now_ns)
 
-    def _past_stalls_ns(self, until_ns: int) -> int:
-        """The time now, when it should be `until_ns`; a stall is left out of it, and what piled up has come in."""
+    def _past_stalls_ns(self, since_ns: int, until_ns: int) -> int:
+        """The time now, when it should be `until_ns`; a stall is left out of it, and what piled up has come in.
+
+        The whole wait since `since_ns` counts as a stall, as nobody knows when in it the stall began. What was none of
+        it the next message of the clock gives back; several stalls in a row would make odometry look old otherwise.
+        """
         now_ns = self._now_ns()
         while now_ns - until_ns > STALL_NS:
             self._late_ns = max(self._late_ns, now_ns - until_ns)
-            self._stalled_ns += now_ns - until_ns
-            until_ns += CATCH_UP_NS
+            self._stalled_ns += now_ns - since_ns
+            until_ns = since_ns + CATCH_UP_NS
             time.sleep(CATCH_UP_NS / NS_PER_S)  # in which it may stand still again
             now_ns = self._now_ns()
         return now_ns
