@@ -3,7 +3,7 @@
 from enum import Enum
 from math import hypot, tan
 
-from jezero.frames import Vec3, add, distance
+from jezero.frames import Vec3, add, distance, scale
 from jezero.services.autopilot.config import ControlConfig, NavigatorConfig
 from jezero.services.autopilot.control import Axes, Kinematics, Setpoint
 from jezero.services.autopilot.modes import Mode
@@ -14,6 +14,8 @@ ASIDE_UP_M = 0.5
 ASIDE_US = 4_000_000
 ASIDE_TIMES = 3
 """How far from an edge it tries to land again, how far above it goes there, for how long at most, and how often."""
+ASIDE_BLIND_US = 2_500_000
+"""Without a position it goes for this long, and stands still for the rest."""
 LIFT_FOR_M = 0.2
 """Source: PX4's `FlightTask::_checkTakeoff`."""
 
@@ -42,6 +44,8 @@ class Navigator:
         self._leg = Leg.CLIMB
         self._aside_until_us = 0
         self._asides = 0
+        self._still_ned_mps: Vec3 = (0.0, 0.0, 0.0)
+        self._aside_ned_mps: Vec3 = (0.0, 0.0, 0.0)
 
     def configure(self, config: NavigatorConfig, control: ControlConfig) -> None:
         """New settings."""
@@ -90,15 +94,20 @@ class Navigator:
         self._yaw_rad = self._yaw_rad if yaw_rad is None else yaw_rad
 
     def step_aside(self, mode: Mode, at: Kinematics, lean_ned: tuple[float, float], t_us: int) -> bool:
-        """Land beside the edge that the vehicle leans over; False when it doesn't land, or has tried often enough."""
-        lands = mode is Mode.LAND or (mode is Mode.RETURN and self._leg is Leg.LAND)
+        """Land beside the edge that the vehicle leans over; False when it doesn't land, or has tried often enough.
+
+        Without a position, in descend mode, its velocity is wrong as well, but by how much is known: it stands.
+        """
+        lands = mode in {Mode.LAND, Mode.DESCEND} or (mode is Mode.RETURN and self._leg is Leg.LAND)
         if not lands or t_us < self._aside_until_us or self._asides == ASIDE_TIMES:
             return False
         self._aside_until_us = t_us + ASIDE_US
         self._asides += 1
-        north, east, down = at.pos_ned_m
         share = ASIDE_M / hypot(*lean_ned)
-        self._point_ned_m = (north + share * lean_ned[0], east + share * lean_ned[1], down - ASIDE_UP_M)
+        aside_ned_m = (share * lean_ned[0], share * lean_ned[1], -ASIDE_UP_M)
+        self._point_ned_m = add(at.pos_ned_m, aside_ned_m)
+        self._still_ned_mps = at.vel_ned_mps
+        self._aside_ned_mps = scale(aside_ned_m, 1e6 / ASIDE_BLIND_US)
         return True
 
     def leads_up(self, at: Kinematics) -> bool:
@@ -112,7 +121,7 @@ class Navigator:
     def setpoint(self, mode: Mode, at: Kinematics, t_us: int) -> Setpoint:
         """What to fly now."""
         if mode is Mode.DESCEND:
-            return Setpoint(vel_ned_mps=(None, None, self._control.mpc_land_speed_mps), yaw_rad=self._yaw_rad)
+            return Setpoint(vel_ned_mps=self._descending(t_us), yaw_rad=self._yaw_rad)
         if mode is Mode.LAND:
             return self._landing(at, t_us)
         if mode is Mode.TAKEOFF:
@@ -128,6 +137,16 @@ class Navigator:
         north, east, down = self._point_ned_m
         lead_m = self._control.mpc_tko_speed_mps / self._control.mpc_z_p
         return Setpoint((north, east, max(down, at.pos_ned_m[2] - lead_m)), yaw_rad=self._yaw_rad)
+
+    def _descending(self, t_us: int) -> Axes:
+        """Velocity of a descent without a position."""
+        left_us = self._aside_until_us - t_us
+        if left_us <= 0:
+            return (None, None, self._control.mpc_land_speed_mps)
+        north, east, _ = self._still_ned_mps
+        if left_us <= ASIDE_US - ASIDE_BLIND_US:
+            return (north, east, 0.0)
+        return add((north, east, 0.0), self._aside_ned_mps)
 
     def _landing(self, at: Kinematics, t_us: int) -> Setpoint:
         if t_us < self._aside_until_us:

@@ -1,17 +1,38 @@
 """The whole stack in virtual time, with what a test wants to see of it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import msgspec
 
 from jezero.deploy.in_process import build_stack
+from jezero.mavlink import MavlinkCodec, MavMessage
 from jezero.runtime.memory_bus import Answers, MemoryBus
+from jezero.runtime.service import Inbox, Output, Send, Service
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, GoToGoal, LandOnSpotGoal, Rejected, Result, TakeoffGoal
 from jezero.schemas.state import Status, StatusCode, Truth
 
 _TYPES = {topic.name: topic.type for topic in (topics.STATUS, topics.TRUTH)}
+
+
+class Between:
+    """A simulator whose MAVLink goes through a hand that changes or drops messages once `broken` is set."""
+
+    def __init__(self, simulator: Service, change: Callable[[MavMessage], bool]) -> None:
+        self._simulator = simulator
+        self._change = change
+        self._codec = MavlinkCodec(1, 25)
+        self.spec = simulator.spec
+        self.broken = False
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        for output in self._simulator.step(t_ns, inbox):
+            yield self._changed(output) if self.broken and isinstance(output, Send) else output
+
+    def _changed(self, output: Send) -> Send:
+        messages = MavlinkCodec(1, 25).parse(output.data)
+        return Send(output.link, b"".join(self._codec.pack(m) for m in messages if self._change(m)))
 
 
 class Flight:

@@ -1,4 +1,4 @@
-"""Landing where there is an edge: half on the rover's platform, by the autopilot itself and by a goal."""
+"""Landing where there is an edge: half on the rover's platform, by the autopilot itself, blind, and by a goal."""
 
 from math import cos, degrees, pi, sin
 
@@ -7,15 +7,19 @@ import pytest
 from benchmarks.flight_quality import READY_S, Target, fly, windy
 from jezero.deploy.in_process import build_stack
 from jezero.frames import tilt_from_quat
+from jezero.mavlink import dialect
 from jezero.runtime.config import load_config
+from jezero.runtime.service import Service
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode, Truth
+from jezero.services.autopilot.config import AutopilotConfig, FailsafeConfig
 from jezero.services.simulator.config import SimulatorConfig
-from tests.scenario.rig import Flight, land_at
+from tests.scenario.rig import Between, Flight, go_to, land_at
 
 PLACES = 12
 FALLS_AT_DEG = 60.0
 UNTIL_S = READY_S + 16.0
+WITHOUT_SIGHT = ("estimator", "camera", "tag_detector")
 
 
 def edge_ned_m(place: int) -> tuple[float, float]:
@@ -47,8 +51,29 @@ def test_the_autopilot_steps_aside(place: int) -> None:
 
 
 @pytest.mark.parametrize("place", range(PLACES))
+def test_the_autopilot_steps_aside_without_a_position(place: int) -> None:
+    """GNSS ends a little above the edge."""
+    hands: list[Between] = []
+
+    def wrap(simulator: Service) -> Service:
+        hands.append(Between(simulator, lambda m: m.get_msgId() != dialect.MAVLINK_MSG_ID_HIL_GPS))
+        return hands[0]
+
+    config = AutopilotConfig(failsafe=FailsafeConfig(ekf2_noaid_tout_s=0.5))
+    flight = Flight(place, lambda seed: build_stack(seed, autopilot=config, wrap_simulator=wrap, without=WITHOUT_SIGHT))
+    flight.take_off(3.0)
+    flight.do(topics.GO_TO, go_to(*edge_ned_m(place), -1.0))
+    start = len(flight.truths)
+    hands[0].broken = True
+    flight.wait(lambda: not flight.status.armed, 40.0, "disarmed")
+    assert flight.codes[-2:] == [StatusCode.EXTERNAL, StatusCode.IDLE]
+    assert max(tilt_deg(truth) for truth in flight.truths[start:]) < FALLS_AT_DEG
+    assert tilt_deg(flight.truth) < 10.0
+
+
+@pytest.mark.parametrize("place", range(PLACES))
 def test_a_goal_ends_in_a_hover_or_on_the_platform(place: int) -> None:
-    flight = Flight(place, lambda seed: build_stack(seed, without=("estimator", "camera", "tag_detector")))
+    flight = Flight(place, lambda seed: build_stack(seed, without=WITHOUT_SIGHT))
     flight.take_off(3.0)
     start = len(flight.truths)
     result = flight.finish(flight.send(topics.LAND_ON_SPOT, land_at(*edge_ned_m(place))))

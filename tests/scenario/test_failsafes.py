@@ -12,28 +12,9 @@ from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
 from jezero.services.autopilot.config import AutopilotConfig, BatteryConfig, FailsafeConfig, NavigatorConfig
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
-from tests.scenario.rig import Flight, go_to
+from tests.scenario.rig import Between, Flight, go_to
 
 CLOSE_TO_HOME = NavigatorConfig(rtl_return_alt_m=6.0)
-
-
-class Between:
-    """A simulator whose MAVLink goes through a hand that changes or drops messages once `broken` is set."""
-
-    def __init__(self, simulator: Service, change: Callable[[MavMessage], bool]) -> None:
-        self._simulator = simulator
-        self._change = change
-        self._codec = MavlinkCodec(1, 25)
-        self.spec = simulator.spec
-        self.broken = False
-
-    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
-        for output in self._simulator.step(t_ns, inbox):
-            yield self._changed(output) if self.broken and isinstance(output, Send) else output
-
-    def _changed(self, output: Send) -> Send:
-        messages = MavlinkCodec(1, 25).parse(output.data)
-        return Send(output.link, b"".join(self._codec.pack(m) for m in messages if self._change(m)))
 
 
 class GroundStation:

@@ -52,11 +52,24 @@ def test_it_does_not_try_again_on_its_way() -> None:
     assert not navigator.step_aside(Mode.LAND, here, LEANS_EAST, S)
 
 
-@pytest.mark.parametrize("mode", [Mode.HOLD, Mode.TAKEOFF, Mode.DESCEND, Mode.RETURN])
+@pytest.mark.parametrize("mode", [Mode.HOLD, Mode.TAKEOFF, Mode.RETURN])
 def test_only_who_lands_steps_aside(mode: Mode) -> None:
     navigator = landing()
     navigator.enter(mode, at(1.0, 2.0, -0.5), (1.0, 2.0, -0.5))
     assert not navigator.step_aside(mode, at(1.0, 2.0, -0.5), LEANS_EAST, 0)
+
+
+def test_without_a_position_it_goes_there_by_velocity_and_stops() -> None:
+    """Its velocity is wrong by 0.3 m/s: it stands when it leans over the edge."""
+    navigator = Navigator(NavigatorConfig(), ControlConfig())
+    here = Kinematics((1.0, 2.0, -0.5), (0.3, 0.0, 0.1), (0.0, 0.0, 0.0), 0.0)
+    navigator.enter(Mode.DESCEND, here, here.pos_ned_m)
+    assert navigator.step_aside(Mode.DESCEND, here, LEANS_EAST, 0)
+    assert navigator.setpoint(Mode.DESCEND, here, S).vel_ned_mps == pytest.approx((0.3, 0.4, -0.2))
+    assert navigator.setpoint(Mode.DESCEND, here, 3 * S).vel_ned_mps == (0.3, 0.0, 0.0)
+    setpoint = navigator.setpoint(Mode.DESCEND, here, 5 * S)
+    assert setpoint.vel_ned_mps == (None, None, ControlConfig().mpc_land_speed_mps)
+    assert setpoint.pos_ned_m == (None, None, None)
 
 
 def test_the_place_aside_moves_along_with_the_estimate() -> None:
