@@ -15,7 +15,8 @@ ASIDE_US = 4_000_000
 ASIDE_TIMES = 3
 """How far from an edge it tries to land again, how far above it goes there, for how long at most, and how often."""
 ASIDE_BLIND_US = 2_500_000
-"""Without a position it goes for this long, and stands still for the rest."""
+STANDS_MAX_MPS = 1.0
+"""Without a position it goes for this long, and stands still for the rest. Who seems to be faster may be sliding."""
 LIFT_FOR_M = 0.2
 """Source: PX4's `FlightTask::_checkTakeoff`."""
 
@@ -96,10 +97,11 @@ class Navigator:
     def step_aside(self, mode: Mode, at: Kinematics, lean_ned: tuple[float, float], t_us: int) -> bool:
         """Land beside the edge that the vehicle leans over; False when it doesn't land, or has tried often enough.
 
-        Without a position, in descend mode, its velocity is wrong as well, but by how much is known: it stands.
+        Without a position, in descend mode, its velocity is wrong as well, but by how much is known if it stands.
         """
         lands = mode in {Mode.LAND, Mode.DESCEND} or (mode is Mode.RETURN and self._leg is Leg.LAND)
-        if not lands or t_us < self._aside_until_us or self._asides == ASIDE_TIMES:
+        slides = mode is Mode.DESCEND and hypot(*at.vel_ned_mps[:2]) > STANDS_MAX_MPS
+        if not lands or slides or t_us < self._aside_until_us or self._asides == ASIDE_TIMES:
             return False
         self._aside_until_us = t_us + ASIDE_US
         self._asides += 1

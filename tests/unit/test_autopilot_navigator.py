@@ -72,6 +72,13 @@ def test_without_a_position_it_goes_there_by_velocity_and_stops() -> None:
     assert setpoint.pos_ned_m == (None, None, None)
 
 
+def test_without_a_position_who_slides_does_not_step_aside() -> None:
+    navigator = Navigator(NavigatorConfig(), ControlConfig())
+    here = Kinematics((1.0, 2.0, -0.5), (2.0, 0.0, 0.1), (0.0, 0.0, 0.0), 0.0)
+    navigator.enter(Mode.DESCEND, here, here.pos_ned_m)
+    assert not navigator.step_aside(Mode.DESCEND, here, LEANS_EAST, 0)
+
+
 def test_the_place_aside_moves_along_with_the_estimate() -> None:
     navigator = landing()
     navigator.step_aside(Mode.LAND, at(1.0, 2.0, -0.5), LEANS_EAST, 0)
