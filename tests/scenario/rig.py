@@ -73,6 +73,22 @@ class Flight:
         """The newest."""
         return self.truths[-1]
 
+    @classmethod
+    def broken(cls, change: Callable[[MavMessage], bool], seed: int = 5, **stack: Any) -> tuple["Flight", Between]:
+        """A stack whose simulator can be broken.
+
+        Args:
+            change: changes a message of the simulator's in place; False drops it.
+            stack: what else `build_stack` shall know.
+        """
+        hands: list[Between] = []
+
+        def wrap(simulator: Service) -> Service:
+            hands.append(Between(simulator, change))
+            return hands[0]
+
+        return cls(seed, lambda seed: build_stack(seed, wrap_simulator=wrap, **stack)), hands[0]
+
     def wait(self, condition: Callable[[], bool], within_s: float, what: str) -> None:
         """Run until it holds.
 

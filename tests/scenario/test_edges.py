@@ -9,12 +9,11 @@ from jezero.deploy.in_process import build_stack
 from jezero.frames import tilt_from_quat
 from jezero.mavlink import dialect
 from jezero.runtime.config import load_config
-from jezero.runtime.service import Service
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode, Truth
 from jezero.services.autopilot.config import AutopilotConfig, FailsafeConfig
 from jezero.services.simulator.config import SimulatorConfig
-from tests.scenario.rig import Between, Flight, go_to, land_at
+from tests.scenario.rig import Flight, go_to, land_at
 
 PLACES = 12
 FALLS_AT_DEG = 60.0
@@ -53,18 +52,14 @@ def test_the_autopilot_steps_aside(place: int) -> None:
 @pytest.mark.parametrize("place", range(PLACES))
 def test_the_autopilot_steps_aside_without_a_position(place: int) -> None:
     """GNSS ends a little above the edge."""
-    hands: list[Between] = []
-
-    def wrap(simulator: Service) -> Service:
-        hands.append(Between(simulator, lambda m: m.get_msgId() != dialect.MAVLINK_MSG_ID_HIL_GPS))
-        return hands[0]
-
     config = AutopilotConfig(failsafe=FailsafeConfig(ekf2_noaid_tout_s=0.5))
-    flight = Flight(place, lambda seed: build_stack(seed, autopilot=config, wrap_simulator=wrap, without=WITHOUT_SIGHT))
+    flight, hand = Flight.broken(
+        lambda m: m.get_msgId() != dialect.MAVLINK_MSG_ID_HIL_GPS, place, autopilot=config, without=WITHOUT_SIGHT
+    )
     flight.take_off(3.0)
     flight.do(topics.GO_TO, go_to(*edge_ned_m(place), -1.0))
     start = len(flight.truths)
-    hands[0].broken = True
+    hand.broken = True
     flight.wait(lambda: not flight.status.armed, 40.0, "disarmed")
     assert flight.codes[-2:] == [StatusCode.EXTERNAL, StatusCode.IDLE]
     assert max(tilt_deg(truth) for truth in flight.truths[start:]) < FALLS_AT_DEG

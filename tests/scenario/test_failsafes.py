@@ -1,18 +1,18 @@
 """Each failsafe of the autopilot, flown in virtual time: what it does, and that the vehicle comes down in one piece."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from math import degrees
 
 from jezero.deploy.in_process import build_stack
 from jezero.frames import altitude_m, horizontal, tilt_from_quat
 from jezero.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.runtime.memory_bus import UDP_DELAY
-from jezero.runtime.service import Inbox, Output, Send, Service, Spec
+from jezero.runtime.service import Inbox, Output, Send, Spec
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
 from jezero.services.autopilot.config import AutopilotConfig, BatteryConfig, FailsafeConfig, NavigatorConfig
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
-from tests.scenario.rig import Between, Flight, go_to
+from tests.scenario.rig import Flight, go_to
 
 CLOSE_TO_HOME = NavigatorConfig(rtl_return_alt_m=6.0)
 
@@ -33,16 +33,6 @@ class GroundStation:
 
 def flight_with(config: AutopilotConfig) -> Flight:
     return Flight(seed=5, prepare=lambda seed: build_stack(seed, autopilot=config))
-
-
-def broken_flight(change: Callable[[MavMessage], bool]) -> tuple[Flight, Between]:
-    hands: list[Between] = []
-
-    def wrap(simulator: Service) -> Service:
-        hands.append(Between(simulator, change))
-        return hands[0]
-
-    return Flight(seed=5, prepare=lambda seed: build_stack(seed, wrap_simulator=wrap)), hands[0]
 
 
 def wait_mode(flight: Flight, mode: str, within_s: float) -> None:
@@ -125,7 +115,7 @@ def test_an_empty_battery_only_warns_without_the_bridges_parameters() -> None:
 
 
 def test_without_gnss_it_comes_down_where_it_is() -> None:
-    flight, hand = broken_flight(lambda m: m.get_msgId() != dialect.MAVLINK_MSG_ID_HIL_GPS)
+    flight, hand = Flight.broken(lambda m: m.get_msgId() != dialect.MAVLINK_MSG_ID_HIL_GPS)
     flight.take_off(4.0)
     hand.broken = True
     flight.bus.run_for(4.5)
@@ -141,7 +131,7 @@ def test_a_vehicle_that_tips_over_stops_its_motors() -> None:
             message.xgyro -= 1.5
         return True
 
-    flight, hand = broken_flight(rolled)
+    flight, hand = Flight.broken(rolled)
     flight.take_off(4.0)
     hand.broken = True
     flight.wait(lambda: not flight.truth.armed_motors, 15.0, "motors off")
