@@ -1,6 +1,5 @@
 """Many seeds' missions, on several processes, and what they come to."""
 
-import multiprocessing
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from multiprocessing.pool import AsyncResult
@@ -9,6 +8,7 @@ import msgspec
 
 from jezero.deploy.campaign.faults import Kind
 from jezero.deploy.campaign.mission import MissionReport, fly_mission
+from jezero.deploy.workers import workers
 from jezero.schemas.state import StatusCode
 
 
@@ -72,7 +72,7 @@ def _reports(seeds: Iterable[int], jobs: int, mission: Callable[[int], MissionRe
     if jobs == 1:
         yield from map(mission, seeds)
         return
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+    with workers(jobs) as pool:
         waiting: deque[AsyncResult[MissionReport]] = deque()
         for seed in seeds:
             waiting.append(pool.apply_async(mission, (seed,)))

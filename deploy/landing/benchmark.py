@@ -1,6 +1,5 @@
 """Many seeds' landings, on several processes, and what they come to."""
 
-import multiprocessing
 from collections.abc import Callable, Iterator
 from functools import partial
 from math import isfinite
@@ -11,6 +10,7 @@ import msgspec
 from jezero.deploy.landing.flight import Landing, fly_landing
 from jezero.deploy.landing.judge import Errors, percentile
 from jezero.deploy.landing.trial import Conditions
+from jezero.deploy.workers import workers
 
 
 class LandingReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -86,7 +86,7 @@ def _landings(conditions: Conditions, seeds: range, jobs: int, logs: Path | None
     if jobs == 1:
         yield from map(fly, seeds)
         return
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+    with workers(jobs) as pool:
         yield from pool.imap(fly, seeds)
 
 
