@@ -15,6 +15,7 @@ from jezero.runtime.service import Inbox, Output, Reply, Send, Service
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, GetImagesGoal, ImagesResult, Rejected, Result
 from jezero.schemas.state import Truth
+from jezero.services.autopilot.service import HIL, OFFBOARD
 
 OFFBOARD_LOSS_S = 1.3
 """COM_OF_LOSS_T and some time to notice."""
@@ -41,7 +42,7 @@ class WatchedAutopilot:
         self._judge = judge
         self._codec = MavlinkCodec(1, 201)
         self._late_ns = late_ns
-        looks_at_once = "offboard" in autopilot.spec.triggers
+        looks_at_once = OFFBOARD in autopilot.spec.triggers
         self._stale_s = STALE_S + (0.0 if looks_at_once else 1.0 / autopilot.spec.rate_hz)
         self._commanded_ns: int | None = None
         self._offboard_ns: int | None = None
@@ -49,7 +50,7 @@ class WatchedAutopilot:
         self._stepped_ns = 0
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
-        for message in self._codec.parse(inbox.received("offboard")):
+        for message in self._codec.parse(inbox.received(OFFBOARD)):
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
                 self._commanded_ns = t_ns
                 age_s = t_ns / NS_PER_S - message.time_boot_ms / 1000.0
@@ -57,10 +58,12 @@ class WatchedAutopilot:
                     text = f"it gets a setpoint that is {age_s:.2f} s old"
                     self._judge.check(False, t_ns, "no stale setpoint", text)
         for output in self._autopilot.step(t_ns, inbox):
-            if isinstance(output, Send) and output.link == "offboard":
+            if isinstance(output, Send) and output.link == OFFBOARD:
                 self._read(t_ns, output.data)
             yield output
-        told_ns = self._offboard_ns if inbox.is_up("offboard") else None
+        if HIL in self.spec.links and not inbox.is_up(HIL):
+            self._commanded_ns = t_ns  # without a simulator its time stands still
+        told_ns = self._offboard_ns if inbox.is_up(OFFBOARD) else None
         if told_ns is not None and t_ns - told_ns <= TOLD_NS and t_ns - self._stepped_ns < TOLD_NS / 10:
             silent_s = (t_ns - (self._commanded_ns or 0)) / NS_PER_S
             if silent_s > OFFBOARD_LOSS_S:

@@ -8,9 +8,9 @@ import pytest
 
 from jezero.deploy.campaign.campaign import fly_campaign
 from jezero.deploy.campaign.clients import draw_goal
-from jezero.deploy.campaign.faults import FAULTS_MIN, PARTITION_MAX_S, Kind, draw_faults
+from jezero.deploy.campaign.faults import FAULTS_MIN, PARTITION_MAX_S, Fault, Kind, draw_faults
 from jezero.deploy.campaign.judge import ALLOWED
-from jezero.deploy.campaign.mission import MissionReport, fly_mission, named_random
+from jezero.deploy.campaign.mission import Mission, MissionReport, fly_mission, named_random
 from jezero.deploy.campaign.worlds import WORLDS
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
@@ -48,6 +48,16 @@ def test_the_clients_know_what_to_send_to_every_action() -> None:
 def test_the_table_of_transitions_stated_anew_is_the_bridges() -> None:
     codes = list(StatusCode)
     assert {(a, b) for a in codes for b in codes if is_allowed(a, b)} == ALLOWED
+
+
+def test_a_vehicle_whose_simulator_is_gone_needs_no_commander() -> None:
+    mission = Mission(1)
+    mission.faults = [
+        Fault(Kind.KILL, "vehicle_bridge", "bus", start_s=7.0, duration_s=1.6),
+        Fault(Kind.KILL, "simulator", "bus", start_s=7.6, duration_s=2.0),
+    ]
+    assert mission.fly().violations == []
+    assert mission.judge.states["EXTERNAL"], "the bridge came back before the simulator"
 
 
 def test_a_goal_sent_again_to_a_restarted_server_does_not_fly_again() -> None:
