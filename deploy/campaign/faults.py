@@ -11,7 +11,8 @@ BRIDGE, AUTOPILOT, SIMULATOR = "vehicle_bridge", "autopilot", "simulator"
 SERVERS = "servers"
 """Of all actions at once, as when they run on one host."""
 MAVLINK, HIL = "MAVLink", "HIL"
-FAULTS_MIN, FAULTS_MAX = 3, 14
+COUNTS = range(3, 15)
+"""How many faults a mission has, unless something else is asked for."""
 PARTITION_MAX_S = 15.0
 
 
@@ -65,13 +66,14 @@ class Fault:
         return f"{self.kind}{amount} of {self.where}{path} for {self.duration_s:.2f} s"
 
 
-def draw_faults(rng: Random, span_s: float, others: tuple[str, ...] = ()) -> list[Fault]:
-    """Between FAULTS_MIN and FAULTS_MAX faults that all begin within `span_s`, in the order of their start.
+def draw_faults(rng: Random, span_s: float, others: tuple[str, ...] = (), counts: range = COUNTS) -> list[Fault]:
+    """Faults that all begin within `span_s`, in the order of their start.
 
     Args:
         others: services of the stack besides simulator, autopilot, bridge and action servers.
+        counts: how many there may be.
     """
-    kinds = [rng.choice(tuple(Kind)) for _ in range(rng.randint(FAULTS_MIN, FAULTS_MAX))]
+    kinds = [rng.choice(tuple(Kind)) for _ in range(rng.choice(counts))]
     faults = [_draw(kind, rng, rng.uniform(0.0, span_s), others) for kind in kinds]
     return sorted(faults, key=lambda fault: fault.start_s)
 

@@ -11,7 +11,7 @@ import msgspec
 
 from jezero.deploy.campaign.clients import PERIOD_S, Client, Sent
 from jezero.deploy.campaign.disturber import Disturber
-from jezero.deploy.campaign.faults import AUTOPILOT, BRIDGE, CLIENTS, SENSOR_KINDS, Fault, Kind, draw_faults
+from jezero.deploy.campaign.faults import AUTOPILOT, BRIDGE, CLIENTS, COUNTS, SENSOR_KINDS, Fault, Kind, draw_faults
 from jezero.deploy.campaign.judge import NS_PER_S, Judge, Violation
 from jezero.deploy.campaign.watch_bridge import WatchedBridge
 from jezero.deploy.campaign.watch_landing import WatchedLanding
@@ -65,9 +65,16 @@ class Mission:
     Args:
         tell: called with a line for every event, for people.
         world: what it flies in.
+        counts: how many faults it may have.
     """
 
-    def __init__(self, seed: int, tell: Callable[[str], None] = lambda text: None, world: World = PHYSICS) -> None:
+    def __init__(
+        self,
+        seed: int,
+        tell: Callable[[str], None] = lambda text: None,
+        world: World = PHYSICS,
+        counts: range = COUNTS,
+    ) -> None:
         self.seed = seed
         self.judge = Judge()
         self.bus = world.make_bus(seed)
@@ -89,7 +96,7 @@ class Mission:
         self._truth = TruthWatch(self.judge)
         known = (world.sensing, world.autopilot, BRIDGE, *topics.ACTIONS)
         others = tuple(name for name in self._makers if name not in known)
-        faults = draw_faults(named_random(seed, "faults"), FAULTS_WITHIN_S, others)
+        faults = draw_faults(named_random(seed, "faults"), FAULTS_WITHIN_S, others, counts)
         self.faults = [world.translate(fault) for fault in faults]
         self.clients = [Client(name, self.bus, named_random(seed, name), self._say) for name in CLIENTS]
         self.bus.observe(self._observe)
@@ -244,10 +251,13 @@ class Mission:
         )
 
 
-def fly_mission(seed: int, tell: Callable[[str], None] = lambda text: None, world: str = "physics") -> MissionReport:
+def fly_mission(
+    seed: int, tell: Callable[[str], None] = lambda text: None, world: str = "physics", counts: range = COUNTS
+) -> MissionReport:
     """Fly one seed's mission.
 
     Args:
         world: one of WORLDS.
+        counts: how many faults it may have.
     """
-    return Mission(seed, tell, WORLDS[world]).fly()
+    return Mission(seed, tell, WORLDS[world], counts).fly()

@@ -17,19 +17,36 @@ if TYPE_CHECKING:
     from jezero.deploy.campaign.mission import MissionReport
 
 LONGEST = 1_000_000
+FAULTS_MAX = 200
 
 
 def seed_range(ctx: click.Context, param: click.Parameter, value: str | None) -> range | None:
     """`A..B`, both included, or one number."""
     if value is None:
         return None
-    match = re.fullmatch(r"(\d{1,9})(?:\.\.(\d{1,9}))?", value)
-    if match is None:
-        raise click.BadParameter(f"{value!r} is no range of seeds: write 1..100, or one number")
-    first, last = int(match[1]), int(match[2] or match[1])
+    first, last = _two(value, "seeds", "1..100")
     if not first <= last < first + LONGEST:
         raise click.BadParameter(f"{value!r}: the last seed must follow the first, by less than {LONGEST}")
     return range(first, last + 1)
+
+
+def fault_range(ctx: click.Context, param: click.Parameter, value: str | None) -> range | None:
+    """`A..B`, both included, or one number."""
+    if value is None:
+        return None
+    least, most = _two(value, "faults", "30..50")
+    if not 1 <= least <= most <= FAULTS_MAX:
+        raise click.BadParameter(
+            f"{value!r}: a mission has 1 to {FAULTS_MAX} faults, and the smaller number comes first"
+        )
+    return range(least, most + 1)
+
+
+def _two(value: str, what: str, example: str) -> tuple[int, int]:
+    match = re.fullmatch(r"(\d{1,9})(?:\.\.(\d{1,9}))?", value)
+    if match is None:
+        raise click.BadParameter(f"{value!r} is no range of {what}: write {example}, or one number")
+    return int(match[1]), int(match[2] or match[1])
 
 
 @click.command()
@@ -43,6 +60,7 @@ def seed_range(ctx: click.Context, param: click.Parameter, value: str | None) ->
     show_default=True,
     help="The point mass takes the place of simulator and autopilot: for large numbers of seeds.",
 )
+@click.option("--faults", callback=fault_range, metavar="A..B", help="In each mission; 3..14 if nothing is said.")
 @click.option("--jobs", type=click.IntRange(1, 64), default=1, show_default=True, help="Processes that fly at once.")
 @click.option("-v", "--verbose", is_flag=True, help="Tell every event of every mission; flies one at a time.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per mission, the sum last.")
@@ -51,6 +69,7 @@ def campaign(
     commit: str | None,
     minutes: float | None,
     world: str,
+    faults: range | None,
     jobs: int,
     verbose: bool,
     as_json: bool,
@@ -58,11 +77,12 @@ def campaign(
     """Fly missions under seeded faults and check what must always hold.
 
     A seed that fails prints what broke, and fails again in the same way with `--seeds N -v`
-    in the same world.
+    in the same world, with the same --faults.
     """
     import msgspec
 
     from jezero.deploy.campaign.campaign import fly_campaign
+    from jezero.deploy.campaign.faults import COUNTS
     from jezero.deploy.campaign.mission import fly_mission
     from jezero.deploy.campaign.seeds import in_time
 
@@ -80,7 +100,9 @@ def campaign(
         else:
             _tell(report)
 
-    mission = partial(fly_mission, tell=click.echo, world=world) if verbose else partial(fly_mission, world=world)
+    mission = partial(fly_mission, world=world, counts=faults or COUNTS)
+    if verbose:
+        mission = partial(mission, tell=click.echo)
     result = fly_campaign(chosen, 1 if verbose else jobs, tell, mission)
     click.echo(json.dumps(msgspec.to_builtins(result)) if as_json else _words(result))
     if result.failed:

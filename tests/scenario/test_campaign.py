@@ -8,7 +8,7 @@ import pytest
 
 from jezero.deploy.campaign.campaign import fly_campaign
 from jezero.deploy.campaign.clients import draw_goal
-from jezero.deploy.campaign.faults import FAULTS_MIN, PARTITION_MAX_S, Fault, Kind, draw_faults
+from jezero.deploy.campaign.faults import COUNTS, PARTITION_MAX_S, Fault, Kind, draw_faults
 from jezero.deploy.campaign.judge import ALLOWED
 from jezero.deploy.campaign.mission import Mission, MissionReport, fly_mission, named_random
 from jezero.deploy.campaign.worlds import WORLDS
@@ -27,7 +27,7 @@ def test_a_mission_passes_and_replays_exactly_in_another_process(world: str) -> 
     reports: list[MissionReport] = []
     result = fly_campaign((2019,), jobs=1, tell=reports.append, mission=partial(fly_mission, world=world))
     assert result.failed == {} and result.seeds == 1 and result.sim_time_s > 60.0
-    assert sum(result.faults.values()) >= FAULTS_MIN
+    assert sum(result.faults.values()) >= COUNTS[0]
     assert result.states["HOVER"] >= 2
     run = subprocess.run([sys.executable, "-c", HASH.format(world=world)], capture_output=True, text=True, check=True)
     assert run.stdout.split()[-1] == reports[0].log_sha256
@@ -36,7 +36,7 @@ def test_a_mission_passes_and_replays_exactly_in_another_process(world: str) -> 
 def test_every_kind_of_fault_is_drawn_and_no_partition_is_too_long() -> None:
     faults = [fault for seed in range(300) for fault in draw_faults(named_random(seed, "faults"), 42.0)]
     assert {fault.kind for fault in faults} == set(Kind)
-    assert len(faults) >= 300 * FAULTS_MIN
+    assert len(faults) >= 300 * COUNTS[0]
     assert all(f.duration_s <= PARTITION_MAX_S for f in faults if f.kind is Kind.PARTITION)
 
 

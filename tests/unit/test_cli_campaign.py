@@ -81,5 +81,12 @@ def test_no_mission_begins_after_the_time_is_over() -> None:
     assert list(in_time(range(10), 60.0)) == list(range(10))
 
 
+@pytest.mark.parametrize("faults", ["0..3", "14..3", "3..201", "many", "3.."])
+def test_a_wrong_number_of_faults_is_refused_with_what_to_write(run: Run, faults: str) -> None:
+    result, seeds = run("--faults", faults)
+    assert (result.exit_code, seeds) == (2, [])
+    assert "or one number" in result.output or "1 to 200 faults" in " ".join(result.output.split())
+
+
 def test_both_ends_of_a_range_are_flown(run: Run) -> None:
     assert run("--seeds", "7..9")[1] == [7, 8, 9]
