@@ -3,8 +3,10 @@
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 from jezero.runtime.spool import Spool
+from jezero.runtime.worker import Worker
 from jezero.runtime.zenoh_bus import run_process
 from jezero.schemas.topics import ACTIONS
 from jezero.services.actions.table import BEHAVIOURS, action_server
@@ -18,8 +20,14 @@ def main() -> int:
     name = sys.argv[1]
     run_dir = os.environ.get("JEZERO_RUN_DIR")
     folder = Path(run_dir).absolute() / "pictures" / name if run_dir else None
-    spool = Spool(folder) if ACTIONS[name].takes_pictures else None
+    worker = Worker(_raise)
+    spool = Spool(folder, do=lambda work: worker.add(work, "")) if ACTIONS[name].takes_pictures else None
     return run_process(name, lambda _instance, boot_id: (action_server(name, boot_id, spool=spool), {}))
+
+
+def _raise(_tag: str, _outcome: Any, error: BaseException | None) -> None:
+    if error is not None:
+        raise error
 
 
 if __name__ == "__main__":

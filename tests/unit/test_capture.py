@@ -1,13 +1,18 @@
 """Pictures at planned points: which one is taken, what is told of it, and where its pixels go."""
 
+import threading
+import time
+from collections.abc import Callable
 from math import pi, radians
 from pathlib import Path
 
 import pytest
 
 from jezero.frames import geodetic_from_ned, quat_from_euler
+from jezero.runtime.codec import encode
 from jezero.runtime.node import Mailbox
-from jezero.runtime.spool import Spool
+from jezero.runtime.spool import Do, Spool
+from jezero.runtime.worker import Worker
 from jezero.schemas import topics
 from jezero.schemas.images import ImageReply
 from jezero.schemas.sensors import Altimeter
@@ -210,6 +215,51 @@ def test_a_spool_begins_empty_and_a_temporary_one_leaves_nothing(tmp_path: Path)
     assert folder.exists()
     del temporary
     assert not folder.exists()
+
+
+def beside() -> Do:
+    worker = Worker(lambda tag, outcome, error: None)
+    return lambda work: worker.add(work, "")
+
+
+def until(holds: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + 10.0
+    while not holds() and time.monotonic() < deadline_s:
+        time.sleep(0.001)
+    assert holds()
+
+
+def test_a_disk_that_stands_still_delays_nobody_and_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    goes_on, write = threading.Event(), Path.write_bytes
+    monkeypatch.setattr(Path, "write_bytes", lambda path, data: goes_on.wait(10.0) and write(path, data))
+    size = len(encode(picture("a", 0)))
+    spool = Spool(tmp_path / "pictures", do=beside(), unwritten_bytes=3 * size)
+    for index in range(3):
+        spool.keep(picture("a", index))
+    assert [spool.get("a", index) for index in range(3)] == [picture("a", index) for index in range(3)]
+    with pytest.raises(OSError, match="doesn't keep up"):
+        spool.keep(picture("a", 3))
+    goes_on.set()
+    until(lambda: not spool._unwritten)
+    assert [spool.get("a", index) for index in range(3)] == [picture("a", index) for index in range(3)]
+    spool.keep(picture("a", 3))
+
+
+def test_what_the_disk_refused_meanwhile_is_told_with_the_next_picture_of_that_goal(tmp_path: Path) -> None:
+    folder = tmp_path / "pictures"
+    spool = Spool(folder, do=beside())
+    folder.write_text("no folder")
+    spool.keep(picture("a", 0))
+    until(lambda: spool._failure is not None)
+    assert spool.get("a", 0) == picture("a", 0)
+    with pytest.raises(NotADirectoryError):
+        spool.keep(picture("a", 1))
+    folder.unlink()
+    spool.keep(picture("b", 0))
+    until(lambda: not spool._unwritten)
+    assert spool.get("b", 0) == picture("b", 0)
 
 
 def test_a_picture_that_was_cut_short_on_disk_is_refused(tmp_path: Path) -> None:
