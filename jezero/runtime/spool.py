@@ -86,7 +86,8 @@ class Spool:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(data)
         except OSError as error:
-            self._failure = error
+            if path in self._unwritten:  # else of an earlier goal
+                self._failure = error
         else:
             self._unwritten.pop(path, None)
 

@@ -1,17 +1,16 @@
 """Pictures at planned points: which one is taken, what is told of it, and where its pixels go."""
 
-import threading
-import time
 from collections.abc import Callable
 from math import pi, radians
 from pathlib import Path
+from queue import SimpleQueue
 
 import pytest
 
 from jezero.frames import geodetic_from_ned, quat_from_euler
 from jezero.runtime.codec import encode
 from jezero.runtime.node import Mailbox
-from jezero.runtime.spool import Do, Spool
+from jezero.runtime.spool import Spool
 from jezero.runtime.worker import Worker
 from jezero.schemas import topics
 from jezero.schemas.images import ImageReply
@@ -217,49 +216,58 @@ def test_a_spool_begins_empty_and_a_temporary_one_leaves_nothing(tmp_path: Path)
     assert not folder.exists()
 
 
-def beside() -> Do:
-    worker = Worker(lambda tag, outcome, error: None)
-    return lambda work: worker.add(work, "")
-
-
-def until(holds: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + 10.0
-    while not holds() and time.monotonic() < deadline_s:
-        time.sleep(0.001)
-    assert holds()
-
-
-def test_a_disk_that_stands_still_delays_nobody_and_loses_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    goes_on, write = threading.Event(), Path.write_bytes
-    monkeypatch.setattr(Path, "write_bytes", lambda path, data: goes_on.wait(10.0) and write(path, data))
-    size = len(encode(picture("a", 0)))
-    spool = Spool(tmp_path / "pictures", do=beside(), unwritten_bytes=3 * size)
+def test_a_disk_that_stands_still_delays_nobody_and_loses_nothing(tmp_path: Path) -> None:
+    size, waiting = len(encode(picture("a", 0))), list[Callable[[], None]]()
+    spool = Spool(tmp_path / "pictures", do=waiting.append, unwritten_bytes=3 * size)
     for index in range(3):
         spool.keep(picture("a", index))
     assert [spool.get("a", index) for index in range(3)] == [picture("a", index) for index in range(3)]
     with pytest.raises(OSError, match="doesn't keep up"):
         spool.keep(picture("a", 3))
-    goes_on.set()
-    until(lambda: not spool._unwritten)
+    carry_out(waiting)
+    assert len(list(tmp_path.rglob("*.rgb"))) == 3 and not spool._unwritten
     assert [spool.get("a", index) for index in range(3)] == [picture("a", index) for index in range(3)]
     spool.keep(picture("a", 3))
 
 
 def test_what_the_disk_refused_meanwhile_is_told_with_the_next_picture_of_that_goal(tmp_path: Path) -> None:
-    folder = tmp_path / "pictures"
-    spool = Spool(folder, do=beside())
-    folder.write_text("no folder")
+    folder, waiting = tmp_path / "pictures", list[Callable[[], None]]()
+    spool = Spool(folder, do=waiting.append)
     spool.keep(picture("a", 0))
-    until(lambda: spool._failure is not None)
+    folder.write_text("no folder")
+    carry_out(waiting)
     assert spool.get("a", 0) == picture("a", 0)
     with pytest.raises(NotADirectoryError):
         spool.keep(picture("a", 1))
     folder.unlink()
     spool.keep(picture("b", 0))
-    until(lambda: not spool._unwritten)
-    assert spool.get("b", 0) == picture("b", 0)
+
+
+def test_a_late_failure_of_an_earlier_goal_is_not_the_present_ones(tmp_path: Path) -> None:
+    folder, waiting = tmp_path / "pictures", list[Callable[[], None]]()
+    spool = Spool(folder, do=waiting.append)
+    spool.keep(picture("a", 0))
+    spool.keep(picture("b", 0))
+    folder.write_text("no folder")
+    waiting.pop(0)()
+    folder.unlink()
+    spool.keep(picture("b", 1))
+    carry_out(waiting)
+    assert spool.get("b", 0) == picture("b", 0) and not spool._unwritten
+
+
+def test_a_thread_beside_writes_what_it_is_given(tmp_path: Path) -> None:
+    done: SimpleQueue[BaseException | None] = SimpleQueue()
+    worker = Worker(lambda tag, outcome, error: done.put(error))
+    spool = Spool(tmp_path / "pictures", do=lambda work: worker.add(work, ""))
+    spool.keep(picture("a", 0))
+    assert done.get(timeout=10.0) is None
+    assert len(list(tmp_path.rglob("*.rgb"))) == 1 and not spool._unwritten
+
+
+def carry_out(waiting: list[Callable[[], None]]) -> None:
+    while waiting:
+        waiting.pop(0)()
 
 
 def test_a_picture_that_was_cut_short_on_disk_is_refused(tmp_path: Path) -> None:
