@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from jezero.client import Goal, Vehicle
     from jezero.deploy.virtual_flight import Photographed
 
+RECORDED_AFTERWARDS_S = 0.5
+
 
 @click.command()
 @click.option("--fast", is_flag=True, help="In this process and virtual time; needs no running stack.")
@@ -157,7 +159,7 @@ def draw(printer: Printer, folder: Path, *, tell_touchdown: bool = True) -> None
 
 @contextmanager
 def recorded(vehicle: str, router: str, log: Path) -> Iterator[None]:
-    """Log what is published for a vehicle, without its pictures."""
+    """Log what is published for a vehicle, without its pictures; a moment longer, to see it stand disarmed."""
     import zenoh
 
     from jezero.client.session import client_config
@@ -176,5 +178,6 @@ def recorded(vehicle: str, router: str, log: Path) -> Iterator[None]:
         keys = [prefix + topic.name for topic in RECORDED] + [prefix + "health/*"]
         subscribers = [session.declare_subscriber(each, on_sample) for each in keys]
         yield
+        time.sleep(RECORDED_AFTERWARDS_S)
         for subscriber in subscribers:
             subscriber.undeclare()  # type: ignore[no-untyped-call]
