@@ -96,6 +96,7 @@ def in_the_air(vehicle: Vehicle) -> None:
     wait_for_status(vehicle, lambda s: s.code in (StatusCode.IDLE, StatusCode.HOVER), PATIENCE_S, "at rest")
     if vehicle.status().code == StatusCode.IDLE:
         vehicle.takeoff(altitude_m=2.0).result(timeout_s=PATIENCE_S)
+        wait_for_status(vehicle, lambda s: s.code == StatusCode.HOVER, PATIENCE_S, "hovering")
 
 
 def answers(session: zenoh.Session, stack: Stack) -> bool:
@@ -194,7 +195,7 @@ def test_a_router_that_dies_or_freezes_comes_back_and_no_other_service_is_restar
         assert changed(shared_stack, before) == {"router"}
         with pytest.raises(Aborted, match=r"no odometry for|no setpoint for|has been silent"):
             goal.result(timeout_s=PATIENCE_S)
-        assert vehicle.status().code == StatusCode.HOVER
+        wait_for_status(vehicle, lambda s: s.code == StatusCode.HOVER, PATIENCE_S, "hovering")
         vehicle.go_to(0.0, 0.0, -2.0).result(timeout_s=PATIENCE_S)
 
 

@@ -39,9 +39,9 @@ def test_a_plain_zenoh_session_takes_off_with_a_selector_and_gets_streamed_feedb
     assert arrivals[-1][0] - arrivals[1][0] > 2.0  # streamed, not delivered at the end
     assert arrivals[-1][1]["outcome"] == "succeeded"
     with stack.connect() as vehicle:
-        status = vehicle.status()
-        assert status.code == StatusCode.HOVER
-        assert status.odometry is not None and abs(status.odometry.pos_uav_ned_m[2] + 3.0) < 0.3
+        wait_for_status(vehicle, lambda s: s.code == StatusCode.HOVER, 1.0, "hovering")
+        odometry = vehicle.status().odometry
+        assert odometry is not None and abs(odometry.pos_uav_ned_m[2] + 3.0) < 0.3
 
 
 def test_wildcard_get_put_and_delete_change_nothing(stack: Stack) -> None:
@@ -53,6 +53,7 @@ def test_wildcard_get_put_and_delete_change_nothing(stack: Stack) -> None:
     bodies = [b"{}", b"", b'{"altitude_m": 2}', b"\xff", b'{"confirm": true}']
     with stack.connect() as vehicle, zenoh.open(config) as session:
         vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
+        wait_for_status(vehicle, lambda s: s.code == StatusCode.HOVER, 1.0, "hovering")
         before = vehicle.status()
         for pattern in ("**", f"{prefix}/**", f"{prefix}/*", f"{prefix}/*/*", f"{prefix}/@action/*", f"{prefix}/@*/**"):
             for body in bodies:
