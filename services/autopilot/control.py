@@ -25,6 +25,11 @@ class Setpoint(msgspec.Struct, frozen=True, gc=False):
     yaw_rad: float | None = None
     yaw_rate_rps: float | None = None
 
+    @property
+    def lets_drift(self) -> bool:
+        """Nothing is asked of the motion over the ground, as without a position."""
+        return self.pos_ned_m[:2] == self.vel_ned_mps[:2] == self.acc_ned_mps2[:2] == (None, None)
+
     def moved(self, step_ned_m: Vec3) -> "Setpoint":
         """The same setpoint after the position estimate was reset by `step_ned_m`."""
         n, e, d = (None if p is None else p + s for p, s in zip(self.pos_ned_m, step_ned_m, strict=True))

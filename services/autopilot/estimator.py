@@ -39,6 +39,12 @@ from jezero.services.autopilot.config import EstimatorConfig
 COVARIANCE_PERIOD_US = 20_000
 HISTORY_LENGTH = FIX_AGE_MAX_US // COVARIANCE_PERIOD_US
 SETTLED_STD_MPS = 0.5
+UNAIDED_US = 10_000_000
+SLOW_PERIOD_US = 1_000_000
+SLOW_STD_MPS = 3.0
+"""After so long without horizontal aiding it takes the vehicle, which comes down then, for slow, to about so much and
+so often: else attitude and heading go astray along with the velocity. Source: EKF2's fusion of a fake position.
+"""
 ACC_BIAS_LIMIT_MPS2 = 0.4
 GYRO_BIAS_LIMIT_RPS = 0.15
 
@@ -105,6 +111,7 @@ class Estimator:
         self._force_ned_mps = [0.0, 0.0, 0.0]
         self._origin_pressure_m = 0.0
         self._started_us = 0
+        self._slow_from_us = 0
         self._corrected = [0.0] * 6
         self._history: deque[tuple[int, Vec3, Vec3]] = deque(maxlen=HISTORY_LENGTH)
         self._pos_differs = Disagreement(config.gps_reset_s)
@@ -171,6 +178,9 @@ class Estimator:
             self._covariance_us += dt_us
             if self._covariance_us >= COVARIANCE_PERIOD_US:
                 self._predict_covariance()
+            if self.t_us >= self._slow_from_us:
+                self._slow_from_us += SLOW_PERIOD_US
+                self._update([(3, -self.vel_ned_mps[0], SLOW_STD_MPS), (4, -self.vel_ned_mps[1], SLOW_STD_MPS)])
             return
         self.rates_frd_rps = gyro_frd_rps
         self._alignment.imu(dt_us, acc_frd_mps2, gyro_frd_rps)
@@ -204,6 +214,8 @@ class Estimator:
             self._pos_differs.ends()
         if abs(down) < 4.0 * c.gps_z_noise_m + 3.0 * sqrt(self.P[8, 8]):
             innovations.append((8, down, c.gps_z_noise_m))
+        if any(index < 8 for index, _, _ in innovations):
+            self._slow_from_us = self.t_us + UNAIDED_US
         self._update(innovations)
 
     def baro(self, altitude_pressure_m: float) -> None:
@@ -254,6 +266,7 @@ class Estimator:
         self._correlate_tilt_with_bias()
         self.running = True
         self._started_us = self.t_us
+        self._slow_from_us = self.t_us + UNAIDED_US
 
     def _correlate_tilt_with_bias(self) -> None:
         """A levelled attitude is wrong by what the accelerometer's bias is wrong, in the opposite sense."""

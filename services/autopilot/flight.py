@@ -87,7 +87,8 @@ class Flight:
             down_mps = controller.vel_setpoint_ned_mps[2]
             if detector.touches and down_mps < -CLIMB_WANTED_MPS:
                 controller.leave()
-            detector.step(dt, at.vel_ned_mps, self._estimator.rates_frd_rps, down_mps, controller.thrust_hover)
+            vel_ned_mps = (0.0, 0.0, at.vel_ned_mps[2]) if setpoint.lets_drift else at.vel_ned_mps
+            detector.step(dt, vel_ned_mps, self._estimator.rates_frd_rps, down_mps, controller.thrust_hover)
             return
         climbs = controller.wanted_velocity(at, setpoint)[2] < -CLIMB_WANTED_MPS
         if not (may_lift and climbs and self._armed_s >= SPOOL_UP_S):

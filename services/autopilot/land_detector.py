@@ -57,6 +57,7 @@ class LandDetector:
         """Advance by `dt` seconds of armed flight.
 
         Args:
+            vel_ned_mps: of the estimate; its horizontal part 0 where that isn't flown by, as it may have gone astray.
             down_wanted_mps: vertical velocity setpoint, positive down.
             thrust_of_hover: thrust as a share of the thrust that hovers.
         """

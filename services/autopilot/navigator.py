@@ -17,6 +17,11 @@ ASIDE_TIMES = 3
 ASIDE_BLIND_US = 2_500_000
 STANDS_MAX_MPS = 1.0
 """Without a position it goes for this long, and stands still for the rest. Who seems to be faster may be sliding."""
+BRAKES_US = 4_000_000
+MOVES_MPS = 0.3
+"""Who loses his position on the move brakes by the velocity that he still knows: long enough to stop and to lean as the
+wind wants it. Who hovers leans like that already. Later on that lean is better than what the velocity has gone astray.
+"""
 LIFT_FOR_M = 0.2
 """Source: PX4's `FlightTask::_checkTakeoff`."""
 
@@ -47,6 +52,7 @@ class Navigator:
         self._asides = 0
         self._still_ned_mps: Vec3 = (0.0, 0.0, 0.0)
         self._aside_ned_mps: Vec3 = (0.0, 0.0, 0.0)
+        self._brakes_until_us = 0
 
     def configure(self, config: NavigatorConfig, control: ControlConfig) -> None:
         """New settings."""
@@ -58,7 +64,7 @@ class Navigator:
         self.home_ned_m = add(self.home_ned_m, step_ned_m)
         self._point_ned_m = add(self._point_ned_m, step_ned_m)
 
-    def enter(self, mode: Mode, at: Kinematics, stop_ned_m: Vec3) -> None:
+    def enter(self, mode: Mode, at: Kinematics, stop_ned_m: Vec3, t_us: int) -> None:
         """A new mode begins.
 
         Args:
@@ -68,6 +74,7 @@ class Navigator:
         self._point_ned_m = stop_ned_m
         self._aside_until_us = 0
         self._asides = 0
+        self._brakes_until_us = t_us + BRAKES_US if hypot(*at.vel_ned_mps[:2]) > MOVES_MPS else 0
         if mode is Mode.TAKEOFF:
             self.climb_to(at, (None, None, None))
         elif mode is Mode.RETURN:
@@ -123,7 +130,7 @@ class Navigator:
     def setpoint(self, mode: Mode, at: Kinematics, t_us: int) -> Setpoint:
         """What to fly now."""
         if mode is Mode.DESCEND:
-            return Setpoint(vel_ned_mps=self._descending(t_us), yaw_rad=self._yaw_rad)
+            return Setpoint(vel_ned_mps=self._descending(at, t_us), yaw_rad=self._yaw_rad)
         if mode is Mode.LAND:
             return self._landing(at, t_us)
         if mode is Mode.TAKEOFF:
@@ -140,15 +147,19 @@ class Navigator:
         lead_m = self._control.mpc_tko_speed_mps / self._control.mpc_z_p
         return Setpoint((north, east, max(down, at.pos_ned_m[2] - lead_m)), yaw_rad=self._yaw_rad)
 
-    def _descending(self, t_us: int) -> Axes:
+    def _descending(self, at: Kinematics, t_us: int) -> Axes:
         """Velocity of a descent without a position."""
-        left_us = self._aside_until_us - t_us
-        if left_us <= 0:
-            return (None, None, self._control.mpc_land_speed_mps)
-        north, east, _ = self._still_ned_mps
-        if left_us <= ASIDE_US - ASIDE_BLIND_US:
-            return (north, east, 0.0)
-        return add((north, east, 0.0), self._aside_ned_mps)
+        left_us, down_mps = self._aside_until_us - t_us, self._control.mpc_land_speed_mps
+        if left_us > 0:
+            north, east, _ = self._still_ned_mps
+            aside_ned_mps = self._aside_ned_mps if left_us > ASIDE_US - ASIDE_BLIND_US else (0.0, 0.0, 0.0)
+            return add((north, east, 0.0), aside_ned_mps)
+        if t_us >= self._brakes_until_us:
+            return (None, None, down_mps)
+        north, east, _ = at.vel_ned_mps
+        less_mps = self._control.mpc_acc_hor_mps2 / self._control.mpc_xy_vel_p_acc
+        share = max(0.0, 1.0 - less_mps / max(less_mps, hypot(north, east)))
+        return (share * north, share * east, down_mps)
 
     def _landing(self, at: Kinematics, t_us: int) -> Setpoint:
         if t_us < self._aside_until_us:

@@ -139,7 +139,7 @@ class Vehicle:
         if self.commander.mode is not self._mode:
             self._mode = self.commander.mode
             at = self._flight.kinematics
-            self._navigator.enter(self._mode, at, stopping_point_ned_m(at, self._config.control))
+            self._navigator.enter(self._mode, at, stopping_point_ned_m(at, self._config.control), self.t_us)
 
     # -- what others ask; each returns why it is refused, or "" --------------------------------------------
 
@@ -149,7 +149,7 @@ class Vehicle:
         reason = self.commander.arm(self._condition())
         if self.commander.armed and not was_armed:
             self._navigator.home_ned_m = self.estimator.pos_ned_m
-            self._navigator.enter(self._mode, self._flight.kinematics, self.estimator.pos_ned_m)
+            self._navigator.enter(self._mode, self._flight.kinematics, self.estimator.pos_ned_m, self.t_us)
         return reason
 
     def disarm(self, *, force: bool) -> str:

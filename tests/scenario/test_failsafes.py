@@ -3,6 +3,8 @@
 from collections.abc import Iterable
 from math import degrees
 
+import pytest
+
 from jezero.deploy.in_process import build_stack
 from jezero.frames import altitude_m, horizontal, tilt_from_quat
 from jezero.mavlink import MavlinkCodec, MavMessage, dialect
@@ -122,6 +124,20 @@ def test_without_gnss_it_comes_down_where_it_is() -> None:
     assert flight.status.code == StatusCode.HOVER
     wait_mode(flight, "AUTO.LAND", 2.0)
     assert_lands_by_itself(flight, 40.0, away_m=12.0)
+
+
+@pytest.mark.parametrize(("seed", "height_m"), [(1, 12.0), (2, 12.0), (3, 12.0), (1, 30.0)])
+def test_losing_gnss_in_fast_flight_it_stops_and_touches_down_slowly(seed: int, height_m: float) -> None:
+    flight, hand = Flight.broken(lambda m: m.get_msgId() != dialect.MAVLINK_MSG_ID_HIL_GPS, seed)
+    flight.take_off(height_m)
+    flight.send(topics.GO_TO, go_to(60.0, 0.0, -height_m, speed_mps=3.0))
+    flight.bus.run_for(3.0)
+    hand.broken = True
+    wait_mode(flight, "AUTO.LAND", 7.0)
+    assert horizontal(flight.truth.vel_uav_ned_mps) > 2.5
+    flight.wait(lambda: flight.truth.contact_force_n > 0.0, 60.0, "on the ground")
+    assert horizontal(flight.truths[-2].vel_uav_ned_mps) < 1.2
+    assert_lands_by_itself(flight, 6.0, away_m=60.0)
 
 
 def test_a_vehicle_that_tips_over_stops_its_motors() -> None:

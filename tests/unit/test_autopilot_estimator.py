@@ -61,13 +61,14 @@ class World:
     Attributes:
         gnss_delay_s: how old fixes are when they arrive.
         dates_fixes: whether they tell when they were true.
+        has_gnss: whether there are any.
     """
 
     def __init__(self, seed: int | None = None, shift_ned_m: Callable[[float], Vec3] = lambda _: (0.0, 0.0, 0.0)):
         self.estimator = Estimator(CONFIG, G)
         self._random = None if seed is None else np.random.default_rng(seed)
         self._shift = shift_ned_m
-        self.gnss_delay_s, self.dates_fixes = 0.1, True
+        self.gnss_delay_s, self.dates_fixes, self.has_gnss = 0.1, True, True
         self.acc_bias = self._draw(0.05)
         self.gyro_bias = self._draw(0.003)
         self.step = 0
@@ -116,7 +117,8 @@ class World:
         vel = add(velocity(then_s), self._white(CONFIG.ekf2_gps_v_noise_mps))
         position_deg = geodetic_from_ned(add(pose(then_s)[0], noise), ORIGIN)
         t_us = round(then_s * 1e6) if self.dates_fixes else 0
-        self.estimator.fix(Fix(t_us, position_deg, vel, usable=True))
+        if self.has_gnss:
+            self.estimator.fix(Fix(t_us, position_deg, vel, usable=True))
         self.estimator.baro(100.0 - pos[2] + self._white(CONFIG.ekf2_baro_noise_m)[0])
         about_down = quat_from_euler(0.0, 0.0, self._white(CONFIG.ekf2_head_noise_rad)[2])
         self.estimator.mag(quat_rotate(quat_conjugate(q), quat_rotate(about_down, FIELD_NED)))
@@ -236,6 +238,20 @@ def test_a_sensor_that_jumps_about_is_never_believed_and_one_that_insists_is(sen
     world.run(20.0)
     assert estimator.reset_counter == 1
     assert norm(tuple(world.error()[6:9])) == pytest.approx(abs(shift_m), rel=0.05)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_without_gnss_it_stays_level_and_its_velocity_near_that_of_a_slow_vehicle(seed: int) -> None:
+    world = World(seed).run(20.0)
+    world.has_gnss = False
+    for _ in range(60):
+        world.run(world.t_s + 1.0)
+        error = np.abs(world.error())
+        assert degrees(error[0:2].max()) < 2.0
+        assert error[3:5].max() < 3.0
+    world.has_gnss = True
+    world.run(world.t_s + 15.0)
+    assert np.abs(world.error())[6:8].max() < 1.0
 
 
 def test_a_field_that_can_not_be_the_places_does_not_turn_the_heading() -> None:

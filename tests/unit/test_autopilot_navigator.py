@@ -1,4 +1,4 @@
-"""Where the autopilot goes by itself when a landing meets an edge."""
+"""Where the autopilot goes by itself when it lands, with a position or without, and when it meets an edge."""
 
 import pytest
 
@@ -19,7 +19,7 @@ def at(north_m: float, east_m: float, down_m: float) -> Kinematics:
 
 def landing() -> Navigator:
     navigator = Navigator(NavigatorConfig(), ControlConfig())
-    navigator.enter(Mode.LAND, at(1.0, 2.0, -0.5), (1.0, 2.0, -0.5))
+    navigator.enter(Mode.LAND, at(1.0, 2.0, -0.5), (1.0, 2.0, -0.5), 0)
     return navigator
 
 
@@ -42,7 +42,7 @@ def test_it_lands_where_it_is_when_it_does_not_get_there() -> None:
 def test_it_tries_three_times_for_each_landing() -> None:
     navigator, here = landing(), at(1.0, 2.0, -0.5)
     assert [navigator.step_aside(Mode.LAND, here, LEANS_EAST, 5 * S * k) for k in range(4)] == [True, True, True, False]
-    navigator.enter(Mode.LAND, here, here.pos_ned_m)
+    navigator.enter(Mode.LAND, here, here.pos_ned_m, 0)
     assert navigator.step_aside(Mode.LAND, here, LEANS_EAST, 30 * S)
 
 
@@ -55,7 +55,7 @@ def test_it_does_not_try_again_on_its_way() -> None:
 @pytest.mark.parametrize("mode", [Mode.HOLD, Mode.TAKEOFF, Mode.RETURN])
 def test_only_who_lands_steps_aside(mode: Mode) -> None:
     navigator = landing()
-    navigator.enter(mode, at(1.0, 2.0, -0.5), (1.0, 2.0, -0.5))
+    navigator.enter(mode, at(1.0, 2.0, -0.5), (1.0, 2.0, -0.5), 0)
     assert not navigator.step_aside(mode, at(1.0, 2.0, -0.5), LEANS_EAST, 0)
 
 
@@ -63,7 +63,7 @@ def test_without_a_position_it_goes_there_by_velocity_and_stops() -> None:
     """Its velocity is wrong by 0.3 m/s: it stands when it leans over the edge."""
     navigator = Navigator(NavigatorConfig(), ControlConfig())
     here = Kinematics((1.0, 2.0, -0.5), (0.3, 0.0, 0.1), (0.0, 0.0, 0.0), 0.0)
-    navigator.enter(Mode.DESCEND, here, here.pos_ned_m)
+    navigator.enter(Mode.DESCEND, here, here.pos_ned_m, 0)
     assert navigator.step_aside(Mode.DESCEND, here, LEANS_EAST, 0)
     assert navigator.setpoint(Mode.DESCEND, here, S).vel_ned_mps == pytest.approx((0.3, 0.4, -0.2))
     assert navigator.setpoint(Mode.DESCEND, here, 3 * S).vel_ned_mps == (0.3, 0.0, 0.0)
@@ -72,10 +72,28 @@ def test_without_a_position_it_goes_there_by_velocity_and_stops() -> None:
     assert setpoint.pos_ned_m == (None, None, None)
 
 
+def test_losing_its_position_it_brakes_and_then_keeps_its_lean() -> None:
+    control = ControlConfig(mpc_acc_hor_mps2=2.0, mpc_xy_vel_p_acc=4.0)
+    navigator, still = Navigator(NavigatorConfig(), control), (0.0, 0.0, 0.0)
+    down_mps = control.mpc_land_speed_mps
+    fast, slow = (Kinematics(still, (north_mps, 0.0, 0.0), still, 0.0) for north_mps in (3.0, 0.4))
+    navigator.enter(Mode.DESCEND, fast, still, 10 * S)
+    assert navigator.setpoint(Mode.DESCEND, fast, 10 * S).vel_ned_mps == pytest.approx((2.5, 0.0, down_mps))
+    assert navigator.setpoint(Mode.DESCEND, slow, 12 * S).vel_ned_mps == (0.0, 0.0, down_mps)
+    assert navigator.setpoint(Mode.DESCEND, fast, 14 * S).vel_ned_mps == (None, None, down_mps)
+
+
+def test_losing_its_position_in_hover_it_keeps_its_lean() -> None:
+    navigator, still = Navigator(NavigatorConfig(), ControlConfig()), (0.0, 0.0, 0.0)
+    hovers = Kinematics(still, (0.1, 0.1, 0.0), still, 0.0)
+    navigator.enter(Mode.DESCEND, hovers, still, 10 * S)
+    assert navigator.setpoint(Mode.DESCEND, hovers, 10 * S).vel_ned_mps[:2] == (None, None)
+
+
 def test_without_a_position_who_slides_does_not_step_aside() -> None:
     navigator = Navigator(NavigatorConfig(), ControlConfig())
     here = Kinematics((1.0, 2.0, -0.5), (2.0, 0.0, 0.1), (0.0, 0.0, 0.0), 0.0)
-    navigator.enter(Mode.DESCEND, here, here.pos_ned_m)
+    navigator.enter(Mode.DESCEND, here, here.pos_ned_m, 0)
     assert not navigator.step_aside(Mode.DESCEND, here, LEANS_EAST, 0)
 
 
