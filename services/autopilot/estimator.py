@@ -179,7 +179,7 @@ class Estimator:
             if self._covariance_us >= COVARIANCE_PERIOD_US:
                 self._predict_covariance()
             if self.t_us >= self._slow_from_us:
-                self._slow_from_us += SLOW_PERIOD_US
+                self._slow_from_us = self.t_us + SLOW_PERIOD_US
                 self._update([(3, -self.vel_ned_mps[0], SLOW_STD_MPS), (4, -self.vel_ned_mps[1], SLOW_STD_MPS)])
             return
         self.rates_frd_rps = gyro_frd_rps
