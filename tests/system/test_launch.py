@@ -90,8 +90,8 @@ def test_services_stop_in_reverse_order_and_print_into_logs(toy: Stack, tmp_path
     wait_for(lambda: len(lines_of(events)) == 3, STARTS_WITHIN_S, "all started")
     processes = [row["pid"] for row in rows(toy).values()]
     assert [row["state"] for row in rows(toy).values()] == ["running"] * 3
-    logs = toy.jezero("logs").stdout
-    assert "early  | hello from early" in logs and "late   | hello from late" in logs
+    hellos = {"early  | hello from early", "late   | hello from late"}
+    wait_for(lambda: hellos <= set(toy.jezero("logs").stdout.splitlines()), STARTS_WITHIN_S, "all in the logs")
     assert "hello from late" not in toy.jezero("logs", "early").stdout
     toy.jezero("down")
     assert all_gone(processes)()
