@@ -1,4 +1,4 @@
-"""Landing where there is an edge: half on the rover's platform, by the autopilot itself, blind, and by a goal."""
+"""Where there is an edge, half on the rover's platform: landing by the autopilot itself, blind, by a goal; hovering."""
 
 from math import cos, degrees, pi, sin
 
@@ -10,6 +10,7 @@ from jezero.frames import tilt_from_quat
 from jezero.mavlink import dialect
 from jezero.runtime.config import load_config
 from jezero.schemas import topics
+from jezero.schemas.commands import Hover
 from jezero.schemas.state import StatusCode, Truth
 from jezero.services.autopilot.config import AutopilotConfig, FailsafeConfig
 from jezero.services.simulator.config import SimulatorConfig
@@ -18,6 +19,8 @@ from tests.scenario.rig import Flight, go_to, land_at
 PLACES = 12
 FALLS_AT_DEG = 60.0
 UNTIL_S = READY_S + 16.0
+ASKED_S = 0.4
+"""After the first touch: when the autopilot has heard it, it has taken the thrust away."""
 WITHOUT_SIGHT = ("estimator", "camera", "tag_detector")
 
 
@@ -64,6 +67,22 @@ def test_the_autopilot_steps_aside_without_a_position(place: int) -> None:
     assert flight.codes[-2:] == [StatusCode.EXTERNAL, StatusCode.IDLE]
     assert max(tilt_deg(truth) for truth in flight.truths[start:]) < FALLS_AT_DEG
     assert tilt_deg(flight.truth) < 10.0
+
+
+@pytest.mark.parametrize("place", range(PLACES))
+def test_a_hover_begins_where_a_landing_has_just_touched_down(place: int) -> None:
+    """The bridge stands still, so that the autopilot lands; when its thrust has gone the vehicle shall hover again."""
+    flight = Flight(place, lambda seed: build_stack(seed, without=WITHOUT_SIGHT))
+    flight.take_off(2.0)
+    flight.do(topics.GO_TO, go_to(*edge_ned_m(place), -1.5))
+    flight.bus.freeze("vehicle_bridge", 2.0)
+    flight.wait(lambda: flight.truth.contact_force_n > 0.0, 6.0, "touchdown")
+    start = len(flight.truths)
+    flight.bus.run_for(ASKED_S)
+    assert flight.ask(topics.HOVER, Hover()).hover_mode
+    flight.bus.run_for(5.0)
+    assert max(tilt_deg(truth) for truth in flight.truths[start:]) < FALLS_AT_DEG
+    assert tilt_deg(flight.truth) < 15.0
 
 
 @pytest.mark.parametrize("place", range(PLACES))
