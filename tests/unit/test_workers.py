@@ -35,6 +35,16 @@ def test_they_go_when_the_one_who_waits_for_them_is_interrupted() -> None:
     assert not left.parent.exists()
 
 
+def test_they_go_when_the_one_who_waits_for_them_is_told_to_end() -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(SystemExit, match=str(128 + signal.SIGTERM)), workers(1) as pool:
+        left = Path(pool.apply(leave_a_file, ("a",)))
+        os.kill(os.getpid(), signal.SIGTERM)
+        pool.apply(leave_a_file, ("b",))
+    assert not left.parent.exists()
+    assert signal.getsignal(signal.SIGTERM) == before
+
+
 def test_an_interrupt_of_a_terminal_does_not_end_their_work() -> None:
     with workers(1) as pool:
         assert pool.apply(interrupt_oneself) == "done"
