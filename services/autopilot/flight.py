@@ -44,16 +44,12 @@ class Flight:
     @property
     def tips_ned(self) -> tuple[float, float] | None:
         """North and east part of where the vehicle leans over, held up on the other side; None when it doesn't."""
-        return self._up_ned if self.detector.touches and self._leans_over else None
-
-    @property
-    def _up_ned(self) -> tuple[float, float]:
+        detector = self.detector
+        if detector.landed or not (detector.touches or detector.contact):
+            return None
         r = self._estimator.R_ned_from_frd
-        return (-r[2], -r[5])
-
-    @property
-    def _leans_over(self) -> bool:
-        return leans_over(self._up_ned, self._controller.up_wanted_ned[:2])
+        up_ned = (-r[2], -r[5])
+        return up_ned if leans_over(up_ned, self._controller.up_wanted_ned[:2]) else None
 
     def leave(self) -> None:
         """Away from what it touches."""
@@ -92,8 +88,6 @@ class Flight:
             down_mps = controller.vel_setpoint_ned_mps[2]
             if detector.touches and down_mps < -CLIMB_WANTED_MPS:
                 controller.leave()
-            elif detector.contact and down_mps < CLIMB_WANTED_MPS and self._leans_over:
-                self.leave()
             vel_ned_mps = (0.0, 0.0, at.vel_ned_mps[2]) if setpoint.lets_drift else at.vel_ned_mps
             detector.step(dt, vel_ned_mps, self._estimator.rates_frd_rps, down_mps, controller.thrust_hover)
             return

@@ -20,6 +20,8 @@ UNTOUCHED_S = 0.2
 """What kept the vehicle from descending for the one time touches it, until it hasn't done so for the other."""
 LOW_THRUST = 0.3
 """Share of the thrust that hovers."""
+TIPS_RPS = 0.035
+"""About a horizontal axis: what stands doesn't turn like that, what slowly begins to fall over an edge does."""
 
 
 class LandDetector:
@@ -74,6 +76,7 @@ class LandDetector:
         self._blocked_s = self._blocked_s + dt if blocked else 0.0
         self._untouched_s = 0.0 if self._blocked_s >= TOUCHES_S else self._untouched_s + dt
         turns = max(abs(rate) for rate in rates_frd_rps) > c.lndmc_rot_max_rps
-        rests = self.contact and thrust_of_hover < LOW_THRUST and not turns
+        tips = hypot(rates_frd_rps[0], rates_frd_rps[1]) > TIPS_RPS
+        rests = self.contact and thrust_of_hover < LOW_THRUST and not (turns or tips)
         self._low_s = self._low_s + dt if rests else 0.0
         self.landed = self._low_s >= c.maybe_landed_s + c.landed_s

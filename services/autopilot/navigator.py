@@ -101,14 +101,16 @@ class Navigator:
         self._point_ned_m = point_ned_m
         self._yaw_rad = self._yaw_rad if yaw_rad is None else yaw_rad
 
-    def step_aside(self, mode: Mode, at: Kinematics, lean_ned: tuple[float, float], t_us: int) -> bool:
-        """Land beside the edge that the vehicle leans over; False when it doesn't land, or has tried often enough.
+    def leaves(self, mode: Mode, at: Kinematics, lean_ned: tuple[float, float], t_us: int) -> bool:
+        """Whether what the vehicle leans over is to be left at once, with all the thrust that it takes.
 
-        Without a position, in descend mode, its velocity is wrong as well, but by how much is known if it stands.
+        Who lands does so beside it, unless he has tried that often enough. Without a position, in descend mode, his
+        velocity is wrong as well, but by how much is known if he stands.
         """
-        lands = mode in {Mode.LAND, Mode.DESCEND} or (mode is Mode.RETURN and self._leg is Leg.LAND)
+        if not (mode in {Mode.LAND, Mode.DESCEND} or (mode is Mode.RETURN and self._leg is Leg.LAND)):
+            return True
         slides = mode is Mode.DESCEND and hypot(*at.vel_ned_mps[:2]) > STANDS_MAX_MPS
-        if not lands or slides or t_us < self._aside_until_us or self._asides == ASIDE_TIMES:
+        if slides or t_us < self._aside_until_us or self._asides == ASIDE_TIMES:
             return False
         self._aside_until_us = t_us + ASIDE_US
         self._asides += 1

@@ -109,15 +109,15 @@ class Vehicle:
         commander = self.commander
         mode = commander.mode
         at = self._flight.kinematics
+        tips_ned = self._flight.tips_ned
+        if tips_ned is not None and self._navigator.leaves(mode, at, tips_ned, self.t_us):
+            self._flight.leave()
         if mode is Mode.OFFBOARD:
             setpoint = self._offboard
         else:
             if not self.landed and self._navigator.finished(mode, at):
                 commander.switch(Mode.HOLD)
                 self._mode = Mode.HOLD  # the point to hold is the one that it climbed to
-            tips_ned = self._flight.tips_ned
-            if tips_ned is not None and self._navigator.step_aside(mode, at, tips_ned, self.t_us):
-                self._flight.leave()
             setpoint = self._navigator.setpoint(commander.mode, at, self.t_us)
         may_lift = mode is Mode.OFFBOARD or (mode is Mode.TAKEOFF and self._navigator.leads_up(at))
         commands = self._flight.step(dt, setpoint, may_lift=may_lift)

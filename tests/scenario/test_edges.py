@@ -86,6 +86,20 @@ def test_a_hover_begins_where_a_landing_has_just_touched_down(place: int) -> Non
 
 
 @pytest.mark.parametrize("place", range(PLACES))
+def test_a_landing_by_setpoints_whose_bridge_stands_still(place: int) -> None:
+    """The last setpoint pushes down; for a second the autopilot has no other."""
+    flight = Flight(place, lambda seed: build_stack(seed, without=WITHOUT_SIGHT))
+    flight.take_off(2.0)
+    flight.bus.ask(topics.LAND_ON_SPOT.endpoint, land_at(*edge_ned_m(place)))
+    flight.wait(lambda: flight.truth.contact_force_n > 0.0 and flight.status.code == StatusCode.LANDING, 30.0, "touch")
+    start = len(flight.truths)
+    flight.bus.freeze("vehicle_bridge", 4.0)
+    flight.bus.run_for(12.0)
+    assert max(tilt_deg(truth) for truth in flight.truths[start:]) < FALLS_AT_DEG
+    assert tilt_deg(flight.truth) < 15.0
+
+
+@pytest.mark.parametrize("place", range(PLACES))
 def test_a_goal_ends_in_a_hover_or_on_the_platform(place: int) -> None:
     flight = Flight(place, lambda seed: build_stack(seed, without=WITHOUT_SIGHT))
     flight.take_off(3.0)

@@ -172,7 +172,8 @@ def test_a_vehicle_that_is_held_down_for_about_a_second_has_landed() -> None:
     [
         {"vel_ned_mps": (0.0, 0.0, 0.3)},
         {"vel_ned_mps": (1.2, 1.0, 0.0)},
-        {"rates_frd_rps": (0.4, 0.0, 0.0)},
+        {"rates_frd_rps": (0.0, 0.0, 0.4)},
+        {"rates_frd_rps": (0.03, 0.03, 0.0)},
         {"thrust_of_hover": 0.9},
         {"thrust_of_hover": 0.9, "down_wanted_mps": 0.0},
         {"thrust_of_hover": 0.9, "down_wanted_mps": 0.3, "vel_ned_mps": (0.0, 0.0, 0.22)},
@@ -182,6 +183,12 @@ def test_a_vehicle_that_moves_turns_or_pulls_has_not_landed(state: dict[str, obj
     detector = flying()
     run(detector, 5.0, **state)
     assert not detector.landed
+
+
+def test_a_vehicle_that_a_rover_turns_has_landed() -> None:
+    detector = flying()
+    run(detector, 1.1, rates_frd_rps=(0.01, -0.01, 0.2))
+    assert detector.landed
 
 
 def test_a_vehicle_that_shall_climb_is_not_held_down_by_its_own_low_thrust() -> None:
