@@ -35,6 +35,12 @@ def tilt_deg(truth: Truth) -> float:
     return degrees(tilt_from_quat(truth.q_ned_from_frd))
 
 
+def assert_upright(truths: list[Truth], end_deg: float = 15.0) -> None:
+    """All the time, and in the end."""
+    assert max(tilt_deg(truth) for truth in truths) < FALLS_AT_DEG
+    assert tilt_deg(truths[-1]) < end_deg
+
+
 @pytest.mark.parametrize("place", range(PLACES))
 def test_the_autopilot_steps_aside(place: int) -> None:
     """Setpoints end above the edge: the failsafe lands there."""
@@ -47,8 +53,7 @@ def test_the_autopilot_steps_aside(place: int) -> None:
 
     flight = fly(target, place, UNTIL_S + 18.0, windy(1.5, 0.3))
     landing = [truth for truth in flight.truth if truth.t_ns > UNTIL_S * 1e9]
-    assert max(tilt_deg(truth) for truth in landing) < FALLS_AT_DEG
-    assert tilt_deg(landing[-1]) < 5.0
+    assert_upright(landing, 5.0)
     assert not landing[-1].armed_motors
 
 
@@ -65,8 +70,7 @@ def test_the_autopilot_steps_aside_without_a_position(place: int) -> None:
     hand.broken = True
     flight.wait(lambda: not flight.status.armed, 40.0, "disarmed")
     assert flight.codes[-2:] == [StatusCode.EXTERNAL, StatusCode.IDLE]
-    assert max(tilt_deg(truth) for truth in flight.truths[start:]) < FALLS_AT_DEG
-    assert tilt_deg(flight.truth) < 10.0
+    assert_upright(flight.truths[start:], 10.0)
 
 
 @pytest.mark.parametrize("place", range(PLACES))
@@ -81,8 +85,7 @@ def test_a_hover_begins_where_a_landing_has_just_touched_down(place: int) -> Non
     flight.bus.run_for(ASKED_S)
     assert flight.ask(topics.HOVER, Hover()).hover_mode
     flight.bus.run_for(5.0)
-    assert max(tilt_deg(truth) for truth in flight.truths[start:]) < FALLS_AT_DEG
-    assert tilt_deg(flight.truth) < 15.0
+    assert_upright(flight.truths[start:])
 
 
 @pytest.mark.parametrize("place", range(PLACES))
@@ -95,8 +98,7 @@ def test_a_landing_by_setpoints_whose_bridge_stands_still(place: int) -> None:
     start = len(flight.truths)
     flight.bus.freeze("vehicle_bridge", 4.0)
     flight.bus.run_for(12.0)
-    assert max(tilt_deg(truth) for truth in flight.truths[start:]) < FALLS_AT_DEG
-    assert tilt_deg(flight.truth) < 15.0
+    assert_upright(flight.truths[start:])
 
 
 @pytest.mark.parametrize("place", range(PLACES))
