@@ -101,11 +101,11 @@ class Navigator:
         self._point_ned_m = point_ned_m
         self._yaw_rad = self._yaw_rad if yaw_rad is None else yaw_rad
 
-    def leaves(self, mode: Mode, at: Kinematics, lean_ned: tuple[float, float], t_us: int) -> bool:
-        """Whether what the vehicle leans over is to be left at once, with all the thrust that it takes.
+    def leave(self, mode: Mode, at: Kinematics, lean_ned: tuple[float, float], t_us: int) -> bool:
+        """Leave what the vehicle leans over; False when it is to stay there.
 
-        Who lands does so beside it, unless he has tried that often enough. Without a position, in descend mode, his
-        velocity is wrong as well, but by how much is known if he stands.
+        Who lands does so beside it from now on, unless he has tried that often enough; others go on as before. Without
+        a position, in descend mode, the velocity is wrong as well, but by how much is known if the vehicle stands.
         """
         if not (mode in {Mode.LAND, Mode.DESCEND} or (mode is Mode.RETURN and self._leg is Leg.LAND)):
             return True

@@ -110,7 +110,7 @@ class Vehicle:
         mode = commander.mode
         at = self._flight.kinematics
         tips_ned = self._flight.tips_ned
-        if tips_ned is not None and self._navigator.leaves(mode, at, tips_ned, self.t_us):
+        if tips_ned is not None and self._navigator.leave(mode, at, tips_ned, self.t_us):
             self._flight.leave()
         if mode is Mode.OFFBOARD:
             setpoint = self._offboard

@@ -35,6 +35,13 @@ def tilt_deg(truth: Truth) -> float:
     return degrees(tilt_from_quat(truth.q_ned_from_frd))
 
 
+def flying(place: int, altitude_m: float) -> Flight:
+    """Without what sees the rover."""
+    flight = Flight(place, lambda seed: build_stack(seed, without=WITHOUT_SIGHT))
+    flight.take_off(altitude_m)
+    return flight
+
+
 def assert_upright(truths: list[Truth], end_deg: float = 15.0) -> None:
     """All the time, and in the end."""
     assert max(tilt_deg(truth) for truth in truths) < FALLS_AT_DEG
@@ -76,8 +83,7 @@ def test_the_autopilot_steps_aside_without_a_position(place: int) -> None:
 @pytest.mark.parametrize("place", range(PLACES))
 def test_a_hover_begins_where_a_landing_has_just_touched_down(place: int) -> None:
     """The bridge stands still, so that the autopilot lands; when its thrust has gone the vehicle shall hover again."""
-    flight = Flight(place, lambda seed: build_stack(seed, without=WITHOUT_SIGHT))
-    flight.take_off(2.0)
+    flight = flying(place, 2.0)
     flight.do(topics.GO_TO, go_to(*edge_ned_m(place), -1.5))
     flight.bus.freeze("vehicle_bridge", 2.0)
     flight.wait(lambda: flight.truth.contact_force_n > 0.0, 6.0, "touchdown")
@@ -91,8 +97,7 @@ def test_a_hover_begins_where_a_landing_has_just_touched_down(place: int) -> Non
 @pytest.mark.parametrize("place", range(PLACES))
 def test_a_landing_by_setpoints_whose_bridge_stands_still(place: int) -> None:
     """The last setpoint pushes down; for a second the autopilot has no other."""
-    flight = Flight(place, lambda seed: build_stack(seed, without=WITHOUT_SIGHT))
-    flight.take_off(2.0)
+    flight = flying(place, 2.0)
     flight.bus.ask(topics.LAND_ON_SPOT.endpoint, land_at(*edge_ned_m(place)))
     flight.wait(lambda: flight.truth.contact_force_n > 0.0 and flight.status.code == StatusCode.LANDING, 30.0, "touch")
     start = len(flight.truths)
@@ -103,8 +108,7 @@ def test_a_landing_by_setpoints_whose_bridge_stands_still(place: int) -> None:
 
 @pytest.mark.parametrize("place", range(PLACES))
 def test_a_goal_ends_in_a_hover_or_on_the_platform(place: int) -> None:
-    flight = Flight(place, lambda seed: build_stack(seed, without=WITHOUT_SIGHT))
-    flight.take_off(3.0)
+    flight = flying(place, 3.0)
     start = len(flight.truths)
     result = flight.finish(flight.send(topics.LAND_ON_SPOT, land_at(*edge_ned_m(place))))
     flight.bus.run_for(3.0)

@@ -25,7 +25,7 @@ def landing() -> Navigator:
 
 def test_it_goes_up_and_to_where_it_leans_and_lands_there() -> None:
     navigator = landing()
-    assert navigator.leaves(Mode.LAND, at(1.0, 2.0, -0.5), LEANS_EAST, 0)
+    assert navigator.leave(Mode.LAND, at(1.0, 2.0, -0.5), LEANS_EAST, 0)
     assert navigator.setpoint(Mode.LAND, at(1.0, 2.0, -0.5), S).pos_ned_m == (1.0, 3.0, -1.0)
     setpoint = navigator.setpoint(Mode.LAND, at(1.0, 2.9, -1.0), 2 * S)
     assert setpoint.pos_ned_m == (1.0, 3.0, None)
@@ -34,22 +34,22 @@ def test_it_goes_up_and_to_where_it_leans_and_lands_there() -> None:
 
 def test_it_lands_where_it_is_when_it_does_not_get_there() -> None:
     navigator = landing()
-    navigator.leaves(Mode.LAND, at(1.0, 2.0, -0.5), LEANS_EAST, 0)
+    navigator.leave(Mode.LAND, at(1.0, 2.0, -0.5), LEANS_EAST, 0)
     assert navigator.setpoint(Mode.LAND, at(1.0, 2.0, -0.5), 3_900_000).pos_ned_m[2] is not None
     assert navigator.setpoint(Mode.LAND, at(1.0, 2.0, -0.5), 4_000_000).pos_ned_m[2] is None
 
 
 def test_it_tries_three_times_for_each_landing() -> None:
     navigator, here = landing(), at(1.0, 2.0, -0.5)
-    assert [navigator.leaves(Mode.LAND, here, LEANS_EAST, 5 * S * k) for k in range(4)] == [True, True, True, False]
+    assert [navigator.leave(Mode.LAND, here, LEANS_EAST, 5 * S * k) for k in range(4)] == [True, True, True, False]
     navigator.enter(Mode.LAND, here, here.pos_ned_m, 0)
-    assert navigator.leaves(Mode.LAND, here, LEANS_EAST, 30 * S)
+    assert navigator.leave(Mode.LAND, here, LEANS_EAST, 30 * S)
 
 
 def test_it_does_not_try_again_on_its_way() -> None:
     navigator, here = landing(), at(1.0, 2.0, -0.5)
-    assert navigator.leaves(Mode.LAND, here, LEANS_EAST, 0)
-    assert not navigator.leaves(Mode.LAND, here, LEANS_EAST, S)
+    assert navigator.leave(Mode.LAND, here, LEANS_EAST, 0)
+    assert not navigator.leave(Mode.LAND, here, LEANS_EAST, S)
 
 
 @pytest.mark.parametrize("mode", [Mode.HOLD, Mode.TAKEOFF, Mode.RETURN, Mode.OFFBOARD])
@@ -57,7 +57,7 @@ def test_who_does_not_land_leaves_the_edge_and_goes_on(mode: Mode) -> None:
     navigator, here = landing(), at(1.0, 2.0, -0.5)
     navigator.enter(mode, here, here.pos_ned_m, 0)
     before = navigator.setpoint(mode, here, 0)
-    assert all(navigator.leaves(mode, here, LEANS_EAST, S * k) for k in range(5))
+    assert all(navigator.leave(mode, here, LEANS_EAST, S * k) for k in range(5))
     assert navigator.setpoint(mode, here, 0) == before
 
 
@@ -66,7 +66,7 @@ def test_without_a_position_it_goes_there_by_velocity_and_stops() -> None:
     navigator = Navigator(NavigatorConfig(), ControlConfig())
     here = Kinematics((1.0, 2.0, -0.5), (0.3, 0.0, 0.1), (0.0, 0.0, 0.0), 0.0)
     navigator.enter(Mode.DESCEND, here, here.pos_ned_m, 0)
-    assert navigator.leaves(Mode.DESCEND, here, LEANS_EAST, 0)
+    assert navigator.leave(Mode.DESCEND, here, LEANS_EAST, 0)
     assert navigator.setpoint(Mode.DESCEND, here, S).vel_ned_mps == pytest.approx((0.3, 0.4, -0.2))
     assert navigator.setpoint(Mode.DESCEND, here, 3 * S).vel_ned_mps == (0.3, 0.0, 0.0)
     setpoint = navigator.setpoint(Mode.DESCEND, here, 5 * S)
@@ -92,15 +92,15 @@ def test_losing_its_position_in_hover_it_keeps_its_lean() -> None:
     assert navigator.setpoint(Mode.DESCEND, hovers, 10 * S).vel_ned_mps[:2] == (None, None)
 
 
-def test_without_a_position_who_slides_does_not_leaves() -> None:
+def test_without_a_position_who_slides_does_not_leave() -> None:
     navigator = Navigator(NavigatorConfig(), ControlConfig())
     here = Kinematics((1.0, 2.0, -0.5), (2.0, 0.0, 0.1), (0.0, 0.0, 0.0), 0.0)
     navigator.enter(Mode.DESCEND, here, here.pos_ned_m, 0)
-    assert not navigator.leaves(Mode.DESCEND, here, LEANS_EAST, 0)
+    assert not navigator.leave(Mode.DESCEND, here, LEANS_EAST, 0)
 
 
 def test_the_place_aside_moves_along_with_the_estimate() -> None:
     navigator = landing()
-    navigator.leaves(Mode.LAND, at(1.0, 2.0, -0.5), LEANS_EAST, 0)
+    navigator.leave(Mode.LAND, at(1.0, 2.0, -0.5), LEANS_EAST, 0)
     navigator.moved((10.0, 0.0, 0.0))
     assert navigator.setpoint(Mode.LAND, at(11.0, 2.0, -0.5), S).pos_ned_m == (11.0, 3.0, -1.0)
