@@ -94,8 +94,8 @@ class OdometryFix(msgspec.Struct, frozen=True, gc=False):
     def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> Verdict:
         if self.reset:
             kalman.loosen(VEL_ERROR, STD_RESET_MPS)
-        nis = kalman.update(self.pos_vel - ODOMETRY_H @ kalman.x, ODOMETRY_H, ODOMETRY_R)
-        return Verdict(6, 6, nis)
+        kalman.update(self.pos_vel - ODOMETRY_H @ kalman.x, ODOMETRY_H, ODOMETRY_R)
+        return Verdict(6, 6)
 
 
 class RoverMotion(msgspec.Struct, frozen=True, gc=False):
@@ -138,7 +138,8 @@ class RoverMotion(msgspec.Struct, frozen=True, gc=False):
         fits = float(excess.max()) <= 1.0
         if not fits:
             R = R * np.maximum(excess, 1.0)
-        return Verdict(int(fits), 1, kalman.update(innovation, H, R))
+        kalman.update(innovation, H, R)
+        return Verdict(int(fits), 1)
 
     def _stds(self) -> Array:
         speed = abs(self.speed_mps)
@@ -180,8 +181,8 @@ class UwbRound(msgspec.Struct, frozen=True, gc=False):
         used = int(np.count_nonzero(good))
         if not used:
             return Verdict(0, offered)
-        nis = kalman.update(innovation[good], H[good], variance * np.eye(used))
-        return Verdict(used, offered, nis)
+        kalman.update(innovation[good], H[good], variance * np.eye(used))
+        return Verdict(used, offered)
 
     def _expect(self, x: Array) -> tuple[Array, Array]:
         """Expected ranges (m,) and their Jacobian (m, n)."""
@@ -231,7 +232,8 @@ class AltimeterRange(msgspec.Struct, frozen=True, gc=False):
         S = float(kalman.innovation_covariance(H, R)[0, 0])
         if float(innovation[0]) ** 2 > gate[0] * S:
             return Verdict(0, 1)
-        return Verdict(1, 1, kalman.update(innovation, H, R))
+        kalman.update(innovation, H, R)
+        return Verdict(1, 1)
 
     def _meets_platform(self, kalman: Kalman, laser_m: Array, expected_m: float) -> bool:
         """Whether the beam's foot is further inside the edge than three standard deviations."""
@@ -275,10 +277,10 @@ class TagFix(msgspec.Struct, frozen=True, gc=False):
         S = kalman.innovation_covariance(H, R)
         if float(innovation @ np.linalg.solve(S, innovation)) > gate[1]:
             return Verdict(0, 3)
-        nis = kalman.update(innovation, H, R)
+        kalman.update(innovation, H, R)
         if self.yaw_rad is not None:
             self._fuse_yaw(kalman, self.yaw_rad, gate)
-        return Verdict(3, 3, nis)
+        return Verdict(3, 3)
 
     def noise_m2(self) -> Array:
         """(3, 3) of the position: the detector's, and what the attitude's fast error adds across the line of sight."""

@@ -1,7 +1,8 @@
 """What the ranges say of themselves: how noisy they are, which of them took a detour, and which are stuck."""
 
+from bisect import bisect_left, insort
 from collections import deque
-from itertools import combinations, islice
+from itertools import combinations
 from statistics import median
 
 from jezero.schemas.sensors import Uwb, UwbRange
@@ -19,8 +20,8 @@ DETOUR_SIGMAS, DETOUR_MIN_M = 3.0, 0.12
 """A range so much above the line through its anchor's last ones is dropped; the second is what curvature may do."""
 
 
-Past = deque[tuple[int, float, float]]
-"""Of an anchor: time, range, and how far the range is from what the two before it went on to (m)."""
+Past = deque[tuple[int, float, float | None]]
+"""Of an anchor: time, range, and how far the range is from what the two before it went on to (m), if there are two."""
 
 
 class RangeScreen:
@@ -33,11 +34,14 @@ class RangeScreen:
     def __init__(self) -> None:
         self.std_m = 0.0
         self._past: dict[int, Past] = {}
+        self._bends_m: list[float] = []
+        """How far they are off, in that order."""
         self._repeats: dict[int, Stuck] = {}
         self._stuck: set[int] = set()
 
     def clear(self) -> None:
         self._past.clear()
+        self._bends_m.clear()
         self._repeats.clear()
         self._stuck.clear()
         self.std_m = 0.0
@@ -53,10 +57,15 @@ class RangeScreen:
             if past and r.t_ns <= past[-1][0]:
                 continue
             self._note_repeats(r)
-            bend_m = (r.range_m - past[-1][1]) - (past[-1][1] - past[-2][1]) if len(past) > 1 else 0.0
+            bend_m = None
+            if len(past) > 1:
+                bend_m = abs((r.range_m - past[-1][1]) - (past[-1][1] - past[-2][1]))
+                insort(self._bends_m, bend_m)
             past.append((r.t_ns, r.range_m, bend_m))
             while past[0][0] < r.t_ns - NOISE_NS:
-                past.popleft()
+                _, _, forgotten_m = past.popleft()
+                if forgotten_m is not None:
+                    del self._bends_m[bisect_left(self._bends_m, forgotten_m)]
         self._measure_noise()
         limit_m = DETOUR_SIGMAS * max(std_m, self.std_m) + DETOUR_MIN_M
         return tuple(r for r in uwb.ranges if r.anchor not in self._stuck and not self._is_detour(r, limit_m))
@@ -74,9 +83,8 @@ class RangeScreen:
 
     def _measure_noise(self) -> None:
         """From second differences, which no speed and hardly any acceleration enters."""
-        bends_m = sorted([abs(bend_m) for past in self._past.values() for _, _, bend_m in islice(past, 2, None)])
-        if len(bends_m) >= NOISE_SAMPLES_MIN:
-            self.std_m = _quantile(bends_m, QUANTILE) / (QUANTILE_OF_NORMAL * VARIANCE_OF_DIFFERENCE**0.5)
+        if len(self._bends_m) >= NOISE_SAMPLES_MIN:
+            self.std_m = _quantile(self._bends_m, QUANTILE) / (QUANTILE_OF_NORMAL * VARIANCE_OF_DIFFERENCE**0.5)
 
 
 def _quantile(ordered: list[float], share: float) -> float:

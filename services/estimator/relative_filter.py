@@ -108,11 +108,11 @@ class RelativeFilter:
             return
         assert self._timeline is not None
         timeline = self._timeline
-        for measurement in measurements:
-            if isinstance(measurement, UwbRound):
-                self._window.add(measurement)
+        rounds = [m for m in measurements if type(m) is UwbRound]
+        for uwb in rounds:
+            self._window.add(uwb)
         timeline.add([*measurements, *self._first_location(measurements)])
-        if any(isinstance(measurement, UwbRound) for measurement in measurements):
+        if rounds:
             self._locate_by_uwb(timeline)
         if any(measurement.kind in WATCHED for measurement in measurements):
             self._break_wrong_lock(timeline)
@@ -191,7 +191,7 @@ class RelativeFilter:
 
     def _first_location(self, measurements: Sequence[Measurement]) -> list[Measurement]:
         """While nothing is known: the first picture of a tag says where the rover is."""
-        tag = next((m for m in measurements if isinstance(m, TagFix)), None)
+        tag = next((m for m in measurements if type(m) is TagFix), None)
         if tag is None or self.located:
             return []
         return [Location(tag.t_ns, tag.pos_rel_m, tag.noise_m2() + self._cov_by_attitude(tag))]

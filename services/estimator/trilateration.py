@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from jezero.frames import Vec3
 
 ITERATIONS = 5
+CONVERGED_M = 1e-6
+"""A Gauss–Newton step so small leaves an error far smaller still."""
 ANCHORS_MIN = 3
 WEAKEST = 1e-4
 """Information on each axis that keeps the variance finite where the geometry gives none."""
@@ -43,6 +45,8 @@ def trilaterate(anchors_m: Sequence[Vec3], ranges_m: Sequence[float]) -> tuple[V
         step = np.linalg.lstsq(J, rho - lengths, rcond=None)[0]
         p = p + np.clip(step, -1.0, 1.0)
         p[2] = min(p[2], -1e-2)
+        if np.abs(step).max() < CONVERGED_M:
+            break
     covariance = np.linalg.inv(J.T @ J + WEAKEST * np.eye(3))
     if not (np.all(np.isfinite(p)) and np.all(np.isfinite(covariance))):
         return None

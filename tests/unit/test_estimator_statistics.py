@@ -9,7 +9,9 @@ from scipy.stats import chi2
 
 from benchmarks.estimator import CASES, Sample, judge, replay, rmse_m
 from benchmarks.estimator_flight import EstimatorFlight
+from jezero.services.estimator.kalman import Kalman
 from jezero.services.estimator.measurements import Kind
+from jezero.services.estimator.motion import Array
 from jezero.services.estimator.timeline import Timeline
 
 SEEDS = range(4)
@@ -25,13 +27,20 @@ def flown(case: str) -> tuple[Flights, dict[Kind, tuple[float, int]]]:
     nis: dict[Kind, list[tuple[float, int]]] = defaultdict(list)
     flights = []
     with pytest.MonkeyPatch.context() as patch:
-        fuse = Timeline._fuse
+        fuse, update = Timeline._fuse, Kalman.update
+        of_updates: list[float] = []
+
+        def watched_update(self: Kalman, innovation: Array, H: Array, R: Array) -> None:
+            of_updates.append(float(innovation @ np.linalg.solve(self.innovation_covariance(H, R), innovation)))
+            update(self, innovation, H, R)
 
         def watched(self: Timeline, measurement: object) -> None:
+            of_updates.clear()
             fuse(self, measurement)  # type: ignore[arg-type]
             entry = self.entries[-1]
-            nis[entry.measurement.kind].append((entry.verdict.nis, entry.verdict.used))
+            nis[entry.measurement.kind].append((of_updates[0] if of_updates else 0.0, entry.verdict.used))
 
+        patch.setattr(Kalman, "update", watched_update)
         patch.setattr(Timeline, "_fuse", watched)
         for seed in SEEDS:
             flight = EstimatorFlight(seed, setup.conditions)

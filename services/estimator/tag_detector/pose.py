@@ -13,6 +13,8 @@ from jezero.frames import Quat, Vec3, frd_from_camera, quat_rotate
 
 Array = NDArray[np.float64]
 ITERATIONS = 4
+CONVERGED = 1e-6
+"""Metres and radians: a Gauss–Newton step so small leaves an error far smaller still."""
 RAY_DOWN_MIN = 0.05
 """A ray to the platform that comes down less than this per unit of length is next to the horizon."""
 
@@ -85,6 +87,8 @@ def solve(points_rover_body_m: Array, corners_px: Array, view: View) -> Pose | N
         change = np.linalg.lstsq(jacobian, residuals_px.ravel(), rcond=None)[0]
         pos_camera_m = pos_camera_m + change[:3]
         yaw_rad += float(change[3])
+        if np.abs(change).max() < CONVERGED:
+            break
     linear = _linearize(points_rover_body_m, corners_px, view, pos_camera_m, yaw_rad)
     if linear is None:
         return None

@@ -19,6 +19,7 @@ MIDDLES_M: Array = CORNERS_M.mean(axis=1, keepdims=True)
 HALF_SIDES_M: Array = np.array([0.5 * tag.side_m for tag in LANDING_BOARD])
 MARGINS_M: Array = MIDDLES_M + (CELLS + 2) / CELLS * (CORNERS_M - MIDDLES_M)
 """(N, 4, 3) corners of the white margins: without them a tag is not found."""
+OUTLINES_M: Array = np.stack((CORNERS_M, MARGINS_M))
 
 
 def tags_in_picture(view: View, info: CameraInfo) -> tuple[Array, npt.NDArray[np.bool_]]:
@@ -28,8 +29,7 @@ def tags_in_picture(view: View, info: CameraInfo) -> tuple[Array, npt.NDArray[np
         (N, 4, 2) pixels and (N,) truth values; seen from below, a tag is not in the picture.
     """
     relative = on_rover(view)
-    corners_px = project(CORNERS_M, relative, info)
-    margins_px = project(MARGINS_M, relative, info)
+    corners_px, margins_px = project(OUTLINES_M, relative, info)
     limit_px = np.array((info.width_px - 0.5, info.height_px - 0.5))
     if relative.pos_camera_ned_m[2] >= 0.0:
         return corners_px, np.zeros(len(corners_px), dtype=np.bool_)
