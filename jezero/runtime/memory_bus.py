@@ -141,8 +141,8 @@ class MemoryBus:
 
     def wire(self, a: tuple[str, str], b: tuple[str, str], delay: LinkDelay = NO_DELAY) -> None:
         """Join two services' links, each named (service, link)."""
-        self._wires[a] = _Wire(b, delay)
-        self._wires[b] = _Wire(a, delay)
+        self._wires[a] = _Wire(b, delay, self._path(".".join(a), ".".join(b)))
+        self._wires[b] = _Wire(a, delay, self._path(".".join(b), ".".join(a)))
         if a[0] in self._ports and b[0] in self._ports:
             self._set_link(*a, up=True)
             self._set_link(*b, up=True)
@@ -205,17 +205,18 @@ class MemoryBus:
         if listeners is None:
             listeners = self._listeners[topic.name] = [port for port in self._order if topic.name in port.listening]
         for port in listeners:
-            t_ns = self._arrival(sender, port.name, self._delay)
+            t_ns = self._arrival(self._path(sender, port.name), self._delay)
             self._deliver(sender, port.name, topic.name, t_ns, data, partial(port.receive, topic.name))
 
     def send(self, owner: str, link: str, data: bytes) -> None:
         wire = self._wires.get((owner, link))
-        if wire is None or wire.peer[0] not in self._ports:
+        if wire is None:
             return
         peer, peer_link = wire.peer
-        port = self._ports[peer]
-        t_ns = self._arrival(f"{owner}.{link}", f"{peer}.{peer_link}", wire.delay)
-        self._deliver(owner, peer, peer_link, t_ns, data, partial(port.receive_bytes, peer_link))
+        port = self._ports.get(peer)
+        if port is not None:
+            t_ns = self._arrival(wire.path, wire.delay)
+            self._deliver(owner, peer, peer_link, t_ns, data, partial(port.receive_bytes, peer_link))
 
     def call(self, caller: "_Port", endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None:
         answered = [False]
@@ -269,12 +270,13 @@ class MemoryBus:
             self._sequence += 1
             request_id = self._sequence
             self._requests[request_id] = _Question(asker, port.name, on_reply, end)
-            t_ns = self._arrival(asker, port.name, self._delay)
+            t_ns = self._arrival(self._path(asker, port.name), self._delay)
             ask = partial(port.receive_request, endpoint.name, request_id, asker)
             self._deliver(asker, port.name, endpoint.name, t_ns, data, ask)
 
     def _later(self, receiver: str, sender: str, data: bytes, receive: Callable[[bytes], None]) -> None:
-        self._deliver(sender, receiver, REPLY, self._arrival(sender, receiver, self._delay), data, receive)
+        t_ns = self._arrival(self._path(sender, receiver), self._delay)
+        self._deliver(sender, receiver, REPLY, t_ns, data, receive)
 
     def _deliver(
         self, sender: str, receiver: str, name: str, t_ns: int, data: bytes, receive: Callable[[bytes], None]
@@ -286,13 +288,17 @@ class MemoryBus:
         for arrival_ns, changed in self.tamper(sender, receiver, name, t_ns, data):
             self.at(max(self.t_ns, arrival_ns), name, partial(receive, changed))
 
-    def _arrival(self, sender: str, receiver: str, delay: LinkDelay) -> int:
+    def _path(self, sender: str, receiver: str) -> "_Path":
         path = self._paths.get((sender, receiver))
         if path is None:
             rng = Random(zlib.crc32(f"{self._seed}/{sender}>{receiver}".encode()))
             path = self._paths[sender, receiver] = _Path(rng)
+        return path
+
+    def _arrival(self, path: "_Path", delay: LinkDelay) -> int:
         t_ns = self.t_ns + delay.sample_ns(path.rng)
-        t_ns = max(t_ns, path.arrived_ns)
+        if t_ns < path.arrived_ns:
+            return path.arrived_ns
         path.arrived_ns = t_ns
         return t_ns
 
@@ -318,6 +324,7 @@ class _Path:
 class _Wire:
     peer: tuple[str, str]
     delay: LinkDelay
+    path: _Path
 
 
 @dataclass(frozen=True)

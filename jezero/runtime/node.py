@@ -232,7 +232,8 @@ class Node:
             if type(output) is Publish:
                 self._publish(output)
             elif type(output) is Send:
-                self._require(output.link in self.inbox._up, "link", output.link)
+                if output.link not in self.inbox._up:
+                    self._require(False, "link", output.link)
                 self._transport.send(output.link, output.data)
             else:
                 self._carry_out(output)

@@ -389,9 +389,9 @@ class Estimator:
             if not isfinite(innovation):
                 continue
             column = P[:, index].copy()
-            s = column[index] + std * std
-            dx += column * ((innovation - dx[index]) / s)
-            P -= column[:, None] * (column / s)
+            gain = column / (column[index] + std * std)
+            dx += gain * (innovation - dx[index])
+            P -= np.multiply.outer(column, gain)
         self._inject(dx.tolist())
 
     def _inject(self, dx: list[float]) -> None:

@@ -16,6 +16,7 @@ __all__ = ["GCS", "HIL", "OFFBOARD", "SPEC", "Autopilot"]
 
 HIL = "hil"
 GAP_MAX_US = 1_000_000
+HEALTH_PERIOD_NS = 100_000_000
 
 SPEC = Spec(name="autopilot", links=(HIL, OFFBOARD, GCS), triggers=(HIL, OFFBOARD, GCS), rate_hz=10.0)
 
@@ -42,8 +43,7 @@ class Autopilot:
         self._started_wall_ns: int | None = None
         self._connections = 0
         self._health: Health | None = None
-        self._judged: tuple[bool, int, int] | None = None
-        """What the health of a connected autopilot tells."""
+        self._judge_at_ns = 0
         self._start_over()
 
     def _start_over(self) -> None:
@@ -67,10 +67,12 @@ class Autopilot:
                 self._vehicle.fix(item)
         yield from self._side.answer(inbox)
         yield from self._side.tell(inbox)
-        health = self._judge(inbox)
-        if health != self._health:
-            self._health = health
-            yield health
+        if t_ns >= self._judge_at_ns:
+            self._judge_at_ns = t_ns + HEALTH_PERIOD_NS
+            health = self._judge(inbox)
+            if health != self._health:
+                self._health = health
+                yield health
 
     def _tell_time(self, wall_ns: int) -> None:
         """What the clock of the signatures says."""
@@ -89,17 +91,9 @@ class Autopilot:
 
     def _judge(self, inbox: Inbox) -> Health:
         if not inbox.is_up(HIL):
-            self._judged = None
             return Health("starting", "waiting for the simulator")
-        landed, malformed, refused = (
-            self._vehicle.landed,
-            self._hil.malformed + self._side.malformed,
-            self._side.refused,
-        )
-        if self._health is not None and self._judged == (landed, malformed, refused):
-            return self._health
-        self._judged = (landed, malformed, refused)
-        text = "connected to the simulator" if landed else "flying"
+        malformed, refused = self._hil.malformed + self._side.malformed, self._side.refused
+        text = "connected to the simulator" if self._vehicle.landed else "flying"
         text += f"; {malformed} malformed messages" if malformed else ""
         text += f"; {refused} messages without a valid signature" if refused else ""
         return Health("ok", text)

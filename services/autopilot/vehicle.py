@@ -18,6 +18,8 @@ from jezero.services.autopilot.streams import Snapshot
 from jezero.stuck import Stuck
 
 STEP_MAX_S = 0.05
+COMMANDER_PERIOD_US = 10_000
+"""Source: PX4's COMMANDER_MONITORING_INTERVAL."""
 HEARTBEAT_HOLDS_S = 2.5
 """A ground station counts as heard for so long after each of its heartbeats. Source: PX4's HEARTBEAT_TIMEOUT_US."""
 
@@ -53,6 +55,7 @@ class Vehicle:
         self._offboard_us: int | None = None
         self._followed: Setpoint | None = None
         self._thrust = 0.0
+        self._ticks_at_us = 0
         self._mode = self.commander.mode
         self._reset_offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
 
@@ -93,8 +96,10 @@ class Vehicle:
             self._baro_us = reading.t_us
             estimator.baro(altitude_m)
         self._follow_reset()
-        self.commander.tick(self._condition())
-        self._enter()
+        if self.t_us >= self._ticks_at_us:
+            self._ticks_at_us = self.t_us + COMMANDER_PERIOD_US
+            self.commander.tick(self._condition())
+            self._enter()
         commands = STOPPED
         self._followed = None
         if not self.commander.armed:

@@ -65,7 +65,7 @@ class Kalman:
         return Moment(self.t_ns, self.x, self.P)
 
     def restore(self, moment: Moment) -> None:
-        self.t_ns, self._filter.x, self._filter.P = moment.t_ns, moment.x, moment.P
+        self.t_ns, self._filter.x, self._filter.P = moment.t_ns, moment.x, 0.5 * (moment.P + moment.P.T)
 
     def predict_to(self, t_ns: int) -> None:
         """Move on to a later time."""
@@ -75,7 +75,7 @@ class Kalman:
         kf = self._filter
         x, F, Q = self._motion.step(kf.x, dt_s)
         kf.predict(F=F, Q=Q)
-        kf.x, kf.P = x, 0.5 * (kf.P + kf.P.T)  # the motion isn't linear: F is its Jacobian only
+        kf.x = x  # the motion isn't linear: F is its Jacobian only
         self.t_ns = t_ns
 
     def innovation_covariance(self, H: Array, R: Array) -> Array:

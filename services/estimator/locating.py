@@ -1,7 +1,7 @@
 """A first position from UWB alone, also when some ranges are far too long."""
 
 from collections import deque
-from math import cos, hypot, sin
+from math import cos, dist, hypot, sin
 from statistics import median
 
 import numpy as np
@@ -13,6 +13,8 @@ from jezero.services.estimator.trilateration import trilaterate
 
 WINDOW_NS = 600_000_000
 ROUNDS_MIN = 8
+REFINEMENTS, REFINED_M = 2, 1e-4
+"""The place tells how the ranges have changed since they were measured, and that tells the place."""
 STD_FLOOR_M = 0.05
 EXCESS = 2.0
 """On the standard deviation that the ranges' noise gives: they have constant errors, too."""
@@ -51,12 +53,16 @@ class UwbWindow:
         c, s = cos(yaw_rad), sin(yaw_rad)
         to_ned = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
         vel_body_mps = vel_rel_mps @ to_ned
-        found = None
-        for _ in range(3):
-            found = trilaterate(*_medians(rounds, t_ns, vel_body_mps, None if found is None else found[0]))
+        found = trilaterate(*_medians(rounds, t_ns, vel_body_mps, None))
+        for _ in range(REFINEMENTS):
             if found is None:
                 return None
-        assert found is not None
+            before_m = found[0]
+            found = trilaterate(*_medians(rounds, t_ns, vel_body_mps, before_m))
+            if found is not None and dist(found[0], before_m) < REFINED_M:
+                break
+        if found is None:
+            return None
         pos_body_m, unit_cov = found
         variance = (EXCESS * rounds[-1].std_m) ** 2 / len(rounds)
         cov_m2 = to_ned @ (unit_cov * variance) @ to_ned.T + STD_FLOOR_M**2 * np.eye(3)

@@ -193,7 +193,7 @@ class UwbRound(msgspec.Struct, frozen=True, gc=False):
         tag_ned_m = x[POS_UAV] - x[POS_ROVER] + self.lever_ned_m + delays * (x[VEL_UAV] - x[VEL_ROVER])
         tag_m = tag_ned_m @ to_body.T
         away = tag_m - self.anchors_m
-        lengths = np.maximum(np.sqrt(np.einsum("ij,ij->i", away, away)), 1e-3)
+        lengths = np.maximum(np.sqrt((away * away).sum(axis=1)), 1e-3)
         unit = away / lengths[:, None]
         unit_ned = unit @ to_body
         H = np.zeros((len(lengths), SIZE))

@@ -40,7 +40,7 @@ def trilaterate(anchors_m: Sequence[Vec3], ranges_m: Sequence[float]) -> tuple[V
     J = B
     for _ in range(ITERATIONS):
         J = p - B
-        lengths = np.maximum(np.linalg.norm(J, axis=1), 1e-6)
+        lengths = np.maximum(np.sqrt((J * J).sum(axis=1)), 1e-6)
         J = J / lengths[:, None]
         step = np.linalg.lstsq(J, rho - lengths, rcond=None)[0]
         p = p + np.clip(step, -1.0, 1.0)
