@@ -65,7 +65,7 @@ class Bench:
         """Deliver bytes; returns the messages that came back by link."""
         self.box.bytes = {HIL: hil, OFFBOARD: offboard}
         out: dict[str, list[MavMessage]] = {HIL: [], OFFBOARD: []}
-        for output in self.autopilot.step(0, self.box):
+        for output in self.autopilot.step(self.t_us * 1000, self.box):
             if isinstance(output, Send) and output.link in out:
                 out[output.link] += self.heard[output.link].parse(output.data)
             elif isinstance(output, Health):
