@@ -1,7 +1,7 @@
 """Many seeds' missions, on several processes, and what they come to."""
 
-from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator
+from collections import deque
+from collections.abc import Callable, Generator, Iterable
 from multiprocessing.pool import AsyncResult
 
 import msgspec
@@ -12,8 +12,8 @@ from jezero.deploy.workers import workers
 from jezero.schemas.state import StatusCode
 
 
-class CampaignReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What a range of seeds came to.
+class CampaignReport(msgspec.Struct, kw_only=True):
+    """What the missions that were added have come to.
 
     Attributes:
         failed: violations by seed, of those that had any.
@@ -22,53 +22,34 @@ class CampaignReport(msgspec.Struct, frozen=True, kw_only=True):
         goals: how the accepted ones ended, and how many were rejected.
     """
 
-    seeds: int
-    failed: dict[int, list[str]]
-    faults: dict[str, int]
-    states: dict[str, int]
-    goals: dict[str, int]
-    sim_time_s: float
+    seeds: int = 0
+    failed: dict[int, list[str]] = msgspec.field(default_factory=dict)
+    faults: dict[str, int] = msgspec.field(default_factory=lambda: {str(kind): 0 for kind in Kind})
+    states: dict[str, int] = msgspec.field(default_factory=lambda: {code.name: 0 for code in StatusCode})
+    goals: dict[str, int] = msgspec.field(default_factory=dict)
+    sim_time_s: float = 0.0
+
+    def add(self, report: MissionReport) -> None:
+        """One more mission."""
+        self.seeds += 1
+        self.sim_time_s = round(self.sim_time_s + report.sim_time_s, 3)
+        for counts, more in ((self.faults, report.faults), (self.states, report.states), (self.goals, report.goals)):
+            for name, number in more.items():
+                counts[name] = counts.get(name, 0) + number
+        if report.violations:
+            self.failed[report.seed] = report.violations
 
 
 def fly_campaign(
-    seeds: Iterable[int],
-    jobs: int,
-    tell: Callable[[MissionReport], None] = lambda report: None,
-    mission: Callable[[int], MissionReport] = fly_mission,
-) -> CampaignReport:
-    """Fly all seeds.
+    seeds: Iterable[int], jobs: int, mission: Callable[[int], MissionReport] = fly_mission
+) -> Generator[MissionReport, None, None]:
+    """Fly all seeds, and report in their order.
 
     Args:
         seeds: taken one by one as they are flown, a few ahead of the reports.
         jobs: processes that fly at the same time.
-        tell: called with each mission's report, in the order of the seeds.
         mission: flies one seed.
     """
-    faults = Counter({str(kind): 0 for kind in Kind})
-    states = Counter({code.name: 0 for code in StatusCode})
-    goals: Counter[str] = Counter()
-    failed: dict[int, list[str]] = {}
-    count, sim_time_s = 0, 0.0
-    for report in _reports(seeds, jobs, mission):
-        tell(report)
-        count += 1
-        sim_time_s += report.sim_time_s
-        faults.update(report.faults)
-        states.update(report.states)
-        goals.update(report.goals)
-        if report.violations:
-            failed[report.seed] = report.violations
-    return CampaignReport(
-        seeds=count,
-        failed=failed,
-        faults=dict(faults),
-        states=dict(states),
-        goals=dict(goals),
-        sim_time_s=round(sim_time_s, 1),
-    )
-
-
-def _reports(seeds: Iterable[int], jobs: int, mission: Callable[[int], MissionReport]) -> Iterator[MissionReport]:
     if jobs == 1:
         yield from map(mission, seeds)
         return

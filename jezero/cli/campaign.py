@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Iterable
+from contextlib import closing
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -81,7 +82,7 @@ def campaign(
     """
     import msgspec
 
-    from jezero.deploy.campaign.campaign import fly_campaign
+    from jezero.deploy.campaign.campaign import CampaignReport, fly_campaign
     from jezero.deploy.campaign.faults import COUNTS
     from jezero.deploy.campaign.mission import fly_mission
     from jezero.deploy.campaign.seeds import in_time
@@ -103,8 +104,14 @@ def campaign(
     mission = partial(fly_mission, world=world, counts=faults or COUNTS)
     if verbose:
         mission = partial(mission, tell=click.echo)
-    result = fly_campaign(chosen, 1 if verbose else jobs, tell, mission)
-    click.echo(json.dumps(msgspec.to_builtins(result)) if as_json else _words(result))
+    result = CampaignReport()
+    try:
+        with closing(fly_campaign(chosen, 1 if verbose else jobs, mission)) as reports:
+            for report in reports:
+                result.add(report)
+                tell(report)
+    finally:  # also what was flown until Ctrl-C
+        click.echo(json.dumps(msgspec.to_builtins(result)) if as_json else _words(result))
     if result.failed:
         raise SystemExit(ABORTED)
 

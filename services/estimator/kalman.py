@@ -136,11 +136,11 @@ def _inversion() -> Callable[[Array], Array]:
 
     identity = lru_cache(np.eye)
 
-    def inverse(S: Array) -> Array:
+    def invert(S: Array) -> Array:
         _, _, result, failed = dgesv(S, identity(len(S)))
         if failed:
             raise np.linalg.LinAlgError("the covariance of an innovation is singular")
         inverse: Array = result
         return inverse
 
-    return inverse
+    return invert

@@ -6,11 +6,11 @@ from functools import partial
 
 import pytest
 
-from jezero.deploy.campaign.campaign import fly_campaign
+from jezero.deploy.campaign.campaign import CampaignReport, fly_campaign
 from jezero.deploy.campaign.clients import draw_goal
 from jezero.deploy.campaign.faults import COUNTS, PARTITION_MAX_S, Fault, Kind, draw_faults
 from jezero.deploy.campaign.judge import ALLOWED
-from jezero.deploy.campaign.mission import Mission, MissionReport, fly_mission, named_random
+from jezero.deploy.campaign.mission import Mission, fly_mission, named_random
 from jezero.deploy.campaign.worlds import WORLDS
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
@@ -24,8 +24,9 @@ HASH = "from jezero.deploy.campaign.mission import fly_mission; print(fly_missio
 
 @pytest.mark.parametrize("world", WORLDS)
 def test_a_mission_passes_and_replays_exactly_in_another_process(world: str) -> None:
-    reports: list[MissionReport] = []
-    result = fly_campaign((2019,), jobs=1, tell=reports.append, mission=partial(fly_mission, world=world))
+    reports = list(fly_campaign((2019,), jobs=1, mission=partial(fly_mission, world=world)))
+    result = CampaignReport()
+    result.add(reports[0])
     assert result.failed == {} and result.seeds == 1 and result.sim_time_s > 60.0
     assert sum(result.faults.values()) >= COUNTS[0]
     assert result.states["HOVER"] >= 2

@@ -1,7 +1,8 @@
 """Which seeds `jezero campaign` flies; the missions themselves are flown elsewhere."""
 
+import json
 import subprocess
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -11,12 +12,18 @@ from click.testing import CliRunner, Result
 
 from jezero.cli.campaign import campaign
 from jezero.deploy.campaign import campaign as flown
-from jezero.deploy.campaign.campaign import CampaignReport
+from jezero.deploy.campaign.mission import MissionReport
 from jezero.deploy.campaign.seeds import first_seed, in_time
 
 HASH = "0123456789abcdef0123456789abcdef01234567"
 
 Run = Callable[..., tuple[Result, list[int]]]
+
+
+def flown_well(seed: int) -> MissionReport:
+    return MissionReport(
+        seed=seed, violations=[], faults={"drop": 2}, states={"HOVER": 1}, goals={}, sim_time_s=1800.0, log_sha256=""
+    )
 
 
 @pytest.fixture
@@ -26,9 +33,10 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Run:
     def run_campaign(*words: str) -> tuple[Result, list[int]]:
         seeds: list[int] = []
 
-        def fly(chosen: Iterable[int], *args: Any) -> CampaignReport:
-            seeds.extend(islice(chosen, 3))
-            return CampaignReport(seeds=3, failed={}, faults={}, states={}, goals={}, sim_time_s=0.0)
+        def fly(chosen: Iterable[int], *args: Any) -> Iterator[MissionReport]:
+            for seed in islice(chosen, 3):
+                seeds.append(seed)
+                yield flown_well(seed)
 
         monkeypatch.setattr(flown, "fly_campaign", fly)
         monkeypatch.chdir(tmp_path)
@@ -90,3 +98,22 @@ def test_a_wrong_number_of_faults_is_refused_with_what_to_write(run: Run, faults
 
 def test_both_ends_of_a_range_are_flown(run: Run) -> None:
     assert run("--seeds", "7..9")[1] == [7, 8, 9]
+
+
+@pytest.mark.parametrize("words", [(), ("--json",)])
+def test_what_was_flown_until_it_is_interrupted_is_summed_up(
+    monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+) -> None:
+    def fly(*args: Any) -> Iterator[MissionReport]:
+        yield flown_well(4)
+        yield flown_well(5)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(flown, "fly_campaign", fly)
+    result = CliRunner().invoke(campaign, ("--seeds", "4..9", *words))
+    assert result.exit_code == 1
+    if words:
+        told = json.loads(result.stdout.splitlines()[-1])
+        assert (told["seeds"], told["faults"]["drop"], told["states"]["HOVER"]) == (2, 4, 2)
+    else:
+        assert "2 missions, 1.00 h of flight; failed: none" in result.output
