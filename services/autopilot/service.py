@@ -43,7 +43,7 @@ class Autopilot:
         self._started_wall_ns: int | None = None
         self._connections = 0
         self._health: Health | None = None
-        self._judge_at_ns = 0
+        self._judged_ns: int | None = None
         self._start_over()
 
     def _start_over(self) -> None:
@@ -67,8 +67,8 @@ class Autopilot:
                 self._vehicle.fix(item)
         yield from self._side.answer(inbox)
         yield from self._side.tell(inbox)
-        if t_ns >= self._judge_at_ns:
-            self._judge_at_ns = t_ns + HEALTH_PERIOD_NS
+        if self._judged_ns is None or not 0 <= t_ns - self._judged_ns < HEALTH_PERIOD_NS:  # time starts with the link
+            self._judged_ns = t_ns
             health = self._judge(inbox)
             if health != self._health:
                 self._health = health

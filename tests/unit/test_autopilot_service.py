@@ -274,6 +274,17 @@ def test_readings_that_no_sensor_gives_are_not_used_and_counted(bench: Bench, ac
     assert bench.health[-1].text == "connected to the simulator; 1 malformed messages"
 
 
+def test_its_health_is_told_also_when_time_begins_anew() -> None:
+    bench = Bench()
+    bench.t_us = 10**12
+    bench.step(bench.sensor())
+    bench.t_us = 0
+    bench.rest(0.1)
+    bench.step(bench.sensor(acc=(1e30, 0.0, -G)))
+    bench.rest(0.2)
+    assert bench.health[-1].text == "connected to the simulator; 1 malformed messages"
+
+
 def test_home_is_where_the_estimate_started_and_then_where_it_armed(bench: Bench) -> None:
     bench.rest(5.0)
     assert kinds(bench.rest(1.2), dialect.MAVLINK_MSG_ID_HOME_POSITION)[-1].latitude == 473977418
