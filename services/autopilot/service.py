@@ -43,7 +43,7 @@ class Autopilot:
         self._started_wall_ns: int | None = None
         self._connections = 0
         self._health: Health | None = None
-        self._judged_ns: int | None = None
+        self._judged_wall_ns: int | None = None
         self._start_over()
 
     def _start_over(self) -> None:
@@ -67,12 +67,19 @@ class Autopilot:
                 self._vehicle.fix(item)
         yield from self._side.answer(inbox)
         yield from self._side.tell(inbox)
-        if self._judged_ns is None or not 0 <= t_ns - self._judged_ns < HEALTH_PERIOD_NS:  # time starts with the link
-            self._judged_ns = t_ns
+        if self._is_due(inbox.wall_ns):
             health = self._judge(inbox)
             if health != self._health:
                 self._health = health
                 yield health
+
+    def _is_due(self, wall_ns: int) -> bool:
+        """Whether to judge the health again; vehicle time is no measure, without a simulator it stands still."""
+        judged_ns = self._judged_wall_ns
+        if judged_ns is not None and 0 <= wall_ns - judged_ns < HEALTH_PERIOD_NS:
+            return False
+        self._judged_wall_ns = wall_ns
+        return True
 
     def _tell_time(self, wall_ns: int) -> None:
         """What the clock of the signatures says."""
