@@ -35,7 +35,7 @@ class RangeScreen:
         self.std_m = 0.0
         self._past: dict[int, Past] = {}
         self._bends_m: list[float] = []
-        """How far they are off, in that order."""
+        """How far all these are off, ascending."""
         self._repeats: dict[int, Stuck] = {}
         self._stuck: set[int] = set()
 

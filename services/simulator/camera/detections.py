@@ -20,6 +20,7 @@ HALF_SIDES_M: Array = np.array([0.5 * tag.side_m for tag in LANDING_BOARD])
 MARGINS_M: Array = MIDDLES_M + (CELLS + 2) / CELLS * (CORNERS_M - MIDDLES_M)
 """(N, 4, 3) corners of the white margins: without them a tag is not found."""
 OUTLINES_M: Array = np.stack((CORNERS_M, MARGINS_M))
+"""(2, N, 4, 3) both."""
 
 
 def tags_in_picture(view: View, info: CameraInfo) -> tuple[Array, npt.NDArray[np.bool_]]:
