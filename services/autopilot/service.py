@@ -16,7 +16,6 @@ __all__ = ["GCS", "HIL", "OFFBOARD", "SPEC", "Autopilot"]
 
 HIL = "hil"
 GAP_MAX_US = 1_000_000
-HEALTH_PERIOD_NS = 100_000_000
 
 SPEC = Spec(name="autopilot", links=(HIL, OFFBOARD, GCS), triggers=(HIL, OFFBOARD, GCS), rate_hz=10.0)
 
@@ -43,7 +42,8 @@ class Autopilot:
         self._started_wall_ns: int | None = None
         self._connections = 0
         self._health: Health | None = None
-        self._judged_wall_ns: int | None = None
+        self._judged: tuple[bool, int, int] | None = None
+        """What the health of a connected autopilot tells."""
         self._start_over()
 
     def _start_over(self) -> None:
@@ -67,19 +67,10 @@ class Autopilot:
                 self._vehicle.fix(item)
         yield from self._side.answer(inbox)
         yield from self._side.tell(inbox)
-        if self._is_due(inbox.wall_ns):
-            health = self._judge(inbox)
-            if health != self._health:
-                self._health = health
-                yield health
-
-    def _is_due(self, wall_ns: int) -> bool:
-        """Whether to judge the health again; vehicle time is no measure, without a simulator it stands still."""
-        judged_ns = self._judged_wall_ns
-        if judged_ns is not None and 0 <= wall_ns - judged_ns < HEALTH_PERIOD_NS:
-            return False
-        self._judged_wall_ns = wall_ns
-        return True
+        health = self._judge(inbox)
+        if health != self._health:
+            self._health = health
+            yield health
 
     def _tell_time(self, wall_ns: int) -> None:
         """What the clock of the signatures says."""
@@ -98,9 +89,17 @@ class Autopilot:
 
     def _judge(self, inbox: Inbox) -> Health:
         if not inbox.is_up(HIL):
+            self._judged = None
             return Health("starting", "waiting for the simulator")
-        malformed, refused = self._hil.malformed + self._side.malformed, self._side.refused
-        text = "connected to the simulator" if self._vehicle.landed else "flying"
+        landed, malformed, refused = (
+            self._vehicle.landed,
+            self._hil.malformed + self._side.malformed,
+            self._side.refused,
+        )
+        if self._health is not None and self._judged == (landed, malformed, refused):
+            return self._health
+        self._judged = (landed, malformed, refused)
+        text = "connected to the simulator" if landed else "flying"
         text += f"; {malformed} malformed messages" if malformed else ""
         text += f"; {refused} messages without a valid signature" if refused else ""
         return Health("ok", text)
