@@ -8,12 +8,7 @@
 # Arrays are small here: threads of the linear algebra library only wait for each other.
 export OPENBLAS_NUM_THREADS := 1
 
-# pyenv compiles Python without optimization unless told to: the system's, a tenth faster, is taken then where it can
-# make environments.
-PYTHON ?= $(or \
-  $(shell python3.11 -c 'from sysconfig import get_config_var as c; "--enable-optimizations" in c("CONFIG_ARGS") and print("python3.11")' 2>/dev/null), \
-  $(shell /usr/bin/python3.11 -c 'import ensurepip; print("/usr/bin/python3.11")' 2>/dev/null), \
-  python3.11)
+PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed

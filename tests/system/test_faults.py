@@ -4,6 +4,7 @@ Promises in seconds are about a machine that has a processor for whoever wants o
 that the processes concerned have waited for a processor doesn't count. `pytest -rP` shows what was measured.
 """
 
+import contextlib
 import json
 import os
 import re
@@ -18,7 +19,7 @@ import pytest
 import yaml
 import zenoh
 
-from jezero import Aborted, Vehicle
+from jezero import Aborted, Unreachable, Vehicle
 from jezero.runtime.config import config_directory
 from jezero.runtime.zenoh_session import client_config
 from jezero.schemas import topics
@@ -78,6 +79,14 @@ def wait_until_back(stack: Stack, services: Iterable[str], before: dict[str, int
     wait_for(is_back, PATIENCE_S, f"{', '.join(services)} started again")
 
 
+def tells_its_status(vehicle: Vehicle) -> bool:
+    """A bridge that was started again is healthy a moment before it has a status to tell."""
+    with contextlib.suppress(Unreachable):
+        vehicle.status()
+        return True
+    return False
+
+
 def row_of(stack: Stack, service: str) -> dict[str, Any]:
     """What `jezero ps` says of one."""
     rows = json.loads(stack.jezero("ps", "--json").stdout)
@@ -129,6 +138,7 @@ def test_a_frozen_bridge_is_started_again_and_leaves_the_landing_to_the_autopilo
         with pytest.raises(Aborted, match="the vehicle bridge has been silent"):
             goal.result(timeout_s=PATIENCE_S)
         wait_until_back(shared_stack, ["vehicle_bridge"], before)
+        wait_for(lambda: tells_its_status(vehicle), PATIENCE_S, "a status of the new bridge")
         seen = []
         for status in vehicle.watch_status():
             seen.append(status.code)
