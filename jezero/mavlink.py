@@ -16,7 +16,7 @@ from typing import Any
 from fastcrc import crc16
 from pymavlink.dialects.v20 import common as dialect
 
-__all__ = ["MavMessage", "MavlinkCodec", "Signing", "dialect", "is_finite"]
+__all__ = ["MavMessage", "MavlinkCodec", "Pick", "Signing", "dialect", "is_finite"]
 
 MavMessage = Any
 """A pymavlink message object: fields as attributes, `get_msgId()`, `get_srcSystem()`, `get_srcComponent()`."""
@@ -77,6 +77,10 @@ class Signing:
         return True
 
 
+MANY = 40
+"""A message of more numbers isn't read before it is asked for one of them."""
+
+
 class _Layout:
     """A message of the dialect as it stands on the wire, to pack and parse it at less than half of pymavlink's cost.
 
@@ -101,7 +105,11 @@ class _Layout:
         self._gather = itemgetter(*_places(counts)) if several else lambda numbers: (numbers,)
         """From a list of all numbers, the fields' values."""
         self._crc_extra = bytes((message_type.crc_extra,))
-        self._parsed = _parsed_type(message_type)
+        self._parsed = _parsed_type(message_type, self)
+        self._later = sum(count or 1 for count in counts) > MANY and not any(
+            hasattr(self._parsed, name) for name in names
+        )
+        """Fields are read when they are asked for; not where one is called like something else that messages have."""
 
     def pack(self, message: MavMessage, system_id: int, component_id: int, sequence: int) -> bytes:
         """A MAVLink 2 frame without a signature."""
@@ -122,19 +130,60 @@ class _Layout:
         """The message of one whole frame without a signature; None when its checksum is wrong."""
         if crc16.mcrf4xx(frame[1:-2] + self._crc_extra) != frame[-2] | frame[-1] << 8:
             return None
+        message = _new(self._parsed)
+        if self._later:
+            message._msgbuf = frame
+        else:
+            message.__dict__ = fields = self.read(frame)
+            fields["_msgbuf"] = frame
+        return message
+
+    def read(self, frame: bytes) -> dict[str, Any]:
+        """All fields of a frame."""
         payload, length = frame[10:-2], self._length
         if len(payload) != length:
             payload = payload.ljust(length, b"\0")[:length]
         values: Any = self._unpacker.unpack(payload)
         if self._arrays:
             values = self._gather(list(values))
-        message = _new(self._parsed)
-        message.__dict__ = fields = dict(zip(self._names, values))  # noqa: B905 - as many, and this is the hot path
-        fields["_msgbuf"] = frame
-        return message
+        return dict(zip(self._names, values))  # noqa: B905 - as many, and this is the hot path
 
 
 _new: Callable[[type], Any] = object.__new__
+
+
+class Pick:
+    """Reads some numbers of a message of one kind, where all of them would cost too much.
+
+    Args:
+        kind: a class of `dialect`, one that only MAVLink 2 has.
+        fields: in their order on the wire; of an array all numbers, or one: "q", "pose_covariance[6]".
+
+    Raises:
+        ValueError: there is no such field, or it is out of order.
+    """
+
+    def __init__(self, kind: Any, *fields: str) -> None:
+        wanted = list(fields)
+        layout = "<"
+        for name, letter, count in zip(
+            kind.ordered_fieldnames, kind.native_format.decode()[1:], kind.array_lengths, strict=True
+        ):
+            for number in range(count or 1):
+                here = bool(wanted) and wanted[0] in (name, f"{name}[{number}]")
+                layout += letter if here else f"{struct.calcsize(f'<{letter}')}x"
+                if here and (wanted[0] != name or number + 1 == max(count, 1)):
+                    del wanted[0]
+        if wanted:
+            raise ValueError(f"{kind.__name__} has no field {wanted[0]!r}, or not in this order")
+        self._read = struct.Struct(layout)
+
+    def __call__(self, message: MavMessage) -> tuple[Any, ...]:
+        """The numbers, of a message that `MavlinkCodec` parsed."""
+        frame: bytes = message.get_msgbuf()
+        if frame[1] == self._read.size:
+            return self._read.unpack_from(frame, 10)
+        return self._read.unpack_from(frame[10 : 10 + frame[1]].ljust(self._read.size, b"\0"))
 
 
 def _places(counts: list[int]) -> list[int | slice]:
@@ -147,13 +196,22 @@ def _places(counts: list[int]) -> list[int | slice]:
     return places
 
 
-def _parsed_type(message_type: Any) -> Any:
-    """pymavlink's class with all that isn't a message's own in the class, and the header read off the frame."""
+def _parsed_type(message_type: Any, layout: _Layout) -> Any:
+    """pymavlink's class with all that isn't a message's own in the class, and what is read off the frame when it is
+    asked for: the header, and all fields."""
     blank = message_type(*([0] * count if count else 0 for count in _in_order_of_fields(message_type)))
     constant = {name: value for name, value in vars(blank).items() if name not in message_type.fieldnames}
     message_id: int = message_type.id
 
+    names = frozenset(message_type.fieldnames)
+
     class Parsed(message_type):  # type: ignore[misc]
+        def __getattr__(self, name: str) -> Any:
+            if name not in names:
+                raise AttributeError(f"{message_type.__name__} has no {name!r}")
+            self.__dict__ = layout.read(self._msgbuf) | self.__dict__
+            return self.__dict__[name]
+
         def get_msgId(self) -> int:  # noqa: N802
             return message_id
 

@@ -152,6 +152,7 @@ class Udp:
         self._peer = peer
         self._hears_only_peer = hears_only_peer
         self._socket: socket.socket | None = None
+        self._more = select.poll()
         self.up = True
         self.connections = 1
 
@@ -159,6 +160,9 @@ class Udp:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.bind(self._local)
+        if self._hears_only_peer:
+            self._socket.connect(self._peer)
+        self._more.register(self._socket, select.POLLIN)
 
     def sockets(self) -> list[socket.socket]:
         return [] if self._socket is None else [self._socket]
@@ -167,21 +171,22 @@ class Udp:
         parts: list[bytes] = []
         while self._socket is not None and len(parts) < 256:
             try:
-                data, sender = self._socket.recvfrom(CHUNK)
+                parts.append(self._socket.recv(CHUNK))
             except BlockingIOError:
                 break
             except OSError:  # an earlier datagram was refused by the peer's host
                 continue
-            if sender == self._peer or not self._hears_only_peer:
-                parts.append(data)
-            if not select.select((self._socket,), (), (), 0)[0]:  # cheaper than an error each time
+            if not self._more.poll(0):  # cheaper than an error each time
                 break
-        return b"".join(parts)
+        return parts[0] if len(parts) == 1 else b"".join(parts)
 
     def send(self, data: bytes) -> None:
         if self._socket is not None:
             with contextlib.suppress(OSError):
-                self._socket.sendto(data, self._peer)
+                if self._hears_only_peer:
+                    self._socket.send(data)
+                else:
+                    self._socket.sendto(data, self._peer)
 
     def close(self) -> None:
         if self._socket is not None:

@@ -125,7 +125,7 @@ def _setpoint_refusals(
         yield f"reset counter {setpoint.reset_counter} is unknown; the present one is {resets.counter}"
     turn = (setpoint.yaw_rad or 0.0, setpoint.yaw_rate_rps or 0.0)
     vectors = (setpoint.pos_ned_m, setpoint.vel_ned_mps, setpoint.acc_ned_mps2, turn)
-    if not all(all(map(isfinite, vector)) for vector in vectors if vector is not None):
+    if not isfinite(sum(sum(vector) for vector in vectors if vector is not None)):
         yield "a number that is not finite"
 
 

@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import isfinite, nan, sqrt
+from math import nan, sqrt
 from types import MappingProxyType
 
 import msgspec
 
 from jezero.frames import Quat, Vec3, quat_normalize, quat_rotate
-from jezero.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.mavlink import MavlinkCodec, MavMessage, Pick, dialect
 from jezero.schemas.state import Battery, Geodetic, Odometry
 from jezero.services.vehicle_bridge.parameters import ParameterSetter
 from jezero.services.vehicle_bridge.resets import ResetHistory
@@ -179,7 +179,7 @@ class AutopilotLink:
 
     def _on_odometry(self, message: MavMessage, epoch_id: int, received: Received) -> None:
         try:
-            t_ns, pos, vel, q, rates = _pose(message)
+            t_ns, pos, vel, q, rates, std_pos_m, reset_counter = _pose(message)
         except ValueError:
             self._codec.malformed += 1
             return
@@ -194,7 +194,7 @@ class AutopilotLink:
             self.forget()
             self.telemetry.heard_wall_ns = heard_wall_ns
         resets = self.telemetry.resets
-        step = resets.update(t_ns, message.reset_counter, pos, vel)
+        step = resets.update(t_ns, reset_counter, pos, vel)
         if step is not None:
             received.steps_ned_m.append(step)
         odometry = Odometry(
@@ -204,7 +204,7 @@ class AutopilotLink:
             vel_uav_ned_mps=vel,
             q_ned_from_frd=q,
             rates_uav_frd_rps=rates,
-            std_pos_m=_std(message.pose_covariance),
+            std_pos_m=std_pos_m,
             origin_deg=self.telemetry.origin_deg,
             reset_counter=resets.counter,
             reset_offset_ned_m=resets.offset_ned_m,
@@ -351,37 +351,37 @@ def _followed(message: MavMessage) -> tuple[int, Vec3, Vec3]:
     return message.time_boot_ms * 1_000_000, (x, y, z), (vx, vy, vz)
 
 
-def _pose(message: MavMessage) -> tuple[int, Vec3, Vec3, Quat, Vec3]:
-    """Time in ns, position, velocity and attitude in world NED, and body rates of an ODOMETRY.
+_ODOMETRY = Pick(
+    dialect.MAVLink_odometry_message,
+    *("time_usec", "x", "y", "z", "q", "vx", "vy", "vz", "rollspeed", "pitchspeed", "yawspeed"),
+    *("pose_covariance[0]", "pose_covariance[6]", "frame_id", "child_frame_id", "reset_counter"),
+)
+
+
+def _pose(message: MavMessage) -> tuple[int, Vec3, Vec3, Quat, Vec3, float | None, int]:
+    """Time in ns, position, velocity and attitude in world NED, body rates, horizontal standard deviation of the
+    position and reset counter of an ODOMETRY.
 
     Raises:
         ValueError: a number is not finite, out of its range, or in a frame the bridge doesn't know.
     """
-    pos: Vec3 = (message.x, message.y, message.z)
-    vel: Vec3 = (message.vx, message.vy, message.vz)
-    rates: Vec3 = (message.rollspeed, message.pitchspeed, message.yawspeed)
-    if message.frame_id != dialect.MAV_FRAME_LOCAL_NED:
+    numbers = _ODOMETRY(message)
+    t_us, x, y, z, qw, qx, qy, qz, vx, vy, vz, p, q, r, var_north_m2, var_east_m2, frame, child_frame, counter = numbers
+    pos, vel, rates = (x, y, z), (vx, vy, vz), (p, q, r)
+    if frame != dialect.MAV_FRAME_LOCAL_NED:
         raise ValueError("not a pose in local NED")
-    q: Quat = quat_normalize(tuple(message.q))
-    if message.child_frame_id == dialect.MAV_FRAME_BODY_FRD:
-        vel = quat_rotate(q, vel)
-    elif message.child_frame_id != dialect.MAV_FRAME_LOCAL_NED:
+    attitude = quat_normalize((qw, qx, qy, qz))
+    if child_frame == dialect.MAV_FRAME_BODY_FRD:
+        vel = quat_rotate(attitude, vel)
+    elif child_frame != dialect.MAV_FRAME_LOCAL_NED:
         raise ValueError("velocity in an unknown frame")
-    t_ns = message.time_usec * 1000
+    t_ns = t_us * 1000
     if t_ns > 2**62:
         raise ValueError("time out of range")
-    if not (_within(pos, 1e6) and _within(vel, 1e3) and _within(rates, 1e3)):
+    vx, vy, vz = vel
+    small = x * x + y * y + z * z <= 1e12 and vx * vx + vy * vy + vz * vz <= 1e6 and p * p + q * q + r * r <= 1e6
+    if not small:  # or NaN
         raise ValueError("not finite, or out of range")
-    return t_ns, pos, vel, q, rates
-
-
-def _within(vector: Vec3, limit: float) -> bool:
-    """Whether no component is greater than a limit, infinite or NaN."""
-    x, y, z = vector
-    return -limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit
-
-
-def _std(pose_covariance: list[float]) -> float | None:
-    """Horizontal standard deviation from the upper triangle of the 6x6 pose covariance."""
-    variance = max(pose_covariance[0], pose_covariance[6])
-    return sqrt(variance) if isfinite(variance) and 0.0 <= variance <= 1e12 else None
+    variance_m2 = max(var_north_m2, var_east_m2)
+    std_m = sqrt(variance_m2) if 0.0 <= variance_m2 <= 1e12 else None
+    return t_ns, pos, vel, attitude, rates, std_m, counter

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from jezero.mavlink import MavlinkCodec, Signing, dialect
+from jezero.mavlink import MavlinkCodec, Pick, Signing, dialect
 
 
 class Sink:
@@ -80,6 +80,37 @@ def test_what_was_parsed_can_be_changed_and_packed_again(signing: Signing | None
     message.custom_mode = 9
     (again,) = codec.parse(MavlinkCodec(4, 8, signing).pack(message))
     assert (again.custom_mode, again.get_srcSystem(), again.get_srcComponent()) == (9, 4, 8)
+
+
+def test_what_was_changed_before_the_rest_was_read_stays_so() -> None:
+    kind, fields = next((kind, fields) for kind, fields in FIELDS if kind is dialect.MAVLink_odometry_message)
+    (message,) = MavlinkCodec(1, 1).parse(MavlinkCodec(3, 7).pack(kind(**fields)))
+    message.x = 9.0
+    assert message.y == pytest.approx(fields["y"])
+    assert message.x == 9.0
+
+
+@pytest.mark.parametrize("signing", [None, Signing(bytes(32))])
+@pytest.mark.parametrize("quality", [0, 80])  # zeros at the end are not sent
+def test_some_numbers_are_picked_as_they_are_read(signing: Signing | None, quality: int) -> None:
+    kind, fields = next((kind, fields) for kind, fields in FIELDS if kind is dialect.MAVLink_odometry_message)
+    sent = kind(**{**fields, "quality": quality, "q": [0.1, 0.2, 0.3, 0.4], "pose_covariance": [*range(21)]})
+    (message,) = MavlinkCodec(1, 1, signing).parse(MavlinkCodec(3, 7, signing).pack(sent))
+    pick = Pick(kind, "time_usec", "q", "pose_covariance[0]", "pose_covariance[6]", "frame_id", "quality")
+    expected = (message.time_usec, *message.q, 0.0, 6.0, message.frame_id, quality)
+    assert pick(message) == expected
+
+
+@pytest.mark.parametrize("fields", [("y", "x"), ("z", "w"), ("q[4]",)])
+def test_what_can_not_be_picked_is_named(fields: tuple[str, ...]) -> None:
+    with pytest.raises(ValueError, match=rf"has no field '{fields[-1]}'".replace("[", r"\[")):
+        Pick(dialect.MAVLink_odometry_message, *fields)
+
+
+def test_a_message_has_no_other_fields_than_its_own() -> None:
+    (message,) = MavlinkCodec(1, 1).parse(MavlinkCodec(3, 7).pack(dialect.MAVLink_heartbeat_message(2, 12, 0, 5, 0, 3)))
+    with pytest.raises(AttributeError, match="MAVLink_heartbeat_message has no 'custom_made'"):
+        _ = message.custom_made
 
 
 def test_a_flipped_bit_costs_one_message_and_garbage_between_messages_none() -> None:
