@@ -38,11 +38,14 @@ def encode(payload: Payload) -> bytes:
     Raises:
         NotFiniteError: a float in it is NaN or infinite.
     """
-    if pixels := getattr(payload, "pixels", b""):
+    if type(payload) in PICTURES and (pixels := payload.pixels):  # type: ignore[attr-defined]
         return join_picture(encode(msgspec.structs.replace(payload, pixels=b"")), pixels)
     data = _encoder.encode(payload)
-    if b"null" in data and not _are_finite(msgspec.structs.astuple(payload)):  # else an honest None
-        _require_finite(payload, type(payload).__name__)
+    nulls = data.count(b"null")
+    if nulls:  # None that is meant, text, or a number that is not finite
+        values = msgspec.structs.astuple(payload)
+        if nulls != values.count(None) and not _are_finite(values):
+            _require_finite(payload, type(payload).__name__)
     return data
 
 

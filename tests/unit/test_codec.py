@@ -21,9 +21,10 @@ from jezero.runtime.codec import (
 )
 from jezero.schemas import topics
 from jezero.schemas.actions import GoToGoal, TakeoffGoal
-from jezero.schemas.commands import Hover, Phase, Setpoint
+from jezero.schemas.commands import Hover, Phase, Release, Setpoint
 from jezero.schemas.sensors import Altimeter, CameraFrame
 from jezero.schemas.state import Clock
+from jezero.schemas.struct import Payload
 from jezero.schemas.topics import ACTIONS, ENDPOINTS, TOPICS
 
 SETPOINT = Setpoint(t_ns=5, control_id="c", sequence=1, phase=Phase.GO_TO, vel_ned_mps=(1.0, 2.0, 3.0))
@@ -71,6 +72,22 @@ def test_a_flights_log_keeps_only_the_header_of_a_picture(tmp_path: Path) -> Non
 
 def test_an_honest_none_is_sent() -> None:
     assert b"null" in encode(Altimeter(t_ns=1, range_m=None))
+
+
+def test_text_about_null_is_sent_and_does_not_hide_a_number_that_is_not_finite() -> None:
+    release = Release(control_id="c", outcome="aborted", reason="null")
+    assert decode(Release, encode(release)) == release
+    with pytest.raises(NotFiniteError, match=r"Release\.hover_pos_ned_m\[0\]"):
+        encode(msgspec.structs.replace(release, hover_pos_ned_m=(math.nan, 0.0, -1.0)))
+
+
+def test_no_payload_leaves_out_a_none() -> None:
+    """Encoding tells None from numbers that are not finite by counting."""
+    kinds = [Payload]
+    for kind in kinds:
+        kinds += kind.__subclasses__()
+        assert not kind.__struct_config__.omit_defaults or None not in kind.__struct_defaults__
+    assert len(kinds) > 50
 
 
 @pytest.mark.parametrize(
