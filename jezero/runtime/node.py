@@ -258,7 +258,8 @@ class Node:
 
     def _publish(self, output: Publish) -> None:
         topic = output.topic
-        self._require(topic.name in self._outputs, "output", topic.name)
+        if topic.name not in self._outputs:
+            self._require(False, "output", topic.name)
         if type(output.message) is not topic.type:
             raise TypeError(f"{topic.name} carries {topic.type.__name__}, not {type(output.message).__name__}")
         data = self._encoded(output.message)

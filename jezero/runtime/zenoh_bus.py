@@ -1,6 +1,7 @@
 """The bus over Zenoh in real time: one service, one process, one loop.
 
-Zenoh's callbacks only append to a queue and wake the loop once per batch; sockets are polled by the same loop.
+Zenoh's callbacks append to a queue. The thread that received what wants a step makes the step itself when nobody is at
+it, which saves waking another; else, and for what piles up, it wakes the loop. Sockets are polled by the loop.
 """
 
 import os
@@ -9,6 +10,7 @@ import select
 import signal
 import socket
 import sys
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
@@ -43,6 +45,11 @@ anybody's silence or executes anything."""
 HELD_NS = 10_000_000
 """State that changes with a reply is published so much later: it wakes a dozen processes, and the one that waits for
 the reply would have to share the processor with them."""
+APART_NS = 5_000_000
+"""What comes sooner after a step in a receiving thread has piled up somewhere: the loop reads all of it, then steps."""
+PROMPT = ("sample", "query")
+"""What has a thread of its own to receive it; the others come from Zenoh's."""
+CLOCK_NAME = topics.CLOCK.name
 LOOK_EVERY_NS = 50_000_000
 """A link with nothing to read is polled so often all the same."""
 
@@ -122,11 +129,27 @@ class _Runner:
         self._newest_picture: dict[str, zenoh.Sample | None] = {}
         self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._rung = False
-        self._readable: list[Any] = []
-        """Of the bell and the links' sockets, those that the last wait found readable."""
+        self._turn = threading.Lock()
+        """Of whoever reads what arrived and steps: the loop, or a thread that received."""
+        self._triggers = frozenset(self._spec.triggers)
+        self._steps_where_received = False
+        self._failure: BaseException | None = None
+        """Of a step in a thread that received."""
+        self._stepped_here_ns = 0
+        """When a thread that received made its last step."""
+        self._readable: set[str] = set()
+        """Links with something to read, by the last wait."""
         self._session = BusSession(instance, self._spec, self._enqueue)
         self._worker = Worker(lambda tag, outcome, error: self._enqueue("outcome", tag, (outcome, error)))
         self._period_ns = int(NS_PER_S / self._spec.rate_hz)
+        self._due_ns = 0
+        """When the next step is."""
+        self._until_ns = 0
+        """When the loop wakes up next, whatever arrives."""
+        self._listening: frozenset[str] = frozenset()
+        """Of the topics on demand, those that the service wants."""
+        self._told = self._listening
+        """What the router knows of these."""
         self._replied = False
         """In the present step."""
         self._held: list[tuple[Topic[Any], bytes]] = []
@@ -136,6 +159,8 @@ class _Runner:
             key(instance.vehicle, served.name) for served in self._spec.serves if served.reply_type in PICTURES
         }
         """Keys whose replies are pictures."""
+        self._on_demand = frozenset(topic.name for topic in self._spec.on_demand)
+        self._last_value = frozenset(topic.name for topic in self._spec.last_value)
         self._request_id = 0
         self._health_topic = health_of(self._spec.name)
         self._late_ns = 0
@@ -167,12 +192,13 @@ class _Runner:
 
     def close(self) -> None:
         """Leave the bus; never takes longer than a moment, whatever the router does."""
+        self._turn.acquire(timeout=CATCH_UP_NS / NS_PER_S)  # for good: no other thread steps any more
         for link in self._links.values():
             link.close()
         self._queries.clear()
         self._session.close()
 
-    # -- from Zenoh's threads to the loop --
+    # -- in the threads that receive --
 
     def _enqueue(self, kind: Kind, name: str, value: Any) -> None:
         """Everything is kept in order, but of pictures only the newest: who is slow shall not fill the memory."""
@@ -183,9 +209,29 @@ class _Runner:
                 return
             value = None
         self._events.append((kind, name, value))
+        if kind in PROMPT and name in self._triggers and self._step_here():
+            return
         if not self._rung:
             self._rung = True
             self._wake()
+
+    def _step_here(self) -> bool:
+        """Read what arrived and step; False where the loop has to, or has to wake up earlier than it means to."""
+        if not self._steps_where_received or not self._turn.acquire(blocking=False):
+            return False
+        try:
+            now_ns = self._now_ns()
+            if now_ns - self._stepped_here_ns < APART_NS or now_ns - self._until_ns > STALL_NS or self._stopping:
+                return False
+            self._stepped_here_ns = now_ns
+            if self._collect(now_ns):
+                self._step(now_ns)
+            return self._told is self._listening and self._due_ns >= self._until_ns and not self._held
+        except BaseException as error:  # noqa: BLE001 - the loop raises it
+            self._failure = error
+            return False
+        finally:
+            self._turn.release()
 
     def _wake(self) -> None:
         os.eventfd_write(self._bell, 1)
@@ -197,21 +243,36 @@ class _Runner:
         return time.monotonic_ns() - self._stalled_ns
 
     def _loop(self) -> None:
-        due_ns = now_ns = self._now_ns()
+        now_ns = self._due_ns = self._until_ns = self._now_ns()
+        self._steps_where_received = True
         while not self._stopping:
-            next_ns = min(due_ns, self._next_health_ns, self._held_until_ns if self._held else due_ns)
-            until_ns = max(now_ns, next_ns)
+            next_ns = min(self._due_ns, self._next_health_ns, self._held_until_ns if self._held else self._due_ns)
+            until_ns = self._until_ns = max(now_ns, next_ns)
             since_ns = self._now_ns()
             self._wait(until_ns)
-            now_ns = self._past_stalls_ns(min(since_ns, until_ns), until_ns)
-            wanted = self._collect(now_ns)
-            if wanted or now_ns >= due_ns:
-                if not wanted:
-                    self._late_ns = max(self._late_ns, now_ns - due_ns)
-                self._replied = False
-                self._node.step(self._clock.now_ns(now_ns))  # not a later time: a stall since then is in none of it
-                due_ns = now_ns + self._period_ns
-            self._report(now_ns)
+            with self._turn:
+                now_ns = self._past_stalls_ns(min(since_ns, until_ns), until_ns)
+                wanted = self._collect_links(now_ns)
+                wanted |= self._collect(now_ns)
+                if wanted or now_ns >= self._due_ns:
+                    if not wanted:
+                        self._late_ns = max(self._late_ns, now_ns - self._due_ns)
+                    self._step(now_ns)
+                self._report(now_ns)
+            if self._failure is not None:
+                raise self._failure
+            self._tell_router()
+
+    def _step(self, now_ns: int) -> None:
+        self._replied = False
+        self._node.step(self._clock.now_ns(now_ns))  # not a later time: a stall since then is in none of it
+        self._due_ns = now_ns + self._period_ns
+
+    def _tell_router(self) -> None:
+        """Not within a step: the router takes a millisecond to take in a declaration."""
+        if self._told is not self._listening:
+            self._told = self._listening
+            self._session.listen(self._told)
 
     def _past_stalls_ns(self, since_ns: int, until_ns: int) -> int:
         """The time now, when it should be `until_ns`; a stall is left out of it, and what piled up has come in.
@@ -236,7 +297,9 @@ class _Runner:
         while not self._stopping:
             self._wait(due_ns)
             now_ns = self._now_ns()
+            self._collect_links(now_ns)
             self._collect(now_ns)
+            self._tell_router()
             if now_ns < due_ns:
                 continue
             if self._node.inbox.connections(link) > 0:
@@ -267,20 +330,20 @@ class _Runner:
         return False
 
     def _wait(self, until_ns: int) -> None:
-        ends: list[Any] = [self._bell]
-        for link in self._links.values():
-            ends += link.sockets()
+        owners: dict[Any, str] = {end: name for name, link in self._links.items() for end in link.sockets()}
         timeout_s = max(0, until_ns - self._now_ns()) / NS_PER_S
-        self._readable, _, _ = select.select(ends, [], [], min(timeout_s, 0.1 if self._links else 1.0))
+        ends, _, _ = select.select([self._bell, *owners], [], [], min(timeout_s, 0.1 if self._links else 1.0))
+        if self._bell in ends:
+            os.eventfd_read(self._bell)
+            self._rung = False
+            ends.remove(self._bell)
+        self._readable = {owners[end] for end in ends}
 
     def _collect(self, now_ns: int) -> bool:
-        """Move all that arrived into the inbox; tells whether a step is wanted at once."""
+        """Move all that the bus brought into the inbox; tells whether a step is wanted at once."""
         node = self._node
         node.inbox.wall_ns = now_ns
-        if self._bell in self._readable:
-            os.eventfd_read(self._bell)
-        self._rung = False
-        wanted = self._collect_links(now_ns)
+        wanted = False
         while self._events:
             kind, name, value = self._events.popleft()
             if kind == "sample":
@@ -303,13 +366,14 @@ class _Runner:
         return wanted
 
     def _collect_links(self, now_ns: int) -> bool:
-        """Those with something to read, and now and then all: a link also connects when it is polled."""
+        """The same with the links: those with something to read, and now and then all, as polling also connects."""
+        self._node.inbox.wall_ns = now_ns
         wanted = False
         look = now_ns >= self._next_look_ns
         if look:
             self._next_look_ns = now_ns + LOOK_EVERY_NS
         for name, link in self._links.items():
-            if not (look or any(end in self._readable for end in link.sockets())):
+            if not (look or name in self._readable):
                 continue
             data = link.poll(now_ns)
             if link.connections != self._node.inbox.connections(name):
@@ -321,14 +385,14 @@ class _Runner:
         return wanted
 
     def _on_sample(self, name: str, data: bytes | None) -> bool:
-        if name == topics.CLOCK.name and data is not None:
+        if name == CLOCK_NAME and data is not None:
             self._follow(data)
         if name not in self._node.input_names:
             return False
         if data is None:
             self._node.count_misdirected(name, "not a put on exactly this key")
             return False
-        if not self._session.listens_to(name):  # the last ones of a topic no longer listened to
+        if name in self._on_demand and name not in self._listening:  # the last ones of a topic no longer listened to
             return False
         return self._node.deliver(name, data)
 
@@ -374,7 +438,7 @@ class _Runner:
     # -- Transport --
 
     def publish(self, topic: Topic[Any], data: bytes) -> None:
-        if topic in self._spec.last_value:
+        if topic.name in self._last_value:
             self._session.keep(topic, data)
             if self._replied and not self._held:
                 self._held_until_ns = self._now_ns() + HELD_NS
@@ -405,7 +469,7 @@ class _Runner:
         self._links[link].send(data)
 
     def listen(self, names: frozenset[str]) -> None:
-        self._session.listen(names)
+        self._listening = names
 
     def pace(self, rate_hz: float) -> None:
         self._period_ns = int(NS_PER_S / rate_hz)

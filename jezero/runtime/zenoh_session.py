@@ -46,7 +46,7 @@ def picture_data(sample: zenoh.Sample) -> bytes:
 class BusSession:
     """The session of one service. Zenoh's threads call `enqueue(kind, name, value)` with what comes in:
 
-    - sample: a topic's name and its bytes, None when it was no put on exactly this key.
+    - sample: a topic's name and its bytes, None when it was no put of something on exactly this key.
     - picture: a topic's name and the sample, of which `picture_data` makes bytes.
     - query: an endpoint's name and the query.
     - response: a call's id and (bytes, None) or (None, error).
@@ -193,10 +193,11 @@ class BusSession:
     def subscribe(self, name: str) -> None:
         """Listen to a topic; only a put on exactly its key counts."""
         own = key(self._instance.vehicle, name)
+        exactly = zenoh.KeyExpr(own)
 
         def on_sample(sample: zenoh.Sample) -> None:
-            exact = str(sample.key_expr) == own and sample.kind == zenoh.SampleKind.PUT
-            self._enqueue("sample", name, sample.payload.to_bytes() if exact else None)
+            data = sample.payload.to_bytes()  # nothing, of a delete
+            self._enqueue("sample", name, data if data and sample.key_expr == exactly else None)
 
         def on_picture(sample: zenoh.Sample) -> None:
             exact = str(sample.key_expr) == own and sample.kind == zenoh.SampleKind.PUT
@@ -235,10 +236,6 @@ class BusSession:
             self._subscribers.pop(name).undeclare()  # type: ignore[no-untyped-call]
         for name in sorted(names - set(self._subscribers)):
             self.subscribe(name)
-
-    def listens_to(self, name: str) -> bool:
-        """Whether samples of a topic are still wanted."""
-        return name in self._subscribers
 
     # -- out --
 

@@ -45,7 +45,10 @@ class Control:
         latest = inbox.latest(STATUS)
         if (broken := self._broken(t_ns, inbox)) or latest is None:
             return broken
-        return next((lost for status in inbox.new(STATUS) or (latest,) if (lost := self._loss_by(status))), "")
+        for status in inbox.new(STATUS) or (latest,):
+            if lost := self._loss_by(status):
+                return lost
+        return ""
 
     def partner_loss(self, t_ns: int, inbox: Inbox) -> str:
         """Why the bridge or the vehicle is not the one that gave control, or is silent; or ""."""

@@ -26,7 +26,7 @@ from jezero.schemas.topics import (
     feedback_of,
 )
 from jezero.services.actions.behaviour import Behaviour, Done, Move, Verdict
-from jezero.services.actions.capture import CAPTURE_INPUTS
+from jezero.services.actions.capture import CAPTURE_INPUTS, Capture
 from jezero.services.actions.checks import beyond_limits
 from jezero.services.actions.config import LifecycleConfig, Limits
 from jezero.services.actions.control import Control
@@ -139,7 +139,8 @@ class GoalRun:
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """React to what arrived."""
-        self._take_pictures(t_ns, inbox)
+        if self.capture is not None:
+            self._take_pictures(t_ns, inbox, self.capture)
         if self.stage == "looking":
             yield from self._looking(t_ns, inbox)
         elif self.stage == "preparing":
@@ -305,15 +306,15 @@ class GoalRun:
         message = FeedbackMessage(t_ns=t_ns, goal_id=self.goal_id, action=name, code=code, feedback=content)
         yield Publish(self._feedback_topic, message)
 
-    def _take_pictures(self, t_ns: int, inbox: Inbox) -> None:
+    def _take_pictures(self, t_ns: int, inbox: Inbox, capture: Capture) -> None:
         """Those that have come are written to the disk at once: none is kept in memory."""
-        if self.capture is None or self._spool is None:
+        if self._spool is None:
             return
-        for shot in self.capture.take_in(t_ns, inbox):
+        for shot in capture.take_in(t_ns, inbox):
             try:
                 self._spool.keep(shot.picture(self.goal_id))
             except OSError as error:
-                self.capture.fail(f"they can't be stored: {error.strerror or error}")
+                capture.fail(f"they can't be stored: {error.strerror or error}")
 
     # -- releasing --
 

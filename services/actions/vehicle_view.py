@@ -53,7 +53,8 @@ class VehicleView:
 
     def state(self, t_ns: int, inbox: Inbox, odometry: Odometry) -> VehicleState:
         """All that a behaviour may look at."""
-        status = inbox.latest(STATUS)
+        status, relative, rover = inbox.latest(STATUS), inbox.latest(RELATIVE), inbox.latest(ROVER_ESTIMATE)
+        shift_ned_m = self.shift(odometry)
         q_ned_from_frd = odometry.q_ned_from_frd
         lean_north, lean_east, upright = quat_rotate(q_ned_from_frd, (0.0, 0.0, 1.0))
         altimeter = inbox.latest(ALTIMETER)
@@ -62,7 +63,7 @@ class VehicleView:
             fresh = is_fresh(altimeter, t_ns, self._config.altimeter_age_max_s)
             height_m = altimeter.range_m * upright if fresh else None
         return VehicleState(
-            pos_uav_ned_m=subtract(odometry.pos_uav_ned_m, self.shift(odometry)),
+            pos_uav_ned_m=subtract(odometry.pos_uav_ned_m, shift_ned_m),
             vel_uav_ned_mps=odometry.vel_uav_ned_mps,
             yaw_rad=yaw_from_quat(q_ned_from_frd),
             q_ned_from_frd=q_ned_from_frd,
@@ -71,25 +72,21 @@ class VehicleView:
             age_s=min(max((t_ns - odometry.t_ns) / NS_PER_S, 0.0), self._config.odometry_age_max_s),
             down_ned=(lean_north, lean_east),
             height_m=height_m,
-            relative=self._relative(t_ns, inbox),
-            rover=self._rover(t_ns, inbox),
-            shift_ned_m=self.shift(odometry),
+            relative=None if relative is None else self._relative(t_ns, relative),
+            rover=None if rover is None else self._rover(t_ns, rover),
+            shift_ned_m=shift_ned_m,
         )
 
-    def _relative(self, t_ns: int, inbox: Inbox) -> Relative | None:
-        relative = inbox.latest(RELATIVE)
-        if relative is None or relative.epoch_id != self._epoch_id:
+    def _relative(self, t_ns: int, relative: Relative) -> Relative | None:
+        if relative.epoch_id != self._epoch_id:
             return None
         if self._lease is not None:
             relative = self._lease.own(relative)
         return relative if is_fresh(relative, t_ns, self._config.estimate_age_max_s) else None
 
-    def _rover(self, t_ns: int, inbox: Inbox) -> RoverEstimate | None:
+    def _rover(self, t_ns: int, rover: RoverEstimate) -> RoverEstimate | None:
         """In the world frame as the behaviour knows it."""
-        rover = inbox.latest(ROVER_ESTIMATE)
-        if rover is None or rover.epoch_id != self._epoch_id:
-            return None
-        if not is_fresh(rover, t_ns, self._config.estimate_age_max_s):
+        if rover.epoch_id != self._epoch_id or not is_fresh(rover, t_ns, self._config.estimate_age_max_s):
             return None
         shift = subtract(rover.reset_offset_ned_m, self._offset_start_ned_m)
         pos_rover_ned_m = subtract(rover.pos_rover_ned_m, shift)

@@ -1,15 +1,17 @@
 """The loop of one process, without a bus: its clock is the test's, and messages are put into its queue."""
 
+import threading
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from jezero.runtime import zenoh_bus
 from jezero.runtime.codec import encode
 from jezero.runtime.config import Instance
-from jezero.runtime.service import Inbox, Output, Publish, Reply, Spec
+from jezero.runtime.service import Inbox, Listen, Output, Pace, Publish, Reply, Spec
 from jezero.schemas import topics
 from jezero.schemas.commands import AbortReply
 from jezero.schemas.state import Clock, Status
@@ -103,10 +105,11 @@ def test_no_step_counts_the_time_in_which_the_process_stood_still(
 
 
 class Asked:
-    """Changes its status at each step, and answers whoever asks."""
+    """Changes its status at each step, and answers whoever asks; `fails` when it is told to."""
 
     spec = Spec(
         name="asked",
+        on_demand=(topics.ODOMETRY,),
         outputs=(topics.STATUS,),
         last_value=(topics.STATUS,),
         serves=(topics.ABORT,),
@@ -114,12 +117,19 @@ class Asked:
     )
 
     def __init__(self) -> None:
-        self.steps = 0
+        self.threads: list[threading.Thread] = []
+        self.answers = True
+        self.fails = False
+        self.also: tuple[Output, ...] = ()
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
-        self.steps += 1
-        for request in inbox.requests(topics.ABORT):
-            yield Reply(request.request_id, AbortReply(hovering=False, reason=""))
+        self.threads.append(threading.current_thread())
+        if self.fails:
+            raise RuntimeError("broken")
+        if self.answers:
+            for request in inbox.requests(topics.ABORT):
+                yield Reply(request.request_id, AbortReply(hovering=False, reason=""))
+        yield from self.also
         status = Status(
             t_ns=0,
             code=0,
@@ -129,27 +139,120 @@ class Asked:
             in_charge="none",
             bridge_boot_id=1,
             ready=True,
-            text=str(self.steps),
+            text=str(len(self.threads)),
         )
         yield Publish(topics.STATUS, status)
 
 
-def test_state_that_changes_with_a_reply_is_published_when_the_reply_has_gone(monkeypatch: pytest.MonkeyPatch) -> None:
-    wall_ns = 0
-    monkeypatch.setattr(zenoh_bus, "time", SimpleNamespace(monotonic_ns=lambda: wall_ns))
-    runner = zenoh_bus._Runner(Asked(), Instance(), 1, {})
-    runner._next_health_ns = runner._next_router_check_ns = 10**12
-    put: list[int] = []
-    monkeypatch.setattr(runner._session, "put", lambda topic, data: put.append(wall_ns))
-    runner.reply(1, None, final=True)
-    runner._node.step(0)
-    assert b'"text":"1"' in runner._session._last_value[topics.STATUS.name]  # a plain get sees it at once
-    runner._replied = False
-    runner._node.step(0)  # what changes next waits as well, so that the order stays
-    runner._report(wall_ns)
-    assert put == []
-    wall_ns = zenoh_bus.HELD_NS
-    runner._report(wall_ns)
-    runner._node.step(0)
-    assert put == [zenoh_bus.HELD_NS] * 3
-    runner.close()
+class Query:
+    """Of a client."""
+
+    key_expr = topics.key("uav1", topics.ABORT.name)
+    payload = attachment = None
+    parameters: tuple[tuple[str, str], ...] = ()
+
+    def __init__(self) -> None:
+        self.replies: list[bytes] = []
+
+    def reply(self, key_expr: str, data: bytes, **_settings: Any) -> None:
+        self.replies.append(data)
+
+    def drop(self) -> None: ...
+
+
+class Asking:
+    """A process that is asked from another thread, as Zenoh does; its loop means to wake up at 20 ms."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.wall_ns = 10 * MS
+        monkeypatch.setattr(zenoh_bus, "time", SimpleNamespace(monotonic_ns=lambda: self.wall_ns))
+        self.service = Asked()
+        self.runner = zenoh_bus._Runner(self.service, Instance(), 1, {})
+        self.put: list[int] = []
+        monkeypatch.setattr(self.runner._session, "put", lambda topic, data: self.put.append(self.wall_ns // MS))
+        self.runner._steps_where_received = True
+        self.runner._until_ns = 20 * MS
+        self.runner._next_health_ns = self.runner._next_router_check_ns = 10**12
+
+    def ask(self) -> Query:
+        query = Query()
+        thread = threading.Thread(target=self.runner._enqueue, args=("query", topics.ABORT.name, query))
+        thread.start()
+        thread.join()
+        return query
+
+
+@pytest.fixture
+def asking(monkeypatch: pytest.MonkeyPatch) -> Iterator[Asking]:
+    asking = Asking(monkeypatch)
+    yield asking
+    asking.runner.close()
+
+
+def test_the_thread_that_received_steps(asking: Asking) -> None:
+    asking.service.answers = False  # else the status waits for the reply, and the loop for the status
+    asking.ask()
+    (thread,) = asking.service.threads
+    assert thread is not threading.current_thread()
+    assert asking.put == [10]
+    assert not asking.runner._rung
+
+
+def test_while_somebody_steps_the_loop_is_rung(asking: Asking) -> None:
+    with asking.runner._turn:
+        assert not asking.ask().replies
+    assert asking.runner._rung
+
+
+def test_before_and_after_its_loop_a_process_does_not_step(asking: Asking) -> None:
+    asking.runner._steps_where_received = False
+    assert not asking.ask().replies
+    asking.runner._steps_where_received = True
+    asking.runner.stop()
+    assert not asking.ask().replies
+
+
+def test_after_the_process_stood_still_the_loop_catches_up_first(asking: Asking) -> None:
+    asking.wall_ns = 20 * MS + zenoh_bus.STALL_NS + 1
+    assert not asking.ask().replies
+    assert asking.runner._rung
+
+
+def test_what_has_piled_up_is_read_as_a_whole_before_the_next_step(asking: Asking) -> None:
+    queries = [asking.ask() for _ in range(20)]
+    assert len(asking.service.threads) == 1
+    assert asking.runner._rung
+    asking.runner._collect(asking.wall_ns)
+    asking.runner._step(asking.wall_ns)
+    assert all(query.replies for query in queries)
+    assert len(asking.service.threads) == 2
+
+
+@pytest.mark.parametrize("why", ["a quicker pace", "a topic to declare", "a status that is held back"])
+def test_a_loop_that_has_to_wake_up_earlier_than_it_means_to_is_rung(asking: Asking, why: str) -> None:
+    asking.service.answers = why == "a status that is held back"
+    outputs: dict[str, Output] = {"a quicker pace": Pace(200.0), "a topic to declare": Listen((topics.ODOMETRY,))}
+    asking.service.also = (outputs[why],) if why in outputs else ()
+    asking.ask()
+    assert len(asking.service.threads) == 1
+    assert asking.runner._rung
+
+
+def test_a_step_that_fails_in_the_thread_that_received_ends_the_process(asking: Asking) -> None:
+    asking.service.fails = True
+    asking.ask()
+    assert asking.runner._rung
+    with pytest.raises(RuntimeError, match="broken"):
+        asking.runner._loop()
+
+
+def test_state_that_changes_with_a_reply_is_published_when_the_reply_has_gone(asking: Asking) -> None:
+    assert asking.ask().replies
+    assert b'"text":"1"' in asking.runner._session._last_value[topics.STATUS.name]  # a plain get sees it at once
+    asking.runner._step(asking.wall_ns)  # what changes next waits as well, so that the order stays
+    asking.runner._report(asking.wall_ns)
+    assert asking.put == []
+    asking.wall_ns += zenoh_bus.HELD_NS
+    asking.runner._report(asking.wall_ns)
+    asking.runner._step(asking.wall_ns)
+    assert asking.put == [10 + zenoh_bus.HELD_NS // MS] * 3
