@@ -18,18 +18,18 @@ class Phase(StrEnum):
     COVERAGE = "coverage"
 
 
-class Setpoint(Message, frozen=True, kw_only=True):
-    """One setpoint of the goal in charge.
+class Setpoint(Message, frozen=True, kw_only=True, omit_defaults=True):
+    """One setpoint of the goal in charge. What isn't given isn't sent.
 
     Attributes:
-        control_id: from the grant; setpoints of anybody else are dropped.
+        control_id: from the grant; setpoints of anybody else are dropped. Of any characters, as it is only compared.
         sequence: grows by one with each setpoint; older ones are dropped.
         reset_counter: of the odometry this setpoint was computed from.
         pos_ned_m, vel_ned_mps, acc_ned_mps2: at least one of position and velocity; the others are feed-forward.
         yaw_rad: heading, or None to keep it; yaw_rate_rps: how fast it turns, fed forward.
     """
 
-    control_id: Name
+    control_id: Annotated[str, Meta(max_length=64)]
     sequence: Annotated[int, Meta(ge=0)]
     phase: Phase
     reset_counter: int = 0

@@ -29,6 +29,8 @@ class VehicleClock:
         self._updated_ns = 0
         self._samples: deque[tuple[int, int]] = deque(maxlen=RATES + 1)
         """(wall time of the master, vehicle time), oldest first."""
+        self._newest: tuple[int, int] | None = None
+        """Of these."""
         self._rate = 1.0
 
     def update(self, t_ns: int, epoch_id: int, wall_master_ns: int, wall_ns: int) -> None:
@@ -37,6 +39,7 @@ class VehicleClock:
         if epoch_id != self.epoch_id or (self._samples and self._samples[-1][0] - wall_master_ns > FORGET_NS):
             self.epoch_id = epoch_id
             self._samples.clear()
+            self._newest = None
         if self._samples:
             drift_ns = int((wall_ns - self._updated_ns) * DRIFT)
             ahead_ns = max(ahead_ns, self._master_ahead_ns - drift_ns)
@@ -44,13 +47,15 @@ class VehicleClock:
         self._updated_ns = wall_ns
         if self._samples and wall_master_ns <= self._samples[-1][0]:
             return  # overtaken by a newer one
-        self._samples.append((wall_master_ns, t_ns))
+        self._newest = (wall_master_ns, t_ns)
+        self._samples.append(self._newest)
         rates = [(t - t_before) / (wall - before) for (before, t_before), (wall, t) in pairwise(self._samples)]
         self._rate = min(1.0, max([RATE_MIN, *rates])) if rates else 1.0
 
     def now_ns(self, wall_ns: int) -> int:
         """Vehicle time at `wall_ns`, never negative; 0 before the first message."""
-        if not self._samples:
+        if self._newest is None:
             return 0
-        wall_master_ns, t_ns = self._samples[-1]
-        return max(0, t_ns + int((wall_ns + self._master_ahead_ns - wall_master_ns) * self._rate))
+        wall_master_ns, t_ns = self._newest
+        now_ns = t_ns + int((wall_ns + self._master_ahead_ns - wall_master_ns) * self._rate)
+        return now_ns if now_ns > 0 else 0

@@ -5,7 +5,7 @@ A picture is its header in JSON, a line feed, and its pixels.
 
 import math
 from collections.abc import Iterable, Mapping
-from functools import lru_cache
+from functools import cache
 from typing import Any
 
 import msgspec
@@ -20,8 +20,6 @@ PICTURES = (CameraFrame, ImageReply)
 """Payloads whose pixels travel beside their header."""
 _WITHOUT_FLOATS = frozenset((type(None), bool, int, str, bytes))
 _encoder = msgspec.json.Encoder()
-_newest: dict[Any, tuple[bytes, Any]] = {}
-"""By type what was decoded last: on the in-memory bus all who listen get the same bytes."""
 
 
 class NotFiniteError(ValueError):
@@ -41,10 +39,10 @@ def encode(payload: Payload) -> bytes:
     if type(payload) in PICTURES and (pixels := payload.pixels):  # type: ignore[attr-defined]
         return join_picture(encode(msgspec.structs.replace(payload, pixels=b"")), pixels)
     data = _encoder.encode(payload)
-    nulls = data.count(b"null")
-    if nulls:  # None that is meant, text, or a number that is not finite
+    if b"null" in data:  # None that is meant, text, or a number that is not finite
         values = msgspec.structs.astuple(payload)
-        if nulls != values.count(None) and not _are_finite(values):
+        nones = 0 if payload.__struct_config__.omit_defaults else values.count(None)
+        if data.count(b"null") != nones and not _are_finite(values):
             _require_finite(payload, type(payload).__name__)
     return data
 
@@ -85,33 +83,64 @@ def _require_finite(value: Any, where: str) -> None:
             _require_finite(item, f"{where}[{index}]")
 
 
-@lru_cache(maxsize=256)
-def _decoder(kind: Any) -> msgspec.json.Decoder[Any]:
-    return msgspec.json.Decoder(kind)
+class Reader:
+    """Decodes payloads of one kind.
+
+    On the in-memory bus all who listen get the same bytes: what was decoded last is kept.
+    """
+
+    __slots__ = ("_data", "_decode", "_message", "_pictures")
+
+    def __init__(self, kind: Any) -> None:
+        self._decode = msgspec.json.Decoder(kind).decode
+        self._pictures = kind in PICTURES
+        self._data: bytes | None = None
+        self._message: Any = None
+
+    def read(self, data: bytes) -> Any:
+        """A payload.
+
+        Raises:
+            BadPayloadError: malformed, an unknown field, a wrong type, a number out of its range, or a picture that has
+                not three bytes for each pixel.
+        """
+        if data is self._data:
+            return self._message
+        try:
+            if self._pictures:
+                return self._read_picture(data)
+            if len(data) > MAX_PAYLOAD_BYTES:
+                raise BadPayloadError(f"{len(data)} bytes are more than {MAX_PAYLOAD_BYTES}")
+            self._message = message = self._decode(data)
+            self._data = data
+        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+            raise BadPayloadError(str(error)) from None
+        except RecursionError:
+            raise BadPayloadError("nested too deeply") from None
+        return message
+
+    def _read_picture(self, data: bytes) -> CameraFrame | ImageReply:
+        header, pixels = split_picture(data)
+        if len(header) > MAX_PICTURE_HEADER_BYTES:
+            raise BadPayloadError(f"a header of {len(header)} bytes is more than {MAX_PICTURE_HEADER_BYTES}")
+        frame: CameraFrame | ImageReply = self._decode(header)
+        if frame.pixels or len(pixels) != 3 * frame.width_px * frame.height_px:
+            size = f"{frame.width_px} x {frame.height_px}"
+            raise BadPayloadError(f"{len(pixels)} bytes are not {size} pixels of three bytes")
+        return msgspec.structs.replace(frame, pixels=pixels)
+
+
+reader = cache(Reader)
+"""The one of a kind: a type, or a union of types."""
 
 
 def decode(kind: Any, data: bytes) -> Any:
     """A payload of type `kind` (or of one type of a union).
 
     Raises:
-        BadPayloadError: malformed, an unknown field, a wrong type, a number out of its range, or a picture that has
-            not three bytes for each pixel.
+        BadPayloadError: see `Reader.read`.
     """
-    newest = _newest.get(kind)
-    if newest is not None and newest[0] is data:
-        return newest[1]
-    if kind in PICTURES:
-        return _decode_picture(kind, data)
-    if len(data) > MAX_PAYLOAD_BYTES:
-        raise BadPayloadError(f"{len(data)} bytes are more than {MAX_PAYLOAD_BYTES}")
-    try:
-        message = _decoder(kind).decode(data)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise BadPayloadError(str(error)) from None
-    except RecursionError:
-        raise BadPayloadError("nested too deeply") from None
-    _newest[kind] = (data, message)
-    return message
+    return reader(kind).read(data)
 
 
 def join_picture(header: bytes, pixels: bytes) -> bytes:
@@ -123,21 +152,6 @@ def split_picture(data: bytes) -> tuple[bytes, bytes]:
     """A picture's header, in JSON, and its pixels."""
     header, _, pixels = data.partition(b"\n")
     return header, pixels
-
-
-def _decode_picture(kind: Any, data: bytes) -> CameraFrame | ImageReply:
-    header, pixels = split_picture(data)
-    if len(header) > MAX_PICTURE_HEADER_BYTES:
-        raise BadPayloadError(f"a header of {len(header)} bytes is more than {MAX_PICTURE_HEADER_BYTES}")
-    try:
-        frame: CameraFrame | ImageReply = _decoder(kind).decode(header)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise BadPayloadError(str(error)) from None
-    except RecursionError:
-        raise BadPayloadError("nested too deeply") from None
-    if frame.pixels or len(pixels) != 3 * frame.width_px * frame.height_px:
-        raise BadPayloadError(f"{len(pixels)} bytes are not {frame.width_px} x {frame.height_px} pixels of three bytes")
-    return msgspec.structs.replace(frame, pixels=pixels)
 
 
 def decode_request(kind: Any, data: bytes, parameters: Mapping[str, str]) -> Any:

@@ -181,12 +181,15 @@ class Udp:
         return parts[0] if len(parts) == 1 else b"".join(parts)
 
     def send(self, data: bytes) -> None:
-        if self._socket is not None:
-            with contextlib.suppress(OSError):
-                if self._hears_only_peer:
-                    self._socket.send(data)
-                else:
-                    self._socket.sendto(data, self._peer)
+        if self._socket is None:
+            return
+        try:  # suppress() takes as long as sending
+            if self._hears_only_peer:
+                self._socket.send(data)
+            else:
+                self._socket.sendto(data, self._peer)
+        except OSError:
+            pass
 
     def close(self) -> None:
         if self._socket is not None:

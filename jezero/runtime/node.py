@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
-from jezero.runtime.codec import BadPayloadError, NotFiniteError, decode, decode_request, encode
+from jezero.runtime.codec import BadPayloadError, NotFiniteError, decode, decode_request, encode, reader
 from jezero.runtime.service import (
     Call,
     Health,
@@ -36,12 +36,22 @@ class Transport(Protocol):
     def work(self, function: Callable[[], Any], tag: str) -> None: ...
 
 
-class _Counter:
-    """Of one input: messages received, rejected, and the wall time of the last good one."""
+class _Input:
+    """A topic or endpoint that a node hears.
 
-    __slots__ = ("last_ns", "received", "rejected")
+    Attributes:
+        kind: what its messages are decoded into.
+        read: decodes them.
+        triggers: whether a message wants a step at once.
+        received, rejected, last_ns: messages so far, bad ones, and the wall time of the last good one.
+    """
 
-    def __init__(self) -> None:
+    __slots__ = ("kind", "last_ns", "read", "received", "rejected", "triggers")
+
+    def __init__(self, kind: Any, *, triggers: bool) -> None:
+        self.kind = kind
+        self.read = reader(kind).read
+        self.triggers = triggers
         self.received = 0
         self.rejected = 0
         self.last_ns: int | None = None
@@ -67,6 +77,10 @@ class Mailbox:
 
     def latest(self, topic: Topic[Any]) -> Any | None:
         return self._latest.get(topic.name)
+
+    @property
+    def asked(self) -> bool:
+        return bool(self._requests)
 
     def requests(self, endpoint: Endpoint[Any, Any]) -> Sequence[Request]:
         return self._requests.get(endpoint.name, ())
@@ -95,8 +109,11 @@ class Mailbox:
                 parts.clear()
 
     def add_message(self, name: str, message: Any) -> None:
-        self._new.setdefault(name, []).append(message)
         self._latest[name] = message
+        if name in self._new:
+            self._new[name].append(message)
+        else:
+            self._new[name] = [message]
 
     def forget(self, name: str) -> None:
         self._new.pop(name, None)
@@ -135,15 +152,14 @@ class Node:
         self._strict = strict
         self._boot_id = boot_id
         self._process = process
-        self._inputs = {topic.name: topic for topic in (*self.spec.inputs, *self.spec.on_demand)}
-        self.input_names = frozenset(self._inputs)
-        """Of all topics this node may listen to."""
         self._outputs = {topic.name: topic for topic in self.spec.outputs}
         self._serves = {endpoint.name: endpoint for endpoint in self.spec.serves}
         self._calls = {endpoint.name: endpoint for endpoint in self.spec.calls}
         self._demandable = frozenset(topic.name for topic in self.spec.on_demand)
         self._triggers = frozenset(self.spec.triggers)
-        self._counters = {name: _Counter() for name in (*self._inputs, *self._serves)}
+        kinds = {topic.name: topic.type for topic in (*self.spec.inputs, *self.spec.on_demand)}
+        kinds |= {endpoint.name: endpoint.request_type for endpoint in self.spec.serves}
+        self._inputs = {name: _Input(kind, triggers=name in self._triggers) for name, kind in kinds.items()}
         self._pending_calls: dict[str, Call] = {}
         self._call_number = 0
         self._not_sent = 0
@@ -157,38 +173,43 @@ class Node:
 
     # -- what the bus brings. Each returns whether the service wants a step at once. --
 
-    def deliver(self, name: str, data: bytes) -> bool:
-        """A message on a topic this node listens to."""
-        counter = self._counters[name]
-        counter.received += 1
+    def deliver(self, name: str, data: bytes | None) -> bool:
+        """A message on a topic, which this node may listen to; None: something that was no plain put on its key."""
+        heard = self._inputs.get(name)
+        if heard is None:
+            return False
+        heard.received += 1
+        if data is None:
+            heard.rejected += 1
+            self._last_error = f"{name}: not a put on exactly this key"
+            return False
         try:
-            message = decode(self._inputs[name].type, data)
+            message = heard.read(data)
         except BadPayloadError as error:
-            counter.rejected += 1
+            heard.rejected += 1
             self._last_error = f"{name}: {error}"[:500]
             return False
-        counter.last_ns = self.inbox.wall_ns
+        heard.last_ns = self.inbox.wall_ns
         self.inbox.add_message(name, message)
-        return name in self._triggers
+        return heard.triggers
 
     def deliver_request(
         self, name: str, request_id: int, client_id: str, data: bytes, parameters: Mapping[str, str]
     ) -> bool:
         """A question; a malformed one is refused here with the reason."""
-        counter = self._counters[name]
-        endpoint = self._serves[name]
-        counter.received += 1
+        heard = self._inputs[name]
+        heard.received += 1
         try:
-            payload = decode_request(endpoint.request_type, data, parameters)
+            payload = decode_request(heard.kind, data, parameters)
         except BadPayloadError as error:
-            counter.rejected += 1
+            heard.rejected += 1
             self._last_error = f"{name}: {error}"[:500]
-            refusal = endpoint.refuse(f"not understood: {error}"[:1000])
+            refusal = self._serves[name].refuse(f"not understood: {error}"[:1000])
             self._transport.reply(request_id, encode(refusal), final=True)
             return False
-        counter.last_ns = self.inbox.wall_ns
+        heard.last_ns = self.inbox.wall_ns
         self.inbox.add_request(name, Request(request_id, client_id, payload))
-        return name in self._triggers
+        return heard.triggers
 
     def deliver_response(self, call_id: str, data: bytes | None, error: str | None) -> bool:
         """The first answer to a call of this node, or why there is none; later ones are ignored."""
@@ -257,13 +278,16 @@ class Node:
                 self._state, self._text = output.state, output.text[:2000]
 
     def _publish(self, output: Publish) -> None:
-        topic = output.topic
+        topic, message = output.topic, output.message
         if topic.name not in self._outputs:
             self._require(False, "output", topic.name)
-        if type(output.message) is not topic.type:
-            raise TypeError(f"{topic.name} carries {topic.type.__name__}, not {type(output.message).__name__}")
-        data = self._encoded(output.message)
-        if data is not None:
+        if type(message) is not topic.type:
+            raise TypeError(f"{topic.name} carries {topic.type.__name__}, not {type(message).__name__}")
+        try:
+            data = encode(message)
+        except NotFiniteError as error:
+            self._drop(error)
+        else:
             self._transport.publish(topic, data)
 
     def _call(self, output: Call) -> None:
@@ -287,23 +311,20 @@ class Node:
         try:
             return encode(payload)
         except NotFiniteError as error:
-            if self._strict:
-                raise
-            self._not_sent += 1
-            self._last_error = f"not sent: {error}"[:500]
+            self._drop(error)
             return None
+
+    def _drop(self, error: NotFiniteError) -> None:
+        if self._strict:
+            raise error
+        self._not_sent += 1
+        self._last_error = f"not sent: {error}"[:500]
 
     def _require(self, declared: bool, what: str, name: str) -> None:
         if not declared:
             raise UndeclaredError(f"service {self.spec.name!r} uses {what} {name!r}, which its Spec doesn't declare")
 
     # -- health --
-
-    def count_misdirected(self, name: str, why: str) -> None:
-        """Something came that was not a plain put on exactly this key."""
-        self._counters[name].received += 1
-        self._counters[name].rejected += 1
-        self._last_error = f"{name}: {why}"[:500]
 
     def health(self, t_ns: int, late_s: float) -> ServiceHealth:
         """The report that the runtime publishes at 1 Hz."""
@@ -317,11 +338,11 @@ class Node:
             text=self._text,
             inputs={
                 name: InputHealth(
-                    received=c.received,
-                    rejected=c.rejected,
-                    age_s=None if c.last_ns is None else max(0, wall_ns - c.last_ns) / 1e9,
+                    received=heard.received,
+                    rejected=heard.rejected,
+                    age_s=None if heard.last_ns is None else max(0, wall_ns - heard.last_ns) / 1e9,
                 )
-                for name, c in self._counters.items()
+                for name, heard in self._inputs.items()
             },
             not_sent=self._not_sent,
             last_error=self._last_error,

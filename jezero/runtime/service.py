@@ -178,6 +178,10 @@ class Inbox(Protocol):
     def latest(self, topic: Topic[M]) -> M | None:
         """The newest message ever seen, or None."""
 
+    @property
+    def asked(self) -> bool:
+        """Whether there are any questions since the last step."""
+
     def requests(self, endpoint: Endpoint[Any, Any]) -> Sequence[Request]:
         """Questions since the last step, oldest first."""
 

@@ -20,18 +20,18 @@ from typing import Any, cast
 import zenoh
 
 from jezero.runtime.clock import VehicleClock
-from jezero.runtime.codec import PICTURES, BadPayloadError, decode, encode, split_picture
+from jezero.runtime.codec import BadPayloadError, decode, encode
 from jezero.runtime.config import ConfigError, Instance, instance_from_environment
 from jezero.runtime.links import SocketLink
 from jezero.runtime.node import Node
 from jezero.runtime.service import Service
 from jezero.runtime.worker import Worker
 from jezero.runtime.zenoh_session import AlreadyRunningError, BusSession, Kind, picture_data
+from jezero.runtime.zenoh_transport import NS_PER_S, ZenohTransport
 from jezero.schemas import topics
 from jezero.schemas.state import Clock
-from jezero.schemas.topics import Endpoint, Topic, health_of, key
+from jezero.schemas.topics import health_of
 
-NS_PER_S = 1_000_000_000
 PACE_SLACK_NS = 20_000_000
 """A time master that is this much late slows vehicle time instead of catching up."""
 ANSWER_WITHIN_NS = 16_000_000
@@ -42,13 +42,8 @@ STALL_NS = 100_000_000
 CATCH_UP_NS = 30_000_000
 """A process that stood still for a stall lets in what has piled up since, and what tells the time, before it judges
 anybody's silence or executes anything."""
-HELD_NS = 10_000_000
-"""State that changes with a reply is published so much later: it wakes a dozen processes, and the one that waits for
-the reply would have to share the processor with them."""
 APART_NS = 5_000_000
 """What comes sooner after a step in a receiving thread has piled up somewhere: the loop reads all of it, then steps."""
-PROMPT = ("sample", "query")
-"""What has a thread of its own to receive it; the others come from Zenoh's."""
 CLOCK_NAME = topics.CLOCK.name
 LOOK_EVERY_NS = 50_000_000
 """A link with nothing to read is polled so often all the same."""
@@ -110,14 +105,11 @@ def run_service(
 
 
 class _Runner:
-    """The loop of one process; the `Transport` of its node."""
+    """The loop of one process."""
 
     def __init__(self, service: Service, instance: Instance, boot_id: int, links: dict[str, SocketLink]) -> None:
         self._instance = instance
-        self._node = Node(
-            service, self, strict=False, boot_id=boot_id, process=f"{socket.gethostname()} pid {os.getpid()}"
-        )
-        self._spec = self._node.spec
+        self._spec = service.spec
         if set(links) != set(self._spec.links):
             raise ValueError(f"service {self._spec.name!r} needs links {self._spec.links}, got {tuple(links)}")
         self._links = links
@@ -131,37 +123,27 @@ class _Runner:
         self._rung = False
         self._turn = threading.Lock()
         """Of whoever reads what arrived and steps: the loop, or a thread that received."""
-        self._triggers = frozenset(self._spec.triggers)
         self._steps_where_received = False
         self._failure: BaseException | None = None
         """Of a step in a thread that received."""
         self._stepped_here_ns = 0
         """When a thread that received made its last step."""
-        self._readable: set[str] = set()
+        self._readable: list[str] = []
         """Links with something to read, by the last wait."""
-        self._session = BusSession(instance, self._spec, self._enqueue)
-        self._worker = Worker(lambda tag, outcome, error: self._enqueue("outcome", tag, (outcome, error)))
-        self._period_ns = int(NS_PER_S / self._spec.rate_hz)
+        self._link_states = dict.fromkeys(links, (0, False))
+        """What the node knows of them: how often they have connected, and whether they are up."""
+        self._session = BusSession(instance, self._spec, self._enqueue, self._step_here)
+        worker = Worker(lambda tag, outcome, error: self._enqueue("outcome", tag, (outcome, error)))
+        self._out = ZenohTransport(instance, self._spec, self._session, links, worker)
+        process = f"{socket.gethostname()} pid {os.getpid()}"
+        self._node = Node(service, self._out, strict=False, boot_id=boot_id, process=process)
         self._due_ns = 0
         """When the next step is."""
         self._until_ns = 0
         """When the loop wakes up next, whatever arrives."""
-        self._listening: frozenset[str] = frozenset()
-        """Of the topics on demand, those that the service wants."""
-        self._told = self._listening
-        """What the router knows of these."""
-        self._replied = False
-        """In the present step."""
-        self._held: list[tuple[Topic[Any], bytes]] = []
-        self._held_until_ns = 0
-        self._queries: dict[int, zenoh.Query] = {}
-        self._pictures = {
-            key(instance.vehicle, served.name) for served in self._spec.serves if served.reply_type in PICTURES
-        }
-        """Keys whose replies are pictures."""
+        self._told = self._out.listening
+        """Of the topics on demand, those that the router was told to bring."""
         self._on_demand = frozenset(topic.name for topic in self._spec.on_demand)
-        self._last_value = frozenset(topic.name for topic in self._spec.last_value)
-        self._request_id = 0
         self._health_topic = health_of(self._spec.name)
         self._late_ns = 0
         self._next_health_ns = 0
@@ -195,7 +177,7 @@ class _Runner:
         self._turn.acquire(timeout=CATCH_UP_NS / NS_PER_S)  # for good: no other thread steps any more
         for link in self._links.values():
             link.close()
-        self._queries.clear()
+        self._out.forget_queries()
         self._session.close()
 
     # -- in the threads that receive --
@@ -209,29 +191,36 @@ class _Runner:
                 return
             value = None
         self._events.append((kind, name, value))
-        if kind in PROMPT and name in self._triggers and self._step_here():
-            return
+        self._ring()
+
+    def _step_here(self, kind: Kind, name: str, value: Any) -> bool:
+        """Take what wants a step, and step; False where the loop has to."""
+        if not self._turn.acquire(blocking=False):
+            return False
+        try:
+            now_ns = time.monotonic_ns() - self._stalled_ns
+            piled_up = now_ns - self._stepped_here_ns < APART_NS or now_ns - self._until_ns > STALL_NS
+            if piled_up or self._stopping or not self._steps_where_received:
+                return False
+            self._stepped_here_ns = self._node.inbox.wall_ns = now_ns
+            wanted = bool(self._events) and self._collect(now_ns)
+            if (self._on_sample(name, value) if kind == "sample" else self._take(kind, name, value)) or wanted:
+                self._step(now_ns)
+        except BaseException as error:  # noqa: BLE001 - the loop raises it
+            self._failure = error
+        finally:
+            self._turn.release()
+        out = self._out
+        sooner = self._due_ns < self._until_ns or self._told is not out.listening or out.held_until_ns is not None
+        if sooner or self._failure is not None:
+            self._ring()
+        return True
+
+    def _ring(self) -> None:
+        """Let the loop look, which may have meant to wake up later."""
         if not self._rung:
             self._rung = True
             self._wake()
-
-    def _step_here(self) -> bool:
-        """Read what arrived and step; False where the loop has to, or has to wake up earlier than it means to."""
-        if not self._steps_where_received or not self._turn.acquire(blocking=False):
-            return False
-        try:
-            now_ns = self._now_ns()
-            if now_ns - self._stepped_here_ns < APART_NS or now_ns - self._until_ns > STALL_NS or self._stopping:
-                return False
-            self._stepped_here_ns = now_ns
-            if self._collect(now_ns):
-                self._step(now_ns)
-            return self._told is self._listening and self._due_ns >= self._until_ns and not self._held
-        except BaseException as error:  # noqa: BLE001 - the loop raises it
-            self._failure = error
-            return False
-        finally:
-            self._turn.release()
 
     def _wake(self) -> None:
         os.eventfd_write(self._bell, 1)
@@ -246,12 +235,14 @@ class _Runner:
         now_ns = self._due_ns = self._until_ns = self._now_ns()
         self._steps_where_received = True
         while not self._stopping:
-            next_ns = min(self._due_ns, self._next_health_ns, self._held_until_ns if self._held else self._due_ns)
+            next_ns = min(self._due_ns, self._next_health_ns, self._out.held_until_ns or self._due_ns)
             until_ns = self._until_ns = max(now_ns, next_ns)
             since_ns = self._now_ns()
             self._wait(until_ns)
             with self._turn:
-                now_ns = self._past_stalls_ns(min(since_ns, until_ns), until_ns)
+                now_ns = time.monotonic_ns() - self._stalled_ns
+                if now_ns - until_ns > STALL_NS:
+                    now_ns = self._past_stalls_ns(now_ns, min(since_ns, until_ns), until_ns)
                 wanted = self._collect_links(now_ns)
                 wanted |= self._collect(now_ns)
                 if wanted or now_ns >= self._due_ns:
@@ -264,23 +255,23 @@ class _Runner:
             self._tell_router()
 
     def _step(self, now_ns: int) -> None:
-        self._replied = False
+        out = self._out
+        out.now_ns, out.replied = now_ns, False
         self._node.step(self._clock.now_ns(now_ns))  # not a later time: a stall since then is in none of it
-        self._due_ns = now_ns + self._period_ns
+        self._due_ns = now_ns + out.period_ns
 
     def _tell_router(self) -> None:
         """Not within a step: the router takes a millisecond to take in a declaration."""
-        if self._told is not self._listening:
-            self._told = self._listening
+        if self._told is not self._out.listening:
+            self._told = self._out.listening
             self._session.listen(self._told)
 
-    def _past_stalls_ns(self, since_ns: int, until_ns: int) -> int:
+    def _past_stalls_ns(self, now_ns: int, since_ns: int, until_ns: int) -> int:
         """The time now, when it should be `until_ns`; a stall is left out of it, and what piled up has come in.
 
         The whole wait since `since_ns` counts as a stall, as nobody knows when in it the stall began. What was none of
         it the next message of the clock gives back; several stalls in a row would make odometry look old otherwise.
         """
-        now_ns = self._now_ns()
         while now_ns - until_ns > STALL_NS:
             self._late_ns = max(self._late_ns, now_ns - until_ns)
             self._stalled_ns += now_ns - since_ns
@@ -333,52 +324,61 @@ class _Runner:
         owners: dict[Any, str] = {end: name for name, link in self._links.items() for end in link.sockets()}
         timeout_s = max(0, until_ns - self._now_ns()) / NS_PER_S
         ends, _, _ = select.select([self._bell, *owners], [], [], min(timeout_s, 0.1 if self._links else 1.0))
-        if self._bell in ends:
-            os.eventfd_read(self._bell)
-            self._rung = False
-            ends.remove(self._bell)
-        self._readable = {owners[end] for end in ends}
+        self._readable.clear()
+        for end in ends:
+            if end is self._bell:
+                os.eventfd_read(self._bell)
+                self._rung = False
+            else:
+                self._readable.append(owners[end])
 
     def _collect(self, now_ns: int) -> bool:
         """Move all that the bus brought into the inbox; tells whether a step is wanted at once."""
-        node = self._node
-        node.inbox.wall_ns = now_ns
+        self._node.inbox.wall_ns = now_ns
         wanted = False
         while self._events:
-            kind, name, value = self._events.popleft()
-            if kind == "sample":
-                wanted |= self._on_sample(name, value)
-            elif kind == "picture":
-                sample = self._newest_picture.pop(name)
-                wanted |= self._on_sample(name, None if sample is None else picture_data(sample))
-            elif kind == "query":
-                wanted |= self._on_query(name, value)
-            elif kind == "response":
-                wanted |= node.deliver_response(name, *value)
-            elif kind == "outcome":
-                outcome, error = value
-                if error is not None:
-                    raise error
-                wanted |= node.deliver_outcome(name, outcome)
-            elif kind == "departed":
-                node.inbox.departed_clients.append(name)
-                wanted = True
+            wanted |= self._take(*self._events.popleft())
+        return wanted
+
+    def _take(self, kind: Kind, name: str, value: Any) -> bool:
+        """The same with one thing."""
+        node = self._node
+        wanted = False
+        if kind == "sample":
+            wanted = self._on_sample(name, value)
+        elif kind == "picture":
+            sample = self._newest_picture.pop(name)
+            wanted = self._on_sample(name, None if sample is None else picture_data(sample))
+        elif kind == "query":
+            wanted = self._on_query(name, value)
+        elif kind == "response":
+            wanted = node.deliver_response(name, *value)
+        elif kind == "outcome":
+            outcome, error = value
+            if error is not None:
+                raise error
+            wanted = node.deliver_outcome(name, outcome)
+        elif kind == "departed":
+            node.inbox.departed_clients.append(name)
+            wanted = True
         return wanted
 
     def _collect_links(self, now_ns: int) -> bool:
         """The same with the links: those with something to read, and now and then all, as polling also connects."""
         self._node.inbox.wall_ns = now_ns
         wanted = False
-        look = now_ns >= self._next_look_ns
-        if look:
+        names: Iterable[str] = self._readable
+        if now_ns >= self._next_look_ns:
             self._next_look_ns = now_ns + LOOK_EVERY_NS
-        for name, link in self._links.items():
-            if not (look or name in self._readable):
-                continue
+            names = self._links
+        for name in names:
+            link = self._links[name]
             data = link.poll(now_ns)
-            if link.connections != self._node.inbox.connections(name):
-                self._node.set_link(name, False)
-            if link.up != self._node.inbox.is_up(name):
+            state, known = (link.connections, link.up), self._link_states[name]
+            if state != known:
+                self._link_states[name] = state
+                if state[0] != known[0]:
+                    self._node.set_link(name, False)
                 wanted |= self._node.set_link(name, link.up)
             if data:
                 wanted |= self._node.deliver_bytes(name, data)
@@ -387,12 +387,7 @@ class _Runner:
     def _on_sample(self, name: str, data: bytes | None) -> bool:
         if name == CLOCK_NAME and data is not None:
             self._follow(data)
-        if name not in self._node.input_names:
-            return False
-        if data is None:
-            self._node.count_misdirected(name, "not a put on exactly this key")
-            return False
-        if name in self._on_demand and name not in self._listening:  # the last ones of a topic no longer listened to
+        if name in self._on_demand and name not in self._out.listening:  # the last ones of what it no longer wants
             return False
         return self._node.deliver(name, data)
 
@@ -405,26 +400,17 @@ class _Runner:
         self._clock.update(clock.t_ns, clock.epoch_id, clock.wall_ns, self._now_ns())
 
     def _on_query(self, name: str, query: zenoh.Query) -> bool:
-        if str(query.key_expr) != key(self._instance.vehicle, name):
-            query.drop()  # type: ignore[no-untyped-call]
-            return False
-        self._request_id += 1
-        self._queries[self._request_id] = query
-        payload = query.payload
-        attachment = query.attachment
+        payload, attachment = query.payload, query.attachment
         return self._node.deliver_request(
             name,
-            self._request_id,
+            self._out.keep_query(query),
             "" if attachment is None else attachment.to_bytes().decode("utf-8", "replace")[:64],
             b"" if payload is None else payload.to_bytes(),
             dict(cast(Iterable[tuple[str, str]], query.parameters)),
         )
 
     def _report(self, now_ns: int) -> None:
-        if self._held and now_ns >= self._held_until_ns:
-            for topic, data in self._held:
-                self._session.put(topic, data)
-            self._held.clear()
+        self._out.release_held(now_ns)
         if now_ns >= self._next_router_check_ns:
             self._next_router_check_ns = now_ns + NS_PER_S // 2
             self._node.inbox.connected = self._session.connected
@@ -434,45 +420,3 @@ class _Runner:
             health = self._node.health(t_ns, self._late_ns / NS_PER_S)
             self._late_ns = 0
             self._session.put(self._health_topic, encode(health))
-
-    # -- Transport --
-
-    def publish(self, topic: Topic[Any], data: bytes) -> None:
-        if topic.name in self._last_value:
-            self._session.keep(topic, data)
-            if self._replied and not self._held:
-                self._held_until_ns = self._now_ns() + HELD_NS
-            if self._replied or self._held:
-                self._held.append((topic, data))
-                return
-        self._session.put(topic, data)
-
-    def reply(self, request_id: int, data: bytes | None, *, final: bool) -> None:
-        self._replied = True
-        query = self._queries.get(request_id)
-        if query is None:
-            return
-        if data is not None and str(query.key_expr) in self._pictures:
-            header, pixels = split_picture(data)
-            octets = zenoh.Encoding.APPLICATION_OCTET_STREAM
-            query.reply(query.key_expr, pixels, encoding=octets, attachment=header)
-        elif data is not None:
-            query.reply(query.key_expr, data, encoding=zenoh.Encoding.APPLICATION_JSON)
-        if final:
-            del self._queries[request_id]
-            query.drop()  # type: ignore[no-untyped-call]
-
-    def call(self, endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None:
-        self._session.call(endpoint, data, call_id, timeout_s)
-
-    def send(self, link: str, data: bytes) -> None:
-        self._links[link].send(data)
-
-    def listen(self, names: frozenset[str]) -> None:
-        self._listening = names
-
-    def pace(self, rate_hz: float) -> None:
-        self._period_ns = int(NS_PER_S / rate_hz)
-
-    def work(self, function: Callable[[], Any], tag: str) -> None:
-        self._worker.add(function, tag)

@@ -23,6 +23,7 @@ HOLDER_WAIT_S = 2.5
 CLOSE_WITHIN_S = 0.7
 Kind = Literal["sample", "picture", "query", "response", "departed", "opened", "outcome"]
 Enqueue = Callable[[Kind, str, Any], None]
+Step = Callable[[Kind, str, Any], bool]
 
 
 class AlreadyRunningError(RuntimeError):
@@ -44,7 +45,8 @@ def picture_data(sample: zenoh.Sample) -> bytes:
 
 
 class BusSession:
-    """The session of one service. Zenoh's threads call `enqueue(kind, name, value)` with what comes in:
+    """The session of one service. Zenoh's threads call `enqueue(kind, name, value)` with what comes in; before that,
+    `step(kind, name, value)` with what triggers a step, and it need not be enqueued when that is True:
 
     - sample: a topic's name and its bytes, None when it was no put of something on exactly this key.
     - picture: a topic's name and the sample, of which `picture_data` makes bytes.
@@ -53,10 +55,11 @@ class BusSession:
     - departed: the id of a client that vanished.
     """
 
-    def __init__(self, instance: Instance, spec: Spec, enqueue: Enqueue) -> None:
+    def __init__(self, instance: Instance, spec: Spec, enqueue: Enqueue, step: Step) -> None:
         self._instance = instance
         self._spec = spec
         self._enqueue = enqueue
+        self._step = step
         self._opened: zenoh.Session | None = None
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._subscribers: dict[str, zenoh.Subscriber[Any]] = {}
@@ -194,23 +197,31 @@ class BusSession:
         """Listen to a topic; only a put on exactly its key counts."""
         own = key(self._instance.vehicle, name)
         exactly = zenoh.KeyExpr(own)
+        triggers, step, enqueue = name in self._spec.triggers, self._step, self._enqueue
 
         def on_sample(sample: zenoh.Sample) -> None:
-            data = sample.payload.to_bytes()  # nothing, of a delete
-            self._enqueue("sample", name, data if data and sample.key_expr == exactly else None)
+            found = sample.payload.to_bytes()  # nothing, of a delete
+            data = found if found and sample.key_expr == exactly else None
+            if not (triggers and step("sample", name, data)):
+                enqueue("sample", name, data)
 
         def on_picture(sample: zenoh.Sample) -> None:
-            exact = str(sample.key_expr) == own and sample.kind == zenoh.SampleKind.PUT
+            exact = sample.key_expr == exactly and sample.kind == zenoh.SampleKind.PUT
             self._enqueue("picture", name, sample if exact else None)
 
         is_picture = name in self._pictures
         self._subscribers[name] = self._session.declare_subscriber(own, on_picture if is_picture else on_sample)
 
     def _declare_endpoint(self, endpoint: Endpoint[Any, Any]) -> None:
-        own = key(self._instance.vehicle, endpoint.name)
+        own, name = key(self._instance.vehicle, endpoint.name), endpoint.name
+        exactly = zenoh.KeyExpr(own)
+        triggers, step, enqueue = name in self._spec.triggers, self._step, self._enqueue
 
         def on_query(query: zenoh.Query) -> None:
-            self._enqueue("query", endpoint.name, query)
+            if query.key_expr != exactly:
+                query.drop()  # type: ignore[no-untyped-call]
+            elif not (triggers and step("query", name, query)):
+                enqueue("query", name, query)
 
         self._declared.append(self._session.declare_queryable(own, on_query, complete=not endpoint.shared))
 
@@ -257,7 +268,8 @@ class BusSession:
         def on_reply(reply: zenoh.Reply) -> None:
             sample = reply.ok
             answer = (None, "timeout") if sample is None else (sample.payload.to_bytes(), None)
-            self._enqueue("response", call_id, answer)
+            if not self._step("response", call_id, answer):
+                self._enqueue("response", call_id, answer)
 
         self._session.get(
             key(self._instance.vehicle, endpoint.name),

@@ -11,9 +11,10 @@ import pytest
 from jezero.runtime import zenoh_bus
 from jezero.runtime.codec import encode
 from jezero.runtime.config import Instance
-from jezero.runtime.service import Inbox, Listen, Output, Pace, Publish, Reply, Spec
+from jezero.runtime.service import Call, Inbox, Listen, Output, Pace, Publish, Reply, Response, Spec
+from jezero.runtime.zenoh_transport import HELD_NS
 from jezero.schemas import topics
-from jezero.schemas.commands import AbortReply
+from jezero.schemas.commands import AbortReply, Release, ReleaseReply
 from jezero.schemas.state import Clock, Status
 
 MS = 1_000_000
@@ -113,17 +114,20 @@ class Asked:
         outputs=(topics.STATUS,),
         last_value=(topics.STATUS,),
         serves=(topics.ABORT,),
+        calls=(topics.RELEASE,),
         triggers=(topics.ABORT.name,),
     )
 
     def __init__(self) -> None:
         self.threads: list[threading.Thread] = []
+        self.responses: list[Response] = []
         self.answers = True
         self.fails = False
         self.also: tuple[Output, ...] = ()
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
         self.threads.append(threading.current_thread())
+        self.responses += inbox.responses
         if self.fails:
             raise RuntimeError("broken")
         if self.answers:
@@ -170,15 +174,23 @@ class Asking:
         self.runner = zenoh_bus._Runner(self.service, Instance(), 1, {})
         self.put: list[int] = []
         monkeypatch.setattr(self.runner._session, "put", lambda topic, data: self.put.append(self.wall_ns // MS))
+        self.asked: list[str] = []
+        monkeypatch.setattr(
+            self.runner._session, "call", lambda _endpoint, _data, call_id, _s: self.asked.append(call_id)
+        )
         self.runner._steps_where_received = True
         self.runner._until_ns = 20 * MS
         self.runner._next_health_ns = self.runner._next_router_check_ns = 10**12
 
-    def ask(self) -> Query:
-        query = Query()
-        thread = threading.Thread(target=self.runner._enqueue, args=("query", topics.ABORT.name, query))
+    def receive(self, *what: Any) -> None:
+        """As the session does with what triggers a step."""
+        thread = threading.Thread(target=lambda: self.runner._step_here(*what) or self.runner._enqueue(*what))
         thread.start()
         thread.join()
+
+    def ask(self) -> Query:
+        query = Query()
+        self.receive("query", topics.ABORT.name, query)
         return query
 
 
@@ -196,6 +208,16 @@ def test_the_thread_that_received_steps(asking: Asking) -> None:
     assert thread is not threading.current_thread()
     assert asking.put == [10]
     assert not asking.runner._rung
+
+
+def test_an_answer_is_stepped_by_the_thread_that_received_it(asking: Asking) -> None:
+    asking.service.also = (Call(topics.RELEASE, Release(control_id="c", outcome="aborted"), "a tag"),)
+    asking.ask()
+    asking.service.also = ()
+    asking.wall_ns += 10 * MS
+    asking.receive("response", asking.asked[0], (encode(ReleaseReply(released=True, code=3)), None))
+    assert [response.tag for response in asking.service.responses] == ["a tag"]
+    assert threading.current_thread() not in asking.service.threads
 
 
 def test_while_somebody_steps_the_loop_is_rung(asking: Asking) -> None:
@@ -252,7 +274,7 @@ def test_state_that_changes_with_a_reply_is_published_when_the_reply_has_gone(as
     asking.runner._step(asking.wall_ns)  # what changes next waits as well, so that the order stays
     asking.runner._report(asking.wall_ns)
     assert asking.put == []
-    asking.wall_ns += zenoh_bus.HELD_NS
+    asking.wall_ns += HELD_NS
     asking.runner._report(asking.wall_ns)
     asking.runner._step(asking.wall_ns)
-    assert asking.put == [10 + zenoh_bus.HELD_NS // MS] * 3
+    assert asking.put == [10 + HELD_NS // MS] * 3

@@ -1,0 +1,113 @@
+"""What a service sends over Zenoh and its links: the `Transport` of its node."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import zenoh
+
+from jezero.runtime.codec import PICTURES, split_picture
+from jezero.runtime.config import Instance
+from jezero.runtime.links import SocketLink
+from jezero.runtime.service import Spec
+from jezero.runtime.worker import Worker
+from jezero.runtime.zenoh_session import BusSession
+from jezero.schemas.topics import Endpoint, Topic, key
+
+NS_PER_S = 1_000_000_000
+HELD_NS = 10_000_000
+"""State that changes with a reply is published so much later: it wakes a dozen processes, and the one that waits for
+the reply would have to share the processor with them."""
+
+
+class ZenohTransport:
+    """Carries out what the steps of one service yield.
+
+    Attributes:
+        period_ns: the service's next step is so long after its last, unless something triggers one.
+        listening: of the topics on demand, those that the service wants; the loop tells the router.
+        now_ns, replied: when the present step began, and whether it has answered somebody; the loop sets them.
+    """
+
+    def __init__(
+        self, instance: Instance, spec: Spec, session: BusSession, links: Mapping[str, SocketLink], worker: Worker
+    ) -> None:
+        self.period_ns = int(NS_PER_S / spec.rate_hz)
+        self.listening: frozenset[str] = frozenset()
+        self._session = session
+        self._links = links
+        self._worker = worker
+        self._last_value = frozenset(topic.name for topic in spec.last_value)
+        self._pictures = {key(instance.vehicle, served.name) for served in spec.serves if served.reply_type in PICTURES}
+        """Keys whose replies are pictures."""
+        self._queries: dict[int, zenoh.Query] = {}
+        self._request_id = 0
+        self.now_ns = 0
+        self.replied = False
+        self._held: list[tuple[Topic[Any], bytes]] = []
+        self._held_until_ns = 0
+
+    def keep_query(self, query: zenoh.Query) -> int:
+        """Remember whom to answer; returns the request's id."""
+        self._request_id += 1
+        self._queries[self._request_id] = query
+        return self._request_id
+
+    def forget_queries(self) -> None:
+        """Nobody is answered any more."""
+        self._queries.clear()
+
+    # -- what is held back --
+
+    @property
+    def held_until_ns(self) -> int | None:
+        """When `release_held` has something to do; None: it has nothing."""
+        return self._held_until_ns if self._held else None
+
+    def release_held(self, now_ns: int) -> None:
+        """Publish what was held back for long enough."""
+        if self._held and now_ns >= self._held_until_ns:
+            for topic, data in self._held:
+                self._session.put(topic, data)
+            self._held.clear()
+
+    # -- Transport --
+
+    def publish(self, topic: Topic[Any], data: bytes) -> None:
+        if topic.name in self._last_value:
+            self._session.keep(topic, data)
+            if self.replied and not self._held:
+                self._held_until_ns = self.now_ns + HELD_NS
+            if self.replied or self._held:
+                self._held.append((topic, data))
+                return
+        self._session.put(topic, data)
+
+    def reply(self, request_id: int, data: bytes | None, *, final: bool) -> None:
+        self.replied = True
+        query = self._queries.get(request_id)
+        if query is None:
+            return
+        if data is not None and str(query.key_expr) in self._pictures:
+            header, pixels = split_picture(data)
+            octets = zenoh.Encoding.APPLICATION_OCTET_STREAM
+            query.reply(query.key_expr, pixels, encoding=octets, attachment=header)
+        elif data is not None:
+            query.reply(query.key_expr, data, encoding=zenoh.Encoding.APPLICATION_JSON)
+        if final:
+            del self._queries[request_id]
+            query.drop()  # type: ignore[no-untyped-call]
+
+    def call(self, endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None:
+        self._session.call(endpoint, data, call_id, timeout_s)
+
+    def send(self, link: str, data: bytes) -> None:
+        self._links[link].send(data)
+
+    def listen(self, names: frozenset[str]) -> None:
+        self.listening = names
+
+    def pace(self, rate_hz: float) -> None:
+        self.period_ns = int(NS_PER_S / rate_hz)
+
+    def work(self, function: Callable[[], Any], tag: str) -> None:
+        self._worker.add(function, tag)
