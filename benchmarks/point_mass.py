@@ -26,7 +26,7 @@ def main() -> None:
     watch.wrap(Node, "step", lambda node: str(node.spec.name))
     watch.wrap(MavlinkCodec, "parse", lambda _codec: "of which MAVLink parsing")
     watch.wrap(MavlinkCodec, "pack", lambda _codec: "of which MAVLink packing")
-    watch.wrap(MavlinkCodec, "pack_fields", lambda _codec: "of which MAVLink packing")
+    watch.wrap(MavlinkCodec, "pack_numbers", lambda _codec: "of which MAVLink packing")
     for seed in seeds:
         fly_mission(seed, world="point-mass")
     print(f"{len(seeds)} missions, {sim_time_s:.0f} s flown at {sim_time_s / wall_s:.0f}x real time")

@@ -106,7 +106,7 @@ def measure(seed: int) -> Flight:
     watch.wrap(Node, "step", lambda node: str(node.spec.name))
     watch.wrap(MavlinkCodec, "parse", lambda _codec: "of which MAVLink parsing")
     watch.wrap(MavlinkCodec, "pack", lambda _codec: "of which MAVLink packing")
-    watch.wrap(MavlinkCodec, "pack_fields", lambda _codec: "of which MAVLink packing")
+    watch.wrap(MavlinkCodec, "pack_numbers", lambda _codec: "of which MAVLink packing")
     watch.wrap(World, "step", lambda _world: "of which Bullet and its axes")
     flight = fly_virtually(FLIGHT, seed)
     steps = flight.sim_time_s * 250.0

@@ -16,7 +16,7 @@ from typing import Any
 from fastcrc import crc16
 from pymavlink.dialects.v20 import common as dialect
 
-__all__ = ["MavMessage", "MavlinkCodec", "Pick", "Signing", "dialect", "is_finite"]
+__all__ = ["MavMessage", "MavlinkCodec", "Pack", "Pick", "Signing", "dialect", "is_finite"]
 
 MavMessage = Any
 """A pymavlink message object: fields as attributes, `get_msgId()`, `get_srcSystem()`, `get_srcComponent()`."""
@@ -99,8 +99,6 @@ class _Layout:
         self._names = names
         several = len(names) > 1
         self._get = attrgetter(*names) if several else lambda message: (getattr(message, names[0]),)
-        self.in_wire_order = itemgetter(*names) if several else lambda fields: (fields[names[0]],)
-        """Values of a mapping of the message's fields."""
         self._arrays = [(place, counts[place]) for place in range(len(names)) if counts[place]]
         self._gather = itemgetter(*_places(counts)) if several else lambda numbers: (numbers,)
         """From a list of all numbers, the fields' values."""
@@ -113,10 +111,7 @@ class _Layout:
 
     def pack(self, message: MavMessage, system_id: int, component_id: int, sequence: int) -> bytes:
         """A MAVLink 2 frame without a signature."""
-        return self.pack_values(self._get(message), system_id, component_id, sequence)
-
-    def pack_values(self, values: Any, system_id: int, component_id: int, sequence: int) -> bytes:
-        """The same from the fields' values in the order on the wire."""
+        values: Any = self._get(message)
         if self._arrays:
             values = list(values)
             for place, _ in reversed(self._arrays):
@@ -152,6 +147,43 @@ class _Layout:
 _new: Callable[[type], Any] = object.__new__
 
 
+class Pack:
+    """Makes frames of messages of one kind from their numbers, where to make messages of these would cost too much.
+
+    Args:
+        kind: a class of `dialect`, without text.
+        fields: all of them, in their order on the wire; of an array all numbers follow each other.
+
+    Raises:
+        ValueError: these are not the fields, or out of order.
+    """
+
+    def __init__(self, kind: Any, *fields: str) -> None:
+        if list(fields) != kind.ordered_fieldnames or "char" in kind.fieldtypes:
+            raise ValueError(f"the fields of {kind.__name__} are {', '.join(kind.ordered_fieldnames)}")
+        self.kind = kind
+        self._header_and_payload = struct.Struct("<BBBBBBBHB" + kind.unpacker.format[1:]).pack
+        self._length = kind.unpacker.size
+        self._id_low, self._id_high = kind.id & 0xFFFF, kind.id >> 16
+        self._crc_extra = bytes((kind.crc_extra,))
+
+    def frame(self, numbers: tuple[Any, ...], system_id: int, component_id: int, sequence: int) -> bytes:
+        """A MAVLink 2 frame without a signature."""
+        sender = (sequence, system_id, component_id)
+        frame = self._header_and_payload(0xFD, self._length, 0, 0, *sender, self._id_low, self._id_high, *numbers)
+        if not frame[-1]:  # zeros at the end are not sent
+            payload = frame[10:].rstrip(b"\0") or b"\0"
+            frame = b"%c%c%b%b" % (0xFD, len(payload), frame[2:10], payload)
+        return frame + crc16.mcrf4xx(frame[1:] + self._crc_extra).to_bytes(2, "little")
+
+    def message(self, numbers: tuple[Any, ...]) -> MavMessage:
+        """The same as a message."""
+        values = numbers
+        if any(self.kind.array_lengths):
+            values = itemgetter(*_places(self.kind.array_lengths))(numbers)
+        return self.kind(**dict(zip(self.kind.ordered_fieldnames, values, strict=True)))
+
+
 class Pick:
     """Reads some numbers of a message of one kind, where all of them would cost too much.
 
@@ -180,7 +212,7 @@ class Pick:
 
     def __call__(self, message: MavMessage) -> tuple[Any, ...]:
         """The numbers, of a message that `MavlinkCodec` parsed."""
-        frame: bytes = message.get_msgbuf()
+        frame: bytes = message._msgbuf
         if frame[1] == self._read.size:
             return self._read.unpack_from(frame, 10)
         return self._read.unpack_from(frame[10 : 10 + frame[1]].ljust(self._read.size, b"\0"))
@@ -258,34 +290,40 @@ class MavlinkCodec:
         system_id: MAVLink system id of this side.
         component_id: MAVLink component id of this side.
         signing: signs what is packed, and drops what it doesn't believe.
+        hears: system and component whose messages count; others' are dropped. None: everybody's count.
     """
 
-    def __init__(self, system_id: int, component_id: int, signing: Signing | None = None) -> None:
+    def __init__(
+        self,
+        system_id: int,
+        component_id: int,
+        signing: Signing | None = None,
+        *,
+        hears: tuple[int, int] | None = None,
+    ) -> None:
         self._signing = signing
+        self._hears = hears
         self._packer = dialect.MAVLink(_Sink(), srcSystem=system_id, srcComponent=component_id)
         if signing is not None:
             self._packer.signing.secret_key = signing.key
             self._packer.signing.sign_outgoing = True
         self._mav = dialect.MAVLink(_Sink(), srcSystem=system_id, srcComponent=component_id)
         self._mav.robust_parsing = True
+        self._rest = False
+        """There are bytes left over."""
         self.malformed = 0
         """Stretches of bytes that were no message, and messages with a non-finite number where none may be."""
         self.refused = 0
         """Messages whose signature was not believed."""
 
-    def pack_fields(self, kind: Any, **fields: Any) -> bytes:
-        """Bytes of a message from all its fields, for what is sent often: building `kind(**fields)` costs more than
-        packing it.
-
-        Args:
-            kind: a class of `dialect`.
-        """
-        packer, layout = self._packer, _layout(kind.id)
-        if self._signing is not None or layout is None:
-            return self.pack(kind(**fields))
-        data = layout.pack_values(layout.in_wire_order(fields), packer.srcSystem, packer.srcComponent, packer.seq)
-        packer.seq = (packer.seq + 1) % 256
-        return data
+    def pack_numbers(self, pack: Pack, *numbers: Any) -> bytes:
+        """Bytes of a message from all its numbers, for what is sent often."""
+        if self._signing is not None:
+            return self.pack(pack.message(numbers))
+        packer = self._packer
+        sequence = packer.seq
+        packer.seq = (sequence + 1) % 256
+        return pack.frame(numbers, packer.srcSystem, packer.srcComponent, sequence)
 
     def pack(self, message: MavMessage) -> bytes:
         """Bytes of a message built by a class of `dialect`, e.g. `dialect.MAVLink_heartbeat_message(...)`."""
@@ -307,20 +345,28 @@ class MavlinkCodec:
         if not data:
             return []
         good: list[MavMessage] = []
-        if self._signing is None and self._mav.buf_len() == 0:
-            data = data[_parse_whole(data, good) :]
-        for message in (self._mav.parse_buffer(data) or []) if data else []:
+        if self._signing is None and not self._rest:
+            data = data[_parse_whole(data, good, self._hears) :]
+        if data:
+            self._parse_rest(data, good)
+        return good
+
+    def _parse_rest(self, data: bytes, good: list[MavMessage]) -> None:
+        """By pymavlink."""
+        hears = self._hears
+        for message in self._mav.parse_buffer(data) or []:
             unbelieved = self._signing is not None and message.get_msgId() >= 0 and not self._signing.believes(message)
             if unbelieved:
                 self.refused += 1
             elif message.get_msgId() >= 0:
-                good.append(message)
+                if hears is None or hears == (message.get_srcSystem(), message.get_srcComponent()):
+                    good.append(message)
             elif not isinstance(message, dialect.MAVLink_unknown):
                 self.malformed += 1
-        return good
+        self._rest = self._mav.buf_len() > 0
 
 
-def _parse_whole(data: bytes, into: list[MavMessage]) -> int:
+def _parse_whole(data: bytes, into: list[MavMessage], hears: tuple[int, int] | None) -> int:
     """Parse the frames that `data` begins with, up to the first that is not whole, correct and of a known layout.
 
     Returns:
@@ -332,10 +378,11 @@ def _parse_whole(data: bytes, into: list[MavMessage]) -> int:
         layout = _layout(data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16)
         if stop > end or layout is None:
             break
-        message = layout.parse(bytes(data[at:stop]))
+        message = layout.parse(data[at:stop])
         if message is None:
             break
-        into.append(message)
+        if hears is None or hears == (data[at + 5], data[at + 6]):
+            into.append(message)
         at = stop
     return at
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import msgspec
 
 from jezero.frames import Vec3
-from jezero.mavlink import MavlinkCodec, MavMessage, dialect, is_finite
+from jezero.mavlink import MavlinkCodec, MavMessage, Pack, dialect, is_finite
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.mixer import Commands
 
@@ -22,6 +22,7 @@ MAG_FIELDS = ("xmag", "ymag", "zmag")
 ACC_MAX_MPS2 = 1000.0
 GYRO_MAX_RPS = 100.0
 UNUSED = (0.0,) * 12
+_HIL_ACTUATOR_CONTROLS = Pack(dialect.MAVLink_hil_actuator_controls_message, "time_usec", "flags", "controls", "mode")
 
 
 class Reading(msgspec.Struct, frozen=True, gc=False):
@@ -77,8 +78,7 @@ class HilLink:
     def actuators(self, t_us: int, commands: Commands, *, armed: bool) -> bytes:
         """HIL_ACTUATOR_CONTROLS with (4,) motor commands from 0 to 1."""
         mode = 1 | (ARMED if armed else 0)
-        kind = dialect.MAVLink_hil_actuator_controls_message
-        return self._codec.pack_fields(kind, time_usec=t_us, controls=(*commands, *UNUSED), mode=mode, flags=0)
+        return self._codec.pack_numbers(_HIL_ACTUATOR_CONTROLS, t_us, 0, *commands, *UNUSED, mode)
 
 
 def _is_within(vector: Vec3, limit: float) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from math import atan2, degrees, hypot, inf, sqrt
 
 from jezero.frames import Vec3
-from jezero.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.mavlink import MavlinkCodec, MavMessage, Pack, dialect
 from jezero.schemas.sensors import Barometer, Gnss, Magnetometer
 
 SYSTEM_ID = 1
@@ -20,6 +20,11 @@ UPDATED_BARO = 0x1A00
 """Absolute pressure, pressure altitude and temperature; there is no airspeed sensor (0x400)."""
 FIX_3D = 3
 MOTORS_OFF: Sequence[float] = (0.0, 0.0, 0.0, 0.0)
+_HIL_SENSOR = Pack(
+    dialect.MAVLink_hil_sensor_message,
+    *("time_usec", "xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "xmag", "ymag", "zmag"),
+    *("abs_pressure", "diff_pressure", "pressure_alt", "temperature", "fields_updated", "id"),
+)
 
 
 class HilPort:
@@ -57,27 +62,9 @@ class HilPort:
             pressure_hpa = 0.01 * baro.pressure_pa
             altitude_m = baro.altitude_pressure_m
             temperature_degc = baro.temperature_degc
-        xacc, yacc, zacc = acc_frd_mps2
-        xgyro, ygyro, zgyro = gyro_frd_rps
-        xmag, ymag, zmag = field
-        return self._codec.pack_fields(
-            dialect.MAVLink_hil_sensor_message,
-            time_usec=t_ns // 1000,
-            xacc=xacc,
-            yacc=yacc,
-            zacc=zacc,
-            xgyro=xgyro,
-            ygyro=ygyro,
-            zgyro=zgyro,
-            xmag=xmag,
-            ymag=ymag,
-            zmag=zmag,
-            abs_pressure=pressure_hpa,
-            diff_pressure=0.0,
-            pressure_alt=altitude_m,
-            temperature=temperature_degc,
-            fields_updated=updated,
-            id=0,
+        air = (pressure_hpa, 0.0, altitude_m, temperature_degc)
+        return self._codec.pack_numbers(
+            _HIL_SENSOR, t_ns // 1000, *acc_frd_mps2, *gyro_frd_rps, *field, *air, updated, 0
         )
 
     def gps(self, fix: Gnss) -> bytes:

@@ -102,31 +102,33 @@ def why_not_setpoint(
     setpoint: Setpoint, code: StatusCode, holder: Grant | None, now: Situation, resets: ResetHistory
 ) -> str:
     """Why this setpoint is dropped; "" when it is flown."""
-    return next(_setpoint_refusals(setpoint, code, holder, now, resets), "")
-
-
-def _setpoint_refusals(
-    setpoint: Setpoint, code: StatusCode, holder: Grant | None, now: Situation, resets: ResetHistory
-) -> Iterator[str]:
+    age_ns, phase, pos_ned_m = now.t_ns - setpoint.t_ns, setpoint.phase, setpoint.pos_ned_m
+    after, counter = CODE_OF[phase], setpoint.reset_counter
     if holder is None or setpoint.control_id != holder.control_id:
-        yield f"control {setpoint.control_id} is not in charge"
-        return
+        return f"control {setpoint.control_id} is not in charge"
+    why = ""
     if setpoint.sequence <= holder.sequence:
-        yield f"sequence {setpoint.sequence} after {holder.sequence}"
-    age_ns = now.t_ns - setpoint.t_ns
-    if not -MAX_LEAD_NS <= age_ns <= MAX_AGE_NS:
-        yield f"{age_ns * 1e-9:.3f} s old; accepted are {-MAX_LEAD_NS * 1e-9:g} to {MAX_AGE_NS * 1e-9:g} s"
-    after = CODE_OF[setpoint.phase]
-    if setpoint.phase not in holder.phases or (after is not code and not is_allowed(code, after)):
-        yield f"phase {setpoint.phase} of {holder.action} in status {code.name}"
-    if setpoint.pos_ned_m is None and setpoint.vel_ned_mps is None:
-        yield "neither a position nor a velocity"
-    if setpoint.pos_ned_m is not None and resets.step_since(setpoint.reset_counter) is None:
-        yield f"reset counter {setpoint.reset_counter} is unknown; the present one is {resets.counter}"
-    turn = (setpoint.yaw_rad or 0.0, setpoint.yaw_rate_rps or 0.0)
-    vectors = (setpoint.pos_ned_m, setpoint.vel_ned_mps, setpoint.acc_ned_mps2, turn)
-    if not isfinite(sum(sum(vector) for vector in vectors if vector is not None)):
-        yield "a number that is not finite"
+        why = f"sequence {setpoint.sequence} after {holder.sequence}"
+    elif not -MAX_LEAD_NS <= age_ns <= MAX_AGE_NS:
+        why = f"{age_ns * 1e-9:.3f} s old; accepted are {-MAX_LEAD_NS * 1e-9:g} to {MAX_AGE_NS * 1e-9:g} s"
+    elif phase not in holder.phases or (after is not code and not is_allowed(code, after)):
+        why = f"phase {phase} of {holder.action} in status {code.name}"
+    elif pos_ned_m is None and setpoint.vel_ned_mps is None:
+        why = "neither a position nor a velocity"
+    elif pos_ned_m is not None and counter != resets.counter and resets.step_since(counter) is None:
+        why = f"reset counter {counter} is unknown; the present one is {resets.counter}"
+    elif not _is_finite(setpoint):
+        why = "a number that is not finite"
+    return why
+
+
+def _is_finite(setpoint: Setpoint) -> bool:
+    still = (0.0, 0.0, 0.0)
+    x, y, z = setpoint.pos_ned_m or still
+    vx, vy, vz = setpoint.vel_ned_mps or still
+    ax, ay, az = setpoint.acc_ned_mps2 or still
+    turn = (setpoint.yaw_rad or 0.0) + (setpoint.yaw_rate_rps or 0.0)
+    return isfinite(x + y + z + vx + vy + vz + ax + ay + az + turn)
 
 
 def why_not_hover(

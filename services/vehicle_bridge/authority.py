@@ -122,8 +122,11 @@ class Authority:
         yaw_rad = self._yaw_rad(now) if setpoint.yaw_rad is None else setpoint.yaw_rad
         moves = (setpoint.pos_ned_m, setpoint.vel_ned_mps, setpoint.acc_ned_mps2)
         target = Target(*moves, yaw_rad, setpoint.yaw_rate_rps)
-        self.target = target.moved(resets.step_since(setpoint.reset_counter) or (0.0, 0.0, 0.0))
-        self._past.flies(grant.goal_id)
+        if setpoint.reset_counter != resets.counter:
+            target = target.moved(resets.step_since(setpoint.reset_counter) or (0.0, 0.0, 0.0))
+        self.target = target
+        if grant.sequence < 0:
+            self._past.flies(grant.goal_id)
         grant.sequence = setpoint.sequence
         grant.timer_ns = now.timer_ns
         code = CODE_OF[setpoint.phase]
@@ -259,7 +262,6 @@ class Authority:
 
     def _watch_flight(self, now: Situation) -> None:
         config = self._config
-        because = f" ({now.complaint})" if now.complaint else ""
         taken_over = self._takeover.in_flight(now) if self._engaged else ""
         if (now.timer_ns - self._upright_ns) * 1e-9 >= config.tilt_timeout_s:
             tilt_deg = degrees(now.tilt_rad)
@@ -267,7 +269,7 @@ class Authority:
         elif taken_over:
             self._lose_to_others(taken_over, now)
         elif self._engaged and now.armed is False:
-            self._on_disarmed(because, now)
+            self._on_disarmed(now)
         elif now.silent_s > config.blind_timeout_s:
             self._lose("failsafe", f"no telemetry for {now.silent_s:.1f} s: left to the autopilot's failsafe", now)
         elif now.silent_s > config.link_timeout_s and self.grant is not None:
@@ -276,8 +278,9 @@ class Authority:
             self._lose("failsafe", f"landing: the bus's router has been missing for {now.router_lost_s:.0f} s", now)
             self._landing_alone = True
 
-    def _on_disarmed(self, because: str, now: Situation) -> None:
+    def _on_disarmed(self, now: Situation) -> None:
         """The motors stopped; during a landing or an abort on the ground that is what was wanted."""
+        because = f" ({now.complaint})" if now.complaint else ""
         stands = now.landed or self._by_force
         if stands and self.code in (StatusCode.LANDING, StatusCode.LANDING_DONE, StatusCode.ABORT):
             return

@@ -1,6 +1,6 @@
 """The MAVLink side: telemetry in, setpoints and acknowledged commands out."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import nan, sqrt
 from types import MappingProxyType
@@ -8,7 +8,7 @@ from types import MappingProxyType
 import msgspec
 
 from jezero.frames import Quat, Vec3, quat_normalize, quat_rotate
-from jezero.mavlink import MavlinkCodec, MavMessage, Pick, dialect
+from jezero.mavlink import MavlinkCodec, MavMessage, Pack, Pick, dialect
 from jezero.schemas.state import Battery, Geodetic, Odometry
 from jezero.services.vehicle_bridge.parameters import ParameterSetter
 from jezero.services.vehicle_bridge.resets import ResetHistory
@@ -37,6 +37,7 @@ INTERVALS_US = {
     dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: 30_000,
 }
 """What the bridge asks the autopilot to stream."""
+ROUTINE = (dialect.MAVLINK_MSG_ID_ODOMETRY, dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED)
 
 _COMMANDS: dict[Order, tuple[int, tuple[float, float, float]]] = {
     Order.OFFBOARD: (dialect.MAV_CMD_DO_SET_MODE, (1.0, 6.0, 0.0)),
@@ -53,6 +54,12 @@ _RESULTS = {
     dialect.MAV_RESULT_FAILED: "failed",
 }
 _FAILSAFE_STATES = (dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY, dialect.MAV_STATE_FLIGHT_TERMINATION)
+_LOCAL_NED = dialect.MAV_FRAME_LOCAL_NED
+_SETPOINT = Pack(
+    dialect.MAVLink_set_position_target_local_ned_message,
+    *("time_boot_ms", "x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"),
+    *("type_mask", "target_system", "target_component", "coordinate_frame"),
+)
 _MASK_POS, _MASK_VEL, _MASK_ACC, _MASK_YAW_RATE = 7, 56, 448, 2048
 _NONE: Vec3 = (0.0, 0.0, 0.0)
 
@@ -88,16 +95,24 @@ class Received(msgspec.Struct):
     """What one batch of bytes brought, oldest first.
 
     Attributes:
+        timer_ns, wall_ns, epoch_id: when and in which epoch.
         steps_ned_m: position steps of the autopilot's resets.
         followed: the newest it told of what it follows: vehicle time in ns, position and velocity, NaN where it
             controls none.
         restarted: its time went back.
+        respawned: the vehicle is another one than before.
+        routine: it told where it is and what it follows, and nothing else.
     """
 
+    timer_ns: int
+    wall_ns: int
+    epoch_id: int
     odometry: list[Odometry] = msgspec.field(default_factory=list)
     steps_ned_m: list[Vec3] = msgspec.field(default_factory=list)
     followed: tuple[int, Vec3, Vec3] | None = None
     restarted: bool = False
+    respawned: bool = False
+    routine: bool = True
 
 
 class AutopilotLink:
@@ -114,12 +129,23 @@ class AutopilotLink:
         self.accepted: Order | None = None
         """The order pursued at present, once it has been acknowledged."""
         self._system_id = system_id
-        self._codec = MavlinkCodec(system_id, COMPONENT_ID)
+        self._codec = MavlinkCodec(system_id, COMPONENT_ID, hears=(system_id, AUTOPILOT_COMPONENT_ID))
         self._order: Order | None = None
         self._next_try_ns = 0
         self._tries = 0
         self._refusal = ""
         self._statustext: tuple[int, str] = (0, "")
+        self._handlers: dict[int, Callable[[MavMessage, Received], None]] = {
+            dialect.MAVLINK_MSG_ID_ODOMETRY: self._on_odometry,
+            dialect.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
+            dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._on_extended_sys_state,
+            dialect.MAVLINK_MSG_ID_SYS_STATUS: self._on_sys_status,
+            dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: self._on_origin,
+            dialect.MAVLINK_MSG_ID_COMMAND_ACK: self._on_ack,
+            dialect.MAVLINK_MSG_ID_STATUSTEXT: self._on_statustext,
+            dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: self._on_target,
+            dialect.MAVLINK_MSG_ID_PARAM_VALUE: self._on_parameter,
+        }
 
     @property
     def malformed(self) -> int:
@@ -135,6 +161,8 @@ class AutopilotLink:
 
     def complaint(self, timer_ns: int) -> str:
         """Why the autopilot refuses what it is asked, in its own words where it gave some."""
+        if not (self._refusal or self.telemetry.warning):
+            return ""
         warning = self.warning(timer_ns)
         return f"{self._refusal}; {warning}" if self._refusal and warning else self._refusal or warning
 
@@ -147,37 +175,17 @@ class AutopilotLink:
 
     def receive(self, data: bytes, timer_ns: int, wall_ns: int, epoch_id: int) -> Received:
         """Take in what arrived."""
-        received = Received()
+        received = Received(timer_ns, wall_ns, epoch_id)
         for message in self._codec.parse(data):
-            if message.get_srcSystem() != self._system_id or message.get_srcComponent() != AUTOPILOT_COMPONENT_ID:
-                continue
             self.telemetry.heard_wall_ns = wall_ns
             kind = message.get_msgId()
-            if kind == dialect.MAVLINK_MSG_ID_ODOMETRY:
-                self._on_odometry(message, epoch_id, received)
-            elif kind == dialect.MAVLINK_MSG_ID_HEARTBEAT:
-                self.telemetry.beat_wall_ns = wall_ns
-                self.telemetry.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
-                self.telemetry.mode = mode_name(message.custom_mode)
-                self.telemetry.failsafe = message.system_status in _FAILSAFE_STATES
-            elif kind == dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
-                undefined = message.landed_state == dialect.MAV_LANDED_STATE_UNDEFINED
-                self.telemetry.landed = None if undefined else message.landed_state == 1
-            elif kind == dialect.MAVLINK_MSG_ID_SYS_STATUS:
-                self._on_sys_status(message)
-            elif kind == dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN:
-                self._on_origin(message)
-            elif kind == dialect.MAVLINK_MSG_ID_COMMAND_ACK:
-                self._on_ack(message, timer_ns)
-            elif kind == dialect.MAVLINK_MSG_ID_STATUSTEXT:
-                self._on_statustext(message, timer_ns)
-            elif kind == dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED:
-                received.followed = _followed(message)
-            elif kind == dialect.MAVLINK_MSG_ID_PARAM_VALUE:
-                self.parameters.confirm(_text(message.param_id), message.param_value, message.param_type)
+            take = self._handlers.get(kind)
+            if take is not None:
+                take(message, received)
+                received.routine &= kind in ROUTINE
         return received
 
-    def _on_odometry(self, message: MavMessage, epoch_id: int, received: Received) -> None:
+    def _on_odometry(self, message: MavMessage, received: Received) -> None:
         try:
             t_ns, pos, vel, q, rates, std_pos_m, reset_counter = _pose(message)
         except ValueError:
@@ -188,6 +196,7 @@ class AutopilotLink:
             if last.t_ns - t_ns <= RESTART_NS:
                 return
             received.restarted = True
+            received.routine = False
             received.odometry.clear()
             received.steps_ned_m.clear()
             heard_wall_ns = self.telemetry.heard_wall_ns
@@ -197,9 +206,10 @@ class AutopilotLink:
         step = resets.update(t_ns, reset_counter, pos, vel)
         if step is not None:
             received.steps_ned_m.append(step)
+            received.routine = False
         odometry = Odometry(
             t_ns=t_ns,
-            epoch_id=epoch_id,
+            epoch_id=received.epoch_id,
             pos_uav_ned_m=pos,
             vel_uav_ned_mps=vel,
             q_ned_from_frd=q,
@@ -212,7 +222,23 @@ class AutopilotLink:
         self.telemetry.odometry = odometry
         received.odometry.append(odometry)
 
-    def _on_sys_status(self, message: MavMessage) -> None:
+    def _on_heartbeat(self, message: MavMessage, received: Received) -> None:
+        self.telemetry.beat_wall_ns = received.wall_ns
+        self.telemetry.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        self.telemetry.mode = mode_name(message.custom_mode)
+        self.telemetry.failsafe = message.system_status in _FAILSAFE_STATES
+
+    def _on_extended_sys_state(self, message: MavMessage, _received: Received) -> None:
+        undefined = message.landed_state == dialect.MAV_LANDED_STATE_UNDEFINED
+        self.telemetry.landed = None if undefined else message.landed_state == dialect.MAV_LANDED_STATE_ON_GROUND
+
+    def _on_target(self, message: MavMessage, received: Received) -> None:
+        received.followed = _followed(message)
+
+    def _on_parameter(self, message: MavMessage, _received: Received) -> None:
+        self.parameters.confirm(_text(message.param_id), message.param_value, message.param_type)
+
+    def _on_sys_status(self, message: MavMessage, _received: Received) -> None:
         bit = dialect.MAV_SYS_STATUS_PREARM_CHECK
         healthy = message.onboard_control_sensors_health  # PX4 never says that the check is present
         self.telemetry.armable = bool(healthy & bit)
@@ -224,13 +250,13 @@ class AutopilotLink:
             voltage_v=message.voltage_battery * 1e-3, remaining=remaining / 100.0 if 0 <= remaining <= 100 else None
         )
 
-    def _on_origin(self, message: MavMessage) -> None:
+    def _on_origin(self, message: MavMessage, _received: Received) -> None:
         latitude_deg, longitude_deg = message.latitude * 1e-7, message.longitude * 1e-7
         altitude_m = message.altitude * 1e-3
         if abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0 and abs(altitude_m) <= 1e5:
             self.telemetry.origin_deg = (latitude_deg, longitude_deg, altitude_m)
 
-    def _on_statustext(self, message: MavMessage, timer_ns: int) -> None:
+    def _on_statustext(self, message: MavMessage, received: Received) -> None:
         text = _text(message.text)
         last_id, before = self._statustext
         if message.id != 0 and message.chunk_seq > 0 and message.id == last_id:
@@ -238,9 +264,9 @@ class AutopilotLink:
         self._statustext = (message.id, text)
         if message.severity <= dialect.MAV_SEVERITY_WARNING:
             self.telemetry.warning = text
-            self.telemetry.warning_ns = timer_ns
+            self.telemetry.warning_ns = received.timer_ns
 
-    def _on_ack(self, message: MavMessage, timer_ns: int) -> None:
+    def _on_ack(self, message: MavMessage, received: Received) -> None:
         order = self._order
         to_us = (message.target_system, message.target_component) == (self._system_id, COMPONENT_ID)
         if order is None or not to_us or message.command != _COMMANDS[order][0] or self._tries == 0:
@@ -248,7 +274,7 @@ class AutopilotLink:
         if message.result in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS):
             self.accepted = order
             self._refusal = ""
-            self._next_try_ns = timer_ns + EFFECT_NS
+            self._next_try_ns = received.timer_ns + EFFECT_NS
         else:
             self._refusal = f"{order} {_RESULTS.get(message.result, f'refused with result {message.result}')}"
 
@@ -295,24 +321,10 @@ class AutopilotLink:
         x, y, z = pos or _NONE
         vx, vy, vz = vel or _NONE
         afx, afy, afz = acc or _NONE
-        return self._codec.pack_fields(
-            dialect.MAVLink_set_position_target_local_ned_message,
-            time_boot_ms=(t_ns // 1_000_000) & 0xFFFFFFFF,
-            target_system=self._system_id,
-            target_component=AUTOPILOT_COMPONENT_ID,
-            coordinate_frame=dialect.MAV_FRAME_LOCAL_NED,
-            type_mask=mask,
-            x=x,
-            y=y,
-            z=z,
-            vx=vx,
-            vy=vy,
-            vz=vz,
-            afx=afx,
-            afy=afy,
-            afz=afz,
-            yaw=target.yaw_rad,
-            yaw_rate=target.yaw_rate_rps or 0.0,
+        motion = (x, y, z, vx, vy, vz, afx, afy, afz, target.yaw_rad, target.yaw_rate_rps or 0.0)
+        t_ms = (t_ns // 1_000_000) & 0xFFFFFFFF
+        return self._codec.pack_numbers(
+            _SETPOINT, t_ms, *motion, mask, self._system_id, AUTOPILOT_COMPONENT_ID, _LOCAL_NED
         )
 
     def pursue(self, order: Order | None, timer_ns: int) -> bytes:
@@ -368,12 +380,12 @@ def _pose(message: MavMessage) -> tuple[int, Vec3, Vec3, Quat, Vec3, float | Non
     numbers = _ODOMETRY(message)
     t_us, x, y, z, qw, qx, qy, qz, vx, vy, vz, p, q, r, var_north_m2, var_east_m2, frame, child_frame, counter = numbers
     pos, vel, rates = (x, y, z), (vx, vy, vz), (p, q, r)
-    if frame != dialect.MAV_FRAME_LOCAL_NED:
+    if frame != _LOCAL_NED:
         raise ValueError("not a pose in local NED")
     attitude = quat_normalize((qw, qx, qy, qz))
     if child_frame == dialect.MAV_FRAME_BODY_FRD:
         vel = quat_rotate(attitude, vel)
-    elif child_frame != dialect.MAV_FRAME_LOCAL_NED:
+    elif child_frame != _LOCAL_NED:
         raise ValueError("velocity in an unknown frame")
     t_ns = t_us * 1000
     if t_ns > 2**62:

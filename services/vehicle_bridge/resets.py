@@ -12,12 +12,12 @@ class ResetHistory:
     """Sums the autopilot's position steps, so that a point of before can be moved to where it is now.
 
     Attributes:
-        counter: the autopilot's reset counter, unwrapped from its eight bits.
+        counter: the autopilot's reset counter, unwrapped from its eight bits; -1 before the first odometry.
         offset_ned_m: sum of all steps since the first odometry.
     """
 
     def __init__(self) -> None:
-        self.counter = 0
+        self.counter = -1
         self.offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
         self._history: deque[tuple[int, Vec3]] = deque(maxlen=HISTORY)
         self._last: tuple[int, Vec3, Vec3] | None = None
@@ -49,7 +49,7 @@ class ResetHistory:
 
     def step_since(self, counter: int) -> Vec3 | None:
         """How far a point of the time of `counter` has moved since; None when that counter is unknown."""
-        if counter == self.counter and self._history:
+        if counter == self.counter:
             return (0.0, 0.0, 0.0)
         for known, offset_ned_m in reversed(self._history):
             if known == counter:

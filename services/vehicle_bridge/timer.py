@@ -24,6 +24,9 @@ class Timer:
         """Vehicle time is this now."""
         passed_ns = 0 if self._t_ns is None else t_ns - self._t_ns
         self._t_ns = t_ns
-        ahead_ns = min(self._ahead_ns - passed_ns, AHEAD_MAX_NS)
-        self.now_ns += max(0, -ahead_ns)
-        self._ahead_ns = max(0, ahead_ns)
+        ahead_ns = self._ahead_ns - passed_ns
+        if ahead_ns > 0:
+            self._ahead_ns = min(ahead_ns, AHEAD_MAX_NS)
+        else:
+            self._ahead_ns = 0
+            self.now_ns -= ahead_ns

@@ -4,7 +4,7 @@ from enum import StrEnum
 
 import msgspec
 
-from jezero.frames import Vec3, add
+from jezero.frames import Quat, Vec3, add, tilt_from_quat, yaw_from_quat
 from jezero.schemas.state import InCharge, StatusCode
 
 OFFBOARD = "OFFBOARD"
@@ -55,8 +55,8 @@ class Target(msgspec.Struct, frozen=True):
         return msgspec.structs.replace(self, pos_ned_m=add(self.pos_ned_m, step_ned_m))
 
 
-class Situation(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything that decisions rest on, at one instant.
+class Situation(msgspec.Struct, kw_only=True):
+    """Everything that decisions rest on, at one instant; only the two times may be told anew.
 
     Attributes:
         t_ns: vehicle time, which ages of messages are measured by; it may be corrected backwards.
@@ -67,7 +67,7 @@ class Situation(msgspec.Struct, frozen=True, kw_only=True):
         failsafe: the autopilot itself chose what it does; otherwise a mode was somebody's choice.
         armable: the autopilot's arming checks pass, in its present mode.
         contested: it follows setpoints that the bridge didn't send.
-        pos_ned_m, vel_ned_mps, yaw_rad, tilt_rad: newest odometry; None until there is one.
+        pos_ned_m, vel_ned_mps, q_ned_from_frd: newest odometry; position is None until there is one.
         range_m: to ground or deck by the altimeter, tilt-corrected; None when it measures nothing.
         height_m: above ground or deck, None without odometry.
         silent_s: for how long telemetry, or odometry in it, has been missing.
@@ -87,8 +87,7 @@ class Situation(msgspec.Struct, frozen=True, kw_only=True):
     contested: bool = False
     pos_ned_m: Vec3 | None = None
     vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)
-    yaw_rad: float = 0.0
-    tilt_rad: float = 0.0
+    q_ned_from_frd: Quat = (1.0, 0.0, 0.0, 0.0)
     range_m: float | None = None
     height_m: float | None = None
     silent_s: float = 0.0
@@ -96,6 +95,14 @@ class Situation(msgspec.Struct, frozen=True, kw_only=True):
     accepted: Order | None = None
     complaint: str = ""
     router_lost_s: float = 0.0
+
+    @property
+    def yaw_rad(self) -> float:
+        return yaw_from_quat(self.q_ned_from_frd)
+
+    @property
+    def tilt_rad(self) -> float:
+        return tilt_from_quat(self.q_ned_from_frd)
 
 
 class Standing(msgspec.Struct, frozen=True):
