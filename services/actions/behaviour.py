@@ -9,7 +9,7 @@ from typing import Any, Literal, Protocol
 
 import msgspec
 
-from jezero.frames import Quat, Vec3
+from jezero.frames import Quat, Vec3, quat_rotate, yaw_from_quat
 from jezero.schemas.actions import ImagesFeedback, LandFeedback, MoveFeedback
 from jezero.schemas.commands import Outcome, Phase
 from jezero.schemas.estimate import Relative, RoverEstimate
@@ -24,7 +24,6 @@ class VehicleState(msgspec.Struct, frozen=True):
 
     Attributes:
         age_s: how long ago the vehicle was there; 0 to 0.5.
-        down_ned: (2,) north and east of the unit vector that points down through the vehicle's feet: its lean.
         height_m: over ground or deck by the laser altimeter, tilt-corrected; None when it measures nothing.
         relative: the vehicle relative to the rover, of the behaviour's own selection if it has one; None when the
             estimator is silent, or the behaviour doesn't list it in its inputs. Whether it is fit to fly by it says
@@ -35,16 +34,24 @@ class VehicleState(msgspec.Struct, frozen=True):
 
     pos_uav_ned_m: Vec3
     vel_uav_ned_mps: Vec3
-    yaw_rad: float
+    q_ned_from_frd: Quat
     armed: bool
     landed: bool
     age_s: float = 0.0
-    q_ned_from_frd: Quat = (1.0, 0.0, 0.0, 0.0)
-    down_ned: tuple[float, float] = (0.0, 0.0)
     height_m: float | None = None
     relative: Relative | None = None
     rover: RoverEstimate | None = None
     shift_ned_m: Vec3 = (0.0, 0.0, 0.0)
+
+    @property
+    def yaw_rad(self) -> float:
+        return yaw_from_quat(self.q_ned_from_frd)
+
+    @property
+    def down_ned(self) -> tuple[float, float]:
+        """(2,) north and east of the unit vector that points down through the vehicle's feet: its lean."""
+        north, east, _ = quat_rotate(self.q_ned_from_frd, (0.0, 0.0, 1.0))
+        return north, east
 
 
 class Preparation(msgspec.Struct, frozen=True):

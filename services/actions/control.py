@@ -2,7 +2,7 @@
 
 from jezero.runtime.service import Inbox
 from jezero.schemas.commands import AcquireReply
-from jezero.schemas.state import Status, StatusCode
+from jezero.schemas.state import Clock, Status, StatusCode
 from jezero.schemas.topics import CLOCK, STATUS
 from jezero.services.actions.config import LifecycleConfig
 from jezero.services.actions.vehicle_view import NS_PER_S
@@ -16,23 +16,26 @@ class Control:
 
     Args:
         epoch_id: of the vehicle that the goal is for.
+
+    Attributes:
+        id: what setpoints and the release name; "" before control is given.
     """
 
     def __init__(self, config: LifecycleConfig, epoch_id: int) -> None:
         self._config = config
         self._epoch_id = epoch_id
+        self.id = ""
         self._grant = AcquireReply(granted=False)
+        self._age_max_ns = config.status_age_max_s * NS_PER_S
         self._granted_ns = 0
         self._seen = False
         """A status has said that the goal is in charge."""
-
-    @property
-    def id(self) -> str:
-        """What setpoints and the release name; "" before control is given."""
-        return self._grant.control_id
+        self._good: tuple[Status | None, Clock | None] = (None, None)
+        """The newest by which it was in charge when they were looked at."""
 
     def begin(self, grant: AcquireReply, t_ns: int) -> None:
         """The bridge has given it."""
+        self.id = grant.control_id
         self._grant = grant
         self._granted_ns = t_ns
 
@@ -42,12 +45,16 @@ class Control:
 
     def loss(self, t_ns: int, inbox: Inbox) -> str:
         """Why this goal isn't in charge any more, or "". Then there is nothing left to release."""
-        latest = inbox.latest(STATUS)
+        latest, clock = inbox.latest(STATUS), inbox.latest(CLOCK)
+        good, good_clock = self._good
+        if latest is good and clock is good_clock and latest is not None and t_ns - latest.t_ns <= self._age_max_ns:
+            return ""
         if (broken := self._broken(t_ns, inbox)) or latest is None:
             return broken
         for status in inbox.new(STATUS) or (latest,):
             if lost := self._loss_by(status):
                 return lost
+        self._good = (latest, clock)
         return ""
 
     def partner_loss(self, t_ns: int, inbox: Inbox) -> str:
@@ -73,7 +80,7 @@ class Control:
     def _broken(self, t_ns: int, inbox: Inbox) -> str:
         """Why the vehicle or its bridge can't answer for this goal, or ""."""
         clock, status = inbox.latest(CLOCK), inbox.latest(STATUS)
-        if status is None or t_ns - status.t_ns > self._config.status_age_max_s * NS_PER_S:
+        if status is None or t_ns - status.t_ns > self._age_max_ns:
             return f"the vehicle bridge has been silent for {self._config.status_age_max_s:g} s"
         restarted = status.epoch_id != self._epoch_id or (clock is not None and clock.epoch_id != self._epoch_id)
         return "the vehicle restarted" if restarted else ""

@@ -4,7 +4,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from jezero.frames import Vec3, add, subtract
+from jezero.frames import Vec3, add, distance, subtract
 from jezero.schemas.actions import GoToGoal, MoveResult
 from jezero.schemas.commands import Phase
 from jezero.schemas.state import Status, StatusCode
@@ -83,8 +83,8 @@ class GoTo:
         problem = climb.step(t_ns, state)
         if problem:
             return Done("aborted", f"takeoff: {problem}")
-        goal_ned_m = climb.leg.end_ned_m if self._follows_rover else goal.target_ned_m
-        return follow(climb.leg, Phase.TAKEOFF, goal_ned_m, state)
+        left_m = climb.leg.left_m if self._follows_rover else distance(goal.target_ned_m, state.pos_uav_ned_m)
+        return follow(climb.leg, Phase.TAKEOFF, left_m, state)
 
     def _go_along(self, t_ns: int, goal: GoToGoal, state: VehicleState) -> Move | Done:
         """Towards the target, all in the goal's frame."""
@@ -100,7 +100,7 @@ class GoTo:
             return Done("aborted", problem)
         if self._leg.reached:
             return Done("succeeded", hover_pos_ned_m=self._leg.end_ned_m)
-        return follow(self._leg, Phase.GO_TO, self._leg.end_ned_m, state)
+        return follow(self._leg, Phase.GO_TO, self._leg.left_m, state)
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> MoveResult:
         return MoveResult(completed=completed, pos_uav_ned_m=pos_uav_ned_m)

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from jezero.frames import add
+from jezero.frames import Vec3, add
 from jezero.runtime.service import Call, Inbox, Listen, Output, Pace, Publish, Reply, Request, Response, Work
 from jezero.runtime.spool import Spool
 from jezero.schemas.actions import Accepted, Feedback, FeedbackMessage, Goal, ImagesFeedback, Rejected, Result
@@ -88,11 +88,11 @@ class GoalRun:
         self._done: Done | None = None
         selection = behaviour.selection
         self._lease = None if selection is None else SelectionLease(goal_id, selection)
-        self._view = VehicleView(config, status.epoch_id, self._lease)
         self.capture = behaviour.capture
         self._spool = spool
         captured = () if self.capture is None else CAPTURE_INPUTS
         self._inputs = tuple(dict.fromkeys((*behaviour.inputs, *captured)))
+        self._view = VehicleView(config, status.epoch_id, self._lease, self._inputs)
 
     # -- what the server asks of it --
 
@@ -234,9 +234,8 @@ class GoalRun:
             yield from self._release(t_ns, Done("canceled", self._cancel_reason), inbox)
             return
         odometry = self._view.odometry(inbox)
-        age_max_s = self._config.odometry_age_max_s
-        if odometry is None or not is_fresh(odometry, t_ns, age_max_s):
-            reason = f"the vehicle's position is unknown: no odometry for {age_max_s:g} s"
+        if odometry is None or not is_fresh(odometry, t_ns, self._config.odometry_age_max_s):
+            reason = f"the vehicle's position is unknown: no odometry for {self._config.odometry_age_max_s:g} s"
             yield from self._release(t_ns, Done("aborted", reason), inbox)
             return
         if self.capture is not None and (problem := self.capture.problem(t_ns)):
@@ -248,14 +247,19 @@ class GoalRun:
         rate_hz = self._behaviour.rate_hz or self._config.setpoint_rate_hz
         if not news and (t_ns - self._setpoint_ns) * rate_hz < NS_PER_S:
             return
-        move = self._behaviour.step(t_ns, self._view.state(t_ns, inbox, odometry))
-        if isinstance(move, Move) and (beyond := self._moved_beyond(move, odometry)):
+        state = self._view.state(t_ns, inbox, odometry)
+        shift_ned_m = state.shift_ned_m
+        move = self._behaviour.step(t_ns, state)
+        if any(shift_ned_m) and isinstance(move, Move) and (beyond := self._moved_beyond(move, shift_ned_m)):
             move = Done("aborted", beyond)
         if isinstance(move, Done):
             yield from self._release(t_ns, move, inbox)
             return
+        first = self._move is None
         self._move = move
-        yield self._setpoint(t_ns, move, odometry)
+        if first:  # somebody waits for it, and the bridge would be woken up meanwhile
+            yield from self._feedback(t_ns, move, odometry, inbox)
+        yield self._setpoint(t_ns, move, odometry, shift_ned_m)
         if move.pitch_camera_rad is not None and t_ns >= self._pitch_due_ns:
             self._pitch_due_ns = t_ns + PITCH_PERIOD_NS
             axes = CameraPitch(t_ns=t_ns, pitch_camera_rad=move.pitch_camera_rad, roll_camera_rad=move.roll_camera_rad)
@@ -264,17 +268,18 @@ class GoalRun:
             period_ns = int(NS_PER_S / self._config.feedback_rate_hz)
             late_ns = t_ns - self._feedback_due_ns
             self._feedback_due_ns = (self._feedback_due_ns if late_ns < period_ns else t_ns) + period_ns
-            yield from self._feedback(t_ns, move, odometry, inbox)
+            if not first:
+                yield from self._feedback(t_ns, move, odometry, inbox)
 
-    def _moved_beyond(self, move: Move, odometry: Odometry) -> str:
+    def _moved_beyond(self, move: Move, shift_ned_m: Vec3) -> str:
         """Why the goal can't go on after its points moved along with the autopilot's position, or ""."""
-        point_ned_m, shift_ned_m = move.pos_ned_m, self._view.shift(odometry)
-        if point_ned_m is None or not any(shift_ned_m) or beyond_limits(point_ned_m, self._limits):
+        point_ned_m = move.pos_ned_m
+        if point_ned_m is None or beyond_limits(point_ned_m, self._limits):
             return ""
         beyond = beyond_limits(add(point_ned_m, shift_ned_m), self._limits)
         return f"the autopilot corrected its position, and with it the goal's: {beyond}" if beyond else ""
 
-    def _setpoint(self, t_ns: int, move: Move, odometry: Odometry) -> Publish:
+    def _setpoint(self, t_ns: int, move: Move, odometry: Odometry, shift_ned_m: Vec3) -> Publish:
         self._setpoint_ns = t_ns
         self._sequence += 1
         setpoint = Setpoint(
@@ -283,7 +288,7 @@ class GoalRun:
             sequence=self._sequence,
             phase=move.phase,
             reset_counter=odometry.reset_counter,
-            pos_ned_m=None if move.pos_ned_m is None else add(move.pos_ned_m, self._view.shift(odometry)),
+            pos_ned_m=None if move.pos_ned_m is None else add(move.pos_ned_m, shift_ned_m),
             vel_ned_mps=move.vel_ned_mps,
             acc_ned_mps2=move.acc_ned_mps2,
             yaw_rad=move.yaw_rad,
@@ -366,7 +371,7 @@ class GoalRun:
         status, odometry = inbox.latest(STATUS), self._view.odometry(inbox)
         still_ours = status is not None and self._control.is_ours(status)
         if done.outcome == "succeeded" and still_ours and self._move is not None and odometry is not None:
-            yield self._setpoint(t_ns, self._move, odometry)
+            yield self._setpoint(t_ns, self._move, odometry, self._view.shift(odometry))
 
     def _judge_release(self, reply: ReleaseReply, done: Done, t_ns: int, inbox: Inbox) -> Done:
         if reply.released or (self._attempt > 1 and self._is_settled(done, t_ns, inbox)):

@@ -2,7 +2,7 @@
 
 from math import sqrt
 
-from jezero.frames import Vec3, add, distance, norm, scale, subtract, wrap_pi
+from jezero.frames import Vec3, distance, norm, scale, subtract, wrap_pi
 from jezero.services.actions.behaviour import VehicleState
 from jezero.services.actions.config import MoveConfig
 
@@ -33,6 +33,11 @@ class Leg:
         speed_mps: along the line; vertical limits apply besides.
         lead_max_m: how far the reference may be ahead of the vehicle.
         yaw_end_rad: heading to turn to, None keeps `yaw_start_rad`.
+
+    Attributes:
+        pos_ned_m, vel_ned_mps, acc_ned_mps2, yaw_rad: of the reference.
+        left_m: from the vehicle to the end.
+        reached: the vehicle has arrived, by spec §1.
     """
 
     def __init__(
@@ -59,7 +64,8 @@ class Leg:
         self._speed_max_mps = line_speed_mps(start_ned_m, end_ned_m, speed_mps, config)
         self._lead_max_m = lead_max_m
         self._config = config
-        self._yaw_end_rad = yaw_start_rad if yaw_end_rad is None else yaw_end_rad
+        self._yaw_end_rad = yaw_start_rad if yaw_end_rad is None else wrap_pi(yaw_end_rad)
+        self.left_m = self._length_m
         self._travelled_m = 0.0
         self._speed_mps = 0.0
         self._t_ns = t_ns
@@ -72,13 +78,12 @@ class Leg:
         dt = min(max((t_ns - self._t_ns) / NS_PER_S, 0.0), STEP_MAX_S)
         self._t_ns = t_ns
         self._advance(dt, distance(self.pos_ned_m, state.pos_uav_ned_m))
-        turn = wrap_pi(self._yaw_end_rad - self.yaw_rad)
-        turn_max = self._config.yaw_rate_rps * dt
-        self.yaw_rad = wrap_pi(self.yaw_rad + min(max(turn, -turn_max), turn_max))
-        self._judge(t_ns, state, turned=abs(turn) <= turn_max)
+        turned = self.yaw_rad == self._yaw_end_rad or self._turn(dt)
+        self._judge(t_ns, state, turned=turned)
 
-    def wait(self, t_ns: int) -> None:
+    def wait(self, t_ns: int, state: VehicleState) -> None:
         """Keep the reference where it is; the time doesn't count as lack of progress."""
+        self.left_m = distance(self.end_ned_m, state.pos_uav_ned_m)
         self._t_ns = t_ns
         self._nearer_ns = t_ns
 
@@ -92,6 +97,7 @@ class Leg:
     def _advance(self, dt: float, lead_m: float) -> None:
         accel, speed_before_mps = self._config.accel_mps2, self._speed_mps
         remaining = self._length_m - self._travelled_m
+        (x, y, z), (n, e, d) = self._start_ned_m, self._direction
         self._speed_mps = min(
             self._speed_mps + accel * dt,
             self._speed_max_mps,
@@ -105,19 +111,30 @@ class Leg:
             self.pos_ned_m = self.end_ned_m
         else:
             self._travelled_m += step_m
-            self.pos_ned_m = add(self._start_ned_m, scale(self._direction, self._travelled_m))
+            self.pos_ned_m = (x + n * self._travelled_m, y + e * self._travelled_m, z + d * self._travelled_m)
         change = (self._speed_mps - speed_before_mps) / dt if dt > 0.0 else 0.0
-        self.vel_ned_mps = scale(self._direction, self._speed_mps)
-        self.acc_ned_mps2 = scale(self._direction, min(max(change, -accel), accel))
+        change = min(max(change, -accel), accel)
+        self.vel_ned_mps = (n * self._speed_mps, e * self._speed_mps, d * self._speed_mps)
+        self.acc_ned_mps2 = (n * change, e * change, d * change)
+
+    def _turn(self, dt: float) -> bool:
+        """Returns whether the reference's heading is the wanted one."""
+        turn = wrap_pi(self._yaw_end_rad - self.yaw_rad)
+        turn_max = self._config.yaw_rate_rps * dt
+        if abs(turn) <= turn_max:
+            self.yaw_rad = self._yaw_end_rad
+            return True
+        self.yaw_rad = wrap_pi(self.yaw_rad + min(max(turn, -turn_max), turn_max))
+        return False
 
     def _judge(self, t_ns: int, state: VehicleState, *, turned: bool) -> None:
         config = self._config
-        distance_m = distance(self.end_ned_m, state.pos_uav_ned_m)
+        distance_m = self.left_m = distance(self.end_ned_m, state.pos_uav_ned_m)
         if distance_m < self._nearest_m - PROGRESS_M:
             self._nearest_m = distance_m
             self._nearer_ns = t_ns
-        slow = norm(state.vel_uav_ned_mps) < config.reached_mps
-        if not (turned and slow and distance_m < config.reached_m):
+        near = turned and distance_m < config.reached_m
+        if not (near and norm(state.vel_uav_ned_mps) < config.reached_mps):
             self._within_since_ns = None
         elif self._within_since_ns is None:
             self._within_since_ns = t_ns

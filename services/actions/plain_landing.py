@@ -114,7 +114,7 @@ class PlainLanding:
         if leg.reached and self._lift is not None:
             self._lift = None
             assert self._leg is not None
-            self._leg.wait(t_ns)
+            self._leg.wait(t_ns, state)
         elif leg.reached:
             self._enter("descent", t_ns)
         return Move(Phase.LANDING, self._feedback(state), leg.pos_ned_m, leg.vel_ned_mps, leg.acc_ned_mps2, leg.yaw_rad)

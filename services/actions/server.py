@@ -83,7 +83,11 @@ class ActionServer:
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """React to what arrived; while a goal runs, command a setpoint."""
-        yield from self._go_on(t_ns, inbox)
+        run = self._run
+        if run is not None:
+            yield from run.step(t_ns, inbox)
+            if run.stage == "over":
+                yield from self._end(run)
         for request in inbox.requests(self._endpoint):
             yield from self._take(t_ns, request, inbox.latest(STATUS))
         self._notice_departures(inbox)
@@ -100,17 +104,12 @@ class ActionServer:
             self._health = health
             yield health
 
-    def _go_on(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
-        run = self._run
-        if run is None:
-            return
-        yield from run.step(t_ns, inbox)
-        if run.stage == "over":
-            self._run = None
-            if run.result is not None:
-                self._keep(run.result)
-            yield Listen(())
-            yield Pace(None)
+    def _end(self, run: GoalRun) -> Iterator[Output]:
+        self._run = None
+        if run.result is not None:
+            self._keep(run.result)
+        yield Listen(())
+        yield Pace(None)
 
     def _keep(self, result: Result[Any]) -> None:
         self._results[result.goal_id] = result

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from jezero.frames import Vec3, distance
+from jezero.frames import Vec3
 from jezero.schemas.actions import MoveFeedback, MoveResult, TakeoffGoal
 from jezero.schemas.commands import Phase
 from jezero.schemas.state import Status
@@ -36,7 +36,7 @@ class Climb:
     def step(self, t_ns: int, state: VehicleState) -> str:
         """Go on climbing; returns why it can't, or ""."""
         if not state.armed:
-            self.leg.wait(t_ns)
+            self.leg.wait(t_ns, state)
             return "the vehicle was not armed in time" if t_ns > self._arm_by_ns else ""
         self.leg.step(t_ns, state)
         return self.leg.stuck(t_ns)
@@ -73,17 +73,17 @@ class Takeoff:
             return Done("aborted", f"takeoff: {problem}")
         if leg.reached:
             return Done("succeeded", hover_pos_ned_m=leg.end_ned_m)
-        return follow(leg, Phase.TAKEOFF, leg.end_ned_m, state)
+        return follow(leg, Phase.TAKEOFF, leg.left_m, state)
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> MoveResult:
         return MoveResult(completed=completed, pos_uav_ned_m=pos_uav_ned_m)
 
 
-def follow(leg: Leg, phase: Phase, goal_ned_m: Vec3, state: VehicleState) -> Move:
+def follow(leg: Leg, phase: Phase, distance_m: float, state: VehicleState) -> Move:
     """The setpoint of a leg's reference, with the distance to the goal's point."""
     return Move(
         phase,
-        MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, distance_m=distance(goal_ned_m, state.pos_uav_ned_m)),
+        MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, distance_m=distance_m),
         leg.pos_ned_m,
         leg.vel_ned_mps,
         leg.acc_ned_mps2,

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from jezero.frames import Vec3, norm, wrap_pi
+from jezero.frames import Quat, Vec3, norm, quat_from_euler, wrap_pi
 from jezero.schemas.actions import GoToGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.commands import Phase
 from jezero.schemas.state import Status
@@ -79,11 +79,11 @@ class Flight:
 
 
 def standing(armed: bool = True) -> VehicleState:
-    return VehicleState((1.0, 2.0, 0.0), STILL, 0.3, armed=armed, landed=True)
+    return VehicleState((1.0, 2.0, 0.0), STILL, quat_from_euler(0.0, 0.0, 0.3), armed=armed, landed=True)
 
 
 def hovering(pos: Vec3 = (0.0, 0.0, -3.0), yaw_rad: float = 0.3) -> VehicleState:
-    return VehicleState(pos, STILL, yaw_rad, armed=True, landed=False, height_m=-pos[2])
+    return VehicleState(pos, STILL, quat_from_euler(0.0, 0.0, yaw_rad), armed=True, landed=False, height_m=-pos[2])
 
 
 def test_a_takeoff_climbs_straight_up_from_where_it_stands() -> None:
@@ -277,12 +277,15 @@ def descend(flight: Flight, to_phase: str) -> None:
         assert flight.run(DT_S) is None
 
 
-@pytest.mark.parametrize("down_ned", [(0.25, 0.0), (0.0, -0.25)])
-def test_a_landing_that_leans_over_something_climbs_and_is_given_up(down_ned: tuple[float, float]) -> None:
+NOSE_UP, TO_THE_RIGHT = quat_from_euler(0.0, 0.25, 0.0), quat_from_euler(0.25, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("leaning", [NOSE_UP, TO_THE_RIGHT])
+def test_a_landing_that_leans_over_something_climbs_and_is_given_up(leaning: Quat) -> None:
     flight = Flight(LandOnSpot(CONFIG), LAND, hovering((2.0, -1.0, -2.0)))
     while flight.state.pos_uav_ned_m[2] < 0.0:
         assert flight.run(DT_S) is None
-    flight.state = replace(flight.state, down_ned=down_ned)
+    flight.state = replace(flight.state, q_ned_from_frd=leaning)
     before = len(flight.moves)
     done = flight.run(10.0)
     assert done is not None
@@ -294,7 +297,7 @@ def test_a_landing_that_leans_over_something_climbs_and_is_given_up(down_ned: tu
 
 
 def test_a_lean_against_the_wind_is_no_edge() -> None:
-    flight = Flight(LandOnSpot(CONFIG), LAND, replace(hovering((2.0, -1.0, -2.0)), down_ned=(0.25, 0.0)))
+    flight = Flight(LandOnSpot(CONFIG), LAND, replace(hovering((2.0, -1.0, -2.0)), q_ned_from_frd=NOSE_UP))
     descend(flight, "contact")
     assert flight.run(10.0) == Done("succeeded", then="disarm")
 
@@ -303,7 +306,7 @@ def test_a_lean_in_the_air_is_no_edge() -> None:
     flight = Flight(LandOnSpot(CONFIG), LAND, hovering((2.0, -1.0, -4.0)))
     descend(flight, "descent")
     flight.run(0.5)
-    flight.state = replace(flight.state, down_ned=(0.25, 0.0))
+    flight.state = replace(flight.state, q_ned_from_frd=NOSE_UP)
     assert flight.run(1.0) is None
     downs = [move.vel_ned_mps[2] for _, move in flight.moves if move.vel_ned_mps and move.pos_ned_m is None]
     assert min(downs) > 0.0

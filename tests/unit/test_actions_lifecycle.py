@@ -1,5 +1,6 @@
 """The lifecycle of a goal, against a bridge with a point mass, on the bus in virtual time."""
 
+from itertools import pairwise
 from typing import Any, Literal
 
 import msgspec
@@ -47,6 +48,18 @@ def test_a_goal_is_accepted_reports_at_10_hz_and_ends_with_one_result() -> None:
     assert world.bridge.code == StatusCode.HOVER
     assert world.bridge.releases[0].hover_pos_ned_m == (4.0, 0.0, -3.0)
     assert [r.outcome for r in world.bridge.releases] == ["succeeded"]
+
+
+def test_the_first_feedback_goes_before_the_first_setpoint_and_after_it_setpoints_go_first() -> None:
+    world = World()
+    told: list[tuple[str, int]] = []
+    world.bus.observe(lambda t_ns, name, data: told.append((name, t_ns)))
+    world.flying()
+    flown = [(name, t_ns) for name, t_ns in told if name in ("command/setpoint", "action/go_to/feedback")]
+    assert [name for name, _ in flown[:2]] == ["action/go_to/feedback", "command/setpoint"]
+    assert flown[0][1] == flown[1][1]
+    later = [(one, other) for (one, t_ns), (other, then_ns) in pairwise(flown[2:]) if t_ns == then_ns]
+    assert set(later) == {("command/setpoint", "action/go_to/feedback")}
 
 
 def test_setpoints_are_numbered_and_carry_the_grant() -> None:

@@ -153,7 +153,9 @@ def from_rover(pos_uav_ned_m: tuple[float, float, float], *, valid: bool = True)
         valid=valid,
         reason="" if valid else "the rover is out of sight",
     )
-    return VehicleState((10.0, 5.0, -3.0), (0.0, 0.0, 0.0), 0.0, armed=True, landed=False, relative=relative)
+    return VehicleState(
+        (10.0, 5.0, -3.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), armed=True, landed=False, relative=relative
+    )
 
 
 def prepared(state: VehicleState) -> AreaCoverage:

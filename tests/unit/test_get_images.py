@@ -169,7 +169,8 @@ class Turn:
                 self.state.pos_uav_ned_m, self.state.vel_uav_ned_mps, move.pos_ned_m, move.vel_ned_mps, DT_S
             )
             assert move.yaw_rad is not None
-            self.state = replace(self.state, pos_uav_ned_m=pos, vel_uav_ned_mps=vel, yaw_rad=move.yaw_rad)
+            q_ned_from_frd = quat_from_euler(0.0, 0.0, move.yaw_rad)
+            self.state = replace(self.state, pos_uav_ned_m=pos, vel_uav_ned_mps=vel, q_ned_from_frd=q_ned_from_frd)
         return None
 
 

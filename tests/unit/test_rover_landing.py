@@ -93,10 +93,9 @@ class Landing:
         return VehicleState(
             self.pos_m,
             self.vel_mps,
-            0.3,
+            self.q_ned_from_frd,
             armed=True,
             landed=self.grounded and self._still_s > 0.8,
-            q_ned_from_frd=self.q_ned_from_frd,
             height_m=self.range_m,
             relative=None if self.silent else self.relative(),
             rover=self.rover(),

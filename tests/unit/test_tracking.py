@@ -9,6 +9,8 @@ from jezero.services.actions.behaviour import VehicleState
 from jezero.services.actions.config import TrackingConfig
 from jezero.services.actions.tracking import Reference, Tracker
 
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+
 CONFIG = TrackingConfig()
 DT_NS = 10_000_000
 DT_S = 0.01
@@ -34,7 +36,7 @@ class LaggingVehicle:
 
     @property
     def state(self) -> VehicleState:
-        return VehicleState(self.pos, self.vel, 0.0, armed=True, landed=False)
+        return VehicleState(self.pos, self.vel, LEVEL, armed=True, landed=False)
 
 
 def track(vehicle: LaggingVehicle, seconds: float) -> tuple[Tracker, list[float]]:
@@ -70,8 +72,8 @@ def test_a_server_that_was_frozen_does_not_jump_ahead() -> None:
 
 def test_the_position_is_carried_on_from_when_it_was_measured() -> None:
     tracker = Tracker(0, CONFIG)
-    behind = VehicleState((1.9, -0.1, -4.0), (1.0, 1.0, 0.0), 0.0, armed=True, landed=False, age_s=0.1)
-    here = VehicleState((2.0, 0.0, -4.0), (1.0, 1.0, 0.0), 0.0, armed=True, landed=False)
+    behind = VehicleState((1.9, -0.1, -4.0), (1.0, 1.0, 0.0), LEVEL, armed=True, landed=False, age_s=0.1)
+    here = VehicleState((2.0, 0.0, -4.0), (1.0, 1.0, 0.0), LEVEL, armed=True, landed=False)
     for late, now in zip(
         tracker.command(0.0, circle(0.0), behind), tracker.command(0.0, circle(0.0), here), strict=True
     ):
@@ -80,7 +82,7 @@ def test_the_position_is_carried_on_from_when_it_was_measured() -> None:
 
 def test_a_distant_vehicle_gets_bounded_commands() -> None:
     tracker = Tracker(0, CONFIG)
-    away = VehicleState((90.0, 60.0, 0.0), (9.0, 9.0, -9.0), 0.0, armed=True, landed=False)
+    away = VehicleState((90.0, 60.0, 0.0), (9.0, 9.0, -9.0), LEVEL, armed=True, landed=False)
     tracker.advance(DT_NS, circle(0.0), away)
     velocity, acceleration = tracker.command(DT_S, circle(0.0), away)
     assert hypot(*velocity) <= CONFIG.correction_max_mps + CONFIG.integral_max_mps + 1e-9
