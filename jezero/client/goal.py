@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any, Generic, TypeVar, cast
 
 from jezero.client.errors import Aborted, Canceled, JezeroError, Refused, TimedOut, Unreachable
-from jezero.client.session import Arrivals, Connection, decode, encode
+from jezero.client.session import Arrivals, Connection, decode, decoder, encode
 from jezero.schemas.actions import Accepted, Cancel, CancelReply, Feedback, GetResult, Rejected, Result, ResultReply
 from jezero.schemas.actions import Goal as GoalPayload
 from jezero.schemas.topics import RESULT, Action
@@ -38,6 +38,7 @@ class Goal(Generic[F, R]):
         self._timeout_s = timeout_s
         self._result: Result[R] | None = None
         self._failure: JezeroError | None = None
+        self._decode = decoder(self._endpoint.reply_type)
         self._arrivals = connection.stream(self._endpoint.name, encode(goal), GOAL_TIMEOUT_S)
         self._await_acceptance()
 
@@ -98,7 +99,7 @@ class Goal(Generic[F, R]):
         accepted = False
         try:
             data = self._connection.first(self._arrivals, self._endpoint.name, self._timeout_s)
-            reply = decode(self._endpoint.reply_type, data)
+            reply = self._decode(data)
             if isinstance(reply, Rejected):
                 accepted = True  # nothing to take back
                 raise Refused(reply.reason, reply.code)
@@ -121,7 +122,7 @@ class Goal(Generic[F, R]):
         if data is None:
             self._recover(deadline_s)
             return None
-        reply = decode(self._endpoint.reply_type, data)
+        reply = self._decode(data)
         if isinstance(reply, Feedback):
             self._connection.tell_time(reply.t_ns)
             self.code = reply.code

@@ -62,12 +62,14 @@ class Arrivals:
         return self._items.popleft() if self._items else None
 
     def _wake(self) -> None:
-        with suppress(RuntimeError):  # it is awake already
-            self._news.release()
+        if self._news.locked():
+            with suppress(RuntimeError):  # another thread was quicker
+                self._news.release()
 
     def on_reply(self, reply: zenoh.Reply) -> None:
-        if reply.ok is not None:
-            self._items.append(_whole(reply.ok))
+        sample = reply.ok
+        if sample is not None:
+            self._items.append(_whole(sample))
         elif reply.err is not None:
             self.error = reply.err.payload.to_bytes().decode("utf-8", "replace")
         self._wake()
@@ -84,9 +86,8 @@ class Arrivals:
 
 def _whole(sample: zenoh.Sample) -> bytes:
     """Its payload. A picture's header and pixels travel apart; here they are joined by a line feed."""
-    if sample.attachment is None:
-        return sample.payload.to_bytes()
-    return b"%b\n%b" % (sample.attachment.to_bytes(), sample.payload.to_bytes())
+    header, data = sample.attachment, sample.payload.to_bytes()
+    return data if header is None else b"%b\n%b" % (header.to_bytes(), data)
 
 
 class Connection:
@@ -172,13 +173,13 @@ class Connection:
         Raises:
             TimedOut: nothing came and it didn't end.
         """
-        timed_out = TimedOut(f"{name} of {self.vehicle} did not answer within {timeout_s:g} s")
+        late = False
         try:
             data = arrivals.take(time.monotonic() + timeout_s + SLICE_S)
         except TimedOut:
-            raise timed_out from None
-        if data is None and arrivals.error:
-            raise timed_out
+            late, data = True, None
+        if late or (data is None and arrivals.error):
+            raise TimedOut(f"{name} of {self.vehicle} did not answer within {timeout_s:g} s")
         return data
 
     def subscribe(self, topic: Topic[Any]) -> tuple[Arrivals, Callable[[], None]]:
@@ -218,18 +219,22 @@ def decode(kind: Any, data: bytes) -> Any:
     Raises:
         JezeroError: it is not what this version of the client knows.
     """
-    try:
-        return _decoder(kind).decode(data)
-    except msgspec.DecodeError as error:
-        raise JezeroError(
-            f"the answer isn't understood ({error}): do client and stack have the same version?"
-        ) from None
+    return decoder(kind)(data)
 
 
 @lru_cache(maxsize=64)
-def _decoder(kind: Any) -> msgspec.json.Decoder[Any]:
-    """Made once: a union of messages takes longer to understand than to decode."""
-    return msgspec.json.Decoder(kind)
+def decoder(kind: Any) -> Callable[[bytes], Any]:
+    """`decode` for one kind, made once: a union of messages takes longer to understand than to decode."""
+    read = msgspec.json.Decoder(kind).decode
+
+    def decode_this(data: bytes) -> Any:
+        try:
+            return read(data)
+        except msgspec.DecodeError as error:
+            why = f"the answer isn't understood ({error}): do client and stack have the same version?"
+            raise JezeroError(why) from None
+
+    return decode_this
 
 
 def _open(router: str, timeout_s: float) -> zenoh.Session:
