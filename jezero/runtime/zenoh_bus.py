@@ -233,7 +233,7 @@ class _Runner:
 
     def _loop(self) -> None:
         now_ns = self._due_ns = self._until_ns = self._now_ns()
-        self._steps_where_received = True
+        self._steps_where_received = not self._spec.one_thread
         while not self._stopping:
             next_ns = min(self._due_ns, self._next_health_ns, self._out.held_until_ns or self._due_ns)
             until_ns = self._until_ns = max(now_ns, next_ns)

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
@@ -218,6 +219,16 @@ def test_an_answer_is_stepped_by_the_thread_that_received_it(asking: Asking) -> 
     asking.receive("response", asking.asked[0], (encode(ReleaseReply(released=True, code=3)), None))
     assert [response.tag for response in asking.service.responses] == ["a tag"]
     assert threading.current_thread() not in asking.service.threads
+
+
+def test_a_service_that_is_bound_to_its_thread_is_stepped_by_the_loop_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    asking = Asking(monkeypatch)
+    runner = asking.runner
+    runner._spec = replace(runner._spec, one_thread=True)
+    monkeypatch.setattr(runner, "_wait", lambda until_ns: (asking.ask(), runner.stop()))
+    runner._loop()
+    assert set(asking.service.threads) == {threading.current_thread()}
+    runner.close()
 
 
 def test_while_somebody_steps_the_loop_is_rung(asking: Asking) -> None:

@@ -1,0 +1,77 @@
+"""The camera as a real process: what it publishes is what its renderer draws."""
+
+import os
+import subprocess
+import sys
+import time
+
+import numpy as np
+import zenoh
+
+from jezero.deploy.launcher.ports import instance_environment, reserved_instance
+from jezero.frames import quat_from_euler
+from jezero.runtime.codec import decode, encode
+from jezero.runtime.config import load_config
+from jezero.runtime.zenoh_session import client_config, picture_data
+from jezero.schemas import topics
+from jezero.schemas.sensors import CameraFrame
+from jezero.schemas.state import Clock, Scene
+from jezero.services.simulator.camera.config import CameraConfig
+from jezero.services.simulator.camera.making import make_renderer
+from jezero.services.simulator.camera.view import view_of
+from jezero.services.simulator.config import SimulatorConfig
+from tests.system.conftest import wait_for
+
+STILL = (0.0, 0.0, 0.0)
+
+
+def scene(t_ns: int) -> Scene:
+    """Three metres above the rover."""
+    return Scene(
+        t_ns=t_ns,
+        epoch_id=1,
+        pos_uav_ned_m=(5.2, -3.1, -3.5),
+        vel_uav_ned_mps=STILL,
+        q_ned_from_frd=quat_from_euler(0.0, 0.0, 0.3),
+        rates_uav_frd_rps=STILL,
+        pos_rover_ned_m=(5.0, -3.0, -0.5),
+        vel_rover_ned_mps=STILL,
+        yaw_rover_rad=0.5,
+    )
+
+
+def test_pictures_of_a_real_process_are_those_that_its_renderer_draws() -> None:
+    frames: list[CameraFrame] = []
+    with reserved_instance(vehicle=f"camera{os.getpid()}") as instance:
+        environment = {**os.environ, **instance_environment(instance)}
+        modules = ("jezero.runtime.router", "jezero.services.simulator.camera")
+        processes = [subprocess.Popen([sys.executable, "-m", module], env=environment) for module in modules]
+        try:
+            with zenoh.open(client_config(instance.router)) as session:
+                camera = topics.key(instance.vehicle, topics.CAMERA.name)
+                session.declare_subscriber(
+                    camera, lambda sample: frames.append(decode(CameraFrame, picture_data(sample)))
+                )
+
+                def shows() -> bool:
+                    now_ns = time.monotonic_ns()
+                    clock = Clock(t_ns=now_ns, epoch_id=1, wall_ns=now_ns)
+                    session.put(topics.key(instance.vehicle, topics.CLOCK.name), encode(clock))
+                    session.put(topics.key(instance.vehicle, topics.SCENE.name), encode(scene(now_ns)))
+                    time.sleep(0.07)
+                    return len(frames) >= 3
+
+                wait_for(shows, 60, "three pictures")
+        finally:
+            for process in processes:
+                process.terminate()
+            for process in processes:
+                process.wait(timeout=10)
+    config, frame = load_config(CameraConfig, "camera"), frames[-1]
+    at = scene(frame.t_ns)
+    view = view_of(at, config.pos_camera_frd_m, (frame.pitch_camera_rad, frame.roll_camera_rad))
+    renderer = make_renderer(config, load_config(SimulatorConfig, "simulator"), seed=2)
+    drawn = np.frombuffer(renderer.picture(at, (view, view, view)), dtype=np.uint8).astype(float)
+    shown = np.frombuffer(frame.pixels, dtype=np.uint8).astype(float)
+    assert drawn.std() > 30.0
+    assert np.abs(shown - drawn).mean() < 10.0
