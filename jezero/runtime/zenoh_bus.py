@@ -108,7 +108,6 @@ class _Runner:
     """The loop of one process."""
 
     def __init__(self, service: Service, instance: Instance, boot_id: int, links: dict[str, SocketLink]) -> None:
-        self._instance = instance
         self._spec = service.spec
         if set(links) != set(self._spec.links):
             raise ValueError(f"service {self._spec.name!r} needs links {self._spec.links}, got {tuple(links)}")

@@ -45,8 +45,8 @@ def picture_data(sample: zenoh.Sample) -> bytes:
 
 
 class BusSession:
-    """The session of one service. Zenoh's threads call `enqueue(kind, name, value)` with what comes in; before that,
-    `step(kind, name, value)` with what triggers a step, and it need not be enqueued when that is True:
+    """The session of one service. Zenoh's threads call `enqueue(kind, name, value)` with what comes in. What triggers a
+    step, and answers, go to `step(kind, name, value)` first, and are enqueued only where that is False:
 
     - sample: a topic's name and its bytes, None when it was no put of something on exactly this key.
     - picture: a topic's name and the sample, of which `picture_data` makes bytes.

@@ -120,8 +120,7 @@ class Authority:
         if refusal or grant is None:
             return refusal
         yaw_rad = self._yaw_rad(now) if setpoint.yaw_rad is None else setpoint.yaw_rad
-        moves = (setpoint.pos_ned_m, setpoint.vel_ned_mps, setpoint.acc_ned_mps2)
-        target = Target(*moves, yaw_rad, setpoint.yaw_rate_rps)
+        target = Target(setpoint.pos_ned_m, setpoint.vel_ned_mps, setpoint.acc_ned_mps2, yaw_rad, setpoint.yaw_rate_rps)
         if setpoint.reset_counter != resets.counter:
             target = target.moved(resets.step_since(setpoint.reset_counter) or (0.0, 0.0, 0.0))
         self.target = target
