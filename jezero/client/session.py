@@ -6,12 +6,12 @@ a thread of Python's would keep a program alive that forgot to close its vehicle
 
 import json
 import time
-from collections import deque
+import weakref
 from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
+from queue import Empty, SimpleQueue
 from secrets import token_hex
-from threading import Lock
 from typing import Any, NoReturn
 
 import msgspec
@@ -22,8 +22,8 @@ from jezero.schemas.struct import Message, Payload
 from jezero.schemas.topics import Endpoint, Topic, key, liveliness_key
 
 ATTEMPT_S = 0.5
-SLICE_S = 0.2
-"""Waits are cut into slices, so that Ctrl+C is heard."""
+LATE_S = 0.2
+"""Zenoh ends a question that nobody answers, a little late."""
 KEPT = 1000
 TIME_KEPT_S = 1.0
 """Vehicle time that was told so long ago is still good enough to say when a goal was issued."""
@@ -40,10 +40,9 @@ class Arrivals:
     def __init__(self) -> None:
         self.ended = False
         self.error = ""
-        self._items: deque[bytes] = deque(maxlen=KEPT)
-        self._news = Lock()
-        """Held while there is nothing new."""
-        self._news.acquire()
+        self._items: SimpleQueue[zenoh.Reply | zenoh.Sample | None] = SimpleQueue()
+        """None is the end."""
+        self._taken_all = False
 
     def take(self, deadline_s: float | None) -> bytes | None:
         """The next item, or None at the end. For one thread.
@@ -54,34 +53,34 @@ class Arrivals:
         Raises:
             TimedOut: the deadline passed first.
         """
-        while not self._items and not self.ended:
-            left_s = SLICE_S if deadline_s is None else deadline_s - time.monotonic()
-            if left_s <= 0.0:
-                raise TimedOut("no answer in time")
-            self._news.acquire(timeout=min(left_s, SLICE_S))
-        return self._items.popleft() if self._items else None
+        while not self._taken_all:
+            left_s = None if deadline_s is None else max(deadline_s - time.monotonic(), 0.0)
+            try:
+                item = self._items.get(timeout=left_s)
+            except Empty:
+                raise TimedOut("no answer in time") from None
+            if item is None:
+                self._taken_all = True
+            elif isinstance(item, zenoh.Sample):
+                if item.kind == zenoh.SampleKind.PUT:
+                    return _whole(item)
+            elif item.ok is not None:
+                return _whole(item.ok)
+            elif item.err is not None:
+                self.error = item.err.payload.to_bytes().decode("utf-8", "replace")
+        return None
 
-    def _wake(self) -> None:
-        if self._news.locked():
-            with suppress(RuntimeError):  # another thread was quicker
-                self._news.release()
-
-    def on_reply(self, reply: zenoh.Reply) -> None:
-        sample = reply.ok
-        if sample is not None:
-            self._items.append(_whole(sample))
-        elif reply.err is not None:
-            self.error = reply.err.payload.to_bytes().decode("utf-8", "replace")
-        self._wake()
-
-    def on_sample(self, sample: zenoh.Sample) -> None:
-        if sample.kind == zenoh.SampleKind.PUT:
-            self._items.append(_whole(sample))
-            self._wake()
+    def bring(self, item: zenoh.Reply | zenoh.Sample | None) -> None:
+        """Runs in Zenoh's thread: what is in the item is the taker's business."""
+        items = self._items
+        items.put(item)
+        if items.qsize() > KEPT:
+            with suppress(Empty):  # it was just taken
+                items.get_nowait()
 
     def on_end(self) -> None:
         self.ended = True
-        self._wake()
+        self.bring(None)
 
 
 def _whole(sample: zenoh.Sample) -> bytes:
@@ -105,6 +104,9 @@ class Connection:
         self.router = router
         self.client_id = f"py-{token_hex(6)}"
         self._session = _open(router, timeout_s)
+        self._leave = weakref.finalize(self, _close, self._session)
+        """Done also when a program exits that forgot to close: a moment later Zenoh's threads may wait for a Python
+        that is gone, and the program for them."""
         self._told: tuple[int, float] | None = None
         self._token = self._session.liveliness().declare_token(liveliness_key(vehicle, "client", self.client_id))
 
@@ -125,8 +127,7 @@ class Connection:
 
     def close(self) -> None:
         """Leave; open questions end. May be called twice."""
-        if not self._session.is_closed():
-            self._session.close()  # type: ignore[no-untyped-call]
+        self._leave()
 
     def stream(self, name: str, payload: bytes, timeout_s: float) -> Arrivals:
         """Put a question to the server of a key and let the replies come in.
@@ -138,7 +139,7 @@ class Connection:
         try:
             self._session.get(
                 key(self.vehicle, name),
-                zenoh.handlers.Callback(arrivals.on_reply, arrivals.on_end, indirect=False),
+                zenoh.handlers.Callback(arrivals.bring, arrivals.on_end, indirect=False),
                 target=zenoh.QueryTarget.BEST_MATCHING,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 timeout=timeout_s,
@@ -175,7 +176,7 @@ class Connection:
         """
         late = False
         try:
-            data = arrivals.take(time.monotonic() + timeout_s + SLICE_S)
+            data = arrivals.take(time.monotonic() + timeout_s + LATE_S)
         except TimedOut:
             late, data = True, None
         if late or (data is None and arrivals.error):
@@ -186,7 +187,7 @@ class Connection:
         """Messages of a topic from now on, and how to stop them."""
         arrivals = Arrivals()
         subscriber = self._session.declare_subscriber(
-            key(self.vehicle, topic.name), zenoh.handlers.Callback(arrivals.on_sample, arrivals.on_end, indirect=False)
+            key(self.vehicle, topic.name), zenoh.handlers.Callback(arrivals.bring, arrivals.on_end, indirect=False)
         )
         return arrivals, subscriber.undeclare
 
@@ -235,6 +236,11 @@ def decoder(kind: Any) -> Callable[[bytes], Any]:
             raise JezeroError(why) from None
 
     return decode_this
+
+
+def _close(session: zenoh.Session) -> None:
+    if not session.is_closed():
+        session.close()  # type: ignore[no-untyped-call]
 
 
 def _open(router: str, timeout_s: float) -> zenoh.Session:

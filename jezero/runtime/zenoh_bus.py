@@ -43,7 +43,8 @@ CATCH_UP_NS = 30_000_000
 """A process that stood still for a stall lets in what has piled up since, and what tells the time, before it judges
 anybody's silence or executes anything."""
 APART_NS = 5_000_000
-"""What comes sooner after a step in a receiving thread has piled up somewhere: the loop reads all of it, then steps."""
+"""What comes sooner after a step in a receiving thread has piled up somewhere: the loop reads all of it, then steps. An
+answer comes as soon as it is there."""
 CLOCK_NAME = topics.CLOCK.name
 LOOK_EVERY_NS = 50_000_000
 """A link with nothing to read is polled so often all the same."""
@@ -198,8 +199,8 @@ class _Runner:
             return False
         try:
             now_ns = time.monotonic_ns() - self._stalled_ns
-            piled_up = now_ns - self._stepped_here_ns < APART_NS or now_ns - self._until_ns > STALL_NS
-            if piled_up or self._stopping or not self._steps_where_received:
+            soon = now_ns - self._stepped_here_ns < APART_NS and kind != "response"
+            if soon or now_ns - self._until_ns > STALL_NS or self._stopping or not self._steps_where_received:
                 return False
             self._stepped_here_ns = self._node.inbox.wall_ns = now_ns
             wanted = bool(self._events) and self._collect(now_ns)

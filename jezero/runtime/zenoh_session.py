@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import zenoh
 
-from jezero.runtime.codec import BadPayloadError, decode, join_picture, split_picture
+from jezero.runtime.codec import PICTURES, BadPayloadError, decode, join_picture, split_picture
 from jezero.runtime.config import Instance
 from jezero.runtime.service import Spec
 from jezero.schemas import topics
@@ -223,7 +223,9 @@ class BusSession:
             elif not (triggers and step("query", name, query)):
                 enqueue("query", name, query)
 
-        self._declared.append(self._session.declare_queryable(own, on_query, complete=not endpoint.shared))
+        # pictures may take long to be taken: they are answered in a thread of their own, the rest where it is received
+        handler = on_query if endpoint.reply_type in PICTURES else zenoh.handlers.Callback(on_query, indirect=False)
+        self._declared.append(self._session.declare_queryable(own, handler, complete=not endpoint.shared))
 
     def _declare_last_value(self, name: str) -> None:
         own = key(self._instance.vehicle, name)
@@ -234,7 +236,8 @@ class BusSession:
                 if data is not None:
                     query.reply(own, data, encoding=zenoh.Encoding.APPLICATION_JSON)
 
-        self._declared.append(self._session.declare_queryable(own, on_query, complete=True))
+        handler = zenoh.handlers.Callback(on_query, indirect=False)
+        self._declared.append(self._session.declare_queryable(own, handler, complete=True))
 
     def _on_client(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:

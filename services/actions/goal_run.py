@@ -34,6 +34,9 @@ from jezero.services.actions.lease import SelectionLease
 from jezero.services.actions.vehicle_view import NS_PER_S, VehicleView, is_fresh
 
 RETRY_S = 0.2
+BEGIN_HZ = 100.0
+"""The first setpoint follows the acceptance and the first feedback after 10 ms: who waits for these would have to share
+the processors with those whom it wakes."""
 PITCH_PERIOD_NS = 45_000_000
 """A little less than that of `command/camera_pitch`, as steps don't come evenly."""
 
@@ -79,8 +82,10 @@ class GoalRun:
         self._came_ns = 0
         self._deadline_ns = 0
         self._retry_ns: int | None = None
-        self._listening = False
         self._sequence = 0
+        self._begins = True
+        self._first: Feedback[Any] | None = None
+        """The first feedback, if nothing newer comes before control is given."""
         self._move: Move | None = None
         self._setpoint_ns = 0
         self._feedback_due_ns = 0
@@ -96,18 +101,17 @@ class GoalRun:
 
     # -- what the server asks of it --
 
-    def begin(self, t_ns: int) -> Iterator[Output]:
+    def begin(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Look at the inputs where the goal depends on them, else ask the bridge for control."""
         self._came_ns = t_ns
         if self._verdict.look is None:
-            yield from self._acquire(t_ns)
+            yield from self._acquire(t_ns, inbox)
             return
         self.stage = "looking"
         self._deadline_ns = t_ns + int(self._config.look_timeout_s * NS_PER_S)
-        self._listening = True
         yield Listen((ODOMETRY, *self._inputs))
 
-    def _acquire(self, t_ns: int) -> Iterator[Output]:
+    def _acquire(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         self.stage = "acquiring"
         timeout_s = self._config.acquire_timeout_s
         self._tag = f"{self.goal_id}/acquire/{t_ns}"
@@ -121,6 +125,17 @@ class GoalRun:
             goal_issued_t_ns=self.goal.issued_t_ns,
         )
         yield Call(ACQUIRE, acquire, self._tag, timeout_s)
+        self._start(t_ns, inbox)
+
+    def _start(self, t_ns: int, inbox: Inbox) -> None:
+        """Already while the bridge decides, as somebody waits for the first feedback."""
+        odometry = self._view.odometry(inbox)
+        assert odometry is not None, "the goal should have been refused"
+        self._view.begin(odometry)
+        state = self._view.state(t_ns, inbox, odometry)
+        self._behaviour.start(t_ns, self.goal, state)
+        move = self._behaviour.step(t_ns, state)
+        self._first = self._feedback(t_ns, move, odometry, inbox) if isinstance(move, Move) else None
 
     def attach(self, request: Request) -> Iterator[Output]:
         """Let the sender of this goal watch it; more than one when it was sent twice."""
@@ -147,10 +162,11 @@ class GoalRun:
             yield from self._preparing(t_ns, inbox)
         elif self.stage == "acquiring":
             yield from self._acquiring(t_ns, inbox)
-        if self.stage == "flying":
+        elif self.stage == "flying":
             yield from self._flying(t_ns, inbox)
-            if not self._listening:  # only now: others on the bus wait while the router takes in a declaration
-                self._listening = True
+            if self._begins:
+                self._begins = False
+                yield Pace(self._behaviour.rate_hz)
                 yield Listen((ODOMETRY, *self._inputs))
         elif self.stage == "releasing":
             yield from self._releasing(t_ns, inbox)
@@ -173,7 +189,7 @@ class GoalRun:
         if refusal:
             yield from self._reject(refusal, inbox)
         elif self._verdict.prepare is None:
-            yield from self._acquire(t_ns)
+            yield from self._acquire(t_ns, inbox)
         else:
             self.stage = "preparing"
             self._tag = f"{self.goal_id}/prepare/{t_ns}"
@@ -192,11 +208,12 @@ class GoalRun:
         if refusal:
             yield from self._reject(refusal, inbox)
         elif response is not None:
-            yield from self._acquire(t_ns)
+            yield from self._acquire(t_ns, inbox)
 
     def _acquiring(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         response = self._response(inbox)
         if response is None:
+            self._first = None  # something newer has come
             if t_ns > self._deadline_ns:
                 yield from self._reject("the vehicle bridge did not answer", inbox)
         elif response.payload is None:
@@ -207,13 +224,9 @@ class GoalRun:
             self._control.begin(response.payload, t_ns)
             self.stage = "flying"
             yield from (Reply(watcher, self._accepted(), final=False) for watcher in self._watchers)
-            if self._cancel_reason:
-                return
-            yield Pace(self._behaviour.rate_hz)
-            odometry = self._view.odometry(inbox)
-            if odometry is not None:
-                self._view.begin(odometry)
-                self._behaviour.start(t_ns, self.goal, self._view.state(t_ns, inbox, odometry))
+            if self._first is not None and not self._cancel_reason:
+                yield from self._tell(t_ns, self._first)
+            yield Pace(BEGIN_HZ)
 
     def _reject(self, reason: str, inbox: Inbox) -> Iterator[Output]:
         status = inbox.latest(STATUS)
@@ -255,21 +268,14 @@ class GoalRun:
         if isinstance(move, Done):
             yield from self._release(t_ns, move, inbox)
             return
-        first = self._move is None
         self._move = move
-        if first:  # somebody waits for it, and the bridge would be woken up meanwhile
-            yield from self._feedback(t_ns, move, odometry, inbox)
         yield self._setpoint(t_ns, move, odometry, shift_ned_m)
         if move.pitch_camera_rad is not None and t_ns >= self._pitch_due_ns:
             self._pitch_due_ns = t_ns + PITCH_PERIOD_NS
             axes = CameraPitch(t_ns=t_ns, pitch_camera_rad=move.pitch_camera_rad, roll_camera_rad=move.roll_camera_rad)
             yield Publish(CAMERA_PITCH, axes)
         if t_ns >= self._feedback_due_ns:
-            period_ns = int(NS_PER_S / self._config.feedback_rate_hz)
-            late_ns = t_ns - self._feedback_due_ns
-            self._feedback_due_ns = (self._feedback_due_ns if late_ns < period_ns else t_ns) + period_ns
-            if not first:
-                yield from self._feedback(t_ns, move, odometry, inbox)
+            yield from self._tell(t_ns, self._feedback(t_ns, move, odometry, inbox))
 
     def _moved_beyond(self, move: Move, shift_ned_m: Vec3) -> str:
         """Why the goal can't go on after its points moved along with the autopilot's position, or ""."""
@@ -296,7 +302,7 @@ class GoalRun:
         )
         return Publish(SETPOINT, setpoint)
 
-    def _feedback(self, t_ns: int, move: Move, odometry: Odometry, inbox: Inbox) -> Iterator[Output]:
+    def _feedback(self, t_ns: int, move: Move, odometry: Odometry, inbox: Inbox) -> Feedback[Any]:
         status = inbox.latest(STATUS)
         code = -1 if status is None else status.code
         content = move.feedback
@@ -305,10 +311,18 @@ class GoalRun:
         if isinstance(content, ImagesFeedback) and self.capture is not None:
             taken, planned = self.capture.taken, self.capture.planned
             content = msgspec.structs.replace(content, taken=taken, planned=planned, images=self.capture.told())
-        feedback = Feedback(goal_id=self.goal_id, t_ns=t_ns, code=code, feedback=content)
-        yield from (Reply(watcher, feedback, final=False) for watcher in self._watchers)
+        return Feedback(goal_id=self.goal_id, t_ns=t_ns, code=code, feedback=content)
+
+    def _tell(self, t_ns: int, told: Feedback[Any]) -> Iterator[Output]:
+        """Feedback to all who watch; the next is due a period after this one was."""
+        yield from (Reply(watcher, told, final=False) for watcher in self._watchers)
+        period_ns = int(NS_PER_S / self._config.feedback_rate_hz)
+        late_ns = t_ns - self._feedback_due_ns
+        self._feedback_due_ns = (self._feedback_due_ns if late_ns < period_ns else t_ns) + period_ns
         name = self._action.name
-        message = FeedbackMessage(t_ns=t_ns, goal_id=self.goal_id, action=name, code=code, feedback=content)
+        message = FeedbackMessage(
+            t_ns=told.t_ns, goal_id=told.goal_id, action=name, code=told.code, feedback=told.feedback
+        )
         yield Publish(self._feedback_topic, message)
 
     def _take_pictures(self, t_ns: int, inbox: Inbox, capture: Capture) -> None:
@@ -326,7 +340,7 @@ class GoalRun:
     def _release(self, t_ns: int, done: Done, inbox: Inbox) -> Iterator[Output]:
         odometry = self._view.odometry(inbox)
         if self._move is not None and odometry is not None and self.capture is not None:
-            yield from self._feedback(t_ns, self._move, odometry, inbox)  # of the last pictures
+            yield from self._tell(t_ns, self._feedback(t_ns, self._move, odometry, inbox))  # of the last pictures
         self.stage = "releasing"
         self._done = done
         self._deadline_ns = t_ns + int(self._config.release_give_up_s * NS_PER_S)

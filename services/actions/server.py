@@ -89,7 +89,7 @@ class ActionServer:
             if run.stage == "over":
                 yield from self._end(run)
         for request in inbox.requests(self._endpoint):
-            yield from self._take(t_ns, request, inbox.latest(STATUS))
+            yield from self._take(t_ns, request, inbox)
         self._notice_departures(inbox)
         for request in inbox.requests(self._cancel):
             yield Reply(request.request_id, self._answer_cancel(request.payload.goal_id))
@@ -118,8 +118,9 @@ class ActionServer:
 
     # -- goals --
 
-    def _take(self, t_ns: int, request: Request, status: Status | None) -> Iterator[Output]:
+    def _take(self, t_ns: int, request: Request, inbox: Inbox) -> Iterator[Output]:
         goal: Goal = request.payload
+        status = inbox.latest(STATUS)
         if self._run is not None and goal.goal_id and goal.goal_id == self._run.goal_id:
             yield from self._run.attach(request)
             return
@@ -154,7 +155,7 @@ class ActionServer:
             status=status,
             spool=self._spool,
         )
-        yield from self._run.begin(t_ns)
+        yield from self._run.begin(t_ns, inbox)
         yield from self._run.attach(request)
 
     def _refusal(self, t_ns: int, goal: Goal, status: Status | None) -> str:

@@ -215,7 +215,7 @@ def test_an_answer_is_stepped_by_the_thread_that_received_it(asking: Asking) -> 
     asking.service.also = (Call(topics.RELEASE, Release(control_id="c", outcome="aborted"), "a tag"),)
     asking.ask()
     asking.service.also = ()
-    asking.wall_ns += 10 * MS
+    asking.wall_ns += MS
     asking.receive("response", asking.asked[0], (encode(ReleaseReply(released=True, code=3)), None))
     assert [response.tag for response in asking.service.responses] == ["a tag"]
     assert threading.current_thread() not in asking.service.threads
