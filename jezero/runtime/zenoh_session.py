@@ -15,6 +15,7 @@ import zenoh
 from jezero.runtime.codec import PICTURES, BadPayloadError, decode, join_picture, split_picture
 from jezero.runtime.config import Instance
 from jezero.runtime.service import Spec
+from jezero.runtime.zenoh_threads import where_received
 from jezero.schemas import topics
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.topics import Endpoint, Topic, health_of, key, liveliness_key
@@ -210,7 +211,8 @@ class BusSession:
             self._enqueue("picture", name, sample if exact else None)
 
         is_picture = name in self._pictures
-        self._subscribers[name] = self._session.declare_subscriber(own, on_picture if is_picture else on_sample)
+        handler = where_received(on_picture if is_picture else on_sample)
+        self._subscribers[name] = self._session.declare_subscriber(own, handler)
 
     def _declare_endpoint(self, endpoint: Endpoint[Any, Any]) -> None:
         own, name = key(self._instance.vehicle, endpoint.name), endpoint.name
@@ -223,8 +225,8 @@ class BusSession:
             elif not (triggers and step("query", name, query)):
                 enqueue("query", name, query)
 
-        # pictures may take long to be taken: they are answered in a thread of their own, the rest where it is received
-        handler = on_query if endpoint.reply_type in PICTURES else zenoh.handlers.Callback(on_query, indirect=False)
+        # pictures may take long to be taken: they are answered in a thread of their own
+        handler = on_query if endpoint.reply_type in PICTURES else where_received(on_query)
         self._declared.append(self._session.declare_queryable(own, handler, complete=not endpoint.shared))
 
     def _declare_last_value(self, name: str) -> None:
@@ -236,8 +238,7 @@ class BusSession:
                 if data is not None:
                     query.reply(own, data, encoding=zenoh.Encoding.APPLICATION_JSON)
 
-        handler = zenoh.handlers.Callback(on_query, indirect=False)
-        self._declared.append(self._session.declare_queryable(own, handler, complete=True))
+        self._declared.append(self._session.declare_queryable(own, where_received(on_query), complete=True))
 
     def _on_client(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:
@@ -276,11 +277,7 @@ class BusSession:
 
         self._session.get(
             key(self._instance.vehicle, endpoint.name),
-            zenoh.handlers.Callback(
-                on_reply,
-                lambda: self._enqueue("response", call_id, (None, "no server")),
-                indirect=False,  # else each call starts a thread
-            ),
+            where_received(on_reply, lambda: self._enqueue("response", call_id, (None, "no server"))),
             target=zenoh.QueryTarget.BEST_MATCHING,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=timeout_s,
