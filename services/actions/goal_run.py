@@ -37,6 +37,7 @@ RETRY_S = 0.2
 BEGIN_HZ = 100.0
 """The first setpoint follows the acceptance and the first feedback after 10 ms: who waits for these would have to share
 the processors with those whom it wakes."""
+LOST = "the vehicle's position is not known any more: is vehicle_bridge running?"
 PITCH_PERIOD_NS = 45_000_000
 """A little less than that of `command/camera_pitch`, as steps don't come evenly."""
 
@@ -112,6 +113,10 @@ class GoalRun:
         yield Listen((ODOMETRY, *self._inputs))
 
     def _acquire(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        odometry = self._view.odometry(inbox)
+        if odometry is None:  # any more: there was some when the goal came
+            yield from self._reject(LOST, inbox)
+            return
         self.stage = "acquiring"
         timeout_s = self._config.acquire_timeout_s
         self._tag = f"{self.goal_id}/acquire/{t_ns}"
@@ -125,12 +130,10 @@ class GoalRun:
             goal_issued_t_ns=self.goal.issued_t_ns,
         )
         yield Call(ACQUIRE, acquire, self._tag, timeout_s)
-        self._start(t_ns, inbox)
+        self._start(t_ns, inbox, odometry)
 
-    def _start(self, t_ns: int, inbox: Inbox) -> None:
+    def _start(self, t_ns: int, inbox: Inbox, odometry: Odometry) -> None:
         """Already while the bridge decides, as somebody waits for the first feedback."""
-        odometry = self._view.odometry(inbox)
-        assert odometry is not None, "the goal should have been refused"
         self._view.begin(odometry)
         state = self._view.state(t_ns, inbox, odometry)
         self._behaviour.start(t_ns, self.goal, state)
@@ -182,7 +185,10 @@ class GoalRun:
         odometry = self._view.odometry(inbox)
         complete = all(inbox.latest(topic) is not None for topic in self._behaviour.inputs)
         complete = complete and (self.capture is None or not self.capture.refusal())
-        if odometry is None or not (complete or t_ns > self._deadline_ns):
+        if not (complete and odometry is not None) and t_ns <= self._deadline_ns:
+            return
+        if odometry is None:
+            yield from self._reject(LOST, inbox)
             return
         state = self._view.state(t_ns, inbox, odometry)
         refusal = self._verdict.look(state)

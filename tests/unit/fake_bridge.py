@@ -37,6 +37,7 @@ class FakeBridge:
         lost_releases: so many releases are lost on their way to the bridge.
         lost_replies: so many releases are carried out, but their answer is lost.
         mute_odometry, mute_status: publish them no more.
+        lost: the status doesn't tell any more where the vehicle is.
         offset_ned_m: steps of the autopilot's position so far; positions contain it.
     """
 
@@ -61,6 +62,7 @@ class FakeBridge:
         self.lost_replies = 0
         self.mute_odometry = False
         self.mute_status = False
+        self.lost = False
         self.offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
         self.releases: list[Release] = []
         self.setpoints: list[Setpoint] = []
@@ -163,7 +165,7 @@ class FakeBridge:
                 t_ns=t_ns,
                 code=int(self.code),
                 name=self.code.name,
-                odometry=odometry,
+                odometry=None if self.lost else odometry,
                 armed=self.code != StatusCode.IDLE,
                 landed=self.landed,
                 in_charge="goal" if self.control_id else "none",

@@ -134,6 +134,20 @@ def test_what_can_not_be_flown_is_refused_with_the_reason(changed: dict[str, Any
     assert world.bridge.grants == 0
 
 
+@pytest.mark.parametrize("after_s", [0.01, 0.6])
+def test_a_vehicle_whose_position_is_lost_before_control_is_asked_for_is_not_flown(after_s: float) -> None:
+    world = World()
+    world.bridge.mute_odometry = True
+    answers = world.send(GOAL)
+    world.bus.run_for(after_s)
+    assert not answers.ended
+    world.bridge.lost = True
+    reply = world.end(answers)
+    assert isinstance(reply, Rejected)
+    assert "position is not known any more" in reply.reason
+    assert world.bridge.grants == 0
+
+
 # -- the rover's frame --
 
 
