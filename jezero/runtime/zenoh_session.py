@@ -188,7 +188,7 @@ class BusSession:
             self._declare_endpoint(endpoint)
         if self._spec.watches_clients:
             watched = liveliness_key(self._instance.vehicle, "client", "*")
-            self._declared.append(session.liveliness().declare_subscriber(watched, self._on_client))
+            self._declared.append(session.liveliness().declare_subscriber(watched, where_received(self._on_client)))
 
     def _uses_vehicle_time(self) -> bool:
         spec = self._spec

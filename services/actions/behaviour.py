@@ -149,7 +149,7 @@ class Behaviour(Protocol):
         """Whether the goal is possible; whether the vehicle's status allows it is the bridge's decision."""
 
     def start(self, t_ns: int, goal: Any, state: VehicleState) -> None:
-        """Take over at `state`."""
+        """Take over at `state`; a first step follows at once, for the feedback, while control is still asked for."""
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done: ...
 
