@@ -40,7 +40,7 @@ class Arrivals:
     def __init__(self) -> None:
         self.ended = False
         self.error = ""
-        self._items: SimpleQueue[zenoh.Reply | zenoh.Sample | None] = SimpleQueue()
+        self._items: SimpleQueue[bytes | None] = SimpleQueue()
         """None is the end."""
         self._taken_all = False
 
@@ -53,34 +53,37 @@ class Arrivals:
         Raises:
             TimedOut: the deadline passed first.
         """
-        while not self._taken_all:
-            left_s = None if deadline_s is None else max(deadline_s - time.monotonic(), 0.0)
-            try:
-                item = self._items.get(timeout=left_s)
-            except Empty:
-                raise TimedOut("no answer in time") from None
-            if item is None:
-                self._taken_all = True
-            elif isinstance(item, zenoh.Sample):
-                if item.kind == zenoh.SampleKind.PUT:
-                    return _whole(item)
-            elif item.ok is not None:
-                return _whole(item.ok)
-            elif item.err is not None:
-                self.error = item.err.payload.to_bytes().decode("utf-8", "replace")
-        return None
+        if self._taken_all:
+            return None
+        left_s = None if deadline_s is None else max(deadline_s - time.monotonic(), 0.0)
+        try:
+            item = self._items.get(timeout=left_s)
+        except Empty:
+            raise TimedOut("no answer in time") from None
+        self._taken_all = item is None
+        return item
 
-    def bring(self, item: zenoh.Reply | zenoh.Sample | None) -> None:
-        """Runs in Zenoh's thread: what is in the item is the taker's business."""
+    def on_reply(self, reply: zenoh.Reply) -> None:
+        sample = reply.ok
+        if sample is not None:
+            self._bring(_whole(sample))
+        elif reply.err is not None:
+            self.error = reply.err.payload.to_bytes().decode("utf-8", "replace")
+
+    def on_sample(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._bring(_whole(sample))
+
+    def on_end(self) -> None:
+        self.ended = True
+        self._bring(None)
+
+    def _bring(self, item: bytes | None) -> None:
         items = self._items
         items.put(item)
         if items.qsize() > KEPT:
             with suppress(Empty):  # it was just taken
                 items.get_nowait()
-
-    def on_end(self) -> None:
-        self.ended = True
-        self.bring(None)
 
 
 def _whole(sample: zenoh.Sample) -> bytes:
@@ -139,7 +142,7 @@ class Connection:
         try:
             self._session.get(
                 key(self.vehicle, name),
-                zenoh.handlers.Callback(arrivals.bring, arrivals.on_end, indirect=False),
+                zenoh.handlers.Callback(arrivals.on_reply, arrivals.on_end, indirect=False),
                 target=zenoh.QueryTarget.BEST_MATCHING,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 timeout=timeout_s,
@@ -187,7 +190,7 @@ class Connection:
         """Messages of a topic from now on, and how to stop them."""
         arrivals = Arrivals()
         subscriber = self._session.declare_subscriber(
-            key(self.vehicle, topic.name), zenoh.handlers.Callback(arrivals.bring, arrivals.on_end, indirect=False)
+            key(self.vehicle, topic.name), zenoh.handlers.Callback(arrivals.on_sample, arrivals.on_end, indirect=False)
         )
         return arrivals, subscriber.undeclare
 

@@ -22,8 +22,8 @@ def refusal(text: bytes) -> Any:
 
 def test_replies_are_taken_in_order_and_then_the_end() -> None:
     arrivals = Arrivals()
-    arrivals.bring(reply(b"one"))
-    arrivals.bring(reply(b"pixels", b"header"))
+    arrivals.on_reply(reply(b"one"))
+    arrivals.on_reply(reply(b"pixels", b"header"))
     arrivals.on_end()
     assert arrivals.ended
     assert [arrivals.take(None) for _ in range(4)] == [b"one", b"header\npixels", None, None]
@@ -31,13 +31,13 @@ def test_replies_are_taken_in_order_and_then_the_end() -> None:
 
 def test_whoever_waits_is_woken_by_a_reply() -> None:
     arrivals = Arrivals()
-    threading.Timer(0.05, arrivals.bring, [reply(b"late")]).start()
+    threading.Timer(0.05, arrivals.on_reply, [reply(b"late")]).start()
     assert arrivals.take(time.monotonic() + 5.0) == b"late"
 
 
 def test_an_error_is_kept_and_ends_nothing() -> None:
     arrivals = Arrivals()
-    arrivals.bring(refusal(b"Timeout"))
+    arrivals.on_reply(refusal(b"Timeout"))
     with pytest.raises(TimedOut):
         arrivals.take(time.monotonic())
     assert arrivals.error == "Timeout"
@@ -45,7 +45,7 @@ def test_an_error_is_kept_and_ends_nothing() -> None:
 
 def test_what_is_there_is_taken_even_after_the_deadline() -> None:
     arrivals = Arrivals()
-    arrivals.bring(reply(b"there"))
+    arrivals.on_reply(reply(b"there"))
     assert arrivals.take(time.monotonic() - 1.0) == b"there"
     with pytest.raises(TimedOut):
         arrivals.take(time.monotonic() - 1.0)
@@ -54,5 +54,5 @@ def test_what_is_there_is_taken_even_after_the_deadline() -> None:
 def test_of_more_than_are_kept_the_oldest_are_dropped() -> None:
     arrivals = Arrivals()
     for number in range(KEPT + 3):
-        arrivals.bring(reply(b"%d" % number))
+        arrivals.on_reply(reply(b"%d" % number))
     assert arrivals.take(None) == b"3"
