@@ -20,7 +20,7 @@ from jezero.services.vehicle_bridge.admission import (
 )
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.goals_past import GoalsPast
-from jezero.services.vehicle_bridge.maneuvers import Aborting, coming_to_rest, pressing_down
+from jezero.services.vehicle_bridge.maneuvers import Aborting, coming_to_rest, hovering_after, pressing_down
 from jezero.services.vehicle_bridge.resets import ResetHistory
 from jezero.services.vehicle_bridge.takeover import Takeover, Tidying
 from jezero.services.vehicle_bridge.transitions import CODE_OF, IN_PROGRESS, completed, require
@@ -157,7 +157,7 @@ class Authority:
             if self.code is StatusCode.LANDING:
                 self.target = pressing_down(self.target, self._yaw_rad(now))
             else:
-                self.target = self._hovering_at(request, now, resets)
+                self.target = hovering_after(request, self._at_rest(now), resets)
             self._go(completed(self.code), now)
         return ""
 
@@ -444,9 +444,3 @@ class Authority:
 
     def _at_rest(self, now: Situation) -> Target:
         return coming_to_rest(now, self._yaw_rad(now), self._config.low_height_m)
-
-    def _hovering_at(self, request: Release, now: Situation, resets: ResetHistory) -> Target:
-        step_ned_m = resets.step_since(request.reset_counter)
-        if request.hover_pos_ned_m is None or step_ned_m is None:
-            return self._at_rest(now)
-        return Target(request.hover_pos_ned_m, None, None, self._yaw_rad(now)).moved(step_ned_m)

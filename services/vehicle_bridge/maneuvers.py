@@ -1,6 +1,8 @@
 """Where the bridge itself sends the vehicle: to rest, up from the ground, or firmly onto it."""
 
+from jezero.schemas.commands import Release
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+from jezero.services.vehicle_bridge.resets import ResetHistory
 from jezero.services.vehicle_bridge.vehicle import Situation, Target
 
 STOP_WITHIN_S = 0.5
@@ -18,6 +20,14 @@ def coming_to_rest(now: Situation, yaw_rad: float, low_height_m: float) -> Targe
     down_m = min(vel[2] * STOP_WITHIN_S, room_m)
     point = (pos_ned_m[0] + vel[0] * STOP_WITHIN_S, pos_ned_m[1] + vel[1] * STOP_WITHIN_S, pos_ned_m[2] + down_m)
     return Target(point, None, None, yaw_rad)
+
+
+def hovering_after(release: Release, rest: Target, resets: ResetHistory) -> Target:
+    """Hover where the goal that has ended says, with the heading of `rest`; there, where it says nothing that holds."""
+    step_ned_m = resets.step_since(release.reset_counter)
+    if release.hover_pos_ned_m is None or step_ned_m is None:
+        return rest
+    return Target(release.hover_pos_ned_m, None, None, rest.yaw_rad).moved(step_ned_m)
 
 
 def pressing_down(before: Target | None, yaw_rad: float) -> Target:
