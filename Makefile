@@ -30,7 +30,7 @@ demo: setup
 test: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy -p jezero
+	$(BIN)/mypy -p jezero -p benchmarks
 	$(BIN)/lint-imports
 	$(BIN)/pytest -q -n 2 --dist loadgroup
 

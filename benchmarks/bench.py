@@ -58,15 +58,17 @@ def measure_hover(folder: Path) -> dict[str, Any]:
     ):
         hover = hovering.measure(stack)
     costs = message_cost.measure(hover.samples, folder)
+
+    def topics(rates_hz: dict[str, float]) -> dict[str, Any]:
+        return {name: {"rate_hz": hz, **msgspec.structs.asdict(costs[name])} for name, hz in rates_hz.items()}
+
     return {
         "cpu_cores": hover.cpu,
         "cpu_cores_without_camera": hover.cpu_without_camera,
         "processes": hover.processes,
         "messages_per_second": sum(hover.rates_hz.values()),
-        "topics": {
-            name: {"rate_hz": rate_hz, **(msgspec.structs.asdict(costs[name]) if name in costs else {})}
-            for name, rate_hz in hover.rates_hz.items()
-        },
+        "topics": topics(hover.rates_hz),
+        "topics_in_orbit": topics(hover.orbit_rates_hz),
     }
 
 
@@ -80,12 +82,15 @@ def rows_of_hover(figures: dict[str, Any]) -> Iterator[Row]:
         yield f"  {name}", f"{100 * share.cpu:.1f} %", "", f"{share.rss_mb:.0f} MB, {share.pss_mb:.0f} of its own"
     how = "size; processor time of one at its writer + in the router + at each reader"
     yield "messages while hovering", f"{figures['messages_per_second']:.0f} per second", "", how
-    for name, topic in figures["topics"].items():
-        cost = "pixels"
-        if "size_bytes" in topic:
-            parts = " + ".join(f"{topic[f'{who}_us']:.0f}" for who in ("writer", "router", "reader"))
-            cost = f"{topic['size_bytes']} B; {parts} us"
-        yield f"  {name}", f"{topic['rate_hz']:.0f} per second", "", cost
+    yield from _rows_of_topics(figures["topics"])
+    yield "more while it orbits the rover", "", "", ""
+    yield from _rows_of_topics(figures["topics_in_orbit"])
+
+
+def _rows_of_topics(topics: dict[str, Any]) -> Iterator[Row]:
+    for name, topic in topics.items():
+        parts = " + ".join(f"{topic[f'{who}_us']:.0f}" for who in ("writer", "router", "reader"))
+        yield f"  {name}", f"{topic['rate_hz']:.0f} per second", "", f"{topic['size_bytes']} B; {parts} us"
 
 
 PARTS_OF_DELAY = (("median_ms", ".2f"), ("p95_ms", ".1f"), ("n", "d"))

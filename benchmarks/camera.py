@@ -137,7 +137,7 @@ def _listen(stack: Stack, above_m: float) -> Delivery:
 
     def on_clock(sample: zenoh.Sample) -> None:
         message = msgspec.json.decode(sample.payload.to_bytes(), type=Clock)
-        clock.update(message.t_ns, message.epoch_id, time.monotonic_ns())
+        clock.update(message.t_ns, message.epoch_id, message.wall_ns, time.monotonic_ns())
 
     def on_picture(sample: zenoh.Sample) -> None:
         sample.payload.to_bytes()

@@ -9,6 +9,7 @@ from bisect import bisect_right
 from contextlib import ExitStack
 from itertools import pairwise
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 import zenoh
@@ -30,6 +31,8 @@ BESIDES_CONTROL = ("camera", "estimator", "tag_detector")
 HEIGHT_M = 3.0
 Replies = tuple[float, float]
 """Until a goal was accepted, and until its first feedback, in ms."""
+GoalsMs = tuple[list[Replies], list[Replies], list[Replies]]
+"""Jezero's own, bare and by hand."""
 
 
 class Delays(msgspec.Struct, frozen=True):
@@ -111,20 +114,26 @@ def measure(folder: Path, goals: int) -> Latency:
             goals_ms, flights_ns = _fly(uav, session, instance, goals)
         passed = _stop_and_read(relay)
     hops_ms, left_out = pair(passed.odometry_ns, passed.setpoint_ns, flights_ns)
-    others_ms = ([ns / 1e6 for ns in taken_ns] for taken_ns in (passed.bare_ns, passed.by_hand_ns))
-    zenoh_ms = [ns / 1e6 for ns in passed.bare_zenoh_ns]
     ticks_ms = [(b - a) / 1e6 for a, b in pairwise(passed.odometry_ns)]
     found = {
-        "odometry received -> setpoint sent": row(hops_ms, *others_ms, left_out),
-        "goal -> accepted": row(*([accepted for accepted, _ in taken_ms] for taken_ms in goals_ms)),
-        "goal -> first feedback": row(*([feedback for _, feedback in taken_ms] for taken_ms in goals_ms)),
+        "odometry received -> setpoint sent": row(hops_ms, _ms(passed.bare_ns), _ms(passed.by_hand_ns), left_out),
+        "goal -> accepted": row(*_each(goals_ms, 0)),
+        "goal -> first feedback": row(*_each(goals_ms, 1)),
     }
-    return Latency(found, percentile(ticks_ms, 0.5), percentile(zenoh_ms, 0.5))
+    return Latency(found, percentile(ticks_ms, 0.5), percentile(_ms(passed.bare_zenoh_ns), 0.5))
 
 
-def _fly(
-    uav: Vehicle, session: zenoh.Session, instance: Instance, goals: int
-) -> tuple[tuple[list[Replies], list[Replies], list[Replies]], list[tuple[int, int]]]:
+def _ms(taken_ns: list[int]) -> list[float]:
+    return [ns / 1e6 for ns in taken_ns]
+
+
+def _each(goals_ms: GoalsMs, reply: Literal[0, 1]) -> tuple[list[float], list[float], list[float]]:
+    """The time until one of the two replies, in the three ways."""
+    own, zenoh_alone, unchecked = ([taken_ms[reply] for taken_ms in goal_ms] for goal_ms in goals_ms)
+    return own, zenoh_alone, unchecked
+
+
+def _fly(uav: Vehicle, session: zenoh.Session, instance: Instance, goals: int) -> tuple[GoalsMs, list[tuple[int, int]]]:
     """Own, bare and by hand, and when a goal flew, in ns of the realtime clock."""
     own: list[Replies] = []
     others: tuple[list[Replies], list[Replies]] = ([], [])

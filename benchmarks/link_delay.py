@@ -1,19 +1,19 @@
 """Measure one-way delays of the real bus: from one service's step to another's, through the router.
 
-`python benchmarks/link_delay.py` prints the log-normal parameters that `jezero.runtime.memory_bus` uses.
+`python -m benchmarks.link_delay` prints the log-normal parameters that `jezero.runtime.memory_bus` uses.
 """
 
 import os
 import statistics
-import subprocess
 import sys
 import time
 from collections.abc import Iterable
 from math import log
 
-from jezero.deploy.launcher.ports import instance_environment, reserved_instance
+from benchmarks.stack import running_module
+from jezero.deploy.launcher.ports import reserved_instance
 from jezero.runtime.config import instance_from_environment
-from jezero.runtime.service import Inbox, Output, Publish, Spec
+from jezero.runtime.service import Inbox, Output, Publish, Service, Spec
 from jezero.runtime.zenoh_bus import new_boot_id, run_service
 from jezero.schemas import topics
 from jezero.schemas.state import Odometry
@@ -55,20 +55,14 @@ class Receiver:
 
 def main() -> None:
     """Run both ends and print the figures."""
-    with reserved_instance(vehicle=f"delay{os.getpid()}") as instance:
-        environment = {**os.environ, **instance_environment(instance)}
-        started = [subprocess.Popen([sys.executable, "-m", "jezero.runtime.router"], env=environment)]
-        try:
-            started.append(subprocess.Popen([sys.executable, __file__, "sender"], env=environment))
-            receiver = subprocess.Popen(
-                [sys.executable, __file__, "receiver"], env=environment, stdout=subprocess.PIPE, text=True
-            )
-            started.append(receiver)
-            time.sleep(SECONDS)
-        finally:
-            for process in reversed(started):
-                process.terminate()
-                process.wait(timeout=5)
+    with (
+        reserved_instance(vehicle=f"delay{os.getpid()}") as instance,
+        running_module("jezero.runtime.router", instance=instance),
+        running_module("benchmarks.link_delay", "sender", instance=instance),
+        running_module("benchmarks.link_delay", "receiver", instance=instance) as receiver,
+    ):
+        time.sleep(SECONDS)
+        receiver.terminate()
         assert receiver.stdout is not None
         delays_s = sorted(int(text) / 1e9 for text in receiver.stdout.read().split()[25:])
     median = statistics.median(delays_s)
@@ -80,7 +74,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    roles = {"sender": Sender, "receiver": Receiver}
     if len(sys.argv) > 1:
-        sys.exit(run_service(roles[sys.argv[1]](), instance_from_environment(), new_boot_id()))
+        service: Service = Sender() if sys.argv[1] == "sender" else Receiver()
+        sys.exit(run_service(service, instance_from_environment(), new_boot_id()))
     main()

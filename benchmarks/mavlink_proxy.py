@@ -103,7 +103,7 @@ class Relay:
         self._inner.bind((HOST, own_port))
         self._inner.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         self._inner.connect((HOST, bridge_port))
-        self._autopilot: object = None
+        self._autopilot: tuple[str, int] | None = None
         self._odometry = b""
         self._others_due_ns: int | None = None
         self._others_begun = 0
@@ -143,7 +143,7 @@ class Relay:
         t_ns, data = kernel_time_ns(self._inner)
         self.from_bridge.append((t_ns, data))
         if self._autopilot is not None:
-            self._outer.sendto(data, self._autopilot)  # type: ignore[arg-type]
+            self._outer.sendto(data, self._autopilot)
 
     def _begin_other(self) -> None:
         self._others_due_ns = None

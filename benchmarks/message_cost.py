@@ -16,16 +16,17 @@ import msgspec
 
 from benchmarks.stack import cpu_ns, running_module
 from jezero.deploy.launcher.ports import reserved_instance
+from jezero.runtime.codec import decode
 from jezero.runtime.config import instance_from_environment
 from jezero.runtime.service import Inbox, Output, Publish, Spec
 from jezero.runtime.zenoh_bus import new_boot_id, run_service
 from jezero.schemas.struct import Message
-from jezero.schemas.topics import TOPICS, Topic
+from jezero.schemas.topics import ACTIONS, TOPICS, Topic, feedback_of
 
 RATE_HZ = 100.0
 COUNT = 200
 """Messages of each topic."""
-NAMED = {topic.name: topic for topic in TOPICS}
+NAMED = {topic.name: topic for topic in (*TOPICS, *map(feedback_of, ACTIONS.values()))}
 
 
 class Cost(msgspec.Struct, frozen=True):
@@ -82,7 +83,7 @@ def measure(samples: Mapping[str, bytes], folder: Path) -> dict[str, Cost]:
         samples: one payload of each topic, as it was seen on the bus.
     """
     path = folder / "samples.json"
-    path.write_bytes(msgspec.json.encode({name: data.decode() for name, data in samples.items()}))
+    path.write_bytes(msgspec.json.encode(samples))
     with reserved_instance(vehicle="cost") as instance, ExitStack() as stack:
         router = stack.enter_context(running_module("jezero.runtime.router", instance=instance))
         reader = stack.enter_context(running_module("benchmarks.message_cost", "reader", str(path), instance=instance))
@@ -102,8 +103,8 @@ def measure(samples: Mapping[str, bytes], folder: Path) -> dict[str, Cost]:
 
 def main() -> int:
     role, path, *pids = sys.argv[1:]
-    samples: dict[str, str] = msgspec.json.decode(Path(path).read_bytes())
-    messages = {name: msgspec.json.decode(text, type=NAMED[name].type) for name, text in samples.items()}
+    samples = msgspec.json.decode(Path(path).read_bytes(), type=dict[str, bytes])
+    messages = {name: decode(NAMED[name].type, data) for name, data in samples.items()}
     service = Reader(messages) if role == "reader" else Writer(messages, *map(int, pids))
     return run_service(service, instance_from_environment(), new_boot_id())
 

@@ -109,8 +109,8 @@ def draw_contact_sheet(folder: Path, form: Format) -> list[Path]:
     chosen = [
         taken[i] for i in np.unique(np.linspace(0, len(taken) - 1, min(len(taken), SHEET_MAX)).round().astype(int))
     ]
-    columns = min(len(chosen), max(2, ceil(sqrt(len(chosen) * 4 / 3))))
-    rows = ceil(len(chosen) / columns)
+    rows = max(1, round(sqrt(len(chosen) * 3 / 4)))
+    columns = ceil(len(chosen) / rows)
 
     def fill(figure: Any, axes: Any) -> None:
         from PIL import Image as Pillow

@@ -38,20 +38,15 @@ def test_a_status_from_before_the_grant_ends_nothing(after_s: float, ahead_s: fl
     assert not goal.ended, goal.replies[-1]
 
 
-def test_a_restarted_bridge_ends_the_goal() -> None:
+@pytest.mark.parametrize(
+    ("name", "reason"), [("boot_id", "the vehicle bridge restarted"), ("epoch_id", "the vehicle restarted")]
+)
+def test_another_boot_or_epoch_ends_the_goal(name: str, reason: str) -> None:
     world = World()
     goal = world.flying()
-    world.bridge.boot_id = 8
+    setattr(world.bridge, name, 8)
     result = world.end(goal, 0.2)
-    assert (result.outcome, result.reason) == ("aborted", "the vehicle bridge restarted")
-
-
-def test_a_new_epoch_ends_the_goal() -> None:
-    world = World()
-    goal = world.flying()
-    world.bridge.epoch_id = 2
-    result = world.end(goal, 0.2)
-    assert (result.outcome, result.reason) == ("aborted", "the vehicle restarted")
+    assert (result.outcome, result.reason) == ("aborted", reason)
 
 
 def test_a_dead_bridge_ends_the_goal_within_1_2_s() -> None:
