@@ -3,7 +3,7 @@
 # make test       every check there is
 # make campaign   three minutes of missions with faults; the seeds follow from the commit
 # make broken     fly bridges that are broken on purpose with full physics until each is caught: ten minutes or so
-# make bench      measure speed and cost: one table, and runs/bench.json
+# make speed      measure speed and cost: one table, and runs/bench.json
 
 # Arrays are small here: threads of the linear algebra library only wait for each other.
 export OPENBLAS_NUM_THREADS := 1
@@ -13,7 +13,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: setup demo test campaign broken bench
+.PHONY: setup demo test campaign broken speed
 
 setup: $(INSTALLED)
 
@@ -40,5 +40,5 @@ campaign: setup
 broken: setup
 	$(BIN)/pytest -q -s -m slow tests/scenario/test_broken_builds.py
 
-bench: setup
-	$(BIN)/python -m benchmarks.bench
+speed: setup
+	$(BIN)/python -m benchmarks.speed

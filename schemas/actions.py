@@ -77,7 +77,7 @@ class LandOnSpotGoal(Goal, frozen=True, kw_only=True):
     landing_spot_ned_m: PositionNed | None = None
     frame: Frame = "world"
     use_uwb: bool = True
-    use_marker: bool = True
+    use_tag: bool = True
 
 
 class GetImagesGoal(Goal, frozen=True, kw_only=True):

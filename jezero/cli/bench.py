@@ -8,9 +8,9 @@ import click
 from jezero.cli.exit_codes import FAILED
 
 if TYPE_CHECKING:
-    from jezero.deploy.landing.benchmark import LandingReport
-    from jezero.deploy.landing.flight import Landing
-    from jezero.deploy.landing.trial import CaseName, RoverName
+    from jezero.trials.landing.benchmark import LandingReport
+    from jezero.trials.landing.flight import Landing
+    from jezero.trials.landing.trial import CaseName, RoverName
 
 CASES = ("uwb+tag", "uwb", "tag", "none")
 
@@ -57,8 +57,8 @@ def landing(
     """
     import msgspec
 
-    from jezero.deploy.landing.benchmark import fly_landings
-    from jezero.deploy.landing.trial import Conditions
+    from jezero.trials.landing.benchmark import fly_landings
+    from jezero.trials.landing.trial import Conditions
 
     failed = False
     for name in CASES if case == "all" else (case,):

@@ -14,8 +14,8 @@ import click
 from jezero.cli.exit_codes import ABORTED
 
 if TYPE_CHECKING:
-    from jezero.deploy.campaign.campaign import CampaignReport
-    from jezero.deploy.campaign.mission import MissionReport
+    from jezero.trials.campaign.campaign import CampaignReport
+    from jezero.trials.campaign.mission import MissionReport
 
 LONGEST = 1_000_000
 FAULTS_MAX = 200
@@ -82,10 +82,10 @@ def campaign(
     """
     import msgspec
 
-    from jezero.deploy.campaign.campaign import CampaignReport, fly_campaign
-    from jezero.deploy.campaign.faults import COUNTS
-    from jezero.deploy.campaign.mission import fly_mission
-    from jezero.deploy.campaign.seeds import in_time
+    from jezero.trials.campaign.campaign import CampaignReport, fly_campaign
+    from jezero.trials.campaign.faults import COUNTS
+    from jezero.trials.campaign.mission import fly_mission
+    from jezero.trials.campaign.seeds import in_time
 
     if commit is not None and (seeds is not None or minutes is None):
         raise click.UsageError("--commit takes the place of --seeds, and --minutes says for how long: give these two")
@@ -118,7 +118,7 @@ def campaign(
 
 def _seeds_of(revision: str) -> Iterable[int]:
     """A commit's seeds, without end; those from 0 on where there is no git checkout."""
-    from jezero.deploy.campaign.seeds import NoCheckoutError, commit_hash, first_seed
+    from jezero.trials.campaign.seeds import NoCheckoutError, commit_hash, first_seed
 
     first = 0
     try:

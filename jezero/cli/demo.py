@@ -14,9 +14,9 @@ import click
 from jezero.cli.flight import Printer, connected
 from jezero.cli.fly import draw, fly_fast, fly_mission, recorded
 from jezero.cli.mapping import map_pictures
-from jezero.cli.mission import DEMONSTRATION
 from jezero.report.flight_log import LOG
 from jezero.schemas.topics import AREA_COVERAGE
+from jezero.trials.missions import DEMONSTRATION
 
 READY_WITHIN_S = 60.0
 

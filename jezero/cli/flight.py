@@ -206,13 +206,13 @@ def target(
 
 @click.command(name="land_on_spot", context_settings=NUMBERS)
 @click.argument("use_uwb", type=bool, default=True)
-@click.argument("use_marker", type=bool, default=True)
+@click.argument("use_tag", type=bool, default=True)
 @click.option("--spot", nargs=3, type=FINITE, metavar="X Y Z", help="Where the rover is: metres north, east and down.")
 @click.option("--frame", type=FRAMES, default="world", show_default=True, help="Frame of the spot.")
 @common_options
 def land_on_spot(
     use_uwb: bool,
-    use_marker: bool,
+    use_tag: bool,
     spot: tuple[float, float, float] | None,
     frame: str,
     vehicle: str,
@@ -226,27 +226,27 @@ def land_on_spot(
     """
     printer = Printer(as_json)
     if not use_uwb and spot is None:
-        spot = _asked_for_spot(use_marker)
+        spot = _asked_for_spot(use_tag)
     if not use_uwb and spot is not None and not as_json:
-        what = "Rover position" if use_marker else "Landing spot"
+        what = "Rover position" if use_tag else "Landing spot"
         click.echo(f"{what}: [{spot[0]:g}, {spot[1]:g}, {spot[2]:g}]")
     with connected(vehicle, router, printer) as uav:
-        goal = uav.land_on_spot(spot_ned_m=spot, frame=cast("Frame", frame), use_uwb=use_uwb, use_marker=use_marker)
+        goal = uav.land_on_spot(spot_ned_m=spot, frame=cast("Frame", frame), use_uwb=use_uwb, use_tag=use_tag)
         fly_goal(printer, goal, "land_on_spot")
 
 
-def _asked_for_spot(use_marker: bool) -> tuple[float, float, float]:
+def _asked_for_spot(use_tag: bool) -> tuple[float, float, float]:
     """As in the thesis' Fig. 4.9; scripts give it with an option."""
     if not sys.stdin.isatty():
         raise click.UsageError("without UWB the landing spot must be given: --spot X Y Z")
     click.echo("Not using UWB")
-    what = "rover position" if use_marker else "landing spot"
+    what = "rover position" if use_tag else "landing spot"
     spot = (
         click.prompt(f"Enter {what} x ", type=FINITE),
         click.prompt(f"Enter {what} y ", type=FINITE),
         click.prompt(f"Enter {what} z ", type=FINITE, default=0.0),
     )
-    click.echo("Using apriltag" if use_marker else "Not using apriltag")
+    click.echo("Using apriltag" if use_tag else "Not using apriltag")
     return spot
 
 

@@ -14,14 +14,14 @@ import click
 
 from jezero.cli.exit_codes import ABORTED
 from jezero.cli.flight import Printer, common_options, connected, fly_goal
-from jezero.cli.mission import FLIGHT, Mission
 from jezero.cli.pictures import take_pictures
 from jezero.report.flight_log import LOG
 from jezero.schemas.actions import AreaCoverageGoal, GetImagesGoal, GoToGoal, LandOnSpotGoal, TakeoffGoal
+from jezero.trials.missions import FLIGHT, Mission
 
 if TYPE_CHECKING:
     from jezero.client import Goal, Vehicle
-    from jezero.deploy.virtual_flight import Photographed
+    from jezero.trials.flight import Photographed
 
 RECORDED_AFTERWARDS_S = 0.5
 
@@ -55,7 +55,7 @@ def fly_fast(printer: Printer, mission: Mission, seed: int, out: Path | None) ->
     """
     import msgspec
 
-    from jezero.deploy.virtual_flight import fly_virtually
+    from jezero.trials.flight import fly_virtually
 
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
@@ -117,7 +117,7 @@ def _send(uav: "Vehicle", goal: Any) -> "Goal[Any, Any]":
         case GoToGoal():
             return uav.go_to(*goal.target_ned_m)
         case LandOnSpotGoal():
-            return uav.land_on_spot(goal.landing_spot_ned_m, use_uwb=goal.use_uwb, use_marker=goal.use_marker)
+            return uav.land_on_spot(goal.landing_spot_ned_m, use_uwb=goal.use_uwb, use_tag=goal.use_tag)
         case _:
             raise TypeError(f"the mission has a {type(goal).__name__}, which nobody here can send")
 

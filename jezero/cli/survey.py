@@ -161,9 +161,9 @@ def _remember(folder: Path, goal: "AreaCoverageGoal | None") -> None:
 def _show_plan(goal: "AreaCoverageGoal", file: Path, as_json: bool) -> None:
     from jezero.report.coverage_plot import draw_plan
     from jezero.runtime.config import load_config
+    from jezero.services.actions.area_coverage.area import AreaError
+    from jezero.services.actions.area_coverage.planned import plan_coverage
     from jezero.services.actions.config import ActionsConfig
-    from jezero.services.actions.coverage.area import AreaError
-    from jezero.services.actions.coverage.planned import plan_coverage
 
     try:
         plan = plan_coverage(goal, load_config(ActionsConfig, "actions"))

@@ -12,8 +12,8 @@ from jezero.client.session import Arrivals, Connection, decode
 from jezero.schemas.commands import RoverCommand
 from jezero.schemas.state import Clock
 from jezero.schemas.topics import CLOCK, ROVER_COMMAND
+from jezero.schemas.units import NS_PER_S
 
-NS_PER_S = 1e9
 SILENCE_S = 3.0
 SPEED_MAX_MPS = 2.0
 YAW_RATE_MAX_RPS = 1.0

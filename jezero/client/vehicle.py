@@ -148,14 +148,14 @@ class Vehicle:
         *,
         frame: Frame = "world",
         use_uwb: bool = True,
-        use_marker: bool = True,
+        use_tag: bool = True,
         on_client_loss: OnClientLoss = "continue",
     ) -> Goal[LandFeedback, LandResult]:
         """Land on the rover.
 
         Args:
             spot_ned_m: without UWB: roughly where the rover is, or without either sensor where to land.
-            use_uwb, use_marker: what finds the rover.
+            use_uwb, use_tag: what finds the rover.
         """
         if spot_ned_m is not None:
             _require_finite(x_m=spot_ned_m[0], y_m=spot_ned_m[1], z_m=spot_ned_m[2])
@@ -164,7 +164,7 @@ class Vehicle:
             landing_spot_ned_m=spot_ned_m,
             frame=frame,
             use_uwb=use_uwb,
-            use_marker=use_marker,
+            use_tag=use_tag,
         )
         return self._send(LAND_ON_SPOT, goal)
 
@@ -373,7 +373,7 @@ class Vehicle:
             self.hover()
             status = self.status()
         spot_ned_m = None if status.odometry is None else status.odometry.pos_uav_ned_m
-        self.land_on_spot(spot_ned_m, use_uwb=False, use_marker=False).result()
+        self.land_on_spot(spot_ned_m, use_uwb=False, use_tag=False).result()
 
     def _send(self, action: Action[Any], goal: GoalPayload) -> Goal[Any, Any]:
         return Goal(self._connection, action, goal, ANSWER_S)

@@ -15,11 +15,11 @@ from jezero.schemas import topics
 from jezero.schemas.actions import LandFeedback
 from jezero.schemas.sensors import RoverOdometry, Uwb
 from jezero.schemas.state import Odometry, StatusCode
+from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.config import EstimatorConfig, Vehicle
 from jezero.services.estimator.trilateration import trilaterate
 
 Array = npt.NDArray[np.float64]
-NS_PER_S = 1e9
 VARIANCES = (0, 6, 11)
 """Of the position, in the upper triangle of a covariance of six."""
 AFTER_NS = 1_000_000_000

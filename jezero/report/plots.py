@@ -10,11 +10,11 @@ from jezero.report.flight_log import Entry
 from jezero.report.style import BLUE, GREEN, ORANGE, Format, draw
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
+from jezero.schemas.units import NS_PER_S
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-NS_PER_S = 1e9
 COLOURS = (BLUE, ORANGE, GREEN)
 NOWHERE: Vec3 = (nan, nan, nan)
 SETPOINT_GAP_S = 0.5

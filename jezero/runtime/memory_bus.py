@@ -18,8 +18,8 @@ from jezero.runtime.node import Node
 from jezero.runtime.service import Service
 from jezero.schemas.struct import Payload
 from jezero.schemas.topics import Endpoint, Topic, health_of
+from jezero.schemas.units import NS_PER_S
 
-NS_PER_S = 1_000_000_000
 Observer = Callable[[int, str, bytes], None]
 Tamper = Callable[[str, str, str, int, bytes], Iterable[tuple[int, bytes]]]
 """(sender, receiver, name, t_ns of arrival, data) to what arrives instead, and when.
@@ -32,7 +32,7 @@ REPLY = "@reply"
 
 @dataclass(frozen=True)
 class LinkDelay:
-    """Log-normal delay of a link, measured on the real bus by `benchmarks/link_delay.py`.
+    """Log-normal delay of a link, measured on the real bus by `benchmarks/speed/link_delay.py`.
 
     Attributes:
         median_s: half of the messages take less.

@@ -5,19 +5,19 @@ from typing import Any, Protocol
 
 from jezero.runtime.codec import BadPayloadError, NotFiniteError, decode, decode_request, encode, reader
 from jezero.runtime.service import (
+    BackgroundTask,
     Call,
     Health,
-    Listen,
     Output,
-    Pace,
     Publish,
     Reply,
     Request,
     Response,
     Send,
     Service,
+    SetRate,
+    Subscribe,
     UndeclaredError,
-    Work,
 )
 from jezero.schemas.health import InputHealth, ServiceHealth, ServiceState
 from jezero.schemas.struct import Payload
@@ -79,7 +79,7 @@ class Mailbox:
         return self._latest.get(topic.name)
 
     @property
-    def asked(self) -> bool:
+    def has_requests(self) -> bool:
         return bool(self._requests)
 
     def requests(self, endpoint: Endpoint[Any, Any]) -> Sequence[Request]:
@@ -268,11 +268,11 @@ class Node:
                 self._transport.reply(output.request_id, data, final=output.final)
             case Call():
                 self._call(output)
-            case Listen():
+            case Subscribe():
                 self._listen(output)
-            case Pace():
+            case SetRate():
                 self._transport.pace(output.rate_hz or self.spec.rate_hz)
-            case Work():
+            case BackgroundTask():
                 self._transport.work(output.function, output.tag)
             case Health():
                 self._state, self._text = output.state, output.text[:2000]
@@ -299,7 +299,7 @@ class Node:
             self._pending_calls[call_id] = output
             self._transport.call(output.endpoint, data, call_id, output.timeout_s)
 
-    def _listen(self, output: Listen) -> None:
+    def _listen(self, output: Subscribe) -> None:
         names = frozenset(topic.name for topic in output.topics)
         for name in sorted(names - self._demandable):
             self._require(False, "on_demand", name)

@@ -27,14 +27,14 @@ class Spec:
     Attributes:
         name: unique within a vehicle; also the liveliness token and the key of its health.
         inputs: topics it always listens to.
-        on_demand: topics it listens to only while a `Listen` output names them.
+        on_demand: topics it listens to only while a `Subscribe` output names them.
         outputs: topics it publishes.
         last_value: outputs whose latest message is also answered to a plain get on the same key.
         serves: endpoints it answers; the runtime refuses to start a second server of the same name.
         calls: endpoints it asks.
         links: byte pipes by name; the shell decides whether they are TCP, UDP or memory.
         triggers: names of topics, endpoints or links whose arrival makes a step at once.
-        rate_hz: steps per second of vehicle time when no trigger arrives; `Pace` changes it.
+        rate_hz: steps per second of vehicle time when no trigger arrives; `SetRate` changes it.
         lockstep: the time master names the link whose answer it awaits after each step (at most 20 ms); vehicle
             time starts when this link first connects. None for every other service.
         watches_clients: the inbox tells which clients have vanished.
@@ -97,19 +97,19 @@ class Send(msgspec.Struct, frozen=True):
     data: bytes
 
 
-class Listen(msgspec.Struct, frozen=True):
+class Subscribe(msgspec.Struct, frozen=True):
     """From now on listen to exactly these of `Spec.on_demand`; the others' latest values are forgotten."""
 
     topics: tuple[Topic[Any], ...]
 
 
-class Pace(msgspec.Struct, frozen=True):
+class SetRate(msgspec.Struct, frozen=True):
     """From now on step so often when no trigger arrives; None is the rate of the `Spec` again."""
 
     rate_hz: float | None
 
 
-class Work(msgspec.Struct, frozen=True):
+class BackgroundTask(msgspec.Struct, frozen=True):
     """What takes too long for a step: carried out beside the service, which goes on stepping meanwhile.
 
     One at a time, in the order they were asked for.
@@ -129,7 +129,7 @@ class Health(msgspec.Struct, frozen=True):
     text: str
 
 
-Output = Publish | Reply | Call | Send | Listen | Pace | Work | Health
+Output = Publish | Reply | Call | Send | Subscribe | SetRate | BackgroundTask | Health
 
 
 # -- what a step is given ----------------------------------------------------------------------------------
@@ -145,7 +145,7 @@ class Request(msgspec.Struct, frozen=True):
 
 class Response(msgspec.Struct, frozen=True):
     """An answer to a `Call`: a payload, or the reason why there is none ("timeout", "no server", ...); or the outcome
-    of a `Work`."""
+    of a `BackgroundTask`."""
 
     tag: str
     payload: Any | None
@@ -181,7 +181,7 @@ class Inbox(Protocol):
         """The newest message ever seen, or None."""
 
     @property
-    def asked(self) -> bool:
+    def has_requests(self) -> bool:
         """Whether there are any questions since the last step."""
 
     def requests(self, endpoint: Endpoint[Any, Any]) -> Sequence[Request]:

@@ -1,4 +1,4 @@
-"""Carries out a service's `Work` in a thread beside its loop, one piece at a time."""
+"""Carries out a service's `BackgroundTask` in a thread beside its loop, one piece at a time."""
 
 import queue
 import threading
@@ -19,7 +19,7 @@ class Worker:
         self._started = False
 
     def add(self, function: Callable[[], Any], tag: str) -> None:
-        """Work for later; returns at once."""
+        """Queue a function; returns at once."""
         self._tasks.put((function, tag))
         if not self._started:
             self._started = True

@@ -27,10 +27,11 @@ from jezero.runtime.node import Node
 from jezero.runtime.service import Service
 from jezero.runtime.worker import Worker
 from jezero.runtime.zenoh_session import AlreadyRunningError, BusSession, Kind, picture_data
-from jezero.runtime.zenoh_transport import NS_PER_S, ZenohTransport
+from jezero.runtime.zenoh_transport import ZenohTransport
 from jezero.schemas import topics
 from jezero.schemas.state import Clock
 from jezero.schemas.topics import health_of
+from jezero.schemas.units import NS_PER_S
 
 PACE_SLACK_NS = 20_000_000
 """A time master that is this much late slows vehicle time instead of catching up."""

@@ -195,7 +195,7 @@ class BusSession:
         return spec.lockstep is None and bool(spec.inputs or spec.outputs or spec.serves)
 
     def subscribe(self, name: str) -> None:
-        """Listen to a topic; only a put on exactly its key counts."""
+        """Subscribe to a topic; only a put on exactly its key counts."""
         own = key(self._instance.vehicle, name)
         exactly = zenoh.KeyExpr(own)
         triggers, step, enqueue = name in self._spec.triggers, self._step, self._enqueue

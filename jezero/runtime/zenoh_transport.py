@@ -12,8 +12,8 @@ from jezero.runtime.service import Spec
 from jezero.runtime.worker import Worker
 from jezero.runtime.zenoh_session import BusSession
 from jezero.schemas.topics import Endpoint, Topic, key
+from jezero.schemas.units import NS_PER_S
 
-NS_PER_S = 1_000_000_000
 HELD_NS = 10_000_000
 """State that changes with a reply is published so much later: it wakes a dozen processes, and the one that waits for
 the reply would have to share the processor with them."""

@@ -5,10 +5,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from jezero.runtime.spool import Spool
 from jezero.runtime.worker import Worker
 from jezero.runtime.zenoh_bus import run_process
 from jezero.schemas.topics import ACTIONS
+from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.table import BEHAVIOURS, action_server
 
 
@@ -21,7 +21,7 @@ def main() -> int:
     run_dir = os.environ.get("JEZERO_RUN_DIR")
     folder = Path(run_dir).absolute() / "pictures" / name if run_dir else None
     worker = Worker(_raise)
-    spool = Spool(folder, do=lambda work: worker.add(work, "")) if ACTIONS[name].takes_pictures else None
+    spool = PictureStore(folder, do=lambda work: worker.add(work, "")) if ACTIONS[name].takes_pictures else None
     return run_process(name, lambda _instance, boot_id: (action_server(name, boot_id, spool=spool), {}))
 
 

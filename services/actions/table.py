@@ -3,16 +3,16 @@
 from collections.abc import Callable
 
 from jezero.runtime.config import load_config
-from jezero.runtime.spool import Spool
 from jezero.schemas.topics import ACTIONS
-from jezero.services.actions.area_coverage import AreaCoverage
-from jezero.services.actions.behaviour import Behaviour
+from jezero.services.actions.area_coverage.behaviour import AreaCoverage
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.get_images import GetImages
-from jezero.services.actions.go_to import GoTo
-from jezero.services.actions.land_on_spot import LandOnSpot
-from jezero.services.actions.server import ActionServer
-from jezero.services.actions.takeoff import Takeoff
+from jezero.services.actions.get_images.behaviour import GetImages
+from jezero.services.actions.go_to.behaviour import GoTo
+from jezero.services.actions.land_on_spot.behaviour import LandOnSpot
+from jezero.services.actions.lifecycle.behaviour import Behaviour
+from jezero.services.actions.lifecycle.picture_store import PictureStore
+from jezero.services.actions.lifecycle.server import ActionServer
+from jezero.services.actions.takeoff.behaviour import Takeoff
 
 BEHAVIOURS: dict[str, Callable[[ActionsConfig], Behaviour]] = {
     "takeoff": Takeoff,
@@ -24,7 +24,7 @@ BEHAVIOURS: dict[str, Callable[[ActionsConfig], Behaviour]] = {
 
 
 def action_server(
-    name: str, boot_id: int, config: ActionsConfig | None = None, spool: Spool | None = None
+    name: str, boot_id: int, config: ActionsConfig | None = None, spool: PictureStore | None = None
 ) -> ActionServer:
     """The server of the action of that name; settings from `actions.toml` unless given.
 

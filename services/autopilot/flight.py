@@ -1,12 +1,12 @@
 """From a setpoint to motor commands: on the ground, lifting off, in the air, touching down."""
 
 from jezero.frames import Vec3
-from jezero.lean import leans_over
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.control import Controller, Kinematics, Setpoint
 from jezero.services.autopilot.estimator import Estimator
 from jezero.services.autopilot.land_detector import CLIMB_WANTED_MPS, LandDetector
 from jezero.services.autopilot.mixer import Commands
+from jezero.tilt_contact import is_tilted_by_contact
 
 OUTER_STEPS = 4
 """The velocity loop runs with every fourth IMU sample."""
@@ -49,7 +49,7 @@ class Flight:
             return None
         r = self._estimator.R_ned_from_frd
         up_ned = (-r[2], -r[5])
-        return up_ned if leans_over(up_ned, self._controller.up_wanted_ned[:2]) else None
+        return up_ned if is_tilted_by_contact(up_ned, self._controller.up_wanted_ned[:2]) else None
 
     def leave(self) -> None:
         """Away from what it touches."""

@@ -4,6 +4,7 @@ from dataclasses import replace
 from math import inf, sqrt
 
 from jezero.frames import Vec3, subtract
+from jezero.frozen_sensor import FrozenSensorDetector
 from jezero.services.autopilot.alignment import FIX_AGE_MAX_US, Fix
 from jezero.services.autopilot.battery import Battery
 from jezero.services.autopilot.commander import Commander, Condition
@@ -15,7 +16,6 @@ from jezero.services.autopilot.navigator import Navigator
 from jezero.services.autopilot.parameters import Parameters, Value
 from jezero.services.autopilot.parts import Estimate, Pilot
 from jezero.services.autopilot.streams import Snapshot
-from jezero.stuck import Stuck
 
 STEP_MAX_S = 0.05
 COMMANDER_PERIOD_US = 10_000
@@ -49,7 +49,9 @@ class Vehicle:
         self._usable_fix_us: int | None = None
         self._mag_us: int | None = None
         self._baro_us: int | None = None
-        self._fix_stuck, self._mag_stuck, self._baro_stuck = Stuck(), Stuck(), Stuck()
+        self._gnss_freeze = FrozenSensorDetector()
+        self._mag_freeze = FrozenSensorDetector()
+        self._baro_freeze = FrozenSensorDetector()
         self._link_us: int | None = None
         self._offboard = Setpoint()
         self._offboard_us: int | None = None
@@ -72,7 +74,7 @@ class Vehicle:
 
     def fix(self, fix: Fix) -> None:
         """One GNSS fix; one that repeats itself, or is of another time, is none to fly by."""
-        stuck = self._fix_stuck.is_so((fix.position_deg, fix.vel_ned_mps))
+        stuck = self._gnss_freeze.is_frozen((fix.position_deg, fix.vel_ned_mps))
         if stuck or (fix.t_us and abs(self.t_us - fix.t_us) > FIX_AGE_MAX_US):
             fix = replace(fix, usable=False)
         self._fix, self._fix_us = fix, self.t_us
@@ -89,10 +91,10 @@ class Vehicle:
         if reading.imu is not None:
             estimator.imu(reading.t_us, *reading.imu)
         field_frd_gauss, altitude_m = reading.field_frd_gauss, reading.altitude_pressure_m
-        if field_frd_gauss is not None and not self._mag_stuck.is_so(field_frd_gauss):
+        if field_frd_gauss is not None and not self._mag_freeze.is_frozen(field_frd_gauss):
             self._mag_us = reading.t_us
             estimator.mag(field_frd_gauss)
-        if altitude_m is not None and not self._baro_stuck.is_so(altitude_m):
+        if altitude_m is not None and not self._baro_freeze.is_frozen(altitude_m):
             self._baro_us = reading.t_us
             estimator.baro(altitude_m)
         self._follow_reset()

@@ -5,8 +5,8 @@ from collections import deque
 
 from jezero.frames import Quat, quat_from_rotation_vector, quat_multiply, quat_normalize, scale
 from jezero.schemas.state import Odometry
+from jezero.schemas.units import NS_PER_S
 
-NS_PER_S = 1e9
 KEPT = 100
 
 

@@ -7,9 +7,9 @@ from math import inf, isfinite, sqrt
 import msgspec
 import numpy as np
 
+from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.motion import POS_ROVER, POS_UAV, SIZE, Array, MotionModel
 
-NS_PER_S = 1_000_000_000
 ORIGIN = np.zeros(SIZE)
 
 

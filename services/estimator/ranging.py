@@ -5,10 +5,10 @@ from collections import deque
 from itertools import combinations
 from statistics import median
 
+from jezero.frozen_sensor import FrozenSensorDetector
 from jezero.schemas.sensors import Uwb, UwbRange
-from jezero.stuck import Stuck
+from jezero.schemas.units import NS_PER_S
 
-NS_PER_S = 1_000_000_000
 NOISE_NS = 2 * NS_PER_S
 LINE_NS = NS_PER_S // 2
 LINE_MIN = 5
@@ -36,7 +36,7 @@ class RangeScreen:
         self._past: dict[int, Past] = {}
         self._bends_m: list[float] = []
         """How far all these are off, ascending."""
-        self._repeats: dict[int, Stuck] = {}
+        self._repeats: dict[int, FrozenSensorDetector] = {}
         self._stuck: set[int] = set()
 
     def clear(self) -> None:
@@ -71,7 +71,7 @@ class RangeScreen:
         return tuple(r for r in uwb.ranges if r.anchor not in self._stuck and not self._is_detour(r, limit_m))
 
     def _note_repeats(self, r: UwbRange) -> None:
-        if self._repeats.setdefault(r.anchor, Stuck()).is_so(r.range_m):
+        if self._repeats.setdefault(r.anchor, FrozenSensorDetector()).is_frozen(r.range_m):
             self._stuck.add(r.anchor)
         else:
             self._stuck.discard(r.anchor)

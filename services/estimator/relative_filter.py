@@ -6,8 +6,9 @@ from math import inf, isfinite
 import msgspec
 import numpy as np
 
+from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.config import Trust, Tuning
-from jezero.services.estimator.kalman import NS_PER_S, Kalman, Moment
+from jezero.services.estimator.kalman import Kalman, Moment
 from jezero.services.estimator.locating import UwbWindow
 from jezero.services.estimator.measurements import (
     Kind,

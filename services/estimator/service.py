@@ -6,13 +6,14 @@ from typing import NamedTuple
 import numpy as np
 
 from jezero.frames import Vec3, add, quat_rotate, scale, subtract, wrap_pi, yaw_from_quat
+from jezero.frozen_sensor import FrozenSensorDetector
 from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Spec
 from jezero.schemas import sensors, topics
 from jezero.schemas.estimate import Relative, RoverEstimate, TagEstimate
 from jezero.schemas.state import Odometry
+from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.attitudes import Attitudes
 from jezero.services.estimator.config import EstimatorConfig
-from jezero.services.estimator.kalman import NS_PER_S
 from jezero.services.estimator.measurements import (
     AltimeterRange,
     Kind,
@@ -27,7 +28,6 @@ from jezero.services.estimator.ranging import RangeScreen
 from jezero.services.estimator.relative_filter import Estimate, RelativeFilter
 from jezero.services.estimator.rover_screen import RoverScreen
 from jezero.services.estimator.selection import Selection
-from jezero.stuck import Stuck
 
 UPPER_6 = np.triu_indices(6)
 NAMES: dict[Kind, str] = {"rover": "the rover's odometry", "uwb": "UWB", "tag": "the tag"}
@@ -83,7 +83,7 @@ class Estimator:
         self._attitude = Attitudes(ATTITUDE_AGE_MAX_S)
         self._screen = RangeScreen()
         self._rover_screen = RoverScreen()
-        self._tag_repeats = Stuck()
+        self._tag_repeats = FrozenSensorDetector()
         self._epoch_id: int | None = None
         self._since_ns = 0
         """Sensors' messages of before belong to another epoch, or another selection."""
@@ -262,7 +262,7 @@ class Estimator:
         q_ned_from_frd = self._attitude.at(tag.t_ns)
         if q_ned_from_frd is None:
             return
-        if self._tag_repeats.is_so(tag.pos_uav_rel_rover_ned_m):  # the camera shows the same picture all the time
+        if self._tag_repeats.is_frozen(tag.pos_uav_rel_rover_ned_m):  # the camera shows the same picture all the time
             self._dropped += 1
             return
         arm_m = np.array(tag.pos_uav_rel_rover_ned_m)

@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 
 from jezero.schemas.commands import RoverCommand
+from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.config import RoverConfig
 
-NS_PER_S = 1_000_000_000
 AGE_MAX_NS = 300_000_000
 LEAD_MAX_NS = 50_000_000
 """Clocks of two processes agree to this: a command may seem to be so much ahead of its time."""

@@ -3,7 +3,8 @@
 from collections import deque
 from typing import Generic, TypeVar
 
-NS_PER_S = 1_000_000_000
+from jezero.schemas.units import NS_PER_S
+
 T = TypeVar("T")
 
 

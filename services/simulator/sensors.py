@@ -18,6 +18,7 @@ from jezero.frames import (
     wrap_pi,
 )
 from jezero.schemas import sensors as messages
+from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.body import BodyState, RoverState
 from jezero.services.simulator.config import (
     AltimeterConfig,
@@ -31,7 +32,6 @@ from jezero.services.simulator.config import (
 )
 from jezero.services.simulator.noise import Normals, Wander, generator, normals_of
 
-NS_PER_S = 1_000_000_000
 PRESSURE_SEA_PA = 101_325.0
 TEMPERATURE_SEA_K = 288.15
 LAPSE_KPM = 0.0065

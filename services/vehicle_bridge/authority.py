@@ -19,7 +19,7 @@ from jezero.services.vehicle_bridge.admission import (
     why_not_setpoint,
 )
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
-from jezero.services.vehicle_bridge.goals_past import GoalsPast
+from jezero.services.vehicle_bridge.goal_history import GoalsPast
 from jezero.services.vehicle_bridge.maneuvers import Aborting, coming_to_rest, hovering_after, pressing_down
 from jezero.services.vehicle_bridge.resets import ResetHistory
 from jezero.services.vehicle_bridge.takeover import Takeover, Tidying

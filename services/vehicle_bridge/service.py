@@ -5,7 +5,7 @@ from dataclasses import replace
 from math import inf
 
 from jezero.frames import Quat, altitude_m
-from jezero.runtime.service import Health, Inbox, Listen, Output, Publish, Send, Spec
+from jezero.runtime.service import Health, Inbox, Output, Publish, Send, Spec, Subscribe
 from jezero.schemas.commands import Setpoint
 from jezero.schemas.health import ServiceState
 from jezero.schemas.state import Status, StatusCode
@@ -24,9 +24,9 @@ from jezero.schemas.topics import (
 from jezero.services.vehicle_bridge.authority import Authority
 from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink, Received
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
-from jezero.services.vehicle_bridge.followed import Followed
-from jezero.services.vehicle_bridge.questions import Questions
+from jezero.services.vehicle_bridge.foreign_setpoints import Followed
 from jezero.services.vehicle_bridge.readiness import why_carried, why_not_ready
+from jezero.services.vehicle_bridge.request_queue import Questions
 from jezero.services.vehicle_bridge.timer import Timer
 from jezero.services.vehicle_bridge.vehicle import OFFBOARD, Situation, Standing, Target
 
@@ -115,7 +115,7 @@ class VehicleBridge:
             if self._can_wait(told, inbox):
                 return
         setpoints = inbox.new(SETPOINT)
-        if setpoints and not (data or respawned or inbox.asked):
+        if setpoints and not (data or respawned or inbox.has_requests):
             self._accept(setpoints, self._go_on(t_ns))
             yield from self._stream(t_ns)
             setpoints = ()
@@ -158,14 +158,16 @@ class VehicleBridge:
         grant = self._authority.grant
         if grant is None or not (told.odometry and told.routine) or told.respawned or len(self._undigested) > 1:
             return False
-        return self._timer.now_ns - grant.timer_ns < LOOK_NS + LOOK_NS and not (inbox.asked or inbox.new(SETPOINT))
+        return self._timer.now_ns - grant.timer_ns < LOOK_NS + LOOK_NS and not (
+            inbox.has_requests or inbox.new(SETPOINT)
+        )
 
     def _survey(self, t_ns: int, inbox: Inbox) -> Situation:
         """Look at the vehicle, where something was told, asked, or nobody has looked for a while."""
         news, self._undigested = self._undigested, []
         for received in news:
             self._digest(received, t_ns, inbox)
-        if news or inbox.asked or self._timer.now_ns - self._looked_ns >= LOOK_NS:
+        if news or inbox.has_requests or self._timer.now_ns - self._looked_ns >= LOOK_NS:
             return self._look(self._not_before_autopilot(t_ns), inbox)
         return self._go_on(t_ns)
 
@@ -246,11 +248,11 @@ class VehicleBridge:
 
     def _serve(self, setpoints: Sequence[Setpoint], now: Situation, inbox: Inbox) -> Iterator[Output]:
         """The urgent first; setpoints before the release that follows them."""
-        if inbox.asked:
+        if inbox.has_requests:
             yield from self._questions.urgent(now, inbox)
         if setpoints:
             self._accept(setpoints, now)
-        if inbox.asked:
+        if inbox.has_requests:
             yield from self._questions.orderly(now, inbox)
 
     def _accept(self, setpoints: Sequence[Setpoint], now: Situation) -> None:
@@ -351,7 +353,7 @@ class VehicleBridge:
         needed = bool(self._link.telemetry.armed) or self._authority.code is not StatusCode.IDLE
         if needed != self._listening:
             self._listening = needed
-            yield Listen((ALTIMETER,) if needed else ())
+            yield Subscribe((ALTIMETER,) if needed else ())
 
     def _report(self, now: Situation) -> Iterator[Output]:
         state: ServiceState = "ok"

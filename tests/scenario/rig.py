@@ -5,13 +5,13 @@ from typing import Any
 
 import msgspec
 
-from jezero.deploy.in_process import build_stack
 from jezero.mavlink import MavlinkCodec, MavMessage
 from jezero.runtime.memory_bus import Answers, MemoryBus
 from jezero.runtime.service import Inbox, Output, Send, Service
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, GoToGoal, LandOnSpotGoal, Rejected, Result, TakeoffGoal
 from jezero.schemas.state import Status, StatusCode, Truth
+from jezero.trials.stack import build_stack
 
 _TYPES = {topic.name: topic.type for topic in (topics.STATUS, topics.TRUTH)}
 
@@ -146,4 +146,4 @@ def go_to(north_m: float, east_m: float, down_m: float, **fields: Any) -> GoToGo
 
 
 def land_at(north_m: float, east_m: float) -> LandOnSpotGoal:
-    return LandOnSpotGoal(landing_spot_ned_m=(north_m, east_m, 0.0), use_uwb=False, use_marker=False)
+    return LandOnSpotGoal(landing_spot_ned_m=(north_m, east_m, 0.0), use_uwb=False, use_tag=False)

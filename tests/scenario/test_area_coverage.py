@@ -1,7 +1,7 @@
 """A coverage in wind, in virtual time, through all services: tracked as required, and aborted at once."""
 
-from benchmarks.coverage import measure
-from benchmarks.covering import Covering
+from benchmarks.quality.coverage import measure
+from benchmarks.quality.covering import Covering
 from jezero.schemas import topics
 from jezero.schemas.actions import AreaCoverageGoal, Rejected, Result
 from jezero.schemas.commands import Abort

@@ -4,7 +4,7 @@ from math import degrees
 
 import pytest
 
-from benchmarks.flight_quality import CLIMB_S, HEIGHT_M, READY_S, Target, fly
+from benchmarks.quality.autopilot import CLIMB_S, HEIGHT_M, READY_S, Target, fly
 from jezero.frames import horizontal, tilt_from_quat
 
 DOWN_S = READY_S + CLIMB_S

@@ -6,8 +6,7 @@ from math import nan
 import msgspec
 import pytest
 
-from benchmarks.flight_quality import windy
-from jezero.deploy.in_process import SYSTEM_ID
+from benchmarks.quality.autopilot import windy
 from jezero.frames import EARTH_RADIUS_M, horizontal
 from jezero.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.runtime.config import load_config
@@ -18,6 +17,7 @@ from jezero.schemas.state import Truth
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.service import Autopilot
 from jezero.services.simulator.service import Simulator
+from jezero.trials.stack import SYSTEM_ID
 
 ARM, TAKEOFF, LAND, RETURN, REPOSITION = 400, 22, 21, 20, 192
 NORTH_10_M_DEG = 10.0 / EARTH_RADIUS_M * 57.29577951308232

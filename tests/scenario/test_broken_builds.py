@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from jezero.deploy.campaign.mission import fly_mission
 from jezero.services.vehicle_bridge import admission, authority
 from jezero.services.vehicle_bridge.authority import Authority
+from jezero.trials.campaign.mission import fly_mission
 
 SEEDS = 200
 

@@ -5,7 +5,6 @@ from collections.abc import Callable
 import msgspec
 import pytest
 
-from jezero.deploy.in_process import build_stack
 from jezero.frames import distance, subtract
 from jezero.runtime.codec import decode
 from jezero.runtime.config import load_config
@@ -17,6 +16,7 @@ from jezero.schemas.state import Scene
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.service import NoEglError
 from jezero.services.simulator.config import SimulatorConfig, UavConfig, WindConfig
+from jezero.trials.stack import build_stack
 from tests.scenario.rig import Flight
 
 

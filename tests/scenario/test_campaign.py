@@ -6,20 +6,20 @@ from functools import partial
 
 import pytest
 
-from jezero.deploy.campaign.campaign import CampaignReport, fly_campaign
-from jezero.deploy.campaign.clients import draw_goal
-from jezero.deploy.campaign.faults import COUNTS, PARTITION_MAX_S, Fault, Kind, draw_faults
-from jezero.deploy.campaign.judge import ALLOWED
-from jezero.deploy.campaign.mission import Mission, fly_mission, named_random
-from jezero.deploy.campaign.worlds import WORLDS
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import ACTIONS
 from jezero.services.actions.table import action_server
 from jezero.services.vehicle_bridge.transitions import is_allowed
+from jezero.trials.campaign.campaign import CampaignReport, fly_campaign
+from jezero.trials.campaign.clients import draw_goal
+from jezero.trials.campaign.faults import COUNTS, PARTITION_MAX_S, Fault, Kind, draw_faults
+from jezero.trials.campaign.judge import ALLOWED
+from jezero.trials.campaign.mission import Mission, fly_mission, named_random
+from jezero.trials.campaign.worlds import WORLDS
 from tests.scenario.rig import Flight, go_to
 
-HASH = "from jezero.deploy.campaign.mission import fly_mission; print(fly_mission(2019, world={world!r}).log_sha256)"
+HASH = "from jezero.trials.campaign.mission import fly_mission; print(fly_mission(2019, world={world!r}).log_sha256)"
 
 
 @pytest.mark.parametrize("world", WORLDS)

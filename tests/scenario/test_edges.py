@@ -4,8 +4,7 @@ from math import cos, degrees, pi, sin
 
 import pytest
 
-from benchmarks.flight_quality import READY_S, Target, fly, windy
-from jezero.deploy.in_process import build_stack
+from benchmarks.quality.autopilot import READY_S, Target, fly, windy
 from jezero.frames import tilt_from_quat
 from jezero.mavlink import dialect
 from jezero.runtime.config import load_config
@@ -14,6 +13,7 @@ from jezero.schemas.commands import Hover
 from jezero.schemas.state import StatusCode, Truth
 from jezero.services.autopilot.config import AutopilotConfig, FailsafeConfig
 from jezero.services.simulator.config import SimulatorConfig
+from jezero.trials.stack import build_stack
 from tests.scenario.rig import Flight, go_to, land_at
 
 PLACES = 12

@@ -5,7 +5,6 @@ from math import degrees
 
 import pytest
 
-from jezero.deploy.in_process import build_stack
 from jezero.frames import altitude_m, horizontal, tilt_from_quat
 from jezero.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.runtime.memory_bus import UDP_DELAY
@@ -14,6 +13,7 @@ from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
 from jezero.services.autopilot.config import AutopilotConfig, BatteryConfig, FailsafeConfig, NavigatorConfig
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+from jezero.trials.stack import build_stack
 from tests.scenario.rig import Flight, go_to
 
 CLOSE_TO_HOME = NavigatorConfig(rtl_return_alt_m=6.0)

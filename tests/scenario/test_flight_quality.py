@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.flight_quality import hold, jump, track
+from benchmarks.quality.autopilot import hold, jump, track
 
 
 @pytest.mark.parametrize("seed", [11, 12])

@@ -2,7 +2,6 @@
 
 import msgspec
 
-from jezero.deploy.in_process import build_stack
 from jezero.frames import altitude_m
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus
@@ -11,6 +10,7 @@ from jezero.schemas.actions import LandOnSpotGoal
 from jezero.schemas.state import StatusCode as Code
 from jezero.services.actions.config import RoverLandConfig
 from jezero.services.autopilot.config import AutopilotConfig
+from jezero.trials.stack import build_stack
 from tests.scenario.rig import Flight, go_to
 
 

@@ -1,6 +1,6 @@
 """An orbit in wind, in virtual time, with the simulator's own camera: flown, aimed and recorded as required."""
 
-from benchmarks.orbit import Orbiting, measure, orbit_goal
+from benchmarks.quality.orbit import Orbiting, measure, orbit_goal
 from jezero.schemas import topics
 from jezero.schemas.images import GetImage
 

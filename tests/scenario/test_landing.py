@@ -2,9 +2,9 @@
 
 import pytest
 
-from jezero.deploy.landing.benchmark import fly_landings
-from jezero.deploy.landing.flight import fly_landing
-from jezero.deploy.landing.trial import Conditions
+from jezero.trials.landing.benchmark import fly_landings
+from jezero.trials.landing.flight import fly_landing
+from jezero.trials.landing.trial import Conditions
 
 
 def test_a_plain_landing_gives_a_report() -> None:

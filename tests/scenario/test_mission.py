@@ -5,18 +5,18 @@ import sys
 
 import pytest
 
-from jezero.cli.mission import FLIGHT
-from jezero.deploy.virtual_flight import fly_virtually
 from jezero.frames import horizontal, norm, subtract
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.commands import Abort, Hover, Kill
 from jezero.schemas.state import StatusCode as Code
+from jezero.trials.flight import fly_virtually
+from jezero.trials.missions import FLIGHT
 from tests.scenario.rig import Flight, go_to, land_at
 
 HASH = """
-from jezero.cli.mission import FLIGHT
-from jezero.deploy.virtual_flight import fly_virtually
+from jezero.trials.missions import FLIGHT
+from jezero.trials.flight import fly_virtually
 print(fly_virtually(FLIGHT, 5).log_sha256)
 """
 
@@ -83,7 +83,7 @@ def test_what_is_beyond_a_limit_is_refused_with_the_limit() -> None:
     assert "10" in flight.refusal(topics.GO_TO, go_to(1.0, 0.0, -3.0, speed_mps=11.0))
     assert "−5" in flight.refusal(topics.GO_TO, go_to(1.0, 0.0, 5.0))
     assert "takeoff" in flight.refusal(topics.TAKEOFF, TakeoffGoal(altitude_m=2.0)).lower()
-    assert "landing_spot_ned_m" in flight.refusal(topics.LAND_ON_SPOT, LandOnSpotGoal(use_uwb=False, use_marker=False))
+    assert "landing_spot_ned_m" in flight.refusal(topics.LAND_ON_SPOT, LandOnSpotGoal(use_uwb=False, use_tag=False))
     assert not flight.ask(topics.HOVER, Hover(hover_pos=(0.0, 0.0, 5.0))).hover_mode
     assert flight.codes[-1] is Code.HOVER
 

@@ -8,11 +8,11 @@ import pytest
 from click.testing import CliRunner, Result
 
 from jezero.cli.main import main
-from jezero.cli.mission import FLIGHT
-from jezero.deploy.virtual_flight import FlightResult, fly_virtually
 from jezero.report.flight_log import LOG, RECORDED, read_log
 from jezero.report.landings import Landing, Series, landings
 from jezero.schemas import topics
+from jezero.trials.flight import FlightResult, fly_virtually
+from jezero.trials.missions import FLIGHT
 
 BENCHMARK = {"case": "tag", "rover": "turn", "n": 3, "landed": 2, "touchdowns_m": [[0.01, -0.02], [0.0, 0.03]]}
 

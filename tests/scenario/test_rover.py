@@ -5,14 +5,14 @@ from math import hypot
 
 import pytest
 
-from jezero.deploy.in_process import build_stack
-from jezero.deploy.rover_driver import RoverDriver
 from jezero.frames import rotate_yaw, subtract, wrap_pi
 from jezero.runtime.config import load_config
 from jezero.schemas import topics
 from jezero.schemas.actions import TakeoffGoal
 from jezero.schemas.state import StatusCode, Truth
 from jezero.services.simulator.config import SimulatorConfig, UavConfig
+from jezero.trials.rover_driver import RoverDriver
+from jezero.trials.stack import build_stack
 from tests.scenario.rig import Flight
 
 SHIPPED = load_config(SimulatorConfig, "simulator")

@@ -4,11 +4,11 @@ from math import hypot
 
 import pytest
 
-from jezero.deploy.rover_driver import RoverDriver
 from jezero.frames import subtract
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted
 from jezero.schemas.state import StatusCode
+from jezero.trials.rover_driver import RoverDriver
 from tests.scenario.rig import Flight, go_to
 
 

@@ -6,7 +6,6 @@ from random import Random
 
 import msgspec
 
-from jezero.deploy.in_process import build_stack
 from jezero.mavlink import MavlinkCodec, Signing, dialect
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import UDP_DELAY
@@ -14,6 +13,7 @@ from jezero.runtime.service import Inbox, Output, Send, Spec
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode as Code
 from jezero.services.autopilot.config import AutopilotConfig, SigningConfig
+from jezero.trials.stack import build_stack
 from tests.scenario.rig import Flight, go_to, land_at
 
 KEY = bytes(range(32))

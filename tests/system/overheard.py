@@ -9,7 +9,7 @@ from pathlib import Path
 
 import yaml
 
-from benchmarks.mavlink_proxy import Passed, Relay
+from benchmarks.speed.mavlink_proxy import Passed, Relay
 from jezero import Vehicle
 from jezero.mavlink import MavlinkCodec, dialect
 from jezero.runtime.config import Instance, config_directory
@@ -26,7 +26,7 @@ class Tap:
     def __init__(self, instance: Instance, folder: Path) -> None:
         bridge_port, own_port, nobodys_port = _free_udp_ports(3)
         compose = yaml.safe_load((config_directory().parent / "compose.yaml").read_text())
-        command = f"python -m benchmarks.shifted_bridge {bridge_port} {own_port}"
+        command = f"python -m benchmarks.speed.shifted_bridge {bridge_port} {own_port}"
         compose["services"]["vehicle_bridge"]["command"] = command
         (folder / "tapped.yaml").write_text(yaml.safe_dump(compose))
         self.words = ("-f", str(folder / "tapped.yaml"))

@@ -70,5 +70,5 @@ def test_wildcard_get_put_and_delete_change_nothing(stack: Stack) -> None:
         assert (after.code, after.armed, after.control_id) == (before.code, True, before.control_id)
         assert before.odometry is not None and after.odometry is not None
         assert abs(after.odometry.pos_uav_ned_m[2] - before.odometry.pos_uav_ned_m[2]) < 0.5
-        vehicle.land_on_spot(spot_ned_m=(0.0, 0.0, 0.0), use_uwb=False, use_marker=False).result(timeout_s=90)
+        vehicle.land_on_spot(spot_ned_m=(0.0, 0.0, 0.0), use_uwb=False, use_tag=False).result(timeout_s=90)
         wait_for_status(vehicle, lambda s: s.code == StatusCode.IDLE and not s.armed, 10, "landed and disarmed")

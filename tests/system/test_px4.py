@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 import yaml
 
-from benchmarks.px4_process import real_px4
+from benchmarks.px4.process import real_px4
 from jezero import Aborted
-from jezero.cli.mission import DEMONSTRATION
-from jezero.deploy.landing.flight import fly_landing
-from jezero.deploy.landing.trial import Conditions
 from jezero.runtime.config import config_directory
 from jezero.schemas.state import StatusCode
+from jezero.trials.landing.flight import fly_landing
+from jezero.trials.landing.trial import Conditions
+from jezero.trials.missions import DEMONSTRATION
 from tests.system.conftest import JEZERO, Stack, wait_for, wait_for_status
 
 pytestmark = pytest.mark.skipif(

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterable
 
 from jezero.runtime.config import instance_from_environment
-from jezero.runtime.service import Inbox, Output, Publish, Reply, Spec, Work
+from jezero.runtime.service import BackgroundTask, Inbox, Output, Publish, Reply, Spec
 from jezero.runtime.zenoh_bus import new_boot_id, run_service
 from jezero.schemas import topics
 from jezero.schemas.commands import AbortReply
@@ -84,7 +84,7 @@ class Busy:
             yield Reply(request.request_id, AbortReply(hovering=True, reason=f"{self.done} done"))
             if not self.asked:
                 self.asked = True
-                yield Work(count_for_a_second, "count")
+                yield BackgroundTask(count_for_a_second, "count")
 
 
 class BrokenWork:
@@ -93,7 +93,7 @@ class BrokenWork:
     spec = Spec(name="broken_work", rate_hz=20)
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
-        yield Work(lambda: 1 // 0, "broken")
+        yield BackgroundTask(lambda: 1 // 0, "broken")
 
 
 class Undeclared:

@@ -12,6 +12,7 @@ from jezero.schemas import topics
 from jezero.schemas.estimate import TagEstimate
 from jezero.schemas.landing_board import LANDING_BOARD
 from jezero.schemas.sensors import CameraFrame, CornersOfTag, TagCorners
+from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.attitudes import Attitudes
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.pose import Array, Pose, View, make_view, solve
@@ -19,7 +20,6 @@ from jezero.services.estimator.tag_detector.pose import Array, Pose, View, make_
 if TYPE_CHECKING:
     from jezero.services.estimator.tag_detector.finder import Finder
 
-NS_PER_S = 1_000_000_000
 CORNERS_ROVER_BODY_M = {tag.tag_id: np.array(tag.corners_rover_body_m) for tag in LANDING_BOARD}
 SILENT_S = 2.0
 

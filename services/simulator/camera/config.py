@@ -14,7 +14,7 @@ Small = Annotated[float, Meta(ge=-10.0, le=10.0)]
 
 
 class ProjectionConfig(Config, frozen=True, kw_only=True):
-    """Errors of the corners that a detector finds, as measured on rendered pictures by `benchmarks.camera_errors`.
+    """Errors of the corners that a detector finds, measured on rendered pictures by `benchmarks.quality.camera_errors`.
 
     A tag's size is the root of its area in pixels; blur is how far its middle moves during the exposure. What is
     called `_per_blur2` is added once for each square pixel of blur.

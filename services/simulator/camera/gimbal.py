@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 
 from jezero.schemas.commands import CameraPitch
+from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.camera.config import CameraConfig
 
-NS_PER_S = 1_000_000_000
 AGE_MAX_NS = 300_000_000
 LEAD_MAX_NS = 50_000_000
 

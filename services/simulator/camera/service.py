@@ -8,13 +8,13 @@ from jezero.runtime.service import Health, Inbox, Output, Publish, Spec
 from jezero.schemas import topics
 from jezero.schemas.sensors import CameraFrame, TagCorners
 from jezero.schemas.state import Scene
+from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.detections import detect
 from jezero.services.simulator.camera.gimbal import Gimbal
 from jezero.services.simulator.camera.view import View, view_of
 from jezero.services.simulator.noise import generator
 
-NS_PER_S = 1_000_000_000
 INFO_PERIOD_NS = NS_PER_S
 
 SPEC = Spec(

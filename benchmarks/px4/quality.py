@@ -1,0 +1,132 @@
+"""PX4 and the embedded autopilot side by side, in the same world, wind and sensor errors, with the same setpoints.
+
+`JEZERO_PX4_DIR=<folder> python -m benchmarks.px4.quality [--seeds N]`: 3 m/s mean wind, gusts of 0.6 m/s. PX4 flies as
+a process of its own, in lockstep with the simulated world and faster than real time, with the parameters that the
+bridge gives it, once without the gains among them; nothing but the autopilot is exchanged.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext, redirect_stdout
+from math import degrees, inf
+from pathlib import Path
+from statistics import median
+
+import msgspec
+
+from benchmarks.px4.process import real_px4
+from benchmarks.quality.autopilot import CLIMB_S, HEIGHT_M, READY_S, Flight, Make, Target, embedded, fly, hold, track
+from jezero.frames import tilt_from_quat
+from jezero.runtime.config import load_config
+from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+
+DOWN_S = READY_S + CLIMB_S
+DOWN_MPS = 0.5
+GAINS = ("MPC_XY_VEL_P_ACC", "MPC_XY_VEL_I_ACC")
+"""Of those that the bridge gives, the ones that make it fly otherwise."""
+
+
+class Landing(msgspec.Struct, frozen=True):
+    """Of a flight that ended by itself; infinite when it did not.
+
+    Attributes:
+        impact_mps: downwards, just before the first contact.
+        tilt_max_deg: from then on.
+        off_s: from then until the autopilot has disarmed.
+        whole_s: from the order, or the loss, until the autopilot has disarmed.
+    """
+
+    impact_mps: float
+    tilt_max_deg: float
+    off_s: float
+    whole_s: float
+
+
+def _landing(flight: Flight, from_s: float) -> Landing:
+    """What the truth says of a landing; armed on the ground the motors idle, disarmed they stand still."""
+    descent = [t for t in flight.truth if t.t_ns > from_s * 1e9]
+    touched = next((i for i, t in enumerate(descent) if t.contact_force_n > 0.0), None)
+    off_s = max((t.t_ns * 1e-9 for t in descent if t.armed_motors), default=inf)
+    if touched is None or descent[-1].armed_motors:
+        return Landing(inf, inf, inf, inf)
+    return Landing(
+        descent[touched - 1].vel_uav_ned_mps[2],
+        max(degrees(tilt_from_quat(t.q_ned_from_frd)) for t in descent[touched:]),
+        off_s - descent[touched].t_ns * 1e-9,
+        off_s - from_s,
+    )
+
+
+def land(seed: int, autopilot: Make) -> Landing:
+    """Descend at 0.5 m/s by velocity setpoints until the autopilot switches its motors off by itself."""
+
+    def target(t_s: float) -> Target:
+        return ((0.0, 0.0, -HEIGHT_M), None) if t_s < DOWN_S else (None, (0.0, 0.0, DOWN_MPS))
+
+    return _landing(fly(target, seed, DOWN_S + HEIGHT_M / DOWN_MPS + 10.0, autopilot=autopilot), DOWN_S)
+
+
+def lose_offboard(seed: int, autopilot: Make) -> Landing:
+    """Stop the stream of setpoints 5 m up."""
+
+    def target(t_s: float) -> Target:
+        return ((0.0, 0.0, -HEIGHT_M) if t_s < DOWN_S else None), None
+
+    return _landing(fly(target, seed, DOWN_S + 25.0, autopilot=autopilot), DOWN_S)
+
+
+Figures = dict[str, float]
+
+
+def figures(seed: int, autopilot: Callable[[], AbstractContextManager[Make]]) -> Figures:
+    """All of one autopilot and seed, by what they are."""
+    with autopilot() as make:
+        held = hold(seed, autopilot=make)
+    with autopilot() as make:
+        tracked = track(seed, autopilot=make)
+    with autopilot() as make:
+        landed = land(seed, make)
+    with autopilot() as make:
+        lost = lose_offboard(seed, make)
+    return {
+        "hold, p95 over 60 s (m)": held.p95_m,
+        "hold, vertical RMS (m)": held.rms_vertical_m,
+        "estimate off the truth, at most (m)": held.wander_max_m,
+        "velocity tracking, RMS (m/s)": tracked.rms_mps,
+        "2 m/s step, 90 % rise (s)": tracked.rise_s,
+        "2 m/s step, overshoot (%)": 100.0 * tracked.overshoot,
+        "landing at 0.5 m/s: impact (m/s)": landed.impact_mps,
+        "landing: tilt after contact, at most (deg)": landed.tilt_max_deg,
+        "landing: contact to disarmed (s)": landed.off_s,
+        "offboard lost 5 m up: impact (m/s)": lost.impact_mps,
+        "offboard lost: tilt after contact, at most (deg)": lost.tilt_max_deg,
+        "offboard lost: until landed and disarmed (s)": lost.whole_s,
+    }
+
+
+def main() -> None:
+    """Print a table: median and largest of the seeds."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=5)
+    seeds = range(parser.parse_args().seeds)
+    runtime = Path(os.environ["JEZERO_PX4_DIR"])
+    flown = []
+    given = load_config(VehicleBridgeConfig, "vehicle_bridge").parameters
+    without_gains = {name: value for name, value in given.items() if name not in GAINS}
+    with redirect_stdout(sys.stderr):
+        for autopilot in (
+            lambda: real_px4(runtime, without_gains),
+            lambda: real_px4(runtime, given),
+            lambda: nullcontext(embedded),
+        ):
+            flown.append([figures(seed, autopilot) for seed in seeds])
+    print(f"| median (largest) of {len(seeds)} seeds | PX4, its own gains | PX4 | embedded |\n|---|---|---|---|")
+    for what in flown[0][0]:
+        cells = ([flight[what] for flight in flights] for flights in flown)
+        print(f"| {what} | {' | '.join(f'{median(values):.2f} ({max(values):.2f})' for values in cells)} |")
+
+
+if __name__ == "__main__":
+    main()

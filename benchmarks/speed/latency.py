@@ -1,0 +1,196 @@
+"""Delays in a flying stack, each against exchanges through the same router at the same time: bare, and by hand."""
+
+import os
+import signal
+import socket
+import subprocess
+import time
+from bisect import bisect_right
+from contextlib import ExitStack
+from itertools import pairwise
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import zenoh
+
+from benchmarks.speed import bare, by_hand
+from benchmarks.speed.mavlink_proxy import Times
+from benchmarks.speed.stack import compose_file, percentile, running_module, running_stack, wait_for
+from jezero import Canceled, Vehicle
+from jezero.deploy.launcher.ports import HOST, reserved_instance
+from jezero.runtime.config import Instance
+from jezero.runtime.zenoh_session import client_config
+from jezero.schemas.state import StatusCode
+
+FLY_S = 1.0
+"""How long each goal flies before it is canceled."""
+SIDE_M = 3.0
+BESIDES_CONTROL = ("camera", "estimator", "tag_detector")
+"""Left out: they hear odometry too or load the machine, and the bare exchange has no such company."""
+HEIGHT_M = 3.0
+Replies = tuple[float, float]
+"""Until a goal was accepted, and until its first feedback, in ms."""
+GoalsMs = tuple[list[Replies], list[Replies], list[Replies]]
+"""Jezero's own, bare and by hand."""
+
+
+class Delays(msgspec.Struct, frozen=True):
+    """One kind of exchange, in ms."""
+
+    n: int
+    median_ms: float
+    p95_ms: float
+
+
+class Row(msgspec.Struct, frozen=True):
+    """One row of the table.
+
+    Attributes:
+        bare: the same exchange with nothing but Zenoh in it.
+        by_hand: the same with its work in it, done by the libraries alone.
+        left_out: exchanges whose two ends could not be paired.
+    """
+
+    own: Delays
+    bare: Delays
+    by_hand: Delays
+    left_out: int = 0
+
+    @property
+    def ratio(self) -> float:
+        return self.own.median_ms / self.bare.median_ms
+
+    @property
+    def ratio_by_hand(self) -> float:
+        return self.own.median_ms / self.by_hand.median_ms
+
+
+def delays(taken_ms: list[float]) -> Delays:
+    """Their number, median and 95th percentile."""
+    return Delays(n=len(taken_ms), median_ms=percentile(taken_ms, 0.5), p95_ms=percentile(taken_ms, 0.95))
+
+
+def row(own_ms: list[float], bare_ms: list[float], by_hand_ms: list[float], left_out: int = 0) -> Row:
+    """All three."""
+    return Row(delays(own_ms), delays(bare_ms), delays(by_hand_ms), left_out)
+
+
+class Latency(msgspec.Struct, frozen=True):
+    """All delays.
+
+    Attributes:
+        exchanges: by name.
+        tick_ms: median time from one odometry to the next, which no exchange contains: every step in them is triggered
+            by what arrives.
+        bare_zenoh_ms: of the bare exchange of odometry and setpoint, Zenoh's part without UDP; median.
+    """
+
+    exchanges: dict[str, Row]
+    tick_ms: float
+    bare_zenoh_ms: float
+
+
+def measure(folder: Path, goals: int) -> Latency:
+    """Fly `goals` goals that are canceled on the way, the vehicle bridge behind a relay that takes the times."""
+    with reserved_instance(vehicle=f"bench{os.getpid()}") as instance, ExitStack() as stack:
+        bridge_port, own_port, bare_port, by_hand_port = ports = _free_udp_ports(4)
+        relay = stack.enter_context(running_module("benchmarks.speed.mavlink_proxy", *ports, instance=instance))
+        bridge = f"python -m benchmarks.speed.shifted_bridge {bridge_port} {own_port}"
+        path = compose_file(folder, without=BESIDES_CONTROL, commands={"vehicle_bridge": bridge})
+        stack.enter_context(running_stack(instance, folder / "run", "-f", str(path)))
+        for words in (
+            ("bare", "bridge", bare_port),
+            ("bare", "action"),
+            ("by_hand", "bridge", by_hand_port),
+            ("by_hand", "action"),
+        ):
+            end = stack.enter_context(running_module(f"benchmarks.{words[0]}", *words[1:], instance=instance))
+            assert end.stdout is not None
+            end.stdout.readline()
+        session = stack.enter_context(zenoh.open(client_config(instance.router)))
+        with Vehicle.connect(instance.vehicle, router=instance.router) as uav:
+            uav.wait_ready()
+            goals_ms, flights_ns = _fly(uav, session, instance, goals)
+        passed = _stop_and_read(relay)
+    hops_ms, left_out = pair(passed.odometry_ns, passed.setpoint_ns, flights_ns)
+    ticks_ms = [(b - a) / 1e6 for a, b in pairwise(passed.odometry_ns)]
+    found = {
+        "odometry received -> setpoint sent": row(hops_ms, _ms(passed.bare_ns), _ms(passed.by_hand_ns), left_out),
+        "goal -> accepted": row(*_each(goals_ms, 0)),
+        "goal -> first feedback": row(*_each(goals_ms, 1)),
+    }
+    return Latency(found, percentile(ticks_ms, 0.5), percentile(_ms(passed.bare_zenoh_ns), 0.5))
+
+
+def _ms(taken_ns: list[int]) -> list[float]:
+    return [ns / 1e6 for ns in taken_ns]
+
+
+def _each(goals_ms: GoalsMs, reply: Literal[0, 1]) -> tuple[list[float], list[float], list[float]]:
+    """The time until one of the two replies, in the three ways."""
+    own, zenoh_alone, unchecked = ([taken_ms[reply] for taken_ms in goal_ms] for goal_ms in goals_ms)
+    return own, zenoh_alone, unchecked
+
+
+def _fly(uav: Vehicle, session: zenoh.Session, instance: Instance, goals: int) -> tuple[GoalsMs, list[tuple[int, int]]]:
+    """Own, bare and by hand, and when a goal flew, in ns of the realtime clock."""
+    own: list[Replies] = []
+    others: tuple[list[Replies], list[Replies]] = ([], [])
+    flights_ns: list[tuple[int, int]] = []
+    uav.takeoff(altitude_m=HEIGHT_M).result(timeout_s=60)
+    for number in range(goals):
+        begin_s = time.perf_counter()
+        goal = uav.go_to(SIDE_M * (-1) ** number, 0.0, -HEIGHT_M)
+        accepted_s = time.perf_counter() - begin_s
+        next(goal.feedback())
+        own.append((accepted_s * 1e3, (time.perf_counter() - begin_s) * 1e3))
+        flight_begin_ns = time.time_ns()
+        time.sleep(FLY_S)
+        flights_ns.append((flight_begin_ns, time.time_ns()))
+        goal.cancel()
+        try:
+            goal.result(timeout_s=10)
+        except Canceled:
+            wait_for(lambda: uav.status().code == StatusCode.HOVER, 10, "hover after a goal")
+        for ask_goal, taken_ms in zip((bare.ask_goal, by_hand.ask_goal), others, strict=True):
+            time.sleep(0.037)
+            accepted_s, feedback_s = ask_goal(session, instance)
+            taken_ms.append((accepted_s * 1e3, feedback_s * 1e3))
+    return (own, *others), flights_ns
+
+
+def pair(odometry_ns: list[int], setpoint_ns: list[int], flights_ns: list[tuple[int, int]]) -> tuple[list[float], int]:
+    """Match setpoints to the odometry that they were computed from.
+
+    Args:
+        flights_ns: beginnings and ends of the times in which a goal flew.
+
+    Returns:
+        Delays in ms where exactly one setpoint came before the next odometry, and the number of other odometries.
+    """
+    paired: list[float] = []
+    left_out = 0
+    for begin_ns, end_ns in flights_ns:
+        inside = [t for t in odometry_ns if begin_ns < t < end_ns]
+        for first_ns, next_ns in pairwise(inside):
+            answers = setpoint_ns[bisect_right(setpoint_ns, first_ns) : bisect_right(setpoint_ns, next_ns)]
+            if len(answers) == 1:
+                paired.append((answers[0] - first_ns) / 1e6)
+            else:
+                left_out += 1
+    return paired, left_out
+
+
+def _free_udp_ports(n: int) -> list[str]:
+    with ExitStack() as stack:
+        probes = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(n)]
+        for probe in probes:
+            probe.bind((HOST, 0))
+        return [str(probe.getsockname()[1]) for probe in probes]
+
+
+def _stop_and_read(relay: "subprocess.Popen[str]") -> Times:
+    relay.send_signal(signal.SIGTERM)
+    output, _ = relay.communicate(timeout=30)
+    return msgspec.json.decode(output.splitlines()[-1], type=Times)

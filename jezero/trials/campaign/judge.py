@@ -1,0 +1,81 @@
+"""What must hold in every flight, stated anew from the specification, and who finds it broken.
+
+Nobody here looks into a service: what counts is what goes in and comes out, on the bus, on MAVLink, and the truth.
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+
+from jezero.schemas.state import StatusCode as Code
+from jezero.schemas.units import NS_PER_S
+
+TOLD_MAX = 5
+
+IN_PROGRESS = (Code.TAKEOFF, Code.GO_TO, Code.GET_IMAGES, Code.LANDING, Code.COVERAGE)
+ALLOWED: frozenset[tuple[Code, Code]] = frozenset(
+    [
+        # 0 -> 1 -> 2 -> 3
+        (Code.IDLE, Code.TAKEOFF),
+        (Code.TAKEOFF, Code.TAKEOFF_DONE),
+        (Code.TAKEOFF_DONE, Code.HOVER),
+        # 0 -> 1 -> 4
+        (Code.TAKEOFF, Code.GO_TO),
+        # 3 -> {4, 6, 8, 10}
+        (Code.HOVER, Code.GO_TO),
+        (Code.HOVER, Code.GET_IMAGES),
+        (Code.HOVER, Code.LANDING),
+        (Code.HOVER, Code.COVERAGE),
+        # 4, 6, 10 -> done -> 3
+        (Code.GO_TO, Code.GO_TO_DONE),
+        (Code.GO_TO_DONE, Code.HOVER),
+        (Code.GET_IMAGES, Code.GET_IMAGES_DONE),
+        (Code.GET_IMAGES_DONE, Code.HOVER),
+        (Code.COVERAGE, Code.COVERAGE_DONE),
+        (Code.COVERAGE_DONE, Code.HOVER),
+        # 8 -> 9 -> 0
+        (Code.LANDING, Code.LANDING_DONE),
+        (Code.LANDING_DONE, Code.IDLE),
+        # {1, 4, 6, 8, 10} -> 12 -> {3, 0}
+        *((code, Code.ABORT) for code in IN_PROGRESS),
+        (Code.ABORT, Code.HOVER),
+        (Code.ABORT, Code.IDLE),
+        # any -> 13 -> {0, 3}
+        *((code, Code.EXTERNAL) for code in Code if code is not Code.EXTERNAL),
+        (Code.EXTERNAL, Code.IDLE),
+        (Code.EXTERNAL, Code.HOVER),
+    ]
+)
+"""Source: spec §3."""
+
+
+@dataclass(frozen=True)
+class Violation:
+    """Something that must not happen happened.
+
+    Attributes:
+        rule: which promise was broken.
+        text: how, with numbers.
+    """
+
+    t_s: float
+    rule: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.t_s:.3f} s: {self.rule}: {self.text}"
+
+
+class Judge:
+    """Collects violations and the states reached; of each rule only the first few are kept."""
+
+    def __init__(self) -> None:
+        self.violations: list[Violation] = []
+        self.states: Counter[str] = Counter()
+        self._told: Counter[str] = Counter()
+
+    def check(self, holds: bool, t_ns: int, rule: str, text: str) -> None:
+        if holds:
+            return
+        self._told[rule] += 1
+        if self._told[rule] <= TOLD_MAX:
+            self.violations.append(Violation(t_ns / NS_PER_S, rule, text))

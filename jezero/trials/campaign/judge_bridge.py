@@ -1,0 +1,266 @@
+"""The bridge under observation: one owner, nothing stale or foreign to the autopilot, no jump of a hover point."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import dist, isfinite
+
+from jezero.frames import Vec3, add, subtract
+from jezero.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.runtime.service import Inbox, Output, Publish, Reply, Send, Service
+from jezero.schemas import topics
+from jezero.schemas.commands import AcquireReply, Setpoint
+from jezero.schemas.state import Odometry, Status
+from jezero.schemas.state import StatusCode as Code
+from jezero.schemas.struct import Message
+from jezero.schemas.units import NS_PER_S
+from jezero.trials.campaign.judge import ALLOWED, IN_PROGRESS, Judge
+
+AGE_MAX_S = 0.3
+LEAD_MAX_S = 0.05
+SAME_M = 0.02
+STREAM_GAP_MAX_S = 0.2
+SILENT_OWNER_MAX_S = 0.6
+TAKING_BACK_S = 6.0
+HOVER_ENTRY_M = 3.0
+POS_IGNORED, VEL_IGNORED, ACC_IGNORED = 7, 56, 448
+FLYING = tuple(code for code in Code if code not in (Code.IDLE, Code.EXTERNAL))
+
+
+@dataclass
+class Sent:
+    """What a SET_POSITION_TARGET_LOCAL_NED asks for; None where it leaves something open."""
+
+    pos_ned_m: Vec3 | None
+    vel_ned_mps: Vec3 | None
+    finite: bool
+
+
+class WatchedBridge:
+    """A vehicle bridge and what it makes of what it is given.
+
+    Args:
+        flights: by goal id, the control ids with which it flew, in any run of the bridge.
+    """
+
+    def __init__(self, bridge: Service, judge: Judge, flights: dict[str, set[str]]) -> None:
+        self.spec = bridge.spec
+        self._bridge = bridge
+        self._judge = judge
+        self._flights = flights
+        self._codec = MavlinkCodec(1, 200)
+        self._status: Status | None = None
+        self._before: Status | None = None
+        """Of the last step."""
+        self._offsets: dict[int, Vec3] = {0: (0.0, 0.0, 0.0)}
+        self._offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
+        self._odometry: Odometry | None = None
+        self._target: Sent | None = None
+        self._target_offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
+        self._streamed_ns: int | None = None
+        self._owner = ("", 0)
+        """Control id of the last grant or accepted setpoint, and when it came."""
+        self._taking_back_ns: int | None = None
+        self._stepped_ns = 0
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        """One step of the bridge, judged by what went in and what came out."""
+        sent: list[MavMessage] = []
+        self._before = self._status
+        if any(request.payload.hover_req for request in inbox.requests(topics.HOVER)):
+            self._taking_back_ns = t_ns
+        for output in self._bridge.step(t_ns, inbox):
+            if type(output) is Send:
+                sent += self._codec.parse(output.data)
+            elif type(output) is Publish:
+                self._on_publish(t_ns, output.message)
+            elif type(output) is Reply and isinstance(output.payload, AcquireReply) and output.payload.granted:
+                self._on_grant(t_ns, output.payload, inbox)
+            yield output
+        if self._status is not None:
+            self._judge_step(t_ns, inbox, self._status, sent)
+        self._stepped_ns = t_ns
+
+    # -- the bus -------------------------------------------------------------------------------------------
+
+    def _on_publish(self, t_ns: int, message: Message) -> None:
+        if type(message) is Odometry:
+            self._on_odometry(message)
+        elif type(message) is Status:
+            self._on_status(t_ns, message)
+
+    def _on_odometry(self, odometry: Odometry) -> None:
+        last = self._odometry
+        # A bridge that has just started doesn't know the epoch yet and tells 0.
+        if last is not None and (
+            last.epoch_id not in (0, odometry.epoch_id) or odometry.reset_counter < last.reset_counter
+        ):
+            self._offsets = {}
+            self._target = None
+        self._odometry = odometry
+        self._offset_ned_m = odometry.reset_offset_ned_m
+        self._offsets[odometry.reset_counter] = odometry.reset_offset_ned_m
+
+    def _on_status(self, t_ns: int, status: Status) -> None:
+        before, self._status = self._status, status
+        code = Code(status.code)
+        if before is None:
+            self._judge.states[code.name] += 1
+            starts = code in (Code.IDLE, Code.EXTERNAL)
+            self._judge.check(starts, t_ns, "only transitions of the table", f"a bridge starts in {code.name}")
+        elif before.code != code:
+            self._judge.states[code.name] += 1
+            text = f"{before.name} to {code.name}: {status.text}"
+            allowed = (Code(before.code), code) in ALLOWED
+            self._judge.check(allowed, t_ns, "only transitions of the table", text)
+
+        if status.control_id and code in IN_PROGRESS:
+            flights = self._flights.setdefault(status.goal_id, set())
+            flights.add(status.control_id)
+            text = f"goal {status.goal_id} flies for the {len(flights)}th time"
+            self._judge.check(len(flights) == 1, t_ns, "a goal sent twice runs once", text)
+
+    def _on_grant(self, t_ns: int, reply: AcquireReply, inbox: Inbox) -> None:
+        """Control goes to one goal at a time."""
+        before = self._before
+        held = "" if before is None else before.control_id
+        ended = any(inbox.requests(e) for e in (topics.RELEASE, topics.HOVER, topics.ABORT, topics.KILL))
+        once = held in ("", reply.control_id) or ended
+        text = f"{reply.control_id} is granted while {held} is in charge"
+        self._judge.check(once, t_ns, "one owner at most", text)
+        self._owner = (reply.control_id, t_ns) if self._owner[0] != reply.control_id else self._owner
+
+    # -- MAVLink -------------------------------------------------------------------------------------------
+
+    def _judge_step(self, t_ns: int, inbox: Inbox, now: Status, sent: list[MavMessage]) -> None:
+        allowed = [setpoint for setpoint in inbox.new(topics.SETPOINT) if self._is_due(t_ns, setpoint, now)]
+        if allowed:
+            self._owner = (now.control_id, t_ns)
+        self._judge_owner(t_ns, inbox, now)
+        silent = now.code == Code.EXTERNAL and self._before is not None and self._before.code == Code.EXTERNAL
+        if silent and not self._is_taking_back(t_ns):
+            self._judge_silence(t_ns, now, sent)
+        for message in sent:
+            if message.get_msgId() == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
+                self._on_target(t_ns, inbox, now, _read(message), allowed)
+        self._judge_stream(t_ns, now)
+
+    def _is_due(self, t_ns: int, setpoint: Setpoint, now: Status) -> bool:
+        """Whether the bridge may fly this setpoint, by its owner and age."""
+        owner = now.control_id or ("" if self._before is None else self._before.control_id)
+        age_s = (t_ns - setpoint.t_ns) / NS_PER_S
+        return bool(owner) and setpoint.control_id == owner and -LEAD_MAX_S <= age_s <= AGE_MAX_S
+
+    def _judge_owner(self, t_ns: int, inbox: Inbox, now: Status) -> None:
+        if not now.control_id:
+            return
+        owner, since_ns = self._owner
+        silent_s = (t_ns - since_ns) / NS_PER_S
+        if now.control_id != owner or silent_s > SILENT_OWNER_MAX_S:
+            text = f"{now.control_id} is in charge, its last setpoint came {silent_s:.2f} s ago"
+            self._judge.check(False, t_ns, "a silent goal loses control", text)
+        if any(request.payload.control_id == owner for request in inbox.requests(topics.RELEASE)):
+            text = f"{owner} gave control back and is still in charge"
+            self._judge.check(False, t_ns, "who gives control back has none", text)
+
+    def _is_taking_back(self, t_ns: int) -> bool:
+        since_ns = self._taking_back_ns
+        return since_ns is not None and t_ns - since_ns <= TAKING_BACK_S * NS_PER_S
+
+    def _judge_silence(self, t_ns: int, now: Status, sent: list[MavMessage]) -> None:
+        """In status 13 the bridge asks for telemetry at most, unless hover was asked for."""
+        orders = (dialect.MAV_CMD_DO_SET_MODE, dialect.MAV_CMD_COMPONENT_ARM_DISARM)
+        for message in sent:
+            kind = message.get_msgId()
+            streams = kind == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+            commands = kind == dialect.MAVLINK_MSG_ID_COMMAND_LONG and message.command in orders
+            forces = commands and message.param1 == 0.0 and "motors cut" in now.text
+            text = f"{message.get_type()} in status 13 ({now.text})"
+            self._judge.check(forces or not (streams or commands), t_ns, "silence after a failsafe or takeover", text)
+
+    def _on_target(self, t_ns: int, inbox: Inbox, now: Status, sent: Sent, allowed: list[Setpoint]) -> None:
+        if not sent.finite:
+            self._judge.check(False, t_ns, "only finite setpoints", f"{sent} was sent to the autopilot")
+        gap_s = 0.0 if self._streamed_ns is None else (t_ns - self._streamed_ns) / NS_PER_S
+        self._streamed_ns = t_ns
+        moved_ned_m = subtract(self._offset_ned_m, self._target_offset_ned_m)
+        before, self._target, self._target_offset_ned_m = self._target, sent, self._offset_ned_m
+        hovers_on = now.code == Code.HOVER and self._before is not None and self._before.code == Code.HOVER
+        if before is not None and (gap_s < 1.0 or hovers_on) and _is_same(before, sent, moved_ned_m):
+            return
+        if now.control_id and not self._is_asked_for(inbox, now, sent):
+            explained = any(self._explains(setpoint, sent) for setpoint in allowed)
+            text = f"{sent.pos_ned_m}, {sent.vel_ned_mps} is no setpoint that {now.control_id} sent lately"
+            self._judge.check(explained, t_ns, "only the owner's fresh setpoints", text)
+        elif now.code == Code.HOVER and sent.pos_ned_m is not None:
+            self._judge_hover_point(t_ns, inbox, sent.pos_ned_m, before, moved_ned_m)
+
+    def _judge_hover_point(
+        self, t_ns: int, inbox: Inbox, pos_ned_m: Vec3, before: Sent | None, moved_ned_m: Vec3
+    ) -> None:
+        """It begins near the vehicle, and moves on request only; after a pause it is where it was."""
+        was_ned_m = None if before is None else before.pos_ned_m
+        stays = was_ned_m is not None and dist(add(was_ned_m, moved_ned_m), pos_ned_m) < SAME_M
+        if stays or inbox.requests(topics.HOVER):
+            return
+        if self._before is not None and self._before.code == Code.HOVER and not self._before.control_id:
+            text = f"from {was_ned_m} to {pos_ned_m} without a request"
+            self._judge.check(False, t_ns, "no jump of a hover point", text)
+        elif self._odometry is not None:
+            distance_m = dist(pos_ned_m, self._odometry.pos_uav_ned_m)
+            text = f"the hover begins {distance_m:.1f} m from the vehicle"
+            self._judge.check(distance_m <= HOVER_ENTRY_M, t_ns, "no jump of a hover point", text)
+
+    def _is_asked_for(self, inbox: Inbox, now: Status, sent: Sent) -> bool:
+        """A hover that was asked for in this very step, before control was granted in it."""
+        if now.code != Code.HOVER or sent.pos_ned_m is None or self._odometry is None:
+            return False
+        here_ned_m = self._odometry.pos_uav_ned_m
+        asked = (request.payload for request in inbox.requests(topics.HOVER) if request.payload.hover_req)
+        return any(
+            dist(sent.pos_ned_m, hover.hover_pos or here_ned_m) <= (SAME_M if hover.hover_pos else HOVER_ENTRY_M)
+            for hover in asked
+        )
+
+    def _explains(self, setpoint: Setpoint, sent: Sent) -> bool:
+        offset_ned_m = self._offsets.get(setpoint.reset_counter)
+        if (setpoint.pos_ned_m is None) != (sent.pos_ned_m is None):
+            return False
+        if setpoint.pos_ned_m is None or sent.pos_ned_m is None:
+            return (setpoint.vel_ned_mps is None) == (sent.vel_ned_mps is None) and (
+                setpoint.vel_ned_mps is None or dist(setpoint.vel_ned_mps, sent.vel_ned_mps or ()) <= SAME_M
+            )
+        if offset_ned_m is None:
+            return False
+        expected = add(setpoint.pos_ned_m, subtract(self._offset_ned_m, offset_ned_m))
+        return dist(expected, sent.pos_ned_m) <= SAME_M
+
+    def _judge_stream(self, t_ns: int, now: Status) -> None:
+        """While the bridge flies the vehicle it streams, unless it stood still itself."""
+        flies = now.code in FLYING and now.armed and not now.landed
+        if not flies or self._before is None or self._before.code not in FLYING or t_ns - self._stepped_ns > 5e7:
+            self._streamed_ns = t_ns if flies else None
+            return
+        gap_s = 0.0 if self._streamed_ns is None else (t_ns - self._streamed_ns) / NS_PER_S
+        if gap_s > STREAM_GAP_MAX_S:
+            text = f"no setpoint for {gap_s:.2f} s in status {now.name}"
+            self._judge.check(False, t_ns, "never without a commander", text)
+
+
+def _read(message: MavMessage) -> Sent:
+    mask = message.type_mask
+    pos = None if mask & POS_IGNORED else (message.x, message.y, message.z)
+    vel = None if mask & VEL_IGNORED else (message.vx, message.vy, message.vz)
+    acc = (0.0, 0.0, 0.0) if mask & ACC_IGNORED else (message.afx, message.afy, message.afz)
+    numbers = (*(pos or ()), *(vel or ()), *acc, message.yaw)
+    return Sent(pos, vel, all(isfinite(number) for number in numbers))
+
+
+def _is_same(before: Sent, now: Sent, moved_ned_m: Vec3) -> bool:
+    if (before.pos_ned_m is None) != (now.pos_ned_m is None) or (before.vel_ned_mps is None) != (
+        now.vel_ned_mps is None
+    ):
+        return False
+    same_pos = (
+        now.pos_ned_m is None or dist(add(before.pos_ned_m or now.pos_ned_m, moved_ned_m), now.pos_ned_m) < SAME_M
+    )
+    return same_pos and (now.vel_ned_mps is None or dist(before.vel_ned_mps or (), now.vel_ned_mps) < SAME_M)

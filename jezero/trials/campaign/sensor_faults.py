@@ -1,0 +1,193 @@
+"""Faults of sensors, in front of the simulator: what reaches the autopilot by HIL and the others by the bus."""
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from math import nan
+from random import Random
+from typing import Any
+
+import msgspec
+
+from jezero.mavlink import MavlinkCodec, MavMessage, dialect
+from jezero.runtime.service import Inbox, Output, Publish, Send, Service
+from jezero.schemas import topics
+from jezero.schemas.struct import Message
+from jezero.schemas.units import NS_PER_S
+from jezero.trials.campaign.faults import Fault, Kind
+
+GROUPS: dict[str, tuple[int, tuple[str, ...]]] = {
+    "imu": (0x3F, ("xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro")),
+    "mag": (0x1C0, ("xmag", "ymag", "zmag")),
+    "baro": (0x1A00, ("abs_pressure", "pressure_alt", "temperature")),
+}
+"""In HIL_SENSOR: the bits of `fields_updated` and the fields."""
+FIX = ("lat", "lon", "alt", "vn", "ve", "vd", "fix_type", "satellites_visible")
+ERRORS = {"imu": (0.2, 0.2, 0.2, 0.02, 0.02, 0.02), "mag": (0.2, -0.2, 0.0), "baro": (-1.0, 10.0, 0.0)}
+"""What a wrong sensor adds, at amount 1."""
+GARBAGE = {"imu": 1e4, "mag": 1.0, "baro": 500.0}
+TOPICS = {topics.ALTIMETER.name: "altimeter", topics.UWB.name: "uwb", topics.ROVER_ODOMETRY.name: "rover_odometry"}
+
+
+class FaultySimulator:
+    """A simulator whose sensors fail while a fault is on."""
+
+    def __init__(self, simulator: Service, rng: Random) -> None:
+        self.spec = simulator.spec
+        self.simulator = simulator
+        self.active: list[SensorFault] = []
+        self._rng = rng
+        self._in, self._out = MavlinkCodec(1, 25), MavlinkCodec(1, 25)
+
+    def begin(self, fault: Fault) -> "SensorFault":
+        running = SensorFault(fault, self._rng)
+        self.active.append(running)
+        return running
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        for output in self.simulator.step(t_ns, inbox):
+            if not self.active:
+                yield output
+            elif isinstance(output, Send):
+                yield from self._send(t_ns, output)
+            elif isinstance(output, Publish):
+                yield from self._publish(t_ns, output)
+            else:
+                yield output
+
+    def _send(self, t_ns: int, output: Send) -> Iterator[Output]:
+        for message in self._in.parse(output.data):
+            messages = [message]
+            for fault in self.active:
+                messages = [changed for m in messages for changed in fault.on_hil(t_ns, m)]
+            yield from (Send(output.link, self._out.pack(changed)) for changed in messages)
+
+    def _publish(self, t_ns: int, output: Publish) -> Iterator[Output]:
+        sensor = TOPICS.get(output.topic.name)
+        messages = [output.message]
+        for fault in self.active:
+            if fault.sensor == sensor:
+                messages = [changed for m in messages for changed in fault.on_bus(t_ns, m)]
+        yield from (Publish(output.topic, changed) for changed in messages)
+
+
+class SensorFault:
+    """One sensor's fault while it is on; what it remembers of the sensor's readings."""
+
+    def __init__(self, fault: Fault, rng: Random) -> None:
+        self.sensor = fault.where
+        self._kind = fault.kind
+        self.amount = fault.amount
+        self._rng = rng
+        self._first: Any = None
+        self._count = 0
+        self._late: deque[tuple[int, Any]] = deque()
+
+    def on_hil(self, t_ns: int, message: MavMessage) -> Iterator[MavMessage]:
+        """What the autopilot gets instead of one message of the simulator."""
+        kind = message.get_msgId()
+        if kind == dialect.MAVLINK_MSG_ID_HIL_GPS and self.sensor == "gnss":
+            yield from self.readings(t_ns, message, _stuck_fix, self._garbled_fix, self._wrong_fix)
+        elif kind == dialect.MAVLINK_MSG_ID_HIL_SENSOR and self.sensor in GROUPS:
+            mask, fields = GROUPS[self.sensor]
+            if message.fields_updated & mask:
+                self._change_group(t_ns, message, mask, fields)
+            yield message
+        else:
+            yield message
+
+    def _change_group(self, t_ns: int, message: MavMessage, mask: int, fields: tuple[str, ...]) -> None:
+        """HIL_SENSOR carries several sensors: this one's fields change, or it is not updated."""
+        values = [getattr(message, name) for name in fields]
+        readings = list(self.readings(t_ns, values, lambda first, now: first, self._garbled, self._wrong))
+        if readings:
+            for name, value in zip(fields, readings[-1], strict=True):
+                setattr(message, name, value)
+        else:
+            message.fields_updated &= ~mask
+
+    def on_bus(self, t_ns: int, message: Message) -> Iterator[Message]:
+        """What the bus gets instead of one reading."""
+        yield from self.readings(t_ns, message, _stuck_message, self._garbled_message, self._wrong_message)
+
+    def readings(
+        self,
+        t_ns: int,
+        reading: Any,
+        stuck: Callable[[Any, Any], Any],
+        garbled: Callable[[Any], Any],
+        wrong: Callable[[Any], Any],
+    ) -> Iterator[Any]:
+        """The readings that arrive now, mostly one or none."""
+        if self._first is None:
+            self._first = reading
+        self._count += 1
+        match self._kind:
+            case Kind.SENSOR_OFF:
+                return
+            case Kind.SENSOR_STUCK:
+                yield stuck(self._first, reading)
+            case Kind.SENSOR_GARBAGE:
+                yield garbled(reading) if self._rng.random() < self.amount else reading
+            case Kind.SENSOR_WRONG:
+                yield wrong(reading)
+            case Kind.SENSOR_SLOW:
+                if self._count % int(self.amount) == 0:
+                    yield reading
+            case Kind.SENSOR_INTERMITTENT:
+                if self._rng.random() >= self.amount:
+                    yield reading
+            case Kind.SENSOR_DELAYED:
+                self._late.append((t_ns + int(self.amount * NS_PER_S), reading))
+                while self._late and self._late[0][0] <= t_ns:
+                    yield self._late.popleft()[1]
+            case _:
+                yield reading
+
+    def _garbled(self, values: list[float]) -> list[float]:
+        size = GARBAGE[self.sensor]
+        return [nan if self._rng.random() < 0.2 else self._rng.uniform(-size, size) for _ in values]
+
+    def _wrong(self, values: list[float]) -> list[float]:
+        return [value + self.amount * error for value, error in zip(values, ERRORS[self.sensor], strict=True)]
+
+    def _garbled_fix(self, message: MavMessage) -> MavMessage:
+        rng = self._rng
+        message.lat += rng.randint(-20_000, 20_000)
+        message.lon += rng.randint(-20_000, 20_000)
+        message.alt += rng.randint(-200_000, 200_000)
+        message.vn, message.ve, message.vd = (rng.randint(-32_000, 32_000) for _ in range(3))
+        message.fix_type = rng.randint(0, 6)
+        message.satellites_visible = rng.randint(0, 255)
+        return message
+
+    def _wrong_fix(self, message: MavMessage) -> MavMessage:
+        """Up to 5 m to the north and 3 m up."""
+        message.lat += int(450 * self.amount)
+        message.alt += int(3000 * self.amount)
+        return message
+
+    def _garbled_message(self, message: Any) -> Any:
+        rng, replace = self._rng, msgspec.structs.replace
+        if self.sensor == "altimeter":
+            return replace(message, range_m=rng.choice((None, 0.0, rng.uniform(0.0, 10.0), rng.uniform(0.0, 1e6))))
+        if self.sensor == "uwb":
+            return replace(message, ranges=tuple(replace(r, range_m=rng.uniform(0.0, 1e3)) for r in message.ranges))
+        return replace(message, yaw_rover_rad=rng.uniform(-6.0, 6.0), speed_rover_body_mps=rng.uniform(-100.0, 100.0))
+
+    def _wrong_message(self, message: Any) -> Any:
+        add, replace = self.amount, msgspec.structs.replace
+        if self.sensor == "altimeter":
+            return message if message.range_m is None else replace(message, range_m=message.range_m + add)
+        if self.sensor == "uwb":
+            return replace(message, ranges=tuple(replace(r, range_m=r.range_m + add) for r in message.ranges))
+        return replace(message, speed_rover_body_mps=message.speed_rover_body_mps + add)
+
+
+def _stuck_fix(first: MavMessage, message: MavMessage) -> MavMessage:
+    for name in FIX:
+        setattr(message, name, getattr(first, name))
+    return message
+
+
+def _stuck_message(first: Any, message: Message) -> Any:
+    return msgspec.structs.replace(first, t_ns=message.t_ns)

@@ -1,0 +1,94 @@
+"""Many seeds' landings, on several processes, and what they come to."""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from math import isfinite
+from pathlib import Path
+
+import msgspec
+
+from jezero.trials.landing.flight import Landing, fly_landing
+from jezero.trials.landing.judge import Errors, percentile
+from jezero.trials.landing.trial import Conditions
+from jezero.trials.workers import workers
+
+
+class LandingReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What a case came to. None is infinite, as every failed landing is, or no sample at all.
+
+    Attributes:
+        touchdown_error_m: median, p95, max; horizontal and true, at disarm.
+        time_s: median, p95; from the goal to disarmed.
+        rmse_m: of the relative position, in space, below_3m and 3_to_8m.
+        touchdowns_m: (2,) of each landing that did not fail, true at disarm: forward and right of the platform's
+            middle, north and east of the spot in the case none.
+        nees: mean over the estimates and the dimensions; 1 is consistent.
+    """
+
+    case: str
+    rover: str
+    n: int
+    landed: int
+    touchdown_error_m: dict[str, float | None]
+    time_s: dict[str, float | None]
+    rmse_m: dict[str, float | None]
+    nees: float | None
+    failed_seeds: list[int]
+    touchdowns_m: list[tuple[float, float]]
+
+
+def fly_landings(
+    conditions: Conditions,
+    n: int,
+    seed: int,
+    jobs: int,
+    tell: Callable[[Landing], None] = lambda landing: None,
+    logs: Path | None = None,
+) -> LandingReport:
+    """Fly `n` landings from `seed` on.
+
+    Args:
+        jobs: processes that fly at the same time.
+        tell: called with each landing, in the order of the seeds.
+        logs: folder to keep each landing's log in, as <case>-<seed>/flight.jsonl.
+    """
+    landings: list[Landing] = []
+    for landing in _landings(conditions, range(seed, seed + n), jobs, logs):
+        tell(landing)
+        landings.append(landing)
+    errors = Errors()
+    for landing in landings:
+        errors.add(landing.errors)
+    errors_m = [landing.error_m for landing in landings]
+    times_s = [landing.time_s for landing in landings]
+    return LandingReport(
+        case=conditions.case,
+        rover=conditions.rover,
+        n=n,
+        landed=sum(not landing.failure for landing in landings),
+        touchdown_error_m={
+            name: _finite(percentile(errors_m, share)) for name, share in (("median", 0.5), ("p95", 0.95), ("max", 1.0))
+        },
+        time_s={name: _finite(percentile(times_s, share)) for name, share in (("median", 0.5), ("p95", 0.95))},
+        rmse_m={"below_3m": _finite(errors.rmse_m(0)), "3_to_8m": _finite(errors.rmse_m(1))},
+        nees=_finite(errors.nees / errors.samples) if errors.samples else None,
+        failed_seeds=[landing.seed for landing in landings if landing.failure],
+        touchdowns_m=[
+            (round(place_m[0], 4), round(place_m[1], 4))
+            for place_m in (landing.error_rover_body_m for landing in landings)
+            if place_m is not None
+        ],
+    )
+
+
+def _landings(conditions: Conditions, seeds: range, jobs: int, logs: Path | None) -> Iterator[Landing]:
+    fly = partial(fly_landing, conditions=conditions, logs=logs)
+    if jobs == 1:
+        yield from map(fly, seeds)
+        return
+    with workers(jobs) as pool:
+        yield from pool.imap(fly, seeds)
+
+
+def _finite(value: float | None) -> float | None:
+    return round(value, 4) if value is not None and isfinite(value) else None

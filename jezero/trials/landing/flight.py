@@ -1,0 +1,218 @@
+"""One landing in virtual time: up, where the goal finds the vehicle, and down again."""
+
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from math import hypot, inf
+from pathlib import Path
+
+import msgspec
+
+from jezero.report.flight_log import LOG, LogWriter
+from jezero.runtime.config import load_config
+from jezero.runtime.memory_bus import MemoryBus
+from jezero.runtime.service import Inbox, Output, Publish, Service
+from jezero.schemas import topics
+from jezero.schemas.actions import TakeoffGoal
+from jezero.schemas.units import NS_PER_S
+from jezero.services.simulator.camera.config import CameraConfig
+from jezero.services.simulator.config import SimulatorConfig, WindConfig
+from jezero.services.simulator.service import Simulator
+from jezero.trials.flight import fly_goal
+from jezero.trials.landing.judge import (
+    IMPACT_MAX_MPS,
+    Errors,
+    LandingJudge,
+    on_platform_m,
+    why_not_on_platform,
+    why_not_upright,
+)
+from jezero.trials.landing.trial import HIDDEN_S, MOTIONS, STD_GUST_MPS, WIND_MPS, Conditions, Trial, draw_trial
+from jezero.trials.rover_driver import RoverDriver
+from jezero.trials.stack import SYSTEM_ID, boot_id, service_makers, wired_bus
+
+READY_WITHIN_S = 60.0
+GOAL_WITHIN_S = 240.0
+SETTLED_S = 2.0
+"""The rover drives for so long before the goal comes."""
+STD_UWB_ALONE_M, BLOCKED_ALONE = 0.1, 0.1
+"""Ranges of real hardware, for the case that has nothing else."""
+UNUSED = ("go_to",)
+SEES = (topics.CAMERA.name, topics.TAG_CORNERS.name)
+
+
+class Landing(msgspec.Struct, frozen=True, kw_only=True):
+    """How one landing went.
+
+    Attributes:
+        failure: why it is no landing; "" when it is one.
+        error_m: touchdown error; infinite for a failed one, as is the time.
+        error_rover_body_m: (2,) forward and right of the middle, None when it failed.
+        time_s: from the goal to disarmed.
+        impact_mps: speed towards the platform at touchdown.
+    """
+
+    seed: int
+    failure: str
+    error_m: float
+    error_rover_body_m: tuple[float, float] | None
+    time_s: float
+    impact_mps: float
+    errors: Errors
+
+
+class _Blindfold:
+    """A camera that shows nothing for a while, now and then.
+
+    Attributes:
+        hidden_ns: (from, to), to be set while it runs.
+    """
+
+    def __init__(self, camera: Service) -> None:
+        self.spec = camera.spec
+        self.hidden_ns: list[tuple[int, int]] = []
+        self._camera = camera
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        for output in self._camera.step(t_ns, inbox):
+            sees = isinstance(output, Publish) and output.topic.name in SEES
+            if not (sees and any(start <= t_ns < end for start, end in self.hidden_ns)):
+                yield output
+
+
+def fly_landing(
+    seed: int,
+    conditions: Conditions,
+    logs: Path | None = None,
+    autopilot: Callable[[], tuple[Service, int]] | None = None,
+) -> Landing:
+    """Fly one seed's landing.
+
+    Args:
+        logs: folder to keep its log in, as <case>-<seed>/flight.jsonl.
+        autopilot: makes another than the embedded one, and tells its MAVLink system id.
+
+    Raises:
+        ConfigError: a configuration file is wrong.
+    """
+    trial = draw_trial(seed, conditions)
+    bus, blindfold, simulator = _stack(trial, None if autopilot is None else autopilot())
+    with ExitStack() as cleanup:
+        cleanup.callback(simulator.close)
+        if logs is not None:
+            log = cleanup.enter_context(LogWriter(logs / f"{conditions.case}-{seed}" / LOG))
+            bus.observe(log.write)
+        return _fly(trial, bus, blindfold)
+
+
+def _fly(trial: Trial, bus: MemoryBus, blindfold: _Blindfold) -> Landing:
+    conditions = trial.conditions
+    driver = RoverDriver()
+    bus.add(driver)
+    judge = LandingJudge()
+    bus.observe(judge)
+    failure = _up(bus, judge, trial)
+    if not failure:
+        driver.speed_mps, driver.yaw_rate_rps = MOTIONS[conditions.rover]
+        bus.run_for(SETTLED_S if driver.speed_mps else 0.0)
+        assert judge.truth is not None, "no truth in flight"
+        judge.begin(bus.t_ns)
+        if conditions.hide_tag:
+            begins_ns = [bus.t_ns + int(s * NS_PER_S) for s in trial.hidden_s]
+            blindfold.hidden_ns = [(begin_ns, begin_ns + int(HIDDEN_S * NS_PER_S)) for begin_ns in begins_ns]
+        begun_ns = bus.t_ns
+        failure = fly_goal(bus, topics.LAND_ON_SPOT, trial.goal(judge.truth.pos_rover_ned_m), GOAL_WITHIN_S)
+        return _judged(trial, judge, begun_ns, failure)
+    return _judged(trial, judge, bus.t_ns, f"before the landing: {failure}")
+
+
+def _stack(trial: Trial, flown_by: tuple[Service, int] | None) -> tuple[MemoryBus, _Blindfold, Simulator]:
+    conditions, seed = trial.conditions, trial.seed
+    makers = service_makers(
+        seed,
+        simulator=simulator_config(trial),
+        camera=camera_config(conditions),
+        system_id=SYSTEM_ID if flown_by is None else flown_by[1],
+    )
+    bus = wired_bus(seed)
+    blindfold: _Blindfold | None = None
+    simulator: Simulator | None = None
+    for name, make in makers.items():
+        if name in UNUSED:
+            continue
+        service = flown_by[0] if name == "autopilot" and flown_by is not None else make(boot_id(seed, name))
+        if isinstance(service, Simulator):
+            simulator = service
+        if name == "camera":
+            service = blindfold = _Blindfold(service)
+        bus.add(service)
+    assert blindfold is not None, "a stack without a camera"
+    assert simulator is not None, "a stack without a simulator"
+    return bus, blindfold, simulator
+
+
+def simulator_config(trial: Trial) -> SimulatorConfig:
+    """The shipped settings with the trial's place, wind and ranges."""
+    conditions, replace = trial.conditions, msgspec.structs.replace
+    shipped = load_config(SimulatorConfig, "simulator")
+    std_m = _std_uwb_m(conditions)
+    alone_share = BLOCKED_ALONE if conditions.case == "uwb" else 0.0
+    share = alone_share if conditions.uwb_outliers is None else conditions.uwb_outliers
+    north_m, east_m = trial.pos_rover_ned_m
+    return replace(
+        shipped,
+        wind=WindConfig(mean_mps=WIND_MPS, from_deg=trial.wind_from_deg, std_gust_mps=STD_GUST_MPS),
+        rover=replace(shipped.rover, start_north_m=north_m, start_east_m=east_m, start_yaw_rad=trial.yaw_rover_rad),
+        uwb=replace(shipped.uwb, std_m=shipped.uwb.std_m if std_m is None else std_m, share_blocked=share),
+    )
+
+
+def _std_uwb_m(conditions: Conditions) -> float | None:
+    """Of the ranges, None for the shipped one."""
+    if conditions.uwb_std_m is not None:
+        return conditions.uwb_std_m
+    return STD_UWB_ALONE_M if conditions.case == "uwb" else None
+
+
+def camera_config(conditions: Conditions) -> CameraConfig:
+    """The shipped settings with the conditions' mode and latency."""
+    shipped = load_config(CameraConfig, "camera")
+    delay_s = shipped.delay_s if conditions.camera_latency_s is None else conditions.camera_latency_s
+    return msgspec.structs.replace(shipped, mode=conditions.tags, delay_s=delay_s)
+
+
+def _up(bus: MemoryBus, judge: LandingJudge, trial: Trial) -> str:
+    """To where the goal shall find it; returns why that failed."""
+
+    def is_ready() -> bool:
+        return judge.status is not None and judge.status.ready
+
+    if not bus.run_for(READY_WITHIN_S, stop=is_ready):
+        return f"not ready: {judge.status.not_ready_reason if judge.status else 'no status'}"
+    return fly_goal(bus, topics.TAKEOFF, TakeoffGoal(altitude_m=trial.up_m), GOAL_WITHIN_S)
+
+
+def _judged(trial: Trial, judge: LandingJudge, begun_ns: int, failure: str) -> Landing:
+    truth = judge.truth
+    if not failure and (truth is None or judge.disarmed_ns is None or judge.status is None or judge.status.armed):
+        failure = "not disarmed"
+    error_rover_body_m: tuple[float, float] | None = None
+    if not failure and truth is not None:
+        if trial.conditions.case == "none":
+            failure = why_not_upright(truth)
+            north_m, east_m, _ = trial.spot_ned_m
+            error_rover_body_m = (truth.pos_uav_ned_m[0] - north_m, truth.pos_uav_ned_m[1] - east_m)
+        else:
+            failure = why_not_on_platform(truth, 0.5 * load_config(SimulatorConfig, "simulator").rover.platform_side_m)
+            error_rover_body_m = on_platform_m(truth)[:2]
+        if judge.impact_mps > IMPACT_MAX_MPS:
+            failure = failure or f"impact at {judge.impact_mps:.2f} m/s"
+    landed = not failure and error_rover_body_m is not None and judge.disarmed_ns is not None
+    return Landing(
+        seed=trial.seed,
+        failure=failure,
+        error_m=hypot(*error_rover_body_m) if landed and error_rover_body_m else inf,
+        error_rover_body_m=error_rover_body_m if landed else None,
+        time_s=((judge.disarmed_ns or 0) - begun_ns) / NS_PER_S if landed else inf,
+        impact_mps=round(judge.impact_mps, 3),
+        errors=judge.errors,
+    )

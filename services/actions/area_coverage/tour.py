@@ -1,0 +1,69 @@
+"""In which order, and from which end, the tracks are flown."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jezero.services.actions.area_coverage.tracks import Track
+
+Array = NDArray[np.float64]
+TRIALS_MAX = 400
+
+
+def order_tracks(tracks: Sequence[Track], start_m: Array | None) -> list[Array]:
+    """The tracks' points in an order with short ways between them: nearest neighbour, then 2-opt.
+
+    Distances are straight lines; the ways themselves are found later.
+    """
+    if not tracks:
+        return []
+    entries = [np.array([way[0] for way in track.variants]) for track in tracks]
+    exits = [np.array([way[-1] for way in track.variants]) for track in tracks]
+    order = _nearest(entries, exits, start_m)
+    cost, chosen = _choose(order, entries, exits, start_m)
+    trials = 0
+    improved = True
+    while improved and trials < TRIALS_MAX:
+        improved = False
+        for i in range(len(order) - 1):
+            for j in range(i + 1, len(order)):
+                trial = order[:i] + order[i : j + 1][::-1] + order[j + 1 :]
+                trial_cost, trial_chosen = _choose(trial, entries, exits, start_m)
+                trials += 1
+                if trial_cost < cost - 1e-9:
+                    order, cost, chosen, improved = trial, trial_cost, trial_chosen, True
+            if trials >= TRIALS_MAX:
+                break
+    return [tracks[i].variants[variant] for i, variant in zip(order, chosen, strict=True)]
+
+
+def _nearest(entries: list[Array], exits: list[Array], start_m: Array | None) -> list[int]:
+    at = entries[0][0] if start_m is None else start_m
+    left, order = set(range(len(entries))), []
+    while left:
+        distances = {i: np.linalg.norm(entries[i] - at, axis=1) for i in left}
+        nearest = min(left, key=lambda i: (float(distances[i].min()), i))
+        at = exits[nearest][int(np.argmin(distances[nearest]))]
+        order.append(nearest)
+        left.remove(nearest)
+    return order
+
+
+def _choose(
+    order: list[int], entries: list[Array], exits: list[Array], start_m: Array | None
+) -> tuple[float, list[int]]:
+    """The variants with the shortest ways between them for a given order, by dynamic programming."""
+    first = order[0]
+    costs = np.zeros(len(entries[first])) if start_m is None else np.linalg.norm(entries[first] - start_m, axis=1)
+    froms: list[NDArray[np.intp]] = []
+    for before, after in pairwise(order):
+        gaps = np.linalg.norm(exits[before][:, None, :] - entries[after][None, :, :], axis=2)
+        total = costs[:, None] + gaps
+        froms.append(np.argmin(total, axis=0))
+        costs = total.min(axis=0)
+    chosen = [int(np.argmin(costs))]
+    for back in reversed(froms):
+        chosen.append(int(back[chosen[-1]]))
+    return float(costs.min()), chosen[::-1]

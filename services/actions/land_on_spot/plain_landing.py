@@ -1,0 +1,167 @@
+"""Land on a spot by the vehicle's own position: the case without sensors of the rover."""
+
+from math import hypot
+from typing import Any
+
+from jezero.frames import Vec3, altitude_m, subtract
+from jezero.schemas.actions import LandFeedback, LandOnSpotGoal, LandPhase, LandResult
+from jezero.schemas.commands import Phase
+from jezero.schemas.topics import ALTIMETER, Topic
+from jezero.schemas.units import NS_PER_S
+from jezero.services.actions.config import ActionsConfig, LandConfig
+from jezero.services.actions.land_on_spot.tilt_contact_detector import Edge, standing
+from jezero.services.actions.lifecycle.behaviour import Done, Move, Selection, VehicleState
+from jezero.services.actions.motion.straight_path import Leg
+
+
+class PlainLanding:
+    """Approach at height, descent over the spot, contact until the autopilot sees the ground; off again from an edge.
+
+    Source: spec §8, case 4.
+    """
+
+    inputs: tuple[Topic[Any], ...] = (ALTIMETER,)
+    selection: Selection | None = None
+
+    def __init__(self, config: ActionsConfig) -> None:
+        self._config = config
+        self._phase: LandPhase = "approach"
+        self._spot_ned_m: Vec3 = (0.0, 0.0, 0.0)
+        self._leg: Leg | None = None
+        self._lift: Leg | None = None
+        self._speed_down_mps = config.land_on_spot.speed_high_mps
+        self._phase_since_ns = 0
+        self._still_since_ns: int | None = None
+        self._edge = Edge()
+        self._leaves_ns: int | None = None
+
+    def start(self, t_ns: int, goal: LandOnSpotGoal, state: VehicleState) -> None:
+        assert goal.landing_spot_ned_m is not None, "start without check"
+        move, land = self._config.move, self._config.land_on_spot
+        x, y, z = state.pos_uav_ned_m
+        height_m = altitude_m(z) if state.height_m is None else state.height_m
+        up_m = max(0.0, land.approach_height_min_m - height_m)
+        self._spot_ned_m = goal.landing_spot_ned_m
+        above_ned_m = (self._spot_ned_m[0], self._spot_ned_m[1], z - up_m)
+        start_ned_m = (x, y, z - up_m)
+        speed_mps = land.speed_approach_mps
+        self._leg = Leg(
+            t_ns,
+            start_ned_m,
+            above_ned_m,
+            speed_mps=speed_mps,
+            lead_max_m=move.lead_m + move.lead_s * speed_mps,
+            config=move,
+            yaw_start_rad=state.yaw_rad,
+        )
+        if up_m > move.reached_m:
+            self._lift = Leg(
+                t_ns,
+                (x, y, z),
+                start_ned_m,
+                speed_mps=move.speed_up_mps,
+                lead_max_m=move.lead_m,
+                config=move,
+                yaw_start_rad=state.yaw_rad,
+            )
+        self._phase_since_ns = t_ns
+
+    def step(self, t_ns: int, state: VehicleState) -> Move | Done:
+        if self._phase == "approach":
+            return self._approach(t_ns, state)
+        land = self._config.land_on_spot
+        if self._leaves_ns is not None:
+            return self._leave(t_ns, self._leaves_ns, state, land)
+        if state.landed:
+            return standing(state)
+        if problem := self._advance(t_ns, state, land):
+            return Done("aborted", problem)
+        pushes = self._phase == "contact"
+        vel_ned_mps = (0.0, 0.0, land.push_mps) if pushes else self._descent_velocity(state, land)
+        if self._edge.is_below(t_ns, state, vel_ned_mps[2]):
+            self._leaves_ns = t_ns
+            return self._leave(t_ns, t_ns, state, land)
+        return self._move(state, vel_ned_mps)
+
+    def _advance(self, t_ns: int, state: VehicleState, land: LandConfig) -> str:
+        """The next phase when it is time for it; why the landing is given up, or ""."""
+        since_s = (t_ns - self._phase_since_ns) / NS_PER_S
+        if self._phase == "descent":
+            if since_s > land.descent_timeout_s:
+                return f"nothing touched after {since_s:.0f} s of descent"
+            if self._touches(t_ns, state, land):
+                self._enter("contact", t_ns)
+        elif since_s > land.contact_timeout_s:
+            return f"the autopilot doesn't see the ground {since_s:.0f} s after contact"
+        elif state.vel_uav_ned_mps[2] > 0.5 * land.push_mps:
+            self._enter("descent", t_ns)
+        return ""
+
+    def _leave(self, t_ns: int, since_ns: int, state: VehicleState, land: LandConfig) -> Move | Done:
+        """Up again, and leave it to others where else to land."""
+        if t_ns - since_ns > land.leave_s * NS_PER_S:
+            return Done("aborted", "the vehicle leaned over an edge or a rock at the landing spot: land somewhere else")
+        return self._move(state, (0.0, 0.0, -land.speed_leave_mps))
+
+    def result(self, completed: bool, pos_uav_ned_m: Vec3) -> LandResult:
+        return LandResult(completed=completed, touchdown_ned_m=pos_uav_ned_m if completed else None)
+
+    def _approach(self, t_ns: int, state: VehicleState) -> Move | Done:
+        leg = self._lift if self._lift is not None else self._leg
+        assert leg is not None, "step before start"
+        leg.step(t_ns, state)
+        if problem := leg.stuck(t_ns):
+            return Done("aborted", f"approach: {problem}")
+        if leg.reached and self._lift is not None:
+            self._lift = None
+            assert self._leg is not None
+            self._leg.wait(t_ns, state)
+        elif leg.reached:
+            self._enter("descent", t_ns)
+        return Move(Phase.LANDING, self._feedback(state), leg.pos_ned_m, leg.vel_ned_mps, leg.acc_ned_mps2, leg.yaw_rad)
+
+    def _descent_velocity(self, state: VehicleState, land: LandConfig) -> Vec3:
+        """Towards the spot, and down: slower near the ground, and never faster again."""
+        slow_m = land.slow_height_m
+        height_m = state.height_m
+        if height_m is None:
+            height_m, slow_m = altitude_m(state.pos_uav_ned_m[2]), slow_m + land.slow_margin_m
+        if height_m < slow_m:
+            self._speed_down_mps = land.speed_low_mps
+        north = land.gain_horizontal_1ps * (self._spot_ned_m[0] - state.pos_uav_ned_m[0])
+        east = land.gain_horizontal_1ps * (self._spot_ned_m[1] - state.pos_uav_ned_m[1])
+        shrink = min(1.0, land.speed_horizontal_max_mps / max(hypot(north, east), 1e-9))
+        return (north * shrink, east * shrink, self._speed_down_mps)
+
+    def _touches(self, t_ns: int, state: VehicleState, land: LandConfig) -> bool:
+        """Whether the range is below what the altimeter can measure in the air, or the descent has stopped."""
+        if state.height_m is not None and state.height_m < land.contact_height_m:
+            return True
+        if state.vel_uav_ned_mps[2] > land.contact_mps:
+            self._still_since_ns = None
+        elif self._still_since_ns is None:
+            self._still_since_ns = t_ns
+        started_s = (t_ns - self._phase_since_ns) / NS_PER_S
+        return (
+            started_s > 2.0 * land.contact_s
+            and self._still_since_ns is not None
+            and t_ns - self._still_since_ns >= land.contact_s * NS_PER_S
+        )
+
+    def _enter(self, phase: LandPhase, t_ns: int) -> None:
+        self._phase = phase
+        self._phase_since_ns = t_ns
+        self._still_since_ns = None
+
+    def _move(self, state: VehicleState, vel_ned_mps: Vec3) -> Move:
+        assert self._leg is not None
+        return Move(Phase.LANDING, self._feedback(state), vel_ned_mps=vel_ned_mps, yaw_rad=self._leg.yaw_rad)
+
+    def _feedback(self, state: VehicleState) -> LandFeedback:
+        spot_x, spot_y, _ = self._spot_ned_m
+        z_spot = state.pos_uav_ned_m[2] + state.height_m if state.height_m is not None else 0.0
+        return LandFeedback(
+            pos_uav_ned_m=state.pos_uav_ned_m,
+            pos_rel_ned_m=subtract(state.pos_uav_ned_m, (spot_x, spot_y, z_spot)),
+            phase=self._phase,
+        )

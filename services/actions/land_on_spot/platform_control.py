@@ -1,0 +1,122 @@
+"""Gain-scheduled control over the platform, and where the vehicle is relative to it now.
+
+Source: spec §8; thesis §4.4.2.
+"""
+
+from math import hypot, sqrt
+from typing import NamedTuple
+
+from jezero.frames import Vec3, add, altitude_m, scale
+from jezero.schemas.estimate import Relative
+from jezero.schemas.units import NS_PER_S
+from jezero.services.actions.config import PadControlConfig
+
+AGE_MAX_NS = 500_000_000
+NORTH, EAST, DOWN = 0, 6, 11
+"""Variances of the position in the upper triangle of the covariance."""
+
+
+class Pad(NamedTuple):
+    """The vehicle over the platform at one instant.
+
+    Attributes:
+        pos_ned_m, vel_ned_mps: middle of the vehicle's feet, minus that of the platform.
+        vel_rover_ned_mps, yaw_rate_rover_rps: of the platform.
+        std_m, std_height_m: how well the horizontal position and the height are known.
+    """
+
+    pos_ned_m: Vec3
+    vel_ned_mps: Vec3
+    vel_rover_ned_mps: Vec3
+    yaw_rate_rover_rps: float
+    std_m: float = 0.0
+    std_height_m: float = 0.0
+
+    @property
+    def height_m(self) -> float:
+        return altitude_m(self.pos_ned_m[2])
+
+    @property
+    def error_m(self) -> float:
+        """Horizontally from the middle."""
+        return hypot(self.pos_ned_m[0], self.pos_ned_m[1])
+
+    def error_in_m(self, seconds: float) -> float:
+        """`error_m` a little later, if the vehicle goes on as it does."""
+        north_m, east_m, _ = self.pos_ned_m
+        north_mps, east_mps, _ = self.vel_ned_mps
+        return hypot(north_m + seconds * north_mps, east_m + seconds * east_mps)
+
+    @property
+    def speed_mps(self) -> float:
+        """Horizontal, relative to the platform."""
+        return hypot(self.vel_ned_mps[0], self.vel_ned_mps[1])
+
+    @property
+    def acc_rover_ned_mps2(self) -> tuple[float, float]:
+        """North and east, of its turn."""
+        north_mps, east_mps, _ = self.vel_rover_ned_mps
+        return -self.yaw_rate_rover_rps * east_mps, self.yaw_rate_rover_rps * north_mps
+
+
+def pad_at(t_ns: int, relative: Relative, feet_ned_m: Vec3) -> Pad:
+    """The estimate carried on from its own time to `t_ns`, by half a second at most.
+
+    Args:
+        feet_ned_m: (3,) from the point that the estimate is of to the middle of the feet.
+    """
+    age_s = min(max(t_ns - relative.t_ns, 0), AGE_MAX_NS) / NS_PER_S
+    vel_ned_mps = relative.vel_uav_rel_rover_ned_mps
+    return Pad(
+        add(add(relative.pos_uav_rel_rover_ned_m, scale(vel_ned_mps, age_s)), feet_ned_m),
+        vel_ned_mps,
+        relative.vel_rover_ned_mps,
+        relative.yaw_rate_rover_rps,
+        sqrt(max(relative.cov[NORTH], 0.0) + max(relative.cov[EAST], 0.0)),
+        sqrt(max(relative.cov[DOWN], 0.0)),
+    )
+
+
+class PadControl:
+    """Horizontal velocity over ground that brings the vehicle over the middle of the platform and keeps it there."""
+
+    def __init__(self, config: PadControlConfig) -> None:
+        self._config = config
+        self._integral_mps = (0.0, 0.0)
+
+    def reset(self) -> None:
+        """Forget what was learned of the wind and of the velocity's error."""
+        self._integral_mps = (0.0, 0.0)
+
+    def command(self, dt_s: float, pad: Pad) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Velocity and its derivative, north and east; the derivative is what keeps a fast loop from overshooting."""
+        error_m = pad.error_m
+        self._integrate(dt_s, pad, error_m)
+        pull_1ps = self._speed_mps(error_m) / error_m if error_m > 1e-9 else self._config.gain_near_1ps
+        (north_m, east_m, _), (north_mps, east_mps, _) = pad.pos_ned_m, pad.vel_ned_mps
+        acc_north_mps2, acc_east_mps2 = pad.acc_rover_ned_mps2
+        velocity = (
+            pad.vel_rover_ned_mps[0] - pull_1ps * north_m + self._integral_mps[0],
+            pad.vel_rover_ned_mps[1] - pull_1ps * east_m + self._integral_mps[1],
+        )
+        return velocity, (acc_north_mps2 - pull_1ps * north_mps, acc_east_mps2 - pull_1ps * east_mps)
+
+    def _speed_mps(self, error_m: float) -> float:
+        """Proportional near the middle; farther out no faster than what can be braked."""
+        config = self._config
+        share = min(max((error_m - config.near_m) / (config.far_m - config.near_m), 0.0), 1.0)
+        gain_1ps = config.gain_near_1ps + share * (config.gain_far_1ps - config.gain_near_1ps)
+        braking_mps = sqrt(2.0 * config.acc_max_mps2 * error_m)
+        return min(gain_1ps * error_m, braking_mps, config.speed_max_mps)
+
+    def _integrate(self, dt_s: float, pad: Pad, error_m: float) -> None:
+        config = self._config
+        if error_m > config.far_m:
+            self.reset()
+        if error_m > config.near_m:
+            return
+        north_mps, east_mps = self._integral_mps
+        north_mps -= config.gain_integral_1ps2 * pad.pos_ned_m[0] * dt_s
+        east_mps -= config.gain_integral_1ps2 * pad.pos_ned_m[1] * dt_s
+        shrink = min(1.0, config.integral_max_mps / max(hypot(north_mps, east_mps), 1e-9))
+        self._integral_mps = (shrink * north_mps, shrink * east_mps)

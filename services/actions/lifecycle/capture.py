@@ -1,0 +1,276 @@
+"""Pictures at planned points, each with what was known when it was exposed. No I/O: the goal's run feeds it.
+
+A behaviour that takes pictures makes one `Capture` in `check` and offers it as its attribute `capture`; its action is
+declared with `takes_pictures=True` and reports `ImagesFeedback`. The goal's run then listens to `CAPTURE_INPUTS` too,
+calls `take_in` once per step, stores what it gives on disk, fills `taken`, `planned` and `images` of the feedback, and
+aborts the goal with `problem`; the server answers for the pixels on the action's `image` endpoint. The behaviour
+
+- gives `Verdict(look=lambda state: capture.refusal())`: no goal is accepted while the camera sends nothing;
+- calls `capture.ask(index, t_ns)` in the `step` in which the vehicle passes planned point `index`: its picture is the
+  first one that is exposed at `t_ns` or later, and one picture serves one point. Pictures arrive 0.1 s and more after
+  their exposure: `capture.waits` is true until all that were asked for have come;
+- may aim with `capture.pos_camera`;
+- reads `capture.taken`, and gives `capture.images()` in its result: all so far, in today's world frame.
+"""
+
+from collections import deque
+from collections.abc import Iterator
+from typing import Any, NamedTuple, TypeVar
+
+import msgspec
+
+from jezero.frames import (
+    Quat,
+    Vec3,
+    add,
+    geodetic_from_ned,
+    q_frd_from_camera,
+    quat_between,
+    quat_multiply,
+    quat_normalize,
+    quat_rotate,
+    scale,
+    subtract,
+    yaw_from_quat,
+)
+from jezero.runtime.service import Inbox
+from jezero.schemas.images import Image, ImageReply
+from jezero.schemas.sensors import CameraFrame, CameraInfo
+from jezero.schemas.state import Odometry
+from jezero.schemas.struct import Message
+from jezero.schemas.topics import ALTIMETER, CAMERA, CAMERA_INFO, GNSS, IMU, ODOMETRY, Topic
+from jezero.schemas.units import NS_PER_S
+from jezero.services.actions.config import CaptureConfig
+
+EARLY_NS = 50_000_000
+GAP_MAX_NS = 250_000_000
+"""Between two odometries; longer ones are not bridged."""
+FRAMES_WAITING = 3
+SENSORS: tuple[Topic[Any], ...] = (IMU, GNSS, ALTIMETER)
+CAPTURE_INPUTS: tuple[Topic[Any], ...] = (CAMERA, CAMERA_INFO, *SENSORS)
+M = TypeVar("M", bound=Message)
+
+
+class Shot(NamedTuple):
+    """A picture that was taken, with its pixels."""
+
+    image: Image
+    frame: CameraFrame
+
+    def picture(self, goal_id: str) -> ImageReply:
+        """What the server answers with."""
+        width_px, height_px, pixels = self.frame.width_px, self.frame.height_px, self.frame.pixels
+        index = self.image.index
+        return ImageReply(goal_id=goal_id, index=index, width_px=width_px, height_px=height_px, pixels=pixels)
+
+
+class _Record(NamedTuple):
+    image: Image
+    offset_ned_m: Vec3
+    """Sum of the autopilot's position steps at its exposure."""
+
+
+class Capture:
+    """One goal's pictures.
+
+    Args:
+        stream: feedback tells of each picture as it is taken.
+
+    Attributes:
+        planned: how many there will be.
+    """
+
+    def __init__(self, config: CaptureConfig, planned: int, *, stream: bool = True) -> None:
+        self.planned = planned
+        self._config = config
+        self._stream = stream
+        self._records: list[_Record] = []
+        self._untold = 0
+        self._asked: deque[tuple[int, int]] = deque()
+        """(index, time of passing), oldest first."""
+        self._frames: deque[CameraFrame] = deque(maxlen=FRAMES_WAITING)
+        self._info: CameraInfo | None = None
+        self._origin_deg: Vec3 | None = None
+        self._offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
+        self._odometry: deque[Odometry] = deque()
+        self._sensed: dict[str, deque[Any]] = {topic.name: deque() for topic in SENSORS}
+        self._frame_ns: int | None = None
+        """Exposure of the newest picture that came."""
+        self._failure = ""
+
+    # -- for the behaviour --
+
+    @property
+    def taken(self) -> int:
+        """Pictures so far."""
+        return len(self._records)
+
+    @property
+    def waits(self) -> bool:
+        """Whether a point was passed whose picture hasn't come yet."""
+        return bool(self._asked)
+
+    def ask(self, index: int, t_ns: int) -> None:
+        """The vehicle passes a planned point."""
+        self._asked.append((index, t_ns))
+
+    def pos_camera(self, pos_uav_ned_m: Vec3, q_ned_from_frd: Quat) -> Vec3:
+        """Where the optical centre is on a vehicle of that pose."""
+        arm_frd_m = (0.0, 0.0, 0.0) if self._info is None else self._info.pos_camera_frd_m
+        north_m, east_m, down_m = add(pos_uav_ned_m, quat_rotate(q_ned_from_frd, arm_frd_m))
+        return (north_m, east_m, down_m - self._config.height_stand_m)
+
+    def refusal(self) -> str:
+        """Why no goal can begin, or ""; to be asked when the inputs have had time to come."""
+        if self._frame_ns is not None and self._info is not None:
+            return ""
+        if self._info is not None:
+            return 'no pictures: the camera only projects tags; set mode = "rendered" in camera.toml'
+        what = "sends none" if self._frame_ns is None else "doesn't describe itself"
+        return f"no pictures: the camera {what}: see `jezero ps`"
+
+    def problem(self, t_ns: int) -> str:
+        """Why the goal can't go on, or ""."""
+        if self._failure:
+            return self._failure
+        late_s = (t_ns - self._asked[0][1]) / NS_PER_S if self._asked else 0.0
+        if late_s <= self._config.late_max_s:
+            return ""
+        return f"no pictures: none came for point {self._asked[0][0] + 1} of {self.planned} within {late_s:.1f} s"
+
+    def images(self) -> tuple[Image, ...]:
+        """All so far, in the world frame as it is now."""
+        return tuple(self._moved(record) for record in self._records)
+
+    # -- for the goal's run --
+
+    def fail(self, reason: str) -> None:
+        """What was taken can't be kept."""
+        self._failure = f"no pictures: {reason}"
+
+    def told(self) -> tuple[Image, ...]:
+        """Those that no feedback has told of yet."""
+        if not self._stream:
+            return ()
+        news = tuple(self._moved(record) for record in self._records[self._untold :])
+        self._untold = len(self._records)
+        return news
+
+    def take_in(self, t_ns: int, inbox: Inbox) -> Iterator[Shot]:
+        """Everything that arrived; gives the pictures that were waited for."""
+        for odometry in inbox.new(ODOMETRY):
+            if not self._odometry or odometry.t_ns > self._odometry[-1].t_ns:
+                self._keep(t_ns, self._odometry, odometry)
+        for topic in SENSORS:
+            for message in inbox.new(topic):
+                self._keep(t_ns, self._sensed[topic.name], message)
+        self._info = inbox.latest(CAMERA_INFO) or self._info
+        if self._odometry:
+            newest = self._odometry[-1]
+            self._origin_deg, self._offset_ned_m = newest.origin_deg, newest.reset_offset_ned_m
+        for frame in inbox.new(CAMERA):
+            if self._is_current(t_ns, frame) and frame.t_ns > (self._frame_ns or -1):
+                self._frame_ns = frame.t_ns
+                self._frames.append(frame)
+        yield from self._serve()
+
+    def _serve(self) -> Iterator[Shot]:
+        """Give each frame to the point that waits for it, once the odometry after its exposure is there."""
+        while self._frames and self._odometry and self._frames[0].t_ns <= self._odometry[-1].t_ns:
+            frame = self._frames.popleft()
+            if not self._asked or frame.t_ns < self._asked[0][1] or self._info is None:
+                continue
+            at = self._vehicle_at(frame.t_ns)
+            if at is None:
+                continue
+            record = self._record(self._asked[0][0], frame, at, self._info)
+            self._asked.popleft()
+            self._records.append(record)
+            yield Shot(record.image, frame)
+
+    def _keep(self, t_ns: int, kept: deque[M], message: M) -> None:
+        if not self._is_current(t_ns, message):
+            return
+        kept.append(message)
+        while kept[0].t_ns < t_ns - self._config.history_s * NS_PER_S:
+            kept.popleft()
+
+    def _is_current(self, t_ns: int, message: Message) -> bool:
+        return -EARLY_NS <= t_ns - message.t_ns <= self._config.history_s * NS_PER_S
+
+    # -- what was known at an exposure --
+
+    def _vehicle_at(self, t_ns: int) -> Odometry | None:
+        """Between the two odometries around a time; None when they are too far apart or too far back."""
+        for before, after in zip(reversed([*self._odometry][:-1]), reversed(self._odometry), strict=False):
+            if before.t_ns > t_ns:
+                continue
+            span_ns = after.t_ns - before.t_ns
+            if span_ns > GAP_MAX_NS:
+                return None
+            share = (t_ns - before.t_ns) / span_ns
+            step = subtract(after.reset_offset_ned_m, before.reset_offset_ned_m)
+            way = subtract(subtract(after.pos_uav_ned_m, step), before.pos_uav_ned_m)
+            pos_uav_ned_m = add(before.pos_uav_ned_m, scale(way, share))
+            q_ned_from_frd = quat_between(before.q_ned_from_frd, after.q_ned_from_frd, share)
+            return msgspec.structs.replace(before, pos_uav_ned_m=pos_uav_ned_m, q_ned_from_frd=q_ned_from_frd)
+        return None
+
+    def _record(self, index: int, frame: CameraFrame, at: Odometry, info: CameraInfo) -> _Record:
+        q_ned_from_camera = quat_multiply(
+            at.q_ned_from_frd, q_frd_from_camera(frame.pitch_camera_rad, frame.roll_camera_rad)
+        )
+        pos_camera_ned_m = self.pos_camera(at.pos_uav_ned_m, at.q_ned_from_frd)
+        altimeter = self._nearest(ALTIMETER, frame.t_ns)
+        reduced, (center_x_px, center_y_px) = frame.width_px / info.width_px, info.center_px
+        image = Image(
+            index=index,
+            t_ns=frame.t_ns,
+            pos_uav_ned_m=_rounded(at.pos_uav_ned_m, 5),
+            q_ned_from_frd=_rounded(at.q_ned_from_frd, 7),
+            yaw_rad=round(yaw_from_quat(at.q_ned_from_frd), 6),
+            pos_camera_ned_m=_rounded(pos_camera_ned_m, 5),
+            q_ned_from_camera=_rounded(quat_normalize(q_ned_from_camera), 7),
+            position_camera_deg=self._on_globe(pos_camera_ned_m),
+            pitch_camera_rad=frame.pitch_camera_rad,
+            roll_camera_rad=frame.roll_camera_rad,
+            exposure_s=frame.exposure_s,
+            width_px=frame.width_px,
+            height_px=frame.height_px,
+            focal_px=reduced * info.focal_px,
+            center_px=(reduced * (center_x_px + 0.5) - 0.5, reduced * (center_y_px + 0.5) - 0.5),
+            range_m=None if altimeter is None else altimeter.range_m,
+            imu=self._nearest(IMU, frame.t_ns),
+            gnss=self._nearest(GNSS, frame.t_ns),
+        )
+        return _Record(image, at.reset_offset_ned_m)
+
+    def _nearest(self, topic: Topic[M], t_ns: int) -> M | None:
+        """The message that is nearest in time, unless it is too far away."""
+        kept: deque[M] = self._sensed[topic.name]
+        nearest = min(kept, key=lambda message: abs(message.t_ns - t_ns), default=None)
+        far_ns = self._config.sensor_age_max_s * NS_PER_S
+        return nearest if nearest is not None and abs(nearest.t_ns - t_ns) <= far_ns else None
+
+    def _on_globe(self, pos_ned_m: Vec3) -> Vec3 | None:
+        if self._origin_deg is None:
+            return None
+        latitude, longitude, altitude = geodetic_from_ned(pos_ned_m, self._origin_deg)
+        return (round(latitude, 10), round(longitude, 10), round(altitude, 4))
+
+    def _moved(self, record: _Record) -> Image:
+        """An image in the world frame as it is now."""
+        step = subtract(self._offset_ned_m, record.offset_ned_m)
+        if not any(step):
+            return record.image
+        pos_camera_ned_m = add(record.image.pos_camera_ned_m, step)
+        return msgspec.structs.replace(
+            record.image,
+            pos_uav_ned_m=add(record.image.pos_uav_ned_m, step),
+            pos_camera_ned_m=pos_camera_ned_m,
+            position_camera_deg=self._on_globe(pos_camera_ned_m),
+        )
+
+
+def _rounded(numbers: Any, digits: int) -> Any:
+    return tuple(round(number, digits) for number in numbers)

@@ -1,0 +1,71 @@
+"""A goal's own selection of the estimator's inputs: asked for, renewed while the goal flies, given back at its end.
+
+Source: spec §7; the thesis' call of SetParameters in algorithm 9.
+"""
+
+from collections.abc import Iterator
+
+import msgspec
+
+from jezero.frames import Vec3, add
+from jezero.runtime.service import Call, Inbox, Output
+from jezero.schemas.estimate import Lease, LeaseReply, Relative
+from jezero.schemas.topics import LEASE
+from jezero.services.actions.lifecycle.behaviour import Selection
+
+PERIOD_NS = 1_000_000_000
+RETRY_NS = 200_000_000
+TIMEOUT_S = 1.0
+
+
+class SelectionLease:
+    """The lease of one goal."""
+
+    def __init__(self, goal_id: str, selection: Selection) -> None:
+        self._goal_id = goal_id
+        self._selection = selection
+        self._due_ns: int | None = None
+        self._tag = ""
+        self._refusal = "the estimator hasn't answered yet"
+
+    def renew(self, t_ns: int, inbox: Inbox, shift_ned_m: Vec3) -> Iterator[Output]:
+        """Once a second; sooner when the last attempt failed.
+
+        Args:
+            shift_ned_m: of the autopilot's positions since the goal began.
+        """
+        for response in inbox.responses:
+            if response.tag == self._tag:
+                self._take(t_ns, response.payload, response.error)
+        if self._due_ns is not None and t_ns < self._due_ns:
+            return
+        self._due_ns = t_ns + PERIOD_NS
+        self._tag = f"{self._goal_id}/lease/{t_ns}"
+        pos_ned_m = self._selection.pos_rover_ned_m
+        lease = Lease(
+            goal_id=self._goal_id,
+            use_uwb=self._selection.use_uwb,
+            use_tag=self._selection.use_tag,
+            pos_rover_ned_m=None if pos_ned_m is None else add(pos_ned_m, shift_ned_m),
+        )
+        yield Call(LEASE, lease, self._tag, TIMEOUT_S)
+
+    def end(self, t_ns: int) -> Iterator[Output]:
+        """Leave nothing behind. Should this get lost, the lease runs out by itself."""
+        selection = self._selection
+        lease = Lease(goal_id=self._goal_id, use_uwb=selection.use_uwb, use_tag=selection.use_tag, release=True)
+        yield Call(LEASE, lease, f"{self._goal_id}/unlease/{t_ns}", TIMEOUT_S)
+
+    def own(self, relative: Relative) -> Relative:
+        """The estimate as this goal may use it: of another selection it is not valid, and nothing was fused for it."""
+        if relative.goal_id == self._goal_id:
+            return relative
+        reason = self._refusal or "the estimator doesn't use this goal's selection yet"
+        return msgspec.structs.replace(relative, valid=False, reason=reason, fused_t_ns=0)
+
+    def _take(self, t_ns: int, reply: LeaseReply | None, error: str | None) -> None:
+        if reply is not None and reply.accepted:
+            self._refusal = ""
+            return
+        self._refusal = f"the estimator did not take the selection: {error if reply is None else reply.reason}"
+        self._due_ns = min(self._due_ns or t_ns, t_ns + RETRY_NS)

@@ -1,0 +1,225 @@
+"""An action server: takes goals, runs one at a time, answers for cancels and results."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import msgspec
+from msgspec.structs import replace
+
+from jezero.runtime.service import Health, Inbox, Output, Reply, Request, SetRate, Spec, Subscribe
+from jezero.schemas.actions import Accepted, CancelReply, Goal, Rejected, Result, ResultReply
+from jezero.schemas.images import GetImage
+from jezero.schemas.state import Status
+from jezero.schemas.topics import (
+    ACQUIRE,
+    ALTIMETER,
+    CAMERA_PITCH,
+    CLOCK,
+    LEASE,
+    ODOMETRY,
+    RELATIVE,
+    RELEASE,
+    RESULT,
+    ROVER_ESTIMATE,
+    SETPOINT,
+    STATUS,
+    Action,
+    feedback_of,
+)
+from jezero.schemas.units import NS_PER_S
+from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.lifecycle.behaviour import Behaviour
+from jezero.services.actions.lifecycle.capture import CAPTURE_INPUTS
+from jezero.services.actions.lifecycle.goal_run import GoalRun
+from jezero.services.actions.lifecycle.picture_store import PictureStore
+from jezero.services.actions.lifecycle.vehicle_view import is_fresh
+
+RESULTS_KEPT = 100
+EARLY_GOAL_NS = NS_PER_S
+
+
+class ActionServer:
+    """The service of one action.
+
+    Args:
+        behaviour_factory: makes a fresh behaviour for each goal.
+        boot_id: differs between two runs, so that ids of goals do too.
+        spool: where pictures are kept, for actions that take some; by default a temporary folder.
+    """
+
+    def __init__(
+        self,
+        action: Action[Any],
+        behaviour_factory: Callable[[ActionsConfig], Behaviour],
+        config: ActionsConfig,
+        boot_id: int,
+        spool: PictureStore | None = None,
+    ) -> None:
+        self._action = action
+        self._endpoint = action.endpoint
+        self._cancel = action.cancel
+        self._make_behaviour = behaviour_factory
+        self._config = config
+        self._boot_id = boot_id
+        self._spool = (spool or PictureStore()) if action.takes_pictures else None
+        self._goals_made = 0
+        self._run: GoalRun | None = None
+        self._results: dict[str, Result[Any]] = {}
+        self._health: Health | None = None
+        takes = action.takes_pictures
+        self.spec = Spec(
+            name=action.name,
+            inputs=(STATUS, CLOCK),
+            on_demand=(ODOMETRY, RELATIVE, ROVER_ESTIMATE, *(CAPTURE_INPUTS if takes else (ALTIMETER,))),
+            outputs=(SETPOINT, feedback_of(action), *((CAMERA_PITCH,) if takes else ())),
+            serves=(self._endpoint, self._cancel, RESULT, *((action.image,) if takes else ())),
+            calls=(ACQUIRE, RELEASE, LEASE),
+            triggers=(
+                *(ODOMETRY.name, RELATIVE.name, self._endpoint.name, self._cancel.name, RESULT.name),
+                *((action.image.name,) if takes else ()),
+            ),
+            rate_hz=config.lifecycle.step_rate_hz,
+            watches_clients=True,
+        )
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        """React to what arrived; while a goal runs, command a setpoint."""
+        run = self._run
+        if run is not None:
+            yield from run.step(t_ns, inbox)
+            if run.stage == "over":
+                yield from self._end(run)
+        for request in inbox.requests(self._endpoint):
+            yield from self._take(t_ns, request, inbox)
+        self._notice_departures(inbox)
+        for request in inbox.requests(self._cancel):
+            yield Reply(request.request_id, self._answer_cancel(request.payload.goal_id))
+        for request in inbox.requests(RESULT):
+            yield Reply(request.request_id, self._answer_result(request.payload.goal_id))
+        if self._spool is not None:
+            for request in inbox.requests(self._action.image):
+                wanted: GetImage = request.payload
+                yield Reply(request.request_id, self._spool.get(wanted.goal_id, wanted.index))
+        health = self._judge_health(t_ns, inbox)
+        if health != self._health:
+            self._health = health
+            yield health
+
+    def _end(self, run: GoalRun) -> Iterator[Output]:
+        self._run = None
+        if run.result is not None:
+            self._keep(run.result)
+        yield Subscribe(())
+        yield SetRate(None)
+
+    def _keep(self, result: Result[Any]) -> None:
+        self._results[result.goal_id] = result
+        if len(self._results) > RESULTS_KEPT:
+            del self._results[next(iter(self._results))]
+
+    # -- goals --
+
+    def _take(self, t_ns: int, request: Request, inbox: Inbox) -> Iterator[Output]:
+        goal: Goal = request.payload
+        status = inbox.latest(STATUS)
+        if self._run is not None and goal.goal_id and goal.goal_id == self._run.goal_id:
+            yield from self._run.attach(request)
+            return
+        if goal.goal_id in self._results:
+            yield Reply(request.request_id, Accepted(goal_id=goal.goal_id), final=False)
+            yield Reply(request.request_id, self._results[goal.goal_id])
+            return
+        refusal = self._refusal(t_ns, goal, status)
+        if refusal or status is None:
+            code = None if status is None else status.code
+            yield Reply(request.request_id, Rejected(goal_id=goal.goal_id, reason=refusal, code=code))
+            return
+        behaviour = self._make_behaviour(self._config)
+        verdict = behaviour.check(goal, status)
+        if verdict.refusal:
+            rejected = Rejected(goal_id=goal.goal_id, reason=verdict.refusal, code=status.code)
+            yield Reply(request.request_id, rejected)
+            return
+        if goal.on_client_loss == "cancel" and not request.client_id:
+            unwatched = "on_client_loss has no effect: the goal names no client whose liveliness could be watched"
+            verdict = replace(verdict, warning="; ".join(text for text in (verdict.warning, unwatched) if text))
+        self._goals_made += 1
+        goal_id = goal.goal_id or f"{self._action.name}-{self._boot_id:x}-{self._goals_made}"
+        self._run = GoalRun(
+            action=self._action,
+            goal=goal,
+            goal_id=goal_id,
+            behaviour=behaviour,
+            verdict=verdict,
+            config=self._config.lifecycle,
+            limits=self._config.limits,
+            status=status,
+            spool=self._spool,
+        )
+        yield from self._run.begin(t_ns, inbox)
+        yield from self._run.attach(request)
+
+    def _refusal(self, t_ns: int, goal: Goal, status: Status | None) -> str:
+        """Why no goal at all can start now, or ""."""
+        lifecycle = self._config.lifecycle
+        if status is None:
+            return "the vehicle's status is unknown: is vehicle_bridge running?"
+        if not is_fresh(status, t_ns, lifecycle.status_age_max_s):
+            return f"the vehicle's status is {(t_ns - status.t_ns) / NS_PER_S:.1f} s old: is vehicle_bridge running?"
+        if stale := self._staleness(t_ns, goal):
+            return stale
+        if self._run is not None:
+            running = f"goal {self._run.goal_id} of {self._action.name} is running"
+            return f"busy: {running} (status {status.code} {status.name}); cancel it or wait for its result"
+        if status.odometry is None:
+            return f"the vehicle's position is unknown: {status.not_ready_reason or 'no odometry yet'}"
+        return ""
+
+    def _staleness(self, t_ns: int, goal: Goal) -> str:
+        """Why a goal is too old, or from before the vehicle restarted, or ""."""
+        expiry_s = self._config.lifecycle.expiry_s
+        age_ns = 0 if goal.issued_t_ns is None else t_ns - goal.issued_t_ns
+        if age_ns > expiry_s * NS_PER_S:
+            return f"the goal is {age_ns / NS_PER_S:.0f} s old and expired after {expiry_s:g} s: send it again"
+        if age_ns < -EARLY_GOAL_NS:
+            return f"the goal was issued {-age_ns / NS_PER_S:.0f} s in the future: the vehicle restarted, send it again"
+        return ""
+
+    # -- clients, cancels, results --
+
+    def _notice_departures(self, inbox: Inbox) -> None:
+        run = self._run
+        if run is None or not run.clients:
+            return
+        run.clients = [client for client in run.clients if client not in inbox.departed_clients]
+        if not run.clients and run.goal.on_client_loss == "cancel":
+            run.cancel("its client vanished")
+
+    def _answer_cancel(self, goal_id: str) -> CancelReply:
+        if self._run is not None and self._run.goal_id == goal_id:
+            if self._run.cancel("canceled by a client"):
+                return CancelReply(canceled=True)
+            return CancelReply(canceled=False, reason=f"goal {goal_id} is ending already")
+        if goal_id in self._results:
+            return CancelReply(canceled=False, reason=f"goal {goal_id} has already {self._results[goal_id].outcome}")
+        return CancelReply(canceled=False, reason=f"no goal {goal_id} is known to {self._action.name}")
+
+    def _answer_result(self, goal_id: str) -> ResultReply | None:
+        """None ends the question silently: another action's server may know the goal."""
+        name = self._action.name
+        if self._run is not None and self._run.goal_id == goal_id:
+            return ResultReply(goal_id=goal_id, action=name, running=True)
+        result = self._results.get(goal_id)
+        if result is None:
+            return None
+        return ResultReply(goal_id=goal_id, action=name, running=False, result=msgspec.json.encode(result).decode())
+
+    def _judge_health(self, t_ns: int, inbox: Inbox) -> Health:
+        status = inbox.latest(STATUS)
+        if status is None:
+            return Health("starting", "waiting for the vehicle's status")
+        if not is_fresh(status, t_ns, self._config.lifecycle.status_age_max_s):
+            return Health("degraded", "the vehicle's status has stopped coming")
+        if self._run is not None:
+            return Health("ok", f"{self._run.stage} goal {self._run.goal_id}")
+        return Health("ok", "ready for a goal")

@@ -1,0 +1,110 @@
+"""What a goal sees of the vehicle: a `VehicleState` in the world frame as it was when it started."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import msgspec
+
+from jezero.frames import Quat, Vec3, quat_rotate, subtract
+from jezero.runtime.service import Inbox
+from jezero.schemas.estimate import Relative, RoverEstimate
+from jezero.schemas.state import Odometry
+from jezero.schemas.struct import Message
+from jezero.schemas.topics import ALTIMETER, ODOMETRY, RELATIVE, ROVER_ESTIMATE, STATUS, Topic
+from jezero.schemas.units import NS_PER_S
+from jezero.services.actions.config import LifecycleConfig
+from jezero.services.actions.lifecycle.behaviour import VehicleState
+from jezero.services.actions.lifecycle.selection_lease import SelectionLease
+
+STAYED: Vec3 = (0.0, 0.0, 0.0)
+EARLY_NS = 300_000_000
+"""A message may seem to be so much ahead of its time: a process that stood still tells time late for a moment."""
+
+
+def is_fresh(message: Message | None, t_ns: int, age_max_s: float) -> bool:
+    """Whether a message is there and its age is between -0.3 s and `age_max_s`."""
+    return message is not None and -EARLY_NS <= t_ns - message.t_ns <= age_max_s * NS_PER_S
+
+
+class VehicleView:
+    """The eyes of one goal.
+
+    Args:
+        epoch_id: of the vehicle that the goal is for.
+        lease: of the goal's own selection of the estimator's inputs, if it has one.
+        inputs: topics besides odometry and status that the goal listens to.
+    """
+
+    def __init__(
+        self, config: LifecycleConfig, epoch_id: int, lease: SelectionLease | None, inputs: Sequence[Topic[Any]]
+    ) -> None:
+        self._config = config
+        self._epoch_id = epoch_id
+        self._lease = lease
+        self._sees_rover = RELATIVE in inputs or ROVER_ESTIMATE in inputs
+        self._sees_ground = ALTIMETER in inputs
+        self._offset_start_ned_m: Vec3 = (0.0, 0.0, 0.0)
+
+    def begin(self, odometry: Odometry) -> None:
+        """From now on positions are in the world frame as it is in this message."""
+        self._offset_start_ned_m = odometry.reset_offset_ned_m
+
+    def odometry(self, inbox: Inbox) -> Odometry | None:
+        """The newest there is; until the first one of its own topic arrives, the status brings it."""
+        odometry = inbox.latest(ODOMETRY)
+        if odometry is not None:
+            return odometry
+        status = inbox.latest(STATUS)
+        return None if status is None else status.odometry
+
+    def shift(self, odometry: Odometry) -> Vec3:
+        """From the world frame as the behaviour knows it to the autopilot's present one."""
+        offset_ned_m, start_ned_m = odometry.reset_offset_ned_m, self._offset_start_ned_m
+        return STAYED if offset_ned_m == start_ned_m else subtract(offset_ned_m, start_ned_m)
+
+    def state(self, t_ns: int, inbox: Inbox, odometry: Odometry) -> VehicleState:
+        """All that a behaviour may look at."""
+        status = inbox.latest(STATUS)
+        shift_ned_m, pos_ned_m = self.shift(odometry), odometry.pos_uav_ned_m
+        return VehicleState(
+            pos_ned_m if shift_ned_m is STAYED else subtract(pos_ned_m, shift_ned_m),
+            odometry.vel_uav_ned_mps,
+            odometry.q_ned_from_frd,
+            status is not None and status.armed,
+            status is not None and status.landed,
+            min(max((t_ns - odometry.t_ns) / NS_PER_S, 0.0), self._config.odometry_age_max_s),
+            self._height_m(t_ns, inbox, odometry.q_ned_from_frd) if self._sees_ground else None,
+            self._relative(t_ns, inbox) if self._sees_rover else None,
+            self._rover(t_ns, inbox) if self._sees_rover else None,
+            shift_ned_m,
+        )
+
+    def _height_m(self, t_ns: int, inbox: Inbox, q_ned_from_frd: Quat) -> float | None:
+        altimeter = inbox.latest(ALTIMETER)
+        if altimeter is None or altimeter.range_m is None:
+            return None
+        if not is_fresh(altimeter, t_ns, self._config.altimeter_age_max_s):
+            return None
+        upright = quat_rotate(q_ned_from_frd, (0.0, 0.0, 1.0))[2]
+        return altimeter.range_m * upright
+
+    def _relative(self, t_ns: int, inbox: Inbox) -> Relative | None:
+        relative = inbox.latest(RELATIVE)
+        if relative is None or relative.epoch_id != self._epoch_id:
+            return None
+        if self._lease is not None:
+            relative = self._lease.own(relative)
+        return relative if is_fresh(relative, t_ns, self._config.estimate_age_max_s) else None
+
+    def _rover(self, t_ns: int, inbox: Inbox) -> RoverEstimate | None:
+        """In the world frame as the behaviour knows it."""
+        rover = inbox.latest(ROVER_ESTIMATE)
+        if rover is None:
+            return None
+        if rover.epoch_id != self._epoch_id or not is_fresh(rover, t_ns, self._config.estimate_age_max_s):
+            return None
+        shift = subtract(rover.reset_offset_ned_m, self._offset_start_ned_m)
+        pos_rover_ned_m = subtract(rover.pos_rover_ned_m, shift)
+        return msgspec.structs.replace(
+            rover, pos_rover_ned_m=pos_rover_ned_m, reset_offset_ned_m=self._offset_start_ned_m
+        )

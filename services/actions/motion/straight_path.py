@@ -1,0 +1,141 @@
+"""A straight flight from one point to another: the moving reference, its heading, and the test of arrival."""
+
+from math import sqrt
+
+from jezero.frames import Vec3, distance, norm, scale, subtract, wrap_pi
+from jezero.schemas.units import NS_PER_S
+from jezero.services.actions.config import MoveConfig
+from jezero.services.actions.lifecycle.behaviour import VehicleState
+
+STEP_MAX_S = 0.1
+"""A server that was frozen goes on where it was instead of jumping ahead."""
+LEAD_GAIN_1PS = 4.0
+PROGRESS_M = 0.1
+
+
+def line_speed_mps(start_ned_m: Vec3, end_ned_m: Vec3, speed_mps: float, config: MoveConfig) -> float:
+    """`speed_mps`, or less where the line would exceed a vertical speed limit."""
+    length = distance(start_ned_m, end_ned_m)
+    down = end_ned_m[2] - start_ned_m[2]
+    vertical_max = config.speed_down_mps if down > 0.0 else config.speed_up_mps
+    if abs(down) * speed_mps <= vertical_max * length:
+        return speed_mps
+    return vertical_max * length / abs(down)
+
+
+class Leg:
+    """Runs a reference point along a line with a trapezoidal speed profile.
+
+    The reference waits for a vehicle that falls behind, so that an obstacle, a gust or a slow take-off never builds
+    up a distant setpoint.
+
+    Args:
+        speed_mps: along the line; vertical limits apply besides.
+        lead_max_m: how far the reference may be ahead of the vehicle.
+        yaw_end_rad: heading to turn to, None keeps `yaw_start_rad`.
+
+    Attributes:
+        pos_ned_m, vel_ned_mps, acc_ned_mps2, yaw_rad: of the reference.
+        left_m: from the vehicle to the end.
+        reached: the vehicle has arrived, by spec §1.
+    """
+
+    def __init__(
+        self,
+        t_ns: int,
+        start_ned_m: Vec3,
+        end_ned_m: Vec3,
+        *,
+        speed_mps: float,
+        lead_max_m: float,
+        config: MoveConfig,
+        yaw_start_rad: float,
+        yaw_end_rad: float | None = None,
+    ) -> None:
+        self.end_ned_m = end_ned_m
+        self.pos_ned_m = start_ned_m
+        self.vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)
+        self.acc_ned_mps2: Vec3 = (0.0, 0.0, 0.0)
+        self.yaw_rad = yaw_start_rad
+        self.reached = False
+        self._start_ned_m = start_ned_m
+        self._length_m = distance(start_ned_m, end_ned_m)
+        self._direction = scale(subtract(end_ned_m, start_ned_m), 1.0 / max(self._length_m, 1e-9))
+        self._speed_max_mps = line_speed_mps(start_ned_m, end_ned_m, speed_mps, config)
+        self._lead_max_m = lead_max_m
+        self._config = config
+        self._yaw_end_rad = yaw_start_rad if yaw_end_rad is None else wrap_pi(yaw_end_rad)
+        self.left_m = self._length_m
+        self._travelled_m = 0.0
+        self._speed_mps = 0.0
+        self._t_ns = t_ns
+        self._within_since_ns: int | None = None
+        self._nearest_m = float("inf")
+        self._nearer_ns = t_ns
+
+    def step(self, t_ns: int, state: VehicleState) -> None:
+        """Move the reference on and look whether the vehicle has arrived."""
+        dt = min(max((t_ns - self._t_ns) / NS_PER_S, 0.0), STEP_MAX_S)
+        self._t_ns = t_ns
+        self._advance(dt, distance(self.pos_ned_m, state.pos_uav_ned_m))
+        turned = self.yaw_rad == self._yaw_end_rad or self._turn(dt)
+        self._judge(t_ns, state, turned=turned)
+
+    def wait(self, t_ns: int, state: VehicleState) -> None:
+        """Keep the reference where it is; the time doesn't count as lack of progress."""
+        self.left_m = distance(self.end_ned_m, state.pos_uav_ned_m)
+        self._t_ns = t_ns
+        self._nearer_ns = t_ns
+
+    def stuck(self, t_ns: int) -> str:
+        """Why the leg can't be finished, or "" while it gets on."""
+        stuck_s = (t_ns - self._nearer_ns) / NS_PER_S
+        if stuck_s <= self._config.progress_timeout_s:
+            return ""
+        return f"no progress for {stuck_s:.0f} s: still {self._nearest_m:.2f} m from the target"
+
+    def _advance(self, dt: float, lead_m: float) -> None:
+        accel, speed_before_mps = self._config.accel_mps2, self._speed_mps
+        remaining = self._length_m - self._travelled_m
+        (x, y, z), (n, e, d) = self._start_ned_m, self._direction
+        self._speed_mps = min(
+            self._speed_mps + accel * dt,
+            self._speed_max_mps,
+            sqrt(2.0 * accel * remaining),
+            max(LEAD_GAIN_1PS * (self._lead_max_m - lead_m), 0.0),
+        )
+        step_m = self._speed_mps * dt
+        if remaining - step_m < 1e-3:
+            self._travelled_m = self._length_m
+            self._speed_mps = 0.0
+            self.pos_ned_m = self.end_ned_m
+        else:
+            self._travelled_m += step_m
+            self.pos_ned_m = (x + n * self._travelled_m, y + e * self._travelled_m, z + d * self._travelled_m)
+        change = (self._speed_mps - speed_before_mps) / dt if dt > 0.0 else 0.0
+        change = min(max(change, -accel), accel)
+        self.vel_ned_mps = (n * self._speed_mps, e * self._speed_mps, d * self._speed_mps)
+        self.acc_ned_mps2 = (n * change, e * change, d * change)
+
+    def _turn(self, dt: float) -> bool:
+        """Returns whether the reference's heading is the wanted one."""
+        turn = wrap_pi(self._yaw_end_rad - self.yaw_rad)
+        turn_max = self._config.yaw_rate_rps * dt
+        if abs(turn) <= turn_max:
+            self.yaw_rad = self._yaw_end_rad
+            return True
+        self.yaw_rad = wrap_pi(self.yaw_rad + min(max(turn, -turn_max), turn_max))
+        return False
+
+    def _judge(self, t_ns: int, state: VehicleState, *, turned: bool) -> None:
+        config = self._config
+        distance_m = self.left_m = distance(self.end_ned_m, state.pos_uav_ned_m)
+        if distance_m < self._nearest_m - PROGRESS_M:
+            self._nearest_m = distance_m
+            self._nearer_ns = t_ns
+        near = turned and distance_m < config.reached_m
+        if not (near and norm(state.vel_uav_ned_mps) < config.reached_mps):
+            self._within_since_ns = None
+        elif self._within_since_ns is None:
+            self._within_since_ns = t_ns
+        self.reached = self._within_since_ns is not None and t_ns - self._within_since_ns >= config.reached_s * NS_PER_S

@@ -1,0 +1,105 @@
+"""Flying along a moving reference: velocity setpoints from a PID on its position, with feed-forward.
+
+Source: thesis §3.5 and algorithm 7.
+"""
+
+from typing import NamedTuple
+
+from jezero.frames import Vec3, add, distance, norm, scale, subtract
+from jezero.schemas.units import NS_PER_S
+from jezero.services.actions.config import TrackingConfig
+from jezero.services.actions.lifecycle.behaviour import VehicleState
+
+STEP_MAX_S = 0.1
+"""A server that was frozen goes on where it was instead of jumping ahead."""
+AT_REST = 1e-3
+ZERO: Vec3 = (0.0, 0.0, 0.0)
+
+
+class Reference(NamedTuple):
+    """Where the vehicle should be at one instant, and how it should move there."""
+
+    pos_ned_m: Vec3
+    vel_ned_mps: Vec3
+    acc_ned_mps2: Vec3
+
+    def slowed(self, rate: float) -> "Reference":
+        """The same point, passed at a share of the speed."""
+        return Reference(self.pos_ned_m, scale(self.vel_ned_mps, rate), scale(self.acc_ned_mps2, rate * rate))
+
+
+class Tracker:
+    """Keeps a vehicle on a reference that moves as a function of its own time, which waits for one that falls behind.
+
+    Attributes:
+        time_s: how far the reference is in its own time.
+        rate: of its time against the vehicle's: 1 as planned, 0 while it waits.
+    """
+
+    def __init__(self, t_ns: int, config: TrackingConfig) -> None:
+        self.time_s = 0.0
+        self.rate = 1.0
+        self._config = config
+        self._t_ns = t_ns
+        self._moved_ns = t_ns
+        self._integral_mps = ZERO
+
+    def restart(self, t_ns: int) -> None:
+        """On to another reference, from its beginning; what was learned of the wind stays."""
+        self.time_s = 0.0
+        self._t_ns = self._moved_ns = t_ns
+
+    def advance(self, t_ns: int, reference: Reference, state: VehicleState) -> float:
+        """Let the reference's time run on until `t_ns`.
+
+        Args:
+            reference: as of `time_s`, to see how far the vehicle is from it.
+
+        Returns:
+            How many seconds of the vehicle's time have passed.
+        """
+        config = self._config
+        dt_s = min(max((t_ns - self._t_ns) / NS_PER_S, 0.0), STEP_MAX_S)
+        self._t_ns = t_ns
+        lag_m = distance(reference.pos_ned_m, position_now(state))
+        self.rate = min(max((config.lag_max_m - lag_m) / (config.lag_max_m - config.lag_free_m), 0.0), 1.0)
+        if self.rate > AT_REST:
+            self._moved_ns = t_ns
+        self.time_s += self.rate * dt_s
+        return dt_s
+
+    def stuck(self, t_ns: int) -> str:
+        """Why the vehicle can't follow, or "" while it gets on."""
+        stuck_s = (t_ns - self._moved_ns) / NS_PER_S
+        if stuck_s <= self._config.progress_timeout_s:
+            return ""
+        return f"no progress for {stuck_s:.0f} s: more than {self._config.lag_max_m:g} m from where it should be"
+
+    def command(self, dt_s: float, reference: Reference, state: VehicleState) -> tuple[Vec3, Vec3]:
+        """Velocity setpoint and its derivative.
+
+        Args:
+            dt_s: since the last one.
+            reference: as of `time_s`, at its full speed.
+        """
+        config = self._config
+        pos_ned_m, vel_ned_mps, acc_ned_mps2 = reference.slowed(self.rate)
+        error_m = subtract(pos_ned_m, position_now(state))
+        error_mps = subtract(vel_ned_mps, state.vel_uav_ned_mps)
+        if norm(error_m) < config.integral_within_m:
+            grown = add(self._integral_mps, scale(error_m, config.gain_integral_1ps2 * dt_s))
+            self._integral_mps = clipped(grown, config.integral_max_mps)
+        correction = add(scale(error_m, config.gain_1ps), scale(error_mps, config.gain_derivative))
+        velocity = add(vel_ned_mps, add(clipped(correction, config.correction_max_mps), self._integral_mps))
+        return velocity, clipped(add(acc_ned_mps2, scale(error_mps, config.gain_1ps)), config.acceleration_max_mps2)
+
+
+def position_now(state: VehicleState) -> Vec3:
+    """The vehicle's position, carried on from the time of its measurement."""
+    return add(state.pos_uav_ned_m, scale(state.vel_uav_ned_mps, state.age_s))
+
+
+def clipped(vector: Vec3, length_max: float) -> Vec3:
+    """The vector, shortened to a length."""
+    length = norm(vector)
+    return vector if length <= length_max else scale(vector, length_max / length)

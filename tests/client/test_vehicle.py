@@ -1,0 +1,389 @@
+"""The client against a real router and hand-made servers, on a free loopback port."""
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import msgspec
+import pytest
+import zenoh
+
+from jezero import Aborted, Canceled, JezeroError, Refused, TimedOut, Unreachable, Vehicle
+from jezero.client.session import client_config
+from jezero.schemas import topics
+from jezero.schemas.actions import Accepted, CancelReply, MoveResult, Rejected, Result, ResultReply, TakeoffGoal
+from jezero.schemas.commands import AbortReply, HoverReply, KillReply
+from jezero.schemas.state import StatusCode
+from tests.client.rig import (
+    ACCEPTED,
+    POINT,
+    Server,
+    a_feedback,
+    a_result,
+    a_status,
+    close,
+    endpoint,
+    open_router,
+    own_stack,
+    published,
+    server,
+    vehicle,
+    wait_for,
+)
+
+__all__ = ["endpoint", "server", "vehicle"]
+
+
+def test_a_goal_streams_its_feedback_and_returns_its_result(vehicle: Vehicle, server: Server) -> None:
+    server.serve("@action/takeoff", ACCEPTED, a_feedback(2.0), a_feedback(1.0), a_result())
+    goal = vehicle.takeoff(altitude_m=2.0)
+    assert (goal.goal_id, goal.warning, goal.code) == ("g", "careful", None)
+    assert [feedback.distance_m for feedback in goal.feedback()] == [2.0, 1.0]
+    assert goal.code == 1
+    assert goal.result() == MoveResult(completed=True, pos_uav_ned_m=POINT)
+    assert goal.result() == goal.result(timeout_s=0.0)
+    assert list(goal.feedback()) == []
+
+
+def test_feedback_arrives_while_the_goal_runs(vehicle: Vehicle, server: Server) -> None:
+    server.serve("@action/takeoff", ACCEPTED, end=False)
+    goal = vehicle.takeoff()
+    stream = goal.feedback()
+    (query,) = server.open.pop("@action/takeoff")
+    start = time.monotonic()
+    server.reply(query, a_feedback(5.0))
+    assert next(stream).distance_m == 5.0
+    assert time.monotonic() - start < 0.1
+    server.reply(query, a_result())
+    query.drop()  # type: ignore[no-untyped-call]
+    assert list(stream) == []
+    assert goal.result().completed
+
+
+def test_every_goal_carries_an_id_its_time_and_its_client(vehicle: Vehicle, server: Server, endpoint: str) -> None:
+    server.serve("status", a_status(t_ns=1234))
+    server.serve("@action/go_to", ACCEPTED, a_result())
+    vehicle.go_to(-1, -2, -3, speed_mps=1.5, on_client_loss="cancel").result()
+    name, client, goal = server.asked[-1]
+    assert name == "@action/go_to"
+    assert goal["target_ned_m"] == [-1, -2, -3]
+    assert goal["issued_t_ns"] == 1234
+    assert goal["goal_id"].startswith(client)
+    assert (goal["speed_mps"], goal["frame"], goal["on_client_loss"]) == (1.5, "world", "cancel")
+    with zenoh.open(client_config(endpoint)) as other:
+        key = topics.liveliness_key("v", "client", client)
+        assert [str(r.ok.key_expr) for r in other.liveliness().get(key, timeout=1.0) if r.ok] == [key]
+    vehicle.close()
+    gone: list[object] = []
+
+    def is_gone() -> bool:
+        with zenoh.open(client_config(endpoint)) as other:
+            gone[:] = list(other.liveliness().get(key, timeout=1.0))
+        return not gone
+
+    wait_for(is_gone)
+
+
+def test_vehicle_time_that_was_just_told_is_not_asked_for_again(vehicle: Vehicle, server: Server) -> None:
+    server.serve("status", a_status(t_ns=1234))
+    server.serve("@action/go_to", ACCEPTED, a_result())
+    vehicle.status()
+    vehicle.go_to(-1, -2, -3).result()
+    told_ns = a_result().t_ns
+    vehicle.go_to(-2, -2, -3).result()
+    assert [name for name, _, _ in server.asked] == ["status", "@action/go_to", "@action/go_to"]
+    assert [goal["issued_t_ns"] for _, _, goal in server.asked[1:]] == [1234, told_ns]
+
+
+def test_a_refusal_has_its_reason_and_the_status_code(vehicle: Vehicle, server: Server) -> None:
+    server.serve("@action/takeoff", Rejected(goal_id="g", reason="it flies already", code=3))
+    with pytest.raises(Refused, match="it flies already") as refusal:
+        vehicle.takeoff()
+    assert refusal.value.code == StatusCode.HOVER
+    assert isinstance(refusal.value, JezeroError)
+
+
+@pytest.mark.parametrize(("outcome", "error"), [("aborted", Aborted), ("canceled", Canceled)])
+def test_an_unhappy_end_raises_by_its_name(
+    vehicle: Vehicle, server: Server, outcome: str, error: type[JezeroError]
+) -> None:
+    server.serve("@action/takeoff", ACCEPTED, a_feedback(1.0), a_result(outcome, "because"))
+    goal = vehicle.takeoff()
+    assert len(list(goal.feedback())) == 1
+    for _ in range(2):
+        with pytest.raises(error, match="because") as raised:
+            goal.result()
+    assert raised.value.result == MoveResult(completed=False, pos_uav_ned_m=POINT)  # type: ignore[attr-defined]
+
+
+def test_a_goal_that_still_runs_times_out_and_can_be_waited_for_again(vehicle: Vehicle, server: Server) -> None:
+    server.serve("@action/takeoff", ACCEPTED, end=False)
+    goal = vehicle.takeoff()
+    with pytest.raises(TimedOut, match=r"takeoff still runs after 0.1 s"):
+        goal.result(timeout_s=0.1)
+    (query,) = server.open.pop("@action/takeoff")
+    server.reply(query, a_result())
+    query.drop()  # type: ignore[no-untyped-call]
+    assert goal.result(timeout_s=2.0).completed
+
+
+def test_a_cancel_is_a_question_of_its_own(vehicle: Vehicle, server: Server) -> None:
+    server.serve("@action/takeoff", ACCEPTED, end=False)
+    server.serve("@action/takeoff/cancel", CancelReply(canceled=True))
+    goal = vehicle.takeoff()
+    assert goal.cancel() is True
+    assert server.asked[-1][2] == {"goal_id": "g"}
+
+
+def test_a_server_that_dies_is_told_within_a_second(vehicle: Vehicle, server: Server, endpoint: str) -> None:
+    other = Server(endpoint)
+    other.serve("@action/takeoff", ACCEPTED, end=False)
+    server.serve("@action/result", complete=False)
+    goal = vehicle.takeoff()
+    start = time.monotonic()
+    other.close()
+    with pytest.raises(Unreachable, match="the takeoff server died or lost its router; the vehicle hovers"):
+        goal.result()
+    assert time.monotonic() - start < 1.0
+    with pytest.raises(Unreachable):
+        goal.result()
+
+
+def test_a_lost_connection_is_not_taken_for_a_dead_server() -> None:
+    with own_stack() as (endpoint, router, server):
+        server.serve("@action/takeoff", ACCEPTED, end=False)
+        text = msgspec.json.encode(a_result()).decode()
+        server.serve("@action/result", ResultReply(goal_id="g", action="takeoff", running=False, result=text))
+        again: list[zenoh.Session] = []
+        opener = threading.Timer(0.5, lambda: again.append(open_router(endpoint)))
+        with Vehicle.connect("v", router=endpoint) as vehicle:
+            goal = vehicle.takeoff()
+            close(router)
+            opener.start()
+            try:
+                assert goal.result(timeout_s=10.0).completed
+            finally:
+                opener.join()
+                close(again[0])
+
+
+def test_a_router_that_stays_away_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("jezero.client.goal.RECOVER_S", 0.5)
+    with own_stack() as (endpoint, router, server), Vehicle.connect("v", router=endpoint) as vehicle:
+        server.serve("@action/takeoff", ACCEPTED, end=False)
+        goal = vehicle.takeoff()
+        close(router)
+        with pytest.raises(Unreachable, match=r"connection to the router .* is lost; goal g may still run"):
+            goal.result()
+        with pytest.raises(Unreachable, match="is lost"):
+            vehicle.status()
+
+
+def test_without_a_router_connecting_says_so_in_time() -> None:
+    start = time.monotonic()
+    with pytest.raises(Unreachable, match=r"no router at tcp/127.0.0.1:1 within 0.6 s"):
+        Vehicle.connect("v", router="tcp/127.0.0.1:1", timeout_s=0.6)
+    assert time.monotonic() - start < 1.0
+
+
+def test_without_a_server_a_goal_is_unreachable_at_once(vehicle: Vehicle) -> None:
+    start = time.monotonic()
+    with pytest.raises(Unreachable, match=r"nobody answers @action/takeoff of v"):
+        vehicle.takeoff()
+    assert time.monotonic() - start < 0.5
+
+
+def test_a_server_that_never_accepts_times_out_and_the_goal_is_withdrawn(
+    vehicle: Vehicle, server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("jezero.client.vehicle.ANSWER_S", 0.3)
+    server.serve("@action/takeoff", end=False)
+    server.serve("@action/takeoff/cancel", CancelReply(canceled=True))
+    with pytest.raises(TimedOut, match=r"did not answer within 0.3 s"):
+        vehicle.takeoff()
+    wait_for(lambda: server.asked[-1][0] == "@action/takeoff/cancel")
+    assert server.asked[-1][2]["goal_id"] == server.asked[-2][2]["goal_id"]
+
+
+def test_numbers_that_json_cannot_carry_are_refused_here(vehicle: Vehicle, server: Server) -> None:
+    server.serve("@action/go_to", ACCEPTED, a_result())
+    with pytest.raises(ValueError, match="speed_mps is nan"):
+        vehicle.go_to(0, 0, -3, speed_mps=float("nan"))
+    with pytest.raises(ValueError, match="y_m is inf"):
+        vehicle.hover((0.0, float("inf"), -3.0))
+    with pytest.raises(ValueError, match="altitude_m"):
+        vehicle.takeoff(float("nan"))
+    assert server.asked == []
+
+
+def test_an_answer_of_another_version_is_named_so(vehicle: Vehicle, server: Server) -> None:
+    server.serve("status", Accepted(goal_id="x"))
+    with pytest.raises(JezeroError, match="same version"):
+        vehicle.status()
+
+
+def test_hover_abort_and_kill_ask_the_bridge(vehicle: Vehicle, server: Server) -> None:
+    server.serve("@control/hover", HoverReply(hover_mode=True))
+    server.serve("@control/abort", AbortReply(hovering=True, reason="was going to"))
+    server.serve("@control/kill", KillReply(killed=True))
+    vehicle.hover()
+    assert server.asked[-1][2] == {"hover_req": True, "hover_pos": None}
+    vehicle.hover((0.0, 0.0, -3.0))
+    assert server.asked[-1][2] == {"hover_req": True, "hover_pos": [0.0, 0.0, -3.0]}
+    assert vehicle.abort("enough") == AbortReply(hovering=True, reason="was going to")
+    assert server.asked[-1][2] == {"reason": "enough"}
+    vehicle.kill(confirm=True)
+    assert server.asked[-1][2] == {"confirm": True}
+
+
+def test_a_refused_hover_or_kill_raises(vehicle: Vehicle, server: Server) -> None:
+    server.serve("@control/hover", HoverReply(hover_mode=False, reason="it stands on the ground"))
+    server.serve("@control/kill", KillReply(killed=False, reason="not confirmed"))
+    with pytest.raises(Refused, match="stands on the ground"):
+        vehicle.hover()
+    with pytest.raises(Refused, match="not confirmed"):
+        vehicle.kill()
+
+
+def test_status_is_read_and_watched(vehicle: Vehicle, server: Server) -> None:
+    server.serve("status", a_status(t_ns=1))
+    assert vehicle.status() == a_status(t_ns=1)
+    stream = vehicle.watch_status()
+    assert next(stream).t_ns == 1
+    with published(server, lambda t_ns: a_status(t_ns=t_ns)):
+        first = next(stream).t_ns
+        assert first > 100
+        assert next(stream).t_ns == first + 1
+    stream.close()  # type: ignore[attr-defined]
+
+
+def test_a_silent_status_ends_the_watch(vehicle: Vehicle, server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("jezero.client.vehicle.SILENCE_S", 0.2)
+    server.serve("status", a_status())
+    stream = vehicle.watch_status()
+    next(stream)
+    with pytest.raises(Unreachable, match=r"no status of v for 0.2 s"):
+        next(stream)
+
+
+def test_waiting_until_ready_says_what_is_missing(vehicle: Vehicle, server: Server) -> None:
+    with pytest.raises(TimedOut, match=r"v is not ready after 0.1 s: nobody answers status"):
+        vehicle.wait_ready(timeout_s=0.1)
+    server.serve("status", a_status(ready=False, missing="no GNSS fix yet"))
+    with published(server, lambda t_ns: a_status(t_ns=t_ns, ready=t_ns > 110, missing="no GNSS fix yet")):
+        assert vehicle.wait_ready(timeout_s=5.0).t_ns == 111
+    with (
+        published(server, lambda t_ns: a_status(t_ns=t_ns, ready=False, missing="no GNSS fix yet")),
+        pytest.raises(TimedOut, match="no GNSS fix yet"),
+    ):
+        vehicle.wait_ready(timeout_s=0.2)
+
+
+def test_the_result_of_a_lost_goal_can_be_asked_for(vehicle: Vehicle, server: Server) -> None:
+    assert vehicle.result_of("g") is None
+    server.serve("@action/result", ResultReply(goal_id="g", action="takeoff", running=True), complete=False)
+    reply = vehicle.result_of("g")
+    assert reply is not None
+    assert reply.running
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_flight_takes_off_and_lands_where_it_is(vehicle: Vehicle, server: Server, fails: bool) -> None:
+    server.serve("status", a_status())
+    server.serve("@action/takeoff", ACCEPTED, a_result())
+    landed = Result(goal_id="g", t_ns=2, outcome="succeeded", result={"completed": True, "touchdown_ned_m": None})
+    server.serve("@action/land_on_spot", ACCEPTED, landed)
+
+    def fly() -> None:
+        with vehicle.flight(altitude_m=3.0) as uav:
+            assert uav is vehicle
+            if fails:
+                raise KeyError("my own bug")
+
+    if fails:
+        with pytest.raises(KeyError):
+            fly()
+    else:
+        fly()
+    goals = [(name, goal) for name, _, goal in server.asked if name.startswith("@action")]
+    assert [name for name, _ in goals] == ["@action/takeoff", "@action/land_on_spot"]
+    assert goals[0][1]["altitude_m"] == 3.0
+    assert goals[1][1]["landing_spot_ned_m"] == [1.0, 2.0, -2.0]
+    assert goals[1][1]["use_uwb"] is False
+
+
+def test_a_flight_that_a_pilot_took_over_is_left_alone(vehicle: Vehicle, server: Server) -> None:
+    server.serve("status", a_status(StatusCode.EXTERNAL))
+    server.serve("@action/takeoff", ACCEPTED, a_result())
+    with vehicle.flight():
+        pass
+    assert {name for name, _, _ in server.asked} == {"status", "@action/takeoff"}
+
+
+PROGRAM = """
+import signal, sys
+from jezero import Vehicle
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in a shell's background
+uav = Vehicle.connect("v", router=sys.argv[1])
+goal = uav.takeoff()
+print("accepted", flush=True)
+if sys.argv[2] == "wait":
+    goal.result()
+"""
+
+
+@contextmanager
+def running_program(endpoint: str, word: str) -> "Iterator[subprocess.Popen[str]]":
+    program = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, endpoint, word], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    with program:
+        try:
+            yield program
+        finally:
+            program.kill()
+
+
+def test_a_program_that_forgets_to_close_still_exits(server: Server, endpoint: str) -> None:
+    server.serve("@action/takeoff", ACCEPTED, end=False)
+    with running_program(endpoint, "leave") as program:
+        out, err = program.communicate(timeout=10)
+    assert (program.returncode, out, err) == (0, "accepted\n", "")
+
+
+def test_ctrl_c_is_heard_while_waiting_for_a_result(server: Server, endpoint: str) -> None:
+    server.serve("@action/takeoff", ACCEPTED, end=False)
+    with running_program(endpoint, "wait") as program:
+        assert program.stdout is not None
+        assert program.stdout.readline() == "accepted\n"
+        start = time.monotonic()
+        program.send_signal(2)
+        _, err = program.communicate(timeout=10)
+    assert time.monotonic() - start < 1.0
+    assert "KeyboardInterrupt" in err
+
+
+def test_the_client_imports_nothing_heavy() -> None:
+    code = "import sys, jezero; jezero.Vehicle; print(*sorted(m.split('.')[0] for m in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=20)
+    loaded = set(done.stdout.split())
+    assert {"zenoh", "msgspec"} <= loaded
+    assert not loaded & {"numpy", "pymavlink", "pybullet", "scipy", "matplotlib", "click", "rich", "asyncio"}
+
+
+def test_importing_jezero_alone_loads_no_client() -> None:
+    code = "import sys, jezero; print('zenoh' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=20)
+    assert done.stdout == "False\n"
+
+
+def test_the_goal_says_what_it_is(vehicle: Vehicle, server: Server) -> None:
+    server.serve("@action/takeoff", ACCEPTED, a_result())
+    goal = vehicle.takeoff()
+    assert repr(goal) == "<takeoff goal g: running>"
+    goal.result()
+    assert repr(goal) == "<takeoff goal g: succeeded>"
+    assert topics.TAKEOFF.goal_type is TakeoffGoal

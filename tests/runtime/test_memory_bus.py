@@ -1,0 +1,240 @@
+"""The bus in virtual time: ordered, deterministic, and as strict as the real one."""
+
+import hashlib
+import math
+from collections.abc import Iterable
+
+import pytest
+
+from jezero.runtime.codec import NotFiniteError
+from jezero.runtime.memory_bus import BUS_DELAY, WORK_S, LinkDelay, MemoryBus
+from jezero.runtime.service import (
+    BackgroundTask,
+    Call,
+    Inbox,
+    Output,
+    Publish,
+    Reply,
+    Response,
+    Send,
+    SetRate,
+    Spec,
+    Subscribe,
+    UndeclaredError,
+)
+from jezero.schemas import topics
+from jezero.schemas.commands import Abort, AbortReply, Kill
+from jezero.schemas.sensors import Altimeter
+from jezero.schemas.state import Clock
+
+
+class Talker:
+    """Publishes the time as a clock at 10 Hz."""
+
+    spec = Spec(name="talker", outputs=(topics.CLOCK,), rate_hz=10)
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        yield Publish(topics.CLOCK, Clock(t_ns=t_ns, epoch_id=1, wall_ns=t_ns))
+
+
+class Listener:
+    """Notes what it hears and when; answers aborts; may ask."""
+
+    def __init__(self, ask: bool = False) -> None:
+        self.spec = Spec(
+            name="asker" if ask else "listener",
+            inputs=(topics.CLOCK,),
+            on_demand=(topics.ALTIMETER,),
+            serves=() if ask else (topics.ABORT,),
+            calls=(topics.ABORT, topics.KILL),
+            links=("pipe",),
+            triggers=(topics.CLOCK.name, topics.ABORT.name, "pipe"),
+            rate_hz=1,
+        )
+        self.ask = ask
+        self.heard: list[tuple[int, int]] = []
+        self.responses: list[Response] = []
+        self.bytes = b""
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        self.heard += [(t_ns, clock.t_ns) for clock in inbox.new(topics.CLOCK)]
+        self.responses += inbox.responses
+        self.bytes += inbox.received("pipe")
+        for request in inbox.requests(topics.ABORT):
+            yield Reply(request.request_id, AbortReply(hovering=True, reason=request.payload.reason))
+        if self.ask:
+            self.ask = False
+            yield Call(topics.ABORT, Abort(reason="please"), "abort")
+            yield Call(topics.KILL, Kill(), "kill")
+            yield Send("pipe", b"hello")
+
+
+def test_messages_arrive_in_order_after_the_links_delay() -> None:
+    bus, listener = MemoryBus(seed=3, delay=LinkDelay(0.5, sigma=1.0, longest_s=5.0)), Listener()
+    bus.add(Talker())
+    bus.add(listener)
+    bus.run_for(20.0)
+    sent = [t for _, t in listener.heard]
+    assert sent == sorted(sent) and len(sent) > 100
+    assert all(heard > t for heard, t in listener.heard)
+
+
+def test_a_question_is_answered_and_one_without_a_server_says_so() -> None:
+    bus, asker, listener = MemoryBus(), Listener(ask=True), Listener()
+    bus.wire(("asker", "pipe"), ("listener", "pipe"))
+    bus.add(asker)
+    bus.add(listener)
+    bus.run_for(2.0)
+    assert {(r.tag, r.error) for r in asker.responses} == {("abort", None), ("kill", "no server")}
+    assert listener.bytes == b"hello"
+
+
+def test_an_outside_client_gets_every_reply() -> None:
+    bus = MemoryBus()
+    bus.add(Listener())
+    answers = bus.ask(topics.ABORT, Abort(reason="now"))
+    assert bus.run_for(1.0, stop=lambda: answers.ended)
+    assert answers.replies == [AbortReply(hovering=True, reason="now")]
+
+
+def test_a_service_that_dies_takes_its_links_down_and_ends_its_questions() -> None:
+    bus, asker = MemoryBus(), Listener(ask=True)
+    bus.wire(("asker", "pipe"), ("listener", "pipe"))
+    bus.add(asker)
+    bus.add(Listener())
+    bus.run_until(0)
+    bus.remove("listener")
+    bus.run_for(2.0)
+    assert {r.error for r in asker.responses} == {"no server"} or "timeout" in {r.error for r in asker.responses}
+
+
+def run_hash(seed: int) -> str:
+    bus, digest = MemoryBus(seed=seed, delay=BUS_DELAY), hashlib.sha256()
+    listener = Listener()
+    bus.add(Talker())
+    bus.add(listener)
+    bus.observe(lambda t_ns, topic, data: digest.update(f"{t_ns}{topic}".encode() + data))
+    bus.run_for(5.0)
+    digest.update(str(listener.heard).encode())
+    return digest.hexdigest()
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_does_not() -> None:
+    assert run_hash(1) == run_hash(1)
+    assert run_hash(1) != run_hash(2)
+
+
+class Wrong:
+    """Yields one output that it must not."""
+
+    def __init__(self, output: Output) -> None:
+        self.spec = Spec(name="wrong", outputs=(topics.ALTIMETER,), links=())
+        self.output = output
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        yield self.output
+
+
+@pytest.mark.parametrize(
+    "output",
+    [
+        Publish(topics.CLOCK, Clock(t_ns=0, epoch_id=0, wall_ns=0)),
+        Call(topics.KILL, Kill(), "k"),
+        Send("pipe", b""),
+        Subscribe((topics.ALTIMETER,)),
+    ],
+)
+def test_what_is_not_declared_raises(output: Output) -> None:
+    bus = MemoryBus()
+    bus.add(Wrong(output))
+    with pytest.raises(UndeclaredError, match="wrong"):
+        bus.run_for(0.1)
+
+
+def test_a_message_of_another_type_raises() -> None:
+    bus = MemoryBus()
+    bus.add(Wrong(Publish(topics.ALTIMETER, Clock(t_ns=0, epoch_id=0, wall_ns=0))))
+    with pytest.raises(TypeError, match="altimeter"):
+        bus.run_for(0.1)
+
+
+def test_what_is_not_finite_raises_in_tests_and_is_counted_in_flight() -> None:
+    output = Publish(topics.ALTIMETER, Altimeter(t_ns=0, range_m=math.nan))
+    strict = MemoryBus()
+    strict.add(Wrong(output))
+    with pytest.raises(NotFiniteError):
+        strict.run_for(0.1)
+    health: list[bytes] = []
+    flying = MemoryBus(strict=False)
+    flying.add(Wrong(output))
+    flying.observe(lambda _t, topic, data: health.append(data) if topic == "health/wrong" else None)
+    flying.run_for(1.5)
+    assert b'"not_sent":1' in health[0]
+
+
+def test_what_is_under_way_can_be_tampered_with() -> None:
+    bus, listener = MemoryBus(), Listener()
+    seen: list[tuple[str, str, str]] = []
+
+    def double_late(sender: str, receiver: str, name: str, t_ns: int, data: bytes) -> list[tuple[int, bytes]]:
+        seen.append((sender, receiver, name))
+        return [(t_ns, data), (t_ns + 250_000_000, data)]
+
+    bus.add(Talker())
+    bus.add(listener)
+    bus.tamper = double_late
+    bus.run_for(0.05)
+    bus.tamper = None
+    bus.run_for(0.4)
+    assert seen == [("talker", "listener", "clock")]
+    assert [sent for _, sent in listener.heard].count(0) == 2
+    assert max(at - sent for at, sent in listener.heard) > 250_000_000
+
+
+def test_a_frozen_service_finds_everything_when_it_goes_on() -> None:
+    bus, listener = MemoryBus(), Listener()
+    bus.add(Talker())
+    bus.add(listener)
+    bus.run_for(1.0)
+    bus.freeze("listener", 1.0)
+    heard = len(listener.heard)
+    bus.run_for(0.95)
+    assert not bus.runs("listener") and len(listener.heard) == heard
+    bus.run_for(0.1)
+    assert bus.runs("listener") and len(listener.heard) >= heard + 9
+
+
+class Planner:
+    """Steps at 10 Hz, asks for two pieces of work at once, and for 100 Hz when the second is done."""
+
+    spec = Spec(name="planner", rate_hz=10)
+
+    def __init__(self) -> None:
+        self.steps: list[int] = []
+        self.outcomes: list[tuple[int, str, int]] = []
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        if not self.steps:
+            yield BackgroundTask(lambda: 6 * 7, "first")
+            yield BackgroundTask(lambda: 6 + 7, "second")
+        self.steps.append(t_ns)
+        self.outcomes += [(t_ns, response.tag, response.payload) for response in inbox.responses]
+        if inbox.responses and len(self.outcomes) == 2:
+            yield SetRate(100.0)
+
+
+def test_work_goes_on_beside_the_steps_and_takes_its_time_one_after_the_other() -> None:
+    bus, planner = MemoryBus(), Planner()
+    bus.add(planner)
+    bus.run_for(2.5 * WORK_S)
+    assert planner.outcomes == [(int(WORK_S * 1e9), "first", 42), (int(2 * WORK_S * 1e9), "second", 13)]
+    assert len(planner.steps) > 4
+
+
+def test_a_service_that_asks_for_it_steps_more_often() -> None:
+    bus, planner = MemoryBus(), Planner()
+    bus.add(planner)
+    bus.run_for(2.0 * WORK_S)
+    slow = len(planner.steps)
+    bus.run_for(1.0)
+    assert slow < 8 and len(planner.steps) - slow == 100

@@ -1,0 +1,167 @@
+"""Plans of area coverages: the thesis' polygon by its figures, random areas by what every plan must hold."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from shapely.geometry import LineString, Polygon
+
+from jezero.schemas.actions import AreaCoverageGoal
+from jezero.services.actions.area_coverage.area import AreaError, Point, make_area
+from jezero.services.actions.area_coverage.ground import CoveredGround
+from jezero.services.actions.area_coverage.plan import covered_share, plan_path
+from jezero.services.actions.area_coverage.planned import CoveragePlan, plan_coverage
+from jezero.services.actions.area_coverage.trajectory import Trajectory, make_trajectory, picture_distances
+from jezero.services.actions.config import ActionsConfig
+
+THESIS: tuple[Point, ...] = ((0, 0), (3, 5), (7, 4), (7, 2), (4, 1), (3, 2), (0, 0))
+SQUARE: tuple[Point, ...] = ((0, 0), (4, 0), (4, 4), (0, 4))
+
+
+def fly(area: Polygon, resolution_m: float, speed_mps: float = 1.0) -> Trajectory:
+    path_m = plan_path(area, resolution_m)
+    return make_trajectory(path_m, speed_mps=speed_mps, acceleration_mps2=1.0, cut_m=0.5 * resolution_m)
+
+
+@pytest.mark.parametrize(("resolution_m", "ratio_max"), [(0.25, 1.15), (0.15, 1.12)])
+def test_the_thesis_polygon_is_swept_with_a_short_path_and_a_picture_per_resolution(
+    resolution_m: float, ratio_max: float
+) -> None:
+    area = make_area(THESIS)
+    flown = fly(area, resolution_m)
+    assert area.area == pytest.approx(16.5)
+    assert covered_share(area, flown.pos_m, resolution_m) >= 0.995
+    assert flown.length_m / (area.area / resolution_m) <= ratio_max
+    assert len(picture_distances(flown.length_m, resolution_m)) == pytest.approx(
+        flown.length_m / resolution_m, rel=0.01
+    )
+
+
+def random_area(rng: np.random.Generator, resolution_m: float) -> Polygon | None:
+    """A star, a star with holes, or a crooked strip narrower than the resolution; None when it crosses itself."""
+
+    def star(corners: int, radius_m: float, middle: tuple[float, float] = (0.0, 0.0)) -> list[Point]:
+        angles = np.sort(rng.uniform(0.0, 2.0 * np.pi, corners))
+        radii_m = radius_m * rng.uniform(0.25, 1.0, corners)
+        north_m, east_m = middle[0] + radii_m * np.cos(angles), middle[1] + radii_m * np.sin(angles)
+        return [(float(n), float(e)) for n, e in zip(north_m, east_m, strict=True)]
+
+    kind = int(rng.integers(3))
+    try:
+        if kind == 0:
+            return make_area(star(int(rng.integers(4, 14)), rng.uniform(3.0, 10.0)))
+        if kind == 1:
+            outline = star(int(rng.integers(5, 12)), rng.uniform(6.0, 10.0))
+            holes: list[list[Point]] = []
+            for _ in range(int(rng.integers(1, 4))):
+                north_m, east_m = rng.uniform(-4.0, 4.0, 2)
+                hole = star(int(rng.integers(3, 7)), rng.uniform(0.5, 2.0), (north_m, east_m))
+                if Polygon(hole).is_valid and Polygon(outline, holes).contains(Polygon(hole).buffer(0.05)):
+                    holes.append(hole)
+            return make_area(outline, holes)
+        spine = LineString(np.cumsum(rng.uniform(-4.0, 4.0, (int(rng.integers(2, 5)), 2)), axis=0))
+        width_m = rng.uniform(0.05, 0.8) * resolution_m
+        strip = spine.buffer(0.5 * width_m, cap_style="flat", join_style="mitre")
+        return make_area(list(strip.exterior.coords), [list(hole.coords) for hole in strip.interiors])
+    except AreaError:
+        return None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_random_areas_are_swept_by_paths_that_stay_inside(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    flown = 0
+    while flown < 50:
+        resolution_m = float(rng.choice((0.25, 0.5, 1.0)))
+        area = random_area(rng, resolution_m)
+        if area is None:
+            continue
+        flown += 1
+        path_m = plan_path(area, resolution_m)
+        assert covered_share(area, path_m, resolution_m) >= 0.99, area.wkt
+        assert LineString(path_m).difference(area.buffer(1e-4)).length < 1e-6, area.wkt
+        turned = make_trajectory(path_m, speed_mps=1.0, acceleration_mps2=1.0, cut_m=0.5 * resolution_m)
+        assert covered_share(area, turned.pos_m, resolution_m) >= 0.985, area.wkt
+        assert LineString(turned.pos_m).difference(area.buffer(0.1 * resolution_m)).length < 1e-6, area.wkt
+
+
+def test_an_area_narrower_than_the_resolution_gets_a_pass_down_its_middle() -> None:
+    path_m = plan_path(make_area(((0.0, 0.0), (6.0, 0.0), (6.0, 0.2), (0.0, 0.2))), 1.0)
+    assert np.abs(path_m[:, 1] - 0.1).max() < 0.01
+    assert np.ptp(path_m[:, 0]) > 5.0
+
+
+def test_the_same_area_elsewhere_gets_the_same_plan() -> None:
+    away = np.array((31.7, -12.3))
+
+    def plan(by_m: NDArray[np.float64]) -> CoveragePlan:
+        corners = tuple((float(north), float(east)) for north, east in np.array(THESIS) + by_m)
+        goal = AreaCoverageGoal(polygon_ned_m=corners, z_ned_m=-5.0, resolution_m=0.25)
+        return plan_coverage(goal, ActionsConfig(), 1.0 + by_m)
+
+    here, there = plan(np.zeros(2)), plan(away)
+    assert there.pictures_m - away == pytest.approx(here.pictures_m, abs=1e-6)
+    assert there.covered == pytest.approx(here.covered, abs=1e-6)
+    assert there.lines_rad == here.lines_rad
+
+
+def test_the_rest_of_a_motion_begins_at_rest_where_it_is_taken_up() -> None:
+    path_m = plan_path(make_area(SQUARE), 0.5)
+    whole = make_trajectory(path_m, speed_mps=1.0, acceleration_mps2=1.0, cut_m=0.25)
+    rest = make_trajectory(path_m, speed_mps=1.0, acceleration_mps2=1.0, cut_m=0.25, from_m=7.3)
+    assert rest.length_m == pytest.approx(whole.length_m - 7.3, abs=1e-6)
+    assert rest.pos_m[0] == pytest.approx(whole.at(whole.time_at(7.3))[0], abs=0.01)
+    assert np.linalg.norm(rest.vel_mps[0]) == 0.0
+
+
+def test_covered_ground_is_what_the_way_came_near() -> None:
+    ground = CoveredGround(make_area(SQUARE), 1.0)
+    assert ground.share == 0.0
+    ground.mark_way(np.array(((0.0, 2.0), (4.0, 2.0))))
+    assert ground.share == pytest.approx(0.25, abs=0.01)
+    ground.mark(100.0, 100.0)
+    assert ground.share == pytest.approx(0.25, abs=0.01)
+
+
+def test_holes_are_flown_around() -> None:
+    hole: tuple[Point, ...] = ((1.5, 1.5), (1.5, 2.5), (2.5, 2.5), (2.5, 1.5))
+    area = make_area(SQUARE, [hole])
+    assert LineString(plan_path(area, 0.3)).intersection(Polygon(hole).buffer(-1e-6)).is_empty
+
+
+@pytest.mark.parametrize(
+    ("polygon", "holes", "why"),
+    [
+        (((0, 0), (1, 1)), (), "2 different corners: three are the least"),
+        (((0, 0), (2, 2), (2, 0), (0, 2)), (), "crosses or touches itself"),
+        (((0, 0), (1, 1), (2, 2)), (), "on one line|crosses or touches"),
+        (SQUARE, [((3, 3), (5, 3), (5, 5), (3, 5))], "hole 1 is not wholly inside"),
+        (SQUARE, [((1, 1), (1, 1), (1, 1))], "hole 1 has 1 different corners"),
+    ],
+)
+def test_areas_that_make_no_sense_are_refused_with_the_reason(
+    polygon: tuple[Point, ...], holes: list[tuple[Point, ...]], why: str
+) -> None:
+    with pytest.raises(AreaError, match=why):
+        make_area(polygon, holes)
+
+
+def test_a_motion_keeps_its_speed_and_acceleration_and_ends_at_rest() -> None:
+    flown = fly(make_area(THESIS), 0.25, speed_mps=1.3)
+    speeds = np.linalg.norm(flown.vel_mps, axis=1)
+    assert speeds.max() <= 1.3 + 1e-9
+    assert speeds[0] == speeds[-1] == 0.0
+    assert np.linalg.norm(flown.acc_mps2, axis=1).max() <= 1.0 + 1e-6
+    middle_s = 0.5 * flown.duration_s
+    before, after = flown.at(middle_s - 0.01)[0], flown.at(middle_s + 0.01)[0]
+    assert flown.at(middle_s)[1] == pytest.approx((after - before) / 0.02, abs=0.1)
+    assert flown.at(flown.duration_s + 1.0)[1] == pytest.approx((0.0, 0.0))
+
+
+def test_a_turn_begins_and_ends_straight_and_stays_within_its_corner() -> None:
+    flown = make_trajectory(
+        np.array(((0.0, 0.0), (4.0, 0.0), (4.0, 4.0))), speed_mps=1.0, acceleration_mps2=1.0, cut_m=0.5
+    )
+    assert flown.pos_m[:, 0].max() <= 4.0
+    assert flown.pos_m[:, 1].min() >= 0.0
+    before = flown.pos_m[flown.pos_m[:, 0] < 3.5 - 1e-9]
+    assert np.abs(before[:, 1]).max() < 1e-9

@@ -1,0 +1,429 @@
+"""Landing on the rover against a point mass and an estimate that the test controls."""
+
+from collections.abc import Callable
+from math import cos, hypot, pi, sin
+from random import Random
+
+import pytest
+
+from jezero.frames import Quat, Vec3, add, altitude_m, scale, subtract
+from jezero.schemas.actions import LandOnSpotGoal
+from jezero.schemas.estimate import Relative, RoverEstimate
+from jezero.schemas.state import Status
+from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.land_on_spot.behaviour import LandOnSpot
+from jezero.services.actions.lifecycle.behaviour import Done, Move, Selection, VehicleState
+from tests.services.actions.fake_bridge import follow
+
+CONFIG = ActionsConfig()
+DT_S = 0.02
+S = 1_000_000_000
+DECK_NED_M: Vec3 = (5.0, -3.0, -0.5)
+STILL: Vec3 = (0.0, 0.0, 0.0)
+BOTH = LandOnSpotGoal(goal_id="g")
+TAG = LandOnSpotGoal(goal_id="g", use_uwb=False, landing_spot_ned_m=(3.0, -4.0, 0.0))
+
+
+class Landing:
+    """Flies one goal.
+
+    Args:
+        speed_mps, yaw_rate_rps: of the rover.
+        sees: from time in s and the vehicle's offset from the platform, whether anything of the rover is measured.
+
+    Attributes:
+        forget_s: so long after the last measurement the estimate is not valid any more.
+        grounded: the autopilot notices the ground.
+        offset_of_estimate_m, vel_error_mps: by which the estimate is wrong, the second at a time in s.
+        vel_rover_error_mps: the same of the rover's velocity over ground.
+        range_m: of the altimeter.
+        moves: every move with the time in s and the vehicle's offset from the platform.
+    """
+
+    def __init__(
+        self,
+        goal: LandOnSpotGoal,
+        start_ned_m: Vec3 = (-1.0, -3.0, -6.0),
+        *,
+        speed_mps: float = 0.0,
+        yaw_rate_rps: float = 0.0,
+        sees: Callable[[float, Vec3], bool] = lambda t_s, offset_m: True,
+        std_m: float = 0.0,
+    ) -> None:
+        self.behaviour = LandOnSpot(CONFIG)
+        assert self.behaviour.check(goal, a_status()).refusal == ""
+        self.t_ns = 100 * S
+        self.pos_m, self.vel_mps = start_ned_m, STILL
+        self.deck_m, self.yaw_rad = DECK_NED_M, 0.4
+        self.speed_mps, self.yaw_rate_rps = speed_mps, yaw_rate_rps
+        self.sees, self.std_m = sees, std_m
+        self.forget_s = 3.0
+        self.std_at: Callable[[Vec3], float] = lambda offset_m: 0.0
+        self.grounded = True
+        self.offset_of_estimate_m = STILL
+        self.vel_error_mps: Callable[[float], Vec3] = lambda t_s: STILL
+        self.vel_rover_error_mps = STILL
+        self.std_height_m = 0.01
+        self.range_m: float | None = None
+        self.silent = False
+        self.q_ned_from_frd: Quat = (1.0, 0.0, 0.0, 0.0)
+        self.moves: list[tuple[float, Vec3, Move]] = []
+        self._rng = Random(1)
+        self._fused_ns = 0
+        self._still_s = 0.0
+        self.behaviour.start(self.t_ns, goal, self.state())
+
+    @property
+    def t_s(self) -> float:
+        return (self.t_ns - 100 * S) / S
+
+    @property
+    def offset_m(self) -> Vec3:
+        return subtract(self.pos_m, self.deck_m)
+
+    @property
+    def phases(self) -> list[str]:
+        return list(dict.fromkeys(move.feedback.phase for _, _, move in self.moves))  # type: ignore[union-attr]
+
+    @property
+    def vel_deck_mps(self) -> Vec3:
+        return (self.speed_mps * cos(self.yaw_rad), self.speed_mps * sin(self.yaw_rad), 0.0)
+
+    def state(self) -> VehicleState:
+        return VehicleState(
+            self.pos_m,
+            self.vel_mps,
+            self.q_ned_from_frd,
+            armed=True,
+            landed=self.grounded and self._still_s > 0.8,
+            height_m=self.range_m,
+            relative=None if self.silent else self.relative(),
+            rover=self.rover(),
+        )
+
+    def relative(self) -> Relative:
+        if self.sees(self.t_s, self.offset_m):
+            self._fused_ns = self.t_ns - S // 10
+        std_m = self.std_at(self.offset_m)
+        noise: Vec3 = (self._rng.gauss(0.0, self.std_m), self._rng.gauss(0.0, self.std_m), 0.0)
+        return Relative(
+            t_ns=self.t_ns - S // 50,
+            epoch_id=1,
+            valid=self._fused_ns > 0 and self.t_ns - self._fused_ns < self.forget_s * S and std_m < 0.5,
+            reason="not seen",
+            pos_uav_rel_rover_ned_m=add(add(self.offset_m, noise), self.offset_of_estimate_m),
+            vel_uav_rel_rover_ned_mps=add(subtract(self.vel_mps, self.vel_deck_mps), self.vel_error_mps(self.t_s)),
+            cov=(std_m**2 / 2, *(0.0,) * 5, std_m**2 / 2, *(0.0,) * 4, self.std_height_m**2, *(0.0,) * 9),
+            vel_rover_ned_mps=add(self.vel_deck_mps, self.vel_rover_error_mps),
+            yaw_rover_rad=self.yaw_rad,
+            yaw_rate_rover_rps=self.yaw_rate_rps,
+            use_uwb=True,
+            use_tag=True,
+            fused_t_ns=self._fused_ns,
+            goal_id="g",
+        )
+
+    def rover(self) -> RoverEstimate:
+        return RoverEstimate(
+            t_ns=self.t_ns,
+            epoch_id=1,
+            valid=False,
+            pos_rover_ned_m=self.deck_m,
+            vel_rover_ned_mps=STILL,
+            yaw_rover_rad=self.yaw_rad,
+            std_pos_m=9.0,
+        )
+
+    def run(self, within_s: float) -> Done | None:
+        for _ in range(int(within_s / DT_S)):
+            self.t_ns += int(DT_S * S)
+            self.yaw_rad += self.yaw_rate_rps * DT_S
+            self.deck_m = add(self.deck_m, scale(self.vel_deck_mps, DT_S))
+            move = self.behaviour.step(self.t_ns, self.state())
+            if isinstance(move, Done):
+                return move
+            self.moves.append((self.t_s, self.offset_m, move))
+            self._obey(move)
+        return None
+
+    def _obey(self, move: Move) -> None:
+        """A point mass; the deck holds it up and carries it along."""
+        on_deck = self.offset_m[2] >= -1e-9 and hypot(*self.offset_m[:2]) < 0.7
+        if on_deck and move.vel_ned_mps is not None and move.vel_ned_mps[2] > 0.0:
+            self.vel_mps = self.vel_deck_mps
+            self.pos_m = add(self.pos_m, scale(self.vel_mps, DT_S))
+            self._still_s += DT_S
+            return
+        self._still_s = 0.0
+        self.pos_m, self.vel_mps = follow(self.pos_m, self.vel_mps, move.pos_ned_m, move.vel_ned_mps, DT_S)
+        if self.offset_m[2] > 0.0 and hypot(*self.offset_m[:2]) < 0.7:
+            self.pos_m = (self.pos_m[0], self.pos_m[1], self.deck_m[2])
+
+
+def a_status() -> Status:
+    return Status(t_ns=0, code=3, name="X", armed=True, landed=False, in_charge="hover", bridge_boot_id=1, ready=True)
+
+
+@pytest.mark.parametrize(("speed_mps", "yaw_rate_rps"), [(0.0, 0.0), (0.5, 0.0), (1.0, 0.2), (-0.5, 0.3)])
+def test_it_comes_down_on_the_middle_of_a_rover_that_stands_drives_or_turns(
+    speed_mps: float, yaw_rate_rps: float
+) -> None:
+    landing = Landing(BOTH, speed_mps=speed_mps, yaw_rate_rps=yaw_rate_rps)
+    assert landing.run(40.0) == Done("succeeded", then="disarm")
+    assert landing.phases == ["approach", "descent", "contact"]
+    assert hypot(*landing.offset_m[:2]) < 0.06
+    assert landing.t_s < 18.0
+    land = CONFIG.land_on_rover
+    for _, offset_m, move in landing.moves:
+        assert move.vel_ned_mps is not None or move.pos_ned_m is not None
+        height_m, error_m = altitude_m(offset_m[2]), hypot(*offset_m[:2])
+        if move.vel_ned_mps is None or move.feedback.phase != "descent":  # type: ignore[union-attr]
+            continue
+        assert move.vel_ned_mps[2] <= max(0.6 * height_m, 0.35) + 0.05
+        if move.vel_ned_mps[2] > 0.0 and height_m > land.commit_m + 0.05:
+            assert error_m < 0.03 + 0.13 * height_m
+    last = [move.vel_ned_mps for _, _, move in landing.moves[-20:]]
+    assert all(vel is not None and vel[2] == 0.5 for vel in last)
+    assert landing.vel_deck_mps == pytest.approx((*last[-1][:2], 0.0), abs=0.02)  # type: ignore[index]
+
+
+def test_from_lower_than_the_platform_it_climbs_before_it_comes_near() -> None:
+    landing = Landing(BOTH, (3.0, -3.0, -0.4))
+    assert landing.run(40.0) == Done("succeeded", then="disarm")
+    for _, offset_m, _ in landing.moves:
+        assert altitude_m(offset_m[2]) > 0.9 or abs(offset_m[0] + 2.0) < 0.05 or hypot(*offset_m[:2]) < 0.15
+
+
+def test_by_a_poor_estimate_it_comes_nearer_at_its_height_until_that_is_good_enough() -> None:
+    landing = Landing(BOTH, (-1.0, -3.0, -6.0))
+    landing.std_at = lambda offset_m: 0.2 * hypot(*offset_m[:2])
+    assert landing.run(40.0) == Done("succeeded", then="disarm")
+    poor = [offset_m for _, offset_m, _ in landing.moves if landing.std_at(offset_m) > 0.5]
+    assert len(poor) > 50
+    assert all(altitude_m(offset_m[2]) == pytest.approx(5.5, abs=0.1) for offset_m in poor)
+
+
+def test_it_does_not_go_down_by_an_estimate_that_is_too_poor_for_its_height() -> None:
+    landing = Landing(BOTH)
+    landing.std_at = lambda offset_m: 0.35
+    assert landing.run(30.0) is None
+    assert min(altitude_m(offset_m[2]) for _, offset_m, _ in landing.moves) > (0.35 - 0.1) / 0.15 - 0.35
+
+
+def test_the_selection_is_the_goals() -> None:
+    for goal, wanted in (
+        (BOTH, Selection(True, True)),
+        (LandOnSpotGoal(use_tag=False, landing_spot_ned_m=(1.0, 1.0, 0.0)), Selection(True, False)),
+        (TAG, Selection(False, True, (3.0, -4.0, 0.0))),
+        (LandOnSpotGoal(use_uwb=False, use_tag=False, landing_spot_ned_m=(1.0, 1.0, 0.0)), None),
+    ):
+        behaviour = LandOnSpot(CONFIG)
+        assert behaviour.check(goal, a_status()).refusal == ""
+        assert behaviour.selection == wanted
+
+
+def test_with_the_tag_alone_a_wrong_rough_position_is_corrected_once_the_tag_is_seen() -> None:
+    landing = Landing(TAG, sees=lambda t_s, offset_m: hypot(*offset_m[:2]) < 0.5 * altitude_m(offset_m[2]))
+    assert landing.run(60.0) == Done("succeeded", then="disarm")
+    assert landing.phases == ["search", "approach", "descent", "contact"]
+    assert hypot(*landing.offset_m[:2]) < 0.05
+
+
+def test_losing_sight_for_less_than_half_a_second_does_not_stop_the_descent() -> None:
+    landing = Landing(BOTH, sees=lambda t_s, offset_m: t_s % 1.0 > 0.35)
+    assert landing.run(40.0) == Done("succeeded", then="disarm")
+    assert landing.phases == ["approach", "descent", "contact"]
+
+
+def test_out_of_sight_it_holds_its_height_and_goes_on_when_it_sees_again() -> None:
+    landing = Landing(BOTH, sees=lambda t_s, offset_m: not 6.0 < t_s < 10.0)
+    assert landing.run(60.0) == Done("succeeded", then="disarm")
+    held = [(t_s, offset_m) for t_s, offset_m, _ in landing.moves if 6.8 < t_s < 9.9]
+    assert {m.feedback.phase for t_s, _, m in landing.moves if 6.6 < t_s < 10.0} == {"hold"}  # type: ignore[union-attr]
+    heights_m = [altitude_m(offset_m[2]) for _, offset_m in held]
+    assert max(heights_m) - min(heights_m) < 0.15
+
+
+@pytest.mark.parametrize("forget_s", [1.0, 100.0])
+def test_out_of_sight_for_long_it_climbs_and_searches_and_hovers_in_the_end(forget_s: float) -> None:
+    landing = Landing(BOTH, sees=lambda t_s, offset_m: t_s < 6.0)
+    landing.forget_s = forget_s
+    done = landing.run(180.0)
+    assert done is not None
+    assert (done.outcome, done.then) == ("aborted", "hover")
+    assert done.reason.startswith("TARGET_LOST: not found in 3 rounds of search")
+    assert landing.phases == ["approach", "descent", "hold", "search"]
+    begun_s = next(t_s for t_s, _, move in landing.moves if move.feedback.phase == "search")  # type: ignore[union-attr]
+    assert begun_s == pytest.approx(6.0 + 5.5, abs=0.2)
+    searching = [offset_m for t_s, offset_m, _ in landing.moves if t_s > begun_s]
+    assert max(altitude_m(offset_m[2]) for offset_m in searching) > 6.5
+    assert max(hypot(*offset_m[:2]) for offset_m in searching) > 5.0
+    after_climb = [offset_m for t_s, offset_m, _ in landing.moves if t_s > begun_s + 6.0]
+    assert min(altitude_m(offset_m[2]) for offset_m in after_climb) > 2.9
+
+
+def test_a_rover_found_in_the_search_is_landed_on() -> None:
+    landing = Landing(BOTH, sees=lambda t_s, offset_m: t_s < 6.0 or altitude_m(offset_m[2]) > 4.0 or t_s > 20.0)
+    assert landing.run(90.0) == Done("succeeded", then="disarm")
+    assert landing.phases == ["approach", "descent", "hold", "search", "contact"]
+
+
+def test_a_height_that_jumps_up_in_the_search_does_not_bring_it_down_fast() -> None:
+    landing = Landing(BOTH, sees=lambda t_s, offset_m: t_s < 6.0)
+    assert landing.run(14.0) is None
+    north_m, east_m, down_m = landing.pos_m
+    landing.pos_m = (north_m, east_m, down_m - 3.0)
+    before = len(landing.moves)
+    assert landing.run(2.0) is None
+    fastest_mps = max(move.vel_ned_mps[2] for _, _, move in landing.moves[before:] if move.vel_ned_mps is not None)
+    assert 0.0 < fastest_mps <= CONFIG.search.speed_down_max_mps
+
+
+def test_near_the_ground_the_search_does_not_go_down() -> None:
+    landing = Landing(BOTH, sees=lambda t_s, offset_m: t_s < 6.0)
+    assert landing.run(14.0) is None
+    north_m, east_m, down_m = landing.pos_m
+    landing.pos_m = (north_m, east_m, down_m - 3.0)
+    landing.range_m = 2.9
+    before = len(landing.moves)
+    assert landing.run(2.0) is None
+    assert all(move.vel_ned_mps is None or move.vel_ned_mps[2] <= 0.0 for _, _, move in landing.moves[before:])
+
+
+def test_a_rover_that_was_seen_at_an_impossible_speed_is_not_followed_far() -> None:
+    landing = Landing(BOTH, sees=lambda t_s, offset_m: t_s < 6.0)
+    landing.forget_s = 0.5
+    landing.vel_rover_error_mps = (6.0, 0.0, -1.0)
+    seen_at_m = landing.deck_m
+    done = landing.run(180.0)
+    assert done is not None
+    assert done.reason.startswith("TARGET_LOST: not found in 3 rounds of search")
+    away_m = subtract(landing.pos_m, seen_at_m)
+    assert hypot(*away_m[:2]) < 6.0 * (5.5 + CONFIG.search.tau_drive_s) + 7.0
+
+
+def test_below_the_last_range_of_the_tag_it_finishes_blind() -> None:
+    landing = Landing(BOTH, sees=lambda t_s, offset_m: altitude_m(offset_m[2]) > 0.2)
+    assert landing.run(40.0) == Done("succeeded", then="disarm")
+    assert hypot(*landing.offset_m[:2]) < 0.06
+
+
+@pytest.mark.parametrize("silent", [True, False])
+def test_without_any_estimate_it_waits_and_then_gives_up_with_the_reason(silent: bool) -> None:
+    landing = Landing(BOTH, sees=lambda t_s, offset_m: False)
+    landing.silent = silent
+    done = landing.run(20.0)
+    assert done is not None
+    assert done.outcome == "aborted"
+    why = "the estimator is silent" if silent else "not seen"
+    assert done.reason == f"TARGET_LOST: the rover can't be found: {why}"
+    assert all(move.pos_ned_m == (-1.0, -3.0, -6.0) for _, _, move in landing.moves)
+
+
+@pytest.mark.parametrize("speed_mps", [0.0, 0.5])
+def test_standing_for_long_enough_it_is_disarmed_by_force_when_the_autopilot_does_not_see_the_ground(
+    speed_mps: float,
+) -> None:
+    landing = Landing(BOTH, speed_mps=speed_mps)
+    landing.grounded = False
+    assert landing.run(60.0) == Done("succeeded", then="force_disarm")
+    contact_s = contact_begin_s(landing)
+    assert landing.t_s - contact_s == pytest.approx(CONFIG.land_on_rover.force_s, abs=0.6)
+    last = [altitude_m(offset_m[2]) for t_s, offset_m, _ in landing.moves if t_s > landing.t_s - 2.0]
+    assert max(last) < 0.1
+
+
+def contact_begin_s(landing: Landing) -> float:
+    return next(t_s for t_s, _, move in landing.moves if move.feedback.phase == "contact")  # type: ignore[union-attr]
+
+
+def is_given_up(landing: Landing) -> bool:
+    done = landing.run(60.0)
+    assert done is not None and "contact" in landing.phases
+    return done.outcome == "aborted" and done.then == "hover" and "doesn't see the ground" in done.reason
+
+
+def held_up_at(height_m: float) -> Landing:
+    """Something unseen holds the vehicle up over the platform; the autopilot knows of nothing."""
+    landing = Landing(BOTH)
+    landing.grounded = False
+    landing.deck_m = (*DECK_NED_M[:2], DECK_NED_M[2] - height_m)
+    landing.offset_of_estimate_m = (0.0, 0.0, -height_m)
+    return landing
+
+
+def test_resting_above_a_tenth_of_a_metre_it_is_never_disarmed_by_force() -> None:
+    assert is_given_up(held_up_at(0.15))
+    assert held_up_at(0.05).run(60.0) == Done("succeeded", then="force_disarm")
+
+
+def test_a_height_that_is_not_surely_below_a_tenth_of_a_metre_is_no_sign() -> None:
+    landing = Landing(BOTH)
+    landing.grounded = False
+    landing.std_height_m = 0.06
+    assert is_given_up(landing)
+
+
+def test_low_but_moving_it_is_not_disarmed_by_force() -> None:
+    landing = Landing(BOTH)
+    landing.grounded = False
+    landing.vel_error_mps = lambda t_s: (0.0, 0.0, 0.3 if t_s % 1.0 < 0.3 else 0.0)
+    assert is_given_up(landing)
+
+
+def test_signs_that_lapse_begin_anew() -> None:
+    landing = Landing(BOTH)
+    landing.grounded = False
+    while "contact" not in landing.phases:
+        assert landing.run(DT_S) is None
+    contact_s = landing.t_s
+    landing.sees = lambda t_s, offset_m: not contact_s + 1.0 < t_s < contact_s + 1.9
+    assert landing.run(60.0) == Done("succeeded", then="force_disarm")
+    assert landing.t_s - contact_s > 1.9 + CONFIG.land_on_rover.force_s - 0.1
+
+
+def test_signs_that_do_not_last_are_none() -> None:
+    landing = Landing(BOTH, sees=lambda t_s, offset_m: altitude_m(offset_m[2]) > 0.01 or t_s % 2.6 < 1.6)
+    landing.grounded = False
+    assert is_given_up(landing)
+
+
+def test_an_altimeter_that_measures_a_way_down_forbids_force() -> None:
+    landing = Landing(BOTH)
+    landing.grounded = False
+    landing.range_m = 0.3
+    assert is_given_up(landing)
+    landing = Landing(BOTH)
+    landing.grounded = False
+    landing.range_m = 0.16
+    assert landing.run(60.0) == Done("succeeded", then="force_disarm")
+
+
+def test_a_touchdown_beside_the_platform_is_no_success() -> None:
+    landing = Landing(BOTH)
+    while "descent" not in landing.phases:
+        assert landing.run(DT_S) is None
+    landing.pos_m = add(landing.deck_m, (0.8, 0.0, 0.3))
+    landing._still_s = pi
+    done = landing.run(DT_S)
+    assert done is not None
+    assert (done.outcome, done.then) == ("aborted", "disarm")
+    assert "m from the middle of the platform" in done.reason
+
+
+def test_a_vehicle_that_lies_on_the_platform_has_not_landed() -> None:
+    landing = Landing(BOTH)
+    landing.q_ned_from_frd = (0.6, 0.8, 0.0, 0.0)
+    assert landing.run(60.0) == Done("aborted", "the vehicle fell over: it leans by 106 degrees", "disarm")
+
+
+@pytest.mark.parametrize(
+    ("goal", "said"),
+    [
+        (LandOnSpotGoal(use_uwb=False), "must be told roughly where the rover is"),
+        (LandOnSpotGoal(use_uwb=False, use_tag=False), "must be told where to land"),
+        (LandOnSpotGoal(use_uwb=False, landing_spot_ned_m=(0.0, 0.0, 0.0), frame="rover"), "in frame 'world'"),
+    ],
+)
+def test_what_cannot_be_found_is_refused(goal: LandOnSpotGoal, said: str) -> None:
+    assert said in LandOnSpot(CONFIG).check(goal, a_status()).refusal

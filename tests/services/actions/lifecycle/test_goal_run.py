@@ -1,0 +1,365 @@
+"""The lifecycle of a goal, against a bridge with a point mass, on the bus in virtual time."""
+
+from itertools import pairwise
+from typing import Any, Literal
+
+import msgspec
+import pytest
+
+from jezero.runtime.memory_bus import MemoryBus
+from jezero.schemas import topics
+from jezero.schemas.actions import (
+    Accepted,
+    Cancel,
+    Feedback,
+    GetResult,
+    GoToGoal,
+    LandOnSpotGoal,
+    MoveFeedback,
+    MoveResult,
+    Rejected,
+    Result,
+    TakeoffGoal,
+)
+from jezero.schemas.state import StatusCode
+from jezero.services.actions.table import action_server
+from tests.services.actions.rig import CONFIG, FAR, World
+
+
+def test_a_goal_is_accepted_reports_at_10_hz_and_ends_with_one_result() -> None:
+    world = World()
+    answers = world.send(GoToGoal(target_ned_m=(4.0, 0.0, -3.0), goal_id="g"))
+    seen: list[str] = []
+    world.bus.observe(lambda t_ns, name, data: seen.append(name))
+    start_ns = world.bus.t_ns
+    result = world.end(answers, 30.0)
+    flown_s = (world.bus.t_ns - start_ns) / 1e9
+    feedback = [r for r in answers.replies if isinstance(r, Feedback)]
+    assert isinstance(answers.replies[0], Accepted)
+    assert result.outcome == "succeeded"
+    assert result.result.completed
+    assert abs(result.result.pos_uav_ned_m[0] - 4.0) < 0.15
+    assert 9.0 < len(feedback) / flown_s < 10.5
+    assert feedback[-1].feedback.distance_m < 0.15
+    assert feedback[3].code == StatusCode.GO_TO
+    assert seen.count("action/go_to/feedback") == len(feedback)
+    assert 45 < seen.count("command/setpoint") / flown_s < 55
+    assert world.bridge.code == StatusCode.HOVER
+    assert world.bridge.releases[0].hover_pos_ned_m == (4.0, 0.0, -3.0)
+    assert [r.outcome for r in world.bridge.releases] == ["succeeded"]
+
+
+def test_the_first_feedback_comes_with_the_acceptance_10_ms_before_the_first_setpoint() -> None:
+    world = World()
+    told: list[tuple[str, int]] = []
+    world.bus.observe(lambda t_ns, name, data: told.append((name, t_ns)))
+    world.flying()
+    flown = [(name, t_ns) for name, t_ns in told if name in ("command/setpoint", "action/go_to/feedback")]
+    assert [name for name, _ in flown[:2]] == ["action/go_to/feedback", "command/setpoint"]
+    assert flown[1][1] - flown[0][1] == 10_000_000
+    later = [(one, other) for (one, t_ns), (other, then_ns) in pairwise(flown[2:]) if t_ns == then_ns]
+    assert set(later) == {("command/setpoint", "action/go_to/feedback")}
+
+
+def test_a_first_feedback_that_has_aged_before_control_is_given_is_not_told() -> None:
+    world = World()
+    told: list[str] = []
+    world.bus.observe(lambda _t_ns, name, _data: told.append(name))
+    world.send(FAR)
+    for _ in range(20):  # something comes between the question for control and its answer
+        world.bus.run_for(0.0002)
+        world.bus.ask(topics.RESULT, GetResult(goal_id="another"), "me")
+    world.bus.run_for(0.1)
+    flown = [name for name in told if name in ("command/setpoint", "action/go_to/feedback")]
+    assert flown[:2] == ["command/setpoint", "action/go_to/feedback"]
+
+
+def test_setpoints_are_numbered_and_carry_the_grant() -> None:
+    world = World()
+    world.flying()
+    setpoints = world.bridge.setpoints
+    assert [s.sequence for s in setpoints] == list(range(1, len(setpoints) + 1))
+    assert {s.control_id for s in setpoints} == {"c1"}
+    assert {s.phase for s in setpoints} == {"go_to"}
+
+
+def test_an_idle_server_listens_to_status_and_clock_only() -> None:
+    world = World()
+    port = world.bus._ports["go_to"]
+    assert port.listening == {"status", "clock"}
+    goal = world.flying()
+    assert port.listening == {"status", "clock", "odometry"}
+    world.bus.ask(topics.GO_TO.cancel, Cancel(goal_id="far"))
+    world.end(goal)
+    assert port.listening == {"status", "clock"}
+
+
+@pytest.mark.parametrize(
+    ("goal", "reason"),
+    [
+        (TakeoffGoal(altitude_m=121.0), "altitude 121 m is not within 0.5 to 120 m"),
+        (TakeoffGoal(altitude_m=-2.0), "altitude -2 m"),
+        (GoToGoal(target_ned_m=(0.0, 0.0, 5.0)), "5 m up is −5"),
+        (GoToGoal(target_ned_m=(0.0, 0.0, 0.0)), "5 m up is −5"),
+        (GoToGoal(target_ned_m=(0.0, 0.0, -121.0)), "altitude 121 m is beyond the limit of 120 m"),
+        (GoToGoal(target_ned_m=(400.0, 400.0, -5.0)), "566 m from the origin, beyond the limit of 500 m"),
+        (GoToGoal(target_ned_m=(1.0, 0.0, -5.0), speed_mps=11.0), "speed 11 m/s is not within 0.1 to 10 m/s"),
+        (GoToGoal(target_ned_m=(1.0, 0.0, -5.0), speed_mps=0.0), "speed 0 m/s"),
+        (GoToGoal(target_ned_m=(1.0, 0.0, -5.0), frame="rover"), "rover's estimate, and the estimator is silent"),
+        (LandOnSpotGoal(use_uwb=False), "must be told roughly where the rover is"),
+        (LandOnSpotGoal(use_uwb=False, use_tag=False), "landing_spot_ned_m is missing"),
+        (
+            LandOnSpotGoal(use_uwb=False, use_tag=False, landing_spot_ned_m=(0.0, 600.0, 0.0)),
+            "600 m from the origin",
+        ),
+        (GoToGoal(target_ned_m=(1.0, 0.0, -5.0), issued_t_ns=10**12), "in the future"),
+    ],
+)
+def test_what_is_beyond_a_limit_is_refused_with_the_number(goal: Any, reason: str) -> None:
+    world = World()
+    reply = world.fly(goal, 2.0)
+    assert isinstance(reply, Rejected)
+    assert reason in reply.reason
+    assert reply.code == StatusCode.HOVER
+    assert world.bridge.grants == 0
+
+
+def test_the_bridges_refusal_is_passed_on_with_the_status() -> None:
+    world = World()
+    world.bridge.refuse = "takeoff needs a vehicle on the ground"
+    reply = world.fly(TakeoffGoal(), 2.0)
+    assert reply == Rejected(goal_id=reply.goal_id, reason="takeoff needs a vehicle on the ground", code=3)
+    assert world.is_idle("takeoff")
+
+
+def test_a_goal_expires_after_30_s() -> None:
+    world = World()
+    world.bus.run_for(31.0)
+    reply = world.fly(GoToGoal(target_ned_m=(1.0, 0.0, -3.0), issued_t_ns=world.bus.t_ns - 30_500_000_000), 2.0)
+    assert isinstance(reply, Rejected)
+    assert "expired after 30 s" in reply.reason
+    fresh = GoToGoal(target_ned_m=(1.0, 0.0, -3.0), issued_t_ns=world.bus.t_ns - 29_000_000_000)
+    assert isinstance(world.fly(fresh, 30.0), Result)
+
+
+def test_without_a_bridge_or_with_a_silent_one_goals_are_refused() -> None:
+    bus = MemoryBus()
+    bus.add(action_server("go_to", 5, CONFIG))
+    bus.run_for(0.1)
+    answers = bus.ask(topics.GO_TO.endpoint, FAR)
+    bus.run_for(0.5)
+    assert "status is unknown" in answers.replies[0].reason
+    world = World()
+    world.bridge.mute_status = True
+    world.bus.run_for(2.0)
+    assert "s old: is vehicle_bridge running" in world.fly(FAR, 2.0).reason
+
+
+def test_a_dead_bridge_is_told_within_two_seconds() -> None:
+    world = World()
+    world.bus.remove("vehicle_bridge")
+    reply = world.fly(FAR, 2.0)
+    assert isinstance(reply, Rejected)
+    assert "did not answer" in reply.reason
+    assert world.is_idle("go_to")
+
+
+def test_a_second_goal_is_refused_as_busy() -> None:
+    world = World()
+    world.flying()
+    reply = world.fly(GoToGoal(target_ned_m=(1.0, 1.0, -3.0), goal_id="other"), 0.2)
+    assert isinstance(reply, Rejected)
+    assert "busy: goal far of go_to is running (status 4 GO_TO)" in reply.reason
+
+
+def test_of_two_servers_goals_the_bridge_grants_one() -> None:
+    world = World()
+    world.flying()
+    reply = world.fly(LandOnSpotGoal(use_uwb=False, use_tag=False, landing_spot_ned_m=(0.0, 0.0, 0.0)), 0.2)
+    assert isinstance(reply, Rejected)
+    assert reply.reason == "another goal is in charge"
+
+
+def test_a_goal_sent_twice_runs_once_and_both_get_the_result() -> None:
+    world = World()
+    goal = GoToGoal(target_ned_m=(2.0, 0.0, -3.0), goal_id="twice")
+    first, second = world.send(goal, "a"), world.send(goal, "b")
+    world.bus.run_for(1.0)
+    third = world.send(goal, "c")
+    result = world.end(first, 30.0)
+    world.bus.run_for(0.1)
+    for answers in (second, third):
+        assert isinstance(answers.replies[0], Accepted)
+        assert answers.replies[-1] == result
+        assert answers.ended
+    assert world.bridge.grants == 1
+    again = world.send(goal)
+    world.bus.run_for(0.1)
+    assert [type(r) for r in again.replies] == [Accepted, Result]
+    assert again.replies[-1] == result
+    assert world.bridge.grants == 1
+
+
+def test_a_server_names_goals_that_have_no_id() -> None:
+    world = World()
+    first = world.fly(GoToGoal(target_ned_m=(1.0, 0.0, -3.0)))
+    second = world.fly(GoToGoal(target_ned_m=(0.0, 0.0, -3.0)))
+    assert (first.goal_id, second.goal_id) == ("go_to-5-1", "go_to-5-2")
+
+
+def test_a_canceled_goal_is_released_and_says_so() -> None:
+    world = World()
+    goal = world.flying()
+    reply = world.bus.ask(topics.GO_TO.cancel, Cancel(goal_id="far"))
+    result = world.end(goal)
+    assert reply.replies[0].canceled
+    assert result.outcome == "canceled"
+    assert not result.result.completed
+    assert world.bridge.releases[0].outcome == "canceled"
+    late = world.bus.ask(topics.GO_TO.cancel, Cancel(goal_id="far"))
+    other = world.bus.ask(topics.GO_TO.cancel, Cancel(goal_id="nobody"))
+    world.bus.run_for(0.2)
+    assert (late.replies[0].canceled, late.replies[0].reason) == (False, "goal far has already canceled")
+    assert (other.replies[0].canceled, other.replies[0].reason) == (False, "no goal nobody is known to go_to")
+
+
+def test_a_cancel_that_comes_before_the_grant_still_cancels() -> None:
+    world = World()
+    goal = world.send(FAR)
+    world.bus.ask(topics.GO_TO.cancel, Cancel(goal_id="far"))
+    result = world.end(goal)
+    assert result.outcome == "canceled"
+    assert world.bridge.setpoints == []
+    assert world.bridge.control_id == ""
+
+
+def test_a_vanished_client_ends_its_goal_only_when_asked_to() -> None:
+    cases: tuple[tuple[Literal["continue", "cancel"], str], ...] = (("continue", "succeeded"), ("cancel", "canceled"))
+    for loss, outcome in cases:
+        world = World()
+        goal = GoToGoal(target_ned_m=(3.0, 0.0, -3.0), goal_id="g", on_client_loss=loss)
+        answers = world.flying(goal, "gone")
+        world.bus.client_departs("somebody")
+        world.bus.run_for(0.2)
+        assert not answers.ended
+        world.bus.client_departs("gone")
+        assert world.end(answers, 30.0).outcome == outcome
+
+
+def test_a_goal_with_two_clients_outlives_one_of_them() -> None:
+    world = World()
+    goal = GoToGoal(target_ned_m=(9.0, 0.0, -3.0), goal_id="g", on_client_loss="cancel")
+    first = world.flying(goal, "a")
+    world.send(goal, "b")
+    world.bus.run_for(0.1)
+    world.bus.client_departs("a")
+    world.bus.run_for(0.5)
+    assert not first.ended
+    world.bus.client_departs("b")
+    assert world.end(first).outcome == "canceled"
+
+
+def test_a_goal_that_nobody_can_watch_over_says_so() -> None:
+    world = World()
+    goal = GoToGoal(target_ned_m=(9.0, 0.0, -3.0), goal_id="g", on_client_loss="cancel")
+    unnamed, named = world.flying(goal, ""), world.send(goal, "me")
+    world.bus.run_for(0.1)
+    assert "on_client_loss has no effect" in unnamed.replies[0].warning
+    assert world.bus.run_for(0.1) is False
+    assert isinstance(named.replies[0], Accepted)
+
+
+def test_results_stay_readable_and_only_the_knowing_server_answers() -> None:
+    world = World()
+    goal = world.flying()
+    running = world.bus.ask(topics.RESULT, GetResult(goal_id="far"))
+    world.bus.run_for(0.1)
+    assert [r.running for r in running.replies] == [True]
+    world.bus.ask(topics.GO_TO.cancel, Cancel(goal_id="far"))
+    result = world.end(goal)
+    stored = world.bus.ask(topics.RESULT, GetResult(goal_id="far"))
+    unknown = world.bus.ask(topics.RESULT, GetResult(goal_id="nobody"))
+    world.bus.run_for(0.1)
+    assert len(stored.replies) == 1
+    assert stored.replies[0].action == "go_to"
+    assert msgspec.json.decode(stored.replies[0].result, type=Result[MoveResult]) == result
+    assert unknown.ended
+    assert unknown.replies == []
+
+
+def test_the_last_hundred_results_are_kept() -> None:
+    server = action_server("go_to", 5, CONFIG)
+    for number in range(105):
+        done = MoveResult(completed=True, pos_uav_ned_m=(0.0, 0.0, 0.0))
+        server._keep(Result(goal_id=f"g{number}", t_ns=0, outcome="succeeded", result=done))
+    assert len(server._results) == 100
+    assert server._answer_result("g4") is None
+    assert server._answer_result("g5") is not None
+
+
+def test_a_position_reset_moves_the_target_along() -> None:
+    world = World()
+    answers = world.send(GoToGoal(target_ned_m=(4.0, 0.0, -3.0), goal_id="g"))
+    world.bus.run_for(1.5)
+    before = world.bridge.setpoints[-1]
+    world.bridge.step_position((0.5, -1.0, 0.2))
+    world.bus.run_for(0.1)
+    after = world.bridge.setpoints[-1]
+    assert before.pos_ned_m is not None
+    assert after.pos_ned_m is not None
+    assert (before.reset_counter, after.reset_counter) == (0, 1)
+    assert after.pos_ned_m[1:] == pytest.approx((-1.0, -2.8))
+    assert abs(after.pos_ned_m[0] - before.pos_ned_m[0] - 0.5) < 0.3
+    result = world.end(answers, 30.0)
+    assert result.result.pos_uav_ned_m == pytest.approx((4.5, -1.0, -2.8), abs=0.15)
+    assert world.bridge.releases[0].hover_pos_ned_m == pytest.approx((4.5, -1.0, -2.8))
+    assert world.bridge.releases[0].reset_counter == 1
+
+
+def test_a_goal_whose_point_is_beyond_the_limits_after_a_position_reset_is_aborted() -> None:
+    world = World()
+    answers = world.send(GoToGoal(target_ned_m=(4.0, 0.0, -3.0), goal_id="g"))
+    world.bus.run_for(1.5)
+    world.bridge.step_position((0.0, 0.0, -200.0))
+    result = world.end(answers, 1.0)
+    assert result.outcome == "aborted"
+    assert "beyond the limit of 120 m" in result.reason
+
+
+def test_feedback_on_the_topic_is_the_clients_feedback() -> None:
+    world = World()
+    heard: list[Any] = []
+    kind = topics.feedback_of(topics.GO_TO).type
+
+    def note(t_ns: int, name: str, data: bytes) -> None:
+        if name == "action/go_to/feedback":
+            heard.append(msgspec.json.decode(data, type=kind))
+
+    world.bus.observe(note)
+    answers = world.flying()
+    replies = [r for r in answers.replies if isinstance(r, Feedback)]
+    assert isinstance(heard[0].feedback, MoveFeedback)
+    assert [h.feedback for h in heard][: len(replies)] == [r.feedback for r in replies]
+    assert heard[0].goal_id == "far"
+
+
+def test_the_health_tells_what_the_server_does() -> None:
+    world = World()
+    node = world.bus._ports["go_to"].node
+    assert node.health(0, 0.0).text == "ready for a goal"
+    world.flying()
+    assert node.health(0, 0.0).text == "flying goal far"
+    world.bridge.mute_status = True
+    world.bus.run_for(1.5)
+    assert node.health(0, 0.0).state == "degraded"
+
+
+def test_the_same_seed_gives_the_same_bytes() -> None:
+    def fly() -> list[tuple[int, str, bytes]]:
+        world = World((0.0, 0.0, 0.0))
+        log: list[tuple[int, str, bytes]] = []
+        world.bus.observe(lambda t_ns, name, data: log.append((t_ns, name, data)))
+        world.fly(TakeoffGoal(altitude_m=1.0))
+        return log
+
+    assert fly() == fly()

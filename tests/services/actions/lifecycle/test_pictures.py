@@ -1,0 +1,166 @@
+"""A goal that takes pictures, through its whole life, against a fake bridge and a fake camera in virtual time."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from jezero.frames import Vec3
+from jezero.runtime.memory_bus import Answers, MemoryBus
+from jezero.schemas.actions import Accepted, Feedback, GetImagesGoal, ImagesFeedback, ImagesResult, Rejected, Result
+from jezero.schemas.commands import Phase
+from jezero.schemas.images import GetImage
+from jezero.schemas.state import Status
+from jezero.schemas.topics import Action, Topic
+from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.lifecycle.behaviour import Done, Move, Selection, VehicleState, Verdict
+from jezero.services.actions.lifecycle.capture import Capture
+from jezero.services.actions.lifecycle.picture_store import PictureStore
+from jezero.services.actions.lifecycle.server import ActionServer
+from tests.services.actions.fake_bridge import FakeBridge
+from tests.services.actions.fake_camera import SIDE_PX, FakeCamera
+
+ACTION = Action("snap", GetImagesGoal, ImagesFeedback, ImagesResult, Phase.GET_IMAGES, takes_pictures=True)
+PERIOD_NS = 300_000_000
+
+
+class Snap:
+    """Stands still in the air and takes a picture every 0.3 s."""
+
+    selection: Selection | None = None
+    rate_hz: float | None = None
+    inputs: tuple[Topic[Any], ...] = ()
+
+    def __init__(self, config: ActionsConfig) -> None:
+        self.capture: Capture | None = None
+        self._config = config
+        self._asked = 0
+        self._start_ns = 0
+
+    def check(self, goal: GetImagesGoal, status: Status) -> Verdict:
+        self.capture = capture = Capture(self._config.capture, goal.num_images, stream=goal.stream_images)
+        return Verdict(look=lambda state: capture.refusal())
+
+    def start(self, t_ns: int, goal: GetImagesGoal, state: VehicleState) -> None:
+        self._start_ns = t_ns
+
+    def step(self, t_ns: int, state: VehicleState) -> Move | Done:
+        assert self.capture is not None
+        if self._asked < self.capture.planned and t_ns >= self._start_ns + self._asked * PERIOD_NS:
+            self.capture.ask(self._asked, t_ns)
+            self._asked += 1
+        if self._asked == self.capture.planned and not self.capture.waits:
+            return Done("succeeded")
+        feedback = ImagesFeedback(pos_uav_ned_m=state.pos_uav_ned_m, taken=0, planned=0)
+        return Move(Phase.GET_IMAGES, feedback, vel_ned_mps=(0.0, 0.0, 0.0), pitch_camera_rad=-1.0)
+
+    def result(self, completed: bool, pos_uav_ned_m: Vec3) -> ImagesResult:
+        assert self.capture is not None
+        return ImagesResult(completed=completed, pos_uav_ned_m=pos_uav_ned_m, images=self.capture.images())
+
+
+class World:
+    """A bus with a bridge, a camera and one action server."""
+
+    def __init__(self, spool: PictureStore | None = None) -> None:
+        self.bus = MemoryBus(seed=1)
+        self.bridge = FakeBridge((0.0, 0.0, -3.0))
+        self.camera = FakeCamera()
+        self.server = ActionServer(ACTION, Snap, ActionsConfig(), 5, spool)
+        for service in (self.bridge, self.camera, self.server):
+            self.bus.add(service)
+        self.bus.run_for(0.5)
+
+    def send(self, num_images: int, *, stream: bool = True) -> Answers:
+        goal = GetImagesGoal(
+            goal_id="g", center_ned_m=(0.0, 0.0, -3.0), radius_m=1.0, num_images=num_images, stream_images=stream
+        )
+        return self.bus.ask(ACTION.endpoint, goal)
+
+    def end(self, answers: Answers, within_s: float = 30.0) -> Any:
+        assert self.bus.run_for(within_s, lambda: answers.ended), answers.replies[-3:]
+        return answers.replies[-1]
+
+    def picture(self, index: int) -> Any:
+        answers = self.bus.ask(ACTION.image, GetImage(goal_id="g", index=index))
+        self.bus.run_for(0.1)
+        assert len(answers.replies) == 1
+        return answers.replies[0]
+
+
+def feedback_of(answers: Answers) -> list[ImagesFeedback]:
+    return [reply.feedback for reply in answers.replies if isinstance(reply, Feedback)]
+
+
+def test_pictures_are_told_as_taken_and_their_pixels_come_one_by_one() -> None:
+    world = World()
+    answers = world.send(4)
+    world.bus.run_for(1.5, lambda: any(f.images for f in feedback_of(answers)))
+    first = next(f.images[0] for f in feedback_of(answers) if f.images)
+    during = world.picture(first.index)
+    result = world.end(answers)
+    assert isinstance(answers.replies[0], Accepted)
+    assert result.outcome == "succeeded"
+    assert [image.index for image in result.result.images] == [0, 1, 2, 3]
+    assert [image.index for f in feedback_of(answers) for image in f.images] == [0, 1, 2, 3]
+    assert (feedback_of(answers)[-1].taken, feedback_of(answers)[-1].planned) == (4, 4)
+    assert len(during.pixels) == 3 * SIDE_PX * SIDE_PX
+    pictures = [world.picture(index) for index in range(4)]
+    assert len({picture.pixels[0] for picture in pictures}) == 4
+    assert pictures[0] == during
+    assert "no picture 4" in world.picture(4).reason
+    assert set(world.camera.pitches_rad) == {-1.0}
+
+
+def test_without_streaming_only_the_result_tells_of_pictures() -> None:
+    world = World()
+    answers = world.send(2, stream=False)
+    result = world.end(answers)
+    assert [image.index for image in result.result.images] == [0, 1]
+    assert all(f.images == () for f in feedback_of(answers))
+
+
+def test_without_a_camera_the_goal_is_refused() -> None:
+    world = World()
+    world.bus.remove("camera")
+    reply = world.end(world.send(2))
+    assert isinstance(reply, Rejected)
+    assert reply.reason.startswith("no pictures: the camera sends none")
+    assert world.bridge.grants == 0
+
+
+def test_a_camera_that_falls_silent_ends_the_goal_and_what_was_taken_stays() -> None:
+    world = World()
+    answers = world.send(100)
+    world.bus.run_for(3.0)
+    world.camera.mute = True
+    result = world.end(answers)
+    assert isinstance(result, Result)
+    assert result.outcome == "aborted"
+    assert result.reason.startswith("no pictures: none came for point")
+    assert len(result.result.images) > 3
+    assert world.picture(0).pixels
+
+
+def test_a_full_disk_ends_the_goal_with_its_reason(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.write_text("no folder")
+    world = World(PictureStore(file / "pictures"))
+    result = world.end(world.send(3))
+    assert result.outcome == "aborted"
+    assert "no pictures: they can't be stored: Not a directory" in result.reason
+
+
+def test_an_idle_server_hears_no_pictures() -> None:
+    world = World()
+    assert world.bus._ports["snap"].listening == {"status", "clock"}
+    world.end(world.send(1))
+    assert world.bus._ports["snap"].listening == {"status", "clock"}
+
+
+@pytest.mark.parametrize("goal_id", ["..", "a/b", ""])
+def test_questions_for_strange_goals_are_answered_with_a_reason(goal_id: str) -> None:
+    world = World()
+    answers = world.bus.ask(ACTION.image, GetImage(goal_id=goal_id, index=0))
+    world.bus.run_for(0.1)
+    assert answers.replies[0].reason

@@ -1,0 +1,146 @@
+"""A landing's selection of sensors: leased, renewed, told again to a new estimator, and given back."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import msgspec
+
+from jezero.frames import Vec3, subtract
+from jezero.runtime.memory_bus import Answers, MemoryBus
+from jezero.runtime.service import Inbox, Output, Publish, Reply, Spec
+from jezero.schemas import topics
+from jezero.schemas.actions import Cancel, LandOnSpotGoal, Result
+from jezero.schemas.commands import Setpoint
+from jezero.schemas.estimate import Lease, LeaseReply, Relative
+from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.table import action_server
+from tests.services.actions.fake_bridge import FakeBridge
+
+ROVER_NED_M: Vec3 = (3.0, 0.0, 0.0)
+LAND = LandOnSpotGoal(goal_id="g")
+
+
+class FakeEstimator:
+    """Sees the rover, and notes what it is told.
+
+    Attributes:
+        goal_id: whose selection its estimates are of; None: of the newest lease.
+        refuse: reason to refuse every lease with, when not empty.
+    """
+
+    def __init__(self, bridge: FakeBridge) -> None:
+        self.spec = Spec(
+            name="estimator",
+            inputs=(topics.ODOMETRY,),
+            outputs=(topics.RELATIVE,),
+            serves=(topics.LEASE,),
+            triggers=(topics.ODOMETRY.name, topics.LEASE.name),
+        )
+        self.leases: list[tuple[int, Lease]] = []
+        self.goal_id: str | None = None
+        self.refuse = ""
+        self._bridge = bridge
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        for request in inbox.requests(topics.LEASE):
+            self.leases.append((t_ns, request.payload))
+            yield Reply(request.request_id, LeaseReply(accepted=not self.refuse, reason=self.refuse))
+        for odometry in inbox.new(topics.ODOMETRY):
+            last = self.leases[-1][1].goal_id if self.leases else ""
+            yield Publish(
+                topics.RELATIVE,
+                Relative(
+                    t_ns=odometry.t_ns,
+                    epoch_id=odometry.epoch_id,
+                    valid=True,
+                    pos_uav_rel_rover_ned_m=subtract(odometry.pos_uav_ned_m, ROVER_NED_M),
+                    vel_uav_rel_rover_ned_mps=odometry.vel_uav_ned_mps,
+                    cov=(0.0,) * 21,
+                    vel_rover_ned_mps=(0.0, 0.0, 0.0),
+                    yaw_rover_rad=0.0,
+                    yaw_rate_rover_rps=0.0,
+                    use_uwb=True,
+                    use_tag=True,
+                    fused_t_ns=odometry.t_ns,
+                    goal_id=last if self.goal_id is None else self.goal_id,
+                ),
+            )
+
+
+class World:
+    """A bus with a hovering vehicle, an estimator and the landing's server."""
+
+    def __init__(self) -> None:
+        self.bus = MemoryBus(seed=1)
+        self.bridge = FakeBridge((0.0, 0.0, -4.0))
+        self.estimator = FakeEstimator(self.bridge)
+        self.setpoints: list[Setpoint] = []
+        self.bus.add(self.bridge)
+        self.bus.add(self.estimator)
+        self.bus.add(action_server("land_on_spot", 5, ActionsConfig()))
+        self.bus.observe(self._observe)
+        self.bus.run_for(0.5)
+
+    def _observe(self, t_ns: int, topic: str, data: bytes) -> None:
+        if topic == topics.SETPOINT.name:
+            self.setpoints.append(msgspec.json.decode(data, type=Setpoint))
+
+    def land(self, goal: LandOnSpotGoal = LAND) -> Answers:
+        return self.bus.ask(topics.LAND_ON_SPOT.endpoint, goal)
+
+    def end(self, answers: Answers) -> Result[object]:
+        assert self.bus.run_for(60.0, lambda: answers.ended), answers.replies[-2:]
+        assert isinstance(answers.replies[-1], Result)
+        self.bus.run_for(0.5)
+        return answers.replies[-1]
+
+
+def test_a_landing_leases_its_selection_once_a_second_and_gives_it_back() -> None:
+    world = World()
+    result = world.end(world.land())
+    assert result.outcome == "succeeded"
+    times_ns = [t_ns for t_ns, lease in world.estimator.leases if not lease.release]
+    assert len(times_ns) > 5
+    assert all(0.95e9 < b - a < 1.1e9 for a, b in pairwise(times_ns))
+    assert {(lease.goal_id, lease.use_uwb, lease.use_tag) for _, lease in world.estimator.leases} == {("g", True, True)}
+    assert [lease.release for _, lease in world.estimator.leases].count(True) == 1
+    assert world.estimator.leases[-1][1].release
+
+
+def test_a_canceled_landing_gives_it_back_too() -> None:
+    world = World()
+    answers = world.land()
+    world.bus.run_for(2.0)
+    world.bus.ask(topics.LAND_ON_SPOT.cancel, Cancel(goal_id="g"))
+    assert world.end(answers).outcome == "canceled"
+    assert world.estimator.leases[-1][1].release
+
+
+def test_the_rough_position_moves_with_the_autopilots() -> None:
+    world = World()
+    answers = world.land(LandOnSpotGoal(goal_id="g", use_uwb=False, landing_spot_ned_m=(2.0, 1.0, 0.0)))
+    world.bus.run_for(0.5)
+    world.bridge.step_position((10.0, 0.0, 0.0))
+    world.bus.run_for(1.2)
+    assert world.estimator.leases[0][1].pos_rover_ned_m == (2.0, 1.0, 0.0)
+    assert world.estimator.leases[-1][1].pos_rover_ned_m == (12.0, 1.0, 0.0)
+    world.bus.ask(topics.LAND_ON_SPOT.cancel, Cancel(goal_id="g"))
+    world.end(answers)
+
+
+def test_nothing_descends_by_an_estimate_of_somebody_elses_selection() -> None:
+    world = World()
+    world.estimator.goal_id = "another"
+    result = world.end(world.land())
+    assert result.outcome == "aborted"
+    assert result.reason.endswith("the estimator doesn't use this goal's selection yet")
+    assert all(setpoint.pos_ned_m == (0.0, 0.0, -4.0) for setpoint in world.setpoints)
+
+
+def test_a_refused_lease_is_told_and_asked_for_again() -> None:
+    world = World()
+    world.estimator.goal_id, world.estimator.refuse = "", "another goal holds it"
+    result = world.end(world.land())
+    assert result.outcome == "aborted"
+    assert result.reason.endswith("the estimator did not take the selection: another goal holds it")
+    assert len(world.estimator.leases) > 10

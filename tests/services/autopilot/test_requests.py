@@ -1,0 +1,107 @@
+"""Parameters and small talk at the autopilot's links, and the battery."""
+
+import msgspec
+import pytest
+
+from jezero.mavlink import MavMessage, dialect
+from jezero.services.autopilot.battery import Battery
+from jezero.services.autopilot.config import Airframe, AutopilotConfig, BatteryConfig
+from jezero.services.autopilot.parameters import ROWS, Parameters, Row, Value
+from jezero.services.autopilot.requests import decoded, encoded
+from jezero.services.autopilot.service import OFFBOARD
+from tests.services.autopilot.test_service import Bench, kinds
+
+
+def ask(bench: Bench, message: MavMessage) -> list[MavMessage]:
+    return bench.step(b"", bench.companion.pack(message))[OFFBOARD]
+
+
+def set_parameter(bench: Bench, name: str, value: Value) -> Value | None:
+    """The value that the autopilot tells afterwards."""
+    carried, kind = encoded(value)
+    heard = ask(bench, dialect.MAVLink_param_set_message(1, 1, name.encode(), carried, kind))
+    told = kinds(heard, dialect.MAVLINK_MSG_ID_PARAM_VALUE)
+    return decoded(told[0].param_value, told[0].param_type) if told else None
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
+def test_everything_that_may_be_set_is_a_valid_setting(row: Row) -> None:
+    for value in row.choices or (row.kind(row.low), row.kind(row.high)):
+        parameters = Parameters(AutopilotConfig(), 1)
+        assert parameters.set(row.name, value)
+        assert parameters.get(row.name) == pytest.approx(value)
+        msgspec.convert(msgspec.to_builtins(parameters.config), AutopilotConfig)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "told"),
+    [
+        ("MIS_TAKEOFF_ALT", 4.0, 4.0),
+        ("MIS_TAKEOFF_ALT", -1.0, 2.5),
+        ("MIS_TAKEOFF_ALT", float("nan"), 2.5),
+        ("MIS_TAKEOFF_ALT", 4, 2.5),
+        ("COM_DL_LOSS_T", 20, 20),
+        ("COM_DL_LOSS_T", 20.0, 10),
+        ("COM_DL_LOSS_T", -5, 10),
+        ("COM_LOW_BAT_ACT", 3, 3),
+        ("COM_LOW_BAT_ACT", 1, 0),
+        ("MAV_SYS_ID", 9, 1),
+        ("NO_SUCH_THING", 1.0, None),
+    ],
+)
+def test_a_parameter_is_set_or_the_old_value_told(name: str, value: Value, told: Value | None) -> None:
+    bench = Bench()
+    bench.rest(0.1)
+    assert set_parameter(bench, name, value) == told
+
+
+def test_the_whole_list_comes_in_order_and_each_can_be_read_by_name_and_index() -> None:
+    bench = Bench()
+    bench.rest(0.1)
+    values = kinds(ask(bench, dialect.MAVLink_param_request_list_message(1, 1)), dialect.MAVLINK_MSG_ID_PARAM_VALUE)
+    assert [m.param_index for m in values] == list(range(values[0].param_count))
+    assert len({m.param_id for m in values}) == len(values) > 50
+    by_index = ask(bench, dialect.MAVLink_param_request_read_message(1, 1, b"", 3))
+    by_name = ask(bench, dialect.MAVLink_param_request_read_message(1, 1, values[3].param_id.encode(), -1))
+    told = [kinds(heard, dialect.MAVLINK_MSG_ID_PARAM_VALUE)[0] for heard in (by_index, by_name)]
+    assert [m.param_id for m in told] == [values[3].param_id] * 2
+    assert ask(bench, dialect.MAVLink_param_request_read_message(1, 1, b"", 9999)) == []
+
+
+def test_files_and_missions_are_politely_refused() -> None:
+    bench = Bench()
+    bench.rest(0.1)
+    request = [7, 0, 2, 4, *[0] * 247]  # sequence 7, session 2, open
+    (nak,) = ask(bench, dialect.MAVLink_file_transfer_protocol_message(0, 1, 1, request))
+    assert (nak.target_component, nak.payload[:6], nak.payload[12]) == (191, [8, 0, 2, 129, 1, 4], 7)
+    (count,) = ask(bench, dialect.MAVLink_mission_request_list_message(1, 1))
+    assert count.count == 0
+    (acknowledged,) = ask(bench, dialect.MAVLink_mission_count_message(1, 1, 3))
+    assert acknowledged.type == dialect.MAV_MISSION_UNSUPPORTED
+
+
+def test_pings_and_time_are_answered() -> None:
+    bench = Bench()
+    bench.rest(0.1)
+    (ping,) = ask(bench, dialect.MAVLink_ping_message(5, 9, 0, 0))
+    assert (ping.seq, ping.target_component) == (9, 191)
+    (sync,) = ask(bench, dialect.MAVLink_timesync_message(0, 77))
+    assert (sync.tc1, sync.ts1) == (bench.t_us * 1000, 77)
+
+
+def test_hovering_for_a_minute_takes_a_minutes_charge_and_voltage_falls_with_it() -> None:
+    battery = Battery(BatteryConfig(), Airframe())
+    full_v = battery.voltage_v
+    for _ in range(600):
+        battery.step(0.1, (0.5, 0.5, 0.5, 0.5))
+    assert battery.current_a == pytest.approx(15.5)
+    assert battery.used_mah == pytest.approx(15.5 / 60.0 * 1000.0)
+    assert battery.remaining == pytest.approx(1.0 - battery.used_mah / 5000.0)
+    assert full_v == pytest.approx(16.2)
+    assert 15.5 < battery.voltage_v < full_v
+
+
+def test_an_empty_battery_is_not_less_than_empty() -> None:
+    battery = Battery(BatteryConfig(charge_at_start=0.0), Airframe())
+    battery.step(10.0, (1.0, 1.0, 1.0, 1.0))
+    assert battery.remaining == 0.0

@@ -1,0 +1,268 @@
+"""The tag detector: geometry against projections by hand, the library's corners against painted boards."""
+
+from collections.abc import Sequence
+from math import pi, radians, tan
+
+import cv2
+import numpy as np
+import pytest
+
+from jezero.frames import (
+    Quat,
+    Vec3,
+    camera_from_frd,
+    quat_conjugate,
+    quat_from_euler,
+    quat_rotate,
+    rotate_yaw,
+    subtract,
+)
+from jezero.runtime.memory_bus import NO_DELAY, MemoryBus
+from jezero.runtime.service import Inbox, Output, Publish, Spec
+from jezero.schemas import topics
+from jezero.schemas.estimate import TagEstimate
+from jezero.schemas.landing_board import BIG_ID, LANDING_BOARD
+from jezero.schemas.sensors import CameraFrame, CameraInfo, CornersOfTag, TagCorners
+from jezero.schemas.state import Odometry
+from jezero.schemas.struct import Message
+from jezero.schemas.units import NS_PER_S
+from jezero.services.estimator.attitudes import Attitudes
+from jezero.services.estimator.tag_detector.config import TagDetectorConfig
+from jezero.services.estimator.tag_detector.finder import Finder
+from jezero.services.estimator.tag_detector.pose import Array, View, make_view, solve
+from jezero.services.estimator.tag_detector.service import TagDetector, locate
+
+WIDTH_PX, HEIGHT_PX = 640, 480
+FOCAL_PX = 0.5 * WIDTH_PX / tan(radians(40.0))
+CENTER_PX = (0.5 * (WIDTH_PX - 1), 0.5 * (HEIGHT_PX - 1))
+MOUNT_FRD_M: Vec3 = (0.05, 0.0, 0.05)
+DOWN_RAD = -0.5 * pi
+CONFIG = TagDetectorConfig()
+
+
+def project(point_rover_body_m: Vec3, pos_uav_ned_m: Vec3, q: Quat, yaw_rover_rad: float, pitch_rad: float) -> Vec3:
+    """(x, y) in the picture and the distance along the optical axis, step by step."""
+    from_uav_ned_m = subtract(rotate_yaw(point_rover_body_m, yaw_rover_rad), pos_uav_ned_m)
+    from_camera_frd_m = subtract(quat_rotate(quat_conjugate(q), from_uav_ned_m), MOUNT_FRD_M)
+    right, down, forward = camera_from_frd(from_camera_frd_m, pitch_rad)
+    return (CENTER_PX[0] + FOCAL_PX * right / forward, CENTER_PX[1] + FOCAL_PX * down / forward, forward)
+
+
+def seen(
+    tag_ids: Sequence[int], pos_uav_ned_m: Vec3, q: Quat, yaw_rover_rad: float, pitch_rad: float = DOWN_RAD
+) -> list[CornersOfTag]:
+    tags = []
+    for tag in LANDING_BOARD:
+        if tag.tag_id in tag_ids:
+            corners = [project(c, pos_uav_ned_m, q, yaw_rover_rad, pitch_rad)[:2] for c in tag.corners_rover_body_m]
+            tags.append(CornersOfTag(tag_id=tag.tag_id, corners_px=(corners[0], corners[1], corners[2], corners[3])))
+    return tags
+
+
+def view_of(q: Quat, pitch_rad: float = DOWN_RAD) -> View:
+    return make_view(FOCAL_PX, CENTER_PX, MOUNT_FRD_M, pitch_rad, q)
+
+
+@pytest.mark.parametrize("yaw_rover_rad", [0.0, 0.5, -2.5, 3.1])
+@pytest.mark.parametrize("height_m", [0.3, 2.0, 10.0])
+@pytest.mark.parametrize("pitch_rad", [DOWN_RAD, -1.2])
+def test_the_pose_behind_exact_corners_is_found_exactly(
+    yaw_rover_rad: float, height_m: float, pitch_rad: float
+) -> None:
+    q = quat_from_euler(0.1, -0.12, 1.3)
+    pos_ned_m = (0.03 * height_m, -0.1 * height_m, -height_m)
+    found = locate(seen([BIG_ID, 1], pos_ned_m, q, yaw_rover_rad, pitch_rad), view_of(q, pitch_rad), CONFIG)
+    assert found is not None
+    assert found[0] == (BIG_ID, 1)
+    assert found[1].pos_uav_rel_rover_ned_m == pytest.approx(pos_ned_m, abs=1e-6)
+    assert found[1].yaw_rover_rad == pytest.approx(yaw_rover_rad, abs=1e-6)
+
+
+def test_errors_of_the_pose_are_as_large_as_its_covariance_says() -> None:
+    rng = np.random.default_rng(3)
+    q, pos_ned_m, yaw_rad, std_px = quat_from_euler(0.05, 0.1, 0.4), (0.5, -0.3, -4.0), 0.7, 0.3
+    view = view_of(q)
+    points_m = np.array([c for tag in LANDING_BOARD if tag.tag_id in (BIG_ID, 1) for c in tag.corners_rover_body_m])
+    exact_px: Array = np.array([c for tag in seen([BIG_ID, 1], pos_ned_m, q, yaw_rad) for c in tag.corners_px])
+    squares = []
+    for _ in range(400):
+        pose = solve(points_m, exact_px + rng.normal(0.0, std_px, exact_px.shape), view)
+        assert pose is not None
+        error = np.append(pose.pos_uav_rel_rover_ned_m - pos_ned_m, pose.yaw_rover_rad - yaw_rad)
+        squares.append(error @ np.linalg.inv(std_px**2 * pose.inverse_normal) @ error)
+    assert np.mean(squares) == pytest.approx(4.0, abs=0.45)
+
+
+def test_foreign_tags_are_ignored_and_a_tag_that_contradicts_the_others_is_left_out() -> None:
+    q, pos_ned_m = quat_from_euler(0.0, 0.05, 0.0), (0.2, 0.1, -3.0)
+    tags = seen([BIG_ID, 1], pos_ned_m, q, 0.3)
+    foreign = CornersOfTag(tag_id=300, corners_px=tags[0].corners_px)
+    moved = tuple((x + 40.0, y) for x, y in tags[1].corners_px)
+    liar = CornersOfTag(tag_id=1, corners_px=(moved[0], moved[1], moved[2], moved[3]))
+    found = locate([foreign, tags[0], liar], view_of(q), CONFIG)
+    assert found is not None
+    assert found[0] == (BIG_ID,)
+    assert found[1].pos_uav_rel_rover_ned_m == pytest.approx(pos_ned_m, abs=1e-5)
+    assert locate([foreign], view_of(q), CONFIG) is None
+    assert locate([], view_of(q), CONFIG) is None
+
+
+def test_corners_above_the_horizon_or_in_one_point_give_no_pose() -> None:
+    q = quat_from_euler(0.0, 0.0, 0.0)
+    points_m = np.array(LANDING_BOARD[0].corners_rover_body_m)
+    assert solve(points_m, np.array(((1.0, 1.0), (9.0, 1.0), (9.0, 9.0), (1.0, 9.0))), view_of(q, 0.5)) is None
+    assert solve(points_m, np.full((4, 2), 100.0), view_of(q)) is None
+
+
+# -- pixels --
+
+
+def painted_board(pixels_per_m: int) -> Array:
+    """The board from above, the platform's nose at the top, 1 m wide."""
+    side = pixels_per_m
+    picture = np.full((side, side), 160, np.uint8)
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    for tag in LANDING_BOARD:
+        north_m, east_m, _ = tag.pos_rover_body_m
+        cell = max(1, round(tag.side_m * pixels_per_m / 8))
+        marker = cv2.copyMakeBorder(
+            cv2.aruco.generateImageMarker(dictionary, tag.tag_id, 8 * cell), *[cell] * 4, cv2.BORDER_CONSTANT, value=255
+        )
+        top = round((0.5 - north_m) * side - 5 * cell)
+        left = round((0.5 + east_m) * side - 5 * cell)
+        picture[top : top + 10 * cell, left : left + 10 * cell] = marker
+    return picture
+
+
+def photograph(board: Array, pixels_per_m: int, pos_ned_m: Vec3, q: Quat, yaw_rad: float, t_ns: int = 0) -> CameraFrame:
+    """Four times too large, then shrunk, with noise."""
+    finer = 4
+    size = board.shape[0] - 1
+    half = 0.5 - 0.5 / pixels_per_m
+    ends: list[Vec3] = [(half, -half, 0.0), (half, half, 0.0), (-half, half, 0.0), (-half, -half, 0.0)]
+    there = [project(end, pos_ned_m, q, yaw_rad, DOWN_RAD)[:2] for end in ends]
+    source = np.array(((0, 0), (size, 0), (size, size), (0, size)), np.float32)
+    target = np.array([((x + 0.5) * finer - 0.5, (y + 0.5) * finer - 0.5) for x, y in there], np.float32)
+    turn = cv2.getPerspectiveTransform(source, target)
+    big = cv2.warpPerspective(board, turn, (WIDTH_PX * finer, HEIGHT_PX * finer), borderValue=110)
+    small = cv2.resize(big, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA).astype(float)
+    noisy = np.clip(small + np.random.default_rng(1).normal(0.0, 4.0, small.shape), 0, 255).astype(np.uint8)
+    return CameraFrame(
+        t_ns=t_ns,
+        sequence=0,
+        width_px=WIDTH_PX,
+        height_px=HEIGHT_PX,
+        pitch_camera_rad=DOWN_RAD,
+        exposure_s=0.004,
+        pixels=np.repeat(noisy[:, :, None], 3, axis=2).tobytes(),
+    )
+
+
+PIXELS_PER_M = 2000
+
+
+@pytest.fixture(scope="module")
+def board() -> Array:
+    return painted_board(PIXELS_PER_M)
+
+
+@pytest.mark.parametrize(
+    ("height_m", "most_m"), [(0.2, 0.004), (0.5, 0.005), (1.0, 0.006), (2.0, 0.015), (5.0, 0.06), (8.0, 0.12)]
+)
+def test_the_vehicle_is_placed_over_a_painted_board(board: Array, height_m: float, most_m: float) -> None:
+    q, yaw_rad = quat_from_euler(0.04, -0.06, 0.9), 0.4
+    pos_ned_m = (0.02 + 0.05 * height_m, -0.04 * height_m, -height_m)
+    tags = Finder(CONFIG).find(photograph(board, PIXELS_PER_M, pos_ned_m, q, yaw_rad))
+    found = locate(tags, view_of(q), CONFIG)
+    assert found is not None
+    error_m = np.abs(found[1].pos_uav_rel_rover_ned_m - pos_ned_m)
+    assert error_m.max() < most_m
+    assert found[1].yaw_rover_rad == pytest.approx(yaw_rad, abs=0.02)
+
+
+def test_a_tag_that_touches_the_edge_of_the_picture_does_not_count(board: Array) -> None:
+    q = quat_from_euler(0.0, 0.0, 0.0)
+    cut = photograph(board, PIXELS_PER_M, (0.7, 0.0, -1.5), q, 0.0)
+    assert all(tag.tag_id != BIG_ID for tag in Finder(CONFIG).find(cut))
+
+
+# -- time --
+
+
+def odometry(t_s: float, q: Quat, epoch_id: int = 1, rates: Vec3 = (0.0, 0.0, 0.0)) -> Odometry:
+    return Odometry(
+        t_ns=round(t_s * NS_PER_S),
+        epoch_id=epoch_id,
+        pos_uav_ned_m=(0.0, 0.0, -3.0),
+        vel_uav_ned_mps=(0.0, 0.0, 0.0),
+        q_ned_from_frd=q,
+        rates_uav_frd_rps=rates,
+    )
+
+
+def test_an_attitude_is_turned_on_to_the_exposure_and_forgotten_with_its_epoch() -> None:
+    attitudes = Attitudes(0.06)
+    assert attitudes.at(0) is None
+    attitudes.add(odometry(1.0, quat_from_euler(0.0, 0.0, 0.0), rates=(0.5, 0.0, 0.0)))
+    attitudes.add(odometry(1.1, quat_from_euler(0.05, 0.0, 0.0), rates=(0.5, 0.0, 0.0)))
+    assert attitudes.at(round(1.08 * NS_PER_S)) == pytest.approx(quat_from_euler(0.04, 0.0, 0.0), abs=1e-9)
+    assert attitudes.at(round(1.2 * NS_PER_S)) is None
+    attitudes.add(odometry(1.12, quat_from_euler(0.0, 0.0, 0.0), epoch_id=2))
+    assert attitudes.at(round(1.0 * NS_PER_S)) is None
+
+
+class Feeder:
+    """Publishes what it is given at its times."""
+
+    spec = Spec(
+        name="feeder", outputs=(topics.ODOMETRY, topics.CAMERA_INFO, topics.TAG_CORNERS), triggers=(), rate_hz=100.0
+    )
+
+    def __init__(self, messages: list[tuple[float, topics.Topic[Message], Message]]) -> None:
+        self._messages = messages
+
+    def step(self, t_ns: int, inbox: Inbox) -> list[Output]:
+        due = [m for m in self._messages if m[0] * NS_PER_S <= t_ns]
+        self._messages = [m for m in self._messages if m[0] * NS_PER_S > t_ns]
+        return [Publish(topic, message) for _, topic, message in due]
+
+
+def test_the_service_tells_the_place_at_exposure_from_the_attitude_of_that_time() -> None:
+    then, later = quat_from_euler(0.1, 0.0, 0.2), quat_from_euler(-0.2, 0.0, 0.2)
+    pos_ned_m = (0.2, -0.1, -3.0)
+    info = CameraInfo(
+        t_ns=0,
+        width_px=WIDTH_PX,
+        height_px=HEIGHT_PX,
+        focal_px=FOCAL_PX,
+        center_px=CENTER_PX,
+        pos_camera_frd_m=MOUNT_FRD_M,
+        rate_hz=15.0,
+    )
+    corners = TagCorners(t_ns=NS_PER_S, pitch_camera_rad=DOWN_RAD, tags=tuple(seen([BIG_ID, 1], pos_ned_m, then, 0.3)))
+    bus = MemoryBus(delay=NO_DELAY)
+    told: list[TagEstimate] = []
+
+    def observe(t_ns: int, topic: str, data: bytes) -> None:
+        if topic == topics.ESTIMATE_TAG.name:
+            from jezero.runtime.codec import decode
+
+            told.append(decode(TagEstimate, data))
+
+    bus.observe(observe)
+    bus.add(TagDetector(CONFIG))
+    bus.add(
+        Feeder(
+            [
+                (0.5, topics.CAMERA_INFO, info),
+                (1.0, topics.ODOMETRY, odometry(1.0, then)),
+                (1.1, topics.ODOMETRY, odometry(1.1, later)),
+                (1.1, topics.TAG_CORNERS, corners),
+            ]
+        )
+    )
+    bus.run_for(2.0)
+    assert [message.t_ns for message in told] == [NS_PER_S]
+    assert told[0].pos_uav_rel_rover_ned_m == pytest.approx(pos_ned_m, abs=1e-5)
+    assert told[0].yaw_rover_rad == pytest.approx(0.3, abs=1e-5)
+    assert told[0].tag_ids == (BIG_ID, 1)

@@ -1,0 +1,341 @@
+"""Another MAVLink system arms, changes mode or streams: the bridge falls silent until it is asked to hover."""
+
+from collections.abc import Callable
+from math import nan
+from types import SimpleNamespace
+
+import pytest
+
+from jezero.mavlink import MavlinkCodec, dialect
+from jezero.schemas.commands import Hover, Phase
+from jezero.schemas.topics import HOVER
+from jezero.services.vehicle_bridge.foreign_setpoints import Followed
+from jezero.services.vehicle_bridge.vehicle import Target
+from tests.services.vehicle_bridge.rig import CRITICAL, MODES, SET_MODE, Rig
+
+S = 1_000_000_000
+MS = 1_000_000
+POSITION = 0b110111111000
+VELOCITY = 0b110111000111
+HERE = Target((1.0, 2.0, -3.0), None, None, 0.0)
+NORTH = Target(None, (1.0, 0.0, 0.0), None, 0.0)
+NONE = (nan, nan, nan)
+
+
+def stream(mask: int = VELOCITY, **fields: float) -> SimpleNamespace:
+    """A setpoint of somebody else."""
+    zero = dict.fromkeys(("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw"), 0.0)
+    return SimpleNamespace(type_mask=mask, **{**zero, **fields})
+
+
+def flying() -> Rig:
+    rig = Rig().fly()
+    rig.go("go_to", Phase.GO_TO)
+    return rig
+
+
+def armed_in_posctl(rig: Rig) -> None:
+    rig.autopilot.mode, rig.autopilot.armed = MODES["POSCTL"], True
+
+
+def switched_to_hold(rig: Rig) -> None:
+    rig.autopilot.mode = MODES["LOITER"]
+
+
+def streamed_to(rig: Rig) -> None:
+    rig.autopilot.intruder = stream(vx=2.0)
+
+
+# -- taking over -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("where", "what", "words"),
+    [
+        (lambda: Rig().ready(), armed_in_posctl, "armed, and not by the bridge"),
+        (lambda: Rig().fly(), switched_to_hold, "was switched to AUTO.LOITER"),
+        (flying, switched_to_hold, "was switched to AUTO.LOITER"),
+        (lambda: Rig().fly(), streamed_to, "follows setpoints of somebody else"),
+        (flying, streamed_to, "follows setpoints of somebody else"),
+    ],
+)
+def test_whoever_takes_over_is_in_charge_and_nothing_is_sent_to_the_autopilot(
+    where: Callable[[], Rig], what: Callable[[Rig], None], words: str
+) -> None:
+    rig = where()
+    what(rig)
+    rig.run_until(lambda: rig.status.code == 13, limit_s=1.0)
+    assert rig.status.in_charge == "external"
+    assert rig.status.text.startswith("taken over: ")
+    assert words in rig.status.text
+    assert not rig.acquire().granted
+    heartbeat = len(MavlinkCodec(1, 191).pack(dialect.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)))
+    rig.autopilot.heard = 0
+    rig.run(10.0)
+    assert rig.status.code == 13
+    assert rig.autopilot.heard == 10 * heartbeat
+
+
+def test_a_goal_ends_with_the_reason_and_whatever_it_still_sends_is_dropped() -> None:
+    rig = Rig().fly()
+    control_id = rig.go("go_to", Phase.GO_TO)
+    rig.autopilot.mode = MODES["POSCTL"]
+    rig.run(0.1, lambda: rig.setpoint(control_id, Phase.GO_TO))
+    reply = rig.release(control_id)
+    assert not reply.released
+    assert reply.reason == "taken over: the autopilot was switched to POSCTL"
+
+
+def test_an_autopilot_that_beats_once_a_second_is_asked_more_often_while_the_bridge_flies_and_only_then() -> None:
+    rig = Rig()
+    rig.autopilot.beat_s = 1.0
+    rig.ready().run(3.0)
+    assert rig.autopilot.beat_requests == 0
+    rig.fly()
+    before = rig.autopilot.beat_requests
+    rig.run(3.0)
+    assert 15 <= rig.autopilot.beat_requests - before <= 20
+    rig.autopilot.mode = MODES["POSCTL"]
+    rig.run(0.25)
+    assert (rig.status.code, rig.status.in_charge) == (13, "external")
+    before = rig.autopilot.beat_requests
+    rig.run(3.0)
+    assert rig.autopilot.beat_requests == before
+    assert rig.ask(HOVER, Hover()).hover_mode
+
+
+def test_an_autopilot_that_beats_often_is_not_asked() -> None:
+    rig = flying()
+    rig.autopilot.beat_s = 0.1
+    rig.run(2.0)
+    assert rig.autopilot.beat_requests == 0
+
+
+def arming() -> Rig:
+    """A rig whose bridge has asked to arm and waits for it."""
+    rig = Rig().ready()
+    rig.autopilot.tells_armed = False
+    rig.autopilot.refuse_arming = "not yet"
+    control_id = rig.acquire().control_id
+    rig.run(0.5, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    rig.control_id = control_id  # type: ignore[attr-defined]
+    assert rig.autopilot.mode == MODES["OFFBOARD"]
+    return rig
+
+
+def test_who_arms_in_another_mode_while_the_bridge_is_about_to_has_taken_over() -> None:
+    rig = arming()
+    rig.autopilot.tells_armed, rig.autopilot.armed, rig.autopilot.mode = None, True, MODES["POSCTL"]
+    rig.step()
+    assert (rig.status.code, rig.status.in_charge) == (13, "external")
+
+
+def test_who_changes_the_mode_while_the_bridge_is_about_to_arm_has_taken_over() -> None:
+    rig = arming()
+    rig.autopilot.mode = MODES["POSCTL"]
+    rig.autopilot.commands.clear()
+    rig.run(0.5, lambda: rig.setpoint(rig.control_id, Phase.TAKEOFF))  # type: ignore[attr-defined]
+    assert rig.codes == [0, 1, 13, 0]
+    assert "taken over: the autopilot was switched to POSCTL" in rig.status.text
+    assert [c for c in rig.autopilot.commands if c[0] == SET_MODE] == []
+
+
+def test_a_ground_station_that_only_listens_takes_nothing_over() -> None:
+    rig = flying()
+    station, other = MavlinkCodec(255, 190), MavlinkCodec(1, 100)
+    beats = station.pack(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    beats += other.pack(dialect.MAVLink_heartbeat_message(30, 8, 0, 0, 5, 3))
+    vehicle = MavlinkCodec(2, 1).pack(dialect.MAVLink_heartbeat_message(2, 12, 1, MODES["LAND"], 5, 3))
+    told = MavlinkCodec(255, 1).pack(
+        dialect.MAVLink_position_target_local_ned_message(0, 1, POSITION, 9, 9, 9, 0, 0, 0, 0, 0, 0, 0, 0)
+    )
+
+    def forwarded() -> None:
+        rig._to_bridge += beats + vehicle + told
+
+    rig.autopilot.intruder = None
+    rig.run(0.2, forwarded)
+    assert rig.status.code == 4
+    control_id = rig.status.control_id
+    rig.run(1.5, lambda: (forwarded(), rig.setpoint(control_id, Phase.GO_TO)))
+    assert rig.status.code == 4
+
+
+# -- handing over ------------------------------------------------------------------------------------------
+
+
+def test_a_pilot_may_lose_to_a_failsafe_and_win_back_from_it() -> None:
+    rig = flying()
+    for mode, state, who in (
+        ("POSCTL", 4, "external"),
+        ("LAND", CRITICAL, "failsafe"),
+        ("LAND", 4, "external"),
+        ("LOITER", 4, "external"),
+    ):
+        rig.autopilot.mode, rig.autopilot.system_status = MODES[mode], state
+        rig.step()
+        assert (rig.status.code, rig.status.in_charge) == (13, who)
+
+
+@pytest.mark.parametrize(
+    ("mode", "state", "who"),
+    [("OFFBOARD", 4, "failsafe"), ("LAND", CRITICAL, "failsafe"), ("POSCTL", 4, "external"), ("LOITER", 4, "external")],
+)
+def test_a_bridge_that_starts_in_flight_says_who_flies(mode: str, state: int, who: str) -> None:
+    rig = Rig()
+    rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.system_status = True, MODES[mode], state
+    rig.lift_off()
+    rig.run(0.5)
+    assert (rig.status.code, rig.status.in_charge) == (13, who)
+
+
+def test_only_hover_takes_control_back_and_only_in_the_air() -> None:
+    rig = Rig().fly()
+    rig.autopilot.mode = MODES["POSCTL"]
+    rig.run(1.0)
+    assert "take control back with hover" in rig.acquire("go_to").reason
+    rig.autopilot.landed = True
+    rig.step()
+    assert "in the air only" in rig.ask(HOVER, Hover()).reason
+    rig.autopilot.landed = False
+    rig.step()
+    assert rig.ask(HOVER, Hover()).hover_mode
+    assert rig.codes[-2:] == [13, 3]
+    rig.run(2.0)
+    assert rig.status.in_charge == "hover"
+
+
+def test_who_goes_on_streaming_after_a_hover_has_taken_over_again() -> None:
+    rig = Rig().fly()
+    rig.autopilot.intruder = stream(vx=1.0)
+    rig.run(1.0)
+    assert rig.ask(HOVER, Hover()).hover_mode
+    rig.run_until(lambda: rig.status.code == 13, limit_s=1.0)
+    rig.autopilot.intruder = None
+    assert rig.ask(HOVER, Hover()).hover_mode
+    rig.run(3.0)
+    assert rig.status.code == 3
+
+
+def test_landed_and_disarmed_by_others_the_vehicle_is_idle_and_takes_goals_again() -> None:
+    rig = Rig().fly()
+    rig.autopilot.mode = MODES["LAND"]
+    rig.run(1.0)
+    rig.autopilot.landed, rig.autopilot.armed, rig.autopilot.mode = True, False, MODES["LOITER"]
+    rig.run(0.2)
+    assert rig.codes[-2:] == [13, 0]
+    assert rig.acquire(goal_id="next").granted
+
+
+# -- what is left behind on the ground ---------------------------------------------------------------------
+
+
+def landed_by_others(mode: str, *, armable: bool) -> Rig:
+    rig = Rig().fly()
+    rig.autopilot.mode = MODES["POSCTL"]
+    rig.run(0.5)
+    rig.autopilot.commands.clear()
+    rig.autopilot.landed, rig.autopilot.armed = True, False
+    rig.autopilot.mode, rig.autopilot.armable = MODES[mode], armable
+    rig.run(4.0)
+    return rig
+
+
+def test_an_offboard_mode_that_others_abandoned_is_left() -> None:
+    assert landed_by_others("OFFBOARD", armable=False).autopilot.mode == MODES["LOITER"]
+
+
+@pytest.mark.parametrize(("mode", "armable"), [("OFFBOARD", True), ("POSCTL", False), ("LOITER", True)])
+def test_a_mode_that_others_may_be_about_to_arm_in_is_theirs(mode: str, armable: bool) -> None:
+    rig = landed_by_others(mode, armable=armable)
+    assert rig.autopilot.commands == []
+    assert rig.status.code == 0
+
+
+# -- whose setpoints are followed --------------------------------------------------------------------------
+
+
+def watched(
+    told: Callable[[int], tuple[Target, tuple[tuple[float, float, float], tuple[float, float, float]]]], age_ns: int = 0
+) -> int:
+    """How many milliseconds pass until a foreign stream is noticed; -1 when it isn't within 5 s.
+
+    `told(ms)` is what is sent then, each 20 ms, and what the autopilot tells that it follows, each 30 ms.
+    """
+    followed = Followed()
+    for ms in range(0, 5_000, 10):
+        target, follows = told(ms)
+        if ms % 20 == 0:
+            followed.send(target, ms * MS)
+        if ms % 30 == 0:
+            followed.tell(*follows, age_ns, ms * MS)
+        if followed.by_others(ms * MS):
+            return ms
+    return -1
+
+
+def test_what_was_sent_is_recognised() -> None:
+    assert watched(lambda ms: (HERE, ((1.0, 2.0, -3.0), (0.4, -2.0, 0.1)))) == -1
+    assert watched(lambda ms: (NORTH, (NONE, (1.0, 0.0, 0.0)))) == -1
+
+
+def test_a_moving_target_is_recognised_late() -> None:
+    def at(ms: int) -> tuple[float, float, float]:
+        return (ms * 0.01, 0.0, -3.0)
+
+    assert watched(lambda ms: (Target(at(ms), None, None, 0.0), (at(max(0, ms - 900) // 20 * 20), NONE))) == -1
+
+
+@pytest.mark.parametrize(
+    ("told_mps", "is_ours"),
+    [
+        ((0.6, 0.0, 0.0), True),
+        ((0.0, 0.0, 0.0), True),
+        ((1.15, 0.1, -0.1), True),
+        ((1.5, 0.0, 0.0), False),
+        ((-0.5, 0.0, 0.0), False),
+        ((1.0, 0.0, 0.5), False),
+    ],
+)
+def test_a_velocity_may_have_been_limited_but_not_more(told_mps: tuple[float, float, float], is_ours: bool) -> None:
+    assert (watched(lambda ms: (NORTH, (NONE, told_mps))) == -1) == is_ours
+
+
+@pytest.mark.parametrize("told", [NONE, (0.0, 0.0, 0.5)])
+def test_on_the_ground_where_nothing_is_followed_there_is_nobody_else(told: tuple[float, float, float]) -> None:
+    pressing = Target(None, (0.0, 0.0, 0.5), None, 0.0)
+    assert watched(lambda ms: (pressing, (NONE, told))) == -1
+
+
+@pytest.mark.parametrize(
+    ("target", "told"),
+    [
+        (HERE, ((1.0, 2.5, -3.0), NONE)),
+        (HERE, (NONE, (0.5, 0.0, 0.0))),
+        (HERE, ((nan, nan, -3.0), (0.5, 0.0, nan))),
+        (NORTH, ((1.0, 2.0, -3.0), (1.0, 0.0, 0.0))),
+        (NORTH, ((nan, nan, -3.0), (1.0, 0.0, 0.0))),
+    ],
+)
+def test_what_was_never_sent_is_somebody_elses(
+    target: Target, told: tuple[tuple[float, float, float], tuple[float, float, float]]
+) -> None:
+    assert 500 <= watched(lambda ms: (target, told)) <= 600
+
+
+def test_a_stream_of_twenty_hertz_between_ours_is_noticed_too() -> None:
+    ours, theirs = ((1.0, 2.0, -3.0), NONE), (NONE, (1.0, 0.0, 0.0))
+    assert 500 <= watched(lambda ms: (HERE, theirs if ms % 50 == 10 or ms % 50 == 30 else ours)) < 2_000
+    assert 500 <= watched(lambda ms: (HERE, theirs if ms % 50 == 10 else ours)) < 3_000
+
+
+def test_what_was_told_long_ago_is_no_news() -> None:
+    assert watched(lambda ms: (HERE, ((1.0, 2.5, -3.0), NONE)), age_ns=299 * MS) > 0
+    assert watched(lambda ms: (HERE, ((1.0, 2.5, -3.0), NONE)), age_ns=301 * MS) == -1
+
+
+@pytest.mark.parametrize("ms_long", [100, 400])
+def test_a_moment_of_disagreement_is_nobody(ms_long: int) -> None:
+    """As when the autopilot has moved its position in one step, and the bridge hasn't heard of it yet."""
+    moved = ((3.0, 2.0, -3.0), NONE)
+    assert watched(lambda ms: (HERE, moved if 1_000 <= ms < 1_000 + ms_long else ((1.0, 2.0, -3.0), NONE))) == -1

@@ -1,0 +1,128 @@
+"""The autopilot's parameters, set when it is first heard."""
+
+import struct
+
+import msgspec
+import pytest
+
+from jezero.mavlink import dialect
+from jezero.runtime.config import load_config
+from jezero.runtime.service import Health
+from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+from jezero.services.vehicle_bridge.parameters import INT32, REAL32, TRIES, ParameterSetter, decoded, encoded
+from tests.services.vehicle_bridge.rig import MODES, Rig
+
+S = 1_000_000_000
+WANTED = {"COM_RC_IN_MODE": 4, "NAV_DLL_ACT": -1, "COM_OF_LOSS_T": 1.5}
+
+
+def rig_with(known: dict[str, int | float], wanted: dict[str, int | float] | None = None) -> Rig:
+    rig = Rig(VehicleBridgeConfig(parameters=WANTED if wanted is None else wanted))
+    rig.autopilot.parameters = dict(known)
+    return rig
+
+
+def last_health(rig: Rig) -> str:
+    return [o.text for o in rig.outputs if isinstance(o, Health)][-1]
+
+
+def test_integers_travel_as_their_bytes_and_floats_as_floats() -> None:
+    carried, kind = encoded(4)
+    assert (struct.pack("<f", carried), kind) == (b"\x04\0\0\0", INT32)
+    assert encoded(1.5) == (1.5, REAL32)
+    for value in (0, 1, -1, 21196, -4_194_304, 2_139_095_040):
+        assert decoded(struct.unpack("<f", struct.pack("<f", encoded(value)[0]))[0], INT32) == value
+    assert (INT32, REAL32) == (dialect.MAV_PARAM_TYPE_INT32, dialect.MAV_PARAM_TYPE_REAL32)
+
+
+def test_all_are_set_and_confirmed_before_the_vehicle_is_ready() -> None:
+    rig = rig_with({"COM_RC_IN_MODE": 1, "NAV_DLL_ACT": 0, "COM_OF_LOSS_T": 1.0, "OTHER": 7})
+    rig.run_until(lambda: bool(rig.statuses))
+    assert "parameters are being set: COM_RC_IN_MODE" in rig.status.not_ready_reason
+    rig.ready()
+    assert rig.autopilot.parameters == {**WANTED, "OTHER": 7}
+    assert rig.autopilot.set_parameters == list(WANTED)
+    rig.run(3.0)
+    assert rig.autopilot.set_parameters == list(WANTED), "set once, not again and again"
+
+
+def test_a_lost_one_is_set_again() -> None:
+    setter = ParameterSetter({"A": 1})
+    assert setter.due(0) == [("A", *encoded(1))]
+    assert setter.due(S // 10) == []
+    assert setter.due(S // 2) == [("A", *encoded(1))]
+    setter.confirm("A", *encoded(1))
+    assert setter.due(S) == []
+    assert setter.pending == ()
+
+
+@pytest.mark.parametrize(
+    ("known", "complaint"),
+    [
+        ({}, "parameter A is unknown to the autopilot"),
+        ({"A": 2.0}, "parameter A is unknown to the autopilot"),
+    ],
+)
+def test_one_that_the_autopilot_does_not_know_is_told_and_does_no_harm(
+    known: dict[str, int | float], complaint: str
+) -> None:
+    rig = rig_with({**known, "B": 0.0}, {"A": 1, "B": 2.0})
+    rig.ready()
+    assert complaint in last_health(rig)
+    assert len(rig.autopilot.set_parameters) == TRIES + 1
+    assert rig.autopilot.parameters["B"] == 2.0
+    assert rig.acquire().granted
+
+
+def test_a_value_that_is_refused_is_told() -> None:
+    setter = ParameterSetter({"A": 99})
+    for i in range(TRIES):
+        assert setter.due(i * S)
+        setter.confirm("A", *encoded(3))
+    assert setter.due(TRIES * S) == []
+    assert setter.complaint == "parameter A stays 3"
+    setter.confirm("A", *encoded(99))
+    assert setter.complaint == ""
+
+
+def test_a_value_of_before_does_not_count_as_confirmed() -> None:
+    setter = ParameterSetter({"A": 1})
+    setter.due(0)
+    setter.confirm("A", *encoded(0))
+    setter.confirm("A", 1.0, REAL32)
+    setter.confirm("B", *encoded(1))
+    assert setter.pending == ("A",)
+
+
+def test_an_autopilot_that_restarted_is_given_them_again() -> None:
+    rig = rig_with(dict(WANTED)).ready()
+    rig.epoch_id += 1
+    rig.autopilot.parameters = {"COM_RC_IN_MODE": 1, "NAV_DLL_ACT": 0, "COM_OF_LOSS_T": 1.0}
+    rig.run(0.2)
+    rig.ready()
+    assert rig.autopilot.parameters == WANTED
+
+
+def test_in_flight_nothing_is_set() -> None:
+    rig = rig_with(dict(WANTED))
+    rig.autopilot.armed, rig.autopilot.mode = True, MODES["OFFBOARD"]
+    rig.lift_off()
+    rig.run(3.0)
+    assert rig.autopilot.set_parameters == []
+    rig.autopilot.armed, rig.autopilot.landed = False, True
+    rig.run(0.5)
+    assert rig.autopilot.set_parameters == list(WANTED)
+
+
+@pytest.mark.parametrize(
+    "toml", ["a = 1", "TOO_LONG_FOR_A_NAME = 1", "A = true", "A = nan", "A = 3000000000", 'A = "1"', "A = 1e31"]
+)
+def test_a_parameter_that_could_not_be_sent_is_refused_when_the_settings_are_read(toml: str) -> None:
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.toml.decode(f"[parameters]\n{toml}", type=VehicleBridgeConfig)
+
+
+def test_in_the_settings_1_is_an_integer_and_1_point_0_a_float() -> None:
+    config = msgspec.toml.decode("[parameters]\nA = 1\nB = 1.0", type=VehicleBridgeConfig)
+    assert [type(value) for value in config.parameters.values()] == [int, float]
+    assert load_config(VehicleBridgeConfig, "vehicle_bridge").low_height_m == 1.0

@@ -1,0 +1,349 @@
+"""Aborts, kills and failsafes."""
+
+import pytest
+
+from jezero.frames import quat_from_euler
+from jezero.schemas.commands import Abort, Hover, Kill, Phase
+from jezero.schemas.topics import ABORT, HOVER, KILL
+from tests.services.vehicle_bridge.rig import ARM, CRITICAL, MODES, Rig
+
+TARGETS = [("go_to", Phase.GO_TO), ("land_on_spot", Phase.LANDING)]
+
+
+@pytest.mark.parametrize(("range_m", "z_ned_m"), [(0.99, -2.51), (1.01, -2.0)])
+def test_an_abort_below_a_metre_over_ground_or_deck_climbs_to_one_and_a_half(range_m: float, z_ned_m: float) -> None:
+    rig = Rig().fly()
+    rig.go("go_to", Phase.GO_TO)
+    rig.range_m = range_m
+    rig.step()
+    assert rig.ask(ABORT, Abort()).hovering
+    assert rig.status.code == 12
+    assert rig.autopilot.setpoints[-1].z == pytest.approx(z_ned_m)
+    rig.run(0.5)
+    assert rig.status.code == (12 if range_m < 1.0 else 3), "the climb is part of the abort"
+    rig.range_m = 1.5
+    rig.run(0.1)
+    assert rig.status.code == 3
+
+
+@pytest.mark.parametrize(("height_m", "climbs"), [(0.99, True), (1.01, False)])
+def test_without_an_altimeter_the_take_off_point_is_the_ground(height_m: float, climbs: bool) -> None:
+    rig = Rig()
+    rig.autopilot.pos[2] = -0.5
+    rig.fly(height_m=3.0)
+    rig.go("go_to", Phase.GO_TO)
+    rig.autopilot.pos[2] = -0.5 - height_m
+    rig.step()
+    rig.ask(ABORT, Abort())
+    assert rig.autopilot.setpoints[-1].z == pytest.approx(-2.0 if climbs else -0.5 - height_m)
+
+
+def test_the_altimeter_is_corrected_for_tilt() -> None:
+    rig = Rig().fly()
+    rig.go("go_to", Phase.GO_TO)
+    rig.range_m = 1.1
+    rig.autopilot.q = list(quat_from_euler(0.6, 0.0, 0.0))
+    rig.step()
+    rig.ask(ABORT, Abort())
+    assert rig.autopilot.setpoints[-1].z == pytest.approx(-2.0 - (1.5 - 1.1 * 0.8253), abs=1e-3)
+
+
+def test_a_climb_that_gets_nowhere_ends_after_five_seconds() -> None:
+    rig = Rig().fly(height_m=0.5)
+    rig.go("go_to", Phase.GO_TO)
+    rig.ask(ABORT, Abort())
+    rig.run(4.9)
+    assert rig.status.code == 12
+    rig.run(0.2)
+    assert rig.status.code == 3
+
+
+def test_an_abort_on_the_ground_disarms() -> None:
+    rig = Rig().ready()
+    control_id = rig.acquire().control_id
+    rig.run_until(lambda: rig.status.armed, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    reply = rig.ask(ABORT, Abort(reason="wait"))
+    assert not reply.hovering
+    assert "aborted on request: wait" in reply.reason
+    rig.run(0.5)
+    assert rig.codes == [0, 1, 12, 0]
+    assert not rig.autopilot.armed
+
+
+def test_an_abort_before_arming_is_known_of_still_disarms() -> None:
+    rig = Rig().ready()
+    rig.autopilot.tells_armed, rig.autopilot.mute = False, 1
+    control_id = rig.acquire().control_id
+    rig.autopilot.mode = MODES["OFFBOARD"]
+    rig.run_until(lambda: rig.autopilot.armed, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    rig.autopilot.deaf = 1
+    rig.ask(ABORT, Abort())
+    rig.run(0.3)
+    rig.autopilot.tells_armed = None
+    rig.run(1.0)
+    assert rig.codes == [0, 1, 12, 0]
+    assert not rig.autopilot.armed
+    assert (ARM, (0.0, 0.0, 0.0)) in rig.autopilot.commands
+
+
+def test_a_success_before_the_motors_run_is_none() -> None:
+    rig = Rig().ready()
+    control_id = rig.acquire().control_id
+    rig.run(0.1, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    assert rig.release(control_id).code == 0
+    assert rig.codes == [0, 1, 12, 0]
+    assert "before the vehicle was armed" in rig.status.text
+
+
+@pytest.mark.parametrize(("height_m", "rest_m"), [(5.0, 4.25), (1.5, 1.0), (1.05, 1.0)])
+def test_a_descent_that_is_aborted_comes_to_rest_above_a_metre(height_m: float, rest_m: float) -> None:
+    rig = Rig().fly()
+    rig.go("land_on_spot", Phase.LANDING)
+    rig.autopilot.pos[2], rig.autopilot.vel[2] = -height_m, 1.5
+    rig.ask(ABORT, Abort())
+    assert rig.autopilot.setpoints[-1].z == pytest.approx(-rest_m)
+
+
+def test_an_abort_at_lift_off_hovers_when_the_autopilot_refuses_to_disarm() -> None:
+    rig = Rig().ready()
+    control_id = rig.acquire().control_id
+    rig.run_until(lambda: rig.status.armed, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    rig.ask(ABORT, Abort())
+    rig.autopilot.armed = True
+    rig.lift_off(0.3)
+    rig.step()
+    assert rig.autopilot.setpoints[-1].z == pytest.approx(-1.5)
+    rig.autopilot.pos[2] = -1.4
+    rig.run(0.2)
+    assert rig.status.code == 3
+
+
+def test_an_abort_of_an_unused_grant_changes_no_code() -> None:
+    rig = Rig().fly()
+    control_id = rig.acquire("go_to").control_id
+    assert rig.ask(ABORT, Abort()).hovering
+    rig.setpoint(control_id, Phase.GO_TO)
+    rig.run(0.2)
+    assert rig.codes == [0, 1, 2, 3]
+
+
+def test_an_abort_without_a_goal_says_so() -> None:
+    rig = Rig().ready()
+    reply = rig.ask(ABORT, Abort())
+    assert not reply.hovering
+    assert "no goal was in charge" in reply.reason
+    assert rig.fly().ask(ABORT, Abort()).hovering
+
+
+@pytest.mark.parametrize("outcome", ["canceled", "aborted"])
+@pytest.mark.parametrize(("action", "phase"), TARGETS)
+def test_a_goal_that_ends_early_goes_through_12_to_a_hover(action: str, phase: Phase, outcome: str) -> None:
+    rig = Rig().fly()
+    control_id = rig.go(action, phase)
+    reply = rig.release(control_id, outcome, reason="no reason")
+    assert reply.released
+    assert reply.code == 3
+    assert rig.codes[-2:] == [12, 3]
+    assert f"{outcome}: no reason" in rig.status.text
+
+
+def test_every_code_lasts_long_enough_to_be_seen() -> None:
+    rig = Rig().fly()
+    control_id = rig.go("go_to", Phase.GO_TO)
+    rig.release(control_id)
+    control_id = rig.go("land_on_spot", Phase.LANDING)
+    rig.ask(ABORT, Abort())
+    rig.run(0.3)
+    for code in (2, 5, 12):
+        times = [status.t_ns for status in rig.statuses if status.code == code]
+        following = next(s.t_ns for s in rig.statuses if s.t_ns > times[-1])
+        assert following - times[0] >= 100_000_000
+
+
+# -- kill and tilt -----------------------------------------------------------------------------------------
+
+
+def test_kill_needs_to_be_confirmed() -> None:
+    rig = Rig().fly()
+    reply = rig.ask(KILL, Kill())
+    assert not reply.killed
+    assert "confirm" in reply.reason
+    assert rig.autopilot.armed
+
+
+def test_kill_forces_a_disarm_in_the_air_at_once_and_until_it_is_done() -> None:
+    rig = Rig().fly()
+    rig.go("go_to", Phase.GO_TO)
+    rig.autopilot.deaf = 2
+    request = rig.post(KILL, Kill(confirm=True))
+    rig.step()
+    assert rig.status.code == 13
+    assert rig.autopilot.deaf == 1, "the first order goes out in the same step"
+    rig.run_until(lambda: request in rig.replies, limit_s=2.0)
+    assert rig.replies[request].killed
+    assert not rig.autopilot.armed
+    assert rig.autopilot.commands[-1] == (ARM, (0.0, 21196.0, 0.0))
+    rig.autopilot.landed = True
+    rig.run(0.1)
+    assert rig.codes[-2:] == [13, 0]
+
+
+def test_kill_on_the_ground_has_nothing_to_do() -> None:
+    rig = Rig().ready()
+    assert rig.ask(KILL, Kill(confirm=True)).killed
+    assert rig.codes == [0]
+
+
+def test_a_kill_that_the_autopilot_does_not_hear_is_reported_and_kept_up() -> None:
+    rig = Rig().fly()
+    rig.autopilot.deaf = 10_000
+    assert not rig.ask(KILL, Kill(confirm=True)).killed
+    rig.autopilot.deaf = 0
+    rig.run(1.0)
+    assert not rig.autopilot.armed
+
+
+@pytest.mark.parametrize(("seconds", "killed"), [(0.44, False), (0.6, True)])
+def test_a_tilt_above_sixty_degrees_for_half_a_second_disarms(seconds: float, killed: bool) -> None:
+    rig = Rig().fly()
+    rig.autopilot.q = list(quat_from_euler(1.1, 0.0, 0.0))
+    rig.run(seconds)
+    rig.autopilot.q = [1.0, 0.0, 0.0, 0.0]
+    rig.run(0.2)
+    assert rig.autopilot.armed != killed
+    assert (rig.status.code == 13) == killed
+
+
+def test_under_a_pilot_no_tilt_disarms() -> None:
+    rig = Rig().fly()
+    rig.autopilot.mode = MODES["POSCTL"]
+    rig.autopilot.q = list(quat_from_euler(1.1, 0.0, 0.0))
+    rig.run(2.0)
+    assert rig.autopilot.armed
+
+
+# -- others in charge --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("mode", "state", "who"),
+    [
+        ("LAND", CRITICAL, "failsafe"),
+        ("POSCTL", CRITICAL, "failsafe"),
+        ("LOITER", 6, "failsafe"),
+        ("LAND", 4, "external"),
+        ("POSCTL", 4, "external"),
+        ("LOITER", 4, "external"),
+    ],
+)
+def test_when_the_autopilot_leaves_offboard_mode_the_goal_ends_and_the_bridge_falls_silent(
+    mode: str, state: int, who: str
+) -> None:
+    rig = Rig().fly()
+    control_id = rig.go("go_to", Phase.GO_TO)
+    rig.autopilot.mode, rig.autopilot.system_status = MODES[mode], state
+    rig.step()
+    assert (rig.status.code, rig.status.in_charge, rig.status.control_id) == (13, who, "")
+    assert rig.status.text.startswith("failsafe: " if who == "failsafe" else "taken over: ")
+    assert not rig.status.ready
+    rig.autopilot.setpoints.clear()
+    rig.autopilot.commands.clear()
+    rig.run(2.0, lambda: rig.setpoint(control_id, Phase.GO_TO))
+    assert rig.autopilot.setpoints == []
+    assert rig.autopilot.commands == []
+    assert "take control back with hover" in rig.acquire("go_to").reason
+    rig.autopilot.landed, rig.autopilot.armed = True, False
+    rig.run(0.1)
+    assert rig.codes[-2:] == [13, 0]
+
+
+def test_hover_takes_control_back_from_a_failsafe() -> None:
+    rig = Rig().fly()
+    rig.autopilot.mode = MODES["LAND"]
+    rig.run(0.5)
+    assert "only while hovering" in rig.ask(HOVER, Hover(hover_pos=(0.0, 0.0, -2.0))).reason
+    assert rig.ask(HOVER, Hover()).hover_mode
+    assert rig.autopilot.mode == MODES["OFFBOARD"]
+    assert rig.codes[-2:] == [13, 3]
+    rig.run(1.0)
+    assert rig.status.code == 3
+
+
+def test_control_is_taken_back_in_the_air_and_with_telemetry_only() -> None:
+    rig = Rig().fly()
+    rig.autopilot.mode = MODES["LAND"]
+    rig.step()
+    rig.autopilot.silent = True
+    rig.run(1.2)
+    assert "telemetry" in rig.ask(HOVER, Hover()).reason
+    rig.autopilot.silent = False
+    rig.autopilot.landed = True
+    rig.step()
+    assert "in the air only" in rig.ask(HOVER, Hover()).reason
+
+
+def test_taking_back_that_fails_leaves_the_vehicle_to_the_failsafe() -> None:
+    rig = Rig().fly()
+    rig.autopilot.mode = MODES["LAND"]
+    rig.step()
+    rig.autopilot.deaf = 10_000
+    reply = rig.ask(HOVER, Hover())
+    assert not reply.hover_mode
+    assert rig.status.code == 13
+    rig.autopilot.setpoints.clear()
+    rig.run(1.0)
+    assert rig.autopilot.setpoints == []
+
+
+def test_a_bridge_that_starts_with_the_vehicle_armed_sends_nothing_until_asked_to_hover() -> None:
+    rig = Rig()
+    rig.autopilot.armed, rig.autopilot.mode = True, MODES["OFFBOARD"]
+    rig.lift_off()
+    rig.run(3.0)
+    assert rig.codes == [13]
+    assert rig.status.in_charge == "failsafe"
+    assert rig.autopilot.setpoints == []
+    assert rig.autopilot.commands == []
+    assert rig.ask(HOVER, Hover()).hover_mode
+    assert rig.codes == [13, 3]
+
+
+def test_a_bridge_that_starts_with_the_vehicle_armed_is_idle_once_the_failsafe_has_landed_it() -> None:
+    rig = Rig()
+    rig.autopilot.armed, rig.autopilot.mode = True, MODES["LAND"]
+    rig.lift_off()
+    rig.run(1.0)
+    rig.autopilot.armed, rig.autopilot.landed = False, True
+    rig.run(1.0)
+    assert rig.codes == [13, 0]
+    assert rig.acquire().granted
+
+
+def test_arming_by_somebody_else_is_somebody_elses_flight() -> None:
+    rig = Rig().ready()
+    rig.autopilot.armed = True
+    rig.run(0.1)
+    assert (rig.status.code, rig.status.in_charge) == (13, "external")
+    assert not rig.acquire().granted
+
+
+def test_motors_that_stop_in_flight_end_the_goal_in_13() -> None:
+    rig = Rig().fly()
+    rig.go("go_to", Phase.GO_TO)
+    rig.autopilot.armed = False
+    rig.step()
+    assert rig.status.code == 13
+    assert "disarmed in status GO_TO" in rig.status.text
+
+
+def test_an_auto_disarm_before_lift_off_ends_the_takeoff() -> None:
+    rig = Rig().ready()
+    control_id = rig.acquire().control_id
+    rig.run_until(lambda: rig.status.armed, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    rig.run(0.1, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    rig.autopilot.armed = False
+    rig.run(0.3)
+    assert rig.codes == [0, 1, 12, 0]
+
+
+# -- position resets ---------------------------------------------------------------------------------------

@@ -1,0 +1,109 @@
+"""The judge of landings and what it begins with, on numbers worked out by hand."""
+
+from math import hypot, inf
+
+import pytest
+
+from jezero.frames import Vec3
+from jezero.runtime.codec import encode
+from jezero.schemas import topics
+from jezero.schemas.estimate import Relative
+from jezero.schemas.state import Truth
+from jezero.trials.landing.judge import LandingJudge, on_platform_m, percentile, why_not_on_platform
+from jezero.trials.landing.trial import Conditions, draw_trial
+
+STILL: Vec3 = (0.0, 0.0, 0.0)
+MS = 1_000_000
+
+
+def truth(t_ms: int, pos: Vec3, vel: Vec3 = STILL, yaw_rad: float = 0.0, force_n: float = 0.0) -> Truth:
+    """The rover is at (10, 0, -0.5) and drives north at 1 m/s."""
+    return Truth(
+        t_ns=t_ms * MS,
+        epoch_id=1,
+        pos_uav_ned_m=pos,
+        vel_uav_ned_mps=vel,
+        q_ned_from_frd=(1.0, 0.0, 0.0, 0.0),
+        rates_uav_frd_rps=STILL,
+        pos_rover_ned_m=(10.0 + t_ms / 1000.0, 0.0, -0.5),
+        vel_rover_ned_mps=(1.0, 0.0, 0.0),
+        yaw_rover_rad=yaw_rad,
+        wind_ned_mps=STILL,
+        contact_force_n=force_n,
+        armed_motors=True,
+    )
+
+
+def relative(t_ms: int, pos: Vec3, vel: Vec3) -> Relative:
+    """With a variance of 0.04 in each dimension."""
+    diagonal = (0, 6, 11, 15, 18, 20)
+    return Relative(
+        t_ns=t_ms * MS,
+        epoch_id=1,
+        valid=True,
+        pos_uav_rel_rover_ned_m=pos,
+        vel_uav_rel_rover_ned_mps=vel,
+        cov=tuple(0.04 if i in diagonal else 0.0 for i in range(21)),
+        vel_rover_ned_mps=(1.0, 0.0, 0.0),
+        yaw_rover_rad=0.0,
+        yaw_rate_rover_rps=0.0,
+        use_uwb=True,
+        use_tag=True,
+        goal_id="g",
+    )
+
+
+def test_the_estimate_is_compared_with_the_truth_of_its_own_time() -> None:
+    judge = LandingJudge()
+    judge.begin(0)
+    judge(0, topics.TRUTH.name, encode(truth(0, (10.0, 1.0, -2.5))))
+    judge(0, topics.RELATIVE.name, encode(relative(10, (0.1, 1.0, -2.0), (-1.0, 0.0, 0.0))))
+    judge(0, topics.RELATIVE.name, encode(relative(30, (0.0, 0.0, 0.0), STILL)))
+    judge(0, topics.TRUTH.name, encode(truth(20, (10.02, 1.0, -2.5))))
+    # the vehicle keeps pace with the rover: offset (0, 1, -2), relative velocity of its truth (-1, 0, 0)
+    assert judge.errors.count == [1, 0]
+    assert judge.errors.rmse_m(0) == pytest.approx(0.1)
+    assert judge.errors.nees == pytest.approx(0.1**2 / 0.04 / 6)
+
+
+def test_impact_is_the_speed_towards_the_platform_before_the_first_force() -> None:
+    judge = LandingJudge()
+    judge.begin(0)
+    for message in (
+        truth(0, (10.0, 0.0, -0.6), (1.0, 0.0, 0.4)),
+        truth(20, (10.02, 0.0, -0.5), (1.0, 0.0, 0.1), force_n=9.0),
+    ):
+        judge(0, topics.TRUTH.name, encode(message))
+    assert judge.impact_mps == pytest.approx(0.4)
+
+
+def test_the_touchdown_error_is_in_the_rovers_axes() -> None:
+    on_deck = truth(0, (10.0, 0.3, -0.52), yaw_rad=1.5707963)
+    assert on_platform_m(on_deck) == pytest.approx((0.3, 0.0, -0.02), abs=1e-6)
+    assert why_not_on_platform(on_deck, 0.5) == ""
+    assert "0.60 m from the middle" in why_not_on_platform(truth(0, (10.0, 0.6, -0.5)), 0.5)
+    assert "0.50 m above" in why_not_on_platform(truth(0, (10.0, 0.0, -1.0)), 0.5)
+
+
+def test_a_failed_flight_counts_as_infinite_in_every_percentile() -> None:
+    values = [0.01 * i for i in range(1, 20)] + [inf]
+    assert percentile(values, 0.5) == pytest.approx(0.10)
+    assert percentile(values, 0.95) == pytest.approx(0.19)
+    assert percentile(values, 1.0) == inf
+    assert percentile([inf], 0.5) == inf
+
+
+@pytest.mark.parametrize("case", ["uwb+tag", "uwb", "tag"])
+def test_a_trial_is_what_the_benchmark_says(case: str) -> None:
+    conditions = Conditions(case=case)  # type: ignore[arg-type]
+    trials = [draw_trial(seed, conditions) for seed in range(200)]
+    assert trials[7] == draw_trial(7, conditions)
+    for trial in trials:
+        away_m = hypot(*trial.pos_rover_ned_m)
+        assert 4.0 <= trial.up_m <= 8.0
+        assert 1.5 <= away_m <= (0.6 * trial.up_m if case == "tag" else 8.0) + 1e-9
+        assert 1.0 <= hypot(*trial.rough_error_m) <= 3.0
+    assert max(hypot(*trial.pos_rover_ned_m) for trial in trials) > (3.5 if case == "tag" else 7.5)
+    goal = trials[0].goal((1.0, 2.0, -0.5))
+    assert (goal.use_uwb, goal.use_tag) == ("uwb" in case, "tag" in case)
+    assert (goal.landing_spot_ned_m is None) == ("uwb" in case)
