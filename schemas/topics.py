@@ -1,6 +1,6 @@
-"""EVERY key: name, message type, rate, delivery. Keys are `jezero/<vehicle>/<name>`.
+"""The table of all keys: name, message type, rate, delivery and writer. Keys are `jezero/<vehicle>/<name>`.
 
-Anything with an effect is behind an `@` chunk, which the wildcards `*` and `**` never match.
+Every endpoint that has an effect is behind an `@` chunk, which the wildcards `*` and `**` never match.
 """
 
 from collections.abc import Callable
@@ -21,39 +21,55 @@ class Topic(Generic[M]):
     """A key that messages are published on.
 
     Attributes:
-        rate_hz: nominal; None when it is sent on events only.
-        delivery: `newest` may drop when the network is congested, `all` waits.
+        name: the key without `jezero/<vehicle>/`.
+        type: type of its messages.
+        rate_hz: nominal rate of publishing; None for messages that are published on events only.
+        writer: name of the one service that publishes it; `GOAL_IN_CHARGE` or `CLIENTS` where that changes.
+        delivery: `newest` may drop messages on a congested network; `all` waits.
     """
 
     name: str
     type: type[M]
     rate_hz: float | None
+    writer: str
     delivery: Literal["newest", "all"] = "newest"
+
+
+GOAL_IN_CHARGE = "the goal in charge"
+"""Writer of a topic that each action server declares, and that only the one whose goal has control publishes."""
+CLIENTS = "clients"
+"""Writer of a topic that is published by programs outside the stack: the command line, the SDK, any Zenoh client."""
+EVERY_ACTION = "every action server"
+"""Server of an endpoint on which each action server replies for its own goals."""
 
 
 @dataclass(frozen=True)
 class Endpoint(Generic[Q, R]):
-    """A key that questions are put to.
+    """A key that requests are sent to.
 
     Attributes:
+        name: the key without `jezero/<vehicle>/`.
+        request_type: type of each request.
         reply_type: type (or union of types) of each reply.
-        refuse: makes the reply for a question that can't be decoded or served, from the reason.
-        shared: several servers answer on this key, each only what it knows.
+        server: name of the one service that replies; `EVERY_ACTION` where each action server replies.
+        refuse: makes the reply to a request that can't be decoded or served, from the reason.
+        shared: several servers reply on this key, each with what it knows.
     """
 
     name: str
     request_type: type[Q]
     reply_type: Any
+    server: str
     refuse: Callable[[str], R]
     shared: bool = False
 
 
 @dataclass(frozen=True)
 class Action(Generic[Q]):
-    """One action: its goal, what it reports, how it ends, and the endpoints it is served on.
+    """One action: its goal, its feedback, its result, and the endpoints that its server declares.
 
     Attributes:
-        takes_pictures: whether it is served on `image` too.
+        takes_pictures: whether its server also declares `image`.
     """
 
     name: str
@@ -71,7 +87,9 @@ class Action(Generic[Q]):
             | actions.Feedback[self.feedback_type]  # type: ignore[name-defined]
             | actions.Result[self.result_type]  # type: ignore[name-defined]
         )
-        return Endpoint(f"@action/{self.name}", self.goal_type, replies, lambda why: actions.Rejected(reason=why))
+        return Endpoint(
+            f"@action/{self.name}", self.goal_type, replies, self.name, lambda why: actions.Rejected(reason=why)
+        )
 
     @cached_property
     def cancel(self) -> Endpoint[actions.Cancel, actions.CancelReply]:
@@ -79,41 +97,43 @@ class Action(Generic[Q]):
             f"@action/{self.name}/cancel",
             actions.Cancel,
             actions.CancelReply,
+            self.name,
             lambda why: actions.CancelReply(canceled=False, reason=why),
         )
 
     @cached_property
     def image(self) -> Endpoint[images.GetImage, images.ImageReply]:
-        """The pixels of one picture per question, also after the goal's end."""
+        """Replies with one picture for each request, also after the goal's end."""
         return Endpoint(
             f"@action/{self.name}/image",
             images.GetImage,
             images.ImageReply,
+            self.name,
             lambda why: images.ImageReply(reason=why),
         )
 
 
-CLOCK = Topic("clock", state.Clock, 10.0, "all")
-IMU = Topic("sensor/imu", sensors.Imu, 50.0)
-GNSS = Topic("sensor/gnss", sensors.Gnss, 10.0)
-BARO = Topic("sensor/baro", sensors.Barometer, 10.0)
-MAG = Topic("sensor/mag", sensors.Magnetometer, 10.0)
-ALTIMETER = Topic("sensor/altimeter", sensors.Altimeter, 25.0)
-UWB = Topic("sensor/uwb", sensors.Uwb, 20.0)
-ROVER_ODOMETRY = Topic("rover/odometry", sensors.RoverOdometry, 25.0)
-TRUTH = Topic("truth", state.Truth, 50.0)
-SCENE = Topic("simulator/scene", state.Scene, 15.0)
-CAMERA = Topic("sensor/camera", sensors.CameraFrame, 15.0)
-CAMERA_INFO = Topic("camera/info", sensors.CameraInfo, 1.0)
-TAG_CORNERS = Topic("sensor/tag_corners", sensors.TagCorners, 15.0)
-ESTIMATE_TAG = Topic("estimate/tag", estimate.TagEstimate, 15.0)
-RELATIVE = Topic("estimate/relative", estimate.Relative, 50.0)
-ROVER_ESTIMATE = Topic("estimate/rover", estimate.RoverEstimate, 10.0)
-CAMERA_PITCH = Topic("command/camera_pitch", commands.CameraPitch, 20.0)
-ROVER_COMMAND = Topic("rover/command", commands.RoverCommand, 10.0)
-ODOMETRY = Topic("odometry", state.Odometry, 50.0)
-STATUS = Topic("status", state.Status, 10.0, "all")
-SETPOINT = Topic("command/setpoint", commands.Setpoint, 50.0)
+CLOCK = Topic("clock", state.Clock, 10.0, "simulator", "all")
+IMU = Topic("sensor/imu", sensors.Imu, 50.0, "simulator")
+GNSS = Topic("sensor/gnss", sensors.Gnss, 10.0, "simulator")
+BARO = Topic("sensor/baro", sensors.Barometer, 10.0, "simulator")
+MAG = Topic("sensor/mag", sensors.Magnetometer, 10.0, "simulator")
+ALTIMETER = Topic("sensor/altimeter", sensors.Altimeter, 25.0, "simulator")
+UWB = Topic("sensor/uwb", sensors.Uwb, 20.0, "simulator")
+ROVER_ODOMETRY = Topic("rover/odometry", sensors.RoverOdometry, 25.0, "simulator")
+TRUTH = Topic("truth", state.Truth, 50.0, "simulator")
+SCENE = Topic("simulator/scene", state.Scene, 15.0, "simulator")
+CAMERA = Topic("sensor/camera", sensors.CameraFrame, 15.0, "camera")
+CAMERA_INFO = Topic("camera/info", sensors.CameraInfo, 1.0, "camera")
+TAG_CORNERS = Topic("sensor/tag_corners", sensors.TagCorners, 15.0, "camera")
+ESTIMATE_TAG = Topic("estimate/tag", estimate.TagEstimate, 15.0, "tag_detector")
+RELATIVE = Topic("estimate/relative", estimate.Relative, 50.0, "estimator")
+ROVER_ESTIMATE = Topic("estimate/rover", estimate.RoverEstimate, 10.0, "estimator")
+CAMERA_PITCH = Topic("command/camera_pitch", commands.CameraPitch, 20.0, GOAL_IN_CHARGE)
+ROVER_COMMAND = Topic("rover/command", commands.RoverCommand, 10.0, CLIENTS)
+ODOMETRY = Topic("odometry", state.Odometry, 50.0, "vehicle_bridge")
+STATUS = Topic("status", state.Status, 10.0, "vehicle_bridge", "all")
+SETPOINT = Topic("command/setpoint", commands.Setpoint, 50.0, GOAL_IN_CHARGE)
 
 TOPICS: tuple[Topic[Any], ...] = (
     CLOCK, IMU, GNSS, BARO, MAG, ALTIMETER, UWB, ROVER_ODOMETRY, TRUTH, ODOMETRY, STATUS, SETPOINT,
@@ -124,36 +144,42 @@ ACQUIRE = Endpoint(
     "@control/acquire",
     commands.Acquire,
     commands.AcquireReply,
+    "vehicle_bridge",
     lambda why: commands.AcquireReply(granted=False, reason=why),
 )
 RELEASE = Endpoint(
     "@control/release",
     commands.Release,
     commands.ReleaseReply,
+    "vehicle_bridge",
     lambda why: commands.ReleaseReply(released=False, code=-1, reason=why),
 )
 HOVER = Endpoint(
     "@control/hover",
     commands.Hover,
     commands.HoverReply,
+    "vehicle_bridge",
     lambda why: commands.HoverReply(hover_mode=False, reason=why),
 )
 ABORT = Endpoint(
     "@control/abort",
     commands.Abort,
     commands.AbortReply,
+    "vehicle_bridge",
     lambda why: commands.AbortReply(hovering=False, reason=why),
 )
 KILL = Endpoint(
     "@control/kill",
     commands.Kill,
     commands.KillReply,
+    "vehicle_bridge",
     lambda why: commands.KillReply(killed=False, reason=why),
 )
 RESULT = Endpoint(
     "@action/result",
     actions.GetResult,
     actions.ResultReply,
+    EVERY_ACTION,
     lambda why: actions.ResultReply(goal_id="-", action="-", running=False, result=None),
     shared=True,
 )
@@ -161,18 +187,21 @@ GET_PARAMETERS = Endpoint(
     "@estimator/parameters/get",
     estimate.GetParameters,
     estimate.ParametersReply,
+    "estimator",
     lambda why: estimate.ParametersReply(accepted=False, reason=why),
 )
 SET_PARAMETERS = Endpoint(
     "@estimator/parameters/set",
     estimate.SetParameters,
     estimate.ParametersReply,
+    "estimator",
     lambda why: estimate.ParametersReply(accepted=False, reason=why),
 )
 LEASE = Endpoint(
     "@estimator/parameters/lease",
     estimate.Lease,
     estimate.LeaseReply,
+    "estimator",
     lambda why: estimate.LeaseReply(accepted=False, reason=why),
 )
 
@@ -208,12 +237,12 @@ ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (
 
 def health_of(service: str) -> Topic[health.ServiceHealth]:
     """The topic on which a service's runtime reports at 1 Hz of wall time."""
-    return Topic(f"health/{service}", health.ServiceHealth, 1.0)
+    return Topic(f"health/{service}", health.ServiceHealth, 1.0, service)
 
 
 def feedback_of(action: Action[Any]) -> Topic[actions.FeedbackMessage]:
     """The topic on which an action's feedback goes to anyone watching."""
-    return Topic(f"action/{action.name}/feedback", actions.FeedbackMessage, 10.0)
+    return Topic(f"action/{action.name}/feedback", actions.FeedbackMessage, 10.0, action.name)
 
 
 def key(vehicle: str, name: str) -> str:
@@ -222,5 +251,5 @@ def key(vehicle: str, name: str) -> str:
 
 
 def liveliness_key(vehicle: str, kind: Literal["service", "client", "claim"], name: str) -> str:
-    """The liveliness token that says that a service or a client is there, or that somebody wants a service's name."""
+    """The key of the liveliness token of a service, of a client, or of a process that claims a service's name."""
     return f"jezero/{vehicle}/@alive/{kind}/{name}"

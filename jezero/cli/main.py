@@ -24,6 +24,7 @@ SECTIONS: dict[str, dict[str, Entry]] = {
         "down": Entry("jezero.cli.stack", "down", "Stop what `up` started."),
         "ps": Entry("jezero.cli.stack", "ps", "Show the services and how they are."),
         "logs": Entry("jezero.cli.stack", "logs", "Show what the services printed."),
+        "info": Entry("jezero.cli.info", "info", "Show the services and topics that the stack is made of."),
     },
     "Flight": {
         "takeoff": Entry("jezero.cli.flight", "takeoff", "Take off."),

@@ -1,0 +1,63 @@
+"""The declarations of the services, the topic table, the compose file and the docs agree."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from jezero.cli.info import all_specs, all_topics, reference_page
+from jezero.deploy.launcher.compose import parse
+from jezero.runtime.service import Spec
+from jezero.schemas.topics import (
+    ACTIONS,
+    CLIENTS,
+    ENDPOINTS,
+    EVERY_ACTION,
+    GOAL_IN_CHARGE,
+    SCENE,
+    TRUTH,
+    Endpoint,
+    Topic,
+)
+
+ROOT = Path(__file__).parents[1]
+SPECS = all_specs()
+
+
+@pytest.mark.parametrize("topic", all_topics(), ids=lambda topic: topic.name)
+def test_a_topic_is_published_by_its_writer_and_by_nobody_else(topic: Topic[Any]) -> None:
+    writers = {name for name, spec in SPECS.items() if topic in spec.outputs}
+    named = topic.writer
+    if named == GOAL_IN_CHARGE:
+        assert writers
+        assert writers <= set(ACTIONS)
+    else:
+        assert writers == (set() if named == CLIENTS else {named})
+
+
+@pytest.mark.parametrize("endpoint", ENDPOINTS, ids=lambda endpoint: endpoint.name)
+def test_an_endpoint_is_served_by_the_service_that_the_table_names(endpoint: Endpoint[Any, Any]) -> None:
+    servers = {name for name, spec in SPECS.items() if endpoint in spec.serves}
+    named = endpoint.server
+    assert servers == (set(ACTIONS) if named == EVERY_ACTION else {named})
+
+
+@pytest.mark.parametrize("spec", SPECS.values(), ids=lambda spec: spec.name)
+def test_a_service_declares_only_topics_and_endpoints_of_the_table(spec: Spec) -> None:
+    assert {*spec.inputs, *spec.on_demand, *spec.outputs} <= set(all_topics())
+    assert {*spec.serves, *spec.calls} <= set(ENDPOINTS)
+
+
+def test_no_service_that_flies_reads_the_truth() -> None:
+    readers = {name: {*spec.inputs, *spec.on_demand} for name, spec in SPECS.items()}
+    assert not [name for name, topics in readers.items() if TRUTH in topics]
+    assert [name for name, topics in readers.items() if SCENE in topics] == ["camera"]
+
+
+def test_the_compose_file_starts_every_service_and_the_router() -> None:
+    assert set(parse((ROOT / "deploy" / "compose.yaml").read_text(), {})) == {*SPECS, "router"}
+
+
+def test_the_reference_page_shows_the_tables_as_they_are() -> None:
+    page = (ROOT / "docs" / "reference" / "topics.md").read_text()
+    assert page == reference_page(), "jezero info page > docs/reference/topics.md writes the page anew"
