@@ -16,10 +16,12 @@ from jezero.schemas.estimate import Relative
 from jezero.schemas.state import Status
 from jezero.schemas.topics import RELATIVE, Topic
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import ActionsConfig, GetImagesConfig, Limits
+from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.get_images.config import GetImagesConfig
 from jezero.services.actions.get_images.orbit import Line, Orbit, aim, facing, nearest_phase
 from jezero.services.actions.lifecycle.behaviour import Done, Move, Selection, VehicleState, Verdict
 from jezero.services.actions.lifecycle.capture import Capture
+from jezero.services.actions.motion.config import LimitsConfig
 from jezero.services.actions.motion.limits import distance_refusal, point_refusal, speed_refusal
 from jezero.services.actions.motion.rover_frame import lost_reason, seen_from_rover
 from jezero.services.actions.motion.tracking import Tracker, position_now
@@ -220,7 +222,7 @@ class GetImages:
         return self._yaw_rad, 0.0
 
 
-def shape_refusal(goal: GetImagesGoal, config: GetImagesConfig, limits: Limits) -> str:
+def shape_refusal(goal: GetImagesGoal, config: GetImagesConfig, limits: LimitsConfig) -> str:
     """Why nobody could fly this, or ""; each tells what to do."""
     if not 1 <= goal.num_images <= IMAGES_MAX:
         return f"{goal.num_images} pictures: ask for 1 to {IMAGES_MAX}"
@@ -236,7 +238,7 @@ def shape_refusal(goal: GetImagesGoal, config: GetImagesConfig, limits: Limits) 
     return far_refusal(goal.center_ned_m, goal.radius_m, limits) or speed_refusal(goal.speed_mps, limits)
 
 
-def far_refusal(center_ned_m: Vec3, radius_m: float, limits: Limits) -> str:
+def far_refusal(center_ned_m: Vec3, radius_m: float, limits: LimitsConfig) -> str:
     """Why the circle's farthest point is too far away, or ""."""
     share = 1.0 + radius_m / max(hypot(center_ned_m[0], center_ned_m[1]), 1e-9)
     if hypot(center_ned_m[0], center_ned_m[1]) < 1e-6:

@@ -4,8 +4,8 @@ from math import sqrt
 
 from jezero.frames import Vec3, distance, norm, scale, subtract, wrap_pi
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import MoveConfig
 from jezero.services.actions.lifecycle.behaviour import VehicleState
+from jezero.services.actions.motion.config import MoveConfig
 
 STEP_MAX_S = 0.1
 """A server that was frozen goes on where it was instead of jumping ahead."""

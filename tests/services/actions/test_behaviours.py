@@ -13,10 +13,11 @@ from jezero.frames import Quat, Vec3, norm, quat_from_euler, wrap_pi
 from jezero.schemas.actions import GoToGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.commands import Phase
 from jezero.schemas.state import Status
-from jezero.services.actions.config import ActionsConfig, MoveConfig
+from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.go_to.behaviour import GoTo
 from jezero.services.actions.land_on_spot.behaviour import LandOnSpot
 from jezero.services.actions.lifecycle.behaviour import Behaviour, Done, Move, VehicleState
+from jezero.services.actions.motion.config import MoveConfig
 from jezero.services.actions.motion.straight_path import Leg, line_speed_mps
 from jezero.services.actions.takeoff.behaviour import Takeoff
 from tests.services.actions.fake_bridge import follow
