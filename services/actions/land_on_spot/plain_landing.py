@@ -12,7 +12,7 @@ from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.config import PlainLandingConfig
 from jezero.services.actions.land_on_spot.tilt_contact_detector import Edge, standing
 from jezero.services.actions.lifecycle.behaviour import Done, Move, Selection, VehicleState
-from jezero.services.actions.motion.straight_path import Leg
+from jezero.services.actions.motion.straight_path import StraightPath
 
 
 class PlainLanding:
@@ -28,8 +28,8 @@ class PlainLanding:
         self._config = config
         self._phase: LandPhase = "approach"
         self._spot_ned_m: Vec3 = (0.0, 0.0, 0.0)
-        self._leg: Leg | None = None
-        self._lift: Leg | None = None
+        self._path: StraightPath | None = None
+        self._lift: StraightPath | None = None
         self._speed_down_mps = config.land_on_spot.plain.speed_high_mps
         self._phase_since_ns = 0
         self._still_since_ns: int | None = None
@@ -46,17 +46,16 @@ class PlainLanding:
         above_ned_m = (self._spot_ned_m[0], self._spot_ned_m[1], z - up_m)
         start_ned_m = (x, y, z - up_m)
         speed_mps = land.speed_approach_mps
-        self._leg = Leg(
+        self._path = StraightPath(
             t_ns,
             start_ned_m,
             above_ned_m,
             speed_mps=speed_mps,
-            lead_max_m=move.lead_m + move.lead_s * speed_mps,
             config=move,
             yaw_start_rad=state.yaw_rad,
         )
         if up_m > move.reached_m:
-            self._lift = Leg(
+            self._lift = StraightPath(
                 t_ns,
                 (x, y, z),
                 start_ned_m,
@@ -108,18 +107,18 @@ class PlainLanding:
         return LandResult(completed=completed, touchdown_ned_m=pos_uav_ned_m if completed else None)
 
     def _approach(self, t_ns: int, state: VehicleState) -> Move | Done:
-        leg = self._lift if self._lift is not None else self._leg
-        assert leg is not None, "step before start"
-        leg.step(t_ns, state)
-        if problem := leg.stuck(t_ns):
+        path = self._lift if self._lift is not None else self._path
+        assert path is not None, "step before start"
+        path.step(t_ns, state)
+        if problem := path.stuck(t_ns):
             return Done("aborted", f"approach: {problem}")
-        if leg.reached and self._lift is not None:
+        if path.reached and self._lift is not None:
             self._lift = None
-            assert self._leg is not None
-            self._leg.wait(t_ns, state)
-        elif leg.reached:
+            assert self._path is not None
+            self._path.wait(t_ns, state)
+        elif path.reached:
             self._enter("descent", t_ns)
-        return Move(Phase.LANDING, self._feedback(state), leg.pos_ned_m, leg.vel_ned_mps, leg.acc_ned_mps2, leg.yaw_rad)
+        return path.move(Phase.LANDING, self._feedback(state))
 
     def _descent_velocity(self, state: VehicleState, land: PlainLandingConfig) -> Vec3:
         """Towards the spot, and down: slower near the ground, and never faster again."""
@@ -155,8 +154,8 @@ class PlainLanding:
         self._still_since_ns = None
 
     def _move(self, state: VehicleState, vel_ned_mps: Vec3) -> Move:
-        assert self._leg is not None
-        return Move(Phase.LANDING, self._feedback(state), vel_ned_mps=vel_ned_mps, yaw_rad=self._leg.yaw_rad)
+        assert self._path is not None
+        return Move(Phase.LANDING, self._feedback(state), vel_ned_mps=vel_ned_mps, yaw_rad=self._path.yaw_rad)
 
     def _feedback(self, state: VehicleState) -> LandFeedback:
         spot_x, spot_y, _ = self._spot_ned_m
