@@ -34,7 +34,7 @@ from jezero.schemas.actions import Frame, GetImagesGoal, Result, TakeoffGoal
 from jezero.schemas.estimate import Relative
 from jezero.schemas.images import Image
 from jezero.schemas.state import Odometry, Scene, Status, Truth
-from jezero.services.actions.config import CaptureConfig
+from jezero.services.actions.lifecycle.config import CaptureConfig
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.service import Camera
 from jezero.services.simulator.camera.view import View

@@ -20,7 +20,7 @@ from jezero.services.actions.lifecycle.behaviour import Done, Move, Preparation,
 from jezero.services.actions.lifecycle.capture import Capture
 from jezero.services.actions.motion.limits import point_refusal, speed_refusal
 from jezero.services.actions.motion.rover_frame import lost_reason
-from jezero.services.actions.motion.straight_path import Leg
+from jezero.services.actions.motion.straight_path import StraightPath
 from jezero.services.actions.motion.tracking import ZERO, Reference, Tracker
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class AreaCoverage:
         self._origin_ned_m: Vec3 = ZERO
         """Of the goal's frame, in the world."""
         self._lost = ""
-        self._leg: Leg | None = None
+        self._way_in: StraightPath | None = None
         self._tracker: Tracker | None = None
         self._asked = 0
         self._shift_ned_m: Vec3 = ZERO
@@ -112,36 +112,32 @@ class AreaCoverage:
         lines_rad = self._plan.lines_rad
         ahead = abs(wrap_pi(lines_rad - state.yaw_rad)) <= 0.5 * pi
         self._yaw_rad = wrap_pi(lines_rad if ahead else lines_rad + pi)
-        move, speed_mps = self._config.move, self._config.go_to.speed_mps
-        self._leg = Leg(
+        self._way_in = StraightPath(
             t_ns,
             state.pos_uav_ned_m,
             self._reference(0.0).pos_ned_m,
-            speed_mps=speed_mps,
-            lead_max_m=move.lead_m + move.lead_s * speed_mps,
-            config=move,
+            speed_mps=self._config.go_to.speed_mps,
+            config=self._config.move,
             yaw_start_rad=state.yaw_rad,
             yaw_end_rad=self._yaw_rad,
         )
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
-        assert self._leg is not None, "step before start"
+        assert self._way_in is not None, "step before start"
         self._shift_ned_m = state.shift_ned_m
         if self._lost:
             return Done("aborted", self._lost)
         if self._tracker is None:
-            return self._go_to_begin(t_ns, self._leg, state)
+            return self._go_to_begin(t_ns, self._way_in, state)
         return self._follow_path(t_ns, self._tracker, state)
 
-    def _go_to_begin(self, t_ns: int, leg: Leg, state: VehicleState) -> Move | Done:
-        leg.step(t_ns, state)
-        if problem := leg.stuck(t_ns):
+    def _go_to_begin(self, t_ns: int, path: StraightPath, state: VehicleState) -> Move | Done:
+        path.step(t_ns, state)
+        if problem := path.stuck(t_ns):
             return Done("aborted", f"on the way to the area: {problem}")
-        if leg.reached:
+        if path.reached:
             self._tracker = Tracker(t_ns, self._config.tracking)
-        return Move(
-            Phase.COVERAGE, self._feedback(state), leg.pos_ned_m, leg.vel_ned_mps, leg.acc_ned_mps2, leg.yaw_rad
-        )
+        return path.move(Phase.COVERAGE, self._feedback(state))
 
     def _follow_path(self, t_ns: int, tracker: Tracker, state: VehicleState) -> Move | Done:
         plan = self._plan

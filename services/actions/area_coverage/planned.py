@@ -11,10 +11,11 @@ from shapely.geometry import Polygon
 from jezero.frames import Vec3, add, altitude_m
 from jezero.schemas.actions import AreaCoverageGoal
 from jezero.services.actions.area_coverage.area import AreaError, Point, make_area
+from jezero.services.actions.area_coverage.config import AreaCoverageConfig
 from jezero.services.actions.area_coverage.ground import CoveredGround
 from jezero.services.actions.area_coverage.plan import covered_share, plan_path
 from jezero.services.actions.area_coverage.trajectory import Trajectory, make_trajectory, picture_distances
-from jezero.services.actions.config import ActionsConfig, CoverageConfig
+from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.motion.limits import beyond_limits, point_refusal, speed_refusal
 
 Array = NDArray[np.float64]
@@ -131,7 +132,7 @@ def _refusal(goal: AreaCoverageGoal, config: ActionsConfig, origin_ned_m: Vec3) 
     return speed_refusal(goal.speed_mps, config.limits)
 
 
-def _distances(goal: AreaCoverageGoal, settings: CoverageConfig) -> tuple[float, float]:
+def _distances(goal: AreaCoverageGoal, settings: AreaCoverageConfig) -> tuple[float, float]:
     """Between lines and between pictures. The camera's wide side lies across the lines."""
     if goal.overlap is None and goal.sidelap is None:
         if not goal.resolution_m:

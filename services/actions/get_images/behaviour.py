@@ -16,12 +16,15 @@ from jezero.schemas.estimate import Relative
 from jezero.schemas.state import Status
 from jezero.schemas.topics import RELATIVE, Topic
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import ActionsConfig, GetImagesConfig, Limits
-from jezero.services.actions.get_images.orbit import Line, Orbit, aim, facing, nearest_phase
+from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.get_images.config import GetImagesConfig
+from jezero.services.actions.get_images.orbit import Orbit, aim, facing, nearest_phase
 from jezero.services.actions.lifecycle.behaviour import Done, Move, Selection, VehicleState, Verdict
 from jezero.services.actions.lifecycle.capture import Capture
+from jezero.services.actions.motion.config import LimitsConfig
 from jezero.services.actions.motion.limits import distance_refusal, point_refusal, speed_refusal
 from jezero.services.actions.motion.rover_frame import lost_reason, seen_from_rover
+from jezero.services.actions.motion.straight_path import TimedStraightPath, straight_speed_mps
 from jezero.services.actions.motion.tracking import Tracker, position_now
 
 IMAGES_MAX = 255
@@ -40,7 +43,7 @@ class GetImages:
         self._config = config
         self._orbit_config = config.get_images
         self._goal: GetImagesGoal | None = None
-        self._line: Line | None = None
+        self._way_in: TimedStraightPath | None = None
         self._orbit: Orbit | None = None
         self._tracker: Tracker | None = None
         self._yaw_rad = 0.0
@@ -123,10 +126,10 @@ class GetImages:
 
     def _fly(self, t_ns: int, goal: GetImagesGoal, state: VehicleState) -> Move | Done:
         """All in the goal's frame."""
-        if self._tracker is None or self._line is None or self._orbit is None:
+        if self._tracker is None or self._way_in is None or self._orbit is None:
             self._plan(t_ns, goal, state)
-        assert self._tracker is not None and self._line is not None and self._orbit is not None
-        path: Line | Orbit = self._line if self._arrived_ns is None else self._orbit
+        assert self._tracker is not None and self._way_in is not None and self._orbit is not None
+        path: TimedStraightPath | Orbit = self._way_in if self._arrived_ns is None else self._orbit
         dt_s = self._tracker.advance(t_ns, path.at(self._tracker.time_s), state)
         if problem := self._tracker.stuck(t_ns):
             return Done("aborted", problem)
@@ -143,19 +146,16 @@ class GetImages:
             goal.center_ned_m, goal.radius_m, self._phase_rad, self._speed_mps(goal), config.acceleration_mps2
         )
         start_ned_m = self._orbit.at(0.0).pos_ned_m
-        speed_mps = self._config.go_to.speed_mps
-        down_m, length_m = start_ned_m[2] - state.pos_uav_ned_m[2], norm(subtract(start_ned_m, state.pos_uav_ned_m))
-        vertical_mps = self._config.move.speed_down_mps if down_m > 0.0 else self._config.move.speed_up_mps
-        if abs(down_m) * speed_mps > vertical_mps * length_m:
-            speed_mps = vertical_mps * length_m / abs(down_m)
-        self._line = Line(state.pos_uav_ned_m, start_ned_m, speed_mps, self._config.move.accel_mps2)
+        pos_ned_m, move = state.pos_uav_ned_m, self._config.move
+        speed_mps = straight_speed_mps(pos_ned_m, start_ned_m, self._config.go_to.speed_mps, move)
+        self._way_in = TimedStraightPath(pos_ned_m, start_ned_m, speed_mps, move.accel_mps2)
         self._tracker = Tracker(t_ns, self._config.tracking)
 
     def _settle(self, t_ns: int, state: VehicleState) -> None:
         """The turn begins when the vehicle is at its first point and faces the centre."""
         config, move = self._orbit_config, self._config.move
-        assert self._line is not None and self._tracker is not None and self._orbit is not None
-        end_ned_m = self._line.end_ned_m
+        assert self._way_in is not None and self._tracker is not None and self._orbit is not None
+        end_ned_m = self._way_in.end_ned_m
         away_m = norm(subtract(end_ned_m, position_now(state)))
         yaw_rad, _ = facing(end_ned_m, (0.0, 0.0, 0.0), self._orbit.center_ned_m)
         turned = abs(wrap_pi(yaw_rad - state.yaw_rad)) < config.settled_rad
@@ -185,7 +185,9 @@ class GetImages:
         done = self._asked == goal.num_images and not self.capture.waits
         return done and (over or goal.num_images == 1)
 
-    def _move(self, t_ns: int, dt_s: float, goal: GetImagesGoal, path: Line | Orbit, state: VehicleState) -> Move:
+    def _move(
+        self, t_ns: int, dt_s: float, goal: GetImagesGoal, path: TimedStraightPath | Orbit, state: VehicleState
+    ) -> Move:
         assert self._tracker is not None
         reference = path.at(self._tracker.time_s)
         lead_ned_mps = scale(reference.acc_ned_mps2, self._orbit_config.velocity_lead_s)
@@ -212,15 +214,15 @@ class GetImages:
         if self._arrived_ns is not None:
             self._yaw_rad, rate_rps = facing(position_now(state), state.vel_uav_ned_mps, goal.center_ned_m)
             return self._yaw_rad, rate_rps
-        assert self._line is not None
-        wanted_rad, _ = facing(self._line.end_ned_m, (0.0, 0.0, 0.0), goal.center_ned_m)
+        assert self._way_in is not None
+        wanted_rad, _ = facing(self._way_in.end_ned_m, (0.0, 0.0, 0.0), goal.center_ned_m)
         reach_rad = self._config.move.yaw_rate_rps * dt_s
         turn_rad = wrap_pi(wanted_rad - self._yaw_rad)
         self._yaw_rad = wrap_pi(self._yaw_rad + min(reach_rad, max(-reach_rad, turn_rad)))
         return self._yaw_rad, 0.0
 
 
-def shape_refusal(goal: GetImagesGoal, config: GetImagesConfig, limits: Limits) -> str:
+def shape_refusal(goal: GetImagesGoal, config: GetImagesConfig, limits: LimitsConfig) -> str:
     """Why nobody could fly this, or ""; each tells what to do."""
     if not 1 <= goal.num_images <= IMAGES_MAX:
         return f"{goal.num_images} pictures: ask for 1 to {IMAGES_MAX}"
@@ -236,7 +238,7 @@ def shape_refusal(goal: GetImagesGoal, config: GetImagesConfig, limits: Limits) 
     return far_refusal(goal.center_ned_m, goal.radius_m, limits) or speed_refusal(goal.speed_mps, limits)
 
 
-def far_refusal(center_ned_m: Vec3, radius_m: float, limits: Limits) -> str:
+def far_refusal(center_ned_m: Vec3, radius_m: float, limits: LimitsConfig) -> str:
     """Why the circle's farthest point is too far away, or ""."""
     share = 1.0 + radius_m / max(hypot(center_ned_m[0], center_ned_m[1]), 1e-9)
     if hypot(center_ned_m[0], center_ned_m[1]) < 1e-6:

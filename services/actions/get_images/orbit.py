@@ -1,68 +1,10 @@
 """The geometry of a flight around a target, and where the camera must look. Source: thesis §3.5, eqs. 3.1 to 3.6."""
 
-from dataclasses import dataclass
-from math import atan2, copysign, cos, hypot, pi, sin, sqrt
+from math import atan2, copysign, cos, hypot, pi, sin
 
-from jezero.frames import Quat, Vec3, add, distance, quat_conjugate, quat_rotate, scale, subtract, wrap_pi
+from jezero.frames import Quat, Vec3, quat_conjugate, quat_rotate, wrap_pi
+from jezero.services.actions.motion.speed_profile import SpeedProfile
 from jezero.services.actions.motion.tracking import Reference
-
-ZERO: Vec3 = (0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True, slots=True)
-class Profile:
-    """A way from rest to rest with a trapezoidal speed: how far, how fast and how hard at a time.
-
-    Attributes:
-        acceleration_mps2: speeding up and braking.
-    """
-
-    length_m: float
-    speed_mps: float
-    acceleration_mps2: float
-
-    @property
-    def top_mps(self) -> float:
-        """Less than `speed_mps` where the way is too short for it."""
-        return min(self.speed_mps, sqrt(self.acceleration_mps2 * self.length_m))
-
-    @property
-    def duration_s(self) -> float:
-        if self.length_m <= 0.0:
-            return 0.0
-        return self.length_m / self.top_mps + self.top_mps / self.acceleration_mps2
-
-    def at(self, time_s: float) -> tuple[float, float, float]:
-        """Distance, speed and acceleration along the way; before and after it at rest."""
-        a, top_mps, duration_s = self.acceleration_mps2, self.top_mps, self.duration_s
-        if time_s <= 0.0 or time_s >= duration_s:
-            return (0.0 if time_s <= 0.0 else self.length_m), 0.0, 0.0
-        ramp_s, left_s = top_mps / a, duration_s - time_s
-        if time_s < ramp_s:
-            return 0.5 * a * time_s * time_s, a * time_s, a
-        if left_s < ramp_s:
-            return self.length_m - 0.5 * a * left_s * left_s, a * left_s, -a
-        return top_mps * (time_s - 0.5 * ramp_s), top_mps, 0.0
-
-
-class Line:
-    """Straight from one point to another."""
-
-    def __init__(self, start_ned_m: Vec3, end_ned_m: Vec3, speed_mps: float, acceleration_mps2: float) -> None:
-        self.end_ned_m = end_ned_m
-        length_m = distance(start_ned_m, end_ned_m)
-        self.profile = Profile(length_m, speed_mps, acceleration_mps2)
-        self._start_ned_m = start_ned_m
-        self._direction = scale(subtract(end_ned_m, start_ned_m), 1.0 / length_m) if length_m > 0.0 else ZERO
-
-    def at(self, time_s: float) -> Reference:
-        """Position, velocity and acceleration."""
-        way_m, speed_mps, acceleration_mps2 = self.profile.at(time_s)
-        return Reference(
-            add(self._start_ned_m, scale(self._direction, way_m)),
-            scale(self._direction, speed_mps),
-            scale(self._direction, acceleration_mps2),
-        )
 
 
 class Orbit:
@@ -79,7 +21,7 @@ class Orbit:
         self.center_ned_m = center_ned_m
         self.radius_m = radius_m
         self.phase_rad = phase_rad
-        self.profile = Profile(2.0 * pi * radius_m, speed_mps, acceleration_mps2)
+        self.profile = SpeedProfile(2.0 * pi * radius_m, speed_mps, acceleration_mps2)
 
     def at(self, time_s: float) -> Reference:
         """Position, velocity and acceleration: on the circle, along it, and towards the centre."""

@@ -5,7 +5,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from jezero.frames import Vec3, add, distance, subtract
-from jezero.schemas.actions import GoToGoal, MoveResult
+from jezero.schemas.actions import GoToGoal, MoveFeedback, MoveResult
 from jezero.schemas.commands import Phase
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.topics import RELATIVE, Topic
@@ -14,8 +14,8 @@ from jezero.services.actions.lifecycle.behaviour import Done, Move, Selection, V
 from jezero.services.actions.lifecycle.capture import Capture
 from jezero.services.actions.motion.limits import distance_refusal, point_refusal, speed_refusal
 from jezero.services.actions.motion.rover_frame import in_world, lost_reason, seen_from_rover
-from jezero.services.actions.motion.straight_path import Leg
-from jezero.services.actions.takeoff.behaviour import Climb, follow
+from jezero.services.actions.motion.straight_path import StraightPath
+from jezero.services.actions.takeoff.climb import Climb
 
 
 class GoTo:
@@ -29,7 +29,7 @@ class GoTo:
         self._config = config
         self._goal: GoToGoal | None = None
         self._climb: Climb | None = None
-        self._leg: Leg | None = None
+        self._path: StraightPath | None = None
         self._take_off = False
         self._follows_rover = False
 
@@ -59,12 +59,12 @@ class GoTo:
         if self._take_off:
             self._climb = Climb(t_ns, self._config.go_to.takeoff_altitude_m, state, self._config)
         elif not self._follows_rover:
-            self._leg = self._leg_from(t_ns, goal, state.pos_uav_ned_m, state.yaw_rad)
+            self._path = self._path_from(t_ns, goal, state.pos_uav_ned_m, state.yaw_rad)
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
         goal = self._goal
         assert goal is not None, "step before start"
-        if self._climb is not None and not self._climb.leg.reached:
+        if self._climb is not None and not self._climb.path.reached:
             return self._go_up(t_ns, goal, self._climb, state)
         if not self._follows_rover:
             return self._go_along(t_ns, goal, state)
@@ -83,38 +83,40 @@ class GoTo:
         problem = climb.step(t_ns, state)
         if problem:
             return Done("aborted", f"takeoff: {problem}")
-        left_m = climb.leg.left_m if self._follows_rover else distance(goal.target_ned_m, state.pos_uav_ned_m)
-        return follow(climb.leg, Phase.TAKEOFF, left_m, state)
+        left_m = climb.path.left_m if self._follows_rover else distance(goal.target_ned_m, state.pos_uav_ned_m)
+        return climb.path.move(Phase.TAKEOFF, _feedback(state, left_m))
 
     def _go_along(self, t_ns: int, goal: GoToGoal, state: VehicleState) -> Move | Done:
         """Towards the target, all in the goal's frame."""
-        if self._leg is None:
+        if self._path is None:
             start_ned_m, yaw_rad = state.pos_uav_ned_m, state.yaw_rad
             if self._climb is not None:
-                climbed = self._climb.leg
+                climbed = self._climb.path
                 start_ned_m = start_ned_m if self._follows_rover else climbed.end_ned_m
                 yaw_rad = climbed.yaw_rad
-            self._leg = self._leg_from(t_ns, goal, start_ned_m, yaw_rad)
-        self._leg.step(t_ns, state)
-        if problem := self._leg.stuck(t_ns):
+            self._path = self._path_from(t_ns, goal, start_ned_m, yaw_rad)
+        self._path.step(t_ns, state)
+        if problem := self._path.stuck(t_ns):
             return Done("aborted", problem)
-        if self._leg.reached:
-            return Done("succeeded", hover_pos_ned_m=self._leg.end_ned_m)
-        return follow(self._leg, Phase.GO_TO, self._leg.left_m, state)
+        if self._path.reached:
+            return Done("succeeded", hover_pos_ned_m=self._path.end_ned_m)
+        return self._path.move(Phase.GO_TO, _feedback(state, self._path.left_m))
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> MoveResult:
         return MoveResult(completed=completed, pos_uav_ned_m=pos_uav_ned_m)
 
-    def _leg_from(self, t_ns: int, goal: GoToGoal, start_ned_m: Vec3, yaw_rad: float) -> Leg:
-        move = self._config.move
+    def _path_from(self, t_ns: int, goal: GoToGoal, start_ned_m: Vec3, yaw_rad: float) -> StraightPath:
         speed_mps = self._config.go_to.speed_mps if goal.speed_mps is None else goal.speed_mps
-        return Leg(
+        return StraightPath(
             t_ns,
             start_ned_m,
             goal.target_ned_m,
             speed_mps=speed_mps,
-            lead_max_m=move.lead_m + move.lead_s * speed_mps,
-            config=move,
+            config=self._config.move,
             yaw_start_rad=yaw_rad,
             yaw_end_rad=goal.yaw_rad,
         )
+
+
+def _feedback(state: VehicleState, distance_m: float) -> MoveFeedback:
+    return MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, distance_m=distance_m)

@@ -1,7 +1,7 @@
 """When and how fast the vehicle may go down onto the platform, and how it knows that it has touched it."""
 
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import RoverLandConfig
+from jezero.services.actions.land_on_spot.config import RoverLandingConfig
 from jezero.services.actions.land_on_spot.platform_control import Pad
 
 BEGIN_WITHIN_M = 0.5
@@ -17,7 +17,7 @@ LOW_SIGMAS = 2.0
 class Descent:
     """The way down in a cone that narrows towards the middle of the platform."""
 
-    def __init__(self, config: RoverLandConfig) -> None:
+    def __init__(self, config: RoverLandingConfig) -> None:
         self._config = config
         self._waited_s = 0.0
         self._t_ns: int | None = None
@@ -39,7 +39,7 @@ class Descent:
             return wanted_mps
         cone_m = self._cone_m(pad)
         known = pad.std_m < config.std_m + config.std_per_m * pad.height_m
-        if known and pad.error_in_m(config.foresight_s) < cone_m and pad.speed_mps < config.speed_gate_mps:
+        if known and pad.error_in_m(config.prediction_s) < cone_m and pad.speed_mps < config.speed_gate_mps:
             self._waited_s = max(0.0, self._waited_s - passed_s)
             return wanted_mps
         self._waited_s += passed_s
@@ -57,7 +57,7 @@ class Descent:
     def _cone_m(self, pad: Pad) -> float:
         """Permitted error at this height; it widens with the time spent waiting, and narrows again."""
         config = self._config
-        return (config.cone_m + config.cone_per_m * pad.height_m) * (1.0 + self._waited_s / config.cone_patience_s)
+        return (config.cone_m + config.cone_per_m * pad.height_m) * (1.0 + self._waited_s / config.cone_widening_s)
 
 
 class Standing:
@@ -67,7 +67,7 @@ class Standing:
     the platform is measured, and the altimeter may not contradict.
     """
 
-    def __init__(self, config: RoverLandConfig) -> None:
+    def __init__(self, config: RoverLandingConfig) -> None:
         self._config = config
         self._since_ns: int | None = None
 

@@ -8,10 +8,11 @@ from jezero.schemas.actions import LandFeedback, LandOnSpotGoal, LandPhase, Land
 from jezero.schemas.commands import Phase
 from jezero.schemas.topics import ALTIMETER, Topic
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import ActionsConfig, LandConfig
+from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.land_on_spot.config import PlainLandingConfig
 from jezero.services.actions.land_on_spot.tilt_contact_detector import Edge, standing
 from jezero.services.actions.lifecycle.behaviour import Done, Move, Selection, VehicleState
-from jezero.services.actions.motion.straight_path import Leg
+from jezero.services.actions.motion.straight_path import StraightPath
 
 
 class PlainLanding:
@@ -27,9 +28,9 @@ class PlainLanding:
         self._config = config
         self._phase: LandPhase = "approach"
         self._spot_ned_m: Vec3 = (0.0, 0.0, 0.0)
-        self._leg: Leg | None = None
-        self._lift: Leg | None = None
-        self._speed_down_mps = config.land_on_spot.speed_high_mps
+        self._path: StraightPath | None = None
+        self._lift: StraightPath | None = None
+        self._speed_down_mps = config.land_on_spot.plain.speed_high_mps
         self._phase_since_ns = 0
         self._still_since_ns: int | None = None
         self._edge = Edge()
@@ -37,7 +38,7 @@ class PlainLanding:
 
     def start(self, t_ns: int, goal: LandOnSpotGoal, state: VehicleState) -> None:
         assert goal.landing_spot_ned_m is not None, "start without check"
-        move, land = self._config.move, self._config.land_on_spot
+        move, land = self._config.move, self._config.land_on_spot.plain
         x, y, z = state.pos_uav_ned_m
         height_m = altitude_m(z) if state.height_m is None else state.height_m
         up_m = max(0.0, land.approach_height_min_m - height_m)
@@ -45,17 +46,16 @@ class PlainLanding:
         above_ned_m = (self._spot_ned_m[0], self._spot_ned_m[1], z - up_m)
         start_ned_m = (x, y, z - up_m)
         speed_mps = land.speed_approach_mps
-        self._leg = Leg(
+        self._path = StraightPath(
             t_ns,
             start_ned_m,
             above_ned_m,
             speed_mps=speed_mps,
-            lead_max_m=move.lead_m + move.lead_s * speed_mps,
             config=move,
             yaw_start_rad=state.yaw_rad,
         )
         if up_m > move.reached_m:
-            self._lift = Leg(
+            self._lift = StraightPath(
                 t_ns,
                 (x, y, z),
                 start_ned_m,
@@ -69,7 +69,7 @@ class PlainLanding:
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
         if self._phase == "approach":
             return self._approach(t_ns, state)
-        land = self._config.land_on_spot
+        land = self._config.land_on_spot.plain
         if self._leaves_ns is not None:
             return self._leave(t_ns, self._leaves_ns, state, land)
         if state.landed:
@@ -83,7 +83,7 @@ class PlainLanding:
             return self._leave(t_ns, t_ns, state, land)
         return self._move(state, vel_ned_mps)
 
-    def _advance(self, t_ns: int, state: VehicleState, land: LandConfig) -> str:
+    def _advance(self, t_ns: int, state: VehicleState, land: PlainLandingConfig) -> str:
         """The next phase when it is time for it; why the landing is given up, or ""."""
         since_s = (t_ns - self._phase_since_ns) / NS_PER_S
         if self._phase == "descent":
@@ -97,7 +97,7 @@ class PlainLanding:
             self._enter("descent", t_ns)
         return ""
 
-    def _leave(self, t_ns: int, since_ns: int, state: VehicleState, land: LandConfig) -> Move | Done:
+    def _leave(self, t_ns: int, since_ns: int, state: VehicleState, land: PlainLandingConfig) -> Move | Done:
         """Up again, and leave it to others where else to land."""
         if t_ns - since_ns > land.leave_s * NS_PER_S:
             return Done("aborted", "the vehicle leaned over an edge or a rock at the landing spot: land somewhere else")
@@ -107,20 +107,20 @@ class PlainLanding:
         return LandResult(completed=completed, touchdown_ned_m=pos_uav_ned_m if completed else None)
 
     def _approach(self, t_ns: int, state: VehicleState) -> Move | Done:
-        leg = self._lift if self._lift is not None else self._leg
-        assert leg is not None, "step before start"
-        leg.step(t_ns, state)
-        if problem := leg.stuck(t_ns):
+        path = self._lift if self._lift is not None else self._path
+        assert path is not None, "step before start"
+        path.step(t_ns, state)
+        if problem := path.stuck(t_ns):
             return Done("aborted", f"approach: {problem}")
-        if leg.reached and self._lift is not None:
+        if path.reached and self._lift is not None:
             self._lift = None
-            assert self._leg is not None
-            self._leg.wait(t_ns, state)
-        elif leg.reached:
+            assert self._path is not None
+            self._path.wait(t_ns, state)
+        elif path.reached:
             self._enter("descent", t_ns)
-        return Move(Phase.LANDING, self._feedback(state), leg.pos_ned_m, leg.vel_ned_mps, leg.acc_ned_mps2, leg.yaw_rad)
+        return path.move(Phase.LANDING, self._feedback(state))
 
-    def _descent_velocity(self, state: VehicleState, land: LandConfig) -> Vec3:
+    def _descent_velocity(self, state: VehicleState, land: PlainLandingConfig) -> Vec3:
         """Towards the spot, and down: slower near the ground, and never faster again."""
         slow_m = land.slow_height_m
         height_m = state.height_m
@@ -133,7 +133,7 @@ class PlainLanding:
         shrink = min(1.0, land.speed_horizontal_max_mps / max(hypot(north, east), 1e-9))
         return (north * shrink, east * shrink, self._speed_down_mps)
 
-    def _touches(self, t_ns: int, state: VehicleState, land: LandConfig) -> bool:
+    def _touches(self, t_ns: int, state: VehicleState, land: PlainLandingConfig) -> bool:
         """Whether the range is below what the altimeter can measure in the air, or the descent has stopped."""
         if state.height_m is not None and state.height_m < land.contact_height_m:
             return True
@@ -154,8 +154,8 @@ class PlainLanding:
         self._still_since_ns = None
 
     def _move(self, state: VehicleState, vel_ned_mps: Vec3) -> Move:
-        assert self._leg is not None
-        return Move(Phase.LANDING, self._feedback(state), vel_ned_mps=vel_ned_mps, yaw_rad=self._leg.yaw_rad)
+        assert self._path is not None
+        return Move(Phase.LANDING, self._feedback(state), vel_ned_mps=vel_ned_mps, yaw_rad=self._path.yaw_rad)
 
     def _feedback(self, state: VehicleState) -> LandFeedback:
         spot_x, spot_y, _ = self._spot_ned_m

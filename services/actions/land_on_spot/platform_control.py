@@ -9,7 +9,7 @@ from typing import NamedTuple
 from jezero.frames import Vec3, add, altitude_m, scale
 from jezero.schemas.estimate import Relative
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import PadControlConfig
+from jezero.services.actions.land_on_spot.config import PlatformControlConfig
 
 AGE_MAX_NS = 500_000_000
 NORTH, EAST, DOWN = 0, 6, 11
@@ -80,7 +80,7 @@ def pad_at(t_ns: int, relative: Relative, feet_ned_m: Vec3) -> Pad:
 class PadControl:
     """Horizontal velocity over ground that brings the vehicle over the middle of the platform and keeps it there."""
 
-    def __init__(self, config: PadControlConfig) -> None:
+    def __init__(self, config: PlatformControlConfig) -> None:
         self._config = config
         self._integral_mps = (0.0, 0.0)
 

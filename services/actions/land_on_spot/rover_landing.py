@@ -40,11 +40,11 @@ class RoverLanding:
         rough_ned_m = None if goal.use_uwb else goal.landing_spot_ned_m
         self.selection: Selection | None = Selection(goal.use_uwb, goal.use_tag, rough_ned_m)
         self._tag_alone = not goal.use_uwb
-        self._land = config.land_on_rover
-        self._search_config = config.search
-        self._control = PadControl(config.pad_control)
-        self._descent = Descent(config.land_on_rover)
-        self._standing = Standing(config.land_on_rover)
+        self._land = config.land_on_spot.rover
+        self._search_config = config.land_on_spot.rover.search
+        self._control = PadControl(config.land_on_spot.rover.platform_control)
+        self._descent = Descent(config.land_on_spot.rover)
+        self._standing = Standing(config.land_on_spot.rover)
         self._phase: LandPhase = "approach"
         self._search: Search | None = None
         self._pad: Pad | None = None
@@ -113,11 +113,11 @@ class RoverLanding:
         """An estimate that says where the rover is, but not well enough to go down by."""
         pad = pad_at(t_ns, relative, self._feet_ned_m)
         fresh = (t_ns - relative.fused_t_ns) / NS_PER_S < self._land.coast_s
-        return pad if fresh and pad.std_m < self._land.rough_share * pad.error_m else None
+        return pad if fresh and pad.std_m < self._land.std_rough_per_m * pad.error_m else None
 
     def _lean(self, dt_s: float, state: VehicleState) -> None:
         """A vehicle that leans against the wind puts its feet downwind of its centre of mass, and ends above them."""
-        share = min(1.0, dt_s / self._land.lean_tau_s)
+        share = min(1.0, dt_s / self._land.tilt_time_constant_s)
         north_m, east_m, _ = self._feet_ned_m
         wanted_north_m, wanted_east_m = (self._land.feet_below_m * lean for lean in state.down_ned)
         self._feet_ned_m = (
@@ -136,7 +136,7 @@ class RoverLanding:
             self._vel_believed_ned_mps = state.rover.vel_rover_ned_mps
         elif self._pos_believed_ned_m is not None:
             if self._phase == "search":
-                share = exp(-dt_s / self._search_config.tau_drive_s)
+                share = exp(-dt_s / self._search_config.drive_time_constant_s)
                 self._vel_believed_ned_mps = scale(self._vel_believed_ned_mps, share)
             self._pos_believed_ned_m = add(self._pos_believed_ned_m, scale(self._vel_believed_ned_mps, dt_s))
         if self._pad is not None and self._pos_believed_ned_m is not None:

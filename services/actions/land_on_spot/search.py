@@ -4,7 +4,7 @@ from math import cos, hypot, pi, sin
 
 from jezero.frames import Vec3
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import SearchConfig
+from jezero.services.actions.land_on_spot.config import SearchConfig
 
 CORNERS = 6
 

@@ -40,7 +40,7 @@ from jezero.schemas.state import Odometry
 from jezero.schemas.struct import Message
 from jezero.schemas.topics import ALTIMETER, CAMERA, CAMERA_INFO, GNSS, IMU, ODOMETRY, Topic
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import CaptureConfig
+from jezero.services.actions.lifecycle.config import CaptureConfig
 
 EARLY_NS = 50_000_000
 GAP_MAX_NS = 250_000_000

@@ -5,7 +5,7 @@ from jezero.schemas.commands import AcquireReply
 from jezero.schemas.state import Clock, Status, StatusCode
 from jezero.schemas.topics import CLOCK, STATUS
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import LifecycleConfig
+from jezero.services.actions.lifecycle.config import LifecycleConfig
 
 BRIDGE_BEFORE_NS = 100_000_000
 """A status of another run of the bridge, until so long after the grant, is from the run before."""

@@ -36,13 +36,14 @@ from jezero.schemas.topics import (
     feedback_of,
 )
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import LifecycleConfig, Limits
 from jezero.services.actions.lifecycle.behaviour import Behaviour, Done, Move, Verdict
 from jezero.services.actions.lifecycle.capture import CAPTURE_INPUTS, Capture
+from jezero.services.actions.lifecycle.config import LifecycleConfig
 from jezero.services.actions.lifecycle.control_lease import Control
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 from jezero.services.actions.lifecycle.vehicle_view import VehicleView, is_fresh
+from jezero.services.actions.motion.config import LimitsConfig
 from jezero.services.actions.motion.limits import beyond_limits
 
 RETRY_S = 0.2
@@ -72,7 +73,7 @@ class GoalRun:
         behaviour: Behaviour,
         verdict: Verdict,
         config: LifecycleConfig,
-        limits: Limits,
+        limits: LimitsConfig,
         status: Status,
         spool: PictureStore | None = None,
     ) -> None:
@@ -121,7 +122,7 @@ class GoalRun:
             yield from self._acquire(t_ns, inbox)
             return
         self.stage = "looking"
-        self._deadline_ns = t_ns + int(self._config.look_timeout_s * NS_PER_S)
+        self._deadline_ns = t_ns + int(self._config.check_timeout_s * NS_PER_S)
         yield Subscribe((ODOMETRY, *self._inputs))
 
     def _acquire(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:

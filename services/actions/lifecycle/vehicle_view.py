@@ -12,8 +12,8 @@ from jezero.schemas.state import Odometry
 from jezero.schemas.struct import Message
 from jezero.schemas.topics import ALTIMETER, ODOMETRY, RELATIVE, ROVER_ESTIMATE, STATUS, Topic
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import LifecycleConfig
 from jezero.services.actions.lifecycle.behaviour import VehicleState
+from jezero.services.actions.lifecycle.config import LifecycleConfig
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 
 STAYED: Vec3 = (0.0, 0.0, 0.0)

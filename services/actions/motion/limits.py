@@ -1,10 +1,10 @@
 """Refusals that several actions share: each tells the number, the limit and what to do."""
 
 from jezero.frames import Vec3, altitude_m, horizontal
-from jezero.services.actions.config import Limits
+from jezero.services.actions.motion.config import LimitsConfig
 
 
-def point_refusal(point_ned_m: Vec3, limits: Limits) -> str:
+def point_refusal(point_ned_m: Vec3, limits: LimitsConfig) -> str:
     """Why the vehicle may not fly to a point, or ""."""
     z = point_ned_m[2]
     if not z < 0.0:
@@ -12,7 +12,7 @@ def point_refusal(point_ned_m: Vec3, limits: Limits) -> str:
     return beyond_limits(point_ned_m, limits)
 
 
-def beyond_limits(point_ned_m: Vec3, limits: Limits) -> str:
+def beyond_limits(point_ned_m: Vec3, limits: LimitsConfig) -> str:
     """Why a point is too high or too far away, or ""."""
     up_m = altitude_m(point_ned_m[2])
     if not up_m <= limits.altitude_max_m:
@@ -20,7 +20,7 @@ def beyond_limits(point_ned_m: Vec3, limits: Limits) -> str:
     return distance_refusal(point_ned_m, limits)
 
 
-def distance_refusal(point_ned_m: Vec3, limits: Limits) -> str:
+def distance_refusal(point_ned_m: Vec3, limits: LimitsConfig) -> str:
     """Why a point is too far away, or ""."""
     distance_m = horizontal(point_ned_m)
     if not distance_m <= limits.distance_max_m:
@@ -28,7 +28,7 @@ def distance_refusal(point_ned_m: Vec3, limits: Limits) -> str:
     return ""
 
 
-def speed_refusal(speed_mps: float | None, limits: Limits) -> str:
+def speed_refusal(speed_mps: float | None, limits: LimitsConfig) -> str:
     """Why a speed may not be flown, or ""."""
     if speed_mps is None or limits.speed_min_mps <= speed_mps <= limits.speed_max_mps:
         return ""

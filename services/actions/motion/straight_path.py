@@ -1,11 +1,17 @@
-"""A straight flight from one point to another: the moving reference, its heading, and the test of arrival."""
+"""Straight paths from one point to another, with trapezoidal speed profiles.
 
-from math import sqrt
+`StraightPath` moves its reference step by step and lets it wait for the vehicle; it also turns the heading and tests
+for arrival. `TimedStraightPath` gives its reference as a function of time, for the `Tracker`, which does the waiting.
+"""
 
-from jezero.frames import Vec3, distance, norm, scale, subtract, wrap_pi
+from jezero.frames import Vec3, add, distance, norm, scale, subtract, wrap_pi
+from jezero.schemas.actions import ImagesFeedback, LandFeedback, MoveFeedback
+from jezero.schemas.commands import Phase
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import MoveConfig
-from jezero.services.actions.lifecycle.behaviour import VehicleState
+from jezero.services.actions.lifecycle.behaviour import Move, VehicleState
+from jezero.services.actions.motion.config import MoveConfig
+from jezero.services.actions.motion.speed_profile import SpeedProfile, next_speed_mps
+from jezero.services.actions.motion.tracking import ZERO, Reference
 
 STEP_MAX_S = 0.1
 """A server that was frozen goes on where it was instead of jumping ahead."""
@@ -13,8 +19,8 @@ LEAD_GAIN_1PS = 4.0
 PROGRESS_M = 0.1
 
 
-def line_speed_mps(start_ned_m: Vec3, end_ned_m: Vec3, speed_mps: float, config: MoveConfig) -> float:
-    """`speed_mps`, or less where the line would exceed a vertical speed limit."""
+def straight_speed_mps(start_ned_m: Vec3, end_ned_m: Vec3, speed_mps: float, config: MoveConfig) -> float:
+    """`speed_mps`, or less where a straight path would exceed a vertical speed limit."""
     length = distance(start_ned_m, end_ned_m)
     down = end_ned_m[2] - start_ned_m[2]
     vertical_max = config.speed_down_mps if down > 0.0 else config.speed_up_mps
@@ -23,21 +29,25 @@ def line_speed_mps(start_ned_m: Vec3, end_ned_m: Vec3, speed_mps: float, config:
     return vertical_max * length / abs(down)
 
 
-class Leg:
-    """Runs a reference point along a line with a trapezoidal speed profile.
+class StraightPath:
+    """A straight path whose reference point moves with a trapezoidal speed profile, step by step.
 
     The reference waits for a vehicle that falls behind, so that an obstacle, a gust or a slow take-off never builds
     up a distant setpoint.
 
     Args:
-        speed_mps: along the line; vertical limits apply besides.
-        lead_max_m: how far the reference may be ahead of the vehicle.
-        yaw_end_rad: heading to turn to, None keeps `yaw_start_rad`.
+        speed_mps: along the path; the vertical limits of `config` apply besides.
+        yaw_end_rad: heading to turn to; None keeps `yaw_start_rad`.
+        lead_max_m: greatest distance of the reference ahead of the vehicle; None: by `config` and `speed_mps`.
 
     Attributes:
-        pos_ned_m, vel_ned_mps, acc_ned_mps2, yaw_rad: of the reference.
-        left_m: from the vehicle to the end.
-        reached: the vehicle has arrived, by spec §1.
+        end_ned_m: end of the path.
+        pos_ned_m: position of the reference.
+        vel_ned_mps: velocity of the reference.
+        acc_ned_mps2: acceleration of the reference.
+        yaw_rad: heading of the reference.
+        left_m: distance from the vehicle to the end.
+        reached: whether the vehicle has arrived, by spec §1.
     """
 
     def __init__(
@@ -47,10 +57,10 @@ class Leg:
         end_ned_m: Vec3,
         *,
         speed_mps: float,
-        lead_max_m: float,
         config: MoveConfig,
         yaw_start_rad: float,
         yaw_end_rad: float | None = None,
+        lead_max_m: float | None = None,
     ) -> None:
         self.end_ned_m = end_ned_m
         self.pos_ned_m = start_ned_m
@@ -61,8 +71,8 @@ class Leg:
         self._start_ned_m = start_ned_m
         self._length_m = distance(start_ned_m, end_ned_m)
         self._direction = scale(subtract(end_ned_m, start_ned_m), 1.0 / max(self._length_m, 1e-9))
-        self._speed_max_mps = line_speed_mps(start_ned_m, end_ned_m, speed_mps, config)
-        self._lead_max_m = lead_max_m
+        self._speed_max_mps = straight_speed_mps(start_ned_m, end_ned_m, speed_mps, config)
+        self._lead_max_m = config.lead_m + config.lead_s * speed_mps if lead_max_m is None else lead_max_m
         self._config = config
         self._yaw_end_rad = yaw_start_rad if yaw_end_rad is None else wrap_pi(yaw_end_rad)
         self.left_m = self._length_m
@@ -74,36 +84,38 @@ class Leg:
         self._nearer_ns = t_ns
 
     def step(self, t_ns: int, state: VehicleState) -> None:
-        """Move the reference on and look whether the vehicle has arrived."""
+        """Move the reference on and test whether the vehicle has arrived."""
         dt = min(max((t_ns - self._t_ns) / NS_PER_S, 0.0), STEP_MAX_S)
         self._t_ns = t_ns
         self._advance(dt, distance(self.pos_ned_m, state.pos_uav_ned_m))
         turned = self.yaw_rad == self._yaw_end_rad or self._turn(dt)
-        self._judge(t_ns, state, turned=turned)
+        self._test_arrival(t_ns, state, turned=turned)
 
     def wait(self, t_ns: int, state: VehicleState) -> None:
-        """Keep the reference where it is; the time doesn't count as lack of progress."""
+        """Keep the reference where it is; this time doesn't count as lack of progress."""
         self.left_m = distance(self.end_ned_m, state.pos_uav_ned_m)
         self._t_ns = t_ns
         self._nearer_ns = t_ns
 
     def stuck(self, t_ns: int) -> str:
-        """Why the leg can't be finished, or "" while it gets on."""
+        """Reason why the end can't be reached, or "" while the vehicle makes progress."""
         stuck_s = (t_ns - self._nearer_ns) / NS_PER_S
         if stuck_s <= self._config.progress_timeout_s:
             return ""
         return f"no progress for {stuck_s:.0f} s: still {self._nearest_m:.2f} m from the target"
 
+    def move(self, phase: Phase, feedback: MoveFeedback | LandFeedback | ImagesFeedback) -> Move:
+        """Setpoint of the reference, with the action's feedback."""
+        return Move(phase, feedback, self.pos_ned_m, self.vel_ned_mps, self.acc_ned_mps2, self.yaw_rad)
+
     def _advance(self, dt: float, lead_m: float) -> None:
         accel, speed_before_mps = self._config.accel_mps2, self._speed_mps
         remaining = self._length_m - self._travelled_m
         (x, y, z), (n, e, d) = self._start_ned_m, self._direction
-        self._speed_mps = min(
-            self._speed_mps + accel * dt,
-            self._speed_max_mps,
-            sqrt(2.0 * accel * remaining),
-            max(LEAD_GAIN_1PS * (self._lead_max_m - lead_m), 0.0),
+        free_mps = next_speed_mps(
+            self._speed_mps, dt, speed_max_mps=self._speed_max_mps, accel_mps2=accel, remaining_m=remaining
         )
+        self._speed_mps = min(free_mps, max(LEAD_GAIN_1PS * (self._lead_max_m - lead_m), 0.0))
         step_m = self._speed_mps * dt
         if remaining - step_m < 1e-3:
             self._travelled_m = self._length_m
@@ -118,7 +130,7 @@ class Leg:
         self.acc_ned_mps2 = (n * change, e * change, d * change)
 
     def _turn(self, dt: float) -> bool:
-        """Returns whether the reference's heading is the wanted one."""
+        """Turn the reference's heading; returns whether it is the wanted one."""
         turn = wrap_pi(self._yaw_end_rad - self.yaw_rad)
         turn_max = self._config.yaw_rate_rps * dt
         if abs(turn) <= turn_max:
@@ -127,7 +139,7 @@ class Leg:
         self.yaw_rad = wrap_pi(self.yaw_rad + min(max(turn, -turn_max), turn_max))
         return False
 
-    def _judge(self, t_ns: int, state: VehicleState, *, turned: bool) -> None:
+    def _test_arrival(self, t_ns: int, state: VehicleState, *, turned: bool) -> None:
         config = self._config
         distance_m = self.left_m = distance(self.end_ned_m, state.pos_uav_ned_m)
         if distance_m < self._nearest_m - PROGRESS_M:
@@ -139,3 +151,23 @@ class Leg:
         elif self._within_since_ns is None:
             self._within_since_ns = t_ns
         self.reached = self._within_since_ns is not None and t_ns - self._within_since_ns >= config.reached_s * NS_PER_S
+
+
+class TimedStraightPath:
+    """A straight path as a function of time."""
+
+    def __init__(self, start_ned_m: Vec3, end_ned_m: Vec3, speed_mps: float, acceleration_mps2: float) -> None:
+        self.end_ned_m = end_ned_m
+        length_m = distance(start_ned_m, end_ned_m)
+        self.profile = SpeedProfile(length_m, speed_mps, acceleration_mps2)
+        self._start_ned_m = start_ned_m
+        self._direction = scale(subtract(end_ned_m, start_ned_m), 1.0 / length_m) if length_m > 0.0 else ZERO
+
+    def at(self, time_s: float) -> Reference:
+        """Reference at a time since the start."""
+        way_m, speed_mps, acceleration_mps2 = self.profile.at(time_s)
+        return Reference(
+            add(self._start_ned_m, scale(self._direction, way_m)),
+            scale(self._direction, speed_mps),
+            scale(self._direction, acceleration_mps2),
+        )

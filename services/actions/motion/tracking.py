@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 from jezero.frames import Vec3, add, distance, norm, scale, subtract
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import TrackingConfig
 from jezero.services.actions.lifecycle.behaviour import VehicleState
+from jezero.services.actions.motion.config import TrackingConfig
 
 STEP_MAX_S = 0.1
 """A server that was frozen goes on where it was instead of jumping ahead."""

@@ -13,11 +13,12 @@ from jezero.frames import Quat, Vec3, norm, quat_from_euler, wrap_pi
 from jezero.schemas.actions import GoToGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.commands import Phase
 from jezero.schemas.state import Status
-from jezero.services.actions.config import ActionsConfig, MoveConfig
+from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.go_to.behaviour import GoTo
 from jezero.services.actions.land_on_spot.behaviour import LandOnSpot
 from jezero.services.actions.lifecycle.behaviour import Behaviour, Done, Move, VehicleState
-from jezero.services.actions.motion.straight_path import Leg, line_speed_mps
+from jezero.services.actions.motion.config import MoveConfig
+from jezero.services.actions.motion.straight_path import StraightPath, straight_speed_mps
 from jezero.services.actions.takeoff.behaviour import Takeoff
 from tests.services.actions.fake_bridge import follow
 
@@ -185,10 +186,10 @@ def test_setpoints_are_finite_and_within_the_speed_limits(
 
 def test_the_vertical_limits_slow_a_steep_line() -> None:
     move = MoveConfig()
-    assert line_speed_mps((0.0, 0.0, 0.0), (3.0, 0.0, -4.0), 5.0, move) == pytest.approx(1.5 * 5.0 / 4.0)
-    assert line_speed_mps((0.0, 0.0, -4.0), (3.0, 0.0, 0.0), 5.0, move) == pytest.approx(1.0 * 5.0 / 4.0)
-    assert line_speed_mps((0.0, 0.0, -4.0), (3.0, 0.0, -4.0), 5.0, move) == 5.0
-    assert line_speed_mps((0.0, 0.0, -4.0), (0.0, 0.0, -4.0), 5.0, move) == 5.0
+    assert straight_speed_mps((0.0, 0.0, 0.0), (3.0, 0.0, -4.0), 5.0, move) == pytest.approx(1.5 * 5.0 / 4.0)
+    assert straight_speed_mps((0.0, 0.0, -4.0), (3.0, 0.0, 0.0), 5.0, move) == pytest.approx(1.0 * 5.0 / 4.0)
+    assert straight_speed_mps((0.0, 0.0, -4.0), (3.0, 0.0, -4.0), 5.0, move) == 5.0
+    assert straight_speed_mps((0.0, 0.0, -4.0), (0.0, 0.0, -4.0), 5.0, move) == 5.0
 
 
 def test_a_frozen_server_goes_on_where_it_was() -> None:
@@ -215,15 +216,15 @@ def test_the_reference_waits_for_a_vehicle_that_is_held_back() -> None:
     assert max(norm(state.vel_uav_ned_mps) for state, _ in flight.moves) < 4.0
 
 
-def test_a_leg_without_length_is_reached_at_once() -> None:
-    leg = Leg(
+def test_a_path_without_length_is_reached_at_once() -> None:
+    path = StraightPath(
         0, (1.0, 1.0, -1.0), (1.0, 1.0, -1.0), speed_mps=2.0, lead_max_m=1.0, config=MoveConfig(), yaw_start_rad=0
     )
     state = hovering((1.0, 1.0, -1.0))
     for step in range(60):
-        leg.step(step * 20_000_000, state)
-    assert leg.reached
-    assert leg.vel_ned_mps == STILL
+        path.step(step * 20_000_000, state)
+    assert path.reached
+    assert path.vel_ned_mps == STILL
 
 
 LAND = LandOnSpotGoal(use_uwb=False, use_tag=False, landing_spot_ned_m=(2.0, -1.0, 0.0))

@@ -15,8 +15,10 @@ from jezero.schemas.commands import Phase
 from jezero.schemas.estimate import Relative
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.get_images.behaviour import GetImages
-from jezero.services.actions.get_images.orbit import Line, Orbit, Profile, aim, facing, nearest_phase
+from jezero.services.actions.get_images.orbit import Orbit, aim, facing, nearest_phase
 from jezero.services.actions.lifecycle.behaviour import Done, Move, VehicleState
+from jezero.services.actions.motion.speed_profile import SpeedProfile
+from jezero.services.actions.motion.straight_path import TimedStraightPath
 from tests.services.actions.fake_bridge import follow
 from tests.services.actions.test_behaviours import a_status, hovering
 
@@ -60,17 +62,17 @@ def test_a_speed_that_the_circle_or_the_camera_does_not_allow_is_lowered_and_sai
 
 
 def test_a_profile_goes_from_rest_to_rest() -> None:
-    profile = Profile(4.0, 1.0, 0.5)
+    profile = SpeedProfile(4.0, 1.0, 0.5)
     assert profile.duration_s == pytest.approx(6.0)
     assert profile.at(-1.0) == (0.0, 0.0, 0.0)
     assert profile.at(1.0) == pytest.approx((0.25, 0.5, 0.5))
     assert profile.at(3.0) == pytest.approx((2.0, 1.0, 0.0))
     assert profile.at(5.0) == pytest.approx((3.75, 0.5, -0.5))
     assert profile.at(9.0) == (4.0, 0.0, 0.0)
-    short = Profile(0.5, 1.0, 0.5)
+    short = SpeedProfile(0.5, 1.0, 0.5)
     assert short.top_mps == pytest.approx(0.5)
     assert short.duration_s == pytest.approx(2.0)
-    assert Profile(0.0, 1.0, 0.5).at(0.0) == (0.0, 0.0, 0.0)
+    assert SpeedProfile(0.0, 1.0, 0.5).at(0.0) == (0.0, 0.0, 0.0)
 
 
 @given(time_s=st.floats(0.01, 14.5), phase_rad=st.floats(-pi, pi))
@@ -78,7 +80,7 @@ def test_velocity_and_acceleration_are_the_derivatives(time_s: float, phase_rad:
     step_s = 1e-4
     for path in (
         Orbit((1.0, 2.0, -4.0), 2.0, phase_rad, 1.0, 0.5),
-        Line((0.0, 0.0, -1.0), (3.0, -5.0, -2.0), 1.0, 0.5),
+        TimedStraightPath((0.0, 0.0, -1.0), (3.0, -5.0, -2.0), 1.0, 0.5),
     ):
         a, b, c = (path.at(time_s + k * step_s) for k in (-1, 0, 1))
         ramps = (path.profile.top_mps / 0.5, path.profile.duration_s - path.profile.top_mps / 0.5)

@@ -16,8 +16,8 @@ from jezero.schemas.images import ImageReply
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Odometry
 from jezero.schemas.struct import Message
-from jezero.services.actions.config import CaptureConfig
 from jezero.services.actions.lifecycle.capture import Capture, Shot
+from jezero.services.actions.lifecycle.config import CaptureConfig
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from tests.services.actions.fake_camera import frame, gnss, imu, info
 

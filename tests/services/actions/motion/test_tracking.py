@@ -5,8 +5,8 @@ from math import cos, hypot, sin
 import pytest
 
 from jezero.frames import Vec3, add, scale, subtract
-from jezero.services.actions.config import TrackingConfig
 from jezero.services.actions.lifecycle.behaviour import VehicleState
+from jezero.services.actions.motion.config import TrackingConfig
 from jezero.services.actions.motion.tracking import Reference, Tracker
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)

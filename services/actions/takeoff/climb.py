@@ -1,0 +1,38 @@
+"""The climb of a takeoff, which `go_to` flies too."""
+
+from jezero.schemas.units import NS_PER_S
+from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.lifecycle.behaviour import VehicleState
+from jezero.services.actions.motion.straight_path import StraightPath
+
+
+class Climb:
+    """A climb straight up from the ground, which waits at its start until the vehicle is armed.
+
+    Args:
+        altitude_m: above the present point, positive up.
+
+    Attributes:
+        path: of the climb.
+    """
+
+    def __init__(self, t_ns: int, altitude_m: float, state: VehicleState, config: ActionsConfig) -> None:
+        x, y, z = state.pos_uav_ned_m
+        self.path = StraightPath(
+            t_ns,
+            (x, y, z),
+            (x, y, z - altitude_m),
+            speed_mps=config.move.speed_up_mps,
+            lead_max_m=config.takeoff.lead_m,
+            config=config.move,
+            yaw_start_rad=state.yaw_rad,
+        )
+        self._arm_by_ns = t_ns + int(config.takeoff.arming_timeout_s * NS_PER_S)
+
+    def step(self, t_ns: int, state: VehicleState) -> str:
+        """Move the reference on; returns the reason why the climb can't go on, or ""."""
+        if not state.armed:
+            self.path.wait(t_ns, state)
+            return "the vehicle was not armed in time" if t_ns > self._arm_by_ns else ""
+        self.path.step(t_ns, state)
+        return self.path.stuck(t_ns)
