@@ -1,4 +1,4 @@
-"""Settings of the estimator. What people may change while it runs is in `Tuning`."""
+"""Settings of the estimator. `Tuning` holds those that can be changed while it runs."""
 
 from typing import Annotated
 
@@ -13,21 +13,27 @@ Mount = tuple[Small, Small, Small]
 
 
 class Tuning(Config, frozen=True, kw_only=True):
-    """Which inputs are used, and how far everything is trusted; readable and settable while running.
+    """Inputs to use, and the noise of sensors and motion; readable and settable while the estimator runs.
 
-    Source of the names' meaning: thesis §4.3.1. Standard deviations are those of one measurement.
+    Source: thesis §4.3.1. Each standard deviation is that of one measurement, unless stated otherwise.
 
     Attributes:
-        use_uwb, use_tag: while no goal has leased another selection.
-        std_rover_m: of a rough position of the rover that somebody gives, on each axis.
-        std_uwb_m: of a range; larger than its white noise, as each anchor has a constant error besides.
-        scale_std_tag: factor on what the tag detector claims.
-        std_altimeter_m: of the laser range.
-        std_yaw_rover_rad, std_yaw_rate_rover_rps, std_speed_rover_mps: of the rover's compass and odometry.
-        std_tilt_rad, std_heading_rad: of the constant part of the vehicle's attitude error.
-        std_vel_uav_mps, tau_vel_uav_s: of the slow error of the autopilot's velocity.
-        psd_acc_uav_m2ps3, psd_acc_rover_m2ps3: of the accelerations that drive vehicle and rover.
-        rate_relative_hz: at most so often the result is published.
+        use_uwb: fuse UWB ranges, unless a goal's lease says otherwise.
+        use_tag: fuse tag detections, unless a goal's lease says otherwise.
+        std_rover_m: standard deviation of a given prior position of the rover, on each axis.
+        std_uwb_m: standard deviation of a range; larger than its white noise, as each anchor also has a bias.
+        scale_std_tag: factor on the standard deviations that the tag detector reports.
+        std_altimeter_m: standard deviation of the laser range.
+        std_yaw_rover_rad: standard deviation of the rover's compass.
+        std_yaw_rate_rover_rps: standard deviation of the rover's yaw rate.
+        std_speed_rover_mps: standard deviation of the rover's speed.
+        std_tilt_rad: standard deviation of the constant part of the vehicle's tilt error.
+        std_heading_rad: standard deviation of the constant part of the vehicle's heading error.
+        std_vel_uav_mps: standard deviation of the slow error of the autopilot's velocity.
+        tau_vel_uav_s: time constant of that error.
+        psd_acc_uav_m2ps3: power spectral density of the vehicle's acceleration (process noise).
+        psd_acc_rover_m2ps3: power spectral density of the rover's acceleration (process noise).
+        rate_relative_hz: greatest rate at which the estimate is published.
     """
 
     use_uwb: bool = True
@@ -66,31 +72,31 @@ class Platform(Config, frozen=True, kw_only=True):
     side_m: Positive = 1.0
 
 
-class Trust(Config, frozen=True, kw_only=True):
-    """What is too old, too far off, or not enough to fly by.
+class ValidityConfig(Config, frozen=True, kw_only=True):
+    """Limits on the age, innovation and covariance beyond which a measurement or the estimate is rejected.
 
     Attributes:
-        late_max_s: measurements that are older when they come are dropped.
-        early_max_s: so far ahead of its time a measurement may seem to be.
-        gate: measurements are dropped whose squared innovation exceeds this quantile of the chi-square distribution
-            with as many degrees of freedom; told as the quantile for one and for three of them.
-        relock_s: an input that is contradicted for so long is believed.
-        silent_max_s: without UWB and tag for longer the result is not valid.
-        std_valid_m: nor when the position is known no better than this on an axis.
-        odometry_max_s: nor without odometry for so long.
+        max_age_s: a measurement that is older on arrival is dropped.
+        max_lead_s: a measurement whose time stamp is further in the future is dropped.
+        gate: innovation gate, as chi-square quantiles for one and for three degrees of freedom; a measurement whose
+            normalised squared innovation exceeds it is rejected.
+        rejection_timeout_s: after an input was rejected for this time, the filter is reset to it.
+        aiding_timeout_s: the estimate is invalid when neither UWB nor tag was fused for this time.
+        std_pos_max_m: the estimate is invalid when the position's standard deviation exceeds this on any axis.
+        odometry_timeout_s: the estimate is invalid when no odometry arrived for this time.
     """
 
-    late_max_s: Positive = 0.4
-    early_max_s: Positive = 0.05
+    max_age_s: Positive = 0.4
+    max_lead_s: Positive = 0.05
     gate: tuple[Positive, Positive] = (10.8, 16.3)
-    relock_s: Positive = 1.0
-    silent_max_s: Positive = 5.0
-    std_valid_m: Positive = 0.5
-    odometry_max_s: Positive = 0.3
+    rejection_timeout_s: Positive = 1.0
+    aiding_timeout_s: Positive = 5.0
+    std_pos_max_m: Positive = 0.5
+    odometry_timeout_s: Positive = 0.3
 
 
 class EstimatorConfig(Config, frozen=True, kw_only=True):
     tuning: Tuning = Tuning()
     vehicle: Vehicle = Vehicle()
     platform: Platform = Platform()
-    trust: Trust = Trust()
+    validity: ValidityConfig = ValidityConfig()

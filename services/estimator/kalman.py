@@ -1,4 +1,4 @@
-"""FilterPy's Kalman filter on the state of `motion`, linearised where it is, at one instant."""
+"""Extended Kalman filter on the state of `motion`, by FilterPy."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -13,19 +13,20 @@ from jezero.services.estimator.motion import POS_ROVER, POS_UAV, SIZE, Array, Mo
 ORIGIN = np.zeros(SIZE)
 
 
-class Moment(msgspec.Struct, frozen=True, gc=False):
-    """The filter at one instant."""
+class FilterState(msgspec.Struct, frozen=True, gc=False):
+    """State and covariance of the filter at one time."""
 
     t_ns: int
     x: Array
     P: Array
 
 
-class Verdict(msgspec.Struct, frozen=True, gc=False):
-    """What became of a measurement.
+class UpdateResult(msgspec.Struct, frozen=True, gc=False):
+    """Result of a measurement update.
 
     Attributes:
-        used, offered: how many of its parts were fused, of how many.
+        used: number of components that passed the gate and were fused.
+        offered: number of components that were tested; 0 when the measurement does not apply at present.
     """
 
     used: int
@@ -33,17 +34,17 @@ class Verdict(msgspec.Struct, frozen=True, gc=False):
 
 
 class Kalman:
-    """Predicts and updates, once it was given a moment to start from; every call of FilterPy is here.
+    """Predicts and updates, after `restore` has set the initial state; every call of FilterPy is here.
 
     Attributes:
-        t_ns: when the state is true.
+        t_ns: time of the state.
     """
 
     def __init__(self, motion: MotionModel) -> None:
         from filterpy.kalman import KalmanFilter
 
         self._filter = KalmanFilter(dim_x=SIZE, dim_z=1)
-        self._filter.inv = _inversion()
+        self._filter.inv = _make_inverse()
         self._motion = motion
         self.t_ns = 0
 
@@ -57,18 +58,20 @@ class Kalman:
         P: Array = self._filter.P
         return P
 
-    def use(self, motion: MotionModel) -> None:
-        """Another model from now on."""
+    def set_motion_model(self, motion: MotionModel) -> None:
+        """Replace the motion model; the state stays."""
         self._motion = motion
 
-    def save(self) -> Moment:
-        return Moment(self.t_ns, self.x, self.P)
+    def save(self) -> FilterState:
+        """Snapshot of the state."""
+        return FilterState(self.t_ns, self.x, self.P)
 
-    def restore(self, moment: Moment) -> None:
-        self.t_ns, self._filter.x, self._filter.P = moment.t_ns, moment.x, 0.5 * (moment.P + moment.P.T)
+    def restore(self, state: FilterState) -> None:
+        """Continue from a snapshot; its covariance is made symmetric."""
+        self.t_ns, self._filter.x, self._filter.P = state.t_ns, state.x, 0.5 * (state.P + state.P.T)
 
     def predict_to(self, t_ns: int) -> None:
-        """Move on to a later time."""
+        """Predict to a later time; an earlier one changes nothing."""
         if t_ns <= self.t_ns:
             return
         dt_s = (t_ns - self.t_ns) / NS_PER_S
@@ -83,19 +86,20 @@ class Kalman:
         return S
 
     def update(self, innovation: Array, H: Array, R: Array) -> None:
-        """Fuse a measurement, linearised at the present state.
+        """Measurement update, linearised at the present state.
 
         Args:
             innovation: (m,) measured minus expected.
-            H, R: (m, n) Jacobian and (m, m) covariance of the measurement.
+            H: (m, n) Jacobian of the measurement.
+            R: (m, m) covariance of the measurement.
         """
         kf = self._filter
         x, kf.x = kf.x, ORIGIN
         kf.update(innovation, R, H)
         kf.x = x + kf.x
 
-    def locate(self, pos_rel_m: Array, cov_m2: Array) -> None:
-        """Forget where the rover is: the vehicle is at `pos_rel_m` from it, with covariance `cov_m2`."""
+    def reset_rover_position(self, pos_rel_m: Array, cov_m2: Array) -> None:
+        """Reset the rover's position so that the vehicle is at `pos_rel_m` from it, with covariance `cov_m2`."""
         x, P = self.x.copy(), self.P.copy()
         x[POS_ROVER] = x[POS_UAV] - pos_rel_m
         P[POS_ROVER, :] = P[POS_UAV, :]
@@ -103,8 +107,8 @@ class Kalman:
         P[POS_ROVER, POS_ROVER] = P[POS_UAV, POS_UAV] + cov_m2
         self._filter.x, self._filter.P = x, P
 
-    def loosen(self, states: slice, std: float) -> None:
-        """Add an independent uncertainty to some states."""
+    def inflate_covariance(self, states: slice, std: float) -> None:
+        """Add an independent variance to some states."""
         P = self.P.copy()
         P[states, states] += std * std * np.eye(states.stop - states.start)
         self._filter.P = P
@@ -116,7 +120,7 @@ class Kalman:
 
     @property
     def var_pos_rel_m2(self) -> tuple[float, float, float]:
-        """Of each axis."""
+        """Variance of the relative position on each axis."""
         at = self.P.item
         north = at(0, 0) + at(6, 6) - 2.0 * at(0, 6)
         east = at(1, 1) + at(7, 7) - 2.0 * at(1, 7)
@@ -125,13 +129,13 @@ class Kalman:
 
     @property
     def std_pos_rel_m(self) -> float:
-        """Of the worst axis; infinite when it is not a number."""
+        """Standard deviation of the relative position's worst axis; infinite when it is not a number."""
         variances_m2 = self.var_pos_rel_m2
         return sqrt(max(*variances_m2, 0.0)) if isfinite(sum(variances_m2)) else inf
 
 
-def _inversion() -> Callable[[Array], Array]:
-    """LAPACK's own: what numpy and scipy check around it takes five times as long for so small a matrix."""
+def _make_inverse() -> Callable[[Array], Array]:
+    """Inverse by LAPACK directly: the checks of numpy and scipy take five times as long for so small a matrix."""
     from scipy.linalg.lapack import dgesv
 
     identity = lru_cache(np.eye)

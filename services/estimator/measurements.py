@@ -1,7 +1,7 @@
-"""What each sensor says of the state: the expected measurement, its Jacobian, its noise and its gate.
+"""Measurement models: expected measurement, Jacobian, covariance and innovation gate of each sensor.
 
-A measurement keeps what it needs of the vehicle's attitude at its own time, so that it can be fused again when an
-older one comes in late.
+A measurement stores the vehicle's attitude at its own time, so that it can be fused again when an older one arrives
+late.
 """
 
 from math import cos, sin, sqrt
@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from jezero.frames import wrap_pi
-from jezero.services.estimator.kalman import Kalman, Verdict
+from jezero.services.estimator.kalman import Kalman, UpdateResult
 from jezero.services.estimator.motion import (
     ATTITUDE_ERROR,
     POS_ROVER,
@@ -28,22 +28,23 @@ from jezero.services.estimator.motion import (
 Kind = Literal["odometry", "rover", "altimeter", "uwb", "tag", "locate"]
 
 STD_POS_UAV_M = 5.0
-"""The autopilot's position wanders for minutes: it only keeps the world's origin where it is."""
+"""Large, because the autopilot's position drifts slowly: it only keeps the origin of the state observable."""
 STD_VEL_UAV_MPS = 0.01
 STD_RESET_MPS = 0.5
-STD_STILL_MPS = 0.002
-"""Wheels that don't turn tell more than wheels that do."""
-SHARE_SPEED, SHARE_LATERAL, SHARE_CLIMB = 0.03, 0.04, 0.1
-"""Of the speed: wheel radius and slip forward, slip sideways, slope."""
+STD_ZERO_VELOCITY_MPS = 0.002
+"""Velocity of a rover whose wheels stand still (zero-velocity update)."""
+STD_FORWARD_PER_SPEED, STD_LATERAL_PER_SPEED, STD_VERTICAL_PER_SPEED = 0.03, 0.04, 0.1
+"""Standard deviations in proportion to the speed, for wheel radius and slip, sideslip, and slope of the ground."""
 STD_TILT_FAST_RAD = 0.003
-"""The part of the vehicle's attitude error that differs from picture to picture."""
+"""Part of the vehicle's attitude error that is independent from image to image."""
 STD_CORNER_M = 0.003
-"""What a detector's covariance doesn't know: lens, print and mounting."""
-UWB_STD_MAX_M, UWB_STD_SHARE = 1.0, 0.3
-"""Ranges are linearised only when the position is known so well: from afar it is the direction that counts."""
-TAG_STD_MAX_M = 100.0
-"""Above it nothing is known, and the first picture is taken as it is."""
-INSIDE_SIGMAS = 3.0
+"""Error of lens calibration, print and mounting, which the detector's covariance does not contain."""
+LINEARIZATION_STD_MAX_M, LINEARIZATION_STD_FRACTION_MAX = 1.0, 0.3
+"""Ranges are linearised only when the relative position's standard deviation is below the first, in metres, or below
+the second as a fraction of the distance: far away the direction matters, not the position."""
+TAG_UPDATE_STD_MAX_M = 100.0
+"""Above this standard deviation the position is unknown, and the filter is reset to the tag instead of updated."""
+PLATFORM_EDGE_SIGMAS = 3.0
 
 
 class Measurement(Protocol):
@@ -55,11 +56,11 @@ class Measurement(Protocol):
     @property
     def kind(self) -> Kind: ...
 
-    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> Verdict:
-        """Update the filter, which is at this measurement's time.
+    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
+        """Measurement update of the filter, which has been predicted to this measurement's time.
 
         Args:
-            gate: greatest squared innovation, normalised, for one and for three degrees of freedom.
+            gate: greatest normalised squared innovation for one and for three degrees of freedom.
         """
 
 
@@ -73,17 +74,20 @@ ODOMETRY_H = _odometry_jacobian()
 ODOMETRY_R = np.diag([STD_POS_UAV_M**2] * 3 + [STD_VEL_UAV_MPS**2] * 3)
 
 
-def is_linear(kalman: Kalman) -> bool:
+def can_linearize_ranges(kalman: Kalman) -> bool:
     """Whether the position is known well enough for ranges to be linearised around it."""
     std_m = kalman.std_pos_rel_m
-    return std_m <= UWB_STD_MAX_M or std_m <= UWB_STD_SHARE * float(np.linalg.norm(kalman.pos_rel_m))
+    return std_m <= LINEARIZATION_STD_MAX_M or std_m <= LINEARIZATION_STD_FRACTION_MAX * float(
+        np.linalg.norm(kalman.pos_rel_m)
+    )
 
 
-class OdometryFix(msgspec.Struct, frozen=True, gc=False):
-    """The autopilot's position, without its resets, and velocity, (6,) together. Source: thesis eq. 4.14.
+class OdometryMeasurement(msgspec.Struct, frozen=True, gc=False):
+    """Position and velocity estimate of the autopilot. Source: thesis eq. 4.14.
 
     Attributes:
-        reset: the first one after the autopilot moved its estimate in a step, velocity included.
+        pos_vel: (6,) position without the autopilot's resets, and velocity, both in NED.
+        reset: true for the first message after the autopilot reset its estimate.
     """
 
     kind: ClassVar[Kind] = "odometry"
@@ -91,17 +95,17 @@ class OdometryFix(msgspec.Struct, frozen=True, gc=False):
     pos_vel: Array
     reset: bool = False
 
-    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> Verdict:
+    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
         if self.reset:
-            kalman.loosen(VEL_ERROR, STD_RESET_MPS)
+            kalman.inflate_covariance(VEL_ERROR, STD_RESET_MPS)
         kalman.update(self.pos_vel - ODOMETRY_H @ kalman.x, ODOMETRY_H, ODOMETRY_R)
-        return Verdict(6, 6)
+        return UpdateResult(6, 6)
 
 
-class RoverMotion(msgspec.Struct, frozen=True, gc=False):
-    """Speed along the heading, none across it and little upwards, yaw and yaw rate. Source: thesis eq. 4.15.
+class RoverOdometryMeasurement(msgspec.Struct, frozen=True, gc=False):
+    """Speed, yaw and yaw rate of the rover, which drives along its heading. Source: thesis eq. 4.15.
 
-    What exceeds its gate weighs the less the more it does; it counts as not used, although it is never shut out.
+    Measurements beyond the gate are not discarded, but their covariance is increased; they count as rejected.
     """
 
     kind: ClassVar[Kind] = "rover"
@@ -113,7 +117,7 @@ class RoverMotion(msgspec.Struct, frozen=True, gc=False):
     std_yaw_rad: float
     std_yaw_rate_rps: float
 
-    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> Verdict:
+    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
         x = kalman.x
         yaw = float(x[YAW])
         c, s = cos(yaw), sin(yaw)
@@ -139,26 +143,27 @@ class RoverMotion(msgspec.Struct, frozen=True, gc=False):
         if not fits:
             R = R * np.maximum(excess, 1.0)
         kalman.update(innovation, H, R)
-        return Verdict(int(fits), 1)
+        return UpdateResult(int(fits), 1)
 
     def _stds(self) -> Array:
         speed = abs(self.speed_mps)
         if speed < 1e-3:
-            still = STD_STILL_MPS
+            still = STD_ZERO_VELOCITY_MPS
             return np.array((still, still, still, self.std_yaw_rad, self.std_yaw_rate_rps))
-        along = self.std_speed_mps + SHARE_SPEED * speed
-        across = self.std_speed_mps + SHARE_LATERAL * speed
-        return np.array((along, across, SHARE_CLIMB * speed, self.std_yaw_rad, self.std_yaw_rate_rps))
+        along = self.std_speed_mps + STD_FORWARD_PER_SPEED * speed
+        across = self.std_speed_mps + STD_LATERAL_PER_SPEED * speed
+        return np.array((along, across, STD_VERTICAL_PER_SPEED * speed, self.std_yaw_rad, self.std_yaw_rate_rps))
 
 
-class UwbRound(msgspec.Struct, frozen=True, gc=False):
-    """Ranges to the anchors of the platform, fused as they are.
+class UwbMeasurement(msgspec.Struct, frozen=True, gc=False):
+    """Ranges to the anchors of the platform (tightly coupled).
 
     Attributes:
-        lever_ned_m: (3,) from the vehicle's position to its UWB tag.
-        anchors_m: (m, 3) in rover_body.
-        ranges_m: (m,).
-        delays_s: (m,) of each range's time after `t_ns`.
+        lever_ned_m: (3,) lever arm from the vehicle's position to its UWB tag.
+        anchors_m: (m, 3) positions of the anchors in rover_body.
+        ranges_m: (m,) measured ranges.
+        delays_s: (m,) time of each range relative to `t_ns`.
+        std_m: standard deviation of a range.
     """
 
     kind: ClassVar[Kind] = "uwb"
@@ -169,22 +174,22 @@ class UwbRound(msgspec.Struct, frozen=True, gc=False):
     delays_s: Array
     std_m: float
 
-    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> Verdict:
+    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
         offered = len(self.ranges_m)
-        if not is_linear(kalman):
-            return Verdict(0, 0)
-        expected_m, H = self._expect(kalman.x)
+        if not can_linearize_ranges(kalman):
+            return UpdateResult(0, 0)
+        expected_m, H = self._predict_ranges(kalman.x)
         innovation = self.ranges_m - expected_m
         variance = self.std_m * self.std_m
         S = ((H @ kalman.P) * H).sum(axis=1) + variance
         good = np.square(innovation) <= gate[0] * S
         used = int(np.count_nonzero(good))
         if not used:
-            return Verdict(0, offered)
+            return UpdateResult(0, offered)
         kalman.update(innovation[good], H[good], variance * np.eye(used))
-        return Verdict(used, offered)
+        return UpdateResult(used, offered)
 
-    def _expect(self, x: Array) -> tuple[Array, Array]:
+    def _predict_ranges(self, x: Array) -> tuple[Array, Array]:
         """Expected ranges (m,) and their Jacobian (m, n)."""
         yaw = float(x[YAW])
         c, s = cos(yaw), sin(yaw)
@@ -203,12 +208,13 @@ class UwbRound(msgspec.Struct, frozen=True, gc=False):
         return lengths, H
 
 
-class AltimeterRange(msgspec.Struct, frozen=True, gc=False):
-    """Laser range to the platform, fused only when the beam surely meets it.
+class AltimeterMeasurement(msgspec.Struct, frozen=True, gc=False):
+    """Laser range to the platform, fused only when the beam certainly hits the platform.
 
     Attributes:
-        lever_ned_m: (3,) from the vehicle's position to the laser.
-        beam_ned: (3,) unit vector.
+        lever_ned_m: (3,) lever arm from the vehicle's position to the laser.
+        beam_ned: (3,) unit vector along the beam.
+        half_side_m: half of the platform's side.
     """
 
     kind: ClassVar[Kind] = "altimeter"
@@ -219,24 +225,24 @@ class AltimeterRange(msgspec.Struct, frozen=True, gc=False):
     half_side_m: float
     std_m: float
 
-    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> Verdict:
+    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
         down = float(self.beam_ned[2])
         laser_m = kalman.pos_rel_m + self.lever_ned_m
         expected_m = -float(laser_m[2]) / max(down, 0.1)
-        if down < 0.7 or expected_m <= 0.0 or not self._meets_platform(kalman, laser_m, expected_m):
-            return Verdict(0, 0)
+        if down < 0.7 or expected_m <= 0.0 or not self._hits_platform(kalman, laser_m, expected_m):
+            return UpdateResult(0, 0)
         H = np.zeros((1, SIZE))
         H[0, 2], H[0, 8] = -1.0 / down, 1.0 / down
         R = np.array([[self.std_m * self.std_m]])
         innovation = np.array([self.range_m - expected_m])
         S = float(kalman.innovation_covariance(H, R)[0, 0])
         if float(innovation[0]) ** 2 > gate[0] * S:
-            return Verdict(0, 1)
+            return UpdateResult(0, 1)
         kalman.update(innovation, H, R)
-        return Verdict(1, 1)
+        return UpdateResult(1, 1)
 
-    def _meets_platform(self, kalman: Kalman, laser_m: Array, expected_m: float) -> bool:
-        """Whether the beam's foot is further inside the edge than three standard deviations."""
+    def _hits_platform(self, kalman: Kalman, laser_m: Array, expected_m: float) -> bool:
+        """Whether the beam ends inside the platform's edge by at least three standard deviations."""
         north, east, _ = (laser_m + expected_m * self.beam_ned).tolist()
         yaw = float(kalman.x[YAW])
         c, s = cos(yaw), sin(yaw)
@@ -244,58 +250,62 @@ class AltimeterRange(msgspec.Struct, frozen=True, gc=False):
         var_tilt = max(float(kalman.P[17, 17]), float(kalman.P[18, 18]))
         variance = max(kalman.var_pos_rel_m2[:2]) + var_tilt * expected_m**2
         off_m: float = max(abs(ahead), abs(right))
-        return off_m + INSIDE_SIGMAS * sqrt(max(variance, 0.0)) < self.half_side_m
+        return off_m + PLATFORM_EDGE_SIGMAS * sqrt(max(variance, 0.0)) < self.half_side_m
 
 
-class TagFix(msgspec.Struct, frozen=True, gc=False):
-    """What a picture of the landing tags says; turned by an attitude that is wrong by the state's attitude error.
+class TagMeasurement(msgspec.Struct, frozen=True, gc=False):
+    """Relative position from the landing tags in one image, rotated to NED by the autopilot's attitude.
+
+    The rotation makes the measurement depend on the attitude error in the state.
 
     Attributes:
-        pos_rel_m: (3,) vehicle minus rover.
-        arm_m: (3,) from the platform to the vehicle's centre of mass, which an attitude error turns.
-        cov_m2: (3, 3) by the detector.
-        heading_rad: of the vehicle.
+        pos_rel_m: (3,) vehicle minus rover, in NED.
+        lever_arm_m: (3,) from the platform to the vehicle's centre of mass in NED, which an attitude error rotates.
+        cov_m2: (3, 3) covariance reported by the detector.
+        heading_rad: heading of the vehicle.
+        yaw_rad: yaw of the rover; None when the detector does not measure it.
+        std_yaw_rad: standard deviation of `yaw_rad`.
     """
 
     kind: ClassVar[Kind] = "tag"
     t_ns: int
     pos_rel_m: Array
-    arm_m: Array
+    lever_arm_m: Array
     cov_m2: Array
     heading_rad: float
     yaw_rad: float | None
     std_yaw_rad: float
 
-    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> Verdict:
-        if kalman.std_pos_rel_m > TAG_STD_MAX_M:
-            return Verdict(0, 0)
+    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
+        if kalman.std_pos_rel_m > TAG_UPDATE_STD_MAX_M:
+            return UpdateResult(0, 0)
         H = np.zeros((3, SIZE))
         H[:, POS_UAV], H[:, POS_ROVER] = np.eye(3), -np.eye(3)
-        H[:, ATTITUDE_ERROR] = self._turning()
-        R = self.noise_m2()
+        H[:, ATTITUDE_ERROR] = self._attitude_error_jacobian()
+        R = self.measurement_cov_m2()
         innovation = self.pos_rel_m - H @ kalman.x
         S = kalman.innovation_covariance(H, R)
         if float(innovation @ np.linalg.solve(S, innovation)) > gate[1]:
-            return Verdict(0, 3)
+            return UpdateResult(0, 3)
         kalman.update(innovation, H, R)
         if self.yaw_rad is not None:
             self._fuse_yaw(kalman, self.yaw_rad, gate)
-        return Verdict(3, 3)
+        return UpdateResult(3, 3)
 
-    def noise_m2(self) -> Array:
-        """(3, 3) of the position: the detector's, and what the attitude's fast error adds across the line of sight."""
-        arm = self.arm_m
+    def measurement_cov_m2(self) -> Array:
+        """(3, 3) covariance of the position: the detector's, plus the fast attitude error across the line of sight."""
+        arm = self.lever_arm_m
         across = float(arm @ arm) * np.eye(3) - np.outer(arm, arm)
-        noise_m2: Array = self.cov_m2 + STD_CORNER_M**2 * np.eye(3) + STD_TILT_FAST_RAD**2 * across
-        return noise_m2
+        cov_m2: Array = self.cov_m2 + STD_CORNER_M**2 * np.eye(3) + STD_TILT_FAST_RAD**2 * across
+        return cov_m2
 
-    def _turning(self) -> Array:
-        """(3, 3): error of the position per attitude error in forward, right, down."""
-        x, y, z = self.arm_m.tolist()
+    def _attitude_error_jacobian(self) -> Array:
+        """(3, 3) derivative of the position with respect to the attitude error in forward, right, down."""
+        x, y, z = self.lever_arm_m.tolist()
         c, s = cos(self.heading_rad), sin(self.heading_rad)
         cross = np.array(((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)))
-        turning: Array = cross @ np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
-        return turning
+        jacobian: Array = cross @ np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+        return jacobian
 
     def _fuse_yaw(self, kalman: Kalman, yaw_rad: float, gate: tuple[float, float]) -> None:
         H = np.zeros((1, SIZE))
@@ -307,14 +317,14 @@ class TagFix(msgspec.Struct, frozen=True, gc=False):
             kalman.update(innovation, H, R)
 
 
-class Location(msgspec.Struct, frozen=True, gc=False):
-    """Where the vehicle is from the rover, in place of everything known before."""
+class PositionReset(msgspec.Struct, frozen=True, gc=False):
+    """Relative position that replaces the former estimate of it."""
 
     kind: ClassVar[Kind] = "locate"
     t_ns: int
     pos_rel_m: Array
     cov_m2: Array
 
-    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> Verdict:
-        kalman.locate(self.pos_rel_m, self.cov_m2)
-        return Verdict(3, 3)
+    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
+        kalman.reset_rover_position(self.pos_rel_m, self.cov_m2)
+        return UpdateResult(3, 3)

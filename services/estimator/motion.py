@@ -1,4 +1,4 @@
-"""The filter's state and how it moves by itself.
+"""State vector and motion model of the filter.
 
 | index   | state                                                              | unit  |
 |---------|--------------------------------------------------------------------|-------|
@@ -11,7 +11,8 @@
 | 14 – 16 | error of the autopilot's velocity, NED                             | m/s   |
 | 17 – 19 | error of the autopilot's attitude, forward, right and down of its heading | rad |
 
-Source: thesis §4.2, and the two errors: they are what limits the estimate at height.
+Source: thesis §4.2, extended by the errors of the autopilot's velocity and attitude, which limit the accuracy
+at height.
 """
 
 from functools import lru_cache
@@ -33,14 +34,14 @@ TAU_ATTITUDE_S = 100.0
 TAU_CLIMB_S = 1.0
 PSD_YAW_ACC_R2PS3 = 0.02
 PSD_CLIMB_M2PS3 = 0.02
-"""Of the platform's vertical acceleration on uneven ground."""
+"""Process noise of the platform's vertical acceleration on uneven ground."""
 STD_UNKNOWN_M = 1e3
 STD_UNKNOWN_MPS = 2.0
 IDENTITY = np.eye(SIZE)
 
 
-def initial(pos_uav_m: Array, tuning: Tuning) -> tuple[Array, Array]:
-    """State and covariance of a vehicle at a known place and a rover anywhere."""
+def initial_state(pos_uav_m: Array, tuning: Tuning) -> tuple[Array, Array]:
+    """State and covariance for a vehicle at a known position and a rover at an unknown one."""
     x = np.zeros(SIZE)
     x[POS_UAV] = pos_uav_m
     x[POS_ROVER] = pos_uav_m
@@ -54,10 +55,10 @@ def initial(pos_uav_m: Array, tuning: Tuning) -> tuple[Array, Array]:
 
 
 class MotionModel:
-    """Constant velocities but for the rover's turn, driven by white accelerations; errors that wander.
+    """Constant velocity, with the rover turning at its yaw rate; the errors are first-order Gauss–Markov processes.
 
-    The process noise of a step is a cubic in its length, whose coefficients are made once. What depends on the length
-    alone is kept: most steps are as long as others before.
+    The process noise of a step is a cubic in its length, with constant coefficients. Matrices that depend on the
+    length alone are cached, as most steps have one of a few lengths.
     """
 
     def __init__(self, tuning: Tuning) -> None:
@@ -66,17 +67,17 @@ class MotionModel:
         for axis in range(3):
             psd_rover = tuning.psd_acc_rover_m2ps3 if axis < 2 else PSD_CLIMB_M2PS3
             for pos, vel, psd in ((axis, 3 + axis, tuning.psd_acc_uav_m2ps3), (6 + axis, 9 + axis, psd_rover)):
-                _drive(pos, vel, psd, linear, square, cubic)
-        _drive(YAW, YAW_RATE, PSD_YAW_ACC_R2PS3, linear, square, cubic)
+                _add_white_acceleration(pos, vel, psd, linear, square, cubic)
+        _add_white_acceleration(YAW, YAW_RATE, PSD_YAW_ACC_R2PS3, linear, square, cubic)
         stds = (tuning.std_tilt_rad, tuning.std_tilt_rad, tuning.std_heading_rad)
         for i in range(3):
             linear[14 + i, 14 + i] = 2.0 * tuning.std_vel_uav_mps**2 / tuning.tau_vel_uav_s
             linear[17 + i, 17 + i] = 2.0 * stds[i] ** 2 / TAU_ATTITUDE_S
         self._linear, self._square, self._cubic = linear, square, cubic
-        self._of_length = lru_cache(maxsize=256)(self._of_new_length)
+        self._discretize = lru_cache(maxsize=256)(self._discretize_uncached)
 
-    def _of_new_length(self, dt_s: float) -> tuple[Array, Array]:
-        """The Jacobian of a step without the rover's turn, and the covariance that it adds."""
+    def _discretize_uncached(self, dt_s: float) -> tuple[Array, Array]:
+        """Jacobian of a step without the rover's turn, and its process noise covariance."""
         F = IDENTITY.copy()
         F[0, 3] = F[1, 4] = F[2, 5] = F[6, 9] = F[7, 10] = F[8, 11] = F[YAW, YAW_RATE] = dt_s
         F[11, 11] = exp(-dt_s / TAU_CLIMB_S)
@@ -85,20 +86,20 @@ class MotionModel:
         return F, self._linear * dt_s + self._square * (dt_s * dt_s) + self._cubic * (dt_s * dt_s * dt_s)
 
     def step(self, x: Array, dt_s: float) -> tuple[Array, Array, Array]:
-        """State after `dt_s`, the Jacobian of it, and the covariance that is added; the last is not to be changed."""
-        still, noise = self._of_length(dt_s)
-        F = still.copy()
+        """State after `dt_s`, its Jacobian, and the process noise covariance, which callers must not modify."""
+        F_without_turn, Q = self._discretize(dt_s)
+        F = F_without_turn.copy()
         turn = float(x[YAW_RATE]) * dt_s
         c, s = cos(turn), sin(turn)
         F[9, 9] = F[10, 10] = c
         F[9, 10], F[10, 9] = -s, s
         after = F @ x
         F[9, YAW_RATE], F[10, YAW_RATE] = -dt_s * after[10], dt_s * after[9]
-        return after, F, noise
+        return after, F, Q
 
 
-def _drive(pos: int, vel: int, psd: float, linear: Array, square: Array, cubic: Array) -> None:
-    """White noise of a density drives the rate `vel` of `pos`."""
+def _add_white_acceleration(pos: int, vel: int, psd: float, linear: Array, square: Array, cubic: Array) -> None:
+    """Add the process noise of a white acceleration with density `psd` to the coefficients of position and velocity."""
     linear[vel, vel] = psd
     square[pos, vel] = square[vel, pos] = psd / 2.0
     cubic[pos, pos] = psd / 3.0

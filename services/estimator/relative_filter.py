@@ -1,4 +1,4 @@
-"""The estimator proper: measurements in, where the vehicle is relative to the rover out."""
+"""Filter of the relative position: initialization, delayed measurements, and reset after lasting rejection."""
 
 from collections.abc import Sequence
 from math import inf, isfinite
@@ -7,17 +7,17 @@ import msgspec
 import numpy as np
 
 from jezero.schemas.units import NS_PER_S
-from jezero.services.estimator.config import Trust, Tuning
-from jezero.services.estimator.kalman import Kalman, Moment
-from jezero.services.estimator.locating import UwbWindow
+from jezero.services.estimator.config import Tuning, ValidityConfig
+from jezero.services.estimator.kalman import FilterState, Kalman
+from jezero.services.estimator.measurement_history import ACCEPTED_FRACTION_MIN, MeasurementHistory
 from jezero.services.estimator.measurements import (
     Kind,
-    Location,
     Measurement,
-    OdometryFix,
-    TagFix,
-    UwbRound,
-    is_linear,
+    OdometryMeasurement,
+    PositionReset,
+    TagMeasurement,
+    UwbMeasurement,
+    can_linearize_ranges,
 )
 from jezero.services.estimator.motion import (
     POS_ROVER,
@@ -31,20 +31,20 @@ from jezero.services.estimator.motion import (
     YAW_RATE,
     Array,
     MotionModel,
-    initial,
+    initial_state,
 )
-from jezero.services.estimator.timeline import REFUSED_SHARE, Timeline
+from jezero.services.estimator.uwb_initialization import UwbWindow
 
-LOCATED_STD_M = 0.1 * STD_UNKNOWN_M
+FOUND_STD_MAX_M = 0.1 * STD_UNKNOWN_M
 YAW_STD_MAX_RAD = 0.3
-STD_RELOCATED_M = 0.5
+STD_TAG_RESET_M = 0.5
 KINDS: tuple[Kind, ...] = ("odometry", "rover", "altimeter", "uwb", "tag")
-WATCHED: tuple[Kind, ...] = ("rover", "uwb", "tag")
-CONTRADICTED_S = 0.5
-REFUSED_MIN = 5
-"""An input is contradicted when so many of its measurements or more were refused."""
-RIVALS_NS = 3 * NS_PER_S
-"""Two inputs that were both believed anew within this time contradict each other."""
+MONITORED_KINDS: tuple[Kind, ...] = ("rover", "uwb", "tag")
+REJECTION_WINDOW_S = 0.5
+REJECTED_MEASUREMENTS_MIN = 5
+"""Fewer measurements in the window are not enough to decide that an input is rejected."""
+INPUT_CONFLICT_NS = 3 * NS_PER_S
+"""Two inputs contradict each other when the filter was reset to both within this time."""
 
 
 def _relative() -> Array:
@@ -58,10 +58,10 @@ RELATIVE_T = _relative()
 
 
 class Estimate(msgspec.Struct, frozen=True, gc=False):
-    """The vehicle relative to the rover; the fields are those of `schemas.estimate.Relative`.
+    """Estimate of the vehicle relative to the rover; fields as in `schemas.estimate.Relative`.
 
     Attributes:
-        vel_rover_mps: in the velocity frame of the autopilot's odometry.
+        vel_rover_mps: (3,) with the error of the autopilot's velocity added, as in the autopilot's odometry.
     """
 
     t_ns: int
@@ -74,60 +74,60 @@ class Estimate(msgspec.Struct, frozen=True, gc=False):
 
 
 class RelativeFilter:
-    """Keeps the filter located, in time and away from wrong locks."""
+    """Initializes the filter, fuses measurements in order, and resets it to an input that it keeps rejecting."""
 
-    def __init__(self, tuning: Tuning, trust: Trust) -> None:
-        self._tuning, self._trust = tuning, trust
+    def __init__(self, tuning: Tuning, validity: ValidityConfig) -> None:
+        self._tuning, self._validity = tuning, validity
         self._kalman = Kalman(MotionModel(tuning))
-        self._timeline: Timeline | None = None
+        self._history: MeasurementHistory | None = None
         self._window = UwbWindow()
-        self._rough: tuple[Array, float] | None = None
-        self._relocked: dict[Kind, int] = {}
-        self._contradicted: tuple[Kind, ...] = ()
+        self._prior: tuple[Array, float] | None = None
+        self._reset_at_ns: dict[Kind, int] = {}
+        self._rejected_inputs: tuple[Kind, ...] = ()
 
-    def tune(self, tuning: Tuning) -> None:
-        """Other noises from now on."""
+    def set_tuning(self, tuning: Tuning) -> None:
+        """Change the noise settings; the state stays."""
         self._tuning = tuning
-        self._kalman.use(MotionModel(tuning))
+        self._kalman.set_motion_model(MotionModel(tuning))
 
-    def restart(self, rough: tuple[Array, float] | None = None) -> None:
-        """Forget everything.
+    def restart(self, prior: tuple[Array, float] | None = None) -> None:
+        """Reset the filter.
 
         Args:
-            rough: vehicle-independent position of the rover (3,) in the frame of `OdometryFix`, and its standard
-                deviation.
+            prior: position of the rover (3,) in the frame of `OdometryMeasurement`, and its standard deviation; None
+                when unknown.
         """
-        self._timeline = None
+        self._history = None
         self._window.clear()
-        self._relocked.clear()
-        self._contradicted = ()
-        self._rough = rough
+        self._reset_at_ns.clear()
+        self._rejected_inputs = ()
+        self._prior = prior
 
     def add(self, measurements: Sequence[Measurement]) -> None:
-        """Fuse what arrived, in any order."""
-        if self._timeline is None and not self._start(measurements):
+        """Fuse new measurements, in any order."""
+        if self._history is None and not self._start(measurements):
             return
-        assert self._timeline is not None
-        timeline = self._timeline
-        rounds = [m for m in measurements if type(m) is UwbRound]
+        assert self._history is not None
+        history = self._history
+        rounds = [m for m in measurements if type(m) is UwbMeasurement]
         for uwb in rounds:
             self._window.add(uwb)
-        timeline.add([*measurements, *self._first_location(measurements)])
+        history.add([*measurements, *self._initial_tag_reset(measurements)])
         if rounds:
-            self._locate_by_uwb(timeline)
-        if any(measurement.kind in WATCHED for measurement in measurements):
-            self._break_wrong_lock(timeline)
-        if not isfinite(timeline.kalman.x.sum() + timeline.kalman.P.sum()):
-            self.restart(self._rough)
+            self._reset_by_uwb(history)
+        if any(measurement.kind in MONITORED_KINDS for measurement in measurements):
+            self._reset_to_rejected_input(history)
+        if not isfinite(history.kalman.x.sum() + history.kalman.P.sum()):
+            self.restart(self._prior)
 
-    # -- what is known -------------------------------------------------------------------------------------
+    # -- estimate ------------------------------------------------------------------------------------------
 
     @property
     def estimate(self) -> Estimate | None:
-        """None before the first odometry."""
-        if self._timeline is None:
+        """Newest estimate; None before the first odometry."""
+        if self._history is None:
             return None
-        kalman = self._timeline.kalman
+        kalman = self._history.kalman
         x = kalman.x
         relative = RELATIVE_T @ x
         return Estimate(
@@ -142,70 +142,70 @@ class RelativeFilter:
 
     @property
     def std_pos_m(self) -> float:
-        """Of the relative position's worst axis; infinite before it is known at all."""
-        return inf if self._timeline is None else self._timeline.kalman.std_pos_rel_m
+        """Standard deviation of the relative position's worst axis; infinite before initialization."""
+        return inf if self._history is None else self._history.kalman.std_pos_rel_m
 
     @property
     def located(self) -> bool:
-        """Whether the rover's place is known, be it roughly."""
-        return self.std_pos_m < LOCATED_STD_M
+        """Whether the rover's position is known at least roughly."""
+        return self.std_pos_m < FOUND_STD_MAX_M
 
     @property
     def inputs(self) -> tuple[Kind, ...]:
         """Kinds of measurements fused in the last second."""
-        if self._timeline is None:
+        if self._history is None:
             return ()
-        since_ns, used_ns = self._kalman.t_ns - NS_PER_S, self._timeline.used_ns
+        since_ns, used_ns = self._kalman.t_ns - NS_PER_S, self._history.used_ns
         return tuple(kind for kind in KINDS if used_ns.get(kind, -1) > since_ns)
 
     @property
     def fused_ns(self) -> int:
-        """Time of the newest UWB or tag measurement that was fused, 0 before the first."""
-        used_ns = {} if self._timeline is None else self._timeline.used_ns
+        """Time of the newest fused UWB or tag measurement, 0 before the first."""
+        used_ns = {} if self._history is None else self._history.used_ns
         return max(used_ns.get("uwb", 0), used_ns.get("tag", 0))
 
     @property
-    def contradicted(self) -> tuple[Kind, ...]:
-        """Inputs of which nearly all measurements of the last half second were refused."""
-        return self._contradicted
+    def rejected_inputs(self) -> tuple[Kind, ...]:
+        """Inputs of which nearly all measurements of the last half second failed the gate."""
+        return self._rejected_inputs
 
     @property
-    def rivals(self) -> bool:
-        """Whether UWB and tag were both believed anew a short time ago."""
-        times = list(self._relocked.values())
-        now_ns = 0 if self._timeline is None else self._timeline.kalman.t_ns
-        return len(times) == 2 and all(now_ns - t_ns < RIVALS_NS for t_ns in times)
+    def has_input_conflict(self) -> bool:
+        """Whether the filter was recently reset to UWB and to the tag, so that the two contradict each other."""
+        times = list(self._reset_at_ns.values())
+        now_ns = 0 if self._history is None else self._history.kalman.t_ns
+        return len(times) == 2 and all(now_ns - t_ns < INPUT_CONFLICT_NS for t_ns in times)
 
     # -- finding the rover ---------------------------------------------------------------------------------
 
     def _start(self, measurements: Sequence[Measurement]) -> bool:
-        """Begin at the first odometry."""
-        first = next((m for m in measurements if isinstance(m, OdometryFix)), None)
+        """Initialize the state at the first odometry; False while there is none."""
+        first = next((m for m in measurements if isinstance(m, OdometryMeasurement)), None)
         if first is None:
             return False
-        x, P = initial(first.pos_vel[0:3], self._tuning)
-        self._timeline = Timeline(self._kalman, Moment(first.t_ns, x, P), self._trust.gate)
-        if self._rough is not None:
-            pos_rover_m, std_m = self._rough
-            self._timeline.add([Location(first.t_ns, first.pos_vel[0:3] - pos_rover_m, std_m**2 * np.eye(3))])
+        x, P = initial_state(first.pos_vel[0:3], self._tuning)
+        self._history = MeasurementHistory(self._kalman, FilterState(first.t_ns, x, P), self._validity.gate)
+        if self._prior is not None:
+            pos_rover_m, std_m = self._prior
+            self._history.add([PositionReset(first.t_ns, first.pos_vel[0:3] - pos_rover_m, std_m**2 * np.eye(3))])
         return True
 
-    def _first_location(self, measurements: Sequence[Measurement]) -> list[Measurement]:
-        """While nothing is known: the first picture of a tag says where the rover is."""
-        tag = next((m for m in measurements if type(m) is TagFix), None)
+    def _initial_tag_reset(self, measurements: Sequence[Measurement]) -> list[Measurement]:
+        """Position reset by the first tag measurement, while the rover's position is unknown."""
+        tag = next((m for m in measurements if type(m) is TagMeasurement), None)
         if tag is None or self.located:
             return []
-        return [Location(tag.t_ns, tag.pos_rel_m, tag.noise_m2() + self._cov_by_attitude(tag))]
+        return [PositionReset(tag.t_ns, tag.pos_rel_m, tag.measurement_cov_m2() + self._attitude_cov_m2(tag))]
 
-    def _cov_by_attitude(self, tag: TagFix) -> Array:
-        arm_m = float(np.linalg.norm(tag.arm_m))
-        std = max(self._tuning.std_tilt_rad, self._tuning.std_heading_rad) * arm_m
+    def _attitude_cov_m2(self, tag: TagMeasurement) -> Array:
+        lever_arm_m = float(np.linalg.norm(tag.lever_arm_m))
+        std = max(self._tuning.std_tilt_rad, self._tuning.std_heading_rad) * lever_arm_m
         return std * std * np.eye(3)
 
-    def _locate_by_uwb(self, timeline: Timeline, *, anew: bool = False) -> bool:
-        """Start from trilateration where the ranges can't be linearised."""
-        kalman = timeline.kalman
-        if not anew and is_linear(kalman):
+    def _reset_by_uwb(self, history: MeasurementHistory, *, force: bool = False) -> bool:
+        """Reset the position by trilateration when the ranges cannot be linearised; always when `force`."""
+        kalman = history.kalman
+        if not force and can_linearize_ranges(kalman):
             return False
         if float(kalman.P[YAW, YAW]) > YAW_STD_MAX_RAD**2:
             return False
@@ -213,34 +213,34 @@ class RelativeFilter:
         found = self._window.position(kalman.t_ns, vel_rel_mps, float(kalman.x[YAW]))
         if found is None:
             return False
-        timeline.add([Location(kalman.t_ns, *found)])
+        history.add([PositionReset(kalman.t_ns, *found)])
         return True
 
-    def _is_refused(self, timeline: Timeline, kind: Kind, span_s: float) -> bool:
-        if not timeline.refused.get(kind):
+    def _is_rejected(self, history: MeasurementHistory, kind: Kind, span_s: float) -> bool:
+        if not history.rejected.get(kind):
             return False
-        t_ns = timeline.kalman.t_ns
-        tally = timeline.tally(kind, t_ns - int(span_s * NS_PER_S))
-        if tally is None or tally.measurements < REFUSED_MIN:
+        t_ns = history.kalman.t_ns
+        statistics = history.statistics(kind, t_ns - int(span_s * NS_PER_S))
+        if statistics is None or statistics.measurements < REJECTED_MEASUREMENTS_MIN:
             return False
-        long_enough = t_ns - tally.first_ns > 0.8 * span_s * NS_PER_S
-        return long_enough and tally.used < REFUSED_SHARE * tally.offered
+        long_enough = t_ns - statistics.first_ns > 0.8 * span_s * NS_PER_S
+        return long_enough and statistics.used < ACCEPTED_FRACTION_MIN * statistics.offered
 
-    def _break_wrong_lock(self, timeline: Timeline) -> None:
-        """Believe an input that has been contradicted for too long."""
-        self._contradicted = tuple(k for k in WATCHED if self._is_refused(timeline, k, CONTRADICTED_S))
-        t_ns, span_s = timeline.kalman.t_ns, self._trust.relock_s
-        for kind in self._contradicted:
-            if not self._is_refused(timeline, kind, span_s):
+    def _reset_to_rejected_input(self, history: MeasurementHistory) -> None:
+        """Reset to an input that has been rejected for longer than the time-out."""
+        self._rejected_inputs = tuple(k for k in MONITORED_KINDS if self._is_rejected(history, k, REJECTION_WINDOW_S))
+        t_ns, span_s = history.kalman.t_ns, self._validity.rejection_timeout_s
+        for kind in self._rejected_inputs:
+            if not self._is_rejected(history, kind, span_s):
                 continue
-            if kind == "rover":  # its heading turns all that UWB has told
-                self.restart(self._rough)
+            if kind == "rover":  # UWB measurements were rotated by its heading, so the whole state is wrong
+                self.restart(self._prior)
                 return
-            if kind == "uwb" and self._locate_by_uwb(timeline, anew=True):
-                self._relocked[kind] = t_ns
+            if kind == "uwb" and self._reset_by_uwb(history, force=True):
+                self._reset_at_ns[kind] = t_ns
             elif kind == "tag":
-                tally = timeline.tally(kind, t_ns - int(span_s * NS_PER_S))
-                assert tally is not None and isinstance(tally.newest, TagFix)
-                tag = tally.newest
-                timeline.add([Location(tag.t_ns, tag.pos_rel_m, STD_RELOCATED_M**2 * np.eye(3))])
-                self._relocked[kind] = t_ns
+                statistics = history.statistics(kind, t_ns - int(span_s * NS_PER_S))
+                assert statistics is not None and isinstance(statistics.newest, TagMeasurement)
+                tag = statistics.newest
+                history.add([PositionReset(tag.t_ns, tag.pos_rel_m, STD_TAG_RESET_M**2 * np.eye(3))])
+                self._reset_at_ns[kind] = t_ns

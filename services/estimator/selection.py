@@ -1,4 +1,4 @@
-"""What the filter is told to use: the parameters, and for a while the lease of a goal. Source: spec §7."""
+"""Inputs and parameters of the filter, and the lease by which a goal selects its own inputs. Source: spec §7."""
 
 from collections.abc import Iterator
 
@@ -25,16 +25,16 @@ LIMITS: dict[str, tuple[float, float]] = {
     "psd_acc_rover_m2ps3": (0.0001, 1000.0),
     "rate_relative_hz": (1.0, 50.0),
 }
-"""Smallest and greatest value of each parameter that is a number."""
+"""Range of each numeric parameter."""
 
 
-class Selection:
-    """Parameters and lease.
+class InputSelection:
+    """Parameters, and the lease of a goal.
 
     Attributes:
-        tuning: the parameters that are numbers or switches.
-        pos_rover_ned_m: the parameter; None until somebody gives it.
-        version: grows by one with each change of a parameter.
+        tuning: the numeric and boolean parameters.
+        pos_rover_ned_m: the parameter of the rover's prior position; None until set.
+        version: number of parameter changes so far.
     """
 
     def __init__(self, tuning: Tuning) -> None:
@@ -42,13 +42,13 @@ class Selection:
         self.pos_rover_ned_m: Vec3 | None = None
         self.version = 0
         self._lease: Lease | None = None
-        self._until_ns = 0
+        self._lease_until_ns = 0
 
-    # -- what is in force --
+    # -- active selection --
 
     @property
     def goal_id(self) -> str:
-        """Of the lease, else ""."""
+        """Goal that holds the lease, "" when there is none."""
         return "" if self._lease is None else self._lease.goal_id
 
     @property
@@ -60,25 +60,25 @@ class Selection:
         return self.tuning.use_tag if self._lease is None else self._lease.use_tag
 
     @property
-    def rough_ned_m(self) -> Vec3 | None:
-        """Where the rover roughly is; a lease that says nothing of it leaves what the parameters say."""
+    def prior_pos_rover_ned_m(self) -> Vec3 | None:
+        """Prior position of the rover: the lease's, or the parameter's when the lease has none."""
         if self._lease is not None and self._lease.pos_rover_ned_m is not None:
             return self._lease.pos_rover_ned_m
         return self.pos_rover_ned_m
 
-    # -- what changes it --
+    # -- requests --
 
     def get(self) -> ParametersReply:
-        """All parameters as they are."""
+        """All parameters and their version."""
         fields = msgspec.structs.asdict(self.tuning)
         parameters = SetParameters(**fields, pos_rover_ned_m=self.pos_rover_ned_m)
         return ParametersReply(accepted=True, version=self.version, parameters=parameters)
 
     def set(self, request: SetParameters) -> ParametersReply:
-        """Change what is given, or nothing when one value is out of range."""
+        """Set the given parameters, or none of them when a value is out of range."""
         given = {name: value for name, value in msgspec.structs.asdict(request).items() if value is not None}
-        if refused := "; ".join(_refusals(given)):
-            return ParametersReply(accepted=False, reason=refused, version=self.version, parameters=None)
+        if rejected := "; ".join(_refusals(given)):
+            return ParametersReply(accepted=False, reason=rejected, version=self.version, parameters=None)
         if given:
             self.pos_rover_ned_m = given.pop("pos_rover_ned_m", self.pos_rover_ned_m)
             self.tuning = msgspec.structs.replace(self.tuning, **given)
@@ -86,12 +86,12 @@ class Selection:
         return self.get()
 
     def lease(self, t_ns: int, request: Lease) -> LeaseReply:
-        """Begin, renew or end a goal's own selection."""
+        """Acquire, renew or release the lease of a goal."""
         held = self._lease
         if held is not None and held.goal_id != request.goal_id:
             if request.release:
                 return LeaseReply(accepted=True)
-            left_s = max(0.0, (self._until_ns - t_ns) * 1e-9)
+            left_s = max(0.0, (self._lease_until_ns - t_ns) * 1e-9)
             return LeaseReply(accepted=False, reason=f"goal {held.goal_id} holds the lease for {left_s:.1f} s more")
         if request.release:
             self._lease = None
@@ -100,12 +100,12 @@ class Selection:
             return LeaseReply(accepted=False, reason="neither use_uwb nor use_tag: there is nothing to lease")
         if held is not None:
             request = msgspec.structs.replace(request, pos_rover_ned_m=held.pos_rover_ned_m)
-        self._lease, self._until_ns = request, t_ns + LEASE_NS
-        return LeaseReply(accepted=True, until_t_ns=self._until_ns)
+        self._lease, self._lease_until_ns = request, t_ns + LEASE_NS
+        return LeaseReply(accepted=True, until_t_ns=self._lease_until_ns)
 
     def expire(self, t_ns: int) -> None:
-        """End a lease that nobody renewed."""
-        if self._lease is not None and t_ns >= self._until_ns:
+        """End the lease when it was not renewed in time."""
+        if self._lease is not None and t_ns >= self._lease_until_ns:
             self._lease = None
 
     def end_lease(self) -> None:

@@ -1,4 +1,4 @@
-"""The estimator as a service: messages to measurements, requests to settings, and the estimate with its reasons."""
+"""Estimator service: turns messages into measurements, serves parameter requests and publishes the estimate."""
 
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -12,32 +12,32 @@ from jezero.schemas import sensors, topics
 from jezero.schemas.estimate import Relative, RoverEstimate, TagEstimate
 from jezero.schemas.state import Odometry
 from jezero.schemas.units import NS_PER_S
-from jezero.services.estimator.attitudes import Attitudes
+from jezero.services.estimator.attitude_history import AttitudeHistory
 from jezero.services.estimator.config import EstimatorConfig
 from jezero.services.estimator.measurements import (
-    AltimeterRange,
+    AltimeterMeasurement,
     Kind,
     Measurement,
-    OdometryFix,
-    RoverMotion,
-    TagFix,
-    UwbRound,
+    OdometryMeasurement,
+    RoverOdometryMeasurement,
+    TagMeasurement,
+    UwbMeasurement,
 )
 from jezero.services.estimator.motion import Array
-from jezero.services.estimator.ranging import RangeScreen
+from jezero.services.estimator.range_outliers import RangeOutlierFilter
 from jezero.services.estimator.relative_filter import Estimate, RelativeFilter
-from jezero.services.estimator.rover_screen import RoverScreen
-from jezero.services.estimator.selection import Selection
+from jezero.services.estimator.rover_plausibility import RoverPlausibilityCheck
+from jezero.services.estimator.selection import InputSelection
 
 UPPER_6 = np.triu_indices(6)
-NAMES: dict[Kind, str] = {"rover": "the rover's odometry", "uwb": "UWB", "tag": "the tag"}
+INPUT_NAMES: dict[Kind, str] = {"rover": "the rover's odometry", "uwb": "UWB", "tag": "the tag"}
 ATTITUDE_AGE_MAX_S = 0.06
-NOISE_MARGIN = 1.5
-"""On the ranges' own noise, for what differs from anchor to anchor and stays."""
+RANGE_STD_FACTOR = 1.5
+"""Factor on the ranges' estimated noise, as each anchor also has a constant error."""
 STD_MAX_M = 1e5
 COV_UNKNOWN = tuple((STD_MAX_M**2 * np.eye(6))[UPPER_6].tolist())
-SILENT_PERIOD_NS = 100_000_000
-"""Without odometry the result is told so often, that it isn't valid."""
+INVALID_PERIOD_NS = 100_000_000
+"""Without odometry, the estimate is published as invalid with this period."""
 ROVER_PERIOD_NS = NS_PER_S // 10
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 
@@ -63,33 +63,33 @@ SPEC = Spec(
 )
 
 
-class _InForce(NamedTuple):
-    """What a change of needs the filter to start anew."""
+class _ActiveSelection(NamedTuple):
+    """Selected inputs; the filter restarts when one is deselected or the prior position changes."""
 
     use_uwb: bool
     use_tag: bool
-    rough_ned_m: Vec3 | None
+    prior_pos_rover_ned_m: Vec3 | None
 
 
 class Estimator:
-    """Fuses what the sensors say when odometry arrives, and publishes the result with it."""
+    """Fuses sensor measurements and publishes the relative position whenever odometry arrives."""
 
     spec = SPEC
 
     def __init__(self, config: EstimatorConfig) -> None:
         self._config = config
-        self._selection = Selection(config.tuning)
-        self._filter = RelativeFilter(config.tuning, config.trust)
-        self._attitude = Attitudes(ATTITUDE_AGE_MAX_S)
-        self._screen = RangeScreen()
-        self._rover_screen = RoverScreen()
-        self._tag_repeats = FrozenSensorDetector()
+        self._selection = InputSelection(config.tuning)
+        self._filter = RelativeFilter(config.tuning, config.validity)
+        self._attitude = AttitudeHistory(ATTITUDE_AGE_MAX_S)
+        self._outlier_filter = RangeOutlierFilter()
+        self._rover_check = RoverPlausibilityCheck()
+        self._tag_freeze = FrozenSensorDetector()
         self._epoch_id: int | None = None
         self._since_ns = 0
-        """Sensors' messages of before belong to another epoch, or another selection."""
+        """Older sensor messages belong to a former epoch."""
         self._odometry: Odometry | None = None
-        self._rover_heard_ns: int | None = None
-        self._in_force = self._wanted()
+        self._rover_odometry_ns: int | None = None
+        self._active_selection = self._current_selection()
         self._restart_due = True
         self._published_ns = 0
         self._rover_published_ns = 0
@@ -97,37 +97,37 @@ class Estimator:
         self._health = ""
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
-        """React to what arrived."""
-        self._follow_epoch(t_ns, inbox)
+        """Serve requests, fuse new measurements and publish the estimate."""
+        self._handle_epoch(t_ns, inbox)
         yield from self._serve(t_ns, inbox)
         self._selection.expire(t_ns)
         self._apply_selection()
-        fresh = self._take_odometry(t_ns, inbox)
+        fresh = self._odometry_measurements(t_ns, inbox)
         self._restart_if_due()
         measurements = [*fresh, *self._measurements(t_ns, inbox)]
         if measurements:
             self._filter.add(measurements)
-        reason = self._invalid(t_ns)
+        reason = self._invalid_reason(t_ns)
         yield from self._publish(t_ns, bool(fresh), reason)
-        yield from self._report(reason)
+        yield from self._publish_health(reason)
 
     # -- epochs, requests, selection -----------------------------------------------------------------------
 
-    def _follow_epoch(self, t_ns: int, inbox: Inbox) -> None:
+    def _handle_epoch(self, t_ns: int, inbox: Inbox) -> None:
         clock = inbox.latest(topics.CLOCK)
         if clock is None or clock.epoch_id == self._epoch_id:
             return
         if self._epoch_id is not None:
             self._selection.end_lease()
-            self._start_anew(clock.t_ns)
+            self._reset(clock.t_ns)
         self._epoch_id = clock.epoch_id
 
-    def _start_anew(self, t_ns: int) -> None:
+    def _reset(self, t_ns: int) -> None:
         self._since_ns = t_ns
         self._odometry = None
-        self._rover_heard_ns = None
-        self._screen.clear()
-        self._rover_screen.clear()
+        self._rover_odometry_ns = None
+        self._outlier_filter.clear()
+        self._rover_check.clear()
         self._restart_due = True
 
     def _serve(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
@@ -136,49 +136,49 @@ class Estimator:
         for request in inbox.requests(topics.SET_PARAMETERS):
             reply = self._selection.set(request.payload)
             if reply.accepted:
-                self._filter.tune(self._selection.tuning)
+                self._filter.set_tuning(self._selection.tuning)
                 self._restart_due |= request.payload.pos_rover_ned_m is not None
             yield Reply(request.request_id, reply)
         for request in inbox.requests(topics.LEASE):
             yield Reply(request.request_id, self._selection.lease(t_ns, request.payload))
 
-    def _wanted(self) -> _InForce:
+    def _current_selection(self) -> _ActiveSelection:
         selection = self._selection
-        return _InForce(selection.use_uwb, selection.use_tag, selection.rough_ned_m)
+        return _ActiveSelection(selection.use_uwb, selection.use_tag, selection.prior_pos_rover_ned_m)
 
     def _apply_selection(self) -> None:
-        """Start anew when an input is not to be used any more, or another rough position holds."""
-        wanted, before = self._wanted(), self._in_force
-        self._in_force = wanted
-        less = (before.use_uwb and not wanted.use_uwb) or (before.use_tag and not wanted.use_tag)
-        self._restart_due |= less or wanted.rough_ned_m != before.rough_ned_m
+        """Schedule a restart when an input was deselected or the prior position changed."""
+        current, before = self._current_selection(), self._active_selection
+        self._active_selection = current
+        deselected = (before.use_uwb and not current.use_uwb) or (before.use_tag and not current.use_tag)
+        self._restart_due |= deselected or current.prior_pos_rover_ned_m != before.prior_pos_rover_ned_m
 
     def _restart_if_due(self) -> None:
-        """With the rover's rough position in the frame that the autopilot's resets don't move, which odometry tells."""
+        """Restart the filter; a prior position needs the odometry's reset offset, so this waits for odometry."""
         if not self._restart_due or self._odometry is None:
             return
         self._restart_due = False
-        rough_ned_m = self._selection.rough_ned_m
-        if rough_ned_m is None:
+        prior_pos_rover_ned_m = self._selection.prior_pos_rover_ned_m
+        if prior_pos_rover_ned_m is None:
             self._filter.restart()
         else:
-            rough_m = np.array(subtract(rough_ned_m, self._odometry.reset_offset_ned_m))
-            self._filter.restart((rough_m, self._selection.tuning.std_rover_m))
+            prior_pos_m = np.array(subtract(prior_pos_rover_ned_m, self._odometry.reset_offset_ned_m))
+            self._filter.restart((prior_pos_m, self._selection.tuning.std_rover_m))
 
     # -- messages to measurements --------------------------------------------------------------------------
 
-    def _in_time(self, t_ns: int, measured_ns: int) -> bool:
-        trust = self._config.trust
-        late = measured_ns < max(self._since_ns, t_ns - int(trust.late_max_s * NS_PER_S))
-        if late or measured_ns > t_ns + int(trust.early_max_s * NS_PER_S):
+    def _is_timely(self, t_ns: int, measured_ns: int) -> bool:
+        validity = self._config.validity
+        too_old = measured_ns < max(self._since_ns, t_ns - int(validity.max_age_s * NS_PER_S))
+        if too_old or measured_ns > t_ns + int(validity.max_lead_s * NS_PER_S):
             self._dropped += 1
             return False
         return True
 
-    def _take_odometry(self, t_ns: int, inbox: Inbox) -> list[Measurement]:
-        taken: list[Measurement] = []
+    def _odometry_measurements(self, t_ns: int, inbox: Inbox) -> list[Measurement]:
+        measurements: list[Measurement] = []
         for odometry in inbox.new(topics.ODOMETRY):
-            if odometry.epoch_id != self._epoch_id or not self._in_time(t_ns, odometry.t_ns):
+            if odometry.epoch_id != self._epoch_id or not self._is_timely(t_ns, odometry.t_ns):
                 continue
             if self._odometry is not None and odometry.t_ns <= self._odometry.t_ns:
                 continue
@@ -186,34 +186,34 @@ class Estimator:
             self._odometry = odometry
             self._attitude.add(odometry)
             pos_m = subtract(odometry.pos_uav_ned_m, odometry.reset_offset_ned_m)
-            taken.append(OdometryFix(odometry.t_ns, np.array(pos_m + odometry.vel_uav_ned_mps), reset))
-        return taken
+            measurements.append(OdometryMeasurement(odometry.t_ns, np.array(pos_m + odometry.vel_uav_ned_mps), reset))
+        return measurements
 
     def _measurements(self, t_ns: int, inbox: Inbox) -> Iterator[Measurement]:
         for rover in inbox.new(topics.ROVER_ODOMETRY):
-            if self._in_time(t_ns, rover.t_ns) and self._is_a_rovers(rover):
-                self._rover_heard_ns = rover.t_ns
-                yield self._rover_motion(rover)
+            if self._is_timely(t_ns, rover.t_ns) and self._is_plausible(rover):
+                self._rover_odometry_ns = rover.t_ns
+                yield self._rover_measurement(rover)
         for altimeter in inbox.new(topics.ALTIMETER):
-            if altimeter.range_m is not None and self._in_time(t_ns, altimeter.t_ns):
-                yield from self._altimeter_range(altimeter, altimeter.range_m)
+            if altimeter.range_m is not None and self._is_timely(t_ns, altimeter.t_ns):
+                yield from self._altimeter_measurement(altimeter, altimeter.range_m)
         if self._selection.use_uwb:
             for uwb in inbox.new(topics.UWB):
-                if uwb.ranges and self._in_time(t_ns, uwb.t_ns):
-                    yield from self._uwb_round(uwb)
+                if uwb.ranges and self._is_timely(t_ns, uwb.t_ns):
+                    yield from self._uwb_measurement(uwb)
         if self._selection.use_tag:
             for tag in inbox.new(topics.ESTIMATE_TAG):
-                if self._in_time(t_ns, tag.t_ns):
-                    yield from self._tag_fix(tag)
+                if self._is_timely(t_ns, tag.t_ns):
+                    yield from self._tag_measurement(tag)
 
-    def _is_a_rovers(self, rover: sensors.RoverOdometry) -> bool:
-        believed = self._rover_screen.believes(rover)
-        self._dropped += not believed
-        return believed
+    def _is_plausible(self, rover: sensors.RoverOdometry) -> bool:
+        plausible = self._rover_check.is_plausible(rover)
+        self._dropped += not plausible
+        return plausible
 
-    def _rover_motion(self, rover: sensors.RoverOdometry) -> RoverMotion:
+    def _rover_measurement(self, rover: sensors.RoverOdometry) -> RoverOdometryMeasurement:
         tuning = self._selection.tuning
-        return RoverMotion(
+        return RoverOdometryMeasurement(
             rover.t_ns,
             rover.speed_rover_body_mps,
             rover.yaw_rover_rad,
@@ -224,32 +224,32 @@ class Estimator:
         )
 
     def _lever(self, t_ns: int, mount_frd_m: Vec3) -> Array | None:
-        """(3,) in NED from the vehicle's position to a mount."""
+        """(3,) lever arm in NED from the vehicle's position to a sensor; None without an attitude for that time."""
         q_ned_from_frd = self._attitude.at(t_ns)
         if q_ned_from_frd is None:
             return None
         x, y, z = quat_rotate(q_ned_from_frd, mount_frd_m)
         return np.array((x, y, z - self._config.vehicle.height_stand_m))
 
-    def _altimeter_range(self, altimeter: sensors.Altimeter, range_m: float) -> Iterator[Measurement]:
+    def _altimeter_measurement(self, altimeter: sensors.Altimeter, range_m: float) -> Iterator[Measurement]:
         lever_m = self._lever(altimeter.t_ns, self._config.vehicle.mount_altimeter_frd_m)
         q_ned_from_frd = self._attitude.at(altimeter.t_ns)
         if lever_m is not None and q_ned_from_frd is not None:
             beam_ned = np.array(quat_rotate(q_ned_from_frd, (0.0, 0.0, 1.0)))
             half_m = 0.5 * self._config.platform.side_m
             std_m = self._selection.tuning.std_altimeter_m
-            yield AltimeterRange(altimeter.t_ns, range_m, lever_m, beam_ned, half_m, std_m)
+            yield AltimeterMeasurement(altimeter.t_ns, range_m, lever_m, beam_ned, half_m, std_m)
 
-    def _uwb_round(self, uwb: sensors.Uwb) -> Iterator[Measurement]:
-        """The ranges that took no detour, with the noise they show where that is more than the parameter's."""
-        std_m = max(self._selection.tuning.std_uwb_m, NOISE_MARGIN * self._screen.std_m)
-        ranges = self._screen.screen(uwb, std_m)
+    def _uwb_measurement(self, uwb: sensors.Uwb) -> Iterator[Measurement]:
+        """Ranges with line of sight; their noise is the parameter's or the estimated one, whichever is greater."""
+        std_m = max(self._selection.tuning.std_uwb_m, RANGE_STD_FACTOR * self._outlier_filter.std_m)
+        ranges = self._outlier_filter.filter(uwb, std_m)
         if not ranges:
             return
         t_ns = sum(r.t_ns for r in ranges) // len(ranges)
         lever_m = self._lever(t_ns, self._config.vehicle.mount_uwb_frd_m)
         if lever_m is not None:
-            yield UwbRound(
+            yield UwbMeasurement(
                 t_ns,
                 lever_m,
                 np.array([r.pos_anchor_rover_body_m for r in ranges]),
@@ -258,14 +258,14 @@ class Estimator:
                 std_m,
             )
 
-    def _tag_fix(self, tag: TagEstimate) -> Iterator[Measurement]:
+    def _tag_measurement(self, tag: TagEstimate) -> Iterator[Measurement]:
         q_ned_from_frd = self._attitude.at(tag.t_ns)
         if q_ned_from_frd is None:
             return
-        if self._tag_repeats.is_frozen(tag.pos_uav_rel_rover_ned_m):  # the camera shows the same picture all the time
+        if self._tag_freeze.is_frozen(tag.pos_uav_rel_rover_ned_m):  # the camera shows the same picture all the time
             self._dropped += 1
             return
-        arm_m = np.array(tag.pos_uav_rel_rover_ned_m)
+        lever_arm_m = np.array(tag.pos_uav_rel_rover_ned_m)
         xx, xy, xz, yy, yz, zz = tag.cov_pos_ned_m2
         cov_m2 = np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
         if float(np.linalg.eigvalsh(cov_m2)[0]) < -1e-9:
@@ -273,22 +273,22 @@ class Estimator:
             return
         factor = self._selection.tuning.scale_std_tag
         knows_yaw = tag.yaw_rover_rad is not None and bool(tag.std_yaw_rover_rad)
-        yield TagFix(
+        yield TagMeasurement(
             tag.t_ns,
-            arm_m + np.array((0.0, 0.0, self._config.vehicle.height_stand_m)),
-            arm_m,
+            lever_arm_m + np.array((0.0, 0.0, self._config.vehicle.height_stand_m)),
+            lever_arm_m,
             factor * factor * cov_m2,
             yaw_from_quat(q_ned_from_frd),
             tag.yaw_rover_rad if knows_yaw else None,
             (tag.std_yaw_rover_rad or 1.0) * factor,
         )
 
-    # -- the result ----------------------------------------------------------------------------------------
+    # -- outputs ------------------------------------------------------------------------------------------
 
     def _publish(self, t_ns: int, fresh: bool, reason: str) -> Iterator[Output]:
         period_ns = int(NS_PER_S / self._selection.tuning.rate_relative_hz)
         since_ns = t_ns - self._published_ns
-        if self._epoch_id is None or 0 <= since_ns < (0.75 * period_ns if fresh else SILENT_PERIOD_NS):
+        if self._epoch_id is None or 0 <= since_ns < (0.75 * period_ns if fresh else INVALID_PERIOD_NS):
             return
         self._published_ns = t_ns
         estimate = self._filter.estimate
@@ -296,33 +296,34 @@ class Estimator:
         odometry = self._odometry
         if estimate is not None and odometry is not None and t_ns - self._rover_published_ns >= 0.9 * ROVER_PERIOD_NS:
             self._rover_published_ns = t_ns
-            yield Publish(topics.ROVER_ESTIMATE, self._rover(estimate, odometry, reason))
+            yield Publish(topics.ROVER_ESTIMATE, self._rover_estimate(estimate, odometry, reason))
 
-    def _invalid(self, t_ns: int) -> str:
-        """Why the estimate isn't fit to fly by, or ""."""
-        return next(self._reasons(t_ns), "")
+    def _invalid_reason(self, t_ns: int) -> str:
+        """Why the estimate is invalid, or ""."""
+        return next(self._invalid_reasons(t_ns), "")
 
-    def _reasons(self, t_ns: int) -> Iterator[str]:
-        trust, selection, found = self._config.trust, self._selection, self._filter
-        if self._odometry is None or t_ns - self._odometry.t_ns > trust.odometry_max_s * NS_PER_S:
+    def _invalid_reasons(self, t_ns: int) -> Iterator[str]:
+        validity, selection, relative = self._config.validity, self._selection, self._filter
+        if self._odometry is None or t_ns - self._odometry.t_ns > validity.odometry_timeout_s * NS_PER_S:
             yield "no odometry of the vehicle"
-        wanted = " and ".join(n for n, use in (("UWB", selection.use_uwb), ("tag", selection.use_tag)) if use)
-        if not wanted:
+        selected = " and ".join(n for n, use in (("UWB", selection.use_uwb), ("tag", selection.use_tag)) if use)
+        if not selected:
             yield "neither UWB nor tag is selected"
-        if not found.located:
-            missing = "" if self._rover_heard_ns is not None else "; the rover's odometry is missing"
-            yield f"the rover has not been found yet by {wanted}{missing}"
-        if found.std_pos_m > trust.std_valid_m:
-            yield f"the rover's position is known to {found.std_pos_m:.1f} m only"
-        if found.fused_ns == 0:
-            yield f"nothing measured by {wanted} yet"
-        silent_s = (t_ns - found.fused_ns) / NS_PER_S
-        if silent_s > trust.silent_max_s:
-            yield f"nothing measured by {wanted} for {silent_s:.0f} s"
-        if found.rivals:
+        if not relative.located:
+            missing = "" if self._rover_odometry_ns is not None else "; the rover's odometry is missing"
+            yield f"the rover has not been found yet by {selected}{missing}"
+        if relative.std_pos_m > validity.std_pos_max_m:
+            yield f"the rover's position is known to {relative.std_pos_m:.1f} m only"
+        if relative.fused_ns == 0:
+            yield f"nothing measured by {selected} yet"
+        silent_s = (t_ns - relative.fused_ns) / NS_PER_S
+        if silent_s > validity.aiding_timeout_s:
+            yield f"nothing measured by {selected} for {silent_s:.0f} s"
+        if relative.has_input_conflict:
             yield "UWB and tag contradict each other"
-        if found.contradicted:
-            yield f"the estimate is contradicted by {' and '.join(NAMES[kind] for kind in found.contradicted)}"
+        if relative.rejected_inputs:
+            names = [INPUT_NAMES[kind] for kind in relative.rejected_inputs]
+            yield f"the estimate is contradicted by {' and '.join(names)}"
 
     def _relative(self, t_ns: int, estimate: Estimate | None, reason: str) -> Relative:
         selection, located = self._selection, self._filter.located
@@ -346,8 +347,8 @@ class Estimator:
             parameters_version=selection.version,
         )
 
-    def _rover(self, estimate: Estimate, odometry: Odometry, reason: str) -> RoverEstimate:
-        """The rover's place from the vehicle's, in the odometry's own frame: whoever flies by one has the other."""
+    def _rover_estimate(self, estimate: Estimate, odometry: Odometry, reason: str) -> RoverEstimate:
+        """Position of the rover in the frame of the odometry, so that both can be used together."""
         age_s = (estimate.t_ns - odometry.t_ns) / NS_PER_S
         pos_uav_m = add(odometry.pos_uav_ned_m, scale(odometry.vel_uav_ned_mps, age_s))
         located = self._filter.located
@@ -363,14 +364,14 @@ class Estimator:
             reset_offset_ned_m=odometry.reset_offset_ned_m,
         )
 
-    def _report(self, reason: str) -> Iterable[Output]:
+    def _publish_health(self, reason: str) -> Iterable[Output]:
         missing = "the vehicle's clock" if self._epoch_id is None else "odometry" if self._odometry is None else ""
         text = f"waiting for {missing}" if missing else reason or "the rover is found"
         if self._dropped:
             text += f"; {self._dropped} measurements dropped: too late, too early or impossible"
         if text != self._health:
             self._health = text
-            yield Health("degraded" if missing or self._filter.contradicted else "ok", text)
+            yield Health("degraded" if missing or self._filter.rejected_inputs else "ok", text)
 
 
 def _vec3(v: Array) -> Vec3:

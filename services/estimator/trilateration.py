@@ -1,4 +1,4 @@
-"""Where the UWB tag is, from ranges to anchors that lie in a plane. Source: thesis §4.2.2, the position `norot_pos`."""
+"""Position of the UWB tag from ranges to anchors in a plane. Source: thesis §4.2.2, the position `norot_pos`."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -11,24 +11,24 @@ from jezero.frames import Vec3
 
 ITERATIONS = 5
 CONVERGED_M = 1e-6
-"""A Gauss–Newton step so small leaves an error far smaller still."""
+"""Gauss–Newton stops at a step of this size: convergence is quadratic, so the remaining error is far smaller."""
 ANCHORS_MIN = 3
-WEAKEST = 1e-4
-"""Information on each axis that keeps the variance finite where the geometry gives none."""
+INFORMATION_MIN = 1e-4
+"""Information added on each axis, which keeps the variance finite when the geometry leaves an axis unobservable."""
 
 
 def trilaterate(anchors_m: Sequence[Vec3], ranges_m: Sequence[float]) -> tuple[Vec3, NDArray[np.float64]] | None:
     """Position in the anchors' frame, above them, and its covariance for ranges of unit variance.
 
-    Differences of squared ranges are linear in the horizontal position; the height follows from what is left of the
-    ranges, and Gauss–Newton steps weigh them all.
+    Differences of squared ranges are linear in the horizontal position. The height follows from the residual, and
+    Gauss–Newton steps refine the position by all ranges.
 
     Args:
         anchors_m: three or more, in a horizontal plane or nearly, z down.
     Returns:
-        None when the anchors are too few or in a line, or the result isn't finite.
+        None when there are too few anchors, they are collinear, or the result is not finite.
     """
-    anchors = _about_their_center(tuple(anchors_m))
+    anchors = _centered(tuple(anchors_m))
     if anchors is None:
         return None
     center, B, lengths_squared = anchors
@@ -47,7 +47,7 @@ def trilaterate(anchors_m: Sequence[Vec3], ranges_m: Sequence[float]) -> tuple[V
         p[2] = min(p[2], -1e-2)
         if np.abs(step).max() < CONVERGED_M:
             break
-    covariance = np.linalg.inv(J.T @ J + WEAKEST * np.eye(3))
+    covariance = np.linalg.inv(J.T @ J + INFORMATION_MIN * np.eye(3))
     if not (np.all(np.isfinite(p)) and np.all(np.isfinite(covariance))):
         return None
     x, y, z = (p + center).tolist()
@@ -55,8 +55,8 @@ def trilaterate(anchors_m: Sequence[Vec3], ranges_m: Sequence[float]) -> tuple[V
 
 
 @lru_cache(maxsize=16)
-def _about_their_center(anchors_m: tuple[Vec3, ...]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]] | None:
-    """The anchors' centre (3,), the anchors seen from it (m, 3), and their squared distances to it (m,)."""
+def _centered(anchors_m: tuple[Vec3, ...]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]] | None:
+    """Centroid of the anchors (3,), their positions relative to it (m, 3), and squared distances to it (m,)."""
     if len(anchors_m) < ANCHORS_MIN:
         return None
     A = np.array(anchors_m, dtype=float)

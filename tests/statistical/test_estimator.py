@@ -10,9 +10,9 @@ from scipy.stats import chi2
 from benchmarks.quality.estimator import CASES, Sample, judge, replay, rmse_m
 from benchmarks.quality.estimator_flight import EstimatorFlight
 from jezero.services.estimator.kalman import Kalman
+from jezero.services.estimator.measurement_history import MeasurementHistory
 from jezero.services.estimator.measurements import Kind
 from jezero.services.estimator.motion import Array
-from jezero.services.estimator.timeline import Timeline
 
 SEEDS = range(4)
 CONFIDENCE = 0.999
@@ -27,21 +27,21 @@ def flown(case: str) -> tuple[Flights, dict[Kind, tuple[float, int]]]:
     nis: dict[Kind, list[tuple[float, int]]] = defaultdict(list)
     flights = []
     with pytest.MonkeyPatch.context() as patch:
-        fuse, update = Timeline._fuse, Kalman.update
+        fuse, update = MeasurementHistory._fuse, Kalman.update
         of_updates: list[float] = []
 
         def watched_update(self: Kalman, innovation: Array, H: Array, R: Array) -> None:
             of_updates.append(float(innovation @ np.linalg.solve(self.innovation_covariance(H, R), innovation)))
             update(self, innovation, H, R)
 
-        def watched(self: Timeline, measurement: object) -> None:
+        def watched(self: MeasurementHistory, measurement: object) -> None:
             of_updates.clear()
             fuse(self, measurement)  # type: ignore[arg-type]
             entry = self.entries[-1]
-            nis[entry.measurement.kind].append((of_updates[0] if of_updates else 0.0, entry.verdict.used))
+            nis[entry.measurement.kind].append((of_updates[0] if of_updates else 0.0, entry.result.used))
 
         patch.setattr(Kalman, "update", watched_update)
-        patch.setattr(Timeline, "_fuse", watched)
+        patch.setattr(MeasurementHistory, "_fuse", watched)
         for seed in SEEDS:
             flight = EstimatorFlight(seed, setup.conditions)
             flights.append(list(judge(flight, replay(flight, setup.use_uwb, setup.use_tag))))

@@ -13,7 +13,7 @@ from jezero.schemas.estimate import TagEstimate
 from jezero.schemas.landing_board import LANDING_BOARD
 from jezero.schemas.sensors import CameraFrame, CornersOfTag, TagCorners
 from jezero.schemas.units import NS_PER_S
-from jezero.services.estimator.attitudes import Attitudes
+from jezero.services.estimator.attitude_history import AttitudeHistory
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.pose import Array, Pose, View, make_view, solve
 
@@ -40,7 +40,7 @@ class TagDetector:
     def __init__(self, config: TagDetectorConfig) -> None:
         self._config = config
         self._finder: Finder | None = None
-        self._attitudes = Attitudes(config.attitude_age_max_s)
+        self._attitudes = AttitudeHistory(config.attitude_age_max_s)
         self._seen_ns = -NS_PER_S
         self._picture_ns = -NS_PER_S
         self._health = ""

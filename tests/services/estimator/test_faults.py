@@ -14,8 +14,8 @@ from jezero.schemas.estimate import Relative, TagEstimate
 from jezero.schemas.sensors import Altimeter, RoverOdometry, Uwb, UwbRange
 from jezero.schemas.state import Clock, Odometry
 from jezero.services.estimator.config import EstimatorConfig
-from jezero.services.estimator.measurements import AltimeterRange, Verdict
-from jezero.services.estimator.ranging import RangeScreen
+from jezero.services.estimator.measurements import AltimeterMeasurement, UpdateResult
+from jezero.services.estimator.range_outliers import RangeOutlierFilter
 from jezero.services.estimator.service import Estimator
 from tests.services.estimator.rig import Rig
 from tests.services.estimator.test_filter import GATE, MS, POS_ROVER_M, POS_UAV_M, kalman_at
@@ -96,35 +96,35 @@ def test_a_fifth_of_the_ranges_without_line_of_sight_hardly_matters() -> None:
 
 def test_the_noise_of_the_ranges_is_measured_whatever_moves() -> None:
     rng = np.random.default_rng(3)
-    screen = RangeScreen()
+    outlier_filter = RangeOutlierFilter()
     for i in range(60):
         t_ns, away_m = i * 50 * MS, 8.0 - 2.0 * 0.05 * i
         ranges = tuple(
             UwbRange(t_ns=t_ns, anchor=a, pos_anchor_rover_body_m=ANCHORS_M[a], range_m=away_m + 0.1 * rng.normal())
             for a in range(4)
         )
-        assert len(screen.screen(Uwb(t_ns=t_ns, ranges=ranges), 0.1)) >= 3
-    assert 0.07 < screen.std_m < 0.14
+        assert len(outlier_filter.filter(Uwb(t_ns=t_ns, ranges=ranges), 0.1)) >= 3
+    assert 0.07 < outlier_filter.std_m < 0.14
     late = UwbRange(t_ns=3000 * MS, anchor=0, pos_anchor_rover_body_m=ANCHORS_M[0], range_m=2.0 + 1.0)
-    assert screen.screen(Uwb(t_ns=3000 * MS, ranges=(late,)), 0.1) == ()
+    assert outlier_filter.filter(Uwb(t_ns=3000 * MS, ranges=(late,)), 0.1) == ()
 
 
 def test_the_altimeter_counts_only_where_its_beam_surely_meets_the_platform() -> None:
-    beam = AltimeterRange(0, 5.4, np.array((0.0, 0.0, -0.1)), np.array((0.0, 0.0, 1.0)), 0.5, 0.03)
+    beam = AltimeterMeasurement(0, 5.4, np.array((0.0, 0.0, -0.1)), np.array((0.0, 0.0, 1.0)), 0.5, 0.03)
     above = (POS_ROVER_M[0], POS_ROVER_M[1], POS_ROVER_M[2] - 5.3)
     assert beam.fuse(kalman_at(np.array(above), 0.03), GATE).used == 1
     aside = np.array(above) + np.array((0.45, 0.0, 0.0))
-    assert beam.fuse(kalman_at(aside, 0.03), GATE) == Verdict(0, 0)
-    assert beam.fuse(kalman_at(np.array(above), 0.2), GATE) == Verdict(0, 0)
+    assert beam.fuse(kalman_at(aside, 0.03), GATE) == UpdateResult(0, 0)
+    assert beam.fuse(kalman_at(np.array(above), 0.2), GATE) == UpdateResult(0, 0)
     tilted = changed(beam, beam_ned=np.array((np.sin(0.1), 0.0, np.cos(0.1))))
-    assert tilted.fuse(kalman_at(np.array(above), 0.03), GATE) == Verdict(0, 0)
+    assert tilted.fuse(kalman_at(np.array(above), 0.03), GATE) == UpdateResult(0, 0)
 
 
 def test_the_altimeter_is_corrected_for_tilt() -> None:
     low = (POS_ROVER_M[0], POS_ROVER_M[1], POS_ROVER_M[2] - 1.0)
     tilt_rad = 0.2
     beam_ned = np.array((np.sin(tilt_rad), 0.0, np.cos(tilt_rad)))
-    measured = AltimeterRange(0, 1.1 / np.cos(tilt_rad), np.array((0.0, 0.0, -0.1)), beam_ned, 0.5, 0.03)
+    measured = AltimeterMeasurement(0, 1.1 / np.cos(tilt_rad), np.array((0.0, 0.0, -0.1)), beam_ned, 0.5, 0.03)
     kalman = kalman_at(np.array(low), 0.02)
     assert measured.fuse(kalman, GATE).used == 1
     assert abs(float(kalman.pos_rel_m[2]) + 1.0) < 1e-6

@@ -5,10 +5,16 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from jezero.services.estimator.config import Trust, Tuning
-from jezero.services.estimator.kalman import Kalman, Moment
-from jezero.services.estimator.measurements import Measurement, OdometryFix, RoverMotion, TagFix, UwbRound
-from jezero.services.estimator.motion import Array, MotionModel, initial
+from jezero.services.estimator.config import Tuning, ValidityConfig
+from jezero.services.estimator.kalman import FilterState, Kalman
+from jezero.services.estimator.measurements import (
+    Measurement,
+    OdometryMeasurement,
+    RoverOdometryMeasurement,
+    TagMeasurement,
+    UwbMeasurement,
+)
+from jezero.services.estimator.motion import Array, MotionModel, initial_state
 from jezero.services.estimator.relative_filter import RelativeFilter
 from jezero.services.estimator.trilateration import trilaterate
 
@@ -25,9 +31,9 @@ GATE = (10.8, 16.3)
 def kalman_at(pos_uav_m: Array, std_m: float) -> Kalman:
     """A filter over the rover at `POS_ROVER_M` whose relative position has a standard deviation of `std_m`."""
     kalman = Kalman(MotionModel(Tuning()))
-    x, P = initial(pos_uav_m, Tuning())
-    kalman.restore(Moment(0, x, P))
-    kalman.locate(pos_uav_m - POS_ROVER_M, std_m**2 * np.eye(3))
+    x, P = initial_state(pos_uav_m, Tuning())
+    kalman.restore(FilterState(0, x, P))
+    kalman.reset_rover_position(pos_uav_m - POS_ROVER_M, std_m**2 * np.eye(3))
     return kalman
 
 
@@ -38,20 +44,20 @@ def ranges_m(pos_rel_m: Array, yaw_rad: float = YAW_RAD) -> Array:
     return distances
 
 
-def uwb(t_ns: int, pos_rel_m: Array, rng: np.random.Generator | None = None, std_m: float = 0.01) -> UwbRound:
+def uwb(t_ns: int, pos_rel_m: Array, rng: np.random.Generator | None = None, std_m: float = 0.01) -> UwbMeasurement:
     noise = np.zeros(4) if rng is None else rng.normal(0.0, std_m, 4)
-    return UwbRound(t_ns, LEVER_M, ANCHORS_M, ranges_m(pos_rel_m) + noise, np.zeros(4), 0.02)
+    return UwbMeasurement(t_ns, LEVER_M, ANCHORS_M, ranges_m(pos_rel_m) + noise, np.zeros(4), 0.02)
 
 
-def tag(t_ns: int, pos_rel_m: Array) -> TagFix:
-    return TagFix(t_ns, pos_rel_m, pos_rel_m, 1e-4 * np.eye(3), 0.0, None, 1.0)
+def tag(t_ns: int, pos_rel_m: Array) -> TagMeasurement:
+    return TagMeasurement(t_ns, pos_rel_m, pos_rel_m, 1e-4 * np.eye(3), 0.0, None, 1.0)
 
 
 def hovering(seconds: float, start_ms: int = 0) -> Iterator[Measurement]:
     """Odometry and rover of a vehicle that stands still in the air over a rover that stands."""
     for ms in range(start_ms, start_ms + int(1000 * seconds), 20):
-        yield OdometryFix(ms * MS, np.concatenate((POS_UAV_M, np.zeros(3))))
-        yield RoverMotion(ms * MS, 0.0, YAW_RAD, 0.0, 0.03, 0.03, 0.01)
+        yield OdometryMeasurement(ms * MS, np.concatenate((POS_UAV_M, np.zeros(3))))
+        yield RoverOdometryMeasurement(ms * MS, 0.0, YAW_RAD, 0.0, 0.03, 0.03, 0.01)
 
 
 def test_trilateration_finds_a_point_above_the_anchors() -> None:
@@ -70,7 +76,7 @@ def test_trilateration_refuses_anchors_in_a_line() -> None:
 
 def test_the_rover_is_found_by_uwb() -> None:
     rng = np.random.default_rng(1)
-    located = RelativeFilter(Tuning(), Trust())
+    located = RelativeFilter(Tuning(), ValidityConfig())
     rel_m = POS_UAV_M - POS_ROVER_M
     assert not located.located
     for ms in range(0, 2000, 100):
@@ -82,7 +88,7 @@ def test_the_rover_is_found_by_uwb() -> None:
 
 def test_the_rover_is_found_by_its_tag() -> None:
     rel_m = POS_UAV_M - POS_ROVER_M
-    located = RelativeFilter(Tuning(), Trust())
+    located = RelativeFilter(Tuning(), ValidityConfig())
     located.add(list(hovering(1.0)))
     for ms in range(0, 1000, 66):
         located.add([tag(ms * MS, rel_m)])
@@ -94,7 +100,7 @@ def test_the_order_of_arrival_does_not_matter() -> None:
     rng = np.random.default_rng(2)
     rel_m = POS_UAV_M - POS_ROVER_M
     tags = [tag(ms * MS, rel_m + rng.normal(0.0, 0.01, 3)) for ms in range(100, 900, 66)]
-    in_order, late = RelativeFilter(Tuning(), Trust()), RelativeFilter(Tuning(), Trust())
+    in_order, late = RelativeFilter(Tuning(), ValidityConfig()), RelativeFilter(Tuning(), ValidityConfig())
     first = tag(33 * MS, rel_m)
     for located in (in_order, late):
         located.add([*hovering(0.06), first])

@@ -75,9 +75,9 @@ def test_a_landing_by_tag_alone_starts_from_a_rough_position_and_is_corrected() 
     seen = [r for r in rig.relatives if r.goal_id]
     assert not seen
     rig.until(1.2)
-    rough = rig.relative
-    assert (rough.use_uwb, rough.use_tag, rough.goal_id) == (False, True, "land-1")
-    assert not rough.valid or rig.error_m(rough) < 0.3
+    prior = rig.relative
+    assert (prior.use_uwb, prior.use_tag, prior.goal_id) == (False, True, "land-1")
+    assert not prior.valid or rig.error_m(prior) < 0.3
     while rig.bus.t_ns < (rig.flight.end_s - 1.0) * NS_PER_S:
         rig.bus.run_for(1.0)
         rig.lease(uwb=False, tag=True, pos_ned_m=wrong_ned_m)
@@ -112,9 +112,9 @@ def test_one_goal_at_a_time_holds_the_lease() -> None:
     rig = Rig()
     rig.until(2.0)
     rig.lease("first", uwb=True, tag=True)
-    refused = rig.lease("second", uwb=True, tag=False)
-    assert not refused.accepted
-    assert "goal first holds the lease for" in refused.reason
+    rejected = rig.lease("second", uwb=True, tag=False)
+    assert not rejected.accepted
+    assert "goal first holds the lease for" in rejected.reason
     nothing = rig.lease("first", uwb=False, tag=False)
     assert not nothing.accepted
     assert rig.until(2.5).goal_id == "first"
@@ -153,9 +153,9 @@ def test_parameters_are_read_and_set_while_running() -> None:
 def test_a_parameter_out_of_range_is_refused_with_the_range_and_nothing_changes() -> None:
     rig = Rig()
     rig.until(2.0)
-    refused = rig.ask(topics.SET_PARAMETERS, SetParameters(std_uwb_m=50.0, use_tag=False))
-    assert not refused.accepted
-    assert "std_uwb_m = 50 is not within 0.001 to 10" in refused.reason
+    rejected = rig.ask(topics.SET_PARAMETERS, SetParameters(std_uwb_m=50.0, use_tag=False))
+    assert not rejected.accepted
+    assert "std_uwb_m = 50 is not within 0.001 to 10" in rejected.reason
     assert rig.ask(topics.GET_PARAMETERS, GetParameters()).version == 0
     assert rig.until(2.5).use_tag
 
@@ -199,12 +199,12 @@ def test_a_rough_position_moves_with_the_autopilots_resets() -> None:
 
     rig = Rig(tamper=moved)
     rig.until(1.0)
-    rough_ned_m = add(near(rig), (1.0, 0.0, 0.0))
-    rig.lease(uwb=False, tag=True, pos_ned_m=rough_ned_m)
+    prior_pos_rover_ned_m = add(near(rig), (1.0, 0.0, 0.0))
+    rig.lease(uwb=False, tag=True, pos_ned_m=prior_pos_rover_ned_m)
     rig.until(1.5)
     before_m = rig.rovers[-1].pos_rover_ned_m
-    assert before_m == pytest.approx(rough_ned_m, abs=0.3)
-    rig.lease(uwb=False, tag=True, pos_ned_m=rough_ned_m)
+    assert before_m == pytest.approx(prior_pos_rover_ned_m, abs=0.3)
+    rig.lease(uwb=False, tag=True, pos_ned_m=prior_pos_rover_ned_m)
     rig.until(3.0)
     assert subtract(rig.rovers[-1].pos_rover_ned_m, before_m) == pytest.approx(STEP_NED_M, abs=0.3)
 

@@ -26,7 +26,7 @@ from jezero.schemas.sensors import CameraFrame, CameraInfo, CornersOfTag, TagCor
 from jezero.schemas.state import Odometry
 from jezero.schemas.struct import Message
 from jezero.schemas.units import NS_PER_S
-from jezero.services.estimator.attitudes import Attitudes
+from jezero.services.estimator.attitude_history import AttitudeHistory
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.finder import Finder
 from jezero.services.estimator.tag_detector.pose import Array, View, make_view, solve
@@ -201,7 +201,7 @@ def odometry(t_s: float, q: Quat, epoch_id: int = 1, rates: Vec3 = (0.0, 0.0, 0.
 
 
 def test_an_attitude_is_turned_on_to_the_exposure_and_forgotten_with_its_epoch() -> None:
-    attitudes = Attitudes(0.06)
+    attitudes = AttitudeHistory(0.06)
     assert attitudes.at(0) is None
     attitudes.add(odometry(1.0, quat_from_euler(0.0, 0.0, 0.0), rates=(0.5, 0.0, 0.0)))
     attitudes.add(odometry(1.1, quat_from_euler(0.05, 0.0, 0.0), rates=(0.5, 0.0, 0.0)))

@@ -1,4 +1,4 @@
-"""The vehicle's attitude at a moment of the last second."""
+"""The vehicle's attitude at any time of the last second."""
 
 from bisect import bisect_left
 from collections import deque
@@ -7,29 +7,29 @@ from jezero.frames import Quat, quat_from_rotation_vector, quat_multiply, quat_n
 from jezero.schemas.state import Odometry
 from jezero.schemas.units import NS_PER_S
 
-KEPT = 100
+HISTORY_LENGTH = 100
 
 
-class Attitudes:
+class AttitudeHistory:
     """A short history of the autopilot's attitude.
 
     Args:
-        age_max_s: how far a moment may be from the nearest known one.
+        age_max_s: greatest time between a requested time and the nearest odometry message.
     """
 
     def __init__(self, age_max_s: float) -> None:
         self._age_max_s = age_max_s
-        self._known: deque[Odometry] = deque(maxlen=KEPT)
+        self._known: deque[Odometry] = deque(maxlen=HISTORY_LENGTH)
 
     def add(self, odometry: Odometry) -> None:
-        """Keep what is newer than all before; a new epoch forgets the old one."""
+        """Store a message that is newer than all before it; a new epoch clears the history."""
         if self._known and odometry.epoch_id != self._known[-1].epoch_id:
             self._known.clear()
         if not self._known or odometry.t_ns > self._known[-1].t_ns:
             self._known.append(odometry)
 
     def at(self, t_ns: int) -> Quat | None:
-        """Attitude at that time, turned on from the nearest known one by its angular rates; None when too far off."""
+        """Attitude at `t_ns`, extrapolated from the nearest message by its body rates; None when too far away."""
         if not self._known:
             return None
         after = bisect_left(self._known, t_ns, key=lambda odometry: odometry.t_ns)

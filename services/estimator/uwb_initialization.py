@@ -1,4 +1,4 @@
-"""A first position from UWB alone, also when some ranges are far too long."""
+"""Initial relative position from UWB alone, robust against ranges without line of sight."""
 
 from collections import deque
 from math import cos, dist, hypot, sin
@@ -7,30 +7,34 @@ from statistics import median
 import numpy as np
 
 from jezero.frames import Vec3
-from jezero.services.estimator.measurements import UwbRound
+from jezero.services.estimator.measurements import UwbMeasurement
 from jezero.services.estimator.motion import Array
 from jezero.services.estimator.trilateration import trilaterate
 
 WINDOW_NS = 600_000_000
 ROUNDS_MIN = 8
-REFINEMENTS, REFINED_M = 2, 1e-4
-"""The place tells how the ranges have changed since they were measured, and that tells the place."""
+REFINEMENTS_MAX, REFINEMENT_CONVERGED_M = 2, 1e-4
+"""Position and range rates depend on each other, so they are computed by fixed-point iteration."""
 STD_FLOOR_M = 0.05
-EXCESS = 2.0
-"""On the standard deviation that the ranges' noise gives: they have constant errors, too."""
-HEIGHT_PLATFORM_M, BESIDE_M, STD_MIRRORED_M = 1.0, 0.7, 2.0
-"""Ranges don't tell above from below the anchors. A vehicle beside the rover may be below them, but hardly by more than
-the first: then the height counts as unknown until it is further up."""
+STD_FACTOR = 2.0
+"""Factor on the standard deviation, as ranges also have constant errors."""
+PLATFORM_HEIGHT_MAX_M, BESIDE_ROVER_MIN_M, STD_HEIGHT_AMBIGUOUS_M = 1.0, 0.7, 2.0
+"""The height is ambiguous: ranges cannot distinguish above from below the plane of the anchors. A vehicle beside the
+rover may be up to PLATFORM_HEIGHT_MAX_M below the anchors, so at such heights the height's variance is increased."""
 
 
 class UwbWindow:
-    """The last rounds of ranges. Their medians by anchor, each range moved to the present by the vehicle's velocity,
-    are not impressed by the few that met an obstacle."""
+    """Sliding window of UWB measurements.
+
+    The median range of each anchor, after each range is extrapolated to the present by the relative velocity, is
+    robust against single outliers.
+    """
 
     def __init__(self) -> None:
-        self._rounds: deque[UwbRound] = deque()
+        self._rounds: deque[UwbMeasurement] = deque()
 
-    def add(self, uwb: UwbRound) -> None:
+    def add(self, uwb: UwbMeasurement) -> None:
+        """Add a measurement; duplicates are skipped."""
         if any(r.t_ns == uwb.t_ns for r in self._rounds):
             return
         self._rounds.append(uwb)
@@ -42,10 +46,11 @@ class UwbWindow:
         self._rounds.clear()
 
     def position(self, t_ns: int, vel_rel_mps: Array, yaw_rad: float) -> tuple[Array, Array] | None:
-        """Vehicle minus rover (3,) at `t_ns` and its covariance, or None when that can't be told.
+        """Relative position (3,), vehicle minus rover in NED, at `t_ns`, and its covariance; None when not solvable.
 
         Args:
-            vel_rel_mps: (3,) of the vehicle relative to the rover over the window.
+            vel_rel_mps: (3,) relative velocity over the window.
+            yaw_rad: yaw of the rover.
         """
         rounds = [r for r in self._rounds if t_ns - WINDOW_NS <= r.t_ns <= t_ns]
         if len(rounds) < ROUNDS_MIN:
@@ -54,30 +59,30 @@ class UwbWindow:
         to_ned = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
         vel_body_mps = vel_rel_mps @ to_ned
         found = trilaterate(*_medians(rounds, t_ns, vel_body_mps, None))
-        for _ in range(REFINEMENTS):
+        for _ in range(REFINEMENTS_MAX):
             if found is None:
                 return None
             before_m = found[0]
             found = trilaterate(*_medians(rounds, t_ns, vel_body_mps, before_m))
-            if found is not None and dist(found[0], before_m) < REFINED_M:
+            if found is not None and dist(found[0], before_m) < REFINEMENT_CONVERGED_M:
                 break
         if found is None:
             return None
         pos_body_m, unit_cov = found
-        variance = (EXCESS * rounds[-1].std_m) ** 2 / len(rounds)
+        variance = (STD_FACTOR * rounds[-1].std_m) ** 2 / len(rounds)
         cov_m2 = to_ned @ (unit_cov * variance) @ to_ned.T + STD_FLOOR_M**2 * np.eye(3)
-        if -pos_body_m[2] < HEIGHT_PLATFORM_M and hypot(pos_body_m[0], pos_body_m[1]) > BESIDE_M:
-            cov_m2[2, 2] += STD_MIRRORED_M**2
+        if -pos_body_m[2] < PLATFORM_HEIGHT_MAX_M and hypot(pos_body_m[0], pos_body_m[1]) > BESIDE_ROVER_MIN_M:
+            cov_m2[2, 2] += STD_HEIGHT_AMBIGUOUS_M**2
         lever_ned_m = rounds[-1].lever_ned_m
         return to_ned @ np.array(pos_body_m) - lever_ned_m, cov_m2
 
 
 def _medians(
-    rounds: list[UwbRound], t_ns: int, vel_body_mps: Array, pos_body_m: Vec3 | None
+    rounds: list[UwbMeasurement], t_ns: int, vel_body_mps: Array, pos_body_m: Vec3 | None
 ) -> tuple[list[Vec3], list[float]]:
-    """Anchors and the median of each one's ranges, moved to `t_ns` when a rough position is known."""
+    """Anchors and the median range of each, extrapolated to `t_ns` when an approximate position is given."""
     by_anchor: dict[Vec3, list[float]] = {}
-    away_mps: dict[Vec3, float] = {}
+    range_rate_mps: dict[Vec3, float] = {}
     for uwb in rounds:
         for anchor_m, range_m, delay_s in zip(
             uwb.anchors_m.tolist(), uwb.ranges_m.tolist(), uwb.delays_s.tolist(), strict=True
@@ -85,12 +90,14 @@ def _medians(
             anchor = (anchor_m[0], anchor_m[1], anchor_m[2])
             if anchor not in by_anchor:
                 by_anchor[anchor] = []
-                away_mps[anchor] = 0.0 if pos_body_m is None else _speed_away_mps(pos_body_m, anchor, vel_body_mps)
+                range_rate_mps[anchor] = (
+                    0.0 if pos_body_m is None else _range_rate_mps(pos_body_m, anchor, vel_body_mps)
+                )
             age_s = (t_ns - uwb.t_ns) * 1e-9 - delay_s
-            by_anchor[anchor].append(range_m + away_mps[anchor] * age_s)
+            by_anchor[anchor].append(range_m + range_rate_mps[anchor] * age_s)
     return list(by_anchor), [median(ranges) for ranges in by_anchor.values()]
 
 
-def _speed_away_mps(pos_body_m: Vec3, anchor_m: Vec3, vel_body_mps: Array) -> float:
+def _range_rate_mps(pos_body_m: Vec3, anchor_m: Vec3, vel_body_mps: Array) -> float:
     away = np.array(pos_body_m) - np.array(anchor_m)
     return float(away @ vel_body_mps) / max(float(np.linalg.norm(away)), 1e-3)
