@@ -38,7 +38,6 @@ class Spec:
         lockstep: the time master names the link whose answer it awaits after each step (at most 20 ms); vehicle
             time starts when this link first connects. None for every other service.
         watches_clients: the inbox tells which clients have vanished.
-        one_thread: all its steps are made by the thread that made the service, as OpenGL wants it.
     """
 
     name: str
@@ -53,7 +52,6 @@ class Spec:
     rate_hz: float = 10.0
     lockstep: str | None = None
     watches_clients: bool = False
-    one_thread: bool = False
 
 
 class UndeclaredError(RuntimeError):

@@ -1,7 +1,7 @@
 """The bus over Zenoh in real time: one service, one process, one loop.
 
-Zenoh's callbacks append to a queue. The thread that received what wants a step makes the step itself when nobody is at
-it, which saves waking another; else, and for what piles up, it wakes the loop. Sockets are polled by the loop.
+Zenoh's callbacks append to a queue and wake the loop. The loop polls the sockets, moves what has arrived into the
+service's inbox and steps the service; nobody else does.
 """
 
 import os
@@ -10,7 +10,6 @@ import select
 import signal
 import socket
 import sys
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
@@ -43,9 +42,6 @@ STALL_NS = 100_000_000
 CATCH_UP_NS = 30_000_000
 """A process that stood still for a stall lets in what has piled up since, and what tells the time, before it judges
 anybody's silence or executes anything."""
-APART_NS = 5_000_000
-"""What comes sooner after a step in a receiving thread has piled up somewhere: the loop reads all of it, then steps. An
-answer comes as soon as it is there."""
 CLOCK_NAME = topics.CLOCK.name
 LOOK_EVERY_NS = 50_000_000
 """A link with nothing to read is polled so often all the same."""
@@ -119,31 +115,24 @@ class _Runner:
         self._stalled_ns = 0
         self._stopping = False
         self._events: deque[tuple[Kind, str, Any]] = deque()
+        """What Zenoh's threads and the worker brought, in the order of its arrival."""
         self._newest_picture: dict[str, zenoh.Sample | None] = {}
-        self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-        self._rung = False
-        self._turn = threading.Lock()
-        """Of whoever reads what arrived and steps: the loop, or a thread that received."""
-        self._steps_where_received = False
-        self._failure: BaseException | None = None
-        """Of a step in a thread that received."""
-        self._stepped_here_ns = 0
-        """When a thread that received made its last step."""
+        self._wakeup_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self._wakeup_armed = True
+        """Whether the next event has to wake the loop; one that comes before the loop has read the last one has not."""
         self._readable: list[str] = []
         """Links with something to read, by the last wait."""
         self._link_states = dict.fromkeys(links, (0, False))
         """What the node knows of them: how often they have connected, and whether they are up."""
-        self._session = BusSession(instance, self._spec, self._enqueue, self._step_here)
+        self._session = BusSession(instance, self._spec, self._enqueue)
         worker = Worker(lambda tag, outcome, error: self._enqueue("outcome", tag, (outcome, error)))
         self._out = ZenohTransport(instance, self._spec, self._session, links, worker)
         process = f"{socket.gethostname()} pid {os.getpid()}"
         self._node = Node(service, self._out, strict=False, boot_id=boot_id, process=process)
         self._due_ns = 0
         """When the next step is."""
-        self._until_ns = 0
-        """When the loop wakes up next, whatever arrives."""
-        self._told = self._out.listening
-        """Of the topics on demand, those that the router was told to bring."""
+        self._subscribed = self._out.listening
+        """The topics on demand that the session subscribes to."""
         self._on_demand = frozenset(topic.name for topic in self._spec.on_demand)
         self._health_topic = health_of(self._spec.name)
         self._late_ns = 0
@@ -163,7 +152,7 @@ class _Runner:
             link.start()
         opening = self._session.open_in_background()
         while opening.is_alive() and not self._stopping:
-            select.select([self._bell], [], [], 0.2)
+            select.select([self._wakeup_fd], [], [], 0.2)
         if not self._session.is_open:  # the thread is inside the library, waiting for a router: leave without it
             os._exit(0)
         self._session.claim_name(lambda: self._stopping)
@@ -175,56 +164,25 @@ class _Runner:
 
     def close(self) -> None:
         """Leave the bus; never takes longer than a moment, whatever the router does."""
-        self._turn.acquire(timeout=CATCH_UP_NS / NS_PER_S)  # for good: no other thread steps any more
         for link in self._links.values():
             link.close()
         self._out.forget_queries()
         self._session.close()
 
-    # -- in the threads that receive --
+    # -- called in Zenoh's threads and the worker's --
 
     def _enqueue(self, kind: Kind, name: str, value: Any) -> None:
-        """Everything is kept in order, but of pictures only the newest: who is slow shall not fill the memory."""
+        """Keep all events in order, but only the newest picture of a topic: a slow service must not fill the memory."""
         if kind == "picture":
-            waits = name in self._newest_picture
             self._newest_picture[name] = value
-            if waits:
-                return
             value = None
         self._events.append((kind, name, value))
-        self._ring()
-
-    def _step_here(self, kind: Kind, name: str, value: Any) -> bool:
-        """Take what wants a step, and step; False where the loop has to."""
-        if not self._turn.acquire(blocking=False):
-            return False
-        try:
-            now_ns = time.monotonic_ns() - self._stalled_ns
-            soon = now_ns - self._stepped_here_ns < APART_NS and kind != "response"
-            if soon or now_ns - self._until_ns > STALL_NS or self._stopping or not self._steps_where_received:
-                return False
-            self._stepped_here_ns = self._node.inbox.wall_ns = now_ns
-            wanted = bool(self._events) and self._collect(now_ns)
-            if (self._on_sample(name, value) if kind == "sample" else self._take(kind, name, value)) or wanted:
-                self._step(now_ns)
-        except BaseException as error:  # noqa: BLE001 - the loop raises it
-            self._failure = error
-        finally:
-            self._turn.release()
-        out = self._out
-        sooner = self._due_ns < self._until_ns or self._told is not out.listening or out.held_until_ns is not None
-        if sooner or self._failure is not None:
-            self._ring()
-        return True
-
-    def _ring(self) -> None:
-        """Let the loop look, which may have meant to wake up later."""
-        if not self._rung:
-            self._rung = True
+        if self._wakeup_armed:
+            self._wakeup_armed = False
             self._wake()
 
     def _wake(self) -> None:
-        os.eventfd_write(self._bell, 1)
+        os.eventfd_write(self._wakeup_fd, 1)
 
     # -- the loop --
 
@@ -233,27 +191,23 @@ class _Runner:
         return time.monotonic_ns() - self._stalled_ns
 
     def _loop(self) -> None:
-        now_ns = self._due_ns = self._until_ns = self._now_ns()
-        self._steps_where_received = not self._spec.one_thread
+        now_ns = self._due_ns = self._now_ns()
         while not self._stopping:
             next_ns = min(self._due_ns, self._next_health_ns, self._out.held_until_ns or self._due_ns)
-            until_ns = self._until_ns = max(now_ns, next_ns)
+            until_ns = max(now_ns, next_ns)
             since_ns = self._now_ns()
             self._wait(until_ns)
-            with self._turn:
-                now_ns = time.monotonic_ns() - self._stalled_ns
-                if now_ns - until_ns > STALL_NS:
-                    now_ns = self._past_stalls_ns(now_ns, min(since_ns, until_ns), until_ns)
-                wanted = self._collect_links(now_ns)
-                wanted |= self._collect(now_ns)
-                if wanted or now_ns >= self._due_ns:
-                    if not wanted:
-                        self._late_ns = max(self._late_ns, now_ns - self._due_ns)
-                    self._step(now_ns)
-                self._report(now_ns)
-            if self._failure is not None:
-                raise self._failure
-            self._tell_router()
+            now_ns = self._now_ns()
+            if now_ns - until_ns > STALL_NS:
+                now_ns = self._past_stalls_ns(now_ns, min(since_ns, until_ns), until_ns)
+            wanted = self._collect_links(now_ns)
+            wanted |= self._collect(now_ns)
+            if wanted or now_ns >= self._due_ns:
+                if not wanted:
+                    self._late_ns = max(self._late_ns, now_ns - self._due_ns)
+                self._step(now_ns)
+            self._report(now_ns)
+            self._update_subscriptions()
 
     def _step(self, now_ns: int) -> None:
         out = self._out
@@ -261,11 +215,11 @@ class _Runner:
         self._node.step(self._clock.now_ns(now_ns))  # not a later time: a stall since then is in none of it
         self._due_ns = now_ns + out.period_ns
 
-    def _tell_router(self) -> None:
-        """Not within a step: the router takes a millisecond to take in a declaration."""
-        if self._told is not self._out.listening:
-            self._told = self._out.listening
-            self._session.listen(self._told)
+    def _update_subscriptions(self) -> None:
+        """Subscribe to the topics on demand, after the step: a declaration takes the router a millisecond."""
+        if self._subscribed is not self._out.listening:
+            self._subscribed = self._out.listening
+            self._session.listen(self._subscribed)
 
     def _past_stalls_ns(self, now_ns: int, since_ns: int, until_ns: int) -> int:
         """The time now, when it should be `until_ns`; a stall is left out of it, and what piled up has come in.
@@ -291,7 +245,7 @@ class _Runner:
             now_ns = self._now_ns()
             self._collect_links(now_ns)
             self._collect(now_ns)
-            self._tell_router()
+            self._update_subscriptions()
             if now_ns < due_ns:
                 continue
             if self._node.inbox.connections(link) > 0:
@@ -324,12 +278,12 @@ class _Runner:
     def _wait(self, until_ns: int) -> None:
         owners: dict[Any, str] = {end: name for name, link in self._links.items() for end in link.sockets()}
         timeout_s = max(0, until_ns - self._now_ns()) / NS_PER_S
-        ends, _, _ = select.select([self._bell, *owners], [], [], min(timeout_s, 0.1 if self._links else 1.0))
+        ends, _, _ = select.select([self._wakeup_fd, *owners], [], [], min(timeout_s, 0.1 if self._links else 1.0))
         self._readable.clear()
         for end in ends:
-            if end is self._bell:
-                os.eventfd_read(self._bell)
-                self._rung = False
+            if end is self._wakeup_fd:
+                os.eventfd_read(self._wakeup_fd)
+                self._wakeup_armed = True  # before the queue is read: an event that comes later wakes the loop again
             else:
                 self._readable.append(owners[end])
 
@@ -348,8 +302,9 @@ class _Runner:
         if kind == "sample":
             wanted = self._on_sample(name, value)
         elif kind == "picture":
-            sample = self._newest_picture.pop(name)
-            wanted = self._on_sample(name, None if sample is None else picture_data(sample))
+            if name in self._newest_picture:  # else a newer one came in its place and has been taken
+                sample = self._newest_picture.pop(name)
+                wanted = self._on_sample(name, None if sample is None else picture_data(sample))
         elif kind == "query":
             wanted = self._on_query(name, value)
         elif kind == "response":

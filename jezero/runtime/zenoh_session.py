@@ -12,10 +12,9 @@ from typing import Any, Literal
 
 import zenoh
 
-from jezero.runtime.codec import PICTURES, BadPayloadError, decode, join_picture, split_picture
+from jezero.runtime.codec import BadPayloadError, decode, join_picture, split_picture
 from jezero.runtime.config import Instance
 from jezero.runtime.service import Spec
-from jezero.runtime.zenoh_threads import where_received
 from jezero.schemas import topics
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.topics import Endpoint, Topic, health_of, key, liveliness_key
@@ -24,7 +23,6 @@ HOLDER_WAIT_S = 2.5
 CLOSE_WITHIN_S = 0.7
 Kind = Literal["sample", "picture", "query", "response", "departed", "opened", "outcome"]
 Enqueue = Callable[[Kind, str, Any], None]
-Step = Callable[[Kind, str, Any], bool]
 
 
 class AlreadyRunningError(RuntimeError):
@@ -45,9 +43,17 @@ def picture_data(sample: zenoh.Sample) -> bytes:
     return join_picture(b"" if header is None else header.to_bytes(), sample.payload.to_bytes())
 
 
+def _directly(callback: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:
+    """Zenoh's handler that calls back in the thread that receives, so that all arrives in order without more threads.
+
+    Args:
+        drop: called when nothing more will come.
+    """
+    return zenoh.handlers.Callback(callback, drop, indirect=False)
+
+
 class BusSession:
-    """The session of one service. Zenoh's threads call `enqueue(kind, name, value)` with what comes in. What triggers a
-    step, and answers, go to `step(kind, name, value)` first, and are enqueued only where that is False:
+    """The session of one service. Zenoh's threads call `enqueue(kind, name, value)` with what comes in:
 
     - sample: a topic's name and its bytes, None when it was no put of something on exactly this key.
     - picture: a topic's name and the sample, of which `picture_data` makes bytes.
@@ -56,11 +62,10 @@ class BusSession:
     - departed: the id of a client that vanished.
     """
 
-    def __init__(self, instance: Instance, spec: Spec, enqueue: Enqueue, step: Step) -> None:
+    def __init__(self, instance: Instance, spec: Spec, enqueue: Enqueue) -> None:
         self._instance = instance
         self._spec = spec
         self._enqueue = enqueue
-        self._step = step
         self._opened: zenoh.Session | None = None
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._subscribers: dict[str, zenoh.Subscriber[Any]] = {}
@@ -188,7 +193,7 @@ class BusSession:
             self._declare_endpoint(endpoint)
         if self._spec.watches_clients:
             watched = liveliness_key(self._instance.vehicle, "client", "*")
-            self._declared.append(session.liveliness().declare_subscriber(watched, where_received(self._on_client)))
+            self._declared.append(session.liveliness().declare_subscriber(watched, _directly(self._on_client)))
 
     def _uses_vehicle_time(self) -> bool:
         spec = self._spec
@@ -198,36 +203,32 @@ class BusSession:
         """Subscribe to a topic; only a put on exactly its key counts."""
         own = key(self._instance.vehicle, name)
         exactly = zenoh.KeyExpr(own)
-        triggers, step, enqueue = name in self._spec.triggers, self._step, self._enqueue
+        enqueue = self._enqueue
 
         def on_sample(sample: zenoh.Sample) -> None:
             found = sample.payload.to_bytes()  # nothing, of a delete
-            data = found if found and sample.key_expr == exactly else None
-            if not (triggers and step("sample", name, data)):
-                enqueue("sample", name, data)
+            enqueue("sample", name, found if found and sample.key_expr == exactly else None)
 
         def on_picture(sample: zenoh.Sample) -> None:
             exact = sample.key_expr == exactly and sample.kind == zenoh.SampleKind.PUT
-            self._enqueue("picture", name, sample if exact else None)
+            enqueue("picture", name, sample if exact else None)
 
-        is_picture = name in self._pictures
-        handler = where_received(on_picture if is_picture else on_sample)
+        handler = _directly(on_picture if name in self._pictures else on_sample)
         self._subscribers[name] = self._session.declare_subscriber(own, handler)
 
     def _declare_endpoint(self, endpoint: Endpoint[Any, Any]) -> None:
         own, name = key(self._instance.vehicle, endpoint.name), endpoint.name
         exactly = zenoh.KeyExpr(own)
-        triggers, step, enqueue = name in self._spec.triggers, self._step, self._enqueue
+        enqueue = self._enqueue
 
         def on_query(query: zenoh.Query) -> None:
             if query.key_expr != exactly:
                 query.drop()  # type: ignore[no-untyped-call]
-            elif not (triggers and step("query", name, query)):
+            else:
                 enqueue("query", name, query)
 
-        # pictures may take long to be taken: they are answered in a thread of their own
-        handler = on_query if endpoint.reply_type in PICTURES else where_received(on_query)
-        self._declared.append(self._session.declare_queryable(own, handler, complete=not endpoint.shared))
+        queryable = self._session.declare_queryable(own, _directly(on_query), complete=not endpoint.shared)
+        self._declared.append(queryable)
 
     def _declare_last_value(self, name: str) -> None:
         own = key(self._instance.vehicle, name)
@@ -238,7 +239,7 @@ class BusSession:
                 if data is not None:
                     query.reply(own, data, encoding=zenoh.Encoding.APPLICATION_JSON)
 
-        self._declared.append(self._session.declare_queryable(own, where_received(on_query), complete=True))
+        self._declared.append(self._session.declare_queryable(own, _directly(on_query), complete=True))
 
     def _on_client(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:
@@ -271,13 +272,13 @@ class BusSession:
 
         def on_reply(reply: zenoh.Reply) -> None:
             sample = reply.ok
-            answer = (None, "timeout") if sample is None else (sample.payload.to_bytes(), None)
-            if not self._step("response", call_id, answer):
-                self._enqueue("response", call_id, answer)
+            self._enqueue(
+                "response", call_id, (None, "timeout") if sample is None else (sample.payload.to_bytes(), None)
+            )
 
         self._session.get(
             key(self._instance.vehicle, endpoint.name),
-            where_received(on_reply, lambda: self._enqueue("response", call_id, (None, "no server"))),
+            _directly(on_reply, lambda: self._enqueue("response", call_id, (None, "no server"))),
             target=zenoh.QueryTarget.BEST_MATCHING,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=timeout_s,

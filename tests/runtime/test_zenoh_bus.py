@@ -1,8 +1,8 @@
 """The loop of one process, without a bus: its clock is the test's, and messages are put into its queue."""
 
+import os
 import threading
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
@@ -10,12 +10,13 @@ from typing import Any
 import pytest
 
 from jezero.runtime import zenoh_bus
-from jezero.runtime.codec import encode
+from jezero.runtime.codec import encode, split_picture
 from jezero.runtime.config import Instance
-from jezero.runtime.service import Call, Inbox, Output, Publish, Reply, Response, SetRate, Spec, Subscribe
+from jezero.runtime.service import Call, Inbox, Output, Publish, Reply, Response, Spec
 from jezero.runtime.zenoh_transport import HELD_NS
 from jezero.schemas import topics
 from jezero.schemas.commands import AbortReply, Release, ReleaseReply
+from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.state import Clock, Status
 
 MS = 1_000_000
@@ -111,7 +112,6 @@ class Asked:
 
     spec = Spec(
         name="asked",
-        on_demand=(topics.ODOMETRY,),
         outputs=(topics.STATUS,),
         last_value=(topics.STATUS,),
         serves=(topics.ABORT,),
@@ -166,7 +166,7 @@ class Query:
 
 
 class Asking:
-    """A process that is asked from another thread, as Zenoh does; its loop means to wake up at 20 ms."""
+    """A process that receives in another thread, as from Zenoh; its loop's turns are made by hand."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.wall_ns = 10 * MS
@@ -179,13 +179,17 @@ class Asking:
         monkeypatch.setattr(
             self.runner._session, "call", lambda _endpoint, _data, call_id, _s: self.asked.append(call_id)
         )
-        self.runner._steps_where_received = True
-        self.runner._until_ns = 20 * MS
+        self.wakeups = 0
+        monkeypatch.setattr(self.runner, "_wake", self._wake)
         self.runner._next_health_ns = self.runner._next_router_check_ns = 10**12
 
+    def _wake(self) -> None:
+        self.wakeups += 1
+        os.eventfd_write(self.runner._wakeup_fd, 1)
+
     def receive(self, *what: Any) -> None:
-        """As the session does with what triggers a step."""
-        thread = threading.Thread(target=lambda: self.runner._step_here(*what) or self.runner._enqueue(*what))
+        """Receive something in another thread."""
+        thread = threading.Thread(target=lambda: self.runner._enqueue(*what))
         thread.start()
         thread.join()
 
@@ -193,6 +197,12 @@ class Asking:
         query = Query()
         self.receive("query", topics.ABORT.name, query)
         return query
+
+    def turn(self) -> None:
+        """One turn of the loop."""
+        if self.runner._collect(self.wall_ns):
+            self.runner._step(self.wall_ns)
+            self.runner._report(self.wall_ns)
 
 
 @pytest.fixture
@@ -202,85 +212,88 @@ def asking(monkeypatch: pytest.MonkeyPatch) -> Iterator[Asking]:
     asking.runner.close()
 
 
-def test_the_thread_that_received_steps(asking: Asking) -> None:
-    asking.service.answers = False  # else the status waits for the reply, and the loop for the status
-    asking.ask()
-    (thread,) = asking.service.threads
-    assert thread is not threading.current_thread()
-    assert asking.put == [10]
-    assert not asking.runner._rung
+def test_a_service_is_stepped_by_the_thread_of_its_loop_only(asking: Asking, monkeypatch: pytest.MonkeyPatch) -> None:
+    queries: list[Query] = []
+
+    def wait(until_ns: int) -> None:
+        queries.append(asking.ask())
+        asking.receive("response", "of an unknown call", (None, "timeout"))
+        if len(queries) == 2:
+            asking.runner.stop()
+
+    monkeypatch.setattr(asking.runner, "_wait", wait)
+    asking.runner._loop()
+    assert set(asking.service.threads) == {threading.current_thread()}
+    assert all(query.replies for query in queries)
 
 
-def test_an_answer_is_stepped_by_the_thread_that_received_it(asking: Asking) -> None:
+def test_an_answer_to_a_call_makes_a_step(asking: Asking) -> None:
     asking.service.also = (Call(topics.RELEASE, Release(control_id="c", outcome="aborted"), "a tag"),)
     asking.ask()
+    asking.turn()
     asking.service.also = ()
-    asking.wall_ns += MS
     asking.receive("response", asking.asked[0], (encode(ReleaseReply(released=True, code=3)), None))
+    asking.turn()
     assert [response.tag for response in asking.service.responses] == ["a tag"]
-    assert threading.current_thread() not in asking.service.threads
 
 
-def test_a_service_that_is_bound_to_its_thread_is_stepped_by_the_loop_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    asking = Asking(monkeypatch)
-    runner = asking.runner
-    runner._spec = replace(runner._spec, one_thread=True)
-    monkeypatch.setattr(runner, "_wait", lambda until_ns: (asking.ask(), runner.stop()))
-    runner._loop()
-    assert set(asking.service.threads) == {threading.current_thread()}
-    runner.close()
-
-
-def test_while_somebody_steps_the_loop_is_rung(asking: Asking) -> None:
-    with asking.runner._turn:
-        assert not asking.ask().replies
-    assert asking.runner._rung
-
-
-def test_before_and_after_its_loop_a_process_does_not_step(asking: Asking) -> None:
-    asking.runner._steps_where_received = False
-    assert not asking.ask().replies
-    asking.runner._steps_where_received = True
-    asking.runner.stop()
-    assert not asking.ask().replies
-
-
-def test_after_the_process_stood_still_the_loop_catches_up_first(asking: Asking) -> None:
-    asking.wall_ns = 20 * MS + zenoh_bus.STALL_NS + 1
-    assert not asking.ask().replies
-    assert asking.runner._rung
+def test_what_arrives_between_two_turns_of_the_loop_wakes_it_once(asking: Asking) -> None:
+    for _ in range(20):
+        asking.ask()
+    assert asking.wakeups == 1
+    asking.runner._wait(asking.wall_ns)
+    asking.ask()
+    assert asking.wakeups == 2
 
 
 def test_what_has_piled_up_is_read_as_a_whole_before_the_next_step(asking: Asking) -> None:
     queries = [asking.ask() for _ in range(20)]
-    assert len(asking.service.threads) == 1
-    assert asking.runner._rung
-    asking.runner._collect(asking.wall_ns)
-    asking.runner._step(asking.wall_ns)
+    asking.turn()
     assert all(query.replies for query in queries)
-    assert len(asking.service.threads) == 2
-
-
-@pytest.mark.parametrize("why", ["a quicker pace", "a topic to declare", "a status that is held back"])
-def test_a_loop_that_has_to_wake_up_earlier_than_it_means_to_is_rung(asking: Asking, why: str) -> None:
-    asking.service.answers = why == "a status that is held back"
-    outputs: dict[str, Output] = {"a quicker pace": SetRate(200.0), "a topic to declare": Subscribe((topics.ODOMETRY,))}
-    asking.service.also = (outputs[why],) if why in outputs else ()
-    asking.ask()
     assert len(asking.service.threads) == 1
-    assert asking.runner._rung
 
 
-def test_a_step_that_fails_in_the_thread_that_received_ends_the_process(asking: Asking) -> None:
+def test_of_pictures_that_pile_up_the_newest_is_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[int] = []
+
+    class Viewer:
+        spec = Spec(name="viewer", inputs=(topics.CAMERA,), triggers=(topics.CAMERA.name,))
+
+        def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+            seen.extend(frame.sequence for frame in inbox.new(topics.CAMERA))
+            return ()
+
+    runner = zenoh_bus._Runner(Viewer(), Instance(), 1, {})
+    try:
+        for number in range(3):
+            header, pixels = split_picture(encode(picture(number)))
+            payload, attachment = (SimpleNamespace(to_bytes=lambda data=data: data) for data in (pixels, header))
+            runner._enqueue("picture", topics.CAMERA.name, SimpleNamespace(payload=payload, attachment=attachment))
+        assert len(runner._newest_picture) == 1
+        assert runner._collect(0)
+        runner._step(0)
+    finally:
+        runner.close()
+    assert seen == [2]
+
+
+def picture(number: int) -> CameraFrame:
+    return CameraFrame(
+        t_ns=1, sequence=number, width_px=1, height_px=1, pitch_camera_rad=0.0, exposure_s=0.01, pixels=b"rgb"
+    )
+
+
+def test_a_step_that_fails_ends_the_process(asking: Asking) -> None:
     asking.service.fails = True
     asking.ask()
-    assert asking.runner._rung
     with pytest.raises(RuntimeError, match="broken"):
         asking.runner._loop()
 
 
 def test_state_that_changes_with_a_reply_is_published_when_the_reply_has_gone(asking: Asking) -> None:
-    assert asking.ask().replies
+    query = asking.ask()
+    asking.turn()
+    assert query.replies
     assert b'"text":"1"' in asking.runner._session._last_value[topics.STATUS.name]  # a plain get sees it at once
     asking.runner._step(asking.wall_ns)  # what changes next waits as well, so that the order stays
     asking.runner._report(asking.wall_ns)

@@ -140,9 +140,7 @@ def test_of_services_of_one_name_that_start_at_the_same_instant_exactly_one_gets
     monkeypatch.setattr(zenoh_session, "HOLDER_WAIT_S", 0.3)
     monkeypatch.setattr(zenoh_session.BusSession, "_holder", lambda self: "the winner")
     for _ in range(8):
-        sessions = [
-            zenoh_session.BusSession(instance, Spec(name="wanted"), lambda *_: None, lambda *_: False) for _ in range(3)
-        ]
+        sessions = [zenoh_session.BusSession(instance, Spec(name="wanted"), lambda *_: None) for _ in range(3)]
         for opening in [session.open_in_background() for session in sessions]:
             opening.join()
         together = threading.Barrier(len(sessions))
@@ -289,7 +287,7 @@ def test_no_thread_is_left_when_a_session_closes(echo: Started) -> None:
 def test_who_is_slow_sees_the_newest_picture_and_not_every_one(router: tuple[Instance, dict[str, str]]) -> None:
     instance, environment = router
     process = start(environment, "slow_viewer")
-    camera = BusSession(instance, Spec(name="painter", outputs=(topics.CAMERA,)), lambda *_: None, lambda *_: False)
+    camera = BusSession(instance, Spec(name="painter", outputs=(topics.CAMERA,)), lambda *_: None)
     camera.open_in_background().join()
     camera.declare()
     try:

@@ -23,7 +23,6 @@ SPEC = Spec(
     outputs=(topics.CAMERA, topics.CAMERA_INFO, topics.TAG_CORNERS),
     triggers=(topics.SCENE.name,),
     rate_hz=100.0,
-    one_thread=True,
 )
 
 
