@@ -6,7 +6,7 @@ from math import isfinite
 from random import Random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from jezero.mavlink import dialect
@@ -147,6 +147,7 @@ class Chaos:
         return list(pairwise(self.rig.codes))
 
     def check(self) -> None:
+        self.rig.run_until(lambda: bool(self.rig.statuses))  # a silent autopilot delays the first status by 1.5 s
         assert self.rig.statuses[0].code in (0, 13)
         for before, after in self.edges():
             assert is_allowed(StatusCode(before), StatusCode(after)), (before, after)
@@ -156,6 +157,7 @@ class Chaos:
 
 
 @settings(max_examples=30, deadline=None)
+@example([14, 3, *[0] * 38])
 @given(st.lists(st.integers(min_value=0, max_value=10_000), min_size=40, max_size=160))
 def test_no_sequence_of_requests_and_mishaps_leaves_the_table(numbers: list[int]) -> None:
     supply = iter(numbers)
