@@ -1,5 +1,7 @@
 # make setup      install into .venv
 # make demo       bring everything up, fly, land, plot
+# make lint       ruff, types, import contracts
+# make unit       the tests that need neither a flight nor a process: a minute or so
 # make test       every check there is
 # make campaign   three minutes of missions with faults; the seeds follow from the commit
 # make broken     fly bridges that are broken on purpose with full physics until each is caught: ten minutes or so
@@ -13,7 +15,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: setup demo test campaign broken speed
+.PHONY: setup demo lint unit test campaign broken speed
 
 setup: $(INSTALLED)
 
@@ -27,11 +29,16 @@ $(INSTALLED): pyproject.toml constraints.txt
 demo: setup
 	$(BIN)/jezero demo
 
-test: setup
+lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy -p jezero -p benchmarks
 	$(BIN)/lint-imports
+
+unit: setup
+	$(BIN)/pytest -q -n 2 --dist loadgroup --ignore tests/scenario --ignore tests/system --ignore tests/statistical
+
+test: lint
 	$(BIN)/pytest -q -n 2 --dist loadgroup
 
 campaign: setup
