@@ -193,8 +193,7 @@ class _Runner:
     def _loop(self) -> None:
         now_ns = self._due_ns = self._now_ns()
         while not self._stopping:
-            next_ns = min(self._due_ns, self._next_health_ns, self._out.held_until_ns or self._due_ns)
-            until_ns = max(now_ns, next_ns)
+            until_ns = max(now_ns, min(self._due_ns, self._next_health_ns))
             since_ns = self._now_ns()
             self._wait(until_ns)
             now_ns = self._now_ns()
@@ -210,10 +209,8 @@ class _Runner:
             self._update_subscriptions()
 
     def _step(self, now_ns: int) -> None:
-        out = self._out
-        out.now_ns, out.replied = now_ns, False
         self._node.step(self._clock.now_ns(now_ns))  # not a later time: a stall since then is in none of it
-        self._due_ns = now_ns + out.period_ns
+        self._due_ns = now_ns + self._out.period_ns
 
     def _update_subscriptions(self) -> None:
         """Subscribe to the topics on demand, after the step: a declaration takes the router a millisecond."""
@@ -366,7 +363,6 @@ class _Runner:
         )
 
     def _report(self, now_ns: int) -> None:
-        self._out.release_held(now_ns)
         if now_ns >= self._next_router_check_ns:
             self._next_router_check_ns = now_ns + NS_PER_S // 2
             self._node.inbox.connected = self._session.connected

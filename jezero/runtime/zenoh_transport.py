@@ -14,10 +14,6 @@ from jezero.runtime.zenoh_session import BusSession
 from jezero.schemas.topics import Endpoint, Topic, key
 from jezero.schemas.units import NS_PER_S
 
-HELD_NS = 10_000_000
-"""State that changes with a reply is published so much later: it wakes a dozen processes, and the one that waits for
-the reply would have to share the processor with them."""
-
 
 class ZenohTransport:
     """Carries out what the steps of one service yield.
@@ -25,7 +21,6 @@ class ZenohTransport:
     Attributes:
         period_ns: the service's next step is so long after its last, unless something triggers one.
         listening: of the topics on demand, those that the service wants; the loop tells the router.
-        now_ns, replied: when the present step began, and whether it has answered somebody; the loop sets them.
     """
 
     def __init__(
@@ -41,10 +36,6 @@ class ZenohTransport:
         """Keys whose replies are pictures."""
         self._queries: dict[int, zenoh.Query] = {}
         self._request_id = 0
-        self.now_ns = 0
-        self.replied = False
-        self._held: list[tuple[Topic[Any], bytes]] = []
-        self._held_until_ns = 0
 
     def keep_query(self, query: zenoh.Query) -> int:
         """Remember whom to answer; returns the request's id."""
@@ -56,34 +47,14 @@ class ZenohTransport:
         """Nobody is answered any more."""
         self._queries.clear()
 
-    # -- what is held back --
-
-    @property
-    def held_until_ns(self) -> int | None:
-        """When `release_held` has something to do; None: it has nothing."""
-        return self._held_until_ns if self._held else None
-
-    def release_held(self, now_ns: int) -> None:
-        """Publish what was held back for long enough."""
-        if self._held and now_ns >= self._held_until_ns:
-            for topic, data in self._held:
-                self._session.put(topic, data)
-            self._held.clear()
-
     # -- Transport --
 
     def publish(self, topic: Topic[Any], data: bytes) -> None:
         if topic.name in self._last_value:
             self._session.keep(topic, data)
-            if self.replied and not self._held:
-                self._held_until_ns = self.now_ns + HELD_NS
-            if self.replied or self._held:
-                self._held.append((topic, data))
-                return
         self._session.put(topic, data)
 
     def reply(self, request_id: int, data: bytes | None, *, final: bool) -> None:
-        self.replied = True
         query = self._queries.get(request_id)
         if query is None:
             return
