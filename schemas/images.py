@@ -6,7 +6,18 @@ from msgspec import Meta
 
 from jezero.schemas.sensors import Gnss, Imu, Pixel
 from jezero.schemas.state import Geodetic
-from jezero.schemas.struct import Angle, Name, NonNegative, Payload, PositionNed, QuatNedFromFrd, Text, TimeNs, Unit
+from jezero.schemas.struct import (
+    Angle,
+    Name,
+    NonNegative,
+    Payload,
+    PositionNed,
+    QuatNedFromFrd,
+    Text,
+    TimeNs,
+    Unit,
+    WithAttachment,
+)
 
 LISTING = "images/images.json"
 """In a dataset's folder, the list of its pictures: each an `Image` and its `file`, which is beside the list."""
@@ -58,10 +69,10 @@ class GetImage(Payload, frozen=True, kw_only=True):
     index: Index
 
 
-class ImageReply(Payload, frozen=True, kw_only=True):
+class ImageReply(Payload, WithAttachment, frozen=True, kw_only=True):
     """One picture's pixels, or the reason why there are none.
 
-    On the bus the pixels are the payload and everything else is its attachment, in JSON, as of a `CameraFrame`.
+    On Zenoh the pixels are the payload and everything else is its attachment, in JSON, as of a `CameraFrame`.
 
     Attributes:
         pixels: rows from the top, three bytes red, green, blue each.

@@ -16,6 +16,7 @@ from jezero.schemas.struct import (
     Speed,
     Vector,
     VelocityNed,
+    WithAttachment,
 )
 
 Pixel = tuple[Finite, Finite]
@@ -107,10 +108,10 @@ class CameraInfo(Message, frozen=True, kw_only=True):
     rate_hz: NonNegative
 
 
-class CameraFrame(Message, frozen=True, kw_only=True, omit_defaults=True):
+class CameraFrame(Message, WithAttachment, frozen=True, kw_only=True, omit_defaults=True):
     """One picture; `t_ns` is the middle of its exposure.
 
-    On the bus the pixels are the payload and everything else is its attachment, in JSON.
+    On Zenoh the pixels are the payload and everything else is its attachment, in JSON.
 
     Attributes:
         pitch_camera_rad: of the optical axis against the body's forward axis; -pi/2 looks straight down.

@@ -1,6 +1,6 @@
 """Base classes and checked number types of every message."""
 
-from typing import Annotated
+from typing import Annotated, Self
 
 import msgspec
 from msgspec import Meta
@@ -18,6 +18,42 @@ class Message(Payload, frozen=True, kw_only=True):
     """
 
     t_ns: "TimeNs"
+
+
+class WithAttachment:
+    """Mixin of a payload whose pixels travel beside the JSON of its other fields, as they are.
+
+    A subclass declares the fields `width_px`, `height_px` and `pixels`; without its attachment it has no pixels.
+
+    Attributes:
+        width_px: number of columns.
+        height_px: number of rows.
+        pixels: rows from the top, three bytes red, green, blue each.
+    """
+
+    __slots__ = ()
+    width_px: int
+    height_px: int
+    pixels: bytes
+
+    @property
+    def attachment(self) -> bytes:
+        """Bytes that travel beside the JSON."""
+        return self.pixels
+
+    def with_attachment(self, data: bytes) -> Self:
+        """The same payload with another attachment, which is checked by `check_attachment` only."""
+        return msgspec.structs.replace(self, pixels=data)  # type: ignore[type-var]
+
+    def check_attachment(self) -> None:
+        """Compare the attachment with the other fields.
+
+        Raises:
+            ValueError: it has not three bytes for each pixel.
+        """
+        if len(self.pixels) != 3 * self.width_px * self.height_px:
+            size = f"{self.width_px} x {self.height_px}"
+            raise ValueError(f"{len(self.pixels)} bytes are not {size} pixels of three bytes")
 
 
 TimeNs = Annotated[int, Meta(ge=0, le=2**62)]

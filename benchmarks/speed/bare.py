@@ -19,7 +19,7 @@ from typing import Any
 import zenoh
 
 from benchmarks.speed.mavlink_proxy import HOST
-from jezero.runtime.codec import encode
+from jezero.codec import encode
 from jezero.runtime.config import Instance, instance_from_environment
 from jezero.runtime.zenoh_session import client_config
 from jezero.schemas.actions import Accepted, Feedback, GoToGoal, MoveFeedback

@@ -9,9 +9,9 @@ import zenoh
 from benchmarks.speed.bare import direct
 from benchmarks.speed.stack import HOVER_ALTITUDE_M, Stack, cpu_ns, memory_mb
 from jezero import Vehicle
-from jezero.runtime.codec import join_picture
 from jezero.runtime.zenoh_session import client_config
 from jezero.schemas.topics import GET_IMAGES, TOPICS, feedback_of, key
+from jezero.zenoh_client import data_of
 
 CPU_S = 10.0
 COUNT_S = 5.0
@@ -86,8 +86,7 @@ def _listen(stack: Stack) -> tuple[dict[str, float], dict[str, bytes]]:
     def on_sample(sample: zenoh.Sample) -> None:
         name = str(sample.key_expr)
         counts[name] += 1
-        header, data = sample.attachment, sample.payload.to_bytes()
-        samples[name] = data if header is None else join_picture(header.to_bytes(), data)
+        samples[name] = data_of(sample)
 
     with zenoh.open(client_config(instance.router)) as session:
         session.declare_subscriber(key(instance.vehicle, "**"), direct(on_sample))

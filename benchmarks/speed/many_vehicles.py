@@ -10,8 +10,8 @@ import zenoh
 from benchmarks.speed.bare import direct
 from benchmarks.speed.stack import HOVER_ALTITUDE_M, compose_file, running_stack
 from jezero import JezeroError, Vehicle
+from jezero.codec import decode
 from jezero.deploy.launcher.ports import reserved_instance
-from jezero.runtime.codec import decode
 from jezero.runtime.config import Instance
 from jezero.runtime.zenoh_session import client_config
 from jezero.schemas.state import Clock

@@ -15,8 +15,8 @@ from typing import Any
 import msgspec
 
 from benchmarks.speed.stack import cpu_ns, running_module
+from jezero.codec import decode
 from jezero.deploy.launcher.ports import reserved_instance
-from jezero.runtime.codec import decode
 from jezero.runtime.config import instance_from_environment
 from jezero.runtime.service import Inbox, Output, Publish, Spec
 from jezero.runtime.zenoh_bus import new_boot_id, run_service

@@ -151,7 +151,7 @@ class HealthWatcher:
         self._on_change()
 
     def _on_health(self, sample: "zenoh.Sample") -> None:
-        from jezero.runtime.codec import BadPayloadError, decode
+        from jezero.codec import BadPayloadError, decode
 
         try:
             report: ServiceHealth = decode(ServiceHealth, sample.payload.to_bytes())
@@ -166,7 +166,7 @@ class HealthWatcher:
             self._on_change()
 
     def _on_status(self, sample: "zenoh.Sample") -> None:
-        from jezero.runtime.codec import BadPayloadError, decode
+        from jezero.codec import BadPayloadError, decode
 
         if not self._is_put_on(topics.STATUS.name, sample):
             return

@@ -2,7 +2,7 @@
 
 import time
 
-from jezero.client.errors import JezeroError, TimedOut, Unreachable
+from jezero.client.errors import TimedOut, Unreachable
 from jezero.client.session import Connection, decode
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.topics import CAMERA
@@ -27,26 +27,5 @@ def next_picture(connection: Connection, timeout_s: float) -> CameraFrame:
             f"no picture of {connection.vehicle} within {timeout_s:g} s: does its camera run, in mode rendered? "
             "(`jezero ps`)"
         )
-    return picture_of(data)
-
-
-def picture_of(data: bytes) -> CameraFrame:
-    """A picture from its header in JSON, a line feed, and its pixels.
-
-    Raises:
-        JezeroError: it is none.
-    """
-    header, _, pixels = data.partition(b"\n")
-    frame: CameraFrame = decode(CameraFrame, header)
-    if len(pixels) != 3 * frame.width_px * frame.height_px:
-        raise JezeroError(f"{len(pixels)} bytes are not {frame.width_px} x {frame.height_px} pixels of three bytes")
-    return CameraFrame(
-        t_ns=frame.t_ns,
-        sequence=frame.sequence,
-        width_px=frame.width_px,
-        height_px=frame.height_px,
-        pitch_camera_rad=frame.pitch_camera_rad,
-        roll_camera_rad=frame.roll_camera_rad,
-        exposure_s=frame.exposure_s,
-        pixels=pixels,
-    )
+    frame: CameraFrame = decode(CameraFrame, data)
+    return frame

@@ -5,7 +5,8 @@ from collections.abc import Iterator
 from typing import Any, Generic, TypeVar, cast
 
 from jezero.client.errors import Aborted, Canceled, JezeroError, Refused, TimedOut, Unreachable
-from jezero.client.session import Arrivals, Connection, decode, decoder, encode
+from jezero.client.session import Arrivals, Connection, decode, decoder
+from jezero.codec import encode
 from jezero.schemas.actions import Accepted, Cancel, CancelReply, Feedback, GetResult, Rejected, Result, ResultReply
 from jezero.schemas.actions import Goal as GoalPayload
 from jezero.schemas.topics import RESULT, Action

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 
 from jezero.client.errors import EndedError, JezeroError
 from jezero.client.goal import Goal
-from jezero.client.session import Connection, decode, encode
+from jezero.client.session import Connection, decode
+from jezero.codec import encode
 from jezero.schemas.actions import ImagesFeedback, ImagesResult
 from jezero.schemas.images import GetImage, Image, ImageReply
 from jezero.schemas.topics import Action
@@ -83,10 +84,7 @@ def fetch_picture(connection: Connection, action: Action[Any], goal_id: str, ima
     """
     question = encode(GetImage(goal_id=goal_id, index=image.index))
     arrivals = connection.stream(action.image.name, question, ANSWER_S)
-    header, _, pixels = connection.first(arrivals, action.image.name, ANSWER_S).partition(b"\n")
-    reply: ImageReply = decode(ImageReply, header)
+    reply: ImageReply = decode(ImageReply, connection.first(arrivals, action.image.name, ANSWER_S))
     if reply.reason:
         raise JezeroError(reply.reason)
-    if len(pixels) != 3 * reply.width_px * reply.height_px:
-        raise JezeroError(f"{len(pixels)} bytes are not {reply.width_px} x {reply.height_px} pixels of three bytes")
-    return Picture(image, pixels)
+    return Picture(image, reply.pixels)

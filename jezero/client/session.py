@@ -9,17 +9,17 @@ import time
 import weakref
 from collections.abc import Callable
 from contextlib import suppress
-from functools import lru_cache
 from queue import Empty, SimpleQueue
 from secrets import token_hex
 from typing import Any, NoReturn
 
-import msgspec
 import zenoh
 
 from jezero.client.errors import JezeroError, TimedOut, Unreachable
+from jezero.codec import BadPayloadError, encode, reader
 from jezero.schemas.struct import Message, Payload
 from jezero.schemas.topics import Endpoint, Topic, key, liveliness_key
+from jezero.zenoh_client import data_of
 
 ATTEMPT_S = 0.5
 LATE_S = 0.2
@@ -66,13 +66,13 @@ class Arrivals:
     def on_reply(self, reply: zenoh.Reply) -> None:
         sample = reply.ok
         if sample is not None:
-            self._bring(_whole(sample))
+            self._bring(data_of(sample))
         elif reply.err is not None:
             self.error = reply.err.payload.to_bytes().decode("utf-8", "replace")
 
     def on_sample(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:
-            self._bring(_whole(sample))
+            self._bring(data_of(sample))
 
     def on_end(self) -> None:
         self.ended = True
@@ -84,12 +84,6 @@ class Arrivals:
         if items.qsize() > KEPT:
             with suppress(Empty):  # it was just taken
                 items.get_nowait()
-
-
-def _whole(sample: zenoh.Sample) -> bytes:
-    """Its payload. A picture's header and pixels travel apart; here they are joined by a line feed."""
-    header, data = sample.attachment, sample.payload.to_bytes()
-    return data if header is None else b"%b\n%b" % (header.to_bytes(), data)
 
 
 class Connection:
@@ -212,30 +206,24 @@ class Connection:
         raise Unreachable(f"nobody answers {name} of {self.vehicle}: is the stack up? (`jezero up`, `jezero ps`)")
 
 
-def encode(payload: Payload) -> bytes:
-    """JSON of a question or message."""
-    return msgspec.json.encode(payload)
-
-
 def decode(kind: Any, data: bytes) -> Any:
-    """A reply or message.
+    """A reply or message of any length: the result of a long goal lists all its pictures.
 
     Raises:
-        JezeroError: it is not what this version of the client knows.
+        JezeroError: this version of the client doesn't know such a message.
     """
     return decoder(kind)(data)
 
 
-@lru_cache(maxsize=64)
 def decoder(kind: Any) -> Callable[[bytes], Any]:
-    """`decode` for one kind, made once: a union of messages takes longer to understand than to decode."""
-    read = msgspec.json.Decoder(kind).decode
+    """`decode` for one type. Made before a request is sent, it doesn't delay the first reply."""
+    read = reader(kind, None).read
 
     def decode_this(data: bytes) -> Any:
         try:
             return read(data)
-        except msgspec.DecodeError as error:
-            why = f"the answer isn't understood ({error}): do client and stack have the same version?"
+        except BadPayloadError as error:
+            why = f"the reply isn't understood ({error}): do client and stack have the same version?"
             raise JezeroError(why) from None
 
     return decode_this

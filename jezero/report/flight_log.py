@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from jezero.runtime.codec import split_picture
+from jezero.codec import split_attachment
 from jezero.schemas.topics import ACTIONS, CAMERA, SCENE, TOPICS, feedback_of
 
 LOG = "flight.jsonl"
@@ -34,7 +34,7 @@ class _Line(msgspec.Struct, frozen=True):
 
 def line(logged_ns: int, topic: str, data: bytes) -> bytes:
     """One line of a log. `data` is the message as it travelled; of a picture only its header is logged."""
-    message, _ = split_picture(data)
+    message, _ = split_attachment(data)
     return b'{"logged_ns":%d,"topic":"%s","message":%s}\n' % (logged_ns, topic.encode(), message)
 
 

@@ -13,7 +13,7 @@ from math import exp
 from random import Random
 from typing import Any
 
-from jezero.runtime.codec import decode, encode
+from jezero.codec import decode, encode
 from jezero.runtime.node import Node
 from jezero.runtime.service import Service
 from jezero.schemas.struct import Payload

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
-from jezero.runtime.codec import BadPayloadError, NotFiniteError, decode, decode_request, encode, reader
+from jezero.codec import BadPayloadError, NotFiniteError, decode, decode_request, encode, reader
 from jezero.runtime.service import (
     BackgroundTask,
     Call,

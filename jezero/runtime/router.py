@@ -11,7 +11,7 @@ from pathlib import Path
 
 import zenoh
 
-from jezero.runtime.codec import encode
+from jezero.codec import encode
 from jezero.runtime.config import ConfigError, Instance, instance_from_environment
 from jezero.runtime.zenoh_bus import new_boot_id
 from jezero.schemas.health import ServiceHealth

@@ -18,19 +18,20 @@ from typing import Any, cast
 
 import zenoh
 
+from jezero.codec import BadPayloadError, decode, encode
 from jezero.runtime.clock import VehicleClock
-from jezero.runtime.codec import BadPayloadError, decode, encode
 from jezero.runtime.config import ConfigError, Instance, instance_from_environment
 from jezero.runtime.links import SocketLink
 from jezero.runtime.node import Node
 from jezero.runtime.service import Service
 from jezero.runtime.worker import Worker
-from jezero.runtime.zenoh_session import AlreadyRunningError, BusSession, Kind, picture_data
+from jezero.runtime.zenoh_session import AlreadyRunningError, BusSession, Kind
 from jezero.runtime.zenoh_transport import ZenohTransport
 from jezero.schemas import topics
 from jezero.schemas.state import Clock
 from jezero.schemas.topics import health_of
 from jezero.schemas.units import NS_PER_S
+from jezero.zenoh_client import data_of
 
 PACE_SLACK_NS = 20_000_000
 """A time master that is this much late slows vehicle time instead of catching up."""
@@ -116,7 +117,8 @@ class _Runner:
         self._stopping = False
         self._events: deque[tuple[Kind, str, Any]] = deque()
         """What Zenoh's threads and the worker brought, in the order of its arrival."""
-        self._newest_picture: dict[str, zenoh.Sample | None] = {}
+        self._newest: dict[str, zenoh.Sample | None] = {}
+        """By topic, the last message with an attachment, until the loop reads it."""
         self._wakeup_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._wakeup_armed = True
         """Whether the next event has to wake the loop; one that comes before the loop has read the last one has not."""
@@ -172,9 +174,10 @@ class _Runner:
     # -- called in Zenoh's threads and the worker's --
 
     def _enqueue(self, kind: Kind, name: str, value: Any) -> None:
-        """Keep all events in order, but only the newest picture of a topic: a slow service must not fill the memory."""
-        if kind == "picture":
-            self._newest_picture[name] = value
+        """Keep all events in order, but of a topic with attachments only the newest message: a slow service must not
+        fill the memory."""
+        if kind == "newest":
+            self._newest[name] = value
             value = None
         self._events.append((kind, name, value))
         if self._wakeup_armed:
@@ -298,10 +301,10 @@ class _Runner:
         wanted = False
         if kind == "sample":
             wanted = self._on_sample(name, value)
-        elif kind == "picture":
-            if name in self._newest_picture:  # else a newer one came in its place and has been taken
-                sample = self._newest_picture.pop(name)
-                wanted = self._on_sample(name, None if sample is None else picture_data(sample))
+        elif kind == "newest":
+            if name in self._newest:  # else a newer message came in its place and has been read
+                sample = self._newest.pop(name)
+                wanted = self._on_sample(name, None if sample is None else data_of(sample))
         elif kind == "query":
             wanted = self._on_query(name, value)
         elif kind == "response":

@@ -12,16 +12,15 @@ from typing import Any, Literal
 
 import zenoh
 
-from jezero.runtime.codec import BadPayloadError, decode, join_picture, split_picture
+from jezero.codec import BadPayloadError, decode, has_attachment, split_attachment
 from jezero.runtime.config import Instance
 from jezero.runtime.service import Spec
 from jezero.schemas import topics
-from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.topics import Endpoint, Topic, health_of, key, liveliness_key
 
 HOLDER_WAIT_S = 2.5
 CLOSE_WITHIN_S = 0.7
-Kind = Literal["sample", "picture", "query", "response", "departed", "opened", "outcome"]
+Kind = Literal["sample", "newest", "query", "response", "departed", "opened", "outcome"]
 Enqueue = Callable[[Kind, str, Any], None]
 
 
@@ -37,12 +36,6 @@ def client_config(router: str) -> zenoh.Config:
     return config
 
 
-def picture_data(sample: zenoh.Sample) -> bytes:
-    """A picture's header and pixels in one piece, as the codec wants it."""
-    header = sample.attachment
-    return join_picture(b"" if header is None else header.to_bytes(), sample.payload.to_bytes())
-
-
 def _directly(callback: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:
     """Zenoh's handler that calls back in the thread that receives, so that all arrives in order without more threads.
 
@@ -56,7 +49,7 @@ class BusSession:
     """The session of one service. Zenoh's threads call `enqueue(kind, name, value)` with what comes in:
 
     - sample: a topic's name and its bytes, None when it was no put of something on exactly this key.
-    - picture: a topic's name and the sample, of which `picture_data` makes bytes.
+    - newest: a topic's name and the sample of a message with an attachment, None as above.
     - query: an endpoint's name and the query.
     - response: a call's id and (bytes, None) or (None, error).
     - departed: the id of a client that vanished.
@@ -71,7 +64,9 @@ class BusSession:
         self._subscribers: dict[str, zenoh.Subscriber[Any]] = {}
         self._declared: list[Any] = []
         self._last_value: dict[str, bytes] = {}
-        self._pictures = frozenset(t.name for t in (*spec.inputs, *spec.on_demand) if t.type is CameraFrame)
+        used = (*spec.inputs, *spec.on_demand, *spec.outputs)
+        self._attached = frozenset(topic.name for topic in used if has_attachment(topic.type))
+        """Topics whose messages have attachments."""
 
     @property
     def is_open(self) -> bool:
@@ -176,7 +171,7 @@ class BusSession:
                 key(self._instance.vehicle, topic.name),
                 encoding=(
                     zenoh.Encoding.APPLICATION_OCTET_STREAM
-                    if topic.type is CameraFrame
+                    if topic.name in self._attached
                     else zenoh.Encoding.APPLICATION_JSON
                 ),
                 congestion_control=(
@@ -209,11 +204,11 @@ class BusSession:
             found = sample.payload.to_bytes()  # nothing, of a delete
             enqueue("sample", name, found if found and sample.key_expr == exactly else None)
 
-        def on_picture(sample: zenoh.Sample) -> None:
+        def on_attached(sample: zenoh.Sample) -> None:
             exact = sample.key_expr == exactly and sample.kind == zenoh.SampleKind.PUT
-            enqueue("picture", name, sample if exact else None)
+            enqueue("newest", name, sample if exact else None)
 
-        handler = _directly(on_picture if name in self._pictures else on_sample)
+        handler = _directly(on_attached if name in self._attached else on_sample)
         self._subscribers[name] = self._session.declare_subscriber(own, handler)
 
     def _declare_endpoint(self, endpoint: Endpoint[Any, Any]) -> None:
@@ -257,9 +252,9 @@ class BusSession:
 
     def put(self, topic: Topic[Any], data: bytes) -> None:
         """Publish a message."""
-        if topic.type is CameraFrame:
-            header, pixels = split_picture(data)
-            self._publishers[topic.name].put(pixels, attachment=header)
+        if topic.name in self._attached:
+            json, attachment = split_attachment(data)
+            self._publishers[topic.name].put(attachment, attachment=json)
         else:
             self._publishers[topic.name].put(data)
 

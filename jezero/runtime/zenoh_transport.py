@@ -5,7 +5,7 @@ from typing import Any
 
 import zenoh
 
-from jezero.runtime.codec import PICTURES, split_picture
+from jezero.codec import has_attachment, split_attachment
 from jezero.runtime.config import Instance
 from jezero.runtime.links import SocketLink
 from jezero.runtime.service import Spec
@@ -32,8 +32,9 @@ class ZenohTransport:
         self._links = links
         self._worker = worker
         self._last_value = frozenset(topic.name for topic in spec.last_value)
-        self._pictures = {key(instance.vehicle, served.name) for served in spec.serves if served.reply_type in PICTURES}
-        """Keys whose replies are pictures."""
+        attached = (endpoint.name for endpoint in spec.serves if has_attachment(endpoint.reply_type))
+        self._attached = frozenset(key(instance.vehicle, name) for name in attached)
+        """Keys whose replies have attachments."""
         self._queries: dict[int, zenoh.Query] = {}
         self._request_id = 0
 
@@ -58,10 +59,10 @@ class ZenohTransport:
         query = self._queries.get(request_id)
         if query is None:
             return
-        if data is not None and str(query.key_expr) in self._pictures:
-            header, pixels = split_picture(data)
+        if data is not None and str(query.key_expr) in self._attached:
+            json, attachment = split_attachment(data)
             octets = zenoh.Encoding.APPLICATION_OCTET_STREAM
-            query.reply(query.key_expr, pixels, encoding=octets, attachment=header)
+            query.reply(query.key_expr, attachment, encoding=octets, attachment=json)
         elif data is not None:
             query.reply(query.key_expr, data, encoding=zenoh.Encoding.APPLICATION_JSON)
         if final:

@@ -8,9 +8,9 @@ from typing import Any, Literal, NamedTuple
 
 import msgspec
 
+from jezero.codec import decode
 from jezero.frames import Vec3, horizontal
 from jezero.report.flight_log import line
-from jezero.runtime.codec import decode
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import Answers, MemoryBus
 from jezero.schemas import topics

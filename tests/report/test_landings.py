@@ -7,10 +7,10 @@ import pytest
 
 from jezero.cli.demo import pointing_to
 from jezero.cli.flight import Printer
+from jezero.codec import encode
 from jezero.report.flight_log import Entry
 from jezero.report.landings import landings
 from jezero.report.report import draw_report
-from jezero.runtime.codec import encode
 from jezero.schemas import topics
 from jezero.schemas.actions import FeedbackMessage, LandFeedback, LandPhase
 from jezero.schemas.state import Odometry, Status, StatusCode

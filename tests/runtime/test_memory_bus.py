@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import pytest
 
-from jezero.runtime.codec import NotFiniteError
+from jezero.codec import NotFiniteError
 from jezero.runtime.memory_bus import BUS_DELAY, WORK_S, LinkDelay, MemoryBus
 from jezero.runtime.service import (
     BackgroundTask,

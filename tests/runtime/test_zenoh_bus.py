@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
+from jezero.codec import encode, split_attachment
 from jezero.runtime import zenoh_bus
-from jezero.runtime.codec import encode, split_picture
 from jezero.runtime.config import Instance
 from jezero.runtime.service import Call, Inbox, Output, Publish, Reply, Response, Spec
 from jezero.schemas import topics
@@ -265,10 +265,10 @@ def test_of_pictures_that_pile_up_the_newest_is_read_once(monkeypatch: pytest.Mo
     runner = zenoh_bus._Runner(Viewer(), Instance(), 1, {})
     try:
         for number in range(3):
-            header, pixels = split_picture(encode(picture(number)))
+            header, pixels = split_attachment(encode(picture(number)))
             payload, attachment = (SimpleNamespace(to_bytes=lambda data=data: data) for data in (pixels, header))
-            runner._enqueue("picture", topics.CAMERA.name, SimpleNamespace(payload=payload, attachment=attachment))
-        assert len(runner._newest_picture) == 1
+            runner._enqueue("newest", topics.CAMERA.name, SimpleNamespace(payload=payload, attachment=attachment))
+        assert len(runner._newest) == 1
         assert runner._collect(0)
         runner._step(0)
     finally:

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import msgspec
 import pytest
 
+from jezero.codec import decode
 from jezero.frames import distance, subtract
-from jezero.runtime.codec import decode
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics

@@ -8,11 +8,11 @@ import time
 import numpy as np
 import zenoh
 
+from jezero.codec import decode, encode
 from jezero.deploy.launcher.ports import instance_environment, reserved_instance
 from jezero.frames import quat_from_euler
-from jezero.runtime.codec import decode, encode
 from jezero.runtime.config import load_config
-from jezero.runtime.zenoh_session import client_config, picture_data
+from jezero.runtime.zenoh_session import client_config
 from jezero.schemas import topics
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.state import Clock, Scene
@@ -20,6 +20,7 @@ from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.making import make_renderer
 from jezero.services.simulator.camera.view import view_of
 from jezero.services.simulator.config import SimulatorConfig
+from jezero.zenoh_client import data_of
 from tests.system.conftest import wait_for
 
 STILL = (0.0, 0.0, 0.0)
@@ -49,9 +50,7 @@ def test_pictures_of_a_real_process_are_those_that_its_renderer_draws() -> None:
         try:
             with zenoh.open(client_config(instance.router)) as session:
                 camera = topics.key(instance.vehicle, topics.CAMERA.name)
-                session.declare_subscriber(
-                    camera, lambda sample: frames.append(decode(CameraFrame, picture_data(sample)))
-                )
+                session.declare_subscriber(camera, lambda sample: frames.append(decode(CameraFrame, data_of(sample))))
 
                 def shows() -> bool:
                     now_ns = time.monotonic_ns()

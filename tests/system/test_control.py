@@ -14,7 +14,7 @@ import yaml
 import zenoh
 
 from jezero import Aborted, Refused, Unreachable
-from jezero.runtime.codec import encode
+from jezero.codec import encode
 from jezero.runtime.config import config_directory
 from jezero.schemas import topics
 from jezero.schemas.commands import Phase, Setpoint

@@ -16,7 +16,7 @@ import yaml
 import zenoh
 
 from jezero import JezeroError, Vehicle
-from jezero.runtime.codec import encode
+from jezero.codec import encode
 from jezero.runtime.config import config_directory
 from jezero.runtime.zenoh_session import client_config
 from jezero.schemas import topics

@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from jezero.codec import encode
 from jezero.deploy.launcher.ports import instance_environment, reserved_instance
 from jezero.runtime import zenoh_session
-from jezero.runtime.codec import encode
 from jezero.runtime.config import Instance
 from jezero.runtime.links import TcpClient, TcpServer, Udp
 from jezero.runtime.service import Spec

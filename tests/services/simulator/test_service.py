@@ -8,9 +8,9 @@ from typing import Any
 import msgspec
 import pytest
 
+from jezero.codec import encode
 from jezero.frames import Vec3, distance, norm
 from jezero.mavlink import MavlinkCodec, dialect
-from jezero.runtime.codec import encode
 from jezero.runtime.config import ConfigError, load_config
 from jezero.runtime.service import Health, Output, Publish, Send
 from jezero.schemas import topics

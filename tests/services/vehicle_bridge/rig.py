@@ -7,8 +7,8 @@ import struct
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from jezero.codec import decode, encode
 from jezero.mavlink import MavlinkCodec, dialect
-from jezero.runtime.codec import decode, encode
 from jezero.runtime.service import Output, Publish, Reply, Request, Send
 from jezero.schemas.commands import Acquire, AcquireReply, Phase, Release, Setpoint
 from jezero.schemas.sensors import Altimeter

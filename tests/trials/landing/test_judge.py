@@ -4,8 +4,8 @@ from math import hypot, inf
 
 import pytest
 
+from jezero.codec import encode
 from jezero.frames import Vec3
-from jezero.runtime.codec import encode
 from jezero.schemas import topics
 from jezero.schemas.estimate import Relative
 from jezero.schemas.state import Truth

@@ -7,8 +7,8 @@ from queue import SimpleQueue
 
 import pytest
 
+from jezero.codec import encode
 from jezero.frames import geodetic_from_ned, quat_from_euler
-from jezero.runtime.codec import encode
 from jezero.runtime.node import Mailbox
 from jezero.runtime.worker import Worker
 from jezero.schemas import topics

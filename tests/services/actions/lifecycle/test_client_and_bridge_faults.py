@@ -6,7 +6,7 @@ from math import isfinite
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jezero.runtime.codec import decode
+from jezero.codec import decode
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Cancel, GoToGoal, Rejected, Result

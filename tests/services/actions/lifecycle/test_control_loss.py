@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from jezero.runtime.codec import decode, encode
+from jezero.codec import decode, encode
 from jezero.schemas import topics
 from jezero.schemas.actions import Cancel, GoToGoal
 from jezero.schemas.state import Status, StatusCode

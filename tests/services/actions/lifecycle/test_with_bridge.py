@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
+from jezero.codec import decode
 from jezero.frames import Vec3
 from jezero.mavlink import dialect
-from jezero.runtime.codec import decode
 from jezero.runtime.memory_bus import UDP_DELAY, Answers, MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Send, Spec
 from jezero.schemas import topics

@@ -245,7 +245,7 @@ def test_the_service_tells_the_place_at_exposure_from_the_attitude_of_that_time(
 
     def observe(t_ns: int, topic: str, data: bytes) -> None:
         if topic == topics.ESTIMATE_TAG.name:
-            from jezero.runtime.codec import decode
+            from jezero.codec import decode
 
             told.append(decode(TagEstimate, data))
 

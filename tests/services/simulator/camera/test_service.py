@@ -108,7 +108,7 @@ def published(camera: Camera, seconds: float) -> dict[str, list[tuple[int, bytes
 
 
 def decoded(kind: type, entries: list[tuple[int, bytes]]) -> list[tuple[int, object]]:
-    from jezero.runtime.codec import decode
+    from jezero.codec import decode
 
     return [(t_ns, decode(kind, data)) for t_ns, data in entries]
 

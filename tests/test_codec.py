@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jezero.report.flight_log import LogWriter, read_log
-from jezero.runtime.codec import (
+from jezero.codec import (
     BadPayloadError,
     NotFiniteError,
     decode,
     decode_request,
     encode,
-    join_picture,
-    split_picture,
+    join_attachment,
+    split_attachment,
 )
+from jezero.report.flight_log import LogWriter, read_log
 from jezero.schemas import topics
 from jezero.schemas.actions import GoToGoal, TakeoffGoal
 from jezero.schemas.commands import Hover, Phase, Release, Setpoint
@@ -47,7 +47,7 @@ FRAME = CameraFrame(
 
 def test_a_picture_travels_as_a_header_in_json_and_its_bare_pixels() -> None:
     data = encode(FRAME)
-    header, pixels = split_picture(data)
+    header, pixels = split_attachment(data)
     assert pixels == FRAME.pixels
     assert json.loads(header)["width_px"] == 2 and "pixels" not in json.loads(header)
     assert decode(CameraFrame, data) == FRAME
@@ -55,9 +55,9 @@ def test_a_picture_travels_as_a_header_in_json_and_its_bare_pixels() -> None:
 
 @pytest.mark.parametrize("pixels", [b"", b"12345", b"1234567"])
 def test_a_picture_with_too_few_or_too_many_pixels_is_refused(pixels: bytes) -> None:
-    header, _ = split_picture(encode(FRAME))
+    header, _ = split_attachment(encode(FRAME))
     with pytest.raises(BadPayloadError, match="2 x 1 pixels"):
-        decode(CameraFrame, join_picture(header, pixels))
+        decode(CameraFrame, join_attachment(header, pixels))
 
 
 def test_a_flights_log_keeps_only_the_header_of_a_picture(tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
-"""Bytes on the bus: JSON that is finite when it leaves and checked when it arrives.
+"""Messages as bytes: JSON that is finite when it is sent and checked when it arrives.
 
-A picture is its header in JSON, a line feed, and its pixels.
+A payload with an attachment (`schemas.struct.WithAttachment`) is its JSON, a line feed, and the attachment as it is.
 """
 
 import math
@@ -10,14 +10,10 @@ from typing import Any
 
 import msgspec
 
-from jezero.schemas.images import ImageReply
-from jezero.schemas.sensors import CameraFrame
-from jezero.schemas.struct import Payload
+from jezero.schemas.struct import Payload, WithAttachment
 
-MAX_PAYLOAD_BYTES = 4_000_000
-MAX_PICTURE_HEADER_BYTES = 4_000
-PICTURES = (CameraFrame, ImageReply)
-"""Payloads whose pixels travel beside their header."""
+MAX_JSON_BYTES = 4_000_000
+"""Size of a message without its attachment up to which a service decodes it."""
 _WITHOUT_FLOATS = frozenset((type(None), bool, int, str, bytes))
 _encoder = msgspec.json.Encoder()
 
@@ -27,19 +23,19 @@ class NotFiniteError(ValueError):
 
 
 class BadPayloadError(ValueError):
-    """What arrived is no valid message; the text says where and why."""
+    """A message that arrived is not valid; the text says where and why."""
 
 
 def encode(payload: Payload) -> bytes:
-    """JSON of a payload; of a picture also the pixels.
+    """JSON of a payload, joined with its attachment.
 
     Raises:
         NotFiniteError: a float in it is NaN or infinite.
     """
-    if type(payload) in PICTURES and (pixels := payload.pixels):  # type: ignore[attr-defined]
-        return join_picture(encode(msgspec.structs.replace(payload, pixels=b"")), pixels)
+    if isinstance(payload, WithAttachment) and payload.attachment:
+        return join_attachment(encode(payload.with_attachment(b"")), payload.attachment)
     data = _encoder.encode(payload)
-    if b"null" in data:  # None that is meant, text, or a number that is not finite
+    if b"null" in data:  # an intended None, text, or a number that is not finite
         values = msgspec.structs.astuple(payload)
         nones = 0 if payload.__struct_config__.omit_defaults else values.count(None)
         if data.count(b"null") != nones and not _are_finite(values):
@@ -48,7 +44,7 @@ def encode(payload: Payload) -> bytes:
 
 
 def _are_finite(values: Iterable[Any]) -> bool:
-    """What `_require_finite` finds out, without the words that tell where."""
+    """Whether `_require_finite` accepts all values; faster, as it doesn't keep track of their names."""
     for value in values:
         kind = type(value)
         if kind in _WITHOUT_FLOATS:
@@ -62,7 +58,7 @@ def _are_finite(values: Iterable[Any]) -> bool:
         elif issubclass(kind, msgspec.Struct):
             good = _are_finite(msgspec.structs.astuple(value))
         else:
-            good = isinstance(value, str | int)  # an enumeration; rarer ones are left to the other
+            good = isinstance(value, str | int)  # an enumeration; rarer types are left to `_require_finite`
         if not good:
             return False
     return True
@@ -84,54 +80,64 @@ def _require_finite(value: Any, where: str) -> None:
 
 
 class Reader:
-    """Decodes payloads of one kind.
+    """Decodes payloads of one type.
 
-    On the in-memory bus all who listen get the same bytes: what was decoded last is kept.
+    On the in-memory bus all subscribers get the same bytes object, so the last message is kept and decoded once.
+
+    Args:
+        kind: a type, or a union of types.
+        max_json_bytes: longer messages are refused; None accepts any length. Attachments don't count.
     """
 
-    __slots__ = ("_data", "_decode", "_message", "_pictures")
+    __slots__ = ("_attached", "_decode", "_last", "_max_json_bytes")
 
-    def __init__(self, kind: Any) -> None:
+    def __init__(self, kind: Any, max_json_bytes: int | None) -> None:
         self._decode = msgspec.json.Decoder(kind).decode
-        self._pictures = kind in PICTURES
-        self._data: bytes | None = None
-        self._message: Any = None
+        self._attached = has_attachment(kind)
+        self._max_json_bytes = max_json_bytes
+        self._last: tuple[bytes | None, Any] = (None, None)
+        """One object, so that a thread never sees the bytes of one message with the content of another."""
 
     def read(self, data: bytes) -> Any:
         """A payload.
 
         Raises:
-            BadPayloadError: malformed, an unknown field, a wrong type, a number out of its range, or a picture that has
-                not three bytes for each pixel.
+            BadPayloadError: malformed, too long, an unknown field, a wrong type, a number out of its range, or an
+                attachment that doesn't fit the other fields.
         """
-        if data is self._data:
-            return self._message
+        last, message = self._last
+        if data is last:
+            return message
+        json, attachment = split_attachment(data) if self._attached else (data, b"")
+        if self._max_json_bytes is not None and len(json) > self._max_json_bytes:
+            raise BadPayloadError(f"{len(json)} bytes are more than {self._max_json_bytes}")
         try:
-            if self._pictures:
-                return self._read_picture(data)
-            if len(data) > MAX_PAYLOAD_BYTES:
-                raise BadPayloadError(f"{len(data)} bytes are more than {MAX_PAYLOAD_BYTES}")
-            self._message = message = self._decode(data)
-            self._data = data
+            message = self._decode(json)
         except (msgspec.DecodeError, UnicodeDecodeError) as error:
             raise BadPayloadError(str(error)) from None
         except RecursionError:
             raise BadPayloadError("nested too deeply") from None
+        if self._attached:
+            message = _attach(message, attachment)
+        self._last = (data, message)
         return message
 
-    def _read_picture(self, data: bytes) -> CameraFrame | ImageReply:
-        header, pixels = split_picture(data)
-        if len(header) > MAX_PICTURE_HEADER_BYTES:
-            raise BadPayloadError(f"a header of {len(header)} bytes is more than {MAX_PICTURE_HEADER_BYTES}")
-        frame: CameraFrame | ImageReply = self._decode(header)
-        if frame.pixels or len(pixels) != 3 * frame.width_px * frame.height_px:
-            size = f"{frame.width_px} x {frame.height_px}"
-            raise BadPayloadError(f"{len(pixels)} bytes are not {size} pixels of three bytes")
-        return msgspec.structs.replace(frame, pixels=pixels)
+
+def _attach(message: WithAttachment, attachment: bytes) -> WithAttachment:
+    if message.attachment:
+        raise BadPayloadError("the attachment is within the JSON")
+    whole = message.with_attachment(attachment)
+    try:
+        whole.check_attachment()
+    except ValueError as error:
+        raise BadPayloadError(str(error)) from None
+    return whole
 
 
-reader = cache(Reader)
-"""The one of a kind: a type, or a union of types."""
+@cache
+def reader(kind: Any, max_json_bytes: int | None = MAX_JSON_BYTES) -> Reader:
+    """The one `Reader` of a type: a union of types takes longer to understand than to decode."""
+    return Reader(kind, max_json_bytes)
 
 
 def decode(kind: Any, data: bytes) -> Any:
@@ -143,19 +149,24 @@ def decode(kind: Any, data: bytes) -> Any:
     return reader(kind).read(data)
 
 
-def join_picture(header: bytes, pixels: bytes) -> bytes:
-    """A picture as one piece."""
-    return b"%b\n%b" % (header, pixels)
+def has_attachment(kind: Any) -> bool:
+    """Whether messages of a type travel with an attachment."""
+    return isinstance(kind, type) and issubclass(kind, WithAttachment)
 
 
-def split_picture(data: bytes) -> tuple[bytes, bytes]:
-    """A picture's header, in JSON, and its pixels."""
-    header, _, pixels = data.partition(b"\n")
-    return header, pixels
+def join_attachment(json: bytes, attachment: bytes) -> bytes:
+    """A message in one piece from its JSON and its attachment."""
+    return b"%b\n%b" % (json, attachment)
+
+
+def split_attachment(data: bytes) -> tuple[bytes, bytes]:
+    """A message's JSON and its attachment, b"" when it has none."""
+    json, _, attachment = data.partition(b"\n")
+    return json, attachment
 
 
 def decode_request(kind: Any, data: bytes, parameters: Mapping[str, str]) -> Any:
-    """The payload of a question: its JSON body, or its selector's parameters, decoded into the same struct.
+    """The payload of a request: its JSON body, or its selector's parameters, decoded into the same struct.
 
     Args:
         parameters: as strings; values are JSON where they parse and text elsewhere. Names that start with `_` belong
