@@ -1,14 +1,50 @@
-"""The side of Zenoh that services and clients share: how a message travels."""
+"""The side of Zenoh that services and clients share: settings of a session, and how a message travels."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
 
 import zenoh
 
 from jezero.codec import join_attachment
 
+LINK_SETTINGS: Mapping[str, Any] = {
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": False,
+    "transport/link/tx/lease": 2000,  # ms until a frozen process is noticed; the default takes 10 s
+    "transport/link/tx/keep_alive": 4,
+}
+"""Settings of the router and of everybody else: one link to the router, found by its address alone."""
+
+
+def config_of(settings: Mapping[str, Any]) -> zenoh.Config:
+    """Zenoh's configuration from values by their path in it; all others keep Zenoh's defaults."""
+    config = zenoh.Config()
+    for path, value in settings.items():
+        config.insert_json5(path, json.dumps(value))
+    return config
+
+
+def client_config(router: str, timeout_s: float | None = None) -> zenoh.Config:
+    """Settings of a service or a client: one connection to the router.
+
+    Args:
+        timeout_s: duration after which opening a session fails without a router; None waits for it without limit.
+    """
+    settings = {
+        "mode": "client",
+        "connect/endpoints": [router],
+        "connect/timeout_ms": -1 if timeout_s is None else int(1000 * timeout_s),
+        "connect/exit_on_failure": timeout_s is not None,
+        "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
+    }
+    return config_of({**LINK_SETTINGS, **settings})
+
 
 def data_of(sample: zenoh.Sample) -> bytes:
     """A message in one piece, as the codec reads it.
 
-    Zenoh carries the pixels of a picture as the payload, which it doesn't copy, and its JSON as the attachment.
+    On Zenoh a message's attachment is the payload and its JSON is Zenoh's attachment; others are JSON alone.
     """
-    json, payload = sample.attachment, sample.payload.to_bytes()
-    return payload if json is None else join_attachment(json.to_bytes(), payload)
+    header, payload = sample.attachment, sample.payload.to_bytes()
+    return payload if header is None else join_attachment(header.to_bytes(), payload)

@@ -22,7 +22,6 @@ from jezero.deploy.launcher.ports import reserved_instance
 from jezero.frames import quat_from_euler
 from jezero.runtime.clock import VehicleClock
 from jezero.runtime.config import load_config
-from jezero.runtime.zenoh_session import client_config
 from jezero.schemas.state import Clock, Scene
 from jezero.schemas.topics import CAMERA, CLOCK, key
 from jezero.services.simulator.camera.config import CameraConfig
@@ -31,6 +30,7 @@ from jezero.services.simulator.camera.making import make_renderer
 from jezero.services.simulator.camera.service import NoEglError
 from jezero.services.simulator.camera.view import view_of
 from jezero.services.simulator.config import SimulatorConfig
+from jezero.zenoh_client import client_config
 
 PICTURES = 20
 LISTEN_S = 10.0

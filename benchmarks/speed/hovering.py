@@ -9,9 +9,8 @@ import zenoh
 from benchmarks.speed.bare import direct
 from benchmarks.speed.stack import HOVER_ALTITUDE_M, Stack, cpu_ns, memory_mb
 from jezero import Vehicle
-from jezero.runtime.zenoh_session import client_config
 from jezero.schemas.topics import GET_IMAGES, TOPICS, feedback_of, key
-from jezero.zenoh_client import data_of
+from jezero.zenoh_client import client_config, data_of
 
 CPU_S = 10.0
 COUNT_S = 5.0

@@ -20,8 +20,8 @@ from benchmarks.speed.stack import compose_file, percentile, running_module, run
 from jezero import Canceled, Vehicle
 from jezero.deploy.launcher.ports import HOST, reserved_instance
 from jezero.runtime.config import Instance
-from jezero.runtime.zenoh_session import client_config
 from jezero.schemas.state import StatusCode
+from jezero.zenoh_client import client_config
 
 FLY_S = 1.0
 """How long each goal flies before it is canceled."""

@@ -13,9 +13,9 @@ from jezero import JezeroError, Vehicle
 from jezero.codec import decode
 from jezero.deploy.launcher.ports import reserved_instance
 from jezero.runtime.config import Instance
-from jezero.runtime.zenoh_session import client_config
 from jezero.schemas.state import Clock
 from jezero.schemas.topics import CLOCK, key
+from jezero.zenoh_client import client_config
 
 REAL_TIME = 0.98
 """Vehicle time per wall time that still counts as real time."""

@@ -52,7 +52,7 @@ def _open(router: str) -> "zenoh.Session | None":
     """A session of a client, unless there is no router within a moment."""
     import zenoh
 
-    from jezero.runtime.zenoh_session import client_config
+    from jezero.zenoh_client import client_config
 
     config = client_config(router)
     config.insert_json5("connect/timeout_ms", str(CONNECT_TRY_MS))

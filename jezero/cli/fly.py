@@ -162,13 +162,13 @@ def recorded(vehicle: str, router: str, log: Path) -> Iterator[None]:
     """Log what is published for a vehicle, without its pictures; a moment longer, to see it stand disarmed."""
     import zenoh
 
-    from jezero.client.session import client_config
     from jezero.report.flight_log import RECORDED, LogWriter
     from jezero.schemas.topics import key
+    from jezero.zenoh_client import client_config
 
     prefix = key(vehicle, "")
     lock = threading.Lock()
-    with LogWriter(log) as writer, zenoh.open(client_config(router)) as session:
+    with LogWriter(log) as writer, zenoh.open(client_config(router, timeout_s=3.0)) as session:
 
         def on_sample(sample: zenoh.Sample) -> None:
             if sample.kind == zenoh.SampleKind.PUT:

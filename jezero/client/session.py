@@ -4,7 +4,6 @@ Zenoh calls back in threads of its own. The callbacks here only append and wake,
 a thread of Python's would keep a program alive that forgot to close its vehicle.
 """
 
-import json
 import time
 import weakref
 from collections.abc import Callable
@@ -19,7 +18,7 @@ from jezero.client.errors import JezeroError, TimedOut, Unreachable
 from jezero.codec import BadPayloadError, encode, reader
 from jezero.schemas.struct import Message, Payload
 from jezero.schemas.topics import Endpoint, Topic, key, liveliness_key
-from jezero.zenoh_client import data_of
+from jezero.zenoh_client import client_config, data_of
 
 ATTEMPT_S = 0.5
 LATE_S = 0.2
@@ -245,22 +244,3 @@ def _open(router: str, timeout_s: float) -> zenoh.Session:
             if time.monotonic() >= deadline_s - 0.01:
                 hint = "is the stack up? (`jezero up`) Are the address and the credentials right?"
                 raise Unreachable(f"no router at {router} within {timeout_s:g} s: {hint}") from error
-
-
-def client_config(router: str, timeout_s: float = 3.0) -> zenoh.Config:
-    """Zenoh's settings of a client: one connection to the router, found within `timeout_s`."""
-    config = zenoh.Config()
-    settings: dict[str, Any] = {
-        "mode": "client",
-        "connect/endpoints": [router],
-        "connect/timeout_ms": int(1000 * timeout_s),
-        "connect/exit_on_failure": True,
-        "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        "transport/link/tx/lease": 2000,
-        "transport/link/tx/keep_alive": 4,
-    }
-    for name, value in settings.items():
-        config.insert_json5(name, json.dumps(value))
-    return config

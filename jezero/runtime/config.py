@@ -1,6 +1,7 @@
 """One frozen struct per service, read once from `deploy/config/<name>.toml`."""
 
 import os
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -84,7 +85,7 @@ def instance_from_environment() -> Instance:
 def config_directory() -> Path:
     """`JEZERO_CONFIG_DIR`, else the folder that jezero ships."""
     given = os.environ.get("JEZERO_CONFIG_DIR")
-    return Path(given) if given else Path(__file__).resolve().parent.parent / "deploy" / "config"
+    return Path(given) if given else Path(import_module("jezero.deploy").__path__[0]) / "config"
 
 
 def load_config(kind: type[C], name: str, directory: Path | None = None) -> C:

@@ -7,7 +7,8 @@ import signal
 import socket
 import sys
 import threading
-from pathlib import Path
+from collections.abc import Mapping
+from typing import Any
 
 import zenoh
 
@@ -16,22 +17,23 @@ from jezero.runtime.config import ConfigError, Instance, instance_from_environme
 from jezero.runtime.zenoh_bus import new_boot_id
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.topics import health_of, key, liveliness_key
+from jezero.zenoh_client import LINK_SETTINGS, config_of
 
 NAME = "router"
 CLOSE_WITHIN_S = 0.7
 STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT)
+ROUTER_SETTINGS: Mapping[str, Any] = {
+    **LINK_SETTINGS,
+    "mode": "router",
+    "listen/timeout_ms": 0,  # a port that is taken is an error at once
+    "listen/exit_on_failure": True,
+    "scouting/delay": 0,  # nothing is scouted; the default waits 0.5 s for it
+}
+"""Zenoh's settings of the router, but for its endpoint."""
 
 
 class ListenError(RuntimeError):
     """The endpoint can't be listened on; the message names it and says why."""
-
-
-def router_config(endpoint: str) -> zenoh.Config:
-    """Zenoh's settings of the router."""
-    path = Path(__file__).resolve().parent.parent / "deploy" / "zenoh" / "router.json5"
-    config = zenoh.Config.from_file(str(path))
-    config.insert_json5("listen/endpoints", f'["{endpoint}"]')
-    return config
 
 
 def open_router(endpoint: str) -> zenoh.Session:
@@ -41,7 +43,7 @@ def open_router(endpoint: str) -> zenoh.Session:
         ListenError: the port is taken, or not for this user, or the address is not of this machine.
     """
     try:
-        return zenoh.open(router_config(endpoint))
+        return zenoh.open(config_of({**ROUTER_SETTINGS, "listen/endpoints": [endpoint]}))
     except zenoh.ZError as error:
         known = re.search(r"([A-Z][\w ]+) \(os error \d+\)", str(error))
         reason = known[1] if known else str(error).split(" at /", maxsplit=1)[0]

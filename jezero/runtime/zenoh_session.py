@@ -6,7 +6,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from pathlib import Path
 from secrets import token_hex
 from typing import Any, Literal
 
@@ -17,6 +16,7 @@ from jezero.runtime.config import Instance
 from jezero.runtime.service import Spec
 from jezero.schemas import topics
 from jezero.schemas.topics import Endpoint, Topic, health_of, key, liveliness_key
+from jezero.zenoh_client import client_config
 
 HOLDER_WAIT_S = 2.5
 CLOSE_WITHIN_S = 0.7
@@ -26,14 +26,6 @@ Enqueue = Callable[[Kind, str, Any], None]
 
 class AlreadyRunningError(RuntimeError):
     """Another process serves the same name for the same vehicle."""
-
-
-def client_config(router: str) -> zenoh.Config:
-    """Zenoh's settings of a service: one connection to the router."""
-    path = Path(__file__).resolve().parent.parent / "deploy" / "zenoh" / "client.json5"
-    config = zenoh.Config.from_file(str(path))
-    config.insert_json5("connect/endpoints", f'["{router}"]')
-    return config
 
 
 def _directly(callback: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:

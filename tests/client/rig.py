@@ -13,11 +13,11 @@ import pytest
 import zenoh
 
 from jezero import Vehicle
-from jezero.client.session import client_config
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Feedback, MoveFeedback, MoveResult, Result
 from jezero.schemas.state import Odometry, Status, StatusCode
 from jezero.schemas.struct import Payload
+from jezero.zenoh_client import client_config
 
 POINT = (0.0, 0.0, -2.0)
 ODOMETRY = Odometry(

@@ -12,11 +12,11 @@ import pytest
 import zenoh
 
 from jezero import Aborted, Canceled, JezeroError, Refused, TimedOut, Unreachable, Vehicle
-from jezero.client.session import client_config
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, CancelReply, MoveResult, Rejected, Result, ResultReply, TakeoffGoal
 from jezero.schemas.commands import AbortReply, HoverReply, KillReply
 from jezero.schemas.state import StatusCode
+from jezero.zenoh_client import client_config
 from tests.client.rig import (
     ACCEPTED,
     POINT,

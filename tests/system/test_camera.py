@@ -12,7 +12,6 @@ from jezero.codec import decode, encode
 from jezero.deploy.launcher.ports import instance_environment, reserved_instance
 from jezero.frames import quat_from_euler
 from jezero.runtime.config import load_config
-from jezero.runtime.zenoh_session import client_config
 from jezero.schemas import topics
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.state import Clock, Scene
@@ -20,7 +19,7 @@ from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.making import make_renderer
 from jezero.services.simulator.camera.view import view_of
 from jezero.services.simulator.config import SimulatorConfig
-from jezero.zenoh_client import data_of
+from jezero.zenoh_client import client_config, data_of
 from tests.system.conftest import wait_for
 
 STILL = (0.0, 0.0, 0.0)

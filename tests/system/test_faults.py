@@ -21,9 +21,9 @@ import zenoh
 
 from jezero import Aborted, Unreachable, Vehicle
 from jezero.runtime.config import config_directory
-from jezero.runtime.zenoh_session import client_config
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
+from jezero.zenoh_client import client_config
 from tests.system.conftest import ProcessorWait, Stack, new_stack, wait_for, wait_for_status
 
 NOTICED_S = 2.0

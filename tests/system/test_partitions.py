@@ -18,12 +18,12 @@ import zenoh
 from jezero import JezeroError, Vehicle
 from jezero.codec import encode
 from jezero.runtime.config import config_directory
-from jezero.runtime.zenoh_session import client_config
 from jezero.schemas import topics
 from jezero.schemas.actions import GoToGoal
 from jezero.schemas.commands import Abort, Acquire, Hover
 from jezero.schemas.state import StatusCode
 from jezero.schemas.struct import Payload
+from jezero.zenoh_client import client_config
 from tests.system.conftest import Stack, new_stack, wait_for, wait_for_status
 from tests.system.relay import Relay
 

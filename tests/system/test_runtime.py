@@ -22,9 +22,10 @@ from jezero.runtime import zenoh_session
 from jezero.runtime.config import Instance
 from jezero.runtime.links import TcpClient, TcpServer, Udp
 from jezero.runtime.service import Spec
-from jezero.runtime.zenoh_session import BusSession, client_config
+from jezero.runtime.zenoh_session import BusSession
 from jezero.schemas import topics
 from jezero.schemas.sensors import CameraFrame
+from jezero.zenoh_client import client_config
 from tests.system.conftest import wait_for
 
 TOYS = Path(__file__).with_name("toy_services.py")
