@@ -31,9 +31,9 @@ class Transport(Protocol):
     def reply(self, request_id: int, data: bytes | None, *, final: bool) -> None: ...
     def call(self, endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None: ...
     def send(self, link: str, data: bytes) -> None: ...
-    def listen(self, names: frozenset[str]) -> None: ...
-    def pace(self, rate_hz: float) -> None: ...
-    def work(self, function: Callable[[], Any], tag: str) -> None: ...
+    def subscribe(self, names: frozenset[str]) -> None: ...
+    def set_rate(self, rate_hz: float) -> None: ...
+    def run_task(self, function: Callable[[], Any], tag: str) -> None: ...
 
 
 class _Input:
@@ -271,9 +271,9 @@ class Node:
             case Subscribe():
                 self._listen(output)
             case SetRate():
-                self._transport.pace(output.rate_hz or self.spec.rate_hz)
+                self._transport.set_rate(output.rate_hz or self.spec.rate_hz)
             case BackgroundTask():
-                self._transport.work(output.function, output.tag)
+                self._transport.run_task(output.function, output.tag)
             case Health():
                 self._state, self._text = output.state, output.text[:2000]
 
@@ -305,7 +305,7 @@ class Node:
             self._require(False, "on_demand", name)
         for name in self._demandable - names:
             self.inbox.forget(name)
-        self._transport.listen(names)
+        self._transport.subscribe(names)
 
     def _encoded(self, payload: Payload) -> bytes | None:
         try:

@@ -133,7 +133,7 @@ class _Runner:
         self._node = Node(service, self._out, strict=False, boot_id=boot_id, process=process)
         self._due_ns = 0
         """When the next step is."""
-        self._subscribed = self._out.listening
+        self._subscribed = self._out.subscribed
         """The topics on demand that the session subscribes to."""
         self._on_demand = frozenset(topic.name for topic in self._spec.on_demand)
         self._health_topic = health_of(self._spec.name)
@@ -217,8 +217,8 @@ class _Runner:
 
     def _update_subscriptions(self) -> None:
         """Subscribe to the topics on demand, after the step: a declaration takes the router a millisecond."""
-        if self._subscribed is not self._out.listening:
-            self._subscribed = self._out.listening
+        if self._subscribed is not self._out.subscribed:
+            self._subscribed = self._out.subscribed
             self._session.listen(self._subscribed)
 
     def _past_stalls_ns(self, now_ns: int, since_ns: int, until_ns: int) -> int:
@@ -343,7 +343,7 @@ class _Runner:
     def _on_sample(self, name: str, data: bytes | None) -> bool:
         if name == CLOCK_NAME and data is not None:
             self._follow(data)
-        if name in self._on_demand and name not in self._out.listening:  # the last ones of what it no longer wants
+        if name in self._on_demand and name not in self._out.subscribed:  # the last ones of what it no longer wants
             return False
         return self._node.deliver(name, data)
 

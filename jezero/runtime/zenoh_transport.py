@@ -27,7 +27,7 @@ class ZenohTransport:
         self, instance: Instance, spec: Spec, session: BusSession, links: Mapping[str, SocketLink], worker: Worker
     ) -> None:
         self.period_ns = int(NS_PER_S / spec.rate_hz)
-        self.listening: frozenset[str] = frozenset()
+        self.subscribed: frozenset[str] = frozenset()
         self._session = session
         self._links = links
         self._worker = worker
@@ -75,11 +75,11 @@ class ZenohTransport:
     def send(self, link: str, data: bytes) -> None:
         self._links[link].send(data)
 
-    def listen(self, names: frozenset[str]) -> None:
-        self.listening = names
+    def subscribe(self, names: frozenset[str]) -> None:
+        self.subscribed = names
 
-    def pace(self, rate_hz: float) -> None:
+    def set_rate(self, rate_hz: float) -> None:
         self.period_ns = int(NS_PER_S / rate_hz)
 
-    def work(self, function: Callable[[], Any], tag: str) -> None:
+    def run_task(self, function: Callable[[], Any], tag: str) -> None:
         self._worker.add(function, tag)

@@ -7,7 +7,8 @@ from collections.abc import Iterable
 import pytest
 
 from jezero.codec import NotFiniteError
-from jezero.runtime.memory_bus import BUS_DELAY, WORK_S, LinkDelay, MemoryBus
+from jezero.runtime.memory_bus import BUS_DELAY, LinkDelay, MemoryBus
+from jezero.runtime.memory_port import BACKGROUND_TASK_S
 from jezero.runtime.service import (
     BackgroundTask,
     Call,
@@ -226,15 +227,18 @@ class Planner:
 def test_work_goes_on_beside_the_steps_and_takes_its_time_one_after_the_other() -> None:
     bus, planner = MemoryBus(), Planner()
     bus.add(planner)
-    bus.run_for(2.5 * WORK_S)
-    assert planner.outcomes == [(int(WORK_S * 1e9), "first", 42), (int(2 * WORK_S * 1e9), "second", 13)]
+    bus.run_for(2.5 * BACKGROUND_TASK_S)
+    assert planner.outcomes == [
+        (int(BACKGROUND_TASK_S * 1e9), "first", 42),
+        (int(2 * BACKGROUND_TASK_S * 1e9), "second", 13),
+    ]
     assert len(planner.steps) > 4
 
 
 def test_a_service_that_asks_for_it_steps_more_often() -> None:
     bus, planner = MemoryBus(), Planner()
     bus.add(planner)
-    bus.run_for(2.0 * WORK_S)
+    bus.run_for(2.0 * BACKGROUND_TASK_S)
     slow = len(planner.steps)
     bus.run_for(1.0)
     assert slow < 8 and len(planner.steps) - slow == 100

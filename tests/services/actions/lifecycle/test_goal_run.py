@@ -86,12 +86,12 @@ def test_setpoints_are_numbered_and_carry_the_grant() -> None:
 def test_an_idle_server_listens_to_status_and_clock_only() -> None:
     world = World()
     port = world.bus._ports["go_to"]
-    assert port.listening == {"status", "clock"}
+    assert port.subscribed == {"status", "clock"}
     goal = world.flying()
-    assert port.listening == {"status", "clock", "odometry"}
+    assert port.subscribed == {"status", "clock", "odometry"}
     world.bus.ask(topics.GO_TO.cancel, Cancel(goal_id="far"))
     world.end(goal)
-    assert port.listening == {"status", "clock"}
+    assert port.subscribed == {"status", "clock"}
 
 
 @pytest.mark.parametrize(
