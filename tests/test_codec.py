@@ -10,12 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jezero.codec import (
+    MAX_JSON_BYTES,
     BadPayloadError,
     NotFiniteError,
     decode,
     decode_request,
     encode,
     join_attachment,
+    reader,
     split_attachment,
 )
 from jezero.report.flight_log import LogWriter, read_log
@@ -24,6 +26,7 @@ from jezero.schemas.actions import GoToGoal, TakeoffGoal
 from jezero.schemas.commands import Hover, Phase, Release, Setpoint
 from jezero.schemas.sensors import Altimeter, CameraFrame
 from jezero.schemas.state import Clock
+from jezero.schemas.struct import Payload
 from jezero.schemas.topics import ACTIONS, ENDPOINTS, TOPICS
 
 SETPOINT = Setpoint(t_ns=5, control_id="c", sequence=1, phase=Phase.GO_TO, vel_ned_mps=(1.0, 2.0, 3.0))
@@ -58,6 +61,24 @@ def test_a_picture_with_too_few_or_too_many_pixels_is_refused(pixels: bytes) -> 
     header, _ = split_attachment(encode(FRAME))
     with pytest.raises(BadPayloadError, match="2 x 1 pixels"):
         decode(CameraFrame, join_attachment(header, pixels))
+
+
+def test_a_picture_with_pixels_in_its_header_is_refused() -> None:
+    with pytest.raises(BadPayloadError, match="attachment"):
+        decode(CameraFrame, join_attachment(msgspec.json.encode(FRAME), FRAME.pixels))
+
+
+@pytest.mark.parametrize("message", [SETPOINT, FRAME])
+def test_the_same_bytes_are_decoded_once_for_all_their_readers(message: Payload) -> None:
+    data = encode(message)
+    assert decode(type(message), data) is decode(type(message), data)
+
+
+def test_a_message_that_is_too_long_is_refused_unless_any_length_is_allowed() -> None:
+    data = encode(SETPOINT) + b" " * MAX_JSON_BYTES
+    with pytest.raises(BadPayloadError, match="more than 4000000"):
+        decode(Setpoint, data)
+    assert reader(Setpoint, None).read(data) == SETPOINT
 
 
 def test_a_flights_log_keeps_only_the_header_of_a_picture(tmp_path: Path) -> None:

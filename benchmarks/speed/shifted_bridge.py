@@ -12,5 +12,5 @@ from jezero.services.vehicle_bridge.service import LINK
 
 if __name__ == "__main__":
     port, peer = int(sys.argv[1]), int(sys.argv[2])
-    link = Udp((HOST, port), (HOST, peer), hears_only_peer=True)
+    link = Udp((HOST, port), (HOST, peer), only_from_peer=True)
     sys.exit(run_process("vehicle_bridge", lambda instance, boot: (build(instance, boot)[0], {LINK: link})))

@@ -13,10 +13,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 PR_SET_PDEATHSIG = 1
-LOOK_EVERY_NS = 200_000_000
-STOPPED_LOOKS = 7
-"""A program that is seen stopped so often in a row is frozen: after 1.4 s, and later when we ourselves are late."""
-END_WITHIN_S = 0.3
+CHECK_PERIOD_NS = 200_000_000
+STOPPED_CHECKS_MIN = 7
+"""Checks in a row that find a program stopped until it counts as frozen: 1.4 s, or more when this process is late."""
+STOP_TIMEOUT_S = 0.3
 CHUNK = 65_536
 TCP_LISTEN, TCP_ESTABLISHED = "0A", "01"
 
@@ -24,10 +24,10 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 
 def die_with(parent_pid: int) -> Callable[[], None]:
-    """What a child does before its command starts.
+    """Function that a child calls before its command starts, so that it is killed when its parent ends.
 
-    The kernel sends SIGKILL when the *thread* that forked ends, so children must be forked by the main thread. A
-    parent that died before the call is seen by the changed parent id.
+    The kernel sends SIGKILL when the *thread* that forked ends, so children must be forked by the main thread. If the
+    parent has died before the call, the parent's id has changed.
     """
 
     def before_exec() -> None:
@@ -38,17 +38,17 @@ def die_with(parent_pid: int) -> Callable[[], None]:
 
 
 class ChildLink:
-    """Runs a program once a TCP server listens; up while the program is connected to it. Needs /proc (Linux).
+    """Runs a program as soon as a TCP server listens; up while the program is connected to it. Needs /proc (Linux).
 
-    What the program prints goes to our standard output too. It leads a process group of its own, whose members all end
-    with the link. Nothing can be sent to it.
+    The program's output is also printed on this process's standard output. The program leads a process group of its
+    own, whose members all end with the link. Nothing can be sent to it.
 
     Args:
-        name: of the program, for error messages.
-        environment: variables besides our own.
-        folder: where it runs, emptied before; None makes a temporary one.
-        port: of the server on this host. The program must connect to it and, unlike a socket link, isn't able to do so
-            a second time.
+        name: the program's, for error messages.
+        command: the program and its arguments.
+        environment: variables besides those of this process.
+        folder: working directory, emptied first; None makes a temporary one.
+        port: TCP port of the server on this host. The program has to connect to it, and can't connect again.
     """
 
     def __init__(
@@ -64,11 +64,11 @@ class ChildLink:
         self._temporary: tempfile.TemporaryDirectory[str] | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._output: socket.socket | None = None
-        self._next_look_ns = 0
-        self._seen_stopped = 0
+        self._next_check_ns = 0
+        self._stopped_checks = 0
 
     def start(self) -> None:
-        """Make the folder; the program starts when the server listens."""
+        """Make the folder; `poll` starts the program when the server listens."""
         if self._folder is None:
             self._temporary = tempfile.TemporaryDirectory(prefix="jezero-", ignore_cleanup_errors=True)
             self._folder = Path(self._temporary.name)
@@ -80,30 +80,30 @@ class ChildLink:
         return [] if self._output is None else [self._output]
 
     def poll(self, wall_ns: int) -> bytes:
-        """What it has printed.
+        """New output of the program.
 
         Raises:
-            ChildProcessError: it can't be run, it ended by itself, or it is frozen.
-            ConnectionAbortedError: its connection to the server is gone.
+            ChildProcessError: the program can't be run, ended by itself, or is frozen.
+            ConnectionAbortedError: its connection to the server is lost.
         """
         data = self._read()
         if data:
             sys.stdout.buffer.write(data)
             sys.stdout.buffer.flush()
-        if wall_ns >= self._next_look_ns:
-            self._next_look_ns = wall_ns + LOOK_EVERY_NS
-            self._look()
+        if wall_ns >= self._next_check_ns:
+            self._next_check_ns = wall_ns + CHECK_PERIOD_NS
+            self._check()
         return data
 
     def send(self, data: bytes) -> None:
-        """Dropped."""
+        """Drop the bytes: the program reads nothing."""
 
     def close(self) -> None:
-        """Ask the program to end, and kill what is left of its group after a moment."""
+        """Stop the program with SIGTERM, and kill the rest of its group after `STOP_TIMEOUT_S`."""
         if self._process is not None:
             self._signal(signal.SIGTERM)
             with contextlib.suppress(subprocess.TimeoutExpired):
-                self._process.wait(END_WITHIN_S)
+                self._process.wait(STOP_TIMEOUT_S)
             self._signal(signal.SIGKILL)
             self._process.wait()
         if self._output is not None:
@@ -111,7 +111,7 @@ class ChildLink:
         if self._temporary is not None:
             self._temporary.cleanup()
 
-    def _look(self) -> None:
+    def _check(self) -> None:
         if self._process is None:
             if _tcp_exists(TCP_LISTEN, local_port=self._port):
                 self._spawn()
@@ -120,8 +120,8 @@ class ChildLink:
         if code is not None:
             how = f"exit code {code}" if code >= 0 else f"signal {-code}"
             raise ChildProcessError(f"{self._name} ended by itself with {how}")
-        self._seen_stopped = self._seen_stopped + 1 if is_stopped(self._process.pid) else 0
-        if self._seen_stopped >= STOPPED_LOOKS:
+        self._stopped_checks = self._stopped_checks + 1 if is_stopped(self._process.pid) else 0
+        if self._stopped_checks >= STOPPED_CHECKS_MIN:
             raise ChildProcessError(f"{self._name} is frozen: stopped by a signal")
         up = _tcp_exists(TCP_ESTABLISHED, remote_port=self._port)
         if self.up and not up:
@@ -132,17 +132,17 @@ class ChildLink:
         self.up = up
 
     def _spawn(self) -> None:
-        self._output, its_end = socket.socketpair()
+        self._output, child_end = socket.socketpair()
         self._output.setblocking(False)
-        with its_end:
+        with child_end:
             try:
                 self._process = subprocess.Popen(
                     self._command,
                     cwd=self._folder,
                     env={**os.environ, **self._environment},
                     stdin=subprocess.DEVNULL,
-                    stdout=its_end.fileno(),
-                    stderr=its_end.fileno(),
+                    stdout=child_end.fileno(),
+                    stderr=child_end.fileno(),
                     process_group=0,
                     preexec_fn=die_with(os.getpid()),  # noqa: PLW1509 - touches no lock that another thread could hold
                 )
@@ -156,10 +156,10 @@ class ChildLink:
             data = self._output.recv(CHUNK)
         except BlockingIOError:
             return b""
-        if not data:  # the last of its group has closed it
+        if not data:  # the last process of the group has closed it
             self._output.close()
             self._output = None
-            self._next_look_ns = 0
+            self._next_check_ns = 0
         return data
 
     def _signal(self, number: int) -> None:
@@ -169,15 +169,15 @@ class ChildLink:
 
 
 def is_stopped(pid: int) -> bool:
-    """Whether a signal has stopped a child that was not waited for; not so for a debugger. Source: proc(5)."""
+    """Whether a child is stopped by a signal; a debugger's stop doesn't count. Source: proc(5)."""
     return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "T"
 
 
 def _tcp_exists(state: str, *, local_port: int | None = None, remote_port: int | None = None) -> bool:
-    """Whether this host has an IPv4 socket in a state, with these ports; looking disturbs nobody. Source: proc(5)."""
+    """Whether this host has an IPv4 socket in a state, with these ports; needs no connection. Source: proc(5)."""
     for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
-        _, local, remote, its_state, *_ = line.split()
+        _, local, remote, found_state, *_ = line.split()
         ports = (int(local.rpartition(":")[2], 16), int(remote.rpartition(":")[2], 16))
-        if its_state == state and local_port in (None, ports[0]) and remote_port in (None, ports[1]):
+        if found_state == state and local_port in (None, ports[0]) and remote_port in (None, ports[1]):
             return True
     return False

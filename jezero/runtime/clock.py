@@ -3,50 +3,61 @@
 from collections import deque
 from itertools import pairwise
 
-FORGET_NS = 60_000_000_000
-"""A message older than the newest by so much, by their master's clock, shows that one of the two tells a wrong one."""
+STEP_BACK_MIN_NS = 60_000_000_000
+"""Step back of the master's monotonic clock after which it counts as a new master: no message is late by as much."""
 RATE_MIN = 0.2
-RATES = 5
-"""The rate is the fastest of so many: one stall does not make a master slow."""
-DRIFT = 2e-4
-"""Monotonic clocks of two hosts differ by less."""
+RATE_WINDOW = 5
+"""Number of newest rates whose maximum is used: one stall does not make a master slow."""
+DRIFT_MAX = 2e-4
+"""Upper limit of the relative drift between the monotonic clocks of two hosts."""
 
 
 class VehicleClock:
     """Maps monotonic wall time onto the vehicle time that `clock` messages carry.
 
-    Each message tells both times of its master. The one that arrived earliest ties the two monotonic clocks together,
-    as a delay can only make the master look late; the newest ties vehicle time to the master's. So a master that stood
-    still is told from messages that came late: vehicle time steps back for the former at once, and never for the
-    latter, which would make old setpoints young. Between messages it follows the master's rate, which may be slower
-    than the wall's; without messages it goes on, so that what has stopped coming grows old.
+    Each message holds both times of its master: vehicle time and monotonic time. The message with the shortest delay
+    gives the offset between the two monotonic clocks, as a delay can only make the master's clock look late. The newest
+    message gives vehicle time at a time of the master's monotonic clock. This distinguishes a master that stood still
+    from messages that arrived late: vehicle time steps back at once for a stalled master, and never for late messages,
+    after which old setpoints would count as young. Between messages vehicle time follows the master's rate, which may
+    be slower than the wall's. Without messages it goes on, so that inputs that have stopped grow old.
+
+    Attributes:
+        epoch_id: of the newest message; None before the first.
     """
 
     def __init__(self) -> None:
         self.epoch_id: int | None = None
         self._master_ahead_ns = 0
-        """The master's monotonic clock less ours."""
+        """Offset from this host's monotonic clock to the master's."""
         self._updated_ns = 0
-        self._samples: deque[tuple[int, int]] = deque(maxlen=RATES + 1)
+        self._samples: deque[tuple[int, int]] = deque(maxlen=RATE_WINDOW + 1)
         """(wall time of the master, vehicle time), oldest first."""
         self._newest: tuple[int, int] | None = None
-        """Of these."""
+        """The last of the samples; None before the first message."""
         self._rate = 1.0
 
     def update(self, t_ns: int, epoch_id: int, wall_master_ns: int, wall_ns: int) -> None:
-        """Take one `clock` message that arrived at `wall_ns`."""
+        """Update the mapping with one `clock` message.
+
+        Args:
+            t_ns: the message's vehicle time.
+            epoch_id: the message's epoch.
+            wall_master_ns: the master's monotonic time when it sent the message.
+            wall_ns: this host's monotonic time when the message arrived.
+        """
         ahead_ns = wall_master_ns - wall_ns
-        if epoch_id != self.epoch_id or (self._samples and self._samples[-1][0] - wall_master_ns > FORGET_NS):
+        if epoch_id != self.epoch_id or (self._samples and self._samples[-1][0] - wall_master_ns > STEP_BACK_MIN_NS):
             self.epoch_id = epoch_id
             self._samples.clear()
             self._newest = None
         if self._samples:
-            drift_ns = int((wall_ns - self._updated_ns) * DRIFT)
+            drift_ns = int((wall_ns - self._updated_ns) * DRIFT_MAX)
             ahead_ns = max(ahead_ns, self._master_ahead_ns - drift_ns)
         self._master_ahead_ns = ahead_ns
         self._updated_ns = wall_ns
         if self._samples and wall_master_ns <= self._samples[-1][0]:
-            return  # overtaken by a newer one
+            return  # a newer message has overtaken this one
         self._newest = (wall_master_ns, t_ns)
         self._samples.append(self._newest)
         rates = [(t - t_before) / (wall - before) for (before, t_before), (wall, t) in pairwise(self._samples)]

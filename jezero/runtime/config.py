@@ -17,17 +17,17 @@ C = TypeVar("C", bound=Config)
 
 
 class ConfigError(ValueError):
-    """A setting is wrong; the message names the file, the field and what was expected."""
+    """A setting is wrong; the message names the file, the field and the expected value."""
 
 
 class Instance(Config, frozen=True, kw_only=True):
-    """Which stack on this machine: read from the environment, the same for all its processes.
+    """Identity of one stack on this machine, read from the environment by all its processes.
 
     Attributes:
         vehicle: name within the keys (`JEZERO_VEHICLE`).
         router: Zenoh endpoint of the router (`JEZERO_ROUTER`).
         number: offset of every MAVLink port, so that stacks don't collide (`JEZERO_INSTANCE`).
-        gcs_port: UDP port where ground stations listen, the same for all vehicles (`JEZERO_GCS_PORT`).
+        gcs_port: UDP port of ground stations, the same for all vehicles (`JEZERO_GCS_PORT`).
     """
 
     vehicle: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "uav1"
@@ -37,22 +37,22 @@ class Instance(Config, frozen=True, kw_only=True):
 
     @property
     def hil_port(self) -> int:
-        """TCP: the simulator listens, the autopilot connects."""
+        """TCP port on which the simulator listens for the autopilot."""
         return 4560 + self.number
 
     @property
     def bridge_port(self) -> int:
-        """UDP: the vehicle bridge listens."""
+        """UDP port of the vehicle bridge."""
         return 14540 + self.number
 
     @property
     def autopilot_offboard_port(self) -> int:
-        """UDP: where the autopilot's offboard link sends from."""
+        """UDP port of the autopilot's offboard link."""
         return 14580 + self.number
 
     @property
     def autopilot_gcs_port(self) -> int:
-        """UDP: where the autopilot's ground-station link sends from, to `gcs_port`."""
+        """UDP port of the autopilot's ground-station link, which sends to `gcs_port`."""
         return 18570 + self.number
 
     @property
@@ -83,13 +83,13 @@ def instance_from_environment() -> Instance:
 
 
 def config_directory() -> Path:
-    """`JEZERO_CONFIG_DIR`, else the folder that jezero ships."""
+    """`JEZERO_CONFIG_DIR` if it is set, otherwise the folder that jezero ships."""
     given = os.environ.get("JEZERO_CONFIG_DIR")
     return Path(given) if given else Path(import_module("jezero.deploy").__path__[0]) / "config"
 
 
 def load_config(kind: type[C], name: str, directory: Path | None = None) -> C:
-    """Read `<name>.toml`; missing fields take their defaults.
+    """Read `<name>.toml`; missing fields get their defaults.
 
     Raises:
         ConfigError: the file is missing or malformed, or a field is unknown or out of range.

@@ -1,20 +1,24 @@
-"""Byte pipes to the autopilot over sockets; none of them ever blocks."""
+"""Byte pipes over sockets, to the autopilot; they never block."""
 
 import contextlib
 import select
 import socket
 from typing import Protocol
 
-RETRY_NS = 100_000_000
+RETRY_PERIOD_NS = 100_000_000
 CHUNK = 65_536
 
 
 class SocketLink(Protocol):
-    """What the real-time runtime needs of a link."""
+    """A link as the real-time runtime uses it.
+
+    Attributes:
+        up: whether it is connected.
+        connections: number of connections so far.
+    """
 
     up: bool
     connections: int
-    """How often it has connected so far."""
 
     def start(self) -> None:
         """Open it.
@@ -24,13 +28,13 @@ class SocketLink(Protocol):
         """
 
     def sockets(self) -> list[socket.socket]:
-        """Those to wait on for reading."""
+        """Sockets to wait on for reading."""
 
     def poll(self, wall_ns: int) -> bytes:
-        """What has arrived; also accepts and retries connections."""
+        """Bytes that have arrived; also accepts and retries connections."""
 
     def send(self, data: bytes) -> None:
-        """Send, or drop when there is no peer or it doesn't keep up."""
+        """Send bytes, or drop them when there is no peer or its buffer is full."""
 
     def close(self) -> None: ...
 
@@ -79,12 +83,12 @@ class _Stream:
         if self._connection is not None:
             try:
                 self._connection.sendall(data)
-            except OSError:  # gone, or so far behind that its buffer is full
+            except OSError:  # the peer is gone or its buffer is full
                 self._drop()
 
 
 class TcpServer(_Stream):
-    """Listens; the newest connection replaces the one before."""
+    """A server with one connection, which the next one replaces."""
 
     def __init__(self, host: str, port: int) -> None:
         super().__init__()
@@ -115,22 +119,22 @@ class TcpServer(_Stream):
 
 
 class TcpClient(_Stream):
-    """Connects, and again whenever the connection is lost."""
+    """A client that connects again whenever its connection is lost."""
 
     def __init__(self, host: str, port: int) -> None:
         super().__init__()
         self._address = (host, port)
-        self._retry_at = 0
+        self._retry_ns = 0
 
     def start(self) -> None:
-        self._retry_at = 0
+        self._retry_ns = 0
 
     def sockets(self) -> list[socket.socket]:
         return [] if self._connection is None else [self._connection]
 
     def poll(self, wall_ns: int) -> bytes:
-        if self._connection is None and wall_ns >= self._retry_at:
-            self._retry_at = wall_ns + RETRY_NS
+        if self._connection is None and wall_ns >= self._retry_ns:
+            self._retry_ns = wall_ns + RETRY_PERIOD_NS
             with contextlib.suppress(OSError):
                 self._adopt(socket.create_connection(self._address, timeout=0.05))
         return self._receive()
@@ -143,14 +147,15 @@ class Udp:
     """Datagrams from a local port to one peer.
 
     Args:
-        peer: where to send.
-        hears_only_peer: what anybody else sends is dropped.
+        local: address to bind.
+        peer: address to send to.
+        only_from_peer: drops datagrams of anybody else.
     """
 
-    def __init__(self, local: tuple[str, int], peer: tuple[str, int], *, hears_only_peer: bool = False) -> None:
+    def __init__(self, local: tuple[str, int], peer: tuple[str, int], *, only_from_peer: bool = False) -> None:
         self._local = local
         self._peer = peer
-        self._hears_only_peer = hears_only_peer
+        self._only_from_peer = only_from_peer
         self._socket: socket.socket | None = None
         self._more = select.poll()
         self.up = True
@@ -160,7 +165,7 @@ class Udp:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.bind(self._local)
-        if self._hears_only_peer:
+        if self._only_from_peer:
             self._socket.connect(self._peer)
         self._more.register(self._socket, select.POLLIN)
 
@@ -176,15 +181,15 @@ class Udp:
                 break
             except OSError:  # an earlier datagram was refused by the peer's host
                 continue
-            if not self._more.poll(0):  # cheaper than an error each time
+            if not self._more.poll(0):  # cheaper than a BlockingIOError each time
                 break
         return parts[0] if len(parts) == 1 else b"".join(parts)
 
     def send(self, data: bytes) -> None:
         if self._socket is None:
             return
-        try:  # suppress() takes as long as sending
-            if self._hears_only_peer:
+        try:  # contextlib.suppress() takes as long as sending
+            if self._only_from_peer:
                 self._socket.send(data)
             else:
                 self._socket.sendto(data, self._peer)

@@ -1,4 +1,4 @@
-"""One running service: its mailbox, the check of what it declared, and its health. The same under both buses."""
+"""One running service: its mailbox, the check of its declaration, and its health; the same on both buses."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
@@ -25,7 +25,7 @@ from jezero.schemas.topics import Endpoint, Topic
 
 
 class Transport(Protocol):
-    """What a bus does for a node. All payloads are encoded; `None` ends a request without a reply."""
+    """A bus as a node uses it. All payloads are encoded; data of None replies nothing."""
 
     def publish(self, topic: Topic[Any], data: bytes) -> None: ...
     def reply(self, request_id: int, data: bytes | None, *, final: bool) -> None: ...
@@ -37,13 +37,15 @@ class Transport(Protocol):
 
 
 class _Input:
-    """A topic or endpoint that a node hears.
+    """A topic or endpoint of a node's inputs.
 
     Attributes:
-        kind: what its messages are decoded into.
-        read: decodes them.
-        triggers: whether a message wants a step at once.
-        received, rejected, last_ns: messages so far, bad ones, and the wall time of the last good one.
+        kind: type of its decoded messages.
+        read: decodes a message.
+        triggers: whether a message triggers a step.
+        received: number of messages so far.
+        rejected: number of invalid ones among them.
+        last_ns: wall time of the last valid message; None before the first.
     """
 
     __slots__ = ("kind", "last_ns", "read", "received", "rejected", "triggers")
@@ -58,7 +60,7 @@ class _Input:
 
 
 class Mailbox:
-    """The `Inbox` a service sees, filled by a bus through `Node`."""
+    """The `Inbox` of a service, filled by a bus through `Node`."""
 
     def __init__(self, declared_links: Sequence[str]) -> None:
         self.wall_ns = 0
@@ -96,7 +98,7 @@ class Mailbox:
         return self._up[link]
 
     def clear(self) -> None:
-        """Forget what the step has seen; latest values and link states stay."""
+        """Remove everything that the last step has read; latest values and link states stay."""
         self._new.clear()
         if self.departed_clients:
             self.departed_clients.clear()
@@ -137,9 +139,11 @@ class Node:
     """Runs a service on a transport.
 
     Args:
-        strict: a number that is not finite raises; else it is counted and not sent.
-        boot_id: differs between two runs of the same service; shown in its health.
-        process: who runs it, for people.
+        service: the service to run.
+        transport: the bus's side for this service.
+        strict: whether a number that is not finite raises; otherwise it is counted and not sent.
+        boot_id: differs between two runs of the same service; part of its health.
+        process: host and process id, for people.
     """
 
     def __init__(
@@ -171,48 +175,53 @@ class Node:
             else "running"
         )
 
-    # -- what the bus brings. Each returns whether the service wants a step at once. --
+    # -- deliveries of the bus; each returns whether it triggers a step --
 
     def deliver(self, name: str, data: bytes | None) -> bool:
-        """A message on a topic, which this node may listen to; None: something that was no plain put on its key."""
-        heard = self._inputs.get(name)
-        if heard is None:
+        """Put a topic's message into the inbox if the service reads this topic.
+
+        Args:
+            name: the topic's.
+            data: the message; None for anything but a put on exactly the topic's key, which is counted as rejected.
+        """
+        source = self._inputs.get(name)
+        if source is None:
             return False
-        heard.received += 1
+        source.received += 1
         if data is None:
-            heard.rejected += 1
+            source.rejected += 1
             self._last_error = f"{name}: not a put on exactly this key"
             return False
         try:
-            message = heard.read(data)
+            message = source.read(data)
         except BadPayloadError as error:
-            heard.rejected += 1
+            source.rejected += 1
             self._last_error = f"{name}: {error}"[:500]
             return False
-        heard.last_ns = self.inbox.wall_ns
+        source.last_ns = self.inbox.wall_ns
         self.inbox.add_message(name, message)
-        return heard.triggers
+        return source.triggers
 
     def deliver_request(
         self, name: str, request_id: int, client_id: str, data: bytes, parameters: Mapping[str, str]
     ) -> bool:
-        """A question; a malformed one is refused here with the reason."""
-        heard = self._inputs[name]
-        heard.received += 1
+        """Put a request into the inbox; a malformed one is refused here with the reason."""
+        source = self._inputs[name]
+        source.received += 1
         try:
-            payload = decode_request(heard.kind, data, parameters)
+            payload = decode_request(source.kind, data, parameters)
         except BadPayloadError as error:
-            heard.rejected += 1
+            source.rejected += 1
             self._last_error = f"{name}: {error}"[:500]
             refusal = self._serves[name].refuse(f"not understood: {error}"[:1000])
             self._transport.reply(request_id, encode(refusal), final=True)
             return False
-        heard.last_ns = self.inbox.wall_ns
+        source.last_ns = self.inbox.wall_ns
         self.inbox.add_request(name, Request(request_id, client_id, payload))
-        return heard.triggers
+        return source.triggers
 
     def deliver_response(self, call_id: str, data: bytes | None, error: str | None) -> bool:
-        """The first answer to a call of this node, or why there is none; later ones are ignored."""
+        """Put the first reply to a call into the inbox, or the error that replaces it; later replies are ignored."""
         call = self._pending_calls.pop(call_id, None)
         if call is None:
             return False
@@ -221,33 +230,33 @@ class Node:
             try:
                 payload = decode(call.endpoint.reply_type, data)
             except BadPayloadError as bad:
-                error = f"answer not understood: {bad}"
+                error = f"reply not understood: {bad}"
         self.inbox.responses.append(Response(call.tag, payload, error))
         return True
 
     def deliver_outcome(self, tag: str, outcome: Any) -> bool:
-        """What a work of this node returned."""
+        """Put a background task's return value into the inbox."""
         self.inbox.responses.append(Response(tag, outcome))
         return True
 
     def deliver_bytes(self, link: str, data: bytes) -> bool:
-        """Bytes from a link."""
+        """Put a link's bytes into the inbox."""
         self.inbox.add_bytes(link, data)
         return link in self._triggers
 
     def set_link(self, link: str, up: bool) -> bool:
-        """A link connected or was lost."""
+        """Set whether a link is connected."""
         self.inbox.set_link(link, up)
         return link in self._triggers
 
     # -- the step --
 
     def step(self, t_ns: int) -> None:
-        """Step the service once and carry out what it yields.
+        """Step the service once and execute its outputs.
 
         Raises:
-            UndeclaredError: it used what its `Spec` doesn't name.
-            NotFiniteError: only when strict.
+            UndeclaredError: the service used a topic, endpoint or link that its `Spec` doesn't name.
+            NotFiniteError: a number is not finite, and the node is strict.
         """
         for output in self.service.step(t_ns, self.inbox):
             if type(output) is Publish:
@@ -257,11 +266,11 @@ class Node:
                     self._require(False, "link", output.link)
                 self._transport.send(output.link, output.data)
             else:
-                self._carry_out(output)
+                self._execute(output)
         self.inbox.clear()
 
-    def _carry_out(self, output: Output) -> None:
-        """The rarer outputs: a pattern that doesn't match costs 0.5 us."""
+    def _execute(self, output: Output) -> None:
+        """Execute one of the rarer outputs; not for all, as each pattern that doesn't match costs 0.5 us."""
         match output:
             case Reply():
                 data = None if output.payload is None else self._encoded(output.payload)
@@ -269,7 +278,7 @@ class Node:
             case Call():
                 self._call(output)
             case Subscribe():
-                self._listen(output)
+                self._subscribe(output)
             case SetRate():
                 self._transport.set_rate(output.rate_hz or self.spec.rate_hz)
             case BackgroundTask():
@@ -299,7 +308,7 @@ class Node:
             self._pending_calls[call_id] = output
             self._transport.call(output.endpoint, data, call_id, output.timeout_s)
 
-    def _listen(self, output: Subscribe) -> None:
+    def _subscribe(self, output: Subscribe) -> None:
         names = frozenset(topic.name for topic in output.topics)
         for name in sorted(names - self._demandable):
             self._require(False, "on_demand", name)
@@ -320,14 +329,19 @@ class Node:
         self._not_sent += 1
         self._last_error = f"not sent: {error}"[:500]
 
-    def _require(self, declared: bool, what: str, name: str) -> None:
+    def _require(self, declared: bool, part: str, name: str) -> None:
         if not declared:
-            raise UndeclaredError(f"service {self.spec.name!r} uses {what} {name!r}, which its Spec doesn't declare")
+            raise UndeclaredError(f"service {self.spec.name!r} uses {part} {name!r}, which its Spec doesn't declare")
 
     # -- health --
 
     def health(self, t_ns: int, late_s: float) -> ServiceHealth:
-        """The report that the runtime publishes at 1 Hz."""
+        """Report of the service, which the runtime publishes at 1 Hz.
+
+        Args:
+            t_ns: vehicle time.
+            late_s: greatest lateness of a step since the last report.
+        """
         wall_ns = self.inbox.wall_ns
         return ServiceHealth(
             t_ns=t_ns,
@@ -338,11 +352,11 @@ class Node:
             text=self._text,
             inputs={
                 name: InputHealth(
-                    received=heard.received,
-                    rejected=heard.rejected,
-                    age_s=None if heard.last_ns is None else max(0, wall_ns - heard.last_ns) / 1e9,
+                    received=source.received,
+                    rejected=source.rejected,
+                    age_s=None if source.last_ns is None else max(0, wall_ns - source.last_ns) / 1e9,
                 )
-                for name, heard in self._inputs.items()
+                for name, source in self._inputs.items()
             },
             not_sent=self._not_sent,
             last_error=self._last_error,

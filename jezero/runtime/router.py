@@ -1,4 +1,4 @@
-"""The router of one stack: `python -m jezero.runtime.router` listens on `JEZERO_ROUTER` until SIGTERM."""
+"""The Zenoh router of one stack: `python -m jezero.runtime.router` listens on `JEZERO_ROUTER` until SIGTERM."""
 
 import os
 import re
@@ -20,7 +20,7 @@ from jezero.schemas.topics import health_of, key, liveliness_key
 from jezero.zenoh_client import LINK_SETTINGS, config_of
 
 NAME = "router"
-CLOSE_WITHIN_S = 0.7
+CLOSE_TIMEOUT_S = 0.7
 STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT)
 ROUTER_SETTINGS: Mapping[str, Any] = {
     **LINK_SETTINGS,
@@ -33,14 +33,14 @@ ROUTER_SETTINGS: Mapping[str, Any] = {
 
 
 class ListenError(RuntimeError):
-    """The endpoint can't be listened on; the message names it and says why."""
+    """The router can't listen on its endpoint; the message names it and the reason."""
 
 
 def open_router(endpoint: str) -> zenoh.Session:
     """Start listening.
 
     Raises:
-        ListenError: the port is taken, or not for this user, or the address is not of this machine.
+        ListenError: the port is taken or forbidden for this user, or this machine doesn't have the address.
     """
     try:
         return zenoh.open(config_of({**ROUTER_SETTINGS, "listen/endpoints": [endpoint]}))
@@ -53,14 +53,14 @@ def open_router(endpoint: str) -> zenoh.Session:
 
 
 def run(instance: Instance) -> None:
-    """Route until SIGTERM or SIGINT, and say once a second that all is well.
+    """Route until SIGTERM or SIGINT, and publish health once a second.
 
     Raises:
         ListenError: see `open_router`.
     """
     stop_read, stop_write = socket.socketpair()
     stop_write.setblocking(False)
-    signal.set_wakeup_fd(stop_write.fileno())  # heard whichever thread the signal comes to
+    signal.set_wakeup_fd(stop_write.fileno())  # works in whichever thread the signal arrives
     for number in STOP_SIGNALS:
         signal.signal(number, lambda _number, _frame: None)
     session = open_router(instance.router)
@@ -87,16 +87,17 @@ def run(instance: Instance) -> None:
 
 
 def _close(session: zenoh.Session) -> None:
-    """Leave within a moment, whatever the clients do."""
+    """Close the session; end the process if a client delays that."""
     closer = threading.Thread(target=session.close, daemon=True)
     closer.start()
-    closer.join(CLOSE_WITHIN_S)
+    closer.join(CLOSE_TIMEOUT_S)
     if closer.is_alive():
         sys.stderr.flush()
         os._exit(0)
 
 
 def main() -> int:
+    """Run the router of the instance in the environment."""
     try:
         run(instance_from_environment())
     except (ConfigError, ListenError) as error:

@@ -1,8 +1,8 @@
-"""The one shape of a service: a declaration and a step.
+"""The interface of a service: a declaration and a step.
 
-A service owns no thread, socket, timer or clock. It declares what it reads and writes in a `Spec`; the runtime
-hands it an `Inbox` and the time, and carries out the `Output`s that its step yields. The same class runs over
-Zenoh in real time (`zenoh_bus`) and on the in-memory bus in virtual time (`memory_bus`).
+A service owns no thread, socket, timer or clock. It declares its inputs and outputs in a `Spec`. The runtime gives it
+an `Inbox` and the time, and executes the `Output`s that its step yields. The same class runs over Zenoh in real time
+(`zenoh_bus`) and on the in-memory bus in virtual time (`memory_bus`).
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -22,22 +22,22 @@ R = TypeVar("R", bound=Payload)
 
 @dataclass(frozen=True, kw_only=True)
 class Spec:
-    """What a service reads, writes, answers and asks; anything else raises `UndeclaredError`.
+    """Declaration of a service; to use anything else raises `UndeclaredError`.
 
     Attributes:
-        name: unique within a vehicle; also the liveliness token and the key of its health.
-        inputs: topics it always listens to.
-        on_demand: topics it listens to only while a `Subscribe` output names them.
-        outputs: topics it publishes.
-        last_value: outputs whose latest message is also answered to a plain get on the same key.
-        serves: endpoints it answers; the runtime refuses to start a second server of the same name.
-        calls: endpoints it asks.
-        links: byte pipes by name; the shell decides whether they are TCP, UDP or memory.
-        triggers: names of topics, endpoints or links whose arrival makes a step at once.
+        name: unique within a vehicle; also part of its liveliness token and of the key of its health.
+        inputs: topics to which it is always subscribed.
+        on_demand: topics to which it is subscribed only while a `Subscribe` output names them.
+        outputs: topics that it publishes.
+        last_value: outputs whose latest message is also the reply to a plain get on the same key.
+        serves: endpoints that it serves; a second process of the same service refuses to start.
+        calls: endpoints to which it sends requests.
+        links: names of its byte pipes; the process decides whether they are TCP, UDP or memory.
+        triggers: names of topics, endpoints and links whose arrival triggers a step.
         rate_hz: steps per second of vehicle time when no trigger arrives; `SetRate` changes it.
-        lockstep: the time master names the link whose answer it awaits after each step (at most 20 ms); vehicle
+        lockstep: name of the link on which the time master awaits an answer after each step (at most 16 ms); vehicle
             time starts when this link first connects. None for every other service.
-        watches_clients: the inbox tells which clients have vanished.
+        watches_clients: whether the inbox lists the clients that have vanished.
     """
 
     name: str
@@ -58,7 +58,7 @@ class UndeclaredError(RuntimeError):
     """A service used a topic, endpoint or link that its `Spec` doesn't declare."""
 
 
-# -- what a step yields ------------------------------------------------------------------------------------
+# -- outputs of a step -------------------------------------------------------------------------------------
 
 
 class Publish(msgspec.Struct, frozen=True):
@@ -69,9 +69,12 @@ class Publish(msgspec.Struct, frozen=True):
 
 
 class Reply(msgspec.Struct, frozen=True):
-    """An answer to `Request.request_id`. Any number may precede the one with `final`, which ends the request.
+    """A reply to a request.
 
-    A `payload` of None ends it without saying anything: for endpoints shared by servers that each know a part.
+    Attributes:
+        request_id: the request's.
+        payload: content of the reply; None sends none, for endpoints shared by servers that each know a part.
+        final: whether this reply ends the request; any number of others may precede it.
     """
 
     request_id: int
@@ -80,7 +83,7 @@ class Reply(msgspec.Struct, frozen=True):
 
 
 class Call(msgspec.Struct, frozen=True):
-    """A question to an endpoint of `Spec.calls`; the answer comes as a `Response` with the same tag."""
+    """A request to an endpoint of `Spec.calls`; its first reply arrives as a `Response` with the same tag."""
 
     endpoint: Endpoint[Any, Any]
     payload: Payload
@@ -96,24 +99,25 @@ class Send(msgspec.Struct, frozen=True):
 
 
 class Subscribe(msgspec.Struct, frozen=True):
-    """From now on listen to exactly these of `Spec.on_demand`; the others' latest values are forgotten."""
+    """Subscribe to exactly these topics of `Spec.on_demand`; the latest values of the others are removed."""
 
     topics: tuple[Topic[Any], ...]
 
 
 class SetRate(msgspec.Struct, frozen=True):
-    """From now on step so often when no trigger arrives; None is the rate of the `Spec` again."""
+    """Change the rate of steps without a trigger; None restores the rate of the `Spec`."""
 
     rate_hz: float | None
 
 
 class BackgroundTask(msgspec.Struct, frozen=True):
-    """What takes too long for a step: carried out beside the service, which goes on stepping meanwhile.
+    """A function that takes too long for a step; it is executed while the service goes on stepping.
 
-    One at a time, in the order they were asked for.
+    Tasks are executed one at a time, in the order in which they were yielded.
 
-    Args:
-        function: pure; what it returns comes as the payload of a `Response` with the same tag.
+    Attributes:
+        function: pure; its return value arrives as the payload of a `Response` with the same tag.
+        tag: identifies the task in its response.
     """
 
     function: Callable[[], Any]
@@ -121,7 +125,7 @@ class BackgroundTask(msgspec.Struct, frozen=True):
 
 
 class Health(msgspec.Struct, frozen=True):
-    """The service's own verdict and sentence, shown in `health/<service>` until the next one."""
+    """State of the service and a sentence for people, published in `health/<service>` until the next one."""
 
     state: ServiceState
     text: str
@@ -130,11 +134,17 @@ class Health(msgspec.Struct, frozen=True):
 Output = Publish | Reply | Call | Send | Subscribe | SetRate | BackgroundTask | Health
 
 
-# -- what a step is given ----------------------------------------------------------------------------------
+# -- inputs of a step --------------------------------------------------------------------------------------
 
 
 class Request(msgspec.Struct, frozen=True):
-    """One question that came in. `payload` is decoded; undecodable ones were already refused by the runtime."""
+    """One request of a client.
+
+    Attributes:
+        request_id: names the request in each `Reply`.
+        client_id: the sender's; "" when it didn't name itself.
+        payload: decoded; the runtime refuses requests that can't be decoded.
+    """
 
     request_id: int
     client_id: str
@@ -142,8 +152,13 @@ class Request(msgspec.Struct, frozen=True):
 
 
 class Response(msgspec.Struct, frozen=True):
-    """An answer to a `Call`: a payload, or the reason why there is none ("timeout", "no server", ...); or the outcome
-    of a `BackgroundTask`."""
+    """The outcome of a `Call` or of a `BackgroundTask`.
+
+    Attributes:
+        tag: that of the call or task.
+        payload: the reply, or the function's return value; None after an error.
+        error: reason why a call has no reply ("timeout", "no server", ...).
+    """
 
     tag: str
     payload: Any | None
@@ -151,13 +166,13 @@ class Response(msgspec.Struct, frozen=True):
 
 
 class Inbox(Protocol):
-    """What arrived since the last step."""
+    """Everything that arrived since the last step."""
 
     @property
     def wall_ns(self) -> int:
         """Monotonic wall time in ns: for liveness of other processes, never for control.
 
-        Time in which this process itself stood still is left out, as the others may have stood still as well.
+        Stalls of this process are left out of it, as other processes may have stalled at the same time.
         """
 
     @property
@@ -166,33 +181,33 @@ class Inbox(Protocol):
 
     @property
     def departed_clients(self) -> Sequence[str]:
-        """Ids of clients that vanished since the last step (needs `Spec.watches_clients`)."""
+        """Ids of clients that vanished since the last step; needs `Spec.watches_clients`."""
 
     @property
     def responses(self) -> Sequence[Response]:
-        """Answers to this service's calls, outcomes of its work."""
+        """Outcomes of this service's calls and background tasks."""
 
     def new(self, topic: Topic[M]) -> Sequence[M]:
         """Messages since the last step, oldest first."""
 
     def latest(self, topic: Topic[M]) -> M | None:
-        """The newest message ever seen, or None."""
+        """The newest message so far, or None."""
 
     @property
     def has_requests(self) -> bool:
-        """Whether there are any questions since the last step."""
+        """Whether there are any requests since the last step."""
 
     def requests(self, endpoint: Endpoint[Any, Any]) -> Sequence[Request]:
-        """Questions since the last step, oldest first."""
+        """Requests since the last step, oldest first."""
 
     def received(self, link: str) -> bytes:
-        """Bytes since the last step."""
+        """Bytes of a link since the last step."""
 
     def connections(self, link: str) -> int:
-        """How often this link has connected so far; 0 while it never did."""
+        """Number of connections of a link so far."""
 
     def is_up(self, link: str) -> bool:
-        """Whether the link is connected now; a UDP link always is."""
+        """Whether a link is connected now; a UDP link always is."""
 
 
 class Service(Protocol):
@@ -202,8 +217,9 @@ class Service(Protocol):
     def spec(self) -> Spec: ...
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
-        """React to what arrived.
+        """Process the inbox and yield outputs.
 
         Args:
-            t_ns: vehicle time; 0 while no `clock` message has been seen.
+            t_ns: vehicle time; 0 before the first `clock` message.
+            inbox: everything that arrived since the last step.
         """

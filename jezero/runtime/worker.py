@@ -1,4 +1,4 @@
-"""Carries out a service's `BackgroundTask` in a thread beside its loop, one piece at a time."""
+"""Executes a service's `BackgroundTask`s in a thread beside its loop, one after the other."""
 
 import queue
 import threading
@@ -7,10 +7,10 @@ from typing import Any
 
 
 class Worker:
-    """Starts its thread with the first piece of work; it dies with the process.
+    """A thread, started with the first task, that ends with the process.
 
     Args:
-        done: called from the thread with the tag, what the function returned, and what it raised instead.
+        done: called in the thread after each task with its tag, the function's return value, and its exception.
     """
 
     def __init__(self, done: Callable[[str, Any, BaseException | None], None]) -> None:
@@ -19,11 +19,11 @@ class Worker:
         self._started = False
 
     def add(self, function: Callable[[], Any], tag: str) -> None:
-        """Queue a function; returns at once."""
+        """Queue a task; returns at once."""
         self._tasks.put((function, tag))
         if not self._started:
             self._started = True
-            threading.Thread(target=self._run, name="work", daemon=True).start()
+            threading.Thread(target=self._run, name="worker", daemon=True).start()
 
     def _run(self) -> None:
         while True:

@@ -1,7 +1,7 @@
 """The bus over Zenoh in real time: one service, one process, one loop.
 
-Zenoh's callbacks append to a queue and wake the loop. The loop polls the sockets, moves what has arrived into the
-service's inbox and steps the service; nobody else does.
+Zenoh's callbacks append to a queue and wake the loop. Only the loop polls the sockets, moves messages into the
+service's inbox and steps the service.
 """
 
 import os
@@ -33,19 +33,20 @@ from jezero.schemas.topics import health_of
 from jezero.schemas.units import NS_PER_S
 from jezero.zenoh_client import data_of
 
-PACE_SLACK_NS = 20_000_000
-"""A time master that is this much late slows vehicle time instead of catching up."""
-ANSWER_WITHIN_NS = 16_000_000
-"""How long the time master waits for the autopilot in one 4 ms step: vehicle time runs at 0.25x at least."""
-SILENT_STEPS = 60
-"""After this many unanswered steps in a row the autopilot is not waited for until it answers again."""
-STALL_NS = 100_000_000
+MASTER_LATENESS_MAX_NS = 20_000_000
+"""Lateness up to which the time master catches up; a later one slows vehicle time down instead."""
+LOCKSTEP_TIMEOUT_NS = 16_000_000
+"""Time for which the time master waits for the autopilot in one step of 4 ms: vehicle time runs at 0.25x at least."""
+UNANSWERED_STEPS_MAX = 60
+"""Steps in a row without an answer after which the autopilot is not waited for until it answers again."""
+STALL_MIN_NS = 100_000_000
+"""Lateness of the loop from which on the process counts as having been stopped."""
 CATCH_UP_NS = 30_000_000
-"""A process that stood still for a stall lets in what has piled up since, and what tells the time, before it judges
-anybody's silence or executes anything."""
+"""Pause after a stall, in which Zenoh delivers the messages that have piled up: the service must not take its inputs
+for silent, or execute old requests, before it has read the newer messages."""
 CLOCK_NAME = topics.CLOCK.name
-LOOK_EVERY_NS = 50_000_000
-"""A link with nothing to read is polled so often all the same."""
+LINK_POLL_PERIOD_NS = 50_000_000
+"""Period at which links with nothing to read are polled too, as polling also connects."""
 
 
 def new_boot_id() -> int:
@@ -58,10 +59,11 @@ Build = Callable[[Instance, int], tuple[Service, Mapping[str, SocketLink]]]
 
 
 def run_process(name: str, build: Build) -> int:
-    """The whole of a service's process, until SIGTERM or SIGINT.
+    """Build a service and run its process until SIGTERM or SIGINT.
 
     Args:
-        name: of the service, for its error messages.
+        name: the service's, for error messages.
+        build: makes the service and its links.
 
     Returns:
         Exit code of the process; 2 when the settings are wrong.
@@ -116,46 +118,47 @@ class _Runner:
         self._stalled_ns = 0
         self._stopping = False
         self._events: deque[tuple[Kind, str, Any]] = deque()
-        """What Zenoh's threads and the worker brought, in the order of its arrival."""
+        """Arrivals from Zenoh's threads and the worker, oldest first."""
         self._newest: dict[str, zenoh.Sample | None] = {}
         """By topic, the last message with an attachment, until the loop reads it."""
         self._wakeup_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._wakeup_armed = True
-        """Whether the next event has to wake the loop; one that comes before the loop has read the last one has not."""
+        """Whether the next event has to wake the loop. False while the loop has still to read an earlier event."""
         self._readable: list[str] = []
-        """Links with something to read, by the last wait."""
+        """Links that had something to read after the last wait."""
         self._link_states = dict.fromkeys(links, (0, False))
-        """What the node knows of them: how often they have connected, and whether they are up."""
+        """Number of connections of each link and whether it is up, as the node knows them."""
         self._session = BusSession(instance, self._spec, self._enqueue)
         worker = Worker(lambda tag, outcome, error: self._enqueue("outcome", tag, (outcome, error)))
         self._out = ZenohTransport(instance, self._spec, self._session, links, worker)
         process = f"{socket.gethostname()} pid {os.getpid()}"
         self._node = Node(service, self._out, strict=False, boot_id=boot_id, process=process)
         self._due_ns = 0
-        """When the next step is."""
+        """Time of the next step, unless something triggers one before."""
         self._subscribed = self._out.subscribed
-        """The topics on demand that the session subscribes to."""
+        """Topics on demand that the session subscribes to now."""
         self._on_demand = frozenset(topic.name for topic in self._spec.on_demand)
         self._health_topic = health_of(self._spec.name)
         self._late_ns = 0
         self._next_health_ns = 0
         self._next_router_check_ns = 0
-        self._next_look_ns = 0
+        self._next_link_poll_ns = 0
 
     # -- life --
 
     def stop(self, signum: int = 0, frame: FrameType | None = None) -> None:
-        """Signal handler: end the loop."""
+        """End the loop; a signal handler."""
         self._stopping = True
         self._wake()
 
     def run(self) -> None:
+        """Open the links and the session, then step the service until `stop` is called."""
         for link in self._links.values():
             link.start()
         opening = self._session.open_in_background()
         while opening.is_alive() and not self._stopping:
             select.select([self._wakeup_fd], [], [], 0.2)
-        if not self._session.is_open:  # the thread is inside the library, waiting for a router: leave without it
+        if not self._session.is_open:  # the thread waits for a router inside the library: exit without it
             os._exit(0)
         self._session.claim_name(lambda: self._stopping)
         self._session.declare()
@@ -165,17 +168,19 @@ class _Runner:
             self._loop_as_master(self._spec.lockstep)
 
     def close(self) -> None:
-        """Leave the bus; never takes longer than a moment, whatever the router does."""
+        """Close the links and the session; a router that hangs doesn't delay it by more than a second."""
         for link in self._links.values():
             link.close()
         self._out.forget_queries()
         self._session.close()
 
-    # -- called in Zenoh's threads and the worker's --
+    # -- called by Zenoh's threads and the worker's --
 
     def _enqueue(self, kind: Kind, name: str, value: Any) -> None:
-        """Keep all events in order, but of a topic with attachments only the newest message: a slow service must not
-        fill the memory."""
+        """Queue an event and wake the loop.
+
+        Of a topic with attachments only the newest message is kept: a slow service would fill the memory.
+        """
         if kind == "newest":
             self._newest[name] = value
             value = None
@@ -190,7 +195,7 @@ class _Runner:
     # -- the loop --
 
     def _now_ns(self) -> int:
-        """Monotonic time less that in which this process stood still: others may have stood still as well."""
+        """Monotonic time without the stalls of this process: the whole host may have stood still in them."""
         return time.monotonic_ns() - self._stalled_ns
 
     def _loop(self) -> None:
@@ -200,7 +205,7 @@ class _Runner:
             since_ns = self._now_ns()
             self._wait(until_ns)
             now_ns = self._now_ns()
-            if now_ns - until_ns > STALL_NS:
+            if now_ns - until_ns > STALL_MIN_NS:
                 now_ns = self._past_stalls_ns(now_ns, min(since_ns, until_ns), until_ns)
             wanted = self._collect_links(now_ns)
             wanted |= self._collect(now_ns)
@@ -212,34 +217,42 @@ class _Runner:
             self._update_subscriptions()
 
     def _step(self, now_ns: int) -> None:
-        self._node.step(self._clock.now_ns(now_ns))  # not a later time: a stall since then is in none of it
+        self._node.step(self._clock.now_ns(now_ns))  # not the time now: a stall since the loop's turn began is in it
         self._due_ns = now_ns + self._out.period_ns
 
     def _update_subscriptions(self) -> None:
-        """Subscribe to the topics on demand, after the step: a declaration takes the router a millisecond."""
+        """Subscribe to the topics on demand; after the step, as a declaration takes the router a millisecond."""
         if self._subscribed is not self._out.subscribed:
             self._subscribed = self._out.subscribed
-            self._session.listen(self._subscribed)
+            self._session.subscribe_on_demand(self._subscribed)
 
     def _past_stalls_ns(self, now_ns: int, since_ns: int, until_ns: int) -> int:
-        """The time now, when it should be `until_ns`; a stall is left out of it, and what piled up has come in.
+        """Leave a stall out of the time, and wait until Zenoh has delivered the messages that piled up in it.
 
-        The whole wait since `since_ns` counts as a stall, as nobody knows when in it the stall began. What was none of
-        it the next message of the clock gives back; several stalls in a row would make odometry look old otherwise.
+        The whole wait since `since_ns` counts as the stall, as its beginning is unknown; else odometry would look old
+        after several stalls in a row. The next message of the clock corrects what was too much.
+
+        Args:
+            now_ns: time at the end of the wait.
+            since_ns: time at the beginning of the wait.
+            until_ns: time at which the wait should have ended.
+
+        Returns:
+            The time now.
         """
-        while now_ns - until_ns > STALL_NS:
+        while now_ns - until_ns > STALL_MIN_NS:
             self._late_ns = max(self._late_ns, now_ns - until_ns)
             self._stalled_ns += now_ns - since_ns
             until_ns = since_ns + CATCH_UP_NS
-            time.sleep(CATCH_UP_NS / NS_PER_S)  # in which it may stand still again
+            time.sleep(CATCH_UP_NS / NS_PER_S)  # the process may be stopped again in it
             now_ns = self._now_ns()
         return now_ns
 
     def _loop_as_master(self, link: str) -> None:
-        """Advance vehicle time by one period per step, in lockstep with whoever is on `link`."""
+        """Advance vehicle time by one period per step, in lockstep with the autopilot on `link`."""
         period_ns = int(NS_PER_S / self._spec.rate_hz)
         due_ns = self._now_ns()
-        silent = 0
+        unanswered = 0
         while not self._stopping:
             self._wait(due_ns)
             now_ns = self._now_ns()
@@ -253,13 +266,15 @@ class _Runner:
                 self._node.step(self._master_t_ns)
                 self._master_t_ns += period_ns
                 if self._links[link].up:
-                    silent = 0 if self._await_answer(link, wait=silent < SILENT_STEPS) else silent + 1
-            due_ns = max(due_ns + period_ns, now_ns - PACE_SLACK_NS)
+                    answered = self._await_answer(link, wait=unanswered < UNANSWERED_STEPS_MAX)
+                    unanswered = 0 if answered else unanswered + 1
+            due_ns = max(due_ns + period_ns, now_ns - MASTER_LATENESS_MAX_NS)
             self._report(now_ns)
 
     def _await_answer(self, link: str, *, wait: bool) -> bool:
+        """Whether bytes arrive on a link in time; without `wait`, whether they have arrived already."""
         sockets = self._links[link].sockets()
-        deadline_ns = self._now_ns() + (ANSWER_WITHIN_NS if wait else 0)
+        deadline_ns = self._now_ns() + (LOCKSTEP_TIMEOUT_NS if wait else 0)
         while not self._stopping:
             remaining_ns = max(0, deadline_ns - self._now_ns())
             ready, _, _ = select.select(sockets, [], [], remaining_ns / NS_PER_S)
@@ -276,6 +291,7 @@ class _Runner:
         return False
 
     def _wait(self, until_ns: int) -> None:
+        """Wait for an event or a readable link, at most until `until_ns`."""
         owners: dict[Any, str] = {end: name for name, link in self._links.items() for end in link.sockets()}
         timeout_s = max(0, until_ns - self._now_ns()) / NS_PER_S
         ends, _, _ = select.select([self._wakeup_fd, *owners], [], [], min(timeout_s, 0.1 if self._links else 1.0))
@@ -283,26 +299,26 @@ class _Runner:
         for end in ends:
             if end is self._wakeup_fd:
                 os.eventfd_read(self._wakeup_fd)
-                self._wakeup_armed = True  # before the queue is read: an event that comes later wakes the loop again
+                self._wakeup_armed = True  # before the queue is read, so that no later event is left unread
             else:
                 self._readable.append(owners[end])
 
     def _collect(self, now_ns: int) -> bool:
-        """Move all that the bus brought into the inbox; tells whether a step is wanted at once."""
+        """Move all events into the inbox; returns whether one of them triggers a step."""
         self._node.inbox.wall_ns = now_ns
         wanted = False
         while self._events:
-            wanted |= self._take(*self._events.popleft())
+            wanted |= self._dispatch(*self._events.popleft())
         return wanted
 
-    def _take(self, kind: Kind, name: str, value: Any) -> bool:
-        """The same with one thing."""
+    def _dispatch(self, kind: Kind, name: str, value: Any) -> bool:
+        """Move one event into the inbox; returns whether it triggers a step."""
         node = self._node
         wanted = False
         if kind == "sample":
             wanted = self._on_sample(name, value)
         elif kind == "newest":
-            if name in self._newest:  # else a newer message came in its place and has been read
+            if name in self._newest:  # else this message was replaced by a newer one, which has been read
                 sample = self._newest.pop(name)
                 wanted = self._on_sample(name, None if sample is None else data_of(sample))
         elif kind == "query":
@@ -320,12 +336,12 @@ class _Runner:
         return wanted
 
     def _collect_links(self, now_ns: int) -> bool:
-        """The same with the links: those with something to read, and now and then all, as polling also connects."""
+        """Move bytes and states of the links into the inbox; returns whether one of them triggers a step."""
         self._node.inbox.wall_ns = now_ns
         wanted = False
         names: Iterable[str] = self._readable
-        if now_ns >= self._next_look_ns:
-            self._next_look_ns = now_ns + LOOK_EVERY_NS
+        if now_ns >= self._next_link_poll_ns:
+            self._next_link_poll_ns = now_ns + LINK_POLL_PERIOD_NS
             names = self._links
         for name in names:
             link = self._links[name]
@@ -342,13 +358,17 @@ class _Runner:
 
     def _on_sample(self, name: str, data: bytes | None) -> bool:
         if name == CLOCK_NAME and data is not None:
-            self._follow(data)
-        if name in self._on_demand and name not in self._out.subscribed:  # the last ones of what it no longer wants
+            self._on_clock(data)
+        if name in self._on_demand and name not in self._out.subscribed:  # it came before the subscription ended
             return False
         return self._node.deliver(name, data)
 
-    def _follow(self, data: bytes) -> None:
-        """As of now: with the step's time, from before it came, the master would seem ahead for good."""
+    def _on_clock(self, data: bytes) -> None:
+        """Update vehicle time.
+
+        The arrival counts as now, not as the time of the loop's turn: from before the message was sent, that would
+        make the master seem ahead for good.
+        """
         try:
             clock: Clock = decode(Clock, data)
         except BadPayloadError:
@@ -366,6 +386,7 @@ class _Runner:
         )
 
     def _report(self, now_ns: int) -> None:
+        """Check the router twice a second, and publish health once."""
         if now_ns >= self._next_router_check_ns:
             self._next_router_check_ns = now_ns + NS_PER_S // 2
             self._node.inbox.connected = self._session.connected

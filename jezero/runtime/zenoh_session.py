@@ -1,4 +1,4 @@
-"""One service's session on the Zenoh router: what it declares there, and what comes in."""
+"""One service's session on the Zenoh router: its declarations, and the messages, requests and replies it exchanges."""
 
 import os
 import sys
@@ -18,8 +18,9 @@ from jezero.schemas import topics
 from jezero.schemas.topics import Endpoint, Topic, health_of, key, liveliness_key
 from jezero.zenoh_client import client_config
 
-HOLDER_WAIT_S = 2.5
-CLOSE_WITHIN_S = 0.7
+CLAIM_TIMEOUT_S = 2.5
+"""Duration for which a service waits for its name; the lease of a dead process ends after 2 s."""
+CLOSE_TIMEOUT_S = 0.7
 Kind = Literal["sample", "newest", "query", "response", "departed", "opened", "outcome"]
 Enqueue = Callable[[Kind, str, Any], None]
 
@@ -28,23 +29,31 @@ class AlreadyRunningError(RuntimeError):
     """Another process serves the same name for the same vehicle."""
 
 
-def _directly(callback: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:
-    """Zenoh's handler that calls back in the thread that receives, so that all arrives in order without more threads.
+def _direct(callback: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:
+    """Zenoh's handler that calls back in the receiving thread: all arrives in order, and needs no more threads.
 
     Args:
-        drop: called when nothing more will come.
+        callback: called with each sample, query or reply.
+        drop: called when there will be no more of them.
     """
     return zenoh.handlers.Callback(callback, drop, indirect=False)
 
 
 class BusSession:
-    """The session of one service. Zenoh's threads call `enqueue(kind, name, value)` with what comes in:
+    """The session of one service.
 
-    - sample: a topic's name and its bytes, None when it was no put of something on exactly this key.
-    - newest: a topic's name and the sample of a message with an attachment, None as above.
-    - query: an endpoint's name and the query.
-    - response: a call's id and (bytes, None) or (None, error).
-    - departed: the id of a client that vanished.
+    Args:
+        instance: names the vehicle and the router.
+        spec: the service's declaration.
+        enqueue: called by Zenoh's threads as `enqueue(kind, name, value)` with each arrival.
+
+    Kinds of arrivals:
+        sample: a topic's name and the bytes of a message; None for anything but a put of bytes on exactly its key.
+        newest: a topic's name and the sample of a message with an attachment; None as above.
+        query: an endpoint's name and the query.
+        response: a call's id and (bytes, None) or (None, error).
+        departed: the id of a client that vanished.
+        opened: the session is open.
     """
 
     def __init__(self, instance: Instance, spec: Spec, enqueue: Enqueue) -> None:
@@ -71,7 +80,7 @@ class BusSession:
         return bool(self._session.info.routers_zid())
 
     def open_in_background(self) -> threading.Thread:
-        """Start looking for the router; `is_open` when the thread has ended. Nothing interrupts it."""
+        """Start to connect to the router in a thread that can't be interrupted; after it `is_open` is true."""
 
         def connect() -> None:
             self._opened = zenoh.open(client_config(self._instance.router))
@@ -82,12 +91,12 @@ class BusSession:
         return thread
 
     def close(self) -> None:
-        """Leave the bus. Ends the process if that takes longer than a moment, as with a router that hangs."""
+        """Close the session, or end the process after `CLOSE_TIMEOUT_S`, e.g. when the router hangs."""
         if self._opened is None:
             return
         closer = threading.Thread(target=self._opened.close, daemon=True)
         closer.start()
-        closer.join(CLOSE_WITHIN_S)
+        closer.join(CLOSE_TIMEOUT_S)
         if closer.is_alive():
             sys.stderr.flush()
             os._exit(0)
@@ -101,19 +110,19 @@ class BusSession:
     # -- one service per name --
 
     def claim_name(self, should_stop: Callable[[], bool]) -> None:
-        """Declare the service's liveliness token, once nobody else wants it.
+        """Declare the service's liveliness token as soon as no other process claims its name.
 
-        Whoever wants a name declares a claim of its own and only then looks for others', so that of two at least one
-        sees the other, however close together they start. Who sees none has the name, and keeps its claim. Else the
-        claim that sorts first waits for the others to withdraw.
+        Each process first declares a claim of its own and then queries the claims of others. So of two processes at
+        least one finds the other's claim, however close together they start. A process that finds none has the name,
+        and keeps its claim. Otherwise the process whose claim sorts first waits until the others withdraw theirs.
 
         Raises:
-            AlreadyRunningError: somebody keeps it.
+            AlreadyRunningError: another process keeps its claim.
         """
         name, liveliness = self._spec.name, self._session.liveliness()
         own = liveliness_key(self._instance.vehicle, "claim", f"{name}/{token_hex(8)}")
         claim: zenoh.LivelinessToken | None = None
-        deadline = time.monotonic() + HOLDER_WAIT_S
+        deadline = time.monotonic() + CLAIM_TIMEOUT_S
         while not should_stop():
             others = self._claims() - {own}
             if not others and claim is not None:
@@ -133,13 +142,13 @@ class BusSession:
             time.sleep(0.1)
 
     def _claims(self) -> set[str]:
-        """Keys of all who want the service's name."""
+        """Keys of all claims to the service's name."""
         everybody = liveliness_key(self._instance.vehicle, "claim", f"{self._spec.name}/*")
         replies = self._session.liveliness().get(everybody, timeout=1.0)
         return {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
 
     def _holder(self) -> str:
-        """The process that reports the health of this service's name."""
+        """Name of the process that publishes this service's health, for people."""
         topic = health_of(self._spec.name)
         found: deque[bytes] = deque(maxlen=1)
         with self._session.declare_subscriber(
@@ -180,27 +189,27 @@ class BusSession:
             self._declare_endpoint(endpoint)
         if self._spec.watches_clients:
             watched = liveliness_key(self._instance.vehicle, "client", "*")
-            self._declared.append(session.liveliness().declare_subscriber(watched, _directly(self._on_client)))
+            self._declared.append(session.liveliness().declare_subscriber(watched, _direct(self._on_client)))
 
     def _uses_vehicle_time(self) -> bool:
         spec = self._spec
         return spec.lockstep is None and bool(spec.inputs or spec.outputs or spec.serves)
 
     def subscribe(self, name: str) -> None:
-        """Subscribe to a topic; only a put on exactly its key counts."""
+        """Subscribe to a topic; everything but a put on exactly its key is enqueued as None."""
         own = key(self._instance.vehicle, name)
         exactly = zenoh.KeyExpr(own)
         enqueue = self._enqueue
 
         def on_sample(sample: zenoh.Sample) -> None:
-            found = sample.payload.to_bytes()  # nothing, of a delete
-            enqueue("sample", name, found if found and sample.key_expr == exactly else None)
+            data = sample.payload.to_bytes()  # empty for a delete
+            enqueue("sample", name, data if data and sample.key_expr == exactly else None)
 
         def on_attached(sample: zenoh.Sample) -> None:
             exact = sample.key_expr == exactly and sample.kind == zenoh.SampleKind.PUT
             enqueue("newest", name, sample if exact else None)
 
-        handler = _directly(on_attached if name in self._attached else on_sample)
+        handler = _direct(on_attached if name in self._attached else on_sample)
         self._subscribers[name] = self._session.declare_subscriber(own, handler)
 
     def _declare_endpoint(self, endpoint: Endpoint[Any, Any]) -> None:
@@ -214,7 +223,7 @@ class BusSession:
             else:
                 enqueue("query", name, query)
 
-        queryable = self._session.declare_queryable(own, _directly(on_query), complete=not endpoint.shared)
+        queryable = self._session.declare_queryable(own, _direct(on_query), complete=not endpoint.shared)
         self._declared.append(queryable)
 
     def _declare_last_value(self, name: str) -> None:
@@ -226,14 +235,14 @@ class BusSession:
                 if data is not None:
                     query.reply(own, data, encoding=zenoh.Encoding.APPLICATION_JSON)
 
-        self._declared.append(self._session.declare_queryable(own, _directly(on_query), complete=True))
+        self._declared.append(self._session.declare_queryable(own, _direct(on_query), complete=True))
 
     def _on_client(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:
             self._enqueue("departed", str(sample.key_expr).rsplit("/", 1)[-1], None)
 
-    def listen(self, names: frozenset[str]) -> None:
-        """Of the topics on demand, listen to exactly these."""
+    def subscribe_on_demand(self, names: frozenset[str]) -> None:
+        """Subscribe to exactly these of the topics on demand."""
         on_demand = {topic.name for topic in self._spec.on_demand}
         for name in sorted(on_demand & set(self._subscribers) - names):
             self._subscribers.pop(name).undeclare()  # type: ignore[no-untyped-call]
@@ -250,12 +259,12 @@ class BusSession:
         else:
             self._publishers[topic.name].put(data)
 
-    def keep(self, topic: Topic[Any], data: bytes) -> None:
-        """What a plain get shall see of a topic from now on."""
+    def set_last_value(self, topic: Topic[Any], data: bytes) -> None:
+        """Reply with this message to a plain get on a topic's key from now on."""
         self._last_value[topic.name] = data
 
     def call(self, endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None:
-        """Put a question; whatever comes back is enqueued, and "no server" when it ends."""
+        """Send a request; each reply is enqueued as a response, and "no server" when there will be no more."""
 
         def on_reply(reply: zenoh.Reply) -> None:
             sample = reply.ok
@@ -265,7 +274,7 @@ class BusSession:
 
         self._session.get(
             key(self._instance.vehicle, endpoint.name),
-            _directly(on_reply, lambda: self._enqueue("response", call_id, (None, "no server"))),
+            _direct(on_reply, lambda: self._enqueue("response", call_id, (None, "no server"))),
             target=zenoh.QueryTarget.BEST_MATCHING,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=timeout_s,

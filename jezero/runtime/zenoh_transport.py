@@ -1,4 +1,4 @@
-"""What a service sends over Zenoh and its links: the `Transport` of its node."""
+"""The output of a service over Zenoh and its links: the `Transport` of its node."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -16,11 +16,11 @@ from jezero.schemas.units import NS_PER_S
 
 
 class ZenohTransport:
-    """Carries out what the steps of one service yield.
+    """Executes the outputs of one service's steps.
 
     Attributes:
-        period_ns: the service's next step is so long after its last, unless something triggers one.
-        listening: of the topics on demand, those that the service wants; the loop tells the router.
+        period_ns: time from a step to the next, unless something triggers one before.
+        subscribed: the topics on demand that the service wants; the loop declares them to the router.
     """
 
     def __init__(
@@ -39,20 +39,20 @@ class ZenohTransport:
         self._request_id = 0
 
     def keep_query(self, query: zenoh.Query) -> int:
-        """Remember whom to answer; returns the request's id."""
+        """Keep a query until its final reply; returns the request's id."""
         self._request_id += 1
         self._queries[self._request_id] = query
         return self._request_id
 
     def forget_queries(self) -> None:
-        """Nobody is answered any more."""
+        """End all requests without a reply."""
         self._queries.clear()
 
     # -- Transport --
 
     def publish(self, topic: Topic[Any], data: bytes) -> None:
         if topic.name in self._last_value:
-            self._session.keep(topic, data)
+            self._session.set_last_value(topic, data)
         self._session.put(topic, data)
 
     def reply(self, request_id: int, data: bytes | None, *, final: bool) -> None:

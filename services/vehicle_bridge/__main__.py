@@ -17,7 +17,7 @@ def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, Socke
     """The bridge of an instance, and its link to the autopilot."""
     bridge = VehicleBridge(load_config(VehicleBridgeConfig, "vehicle_bridge"), instance.system_id, boot_id)
     autopilot = (HOST, instance.autopilot_offboard_port)
-    return bridge, {LINK: Udp((HOST, instance.bridge_port), autopilot, hears_only_peer=True)}
+    return bridge, {LINK: Udp((HOST, instance.bridge_port), autopilot, only_from_peer=True)}
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ class Talker:
 
 
 class Listener:
-    """Notes what it hears and when; answers aborts; may ask."""
+    """Records clock messages with the times of their arrival, replies to aborts, and may send requests."""
 
     def __init__(self, ask: bool = False) -> None:
         self.spec = Spec(
@@ -206,7 +206,7 @@ def test_a_frozen_service_finds_everything_when_it_goes_on() -> None:
 
 
 class Planner:
-    """Steps at 10 Hz, asks for two pieces of work at once, and for 100 Hz when the second is done."""
+    """Steps at 10 Hz, starts two background tasks at once, and steps at 100 Hz when the second is done."""
 
     spec = Spec(name="planner", rate_hz=10)
 

@@ -36,7 +36,7 @@ class Host:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.wall_ns = 0
         self.stalls_ms: list[float] = []
-        """How long the process stands still in each of its next sleeps."""
+        """Stall of the process in each of its next sleeps."""
         clock = SimpleNamespace(monotonic_ns=lambda: self.wall_ns, sleep=self._sleep)
         monkeypatch.setattr(zenoh_bus, "time", clock)
         self.runner = zenoh_bus._Runner(Idle(), Instance(), 1, {})
@@ -44,8 +44,8 @@ class Host:
     def _sleep(self, seconds: float) -> None:
         self.wall_ns += round(seconds * 1000 * MS + (self.stalls_ms.pop(0) if self.stalls_ms else 0) * MS)
 
-    def told(self, sent_ms: int) -> None:
-        """A message whose master has the same clock and vehicle time."""
+    def receive_clock(self, sent_ms: int) -> None:
+        """Receive a message of a master with the same monotonic clock and vehicle time."""
         clock = Clock(t_ns=sent_ms * MS, epoch_id=1, wall_ns=sent_ms * MS)
         self.runner._enqueue("sample", topics.CLOCK.name, encode(clock))
 
@@ -62,12 +62,12 @@ def host(monkeypatch: pytest.MonkeyPatch) -> Iterator[Host]:
 
 
 def test_a_message_that_came_while_the_others_were_read_does_not_make_its_master_seem_ahead(host: Host) -> None:
-    host.told(sent_ms=1150)
+    host.receive_clock(sent_ms=1150)
     host.wall_ns = 1160 * MS
-    host.runner._collect(1000 * MS)  # the process stood still between looking at its clock and reading
+    host.runner._collect(1000 * MS)  # the process stood still between reading its clock and the queue
     assert host.t_ms == pytest.approx(1150)
     for sent_ms in range(1250, 2051, 100):
-        host.told(sent_ms)
+        host.receive_clock(sent_ms)
         host.wall_ns = (sent_ms + 1) * MS
         host.runner._collect(host.wall_ns)
     assert host.t_ms == pytest.approx(2050, abs=0.1)
@@ -100,14 +100,22 @@ def test_no_step_counts_the_time_in_which_the_process_stood_still(
     monkeypatch.setattr(runner, "_wait", wait)
     monkeypatch.setattr(runner, "_collect", read)
     monkeypatch.setattr(runner._node, "step", step)
-    host.told(sent_ms=0)
+    host.receive_clock(sent_ms=0)
     runner._loop()
     assert all(90 < after - before < 200 for before, after in pairwise(stepped_ms))
     assert runner._late_ns >= 600 * MS
 
 
 class Asked:
-    """Changes its status at each step, and answers whoever asks; `fails` when it is told to."""
+    """Changes its status at each step and replies to aborts.
+
+    Attributes:
+        threads: of its steps.
+        responses: all that it has got.
+        answers: whether it replies.
+        fails: whether its step raises.
+        also: further outputs of each step.
+    """
 
     spec = Spec(
         name="asked",
@@ -149,7 +157,7 @@ class Asked:
 
 
 class Query:
-    """Of a client."""
+    """A client's query."""
 
     key_expr = topics.key("uav1", topics.ABORT.name)
     payload = attachment = None
@@ -165,7 +173,7 @@ class Query:
 
 
 class Asking:
-    """A process that receives in another thread, as from Zenoh; its loop's turns are made by hand."""
+    """A process that receives in another thread, as from Zenoh, and whose loop is turned by hand."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.wall_ns = 10 * MS

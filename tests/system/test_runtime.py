@@ -138,7 +138,7 @@ def test_of_services_of_one_name_that_start_at_the_same_instant_exactly_one_gets
     router: tuple[Instance, dict[str, str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     instance, _ = router
-    monkeypatch.setattr(zenoh_session, "HOLDER_WAIT_S", 0.3)
+    monkeypatch.setattr(zenoh_session, "CLAIM_TIMEOUT_S", 0.3)
     monkeypatch.setattr(zenoh_session.BusSession, "_holder", lambda self: "the winner")
     for _ in range(8):
         sessions = [zenoh_session.BusSession(instance, Spec(name="wanted"), lambda *_: None) for _ in range(3)]
@@ -257,7 +257,7 @@ def test_tcp_links_carry_bytes_both_ways_and_reconnect() -> None:
 def test_a_udp_link_hears_its_peer_and_nobody_else() -> None:
     with reserved_instance() as instance:
         local, peer = ("127.0.0.1", instance.bridge_port), ("127.0.0.1", instance.autopilot_offboard_port)
-        listening = Udp(local, peer, hears_only_peer=True)
+        listening = Udp(local, peer, only_from_peer=True)
         speaking = Udp(peer, local)
         stranger = Udp(("127.0.0.1", instance.autopilot_gcs_port), local)
         for link in (listening, speaking, stranger):

@@ -15,7 +15,7 @@ from jezero.schemas.state import Clock
 
 
 class Echo:
-    """Answers aborts with what it last heard on the clock."""
+    """Replies to aborts with the newest epoch of the clock."""
 
     spec = Spec(
         name="echo",
@@ -29,12 +29,12 @@ class Echo:
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
         clock = inbox.latest(topics.CLOCK)
         for request in inbox.requests(topics.ABORT):
-            heard = "nothing" if clock is None else f"epoch {clock.epoch_id}"
-            yield Reply(request.request_id, AbortReply(hovering=True, reason=heard))
+            newest = "nothing" if clock is None else f"epoch {clock.epoch_id}"
+            yield Reply(request.request_id, AbortReply(hovering=True, reason=newest))
 
 
 class SlowViewer:
-    """Looks at pictures, half a second at each; tells the newest and how many it has seen when an abort is asked."""
+    """Spends half a second on each picture; replies to aborts with the newest one's number and how many there were."""
 
     spec = Spec(name="slow_viewer", inputs=(topics.CAMERA,), serves=(topics.ABORT,), triggers=(topics.CAMERA.name,))
     seen = 0
@@ -65,7 +65,7 @@ class Album:
 
 
 def count_for_a_second() -> int:
-    """Keeps the interpreter busy, as planning does."""
+    """Keep the interpreter busy, as planning does."""
     count, end_s = 0, time.monotonic() + 1.0
     while time.monotonic() < end_s:
         count += 1
@@ -73,7 +73,7 @@ def count_for_a_second() -> int:
 
 
 class Busy:
-    """Asks for a second of work at the first abort; answers each abort with how much work is done."""
+    """Starts a background task of one second at the first abort; replies to each with the number of tasks done."""
 
     spec = Spec(name="busy", serves=(topics.ABORT,), triggers=(topics.ABORT.name,), rate_hz=20)
     asked, done = False, 0
@@ -88,7 +88,7 @@ class Busy:
 
 
 class BrokenWork:
-    """Its work raises: a programming error, on which the process ends."""
+    """Has a background task that raises: a programming error, on which the process ends."""
 
     spec = Spec(name="broken_work", rate_hz=20)
 
@@ -106,7 +106,7 @@ class Undeclared:
 
 
 class Hung:
-    """Waits for ever in its first step after a second, as a deadlock does; Zenoh's threads go on."""
+    """Blocks for ever in its first step after a second, as a deadlock does; Zenoh's threads go on."""
 
     spec = Spec(name="hung", rate_hz=20)
 

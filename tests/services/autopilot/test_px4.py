@@ -108,15 +108,15 @@ def test_a_program_that_ends_by_itself_is_an_error(server: socket.socket, progra
 def test_a_program_that_is_stopped_is_an_error_and_one_that_goes_on_after_a_moment_is_not(
     server: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("jezero.runtime.child.LOOK_EVERY_NS", 20_000_000)
+    monkeypatch.setattr("jezero.runtime.child.CHECK_PERIOD_NS", 20_000_000)
     link = child("import os, time; print(os.getpid(), flush=True); time.sleep(60)", server, None)
     link.start()
     try:
         pid = int(poll_until(link, lambda text: text.endswith("\n")))
         os.kill(pid, signal.SIGSTOP)
-        poll_until(link, lambda _: link._seen_stopped == 3)
+        poll_until(link, lambda _: link._stopped_checks == 3)
         os.kill(pid, signal.SIGCONT)
-        poll_until(link, lambda _: link._seen_stopped == 0)
+        poll_until(link, lambda _: link._stopped_checks == 0)
         os.kill(pid, signal.SIGSTOP)
         with pytest.raises(ChildProcessError, match="PX4 is frozen: stopped by a signal"):
             poll_until(link, lambda _: False)
