@@ -37,7 +37,6 @@ INTERVALS_US = {
     dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: 30_000,
 }
 """What the bridge asks the autopilot to stream."""
-ROUTINE = (dialect.MAVLINK_MSG_ID_ODOMETRY, dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED)
 
 _COMMANDS: dict[Order, tuple[int, tuple[float, float, float]]] = {
     Order.OFFBOARD: (dialect.MAV_CMD_DO_SET_MODE, (1.0, 6.0, 0.0)),
@@ -100,8 +99,6 @@ class Received(msgspec.Struct):
         followed: the newest it told of what it follows: vehicle time in ns, position and velocity, NaN where it
             controls none.
         restarted: its time went back.
-        respawned: the vehicle is another one than before.
-        routine: it told where it is and what it follows, and nothing else.
     """
 
     timer_ns: int
@@ -111,8 +108,6 @@ class Received(msgspec.Struct):
     steps_ned_m: list[Vec3] = msgspec.field(default_factory=list)
     followed: tuple[int, Vec3, Vec3] | None = None
     restarted: bool = False
-    respawned: bool = False
-    routine: bool = True
 
 
 class AutopilotLink:
@@ -178,11 +173,9 @@ class AutopilotLink:
         received = Received(timer_ns, wall_ns, epoch_id)
         for message in self._codec.parse(data):
             self.telemetry.heard_wall_ns = wall_ns
-            kind = message.get_msgId()
-            take = self._handlers.get(kind)
+            take = self._handlers.get(message.get_msgId())
             if take is not None:
                 take(message, received)
-                received.routine &= kind in ROUTINE
         return received
 
     def _on_odometry(self, message: MavMessage, received: Received) -> None:
@@ -196,7 +189,6 @@ class AutopilotLink:
             if last.t_ns - t_ns <= RESTART_NS:
                 return
             received.restarted = True
-            received.routine = False
             received.odometry.clear()
             received.steps_ned_m.clear()
             heard_wall_ns = self.telemetry.heard_wall_ns
@@ -206,7 +198,6 @@ class AutopilotLink:
         step = resets.update(t_ns, reset_counter, pos, vel)
         if step is not None:
             received.steps_ned_m.append(step)
-            received.routine = False
         odometry = Odometry(
             t_ns=t_ns,
             epoch_id=received.epoch_id,

@@ -1,12 +1,11 @@
 """The vehicle bridge: MAVLink on one side, the bus on the other, `Authority` between them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from math import inf
 
 from jezero.frames import Quat, altitude_m
 from jezero.runtime.service import Health, Inbox, Output, Publish, Send, Spec, Subscribe
-from jezero.schemas.commands import Setpoint
 from jezero.schemas.health import ServiceState
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.topics import (
@@ -32,9 +31,6 @@ from jezero.services.vehicle_bridge.vehicle import OFFBOARD, Situation, Standing
 
 LINK = "autopilot"
 STATUS_PERIOD_NS = 100_000_000
-LOOK_NS = 20_000_000
-"""The vehicle is looked at, and time-outs are judged, when the autopilot or somebody else tells something, and so
-often."""
 STREAM_PERIOD_NS = 50_000_000
 """A target that nobody renews is sent again after this: the autopilot wants more than 2 Hz, a hover 10 Hz."""
 HEARTBEAT_PERIOD_NS = 1_000_000_000
@@ -74,15 +70,11 @@ class VehicleBridge:
         self._authority = Authority(config, boot_id)
         self._epoch_id: int | None = None
         self._timer = Timer()
-        self._now = Situation(t_ns=0, timer_ns=0)
-        self._looked_ns = -LOOK_NS
-        self._undigested: list[Received] = []
         self._ground_z_ned_m = 0.0
         """Height of the last place where the vehicle stood disarmed."""
         self._questions = Questions(self._authority, self._link, boot_id)
         self._dropped = 0
         self._drop_reason = ""
-        self._fresh = False
         self._sent: tuple[Target | None, int] = (None, 0)
         self._published: tuple[object, ...] = ()
         self._status_wall_ns: int | None = None
@@ -94,38 +86,25 @@ class VehicleBridge:
         self._health: tuple[ServiceState, str] | None = None
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
-        """Telemetry first, then what was asked, then time; see `Service`.
-
-        Two things are done before all else, as somebody waits for them: odometry goes out, on which the goal in charge
-        waits, and setpoints that come alone are flown by what was known a moment ago.
-        """
+        """Read telemetry, handle requests and setpoints, judge safety and time-outs, fly, publish; see `Service`."""
         if self._started_wall_ns is None:
             self._started_wall_ns = inbox.wall_ns
         if inbox.connected or self._router_seen_wall_ns is None:
             self._router_seen_wall_ns = inbox.wall_ns
-        respawned = self._hear_clock(inbox)
+        respawned = self._on_clock(inbox)
         t_ns = self._not_before_autopilot(t_ns)
         if self._epoch_id is not None:  # before, there is no vehicle time
             self._timer.tell(t_ns)
-        data = inbox.received(LINK)
-        if data or respawned:
-            told = self._receive(data, inbox, respawned=respawned)
-            for odometry in told.odometry:
-                yield Publish(ODOMETRY, odometry)
-            if self._can_wait(told, inbox):
-                return
-        setpoints = inbox.new(SETPOINT)
-        if setpoints and not (data or respawned or inbox.has_requests):
-            self._accept(setpoints, self._go_on(t_ns))
-            yield from self._stream(t_ns)
-            setpoints = ()
-        before, now = self._now, self._survey(t_ns, inbox)
-        yield from self._serve(setpoints, now, inbox)
-        if now is not before or self._authority.changes:
-            self._authority.tick(now)
+        received = self._receive(inbox, respawned=respawned)
+        self._digest(received, t_ns, inbox, respawned=respawned)
+        now = self._look(self._not_before_autopilot(t_ns), inbox)
+        yield from self._handle_requests(now, inbox)
+        self._authority.tick(now)
         yield from self._questions.late(now, inbox.wall_ns)
         yield from self._stream(now.t_ns)
         yield from self._order(now, inbox)
+        for odometry in received.odometry:
+            yield Publish(ODOMETRY, odometry)
         yield from self._publish_status(now, inbox.wall_ns)
         yield from self._listen()
         yield from self._report(now)
@@ -133,11 +112,11 @@ class VehicleBridge:
     # -- in ------------------------------------------------------------------------------------------------
 
     def _not_before_autopilot(self, t_ns: int) -> int:
-        """The autopilot tells vehicle time as well: it goes on where the bridge is cut off from the bus."""
+        """Vehicle time by the bus or, if that is later, by the autopilot: where the bridge is cut off from the bus."""
         odometry = self._link.telemetry.odometry
         return t_ns if odometry is None else max(t_ns, odometry.t_ns)
 
-    def _hear_clock(self, inbox: Inbox) -> bool:
+    def _on_clock(self, inbox: Inbox) -> bool:
         """Returns whether the vehicle is another one than before."""
         respawned = False
         for clock in inbox.new(CLOCK):
@@ -145,37 +124,16 @@ class VehicleBridge:
             self._epoch_id = clock.epoch_id
         return respawned
 
-    def _receive(self, data: bytes, inbox: Inbox, *, respawned: bool) -> Received:
+    def _receive(self, inbox: Inbox, *, respawned: bool) -> Received:
         if respawned:
             self._link.forget()
-        told = self._link.receive(data, self._timer.now_ns, inbox.wall_ns, self._epoch_id or 0)
-        told.respawned = respawned
-        self._undigested.append(told)
-        return told
+        return self._link.receive(inbox.received(LINK), self._timer.now_ns, inbox.wall_ns, self._epoch_id or 0)
 
-    def _can_wait(self, told: Received, inbox: Inbox) -> bool:
-        """Whether all but the odometry may wait for the setpoint that answers it, or else for the next step."""
-        grant = self._authority.grant
-        if grant is None or not (told.odometry and told.routine) or told.respawned or len(self._undigested) > 1:
-            return False
-        return self._timer.now_ns - grant.timer_ns < LOOK_NS + LOOK_NS and not (
-            inbox.has_requests or inbox.new(SETPOINT)
-        )
-
-    def _survey(self, t_ns: int, inbox: Inbox) -> Situation:
-        """Look at the vehicle, where something was told, asked, or nobody has looked for a while."""
-        news, self._undigested = self._undigested, []
-        for received in news:
-            self._digest(received, t_ns, inbox)
-        if news or inbox.has_requests or self._timer.now_ns - self._looked_ns >= LOOK_NS:
-            return self._look(self._not_before_autopilot(t_ns), inbox)
-        return self._go_on(t_ns)
-
-    def _digest(self, received: Received, t_ns: int, inbox: Inbox) -> None:
-        """What follows from what the autopilot sent."""
-        if received.respawned or received.restarted:
+    def _digest(self, received: Received, t_ns: int, inbox: Inbox, *, respawned: bool) -> None:
+        """Update everything that depends on what the autopilot sent."""
+        if respawned or received.restarted:
             self._sent = (None, 0)
-            why = "the vehicle was respawned" if received.respawned else "the autopilot restarted"
+            why = "the vehicle was respawned" if respawned else "the autopilot restarted"
             self._authority.restart(why, self._look(t_ns, inbox))
         if received.followed is not None and self._link.telemetry.mode == OFFBOARD:  # another mode has its own targets
             told_ns, pos_ned_m, vel_ned_mps = received.followed
@@ -187,12 +145,6 @@ class VehicleBridge:
         if telemetry.armed is False and telemetry.odometry is not None and telemetry.landed is not False:
             self._ground_z_ned_m = telemetry.odometry.pos_uav_ned_m[2]
 
-    def _go_on(self, t_ns: int) -> Situation:
-        """What was known when the vehicle was last looked at, now."""
-        now = self._now
-        now.t_ns, now.timer_ns = t_ns, self._timer.now_ns
-        return now
-
     def _look(self, t_ns: int, inbox: Inbox) -> Situation:
         telemetry = self._link.telemetry
         odometry = telemetry.odometry
@@ -202,8 +154,8 @@ class VehicleBridge:
             if telemetry.heard_wall_ns is not None:
                 silent_s = max(inbox.wall_ns - telemetry.heard_wall_ns, t_ns - odometry.t_ns) * 1e-9
         range_m = self._range_m(t_ns, inbox, q) if self._listening else None
-        timer_ns = self._looked_ns = self._timer.now_ns
-        self._now = Situation(
+        timer_ns = self._timer.now_ns
+        return Situation(
             t_ns=t_ns,
             timer_ns=timer_ns,
             armed=telemetry.armed,
@@ -223,7 +175,6 @@ class VehicleBridge:
             complaint=self._link.complaint(timer_ns),
             router_lost_s=(inbox.wall_ns - (self._router_seen_wall_ns or 0)) * 1e-9,
         )
-        return self._now
 
     def _range_m(self, t_ns: int, inbox: Inbox, q_ned_from_frd: Quat) -> float | None:
         altimeter = inbox.latest(ALTIMETER)
@@ -246,35 +197,32 @@ class VehicleBridge:
 
     # -- what was asked ------------------------------------------------------------------------------------
 
-    def _serve(self, setpoints: Sequence[Setpoint], now: Situation, inbox: Inbox) -> Iterator[Output]:
-        """The urgent first; setpoints before the release that follows them."""
+    def _handle_requests(self, now: Situation, inbox: Inbox) -> Iterator[Output]:
+        """Kill, abort and hover go before the setpoints of the same step, release and acquire after them."""
         if inbox.has_requests:
             yield from self._questions.urgent(now, inbox)
-        if setpoints:
-            self._accept(setpoints, now)
-        if inbox.has_requests:
-            yield from self._questions.orderly(now, inbox)
-
-    def _accept(self, setpoints: Sequence[Setpoint], now: Situation) -> None:
-        for setpoint in setpoints:
+        for setpoint in inbox.new(SETPOINT):
             refusal = self._authority.accept(setpoint, now, self._link.telemetry.resets)
-            self._fresh |= not refusal
             if refusal:
                 self._dropped += 1
                 self._drop_reason = refusal
+        if inbox.has_requests:
+            yield from self._questions.orderly(now, inbox)
 
     # -- out -----------------------------------------------------------------------------------------------
 
     def _stream(self, t_ns: int) -> Iterator[Output]:
-        """The setpoint for the autopilot, when it is another one, or due again."""
+        """The setpoint for the autopilot, when it is another one, or due again.
+
+        Each accepted setpoint is another target, even with the numbers of the last one, and goes out at once.
+        """
         target, (last, sent_ns), timer_ns = self._authority.target, self._sent, self._timer.now_ns
         if target is None:
             self._followed.forget()
-        elif self._fresh or target is not last or timer_ns - sent_ns >= STREAM_PERIOD_NS:
+        elif target is not last or timer_ns - sent_ns >= STREAM_PERIOD_NS:
             yield Send(LINK, self._link.setpoint(target, t_ns))
             self._followed.send(target, timer_ns)
             self._sent = (target, timer_ns)
-        self._fresh = False
 
     def _order(self, now: Situation, inbox: Inbox) -> Iterator[Output]:
         """Orders for the autopilot, after the stream that they need, and what else it is told and asked."""

@@ -55,8 +55,8 @@ class Target(msgspec.Struct, frozen=True):
         return msgspec.structs.replace(self, pos_ned_m=add(self.pos_ned_m, step_ned_m))
 
 
-class Situation(msgspec.Struct, kw_only=True):
-    """Everything that decisions rest on, at one instant; only the two times may be told anew.
+class Situation(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything that decisions rest on, at one instant.
 
     Attributes:
         t_ns: vehicle time, which ages of messages are measured by; it may be corrected backwards.
