@@ -48,7 +48,9 @@ def in_words(code: StatusCode) -> str:
 
 
 def phases_of(action: str, code: StatusCode) -> tuple[Phase, ...]:
-    """The phases that a goal accepted in this status may go through, in their order."""
+    """The phases that a goal accepted in this status may go through, in their order; none for an unknown action."""
+    if action not in ACTIONS:
+        return ()
     phase = ACTIONS[action].phase
     lifts_off_first = code is StatusCode.IDLE and phase is not Phase.TAKEOFF
     return (Phase.TAKEOFF, phase) if lifts_off_first else (phase,)
@@ -73,6 +75,9 @@ def _acquire_refusals(
     action = ACTIONS.get(request.action)
     if action is None:
         yield f"there is no action {request.action!r}; there are {', '.join(ACTIONS)}"
+        return
+    if action.phase not in CODE_OF:
+        yield f"the bridge doesn't know phase {str(action.phase)!r} of {request.action}: update the bridge"
         return
     age_s = 0.0 if request.issued_t_ns is None else (now.t_ns - request.issued_t_ns) * 1e-9
     if age_s > MAX_REQUEST_AGE_S:
@@ -103,7 +108,7 @@ def why_not_setpoint(
 ) -> str:
     """Why this setpoint is dropped; "" when it is flown."""
     age_ns, phase, pos_ned_m = now.t_ns - setpoint.t_ns, setpoint.phase, setpoint.pos_ned_m
-    after, counter = CODE_OF[phase], setpoint.reset_counter
+    after, counter = CODE_OF.get(phase), setpoint.reset_counter
     if holder is None or setpoint.control_id != holder.control_id:
         return f"control {setpoint.control_id} is not in charge"
     why = ""
@@ -111,7 +116,7 @@ def why_not_setpoint(
         why = f"sequence {setpoint.sequence} after {holder.sequence}"
     elif not -MAX_LEAD_NS <= age_ns <= MAX_AGE_NS:
         why = f"{age_ns * 1e-9:.3f} s old; accepted are {-MAX_LEAD_NS * 1e-9:g} to {MAX_AGE_NS * 1e-9:g} s"
-    elif phase not in holder.phases or (after is not code and not is_allowed(code, after)):
+    elif after is None or phase not in holder.phases or (after is not code and not is_allowed(code, after)):
         why = f"phase {phase} of {holder.action} in status {code.name}"
     elif pos_ned_m is None and setpoint.vel_ned_mps is None:
         why = "neither a position nor a velocity"

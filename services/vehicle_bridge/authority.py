@@ -116,8 +116,9 @@ class Authority:
     def accept(self, setpoint: Setpoint, now: Situation, resets: ResetHistory) -> str:
         """Take one setpoint as the new target; returns why not, or ""."""
         grant = self.grant
+        code = CODE_OF.get(setpoint.phase)
         refusal = why_not_setpoint(setpoint, self.code, grant, now, resets)
-        if refusal or grant is None:
+        if refusal or grant is None or code is None:
             return refusal
         yaw_rad = self._yaw_rad(now) if setpoint.yaw_rad is None else setpoint.yaw_rad
         target = Target(setpoint.pos_ned_m, setpoint.vel_ned_mps, setpoint.acc_ned_mps2, yaw_rad, setpoint.yaw_rate_rps)
@@ -128,7 +129,6 @@ class Authority:
             self._past.flies(grant.goal_id)
         grant.sequence = setpoint.sequence
         grant.timer_ns = now.timer_ns
-        code = CODE_OF[setpoint.phase]
         if code is not self.code:
             if self.code is StatusCode.IDLE:
                 self._since_ns = now.timer_ns

@@ -1,15 +1,22 @@
 """Who gets control, which setpoints are flown, and how control ends."""
 
+from dataclasses import replace
+from typing import Any
+
 import msgspec
 import pytest
 
 from jezero.runtime.config import load_config
-from jezero.schemas.commands import Abort, Acquire, Hover, Phase, Release
-from jezero.schemas.topics import ABORT, ACQUIRE, HOVER, RELEASE
+from jezero.schemas.commands import Abort, Acquire, Hover, Phase, Release, Setpoint
+from jezero.schemas.state import StatusCode
+from jezero.schemas.topics import ABORT, ACQUIRE, ACTIONS, HOVER, RELEASE, SETPOINT
+from jezero.services.vehicle_bridge.admission import phases_of
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from tests.services.vehicle_bridge.rig import ARM, MODES, SET_MODE, STEP_NS, Rig
 
 ZERO = (0.0, 0.0, 0.0)
+SOMERSAULT: Any = "somersault"
+"""A phase that no version of the bridge knows; only a newer schema could carry it."""
 
 
 def test_a_takeoff_goes_through_0_1_2_3_and_engages_before_it_arms() -> None:
@@ -208,7 +215,30 @@ def test_a_request_for_control_that_nobody_waits_for_any_more_is_refused(age_s: 
 
 
 def test_an_unknown_action_is_refused_with_the_known_ones() -> None:
-    assert "takeoff" in Rig().ready().acquire("somersault").reason
+    rig = Rig().ready()
+    reply = rig.acquire("somersault")
+    assert not reply.granted
+    assert "there is no action 'somersault'; there are takeoff, go_to" in reply.reason
+    assert phases_of("somersault", StatusCode.IDLE) == ()
+    assert rig.acquire("takeoff").granted
+
+
+def test_an_action_whose_phase_the_bridge_does_not_know_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    somersault = replace(ACTIONS["go_to"], name="somersault", phase=SOMERSAULT)
+    monkeypatch.setitem(ACTIONS, "somersault", somersault)
+    reply = Rig().fly().acquire("somersault")
+    assert not reply.granted
+    assert "doesn't know phase 'somersault'" in reply.reason
+
+
+def test_a_setpoint_of_a_phase_that_the_bridge_does_not_know_is_dropped() -> None:
+    rig = Rig().fly()
+    control_id = rig.go("go_to", Phase.GO_TO)
+    unknown = Setpoint(t_ns=rig.t_ns, control_id=control_id, sequence=99, phase=SOMERSAULT, pos_ned_m=(9.0, 0.0, -2.0))
+    rig.box.put(SETPOINT, unknown)
+    rig.run(0.1)
+    assert rig.status.code == 4
+    assert all(s.x == 0.0 for s in rig.autopilot.setpoints)
 
 
 def test_before_the_autopilot_is_ready_a_takeoff_is_refused_with_what_is_missing() -> None:
