@@ -30,7 +30,7 @@ def test_a_takeoff_goes_through_0_1_2_3_and_engages_before_it_arms() -> None:
     assert rig.status.control_id == ""
 
 
-def test_setpoints_stream_before_offboard_mode_is_asked_for() -> None:
+def test_setpoints_stream_before_offboard_mode_is_commanded() -> None:
     rig = Rig().ready()
     control_id = rig.acquire().control_id
     rig.run_until(
@@ -84,7 +84,7 @@ def test_a_landing_that_is_sure_of_the_ground_is_disarmed_by_force() -> None:
     assert "by force" in next(status.text for status in rig.statuses if status.code == 9)
 
 
-def test_what_the_autopilot_sees_landed_is_disarmed_without_force() -> None:
+def test_a_vehicle_that_the_autopilot_detects_as_landed_is_disarmed_without_force() -> None:
     rig = Rig().fly()
     control_id = rig.go("land_on_spot", Phase.LANDING)
     rig.autopilot.landed = True
@@ -204,9 +204,15 @@ def test_an_acquire_that_is_repeated_because_its_reply_was_lost_gets_the_same_co
 
 @pytest.mark.parametrize(
     ("age_s", "refusal"),
-    [(0.0, ""), (0.8, ""), (1.2, "asked 1.2 s ago"), (-0.8, ""), (-3600.0, "asked 3600.0 s ahead of vehicle time")],
+    [
+        (0.0, ""),
+        (0.8, ""),
+        (1.2, "the request is 1.2 s old"),
+        (-0.8, ""),
+        (-3600.0, "the request is 3600.0 s ahead of vehicle time"),
+    ],
 )
-def test_a_request_for_control_that_nobody_waits_for_any_more_is_refused(age_s: float, refusal: str) -> None:
+def test_an_old_request_for_control_is_refused(age_s: float, refusal: str) -> None:
     rig = Rig().ready()
     issued_t_ns = rig.t_ns - int(age_s * 1e9)
     reply = rig.ask(ACQUIRE, Acquire(goal_id="g", action="takeoff", issued_t_ns=issued_t_ns))

@@ -8,7 +8,7 @@ from jezero.frames import quat_from_euler
 from jezero.mavlink import MavlinkCodec, dialect
 from jezero.schemas.commands import Phase
 from jezero.services.vehicle_bridge.autopilot_link import INTERVALS_US, AutopilotLink
-from jezero.services.vehicle_bridge.vehicle import Order, mode_name
+from jezero.services.vehicle_bridge.vehicle import Command, mode_name
 from tests.services.vehicle_bridge.rig import Rig
 
 S = 1_000_000_000
@@ -79,7 +79,7 @@ def test_other_systems_and_components_are_not_the_autopilot() -> None:
     beat = dialect.MAVLink_heartbeat_message(2, 12, 1 | 128, 6 << 16, 4, 3)
     heard(link, beat, codec=MavlinkCodec(2, 1))
     heard(link, beat, codec=MavlinkCodec(1, 100))
-    assert link.telemetry.heard_wall_ns is None
+    assert link.telemetry.received_wall_ns is None
     heard(link, beat)
     assert link.telemetry.armed
     assert link.telemetry.mode == "OFFBOARD"
@@ -107,7 +107,7 @@ def test_battery_and_origin_are_converted() -> None:
 
 def test_a_warning_in_chunks_is_put_together_and_explains_a_refusal_for_a_while() -> None:
     link = AutopilotLink(1)
-    link.pursue(Order.ARM, 0)
+    link.command(Command.ARM, 0)
     heard(
         link,
         dialect.MAVLink_statustext_message(2, b"Arming denied: the estimator has not yet converged", 7, 0),
@@ -116,26 +116,26 @@ def test_a_warning_in_chunks_is_put_together_and_explains_a_refusal_for_a_while(
         dialect.MAVLink_command_ack_message(400, 1, 0, 0, 1, 191),
     )
     words = "arming temporarily rejected; Arming denied: the estimator has not yet converged, wait"
-    assert link.complaint(S) == words
-    assert link.complaint(20 * S) == "arming temporarily rejected"
+    assert link.command_failure(S) == words
+    assert link.command_failure(20 * S) == "arming temporarily rejected"
 
 
 def test_an_order_is_repeated_until_it_is_acknowledged_to_us() -> None:
     link = AutopilotLink(1)
-    assert link.pursue(Order.ARM, 0)
-    assert not link.pursue(Order.ARM, S // 4)
-    assert link.pursue(Order.ARM, S // 2)
+    assert link.command(Command.ARM, 0)
+    assert not link.command(Command.ARM, S // 4)
+    assert link.command(Command.ARM, S // 2)
     heard(link, dialect.MAVLink_command_ack_message(400, 0, 0, 0, 255, 190), at_ns=S // 2)
     heard(link, dialect.MAVLink_command_ack_message(400, 0, 0, 0, 1, 190), at_ns=S // 2)
     heard(link, dialect.MAVLink_command_ack_message(400, 0, 0, 0, 0, 0), at_ns=S // 2)
     heard(link, dialect.MAVLink_command_ack_message(176, 0, 0, 0, 1, 191), at_ns=S // 2)
-    assert link.accepted is None
+    assert link.acknowledged is None
     heard(link, dialect.MAVLink_command_ack_message(400, 0, 0, 0, 1, 191), at_ns=S // 2)
-    assert link.accepted is Order.ARM
-    assert not link.pursue(Order.ARM, S + S // 2)
-    assert link.pursue(Order.ARM, 2 * S), "acknowledged, but without effect"
-    assert link.pursue(Order.DISARM, 2 * S)
-    assert link.accepted is None
+    assert link.acknowledged is Command.ARM
+    assert not link.command(Command.ARM, S + S // 2)
+    assert link.command(Command.ARM, 2 * S), "acknowledged, but without effect"
+    assert link.command(Command.DISARM, 2 * S)
+    assert link.acknowledged is None
 
 
 def test_the_bridge_beats_once_a_second_and_asks_for_its_telemetry() -> None:
