@@ -1,4 +1,4 @@
-"""Decision who controls the vehicle, which status it has, and what it is commanded. Source: spec §3, architecture §5.
+"""State machine that decides who controls the vehicle and what is commanded. Source: spec §3, architecture §5.
 
 Inputs are requests, setpoints and a `VehicleSnapshot` per step; outputs are `code`, `target` and `command`.
 """
@@ -43,7 +43,7 @@ class Authority:
         command: command to the autopilot, None for none.
         taking_back: in status 13, the bridge tries to take control back.
         killing: in status 13, the motors are being cut.
-        changes: the control state after each change of code; whoever publishes them empties the list.
+        changes: the control state after each change of code; the publisher empties the list.
     """
 
     def __init__(self, config: VehicleBridgeConfig, boot_id: int) -> None:

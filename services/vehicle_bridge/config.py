@@ -1,4 +1,4 @@
-"""Settings of the vehicle bridge. What spec §3 and architecture §5 fix in figures is a constant where it is used."""
+"""Settings of the vehicle bridge. Figures that spec §3 and architecture §5 fix are constants where they are used."""
 
 from typing import Annotated
 

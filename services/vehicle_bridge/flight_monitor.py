@@ -1,4 +1,4 @@
-"""Detection of what ends a flight under the bridge: tilt, and the loss of telemetry or of the bus's router."""
+"""Detection of the conditions that end a flight: tilt, and the loss of telemetry or of the bus's router."""
 
 from math import degrees
 

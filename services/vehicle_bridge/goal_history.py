@@ -1,4 +1,4 @@
-"""Past goals: none flies twice or after an abort that came later, and each owner learns why its control ended."""
+"""Past goals: none flies twice or after an abort that came later, and each owner gets the reason why its control ended."""
 
 from jezero.schemas.commands import Acquire
 from jezero.services.vehicle_bridge.admission import Grant
@@ -18,7 +18,7 @@ class GoalHistory:
     def __init__(self) -> None:
         self.last_abort_ns: int | None = None
         self._end_reasons: dict[str, str | None] = {}
-        """Why control ended, by control id; None where its owner released it."""
+        """Reason why control ended, by control id; None where its owner released it."""
         self._flown: dict[str, None] = {}
         """Ids of goals that have sent a setpoint, oldest first."""
 
@@ -42,7 +42,7 @@ class GoalHistory:
                 del self._flown[next(iter(self._flown))]
 
     def add_ended(self, grant: Grant, reason: str | None) -> None:
-        """Remember why control ended; None where its owner released it."""
+        """Remember the reason why control ended; None where its owner released it."""
         self._end_reasons[grant.control_id] = reason
         if len(self._end_reasons) > ENDED_MAX:
             del self._end_reasons[next(iter(self._end_reasons))]

@@ -58,7 +58,7 @@ class Grants:
         self.present = None
 
     def expiry_reason(self, vehicle: VehicleSnapshot) -> str | None:
-        """Reason why the present grant ends for want of setpoints, None when it doesn't."""
+        """Reason why the present grant ends without setpoints, None when it doesn't."""
         grant = self.present
         if grant is None:
             return None

@@ -25,7 +25,7 @@ def moving_ground_reason(link: AutopilotLink, config: VehicleBridgeConfig) -> st
     speed_mps = 0.0 if odometry is None else horizontal(odometry.vel_uav_ned_mps)
     if speed_mps <= limit_mps:
         return None
-    return f"what the vehicle stands on moves at {speed_mps:.2f} m/s: stop it, {limit_mps:g} m/s is the limit"
+    return f"the ground under the vehicle moves at {speed_mps:.2f} m/s: stop the rover, {limit_mps:g} m/s is the limit"
 
 
 def _missing(

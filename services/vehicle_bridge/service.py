@@ -36,7 +36,7 @@ STREAM_PERIOD_NS = 50_000_000
 """Period of an unchanged target: the autopilot needs more than 2 Hz in offboard mode, a hover is streamed at 10 Hz."""
 HEARTBEAT_PERIOD_NS = 1_000_000_000
 INTERVALS_PERIOD_NS = 5_000_000_000
-"""Period of the requests for telemetry, which the autopilot forgets when it restarts."""
+"""Period of the requests for telemetry: an autopilot that has restarted needs a new one."""
 ALTIMETER_MAX_AGE_NS = 300_000_000
 FIRST_STATUS_TIMEOUT_NS = 1_500_000_000
 """A bridge that has just started waits this long for telemetry before it publishes status 0: the vehicle may be
@@ -134,7 +134,7 @@ class VehicleBridge:
         return self._link.receive(inbox.received(LINK), self._timer.now_ns, inbox.wall_ns, self._epoch_id or 0)
 
     def _digest(self, batch: TelemetryBatch, t_ns: int, inbox: Inbox, *, respawned: bool) -> None:
-        """Update everything that depends on the news from the autopilot."""
+        """Update everything that depends on what the autopilot sent."""
         if respawned or batch.restarted:
             self._sent = (None, 0)
             reason = "the vehicle was respawned" if respawned else "the autopilot restarted"
@@ -241,7 +241,7 @@ class VehicleBridge:
             yield Send(LINK, data)
 
     def _configure(self, vehicle: VehicleSnapshot, wall_ns: int) -> bytes:
-        """Request telemetry and set parameters; nothing of it while others fly and telemetry arrives."""
+        """Request telemetry and set parameters; neither while others fly and telemetry arrives."""
         if self._link.telemetry.received_wall_ns is None:
             return b""
         data = b""

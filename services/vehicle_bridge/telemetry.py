@@ -54,7 +54,7 @@ class Telemetry:
 
 
 class TelemetryBatch(msgspec.Struct):
-    """The news in one batch of bytes, oldest first.
+    """Contents of one batch of bytes, oldest first.
 
     Attributes:
         timer_ns: timer's time of arrival.

@@ -7,8 +7,8 @@ AHEAD_MAX_NS = 150_000_000
 class Timer:
     """Elapsed vehicle time that never steps back, from an estimate of vehicle time that may.
 
-    The estimate steps back when the time master stood still and the bridge learns it afterwards. The time that passes
-    until the estimate is where it was has been counted already, and is not counted twice, within `AHEAD_MAX_NS`.
+    The estimate steps back when the time master stood still and its clock message arrives afterwards. The time until
+    the estimate is where it was has been counted already, and is not counted twice, within `AHEAD_MAX_NS`.
 
     Attributes:
         now_ns: vehicle time since the first update; never steps back.

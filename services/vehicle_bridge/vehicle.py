@@ -1,4 +1,4 @@
-"""The vehicle as the bridge's decisions see it, and the commands and targets for its autopilot. No MAVLink here."""
+"""State of the vehicle, and the commands and targets for its autopilot. No MAVLink here."""
 
 from enum import StrEnum
 
