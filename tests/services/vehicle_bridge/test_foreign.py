@@ -44,14 +44,14 @@ def switched_to_hold(rig: Rig) -> None:
 
 
 def streamed_to(rig: Rig) -> None:
-    rig.autopilot.intruder = stream(vx=2.0)
+    rig.autopilot.foreign_setpoint = stream(vx=2.0)
 
 
 # -- taking over -------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("where", "what", "words"),
+    ("start", "event", "text"),
     [
         (lambda: Rig().ready(), armed_in_posctl, "armed, and not by the bridge"),
         (lambda: Rig().fly(), switched_to_hold, "was switched to AUTO.LOITER"),
@@ -61,20 +61,20 @@ def streamed_to(rig: Rig) -> None:
     ],
 )
 def test_after_a_takeover_the_other_is_in_charge_and_nothing_is_sent_to_the_autopilot(
-    where: Callable[[], Rig], what: Callable[[Rig], None], words: str
+    start: Callable[[], Rig], event: Callable[[Rig], None], text: str
 ) -> None:
-    rig = where()
-    what(rig)
+    rig = start()
+    event(rig)
     rig.run_until(lambda: rig.status.code == 13, limit_s=1.0)
     assert rig.status.in_charge == "external"
     assert rig.status.text.startswith("taken over: ")
-    assert words in rig.status.text
+    assert text in rig.status.text
     assert not rig.acquire().granted
     heartbeat = len(MavlinkCodec(1, 191).pack(dialect.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)))
-    rig.autopilot.heard = 0
+    rig.autopilot.bytes_received = 0
     rig.run(10.0)
     assert rig.status.code == 13
-    assert rig.autopilot.heard == 10 * heartbeat
+    assert rig.autopilot.bytes_received == 10 * heartbeat
 
 
 def test_a_goal_ends_with_the_reason_and_its_later_setpoints_are_dropped() -> None:
@@ -89,53 +89,52 @@ def test_a_goal_ends_with_the_reason_and_its_later_setpoints_are_dropped() -> No
 
 def test_an_autopilot_with_one_heartbeat_a_second_is_requested_more_while_the_bridge_flies_and_only_then() -> None:
     rig = Rig()
-    rig.autopilot.beat_s = 1.0
+    rig.autopilot.heartbeat_s = 1.0
     rig.ready().run(3.0)
-    assert rig.autopilot.beat_requests == 0
+    assert rig.autopilot.heartbeat_requests == 0
     rig.fly()
-    before = rig.autopilot.beat_requests
+    before = rig.autopilot.heartbeat_requests
     rig.run(3.0)
-    assert 15 <= rig.autopilot.beat_requests - before <= 20
+    assert 15 <= rig.autopilot.heartbeat_requests - before <= 20
     rig.autopilot.mode = MODES["POSCTL"]
     rig.run(0.25)
     assert (rig.status.code, rig.status.in_charge) == (13, "external")
-    before = rig.autopilot.beat_requests
+    before = rig.autopilot.heartbeat_requests
     rig.run(3.0)
-    assert rig.autopilot.beat_requests == before
-    assert rig.ask(HOVER, Hover()).hover_mode
+    assert rig.autopilot.heartbeat_requests == before
+    assert rig.request(HOVER, Hover()).hover_mode
 
 
 def test_an_autopilot_with_many_heartbeats_is_requested_no_more() -> None:
     rig = flying()
-    rig.autopilot.beat_s = 0.1
+    rig.autopilot.heartbeat_s = 0.1
     rig.run(2.0)
-    assert rig.autopilot.beat_requests == 0
+    assert rig.autopilot.heartbeat_requests == 0
 
 
-def arming() -> Rig:
-    """A rig whose bridge has commanded arming and waits for it."""
+def arming() -> tuple[Rig, str]:
+    """A rig whose bridge has commanded arming and waits for it, and the control id."""
     rig = Rig().ready()
-    rig.autopilot.tells_armed = False
+    rig.autopilot.reported_armed = False
     rig.autopilot.refuse_arming = "not yet"
     control_id = rig.acquire().control_id
     rig.run(0.5, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
-    rig.control_id = control_id  # type: ignore[attr-defined]
     assert rig.autopilot.mode == MODES["OFFBOARD"]
-    return rig
+    return rig, control_id
 
 
 def test_arming_by_somebody_else_while_the_bridge_is_about_to_arm_is_a_takeover() -> None:
-    rig = arming()
-    rig.autopilot.tells_armed, rig.autopilot.armed, rig.autopilot.mode = None, True, MODES["POSCTL"]
+    rig, _ = arming()
+    rig.autopilot.reported_armed, rig.autopilot.armed, rig.autopilot.mode = None, True, MODES["POSCTL"]
     rig.step()
     assert (rig.status.code, rig.status.in_charge) == (13, "external")
 
 
 def test_a_change_of_mode_while_the_bridge_is_about_to_arm_is_a_takeover() -> None:
-    rig = arming()
+    rig, control_id = arming()
     rig.autopilot.mode = MODES["POSCTL"]
     rig.autopilot.commands.clear()
-    rig.run(0.5, lambda: rig.setpoint(rig.control_id, Phase.TAKEOFF))  # type: ignore[attr-defined]
+    rig.run(0.5, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
     assert rig.codes == [0, 1, 13, 0]
     assert "taken over: the autopilot was switched to POSCTL" in rig.status.text
     assert [c for c in rig.autopilot.commands if c[0] == SET_MODE] == []
@@ -144,21 +143,26 @@ def test_a_change_of_mode_while_the_bridge_is_about_to_arm_is_a_takeover() -> No
 def test_a_ground_station_that_only_listens_takes_nothing_over() -> None:
     rig = flying()
     station, other = MavlinkCodec(255, 190), MavlinkCodec(1, 100)
-    beats = station.pack(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
-    beats += other.pack(dialect.MAVLink_heartbeat_message(30, 8, 0, 0, 5, 3))
+    heartbeats = station.pack(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    heartbeats += other.pack(dialect.MAVLink_heartbeat_message(30, 8, 0, 0, 5, 3))
     vehicle = MavlinkCodec(2, 1).pack(dialect.MAVLink_heartbeat_message(2, 12, 1, MODES["LAND"], 5, 3))
     echo = MavlinkCodec(255, 1).pack(
         dialect.MAVLink_position_target_local_ned_message(0, 1, POSITION, 9, 9, 9, 0, 0, 0, 0, 0, 0, 0, 0)
     )
 
     def forwarded() -> None:
-        rig._to_bridge += beats + vehicle + echo
+        rig._to_bridge += heartbeats + vehicle + echo
 
-    rig.autopilot.intruder = None
+    rig.autopilot.foreign_setpoint = None
     rig.run(0.2, forwarded)
     assert rig.status.code == 4
     control_id = rig.status.control_id
-    rig.run(1.5, lambda: (forwarded(), rig.setpoint(control_id, Phase.GO_TO)))
+
+    def forwarded_and_flown() -> None:
+        forwarded()
+        rig.setpoint(control_id, Phase.GO_TO)
+
+    rig.run(1.5, forwarded_and_flown)
     assert rig.status.code == 4
 
 
@@ -197,10 +201,10 @@ def test_only_hover_takes_control_back_and_only_in_the_air() -> None:
     assert "take control back with hover" in rig.acquire("go_to").reason
     rig.autopilot.landed = True
     rig.step()
-    assert "in the air only" in rig.ask(HOVER, Hover()).reason
+    assert "in the air only" in rig.request(HOVER, Hover()).reason
     rig.autopilot.landed = False
     rig.step()
-    assert rig.ask(HOVER, Hover()).hover_mode
+    assert rig.request(HOVER, Hover()).hover_mode
     assert rig.codes[-2:] == [13, 3]
     rig.run(2.0)
     assert rig.status.in_charge == "hover"
@@ -208,12 +212,12 @@ def test_only_hover_takes_control_back_and_only_in_the_air() -> None:
 
 def test_a_stream_that_goes_on_after_a_hover_is_another_takeover() -> None:
     rig = Rig().fly()
-    rig.autopilot.intruder = stream(vx=1.0)
+    rig.autopilot.foreign_setpoint = stream(vx=1.0)
     rig.run(1.0)
-    assert rig.ask(HOVER, Hover()).hover_mode
+    assert rig.request(HOVER, Hover()).hover_mode
     rig.run_until(lambda: rig.status.code == 13, limit_s=1.0)
-    rig.autopilot.intruder = None
-    assert rig.ask(HOVER, Hover()).hover_mode
+    rig.autopilot.foreign_setpoint = None
+    assert rig.request(HOVER, Hover()).hover_mode
     rig.run(3.0)
     assert rig.status.code == 3
 

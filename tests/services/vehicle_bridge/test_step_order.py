@@ -28,7 +28,7 @@ class GoalFlight:
         rig.box.bytes = data
         before = len(rig.outputs)
         for output in rig.bridge.step(rig.t_ns, rig.box):
-            rig._take(output)
+            rig._apply(output)
         rig.box.clear()
         return rig.outputs[before:]
 
