@@ -1,4 +1,4 @@
-"""Past goals: none flies twice or after an abort that came later, and each owner gets the reason why its control ended."""
+"""Past goals: none flies twice or after a later abort, and each owner gets the reason why its control ended."""
 
 from jezero.schemas.commands import Acquire
 from jezero.services.vehicle_bridge.admission import Grant
