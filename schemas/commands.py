@@ -1,4 +1,4 @@
-"""Who flies, and where to."""
+"""Requests for control, setpoints, and commands to camera and rover."""
 
 from enum import StrEnum
 from typing import Annotated, Literal
@@ -9,7 +9,7 @@ from jezero.schemas.struct import Angle, Message, Name, Payload, PositionNed, Te
 
 
 class Phase(StrEnum):
-    """What the goal in charge is doing; the bridge derives the status code from it."""
+    """Phase of the goal in charge, from which the bridge derives the status code."""
 
     TAKEOFF = "takeoff"
     GO_TO = "go_to"
@@ -19,14 +19,18 @@ class Phase(StrEnum):
 
 
 class Setpoint(Message, frozen=True, kw_only=True, omit_defaults=True):
-    """One setpoint of the goal in charge. What isn't given isn't sent.
+    """One setpoint of the goal in charge, with at least one of position and velocity.
 
     Attributes:
-        control_id: from the grant; setpoints of anybody else are dropped. Of any characters, as it is only compared.
-        sequence: grows by one with each setpoint; older ones are dropped.
-        reset_counter: of the odometry this setpoint was computed from.
-        pos_ned_m, vel_ned_mps, acc_ned_mps2: at least one of position and velocity; the others are feed-forward.
-        yaw_rad: heading, or None to keep it; yaw_rate_rps: how fast it turns, fed forward.
+        control_id: control id of the grant, of any characters; setpoints with another one are dropped.
+        sequence: grows by one with each setpoint; a smaller one than the last is dropped.
+        phase: phase of the goal.
+        reset_counter: reset counter of the odometry that the setpoint was computed from.
+        pos_ned_m: position; None leaves it to the velocity.
+        vel_ned_mps: velocity; feed-forward where a position is given.
+        acc_ned_mps2: acceleration feed-forward.
+        yaw_rad: heading, or None to keep it.
+        yaw_rate_rps: yaw rate feed-forward.
     """
 
     control_id: Annotated[str, Meta(max_length=64)]
@@ -41,15 +45,18 @@ class Setpoint(Message, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Acquire(Payload, frozen=True, kw_only=True):
-    """Ask to be in charge. Granted to one goal at a time; lapses without a setpoint within 0.5 s.
+    """Request control for a goal. It is granted to one goal at a time, and ends without a setpoint within 0.5 s.
 
     Attributes:
-        issued_t_ns: vehicle time of asking; refused when it comes so late that nobody waits for the answer. None:
-            not checked.
-        goal_t_ns: vehicle time at which the goal came; refused when there was an abort since, which may have meant a
-            goal that was still being prepared. None: not checked.
+        goal_id: id of the goal.
+        action: name of the goal's action.
+        do_takeoff: the goal may take off first.
+        issued_t_ns: vehicle time of the request; an old one is refused, as its sender has stopped waiting for the
+            reply. None: not checked.
+        goal_t_ns: vehicle time at which the action server received the goal; refused when there was an abort since,
+            which may have meant a goal that was still being prepared. None: not checked.
         goal_issued_t_ns: vehicle time at which the client sent the goal; refused when the bridge has started since, as
-            nobody may remember that it flew. None: not checked.
+            it doesn't know whether the goal flew before. None: not checked.
     """
 
     goal_id: Name
@@ -61,11 +68,15 @@ class Acquire(Payload, frozen=True, kw_only=True):
 
 
 class AcquireReply(Payload, frozen=True, kw_only=True):
-    """The bridge's answer.
+    """Reply to `Acquire`.
 
     Attributes:
-        grants: how often this run of the bridge has given control, this time included; a `Status` with less is from
-            before.
+        granted: whether the goal has control.
+        reason: reason of a refusal.
+        control_id: identifies the grant in setpoints and in the release.
+        bridge_boot_id: differs between two runs of the bridge.
+        grants: number of grants in this run of the bridge, this one included; a `Status` with a smaller number is
+            older than the reply.
     """
 
     granted: bool
@@ -82,10 +93,14 @@ class Release(Payload, frozen=True, kw_only=True):
     """Give control back.
 
     Attributes:
-        then: what the bridge does next: hover at `hover_pos_ned_m` (where it is when None), or disarm, which the
-            autopilot refuses in the air, or disarm by force, for a landing whose own signs say that the vehicle stands
-            although the autopilot doesn't; the bridge refuses it when its altimeter says otherwise.
-        reset_counter: of the odometry that `hover_pos_ned_m` belongs to.
+        control_id: control id of the grant.
+        outcome: how the goal ended.
+        then: action of the bridge afterwards. `hover` hovers at `hover_pos_ned_m`. `disarm` disarms normally, which
+            the autopilot refuses in the air. `force_disarm` disarms by force, for a landing that has detected the
+            ground although the autopilot has not; the bridge refuses it when the altimeter measures a height.
+        hover_pos_ned_m: hover point; None where the vehicle comes to rest.
+        reset_counter: reset counter of the odometry that `hover_pos_ned_m` was computed from.
+        reason: reason of an outcome other than success, for people.
     """
 
     control_id: Name
@@ -97,7 +112,7 @@ class Release(Payload, frozen=True, kw_only=True):
 
 
 class ReleaseReply(Payload, frozen=True, kw_only=True):
-    """Sent when the vehicle hovers (code 3) or is disarmed (code 0), or with the reason why not."""
+    """Reply to `Release`, sent when the vehicle hovers (code 3) or is disarmed (code 0), or with a failure's reason."""
 
     released: bool
     code: int
@@ -109,7 +124,7 @@ class Hover(Payload, frozen=True, kw_only=True):
 
     Attributes:
         hover_req: false is refused: a goal in charge ends a hover, nothing else does.
-        hover_pos: world NED in metres. (Name of the thesis' service.)
+        hover_pos: hover point, world NED in metres. (The thesis' name.)
     """
 
     hover_req: bool = True
@@ -117,18 +132,25 @@ class Hover(Payload, frozen=True, kw_only=True):
 
 
 class HoverReply(Payload, frozen=True, kw_only=True):
+    """Reply to `Hover`, sent when the vehicle hovers, or with a failure's reason."""
+
     hover_mode: bool
     reason: Text = ""
 
 
 class Abort(Payload, frozen=True, kw_only=True):
-    """End whatever goal is in charge; `reason` is passed on to its client."""
+    """End the goal in charge; `reason` is passed on to its client."""
 
     reason: Text = ""
 
 
 class AbortReply(Payload, frozen=True, kw_only=True):
-    """`hovering` tells that the vehicle is in the air under the bridge's hover; on the ground it disarms."""
+    """Reply to `Abort`.
+
+    Attributes:
+        hovering: the vehicle is in the air and hovers under the bridge; on the ground it disarms instead.
+        reason: the event, for people.
+    """
 
     hovering: bool
     reason: Text = ""
@@ -141,23 +163,25 @@ class Kill(Payload, frozen=True, kw_only=True):
 
 
 class KillReply(Payload, frozen=True, kw_only=True):
+    """Reply to `Kill`, sent when the motors are off, or with a failure's reason."""
+
     killed: bool
     reason: Text = ""
 
 
 class CameraPitch(Message, frozen=True, kw_only=True):
-    """Where the camera shall look; see `CameraFrame`."""
+    """Commanded angles of the camera; see `CameraFrame`."""
 
     pitch_camera_rad: Annotated[float, Meta(ge=-1.5708, le=0.0)]
     roll_camera_rad: Annotated[float, Meta(ge=-0.8, le=0.8)] = 0.0
 
 
 class RoverCommand(Message, frozen=True, kw_only=True):
-    """How the rover shall drive. It stops when no command has come for half a second.
+    """Commanded motion of the rover, which stops when no command has come for half a second.
 
     Attributes:
-        speed_rover_body_mps: forward along its heading, negative is backwards.
-        yaw_rate_rover_rps: clockwise as seen from above.
+        speed_rover_body_mps: speed along the heading, negative is backwards.
+        yaw_rate_rover_rps: yaw rate, clockwise as seen from above.
     """
 
     speed_rover_body_mps: Annotated[float, Meta(ge=-2.0, le=2.0)]

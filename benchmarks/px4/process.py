@@ -94,7 +94,7 @@ class Px4Process:
             message = dialect.MAVLink_param_set_message(self._system_id, 1, name.encode(), value, kind)
             self._offboard.send(self._codec.pack(message))
         if self._setter.failed:
-            raise RuntimeError(self._setter.complaint)
+            raise RuntimeError(self._setter.failure_text)
 
     def close(self) -> None:
         """End PX4."""

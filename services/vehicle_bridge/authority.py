@@ -1,36 +1,36 @@
-"""Who is in charge, what the status is, and what is asked of the autopilot. Source: spec §3, architecture §5.
+"""State machine that decides who controls the vehicle and what is commanded. Source: spec §3, architecture §5.
 
-Time and the vehicle come in as a `Situation`; out come `code`, `target` (what to stream) and `wanted` (what to order).
+Inputs are requests, setpoints and a `VehicleSnapshot` per step; outputs are `code`, `target` and `command`.
 """
-
-from math import degrees
 
 from jezero.frames import Vec3
 from jezero.schemas.commands import Acquire, Hover, Release, Setpoint
 from jezero.schemas.state import InCharge, StatusCode
+from jezero.services.vehicle_bridge.abort_maneuver import AbortManeuver
 from jezero.services.vehicle_bridge.admission import (
     Grant,
-    in_words,
+    force_disarm_refusal,
+    hover_refusal,
     is_within_limits,
-    phases_of,
-    why_not_acquire,
-    why_not_force,
-    why_not_hover,
-    why_not_setpoint,
+    release_refusal,
+    setpoint_refusal,
+    status_words,
 )
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
-from jezero.services.vehicle_bridge.goal_history import GoalsPast
-from jezero.services.vehicle_bridge.maneuvers import Aborting, coming_to_rest, hovering_after, pressing_down
+from jezero.services.vehicle_bridge.flight_monitor import FlightMonitor
+from jezero.services.vehicle_bridge.grants import Grants
 from jezero.services.vehicle_bridge.resets import ResetHistory
-from jezero.services.vehicle_bridge.takeover import Takeover, Tidying
+from jezero.services.vehicle_bridge.takeover_detector import TakeoverDetector
+from jezero.services.vehicle_bridge.targets import press_down_target, released_target, setpoint_target, stopping_target
 from jezero.services.vehicle_bridge.transitions import CODE_OF, IN_PROGRESS, completed, require
-from jezero.services.vehicle_bridge.vehicle import LAND, OFFBOARD, Order, Situation, Standing, Target
+from jezero.services.vehicle_bridge.unarmable_mode import UnarmableModeDetector
+from jezero.services.vehicle_bridge.vehicle import LAND, OFFBOARD, Command, ControlState, Target, VehicleSnapshot
 
-GRANT_TIMEOUT_S = 0.5
-HOLD_S = 0.1
-"""How long a code that only reports something lasts, so that everyone sees it."""
-STREAM_FIRST_S = 0.2
-"""Setpoints stream this long before the autopilot is asked for offboard mode."""
+REPORT_MIN_S = 0.1
+"""A code that only reports an event lasts at least this long, so that every subscriber gets it."""
+STREAM_LEAD_S = 0.2
+"""Setpoints are streamed for this time before the autopilot is commanded into offboard mode."""
+NO_REASON = "the autopilot gives no reason"
 
 
 class Authority:
@@ -38,409 +38,363 @@ class Authority:
 
     Attributes:
         code: the present status.
-        text: the last event worth telling.
-        grant: of the goal in charge, or None.
-        target: what to stream; None: nothing.
-        wanted: what to ask of the autopilot now.
-        taking_back: in 13, control was asked back and is being sought.
-        killing: in 13, the motors are being cut.
-        changes: every standing that a change of code led to, until taken.
+        text: the last event, for people.
+        target: setpoint to stream, None for no stream.
+        command: command to the autopilot, None for none.
+        taking_back: in status 13, the bridge tries to take control back.
+        killing: in status 13, the motors are being cut.
+        changes: the control state after each change of code; the publisher empties the list.
     """
 
     def __init__(self, config: VehicleBridgeConfig, boot_id: int) -> None:
         self.code = StatusCode.IDLE
         self.text = "the bridge has started"
-        self.grant: Grant | None = None
         self.target: Target | None = None
-        self.wanted: Order | None = None
-        self.taking_back = False
-        self.killing = False
-        self.changes: list[Standing] = []
+        self.command: Command | None = None
+        self.taking_back = self.killing = False
+        self.changes: list[ControlState] = []
         self._config = config
-        self._boot_id = boot_id
-        self._grants = 0
-        self._past = GoalsPast()
-        self._other: InCharge = "failsafe"
-        self._takeover = Takeover()
-        self._tidying = Tidying()
-        self._entered_ns: int | None = None
-        self._since_ns = 0
-        """When engaging, or taking back, began."""
-        self._upright_ns = 0
+        self._grants = Grants(config, boot_id)
+        self._external_holder: InCharge = "failsafe"
+        self._takeover = TakeoverDetector()
+        self._unarmable_mode = UnarmableModeDetector()
+        self._monitor = FlightMonitor(config)
+        self._abort_maneuver = AbortManeuver(config)
+        self._code_since_ns = 0
+        self._engage_since_ns = 0
+        """Time at which the bridge began to engage, or to take control back."""
         self._engaged = False
-        """The autopilot has been seen armed and in offboard mode since the bridge asked for it."""
-        self._arming = False
-        """Arming was asked for and may still happen, whatever telemetry says."""
-        self._seen_disarmed = False
-        self._aborting = Aborting(config)
-        self._landing_alone = False
-        self._by_force = False
-        """The landing that has ended is sure that the vehicle stands, though the autopilot is not."""
+        """The autopilot has been armed and in offboard mode since the bridge commanded it."""
+        self._arm_pending = False
+        """Arming was commanded and may still happen, whatever telemetry reports."""
+        self._was_disarmed = False
+        self._land_commanded = False
+        self._force_disarm = False
+        """The finished landing detected the ground, although the autopilot's land detector did not."""
+
+    @property
+    def grant(self) -> Grant | None:
+        """Grant of the goal in charge."""
+        return self._grants.present
 
     @property
     def in_charge(self) -> InCharge:
         if self.code is StatusCode.EXTERNAL:
-            return self._other
+            return self._external_holder
         if self.grant is not None:
             return "goal"
         return "none" if self.code is StatusCode.IDLE else "hover"
 
     @property
-    def standing(self) -> Standing:
+    def control_state(self) -> ControlState:
         goal_id, control_id = ("", "") if self.grant is None else (self.grant.goal_id, self.grant.control_id)
-        return Standing(self.code, self.in_charge, goal_id, control_id, self._grants, self.text)
+        return ControlState(self.code, self.in_charge, goal_id, control_id, self._grants.count, self.text)
 
-    # -- what others ask ---------------------------------------------------------------------------------
+    # -- requests and setpoints --------------------------------------------------------------------------
 
-    def acquire(self, request: Acquire, now: Situation) -> str:
-        """Give control to a goal; returns why not, or "" with the new `grant`."""
-        grant = self.grant
-        if grant is not None and grant.sequence < 0 and grant.goal_id == request.goal_id:
-            return ""  # it asks again because the reply was lost
-        refusal = self._past.why_not(request, now) or why_not_acquire(
-            request, self.code, grant, self.text, now, self._config.link_timeout_s
-        )
-        if refusal:
+    def acquire(self, request: Acquire, vehicle: VehicleSnapshot) -> str | None:
+        """Give control to a goal; returns the reason for a refusal, or None with the new `grant`."""
+        refusal = self._grants.acquire(request, self.code, self.text, vehicle)
+        if self.grant is not None and not refusal:
+            self.text = f"{self.grant.name} is in charge"
+        return refusal
+
+    def accept(self, setpoint: Setpoint, vehicle: VehicleSnapshot, resets: ResetHistory) -> str | None:
+        """Make a setpoint the new target; returns the reason for a refusal, or None."""
+        grant, code = self.grant, CODE_OF.get(setpoint.phase)
+        refusal = setpoint_refusal(setpoint, self.code, grant, vehicle, resets)
+        if refusal or grant is None or code is None:
             return refusal
-        self._grants += 1
-        self.grant = Grant(
-            control_id=f"{self._boot_id:x}-{self._grants}",
-            goal_id=request.goal_id,
-            action=request.action,
-            phases=phases_of(request.action, self.code),
-            timer_ns=now.timer_ns,
-        )
-        self.text = f"{self.grant.name} is in charge"
-        return ""
-
-    def accept(self, setpoint: Setpoint, now: Situation, resets: ResetHistory) -> str:
-        """Take one setpoint as the new target; returns why not, or ""."""
-        grant = self.grant
-        refusal = why_not_setpoint(setpoint, self.code, grant, now, resets)
-        if refusal or grant is None:
-            return refusal
-        yaw_rad = self._yaw_rad(now) if setpoint.yaw_rad is None else setpoint.yaw_rad
-        target = Target(setpoint.pos_ned_m, setpoint.vel_ned_mps, setpoint.acc_ned_mps2, yaw_rad, setpoint.yaw_rate_rps)
-        if setpoint.reset_counter != resets.counter:
-            target = target.moved(resets.step_since(setpoint.reset_counter) or (0.0, 0.0, 0.0))
-        self.target = target
+        self.target = setpoint_target(setpoint, self._yaw_rad(vehicle), resets)
         if grant.sequence < 0:
-            self._past.flies(grant.goal_id)
+            self._grants.history.add_flown(grant.goal_id)
         grant.sequence = setpoint.sequence
-        grant.timer_ns = now.timer_ns
-        code = CODE_OF[setpoint.phase]
+        grant.timer_ns = vehicle.timer_ns
         if code is not self.code:
             if self.code is StatusCode.IDLE:
-                self._since_ns = now.timer_ns
+                self._engage_since_ns = vehicle.timer_ns
             self.text = f"{grant.name}: {setpoint.phase}"
-            self._go(code, now)
-        return ""
+            self._set_code(code, vehicle)
+        return None
 
-    def release(self, request: Release, now: Situation, resets: ResetHistory) -> str:
-        """Take control back from a goal; returns why not, or "". It is done when the status is 3 or 0."""
+    def release(self, request: Release, vehicle: VehicleSnapshot, resets: ResetHistory) -> str | None:
+        """Take a goal's control; returns the reason for a refusal, or None. It is done when the status is 3 or 0."""
         grant = self.grant
         if grant is None or grant.control_id != request.control_id:
-            return self._past.why_ended(request.control_id)
+            return self._grants.history.end_reason(request.control_id)
         if request.outcome != "succeeded" or self.code not in IN_PROGRESS:
             because = f": {request.reason}" if request.reason else ""
-            self._revoke(f"{grant.name} {request.outcome}{because}", now, given_back=True)
+            self._revoke(f"{grant.name} {request.outcome}{because}", vehicle, released=True)
         elif not self._engaged:
-            self._revoke(f"{grant.name} ended before the vehicle was armed in offboard mode", now, given_back=True)
-        elif (self.code is StatusCode.LANDING) != (request.then != "hover"):
-            return "a landing that succeeded ends with then=disarm, and nothing else does"
-        elif request.then == "force_disarm" and (refusal := why_not_force(now, self._config)):
+            self._revoke(f"{grant.name} ended before the vehicle was armed in offboard mode", vehicle, released=True)
+        elif refusal := release_refusal(request, self.code, vehicle, self._config):
             return refusal
         else:
-            self._by_force = request.then == "force_disarm"
-            forced = ", disarming by force: the autopilot doesn't see the ground" if self._by_force else ""
-            self._end(f"{grant.name} succeeded{forced}", given_back=True)
+            self._force_disarm = request.then == "force_disarm"
+            forced = ", disarming by force: the autopilot doesn't detect the ground" if self._force_disarm else ""
+            self._end_grant(f"{grant.name} succeeded{forced}", released=True)
             if self.code is StatusCode.LANDING:
-                self.target = pressing_down(self.target, self._yaw_rad(now))
+                self.target = press_down_target(self.target, self._yaw_rad(vehicle))
             else:
-                self.target = hovering_after(request, self._at_rest(now), resets)
-            self._go(completed(self.code), now)
-        return ""
+                self.target = released_target(request, self._stopping_target(vehicle), resets)
+            self._set_code(completed(self.code), vehicle)
+        return None
 
-    def hover(self, request: Hover, now: Situation) -> str:
-        """Hover here, or at a point; returns why not, or "". It is done when the status is 3."""
-        refusal = why_not_hover(request, self.code, self.text, self.killing, now, self._config)
+    def hover(self, request: Hover, vehicle: VehicleSnapshot) -> str | None:
+        """Hover here or at a point; returns the reason for a refusal, or None. It is done when the status is 3."""
+        refusal = hover_refusal(request, self.code, self.text, self.killing, vehicle, self._config)
         if refusal:
             return refusal
         if self.code is StatusCode.EXTERNAL:
-            self._begin_taking_back(now)
-            return ""
+            self._begin_taking_back(vehicle)
+            return None
         if self.grant is not None:
-            self._revoke(f"{self.grant.name} ended: hover was asked for", now)
+            self._revoke(f"{self.grant.name} ended: hover was requested", vehicle)
         if self.code is StatusCode.HOVER:
             if request.hover_pos is None:
-                self.target = self._at_rest(now)
+                self.target = self._stopping_target(vehicle)
                 self.text = "hovering here"
             else:
-                self.target = Target(request.hover_pos, None, None, self._yaw_rad(now))
+                self.target = Target(request.hover_pos, None, None, self._yaw_rad(vehicle))
                 self.text = "hovering at ({:.2f}, {:.2f}, {:.2f})".format(*request.hover_pos)
-        return ""
+        return None
 
-    def _begin_taking_back(self, now: Situation) -> None:
+    def _begin_taking_back(self, vehicle: VehicleSnapshot) -> None:
         if not self.taking_back:
             self.taking_back = True
-            self._landing_alone = False
-            self._since_ns = now.timer_ns
-            self.target = self._at_rest(now)
+            self._land_commanded = False
+            self._engage_since_ns = vehicle.timer_ns
+            self.target = self._stopping_target(vehicle)
             self.text = "taking control back"
 
-    def abort(self, reason: str, now: Situation) -> str:
-        """End whatever goal is in charge, and all that wait for it; returns what happened, in words."""
-        self._past.aborted_ns = max(0, now.t_ns)
+    def abort(self, reason: str, vehicle: VehicleSnapshot) -> str:
+        """End the goal in charge and all goals that wait for control; returns the event, for people."""
+        self._grants.history.last_abort_ns = max(0, vehicle.t_ns)
         if self.grant is None:
-            return f"no goal was in charge, {in_words(self.code)}"
+            return f"no goal was in charge, {status_words(self.code)}"
         because = f": {reason}" if reason else ""
-        self._revoke(f"{self.grant.name} aborted on request{because}", now)
+        self._revoke(f"{self.grant.name} aborted on request{because}", vehicle)
         return self.text
 
-    def kill(self, why: str, now: Situation) -> None:
-        """Cut the motors, wherever the vehicle is."""
-        if self.code is not StatusCode.IDLE or now.armed is not False or self._arming:
-            self._lose("failsafe", why, now)
+    def kill(self, reason: str, vehicle: VehicleSnapshot) -> None:
+        """Cut the motors, in the air too."""
+        if self.code is not StatusCode.IDLE or vehicle.armed is not False or self._arm_pending:
+            self._lose_control("failsafe", reason, vehicle)
             self.killing = True
 
-    def restart(self, why: str, now: Situation) -> None:
-        """The vehicle is another one than before."""
-        self._past.aborted_ns = None
-        if self.code is StatusCode.IDLE:
-            self._end(why, given_back=False)
-        else:
-            self._lose("failsafe", why, now)
-        self._entered_ns = now.timer_ns
-        self._tidying.begin(now, at_once=True)
-        self.killing = self._landing_alone = self._arming = self._seen_disarmed = False
+    # -- events and time ---------------------------------------------------------------------------------
 
-    def moved(self, step_ned_m: Vec3, now: Situation) -> None:
-        """The autopilot moved its position in one step; what is streamed moves along, a hover within the limits."""
+    def on_restart(self, reason: str, vehicle: VehicleSnapshot) -> None:
+        """Start again with another vehicle, about which nothing is known."""
+        self._grants.history.last_abort_ns = None
+        if self.code is StatusCode.IDLE:
+            self._end_grant(reason)
+        else:
+            self._lose_control("failsafe", reason, vehicle)
+        self._code_since_ns = vehicle.timer_ns
+        self._unarmable_mode.reset(vehicle, own_flight=True)
+        self.killing = self._land_commanded = self._arm_pending = self._was_disarmed = False
+
+    def on_position_step(self, step_ned_m: Vec3, vehicle: VehicleSnapshot) -> None:
+        """Move the target along when the autopilot's position estimate has stepped; a hover stays within the limits."""
         before = self.target
         if before is None:
             return
         self.target = before.moved(step_ned_m)
         hovers = self.code is StatusCode.HOVER and self.grant is None
         if hovers and is_within_limits(before, self._config) and not is_within_limits(self.target, self._config):
-            self.target = self._at_rest(now)
+            self.target = self._stopping_target(vehicle)
             self.text = "the autopilot corrected its position, and the hover point is beyond the limits: hovering here"
 
-    # -- what time and the vehicle do --------------------------------------------------------------------
-
-    def tick(self, now: Situation) -> None:
-        """Once per step, after all that was asked."""
-        if self._entered_ns is None:
-            self._entered_ns = now.timer_ns
-        asked_to_arm = self._arming
-        if now.armed or now.accepted in (Order.DISARM, Order.FORCE_DISARM):
-            self._arming = False
-        flies = self.code not in (StatusCode.IDLE, StatusCode.EXTERNAL)
-        if not (flies and now.armed and now.tilt_rad > self._config.tilt_limit_rad):
-            self._upright_ns = now.timer_ns
+    def update(self, vehicle: VehicleSnapshot) -> None:
+        """Judge safety and time-outs; called once in each step, after all requests."""
+        arm_commanded = self._arm_pending
+        if vehicle.armed or vehicle.acknowledged in (Command.DISARM, Command.FORCE_DISARM):
+            self._arm_pending = False
+        flying = self.code not in (StatusCode.IDLE, StatusCode.EXTERNAL)
+        self._monitor.update(vehicle, flying=flying)
+        takeover = None
         if self.code in IN_PROGRESS and not self._engaged:
-            taken_over = self._takeover.before_lift_off(now, asked_to_arm=asked_to_arm)
-            if taken_over:
-                self._lose_to_others(taken_over, now)
-        if flies and self.code is not StatusCode.EXTERNAL:
-            self._watch_flight(now)
-        elif self.code is StatusCode.IDLE and now.armed:
-            self._on_armed_by_others(now)
-        self._seen_disarmed |= now.armed is False
-        if self.grant is not None:
-            self._expire(self.grant, now)
-        self.wanted = self._advance(now)
-        self._arming |= self.wanted is Order.ARM
+            takeover = self._takeover.before_lift_off(vehicle, arm_commanded=arm_commanded)
+        elif self.code is StatusCode.IDLE:
+            takeover = self._takeover.while_idle(vehicle, was_disarmed=self._was_disarmed)
+        if takeover:
+            self._lose_control(*takeover, vehicle)
+        elif flying:
+            self._judge_flight(vehicle)
+        self._was_disarmed |= vehicle.armed is False
+        expiry = self._grants.expiry_reason(vehicle)
+        if expiry:
+            self._revoke(expiry, vehicle)
+        self.command = self._advance(vehicle)
+        self._arm_pending |= self.command is Command.ARM
 
-    def _on_armed_by_others(self, now: Situation) -> None:
-        if self._seen_disarmed:
-            self._lose_to_others("armed, and not by the bridge", now)
-        elif now.failsafe or now.mode == OFFBOARD:
-            self._lose("failsafe", "the vehicle was armed already when the bridge first heard it", now)
-        else:
-            self._lose_to_others(f"the vehicle flew already, in {now.mode}, when the bridge first heard it", now)
+    def _judge_flight(self, vehicle: VehicleSnapshot) -> None:
+        monitor = self._monitor
+        takeover = self._takeover.in_flight(vehicle) if self._engaged else None
+        if reason := monitor.tilt_reason(vehicle):
+            self.kill(reason, vehicle)
+        elif takeover:
+            self._lose_control(*takeover, vehicle)
+        elif self._engaged and vehicle.armed is False:
+            self._on_disarmed(vehicle)
+        elif reason := monitor.blind_reason(vehicle):
+            self._lose_control("failsafe", reason, vehicle)
+        elif self.grant is not None and (reason := monitor.link_reason(vehicle)):
+            self._revoke(f"{self.grant.name} ended: {reason}", vehicle)
+        elif reason := monitor.router_reason(vehicle):
+            self._lose_control("failsafe", reason, vehicle)
+            self._land_commanded = True
 
-    def _watch_flight(self, now: Situation) -> None:
-        config = self._config
-        taken_over = self._takeover.in_flight(now) if self._engaged else ""
-        if (now.timer_ns - self._upright_ns) * 1e-9 >= config.tilt_timeout_s:
-            tilt_deg = degrees(now.tilt_rad)
-            self.kill(f"motors cut: tilted by {tilt_deg:.0f} degrees for {config.tilt_timeout_s:g} s", now)
-        elif taken_over:
-            self._lose_to_others(taken_over, now)
-        elif self._engaged and now.armed is False:
-            self._on_disarmed(now)
-        elif now.silent_s > config.blind_timeout_s:
-            self._lose("failsafe", f"no telemetry for {now.silent_s:.1f} s: left to the autopilot's failsafe", now)
-        elif now.silent_s > config.link_timeout_s and self.grant is not None:
-            self._revoke(f"{self.grant.name} ended: no telemetry for {now.silent_s:.1f} s", now)
-        elif now.router_lost_s >= config.router_timeout_s and now.armed and not now.landed:
-            self._lose("failsafe", f"landing: the bus's router has been missing for {now.router_lost_s:.0f} s", now)
-            self._landing_alone = True
-
-    def _on_disarmed(self, now: Situation) -> None:
-        """The motors stopped; during a landing or an abort on the ground that is what was wanted."""
-        because = f" ({now.complaint})" if now.complaint else ""
-        stands = now.landed or self._by_force
-        if stands and self.code in (StatusCode.LANDING, StatusCode.LANDING_DONE, StatusCode.ABORT):
+    def _on_disarmed(self, vehicle: VehicleSnapshot) -> None:
+        """The motors stopped, which is the aim of a landing and of an abort on the ground, and else a failure."""
+        because = f" ({vehicle.command_failure})" if vehicle.command_failure else ""
+        on_ground = vehicle.landed or self._force_disarm
+        if on_ground and self.code in (StatusCode.LANDING, StatusCode.LANDING_DONE, StatusCode.ABORT):
             return
-        if now.landed and self.code is StatusCode.TAKEOFF and self.grant is not None:
-            self._revoke(f"{self.grant.name} ended: the autopilot disarmed before lift-off{because}", now)
+        if vehicle.landed and self.code is StatusCode.TAKEOFF and self.grant is not None:
+            self._revoke(f"{self.grant.name} ended: the autopilot disarmed before lift-off{because}", vehicle)
         else:
-            self._lose("failsafe", f"the autopilot disarmed in status {self.code.name}{because}", now)
+            self._lose_control("failsafe", f"the autopilot disarmed in status {self.code.name}{because}", vehicle)
 
-    def _expire(self, grant: Grant, now: Situation) -> None:
-        silent_s = (now.timer_ns - grant.timer_ns) * 1e-9
-        if silent_s > (GRANT_TIMEOUT_S if grant.sequence < 0 else self._config.setpoint_timeout_s):
-            self._revoke(f"{grant.name} ended: it sent no setpoint for {silent_s:.2f} s", now)
-
-    def _advance(self, now: Situation) -> Order | None:
-        """Move on where time or the vehicle says so; returns what to ask of the autopilot."""
+    def _advance(self, vehicle: VehicleSnapshot) -> Command | None:
+        """Change the code where time or the vehicle's state says so; returns the command to the autopilot."""
         code = self.code
         if code is StatusCode.EXTERNAL:
-            return self._advance_external(now)
+            return self._advance_external(vehicle)
         if code is StatusCode.IDLE:
-            return Order.HOLD if self._tidying.is_wanted(now) else None
+            return Command.HOLD if self._unarmable_mode.update(vehicle) else None
         if code in IN_PROGRESS:
-            return self._engage(now)
+            return self._engage(vehicle)
         if code is StatusCode.ABORT:
-            return self._advance_abort(now)
+            return self._advance_abort(vehicle)
         if code is StatusCode.LANDING_DONE:
-            return self._disarm(now)
-        if code is not StatusCode.HOVER and self._held_s(now) >= HOLD_S:
-            self._go(StatusCode.HOVER, now)
+            return self._disarm(vehicle)
+        if code is not StatusCode.HOVER and self._code_age_s(vehicle) >= REPORT_MIN_S:
+            self._set_code(StatusCode.HOVER, vehicle)
         return None
 
-    def _engage(self, now: Situation) -> Order | None:
+    def _engage(self, vehicle: VehicleSnapshot) -> Command | None:
         if self._engaged or self.grant is None:
             return None
-        waited_s = (now.timer_ns - self._since_ns) * 1e-9
-        if now.armed and now.mode == OFFBOARD:
+        elapsed_s = (vehicle.timer_ns - self._engage_since_ns) * 1e-9
+        if vehicle.armed and vehicle.mode == OFFBOARD:
             self._engaged = True
-        elif waited_s > self._config.engage_timeout_s:
-            why = now.complaint or "the autopilot gives no reason"
-            self._revoke(f"{self.grant.name} ended: could not arm in offboard mode: {why}", now)
-        elif waited_s >= STREAM_FIRST_S and now.mode == OFFBOARD:
-            return Order.ARM
-        elif waited_s >= STREAM_FIRST_S and not self._takeover.was_offboard:
-            return Order.OFFBOARD
+        elif elapsed_s > self._config.engage_timeout_s:
+            reason = vehicle.command_failure or NO_REASON
+            self._revoke(f"{self.grant.name} ended: could not arm in offboard mode: {reason}", vehicle)
+        elif elapsed_s >= STREAM_LEAD_S and vehicle.mode == OFFBOARD:
+            return Command.ARM
+        elif elapsed_s >= STREAM_LEAD_S and not self._takeover.was_offboard:
+            return Command.OFFBOARD
         return None
 
-    def _advance_abort(self, now: Situation) -> Order | None:
-        if now.landed is not self._aborting.on_ground and not self._plan_abort(now):
+    def _advance_abort(self, vehicle: VehicleSnapshot) -> Command | None:
+        if vehicle.landed is not self._abort_maneuver.on_ground and not self._plan_abort(vehicle):
             return None
-        if self._aborting.on_ground:
-            return self._disarm(now)
-        held_s = self._held_s(now)
-        if held_s >= HOLD_S and self._aborting.is_done(now, held_s):
-            self._go(StatusCode.HOVER, now)
+        if self._abort_maneuver.on_ground:
+            return self._disarm(vehicle)
+        elapsed_s = self._code_age_s(vehicle)
+        if elapsed_s >= REPORT_MIN_S and self._abort_maneuver.is_done(vehicle, elapsed_s):
+            self._set_code(StatusCode.HOVER, vehicle)
         return None
 
-    def _disarm(self, now: Situation) -> Order | None:
-        held_s = self._held_s(now)
-        if now.armed is False and not self._arming:
+    def _disarm(self, vehicle: VehicleSnapshot) -> Command | None:
+        elapsed_s = self._code_age_s(vehicle)
+        if vehicle.armed is False and not self._arm_pending:
             self.target = None
-            if held_s >= HOLD_S:
-                self._go(StatusCode.IDLE, now)
+            if elapsed_s >= REPORT_MIN_S:
+                self._set_code(StatusCode.IDLE, vehicle)
             return None
-        if held_s > self._config.disarm_timeout_s:
-            why = now.complaint or "it gives no reason"
-            self._lose("failsafe", f"the autopilot did not disarm within {held_s:.0f} s: {why}", now)
+        if elapsed_s > self._config.disarm_timeout_s:
+            reason = f"the autopilot did not disarm within {elapsed_s:.0f} s: {vehicle.command_failure or NO_REASON}"
+            self._lose_control("failsafe", reason, vehicle)
             return None
-        by_force = self._by_force and not now.landed and not why_not_force(now, self._config)
-        return Order.FORCE_DISARM if by_force else Order.DISARM
+        by_force = self._force_disarm and not vehicle.landed and not force_disarm_refusal(vehicle, self._config)
+        return Command.FORCE_DISARM if by_force else Command.DISARM
 
-    def _advance_external(self, now: Situation) -> Order | None:
+    def _advance_external(self, vehicle: VehicleSnapshot) -> Command | None:
         if self.killing:
-            self.killing = now.armed is not False or self._arming
-            return Order.FORCE_DISARM if self.killing else None
-        if now.armed is False:
-            self.taking_back = self._landing_alone = False
+            self.killing = vehicle.armed is not False or self._arm_pending
+            return Command.FORCE_DISARM if self.killing else None
+        if vehicle.armed is False:
+            self.taking_back = self._land_commanded = False
             self.target = None
-            if now.landed:
+            if vehicle.landed:
                 self.text += "; landed and disarmed"
-                self._go(StatusCode.IDLE, now)
+                self._set_code(StatusCode.IDLE, vehicle)
             return None
         if self.taking_back:
-            return self._advance_taking_back(now)
-        handed_over = self._takeover.of_others(now)
-        if handed_over is not None and not self._landing_alone:
-            self._other, self.text = handed_over
-        self._landing_alone &= now.mode != LAND
-        return Order.LAND if self._landing_alone else None
+            return self._advance_taking_back(vehicle)
+        handover = self._takeover.handover(vehicle)
+        if handover is not None and not self._land_commanded:
+            self._external_holder, self.text = handover
+        self._land_commanded &= vehicle.mode != LAND
+        return Command.LAND if self._land_commanded else None
 
-    def _advance_taking_back(self, now: Situation) -> Order | None:
-        waited_s = (now.timer_ns - self._since_ns) * 1e-9
-        if waited_s > self._config.engage_timeout_s:
+    def _advance_taking_back(self, vehicle: VehicleSnapshot) -> Command | None:
+        elapsed_s = (vehicle.timer_ns - self._engage_since_ns) * 1e-9
+        if elapsed_s > self._config.engage_timeout_s:
             self.taking_back = False
             self.target = None
-            self.text = f"control could not be taken back: {now.complaint or 'the autopilot gives no reason'}"
-        elif waited_s >= STREAM_FIRST_S and now.mode != OFFBOARD:
-            return Order.OFFBOARD
-        elif waited_s >= STREAM_FIRST_S:
+            self.text = f"control could not be taken back: {vehicle.command_failure or NO_REASON}"
+        elif elapsed_s >= STREAM_LEAD_S and vehicle.mode != OFFBOARD:
+            return Command.OFFBOARD
+        elif elapsed_s >= STREAM_LEAD_S:
             self.taking_back = False
             self._engaged = True
             self.text = "hovering: control was taken back"
-            self._go(StatusCode.HOVER, now)
+            self._set_code(StatusCode.HOVER, vehicle)
         return None
 
-    # -- steps that several of these take ----------------------------------------------------------------
+    # -- shared by requests and time ---------------------------------------------------------------------
 
-    def _go(self, code: StatusCode, now: Situation) -> None:
+    def _set_code(self, code: StatusCode, vehicle: VehicleSnapshot) -> None:
         require(self.code, code)
-        self._takeover.begin(now)
+        self._takeover.reset(vehicle)
         if code is StatusCode.IDLE:
-            self._tidying.begin(now, at_once=self.in_charge != "external")
+            self._unarmable_mode.reset(vehicle, own_flight=self.in_charge != "external")
         self.code = code
-        self._entered_ns = now.timer_ns
+        self._code_since_ns = vehicle.timer_ns
         if code in (StatusCode.IDLE, StatusCode.EXTERNAL):
-            self._engaged = self._by_force = False
+            self._engaged = self._force_disarm = False
             self.target = None
-        self.changes.append(self.standing)
+        self.changes.append(self.control_state)
 
-    def _held_s(self, now: Situation) -> float:
-        return 0.0 if self._entered_ns is None else (now.timer_ns - self._entered_ns) * 1e-9
+    def _code_age_s(self, vehicle: VehicleSnapshot) -> float:
+        return (vehicle.timer_ns - self._code_since_ns) * 1e-9
 
-    def _end(self, why: str, *, given_back: bool) -> None:
-        if self.grant is not None:
-            self._past.end(self.grant, "" if given_back else why)
-        self.grant = None
-        self.text = why
+    def _end_grant(self, text: str, *, released: bool = False) -> None:
+        self._grants.end(None if released else text)
+        self.text = text
 
-    def _revoke(self, why: str, now: Situation, *, given_back: bool = False) -> None:
-        """The goal's flight ends in an abort; a grant that was not used yet just ends."""
-        self._end(why, given_back=given_back)
+    def _revoke(self, reason: str, vehicle: VehicleSnapshot, *, released: bool = False) -> None:
+        """End the grant, and abort the flight; a grant that was not used yet only ends."""
+        self._end_grant(reason, released=released)
         if self.code in IN_PROGRESS:
-            self._go(StatusCode.ABORT, now)
-            self._plan_abort(now)
+            self._set_code(StatusCode.ABORT, vehicle)
+            self._plan_abort(vehicle)
 
-    def _lose_to_others(self, what: str, now: Situation) -> None:
-        """Status 13 because of what the autopilot's failsafe did, or whom else it obeys."""
-        if now.failsafe:
-            because = f" ({now.complaint})" if now.complaint else ""
-            self._lose("failsafe", f"failsafe: {what}{because}", now)
-        else:
-            self._lose("external", f"taken over: {what}", now)
-
-    def _lose(self, other: InCharge, why: str, now: Situation) -> None:
-        """Status 13: silence."""
-        self._end(why, given_back=False)
-        self._other = other
-        self.taking_back = self._landing_alone = False
+    def _lose_control(self, holder: InCharge, reason: str, vehicle: VehicleSnapshot) -> None:
+        """Enter status 13, in which the bridge streams and commands nothing."""
+        self._end_grant(reason)
+        self._external_holder = holder
+        self.taking_back = self._land_commanded = False
         self.target = None
         if self.code is not StatusCode.EXTERNAL:
-            self._go(StatusCode.EXTERNAL, now)
+            self._set_code(StatusCode.EXTERNAL, vehicle)
 
-    def _plan_abort(self, now: Situation) -> bool:
-        """Decide where an abort leads; returns whether the status is still 12."""
-        if not now.landed and (now.pos_ned_m is None or now.height_m is None):
-            self._lose("failsafe", f"{self.text}; the position is unknown", now)
+    def _plan_abort(self, vehicle: VehicleSnapshot) -> bool:
+        """Plan the abort manoeuvre; returns False when control was lost instead, as the position is unknown."""
+        if not vehicle.landed and (vehicle.pos_ned_m is None or vehicle.height_m is None):
+            self._lose_control("failsafe", f"{self.text}; the position is unknown", vehicle)
             return False
-        self.target = self._aborting.plan(self.target, now, self._yaw_rad(now))
+        self.target = self._abort_maneuver.plan(self.target, vehicle, self._yaw_rad(vehicle))
         return True
 
-    def _yaw_rad(self, now: Situation) -> float:
-        """The heading that is being held."""
-        return now.yaw_rad if self.target is None else self.target.yaw_rad
+    def _yaw_rad(self, vehicle: VehicleSnapshot) -> float:
+        """Heading of the target, else of the vehicle."""
+        return vehicle.yaw_rad if self.target is None else self.target.yaw_rad
 
-    def _at_rest(self, now: Situation) -> Target:
-        return coming_to_rest(now, self._yaw_rad(now), self._config.low_height_m)
+    def _stopping_target(self, vehicle: VehicleSnapshot) -> Target:
+        return stopping_target(vehicle, self._yaw_rad(vehicle), self._config.low_height_m)

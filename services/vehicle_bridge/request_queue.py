@@ -1,4 +1,4 @@
-"""Answers what is asked of the bridge: at once, or when what was asked for is done."""
+"""Requests to the bridge, replied to at once or when they have taken effect."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -21,16 +21,17 @@ from jezero.schemas.struct import Payload
 from jezero.schemas.topics import ABORT, ACQUIRE, HOVER, KILL, RELEASE, Endpoint
 from jezero.services.vehicle_bridge.authority import Authority
 from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink
-from jezero.services.vehicle_bridge.vehicle import Situation
+from jezero.services.vehicle_bridge.vehicle import VehicleSnapshot
 
-KILL_REPLY_NS = 3_000_000_000
-Handle = Callable[[Any, Situation], Payload | None]
-"""Answers what was asked; None: later."""
-Handles = tuple[tuple[Endpoint[Any, Any], Handle], ...]
+KILL_TIMEOUT_NS = 3_000_000_000
+"""A kill that the autopilot has not confirmed by then gets a reply; the bridge keeps trying."""
+Handler = Callable[[Any, VehicleSnapshot], Payload | None]
+"""Handles a request and returns the reply, None when it must wait until the request has taken effect."""
+Handlers = tuple[tuple[Endpoint[Any, Any], Handler], ...]
 
 
-class Questions:
-    """Puts to the authority what is asked, and tells how it went.
+class RequestQueue:
+    """Passes requests to the authority, and keeps those that wait for their effect.
 
     Args:
         boot_id: differs between two runs of the bridge.
@@ -40,82 +41,81 @@ class Questions:
         self._authority = authority
         self._link = link
         self._boot_id = boot_id
-        self._waiting: list[tuple[Request, int]] = []
-        """Releases, hovers and kills that are being done, and the wall time at which each came."""
-        self._urgent: Handles = ((KILL, self._on_kill), (ABORT, self._on_abort), (HOVER, self._on_hover))
-        self._orderly: Handles = ((RELEASE, self._on_release), (ACQUIRE, self._on_acquire))
+        self._pending: list[tuple[Request, int]] = []
+        """Releases, hovers and kills without a reply yet, with the wall time of their arrival."""
+        self._before_setpoints: Handlers = ((KILL, self._on_kill), (ABORT, self._on_abort), (HOVER, self._on_hover))
+        self._after_setpoints: Handlers = ((RELEASE, self._on_release), (ACQUIRE, self._on_acquire))
 
-    def urgent(self, now: Situation, inbox: Inbox) -> Iterator[Output]:
-        """What goes before the setpoints that came with it."""
-        return self._attend(self._urgent, now, inbox)
+    def handle_before_setpoints(self, vehicle: VehicleSnapshot, inbox: Inbox) -> Iterator[Output]:
+        """Handle kill, abort and hover, which overrule the setpoints of the same step."""
+        return self._handle(self._before_setpoints, vehicle, inbox)
 
-    def orderly(self, now: Situation, inbox: Inbox) -> Iterator[Output]:
-        """What comes after them."""
-        return self._attend(self._orderly, now, inbox)
+    def handle_after_setpoints(self, vehicle: VehicleSnapshot, inbox: Inbox) -> Iterator[Output]:
+        """Handle release and acquire: a release follows its goal's last setpoint."""
+        return self._handle(self._after_setpoints, vehicle, inbox)
 
-    def late(self, now: Situation, wall_ns: int) -> Iterator[Output]:
-        """Reply to what has been done by now."""
-        waiting, self._waiting = self._waiting, []
-        for request, since_ns in waiting:
-            payload = self._outcome(request.payload, now, wall_ns - since_ns)
+    def reply_to_pending(self, vehicle: VehicleSnapshot, wall_ns: int) -> Iterator[Output]:
+        """Reply to the requests that have taken effect, failed or timed out by now."""
+        pending, self._pending = self._pending, []
+        for request, arrival_ns in pending:
+            payload = self._final_reply(request.payload, vehicle, wall_ns - arrival_ns)
             if payload is None:
-                self._waiting.append((request, since_ns))
+                self._pending.append((request, arrival_ns))
             else:
                 yield Reply(request.request_id, payload)
 
-    def _attend(self, handles: Handles, now: Situation, inbox: Inbox) -> Iterator[Output]:
-        """Reply at once where there is an answer, else when it is done."""
-        for endpoint, handle in handles:
+    def _handle(self, handlers: Handlers, vehicle: VehicleSnapshot, inbox: Inbox) -> Iterator[Output]:
+        for endpoint, handler in handlers:
             for request in inbox.requests(endpoint):
-                payload = handle(request.payload, now)
+                payload = handler(request.payload, vehicle)
                 if payload is None:
-                    self._waiting.append((request, inbox.wall_ns))
+                    self._pending.append((request, inbox.wall_ns))
                 else:
                     yield Reply(request.request_id, payload)
 
-    def _on_kill(self, request: Kill, now: Situation) -> KillReply | None:
+    def _on_kill(self, request: Kill, vehicle: VehicleSnapshot) -> KillReply | None:
         if not request.confirm:
             return KillReply(killed=False, reason="kill cuts the motors, in the air too: set confirm to true")
-        self._authority.kill("killed on request", now)
+        self._authority.kill("killed on request", vehicle)
         return None
 
-    def _on_abort(self, request: Abort, now: Situation) -> AbortReply:
-        text = self._authority.abort(request.reason, now)
+    def _on_abort(self, request: Abort, vehicle: VehicleSnapshot) -> AbortReply:
+        text = self._authority.abort(request.reason, vehicle)
         flying = self._authority.code not in (StatusCode.IDLE, StatusCode.EXTERNAL, StatusCode.LANDING_DONE)
-        return AbortReply(hovering=flying and not now.landed, reason=text)
+        return AbortReply(hovering=flying and not vehicle.landed, reason=text)
 
-    def _on_hover(self, request: Hover, now: Situation) -> HoverReply | None:
-        refusal = self._authority.hover(request, now)
+    def _on_hover(self, request: Hover, vehicle: VehicleSnapshot) -> HoverReply | None:
+        refusal = self._authority.hover(request, vehicle)
         return HoverReply(hover_mode=False, reason=refusal) if refusal else None
 
-    def _on_release(self, request: Release, now: Situation) -> ReleaseReply | None:
-        refusal = self._authority.release(request, now, self._link.telemetry.resets)
+    def _on_release(self, request: Release, vehicle: VehicleSnapshot) -> ReleaseReply | None:
+        refusal = self._authority.release(request, vehicle, self._link.telemetry.resets)
         return ReleaseReply(released=False, code=int(self._authority.code), reason=refusal) if refusal else None
 
-    def _on_acquire(self, request: Acquire, now: Situation) -> AcquireReply:
-        refusal = self._authority.acquire(request, now)
+    def _on_acquire(self, request: Acquire, vehicle: VehicleSnapshot) -> AcquireReply:
+        refusal = self._authority.acquire(request, vehicle)
         grant = self._authority.grant
         if refusal or grant is None:
-            return AcquireReply(granted=False, reason=refusal, bridge_boot_id=self._boot_id)
-        grants = self._authority.standing.grants
+            return AcquireReply(granted=False, reason=refusal or "", bridge_boot_id=self._boot_id)
+        grants = self._authority.control_state.grants
         return AcquireReply(granted=True, control_id=grant.control_id, bridge_boot_id=self._boot_id, grants=grants)
 
-    def _outcome(self, asked: Kill | Hover | Release, now: Situation, waited_ns: int) -> Payload | None:
-        """The answer to what was asked, None while it is still being done."""
+    def _final_reply(self, payload: Kill | Hover | Release, vehicle: VehicleSnapshot, age_ns: int) -> Payload | None:
+        """Reply to a pending request, None while it has no effect yet."""
         authority = self._authority
         code = authority.code
-        if isinstance(asked, Kill):
-            if now.armed is False and not authority.killing:
+        if isinstance(payload, Kill):
+            if vehicle.armed is False and not authority.killing:
                 return KillReply(killed=True, reason="the motors are off")
             reason = "the autopilot has not confirmed it, the bridge keeps trying"
-            reason += f": {now.complaint}" if now.complaint else ""
-            return KillReply(killed=False, reason=reason) if waited_ns > KILL_REPLY_NS else None
+            reason += f": {vehicle.command_failure}" if vehicle.command_failure else ""
+            return KillReply(killed=False, reason=reason) if age_ns > KILL_TIMEOUT_NS else None
         lost = code is StatusCode.EXTERNAL and not authority.taking_back
-        moved_on = authority.grant is not None  # already done, and another goal is in charge
-        if isinstance(asked, Hover):
-            if code is StatusCode.HOVER or lost or moved_on or code is StatusCode.IDLE:
+        superseded = authority.grant is not None  # it has taken effect, and another goal is in charge since
+        if isinstance(payload, Hover):
+            if code is StatusCode.HOVER or lost or superseded or code is StatusCode.IDLE:
                 return HoverReply(hover_mode=code is StatusCode.HOVER, reason=authority.text)
             return None
-        if lost or moved_on or code in (StatusCode.HOVER, StatusCode.IDLE):
+        if lost or superseded or code in (StatusCode.HOVER, StatusCode.IDLE):
             return ReleaseReply(released=not lost, code=int(code), reason=authority.text if lost else "")
         return None

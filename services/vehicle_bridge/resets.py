@@ -1,15 +1,15 @@
-"""How far the autopilot has moved its position estimate in steps, by reset counter."""
+"""Steps of the autopilot's position estimate, by reset counter."""
 
 from collections import deque
 
 from jezero.frames import Vec3, add, scale, subtract
 
 HISTORY = 32
-"""Resets remembered; a setpoint computed before them is dropped."""
+"""Number of resets that are kept; a setpoint computed before them is dropped."""
 
 
 class ResetHistory:
-    """Sums the autopilot's position steps, so that a point of before can be moved to where it is now.
+    """Sum of the autopilot's position steps, which moves a point given before a reset to where it is now.
 
     Attributes:
         counter: the autopilot's reset counter, unwrapped from its eight bits; -1 before the first odometry.
@@ -23,13 +23,13 @@ class ResetHistory:
         self._last: tuple[int, Vec3, Vec3] | None = None
 
     def update(self, t_ns: int, counter_u8: int, pos_ned_m: Vec3, vel_ned_mps: Vec3) -> Vec3 | None:
-        """Take in one odometry.
+        """Update with one odometry.
 
         Args:
             counter_u8: the counter as MAVLink carries it, 0–255.
         Returns:
-            The step (3,) when this odometry is the first after a reset: what the vehicle's motion since the last
-            one doesn't explain.
+            The step (3,) in m, NED, when this odometry is the first after a reset, else None. The step is the change
+            of position that the vehicle's velocity doesn't explain.
         """
         last = self._last
         self._last = (t_ns, pos_ned_m, vel_ned_mps)
@@ -48,7 +48,7 @@ class ResetHistory:
         return step
 
     def step_since(self, counter: int) -> Vec3 | None:
-        """How far a point of the time of `counter` has moved since; None when that counter is unknown."""
+        """Sum of the steps (3,) in m, NED, since `counter`; None when that counter is unknown."""
         if counter == self.counter:
             return (0.0, 0.0, 0.0)
         for known, offset_ned_m in reversed(self._history):

@@ -1,12 +1,11 @@
-"""The vehicle bridge: MAVLink on one side, the bus on the other, `Authority` between them."""
+"""The vehicle bridge: it connects the autopilot's MAVLink with the bus, with `Authority` in between."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from math import inf
 
 from jezero.frames import Quat, altitude_m
 from jezero.runtime.service import Health, Inbox, Output, Publish, Send, Spec, Subscribe
-from jezero.schemas.commands import Setpoint
 from jezero.schemas.health import ServiceState
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.topics import (
@@ -22,26 +21,26 @@ from jezero.schemas.topics import (
     STATUS,
 )
 from jezero.services.vehicle_bridge.authority import Authority
-from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink, Received
+from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
-from jezero.services.vehicle_bridge.foreign_setpoints import Followed
-from jezero.services.vehicle_bridge.readiness import why_carried, why_not_ready
-from jezero.services.vehicle_bridge.request_queue import Questions
+from jezero.services.vehicle_bridge.foreign_setpoints import ForeignSetpointDetector
+from jezero.services.vehicle_bridge.readiness import moving_ground_reason, system_not_ready_reason
+from jezero.services.vehicle_bridge.request_queue import RequestQueue
+from jezero.services.vehicle_bridge.telemetry import TelemetryBatch
 from jezero.services.vehicle_bridge.timer import Timer
-from jezero.services.vehicle_bridge.vehicle import OFFBOARD, Situation, Standing, Target
+from jezero.services.vehicle_bridge.vehicle import OFFBOARD, ControlState, Target, VehicleSnapshot
 
 LINK = "autopilot"
 STATUS_PERIOD_NS = 100_000_000
-LOOK_NS = 20_000_000
-"""The vehicle is looked at, and time-outs are judged, when the autopilot or somebody else tells something, and so
-often."""
 STREAM_PERIOD_NS = 50_000_000
-"""A target that nobody renews is sent again after this: the autopilot wants more than 2 Hz, a hover 10 Hz."""
+"""Period of an unchanged target: the autopilot needs more than 2 Hz in offboard mode, a hover is streamed at 10 Hz."""
 HEARTBEAT_PERIOD_NS = 1_000_000_000
 INTERVALS_PERIOD_NS = 5_000_000_000
+"""Period of the requests for telemetry: an autopilot that has restarted needs a new one."""
 ALTIMETER_MAX_AGE_NS = 300_000_000
-FIRST_STATUS_NS = 1_500_000_000
-"""A bridge that has just started waits this long for the autopilot before it reports 0: the vehicle may be flying."""
+FIRST_STATUS_TIMEOUT_NS = 1_500_000_000
+"""A bridge that has just started waits this long for telemetry before it publishes status 0: the vehicle may be
+flying."""
 
 SPEC = Spec(
     name="vehicle_bridge",
@@ -58,9 +57,10 @@ LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 
 
 class VehicleBridge:
-    """The one on the bus who commands the autopilot, and the one writer of `status`.
+    """Service that alone commands the autopilot and publishes `status`.
 
     Args:
+        config: limits and time-outs.
         system_id: MAVLink system id of the vehicle.
         boot_id: differs between two runs of the bridge.
     """
@@ -70,140 +70,97 @@ class VehicleBridge:
         self._config = config
         self._boot_id = boot_id
         self._link = AutopilotLink(system_id, config.parameters)
-        self._followed = Followed()
+        self._foreign_setpoints = ForeignSetpointDetector()
         self._authority = Authority(config, boot_id)
         self._epoch_id: int | None = None
         self._timer = Timer()
-        self._now = Situation(t_ns=0, timer_ns=0)
-        self._looked_ns = -LOOK_NS
-        self._undigested: list[Received] = []
         self._ground_z_ned_m = 0.0
-        """Height of the last place where the vehicle stood disarmed."""
-        self._questions = Questions(self._authority, self._link, boot_id)
-        self._dropped = 0
+        """z of the place where the vehicle last stood disarmed."""
+        self._requests = RequestQueue(self._authority, self._link, boot_id)
+        self._dropped_setpoints = 0
         self._drop_reason = ""
-        self._fresh = False
         self._sent: tuple[Target | None, int] = (None, 0)
-        self._published: tuple[object, ...] = ()
+        self._last_visible: tuple[object, ...] = ()
         self._status_wall_ns: int | None = None
         self._heartbeat_wall_ns = -HEARTBEAT_PERIOD_NS
         self._intervals_wall_ns = -INTERVALS_PERIOD_NS
         self._router_seen_wall_ns: int | None = None
         self._started_wall_ns: int | None = None
-        self._listening = False
+        self._altimeter_subscribed = False
         self._health: tuple[ServiceState, str] | None = None
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
-        """Telemetry first, then what was asked, then time; see `Service`.
-
-        Two things are done before all else, as somebody waits for them: odometry goes out, on which the goal in charge
-        waits, and setpoints that come alone are flown by what was known a moment ago.
-        """
+        """Read telemetry, handle requests and setpoints, judge safety and time-outs, fly, publish; see `Service`."""
         if self._started_wall_ns is None:
             self._started_wall_ns = inbox.wall_ns
         if inbox.connected or self._router_seen_wall_ns is None:
             self._router_seen_wall_ns = inbox.wall_ns
-        respawned = self._hear_clock(inbox)
-        t_ns = self._not_before_autopilot(t_ns)
+        respawned = self._on_clocks(inbox)
+        t_ns = self._vehicle_time_ns(t_ns)
         if self._epoch_id is not None:  # before, there is no vehicle time
-            self._timer.tell(t_ns)
-        data = inbox.received(LINK)
-        if data or respawned:
-            told = self._receive(data, inbox, respawned=respawned)
-            for odometry in told.odometry:
-                yield Publish(ODOMETRY, odometry)
-            if self._can_wait(told, inbox):
-                return
-        setpoints = inbox.new(SETPOINT)
-        if setpoints and not (data or respawned or inbox.has_requests):
-            self._accept(setpoints, self._go_on(t_ns))
-            yield from self._stream(t_ns)
-            setpoints = ()
-        before, now = self._now, self._survey(t_ns, inbox)
-        yield from self._serve(setpoints, now, inbox)
-        if now is not before or self._authority.changes:
-            self._authority.tick(now)
-        yield from self._questions.late(now, inbox.wall_ns)
-        yield from self._stream(now.t_ns)
-        yield from self._order(now, inbox)
-        yield from self._publish_status(now, inbox.wall_ns)
-        yield from self._listen()
-        yield from self._report(now)
+            self._timer.update(t_ns)
+        batch = self._read_link(inbox, respawned=respawned)
+        self._digest(batch, t_ns, inbox, respawned=respawned)
+        vehicle = self._snapshot(self._vehicle_time_ns(t_ns), inbox)
+        yield from self._handle_requests(vehicle, inbox)
+        self._authority.update(vehicle)
+        yield from self._requests.reply_to_pending(vehicle, inbox.wall_ns)
+        yield from self._stream(vehicle.t_ns)
+        yield from self._send_commands(vehicle, inbox)
+        for odometry in batch.odometry:
+            yield Publish(ODOMETRY, odometry)
+        yield from self._publish_status(vehicle, inbox.wall_ns)
+        yield from self._subscribe()
+        yield from self._publish_health(vehicle)
 
-    # -- in ------------------------------------------------------------------------------------------------
+    # -- inputs --------------------------------------------------------------------------------------------
 
-    def _not_before_autopilot(self, t_ns: int) -> int:
-        """The autopilot tells vehicle time as well: it goes on where the bridge is cut off from the bus."""
+    def _vehicle_time_ns(self, t_ns: int) -> int:
+        """Vehicle time by the bus or, if that is later, by the autopilot: the bridge may be cut off from the bus."""
         odometry = self._link.telemetry.odometry
         return t_ns if odometry is None else max(t_ns, odometry.t_ns)
 
-    def _hear_clock(self, inbox: Inbox) -> bool:
-        """Returns whether the vehicle is another one than before."""
+    def _on_clocks(self, inbox: Inbox) -> bool:
+        """Update the epoch; returns whether it is a new one, with another vehicle."""
         respawned = False
         for clock in inbox.new(CLOCK):
             respawned |= self._epoch_id not in (None, clock.epoch_id)
             self._epoch_id = clock.epoch_id
         return respawned
 
-    def _receive(self, data: bytes, inbox: Inbox, *, respawned: bool) -> Received:
+    def _read_link(self, inbox: Inbox, *, respawned: bool) -> TelemetryBatch:
         if respawned:
-            self._link.forget()
-        told = self._link.receive(data, self._timer.now_ns, inbox.wall_ns, self._epoch_id or 0)
-        told.respawned = respawned
-        self._undigested.append(told)
-        return told
+            self._link.reset()
+        return self._link.receive(inbox.received(LINK), self._timer.now_ns, inbox.wall_ns, self._epoch_id or 0)
 
-    def _can_wait(self, told: Received, inbox: Inbox) -> bool:
-        """Whether all but the odometry may wait for the setpoint that answers it, or else for the next step."""
-        grant = self._authority.grant
-        if grant is None or not (told.odometry and told.routine) or told.respawned or len(self._undigested) > 1:
-            return False
-        return self._timer.now_ns - grant.timer_ns < LOOK_NS + LOOK_NS and not (
-            inbox.has_requests or inbox.new(SETPOINT)
-        )
-
-    def _survey(self, t_ns: int, inbox: Inbox) -> Situation:
-        """Look at the vehicle, where something was told, asked, or nobody has looked for a while."""
-        news, self._undigested = self._undigested, []
-        for received in news:
-            self._digest(received, t_ns, inbox)
-        if news or inbox.has_requests or self._timer.now_ns - self._looked_ns >= LOOK_NS:
-            return self._look(self._not_before_autopilot(t_ns), inbox)
-        return self._go_on(t_ns)
-
-    def _digest(self, received: Received, t_ns: int, inbox: Inbox) -> None:
-        """What follows from what the autopilot sent."""
-        if received.respawned or received.restarted:
+    def _digest(self, batch: TelemetryBatch, t_ns: int, inbox: Inbox, *, respawned: bool) -> None:
+        """Update everything that depends on what the autopilot sent."""
+        if respawned or batch.restarted:
             self._sent = (None, 0)
-            why = "the vehicle was respawned" if received.respawned else "the autopilot restarted"
-            self._authority.restart(why, self._look(t_ns, inbox))
-        if received.followed is not None and self._link.telemetry.mode == OFFBOARD:  # another mode has its own targets
-            told_ns, pos_ned_m, vel_ned_mps = received.followed
-            self._followed.tell(pos_ned_m, vel_ned_mps, t_ns - told_ns, self._timer.now_ns)
-        for step_ned_m in received.steps_ned_m:
-            self._authority.moved(step_ned_m, self._look(t_ns, inbox))
+            reason = "the vehicle was respawned" if respawned else "the autopilot restarted"
+            self._authority.on_restart(reason, self._snapshot(t_ns, inbox))
+        offboard = self._link.telemetry.mode == OFFBOARD  # in another mode the autopilot sets its own targets
+        if batch.setpoint_echo is not None and offboard:
+            self._foreign_setpoints.update(batch.setpoint_echo, t_ns, self._timer.now_ns)
+        for step_ned_m in batch.steps_ned_m:
+            self._authority.on_position_step(step_ned_m, self._snapshot(t_ns, inbox))
             self._ground_z_ned_m += step_ned_m[2]
         telemetry = self._link.telemetry
         if telemetry.armed is False and telemetry.odometry is not None and telemetry.landed is not False:
             self._ground_z_ned_m = telemetry.odometry.pos_uav_ned_m[2]
 
-    def _go_on(self, t_ns: int) -> Situation:
-        """What was known when the vehicle was last looked at, now."""
-        now = self._now
-        now.t_ns, now.timer_ns = t_ns, self._timer.now_ns
-        return now
-
-    def _look(self, t_ns: int, inbox: Inbox) -> Situation:
+    def _snapshot(self, t_ns: int, inbox: Inbox) -> VehicleSnapshot:
         telemetry = self._link.telemetry
         odometry = telemetry.odometry
-        silent_s, q = inf, LEVEL
+        telemetry_age_s, q = inf, LEVEL
+        idle = self._authority.code is StatusCode.IDLE
         if odometry is not None:
             q = odometry.q_ned_from_frd
-            if telemetry.heard_wall_ns is not None:
-                silent_s = max(inbox.wall_ns - telemetry.heard_wall_ns, t_ns - odometry.t_ns) * 1e-9
-        range_m = self._range_m(t_ns, inbox, q) if self._listening else None
-        timer_ns = self._looked_ns = self._timer.now_ns
-        self._now = Situation(
+            if telemetry.received_wall_ns is not None:
+                telemetry_age_s = max(inbox.wall_ns - telemetry.received_wall_ns, t_ns - odometry.t_ns) * 1e-9
+        range_m = self._range_m(t_ns, inbox, q) if self._altimeter_subscribed else None
+        timer_ns = self._timer.now_ns
+        return VehicleSnapshot(
             t_ns=t_ns,
             timer_ns=timer_ns,
             armed=telemetry.armed,
@@ -211,19 +168,18 @@ class VehicleBridge:
             mode=telemetry.mode,
             failsafe=telemetry.failsafe,
             armable=telemetry.armable,
-            contested=telemetry.landed is False and self._followed.by_others(timer_ns),
+            foreign_setpoints=telemetry.landed is False and self._foreign_setpoints.is_detected(timer_ns),
             pos_ned_m=None if odometry is None else odometry.pos_uav_ned_m,
             vel_ned_mps=(0.0, 0.0, 0.0) if odometry is None else odometry.vel_uav_ned_mps,
             q_ned_from_frd=q,
             range_m=range_m,
             height_m=self._height_m(range_m),
-            silent_s=silent_s,
-            not_ready=self._not_ready(silent_s) if self._authority.code is StatusCode.IDLE else "",
-            accepted=self._link.accepted,
-            complaint=self._link.complaint(timer_ns),
+            telemetry_age_s=telemetry_age_s,
+            not_ready_reason=self._not_ready_reason(telemetry_age_s) if idle else None,
+            acknowledged=self._link.acknowledged,
+            command_failure=self._link.command_failure(timer_ns),
             router_lost_s=(inbox.wall_ns - (self._router_seen_wall_ns or 0)) * 1e-9,
         )
-        return self._now
 
     def _range_m(self, t_ns: int, inbox: Inbox, q_ned_from_frd: Quat) -> float | None:
         altimeter = inbox.latest(ALTIMETER)
@@ -233,140 +189,136 @@ class VehicleBridge:
         return altimeter.range_m * (1.0 - 2.0 * (x * x + y * y))
 
     def _height_m(self, range_m: float | None) -> float | None:
-        """Above ground or deck by the altimeter, else above the place where the vehicle last stood."""
+        """Height above ground or platform by the altimeter, else above the place where the vehicle last stood."""
         odometry = self._link.telemetry.odometry
         if odometry is None or range_m is not None:
             return None if odometry is None else range_m
         return altitude_m(odometry.pos_uav_ned_m[2] - self._ground_z_ned_m)
 
-    def _not_ready(self, silent_s: float) -> str:
-        """Why nothing can take off now, or ""."""
-        why = why_not_ready(self._link, self._epoch_id, silent_s, self._timer.now_ns, self._config)
-        return why or (why_carried(self._link, self._config) if self._authority.code is StatusCode.IDLE else "")
+    def _not_ready_reason(self, telemetry_age_s: float) -> str | None:
+        """Reason why a takeoff isn't possible now, None when it is."""
+        reason = system_not_ready_reason(self._link, self._epoch_id, telemetry_age_s, self._timer.now_ns, self._config)
+        if reason is None and self._authority.code is StatusCode.IDLE:
+            return moving_ground_reason(self._link, self._config)
+        return reason
 
-    # -- what was asked ------------------------------------------------------------------------------------
-
-    def _serve(self, setpoints: Sequence[Setpoint], now: Situation, inbox: Inbox) -> Iterator[Output]:
-        """The urgent first; setpoints before the release that follows them."""
+    def _handle_requests(self, vehicle: VehicleSnapshot, inbox: Inbox) -> Iterator[Output]:
+        """Kill, abort and hover go before the setpoints of the same step, release and acquire after them."""
         if inbox.has_requests:
-            yield from self._questions.urgent(now, inbox)
-        if setpoints:
-            self._accept(setpoints, now)
-        if inbox.has_requests:
-            yield from self._questions.orderly(now, inbox)
-
-    def _accept(self, setpoints: Sequence[Setpoint], now: Situation) -> None:
-        for setpoint in setpoints:
-            refusal = self._authority.accept(setpoint, now, self._link.telemetry.resets)
-            self._fresh |= not refusal
+            yield from self._requests.handle_before_setpoints(vehicle, inbox)
+        for setpoint in inbox.new(SETPOINT):
+            refusal = self._authority.accept(setpoint, vehicle, self._link.telemetry.resets)
             if refusal:
-                self._dropped += 1
+                self._dropped_setpoints += 1
                 self._drop_reason = refusal
+        if inbox.has_requests:
+            yield from self._requests.handle_after_setpoints(vehicle, inbox)
 
-    # -- out -----------------------------------------------------------------------------------------------
+    # -- outputs -------------------------------------------------------------------------------------------
 
     def _stream(self, t_ns: int) -> Iterator[Output]:
-        """The setpoint for the autopilot, when it is another one, or due again."""
+        """Send the target to the autopilot, when it is another one or due again.
+
+        Each accepted setpoint is another target, even with the numbers of the last one, and goes out at once.
+        """
         target, (last, sent_ns), timer_ns = self._authority.target, self._sent, self._timer.now_ns
         if target is None:
-            self._followed.forget()
-        elif self._fresh or target is not last or timer_ns - sent_ns >= STREAM_PERIOD_NS:
+            self._foreign_setpoints.reset()
+        elif target is not last or timer_ns - sent_ns >= STREAM_PERIOD_NS:
             yield Send(LINK, self._link.setpoint(target, t_ns))
-            self._followed.send(target, timer_ns)
+            self._foreign_setpoints.add_sent(target, timer_ns)
             self._sent = (target, timer_ns)
-        self._fresh = False
 
-    def _order(self, now: Situation, inbox: Inbox) -> Iterator[Output]:
-        """Orders for the autopilot, after the stream that they need, and what else it is told and asked."""
-        data = self._link.pursue(self._authority.wanted, self._timer.now_ns)
+    def _send_commands(self, vehicle: VehicleSnapshot, inbox: Inbox) -> Iterator[Output]:
+        """Send commands, heartbeat and requests to the autopilot, after the setpoint: offboard mode needs a stream."""
+        data = self._link.command(self._authority.command, self._timer.now_ns)
         wall_ns = inbox.wall_ns
         if wall_ns - self._heartbeat_wall_ns >= HEARTBEAT_PERIOD_NS:
             self._heartbeat_wall_ns = wall_ns
             data += self._link.heartbeat()
-        data += self._set_up(now, wall_ns)
+        data += self._configure(vehicle, wall_ns)
         if data:
             yield Send(LINK, data)
 
-    def _set_up(self, now: Situation, wall_ns: int) -> bytes:
-        """Asks for telemetry and sets parameters; nothing of it while others fly and tell of it."""
-        told = self._link.telemetry
-        if told.heard_wall_ns is None:
+    def _configure(self, vehicle: VehicleSnapshot, wall_ns: int) -> bytes:
+        """Request telemetry and set parameters; neither while others fly and telemetry arrives."""
+        if self._link.telemetry.received_wall_ns is None:
             return b""
         data = b""
-        others_fly = self._authority.code is StatusCode.EXTERNAL
-        blind = now.silent_s > self._config.link_timeout_s
-        if wall_ns - self._intervals_wall_ns >= INTERVALS_PERIOD_NS and (blind or not others_fly):
+        code = self._authority.code
+        blind = vehicle.telemetry_age_s > self._config.link_timeout_s
+        if wall_ns - self._intervals_wall_ns >= INTERVALS_PERIOD_NS and (blind or code is not StatusCode.EXTERNAL):
             self._intervals_wall_ns = wall_ns
-            data += self._link.intervals()
-        if (not others_fly and self._authority.code is not StatusCode.IDLE) or self._authority.taking_back:
-            data += self._link.ask_for_heartbeat(wall_ns)
-        if told.armed is False and self._authority.code is StatusCode.IDLE:
+            data += self._link.request_intervals()
+        if code not in (StatusCode.IDLE, StatusCode.EXTERNAL) or self._authority.taking_back:
+            data += self._link.request_heartbeat(wall_ns)
+        if vehicle.armed is False and code is StatusCode.IDLE:
             data += self._link.set_parameters(wall_ns)
         return data
 
-    def _publish_status(self, now: Situation, wall_ns: int) -> Iterator[Output]:
+    def _publish_status(self, vehicle: VehicleSnapshot, wall_ns: int) -> Iterator[Output]:
         last_ns = self._status_wall_ns
         waited_ns = wall_ns - (self._started_wall_ns or 0)
-        if last_ns is None and now.armed is None and waited_ns < FIRST_STATUS_NS:
+        if last_ns is None and vehicle.armed is None and waited_ns < FIRST_STATUS_TIMEOUT_NS:
             return
         changes, self._authority.changes = self._authority.changes, []
-        for standing in changes:
-            yield Publish(STATUS, self._status(standing, now))
-        standing = self._authority.standing
-        visible = (standing.code, standing.in_charge, standing.control_id, now.armed, now.landed, now.mode)
-        news = visible != self._published and not (changes and changes[-1] == standing)
-        if news or last_ns is None or wall_ns - last_ns >= STATUS_PERIOD_NS:
-            yield Publish(STATUS, self._status(standing, now))
+        for control_state in changes:
+            yield Publish(STATUS, self._status(control_state, vehicle))
+        control_state = self._authority.control_state
+        visible = (*control_state.visible, vehicle.armed, vehicle.landed, vehicle.mode)
+        changed = visible != self._last_visible and not (changes and changes[-1] == control_state)
+        if changed or last_ns is None or wall_ns - last_ns >= STATUS_PERIOD_NS:
+            yield Publish(STATUS, self._status(control_state, vehicle))
             self._status_wall_ns = wall_ns
-        self._published = visible
+        self._last_visible = visible
 
-    def _status(self, standing: Standing, now: Situation) -> Status:
+    def _status(self, control_state: ControlState, vehicle: VehicleSnapshot) -> Status:
         telemetry = self._link.telemetry
-        if standing.code is StatusCode.EXTERNAL:
-            not_ready = f"not under the bridge's command: {standing.text}"
-        elif standing.code is not StatusCode.IDLE and now.silent_s <= self._config.link_timeout_s:
-            not_ready = ""
+        if control_state.code is StatusCode.EXTERNAL:
+            not_ready_reason: str | None = f"not under the bridge's command: {control_state.text}"
+        elif control_state.code is not StatusCode.IDLE and vehicle.telemetry_age_s <= self._config.link_timeout_s:
+            not_ready_reason = None
         else:
-            not_ready = self._not_ready(now.silent_s)
+            not_ready_reason = self._not_ready_reason(vehicle.telemetry_age_s)
         return Status(
-            t_ns=max(0, now.t_ns),
-            code=int(standing.code),
-            name=standing.code.name,
+            t_ns=max(0, vehicle.t_ns),
+            code=int(control_state.code),
+            name=control_state.code.name,
             odometry=telemetry.odometry,
-            armed=bool(now.armed),
-            landed=now.landed,
-            autopilot_mode=now.mode,
-            in_charge=standing.in_charge,
-            goal_id=standing.goal_id,
-            control_id=standing.control_id,
+            armed=bool(vehicle.armed),
+            landed=vehicle.landed,
+            autopilot_mode=vehicle.mode,
+            in_charge=control_state.in_charge,
+            goal_id=control_state.goal_id,
+            control_id=control_state.control_id,
             bridge_boot_id=self._boot_id,
-            grants=standing.grants,
+            grants=control_state.grants,
             epoch_id=self._epoch_id or 0,
-            ready=not not_ready,
-            not_ready_reason=not_ready,
+            ready=not_ready_reason is None,
+            not_ready_reason=not_ready_reason or "",
             battery=telemetry.battery,
-            text=standing.text[:2000],
+            text=control_state.text[:2000],
         )
 
-    def _listen(self) -> Iterator[Output]:
-        """The altimeter is needed while armed only."""
+    def _subscribe(self) -> Iterator[Output]:
+        """Subscribe to the altimeter, which is needed while armed only."""
         needed = bool(self._link.telemetry.armed) or self._authority.code is not StatusCode.IDLE
-        if needed != self._listening:
-            self._listening = needed
+        if needed != self._altimeter_subscribed:
+            self._altimeter_subscribed = needed
             yield Subscribe((ALTIMETER,) if needed else ())
 
-    def _report(self, now: Situation) -> Iterator[Output]:
+    def _publish_health(self, vehicle: VehicleSnapshot) -> Iterator[Output]:
         state: ServiceState = "ok"
         text = f"{self._authority.code.name}, linked"
-        if now.silent_s > self._config.link_timeout_s or self._epoch_id is None:
-            state = "starting" if self._link.telemetry.heard_wall_ns is None else "degraded"
-            text = self._not_ready(now.silent_s)
-        elif self._authority.code is StatusCode.IDLE and (not_ready := self._not_ready(now.silent_s)):
-            state, text = "degraded", not_ready
-        if self._dropped:
-            text += f"; {self._dropped} setpoints dropped, the last: {self._drop_reason}"
+        if vehicle.telemetry_age_s > self._config.link_timeout_s or self._epoch_id is None:
+            state = "starting" if self._link.telemetry.received_wall_ns is None else "degraded"
+            text = self._not_ready_reason(vehicle.telemetry_age_s) or ""
+        elif self._authority.code is StatusCode.IDLE and (reason := self._not_ready_reason(vehicle.telemetry_age_s)):
+            state, text = "degraded", reason
+        if self._dropped_setpoints:
+            text += f"; {self._dropped_setpoints} setpoints dropped, the last: {self._drop_reason}"
         if self._link.parameters.failed:
-            text += f"; {self._link.parameters.complaint}"
+            text += f"; {self._link.parameters.failure_text}"
         if self._link.malformed:
             text += f"; {self._link.malformed} malformed MAVLink messages"
         if (state, text) != self._health:

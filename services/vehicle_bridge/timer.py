@@ -1,27 +1,27 @@
-"""Vehicle time that has passed, for time-outs."""
+"""Elapsed vehicle time, for time-outs."""
 
 AHEAD_MAX_NS = 150_000_000
-"""No silence may last longer than this beyond its limit."""
+"""No time-out may be exceeded by more than this."""
 
 
 class Timer:
-    """Counts what passes of vehicle time, which is an estimate that may step back.
+    """Elapsed vehicle time that never steps back, from an estimate of vehicle time that may.
 
-    It steps back when the time master stood still, of which the bridge learns afterwards. What then passes once more
-    has been counted already and isn't again, within bounds.
+    The estimate steps back when the time master stood still and its clock message arrives afterwards. The time until
+    the estimate is where it was has been counted already, and is not counted twice, within `AHEAD_MAX_NS`.
 
     Attributes:
-        now_ns: time that has passed since the first one told; never steps back.
+        now_ns: vehicle time since the first update; never steps back.
     """
 
     def __init__(self) -> None:
         self.now_ns = 0
         self._t_ns: int | None = None
         self._ahead_ns = 0
-        """Of vehicle time that is counted already."""
+        """Vehicle time that is counted already and has yet to pass."""
 
-    def tell(self, t_ns: int) -> None:
-        """Vehicle time is this now."""
+    def update(self, t_ns: int) -> None:
+        """Count the time since the last update; `t_ns` is the present vehicle time."""
         passed_ns = 0 if self._t_ns is None else t_ns - self._t_ns
         self._t_ns = t_ns
         ahead_ns = self._ahead_ns - passed_ns

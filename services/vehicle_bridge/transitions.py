@@ -1,4 +1,4 @@
-"""Which status may follow which. Source: spec §3, thesis Table 3.1."""
+"""Table of the allowed transitions between status codes. Source: spec §3, thesis Table 3.1."""
 
 from jezero.schemas.commands import Phase
 from jezero.schemas.state import StatusCode as Code
@@ -27,13 +27,13 @@ CODE_OF: dict[Phase, Code] = {
     Phase.LANDING: Code.LANDING,
     Phase.COVERAGE: Code.COVERAGE,
 }
-"""The code while a goal is in this phase; the next integer says that it is completed."""
+"""Code while a goal is in a phase; the next integer means that the phase is completed."""
 
 IN_PROGRESS: tuple[Code, ...] = tuple(CODE_OF.values())
 
 
 class TransitionError(RuntimeError):
-    """A status that may not follow the present one: a bug."""
+    """A transition that the table doesn't allow: a bug."""
 
 
 def is_allowed(before: Code, after: Code) -> bool:
@@ -42,11 +42,11 @@ def is_allowed(before: Code, after: Code) -> bool:
 
 
 def require(before: Code, after: Code) -> None:
-    """Raises TransitionError unless `after` may directly follow `before`."""
+    """Raise TransitionError unless `after` may directly follow `before`."""
     if not is_allowed(before, after):
         raise TransitionError(f"{before.name} to {after.name}")
 
 
 def completed(code: Code) -> Code:
-    """The code that says that what `code` does is done; `code` is one of `IN_PROGRESS`."""
+    """Code of a completed phase, from the code of the phase in progress (one of `IN_PROGRESS`)."""
     return Code(code + 1)

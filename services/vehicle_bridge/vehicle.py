@@ -1,4 +1,4 @@
-"""What the bridge knows and tells of the vehicle, and what it can ask of the autopilot. No MAVLink here."""
+"""State of the vehicle, and the commands and targets for its autopilot. No MAVLink here."""
 
 from enum import StrEnum
 
@@ -22,14 +22,14 @@ _AUTO_MODES = {
 
 
 def mode_name(custom_mode: int) -> str:
-    """PX4's word for its HEARTBEAT.custom_mode, e.g. "OFFBOARD" or "AUTO.LAND"."""
+    """PX4's name for its HEARTBEAT.custom_mode, e.g. "OFFBOARD" or "AUTO.LAND"."""
     main, sub = (custom_mode >> 16) & 0xFF, (custom_mode >> 24) & 0xFF
     name = _MAIN_MODES.get(main, f"MODE_{main}")
     return f"{name}.{_AUTO_MODES.get(sub, sub)}" if main == 4 else name
 
 
-class Order(StrEnum):
-    """A command that is pursued until the vehicle does it."""
+class Command(StrEnum):
+    """A command to the autopilot, repeated until the vehicle's state shows its effect."""
 
     OFFBOARD = "offboard mode"
     ARM = "arming"
@@ -40,7 +40,7 @@ class Order(StrEnum):
 
 
 class Target(msgspec.Struct, frozen=True):
-    """What is streamed to the autopilot; at least one of position and velocity is given."""
+    """A setpoint that is streamed to the autopilot; at least one of position and velocity is given."""
 
     pos_ned_m: Vec3 | None
     vel_ned_mps: Vec3 | None
@@ -49,32 +49,34 @@ class Target(msgspec.Struct, frozen=True):
     yaw_rate_rps: float | None = None
 
     def moved(self, step_ned_m: Vec3) -> "Target":
-        """The same place after the world frame's positions moved by a step."""
+        """The same place after the autopilot's position estimate has moved by this step."""
         if self.pos_ned_m is None or not any(step_ned_m):
             return self
         return msgspec.structs.replace(self, pos_ned_m=add(self.pos_ned_m, step_ned_m))
 
 
-class Situation(msgspec.Struct, kw_only=True):
-    """Everything that decisions rest on, at one instant; only the two times may be told anew.
+class VehicleSnapshot(msgspec.Struct, frozen=True, kw_only=True):
+    """The vehicle's state at one time; every decision of one step rests on the same snapshot.
 
     Attributes:
-        t_ns: vehicle time, which ages of messages are measured by; it may be corrected backwards.
-        timer_ns: vehicle time that has passed in the bridge's life, never backwards: all time-outs.
-        armed: None until the autopilot tells.
-        landed: the autopilot's land detector; before it tells, true only of a disarmed vehicle.
-        mode: the autopilot's word, "" until it tells.
-        failsafe: the autopilot itself chose what it does; otherwise a mode was somebody's choice.
-        armable: the autopilot's arming checks pass, in its present mode.
-        contested: it follows setpoints that the bridge didn't send.
-        pos_ned_m, vel_ned_mps, q_ned_from_frd: newest odometry; position is None until there is one.
-        range_m: to ground or deck by the altimeter, tilt-corrected; None when it measures nothing.
-        height_m: above ground or deck, None without odometry.
-        silent_s: for how long telemetry, or odometry in it, has been missing.
-        not_ready: why a takeoff isn't possible; "" when it is, and in any other status than 0.
-        accepted: the order pursued at present, once the autopilot has acknowledged it.
-        complaint: the autopilot's last words of refusal, "" when there are none.
-        router_lost_s: for how long the bus's router has been missing.
+        t_ns: vehicle time, for the age of messages; it may be corrected backwards.
+        timer_ns: vehicle time since the bridge started, for time-outs; it never steps back.
+        armed: None until the autopilot has reported it.
+        landed: state of the autopilot's land detector; until that is reported, true for a disarmed vehicle only.
+        mode: the autopilot's mode by PX4's name, "" until it is reported.
+        failsafe: the autopilot's failsafe chose the mode; otherwise a person or program did.
+        armable: the autopilot's arming checks pass in its present mode.
+        foreign_setpoints: the autopilot follows setpoints that the bridge did not send.
+        pos_ned_m: position of the newest odometry, None until there is one.
+        vel_ned_mps: velocity of the newest odometry.
+        q_ned_from_frd: attitude of the newest odometry.
+        range_m: tilt-corrected distance from the altimeter to ground or platform; None without a valid measurement.
+        height_m: height above ground or platform, None without odometry.
+        telemetry_age_s: age of the newest telemetry, or of the newest odometry if that is older.
+        not_ready_reason: reason why a takeoff isn't possible; None when it is, and in any status but 0.
+        acknowledged: the present command, once the autopilot has acknowledged it.
+        command_failure: the autopilot's reason for refusing a command, "" without one.
+        router_lost_s: time since the bus's router was last reachable.
     """
 
     t_ns: int
@@ -84,16 +86,16 @@ class Situation(msgspec.Struct, kw_only=True):
     mode: str = ""
     failsafe: bool = False
     armable: bool = False
-    contested: bool = False
+    foreign_setpoints: bool = False
     pos_ned_m: Vec3 | None = None
     vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)
     q_ned_from_frd: Quat = (1.0, 0.0, 0.0, 0.0)
     range_m: float | None = None
     height_m: float | None = None
-    silent_s: float = 0.0
-    not_ready: str = ""
-    accepted: Order | None = None
-    complaint: str = ""
+    telemetry_age_s: float = 0.0
+    not_ready_reason: str | None = None
+    acknowledged: Command | None = None
+    command_failure: str = ""
     router_lost_s: float = 0.0
 
     @property
@@ -105,8 +107,8 @@ class Situation(msgspec.Struct, kw_only=True):
         return tilt_from_quat(self.q_ned_from_frd)
 
 
-class Standing(msgspec.Struct, frozen=True):
-    """Everything of `status` that authority decides, at one instant."""
+class ControlState(msgspec.Struct, frozen=True):
+    """The fields of `status` that the authority decides, at one time."""
 
     code: StatusCode
     in_charge: InCharge
@@ -114,3 +116,8 @@ class Standing(msgspec.Struct, frozen=True):
     control_id: str
     grants: int
     text: str
+
+    @property
+    def visible(self) -> tuple[object, ...]:
+        """Fields whose change is published at once."""
+        return self.code, self.in_charge, self.control_id

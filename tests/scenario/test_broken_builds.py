@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from jezero.services.vehicle_bridge import admission, authority
+from jezero.services.vehicle_bridge import admission, grants
 from jezero.services.vehicle_bridge.authority import Authority
 from jezero.trials.campaign.mission import fly_mission
 
@@ -24,21 +24,21 @@ def takes_setpoints_of_any_age(patch: pytest.MonkeyPatch) -> None:
 
 
 def loses_releases(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(Authority, "release", lambda self, request, now, resets: "")
+    patch.setattr(Authority, "release", lambda self, request, vehicle, resets: None)
 
 
 def grants_control_twice(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(authority, "why_not_acquire", lambda *args: "")
+    patch.setattr(grants, "acquire_refusal", lambda *args: None)
 
 
 def engages_again_after_a_failsafe(patch: pytest.MonkeyPatch) -> None:
-    lose = Authority._lose
+    lose_control = Authority._lose_control
 
-    def lose_and_take_back(self: Authority, other: Any, why: str, now: Any) -> None:
-        lose(self, other, why, now)
-        self._begin_taking_back(now)
+    def lose_and_take_back(self: Authority, holder: Any, reason: str, vehicle: Any) -> None:
+        lose_control(self, holder, reason, vehicle)
+        self._begin_taking_back(vehicle)
 
-    patch.setattr(Authority, "_lose", lose_and_take_back)
+    patch.setattr(Authority, "_lose_control", lose_and_take_back)
 
 
 BROKEN: dict[Break, str] = {

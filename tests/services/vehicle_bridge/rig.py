@@ -1,6 +1,6 @@
 """A vehicle bridge with a small autopilot at the other end of its link, stepped by hand.
 
-The autopilot answers commands, tells what it is told to be, and moves where setpoints say; no physics.
+The autopilot carries out commands, reports the state that a test sets, and ignores physics.
 """
 
 import struct
@@ -25,9 +25,17 @@ ARM, SET_MODE = dialect.MAV_CMD_COMPONENT_ARM_DISARM, dialect.MAV_CMD_DO_SET_MOD
 
 
 class FakeAutopilot:
-    """What it tells is set by tests; `deaf` loses commands, `mute` loses acknowledgements,
-    `tells_armed` is what an old heartbeat still says. `intruder` is what somebody else streams to it; `beat_s`
-    is the period of its HEARTBEAT, 0 for one in each step."""
+    """An autopilot without physics, whose state and faults tests set.
+
+    Attributes:
+        heartbeat_s: period of its HEARTBEAT, 0 for one in each step.
+        foreign_setpoint: setpoint that somebody else streams to it.
+        lost_commands: number of commands that it will lose.
+        lost_acks: number of acknowledgements that it will lose.
+        refuse_arming: reason for which it refuses to arm, "" when it doesn't.
+        reported_armed: an old arming state that its HEARTBEAT still reports; None for the true one.
+        silent: it sends nothing.
+    """
 
     def __init__(self) -> None:
         self.codec = MavlinkCodec(1, 1)
@@ -38,39 +46,39 @@ class FakeAutopilot:
         self.landed = True
         self.mode = MODES["LOITER"]
         self.system_status = dialect.MAV_STATE_ACTIVE
-        self.intruder: Any | None = None
+        self.foreign_setpoint: Any | None = None
         self.parameters: dict[str, int | float] = {}
         self.set_parameters: list[str] = []
-        self.heard = 0
-        self.beat_s = 0.0
-        self.beat_requests = 0
-        self._next_beat_us = 0
+        self.bytes_received = 0
+        self.heartbeat_s = 0.0
+        self.heartbeat_requests = 0
+        self._next_heartbeat_us = 0
         self.armable = True
         self.reset_counter = 0
         self.silent = False
-        self.deaf = 0
-        self.mute = 0
+        self.lost_commands = 0
+        self.lost_acks = 0
         self.refuse_arming = ""
-        self.tells_armed: bool | None = None
+        self.reported_armed: bool | None = None
         self.commands: list[tuple[int, tuple[float, float, float]]] = []
         self.setpoints: list[Any] = []
         self.t_us = 0
 
-    def hear(self, data: bytes) -> bytes:
+    def handle(self, data: bytes) -> bytes:
         out = b""
-        self.heard += len(data)
+        self.bytes_received += len(data)
         for message in self.codec.parse(data):
             kind = message.get_msgId()
             if kind == dialect.MAVLINK_MSG_ID_PARAM_SET:
                 out += self._set_parameter(message)
             elif kind == dialect.MAVLINK_MSG_ID_COMMAND_LONG and message.command == dialect.MAV_CMD_REQUEST_MESSAGE:
-                self.beat_requests += 1
-                self._next_beat_us = 0
+                self.heartbeat_requests += 1
+                self._next_heartbeat_us = 0
             elif kind == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
                 self.setpoints.append(message)
             elif kind == dialect.MAVLINK_MSG_ID_COMMAND_LONG and message.command in (ARM, SET_MODE):
-                if self.deaf > 0:
-                    self.deaf -= 1
+                if self.lost_commands > 0:
+                    self.lost_commands -= 1
                     continue
                 self.commands.append((message.command, (message.param1, message.param2, message.param3)))
                 out += self._do(message)
@@ -92,13 +100,13 @@ class FakeAutopilot:
         out = b""
         if text:
             out += self.codec.pack(dialect.MAVLink_statustext_message(3, text.encode()))
-        if self.mute > 0:
-            self.mute -= 1
+        if self.lost_acks > 0:
+            self.lost_acks -= 1
             return out
         return out + self.codec.pack(dialect.MAVLink_command_ack_message(message.command, result, 0, 0, 1, 191))
 
     def _set_parameter(self, message: Any) -> bytes:
-        """As PX4 does: no word about a parameter that it doesn't know or that has another type."""
+        """As PX4 does: no reply about a parameter that it doesn't know or that has another type."""
         name = message.param_id
         self.set_parameters.append(name)
         known = self.parameters.get(name)
@@ -118,33 +126,33 @@ class FakeAutopilot:
         message = dialect.MAVLink_param_value_message(name.encode(), carried, kind, len(self.parameters), 0)
         return self.codec.pack(message)
 
-    def _beats(self) -> bool:
-        is_due = self.beat_s == 0.0 or self.t_us >= self._next_beat_us
-        self._next_beat_us = self.t_us + int(self.beat_s * 1e6) if is_due else self._next_beat_us
+    def _is_heartbeat_due(self) -> bool:
+        is_due = self.heartbeat_s == 0.0 or self.t_us >= self._next_heartbeat_us
+        self._next_heartbeat_us = self.t_us + int(self.heartbeat_s * 1e6) if is_due else self._next_heartbeat_us
         return is_due
 
-    def _followed(self) -> Sequence[Any]:
-        """POSITION_TARGET_LOCAL_NED of what it follows now."""
-        followed = self.intruder or (self.setpoints[-1] if self.setpoints else None)
-        if followed is None or self.landed:
+    def _setpoint_echo(self) -> Sequence[Any]:
+        """POSITION_TARGET_LOCAL_NED of the setpoint that it follows now."""
+        s = self.foreign_setpoint or (self.setpoints[-1] if self.setpoints else None)
+        if s is None or self.landed:
             return ()
-        s = followed
         return (
             dialect.MAVLink_position_target_local_ned_message(
                 self.t_us // 1000, 1, s.type_mask, s.x, s.y, s.z, s.vx, s.vy, s.vz, s.afx, s.afy, s.afz, s.yaw, 0.0
             ),
         )
 
-    def tell(self) -> bytes:
+    def telemetry(self) -> bytes:
         """One round of telemetry at the present time."""
         if self.silent:
             return b""
-        armed = self.armed if self.tells_armed is None else self.tells_armed
+        armed = self.armed if self.reported_armed is None else self.reported_armed
         base_mode = 1 | (dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
         prearm = dialect.MAV_SYS_STATUS_PREARM_CHECK
         nan = [float("nan")] * 21
+        heartbeat = dialect.MAVLink_heartbeat_message(2, 12, base_mode, self.mode, self.system_status, 3)
         messages = (
-            *((dialect.MAVLink_heartbeat_message(2, 12, base_mode, self.mode, self.system_status, 3),) * self._beats()),
+            *((heartbeat,) if self._is_heartbeat_due() else ()),
             dialect.MAVLink_extended_sys_state_message(0, 1 if self.landed else 2),
             dialect.MAVLink_sys_status_message(
                 prearm, prearm, prearm if self.armable else 0, 0, 0xFFFF, -1, -1, 0, 0, 0, 0, 0, 0
@@ -153,7 +161,7 @@ class FakeAutopilot:
             dialect.MAVLink_odometry_message(
                 self.t_us, 1, 1, *self.pos, self.q, *self.vel, 0.0, 0.0, 0.0, nan, nan, self.reset_counter, 8, 100
             ),
-            *self._followed(),
+            *self._setpoint_echo(),
         )
         return b"".join(self.codec.pack(message) for message in messages)
 
@@ -212,7 +220,7 @@ class Rig:
         self.box = Box()
         self.t_ns = 1_000_000_000
         self.ahead_ns = 0
-        """The bridge's estimate of vehicle time less the true one."""
+        """The bridge's estimate of vehicle time minus the true one."""
         self.epoch_id = 7
         self.outputs: list[Output] = []
         self.statuses: list[Status] = []
@@ -244,13 +252,13 @@ class Rig:
         self.box.put(CLOCK, Clock(t_ns=self.t_ns, epoch_id=self.epoch_id, wall_ns=self.t_ns))
         if self.range_m is not None:
             self.box.put(ALTIMETER, Altimeter(t_ns=self.t_ns, range_m=self.range_m))
-        self.box.bytes = b"" if self.autopilot.silent else self._to_bridge + self.autopilot.tell()
+        self.box.bytes = b"" if self.autopilot.silent else self._to_bridge + self.autopilot.telemetry()
         self._to_bridge = b""
         for output in self.bridge.step(self.t_ns + self.ahead_ns, self.box):
-            self._take(output)
+            self._apply(output)
         self.box.clear()
 
-    def _take(self, output: Output) -> None:
+    def _apply(self, output: Output) -> None:
         self.outputs.append(output)
         if isinstance(output, Publish):
             message = decode(output.topic.type, encode(output.message))
@@ -261,7 +269,7 @@ class Rig:
             self.replies[output.request_id] = output.payload
             self.reply_t_ns[output.request_id] = self.t_ns
         elif isinstance(output, Send):
-            self._to_bridge += self.autopilot.hear(output.data)
+            self._to_bridge += self.autopilot.handle(output.data)
 
     def run(self, seconds: float, each: Callable[[], None] = lambda: None) -> None:
         for _ in range(round(seconds * 1e9 / STEP_NS)):
@@ -269,7 +277,7 @@ class Rig:
             self.step()
 
     def stand_still(self, seconds: float) -> None:
-        """Vehicle time stops for so long, which the bridge learns afterwards; nothing is heard meanwhile."""
+        """Stop vehicle time, of which the bridge is informed afterwards; no telemetry arrives meanwhile."""
         self.autopilot.silent = True
         for _ in range(round(seconds * 1e9 / STEP_NS)):
             self.t_ns -= STEP_NS
@@ -278,34 +286,36 @@ class Rig:
         self.autopilot.silent = False
         self.ahead_ns = 0
 
-    def run_until(self, condition: Callable[[], bool], each: Callable[[], None] = lambda: None, limit_s: float = 20.0):
+    def run_until(
+        self, condition: Callable[[], bool], each: Callable[[], None] = lambda: None, limit_s: float = 20.0
+    ) -> None:
         for _ in range(round(limit_s * 1e9 / STEP_NS)):
             if condition():
                 return
             each()
             self.step()
-        raise AssertionError(f"not reached within {limit_s} s; the last status is {self.status}")
+        raise AssertionError(f"condition not met within {limit_s} s; the last status is {self.status}")
 
     def post(self, endpoint: Endpoint[Any, Any], payload: Any) -> int:
-        """Put a question into the next step; returns its id."""
+        """Put a request into the next step; returns its id."""
         self._request_id += 1
         self.box.pending.setdefault(endpoint.name, []).append(Request(self._request_id, "test", payload))
         return self._request_id
 
-    def ask(self, endpoint: Endpoint[Any, Any], payload: Any, each: Callable[[], None] = lambda: None) -> Any:
-        """The answer, however many steps it takes."""
+    def request(self, endpoint: Endpoint[Any, Any], payload: Any, each: Callable[[], None] = lambda: None) -> Any:
+        """Send a request and step until its reply."""
         request_id = self.post(endpoint, payload)
         self.run_until(lambda: request_id in self.replies, each)
         return self.replies[request_id]
 
     def acquire(self, action: str = "takeoff", goal_id: str = "", *, do_takeoff: bool = False) -> AcquireReply:
-        """For a goal of its own, unless another id is given."""
+        """Request control for a new goal, unless another id is given."""
         goal_id = goal_id or f"g{self._request_id + 1}"
-        reply: AcquireReply = self.ask(ACQUIRE, Acquire(goal_id=goal_id, action=action, do_takeoff=do_takeoff))
+        reply: AcquireReply = self.request(ACQUIRE, Acquire(goal_id=goal_id, action=action, do_takeoff=do_takeoff))
         return reply
 
     def setpoint(self, control_id: str, phase: Phase, **fields: Any) -> None:
-        """A setpoint into the next step, as its owner would send it."""
+        """Put a setpoint into the next step, as its owner would send it."""
         self.sequence += 1
         given: dict[str, Any] = {"t_ns": self.t_ns, "sequence": self.sequence, "pos_ned_m": (0.0, 0.0, -2.0)}
         given["reset_counter"] = self.autopilot.reset_counter
@@ -313,7 +323,7 @@ class Rig:
         self.box.put(SETPOINT, Setpoint(control_id=control_id, phase=phase, **given))
 
     def release(self, control_id: str, outcome: Any = "succeeded", **fields: Any) -> Any:
-        return self.ask(RELEASE, Release(control_id=control_id, outcome=outcome, **fields))
+        return self.request(RELEASE, Release(control_id=control_id, outcome=outcome, **fields))
 
     def ready(self) -> "Rig":
         self.run_until(lambda: bool(self.statuses) and self.status.ready)
@@ -336,7 +346,7 @@ class Rig:
         return self
 
     def go(self, action: str, phase: Phase) -> str:
-        """From 3 into a goal's flight; returns its control_id."""
+        """Begin a goal's flight from status 3; returns its control id."""
         reply = self.acquire(action, goal_id=f"goal-{action}")
         assert reply.granted, reply.reason
         self.run(0.06, lambda: self.setpoint(reply.control_id, phase))

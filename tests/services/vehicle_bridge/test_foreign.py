@@ -1,4 +1,4 @@
-"""Another MAVLink system arms, changes mode or streams: the bridge falls silent until it is asked to hover."""
+"""Another MAVLink system arms, changes mode or streams: the bridge falls silent until a hover is requested."""
 
 from collections.abc import Callable
 from math import nan
@@ -6,10 +6,11 @@ from types import SimpleNamespace
 
 import pytest
 
+from jezero.frames import Vec3
 from jezero.mavlink import MavlinkCodec, dialect
 from jezero.schemas.commands import Hover, Phase
 from jezero.schemas.topics import HOVER
-from jezero.services.vehicle_bridge.foreign_setpoints import Followed
+from jezero.services.vehicle_bridge.foreign_setpoints import ForeignSetpointDetector, SetpointEcho
 from jezero.services.vehicle_bridge.vehicle import Target
 from tests.services.vehicle_bridge.rig import CRITICAL, MODES, SET_MODE, Rig
 
@@ -43,14 +44,14 @@ def switched_to_hold(rig: Rig) -> None:
 
 
 def streamed_to(rig: Rig) -> None:
-    rig.autopilot.intruder = stream(vx=2.0)
+    rig.autopilot.foreign_setpoint = stream(vx=2.0)
 
 
 # -- taking over -------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("where", "what", "words"),
+    ("start", "event", "text"),
     [
         (lambda: Rig().ready(), armed_in_posctl, "armed, and not by the bridge"),
         (lambda: Rig().fly(), switched_to_hold, "was switched to AUTO.LOITER"),
@@ -59,24 +60,24 @@ def streamed_to(rig: Rig) -> None:
         (flying, streamed_to, "follows setpoints of somebody else"),
     ],
 )
-def test_whoever_takes_over_is_in_charge_and_nothing_is_sent_to_the_autopilot(
-    where: Callable[[], Rig], what: Callable[[Rig], None], words: str
+def test_after_a_takeover_the_other_is_in_charge_and_nothing_is_sent_to_the_autopilot(
+    start: Callable[[], Rig], event: Callable[[Rig], None], text: str
 ) -> None:
-    rig = where()
-    what(rig)
+    rig = start()
+    event(rig)
     rig.run_until(lambda: rig.status.code == 13, limit_s=1.0)
     assert rig.status.in_charge == "external"
     assert rig.status.text.startswith("taken over: ")
-    assert words in rig.status.text
+    assert text in rig.status.text
     assert not rig.acquire().granted
     heartbeat = len(MavlinkCodec(1, 191).pack(dialect.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)))
-    rig.autopilot.heard = 0
+    rig.autopilot.bytes_received = 0
     rig.run(10.0)
     assert rig.status.code == 13
-    assert rig.autopilot.heard == 10 * heartbeat
+    assert rig.autopilot.bytes_received == 10 * heartbeat
 
 
-def test_a_goal_ends_with_the_reason_and_whatever_it_still_sends_is_dropped() -> None:
+def test_a_goal_ends_with_the_reason_and_its_later_setpoints_are_dropped() -> None:
     rig = Rig().fly()
     control_id = rig.go("go_to", Phase.GO_TO)
     rig.autopilot.mode = MODES["POSCTL"]
@@ -86,55 +87,54 @@ def test_a_goal_ends_with_the_reason_and_whatever_it_still_sends_is_dropped() ->
     assert reply.reason == "taken over: the autopilot was switched to POSCTL"
 
 
-def test_an_autopilot_that_beats_once_a_second_is_asked_more_often_while_the_bridge_flies_and_only_then() -> None:
+def test_an_autopilot_with_one_heartbeat_a_second_is_requested_more_while_the_bridge_flies_and_only_then() -> None:
     rig = Rig()
-    rig.autopilot.beat_s = 1.0
+    rig.autopilot.heartbeat_s = 1.0
     rig.ready().run(3.0)
-    assert rig.autopilot.beat_requests == 0
+    assert rig.autopilot.heartbeat_requests == 0
     rig.fly()
-    before = rig.autopilot.beat_requests
+    before = rig.autopilot.heartbeat_requests
     rig.run(3.0)
-    assert 15 <= rig.autopilot.beat_requests - before <= 20
+    assert 15 <= rig.autopilot.heartbeat_requests - before <= 20
     rig.autopilot.mode = MODES["POSCTL"]
     rig.run(0.25)
     assert (rig.status.code, rig.status.in_charge) == (13, "external")
-    before = rig.autopilot.beat_requests
+    before = rig.autopilot.heartbeat_requests
     rig.run(3.0)
-    assert rig.autopilot.beat_requests == before
-    assert rig.ask(HOVER, Hover()).hover_mode
+    assert rig.autopilot.heartbeat_requests == before
+    assert rig.request(HOVER, Hover()).hover_mode
 
 
-def test_an_autopilot_that_beats_often_is_not_asked() -> None:
+def test_an_autopilot_with_many_heartbeats_is_requested_no_more() -> None:
     rig = flying()
-    rig.autopilot.beat_s = 0.1
+    rig.autopilot.heartbeat_s = 0.1
     rig.run(2.0)
-    assert rig.autopilot.beat_requests == 0
+    assert rig.autopilot.heartbeat_requests == 0
 
 
-def arming() -> Rig:
-    """A rig whose bridge has asked to arm and waits for it."""
+def arming() -> tuple[Rig, str]:
+    """A rig whose bridge has commanded arming and waits for it, and the control id."""
     rig = Rig().ready()
-    rig.autopilot.tells_armed = False
+    rig.autopilot.reported_armed = False
     rig.autopilot.refuse_arming = "not yet"
     control_id = rig.acquire().control_id
     rig.run(0.5, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
-    rig.control_id = control_id  # type: ignore[attr-defined]
     assert rig.autopilot.mode == MODES["OFFBOARD"]
-    return rig
+    return rig, control_id
 
 
-def test_who_arms_in_another_mode_while_the_bridge_is_about_to_has_taken_over() -> None:
-    rig = arming()
-    rig.autopilot.tells_armed, rig.autopilot.armed, rig.autopilot.mode = None, True, MODES["POSCTL"]
+def test_arming_by_somebody_else_while_the_bridge_is_about_to_arm_is_a_takeover() -> None:
+    rig, _ = arming()
+    rig.autopilot.reported_armed, rig.autopilot.armed, rig.autopilot.mode = None, True, MODES["POSCTL"]
     rig.step()
     assert (rig.status.code, rig.status.in_charge) == (13, "external")
 
 
-def test_who_changes_the_mode_while_the_bridge_is_about_to_arm_has_taken_over() -> None:
-    rig = arming()
+def test_a_change_of_mode_while_the_bridge_is_about_to_arm_is_a_takeover() -> None:
+    rig, control_id = arming()
     rig.autopilot.mode = MODES["POSCTL"]
     rig.autopilot.commands.clear()
-    rig.run(0.5, lambda: rig.setpoint(rig.control_id, Phase.TAKEOFF))  # type: ignore[attr-defined]
+    rig.run(0.5, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
     assert rig.codes == [0, 1, 13, 0]
     assert "taken over: the autopilot was switched to POSCTL" in rig.status.text
     assert [c for c in rig.autopilot.commands if c[0] == SET_MODE] == []
@@ -143,21 +143,26 @@ def test_who_changes_the_mode_while_the_bridge_is_about_to_arm_has_taken_over() 
 def test_a_ground_station_that_only_listens_takes_nothing_over() -> None:
     rig = flying()
     station, other = MavlinkCodec(255, 190), MavlinkCodec(1, 100)
-    beats = station.pack(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
-    beats += other.pack(dialect.MAVLink_heartbeat_message(30, 8, 0, 0, 5, 3))
+    heartbeats = station.pack(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    heartbeats += other.pack(dialect.MAVLink_heartbeat_message(30, 8, 0, 0, 5, 3))
     vehicle = MavlinkCodec(2, 1).pack(dialect.MAVLink_heartbeat_message(2, 12, 1, MODES["LAND"], 5, 3))
-    told = MavlinkCodec(255, 1).pack(
+    echo = MavlinkCodec(255, 1).pack(
         dialect.MAVLink_position_target_local_ned_message(0, 1, POSITION, 9, 9, 9, 0, 0, 0, 0, 0, 0, 0, 0)
     )
 
     def forwarded() -> None:
-        rig._to_bridge += beats + vehicle + told
+        rig._to_bridge += heartbeats + vehicle + echo
 
-    rig.autopilot.intruder = None
+    rig.autopilot.foreign_setpoint = None
     rig.run(0.2, forwarded)
     assert rig.status.code == 4
     control_id = rig.status.control_id
-    rig.run(1.5, lambda: (forwarded(), rig.setpoint(control_id, Phase.GO_TO)))
+
+    def forwarded_and_flown() -> None:
+        forwarded()
+        rig.setpoint(control_id, Phase.GO_TO)
+
+    rig.run(1.5, forwarded_and_flown)
     assert rig.status.code == 4
 
 
@@ -181,7 +186,7 @@ def test_a_pilot_may_lose_to_a_failsafe_and_win_back_from_it() -> None:
     ("mode", "state", "who"),
     [("OFFBOARD", 4, "failsafe"), ("LAND", CRITICAL, "failsafe"), ("POSCTL", 4, "external"), ("LOITER", 4, "external")],
 )
-def test_a_bridge_that_starts_in_flight_says_who_flies(mode: str, state: int, who: str) -> None:
+def test_a_bridge_that_starts_in_flight_reports_who_is_in_charge(mode: str, state: int, who: str) -> None:
     rig = Rig()
     rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.system_status = True, MODES[mode], state
     rig.lift_off()
@@ -196,23 +201,23 @@ def test_only_hover_takes_control_back_and_only_in_the_air() -> None:
     assert "take control back with hover" in rig.acquire("go_to").reason
     rig.autopilot.landed = True
     rig.step()
-    assert "in the air only" in rig.ask(HOVER, Hover()).reason
+    assert "in the air only" in rig.request(HOVER, Hover()).reason
     rig.autopilot.landed = False
     rig.step()
-    assert rig.ask(HOVER, Hover()).hover_mode
+    assert rig.request(HOVER, Hover()).hover_mode
     assert rig.codes[-2:] == [13, 3]
     rig.run(2.0)
     assert rig.status.in_charge == "hover"
 
 
-def test_who_goes_on_streaming_after_a_hover_has_taken_over_again() -> None:
+def test_a_stream_that_goes_on_after_a_hover_is_another_takeover() -> None:
     rig = Rig().fly()
-    rig.autopilot.intruder = stream(vx=1.0)
+    rig.autopilot.foreign_setpoint = stream(vx=1.0)
     rig.run(1.0)
-    assert rig.ask(HOVER, Hover()).hover_mode
+    assert rig.request(HOVER, Hover()).hover_mode
     rig.run_until(lambda: rig.status.code == 13, limit_s=1.0)
-    rig.autopilot.intruder = None
-    assert rig.ask(HOVER, Hover()).hover_mode
+    rig.autopilot.foreign_setpoint = None
+    assert rig.request(HOVER, Hover()).hover_mode
     rig.run(3.0)
     assert rig.status.code == 3
 
@@ -227,7 +232,7 @@ def test_landed_and_disarmed_by_others_the_vehicle_is_idle_and_takes_goals_again
     assert rig.acquire(goal_id="next").granted
 
 
-# -- what is left behind on the ground ---------------------------------------------------------------------
+# -- unarmable modes on the ground ----------------------------------------------------------------------
 
 
 def landed_by_others(mode: str, *, armable: bool) -> Rig:
@@ -252,42 +257,43 @@ def test_a_mode_that_others_may_be_about_to_arm_in_is_theirs(mode: str, armable:
     assert rig.status.code == 0
 
 
-# -- whose setpoints are followed --------------------------------------------------------------------------
+# -- foreign setpoint detector -----------------------------------------------------------------------------
 
 
-def watched(
-    told: Callable[[int], tuple[Target, tuple[tuple[float, float, float], tuple[float, float, float]]]], age_ns: int = 0
-) -> int:
-    """How many milliseconds pass until a foreign stream is noticed; -1 when it isn't within 5 s.
+def detection_ms(sent_and_echo: Callable[[int], tuple[Target, tuple[Vec3, Vec3]]], age_ns: int = 0) -> int:
+    """Time in ms until a foreign stream is detected; -1 when it isn't within 5 s.
 
-    `told(ms)` is what is sent then, each 20 ms, and what the autopilot tells that it follows, each 30 ms.
+    Args:
+        sent_and_echo: from the time in ms, the target that is sent every 20 ms, and position and velocity of the
+            echo every 30 ms.
+        age_ns: age of each echo when it arrives.
     """
-    followed = Followed()
+    detector = ForeignSetpointDetector()
     for ms in range(0, 5_000, 10):
-        target, follows = told(ms)
+        target, (pos_ned_m, vel_ned_mps) = sent_and_echo(ms)
         if ms % 20 == 0:
-            followed.send(target, ms * MS)
+            detector.add_sent(target, ms * MS)
         if ms % 30 == 0:
-            followed.tell(*follows, age_ns, ms * MS)
-        if followed.by_others(ms * MS):
+            detector.update(SetpointEcho(ms * MS - age_ns, pos_ned_m, vel_ned_mps), ms * MS, ms * MS)
+        if detector.is_detected(ms * MS):
             return ms
     return -1
 
 
-def test_what_was_sent_is_recognised() -> None:
-    assert watched(lambda ms: (HERE, ((1.0, 2.0, -3.0), (0.4, -2.0, 0.1)))) == -1
-    assert watched(lambda ms: (NORTH, (NONE, (1.0, 0.0, 0.0)))) == -1
+def test_an_echo_of_a_sent_setpoint_is_not_foreign() -> None:
+    assert detection_ms(lambda ms: (HERE, ((1.0, 2.0, -3.0), (0.4, -2.0, 0.1)))) == -1
+    assert detection_ms(lambda ms: (NORTH, (NONE, (1.0, 0.0, 0.0)))) == -1
 
 
-def test_a_moving_target_is_recognised_late() -> None:
-    def at(ms: int) -> tuple[float, float, float]:
+def test_a_late_echo_of_a_moving_target_is_not_foreign() -> None:
+    def at(ms: int) -> Vec3:
         return (ms * 0.01, 0.0, -3.0)
 
-    assert watched(lambda ms: (Target(at(ms), None, None, 0.0), (at(max(0, ms - 900) // 20 * 20), NONE))) == -1
+    assert detection_ms(lambda ms: (Target(at(ms), None, None, 0.0), (at(max(0, ms - 900) // 20 * 20), NONE))) == -1
 
 
 @pytest.mark.parametrize(
-    ("told_mps", "is_ours"),
+    ("echo_mps", "is_ours"),
     [
         ((0.6, 0.0, 0.0), True),
         ((0.0, 0.0, 0.0), True),
@@ -297,18 +303,18 @@ def test_a_moving_target_is_recognised_late() -> None:
         ((1.0, 0.0, 0.5), False),
     ],
 )
-def test_a_velocity_may_have_been_limited_but_not_more(told_mps: tuple[float, float, float], is_ours: bool) -> None:
-    assert (watched(lambda ms: (NORTH, (NONE, told_mps))) == -1) == is_ours
+def test_an_echoed_velocity_may_be_limited_but_not_greater(echo_mps: Vec3, is_ours: bool) -> None:
+    assert (detection_ms(lambda ms: (NORTH, (NONE, echo_mps))) == -1) == is_ours
 
 
-@pytest.mark.parametrize("told", [NONE, (0.0, 0.0, 0.5)])
-def test_on_the_ground_where_nothing_is_followed_there_is_nobody_else(told: tuple[float, float, float]) -> None:
+@pytest.mark.parametrize("echo_mps", [NONE, (0.0, 0.0, 0.5)])
+def test_on_the_ground_where_no_setpoint_is_followed_none_is_foreign(echo_mps: Vec3) -> None:
     pressing = Target(None, (0.0, 0.0, 0.5), None, 0.0)
-    assert watched(lambda ms: (pressing, (NONE, told))) == -1
+    assert detection_ms(lambda ms: (pressing, (NONE, echo_mps))) == -1
 
 
 @pytest.mark.parametrize(
-    ("target", "told"),
+    ("target", "echo"),
     [
         (HERE, ((1.0, 2.5, -3.0), NONE)),
         (HERE, (NONE, (0.5, 0.0, 0.0))),
@@ -317,25 +323,23 @@ def test_on_the_ground_where_nothing_is_followed_there_is_nobody_else(told: tupl
         (NORTH, ((nan, nan, -3.0), (1.0, 0.0, 0.0))),
     ],
 )
-def test_what_was_never_sent_is_somebody_elses(
-    target: Target, told: tuple[tuple[float, float, float], tuple[float, float, float]]
-) -> None:
-    assert 500 <= watched(lambda ms: (target, told)) <= 600
+def test_an_echo_of_a_setpoint_that_was_never_sent_is_foreign(target: Target, echo: tuple[Vec3, Vec3]) -> None:
+    assert 500 <= detection_ms(lambda ms: (target, echo)) <= 600
 
 
-def test_a_stream_of_twenty_hertz_between_ours_is_noticed_too() -> None:
+def test_a_stream_of_twenty_hertz_between_ours_is_detected_too() -> None:
     ours, theirs = ((1.0, 2.0, -3.0), NONE), (NONE, (1.0, 0.0, 0.0))
-    assert 500 <= watched(lambda ms: (HERE, theirs if ms % 50 == 10 or ms % 50 == 30 else ours)) < 2_000
-    assert 500 <= watched(lambda ms: (HERE, theirs if ms % 50 == 10 else ours)) < 3_000
+    assert 500 <= detection_ms(lambda ms: (HERE, theirs if ms % 50 == 10 or ms % 50 == 30 else ours)) < 2_000
+    assert 500 <= detection_ms(lambda ms: (HERE, theirs if ms % 50 == 10 else ours)) < 3_000
 
 
-def test_what_was_told_long_ago_is_no_news() -> None:
-    assert watched(lambda ms: (HERE, ((1.0, 2.5, -3.0), NONE)), age_ns=299 * MS) > 0
-    assert watched(lambda ms: (HERE, ((1.0, 2.5, -3.0), NONE)), age_ns=301 * MS) == -1
+def test_an_old_echo_is_ignored() -> None:
+    assert detection_ms(lambda ms: (HERE, ((1.0, 2.5, -3.0), NONE)), age_ns=299 * MS) > 0
+    assert detection_ms(lambda ms: (HERE, ((1.0, 2.5, -3.0), NONE)), age_ns=301 * MS) == -1
 
 
 @pytest.mark.parametrize("ms_long", [100, 400])
-def test_a_moment_of_disagreement_is_nobody(ms_long: int) -> None:
-    """As when the autopilot has moved its position in one step, and the bridge hasn't heard of it yet."""
+def test_a_short_burst_of_foreign_echoes_is_not_detected(ms_long: int) -> None:
+    """The autopilot has moved its position in one step, and the bridge has not received it yet."""
     moved = ((3.0, 2.0, -3.0), NONE)
-    assert watched(lambda ms: (HERE, moved if 1_000 <= ms < 1_000 + ms_long else ((1.0, 2.0, -3.0), NONE))) == -1
+    assert detection_ms(lambda ms: (HERE, moved if 1_000 <= ms < 1_000 + ms_long else ((1.0, 2.0, -3.0), NONE))) == -1

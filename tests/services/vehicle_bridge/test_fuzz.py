@@ -1,9 +1,10 @@
-"""Random goals, requests and mishaps: the status only ever moves along the table, and nothing unfit is sent."""
+"""Random goals, requests and mishaps: the status only ever moves along the table, and no invalid setpoint is sent."""
 
 from collections.abc import Callable
 from itertools import pairwise
 from math import isfinite
 from random import Random
+from typing import Literal
 
 import pytest
 from hypothesis import example, given, settings
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 from jezero.mavlink import dialect
 from jezero.schemas import topics
-from jezero.schemas.commands import Abort, Acquire, Hover, Kill, Phase, Release
+from jezero.schemas.commands import Abort, Acquire, Hover, Kill, Outcome, Phase, Release
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import ABORT, ACQUIRE, HOVER, KILL, RELEASE
 from jezero.services.vehicle_bridge.transitions import is_allowed
@@ -27,10 +28,10 @@ ACTIONS = {
 
 
 class Chaos:
-    """Someone who presses every button, and a world in which everything goes wrong.
+    """Random requests of a client, and random faults.
 
     Args:
-        choose: picks an index below its argument.
+        choose: returns a random index below its argument.
     """
 
     def __init__(self, choose: Callable[[int], int]) -> None:
@@ -94,8 +95,9 @@ class Chaos:
             autopilot.landed, autopilot.pos[2] = True, 0.0
 
     def release(self) -> None:
-        outcome = ("succeeded", "succeeded", "canceled", "aborted")[self.choose(4)]
-        then = "disarm" if self.phase is Phase.LANDING else "hover"
+        outcomes: tuple[Outcome, ...] = ("succeeded", "succeeded", "canceled", "aborted")
+        outcome = outcomes[self.choose(4)]
+        then: Literal["disarm", "hover"] = "disarm" if self.phase is Phase.LANDING else "hover"
         self.rig.post(RELEASE, Release(control_id=self.control_id, outcome=outcome, then=then))
 
     def hover(self) -> None:
@@ -116,9 +118,9 @@ class Chaos:
         elif kind == 3:
             autopilot.silent = not autopilot.silent
         elif kind == 4:
-            autopilot.deaf = 3
+            autopilot.lost_commands = 3
         elif kind == 5:
-            autopilot.mute = 3
+            autopilot.lost_acks = 3
         elif kind == 6:
             autopilot.reset_counter = (autopilot.reset_counter + 1) % 256
             autopilot.pos[0] += 1.0
@@ -135,13 +137,13 @@ class Chaos:
             autopilot.refuse_arming = "" if autopilot.refuse_arming else "Arming denied"
 
     def meddle(self) -> None:
-        """Somebody else streams, or a failsafe says that it acts."""
+        """Let somebody else stream, or let a failsafe report that it acts."""
         autopilot = self.rig.autopilot
         if self.choose(2):
             autopilot.system_status = 4 if autopilot.system_status == CRITICAL else CRITICAL
         else:
             fast = dialect.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 7, 0, 0, 0, 9, 9, 9, 0, 0, 0, 0, 0)
-            autopilot.intruder = fast if autopilot.intruder is None else None
+            autopilot.foreign_setpoint = fast if autopilot.foreign_setpoint is None else None
 
     def edges(self) -> list[tuple[int, int]]:
         return list(pairwise(self.rig.codes))
@@ -198,7 +200,7 @@ def reached(code: int) -> Rig:
     if flight is not None and code > 3:
         control_id = rig.go(*flight)
     if code in (2, 5, 7, 9, 11):
-        then = "disarm" if code == 9 else "hover"
+        then: Literal["disarm", "hover"] = "disarm" if code == 9 else "hover"
         rig.post(RELEASE, Release(control_id=control_id, outcome="succeeded", then=then))
         rig.step()
     elif code == 12:
@@ -225,7 +227,7 @@ def test_any_status_gives_way_to_13(code: int) -> None:
 @pytest.mark.parametrize("code", [1, 4, 6, 8, 10])
 def test_any_flight_of_a_goal_can_be_aborted_into_a_hover(code: int) -> None:
     rig = reached(code)
-    rig.ask(ABORT, Abort())
+    rig.request(ABORT, Abort())
     rig.run(0.3)
     assert rig.codes[-3:] == [code, 12, 3]
 

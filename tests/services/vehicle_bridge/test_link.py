@@ -1,22 +1,24 @@
-"""What the bridge makes of MAVLink, and what it makes MAVLink of."""
+"""Translation from and to MAVLink."""
 
 from math import nan
+from typing import Any
 
 import pytest
 
 from jezero.frames import quat_from_euler
-from jezero.mavlink import MavlinkCodec, dialect
+from jezero.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.schemas.commands import Phase
 from jezero.services.vehicle_bridge.autopilot_link import INTERVALS_US, AutopilotLink
-from jezero.services.vehicle_bridge.vehicle import Order, mode_name
+from jezero.services.vehicle_bridge.telemetry import TelemetryBatch
+from jezero.services.vehicle_bridge.vehicle import Command, mode_name
 from tests.services.vehicle_bridge.rig import Rig
 
 S = 1_000_000_000
 NO_COVARIANCE = [nan] * 21
 
 
-def odometry(t_us: int = 1_000_000, *, child_frame: int = 1, yaw_rad: float = 0.0, **fields: object) -> object:
-    given = {"x": 1.0, "y": 2.0, "z": -3.0, "vx": 1.0, "vy": 0.0, "vz": 0.0, "frame_id": 1} | fields
+def odometry(t_us: int = 1_000_000, *, child_frame: int = 1, yaw_rad: float = 0.0, **fields: Any) -> MavMessage:
+    given: dict[str, Any] = {"x": 1.0, "y": 2.0, "z": -3.0, "vx": 1.0, "vy": 0.0, "vz": 0.0, "frame_id": 1} | fields
     return dialect.MAVLink_odometry_message(
         time_usec=t_us,
         child_frame_id=child_frame,
@@ -33,54 +35,61 @@ def odometry(t_us: int = 1_000_000, *, child_frame: int = 1, yaw_rad: float = 0.
     )
 
 
-def heard(link: AutopilotLink, *messages: object, codec: MavlinkCodec | None = None, at_ns: int = 0) -> object:
+def receive(
+    link: AutopilotLink, *messages: MavMessage, codec: MavlinkCodec | None = None, at_ns: int = 0
+) -> TelemetryBatch:
     codec = codec or MavlinkCodec(1, 1)
     return link.receive(b"".join(codec.pack(m) for m in messages), at_ns, at_ns, epoch_id=4)
 
 
+def acknowledged(link: AutopilotLink) -> Command | None:
+    """The acknowledged command; a function, as mypy takes an attribute for unchanged between two asserts."""
+    return link.acknowledged
+
+
 def test_odometry_is_vehicle_time_and_world_ned() -> None:
     link = AutopilotLink(1)
-    heard(link, odometry())
-    told = link.telemetry.odometry
-    assert told is not None
-    assert told.t_ns == S
-    assert told.epoch_id == 4
-    assert told.pos_uav_ned_m == (1.0, 2.0, -3.0)
-    assert told.vel_uav_ned_mps == pytest.approx((1.0, 0.0, 0.0))
-    assert told.std_pos_m == pytest.approx(0.3)
+    receive(link, odometry())
+    received = link.telemetry.odometry
+    assert received is not None
+    assert received.t_ns == S
+    assert received.epoch_id == 4
+    assert received.pos_uav_ned_m == (1.0, 2.0, -3.0)
+    assert received.vel_uav_ned_mps == pytest.approx((1.0, 0.0, 0.0))
+    assert received.std_pos_m == pytest.approx(0.3)
 
 
 def test_velocity_in_the_body_frame_is_turned_into_ned() -> None:
     link = AutopilotLink(1)
-    heard(link, odometry(child_frame=dialect.MAV_FRAME_BODY_FRD, yaw_rad=1.5707963))
-    told = link.telemetry.odometry
-    assert told is not None
-    assert told.vel_uav_ned_mps == pytest.approx((0.0, 1.0, 0.0), abs=1e-6)
+    receive(link, odometry(child_frame=dialect.MAV_FRAME_BODY_FRD, yaw_rad=1.5707963))
+    received = link.telemetry.odometry
+    assert received is not None
+    assert received.vel_uav_ned_mps == pytest.approx((0.0, 1.0, 0.0), abs=1e-6)
 
 
 @pytest.mark.parametrize("fields", [{"x": nan}, {"vz": float("inf")}, {"z": 2e6}, {"vx": 2e3}, {"frame_id": 12}])
-def test_odometry_that_cannot_be_is_counted_and_not_believed(fields: dict[str, float]) -> None:
+def test_odometry_that_cannot_be_is_counted_and_not_believed(fields: dict[str, Any]) -> None:
     link = AutopilotLink(1)
-    heard(link, odometry(**fields))
+    receive(link, odometry(**fields))
     assert link.telemetry.odometry is None
     assert link.malformed == 1
 
 
 def test_datagrams_that_overtook_each_other_are_not_a_restart() -> None:
     link = AutopilotLink(1)
-    received = heard(link, odometry(2_000_000), odometry(1_980_000), odometry(2_020_000))
+    received = receive(link, odometry(2_000_000), odometry(1_980_000), odometry(2_020_000))
     assert [o.t_ns for o in received.odometry] == [2_000_000_000, 2_020_000_000]
     assert not received.restarted
-    assert heard(link, odometry(100_000)).restarted
+    assert receive(link, odometry(100_000)).restarted
 
 
 def test_other_systems_and_components_are_not_the_autopilot() -> None:
     link = AutopilotLink(1)
-    beat = dialect.MAVLink_heartbeat_message(2, 12, 1 | 128, 6 << 16, 4, 3)
-    heard(link, beat, codec=MavlinkCodec(2, 1))
-    heard(link, beat, codec=MavlinkCodec(1, 100))
-    assert link.telemetry.heard_wall_ns is None
-    heard(link, beat)
+    heartbeat = dialect.MAVLink_heartbeat_message(2, 12, 1 | 128, 6 << 16, 4, 3)
+    receive(link, heartbeat, codec=MavlinkCodec(2, 1))
+    receive(link, heartbeat, codec=MavlinkCodec(1, 100))
+    assert link.telemetry.received_wall_ns is None
+    receive(link, heartbeat)
     assert link.telemetry.armed
     assert link.telemetry.mode == "OFFBOARD"
 
@@ -94,7 +103,7 @@ def test_modes_have_px4s_names() -> None:
 
 def test_battery_and_origin_are_converted() -> None:
     link = AutopilotLink(1)
-    heard(
+    receive(
         link,
         dialect.MAVLink_sys_status_message(0, 0, 0, 0, 15_300, -1, 87, 0, 0, 0, 0, 0, 0),
         dialect.MAVLink_gps_global_origin_message(473977418, -85455938, 488250, 0),
@@ -107,54 +116,54 @@ def test_battery_and_origin_are_converted() -> None:
 
 def test_a_warning_in_chunks_is_put_together_and_explains_a_refusal_for_a_while() -> None:
     link = AutopilotLink(1)
-    link.pursue(Order.ARM, 0)
-    heard(
+    link.command(Command.ARM, 0)
+    receive(
         link,
         dialect.MAVLink_statustext_message(2, b"Arming denied: the estimator has not yet converged", 7, 0),
         dialect.MAVLink_statustext_message(2, b", wait", 7, 1),
         dialect.MAVLink_statustext_message(6, b"just so you know"),
         dialect.MAVLink_command_ack_message(400, 1, 0, 0, 1, 191),
     )
-    words = "arming temporarily rejected; Arming denied: the estimator has not yet converged, wait"
-    assert link.complaint(S) == words
-    assert link.complaint(20 * S) == "arming temporarily rejected"
+    failure = "arming temporarily rejected; Arming denied: the estimator has not yet converged, wait"
+    assert link.command_failure(S) == failure
+    assert link.command_failure(20 * S) == "arming temporarily rejected"
 
 
 def test_an_order_is_repeated_until_it_is_acknowledged_to_us() -> None:
     link = AutopilotLink(1)
-    assert link.pursue(Order.ARM, 0)
-    assert not link.pursue(Order.ARM, S // 4)
-    assert link.pursue(Order.ARM, S // 2)
-    heard(link, dialect.MAVLink_command_ack_message(400, 0, 0, 0, 255, 190), at_ns=S // 2)
-    heard(link, dialect.MAVLink_command_ack_message(400, 0, 0, 0, 1, 190), at_ns=S // 2)
-    heard(link, dialect.MAVLink_command_ack_message(400, 0, 0, 0, 0, 0), at_ns=S // 2)
-    heard(link, dialect.MAVLink_command_ack_message(176, 0, 0, 0, 1, 191), at_ns=S // 2)
-    assert link.accepted is None
-    heard(link, dialect.MAVLink_command_ack_message(400, 0, 0, 0, 1, 191), at_ns=S // 2)
-    assert link.accepted is Order.ARM
-    assert not link.pursue(Order.ARM, S + S // 2)
-    assert link.pursue(Order.ARM, 2 * S), "acknowledged, but without effect"
-    assert link.pursue(Order.DISARM, 2 * S)
-    assert link.accepted is None
+    assert link.command(Command.ARM, 0)
+    assert not link.command(Command.ARM, S // 4)
+    assert link.command(Command.ARM, S // 2)
+    receive(link, dialect.MAVLink_command_ack_message(400, 0, 0, 0, 255, 190), at_ns=S // 2)
+    receive(link, dialect.MAVLink_command_ack_message(400, 0, 0, 0, 1, 190), at_ns=S // 2)
+    receive(link, dialect.MAVLink_command_ack_message(400, 0, 0, 0, 0, 0), at_ns=S // 2)
+    receive(link, dialect.MAVLink_command_ack_message(176, 0, 0, 0, 1, 191), at_ns=S // 2)
+    assert acknowledged(link) is None
+    receive(link, dialect.MAVLink_command_ack_message(400, 0, 0, 0, 1, 191), at_ns=S // 2)
+    assert acknowledged(link) is Command.ARM
+    assert not link.command(Command.ARM, S + S // 2)
+    assert link.command(Command.ARM, 2 * S), "acknowledged, but without effect"
+    assert link.command(Command.DISARM, 2 * S)
+    assert acknowledged(link) is None
 
 
-def test_the_bridge_beats_once_a_second_and_asks_for_its_telemetry() -> None:
+def test_the_bridge_sends_a_heartbeat_once_a_second_and_requests_its_telemetry() -> None:
     rig = Rig()
-    seen: list[object] = []
-    hear = rig.autopilot.hear
+    sent: list[MavMessage] = []
+    handle = rig.autopilot.handle
     reader = MavlinkCodec(1, 1)
 
-    def listen(data: bytes) -> bytes:
-        seen.extend(reader.parse(data))
-        return hear(data)
+    def record(data: bytes) -> bytes:
+        sent.extend(reader.parse(data))
+        return handle(data)
 
-    rig.autopilot.hear = listen  # type: ignore[method-assign]
+    rig.autopilot.handle = record  # type: ignore[method-assign]
     rig.run(4.0)
-    beats = [m for m in seen if m.get_msgId() == 0]
-    assert len(beats) == 4
-    assert (beats[0].type, beats[0].get_srcSystem(), beats[0].get_srcComponent()) == (18, 1, 191)
-    asked = {m.param1: m.param2 for m in seen if m.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_LONG}
-    assert asked == INTERVALS_US
+    heartbeats = [m for m in sent if m.get_msgId() == 0]
+    assert len(heartbeats) == 4
+    assert (heartbeats[0].type, heartbeats[0].get_srcSystem(), heartbeats[0].get_srcComponent()) == (18, 1, 191)
+    intervals_us = {m.param1: m.param2 for m in sent if m.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_LONG}
+    assert intervals_us == INTERVALS_US
 
 
 def test_the_same_flight_gives_the_same_bytes() -> None:

@@ -24,7 +24,7 @@ def test_a_position_reset_moves_the_hover_point_along() -> None:
 
 def test_a_hover_point_that_a_position_reset_moves_beyond_the_limits_is_given_up_for_where_the_vehicle_is() -> None:
     rig = Rig().fly()
-    rig.ask(HOVER, Hover(hover_pos=(0.0, 0.0, -100.0)))
+    rig.request(HOVER, Hover(hover_pos=(0.0, 0.0, -100.0)))
     rig.autopilot.pos[2] -= 50.0
     z_m = rig.autopilot.pos[2]
     rig.autopilot.reset_counter += 1
@@ -59,7 +59,7 @@ def test_the_height_over_the_take_off_point_survives_a_vertical_reset() -> None:
     rig.step()
     rig.autopilot.pos[2] = -1.2 - 0.9
     rig.step()
-    rig.ask(ABORT, Abort())
+    rig.request(ABORT, Abort())
     assert rig.autopilot.setpoints[-1].z == pytest.approx(-1.2 - 1.5)
 
 
@@ -109,7 +109,7 @@ def test_on_the_ground_a_lost_router_changes_nothing() -> None:
     assert rig.autopilot.commands == []
 
 
-def test_a_new_epoch_ends_the_goal_and_forgets_the_vehicle() -> None:
+def test_a_new_epoch_ends_the_goal_and_resets_the_vehicle() -> None:
     rig = Rig().fly()
     control_id = rig.go("go_to", Phase.GO_TO)
     rig.epoch_id += 1
@@ -140,17 +140,17 @@ def test_an_autopilot_whose_time_goes_back_has_restarted() -> None:
 def test_without_vehicle_time_or_autopilot_the_status_says_what_is_missing() -> None:
     rig = Rig()
     for wall_ns in range(0, 1_600_000_000, 20_000_000):
-        assert not rig.statuses or wall_ns >= 1_500_000_000, "an idle status before the vehicle was heard"
+        assert not rig.statuses or wall_ns >= 1_500_000_000, "an idle status before telemetry arrived"
         rig.box.wall_ns = wall_ns
         for output in rig.bridge.step(0, rig.box):
-            rig._take(output)
+            rig._apply(output)
     assert rig.status.not_ready_reason.startswith("no vehicle time yet")
     rig.autopilot.silent = True
     rig.run(0.2)
-    assert rig.status.not_ready_reason == "no autopilot heard yet"
+    assert rig.status.not_ready_reason == "no telemetry from the autopilot yet"
     assert rig.status.bridge_boot_id == BOOT_ID
-    assert "no autopilot heard yet" in rig.ask(ACQUIRE, Acquire(goal_id="g", action="takeoff")).reason
-    assert "no autopilot heard yet" in rig.ask(HOVER, Hover()).reason
+    assert "no telemetry from the autopilot yet" in rig.request(ACQUIRE, Acquire(goal_id="g", action="takeoff")).reason
+    assert "no telemetry from the autopilot yet" in rig.request(HOVER, Hover()).reason
 
 
 def test_vehicle_time_that_steps_back_interrupts_neither_stream_nor_time_outs() -> None:
@@ -175,18 +175,18 @@ def test_garbage_on_the_link_changes_nothing() -> None:
     assert all(s.x == 0.0 for s in rig.autopilot.setpoints)
 
 
-def test_the_altimeter_is_listened_to_while_armed_only() -> None:
+def test_the_altimeter_is_subscribed_while_armed_only() -> None:
     rig = Rig().fly()
     control_id = rig.go("land_on_spot", Phase.LANDING)
     rig.autopilot.landed = True
-    rig.ask(RELEASE, Release(control_id=control_id, outcome="succeeded", then="disarm"))
+    rig.request(RELEASE, Release(control_id=control_id, outcome="succeeded", then="disarm"))
     rig.run(0.2)
     assert [o.topics for o in rig.outputs if isinstance(o, Subscribe)] == [(ALTIMETER,), ()]
 
 
 def test_the_limits_are_settings() -> None:
     rig = Rig(VehicleBridgeConfig(altitude_limit_m=10.0)).fly()
-    assert "limit of 10 m" in rig.ask(HOVER, Hover(hover_pos=(0.0, 0.0, -11.0))).reason
+    assert "limit of 10 m" in rig.request(HOVER, Hover(hover_pos=(0.0, 0.0, -11.0))).reason
 
 
 def test_vehicle_time_that_stood_still_costs_a_goal_nothing() -> None:

@@ -1,4 +1,4 @@
-"""The autopilot's parameters, set when it is first heard."""
+"""The autopilot's parameters, set when it first connects."""
 
 import struct
 
@@ -57,35 +57,35 @@ def test_a_lost_one_is_set_again() -> None:
 
 
 @pytest.mark.parametrize(
-    ("known", "complaint"),
+    ("known", "failure"),
     [
         ({}, "parameter A is unknown to the autopilot"),
         ({"A": 2.0}, "parameter A is unknown to the autopilot"),
     ],
 )
-def test_one_that_the_autopilot_does_not_know_is_told_and_does_no_harm(
-    known: dict[str, int | float], complaint: str
+def test_one_that_the_autopilot_does_not_know_is_reported_and_does_no_harm(
+    known: dict[str, int | float], failure: str
 ) -> None:
     rig = rig_with({**known, "B": 0.0}, {"A": 1, "B": 2.0})
     rig.ready()
-    assert complaint in last_health(rig)
+    assert failure in last_health(rig)
     assert len(rig.autopilot.set_parameters) == TRIES + 1
     assert rig.autopilot.parameters["B"] == 2.0
     assert rig.acquire().granted
 
 
-def test_a_value_that_is_refused_is_told() -> None:
+def test_a_value_that_is_refused_is_reported() -> None:
     setter = ParameterSetter({"A": 99})
     for i in range(TRIES):
         assert setter.due(i * S)
         setter.confirm("A", *encoded(3))
     assert setter.due(TRIES * S) == []
-    assert setter.complaint == "parameter A stays 3"
+    assert setter.failure_text == "parameter A stays 3"
     setter.confirm("A", *encoded(99))
-    assert setter.complaint == ""
+    assert setter.failure_text == ""
 
 
-def test_a_value_of_before_does_not_count_as_confirmed() -> None:
+def test_an_earlier_value_does_not_count_as_confirmed() -> None:
     setter = ParameterSetter({"A": 1})
     setter.due(0)
     setter.confirm("A", *encoded(0))

@@ -16,7 +16,7 @@ def test_an_abort_below_a_metre_over_ground_or_deck_climbs_to_one_and_a_half(ran
     rig.go("go_to", Phase.GO_TO)
     rig.range_m = range_m
     rig.step()
-    assert rig.ask(ABORT, Abort()).hovering
+    assert rig.request(ABORT, Abort()).hovering
     assert rig.status.code == 12
     assert rig.autopilot.setpoints[-1].z == pytest.approx(z_ned_m)
     rig.run(0.5)
@@ -34,7 +34,7 @@ def test_without_an_altimeter_the_take_off_point_is_the_ground(height_m: float, 
     rig.go("go_to", Phase.GO_TO)
     rig.autopilot.pos[2] = -0.5 - height_m
     rig.step()
-    rig.ask(ABORT, Abort())
+    rig.request(ABORT, Abort())
     assert rig.autopilot.setpoints[-1].z == pytest.approx(-2.0 if climbs else -0.5 - height_m)
 
 
@@ -44,14 +44,14 @@ def test_the_altimeter_is_corrected_for_tilt() -> None:
     rig.range_m = 1.1
     rig.autopilot.q = list(quat_from_euler(0.6, 0.0, 0.0))
     rig.step()
-    rig.ask(ABORT, Abort())
+    rig.request(ABORT, Abort())
     assert rig.autopilot.setpoints[-1].z == pytest.approx(-2.0 - (1.5 - 1.1 * 0.8253), abs=1e-3)
 
 
 def test_a_climb_that_gets_nowhere_ends_after_five_seconds() -> None:
     rig = Rig().fly(height_m=0.5)
     rig.go("go_to", Phase.GO_TO)
-    rig.ask(ABORT, Abort())
+    rig.request(ABORT, Abort())
     rig.run(4.9)
     assert rig.status.code == 12
     rig.run(0.2)
@@ -62,7 +62,7 @@ def test_an_abort_on_the_ground_disarms() -> None:
     rig = Rig().ready()
     control_id = rig.acquire().control_id
     rig.run_until(lambda: rig.status.armed, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
-    reply = rig.ask(ABORT, Abort(reason="wait"))
+    reply = rig.request(ABORT, Abort(reason="wait"))
     assert not reply.hovering
     assert "aborted on request: wait" in reply.reason
     rig.run(0.5)
@@ -72,14 +72,14 @@ def test_an_abort_on_the_ground_disarms() -> None:
 
 def test_an_abort_before_arming_is_known_of_still_disarms() -> None:
     rig = Rig().ready()
-    rig.autopilot.tells_armed, rig.autopilot.mute = False, 1
+    rig.autopilot.reported_armed, rig.autopilot.lost_acks = False, 1
     control_id = rig.acquire().control_id
     rig.autopilot.mode = MODES["OFFBOARD"]
     rig.run_until(lambda: rig.autopilot.armed, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
-    rig.autopilot.deaf = 1
-    rig.ask(ABORT, Abort())
+    rig.autopilot.lost_commands = 1
+    rig.request(ABORT, Abort())
     rig.run(0.3)
-    rig.autopilot.tells_armed = None
+    rig.autopilot.reported_armed = None
     rig.run(1.0)
     assert rig.codes == [0, 1, 12, 0]
     assert not rig.autopilot.armed
@@ -100,7 +100,7 @@ def test_a_descent_that_is_aborted_comes_to_rest_above_a_metre(height_m: float, 
     rig = Rig().fly()
     rig.go("land_on_spot", Phase.LANDING)
     rig.autopilot.pos[2], rig.autopilot.vel[2] = -height_m, 1.5
-    rig.ask(ABORT, Abort())
+    rig.request(ABORT, Abort())
     assert rig.autopilot.setpoints[-1].z == pytest.approx(-rest_m)
 
 
@@ -108,7 +108,7 @@ def test_an_abort_at_lift_off_hovers_when_the_autopilot_refuses_to_disarm() -> N
     rig = Rig().ready()
     control_id = rig.acquire().control_id
     rig.run_until(lambda: rig.status.armed, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
-    rig.ask(ABORT, Abort())
+    rig.request(ABORT, Abort())
     rig.autopilot.armed = True
     rig.lift_off(0.3)
     rig.step()
@@ -121,7 +121,7 @@ def test_an_abort_at_lift_off_hovers_when_the_autopilot_refuses_to_disarm() -> N
 def test_an_abort_of_an_unused_grant_changes_no_code() -> None:
     rig = Rig().fly()
     control_id = rig.acquire("go_to").control_id
-    assert rig.ask(ABORT, Abort()).hovering
+    assert rig.request(ABORT, Abort()).hovering
     rig.setpoint(control_id, Phase.GO_TO)
     rig.run(0.2)
     assert rig.codes == [0, 1, 2, 3]
@@ -129,10 +129,10 @@ def test_an_abort_of_an_unused_grant_changes_no_code() -> None:
 
 def test_an_abort_without_a_goal_says_so() -> None:
     rig = Rig().ready()
-    reply = rig.ask(ABORT, Abort())
+    reply = rig.request(ABORT, Abort())
     assert not reply.hovering
     assert "no goal was in charge" in reply.reason
-    assert rig.fly().ask(ABORT, Abort()).hovering
+    assert rig.fly().request(ABORT, Abort()).hovering
 
 
 @pytest.mark.parametrize("outcome", ["canceled", "aborted"])
@@ -152,7 +152,7 @@ def test_every_code_lasts_long_enough_to_be_seen() -> None:
     control_id = rig.go("go_to", Phase.GO_TO)
     rig.release(control_id)
     control_id = rig.go("land_on_spot", Phase.LANDING)
-    rig.ask(ABORT, Abort())
+    rig.request(ABORT, Abort())
     rig.run(0.3)
     for code in (2, 5, 12):
         times = [status.t_ns for status in rig.statuses if status.code == code]
@@ -165,7 +165,7 @@ def test_every_code_lasts_long_enough_to_be_seen() -> None:
 
 def test_kill_needs_to_be_confirmed() -> None:
     rig = Rig().fly()
-    reply = rig.ask(KILL, Kill())
+    reply = rig.request(KILL, Kill())
     assert not reply.killed
     assert "confirm" in reply.reason
     assert rig.autopilot.armed
@@ -174,11 +174,11 @@ def test_kill_needs_to_be_confirmed() -> None:
 def test_kill_forces_a_disarm_in_the_air_at_once_and_until_it_is_done() -> None:
     rig = Rig().fly()
     rig.go("go_to", Phase.GO_TO)
-    rig.autopilot.deaf = 2
+    rig.autopilot.lost_commands = 2
     request = rig.post(KILL, Kill(confirm=True))
     rig.step()
     assert rig.status.code == 13
-    assert rig.autopilot.deaf == 1, "the first order goes out in the same step"
+    assert rig.autopilot.lost_commands == 1, "the first order goes out in the same step"
     rig.run_until(lambda: request in rig.replies, limit_s=2.0)
     assert rig.replies[request].killed
     assert not rig.autopilot.armed
@@ -190,15 +190,15 @@ def test_kill_forces_a_disarm_in_the_air_at_once_and_until_it_is_done() -> None:
 
 def test_kill_on_the_ground_has_nothing_to_do() -> None:
     rig = Rig().ready()
-    assert rig.ask(KILL, Kill(confirm=True)).killed
+    assert rig.request(KILL, Kill(confirm=True)).killed
     assert rig.codes == [0]
 
 
 def test_a_kill_that_the_autopilot_does_not_hear_is_reported_and_kept_up() -> None:
     rig = Rig().fly()
-    rig.autopilot.deaf = 10_000
-    assert not rig.ask(KILL, Kill(confirm=True)).killed
-    rig.autopilot.deaf = 0
+    rig.autopilot.lost_commands = 10_000
+    assert not rig.request(KILL, Kill(confirm=True)).killed
+    rig.autopilot.lost_commands = 0
     rig.run(1.0)
     assert not rig.autopilot.armed
 
@@ -261,8 +261,8 @@ def test_hover_takes_control_back_from_a_failsafe() -> None:
     rig = Rig().fly()
     rig.autopilot.mode = MODES["LAND"]
     rig.run(0.5)
-    assert "only while hovering" in rig.ask(HOVER, Hover(hover_pos=(0.0, 0.0, -2.0))).reason
-    assert rig.ask(HOVER, Hover()).hover_mode
+    assert "only while hovering" in rig.request(HOVER, Hover(hover_pos=(0.0, 0.0, -2.0))).reason
+    assert rig.request(HOVER, Hover()).hover_mode
     assert rig.autopilot.mode == MODES["OFFBOARD"]
     assert rig.codes[-2:] == [13, 3]
     rig.run(1.0)
@@ -275,19 +275,19 @@ def test_control_is_taken_back_in_the_air_and_with_telemetry_only() -> None:
     rig.step()
     rig.autopilot.silent = True
     rig.run(1.2)
-    assert "telemetry" in rig.ask(HOVER, Hover()).reason
+    assert "telemetry" in rig.request(HOVER, Hover()).reason
     rig.autopilot.silent = False
     rig.autopilot.landed = True
     rig.step()
-    assert "in the air only" in rig.ask(HOVER, Hover()).reason
+    assert "in the air only" in rig.request(HOVER, Hover()).reason
 
 
 def test_taking_back_that_fails_leaves_the_vehicle_to_the_failsafe() -> None:
     rig = Rig().fly()
     rig.autopilot.mode = MODES["LAND"]
     rig.step()
-    rig.autopilot.deaf = 10_000
-    reply = rig.ask(HOVER, Hover())
+    rig.autopilot.lost_commands = 10_000
+    reply = rig.request(HOVER, Hover())
     assert not reply.hover_mode
     assert rig.status.code == 13
     rig.autopilot.setpoints.clear()
@@ -304,7 +304,7 @@ def test_a_bridge_that_starts_with_the_vehicle_armed_sends_nothing_until_asked_t
     assert rig.status.in_charge == "failsafe"
     assert rig.autopilot.setpoints == []
     assert rig.autopilot.commands == []
-    assert rig.ask(HOVER, Hover()).hover_mode
+    assert rig.request(HOVER, Hover()).hover_mode
     assert rig.codes == [13, 3]
 
 

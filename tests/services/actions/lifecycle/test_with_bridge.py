@@ -39,9 +39,9 @@ class PointMass:
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         autopilot = self.autopilot
         autopilot.t_us = t_ns // 1000
-        answer = autopilot.hear(inbox.received("offboard"))
+        reply = autopilot.handle(inbox.received("offboard"))
         self._fly()
-        yield Send("offboard", answer + autopilot.tell())
+        yield Send("offboard", reply + autopilot.telemetry())
         if self.steps % 5 == 0:
             yield Publish(topics.CLOCK, Clock(t_ns=t_ns, epoch_id=3, wall_ns=t_ns))
         self.steps += 1

@@ -1,0 +1,68 @@
+"""Grants of control: one goal at a time has the right to send setpoints."""
+
+from jezero.schemas.commands import Acquire
+from jezero.schemas.state import StatusCode
+from jezero.services.vehicle_bridge.admission import Grant, acquire_refusal, phases_of
+from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+from jezero.services.vehicle_bridge.goal_history import GoalHistory
+from jezero.services.vehicle_bridge.vehicle import VehicleSnapshot
+
+UNUSED_TIMEOUT_S = 0.5
+"""A grant ends when its goal has sent no setpoint within this time: the reply may have been lost."""
+
+
+class Grants:
+    """The grant of the goal in charge, and the goals that had one before.
+
+    Attributes:
+        present: grant of the goal in charge, or None.
+        count: number of grants in this run of the bridge.
+        history: past goals.
+    """
+
+    def __init__(self, config: VehicleBridgeConfig, boot_id: int) -> None:
+        self.present: Grant | None = None
+        self.count = 0
+        self.history = GoalHistory()
+        self._config = config
+        self._boot_id = boot_id
+
+    def acquire(self, request: Acquire, code: StatusCode, text: str, vehicle: VehicleSnapshot) -> str | None:
+        """Give control to a goal; returns the reason for a refusal, or None with a new `present`.
+
+        Args:
+            text: the status' last event, which explains a status 13.
+        """
+        holder = self.present
+        if holder is not None and holder.sequence < 0 and holder.goal_id == request.goal_id:
+            return None  # the same request again, because its reply was lost
+        refusal = self.history.refusal(request, vehicle) or acquire_refusal(
+            request, code, holder, text, vehicle, self._config.link_timeout_s
+        )
+        if refusal:
+            return refusal
+        self.count += 1
+        self.present = Grant(
+            control_id=f"{self._boot_id:x}-{self.count}",
+            goal_id=request.goal_id,
+            action=request.action,
+            phases=phases_of(request.action, code),
+            timer_ns=vehicle.timer_ns,
+        )
+        return None
+
+    def end(self, reason: str | None) -> None:
+        """End the present grant, if there is one; `reason` is None when its owner releases it."""
+        if self.present is not None:
+            self.history.add_ended(self.present, reason)
+        self.present = None
+
+    def expiry_reason(self, vehicle: VehicleSnapshot) -> str | None:
+        """Reason why the present grant ends without setpoints, None when it doesn't."""
+        grant = self.present
+        if grant is None:
+            return None
+        age_s = (vehicle.timer_ns - grant.timer_ns) * 1e-9
+        if age_s <= (UNUSED_TIMEOUT_S if grant.sequence < 0 else self._config.setpoint_timeout_s):
+            return None
+        return f"{grant.name} ended: it sent no setpoint for {age_s:.2f} s"

@@ -1,0 +1,48 @@
+"""Targets to stream: a goal's setpoint, and the bridge's own to come to rest and to press onto the ground."""
+
+from jezero.schemas.commands import Release, Setpoint
+from jezero.services.vehicle_bridge.resets import ResetHistory
+from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
+
+STOPPING_TIME_S = 0.5
+"""A hover begins at the point that the present velocity reaches in this time, so that the vehicle needn't turn back."""
+PRESS_DOWN_MPS = 0.5
+"""Commanded descent on the ground until the motors stop. Source: spec §8."""
+
+
+def setpoint_target(setpoint: Setpoint, yaw_rad: float, resets: ResetHistory) -> Target:
+    """Target of an accepted setpoint, moved by the resets since it was computed.
+
+    Args:
+        yaw_rad: heading for a setpoint without one.
+    """
+    yaw_rad = yaw_rad if setpoint.yaw_rad is None else setpoint.yaw_rad
+    target = Target(setpoint.pos_ned_m, setpoint.vel_ned_mps, setpoint.acc_ned_mps2, yaw_rad, setpoint.yaw_rate_rps)
+    if setpoint.reset_counter == resets.counter:
+        return target
+    return target.moved(resets.step_since(setpoint.reset_counter) or (0.0, 0.0, 0.0))
+
+
+def stopping_target(vehicle: VehicleSnapshot, yaw_rad: float, low_height_m: float) -> Target:
+    """Hover where the vehicle comes to rest; a descent ends above the low height."""
+    pos_ned_m, vel = vehicle.pos_ned_m or (0.0, 0.0, 0.0), vehicle.vel_ned_mps
+    room_m = max(0.0, (vehicle.height_m or 0.0) - low_height_m)
+    down_m = min(vel[2] * STOPPING_TIME_S, room_m)
+    north_m, east_m = pos_ned_m[0] + vel[0] * STOPPING_TIME_S, pos_ned_m[1] + vel[1] * STOPPING_TIME_S
+    return Target((north_m, east_m, pos_ned_m[2] + down_m), None, None, yaw_rad)
+
+
+def released_target(release: Release, stopping: Target, resets: ResetHistory) -> Target:
+    """Hover where a finished goal's release says, with the heading of `stopping`; at `stopping` where it says nothing
+    or its reset counter is unknown."""
+    step_ned_m = resets.step_since(release.reset_counter)
+    if release.hover_pos_ned_m is None or step_ned_m is None:
+        return stopping
+    return Target(release.hover_pos_ned_m, None, None, stopping.yaw_rad).moved(step_ned_m)
+
+
+def press_down_target(previous: Target | None, yaw_rad: float) -> Target:
+    """Keep the vehicle on the ground, or on the moving platform, until its motors stop."""
+    vel = None if previous is None else previous.vel_ned_mps
+    north_mps, east_mps, _ = vel or (0.0, 0.0, 0.0)
+    return Target(None, (north_mps, east_mps, PRESS_DOWN_MPS), None, yaw_rad)
