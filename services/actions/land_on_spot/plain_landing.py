@@ -1,17 +1,15 @@
 """Land on a spot by the vehicle's own position: the case without sensors of the rover."""
 
 from math import hypot
-from typing import Any
 
 from jezero.frames import Vec3, altitude_m, subtract
-from jezero.schemas.actions import LandFeedback, LandOnSpotGoal, LandPhase, LandResult
+from jezero.schemas.actions import LandFeedback, LandPhase, LandResult
 from jezero.schemas.commands import Phase
-from jezero.schemas.topics import ALTIMETER, Topic
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.config import PlainLandingConfig
 from jezero.services.actions.land_on_spot.tilt_contact_detector import Edge, standing
-from jezero.services.actions.lifecycle.behaviour import Done, Move, Selection, VehicleState
+from jezero.services.actions.lifecycle.behaviour import Done, Move, VehicleState
+from jezero.services.actions.motion.config import MoveConfig
 from jezero.services.actions.motion.straight_path import StraightPath
 
 
@@ -21,39 +19,36 @@ class PlainLanding:
     Source: spec §8, case 4.
     """
 
-    inputs: tuple[Topic[Any], ...] = (ALTIMETER,)
-    selection: Selection | None = None
-
-    def __init__(self, config: ActionsConfig) -> None:
-        self._config = config
+    def __init__(
+        self,
+        spot_ned_m: Vec3,
+        settings: PlainLandingConfig,
+        move: MoveConfig,
+        t_ns: int,
+        state: VehicleState,
+    ) -> None:
+        self._settings = settings
         self._phase: LandPhase = "approach"
-        self._spot_ned_m: Vec3 = (0.0, 0.0, 0.0)
-        self._path: StraightPath | None = None
-        self._lift: StraightPath | None = None
-        self._speed_down_mps = config.land_on_spot.plain.speed_high_mps
-        self._phase_since_ns = 0
+        self._spot_ned_m = spot_ned_m
+        self._speed_down_mps = settings.speed_high_mps
+        self._phase_since_ns = t_ns
         self._still_since_ns: int | None = None
         self._edge = Edge()
         self._leaves_ns: int | None = None
-
-    def start(self, t_ns: int, goal: LandOnSpotGoal, state: VehicleState) -> None:
-        assert goal.landing_spot_ned_m is not None, "start without check"
-        move, land = self._config.move, self._config.land_on_spot.plain
         x, y, z = state.pos_uav_ned_m
         height_m = altitude_m(z) if state.height_m is None else state.height_m
-        up_m = max(0.0, land.approach_height_min_m - height_m)
-        self._spot_ned_m = goal.landing_spot_ned_m
-        above_ned_m = (self._spot_ned_m[0], self._spot_ned_m[1], z - up_m)
+        up_m = max(0.0, settings.approach_height_min_m - height_m)
         start_ned_m = (x, y, z - up_m)
-        speed_mps = land.speed_approach_mps
         self._path = StraightPath(
             t_ns,
             start_ned_m,
-            above_ned_m,
-            speed_mps=speed_mps,
+            (spot_ned_m[0], spot_ned_m[1], z - up_m),
+            speed_mps=settings.speed_approach_mps,
             config=move,
             yaw_start_rad=state.yaw_rad,
         )
+        self._lift: StraightPath | None = None
+        """Climb to the height of the approach, if the vehicle is lower."""
         if up_m > move.reached_m:
             self._lift = StraightPath(
                 t_ns,
@@ -64,12 +59,11 @@ class PlainLanding:
                 config=move,
                 yaw_start_rad=state.yaw_rad,
             )
-        self._phase_since_ns = t_ns
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
         if self._phase == "approach":
             return self._approach(t_ns, state)
-        land = self._config.land_on_spot.plain
+        land = self._settings
         if self._leaves_ns is not None:
             return self._leave(t_ns, self._leaves_ns, state, land)
         if state.landed:
@@ -108,13 +102,11 @@ class PlainLanding:
 
     def _approach(self, t_ns: int, state: VehicleState) -> Move | Done:
         path = self._lift if self._lift is not None else self._path
-        assert path is not None, "step before start"
         path.step(t_ns, state)
         if problem := path.stuck(t_ns):
             return Done("aborted", f"approach: {problem}")
         if path.reached and self._lift is not None:
             self._lift = None
-            assert self._path is not None
             self._path.wait(t_ns, state)
         elif path.reached:
             self._enter("descent", t_ns)
@@ -154,7 +146,6 @@ class PlainLanding:
         self._still_since_ns = None
 
     def _move(self, state: VehicleState, vel_ned_mps: Vec3) -> Move:
-        assert self._path is not None
         return Move(Phase.LANDING, self._feedback(state), vel_ned_mps=vel_ned_mps, yaw_rad=self._path.yaw_rad)
 
     def _feedback(self, state: VehicleState) -> LandFeedback:

@@ -5,15 +5,13 @@ second it holds its height, then it climbs and searches, and when it finds nothi
 """
 
 from math import exp
-from typing import Any
 
 from jezero.frames import Vec3, add, altitude_m, scale, subtract
-from jezero.schemas.actions import LandFeedback, LandOnSpotGoal, LandPhase, LandResult
+from jezero.schemas.actions import LandFeedback, LandPhase, LandResult
 from jezero.schemas.commands import Phase
 from jezero.schemas.estimate import Relative
-from jezero.schemas.topics import ALTIMETER, RELATIVE, ROVER_ESTIMATE, Topic
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.land_on_spot.config import RoverLandingConfig
 from jezero.services.actions.land_on_spot.descent import Descent, Standing
 from jezero.services.actions.land_on_spot.platform_control import Pad, PadControl, pad_at
 from jezero.services.actions.land_on_spot.search import Search, towards
@@ -30,40 +28,31 @@ STILL: Vec3 = (0.0, 0.0, 0.0)
 class RoverLanding:
     """One landing on the rover.
 
-    Attributes:
-        selection: what the estimator shall use.
+    Args:
+        selection: of the estimator's inputs for this landing.
     """
 
-    inputs: tuple[Topic[Any], ...] = (ALTIMETER, RELATIVE, ROVER_ESTIMATE)
-
-    def __init__(self, config: ActionsConfig, goal: LandOnSpotGoal) -> None:
-        rough_ned_m = None if goal.use_uwb else goal.landing_spot_ned_m
-        self.selection: Selection | None = Selection(goal.use_uwb, goal.use_tag, rough_ned_m)
-        self._tag_alone = not goal.use_uwb
-        self._land = config.land_on_spot.rover
-        self._search_config = config.land_on_spot.rover.search
-        self._control = PadControl(config.land_on_spot.rover.platform_control)
-        self._descent = Descent(config.land_on_spot.rover)
-        self._standing = Standing(config.land_on_spot.rover)
+    def __init__(self, selection: Selection, settings: RoverLandingConfig, t_ns: int, state: VehicleState) -> None:
+        self._tag_alone = not selection.use_uwb
+        self._land = settings
+        self._search_config = settings.search
+        self._control = PadControl(settings.platform_control)
+        self._descent = Descent(settings)
+        self._standing = Standing(settings)
         self._phase: LandPhase = "approach"
         self._search: Search | None = None
         self._pad: Pad | None = None
         self._rough: Pad | None = None
-        self._pos_believed_ned_m = rough_ned_m
+        self._pos_believed_ned_m = selection.pos_rover_ned_m
         """Of the platform, in the world; from the goal, then from what was seen."""
         self._vel_believed_ned_mps = STILL
-        self._seen_ns = 0
         self._why_unseen = ""
-        self._yaw_rad = 0.0
-        self._start_ns = self._t_ns = self._contact_ns = self._wait_from_ns = 0
-        self._hold_ned_m = STILL
-        self._feet_ned_m = STILL
-        """Their middle, from the point that the vehicle's position is of."""
-
-    def start(self, t_ns: int, goal: LandOnSpotGoal, state: VehicleState) -> None:
         self._start_ns = self._t_ns = self._seen_ns = self._wait_from_ns = t_ns
+        self._contact_ns = 0
         self._yaw_rad = state.yaw_rad
         self._hold_ned_m = state.pos_uav_ned_m
+        self._feet_ned_m = STILL
+        """Their middle, from the point that the vehicle's position is of."""
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
         dt_s = min(max((t_ns - self._t_ns) / NS_PER_S, 0.0), STEP_MAX_S)
@@ -73,8 +62,8 @@ class RoverLanding:
             return self._landed(state)
         if (t_ns - self._start_ns) / NS_PER_S > self._land.timeout_s:
             return Done("aborted", f"not landed after {self._land.timeout_s:g} s")
-        if self._phase == "contact":
-            return self._press_down(t_ns, seen, state)
+        if self._phase == "contact" and self._pad is not None:
+            return self._press_down(t_ns, seen, self._pad, state)
         if seen is not None:
             return self._over_platform(t_ns, dt_s, seen, state)
         if self._rough is not None and self._phase == "approach":
@@ -172,13 +161,12 @@ class RoverLanding:
             self._phase = "contact"
             self._contact_ns = t_ns
             self._standing.reset()
-            return self._press_down(t_ns, None, state)
+            return self._press_down(t_ns, None, pad, state)
         return self._follow(state, pad, dt_s, down_mps)
 
-    def _press_down(self, t_ns: int, seen: Pad | None, state: VehicleState) -> Move | Done:
+    def _press_down(self, t_ns: int, seen: Pad | None, pad: Pad, state: VehicleState) -> Move | Done:
         """With the platform, and down, until the autopilot sees the ground, or the vehicle's own signs are sure."""
-        land, pad = self._land, self._pad
-        assert pad is not None, "contact without an estimate"
+        land = self._land
         if self._standing.is_sure(t_ns, seen, state.height_m):
             return Done("succeeded", then="force_disarm")
         waited_s = (t_ns - self._contact_ns) / NS_PER_S
