@@ -15,7 +15,7 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.lifecycle.behaviour import Done, Move, VehicleState
 from jezero.services.actions.lifecycle.capture import Capture
-from jezero.services.actions.motion.rover_frame import lost_reason
+from jezero.services.actions.motion.rover_frame import loss_reason, rover_position
 from jezero.services.actions.motion.straight_path import StraightPath
 from jezero.services.actions.motion.tracking import ZERO, Reference, Tracker
 
@@ -161,14 +161,14 @@ class AreaCoverage:
 
 def frame_loss(goal: AreaCoverageGoal, state: VehicleState) -> str:
     """Reason why the goal's frame is not known, or ""."""
-    return lost_reason(state.relative) if goal.frame == "rover" else ""
+    return loss_reason(state.relative) if goal.frame == "rover" else ""
 
 
 def frame_origin_ned_m(goal: AreaCoverageGoal, state: VehicleState) -> Vec3:
     """Origin of the goal's frame in the world; that of the world where the rover's frame is not known."""
     if goal.frame != "rover" or state.relative is None:
         return ZERO
-    return subtract(state.pos_uav_ned_m, state.relative.pos_uav_rel_rover_ned_m)
+    return rover_position(state, state.relative)
 
 
 def _moved(corners_m: Corners, by_ned_m: Vec3) -> Corners:

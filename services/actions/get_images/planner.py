@@ -3,7 +3,7 @@
 from functools import partial
 from math import hypot, pi, sqrt
 
-from jezero.frames import Vec3, add, subtract
+from jezero.frames import Vec3, add
 from jezero.schemas.actions import GetImagesGoal
 from jezero.schemas.state import Status
 from jezero.schemas.topics import RELATIVE
@@ -14,7 +14,7 @@ from jezero.services.actions.lifecycle.behaviour import Plan, Refusal, VehicleSt
 from jezero.services.actions.lifecycle.capture import Capture
 from jezero.services.actions.motion.config import LimitsConfig
 from jezero.services.actions.motion.limits import distance_refusal, point_refusal, speed_refusal
-from jezero.services.actions.motion.rover_frame import lost_reason
+from jezero.services.actions.motion.rover_frame import loss_reason, rover_position
 
 IMAGES_MAX = 255
 EXPOSURES_PER_PICTURE = 2.0
@@ -52,9 +52,8 @@ class GetImagesPlanner:
         if goal.frame == "rover":
             relative = state.relative
             if relative is None or not relative.valid:
-                return lost_reason(relative)
-            pos_rover_ned_m = subtract(state.pos_uav_ned_m, relative.pos_uav_rel_rover_ned_m)
-            center_ned_m = add(goal.center_ned_m, pos_rover_ned_m)
+                return loss_reason(relative)
+            center_ned_m = add(goal.center_ned_m, rover_position(state, relative))
             if reason := far_refusal(center_ned_m, goal.radius_m, self._config.limits):
                 return reason
         return capture.refusal()

@@ -1,14 +1,12 @@
 """Go to a target: in a straight line, after a takeoff if the goal wants one."""
 
-from msgspec.structs import replace
-
-from jezero.frames import Vec3, add, distance, subtract
+from jezero.frames import Vec3, distance
 from jezero.schemas.actions import GoToGoal, MoveFeedback, MoveResult
 from jezero.schemas.commands import Phase
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.go_to.config import GoToConfig
 from jezero.services.actions.lifecycle.behaviour import Done, Move, VehicleState
-from jezero.services.actions.motion.rover_frame import in_world, lost_reason, seen_from_rover
+from jezero.services.actions.motion.rover_frame import step_in_rover_frame
 from jezero.services.actions.motion.straight_path import StraightPath
 from jezero.services.actions.takeoff.climb import Climb
 
@@ -44,18 +42,9 @@ class GoTo:
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
         if self._climb is not None and not self._climb.path.reached:
             return self._go_up(t_ns, self._climb, state)
-        if not self._in_rover_frame:
-            return self._go_along(t_ns, state)
-        relative = state.relative
-        if relative is None or not relative.valid:
-            return Done("aborted", lost_reason(relative))
-        move = self._go_along(t_ns, seen_from_rover(state, relative))
-        if isinstance(move, Move):
-            return in_world(move, state, relative)
-        if move.hover_pos_ned_m is None:
-            return move
-        pos_rover_ned_m = subtract(state.pos_uav_ned_m, relative.pos_uav_rel_rover_ned_m)
-        return replace(move, hover_pos_ned_m=add(move.hover_pos_ned_m, pos_rover_ned_m))
+        if self._in_rover_frame:
+            return step_in_rover_frame(self._go_along, t_ns, state)
+        return self._go_along(t_ns, state)
 
     def _go_up(self, t_ns: int, climb: Climb, state: VehicleState) -> Move | Done:
         problem = climb.step(t_ns, state)
@@ -63,7 +52,7 @@ class GoTo:
             return Done("aborted", f"takeoff: {problem}")
         to_target_m = distance(self._goal.target_ned_m, state.pos_uav_ned_m)
         left_m = climb.path.left_m if self._in_rover_frame else to_target_m
-        return climb.path.move(Phase.TAKEOFF, _feedback(state, left_m))
+        return climb.path.move(Phase.TAKEOFF, MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, distance_m=left_m))
 
     def _go_along(self, t_ns: int, state: VehicleState) -> Move | Done:
         """Fly towards the target; state and result are in the goal's frame."""
@@ -73,7 +62,8 @@ class GoTo:
             return Done("aborted", problem)
         if path.reached:
             return Done("succeeded", hover_pos_ned_m=path.end_ned_m)
-        return path.move(Phase.GO_TO, _feedback(state, path.left_m))
+        feedback = MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, frame=self._goal.frame, distance_m=path.left_m)
+        return path.move(Phase.GO_TO, feedback)
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> MoveResult:
         return MoveResult(completed=completed, pos_uav_ned_m=pos_uav_ned_m)
@@ -97,7 +87,3 @@ class GoTo:
             yaw_start_rad=yaw_rad,
             yaw_end_rad=goal.yaw_rad,
         )
-
-
-def _feedback(state: VehicleState, distance_m: float) -> MoveFeedback:
-    return MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, distance_m=distance_m)

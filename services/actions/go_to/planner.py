@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from jezero.frames import add, subtract
+from jezero.frames import add
 from jezero.schemas.actions import GoToGoal
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.topics import RELATIVE
@@ -11,7 +11,7 @@ from jezero.services.actions.go_to.behaviour import GoTo
 from jezero.services.actions.go_to.config import GoToConfig
 from jezero.services.actions.lifecycle.behaviour import Plan, Refusal, VehicleState
 from jezero.services.actions.motion.limits import distance_refusal, point_refusal, speed_refusal
-from jezero.services.actions.motion.rover_frame import lost_reason
+from jezero.services.actions.motion.rover_frame import loss_reason, rover_position
 
 
 class GoToPlanner:
@@ -40,6 +40,5 @@ class GoToPlanner:
         """Reason why a target in the rover's frame can't be flown to, or ""."""
         relative = state.relative
         if relative is None or not relative.valid:
-            return lost_reason(relative)
-        pos_rover_ned_m = subtract(state.pos_uav_ned_m, relative.pos_uav_rel_rover_ned_m)
-        return distance_refusal(add(goal.target_ned_m, pos_rover_ned_m), self._config.limits)
+            return loss_reason(relative)
+        return distance_refusal(add(goal.target_ned_m, rover_position(state, relative)), self._config.limits)

@@ -10,6 +10,7 @@ from jezero.frames import Vec3, add, altitude_m, scale
 from jezero.schemas.estimate import Relative
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.config import PlatformControlConfig
+from jezero.services.actions.motion.rover_frame import turn_acceleration
 
 AGE_MAX_NS = 500_000_000
 NORTH, EAST, DOWN = 0, 6, 11
@@ -54,9 +55,8 @@ class Pad(NamedTuple):
 
     @property
     def acc_rover_ned_mps2(self) -> tuple[float, float]:
-        """North and east, of its turn."""
-        north_mps, east_mps, _ = self.vel_rover_ned_mps
-        return -self.yaw_rate_rover_rps * east_mps, self.yaw_rate_rover_rps * north_mps
+        """Acceleration of the platform in its turn, north and east."""
+        return turn_acceleration(self.vel_rover_ned_mps, self.yaw_rate_rover_rps)
 
 
 def pad_at(t_ns: int, relative: Relative, feet_ned_m: Vec3) -> Pad:
