@@ -1,4 +1,4 @@
-"""Land on a spot by the vehicle's own position: the case without sensors of the rover."""
+"""Landing on a spot by the vehicle's own position, without any sensor that finds the rover."""
 
 from math import hypot
 
@@ -7,16 +7,16 @@ from jezero.schemas.actions import LandFeedback, LandPhase, LandResult
 from jezero.schemas.commands import Phase
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.config import PlainLandingConfig
-from jezero.services.actions.land_on_spot.tilt_contact_detector import Edge, standing
+from jezero.services.actions.land_on_spot.tilt_contact_detector import TiltContactDetector, landing_outcome
 from jezero.services.actions.lifecycle.behaviour import Done, Move, VehicleState
 from jezero.services.actions.motion.config import MoveConfig
 from jezero.services.actions.motion.straight_path import StraightPath
 
 
 class PlainLanding:
-    """Approach at height, descent over the spot, contact until the autopilot sees the ground; off again from an edge.
+    """Approach at height, descent over the spot, contact until the autopilot detects the ground.
 
-    Source: spec §8, case 4.
+    A vehicle that tilts over an edge climbs again, and the goal is aborted. Source: spec §8, case 4.
     """
 
     def __init__(
@@ -33,7 +33,7 @@ class PlainLanding:
         self._speed_down_mps = settings.speed_high_mps
         self._phase_since_ns = t_ns
         self._still_since_ns: int | None = None
-        self._edge = Edge()
+        self._tilt_contact = TiltContactDetector()
         self._leaves_ns: int | None = None
         x, y, z = state.pos_uav_ned_m
         height_m = altitude_m(z) if state.height_m is None else state.height_m
@@ -67,34 +67,34 @@ class PlainLanding:
         if self._leaves_ns is not None:
             return self._leave(t_ns, self._leaves_ns, state, land)
         if state.landed:
-            return standing(state)
+            return landing_outcome(state)
         if problem := self._advance(t_ns, state, land):
             return Done("aborted", problem)
-        pushes = self._phase == "contact"
-        vel_ned_mps = (0.0, 0.0, land.push_mps) if pushes else self._descent_velocity(state, land)
-        if self._edge.is_below(t_ns, state, vel_ned_mps[2]):
+        push = self._phase == "contact"
+        vel_ned_mps = (0.0, 0.0, land.push_mps) if push else self._descent_velocity(state, land)
+        if self._tilt_contact.update(t_ns, state, vel_ned_mps[2]):
             self._leaves_ns = t_ns
             return self._leave(t_ns, t_ns, state, land)
         return self._move(state, vel_ned_mps)
 
     def _advance(self, t_ns: int, state: VehicleState, land: PlainLandingConfig) -> str:
-        """The next phase when it is time for it; why the landing is given up, or ""."""
+        """Begin the next phase when it is time for it; returns the reason why the landing is aborted, or ""."""
         since_s = (t_ns - self._phase_since_ns) / NS_PER_S
         if self._phase == "descent":
             if since_s > land.descent_timeout_s:
-                return f"nothing touched after {since_s:.0f} s of descent"
-            if self._touches(t_ns, state, land):
+                return f"no contact after {since_s:.0f} s of descent"
+            if self._has_contact(t_ns, state, land):
                 self._enter("contact", t_ns)
         elif since_s > land.contact_timeout_s:
-            return f"the autopilot doesn't see the ground {since_s:.0f} s after contact"
+            return f"the autopilot doesn't detect the ground {since_s:.0f} s after contact"
         elif state.vel_uav_ned_mps[2] > 0.5 * land.push_mps:
             self._enter("descent", t_ns)
         return ""
 
     def _leave(self, t_ns: int, since_ns: int, state: VehicleState, land: PlainLandingConfig) -> Move | Done:
-        """Up again, and leave it to others where else to land."""
+        """Climb, then end the goal: another place to land is the client's choice."""
         if t_ns - since_ns > land.leave_s * NS_PER_S:
-            return Done("aborted", "the vehicle leaned over an edge or a rock at the landing spot: land somewhere else")
+            return Done("aborted", "the vehicle tilted over an edge or a rock at the landing spot: land somewhere else")
         return self._move(state, (0.0, 0.0, -land.speed_leave_mps))
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> LandResult:
@@ -113,7 +113,7 @@ class PlainLanding:
         return path.move(Phase.LANDING, self._feedback(state))
 
     def _descent_velocity(self, state: VehicleState, land: PlainLandingConfig) -> Vec3:
-        """Towards the spot, and down: slower near the ground, and never faster again."""
+        """Velocity towards the spot and down: slower near the ground, and never faster again."""
         slow_m = land.slow_height_m
         height_m = state.height_m
         if height_m is None:
@@ -125,8 +125,8 @@ class PlainLanding:
         shrink = min(1.0, land.speed_horizontal_max_mps / max(hypot(north, east), 1e-9))
         return (north * shrink, east * shrink, self._speed_down_mps)
 
-    def _touches(self, t_ns: int, state: VehicleState, land: PlainLandingConfig) -> bool:
-        """Whether the range is below what the altimeter can measure in the air, or the descent has stopped."""
+    def _has_contact(self, t_ns: int, state: VehicleState, land: PlainLandingConfig) -> bool:
+        """Whether the range is shorter than the altimeter can measure in the air, or the descent has stopped."""
         if state.height_m is not None and state.height_m < land.contact_height_m:
             return True
         if state.vel_uav_ned_mps[2] > land.contact_mps:

@@ -27,10 +27,10 @@ class LandOnSpotPlanner:
             unused = "the landing spot isn't used: UWB finds the rover" if spot_ned_m is not None else ""
             return self._on_rover(goal, Selection(True, goal.use_tag), unused)
         if goal.frame == "rover":
-            return Refusal("without use_uwb nothing knows where the rover is: give the landing spot in frame 'world'")
+            return Refusal("without use_uwb the rover's position is not known: give the landing spot in frame 'world'")
         if spot_ned_m is None:
             needed = "roughly where the rover is" if goal.use_tag else "where to land"
-            return Refusal(f"landing_spot_ned_m is missing: without use_uwb the vehicle must be told {needed}")
+            return Refusal(f"landing_spot_ned_m is missing: without use_uwb the vehicle needs to know {needed}")
         if reason := distance_refusal(spot_ned_m, self._config.limits):
             return Refusal(reason)
         if goal.use_tag:

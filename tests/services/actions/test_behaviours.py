@@ -289,7 +289,7 @@ def test_a_landing_whose_touchdown_nobody_confirms_is_given_up() -> None:
             break
     assert flight.done is not None
     assert flight.done.outcome == "aborted"
-    assert "doesn't see the ground" in flight.done.reason
+    assert "doesn't detect the ground" in flight.done.reason
 
 
 def descend(flight: Flight, to_phase: str) -> None:
@@ -310,7 +310,7 @@ def test_a_landing_that_leans_over_something_climbs_and_is_given_up(leaning: Qua
     done = flight.run(10.0)
     assert done is not None
     assert (done.outcome, done.then) == ("aborted", "hover")
-    assert done.reason == "the vehicle leaned over an edge or a rock at the landing spot: land somewhere else"
+    assert done.reason == "the vehicle tilted over an edge or a rock at the landing spot: land somewhere else"
     climbs = [move for _, move in flight.moves[before:] if move.vel_ned_mps == (0.0, 0.0, -1.0)]
     assert len(climbs) == pytest.approx(1.5 / DT_S, abs=2)
     assert flight.state.pos_uav_ned_m[2] < -1.0
@@ -337,7 +337,7 @@ def test_a_vehicle_that_lies_on_its_side_has_not_landed() -> None:
     descend(flight, "contact")
     flight.state = replace(flight.state, landed=True, q_ned_from_frd=(0.6, 0.8, 0.0, 0.0))
     done = flight.behaviour.step(flight.t_ns + int(DT_S * 1e9), flight.state)
-    assert done == Done("aborted", "the vehicle fell over: it leans by 106 degrees", "disarm")
+    assert done == Done("aborted", "the vehicle fell over: it is tilted by 106 degrees", "disarm")
 
 
 def test_a_vehicle_that_falls_after_a_false_contact_descends_again() -> None:

@@ -334,7 +334,7 @@ def contact_begin_s(landing: Landing) -> float:
 def is_given_up(landing: Landing) -> bool:
     done = landing.run(60.0)
     assert done is not None and "contact" in landing.phases
-    return done.outcome == "aborted" and done.then == "hover" and "doesn't see the ground" in done.reason
+    return done.outcome == "aborted" and done.then == "hover" and "doesn't detect the ground" in done.reason
 
 
 def held_up_at(height_m: float) -> Landing:
@@ -408,14 +408,14 @@ def test_a_touchdown_beside_the_platform_is_no_success() -> None:
 def test_a_vehicle_that_lies_on_the_platform_has_not_landed() -> None:
     landing = Landing(BOTH)
     landing.q_ned_from_frd = (0.6, 0.8, 0.0, 0.0)
-    assert landing.run(60.0) == Done("aborted", "the vehicle fell over: it leans by 106 degrees", "disarm")
+    assert landing.run(60.0) == Done("aborted", "the vehicle fell over: it is tilted by 106 degrees", "disarm")
 
 
 @pytest.mark.parametrize(
     ("goal", "said"),
     [
-        (LandOnSpotGoal(use_uwb=False), "must be told roughly where the rover is"),
-        (LandOnSpotGoal(use_uwb=False, use_tag=False), "must be told where to land"),
+        (LandOnSpotGoal(use_uwb=False), "needs to know roughly where the rover is"),
+        (LandOnSpotGoal(use_uwb=False, use_tag=False), "needs to know where to land"),
         (LandOnSpotGoal(use_uwb=False, landing_spot_ned_m=(0.0, 0.0, 0.0), frame="rover"), "in frame 'world'"),
     ],
 )
