@@ -8,7 +8,7 @@ import msgspec
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus
 from jezero.runtime.service import Service
-from jezero.services.actions.table import BEHAVIOURS, action_server
+from jezero.services.actions.table import DECLARATIONS, action_server
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.service import Autopilot
 from jezero.services.estimator.config import EstimatorConfig
@@ -67,7 +67,7 @@ def service_makers(
     def action_maker(name: str) -> Callable[[int], Service]:
         return lambda boot: action_server(name, boot)
 
-    return makers | {name: action_maker(name) for name in BEHAVIOURS}
+    return makers | {name: action_maker(name) for name in DECLARATIONS}
 
 
 def wired_bus(seed: int) -> MemoryBus:

@@ -7,22 +7,22 @@ from typing import Any
 
 from jezero.runtime.worker import Worker
 from jezero.runtime.zenoh_bus import run_process
-from jezero.schemas.topics import ACTIONS
 from jezero.services.actions.lifecycle.picture_store import PictureStore
-from jezero.services.actions.table import BEHAVIOURS, action_server
+from jezero.services.actions.table import DECLARATIONS, action_server
 
 
 def main() -> int:
-    """Run the server named on the command line until it is told to stop."""
-    if len(sys.argv) != 2 or sys.argv[1] not in BEHAVIOURS:
-        print(f"usage: python -m jezero.services.actions {{{','.join(BEHAVIOURS)}}}", file=sys.stderr)
+    """Run the server named on the command line until a signal stops it."""
+    if len(sys.argv) != 2 or sys.argv[1] not in DECLARATIONS:
+        print(f"usage: python -m jezero.services.actions {{{','.join(DECLARATIONS)}}}", file=sys.stderr)
         return 2
     name = sys.argv[1]
     run_dir = os.environ.get("JEZERO_RUN_DIR")
     folder = Path(run_dir).absolute() / "pictures" / name if run_dir else None
     worker = Worker(_raise)
-    spool = PictureStore(folder, do=lambda work: worker.add(work, "")) if ACTIONS[name].takes_pictures else None
-    return run_process(name, lambda _instance, boot_id: (action_server(name, boot_id, spool=spool), {}))
+    takes_pictures = DECLARATIONS[name].action.takes_pictures
+    pictures = PictureStore(folder, do=lambda work: worker.add(work, "")) if takes_pictures else None
+    return run_process(name, lambda _instance, boot_id: (action_server(name, boot_id, pictures=pictures), {}))
 
 
 def _raise(_tag: str, _outcome: Any, error: BaseException | None) -> None:

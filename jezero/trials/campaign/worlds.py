@@ -12,7 +12,7 @@ from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus
 from jezero.runtime.service import Service
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.table import BEHAVIOURS, action_server
+from jezero.services.actions.table import DECLARATIONS, action_server
 from jezero.services.autopilot.config import AutopilotConfig, TelemetryConfig
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.config import SimulatorConfig
@@ -80,7 +80,7 @@ def _point_mass_makers(seed: int) -> Makers:
         NAME: partial(PointMass, config, place, SYSTEM_ID, seed),
         BRIDGE: lambda boot: VehicleBridge(bridge, system_id=SYSTEM_ID, boot_id=boot),
         BLANK_CAMERA: lambda boot: BlankCamera(load_config(CameraConfig, "camera"), describes_itself=True),
-        **{name: partial(action_server, name, config=actions) for name in BEHAVIOURS},
+        **{name: partial(action_server, name, config=actions) for name in DECLARATIONS},
     }
 
 

@@ -134,15 +134,13 @@ def _refusal(goal: AreaCoverageGoal, config: ActionsConfig, origin_ned_m: Vec3) 
 
 def _distances(goal: AreaCoverageGoal, settings: AreaCoverageConfig) -> tuple[float, float]:
     """Between lines and between pictures. The camera's wide side lies across the lines."""
-    if goal.overlap is None and goal.sidelap is None:
+    overlap = goal.sidelap if goal.overlap is None else goal.overlap
+    sidelap = goal.overlap if goal.sidelap is None else goal.sidelap
+    if overlap is None or sidelap is None:
         if not goal.resolution_m:
             raise AreaError("give a resolution above 0 m, or an overlap of the pictures")
         return goal.resolution_m, goal.resolution_m
     if goal.resolution_m is not None:
         raise AreaError("a resolution and an overlap are both given: choose one of them")
-    overlap = goal.sidelap if goal.overlap is None else goal.overlap
-    sidelap = goal.overlap if goal.sidelap is None else goal.sidelap
-    assert overlap is not None
-    assert sidelap is not None
     m_per_px = altitude_m(goal.z_ned_m) / settings.focal_px
     return m_per_px * settings.width_px * (1.0 - sidelap), m_per_px * settings.height_px * (1.0 - overlap)

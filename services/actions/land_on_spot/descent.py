@@ -1,21 +1,22 @@
-"""When and how fast the vehicle may go down onto the platform, and how it knows that it has touched it."""
+"""Descent onto the platform: when and how fast the vehicle goes down, and detection of the contact."""
 
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.config import RoverLandingConfig
-from jezero.services.actions.land_on_spot.platform_control import Pad
+from jezero.services.actions.land_on_spot.platform_control import PlatformState
 
-BEGIN_WITHIN_M = 0.5
+BEGIN_MARGIN_M = 0.5
 """The descent begins when the vehicle is at most this much above the height of the approach."""
-STALLED = 0.5
-"""Descending at less than this share of what is asked for is being held up."""
-STALLED_BELOW_M = 0.3
+STALLED_SPEED_RATIO = 0.5
+"""The vehicle is stalled while it descends at less than this ratio of the commanded speed."""
+STALLED_HEIGHT_MAX_M = 0.3
+"""Stalls higher than this are gusts, not contact."""
 STEP_MAX_S = 0.1
-LOW_SIGMAS = 2.0
-"""By so many standard deviations the height must be below what a forced disarm allows."""
+HEIGHT_SIGMAS = 2.0
+"""The height plus this many standard deviations must be below the limit of a forced disarm."""
 
 
 class Descent:
-    """The way down in a cone that narrows towards the middle of the platform."""
+    """Descent inside a cone that narrows towards the middle of the platform."""
 
     def __init__(self, config: RoverLandingConfig) -> None:
         self._config = config
@@ -23,48 +24,53 @@ class Descent:
         self._t_ns: int | None = None
         self._moving_ns: int | None = None
 
-    def may_begin(self, pad: Pad) -> bool:
+    def may_begin(self, platform: PlatformState) -> bool:
         """Whether the vehicle is over the platform, at the height of the approach, and slow."""
         config = self._config
-        low = pad.height_m < config.height_approach_m + BEGIN_WITHIN_M
-        return low and pad.speed_mps < config.speed_gate_mps and pad.error_m < self._cone_m(pad)
+        low = platform.height_m < config.height_approach_m + BEGIN_MARGIN_M
+        slow = platform.speed_mps < config.speed_gate_mps
+        return low and slow and platform.error_m < self._cone_m(platform)
 
-    def down_mps(self, t_ns: int, pad: Pad) -> float:
+    def down_mps(self, t_ns: int, platform: PlatformState) -> float:
         """Speed downwards relative to the platform: none outside the cone, upwards far outside."""
         config = self._config
         passed_s = 0.0 if self._t_ns is None else min(max((t_ns - self._t_ns) / NS_PER_S, 0.0), STEP_MAX_S)
         self._t_ns = t_ns
-        wanted_mps = min(max(config.gain_descent_1ps * pad.height_m, config.descent_min_mps), config.descent_max_mps)
-        if pad.height_m < config.commit_m:
+        proportional_mps = config.gain_descent_1ps * platform.height_m
+        wanted_mps = min(max(proportional_mps, config.descent_min_mps), config.descent_max_mps)
+        if platform.height_m < config.commit_m:
             return wanted_mps
-        cone_m = self._cone_m(pad)
-        known = pad.std_m < config.std_m + config.std_per_m * pad.height_m
-        if known and pad.error_in_m(config.prediction_s) < cone_m and pad.speed_mps < config.speed_gate_mps:
+        cone_m = self._cone_m(platform)
+        certain = platform.std_m < config.std_m + config.std_per_m * platform.height_m
+        inside = platform.error_in_m(config.prediction_s) < cone_m
+        if certain and inside and platform.speed_mps < config.speed_gate_mps:
             self._waited_s = max(0.0, self._waited_s - passed_s)
             return wanted_mps
         self._waited_s += passed_s
-        strayed = pad.error_m > config.strayed_cones * cone_m and pad.height_m < config.height_approach_m
+        strayed = platform.error_m > config.strayed_cones * cone_m and platform.height_m < config.height_approach_m
         return -config.descent_min_mps if strayed else 0.0
 
-    def touches(self, t_ns: int, pad: Pad, down_mps: float) -> bool:
-        """Whether the vehicle is as low as it can be, or is held up although it shall descend."""
+    def has_contact(self, t_ns: int, platform: PlatformState, down_mps: float) -> bool:
+        """Whether the vehicle is as low as it can be, or is stalled low over the platform although it descends."""
         config = self._config
-        held_up = down_mps > 0.0 and pad.height_m < STALLED_BELOW_M and pad.vel_ned_mps[2] < STALLED * down_mps
-        if not held_up or self._moving_ns is None:
+        slow = platform.vel_ned_mps[2] < STALLED_SPEED_RATIO * down_mps
+        stalled = down_mps > 0.0 and platform.height_m < STALLED_HEIGHT_MAX_M and slow
+        if not stalled or self._moving_ns is None:
             self._moving_ns = t_ns
-        return pad.height_m < config.contact_m or t_ns - self._moving_ns > config.contact_s * NS_PER_S
+        return platform.height_m < config.contact_m or t_ns - self._moving_ns > config.contact_s * NS_PER_S
 
-    def _cone_m(self, pad: Pad) -> float:
+    def _cone_m(self, platform: PlatformState) -> float:
         """Permitted error at this height; it widens with the time spent waiting, and narrows again."""
         config = self._config
-        return (config.cone_m + config.cone_per_m * pad.height_m) * (1.0 + self._waited_s / config.cone_widening_s)
+        cone_m = config.cone_m + config.cone_per_m * platform.height_m
+        return cone_m * (1.0 + self._waited_s / config.cone_widening_s)
 
 
-class Standing:
-    """Signs of the vehicle's own that it stands on the platform, whatever the autopilot says. Source: spec §8.
+class TouchdownDetector:
+    """Detects that the vehicle stands on the platform, independently of the autopilot. Source: spec §8.
 
-    One is its height over the platform, the other that it rests there although it is pushed down. They count only while
-    the platform is measured, and the altimeter may not contradict.
+    Two signs must hold: the height over the platform is low, and the vehicle rests there although it is pushed down.
+    They count only while the platform is measured, and the altimeter may not contradict them.
     """
 
     def __init__(self, config: RoverLandingConfig) -> None:
@@ -72,26 +78,28 @@ class Standing:
         self._since_ns: int | None = None
 
     def reset(self) -> None:
-        """What was seen so far was no touchdown."""
+        """Start again, because the signs so far were no touchdown."""
         self._since_ns = None
 
-    def is_sure(self, t_ns: int, pad: Pad | None, range_m: float | None) -> bool:
-        """Whether both signs have held for long enough without a break; to be asked all the time of pushing down.
+    def update(self, t_ns: int, platform: PlatformState | None, range_m: float | None) -> bool:
+        """Add the newest state; returns whether both signs have held for long enough without a break.
+
+        To be called in every step in which the vehicle is pushed down.
 
         Args:
-            pad: None while the platform isn't measured.
+            platform: None while the platform isn't measured.
             range_m: of the altimeter, tilt-corrected; None when it measures nothing, as on the ground.
         """
-        if pad is None or not self._holds(pad, range_m):
+        if platform is None or not self._has_signs(platform, range_m):
             self.reset()
             return False
         if self._since_ns is None:
             self._since_ns = t_ns
         return t_ns - self._since_ns >= self._config.force_s * NS_PER_S
 
-    def _holds(self, pad: Pad, range_m: float | None) -> bool:
+    def _has_signs(self, platform: PlatformState, range_m: float | None) -> bool:
         config = self._config
-        low = pad.height_m + LOW_SIGMAS * pad.std_height_m < config.force_below_m
-        rests = pad.speed_mps < config.force_mps and abs(pad.vel_ned_mps[2]) < config.force_mps
-        on_platform = pad.error_m < config.on_platform_m
+        low = platform.height_m + HEIGHT_SIGMAS * platform.std_height_m < config.force_below_m
+        rests = platform.speed_mps < config.force_mps and abs(platform.vel_ned_mps[2]) < config.force_mps
+        on_platform = platform.error_m < config.on_platform_m
         return low and rests and on_platform and (range_m is None or range_m < config.range_force_max_m)

@@ -1,59 +1,54 @@
-"""Land on a spot by the vehicle's own position: the case without sensors of the rover."""
+"""Landing on a spot by the vehicle's own position, without any sensor that finds the rover."""
 
 from math import hypot
-from typing import Any
 
 from jezero.frames import Vec3, altitude_m, subtract
-from jezero.schemas.actions import LandFeedback, LandOnSpotGoal, LandPhase, LandResult
+from jezero.schemas.actions import LandFeedback, LandPhase, LandResult
 from jezero.schemas.commands import Phase
-from jezero.schemas.topics import ALTIMETER, Topic
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.config import PlainLandingConfig
-from jezero.services.actions.land_on_spot.tilt_contact_detector import Edge, standing
-from jezero.services.actions.lifecycle.behaviour import Done, Move, Selection, VehicleState
+from jezero.services.actions.land_on_spot.tilt_contact_detector import TiltContactDetector, landing_outcome
+from jezero.services.actions.lifecycle.behaviour import Done, Move, VehicleState
+from jezero.services.actions.motion.config import MoveConfig
 from jezero.services.actions.motion.straight_path import StraightPath
 
 
 class PlainLanding:
-    """Approach at height, descent over the spot, contact until the autopilot sees the ground; off again from an edge.
+    """Approach at height, descent over the spot, contact until the autopilot detects the ground.
 
-    Source: spec §8, case 4.
+    A vehicle that tilts over an edge climbs again, and the goal is aborted. Source: spec §8, case 4.
     """
 
-    inputs: tuple[Topic[Any], ...] = (ALTIMETER,)
-    selection: Selection | None = None
-
-    def __init__(self, config: ActionsConfig) -> None:
-        self._config = config
+    def __init__(
+        self,
+        spot_ned_m: Vec3,
+        settings: PlainLandingConfig,
+        move: MoveConfig,
+        t_ns: int,
+        state: VehicleState,
+    ) -> None:
+        self._settings = settings
         self._phase: LandPhase = "approach"
-        self._spot_ned_m: Vec3 = (0.0, 0.0, 0.0)
-        self._path: StraightPath | None = None
-        self._lift: StraightPath | None = None
-        self._speed_down_mps = config.land_on_spot.plain.speed_high_mps
-        self._phase_since_ns = 0
+        self._spot_ned_m = spot_ned_m
+        self._speed_down_mps = settings.speed_high_mps
+        self._phase_since_ns = t_ns
         self._still_since_ns: int | None = None
-        self._edge = Edge()
+        self._tilt_contact = TiltContactDetector()
         self._leaves_ns: int | None = None
-
-    def start(self, t_ns: int, goal: LandOnSpotGoal, state: VehicleState) -> None:
-        assert goal.landing_spot_ned_m is not None, "start without check"
-        move, land = self._config.move, self._config.land_on_spot.plain
         x, y, z = state.pos_uav_ned_m
         height_m = altitude_m(z) if state.height_m is None else state.height_m
-        up_m = max(0.0, land.approach_height_min_m - height_m)
-        self._spot_ned_m = goal.landing_spot_ned_m
-        above_ned_m = (self._spot_ned_m[0], self._spot_ned_m[1], z - up_m)
+        up_m = max(0.0, settings.approach_height_min_m - height_m)
         start_ned_m = (x, y, z - up_m)
-        speed_mps = land.speed_approach_mps
         self._path = StraightPath(
             t_ns,
             start_ned_m,
-            above_ned_m,
-            speed_mps=speed_mps,
+            (spot_ned_m[0], spot_ned_m[1], z - up_m),
+            speed_mps=settings.speed_approach_mps,
             config=move,
             yaw_start_rad=state.yaw_rad,
         )
+        self._lift: StraightPath | None = None
+        """Climb to the height of the approach, if the vehicle is lower."""
         if up_m > move.reached_m:
             self._lift = StraightPath(
                 t_ns,
@@ -64,43 +59,42 @@ class PlainLanding:
                 config=move,
                 yaw_start_rad=state.yaw_rad,
             )
-        self._phase_since_ns = t_ns
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
         if self._phase == "approach":
             return self._approach(t_ns, state)
-        land = self._config.land_on_spot.plain
+        land = self._settings
         if self._leaves_ns is not None:
             return self._leave(t_ns, self._leaves_ns, state, land)
         if state.landed:
-            return standing(state)
+            return landing_outcome(state)
         if problem := self._advance(t_ns, state, land):
             return Done("aborted", problem)
-        pushes = self._phase == "contact"
-        vel_ned_mps = (0.0, 0.0, land.push_mps) if pushes else self._descent_velocity(state, land)
-        if self._edge.is_below(t_ns, state, vel_ned_mps[2]):
+        push = self._phase == "contact"
+        vel_ned_mps = (0.0, 0.0, land.push_mps) if push else self._descent_velocity(state, land)
+        if self._tilt_contact.update(t_ns, state, vel_ned_mps[2]):
             self._leaves_ns = t_ns
             return self._leave(t_ns, t_ns, state, land)
         return self._move(state, vel_ned_mps)
 
     def _advance(self, t_ns: int, state: VehicleState, land: PlainLandingConfig) -> str:
-        """The next phase when it is time for it; why the landing is given up, or ""."""
+        """Begin the next phase when it is time for it; returns the reason why the landing is aborted, or ""."""
         since_s = (t_ns - self._phase_since_ns) / NS_PER_S
         if self._phase == "descent":
             if since_s > land.descent_timeout_s:
-                return f"nothing touched after {since_s:.0f} s of descent"
-            if self._touches(t_ns, state, land):
+                return f"no contact after {since_s:.0f} s of descent"
+            if self._has_contact(t_ns, state, land):
                 self._enter("contact", t_ns)
         elif since_s > land.contact_timeout_s:
-            return f"the autopilot doesn't see the ground {since_s:.0f} s after contact"
+            return f"the autopilot doesn't detect the ground {since_s:.0f} s after contact"
         elif state.vel_uav_ned_mps[2] > 0.5 * land.push_mps:
             self._enter("descent", t_ns)
         return ""
 
     def _leave(self, t_ns: int, since_ns: int, state: VehicleState, land: PlainLandingConfig) -> Move | Done:
-        """Up again, and leave it to others where else to land."""
+        """Climb, then end the goal: another place to land is the client's choice."""
         if t_ns - since_ns > land.leave_s * NS_PER_S:
-            return Done("aborted", "the vehicle leaned over an edge or a rock at the landing spot: land somewhere else")
+            return Done("aborted", "the vehicle tilted over an edge or a rock at the landing spot: land somewhere else")
         return self._move(state, (0.0, 0.0, -land.speed_leave_mps))
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> LandResult:
@@ -108,20 +102,18 @@ class PlainLanding:
 
     def _approach(self, t_ns: int, state: VehicleState) -> Move | Done:
         path = self._lift if self._lift is not None else self._path
-        assert path is not None, "step before start"
         path.step(t_ns, state)
         if problem := path.stuck(t_ns):
             return Done("aborted", f"approach: {problem}")
         if path.reached and self._lift is not None:
             self._lift = None
-            assert self._path is not None
             self._path.wait(t_ns, state)
         elif path.reached:
             self._enter("descent", t_ns)
         return path.move(Phase.LANDING, self._feedback(state))
 
     def _descent_velocity(self, state: VehicleState, land: PlainLandingConfig) -> Vec3:
-        """Towards the spot, and down: slower near the ground, and never faster again."""
+        """Velocity towards the spot and down: slower near the ground, and never faster again."""
         slow_m = land.slow_height_m
         height_m = state.height_m
         if height_m is None:
@@ -133,8 +125,8 @@ class PlainLanding:
         shrink = min(1.0, land.speed_horizontal_max_mps / max(hypot(north, east), 1e-9))
         return (north * shrink, east * shrink, self._speed_down_mps)
 
-    def _touches(self, t_ns: int, state: VehicleState, land: PlainLandingConfig) -> bool:
-        """Whether the range is below what the altimeter can measure in the air, or the descent has stopped."""
+    def _has_contact(self, t_ns: int, state: VehicleState, land: PlainLandingConfig) -> bool:
+        """Whether the range is shorter than the altimeter can measure in the air, or the descent has stopped."""
         if state.height_m is not None and state.height_m < land.contact_height_m:
             return True
         if state.vel_uav_ned_mps[2] > land.contact_mps:
@@ -154,7 +146,6 @@ class PlainLanding:
         self._still_since_ns = None
 
     def _move(self, state: VehicleState, vel_ned_mps: Vec3) -> Move:
-        assert self._path is not None
         return Move(Phase.LANDING, self._feedback(state), vel_ned_mps=vel_ned_mps, yaw_rad=self._path.yaw_rad)
 
     def _feedback(self, state: VehicleState) -> LandFeedback:

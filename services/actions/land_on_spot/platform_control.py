@@ -1,4 +1,4 @@
-"""Gain-scheduled control over the platform, and where the vehicle is relative to it now.
+"""Gain-scheduled horizontal control over the platform, and the vehicle's state relative to it.
 
 Source: spec §8; thesis §4.4.2.
 """
@@ -10,19 +10,23 @@ from jezero.frames import Vec3, add, altitude_m, scale
 from jezero.schemas.estimate import Relative
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.config import PlatformControlConfig
+from jezero.services.actions.motion.rover_frame import turn_acceleration
 
 AGE_MAX_NS = 500_000_000
 NORTH, EAST, DOWN = 0, 6, 11
-"""Variances of the position in the upper triangle of the covariance."""
+"""Indices of the position's variances in the upper triangle of the covariance."""
 
 
-class Pad(NamedTuple):
-    """The vehicle over the platform at one instant.
+class PlatformState(NamedTuple):
+    """State of the vehicle relative to the platform at one time.
 
     Attributes:
-        pos_ned_m, vel_ned_mps: middle of the vehicle's feet, minus that of the platform.
-        vel_rover_ned_mps, yaw_rate_rover_rps: of the platform.
-        std_m, std_height_m: how well the horizontal position and the height are known.
+        pos_ned_m: middle of the vehicle's feet relative to that of the platform.
+        vel_ned_mps: velocity relative to the platform.
+        vel_rover_ned_mps: velocity of the platform over ground.
+        yaw_rate_rover_rps: of the platform.
+        std_m: standard deviation of the horizontal position.
+        std_height_m: standard deviation of the height.
     """
 
     pos_ned_m: Vec3
@@ -38,36 +42,35 @@ class Pad(NamedTuple):
 
     @property
     def error_m(self) -> float:
-        """Horizontally from the middle."""
+        """Horizontal distance from the middle."""
         return hypot(self.pos_ned_m[0], self.pos_ned_m[1])
 
     def error_in_m(self, seconds: float) -> float:
-        """`error_m` a little later, if the vehicle goes on as it does."""
+        """`error_m` after some seconds at the present velocity."""
         north_m, east_m, _ = self.pos_ned_m
         north_mps, east_mps, _ = self.vel_ned_mps
         return hypot(north_m + seconds * north_mps, east_m + seconds * east_mps)
 
     @property
     def speed_mps(self) -> float:
-        """Horizontal, relative to the platform."""
+        """Horizontal speed relative to the platform."""
         return hypot(self.vel_ned_mps[0], self.vel_ned_mps[1])
 
     @property
     def acc_rover_ned_mps2(self) -> tuple[float, float]:
-        """North and east, of its turn."""
-        north_mps, east_mps, _ = self.vel_rover_ned_mps
-        return -self.yaw_rate_rover_rps * east_mps, self.yaw_rate_rover_rps * north_mps
+        """Acceleration of the platform in its turn, north and east."""
+        return turn_acceleration(self.vel_rover_ned_mps, self.yaw_rate_rover_rps)
 
 
-def pad_at(t_ns: int, relative: Relative, feet_ned_m: Vec3) -> Pad:
-    """The estimate carried on from its own time to `t_ns`, by half a second at most.
+def platform_state_at(t_ns: int, relative: Relative, feet_ned_m: Vec3) -> PlatformState:
+    """State by the estimate, extrapolated from its own time to `t_ns`, by half a second at most.
 
     Args:
-        feet_ned_m: (3,) from the point that the estimate is of to the middle of the feet.
+        feet_ned_m: (3,) from the vehicle's reference point to the middle of its feet.
     """
     age_s = min(max(t_ns - relative.t_ns, 0), AGE_MAX_NS) / NS_PER_S
     vel_ned_mps = relative.vel_uav_rel_rover_ned_mps
-    return Pad(
+    return PlatformState(
         add(add(relative.pos_uav_rel_rover_ned_m, scale(vel_ned_mps, age_s)), feet_ned_m),
         vel_ned_mps,
         relative.vel_rover_ned_mps,
@@ -77,7 +80,7 @@ def pad_at(t_ns: int, relative: Relative, feet_ned_m: Vec3) -> Pad:
     )
 
 
-class PadControl:
+class PlatformControl:
     """Horizontal velocity over ground that brings the vehicle over the middle of the platform and keeps it there."""
 
     def __init__(self, config: PlatformControlConfig) -> None:
@@ -85,38 +88,38 @@ class PadControl:
         self._integral_mps = (0.0, 0.0)
 
     def reset(self) -> None:
-        """Forget what was learned of the wind and of the velocity's error."""
+        """Set the integral to 0; it holds the effects of the wind and of the velocity's error."""
         self._integral_mps = (0.0, 0.0)
 
-    def command(self, dt_s: float, pad: Pad) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Velocity and its derivative, north and east; the derivative is what keeps a fast loop from overshooting."""
-        error_m = pad.error_m
-        self._integrate(dt_s, pad, error_m)
+    def command(self, dt_s: float, platform: PlatformState) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Velocity and its derivative, north and east; without the derivative a fast loop would overshoot."""
+        error_m = platform.error_m
+        self._integrate(dt_s, platform, error_m)
         pull_1ps = self._speed_mps(error_m) / error_m if error_m > 1e-9 else self._config.gain_near_1ps
-        (north_m, east_m, _), (north_mps, east_mps, _) = pad.pos_ned_m, pad.vel_ned_mps
-        acc_north_mps2, acc_east_mps2 = pad.acc_rover_ned_mps2
+        (north_m, east_m, _), (north_mps, east_mps, _) = platform.pos_ned_m, platform.vel_ned_mps
+        acc_north_mps2, acc_east_mps2 = platform.acc_rover_ned_mps2
         velocity = (
-            pad.vel_rover_ned_mps[0] - pull_1ps * north_m + self._integral_mps[0],
-            pad.vel_rover_ned_mps[1] - pull_1ps * east_m + self._integral_mps[1],
+            platform.vel_rover_ned_mps[0] - pull_1ps * north_m + self._integral_mps[0],
+            platform.vel_rover_ned_mps[1] - pull_1ps * east_m + self._integral_mps[1],
         )
         return velocity, (acc_north_mps2 - pull_1ps * north_mps, acc_east_mps2 - pull_1ps * east_mps)
 
     def _speed_mps(self, error_m: float) -> float:
-        """Proportional near the middle; farther out no faster than what can be braked."""
+        """Speed towards the middle: proportional to the error, and not faster than the vehicle can brake."""
         config = self._config
-        share = min(max((error_m - config.near_m) / (config.far_m - config.near_m), 0.0), 1.0)
-        gain_1ps = config.gain_near_1ps + share * (config.gain_far_1ps - config.gain_near_1ps)
+        weight = min(max((error_m - config.near_m) / (config.far_m - config.near_m), 0.0), 1.0)
+        gain_1ps = config.gain_near_1ps + weight * (config.gain_far_1ps - config.gain_near_1ps)
         braking_mps = sqrt(2.0 * config.acc_max_mps2 * error_m)
         return min(gain_1ps * error_m, braking_mps, config.speed_max_mps)
 
-    def _integrate(self, dt_s: float, pad: Pad, error_m: float) -> None:
+    def _integrate(self, dt_s: float, platform: PlatformState, error_m: float) -> None:
         config = self._config
         if error_m > config.far_m:
             self.reset()
         if error_m > config.near_m:
             return
         north_mps, east_mps = self._integral_mps
-        north_mps -= config.gain_integral_1ps2 * pad.pos_ned_m[0] * dt_s
-        east_mps -= config.gain_integral_1ps2 * pad.pos_ned_m[1] * dt_s
+        north_mps -= config.gain_integral_1ps2 * platform.pos_ned_m[0] * dt_s
+        east_mps -= config.gain_integral_1ps2 * platform.pos_ned_m[1] * dt_s
         shrink = min(1.0, config.integral_max_mps / max(hypot(north_mps, east_mps), 1e-9))
         self._integral_mps = (shrink * north_mps, shrink * east_mps)

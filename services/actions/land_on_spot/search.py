@@ -1,4 +1,4 @@
-"""Where to look for a rover that is out of sight: rounds about where it is believed, each higher and wider."""
+"""Search for a rover that is out of sight: rounds about its supposed position, each higher and wider."""
 
 from math import cos, hypot, pi, sin
 
@@ -10,15 +10,15 @@ CORNERS = 6
 
 
 class Search:
-    """Goes from corner to corner.
+    """Flies from corner to corner of the rounds.
 
     Args:
-        height_m: over the platform, or over the ground where it is believed, when the search begins.
+        height_m: over the platform, or over the ground at the rover's supposed position, when the search begins.
 
     Attributes:
-        offset_m: (north, east) of the present corner from where the rover is believed.
-        height_m: to search at.
-        over: all rounds are flown.
+        offset_m: (2,) north and east of the present corner from the rover's supposed position.
+        height_m: height of the present corner.
+        over: whether all rounds are flown.
     """
 
     def __init__(self, t_ns: int, height_m: float, config: SearchConfig) -> None:
@@ -30,10 +30,10 @@ class Search:
         self._aim()
 
     def step(self, t_ns: int, offset_m: tuple[float, float], height_m: float) -> None:
-        """Go on to the next corner when this one is reached, or can't be in time.
+        """Go on to the next corner when this one is reached, or its time is over.
 
         Args:
-            offset_m: of the vehicle from where the rover is believed.
+            offset_m: (2,) of the vehicle from the rover's supposed position.
             height_m: of the vehicle.
         """
         config = self._config
@@ -45,7 +45,7 @@ class Search:
             self._aim()
 
     def _aim(self) -> None:
-        """Each round begins over the middle, and goes around it higher than before."""
+        """Set the next corner; each round begins over the middle, and goes around it higher than the one before."""
         config = self._config
         turn, corner = divmod(self._number, CORNERS + 1)
         self.over = turn >= config.tries
@@ -57,7 +57,7 @@ class Search:
 
 
 def towards(offset_m: tuple[float, float, float], speed_mps: float, gain_1ps: float = 0.8) -> Vec3:
-    """Velocity along an offset: proportional to its length, limited."""
+    """Velocity along an offset, proportional to its length and limited."""
     length_m = hypot(*offset_m)
     pull_1ps = min(gain_1ps, speed_mps / max(length_m, 1e-9))
     return (pull_1ps * offset_m[0], pull_1ps * offset_m[1], pull_1ps * offset_m[2])

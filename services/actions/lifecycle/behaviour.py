@@ -1,7 +1,11 @@
-"""What a behaviour is: a pure state machine from a goal and the vehicle's state to setpoints.
+"""The parts of an action: a plan of a goal or a refusal, and the running behaviour.
 
-Behaviours see positions in the world frame as it was when they started. When the autopilot moves its position in
-one step, the goal's run shifts what goes in and what comes out, so that stored points move along (spec §1).
+An action's planner turns a goal into a `Plan` or a `Refusal`; the plan's `start` gives a `Behaviour`, a pure state
+machine from the vehicle's state to setpoints.
+
+Behaviours get positions in the world frame as it was when they started. When the autopilot moves its position in one
+step, the goal's flight shifts the positions that go in and those that come out, so that stored points move along (spec
+§1).
 """
 
 from collections.abc import Callable
@@ -20,16 +24,20 @@ from jezero.services.actions.lifecycle.capture import Capture
 
 
 class VehicleState(msgspec.Struct, frozen=True):
-    """What a behaviour may look at.
+    """State of the vehicle at one time, as a behaviour gets it.
 
     Attributes:
-        age_s: how long ago the vehicle was there; 0 to 0.5.
-        height_m: over ground or deck by the laser altimeter, tilt-corrected; None when it measures nothing.
-        relative: the vehicle relative to the rover, of the behaviour's own selection if it has one; None when the
-            estimator is silent, or the behaviour doesn't list it in its inputs. Whether it is fit to fly by it says
-            itself.
+        pos_uav_ned_m: position in the behaviour's world frame.
+        vel_uav_ned_mps: velocity.
+        q_ned_from_frd: attitude.
+        armed: by the vehicle's status.
+        landed: by the vehicle's status.
+        age_s: age of position, velocity and attitude, 0 to 0.5.
+        height_m: over ground or platform by the laser altimeter, tilt-corrected; None when it measures nothing.
+        relative: the vehicle relative to the rover, for the behaviour's own selection if it has one; its own field says
+            whether it is valid. None when the estimator is silent, or the plan's inputs don't list it.
         rover: the rover in the behaviour's world frame; None as above.
-        shift_ned_m: how far the autopilot has moved its world frame's positions since the goal started.
+        shift_ned_m: sum of the autopilot's position steps since the goal started.
     """
 
     pos_uav_ned_m: Vec3
@@ -49,47 +57,18 @@ class VehicleState(msgspec.Struct, frozen=True):
 
     @property
     def down_ned(self) -> tuple[float, float]:
-        """(2,) north and east of the unit vector that points down through the vehicle's feet: its lean."""
+        """(2,) north and east of the unit vector that points down through the vehicle's feet: its tilt."""
         north, east, _ = quat_rotate(self.q_ned_from_frd, (0.0, 0.0, 1.0))
         return north, east
 
 
-class Preparation(msgspec.Struct, frozen=True):
-    """What must be worked out before a goal is accepted, and takes too long for a step.
-
-    Attributes:
-        work: from the state, the function that is carried out beside the server.
-        take: what it returned goes here; tells why the goal is refused, or "".
-    """
-
-    work: Callable[[VehicleState], Callable[[], Any]]
-    take: Callable[[Any], str]
-
-
-class Verdict(msgspec.Struct, frozen=True):
-    """Whether a goal may start.
-
-    Attributes:
-        refusal: why not, and what to do instead; empty when it may.
-        warning: what of the goal will not be done as asked.
-        do_takeoff: the goal starts on the ground.
-        look: why the goal is refused, or "", by what its inputs say; asked as soon as each has said something, before
-            the goal is accepted. None: they need not be looked at.
-        prepare: done after the look, if there is one.
-    """
-
-    refusal: str = ""
-    warning: str = ""
-    do_takeoff: bool = False
-    look: Callable[[VehicleState], str] | None = None
-    prepare: Preparation | None = None
-
-
 class Selection(msgspec.Struct, frozen=True):
-    """What the estimator shall use for one goal, for as long as it runs.
+    """Selection of the estimator's inputs for one goal, for as long as it runs.
 
     Attributes:
-        pos_rover_ned_m: where the rover roughly is; None when nobody told.
+        use_uwb: use UWB ranges.
+        use_tag: use the tag detections.
+        pos_rover_ned_m: rough position of the rover; None when it is not known.
     """
 
     use_uwb: bool
@@ -98,12 +77,18 @@ class Selection(msgspec.Struct, frozen=True):
 
 
 class Move(msgspec.Struct, frozen=True):
-    """One setpoint and what to report with it; at least one of position and velocity is given.
+    """One setpoint with its feedback; at least one of position and velocity is given.
 
     Attributes:
-        yaw_rate_rps: how fast `yaw_rad` turns, fed forward.
-        pitch_camera_rad, roll_camera_rad: where the camera shall look, None leaves it alone; only for actions that take
-            pictures.
+        phase: of the action, from which the status code follows.
+        feedback: for those who watch the goal.
+        pos_ned_m: position setpoint.
+        vel_ned_mps: velocity setpoint.
+        acc_ned_mps2: acceleration that is fed forward.
+        yaw_rad: heading setpoint.
+        yaw_rate_rps: rate of the heading setpoint, fed forward.
+        pitch_camera_rad: setpoint of the camera's pitch axis, for actions that take pictures; None moves no axis.
+        roll_camera_rad: setpoint of the camera's roll axis.
     """
 
     phase: Phase
@@ -118,7 +103,14 @@ class Move(msgspec.Struct, frozen=True):
 
 
 class Done(msgspec.Struct, frozen=True):
-    """The behaviour's end and what the bridge does next; hover_pos_ned_m None: where the vehicle is."""
+    """End of a behaviour.
+
+    Attributes:
+        outcome: of the goal.
+        reason: of an outcome other than success.
+        then: manoeuvre of the bridge after the end.
+        hover_pos_ned_m: hover point; None: the vehicle's position at that time.
+    """
 
     outcome: Outcome
     reason: str = ""
@@ -127,31 +119,67 @@ class Done(msgspec.Struct, frozen=True):
 
 
 class Behaviour(Protocol):
-    """One goal's behaviour; a new one is made for each goal."""
+    """A running goal: a pure state machine."""
 
-    @property
-    def capture(self) -> Capture | None:
-        """The pictures it takes; None: none. Asked for after `check`."""
-
-    @property
-    def inputs(self) -> tuple[Topic[Any], ...]:
-        """Topics it needs besides odometry; asked for after `check`."""
-
-    @property
-    def selection(self) -> Selection | None:
-        """Whose estimate it needs; None: whatever the estimator makes. Asked for after `check`."""
-
-    @property
-    def rate_hz(self) -> float | None:
-        """Setpoints per second; None: one for each odometry and estimate."""
-
-    def check(self, goal: Any, status: Status) -> Verdict:
-        """Whether the goal is possible; whether the vehicle's status allows it is the bridge's decision."""
-
-    def start(self, t_ns: int, goal: Any, state: VehicleState) -> None:
-        """Take over at `state`; a first step follows at once, for the feedback, while control is still asked for."""
-
-    def step(self, t_ns: int, state: VehicleState) -> Move | Done: ...
+    def step(self, t_ns: int, state: VehicleState) -> Move | Done:
+        """Next setpoint, or the end; the first step has the time and the state of the start."""
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> Payload:
-        """The action's result, from where the vehicle is at the end (world NED of that time)."""
+        """Result of the action at its end.
+
+        Args:
+            pos_uav_ned_m: of the vehicle at the end, in the world frame of that time.
+        """
+
+
+Start = Callable[[int, VehicleState], Behaviour]
+"""Starts the behaviour at a time in ns and a state. A first step follows at once, while control is still asked for."""
+
+
+class Refusal(msgspec.Struct, frozen=True):
+    """Reason why a goal may not start, with what to do instead."""
+
+    reason: str
+
+
+class Preparation(msgspec.Struct, frozen=True):
+    """Work that must be done before a goal is accepted, and takes too long for a step of the server.
+
+    Attributes:
+        work: from the state, the function that is carried out in the background; it returns the start of the prepared
+            behaviour, or a refusal.
+    """
+
+    work: Callable[[VehicleState], Callable[[], Start | Refusal]]
+
+
+class Plan(msgspec.Struct, frozen=True):
+    """A goal that is possible, before it starts.
+
+    Attributes:
+        start: start of the behaviour, or the preparation that gives it.
+        warning: part of the goal that will not be done as asked.
+        do_takeoff: the goal starts on the ground.
+        inputs: topics that the behaviour needs besides odometry.
+        selection: the goal's own selection of the estimator's inputs; None: the estimator's own.
+        capture: the pictures that the behaviour takes; None: none.
+        rate_hz: setpoints per second; None: one for each odometry and each estimate.
+        check_inputs: reason of a refusal by the first messages of all inputs, or ""; called before the goal is
+            accepted and before the preparation. None: the inputs need no check.
+    """
+
+    start: Start | Preparation
+    warning: str = ""
+    do_takeoff: bool = False
+    inputs: tuple[Topic[Any], ...] = ()
+    selection: Selection | None = None
+    capture: Capture | None = None
+    rate_hz: float | None = None
+    check_inputs: Callable[[VehicleState], str] | None = None
+
+
+class Planner(Protocol):
+    """An action: makes the plans of its goals, and keeps nothing of them."""
+
+    def plan(self, goal: Any, status: Status) -> Plan | Refusal:
+        """Plan of a goal, if it is possible; whether the vehicle's status allows it is the bridge's decision."""

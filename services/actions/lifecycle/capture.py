@@ -1,14 +1,18 @@
-"""Pictures at planned points, each with what was known when it was exposed. No I/O: the goal's run feeds it.
+"""Pictures at planned points, each with the measurements at its exposure. No I/O: the goal's run feeds it.
 
-A behaviour that takes pictures makes one `Capture` in `check` and offers it as its attribute `capture`; its action is
-declared with `takes_pictures=True` and reports `ImagesFeedback`. The goal's run then listens to `CAPTURE_INPUTS` too,
-calls `take_in` once per step, stores what it gives on disk, fills `taken`, `planned` and `images` of the feedback, and
-aborts the goal with `problem`; the server answers for the pixels on the action's `image` endpoint. The behaviour
+The planner of an action that takes pictures makes one `Capture` for each plan, puts it into the plan and hands it to
+the behaviour; the action is declared with `takes_pictures=True` and reports `ImagesFeedback`. The goal's run then
+subscribes to `CAPTURE_INPUTS` too, calls `update` once per step and stores the pictures on disk; the flight fills
+`taken`, `planned` and `images` of the feedback, and aborts the goal with `problem`; the server replies with the pixels
+on the action's `image` endpoint. The planner
 
-- gives `Verdict(look=lambda state: capture.refusal())`: no goal is accepted while the camera sends nothing;
+- calls `capture.refusal()` in the plan's `check_inputs`: no goal is accepted while the camera sends nothing.
+
+The behaviour
+
 - calls `capture.ask(index, t_ns)` in the `step` in which the vehicle passes planned point `index`: its picture is the
   first one that is exposed at `t_ns` or later, and one picture serves one point. Pictures arrive 0.1 s and more after
-  their exposure: `capture.waits` is true until all that were asked for have come;
+  their exposure: `capture.waits` is true until all requested ones have come;
 - may aim with `capture.pos_camera`;
 - reads `capture.taken`, and gives `capture.images()` in its result: all so far, in today's world frame.
 """
@@ -85,7 +89,7 @@ class Capture:
         self._config = config
         self._stream = stream
         self._records: list[_Record] = []
-        self._untold = 0
+        self._reported = 0
         self._asked: deque[tuple[int, int]] = deque()
         """(index, time of passing), oldest first."""
         self._frames: deque[CameraFrame] = deque(maxlen=FRAMES_WAITING)
@@ -148,15 +152,15 @@ class Capture:
         """What was taken can't be kept."""
         self._failure = f"no pictures: {reason}"
 
-    def told(self) -> tuple[Image, ...]:
+    def unreported_images(self) -> tuple[Image, ...]:
         """Those that no feedback has told of yet."""
         if not self._stream:
             return ()
-        news = tuple(self._moved(record) for record in self._records[self._untold :])
-        self._untold = len(self._records)
+        news = tuple(self._moved(record) for record in self._records[self._reported :])
+        self._reported = len(self._records)
         return news
 
-    def take_in(self, t_ns: int, inbox: Inbox) -> Iterator[Shot]:
+    def update(self, t_ns: int, inbox: Inbox) -> Iterator[Shot]:
         """Everything that arrived; gives the pictures that were waited for."""
         for odometry in inbox.new(ODOMETRY):
             if not self._odometry or odometry.t_ns > self._odometry[-1].t_ns:

@@ -1,10 +1,9 @@
 """An action server: takes goals, runs one at a time, answers for cancels and results."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import msgspec
-from msgspec.structs import replace
 
 from jezero.runtime.service import Health, Inbox, Output, Reply, Request, SetRate, Spec, Subscribe
 from jezero.schemas.actions import Accepted, CancelReply, Goal, Rejected, Result, ResultReply
@@ -28,7 +27,7 @@ from jezero.schemas.topics import (
 )
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.lifecycle.behaviour import Behaviour
+from jezero.services.actions.lifecycle.behaviour import Planner, Refusal
 from jezero.services.actions.lifecycle.capture import CAPTURE_INPUTS
 from jezero.services.actions.lifecycle.goal_run import GoalRun
 from jezero.services.actions.lifecycle.picture_store import PictureStore
@@ -36,32 +35,33 @@ from jezero.services.actions.lifecycle.vehicle_view import is_fresh
 
 RESULTS_KEPT = 100
 EARLY_GOAL_NS = NS_PER_S
+UNWATCHED = "on_client_loss has no effect: the goal names no client whose liveliness could be watched"
 
 
 class ActionServer:
     """The service of one action.
 
     Args:
-        behaviour_factory: makes a fresh behaviour for each goal.
+        planner: plans the action's goals.
         boot_id: differs between two runs, so that ids of goals do too.
-        spool: where pictures are kept, for actions that take some; by default a temporary folder.
+        pictures: store of the pictures, for actions that take some; by default in a temporary folder.
     """
 
     def __init__(
         self,
         action: Action[Any],
-        behaviour_factory: Callable[[ActionsConfig], Behaviour],
+        planner: Planner,
         config: ActionsConfig,
         boot_id: int,
-        spool: PictureStore | None = None,
+        pictures: PictureStore | None = None,
     ) -> None:
         self._action = action
         self._endpoint = action.endpoint
         self._cancel = action.cancel
-        self._make_behaviour = behaviour_factory
+        self._planner = planner
         self._config = config
         self._boot_id = boot_id
-        self._spool = (spool or PictureStore()) if action.takes_pictures else None
+        self._pictures = (pictures or PictureStore()) if action.takes_pictures else None
         self._goals_made = 0
         self._run: GoalRun | None = None
         self._results: dict[str, Result[Any]] = {}
@@ -96,10 +96,10 @@ class ActionServer:
             yield Reply(request.request_id, self._answer_cancel(request.payload.goal_id))
         for request in inbox.requests(RESULT):
             yield Reply(request.request_id, self._answer_result(request.payload.goal_id))
-        if self._spool is not None:
+        if self._pictures is not None:
             for request in inbox.requests(self._action.image):
                 wanted: GetImage = request.payload
-                yield Reply(request.request_id, self._spool.get(wanted.goal_id, wanted.index))
+                yield Reply(request.request_id, self._pictures.get(wanted.goal_id, wanted.index))
         health = self._judge_health(t_ns, inbox)
         if health != self._health:
             self._health = health
@@ -134,30 +134,26 @@ class ActionServer:
             code = None if status is None else status.code
             yield Reply(request.request_id, Rejected(goal_id=goal.goal_id, reason=refusal, code=code))
             return
-        behaviour = self._make_behaviour(self._config)
-        verdict = behaviour.check(goal, status)
-        if verdict.refusal:
-            rejected = Rejected(goal_id=goal.goal_id, reason=verdict.refusal, code=status.code)
-            yield Reply(request.request_id, rejected)
+        plan = self._planner.plan(goal, status)
+        if isinstance(plan, Refusal):
+            yield Reply(request.request_id, Rejected(goal_id=goal.goal_id, reason=plan.reason, code=status.code))
             return
-        if goal.on_client_loss == "cancel" and not request.client_id:
-            unwatched = "on_client_loss has no effect: the goal names no client whose liveliness could be watched"
-            verdict = replace(verdict, warning="; ".join(text for text in (verdict.warning, unwatched) if text))
+        unwatched = goal.on_client_loss == "cancel" and not request.client_id
         self._goals_made += 1
         goal_id = goal.goal_id or f"{self._action.name}-{self._boot_id:x}-{self._goals_made}"
         self._run = GoalRun(
             action=self._action,
             goal=goal,
             goal_id=goal_id,
-            behaviour=behaviour,
-            verdict=verdict,
+            plan=plan,
+            warning="; ".join(text for text in (plan.warning, UNWATCHED if unwatched else "") if text),
             config=self._config.lifecycle,
             limits=self._config.limits,
-            status=status,
-            spool=self._spool,
+            epoch_id=status.epoch_id,
+            pictures=self._pictures,
         )
-        yield from self._run.begin(t_ns, inbox)
         yield from self._run.attach(request)
+        yield from self._run.begin(t_ns, inbox)
 
     def _refusal(self, t_ns: int, goal: Goal, status: Status | None) -> str:
         """Why no goal at all can start now, or ""."""

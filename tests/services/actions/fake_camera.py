@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Iterator
 from math import pi
+from typing import Any
 
 from jezero.runtime.service import Inbox, Output, Publish, Spec
 from jezero.schemas import topics
@@ -86,7 +87,7 @@ class FakeCamera:
             picture = self._late.popleft()
             if not self.mute:
                 yield Publish(topics.CAMERA, picture)
-        sensors: tuple[tuple[Topic[Message], Message, int], ...] = (
+        sensors: tuple[tuple[Topic[Any], Message, int], ...] = (
             (topics.CAMERA_INFO, info(t_ns), 1_000_000_000),
             (topics.IMU, imu(t_ns), 20_000_000),
             (topics.GNSS, gnss(t_ns), 100_000_000),

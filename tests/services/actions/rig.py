@@ -7,7 +7,7 @@ from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, GoToGoal, Result
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.lifecycle.server import ActionServer
-from jezero.services.actions.table import BEHAVIOURS, action_server
+from jezero.services.actions.table import DECLARATIONS, action_server
 from tests.services.actions.fake_bridge import FakeBridge
 
 CONFIG = ActionsConfig()
@@ -23,7 +23,7 @@ class World:
         self.bridge = FakeBridge(pos_ned_m)
         self.bus.add(self.bridge)
         self.servers: dict[str, ActionServer] = {}
-        for name in BEHAVIOURS:
+        for name in DECLARATIONS:
             self.servers[name] = action_server(name, 5, CONFIG)
             self.bus.add(self.servers[name])
         self.bus.run_for(0.5)

@@ -14,12 +14,13 @@ from jezero.schemas.actions import GoToGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.commands import Phase
 from jezero.schemas.state import Status
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.go_to.behaviour import GoTo
-from jezero.services.actions.land_on_spot.behaviour import LandOnSpot
-from jezero.services.actions.lifecycle.behaviour import Behaviour, Done, Move, VehicleState
+from jezero.services.actions.go_to.declaration import ACTION as GO_TO
+from jezero.services.actions.land_on_spot.declaration import ACTION as LAND_ON_SPOT
+from jezero.services.actions.lifecycle.behaviour import Done, Move, Plan, Preparation, Refusal, VehicleState
+from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.motion.config import MoveConfig
 from jezero.services.actions.motion.straight_path import StraightPath, straight_speed_mps
-from jezero.services.actions.takeoff.behaviour import Takeoff
+from jezero.services.actions.takeoff.declaration import ACTION as TAKEOFF
 from tests.services.actions.fake_bridge import follow
 
 CONFIG = ActionsConfig()
@@ -31,6 +32,25 @@ def a_status(code: int) -> Status:
     return Status(t_ns=0, code=code, name="X", armed=False, landed=True, in_charge="none", bridge_boot_id=1, ready=True)
 
 
+def outcome_of(action: ActionDeclaration[Any], goal: Any, code: int = 3) -> Plan | Refusal:
+    """Plan or refusal of a goal, with the vehicle in the state `code`."""
+    return action.planner(getattr(CONFIG, action.name), CONFIG).plan(goal, a_status(code))
+
+
+def plan_of(action: ActionDeclaration[Any], goal: Any, code: int = 3) -> Plan:
+    """Plan of a goal that must not be refused."""
+    plan = outcome_of(action, goal, code)
+    assert isinstance(plan, Plan), plan
+    return plan
+
+
+def refusal_of(action: ActionDeclaration[Any], goal: Any) -> str:
+    """Reason of a goal that must be refused."""
+    refusal = outcome_of(action, goal)
+    assert isinstance(refusal, Refusal)
+    return refusal.reason
+
+
 class Flight:
     """Flies one goal with a point mass.
 
@@ -38,18 +58,17 @@ class Flight:
         moves: all setpoints, with the state they were made in.
     """
 
-    def __init__(self, behaviour: Behaviour, goal: Any, state: VehicleState, code: int = 3) -> None:
-        self.behaviour = behaviour
+    def __init__(self, action: ActionDeclaration[Any], goal: Any, state: VehicleState, code: int = 3) -> None:
         self.state = state
         self.t_ns = 5_000_000_000
         self.moves: list[tuple[VehicleState, Move]] = []
         self.done: Done | None = None
         self.rangefinder = True
         self.pushable = True
-        verdict = behaviour.check(goal, a_status(code))
-        assert verdict.refusal == ""
-        self.warning = verdict.warning
-        behaviour.start(self.t_ns, goal, state)
+        plan = plan_of(action, goal, code)
+        assert not isinstance(plan.start, Preparation)
+        self.warning = plan.warning
+        self.behaviour = plan.start(self.t_ns, state)
         self._still_s = 0.0
 
     def run(self, within_s: float) -> Done | None:
@@ -88,7 +107,7 @@ def hovering(pos: Vec3 = (0.0, 0.0, -3.0), yaw_rad: float = 0.3) -> VehicleState
 
 
 def test_a_takeoff_climbs_straight_up_from_where_it_stands() -> None:
-    flight = Flight(Takeoff(CONFIG), TakeoffGoal(altitude_m=3.0), standing(), code=0)
+    flight = Flight(TAKEOFF, TakeoffGoal(altitude_m=3.0), standing(), code=0)
     done = flight.run(30.0)
     assert done == Done("succeeded", hover_pos_ned_m=(1.0, 2.0, -3.0))
     assert {move.phase for _, move in flight.moves} == {Phase.TAKEOFF}
@@ -98,17 +117,17 @@ def test_a_takeoff_climbs_straight_up_from_where_it_stands() -> None:
 
 
 def test_a_takeoff_waits_on_the_ground_until_it_is_armed_and_not_for_ever() -> None:
-    flight = Flight(Takeoff(CONFIG), TakeoffGoal(), standing(armed=False), code=0)
+    flight = Flight(TAKEOFF, TakeoffGoal(), standing(armed=False), code=0)
     assert flight.run(5.0) is None
     assert {move.pos_ned_m for _, move in flight.moves} == {(1.0, 2.0, 0.0)}
     flight.state = replace(flight.state, armed=True)
     assert flight.run(30.0) == Done("succeeded", hover_pos_ned_m=(1.0, 2.0, -2.0))
-    never = Flight(Takeoff(CONFIG), TakeoffGoal(), standing(armed=False), code=0)
+    never = Flight(TAKEOFF, TakeoffGoal(), standing(armed=False), code=0)
     assert never.run(11.0) == Done("aborted", "takeoff: the vehicle was not armed in time")
 
 
 def test_a_vehicle_that_does_not_rise_is_given_up_with_the_distance() -> None:
-    flight = Flight(Takeoff(CONFIG), TakeoffGoal(), standing(), code=0)
+    flight = Flight(TAKEOFF, TakeoffGoal(), standing(), code=0)
     flight.pushable = False
     done = flight.run(30.0)
     assert done is not None
@@ -119,7 +138,7 @@ def test_a_vehicle_that_does_not_rise_is_given_up_with_the_distance() -> None:
 
 
 def test_go_to_flies_a_straight_line_and_turns_at_a_limited_rate() -> None:
-    flight = Flight(GoTo(CONFIG), GoToGoal(target_ned_m=(-1.0, -2.0, -4.0), yaw_rad=3.0), hovering())
+    flight = Flight(GO_TO, GoToGoal(target_ned_m=(-1.0, -2.0, -4.0), yaw_rad=3.0), hovering())
     done = flight.run(30.0)
     assert done == Done("succeeded", hover_pos_ned_m=(-1.0, -2.0, -4.0))
     yaws = [move.yaw_rad for _, move in flight.moves if move.yaw_rad is not None]
@@ -133,7 +152,7 @@ def test_go_to_flies_a_straight_line_and_turns_at_a_limited_rate() -> None:
 
 
 def test_reached_means_near_and_slow_for_a_second() -> None:
-    flight = Flight(GoTo(CONFIG), GoToGoal(target_ned_m=(3.0, 0.0, -3.0)), hovering())
+    flight = Flight(GO_TO, GoToGoal(target_ned_m=(3.0, 0.0, -3.0)), hovering())
     flight.run(30.0)
     last_second = [state for state, _ in flight.moves[-50:]]
     assert all(dist(state.pos_uav_ned_m, (3.0, 0.0, -3.0)) < 0.15 for state in last_second)
@@ -141,7 +160,7 @@ def test_reached_means_near_and_slow_for_a_second() -> None:
 
 
 def test_go_to_takes_off_first_when_asked_to_on_the_ground() -> None:
-    flight = Flight(GoTo(CONFIG), GoToGoal(target_ned_m=(0.0, 0.0, -4.0), do_takeoff=True), standing(), code=0)
+    flight = Flight(GO_TO, GoToGoal(target_ned_m=(0.0, 0.0, -4.0), do_takeoff=True), standing(), code=0)
     assert flight.warning == ""
     assert flight.run(60.0) == Done("succeeded", hover_pos_ned_m=(0.0, 0.0, -4.0))
     phases = [move.phase for _, move in flight.moves]
@@ -152,7 +171,7 @@ def test_go_to_takes_off_first_when_asked_to_on_the_ground() -> None:
 
 
 def test_go_to_leaves_the_takeoff_out_when_flying_and_says_so() -> None:
-    flight = Flight(GoTo(CONFIG), GoToGoal(target_ned_m=(0.0, 0.0, -4.0), do_takeoff=True), hovering(), code=3)
+    flight = Flight(GO_TO, GoToGoal(target_ned_m=(0.0, 0.0, -4.0), do_takeoff=True), hovering(), code=3)
     assert "takeoff is left out" in flight.warning
     flight.run(60.0)
     assert {move.phase for _, move in flight.moves} == {Phase.GO_TO}
@@ -168,7 +187,7 @@ def test_setpoints_are_finite_and_within_the_speed_limits(
     x: float, y: float, z: float, speed_mps: float, yaw_rad: float
 ) -> None:
     goal = GoToGoal(target_ned_m=(x, y, z), speed_mps=speed_mps, yaw_rad=yaw_rad)
-    flight = Flight(GoTo(CONFIG), goal, hovering((0.0, 0.0, -10.0)))
+    flight = Flight(GO_TO, goal, hovering((0.0, 0.0, -10.0)))
     flight.run(400.0)
     assert flight.done == Done("succeeded", hover_pos_ned_m=(x, y, z))
     previous: Vec3 = (0.0, 0.0, -10.0)
@@ -193,7 +212,7 @@ def test_the_vertical_limits_slow_a_steep_line() -> None:
 
 
 def test_a_frozen_server_goes_on_where_it_was() -> None:
-    flight = Flight(GoTo(CONFIG), GoToGoal(target_ned_m=(50.0, 0.0, -3.0)), hovering())
+    flight = Flight(GO_TO, GoToGoal(target_ned_m=(50.0, 0.0, -3.0)), hovering())
     flight.run(3.0)
     before = flight.moves[-1][1].pos_ned_m
     flight.t_ns += 5_000_000_000
@@ -205,7 +224,7 @@ def test_a_frozen_server_goes_on_where_it_was() -> None:
 
 
 def test_the_reference_waits_for_a_vehicle_that_is_held_back() -> None:
-    flight = Flight(GoTo(CONFIG), GoToGoal(target_ned_m=(50.0, 0.0, -3.0)), hovering())
+    flight = Flight(GO_TO, GoToGoal(target_ned_m=(50.0, 0.0, -3.0)), hovering())
     flight.pushable = False
     flight.run(10.0)
     last = flight.moves[-1][1].pos_ned_m
@@ -232,7 +251,7 @@ LAND = LandOnSpotGoal(use_uwb=False, use_tag=False, landing_spot_ned_m=(2.0, -1.
 
 @pytest.mark.parametrize("rangefinder", [True, False])
 def test_a_landing_approaches_descends_slows_down_and_disarms(rangefinder: bool) -> None:
-    flight = Flight(LandOnSpot(CONFIG), LAND, hovering((0.0, 0.0, -5.0)))
+    flight = Flight(LAND_ON_SPOT, LAND, hovering((0.0, 0.0, -5.0)))
     flight.rangefinder = rangefinder
     assert flight.run(60.0) == Done("succeeded", then="disarm")
     phases = [move.feedback.phase for _, move in flight.moves]  # type: ignore[union-attr]
@@ -252,7 +271,7 @@ def test_a_landing_approaches_descends_slows_down_and_disarms(rangefinder: bool)
 
 
 def test_a_landing_from_low_climbs_before_it_approaches() -> None:
-    flight = Flight(LandOnSpot(CONFIG), LAND, hovering((0.0, 0.0, -0.6)))
+    flight = Flight(LAND_ON_SPOT, LAND, hovering((0.0, 0.0, -0.6)))
     assert flight.run(60.0) == Done("succeeded", then="disarm")
     for state, move in flight.moves:
         if move.pos_ned_m is not None and state.pos_uav_ned_m[2] > -1.3:
@@ -260,7 +279,7 @@ def test_a_landing_from_low_climbs_before_it_approaches() -> None:
 
 
 def test_a_landing_whose_touchdown_nobody_confirms_is_given_up() -> None:
-    flight = Flight(LandOnSpot(CONFIG), LAND, hovering((2.0, -1.0, -2.0)))
+    flight = Flight(LAND_ON_SPOT, LAND, hovering((2.0, -1.0, -2.0)))
     while not (flight.moves and flight.moves[-1][1].feedback.phase == "contact"):  # type: ignore[union-attr]
         assert flight.run(DT_S) is None
     for _ in range(2000):
@@ -270,7 +289,7 @@ def test_a_landing_whose_touchdown_nobody_confirms_is_given_up() -> None:
             break
     assert flight.done is not None
     assert flight.done.outcome == "aborted"
-    assert "doesn't see the ground" in flight.done.reason
+    assert "doesn't detect the ground" in flight.done.reason
 
 
 def descend(flight: Flight, to_phase: str) -> None:
@@ -283,7 +302,7 @@ NOSE_UP, TO_THE_RIGHT = quat_from_euler(0.0, 0.25, 0.0), quat_from_euler(0.25, 0
 
 @pytest.mark.parametrize("leaning", [NOSE_UP, TO_THE_RIGHT])
 def test_a_landing_that_leans_over_something_climbs_and_is_given_up(leaning: Quat) -> None:
-    flight = Flight(LandOnSpot(CONFIG), LAND, hovering((2.0, -1.0, -2.0)))
+    flight = Flight(LAND_ON_SPOT, LAND, hovering((2.0, -1.0, -2.0)))
     while flight.state.pos_uav_ned_m[2] < 0.0:
         assert flight.run(DT_S) is None
     flight.state = replace(flight.state, q_ned_from_frd=leaning)
@@ -291,20 +310,20 @@ def test_a_landing_that_leans_over_something_climbs_and_is_given_up(leaning: Qua
     done = flight.run(10.0)
     assert done is not None
     assert (done.outcome, done.then) == ("aborted", "hover")
-    assert done.reason == "the vehicle leaned over an edge or a rock at the landing spot: land somewhere else"
+    assert done.reason == "the vehicle tilted over an edge or a rock at the landing spot: land somewhere else"
     climbs = [move for _, move in flight.moves[before:] if move.vel_ned_mps == (0.0, 0.0, -1.0)]
     assert len(climbs) == pytest.approx(1.5 / DT_S, abs=2)
     assert flight.state.pos_uav_ned_m[2] < -1.0
 
 
 def test_a_lean_against_the_wind_is_no_edge() -> None:
-    flight = Flight(LandOnSpot(CONFIG), LAND, replace(hovering((2.0, -1.0, -2.0)), q_ned_from_frd=NOSE_UP))
+    flight = Flight(LAND_ON_SPOT, LAND, replace(hovering((2.0, -1.0, -2.0)), q_ned_from_frd=NOSE_UP))
     descend(flight, "contact")
     assert flight.run(10.0) == Done("succeeded", then="disarm")
 
 
 def test_a_lean_in_the_air_is_no_edge() -> None:
-    flight = Flight(LandOnSpot(CONFIG), LAND, hovering((2.0, -1.0, -4.0)))
+    flight = Flight(LAND_ON_SPOT, LAND, hovering((2.0, -1.0, -4.0)))
     descend(flight, "descent")
     flight.run(0.5)
     flight.state = replace(flight.state, q_ned_from_frd=NOSE_UP)
@@ -314,16 +333,15 @@ def test_a_lean_in_the_air_is_no_edge() -> None:
 
 
 def test_a_vehicle_that_lies_on_its_side_has_not_landed() -> None:
-    flight = Flight(LandOnSpot(CONFIG), LAND, hovering((2.0, -1.0, -2.0)))
+    flight = Flight(LAND_ON_SPOT, LAND, hovering((2.0, -1.0, -2.0)))
     descend(flight, "contact")
     flight.state = replace(flight.state, landed=True, q_ned_from_frd=(0.6, 0.8, 0.0, 0.0))
     done = flight.behaviour.step(flight.t_ns + int(DT_S * 1e9), flight.state)
-    assert done == Done("aborted", "the vehicle fell over: it leans by 106 degrees", "disarm")
+    assert done == Done("aborted", "the vehicle fell over: it is tilted by 106 degrees", "disarm")
 
 
 def test_a_vehicle_that_falls_after_a_false_contact_descends_again() -> None:
-    landing = LandOnSpot(CONFIG)
-    flight = Flight(landing, LAND, hovering((2.0, -1.0, -4.0)))
+    flight = Flight(LAND_ON_SPOT, LAND, hovering((2.0, -1.0, -4.0)))
     while not (flight.moves and flight.moves[-1][1].feedback.phase == "descent"):  # type: ignore[union-attr]
         flight.run(DT_S)
     flight.pushable = False

@@ -9,14 +9,15 @@ from jezero.runtime.memory_bus import Answers, MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.actions import AreaCoverageGoal, Cancel, CoverageResult, Feedback, Rejected, Result
 from jezero.schemas.estimate import Relative
-from jezero.schemas.state import Status, StatusCode
-from jezero.services.actions.area_coverage.behaviour import AreaCoverage
+from jezero.schemas.state import StatusCode
+from jezero.services.actions.area_coverage.declaration import ACTION as AREA_COVERAGE
 from jezero.services.actions.area_coverage.planned import plan_coverage
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.lifecycle.behaviour import Done, VehicleState
+from jezero.services.actions.lifecycle.behaviour import Behaviour, Done, Preparation, Refusal, VehicleState
 from jezero.services.actions.table import action_server
 from tests.services.actions.fake_bridge import FakeBridge
 from tests.services.actions.fake_camera import FakeCamera
+from tests.services.actions.test_behaviours import plan_of
 
 CONFIG = ActionsConfig()
 SQUARE = ((1.0, 0.0), (3.0, 0.0), (3.0, 2.0), (1.0, 2.0))
@@ -172,24 +173,19 @@ def from_rover(pos_uav_ned_m: tuple[float, float, float], *, valid: bool = True)
     )
 
 
-def prepared(state: VehicleState) -> AreaCoverage:
-    behaviour, goal = (
-        AreaCoverage(CONFIG),
-        AreaCoverageGoal(polygon_ned_m=SQUARE, z_ned_m=-4.0, resolution_m=0.5, frame="rover"),
-    )
-    status = Status(
-        t_ns=0, code=3, name="HOVER", armed=True, landed=False, in_charge="none", bridge_boot_id=1, ready=True
-    )
-    preparation = behaviour.check(goal, status).prepare
-    assert preparation is not None and behaviour.inputs == (topics.RELATIVE,)
-    assert preparation.take(preparation.work(state)()) == ""
-    return behaviour
+def started(prepared_in: VehicleState, started_in: VehicleState) -> Behaviour:
+    """The behaviour of a goal in the rover's frame, prepared in one state and started in another."""
+    goal = AreaCoverageGoal(polygon_ned_m=SQUARE, z_ned_m=-4.0, resolution_m=0.5, frame="rover")
+    plan = plan_of(AREA_COVERAGE, goal)
+    assert isinstance(plan.start, Preparation) and plan.inputs == (topics.RELATIVE,)
+    start = plan.start.work(prepared_in)()
+    assert not isinstance(start, Refusal)
+    return start(0, started_in)
 
 
 def test_in_the_rovers_frame_the_area_stays_where_it_was_at_the_begin() -> None:
     begin = from_rover((2.0, 1.0, -2.5))
-    behaviour = prepared(begin)
-    behaviour.start(0, AreaCoverageGoal(polygon_ned_m=SQUARE, z_ned_m=-4.0, resolution_m=0.5, frame="rover"), begin)
+    behaviour = started(begin, begin)
     for seconds in range(1, 20):
         move = behaviour.step(seconds * 100_000_000, from_rover((2.0 - seconds, 1.0, -2.5)))
         assert not isinstance(move, Done)
@@ -197,15 +193,16 @@ def test_in_the_rovers_frame_the_area_stays_where_it_was_at_the_begin() -> None:
         assert hypot(north_m - 10.0, east_m - 5.0) < 2.5
         assert move.feedback.pos_uav_ned_m == pytest.approx((2.0, 1.0, -2.5))
     assert down_m < -3.0
-    resume = behaviour.result(False, (0.0, 0.0, 0.0)).resume
+    result = behaviour.result(False, (0.0, 0.0, 0.0))
+    assert isinstance(result, CoverageResult)
+    resume = result.resume
     assert resume is not None and resume.frame == "world"
     assert resume.polygon_ned_m[0] == pytest.approx((9.0, 4.0)) and resume.z_ned_m == pytest.approx(-4.5)
 
 
 def test_a_rover_that_is_lost_before_the_begin_ends_the_goal() -> None:
-    behaviour = prepared(from_rover((2.0, 1.0, -2.5)))
     lost = from_rover((2.0, 1.0, -2.5), valid=False)
-    behaviour.start(0, GOAL, lost)
+    behaviour = started(from_rover((2.0, 1.0, -2.5)), lost)
     done = behaviour.step(1, lost)
     assert isinstance(done, Done) and done.outcome == "aborted"
     assert "the rover is out of sight" in done.reason

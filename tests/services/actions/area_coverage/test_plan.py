@@ -96,7 +96,7 @@ def test_the_same_area_elsewhere_gets_the_same_plan() -> None:
     def plan(by_m: NDArray[np.float64]) -> CoveragePlan:
         corners = tuple((float(north), float(east)) for north, east in np.array(THESIS) + by_m)
         goal = AreaCoverageGoal(polygon_ned_m=corners, z_ned_m=-5.0, resolution_m=0.25)
-        return plan_coverage(goal, ActionsConfig(), 1.0 + by_m)
+        return plan_coverage(goal, ActionsConfig(), (1.0 + by_m).tolist())
 
     here, there = plan(np.zeros(2)), plan(away)
     assert there.pictures_m - away == pytest.approx(here.pictures_m, abs=1e-6)

@@ -13,22 +13,20 @@ from jezero.frames import Vec3, frd_from_camera, quat_from_euler, quat_rotate, s
 from jezero.schemas.actions import GetImagesGoal, ImagesFeedback
 from jezero.schemas.commands import Phase
 from jezero.schemas.estimate import Relative
-from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.get_images.behaviour import GetImages
+from jezero.services.actions.get_images.declaration import ACTION as GET_IMAGES
 from jezero.services.actions.get_images.orbit import Orbit, aim, facing, nearest_phase
-from jezero.services.actions.lifecycle.behaviour import Done, Move, VehicleState
+from jezero.services.actions.lifecycle.behaviour import Done, Move, Preparation, VehicleState
 from jezero.services.actions.motion.speed_profile import SpeedProfile
 from jezero.services.actions.motion.straight_path import TimedStraightPath
 from tests.services.actions.fake_bridge import follow
-from tests.services.actions.test_behaviours import a_status, hovering
+from tests.services.actions.test_behaviours import hovering, plan_of, refusal_of
 
-CONFIG = ActionsConfig()
 DT_S = 0.01
 GOAL = GetImagesGoal(center_ned_m=(-2.0, 0.0, -4.0), radius_m=2.0, num_images=4)
 
 
 def with_fields(**fields: object) -> GetImagesGoal:
-    return GetImagesGoal(**{**{name: getattr(GOAL, name) for name in GOAL.__struct_fields__}, **fields})  # type: ignore[arg-type]
+    return GetImagesGoal(**{**{name: getattr(GOAL, name) for name in GOAL.__struct_fields__}, **fields})
 
 
 @pytest.mark.parametrize(
@@ -49,16 +47,15 @@ def with_fields(**fields: object) -> GetImagesGoal:
     ],
 )
 def test_what_nobody_could_fly_is_refused_with_what_to_do(fields: dict[str, object], reason: str) -> None:
-    verdict = GetImages(CONFIG).check(with_fields(**fields), a_status(3))
-    assert reason in verdict.refusal
+    assert reason in refusal_of(GET_IMAGES, with_fields(**fields))
 
 
 def test_a_speed_that_the_circle_or_the_camera_does_not_allow_is_lowered_and_said() -> None:
-    tight = GetImages(CONFIG).check(with_fields(radius_m=0.5, speed_mps=3.0), a_status(3))
-    many = GetImages(CONFIG).check(with_fields(num_images=255, speed_mps=3.0), a_status(3))
+    tight = plan_of(GET_IMAGES, with_fields(radius_m=0.5, speed_mps=3.0))
+    many = plan_of(GET_IMAGES, with_fields(num_images=255, speed_mps=3.0))
     assert tight.warning.startswith("flown at 0.87 m/s instead of 3 m/s")
     assert many.warning.startswith("flown at 0.37 m/s instead of 3 m/s")
-    assert GetImages(CONFIG).check(with_fields(speed_mps=1.0), a_status(3)).warning == ""
+    assert plan_of(GET_IMAGES, with_fields(speed_mps=1.0)).warning == ""
 
 
 def test_a_profile_goes_from_rest_to_rest() -> None:
@@ -146,17 +143,18 @@ class Turn:
     def __init__(
         self, goal: GetImagesGoal, pos_ned_m: Vec3 = (1.0, 1.0, -3.0), relative: Relative | None = None
     ) -> None:
-        self.behaviour = GetImages(CONFIG)
         self.state = replace(hovering(pos_ned_m), relative=relative)
         self.goal = goal
         self.t_ns = 5_000_000_000
         self.moves: list[tuple[VehicleState, Move]] = []
         self.passed: list[VehicleState] = []
-        assert self.behaviour.check(goal, a_status(3)).refusal == ""
-        self.behaviour.start(self.t_ns, goal, self.state)
+        plan = plan_of(GET_IMAGES, goal)
+        assert not isinstance(plan.start, Preparation)
+        self.capture = plan.capture
+        self.behaviour = plan.start(self.t_ns, self.state)
 
     def run(self, within_s: float = 60.0) -> Done | None:
-        capture = self.behaviour.capture
+        capture = self.capture
         assert capture is not None
         for _ in range(int(within_s / DT_S)):
             self.t_ns += int(DT_S * 1e9)

@@ -9,11 +9,11 @@ import pytest
 from jezero.frames import Quat, Vec3, add, altitude_m, scale, subtract
 from jezero.schemas.actions import LandOnSpotGoal
 from jezero.schemas.estimate import Relative, RoverEstimate
-from jezero.schemas.state import Status
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.land_on_spot.behaviour import LandOnSpot
-from jezero.services.actions.lifecycle.behaviour import Done, Move, Selection, VehicleState
+from jezero.services.actions.land_on_spot.declaration import ACTION as LAND_ON_SPOT
+from jezero.services.actions.lifecycle.behaviour import Done, Move, Preparation, Selection, VehicleState
 from tests.services.actions.fake_bridge import follow
+from tests.services.actions.test_behaviours import plan_of, refusal_of
 
 CONFIG = ActionsConfig()
 DT_S = 0.02
@@ -50,8 +50,6 @@ class Landing:
         sees: Callable[[float, Vec3], bool] = lambda t_s, offset_m: True,
         std_m: float = 0.0,
     ) -> None:
-        self.behaviour = LandOnSpot(CONFIG)
-        assert self.behaviour.check(goal, a_status()).refusal == ""
         self.t_ns = 100 * S
         self.pos_m, self.vel_mps = start_ned_m, STILL
         self.deck_m, self.yaw_rad = DECK_NED_M, 0.4
@@ -71,7 +69,9 @@ class Landing:
         self._rng = Random(1)
         self._fused_ns = 0
         self._still_s = 0.0
-        self.behaviour.start(self.t_ns, goal, self.state())
+        plan = plan_of(LAND_ON_SPOT, goal)
+        assert not isinstance(plan.start, Preparation)
+        self.behaviour = plan.start(self.t_ns, self.state())
 
     @property
     def t_s(self) -> float:
@@ -160,10 +160,6 @@ class Landing:
             self.pos_m = (self.pos_m[0], self.pos_m[1], self.deck_m[2])
 
 
-def a_status() -> Status:
-    return Status(t_ns=0, code=3, name="X", armed=True, landed=False, in_charge="hover", bridge_boot_id=1, ready=True)
-
-
 @pytest.mark.parametrize(("speed_mps", "yaw_rate_rps"), [(0.0, 0.0), (0.5, 0.0), (1.0, 0.2), (-0.5, 0.3)])
 def test_it_comes_down_on_the_middle_of_a_rover_that_stands_drives_or_turns(
     speed_mps: float, yaw_rate_rps: float
@@ -217,9 +213,7 @@ def test_the_selection_is_the_goals() -> None:
         (TAG, Selection(False, True, (3.0, -4.0, 0.0))),
         (LandOnSpotGoal(use_uwb=False, use_tag=False, landing_spot_ned_m=(1.0, 1.0, 0.0)), None),
     ):
-        behaviour = LandOnSpot(CONFIG)
-        assert behaviour.check(goal, a_status()).refusal == ""
-        assert behaviour.selection == wanted
+        assert plan_of(LAND_ON_SPOT, goal).selection == wanted
 
 
 def test_with_the_tag_alone_a_wrong_rough_position_is_corrected_once_the_tag_is_seen() -> None:
@@ -340,7 +334,7 @@ def contact_begin_s(landing: Landing) -> float:
 def is_given_up(landing: Landing) -> bool:
     done = landing.run(60.0)
     assert done is not None and "contact" in landing.phases
-    return done.outcome == "aborted" and done.then == "hover" and "doesn't see the ground" in done.reason
+    return done.outcome == "aborted" and done.then == "hover" and "doesn't detect the ground" in done.reason
 
 
 def held_up_at(height_m: float) -> Landing:
@@ -414,16 +408,16 @@ def test_a_touchdown_beside_the_platform_is_no_success() -> None:
 def test_a_vehicle_that_lies_on_the_platform_has_not_landed() -> None:
     landing = Landing(BOTH)
     landing.q_ned_from_frd = (0.6, 0.8, 0.0, 0.0)
-    assert landing.run(60.0) == Done("aborted", "the vehicle fell over: it leans by 106 degrees", "disarm")
+    assert landing.run(60.0) == Done("aborted", "the vehicle fell over: it is tilted by 106 degrees", "disarm")
 
 
 @pytest.mark.parametrize(
     ("goal", "said"),
     [
-        (LandOnSpotGoal(use_uwb=False), "must be told roughly where the rover is"),
-        (LandOnSpotGoal(use_uwb=False, use_tag=False), "must be told where to land"),
+        (LandOnSpotGoal(use_uwb=False), "needs to know roughly where the rover is"),
+        (LandOnSpotGoal(use_uwb=False, use_tag=False), "needs to know where to land"),
         (LandOnSpotGoal(use_uwb=False, landing_spot_ned_m=(0.0, 0.0, 0.0), frame="rover"), "in frame 'world'"),
     ],
 )
 def test_what_cannot_be_found_is_refused(goal: LandOnSpotGoal, said: str) -> None:
-    assert said in LandOnSpot(CONFIG).check(goal, a_status()).refusal
+    assert said in refusal_of(LAND_ON_SPOT, goal)

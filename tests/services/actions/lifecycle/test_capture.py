@@ -50,7 +50,7 @@ class Feeder:
         names = {t.type: t.name for t in topics.TOPICS}
         for message in messages:
             self.inbox.add_message(names[type(message)], message)
-        self.shots += self.capture.take_in(t_ns, self.inbox)
+        self.shots += self.capture.update(t_ns, self.inbox)
         self.inbox.clear()
 
     def fly(self, until_ms: int, since_ms: int = 0, offset_m: float = 0.0) -> None:
@@ -72,9 +72,9 @@ def test_the_first_picture_exposed_after_the_point_is_taken() -> None:
     feeder = Feeder()
     feeder.fly(500)
     feeder.capture.ask(0, 490 * MS)
-    assert feeder.capture.waits
+    waited = feeder.capture.waits
     feeder.fly(900, since_ms=500)
-    assert not feeder.capture.waits
+    assert waited and not feeder.capture.waits
     assert [shot.image.t_ns // MS for shot in feeder.shots] == [547]
     assert feeder.shots[0].frame.pixels
 
@@ -177,8 +177,8 @@ def test_feedback_tells_of_each_picture_once_and_only_when_streaming() -> None:
         feeder.fly(500)
         feeder.capture.ask(0, 490 * MS)
         feeder.fly(900, since_ms=500)
-        assert [image.index for image in feeder.capture.told()] == ([0] if stream else [])
-        assert feeder.capture.told() == ()
+        assert [image.index for image in feeder.capture.unreported_images()] == ([0] if stream else [])
+        assert feeder.capture.unreported_images() == ()
         assert len(feeder.capture.images()) == 1
 
 

@@ -106,7 +106,7 @@ def test_an_idle_server_listens_to_status_and_clock_only() -> None:
         (GoToGoal(target_ned_m=(1.0, 0.0, -5.0), speed_mps=11.0), "speed 11 m/s is not within 0.1 to 10 m/s"),
         (GoToGoal(target_ned_m=(1.0, 0.0, -5.0), speed_mps=0.0), "speed 0 m/s"),
         (GoToGoal(target_ned_m=(1.0, 0.0, -5.0), frame="rover"), "rover's estimate, and the estimator is silent"),
-        (LandOnSpotGoal(use_uwb=False), "must be told roughly where the rover is"),
+        (LandOnSpotGoal(use_uwb=False), "needs to know roughly where the rover is"),
         (LandOnSpotGoal(use_uwb=False, use_tag=False), "landing_spot_ned_m is missing"),
         (
             LandOnSpotGoal(use_uwb=False, use_tag=False, landing_spot_ned_m=(0.0, 600.0, 0.0)),

@@ -1,5 +1,6 @@
 """A goal that takes pictures, through its whole life, against a fake bridge and a fake camera in virtual time."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,9 @@ from jezero.schemas.actions import Accepted, Feedback, GetImagesGoal, ImagesFeed
 from jezero.schemas.commands import Phase
 from jezero.schemas.images import GetImage
 from jezero.schemas.state import Status
-from jezero.schemas.topics import Action, Topic
+from jezero.schemas.topics import Action
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.lifecycle.behaviour import Done, Move, Selection, VehicleState, Verdict
+from jezero.services.actions.lifecycle.behaviour import Done, Move, Plan, VehicleState
 from jezero.services.actions.lifecycle.capture import Capture
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.lifecycle.server import ActionServer
@@ -21,52 +22,47 @@ from tests.services.actions.fake_bridge import FakeBridge
 from tests.services.actions.fake_camera import SIDE_PX, FakeCamera
 
 ACTION = Action("snap", GetImagesGoal, ImagesFeedback, ImagesResult, Phase.GET_IMAGES, takes_pictures=True)
+CONFIG = ActionsConfig()
 PERIOD_NS = 300_000_000
 
 
 class Snap:
     """Stands still in the air and takes a picture every 0.3 s."""
 
-    selection: Selection | None = None
-    rate_hz: float | None = None
-    inputs: tuple[Topic[Any], ...] = ()
-
-    def __init__(self, config: ActionsConfig) -> None:
-        self.capture: Capture | None = None
-        self._config = config
+    def __init__(self, capture: Capture, t_ns: int, state: VehicleState) -> None:
+        self._capture = capture
         self._asked = 0
-        self._start_ns = 0
-
-    def check(self, goal: GetImagesGoal, status: Status) -> Verdict:
-        self.capture = capture = Capture(self._config.capture, goal.num_images, stream=goal.stream_images)
-        return Verdict(look=lambda state: capture.refusal())
-
-    def start(self, t_ns: int, goal: GetImagesGoal, state: VehicleState) -> None:
         self._start_ns = t_ns
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
-        assert self.capture is not None
-        if self._asked < self.capture.planned and t_ns >= self._start_ns + self._asked * PERIOD_NS:
-            self.capture.ask(self._asked, t_ns)
+        if self._asked < self._capture.planned and t_ns >= self._start_ns + self._asked * PERIOD_NS:
+            self._capture.ask(self._asked, t_ns)
             self._asked += 1
-        if self._asked == self.capture.planned and not self.capture.waits:
+        if self._asked == self._capture.planned and not self._capture.waits:
             return Done("succeeded")
         feedback = ImagesFeedback(pos_uav_ned_m=state.pos_uav_ned_m, taken=0, planned=0)
         return Move(Phase.GET_IMAGES, feedback, vel_ned_mps=(0.0, 0.0, 0.0), pitch_camera_rad=-1.0)
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> ImagesResult:
-        assert self.capture is not None
-        return ImagesResult(completed=completed, pos_uav_ned_m=pos_uav_ned_m, images=self.capture.images())
+        return ImagesResult(completed=completed, pos_uav_ned_m=pos_uav_ned_m, images=self._capture.images())
+
+
+class SnapPlanner:
+    """Plans as many pictures as the goal wants."""
+
+    def plan(self, goal: GetImagesGoal, status: Status) -> Plan:
+        capture = Capture(CONFIG.capture, goal.num_images, stream=goal.stream_images)
+        return Plan(partial(Snap, capture), capture=capture, check_inputs=lambda state: capture.refusal())
 
 
 class World:
     """A bus with a bridge, a camera and one action server."""
 
-    def __init__(self, spool: PictureStore | None = None) -> None:
+    def __init__(self, pictures: PictureStore | None = None) -> None:
         self.bus = MemoryBus(seed=1)
         self.bridge = FakeBridge((0.0, 0.0, -3.0))
         self.camera = FakeCamera()
-        self.server = ActionServer(ACTION, Snap, ActionsConfig(), 5, spool)
+        self.server = ActionServer(ACTION, SnapPlanner(), CONFIG, 5, pictures)
         for service in (self.bridge, self.camera, self.server):
             self.bus.add(service)
         self.bus.run_for(0.5)

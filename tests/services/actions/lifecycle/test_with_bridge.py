@@ -16,7 +16,7 @@ from jezero.schemas.commands import Abort
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Clock, Status
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.table import BEHAVIOURS, action_server
+from jezero.services.actions.table import DECLARATIONS, action_server
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import VehicleBridge
 from tests.services.actions.fake_bridge import follow
@@ -86,7 +86,7 @@ class World:
         self.bus.add(self.mass)
         self.bus.add(VehicleBridge(VehicleBridgeConfig(), system_id=1, boot_id=0xB0))
         self.bus.wire(("point_mass", "offboard"), ("vehicle_bridge", "autopilot"), UDP_DELAY)
-        for name in BEHAVIOURS:
+        for name in DECLARATIONS:
             self.bus.add(action_server(name, 5, ActionsConfig()))
         assert self.bus.run_for(10.0, lambda: self.status is not None and self.status.ready)
 

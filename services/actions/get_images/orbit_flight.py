@@ -1,0 +1,138 @@
+"""The flight around a target, in the goal's frame.
+
+The vehicle flies straight to the orbit's nearest point, then one turn with velocity setpoints, facing the centre; the
+camera's axes keep the target in the middle of the picture.
+"""
+
+from math import pi
+
+from jezero.frames import add, norm, scale, subtract, wrap_pi
+from jezero.schemas.actions import GetImagesGoal, ImagesFeedback
+from jezero.schemas.commands import Phase
+from jezero.schemas.units import NS_PER_S
+from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.get_images.config import GetImagesConfig
+from jezero.services.actions.get_images.orbit import Orbit, aim, facing, nearest_phase
+from jezero.services.actions.lifecycle.behaviour import Done, Move, VehicleState
+from jezero.services.actions.lifecycle.capture import Capture
+from jezero.services.actions.motion.straight_path import TimedStraightPath, straight_speed_mps
+from jezero.services.actions.motion.tracking import Tracker, position_now
+
+
+class OrbitFlight:
+    """One flight to the orbit and around it; positions and velocities are in the goal's frame.
+
+    Args:
+        speed_mps: along the circle.
+        yaw_start_rad: heading setpoint at the start.
+    """
+
+    def __init__(
+        self,
+        t_ns: int,
+        state: VehicleState,
+        *,
+        goal: GetImagesGoal,
+        speed_mps: float,
+        yaw_start_rad: float,
+        capture: Capture,
+        settings: GetImagesConfig,
+        config: ActionsConfig,
+    ) -> None:
+        self._goal = goal
+        self._capture = capture
+        self._settings = settings
+        self._move_config = config.move
+        self._yaw_rad = yaw_start_rad
+        self._settled_ns: int | None = None
+        self._arrived_ns: int | None = None
+        """Start of the turn; None on the way to it."""
+        self._turned_rad = 0.0
+        """Angle that the vehicle has flown around the centre since the turn began."""
+        self._requested = 0
+        """Number of pictures requested so far."""
+        pos_ned_m, move = state.pos_uav_ned_m, config.move
+        self._phase_rad = nearest_phase(goal.center_ned_m, pos_ned_m, state.yaw_rad)
+        self._orbit = Orbit(goal.center_ned_m, goal.radius_m, self._phase_rad, speed_mps, settings.acceleration_mps2)
+        start_ned_m = self._orbit.at(0.0).pos_ned_m
+        straight_mps = straight_speed_mps(pos_ned_m, start_ned_m, config.go_to.speed_mps, move)
+        self._way_in = TimedStraightPath(pos_ned_m, start_ned_m, straight_mps, move.accel_mps2)
+        self._tracker = Tracker(t_ns, config.tracking)
+
+    def step(self, t_ns: int, state: VehicleState) -> Move | Done:
+        """Next setpoint, or the end."""
+        path: TimedStraightPath | Orbit = self._way_in if self._arrived_ns is None else self._orbit
+        dt_s = self._tracker.advance(t_ns, path.at(self._tracker.time_s), state)
+        if problem := self._tracker.stuck(t_ns):
+            return Done("aborted", problem)
+        if self._arrived_ns is None:
+            self._settle(t_ns, state)
+        elif self._go_around(t_ns, state):
+            return Done("succeeded", hover_pos_ned_m=self._orbit.at(0.0).pos_ned_m)
+        return self._move(dt_s, path, state)
+
+    def _settle(self, t_ns: int, state: VehicleState) -> None:
+        """Begin the turn when the vehicle is at its first point and faces the centre."""
+        settings, move = self._settings, self._move_config
+        end_ned_m = self._way_in.end_ned_m
+        away_m = norm(subtract(end_ned_m, position_now(state)))
+        yaw_rad, _ = facing(end_ned_m, (0.0, 0.0, 0.0), self._orbit.center_ned_m)
+        turned = abs(wrap_pi(yaw_rad - state.yaw_rad)) < settings.settled_rad
+        slow = norm(state.vel_uav_ned_mps) < move.reached_mps
+        if not (turned and slow and away_m < move.reached_m):
+            self._settled_ns = None
+        elif self._settled_ns is None:
+            self._settled_ns = t_ns
+        if self._settled_ns is not None and t_ns - self._settled_ns >= settings.settled_s * NS_PER_S:
+            self._arrived_ns = t_ns
+            self._tracker.restart(t_ns)
+
+    def _go_around(self, t_ns: int, state: VehicleState) -> bool:
+        """Request the pictures whose points the vehicle has passed; returns whether the turn is complete."""
+        goal, orbit = self._goal, self._orbit
+        north_m, east_m, _ = subtract(position_now(state), orbit.center_ned_m)
+        phase_rad = nearest_phase((0.0, 0.0, 0.0), (north_m, east_m, 0.0), state.yaw_rad)
+        self._turned_rad += wrap_pi(phase_rad - self._phase_rad)
+        self._phase_rad = phase_rad
+        spacing_rad = 2.0 * pi / goal.num_images
+        over = self._tracker.time_s >= orbit.profile.duration_s
+        while self._requested < goal.num_images:
+            if self._requested > 0 and self._turned_rad < self._requested * spacing_rad and not over:
+                break
+            self._capture.ask(self._requested, t_ns)
+            self._requested += 1
+        done = self._requested == goal.num_images and not self._capture.waits
+        return done and (over or goal.num_images == 1)
+
+    def _move(self, dt_s: float, path: TimedStraightPath | Orbit, state: VehicleState) -> Move:
+        goal, settings = self._goal, self._settings
+        reference = path.at(self._tracker.time_s)
+        lead_ned_mps = scale(reference.acc_ned_mps2, settings.velocity_lead_s)
+        reference = reference._replace(vel_ned_mps=add(reference.vel_ned_mps, lead_ned_mps))
+        vel_ned_mps, acc_ned_mps2 = self._tracker.command(dt_s, reference, state)
+        yaw_rad, yaw_rate_rps = self._heading(dt_s, state)
+        target_ned_m = (goal.center_ned_m[0], goal.center_ned_m[1], goal.target_z_ned_m)
+        way_ned_m = subtract(target_ned_m, self._capture.pos_camera(position_now(state), state.q_ned_from_frd))
+        pitch_rad, roll_rad = aim(state.q_ned_from_frd, way_ned_m, settings.roll_camera_max_rad)
+        return Move(
+            Phase.GET_IMAGES,
+            ImagesFeedback(pos_uav_ned_m=state.pos_uav_ned_m, frame=goal.frame, taken=0, planned=goal.num_images),
+            vel_ned_mps=vel_ned_mps,
+            acc_ned_mps2=acc_ned_mps2,
+            yaw_rad=yaw_rad,
+            yaw_rate_rps=yaw_rate_rps,
+            pitch_camera_rad=pitch_rad,
+            roll_camera_rad=roll_rad,
+        )
+
+    def _heading(self, dt_s: float, state: VehicleState) -> tuple[float, float]:
+        """Heading and its rate: towards the centre; on the way to the orbit it turns slowly to that heading."""
+        center_ned_m = self._goal.center_ned_m
+        if self._arrived_ns is not None:
+            self._yaw_rad, rate_rps = facing(position_now(state), state.vel_uav_ned_mps, center_ned_m)
+            return self._yaw_rad, rate_rps
+        wanted_rad, _ = facing(self._way_in.end_ned_m, (0.0, 0.0, 0.0), center_ned_m)
+        reach_rad = self._move_config.yaw_rate_rps * dt_s
+        turn_rad = wrap_pi(wanted_rad - self._yaw_rad)
+        self._yaw_rad = wrap_pi(self._yaw_rad + min(reach_rad, max(-reach_rad, turn_rad)))
+        return self._yaw_rad, 0.0

@@ -1,0 +1,31 @@
+"""The declaration of an action, by which it becomes a server."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from jezero.runtime.config import Config
+from jezero.schemas.topics import Action
+from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.lifecycle.behaviour import Planner
+
+Settings = TypeVar("Settings", bound=Config)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActionDeclaration(Generic[Settings]):
+    """One action.
+
+    Attributes:
+        action: name, endpoints, and the types of goal, feedback and result.
+        settings: type of the action's own settings.
+        planner: makes the planner from the action's own settings and those of all actions.
+    """
+
+    action: Action[Any]
+    settings: type[Settings]
+    planner: Callable[[Settings, ActionsConfig], Planner]
+
+    @property
+    def name(self) -> str:
+        return self.action.name

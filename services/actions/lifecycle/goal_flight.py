@@ -1,0 +1,329 @@
+"""The flight of one goal: from the start of its behaviour, while control is still asked for, to its result.
+
+acquiring -> flying -> releasing -> over
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import msgspec
+
+from jezero.frames import Vec3, add
+from jezero.runtime.service import Call, Inbox, Output, Publish, Reply, SetRate, Subscribe
+from jezero.schemas.actions import Feedback, FeedbackMessage, ImagesFeedback, Result
+from jezero.schemas.commands import AcquireReply, CameraPitch, Release, ReleaseReply, Setpoint
+from jezero.schemas.state import Odometry, StatusCode
+from jezero.schemas.topics import (
+    CAMERA_PITCH,
+    ODOMETRY,
+    RELATIVE,
+    RELEASE,
+    SETPOINT,
+    STATUS,
+    Action,
+    Topic,
+    feedback_of,
+)
+from jezero.schemas.units import NS_PER_S
+from jezero.services.actions.lifecycle.behaviour import Done, Move, Plan, Start
+from jezero.services.actions.lifecycle.config import LifecycleConfig
+from jezero.services.actions.lifecycle.control_lease import Control
+from jezero.services.actions.lifecycle.selection_lease import SelectionLease
+from jezero.services.actions.lifecycle.vehicle_view import VehicleView, is_fresh
+from jezero.services.actions.motion.config import LimitsConfig
+from jezero.services.actions.motion.limits import beyond_limits
+
+RETRY_S = 0.2
+BEGIN_HZ = 100.0
+"""The first setpoint follows the acceptance and the first feedback after 10 ms: a client that waits for these would
+otherwise share the processors with the services that the setpoint wakes."""
+CAMERA_PITCH_PERIOD_NS = 45_000_000
+"""A little less than the period of `command/camera_pitch`, because steps don't come evenly."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GoalContext:
+    """One goal with what it needs from its arrival to its result.
+
+    Attributes:
+        action: that the goal is for.
+        goal_id: its id.
+        plan: its plan.
+        inputs: topics that it subscribes to besides odometry.
+        view: state of the vehicle for this goal.
+        lease: its own selection of the estimator's inputs; None: it has none.
+        config: settings of the lifecycle.
+        limits: for the goal's points.
+        epoch_id: of the vehicle that the goal is for.
+        watchers: ids of the requests that get replies.
+    """
+
+    action: Action[Any]
+    goal_id: str
+    plan: Plan
+    inputs: tuple[Topic[Any], ...]
+    view: VehicleView
+    lease: SelectionLease | None
+    config: LifecycleConfig
+    limits: LimitsConfig
+    epoch_id: int
+    watchers: list[int] = field(default_factory=list)
+
+
+class GoalFlight:
+    """One goal with its running behaviour.
+
+    Args:
+        start: starts the behaviour.
+        odometry: the newest, at the start.
+
+    Attributes:
+        stage: of the flight.
+        result: of the goal; None until it is over.
+    """
+
+    def __init__(self, t_ns: int, inbox: Inbox, odometry: Odometry, start: Start, context: GoalContext) -> None:
+        self.stage: Literal["acquiring", "flying", "releasing", "over"] = "acquiring"
+        self.result: Result[Any] | None = None
+        self._action = context.action
+        self._feedback_topic = feedback_of(context.action)
+        self._goal_id = context.goal_id
+        self._rate_hz = context.plan.rate_hz
+        self._capture = context.plan.capture
+        self._inputs = context.inputs
+        self._view = context.view
+        self._lease = context.lease
+        self._config = context.config
+        self._limits = context.limits
+        self._control = Control(context.config, context.epoch_id)
+        self._watchers = context.watchers
+        self._tag = ""
+        self._attempt = 0
+        self._deadline_ns = 0
+        self._retry_ns: int | None = None
+        self._sequence = 0
+        self._begins = True
+        self._move: Move | None = None
+        self._setpoint_ns = 0
+        self._feedback_due_ns = 0
+        self._pitch_due_ns = 0
+        self._done = Done("aborted")
+        """End of the behaviour, while control is released."""
+        self._view.begin(odometry)
+        state = self._view.state(t_ns, inbox, odometry)
+        self._behaviour = start(t_ns, state)
+        move = self._behaviour.step(t_ns, state)
+        self._first = self._feedback(t_ns, move, odometry, inbox) if isinstance(move, Move) else None
+        """The first feedback, until something newer arrives."""
+
+    def drop_first_feedback(self) -> None:
+        """Forget the first feedback, because something newer has come before control was given."""
+        self._first = None
+
+    def begin(self, t_ns: int, grant: AcquireReply, *, with_feedback: bool) -> Iterator[Output]:
+        """Fly, now that the bridge has given control."""
+        self._control.begin(grant, t_ns)
+        self.stage = "flying"
+        if self._first is not None and with_feedback:
+            yield from self._publish_feedback(t_ns, self._first)
+        yield SetRate(BEGIN_HZ)
+
+    def step(self, t_ns: int, inbox: Inbox, cancel_reason: str) -> Iterator[Output]:
+        """React to what arrived.
+
+        Args:
+            cancel_reason: reason why the goal is canceled, or "".
+        """
+        if self.stage == "flying":
+            yield from self._flying(t_ns, inbox, cancel_reason)
+            if self._begins:
+                self._begins = False
+                yield SetRate(self._rate_hz)
+                yield Subscribe((ODOMETRY, *self._inputs))
+        elif self.stage == "releasing":
+            yield from self._releasing(t_ns, inbox)
+
+    # -- flying --
+
+    def _flying(self, t_ns: int, inbox: Inbox, cancel_reason: str) -> Iterator[Output]:
+        if lost := self._control.loss(t_ns, inbox):
+            yield from self._finish(t_ns, inbox, Done("aborted", lost))
+            return
+        if cancel_reason:
+            yield from self._release(t_ns, Done("canceled", cancel_reason), inbox)
+            return
+        odometry = self._view.odometry(inbox)
+        if odometry is None or not is_fresh(odometry, t_ns, self._config.odometry_age_max_s):
+            reason = f"the vehicle's position is unknown: no odometry for {self._config.odometry_age_max_s:g} s"
+            yield from self._release(t_ns, Done("aborted", reason), inbox)
+            return
+        if self._capture is not None and (problem := self._capture.problem(t_ns)):
+            yield from self._release(t_ns, Done("aborted", problem), inbox)
+            return
+        if self._lease is not None:
+            yield from self._lease.renew(t_ns, inbox, self._view.shift(odometry))
+        news = bool(inbox.new(ODOMETRY)) or bool(inbox.new(RELATIVE))
+        rate_hz = self._rate_hz or self._config.setpoint_rate_hz
+        if news or (t_ns - self._setpoint_ns) * rate_hz >= NS_PER_S:
+            yield from self._step_behaviour(t_ns, inbox, odometry)
+
+    def _step_behaviour(self, t_ns: int, inbox: Inbox, odometry: Odometry) -> Iterator[Output]:
+        """Publish the behaviour's next setpoint and, when it is due, feedback; release control at its end."""
+        state = self._view.state(t_ns, inbox, odometry)
+        shift_ned_m = state.shift_ned_m
+        move = self._behaviour.step(t_ns, state)
+        if any(shift_ned_m) and isinstance(move, Move) and (beyond := self._moved_beyond(move, shift_ned_m)):
+            move = Done("aborted", beyond)
+        if isinstance(move, Done):
+            yield from self._release(t_ns, move, inbox)
+            return
+        self._move = move
+        yield self._setpoint(t_ns, move, odometry, shift_ned_m)
+        if move.pitch_camera_rad is not None and t_ns >= self._pitch_due_ns:
+            self._pitch_due_ns = t_ns + CAMERA_PITCH_PERIOD_NS
+            axes = CameraPitch(t_ns=t_ns, pitch_camera_rad=move.pitch_camera_rad, roll_camera_rad=move.roll_camera_rad)
+            yield Publish(CAMERA_PITCH, axes)
+        if t_ns >= self._feedback_due_ns:
+            yield from self._publish_feedback(t_ns, self._feedback(t_ns, move, odometry, inbox))
+
+    def _moved_beyond(self, move: Move, shift_ned_m: Vec3) -> str:
+        """Why the goal can't go on after its points moved along with the autopilot's position, or ""."""
+        point_ned_m = move.pos_ned_m
+        if point_ned_m is None or beyond_limits(point_ned_m, self._limits):
+            return ""
+        beyond = beyond_limits(add(point_ned_m, shift_ned_m), self._limits)
+        return f"the autopilot corrected its position, and with it the goal's: {beyond}" if beyond else ""
+
+    def _setpoint(self, t_ns: int, move: Move, odometry: Odometry, shift_ned_m: Vec3) -> Publish:
+        self._setpoint_ns = t_ns
+        self._sequence += 1
+        setpoint = Setpoint(
+            t_ns=t_ns,
+            control_id=self._control.id,
+            sequence=self._sequence,
+            phase=move.phase,
+            reset_counter=odometry.reset_counter,
+            pos_ned_m=None if move.pos_ned_m is None else add(move.pos_ned_m, shift_ned_m),
+            vel_ned_mps=move.vel_ned_mps,
+            acc_ned_mps2=move.acc_ned_mps2,
+            yaw_rad=move.yaw_rad,
+            yaw_rate_rps=move.yaw_rate_rps,
+        )
+        return Publish(SETPOINT, setpoint)
+
+    def _feedback(self, t_ns: int, move: Move, odometry: Odometry, inbox: Inbox) -> Feedback[Any]:
+        status = inbox.latest(STATUS)
+        code = -1 if status is None else status.code
+        content = move.feedback
+        if content.frame == "world":
+            content = msgspec.structs.replace(content, pos_uav_ned_m=odometry.pos_uav_ned_m)
+        if isinstance(content, ImagesFeedback) and self._capture is not None:
+            taken, planned, images = self._capture.taken, self._capture.planned, self._capture.unreported_images()
+            content = msgspec.structs.replace(content, taken=taken, planned=planned, images=images)
+        return Feedback(goal_id=self._goal_id, t_ns=t_ns, code=code, feedback=content)
+
+    def _publish_feedback(self, t_ns: int, feedback: Feedback[Any]) -> Iterator[Output]:
+        """Send feedback to all watchers; the next is due one period after this one was."""
+        yield from (Reply(watcher, feedback, final=False) for watcher in self._watchers)
+        period_ns = int(NS_PER_S / self._config.feedback_rate_hz)
+        late_ns = t_ns - self._feedback_due_ns
+        self._feedback_due_ns = (self._feedback_due_ns if late_ns < period_ns else t_ns) + period_ns
+        name = self._action.name
+        message = FeedbackMessage(
+            t_ns=feedback.t_ns, goal_id=feedback.goal_id, action=name, code=feedback.code, feedback=feedback.feedback
+        )
+        yield Publish(self._feedback_topic, message)
+
+    # -- releasing --
+
+    def _release(self, t_ns: int, done: Done, inbox: Inbox) -> Iterator[Output]:
+        odometry = self._view.odometry(inbox)
+        if self._move is not None and odometry is not None and self._capture is not None:
+            # Feedback that is not due yet, because no later one would report the last pictures.
+            yield from self._publish_feedback(t_ns, self._feedback(t_ns, self._move, odometry, inbox))
+        self.stage = "releasing"
+        self._done = done
+        self._deadline_ns = t_ns + int(self._config.release_give_up_s * NS_PER_S)
+        yield from self._ask_release(t_ns, done, inbox)
+
+    def _ask_release(self, t_ns: int, done: Done, inbox: Inbox) -> Iterator[Output]:
+        self._attempt += 1
+        self._retry_ns = None
+        self._tag = f"{self._goal_id}/release/{self._attempt}/{t_ns}"
+        odometry = self._view.odometry(inbox)
+        hover_pos_ned_m = done.hover_pos_ned_m
+        if hover_pos_ned_m is not None and odometry is not None:
+            hover_pos_ned_m = add(hover_pos_ned_m, self._view.shift(odometry))
+        release = Release(
+            control_id=self._control.id,
+            outcome=done.outcome,
+            then=done.then,
+            hover_pos_ned_m=hover_pos_ned_m,
+            reset_counter=0 if odometry is None else odometry.reset_counter,
+            reason=done.reason,
+        )
+        hovers = done.then == "hover"
+        timeout_s = self._config.release_hover_timeout_s if hovers else self._config.release_disarm_timeout_s
+        yield Call(RELEASE, release, self._tag, timeout_s)
+
+    def _releasing(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        done = self._done
+        response = next((response for response in inbox.responses if response.tag == self._tag), None)
+        ended: Done | None = None
+        if response is not None and response.payload is not None:
+            ended = self._judge_release(response.payload, done, t_ns, inbox)
+        elif response is not None:
+            self._retry_ns = t_ns + int(RETRY_S * NS_PER_S)
+        if ended is None:
+            ended = self._give_up(t_ns, done, inbox)
+        if ended is not None:
+            yield from self._finish(t_ns, inbox, ended)
+            return
+        if self._retry_ns is not None and t_ns >= self._retry_ns:
+            yield from self._ask_release(t_ns, done, inbox)
+        status, odometry = inbox.latest(STATUS), self._view.odometry(inbox)
+        still_ours = status is not None and self._control.is_ours(status)
+        if done.outcome == "succeeded" and still_ours and self._move is not None and odometry is not None:
+            yield self._setpoint(t_ns, self._move, odometry, self._view.shift(odometry))
+
+    def _judge_release(self, reply: ReleaseReply, done: Done, t_ns: int, inbox: Inbox) -> Done:
+        if reply.released or (self._attempt > 1 and self._is_settled(done, t_ns, inbox)):
+            return done
+        outcome = "aborted" if done.outcome == "succeeded" else done.outcome
+        return Done(outcome, "; ".join(text for text in (done.reason, reply.reason) if text))
+
+    def _is_settled(self, done: Done, t_ns: int, inbox: Inbox) -> bool:
+        """Whether the status shows what the release asked for: its answer was lost, then."""
+        status = inbox.latest(STATUS)
+        if status is None or not is_fresh(status, t_ns, self._config.status_age_max_s) or self._control.is_ours(status):
+            return False
+        if done.outcome == "succeeded":
+            return status.code == (StatusCode.HOVER if done.then == "hover" else StatusCode.IDLE)
+        return status.code in (StatusCode.IDLE, StatusCode.HOVER)
+
+    def _give_up(self, t_ns: int, done: Done, inbox: Inbox) -> Done | None:
+        """The end without an answer: the bridge or the vehicle is not the one that granted control, or is silent."""
+        why = self._control.partner_loss(t_ns, inbox)
+        if t_ns > self._deadline_ns:
+            why = why or "the vehicle bridge did not confirm the end of the goal"
+        if not why:
+            return None
+        return Done("aborted", "; ".join(text for text in (done.reason, why) if text))
+
+    # -- the end --
+
+    def _finish(self, t_ns: int, inbox: Inbox, done: Done) -> Iterator[Output]:
+        self.stage = "over"
+        if self._lease is not None:
+            yield from self._lease.end(t_ns)
+        odometry = self._view.odometry(inbox)
+        pos_uav_ned_m = (0.0, 0.0, 0.0) if odometry is None else odometry.pos_uav_ned_m
+        self.result = Result(
+            goal_id=self._goal_id,
+            t_ns=t_ns,
+            outcome=done.outcome,
+            reason=done.reason,
+            result=self._behaviour.result(done.outcome == "succeeded", pos_uav_ned_m),
+        )
+        yield from (Reply(watcher, self.result) for watcher in self._watchers)

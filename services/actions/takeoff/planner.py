@@ -1,0 +1,25 @@
+"""Plans takeoffs."""
+
+from functools import partial
+
+from jezero.schemas.actions import TakeoffGoal
+from jezero.schemas.state import Status
+from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.lifecycle.behaviour import Plan, Refusal
+from jezero.services.actions.takeoff.behaviour import Takeoff
+from jezero.services.actions.takeoff.config import TakeoffConfig
+
+
+class TakeoffPlanner:
+    """Plans climbs to an altitude within the limits."""
+
+    def __init__(self, settings: TakeoffConfig, config: ActionsConfig) -> None:
+        self._settings = settings
+        self._config = config
+
+    def plan(self, goal: TakeoffGoal, status: Status) -> Plan | Refusal:
+        """Plan a climb, if its altitude is within the limits."""
+        low, high = self._settings.altitude_min_m, self._config.limits.altitude_max_m
+        if not low <= goal.altitude_m <= high:
+            return Refusal(f"altitude {goal.altitude_m:g} m is not within {low:g} to {high:g} m above the ground")
+        return Plan(partial(Takeoff, goal, self._config), do_takeoff=True)
