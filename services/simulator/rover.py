@@ -9,11 +9,15 @@ from jezero.services.simulator.terrain import Terrain
 
 
 class Rover:
-    """Turns speed and yaw rate into the platform's pose; stands still unless driven."""
+    """Turns speed and yaw rate into the platform's pose; stands still unless driven.
 
-    def __init__(self, config: RoverConfig, terrain: Terrain) -> None:
+    Args:
+        height_platform_m: height of the platform's surface over the ground.
+    """
+
+    def __init__(self, config: RoverConfig, terrain: Terrain, height_platform_m: float) -> None:
         self._terrain = terrain
-        self._height_platform_m = config.height_platform_m
+        self._height_platform_m = height_platform_m
         north_m, east_m = config.start_north_m, config.start_east_m
         down_m = -self._top_height_m(north_m, east_m)
         self.state = RoverState((north_m, east_m, down_m), (0.0, 0.0, 0.0), config.start_yaw_rad, 0.0, 0.0)

@@ -31,6 +31,7 @@ from jezero.services.simulator.config import (
     UwbConfig,
 )
 from jezero.services.simulator.noise import Normals, Wander, generator, normals_of
+from jezero.vehicle_config import AltimeterMountConfig, UwbLayoutConfig
 
 PRESSURE_SEA_PA = 101_325.0
 TEMPERATURE_SEA_K = 288.15
@@ -174,16 +175,17 @@ class Magnetometer:
 class Altimeter:
     """Laser range; nothing between its limits is None."""
 
-    def __init__(self, config: AltimeterConfig, seed: int) -> None:
+    def __init__(self, config: AltimeterConfig, mount: AltimeterMountConfig, seed: int) -> None:
         self._normals = normals_of(generator(seed, "altimeter"))
         self._bias_m = Wander(config.std_bias_m, config.tau_bias_s, 1.0 / config.rate_hz, self._normals)
-        self._config = config
+        self._mount = mount
+        self._std_m = config.std_m
 
     def measure(self, t_ns: int, true_range_m: float | None) -> messages.Altimeter:
         """Noise is drawn whether or not the beam met anything, so that the stream stays in step."""
-        config = self._config
-        error_m = self._bias_m.step() + config.std_m * self._normals()
-        if true_range_m is None or not config.range_min_m <= true_range_m + error_m <= config.range_max_m:
+        mount = self._mount
+        error_m = self._bias_m.step() + self._std_m * self._normals()
+        if true_range_m is None or not mount.range_min_m <= true_range_m + error_m <= mount.range_max_m:
             return messages.Altimeter(t_ns=t_ns, range_m=None)
         return messages.Altimeter(t_ns=t_ns, range_m=true_range_m + error_m)
 
@@ -191,20 +193,21 @@ class Altimeter:
 class Uwb:
     """Ranges from the vehicle's tag to the platform's anchors, each with its own wandering bias."""
 
-    def __init__(self, config: UwbConfig, pos_anchors_rover_body_m: tuple[Vec3, ...], seed: int) -> None:
+    def __init__(self, config: UwbConfig, layout: UwbLayoutConfig, seed: int) -> None:
         self._normals = normals_of(generator(seed, "uwb"))
         dt_s = 1.0 / config.rate_hz
         self._anchors = tuple(
             (pos_m, Wander(config.std_bias_m, config.tau_bias_s, dt_s, self._normals))
-            for pos_m in pos_anchors_rover_body_m
+            for pos_m in layout.pos_anchors_rover_body_m
         )
         self._blocking = generator(seed, "uwb blocked")
         self._config = config
+        self._layout = layout
 
     def measure(self, t_ns: int, state: BodyState, rover: RoverState) -> messages.Uwb:
         """One round that ends at `t_ns`: the anchors take turns, the first one's range is the oldest."""
-        config = self._config
-        tag_ned_m = add(state.pos_ned_m, quat_rotate(state.q_ned_from_frd, config.mount_frd_m))
+        config, layout = self._config, self._layout
+        tag_ned_m = add(state.pos_ned_m, quat_rotate(state.q_ned_from_frd, layout.pos_tag_frd_m))
         tag_rover_body_m = rotate_yaw(subtract(tag_ned_m, rover.pos_ned_m), -rover.yaw_rad)
         vel_rover_body_mps = rotate_yaw(subtract(state.vel_ned_mps, rover.vel_ned_mps), -rover.yaw_rad)
         ranges = []
@@ -213,7 +216,7 @@ class Uwb:
             error_m = bias_m.step() + config.std_m * self._normals() + self._detour_m()
             then_m = subtract(tag_rover_body_m, scale(vel_rover_body_mps, age_s))
             range_m = max(0.0, distance(then_m, pos_anchor_m) + error_m)
-            if range_m <= config.range_max_m:
+            if range_m <= layout.range_max_m:
                 then_ns = max(0, t_ns - round(age_s * NS_PER_S))
                 ranges.append(
                     messages.UwbRange(t_ns=then_ns, anchor=i, pos_anchor_rover_body_m=pos_anchor_m, range_m=range_m)

@@ -19,6 +19,7 @@ from jezero.services.simulator.schedule import Schedule
 from jezero.services.simulator.terrain import make_terrain
 from jezero.services.simulator.uav import Uav
 from jezero.services.simulator.wind import Wind
+from jezero.vehicle_config import VehicleConfig
 
 STEPS_PER_S = 250
 DT_S = 1.0 / STEPS_PER_S
@@ -62,29 +63,30 @@ class Simulator:
 
     spec = SPEC
 
-    def __init__(self, config: SimulatorConfig, seed: int, boot_id: int) -> None:
+    def __init__(self, config: SimulatorConfig, vehicle: VehicleConfig, seed: int, boot_id: int) -> None:
         from jezero.services.simulator.world import World
 
         self._terrain = terrain = make_terrain(config.terrain)
         self._config = config
+        self._vehicle = vehicle
         self._boot_id = boot_id
         self._connections = 0
         self._up = False
         self._behind_ns = 0
         """How far vehicle time was behind the wall's when it was last told, less a constant."""
         self._hil = HilPort()
-        self._rover = Rover(config.rover, terrain)
+        self._rover = Rover(config.rover, terrain, vehicle.platform.height_m)
         self._drive = Drive(config.rover)
-        self._world = World(config, terrain, self._rover.state)
-        self._uav = Uav(config, DT_S)
+        self._world = World(config, vehicle, terrain, self._rover.state)
+        self._uav = Uav(config, vehicle.airframe, DT_S)
         self._wind = Wind(config.wind, DT_S, normals_of(generator(seed, "wind")))
         self._height_rotor_m = inf
         self._imu = sensors.Imu(config.imu, seed, DT_S)
         self._gnss = sensors.Gnss(config.gnss, config.origin, seed)
         self._baro = sensors.Barometer(config.barometer, config.origin, seed)
         self._mag = sensors.Magnetometer(config.magnetometer, config.origin, seed)
-        self._altimeter = sensors.Altimeter(config.altimeter, seed)
-        self._uwb = sensors.Uwb(config.uwb, config.rover.pos_anchors_rover_body_m, seed)
+        self._altimeter = sensors.Altimeter(config.altimeter, vehicle.altimeter, seed)
+        self._uwb = sensors.Uwb(config.uwb, vehicle.uwb, seed)
         self._odometry = sensors.RoverOdometry(config.rover_odometry, seed)
         self._make_schedules(config)
 
@@ -158,7 +160,7 @@ class Simulator:
         """Vehicle and rover as new where they started; what the old sensors had under way is lost."""
         self._hil = HilPort()
         self._uav.stop()
-        self._rover = Rover(self._config.rover, self._terrain)
+        self._rover = Rover(self._config.rover, self._terrain, self._vehicle.platform.height_m)
         self._drive = Drive(self._config.rover)
         self._odometry.restart()
         self._world.move_rover(self._rover.state)
@@ -203,9 +205,9 @@ class Simulator:
     def _navigation_sensors(self, t_ns: int, state: BodyState) -> Iterable[Output]:
         """What only the rest of the system sees."""
         if self._when_altimeter.due(t_ns):
-            mount = self._config.altimeter.mount_frd_m
-            range_m = self._world.range_along_down_m(mount, self._config.altimeter.range_max_m)
-            self._height_rotor_m = inf if range_m is None else range_m + mount[2]
+            mount = self._vehicle.altimeter
+            range_m = self._world.range_along_down_m(mount.pos_altimeter_frd_m, mount.range_max_m)
+            self._height_rotor_m = inf if range_m is None else range_m + mount.pos_altimeter_frd_m[2]
             self._when_altimeter.put(t_ns, self._altimeter.measure(t_ns, range_m))
         if (altimeter := self._when_altimeter.arrived(t_ns)) is not None:
             yield Publish(topics.ALTIMETER, altimeter)

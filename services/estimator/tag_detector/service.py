@@ -1,6 +1,6 @@
 """The tag detector: the newest picture in, one relative position out."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import pi, sqrt
 from typing import TYPE_CHECKING
 
@@ -10,18 +10,19 @@ from jezero.frames import Vec3
 from jezero.runtime.service import Health, Inbox, Output, Publish, Spec
 from jezero.schemas import topics
 from jezero.schemas.estimate import TagEstimate
-from jezero.schemas.landing_board import LANDING_BOARD
+from jezero.schemas.landing_board import BoardTag
 from jezero.schemas.sensors import CameraFrame, CornersOfTag, TagCorners
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.attitude_history import AttitudeHistory
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.pose import Array, Pose, View, make_view, solve
+from jezero.vehicle_config import VehicleConfig
 
 if TYPE_CHECKING:
     from jezero.services.estimator.tag_detector.finder import Finder
 
-CORNERS_ROVER_BODY_M = {tag.tag_id: np.array(tag.corners_rover_body_m) for tag in LANDING_BOARD}
 SILENT_S = 2.0
+"""After this time without pictures, or without a tag in them, health says so."""
 
 SPEC = Spec(
     name="tag_detector",
@@ -37,8 +38,9 @@ class TagDetector:
 
     spec = SPEC
 
-    def __init__(self, config: TagDetectorConfig) -> None:
+    def __init__(self, config: TagDetectorConfig, vehicle: VehicleConfig) -> None:
         self._config = config
+        self._corners_m = corners_by_id(vehicle.platform.board)
         self._finder: Finder | None = None
         self._attitudes = AttitudeHistory(config.attitude_age_max_s)
         self._seen_ns = -NS_PER_S
@@ -75,7 +77,7 @@ class TagDetector:
             return
         pitch_rad, roll_rad = exposed.pitch_camera_rad, exposed.roll_camera_rad
         view = make_view(info.focal_px, info.center_px, info.pos_camera_frd_m, pitch_rad, q_ned_from_frd, roll_rad)
-        solution = locate(tags, view, self._config)
+        solution = locate(tags, self._corners_m, view, self._config)
         if solution is None:
             return
         self._seen_ns = t_ns
@@ -95,14 +97,24 @@ class TagDetector:
             yield Health("degraded" if text.startswith("no ") else "ok", text)
 
 
-def locate(tags: Sequence[CornersOfTag], view: View, config: TagDetectorConfig) -> tuple[tuple[int, ...], Pose] | None:
-    """Ids of the tags that agree, and the pose they tell; tags of other boards are ignored.
+def corners_by_id(board: Sequence[BoardTag]) -> dict[int, Array]:
+    """(4, 3) corners of each tag in `rover_body`, by the tag's id."""
+    return {tag.tag_id: np.array(tag.corners_rover_body_m) for tag in board}
+
+
+def locate(
+    tags: Sequence[CornersOfTag], corners_m: Mapping[int, Array], view: View, config: TagDetectorConfig
+) -> tuple[tuple[int, ...], Pose] | None:
+    """Ids of the tags that fit one pose, and this pose; tags of other boards are ignored.
 
     When the corners don't fit one pose, the tag that fits worst is left out, until they do.
+
+    Args:
+        corners_m: result of `corners_by_id`.
     """
-    known = [tag for tag in tags if tag.tag_id in CORNERS_ROVER_BODY_M]
+    known = [tag for tag in tags if tag.tag_id in corners_m]
     while known:
-        points_m = np.concatenate([CORNERS_ROVER_BODY_M[tag.tag_id] for tag in known])
+        points_m = np.concatenate([corners_m[tag.tag_id] for tag in known])
         corners_px: Array = np.array([corner for tag in known for corner in tag.corners_px])
         pose = solve(points_m, corners_px, view)
         if pose is not None and _rms(pose.residuals_px) <= config.reprojection_max_px:

@@ -4,8 +4,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from jezero.schemas.landing_board import CELLS, LANDING_BOARD
+from jezero.schemas.landing_board import CELLS
 from jezero.services.simulator.noise import generator
+from jezero.vehicle_config import PlatformConfig
 
 Image = npt.NDArray[np.uint8]
 TEXELS_PER_M = 2000
@@ -13,13 +14,14 @@ WHITE, BLACK = 225, 22
 PANEL = (168, 170, 172)
 
 
-def board_picture(side_m: float) -> Image:
+def board_picture(platform: PlatformConfig) -> Image:
     """(n, n, 3) red, green, blue, half a millimetre to the texel; rows from the rover's nose, columns from its left."""
+    side_m = platform.side_m
     n = round(side_m * TEXELS_PER_M)
     picture = np.empty((n, n, 3), dtype=np.uint8)
     picture[:] = PANEL
     _mark_edge(picture)
-    for tag in LANDING_BOARD:
+    for tag in platform.board:
         forward_m, right_m, _ = tag.pos_rover_body_m
         _paint_tag(picture, tag.tag_id, tag.side_m, 0.5 * side_m - forward_m, 0.5 * side_m + right_m)
     return _weathered(picture)

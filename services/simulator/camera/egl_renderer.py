@@ -7,7 +7,6 @@ import moderngl
 import numpy as np
 
 from jezero.frames import Vec3
-from jezero.schemas.sensors import CameraInfo
 from jezero.schemas.state import Scene
 from jezero.services.simulator.camera.exposure import Image, PixelNoise, moved_px
 from jezero.services.simulator.camera.gl_matrices import (
@@ -22,6 +21,7 @@ from jezero.services.simulator.camera.service import NoEglError
 from jezero.services.simulator.camera.sun import TO_SUN_NED
 from jezero.services.simulator.camera.view import Array, View, half_tangents
 from jezero.services.simulator.config import SimulatorConfig
+from jezero.vehicle_config import VehicleConfig
 
 NEAR_M, FAR_M = 0.02, 4000.0
 BLUR_FROM_PX = 0.5
@@ -42,7 +42,7 @@ class EglRenderer:
 
     rate_max_hz = 60.0
 
-    def __init__(self, config: SimulatorConfig, info: CameraInfo, noise: PixelNoise) -> None:
+    def __init__(self, config: SimulatorConfig, vehicle: VehicleConfig, noise: PixelNoise) -> None:
         try:
             options: dict[str, Any] = {"backend": "egl", "libgl": "libGL.so.1", "libegl": "libEGL.so.1"}
             gl = moderngl.create_context(standalone=True, **options)
@@ -51,10 +51,10 @@ class EglRenderer:
         self._gl = gl
         weakref.finalize(self, gl.release)
         self.description = f"rendering with EGL on {gl.info['GL_RENDERER']}"
-        self._info = info
+        self._info = info = vehicle.camera.info(0)
         self._noise = noise
         self._clip_from_camera = clip_from_camera(info, NEAR_M, FAR_M)
-        self._world = GlWorld(gl, config)
+        self._world = GlWorld(gl, config, vehicle)
         self._sky_program = self._world.program("screen.vert", "sky.frag")
         self._sky_program["to_sun"] = TO_SUN_NED
         self._blur_program = self._world.program("screen.vert", "blur.frag")

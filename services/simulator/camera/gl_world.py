@@ -17,6 +17,7 @@ from jezero.services.simulator.camera.sun import TO_SUN_NED
 from jezero.services.simulator.camera.view import Array
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.terrain import make_terrain
+from jezero.vehicle_config import VehicleConfig
 
 SHADERS = Path(__file__).with_name("shaders")
 SHADOW_TEXELS = 1024
@@ -46,15 +47,15 @@ class Placed(NamedTuple):
 class GlWorld:
     """Textures, meshes and programs in one context."""
 
-    def __init__(self, gl: moderngl.Context, config: SimulatorConfig) -> None:
+    def __init__(self, gl: moderngl.Context, config: SimulatorConfig, vehicle: VehicleConfig) -> None:
         self._gl = gl
         self._kept: list[moderngl.Texture] = []
         terrain = make_terrain(config.terrain)
-        self._make_programs(config.rover.platform_side_m)
+        self._make_programs(vehicle.platform.side_m)
         textures = ground_textures(config.terrain)
         self._texture(textures.coarse, COARSE_UNIT)
         self._texture(textures.fine, FINE_UNIT)
-        self._texture(board_picture(config.rover.platform_side_m), BOARD_UNIT)
+        self._texture(board_picture(vehicle.platform), BOARD_UNIT)
         self._shadow_map = gl.depth_texture((SHADOW_TEXELS, SHADOW_TEXELS))
         self._shadow_map.compare_func = "<="
         self._shadow_map.filter = (moderngl.LINEAR, moderngl.LINEAR)
@@ -65,9 +66,9 @@ class GlWorld:
         self._ground = gl.vertex_array(self._ground_program, layout, indices)
         rocks = rocks_mesh(terrain)
         self._rocks = self._body(rocks, self._rock_program) if len(rocks) else None
-        self._rover = self._body(rover_mesh(config.rover), self._body_program)
-        self._board = self._body(_top(config.rover.platform_side_m), self._board_program)
-        self._uav = self._body(uav_mesh(config.uav), self._body_program)
+        self._rover = self._body(rover_mesh(vehicle.platform, vehicle.uwb), self._body_program)
+        self._board = self._body(_top(vehicle.platform.side_m), self._board_program)
+        self._uav = self._body(uav_mesh(vehicle.airframe), self._body_program)
 
     # -- building --
 

@@ -23,6 +23,7 @@ from jezero.services.simulator.camera.sun import TO_SUN_NED
 from jezero.services.simulator.camera.view import Array, View, project
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.terrain import HALF_SIDE_M, POINTS, SPACING_M, Terrain, make_terrain
+from jezero.vehicle_config import PlatformConfig, VehicleConfig
 
 NEAR_M, FAR_M = 0.02, 400.0
 THINNING = 3
@@ -43,8 +44,8 @@ class TinyRenderer:
         "rendering with PyBullet's TinyRenderer: for better pictures install libegl1, libgl1 and libgl1-mesa-dri"
     )
 
-    def __init__(self, config: SimulatorConfig, info: CameraInfo, noise: PixelNoise) -> None:
-        self._info = info
+    def __init__(self, config: SimulatorConfig, vehicle: VehicleConfig, noise: PixelNoise) -> None:
+        self._info = info = vehicle.camera.info(0)
         self._noise = noise
         self._client = int(pybullet.connect(pybullet.DIRECT))
         weakref.finalize(self, pybullet.disconnect, physicsClientId=self._client)
@@ -57,8 +58,8 @@ class TinyRenderer:
             if len(rocks):
                 self._add_painted(rocks)
             self._rover = [
-                self._add_painted(rover_mesh(config.rover)),
-                self._add(_top_mesh(config.rover.platform_side_m), self._texture(_top_picture(config))),
+                self._add_painted(rover_mesh(vehicle.platform, vehicle.uwb)),
+                self._add(_top_mesh(vehicle.platform.side_m), self._texture(_top_picture(vehicle.platform))),
             ]
 
     def picture(self, scene: Scene, views: tuple[View, View, View]) -> bytes:
@@ -186,10 +187,9 @@ def _top_mesh(side_m: float) -> Mesh:
     return np.array([corners[i] for i in (0, 2, 1, 0, 3, 2)], dtype=np.float32)
 
 
-def _top_picture(config: SimulatorConfig) -> Image:
-    picture = cv2.resize(
-        board_picture(config.rover.platform_side_m), (BOARD_TEXELS, BOARD_TEXELS), interpolation=cv2.INTER_AREA
-    )
+def _top_picture(platform: PlatformConfig) -> Image:
+    painted = board_picture(platform)
+    picture = cv2.resize(painted, (BOARD_TEXELS, BOARD_TEXELS), interpolation=cv2.INTER_AREA)
     return np.asarray(picture, dtype=np.uint8)[::-1]
 
 
