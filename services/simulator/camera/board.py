@@ -47,8 +47,8 @@ def _mark_edge(picture: Image) -> None:
 def _paint_tag(picture: Image, tag_id: int, side_m: float, from_nose_m: float, from_left_m: float) -> None:
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     cells = np.pad(cv2.aruco.generateImageMarker(dictionary, tag_id, CELLS), 1, constant_values=255)
-    cell_px = round(side_m / CELLS * TEXELS_PER_M)
-    paint = np.where(np.kron(cells, np.ones((cell_px, cell_px), dtype=np.uint8)) > 0, WHITE, BLACK)
+    outer_px = round(side_m * len(cells) / CELLS * TEXELS_PER_M)
+    paint = np.where(cv2.resize(cells, (outer_px, outer_px), interpolation=cv2.INTER_NEAREST) > 0, WHITE, BLACK)
     half = len(paint) // 2
     row, column = round(from_nose_m * TEXELS_PER_M) - half, round(from_left_m * TEXELS_PER_M) - half
     picture[row : row + len(paint), column : column + len(paint)] = paint[..., None]

@@ -13,6 +13,7 @@ import pytest
 from jezero.frames import Vec3, quat_from_euler
 from jezero.schemas.landing_board import BIG_ID
 from jezero.schemas.state import Scene
+from jezero.services.simulator.camera.board import TEXELS_PER_M, board_picture
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.detections import BoardGeometry, tags_in_picture
 from jezero.services.simulator.camera.egl_renderer import EglRenderer
@@ -22,7 +23,7 @@ from jezero.services.simulator.camera.service import NoEglError, Renderer
 from jezero.services.simulator.camera.tiny_renderer import TinyRenderer
 from jezero.services.simulator.camera.view import View, view_of
 from jezero.services.simulator.config import RoverConfig, SimulatorConfig
-from jezero.vehicle_config import VehicleConfig
+from jezero.vehicle_config import PlatformConfig, VehicleConfig
 
 Image = npt.NDArray[np.uint8]
 CONFIG = CameraConfig(std_pixel=0.0)
@@ -178,3 +179,16 @@ def test_noise_has_the_given_standard_deviation_and_differs_from_picture_to_pict
     first, second = noise.add(grey).astype(float), noise.add(grey).astype(float)
     assert first.std() == pytest.approx(4.0, rel=0.02)
     assert (first - second).std() == pytest.approx(4.0 * 2**0.5, rel=0.02)
+
+
+@pytest.mark.parametrize("side_tag_m", [0.45, 0.37])
+def test_tags_of_another_size_are_painted_as_large_as_the_board_says(side_tag_m: float) -> None:
+    platform = PlatformConfig(side_tag_m=side_tag_m)
+    painted = board_picture(platform)
+    from_afar = np.asarray(cv2.resize(painted, None, fx=0.1, fy=0.1, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    found = find_tags(painted) | {BIG_ID: 10.0 * find_tags(from_afar)[BIG_ID]}
+    assert len(found) > 20
+    for tag in platform.board:
+        if tag.tag_id in found:
+            side_px = np.linalg.norm(np.diff(found[tag.tag_id], axis=0), axis=1).mean()
+            assert side_px == pytest.approx(tag.side_m * TEXELS_PER_M, rel=0.01, abs=1.0), tag.tag_id
