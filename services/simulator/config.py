@@ -20,7 +20,7 @@ Delay = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
 class OriginConfig(Config, frozen=True, kw_only=True):
-    """Where on the globe the map's origin is, and the magnetic field there.
+    """Geodetic position of the map's origin, and the magnetic field there.
 
     The autopilot compares the field with its own model of the place, so both belong together.
     """
@@ -39,10 +39,15 @@ class TerrainConfig(Config, frozen=True, kw_only=True):
     """Mars-like ground, a square of 127.5 m; beyond it the ground is level.
 
     Attributes:
-        seed: of the shape; everything that needs to know the ground makes the same one from it.
-        std_ground_m: of the fractal part, before the limits on height and slope scale it down.
-        rocks: spheres, half buried, none within 8 m of the origin.
-        friction: times that of the vehicle's feet is the friction coefficient.
+        seed: seed of the shape; simulator and camera make the same ground from it.
+        std_ground_m: standard deviation of the fractal part, before the limits on height and slope scale it down.
+        craters: number of craters.
+        radius_crater_min_m: smallest radius of a crater.
+        radius_crater_max_m: greatest radius of a crater.
+        rocks: number of rocks, half buried, none within 8 m of the origin.
+        radius_rock_min_m: smallest radius of a rock.
+        radius_rock_max_m: greatest radius of a rock.
+        friction: times the friction of the vehicle's feet is the friction coefficient.
     """
 
     seed: Annotated[int, Meta(ge=0)] = 1
@@ -60,8 +65,9 @@ class WindConfig(Config, frozen=True, kw_only=True):
     """Mean wind and Dryden gusts.
 
     Attributes:
-        from_deg: where the mean wind blows from, clockwise from north.
-        std_gust_mps: of each horizontal component.
+        mean_mps: speed of the mean wind.
+        from_deg: direction from which the mean wind blows, clockwise from north.
+        std_gust_mps: standard deviation of each horizontal component of the gusts.
     """
 
     mean_mps: Annotated[float, Meta(ge=0.0, le=30.0)] = 1.5
@@ -124,10 +130,9 @@ class RoverConfig(Config, frozen=True, kw_only=True):
 
 
 class ImuConfig(Config, frozen=True, kw_only=True):
-    """White noise of each 250 Hz sample, and a bias that is random at the start and wanders with `tau_bias_s`.
+    """White noise of each 250 Hz sample, and a slowly varying bias that is random at the start.
 
-    Attributes:
-        rate_hz, delay_s: on the bus; the autopilot gets all 250 samples a second, at once.
+    The autopilot gets all 250 samples a second without delay; rate and delay are those on the bus.
     """
 
     rate_hz: Rate = 50.0
@@ -142,7 +147,7 @@ class ImuConfig(Config, frozen=True, kw_only=True):
 
 
 class GnssConfig(Config, frozen=True, kw_only=True):
-    """White noise of each fix and a wandering error; the receiver claims both, rounded up."""
+    """White noise of each fix and a slowly varying error; the receiver claims both, rounded up."""
 
     rate_hz: Rate = 10.0
     delay_s: Delay = 0.1
@@ -156,7 +161,12 @@ class GnssConfig(Config, frozen=True, kw_only=True):
 
 
 class BarometerConfig(Config, frozen=True, kw_only=True):
-    """Attributes: rate_hil_hz: to the autopilot; the bus gets a part of the same readings."""
+    """Errors of the barometer.
+
+    Attributes:
+        rate_hz: readings per second on the bus, a part of those that the autopilot gets.
+        rate_hil_hz: readings per second that the autopilot gets.
+    """
 
     rate_hz: Rate = 10.0
     rate_hil_hz: Rate = 50.0
@@ -168,7 +178,13 @@ class BarometerConfig(Config, frozen=True, kw_only=True):
 
 
 class MagnetometerConfig(Config, frozen=True, kw_only=True):
-    """Attributes: rate_hil_hz: as the barometer's; std_bias_gauss: what is left of the hard iron."""
+    """Errors of the magnetometer.
+
+    Attributes:
+        rate_hz: readings per second on the bus, a part of those that the autopilot gets.
+        rate_hil_hz: readings per second that the autopilot gets.
+        std_bias_gauss: rest of the hard-iron error after calibration.
+    """
 
     rate_hz: Rate = 10.0
     rate_hil_hz: Rate = 50.0
@@ -213,8 +229,9 @@ class RoverOdometryConfig(Config, frozen=True, kw_only=True):
     """Wheel odometry, dead reckoned with the compass' yaw.
 
     Attributes:
-        std_scale: of the wheels' radius, relative, drawn once.
-        std_slip: of the wheels' slip, a share of the speed that changes within `tau_slip_s`.
+        std_scale: relative error of the wheels' radius, drawn once.
+        std_slip: slip of the wheels, relative to the speed.
+        tau_slip_s: time constant of the slip.
     """
 
     rate_hz: Rate = 25.0
@@ -230,11 +247,11 @@ class RoverOdometryConfig(Config, frozen=True, kw_only=True):
 
 
 class SimulatorConfig(Config, frozen=True, kw_only=True):
-    """Everything of the simulated world.
+    """Tables of `simulator.toml`.
 
     Attributes:
         gravity_mps2: PX4 assumes 9.81, and an Iris can't fly in the air of Mars; Mars-like is the ground.
-        density_air_kgpm3: at the origin.
+        density_air_kgpm3: density of the air.
     """
 
     gravity_mps2: Positive = 9.81

@@ -1,4 +1,4 @@
-"""What each sensor reports of the true state: noise, bias and limits. Rates and delays are the service's business.
+"""Readings of each sensor for a true state: noise, bias and limits. The service adds rates and delays.
 
 Each sensor draws from a stream of its own, so that switching one off leaves the others' errors as they were.
 """
@@ -38,7 +38,7 @@ TEMPERATURE_SEA_K = 288.15
 LAPSE_KPM = 0.0065
 PRESSURE_EXPONENT = 5.25588
 BIAS_STEPS = 25
-"""The IMU's bias advances once in so many samples: it hardly moves between two."""
+"""The IMU's bias advances once in this number of samples: it hardly changes between two of them."""
 
 
 def pressure_pa(altitude_m: float) -> float:
@@ -156,7 +156,7 @@ class Barometer:
 
 
 class Magnetometer:
-    """The place's field in the body's axes; the bias is what is left of the hard iron."""
+    """The place's field in the body's axes; the bias is the rest of the hard-iron error after calibration."""
 
     def __init__(self, config: MagnetometerConfig, origin: OriginConfig, seed: int) -> None:
         self._normals = normals_of(generator(seed, "magnetometer"))
@@ -224,7 +224,7 @@ class Uwb:
         return messages.Uwb(t_ns=t_ns, ranges=tuple(ranges))
 
     def _detour_m(self) -> float:
-        """By how much one range is too long because something is in its way."""
+        """Error of one range along a detour; 0 with line of sight."""
         config = self._config
         if config.share_blocked == 0.0 or self._blocking.random() >= config.share_blocked:
             return 0.0
@@ -244,7 +244,7 @@ class RoverOdometry:
         self._config = config
 
     def restart(self) -> None:
-        """The rover is where it started."""
+        """Restart the path at the rover's start."""
         self._pos_odom_m = (0.0, 0.0)
 
     def measure(self, t_ns: int, rover: RoverState) -> messages.RoverOdometry:
@@ -266,5 +266,5 @@ class RoverOdometry:
 
 
 def _round_up(std_m: float) -> float:
-    """To the next 0.1 m, as receivers report their accuracy."""
+    """Standard deviation rounded up to the next 0.1 m, as receivers report their accuracy."""
     return ceil(10.0 * std_m - 1e-9) / 10.0

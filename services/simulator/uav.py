@@ -61,7 +61,9 @@ class Uav:
 
         Args:
             commands: (4,) in 0..1, in the autopilot's order.
-            height_rotor_m: rotor plane above what is below it.
+            body: present state.
+            wind_ned_mps: velocity of the air.
+            height_rotor_m: height of the rotor plane above the surface below it.
         Returns:
             force_ned_n and torque_frd_nm on the centre of mass, gravity not included.
         """

@@ -1,6 +1,6 @@
-"""Rigid bodies and contact: the only module that knows PyBullet, its ENU/FLU axes and its quaternion order.
+"""Rigid bodies and contact: the only module that uses PyBullet, its ENU/FLU axes and its quaternion order.
 
-Everything that goes in or comes out is in the map's NED and the body's FRD.
+All arguments and results are in the map's NED and the body's FRD.
 """
 
 import weakref
@@ -34,9 +34,9 @@ class World:
         rover: state of the rover at the start.
 
     Attributes:
-        state: after the last step.
-        start_ned_m: centre of mass where the vehicle first stood.
-        height_stand_m: of the centre of mass over what it stood on there.
+        state: state after the last step.
+        start_ned_m: centre of mass of the vehicle at its start.
+        height_stand_m: height of the centre of mass there over the ground or the platform.
     """
 
     def __init__(self, config: SimulatorConfig, vehicle: VehicleConfig, terrain: Terrain, rover: RoverState) -> None:
@@ -70,7 +70,7 @@ class World:
         return self.state
 
     def range_along_down_m(self, mount_frd_m: Vec3, range_max_m: float) -> float | None:
-        """Distance from a point on the vehicle along its down axis to whatever is there, None beyond the maximum."""
+        """Distance from a point on the vehicle along its down axis to the nearest surface, None beyond the maximum."""
         pos_ned_m, q = self.state.pos_ned_m, self.state.q_ned_from_frd
         mount_ned_m = quat_rotate(q, mount_frd_m)
         beam_ned_m = quat_rotate(q, (0.0, 0.0, range_max_m))
@@ -86,20 +86,20 @@ class World:
         return float(sum(contact[9] for contact in contacts))
 
     def respawn(self) -> None:
-        """Put the vehicle back to where it first stood, at rest."""
+        """Put the vehicle back to its start, at rest."""
         pybullet.resetBasePositionAndOrientation(self._uav_id, *self._start_pose, physicsClientId=self._client)
         pybullet.resetBaseVelocity(self._uav_id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), physicsClientId=self._client)
         self.state = self._read((0.0, 0.0, -self._gravity_mps2 * DT_S))
 
     def move_rover(self, rover: RoverState) -> None:
-        """Set the platform's pose and velocity; the velocity is what carries a vehicle that stands on it along."""
+        """Set the platform's pose and velocity; friction at this velocity carries a vehicle that stands on it along."""
         pybullet.resetBasePositionAndOrientation(self._rover_id, *_rover_pose(rover), physicsClientId=self._client)
         velocity_enu_mps = enu_from_ned(rover.vel_ned_mps)
         turn_enu_rps = (0.0, 0.0, -rover.yaw_rate_rps)
         pybullet.resetBaseVelocity(self._rover_id, velocity_enu_mps, turn_enu_rps, physicsClientId=self._client)
 
     def place_uav(self, pos_ned_m: Vec3, yaw_rad: float, vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)) -> None:
-        """Put the vehicle somewhere, level, not turning."""
+        """Put the vehicle to a position, level, not turning."""
         orientation = _orientation(yaw_rad)
         pybullet.resetBasePositionAndOrientation(self._uav_id, enu_from_ned(pos_ned_m), orientation, self._client)
         pybullet.resetBaseVelocity(self._uav_id, enu_from_ned(vel_ned_mps), (0.0, 0.0, 0.0), self._client)

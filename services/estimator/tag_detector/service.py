@@ -1,4 +1,4 @@
-"""The tag detector: the newest picture in, one relative position out."""
+"""The tag detector: estimates the relative position from the newest picture."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from math import pi, sqrt
@@ -21,6 +21,8 @@ from jezero.vehicle_config import VehicleConfig
 if TYPE_CHECKING:
     from jezero.services.estimator.tag_detector.finder import Finder
 
+ATTITUDE_AGE_MAX_S = 0.06
+"""An exposure may be this far from the nearest known attitude."""
 SILENT_S = 2.0
 """After this time without pictures, or without a tag in them, health says so."""
 
@@ -34,7 +36,7 @@ SPEC = Spec(
 
 
 class TagDetector:
-    """Only tags of the landing board count, at the attitude that the vehicle had when the picture was taken."""
+    """Uses the tags of the vehicle's board, and the vehicle's attitude at the exposure."""
 
     spec = SPEC
 
@@ -42,13 +44,13 @@ class TagDetector:
         self._config = config
         self._corners_m = corners_by_id(vehicle.platform.board)
         self._finder: Finder | None = None
-        self._attitudes = AttitudeHistory(config.attitude_age_max_s)
-        self._seen_ns = -NS_PER_S
+        self._attitudes = AttitudeHistory(ATTITUDE_AGE_MAX_S)
+        self._found_ns = -NS_PER_S
         self._picture_ns = -NS_PER_S
         self._health = ""
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
-        """Look at the newest picture, if there is a new one."""
+        """Publish the estimate from the newest picture, if there is a new one."""
         for odometry in inbox.new(topics.ODOMETRY):
             self._attitudes.add(odometry)
         frames, corners = inbox.new(topics.CAMERA), inbox.new(topics.TAG_CORNERS)
@@ -58,10 +60,10 @@ class TagDetector:
         elif corners:
             newest = corners[-1]
             yield from self._estimate(t_ns, newest, newest.tags, inbox)
-        yield from self._tell(t_ns, inbox)
+        yield from self._publish_health(t_ns, inbox)
 
     def _find(self, frame: CameraFrame) -> tuple[CornersOfTag, ...]:
-        """The first picture loads the libraries that pictures need."""
+        """Tags in a picture; the first picture loads the libraries, which flights with projected tags don't need."""
         from jezero.services.estimator.tag_detector.finder import Finder
 
         if self._finder is None:
@@ -80,15 +82,15 @@ class TagDetector:
         solution = locate(tags, self._corners_m, view, self._config)
         if solution is None:
             return
-        self._seen_ns = t_ns
+        self._found_ns = t_ns
         yield Publish(topics.ESTIMATE_TAG, _message(exposed.t_ns, solution, view, self._config))
 
-    def _tell(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+    def _publish_health(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
         if t_ns - self._picture_ns > SILENT_S * NS_PER_S:
             text = "no pictures: is the camera running?"
         elif inbox.latest(topics.CAMERA_INFO) is None:
             text = "no camera/info: the pictures can't be measured"
-        elif t_ns - self._seen_ns > SILENT_S * NS_PER_S:
+        elif t_ns - self._found_ns > SILENT_S * NS_PER_S:
             text = "pictures, but no landing tag in view"
         else:
             text = "sees the landing board"

@@ -13,19 +13,19 @@ Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 class ProjectionConfig(Config, frozen=True, kw_only=True):
     """Errors of the corners that a detector finds, measured on rendered pictures by `benchmarks.quality.camera_errors`.
 
-    A tag's size is the root of its area in pixels; blur is how far its middle moves during the exposure. What is
-    called `_per_blur2` is added once for each square pixel of blur.
+    A tag's size is the square root of its area in pixels; blur is the distance by which its middle moves during the
+    exposure. A value `_per_blur2` is multiplied by the square of the blur and added.
 
     Attributes:
-        size_half_px: at which half of the tags are found, standing still.
-        size_width_px: how many pixels larger or smaller takes the odds to e : 1.
+        size_half_px: size at which half of the tags are found, without blur.
+        size_width_px: increase of the size that raises the odds of a detection by the factor e.
         size_per_blur: pixels by which each pixel of blur raises `size_half_px`.
-        share_in_shadow: of the tags that are found where the vehicle's shadow falls.
-        radius_shadow_m: of that shadow.
-        std_corner_px: of each corner coordinate by itself.
-        std_shift_px: of an error that all corners of a tag share.
-        std_size_px: of an error of the tag's size.
-        shrinks_per_blur2: pixels by which the tag seems smaller.
+        share_in_shadow: share of the tags in the vehicle's shadow that are found.
+        radius_shadow_m: radius of that shadow.
+        std_corner_px: standard deviation of the independent error of each corner coordinate.
+        std_shift_px: standard deviation of an error that all corners of a tag share.
+        std_size_px: standard deviation of the error of the tag's size.
+        shrinks_per_blur2: pixels by which blur makes the tag smaller.
     """
 
     size_half_px: Positive = 18.0

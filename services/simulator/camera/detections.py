@@ -40,7 +40,7 @@ def tags_in_picture(board: BoardGeometry, view: View, info: CameraInfo) -> tuple
     """Corners of all tags of the board, and which tags are in the picture with their whole margin.
 
     Returns:
-        (N, 4, 2) pixels and (N,) truth values; seen from below, a tag is not in the picture.
+        (N, 4, 2) pixels and (N,) truth values; from below the platform no tag is in the picture.
     """
     relative = on_rover(view)
     corners_px, margins_px = project(board.outlines_m, relative, info)
@@ -61,7 +61,7 @@ def detect(
     """Tags as found, with the detector's errors.
 
     Args:
-        views: at the exposure's begin, middle and end.
+        views: views at the exposure's start, middle and end.
     """
     corners_px, inside = tags_in_picture(board, views[1], info)
     if not inside.any():

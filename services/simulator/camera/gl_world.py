@@ -23,22 +23,22 @@ SHADERS = Path(__file__).with_name("shaders")
 SHADOW_TEXELS = 1024
 SHADOW_DEPTH_M = 25.0
 SHADOW_BIAS_TEXELS = 2.0
-"""A surface shall not lie in the shadow of its own neighbourhood."""
+"""Keeps a surface out of the shadow of its own neighbourhood."""
 HAZE_PER_M = 1.0 / 900.0
 FINE_AGAIN = 4.7
-"""The fine texture repeats once more at so much smaller a scale."""
+"""The fine texture is repeated at a scale smaller by this factor, so that no period is visible."""
 COARSE_UNIT, FINE_UNIT, BOARD_UNIT, SHADOW_UNIT = range(4)
 
 
 class Body(NamedTuple):
-    """One mesh, as it is seen and as it throws its shadow."""
+    """One mesh, for the picture and for its shadow."""
 
     seen: moderngl.VertexArray
     dark: moderngl.VertexArray
 
 
 class Placed(NamedTuple):
-    """Where rover and vehicle are: None leaves them out."""
+    """Poses of rover and vehicle; None leaves one of them out."""
 
     ned_from_rover: Array | None
     ned_from_uav: Array | None
@@ -136,10 +136,10 @@ class GlWorld:
             lit["shadow_bias"] = bias_m / (2.0 * depth_m)
 
     def draw(self, clip_from_ned: Array, eye_ned_m: Vec3, pieces: list[int], placed: Placed, haze_per_m: float) -> None:
-        """Draw all but the sky, what is nearest first. The vehicle itself is not drawn: its camera never sees it.
+        """Draw all but the sky, the nearest first. The vehicle is not drawn, as it is never in its camera's picture.
 
         Args:
-            pieces: of the ground.
+            pieces: indices of the ground's pieces to draw.
         """
         for program in self._lit:
             put(program["clip_from_ned"], clip_from_ned)
@@ -161,7 +161,7 @@ class GlWorld:
 
 
 def put(uniform: Any, matrix: Array) -> None:
-    """Set a matrix; OpenGL keeps its columns one after the other."""
+    """Set a matrix, in OpenGL's order of columns."""
     uniform.write(np.ascontiguousarray(matrix.T, dtype=np.float32).tobytes())
 
 

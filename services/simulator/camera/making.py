@@ -1,4 +1,4 @@
-"""The camera with the renderer that its settings ask for."""
+"""The camera with the renderer of its settings."""
 
 import msgspec
 
@@ -23,7 +23,7 @@ def make_camera(config: CameraConfig, simulator: SimulatorConfig, vehicle: Vehic
 
 
 def make_renderer(config: CameraConfig, simulator: SimulatorConfig, vehicle: VehicleConfig, seed: int) -> Renderer:
-    """The renderer that the settings ask for; each one's libraries are imported only where it is used.
+    """The renderer of the settings; the libraries of each renderer are imported only when it is used.
 
     Raises:
         NoEglError: `renderer` is "egl", and there is none.

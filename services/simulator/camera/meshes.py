@@ -1,4 +1,4 @@
-"""Shapes that can be seen: rocks, rover, vehicle. Triangles with a normal and a colour at each corner.
+"""Visible shapes: rocks, rover, vehicle. Triangles with a normal and a colour at each corner.
 
 Rover and vehicle are of about the size of the bodies that the physics collides with, and finer.
 """

@@ -1,4 +1,4 @@
-"""The camera: takes a picture of each scene that the simulator describes, or projects the tags in it."""
+"""The camera: renders a picture of each scene that the simulator publishes, or projects the tags in it."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -28,15 +28,15 @@ SPEC = Spec(
 
 
 class NoEglError(RuntimeError):
-    """There is no OpenGL on EGL; the text says what is missing."""
+    """There is no OpenGL on EGL; the message names the missing part."""
 
 
 class Renderer(Protocol):
     """Makes pictures of the simulated world.
 
     Attributes:
-        description: what it is, for people.
-        rate_max_hz: pictures per second that it can be asked for.
+        description: name of the renderer, for people.
+        rate_max_hz: greatest number of pictures per second.
     """
 
     @property
@@ -48,19 +48,19 @@ class Renderer(Protocol):
         """Rows from the top, three bytes red, green, blue each.
 
         Args:
-            views: at the exposure's begin, middle and end.
+            views: views at the exposure's start, middle and end.
         """
 
 
 class Camera:
-    """One picture, or one list of tags, per exposure, as late as a real camera's.
+    """Publishes one picture, or one list of tags, per exposure, with the delay of a real camera.
 
     Args:
         renderer: None in mode "projected".
-        seed: of the noise.
+        seed: seed of the noise.
 
     Attributes:
-        description: how it sees, for people.
+        description: name of the renderer, for people.
     """
 
     spec = SPEC
@@ -77,13 +77,13 @@ class Camera:
         self._sequence = 0
         self._next_exposure_ns = 0
         self._next_info_ns = 0
-        self._said = False
+        self._described = False
         self.description = "projecting the tags" if renderer is None else renderer.description
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
-        """Take the picture of a new scene; publish what has become due."""
-        if not self._said:
-            self._said = True
+        """Expose a new scene; publish the pictures whose delay is over."""
+        if not self._described:
+            self._described = True
             yield Health("ok", self.description)
         self._gimbal.update(t_ns, inbox.new(topics.CAMERA_PITCH))
         scenes = inbox.new(topics.SCENE)

@@ -231,7 +231,7 @@ class Feeder:
         return [Publish(topic, message) for _, topic, message in due]
 
 
-def test_the_service_tells_the_place_at_exposure_from_the_attitude_of_that_time() -> None:
+def test_the_estimate_is_that_of_the_exposure_with_the_attitude_of_that_time() -> None:
     then, later = quat_from_euler(0.1, 0.0, 0.2), quat_from_euler(-0.2, 0.0, 0.2)
     pos_ned_m = (0.2, -0.1, -3.0)
     info = CameraInfo(
@@ -245,13 +245,13 @@ def test_the_service_tells_the_place_at_exposure_from_the_attitude_of_that_time(
     )
     corners = TagCorners(t_ns=NS_PER_S, pitch_camera_rad=DOWN_RAD, tags=tuple(seen([BIG_ID, 1], pos_ned_m, then, 0.3)))
     bus = MemoryBus(delay=NO_DELAY)
-    told: list[TagEstimate] = []
+    estimates: list[TagEstimate] = []
 
     def observe(t_ns: int, topic: str, data: bytes) -> None:
         if topic == topics.ESTIMATE_TAG.name:
             from jezero.runtime.codec import decode
 
-            told.append(decode(TagEstimate, data))
+            estimates.append(decode(TagEstimate, data))
 
     bus.observe(observe)
     bus.add(TagDetector(CONFIG, VehicleConfig()))
@@ -266,7 +266,7 @@ def test_the_service_tells_the_place_at_exposure_from_the_attitude_of_that_time(
         )
     )
     bus.run_for(2.0)
-    assert [message.t_ns for message in told] == [NS_PER_S]
-    assert told[0].pos_uav_rel_rover_ned_m == pytest.approx(pos_ned_m, abs=1e-5)
-    assert told[0].yaw_rover_rad == pytest.approx(0.3, abs=1e-5)
-    assert told[0].tag_ids == (BIG_ID, 1)
+    assert [message.t_ns for message in estimates] == [NS_PER_S]
+    assert estimates[0].pos_uav_rel_rover_ned_m == pytest.approx(pos_ned_m, abs=1e-5)
+    assert estimates[0].yaw_rover_rad == pytest.approx(0.3, abs=1e-5)
+    assert estimates[0].tag_ids == (BIG_ID, 1)
