@@ -22,6 +22,7 @@ from jezero.services.autopilot.service import Autopilot
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.service import Simulator
 from jezero.trials.stack import SYSTEM_ID, boot_id
+from jezero.vehicle_config import VehicleConfig
 
 WIND_MPS = 3.0
 GUST_MPS = 0.6
@@ -127,7 +128,7 @@ def fly(
     bus.observe(lambda _t, topic, data: truth.append(decoder.decode(data)) if topic == topics.TRUTH.name else None)
     bus.wire(("simulator", "hil"), ("autopilot", "hil"))
     bus.wire(("autopilot", "offboard"), ("pilot", "autopilot"), UDP_DELAY)
-    simulator = Simulator(config, seed, boot_id(seed, "simulator"))
+    simulator = Simulator(config, load_config(VehicleConfig, "vehicle"), seed, boot_id(seed, "simulator"))
     bus.add(simulator)
     bus.add(service)
     bus.add(pilot)

@@ -17,17 +17,24 @@ from scipy.optimize import minimize
 
 from jezero.frames import quat_from_euler
 from jezero.runtime.config import load_config
-from jezero.schemas.landing_board import LANDING_BOARD
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.state import Scene
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.finder import Finder
 from jezero.services.simulator.camera.config import CameraConfig, ProjectionConfig
-from jezero.services.simulator.camera.detections import blurs, in_shadow, probability_found, sizes, tags_in_picture
+from jezero.services.simulator.camera.detections import (
+    BoardGeometry,
+    blurs,
+    in_shadow,
+    probability_found,
+    sizes,
+    tags_in_picture,
+)
 from jezero.services.simulator.camera.making import make_renderer
 from jezero.services.simulator.camera.service import Renderer
 from jezero.services.simulator.camera.view import Array, view_of
 from jezero.services.simulator.config import SimulatorConfig
+from jezero.vehicle_config import VehicleConfig
 
 SIZES_PX = (0, 12, 16, 20, 24, 28, 32, 40, 60, 100, 200, 1000)
 BLURS_PX = (0.0, 0.3, 1.0, 2.0, 3.0, 5.0, 8.0, 20.0)
@@ -97,34 +104,37 @@ def random_scene(rng: np.random.Generator) -> Scene:
     )
 
 
-def look(number: int, scene: Scene, config: CameraConfig, renderer: Renderer, finder: Finder) -> Iterator[Seen]:
+def look(
+    number: int, scene: Scene, config: CameraConfig, vehicle: VehicleConfig, renderer: Renderer, finder: Finder
+) -> Iterator[Seen]:
     """Render one scene and compare."""
-    info = config.info(0)
+    camera, board = vehicle.camera, BoardGeometry(vehicle.platform.board)
+    info = camera.info(0)
     half_s = 0.5 * config.exposure_s
     begin, middle, end = (
-        view_of(scene, config.pos_camera_frd_m, (config.pitch_rest_rad, 0.0), ahead_s=ahead_s)
+        view_of(scene, camera.pos_camera_frd_m, (camera.pitch_rest_rad, 0.0), ahead_s=ahead_s)
         for ahead_s in (-half_s, 0, half_s)
     )
     frame = CameraFrame(
         t_ns=0,
         sequence=0,
-        width_px=config.width_px,
-        height_px=config.height_px,
-        pitch_camera_rad=config.pitch_rest_rad,
+        width_px=camera.width_px,
+        height_px=camera.height_px,
+        pitch_camera_rad=camera.pitch_rest_rad,
         exposure_s=config.exposure_s,
         pixels=renderer.picture(scene, (begin, middle, end)),
     )
     found = {tag.tag_id: np.array(tag.corners_px) for tag in finder.find(frame)}
-    corners_px, inside = tags_in_picture(middle, info)
+    corners_px, inside = tags_in_picture(board, middle, info)
     tags = np.flatnonzero(inside)
     numbers = zip(
         sizes(corners_px[tags]).tolist(),
-        blurs(tags, (begin, middle, end), info).tolist(),
-        in_shadow(tags, middle, config.projection.radius_shadow_m).tolist(),
+        blurs(board, tags, (begin, middle, end), info).tolist(),
+        in_shadow(board, tags, middle, config.projection.radius_shadow_m).tolist(),
         strict=True,
     )
     for index, (size_px, blur_px, dark) in zip(tags.tolist(), numbers, strict=True):
-        tag_id = LANDING_BOARD[index].tag_id
+        tag_id = board.tag_ids[index]
         yield Seen(number, size_px, blur_px, dark, corners_px[index], found.get(tag_id))
 
 
@@ -233,11 +243,14 @@ def main() -> int:
     parser.add_argument("--renderer", choices=("auto", "egl", "tiny"), default="auto")
     arguments = parser.parse_args()
     config = msgspec.structs.replace(load_config(CameraConfig, "camera"), renderer=arguments.renderer)
-    renderer = make_renderer(config, load_config(SimulatorConfig, "simulator"), arguments.seed)
+    vehicle = load_config(VehicleConfig, "vehicle")
+    renderer = make_renderer(config, load_config(SimulatorConfig, "simulator"), vehicle, arguments.seed)
     finder = Finder(load_config(TagDetectorConfig, "tag_detector"))
     rng = np.random.default_rng(arguments.seed)
     seen = [
-        tag for number in range(arguments.pictures) for tag in look(number, random_scene(rng), config, renderer, finder)
+        tag
+        for number in range(arguments.pictures)
+        for tag in look(number, random_scene(rng), config, vehicle, renderer, finder)
     ]
     print(f"{arguments.pictures} pictures, {len(seen)} tags in them; {renderer.description}")
     print_tables(seen)

@@ -19,6 +19,7 @@ from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.service import Camera
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.trials.stack import boot_id, service_makers, wired_bus
+from jezero.vehicle_config import VehicleConfig
 
 NOT_NEEDED = ("tag_detector", "go_to", "land_on_spot")
 WATCHED: dict[str, Any] = {
@@ -44,7 +45,8 @@ class Covering:
         camera = msgspec.structs.replace(load_config(CameraConfig, "camera"), mode="rendered")
         makers = service_makers(seed, simulator=simulator, camera=camera)
         if not rendered:
-            makers["camera"] = lambda boot: Camera(camera, Black(camera), seed)
+            vehicle = load_config(VehicleConfig, "vehicle")
+            makers["camera"] = lambda boot: Camera(camera, vehicle, Black(vehicle.camera), seed)
         self.bus = wired_bus(seed)
         for name, make in makers.items():
             if name not in NOT_NEEDED:

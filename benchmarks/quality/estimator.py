@@ -26,6 +26,7 @@ from jezero.schemas.estimate import Relative
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.config import EstimatorConfig
 from jezero.services.estimator.service import Estimator
+from jezero.vehicle_config import VehicleConfig
 
 COST_RUNS = 5
 SETTLED_S = 3.0
@@ -86,7 +87,7 @@ def replay(
     """
     shipped = load_config(EstimatorConfig, "estimator")
     tuning = msgspec.structs.replace(shipped.tuning, use_uwb=use_uwb, use_tag=use_tag)
-    estimator = Estimator(msgspec.structs.replace(shipped, tuning=tuning))
+    estimator = Estimator(msgspec.structs.replace(shipped, tuning=tuning), load_config(VehicleConfig, "vehicle"))
     inbox = Mailbox(())
     for t_ns, topic, message in flight.arrivals():
         inbox.add_message(topic.name, message)

@@ -37,6 +37,7 @@ from jezero.services.simulator.body import BodyState, RoverState
 from jezero.services.simulator.config import SimulatorConfig, UwbConfig
 from jezero.services.simulator.noise import Wander, generator, normals_of
 from jezero.services.simulator.sensors import Altimeter, RoverOdometry, Uwb
+from jezero.vehicle_config import VehicleConfig
 
 TICK_NS = 4_000_000
 GRAVITY_MPS2 = 9.81
@@ -207,16 +208,16 @@ class EstimatorFlight:
             )
 
     def _sensors(self) -> Iterator[Arrival]:
-        shipped = SimulatorConfig()
+        shipped, vehicle = SimulatorConfig(), VehicleConfig()
         c = self.conditions
         settings = UwbConfig(std_m=c.uwb_std_m, share_blocked=c.uwb_blocked)
-        uwb = Uwb(settings, shipped.rover.pos_anchors_rover_body_m, self._seed)
+        uwb = Uwb(settings, vehicle.uwb, self._seed)
         for t_ns in self._times(settings.rate_hz, 12_000_000):
             body, state = self._body(t_ns)
             yield t_ns + int(settings.delay_s * NS_PER_S), topics.UWB, uwb.measure(t_ns, body, state.rover)
-        altimeter = Altimeter(shipped.altimeter, self._seed)
+        altimeter = Altimeter(shipped.altimeter, vehicle.altimeter, self._seed)
         for t_ns in self._times(shipped.altimeter.rate_hz, TICK_NS):
-            reading = altimeter.measure(t_ns, self._beam_m(t_ns, shipped.altimeter.mount_frd_m))
+            reading = altimeter.measure(t_ns, self._beam_m(t_ns, vehicle.altimeter.pos_altimeter_frd_m))
             yield t_ns + int(shipped.altimeter.delay_s * NS_PER_S), topics.ALTIMETER, reading
         odometry = RoverOdometry(shipped.rover_odometry, self._seed)
         for t_ns in self._times(shipped.rover_odometry.rate_hz, 16_000_000):

@@ -41,6 +41,7 @@ from jezero.services.simulator.camera.view import View
 from jezero.services.simulator.config import SimulatorConfig, WindConfig
 from jezero.trials.rover_driver import RoverDriver
 from jezero.trials.stack import boot_id, service_makers, wired_bus
+from jezero.vehicle_config import CameraMountConfig, VehicleConfig
 
 Array = NDArray[np.float64]
 WIND = WindConfig(mean_mps=3.0, from_deg=250.0, std_gust_mps=0.6)
@@ -61,8 +62,8 @@ class Black:
     description = "black"
     rate_max_hz = 60.0
 
-    def __init__(self, config: CameraConfig) -> None:
-        self._pixels = bytes(3 * config.width_px * config.height_px)
+    def __init__(self, camera: CameraMountConfig) -> None:
+        self._pixels = bytes(3 * camera.width_px * camera.height_px)
 
     def picture(self, scene: Scene, views: tuple[View, View, View]) -> bytes:
         """See `Renderer`."""
@@ -78,9 +79,9 @@ class Orbiting:
 
     def __init__(self, seed: int, *, rover_mps: float | None = None, wind: WindConfig = WIND) -> None:
         simulator = msgspec.structs.replace(load_config(SimulatorConfig, "simulator"), wind=wind)
-        config = load_config(CameraConfig, "camera")
+        config, vehicle = load_config(CameraConfig, "camera"), load_config(VehicleConfig, "vehicle")
         makers: dict[str, Callable[[int], Service]] = service_makers(seed, simulator=simulator)
-        makers["camera"] = lambda boot: Camera(config, Black(config), seed)
+        makers["camera"] = lambda boot: Camera(config, vehicle, Black(vehicle.camera), seed)
         self.bus: MemoryBus = wired_bus(seed)
         for name, make in makers.items():
             if name not in NO_TAGS:

@@ -25,11 +25,12 @@ from jezero.runtime.config import load_config
 from jezero.schemas.state import Clock, Scene
 from jezero.schemas.topics import CAMERA, CLOCK, key
 from jezero.services.simulator.camera.config import CameraConfig
-from jezero.services.simulator.camera.detections import detect
+from jezero.services.simulator.camera.detections import BoardGeometry, detect
 from jezero.services.simulator.camera.making import make_renderer
 from jezero.services.simulator.camera.service import NoEglError
 from jezero.services.simulator.camera.view import view_of
 from jezero.services.simulator.config import SimulatorConfig
+from jezero.vehicle_config import VehicleConfig
 from jezero.zenoh_client import client_config
 
 PICTURES = 20
@@ -84,19 +85,22 @@ def time_of(make: Callable[[], object]) -> Cost:
 def costs(kind: str) -> dict[str, Cost]:
     """Of each view, by one renderer, or "projected"."""
     config = msgspec.structs.replace(load_config(CameraConfig, "camera"), renderer="egl" if kind == "egl" else "tiny")
-    renderer = None if kind == "projected" else make_renderer(config, load_config(SimulatorConfig, "simulator"), 0)
+    vehicle = load_config(VehicleConfig, "vehicle")
+    board = BoardGeometry(vehicle.platform.board)
+    place = load_config(SimulatorConfig, "simulator")
+    renderer = None if kind == "projected" else make_renderer(config, place, vehicle, 0)
     rng = np.random.default_rng(0)
     found = {}
     for name, above_m, pitch_rad, speed_mps in VIEWS:
         scene = scene_of(above_m, speed_mps)
 
         def make(scene: Scene = scene, pitch_rad: float = pitch_rad) -> object:
-            half_s, mount = 0.5 * config.exposure_s, config.pos_camera_frd_m
+            half_s, mount = 0.5 * config.exposure_s, vehicle.camera.pos_camera_frd_m
             begin, middle, end = (
                 view_of(scene, mount, (pitch_rad, 0.0), ahead_s=ahead_s) for ahead_s in (-half_s, 0.0, half_s)
             )
             if renderer is None:
-                return detect((begin, middle, end), config.info(0), config.projection, rng)
+                return detect(board, (begin, middle, end), vehicle.camera.info(0), config.projection, rng)
             return renderer.picture(scene, (begin, middle, end))
 
         found[name] = time_of(make)

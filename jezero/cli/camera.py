@@ -48,11 +48,13 @@ def orthophoto(file: Path, middle: tuple[float, float], side_m: float, resolutio
     from jezero.services.simulator.camera.orthophoto import make_orthophoto
     from jezero.services.simulator.camera.service import NoEglError
     from jezero.services.simulator.config import SimulatorConfig
+    from jezero.vehicle_config import VehicleConfig
 
     if side_m / resolution > 20_000:
         raise click.UsageError(f"{side_m:g} m at {resolution:g} m per pixel are more than 20,000 pixels across")
     try:
-        picture = make_orthophoto(load_config(SimulatorConfig, "simulator"), middle, side_m, resolution)
+        place, vehicle = load_config(SimulatorConfig, "simulator"), load_config(VehicleConfig, "vehicle")
+        picture = make_orthophoto(place, vehicle, middle, side_m, resolution)
     except NoEglError as error:
         raise click.ClickException(f"{error}: install libegl1, libgl1 and libgl1-mesa-dri") from None
     height_px, width_px, _ = picture.shape

@@ -15,7 +15,7 @@ from jezero.schemas.images import LISTING, Image
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 LASER_BELOW_CAMERA_M = 0.02
-"""As both are mounted: see `mount_frd_m` in simulator.toml and `pos_camera_frd_m` in camera.toml."""
+"""As both are mounted: see `pos_altimeter_frd_m` and `pos_camera_frd_m` in vehicle.toml."""
 
 
 class SurveyError(ValueError):

@@ -16,8 +16,8 @@ from jezero.schemas.actions import LandFeedback
 from jezero.schemas.sensors import RoverOdometry, Uwb
 from jezero.schemas.state import Odometry, StatusCode
 from jezero.schemas.units import NS_PER_S
-from jezero.services.estimator.config import EstimatorConfig, Vehicle
 from jezero.services.estimator.trilateration import trilaterate
+from jezero.vehicle_config import VehicleConfig
 
 Array = npt.NDArray[np.float64]
 VARIANCES = (0, 6, 11)
@@ -124,8 +124,8 @@ def _landing(by_topic: dict[str, list[Any]], begun_ns: int, ended_ns: int) -> La
     truth = within(topics.TRUTH)
     offsets_m = [subtract(m.pos_uav_ned_m, m.pos_rover_ned_m) for m in truth]
     path_m = [rotate_yaw(offset_m, -m.yaw_rover_rad) for offset_m, m in zip(offsets_m, truth, strict=True)]
-    vehicle = load_config(EstimatorConfig, "estimator").vehicle
-    standing_m = (0.0, 0.0, vehicle.height_stand_m)
+    vehicle = load_config(VehicleConfig, "vehicle")
+    standing_m = (0.0, 0.0, vehicle.airframe.height_stand_m)
     uwb = list(_uwb_positions(within(topics.UWB), within(topics.ROVER_ODOMETRY), odometry, vehicle))
     at_disarm = None
     if disarmed_ns is not None and truth:
@@ -166,7 +166,7 @@ def _phases(feedback: Sequence[Any], begun_ns: int, ended_ns: int) -> tuple[tupl
 
 
 def _uwb_positions(
-    rounds: Sequence[Uwb], rover: Sequence[RoverOdometry], odometry: Sequence[Odometry], vehicle: Vehicle
+    rounds: Sequence[Uwb], rover: Sequence[RoverOdometry], odometry: Sequence[Odometry], vehicle: VehicleConfig
 ) -> Iterator[tuple[Uwb, Vec3]]:
     """Each round of ranges with the relative position that it gives by itself. Source: thesis eqs. 4.11–4.13.
 
@@ -179,6 +179,6 @@ def _uwb_positions(
             continue
         heading = rover[min(int(np.searchsorted(rover_ns, uwb.t_ns)), len(rover) - 1)].yaw_rover_rad
         told = odometry[min(int(np.searchsorted(odometry_ns, uwb.t_ns)), len(odometry) - 1)]
-        mount_ned_m = quat_rotate(told.q_ned_from_frd, vehicle.mount_uwb_frd_m)
+        mount_ned_m = quat_rotate(told.q_ned_from_frd, vehicle.uwb.pos_tag_frd_m)
         center_ned_m = subtract(rotate_yaw(fix[0], heading), mount_ned_m)
-        yield uwb, add(center_ned_m, (0.0, 0.0, vehicle.height_stand_m))
+        yield uwb, add(center_ned_m, (0.0, 0.0, vehicle.airframe.height_stand_m))

@@ -9,8 +9,8 @@ import numpy as np
 from jezero.report.landings import Array, Landing
 from jezero.report.style import BLUE, GREEN, ORANGE, Format, draw, legend_above
 from jezero.runtime.config import load_config
-from jezero.services.estimator.config import EstimatorConfig
 from jezero.services.simulator.camera.board import board_picture
+from jezero.vehicle_config import VehicleConfig
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -115,8 +115,9 @@ def _scatter(ax: "Axes", kind: Touchdowns, shown_m: float) -> None:
 
 def _board(ax: "Axes", shown_m: float) -> None:
     """The platform with its tags, the rover's nose upwards, and the thesis' 10 cm."""
-    half_m = 0.5 * load_config(EstimatorConfig, "estimator").platform.side_m
-    picture = board_picture(2.0 * half_m)[::4, ::4]
+    platform = load_config(VehicleConfig, "vehicle").platform
+    half_m = 0.5 * platform.side_m
+    picture = board_picture(platform)[::4, ::4]
     ax.imshow(picture, extent=(-half_m, half_m, -half_m, half_m), alpha=0.22, zorder=0)
     _frame(ax, shown_m, ("forward", "right"))
     _circle(ax, 0.1, "black", ":", "10 cm")

@@ -20,9 +20,9 @@ from jezero.schemas.state import Status, StatusCode, Truth
 from jezero.schemas.struct import Payload
 from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.camera.config import CameraConfig
-from jezero.services.simulator.config import SimulatorConfig
 from jezero.trials.landing.judge import offset_m, why_not_on_platform
 from jezero.trials.stack import build_stack
+from jezero.vehicle_config import VehicleConfig
 
 READY_WITHIN_S = 60.0
 GOAL_WITHIN_S = 180.0
@@ -166,7 +166,7 @@ def _fly(
         return f"not landed and disarmed at the end: status {status.name if status else 'unknown'}"
     if recorder.truth is None:
         return "the simulator told no truth"
-    return why_not_on_platform(recorder.truth, 0.5 * load_config(SimulatorConfig, "simulator").rover.platform_side_m)
+    return why_not_on_platform(recorder.truth, 0.5 * load_config(VehicleConfig, "vehicle").platform.side_m)
 
 
 def fly_goal(bus: MemoryBus, action: topics.Action[Any], goal: Payload, within_s: float) -> str:

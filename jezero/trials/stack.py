@@ -21,6 +21,7 @@ from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.service import Simulator
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import VehicleBridge
+from jezero.vehicle_config import VehicleConfig
 
 SYSTEM_ID = 1
 
@@ -38,6 +39,7 @@ def service_makers(
     bridge: VehicleBridgeConfig | None = None,
     camera: CameraConfig | None = None,
     estimator: EstimatorConfig | None = None,
+    vehicle: VehicleConfig | None = None,
     system_id: int = SYSTEM_ID,
 ) -> dict[str, Callable[[int], Service]]:
     """By name, in the order of their start: what makes a service from the id of its run.
@@ -55,13 +57,14 @@ def service_makers(
     bridge = bridge or load_config(VehicleBridgeConfig, "vehicle_bridge")
     camera = camera or msgspec.structs.replace(load_config(CameraConfig, "camera"), mode="projected")
     estimator = estimator or load_config(EstimatorConfig, "estimator")
+    robot = vehicle or load_config(VehicleConfig, "vehicle")
     makers: dict[str, Callable[[int], Service]] = {
-        "simulator": lambda boot: Simulator(simulator, seed=seed, boot_id=boot),
-        "camera": lambda boot: make_camera(camera, simulator, seed),
+        "simulator": lambda boot: Simulator(simulator, robot, seed=seed, boot_id=boot),
+        "camera": lambda boot: make_camera(camera, simulator, robot, seed),
         "autopilot": lambda boot: Autopilot(autopilot, system_id=system_id, boot_id=boot),
         "vehicle_bridge": lambda boot: VehicleBridge(bridge, system_id=system_id, boot_id=boot),
-        "tag_detector": lambda boot: TagDetector(load_config(TagDetectorConfig, "tag_detector")),
-        "estimator": lambda boot: Estimator(estimator),
+        "tag_detector": lambda boot: TagDetector(load_config(TagDetectorConfig, "tag_detector"), robot),
+        "estimator": lambda boot: Estimator(estimator, robot),
     }
 
     def action_maker(name: str) -> Callable[[int], Service]:
@@ -86,6 +89,7 @@ def build_stack(
     bridge: VehicleBridgeConfig | None = None,
     camera: CameraConfig | None = None,
     estimator: EstimatorConfig | None = None,
+    vehicle: VehicleConfig | None = None,
     wrap_simulator: Callable[[Service], Service] = lambda service: service,
     without: Collection[str] = (),
 ) -> MemoryBus:
@@ -93,7 +97,7 @@ def build_stack(
 
     Args:
         seed: of the world, the noise, the wind and the links' delays.
-        simulator, autopilot, bridge, camera, estimator: settings other than those of the configuration files.
+        simulator, autopilot, bridge, camera, estimator, vehicle: settings other than those of the configuration files.
         wrap_simulator: puts something in front of the simulator, such as a fault of a sensor.
         without: names of services to leave out.
 
@@ -102,7 +106,13 @@ def build_stack(
     """
     bus = wired_bus(seed)
     makers = service_makers(
-        seed, simulator=simulator, autopilot=autopilot, bridge=bridge, camera=camera, estimator=estimator
+        seed,
+        simulator=simulator,
+        autopilot=autopilot,
+        bridge=bridge,
+        camera=camera,
+        estimator=estimator,
+        vehicle=vehicle,
     )
     for name, make in makers.items():
         if name in without:

@@ -9,11 +9,12 @@ from jezero.runtime.service import Service
 from jezero.runtime.zenoh_bus import run_process
 from jezero.services.estimator.config import EstimatorConfig
 from jezero.services.estimator.service import Estimator
+from jezero.vehicle_config import VehicleConfig
 
 
 def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
     """The estimator; it has no link but the bus."""
-    return Estimator(load_config(EstimatorConfig, "estimator")), {}
+    return Estimator(load_config(EstimatorConfig, "estimator"), load_config(VehicleConfig, "vehicle")), {}
 
 
 if __name__ == "__main__":

@@ -7,9 +7,6 @@ from msgspec import Meta
 from jezero.runtime.config import Config
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
-NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
-Small = Annotated[float, Meta(ge=-10.0, le=10.0)]
-Mount = tuple[Small, Small, Small]
 
 
 class Tuning(Config, frozen=True, kw_only=True):
@@ -54,24 +51,6 @@ class Tuning(Config, frozen=True, kw_only=True):
     rate_relative_hz: Annotated[float, Meta(ge=1.0, le=50.0)] = 50.0
 
 
-class Vehicle(Config, frozen=True, kw_only=True):
-    """Where things are mounted, in body FRD from the centre of mass.
-
-    Attributes:
-        height_stand_m: of the centre of mass over what the vehicle stands on.
-    """
-
-    mount_uwb_frd_m: Mount = (0.0, 0.0, 0.05)
-    mount_altimeter_frd_m: Mount = (0.0, 0.0, 0.05)
-    height_stand_m: NonNegative = 0.148
-
-
-class Platform(Config, frozen=True, kw_only=True):
-    """The rover's landing platform, level and square."""
-
-    side_m: Positive = 1.0
-
-
 class ValidityConfig(Config, frozen=True, kw_only=True):
     """Limits on the age, innovation and covariance beyond which a measurement or the estimate is rejected.
 
@@ -96,7 +75,7 @@ class ValidityConfig(Config, frozen=True, kw_only=True):
 
 
 class EstimatorConfig(Config, frozen=True, kw_only=True):
+    """Tables of `estimator.toml`."""
+
     tuning: Tuning = Tuning()
-    vehicle: Vehicle = Vehicle()
-    platform: Platform = Platform()
     validity: ValidityConfig = ValidityConfig()

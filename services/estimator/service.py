@@ -28,6 +28,7 @@ from jezero.services.estimator.range_outliers import RangeOutlierFilter
 from jezero.services.estimator.relative_filter import Estimate, RelativeFilter
 from jezero.services.estimator.rover_plausibility import RoverPlausibilityCheck
 from jezero.services.estimator.selection import InputSelection
+from jezero.vehicle_config import VehicleConfig
 
 UPPER_6 = np.triu_indices(6)
 INPUT_NAMES: dict[Kind, str] = {"rover": "the rover's odometry", "uwb": "UWB", "tag": "the tag"}
@@ -76,8 +77,9 @@ class Estimator:
 
     spec = SPEC
 
-    def __init__(self, config: EstimatorConfig) -> None:
+    def __init__(self, config: EstimatorConfig, vehicle: VehicleConfig) -> None:
         self._config = config
+        self._vehicle = vehicle
         self._selection = InputSelection(config.tuning)
         self._filter = RelativeFilter(config.tuning, config.validity)
         self._attitude = AttitudeHistory(ATTITUDE_AGE_MAX_S)
@@ -229,14 +231,14 @@ class Estimator:
         if q_ned_from_frd is None:
             return None
         x, y, z = quat_rotate(q_ned_from_frd, mount_frd_m)
-        return np.array((x, y, z - self._config.vehicle.height_stand_m))
+        return np.array((x, y, z - self._vehicle.airframe.height_stand_m))
 
     def _altimeter_measurement(self, altimeter: sensors.Altimeter, range_m: float) -> Iterator[Measurement]:
-        lever_m = self._lever(altimeter.t_ns, self._config.vehicle.mount_altimeter_frd_m)
+        lever_m = self._lever(altimeter.t_ns, self._vehicle.altimeter.pos_altimeter_frd_m)
         q_ned_from_frd = self._attitude.at(altimeter.t_ns)
         if lever_m is not None and q_ned_from_frd is not None:
             beam_ned = np.array(quat_rotate(q_ned_from_frd, (0.0, 0.0, 1.0)))
-            half_m = 0.5 * self._config.platform.side_m
+            half_m = 0.5 * self._vehicle.platform.side_m
             std_m = self._selection.tuning.std_altimeter_m
             yield AltimeterMeasurement(altimeter.t_ns, range_m, lever_m, beam_ned, half_m, std_m)
 
@@ -247,7 +249,7 @@ class Estimator:
         if not ranges:
             return
         t_ns = sum(r.t_ns for r in ranges) // len(ranges)
-        lever_m = self._lever(t_ns, self._config.vehicle.mount_uwb_frd_m)
+        lever_m = self._lever(t_ns, self._vehicle.uwb.pos_tag_frd_m)
         if lever_m is not None:
             yield UwbMeasurement(
                 t_ns,
@@ -275,7 +277,7 @@ class Estimator:
         knows_yaw = tag.yaw_rover_rad is not None and bool(tag.std_yaw_rover_rad)
         yield TagMeasurement(
             tag.t_ns,
-            lever_arm_m + np.array((0.0, 0.0, self._config.vehicle.height_stand_m)),
+            lever_arm_m + np.array((0.0, 0.0, self._vehicle.airframe.height_stand_m)),
             lever_arm_m,
             factor * factor * cov_m2,
             yaw_from_quat(q_ned_from_frd),

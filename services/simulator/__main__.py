@@ -10,6 +10,7 @@ from jezero.runtime.service import Service
 from jezero.runtime.zenoh_bus import run_process
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.service import HIL, Simulator
+from jezero.vehicle_config import VehicleConfig
 
 HOST = "127.0.0.1"
 
@@ -20,8 +21,8 @@ def main() -> int:
     seed = parser.parse_args().seed
 
     def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
-        simulator = Simulator(load_config(SimulatorConfig, "simulator"), seed, boot_id)
-        return simulator, {HIL: TcpServer(HOST, instance.hil_port)}
+        config, vehicle = load_config(SimulatorConfig, "simulator"), load_config(VehicleConfig, "vehicle")
+        return Simulator(config, vehicle, seed, boot_id), {HIL: TcpServer(HOST, instance.hil_port)}
 
     return run_process("simulator", build)
 

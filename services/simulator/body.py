@@ -1,4 +1,4 @@
-"""State of the simulated vehicle, as the physics knows it and the sensors see it."""
+"""True states of the simulated vehicle and rover, which the sensors measure."""
 
 from typing import NamedTuple
 
@@ -10,9 +10,11 @@ class BodyState(NamedTuple):
 
     Attributes:
         pos_ned_m: centre of mass in the map.
-        rates_frd_rps: mean over the step.
-        acc_frd_mps2: mean specific force over the step, from the difference of velocities: in contact the sum of
-            forces is not known otherwise.
+        vel_ned_mps: velocity at the end of the step.
+        q_ned_from_frd: attitude at the end of the step.
+        rates_frd_rps: mean angular rates over the step.
+        acc_frd_mps2: mean specific force over the step, from the difference of velocities: the contact forces are not
+            known.
     """
 
     pos_ned_m: Vec3

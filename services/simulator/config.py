@@ -1,7 +1,6 @@
-"""Settings of the simulator; the defaults are those of `deploy/config/simulator.toml`.
+"""Settings of the simulated world and of the errors of its sensors; what the robot is stands in `vehicle.toml`.
 
-Frames: `map` is NED with its origin at the middle of the terrain, at the height the terrain was levelled to there.
-Mounts are relative to the vehicle's centre of mass, in body FRD.
+Frame: `map` is NED with its origin at the middle of the terrain, at the height the terrain was levelled to there.
 """
 
 from typing import Annotated, Literal
@@ -15,14 +14,13 @@ Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 Coordinate = Annotated[float, Meta(ge=-1e4, le=1e4)]
 Angle = Annotated[float, Meta(ge=-6.2832, le=6.2832)]
-Small = Annotated[float, Meta(ge=-10.0, le=10.0)]
-Mount = tuple[Small, Small, Small]
+Gauss = Annotated[float, Meta(ge=-10.0, le=10.0)]
 Rate = Annotated[float, Meta(gt=0.0, le=250.0)]
 Delay = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
 class OriginConfig(Config, frozen=True, kw_only=True):
-    """Where on the globe the map's origin is, and the magnetic field there.
+    """Geodetic position of the map's origin, and the magnetic field there.
 
     The autopilot compares the field with its own model of the place, so both belong together.
     """
@@ -30,7 +28,7 @@ class OriginConfig(Config, frozen=True, kw_only=True):
     latitude_deg: Annotated[float, Meta(ge=-85.0, le=85.0)] = 47.397742
     longitude_deg: Annotated[float, Meta(ge=-180.0, le=180.0)] = 8.545594
     altitude_m: Annotated[float, Meta(ge=-500.0, le=9000.0)] = 488.0
-    field_ned_gauss: Mount = (0.216, 0.012, 0.432)
+    field_ned_gauss: tuple[Gauss, Gauss, Gauss] = (0.216, 0.012, 0.432)
 
     @property
     def origin_deg(self) -> Vec3:
@@ -41,10 +39,15 @@ class TerrainConfig(Config, frozen=True, kw_only=True):
     """Mars-like ground, a square of 127.5 m; beyond it the ground is level.
 
     Attributes:
-        seed: of the shape; everything that needs to know the ground makes the same one from it.
-        std_ground_m: of the fractal part, before the limits on height and slope scale it down.
-        rocks: spheres, half buried, none within 8 m of the origin.
-        friction: times that of the vehicle's feet is the friction coefficient.
+        seed: seed of the shape; simulator and camera make the same ground from it.
+        std_ground_m: standard deviation of the fractal part, before the limits on height and slope scale it down.
+        craters: number of craters.
+        radius_crater_min_m: smallest radius of a crater.
+        radius_crater_max_m: greatest radius of a crater.
+        rocks: number of rocks, half buried, none within 8 m of the origin.
+        radius_rock_min_m: smallest radius of a rock.
+        radius_rock_max_m: greatest radius of a rock.
+        friction: times the friction of the vehicle's feet is the friction coefficient.
     """
 
     seed: Annotated[int, Meta(ge=0)] = 1
@@ -62,8 +65,9 @@ class WindConfig(Config, frozen=True, kw_only=True):
     """Mean wind and Dryden gusts.
 
     Attributes:
-        from_deg: where the mean wind blows from, clockwise from north.
-        std_gust_mps: of each horizontal component.
+        mean_mps: speed of the mean wind.
+        from_deg: direction from which the mean wind blows, clockwise from north.
+        std_gust_mps: standard deviation of each horizontal component of the gusts.
     """
 
     mean_mps: Annotated[float, Meta(ge=0.0, le=30.0)] = 1.5
@@ -72,81 +76,63 @@ class WindConfig(Config, frozen=True, kw_only=True):
 
 
 class UavConfig(Config, frozen=True, kw_only=True):
-    """A quadrotor like the Iris, with the motors of PX4's airframe 10016.
+    """Start of the vehicle, its motors, the drag of its body, and its legs.
 
     Attributes:
         start: "ground": on the map's origin. "platform": on the middle of the rover's platform.
-        inertia_kgm2: principal moments about forward, right, down.
-        pos_rotors_frd_m: (4, 2) forward and right of each motor in the autopilot's order.
-        moment_per_thrust_m: yaw moment of each rotor per newton of its thrust, positive to the right.
-        thrust_to_weight: at full command on all motors; thrust is proportional to the command.
-        tau_motor_s: first-order lag of a rotor's speed.
+        start_yaw_rad: heading at the start.
+        thrust_to_weight: thrust at full command on all motors; thrust is proportional to the command.
+        tau_motor_s: time constant of the first-order lag of a rotor's speed.
         drag_rotors_nspm: drag in the rotors' plane per m/s of airspeed, in hover; grows with the rotors' speed.
-        drag_area_side_m2, drag_area_top_m2: of the body, drag coefficient included.
-        damping_rates_nms: moment per rad/s against turning.
-        height_stand_m: centre of mass above level ground when the feet just touch.
-        feet_frd_m: forward and right of the front right foot; the four feet are symmetric.
-        stiffness_foot_npm, damping_foot_nspm: spring and damper of each leg.
+        drag_area_side_m2: drag area of the body seen from the side, drag coefficient included.
+        drag_area_top_m2: drag area of the body seen from above, drag coefficient included.
+        damping_rates_nms: moment against turning, per rad/s.
+        sag_legs_m: height by which the legs give way under the vehicle's weight.
+        stiffness_foot_npm: spring constant of each leg.
+        damping_foot_nspm: damping constant of each leg.
+        friction_feet: times the friction of the ground or the platform is the friction coefficient.
     """
 
     start: Literal["ground", "platform"] = "ground"
     start_yaw_rad: Angle = 0.0
-    mass_kg: Positive = 1.5
-    inertia_kgm2: tuple[Positive, Positive, Positive] = (0.029, 0.029, 0.055)
-    pos_rotors_frd_m: tuple[tuple[Small, Small], tuple[Small, Small], tuple[Small, Small], tuple[Small, Small]] = (
-        (0.1515, 0.245),
-        (-0.1515, -0.1875),
-        (0.1515, -0.245),
-        (-0.1515, 0.1875),
-    )
-    moment_per_thrust_m: tuple[Small, Small, Small, Small] = (0.05, 0.05, -0.05, -0.05)
     thrust_to_weight: Positive = 2.0
     tau_motor_s: Positive = 0.02
-    radius_rotor_m: Positive = 0.128
     drag_rotors_nspm: NonNegative = 0.45
     drag_area_side_m2: NonNegative = 0.06
     drag_area_top_m2: NonNegative = 0.1
     damping_rates_nms: NonNegative = 0.005
-    height_stand_m: Positive = 0.15
-    feet_frd_m: tuple[Positive, Positive] = (0.13, 0.16)
+    sag_legs_m: NonNegative = 0.002
     stiffness_foot_npm: Positive = 2000.0
     damping_foot_nspm: Positive = 16.0
     friction_feet: NonNegative = 0.9
 
 
 class RoverConfig(Config, frozen=True, kw_only=True):
-    """The rover and its landing platform.
+    """Start and motion of the rover.
 
     Attributes:
-        start_north_m, start_east_m: in the map; the platform's height follows from the ground there.
-        height_platform_m: top of the platform above the ground at its middle.
-        pos_anchors_rover_body_m: (4, 3) UWB anchors, z down from the platform's top.
-        acc_max_mps2, acc_yaw_max_rps2: how fast the wheels change speed and yaw rate.
-        command_timeout_s: the rover stops when no command has come for so long.
+        start_north_m: north of the map's origin; the platform's height follows from the ground there.
+        start_east_m: east of the map's origin.
+        start_yaw_rad: heading at the start.
+        friction_platform: times the friction of the vehicle's feet is the friction coefficient.
+        acc_max_mps2: greatest change of the speed.
+        acc_yaw_max_rps2: greatest change of the yaw rate.
+        command_timeout_s: the rover stops when no command has arrived for this time.
     """
 
     start_north_m: Coordinate = 5.0
     start_east_m: Coordinate = -3.0
     start_yaw_rad: Angle = 0.5
-    platform_side_m: Positive = 1.0
-    height_platform_m: Annotated[float, Meta(ge=0.2, le=5.0)] = 0.5
     friction_platform: NonNegative = 0.9
-    pos_anchors_rover_body_m: tuple[Mount, ...] = (
-        (0.45, 0.45, 0.0),
-        (0.45, -0.45, 0.0),
-        (-0.45, -0.45, 0.0),
-        (-0.45, 0.45, 0.0),
-    )
     acc_max_mps2: Positive = 0.5
     acc_yaw_max_rps2: Positive = 0.5
     command_timeout_s: Positive = 0.5
 
 
 class ImuConfig(Config, frozen=True, kw_only=True):
-    """White noise of each 250 Hz sample, and a bias that is random at the start and wanders with `tau_bias_s`.
+    """White noise of each 250 Hz sample, and a slowly varying bias that is random at the start.
 
-    Attributes:
-        rate_hz, delay_s: on the bus; the autopilot gets all 250 samples a second, at once.
+    The autopilot gets all 250 samples a second without delay; rate and delay are those on the bus.
     """
 
     rate_hz: Rate = 50.0
@@ -161,7 +147,7 @@ class ImuConfig(Config, frozen=True, kw_only=True):
 
 
 class GnssConfig(Config, frozen=True, kw_only=True):
-    """White noise of each fix and a wandering error; the receiver claims both, rounded up."""
+    """White noise of each fix and a slowly varying error; the receiver claims both, rounded up."""
 
     rate_hz: Rate = 10.0
     delay_s: Delay = 0.1
@@ -175,7 +161,12 @@ class GnssConfig(Config, frozen=True, kw_only=True):
 
 
 class BarometerConfig(Config, frozen=True, kw_only=True):
-    """Attributes: rate_hil_hz: to the autopilot; the bus gets a part of the same readings."""
+    """Errors of the barometer.
+
+    Attributes:
+        rate_hz: readings per second on the bus, a part of those that the autopilot gets.
+        rate_hil_hz: readings per second that the autopilot gets.
+    """
 
     rate_hz: Rate = 10.0
     rate_hil_hz: Rate = 50.0
@@ -187,7 +178,13 @@ class BarometerConfig(Config, frozen=True, kw_only=True):
 
 
 class MagnetometerConfig(Config, frozen=True, kw_only=True):
-    """Attributes: rate_hil_hz: as the barometer's; std_bias_gauss: what is left of the hard iron."""
+    """Errors of the magnetometer.
+
+    Attributes:
+        rate_hz: readings per second on the bus, a part of those that the autopilot gets.
+        rate_hil_hz: readings per second that the autopilot gets.
+        std_bias_gauss: rest of the hard-iron error after calibration.
+    """
 
     rate_hz: Rate = 10.0
     rate_hil_hz: Rate = 50.0
@@ -198,25 +195,23 @@ class MagnetometerConfig(Config, frozen=True, kw_only=True):
 
 
 class AltimeterConfig(Config, frozen=True, kw_only=True):
-    """Narrow laser beam along the body's down axis."""
+    """Errors of the laser altimeter."""
 
     rate_hz: Rate = 25.0
     delay_s: Delay = 0.02
     std_m: NonNegative = 0.025
     std_bias_m: NonNegative = 0.005
     tau_bias_s: Positive = 600.0
-    range_min_m: NonNegative = 0.15
-    range_max_m: Positive = 10.0
-    mount_frd_m: Mount = (0.0, 0.0, 0.05)
 
 
 class UwbConfig(Config, frozen=True, kw_only=True):
-    """Ranges from the vehicle's tag to the anchors on the platform; the bias is each anchor's own.
+    """Errors of the UWB ranges; each anchor has a bias of its own.
 
     Attributes:
-        slot_s: between the ranges of two anchors.
-        share_blocked: of the ranges, measured along a detour as there is no line of sight; 0.1 is a tenth of them.
-        detour_min_m, detour_max_m: by how much those are too long.
+        slot_s: time between the ranges of two anchors.
+        share_blocked: share of the ranges that are measured along a detour, as there is no line of sight.
+        detour_min_m: smallest error of a range along a detour.
+        detour_max_m: greatest error of a range along a detour.
     """
 
     rate_hz: Rate = 20.0
@@ -224,20 +219,19 @@ class UwbConfig(Config, frozen=True, kw_only=True):
     std_m: NonNegative = 0.01
     std_bias_m: NonNegative = 0.003
     tau_bias_s: Positive = 600.0
-    range_max_m: Positive = 15.0
     slot_s: Delay = 0.002
     share_blocked: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
     detour_min_m: NonNegative = 0.5
     detour_max_m: NonNegative = 3.0
-    mount_frd_m: Mount = (0.0, 0.0, 0.05)
 
 
 class RoverOdometryConfig(Config, frozen=True, kw_only=True):
     """Wheel odometry, dead reckoned with the compass' yaw.
 
     Attributes:
-        std_scale: of the wheels' radius, relative, drawn once.
-        std_slip: of the wheels' slip, a share of the speed that changes within `tau_slip_s`.
+        std_scale: relative error of the wheels' radius, drawn once.
+        std_slip: slip of the wheels, relative to the speed.
+        tau_slip_s: time constant of the slip.
     """
 
     rate_hz: Rate = 25.0
@@ -253,11 +247,11 @@ class RoverOdometryConfig(Config, frozen=True, kw_only=True):
 
 
 class SimulatorConfig(Config, frozen=True, kw_only=True):
-    """Everything of the simulated world.
+    """Tables of `simulator.toml`.
 
     Attributes:
         gravity_mps2: PX4 assumes 9.81, and an Iris can't fly in the air of Mars; Mars-like is the ground.
-        density_air_kgpm3: at the origin.
+        density_air_kgpm3: density of the air.
     """
 
     gravity_mps2: Positive = 9.81

@@ -1,4 +1,4 @@
-"""How the rover obeys its commands: bounded acceleration, and a stop when nobody commands any more."""
+"""Speed and yaw rate of the rover: bounded acceleration towards its newest command, and a stop without commands."""
 
 from collections.abc import Iterable
 
@@ -8,14 +8,15 @@ from jezero.services.simulator.config import RoverConfig
 
 AGE_MAX_NS = 300_000_000
 LEAD_MAX_NS = 50_000_000
-"""Clocks of two processes agree to this: a command may seem to be so much ahead of its time."""
+"""Clocks of two processes agree to this, so a command may arrive this much before its time stamp."""
 
 
 class Drive:
     """The newest command, and the speed and yaw rate that the wheels have reached.
 
     Attributes:
-        speed_mps, yaw_rate_rps: what they do now.
+        speed_mps: present speed of the wheels.
+        yaw_rate_rps: present yaw rate.
     """
 
     def __init__(self, config: RoverConfig) -> None:
@@ -28,7 +29,7 @@ class Drive:
     def moves(self) -> bool:
         return self.speed_mps != 0.0 or self.yaw_rate_rps != 0.0
 
-    def take(self, t_ns: int, commands: Iterable[RoverCommand]) -> None:
+    def update(self, t_ns: int, commands: Iterable[RoverCommand]) -> None:
         """Commands that arrived; those that are older than 0.3 s, or than the present one, change nothing."""
         for command in commands:
             newer = self._command is None or command.t_ns >= self._command.t_ns
@@ -36,7 +37,7 @@ class Drive:
                 self._command = command
 
     def step(self, t_ns: int, dt_s: float) -> None:
-        """Come nearer to the command by what the acceleration allows in `dt_s`."""
+        """Change speed and yaw rate towards the command, as far as the acceleration allows in `dt_s`."""
         config, command = self._config, self._command
         if command is not None and t_ns - command.t_ns > config.command_timeout_s * NS_PER_S:
             self._command = command = None
@@ -46,5 +47,5 @@ class Drive:
         self.yaw_rate_rps = _nearer(self.yaw_rate_rps, yaw_rate_rps, config.acc_yaw_max_rps2 * dt_s)
 
 
-def _nearer(value: float, wanted: float, step: float) -> float:
-    return wanted if abs(wanted - value) <= step else value + (step if wanted > value else -step)
+def _nearer(value: float, target: float, step: float) -> float:
+    return target if abs(target - value) <= step else value + (step if target > value else -step)

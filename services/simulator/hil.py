@@ -1,6 +1,6 @@
 """PX4's simulator interface: HIL_SENSOR and HIL_GPS out, HIL_ACTUATOR_CONTROLS in.
 
-Source: MAVLink common dialect; PX4 v1.15 `simulator_mavlink`, which takes a group of fields only when all its bits of
+Source: MAVLink common dialect; PX4 v1.15 `simulator_mavlink`, which uses a group of fields only when all its bits of
 `fields_updated` are set.
 """
 
@@ -31,26 +31,26 @@ class HilPort:
     """The simulator's side of one connection to an autopilot.
 
     Attributes:
+        commands_received: number of HIL_ACTUATOR_CONTROLS so far.
         commands: (4,) motor commands in 0..1, in the autopilot's order; zero while it isn't armed.
-        answers: HIL_ACTUATOR_CONTROLS received.
     """
 
     def __init__(self) -> None:
         self._codec = MavlinkCodec(SYSTEM_ID, COMPONENT_ID)
         self.commands: Sequence[float] = MOTORS_OFF
-        self.answers = 0
+        self.commands_received = 0
 
     def receive(self, data: bytes) -> None:
-        """Take in what the autopilot sent; the newest command counts, everything else is ignored."""
+        """Parse bytes from the autopilot; the newest motor command counts, other messages are ignored."""
         for message in self._codec.parse(data):
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS:
                 self.commands = _motor_commands(message)
-                self.answers += 1
+                self.commands_received += 1
 
     def sensor(
         self, t_ns: int, acc_frd_mps2: Vec3, gyro_frd_rps: Vec3, mag: Magnetometer | None, baro: Barometer | None
     ) -> bytes:
-        """HIL_SENSOR: accelerometer and gyroscope always, the others when they are given."""
+        """HIL_SENSOR: accelerometer and gyroscope always, magnetometer and barometer when they are given."""
         updated = UPDATED_IMU
         field = (0.0, 0.0, 0.0)
         pressure_hpa = altitude_m = temperature_degc = 0.0
@@ -68,7 +68,7 @@ class HilPort:
         )
 
     def gps(self, fix: Gnss) -> bytes:
-        """HIL_GPS; its time is when the fix was true, not when it is sent."""
+        """HIL_GPS; its time is that of the measurement, not that of sending."""
         latitude_deg, longitude_deg, altitude_m = fix.position_deg
         north_mps, east_mps, down_mps = fix.vel_uav_ned_mps
         speed_mps = sqrt(north_mps * north_mps + east_mps * east_mps + down_mps * down_mps)
@@ -93,12 +93,12 @@ class HilPort:
 
 
 def _motor_commands(message: MavMessage) -> Sequence[float]:
-    """Clipped to 0..1; what is not finite is no command, and a disarmed autopilot gives none."""
+    """Motor commands, clipped to 0..1; zero for a command that is not finite, and for a disarmed autopilot."""
     if not message.mode & ARMED:
         return MOTORS_OFF
     return tuple(min(value, 1.0) if 0.0 < value < inf else 0.0 for value in message.controls[:4])
 
 
 def _cmps(speed_mps: float) -> int:
-    """Into the 16 bits of HIL_GPS."""
+    """Speed in cm/s, clipped to the 16 bits of HIL_GPS."""
     return max(-32_767, min(32_767, round(speed_mps * 100.0)))

@@ -1,4 +1,4 @@
-"""Seeded random numbers, one stream per name, and the error that wanders slowly."""
+"""Seeded random numbers, one stream per name, and a slowly varying error."""
 
 import zlib
 from collections.abc import Callable, Iterator
@@ -19,7 +19,7 @@ Normals = Callable[[], float]
 
 
 def normals_of(rng: np.random.Generator) -> Normals:
-    """Drawn in blocks, which is ten times faster than singly."""
+    """Standard normal numbers, drawn in blocks, which is ten times faster than one by one."""
     return _stream(rng).__next__
 
 
@@ -29,7 +29,7 @@ def _stream(rng: np.random.Generator) -> Iterator[float]:
 
 
 class Wander:
-    """First-order Gauss–Markov process: a random constant at the start that is forgotten over `tau_s`.
+    """First-order Gauss–Markov process: a random constant at the start, with the time constant `tau_s`.
 
     Discretised exactly, so that its standard deviation is `std` at every instant and any `dt_s`.
     """

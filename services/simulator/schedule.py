@@ -1,4 +1,4 @@
-"""When a sensor samples, and when its readings arrive."""
+"""Times at which a sensor samples and at which its readings arrive."""
 
 from collections import deque
 from typing import Generic, TypeVar
@@ -15,7 +15,9 @@ class Schedule(Generic[T]):
     no multiple of the step.
 
     Args:
-        phase_s: of the first sample after time 0, so that not all sensors sample in one step.
+        rate_hz: samples per second.
+        delay_s: time from a sample until its reading arrives.
+        phase_s: time of the first sample, so that not all sensors sample in one step.
     """
 
     def __init__(self, rate_hz: float, delay_s: float = 0.0, phase_s: float = 0.0) -> None:
@@ -25,14 +27,14 @@ class Schedule(Generic[T]):
         self._queue: deque[tuple[int, T]] = deque()
 
     def due(self, t_ns: int) -> bool:
-        """Whether to sample in this step; asked once per step."""
+        """Whether to sample in this step; to be called once per step."""
         if t_ns < self._next_ns:
             return False
         self._next_ns += self._period_ns * ((t_ns - self._next_ns) // self._period_ns + 1)
         return True
 
     def put(self, t_ns: int, reading: T) -> None:
-        """A reading taken at `t_ns`."""
+        """Add a reading of time `t_ns`."""
         self._queue.append((t_ns + self._delay_ns, reading))
 
     def arrived(self, t_ns: int) -> T | None:

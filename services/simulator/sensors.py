@@ -1,4 +1,4 @@
-"""What each sensor reports of the true state: noise, bias and limits. Rates and delays are the service's business.
+"""Readings of each sensor for a true state: noise, bias and limits. The service adds rates and delays.
 
 Each sensor draws from a stream of its own, so that switching one off leaves the others' errors as they were.
 """
@@ -31,13 +31,14 @@ from jezero.services.simulator.config import (
     UwbConfig,
 )
 from jezero.services.simulator.noise import Normals, Wander, generator, normals_of
+from jezero.vehicle_config import AltimeterMountConfig, UwbLayoutConfig
 
 PRESSURE_SEA_PA = 101_325.0
 TEMPERATURE_SEA_K = 288.15
 LAPSE_KPM = 0.0065
 PRESSURE_EXPONENT = 5.25588
 BIAS_STEPS = 25
-"""The IMU's bias advances once in so many samples: it hardly moves between two."""
+"""The IMU's bias advances once in this number of samples: it hardly changes between two of them."""
 
 
 def pressure_pa(altitude_m: float) -> float:
@@ -155,7 +156,7 @@ class Barometer:
 
 
 class Magnetometer:
-    """The place's field in the body's axes; the bias is what is left of the hard iron."""
+    """The place's field in the body's axes; the bias is the rest of the hard-iron error after calibration."""
 
     def __init__(self, config: MagnetometerConfig, origin: OriginConfig, seed: int) -> None:
         self._normals = normals_of(generator(seed, "magnetometer"))
@@ -174,16 +175,17 @@ class Magnetometer:
 class Altimeter:
     """Laser range; nothing between its limits is None."""
 
-    def __init__(self, config: AltimeterConfig, seed: int) -> None:
+    def __init__(self, config: AltimeterConfig, mount: AltimeterMountConfig, seed: int) -> None:
         self._normals = normals_of(generator(seed, "altimeter"))
         self._bias_m = Wander(config.std_bias_m, config.tau_bias_s, 1.0 / config.rate_hz, self._normals)
-        self._config = config
+        self._mount = mount
+        self._std_m = config.std_m
 
     def measure(self, t_ns: int, true_range_m: float | None) -> messages.Altimeter:
         """Noise is drawn whether or not the beam met anything, so that the stream stays in step."""
-        config = self._config
-        error_m = self._bias_m.step() + config.std_m * self._normals()
-        if true_range_m is None or not config.range_min_m <= true_range_m + error_m <= config.range_max_m:
+        mount = self._mount
+        error_m = self._bias_m.step() + self._std_m * self._normals()
+        if true_range_m is None or not mount.range_min_m <= true_range_m + error_m <= mount.range_max_m:
             return messages.Altimeter(t_ns=t_ns, range_m=None)
         return messages.Altimeter(t_ns=t_ns, range_m=true_range_m + error_m)
 
@@ -191,20 +193,21 @@ class Altimeter:
 class Uwb:
     """Ranges from the vehicle's tag to the platform's anchors, each with its own wandering bias."""
 
-    def __init__(self, config: UwbConfig, pos_anchors_rover_body_m: tuple[Vec3, ...], seed: int) -> None:
+    def __init__(self, config: UwbConfig, layout: UwbLayoutConfig, seed: int) -> None:
         self._normals = normals_of(generator(seed, "uwb"))
         dt_s = 1.0 / config.rate_hz
         self._anchors = tuple(
             (pos_m, Wander(config.std_bias_m, config.tau_bias_s, dt_s, self._normals))
-            for pos_m in pos_anchors_rover_body_m
+            for pos_m in layout.pos_anchors_rover_body_m
         )
         self._blocking = generator(seed, "uwb blocked")
         self._config = config
+        self._layout = layout
 
     def measure(self, t_ns: int, state: BodyState, rover: RoverState) -> messages.Uwb:
         """One round that ends at `t_ns`: the anchors take turns, the first one's range is the oldest."""
-        config = self._config
-        tag_ned_m = add(state.pos_ned_m, quat_rotate(state.q_ned_from_frd, config.mount_frd_m))
+        config, layout = self._config, self._layout
+        tag_ned_m = add(state.pos_ned_m, quat_rotate(state.q_ned_from_frd, layout.pos_tag_frd_m))
         tag_rover_body_m = rotate_yaw(subtract(tag_ned_m, rover.pos_ned_m), -rover.yaw_rad)
         vel_rover_body_mps = rotate_yaw(subtract(state.vel_ned_mps, rover.vel_ned_mps), -rover.yaw_rad)
         ranges = []
@@ -213,7 +216,7 @@ class Uwb:
             error_m = bias_m.step() + config.std_m * self._normals() + self._detour_m()
             then_m = subtract(tag_rover_body_m, scale(vel_rover_body_mps, age_s))
             range_m = max(0.0, distance(then_m, pos_anchor_m) + error_m)
-            if range_m <= config.range_max_m:
+            if range_m <= layout.range_max_m:
                 then_ns = max(0, t_ns - round(age_s * NS_PER_S))
                 ranges.append(
                     messages.UwbRange(t_ns=then_ns, anchor=i, pos_anchor_rover_body_m=pos_anchor_m, range_m=range_m)
@@ -221,7 +224,7 @@ class Uwb:
         return messages.Uwb(t_ns=t_ns, ranges=tuple(ranges))
 
     def _detour_m(self) -> float:
-        """By how much one range is too long because something is in its way."""
+        """Error of one range along a detour; 0 with line of sight."""
         config = self._config
         if config.share_blocked == 0.0 or self._blocking.random() >= config.share_blocked:
             return 0.0
@@ -241,7 +244,7 @@ class RoverOdometry:
         self._config = config
 
     def restart(self) -> None:
-        """The rover is where it started."""
+        """Restart the path at the rover's start."""
         self._pos_odom_m = (0.0, 0.0)
 
     def measure(self, t_ns: int, rover: RoverState) -> messages.RoverOdometry:
@@ -263,5 +266,5 @@ class RoverOdometry:
 
 
 def _round_up(std_m: float) -> float:
-    """To the next 0.1 m, as receivers report their accuracy."""
+    """Standard deviation rounded up to the next 0.1 m, as receivers report their accuracy."""
     return ceil(10.0 * std_m - 1e-9) / 10.0

@@ -1,4 +1,4 @@
-"""The simulator: one physics step per service step, and what every sensor makes of it."""
+"""The simulator: one physics step per service step, and the readings of all sensors."""
 
 from collections.abc import Iterable
 from math import inf
@@ -19,6 +19,7 @@ from jezero.services.simulator.schedule import Schedule
 from jezero.services.simulator.terrain import make_terrain
 from jezero.services.simulator.uav import Uav
 from jezero.services.simulator.wind import Wind
+from jezero.vehicle_config import VehicleConfig
 
 STEPS_PER_S = 250
 DT_S = 1.0 / STEPS_PER_S
@@ -56,40 +57,41 @@ class Simulator:
     still.
 
     Args:
-        seed: of wind and sensor errors. The ground has a seed of its own in the settings.
-        boot_id: differs between two runs; part of the epoch's id.
+        seed: seed of wind and sensor errors. The ground has a seed of its own in the settings.
+        boot_id: number that differs between two runs; part of the epoch's id.
     """
 
     spec = SPEC
 
-    def __init__(self, config: SimulatorConfig, seed: int, boot_id: int) -> None:
+    def __init__(self, config: SimulatorConfig, vehicle: VehicleConfig, seed: int, boot_id: int) -> None:
         from jezero.services.simulator.world import World
 
         self._terrain = terrain = make_terrain(config.terrain)
         self._config = config
+        self._vehicle = vehicle
         self._boot_id = boot_id
         self._connections = 0
         self._up = False
         self._behind_ns = 0
-        """How far vehicle time was behind the wall's when it was last told, less a constant."""
+        """Delay of vehicle time behind wall time when the clock was last published, up to a constant."""
         self._hil = HilPort()
-        self._rover = Rover(config.rover, terrain)
+        self._rover = Rover(config.rover, terrain, vehicle.platform.height_m)
         self._drive = Drive(config.rover)
-        self._world = World(config, terrain, self._rover.state)
-        self._uav = Uav(config, DT_S)
+        self._world = World(config, vehicle, terrain, self._rover.state)
+        self._uav = Uav(config, vehicle.airframe, DT_S)
         self._wind = Wind(config.wind, DT_S, normals_of(generator(seed, "wind")))
         self._height_rotor_m = inf
         self._imu = sensors.Imu(config.imu, seed, DT_S)
         self._gnss = sensors.Gnss(config.gnss, config.origin, seed)
         self._baro = sensors.Barometer(config.barometer, config.origin, seed)
         self._mag = sensors.Magnetometer(config.magnetometer, config.origin, seed)
-        self._altimeter = sensors.Altimeter(config.altimeter, seed)
-        self._uwb = sensors.Uwb(config.uwb, config.rover.pos_anchors_rover_body_m, seed)
+        self._altimeter = sensors.Altimeter(config.altimeter, vehicle.altimeter, seed)
+        self._uwb = sensors.Uwb(config.uwb, vehicle.uwb, seed)
         self._odometry = sensors.RoverOdometry(config.rover_odometry, seed)
         self._make_schedules(config)
 
     def _make_schedules(self, config: SimulatorConfig) -> None:
-        """Phases spread the sensors over the steps."""
+        """Make the schedules of all messages; their phases spread the sensors over the steps."""
         self._when_clock = Schedule[Clock](topics.CLOCK.rate_hz or 10.0)
         self._when_truth = Schedule[Truth](topics.TRUTH.rate_hz or 50.0)
         self._when_scene = Schedule[Scene](topics.SCENE.rate_hz or 15.0, phase_s=0.02)
@@ -110,10 +112,10 @@ class Simulator:
         )
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
-        """Advance the world by 4 ms to `t_ns`, whatever the autopilot has answered."""
+        """Advance the world by 4 ms to `t_ns`, with or without a new motor command."""
         yield from self._follow_link(inbox)
         yield from self._clock(t_ns, inbox.wall_ns)
-        self._drive.take(t_ns, inbox.new(topics.ROVER_COMMAND))
+        self._drive.update(t_ns, inbox.new(topics.ROVER_COMMAND))
         self._drive_rover(t_ns)
         state = self._advance()
         yield from self._autopilot_sensors(t_ns, state)
@@ -128,7 +130,7 @@ class Simulator:
         self._world.close()
 
     def _clock(self, t_ns: int, wall_ns: int) -> Iterable[Output]:
-        """Now and then, and at once when vehicle time has fallen behind: everybody else thinks it went on."""
+        """Publish the clock periodically, and at once when vehicle time has fallen behind: services extrapolate it."""
         behind_ns = wall_ns - t_ns
         if self._when_clock.due(t_ns) or behind_ns - self._behind_ns > BEHIND_NS:
             self._behind_ns = behind_ns
@@ -155,10 +157,10 @@ class Simulator:
         self._up = up
 
     def _respawn(self) -> None:
-        """Vehicle and rover as new where they started; what the old sensors had under way is lost."""
+        """Put vehicle and rover back to their start; delayed readings of the old epoch are dropped."""
         self._hil = HilPort()
         self._uav.stop()
-        self._rover = Rover(self._config.rover, self._terrain)
+        self._rover = Rover(self._config.rover, self._terrain, self._vehicle.platform.height_m)
         self._drive = Drive(self._config.rover)
         self._odometry.restart()
         self._world.move_rover(self._rover.state)
@@ -178,7 +180,7 @@ class Simulator:
         return self._world.step(force_ned_n, torque_frd_nm)
 
     def _autopilot_sensors(self, t_ns: int, state: BodyState) -> Iterable[Output]:
-        """What the autopilot's HIL feed carries; the bus gets a part of the same readings."""
+        """Send the readings of the autopilot's HIL link; a part of the same readings is published on the bus."""
         acc, gyro = self._imu.measure(state)
         if self._when_mag.due(t_ns):
             self._when_mag.put(t_ns, self._mag.measure(t_ns, state))
@@ -201,11 +203,11 @@ class Simulator:
             yield Publish(topics.GNSS, fix)
 
     def _navigation_sensors(self, t_ns: int, state: BodyState) -> Iterable[Output]:
-        """What only the rest of the system sees."""
+        """Publish the readings that the autopilot does not get."""
         if self._when_altimeter.due(t_ns):
-            mount = self._config.altimeter.mount_frd_m
-            range_m = self._world.range_along_down_m(mount, self._config.altimeter.range_max_m)
-            self._height_rotor_m = inf if range_m is None else range_m + mount[2]
+            mount = self._vehicle.altimeter
+            range_m = self._world.range_along_down_m(mount.pos_altimeter_frd_m, mount.range_max_m)
+            self._height_rotor_m = inf if range_m is None else range_m + mount.pos_altimeter_frd_m[2]
             self._when_altimeter.put(t_ns, self._altimeter.measure(t_ns, range_m))
         if (altimeter := self._when_altimeter.arrived(t_ns)) is not None:
             yield Publish(topics.ALTIMETER, altimeter)
@@ -219,7 +221,7 @@ class Simulator:
             yield Publish(topics.ROVER_ODOMETRY, odometry)
 
     def _scene(self, t_ns: int, state: BodyState) -> Scene:
-        """What the camera needs to know for one picture, in the map."""
+        """State of vehicle and rover for one picture, in the map."""
         rover = self._rover.state
         return Scene(
             t_ns=t_ns,
@@ -234,10 +236,10 @@ class Simulator:
         )
 
     def _truth(self, t_ns: int, state: BodyState) -> Truth:
-        """In NED whose origin is where the vehicle first stood.
+        """True state, in NED with its origin at the start of the vehicle.
 
-        The vehicle's position is that of its centre of mass, lowered by the height at which it stands: on level ground,
-        and on the platform, it has the height of what it stands on.
+        The vehicle's position is its centre of mass, lowered by the height at which it stands: the position of a
+        standing vehicle has the height of the ground or the platform below it.
         """
         start_ned_m = self._world.start_ned_m
         rover = self._rover.state

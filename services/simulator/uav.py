@@ -6,6 +6,7 @@ from math import exp, sqrt
 from jezero.frames import Vec3, quat_conjugate, quat_rotate, subtract
 from jezero.services.simulator.body import BodyState
 from jezero.services.simulator.config import SimulatorConfig
+from jezero.vehicle_config import AirframeConfig
 
 GROUND_EFFECT_MAX = 1.3
 
@@ -25,23 +26,23 @@ class Uav:
     Thrust is proportional to the command once the rotors have caught up: their speed goes to the command's root.
 
     Args:
-        dt_s: the step.
+        dt_s: duration of a step.
     """
 
-    def __init__(self, config: SimulatorConfig, dt_s: float) -> None:
+    def __init__(self, config: SimulatorConfig, airframe: AirframeConfig, dt_s: float) -> None:
         uav = config.uav
         self._follow = 1.0 - exp(-dt_s / uav.tau_motor_s)
-        self._thrust_max_n = uav.thrust_to_weight * uav.mass_kg * config.gravity_mps2 / 4.0
+        self._thrust_max_n = uav.thrust_to_weight * airframe.mass_kg * config.gravity_mps2 / 4.0
         self._rotors = tuple(
             (forward, right, moment)
-            for (forward, right), moment in zip(uav.pos_rotors_frd_m, uav.moment_per_thrust_m, strict=True)
+            for (forward, right), moment in zip(airframe.pos_rotors_frd_m, airframe.moment_per_thrust_m, strict=True)
         )
         speed_hover = sqrt(1.0 / uav.thrust_to_weight)
         self._drag_rotors = uav.drag_rotors_nspm / (4.0 * speed_hover)
         self._drag_side = 0.5 * config.density_air_kgpm3 * uav.drag_area_side_m2
         self._drag_top = 0.5 * config.density_air_kgpm3 * uav.drag_area_top_m2
         self._damping = uav.damping_rates_nms
-        self._radius_m = uav.radius_rotor_m
+        self._radius_m = airframe.radius_rotor_m
         self._speeds = [0.0, 0.0, 0.0, 0.0]
 
     @property
@@ -60,7 +61,9 @@ class Uav:
 
         Args:
             commands: (4,) in 0..1, in the autopilot's order.
-            height_rotor_m: rotor plane above what is below it.
+            body: present state.
+            wind_ned_mps: velocity of the air.
+            height_rotor_m: height of the rotor plane above the surface below it.
         Returns:
             force_ned_n and torque_frd_nm on the centre of mass, gravity not included.
         """

@@ -51,7 +51,7 @@ class _Transverse:
 
     State (x, tau x') of the double pole, scaled so that both have the variance 1 and the output is
     (x + sqrt(3) tau x') / 2. With u = dt / tau the transition is e^-u [[1 + u, u], [-u, 1 - u]]; the noise's covariance
-    is what keeps the stationary covariance, the identity.
+    keeps the stationary covariance, the identity.
     """
 
     def __init__(self, tau_s: float, dt_s: float, normals: Normals) -> None:
@@ -84,8 +84,8 @@ class Wind:
     """Wind at the vehicle, advanced by one step at a time.
 
     Args:
-        dt_s: the step.
-        normals: its stream of random numbers.
+        dt_s: duration of a step.
+        normals: stream of random numbers.
     """
 
     def __init__(self, config: WindConfig, dt_s: float, normals: Normals) -> None:
@@ -102,10 +102,10 @@ class Wind:
         self.vel_ned_mps: Vec3 = self._combine(0.0, 0.0, 0.0)
 
     def step(self, height_m: float) -> Vec3:
-        """Advance by one step; `vel_ned_mps` is where the air moves to.
+        """Advance by one step; `vel_ned_mps` is the velocity of the air.
 
         Args:
-            height_m: of the vehicle above ground.
+            height_m: height of the vehicle above ground.
         """
         if self._std_mps == 0.0:
             return self.vel_ned_mps

@@ -1,6 +1,6 @@
-"""Rigid bodies and contact: the only module that knows PyBullet, its ENU/FLU axes and its quaternion order.
+"""Rigid bodies and contact: the only module that uses PyBullet, its ENU/FLU axes and its quaternion order.
 
-Everything that goes in or comes out is in the map's NED and the body's FRD.
+All arguments and results are in the map's NED and the body's FRD.
 """
 
 import weakref
@@ -13,6 +13,7 @@ from jezero.frames import Quat, Vec3, enu_from_ned, ned_from_enu, q_ned_from_frd
 from jezero.services.simulator.body import BodyState, RoverState
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.terrain import HALF_SIDE_M, HEIGHT_MAX_M, POINTS, SPACING_M, Terrain
+from jezero.vehicle_config import VehicleConfig
 
 STEPS_PER_S = 250
 DT_S = 1.0 / STEPS_PER_S
@@ -30,15 +31,15 @@ class World:
     """One vehicle, the ground and the rover's platform.
 
     Args:
-        rover: where the rover is at the start.
+        rover: state of the rover at the start.
 
     Attributes:
-        state: after the last step.
-        start_ned_m: centre of mass where the vehicle first stood.
-        height_stand_m: of the centre of mass over what it stood on there.
+        state: state after the last step.
+        start_ned_m: centre of mass of the vehicle at its start.
+        height_stand_m: height of the centre of mass there over the ground or the platform.
     """
 
-    def __init__(self, config: SimulatorConfig, terrain: Terrain, rover: RoverState) -> None:
+    def __init__(self, config: SimulatorConfig, vehicle: VehicleConfig, terrain: Terrain, rover: RoverState) -> None:
         self._gravity_mps2 = config.gravity_mps2
         self._client = int(pybullet.connect(pybullet.DIRECT))
         self._disconnect = weakref.finalize(self, pybullet.disconnect, physicsClientId=self._client)
@@ -46,9 +47,9 @@ class World:
         pybullet.setGravity(0.0, 0.0, -config.gravity_mps2, physicsClientId=self._client)
         self._add_ground(terrain, config.terrain.friction)
         self.state = BodyState((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-        self._rover_id = self._add_rover(config, rover)
-        self._uav_id = self._add_uav(config)
-        self._settle(config, terrain, rover)
+        self._rover_id = self._add_rover(config, vehicle, rover)
+        self._uav_id = self._add_uav(config, vehicle)
+        self._settle(config, vehicle, terrain, rover)
 
     def close(self) -> None:
         """Free the physics engine; happens by itself when the world is no longer used."""
@@ -69,7 +70,7 @@ class World:
         return self.state
 
     def range_along_down_m(self, mount_frd_m: Vec3, range_max_m: float) -> float | None:
-        """Distance from a point on the vehicle along its down axis to whatever is there, None beyond the maximum."""
+        """Distance from a point on the vehicle along its down axis to the nearest surface, None beyond the maximum."""
         pos_ned_m, q = self.state.pos_ned_m, self.state.q_ned_from_frd
         mount_ned_m = quat_rotate(q, mount_frd_m)
         beam_ned_m = quat_rotate(q, (0.0, 0.0, range_max_m))
@@ -85,20 +86,20 @@ class World:
         return float(sum(contact[9] for contact in contacts))
 
     def respawn(self) -> None:
-        """Put the vehicle back to where it first stood, at rest."""
+        """Put the vehicle back to its start, at rest."""
         pybullet.resetBasePositionAndOrientation(self._uav_id, *self._start_pose, physicsClientId=self._client)
         pybullet.resetBaseVelocity(self._uav_id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), physicsClientId=self._client)
         self.state = self._read((0.0, 0.0, -self._gravity_mps2 * DT_S))
 
     def move_rover(self, rover: RoverState) -> None:
-        """Set the platform's pose and velocity; the velocity is what carries a vehicle that stands on it along."""
+        """Set the platform's pose and velocity; friction at this velocity carries a vehicle that stands on it along."""
         pybullet.resetBasePositionAndOrientation(self._rover_id, *_rover_pose(rover), physicsClientId=self._client)
         velocity_enu_mps = enu_from_ned(rover.vel_ned_mps)
         turn_enu_rps = (0.0, 0.0, -rover.yaw_rate_rps)
         pybullet.resetBaseVelocity(self._rover_id, velocity_enu_mps, turn_enu_rps, physicsClientId=self._client)
 
     def place_uav(self, pos_ned_m: Vec3, yaw_rad: float, vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)) -> None:
-        """Put the vehicle somewhere, level, not turning."""
+        """Put the vehicle to a position, level, not turning."""
         orientation = _orientation(yaw_rad)
         pybullet.resetBasePositionAndOrientation(self._uav_id, enu_from_ned(pos_ned_m), orientation, self._client)
         pybullet.resetBaseVelocity(self._uav_id, enu_from_ned(vel_ned_mps), (0.0, 0.0, 0.0), self._client)
@@ -169,10 +170,10 @@ class World:
         pybullet.changeDynamics(body, -1, lateralFriction=friction, physicsClientId=self._client)
         return body
 
-    def _add_rover(self, config: SimulatorConfig, rover: RoverState) -> int:
+    def _add_rover(self, config: SimulatorConfig, vehicle: VehicleConfig, rover: RoverState) -> int:
         """Platform slab, chassis and two rows of wheels; the body's origin is on top of the platform."""
-        half_m = 0.5 * config.rover.platform_side_m
-        top_m = config.rover.height_platform_m
+        half_m = 0.5 * vehicle.platform.side_m
+        top_m = vehicle.platform.height_m
         halves_m = [(half_m, half_m, 0.5 * PLATFORM_THICKNESS_M), (0.4, 0.25, 0.25 * top_m)]
         places_m = [(0.0, 0.0, -0.5 * PLATFORM_THICKNESS_M), (0.0, 0.0, -0.4 * top_m)]
         for side in (-1.0, 1.0):
@@ -189,11 +190,11 @@ class World:
         pybullet.resetBasePositionAndOrientation(body, position, orientation, physicsClientId=self._client)
         return body
 
-    def _add_uav(self, config: SimulatorConfig) -> int:
+    def _add_uav(self, config: SimulatorConfig, vehicle: VehicleConfig) -> int:
         """Hull, a flat box for the arms and rotors, and four feet on springs."""
-        uav = config.uav
-        forward_m, side_m = uav.feet_frd_m
-        down_m = uav.height_stand_m - RADIUS_FOOT_M
+        uav, airframe = config.uav, vehicle.airframe
+        forward_m, side_m = airframe.feet_frd_m
+        down_m = airframe.height_stand_m + uav.sag_legs_m - RADIUS_FOOT_M
         feet_m = [(a * forward_m, b * side_m, -down_m) for a in (1.0, -1.0) for b in (1.0, -1.0)]
         shape = pybullet.createCollisionShapeArray(
             shapeTypes=[pybullet.GEOM_SPHERE] * 4 + [pybullet.GEOM_BOX] * 2,
@@ -203,12 +204,14 @@ class World:
             physicsClientId=self._client,
         )
         body = int(
-            pybullet.createMultiBody(uav.mass_kg, shape, basePosition=(0.0, 0.0, 10.0), physicsClientId=self._client)
+            pybullet.createMultiBody(
+                airframe.mass_kg, shape, basePosition=(0.0, 0.0, 10.0), physicsClientId=self._client
+            )
         )
         pybullet.changeDynamics(
             body,
             -1,
-            localInertiaDiagonal=uav.inertia_kgm2,
+            localInertiaDiagonal=airframe.inertia_frd_kgm2,
             linearDamping=0.0,
             angularDamping=0.0,
             lateralFriction=uav.friction_feet,
@@ -218,13 +221,14 @@ class World:
         )
         return body
 
-    def _settle(self, config: SimulatorConfig, terrain: Terrain, rover: RoverState) -> None:
+    def _settle(self, config: SimulatorConfig, vehicle: VehicleConfig, terrain: Terrain, rover: RoverState) -> None:
         """Let the vehicle come to rest where it starts, and remember that pose."""
         if config.uav.start == "platform":
             north_m, east_m, down_m = rover.pos_ned_m
         else:
             north_m, east_m, down_m = 0.0, 0.0, -terrain.height_m(0.0, 0.0)
-        self.place_uav((north_m, east_m, down_m - config.uav.height_stand_m), config.uav.start_yaw_rad)
+        above_m = vehicle.airframe.height_stand_m + config.uav.sag_legs_m
+        self.place_uav((north_m, east_m, down_m - above_m), config.uav.start_yaw_rad)
         for _ in range(SETTLE_STEPS):
             pybullet.stepSimulation(self._client)
         self._start_pose = pybullet.getBasePositionAndOrientation(self._uav_id, self._client)

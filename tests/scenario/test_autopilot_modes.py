@@ -18,6 +18,7 @@ from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.service import Autopilot
 from jezero.services.simulator.service import Simulator
 from jezero.trials.stack import SYSTEM_ID
+from jezero.vehicle_config import VehicleConfig
 
 ARM, TAKEOFF, LAND, RETURN, REPOSITION = 400, 22, 21, 20, 192
 NORTH_10_M_DEG = 10.0 / EARTH_RADIUS_M * 57.29577951308232
@@ -54,7 +55,7 @@ class Flight:
         self.bus.observe(self._observe)
         self.bus.wire(("simulator", "hil"), ("autopilot", "hil"))
         self.bus.wire(("autopilot", "gcs"), ("station", "autopilot"), UDP_DELAY)
-        self.bus.add(Simulator(windy(2.0, 0.3), 4, 1))
+        self.bus.add(Simulator(windy(2.0, 0.3), load_config(VehicleConfig, "vehicle"), 4, 1))
         self.bus.add(Autopilot(load_config(AutopilotConfig, "autopilot"), SYSTEM_ID, 0))
         self.bus.add(self.station)
         self.bus.run_for(6.0)

@@ -5,8 +5,9 @@ from math import cos, pi, radians, sin, tan
 import cv2
 import numpy as np
 
-from jezero.schemas.landing_board import BIG_ID, CELLS, LANDING_BOARD, BoardTag
+from jezero.schemas.landing_board import BIG_ID, CELLS, BoardTag, make_board
 
+LANDING_BOARD = make_board()
 STANDING_CAMERA_M = 0.12
 
 

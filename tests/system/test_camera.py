@@ -19,6 +19,7 @@ from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.making import make_renderer
 from jezero.services.simulator.camera.view import view_of
 from jezero.services.simulator.config import SimulatorConfig
+from jezero.vehicle_config import VehicleConfig
 from jezero.zenoh_client import client_config, data_of
 from tests.system.conftest import wait_for
 
@@ -65,10 +66,10 @@ def test_pictures_of_a_real_process_are_those_that_its_renderer_draws() -> None:
                 process.terminate()
             for process in processes:
                 process.wait(timeout=10)
-    config, frame = load_config(CameraConfig, "camera"), frames[-1]
+    config, vehicle, frame = load_config(CameraConfig, "camera"), load_config(VehicleConfig, "vehicle"), frames[-1]
     at = scene(frame.t_ns)
-    view = view_of(at, config.pos_camera_frd_m, (frame.pitch_camera_rad, frame.roll_camera_rad))
-    renderer = make_renderer(config, load_config(SimulatorConfig, "simulator"), seed=2)
+    view = view_of(at, vehicle.camera.pos_camera_frd_m, (frame.pitch_camera_rad, frame.roll_camera_rad))
+    renderer = make_renderer(config, load_config(SimulatorConfig, "simulator"), vehicle, seed=2)
     drawn = np.frombuffer(renderer.picture(at, (view, view, view)), dtype=np.uint8).astype(float)
     shown = np.frombuffer(frame.pixels, dtype=np.uint8).astype(float)
     assert drawn.std() > 30.0

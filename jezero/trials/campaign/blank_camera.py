@@ -7,6 +7,7 @@ from jezero.schemas import topics
 from jezero.schemas.sensors import CameraFrame
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.gimbal import Gimbal
+from jezero.vehicle_config import CameraMountConfig
 
 NAME = "blank_camera"
 RATE_HZ = 5.0
@@ -21,7 +22,7 @@ class BlankCamera:
         describes_itself: also publishes `camera/info`, where no other camera does.
     """
 
-    def __init__(self, config: CameraConfig, *, describes_itself: bool) -> None:
+    def __init__(self, config: CameraConfig, mount: CameraMountConfig, *, describes_itself: bool) -> None:
         self.spec = Spec(
             name=NAME,
             inputs=(topics.CAMERA_PITCH,),
@@ -29,13 +30,14 @@ class BlankCamera:
             rate_hz=RATE_HZ,
         )
         self._config = config
-        self._gimbal = Gimbal(config)
+        self._mount = mount
+        self._gimbal = Gimbal(mount.pitch_rest_rad, config.axis_rate_max_rps)
         self._describes_itself = describes_itself
         self._sequence = 0
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """One picture of this very moment."""
-        self._gimbal.take(t_ns, inbox.new(topics.CAMERA_PITCH))
+        self._gimbal.update(t_ns, inbox.new(topics.CAMERA_PITCH))
         self._gimbal.move(t_ns)
         self._sequence += 1
         frame = CameraFrame(
@@ -50,4 +52,4 @@ class BlankCamera:
         )
         yield Publish(topics.CAMERA, frame)
         if self._describes_itself:
-            yield Publish(topics.CAMERA_INFO, self._config.info(t_ns))
+            yield Publish(topics.CAMERA_INFO, self._mount.info(t_ns))

@@ -23,6 +23,7 @@ from jezero.services.autopilot.vehicle import Vehicle
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.schedule import Schedule
 from jezero.trials.campaign.point_mass import NO_RATES, Point, PointEstimate, PointPilot
+from jezero.vehicle_config import VehicleConfig
 
 NAME = "point_mass"
 STEPS_PER_S = 20.0
@@ -48,6 +49,7 @@ class PointMass:
     """World, vehicle and autopilot.
 
     Args:
+        robot: height of the platform, mass, and the altimeter's range.
         world: where it is on the globe, its gravity, and the errors of the sensors.
         seed: of the sensors' noise.
         boot_id: differs between two runs; it is the epoch's id.
@@ -59,10 +61,17 @@ class PointMass:
     spec = SPEC
 
     def __init__(
-        self, config: AutopilotConfig, world: SimulatorConfig, system_id: int, seed: int, boot_id: int
+        self,
+        config: AutopilotConfig,
+        world: SimulatorConfig,
+        robot: VehicleConfig,
+        system_id: int,
+        seed: int,
+        boot_id: int,
     ) -> None:
         self.spoil: Spoil | None = None
         self._world = world
+        self._robot = robot
         self._epoch_id = boot_id % EPOCH_LIMIT
         self._rng = Random(f"{seed}/{boot_id}")
         self._parameters = Parameters(config, system_id)
@@ -127,9 +136,9 @@ class PointMass:
 
     def _range(self, t_ns: int) -> Altimeter:
         """Along the body's down axis to the level ground."""
-        config, point = self._world.altimeter, self._point
-        range_m = altitude_m(point.pos_ned_m[2]) / cos(point.tilt_rad) + config.std_m * self._rng.gauss(0.0, 1.0)
-        within = config.range_min_m <= range_m <= config.range_max_m
+        std_m, mount, point = self._world.altimeter.std_m, self._robot.altimeter, self._point
+        range_m = altitude_m(point.pos_ned_m[2]) / cos(point.tilt_rad) + std_m * self._rng.gauss(0.0, 1.0)
+        within = mount.range_min_m <= range_m <= mount.range_max_m
         return Altimeter(t_ns=t_ns, range_m=range_m if within else None)
 
     def _truth(self, t_ns: int) -> Truth:
@@ -141,11 +150,11 @@ class PointMass:
             vel_uav_ned_mps=point.vel_ned_mps,
             q_ned_from_frd=point.attitude(point.yaw_rad),
             rates_uav_frd_rps=NO_RATES,
-            pos_rover_ned_m=(rover.start_north_m, rover.start_east_m, z_ned_m(rover.height_platform_m)),
+            pos_rover_ned_m=(rover.start_north_m, rover.start_east_m, z_ned_m(self._robot.platform.height_m)),
             vel_rover_ned_mps=(0.0, 0.0, 0.0),
             yaw_rover_rad=rover.start_yaw_rad,
             wind_ned_mps=(0.0, 0.0, 0.0),
-            contact_force_n=self._world.uav.mass_kg * self._world.gravity_mps2 if point.stands else 0.0,
+            contact_force_n=self._robot.airframe.mass_kg * self._world.gravity_mps2 if point.stands else 0.0,
             armed_motors=self._vehicle.commander.armed,
         )
 

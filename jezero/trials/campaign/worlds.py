@@ -25,6 +25,7 @@ from jezero.trials.campaign.point_mass_faults import FaultyPointMass, as_in_poin
 from jezero.trials.campaign.point_mass_world import NAME, PointMass
 from jezero.trials.campaign.sensor_faults import FaultySimulator, SensorFault
 from jezero.trials.stack import SYSTEM_ID, service_makers, wired_bus
+from jezero.vehicle_config import VehicleConfig
 
 TELEMETRY_INTERVAL_S = 0.1
 BRIDGE_HZ, SERVERS_HZ = 20.0, 5.0
@@ -66,6 +67,10 @@ def _point_mass_bus(seed: int) -> MemoryBus:
     return bus
 
 
+def _blank_camera(vehicle: VehicleConfig, *, describes_itself: bool) -> BlankCamera:
+    return BlankCamera(load_config(CameraConfig, "camera"), vehicle.camera, describes_itself=describes_itself)
+
+
 def _point_mass_makers(seed: int) -> Makers:
     """Only what commands the vehicle: filters, cameras and detectors would cost many times as much."""
     config = msgspec.structs.replace(
@@ -73,20 +78,21 @@ def _point_mass_makers(seed: int) -> Makers:
     )
     place = load_config(SimulatorConfig, "simulator")
     bridge = msgspec.structs.replace(load_config(VehicleBridgeConfig, "vehicle_bridge"), rate_hz=BRIDGE_HZ)
-    actions = load_config(ActionsConfig, "actions")
+    actions, vehicle = load_config(ActionsConfig, "actions"), load_config(VehicleConfig, "vehicle")
     lifecycle = msgspec.structs.replace(actions.lifecycle, step_rate_hz=SERVERS_HZ)
     actions = msgspec.structs.replace(actions, lifecycle=lifecycle)
     return {
-        NAME: partial(PointMass, config, place, SYSTEM_ID, seed),
+        NAME: partial(PointMass, config, place, vehicle, SYSTEM_ID, seed),
         BRIDGE: lambda boot: VehicleBridge(bridge, system_id=SYSTEM_ID, boot_id=boot),
-        BLANK_CAMERA: lambda boot: BlankCamera(load_config(CameraConfig, "camera"), describes_itself=True),
+        BLANK_CAMERA: lambda boot: _blank_camera(vehicle, describes_itself=True),
         **{name: partial(action_server, name, config=actions) for name in DECLARATIONS},
     }
 
 
 def _physics_makers(seed: int) -> Makers:
     """All services, with a camera that projects tags, and small grey pictures for those who want some."""
-    blank = {BLANK_CAMERA: lambda boot: BlankCamera(load_config(CameraConfig, "camera"), describes_itself=False)}
+    vehicle = load_config(VehicleConfig, "vehicle")
+    blank = {BLANK_CAMERA: lambda boot: _blank_camera(vehicle, describes_itself=False)}
     return service_makers(seed) | blank
 
 

@@ -29,6 +29,7 @@ from jezero.trials.landing.judge import (
 from jezero.trials.landing.trial import HIDDEN_S, MOTIONS, STD_GUST_MPS, WIND_MPS, Conditions, Trial, draw_trial
 from jezero.trials.rover_driver import RoverDriver
 from jezero.trials.stack import SYSTEM_ID, boot_id, service_makers, wired_bus
+from jezero.vehicle_config import VehicleConfig
 
 READY_WITHIN_S = 60.0
 GOAL_WITHIN_S = 240.0
@@ -202,7 +203,7 @@ def _judged(trial: Trial, judge: LandingJudge, begun_ns: int, failure: str) -> L
             north_m, east_m, _ = trial.spot_ned_m
             error_rover_body_m = (truth.pos_uav_ned_m[0] - north_m, truth.pos_uav_ned_m[1] - east_m)
         else:
-            failure = why_not_on_platform(truth, 0.5 * load_config(SimulatorConfig, "simulator").rover.platform_side_m)
+            failure = why_not_on_platform(truth, 0.5 * load_config(VehicleConfig, "vehicle").platform.side_m)
             error_rover_body_m = on_platform_m(truth)[:2]
         if judge.impact_mps > IMPACT_MAX_MPS:
             failure = failure or f"impact at {judge.impact_mps:.2f} m/s"

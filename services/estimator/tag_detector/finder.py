@@ -1,4 +1,4 @@
-"""From pixels to the corners of tags."""
+"""Corners of the tags in a picture."""
 
 from functools import cache
 from typing import Any
@@ -11,9 +11,11 @@ from jezero.schemas.sensors import CameraFrame, CornersOfTag
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 
 HALF_PIXEL = 0.5
-"""The library counts from the first pixel's edge, the picture from its middle."""
+"""The library's origin is the first pixel's edge, ours is its middle."""
+BORDER_PX = 2.0
+"""A tag with a corner this near to the picture's edge may be cut off."""
 IN_PICTURE_ORDER = (1, 0, 3, 2)
-"""The library's corners, sorted to: top left, top right, bottom right, bottom left."""
+"""Indices of the library's corners in our order: top left, top right, bottom right, bottom left."""
 
 
 class _Detector(Detector):  # type: ignore[misc]
@@ -24,19 +26,19 @@ class _Detector(Detector):  # type: ignore[misc]
 
 @cache
 def _detector(decimate: float) -> _Detector:
-    """One for each process, as each has 37 MB."""
+    """The detector of this process, shared because each one needs 37 MB."""
     return _Detector(families="tag36h11", nthreads=1, quad_decimate=decimate)
 
 
 class Finder:
-    """AprilTags of the family 36h11, by the AprilTag 3 library."""
+    """Finds AprilTags of the family 36h11 with the AprilTag 3 library."""
 
     def __init__(self, config: TagDetectorConfig) -> None:
         self._config = config
         self._detector = _detector(config.decimate)
 
     def find(self, frame: CameraFrame) -> tuple[CornersOfTag, ...]:
-        """All tags that are wholly in the picture, of whatever board."""
+        """All tags that are wholly in the picture, of any board."""
         pixels = np.frombuffer(frame.pixels, np.uint8).reshape(frame.height_px, frame.width_px, 3)
         found = self._detector.detect(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY))
         return tuple(tag for each in found if (tag := self._tag(each, frame)) is not None)
@@ -45,9 +47,8 @@ class Finder:
         if found.hamming > 0 or found.decision_margin < self._config.margin_min:
             return None
         corners_px = found.corners - HALF_PIXEL
-        low = self._config.border_px
-        high = np.array((frame.width_px - 1 - low, frame.height_px - 1 - low))
-        if (corners_px < low).any() or (corners_px > high).any():
+        high = np.array((frame.width_px - 1 - BORDER_PX, frame.height_px - 1 - BORDER_PX))
+        if (corners_px < BORDER_PX).any() or (corners_px > high).any():
             return None
         first, second, third, fourth = ((float(corners_px[i][0]), float(corners_px[i][1])) for i in IN_PICTURE_ORDER)
         return CornersOfTag(tag_id=int(found.tag_id), corners_px=(first, second, third, fourth))

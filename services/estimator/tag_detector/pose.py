@@ -1,7 +1,8 @@
-"""From the corners of tags to the vehicle's place over the platform.
+"""Relative position of the vehicle and the platform from the corners of tags.
 
-Facing a tag squarely, its rotation is weakly seen and flips between two solutions. So roll and pitch come from the
-vehicle, the platform counts as level, and four numbers are left: the relative position and the platform's heading.
+The rotation of a tag right below the camera is weakly observable and flips between two solutions. So roll and pitch are
+the vehicle's, the platform is assumed to be level, and four unknowns are left: the relative position and the platform's
+heading.
 """
 
 from dataclasses import dataclass
@@ -14,18 +15,19 @@ from jezero.frames import Quat, Vec3, frd_from_camera, quat_rotate
 Array = NDArray[np.float64]
 ITERATIONS = 4
 CONVERGED = 1e-6
-"""Metres and radians: a Gauss–Newton step so small leaves an error far smaller still."""
+"""Gauss–Newton stops at a step of this size, in metres and radians: the remaining error is far smaller."""
 RAY_DOWN_MIN = 0.05
-"""A ray to the platform that comes down less than this per unit of length is next to the horizon."""
+"""A ray that descends less than this per unit of length points to the horizon, not to the platform."""
 
 
 @dataclass(frozen=True)
 class View:
-    """Where the camera was and where it looked.
+    """Intrinsics and pose of the camera at an exposure.
 
     Attributes:
-        focal_px, center_px: its intrinsics.
-        R_ned_from_camera: (3, 3).
+        focal_px: focal length.
+        center_px: principal point.
+        R_ned_from_camera: (3, 3) rotation.
         pos_camera_uav_ned_m: (3,) from the vehicle to the optical centre.
     """
 
@@ -52,7 +54,7 @@ def make_view(
 
 @dataclass(frozen=True)
 class Pose:
-    """What the corners say.
+    """Solution for the corners of one picture.
 
     Attributes:
         pos_uav_rel_rover_ned_m: (3,) vehicle minus platform.
@@ -72,7 +74,7 @@ def solve(points_rover_body_m: Array, corners_px: Array, view: View) -> Pose | N
 
     Args:
         points_rover_body_m: (n, 3) corners on the platform, n >= 4, not all on one line.
-        corners_px: (n, 2) where they are in the picture.
+        corners_px: (n, 2) the same corners in the picture.
     """
     start = _closed_form(points_rover_body_m, corners_px, view)
     if start is None:

@@ -1,6 +1,6 @@
-"""The tag detector: the newest picture in, one relative position out."""
+"""The tag detector: estimates the relative position from the newest picture."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import pi, sqrt
 from typing import TYPE_CHECKING
 
@@ -10,18 +10,21 @@ from jezero.frames import Vec3
 from jezero.runtime.service import Health, Inbox, Output, Publish, Spec
 from jezero.schemas import topics
 from jezero.schemas.estimate import TagEstimate
-from jezero.schemas.landing_board import LANDING_BOARD
+from jezero.schemas.landing_board import BoardTag
 from jezero.schemas.sensors import CameraFrame, CornersOfTag, TagCorners
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.attitude_history import AttitudeHistory
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.pose import Array, Pose, View, make_view, solve
+from jezero.vehicle_config import VehicleConfig
 
 if TYPE_CHECKING:
     from jezero.services.estimator.tag_detector.finder import Finder
 
-CORNERS_ROVER_BODY_M = {tag.tag_id: np.array(tag.corners_rover_body_m) for tag in LANDING_BOARD}
+ATTITUDE_AGE_MAX_S = 0.06
+"""An exposure may be this far from the nearest known attitude."""
 SILENT_S = 2.0
+"""After this time without pictures, or without a tag in them, health says so."""
 
 SPEC = Spec(
     name="tag_detector",
@@ -33,20 +36,21 @@ SPEC = Spec(
 
 
 class TagDetector:
-    """Only tags of the landing board count, at the attitude that the vehicle had when the picture was taken."""
+    """Uses the tags of the vehicle's board, and the vehicle's attitude at the exposure."""
 
     spec = SPEC
 
-    def __init__(self, config: TagDetectorConfig) -> None:
+    def __init__(self, config: TagDetectorConfig, vehicle: VehicleConfig) -> None:
         self._config = config
+        self._corners_m = corners_by_id(vehicle.platform.board)
         self._finder: Finder | None = None
-        self._attitudes = AttitudeHistory(config.attitude_age_max_s)
-        self._seen_ns = -NS_PER_S
+        self._attitudes = AttitudeHistory(ATTITUDE_AGE_MAX_S)
+        self._found_ns = -NS_PER_S
         self._picture_ns = -NS_PER_S
         self._health = ""
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
-        """Look at the newest picture, if there is a new one."""
+        """Publish the estimate from the newest picture, if there is a new one."""
         for odometry in inbox.new(topics.ODOMETRY):
             self._attitudes.add(odometry)
         frames, corners = inbox.new(topics.CAMERA), inbox.new(topics.TAG_CORNERS)
@@ -56,10 +60,10 @@ class TagDetector:
         elif corners:
             newest = corners[-1]
             yield from self._estimate(t_ns, newest, newest.tags, inbox)
-        yield from self._tell(t_ns, inbox)
+        yield from self._publish_health(t_ns, inbox)
 
     def _find(self, frame: CameraFrame) -> tuple[CornersOfTag, ...]:
-        """The first picture loads the libraries that pictures need."""
+        """Tags in a picture; the first picture loads the libraries, which flights with projected tags don't need."""
         from jezero.services.estimator.tag_detector.finder import Finder
 
         if self._finder is None:
@@ -75,18 +79,18 @@ class TagDetector:
             return
         pitch_rad, roll_rad = exposed.pitch_camera_rad, exposed.roll_camera_rad
         view = make_view(info.focal_px, info.center_px, info.pos_camera_frd_m, pitch_rad, q_ned_from_frd, roll_rad)
-        solution = locate(tags, view, self._config)
+        solution = locate(tags, self._corners_m, view, self._config)
         if solution is None:
             return
-        self._seen_ns = t_ns
+        self._found_ns = t_ns
         yield Publish(topics.ESTIMATE_TAG, _message(exposed.t_ns, solution, view, self._config))
 
-    def _tell(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+    def _publish_health(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
         if t_ns - self._picture_ns > SILENT_S * NS_PER_S:
             text = "no pictures: is the camera running?"
         elif inbox.latest(topics.CAMERA_INFO) is None:
             text = "no camera/info: the pictures can't be measured"
-        elif t_ns - self._seen_ns > SILENT_S * NS_PER_S:
+        elif t_ns - self._found_ns > SILENT_S * NS_PER_S:
             text = "pictures, but no landing tag in view"
         else:
             text = "sees the landing board"
@@ -95,14 +99,24 @@ class TagDetector:
             yield Health("degraded" if text.startswith("no ") else "ok", text)
 
 
-def locate(tags: Sequence[CornersOfTag], view: View, config: TagDetectorConfig) -> tuple[tuple[int, ...], Pose] | None:
-    """Ids of the tags that agree, and the pose they tell; tags of other boards are ignored.
+def corners_by_id(board: Sequence[BoardTag]) -> dict[int, Array]:
+    """(4, 3) corners of each tag in `rover_body`, by the tag's id."""
+    return {tag.tag_id: np.array(tag.corners_rover_body_m) for tag in board}
+
+
+def locate(
+    tags: Sequence[CornersOfTag], corners_m: Mapping[int, Array], view: View, config: TagDetectorConfig
+) -> tuple[tuple[int, ...], Pose] | None:
+    """Ids of the tags that fit one pose, and this pose; tags of other boards are ignored.
 
     When the corners don't fit one pose, the tag that fits worst is left out, until they do.
+
+    Args:
+        corners_m: result of `corners_by_id`.
     """
-    known = [tag for tag in tags if tag.tag_id in CORNERS_ROVER_BODY_M]
+    known = [tag for tag in tags if tag.tag_id in corners_m]
     while known:
-        points_m = np.concatenate([CORNERS_ROVER_BODY_M[tag.tag_id] for tag in known])
+        points_m = np.concatenate([corners_m[tag.tag_id] for tag in known])
         corners_px: Array = np.array([corner for tag in known for corner in tag.corners_px])
         pose = solve(points_m, corners_px, view)
         if pose is not None and _rms(pose.residuals_px) <= config.reprojection_max_px:

@@ -12,6 +12,7 @@ from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.making import make_camera
 from jezero.services.simulator.camera.service import NoEglError
 from jezero.services.simulator.config import SimulatorConfig
+from jezero.vehicle_config import VehicleConfig
 
 
 def main() -> int:
@@ -22,7 +23,7 @@ def main() -> int:
     def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
         config, simulator = load_config(CameraConfig, "camera"), load_config(SimulatorConfig, "simulator")
         try:
-            camera = make_camera(config, simulator, seed)
+            camera = make_camera(config, simulator, load_config(VehicleConfig, "vehicle"), seed)
         except NoEglError as error:
             raise ConfigError(f'camera.toml says renderer = "egl", but there is {error}') from None
         print(f"camera: {camera.description}")

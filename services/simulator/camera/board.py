@@ -4,8 +4,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from jezero.schemas.landing_board import CELLS, LANDING_BOARD
+from jezero.schemas.landing_board import CELLS
 from jezero.services.simulator.noise import generator
+from jezero.vehicle_config import PlatformConfig
 
 Image = npt.NDArray[np.uint8]
 TEXELS_PER_M = 2000
@@ -13,13 +14,14 @@ WHITE, BLACK = 225, 22
 PANEL = (168, 170, 172)
 
 
-def board_picture(side_m: float) -> Image:
+def board_picture(platform: PlatformConfig) -> Image:
     """(n, n, 3) red, green, blue, half a millimetre to the texel; rows from the rover's nose, columns from its left."""
+    side_m = platform.side_m
     n = round(side_m * TEXELS_PER_M)
     picture = np.empty((n, n, 3), dtype=np.uint8)
     picture[:] = PANEL
     _mark_edge(picture)
-    for tag in LANDING_BOARD:
+    for tag in platform.board:
         forward_m, right_m, _ = tag.pos_rover_body_m
         _paint_tag(picture, tag.tag_id, tag.side_m, 0.5 * side_m - forward_m, 0.5 * side_m + right_m)
     return _weathered(picture)
@@ -45,8 +47,8 @@ def _mark_edge(picture: Image) -> None:
 def _paint_tag(picture: Image, tag_id: int, side_m: float, from_nose_m: float, from_left_m: float) -> None:
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     cells = np.pad(cv2.aruco.generateImageMarker(dictionary, tag_id, CELLS), 1, constant_values=255)
-    cell_px = round(side_m / CELLS * TEXELS_PER_M)
-    paint = np.where(np.kron(cells, np.ones((cell_px, cell_px), dtype=np.uint8)) > 0, WHITE, BLACK)
+    outer_px = round(side_m * len(cells) / CELLS * TEXELS_PER_M)
+    paint = np.where(cv2.resize(cells, (outer_px, outer_px), interpolation=cv2.INTER_NEAREST) > 0, WHITE, BLACK)
     half = len(paint) // 2
     row, column = round(from_nose_m * TEXELS_PER_M) - half, round(from_left_m * TEXELS_PER_M) - half
     picture[row : row + len(paint), column : column + len(paint)] = paint[..., None]

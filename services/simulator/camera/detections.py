@@ -1,36 +1,49 @@
-"""What a tag detector would find in a picture that nobody has rendered."""
+"""Corners of tags that a tag detector would find in a picture that nobody has rendered."""
 
+from collections.abc import Sequence
 from math import exp
 
 import numpy as np
 import numpy.typing as npt
 
 from jezero.frames import rotate_yaw, subtract
-from jezero.schemas.landing_board import CELLS, LANDING_BOARD
+from jezero.schemas.landing_board import CELLS, BoardTag
 from jezero.schemas.sensors import CameraInfo, CornersOfTag
 from jezero.services.simulator.camera.config import ProjectionConfig
 from jezero.services.simulator.camera.sun import shadow_of
 from jezero.services.simulator.camera.view import Array, View, on_rover, project
 
 Indices = npt.NDArray[np.int64]
-CORNERS_M: Array = np.array([tag.corners_rover_body_m for tag in LANDING_BOARD])
-"""(N, 4, 3)"""
-MIDDLES_M: Array = CORNERS_M.mean(axis=1, keepdims=True)
-HALF_SIDES_M: Array = np.array([0.5 * tag.side_m for tag in LANDING_BOARD])
-MARGINS_M: Array = MIDDLES_M + (CELLS + 2) / CELLS * (CORNERS_M - MIDDLES_M)
-"""(N, 4, 3) corners of the white margins: without them a tag is not found."""
-OUTLINES_M: Array = np.stack((CORNERS_M, MARGINS_M))
-"""(2, N, 4, 3) both."""
 
 
-def tags_in_picture(view: View, info: CameraInfo) -> tuple[Array, npt.NDArray[np.bool_]]:
+class BoardGeometry:
+    """The tags of a board as arrays, in `rover_body`.
+
+    Attributes:
+        tag_ids: (N,) numbers of the tags.
+        middles_m: (N, 1, 3) middles of the tags.
+        half_sides_m: (N,) halves of their sides.
+        outlines_m: (2, N, 4, 3) corners of the black squares, and of the white margins, without which a tag is not
+            found.
+    """
+
+    def __init__(self, board: Sequence[BoardTag]) -> None:
+        corners_m: Array = np.array([tag.corners_rover_body_m for tag in board])
+        self.tag_ids = tuple(tag.tag_id for tag in board)
+        self.middles_m: Array = corners_m.mean(axis=1, keepdims=True)
+        self.half_sides_m: Array = np.array([0.5 * tag.side_m for tag in board])
+        margins_m = self.middles_m + (CELLS + 2) / CELLS * (corners_m - self.middles_m)
+        self.outlines_m: Array = np.stack((corners_m, margins_m))
+
+
+def tags_in_picture(board: BoardGeometry, view: View, info: CameraInfo) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Corners of all tags of the board, and which tags are in the picture with their whole margin.
 
     Returns:
-        (N, 4, 2) pixels and (N,) truth values; seen from below, a tag is not in the picture.
+        (N, 4, 2) pixels and (N,) truth values; from below the platform no tag is in the picture.
     """
     relative = on_rover(view)
-    corners_px, margins_px = project(OUTLINES_M, relative, info)
+    corners_px, margins_px = project(board.outlines_m, relative, info)
     limit_px = np.array((info.width_px - 0.5, info.height_px - 0.5))
     if relative.pos_camera_ned_m[2] >= 0.0:
         return corners_px, np.zeros(len(corners_px), dtype=np.bool_)
@@ -39,20 +52,24 @@ def tags_in_picture(view: View, info: CameraInfo) -> tuple[Array, npt.NDArray[np
 
 
 def detect(
-    views: tuple[View, View, View], info: CameraInfo, config: ProjectionConfig, rng: np.random.Generator
+    board: BoardGeometry,
+    views: tuple[View, View, View],
+    info: CameraInfo,
+    config: ProjectionConfig,
+    rng: np.random.Generator,
 ) -> tuple[CornersOfTag, ...]:
     """Tags as found, with the detector's errors.
 
     Args:
-        views: at the exposure's begin, middle and end.
+        views: views at the exposure's start, middle and end.
     """
-    corners_px, inside = tags_in_picture(views[1], info)
+    corners_px, inside = tags_in_picture(board, views[1], info)
     if not inside.any():
         return ()
     kept = np.flatnonzero(inside)
     corners_px = corners_px[kept]
-    blurs_px, sizes_px = blurs(kept, views, info), sizes(corners_px)
-    dark = in_shadow(kept, views[1], config.radius_shadow_m)
+    blurs_px, sizes_px = blurs(board, kept, views, info), sizes(corners_px)
+    dark = in_shadow(board, kept, views[1], config.radius_shadow_m)
     found = []
     for i, index in enumerate(kept.tolist()):
         blur_px, size_px = float(blurs_px[i]), float(sizes_px[i])
@@ -60,24 +77,24 @@ def detect(
             noisy_px = _with_errors(corners_px[i], size_px, blur_px, config, rng)
             (ax, ay), (bx, by), (cx, cy), (dx, dy) = noisy_px.tolist()
             quad = ((ax, ay), (bx, by), (cx, cy), (dx, dy))
-            found.append(CornersOfTag(tag_id=LANDING_BOARD[index].tag_id, corners_px=quad))
+            found.append(CornersOfTag(tag_id=board.tag_ids[index], corners_px=quad))
     return tuple(found)
 
 
-def blurs(tags: Indices, views: tuple[View, View, View], info: CameraInfo) -> Array:
+def blurs(board: BoardGeometry, tags: Indices, views: tuple[View, View, View], info: CameraInfo) -> Array:
     """Pixels by which the middles of some tags move from the first view to the last."""
-    middles_m = MIDDLES_M[tags, 0]
+    middles_m = board.middles_m[tags, 0]
     path_px = project(middles_m, on_rover(views[2]), info) - project(middles_m, on_rover(views[0]), info)
     result: Array = np.hypot(path_px[:, 0], path_px[:, 1])
     return result
 
 
-def in_shadow(tags: Indices, view: View, radius_m: float) -> npt.NDArray[np.bool_]:
+def in_shadow(board: BoardGeometry, tags: Indices, view: View, radius_m: float) -> npt.NDArray[np.bool_]:
     """Which tags the vehicle's shadow touches; the vehicle is where its camera is."""
     shadow_ned_m = shadow_of(view.pos_camera_ned_m, view.pos_rover_ned_m[2])
     north_m, east_m, _ = rotate_yaw(subtract(shadow_ned_m, view.pos_rover_ned_m), -view.yaw_rover_rad)
-    away_m = MIDDLES_M[tags, 0, :2] - np.array((north_m, east_m))
-    reach_m = radius_m + HALF_SIDES_M[tags]
+    away_m = board.middles_m[tags, 0, :2] - np.array((north_m, east_m))
+    reach_m = radius_m + board.half_sides_m[tags]
     touched: npt.NDArray[np.bool_] = np.hypot(away_m[:, 0], away_m[:, 1]) < reach_m
     return touched
 

@@ -7,7 +7,6 @@ import moderngl
 import numpy as np
 
 from jezero.frames import Vec3
-from jezero.schemas.sensors import CameraInfo
 from jezero.schemas.state import Scene
 from jezero.services.simulator.camera.exposure import Image, PixelNoise, moved_px
 from jezero.services.simulator.camera.gl_matrices import (
@@ -22,27 +21,28 @@ from jezero.services.simulator.camera.service import NoEglError
 from jezero.services.simulator.camera.sun import TO_SUN_NED
 from jezero.services.simulator.camera.view import Array, View, half_tangents
 from jezero.services.simulator.config import SimulatorConfig
+from jezero.vehicle_config import VehicleConfig
 
 NEAR_M, FAR_M = 0.02, 4000.0
 BLUR_FROM_PX = 0.5
 TAPS_MAX = 10
 SHARP_UNIT, DEPTH_UNIT = 4, 5
 SIGHT_MAX_M = 25.0
-"""As far ahead of a camera that looks to the horizon the shadows are made."""
+"""Greatest distance at which a camera that points to the horizon has shadows in its picture."""
 ON_PLATFORM_M = 1.5
-"""Within this of the platform's middle the camera is taken to look at it, else at the ground."""
+"""Within this distance of the platform's middle the platform is the surface in the picture, else the ground."""
 
 
 class EglRenderer:
     """Renders one camera's pictures, and views of the ground from above.
 
     Raises:
-        NoEglError: OpenGL can't be had.
+        NoEglError: there is no OpenGL.
     """
 
     rate_max_hz = 60.0
 
-    def __init__(self, config: SimulatorConfig, info: CameraInfo, noise: PixelNoise) -> None:
+    def __init__(self, config: SimulatorConfig, vehicle: VehicleConfig, noise: PixelNoise) -> None:
         try:
             options: dict[str, Any] = {"backend": "egl", "libgl": "libGL.so.1", "libegl": "libEGL.so.1"}
             gl = moderngl.create_context(standalone=True, **options)
@@ -51,10 +51,10 @@ class EglRenderer:
         self._gl = gl
         weakref.finalize(self, gl.release)
         self.description = f"rendering with EGL on {gl.info['GL_RENDERER']}"
-        self._info = info
+        self._info = info = vehicle.camera.info(0)
         self._noise = noise
         self._clip_from_camera = clip_from_camera(info, NEAR_M, FAR_M)
-        self._world = GlWorld(gl, config)
+        self._world = GlWorld(gl, config, vehicle)
         self._sky_program = self._world.program("screen.vert", "sky.frag")
         self._sky_program["to_sun"] = TO_SUN_NED
         self._blur_program = self._world.program("screen.vert", "blur.frag")
@@ -77,10 +77,10 @@ class EglRenderer:
         self._blur = gl.vertex_array(self._blur_program, [(corners, "2f", "in_corner")])
 
     def picture(self, scene: Scene, views: tuple[View, View, View]) -> bytes:
-        """The picture of a scene, blurred by what moved from the first view to the last, with noise."""
+        """The picture of a scene, blurred by the motion from the first view to the last, with noise."""
         view = views[1]
         placed = Placed(ned_from_rover_body(view), ned_from_frd(scene.pos_uav_ned_m, scene.q_ned_from_frd))
-        middle_ned_m, reach_m = _looked_at(view)
+        middle_ned_m, reach_m = _shadow_area(view)
         self._world.cast_shadows(middle_ned_m, reach_m, placed)
         clip_from_ned = self._clip_from_camera @ camera_from_ned(view)
         self._target.use()
@@ -112,7 +112,7 @@ class EglRenderer:
         return picture
 
     def _draw_sky(self, view: View) -> None:
-        """The sky, where there may be some; rays are those of the picture's corners."""
+        """Draw the sky, unless all rays of the picture's corners point to the ground."""
         ned_from_ray: Array = view.rotation_ned_from_camera @ np.diag((*half_tangents(self._info), 1.0))
         corners = np.array([(a, b, 1.0) for a in (-1, 1) for b in (-1, 1)])
         if (corners @ ned_from_ray[2]).min() > 0.02:
@@ -123,7 +123,7 @@ class EglRenderer:
         self._gl.depth_func = "<"
 
     def _blur_by(self, moved: float, views: tuple[View, View, View], clip_from_ned: Array) -> None:
-        """The second pass: each pixel along the way of what it shows, which on the rover is the rover's way too."""
+        """Blur each pixel along the motion of the point that it shows; points of the rover move with the rover."""
         begin, _, end = views
         ned_from_clip = np.array(np.linalg.inv(clip_from_ned))
         begin_from_ned = self._clip_from_camera @ camera_from_ned(begin)
@@ -149,8 +149,8 @@ def _read(target: moderngl.Framebuffer) -> Image:
     return np.frombuffer(target.read(components=3, alignment=1), dtype=np.uint8).reshape(height, width, 3)
 
 
-def _looked_at(view: View) -> tuple[Vec3, float]:
-    """What the camera looks at, and how far around it shadows are needed."""
+def _shadow_area(view: View) -> tuple[Vec3, float]:
+    """Point in the middle of the picture, and the radius around it within which shadows are needed."""
     north_m, east_m, down_m = view.pos_camera_ned_m
     rover_north_m, rover_east_m, rover_down_m = view.pos_rover_ned_m
     beside_m = max(abs(north_m - rover_north_m), abs(east_m - rover_east_m))

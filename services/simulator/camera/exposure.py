@@ -1,4 +1,4 @@
-"""What the sensor adds to a picture: how far things move while it is exposed, and noise."""
+"""Motion blur and noise of the image sensor."""
 
 import cv2
 import numpy as np
@@ -9,12 +9,12 @@ from jezero.services.simulator.camera.view import Array, View, half_tangents, pr
 
 Image = npt.NDArray[np.uint8]
 POOL = 2_000_003
-"""Noise is drawn once; each picture starts somewhere else in it."""
+"""Values of noise that are drawn once; each picture uses a part with another start."""
 HEIGHT_MIN_M = 0.1
 
 
 def moved_px(views: tuple[View, View, View], info: CameraInfo) -> float:
-    """The longest way of anything at the ground's or the platform's distance across the picture during the exposure."""
+    """Greatest motion in the picture during the exposure, of points at the distance of the ground or the platform."""
     begin, middle, end = views
     eye = np.array(middle.pos_camera_ned_m)
     depth_m = max(middle.pos_rover_ned_m[2] - middle.pos_camera_ned_m[2], HEIGHT_MIN_M)
@@ -33,7 +33,7 @@ class PixelNoise:
     """Normal noise on each colour of each pixel.
 
     Args:
-        std: of 255.
+        std: standard deviation, of 255.
     """
 
     def __init__(self, std: float, rng: np.random.Generator) -> None:
@@ -45,8 +45,8 @@ class PixelNoise:
         """A noisy copy."""
         if self._pool is None:
             return picture
-        wanted = picture.size
-        start = int(self._rng.integers(0, POOL - wanted)) if wanted < POOL else 0
-        noise = np.resize(self._pool[start:], wanted).reshape(picture.shape)
+        size = picture.size
+        start = int(self._rng.integers(0, POOL - size)) if size < POOL else 0
+        noise = np.resize(self._pool[start:], size).reshape(picture.shape)
         result = cv2.add(picture, noise, dtype=cv2.CV_8U)
         return np.asarray(result, dtype=np.uint8)

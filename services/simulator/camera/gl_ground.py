@@ -11,11 +11,11 @@ from jezero.services.simulator.camera.view import Array, View, half_tangents
 from jezero.services.simulator.terrain import HALF_SIDE_M, POINTS, SPACING_M, Terrain
 
 SQUARES = 15
-"""Along the side of a piece."""
+"""Squares along the side of a piece."""
 PIECES = (POINTS - 1) // SQUARES
 APRON_M = 3000.0
 REACH_M = 0.5 * SQUARES * SPACING_M * sqrt(2.0) + 0.5
-"""No point of a piece is further from its middle."""
+"""Greatest distance of a point of a piece from its middle."""
 
 
 @dataclass(frozen=True)
@@ -34,16 +34,16 @@ class GroundMesh:
     apron_length: int
 
     def pieces_in_picture(self, view: View, info: CameraInfo) -> list[int]:
-        """Which pieces the camera may see, the nearest first."""
+        """Indices of the pieces that may be in the picture, the nearest first."""
         in_camera = (self.middles_m - np.array(view.pos_camera_ned_m)) @ view.rotation_ned_from_camera
         across, along = half_tangents(info)
         right, down, forward = np.abs(in_camera[:, 0]), np.abs(in_camera[:, 1]), in_camera[:, 2]
-        seen = (
+        visible = (
             (forward > -REACH_M)
             & (right < across * forward + REACH_M * sqrt(1.0 + across * across))
             & (down < along * forward + REACH_M * sqrt(1.0 + along * along))
         )
-        order: list[int] = np.flatnonzero(seen)[np.argsort(forward[seen])].tolist()
+        order: list[int] = np.flatnonzero(visible)[np.argsort(forward[visible])].tolist()
         return order
 
 

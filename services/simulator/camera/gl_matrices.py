@@ -18,7 +18,7 @@ def clip_from_camera(info: CameraInfo, near_m: float, far_m: float) -> Array:
 
 
 def camera_from_ned(view: View) -> Array:
-    """Into the camera's axes."""
+    """Transformation from the map into the camera's axes."""
     rotation = view.rotation_ned_from_camera.T
     return _rigid(rotation, -rotation @ np.array(view.pos_camera_ned_m))
 
@@ -38,7 +38,7 @@ def clip_from_above(middle_ned_m: Vec3, half_north_m: float, half_east_m: float)
 
 
 def clip_from_sun(to_sun_ned: Vec3, middle_ned_m: Vec3, reach_m: float, depth_m: float) -> Array:
-    """What the sun sees within `reach_m` of a point, without perspective."""
+    """The view from the sun within `reach_m` of a point, without perspective."""
     forward = -np.array(to_sun_ned)
     right = np.cross(forward, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)

@@ -17,27 +17,28 @@ from jezero.services.simulator.camera.sun import TO_SUN_NED
 from jezero.services.simulator.camera.view import Array
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.terrain import make_terrain
+from jezero.vehicle_config import VehicleConfig
 
 SHADERS = Path(__file__).with_name("shaders")
 SHADOW_TEXELS = 1024
 SHADOW_DEPTH_M = 25.0
 SHADOW_BIAS_TEXELS = 2.0
-"""A surface shall not lie in the shadow of its own neighbourhood."""
+"""Keeps a surface out of the shadow of its own neighbourhood."""
 HAZE_PER_M = 1.0 / 900.0
 FINE_AGAIN = 4.7
-"""The fine texture repeats once more at so much smaller a scale."""
+"""The fine texture is repeated at a scale smaller by this factor, so that no period is visible."""
 COARSE_UNIT, FINE_UNIT, BOARD_UNIT, SHADOW_UNIT = range(4)
 
 
 class Body(NamedTuple):
-    """One mesh, as it is seen and as it throws its shadow."""
+    """One mesh, for the picture and for its shadow."""
 
     seen: moderngl.VertexArray
     dark: moderngl.VertexArray
 
 
 class Placed(NamedTuple):
-    """Where rover and vehicle are: None leaves them out."""
+    """Poses of rover and vehicle; None leaves one of them out."""
 
     ned_from_rover: Array | None
     ned_from_uav: Array | None
@@ -46,15 +47,15 @@ class Placed(NamedTuple):
 class GlWorld:
     """Textures, meshes and programs in one context."""
 
-    def __init__(self, gl: moderngl.Context, config: SimulatorConfig) -> None:
+    def __init__(self, gl: moderngl.Context, config: SimulatorConfig, vehicle: VehicleConfig) -> None:
         self._gl = gl
         self._kept: list[moderngl.Texture] = []
         terrain = make_terrain(config.terrain)
-        self._make_programs(config.rover.platform_side_m)
+        self._make_programs(vehicle.platform.side_m)
         textures = ground_textures(config.terrain)
         self._texture(textures.coarse, COARSE_UNIT)
         self._texture(textures.fine, FINE_UNIT)
-        self._texture(board_picture(config.rover.platform_side_m), BOARD_UNIT)
+        self._texture(board_picture(vehicle.platform), BOARD_UNIT)
         self._shadow_map = gl.depth_texture((SHADOW_TEXELS, SHADOW_TEXELS))
         self._shadow_map.compare_func = "<="
         self._shadow_map.filter = (moderngl.LINEAR, moderngl.LINEAR)
@@ -65,9 +66,9 @@ class GlWorld:
         self._ground = gl.vertex_array(self._ground_program, layout, indices)
         rocks = rocks_mesh(terrain)
         self._rocks = self._body(rocks, self._rock_program) if len(rocks) else None
-        self._rover = self._body(rover_mesh(config.rover), self._body_program)
-        self._board = self._body(_top(config.rover.platform_side_m), self._board_program)
-        self._uav = self._body(uav_mesh(config.uav), self._body_program)
+        self._rover = self._body(rover_mesh(vehicle.platform, vehicle.uwb), self._body_program)
+        self._board = self._body(_top(vehicle.platform.side_m), self._board_program)
+        self._uav = self._body(uav_mesh(vehicle.airframe), self._body_program)
 
     # -- building --
 
@@ -135,10 +136,10 @@ class GlWorld:
             lit["shadow_bias"] = bias_m / (2.0 * depth_m)
 
     def draw(self, clip_from_ned: Array, eye_ned_m: Vec3, pieces: list[int], placed: Placed, haze_per_m: float) -> None:
-        """Draw all but the sky, what is nearest first. The vehicle itself is not drawn: its camera never sees it.
+        """Draw all but the sky, the nearest first. The vehicle is not drawn, as it is never in its camera's picture.
 
         Args:
-            pieces: of the ground.
+            pieces: indices of the ground's pieces to draw.
         """
         for program in self._lit:
             put(program["clip_from_ned"], clip_from_ned)
@@ -160,7 +161,7 @@ class GlWorld:
 
 
 def put(uniform: Any, matrix: Array) -> None:
-    """Set a matrix; OpenGL keeps its columns one after the other."""
+    """Set a matrix, in OpenGL's order of columns."""
     uniform.write(np.ascontiguousarray(matrix.T, dtype=np.float32).tobytes())
 
 

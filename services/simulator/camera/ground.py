@@ -1,6 +1,6 @@
-"""The look of the ground: two procedural textures over the simulator's own terrain.
+"""Colour of the ground: two procedural textures over the simulator's own terrain.
 
-The coarse one covers the whole terrain once, so that no two places look alike; the fine one, of sand, ripples and
+The coarse one covers the whole terrain once, so that no two places are alike; the fine one, of sand, ripples and
 pebbles with the shadows they throw, repeats at two scales that share no period.
 """
 
@@ -22,7 +22,7 @@ Image = npt.NDArray[np.uint8]
 Field = npt.NDArray[np.float32]
 
 SIDE_M = POINTS * SPACING_M
-"""The coarse texture's, which repeats beyond the terrain."""
+"""Side of the coarse texture, which repeats beyond the terrain."""
 COARSE_TEXELS = 1024
 FINE_TEXELS = 1024
 FINE_SIDE_M = 5.3
@@ -59,9 +59,10 @@ def fractal(
     """(texels, texels) periodic noise of unit variance.
 
     Args:
-        power: of the wave number by which amplitudes fall.
-        longest, shortest: wavelengths in texels.
-        stretch: how many times longer the pattern is along the columns than across.
+        power: amplitudes fall with this power of the wave number.
+        longest: longest wavelength in texels.
+        shortest: shortest wavelength in texels.
+        stretch: factor by which the pattern is longer along the columns than across.
     """
     k_north = scipy.fft.fftfreq(texels).astype(np.float32)[:, None]
     k_east = scipy.fft.rfftfreq(texels).astype(np.float32)[None, :]

@@ -1,4 +1,4 @@
-"""The camera with the renderer that its settings ask for."""
+"""The camera with the renderer of its settings."""
 
 import msgspec
 
@@ -6,22 +6,24 @@ from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.service import Camera, NoEglError, Renderer
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.noise import generator
+from jezero.vehicle_config import VehicleConfig
 
 
-def make_camera(config: CameraConfig, simulator: SimulatorConfig, seed: int) -> Camera:
+def make_camera(config: CameraConfig, simulator: SimulatorConfig, vehicle: VehicleConfig, seed: int) -> Camera:
     """A camera in the world that the simulator's settings describe.
 
     Raises:
         NoEglError: `renderer` is "egl", and there is none.
     """
-    renderer = make_renderer(config, simulator, seed) if config.mode == "rendered" else None
-    if renderer is not None and renderer.rate_max_hz < config.rate_hz:
-        config = msgspec.structs.replace(config, rate_hz=renderer.rate_max_hz)
-    return Camera(config, renderer, seed)
+    renderer = make_renderer(config, simulator, vehicle, seed) if config.mode == "rendered" else None
+    if renderer is not None and renderer.rate_max_hz < vehicle.camera.rate_hz:
+        slower = msgspec.structs.replace(vehicle.camera, rate_hz=renderer.rate_max_hz)
+        vehicle = msgspec.structs.replace(vehicle, camera=slower)
+    return Camera(config, vehicle, renderer, seed)
 
 
-def make_renderer(config: CameraConfig, simulator: SimulatorConfig, seed: int) -> Renderer:
-    """The renderer that the settings ask for; each one's libraries are imported only where it is used.
+def make_renderer(config: CameraConfig, simulator: SimulatorConfig, vehicle: VehicleConfig, seed: int) -> Renderer:
+    """The renderer of the settings; the libraries of each renderer are imported only when it is used.
 
     Raises:
         NoEglError: `renderer` is "egl", and there is none.
@@ -32,10 +34,10 @@ def make_renderer(config: CameraConfig, simulator: SimulatorConfig, seed: int) -
     noise = PixelNoise(config.std_pixel, generator(seed, "pixels"))
     if config.renderer != "tiny":
         try:
-            return EglRenderer(simulator, config.info(0), noise)
+            return EglRenderer(simulator, vehicle, noise)
         except NoEglError:
             if config.renderer == "egl":
                 raise
     from jezero.services.simulator.camera.tiny_renderer import TinyRenderer
 
-    return TinyRenderer(simulator, config.info(0), noise)
+    return TinyRenderer(simulator, vehicle, noise)

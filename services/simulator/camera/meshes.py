@@ -1,4 +1,4 @@
-"""Shapes that can be seen: rocks, rover, vehicle. Triangles with a normal and a colour at each corner.
+"""Visible shapes: rocks, rover, vehicle. Triangles with a normal and a colour at each corner.
 
 Rover and vehicle are of about the size of the bodies that the physics collides with, and finer.
 """
@@ -8,9 +8,9 @@ from math import cos, pi, sin
 import numpy as np
 import numpy.typing as npt
 
-from jezero.services.simulator.config import RoverConfig, UavConfig
 from jezero.services.simulator.noise import generator
 from jezero.services.simulator.terrain import Terrain
+from jezero.vehicle_config import AirframeConfig, PlatformConfig, UwbLayoutConfig
 
 Mesh = npt.NDArray[np.float32]
 """(3 x triangles, 9): position, normal, colour (roots of reflectances), in the frame of its body."""
@@ -66,9 +66,9 @@ def rod(start_m: Point, end_m: Point, radius_m: float, colour: Colour, sides: in
     return mesh_of(np.concatenate(triangles), colour)
 
 
-def rover_mesh(config: RoverConfig) -> Mesh:
+def rover_mesh(platform: PlatformConfig, uwb: UwbLayoutConfig) -> Mesh:
     """Platform, chassis, six wheels on rockers, in `rover_body`; its top face is painted by the board's picture."""
-    half_m, top_m = 0.5 * config.platform_side_m, config.height_platform_m
+    half_m, top_m = 0.5 * platform.side_m, platform.height_m
     thick_m = 0.5 * PLATFORM_THICKNESS_M
     parts = [
         box((0.0, 0.0, thick_m + 0.002), (half_m, half_m, thick_m), GREY),
@@ -79,7 +79,7 @@ def rover_mesh(config: RoverConfig) -> Mesh:
         box((0.0, -0.31, 0.30 * top_m), (0.30, 0.015, 0.10 * top_m), BLUE),
         box((0.0, 0.31, 0.30 * top_m), (0.30, 0.015, 0.10 * top_m), BLUE),
     ]
-    parts += [rod((*xy, thick_m), (*xy, -0.012), 0.018, ORANGE, 10) for xy in _corners(0.45)]
+    parts += [rod((x, y, thick_m), (x, y, -0.012), 0.018, ORANGE, 10) for x, y, _ in uwb.pos_anchors_rover_body_m]
     for side in (-1.0, 1.0):
         parts += _wheels(side, top_m)
     return np.concatenate(parts)
@@ -110,23 +110,23 @@ def _wheels(side: float, top_m: float) -> list[Mesh]:
     return parts
 
 
-def uav_mesh(config: UavConfig) -> Mesh:
+def uav_mesh(airframe: AirframeConfig) -> Mesh:
     """Hull, arms, legs and two blades per rotor, in the vehicle's FRD."""
     parts = [
         box((0.0, 0.0, -0.01), (0.15, 0.09, 0.035), WHITE),
         box((-0.02, 0.0, -0.055), (0.10, 0.06, 0.012), DARK),
     ]
-    for index, (forward_m, right_m) in enumerate(config.pos_rotors_frd_m):
+    for index, (forward_m, right_m) in enumerate(airframe.pos_rotors_frd_m):
         hub = (forward_m, right_m, -0.05)
         parts.append(rod((0.3 * forward_m, 0.3 * right_m, -0.02), (forward_m, right_m, -0.025), 0.013, DARK))
         parts.append(rod((forward_m, right_m, 0.0), hub, 0.02, GREY))
         angle = 0.7 + 1.9 * index
-        along = (config.radius_rotor_m * cos(angle), config.radius_rotor_m * sin(angle))
+        along = (airframe.radius_rotor_m * cos(angle), airframe.radius_rotor_m * sin(angle))
         tips = [(hub[0] + sign * along[0], hub[1] + sign * along[1], -0.055) for sign in (-1.0, 1.0)]
         parts.append(rod((tips[0][0], tips[0][1], -0.055), (tips[1][0], tips[1][1], -0.055), 0.012, DARK, 4))
-    forward_m, right_m = config.feet_frd_m
+    forward_m, right_m = airframe.feet_frd_m
     for a, b in _corners(1.0):
-        foot = (a * forward_m, b * right_m, config.height_stand_m - 0.01)
+        foot = (a * forward_m, b * right_m, airframe.height_stand_m - 0.01)
         parts.append(rod((0.7 * a * forward_m, 0.6 * b * right_m, 0.0), foot, 0.009, DARK))
     return np.concatenate(parts)
 

@@ -2,15 +2,21 @@
 
 import numpy as np
 
-from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.egl_renderer import EglRenderer
 from jezero.services.simulator.camera.exposure import Image, PixelNoise
 from jezero.services.simulator.config import SimulatorConfig
+from jezero.vehicle_config import VehicleConfig
 
 TILE_TEXELS = 1024
 
 
-def make_orthophoto(config: SimulatorConfig, middle_m: tuple[float, float], side_m: float, m_per_texel: float) -> Image:
+def make_orthophoto(
+    config: SimulatorConfig,
+    vehicle: VehicleConfig,
+    middle_m: tuple[float, float],
+    side_m: float,
+    m_per_texel: float,
+) -> Image:
     """A square of the ground without vehicle and rover, in the sunlight of the camera's pictures, without noise.
 
     Args:
@@ -21,7 +27,7 @@ def make_orthophoto(config: SimulatorConfig, middle_m: tuple[float, float], side
     Raises:
         NoEglError: there is no OpenGL.
     """
-    renderer = EglRenderer(config, CameraConfig().info(0), PixelNoise(0.0, np.random.default_rng(0)))
+    renderer = EglRenderer(config, vehicle, PixelNoise(0.0, np.random.default_rng(0)))
     texels = max(1, round(side_m / m_per_texel))
     picture = np.empty((texels, texels, 3), dtype=np.uint8)
     corner_north_m, corner_west_m = middle_m[0] + 0.5 * side_m, middle_m[1] - 0.5 * side_m

@@ -1,4 +1,4 @@
-"""The camera: takes a picture of each scene that the simulator describes, or projects the tags in it."""
+"""The camera: renders a picture of each scene that the simulator publishes, or projects the tags in it."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -10,10 +10,11 @@ from jezero.schemas.sensors import CameraFrame, TagCorners
 from jezero.schemas.state import Scene
 from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.camera.config import CameraConfig
-from jezero.services.simulator.camera.detections import detect
+from jezero.services.simulator.camera.detections import BoardGeometry, detect
 from jezero.services.simulator.camera.gimbal import Gimbal
 from jezero.services.simulator.camera.view import View, view_of
 from jezero.services.simulator.noise import generator
+from jezero.vehicle_config import VehicleConfig
 
 INFO_PERIOD_NS = NS_PER_S
 
@@ -27,15 +28,15 @@ SPEC = Spec(
 
 
 class NoEglError(RuntimeError):
-    """There is no OpenGL on EGL; the text says what is missing."""
+    """There is no OpenGL on EGL; the message names the missing part."""
 
 
 class Renderer(Protocol):
     """Makes pictures of the simulated world.
 
     Attributes:
-        description: what it is, for people.
-        rate_max_hz: pictures per second that it can be asked for.
+        description: name of the renderer, for people.
+        rate_max_hz: greatest number of pictures per second.
     """
 
     @property
@@ -47,42 +48,44 @@ class Renderer(Protocol):
         """Rows from the top, three bytes red, green, blue each.
 
         Args:
-            views: at the exposure's begin, middle and end.
+            views: views at the exposure's start, middle and end.
         """
 
 
 class Camera:
-    """One picture, or one list of tags, per exposure, as late as a real camera's.
+    """Publishes one picture, or one list of tags, per exposure, with the delay of a real camera.
 
     Args:
         renderer: None in mode "projected".
-        seed: of the noise.
+        seed: seed of the noise.
 
     Attributes:
-        description: how it sees, for people.
+        description: name of the renderer, for people.
     """
 
     spec = SPEC
 
-    def __init__(self, config: CameraConfig, renderer: Renderer | None, seed: int) -> None:
+    def __init__(self, config: CameraConfig, vehicle: VehicleConfig, renderer: Renderer | None, seed: int) -> None:
         self._config = config
+        self._mount = vehicle.camera
+        self._board = BoardGeometry(vehicle.platform.board)
         self._renderer = renderer
         self._rng = generator(seed, "camera")
-        self._gimbal = Gimbal(config)
+        self._gimbal = Gimbal(vehicle.camera.pitch_rest_rad, config.axis_rate_max_rps)
         self._waiting: deque[tuple[int, Publish]] = deque()
         self._epoch_id: int | None = None
         self._sequence = 0
         self._next_exposure_ns = 0
         self._next_info_ns = 0
-        self._said = False
+        self._described = False
         self.description = "projecting the tags" if renderer is None else renderer.description
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
-        """Take the picture of a new scene; publish what has become due."""
-        if not self._said:
-            self._said = True
+        """Expose a new scene; publish the pictures whose delay is over."""
+        if not self._described:
+            self._described = True
             yield Health("ok", self.description)
-        self._gimbal.take(t_ns, inbox.new(topics.CAMERA_PITCH))
+        self._gimbal.update(t_ns, inbox.new(topics.CAMERA_PITCH))
         scenes = inbox.new(topics.SCENE)
         if scenes:
             self._expose(scenes[-1])
@@ -90,7 +93,7 @@ class Camera:
             yield self._waiting.popleft()[1]
         if t_ns >= self._next_info_ns or self._next_info_ns > t_ns + INFO_PERIOD_NS:
             self._next_info_ns = t_ns + INFO_PERIOD_NS
-            yield Publish(topics.CAMERA_INFO, self._config.info(t_ns))
+            yield Publish(topics.CAMERA_INFO, self._mount.info(t_ns))
 
     def _expose(self, scene: Scene) -> None:
         if scene.epoch_id != self._epoch_id:
@@ -98,7 +101,7 @@ class Camera:
             self._waiting.clear()
             self._next_exposure_ns = 0
         self._gimbal.move(scene.t_ns)
-        period_ns = int(NS_PER_S / self._config.rate_hz)
+        period_ns = int(NS_PER_S / self._mount.rate_hz)
         if scene.t_ns < self._next_exposure_ns - period_ns // 10:
             return
         self._next_exposure_ns = max(self._next_exposure_ns + period_ns, scene.t_ns)
@@ -107,7 +110,7 @@ class Camera:
         self._waiting.append((due_ns, self._take(scene, views)))
 
     def _views(self, scene: Scene) -> tuple[View, View, View]:
-        mount_frd_m, gimbal = self._config.pos_camera_frd_m, self._gimbal
+        mount_frd_m, gimbal = self._mount.pos_camera_frd_m, self._gimbal
         axes_rad, rates_rps = (gimbal.pitch_rad, gimbal.roll_rad), (gimbal.pitch_rate_rps, gimbal.roll_rate_rps)
         half_s = 0.5 * self._config.exposure_s
         return (
@@ -119,15 +122,15 @@ class Camera:
     def _take(self, scene: Scene, views: tuple[View, View, View]) -> Publish:
         config, pitch_rad, roll_rad = self._config, self._gimbal.pitch_rad, self._gimbal.roll_rad
         if self._renderer is None:
-            found = detect(views, config.info(scene.t_ns), config.projection, self._rng)
+            found = detect(self._board, views, self._mount.info(scene.t_ns), config.projection, self._rng)
             corners = TagCorners(t_ns=scene.t_ns, pitch_camera_rad=pitch_rad, roll_camera_rad=roll_rad, tags=found)
             return Publish(topics.TAG_CORNERS, corners)
         self._sequence += 1
         frame = CameraFrame(
             t_ns=scene.t_ns,
             sequence=self._sequence,
-            width_px=config.width_px,
-            height_px=config.height_px,
+            width_px=self._mount.width_px,
+            height_px=self._mount.height_px,
             pitch_camera_rad=pitch_rad,
             roll_camera_rad=roll_rad,
             exposure_s=config.exposure_s,

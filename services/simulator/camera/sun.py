@@ -1,4 +1,4 @@
-"""Where the sun stands, and where shadows fall."""
+"""Direction of the sun, and shadows of points."""
 
 from math import cos, radians, sin
 
@@ -15,7 +15,7 @@ TO_SUN_NED: Vec3 = (
 
 
 def shadow_of(point_ned_m: Vec3, down_surface_m: float) -> Vec3:
-    """Where the shadow of a point falls on a level surface."""
+    """Shadow of a point on a level surface."""
     north, east, down = point_ned_m
     steps = (down_surface_m - down) / TO_SUN_NED[2]
     return (north + steps * TO_SUN_NED[0], east + steps * TO_SUN_NED[1], down_surface_m)

@@ -1,6 +1,6 @@
-"""Pictures by PyBullet's TinyRenderer, which needs nothing of the system: plainer, without shadows, some 5 per second.
+"""Pictures by PyBullet's TinyRenderer, which needs no OpenGL: plainer, without shadows, about 5 per second.
 
-Its world is in NED too: the renderer cares for no axis.
+Its world is in NED too: the renderer assumes no direction of its axes.
 """
 
 import tempfile
@@ -23,14 +23,15 @@ from jezero.services.simulator.camera.sun import TO_SUN_NED
 from jezero.services.simulator.camera.view import Array, View, project
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.terrain import HALF_SIDE_M, POINTS, SPACING_M, Terrain, make_terrain
+from jezero.vehicle_config import PlatformConfig, VehicleConfig
 
 NEAR_M, FAR_M = 0.02, 400.0
 THINNING = 3
-"""Every third point of the terrain makes it: the renderer takes its time for each triangle."""
+"""Only every third point of the terrain is used, as the renderer is slow with many triangles."""
 BOARD_TEXELS = 1000
 BLUR_FROM_PX = 1.0
 STD_LENS_PX = 0.6
-"""Stands for a lens, and rounds off the renderer's jagged edges."""
+"""Blur of a lens, which also smooths the renderer's jagged edges."""
 SKY_LOW, SKY_HIGH = np.array((200.0, 172.0, 146.0)), np.array((164.0, 138.0, 116.0))
 
 
@@ -43,8 +44,8 @@ class TinyRenderer:
         "rendering with PyBullet's TinyRenderer: for better pictures install libegl1, libgl1 and libgl1-mesa-dri"
     )
 
-    def __init__(self, config: SimulatorConfig, info: CameraInfo, noise: PixelNoise) -> None:
-        self._info = info
+    def __init__(self, config: SimulatorConfig, vehicle: VehicleConfig, noise: PixelNoise) -> None:
+        self._info = info = vehicle.camera.info(0)
         self._noise = noise
         self._client = int(pybullet.connect(pybullet.DIRECT))
         weakref.finalize(self, pybullet.disconnect, physicsClientId=self._client)
@@ -57,8 +58,8 @@ class TinyRenderer:
             if len(rocks):
                 self._add_painted(rocks)
             self._rover = [
-                self._add_painted(rover_mesh(config.rover)),
-                self._add(_top_mesh(config.rover.platform_side_m), self._texture(_top_picture(config))),
+                self._add_painted(rover_mesh(vehicle.platform, vehicle.uwb)),
+                self._add(_top_mesh(vehicle.platform.side_m), self._texture(_top_picture(vehicle.platform))),
             ]
 
     def picture(self, scene: Scene, views: tuple[View, View, View]) -> bytes:
@@ -95,7 +96,7 @@ class TinyRenderer:
     # -- building --
 
     def _texture(self, picture: Image) -> int:
-        path = self._folder / f"{len(list(self._folder.iterdir()))}.png"  # it keeps what it knows by name
+        path = self._folder / f"{len(list(self._folder.iterdir()))}.png"  # the renderer caches textures by file name
         cv2.imwrite(str(path), picture[::-1, :, ::-1])
         return int(pybullet.loadTexture(str(path), physicsClientId=self._client))
 
@@ -126,7 +127,7 @@ class TinyRenderer:
 
 
 def _projection(info: CameraInfo) -> tuple[float, ...]:
-    """OpenGL's, its columns one after the other; half a pixel to the left and down, where the renderer takes pixels."""
+    """OpenGL's projection by columns, moved half a pixel to the left and down, where the renderer samples pixels."""
     across, along = 2.0 * info.focal_px / info.width_px, 2.0 * info.focal_px / info.height_px
     a, b = (FAR_M + NEAR_M) / (NEAR_M - FAR_M), 2.0 * FAR_M * NEAR_M / (NEAR_M - FAR_M)
     left, below = 1.0 / info.width_px, 1.0 / info.height_px
@@ -134,7 +135,7 @@ def _projection(info: CameraInfo) -> tuple[float, ...]:
 
 
 def _view_matrix(view: View) -> tuple[float, ...]:
-    """OpenGL's eye looks along -z with y up; its columns one after the other."""
+    """OpenGL's view matrix by columns; its camera points along -z with y up."""
     rotation = np.diag((1.0, -1.0, -1.0)) @ view.rotation_ned_from_camera.T
     matrix = np.eye(4)
     matrix[:3, :3] = rotation
@@ -186,15 +187,14 @@ def _top_mesh(side_m: float) -> Mesh:
     return np.array([corners[i] for i in (0, 2, 1, 0, 3, 2)], dtype=np.float32)
 
 
-def _top_picture(config: SimulatorConfig) -> Image:
-    picture = cv2.resize(
-        board_picture(config.rover.platform_side_m), (BOARD_TEXELS, BOARD_TEXELS), interpolation=cv2.INTER_AREA
-    )
+def _top_picture(platform: PlatformConfig) -> Image:
+    painted = board_picture(platform)
+    picture = cv2.resize(painted, (BOARD_TEXELS, BOARD_TEXELS), interpolation=cv2.INTER_AREA)
     return np.asarray(picture, dtype=np.uint8)[::-1]
 
 
 def _paint_sky(picture: Image, is_sky: npt.NDArray[np.bool_], view: View, info: CameraInfo) -> None:
-    """Where nothing is, the sky: paler towards the horizon."""
+    """Paint the sky, paler towards the horizon, into the pixels that show nothing else."""
     if not is_sky.any():
         return
     rows, columns = np.nonzero(is_sky)
@@ -206,7 +206,7 @@ def _paint_sky(picture: Image, is_sky: npt.NDArray[np.bool_], view: View, info: 
 
 
 def _blurred(picture: Image, views: tuple[View, View, View], info: CameraInfo) -> Image:
-    """The whole picture along the way that the platform's middle takes in it."""
+    """The whole picture, blurred along the motion of the platform's middle in it."""
     point = np.array(views[1].pos_rover_ned_m)
     moves = 0.5 * (np.array(views[2].pos_rover_ned_m) - np.array(views[0].pos_rover_ned_m))
     way = project(point + moves, views[2], info) - project(point - moves, views[0], info)

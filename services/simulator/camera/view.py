@@ -1,4 +1,4 @@
-"""Where the camera is and what falls where in its picture."""
+"""Pose of the camera, and projection of points into its picture."""
 
 from dataclasses import dataclass, replace
 
@@ -21,7 +21,7 @@ from jezero.schemas.state import Scene
 
 Array = npt.NDArray[np.float64]
 NEAREST_M = 1e-3
-"""Points nearer to the camera's plane than this, or behind it, have no place in the picture."""
+"""Points nearer to the camera's plane than this, or behind it, are not in the picture."""
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from jezero.schemas.struct import Payload
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.config import EstimatorConfig
 from jezero.services.estimator.service import Estimator
+from jezero.vehicle_config import VehicleConfig
 
 Tamper = Callable[[Arrival], Iterable[Arrival]]
 SENSORS = (topics.CLOCK, topics.ODOMETRY, topics.UWB, topics.ALTIMETER, topics.ROVER_ODOMETRY, topics.ESTIMATE_TAG)
@@ -56,12 +57,12 @@ class Rig:
         tamper: Tamper = lambda arrival: (arrival,),
     ) -> None:
         self.flight = EstimatorFlight(seed, conditions or Conditions())
-        self.config = config or EstimatorConfig()
+        self.config, self.vehicle = config or EstimatorConfig(), VehicleConfig()
         self.relatives: list[Relative] = []
         self.rovers: list[RoverEstimate] = []
         self.bus = MemoryBus(seed)
         self.bus.observe(self._observe)
-        self.bus.add(Estimator(self.config))
+        self.bus.add(Estimator(self.config, self.vehicle))
         arrivals = (after for before in _arrivals(seed, self.flight.conditions) for after in tamper(before))
         self.bus.add(Replay(iter(sorted(arrivals, key=lambda arrival: arrival[0]))))
 
@@ -89,7 +90,7 @@ class Rig:
 
     def restart_estimator(self) -> None:
         """A new process of it."""
-        self.bus.add(Estimator(self.config))
+        self.bus.add(Estimator(self.config, self.vehicle))
 
     def ask(self, endpoint: topics.Endpoint[Any, Any], payload: Payload) -> Any:
         """A question's answer; takes some milliseconds of the flight."""

@@ -14,9 +14,11 @@ from jezero.schemas.estimate import Relative, TagEstimate
 from jezero.schemas.sensors import Altimeter, RoverOdometry, Uwb, UwbRange
 from jezero.schemas.state import Clock, Odometry
 from jezero.services.estimator.config import EstimatorConfig
-from jezero.services.estimator.measurements import AltimeterMeasurement, UpdateResult
+from jezero.services.estimator.kalman import UpdateResult
+from jezero.services.estimator.measurements import AltimeterMeasurement
 from jezero.services.estimator.range_outliers import RangeOutlierFilter
 from jezero.services.estimator.service import Estimator
+from jezero.vehicle_config import VehicleConfig
 from tests.services.estimator.rig import Rig
 from tests.services.estimator.test_filter import GATE, MS, POS_ROVER_M, POS_UAV_M, kalman_at
 
@@ -52,7 +54,7 @@ def pictures(draw: st.DrawFn, t_ns: int) -> TagEstimate:
 @settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.data())
 def test_no_message_makes_the_result_anything_but_numbers(data: st.DataObject) -> None:
-    estimator, inbox = Estimator(EstimatorConfig()), Mailbox(())
+    estimator, inbox = Estimator(EstimatorConfig(), VehicleConfig()), Mailbox(())
     inbox.add_message(topics.CLOCK.name, Clock(t_ns=0, epoch_id=1, wall_ns=0))
     for i in range(12):
         t_ns = (100 + 50 * i) * MS

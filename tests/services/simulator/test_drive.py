@@ -25,7 +25,7 @@ def run(drive: Drive, from_ns: int, seconds: float) -> int:
 def test_it_comes_to_speed_with_bounded_acceleration_and_stops_half_a_second_after_the_last_command() -> None:
     drive = Drive(RoverConfig(acc_max_mps2=0.5, acc_yaw_max_rps2=0.5))
     assert not drive.moves
-    drive.take(S, [command(S)])
+    drive.update(S, [command(S)])
     t_ns = run(drive, S, 0.4)
     assert drive.speed_mps == pytest.approx(0.2, abs=0.003)
     assert drive.yaw_rate_rps == 0.2
@@ -38,13 +38,13 @@ def test_it_comes_to_speed_with_bounded_acceleration_and_stops_half_a_second_aft
 @pytest.mark.parametrize("age_s", [0.31, -0.06, 3.0])
 def test_commands_that_are_old_or_from_the_future_are_not_obeyed(age_s: float) -> None:
     drive = Drive(RoverConfig())
-    drive.take(10 * S, [command(10 * S - round(age_s * S))])
+    drive.update(10 * S, [command(10 * S - round(age_s * S))])
     run(drive, 10 * S, 0.1)
     assert not drive.moves
 
 
 def test_a_command_that_was_overtaken_changes_nothing() -> None:
     drive = Drive(RoverConfig())
-    drive.take(S, [command(S, 1.0), command(S - 1, -1.0)])
+    drive.update(S, [command(S, 1.0), command(S - 1, -1.0)])
     run(drive, S, 0.1)
     assert drive.speed_mps > 0.0

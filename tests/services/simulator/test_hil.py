@@ -64,7 +64,7 @@ def test_the_newest_motor_commands_count() -> None:
     port = HilPort()
     port.receive(controls([0.1, 0.1, 0.1, 0.1]) + controls([0.5, 0.6, 0.7, 0.8]))
     assert port.commands == pytest.approx((0.5, 0.6, 0.7, 0.8))
-    assert port.answers == 2
+    assert port.commands_received == 2
     port.receive(b"")
     assert port.commands == pytest.approx((0.5, 0.6, 0.7, 0.8))
 
@@ -93,6 +93,6 @@ def test_a_message_may_come_in_two_pieces() -> None:
     port = HilPort()
     data = controls([0.5, 0.5, 0.5, 0.5])
     port.receive(data[:20])
-    assert port.answers == 0
+    assert port.commands_received == 0
     port.receive(data[20:])
-    assert port.answers == 1
+    assert port.commands_received == 1

@@ -14,8 +14,11 @@ from jezero.services.simulator.rover import Rover
 from jezero.services.simulator.terrain import make_terrain
 from jezero.services.simulator.uav import Uav, ground_effect
 from jezero.services.simulator.world import DT_S, World
+from jezero.vehicle_config import VehicleConfig
 
 CONFIG = SimulatorConfig()
+VEHICLE = VehicleConfig()
+PLATFORM_M = VEHICLE.platform.height_m
 TERRAIN = make_terrain(CONFIG.terrain)
 WEIGHT_N = 1.5 * 9.81
 ZERO: Vec3 = (0.0, 0.0, 0.0)
@@ -25,12 +28,12 @@ AT_REST = BodyState(ZERO, ZERO, (1.0, 0.0, 0.0, 0.0), ZERO, (0.0, 0.0, -9.81))
 
 @pytest.fixture(scope="module")
 def rover() -> Rover:
-    return Rover(CONFIG.rover, TERRAIN)
+    return Rover(CONFIG.rover, TERRAIN, PLATFORM_M)
 
 
 @pytest.fixture(scope="module")
 def shared_world(rover: Rover) -> Iterator[World]:
-    world = World(CONFIG, TERRAIN, rover.state)
+    world = World(CONFIG, VEHICLE, TERRAIN, rover.state)
     yield world
     world.close()
 
@@ -51,7 +54,7 @@ def spun_up(uav: Uav, commands: tuple[float, ...], body: BodyState = AT_REST, wi
 
 
 def test_half_command_carries_the_weight() -> None:
-    force_ned_n, torque_frd_nm = spun_up(Uav(CONFIG, DT_S), (0.5, 0.5, 0.5, 0.5))
+    force_ned_n, torque_frd_nm = spun_up(Uav(CONFIG, VEHICLE.airframe, DT_S), (0.5, 0.5, 0.5, 0.5))
     assert force_ned_n == pytest.approx((0.0, 0.0, -WEIGHT_N), rel=1e-4)
     # airframe 10016: sum of forward arms is zero, of sideways arms too, the yaw moments cancel
     assert torque_frd_nm == pytest.approx(ZERO, abs=1e-9)
@@ -60,36 +63,37 @@ def test_half_command_carries_the_weight() -> None:
 def test_each_motor_turns_the_body_as_airframe_10016_says() -> None:
     """Full thrust of one motor is 2 * weight / 4; motor 1 is front right and counter-clockwise."""
     one_n = 0.5 * WEIGHT_N
-    _, torque_frd_nm = spun_up(Uav(CONFIG, DT_S), (1.0, 0.0, 0.0, 0.0))
+    _, torque_frd_nm = spun_up(Uav(CONFIG, VEHICLE.airframe, DT_S), (1.0, 0.0, 0.0, 0.0))
     assert torque_frd_nm == pytest.approx((-0.245 * one_n, 0.1515 * one_n, 0.05 * one_n), rel=1e-3)
-    _, torque_frd_nm = spun_up(Uav(CONFIG, DT_S), (0.0, 0.0, 0.0, 1.0))
+    _, torque_frd_nm = spun_up(Uav(CONFIG, VEHICLE.airframe, DT_S), (0.0, 0.0, 0.0, 1.0))
     assert torque_frd_nm == pytest.approx((-0.1875 * one_n, -0.1515 * one_n, -0.05 * one_n), rel=1e-3)
 
 
 def test_a_rotor_reaches_63_percent_of_its_speed_in_one_time_constant() -> None:
-    uav = Uav(CONFIG, DT_S)
+    uav = Uav(CONFIG, VEHICLE.airframe, DT_S)
     for _ in range(round(CONFIG.uav.tau_motor_s / DT_S)):
         uav.step((1.0, 1.0, 1.0, 1.0), AT_REST, ZERO, HIGH_M)
     assert uav.speeds[0] == pytest.approx(0.632, abs=0.001)
 
 
 def test_three_metres_per_second_of_wind_tilt_the_hovering_vehicle_by_six_and_a_half_degrees() -> None:
-    force_ned_n, _ = spun_up(Uav(CONFIG, DT_S), (0.5, 0.5, 0.5, 0.5), wind=(0.0, 3.0, 0.0))
+    force_ned_n, _ = spun_up(Uav(CONFIG, VEHICLE.airframe, DT_S), (0.5, 0.5, 0.5, 0.5), wind=(0.0, 3.0, 0.0))
     assert force_ned_n[0] == pytest.approx(0.0, abs=1e-9)
     assert degrees(atan2(force_ned_n[1], WEIGHT_N)) == pytest.approx(6.5, abs=0.4)
 
 
 def test_body_drag_grows_with_the_square_of_the_airspeed() -> None:
     """Rotors at rest: 0.5 * 1.2 kg/m^3 * 0.06 m^2 * (10 m/s)^2 = 3.6 N sideways, 0.1 m^2 give 6.0 N when falling."""
+    resting = Uav(CONFIG, VEHICLE.airframe, DT_S)
     body = AT_REST._replace(vel_ned_mps=(10.0, 0.0, 0.0))
-    assert Uav(CONFIG, DT_S).step((0.0,) * 4, body, ZERO, HIGH_M)[0] == pytest.approx((-3.6, 0.0, 0.0))
+    assert resting.step((0.0,) * 4, body, ZERO, HIGH_M)[0] == pytest.approx((-3.6, 0.0, 0.0))
     body = AT_REST._replace(vel_ned_mps=(0.0, 0.0, 10.0))
-    assert Uav(CONFIG, DT_S).step((0.0,) * 4, body, ZERO, HIGH_M)[0] == pytest.approx((0.0, 0.0, -6.0))
+    assert resting.step((0.0,) * 4, body, ZERO, HIGH_M)[0] == pytest.approx((0.0, 0.0, -6.0))
 
 
 def test_thrust_follows_the_body() -> None:
     body = AT_REST._replace(q_ned_from_frd=quat_from_euler(radians(90.0), 0.0, 0.0))
-    force_ned_n, _ = spun_up(Uav(CONFIG, DT_S), (0.5, 0.5, 0.5, 0.5), body)
+    force_ned_n, _ = spun_up(Uav(CONFIG, VEHICLE.airframe, DT_S), (0.5, 0.5, 0.5, 0.5), body)
     assert force_ned_n == pytest.approx((0.0, WEIGHT_N, 0.0), rel=1e-4, abs=1e-3)
 
 
@@ -114,7 +118,7 @@ def test_free_fall(world: World) -> None:
 
 def test_hover_thrust_balances_the_weight(world: World) -> None:
     world.place_uav((0.0, 0.0, -5.0), 0.3)
-    uav = Uav(CONFIG, DT_S)
+    uav = Uav(CONFIG, VEHICLE.airframe, DT_S)
     spun_up(uav, (0.5, 0.5, 0.5, 0.5))
     for _ in range(500):
         state = world.step(*uav.step((0.5, 0.5, 0.5, 0.5), world.state, ZERO, HIGH_M))
@@ -127,7 +131,7 @@ def test_a_torque_turns_about_its_own_axis_in_the_body(world: World, axis: int) 
     """Torque = inertia * 2 rad/s^2 for 0.2 s gives 0.4 rad/s about the same body axis, with heading 1 rad."""
     world.place_uav((0.0, 0.0, -5.0), 1.0)
     torque = [0.0, 0.0, 0.0]
-    torque[axis] = 2.0 * CONFIG.uav.inertia_kgm2[axis]
+    torque[axis] = 2.0 * VEHICLE.airframe.inertia_frd_kgm2[axis]
     for _ in range(50):
         state = world.step((0.0, 0.0, -WEIGHT_N), (torque[0], torque[1], torque[2]))
     expected = [0.0, 0.0, 0.0]
@@ -171,7 +175,7 @@ def test_dropped_from_half_a_metre_it_bounces_and_rests_upright(world: World, ro
         "platform": rover.state.pos_ned_m,
         "beyond the grid": (100.0, 10.0, 0.0),
     }[place]
-    world.place_uav((below[0], below[1], below[2] - 0.5 - CONFIG.uav.height_stand_m), 0.4)
+    world.place_uav((below[0], below[1], below[2] - 0.5 - VEHICLE.airframe.height_stand_m - CONFIG.uav.sag_legs_m), 0.4)
     states = [world.step(ZERO, ZERO) for _ in range(1000)]
     upwards_mps = max(-state.vel_ned_mps[2] for state in states)
     peak_mps2 = max(norm(state.acc_frd_mps2) for state in states)
@@ -210,8 +214,8 @@ def test_respawn_puts_it_back_at_rest(world: World) -> None:
 
 def test_on_the_platform_it_starts_on_the_platform() -> None:
     config = SimulatorConfig(uav=UavConfig(start="platform"), rover=RoverConfig(start_north_m=20.0, start_east_m=9.0))
-    rover = Rover(config.rover, TERRAIN)
-    world = World(config, TERRAIN, rover.state)
+    rover = Rover(config.rover, TERRAIN, PLATFORM_M)
+    world = World(config, VEHICLE, TERRAIN, rover.state)
     assert world.start_ned_m == pytest.approx((20.0, 9.0, rover.state.pos_ned_m[2] - 0.148), abs=0.003)
     world.close()
 
@@ -227,7 +231,7 @@ def test_the_platform_is_half_a_metre_above_the_ground(rover: Rover) -> None:
 def test_the_rover_drives_in_a_circle() -> None:
     """1 m/s and 0.2 rad/s: after half a turn it is a diameter, 10 m, to the right of where it started."""
     flat = make_terrain(TerrainConfig(std_ground_m=0.0, craters=0, rocks=0))
-    rover = Rover(RoverConfig(start_north_m=0.0, start_east_m=0.0, start_yaw_rad=0.0), flat)
+    rover = Rover(RoverConfig(start_north_m=0.0, start_east_m=0.0, start_yaw_rad=0.0), flat, PLATFORM_M)
     for _ in range(3927):
         state = rover.drive(1.0, 0.2, DT_S)
     assert state.pos_ned_m == pytest.approx((0.0, 10.0, -0.5), abs=0.01)
@@ -237,8 +241,8 @@ def test_the_rover_drives_in_a_circle() -> None:
 def test_a_driving_rover_carries_the_vehicle_along() -> None:
     flat = make_terrain(TerrainConfig(std_ground_m=0.0, craters=0, rocks=0))
     config = SimulatorConfig(uav=UavConfig(start="platform"))
-    rover = Rover(config.rover, flat)
-    world = World(config, flat, rover.state)
+    rover = Rover(config.rover, flat, PLATFORM_M)
+    world = World(config, VEHICLE, flat, rover.state)
     offset_m = subtract(world.state.pos_ned_m, rover.state.pos_ned_m)
     for step in range(500):
         world.move_rover(rover.drive(min(0.5, 0.002 * step), 0.0, DT_S))
@@ -277,7 +281,7 @@ def test_rocks_stop_the_vehicle(world: World) -> None:
 
 def test_on_mars_everything_falls_slower() -> None:
     config = msgspec.structs.replace(CONFIG, gravity_mps2=3.71)
-    world = World(config, TERRAIN, Rover(config.rover, TERRAIN).state)
+    world = World(config, VEHICLE, TERRAIN, Rover(config.rover, TERRAIN, PLATFORM_M).state)
     assert world.step(ZERO, ZERO).acc_frd_mps2 == pytest.approx((0.0, 0.0, -3.71), abs=1e-3)
     world.place_uav((0.0, 0.0, -20.0), 0.0)
     for _ in range(250):
@@ -290,7 +294,7 @@ def test_on_mars_everything_falls_slower() -> None:
 def test_no_motor_commands_make_the_state_non_finite(world: World, seed: int) -> None:
     """Each motor is anywhere between off and full for half a second at a time: it tumbles, crashes and scrapes."""
     rng = np.random.default_rng(seed)
-    uav = Uav(CONFIG, DT_S)
+    uav = Uav(CONFIG, VEHICLE.airframe, DT_S)
     for step in range(5000):
         if step % 125 == 0:
             commands = tuple(rng.random(4).round().tolist())

@@ -21,8 +21,10 @@ from jezero.services.simulator.sensors import (
     altitude_pressure_m,
     pressure_pa,
 )
+from jezero.vehicle_config import VehicleConfig
 
 CONFIG = SimulatorConfig()
+VEHICLE = VehicleConfig()
 ORIGIN = CONFIG.origin
 DT_S = 0.004
 ZERO: Vec3 = (0.0, 0.0, 0.0)
@@ -59,7 +61,7 @@ def magnetometer(seed: int) -> Callable[[], tuple[float, ...]]:
 
 
 def altimeter(seed: int) -> Callable[[], tuple[float, ...]]:
-    sensor = Altimeter(CONFIG.altimeter, seed)
+    sensor = Altimeter(CONFIG.altimeter, VEHICLE.altimeter, seed)
 
     def measure() -> tuple[float, ...]:
         range_m = sensor.measure(0, 4.0).range_m
@@ -70,7 +72,7 @@ def altimeter(seed: int) -> Callable[[], tuple[float, ...]]:
 
 
 def uwb(seed: int) -> Callable[[], tuple[float, ...]]:
-    sensor = Uwb(CONFIG.uwb, CONFIG.rover.pos_anchors_rover_body_m, seed)
+    sensor = Uwb(CONFIG.uwb, VEHICLE.uwb, seed)
     hovering = BODY._replace(pos_ned_m=(12.0, -18.0, -6.55), vel_ned_mps=ZERO, q_ned_from_frd=(1.0, 0.0, 0.0, 0.0))
     return lambda: tuple(r.range_m for r in sensor.measure(0, hovering, ROVER).ranges)
 
@@ -177,22 +179,22 @@ def test_pressure_is_that_of_the_standard_atmosphere() -> None:
 
 @pytest.mark.parametrize("true_range_m", [None, 0.02, 10.5])
 def test_the_altimeter_reports_nothing_beyond_its_limits(true_range_m: float | None) -> None:
-    assert Altimeter(CONFIG.altimeter, 1).measure(5, true_range_m).range_m is None
+    assert Altimeter(CONFIG.altimeter, VEHICLE.altimeter, 1).measure(5, true_range_m).range_m is None
 
 
 def test_uwb_is_silent_beyond_its_range() -> None:
-    sensor = Uwb(CONFIG.uwb, CONFIG.rover.pos_anchors_rover_body_m, 1)
+    sensor = Uwb(CONFIG.uwb, VEHICLE.uwb, 1)
     assert sensor.measure(0, BODY._replace(pos_ned_m=(12.0, -18.0, -16.0)), ROVER).ranges == ()
 
 
 def test_uwb_sees_the_anchors_where_the_rovers_heading_puts_them() -> None:
     """Rover heads east: its forward anchors are to the east, its right ones to the south."""
-    sensor = Uwb(CONFIG.uwb, CONFIG.rover.pos_anchors_rover_body_m, 1)
+    sensor = Uwb(CONFIG.uwb, VEHICLE.uwb, 1)
     rover = RoverState(ZERO, ZERO, radians(90.0), 0.0, 0.0)
     at = BODY._replace(pos_ned_m=(-0.45, 0.45, -0.05), vel_ned_mps=ZERO, q_ned_from_frd=(1.0, 0.0, 0.0, 0.0))
     ranges = {r.anchor: r.range_m for r in sensor.measure(0, at, rover).ranges}
     expected = {}
-    for i, (forward_m, right_m, _) in enumerate(CONFIG.rover.pos_anchors_rover_body_m):
+    for i, (forward_m, right_m, _) in enumerate(VEHICLE.uwb.pos_anchors_rover_body_m):
         expected[i] = np.hypot(-right_m + 0.45, forward_m - 0.45)
     assert ranges == pytest.approx(expected, abs=0.05)
     assert min(ranges, key=lambda i: ranges[i]) == 0
@@ -200,7 +202,7 @@ def test_uwb_sees_the_anchors_where_the_rovers_heading_puts_them() -> None:
 
 def test_uwb_ranges_have_times_of_their_own() -> None:
     """The tag approaches at 1 m/s; the first anchor was asked 6 ms before the last."""
-    sensor = Uwb(CONFIG.uwb, CONFIG.rover.pos_anchors_rover_body_m, 1)
+    sensor = Uwb(CONFIG.uwb, VEHICLE.uwb, 1)
     ranges = sensor.measure(1_000_000_000, BODY, ROVER).ranges
     assert [1_000_000_000 - r.t_ns for r in ranges] == [6_000_000, 4_000_000, 2_000_000, 0]
 
@@ -220,8 +222,8 @@ def test_odometry_adds_up_the_way_driven() -> None:
 
 def test_a_share_of_the_uwb_ranges_is_too_long_without_line_of_sight() -> None:
     config = msgspec.structs.replace(CONFIG.uwb, share_blocked=0.2)
-    clear = Uwb(CONFIG.uwb, CONFIG.rover.pos_anchors_rover_body_m, 1)
-    blocked = Uwb(config, CONFIG.rover.pos_anchors_rover_body_m, 1)
+    clear = Uwb(CONFIG.uwb, VEHICLE.uwb, 1)
+    blocked = Uwb(config, VEHICLE.uwb, 1)
     detours_m = []
     for _ in range(500):
         for a, b in zip(clear.measure(0, BODY, ROVER).ranges, blocked.measure(0, BODY, ROVER).ranges, strict=True):

@@ -3,7 +3,7 @@
 import hashlib
 from collections import Counter
 from itertools import pairwise
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import pytest
@@ -17,8 +17,10 @@ from jezero.schemas import topics
 from jezero.services.simulator.config import RoverConfig, SimulatorConfig, UavConfig, WindConfig
 from jezero.services.simulator.schedule import Schedule
 from jezero.services.simulator.service import HIL, SPEC, Simulator
+from jezero.vehicle_config import VehicleConfig
 
 STEP_NS = 4_000_000
+VEHICLE = VehicleConfig()
 CALM = SimulatorConfig(wind=WindConfig(mean_mps=0.0, std_gust_mps=0.0))
 
 
@@ -26,7 +28,7 @@ class Bench:
     """A simulator with an autopilot's link that the test controls."""
 
     def __init__(self, config: SimulatorConfig = CALM, seed: int = 1) -> None:
-        self.simulator = Simulator(config, seed, boot_id=7)
+        self.simulator = Simulator(config, VEHICLE, seed, boot_id=7)
         self.t_ns = 0
         self.up = True
         self.count = 1
@@ -110,7 +112,7 @@ def test_readings_carry_the_time_at_which_they_were_true() -> None:
     bench = Bench()
     bench.run(100)
     now_ns = bench.t_ns
-    delays_s = {
+    delays_s: dict[topics.Topic[Any], float] = {
         topics.GNSS: CALM.gnss.delay_s,
         topics.ALTIMETER: CALM.altimeter.delay_s,
         topics.UWB: CALM.uwb.delay_s,
@@ -139,8 +141,9 @@ def test_the_same_seed_gives_the_same_bytes_and_another_one_others() -> None:
 
 
 def test_at_rest_it_is_at_the_origin_whether_on_ground_or_platform() -> None:
-    for start in ("ground", "platform"):
-        uav = UavConfig(start=start)  # type: ignore[arg-type]
+    starts: tuple[Literal["ground", "platform"], ...] = ("ground", "platform")
+    for start in starts:
+        uav = UavConfig(start=start)
         config = msgspec.structs.replace(CALM, uav=uav, rover=RoverConfig(start_yaw_rad=0.0))
         truth = published(Bench(config).run(50), topics.TRUTH)[-1]
         assert truth.pos_uav_ned_m == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
@@ -238,7 +241,7 @@ def test_uwb_and_gnss_agree_with_the_truth() -> None:
 def test_the_shipped_settings_are_the_defaults() -> None:
     assert load_config(SimulatorConfig, "simulator") == SimulatorConfig()
     config = SimulatorConfig()
-    rates = {
+    rates: dict[topics.Topic[Any], float] = {
         topics.IMU: config.imu.rate_hz,
         topics.GNSS: config.gnss.rate_hz,
         topics.BARO: config.barometer.rate_hz,
@@ -256,7 +259,7 @@ def test_the_shipped_settings_are_the_defaults() -> None:
     [
         ("[wind]\nmean_mp = 3.0", "mean_mp"),
         ("[wind]\nmean_mps = -1.0", "wind.mean_mps"),
-        ("[uav]\nmass_kg = nan", "uav.mass_kg"),
+        ("[uav]\ntau_motor_s = nan", "uav.tau_motor_s"),
         ('[uav]\nstart = "moon"', "uav.start"),
         ("[gnss]\ndelay_s = 5.0", "gnss.delay_s"),
         ("gravity_mps2 = 0.0", "gravity_mps2"),
@@ -292,4 +295,4 @@ def test_each_exposure_has_its_scene_in_the_map_where_vehicle_and_rover_are() ->
     assert len(scenes) == 15
     assert scenes[-1].pos_rover_ned_m[:2] == pytest.approx((config.rover.start_north_m, config.rover.start_east_m))
     above_m = scenes[-1].pos_rover_ned_m[2] - scenes[-1].pos_uav_ned_m[2]
-    assert above_m == pytest.approx(config.uav.height_stand_m, abs=0.02)
+    assert above_m == pytest.approx(VEHICLE.airframe.height_stand_m, abs=0.02)

@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from math import pi, radians, tan
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from jezero.frames import (
     Quat,
@@ -21,7 +23,7 @@ from jezero.runtime.memory_bus import NO_DELAY, MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Spec
 from jezero.schemas import topics
 from jezero.schemas.estimate import TagEstimate
-from jezero.schemas.landing_board import BIG_ID, LANDING_BOARD
+from jezero.schemas.landing_board import BIG_ID, make_board
 from jezero.schemas.sensors import CameraFrame, CameraInfo, CornersOfTag, TagCorners
 from jezero.schemas.state import Odometry
 from jezero.schemas.struct import Message
@@ -30,14 +32,18 @@ from jezero.services.estimator.attitude_history import AttitudeHistory
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.finder import Finder
 from jezero.services.estimator.tag_detector.pose import Array, View, make_view, solve
-from jezero.services.estimator.tag_detector.service import TagDetector, locate
+from jezero.services.estimator.tag_detector.service import TagDetector, corners_by_id, locate
+from jezero.vehicle_config import VehicleConfig
 
+Grey = NDArray[np.uint8]
 WIDTH_PX, HEIGHT_PX = 640, 480
 FOCAL_PX = 0.5 * WIDTH_PX / tan(radians(40.0))
 CENTER_PX = (0.5 * (WIDTH_PX - 1), 0.5 * (HEIGHT_PX - 1))
 MOUNT_FRD_M: Vec3 = (0.05, 0.0, 0.05)
 DOWN_RAD = -0.5 * pi
+LANDING_BOARD = make_board()
 CONFIG = TagDetectorConfig()
+CORNERS_M = corners_by_id(LANDING_BOARD)
 
 
 def project(point_rover_body_m: Vec3, pos_uav_ned_m: Vec3, q: Quat, yaw_rover_rad: float, pitch_rad: float) -> Vec3:
@@ -71,7 +77,7 @@ def test_the_pose_behind_exact_corners_is_found_exactly(
 ) -> None:
     q = quat_from_euler(0.1, -0.12, 1.3)
     pos_ned_m = (0.03 * height_m, -0.1 * height_m, -height_m)
-    found = locate(seen([BIG_ID, 1], pos_ned_m, q, yaw_rover_rad, pitch_rad), view_of(q, pitch_rad), CONFIG)
+    found = locate(seen([BIG_ID, 1], pos_ned_m, q, yaw_rover_rad, pitch_rad), CORNERS_M, view_of(q, pitch_rad), CONFIG)
     assert found is not None
     assert found[0] == (BIG_ID, 1)
     assert found[1].pos_uav_rel_rover_ned_m == pytest.approx(pos_ned_m, abs=1e-6)
@@ -99,12 +105,12 @@ def test_foreign_tags_are_ignored_and_a_tag_that_contradicts_the_others_is_left_
     foreign = CornersOfTag(tag_id=300, corners_px=tags[0].corners_px)
     moved = tuple((x + 40.0, y) for x, y in tags[1].corners_px)
     liar = CornersOfTag(tag_id=1, corners_px=(moved[0], moved[1], moved[2], moved[3]))
-    found = locate([foreign, tags[0], liar], view_of(q), CONFIG)
+    found = locate([foreign, tags[0], liar], CORNERS_M, view_of(q), CONFIG)
     assert found is not None
     assert found[0] == (BIG_ID,)
     assert found[1].pos_uav_rel_rover_ned_m == pytest.approx(pos_ned_m, abs=1e-5)
-    assert locate([foreign], view_of(q), CONFIG) is None
-    assert locate([], view_of(q), CONFIG) is None
+    assert locate([foreign], CORNERS_M, view_of(q), CONFIG) is None
+    assert locate([], CORNERS_M, view_of(q), CONFIG) is None
 
 
 def test_corners_above_the_horizon_or_in_one_point_give_no_pose() -> None:
@@ -117,7 +123,7 @@ def test_corners_above_the_horizon_or_in_one_point_give_no_pose() -> None:
 # -- pixels --
 
 
-def painted_board(pixels_per_m: int) -> Array:
+def painted_board(pixels_per_m: int) -> Grey:
     """The board from above, the platform's nose at the top, 1 m wide."""
     side = pixels_per_m
     picture = np.full((side, side), 160, np.uint8)
@@ -125,16 +131,14 @@ def painted_board(pixels_per_m: int) -> Array:
     for tag in LANDING_BOARD:
         north_m, east_m, _ = tag.pos_rover_body_m
         cell = max(1, round(tag.side_m * pixels_per_m / 8))
-        marker = cv2.copyMakeBorder(
-            cv2.aruco.generateImageMarker(dictionary, tag.tag_id, 8 * cell), *[cell] * 4, cv2.BORDER_CONSTANT, value=255
-        )
+        marker = np.pad(cv2.aruco.generateImageMarker(dictionary, tag.tag_id, 8 * cell), cell, constant_values=255)
         top = round((0.5 - north_m) * side - 5 * cell)
         left = round((0.5 + east_m) * side - 5 * cell)
         picture[top : top + 10 * cell, left : left + 10 * cell] = marker
     return picture
 
 
-def photograph(board: Array, pixels_per_m: int, pos_ned_m: Vec3, q: Quat, yaw_rad: float, t_ns: int = 0) -> CameraFrame:
+def photograph(board: Grey, pixels_per_m: int, pos_ned_m: Vec3, q: Quat, yaw_rad: float, t_ns: int = 0) -> CameraFrame:
     """Four times too large, then shrunk, with noise."""
     finer = 4
     size = board.shape[0] - 1
@@ -162,25 +166,25 @@ PIXELS_PER_M = 2000
 
 
 @pytest.fixture(scope="module")
-def board() -> Array:
+def board() -> Grey:
     return painted_board(PIXELS_PER_M)
 
 
 @pytest.mark.parametrize(
     ("height_m", "most_m"), [(0.2, 0.004), (0.5, 0.005), (1.0, 0.006), (2.0, 0.015), (5.0, 0.06), (8.0, 0.12)]
 )
-def test_the_vehicle_is_placed_over_a_painted_board(board: Array, height_m: float, most_m: float) -> None:
+def test_the_vehicle_is_placed_over_a_painted_board(board: Grey, height_m: float, most_m: float) -> None:
     q, yaw_rad = quat_from_euler(0.04, -0.06, 0.9), 0.4
     pos_ned_m = (0.02 + 0.05 * height_m, -0.04 * height_m, -height_m)
     tags = Finder(CONFIG).find(photograph(board, PIXELS_PER_M, pos_ned_m, q, yaw_rad))
-    found = locate(tags, view_of(q), CONFIG)
+    found = locate(tags, CORNERS_M, view_of(q), CONFIG)
     assert found is not None
     error_m = np.abs(found[1].pos_uav_rel_rover_ned_m - pos_ned_m)
     assert error_m.max() < most_m
     assert found[1].yaw_rover_rad == pytest.approx(yaw_rad, abs=0.02)
 
 
-def test_a_tag_that_touches_the_edge_of_the_picture_does_not_count(board: Array) -> None:
+def test_a_tag_that_touches_the_edge_of_the_picture_does_not_count(board: Grey) -> None:
     q = quat_from_euler(0.0, 0.0, 0.0)
     cut = photograph(board, PIXELS_PER_M, (0.7, 0.0, -1.5), q, 0.0)
     assert all(tag.tag_id != BIG_ID for tag in Finder(CONFIG).find(cut))
@@ -218,8 +222,8 @@ class Feeder:
         name="feeder", outputs=(topics.ODOMETRY, topics.CAMERA_INFO, topics.TAG_CORNERS), triggers=(), rate_hz=100.0
     )
 
-    def __init__(self, messages: list[tuple[float, topics.Topic[Message], Message]]) -> None:
-        self._messages = messages
+    def __init__(self, messages: Sequence[tuple[float, topics.Topic[Any], Message]]) -> None:
+        self._messages = list(messages)
 
     def step(self, t_ns: int, inbox: Inbox) -> list[Output]:
         due = [m for m in self._messages if m[0] * NS_PER_S <= t_ns]
@@ -227,7 +231,7 @@ class Feeder:
         return [Publish(topic, message) for _, topic, message in due]
 
 
-def test_the_service_tells_the_place_at_exposure_from_the_attitude_of_that_time() -> None:
+def test_the_estimate_is_that_of_the_exposure_with_the_attitude_of_that_time() -> None:
     then, later = quat_from_euler(0.1, 0.0, 0.2), quat_from_euler(-0.2, 0.0, 0.2)
     pos_ned_m = (0.2, -0.1, -3.0)
     info = CameraInfo(
@@ -241,16 +245,16 @@ def test_the_service_tells_the_place_at_exposure_from_the_attitude_of_that_time(
     )
     corners = TagCorners(t_ns=NS_PER_S, pitch_camera_rad=DOWN_RAD, tags=tuple(seen([BIG_ID, 1], pos_ned_m, then, 0.3)))
     bus = MemoryBus(delay=NO_DELAY)
-    told: list[TagEstimate] = []
+    estimates: list[TagEstimate] = []
 
     def observe(t_ns: int, topic: str, data: bytes) -> None:
         if topic == topics.ESTIMATE_TAG.name:
             from jezero.codec import decode
 
-            told.append(decode(TagEstimate, data))
+            estimates.append(decode(TagEstimate, data))
 
     bus.observe(observe)
-    bus.add(TagDetector(CONFIG))
+    bus.add(TagDetector(CONFIG, VehicleConfig()))
     bus.add(
         Feeder(
             [
@@ -262,7 +266,7 @@ def test_the_service_tells_the_place_at_exposure_from_the_attitude_of_that_time(
         )
     )
     bus.run_for(2.0)
-    assert [message.t_ns for message in told] == [NS_PER_S]
-    assert told[0].pos_uav_rel_rover_ned_m == pytest.approx(pos_ned_m, abs=1e-5)
-    assert told[0].yaw_rover_rad == pytest.approx(0.3, abs=1e-5)
-    assert told[0].tag_ids == (BIG_ID, 1)
+    assert [message.t_ns for message in estimates] == [NS_PER_S]
+    assert estimates[0].pos_uav_rel_rover_ned_m == pytest.approx(pos_ned_m, abs=1e-5)
+    assert estimates[0].yaw_rover_rad == pytest.approx(0.3, abs=1e-5)
+    assert estimates[0].tag_ids == (BIG_ID, 1)

@@ -11,10 +11,11 @@ import numpy.typing as npt
 import pytest
 
 from jezero.frames import Vec3, quat_from_euler
-from jezero.schemas.landing_board import LANDING_BOARD
+from jezero.schemas.landing_board import BIG_ID
 from jezero.schemas.state import Scene
+from jezero.services.simulator.camera.board import TEXELS_PER_M, board_picture
 from jezero.services.simulator.camera.config import CameraConfig
-from jezero.services.simulator.camera.detections import tags_in_picture
+from jezero.services.simulator.camera.detections import BoardGeometry, tags_in_picture
 from jezero.services.simulator.camera.egl_renderer import EglRenderer
 from jezero.services.simulator.camera.exposure import PixelNoise
 from jezero.services.simulator.camera.making import make_renderer
@@ -22,20 +23,22 @@ from jezero.services.simulator.camera.service import NoEglError, Renderer
 from jezero.services.simulator.camera.tiny_renderer import TinyRenderer
 from jezero.services.simulator.camera.view import View, view_of
 from jezero.services.simulator.config import RoverConfig, SimulatorConfig
+from jezero.vehicle_config import PlatformConfig, VehicleConfig
 
 Image = npt.NDArray[np.uint8]
 CONFIG = CameraConfig(std_pixel=0.0)
 SIMULATOR = SimulatorConfig()
-INFO = CONFIG.info(0)
+VEHICLE = VehicleConfig()
+BOARD = BoardGeometry(VEHICLE.platform.board)
+INFO = VEHICLE.camera.info(0)
 DOWN_RAD = -0.5 * pi
-BIG = LANDING_BOARD[0].tag_id
 ROVER_NED_M = (5.0, -3.0, -0.5)
 
 
 @lru_cache(maxsize=2)
 def renderer(kind: str) -> Renderer:
     try:
-        return make_renderer(msgspec.structs.replace(CONFIG, renderer=kind), SIMULATOR, seed=1)
+        return make_renderer(msgspec.structs.replace(CONFIG, renderer=kind), SIMULATOR, VEHICLE, seed=1)
     except NoEglError as error:
         pytest.skip(str(error))
 
@@ -63,7 +66,7 @@ def scene(above_m: float, beside_m: tuple[float, float] = (0.0, 0.0), attitude_r
 
 
 def view(at: Scene, pitch_rad: float = DOWN_RAD) -> View:
-    return view_of(at, CONFIG.pos_camera_frd_m, (pitch_rad, 0.0))
+    return view_of(at, VEHICLE.camera.pos_camera_frd_m, (pitch_rad, 0.0))
 
 
 def photograph(by: Renderer, at: Scene, pitch_rad: float = DOWN_RAD) -> Image:
@@ -87,9 +90,9 @@ def test_tags_are_where_they_are_projected(kind: str, largest_px: float) -> None
     for turn in range(8):
         at = scene(3.0, (0.4 - 0.1 * turn, -0.3), (0.05, -0.05, 0.8 * turn))
         found = find_tags(photograph(renderer(kind), at))
-        corners_px, _ = tags_in_picture(view(at), INFO)
-        if BIG in found:
-            errors_px.append(found[BIG] - corners_px[0])
+        corners_px, _ = tags_in_picture(BOARD, view(at), INFO)
+        if BIG_ID in found:
+            errors_px.append(found[BIG_ID] - corners_px[0])
     assert len(errors_px) >= 6
     assert np.abs(errors_px).max() < largest_px
     assert np.abs(np.mean(errors_px, axis=(0, 1))).max() < 0.15
@@ -108,9 +111,9 @@ def test_the_nose_is_at_the_top_and_red_is_the_first_colour(kind: str) -> None:
 def test_a_tag_is_found_at_every_height_from_standing_to_10_m(egl: EglRenderer, above_m: float) -> None:
     beside_m = 0.05 * min(1.0, above_m)
     found = find_tags(photograph(egl, scene(above_m, (beside_m, -beside_m))))
-    assert set(found) & {tag.tag_id for tag in LANDING_BOARD}, f"nothing at {above_m} m"
+    assert set(found) & set(BOARD.tag_ids), f"nothing at {above_m} m"
     if above_m >= 3.0:
-        assert BIG in found
+        assert BIG_ID in found
 
 
 def test_the_horizon_is_where_a_level_camera_has_its_middle(egl: EglRenderer) -> None:
@@ -128,7 +131,7 @@ def test_what_moves_is_smeared_along_its_way(egl: EglRenderer) -> None:
     at = msgspec.structs.replace(scene(3.0, attitude_rad=(0.0, 0.0, 0.5)), vel_uav_ned_mps=(0.0, 4.0, 0.0))
     at = msgspec.structs.replace(at, q_ned_from_frd=(1.0, 0.0, 0.0, 0.0), yaw_rover_rad=0.0)
     views = tuple(
-        view_of(at, CONFIG.pos_camera_frd_m, (DOWN_RAD, 0.0), ahead_s=ahead_s) for ahead_s in (-0.01, 0.0, 0.01)
+        view_of(at, VEHICLE.camera.pos_camera_frd_m, (DOWN_RAD, 0.0), ahead_s=ahead_s) for ahead_s in (-0.01, 0.0, 0.01)
     )
     moving = np.frombuffer(egl.picture(at, (views[0], views[1], views[2])), dtype=np.uint8).reshape(480, 640, 3)
     still = photograph(egl, at)
@@ -164,10 +167,10 @@ def test_without_egl_the_other_renderer_says_what_to_install(monkeypatch: pytest
 
     monkeypatch.setattr("moderngl.create_context", fail)
     monkeypatch.setattr(TinyRenderer, "__init__", lambda *args: None)
-    fallback = make_renderer(CONFIG, SIMULATOR, seed=1)
+    fallback = make_renderer(CONFIG, SIMULATOR, VEHICLE, seed=1)
     assert "libegl1" in fallback.description
     with pytest.raises(NoEglError, match="libEGL"):
-        make_renderer(msgspec.structs.replace(CONFIG, renderer="egl"), SIMULATOR, seed=1)
+        make_renderer(msgspec.structs.replace(CONFIG, renderer="egl"), SIMULATOR, VEHICLE, seed=1)
 
 
 def test_noise_has_the_given_standard_deviation_and_differs_from_picture_to_picture() -> None:
@@ -176,3 +179,16 @@ def test_noise_has_the_given_standard_deviation_and_differs_from_picture_to_pict
     first, second = noise.add(grey).astype(float), noise.add(grey).astype(float)
     assert first.std() == pytest.approx(4.0, rel=0.02)
     assert (first - second).std() == pytest.approx(4.0 * 2**0.5, rel=0.02)
+
+
+@pytest.mark.parametrize("side_tag_m", [0.45, 0.37])
+def test_tags_of_another_size_are_painted_as_large_as_the_board_says(side_tag_m: float) -> None:
+    platform = PlatformConfig(side_tag_m=side_tag_m)
+    painted = board_picture(platform)
+    from_afar = np.asarray(cv2.resize(painted, None, fx=0.1, fy=0.1, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    found = find_tags(painted) | {BIG_ID: 10.0 * find_tags(from_afar)[BIG_ID]}
+    assert len(found) > 20
+    for tag in platform.board:
+        if tag.tag_id in found:
+            side_px = np.linalg.norm(np.diff(found[tag.tag_id], axis=0), axis=1).mean()
+            assert side_px == pytest.approx(tag.side_m * TEXELS_PER_M, rel=0.01, abs=1.0), tag.tag_id

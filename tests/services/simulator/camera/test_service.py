@@ -11,17 +11,19 @@ from jezero.runtime.memory_bus import NO_DELAY, MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Spec
 from jezero.schemas import topics
 from jezero.schemas.commands import CameraPitch
-from jezero.schemas.landing_board import LANDING_BOARD
+from jezero.schemas.landing_board import BIG_ID
 from jezero.schemas.sensors import CameraFrame, TagCorners
 from jezero.schemas.state import Scene
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.gimbal import Gimbal
 from jezero.services.simulator.camera.service import Camera
 from jezero.services.simulator.camera.view import View
+from jezero.vehicle_config import CameraMountConfig, VehicleConfig
 
 MS = 1_000_000
 CONFIG = CameraConfig(mode="projected")
-BIG = LANDING_BOARD[0].tag_id
+VEHICLE = VehicleConfig()
+PITCH_REST_RAD = VEHICLE.camera.pitch_rest_rad
 
 
 def command(t_ns: int, pitch_rad: float) -> CameraPitch:
@@ -48,33 +50,33 @@ def test_the_shipped_settings_are_the_defaults() -> None:
 
 
 def test_the_axis_follows_a_command_at_a_bounded_rate() -> None:
-    gimbal = Gimbal(CONFIG)
+    gimbal = Gimbal(PITCH_REST_RAD, CONFIG.axis_rate_max_rps)
     gimbal.move(0)
-    gimbal.take(0, [command(0, -0.5 * pi + 0.2)])
+    gimbal.update(0, [command(0, -0.5 * pi + 0.2)])
     gimbal.move(100 * MS)
-    assert gimbal.pitch_rad == pytest.approx(CONFIG.pitch_rest_rad + 0.15)
+    assert gimbal.pitch_rad == pytest.approx(PITCH_REST_RAD + 0.15)
     assert gimbal.pitch_rate_rps == pytest.approx(CONFIG.axis_rate_max_rps)
     gimbal.move(200 * MS)
     assert gimbal.pitch_rad == pytest.approx(-0.5 * pi + 0.2)
 
 
 def test_the_axis_returns_to_rest_when_nobody_commands_any_more() -> None:
-    gimbal = Gimbal(CONFIG)
-    gimbal.take(0, [command(0, -1.0)])
+    gimbal = Gimbal(PITCH_REST_RAD, CONFIG.axis_rate_max_rps)
+    gimbal.update(0, [command(0, -1.0)])
     for t_ms in range(0, 1001, 100):
         gimbal.move(t_ms * MS)
     assert gimbal.pitch_rad == pytest.approx(-1.0)
     for t_ms in range(1100, 2001, 100):
         gimbal.move(t_ms * MS)
-    assert gimbal.pitch_rad == pytest.approx(CONFIG.pitch_rest_rad)
+    assert gimbal.pitch_rad == pytest.approx(PITCH_REST_RAD)
 
 
 def test_an_old_command_changes_nothing() -> None:
-    gimbal = Gimbal(CONFIG)
+    gimbal = Gimbal(PITCH_REST_RAD, CONFIG.axis_rate_max_rps)
     gimbal.move(0)
-    gimbal.take(500 * MS, [command(100 * MS, -1.0)])
+    gimbal.update(500 * MS, [command(100 * MS, -1.0)])
     gimbal.move(600 * MS)
-    assert gimbal.pitch_rad == CONFIG.pitch_rest_rad
+    assert gimbal.pitch_rad == PITCH_REST_RAD
 
 
 class Scenes:
@@ -114,18 +116,18 @@ def decoded(kind: type, entries: list[tuple[int, bytes]]) -> list[tuple[int, obj
 
 
 def test_projected_tags_arrive_100_ms_after_the_exposure_at_15_per_second() -> None:
-    seen = published(Camera(CONFIG, None, seed=1), 2.0)
+    seen = published(Camera(CONFIG, VEHICLE, None, seed=1), 2.0)
     assert topics.CAMERA.name not in seen
     messages = decoded(TagCorners, seen[topics.TAG_CORNERS.name])
     assert len(messages) in {28, 29}
     for t_ns, message in messages:
         assert isinstance(message, TagCorners)
         assert 100 * MS <= t_ns - message.t_ns <= 112 * MS
-        assert [tag.tag_id for tag in message.tags] == [BIG]
+        assert [tag.tag_id for tag in message.tags] == [BIG_ID]
 
 
 def test_rendered_pictures_keep_their_exposure_time_and_count_up() -> None:
-    seen = published(Camera(CameraConfig(), Grey(), seed=1), 1.0)
+    seen = published(Camera(CameraConfig(), VEHICLE, Grey(), seed=1), 1.0)
     assert topics.TAG_CORNERS.name not in seen
     frames = [message for _, message in decoded(CameraFrame, seen[topics.CAMERA.name])]
     assert len(frames) >= 12
@@ -136,12 +138,12 @@ def test_rendered_pictures_keep_their_exposure_time_and_count_up() -> None:
 
 
 def test_a_slower_camera_takes_every_third_scene() -> None:
-    seen = published(Camera(CameraConfig(mode="projected", rate_hz=5.0), None, seed=1), 3.0)
+    seen = published(Camera(CONFIG, VehicleConfig(camera=CameraMountConfig(rate_hz=5.0)), None, seed=1), 3.0)
     assert len(seen[topics.TAG_CORNERS.name]) in {14, 15}
 
 
 def test_it_describes_itself_once_a_second() -> None:
-    seen = published(Camera(CONFIG, None, seed=1), 3.5)
+    seen = published(Camera(CONFIG, VEHICLE, None, seed=1), 3.5)
     assert len(seen[topics.CAMERA_INFO.name]) == 4
 
 
@@ -150,7 +152,7 @@ def test_a_new_epoch_drops_what_was_on_its_way() -> None:
     seen: list[int] = []
     scenes = Scenes()
     bus.add(scenes)
-    bus.add(Camera(CONFIG, None, seed=1))
+    bus.add(Camera(CONFIG, VEHICLE, None, seed=1))
     bus.run_for(0.5)
     scenes.epoch_id = 2
     bus.observe(lambda t_ns, topic, data: seen.append(t_ns) if topic == topics.TAG_CORNERS.name else None)
@@ -159,6 +161,6 @@ def test_a_new_epoch_drops_what_was_on_its_way() -> None:
 
 
 def test_the_same_seed_finds_the_same_tags() -> None:
-    first, again, other = (published(Camera(CONFIG, None, seed), 1.0) for seed in (1, 1, 2))
+    first, again, other = (published(Camera(CONFIG, VEHICLE, None, seed), 1.0) for seed in (1, 1, 2))
     assert first == again
     assert first != other

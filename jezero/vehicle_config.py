@@ -1,0 +1,204 @@
+"""The robot: vehicle, rover platform, and what is mounted on both, read from `deploy/config/vehicle.toml`.
+
+Services take what they need of it and keep no copy. Frames: `frd` is the vehicle's body, forward, right, down, with
+its origin in the centre of mass; `rover_body` has its origin in the middle of the platform's surface, forward, right,
+down. How sensors err and how the simulated world behaves is in the services' own settings.
+"""
+
+from math import radians, tan
+from typing import Annotated
+
+from msgspec import Meta
+
+from jezero.runtime.config import Config
+from jezero.schemas.landing_board import BoardTag, board_refusal, make_board
+from jezero.schemas.sensors import CameraInfo
+
+Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
+NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
+Mounting = Annotated[float, Meta(ge=-10.0, le=10.0)]
+Place = tuple[Mounting, Mounting, Mounting]
+
+PITCH_DOWN_RAD = -1.5708
+"""Pitch of a camera that looks straight down, as `command/camera_pitch` limits it."""
+
+
+class CameraMountConfig(Config, frozen=True, kw_only=True):
+    """The ventral camera: a pinhole without distortion, on a pitch axis that a roll axis carries.
+
+    Attributes:
+        width_px: width of a picture.
+        height_px: height of a picture.
+        field_of_view_deg: angle across the picture's width.
+        rate_hz: pictures per second.
+        pos_camera_frd_m: position of the optical centre.
+        pitch_offset_rad: pitch of the camera at rest, from straight down; positive looks ahead, negative looks back.
+    """
+
+    width_px: Annotated[int, Meta(ge=16, le=4096)] = 640
+    height_px: Annotated[int, Meta(ge=16, le=4096)] = 480
+    field_of_view_deg: Annotated[float, Meta(gt=1.0, le=150.0)] = 80.0
+    rate_hz: Annotated[float, Meta(gt=0.0, le=60.0)] = 15.0
+    pos_camera_frd_m: Place = (0.0, 0.0, 0.03)
+    pitch_offset_rad: Annotated[float, Meta(ge=-0.8, le=1.5708)] = 0.0
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length, the same across and along the picture."""
+        return 0.5 * self.width_px / tan(0.5 * radians(self.field_of_view_deg))
+
+    @property
+    def center_px(self) -> tuple[float, float]:
+        """Principal point; (0, 0) is the centre of the first pixel."""
+        return (0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1))
+
+    @property
+    def pitch_rest_rad(self) -> float:
+        """Pitch of the optical axis against the body's forward axis while nobody commands the camera's axes."""
+        return PITCH_DOWN_RAD + self.pitch_offset_rad
+
+    def info(self, t_ns: int) -> CameraInfo:
+        """Description of the camera, as it publishes it."""
+        return CameraInfo(
+            t_ns=t_ns,
+            width_px=self.width_px,
+            height_px=self.height_px,
+            focal_px=self.focal_px,
+            center_px=self.center_px,
+            pos_camera_frd_m=self.pos_camera_frd_m,
+            rate_hz=self.rate_hz,
+        )
+
+
+class AirframeConfig(Config, frozen=True, kw_only=True):
+    """A quadrotor of the size of an Iris, with the rotor positions of PX4's airframe 10016.
+
+    Attributes:
+        mass_kg: mass at take-off.
+        inertia_frd_kgm2: principal moments of inertia.
+        pos_rotors_frd_m: (4, 2) forward and right of each rotor, in the autopilot's order.
+        moment_per_thrust_m: yaw moment of each rotor per newton of its thrust, positive to the right.
+        radius_rotor_m: radius of each rotor.
+        height_stand_m: height of the centre of mass over what the vehicle stands on.
+        feet_frd_m: forward and right of the front right foot; the four feet are symmetric.
+    """
+
+    mass_kg: Positive = 1.5
+    inertia_frd_kgm2: tuple[Positive, Positive, Positive] = (0.029, 0.029, 0.055)
+    pos_rotors_frd_m: tuple[
+        tuple[Mounting, Mounting], tuple[Mounting, Mounting], tuple[Mounting, Mounting], tuple[Mounting, Mounting]
+    ] = ((0.1515, 0.245), (-0.1515, -0.1875), (0.1515, -0.245), (-0.1515, 0.1875))
+    moment_per_thrust_m: tuple[Mounting, Mounting, Mounting, Mounting] = (0.05, 0.05, -0.05, -0.05)
+    radius_rotor_m: Positive = 0.128
+    height_stand_m: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.148
+    feet_frd_m: tuple[Positive, Positive] = (0.13, 0.16)
+
+
+class AltimeterMountConfig(Config, frozen=True, kw_only=True):
+    """The laser altimeter, whose narrow beam points along the body's down axis.
+
+    Attributes:
+        pos_altimeter_frd_m: position of its lens.
+        range_min_m: smallest range that it measures.
+        range_max_m: greatest range that it measures.
+    """
+
+    pos_altimeter_frd_m: Place = (0.0, 0.0, 0.05)
+    range_min_m: NonNegative = 0.15
+    range_max_m: Positive = 10.0
+
+
+class UwbLayoutConfig(Config, frozen=True, kw_only=True):
+    """The vehicle's UWB tag, and the anchors on the rover.
+
+    Attributes:
+        pos_tag_frd_m: position of the tag's antenna.
+        pos_anchors_rover_body_m: (n, 3) positions of the anchors; three or more, not all on one line.
+        range_max_m: greatest range that is measured.
+    """
+
+    pos_tag_frd_m: Place = (0.0, 0.0, 0.05)
+    pos_anchors_rover_body_m: Annotated[tuple[Place, ...], Meta(min_length=3, max_length=64)] = (
+        (0.45, 0.45, 0.0),
+        (0.45, -0.45, 0.0),
+        (-0.45, -0.45, 0.0),
+        (-0.45, 0.45, 0.0),
+    )
+    range_max_m: Positive = 15.0
+
+
+class PlatformConfig(Config, frozen=True, kw_only=True):
+    """The rover's landing platform, level and square, with the AprilTags on it.
+
+    Attributes:
+        side_m: length of each side.
+        height_m: height of the surface over the ground at the rover's middle.
+        side_tag_m: side of the landing board's big tag; the small tags scale with it.
+        tags: the tags of another board than the landing board; empty for the landing board.
+
+    Raises:
+        ValueError: a tag reaches beyond the platform, or two tags have one id.
+    """
+
+    side_m: Positive = 1.0
+    height_m: Annotated[float, Meta(ge=0.2, le=5.0)] = 0.5
+    side_tag_m: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.6
+    tags: Annotated[tuple[BoardTag, ...], Meta(max_length=32)] = ()
+
+    def __post_init__(self) -> None:
+        refusal = board_refusal(self.board, self.side_m)
+        if refusal:
+            raise ValueError(refusal)
+
+    @property
+    def board(self) -> tuple[BoardTag, ...]:
+        """All tags, in the order in which they are painted."""
+        return self.tags or make_board(self.side_tag_m)
+
+
+class VehicleLimitsConfig(Config, frozen=True, kw_only=True):
+    """Limits of everything that the vehicle is asked to do.
+
+    Attributes:
+        altitude_max_m: height above the world's origin; for a takeoff above the take-off point.
+        distance_max_m: horizontal distance from the world's origin.
+        speed_max_mps: highest speed that a goal may ask for.
+    """
+
+    altitude_max_m: Annotated[float, Meta(gt=0.0, le=1e4)] = 120.0
+    distance_max_m: Annotated[float, Meta(gt=0.0, le=1e4)] = 500.0
+    speed_max_mps: Annotated[float, Meta(gt=0.0, le=100.0)] = 10.0
+
+
+class BatteryConfig(Config, frozen=True, kw_only=True):
+    """A lithium polymer battery.
+
+    Attributes:
+        capacity_mah: charge when full.
+        cells: number of cells in series.
+        full_v: voltage of a full cell without load.
+        empty_v: voltage of an empty cell without load.
+        internal_ohm: internal resistance of a cell.
+        electronics_a: current that is always drawn.
+        hover_a: current of all motors in hover.
+    """
+
+    capacity_mah: Positive = 5000.0
+    cells: Annotated[int, Meta(ge=1, le=16)] = 4
+    full_v: Positive = 4.05
+    empty_v: Positive = 3.6
+    internal_ohm: NonNegative = 0.005
+    electronics_a: NonNegative = 0.5
+    hover_a: NonNegative = 15.0
+
+
+class VehicleConfig(Config, frozen=True, kw_only=True):
+    """Tables of `vehicle.toml`."""
+
+    camera: CameraMountConfig = CameraMountConfig()
+    airframe: AirframeConfig = AirframeConfig()
+    altimeter: AltimeterMountConfig = AltimeterMountConfig()
+    uwb: UwbLayoutConfig = UwbLayoutConfig()
+    platform: PlatformConfig = PlatformConfig()
+    limits: VehicleLimitsConfig = VehicleLimitsConfig()
+    battery: BatteryConfig = BatteryConfig()
