@@ -9,13 +9,17 @@ from jezero.schemas.struct import Angle, Message, Name, Payload, PositionNed, Te
 
 
 class Phase(StrEnum):
-    """What the goal in charge is doing; the bridge derives the status code from it."""
+    """The part of a goal that a setpoint belongs to; the bridge derives the status code from it.
+
+    `ACTION` is the phase of every action that an installed package adds.
+    """
 
     TAKEOFF = "takeoff"
     GO_TO = "go_to"
     GET_IMAGES = "get_images"
     LANDING = "landing"
     COVERAGE = "coverage"
+    ACTION = "action"
 
 
 class Setpoint(Message, frozen=True, kw_only=True, omit_defaults=True):
