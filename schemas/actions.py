@@ -242,13 +242,13 @@ class Result(Payload, Generic[R], frozen=True, kw_only=True, tag_field="type", t
     result: R
 
 
-class FeedbackMessage(Message, frozen=True, kw_only=True):
-    """An action's feedback for anyone watching; `feedback` has the fields of the action's own feedback type."""
+class FeedbackMessage(Message, Generic[F], frozen=True, kw_only=True):
+    """The feedback of a goal, published for everybody; F is the action's own feedback type."""
 
     goal_id: Name
     action: Name
     code: int
-    feedback: MoveFeedback | LandFeedback | ImagesFeedback
+    feedback: F
 
 
 class Cancel(Payload, frozen=True, kw_only=True):

@@ -9,13 +9,17 @@ from jezero.schemas.struct import Angle, Message, Name, Payload, PositionNed, Te
 
 
 class Phase(StrEnum):
-    """Phase of the goal in charge, from which the bridge derives the status code."""
+    """Phase of the goal in charge, from which the bridge derives the status code.
+
+    `ACTION` is the phase of every action that an installed package adds.
+    """
 
     TAKEOFF = "takeoff"
     GO_TO = "go_to"
     GET_IMAGES = "get_images"
     LANDING = "landing"
     COVERAGE = "coverage"
+    ACTION = "action"
 
 
 class Setpoint(Message, frozen=True, kw_only=True, omit_defaults=True):

@@ -21,7 +21,10 @@ from jezero.schemas.struct import (
 
 
 class StatusCode(IntEnum):
-    """What the vehicle does. Source: thesis Table 3.1; 13 is jezero's."""
+    """What the vehicle does. Source: thesis Table 3.1; 13 to 15 are jezero's own.
+
+    An action of an installed package has the codes 14 and 15; `Status.action` is its name.
+    """
 
     IDLE = 0
     TAKEOFF = 1
@@ -37,6 +40,8 @@ class StatusCode(IntEnum):
     COVERAGE_DONE = 11
     ABORT = 12
     EXTERNAL = 13
+    ACTION = 14
+    ACTION_DONE = 15
 
 
 InCharge = Literal["none", "goal", "hover", "external", "failsafe"]
@@ -99,14 +104,16 @@ class Status(Message, frozen=True, kw_only=True):
         odometry: in the world frame; None until the autopilot sends some.
         landed: the autopilot's land detector.
         autopilot_mode: the autopilot's own word, e.g. "OFFBOARD"; "" when there is no link.
-        goal_id, control_id: of the goal in charge, else "".
+        goal_id: id of the goal in charge, else "".
+        action: name of that goal's action, else "".
+        control_id: id of the control that the goal has, else "".
         bridge_boot_id: differs between two runs of the bridge.
         grants: how often this run of the bridge has given control to a goal.
         ready: a takeoff would be accepted now, or the vehicle flies; `not_ready_reason` says what is missing.
         text: the last event worth telling, in words.
     """
 
-    code: Annotated[int, Meta(ge=0, le=13)]
+    code: Annotated[int, Meta(ge=0, le=15)]
     name: Name
     odometry: Odometry | None = None
     armed: bool
@@ -114,6 +121,7 @@ class Status(Message, frozen=True, kw_only=True):
     autopilot_mode: str = ""
     in_charge: InCharge
     goal_id: str = ""
+    action: str = ""
     control_id: str = ""
     bridge_boot_id: int
     grants: Annotated[int, Meta(ge=0)] = 0

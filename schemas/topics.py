@@ -6,7 +6,7 @@ Every endpoint that has an effect is behind an `@` chunk, which the wildcards `*
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Generic, Literal, TypeVar, get_origin
 
 from jezero.schemas import actions, commands, estimate, health, images, sensors, state
 from jezero.schemas.struct import Message, Payload
@@ -22,7 +22,7 @@ class Topic(Generic[M]):
 
     Attributes:
         name: the key without `jezero/<vehicle>/`.
-        type: type of its messages.
+        type: type of its messages, for decoding; a generic struct has its arguments.
         rate_hz: nominal rate of publishing; None for messages that are published on events only.
         writer: name of the one service that publishes it; `GOAL_IN_CHARGE` or `CLIENTS` where that changes.
         delivery: `newest` may drop messages on a congested network; `all` waits.
@@ -33,6 +33,11 @@ class Topic(Generic[M]):
     rate_hz: float | None
     writer: str
     delivery: Literal["newest", "all"] = "newest"
+
+    @cached_property
+    def struct(self) -> Any:
+        """The class of its messages: `type` without arguments."""
+        return get_origin(self.type) or self.type
 
 
 GOAL_IN_CHARGE = "the goal in charge"
@@ -240,9 +245,10 @@ def health_of(service: str) -> Topic[health.ServiceHealth]:
     return Topic(f"health/{service}", health.ServiceHealth, 1.0, service)
 
 
-def feedback_of(action: Action[Any]) -> Topic[actions.FeedbackMessage]:
+def feedback_of(action: Action[Any]) -> Topic[actions.FeedbackMessage[Any]]:
     """The topic on which an action's feedback goes to anyone watching."""
-    return Topic(f"action/{action.name}/feedback", actions.FeedbackMessage, 10.0, action.name)
+    message: Any = actions.FeedbackMessage[action.feedback_type]  # type: ignore[name-defined]
+    return Topic(f"action/{action.name}/feedback", message, 10.0, action.name)
 
 
 def key(vehicle: str, name: str) -> str:

@@ -6,7 +6,7 @@ Source: https://github.com/compose-spec/compose-spec/blob/main/spec.md
 import re
 import shlex
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import yaml
@@ -29,6 +29,8 @@ _VARIABLE = re.compile(
     r"|\{(?P<name>[A-Za-z_]\w*)(?:(?P<operator>:?[-?+])(?P<word>[^}$]*))?\}|(?P<bad>))"
 )
 _DEFAULT_GRACE_S = 10.0
+ACTION_SERVER = "jezero.services.actions"
+"""Module of the server of an action, whose name is its only argument."""
 
 
 class ComposeError(ValueError):
@@ -84,6 +86,20 @@ def parse(text: str, variables: Mapping[str, str]) -> dict[str, Service]:
         _check_dependencies(service, services)
     in_levels(services)
     return services
+
+
+def with_actions(services: Mapping[str, Service], names: Iterable[str]) -> dict[str, Service]:
+    """The services, and for each name the server of an action that an installed package adds.
+
+    A new server is like the first action server of the file; a file without one gets none.
+    """
+    pattern = next((s for s in services.values() if s.command[-2:] == (ACTION_SERVER, s.name)), None)
+    added = {} if pattern is None else {name: _like(pattern, name) for name in names if name not in services}
+    return {**services, **added}
+
+
+def _like(pattern: Service, name: str) -> Service:
+    return replace(pattern, name=name, command=(*pattern.command[:-1], name))
 
 
 def select(services: Mapping[str, Service], profiles: Iterable[str] = ()) -> dict[str, Service]:

@@ -142,16 +142,28 @@ def _follow(printer: Printer, goal: "Goal[Any, Any]") -> None:
     farthest_m = 0.0
     for feedback in goal.feedback():
         fields = msgspec.to_builtins(feedback)
-        text = f"position {_point(fields['pos_uav_ned_m'])} in {fields['frame']}"
-        done = None
-        if "distance_m" in fields:
-            distance_m = fields["distance_m"]
+        distance_m, done = fields.get("distance_m"), None
+        if distance_m is not None:
             farthest_m = max(farthest_m, distance_m)
             done = 1.0 - distance_m / farthest_m if farthest_m > 0.0 else 1.0
-            text += f", {distance_m:.2f} m to go"
-        else:
-            text += f", {fields['phase']}"
-        printer.progress(text, done, goal_id=goal.goal_id, **fields)
+        printer.progress(_in_words(fields), done, goal_id=goal.goal_id, **fields)
+
+
+def _in_words(feedback: dict[str, Any]) -> str:
+    """A line for people from the feedback of any action."""
+    fields = {name: value for name, value in feedback.items() if name != "kind"}
+    parts = []
+    if "pos_uav_ned_m" in fields:
+        parts.append(f"position {_point(fields.pop('pos_uav_ned_m'))} in {fields.pop('frame', 'world')}")
+    if "distance_m" in fields:
+        parts.append(f"{fields.pop('distance_m'):.2f} m to go")
+    if "phase" in fields:
+        parts.append(str(fields.pop("phase")))
+    fields.pop("pos_rel_ned_m", None)
+    parts.extend(
+        f"{name} {value:.2f}" if isinstance(value, float) else f"{name} {value}" for name, value in fields.items()
+    )
+    return ", ".join(parts)
 
 
 def _point(pos_ned_m: Any) -> str:

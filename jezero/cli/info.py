@@ -38,7 +38,7 @@ def topic_rows() -> list[Row]:
     return [
         {
             "topic": topic.name,
-            "type": topic.type.__name__,
+            "type": topic.struct.__name__,
             "rate_hz": topic.rate_hz,
             "delivery": topic.delivery,
             "writer": topic.writer,

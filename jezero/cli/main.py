@@ -33,6 +33,7 @@ SECTIONS: dict[str, dict[str, Entry]] = {
         "hover": Entry("jezero.cli.flight", "hover", "Hover here, or at a point."),
         "abort": Entry("jezero.cli.flight", "abort", "End the goal in charge and hover."),
         "kill": Entry("jezero.cli.flight", "kill", "Cut the motors at once."),
+        "action": Entry("jezero.cli.action", "action", "List all actions, or send a goal to any of them."),
         "status": Entry("jezero.cli.flight", "status", "What the vehicle does, and where it is."),
         "rover": Entry("jezero.cli.rover", "rover", "Drive the rover."),
         "camera": Entry("jezero.cli.camera", "camera", "What the camera sees, and the ground from above."),
@@ -50,6 +51,9 @@ SECTIONS: dict[str, dict[str, Entry]] = {
     "Demonstration": {
         "fly": Entry("jezero.cli.fly", "fly", "Fly there and onto the rover (--fast: in virtual time)."),
         "demo": Entry("jezero.cli.demo", "demo", "The thesis' mission: photograph the rover, map, land on it."),
+    },
+    "Development": {
+        "new": Entry("jezero.cli.new", "new", "Write the package of a new action."),
     },
     "Tests": {
         "campaign": Entry("jezero.cli.campaign", "campaign", "Fly missions under seeded faults in virtual time."),

@@ -88,10 +88,12 @@ def up(
 
 
 def _read_services(path: Path, profiles: tuple[str, ...]) -> "dict[str, Service]":
-    from jezero.deploy.launcher.compose import ComposeError, parse, select
+    from jezero.deploy.launcher.compose import ComposeError, parse, select, with_actions
+    from jezero.plugins import plugin_names
 
     try:
-        return select(parse(path.read_text(encoding="utf-8"), os.environ), profiles)
+        services = parse(path.read_text(encoding="utf-8"), os.environ)
+        return select(with_actions(services, plugin_names()), profiles)
     except (ComposeError, OSError) as error:
         raise click.ClickException(f"{path}: {error.strerror if isinstance(error, OSError) else error}") from error
 

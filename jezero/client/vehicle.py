@@ -15,6 +15,7 @@ from jezero.client.goal import Goal, ask_result
 from jezero.client.images import ImagesGoal
 from jezero.client.rover import Rover
 from jezero.client.session import Connection, decode
+from jezero.plugins import PluginError, find_action
 from jezero.schemas.actions import (
     AreaCoverageGoal,
     Corners,
@@ -251,6 +252,18 @@ class Vehicle:
         fresh = msgspec.structs.replace(goal, **self._common(goal.on_client_loss))
         return ImagesGoal(self._connection, AREA_COVERAGE, fresh, PLANNED_S)
 
+    def send(self, action: str | Action[Any], goal: GoalPayload | None = None, **fields: Any) -> Goal[Any, Any]:
+        """Send a goal to any action, also to one that an installed package adds.
+
+        Args:
+            action: the action's name, or its row of the topic table.
+            goal: a struct of the action's goal type; or its fields as keyword arguments, checked against that type.
+
+        Raises:
+            ValueError: there is no such action, or the goal doesn't fit its type; the message names the field.
+        """
+        return Goal(self._connection, *self._checked(action, goal, fields), ANSWER_S)
+
     # -- services --
 
     def hover(self, pos_ned_m: Point | None = None) -> None:
@@ -374,6 +387,23 @@ class Vehicle:
             status = self.status()
         spot_ned_m = None if status.odometry is None else status.odometry.pos_uav_ned_m
         self.land_on_spot(spot_ned_m, use_uwb=False, use_tag=False).result()
+
+    def _checked(
+        self, action: str | Action[Any], goal: GoalPayload | None, fields: dict[str, Any]
+    ) -> tuple[Action[Any], GoalPayload]:
+        try:
+            row = find_action(action) if isinstance(action, str) else action
+        except PluginError as error:
+            raise ValueError(str(error)) from error
+        if goal is not None:
+            if fields or not isinstance(goal, row.goal_type):
+                raise ValueError(f"{row.name} takes one {row.goal_type.__name__}, or its fields as keyword arguments")
+            return row, msgspec.structs.replace(goal, **self._common(goal.on_client_loss))
+        common = self._common(fields.get("on_client_loss", "continue"))
+        try:
+            return row, msgspec.convert({**fields, **common}, row.goal_type)
+        except msgspec.ValidationError as error:
+            raise ValueError(f"{row.name}: {error}") from None
 
     def _send(self, action: Action[Any], goal: GoalPayload) -> Goal[Any, Any]:
         return Goal(self._connection, action, goal, ANSWER_S)

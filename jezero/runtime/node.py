@@ -290,8 +290,8 @@ class Node:
         topic, message = output.topic, output.message
         if topic.name not in self._outputs:
             self._require(False, "output", topic.name)
-        if type(message) is not topic.type:
-            raise TypeError(f"{topic.name} carries {topic.type.__name__}, not {type(message).__name__}")
+        if type(message) is not topic.struct:
+            raise TypeError(f"{topic.name} carries {topic.struct.__name__}, not {type(message).__name__}")
         try:
             data = encode(message)
         except NotFiniteError as error:

@@ -1,0 +1,93 @@
+"""`jezero action`: every action that there is, those of installed packages too."""
+
+import json
+from typing import Any
+
+import click
+import msgspec
+
+from jezero.cli.flight import NUMBERS, Printer, common_options, connected, fly_goal
+from jezero.plugins import PluginError, action_names, find_action
+from jezero.schemas.actions import Goal
+from jezero.schemas.topics import ACTIONS, Action
+
+COMMON = frozenset(field.name for field in msgspec.structs.fields(Goal))
+"""Fields of every goal, which the client fills in."""
+
+
+@click.group()
+def action() -> None:
+    """List all actions, or send a goal to any of them."""
+
+
+@action.command("list")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
+def list_actions(as_json: bool) -> None:
+    """Show every action with the fields of its goal; `=` gives the default of a field that may be left out."""
+    for name in action_names():
+        try:
+            found = find_action(name)
+        except PluginError as error:
+            click.echo(json.dumps({"action": name, "problem": str(error)}) if as_json else f"{name}\n  {error}")
+            continue
+        origin = "jezero" if name in ACTIONS else "package"
+        if as_json:
+            click.echo(json.dumps({"action": name, "from": origin, "goal": _fields(found)}))
+            continue
+        click.secho(name if origin == "jezero" else f"{name} (from a package)", bold=True)
+        for field, default in _fields(found).items():
+            click.echo(f"  {field}" if default is None else f"  {field}={default}")
+
+
+@action.command(context_settings=NUMBERS)
+@click.argument("name")
+@click.argument("fields", nargs=-1, metavar="[KEY=VALUE]...")
+@common_options
+def send(name: str, fields: tuple[str, ...], vehicle: str, router: str, as_json: bool) -> None:
+    """Send a goal to the action NAME and follow it to its end.
+
+    A VALUE is JSON where it parses, and text otherwise: `jezero action send go_to target_ned_m=[0,0,-4]`.
+    """
+    printer = Printer(as_json)
+    goal = _goal_fields(name, fields)
+    with connected(vehicle, router, printer) as uav:
+        try:
+            sent = uav.send(name, **goal)
+        except ValueError as error:
+            raise click.UsageError(f"{error}. `jezero action list` shows the fields") from None
+        fly_goal(printer, sent, name)
+
+
+def _goal_fields(name: str, words: tuple[str, ...]) -> dict[str, Any]:
+    """The fields of a goal from `key=value` words.
+
+    Raises:
+        click.UsageError: a word has no `=`, a field is unknown or given twice, or there is no such action.
+    """
+    try:
+        known = _fields(find_action(name))
+    except PluginError as error:
+        raise click.UsageError(str(error)) from None
+    fields: dict[str, Any] = {}
+    for word in words:
+        key, separator, value = word.partition("=")
+        if not separator:
+            raise click.UsageError(f"{word!r} is not KEY=VALUE")
+        if key not in known:
+            raise click.UsageError(f"{name} has no field {key!r}; its fields are {', '.join(known)}")
+        if key in fields:
+            raise click.UsageError(f"{key} is given twice")
+        try:
+            fields[key] = json.loads(value)
+        except ValueError:
+            fields[key] = value
+    return fields
+
+
+def _fields(found: Action[Any]) -> dict[str, str | None]:
+    """Fields of an action's goal, each with its default as JSON; None for a field that must be given."""
+    return {
+        field.name: None if field.required else msgspec.json.encode(field.default).decode()
+        for field in msgspec.structs.fields(found.goal_type)
+        if field.name not in COMMON or field.name == "on_client_loss"
+    }

@@ -1,0 +1,109 @@
+"""Actions that installed packages add: their entry points in the group `jezero.actions`.
+
+A package declares them in its pyproject.toml:
+
+    [project.entry-points."jezero.actions"]
+    spiral = "spiral:ACTION"
+
+`spiral` is the action's name; `spiral:ACTION` is its declaration, which has an attribute `action`: the row of the
+action in the topic table. Names are read without importing the package, so that a broken one disturbs nobody else.
+"""
+
+import re
+from collections.abc import Iterable
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, Protocol
+
+from jezero.schemas.commands import Phase
+from jezero.schemas.topics import ACTIONS, Action
+
+GROUP = "jezero.actions"
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,40}")
+
+
+class PluginError(RuntimeError):
+    """A package's action can't be used; the message names the package and says what to do."""
+
+
+class Declaration(Protocol):
+    """The object behind an entry point."""
+
+    @property
+    def action(self) -> Action[Any]:
+        """The action's name, its goal, feedback and result types, and its phase."""
+
+
+def plugin_names() -> tuple[str, ...]:
+    """Names of the actions that installed packages add, sorted; none of the packages is imported.
+
+    Names that jezero's own actions or services have, and names that are no identifiers in lower case, are left out:
+    `load_declaration` tells why.
+    """
+    return tuple(sorted({point.name for point in entry_points(group=GROUP) if not _name_problem(point.name)}))
+
+
+def load_declaration(name: str) -> Any:
+    """The declaration of an action that a package adds.
+
+    Raises:
+        PluginError: no installed package adds it, several do, its package can't be imported, or it is no declaration.
+    """
+    if problem := _name_problem(name):
+        raise PluginError(problem)
+    point = _only(name, tuple(entry_points(group=GROUP, name=name)))
+    try:
+        declaration = point.load()
+    except Exception as error:
+        raise PluginError(f"action {name!r}: {point.value} can't be imported: {error!r}") from error
+    action = getattr(declaration, "action", None)
+    if not isinstance(action, Action):
+        raise PluginError(f"action {name!r}: {point.value} has no attribute `action` (a jezero.schemas.topics.Action)")
+    if action.name != name or action.phase is not Phase.ACTION:
+        raise PluginError(
+            f"action {name!r}: {point.value} declares the name {action.name!r} and the phase {action.phase.value!r}; "
+            f"they must be {name!r} and {Phase.ACTION.value!r}"
+        )
+    return declaration
+
+
+def find_action(name: str) -> Action[Any]:
+    """The action of that name: one of jezero's own, or one that a package adds.
+
+    Raises:
+        PluginError: there is none, or its package is broken.
+    """
+    own = ACTIONS.get(name)
+    return load_declaration(name).action if own is None else own
+
+
+def all_actions() -> dict[str, Action[Any]]:
+    """Every action by name: jezero's own, then those of packages.
+
+    Raises:
+        PluginError: the package of one is broken.
+    """
+    return {name: find_action(name) for name in action_names()}
+
+
+def action_names() -> tuple[str, ...]:
+    """Names of all actions: jezero's own, then those of packages."""
+    return (*ACTIONS, *plugin_names())
+
+
+def _name_problem(name: str) -> str:
+    """The reason why a package's action may not have this name, or ""."""
+    if name in ACTIONS:
+        return f"action {name!r} is one of jezero's own: a package must give its action another name"
+    if not _NAME.fullmatch(name):
+        return f"action {name!r}: use lower-case letters, digits and underscores"
+    return ""
+
+
+def _only(name: str, points: Iterable[EntryPoint]) -> EntryPoint:
+    found = {point.value: point for point in points}
+    if not found:
+        known = ", ".join(action_names())
+        raise PluginError(f"there is no action {name!r}; there are {known}. Is the package that adds it installed?")
+    if len(found) > 1:
+        raise PluginError(f"action {name!r} is added by several packages: {', '.join(found)}; uninstall all but one")
+    return next(iter(found.values()))
