@@ -41,7 +41,7 @@ from jezero.vehicle_config import VehicleConfig
 
 TICK_NS = 4_000_000
 GRAVITY_MPS2 = 9.81
-HEIGHT_STAND_M = 0.148
+HEIGHT_STAND_M = VehicleConfig().airframe.height_stand_m
 APPROACH_S = 6.0
 APPROACH_HEIGHT_M = 2.5
 DESCENT_MPS = 0.5
