@@ -233,13 +233,18 @@ class Feedback(Payload, Generic[F], frozen=True, kw_only=True, tag_field="type",
 
 
 class Result(Payload, Generic[R], frozen=True, kw_only=True, tag_field="type", tag="result"):
-    """`reason` says why a goal was canceled or aborted."""
+    """The end of a goal.
+
+    Attributes:
+        reason: of a goal that was canceled or aborted.
+        result: of the action; None when the action's own code failed so badly that there is none.
+    """
 
     goal_id: Name
     t_ns: TimeNs
     outcome: Outcome
     reason: Text = ""
-    result: R
+    result: R | None
 
 
 class FeedbackMessage(Message, Generic[F], frozen=True, kw_only=True):

@@ -5,22 +5,27 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from jezero.plugins import PluginError, action_names
 from jezero.runtime.worker import Worker
 from jezero.runtime.zenoh_bus import run_process
 from jezero.services.actions.lifecycle.picture_store import PictureStore
-from jezero.services.actions.table import DECLARATIONS, action_server
+from jezero.services.actions.table import action_server, find_declaration
 
 
 def main() -> int:
     """Run the server named on the command line until a signal stops it."""
-    if len(sys.argv) != 2 or sys.argv[1] not in DECLARATIONS:
-        print(f"usage: python -m jezero.services.actions {{{','.join(DECLARATIONS)}}}", file=sys.stderr)
+    if len(sys.argv) != 2:
+        print(f"usage: python -m jezero.services.actions {{{','.join(action_names())}}}", file=sys.stderr)
         return 2
     name = sys.argv[1]
+    try:
+        takes_pictures = find_declaration(name).action.takes_pictures
+    except PluginError as error:
+        print(error, file=sys.stderr)
+        return 1
     run_dir = os.environ.get("JEZERO_RUN_DIR")
     folder = Path(run_dir).absolute() / "pictures" / name if run_dir else None
     worker = Worker(_raise)
-    takes_pictures = DECLARATIONS[name].action.takes_pictures
     pictures = PictureStore(folder, do=lambda work: worker.add(work, "")) if takes_pictures else None
     return run_process(name, lambda _instance, boot_id: (action_server(name, boot_id, pictures=pictures), {}))
 

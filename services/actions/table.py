@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from jezero.runtime.config import load_config
+from jezero.plugins import PluginError, load_declaration
+from jezero.runtime.config import config_directory, load_config
 from jezero.services.actions.area_coverage.declaration import ACTION as AREA_COVERAGE
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.get_images.declaration import ACTION as GET_IMAGES
@@ -16,7 +17,33 @@ from jezero.services.actions.takeoff.declaration import ACTION as TAKEOFF
 DECLARATIONS: dict[str, ActionDeclaration[Any]] = {
     declaration.name: declaration for declaration in (TAKEOFF, GO_TO, GET_IMAGES, LAND_ON_SPOT, AREA_COVERAGE)
 }
-"""Declarations of all actions by name."""
+"""Declarations of jezero's own actions by name; `find_declaration` also finds those of packages."""
+
+
+def find_declaration(name: str) -> ActionDeclaration[Any]:
+    """The declaration of one of jezero's own actions, or of one that an installed package adds.
+
+    Raises:
+        PluginError: there is none, or its package is broken.
+    """
+    if name in DECLARATIONS:
+        return DECLARATIONS[name]
+    declaration = load_declaration(name)
+    if not isinstance(declaration, ActionDeclaration):
+        raise PluginError(f"action {name!r}: its entry point is a {type(declaration).__name__}, not an ActionDeclaration")
+    return declaration
+
+
+def settings_of(declaration: ActionDeclaration[Any], config: ActionsConfig) -> Any:
+    """An action's own settings: a table of `actions.toml`, or for an action of a package `<name>.toml` beside it.
+
+    Raises:
+        ConfigError: the settings are wrong.
+    """
+    if declaration.name in DECLARATIONS:
+        return getattr(config, declaration.name)
+    written = (config_directory() / f"{declaration.name}.toml").is_file()
+    return load_config(declaration.settings, declaration.name) if written else declaration.settings()
 
 
 def action_server(
@@ -29,10 +56,10 @@ def action_server(
         pictures: see `ActionServer`.
 
     Raises:
-        KeyError: there is no such action.
+        PluginError: there is no such action, or the package that adds it is broken.
         ConfigError: the settings are wrong.
     """
     config = config or load_config(ActionsConfig, "actions")
-    declaration = DECLARATIONS[name]
-    planner = declaration.planner(getattr(config, name), config)
+    declaration = find_declaration(name)
+    planner = declaration.planner(settings_of(declaration, config), config)
     return ActionServer(declaration.action, planner, config, boot_id, pictures)

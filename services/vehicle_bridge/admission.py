@@ -51,11 +51,14 @@ def status_words(code: StatusCode) -> str:
     return f"the status is {int(code)} ({code.name})"
 
 
+def phase_of(action: str) -> Phase:
+    """The main phase of an action; an action that jezero doesn't have is one of an installed package."""
+    return ACTIONS[action].phase if action in ACTIONS else Phase.ACTION
+
+
 def phases_of(action: str, code: StatusCode) -> tuple[Phase, ...]:
-    """Phases that a goal accepted in this status may go through, in their order; none for an unknown action."""
-    if action not in ACTIONS:
-        return ()
-    phase = ACTIONS[action].phase
+    """Phases that a goal accepted in this status may go through, in their order."""
+    phase = phase_of(action)
     lifts_off_first = code is StatusCode.IDLE and phase is not Phase.TAKEOFF
     return (Phase.TAKEOFF, phase) if lifts_off_first else (phase,)
 
@@ -76,20 +79,17 @@ def _acquire_refusals(
     request: Acquire, code: StatusCode, holder: Grant | None, text: str, vehicle: VehicleSnapshot, link_timeout_s: float
 ) -> Iterator[str]:
     status = status_words(code)
-    action = ACTIONS.get(request.action)
-    if action is None:
-        yield f"there is no action {request.action!r}; there are {', '.join(ACTIONS)}"
-        return
-    if action.phase not in CODE_OF:
-        yield f"the bridge doesn't know phase {str(action.phase)!r} of {request.action}: update the bridge"
+    phase = phase_of(request.action)
+    if phase not in CODE_OF:
+        yield f"the bridge doesn't know phase {str(phase)!r} of {request.action}: update the bridge"
         return
     age_s = 0.0 if request.issued_t_ns is None else (vehicle.t_ns - request.issued_t_ns) * 1e-9
     if age_s > MAX_REQUEST_AGE_S:
         yield f"the request is {age_s:.1f} s old: its sender has stopped waiting for the reply"
     if age_s < -MAX_REQUEST_AGE_S:
         yield f"the request is {-age_s:.1f} s ahead of vehicle time: it is from before the vehicle restarted"
-    takes_off = action.phase is Phase.TAKEOFF
-    moves = action.phase is Phase.GO_TO
+    takes_off = phase is Phase.TAKEOFF
+    moves = phase is Phase.GO_TO
     if holder is not None:
         yield f"{holder.name} is in charge, {status}: wait for it or abort it"
     if code is StatusCode.EXTERNAL:

@@ -87,8 +87,9 @@ class Authority:
 
     @property
     def control_state(self) -> ControlState:
-        goal_id, control_id = ("", "") if self.grant is None else (self.grant.goal_id, self.grant.control_id)
-        return ControlState(self.code, self.in_charge, goal_id, control_id, self._grants.count, self.text)
+        grant = self.grant
+        goal_id, action, control_id = ("", "", "") if grant is None else (grant.goal_id, grant.action, grant.control_id)
+        return ControlState(self.code, self.in_charge, goal_id, action, control_id, self._grants.count, self.text)
 
     # -- requests and setpoints --------------------------------------------------------------------------
 

@@ -290,6 +290,7 @@ class VehicleBridge:
             autopilot_mode=vehicle.mode,
             in_charge=control_state.in_charge,
             goal_id=control_state.goal_id,
+            action=control_state.action,
             control_id=control_state.control_id,
             bridge_boot_id=self._boot_id,
             grants=control_state.grants,

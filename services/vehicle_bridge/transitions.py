@@ -7,7 +7,7 @@ AFTER: dict[Code, tuple[Code, ...]] = {
     Code.IDLE: (Code.TAKEOFF, Code.EXTERNAL),
     Code.TAKEOFF: (Code.TAKEOFF_DONE, Code.GO_TO, Code.ABORT, Code.EXTERNAL),
     Code.TAKEOFF_DONE: (Code.HOVER, Code.EXTERNAL),
-    Code.HOVER: (Code.GO_TO, Code.GET_IMAGES, Code.LANDING, Code.COVERAGE, Code.EXTERNAL),
+    Code.HOVER: (Code.GO_TO, Code.GET_IMAGES, Code.LANDING, Code.COVERAGE, Code.ACTION, Code.EXTERNAL),
     Code.GO_TO: (Code.GO_TO_DONE, Code.ABORT, Code.EXTERNAL),
     Code.GO_TO_DONE: (Code.HOVER, Code.EXTERNAL),
     Code.GET_IMAGES: (Code.GET_IMAGES_DONE, Code.ABORT, Code.EXTERNAL),
@@ -16,6 +16,8 @@ AFTER: dict[Code, tuple[Code, ...]] = {
     Code.LANDING_DONE: (Code.IDLE, Code.EXTERNAL),
     Code.COVERAGE: (Code.COVERAGE_DONE, Code.ABORT, Code.EXTERNAL),
     Code.COVERAGE_DONE: (Code.HOVER, Code.EXTERNAL),
+    Code.ACTION: (Code.ACTION_DONE, Code.ABORT, Code.EXTERNAL),
+    Code.ACTION_DONE: (Code.HOVER, Code.EXTERNAL),
     Code.ABORT: (Code.HOVER, Code.IDLE, Code.EXTERNAL),
     Code.EXTERNAL: (Code.IDLE, Code.HOVER),
 }
@@ -26,6 +28,7 @@ CODE_OF: dict[Phase, Code] = {
     Phase.GET_IMAGES: Code.GET_IMAGES,
     Phase.LANDING: Code.LANDING,
     Phase.COVERAGE: Code.COVERAGE,
+    Phase.ACTION: Code.ACTION,
 }
 """Code while a goal is in a phase; the next integer means that the phase is completed."""
 

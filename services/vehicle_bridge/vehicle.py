@@ -113,6 +113,7 @@ class ControlState(msgspec.Struct, frozen=True):
     code: StatusCode
     in_charge: InCharge
     goal_id: str
+    action: str
     control_id: str
     grants: int
     text: str

@@ -81,7 +81,7 @@ class Move(msgspec.Struct, frozen=True):
 
     Attributes:
         phase: of the action, from which the status code follows.
-        feedback: for those who watch the goal.
+        feedback: of the action's feedback type, for those who watch the goal.
         pos_ned_m: position setpoint.
         vel_ned_mps: velocity setpoint.
         acc_ned_mps2: acceleration that is fed forward.
@@ -92,7 +92,7 @@ class Move(msgspec.Struct, frozen=True):
     """
 
     phase: Phase
-    feedback: MoveFeedback | LandFeedback | ImagesFeedback
+    feedback: Payload
     pos_ned_m: Vec3 | None = None
     vel_ned_mps: Vec3 | None = None
     acc_ned_mps2: Vec3 | None = None
@@ -124,7 +124,7 @@ class Behaviour(Protocol):
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
         """Next setpoint, or the end; the first step has the time and the state of the start."""
 
-    def result(self, completed: bool, pos_uav_ned_m: Vec3) -> Payload:
+    def result(self, completed: bool, pos_uav_ned_m: Vec3) -> Payload | None:
         """Result of the action at its end.
 
         Args:

@@ -11,7 +11,7 @@ import msgspec
 
 from jezero.frames import Vec3, add
 from jezero.runtime.service import Call, Inbox, Output, Publish, Reply, SetRate, Subscribe
-from jezero.schemas.actions import Feedback, FeedbackMessage, ImagesFeedback, Result
+from jezero.schemas.actions import Feedback, FeedbackMessage, ImagesFeedback, LandFeedback, MoveFeedback, Result
 from jezero.schemas.commands import AcquireReply, CameraPitch, Release, ReleaseReply, Setpoint
 from jezero.schemas.state import Odometry, StatusCode
 from jezero.schemas.topics import (
@@ -216,7 +216,7 @@ class GoalFlight:
         status = inbox.latest(STATUS)
         code = -1 if status is None else status.code
         content = move.feedback
-        if content.frame == "world":
+        if isinstance(content, MoveFeedback | LandFeedback | ImagesFeedback) and content.frame == "world":
             content = msgspec.structs.replace(content, pos_uav_ned_m=odometry.pos_uav_ned_m)
         if isinstance(content, ImagesFeedback) and self._capture is not None:
             taken, planned, images = self._capture.taken, self._capture.planned, self._capture.unreported_images()

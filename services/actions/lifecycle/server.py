@@ -30,6 +30,7 @@ from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.lifecycle.behaviour import Planner, Refusal
 from jezero.services.actions.lifecycle.capture import CAPTURE_INPUTS
 from jezero.services.actions.lifecycle.goal_run import GoalRun
+from jezero.services.actions.lifecycle.guard import GuardedPlanner
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.lifecycle.vehicle_view import is_fresh
 
@@ -58,7 +59,7 @@ class ActionServer:
         self._action = action
         self._endpoint = action.endpoint
         self._cancel = action.cancel
-        self._planner = planner
+        self._planner = GuardedPlanner(action.name, planner)
         self._config = config
         self._boot_id = boot_id
         self._pictures = (pictures or PictureStore()) if action.takes_pictures else None

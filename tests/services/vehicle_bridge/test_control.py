@@ -10,7 +10,6 @@ from jezero.runtime.config import load_config
 from jezero.schemas.commands import Abort, Acquire, Hover, Phase, Release
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import ABORT, ACQUIRE, ACTIONS, HOVER, RELEASE
-from jezero.services.vehicle_bridge.admission import phases_of
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from tests.services.vehicle_bridge.rig import ARM, MODES, SET_MODE, Rig
 
@@ -210,13 +209,20 @@ def test_an_old_request_for_control_is_refused(age_s: float, refusal: str) -> No
     assert refusal in reply.reason
 
 
-def test_an_unknown_action_is_refused_with_the_known_ones() -> None:
-    rig = Rig().ready()
-    reply = rig.acquire("somersault")
-    assert not reply.granted
-    assert "there is no action 'somersault'; there are takeoff, go_to" in reply.reason
-    assert phases_of("somersault", StatusCode.IDLE) == ()
-    assert rig.acquire("takeoff").granted
+def test_an_action_of_a_package_flies_in_14_and_15_with_its_name_in_the_status() -> None:
+    rig = Rig().fly()
+    control_id = rig.acquire("somersault").control_id
+    rig.run_until(lambda: rig.status.code == StatusCode.ACTION, each=lambda: rig.setpoint(control_id, Phase.ACTION))
+    assert (rig.status.code, rig.status.action, rig.status.in_charge) == (14, "somersault", "goal")
+    rig.release(control_id, "succeeded")
+    rig.run(0.5)
+    assert rig.codes[-4:] == [3, 14, 15, 3]
+    assert rig.status.action == ""
+
+
+def test_an_action_of_a_package_needs_a_hovering_vehicle() -> None:
+    reply = Rig().ready().acquire("somersault")
+    assert "somersault needs a hovering vehicle (3)" in reply.reason
 
 
 def test_an_action_whose_phase_the_bridge_does_not_know_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,119 @@
+"""The guard around an action's own code: whatever it raises ends its goal, and neither the server nor other goals."""
+
+import sys
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+from msgspec.structs import replace
+
+from jezero.frames import Vec3
+from jezero.schemas.state import Status
+from jezero.schemas.struct import Payload
+from jezero.services.actions.lifecycle.behaviour import (
+    Behaviour,
+    Done,
+    Move,
+    Plan,
+    Planner,
+    Preparation,
+    Refusal,
+    Start,
+    VehicleState,
+)
+
+
+class GuardedPlanner:
+    """A planner whose exceptions, and those of its plans and behaviours, become refusals and aborted goals.
+
+    The traceback of each goes to standard error, which is the log of the action's server.
+
+    Args:
+        name: of the action.
+    """
+
+    def __init__(self, name: str, planner: Planner) -> None:
+        self._name = name
+        self._planner = planner
+
+    def plan(self, goal: Any, status: Status) -> Plan | Refusal:
+        """Plan a goal; an exception is a refusal."""
+        try:
+            plan = self._planner.plan(goal, status)
+        except Exception as error:
+            return Refusal(_report(self._name, "plan", error))
+        if isinstance(plan, Refusal):
+            return plan
+        start = plan.start
+        guarded = replace(start, work=self._work(start)) if isinstance(start, Preparation) else self._start(start)
+        check = None if plan.check_inputs is None else self._check(plan.check_inputs)
+        return replace(plan, start=guarded, check_inputs=check)
+
+    def _start(self, start: Start) -> Start:
+        return lambda t_ns, state: _GuardedBehaviour(self._name, start, t_ns, state)
+
+    def _check(self, check: Callable[[VehicleState], str]) -> Callable[[VehicleState], str]:
+        def guarded(state: VehicleState) -> str:
+            try:
+                return check(state)
+            except Exception as error:
+                return _report(self._name, "check_inputs", error)
+
+        return guarded
+
+    def _work(self, preparation: Preparation) -> Callable[[VehicleState], Callable[[], Start | Refusal]]:
+        def guarded(state: VehicleState) -> Callable[[], Start | Refusal]:
+            def run() -> Start | Refusal:
+                try:
+                    prepared = preparation.work(state)()
+                except Exception as error:
+                    return Refusal(_report(self._name, "prepare", error))
+                return prepared if isinstance(prepared, Refusal) else self._start(prepared)
+
+            return run
+
+        return guarded
+
+
+class _GuardedBehaviour:
+    """A behaviour that ends as aborted when its own code raises."""
+
+    def __init__(self, name: str, start: Start, t_ns: int, state: VehicleState) -> None:
+        self._name = name
+        self._behaviour: Behaviour | None = None
+        self._failure = ""
+        try:
+            self._behaviour = start(t_ns, state)
+        except Exception as error:
+            self._failure = _report(name, "start", error)
+
+    def step(self, t_ns: int, state: VehicleState) -> Move | Done:
+        """Next setpoint, or the end; an exception is an aborted goal."""
+        if self._behaviour is None or self._failure:
+            return Done("aborted", self._failure)
+        try:
+            move: Any = self._behaviour.step(t_ns, state)
+        except Exception as error:
+            self._failure = _report(self._name, "step", error)
+            return Done("aborted", self._failure)
+        if isinstance(move, Move | Done):
+            return move
+        self._failure = f"{self._name} failed: step returned {type(move).__name__}, not a Move or a Done"
+        return Done("aborted", self._failure)
+
+    def result(self, completed: bool, pos_uav_ned_m: Vec3) -> Payload | None:
+        """The behaviour's result; None when its own code raises, or has never started."""
+        if self._behaviour is None:
+            return None
+        try:
+            return self._behaviour.result(completed and not self._failure, pos_uav_ned_m)
+        except Exception as error:
+            _report(self._name, "result", error)
+            return None
+
+
+def _report(name: str, where: str, error: Exception) -> str:
+    """Print the traceback; returns the sentence for the goal's sender."""
+    print(f"{name}: {where} raised an exception", file=sys.stderr)
+    traceback.print_exception(error)
+    return f"{name} failed in {where}: {type(error).__name__}: {error}; the traceback is in the log of the server"
