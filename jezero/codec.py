@@ -4,6 +4,7 @@ A payload with an attachment (`schemas.struct.WithAttachment`) is its JSON, a li
 """
 
 import math
+import sys
 from collections.abc import Iterable, Mapping
 from functools import cache
 from typing import Any
@@ -94,7 +95,7 @@ class Reader:
     def __init__(self, kind: Any, max_json_bytes: int | None) -> None:
         self._decode = msgspec.json.Decoder(kind).decode
         self._attached = has_attachment(kind)
-        self._max_json_bytes = max_json_bytes
+        self._max_json_bytes = sys.maxsize if max_json_bytes is None else max_json_bytes
         self._last: tuple[bytes | None, Any] = (None, None)
         """One object, so that a thread never sees the bytes of one message with the content of another."""
 
@@ -105,22 +106,26 @@ class Reader:
             BadPayloadError: malformed, too long, an unknown field, a wrong type, a number out of its range, or an
                 attachment that doesn't fit the other fields.
         """
-        last, message = self._last
-        if data is last:
-            return message
-        json, attachment = split_attachment(data) if self._attached else (data, b"")
-        if self._max_json_bytes is not None and len(json) > self._max_json_bytes:
+        last = self._last
+        if data is last[0]:
+            return last[1]
+        if self._attached:
+            json, attachment = split_attachment(data)
+            message = _attach(self._decode_json(json), attachment)
+        else:
+            message = self._decode_json(data)
+        self._last = (data, message)
+        return message
+
+    def _decode_json(self, json: bytes) -> Any:
+        if len(json) > self._max_json_bytes:
             raise BadPayloadError(f"{len(json)} bytes are more than {self._max_json_bytes}")
         try:
-            message = self._decode(json)
+            return self._decode(json)
         except (msgspec.DecodeError, UnicodeDecodeError) as error:
             raise BadPayloadError(str(error)) from None
         except RecursionError:
             raise BadPayloadError("nested too deeply") from None
-        if self._attached:
-            message = _attach(message, attachment)
-        self._last = (data, message)
-        return message
 
 
 def _attach(message: WithAttachment, attachment: bytes) -> WithAttachment:
