@@ -28,13 +28,12 @@ class Autopilot:
 
     Args:
         system_id: MAVLink system id.
-        boot_id: differs between two runs; the autopilot itself has no use for it.
         since_2015_s: wall time at the start, for signatures.
     """
 
     spec = SPEC
 
-    def __init__(self, config: AutopilotConfig, system_id: int, boot_id: int, since_2015_s: float = 0.0) -> None:
+    def __init__(self, config: AutopilotConfig, system_id: int, since_2015_s: float = 0.0) -> None:
         self._system_id = system_id
         self._parameters = Parameters(config, system_id)
         self._signing = make_signing(config.signing)

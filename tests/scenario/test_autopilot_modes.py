@@ -55,7 +55,7 @@ class Flight:
         self.bus.wire(("simulator", "hil"), ("autopilot", "hil"))
         self.bus.wire(("autopilot", "gcs"), ("station", "autopilot"), UDP_DELAY)
         self.bus.add(Simulator(windy(2.0, 0.3), 4, 1))
-        self.bus.add(Autopilot(load_config(AutopilotConfig, "autopilot"), SYSTEM_ID, 0))
+        self.bus.add(Autopilot(load_config(AutopilotConfig, "autopilot"), SYSTEM_ID))
         self.bus.add(self.station)
         self.bus.run_for(6.0)
 

@@ -118,7 +118,7 @@ class Signed:
 def signed() -> Signed:
     config = msgspec.structs.replace(AutopilotConfig(), signing=SigningConfig(key=KEY.hex(), links=("gcs", "offboard")))
     bench = Bench()
-    bench.autopilot = Autopilot(config, 1, 7, START_S)
+    bench.autopilot = Autopilot(config, 1, START_S)
     bench.rest(2.0)
     signing = Signing(KEY)
     signing.now = int(START_S * 1e5)
