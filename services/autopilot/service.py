@@ -76,7 +76,7 @@ class Autopilot:
         if self._started_wall_ns is None:
             self._started_wall_ns = wall_ns
         for signing in self._signing.values():
-            signing.now = self._since_2015_10us + (wall_ns - self._started_wall_ns) // 10_000
+            signing.clock_10us = self._since_2015_10us + (wall_ns - self._started_wall_ns) // 10_000
 
     def _on_reading(self, reading: Reading) -> bytes:
         """One HIL_SENSOR in, one HIL_ACTUATOR_CONTROLS out."""
@@ -93,7 +93,7 @@ class Autopilot:
         landed, malformed, refused = (
             self._vehicle.landed,
             self._hil.malformed + self._side.malformed,
-            self._side.refused,
+            self._side.bad_signatures,
         )
         if self._health is not None and self._judged == (landed, malformed, refused):
             return self._health

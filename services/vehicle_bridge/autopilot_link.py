@@ -8,7 +8,7 @@ from types import MappingProxyType
 import msgspec
 
 from jezero.frames import Quat, Vec3, quat_normalize, quat_rotate
-from jezero.mavlink import MavlinkCodec, MavMessage, Pack, Pick, dialect
+from jezero.mavlink import FieldReader, FramePacker, MavlinkCodec, MavMessage, dialect
 from jezero.schemas.state import Battery, Geodetic, Odometry
 from jezero.services.vehicle_bridge.parameters import ParameterSetter
 from jezero.services.vehicle_bridge.resets import ResetHistory
@@ -55,7 +55,7 @@ _RESULTS = {
 }
 _FAILSAFE_STATES = (dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY, dialect.MAV_STATE_FLIGHT_TERMINATION)
 _LOCAL_NED = dialect.MAV_FRAME_LOCAL_NED
-_SETPOINT = Pack(
+_SETPOINT = FramePacker(
     dialect.MAVLink_set_position_target_local_ned_message,
     *("time_boot_ms", "x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"),
     *("type_mask", "target_system", "target_component", "coordinate_frame"),
@@ -129,7 +129,7 @@ class AutopilotLink:
         self.accepted: Order | None = None
         """The order pursued at present, once it has been acknowledged."""
         self._system_id = system_id
-        self._codec = MavlinkCodec(system_id, COMPONENT_ID, hears=(system_id, AUTOPILOT_COMPONENT_ID))
+        self._codec = MavlinkCodec(system_id, COMPONENT_ID, peer=(system_id, AUTOPILOT_COMPONENT_ID))
         self._order: Order | None = None
         self._next_try_ns = 0
         self._tries = 0
@@ -363,7 +363,7 @@ def _followed(message: MavMessage) -> tuple[int, Vec3, Vec3]:
     return message.time_boot_ms * 1_000_000, (x, y, z), (vx, vy, vz)
 
 
-_ODOMETRY = Pick(
+_ODOMETRY = FieldReader(
     dialect.MAVLink_odometry_message,
     *("time_usec", "x", "y", "z", "q", "vx", "vy", "vz", "rollspeed", "pitchspeed", "yawspeed"),
     *("pose_covariance[0]", "pose_covariance[6]", "frame_id", "child_frame_id", "reset_counter"),
