@@ -220,15 +220,6 @@ def frd_from_camera(v_camera: Vec3, pitch_camera_rad: float, roll_camera_rad: fl
     return (x, c * right - s * z, s * right + c * z)
 
 
-def camera_from_frd(v_frd: Vec3, pitch_camera_rad: float, roll_camera_rad: float = 0.0) -> Vec3:
-    """Inverse of `frd_from_camera`."""
-    x, right, down = v_frd
-    c, s = cos(roll_camera_rad), sin(roll_camera_rad)
-    y, z = c * right + s * down, c * down - s * right
-    c, s = cos(pitch_camera_rad), sin(pitch_camera_rad)
-    return (y, s * x + c * z, c * x - s * z)
-
-
 def q_frd_from_camera(pitch_camera_rad: float, roll_camera_rad: float = 0.0) -> Quat:
     """The rotation of `frd_from_camera`."""
     axes = quat_from_euler(roll_camera_rad, 0.0, 0.0)

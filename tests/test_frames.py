@@ -92,8 +92,7 @@ def test_a_camera_that_looks_down_has_the_nose_at_the_top_and_the_right_side_rig
     assert frames.frd_from_camera((0.0, 0.0, 1.0), 0.0) == pytest.approx((1.0, 0.0, 0.0))
 
 
-@given(vectors, st.floats(-pi, pi))
-def test_a_vector_survives_the_camera(vector: Vec3, pitch_rad: float) -> None:
-    assert frames.camera_from_frd(frames.frd_from_camera(vector, pitch_rad), pitch_rad) == pytest.approx(
-        vector, abs=1e-9
-    )
+@given(vectors, st.floats(-pi, pi), st.floats(-pi, pi))
+def test_the_cameras_quaternion_is_the_rotation_of_its_vectors(vector: Vec3, pitch_rad: float, roll_rad: float) -> None:
+    by_quaternion = frames.quat_rotate(frames.q_frd_from_camera(pitch_rad, roll_rad), vector)
+    assert by_quaternion == pytest.approx(frames.frd_from_camera(vector, pitch_rad, roll_rad), abs=1e-9)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jezero.mavlink import MavlinkCodec, Pack, Pick, Signing, dialect
+from jezero.mavlink import FieldReader, FramePacker, MavlinkCodec, Signing, dialect
 
 
 class Sink:
@@ -50,7 +50,10 @@ def test_every_message_without_text_is_packed_from_its_numbers_as_it_is_whole(si
         if "char" in kind.fieldtypes:
             continue
         numbers = (number for name in kind.ordered_fieldnames for number in np.ravel(fields[name]).tolist())
-        data, expected = of_numbers.pack_numbers(Pack(kind, *kind.ordered_fieldnames), *numbers), whole.pack(message)
+        data, expected = (
+            of_numbers.pack_numbers(FramePacker(kind, *kind.ordered_fieldnames), *numbers),
+            whole.pack(message),
+        )
         assert signing is not None or data == expected, message.get_type()
         assert [read.to_dict() for read in reader.parse(data)] == [read.to_dict() for read in reader.parse(expected)]
 
@@ -58,15 +61,15 @@ def test_every_message_without_text_is_packed_from_its_numbers_as_it_is_whole(si
 @pytest.mark.parametrize("fields", [("type",), ("type", "custom_mode", "autopilot")])
 def test_a_message_is_not_packed_from_a_part_of_its_numbers_nor_out_of_order(fields: tuple[str, ...]) -> None:
     with pytest.raises(ValueError, match="the fields of MAVLink_heartbeat_message are custom_mode, type, autopilot"):
-        Pack(dialect.MAVLink_heartbeat_message, *fields)
+        FramePacker(dialect.MAVLink_heartbeat_message, *fields)
 
 
-def test_who_hears_one_sender_only_drops_the_messages_of_others() -> None:
+def test_a_codec_with_a_peer_drops_the_messages_of_others() -> None:
     sent = [(system, component) for system in (3, 4) for component in (7, 8)]
     beat = dialect.MAVLink_heartbeat_message(2, 12, 0, 5, 0, 3)
     data = b"".join(MavlinkCodec(*sender).pack(beat) for sender in sent)
     for piece in (len(data), 5):
-        codec = MavlinkCodec(1, 1, hears=(3, 8))
+        codec = MavlinkCodec(1, 1, peer=(3, 8))
         heard = [message for at in range(0, len(data), piece) for message in codec.parse(data[at : at + piece])]
         assert [(message.get_srcSystem(), message.get_srcComponent()) for message in heard] == [(3, 8)]
         assert codec.malformed == 0
@@ -112,7 +115,7 @@ def test_some_numbers_are_picked_as_they_are_read(signing: Signing | None, quali
     kind, fields = next((kind, fields) for kind, fields in FIELDS if kind is dialect.MAVLink_odometry_message)
     sent = kind(**{**fields, "quality": quality, "q": [0.1, 0.2, 0.3, 0.4], "pose_covariance": [*range(21)]})
     (message,) = MavlinkCodec(1, 1, signing).parse(MavlinkCodec(3, 7, signing).pack(sent))
-    pick = Pick(kind, "time_usec", "q", "pose_covariance[0]", "pose_covariance[6]", "frame_id", "quality")
+    pick = FieldReader(kind, "time_usec", "q", "pose_covariance[0]", "pose_covariance[6]", "frame_id", "quality")
     expected = (message.time_usec, *message.q, 0.0, 6.0, message.frame_id, quality)
     assert pick(message) == expected
 
@@ -120,7 +123,7 @@ def test_some_numbers_are_picked_as_they_are_read(signing: Signing | None, quali
 @pytest.mark.parametrize("fields", [("y", "x"), ("z", "w"), ("q[4]",)])
 def test_what_can_not_be_picked_is_named(fields: tuple[str, ...]) -> None:
     with pytest.raises(ValueError, match=rf"has no field '{fields[-1]}'".replace("[", r"\[")):
-        Pick(dialect.MAVLink_odometry_message, *fields)
+        FieldReader(dialect.MAVLink_odometry_message, *fields)
 
 
 def test_a_message_has_no_other_fields_than_its_own() -> None:

@@ -108,7 +108,7 @@ class Flight(msgspec.Struct, frozen=True):
 
 def embedded() -> tuple[Service, int]:
     """The embedded autopilot and its system id."""
-    return Autopilot(load_config(AutopilotConfig, "autopilot"), SYSTEM_ID, 0), SYSTEM_ID
+    return Autopilot(load_config(AutopilotConfig, "autopilot"), SYSTEM_ID), SYSTEM_ID
 
 
 def fly(

@@ -27,7 +27,7 @@ def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, Socke
         return px4.Px4(), {px4.PX4: _px4_link(instance)}
     if autopilot != "embedded":
         raise ConfigError(f'JEZERO_AUTOPILOT is "{autopilot}", expected "embedded" or "px4"')
-    return Autopilot(config, instance.system_id, boot_id, time.time() - UNIX_2015_S), {
+    return Autopilot(config, instance.system_id, time.time() - UNIX_2015_S), {
         HIL: TcpClient(HOST, instance.hil_port),
         OFFBOARD: Udp((HOST, instance.autopilot_offboard_port), (HOST, instance.bridge_port)),
         GCS: Udp((HOST, instance.autopilot_gcs_port), (HOST, instance.gcs_port)),

@@ -47,7 +47,6 @@ class Commander:
         self.armed = False
         self.mode = Mode.HOLD
         self.failsafe = False
-        self._armed_us = 0
         self._has_flown = False
         self._landed_us: int | None = None
         self._upright_us = 0
@@ -82,7 +81,7 @@ class Commander:
             return reason
         self.armed = True
         self.failsafe = False
-        self._armed_us = self._upright_us = now.t_us
+        self._upright_us = now.t_us
         self._has_flown = False
         self._landed_us = None
         self._overruled = self._warned = ()

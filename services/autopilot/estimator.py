@@ -35,6 +35,7 @@ from jezero.frames import (
 )
 from jezero.services.autopilot.alignment import FIX_AGE_MAX_US, Alignment, Fix
 from jezero.services.autopilot.config import EstimatorConfig
+from jezero.services.autopilot.reset_detector import ResetDetector
 
 COVARIANCE_PERIOD_US = 20_000
 HISTORY_LENGTH = FIX_AGE_MAX_US // COVARIANCE_PERIOD_US
@@ -50,38 +51,6 @@ GYRO_BIAS_LIMIT_RPS = 0.15
 
 Matrix = NDArray[np.float64]
 IDENTITY: Matrix = np.eye(15)
-
-
-class Disagreement:
-    """How long a sensor has contradicted the estimate without a break, and by how much.
-
-    A sensor is believed against the estimate only while it agrees with itself: what jumps from reading to reading
-    tells nothing, however long it lasts.
-
-    Attributes:
-        mean: the innovations since then, smoothed; empty while sensor and estimate agree.
-    """
-
-    def __init__(self, limit_s: float) -> None:
-        self._limit_us = int(limit_s * 1e6)
-        self._since_us = 0
-        self._last: tuple[float, ...] = ()
-        self.mean: tuple[float, ...] = ()
-
-    def ends(self) -> None:
-        self.mean = ()
-
-    def lasts(self, t_us: int, innovation: tuple[float, ...], spread: float) -> bool:
-        """Whether it has lasted for so long that the sensor is to be believed.
-
-        Args:
-            spread: by so much an innovation may differ from the one before it, else it begins anew.
-        """
-        if not self.mean or any(abs(i - before) > spread for i, before in zip(innovation, self._last, strict=True)):
-            self._since_us, self.mean = t_us, innovation
-        self._last = innovation
-        self.mean = tuple(m + 0.2 * (i - m) for m, i in zip(self.mean, innovation, strict=True))
-        return t_us - self._since_us >= self._limit_us
 
 
 class Estimator:
@@ -114,10 +83,10 @@ class Estimator:
         self._slow_from_us = 0
         self._corrected = [0.0] * 6
         self._history: deque[tuple[int, Vec3, Vec3]] = deque(maxlen=HISTORY_LENGTH)
-        self._pos_differs = Disagreement(config.gps_reset_s)
-        self._vel_differs = Disagreement(config.gps_reset_s)
-        self._height_differs = Disagreement(config.gps_reset_s)
-        self._heading_differs = Disagreement(config.gps_reset_s)
+        self._pos_reset = ResetDetector(config.gps_reset_s)
+        self._vel_reset = ResetDetector(config.gps_reset_s)
+        self._height_reset = ResetDetector(config.gps_reset_s)
+        self._heading_reset = ResetDetector(config.gps_reset_s)
         """By the cosine and sine of the angle between."""
 
     def configure(self, config: EstimatorConfig) -> None:
@@ -138,14 +107,14 @@ class Estimator:
     @property
     def _contradiction(self) -> str:
         """Which sensor contradicts the estimate, in words, or ""."""
-        if self._pos_differs.mean:
-            return f"GNSS is {hypot(*self._pos_differs.mean):.1f} m away from the estimate"
-        if self._vel_differs.mean:
+        if self._pos_reset.mean_innovation:
+            return f"GNSS is {hypot(*self._pos_reset.mean_innovation):.1f} m away from the estimate"
+        if self._vel_reset.mean_innovation:
             return "GNSS and the estimate differ in velocity"
-        if self._height_differs.mean:
-            return f"the barometer is {abs(self._height_differs.mean[0]):.1f} m away from the estimate"
-        if self._heading_differs.mean:
-            cosine, sine = self._heading_differs.mean
+        if self._height_reset.mean_innovation:
+            return f"the barometer is {abs(self._height_reset.mean_innovation[0]):.1f} m away from the estimate"
+        if self._heading_reset.mean_innovation:
+            cosine, sine = self._heading_reset.mean_innovation
             return f"the magnetometer's heading is {abs(degrees(atan2(sine, cosine))):.0f} degrees off the estimate"
         return ""
 
@@ -201,17 +170,17 @@ class Estimator:
         innovations = []
         gate = c.ekf2_gps_v_gate_mps + 3.0 * self.std_vel_mps
         if max(abs(e) for e in vel_error) < gate:
-            self._vel_differs.ends()
+            self._vel_reset.clear()
             innovations += [(3 + i, vel_error[i], c.ekf2_gps_v_noise_mps) for i in range(3)]
-        elif self._vel_differs.lasts(self.t_us, vel_error, c.ekf2_gps_v_gate_mps):
-            self._reset(3, self._vel_differs.mean, c.ekf2_gps_v_noise_mps)
-            self._vel_differs.ends()
+        elif self._vel_reset.update(self.t_us, vel_error, c.ekf2_gps_v_gate_mps):
+            self._reset(3, self._vel_reset.mean_innovation, c.ekf2_gps_v_noise_mps)
+            self._vel_reset.clear()
         if hypot(north, east) < max(c.ekf2_gps_p_gate_m, 3.0 * sqrt(max(self.P[6, 6], self.P[7, 7]))):
-            self._pos_differs.ends()
+            self._pos_reset.clear()
             innovations += [(6, north, c.ekf2_gps_p_noise_m), (7, east, c.ekf2_gps_p_noise_m)]
-        elif self._pos_differs.lasts(self.t_us, (north, east), c.ekf2_gps_p_gate_m):
-            self._reset(6, self._pos_differs.mean, c.ekf2_gps_p_noise_m)
-            self._pos_differs.ends()
+        elif self._pos_reset.update(self.t_us, (north, east), c.ekf2_gps_p_gate_m):
+            self._reset(6, self._pos_reset.mean_innovation, c.ekf2_gps_p_noise_m)
+            self._pos_reset.clear()
         if abs(down) < 4.0 * c.gps_z_noise_m + 3.0 * sqrt(self.P[8, 8]):
             innovations.append((8, down, c.gps_z_noise_m))
         if any(index < 8 for index, _, _ in innovations):
@@ -225,11 +194,11 @@ class Estimator:
         c = self._config
         down = -(altitude_pressure_m - self._origin_pressure_m) - self.pos_ned_m[2]
         if abs(down) < c.ekf2_baro_gate_m + 3.0 * sqrt(self.P[8, 8]):
-            self._height_differs.ends()
+            self._height_reset.clear()
             self._update([(8, down, c.ekf2_baro_noise_m)])
-        elif self._height_differs.lasts(self.t_us, (down,), c.ekf2_baro_gate_m):
-            self._reset(8, self._height_differs.mean, c.ekf2_baro_noise_m)
-            self._height_differs.ends()
+        elif self._height_reset.update(self.t_us, (down,), c.ekf2_baro_gate_m):
+            self._reset(8, self._height_reset.mean_innovation, c.ekf2_baro_noise_m)
+            self._height_reset.clear()
 
     def mag(self, field_frd_gauss: Vec3) -> None:
         """Correct the heading by a field that can be the place's; tilt is left alone, which no field deserves."""
@@ -245,12 +214,12 @@ class Estimator:
             return
         error = wrap_pi(c.declination_rad - atan2(east, north))
         if abs(error) < c.ekf2_head_gate_rad + 3.0 * sqrt(self.P[2, 2]):
-            self._heading_differs.ends()
+            self._heading_reset.clear()
             self._update([(2, error, c.ekf2_head_noise_rad)])
-        elif self._heading_differs.lasts(self.t_us, (cos(error), sin(error)), c.ekf2_head_gate_rad):
-            cosine, sine = self._heading_differs.mean
+        elif self._heading_reset.update(self.t_us, (cos(error), sin(error)), c.ekf2_head_gate_rad):
+            cosine, sine = self._heading_reset.mean_innovation
             self._reset(2, (atan2(sine, cosine),), c.ekf2_head_noise_rad)
-            self._heading_differs.ends()
+            self._heading_reset.clear()
 
     # -- mathematics ---------------------------------------------------------------------------------------
 

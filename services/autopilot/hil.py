@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import msgspec
 
 from jezero.frames import Vec3
-from jezero.mavlink import MavlinkCodec, MavMessage, Pack, dialect, is_finite
+from jezero.mavlink import FramePacker, MavlinkCodec, MavMessage, dialect, is_finite
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.mixer import Commands
 
@@ -22,7 +22,9 @@ MAG_FIELDS = ("xmag", "ymag", "zmag")
 ACC_MAX_MPS2 = 1000.0
 GYRO_MAX_RPS = 100.0
 UNUSED = (0.0,) * 12
-_HIL_ACTUATOR_CONTROLS = Pack(dialect.MAVLink_hil_actuator_controls_message, "time_usec", "flags", "controls", "mode")
+_HIL_ACTUATOR_CONTROLS = FramePacker(
+    dialect.MAVLink_hil_actuator_controls_message, "time_usec", "flags", "controls", "mode"
+)
 
 
 class Reading(msgspec.Struct, frozen=True, gc=False):

@@ -49,9 +49,9 @@ class MavlinkSide:
         return sum([link.malformed for link in self._links.values()])
 
     @property
-    def refused(self) -> int:
+    def bad_signatures(self) -> int:
         """Messages whose signature was not believed."""
-        return sum([link.refused for link in self._links.values()])
+        return sum([link.bad_signatures for link in self._links.values()])
 
     def answer(self, inbox: Inbox) -> Iterator[Output]:
         """Do what was asked."""

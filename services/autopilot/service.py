@@ -28,13 +28,12 @@ class Autopilot:
 
     Args:
         system_id: MAVLink system id.
-        boot_id: differs between two runs; the autopilot itself has no use for it.
         since_2015_s: wall time at the start, for signatures.
     """
 
     spec = SPEC
 
-    def __init__(self, config: AutopilotConfig, system_id: int, boot_id: int, since_2015_s: float = 0.0) -> None:
+    def __init__(self, config: AutopilotConfig, system_id: int, since_2015_s: float = 0.0) -> None:
         self._system_id = system_id
         self._parameters = Parameters(config, system_id)
         self._signing = make_signing(config.signing)
@@ -77,7 +76,7 @@ class Autopilot:
         if self._started_wall_ns is None:
             self._started_wall_ns = wall_ns
         for signing in self._signing.values():
-            signing.now = self._since_2015_10us + (wall_ns - self._started_wall_ns) // 10_000
+            signing.clock_10us = self._since_2015_10us + (wall_ns - self._started_wall_ns) // 10_000
 
     def _on_reading(self, reading: Reading) -> bytes:
         """One HIL_SENSOR in, one HIL_ACTUATOR_CONTROLS out."""
@@ -94,7 +93,7 @@ class Autopilot:
         landed, malformed, refused = (
             self._vehicle.landed,
             self._hil.malformed + self._side.malformed,
-            self._side.refused,
+            self._side.bad_signatures,
         )
         if self._health is not None and self._judged == (landed, malformed, refused):
             return self._health

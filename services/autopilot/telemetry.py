@@ -58,9 +58,9 @@ class TelemetryLink:
         return self._codec.malformed
 
     @property
-    def refused(self) -> int:
+    def bad_signatures(self) -> int:
         """Messages whose signature was not believed."""
-        return self._codec.refused
+        return self._codec.bad_signatures
 
     def receive(self, data: bytes) -> list[MavMessage]:
         """Messages for this autopilot, or for everybody."""

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from math import atan2, degrees, hypot, inf, sqrt
 
 from jezero.frames import Vec3
-from jezero.mavlink import MavlinkCodec, MavMessage, Pack, dialect
+from jezero.mavlink import FramePacker, MavlinkCodec, MavMessage, dialect
 from jezero.schemas.sensors import Barometer, Gnss, Magnetometer
 
 SYSTEM_ID = 1
@@ -20,7 +20,7 @@ UPDATED_BARO = 0x1A00
 """Absolute pressure, pressure altitude and temperature; there is no airspeed sensor (0x400)."""
 FIX_3D = 3
 MOTORS_OFF: Sequence[float] = (0.0, 0.0, 0.0, 0.0)
-_HIL_SENSOR = Pack(
+_HIL_SENSOR = FramePacker(
     dialect.MAVLink_hil_sensor_message,
     *("time_usec", "xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "xmag", "ymag", "zmag"),
     *("abs_pressure", "diff_pressure", "pressure_alt", "temperature", "fields_updated", "id"),

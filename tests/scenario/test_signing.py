@@ -46,7 +46,7 @@ class GroundLink:
         for message in self._reader.parse(inbox.received("autopilot")):
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_ACK:
                 self.acknowledged[message.command, message.result] += 1
-        self._signing.now = t_ns // 10_000
+        self._signing.clock_10us = t_ns // 10_000
         question = self._honest.pack(self._command(ASKED, 0.0, 0.0))
         self.asked += 1
         self._heard.append(question)
@@ -55,7 +55,11 @@ class GroundLink:
 
     def _forgeries(self) -> bytes:
         future, wrong, broken = Signing(KEY), Signing(KEY[::-1]), Signing(KEY)
-        future.now, wrong.now, broken.now = self._signing.now + HOUR, self._signing.now, self._signing.now
+        future.clock_10us, wrong.clock_10us, broken.clock_10us = (
+            self._signing.clock_10us + HOUR,
+            self._signing.clock_10us,
+            self._signing.clock_10us,
+        )
         flipped = bytearray(MavlinkCodec(255, 190, broken).pack(self._any()))
         flipped[self._random.randrange(10, len(flipped))] ^= 1 << self._random.randrange(8)
         signed = [MavlinkCodec(255, 190, signing).pack(self._any()) for signing in (None, wrong, future)]

@@ -9,10 +9,10 @@ from jezero.frames import Quat, Vec3, add, ned_from_geodetic, quat_from_euler, s
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.config import AutopilotConfig, EstimatorConfig
 from jezero.services.autopilot.control import Kinematics, Setpoint, VelocityLoop
-from jezero.services.autopilot.estimator import Disagreement
 from jezero.services.autopilot.flight import LIFTED_MPS, SPOOL_UP_S
 from jezero.services.autopilot.land_detector import CLIMB_WANTED_MPS, LandDetector
 from jezero.services.autopilot.mixer import STOPPED, Commands
+from jezero.services.autopilot.reset_detector import ResetDetector
 
 LAG_S = 0.1
 """Of the acceleration behind what is asked for: tilting takes as long."""
@@ -98,8 +98,8 @@ class PointEstimate:
         self._error_ned_m: Vec3 = (0.0, 0.0, 0.0)
         self._yaw_error_rad = 0.0
         self._fix_us = self._baro_us = 0
-        self._pos_differs = Disagreement(config.gps_reset_s)
-        self._height_differs = Disagreement(config.gps_reset_s)
+        self._pos_differs = ResetDetector(config.gps_reset_s)
+        self._height_differs = ResetDetector(config.gps_reset_s)
 
     def tick(self, t_us: int) -> None:
         """The time."""
@@ -122,10 +122,10 @@ class PointEstimate:
         """Why the estimate can't be flown with, in words; empty when it can."""
         if not self.running:
             return "aligning, keep the vehicle still"
-        if self._pos_differs.mean:
-            return f"GNSS is {hypot(*self._pos_differs.mean):.1f} m away from the estimate"
-        if self._height_differs.mean:
-            return f"the barometer is {abs(self._height_differs.mean[0]):.1f} m away from the estimate"
+        if self._pos_differs.mean_innovation:
+            return f"GNSS is {hypot(*self._pos_differs.mean_innovation):.1f} m away from the estimate"
+        if self._height_differs.mean_innovation:
+            return f"the barometer is {abs(self._height_differs.mean_innovation[0]):.1f} m away from the estimate"
         return ""
 
     @property
@@ -172,11 +172,11 @@ class PointEstimate:
         dt, self._fix_us = (self.t_us - self._fix_us) * 1e-6, self.t_us
         north, east, _ = subtract(ned_from_geodetic(fix.position_deg, self._origin_deg), self.pos_ned_m)
         if hypot(north, east) < self._config.ekf2_gps_p_gate_m:
-            self._pos_differs.ends()
+            self._pos_differs.clear()
             self._pull(dt, (north, east, 0.0))
-        elif self._pos_differs.lasts(self.t_us, (north, east), self._config.ekf2_gps_p_gate_m):
-            north, east = self._pos_differs.mean
-            self._pos_differs.ends()
+        elif self._pos_differs.update(self.t_us, (north, east), self._config.ekf2_gps_p_gate_m):
+            north, east = self._pos_differs.mean_innovation
+            self._pos_differs.clear()
             self._reset((north, east, 0.0))
 
     def baro(self, altitude_pressure_m: float) -> None:
@@ -184,11 +184,11 @@ class PointEstimate:
         dt, self._baro_us = (self.t_us - self._baro_us) * 1e-6, self.t_us
         down = -altitude_pressure_m - self.pos_ned_m[2]
         if abs(down) < self._config.ekf2_baro_gate_m:
-            self._height_differs.ends()
+            self._height_differs.clear()
             self._pull(dt, (0.0, 0.0, down))
-        elif self._height_differs.lasts(self.t_us, (down,), self._config.ekf2_baro_gate_m):
-            (down,) = self._height_differs.mean
-            self._height_differs.ends()
+        elif self._height_differs.update(self.t_us, (down,), self._config.ekf2_baro_gate_m):
+            (down,) = self._height_differs.mean_innovation
+            self._height_differs.clear()
             self._reset((0.0, 0.0, down))
 
     def mag(self, field_frd_gauss: Vec3) -> None:

@@ -51,7 +51,7 @@ class Bench:
     """An autopilot on a table: sensors at rest, their last digits alive, on one link, a companion on the other."""
 
     def __init__(self) -> None:
-        self.autopilot = Autopilot(AutopilotConfig(), system_id=1, boot_id=7)
+        self.autopilot = Autopilot(AutopilotConfig(), system_id=1)
         self.box = Box()
         self.simulator = MavlinkCodec(1, 25)
         self.companion = MavlinkCodec(1, 191)

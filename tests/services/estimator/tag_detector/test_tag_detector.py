@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from jezero.frames import (
     Quat,
     Vec3,
-    camera_from_frd,
+    q_frd_from_camera,
     quat_conjugate,
     quat_from_euler,
     quat_rotate,
@@ -50,7 +50,7 @@ def project(point_rover_body_m: Vec3, pos_uav_ned_m: Vec3, q: Quat, yaw_rover_ra
     """(x, y) in the picture and the distance along the optical axis, step by step."""
     from_uav_ned_m = subtract(rotate_yaw(point_rover_body_m, yaw_rover_rad), pos_uav_ned_m)
     from_camera_frd_m = subtract(quat_rotate(quat_conjugate(q), from_uav_ned_m), MOUNT_FRD_M)
-    right, down, forward = camera_from_frd(from_camera_frd_m, pitch_rad)
+    right, down, forward = quat_rotate(quat_conjugate(q_frd_from_camera(pitch_rad)), from_camera_frd_m)
     return (CENTER_PX[0] + FOCAL_PX * right / forward, CENTER_PX[1] + FOCAL_PX * down / forward, forward)
 
 
