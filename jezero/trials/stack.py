@@ -59,15 +59,9 @@ def service_makers(
     estimator = estimator or load_config(EstimatorConfig, "estimator")
     robot = vehicle or load_config(VehicleConfig, "vehicle")
     makers: dict[str, Callable[[int], Service]] = {
-<<<<<<< HEAD
         "simulator": lambda boot: Simulator(simulator, robot, seed=seed, boot_id=boot),
         "camera": lambda boot: make_camera(camera, simulator, robot, seed),
-        "autopilot": lambda boot: Autopilot(autopilot, system_id=system_id, boot_id=boot),
-=======
-        "simulator": lambda boot: Simulator(simulator, seed=seed, boot_id=boot),
-        "camera": lambda boot: make_camera(camera, simulator, seed),
         "autopilot": lambda _: Autopilot(autopilot, system_id=system_id),
->>>>>>> w-estimator
         "vehicle_bridge": lambda boot: VehicleBridge(bridge, system_id=system_id, boot_id=boot),
         "tag_detector": lambda boot: TagDetector(load_config(TagDetectorConfig, "tag_detector"), robot),
         "estimator": lambda boot: Estimator(estimator, robot),

@@ -30,7 +30,9 @@ def find_declaration(name: str) -> ActionDeclaration[Any]:
         return DECLARATIONS[name]
     declaration = load_declaration(name)
     if not isinstance(declaration, ActionDeclaration):
-        raise PluginError(f"action {name!r}: its entry point is a {type(declaration).__name__}, not an ActionDeclaration")
+        raise PluginError(
+            f"action {name!r}: its entry point is a {type(declaration).__name__}, not an ActionDeclaration"
+        )
     return declaration
 
 

@@ -3,17 +3,9 @@
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-<<<<<<< HEAD
 from jezero.frames import Vec3
-from jezero.mavlink import MavlinkCodec, MavMessage, Pack, dialect
+from jezero.mavlink import FramePacker, MavlinkCodec, MavMessage, dialect
 from jezero.schemas.state import Battery, Odometry
-=======
-import msgspec
-
-from jezero.frames import Quat, Vec3, quat_normalize, quat_rotate
-from jezero.mavlink import FieldReader, FramePacker, MavlinkCodec, MavMessage, dialect
-from jezero.schemas.state import Battery, Geodetic, Odometry
->>>>>>> w-estimator
 from jezero.services.vehicle_bridge.parameters import ParameterSetter
 from jezero.services.vehicle_bridge.telemetry import Telemetry, TelemetryBatch, odometry_of, setpoint_echo_of, text_of
 from jezero.services.vehicle_bridge.vehicle import Command, Target, mode_name
@@ -85,13 +77,8 @@ class AutopilotLink:
         self.parameters = ParameterSetter(parameters)
         self.acknowledged: Command | None = None
         self._system_id = system_id
-<<<<<<< HEAD
-        self._codec = MavlinkCodec(system_id, COMPONENT_ID, hears=(system_id, AUTOPILOT_COMPONENT_ID))
-        self._present: Command | None = None
-=======
         self._codec = MavlinkCodec(system_id, COMPONENT_ID, peer=(system_id, AUTOPILOT_COMPONENT_ID))
-        self._order: Order | None = None
->>>>>>> w-estimator
+        self._present: Command | None = None
         self._next_try_ns = 0
         self._tries = 0
         self._refusal = ""
@@ -308,53 +295,3 @@ class AutopilotLink:
                 self._system_id, AUTOPILOT_COMPONENT_ID, number, confirmation, p1, p2, p3, 0.0, 0.0, 0.0, 0.0
             )
         )
-<<<<<<< HEAD
-=======
-
-
-def _text(field: str | bytes) -> str:
-    return (field if isinstance(field, str) else field.decode("utf-8", "replace")).rstrip("\0")
-
-
-def _followed(message: MavMessage) -> tuple[int, Vec3, Vec3]:
-    """Vehicle time, position and velocity of a POSITION_TARGET_LOCAL_NED, with NaN for what is masked."""
-    fields = ("x", "y", "z", "vx", "vy", "vz")
-    x, y, z, vx, vy, vz = (nan if message.type_mask >> i & 1 else getattr(message, f) for i, f in enumerate(fields))
-    return message.time_boot_ms * 1_000_000, (x, y, z), (vx, vy, vz)
-
-
-_ODOMETRY = FieldReader(
-    dialect.MAVLink_odometry_message,
-    *("time_usec", "x", "y", "z", "q", "vx", "vy", "vz", "rollspeed", "pitchspeed", "yawspeed"),
-    *("pose_covariance[0]", "pose_covariance[6]", "frame_id", "child_frame_id", "reset_counter"),
-)
-
-
-def _pose(message: MavMessage) -> tuple[int, Vec3, Vec3, Quat, Vec3, float | None, int]:
-    """Time in ns, position, velocity and attitude in world NED, body rates, horizontal standard deviation of the
-    position and reset counter of an ODOMETRY.
-
-    Raises:
-        ValueError: a number is not finite, out of its range, or in a frame the bridge doesn't know.
-    """
-    numbers = _ODOMETRY(message)
-    t_us, x, y, z, qw, qx, qy, qz, vx, vy, vz, p, q, r, var_north_m2, var_east_m2, frame, child_frame, counter = numbers
-    pos, vel, rates = (x, y, z), (vx, vy, vz), (p, q, r)
-    if frame != _LOCAL_NED:
-        raise ValueError("not a pose in local NED")
-    attitude = quat_normalize((qw, qx, qy, qz))
-    if child_frame == dialect.MAV_FRAME_BODY_FRD:
-        vel = quat_rotate(attitude, vel)
-    elif child_frame != _LOCAL_NED:
-        raise ValueError("velocity in an unknown frame")
-    t_ns = t_us * 1000
-    if t_ns > 2**62:
-        raise ValueError("time out of range")
-    vx, vy, vz = vel
-    small = x * x + y * y + z * z <= 1e12 and vx * vx + vy * vy + vz * vz <= 1e6 and p * p + q * q + r * r <= 1e6
-    if not small:  # or NaN
-        raise ValueError("not finite, or out of range")
-    variance_m2 = max(var_north_m2, var_east_m2)
-    std_m = sqrt(variance_m2) if 0.0 <= variance_m2 <= 1e12 else None
-    return t_ns, pos, vel, attitude, rates, std_m, counter
->>>>>>> w-estimator

@@ -6,12 +6,12 @@ from math import nan, sqrt
 import msgspec
 
 from jezero.frames import Quat, Vec3, quat_normalize, quat_rotate
-from jezero.mavlink import MavMessage, Pick, dialect
+from jezero.mavlink import MavMessage, FieldReader, dialect
 from jezero.schemas.state import Battery, Geodetic, Odometry
 from jezero.services.vehicle_bridge.foreign_setpoints import SetpointEcho
 from jezero.services.vehicle_bridge.resets import ResetHistory
 
-_ODOMETRY = Pick(
+_ODOMETRY = FieldReader(
     dialect.MAVLink_odometry_message,
     *("time_usec", "x", "y", "z", "q", "vx", "vy", "vz", "rollspeed", "pitchspeed", "yawspeed"),
     *("pose_covariance[0]", "pose_covariance[6]", "frame_id", "child_frame_id", "reset_counter"),

@@ -55,13 +55,8 @@ class Flight:
         self.bus.observe(self._observe)
         self.bus.wire(("simulator", "hil"), ("autopilot", "hil"))
         self.bus.wire(("autopilot", "gcs"), ("station", "autopilot"), UDP_DELAY)
-<<<<<<< HEAD
         self.bus.add(Simulator(windy(2.0, 0.3), load_config(VehicleConfig, "vehicle"), 4, 1))
-        self.bus.add(Autopilot(load_config(AutopilotConfig, "autopilot"), SYSTEM_ID, 0))
-=======
-        self.bus.add(Simulator(windy(2.0, 0.3), 4, 1))
         self.bus.add(Autopilot(load_config(AutopilotConfig, "autopilot"), SYSTEM_ID))
->>>>>>> w-estimator
         self.bus.add(self.station)
         self.bus.run_for(6.0)
 

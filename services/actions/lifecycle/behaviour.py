@@ -14,7 +14,6 @@ from typing import Any, Literal, Protocol
 import msgspec
 
 from jezero.frames import Quat, Vec3, quat_rotate, yaw_from_quat
-from jezero.schemas.actions import ImagesFeedback, LandFeedback, MoveFeedback
 from jezero.schemas.commands import Outcome, Phase
 from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.schemas.state import Status

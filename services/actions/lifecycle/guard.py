@@ -40,7 +40,7 @@ class GuardedPlanner:
         """Plan a goal; an exception is a refusal."""
         try:
             plan = self._planner.plan(goal, status)
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001
             return Refusal(_report(self._name, "plan", error))
         if isinstance(plan, Refusal):
             return plan
@@ -56,7 +56,7 @@ class GuardedPlanner:
         def guarded(state: VehicleState) -> str:
             try:
                 return check(state)
-            except Exception as error:
+            except Exception as error:  # noqa: BLE001
                 return _report(self._name, "check_inputs", error)
 
         return guarded
@@ -66,7 +66,7 @@ class GuardedPlanner:
             def run() -> Start | Refusal:
                 try:
                     prepared = preparation.work(state)()
-                except Exception as error:
+                except Exception as error:  # noqa: BLE001
                     return Refusal(_report(self._name, "prepare", error))
                 return prepared if isinstance(prepared, Refusal) else self._start(prepared)
 
@@ -84,7 +84,7 @@ class _GuardedBehaviour:
         self._failure = ""
         try:
             self._behaviour = start(t_ns, state)
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001
             self._failure = _report(name, "start", error)
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
@@ -93,7 +93,7 @@ class _GuardedBehaviour:
             return Done("aborted", self._failure)
         try:
             move: Any = self._behaviour.step(t_ns, state)
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001
             self._failure = _report(self._name, "step", error)
             return Done("aborted", self._failure)
         if isinstance(move, Move | Done):
@@ -107,7 +107,7 @@ class _GuardedBehaviour:
             return None
         try:
             return self._behaviour.result(completed and not self._failure, pos_uav_ned_m)
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001
             _report(self._name, "result", error)
             return None
 
