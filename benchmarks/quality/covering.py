@@ -1,7 +1,7 @@
 """A coverage in virtual time, in 3 m/s mean wind with gusts of 0.6 m/s, with all that is needed to judge it."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 
@@ -77,8 +77,7 @@ class Covering:
             RuntimeError: it was refused, did not succeed, or has no end.
         """
         self.climb()
-        result: CoverageResult = self._end(self.bus.ask(topics.AREA_COVERAGE.endpoint, goal)).result
-        return result
+        return cast(CoverageResult, self._end(self.bus.ask(topics.AREA_COVERAGE.endpoint, goal)).result)
 
     def climb(self) -> None:
         """Get ready and take off.

@@ -252,7 +252,7 @@ def main() -> None:
         for seed in seeds:
             flight, goal = Orbiting(seed, rover_mps=rover_mps), orbit_goal(frame)
             result = flight.fly(goal)
-            if result.outcome != "succeeded":
+            if result.outcome != "succeeded" or result.result is None:
                 print(f"  seed {seed}: {result.outcome}: {result.reason}")
                 continue
             f = measure(flight, goal, result.result.images)

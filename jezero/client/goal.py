@@ -82,7 +82,7 @@ class Goal(Generic[F, R]):
             raise Aborted(result.reason, result.result)
         if result.outcome == "canceled":
             raise Canceled(result.reason or "canceled", result.result)
-        return result.result
+        return cast(R, result.result)
 
     def cancel(self) -> bool:
         """End the goal: the vehicle hovers, and `result()` raises `Canceled`. False when it had ended before.
