@@ -89,7 +89,7 @@ class AreaCoverage:
         if problem := tracker.stuck(t_ns):
             return Done("aborted", problem)
         reference = self._reference(tracker.time_s)
-        if tracker.time_s >= plan.trajectory.duration_s and not self._capture.waits:
+        if tracker.time_s >= plan.trajectory.duration_s and not self._capture.is_waiting:
             return Done("succeeded", hover_pos_ned_m=reference.pos_ned_m)
         velocity, acceleration = tracker.command(dt_s, reference, state)
         return Move(
@@ -110,7 +110,7 @@ class AreaCoverage:
         half_frame_ns = int(0.5 * NS_PER_S / self._config.area_coverage.camera_rate_hz)
         times_s = plan.picture_times_s
         while self._requested < len(times_s) and times_s[self._requested] <= tracker.time_s:
-            self._capture.ask(plan.first_picture + self._requested, t_ns - half_frame_ns)
+            self._capture.request(plan.first_picture + self._requested, t_ns - half_frame_ns)
             self._requested += 1
 
     def _reference(self, time_s: float) -> Reference:
