@@ -1,4 +1,4 @@
-"""Map an area: along a planned path over it, with a picture whenever so much of the path has been flown.
+"""Map an area: fly along a planned path over it, and take pictures at even distances.
 
 Source: thesis §3.6, algorithms 6 and 7.
 """
@@ -20,7 +20,7 @@ from jezero.services.actions.motion.straight_path import StraightPath
 from jezero.services.actions.motion.tracking import ZERO, Reference, Tracker
 
 if TYPE_CHECKING:
-    from jezero.services.actions.area_coverage.planned import CoveragePlan
+    from jezero.services.actions.area_coverage.coverage_plan import CoveragePlan
 
 
 class AreaCoverage:
@@ -134,7 +134,7 @@ class AreaCoverage:
             completed=completed,
             pos_uav_ned_m=pos_uav_ned_m,
             images=self._capture.images(),
-            covered=self._plan.ground.share,
+            covered=self._plan.ground.fraction,
             resume=self._remainder(),
         )
 
