@@ -16,8 +16,8 @@ from shapely.geometry import LineString
 
 from benchmarks.quality.covering import Covering
 from jezero.schemas.actions import AreaCoverageGoal, Corners
-from jezero.services.actions.area_coverage.plan import covered_share
-from jezero.services.actions.area_coverage.planned import CoveragePlan, plan_coverage
+from jezero.services.actions.area_coverage.coverage_plan import CoveragePlan, plan_coverage
+from jezero.services.actions.area_coverage.path import covered_fraction
 from jezero.services.actions.config import ActionsConfig
 
 THESIS = ((0.0, 0.0), (3.0, 5.0), (7.0, 4.0), (7.0, 2.0), (4.0, 1.0), (3.0, 2.0), (0.0, 0.0))
@@ -71,7 +71,7 @@ def measure(seed: int, resolution_m: float, polygon_ned_m: Corners = THESIS) -> 
         pictures=len(result.images),
         pictures_per_length=len(result.images) * resolution_m / plan.trajectory.length_m,
         covered=plan.covered,
-        flown_covered=covered_share(plan.area, own[:, :2], resolution_m),
+        flown_covered=covered_fraction(plan.area, own[:, :2], resolution_m),
         place_m=float(np.median(np.linalg.norm(taken_m - plan.pictures_m, axis=1))),
         time_s=(last_ns - first_ns) * 1e-9,
     )

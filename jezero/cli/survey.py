@@ -162,7 +162,7 @@ def _show_plan(goal: "AreaCoverageGoal", file: Path, as_json: bool) -> None:
     from jezero.report.coverage_plot import draw_plan
     from jezero.runtime.config import load_config
     from jezero.services.actions.area_coverage.area import AreaError
-    from jezero.services.actions.area_coverage.planned import plan_coverage
+    from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
     from jezero.services.actions.config import ActionsConfig
 
     try:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from shapely.geometry import Polygon
 
-    from jezero.services.actions.area_coverage.planned import CoveragePlan
+    from jezero.services.actions.area_coverage.coverage_plan import CoveragePlan
 
 Array = npt.NDArray[np.float64]
 GROUND, EDGE = "#efe6db", "0.25"
@@ -61,7 +61,7 @@ def draw_coverage(folder: Path, form: Format) -> list[Path]:
         AreaError: its goal can't be planned any more, by other settings.
     """
     from jezero.runtime.config import load_config
-    from jezero.services.actions.area_coverage.planned import plan_coverage
+    from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
     from jezero.services.actions.config import ActionsConfig
 
     try:

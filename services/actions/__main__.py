@@ -26,7 +26,7 @@ def main() -> int:
     run_dir = os.environ.get("JEZERO_RUN_DIR")
     folder = Path(run_dir).absolute() / "pictures" / name if run_dir else None
     worker = Worker(_raise)
-    pictures = PictureStore(folder, do=lambda work: worker.add(work, "")) if takes_pictures else None
+    pictures = PictureStore(folder, execute=lambda work: worker.add(work, "")) if takes_pictures else None
     return run_process(name, lambda _instance, boot_id: (action_server(name, boot_id, pictures=pictures), {}))
 
 

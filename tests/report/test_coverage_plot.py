@@ -8,7 +8,7 @@ import pytest
 from jezero.report.coverage_plot import draw_coverage
 from jezero.schemas.actions import AreaCoverageGoal
 from jezero.schemas.images import LISTING
-from jezero.services.actions.area_coverage.planned import plan_coverage
+from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
 from jezero.services.actions.config import ActionsConfig
 
 CORNERS = ((0.0, 0.0), (3.0, 0.0), (3.0, 2.0), (0.0, 2.0))

@@ -191,6 +191,6 @@ def test_control_that_was_asked_for_before_a_short_partition_is_not_given_after_
             goal = GoToGoal(goal_id=f"late-{parted_s:.0f}", target_ned_m=(5.0, 5.0, -3.0))
             answers = cut_off.ask(session, topics.GO_TO.endpoint.name, goal)
             wait_for(lambda: bool(answers), PATIENCE_S, "the server's answer")
-            assert "the vehicle bridge did not answer" in answers[0]["reason"]
+            assert "the vehicle bridge did not reply" in answers[0]["reason"]
             wait_for(lambda: time.monotonic() - parted_s > SHORT_S, PATIENCE_S, "the partition's end")
         assert_stays(heard, begin_s)

@@ -1,4 +1,4 @@
-"""The area that somebody asks to map, checked."""
+"""Checks of the area of a goal."""
 
 from collections.abc import Sequence
 
@@ -10,11 +10,11 @@ AREA_MIN_M2 = 1e-4
 
 
 class AreaError(ValueError):
-    """The area can't be mapped; the message tells why and what to change."""
+    """The area can't be mapped; the message has the reason and what to change."""
 
 
 def make_area(polygon_ned_m: Sequence[Point], holes_ned_m: Sequence[Sequence[Point]] = ()) -> Polygon:
-    """A simple polygon with holes, from its corners; the last corner may repeat the first.
+    """Make a simple polygon with holes from its corners; the last corner may repeat the first.
 
     Raises:
         AreaError: too few corners, edges that cross, no area, or a hole that isn't wholly inside.

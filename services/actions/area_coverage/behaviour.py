@@ -1,4 +1,4 @@
-"""Map an area: along a planned path over it, with a picture whenever so much of the path has been flown.
+"""Map an area: fly along a planned path over it, and take pictures at even distances.
 
 Source: thesis §3.6, algorithms 6 and 7.
 """
@@ -20,7 +20,7 @@ from jezero.services.actions.motion.straight_path import StraightPath
 from jezero.services.actions.motion.tracking import ZERO, Reference, Tracker
 
 if TYPE_CHECKING:
-    from jezero.services.actions.area_coverage.planned import CoveragePlan
+    from jezero.services.actions.area_coverage.coverage_plan import CoveragePlan
 
 
 class AreaCoverage:
@@ -89,7 +89,7 @@ class AreaCoverage:
         if problem := tracker.stuck(t_ns):
             return Done("aborted", problem)
         reference = self._reference(tracker.time_s)
-        if tracker.time_s >= plan.trajectory.duration_s and not self._capture.waits:
+        if tracker.time_s >= plan.trajectory.duration_s and not self._capture.is_waiting:
             return Done("succeeded", hover_pos_ned_m=reference.pos_ned_m)
         velocity, acceleration = tracker.command(dt_s, reference, state)
         return Move(
@@ -110,7 +110,7 @@ class AreaCoverage:
         half_frame_ns = int(0.5 * NS_PER_S / self._config.area_coverage.camera_rate_hz)
         times_s = plan.picture_times_s
         while self._requested < len(times_s) and times_s[self._requested] <= tracker.time_s:
-            self._capture.ask(plan.first_picture + self._requested, t_ns - half_frame_ns)
+            self._capture.request(plan.first_picture + self._requested, t_ns - half_frame_ns)
             self._requested += 1
 
     def _reference(self, time_s: float) -> Reference:
@@ -134,7 +134,7 @@ class AreaCoverage:
             completed=completed,
             pos_uav_ned_m=pos_uav_ned_m,
             images=self._capture.images(),
-            covered=self._plan.ground.share,
+            covered=self._plan.ground.fraction,
             resume=self._remainder(),
         )
 

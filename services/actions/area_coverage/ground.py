@@ -1,4 +1,4 @@
-"""Which ground a vehicle has covered so far, on a grid: cheap enough for every step of a flight."""
+"""The ground that a vehicle has covered so far, on a grid, which is cheap enough for every step of a flight."""
 
 from itertools import pairwise
 from math import ceil, hypot, sqrt
@@ -14,7 +14,9 @@ CELLS_MAX = 1_000_000
 
 
 class CoveredGround:
-    """An area of which all within half a line distance of the vehicle counts as covered.
+    """Covered and uncovered cells of an area.
+
+    Cells within half a line distance of the vehicle's path count as covered.
 
     Args:
         area: metres, (north, east).
@@ -36,12 +38,12 @@ class CoveredGround:
         self._last_m: tuple[float, float] | None = None
 
     @property
-    def share(self) -> float:
-        """Of the area, 0 to 1; of an area smaller than any cell nothing is known to be left."""
+    def fraction(self) -> float:
+        """Covered fraction of the area, 0 to 1; 1 for an area that is smaller than a cell."""
         return 1.0 - float(self._left.sum()) / self._cells if self._cells else 1.0
 
     def mark(self, north_m: float, east_m: float) -> None:
-        """The vehicle is here; nearer to the last point than a cell this changes nothing."""
+        """Mark the surroundings of the vehicle's position as covered, once per cell flown."""
         if self._last_m is not None and hypot(north_m - self._last_m[0], east_m - self._last_m[1]) < self._cell_m:
             return
         self._last_m = (north_m, east_m)
@@ -51,8 +53,8 @@ class CoveredGround:
         self._left[rows, columns] &= away_m2 > self._reach_m**2
 
     def mark_way(self, way_m: Array) -> None:
-        """The vehicle has flown along these points, (n, 2)."""
+        """Mark the surroundings of a flown path, (n, 2) points, as covered."""
         for start, end in pairwise(way_m):
             count = max(1, ceil(float(np.linalg.norm(end - start)) / self._cell_m))
-            for share in np.arange(1, count + 1) / count:
-                self.mark(*(start + share * (end - start)))
+            for fraction in np.arange(1, count + 1) / count:
+                self.mark(*(start + fraction * (end - start)))

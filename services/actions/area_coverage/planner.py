@@ -43,9 +43,9 @@ class AreaCoveragePlanner:
         origin_ned_m = frame_origin_ned_m(goal, state)
         north_m, east_m, _ = subtract(state.pos_uav_ned_m, origin_ned_m)
 
-        def plan_path() -> Start | Refusal:
+        def make_plan() -> Start | Refusal:
             from jezero.services.actions.area_coverage.area import AreaError
-            from jezero.services.actions.area_coverage.planned import plan_coverage
+            from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
 
             try:
                 plan = plan_coverage(goal, config, (north_m, east_m), origin_ned_m)
@@ -53,4 +53,4 @@ class AreaCoveragePlanner:
                 return Refusal(str(error))
             return partial(AreaCoverage, goal, plan, capture, config)
 
-        return plan_path
+        return make_plan

@@ -13,8 +13,8 @@ class Roads:
     """Visibility graph over the corners of an area that a way can bend around.
 
     Args:
-        area: where ways may run.
-        tolerance_m: a way may leave it by this much.
+        area: that ways may not leave.
+        tolerance_m: distance by which a way may leave the area.
     """
 
     def __init__(self, area: Polygon | MultiPolygon, tolerance_m: float) -> None:
@@ -23,14 +23,16 @@ class Roads:
         self._bends = _bends(area)
         count = len(self._bends)
         first, second = np.triu_indices(count, 1)
-        sees = self.sees(self._bends[first], self._bends[second])
+        inside = self.is_inside(self._bends[first], self._bends[second])
         lengths = np.full((count, count), np.inf)
-        lengths[first[sees], second[sees]] = np.linalg.norm(self._bends[first] - self._bends[second], axis=1)[sees]
+        lengths[first[inside], second[inside]] = np.linalg.norm(self._bends[first] - self._bends[second], axis=1)[
+            inside
+        ]
         self._lengths, self._before = dijkstra(
             np.where(np.isinf(lengths), 0.0, lengths), directed=False, return_predecessors=True
         )
 
-    def sees(self, starts: Array, ends: Array) -> NDArray[np.bool_]:
+    def is_inside(self, starts: Array, ends: Array) -> NDArray[np.bool_]:
         """Whether the straight lines between points, (n, 2) each, run inside the area."""
         if len(starts) == 0:
             return np.zeros(0, bool)
@@ -39,7 +41,7 @@ class Roads:
 
     def way(self, start: Array, end: Array) -> Array:
         """(n, 2) points of the shortest way, both ends included; the straight line where there is no way."""
-        if self.sees(start[None], end[None])[0] or len(self._bends) == 0:
+        if self.is_inside(start[None], end[None])[0] or len(self._bends) == 0:
             return np.array((start, end))
         from_start, to_end = self._reach(start), self._reach(end)
         total = from_start[:, None] + self._lengths + to_end[None, :]
@@ -52,14 +54,14 @@ class Roads:
         return np.array((start, *(self._bends[i] for i in reversed(bends)), end))
 
     def _reach(self, point: Array) -> Array:
-        """Distance to each bend that the point sees, else infinity."""
+        """Distance to each bend that a straight line inside the area reaches, else infinity."""
         starts = np.broadcast_to(point, self._bends.shape)
         distances = np.linalg.norm(self._bends - point, axis=1)
-        return np.where(self.sees(starts, self._bends), distances, np.inf)
+        return np.where(self.is_inside(starts, self._bends), distances, np.inf)
 
 
 def _bends(area: Polygon | MultiPolygon) -> Array:
-    """Corners at which a way can bend: where the area's outline turns away from it."""
+    """Corners at which a way can bend: the reflex corners of the outline."""
     found = []
     for part in shapely.get_parts(area):
         outlined = shapely.geometry.polygon.orient(part)

@@ -1,4 +1,4 @@
-"""In which order, and from which end, the tracks are flown."""
+"""The order in which the tracks are flown, and the end from which each is flown."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -13,9 +13,9 @@ TRIALS_MAX = 400
 
 
 def order_tracks(tracks: Sequence[Track], start_m: Array | None) -> list[Array]:
-    """The tracks' points in an order with short ways between them: nearest neighbour, then 2-opt.
+    """Order the tracks so that the ways between them are short: nearest neighbour, then 2-opt.
 
-    Distances are straight lines; the ways themselves are found later.
+    Distances are those of straight lines; the ways themselves are found later.
     """
     if not tracks:
         return []

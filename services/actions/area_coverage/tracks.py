@@ -1,7 +1,8 @@
-"""What must be flown so that every point of an area is within half a resolution of the path.
+"""Tracks that together bring every point of an area within half a resolution of the path.
 
 A pass along the outline, half a resolution inside, covers slanted edges and corners that sweep lines leave out; sweep
-lines cover the rest, cell by cell; what is narrower than the resolution, and what is left, gets a pass down its middle.
+lines cover the rest, cell by cell; parts narrower than the resolution, and parts left over, get a pass down their
+middle.
 """
 
 from collections.abc import Iterator
@@ -18,7 +19,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Track:
-    """A part of the path, in the ways in which it can be flown: (n, 2) points each."""
+    """A part of the path.
+
+    Attributes:
+        variants: the ways in which it can be flown, (n, 2) points each.
+    """
 
     variants: tuple[Array, ...]
 
@@ -31,11 +36,11 @@ def outline_tracks(area: Polygon, resolution_m: float) -> list[Track]:
 
 
 def sweep_tracks(area: Polygon, resolution_m: float, angle_rad: float, inset_m: float) -> list[Track]:
-    """Cells of parallel lines, in a zigzag each.
+    """One zigzag of parallel lines for each cell of the area.
 
     Args:
         angle_rad: of the lines, from north towards east.
-        inset_m: how far from the area's outline the lines end.
+        inset_m: distance from the area's outline at which the lines end.
     """
     core = area.buffer(-resolution_m, quad_segs=4)
     field = area.buffer(-inset_m, quad_segs=4)
@@ -47,7 +52,7 @@ def sweep_tracks(area: Polygon, resolution_m: float, angle_rad: float, inset_m: 
 
 
 def left_over_tracks(area: Polygon, covered: Polygon | MultiPolygon, resolution_m: float, enough: float) -> list[Track]:
-    """A pass down the middle of each piece that is not covered, the largest first, until `enough` is."""
+    """Passes down the middles of uncovered pieces, the largest first, until the fraction `enough` is covered."""
     found: list[Track] = []
     pieces = sorted(_parts(area.difference(covered)), key=lambda piece: -piece.area)
     left_m2 = sum(piece.area for piece in pieces)
@@ -60,7 +65,7 @@ def left_over_tracks(area: Polygon, covered: Polygon | MultiPolygon, resolution_
 
 
 def _middles(piece: Polygon, resolution_m: float) -> Iterator[Track]:
-    """Through the middles of a piece's cross-sections; where it forks or bends back there are several passes."""
+    """Passes through the middles of a piece's cross-sections; several where it forks or bends back."""
     box = np.array(piece.minimum_rotated_rectangle.exterior.coords)
     edges = np.diff(box[:3], axis=0)
     along = edges[int(np.argmax(np.linalg.norm(edges, axis=1)))]
@@ -73,7 +78,7 @@ def _middles(piece: Polygon, resolution_m: float) -> Iterator[Track]:
 
 
 def _rows(area: Polygon | MultiPolygon, back: Array, ys: Array) -> list[list[Array]]:
-    """For each line across the area its pieces inside, (2, 2) each, in the lines' own axes, from left to right."""
+    """The pieces inside the area of each line, (2, 2) each, in the lines' own axes, from left to right."""
     reach = shapely.get_coordinates(area) @ back.T
     left, right = np.full(len(ys), reach[:, 0].min() - 1.0), np.full(len(ys), reach[:, 0].max() + 1.0)
     lines = np.stack((np.column_stack((left, ys)), np.column_stack((right, ys))), axis=1) @ back
@@ -86,7 +91,7 @@ def _rows(area: Polygon | MultiPolygon, back: Array, ys: Array) -> list[list[Arr
 
 
 def _levels(area: Polygon | MultiPolygon, back: Array, spacing_max_m: float) -> Array:
-    """Where the lines lie across: evenly, half a spacing from where the area begins and ends."""
+    """Positions of the lines across their direction: evenly, half a spacing from the area's ends."""
     reach = shapely.get_coordinates(area) @ back.T
     low, high = float(reach[:, 1].min()), float(reach[:, 1].max())
     count = max(1, ceil((high - low) / spacing_max_m - 1e-6))
@@ -94,7 +99,7 @@ def _levels(area: Polygon | MultiPolygon, back: Array, spacing_max_m: float) -> 
 
 
 def _cells(rows: list[list[Array]]) -> list[list[Array]]:
-    """Chords of neighbouring lines that see only each other belong together: the boustrophedon decomposition."""
+    """Boustrophedon decomposition: chords of neighbouring lines that overlap only each other are one cell."""
     finished: list[list[Array]] = []
     running: list[list[Array]] = []
     for row in rows:
@@ -119,7 +124,7 @@ def _overlap(a: Array, b: Array) -> bool:
 
 
 def _zigzags(chords: list[Array]) -> Iterator[Array]:
-    """From either side of the first line, and both backwards."""
+    """The four zigzags of a cell: from either side of the first line, and both backwards."""
     for first in (0, 1):
         way = np.concatenate([chord if i % 2 == first else chord[::-1] for i, chord in enumerate(chords)])
         yield way
@@ -127,7 +132,7 @@ def _zigzags(chords: list[Array]) -> Iterator[Array]:
 
 
 def _entries(ring: Array) -> tuple[Array, ...]:
-    """The same closed way from each of its corners."""
+    """A closed way, begun at each of its corners."""
     corners = ring[:-1]
     rolled = [np.roll(corners, -i, axis=0) for i in range(len(corners))]
     return tuple(np.concatenate((way, way[:1])) for way in rolled)

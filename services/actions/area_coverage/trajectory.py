@@ -20,7 +20,9 @@ class Trajectory:
     Attributes:
         t_s: (n,) from 0.
         distance_m: (n,) along the path.
-        pos_m, vel_mps, acc_mps2: (n, 2).
+        pos_m: (n, 2) positions.
+        vel_mps: (n, 2) velocities.
+        acc_mps2: (n, 2) accelerations.
     """
 
     t_s: Array
@@ -50,20 +52,20 @@ class Trajectory:
         return position, velocity, acceleration
 
     def time_at(self, distance_m: float) -> float:
-        """When the motion has come that far along the path."""
+        """Time at which the motion has flown a distance along the path."""
         return float(np.interp(distance_m, self.distance_m, self.t_s))
 
 
 def make_trajectory(
     corners_m: Array, *, speed_mps: float, acceleration_mps2: float, cut_m: float, from_m: float = 0.0
 ) -> Trajectory:
-    """Fly along a path from rest to rest, as fast as speed and acceleration allow.
+    """Plan a motion along a path from rest to rest, as fast as speed and acceleration allow.
 
     Args:
         corners_m: (n, 2) of the path.
-        acceleration_mps2: its bound; shared equally between the parts along and across the path.
-        cut_m: how long before a corner a turn begins, at most.
-        from_m: what lies before this distance along the path is left out.
+        acceleration_mps2: bound of the acceleration, split equally between the parts along and across the path.
+        cut_m: greatest distance before a corner at which its turn begins.
+        from_m: the path before this distance along it is left out.
     """
     points = _rest_of(smooth(corners_m, cut_m), from_m)
     part_mps2 = acceleration_mps2 / sqrt(2.0)
@@ -123,7 +125,7 @@ def _filled(points: Array) -> Array:
 
 
 def _rest_of(points: Array, from_m: float) -> Array:
-    """The line from a distance along it on."""
+    """The part of the line after a distance along it."""
     if from_m <= 0.0:
         return points
     distance = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))))
@@ -144,7 +146,7 @@ def _bend(points: Array, steps_m: Array) -> tuple[Array, Array]:
 
 
 def _reachable(limit_mps: Array, steps_m: Array, acceleration_mps2: float) -> Array:
-    """Speeds that no acceleration beyond the bound is needed for, going forward."""
+    """Greatest speeds that need no acceleration beyond the bound, going forward."""
     speeds: Array = limit_mps.copy()
     for i, step_m in enumerate(steps_m):
         speeds[i + 1] = min(speeds[i + 1], np.sqrt(speeds[i] ** 2 + 2.0 * acceleration_mps2 * step_m))
@@ -152,7 +154,7 @@ def _reachable(limit_mps: Array, steps_m: Array, acceleration_mps2: float) -> Ar
 
 
 def picture_distances(length_m: float, spacing_m: float) -> Array:
-    """How far along the path pictures are taken: at the start, and whenever so much has been flown since the last.
+    """Distances along the path at which pictures are taken: from the start, at even spacing.
 
     Source: thesis Alg. 6, eq. 3.7.
     """

@@ -1,4 +1,4 @@
-"""The geometry of a flight around a target, and where the camera must look. Source: thesis §3.5, eqs. 3.1 to 3.6."""
+"""Geometry of a flight around a target, and aiming of the camera. Source: thesis §3.5, eqs. 3.1 to 3.6."""
 
 from math import atan2, copysign, cos, hypot, pi, sin
 
@@ -11,8 +11,8 @@ class Orbit:
     """One turn around a centre at constant height, clockwise as seen from above.
 
     Args:
-        center_ned_m: (3,) its z is the height.
-        phase_rad: where the turn begins and ends, from north, positive towards east.
+        center_ned_m: (3,) its z is the orbit's.
+        phase_rad: angle at which the turn begins and ends, from north, positive towards east.
     """
 
     def __init__(
@@ -24,7 +24,7 @@ class Orbit:
         self.profile = SpeedProfile(2.0 * pi * radius_m, speed_mps, acceleration_mps2)
 
     def at(self, time_s: float) -> Reference:
-        """Position, velocity and acceleration: on the circle, along it, and towards the centre."""
+        """Reference at a time since the begin of the turn."""
         way_m, speed_mps, acceleration_mps2 = self.profile.at(time_s)
         angle_rad = self.phase_rad + way_m / self.radius_m
         c, s, inwards_mps2 = cos(angle_rad), sin(angle_rad), speed_mps * speed_mps / self.radius_m
@@ -37,24 +37,24 @@ class Orbit:
 
 
 def nearest_phase(center_ned_m: Vec3, pos_ned_m: Vec3, yaw_rad: float) -> float:
-    """Angle of the circle's point that is nearest; from its very centre, the one behind the vehicle."""
+    """Angle of the nearest point of a circle; at its centre, of the point behind the vehicle."""
     north_m, east_m = pos_ned_m[0] - center_ned_m[0], pos_ned_m[1] - center_ned_m[1]
     return atan2(east_m, north_m) if hypot(north_m, east_m) > 0.1 else wrap_pi(yaw_rad + pi)
 
 
 def facing(pos_ned_m: Vec3, vel_ned_mps: Vec3, center_ned_m: Vec3) -> tuple[float, float]:
-    """Heading towards a centre, and how fast it turns."""
+    """Heading towards a centre, rad, and its rate, rad/s."""
     north_m, east_m = center_ned_m[0] - pos_ned_m[0], center_ned_m[1] - pos_ned_m[1]
     square_m2 = max(north_m * north_m + east_m * east_m, 0.01)
     return atan2(east_m, north_m), (east_m * vel_ned_mps[0] - north_m * vel_ned_mps[1]) / square_m2
 
 
 def aim(q_ned_from_frd: Quat, way_ned_m: Vec3, roll_max_rad: float) -> tuple[float, float]:
-    """Pitch and roll of the camera that put something in the middle of the picture, as far as the axes reach.
+    """Pitch and roll of the camera that put a target in the middle of the picture, within the axes' limits.
 
     Args:
-        way_ned_m: (3,) from the camera to what it shall look at.
-        roll_max_rad: the roll axis turns no farther.
+        way_ned_m: (3,) from the camera to the target.
+        roll_max_rad: limit of the roll axis.
     """
     forward_m, right_m, down_m = quat_rotate(quat_conjugate(q_ned_from_frd), way_ned_m)
     roll_rad = -atan2(right_m, max(down_m, 1e-9))

@@ -99,9 +99,9 @@ class OrbitFlight:
         while self._requested < goal.num_images:
             if self._requested > 0 and self._turned_rad < self._requested * spacing_rad and not over:
                 break
-            self._capture.ask(self._requested, t_ns)
+            self._capture.request(self._requested, t_ns)
             self._requested += 1
-        done = self._requested == goal.num_images and not self._capture.waits
+        done = self._requested == goal.num_images and not self._capture.is_waiting
         return done and (over or goal.num_images == 1)
 
     def _move(self, dt_s: float, path: TimedStraightPath | Orbit, state: VehicleState) -> Move:

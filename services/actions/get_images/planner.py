@@ -85,7 +85,7 @@ def shape_refusal(goal: GetImagesGoal, settings: GetImagesConfig, limits: Limits
 
 def far_refusal(center_ned_m: Vec3, radius_m: float, limits: LimitsConfig) -> str:
     """Reason why the circle's farthest point is too far away, or ""."""
-    share = 1.0 + radius_m / max(hypot(center_ned_m[0], center_ned_m[1]), 1e-9)
+    factor = 1.0 + radius_m / max(hypot(center_ned_m[0], center_ned_m[1]), 1e-9)
     if hypot(center_ned_m[0], center_ned_m[1]) < 1e-6:
         return distance_refusal((radius_m, 0.0, 0.0), limits)
-    return distance_refusal((share * center_ned_m[0], share * center_ned_m[1], 0.0), limits)
+    return distance_refusal((factor * center_ned_m[0], factor * center_ned_m[1], 0.0), limits)

@@ -10,11 +10,11 @@ on the action's `image` endpoint. The planner
 
 The behaviour
 
-- calls `capture.ask(index, t_ns)` in the `step` in which the vehicle passes planned point `index`: its picture is the
-  first one that is exposed at `t_ns` or later, and one picture serves one point. Pictures arrive 0.1 s and more after
-  their exposure: `capture.waits` is true until all requested ones have come;
+- calls `capture.request(index, t_ns)` in the `step` in which the vehicle passes planned point `index`: its picture is
+  the first one that is exposed at `t_ns` or later, and one picture serves one point. Pictures arrive 0.1 s and more
+  after their exposure: `capture.is_waiting` is true until all requested ones have come;
 - may aim with `capture.pos_camera`;
-- reads `capture.taken`, and gives `capture.images()` in its result: all so far, in today's world frame.
+- reads `capture.taken`, and returns `capture.images()` in its result: all so far, in the present world frame.
 """
 
 from collections import deque
@@ -46,9 +46,10 @@ from jezero.schemas.topics import ALTIMETER, CAMERA, CAMERA_INFO, GNSS, IMU, ODO
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.config import CaptureConfig
 
-EARLY_NS = 50_000_000
+AHEAD_MAX_NS = 50_000_000
+"""Messages that seem to come from farther in the future are dropped."""
 GAP_MAX_NS = 250_000_000
-"""Between two odometries; longer ones are not bridged."""
+"""There is no interpolation between two odometries with a longer gap."""
 FRAMES_WAITING = 3
 SENSORS: tuple[Topic[Any], ...] = (IMU, GNSS, ALTIMETER)
 CAPTURE_INPUTS: tuple[Topic[Any], ...] = (CAMERA, CAMERA_INFO, *SENSORS)
@@ -56,13 +57,13 @@ M = TypeVar("M", bound=Message)
 
 
 class Shot(NamedTuple):
-    """A picture that was taken, with its pixels."""
+    """A picture with its pixels."""
 
     image: Image
     frame: CameraFrame
 
-    def picture(self, goal_id: str) -> ImageReply:
-        """What the server answers with."""
+    def reply(self, goal_id: str) -> ImageReply:
+        """The server's reply to a request for this picture."""
         width_px, height_px, pixels = self.frame.width_px, self.frame.height_px, self.frame.pixels
         index = self.image.index
         return ImageReply(goal_id=goal_id, index=index, width_px=width_px, height_px=height_px, pixels=pixels)
@@ -71,17 +72,17 @@ class Shot(NamedTuple):
 class _Record(NamedTuple):
     image: Image
     offset_ned_m: Vec3
-    """Sum of the autopilot's position steps at its exposure."""
+    """Sum of the autopilot's position steps at the exposure."""
 
 
 class Capture:
-    """One goal's pictures.
+    """The pictures of one goal.
 
     Args:
-        stream: feedback tells of each picture as it is taken.
+        stream: whether feedback reports each picture as it is taken.
 
     Attributes:
-        planned: how many there will be.
+        planned: number of pictures that there will be.
     """
 
     def __init__(self, config: CaptureConfig, planned: int, *, stream: bool = True) -> None:
@@ -90,8 +91,8 @@ class Capture:
         self._stream = stream
         self._records: list[_Record] = []
         self._reported = 0
-        self._asked: deque[tuple[int, int]] = deque()
-        """(index, time of passing), oldest first."""
+        self._requested: deque[tuple[int, int]] = deque()
+        """Index and time of each request without a picture, oldest first."""
         self._frames: deque[CameraFrame] = deque(maxlen=FRAMES_WAITING)
         self._info: CameraInfo | None = None
         self._origin_deg: Vec3 | None = None
@@ -99,61 +100,61 @@ class Capture:
         self._odometry: deque[Odometry] = deque()
         self._sensed: dict[str, deque[Any]] = {topic.name: deque() for topic in SENSORS}
         self._frame_ns: int | None = None
-        """Exposure of the newest picture that came."""
+        """Time of exposure of the newest frame."""
         self._failure = ""
 
     # -- for the behaviour --
 
     @property
     def taken(self) -> int:
-        """Pictures so far."""
+        """Number of pictures so far."""
         return len(self._records)
 
     @property
-    def waits(self) -> bool:
+    def is_waiting(self) -> bool:
         """Whether a point was passed whose picture hasn't come yet."""
-        return bool(self._asked)
+        return bool(self._requested)
 
-    def ask(self, index: int, t_ns: int) -> None:
-        """The vehicle passes a planned point."""
-        self._asked.append((index, t_ns))
+    def request(self, index: int, t_ns: int) -> None:
+        """Request the picture of a planned point that the vehicle passes."""
+        self._requested.append((index, t_ns))
 
     def pos_camera(self, pos_uav_ned_m: Vec3, q_ned_from_frd: Quat) -> Vec3:
-        """Where the optical centre is on a vehicle of that pose."""
+        """Position of the optical centre of a vehicle with this pose."""
         arm_frd_m = (0.0, 0.0, 0.0) if self._info is None else self._info.pos_camera_frd_m
         north_m, east_m, down_m = add(pos_uav_ned_m, quat_rotate(q_ned_from_frd, arm_frd_m))
         return (north_m, east_m, down_m - self._config.height_stand_m)
 
     def refusal(self) -> str:
-        """Why no goal can begin, or ""; to be asked when the inputs have had time to come."""
+        """Reason why no goal can begin, or ""; to be called when the inputs have had time to come."""
         if self._frame_ns is not None and self._info is not None:
             return ""
         if self._info is not None:
             return 'no pictures: the camera only projects tags; set mode = "rendered" in camera.toml'
-        what = "sends none" if self._frame_ns is None else "doesn't describe itself"
-        return f"no pictures: the camera {what}: see `jezero ps`"
+        problem = "sends none" if self._frame_ns is None else "doesn't publish its intrinsics"
+        return f"no pictures: the camera {problem}: see `jezero ps`"
 
     def problem(self, t_ns: int) -> str:
-        """Why the goal can't go on, or ""."""
+        """Reason why the goal must be aborted, or ""."""
         if self._failure:
             return self._failure
-        late_s = (t_ns - self._asked[0][1]) / NS_PER_S if self._asked else 0.0
+        late_s = (t_ns - self._requested[0][1]) / NS_PER_S if self._requested else 0.0
         if late_s <= self._config.late_max_s:
             return ""
-        return f"no pictures: none came for point {self._asked[0][0] + 1} of {self.planned} within {late_s:.1f} s"
+        return f"no pictures: none came for point {self._requested[0][0] + 1} of {self.planned} within {late_s:.1f} s"
 
     def images(self) -> tuple[Image, ...]:
-        """All so far, in the world frame as it is now."""
+        """All images so far, in the present world frame."""
         return tuple(self._moved(record) for record in self._records)
 
     # -- for the goal's run --
 
     def fail(self, reason: str) -> None:
-        """What was taken can't be kept."""
+        """Make the goal fail because its pictures can't be stored."""
         self._failure = f"no pictures: {reason}"
 
     def unreported_images(self) -> tuple[Image, ...]:
-        """Those that no feedback has told of yet."""
+        """Images that no feedback has reported yet; none if they are not streamed."""
         if not self._stream:
             return ()
         news = tuple(self._moved(record) for record in self._records[self._reported :])
@@ -161,7 +162,7 @@ class Capture:
         return news
 
     def update(self, t_ns: int, inbox: Inbox) -> Iterator[Shot]:
-        """Everything that arrived; gives the pictures that were waited for."""
+        """Store the measurements that arrived; yields the requested pictures among them."""
         for odometry in inbox.new(ODOMETRY):
             if not self._odometry or odometry.t_ns > self._odometry[-1].t_ns:
                 self._keep(t_ns, self._odometry, odometry)
@@ -179,16 +180,16 @@ class Capture:
         yield from self._serve()
 
     def _serve(self) -> Iterator[Shot]:
-        """Give each frame to the point that waits for it, once the odometry after its exposure is there."""
+        """Match each frame with the oldest request, once the odometry after its exposure is there."""
         while self._frames and self._odometry and self._frames[0].t_ns <= self._odometry[-1].t_ns:
             frame = self._frames.popleft()
-            if not self._asked or frame.t_ns < self._asked[0][1] or self._info is None:
+            if not self._requested or frame.t_ns < self._requested[0][1] or self._info is None:
                 continue
             at = self._vehicle_at(frame.t_ns)
             if at is None:
                 continue
-            record = self._record(self._asked[0][0], frame, at, self._info)
-            self._asked.popleft()
+            record = self._record(self._requested[0][0], frame, at, self._info)
+            self._requested.popleft()
             self._records.append(record)
             yield Shot(record.image, frame)
 
@@ -200,23 +201,23 @@ class Capture:
             kept.popleft()
 
     def _is_current(self, t_ns: int, message: Message) -> bool:
-        return -EARLY_NS <= t_ns - message.t_ns <= self._config.history_s * NS_PER_S
+        return -AHEAD_MAX_NS <= t_ns - message.t_ns <= self._config.history_s * NS_PER_S
 
-    # -- what was known at an exposure --
+    # -- measurements at an exposure --
 
     def _vehicle_at(self, t_ns: int) -> Odometry | None:
-        """Between the two odometries around a time; None when they are too far apart or too far back."""
+        """Odometry at a time, interpolated; None when its neighbours are too far apart or too far back."""
         for before, after in zip(reversed([*self._odometry][:-1]), reversed(self._odometry), strict=False):
             if before.t_ns > t_ns:
                 continue
             span_ns = after.t_ns - before.t_ns
             if span_ns > GAP_MAX_NS:
                 return None
-            share = (t_ns - before.t_ns) / span_ns
+            fraction = (t_ns - before.t_ns) / span_ns
             step = subtract(after.reset_offset_ned_m, before.reset_offset_ned_m)
             way = subtract(subtract(after.pos_uav_ned_m, step), before.pos_uav_ned_m)
-            pos_uav_ned_m = add(before.pos_uav_ned_m, scale(way, share))
-            q_ned_from_frd = quat_between(before.q_ned_from_frd, after.q_ned_from_frd, share)
+            pos_uav_ned_m = add(before.pos_uav_ned_m, scale(way, fraction))
+            q_ned_from_frd = quat_between(before.q_ned_from_frd, after.q_ned_from_frd, fraction)
             return msgspec.structs.replace(before, pos_uav_ned_m=pos_uav_ned_m, q_ned_from_frd=q_ned_from_frd)
         return None
 
@@ -250,7 +251,7 @@ class Capture:
         return _Record(image, at.reset_offset_ned_m)
 
     def _nearest(self, topic: Topic[M], t_ns: int) -> M | None:
-        """The message that is nearest in time, unless it is too far away."""
+        """The message of the topic that is nearest in time, unless it is too far away."""
         kept: deque[M] = self._sensed[topic.name]
         nearest = min(kept, key=lambda message: abs(message.t_ns - t_ns), default=None)
         far_ns = self._config.sensor_age_max_s * NS_PER_S
@@ -263,7 +264,7 @@ class Capture:
         return (round(latitude, 10), round(longitude, 10), round(altitude, 4))
 
     def _moved(self, record: _Record) -> Image:
-        """An image in the world frame as it is now."""
+        """Image of a record in the present world frame."""
         step = subtract(self._offset_ned_m, record.offset_ned_m)
         if not any(step):
             return record.image

@@ -1,4 +1,4 @@
-"""The control that the bridge gave to a goal: whether the goal still has it, and why not."""
+"""The control lease of a goal: the right to send setpoints, which the bridge grants and may take away."""
 
 from jezero.runtime.service import Inbox
 from jezero.schemas.commands import AcquireReply
@@ -7,18 +7,18 @@ from jezero.schemas.topics import CLOCK, STATUS
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.config import LifecycleConfig
 
-BRIDGE_BEFORE_NS = 100_000_000
-"""A status of another run of the bridge, until so long after the grant, is from the run before."""
+BRIDGE_RESTART_MARGIN_NS = 100_000_000
+"""A status of another run of the bridge that is at most this much newer than the grant is from the previous run."""
 
 
-class Control:
-    """One goal's.
+class ControlLease:
+    """The control lease of one goal.
 
     Args:
         epoch_id: of the vehicle that the goal is for.
 
     Attributes:
-        id: what setpoints and the release name; "" before control is given.
+        id: control id that setpoints and the release carry; "" before the grant.
     """
 
     def __init__(self, config: LifecycleConfig, epoch_id: int) -> None:
@@ -28,13 +28,13 @@ class Control:
         self._grant = AcquireReply(granted=False)
         self._age_max_ns = config.status_age_max_s * NS_PER_S
         self._granted_ns = 0
-        self._seen = False
-        """A status has said that the goal is in charge."""
-        self._good: tuple[Status | None, Clock | None] = (None, None)
-        """The newest by which it was in charge when they were looked at."""
+        self._confirmed = False
+        """Whether a status has confirmed that the goal is in charge."""
+        self._checked: tuple[Status | None, Clock | None] = (None, None)
+        """The newest messages that were checked and by which the goal was in charge."""
 
     def begin(self, grant: AcquireReply, t_ns: int) -> None:
-        """The bridge has given it."""
+        """Begin with the bridge's grant."""
         self.id = grant.control_id
         self._grant = grant
         self._granted_ns = t_ns
@@ -43,33 +43,38 @@ class Control:
         """Whether the goal is in charge by this status."""
         return status.bridge_boot_id == self._grant.bridge_boot_id and status.control_id == self._grant.control_id
 
-    def loss(self, t_ns: int, inbox: Inbox) -> str:
-        """Why this goal isn't in charge any more, or "". Then there is nothing left to release."""
+    def loss_reason(self, t_ns: int, inbox: Inbox) -> str:
+        """Reason why this goal isn't in charge any more and needs no release, or ""."""
         latest, clock = inbox.latest(STATUS), inbox.latest(CLOCK)
-        good, good_clock = self._good
-        if latest is good and clock is good_clock and latest is not None and t_ns - latest.t_ns <= self._age_max_ns:
+        checked, checked_clock = self._checked
+        if (
+            latest is checked
+            and clock is checked_clock
+            and latest is not None
+            and t_ns - latest.t_ns <= self._age_max_ns
+        ):
             return ""
-        if (broken := self._broken(t_ns, inbox)) or latest is None:
-            return broken
+        if (reason := self._connection_loss(t_ns, inbox)) or latest is None:
+            return reason
         for status in inbox.new(STATUS) or (latest,):
-            if lost := self._loss_by(status):
+            if lost := self._loss_by_status(status):
                 return lost
-        self._good = (latest, clock)
+        self._checked = (latest, clock)
         return ""
 
-    def partner_loss(self, t_ns: int, inbox: Inbox) -> str:
-        """Why the bridge or the vehicle is not the one that gave control, or is silent; or ""."""
+    def bridge_loss_reason(self, t_ns: int, inbox: Inbox) -> str:
+        """Reason why the bridge that granted control can't confirm its release, or ""."""
         status = inbox.latest(STATUS)
-        if broken := self._broken(t_ns, inbox):
-            return broken
-        another = status is not None and self._seen and status.bridge_boot_id != self._grant.bridge_boot_id
+        if reason := self._connection_loss(t_ns, inbox):
+            return reason
+        another = status is not None and self._confirmed and status.bridge_boot_id != self._grant.bridge_boot_id
         return "the vehicle bridge restarted" if another else ""
 
-    def _loss_by(self, status: Status) -> str:
+    def _loss_by_status(self, status: Status) -> str:
         ours = self.is_ours(status)
-        self._seen |= ours
+        self._confirmed |= ours
         if status.bridge_boot_id != self._grant.bridge_boot_id:
-            before = not self._seen and status.t_ns <= self._granted_ns + BRIDGE_BEFORE_NS
+            before = not self._confirmed and status.t_ns <= self._granted_ns + BRIDGE_RESTART_MARGIN_NS
             return "" if before else "the vehicle bridge restarted"
         if status.grants < self._grant.grants:
             return ""
@@ -77,8 +82,8 @@ class Control:
             return ""
         return status.text or f"control was taken away (status {status.code} {status.name})"
 
-    def _broken(self, t_ns: int, inbox: Inbox) -> str:
-        """Why the vehicle or its bridge can't answer for this goal, or ""."""
+    def _connection_loss(self, t_ns: int, inbox: Inbox) -> str:
+        """Reason why the bridge is silent or the vehicle is another one, or ""."""
         clock, status = inbox.latest(CLOCK), inbox.latest(STATUS)
         if status is None or t_ns - status.t_ns > self._age_max_ns:
             return f"the vehicle bridge has been silent for {self._config.status_age_max_s:g} s"

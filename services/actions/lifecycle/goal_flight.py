@@ -1,4 +1,4 @@
-"""The flight of one goal: from the start of its behaviour, while control is still asked for, to its result.
+"""The flight of one goal: from the start of its behaviour, while control is being acquired, to its result.
 
 acquiring -> flying -> releasing -> over
 """
@@ -28,14 +28,14 @@ from jezero.schemas.topics import (
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.behaviour import Done, Move, Plan, Start
 from jezero.services.actions.lifecycle.config import LifecycleConfig
-from jezero.services.actions.lifecycle.control_lease import Control
+from jezero.services.actions.lifecycle.control_lease import ControlLease
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 from jezero.services.actions.lifecycle.vehicle_view import VehicleView, is_fresh
 from jezero.services.actions.motion.config import LimitsConfig
 from jezero.services.actions.motion.limits import beyond_limits
 
 RETRY_S = 0.2
-BEGIN_HZ = 100.0
+FIRST_SETPOINT_HZ = 100.0
 """The first setpoint follows the acceptance and the first feedback after 10 ms: a client that waits for these would
 otherwise share the processors with the services that the setpoint wakes."""
 CAMERA_PITCH_PERIOD_NS = 45_000_000
@@ -96,14 +96,14 @@ class GoalFlight:
         self._lease = context.lease
         self._config = context.config
         self._limits = context.limits
-        self._control = Control(context.config, context.epoch_id)
+        self._control = ControlLease(context.config, context.epoch_id)
         self._watchers = context.watchers
         self._tag = ""
         self._attempt = 0
         self._deadline_ns = 0
         self._retry_ns: int | None = None
         self._sequence = 0
-        self._begins = True
+        self._first_step = True
         self._move: Move | None = None
         self._setpoint_ns = 0
         self._feedback_due_ns = 0
@@ -127,7 +127,7 @@ class GoalFlight:
         self.stage = "flying"
         if self._first is not None and with_feedback:
             yield from self._publish_feedback(t_ns, self._first)
-        yield SetRate(BEGIN_HZ)
+        yield SetRate(FIRST_SETPOINT_HZ)
 
     def step(self, t_ns: int, inbox: Inbox, cancel_reason: str) -> Iterator[Output]:
         """React to what arrived.
@@ -137,8 +137,8 @@ class GoalFlight:
         """
         if self.stage == "flying":
             yield from self._flying(t_ns, inbox, cancel_reason)
-            if self._begins:
-                self._begins = False
+            if self._first_step:
+                self._first_step = False
                 yield SetRate(self._rate_hz)
                 yield Subscribe((ODOMETRY, *self._inputs))
         elif self.stage == "releasing":
@@ -147,7 +147,7 @@ class GoalFlight:
     # -- flying --
 
     def _flying(self, t_ns: int, inbox: Inbox, cancel_reason: str) -> Iterator[Output]:
-        if lost := self._control.loss(t_ns, inbox):
+        if lost := self._control.loss_reason(t_ns, inbox):
             yield from self._finish(t_ns, inbox, Done("aborted", lost))
             return
         if cancel_reason:
@@ -163,9 +163,9 @@ class GoalFlight:
             return
         if self._lease is not None:
             yield from self._lease.renew(t_ns, inbox, self._view.shift(odometry))
-        news = bool(inbox.new(ODOMETRY)) or bool(inbox.new(RELATIVE))
+        new_state = bool(inbox.new(ODOMETRY)) or bool(inbox.new(RELATIVE))
         rate_hz = self._rate_hz or self._config.setpoint_rate_hz
-        if news or (t_ns - self._setpoint_ns) * rate_hz >= NS_PER_S:
+        if new_state or (t_ns - self._setpoint_ns) * rate_hz >= NS_PER_S:
             yield from self._step_behaviour(t_ns, inbox, odometry)
 
     def _step_behaviour(self, t_ns: int, inbox: Inbox, odometry: Odometry) -> Iterator[Output]:
@@ -188,7 +188,7 @@ class GoalFlight:
             yield from self._publish_feedback(t_ns, self._feedback(t_ns, move, odometry, inbox))
 
     def _moved_beyond(self, move: Move, shift_ned_m: Vec3) -> str:
-        """Why the goal can't go on after its points moved along with the autopilot's position, or ""."""
+        """Reason why the goal's points are beyond the limits after a step of the autopilot's position, or ""."""
         point_ned_m = move.pos_ned_m
         if point_ned_m is None or beyond_limits(point_ned_m, self._limits):
             return ""
@@ -245,9 +245,9 @@ class GoalFlight:
         self.stage = "releasing"
         self._done = done
         self._deadline_ns = t_ns + int(self._config.release_give_up_s * NS_PER_S)
-        yield from self._ask_release(t_ns, done, inbox)
+        yield from self._call_release(t_ns, done, inbox)
 
-    def _ask_release(self, t_ns: int, done: Done, inbox: Inbox) -> Iterator[Output]:
+    def _call_release(self, t_ns: int, done: Done, inbox: Inbox) -> Iterator[Output]:
         self._attempt += 1
         self._retry_ns = None
         self._tag = f"{self._goal_id}/release/{self._attempt}/{t_ns}"
@@ -272,29 +272,30 @@ class GoalFlight:
         response = next((response for response in inbox.responses if response.tag == self._tag), None)
         ended: Done | None = None
         if response is not None and response.payload is not None:
-            ended = self._judge_release(response.payload, done, t_ns, inbox)
+            ended = self._end_by_reply(response.payload, done, t_ns, inbox)
         elif response is not None:
             self._retry_ns = t_ns + int(RETRY_S * NS_PER_S)
         if ended is None:
-            ended = self._give_up(t_ns, done, inbox)
+            ended = self._end_without_reply(t_ns, done, inbox)
         if ended is not None:
             yield from self._finish(t_ns, inbox, ended)
             return
         if self._retry_ns is not None and t_ns >= self._retry_ns:
-            yield from self._ask_release(t_ns, done, inbox)
+            yield from self._call_release(t_ns, done, inbox)
         status, odometry = inbox.latest(STATUS), self._view.odometry(inbox)
         still_ours = status is not None and self._control.is_ours(status)
         if done.outcome == "succeeded" and still_ours and self._move is not None and odometry is not None:
             yield self._setpoint(t_ns, self._move, odometry, self._view.shift(odometry))
 
-    def _judge_release(self, reply: ReleaseReply, done: Done, t_ns: int, inbox: Inbox) -> Done:
+    def _end_by_reply(self, reply: ReleaseReply, done: Done, t_ns: int, inbox: Inbox) -> Done:
+        """End by the bridge's reply to a release; a refused release makes a success an abort."""
         if reply.released or (self._attempt > 1 and self._is_settled(done, t_ns, inbox)):
             return done
         outcome = "aborted" if done.outcome == "succeeded" else done.outcome
         return Done(outcome, "; ".join(text for text in (done.reason, reply.reason) if text))
 
     def _is_settled(self, done: Done, t_ns: int, inbox: Inbox) -> bool:
-        """Whether the status shows what the release asked for: its answer was lost, then."""
+        """Whether the vehicle is in the state that the release requested, because only its reply was lost."""
         status = inbox.latest(STATUS)
         if status is None or not is_fresh(status, t_ns, self._config.status_age_max_s) or self._control.is_ours(status):
             return False
@@ -302,14 +303,14 @@ class GoalFlight:
             return status.code == (StatusCode.HOVER if done.then == "hover" else StatusCode.IDLE)
         return status.code in (StatusCode.IDLE, StatusCode.HOVER)
 
-    def _give_up(self, t_ns: int, done: Done, inbox: Inbox) -> Done | None:
-        """The end without an answer: the bridge or the vehicle is not the one that granted control, or is silent."""
-        why = self._control.partner_loss(t_ns, inbox)
+    def _end_without_reply(self, t_ns: int, done: Done, inbox: Inbox) -> Done | None:
+        """End when no reply can come any more, because the bridge restarted or is silent; None: a reply may come."""
+        reason = self._control.bridge_loss_reason(t_ns, inbox)
         if t_ns > self._deadline_ns:
-            why = why or "the vehicle bridge did not confirm the end of the goal"
-        if not why:
+            reason = reason or "the vehicle bridge did not confirm the end of the goal"
+        if not reason:
             return None
-        return Done("aborted", "; ".join(text for text in (done.reason, why) if text))
+        return Done("aborted", "; ".join(text for text in (done.reason, reason) if text))
 
     # -- the end --
 

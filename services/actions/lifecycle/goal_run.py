@@ -23,7 +23,7 @@ from jezero.services.actions.lifecycle.vehicle_view import VehicleView
 from jezero.services.actions.motion.config import LimitsConfig
 
 POSITION_LOST = "the vehicle's position is not known any more: is vehicle_bridge running?"
-NO_REPLY = "the vehicle bridge did not answer"
+NO_REPLY = "the vehicle bridge did not reply"
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class GoalRun:
     Attributes:
         goal: as it was sent.
         goal_id: its id.
-        clients: those that sent it and are still there.
+        clients: that sent it and are still connected.
         capture: the pictures that it takes, if it does.
     """
 
@@ -97,7 +97,7 @@ class GoalRun:
         self._pictures = pictures
         self._stage: _New | _Checking | _Preparing | _Acquiring | GoalFlight | _Rejected = _New()
         self._cancel_reason = ""
-        self._came_ns = 0
+        self._arrived_ns = 0
         lease = None if plan.selection is None else SelectionLease(goal_id, plan.selection)
         captured = () if plan.capture is None else CAPTURE_INPUTS
         inputs = tuple(dict.fromkeys((*plan.inputs, *captured)))
@@ -129,8 +129,8 @@ class GoalRun:
     # -- called by the server --
 
     def begin(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
-        """Check the inputs where the goal depends on them, else ask the bridge for control."""
-        self._came_ns = t_ns
+        """Begin with the check of the inputs, or with the acquisition of control where there is none."""
+        self._arrived_ns = t_ns
         if self._plan.check_inputs is None:
             yield from self._prepare(t_ns, inbox)
             return
@@ -138,7 +138,7 @@ class GoalRun:
         yield Subscribe((ODOMETRY, *self._context.inputs))
 
     def attach(self, request: Request) -> Iterator[Output]:
-        """Let the sender of this goal watch it; more than one when it was sent twice."""
+        """Add a watcher: the sender of this goal, or a second one when the goal was sent twice."""
         self._context.watchers.append(request.request_id)
         if request.client_id and request.client_id not in self.clients:
             self.clients.append(request.client_id)
@@ -146,14 +146,14 @@ class GoalRun:
             yield Reply(request.request_id, self._accepted, final=False)
 
     def cancel(self, reason: str) -> bool:
-        """End it at the next step; False when it is ending already."""
+        """End the goal at the next step; returns False when it is ending already."""
         if self.stage in ("releasing", "over"):
             return False
         self._cancel_reason = reason
         return True
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
-        """React to what arrived."""
+        """Go on with the present stage."""
         self._store_pictures(t_ns, inbox)
         stage = self._stage
         if isinstance(stage, _Checking):
@@ -185,7 +185,7 @@ class GoalRun:
         yield from self._reject(reason, inbox) if reason else self._prepare(t_ns, inbox)
 
     def _prepare(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
-        """Start the preparation, if the goal needs one, else ask the bridge for control."""
+        """Start the preparation, if the goal needs one, else acquire control."""
         start = self._plan.start
         if not isinstance(start, Preparation):
             yield from self._acquire(t_ns, inbox, start)
@@ -214,9 +214,9 @@ class GoalRun:
             yield from self._reject(reason, inbox)
 
     def _acquire(self, t_ns: int, inbox: Inbox, start: Start) -> Iterator[Output]:
-        """Ask the bridge for control, and start the behaviour already while it decides, for the first feedback."""
+        """Request control from the bridge, and start the behaviour meanwhile, so that the first feedback is ready."""
         odometry = self._view.odometry(inbox)
-        if odometry is None:  # any more: there was some when the goal came
+        if odometry is None:  # there was some when the goal arrived
             yield from self._reject(POSITION_LOST, inbox)
             return
         timeout_s = self._config.acquire_timeout_s
@@ -226,7 +226,7 @@ class GoalRun:
             action=self._context.action.name,
             do_takeoff=self._plan.do_takeoff,
             issued_t_ns=t_ns,
-            goal_t_ns=self._came_ns,
+            goal_t_ns=self._arrived_ns,
             goal_issued_t_ns=self.goal.issued_t_ns,
         )
         yield Call(ACQUIRE, acquire, tag, timeout_s)
@@ -262,7 +262,7 @@ class GoalRun:
             return
         for shot in self.capture.update(t_ns, inbox):
             try:
-                self._pictures.keep(shot.picture(self.goal_id))
+                self._pictures.keep(shot.reply(self.goal_id))
             except OSError as error:
                 self.capture.fail(f"they can't be stored: {error.strerror or error}")
 

@@ -1,8 +1,8 @@
-"""Pictures on disk, for as long as somebody may ask for them.
+"""Pictures on disk, for as long as a client may request them.
 
-The shell makes one and hands it to the service that needs it: in a process below the run's folder, in one process and
-virtual time in a temporary folder. In memory is only what the disk hasn't taken yet: a busy one may stand still for
-longer than a vehicle can be without setpoints.
+`__main__.py` makes a store in the run's folder; on the memory bus the server makes one in a temporary folder. Pictures
+are in memory only until the disk has stored them, because a busy disk may stand still for longer than a vehicle can be
+without setpoints.
 """
 
 import shutil
@@ -16,45 +16,46 @@ from weakref import finalize
 from jezero.codec import BadPayloadError, decode, encode
 from jezero.schemas.images import ImageReply
 
-KEPT_BYTES = 4_000_000_000
-UNWRITTEN_BYTES = 64_000_000
-Do = Callable[[Callable[[], None]], None]
-"""Carries out what is given to it, sooner or later, one after the other."""
+SIZE_MAX_BYTES = 4_000_000_000
+UNWRITTEN_MAX_BYTES = 64_000_000
+Execute = Callable[[Callable[[], None]], None]
+"""Executes functions, now or later, one after the other."""
 
 
-def at_once(work: Callable[[], None]) -> None:
-    """Carry out what is given."""
+def execute_now(work: Callable[[], None]) -> None:
+    """Execute a function in the caller's thread."""
     work()
 
 
 class PictureStore:
-    """The pictures of goals, one file each; of goals that are over only the last are kept.
+    """The pictures of goals, one file each; of past goals only the last ones are kept.
 
     Args:
-        folder: emptied at the start, as nobody knows any more what it holds; None: a temporary one, which
-            goes with the spool.
-        kept_bytes: when all goals together have more, the oldest one's pictures go. The present one's stay.
-        do: carries out what may wait for the disk; beside the caller, if he must not.
-        unwritten_bytes: so much may wait for the disk.
+        folder: emptied at the start, because its pictures are of goals of an earlier run; None: a temporary folder,
+            which is deleted with the store.
+        size_max_bytes: when all goals together have more, the pictures of the oldest goal are deleted, but never those
+            of the newest.
+        execute: executes the work that may wait for the disk; in another thread for a caller that must not wait.
+        unwritten_max_bytes: limit of the pictures that wait for the disk.
     """
 
     def __init__(
         self,
         folder: Path | None = None,
-        kept_bytes: int = KEPT_BYTES,
-        do: Do = at_once,
-        unwritten_bytes: int = UNWRITTEN_BYTES,
+        size_max_bytes: int = SIZE_MAX_BYTES,
+        execute: Execute = execute_now,
+        unwritten_max_bytes: int = UNWRITTEN_MAX_BYTES,
     ) -> None:
         self._folder = Path(mkdtemp(prefix="jezero-")) if folder is None else folder
-        self._kept_bytes = kept_bytes
-        self._unwritten_bytes = unwritten_bytes
-        self._do = do
+        self._size_max_bytes = size_max_bytes
+        self._unwritten_max_bytes = unwritten_max_bytes
+        self._execute = execute
         self._sizes: dict[str, int] = {}
-        """By goal, oldest first."""
+        """Size of the pictures of each goal, oldest goal first."""
         self._unwritten: dict[Path, bytes] = {}
-        """Of the newest goal, what the disk hasn't taken."""
+        """Pictures of the newest goal that are not on disk yet."""
         self._failure: OSError | None = None
-        """The newest, of the newest goal."""
+        """The newest error of the newest goal."""
         shutil.rmtree(self._folder, ignore_errors=True)
         if folder is None:
             finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
@@ -63,21 +64,21 @@ class PictureStore:
         """Write a picture of a goal.
 
         Raises:
-            OSError: it, or one before it, can't be written: the disk is full or too slow, the folder is not ours, ...
+            OSError: this picture or an earlier one can't be written, because the disk is full or too slow, for example.
         """
         if picture.goal_id not in self._sizes:
             self._unwritten.clear()
             self._failure = None
         path, data = self._path(picture.goal_id, picture.index), encode(picture)
-        if sum(map(len, list(self._unwritten.values()))) + len(data) > self._unwritten_bytes:
+        if sum(map(len, list(self._unwritten.values()))) + len(data) > self._unwritten_max_bytes:
             raise OSError(EAGAIN, "the disk doesn't keep up")
         self._unwritten[path] = data
-        self._do(partial(self._write, path, data))
+        self._execute(partial(self._write, path, data))
         self._sizes[picture.goal_id] = self._sizes.get(picture.goal_id, 0) + len(data)
-        while sum(self._sizes.values()) > self._kept_bytes and len(self._sizes) > 1:
+        while sum(self._sizes.values()) > self._size_max_bytes and len(self._sizes) > 1:
             oldest = next(iter(self._sizes))
             del self._sizes[oldest]
-            self._do(partial(shutil.rmtree, self._path(oldest, 0).parent, ignore_errors=True))
+            self._execute(partial(shutil.rmtree, self._path(oldest, 0).parent, ignore_errors=True))
         if self._failure is not None:
             raise self._failure
 
@@ -86,13 +87,13 @@ class PictureStore:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(data)
         except OSError as error:
-            if path in self._unwritten:  # else of an earlier goal
+            if path in self._unwritten:  # an error of an earlier goal must not fail the present one
                 self._failure = error
         else:
             self._unwritten.pop(path, None)
 
     def get(self, goal_id: str, index: int) -> ImageReply:
-        """A picture, or why it isn't there."""
+        """A picture, or the reason why it isn't there."""
         path = self._path(goal_id, index)
         try:
             data = self._unwritten.get(path)

@@ -1,4 +1,4 @@
-"""A goal's own selection of the estimator's inputs: asked for, renewed while the goal flies, given back at its end.
+"""The lease of a goal's own selection of the estimator's inputs: renewed while the goal flies, ended with it.
 
 Source: spec §7; the thesis' call of SetParameters in algorithm 9.
 """
@@ -26,17 +26,17 @@ class SelectionLease:
         self._selection = selection
         self._due_ns: int | None = None
         self._tag = ""
-        self._refusal = "the estimator hasn't answered yet"
+        self._refusal = "the estimator has not replied yet"
 
     def renew(self, t_ns: int, inbox: Inbox, shift_ned_m: Vec3) -> Iterator[Output]:
-        """Once a second; sooner when the last attempt failed.
+        """Call the estimator once a second, and sooner when the last call failed.
 
         Args:
             shift_ned_m: of the autopilot's positions since the goal began.
         """
         for response in inbox.responses:
             if response.tag == self._tag:
-                self._take(t_ns, response.payload, response.error)
+                self._on_reply(t_ns, response.payload, response.error)
         if self._due_ns is not None and t_ns < self._due_ns:
             return
         self._due_ns = t_ns + PERIOD_NS
@@ -51,21 +51,21 @@ class SelectionLease:
         yield Call(LEASE, lease, self._tag, TIMEOUT_S)
 
     def end(self, t_ns: int) -> Iterator[Output]:
-        """Leave nothing behind. Should this get lost, the lease runs out by itself."""
+        """End the lease; it would also expire by itself, should this call get lost."""
         selection = self._selection
         lease = Lease(goal_id=self._goal_id, use_uwb=selection.use_uwb, use_tag=selection.use_tag, release=True)
         yield Call(LEASE, lease, f"{self._goal_id}/unlease/{t_ns}", TIMEOUT_S)
 
-    def own(self, relative: Relative) -> Relative:
-        """The estimate as this goal may use it: of another selection it is not valid, and nothing was fused for it."""
+    def checked(self, relative: Relative) -> Relative:
+        """The estimate as this goal may use it: invalid and without measurements if it is of another selection."""
         if relative.goal_id == self._goal_id:
             return relative
         reason = self._refusal or "the estimator doesn't use this goal's selection yet"
         return msgspec.structs.replace(relative, valid=False, reason=reason, fused_t_ns=0)
 
-    def _take(self, t_ns: int, reply: LeaseReply | None, error: str | None) -> None:
+    def _on_reply(self, t_ns: int, reply: LeaseReply | None, error: str | None) -> None:
         if reply is not None and reply.accepted:
             self._refusal = ""
             return
-        self._refusal = f"the estimator did not take the selection: {error if reply is None else reply.reason}"
+        self._refusal = f"the estimator refused the selection: {error if reply is None else reply.reason}"
         self._due_ns = min(self._due_ns or t_ns, t_ns + RETRY_NS)

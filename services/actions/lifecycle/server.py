@@ -1,4 +1,4 @@
-"""An action server: takes goals, runs one at a time, answers for cancels and results."""
+"""An action server: accepts goals, runs one at a time, and replies to cancels and requests for results."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -34,8 +34,9 @@ from jezero.services.actions.lifecycle.guard import GuardedPlanner
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.lifecycle.vehicle_view import is_fresh
 
-RESULTS_KEPT = 100
-EARLY_GOAL_NS = NS_PER_S
+RESULTS_MAX = 100
+GOAL_AHEAD_MAX_NS = NS_PER_S
+"""A goal that was issued farther in the future is from before a restart of the vehicle."""
 UNWATCHED = "on_client_loss has no effect: the goal names no client whose liveliness could be watched"
 
 
@@ -84,24 +85,24 @@ class ActionServer:
         )
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
-        """React to what arrived; while a goal runs, command a setpoint."""
+        """Step the goal that runs, then handle the requests that arrived."""
         run = self._run
         if run is not None:
             yield from run.step(t_ns, inbox)
             if run.stage == "over":
                 yield from self._end(run)
         for request in inbox.requests(self._endpoint):
-            yield from self._take(t_ns, request, inbox)
-        self._notice_departures(inbox)
+            yield from self._handle_goal(t_ns, request, inbox)
+        self._handle_departures(inbox)
         for request in inbox.requests(self._cancel):
-            yield Reply(request.request_id, self._answer_cancel(request.payload.goal_id))
+            yield Reply(request.request_id, self._cancel_reply(request.payload.goal_id))
         for request in inbox.requests(RESULT):
-            yield Reply(request.request_id, self._answer_result(request.payload.goal_id))
+            yield Reply(request.request_id, self._result_reply(request.payload.goal_id))
         if self._pictures is not None:
             for request in inbox.requests(self._action.image):
                 wanted: GetImage = request.payload
                 yield Reply(request.request_id, self._pictures.get(wanted.goal_id, wanted.index))
-        health = self._judge_health(t_ns, inbox)
+        health = self._health_now(t_ns, inbox)
         if health != self._health:
             self._health = health
             yield health
@@ -115,12 +116,12 @@ class ActionServer:
 
     def _keep(self, result: Result[Any]) -> None:
         self._results[result.goal_id] = result
-        if len(self._results) > RESULTS_KEPT:
+        if len(self._results) > RESULTS_MAX:
             del self._results[next(iter(self._results))]
 
     # -- goals --
 
-    def _take(self, t_ns: int, request: Request, inbox: Inbox) -> Iterator[Output]:
+    def _handle_goal(self, t_ns: int, request: Request, inbox: Inbox) -> Iterator[Output]:
         goal: Goal = request.payload
         status = inbox.latest(STATUS)
         if self._run is not None and goal.goal_id and goal.goal_id == self._run.goal_id:
@@ -157,7 +158,7 @@ class ActionServer:
         yield from self._run.begin(t_ns, inbox)
 
     def _refusal(self, t_ns: int, goal: Goal, status: Status | None) -> str:
-        """Why no goal at all can start now, or ""."""
+        """Reason why no goal at all can start now, or ""."""
         lifecycle = self._config.lifecycle
         if status is None:
             return "the vehicle's status is unknown: is vehicle_bridge running?"
@@ -173,18 +174,18 @@ class ActionServer:
         return ""
 
     def _staleness(self, t_ns: int, goal: Goal) -> str:
-        """Why a goal is too old, or from before the vehicle restarted, or ""."""
+        """Reason why a goal is too old, or from before the vehicle restarted, or ""."""
         expiry_s = self._config.lifecycle.expiry_s
         age_ns = 0 if goal.issued_t_ns is None else t_ns - goal.issued_t_ns
         if age_ns > expiry_s * NS_PER_S:
             return f"the goal is {age_ns / NS_PER_S:.0f} s old and expired after {expiry_s:g} s: send it again"
-        if age_ns < -EARLY_GOAL_NS:
+        if age_ns < -GOAL_AHEAD_MAX_NS:
             return f"the goal was issued {-age_ns / NS_PER_S:.0f} s in the future: the vehicle restarted, send it again"
         return ""
 
     # -- clients, cancels, results --
 
-    def _notice_departures(self, inbox: Inbox) -> None:
+    def _handle_departures(self, inbox: Inbox) -> None:
         run = self._run
         if run is None or not run.clients:
             return
@@ -192,7 +193,7 @@ class ActionServer:
         if not run.clients and run.goal.on_client_loss == "cancel":
             run.cancel("its client vanished")
 
-    def _answer_cancel(self, goal_id: str) -> CancelReply:
+    def _cancel_reply(self, goal_id: str) -> CancelReply:
         if self._run is not None and self._run.goal_id == goal_id:
             if self._run.cancel("canceled by a client"):
                 return CancelReply(canceled=True)
@@ -201,8 +202,8 @@ class ActionServer:
             return CancelReply(canceled=False, reason=f"goal {goal_id} has already {self._results[goal_id].outcome}")
         return CancelReply(canceled=False, reason=f"no goal {goal_id} is known to {self._action.name}")
 
-    def _answer_result(self, goal_id: str) -> ResultReply | None:
-        """None ends the question silently: another action's server may know the goal."""
+    def _result_reply(self, goal_id: str) -> ResultReply | None:
+        """Reply to a request for a result; None without one, because another action's server may know the goal."""
         name = self._action.name
         if self._run is not None and self._run.goal_id == goal_id:
             return ResultReply(goal_id=goal_id, action=name, running=True)
@@ -211,12 +212,12 @@ class ActionServer:
             return None
         return ResultReply(goal_id=goal_id, action=name, running=False, result=msgspec.json.encode(result).decode())
 
-    def _judge_health(self, t_ns: int, inbox: Inbox) -> Health:
+    def _health_now(self, t_ns: int, inbox: Inbox) -> Health:
         status = inbox.latest(STATUS)
         if status is None:
             return Health("starting", "waiting for the vehicle's status")
         if not is_fresh(status, t_ns, self._config.lifecycle.status_age_max_s):
-            return Health("degraded", "the vehicle's status has stopped coming")
+            return Health("degraded", "the vehicle's status doesn't arrive any more")
         if self._run is not None:
             return Health("ok", f"{self._run.stage} goal {self._run.goal_id}")
         return Health("ok", "ready for a goal")

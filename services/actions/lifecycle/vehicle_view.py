@@ -1,4 +1,4 @@
-"""What a goal sees of the vehicle: a `VehicleState` in the world frame as it was when it started."""
+"""The vehicle's state for one goal, in the world frame as it was when the goal started."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -16,23 +16,24 @@ from jezero.services.actions.lifecycle.behaviour import VehicleState
 from jezero.services.actions.lifecycle.config import LifecycleConfig
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 
-STAYED: Vec3 = (0.0, 0.0, 0.0)
-EARLY_NS = 300_000_000
-"""A message may seem to be so much ahead of its time: a process that stood still tells time late for a moment."""
+NO_SHIFT: Vec3 = (0.0, 0.0, 0.0)
+AHEAD_MAX_NS = 300_000_000
+"""A message may be ahead of the vehicle time by this much, because the clock of a process that stood still is late for
+a moment."""
 
 
 def is_fresh(message: Message | None, t_ns: int, age_max_s: float) -> bool:
     """Whether a message is there and its age is between -0.3 s and `age_max_s`."""
-    return message is not None and -EARLY_NS <= t_ns - message.t_ns <= age_max_s * NS_PER_S
+    return message is not None and -AHEAD_MAX_NS <= t_ns - message.t_ns <= age_max_s * NS_PER_S
 
 
 class VehicleView:
-    """The eyes of one goal.
+    """Makes the states of the vehicle for one goal.
 
     Args:
         epoch_id: of the vehicle that the goal is for.
         lease: of the goal's own selection of the estimator's inputs, if it has one.
-        inputs: topics besides odometry and status that the goal listens to.
+        inputs: topics besides odometry and status that the goal subscribes to.
     """
 
     def __init__(
@@ -41,16 +42,16 @@ class VehicleView:
         self._config = config
         self._epoch_id = epoch_id
         self._lease = lease
-        self._sees_rover = RELATIVE in inputs or ROVER_ESTIMATE in inputs
-        self._sees_ground = ALTIMETER in inputs
+        self._with_rover = RELATIVE in inputs or ROVER_ESTIMATE in inputs
+        self._with_height = ALTIMETER in inputs
         self._offset_start_ned_m: Vec3 = (0.0, 0.0, 0.0)
 
     def begin(self, odometry: Odometry) -> None:
-        """From now on positions are in the world frame as it is in this message."""
+        """Start: from now on positions are in the world frame as it is in this message."""
         self._offset_start_ned_m = odometry.reset_offset_ned_m
 
     def odometry(self, inbox: Inbox) -> Odometry | None:
-        """The newest there is; until the first one of its own topic arrives, the status brings it."""
+        """The newest odometry; until the first one of its own topic arrives, that in the status."""
         odometry = inbox.latest(ODOMETRY)
         if odometry is not None:
             return odometry
@@ -58,24 +59,24 @@ class VehicleView:
         return None if status is None else status.odometry
 
     def shift(self, odometry: Odometry) -> Vec3:
-        """From the world frame as the behaviour knows it to the autopilot's present one."""
+        """Shift of positions from the behaviour's world frame to the autopilot's present one."""
         offset_ned_m, start_ned_m = odometry.reset_offset_ned_m, self._offset_start_ned_m
-        return STAYED if offset_ned_m == start_ned_m else subtract(offset_ned_m, start_ned_m)
+        return NO_SHIFT if offset_ned_m == start_ned_m else subtract(offset_ned_m, start_ned_m)
 
     def state(self, t_ns: int, inbox: Inbox, odometry: Odometry) -> VehicleState:
-        """All that a behaviour may look at."""
+        """State of the vehicle as a behaviour gets it."""
         status = inbox.latest(STATUS)
         shift_ned_m, pos_ned_m = self.shift(odometry), odometry.pos_uav_ned_m
         return VehicleState(
-            pos_ned_m if shift_ned_m is STAYED else subtract(pos_ned_m, shift_ned_m),
+            pos_ned_m if shift_ned_m is NO_SHIFT else subtract(pos_ned_m, shift_ned_m),
             odometry.vel_uav_ned_mps,
             odometry.q_ned_from_frd,
             status is not None and status.armed,
             status is not None and status.landed,
             min(max((t_ns - odometry.t_ns) / NS_PER_S, 0.0), self._config.odometry_age_max_s),
-            self._height_m(t_ns, inbox, odometry.q_ned_from_frd) if self._sees_ground else None,
-            self._relative(t_ns, inbox) if self._sees_rover else None,
-            self._rover(t_ns, inbox) if self._sees_rover else None,
+            self._height_m(t_ns, inbox, odometry.q_ned_from_frd) if self._with_height else None,
+            self._relative(t_ns, inbox) if self._with_rover else None,
+            self._rover(t_ns, inbox) if self._with_rover else None,
             shift_ned_m,
         )
 
@@ -93,11 +94,11 @@ class VehicleView:
         if relative is None or relative.epoch_id != self._epoch_id:
             return None
         if self._lease is not None:
-            relative = self._lease.own(relative)
+            relative = self._lease.checked(relative)
         return relative if is_fresh(relative, t_ns, self._config.estimate_age_max_s) else None
 
     def _rover(self, t_ns: int, inbox: Inbox) -> RoverEstimate | None:
-        """In the world frame as the behaviour knows it."""
+        """Estimate of the rover in the behaviour's world frame."""
         rover = inbox.latest(ROVER_ESTIMATE)
         if rover is None:
             return None

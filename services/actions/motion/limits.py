@@ -1,11 +1,11 @@
-"""Refusals that several actions share: each tells the number, the limit and what to do."""
+"""Reasons of refusals that several actions share, each with the number and the limit."""
 
 from jezero.frames import Vec3, altitude_m, horizontal
 from jezero.services.actions.motion.config import LimitsConfig
 
 
 def point_refusal(point_ned_m: Vec3, limits: LimitsConfig) -> str:
-    """Why the vehicle may not fly to a point, or ""."""
+    """Reason why the vehicle may not fly to a point, or ""."""
     z = point_ned_m[2]
     if not z < 0.0:
         return f"target z = {z:g} m is not above the ground: NED counts down, 5 m up is −5"
@@ -13,7 +13,7 @@ def point_refusal(point_ned_m: Vec3, limits: LimitsConfig) -> str:
 
 
 def beyond_limits(point_ned_m: Vec3, limits: LimitsConfig) -> str:
-    """Why a point is too high or too far away, or ""."""
+    """Reason why a point is too high or too far away, or ""."""
     up_m = altitude_m(point_ned_m[2])
     if not up_m <= limits.altitude_max_m:
         return f"altitude {up_m:g} m is beyond the limit of {limits.altitude_max_m:g} m"
@@ -21,7 +21,7 @@ def beyond_limits(point_ned_m: Vec3, limits: LimitsConfig) -> str:
 
 
 def distance_refusal(point_ned_m: Vec3, limits: LimitsConfig) -> str:
-    """Why a point is too far away, or ""."""
+    """Reason why a point is too far away, or ""."""
     distance_m = horizontal(point_ned_m)
     if not distance_m <= limits.distance_max_m:
         return f"the target is {distance_m:.0f} m from the origin, beyond the limit of {limits.distance_max_m:g} m"
@@ -29,7 +29,7 @@ def distance_refusal(point_ned_m: Vec3, limits: LimitsConfig) -> str:
 
 
 def speed_refusal(speed_mps: float | None, limits: LimitsConfig) -> str:
-    """Why a speed may not be flown, or ""."""
+    """Reason why a speed may not be flown, or ""."""
     if speed_mps is None or limits.speed_min_mps <= speed_mps <= limits.speed_max_mps:
         return ""
     return f"speed {speed_mps:g} m/s is not within {limits.speed_min_mps:g} to {limits.speed_max_mps:g} m/s"

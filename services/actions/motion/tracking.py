@@ -1,4 +1,4 @@
-"""Flying along a moving reference: velocity setpoints from a PID on its position, with feed-forward.
+"""Tracking of a moving reference: velocity setpoints by a PID controller of the position, with feed-forward.
 
 Source: thesis §3.5 and algorithm 7.
 """
@@ -12,28 +12,31 @@ from jezero.services.actions.motion.config import TrackingConfig
 
 STEP_MAX_S = 0.1
 """A server that was frozen goes on where it was instead of jumping ahead."""
-AT_REST = 1e-3
+RATE_AT_REST = 1e-3
+"""The reference counts as waiting at a lower rate than this."""
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 
 class Reference(NamedTuple):
-    """Where the vehicle should be at one instant, and how it should move there."""
+    """Reference position at one time, with its velocity and acceleration."""
 
     pos_ned_m: Vec3
     vel_ned_mps: Vec3
     acc_ned_mps2: Vec3
 
     def slowed(self, rate: float) -> "Reference":
-        """The same point, passed at a share of the speed."""
+        """The same point, passed at `rate` times the speed."""
         return Reference(self.pos_ned_m, scale(self.vel_ned_mps, rate), scale(self.acc_ned_mps2, rate * rate))
 
 
 class Tracker:
-    """Keeps a vehicle on a reference that moves as a function of its own time, which waits for one that falls behind.
+    """Keeps a vehicle on a reference that is a function of its own time.
+
+    The reference's time slows down when the vehicle falls behind.
 
     Attributes:
-        time_s: how far the reference is in its own time.
-        rate: of its time against the vehicle's: 1 as planned, 0 while it waits.
+        time_s: the reference's own time.
+        rate: rate of the reference's time relative to the vehicle's: 1 as planned, 0 while it waits.
     """
 
     def __init__(self, t_ns: int, config: TrackingConfig) -> None:
@@ -45,42 +48,42 @@ class Tracker:
         self._integral_mps = ZERO
 
     def restart(self, t_ns: int) -> None:
-        """On to another reference, from its beginning; what was learned of the wind stays."""
+        """Begin another reference; the integral stays, because it compensates the wind."""
         self.time_s = 0.0
         self._t_ns = self._moved_ns = t_ns
 
     def advance(self, t_ns: int, reference: Reference, state: VehicleState) -> float:
-        """Let the reference's time run on until `t_ns`.
+        """Advance the reference's time, by the vehicle's distance from it.
 
         Args:
-            reference: as of `time_s`, to see how far the vehicle is from it.
+            reference: at `time_s`.
 
         Returns:
-            How many seconds of the vehicle's time have passed.
+            Time since the last call, s.
         """
         config = self._config
         dt_s = min(max((t_ns - self._t_ns) / NS_PER_S, 0.0), STEP_MAX_S)
         self._t_ns = t_ns
         lag_m = distance(reference.pos_ned_m, position_now(state))
         self.rate = min(max((config.lag_max_m - lag_m) / (config.lag_max_m - config.lag_free_m), 0.0), 1.0)
-        if self.rate > AT_REST:
+        if self.rate > RATE_AT_REST:
             self._moved_ns = t_ns
         self.time_s += self.rate * dt_s
         return dt_s
 
     def stuck(self, t_ns: int) -> str:
-        """Why the vehicle can't follow, or "" while it gets on."""
+        """Reason why the vehicle can't follow, or "" while it makes progress."""
         stuck_s = (t_ns - self._moved_ns) / NS_PER_S
         if stuck_s <= self._config.progress_timeout_s:
             return ""
-        return f"no progress for {stuck_s:.0f} s: more than {self._config.lag_max_m:g} m from where it should be"
+        return f"no progress for {stuck_s:.0f} s: more than {self._config.lag_max_m:g} m from the reference"
 
     def command(self, dt_s: float, reference: Reference, state: VehicleState) -> tuple[Vec3, Vec3]:
         """Velocity setpoint and its derivative.
 
         Args:
-            dt_s: since the last one.
-            reference: as of `time_s`, at its full speed.
+            dt_s: since the last command.
+            reference: at `time_s`, at its full speed.
         """
         config = self._config
         pos_ned_m, vel_ned_mps, acc_ned_mps2 = reference.slowed(self.rate)
@@ -95,11 +98,11 @@ class Tracker:
 
 
 def position_now(state: VehicleState) -> Vec3:
-    """The vehicle's position, carried on from the time of its measurement."""
+    """The vehicle's position, extrapolated from the time of its measurement."""
     return add(state.pos_uav_ned_m, scale(state.vel_uav_ned_mps, state.age_s))
 
 
 def clipped(vector: Vec3, length_max: float) -> Vec3:
-    """The vector, shortened to a length."""
+    """The vector, shortened to `length_max` if it is longer."""
     length = norm(vector)
     return vector if length <= length_max else scale(vector, length_max / length)

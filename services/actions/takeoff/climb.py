@@ -30,7 +30,7 @@ class Climb:
         self._arm_by_ns = t_ns + int(config.takeoff.arming_timeout_s * NS_PER_S)
 
     def step(self, t_ns: int, state: VehicleState) -> str:
-        """Move the reference on; returns the reason why the climb can't go on, or ""."""
+        """Move the reference on; returns the reason why the climb must be aborted, or ""."""
         if not state.armed:
             self.path.wait(t_ns, state)
             return "the vehicle was not armed in time" if t_ns > self._arm_by_ns else ""

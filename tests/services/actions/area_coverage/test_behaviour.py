@@ -10,8 +10,8 @@ from jezero.schemas import topics
 from jezero.schemas.actions import AreaCoverageGoal, Cancel, CoverageResult, Feedback, Rejected, Result
 from jezero.schemas.estimate import Relative
 from jezero.schemas.state import StatusCode
+from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
 from jezero.services.actions.area_coverage.declaration import ACTION as AREA_COVERAGE
-from jezero.services.actions.area_coverage.planned import plan_coverage
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.lifecycle.behaviour import Behaviour, Done, Preparation, Refusal, VehicleState
 from jezero.services.actions.table import action_server

@@ -7,9 +7,9 @@ from shapely.geometry import LineString, Polygon
 
 from jezero.schemas.actions import AreaCoverageGoal
 from jezero.services.actions.area_coverage.area import AreaError, Point, make_area
+from jezero.services.actions.area_coverage.coverage_plan import CoveragePlan, plan_coverage
 from jezero.services.actions.area_coverage.ground import CoveredGround
-from jezero.services.actions.area_coverage.plan import covered_share, plan_path
-from jezero.services.actions.area_coverage.planned import CoveragePlan, plan_coverage
+from jezero.services.actions.area_coverage.path import covered_fraction, plan_path
 from jezero.services.actions.area_coverage.trajectory import Trajectory, make_trajectory, picture_distances
 from jezero.services.actions.config import ActionsConfig
 
@@ -29,7 +29,7 @@ def test_the_thesis_polygon_is_swept_with_a_short_path_and_a_picture_per_resolut
     area = make_area(THESIS)
     flown = fly(area, resolution_m)
     assert area.area == pytest.approx(16.5)
-    assert covered_share(area, flown.pos_m, resolution_m) >= 0.995
+    assert covered_fraction(area, flown.pos_m, resolution_m) >= 0.995
     assert flown.length_m / (area.area / resolution_m) <= ratio_max
     assert len(picture_distances(flown.length_m, resolution_m)) == pytest.approx(
         flown.length_m / resolution_m, rel=0.01
@@ -77,10 +77,10 @@ def test_random_areas_are_swept_by_paths_that_stay_inside(seed: int) -> None:
             continue
         flown += 1
         path_m = plan_path(area, resolution_m)
-        assert covered_share(area, path_m, resolution_m) >= 0.99, area.wkt
+        assert covered_fraction(area, path_m, resolution_m) >= 0.99, area.wkt
         assert LineString(path_m).difference(area.buffer(1e-4)).length < 1e-6, area.wkt
         turned = make_trajectory(path_m, speed_mps=1.0, acceleration_mps2=1.0, cut_m=0.5 * resolution_m)
-        assert covered_share(area, turned.pos_m, resolution_m) >= 0.985, area.wkt
+        assert covered_fraction(area, turned.pos_m, resolution_m) >= 0.985, area.wkt
         assert LineString(turned.pos_m).difference(area.buffer(0.1 * resolution_m)).length < 1e-6, area.wkt
 
 
@@ -115,11 +115,11 @@ def test_the_rest_of_a_motion_begins_at_rest_where_it_is_taken_up() -> None:
 
 def test_covered_ground_is_what_the_way_came_near() -> None:
     ground = CoveredGround(make_area(SQUARE), 1.0)
-    assert ground.share == 0.0
+    assert ground.fraction == 0.0
     ground.mark_way(np.array(((0.0, 2.0), (4.0, 2.0))))
-    assert ground.share == pytest.approx(0.25, abs=0.01)
+    assert ground.fraction == pytest.approx(0.25, abs=0.01)
     ground.mark(100.0, 100.0)
-    assert ground.share == pytest.approx(0.25, abs=0.01)
+    assert ground.fraction == pytest.approx(0.25, abs=0.01)
 
 
 def test_holes_are_flown_around() -> None:

@@ -159,8 +159,8 @@ class Turn:
         for _ in range(int(within_s / DT_S)):
             self.t_ns += int(DT_S * 1e9)
             move = self.behaviour.step(self.t_ns, self.state)
-            while capture.waits:
-                capture._asked.popleft()
+            while capture.is_waiting:
+                capture._requested.popleft()
                 self.passed.append(self.state)
             if isinstance(move, Done):
                 return move

@@ -71,10 +71,10 @@ class Feeder:
 def test_the_first_picture_exposed_after_the_point_is_taken() -> None:
     feeder = Feeder()
     feeder.fly(500)
-    feeder.capture.ask(0, 490 * MS)
-    waited = feeder.capture.waits
+    feeder.capture.request(0, 490 * MS)
+    waited = feeder.capture.is_waiting
     feeder.fly(900, since_ms=500)
-    assert waited and not feeder.capture.waits
+    assert waited and not feeder.capture.is_waiting
     assert [shot.image.t_ns // MS for shot in feeder.shots] == [547]
     assert feeder.shots[0].frame.pixels
 
@@ -82,7 +82,7 @@ def test_the_first_picture_exposed_after_the_point_is_taken() -> None:
 def test_what_is_told_is_as_of_the_exposure() -> None:
     feeder = Feeder()
     feeder.fly(500)
-    feeder.capture.ask(0, 490 * MS)
+    feeder.capture.request(0, 490 * MS)
     feeder.fly(900, since_ms=500)
     image = feeder.shots[0].image
     assert image.pos_uav_ned_m == pytest.approx((0.547, 0.0, -4.0), abs=1e-5)
@@ -100,7 +100,7 @@ def test_what_is_told_is_as_of_the_exposure() -> None:
 def test_attitude_is_interpolated_too() -> None:
     feeder = Feeder()
     feeder.give(0, info(0))
-    feeder.capture.ask(0, 0)
+    feeder.capture.request(0, 0)
     feeder.give(0, odometry(0, 0.0, yaw_rad=radians(170.0)))
     feeder.give(20 * MS, odometry(20 * MS, 0.0, yaw_rad=radians(-170.0)), frame(15 * MS))
     assert feeder.shots[0].image.yaw_rad == pytest.approx(radians(-175.0), abs=1e-3)
@@ -109,8 +109,8 @@ def test_attitude_is_interpolated_too() -> None:
 def test_one_picture_serves_one_point_in_the_order_of_passing() -> None:
     feeder = Feeder()
     feeder.fly(500)
-    feeder.capture.ask(0, 490 * MS)
-    feeder.capture.ask(1, 492 * MS)
+    feeder.capture.request(0, 490 * MS)
+    feeder.capture.request(1, 492 * MS)
     feeder.fly(900, since_ms=500)
     assert [(shot.image.index, shot.image.t_ns // MS) for shot in feeder.shots] == [(0, 547), (1, 607)]
 
@@ -118,7 +118,7 @@ def test_one_picture_serves_one_point_in_the_order_of_passing() -> None:
 def test_a_corrected_position_moves_what_was_recorded_before() -> None:
     feeder = Feeder()
     feeder.fly(500)
-    feeder.capture.ask(0, 490 * MS)
+    feeder.capture.request(0, 490 * MS)
     feeder.fly(900, since_ms=500)
     feeder.fly(1000, since_ms=900, offset_m=2.0)
     assert feeder.capture.images()[0].pos_uav_ned_m[0] == pytest.approx(2.547, abs=1e-5)
@@ -129,7 +129,7 @@ def test_a_corrected_position_moves_what_was_recorded_before() -> None:
 def test_a_picture_taken_across_a_correction_is_at_its_own_place() -> None:
     feeder = Feeder()
     feeder.give(0, info(0))
-    feeder.capture.ask(0, 0)
+    feeder.capture.request(0, 0)
     feeder.give(0, odometry(0, 0.0))
     feeder.give(20 * MS, odometry(20 * MS, 5.02, offset_m=5.0), frame(10 * MS))
     assert feeder.shots[0].image.pos_uav_ned_m[0] == pytest.approx(0.01)
@@ -140,7 +140,7 @@ def test_a_picture_taken_across_a_correction_is_at_its_own_place() -> None:
 def test_messages_with_impossible_times_change_nothing(t_ms: int) -> None:
     feeder = Feeder()
     feeder.fly(10_000 + 500, since_ms=10_000)
-    feeder.capture.ask(0, 10_490 * MS)
+    feeder.capture.request(0, 10_490 * MS)
     strange_ns = max(0, (10_500 + t_ms) * MS)
     feeder.give(10_500 * MS, odometry(strange_ns, 77.0), frame(strange_ns), imu(strange_ns), gnss(strange_ns))
     feeder.fly(10_900, since_ms=10_500)
@@ -151,7 +151,7 @@ def test_messages_with_impossible_times_change_nothing(t_ms: int) -> None:
 def test_where_no_odometry_came_no_picture_is_placed() -> None:
     feeder = Feeder()
     feeder.give(0, info(0))
-    feeder.capture.ask(0, 0)
+    feeder.capture.request(0, 0)
     feeder.give(0, odometry(0, 0.0))
     feeder.give(400 * MS, frame(200 * MS), odometry(400 * MS, 0.4))
     assert not feeder.shots
@@ -166,7 +166,7 @@ def test_without_pictures_a_goal_is_refused_or_aborted_with_the_reason() -> None
     assert 'mode = "rendered"' in feeder.capture.refusal()
     feeder.give(100 * MS, frame(1 * MS))
     assert feeder.capture.refusal() == ""
-    feeder.capture.ask(1, 200 * MS)
+    feeder.capture.request(1, 200 * MS)
     assert feeder.capture.problem(2100 * MS) == ""
     assert feeder.capture.problem(2300 * MS) == "no pictures: none came for point 2 of 3 within 2.1 s"
 
@@ -175,7 +175,7 @@ def test_feedback_tells_of_each_picture_once_and_only_when_streaming() -> None:
     for stream in (True, False):
         feeder = Feeder(stream=stream)
         feeder.fly(500)
-        feeder.capture.ask(0, 490 * MS)
+        feeder.capture.request(0, 490 * MS)
         feeder.fly(900, since_ms=500)
         assert [image.index for image in feeder.capture.unreported_images()] == ([0] if stream else [])
         assert feeder.capture.unreported_images() == ()
@@ -186,26 +186,26 @@ def picture(goal_id: str, index: int) -> ImageReply:
     return ImageReply(goal_id=goal_id, index=index, width_px=2, height_px=1, pixels=bytes(range(6)))
 
 
-def test_a_spool_gives_back_what_it_was_given_and_says_what_it_has_not(tmp_path: Path) -> None:
-    spool = PictureStore(tmp_path / "pictures")
-    spool.keep(picture("a", 3))
-    assert spool.get("a", 3) == picture("a", 3)
-    assert "no picture 4 of goal a" in spool.get("a", 4).reason
-    assert "no picture 0 of goal .." in spool.get("..", 0).reason
+def test_a_store_gives_back_what_it_was_given_and_says_what_it_has_not(tmp_path: Path) -> None:
+    store = PictureStore(tmp_path / "pictures")
+    store.keep(picture("a", 3))
+    assert store.get("a", 3) == picture("a", 3)
+    assert "no picture 4 of goal a" in store.get("a", 4).reason
+    assert "no picture 0 of goal .." in store.get("..", 0).reason
 
 
-def test_a_spool_forgets_the_oldest_goal_first_and_never_the_present_one(tmp_path: Path) -> None:
-    spool = PictureStore(tmp_path / "pictures", kept_bytes=200)
+def test_a_store_forgets_the_oldest_goal_first_and_never_the_present_one(tmp_path: Path) -> None:
+    store = PictureStore(tmp_path / "pictures", size_max_bytes=200)
     for goal_id in ("a", "b", "c"):
-        spool.keep(picture(goal_id, 0))
+        store.keep(picture(goal_id, 0))
     for index in range(5):
-        spool.keep(picture("c", index))
-    assert spool.get("a", 0).reason
-    assert spool.get("b", 0).reason
-    assert all(not spool.get("c", index).reason for index in range(5))
+        store.keep(picture("c", index))
+    assert store.get("a", 0).reason
+    assert store.get("b", 0).reason
+    assert all(not store.get("c", index).reason for index in range(5))
 
 
-def test_a_spool_begins_empty_and_a_temporary_one_leaves_nothing(tmp_path: Path) -> None:
+def test_a_store_begins_empty_and_a_temporary_one_leaves_nothing(tmp_path: Path) -> None:
     PictureStore(tmp_path / "pictures").keep(picture("a", 0))
     assert PictureStore(tmp_path / "pictures").get("a", 0).reason
     temporary = PictureStore()
@@ -218,51 +218,51 @@ def test_a_spool_begins_empty_and_a_temporary_one_leaves_nothing(tmp_path: Path)
 
 def test_a_disk_that_stands_still_delays_nobody_and_loses_nothing(tmp_path: Path) -> None:
     size, waiting = len(encode(picture("a", 0))), list[Callable[[], None]]()
-    spool = PictureStore(tmp_path / "pictures", do=waiting.append, unwritten_bytes=3 * size)
+    store = PictureStore(tmp_path / "pictures", execute=waiting.append, unwritten_max_bytes=3 * size)
     for index in range(3):
-        spool.keep(picture("a", index))
-    assert [spool.get("a", index) for index in range(3)] == [picture("a", index) for index in range(3)]
+        store.keep(picture("a", index))
+    assert [store.get("a", index) for index in range(3)] == [picture("a", index) for index in range(3)]
     with pytest.raises(OSError, match="doesn't keep up"):
-        spool.keep(picture("a", 3))
+        store.keep(picture("a", 3))
     carry_out(waiting)
-    assert len(list(tmp_path.rglob("*.rgb"))) == 3 and not spool._unwritten
-    assert [spool.get("a", index) for index in range(3)] == [picture("a", index) for index in range(3)]
-    spool.keep(picture("a", 3))
+    assert len(list(tmp_path.rglob("*.rgb"))) == 3 and not store._unwritten
+    assert [store.get("a", index) for index in range(3)] == [picture("a", index) for index in range(3)]
+    store.keep(picture("a", 3))
 
 
 def test_what_the_disk_refused_meanwhile_is_told_with_the_next_picture_of_that_goal(tmp_path: Path) -> None:
     folder, waiting = tmp_path / "pictures", list[Callable[[], None]]()
-    spool = PictureStore(folder, do=waiting.append)
-    spool.keep(picture("a", 0))
+    store = PictureStore(folder, execute=waiting.append)
+    store.keep(picture("a", 0))
     folder.write_text("no folder")
     carry_out(waiting)
-    assert spool.get("a", 0) == picture("a", 0)
+    assert store.get("a", 0) == picture("a", 0)
     with pytest.raises(NotADirectoryError):
-        spool.keep(picture("a", 1))
+        store.keep(picture("a", 1))
     folder.unlink()
-    spool.keep(picture("b", 0))
+    store.keep(picture("b", 0))
 
 
 def test_a_late_failure_of_an_earlier_goal_is_not_the_present_ones(tmp_path: Path) -> None:
     folder, waiting = tmp_path / "pictures", list[Callable[[], None]]()
-    spool = PictureStore(folder, do=waiting.append)
-    spool.keep(picture("a", 0))
-    spool.keep(picture("b", 0))
+    store = PictureStore(folder, execute=waiting.append)
+    store.keep(picture("a", 0))
+    store.keep(picture("b", 0))
     folder.write_text("no folder")
     waiting.pop(0)()
     folder.unlink()
-    spool.keep(picture("b", 1))
+    store.keep(picture("b", 1))
     carry_out(waiting)
-    assert spool.get("b", 0) == picture("b", 0) and not spool._unwritten
+    assert store.get("b", 0) == picture("b", 0) and not store._unwritten
 
 
 def test_a_thread_beside_writes_what_it_is_given(tmp_path: Path) -> None:
     done: SimpleQueue[BaseException | None] = SimpleQueue()
     worker = Worker(lambda tag, outcome, error: done.put(error))
-    spool = PictureStore(tmp_path / "pictures", do=lambda work: worker.add(work, ""))
-    spool.keep(picture("a", 0))
+    store = PictureStore(tmp_path / "pictures", execute=lambda work: worker.add(work, ""))
+    store.keep(picture("a", 0))
     assert done.get(timeout=10.0) is None
-    assert len(list(tmp_path.rglob("*.rgb"))) == 1 and not spool._unwritten
+    assert len(list(tmp_path.rglob("*.rgb"))) == 1 and not store._unwritten
 
 
 def carry_out(waiting: list[Callable[[], None]]) -> None:
@@ -271,8 +271,8 @@ def carry_out(waiting: list[Callable[[], None]]) -> None:
 
 
 def test_a_picture_that_was_cut_short_on_disk_is_refused(tmp_path: Path) -> None:
-    spool = PictureStore(tmp_path)
-    spool.keep(picture("a", 0))
+    store = PictureStore(tmp_path)
+    store.keep(picture("a", 0))
     file = next(tmp_path.rglob("*.rgb"))
     file.write_bytes(file.read_bytes()[:-1])
-    assert "can't be read" in spool.get("a", 0).reason
+    assert "can't be read" in store.get("a", 0).reason

@@ -160,7 +160,7 @@ def test_a_dead_bridge_is_told_within_two_seconds() -> None:
     world.bus.remove("vehicle_bridge")
     reply = world.fly(FAR, 2.0)
     assert isinstance(reply, Rejected)
-    assert "did not answer" in reply.reason
+    assert "did not reply" in reply.reason
     assert world.is_idle("go_to")
 
 
@@ -293,8 +293,8 @@ def test_the_last_hundred_results_are_kept() -> None:
         done = MoveResult(completed=True, pos_uav_ned_m=(0.0, 0.0, 0.0))
         server._keep(Result(goal_id=f"g{number}", t_ns=0, outcome="succeeded", result=done))
     assert len(server._results) == 100
-    assert server._answer_result("g4") is None
-    assert server._answer_result("g5") is not None
+    assert server._result_reply("g4") is None
+    assert server._result_reply("g5") is not None
 
 
 def test_a_position_reset_moves_the_target_along() -> None:

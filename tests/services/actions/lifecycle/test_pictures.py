@@ -36,9 +36,9 @@ class Snap:
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
         if self._asked < self._capture.planned and t_ns >= self._start_ns + self._asked * PERIOD_NS:
-            self._capture.ask(self._asked, t_ns)
+            self._capture.request(self._asked, t_ns)
             self._asked += 1
-        if self._asked == self._capture.planned and not self._capture.waits:
+        if self._asked == self._capture.planned and not self._capture.is_waiting:
             return Done("succeeded")
         feedback = ImagesFeedback(pos_uav_ned_m=state.pos_uav_ned_m, taken=0, planned=0)
         return Move(Phase.GET_IMAGES, feedback, vel_ned_mps=(0.0, 0.0, 0.0), pitch_camera_rad=-1.0)

@@ -142,5 +142,5 @@ def test_a_refused_lease_is_told_and_asked_for_again() -> None:
     world.estimator.goal_id, world.estimator.refuse = "", "another goal holds it"
     result = world.end(world.land())
     assert result.outcome == "aborted"
-    assert result.reason.endswith("the estimator did not take the selection: another goal holds it")
+    assert result.reason.endswith("the estimator refused the selection: another goal holds it")
     assert len(world.estimator.leases) > 10

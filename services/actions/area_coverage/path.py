@@ -14,21 +14,22 @@ from jezero.services.actions.area_coverage.tracks import Track, left_over_tracks
 Array = NDArray[np.float64]
 ANGLES_MAX = 10
 INSETS = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
-"""How far from the outline sweep lines end, in resolutions."""
-COVERED_BY_LINES = 0.995
-COVERED_ENOUGH = 0.998
-"""Shares of the area: with the outline and the sweep lines, and with passes through what these leave out."""
+"""Distances from the outline at which sweep lines may end, in resolutions."""
+COVERED_BY_LINES_MIN = 0.995
+"""Fraction of the area that outline and sweep lines must cover."""
+COVERED_MIN = 0.998
+"""Fraction of the area that must be covered together with the passes through the parts left over."""
 TURN_COST_M = 0.1
-"""A turn takes as long as so much of a straight line."""
+"""A turn costs as much as this length of a straight line."""
 LEFT_OVER_ROUNDS = 3
 
 
 def plan_path(area: Polygon, resolution_m: float, start_m: Sequence[float] | None = None) -> Array:
-    """A path from which every point of the area is at most half a resolution away, as far as the area allows.
+    """Plan a path from which every point of the area is at most half a resolution away, as far as the area allows.
 
     Args:
         area: metres, (north, east).
-        start_m: (2,) where the vehicle is; the path begins near it.
+        start_m: (2,) the vehicle's position; the path begins near it.
 
     Returns:
         (n, 2) corners of the path, in the area up to rounding errors.
@@ -36,29 +37,29 @@ def plan_path(area: Polygon, resolution_m: float, start_m: Sequence[float] | Non
     tracks = outline_tracks(area, resolution_m)
     tracks += _best_sweep(area, resolution_m, tracks)
     for _ in range(LEFT_OVER_ROUNDS):
-        tracks += left_over_tracks(area, swept(tracks_of(tracks), resolution_m), resolution_m, COVERED_ENOUGH)
+        tracks += left_over_tracks(area, swept(tracks_of(tracks), resolution_m), resolution_m, COVERED_MIN)
     start = None if start_m is None else np.asarray(start_m, float)
     return _joined(order_tracks(tracks, start), area, resolution_m)
 
 
 def tracks_of(tracks: Sequence[Track]) -> list[Array]:
-    """One way each."""
+    """One variant of each track."""
     return [track.variants[0] for track in tracks]
 
 
 def swept(ways: Sequence[Array], resolution_m: float) -> Polygon | MultiPolygon:
-    """All that is within half a resolution of the ways."""
+    """The ground within half a resolution of the ways."""
     lines = [Point(way[0]) if np.ptp(way, axis=0).max() == 0.0 else LineString(way) for way in ways]
     return shapely.union_all([line.buffer(0.5 * resolution_m) for line in lines])
 
 
-def covered_share(area: Polygon, path_m: Array, resolution_m: float) -> float:
-    """Share of the area within half a resolution of the path."""
+def covered_fraction(area: Polygon, path_m: Array, resolution_m: float) -> float:
+    """Fraction of the area within half a resolution of the path."""
     return float(area.intersection(swept([path_m], resolution_m)).area / area.area)
 
 
 def _best_sweep(area: Polygon, resolution_m: float, outline: list[Track]) -> list[Track]:
-    """The cheapest of all angles and ends of the lines that covers enough with the outline; else what covers most."""
+    """The cheapest sweep that covers enough together with the outline; else the sweep that covers most."""
     done = swept(tracks_of(outline), resolution_m)
     trials = [
         sweep_tracks(area, resolution_m, angle_rad, inset * resolution_m)
@@ -68,16 +69,16 @@ def _best_sweep(area: Polygon, resolution_m: float, outline: list[Track]) -> lis
     best: tuple[float, list[Track]] = (-1.0, [])
     for trial in sorted(trials, key=_cost_m):
         covered = shapely.union_all([done, swept(tracks_of(trial), resolution_m)]) if trial else done
-        share = area.intersection(covered).area / area.area
-        if share > best[0]:
-            best = (share, trial)
-        if share >= COVERED_BY_LINES:
+        fraction = area.intersection(covered).area / area.area
+        if fraction > best[0]:
+            best = (fraction, trial)
+        if fraction >= COVERED_BY_LINES_MIN:
             break
     return best[1]
 
 
 def _angles(area: Polygon) -> list[float]:
-    """Directions of the longest edges, of outlines and hull."""
+    """Directions of the longest edges of outlines and convex hull."""
     rings = [area.exterior, *area.interiors, area.convex_hull.exterior]
     edges = np.concatenate([np.diff(np.array(ring.coords), axis=0) for ring in rings])
     longest = edges[np.argsort(-np.linalg.norm(edges, axis=1), kind="stable")][: 3 * ANGLES_MAX]
@@ -86,14 +87,14 @@ def _angles(area: Polygon) -> list[float]:
 
 
 def _cost_m(tracks: list[Track]) -> float:
-    """Length of the sweep lines, each of their turns, and the ways between cells."""
+    """Cost of sweep lines: their length, their turns and the ways between cells."""
     lengths = [float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) for way in tracks_of(tracks)]
     corners = sum(len(way) for way in tracks_of(tracks))
     return sum(lengths) + TURN_COST_M * (corners + 4 * len(tracks))
 
 
 def _joined(ways: list[Array], area: Polygon, resolution_m: float) -> Array:
-    """The ways in turn, with a way inside the area wherever a straight line would leave it."""
+    """Join the ways in turn, by ways inside the area wherever a straight line would leave it."""
     if not ways:
         return np.array([area.representative_point().coords[0]] * 2)
     clear = area.buffer(-0.25 * resolution_m, quad_segs=2)
@@ -108,13 +109,13 @@ def _joined(ways: list[Array], area: Polygon, resolution_m: float) -> Array:
 
 
 def _steps(points: Array, inner: Roads | None, outer: Roads) -> Iterator[Array]:
-    """From each point to the next; by the road that keeps clear of the outline where there is one."""
-    straight = outer.sees(points[:-1], points[1:])
+    """Ways from each point to the next; clear of the outline where that is possible."""
+    straight = outer.is_inside(points[:-1], points[1:])
     for start, end, is_straight in zip(points, points[1:], straight, strict=False):
         if is_straight:
             yield np.array((start, end))
             continue
         way = None if inner is None else inner.way(start, end)
-        if way is None or not outer.sees(way[:-1], way[1:]).all():
+        if way is None or not outer.is_inside(way[:-1], way[1:]).all():
             way = outer.way(start, end)
         yield way

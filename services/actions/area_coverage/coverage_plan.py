@@ -1,4 +1,4 @@
-"""From the goal of an area coverage to its plan, or to the reason why there is none."""
+"""The coverage plan of a goal: path, trajectory and pictures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from jezero.schemas.actions import AreaCoverageGoal
 from jezero.services.actions.area_coverage.area import AreaError, Point, make_area
 from jezero.services.actions.area_coverage.config import AreaCoverageConfig
 from jezero.services.actions.area_coverage.ground import CoveredGround
-from jezero.services.actions.area_coverage.plan import covered_share, plan_path
+from jezero.services.actions.area_coverage.path import covered_fraction, plan_path
 from jezero.services.actions.area_coverage.trajectory import Trajectory, make_trajectory, picture_distances
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.motion.limits import beyond_limits, point_refusal, speed_refusal
@@ -25,15 +25,18 @@ DIRECTION_RAD = np.pi / 180.0
 
 @dataclass(frozen=True)
 class CoveragePlan:
-    """A coverage before it is flown; (north, east) in the goal's frame.
+    """A coverage before it is flown; points are (north, east) in the goal's frame.
 
     Attributes:
-        line_distance_m, picture_distance_m: across and along.
-        start_m: (2,) what the path begins near.
-        pictures_m: (n, 2) where pictures are taken.
-        first_picture: where the trajectory begins.
-        picture_times_s: (n - first_picture,) when, in the trajectory's time.
-        ground: of which nothing is covered yet but what lies before the first picture.
+        area: to be covered.
+        line_distance_m: between neighbouring lines.
+        picture_distance_m: between pictures along the path.
+        start_m: (2,) point near which the path begins.
+        trajectory: motion along the path, from the first picture on.
+        pictures_m: (n, 2) points at which pictures are taken.
+        first_picture: index of the picture at which the trajectory begins.
+        picture_times_s: (n - first_picture,) times of the pictures, in the trajectory's time.
+        ground: the area, of which the part before the first picture is covered.
     """
 
     area: Polygon
@@ -48,12 +51,12 @@ class CoveragePlan:
 
     @property
     def covered(self) -> float:
-        """Share of the area within half a line distance of the path."""
-        return covered_share(self.area, self.trajectory.pos_m, self.line_distance_m)
+        """Covered fraction of the area: the part within half a line distance of the path."""
+        return covered_fraction(self.area, self.trajectory.pos_m, self.line_distance_m)
 
     @property
     def lines_rad(self) -> float:
-        """Direction that most of the path has, 0 to pi from north towards east; either way along the lines."""
+        """Direction of most of the path, 0 to pi from north towards east; either way along the lines."""
         steps_m = np.diff(self.trajectory.pos_m, axis=0)
         lengths_m = np.linalg.norm(steps_m, axis=1)
         directions = np.round(np.arctan2(steps_m[:, 1], steps_m[:, 0]) % np.pi / DIRECTION_RAD).astype(int)
@@ -67,14 +70,14 @@ def plan_coverage(
     start_m: Sequence[float] | None = None,
     origin_ned_m: Vec3 = (0.0, 0.0, 0.0),
 ) -> CoveragePlan:
-    """The plan of a goal.
+    """Plan the coverage of a goal.
 
     Args:
-        start_m: (2,) where the vehicle is, in the goal's frame; the path begins near it, unless the goal says where.
+        start_m: (2,) the vehicle's position in the goal's frame; the path begins near it, unless the goal has a start.
         origin_ned_m: of the goal's frame in the world, for the limits.
 
     Raises:
-        AreaError: the goal can't be flown; why, and what to change.
+        AreaError: the goal can't be flown; with the reason and what to change.
     """
     corner_m = goal.polygon_ned_m[0] if goal.polygon_ned_m else (0.0, 0.0)
     area = make_area(_from(corner_m, goal.polygon_ned_m), [_from(corner_m, hole) for hole in goal.holes_ned_m])
@@ -118,7 +121,7 @@ def _from(corner_m: Point, points_m: Sequence[Sequence[float]]) -> list[Point]:
 
 
 def _refusal(goal: AreaCoverageGoal, config: ActionsConfig, origin_ned_m: Vec3) -> str:
-    """Why a goal's numbers can't be flown whatever its shape is, or ""."""
+    """Reason why a goal's numbers can't be flown, whatever its shape is, or ""."""
     if not goal.z_ned_m < 0.0:
         return point_refusal((0.0, 0.0, goal.z_ned_m), config.limits)
     for north_m, east_m in goal.polygon_ned_m:
@@ -133,7 +136,7 @@ def _refusal(goal: AreaCoverageGoal, config: ActionsConfig, origin_ned_m: Vec3) 
 
 
 def _distances(goal: AreaCoverageGoal, settings: AreaCoverageConfig) -> tuple[float, float]:
-    """Between lines and between pictures. The camera's wide side lies across the lines."""
+    """Distance between lines and between pictures. The camera's wide side lies across the lines."""
     overlap = goal.sidelap if goal.overlap is None else goal.overlap
     sidelap = goal.overlap if goal.sidelap is None else goal.sidelap
     if overlap is None or sidelap is None:
