@@ -25,8 +25,8 @@ from jezero.runtime.config import Instance, config_directory
 from jezero.schemas.state import StatusCode, Truth
 from jezero.schemas.topics import TRUTH
 from jezero.trials.landing.flight import SETTLED_S
-from jezero.trials.landing.judge import on_platform_m
 from jezero.trials.landing.trial import AWAY_MAX_M, MOTIONS, STD_GUST_MPS, UP_M, WIND_MPS, RoverName
+from jezero.trials.platform import on_platform_m
 
 INSTANCE = Instance(vehicle="landings", router="tcp/127.0.0.1:7497", number=8, gcs_port=14608)
 TRUTH_WITHIN_S = 1.0

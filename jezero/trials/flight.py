@@ -14,14 +14,14 @@ from jezero.runtime.codec import decode
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import Answers, MemoryBus
 from jezero.schemas import topics
-from jezero.schemas.actions import Feedback, ImagesResult, Rejected, Result
+from jezero.schemas.actions import Feedback, ImagesResult
 from jezero.schemas.images import GetImage, Image
 from jezero.schemas.state import Status, StatusCode, Truth
-from jezero.schemas.struct import Payload
 from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.config import SimulatorConfig
-from jezero.trials.landing.judge import offset_m, why_not_on_platform
+from jezero.trials.goals import wait_for_result
+from jezero.trials.platform import off_platform_reason, offset_m
 from jezero.trials.stack import build_stack
 
 READY_WITHIN_S = 60.0
@@ -155,7 +155,7 @@ def _fly(
     for action, goal, hover_s in mission:
         tell(f"{action.name} at {bus.t_ns / NS_PER_S:.1f} s")
         answers = bus.ask(action.endpoint, goal)
-        reason = _wait(bus, action, answers, GOAL_WITHIN_S)
+        reason = wait_for_result(bus, action, answers, GOAL_WITHIN_S)
         if reason:
             return reason
         if action.takes_pictures:
@@ -166,22 +166,7 @@ def _fly(
         return f"not landed and disarmed at the end: status {status.name if status else 'unknown'}"
     if recorder.truth is None:
         return "the simulator told no truth"
-    return why_not_on_platform(recorder.truth, 0.5 * load_config(SimulatorConfig, "simulator").rover.platform_side_m)
-
-
-def fly_goal(bus: MemoryBus, action: topics.Action[Any], goal: Payload, within_s: float) -> str:
-    """Send a goal and wait for its end; returns why it failed, or "" when it did not."""
-    return _wait(bus, action, bus.ask(action.endpoint, goal), within_s)
-
-
-def _wait(bus: MemoryBus, action: topics.Action[Any], answers: Answers, within_s: float) -> str:
-    bus.run_for(within_s, stop=lambda: answers.ended)
-    last = answers.replies[-1] if answers.replies else None
-    if isinstance(last, Rejected):
-        return f"{action.name} refused: {last.reason}"
-    if not isinstance(last, Result):
-        return f"{action.name} gave no result within {within_s:.0f} s"
-    return "" if last.outcome == "succeeded" else f"{action.name} {last.outcome}: {last.reason}"
+    return off_platform_reason(recorder.truth, 0.5 * load_config(SimulatorConfig, "simulator").rover.platform_side_m)
 
 
 def _photographed(bus: MemoryBus, action: topics.Action[Any], goal: Any, answers: Answers) -> Photographed:

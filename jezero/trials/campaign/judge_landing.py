@@ -10,7 +10,7 @@ from jezero.schemas.estimate import Relative
 from jezero.schemas.state import Truth
 from jezero.schemas.units import NS_PER_S
 from jezero.trials.campaign.judge import Judge
-from jezero.trials.landing.judge import ON_DECK_M, on_platform_m
+from jezero.trials.platform import STANDING_HEIGHT_MAX_M, on_platform_m
 
 DESCENT_MPS = 0.25
 """Less is holding a height. Relative to the rover."""
@@ -87,4 +87,4 @@ class WatchedLanding:
         text = f"{self._goal_id} succeeded {off_m:.2f} m off the board, {-down_m:.2f} m above it"
         self._judge.check(off_m <= OFF_BOARD_MAX_M, t_ns, rule, text)
         if off_m <= 0.0:
-            self._judge.check(-down_m <= ON_DECK_M, t_ns, "no landing succeeds above the platform", text)
+            self._judge.check(-down_m <= STANDING_HEIGHT_MAX_M, t_ns, "no landing succeeds above the platform", text)

@@ -17,16 +17,10 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.config import SimulatorConfig, WindConfig
 from jezero.services.simulator.service import Simulator
-from jezero.trials.flight import fly_goal
-from jezero.trials.landing.judge import (
-    IMPACT_MAX_MPS,
-    Errors,
-    LandingJudge,
-    on_platform_m,
-    why_not_on_platform,
-    why_not_upright,
-)
+from jezero.trials.goals import fly_goal
+from jezero.trials.landing.judge import IMPACT_MAX_MPS, Errors, LandingJudge
 from jezero.trials.landing.trial import HIDDEN_S, MOTIONS, STD_GUST_MPS, WIND_MPS, Conditions, Trial, draw_trial
+from jezero.trials.platform import off_platform_reason, on_platform_m, tipped_over_reason
 from jezero.trials.rover_driver import RoverDriver
 from jezero.trials.stack import SYSTEM_ID, boot_id, service_makers, wired_bus
 
@@ -198,11 +192,11 @@ def _judged(trial: Trial, judge: LandingJudge, begun_ns: int, failure: str) -> L
     error_rover_body_m: tuple[float, float] | None = None
     if not failure and truth is not None:
         if trial.conditions.case == "none":
-            failure = why_not_upright(truth)
+            failure = tipped_over_reason(truth)
             north_m, east_m, _ = trial.spot_ned_m
             error_rover_body_m = (truth.pos_uav_ned_m[0] - north_m, truth.pos_uav_ned_m[1] - east_m)
         else:
-            failure = why_not_on_platform(truth, 0.5 * load_config(SimulatorConfig, "simulator").rover.platform_side_m)
+            failure = off_platform_reason(truth, 0.5 * load_config(SimulatorConfig, "simulator").rover.platform_side_m)
             error_rover_body_m = on_platform_m(truth)[:2]
         if judge.impact_mps > IMPACT_MAX_MPS:
             failure = failure or f"impact at {judge.impact_mps:.2f} m/s"

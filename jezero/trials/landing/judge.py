@@ -1,18 +1,17 @@
 """Judges one landing by the truth, which nothing that flies may see. Source: spec §8."""
 
-from math import degrees, hypot, inf, sqrt
+from math import hypot, inf, sqrt
 
 import msgspec
 import numpy as np
 
-from jezero.frames import Vec3, add, altitude_m, rotate_yaw, scale, subtract, tilt_from_quat
+from jezero.frames import Vec3, add, scale, subtract
 from jezero.schemas import topics
 from jezero.schemas.estimate import Relative
 from jezero.schemas.state import Status, Truth
+from jezero.trials.platform import offset_m
 
 IMPACT_MAX_MPS = 0.6
-UPRIGHT_DEG = 15.0
-ON_DECK_M = 0.1
 NEAR_M, FAR_M = 3.0, 8.0
 SAMPLES = 6
 """Dimensions of the relative state: position and velocity."""
@@ -121,30 +120,6 @@ class LandingJudge:
             band = 0 if range_m < NEAR_M else 1
             errors.count[band] += 1
             errors.square_m2[band] += sum(e * e for e in error_m)
-
-
-def offset_m(truth: Truth) -> Vec3:
-    """(3,) vehicle minus platform, NED."""
-    return subtract(truth.pos_uav_ned_m, truth.pos_rover_ned_m)
-
-
-def on_platform_m(truth: Truth) -> Vec3:
-    """(3,) the vehicle's place on the platform, in the rover's axes."""
-    return rotate_yaw(offset_m(truth), -truth.yaw_rover_rad)
-
-
-def why_not_on_platform(truth: Truth, half_side_m: float) -> str:
-    """Why this is not standing upright on the platform, or ""."""
-    forward_m, right_m, down_m = on_platform_m(truth)
-    if abs(down_m) > ON_DECK_M or max(abs(forward_m), abs(right_m)) > half_side_m:
-        return f"stands {hypot(forward_m, right_m):.2f} m from the middle and {altitude_m(down_m):.2f} m above the deck"
-    return why_not_upright(truth)
-
-
-def why_not_upright(truth: Truth) -> str:
-    """Why the vehicle has tipped over, or ""."""
-    tilt_deg = degrees(tilt_from_quat(truth.q_ned_from_frd))
-    return f"tilted by {tilt_deg:.0f} degrees" if tilt_deg > UPRIGHT_DEG else ""
 
 
 def percentile(values: list[float], share: float) -> float:
