@@ -13,15 +13,15 @@ def fly_goal(bus: MemoryBus, action: topics.Action[Any], goal: Payload, timeout_
     return wait_for_result(bus, action, bus.ask(action.endpoint, goal), timeout_s)
 
 
-def wait_for_result(bus: MemoryBus, action: topics.Action[Any], replies: Answers, timeout_s: float) -> str:
+def wait_for_result(bus: MemoryBus, action: topics.Action[Any], query: Answers, timeout_s: float) -> str:
     """Run the bus until a goal has ended; returns why it did not succeed, or "".
 
     Args:
-        replies: the replies to the goal so far; the later ones are added while the bus runs.
+        query: the goal's query; its replies arrive while the bus runs.
         timeout_s: the wait's limit in virtual time.
     """
-    bus.run_for(timeout_s, stop=lambda: replies.ended)
-    last = replies.replies[-1] if replies.replies else None
+    bus.run_for(timeout_s, stop=lambda: query.ended)
+    last = query.replies[-1] if query.replies else None
     if isinstance(last, Rejected):
         return f"{action.name} refused: {last.reason}"
     if not isinstance(last, Result):
