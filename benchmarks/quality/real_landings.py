@@ -24,9 +24,16 @@ from jezero.client.session import Connection
 from jezero.runtime.config import Instance, config_directory
 from jezero.schemas.state import StatusCode, Truth
 from jezero.schemas.topics import TRUTH
-from jezero.trials.landing.flight import SETTLED_S
-from jezero.trials.landing.judge import on_platform_m
-from jezero.trials.landing.trial import AWAY_MAX_M, MOTIONS, STD_GUST_MPS, UP_M, WIND_MPS, RoverName
+from jezero.trials.landing.flight import ROVER_DRIVES_BEFORE_S
+from jezero.trials.landing.trial import (
+    ALTITUDE_RANGE_M,
+    MOTIONS,
+    ROVER_DISTANCE_MAX_M,
+    STD_GUST_MPS,
+    WIND_MPS,
+    RoverName,
+)
+from jezero.trials.platform import on_platform_m
 
 INSTANCE = Instance(vehicle="landings", router="tcp/127.0.0.1:7497", number=8, gcs_port=14608)
 TRUTH_WITHIN_S = 1.0
@@ -74,13 +81,17 @@ def truth_of(connection: Connection) -> Truth:
 
 def land_once(uav: Vehicle, connection: Connection, rng: Random, rover: AbstractContextManager[object]) -> Outcome:
     """Up, away, and down onto the rover."""
-    up_m, away_m, bearing_rad = rng.uniform(*UP_M), AWAY_MAX_M * sqrt(rng.random()), rng.uniform(-pi, pi)
+    up_m, away_m, bearing_rad = (
+        rng.uniform(*ALTITUDE_RANGE_M),
+        ROVER_DISTANCE_MAX_M * sqrt(rng.random()),
+        rng.uniform(-pi, pi),
+    )
     wait_for(lambda: hypot(*truth_of(connection).vel_rover_ned_mps) == 0.0, STOPS_WITHIN_S, "the rover stands")
     north_m, east_m, _ = truth_of(connection).pos_rover_ned_m
     uav.takeoff(altitude_m=up_m).result(60.0)
     uav.go_to(north_m + away_m * cos(bearing_rad), east_m + away_m * sin(bearing_rad), -up_m).result(60.0)
     with rover:
-        time.sleep(0.0 if isinstance(rover, nullcontext) else SETTLED_S)
+        time.sleep(0.0 if isinstance(rover, nullcontext) else ROVER_DRIVES_BEFORE_S)
         begin_s = time.monotonic()
         try:
             uav.land_on_spot().result(200.0)

@@ -83,9 +83,9 @@ def campaign(
     import msgspec
 
     from jezero.trials.campaign.campaign import CampaignReport, fly_campaign
-    from jezero.trials.campaign.faults import COUNTS
+    from jezero.trials.campaign.faults import FAULT_COUNTS
     from jezero.trials.campaign.mission import fly_mission
-    from jezero.trials.campaign.seeds import in_time
+    from jezero.trials.campaign.seeds import seeds_for_minutes
 
     if commit is not None and (seeds is not None or minutes is None):
         raise click.UsageError("--commit takes the place of --seeds, and --minutes says for how long: give these two")
@@ -93,7 +93,7 @@ def campaign(
     if commit is not None:
         chosen = _seeds_of(commit)
     if minutes is not None:
-        chosen = in_time(chosen, minutes)
+        chosen = seeds_for_minutes(chosen, minutes)
 
     def tell(report: "MissionReport") -> None:
         if as_json:
@@ -101,9 +101,9 @@ def campaign(
         else:
             _tell(report)
 
-    mission = partial(fly_mission, world=world, counts=faults or COUNTS)
+    mission = partial(fly_mission, world=world, fault_counts=faults or FAULT_COUNTS)
     if verbose:
-        mission = partial(mission, tell=click.echo)
+        mission = partial(mission, on_event=click.echo)
     result = CampaignReport()
     try:
         with closing(fly_campaign(chosen, 1 if verbose else jobs, mission)) as reports:

@@ -21,7 +21,7 @@ from jezero.trials.missions import FLIGHT, Mission
 
 if TYPE_CHECKING:
     from jezero.client import Goal, Vehicle
-    from jezero.trials.flight import Photographed
+    from jezero.trials.flight import CapturedImages
 
 RECORDED_AFTERWARDS_S = 0.5
 
@@ -61,13 +61,13 @@ def fly_fast(printer: Printer, mission: Mission, seed: int, out: Path | None) ->
         out.mkdir(parents=True, exist_ok=True)
     log = None if out is None else out / LOG
 
-    def tell(text: str) -> None:
+    def on_progress(text: str) -> None:
         if not printer.as_json:
             click.echo(text)
 
-    photographs = any(action.takes_pictures for action, _, _ in mission)
-    keep = partial(_keep, out) if out is not None and photographs else None
-    flight = fly_virtually(mission, seed, log, tell, keep)
+    takes_images = any(action.takes_pictures for action, _, _ in mission)
+    on_images = partial(_write_dataset, out) if out is not None and takes_images else None
+    flight = fly_virtually(mission, seed, log, on_progress, on_images)
     if out is not None:
         draw(printer, out, tell_touchdown=False)
     if printer.as_json:
@@ -83,14 +83,14 @@ def fly_fast(printer: Printer, mission: Mission, seed: int, out: Path | None) ->
         raise SystemExit(ABORTED)
 
 
-def _keep(out: Path, photographed: "Photographed") -> None:
+def _write_dataset(out: Path, captured: "CapturedImages") -> None:
     from jezero.client.dataset import Dataset
     from jezero.client.images import Picture
 
-    action, goal, _, track_ned_m, pictures = photographed
+    action, goal, _, track_ned_m, images = captured
     with Dataset(out / action.name, **_planned(goal)) as dataset:
         dataset.note(action=action.name, track_ned_m=track_ned_m, track_frame=goal.frame)
-        for image, pixels in pictures:
+        for image, pixels in images:
             dataset.add(Picture(image, pixels))
 
 

@@ -1,4 +1,4 @@
-"""A mission flown in virtual time, with its log, its hash and its figures."""
+"""One mission flown by the whole stack in virtual time, with its log and the log's hash."""
 
 import hashlib
 import time
@@ -14,32 +14,34 @@ from jezero.report.flight_log import line
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import Answers, MemoryBus
 from jezero.schemas import topics
-from jezero.schemas.actions import Feedback, ImagesResult, Rejected, Result
+from jezero.schemas.actions import Feedback, ImagesResult
 from jezero.schemas.images import GetImage, Image
 from jezero.schemas.state import Status, StatusCode, Truth
-from jezero.schemas.struct import Payload
 from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.camera.config import CameraConfig
-from jezero.trials.landing.judge import offset_m, why_not_on_platform
+from jezero.trials.goals import wait_for_result
+from jezero.trials.platform import off_platform_reason, offset_m
 from jezero.trials.stack import build_stack
 from jezero.vehicle_config import VehicleConfig
 
-READY_WITHIN_S = 60.0
-GOAL_WITHIN_S = 180.0
-PICTURE_WITHIN_S = 1.0
+READY_TIMEOUT_S = 60.0
+GOAL_TIMEOUT_S = 180.0
+IMAGE_TIMEOUT_S = 1.0
 Step = tuple[topics.Action[Any], Any, float]
 
 
 class FlightResult(msgspec.Struct, frozen=True, kw_only=True):
-    """How a flight in virtual time went.
+    """Outcome of a flight in virtual time.
 
     Attributes:
-        result: succeeded when every goal did, and the vehicle stands disarmed on the rover.
-        reason: why it did not.
-        log_sha256: of the log, as `sha256sum` prints it for the file.
+        result: "succeeded" if every goal succeeded and the vehicle stands disarmed on the rover.
+        reason: why the flight failed, or "".
+        seed: seed of the world, the wind, the sensors' errors and the links' delays.
+        log_sha256: SHA-256 of the log, as `sha256sum` prints it for the file.
+        sim_time_s: length of the flight in virtual time.
         real_time_factor: virtual seconds per second of this machine, start-up left out.
-        touchdown_error_m: horizontal distance of the true position at disarm from the middle of the rover's platform;
-            None when the vehicle did not land on it.
+        touchdown_error_m: horizontal distance between the true position at disarm and the middle of the rover's
+            platform; None if the flight failed.
     """
 
     result: Literal["succeeded", "failed"]
@@ -52,7 +54,7 @@ class FlightResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class _Recorder:
-    """Keeps the hash, the newest status and the newest truth of a bus, and writes the log where one is wanted."""
+    """Observer of a bus: hashes all messages, keeps the latest status and truth, and writes a log if wanted."""
 
     def __init__(self, path: Path | None) -> None:
         self._digest = hashlib.sha256()
@@ -71,6 +73,7 @@ class _Recorder:
             self._truth = data
 
     def close(self) -> str:
+        """Close the log and return its SHA-256."""
         if self._file is not None:
             self._file.close()
         return self._digest.hexdigest()
@@ -86,45 +89,55 @@ class _Recorder:
         return truth
 
 
-class Photographed(NamedTuple):
-    """What a goal that takes pictures has left.
+class CapturedImages(NamedTuple):
+    """The images of one goal, and the flight that took them.
 
     Attributes:
-        track_ned_m: the way flown, in the goal's frame.
-        pictures: with their pixels, one at a time.
+        action: the goal's action.
+        goal: the goal as it was sent.
+        result: the goal's result.
+        track_ned_m: positions of the vehicle in the goal's feedback, in the goal's frame.
+        images: (image, its RGB pixels), fetched from the action server one at a time.
     """
 
     action: topics.Action[Any]
     goal: Any
     result: ImagesResult
     track_ned_m: list[Vec3]
-    pictures: Iterator[tuple[Image, bytes]]
+    images: Iterator[tuple[Image, bytes]]
 
 
 def fly_virtually(
     mission: Sequence[Step],
     seed: int,
     log: Path | None = None,
-    tell: Callable[[str], None] = lambda text: None,
-    keep: Callable[[Photographed], None] | None = None,
+    on_progress: Callable[[str], None] = lambda text: None,
+    on_images: Callable[[CapturedImages], None] | None = None,
     without: Collection[str] = (),
 ) -> FlightResult:
     """Fly a mission through all services in one process.
 
     Args:
-        mission: (action, goal, seconds to hover afterwards) in turn; the last one lands on the rover.
-        log: file to write every message to.
-        tell: called with a sentence on each step.
-        keep: called after each goal that takes pictures, which the camera then renders; None: it only projects tags.
-        without: names of services that don't fly along.
+        mission: steps of (action, goal, seconds to hover afterwards); the last goal lands on the rover.
+        seed: seed of the world, the wind, the sensors' errors and the links' delays.
+        log: file that gets every message.
+        on_progress: called with a sentence at the start of each goal.
+        on_images: called with the images of each goal that takes any. The camera then renders them; if None, it only
+            projects the tags' corners, which is far cheaper.
+        without: names of services to leave out.
+
+    Raises:
+        ConfigError: a configuration file is invalid.
     """
-    camera = None if keep is None else msgspec.structs.replace(load_config(CameraConfig, "camera"), mode="rendered")
+    camera = (
+        None if on_images is None else msgspec.structs.replace(load_config(CameraConfig, "camera"), mode="rendered")
+    )
     bus = build_stack(seed, camera=camera, without=without)
     recorder = _Recorder(log)
     bus.observe(recorder)
-    started = time.perf_counter()
-    reason = _fly(bus, recorder, mission, tell, keep or (lambda photographed: None))
-    wall_s = time.perf_counter() - started
+    started_s = time.perf_counter()
+    reason = _fly(bus, recorder, mission, on_progress, on_images or (lambda images: None))
+    wall_s = time.perf_counter() - started_s
     return FlightResult(
         result="failed" if reason else "succeeded",
         reason=reason,
@@ -140,62 +153,49 @@ def _fly(
     bus: MemoryBus,
     recorder: _Recorder,
     mission: Sequence[Step],
-    tell: Callable[[str], None],
-    keep: Callable[[Photographed], None],
+    on_progress: Callable[[str], None],
+    on_images: Callable[[CapturedImages], None],
 ) -> str:
-    """Fly all goals; returns why it failed, or "" when it did not."""
+    """Fly all goals; returns why the flight failed, or "" if it did not."""
 
     def is_ready() -> bool:
         status = recorder.status
         return status is not None and status.ready
 
-    if not bus.run_for(READY_WITHIN_S, stop=is_ready):
+    if not bus.run_for(READY_TIMEOUT_S, stop=is_ready):
         status = recorder.status
-        return f"not ready after {READY_WITHIN_S:.0f} s: {status.not_ready_reason if status else 'no status'}"
+        return f"not ready after {READY_TIMEOUT_S:.0f} s: {status.not_ready_reason if status else 'no status'}"
     for action, goal, hover_s in mission:
-        tell(f"{action.name} at {bus.t_ns / NS_PER_S:.1f} s")
-        answers = bus.ask(action.endpoint, goal)
-        reason = _wait(bus, action, answers, GOAL_WITHIN_S)
+        on_progress(f"{action.name} at {bus.t_ns / NS_PER_S:.1f} s")
+        query = bus.ask(action.endpoint, goal)
+        reason = wait_for_result(bus, action, query, GOAL_TIMEOUT_S)
         if reason:
             return reason
         if action.takes_pictures:
-            keep(_photographed(bus, action, goal, answers))
+            on_images(_captured_images(bus, action, goal, query))
         bus.run_for(hover_s)
     status = recorder.status
     if status is None or status.armed or status.code != StatusCode.IDLE:
         return f"not landed and disarmed at the end: status {status.name if status else 'unknown'}"
     if recorder.truth is None:
-        return "the simulator told no truth"
-    return why_not_on_platform(recorder.truth, 0.5 * load_config(VehicleConfig, "vehicle").platform.side_m)
+        return "the simulator published no truth"
+    return off_platform_reason(recorder.truth, 0.5 * load_config(VehicleConfig, "vehicle").platform.side_m)
 
 
-def fly_goal(bus: MemoryBus, action: topics.Action[Any], goal: Payload, within_s: float) -> str:
-    """Send a goal and wait for its end; returns why it failed, or "" when it did not."""
-    return _wait(bus, action, bus.ask(action.endpoint, goal), within_s)
+def _captured_images(bus: MemoryBus, action: topics.Action[Any], goal: Any, query: Answers) -> CapturedImages:
+    result = query.replies[-1].result
+    track_ned_m = [reply.feedback.pos_uav_ned_m for reply in query.replies if isinstance(reply, Feedback)]
+    return CapturedImages(
+        action, goal, result, track_ned_m, _fetch_images(bus, action, query.replies[-1].goal_id, result)
+    )
 
 
-def _wait(bus: MemoryBus, action: topics.Action[Any], answers: Answers, within_s: float) -> str:
-    bus.run_for(within_s, stop=lambda: answers.ended)
-    last = answers.replies[-1] if answers.replies else None
-    if isinstance(last, Rejected):
-        return f"{action.name} refused: {last.reason}"
-    if not isinstance(last, Result):
-        return f"{action.name} gave no result within {within_s:.0f} s"
-    return "" if last.outcome == "succeeded" else f"{action.name} {last.outcome}: {last.reason}"
-
-
-def _photographed(bus: MemoryBus, action: topics.Action[Any], goal: Any, answers: Answers) -> Photographed:
-    result = answers.replies[-1].result
-    track_ned_m = [reply.feedback.pos_uav_ned_m for reply in answers.replies if isinstance(reply, Feedback)]
-    return Photographed(action, goal, result, track_ned_m, _pictures(bus, action, answers.replies[-1].goal_id, result))
-
-
-def _pictures(
+def _fetch_images(
     bus: MemoryBus, action: topics.Action[Any], goal_id: str, result: ImagesResult
 ) -> Iterator[tuple[Image, bytes]]:
     for image in result.images:
-        answers = bus.ask(action.image, GetImage(goal_id=goal_id, index=image.index))
-        bus.run_for(PICTURE_WITHIN_S, stop=lambda answers=answers: answers.ended)  # type: ignore[misc]
-        if not answers.replies or answers.replies[0].reason:
-            raise RuntimeError(f"{action.name} has no picture {image.index}: {answers.replies}")
-        yield image, answers.replies[0].pixels
+        query = bus.ask(action.image, GetImage(goal_id=goal_id, index=image.index))
+        bus.run_for(IMAGE_TIMEOUT_S, stop=lambda query=query: query.ended)  # type: ignore[misc]
+        if not query.replies or query.replies[0].reason:
+            raise RuntimeError(f"{action.name} has no image {image.index}: {query.replies}")
+        yield image, query.replies[0].pixels

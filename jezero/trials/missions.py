@@ -1,4 +1,4 @@
-"""The missions that the command line flies by itself, each goal with the seconds to hover after it."""
+"""Missions of the command line: goals, each with the time in seconds to hover after it."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ FLIGHT: Mission = (
     (topics.GO_TO, GoToGoal(target_ned_m=(0.0, -2.0, -6.0)), 0.0),
     (topics.LAND_ON_SPOT, LandOnSpotGoal(), 0.0),
 )
-"""Of `fly`: there and onto the rover (thesis Figs 3.5, 3.6, 4.8 to 4.15)."""
+"""The mission of `jezero fly`: two points, then a landing on the rover (thesis Figs 3.5, 3.6, 4.8 to 4.15)."""
 
 DEMONSTRATION: Mission = (
     (topics.TAKEOFF, TakeoffGoal(altitude_m=2.0), 1.0),
@@ -34,4 +34,4 @@ DEMONSTRATION: Mission = (
     ),
     (topics.LAND_ON_SPOT, LandOnSpotGoal(), 0.0),
 )
-"""Of `demo`, the thesis' mission: photograph the rover from all sides, map what is around it, land on it."""
+"""The mission of `jezero demo`: images of the rover from all sides, a survey of its surroundings, a landing on it."""

@@ -1,4 +1,4 @@
-"""Somebody who drives the rover in virtual time, as `jezero rover drive` does on the real bus."""
+"""Service that drives the rover in virtual time, as `jezero rover drive` does on the Zenoh bus."""
 
 from collections.abc import Iterable
 
@@ -8,10 +8,11 @@ from jezero.schemas.topics import ROVER_COMMAND
 
 
 class RoverDriver:
-    """Commands the rover ten times a second.
+    """Publishes the rover's command ten times a second.
 
     Attributes:
-        speed_mps, yaw_rate_rps: what it commands from now on; a speed of None: nothing.
+        speed_mps: forward speed of the next commands; None publishes no command.
+        yaw_rate_rps: yaw rate of the next commands, clockwise seen from above.
     """
 
     spec = Spec(name="rover_driver", outputs=(ROVER_COMMAND,), rate_hz=10.0)
@@ -21,7 +22,7 @@ class RoverDriver:
         self.yaw_rate_rps = 0.0
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
-        """One command."""
+        """Publish one command."""
         if self.speed_mps is not None:
             command = RoverCommand(t_ns=t_ns, speed_rover_body_mps=self.speed_mps, yaw_rate_rover_rps=self.yaw_rate_rps)
             yield Publish(ROVER_COMMAND, command)

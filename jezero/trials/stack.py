@@ -27,7 +27,7 @@ SYSTEM_ID = 1
 
 
 def boot_id(seed: int, service: str) -> int:
-    """The id of a service's run, fixed by the seed."""
+    """Boot id of a service, fixed by the seed."""
     return zlib.crc32(f"{seed}/{service}".encode())
 
 
@@ -42,15 +42,20 @@ def service_makers(
     vehicle: VehicleConfig | None = None,
     system_id: int = SYSTEM_ID,
 ) -> dict[str, Callable[[int], Service]]:
-    """By name, in the order of their start: what makes a service from the id of its run.
+    """Functions that make each service from its boot id; by service name, in start order.
 
     Args:
-        system_id: of the autopilot and the bridge in MAVLink.
-        camera: by default that of the configuration file, but in mode "projected": the other takes far longer than the
-            whole rest.
+        seed: seed of the world, the wind and the sensors' errors.
+        simulator: settings; like the next four, None loads the configuration file.
+        autopilot: settings.
+        bridge: settings.
+        camera: settings; None loads the configuration file and sets the mode "projected", because rendering takes far
+            longer than everything else together.
+        estimator: settings.
+        system_id: MAVLink system id of the autopilot and the bridge.
 
     Raises:
-        ConfigError: a configuration file is wrong.
+        ConfigError: a configuration file is invalid.
     """
     simulator = simulator or load_config(SimulatorConfig, "simulator")
     autopilot = autopilot or load_config(AutopilotConfig, "autopilot")
@@ -74,7 +79,7 @@ def service_makers(
 
 
 def wired_bus(seed: int) -> MemoryBus:
-    """A bus without services, whose MAVLink links are joined."""
+    """Make a bus without services whose MAVLink links are wired."""
     bus = MemoryBus(seed)
     bus.wire(("simulator", "hil"), ("autopilot", "hil"))
     bus.wire(("autopilot", "offboard"), ("vehicle_bridge", "autopilot"), UDP_DELAY)
@@ -93,16 +98,21 @@ def build_stack(
     wrap_simulator: Callable[[Service], Service] = lambda service: service,
     without: Collection[str] = (),
 ) -> MemoryBus:
-    """A bus with every service that flies in one process, at time 0.
+    """Make a bus with all services that fly, at time 0.
 
     Args:
-        seed: of the world, the noise, the wind and the links' delays.
-        simulator, autopilot, bridge, camera, estimator, vehicle: settings other than those of the configuration files.
-        wrap_simulator: puts something in front of the simulator, such as a fault of a sensor.
+        seed: seed of the world, the wind, the sensors' errors and the links' delays.
+        simulator: settings; like the next five, None loads the configuration file.
+        autopilot: settings.
+        bridge: settings.
+        camera: settings; see `service_makers`.
+        estimator: settings.
+        vehicle: settings of the vehicle itself.
+        wrap_simulator: returns the service that runs in place of the simulator, e.g. one that adds sensor faults.
         without: names of services to leave out.
 
     Raises:
-        ConfigError: a configuration file is wrong.
+        ConfigError: a configuration file is invalid.
     """
     bus = wired_bus(seed)
     makers = service_makers(

@@ -1,4 +1,4 @@
-"""Processes that fly side by side, each in its own virtual time."""
+"""Worker processes that fly in parallel, each in its own virtual time."""
 
 import multiprocessing
 import signal
@@ -11,23 +11,23 @@ from types import FrameType
 
 @contextmanager
 def workers(jobs: int) -> Iterator[Pool]:
-    """So many processes; they and their temporary files go when the block is left, by Ctrl-C and SIGTERM too."""
-    before = signal.signal(signal.SIGTERM, _leave)
+    """Pool of `jobs` processes, removed with their temporary files at the block's end, also after Ctrl-C or SIGTERM."""
+    previous_handler = signal.signal(signal.SIGTERM, _exit_on_sigterm)
     try:
         with (
             tempfile.TemporaryDirectory(prefix="jezero-", ignore_cleanup_errors=True) as folder,
-            multiprocessing.get_context("spawn").Pool(jobs, _begin, (folder,)) as pool,
+            multiprocessing.get_context("spawn").Pool(jobs, _initialize, (folder,)) as pool,
         ):
             yield pool
     finally:
-        signal.signal(signal.SIGTERM, before)
+        signal.signal(signal.SIGTERM, previous_handler)
 
 
-def _leave(number: int, frame: FrameType | None) -> None:
+def _exit_on_sigterm(number: int, frame: FrameType | None) -> None:
     raise SystemExit(128 + number)
 
 
-def _begin(folder: str) -> None:
-    """In each process: its temporary files are put where they are taken away; Ctrl-C is for the parent to hear."""
+def _initialize(folder: str) -> None:
+    """Put a worker's temporary files into a folder that the parent deletes, and leave Ctrl-C to the parent."""
     tempfile.tempdir = folder
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 from jezero.cli.campaign import campaign
 from jezero.trials.campaign import campaign as flown
 from jezero.trials.campaign.mission import MissionReport
-from jezero.trials.campaign.seeds import first_seed, in_time
+from jezero.trials.campaign.seeds import first_seed, seeds_for_minutes
 
 HASH = "0123456789abcdef0123456789abcdef01234567"
 
@@ -85,8 +85,8 @@ def test_a_commit_takes_the_place_of_seeds_and_needs_a_time(run: Run, words: tup
 
 
 def test_no_mission_begins_after_the_time_is_over() -> None:
-    assert list(in_time(iter(range(10)), 0.0)) == [0]
-    assert list(in_time(range(10), 60.0)) == list(range(10))
+    assert list(seeds_for_minutes(iter(range(10)), 0.0)) == [0]
+    assert list(seeds_for_minutes(range(10), 60.0)) == list(range(10))
 
 
 @pytest.mark.parametrize("faults", ["0..3", "14..3", "3..201", "many", "3.."])

@@ -43,7 +43,7 @@ def engages_again_after_a_failsafe(patch: pytest.MonkeyPatch) -> None:
 
 BROKEN: dict[Break, str] = {
     takes_setpoints_of_any_age: "only the owner's fresh setpoints",
-    loses_releases: "who gives control back has none",
+    loses_releases: "released control stays released",
     grants_control_twice: "one owner at most",
     engages_again_after_a_failsafe: "silence after a failsafe or takeover",
 }

@@ -13,7 +13,7 @@ from jezero.services.actions.table import action_server
 from jezero.services.vehicle_bridge.transitions import is_allowed
 from jezero.trials.campaign.campaign import CampaignReport, fly_campaign
 from jezero.trials.campaign.clients import draw_goal
-from jezero.trials.campaign.faults import COUNTS, PARTITION_MAX_S, Fault, Kind, draw_faults
+from jezero.trials.campaign.faults import FAULT_COUNTS, PARTITION_MAX_S, Fault, Kind, draw_faults
 from jezero.trials.campaign.judge import ALLOWED
 from jezero.trials.campaign.mission import Mission, fly_mission, named_random
 from jezero.trials.campaign.worlds import WORLDS
@@ -28,7 +28,7 @@ def test_a_mission_passes_and_replays_exactly_in_another_process(world: str) -> 
     result = CampaignReport()
     result.add(reports[0])
     assert result.failed == {} and result.seeds == 1 and result.sim_time_s > 60.0
-    assert sum(result.faults.values()) >= COUNTS[0]
+    assert sum(result.faults.values()) >= FAULT_COUNTS[0]
     assert result.states["HOVER"] >= 2
     run = subprocess.run([sys.executable, "-c", HASH.format(world=world)], capture_output=True, text=True, check=True)
     assert run.stdout.split()[-1] == reports[0].log_sha256
@@ -37,7 +37,7 @@ def test_a_mission_passes_and_replays_exactly_in_another_process(world: str) -> 
 def test_every_kind_of_fault_is_drawn_and_no_partition_is_too_long() -> None:
     faults = [fault for seed in range(300) for fault in draw_faults(named_random(seed, "faults"), 42.0)]
     assert {fault.kind for fault in faults} == set(Kind)
-    assert len(faults) >= 300 * COUNTS[0]
+    assert len(faults) >= 300 * FAULT_COUNTS[0]
     assert all(f.duration_s <= PARTITION_MAX_S for f in faults if f.kind is Kind.PARTITION)
 
 

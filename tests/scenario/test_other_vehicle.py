@@ -7,7 +7,7 @@ import pytest
 
 from jezero.schemas import topics
 from jezero.schemas.actions import LandOnSpotGoal
-from jezero.trials.landing.judge import on_platform_m, why_not_on_platform
+from jezero.trials.platform import off_platform_reason, on_platform_m
 from jezero.trials.stack import build_stack
 from jezero.vehicle_config import CameraMountConfig, PlatformConfig, UwbLayoutConfig, VehicleConfig
 from tests.scenario.rig import Flight
@@ -30,5 +30,5 @@ def test_it_lands_on_the_rover(use_uwb: bool, use_tag: bool) -> None:
     truth = flight.truth
     forward_m, right_m, _ = on_platform_m(truth)
     assert hypot(forward_m, right_m) < 0.15
-    assert why_not_on_platform(truth, 0.5 * OTHER.platform.side_m) == ""
+    assert off_platform_reason(truth, 0.5 * OTHER.platform.side_m) == ""
     assert not flight.status.armed

@@ -1,4 +1,4 @@
-"""A camera for flights that nobody looks at: grey pictures, small and cheap, with true axes and times."""
+"""Camera with small grey images, which cost nothing, and with true pointing and times."""
 
 from collections.abc import Iterator
 
@@ -16,13 +16,14 @@ GREY = bytes([128]) * (3 * WIDTH_PX * HEIGHT_PX)
 
 
 class BlankCamera:
-    """Publishes pictures that are reduced to a few pixels.
+    """Publishes grey images of a few pixels.
 
     Args:
-        describes_itself: also publishes `camera/info`, where no other camera does.
+        config: the camera's settings.
+        publishes_info: whether to publish `camera/info` too, where no other camera does.
     """
 
-    def __init__(self, config: CameraConfig, mount: CameraMountConfig, *, describes_itself: bool) -> None:
+    def __init__(self, config: CameraConfig, mount: CameraMountConfig, *, publishes_info: bool) -> None:
         self.spec = Spec(
             name=NAME,
             inputs=(topics.CAMERA_PITCH,),
@@ -32,11 +33,11 @@ class BlankCamera:
         self._config = config
         self._mount = mount
         self._gimbal = Gimbal(mount.pitch_rest_rad, config.axis_rate_max_rps)
-        self._describes_itself = describes_itself
+        self._publishes_info = publishes_info
         self._sequence = 0
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
-        """One picture of this very moment."""
+        """Publish one image."""
         self._gimbal.update(t_ns, inbox.new(topics.CAMERA_PITCH))
         self._gimbal.move(t_ns)
         self._sequence += 1
@@ -51,5 +52,5 @@ class BlankCamera:
             pixels=GREY,
         )
         yield Publish(topics.CAMERA, frame)
-        if self._describes_itself:
+        if self._publishes_info:
             yield Publish(topics.CAMERA_INFO, self._mount.info(t_ns))

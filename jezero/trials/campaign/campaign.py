@@ -1,4 +1,4 @@
-"""Many seeds' missions, on several processes, and what they come to."""
+"""Missions of many seeds on several processes, and the sums of their reports."""
 
 from collections import deque
 from collections.abc import Callable, Generator, Iterable
@@ -13,13 +13,15 @@ from jezero.trials.workers import workers
 
 
 class CampaignReport(msgspec.Struct, kw_only=True):
-    """What the missions that were added have come to.
+    """Sums of the reports of all missions added so far.
 
     Attributes:
-        failed: violations by seed, of those that had any.
-        faults: how many of each kind there were, those that never occurred included.
-        states: how often each status was reached.
-        goals: how the accepted ones ended, and how many were rejected.
+        seeds: number of missions.
+        failed: violations of each seed that had any.
+        faults: number of faults of each kind, kinds that never occurred included.
+        states: number of times that each status was reached.
+        goals: number of accepted goals by outcome, and of rejected ones.
+        sim_time_s: virtual time of all missions together.
     """
 
     seeds: int = 0
@@ -30,12 +32,12 @@ class CampaignReport(msgspec.Struct, kw_only=True):
     sim_time_s: float = 0.0
 
     def add(self, report: MissionReport) -> None:
-        """One more mission."""
+        """Add one mission."""
         self.seeds += 1
         self.sim_time_s = round(self.sim_time_s + report.sim_time_s, 3)
-        for counts, more in ((self.faults, report.faults), (self.states, report.states), (self.goals, report.goals)):
-            for name, number in more.items():
-                counts[name] = counts.get(name, 0) + number
+        for counts, added in ((self.faults, report.faults), (self.states, report.states), (self.goals, report.goals)):
+            for name, count in added.items():
+                counts[name] = counts.get(name, 0) + count
         if report.violations:
             self.failed[report.seed] = report.violations
 
@@ -43,20 +45,20 @@ class CampaignReport(msgspec.Struct, kw_only=True):
 def fly_campaign(
     seeds: Iterable[int], jobs: int, mission: Callable[[int], MissionReport] = fly_mission
 ) -> Generator[MissionReport, None, None]:
-    """Fly all seeds, and report in their order.
+    """Fly all seeds and yield their reports in the same order.
 
     Args:
-        seeds: taken one by one as they are flown, a few ahead of the reports.
-        jobs: processes that fly at the same time.
+        seeds: read one by one, a few ahead of the reports.
+        jobs: number of processes that fly in parallel.
         mission: flies one seed.
     """
     if jobs == 1:
         yield from map(mission, seeds)
         return
     with workers(jobs) as pool:
-        waiting: deque[AsyncResult[MissionReport]] = deque()
+        pending: deque[AsyncResult[MissionReport]] = deque()
         for seed in seeds:
-            waiting.append(pool.apply_async(mission, (seed,)))
-            if len(waiting) >= 2 * jobs:
-                yield waiting.popleft().get()
-        yield from (flown.get() for flown in waiting)
+            pending.append(pool.apply_async(mission, (seed,)))
+            if len(pending) >= 2 * jobs:
+                yield pending.popleft().get()
+        yield from (flown.get() for flown in pending)

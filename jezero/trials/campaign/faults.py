@@ -1,4 +1,4 @@
-"""Which faults there are, and a seed's choice of them."""
+"""Kinds of faults, and the random choice of a mission's faults."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -9,15 +9,15 @@ from jezero.schemas.topics import ACTIONS
 CLIENTS = ("alice", "bob")
 BRIDGE, AUTOPILOT, SIMULATOR = "vehicle_bridge", "autopilot", "simulator"
 SERVERS = "servers"
-"""Of all actions at once, as when they run on one host."""
+"""All action servers at once, as if they ran on one host."""
 MAVLINK, HIL = "MAVLink", "HIL"
-COUNTS = range(3, 15)
-"""How many faults a mission has, unless something else is asked for."""
+FAULT_COUNTS = range(3, 15)
+"""Default numbers of faults in one mission."""
 PARTITION_MAX_S = 15.0
 
 
 class Kind(StrEnum):
-    """What can go wrong; the words for sensors are PX4's."""
+    """Kinds of faults; the names of sensor faults are PX4's."""
 
     DROP = "drop"
     DELAY = "delay"
@@ -47,10 +47,12 @@ class Fault:
     """One fault of a mission.
 
     Attributes:
-        where: "a>b" for what a sends to b, where one may be SERVERS; else a service, a client or a sensor.
+        kind: the kind.
+        where: "a>b" for messages from a to b, where one end may be SERVERS; else a service, a client or a sensor.
         path: "bus", or the byte link: MAVLINK or HIL.
-        start_s: after the vehicle was first ready, or after the mission's start where it never is.
-        amount: a probability, seconds, or a size, whichever the kind has; 0 where it has none.
+        start_s: time after the vehicle was first ready, or after the time-out for that.
+        duration_s: length of the fault.
+        amount: probability, delay in seconds, or size, depending on the kind; 0 for kinds without one.
     """
 
     kind: Kind
@@ -66,19 +68,23 @@ class Fault:
         return f"{self.kind}{amount} of {self.where}{path} for {self.duration_s:.2f} s"
 
 
-def draw_faults(rng: Random, span_s: float, others: tuple[str, ...] = (), counts: range = COUNTS) -> list[Fault]:
-    """Faults that all begin within `span_s`, in the order of their start.
+def draw_faults(
+    rng: Random, start_max_s: float, others: tuple[str, ...] = (), fault_counts: range = FAULT_COUNTS
+) -> list[Fault]:
+    """Draw faults, in the order of their start.
 
     Args:
+        rng: random generator.
+        start_max_s: latest start.
         others: services of the stack besides simulator, autopilot, bridge and action servers.
-        counts: how many there may be.
+        fault_counts: allowed numbers of faults.
     """
-    kinds = [rng.choice(tuple(Kind)) for _ in range(rng.choice(counts))]
-    faults = [_draw(kind, rng, rng.uniform(0.0, span_s), others) for kind in kinds]
+    kinds = [rng.choice(tuple(Kind)) for _ in range(rng.choice(fault_counts))]
+    faults = [_draw_fault(kind, rng, rng.uniform(0.0, start_max_s), others) for kind in kinds]
     return sorted(faults, key=lambda fault: fault.start_s)
 
 
-def _draw(kind: Kind, rng: Random, start_s: float, others: tuple[str, ...]) -> Fault:
+def _draw_fault(kind: Kind, rng: Random, start_s: float, others: tuple[str, ...]) -> Fault:
     if kind in SENSOR_KINDS:
         return _draw_sensor(kind, rng, start_s)
     if kind is Kind.KILL:
@@ -98,7 +104,7 @@ def _draw(kind: Kind, rng: Random, start_s: float, others: tuple[str, ...]) -> F
 
 
 def _draw_sensor(kind: Kind, rng: Random, start_s: float) -> Fault:
-    """The vehicle has one IMU: without it for long, or with an insane one, nothing can fly."""
+    """Draw a sensor fault. Those of the IMU are short or small: the vehicle has only one and cannot fly without it."""
     sensor = rng.choice(SENSORS)
     if sensor == "imu" and kind in (Kind.SENSOR_OFF, Kind.SENSOR_STUCK, Kind.SENSOR_DELAYED):
         return Fault(kind, sensor, HIL, start_s, rng.uniform(0.01, 0.04), rng.uniform(0.004, 0.012))
@@ -113,7 +119,7 @@ def _draw_sensor(kind: Kind, rng: Random, start_s: float) -> Fault:
 
 
 def _draw_partition(rng: Random, start_s: float, others: tuple[str, ...]) -> Fault:
-    """On the bus what was sent arrives afterwards, as from a broken connection, or is lost (amount 1)."""
+    """Draw a partition: messages arrive after its end, as from a broken connection, or are lost (amount 1)."""
     duration_s = rng.uniform(0.2, PARTITION_MAX_S)
     if rng.random() < 0.3:
         return Fault(Kind.PARTITION, _one_way(rng, BRIDGE, AUTOPILOT), MAVLINK, start_s, duration_s, 1.0)
@@ -130,7 +136,7 @@ def _draw_link(kind: Kind, rng: Random, start_s: float, others: tuple[str, ...])
     action = SERVERS if rng.random() < 0.6 else rng.choice(tuple(ACTIONS))
     with_others = tuple((other, end) for other in others for end in (SIMULATOR, action))
     ends = rng.choice(((SIMULATOR, BRIDGE), (SIMULATOR, action), *with_others))
-    if rng.random() < 0.5:  # what flies the vehicle
+    if rng.random() < 0.5:  # the link that carries setpoints
         ends = (BRIDGE, action)
     if not carries_time and rng.random() < 0.3:
         ends = (rng.choice(CLIENTS), rng.choice((action, BRIDGE)))
@@ -142,16 +148,16 @@ def _draw_link(kind: Kind, rng: Random, start_s: float, others: tuple[str, ...])
     return Fault(kind, _one_way(rng, *ends), "bus", start_s, duration_s, amount)
 
 
-def hits(fault: Fault, sender: str, receiver: str) -> bool:
-    """Whether a fault of a link, or of one end, concerns what one sends to the other."""
+def affects(fault: Fault, sender: str, receiver: str) -> bool:
+    """Whether a fault affects messages from sender to receiver."""
     one, arrow, other = fault.where.partition(">")
     if not arrow:
         return one in (sender, receiver)
-    return _is(one, sender) and _is(other, receiver)
+    return _matches(one, sender) and _matches(other, receiver)
 
 
-def _is(name: str, who: str) -> bool:
-    return who == name or (name == SERVERS and who in ACTIONS)
+def _matches(name: str, service: str) -> bool:
+    return service == name or (name == SERVERS and service in ACTIONS)
 
 
 def _one_way(rng: Random, a: str, b: str) -> str:

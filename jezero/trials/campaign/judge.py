@@ -1,6 +1,6 @@
-"""What must hold in every flight, stated anew from the specification, and who finds it broken.
+"""The rules that hold in every flight, restated from the specification, and the collection of their violations.
 
-Nobody here looks into a service: what counts is what goes in and comes out, on the bus, on MAVLink, and the truth.
+The judges read no service's internals: they check the inputs and outputs on the bus and on MAVLink, and the truth.
 """
 
 from collections import Counter
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from jezero.schemas.state import StatusCode as Code
 from jezero.schemas.units import NS_PER_S
 
-TOLD_MAX = 5
+VIOLATIONS_PER_RULE_MAX = 5
 
 IN_PROGRESS = (Code.TAKEOFF, Code.GO_TO, Code.GET_IMAGES, Code.LANDING, Code.COVERAGE)
 ALLOWED: frozenset[tuple[Code, Code]] = frozenset(
@@ -45,16 +45,17 @@ ALLOWED: frozenset[tuple[Code, Code]] = frozenset(
         (Code.EXTERNAL, Code.HOVER),
     ]
 )
-"""Source: spec §3."""
+"""Allowed transitions of the status code."""
 
 
 @dataclass(frozen=True)
 class Violation:
-    """Something that must not happen happened.
+    """One violation of a rule.
 
     Attributes:
-        rule: which promise was broken.
-        text: how, with numbers.
+        t_s: virtual time.
+        rule: the rule that was broken.
+        text: details, with numbers.
     """
 
     t_s: float
@@ -66,16 +67,22 @@ class Violation:
 
 
 class Judge:
-    """Collects violations and the states reached; of each rule only the first few are kept."""
+    """Collects violations, the first few of each rule, and counts the status codes reached.
+
+    Attributes:
+        violations: the violations so far.
+        states: number of times that each status was reached, by its name.
+    """
 
     def __init__(self) -> None:
         self.violations: list[Violation] = []
         self.states: Counter[str] = Counter()
-        self._told: Counter[str] = Counter()
+        self._counts: Counter[str] = Counter()
 
     def check(self, holds: bool, t_ns: int, rule: str, text: str) -> None:
+        """Record a violation of `rule` unless it holds."""
         if holds:
             return
-        self._told[rule] += 1
-        if self._told[rule] <= TOLD_MAX:
+        self._counts[rule] += 1
+        if self._counts[rule] <= VIOLATIONS_PER_RULE_MAX:
             self.violations.append(Violation(t_ns / NS_PER_S, rule, text))

@@ -1,4 +1,4 @@
-"""The bridge under observation: one owner, nothing stale or foreign to the autopilot, no jump of a hover point."""
+"""Judge of the vehicle bridge: one owner of control, only fresh setpoints of that owner, no jump of a hover point."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,29 +17,37 @@ from jezero.trials.campaign.judge import ALLOWED, IN_PROGRESS, Judge
 
 AGE_MAX_S = 0.3
 LEAD_MAX_S = 0.05
-SAME_M = 0.02
+SAME_DISTANCE_MAX_M = 0.02
 STREAM_GAP_MAX_S = 0.2
 SILENT_OWNER_MAX_S = 0.6
-TAKING_BACK_S = 6.0
-HOVER_ENTRY_M = 3.0
+TAKE_BACK_TIMEOUT_S = 6.0
+HOVER_START_DISTANCE_MAX_M = 3.0
 POS_IGNORED, VEL_IGNORED, ACC_IGNORED = 7, 56, 448
 FLYING = tuple(code for code in Code if code not in (Code.IDLE, Code.EXTERNAL))
 
 
 @dataclass
-class Sent:
-    """What a SET_POSITION_TARGET_LOCAL_NED asks for; None where it leaves something open."""
+class SentTarget:
+    """Content of one SET_POSITION_TARGET_LOCAL_NED to the autopilot.
+
+    Attributes:
+        pos_ned_m: position setpoint; None if the type mask ignores it.
+        vel_ned_mps: velocity setpoint; None if the type mask ignores it.
+        finite: whether all numbers in use are finite.
+    """
 
     pos_ned_m: Vec3 | None
     vel_ned_mps: Vec3 | None
     finite: bool
 
 
-class WatchedBridge:
-    """A vehicle bridge and what it makes of what it is given.
+class BridgeJudge:
+    """Service that runs a vehicle bridge and checks its outputs against its inputs.
 
     Args:
-        flights: by goal id, the control ids with which it flew, in any run of the bridge.
+        bridge: the bridge.
+        judge: collects the violations.
+        flights: control ids with which each goal id flew, in any run of the bridge; added to.
     """
 
     def __init__(self, bridge: Service, judge: Judge, flights: dict[str, set[str]]) -> None:
@@ -49,25 +57,25 @@ class WatchedBridge:
         self._flights = flights
         self._codec = MavlinkCodec(1, 200)
         self._status: Status | None = None
-        self._before: Status | None = None
-        """Of the last step."""
+        self._previous: Status | None = None
+        """Status of the previous step."""
         self._offsets: dict[int, Vec3] = {0: (0.0, 0.0, 0.0)}
         self._offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
         self._odometry: Odometry | None = None
-        self._target: Sent | None = None
+        self._target: SentTarget | None = None
         self._target_offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
         self._streamed_ns: int | None = None
         self._owner = ("", 0)
-        """Control id of the last grant or accepted setpoint, and when it came."""
-        self._taking_back_ns: int | None = None
+        """Control id of the last grant or accepted setpoint, and its time."""
+        self._take_back_ns: int | None = None
         self._stepped_ns = 0
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
-        """One step of the bridge, judged by what went in and what came out."""
+        """Step the bridge, then check its outputs."""
         sent: list[MavMessage] = []
-        self._before = self._status
+        self._previous = self._status
         if any(request.payload.hover_req for request in inbox.requests(topics.HOVER)):
-            self._taking_back_ns = t_ns
+            self._take_back_ns = t_ns
         for output in self._bridge.step(t_ns, inbox):
             if type(output) is Send:
                 sent += self._codec.parse(output.data)
@@ -90,7 +98,7 @@ class WatchedBridge:
 
     def _on_odometry(self, odometry: Odometry) -> None:
         last = self._odometry
-        # A bridge that has just started doesn't know the epoch yet and tells 0.
+        # A bridge that has just started doesn't know the epoch yet and publishes 0.
         if last is not None and (
             last.epoch_id not in (0, odometry.epoch_id) or odometry.reset_counter < last.reset_counter
         ):
@@ -101,17 +109,17 @@ class WatchedBridge:
         self._offsets[odometry.reset_counter] = odometry.reset_offset_ned_m
 
     def _on_status(self, t_ns: int, status: Status) -> None:
-        before, self._status = self._status, status
+        previous, self._status = self._status, status
         code = Code(status.code)
-        if before is None:
+        if previous is None:
             self._judge.states[code.name] += 1
             starts = code in (Code.IDLE, Code.EXTERNAL)
-            self._judge.check(starts, t_ns, "only transitions of the table", f"a bridge starts in {code.name}")
-        elif before.code != code:
+            self._judge.check(starts, t_ns, "only allowed status transitions", f"a bridge starts in {code.name}")
+        elif previous.code != code:
             self._judge.states[code.name] += 1
-            text = f"{before.name} to {code.name}: {status.text}"
-            allowed = (Code(before.code), code) in ALLOWED
-            self._judge.check(allowed, t_ns, "only transitions of the table", text)
+            text = f"{previous.name} to {code.name}: {status.text}"
+            allowed = (Code(previous.code), code) in ALLOWED
+            self._judge.check(allowed, t_ns, "only allowed status transitions", text)
 
         if status.control_id and code in IN_PROGRESS:
             flights = self._flights.setdefault(status.goal_id, set())
@@ -120,9 +128,9 @@ class WatchedBridge:
             self._judge.check(len(flights) == 1, t_ns, "a goal sent twice runs once", text)
 
     def _on_grant(self, t_ns: int, reply: AcquireReply, inbox: Inbox) -> None:
-        """Control goes to one goal at a time."""
-        before = self._before
-        held = "" if before is None else before.control_id
+        """Check that control is granted to one goal at a time."""
+        previous = self._previous
+        held = "" if previous is None else previous.control_id
         ended = any(inbox.requests(e) for e in (topics.RELEASE, topics.HOVER, topics.ABORT, topics.KILL))
         once = held in ("", reply.control_id) or ended
         text = f"{reply.control_id} is granted while {held} is in charge"
@@ -131,136 +139,141 @@ class WatchedBridge:
 
     # -- MAVLink -------------------------------------------------------------------------------------------
 
-    def _judge_step(self, t_ns: int, inbox: Inbox, now: Status, sent: list[MavMessage]) -> None:
-        allowed = [setpoint for setpoint in inbox.new(topics.SETPOINT) if self._is_due(t_ns, setpoint, now)]
+    def _judge_step(self, t_ns: int, inbox: Inbox, status: Status, sent: list[MavMessage]) -> None:
+        allowed = [setpoint for setpoint in inbox.new(topics.SETPOINT) if self._is_allowed(t_ns, setpoint, status)]
         if allowed:
-            self._owner = (now.control_id, t_ns)
-        self._judge_owner(t_ns, inbox, now)
-        silent = now.code == Code.EXTERNAL and self._before is not None and self._before.code == Code.EXTERNAL
+            self._owner = (status.control_id, t_ns)
+        self._judge_owner(t_ns, inbox, status)
+        silent = status.code == Code.EXTERNAL and self._previous is not None and self._previous.code == Code.EXTERNAL
         if silent and not self._is_taking_back(t_ns):
-            self._judge_silence(t_ns, now, sent)
+            self._judge_silence(t_ns, status, sent)
         for message in sent:
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
-                self._on_target(t_ns, inbox, now, _read(message), allowed)
-        self._judge_stream(t_ns, now)
+                self._on_target(t_ns, inbox, status, _read(message), allowed)
+        self._judge_stream(t_ns, status)
 
-    def _is_due(self, t_ns: int, setpoint: Setpoint, now: Status) -> bool:
+    def _is_allowed(self, t_ns: int, setpoint: Setpoint, status: Status) -> bool:
         """Whether the bridge may fly this setpoint, by its owner and age."""
-        owner = now.control_id or ("" if self._before is None else self._before.control_id)
+        owner = status.control_id or ("" if self._previous is None else self._previous.control_id)
         age_s = (t_ns - setpoint.t_ns) / NS_PER_S
         return bool(owner) and setpoint.control_id == owner and -LEAD_MAX_S <= age_s <= AGE_MAX_S
 
-    def _judge_owner(self, t_ns: int, inbox: Inbox, now: Status) -> None:
-        if not now.control_id:
+    def _judge_owner(self, t_ns: int, inbox: Inbox, status: Status) -> None:
+        if not status.control_id:
             return
         owner, since_ns = self._owner
         silent_s = (t_ns - since_ns) / NS_PER_S
-        if now.control_id != owner or silent_s > SILENT_OWNER_MAX_S:
-            text = f"{now.control_id} is in charge, its last setpoint came {silent_s:.2f} s ago"
+        if status.control_id != owner or silent_s > SILENT_OWNER_MAX_S:
+            text = f"{status.control_id} is in charge, its last setpoint came {silent_s:.2f} s ago"
             self._judge.check(False, t_ns, "a silent goal loses control", text)
         if any(request.payload.control_id == owner for request in inbox.requests(topics.RELEASE)):
-            text = f"{owner} gave control back and is still in charge"
-            self._judge.check(False, t_ns, "who gives control back has none", text)
+            text = f"{owner} released control and is still in charge"
+            self._judge.check(False, t_ns, "released control stays released", text)
 
     def _is_taking_back(self, t_ns: int) -> bool:
-        since_ns = self._taking_back_ns
-        return since_ns is not None and t_ns - since_ns <= TAKING_BACK_S * NS_PER_S
+        since_ns = self._take_back_ns
+        return since_ns is not None and t_ns - since_ns <= TAKE_BACK_TIMEOUT_S * NS_PER_S
 
-    def _judge_silence(self, t_ns: int, now: Status, sent: list[MavMessage]) -> None:
-        """In status 13 the bridge asks for telemetry at most, unless hover was asked for."""
-        orders = (dialect.MAV_CMD_DO_SET_MODE, dialect.MAV_CMD_COMPONENT_ARM_DISARM)
+    def _judge_silence(self, t_ns: int, status: Status, sent: list[MavMessage]) -> None:
+        """Check that in status 13 the bridge sends no setpoint and no flight command unless hover was requested."""
+        flight_commands = (dialect.MAV_CMD_DO_SET_MODE, dialect.MAV_CMD_COMPONENT_ARM_DISARM)
         for message in sent:
             kind = message.get_msgId()
             streams = kind == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
-            commands = kind == dialect.MAVLINK_MSG_ID_COMMAND_LONG and message.command in orders
-            forces = commands and message.param1 == 0.0 and "motors cut" in now.text
-            text = f"{message.get_type()} in status 13 ({now.text})"
-            self._judge.check(forces or not (streams or commands), t_ns, "silence after a failsafe or takeover", text)
+            is_command = kind == dialect.MAVLINK_MSG_ID_COMMAND_LONG and message.command in flight_commands
+            forces = is_command and message.param1 == 0.0 and "motors cut" in status.text
+            text = f"{message.get_type()} in status 13 ({status.text})"
+            self._judge.check(forces or not (streams or is_command), t_ns, "silence after a failsafe or takeover", text)
 
-    def _on_target(self, t_ns: int, inbox: Inbox, now: Status, sent: Sent, allowed: list[Setpoint]) -> None:
+    def _on_target(self, t_ns: int, inbox: Inbox, status: Status, sent: SentTarget, allowed: list[Setpoint]) -> None:
         if not sent.finite:
             self._judge.check(False, t_ns, "only finite setpoints", f"{sent} was sent to the autopilot")
         gap_s = 0.0 if self._streamed_ns is None else (t_ns - self._streamed_ns) / NS_PER_S
         self._streamed_ns = t_ns
         moved_ned_m = subtract(self._offset_ned_m, self._target_offset_ned_m)
-        before, self._target, self._target_offset_ned_m = self._target, sent, self._offset_ned_m
-        hovers_on = now.code == Code.HOVER and self._before is not None and self._before.code == Code.HOVER
-        if before is not None and (gap_s < 1.0 or hovers_on) and _is_same(before, sent, moved_ned_m):
+        previous, self._target, self._target_offset_ned_m = self._target, sent, self._offset_ned_m
+        hovers_on = status.code == Code.HOVER and self._previous is not None and self._previous.code == Code.HOVER
+        if previous is not None and (gap_s < 1.0 or hovers_on) and _is_same(previous, sent, moved_ned_m):
             return
-        if now.control_id and not self._is_asked_for(inbox, now, sent):
-            explained = any(self._explains(setpoint, sent) for setpoint in allowed)
-            text = f"{sent.pos_ned_m}, {sent.vel_ned_mps} is no setpoint that {now.control_id} sent lately"
+        if status.control_id and not self._is_requested_hover(inbox, status, sent):
+            explained = any(self._matches_setpoint(setpoint, sent) for setpoint in allowed)
+            text = f"{sent.pos_ned_m}, {sent.vel_ned_mps} matches no recent setpoint of {status.control_id}"
             self._judge.check(explained, t_ns, "only the owner's fresh setpoints", text)
-        elif now.code == Code.HOVER and sent.pos_ned_m is not None:
-            self._judge_hover_point(t_ns, inbox, sent.pos_ned_m, before, moved_ned_m)
+        elif status.code == Code.HOVER and sent.pos_ned_m is not None:
+            self._judge_hover_point(t_ns, inbox, sent.pos_ned_m, previous, moved_ned_m)
 
     def _judge_hover_point(
-        self, t_ns: int, inbox: Inbox, pos_ned_m: Vec3, before: Sent | None, moved_ned_m: Vec3
+        self, t_ns: int, inbox: Inbox, pos_ned_m: Vec3, previous: SentTarget | None, moved_ned_m: Vec3
     ) -> None:
-        """It begins near the vehicle, and moves on request only; after a pause it is where it was."""
-        was_ned_m = None if before is None else before.pos_ned_m
-        stays = was_ned_m is not None and dist(add(was_ned_m, moved_ned_m), pos_ned_m) < SAME_M
+        """Check that a hover point starts near the vehicle and moves on request only, also after a pause."""
+        was_ned_m = None if previous is None else previous.pos_ned_m
+        stays = was_ned_m is not None and dist(add(was_ned_m, moved_ned_m), pos_ned_m) < SAME_DISTANCE_MAX_M
         if stays or inbox.requests(topics.HOVER):
             return
-        if self._before is not None and self._before.code == Code.HOVER and not self._before.control_id:
+        if self._previous is not None and self._previous.code == Code.HOVER and not self._previous.control_id:
             text = f"from {was_ned_m} to {pos_ned_m} without a request"
             self._judge.check(False, t_ns, "no jump of a hover point", text)
         elif self._odometry is not None:
             distance_m = dist(pos_ned_m, self._odometry.pos_uav_ned_m)
-            text = f"the hover begins {distance_m:.1f} m from the vehicle"
-            self._judge.check(distance_m <= HOVER_ENTRY_M, t_ns, "no jump of a hover point", text)
+            text = f"the hover starts {distance_m:.1f} m from the vehicle"
+            self._judge.check(distance_m <= HOVER_START_DISTANCE_MAX_M, t_ns, "no jump of a hover point", text)
 
-    def _is_asked_for(self, inbox: Inbox, now: Status, sent: Sent) -> bool:
-        """A hover that was asked for in this very step, before control was granted in it."""
-        if now.code != Code.HOVER or sent.pos_ned_m is None or self._odometry is None:
+    def _is_requested_hover(self, inbox: Inbox, status: Status, sent: SentTarget) -> bool:
+        """Whether a hover was requested in this step, before control was granted in the same step."""
+        if status.code != Code.HOVER or sent.pos_ned_m is None or self._odometry is None:
             return False
         here_ned_m = self._odometry.pos_uav_ned_m
-        asked = (request.payload for request in inbox.requests(topics.HOVER) if request.payload.hover_req)
+        hovers = (request.payload for request in inbox.requests(topics.HOVER) if request.payload.hover_req)
         return any(
-            dist(sent.pos_ned_m, hover.hover_pos or here_ned_m) <= (SAME_M if hover.hover_pos else HOVER_ENTRY_M)
-            for hover in asked
+            dist(sent.pos_ned_m, hover.hover_pos or here_ned_m)
+            <= (SAME_DISTANCE_MAX_M if hover.hover_pos else HOVER_START_DISTANCE_MAX_M)
+            for hover in hovers
         )
 
-    def _explains(self, setpoint: Setpoint, sent: Sent) -> bool:
+    def _matches_setpoint(self, setpoint: Setpoint, sent: SentTarget) -> bool:
         offset_ned_m = self._offsets.get(setpoint.reset_counter)
         if (setpoint.pos_ned_m is None) != (sent.pos_ned_m is None):
             return False
         if setpoint.pos_ned_m is None or sent.pos_ned_m is None:
             return (setpoint.vel_ned_mps is None) == (sent.vel_ned_mps is None) and (
-                setpoint.vel_ned_mps is None or dist(setpoint.vel_ned_mps, sent.vel_ned_mps or ()) <= SAME_M
+                setpoint.vel_ned_mps is None
+                or dist(setpoint.vel_ned_mps, sent.vel_ned_mps or ()) <= SAME_DISTANCE_MAX_M
             )
         if offset_ned_m is None:
             return False
         expected = add(setpoint.pos_ned_m, subtract(self._offset_ned_m, offset_ned_m))
-        return dist(expected, sent.pos_ned_m) <= SAME_M
+        return dist(expected, sent.pos_ned_m) <= SAME_DISTANCE_MAX_M
 
-    def _judge_stream(self, t_ns: int, now: Status) -> None:
-        """While the bridge flies the vehicle it streams, unless it stood still itself."""
-        flies = now.code in FLYING and now.armed and not now.landed
-        if not flies or self._before is None or self._before.code not in FLYING or t_ns - self._stepped_ns > 5e7:
+    def _judge_stream(self, t_ns: int, status: Status) -> None:
+        """Check that the bridge streams setpoints while it flies the vehicle, unless the bridge itself was frozen."""
+        flies = status.code in FLYING and status.armed and not status.landed
+        if not flies or self._previous is None or self._previous.code not in FLYING or t_ns - self._stepped_ns > 5e7:
             self._streamed_ns = t_ns if flies else None
             return
         gap_s = 0.0 if self._streamed_ns is None else (t_ns - self._streamed_ns) / NS_PER_S
         if gap_s > STREAM_GAP_MAX_S:
-            text = f"no setpoint for {gap_s:.2f} s in status {now.name}"
+            text = f"no setpoint for {gap_s:.2f} s in status {status.name}"
             self._judge.check(False, t_ns, "never without a commander", text)
 
 
-def _read(message: MavMessage) -> Sent:
+def _read(message: MavMessage) -> SentTarget:
     mask = message.type_mask
     pos = None if mask & POS_IGNORED else (message.x, message.y, message.z)
     vel = None if mask & VEL_IGNORED else (message.vx, message.vy, message.vz)
     acc = (0.0, 0.0, 0.0) if mask & ACC_IGNORED else (message.afx, message.afy, message.afz)
     numbers = (*(pos or ()), *(vel or ()), *acc, message.yaw)
-    return Sent(pos, vel, all(isfinite(number) for number in numbers))
+    return SentTarget(pos, vel, all(isfinite(number) for number in numbers))
 
 
-def _is_same(before: Sent, now: Sent, moved_ned_m: Vec3) -> bool:
-    if (before.pos_ned_m is None) != (now.pos_ned_m is None) or (before.vel_ned_mps is None) != (
-        now.vel_ned_mps is None
+def _is_same(previous: SentTarget, current: SentTarget, moved_ned_m: Vec3) -> bool:
+    if (previous.pos_ned_m is None) != (current.pos_ned_m is None) or (previous.vel_ned_mps is None) != (
+        current.vel_ned_mps is None
     ):
         return False
     same_pos = (
-        now.pos_ned_m is None or dist(add(before.pos_ned_m or now.pos_ned_m, moved_ned_m), now.pos_ned_m) < SAME_M
+        current.pos_ned_m is None
+        or dist(add(previous.pos_ned_m or current.pos_ned_m, moved_ned_m), current.pos_ned_m) < SAME_DISTANCE_MAX_M
     )
-    return same_pos and (now.vel_ned_mps is None or dist(before.vel_ned_mps or (), now.vel_ned_mps) < SAME_M)
+    return same_pos and (
+        current.vel_ned_mps is None or dist(previous.vel_ned_mps or (), current.vel_ned_mps) < SAME_DISTANCE_MAX_M
+    )

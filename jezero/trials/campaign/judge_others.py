@@ -1,4 +1,4 @@
-"""The autopilot, the action servers and the truth under observation."""
+"""Judges of the autopilot, the action servers and the vehicle's true attitude."""
 
 import struct
 from collections.abc import Callable, Iterator
@@ -19,35 +19,37 @@ from jezero.services.autopilot.service import HIL, OFFBOARD
 from jezero.trials.campaign.judge import Judge
 
 OFFBOARD_LOSS_S = 1.3
-"""COM_OF_LOSS_T and some time to notice."""
-STALE_S = 0.3
-"""Of a setpoint when the autopilot gets it, besides what faults of the link delay it."""
-TOLD_NS = 1_100_000_000
-"""It tells its mode at least this often, and any change at once; while nobody is connected it tells nothing."""
+"""COM_OF_LOSS_T plus the time until the autopilot reacts."""
+SETPOINT_AGE_MAX_S = 0.3
+"""Highest age of a setpoint that reaches the autopilot, without the delays of link faults."""
+MODE_REPORT_PERIOD_MAX_NS = 1_100_000_000
+"""The autopilot sends its mode at least this often and at each change, but not while the link is down."""
 OFFBOARD_MODE = 6 << 16
 ARMED_BIT = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 UPSIDE_DOWN_COS = cos(radians(90.0))
-HEADER = 10
+HEADER_BYTES = 10
 
 
-class WatchedAutopilot:
-    """An autopilot: in offboard mode it is being told what to do, or it does something by itself.
+class AutopilotJudge:
+    """Service that runs an autopilot and checks that in offboard mode it gets setpoints or leaves the mode.
 
     Args:
-        late_ns: by how much faults of the link have made anything late so far, at most.
+        autopilot: the autopilot.
+        judge: collects the violations.
+        link_delay_max_ns: returns the longest delay by a fault of the MAVLink link so far.
     """
 
-    def __init__(self, autopilot: Service, judge: Judge, late_ns: Callable[[], int]) -> None:
+    def __init__(self, autopilot: Service, judge: Judge, link_delay_max_ns: Callable[[], int]) -> None:
         self.spec = autopilot.spec
         self._autopilot = autopilot
         self._judge = judge
         self._codec = MavlinkCodec(1, 201)
-        self._late_ns = late_ns
-        looks_at_once = OFFBOARD in autopilot.spec.triggers
-        self._stale_s = STALE_S + (0.0 if looks_at_once else 1.0 / autopilot.spec.rate_hz)
+        self._link_delay_max_ns = link_delay_max_ns
+        steps_at_once = OFFBOARD in autopilot.spec.triggers
+        self._stale_s = SETPOINT_AGE_MAX_S + (0.0 if steps_at_once else 1.0 / autopilot.spec.rate_hz)
         self._commanded_ns: int | None = None
         self._offboard_ns: int | None = None
-        """When it last told that it is armed in offboard mode; None after it told something else."""
+        """Time of the last heartbeat, if the vehicle was armed and in offboard mode; else None."""
         self._stepped_ns = 0
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
@@ -55,17 +57,21 @@ class WatchedAutopilot:
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
                 self._commanded_ns = t_ns
                 age_s = t_ns / NS_PER_S - message.time_boot_ms / 1000.0
-                if age_s > self._stale_s + self._late_ns() / NS_PER_S:
-                    text = f"it gets a setpoint that is {age_s:.2f} s old"
+                if age_s > self._stale_s + self._link_delay_max_ns() / NS_PER_S:
+                    text = f"the autopilot gets a setpoint that is {age_s:.2f} s old"
                     self._judge.check(False, t_ns, "no stale setpoint", text)
         for output in self._autopilot.step(t_ns, inbox):
             if isinstance(output, Send) and output.link == OFFBOARD:
                 self._read(t_ns, output.data)
             yield output
         if HIL in self.spec.links and not inbox.is_up(HIL):
-            self._commanded_ns = t_ns  # without a simulator its time stands still
-        told_ns = self._offboard_ns if inbox.is_up(OFFBOARD) else None
-        if told_ns is not None and t_ns - told_ns <= TOLD_NS and t_ns - self._stepped_ns < TOLD_NS / 10:
+            self._commanded_ns = t_ns  # without a simulator the autopilot's time stands still
+        mode_ns = self._offboard_ns if inbox.is_up(OFFBOARD) else None
+        if (
+            mode_ns is not None
+            and t_ns - mode_ns <= MODE_REPORT_PERIOD_MAX_NS
+            and t_ns - self._stepped_ns < MODE_REPORT_PERIOD_MAX_NS / 10
+        ):
             silent_s = (t_ns - (self._commanded_ns or 0)) / NS_PER_S
             if silent_s > OFFBOARD_LOSS_S:
                 text = f"armed in offboard mode, and no setpoint for {silent_s:.2f} s"
@@ -73,25 +79,28 @@ class WatchedAutopilot:
         self._stepped_ns = t_ns
 
     def _read(self, t_ns: int, data: bytes) -> None:
-        """The newest heartbeat tells the mode. These bytes are the autopilot's own: they are well-formed."""
+        """Read the mode from heartbeats. The bytes come from the autopilot itself, so they are well-formed."""
         at = 0
-        while at + HEADER <= len(data) and data[at] == 0xFD:
+        while at + HEADER_BYTES <= len(data) and data[at] == 0xFD:
             length = data[at + 1]
             if data[at + 7 : at + 10] == b"\0\0\0":
-                payload = data[at + HEADER : at + HEADER + length].ljust(9, b"\0")
+                payload = data[at + HEADER_BYTES : at + HEADER_BYTES + length].ljust(9, b"\0")
                 custom_mode, _, _, base_mode = struct.unpack_from("<IBBB", payload)
                 offboard = custom_mode == OFFBOARD_MODE and bool(base_mode & ARMED_BIT)
                 self._offboard_ns = t_ns if offboard else None
-            at += HEADER + length + 2 + (13 if data[at + 2] & 1 else 0)
+            at += HEADER_BYTES + length + 2 + (13 if data[at + 2] & 1 else 0)
 
 
 @dataclass
 class GoalRecord:
-    """One accepted goal as its server told it.
+    """One accepted goal, from its server's replies.
 
     Attributes:
-        run: which run of the server.
-        outcomes: by (t_ns, outcome), how it ended; more than one is a violation.
+        goal_id: the goal's id.
+        action: the action's name.
+        run: number of the server's run, from 1.
+        accepted_ns: time of acceptance.
+        outcomes: (t_ns, outcome) of its results; more than one is a violation.
     """
 
     goal_id: str
@@ -101,8 +110,15 @@ class GoalRecord:
     outcomes: list[tuple[int, str]] = field(default_factory=list)
 
 
-class WatchedServer:
-    """An action server: every accepted goal ends once, every question gets one final answer."""
+class ServerJudge:
+    """Service that runs an action server: every accepted goal ends once, every query gets one final reply.
+
+    Args:
+        server: the action server.
+        run: number of the server's run, from 1.
+        judge: collects the violations.
+        goals: records of all servers' goals; added to.
+    """
 
     def __init__(self, server: Service, run: int, judge: Judge, goals: list[GoalRecord]) -> None:
         self.spec = server.spec
@@ -111,30 +127,30 @@ class WatchedServer:
         self._judge = judge
         self._all = goals
         self._goals: dict[str, GoalRecord] = {}
-        self._open: dict[int, str] = {}
-        """By request id: the state of each question for this action."""
-        self._planned: dict[str, int] = {}
-        """By goal: how many pictures it shall take."""
+        self._queries: dict[int, str] = {}
+        """State of each query for this action, by request id."""
+        self._images_expected: dict[str, int] = {}
+        """Number of images that each goal takes, by goal id."""
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         endpoint = topics.ACTIONS[self.spec.name].endpoint
         for request in inbox.requests(endpoint):
-            self._open[request.request_id] = "asked"
+            self._queries[request.request_id] = "sent"
             if isinstance(request.payload, GetImagesGoal):
-                self._planned[request.payload.goal_id] = request.payload.num_images
+                self._images_expected[request.payload.goal_id] = request.payload.num_images
         for output in self._server.step(t_ns, inbox):
-            if isinstance(output, Reply) and output.request_id in self._open:
+            if isinstance(output, Reply) and output.request_id in self._queries:
                 self._on_reply(t_ns, output)
             yield output
 
     def _on_reply(self, t_ns: int, reply: Reply) -> None:
-        state = self._open[reply.request_id]
+        state = self._queries[reply.request_id]
         payload: Any = reply.payload
         goal_id = getattr(payload, "goal_id", "")
         rule = "every goal ends exactly once"
         text = f"{type(payload).__name__} for {goal_id} after its query was {state}"
         if isinstance(payload, Accepted):
-            self._judge.check(state == "asked", t_ns, rule, text)
+            self._judge.check(state == "sent", t_ns, rule, text)
             if goal_id not in self._goals:
                 self._goals[goal_id] = GoalRecord(goal_id, self.spec.name, self._run, t_ns)
                 self._all.append(self._goals[goal_id])
@@ -144,32 +160,34 @@ class WatchedServer:
             if (payload.t_ns, payload.outcome) not in outcomes:
                 outcomes.append((payload.t_ns, payload.outcome))
             self._judge.check(len(outcomes) == 1, t_ns, rule, f"{goal_id} ended {len(outcomes)} times")
-            self._check_pictures(t_ns, payload)
+            self._check_images(t_ns, payload)
         else:
-            expected = "asked" if isinstance(payload, Rejected) else "accepted"
+            expected = "sent" if isinstance(payload, Rejected) else "accepted"
             self._judge.check(state == expected, t_ns, rule, text)
-        self._open[reply.request_id] = "answered" if reply.final else "accepted"
+        self._queries[reply.request_id] = "answered" if reply.final else "accepted"
 
-    def _check_pictures(self, t_ns: int, result: Result[Any]) -> None:
-        """Pictures come in the order of their points, each once; a goal that succeeded has all of them."""
+    def _check_images(self, t_ns: int, result: Result[Any]) -> None:
+        """Check that images come in order and once each, and that a goal that succeeded has all of them."""
         content = result.result
         if not isinstance(content, ImagesResult):
             return
         indices = [image.index for image in content.images]
         times = [image.t_ns for image in content.images]
         in_order = indices == sorted(set(indices)) and times == sorted(set(times))
-        text = f"{result.goal_id} {result.outcome} with pictures {indices}"
-        self._judge.check(in_order, t_ns, "pictures are taken in order", text)
-        all_there = result.outcome != "succeeded" or len(indices) == self._planned.get(result.goal_id, len(indices))
-        self._judge.check(all_there, t_ns, "a goal that succeeded has all its pictures", text)
+        text = f"{result.goal_id} {result.outcome} with images {indices}"
+        self._judge.check(in_order, t_ns, "images are taken in order", text)
+        all_there = result.outcome != "succeeded" or len(indices) == self._images_expected.get(
+            result.goal_id, len(indices)
+        )
+        self._judge.check(all_there, t_ns, "a goal that succeeded has all its images", text)
 
 
-class TruthWatch:
-    """The vehicle as it really is.
+class TruthJudge:
+    """Observer of a bus that checks the vehicle's true attitude.
 
     Attributes:
-        truth: the newest.
-        falls_in_epoch: of a vehicle whose autopilot was killed: until it is respawned nobody can hold it.
+        truth: the latest truth.
+        falls_in_epoch: epoch in which the autopilot was killed: the vehicle may fall in any attitude until its respawn.
     """
 
     def __init__(self, judge: Judge) -> None:

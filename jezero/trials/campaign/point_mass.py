@@ -1,6 +1,6 @@
-"""A vehicle that is one point: it goes where it is pushed, knows where it is as well as its sensors say, and lands.
+"""A vehicle that is one point mass, with a simple estimate and controller.
 
-It takes the place of rigid body, estimator, controllers and mixer; what asks and commands them stays the autopilot's.
+It replaces rigid body, estimator, attitude control and mixer; the rest of the autopilot is the embedded autopilot's.
 """
 
 from math import atan2, cos, hypot, sin, sqrt
@@ -15,15 +15,16 @@ from jezero.services.autopilot.mixer import STOPPED, Commands
 from jezero.services.autopilot.reset_detector import ResetDetector
 
 LAG_S = 0.1
-"""Of the acceleration behind what is asked for: tilting takes as long."""
+"""Time constant of the acceleration behind its setpoint; tilting takes as long."""
 LIFT_OFF = 1.3
-"""Thrust that lifts off, as a share of the weight."""
+"""Thrust at lift-off as a share of the weight."""
 FALLING = 0.1
-"""Share of the weight below which a thrust says nothing of the attitude."""
+"""Share of the weight below which the attitude cannot be derived from the thrust."""
 FALL_MAX_MPS = 30.0
 PULL_1PS = 0.5
 HEADING_SHARE = 0.1
-"""How fast the estimate follows a sensor that it believes, per second and per reading."""
+"""PULL_1PS: rate, per second, at which the estimate approaches position and height of valid sensors.
+HEADING_SHARE: share of the heading's error that each valid magnetometer reading corrects."""
 STD_POS_M = 0.3
 NO_RATES: Vec3 = (0.0, 0.0, 0.0)
 
@@ -32,7 +33,10 @@ class Point:
     """A mass over level ground at height 0, with a heading.
 
     Attributes:
-        acc_ned_mps2: of its motion, gravity included; zero at rest.
+        pos_ned_m: (3,) position.
+        vel_ned_mps: (3,) velocity.
+        acc_ned_mps2: (3,) acceleration of its motion, gravity included; zero at rest.
+        yaw_rad: heading.
     """
 
     def __init__(self, gravity_mps2: float) -> None:
@@ -44,18 +48,24 @@ class Point:
 
     @property
     def stands(self) -> bool:
-        """On the ground."""
+        """Whether the point is on the ground."""
         return self.pos_ned_m[2] >= 0.0
 
     @property
     def tilt_rad(self) -> float:
-        """Of the thrust that gives the present acceleration; none in free fall."""
+        """Tilt of the thrust that gives the present acceleration; zero in free fall."""
         north, east, down = self.acc_ned_mps2
         up = self._gravity_mps2 - down
         return atan2(hypot(north, east), up) if up > FALLING * self._gravity_mps2 else 0.0
 
     def step(self, dt: float, wanted_ned_mps2: Vec3, yaw_rate_rps: float) -> None:
-        """Advance by `dt` seconds while this acceleration is asked for."""
+        """Advance by `dt` seconds.
+
+        Args:
+            dt: length of the step in s.
+            wanted_ned_mps2: (3,) acceleration setpoint, gravity included.
+            yaw_rate_rps: yaw rate.
+        """
         share = dt / (dt + LAG_S)
         (an, ae, ad), (vn, ve, vd), (pn, pe, pd) = self.acc_ned_mps2, self.vel_ned_mps, self.pos_ned_m
         an += share * (wanted_ned_mps2[0] - an)
@@ -69,7 +79,7 @@ class Point:
         self.yaw_rad = wrap_pi(self.yaw_rad + yaw_rate_rps * dt)
 
     def attitude(self, yaw_rad: float) -> Quat:
-        """The attitude whose thrust gives the present acceleration, with a heading."""
+        """Attitude with the given heading whose thrust gives the present acceleration."""
         (an, ae, ad), c, s = self.acc_ned_mps2, cos(yaw_rad), sin(yaw_rad)
         up = self._gravity_mps2 - ad
         if up <= FALLING * self._gravity_mps2:
@@ -80,10 +90,10 @@ class Point:
 
 
 class PointEstimate:
-    """What the vehicle believes: the truth, and the errors of the sensors that it trusts.
+    """The vehicle's estimate of its state: the truth plus the errors of valid sensors.
 
-    Small contradictions draw the estimate along; a sensor that insists on a great one for some seconds is believed in
-    one step, as the autopilot's estimator does it.
+    Small innovations correct the estimate gradually. An innovation above the gate that lasts some seconds resets the
+    estimate to the sensor, as in the autopilot's estimator.
     """
 
     def __init__(self, config: EstimatorConfig, point: Point, origin_deg: Vec3) -> None:
@@ -102,16 +112,16 @@ class PointEstimate:
         self._height_differs = ResetDetector(config.gps_reset_s)
 
     def tick(self, t_us: int) -> None:
-        """The time."""
+        """Set the present time."""
         self.t_us = t_us
         if self._started_us is None:
             self._started_us = t_us
 
     def configure(self, config: EstimatorConfig) -> None:
-        """New settings."""
+        """Apply new settings."""
         self._config = config
 
-    # -- what others ask -----------------------------------------------------------------------------------
+    # -- the estimate --------------------------------------------------------------------------------------
 
     @property
     def running(self) -> bool:
@@ -119,7 +129,7 @@ class PointEstimate:
 
     @property
     def missing(self) -> str:
-        """Why the estimate can't be flown with, in words; empty when it can."""
+        """Why the estimate cannot be flown with, or ""."""
         if not self.running:
             return "aligning, keep the vehicle still"
         if self._pos_differs.mean_innovation:
@@ -163,10 +173,10 @@ class PointEstimate:
     # -- sensors -------------------------------------------------------------------------------------------
 
     def imu(self, t_us: int, acc_frd_mps2: Vec3, gyro_frd_rps: Vec3) -> None:
-        """It has none."""
+        """Ignored: the point mass has no IMU."""
 
     def fix(self, fix: Fix) -> None:
-        """Believe it, or doubt it, or be moved by it."""
+        """Update the horizontal position."""
         if not fix.usable:
             return
         dt, self._fix_us = (self.t_us - self._fix_us) * 1e-6, self.t_us
@@ -180,7 +190,7 @@ class PointEstimate:
             self._reset((north, east, 0.0))
 
     def baro(self, altitude_pressure_m: float) -> None:
-        """The same with the height."""
+        """Update the height."""
         dt, self._baro_us = (self.t_us - self._baro_us) * 1e-6, self.t_us
         down = -altitude_pressure_m - self.pos_ned_m[2]
         if abs(down) < self._config.ekf2_baro_gate_m:
@@ -192,7 +202,7 @@ class PointEstimate:
             self._reset((0.0, 0.0, down))
 
     def mag(self, field_frd_gauss: Vec3) -> None:
-        """Turn towards the heading that it tells, unless that is far away."""
+        """Update the heading, unless the innovation is above the gate."""
         c, (x, y, _) = self._config, field_frd_gauss
         error_rad = wrap_pi(c.declination_rad - atan2(y, x) - self.yaw_rad)
         if abs(error_rad) < c.ekf2_head_gate_rad:
@@ -210,11 +220,12 @@ class PointEstimate:
 
 
 class PointPilot:
-    """From a setpoint to the acceleration that is asked of the point: the autopilot's velocity loop, nothing below it.
+    """Controller that turns a setpoint into an acceleration of the point, with the autopilot's velocity loop.
 
     Attributes:
-        detector: whether the vehicle stands on something.
-        wanted_ned_mps2, yaw_rate_rps: how the point shall move now.
+        detector: the land detector.
+        wanted_ned_mps2: (3,) acceleration setpoint of the point, gravity included.
+        yaw_rate_rps: yaw rate setpoint of the point.
     """
 
     def __init__(self, config: AutopilotConfig, point: Point, estimate: PointEstimate) -> None:
@@ -229,7 +240,7 @@ class PointPilot:
         self._rest()
 
     def configure(self, config: AutopilotConfig) -> None:
-        """New settings."""
+        """Apply new settings."""
         self._control = config.control
         self._loop.configure(config.control)
         self.detector.configure(config.land_detector)
@@ -245,13 +256,13 @@ class PointPilot:
 
     @property
     def tips_ned(self) -> None:
-        """None: a point doesn't lean."""
+        """None: a point does not tilt."""
 
     def leave(self) -> None:
-        """Nobody asks it to, as it doesn't lean."""
+        """Never called, as a point does not tilt."""
 
     def stopped(self) -> Commands:
-        """No thrust: the point falls, or stands."""
+        """Stop the thrust: the point falls, or stands."""
         self.detector.reset()
         self._rest()
         return STOPPED
@@ -297,15 +308,15 @@ class PointPilot:
         self.yaw_rate_rps = max(-c.mc_yawrate_max_rps, min(c.mc_yawrate_max_rps, turn_rps))
 
     def _push(self, dt: float, force_ned_mps2: Vec3) -> Commands:
-        """Thrust ramps up after the start, and down while something holds the vehicle although it shall descend."""
+        """Limit the thrust: it ramps up after the start, and down while the vehicle touches the ground in a descent."""
         ramp = dt / self._control.mpc_tko_ramp_t_s
         held_down = self.detector.contact and not self.detector.landed
         self._limit = (
             max(0.0, min(self._limit, self._thrust) - 2.0 * ramp) if held_down else min(1.0, self._limit + ramp)
         )
         n, e, d = force_ned_mps2
-        asked = self._hover * sqrt(n * n + e * e + d * d) / self._gravity_mps2
-        self._thrust = min(asked, self._limit)
-        share = self._thrust / asked if asked > 0.0 else 0.0
+        wanted = self._hover * sqrt(n * n + e * e + d * d) / self._gravity_mps2
+        self._thrust = min(wanted, self._limit)
+        share = self._thrust / wanted if wanted > 0.0 else 0.0
         self.wanted_ned_mps2 = (share * n, share * e, share * d + self._gravity_mps2)
         return (self._thrust,) * 4

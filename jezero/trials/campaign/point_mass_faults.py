@@ -1,4 +1,4 @@
-"""Faults in the point-mass world: what fails in the real ones has its like here."""
+"""Faults in the point-mass world that correspond to those of the physical world."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -11,8 +11,8 @@ from jezero.trials.campaign.faults import AUTOPILOT, HIL, MAVLINK, SENSOR_KINDS,
 from jezero.trials.campaign.point_mass_world import NAME, PointMass
 from jezero.trials.campaign.sensor_faults import SensorFault
 
-LIKE = {"imu": "mag", "uwb": "baro", "rover_odometry": "altimeter"}
-"""What fails instead of a sensor that the point mass hasn't got."""
+SUBSTITUTES = {"imu": "mag", "uwb": "baro", "rover_odometry": "altimeter"}
+"""Sensors that fail instead of those that the point mass does not have."""
 WRONG_FIX_DEG = 4.5e-5
 GARBLED_FIX_DEG = 4.5e-4
 WRONG_HEIGHT_M = 10.0
@@ -20,10 +20,10 @@ GARBLED_HEIGHT_M = 20.0
 WRONG_FIELD_GAUSS = 0.2
 
 
-def as_in_point_mass(fault: Fault) -> Fault:
-    """The same fault where simulator and autopilot are one service without a link between them."""
+def point_mass_fault(fault: Fault) -> Fault:
+    """The corresponding fault where simulator and autopilot are one service without a link between them."""
     if fault.kind in SENSOR_KINDS:
-        return replace(fault, where=LIKE.get(fault.where, fault.where))
+        return replace(fault, where=SUBSTITUTES.get(fault.where, fault.where))
     if fault.path == HIL:
         return replace(
             fault, where=fault.where.replace(SIMULATOR, "vehicle_bridge").replace(AUTOPILOT, NAME), path=MAVLINK
@@ -32,7 +32,11 @@ def as_in_point_mass(fault: Fault) -> Fault:
 
 
 class FaultyPointMass:
-    """A point mass whose sensors fail while a fault is on."""
+    """Service that runs a point mass and applies the active sensor faults to its readings.
+
+    Attributes:
+        active: the active faults; the caller of `start` removes them.
+    """
 
     def __init__(self, world: PointMass, rng: Random) -> None:
         self.spec = world.spec
@@ -40,17 +44,17 @@ class FaultyPointMass:
         self._world = world
         self._rng = rng
 
-    def begin(self, fault: Fault) -> SensorFault:
+    def start(self, fault: Fault) -> SensorFault:
         running = SensorFault(fault, self._rng)
         self.active.append(running)
         return running
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """See `Service`."""
-        self._world.spoil = self._spoil if self.active else None
+        self._world.sensor_filter = self._filter if self.active else None
         yield from self._world.step(t_ns, inbox)
 
-    def _spoil(self, sensor: str, t_ns: int, reading: Any) -> Iterable[Any]:
+    def _filter(self, sensor: str, t_ns: int, reading: Any) -> Iterable[Any]:
         readings = [reading]
         for fault in self.active:
             if fault.sensor != sensor:

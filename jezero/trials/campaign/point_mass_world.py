@@ -1,7 +1,7 @@
-"""The point-mass world: one cheap service in the place of simulator and autopilot.
+"""The point-mass world: one service, cheap to run, in place of simulator and autopilot.
 
-It is the master of vehicle time, publishes the sensors and the truth, and speaks MAVLink with the bridge. Arming,
-modes, failsafes, land detector, commands, parameters and telemetry are the embedded autopilot's own.
+It is the master of vehicle time, publishes the sensors and the truth, and exchanges MAVLink with the bridge. Arming,
+modes, failsafes, land detector, commands, parameters and telemetry are the embedded autopilot's own code.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -29,13 +29,13 @@ NAME = "point_mass"
 STEPS_PER_S = 20.0
 STEP_MAX_S = 0.2
 SENSORS_HZ = 5.0
-"""Of GNSS, barometer and magnetometer, which nobody but the estimate here reads."""
+"""Rate of GNSS, barometer and magnetometer, which only the point mass' own estimate reads."""
 ALTIMETER_HZ = 10.0
 TRUTH_HZ = 5.0
 STD_BARO_M = 0.1
 EPOCH_LIMIT = 2**53
-Spoil = Callable[[str, int, Any], Iterable[Any]]
-"""(sensor, t_ns, reading) to what arrives instead."""
+SensorFilter = Callable[[str, int, Any], Iterable[Any]]
+"""Returns, from (sensor, t_ns, reading), the readings that arrive instead."""
 
 SPEC = Spec(
     name=NAME,
@@ -46,16 +46,18 @@ SPEC = Spec(
 
 
 class PointMass:
-    """World, vehicle and autopilot.
+    """World, vehicle and autopilot in one service.
 
     Args:
-        robot: height of the platform, mass, and the altimeter's range.
-        world: where it is on the globe, its gravity, and the errors of the sensors.
-        seed: of the sensors' noise.
-        boot_id: differs between two runs; it is the epoch's id.
+        config: settings of the autopilot.
+        robot: the vehicle: height of the platform, mass, range of the altimeter.
+        world: settings of the simulator: origin, gravity and the errors of the sensors.
+        system_id: MAVLink system id.
+        seed: seed of the sensors' errors.
+        boot_id: id of this run, from which the epoch id follows.
 
     Attributes:
-        spoil: faults of the sensors; None, the default, changes nothing.
+        sensor_filter: applies sensor faults to each reading; None, the default, changes nothing.
     """
 
     spec = SPEC
@@ -69,7 +71,7 @@ class PointMass:
         seed: int,
         boot_id: int,
     ) -> None:
-        self.spoil: Spoil | None = None
+        self.sensor_filter: SensorFilter | None = None
         self._world = world
         self._robot = robot
         self._epoch_id = boot_id % EPOCH_LIMIT
@@ -88,7 +90,7 @@ class PointMass:
         self._when_truth = Schedule[None](TRUTH_HZ)
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
-        """Advance the point to `t_ns` as it was steered, then do what is asked and steer it anew."""
+        """Advance the point to `t_ns`, handle requests and MAVLink, and control the point anew."""
         if self._when_clock.due(t_ns):
             yield Publish(topics.CLOCK, Clock(t_ns=t_ns, epoch_id=self._epoch_id, wall_ns=inbox.wall_ns))
         dt = 0.0 if self._t_ns is None else min(STEP_MAX_S, (t_ns - self._t_ns) * 1e-9)
@@ -100,7 +102,7 @@ class PointMass:
         yield from self._side.tell(inbox)
         if self._when_altimeter.due(t_ns):
             yield from (
-                Publish(topics.ALTIMETER, reading) for reading in self._spoiled("altimeter", t_ns, self._range(t_ns))
+                Publish(topics.ALTIMETER, reading) for reading in self._filtered("altimeter", t_ns, self._range(t_ns))
             )
         if self._when_truth.due(t_ns):
             yield Publish(topics.TRUTH, self._truth(t_ns))
@@ -110,18 +112,18 @@ class PointMass:
             yield health
 
     def _read(self, t_ns: int) -> Reading:
-        """What the autopilot's sensors tell now. There is no IMU: the estimate knows how the point moves."""
+        """Readings of the autopilot's sensors. There is no IMU: the estimate knows the point's motion."""
         field_frd_gauss = pressure_altitude_m = None
         if self._when_sensors.due(t_ns):
-            for fix in self._spoiled("gnss", t_ns, self._fix()):
+            for fix in self._filtered("gnss", t_ns, self._fix()):
                 self._vehicle.fix(fix)
-            field_frd_gauss = _last(self._spoiled("mag", t_ns, self._field_frd_gauss()))
+            field_frd_gauss = _last(self._filtered("mag", t_ns, self._field_frd_gauss()))
             up_m = altitude_m(self._point.pos_ned_m[2]) + self._rng.gauss(0.0, STD_BARO_M)
-            pressure_altitude_m = _last(self._spoiled("baro", t_ns, up_m))
+            pressure_altitude_m = _last(self._filtered("baro", t_ns, up_m))
         return Reading(t_ns // 1000, None, field_frd_gauss, pressure_altitude_m)
 
-    def _spoiled(self, sensor: str, t_ns: int, reading: Any) -> Iterable[Any]:
-        return (reading,) if self.spoil is None else self.spoil(sensor, t_ns, reading)
+    def _filtered(self, sensor: str, t_ns: int, reading: Any) -> Iterable[Any]:
+        return (reading,) if self.sensor_filter is None else self.sensor_filter(sensor, t_ns, reading)
 
     def _fix(self) -> Fix:
         config, gauss, (north_m, east_m, down_m) = self._world.gnss, self._rng.gauss, self._point.pos_ned_m
@@ -130,12 +132,12 @@ class PointMass:
         return Fix(0, position_deg, self._point.vel_ned_mps, True, config.satellites)
 
     def _field_frd_gauss(self) -> Vec3:
-        """The place's field in a level vehicle."""
+        """(3,) magnetic field at the origin as a level vehicle measures it, FRD."""
         x, y, z = rotate_yaw(self._world.origin.field_ned_gauss, -self._point.yaw_rad)
         return (x + self._rng.gauss(0.0, self._world.magnetometer.std_gauss), y, z)
 
     def _range(self, t_ns: int) -> Altimeter:
-        """Along the body's down axis to the level ground."""
+        """Range along the body's down axis to the level ground."""
         std_m, mount, point = self._world.altimeter.std_m, self._robot.altimeter, self._point
         range_m = altitude_m(point.pos_ned_m[2]) / cos(point.tilt_rad) + std_m * self._rng.gauss(0.0, 1.0)
         within = mount.range_min_m <= range_m <= mount.range_max_m
@@ -160,5 +162,5 @@ class PointMass:
 
 
 def _last(readings: Iterable[Any]) -> Any:
-    """None when there is none."""
+    """The last reading, or None without any."""
     return next(iter(reversed([*readings])), None)

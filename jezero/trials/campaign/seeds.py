@@ -1,4 +1,4 @@
-"""Which seeds are flown: those of a commit, and for how long."""
+"""Seeds of a campaign: those of a commit, and those that start before a time limit."""
 
 import os
 import re
@@ -12,14 +12,15 @@ FIRST_MAX = 100_000_000
 
 
 class NoCheckoutError(Exception):
-    """A folder in which git, if there is one, knows no commits; says why."""
+    """Git is not installed, or the folder is in no checkout; the text is the reason."""
 
 
 def commit_hash(revision: str, folder: Path) -> str:
-    """The hash of a commit; nothing else of the history is needed.
+    """Hash of a commit, also in a shallow clone.
 
     Args:
-        revision: a whole hash, for which no checkout is needed, or what git understands in the folder, e.g. HEAD.
+        revision: a full hash, which needs no checkout, or any revision of the folder's checkout, e.g. HEAD.
+        folder: folder of the checkout.
 
     Raises:
         NoCheckoutError: there is no git, or the folder is in no checkout.
@@ -46,12 +47,12 @@ def _git(folder: Path, *words: str) -> "subprocess.CompletedProcess[str]":
 
 
 def first_seed(commit: str) -> int:
-    """Where the seeds of a commit begin: each commit flies others, and the same ones when it is tried again."""
+    """First seed of a commit: other commits fly other seeds, the same commit always the same ones."""
     return int(commit[:12], 16) % FIRST_MAX
 
 
-def in_time(seeds: Iterable[int], minutes: float) -> Iterator[int]:
-    """The seeds up to the one that is begun last before the time is over; at least one."""
+def seeds_for_minutes(seeds: Iterable[int], minutes: float) -> Iterator[int]:
+    """Yield seeds until the time in minutes is over; at least one."""
     end_s = time.monotonic() + 60.0 * minutes
     for seed in seeds:
         yield seed

@@ -1,4 +1,4 @@
-"""Faults of sensors, in front of the simulator: what reaches the autopilot by HIL and the others by the bus."""
+"""Faults of the simulator's sensors, in its messages to the autopilot (HIL) and on the bus."""
 
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -20,16 +20,20 @@ GROUPS: dict[str, tuple[int, tuple[str, ...]]] = {
     "mag": (0x1C0, ("xmag", "ymag", "zmag")),
     "baro": (0x1A00, ("abs_pressure", "pressure_alt", "temperature")),
 }
-"""In HIL_SENSOR: the bits of `fields_updated` and the fields."""
+"""Bits of `fields_updated` and fields of HIL_SENSOR for each sensor."""
 FIX = ("lat", "lon", "alt", "vn", "ve", "vd", "fix_type", "satellites_visible")
 ERRORS = {"imu": (0.2, 0.2, 0.2, 0.02, 0.02, 0.02), "mag": (0.2, -0.2, 0.0), "baro": (-1.0, 10.0, 0.0)}
-"""What a wrong sensor adds, at amount 1."""
+"""Error of the readings of a wrong sensor at amount 1."""
 GARBAGE = {"imu": 1e4, "mag": 1.0, "baro": 500.0}
 TOPICS = {topics.ALTIMETER.name: "altimeter", topics.UWB.name: "uwb", topics.ROVER_ODOMETRY.name: "rover_odometry"}
 
 
 class FaultySimulator:
-    """A simulator whose sensors fail while a fault is on."""
+    """Service that runs a simulator and applies the active sensor faults to its outputs.
+
+    Attributes:
+        active: the active faults; the caller of `start` removes them.
+    """
 
     def __init__(self, simulator: Service, rng: Random) -> None:
         self.spec = simulator.spec
@@ -38,7 +42,7 @@ class FaultySimulator:
         self._rng = rng
         self._in, self._out = MavlinkCodec(1, 25), MavlinkCodec(1, 25)
 
-    def begin(self, fault: Fault) -> "SensorFault":
+    def start(self, fault: Fault) -> "SensorFault":
         running = SensorFault(fault, self._rng)
         self.active.append(running)
         return running
@@ -71,7 +75,7 @@ class FaultySimulator:
 
 
 class SensorFault:
-    """One sensor's fault while it is on; what it remembers of the sensor's readings."""
+    """Active fault of one sensor, with the readings that it needs to remember."""
 
     def __init__(self, fault: Fault, rng: Random) -> None:
         self.sensor = fault.where
@@ -83,7 +87,7 @@ class SensorFault:
         self._late: deque[tuple[int, Any]] = deque()
 
     def on_hil(self, t_ns: int, message: MavMessage) -> Iterator[MavMessage]:
-        """What the autopilot gets instead of one message of the simulator."""
+        """Messages that the autopilot gets instead of one message of the simulator."""
         kind = message.get_msgId()
         if kind == dialect.MAVLINK_MSG_ID_HIL_GPS and self.sensor == "gnss":
             yield from self.readings(t_ns, message, _stuck_fix, self._garbled_fix, self._wrong_fix)
@@ -96,7 +100,7 @@ class SensorFault:
             yield message
 
     def _change_group(self, t_ns: int, message: MavMessage, mask: int, fields: tuple[str, ...]) -> None:
-        """HIL_SENSOR carries several sensors: this one's fields change, or it is not updated."""
+        """Change one sensor's fields in HIL_SENSOR, or clear its bits of `fields_updated`."""
         values = [getattr(message, name) for name in fields]
         readings = list(self.readings(t_ns, values, lambda first, now: first, self._garbled, self._wrong))
         if readings:
@@ -106,7 +110,7 @@ class SensorFault:
             message.fields_updated &= ~mask
 
     def on_bus(self, t_ns: int, message: Message) -> Iterator[Message]:
-        """What the bus gets instead of one reading."""
+        """Messages that the bus gets instead of one reading."""
         yield from self.readings(t_ns, message, _stuck_message, self._garbled_message, self._wrong_message)
 
     def readings(
@@ -117,7 +121,15 @@ class SensorFault:
         garbled: Callable[[Any], Any],
         wrong: Callable[[Any], Any],
     ) -> Iterator[Any]:
-        """The readings that arrive now, mostly one or none."""
+        """Readings that arrive now instead of `reading`, mostly one or none.
+
+        Args:
+            t_ns: time of the reading.
+            reading: the sensor's reading.
+            stuck: returns the stuck reading from the first and the present one.
+            garbled: returns a random reading.
+            wrong: returns the reading with a constant error.
+        """
         if self._first is None:
             self._first = reading
         self._count += 1
@@ -161,7 +173,7 @@ class SensorFault:
         return message
 
     def _wrong_fix(self, message: MavMessage) -> MavMessage:
-        """Up to 5 m to the north and 3 m up."""
+        """Move the fix by up to 5 m north and 3 m up."""
         message.lat += int(450 * self.amount)
         message.alt += int(3000 * self.amount)
         return message

@@ -1,4 +1,4 @@
-"""What a mission flies in: the real simulator and autopilot, or the point mass in the place of both."""
+"""Worlds of a mission: the simulator and the embedded autopilot, or the point mass in place of both."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from jezero.services.vehicle_bridge.service import VehicleBridge
 from jezero.trials.campaign.blank_camera import NAME as BLANK_CAMERA
 from jezero.trials.campaign.blank_camera import BlankCamera
 from jezero.trials.campaign.faults import AUTOPILOT, BRIDGE, SIMULATOR, Fault
-from jezero.trials.campaign.point_mass_faults import FaultyPointMass, as_in_point_mass
+from jezero.trials.campaign.point_mass_faults import FaultyPointMass, point_mass_fault
 from jezero.trials.campaign.point_mass_world import NAME, PointMass
 from jezero.trials.campaign.sensor_faults import FaultySimulator, SensorFault
 from jezero.trials.stack import SYSTEM_ID, service_makers, wired_bus
@@ -29,36 +29,38 @@ from jezero.vehicle_config import VehicleConfig
 
 TELEMETRY_INTERVAL_S = 0.1
 BRIDGE_HZ, SERVERS_HZ = 20.0, 5.0
-"""At the point mass nothing is told more often, and nobody steps more often by himself: a second costs less."""
+"""Rates with the point mass, lower than in real flights, so that a mission takes less time."""
 Makers = dict[str, Callable[[int], Service]]
 
 
-class Sensing(Service, Protocol):
+class FaultySensors(Service, Protocol):
     """A service whose sensors can fail."""
 
     active: list[SensorFault]
 
-    def begin(self, fault: Fault) -> SensorFault: ...
+    def start(self, fault: Fault) -> SensorFault: ...
 
 
 @dataclass(frozen=True)
 class World:
-    """One kind of world.
+    """One world.
 
     Attributes:
-        sensing, autopilot: names of the service with the sensors, and of the one that the bridge speaks MAVLink with.
-        make_bus: a bus without services, from the seed.
-        make_makers: by name and in the order of their start, what makes a service from the id of its run.
-        with_faults: puts faults of sensors in front of the service that has them.
-        translate: a fault of the physical world, as it is here.
+        sensors: name of the service that has the sensors.
+        autopilot: name of the service with which the bridge exchanges MAVLink.
+        make_bus: returns a bus without services from the seed.
+        make_service_makers: returns, from the seed, functions that make each service from its boot id; by service name,
+            in start order.
+        add_sensor_faults: wraps the service that has the sensors.
+        translate_fault: returns the fault of this world that corresponds to one of the physical world.
     """
 
-    sensing: str
+    sensors: str
     autopilot: str
     make_bus: Callable[[int], MemoryBus]
-    make_makers: Callable[[int], Makers]
-    with_faults: Callable[[Any, Random], Sensing]
-    translate: Callable[[Fault], Fault]
+    make_service_makers: Callable[[int], Makers]
+    add_sensor_faults: Callable[[Any, Random], FaultySensors]
+    translate_fault: Callable[[Fault], Fault]
 
 
 def _point_mass_bus(seed: int) -> MemoryBus:
@@ -67,12 +69,12 @@ def _point_mass_bus(seed: int) -> MemoryBus:
     return bus
 
 
-def _blank_camera(vehicle: VehicleConfig, *, describes_itself: bool) -> BlankCamera:
-    return BlankCamera(load_config(CameraConfig, "camera"), vehicle.camera, describes_itself=describes_itself)
+def _blank_camera(vehicle: VehicleConfig, *, publishes_info: bool) -> BlankCamera:
+    return BlankCamera(load_config(CameraConfig, "camera"), vehicle.camera, publishes_info=publishes_info)
 
 
 def _point_mass_makers(seed: int) -> Makers:
-    """Only what commands the vehicle: filters, cameras and detectors would cost many times as much."""
+    """Only services that command the vehicle: filters, cameras and detectors would take many times as long."""
     config = msgspec.structs.replace(
         load_config(AutopilotConfig, "autopilot"), telemetry=TelemetryConfig(interval_min_s=TELEMETRY_INTERVAL_S)
     )
@@ -84,32 +86,32 @@ def _point_mass_makers(seed: int) -> Makers:
     return {
         NAME: partial(PointMass, config, place, vehicle, SYSTEM_ID, seed),
         BRIDGE: lambda boot: VehicleBridge(bridge, system_id=SYSTEM_ID, boot_id=boot),
-        BLANK_CAMERA: lambda boot: _blank_camera(vehicle, describes_itself=True),
+        BLANK_CAMERA: lambda boot: _blank_camera(vehicle, publishes_info=True),
         **{name: partial(action_server, name, config=actions) for name in DECLARATIONS},
     }
 
 
 def _physics_makers(seed: int) -> Makers:
-    """All services, with a camera that projects tags, and small grey pictures for those who want some."""
+    """All services, with a camera that projects tags and a second one with small grey images for other goals."""
     vehicle = load_config(VehicleConfig, "vehicle")
-    blank = {BLANK_CAMERA: lambda boot: _blank_camera(vehicle, describes_itself=False)}
+    blank = {BLANK_CAMERA: lambda boot: _blank_camera(vehicle, publishes_info=False)}
     return service_makers(seed) | blank
 
 
 PHYSICS = World(
-    sensing=SIMULATOR,
+    sensors=SIMULATOR,
     autopilot=AUTOPILOT,
     make_bus=wired_bus,
-    make_makers=_physics_makers,
-    with_faults=FaultySimulator,
-    translate=lambda fault: fault,
+    make_service_makers=_physics_makers,
+    add_sensor_faults=FaultySimulator,
+    translate_fault=lambda fault: fault,
 )
 POINT_MASS = World(
-    sensing=NAME,
+    sensors=NAME,
     autopilot=NAME,
     make_bus=_point_mass_bus,
-    make_makers=_point_mass_makers,
-    with_faults=FaultyPointMass,
-    translate=as_in_point_mass,
+    make_service_makers=_point_mass_makers,
+    add_sensor_faults=FaultyPointMass,
+    translate_fault=point_mass_fault,
 )
 WORLDS = {"physics": PHYSICS, "point-mass": POINT_MASS}

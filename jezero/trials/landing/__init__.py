@@ -1,1 +1,1 @@
-"""Many landings in virtual time, and how well they went."""
+"""Landing benchmark: many landings in virtual time, and their accuracy."""

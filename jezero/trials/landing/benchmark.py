@@ -1,4 +1,4 @@
-"""Many seeds' landings, on several processes, and what they come to."""
+"""Landings of many seeds on several processes, and their statistics."""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -8,21 +8,28 @@ from pathlib import Path
 import msgspec
 
 from jezero.trials.landing.flight import Landing, fly_landing
-from jezero.trials.landing.judge import Errors, percentile
+from jezero.trials.landing.judge import EstimateErrors, percentile
 from jezero.trials.landing.trial import Conditions
 from jezero.trials.workers import workers
 
 
 class LandingReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What a case came to. None is infinite, as every failed landing is, or no sample at all.
+    """Statistics of the landings of one benchmark.
+
+    A failed landing counts as an infinite error and time. A statistic is None where it is infinite or without a sample.
 
     Attributes:
-        touchdown_error_m: median, p95, max; horizontal and true, at disarm.
-        time_s: median, p95; from the goal to disarmed.
-        rmse_m: of the relative position, in space, below_3m and 3_to_8m.
-        touchdowns_m: (2,) of each landing that did not fail, true at disarm: forward and right of the platform's
-            middle, north and east of the spot in the case none.
-        nees: mean over the estimates and the dimensions; 1 is consistent.
+        case: sensors that the landings used.
+        rover: the rover's motion.
+        n: number of landings flown.
+        landed: number of landings that did not fail.
+        touchdown_error_m: "median", "p95" and "max" of the true horizontal distance from the target at disarm.
+        time_s: "median" and "p95" of the time from the goal to disarm.
+        rmse_m: 3D root mean square error of the relative position at ranges "below_3m" and "3_to_8m".
+        nees: mean over estimates and dimensions of the normalised squared error; 1 is consistent.
+        failed_seeds: seeds of the failed landings.
+        touchdowns_m: (2,) true position at disarm of each landing that did not fail: forward and right of the
+            platform's centre, or north and east of the spot in the case "none".
     """
 
     case: str
@@ -42,21 +49,24 @@ def fly_landings(
     n: int,
     seed: int,
     jobs: int,
-    tell: Callable[[Landing], None] = lambda landing: None,
+    on_landing: Callable[[Landing], None] = lambda landing: None,
     logs: Path | None = None,
 ) -> LandingReport:
-    """Fly `n` landings from `seed` on.
+    """Fly `n` landings, with the seeds from `seed` on.
 
     Args:
-        jobs: processes that fly at the same time.
-        tell: called with each landing, in the order of the seeds.
-        logs: folder to keep each landing's log in, as <case>-<seed>/flight.jsonl.
+        jobs: number of processes that fly in parallel.
+        on_landing: called with each landing, in the order of the seeds.
+        logs: folder that gets each landing's log as <case>-<seed>/flight.jsonl.
+
+    Raises:
+        ConfigError: a configuration file is invalid.
     """
     landings: list[Landing] = []
     for landing in _landings(conditions, range(seed, seed + n), jobs, logs):
-        tell(landing)
+        on_landing(landing)
         landings.append(landing)
-    errors = Errors()
+    errors = EstimateErrors()
     for landing in landings:
         errors.add(landing.errors)
     errors_m = [landing.error_m for landing in landings]

@@ -1,4 +1,4 @@
-"""One landing in virtual time: up, where the goal finds the vehicle, and down again."""
+"""One landing in virtual time: a take-off to the trial's altitude, then the landing's goal."""
 
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
@@ -17,39 +17,44 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.config import SimulatorConfig, WindConfig
 from jezero.services.simulator.service import Simulator
-from jezero.trials.flight import fly_goal
-from jezero.trials.landing.judge import (
-    IMPACT_MAX_MPS,
-    Errors,
-    LandingJudge,
-    on_platform_m,
-    why_not_on_platform,
-    why_not_upright,
+from jezero.trials.goals import fly_goal
+from jezero.trials.landing.judge import IMPACT_MAX_MPS, EstimateErrors, LandingJudge
+from jezero.trials.landing.trial import (
+    MOTIONS,
+    STD_GUST_MPS,
+    TAG_HIDDEN_DURATION_S,
+    WIND_MPS,
+    Conditions,
+    Trial,
+    draw_trial,
 )
-from jezero.trials.landing.trial import HIDDEN_S, MOTIONS, STD_GUST_MPS, WIND_MPS, Conditions, Trial, draw_trial
+from jezero.trials.platform import off_platform_reason, on_platform_m, tipped_over_reason
 from jezero.trials.rover_driver import RoverDriver
 from jezero.trials.stack import SYSTEM_ID, boot_id, service_makers, wired_bus
 from jezero.vehicle_config import VehicleConfig
 
-READY_WITHIN_S = 60.0
-GOAL_WITHIN_S = 240.0
-SETTLED_S = 2.0
-"""The rover drives for so long before the goal comes."""
-STD_UWB_ALONE_M, BLOCKED_ALONE = 0.1, 0.1
-"""Ranges of real hardware, for the case that has nothing else."""
-UNUSED = ("go_to",)
-SEES = (topics.CAMERA.name, topics.TAG_CORNERS.name)
+READY_TIMEOUT_S = 60.0
+GOAL_TIMEOUT_S = 240.0
+ROVER_DRIVES_BEFORE_S = 2.0
+"""The rover drives for this time before the landing's goal is sent, so that it has reached its speed."""
+UWB_ONLY_STD_M, UWB_ONLY_OUTLIERS = 0.1, 0.1
+"""Errors of real hardware, for the case that lands with UWB only."""
+SERVICES_LEFT_OUT = ("go_to",)
+CAMERA_OUTPUTS = (topics.CAMERA.name, topics.TAG_CORNERS.name)
 
 
 class Landing(msgspec.Struct, frozen=True, kw_only=True):
-    """How one landing went.
+    """Outcome of one landing.
 
     Attributes:
-        failure: why it is no landing; "" when it is one.
-        error_m: touchdown error; infinite for a failed one, as is the time.
-        error_rover_body_m: (2,) forward and right of the middle, None when it failed.
-        time_s: from the goal to disarmed.
+        seed: the trial's seed.
+        failure: why the landing failed, or "".
+        error_m: horizontal touchdown error; infinite if the landing failed.
+        error_rover_body_m: (2,) true position at disarm, forward and right of the platform's centre (case "none": north
+            and east of the spot); None if the landing failed.
+        time_s: time from the goal to disarm; infinite if the landing failed.
         impact_mps: speed towards the platform at touchdown.
+        errors: errors of the relative estimate during the landing.
     """
 
     seed: int
@@ -58,14 +63,14 @@ class Landing(msgspec.Struct, frozen=True, kw_only=True):
     error_rover_body_m: tuple[float, float] | None
     time_s: float
     impact_mps: float
-    errors: Errors
+    errors: EstimateErrors
 
 
-class _Blindfold:
-    """A camera that shows nothing for a while, now and then.
+class _TagHidingCamera:
+    """A camera service that publishes no images during given periods.
 
     Attributes:
-        hidden_ns: (from, to), to be set while it runs.
+        hidden_ns: (start, end) times of these periods; may be changed while the bus runs.
     """
 
     def __init__(self, camera: Service) -> None:
@@ -75,8 +80,8 @@ class _Blindfold:
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
         for output in self._camera.step(t_ns, inbox):
-            sees = isinstance(output, Publish) and output.topic.name in SEES
-            if not (sees and any(start <= t_ns < end for start, end in self.hidden_ns)):
+            is_image = isinstance(output, Publish) and output.topic.name in CAMERA_OUTPUTS
+            if not (is_image and any(start <= t_ns < end for start, end in self.hidden_ns)):
                 yield output
 
 
@@ -86,78 +91,80 @@ def fly_landing(
     logs: Path | None = None,
     autopilot: Callable[[], tuple[Service, int]] | None = None,
 ) -> Landing:
-    """Fly one seed's landing.
+    """Fly the landing of one seed.
 
     Args:
-        logs: folder to keep its log in, as <case>-<seed>/flight.jsonl.
-        autopilot: makes another than the embedded one, and tells its MAVLink system id.
+        logs: folder that gets the log as <case>-<seed>/flight.jsonl.
+        autopilot: returns an autopilot service that replaces the embedded one, and its MAVLink system id.
 
     Raises:
-        ConfigError: a configuration file is wrong.
+        ConfigError: a configuration file is invalid.
     """
     trial = draw_trial(seed, conditions)
-    bus, blindfold, simulator = _stack(trial, None if autopilot is None else autopilot())
+    bus, camera, simulator = _stack(trial, None if autopilot is None else autopilot())
     with ExitStack() as cleanup:
         cleanup.callback(simulator.close)
         if logs is not None:
             log = cleanup.enter_context(LogWriter(logs / f"{conditions.case}-{seed}" / LOG))
             bus.observe(log.write)
-        return _fly(trial, bus, blindfold)
+        return _fly(trial, bus, camera)
 
 
-def _fly(trial: Trial, bus: MemoryBus, blindfold: _Blindfold) -> Landing:
+def _fly(trial: Trial, bus: MemoryBus, camera: _TagHidingCamera) -> Landing:
     conditions = trial.conditions
     driver = RoverDriver()
     bus.add(driver)
     judge = LandingJudge()
     bus.observe(judge)
-    failure = _up(bus, judge, trial)
+    failure = _take_off(bus, judge, trial)
     if not failure:
         driver.speed_mps, driver.yaw_rate_rps = MOTIONS[conditions.rover]
-        bus.run_for(SETTLED_S if driver.speed_mps else 0.0)
+        bus.run_for(ROVER_DRIVES_BEFORE_S if driver.speed_mps else 0.0)
         assert judge.truth is not None, "no truth in flight"
-        judge.begin(bus.t_ns)
+        judge.start(bus.t_ns)
         if conditions.hide_tag:
-            begins_ns = [bus.t_ns + int(s * NS_PER_S) for s in trial.hidden_s]
-            blindfold.hidden_ns = [(begin_ns, begin_ns + int(HIDDEN_S * NS_PER_S)) for begin_ns in begins_ns]
-        begun_ns = bus.t_ns
-        failure = fly_goal(bus, topics.LAND_ON_SPOT, trial.goal(judge.truth.pos_rover_ned_m), GOAL_WITHIN_S)
-        return _judged(trial, judge, begun_ns, failure)
-    return _judged(trial, judge, bus.t_ns, f"before the landing: {failure}")
+            starts_ns = [bus.t_ns + int(s * NS_PER_S) for s in trial.tag_hidden_start_s]
+            camera.hidden_ns = [(from_ns, from_ns + int(TAG_HIDDEN_DURATION_S * NS_PER_S)) for from_ns in starts_ns]
+        start_ns = bus.t_ns
+        failure = fly_goal(bus, topics.LAND_ON_SPOT, trial.goal(judge.truth.pos_rover_ned_m), GOAL_TIMEOUT_S)
+        return _landing(trial, judge, start_ns, failure)
+    return _landing(trial, judge, bus.t_ns, f"before the landing: {failure}")
 
 
-def _stack(trial: Trial, flown_by: tuple[Service, int] | None) -> tuple[MemoryBus, _Blindfold, Simulator]:
+def _stack(trial: Trial, other_autopilot: tuple[Service, int] | None) -> tuple[MemoryBus, _TagHidingCamera, Simulator]:
     conditions, seed = trial.conditions, trial.seed
     makers = service_makers(
         seed,
         simulator=simulator_config(trial),
         camera=camera_config(conditions),
-        system_id=SYSTEM_ID if flown_by is None else flown_by[1],
+        system_id=SYSTEM_ID if other_autopilot is None else other_autopilot[1],
     )
     bus = wired_bus(seed)
-    blindfold: _Blindfold | None = None
+    camera: _TagHidingCamera | None = None
     simulator: Simulator | None = None
     for name, make in makers.items():
-        if name in UNUSED:
+        if name in SERVICES_LEFT_OUT:
             continue
-        service = flown_by[0] if name == "autopilot" and flown_by is not None else make(boot_id(seed, name))
+        service = (
+            other_autopilot[0] if name == "autopilot" and other_autopilot is not None else make(boot_id(seed, name))
+        )
         if isinstance(service, Simulator):
             simulator = service
         if name == "camera":
-            service = blindfold = _Blindfold(service)
+            service = camera = _TagHidingCamera(service)
         bus.add(service)
-    assert blindfold is not None, "a stack without a camera"
+    assert camera is not None, "a stack without a camera"
     assert simulator is not None, "a stack without a simulator"
-    return bus, blindfold, simulator
+    return bus, camera, simulator
 
 
 def simulator_config(trial: Trial) -> SimulatorConfig:
-    """The shipped settings with the trial's place, wind and ranges."""
+    """The shipped settings with the trial's rover position, wind and UWB errors."""
     conditions, replace = trial.conditions, msgspec.structs.replace
     shipped = load_config(SimulatorConfig, "simulator")
     std_m = _std_uwb_m(conditions)
-    alone_share = BLOCKED_ALONE if conditions.case == "uwb" else 0.0
-    share = alone_share if conditions.uwb_outliers is None else conditions.uwb_outliers
+    default_share = UWB_ONLY_OUTLIERS if conditions.case == "uwb" else 0.0
+    share = default_share if conditions.uwb_outliers is None else conditions.uwb_outliers
     north_m, east_m = trial.pos_rover_ned_m
     return replace(
         shipped,
@@ -168,10 +175,10 @@ def simulator_config(trial: Trial) -> SimulatorConfig:
 
 
 def _std_uwb_m(conditions: Conditions) -> float | None:
-    """Of the ranges, None for the shipped one."""
+    """Standard deviation of the UWB ranges; None for the shipped setting."""
     if conditions.uwb_std_m is not None:
         return conditions.uwb_std_m
-    return STD_UWB_ALONE_M if conditions.case == "uwb" else None
+    return UWB_ONLY_STD_M if conditions.case == "uwb" else None
 
 
 def camera_config(conditions: Conditions) -> CameraConfig:
@@ -181,29 +188,29 @@ def camera_config(conditions: Conditions) -> CameraConfig:
     return msgspec.structs.replace(shipped, mode=conditions.tags, delay_s=delay_s)
 
 
-def _up(bus: MemoryBus, judge: LandingJudge, trial: Trial) -> str:
-    """To where the goal shall find it; returns why that failed."""
+def _take_off(bus: MemoryBus, judge: LandingJudge, trial: Trial) -> str:
+    """Take off to the trial's altitude; returns why that failed, or ""."""
 
     def is_ready() -> bool:
         return judge.status is not None and judge.status.ready
 
-    if not bus.run_for(READY_WITHIN_S, stop=is_ready):
+    if not bus.run_for(READY_TIMEOUT_S, stop=is_ready):
         return f"not ready: {judge.status.not_ready_reason if judge.status else 'no status'}"
-    return fly_goal(bus, topics.TAKEOFF, TakeoffGoal(altitude_m=trial.up_m), GOAL_WITHIN_S)
+    return fly_goal(bus, topics.TAKEOFF, TakeoffGoal(altitude_m=trial.altitude_m), GOAL_TIMEOUT_S)
 
 
-def _judged(trial: Trial, judge: LandingJudge, begun_ns: int, failure: str) -> Landing:
+def _landing(trial: Trial, judge: LandingJudge, start_ns: int, failure: str) -> Landing:
     truth = judge.truth
     if not failure and (truth is None or judge.disarmed_ns is None or judge.status is None or judge.status.armed):
         failure = "not disarmed"
     error_rover_body_m: tuple[float, float] | None = None
     if not failure and truth is not None:
         if trial.conditions.case == "none":
-            failure = why_not_upright(truth)
+            failure = tipped_over_reason(truth)
             north_m, east_m, _ = trial.spot_ned_m
             error_rover_body_m = (truth.pos_uav_ned_m[0] - north_m, truth.pos_uav_ned_m[1] - east_m)
         else:
-            failure = why_not_on_platform(truth, 0.5 * load_config(VehicleConfig, "vehicle").platform.side_m)
+            failure = off_platform_reason(truth, 0.5 * load_config(VehicleConfig, "vehicle").platform.side_m)
             error_rover_body_m = on_platform_m(truth)[:2]
         if judge.impact_mps > IMPACT_MAX_MPS:
             failure = failure or f"impact at {judge.impact_mps:.2f} m/s"
@@ -213,7 +220,7 @@ def _judged(trial: Trial, judge: LandingJudge, begun_ns: int, failure: str) -> L
         failure=failure,
         error_m=hypot(*error_rover_body_m) if landed and error_rover_body_m else inf,
         error_rover_body_m=error_rover_body_m if landed else None,
-        time_s=((judge.disarmed_ns or 0) - begun_ns) / NS_PER_S if landed else inf,
+        time_s=((judge.disarmed_ns or 0) - start_ns) / NS_PER_S if landed else inf,
         impact_mps=round(judge.impact_mps, 3),
         errors=judge.errors,
     )

@@ -1,30 +1,31 @@
-"""Judges one landing by the truth, which nothing that flies may see. Source: spec §8."""
+"""Measurement of one landing against the simulator's truth, which the flying services never read."""
 
-from math import degrees, hypot, inf, sqrt
+from math import hypot, inf, sqrt
 
 import msgspec
 import numpy as np
 
-from jezero.frames import Vec3, add, altitude_m, rotate_yaw, scale, subtract, tilt_from_quat
+from jezero.frames import Vec3, add, scale, subtract
 from jezero.schemas import topics
 from jezero.schemas.estimate import Relative
 from jezero.schemas.state import Status, Truth
+from jezero.trials.platform import offset_m
 
 IMPACT_MAX_MPS = 0.6
-UPRIGHT_DEG = 15.0
-ON_DECK_M = 0.1
-NEAR_M, FAR_M = 3.0, 8.0
-SAMPLES = 6
-"""Dimensions of the relative state: position and velocity."""
+NEAR_RANGE_M, FAR_RANGE_M = 3.0, 8.0
+DIMENSIONS = 6
+"""Position and velocity of the relative state."""
 
 
-class Errors(msgspec.Struct):
+class EstimateErrors(msgspec.Struct):
     """Sums over the valid estimates of a landing.
 
     Attributes:
-        count, square_m2: of the relative position's error, below 3 m and from 3 to 8 m.
-        nees: sum of the normalised squared errors of position and velocity, divided by their number, so that a
-            consistent estimate has 1 per sample.
+        count: (2,) number of estimates at ranges below 3 m, and from 3 to 8 m.
+        square_m2: (2,) sums of the squared errors of the relative position in the same two bands of range.
+        nees: sum of the normalised squared errors of position and velocity, divided by the number of dimensions, so
+            that a consistent estimate contributes 1 per sample on average.
+        samples: number of estimates in `nees`.
     """
 
     count: list[int] = msgspec.field(default_factory=lambda: [0, 0])
@@ -32,8 +33,8 @@ class Errors(msgspec.Struct):
     nees: float = 0.0
     samples: int = 0
 
-    def add(self, other: "Errors") -> None:
-        """Take in another landing's."""
+    def add(self, other: "EstimateErrors") -> None:
+        """Add another landing's sums."""
         for i in range(2):
             self.count[i] += other.count[i]
             self.square_m2[i] += other.square_m2[i]
@@ -41,114 +42,91 @@ class Errors(msgspec.Struct):
         self.samples += other.samples
 
     def rmse_m(self, band: int) -> float | None:
-        """Root of the mean square below 3 m (0) or from there to 8 m (1); None without a sample."""
+        """Root mean square position error below 3 m (band 0) or from 3 to 8 m (band 1); None without a sample."""
         return sqrt(self.square_m2[band] / self.count[band]) if self.count[band] else None
 
 
 class LandingJudge:
-    """Watches a bus from the goal to the end.
+    """Observer of a bus that measures a landing from its goal to disarm.
 
     Attributes:
-        truth, status: the newest.
-        errors: of the estimate, so far.
-        impact_mps: greatest speed towards the platform or ground at which the vehicle met it.
-        disarmed_ns: when, after `begin`.
+        truth: the latest truth.
+        status: the latest status.
+        errors: errors of the relative estimate so far.
+        impact_mps: highest speed towards the platform or ground at which the vehicle touched it.
+        disarmed_ns: time of the first disarmed status after `start`; None before.
     """
 
     def __init__(self) -> None:
         self.truth: Truth | None = None
         self.status: Status | None = None
-        self.errors = Errors()
+        self.errors = EstimateErrors()
         self.impact_mps = 0.0
         self.disarmed_ns: int | None = None
-        self._begun_ns: int | None = None
-        self._touched = False
-        self._before: Truth | None = None
-        self._waiting: list[Relative] = []
+        self._start_ns: int | None = None
+        self._touched_down = False
+        self._previous: Truth | None = None
+        self._pending: list[Relative] = []
         self._decoders = {
             topic.name: msgspec.json.Decoder(topic.type) for topic in (topics.TRUTH, topics.STATUS, topics.RELATIVE)
         }
 
-    def begin(self, t_ns: int) -> None:
-        """From now on it counts."""
-        self._begun_ns = t_ns
+    def start(self, t_ns: int) -> None:
+        """Start to measure, at the time of the landing's goal."""
+        self._start_ns = t_ns
 
     def __call__(self, t_ns: int, topic: str, data: bytes) -> None:
-        """One message of the bus."""
+        """Process one message of the bus."""
         decoder = self._decoders.get(topic)
-        if decoder is None or (topic == topics.RELATIVE.name and self._begun_ns is None):
+        if decoder is None or (topic == topics.RELATIVE.name and self._start_ns is None):
             return
         message = decoder.decode(data)
         if isinstance(message, Truth):
-            self._take_truth(message)
+            self._on_truth(message)
         elif isinstance(message, Relative):
-            self._waiting.append(message)
+            self._pending.append(message)
         else:
             self.status = message
-            if self._begun_ns is not None and not message.armed and self.disarmed_ns is None:
+            if self._start_ns is not None and not message.armed and self.disarmed_ns is None:
                 self.disarmed_ns = t_ns
 
-    def _take_truth(self, truth: Truth) -> None:
-        before, self.truth = self.truth, truth
-        if before is None or self._begun_ns is None:
+    def _on_truth(self, truth: Truth) -> None:
+        previous, self.truth = self.truth, truth
+        if previous is None or self._start_ns is None:
             return
-        if truth.contact_force_n > 0.0 and before.contact_force_n == 0.0:
-            self._touched = True
-            towards_mps = before.vel_uav_ned_mps[2] - before.vel_rover_ned_mps[2]
+        if truth.contact_force_n > 0.0 and previous.contact_force_n == 0.0:
+            self._touched_down = True
+            towards_mps = previous.vel_uav_ned_mps[2] - previous.vel_rover_ned_mps[2]
             self.impact_mps = max(self.impact_mps, towards_mps)
-        waiting, self._waiting = self._waiting, []
-        for relative in waiting:
+        pending, self._pending = self._pending, []
+        for relative in pending:
             if relative.t_ns > truth.t_ns:
-                self._waiting.append(relative)
-            elif relative.valid and relative.goal_id and relative.t_ns >= before.t_ns and not self._touched:
-                self._compare(relative, before, truth)
+                self._pending.append(relative)
+            elif relative.valid and relative.goal_id and relative.t_ns >= previous.t_ns and not self._touched_down:
+                self._compare(relative, previous, truth)
 
-    def _compare(self, relative: Relative, before: Truth, after: Truth) -> None:
-        share = (relative.t_ns - before.t_ns) / (after.t_ns - before.t_ns)
-        pos_ned_m = _between(offset_m(before), offset_m(after), share)
-        vel_ned_mps = _between(_offset_mps(before), _offset_mps(after), share)
+    def _compare(self, relative: Relative, previous: Truth, after: Truth) -> None:
+        share = (relative.t_ns - previous.t_ns) / (after.t_ns - previous.t_ns)
+        pos_ned_m = _interpolate(offset_m(previous), offset_m(after), share)
+        vel_ned_mps = _interpolate(_offset_mps(previous), _offset_mps(after), share)
         error_m = subtract(relative.pos_uav_rel_rover_ned_m, pos_ned_m)
         error_mps = subtract(relative.vel_uav_rel_rover_ned_mps, vel_ned_mps)
         error = np.array([*error_m, *error_mps])
-        covariance = np.zeros((SAMPLES, SAMPLES))
-        covariance[np.triu_indices(SAMPLES)] = relative.cov
+        covariance = np.zeros((DIMENSIONS, DIMENSIONS))
+        covariance[np.triu_indices(DIMENSIONS)] = relative.cov
         covariance += np.triu(covariance, 1).T
         errors = self.errors
-        errors.nees += float(error @ np.linalg.solve(covariance, error)) / SAMPLES
+        errors.nees += float(error @ np.linalg.solve(covariance, error)) / DIMENSIONS
         errors.samples += 1
         range_m = hypot(*pos_ned_m)
-        if range_m < FAR_M:
-            band = 0 if range_m < NEAR_M else 1
+        if range_m < FAR_RANGE_M:
+            band = 0 if range_m < NEAR_RANGE_M else 1
             errors.count[band] += 1
             errors.square_m2[band] += sum(e * e for e in error_m)
 
 
-def offset_m(truth: Truth) -> Vec3:
-    """(3,) vehicle minus platform, NED."""
-    return subtract(truth.pos_uav_ned_m, truth.pos_rover_ned_m)
-
-
-def on_platform_m(truth: Truth) -> Vec3:
-    """(3,) the vehicle's place on the platform, in the rover's axes."""
-    return rotate_yaw(offset_m(truth), -truth.yaw_rover_rad)
-
-
-def why_not_on_platform(truth: Truth, half_side_m: float) -> str:
-    """Why this is not standing upright on the platform, or ""."""
-    forward_m, right_m, down_m = on_platform_m(truth)
-    if abs(down_m) > ON_DECK_M or max(abs(forward_m), abs(right_m)) > half_side_m:
-        return f"stands {hypot(forward_m, right_m):.2f} m from the middle and {altitude_m(down_m):.2f} m above the deck"
-    return why_not_upright(truth)
-
-
-def why_not_upright(truth: Truth) -> str:
-    """Why the vehicle has tipped over, or ""."""
-    tilt_deg = degrees(tilt_from_quat(truth.q_ned_from_frd))
-    return f"tilted by {tilt_deg:.0f} degrees" if tilt_deg > UPRIGHT_DEG else ""
-
-
 def percentile(values: list[float], share: float) -> float:
-    """The smallest value that at least this share of all does not exceed; infinite ones are values like others."""
+    """Smallest value that is not exceeded by at least this share of all values, infinite ones included."""
     ordered = sorted(values)
     rank = max(0, min(len(ordered) - 1, -int(-share * len(ordered) // 1) - 1))
     return ordered[rank] if ordered else inf
@@ -158,5 +136,5 @@ def _offset_mps(truth: Truth) -> Vec3:
     return subtract(truth.vel_uav_ned_mps, truth.vel_rover_ned_mps)
 
 
-def _between(a: Vec3, b: Vec3, share: float) -> Vec3:
+def _interpolate(a: Vec3, b: Vec3, share: float) -> Vec3:
     return add(scale(a, 1.0 - share), scale(b, share))

@@ -1,4 +1,4 @@
-"""What one landing begins with, drawn from its seed."""
+"""Initial conditions of one landing, drawn from its seed."""
 
 from math import cos, pi, sin, sqrt
 from random import Random
@@ -15,31 +15,33 @@ CaseName = Literal["uwb+tag", "uwb", "tag", "none"]
 RoverName = Literal["still", "drive", "turn"]
 CASES: tuple[CaseName, ...] = ("uwb+tag", "uwb", "tag", "none")
 MOTIONS: dict[RoverName, tuple[float, float]] = {"still": (0.0, 0.0), "drive": (0.5, 0.0), "turn": (1.0, 0.2)}
-"""Speed in m/s and yaw rate in rad/s."""
+"""Speed in m/s and yaw rate in rad/s of the rover."""
 
 WIND_MPS, STD_GUST_MPS = 3.0, 0.6
-UP_M = (4.0, 8.0)
-AWAY_MAX_M = 8.0
-NEAREST_M = 1.5
-"""The vehicle stands beside the rover at first."""
-FOOTPRINT_PER_M = 0.6
-"""Half of what the camera sees, its short side, per metre of height."""
-ROUGH_M = (1.0, 3.0)
-HIDDEN_S = 1.0
-HIDDEN_FROM_S = ((2.0, 6.0), (7.0, 11.0))
-"""After the goal; in each of these spans one disappearance of the tag begins."""
+ALTITUDE_RANGE_M = (4.0, 8.0)
+ROVER_DISTANCE_MAX_M = 8.0
+ROVER_DISTANCE_MIN_M = 1.5
+"""The vehicle stands beside the rover before it takes off."""
+FOOTPRINT_HALF_SIDE_PER_M = 0.6
+"""Half of the short side of the camera's footprint per metre of altitude."""
+POSITION_ERROR_RANGE_M = (1.0, 3.0)
+TAG_HIDDEN_DURATION_S = 1.0
+TAG_HIDDEN_START_RANGES_S = ((2.0, 6.0), (7.0, 11.0))
+"""The tag disappears once at a time within each of these ranges, counted from the goal."""
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
 class Conditions(msgspec.Struct, frozen=True, kw_only=True):
-    """What a benchmark flies; all its landings have it in common.
+    """Conditions that all landings of one benchmark share.
 
     Attributes:
-        tags: "projected" calculates what a detector would find, "rendered" renders and detects.
-        uwb_std_m, uwb_outliers: of the ranges, and the share of them without line of sight; None: the settings' own,
-            but for the case uwb 0.1 m and 0.1.
-        camera_latency_s: from exposure to picture; None: the settings' own.
-        hide_tag: the tag disappears twice for a second.
+        case: sensors that the landing may use; "none" lands on a spot on the ground instead of the rover.
+        rover: the rover's motion, see MOTIONS.
+        tags: "projected" calculates the corners that a detector would find, "rendered" renders images and detects tags.
+        uwb_std_m: standard deviation of the ranges; None takes the shipped setting, or 0.1 m in the case "uwb".
+        uwb_outliers: share of the ranges without line of sight; None takes 0, or 0.1 in the case "uwb".
+        camera_latency_s: time from exposure to the published image; None takes the shipped setting.
+        hide_tag: whether the tag disappears twice, for a second each.
     """
 
     case: CaseName
@@ -52,57 +54,68 @@ class Conditions(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Trial(msgspec.Struct, frozen=True, kw_only=True):
-    """One landing.
+    """Initial conditions of one landing.
 
     Attributes:
-        up_m: of the vehicle over the ground it took off from, when the goal comes.
-        pos_rover_ned_m: (2,) north and east of the place where the vehicle took off, at the start.
-        wind_from_deg: where it comes from.
-        rough_error_m: (2,) by which the rover's position is given wrongly, with the tag alone.
-        hidden_s: begins of the tag's disappearances, from the goal's begin.
+        seed: seed of the trial and of the whole stack.
+        conditions: the benchmark's conditions.
+        altitude_m: altitude of the vehicle above its take-off point when the goal is sent.
+        pos_rover_ned_m: (2,) initial position of the rover, north and east of the vehicle's take-off point.
+        yaw_rover_rad: initial yaw of the rover.
+        wind_from_deg: direction from which the wind blows, clockwise from north.
+        rover_position_error_m: (2,) error, north and east, of the rover's position in the goal of the case "tag".
+        tag_hidden_start_s: times from the goal at which the tag disappears.
     """
 
     seed: int
     conditions: Conditions
-    up_m: float
+    altitude_m: float
     pos_rover_ned_m: tuple[float, float]
     yaw_rover_rad: float
     wind_from_deg: float
-    rough_error_m: tuple[float, float]
-    hidden_s: tuple[float, ...]
+    rover_position_error_m: tuple[float, float]
+    tag_hidden_start_s: tuple[float, ...]
 
     def goal(self, pos_rover_ned_m: Vec3) -> LandOnSpotGoal:
-        """The goal, from where the rover is when it is sent."""
+        """The landing's goal.
+
+        Args:
+            pos_rover_ned_m: (3,) position of the platform when the goal is sent, NED.
+        """
         case = self.conditions.case
         north_m, east_m, down_m = pos_rover_ned_m
         spot_ned_m: Vec3 | None = None
         if case == "tag":
-            spot_ned_m = (north_m + self.rough_error_m[0], east_m + self.rough_error_m[1], down_m)
+            spot_ned_m = (north_m + self.rover_position_error_m[0], east_m + self.rover_position_error_m[1], down_m)
         elif case == "none":
             spot_ned_m = self.spot_ned_m
         return LandOnSpotGoal(landing_spot_ned_m=spot_ned_m, use_uwb="uwb" in case, use_tag="tag" in case)
 
     @property
     def spot_ned_m(self) -> Vec3:
-        """On the ground, as far away as the rover, but on the other side."""
+        """(3,) landing spot of the case "none": on the ground, opposite the rover at the same distance."""
         return (-self.pos_rover_ned_m[0], -self.pos_rover_ned_m[1], 0.0)
 
 
 def draw_trial(seed: int, conditions: Conditions) -> Trial:
-    """The same seed gives the same wind, place and heading in every case."""
+    """Draw a trial; the same seed gives the same wind, rover position and yaw in every case."""
     rng = Random(crc32(f"landing/{seed}".encode()))
-    up_m = rng.uniform(*UP_M)
+    altitude_m = rng.uniform(*ALTITUDE_RANGE_M)
     share, bearing_rad = rng.random(), rng.uniform(-pi, pi)
-    farthest_m = min(AWAY_MAX_M, FOOTPRINT_PER_M * up_m) if conditions.case == "tag" else AWAY_MAX_M
-    away_m = sqrt(NEAREST_M**2 + share * (farthest_m**2 - NEAREST_M**2))
-    wrong_m, wrong_rad = rng.uniform(*ROUGH_M), rng.uniform(-pi, pi)
+    distance_max_m = (
+        min(ROVER_DISTANCE_MAX_M, FOOTPRINT_HALF_SIDE_PER_M * altitude_m)
+        if conditions.case == "tag"
+        else ROVER_DISTANCE_MAX_M
+    )
+    distance_m = sqrt(ROVER_DISTANCE_MIN_M**2 + share * (distance_max_m**2 - ROVER_DISTANCE_MIN_M**2))
+    error_m, error_bearing_rad = rng.uniform(*POSITION_ERROR_RANGE_M), rng.uniform(-pi, pi)
     return Trial(
         seed=seed,
         conditions=conditions,
-        up_m=up_m,
-        pos_rover_ned_m=(away_m * cos(bearing_rad), away_m * sin(bearing_rad)),
+        altitude_m=altitude_m,
+        pos_rover_ned_m=(distance_m * cos(bearing_rad), distance_m * sin(bearing_rad)),
         yaw_rover_rad=rng.uniform(-pi, pi),
         wind_from_deg=rng.uniform(-180.0, 180.0),
-        rough_error_m=(wrong_m * cos(wrong_rad), wrong_m * sin(wrong_rad)),
-        hidden_s=tuple(rng.uniform(*span) for span in HIDDEN_FROM_S),
+        rover_position_error_m=(error_m * cos(error_bearing_rad), error_m * sin(error_bearing_rad)),
+        tag_hidden_start_s=tuple(rng.uniform(*span) for span in TAG_HIDDEN_START_RANGES_S),
     )

@@ -12,7 +12,7 @@ from jezero.schemas.commands import Phase, Setpoint
 from jezero.schemas.estimate import Relative
 from jezero.schemas.state import Truth
 from jezero.trials.campaign.judge import Judge
-from jezero.trials.campaign.judge_landing import WatchedLanding
+from jezero.trials.campaign.judge_landing import LandOnSpotJudge
 
 S = 1_000_000_000
 STILL = (0.0, 0.0, 0.0)
@@ -93,15 +93,15 @@ def violations(
     down_mps: float = 0.5,
 ) -> list[str]:
     judge = Judge()
-    watched = WatchedLanding(Blind(down_mps), judge, lambda: where)
+    judged = LandOnSpotJudge(Blind(down_mps), judge, lambda: where)
     inbox: Any = OneGoal(relative, goal)
-    list(watched.step(10 * S, inbox))
+    list(judged.step(10 * S, inbox))
     return [violation.rule for violation in judge.violations]
 
 
 DESCENT = "no descent without a valid estimate of the goal's own selection"
 ABOVE = "no landing succeeds above the platform"
-TOUCHDOWN = "no touchdown more than 0.2 m off the board without aborted"
+TOUCHDOWN = "no touchdown more than 0.2 m off the platform without aborted"
 
 
 @pytest.mark.parametrize(
@@ -136,11 +136,11 @@ def test_a_landing_without_sensors_of_the_rover_is_not_meant() -> None:
 def test_a_goal_that_is_sent_again_after_its_end_is_not_judged_again() -> None:
     judge = Judge()
     place = truth(0.0, 0.0)
-    watched = WatchedLanding(Blind(0.2), judge, lambda: place)
+    judged = LandOnSpotJudge(Blind(0.2), judge, lambda: place)
     inbox: Any = OneGoal(estimate(), BOTH)
-    list(watched.step(10 * S, inbox))
+    list(judged.step(10 * S, inbox))
     place = truth(0.8, 2.3)
-    list(watched.step(20 * S, inbox))
+    list(judged.step(20 * S, inbox))
     assert judge.violations == []
 
 

@@ -22,7 +22,7 @@ def test_a_mission_with_the_point_mass_begins_with_all_that_commands_the_vehicle
 
 
 def test_a_mission_has_as_many_faults_as_asked_for() -> None:
-    assert len(Mission(1, world=WORLDS["point-mass"], counts=range(40, 41)).faults) == 40
+    assert len(Mission(1, world=WORLDS["point-mass"], fault_counts=range(40, 41)).faults) == 40
     assert all(3 <= len(draw_faults(named_random(seed, "faults"), 42.0)) <= 14 for seed in range(50))
 
 

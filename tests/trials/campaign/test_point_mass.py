@@ -11,7 +11,7 @@ from jezero.services.autopilot.control import Setpoint
 from jezero.trials.campaign.faults import HIL, MAVLINK, Fault, Kind, draw_faults
 from jezero.trials.campaign.mission import named_random
 from jezero.trials.campaign.point_mass import Point, PointEstimate, PointPilot
-from jezero.trials.campaign.point_mass_faults import as_in_point_mass
+from jezero.trials.campaign.point_mass_faults import point_mass_fault
 
 G = 9.81
 DT = 0.05
@@ -101,8 +101,8 @@ def test_sensors_that_insist_on_an_error_reset_the_estimate_and_small_errors_pul
 
 
 def test_faults_of_what_the_point_mass_lacks_hit_what_it_has() -> None:
-    faults = [as_in_point_mass(f) for seed in range(200) for f in draw_faults(named_random(seed, "faults"), 42.0)]
+    faults = [point_mass_fault(f) for seed in range(200) for f in draw_faults(named_random(seed, "faults"), 42.0)]
     assert not any(name in fault.where.split(">") for fault in faults for name in NEVER_HERE)
     on_hil = Fault(Kind.BIT_FLIPS, "simulator>autopilot", HIL, 1.0, 2.0, 0.01)
-    assert as_in_point_mass(on_hil).where == "vehicle_bridge>point_mass"
-    assert as_in_point_mass(on_hil).path == MAVLINK
+    assert point_mass_fault(on_hil).where == "vehicle_bridge>point_mass"
+    assert point_mass_fault(on_hil).path == MAVLINK
