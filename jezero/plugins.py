@@ -11,6 +11,7 @@ action in the topic table. Names are read without importing the package, so that
 
 import re
 from collections.abc import Iterable
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Protocol
 
@@ -33,22 +34,24 @@ class Declaration(Protocol):
         """The action's name, its goal, feedback and result types, and its phase."""
 
 
+@cache
 def plugin_names() -> tuple[str, ...]:
     """Names of the actions that installed packages add, sorted; none of the packages is imported.
 
     Names that jezero's own actions or services have, and names that are no identifiers in lower case, are left out:
     `load_declaration` tells why.
     """
-    return tuple(sorted({point.name for point in entry_points(group=GROUP) if not _name_problem(point.name)}))
+    return tuple(sorted({point.name for point in entry_points(group=GROUP) if not name_problem(point.name)}))
 
 
+@cache
 def load_declaration(name: str) -> Any:
     """The declaration of an action that a package adds.
 
     Raises:
         PluginError: no installed package adds it, several do, its package can't be imported, or it is no declaration.
     """
-    if problem := _name_problem(name):
+    if problem := name_problem(name):
         raise PluginError(problem)
     point = _only(name, tuple(entry_points(group=GROUP, name=name)))
     try:
@@ -90,7 +93,7 @@ def action_names() -> tuple[str, ...]:
     return (*ACTIONS, *plugin_names())
 
 
-def _name_problem(name: str) -> str:
+def name_problem(name: str) -> str:
     """The reason why a package's action may not have this name, or ""."""
     if name in ACTIONS:
         return f"action {name!r} is one of jezero's own: a package must give its action another name"

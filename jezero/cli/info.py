@@ -6,8 +6,9 @@ from typing import Any
 
 import click
 
+from jezero.plugins import action_names, all_actions
 from jezero.runtime.service import Spec
-from jezero.schemas.topics import ACTIONS, ENDPOINTS, TOPICS, Topic, feedback_of
+from jezero.schemas.topics import ENDPOINTS, TOPICS, Topic, feedback_of
 from jezero.services.actions.table import action_server
 from jezero.services.autopilot.service import SPEC as AUTOPILOT
 from jezero.services.estimator.service import SPEC as ESTIMATOR
@@ -22,14 +23,14 @@ TABLE_WIDTH_MIN = 120
 
 def all_specs() -> dict[str, Spec]:
     """The declaration of every service of the stack, by name."""
-    actions = (action_server(name, boot_id=0).spec for name in ACTIONS)
+    actions = (action_server(name, boot_id=0).spec for name in action_names())
     specs = (SIMULATOR, CAMERA, AUTOPILOT, VEHICLE_BRIDGE, TAG_DETECTOR, ESTIMATOR, *actions)
     return {spec.name: spec for spec in specs}
 
 
 def all_topics() -> tuple[Topic[Any], ...]:
     """Every topic, with the feedback of each action; the health of each service is left out."""
-    return (*TOPICS, *map(feedback_of, ACTIONS.values()))
+    return (*TOPICS, *map(feedback_of, all_actions().values()))
 
 
 def topic_rows() -> list[Row]:
@@ -81,7 +82,7 @@ def mermaid() -> str:
     """The graph of services and topics as a Mermaid flowchart; the five action servers are one node."""
 
     def node(service: str) -> str:
-        return "actions" if service in ACTIONS else service
+        return "actions" if service in action_names() else service
 
     edges: dict[tuple[str, str], list[str]] = {}
     for row in topic_rows():
@@ -130,8 +131,8 @@ Every service also publishes `health/<service>` once a second.
 def _cell(value: Any) -> str:
     """A value for people; a list that holds all action servers names them together."""
     if isinstance(value, list):
-        if set(ACTIONS) <= set(value):
-            value = [*(name for name in value if name not in ACTIONS), "actions"]
+        if set(action_names()) <= set(value):
+            value = [*(name for name in value if name not in action_names()), "actions"]
         return ", ".join(value)
     return f"{value:g}" if isinstance(value, float) else str(value)
 

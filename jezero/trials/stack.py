@@ -5,10 +5,11 @@ from collections.abc import Callable, Collection
 
 import msgspec
 
+from jezero.plugins import action_names
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus
 from jezero.runtime.service import Service
-from jezero.services.actions.table import DECLARATIONS, action_server
+from jezero.services.actions.table import action_server
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.service import Autopilot
 from jezero.services.estimator.config import EstimatorConfig
@@ -75,7 +76,7 @@ def service_makers(
     def action_maker(name: str) -> Callable[[int], Service]:
         return lambda boot: action_server(name, boot)
 
-    return makers | {name: action_maker(name) for name in DECLARATIONS}
+    return makers | {name: action_maker(name) for name in action_names()}
 
 
 def wired_bus(seed: int) -> MemoryBus:

@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 
+from jezero.plugins import all_actions
 from jezero.runtime.memory_bus import Answers, MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Cancel, GetResult, Goal, Rejected, Result
@@ -137,7 +138,7 @@ class Client:
         if code == StatusCode.IDLE and rng.random() < 0.85:
             self._send(rng.choice((topics.TAKEOFF, topics.TAKEOFF, topics.GO_TO)))
         elif code == StatusCode.HOVER and rng.random() < 0.8:
-            self._send(rng.choice([a for a in topics.ACTIONS.values() if a is not topics.TAKEOFF] + [topics.GO_TO]))
+            self._send(rng.choice([a for a in all_actions().values() if a is not topics.TAKEOFF] + [topics.GO_TO]))
         elif code == StatusCode.EXTERNAL and rng.random() < 0.5:
             self._request(topics.HOVER, Hover())
         elif rng.random() < 0.6:
@@ -165,7 +166,7 @@ class Client:
             case 6:
                 self._request(topics.KILL, Kill(confirm=False))
             case _:
-                self._send(rng.choice(tuple(topics.ACTIONS.values())))
+                self._send(rng.choice(tuple(all_actions().values())))
 
     def _send(self, action: topics.Action[Any]) -> None:
         goal = draw_goal(action, self._rng, f"{self.name}-{len(self.sent) + 1}", self._bus.t_ns)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from random import Random
 
-from jezero.schemas.topics import ACTIONS
+from jezero.plugins import action_names
 
 CLIENTS = ("alice", "bob")
 BRIDGE, AUTOPILOT, SIMULATOR = "vehicle_bridge", "autopilot", "simulator"
@@ -88,10 +88,10 @@ def _draw_fault(kind: Kind, rng: Random, start_s: float, others: tuple[str, ...]
     if kind in SENSOR_KINDS:
         return _draw_sensor(kind, rng, start_s)
     if kind is Kind.KILL:
-        names = (BRIDGE, BRIDGE, BRIDGE, *ACTIONS, *ACTIONS, AUTOPILOT, SIMULATOR, *others)
+        names = (BRIDGE, BRIDGE, BRIDGE, *action_names(), *action_names(), AUTOPILOT, SIMULATOR, *others)
         return Fault(kind, rng.choice(names), "bus", start_s, rng.uniform(0.3, 5.0))
     if kind is Kind.FREEZE:
-        name = rng.choice((BRIDGE, BRIDGE, *ACTIONS, AUTOPILOT, *others))
+        name = rng.choice((BRIDGE, BRIDGE, *action_names(), AUTOPILOT, *others))
         longest_s = 0.1 if name == AUTOPILOT else 10.0
         return Fault(kind, name, "bus", start_s, rng.uniform(0.02, longest_s))
     if kind is Kind.PARTITION:
@@ -123,7 +123,7 @@ def _draw_partition(rng: Random, start_s: float, others: tuple[str, ...]) -> Fau
     duration_s = rng.uniform(0.2, PARTITION_MAX_S)
     if rng.random() < 0.3:
         return Fault(Kind.PARTITION, _one_way(rng, BRIDGE, AUTOPILOT), MAVLINK, start_s, duration_s, 1.0)
-    name = rng.choice((BRIDGE, BRIDGE, *ACTIONS, *CLIENTS, *others))
+    name = rng.choice((BRIDGE, BRIDGE, *action_names(), *CLIENTS, *others))
     return Fault(Kind.PARTITION, name, "bus", start_s, duration_s, float(rng.random() < 0.3))
 
 
@@ -133,7 +133,7 @@ def _draw_link(kind: Kind, rng: Random, start_s: float, others: tuple[str, ...])
     if not carries_time and rng.random() < 0.35:
         amount = {Kind.DELAY: rng.uniform(0.02, 0.2)}.get(kind, rng.choice((0.1, 0.5, 0.9)))
         return Fault(kind, _one_way(rng, BRIDGE, AUTOPILOT), MAVLINK, start_s, duration_s, amount)
-    action = SERVERS if rng.random() < 0.6 else rng.choice(tuple(ACTIONS))
+    action = SERVERS if rng.random() < 0.6 else rng.choice(action_names())
     with_others = tuple((other, end) for other in others for end in (SIMULATOR, action))
     ends = rng.choice(((SIMULATOR, BRIDGE), (SIMULATOR, action), *with_others))
     if rng.random() < 0.5:  # the link that carries setpoints
@@ -157,7 +157,7 @@ def affects(fault: Fault, sender: str, receiver: str) -> bool:
 
 
 def _matches(name: str, service: str) -> bool:
-    return service == name or (name == SERVERS and service in ACTIONS)
+    return service == name or (name == SERVERS and service in action_names())
 
 
 def _one_way(rng: Random, a: str, b: str) -> str:

@@ -11,7 +11,7 @@ from jezero.schemas.units import NS_PER_S
 
 VIOLATIONS_PER_RULE_MAX = 5
 
-IN_PROGRESS = (Code.TAKEOFF, Code.GO_TO, Code.GET_IMAGES, Code.LANDING, Code.COVERAGE)
+IN_PROGRESS = (Code.TAKEOFF, Code.GO_TO, Code.GET_IMAGES, Code.LANDING, Code.COVERAGE, Code.ACTION)
 ALLOWED: frozenset[tuple[Code, Code]] = frozenset(
     [
         # 0 -> 1 -> 2 -> 3
@@ -20,22 +20,25 @@ ALLOWED: frozenset[tuple[Code, Code]] = frozenset(
         (Code.TAKEOFF_DONE, Code.HOVER),
         # 0 -> 1 -> 4
         (Code.TAKEOFF, Code.GO_TO),
-        # 3 -> {4, 6, 8, 10}
+        # 3 -> {4, 6, 8, 10, 14}
         (Code.HOVER, Code.GO_TO),
         (Code.HOVER, Code.GET_IMAGES),
         (Code.HOVER, Code.LANDING),
         (Code.HOVER, Code.COVERAGE),
-        # 4, 6, 10 -> done -> 3
+        (Code.HOVER, Code.ACTION),
+        # 4, 6, 10, 14 -> done -> 3
         (Code.GO_TO, Code.GO_TO_DONE),
         (Code.GO_TO_DONE, Code.HOVER),
         (Code.GET_IMAGES, Code.GET_IMAGES_DONE),
         (Code.GET_IMAGES_DONE, Code.HOVER),
         (Code.COVERAGE, Code.COVERAGE_DONE),
         (Code.COVERAGE_DONE, Code.HOVER),
+        (Code.ACTION, Code.ACTION_DONE),
+        (Code.ACTION_DONE, Code.HOVER),
         # 8 -> 9 -> 0
         (Code.LANDING, Code.LANDING_DONE),
         (Code.LANDING_DONE, Code.IDLE),
-        # {1, 4, 6, 8, 10} -> 12 -> {3, 0}
+        # {1, 4, 6, 8, 10, 14} -> 12 -> {3, 0}
         *((code, Code.ABORT) for code in IN_PROGRESS),
         (Code.ABORT, Code.HOVER),
         (Code.ABORT, Code.IDLE),

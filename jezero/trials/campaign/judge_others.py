@@ -10,6 +10,7 @@ import msgspec
 
 from jezero.frames import norm, tilt_from_quat
 from jezero.mavlink import MavlinkCodec, dialect
+from jezero.plugins import find_action
 from jezero.runtime.service import Inbox, Output, Reply, Send, Service
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, GetImagesGoal, ImagesResult, Rejected, Result
@@ -133,7 +134,7 @@ class ServerJudge:
         """Number of images that each goal takes, by goal id."""
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
-        endpoint = topics.ACTIONS[self.spec.name].endpoint
+        endpoint = find_action(self.spec.name).endpoint
         for request in inbox.requests(endpoint):
             self._queries[request.request_id] = "sent"
             if isinstance(request.payload, GetImagesGoal):

@@ -9,6 +9,7 @@ from random import Random
 
 import msgspec
 
+from jezero.plugins import action_names
 from jezero.report.flight_log import line
 from jezero.runtime.service import Service
 from jezero.schemas import topics
@@ -107,7 +108,7 @@ class Mission:
         self._status: Status | None = None
         self._status_decoder = msgspec.json.Decoder(Status)
         self._truth = TruthJudge(self.judge)
-        known = (world.sensors, world.autopilot, BRIDGE, *topics.ACTIONS)
+        known = (world.sensors, world.autopilot, BRIDGE, *action_names())
         others = tuple(name for name in self._makers if name not in known)
         faults = draw_faults(named_random(seed, "faults"), FAULTS_START_MAX_S, others, fault_counts)
         self.faults = [world.translate_fault(fault) for fault in faults]
@@ -155,7 +156,7 @@ class Mission:
             return BridgeJudge(service, self.judge, self._flights)
         if name == topics.LAND_ON_SPOT.name:
             service = LandOnSpotJudge(service, self.judge, lambda: self._truth.truth)
-        return ServerJudge(service, run, self.judge, self._goals) if name in topics.ACTIONS else service
+        return ServerJudge(service, run, self.judge, self._goals) if name in action_names() else service
 
     def _start_fault(self, fault: Fault) -> None:
         self._report_event(f"fault: {fault}")

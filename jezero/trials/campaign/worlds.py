@@ -8,11 +8,12 @@ from typing import Any, Protocol
 
 import msgspec
 
+from jezero.plugins import action_names
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus
 from jezero.runtime.service import Service
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.table import DECLARATIONS, action_server
+from jezero.services.actions.table import action_server
 from jezero.services.autopilot.config import AutopilotConfig, TelemetryConfig
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.config import SimulatorConfig
@@ -87,7 +88,7 @@ def _point_mass_makers(seed: int) -> Makers:
         NAME: partial(PointMass, config, place, vehicle, SYSTEM_ID, seed),
         BRIDGE: lambda boot: VehicleBridge(bridge, system_id=SYSTEM_ID, boot_id=boot),
         BLANK_CAMERA: lambda boot: _blank_camera(vehicle, publishes_info=True),
-        **{name: partial(action_server, name, config=actions) for name in DECLARATIONS},
+        **{name: partial(action_server, name, config=actions) for name in action_names()},
     }
 
 

@@ -1,0 +1,72 @@
+"""`jezero new`: the start of a package that adds something to jezero."""
+
+import re
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from string import Template
+
+import click
+
+from jezero.plugins import name_problem
+
+SUFFIX = ".tmpl"
+
+
+@click.group()
+def new() -> None:
+    """Write the start of a package that adds something to jezero."""
+
+
+@new.command()
+@click.argument("name")
+@click.option(
+    "--into",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path(),
+    help="Folder in which the package's folder is made.  [default: this folder]",
+)
+def action(name: str, into: Path) -> None:
+    """Write a package that adds the action NAME: behaviour, test and pyproject, which fly at once.
+
+    NAME is lower-case letters, digits and underscores, such as `survey_spiral`.
+    """
+    if problem := name_problem(name):
+        raise click.UsageError(problem)
+    folder = into / name
+    if folder.exists():
+        raise click.UsageError(f"{folder} is there already: choose another name, or another folder with --into")
+    words = {"name": name, "dashed": name.replace("_", "-"), "Class": "".join(map(str.capitalize, name.split("_")))}
+    written = [
+        _write(template, folder / _target(path, name), words) for path, template in _templates(files(__package__))
+    ]
+    for path in written:
+        click.echo(f"wrote {path}")
+    click.echo(f"next: pip install -e {folder} && pytest {folder}; {folder / 'README.md'} says how to fly it")
+
+
+def _templates(package: Traversable) -> list[tuple[str, Traversable]]:
+    """The template files of an action, each with its path below the template's folder."""
+    found: list[tuple[str, Traversable]] = []
+
+    def walk(folder: Traversable, prefix: str) -> None:
+        for entry in sorted(folder.iterdir(), key=lambda entry: entry.name):
+            if entry.is_dir():
+                walk(entry, f"{prefix}{entry.name}/")
+            elif entry.name.endswith(SUFFIX):
+                found.append((prefix + entry.name.removesuffix(SUFFIX), entry))
+
+    walk(package / "templates" / "action", "")
+    return found
+
+
+def _target(path: str, name: str) -> str:
+    """Where a template's file goes: the modules into the package's own folder, the test under the action's name."""
+    path = re.sub(r"^src/", f"src/{name}/", path)
+    return path.replace("test_action.py", f"test_{name}.py")
+
+
+def _write(template: Traversable, path: Path, words: dict[str, str]) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(Template(template.read_text(encoding="utf-8")).substitute(words), encoding="utf-8")
+    return path
