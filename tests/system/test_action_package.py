@@ -1,0 +1,131 @@
+"""A package outside the tree, as `jezero new action` writes it, flies over real processes and is judged."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.system.conftest import JEZERO, Stack, new_stack
+from tests.system.test_plain_zenoh import PLAIN_CLIENT
+
+NAME = "survey_spiral"
+BROKEN = f"""
+from dataclasses import replace
+from {NAME}.declaration import ACTION as WHOLE
+
+class Planner:
+    def __init__(self, settings, config):
+        pass
+
+    def plan(self, goal, status):
+        raise ZeroDivisionError("no plan")
+
+ACTION = replace(WHOLE, action=replace(WHOLE.action, name="broken"), planner=Planner)
+"""
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a package that `jezero new action` wrote, with an action whose planner raises added to it."""
+    into = tmp_path_factory.mktemp("package")
+    subprocess.run([*JEZERO, "new", "action", NAME, "--into", str(into)], check=True, capture_output=True)
+    folder = into / NAME
+    (folder / "src" / NAME / "broken.py").write_text(BROKEN)
+    pyproject = folder / "pyproject.toml"
+    entry = f'{NAME} = "{NAME}.declaration:ACTION"\n'
+    pyproject.write_text(pyproject.read_text().replace(entry, f'{entry}broken = "{NAME}.broken:ACTION"\n'))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def environment(package: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Environment in which the package is installed, beside jezero."""
+    site = tmp_path_factory.mktemp("site")
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
+    subprocess.run([*pip, "--target", str(site), str(package)], check=True, capture_output=True)
+    paths = [str(site), *filter(None, [os.environ.get("PYTHONPATH")])]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+
+
+@pytest.fixture(scope="module")
+def hovering(environment: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
+    """A stack whose launcher found the package; the vehicle hovers 3 m up."""
+    with new_stack(tmp_path_factory.mktemp("stack")) as stack:
+        stack.environment["PYTHONPATH"] = environment["PYTHONPATH"]
+        stack.up()
+        stack.jezero("takeoff", "3")
+        yield stack
+
+
+def test_its_own_tests_pass(package: Path, environment: dict[str, str]) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(package / "tests")],
+        **{"env": environment, "cwd": package, "capture_output": True, "text": True, "check": False},
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "3 passed" in done.stdout
+
+
+def test_the_command_line_lists_and_flies_it(hovering: Stack) -> None:
+    listed = [json.loads(line) for line in hovering.jezero("action", "list", "--json").stdout.splitlines()]
+    assert {"action": NAME, "from": "package", "goal": {"side_m": "1.0", "on_client_loss": '"continue"'}} in listed
+    lines = hovering.jezero("action", "send", NAME, "side_m=2", "--json").stdout.splitlines()
+    replies = [json.loads(line) for line in lines]
+    assert replies[-1]["outcome"] == "succeeded"
+    assert len([reply for reply in replies if reply["type"] == "feedback"]) > 20
+
+
+def test_wrong_words_are_explained(hovering: Stack) -> None:
+    unknown = hovering.jezero("action", "send", NAME, "edge_m=2", check=False)
+    assert unknown.returncode == 2
+    assert "has no field 'edge_m'; its fields are side_m" in unknown.stderr
+    too_long = hovering.jezero("action", "send", NAME, "side_m=51", check=False)
+    assert too_long.returncode == 2
+    assert "side_m" in too_long.stderr
+
+
+def test_the_sdk_and_the_status_know_it_by_name(hovering: Stack) -> None:
+    script = f"""
+from jezero import Vehicle
+with Vehicle.connect({hovering.instance.vehicle!r}, router={hovering.instance.router!r}) as uav:
+    goal = uav.send({NAME!r}, side_m=1.0)
+    statuses = [uav.status() for _ in goal.feedback()]
+    assert goal.result().completed
+    assert {{(14, {NAME!r})}} >= {{(s.code, s.action) for s in statuses if s.action}}, statuses
+    assert any(s.code == 14 for s in statuses)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=hovering.environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_plain_zenoh_session_flies_it(hovering: Stack) -> None:
+    selector = f"jezero/{hovering.instance.vehicle}/@action/{NAME}?side_m=1;_time=[..]"
+    command = [sys.executable, "-c", PLAIN_CLIENT, hovering.instance.router, selector]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    replies = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [replies[0]["type"], replies[-1].get("outcome")] == ["accepted", "succeeded"]
+
+
+def test_a_planner_that_raises_refuses_its_goal_and_its_server_lives(hovering: Stack) -> None:
+    before = hovering.processes()["broken"]
+    for _ in range(2):
+        refused = hovering.jezero("action", "send", "broken", check=False)
+        assert refused.returncode == 3
+        assert "broken failed in plan: ZeroDivisionError: no plan" in refused.stderr
+    assert hovering.processes()["broken"] == before
+    assert "ZeroDivisionError" in hovering.jezero("logs", "broken").stdout
+
+
+def test_the_campaign_flies_and_judges_it(environment: dict[str, str]) -> None:
+    done = subprocess.run(
+        [*JEZERO, "campaign", "--world", "point-mass", "--seeds", "0..5", "-v"],
+        **{"env": environment, "capture_output": True, "text": True, "check": False},
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert f"sends {NAME}" in done.stdout
