@@ -23,7 +23,7 @@ def action() -> None:
 @action.command("list")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per line.")
 def list_actions(as_json: bool) -> None:
-    """Show every action with the fields of its goal; `=` gives the default of a field that may be left out."""
+    """Show every action with the fields of its goal; a field without a default must be given."""
     for name in action_names():
         try:
             found = find_action(name)
@@ -86,8 +86,8 @@ def _goal_fields(name: str, words: tuple[str, ...]) -> dict[str, Any]:
 
 def _fields(found: Action[Any]) -> dict[str, str | None]:
     """Fields of an action's goal, each with its default as JSON; None for a field that must be given."""
+    fields = {field.name: field for field in msgspec.structs.fields(found.goal_type)}
+    own = [*(name for name in fields if name not in COMMON), "on_client_loss"]
     return {
-        field.name: None if field.required else msgspec.json.encode(field.default).decode()
-        for field in msgspec.structs.fields(found.goal_type)
-        if field.name not in COMMON or field.name == "on_client_loss"
+        name: None if fields[name].required else msgspec.json.encode(fields[name].default).decode() for name in own
     }

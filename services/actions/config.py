@@ -1,4 +1,4 @@
-"""Settings of all action servers, which share one file because they share limits and ways of moving."""
+"""Settings of all action servers, which share one file because they have limits and ways of moving in common."""
 
 from jezero.runtime.config import Config
 from jezero.services.actions.area_coverage.config import AreaCoverageConfig

@@ -64,7 +64,11 @@ def hovering(environment: dict[str, str], tmp_path_factory: pytest.TempPathFacto
 def test_its_own_tests_pass(package: Path, environment: dict[str, str]) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(package / "tests")],
-        **{"env": environment, "cwd": package, "capture_output": True, "text": True, "check": False},
+        env=environment,
+        cwd=package,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "3 passed" in done.stdout
@@ -95,8 +99,7 @@ with Vehicle.connect({hovering.instance.vehicle!r}, router={hovering.instance.ro
     goal = uav.send({NAME!r}, side_m=1.0)
     statuses = [uav.status() for _ in goal.feedback()]
     assert goal.result().completed
-    assert {{(14, {NAME!r})}} >= {{(s.code, s.action) for s in statuses if s.action}}, statuses
-    assert any(s.code == 14 for s in statuses)
+    assert (14, {NAME!r}) in [(status.code, status.action) for status in statuses]
 """
     done = subprocess.run(
         [sys.executable, "-c", script], env=hovering.environment, capture_output=True, text=True, check=False
@@ -125,7 +128,10 @@ def test_a_planner_that_raises_refuses_its_goal_and_its_server_lives(hovering: S
 def test_the_campaign_flies_and_judges_it(environment: dict[str, str]) -> None:
     done = subprocess.run(
         [*JEZERO, "campaign", "--world", "point-mass", "--seeds", "0..5", "-v"],
-        **{"env": environment, "capture_output": True, "text": True, "check": False},
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert f"sends {NAME}" in done.stdout

@@ -1,4 +1,4 @@
-"""From the corners of a path to a motion along it: spline turns, bounded acceleration, pictures by distance."""
+"""Motion along a path, from its corners: spline turns, bounded acceleration, pictures at even distances."""
 
 from dataclasses import dataclass
 from math import sqrt
@@ -88,7 +88,7 @@ def make_trajectory(
 
 
 def smooth(corners_m: Array, cut_m: float) -> Array:
-    """(m, 2) points along straight lines and turns; a turn is a cubic B-spline whose curvature begins and ends at 0.
+    """Points (m, 2) along straight lines and turns; a turn is a cubic B-spline whose curvature begins and ends at 0.
 
     The control points of a turn at V, between directions u and w, are V - 2cu, V - cu, V, V + cw, V + 2cw: the curve
     leaves the first line at V - cu, joins the second at V + cw, and stays inside the triangle between these and V.

@@ -54,7 +54,7 @@ class RoverLanding:
         self._yaw_rad = state.yaw_rad
         self._hold_ned_m = state.pos_uav_ned_m
         self._feet_ned_m = STILL
-        """From the vehicle's reference point to the middle of its feet."""
+        """Vector from the vehicle's reference point to the middle of its feet."""
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
         dt_s = min(max((t_ns - self._t_ns) / NS_PER_S, 0.0), STEP_MAX_S)

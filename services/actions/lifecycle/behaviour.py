@@ -80,7 +80,7 @@ class Move(msgspec.Struct, frozen=True):
 
     Attributes:
         phase: of the action, from which the status code follows.
-        feedback: of the action's feedback type, for those who watch the goal.
+        feedback: of the action's feedback type, for the goal's watchers.
         pos_ned_m: position setpoint.
         vel_ned_mps: velocity setpoint.
         acc_ned_mps2: acceleration that is fed forward.
@@ -132,7 +132,7 @@ class Behaviour(Protocol):
 
 
 Start = Callable[[int, VehicleState], Behaviour]
-"""Starts the behaviour at a time in ns and a state. A first step follows at once, while control is still asked for."""
+"""Starts the behaviour at a time in ns and a state. A first step follows at once, while control is being acquired."""
 
 
 class Refusal(msgspec.Struct, frozen=True):
@@ -157,7 +157,7 @@ class Plan(msgspec.Struct, frozen=True):
 
     Attributes:
         start: start of the behaviour, or the preparation that gives it.
-        warning: part of the goal that will not be done as asked.
+        warning: part of the goal that will not be done as the client wants it.
         do_takeoff: the goal starts on the ground.
         inputs: topics that the behaviour needs besides odometry.
         selection: the goal's own selection of the estimator's inputs; None: the estimator's own.

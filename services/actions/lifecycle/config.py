@@ -1,4 +1,4 @@
-"""Settings of what every goal goes through, and of taking pictures."""
+"""Settings of the lifecycle of goals, and of pictures."""
 
 from typing import Annotated
 

@@ -15,8 +15,8 @@ class LimitsConfig(Config, frozen=True, kw_only=True):
     Attributes:
         altitude_max_m: above the world's origin; for a takeoff above the take-off point.
         distance_max_m: horizontally from the world's origin.
-        speed_min_mps: lowest speed that a goal may ask for.
-        speed_max_mps: highest speed that a goal may ask for.
+        speed_min_mps: lowest speed of a goal.
+        speed_max_mps: highest speed of a goal.
     """
 
     altitude_max_m: Positive = 120.0

@@ -12,7 +12,7 @@ from jezero.frames import Vec3, add, subtract
 from jezero.schemas.estimate import Relative
 from jezero.services.actions.lifecycle.behaviour import Done, Move, VehicleState
 
-HINT = "use frame 'world', or see that the estimator finds the rover"
+HINT = "use frame 'world', or check that the estimator finds the rover"
 
 
 def loss_reason(relative: Relative | None) -> str:

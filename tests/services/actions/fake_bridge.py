@@ -1,4 +1,4 @@
-"""A vehicle bridge with a point mass behind it, for tests of those who ask it for control."""
+"""A vehicle bridge with a point mass behind it, for tests of the action servers."""
 
 from collections.abc import Iterator
 
@@ -30,15 +30,16 @@ def follow(
 
 
 class FakeBridge:
-    """Grants and releases control as the real one does, as far as goals can see it.
+    """Grants and releases control as the real bridge does, as far as it matters to goals.
 
     Attributes:
-        refuse: answer to every request for control, when not empty.
-        lost_releases: so many releases are lost on their way to the bridge.
-        lost_replies: so many releases are carried out, but their answer is lost.
-        mute_odometry, mute_status: publish them no more.
-        lost: the status doesn't tell any more where the vehicle is.
-        offset_ned_m: steps of the autopilot's position so far; positions contain it.
+        refuse: reason with which every request for control is refused, when not empty.
+        lost_releases: number of releases that will be lost on their way to the bridge.
+        lost_replies: number of releases that will be carried out while their reply is lost.
+        mute_odometry: publish no odometry.
+        mute_status: publish no status.
+        lost: publish the status without the vehicle's position.
+        offset_ned_m: sum of the autopilot's position steps so far; positions contain it.
     """
 
     def __init__(self, pos_ned_m: Vec3 = (0.0, 0.0, 0.0), boot_id: int = 7) -> None:

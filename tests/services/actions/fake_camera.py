@@ -1,4 +1,4 @@
-"""A camera with the sensors that belong to a picture, for tests of those who take pictures."""
+"""A camera with the sensors that belong to a picture, for tests of actions that take pictures."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from jezero.schemas.topics import Topic
 SIDE_PX = 16
 PERIOD_NS = 66_666_667
 DELAY_NS = 100_000_000
-LOOKS_DOWN_RAD = -0.5 * pi
+PITCH_DOWN_RAD = -0.5 * pi
 
 
 def frame(t_ns: int, sequence: int = 0, value: int = 7) -> CameraFrame:
@@ -24,14 +24,14 @@ def frame(t_ns: int, sequence: int = 0, value: int = 7) -> CameraFrame:
         sequence=sequence,
         width_px=SIDE_PX,
         height_px=SIDE_PX,
-        pitch_camera_rad=LOOKS_DOWN_RAD,
+        pitch_camera_rad=PITCH_DOWN_RAD,
         exposure_s=0.004,
         pixels=bytes([value]) * (3 * SIDE_PX * SIDE_PX),
     )
 
 
 def info(t_ns: int) -> CameraInfo:
-    """Of that camera."""
+    """Intrinsics of that camera."""
     return CameraInfo(
         t_ns=t_ns,
         width_px=SIDE_PX,

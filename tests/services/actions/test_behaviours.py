@@ -300,12 +300,12 @@ def descend(flight: Flight, to_phase: str) -> None:
 NOSE_UP, TO_THE_RIGHT = quat_from_euler(0.0, 0.25, 0.0), quat_from_euler(0.25, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("leaning", [NOSE_UP, TO_THE_RIGHT])
-def test_a_landing_that_leans_over_something_climbs_and_is_given_up(leaning: Quat) -> None:
+@pytest.mark.parametrize("tilted", [NOSE_UP, TO_THE_RIGHT])
+def test_a_landing_that_tilts_over_something_climbs_and_is_given_up(tilted: Quat) -> None:
     flight = Flight(LAND_ON_SPOT, LAND, hovering((2.0, -1.0, -2.0)))
     while flight.state.pos_uav_ned_m[2] < 0.0:
         assert flight.run(DT_S) is None
-    flight.state = replace(flight.state, q_ned_from_frd=leaning)
+    flight.state = replace(flight.state, q_ned_from_frd=tilted)
     before = len(flight.moves)
     done = flight.run(10.0)
     assert done is not None
@@ -316,13 +316,13 @@ def test_a_landing_that_leans_over_something_climbs_and_is_given_up(leaning: Qua
     assert flight.state.pos_uav_ned_m[2] < -1.0
 
 
-def test_a_lean_against_the_wind_is_no_edge() -> None:
+def test_a_tilt_against_the_wind_is_no_edge() -> None:
     flight = Flight(LAND_ON_SPOT, LAND, replace(hovering((2.0, -1.0, -2.0)), q_ned_from_frd=NOSE_UP))
     descend(flight, "contact")
     assert flight.run(10.0) == Done("succeeded", then="disarm")
 
 
-def test_a_lean_in_the_air_is_no_edge() -> None:
+def test_a_tilt_in_the_air_is_no_edge() -> None:
     flight = Flight(LAND_ON_SPOT, LAND, hovering((2.0, -1.0, -4.0)))
     descend(flight, "descent")
     flight.run(0.5)

@@ -43,7 +43,7 @@ class World:
         return answers.replies[-1]
 
     def cancel_after(self, pictures: int) -> CoverageResult:
-        """Fly GOAL until so many pictures are told of; what its result is then."""
+        """Fly GOAL until feedback reports a number of pictures, then cancel it; returns its result."""
         answers = self.send(GOAL)
         self.bus.run_for(60.0, lambda: taken(answers) >= pictures)
         self.bus.ask(topics.AREA_COVERAGE.cancel, Cancel(goal_id=GOAL.goal_id))
@@ -74,7 +74,7 @@ def test_an_area_is_covered_with_a_picture_at_every_planned_point() -> None:
     assert len({round(s.yaw_rad or 0.0, 6) for s in mapping}) == 1
 
 
-def test_a_canceled_coverage_tells_the_goal_that_takes_the_missing_pictures() -> None:
+def test_a_canceled_coverage_returns_the_goal_that_takes_the_missing_pictures() -> None:
     world, planned = World(), len(plan_coverage(GOAL, CONFIG).pictures_m)
     first = world.cancel_after(7)
     assert first.resume is not None and first.resume.first_picture == len(first.images) < planned

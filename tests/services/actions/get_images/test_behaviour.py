@@ -138,7 +138,7 @@ def test_the_cameras_axes_are_asked_for_no_more_than_they_can() -> None:
 
 
 class Turn:
-    """Flies one goal with a point mass that faces where it is told."""
+    """Flies one goal with a point mass that turns to each heading setpoint at once."""
 
     def __init__(
         self, goal: GetImagesGoal, pos_ned_m: Vec3 = (1.0, 1.0, -3.0), relative: Relative | None = None

@@ -1,4 +1,4 @@
-"""Pictures at planned points: which one is taken, what is told of it, and where its pixels go."""
+"""Pictures at planned points: the choice of the exposure, the measurements with it, and the store of its pixels."""
 
 from collections.abc import Callable
 from math import pi, radians
@@ -54,7 +54,7 @@ class Feeder:
         self.inbox.clear()
 
     def fly(self, until_ms: int, since_ms: int = 0, offset_m: float = 0.0) -> None:
-        """At 1 m/s to the north: at time t the vehicle is at t metres; pictures come 100 ms late."""
+        """Fly north at 1 m/s: at time t the vehicle is at t metres; pictures come 100 ms late."""
         self.give(since_ms * MS, info(since_ms * MS))
         for ms in range(since_ms, until_ms, 20):
             messages: list[Message] = [odometry(ms * MS, ms / 1000.0 + offset_m, offset_m=offset_m), imu(ms * MS)]
@@ -79,7 +79,7 @@ def test_the_first_picture_exposed_after_the_point_is_taken() -> None:
     assert feeder.shots[0].frame.pixels
 
 
-def test_what_is_told_is_as_of_the_exposure() -> None:
+def test_an_image_has_the_pose_at_its_exposure() -> None:
     feeder = Feeder()
     feeder.fly(500)
     feeder.capture.request(0, 490 * MS)
@@ -171,7 +171,7 @@ def test_without_pictures_a_goal_is_refused_or_aborted_with_the_reason() -> None
     assert feeder.capture.problem(2300 * MS) == "no pictures: none came for point 2 of 3 within 2.1 s"
 
 
-def test_feedback_tells_of_each_picture_once_and_only_when_streaming() -> None:
+def test_feedback_reports_each_picture_once_and_only_when_streaming() -> None:
     for stream in (True, False):
         feeder = Feeder(stream=stream)
         feeder.fly(500)
@@ -230,7 +230,7 @@ def test_a_disk_that_stands_still_delays_nobody_and_loses_nothing(tmp_path: Path
     store.keep(picture("a", 3))
 
 
-def test_what_the_disk_refused_meanwhile_is_told_with_the_next_picture_of_that_goal(tmp_path: Path) -> None:
+def test_an_error_of_the_disk_is_raised_with_the_next_picture_of_that_goal(tmp_path: Path) -> None:
     folder, waiting = tmp_path / "pictures", list[Callable[[], None]]()
     store = PictureStore(folder, execute=waiting.append)
     store.keep(picture("a", 0))

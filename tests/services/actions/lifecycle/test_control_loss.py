@@ -1,4 +1,4 @@
-"""How a goal ends that loses its control, its bridge or its vehicle, or whose release is not answered."""
+"""Ends of goals that lose their control, their bridge or their vehicle, or whose release gets no reply."""
 
 import msgspec
 import pytest
@@ -25,10 +25,10 @@ def test_control_taken_away_ends_the_goal_with_the_bridges_words(code: StatusCod
 def test_a_status_from_before_the_grant_ends_nothing(after_s: float, ahead_s: float) -> None:
     """Whatever its time says: the bridge's clock may run ahead while the simulator stands still, and go back then."""
     world = World()
-    told: list[bytes] = []
-    world.bus.observe(lambda t_ns, name, data: told.append(data) if name == topics.STATUS.name else None)
+    published: list[bytes] = []
+    world.bus.observe(lambda t_ns, name, data: published.append(data) if name == topics.STATUS.name else None)
     world.bus.run_for(0.2)
-    before = decode(Status, told[-1])
+    before = decode(Status, published[-1])
     goal = world.send(FAR)
     assert world.bus.run_for(1.0, lambda: bool(goal.replies))
     world.bus.run_for(after_s)

@@ -51,10 +51,10 @@ def test_a_goal_is_accepted_reports_at_10_hz_and_ends_with_one_result() -> None:
 
 def test_the_first_feedback_comes_with_the_acceptance_10_ms_before_the_first_setpoint() -> None:
     world = World()
-    told: list[tuple[str, int]] = []
-    world.bus.observe(lambda t_ns, name, data: told.append((name, t_ns)))
+    published: list[tuple[str, int]] = []
+    world.bus.observe(lambda t_ns, name, data: published.append((name, t_ns)))
     world.flying()
-    flown = [(name, t_ns) for name, t_ns in told if name in ("command/setpoint", "action/go_to/feedback")]
+    flown = [(name, t_ns) for name, t_ns in published if name in ("command/setpoint", "action/go_to/feedback")]
     assert [name for name, _ in flown[:2]] == ["action/go_to/feedback", "command/setpoint"]
     assert flown[1][1] - flown[0][1] == 10_000_000
     later = [(one, other) for (one, t_ns), (other, then_ns) in pairwise(flown[2:]) if t_ns == then_ns]
@@ -63,14 +63,14 @@ def test_the_first_feedback_comes_with_the_acceptance_10_ms_before_the_first_set
 
 def test_a_first_feedback_that_has_aged_before_control_is_given_is_not_told() -> None:
     world = World()
-    told: list[str] = []
-    world.bus.observe(lambda _t_ns, name, _data: told.append(name))
+    published: list[str] = []
+    world.bus.observe(lambda _t_ns, name, _data: published.append(name))
     world.send(FAR)
     for _ in range(20):  # something comes between the question for control and its answer
         world.bus.run_for(0.0002)
         world.bus.ask(topics.RESULT, GetResult(goal_id="another"), "me")
     world.bus.run_for(0.1)
-    flown = [name for name in told if name in ("command/setpoint", "action/go_to/feedback")]
+    flown = [name for name in published if name in ("command/setpoint", "action/go_to/feedback")]
     assert flown[:2] == ["command/setpoint", "action/go_to/feedback"]
 
 

@@ -1,4 +1,4 @@
-"""A landing's selection of sensors: leased, renewed, told again to a new estimator, and given back."""
+"""A landing's selection of sensors: leased, renewed, requested again from a new estimator, and released."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -21,11 +21,11 @@ LAND = LandOnSpotGoal(goal_id="g")
 
 
 class FakeEstimator:
-    """Sees the rover, and notes what it is told.
+    """Publishes valid estimates of the rover, and stores the leases that are requested.
 
     Attributes:
-        goal_id: whose selection its estimates are of; None: of the newest lease.
-        refuse: reason to refuse every lease with, when not empty.
+        goal_id: goal to whose selection its estimates belong; None: that of the newest lease.
+        refuse: reason with which every lease is refused, when not empty.
     """
 
     def __init__(self, bridge: FakeBridge) -> None:
