@@ -233,11 +233,11 @@ def test_a_sensor_that_jumps_about_is_never_believed_and_one_that_insists_is(sen
     setattr(estimator, sensor, garbled)
     world.run(16.0)
     assert estimator.reset_counter == 0
-    assert norm(tuple(world.error()[6:9])) < 0.5  # type: ignore[arg-type]
+    assert norm(tuple(world.error()[6:9])) < 0.5
     setattr(estimator, sensor, shifted)
     world.run(20.0)
     assert estimator.reset_counter == 1
-    assert norm(tuple(world.error()[6:9])) == pytest.approx(abs(shift_m), rel=0.05)  # type: ignore[arg-type]
+    assert norm(tuple(world.error()[6:9])) == pytest.approx(abs(shift_m), rel=0.05)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -254,10 +254,10 @@ def test_without_gnss_it_stays_level_and_its_velocity_near_that_of_a_slow_vehicl
     assert np.abs(world.error())[6:8].max() < 1.0
 
 
-def test_a_field_that_can_not_be_the_places_does_not_turn_the_heading() -> None:
+def test_a_field_that_can_not_be_the_places_does_not_turn_the_heading(monkeypatch: pytest.MonkeyPatch) -> None:
     world = World().run(8.0)
     mag = world.estimator.on_mag
-    world.estimator.on_mag = lambda field: mag(add(field, (0.18, -0.18, 0.0)))
+    monkeypatch.setattr(world.estimator, "on_mag", lambda field: mag(add(field, (0.18, -0.18, 0.0))))
     world.run(18.0)
     assert degrees(abs(world.error()[2])) < 2.0
 
@@ -273,10 +273,10 @@ def test_a_heading_that_is_far_off_is_found_again() -> None:
     assert estimator.invalid_reason == ""
 
 
-def test_in_a_disturbed_field_it_does_not_start_and_says_so() -> None:
+def test_in_a_disturbed_field_it_does_not_start_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     world = World()
     mag = world.estimator.on_mag
-    world.estimator.on_mag = lambda field: mag(add(field, (0.1, -0.1, 0.0)))
+    monkeypatch.setattr(world.estimator, "on_mag", lambda field: mag(add(field, (0.1, -0.1, 0.0))))
     world.run(REST_S)
     assert world.estimator.invalid_reason == "the magnetic field is disturbed"
 
@@ -286,10 +286,10 @@ def test_a_shock_that_kicks_the_velocity_is_forgotten() -> None:
     for _ in range(10):
         world.step += 1
         world.estimator.on_imu(world.step * DT_US, (60.0, 0.0, -140.0), (0.0, 0.0, 0.0))
-    assert norm(tuple(world.error()[3:6])) > 3.0  # type: ignore[arg-type]
+    assert norm(tuple(world.error()[3:6])) > 3.0
     world.run(20.0)
-    assert norm(tuple(world.error()[3:6])) < 0.1  # type: ignore[arg-type]
-    assert norm(tuple(world.error()[6:9])) < 0.3  # type: ignore[arg-type]
+    assert norm(tuple(world.error()[3:6])) < 0.1
+    assert norm(tuple(world.error()[6:9])) < 0.3
     assert world.estimator.reset_counter > 0
 
 

@@ -3,6 +3,7 @@
 from itertools import product
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from jezero.services.autopilot.config import FailsafeConfig
@@ -18,7 +19,7 @@ from jezero.services.autopilot.modes import Mode
 
 DEFAULT = FailsafeConfig()
 SETTINGS = [
-    FailsafeConfig(com_obl_rc_act=obl, nav_dll_act=dll, com_low_bat_act=low)
+    msgspec.convert({"com_obl_rc_act": obl, "nav_dll_act": dll, "com_low_bat_act": low}, FailsafeConfig)
     for obl, dll, low in product((0, 1, 2, 3, 4, 5, 6, 7), (0, 1, 2, 3, 5, 6), (0, 2, 3))
 ]
 EVERYTHING = list(product(Trigger, Mode, (False, True)))
