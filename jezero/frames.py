@@ -221,14 +221,14 @@ def frd_from_camera(v_camera: Vec3, pitch_camera_rad: float, roll_camera_rad: fl
 
 
 def q_frd_from_camera(pitch_camera_rad: float, roll_camera_rad: float = 0.0) -> Quat:
-    """The rotation of `frd_from_camera`."""
+    """The rotation of `frd_from_camera` as a quaternion."""
     axes = quat_from_euler(roll_camera_rad, 0.0, 0.0)
     axes = quat_multiply(axes, quat_from_euler(0.0, pitch_camera_rad, 0.0))
     return quat_normalize(quat_multiply(axes, (0.5, 0.5, 0.5, 0.5)))
 
 
-def quat_between(a: Quat, b: Quat, share: float) -> Quat:
-    """Between two attitudes that are near each other; a share of 0 is `a`. Source: normalised linear interpolation."""
+def quat_between(a: Quat, b: Quat, fraction: float) -> Quat:
+    """Interpolate between two attitudes that are near each other (normalised linear); a fraction of 0 is `a`."""
     sign = copysign(1.0, a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3])
-    w, x, y, z = (p + share * (sign * q - p) for p, q in zip(a, b, strict=True))
+    w, x, y, z = (p + fraction * (sign * q - p) for p, q in zip(a, b, strict=True))
     return quat_normalize((w, x, y, z))

@@ -9,8 +9,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from jezero.codec import decode
 from jezero.frames import Vec3, add, quat_rotate, subtract
-from jezero.runtime.codec import decode
 from jezero.runtime.config import ConfigError, load_config
 from jezero.runtime.memory_bus import NO_DELAY, MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Service, Spec

@@ -88,6 +88,4 @@ def _fields(found: Action[Any]) -> dict[str, str | None]:
     """Fields of an action's goal, each with its default as JSON; None for a field that must be given."""
     fields = {field.name: field for field in msgspec.structs.fields(found.goal_type)}
     own = [*(name for name in fields if name not in COMMON), "on_client_loss"]
-    return {
-        name: None if fields[name].required else msgspec.json.encode(fields[name].default).decode() for name in own
-    }
+    return {name: None if fields[name].required else msgspec.json.encode(fields[name].default).decode() for name in own}

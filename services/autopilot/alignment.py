@@ -1,4 +1,4 @@
-"""How the filter starts: tilt, heading, gyroscope bias and origin of a vehicle that stands still."""
+"""Alignment of the filter: tilt, heading, gyroscope bias and origin of a vehicle at rest."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -10,7 +10,7 @@ from jezero.services.autopilot.config import EstimatorConfig
 
 MIN_FIXES = 10
 FIX_AGE_MAX_US = 1_500_000
-"""Where the vehicle was longer ago isn't known well enough to be compared with a fix."""
+"""Older states of the vehicle are too inaccurate to be compared with a fix."""
 
 
 @dataclass(frozen=True)
@@ -18,14 +18,16 @@ class Fix:
     """One GNSS fix.
 
     Attributes:
-        t_us: when it was true, in the time of the other sensors; it arrives later. 0 where it isn't known.
+        t_us: time of the measurement on the clock of the other sensors, 0 if unknown. The fix arrives later.
         position_deg: (latitude_deg, longitude_deg, altitude_m).
+        valid: whether the receiver has a 3D fix with enough satellites.
+        satellites: number of satellites.
     """
 
     t_us: int
     position_deg: Vec3
     vel_ned_mps: Vec3
-    usable: bool
+    valid: bool
     satellites: int = 0
 
 
@@ -37,7 +39,7 @@ def _mean(vectors: Iterable[Vec3], count: int) -> Vec3:
 class Alignment:
     """Averages the sensors of a vehicle at rest to find tilt, heading, gyroscope bias and origin.
 
-    A movement, or a fix that is not usable, starts it over.
+    A movement or an invalid fix restarts it.
     """
 
     def __init__(self, config: EstimatorConfig, gravity_mps2: float) -> None:
@@ -51,8 +53,8 @@ class Alignment:
         self._disturbed = False
 
     @property
-    def missing(self) -> str:
-        """What the filter still waits for, in words; empty when it can start."""
+    def incomplete_reason(self) -> str:
+        """Why the alignment is incomplete, as a text for people; empty when it is complete."""
         if not self._imu:
             return "no IMU data, or the vehicle moves"
         if len(self._fixes) < MIN_FIXES:
@@ -65,7 +67,8 @@ class Alignment:
             return "aligning, keep the vehicle still"
         return ""
 
-    def imu(self, dt_us: int, acc_frd_mps2: Vec3, gyro_frd_rps: Vec3) -> None:
+    def on_imu(self, dt_us: int, acc_frd_mps2: Vec3, gyro_frd_rps: Vec3) -> None:
+        """Add an IMU sample; the vehicle must not move."""
         force = sqrt(sum(a * a for a in acc_frd_mps2))
         if abs(force - self._gravity_mps2) > 1.0 or max(abs(w) for w in gyro_frd_rps) > 0.15:
             self._imu.clear()
@@ -76,14 +79,14 @@ class Alignment:
         if self._still_us > 2e6 * self._config.align_s:
             self._imu.popleft()
 
-    def fix(self, fix: Fix) -> None:
-        if fix.usable:
+    def on_fix(self, fix: Fix) -> None:
+        if fix.valid:
             self._fixes.append(fix.position_deg)
         else:
             self._fixes.clear()
 
-    def mag(self, field_frd_gauss: Vec3) -> None:
-        """Gravity tells what of the field is horizontal."""
+    def on_mag(self, field_frd_gauss: Vec3) -> None:
+        """Add a magnetic field; its horizontal part is found with the direction of gravity."""
         down = self._imu[-1][0] if self._imu else (0.0, 0.0, -1.0)
         along = sum(f * d for f, d in zip(field_frd_gauss, down, strict=True)) / sqrt(sum(d * d for d in down))
         horizontal = sqrt(max(0.0, sum(f * f for f in field_frd_gauss) - along * along))
@@ -93,7 +96,7 @@ class Alignment:
         else:
             self._mag.append(field_frd_gauss)
 
-    def baro(self, altitude_pressure_m: float) -> None:
+    def on_baro(self, altitude_pressure_m: float) -> None:
         self._baro.append(altitude_pressure_m)
 
     def result(self) -> tuple[Quat, Vec3, Vec3, float]:

@@ -1,4 +1,4 @@
-"""A battery that the rotors empty: charge, current, voltage."""
+"""Model of the battery: charge, current, voltage."""
 
 from math import sqrt
 
@@ -7,7 +7,12 @@ from jezero.services.autopilot.mixer import Commands
 
 
 class Battery:
-    """Attributes: current_a: drawn now; used_mah: since it was full or the vehicle appeared."""
+    """Battery that the rotors and the electronics discharge.
+
+    Attributes:
+        current_a: present current.
+        used_mah: charge drawn since the start.
+    """
 
     def __init__(self, config: BatteryConfig, airframe: Airframe) -> None:
         self._config = config
@@ -17,11 +22,11 @@ class Battery:
         self.used_mah = 0.0
 
     def configure(self, config: BatteryConfig) -> None:
-        """New settings, the same charge."""
+        """Apply new settings; the charge stays the same."""
         self._config = config
 
     def step(self, dt: float, commands: Commands) -> None:
-        """Run the rotors for `dt` seconds: their power goes with the thrust to the power of 3/2."""
+        """Discharge for `dt` seconds. The power of a rotor is proportional to its thrust to the power of 3/2."""
         f1, f2, f3, f4 = commands
         rotors = f1 * sqrt(f1) + f2 * sqrt(f2) + f3 * sqrt(f3) + f4 * sqrt(f4)
         self.current_a = self._config.electronics_a + self._full_a * rotors
@@ -29,7 +34,7 @@ class Battery:
 
     @property
     def remaining(self) -> float:
-        """Share of the capacity, 0 to 1."""
+        """Remaining fraction of the capacity, 0 to 1."""
         return max(0.0, (self._start_mah - self.used_mah) / self._config.bat1_capacity_mah)
 
     @property

@@ -1,45 +1,45 @@
-"""Arming, modes and failsafes: what the autopilot may do, and what it does when something is lost."""
+"""The commander: arming, modes, failsafes and automatic disarming."""
 
 from collections.abc import Iterator
 
 import msgspec
 
 from jezero.services.autopilot.config import CommanderConfig, FailsafeConfig
-from jezero.services.autopilot.failsafes import MODE_OF, Action, Trigger, respond
+from jezero.services.autopilot.failsafes import MODE_OF_ACTION, Action, Trigger, most_severe_action
 from jezero.services.autopilot.modes import DOWN, Mode
 
 
-class Condition(msgspec.Struct, frozen=True, gc=False):
-    """What the commander looks at in each step.
+class VehicleState(msgspec.Struct, frozen=True, gc=False):
+    """State of the vehicle at one time, as the commander needs it.
 
     Attributes:
-        t_us: time of the sensors.
-        not_armable: why the vehicle must not arm, "" when it may.
-        position_lost: why there is no position to fly with, "" when there is.
-        stream_age_s: of the newest offboard setpoint.
-        landed: the land detector's word.
-        tilt_rad: of the body against the vertical.
-        link_age_s: of the newest heartbeat of a ground station.
-        battery_remaining: share of the capacity.
+        t_us: time stamp of the newest sensor sample.
+        arming_refusal: why sensors and estimate forbid arming, "" when they allow it.
+        position_invalid_reason: why the position estimate is invalid, "" when it is valid.
+        offboard_setpoint_age_s: age of the newest offboard setpoint.
+        landed: state of the land detector.
+        tilt_rad: angle between the body's down axis and the vertical.
+        gcs_lost_s: time since the connection to the last ground station was lost, 0 while it is connected.
+        battery_remaining: fraction of the capacity, 0 to 1.
     """
 
     t_us: int
-    not_armable: str
-    position_lost: str
-    stream_age_s: float
+    arming_refusal: str
+    position_invalid_reason: str
+    offboard_setpoint_age_s: float
     landed: bool
     tilt_rad: float
-    link_age_s: float = 0.0
+    gcs_lost_s: float = 0.0
     battery_remaining: float = 1.0
 
 
 class Commander:
-    """The autopilot's state machine.
+    """State machine of arming and flight modes.
 
     Attributes:
-        armed: motors may turn.
-        mode: what flies the vehicle.
-        failsafe: the mode was chosen by a failsafe, not by a command.
+        armed: whether motors may turn.
+        mode: the flight mode.
+        failsafe: whether a failsafe, not a command, chose the mode.
     """
 
     def __init__(self, config: CommanderConfig, failsafe: FailsafeConfig) -> None:
@@ -50,150 +50,152 @@ class Commander:
         self._has_flown = False
         self._landed_us: int | None = None
         self._upright_us = 0
-        self._overruled: tuple[Trigger, ...] = ()
-        """Wrong already when somebody last commanded a mode: it is his decision, as long as it stays wrong."""
-        self._warned: tuple[Trigger, ...] = ()
-        self._said: list[tuple[int, str]] = []
+        self._overridden: tuple[Trigger, ...] = ()
+        """Triggers that were active at the last mode command, and since. They start no action, because the operator
+        chose the mode in spite of them.
+        """
+        self._warned_of: tuple[Trigger, ...] = ()
+        self._status_texts: list[tuple[int, str]] = []
 
     def configure(self, config: CommanderConfig, failsafe: FailsafeConfig) -> None:
-        """New settings."""
+        """Apply new settings at once."""
         self._config = config
         self._failsafe = failsafe
 
-    def take_said(self) -> list[tuple[int, str]]:
-        """(severity, sentence) pairs that nobody has taken yet; 3 is an error, 4 a warning, 6 information."""
-        said, self._said = self._said, []
-        return said
+    def pop_status_texts(self) -> list[tuple[int, str]]:
+        """Return and clear the queued (severity, text) pairs; severity 3 is an error, 4 a warning, 6 information."""
+        texts, self._status_texts = self._status_texts, []
+        return texts
 
-    # -- commands; each returns why it is refused, or "" --
+    # -- commands; each returns the reason of a refusal, or "" --
 
-    def arm(self, now: Condition) -> str:
-        """Arm, if every check passes."""
+    def arm(self, state: VehicleState) -> str:
+        """Arm if all arming checks pass."""
         if self.armed:
             return ""
-        reason = self.not_armable(now)
+        reason = self.arming_refusal(state)
         if not reason and self.mode in DOWN:
             reason = f"the mode is {self.mode.value}, choose another first"
-        if not reason and self.mode is Mode.OFFBOARD and now.stream_age_s > self._config.offboard_stream_s:
+        if not reason and self.mode is Mode.OFFBOARD and state.offboard_setpoint_age_s > self._config.offboard_stream_s:
             reason = "offboard mode without setpoints"
         if reason:
-            self.say(3, f"Arming denied: {reason}")
+            self.add_status_text(3, f"Arming denied: {reason}")
             return reason
         self.armed = True
         self.failsafe = False
-        self._upright_us = now.t_us
+        self._upright_us = state.t_us
         self._has_flown = False
         self._landed_us = None
-        self._overruled = self._warned = ()
-        self.say(6, "Armed by external command")
+        self._overridden = self._warned_of = ()
+        self.add_status_text(6, "Armed by external command")
         return ""
 
-    def not_armable(self, now: Condition) -> str:
-        """Why the vehicle must not arm, whatever its mode."""
-        if now.not_armable:
-            return now.not_armable
-        if now.battery_remaining < self._failsafe.bat_crit_thr:
-            return f"the battery has {100.0 * now.battery_remaining:.0f} % left"
-        if self._failsafe.nav_dll_act and now.link_age_s > self._failsafe.com_dl_loss_t_s:
-            return "no ground station is heard, and NAV_DLL_ACT wants one"
+    def arming_refusal(self, state: VehicleState) -> str:
+        """Run the arming checks that do not depend on the mode; returns the reason of a refusal, or ""."""
+        if state.arming_refusal:
+            return state.arming_refusal
+        if state.battery_remaining < self._failsafe.bat_crit_thr:
+            return f"the battery has {100.0 * state.battery_remaining:.0f} % left"
+        if self._failsafe.nav_dll_act and state.gcs_lost_s > self._failsafe.com_dl_loss_t_s:
+            return "no ground station is connected, and NAV_DLL_ACT requires one"
         return ""
 
-    def disarm(self, now: Condition, *, force: bool) -> str:
-        """Disarm on the ground, or anywhere by force."""
+    def disarm(self, state: VehicleState, *, force: bool) -> str:
+        """Disarm on the ground, or in the air too if `force` is set."""
         if not self.armed:
             return ""
-        if not (now.landed or force):
-            self.say(3, "Disarming denied: not landed")
+        if not (state.landed or force):
+            self.add_status_text(3, "Disarming denied: not landed")
             return "not landed"
-        self._disarm("Disarmed by force" if force and not now.landed else "Disarmed by external command")
+        self._disarm("Disarmed by force" if force and not state.landed else "Disarmed by external command")
         return ""
 
-    def set_mode(self, mode: Mode, now: Condition) -> str:
-        """Switch to another mode."""
+    def set_mode(self, mode: Mode, state: VehicleState) -> str:
+        """Carry out a mode command. Land without a valid position becomes descend."""
         reason = ""
-        if mode is Mode.LAND and self.armed and now.position_lost:
+        if mode is Mode.LAND and self.armed and state.position_invalid_reason:
             mode = Mode.DESCEND
-        elif mode is Mode.OFFBOARD and now.stream_age_s > self._config.offboard_stream_s:
+        elif mode is Mode.OFFBOARD and state.offboard_setpoint_age_s > self._config.offboard_stream_s:
             reason = "no offboard setpoints"
-        elif now.position_lost:
-            reason = now.position_lost
+        elif state.position_invalid_reason:
+            reason = state.position_invalid_reason
         if reason:
-            self.say(4, f"Switching to {mode.value} mode denied: {reason}")
+            self.add_status_text(4, f"Switching to {mode.value} mode denied: {reason}")
             return reason
         self.failsafe = False
-        self._overruled = tuple(self._triggers(now))
+        self._overridden = tuple(self._triggers(state))
         self.switch(mode)
         return ""
 
     def switch(self, mode: Mode) -> None:
-        """To the mode that follows of itself, such as hold after takeoff."""
+        """Switch the mode without checks, e.g. to hold after a takeoff."""
         if mode is not self.mode:
             self.mode = mode
-            self.say(6, f"Mode: {mode.value}")
+            self.add_status_text(6, f"Mode: {mode.value}")
 
-    # -- time --
+    # -- periodic --
 
-    def tick(self, now: Condition) -> None:
-        """Look after failsafes and automatic disarming."""
+    def update(self, state: VehicleState) -> None:
+        """Run failsafes and automatic disarming; does nothing while disarmed."""
         if not self.armed:
             return
-        if now.tilt_rad <= self._failsafe.fd_fail_tilt_rad:
-            self._upright_us = now.t_us
-        self._answer(tuple(self._triggers(now)), now.landed)
+        if state.tilt_rad <= self._failsafe.fd_fail_tilt_rad:
+            self._upright_us = state.t_us
+        self._apply_failsafes(tuple(self._triggers(state)), state.landed)
         if self.armed:
-            self._disarm_by_itself(now)
+            self._auto_disarm(state)
 
-    def _triggers(self, now: Condition) -> Iterator[Trigger]:
-        """What is wrong now."""
+    def _triggers(self, state: VehicleState) -> Iterator[Trigger]:
+        """Failsafe triggers that are active now."""
         c = self._failsafe
-        if now.stream_age_s > c.com_of_loss_t_s:
+        if state.offboard_setpoint_age_s > c.com_of_loss_t_s:
             yield Trigger.OFFBOARD_LOST
-        if c.nav_dll_act and now.link_age_s > c.com_dl_loss_t_s:
+        if c.nav_dll_act and state.gcs_lost_s > c.com_dl_loss_t_s:
             yield Trigger.LINK_LOST
-        if level := self.battery_level(now.battery_remaining):
-            yield _BATTERY[level - 1]
-        if now.position_lost:
+        if level := self.battery_level(state.battery_remaining):
+            yield _BATTERY_TRIGGERS[level - 1]
+        if state.position_invalid_reason:
             yield Trigger.POSITION_LOST
-        if self.armed and _seconds(now.t_us - self._upright_us) >= c.fd_fail_s:
+        if self.armed and _seconds(state.t_us - self._upright_us) >= c.fd_fail_s:
             yield Trigger.TILTED
 
     def battery_level(self, remaining: float) -> int:
-        """0 when there is enough, then low, critical, emergency."""
+        """Warning level of the battery: 0 normal, 1 low, 2 critical, 3 emergency."""
         c = self._failsafe
         return (remaining < c.bat_low_thr) + (remaining < c.bat_crit_thr) + (remaining < c.bat_emergen_thr)
 
-    def _answer(self, triggers: tuple[Trigger, ...], landed: bool) -> None:
-        """Do what the failsafes want."""
-        if self._overruled:
-            self._overruled = tuple(trigger for trigger in self._overruled if trigger in triggers)
-        if self._warned:
-            self._warned = tuple(trigger for trigger in self._warned if trigger in triggers)
+    def _apply_failsafes(self, triggers: tuple[Trigger, ...], landed: bool) -> None:
+        """Carry out the most severe action of the active triggers."""
+        if self._overridden:
+            self._overridden = tuple(trigger for trigger in self._overridden if trigger in triggers)
+        if self._warned_of:
+            self._warned_of = tuple(trigger for trigger in self._warned_of if trigger in triggers)
         if not triggers:
             return
-        new = [t for t in triggers if t not in self._overruled or t is Trigger.OFFBOARD_LOST]
-        action, because = respond(new, self.mode, landed, self._failsafe)
-        if because is None:
+        new = [t for t in triggers if t not in self._overridden or t is Trigger.OFFBOARD_LOST]
+        action, trigger = most_severe_action(new, self.mode, landed, self._failsafe)
+        if trigger is None:
             return
         if action is Action.WARN:
-            if because not in self._warned:
-                self._warned = (*self._warned, because)
-                self.say(4, f"Warning: {because.value}")
+            if trigger not in self._warned_of:
+                self._warned_of = (*self._warned_of, trigger)
+                self.add_status_text(4, f"Warning: {trigger.value}")
         elif action is Action.DISARM:
-            self._disarm(f"Failsafe: {because.value}, motors off", severity=2)
+            self._disarm(f"Failsafe: {trigger.value}, motors off", severity=2)
         else:
-            self.say(3, f"Failsafe: {because.value}, {_DOING[action]}")
+            self.add_status_text(3, f"Failsafe: {trigger.value}, {_TEXT_OF_ACTION[action]}")
             self.failsafe = True
-            self.switch(MODE_OF[action])
+            self.switch(MODE_OF_ACTION[action])
 
-    def _disarm_by_itself(self, now: Condition) -> None:
+    def _auto_disarm(self, state: VehicleState) -> None:
         c = self._config
-        if not now.landed:
+        if not state.landed:
             self._has_flown = True
             self._landed_us = None
             return
         if self._landed_us is None:
-            self._landed_us = now.t_us
-        since_s = _seconds(now.t_us - self._landed_us)
+            self._landed_us = state.t_us
+        since_s = _seconds(state.t_us - self._landed_us)
         if self._has_flown and since_s >= c.com_disarm_land_s:
             self._disarm("Disarmed by landing")
         elif not self._has_flown and since_s >= c.com_disarm_prflt_s:
@@ -201,22 +203,22 @@ class Commander:
 
     def _disarm(self, text: str, severity: int = 6) -> None:
         self.armed = False
-        self.say(severity, text)
+        self.add_status_text(severity, text)
         self.failsafe = False
         if self.mode in DOWN or self.mode is Mode.TAKEOFF:
             self.switch(Mode.HOLD)
 
-    def say(self, severity: int, text: str) -> None:
-        """To be told by whoever takes it next."""
-        self._said.append((severity, text))
+    def add_status_text(self, severity: int, text: str) -> None:
+        """Queue a text for STATUSTEXT."""
+        self._status_texts.append((severity, text))
 
 
-_BATTERY = (Trigger.BATTERY_LOW, Trigger.BATTERY_CRITICAL, Trigger.BATTERY_EMERGENCY)
-_DOING = {
+_BATTERY_TRIGGERS = (Trigger.BATTERY_LOW, Trigger.BATTERY_CRITICAL, Trigger.BATTERY_EMERGENCY)
+_TEXT_OF_ACTION = {
     Action.HOLD: "holding",
     Action.RETURN: "returning",
     Action.LAND: "landing",
-    Action.DESCEND: "descending where it is",
+    Action.DESCEND: "descending",
 }
 
 

@@ -11,10 +11,10 @@ NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 
 
 class Rotor(Config, frozen=True, kw_only=True):
-    """Where a rotor is in body FRD, and its yaw torque per newton of thrust.
+    """Position of a rotor in body FRD, and its yaw torque per newton of thrust.
 
     Attributes:
-        km_m: positive when the rotor turns counter-clockwise seen from above, so that it yaws the body right.
+        km_m: positive if the rotor turns counter-clockwise seen from above, so that its torque yaws the body right.
     """
 
     x_frd_m: Annotated[float, Meta(ge=-10.0, le=10.0)]
@@ -28,15 +28,15 @@ IRIS_ROTORS = (
     Rotor(x_frd_m=0.1515, y_frd_m=-0.245, km_m=-0.05),
     Rotor(x_frd_m=-0.1515, y_frd_m=0.1875, km_m=-0.05),
 )
-"""PX4's airframe 10016."""
+"""Rotors of PX4's airframe 10016."""
 
 
 class Airframe(Config, frozen=True, kw_only=True):
-    """What the controller believes about the vehicle.
+    """Model of the vehicle in the controllers.
 
     Attributes:
-        inertia_frd_kgm2: (3,) diagonal.
-        mpc_thr_hover: share of full thrust that hovers; with the mass it gives each rotor's full thrust.
+        inertia_frd_kgm2: (3,) diagonal of the inertia.
+        mpc_thr_hover: hover thrust as a fraction of full thrust; with the mass it gives each rotor's full thrust.
         idle: command of the rotors while armed on the ground.
     """
 
@@ -52,22 +52,23 @@ class EstimatorConfig(Config, frozen=True, kw_only=True):
     """The error-state Kalman filter.
 
     Attributes:
-        declination_rad: of the magnetic field at the place of flight, positive east.
-        field_horizontal_gauss: its horizontal part there.
+        declination_rad: declination of the magnetic field at the place of flight, positive east.
+        field_horizontal_gauss: strength of its horizontal part.
         acc_density, gyro_density: white noise of the IMU, m/s²/√Hz and rad/s/√Hz.
         acc_bias_walk, gyro_bias_walk: random walk of the biases, m/s²/√s and rad/s/√s.
-        acc_bias_std_mps2, gyro_bias_std_rps: of the biases at the start; the gyroscope's after averaging at rest.
-        ekf2_gps_delay_s: how old a fix is when it arrives, if it doesn't tell when it was true.
-        ekf2_gps_p_noise_m, gps_z_noise_m, ekf2_gps_v_noise_mps: standard deviation of one fix for the update. The
-            position's is larger than its scatter because most of its error is slow.
-        ekf2_gps_p_gate_m: a fix that is horizontally further than this from the estimate is rejected.
-        ekf2_gps_v_gate_mps: the same for its velocity.
-        gps_reset_s: after so long a rejection the position is reset to the fixes.
-        ekf2_baro_noise_m, ekf2_baro_gate_m: the same for the pressure altitude.
-        ekf2_head_noise_rad, ekf2_head_gate_rad: the same for the heading from the magnetometer.
-        mag_check_gauss: a field whose horizontal part differs by more from that of the place is disturbed.
-        align_s: the vehicle must stand still for so long before the filter starts.
-        settle_s: and so long must it have run before it counts as settled.
+        acc_bias_std_mps2: standard deviation of the accelerometer bias at the start.
+        gyro_bias_std_rps: standard deviation of the gyroscope bias at the start, after averaging at rest.
+        ekf2_gps_delay_s: age of a fix at its arrival, if it has no time stamp.
+        ekf2_gps_p_noise_m, gps_z_noise_m, ekf2_gps_v_noise_mps: standard deviation of one fix for the update. That of
+            the position is larger than its scatter, because most of its error varies slowly.
+        ekf2_gps_p_gate_m: gate of the horizontal innovation of a fix; a larger innovation is rejected.
+        ekf2_gps_v_gate_mps: gate of the velocity innovation.
+        gps_reset_s: the estimate is reset to a sensor that has been rejected for this time.
+        ekf2_baro_noise_m, ekf2_baro_gate_m: standard deviation and gate of the pressure altitude.
+        ekf2_head_noise_rad, ekf2_head_gate_rad: standard deviation and gate of the magnetic heading.
+        mag_check_gauss: a field is disturbed if its horizontal part differs from the expected one by more than this.
+        align_s: time that the vehicle must stand still before the filter starts.
+        settle_s: time that the filter must run before the estimate is valid.
     """
 
     declination_rad: Annotated[float, Meta(ge=-3.15, le=3.15)] = 0.0555
@@ -99,15 +100,15 @@ class ControlConfig(Config, frozen=True, kw_only=True):
 
     Attributes:
         mpc_xy_p, mpc_z_p: velocity per metre of position error, 1/s.
-        mpc_acc_hor_mps2: deceleration that a position setpoint counts on when it is far away.
+        mpc_acc_hor_mps2: deceleration assumed on the way to a distant position setpoint.
         mpc_xy_vel_p_acc, mpc_z_vel_p_acc: acceleration per velocity error, 1/s; `_i_` 1/s², `_d_` on acceleration.
-        mpc_thr_min: least share of full thrust in flight.
+        mpc_thr_min: minimum thrust in flight as a fraction of full thrust.
         mc_rollpitch_p, mc_yaw_p: body rate per attitude error, 1/s.
         rate_p, yawrate_p: angular acceleration per rate error, 1/s; `_i` 1/s².
         mpc_tko_ramp_t_s: at takeoff the thrust limit rises from zero to full in this time.
         mpc_tko_speed_mps: climb of the takeoff mode.
         mpc_land_speed_mps: descent of the land mode below `mpc_land_alt2_m` above home.
-        acc_filter_hz: low pass of the acceleration that the D term sees.
+        acc_filter_hz: low-pass filter of the acceleration for the D term.
     """
 
     mpc_xy_p: Positive = 1.0
@@ -140,10 +141,10 @@ class ControlConfig(Config, frozen=True, kw_only=True):
 
 
 class LandDetectorConfig(Config, frozen=True, kw_only=True):
-    """When the vehicle counts as standing on something; see `land_detector`.
+    """Thresholds of the land detector; see `land_detector`.
 
     Attributes:
-        contact_s, maybe_landed_s, landed_s: how long each of the three stages must hold.
+        contact_s, maybe_landed_s, landed_s: duration of the conditions of each stage.
     """
 
     lndmc_z_vel_max_mps: Positive = 0.25
@@ -155,13 +156,14 @@ class LandDetectorConfig(Config, frozen=True, kw_only=True):
 
 
 class CommanderConfig(Config, frozen=True, kw_only=True):
-    """Arming.
+    """Arming checks and automatic disarming.
 
     Attributes:
-        offboard_stream_s: offboard is entered only with a setpoint younger than this.
-        com_disarm_land_s, com_disarm_prflt_s: automatic disarm after landing, and after arming without taking off.
-        sensor_timeout_s: a sensor that was silent for so long forbids arming.
-        arm_tilt_rad: the vehicle must stand straighter than this to arm.
+        offboard_stream_s: maximum age of the setpoint to enter offboard mode.
+        com_disarm_land_s: time from landing to automatic disarming.
+        com_disarm_prflt_s: time from arming to automatic disarming if the vehicle does not take off.
+        sensor_timeout_s: a sensor without data for this time forbids arming.
+        arm_tilt_rad: maximum tilt to arm.
     """
 
     offboard_stream_s: Positive = 0.5
@@ -172,18 +174,19 @@ class CommanderConfig(Config, frozen=True, kw_only=True):
 
 
 class FailsafeConfig(Config, frozen=True, kw_only=True):
-    """When something counts as lost, and what is done about it; see `failsafes`.
+    """Triggers and actions of failsafes; see `failsafes`.
 
     Attributes:
-        com_of_loss_t_s: without offboard setpoints.
-        com_obl_rc_act: 0 to 2 a pilot (there is none: land), 3 return, 4 land, 5 hold, 6 and 7 motors off.
-        com_dl_loss_t_s: without the heartbeat of a ground station.
-        nav_dll_act: 0 nothing, 1 hold, 2 return, 3 land, 5 and 6 motors off.
+        com_of_loss_t_s: time-out of offboard setpoints.
+        com_obl_rc_act: action on lost setpoints: 0 to 2 land instead of a pilot, 3 return, 4 land, 5 hold, 6 and 7
+            disarm.
+        com_dl_loss_t_s: time without a connection to a ground station.
+        nav_dll_act: action on a lost ground station: 0 none, 1 hold, 2 return, 3 land, 5 and 6 disarm.
         com_low_bat_act: 0 warn, 2 land, 3 return at the critical and land at the emergency level.
-        bat_low_thr, bat_crit_thr, bat_emergen_thr: share of the battery that remains.
-        com_pos_fs_eph_m: horizontal standard deviation of the position.
-        ekf2_noaid_tout_s: without a GNSS fix.
-        fd_fail_tilt_rad, fd_fail_s: tilted further for so long.
+        bat_low_thr, bat_crit_thr, bat_emergen_thr: remaining fraction of the battery at each level.
+        com_pos_fs_eph_m: maximum horizontal standard deviation of the position.
+        ekf2_noaid_tout_s: time-out of GNSS fixes.
+        fd_fail_tilt_rad, fd_fail_s: tilt of the failure detector, and its duration.
     """
 
     com_of_loss_t_s: Positive = 1.0
@@ -204,9 +207,9 @@ class NavigatorConfig(Config, frozen=True, kw_only=True):
     """Takeoff and return.
 
     Attributes:
-        mis_takeoff_alt_m: height of a takeoff that names none, and the least of one that does.
-        rtl_return_alt_m: height above home to fly home at, unless the vehicle is higher.
-        rtl_min_dist_m: nearer to home than this it needs no more height than a cone of `rtl_cone_ang_rad` about home.
+        mis_takeoff_alt_m: height above the vehicle of a takeoff whose command gives no height.
+        rtl_return_alt_m: height of the return above home, unless the vehicle is higher.
+        rtl_min_dist_m: within this distance of home, a cone of half angle `rtl_cone_ang_rad` limits the height.
     """
 
     mis_takeoff_alt_m: Positive = 2.5
@@ -216,13 +219,13 @@ class NavigatorConfig(Config, frozen=True, kw_only=True):
 
 
 class BatteryConfig(Config, frozen=True, kw_only=True):
-    """The battery: a voltage that falls with the charge, and an inner resistance.
+    """Battery model: a voltage that falls with the charge, and an internal resistance.
 
     Attributes:
-        bat1_v_charged_v, bat1_v_empty_v, bat1_r_internal_ohm: per cell.
-        charge_at_start: share of the capacity.
-        electronics_a: drawn by everything but the rotors.
-        hover_a: drawn by the rotors in hover.
+        bat1_v_charged_v, bat1_v_empty_v, bat1_r_internal_ohm: values of one cell.
+        charge_at_start: fraction of the capacity.
+        electronics_a: current of everything but the rotors.
+        hover_a: current of the rotors in hover.
     """
 
     bat1_capacity_mah: Positive = 5000.0
@@ -236,7 +239,11 @@ class BatteryConfig(Config, frozen=True, kw_only=True):
 
 
 class TelemetryConfig(Config, frozen=True, kw_only=True):
-    """Attributes: interval_min_s: no message is streamed more often, whoever asks: PX4 too spares a slow link."""
+    """Telemetry.
+
+    Attributes:
+        interval_min_s: minimum interval of a stream, whatever SET_MESSAGE_INTERVAL requests; PX4 also limits the rates.
+    """
 
     interval_min_s: Annotated[float, Meta(ge=0.004, le=1.0)] = 0.004
 
@@ -245,8 +252,8 @@ class SigningConfig(Config, frozen=True, kw_only=True):
     """MAVLink 2 signing.
 
     Attributes:
-        key: 64 hexadecimal digits; "" is off.
-        links: where it is demanded. The offboard link stays within the vehicle.
+        key: 64 hexadecimal digits; "" switches signing off.
+        links: links that require signatures. The offboard link stays within the vehicle.
     """
 
     key: Annotated[str, Meta(pattern=r"^([0-9a-fA-F]{64})?$")] = ""
@@ -254,10 +261,10 @@ class SigningConfig(Config, frozen=True, kw_only=True):
 
 
 class AutopilotConfig(Config, frozen=True, kw_only=True):
-    """All of it; `deploy/config/autopilot.toml`.
+    """Settings of the service, `deploy/config/autopilot.toml`.
 
     Attributes:
-        autopilot: who flies; PX4 has settings of its own. JEZERO_AUTOPILOT goes before this one.
+        autopilot: the autopilot to run; PX4 has settings of its own. JEZERO_AUTOPILOT overrides this.
     """
 
     autopilot: Literal["embedded", "px4"] = "embedded"

@@ -1,4 +1,4 @@
-"""The cascade: position, velocity, attitude, body rates."""
+"""Cascade of the position, velocity, attitude and rate controllers."""
 
 from math import hypot, pi, sqrt, tan
 
@@ -9,7 +9,7 @@ from jezero.services.autopilot.config import Airframe, ControlConfig
 from jezero.services.autopilot.mixer import STOPPED, Commands, Mixer
 
 Axes = tuple[float | None, float | None, float | None]
-"""North, east, down; None leaves the axis to the other quantities."""
+"""North, east, down; None: this quantity does not control the axis."""
 
 FREE: Axes = (None, None, None)
 RATE_INTEGRAL_LIMIT_RPS2 = 10.0
@@ -17,7 +17,7 @@ VELOCITY_INTEGRAL_LIMIT_MPS2 = 5.0
 
 
 class Setpoint(msgspec.Struct, frozen=True, gc=False):
-    """Where to be and how to move. With neither yaw nor yaw rate the heading stays as it is."""
+    """Position, velocity and acceleration setpoints. Without yaw and yaw rate the heading stays as it is."""
 
     pos_ned_m: Axes = FREE
     vel_ned_mps: Axes = FREE
@@ -26,18 +26,18 @@ class Setpoint(msgspec.Struct, frozen=True, gc=False):
     yaw_rate_rps: float | None = None
 
     @property
-    def lets_drift(self) -> bool:
-        """Nothing is asked of the motion over the ground, as without a position."""
+    def is_horizontally_free(self) -> bool:
+        """Whether no quantity controls the horizontal motion."""
         return self.pos_ned_m[:2] == self.vel_ned_mps[:2] == self.acc_ned_mps2[:2] == (None, None)
 
-    def moved(self, step_ned_m: Vec3) -> "Setpoint":
-        """The same setpoint after the position estimate was reset by `step_ned_m`."""
+    def shifted(self, step_ned_m: Vec3) -> "Setpoint":
+        """The same setpoint after a reset of the position estimate by `step_ned_m`."""
         n, e, d = (None if p is None else p + s for p, s in zip(self.pos_ned_m, step_ned_m, strict=True))
         return Setpoint((n, e, d), self.vel_ned_mps, self.acc_ned_mps2, self.yaw_rad, self.yaw_rate_rps)
 
 
 class Kinematics(msgspec.Struct, frozen=True, gc=False):
-    """What the controllers see of the estimate. `R_ned_from_frd` holds the rows one after the other."""
+    """Estimated motion of the vehicle, for controllers and navigator."""
 
     pos_ned_m: Vec3
     vel_ned_mps: Vec3
@@ -46,7 +46,7 @@ class Kinematics(msgspec.Struct, frozen=True, gc=False):
 
 
 def approach_speed_mps(distance_m: float, gain: float, acc_mps2: float) -> float:
-    """Speed towards a point: proportional near it, further out such that a constant deceleration stops there."""
+    """Speed towards a point: proportional to a short distance, otherwise for a constant deceleration."""
     near_m = acc_mps2 / (gain * gain)
     if distance_m <= near_m:
         return gain * distance_m
@@ -54,7 +54,7 @@ def approach_speed_mps(distance_m: float, gain: float, acc_mps2: float) -> float
 
 
 def stopping_distance_m(speed_mps: float, gain: float, acc_mps2: float) -> float:
-    """How far ahead a point must lie for `approach_speed_mps` to ask for the present speed."""
+    """Distance at which `approach_speed_mps` equals the present speed."""
     near_mps = acc_mps2 / gain
     if speed_mps <= near_mps:
         return speed_mps / gain
@@ -62,7 +62,7 @@ def stopping_distance_m(speed_mps: float, gain: float, acc_mps2: float) -> float
 
 
 def stopping_point_ned_m(at: Kinematics, config: ControlConfig) -> Vec3:
-    """Where the vehicle comes to rest when it brakes now."""
+    """Point where the vehicle comes to rest when it brakes now."""
     speed_mps = norm(at.vel_ned_mps)
     if speed_mps < 1e-6:
         return at.pos_ned_m
@@ -71,7 +71,7 @@ def stopping_point_ned_m(at: Kinematics, config: ControlConfig) -> Vec3:
 
 
 class VelocityLoop:
-    """Position and velocity setpoints to specific force in NED; integrates the wind away."""
+    """Position and velocity controllers; their output is the specific force in NED."""
 
     def __init__(self, config: ControlConfig, airframe: Airframe) -> None:
         self._gravity = airframe.gravity_mps2
@@ -81,7 +81,7 @@ class VelocityLoop:
         self.reset()
 
     def configure(self, config: ControlConfig) -> None:
-        """New settings."""
+        """Apply new settings at once."""
         self._config = config
         self._force_min = config.mpc_thr_min * self._force_max
         self._tan_tilt = tan(config.mpc_tiltmax_air_rad)
@@ -90,12 +90,12 @@ class VelocityLoop:
         self._integral = [0.0, 0.0, 0.0]
         self._acc_smooth = [0.0, 0.0, 0.0]
 
-    def stop_pushing_down(self) -> None:
-        """Forget what a descent that something held up has added."""
+    def reset_downward_integral(self) -> None:
+        """Remove the downward part of the integral, which a blocked descent has wound up."""
         self._integral[2] = min(0.0, self._integral[2])
 
-    def wanted_velocity(self, at: Kinematics, setpoint: Setpoint) -> Vec3:
-        """Velocity setpoint of the position error, with the setpoint's own velocity on top, within the limits."""
+    def velocity_setpoint(self, at: Kinematics, setpoint: Setpoint) -> Vec3:
+        """Velocity setpoint: output of the position controller plus the velocity of the setpoint, limited."""
         c = self._config
         position, velocity = setpoint.pos_ned_m, setpoint.vel_ned_mps
         n, e, d = (v or 0.0 for v in velocity)
@@ -114,39 +114,43 @@ class VelocityLoop:
         return self.vel_setpoint_ned_mps
 
     def specific_force(self, dt: float, at: Kinematics, setpoint: Setpoint) -> Vec3:
-        """(3,) specific force in NED, m/s², that the rotors shall give; at hover it is (0, 0, -g)."""
+        """(3,) specific force setpoint of the rotors in NED, m/s²; (0, 0, -g) in hover."""
         c = self._config
-        vel = self.wanted_velocity(at, setpoint)
+        vel = self.velocity_setpoint(at, setpoint)
         smooth = min(1.0, 2.0 * pi * c.acc_filter_hz * dt)
-        error, wanted = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+        error, acc_setpoint = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
         for i in range(3):
             p, d = (c.mpc_z_vel_p_acc, c.mpc_z_vel_d_acc) if i == 2 else (c.mpc_xy_vel_p_acc, c.mpc_xy_vel_d_acc)
             self._acc_smooth[i] += smooth * (at.acc_ned_mps2[i] - self._acc_smooth[i])
-            ahead = setpoint.acc_ned_mps2[i] or 0.0
+            feedforward = setpoint.acc_ned_mps2[i] or 0.0
             if setpoint.pos_ned_m[i] is not None or setpoint.vel_ned_mps[i] is not None:
                 error[i] = vel[i] - at.vel_ned_mps[i]
-            wanted[i] = p * error[i] + self._integral[i] - d * (self._acc_smooth[i] - ahead) + ahead
-        force = self._limited(wanted)
-        lost = (wanted[0] - force[0], wanted[1] - force[1], wanted[2] - (force[2] + self._gravity))
+            acc_setpoint[i] = p * error[i] + self._integral[i] - d * (self._acc_smooth[i] - feedforward) + feedforward
+        force = self._limit_force(acc_setpoint)
+        saturated = (
+            acc_setpoint[0] - force[0],
+            acc_setpoint[1] - force[1],
+            acc_setpoint[2] - (force[2] + self._gravity),
+        )
         for i in range(3):
             p, gain = (c.mpc_z_vel_p_acc, c.mpc_z_vel_i_acc) if i == 2 else (c.mpc_xy_vel_p_acc, c.mpc_xy_vel_i_acc)
-            grown = self._integral[i] + gain * (error[i] - 2.0 / p * lost[i]) * dt
-            self._integral[i] = max(-VELOCITY_INTEGRAL_LIMIT_MPS2, min(VELOCITY_INTEGRAL_LIMIT_MPS2, grown))
+            integral = self._integral[i] + gain * (error[i] - 2.0 / p * saturated[i]) * dt
+            self._integral[i] = max(-VELOCITY_INTEGRAL_LIMIT_MPS2, min(VELOCITY_INTEGRAL_LIMIT_MPS2, integral))
         return force
 
-    def _limited(self, acc_ned_mps2: list[float]) -> Vec3:
-        """Height first: the vertical part is kept, the horizontal one gets what tilt and thrust leave."""
+    def _limit_force(self, acc_ned_mps2: list[float]) -> Vec3:
+        """Limit thrust and tilt. The vertical part has priority; the horizontal part is shortened."""
         n, e, d = acc_ned_mps2
         d = max(-self._force_max, min(-self._force_min, d - self._gravity))
-        room = min(-d * self._tan_tilt, sqrt(max(0.0, self._force_max * self._force_max - d * d)))
+        horizontal_max = min(-d * self._tan_tilt, sqrt(max(0.0, self._force_max * self._force_max - d * d)))
         size = hypot(n, e)
-        if size > room:
-            n, e = n * room / size, e * room / size
+        if size > horizontal_max:
+            n, e = n * horizontal_max / size, e * horizontal_max / size
         return (n, e, d)
 
 
 class AttitudeLoop:
-    """Direction of thrust and heading to torques. Tilt comes first, the heading follows at its own pace."""
+    """Attitude and rate controllers; their output is torque. Tilt has priority over heading, which has its own gain."""
 
     def __init__(self, config: ControlConfig, airframe: Airframe) -> None:
         self._inertia = airframe.inertia_frd_kgm2
@@ -154,7 +158,7 @@ class AttitudeLoop:
         self.reset()
 
     def configure(self, config: ControlConfig) -> None:
-        """New settings."""
+        """Apply new settings at once."""
         self._config = config
 
     def reset(self) -> None:
@@ -172,34 +176,34 @@ class AttitudeLoop:
 
         Args:
             R_ned_from_frd: rows one after the other.
-            up_ned: (3,) unit vector that the thrust shall point to.
-            yaw_rate_rps: turn about the vertical.
+            up_ned: (3,) unit vector, setpoint of the thrust direction.
+            yaw_rate_rps: rate setpoint about the vertical.
         """
         c, r, (un, ue, ud) = self._config, R_ned_from_frd, up_ned
         ux = r[0] * un + r[3] * ue + r[6] * ud
         uy = r[1] * un + r[4] * ue + r[7] * ud
         uz = r[2] * un + r[5] * ue + r[8] * ud
         # The shortest turn from (0, 0, -1) to u is about (u_y, -u_x, 0) by the angle whose cosine is -u_z.
-        # 2 sin(angle / 2) of it is asked for, as quaternion controllers do: sin(angle) times this.
+        # The rate setpoint is proportional to 2 sin(angle / 2) as in quaternion controllers: sin(angle) * stretch.
         stretch = sqrt(2.0 / max(0.02, 1.0 - uz))
         limit = c.mc_rollpitchrate_max_rps
-        wanted = (
+        rate_setpoint = (
             max(-limit, min(limit, c.mc_rollpitch_p * stretch * uy)) + r[6] * yaw_rate_rps,
             max(-limit, min(limit, -c.mc_rollpitch_p * stretch * ux)) + r[7] * yaw_rate_rps,
             r[8] * yaw_rate_rps,
         )
         torque = [0.0, 0.0, 0.0]
         for i in range(3):
-            error = wanted[i] - rates_frd_rps[i]
+            error = rate_setpoint[i] - rates_frd_rps[i]
             p, gain = (c.yawrate_p, c.yawrate_i) if i == 2 else (c.rate_p, c.rate_i)
             torque[i] = self._inertia[i] * (p * error + self._integral[i])
-            grown = self._integral[i] + gain * error * dt
-            self._integral[i] = max(-RATE_INTEGRAL_LIMIT_RPS2, min(RATE_INTEGRAL_LIMIT_RPS2, grown))
+            integral = self._integral[i] + gain * error * dt
+            self._integral[i] = max(-RATE_INTEGRAL_LIMIT_RPS2, min(RATE_INTEGRAL_LIMIT_RPS2, integral))
         return (torque[0], torque[1], torque[2])
 
 
-class Controller:
-    """The whole cascade. The velocity loop runs when `outer` is called, the rest with each IMU sample."""
+class CascadeController:
+    """The whole cascade. `step_outer` runs the velocity loop at a lower rate, `step_inner` the rest per IMU sample."""
 
     def __init__(self, config: ControlConfig, airframe: Airframe) -> None:
         self._config = config
@@ -211,45 +215,47 @@ class Controller:
         self.reset(0.0)
 
     def configure(self, config: ControlConfig) -> None:
-        """New settings, effective at once."""
+        """Apply new settings at once."""
         self._config = config
         self._velocity.configure(config)
         self._attitude.configure(config)
 
     def reset(self, yaw_rad: float) -> None:
-        """Forget everything: on the ground, and when disarmed."""
+        """Reset all controllers, as on the ground and when disarmed."""
         self._velocity.reset()
         self._attitude.reset()
-        self._force_ned_mps2: Vec3 = (0.0, 0.0, 0.0)
+        self._force_setpoint_ned_mps2: Vec3 = (0.0, 0.0, 0.0)
         self._yaw_rad = yaw_rad
         self._yaw_rate_rps = 0.0
         self._ramp = 0.0
-        self.thrust_hover = 0.0
+        self.thrust_hover_ratio = 0.0
 
     @property
     def vel_setpoint_ned_mps(self) -> Vec3:
         return self._velocity.vel_setpoint_ned_mps
 
-    def wanted_velocity(self, at: Kinematics, setpoint: Setpoint) -> Vec3:
-        return self._velocity.wanted_velocity(at, setpoint)
+    def velocity_setpoint(self, at: Kinematics, setpoint: Setpoint) -> Vec3:
+        return self._velocity.velocity_setpoint(at, setpoint)
 
     @property
-    def up_wanted_ned(self) -> Vec3:
-        """(3,) unit vector that the body's up axis shall point along."""
-        fn, fe, fd = self._force_ned_mps2
+    def up_setpoint_ned(self) -> Vec3:
+        """(3,) unit vector, setpoint of the body's up axis."""
+        fn, fe, fd = self._force_setpoint_ned_mps2
         size = sqrt(fn * fn + fe * fe + fd * fd)
         return (fn / size, fe / size, fd / size) if size > 1e-6 else (0.0, 0.0, -1.0)
 
-    def leave(self) -> None:
-        """Something held the vehicle up that it shall get away from: all thrust may be used at once."""
+    def leave_contact(self) -> None:
+        """End the thrust limit of a contact at once, so that the vehicle can get away from it."""
         self._ramp = 1.0
-        self._velocity.stop_pushing_down()
+        self._velocity.reset_downward_integral()
 
-    def outer(self, dt: float, at: Kinematics, setpoint: Setpoint, *, airborne: bool, held_down: bool = False) -> None:
-        """Position and velocity loop; on the ground it only ramps the thrust up, level and without integrals.
+    def step_outer(
+        self, dt: float, at: Kinematics, setpoint: Setpoint, *, airborne: bool, in_contact: bool = False
+    ) -> None:
+        """Run the position and velocity loops. On the ground only the thrust ramps up, level and without integrals.
 
         Args:
-            held_down: something holds the vehicle although it shall descend: the thrust ramps down quickly.
+            in_contact: whether the land detector has contact, which makes the thrust ramp down quickly.
         """
         c = self._config
         if setpoint.yaw_rad is not None:
@@ -260,33 +266,33 @@ class Controller:
         turn = c.mc_yaw_p * wrap_pi(self._yaw_rad - at.yaw_rad) + rate
         self._yaw_rate_rps = max(-c.mc_yawrate_max_rps, min(c.mc_yawrate_max_rps, turn))
         if airborne:
-            self._force_ned_mps2 = self._velocity.specific_force(dt, at, setpoint)
+            self._force_setpoint_ned_mps2 = self._velocity.specific_force(dt, at, setpoint)
         else:
             self._velocity.reset()
             self._attitude.reset()
             self._yaw_rad, self._yaw_rate_rps = at.yaw_rad, 0.0
-            self._force_ned_mps2 = (0.0, 0.0, -1.3 * self._airframe.gravity_mps2)
+            self._force_setpoint_ned_mps2 = (0.0, 0.0, -1.3 * self._airframe.gravity_mps2)
         ramp = dt / c.mpc_tko_ramp_t_s
-        if held_down:
-            self._ramp = max(0.0, min(self._ramp, self.thrust_hover * self._airframe.mpc_thr_hover) - 2.0 * ramp)
+        if in_contact:
+            self._ramp = max(0.0, min(self._ramp, self.thrust_hover_ratio * self._airframe.mpc_thr_hover) - 2.0 * ramp)
         else:
             self._ramp = min(1.0, self._ramp + ramp)
 
-    def inner(self, dt: float, rates_frd_rps: Vec3, R_ned_from_frd: tuple[float, ...]) -> Commands:
-        """Attitude and rate loop and mixer."""
-        r, (fn, fe, fd) = R_ned_from_frd, self._force_ned_mps2
-        torques = self._attitude.torques(dt, rates_frd_rps, r, self.up_wanted_ned, self._yaw_rate_rps)
+    def step_inner(self, dt: float, rates_frd_rps: Vec3, R_ned_from_frd: tuple[float, ...]) -> Commands:
+        """Run the attitude and rate loops and the mixer; returns the (4,) motor commands."""
+        r, (fn, fe, fd) = R_ned_from_frd, self._force_setpoint_ned_mps2
+        torques = self._attitude.torques(dt, rates_frd_rps, r, self.up_setpoint_ned, self._yaw_rate_rps)
         along = -(fn * r[2] + fe * r[5] + fd * r[8])
         thrust = max(self._config.mpc_thr_min * self._mixer.thrust_full_n, along * self._airframe.mass_kg)
         thrust = min(thrust, self._ramp * self._mixer.thrust_full_n)
-        self.thrust_hover = thrust / (self._airframe.mass_kg * self._airframe.gravity_mps2)
+        self.thrust_hover_ratio = thrust / (self._airframe.mass_kg * self._airframe.gravity_mps2)
         return self._mixer.commands(thrust, torques)
 
     def idle(self, yaw_rad: float) -> Commands:
-        """Rotors turning, no thrust to speak of."""
+        """Reset all controllers; returns commands of idling rotors."""
         self.reset(yaw_rad)
         return self._idle
 
-    def stopped(self, yaw_rad: float) -> Commands:
+    def stop(self, yaw_rad: float) -> Commands:
         self.reset(yaw_rad)
         return STOPPED

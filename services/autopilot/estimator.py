@@ -1,7 +1,7 @@
-"""Where the vehicle is, by its own sensors: an error-state Kalman filter with 15 states.
+"""Estimate of the vehicle's motion from its own sensors: an error-state Kalman filter with 15 states.
 
-The nominal state is integrated with plain floats at the IMU's rate; the covariance of its error follows at 50 Hz.
-Order of the error states, all in NED except the biases, which are in body FRD:
+The nominal state is integrated with plain floats at the rate of the IMU, the covariance of its error at 50 Hz.
+The error states are in NED, except the biases, which are in body FRD:
 
 | index   | error of                | unit  |
 |---------|-------------------------|-------|
@@ -39,12 +39,13 @@ from jezero.services.autopilot.reset_detector import ResetDetector
 
 COVARIANCE_PERIOD_US = 20_000
 HISTORY_LENGTH = FIX_AGE_MAX_US // COVARIANCE_PERIOD_US
-SETTLED_STD_MPS = 0.5
-UNAIDED_US = 10_000_000
-SLOW_PERIOD_US = 1_000_000
-SLOW_STD_MPS = 3.0
-"""After so long without horizontal aiding it takes the vehicle, which comes down then, for slow, to about so much and
-so often: else attitude and heading go astray along with the velocity. Source: EKF2's fusion of a fake position.
+STD_VEL_SETTLED_MPS = 0.5
+NO_AIDING_TIMEOUT_US = 10_000_000
+FAKE_VEL_PERIOD_US = 1_000_000
+STD_FAKE_VEL_MPS = 3.0
+"""After this time without horizontal aiding a velocity of zero is fused once per period, with this standard deviation.
+Otherwise attitude and heading would drift along with the velocity. The vehicle descends at that time, so its velocity
+is low. Source: EKF2's fusion of a fake position.
 """
 ACC_BIAS_LIMIT_MPS2 = 0.4
 GYRO_BIAS_LIMIT_RPS = 0.15
@@ -54,7 +55,7 @@ IDENTITY: Matrix = np.eye(15)
 
 
 class Estimator:
-    """The filter. Give it IMU samples in the order of time, and the other sensors as they arrive."""
+    """The filter. IMU samples must come in the order of time; other measurements are fused as they arrive."""
 
     def __init__(self, config: EstimatorConfig, gravity_mps2: float) -> None:
         self._config = config
@@ -70,43 +71,43 @@ class Estimator:
         self.gyro_bias_rps: Vec3 = (0.0, 0.0, 0.0)
         self.acc_bias_mps2: Vec3 = (0.0, 0.0, 0.0)
         self.R_ned_from_frd = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-        """Rows one after the other."""
+        """Elements row by row."""
         self.origin_deg: Vec3 | None = None
         self.reset_counter = 0
         self.reset_offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
-        """Sum of the steps by which resets moved the position."""
+        """Sum of all steps of the position by resets."""
         self.P: Matrix = np.zeros((15, 15))
         self._covariance_us = 0
-        self._force_ned_mps = [0.0, 0.0, 0.0]
+        self._delta_vel_ned_mps = [0.0, 0.0, 0.0]
         self._origin_pressure_m = 0.0
         self._started_us = 0
-        self._slow_from_us = 0
-        self._corrected = [0.0] * 6
+        self._fake_vel_due_us = 0
+        self._correction_sum = [0.0] * 6
         self._history: deque[tuple[int, Vec3, Vec3]] = deque(maxlen=HISTORY_LENGTH)
         self._pos_reset = ResetDetector(config.gps_reset_s)
         self._vel_reset = ResetDetector(config.gps_reset_s)
         self._height_reset = ResetDetector(config.gps_reset_s)
         self._heading_reset = ResetDetector(config.gps_reset_s)
-        """By the cosine and sine of the angle between."""
+        """Its innovation is the cosine and sine of the heading's innovation, which can be averaged."""
 
     def configure(self, config: EstimatorConfig) -> None:
-        """New settings, effective at once."""
+        """Apply new settings at once."""
         self._config = config
 
-    # -- what others ask -----------------------------------------------------------------------------------
+    # -- state --------------------------------------------------------------------------------------------
 
     @property
-    def missing(self) -> str:
-        """Why the estimate can't be flown with, in words; empty when it can."""
+    def invalid_reason(self) -> str:
+        """Why the estimate is invalid, as a text for people; empty when it is valid."""
         if not self.running:
-            return self._alignment.missing
-        if self.t_us - self._started_us < self._config.settle_s * 1e6 or self.std_vel_mps > SETTLED_STD_MPS:
+            return self._alignment.incomplete_reason
+        if self.t_us - self._started_us < self._config.settle_s * 1e6 or self.std_vel_mps > STD_VEL_SETTLED_MPS:
             return "position estimate is settling"
-        return self._contradiction
+        return self._rejection_reason
 
     @property
-    def _contradiction(self) -> str:
-        """Which sensor contradicts the estimate, in words, or ""."""
+    def _rejection_reason(self) -> str:
+        """Text on the sensor that the innovation gate rejects, or ""."""
         if self._pos_reset.mean_innovation:
             return f"GNSS is {hypot(*self._pos_reset.mean_innovation):.1f} m away from the estimate"
         if self._vel_reset.mean_innovation:
@@ -124,7 +125,7 @@ class Estimator:
 
     @property
     def var_pos_ned_m2(self) -> Vec3:
-        """(3,) variance of the position."""
+        """(3,) variance of the position, NED."""
         P = self.P
         return (float(P[6, 6]), float(P[7, 7]), float(P[8, 8]))
 
@@ -136,9 +137,9 @@ class Estimator:
     def yaw_rad(self) -> float:
         return yaw_from_quat(self.q_ned_from_frd)
 
-    # -- inputs --------------------------------------------------------------------------------------------
+    # -- measurements --------------------------------------------------------------------------------------
 
-    def imu(self, t_us: int, acc_frd_mps2: Vec3, gyro_frd_rps: Vec3) -> None:
+    def on_imu(self, t_us: int, acc_frd_mps2: Vec3, gyro_frd_rps: Vec3) -> None:
         """Advance to `t_us` with the mean specific force and rate since the last sample."""
         dt_us = t_us - self.t_us if self.t_us else 0
         self.t_us = t_us
@@ -147,21 +148,21 @@ class Estimator:
             self._covariance_us += dt_us
             if self._covariance_us >= COVARIANCE_PERIOD_US:
                 self._predict_covariance()
-            if self.t_us >= self._slow_from_us:
-                self._slow_from_us = self.t_us + SLOW_PERIOD_US
-                self._update([(3, -self.vel_ned_mps[0], SLOW_STD_MPS), (4, -self.vel_ned_mps[1], SLOW_STD_MPS)])
+            if self.t_us >= self._fake_vel_due_us:
+                self._fake_vel_due_us = self.t_us + FAKE_VEL_PERIOD_US
+                self._update([(3, -self.vel_ned_mps[0], STD_FAKE_VEL_MPS), (4, -self.vel_ned_mps[1], STD_FAKE_VEL_MPS)])
             return
         self.rates_frd_rps = gyro_frd_rps
-        self._alignment.imu(dt_us, acc_frd_mps2, gyro_frd_rps)
-        if not self._alignment.missing:
+        self._alignment.on_imu(dt_us, acc_frd_mps2, gyro_frd_rps)
+        if not self._alignment.incomplete_reason:
             self._start()
 
-    def fix(self, fix: Fix) -> None:
-        """Fuse a fix with the state at the time when it was measured."""
+    def on_fix(self, fix: Fix) -> None:
+        """Fuse a GNSS fix with the state at the time of its measurement."""
         if not self.running:
-            self._alignment.fix(fix)
+            self._alignment.on_fix(fix)
             return
-        if not fix.usable or self.origin_deg is None:
+        if not fix.valid or self.origin_deg is None:
             return
         c = self._config
         pos_then, vel_then = self._state_at(fix.t_us or self.t_us - int(c.ekf2_gps_delay_s * 1e6))
@@ -184,12 +185,12 @@ class Estimator:
         if abs(down) < 4.0 * c.gps_z_noise_m + 3.0 * sqrt(self.P[8, 8]):
             innovations.append((8, down, c.gps_z_noise_m))
         if any(index < 8 for index, _, _ in innovations):
-            self._slow_from_us = self.t_us + UNAIDED_US
+            self._fake_vel_due_us = self.t_us + NO_AIDING_TIMEOUT_US
         self._update(innovations)
 
-    def baro(self, altitude_pressure_m: float) -> None:
+    def on_baro(self, altitude_pressure_m: float) -> None:
         if not self.running:
-            self._alignment.baro(altitude_pressure_m)
+            self._alignment.on_baro(altitude_pressure_m)
             return
         c = self._config
         down = -(altitude_pressure_m - self._origin_pressure_m) - self.pos_ned_m[2]
@@ -200,10 +201,10 @@ class Estimator:
             self._reset(8, self._height_reset.mean_innovation, c.ekf2_baro_noise_m)
             self._height_reset.clear()
 
-    def mag(self, field_frd_gauss: Vec3) -> None:
-        """Correct the heading by a field that can be the place's; tilt is left alone, which no field deserves."""
+    def on_mag(self, field_frd_gauss: Vec3) -> None:
+        """Fuse the heading of a field with a plausible horizontal strength; the tilt is not corrected by it."""
         if not self.running:
-            self._alignment.mag(field_frd_gauss)
+            self._alignment.on_mag(field_frd_gauss)
             return
         x, y, z = field_frd_gauss
         r = self.R_ned_from_frd
@@ -226,7 +227,7 @@ class Estimator:
     def _start(self) -> None:
         q, gyro_bias, origin, self._origin_pressure_m = self._alignment.result()
         self.q_ned_from_frd, self.gyro_bias_rps, self.origin_deg = q, gyro_bias, origin
-        self._turn_matrix()
+        self._update_rotation_matrix()
         c = self._config
         std_tilt = c.acc_bias_std_mps2 / self._gravity_mps2
         std = [std_tilt, std_tilt, c.ekf2_head_noise_rad, 0.1, 0.1, 0.1, 0.3, 0.3, 0.3]
@@ -235,10 +236,10 @@ class Estimator:
         self._correlate_tilt_with_bias()
         self.running = True
         self._started_us = self.t_us
-        self._slow_from_us = self.t_us + UNAIDED_US
+        self._fake_vel_due_us = self.t_us + NO_AIDING_TIMEOUT_US
 
     def _correlate_tilt_with_bias(self) -> None:
-        """A levelled attitude is wrong by what the accelerometer's bias is wrong, in the opposite sense."""
+        """Correlate tilt and accelerometer bias, as the initial tilt was computed from biased accelerations."""
         r, g = np.array(self.R_ned_from_frd).reshape(3, 3), self._gravity_mps2
         tilt_from_bias = np.array([[0.0, 1.0 / g, 0.0], [-1.0 / g, 0.0, 0.0], [0.0, 0.0, 0.0]]) @ r
         self.P[0:3, 12:15] = tilt_from_bias @ self.P[12:15, 12:15]
@@ -259,10 +260,10 @@ class Estimator:
         fn = r[0] * ax + r[1] * ay + r[2] * az
         fe = r[3] * ax + r[4] * ay + r[5] * az
         fd = r[6] * ax + r[7] * ay + r[8] * az
-        total = self._force_ned_mps
-        total[0] += fn * dt
-        total[1] += fe * dt
-        total[2] += fd * dt
+        delta_vel = self._delta_vel_ned_mps
+        delta_vel[0] += fn * dt
+        delta_vel[1] += fe * dt
+        delta_vel[2] += fd * dt
         fd += self._gravity_mps2
         self.acc_ned_mps2 = (fn, fe, fd)
         vn, ve, vd = self.vel_ned_mps
@@ -280,9 +281,9 @@ class Estimator:
         if w < 0.0:
             n = -n
         self.q_ned_from_frd = (w * n, x * n, y * n, z * n)
-        self._turn_matrix()
+        self._update_rotation_matrix()
 
-    def _turn_matrix(self) -> None:
+    def _update_rotation_matrix(self) -> None:
         w, x, y, z = self.q_ned_from_frd
         xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
         self.R_ned_from_frd = (
@@ -298,9 +299,9 @@ class Estimator:
         )
 
     def _predict_covariance(self) -> None:
-        """P = F P Fᵀ + Q over the time since the last call; keeps the history for late fixes."""
+        """P = F P Fᵀ + Q over the time since the last call; adds the state to the history for late fixes."""
         c, dt = self._config, self._covariance_us * 1e-6
-        fn, fe, fd = self._force_ned_mps
+        fn, fe, fd = self._delta_vel_ned_mps
         r = np.array(self.R_ned_from_frd).reshape(3, 3) * dt
         F = IDENTITY.copy()
         F[0:3, 9:12] = F[3:6, 12:15] = -r
@@ -315,24 +316,30 @@ class Estimator:
         diagonal[12:15] += c.acc_bias_walk**2 * dt
         self.P = 0.5 * (P + P.T)
         self._covariance_us = 0
-        self._force_ned_mps = [0.0, 0.0, 0.0]
-        d, (vn, ve, vd), (pn, pe, pd) = self._corrected, self.vel_ned_mps, self.pos_ned_m
+        self._delta_vel_ned_mps = [0.0, 0.0, 0.0]
+        d, (vn, ve, vd), (pn, pe, pd) = self._correction_sum, self.vel_ned_mps, self.pos_ned_m
         self._history.append(
             (self.t_us, (vn - d[0], ve - d[1], vd - d[2]), (pn - d[3], pe - d[4], pd - d[5])),
         )
 
     def _state_at(self, t_us: int) -> tuple[Vec3, Vec3]:
-        """Position and velocity at a past time, as they would be with all corrections made since."""
+        """Position and velocity at a past time, with all corrections since then applied."""
         if not self._history:
             return self.pos_ned_m, self.vel_ned_mps
         then_us, v, p = min(self._history, key=lambda entry: abs(entry[0] - t_us))
-        d, dt = self._corrected, (t_us - then_us) * 1e-6
+        d, dt = self._correction_sum, (t_us - then_us) * 1e-6
         vel = (v[0] + d[0], v[1] + d[1], v[2] + d[2])
         pos = (p[0] + d[3] + vel[0] * dt, p[1] + d[4] + vel[1] * dt, p[2] + d[5] + vel[2] * dt)
         return pos, vel
 
     def _reset(self, first: int, step: tuple[float, ...], std: float) -> None:
-        """Believe a sensor: move the error states from `first` on in one step, and forget how they hang together."""
+        """Reset error states to a sensor in one step, and remove their correlations.
+
+        Args:
+            first: index of the first error state.
+            step: correction of each error state.
+            std: standard deviation after the reset.
+        """
         before = self.pos_ned_m
         dx = [0.0] * 15
         dx[first : first + len(step)] = step
@@ -345,7 +352,7 @@ class Estimator:
         self.reset_counter += 1
 
     def _update(self, innovations: list[tuple[int, float, float]]) -> None:
-        """Fuse measurements of single error states, one after the other, then move the nominal state.
+        """Fuse measurements of single error states one after the other, then correct the nominal state.
 
         Args:
             innovations: (index of the error state, measured minus expected, standard deviation).
@@ -368,12 +375,12 @@ class Estimator:
         self.vel_ned_mps = (v[0] + dx[3], v[1] + dx[4], v[2] + dx[5])
         self.pos_ned_m = (p[0] + dx[6], p[1] + dx[7], p[2] + dx[8])
         for i in range(6):
-            self._corrected[i] += dx[3 + i]
+            self._correction_sum[i] += dx[3 + i]
         self.gyro_bias_rps = _limited(self.gyro_bias_rps, dx[9:12], GYRO_BIAS_LIMIT_RPS)
         self.acc_bias_mps2 = _limited(self.acc_bias_mps2, dx[12:15], ACC_BIAS_LIMIT_MPS2)
         turn = quat_from_rotation_vector((dx[0], dx[1], dx[2]))
         self.q_ned_from_frd = quat_normalize(quat_multiply(turn, self.q_ned_from_frd))
-        self._turn_matrix()
+        self._update_rotation_matrix()
 
 
 def _limited(bias: Vec3, change: list[float], limit: float) -> Vec3:

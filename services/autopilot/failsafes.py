@@ -1,6 +1,6 @@
-"""What the autopilot does when something is lost: one pure function, printed as a table in docs/reliability.md.
+"""Failsafe actions of the autopilot: one pure function, which docs/reliability.md shows as a table.
 
-Names, numbers and defaults of the settings are PX4's.
+The settings have the names, numbers and defaults of PX4.
 """
 
 from collections.abc import Iterable
@@ -14,7 +14,7 @@ BEGIN, END = "<!-- failsafes: python -m jezero.services.autopilot.failsafes -->"
 
 
 class Trigger(Enum):
-    """What is wrong; the value says it to people."""
+    """Condition that starts a failsafe; the value is its text for people."""
 
     OFFBOARD_LOST = "offboard setpoints lost"
     LINK_LOST = "ground station lost"
@@ -26,7 +26,7 @@ class Trigger(Enum):
 
 
 class Action(IntEnum):
-    """What is done about it, in the order of severity."""
+    """Action of a failsafe, in the order of severity."""
 
     NONE = 0
     WARN = 1
@@ -37,14 +37,14 @@ class Action(IntEnum):
     DISARM = 6
 
 
-MODE_OF = {
+MODE_OF_ACTION = {
     Action.HOLD: Mode.HOLD,
     Action.RETURN: Mode.RETURN,
     Action.LAND: Mode.LAND,
     Action.DESCEND: Mode.DESCEND,
 }
-_DOES_ALREADY = {mode: action for action, mode in MODE_OF.items()}
-_OBL_RC = {
+_ACTION_OF_MODE = {mode: action for action, mode in MODE_OF_ACTION.items()}
+_ACTION_OF_COM_OBL_RC_ACT = {
     0: Action.LAND,
     1: Action.LAND,
     2: Action.LAND,
@@ -54,22 +54,29 @@ _OBL_RC = {
     6: Action.DISARM,
     7: Action.DISARM,
 }
-"""COM_OBL_RC_ACT: 0 to 2 hand over to a pilot, and there is none."""
-_DLL = {0: Action.NONE, 1: Action.HOLD, 2: Action.RETURN, 3: Action.LAND, 5: Action.DISARM, 6: Action.DISARM}
-_LOW_BAT = {
+"""Values 0 to 2 hand over to a pilot with a remote control, which this autopilot does not have: it lands."""
+_ACTION_OF_NAV_DLL_ACT = {
+    0: Action.NONE,
+    1: Action.HOLD,
+    2: Action.RETURN,
+    3: Action.LAND,
+    5: Action.DISARM,
+    6: Action.DISARM,
+}
+_ACTIONS_OF_COM_LOW_BAT_ACT = {
     0: (Action.WARN, Action.WARN),
     2: (Action.LAND, Action.LAND),
     3: (Action.RETURN, Action.LAND),
 }
-"""COM_LOW_BAT_ACT: at the critical and at the emergency level."""
+"""Actions at the critical and at the emergency level."""
 
 
-def asked_for(trigger: Trigger, config: FailsafeConfig) -> Action:
-    """What the settings want, whatever the vehicle does at present."""
-    critical, emergency = _LOW_BAT[config.com_low_bat_act]
+def configured_action(trigger: Trigger, config: FailsafeConfig) -> Action:
+    """Action of a trigger by the settings, independent of the state of the vehicle."""
+    critical, emergency = _ACTIONS_OF_COM_LOW_BAT_ACT[config.com_low_bat_act]
     return {
-        Trigger.OFFBOARD_LOST: _OBL_RC[config.com_obl_rc_act],
-        Trigger.LINK_LOST: _DLL[config.nav_dll_act],
+        Trigger.OFFBOARD_LOST: _ACTION_OF_COM_OBL_RC_ACT[config.com_obl_rc_act],
+        Trigger.LINK_LOST: _ACTION_OF_NAV_DLL_ACT[config.nav_dll_act],
         Trigger.BATTERY_LOW: Action.WARN,
         Trigger.BATTERY_CRITICAL: critical,
         Trigger.BATTERY_EMERGENCY: emergency,
@@ -78,72 +85,70 @@ def asked_for(trigger: Trigger, config: FailsafeConfig) -> Action:
     }[trigger]
 
 
-def response(trigger: Trigger, mode: Mode, landed: bool, config: FailsafeConfig) -> Action:
-    """What an armed vehicle does about one thing.
-
-    NONE also stands for: it does that already, or something safer.
-    """
+def failsafe_action(trigger: Trigger, mode: Mode, landed: bool, config: FailsafeConfig) -> Action:
+    """Action of an armed vehicle on one trigger; NONE if its mode already is that action or a safer one."""
     if trigger is Trigger.OFFBOARD_LOST and mode is not Mode.OFFBOARD:
         return Action.NONE
-    action = asked_for(trigger, config)
-    if action not in MODE_OF:
+    action = configured_action(trigger, config)
+    if action not in MODE_OF_ACTION:
         return action
     if landed and action < Action.LAND:
-        action = Action.LAND  # what stands on the ground stays there
-    return action if action > _DOES_ALREADY.get(mode, Action.NONE) else Action.NONE
+        action = Action.LAND  # a landed vehicle must not take off by a failsafe
+    return action if action > _ACTION_OF_MODE.get(mode, Action.NONE) else Action.NONE
 
 
-def respond(
+def most_severe_action(
     triggers: Iterable[Trigger], mode: Mode, landed: bool, config: FailsafeConfig
 ) -> tuple[Action, Trigger | None]:
-    """The most severe response, and to what; of equals the first one counts."""
-    action, because = Action.NONE, None
+    """The most severe action and its trigger; the first trigger if several have equal actions."""
+    action, cause = Action.NONE, None
     for trigger in triggers:
-        candidate = response(trigger, mode, landed, config)
+        candidate = failsafe_action(trigger, mode, landed, config)
         if candidate > action:
-            action, because = candidate, trigger
-    return action, because
+            action, cause = candidate, trigger
+    return action, cause
 
 
 def table(config: FailsafeConfig) -> str:
-    """`response` for everything, in Markdown; in the air, and where it differs on the ground."""
+    """Markdown table of `failsafe_action` in the air, with the action on the ground in brackets where it differs."""
     modes = list(Mode)
-    lines = ["| " + " | ".join(["wrong is", *(mode.value for mode in modes)]) + " |"]
+    lines = ["| " + " | ".join(["trigger", *(mode.value for mode in modes)]) + " |"]
     lines.append("|---" * (len(modes) + 1) + "|")
     for trigger in Trigger:
         cells = []
         for mode in modes:
-            air, ground = (response(trigger, mode, landed, config) for landed in (False, True))
+            air, ground = (failsafe_action(trigger, mode, landed, config) for landed in (False, True))
             cells.append(_word(air) if air is ground else f"{_word(air)} ({_word(ground)})")
         lines.append("| " + " | ".join([trigger.value, *cells]) + " |")
     return "\n".join(lines) + "\n"
 
 
-def section() -> str:
-    """What docs/reliability.md tells of the failsafes."""
+def docs_section() -> str:
+    """The section of docs/reliability.md about failsafes."""
     acting = FailsafeConfig(com_low_bat_act=3, nav_dll_act=2)
     return f"""{BEGIN}
-What an armed vehicle does about each thing that can be wrong, in each mode, by default; in brackets what it does on
-the ground where that differs. The most severe counts: warn, hold, return, land, descend, disarm. A dash also stands
-for: it does that already, or something safer. Whoever commands another mode overrules what was wrong at that moment.
+Default action of an armed vehicle on each failsafe trigger, by mode; in brackets the action on the ground where it
+differs. If several triggers are active, the most severe action counts: warn, hold, return, land, descend, disarm. A
+dash means no action, or that the mode already is this action or a safer one. A mode command overrides the triggers that
+are active at that time, except lost offboard setpoints.
 
 {table(FailsafeConfig())}
 With `COM_LOW_BAT_ACT` 3 (return at the critical level, land when almost empty) and `NAV_DLL_ACT` 2 (return):
 
 {table(acting)}
-| wrong is | when | setting |
+| trigger | condition | setting |
 |---|---|---|
-{_whens()}{END}
+{_condition_rows()}{END}
 """
 
 
-def _whens() -> str:
+def _condition_rows() -> str:
     c = FailsafeConfig()
     rows = (
         (Trigger.OFFBOARD_LOST, f"no setpoint for {c.com_of_loss_t_s:g} s in offboard mode", "COM_OF_LOSS_T"),
         (
             Trigger.LINK_LOST,
-            f"no ground station for {c.com_dl_loss_t_s:g} s; each of its heartbeats counts for 2.5 s",
+            f"no ground station for {c.com_dl_loss_t_s:g} s; its connection times out 2.5 s after a heartbeat",
             "COM_DL_LOSS_T",
         ),
         (Trigger.BATTERY_LOW, f"less than {c.bat_low_thr:.0%} left", "BAT_LOW_THR"),
@@ -168,4 +173,4 @@ def _word(action: Action) -> str:
 
 
 if __name__ == "__main__":
-    print(section(), end="")
+    print(docs_section(), end="")

@@ -1,4 +1,4 @@
-"""The autopilot's side of PX4's simulator interface: HIL_SENSOR and HIL_GPS in, HIL_ACTUATOR_CONTROLS out.
+"""The autopilot's end of PX4's simulator interface: receives HIL_SENSOR and HIL_GPS, sends HIL_ACTUATOR_CONTROLS.
 
 Source: MAVLink common dialect; PX4 v1.15 `simulator_mavlink`.
 """
@@ -27,12 +27,13 @@ _HIL_ACTUATOR_CONTROLS = FramePacker(
 )
 
 
-class Reading(msgspec.Struct, frozen=True, gc=False):
-    """One HIL_SENSOR. What it doesn't carry is None.
+class SensorSample(msgspec.Struct, frozen=True, gc=False):
+    """Measurements of one HIL_SENSOR; None for sensors that it does not update.
 
     Attributes:
-        acc_frd_mps2, gyro_frd_rps, field_frd_gauss: (3,) in the body.
-        altitude_pressure_m: in the standard atmosphere, positive up.
+        imu: (acc_frd_mps2, gyro_frd_rps), specific force and rate, (3,) each.
+        field_frd_gauss: (3,) magnetic field.
+        altitude_pressure_m: pressure altitude in the standard atmosphere, positive up.
     """
 
     t_us: int
@@ -49,20 +50,20 @@ class HilLink:
 
     @property
     def malformed(self) -> int:
-        """Stretches of bytes that were no message, and messages with impossible numbers."""
+        """Number of malformed messages, and of those with impossible numbers."""
         return self._codec.malformed
 
-    def receive(self, data: bytes) -> Iterator[Reading | Fix]:
-        """What arrived, in order."""
+    def receive(self, data: bytes) -> Iterator[SensorSample | Fix]:
+        """Parse bytes; yields the measurements in order."""
         for message in self._codec.parse(data):
             kind = message.get_msgId()
             if kind == dialect.MAVLINK_MSG_ID_HIL_SENSOR:
-                yield self._reading(message)
+                yield self._sample(message)
             elif kind == dialect.MAVLINK_MSG_ID_HIL_GPS:
                 yield _fix(message)
 
-    def _reading(self, message: MavMessage) -> Reading:
-        """Groups of fields that are not updated, or hold what no sensor measures, are left out."""
+    def _sample(self, message: MavMessage) -> SensorSample:
+        """Convert a HIL_SENSOR; measurements that are not updated, or impossible, become None."""
         updated = message.fields_updated
         imu = field = altitude_m = None
         acc = (message.xacc, message.yacc, message.zacc)
@@ -75,16 +76,16 @@ class HilLink:
             field = (message.xmag, message.ymag, message.zmag)
         if updated & UPDATED_BARO and is_finite(message, "pressure_alt"):
             altitude_m = message.pressure_alt
-        return Reading(message.time_usec, imu, field, altitude_m)
+        return SensorSample(message.time_usec, imu, field, altitude_m)
 
     def actuators(self, t_us: int, commands: Commands, *, armed: bool) -> bytes:
-        """HIL_ACTUATOR_CONTROLS with (4,) motor commands from 0 to 1."""
+        """Pack HIL_ACTUATOR_CONTROLS with (4,) motor commands from 0 to 1."""
         mode = 1 | (ARMED if armed else 0)
         return self._codec.pack_numbers(_HIL_ACTUATOR_CONTROLS, t_us, 0, *commands, *UNUSED, mode)
 
 
 def _is_within(vector: Vec3, limit: float) -> bool:
-    """Also false for NaN."""
+    """Whether all components are within the limit; False for NaN."""
     x, y, z = vector
     return abs(x) <= limit and abs(y) <= limit and abs(z) <= limit
 
@@ -94,6 +95,6 @@ def _fix(message: MavMessage) -> Fix:
         t_us=message.time_usec,
         position_deg=(message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3),
         vel_ned_mps=(message.vn * 0.01, message.ve * 0.01, message.vd * 0.01),
-        usable=message.fix_type >= FIX_3D and message.satellites_visible >= MIN_SATELLITES,
+        valid=message.fix_type >= FIX_3D and message.satellites_visible >= MIN_SATELLITES,
         satellites=message.satellites_visible,
     )

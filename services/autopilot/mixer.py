@@ -1,4 +1,4 @@
-"""From collective thrust and torques to rotor commands."""
+"""The mixer: from collective thrust and torques to rotor commands."""
 
 from math import inf
 
@@ -14,10 +14,10 @@ STOPPED: Commands = (0.0, 0.0, 0.0, 0.0)
 
 
 class Mixer:
-    """Inverts the rotors' geometry.
+    """Inverts the geometry of the rotors.
 
     With rotor i at (x, y) and thrust f upwards: roll torque -y f, pitch torque x f, yaw torque km f. When the rotors
-    can't do everything, yaw gives way first, then collective thrust, then roll and pitch.
+    saturate, yaw torque is reduced first, then collective thrust, then roll and pitch torque.
     """
 
     def __init__(self, airframe: Airframe) -> None:
@@ -35,29 +35,29 @@ class Mixer:
         (a1, b1, c1, d1), (a2, b2, c2, d2), (a3, b3, c3, d3), (a4, b4, c4, d4) = self._inverse
         level = (a1 * thrust_n, a2 * thrust_n, a3 * thrust_n, a4 * thrust_n)
         turn = (b1 * tx + c1 * ty, b2 * tx + c2 * ty, b3 * tx + c3 * ty, b4 * tx + c4 * ty)
-        wanted = _added(level, turn, inf)
-        lower = max(0.0, max(wanted) - full)
-        wanted = (wanted[0] - lower, wanted[1] - lower, wanted[2] - lower, wanted[3] - lower)
-        wanted = _added(wanted, (d1 * tz, d2 * tz, d3 * tz, d4 * tz), full)
-        f1, f2, f3, f4 = wanted
-        return (_share(f1, full), _share(f2, full), _share(f3, full), _share(f4, full))
+        forces = _add_within_limits(level, turn, inf)
+        lower = max(0.0, max(forces) - full)
+        forces = (forces[0] - lower, forces[1] - lower, forces[2] - lower, forces[3] - lower)
+        forces = _add_within_limits(forces, (d1 * tz, d2 * tz, d3 * tz, d4 * tz), full)
+        f1, f2, f3, f4 = forces
+        return (_clipped_ratio(f1, full), _clipped_ratio(f2, full), _clipped_ratio(f3, full), _clipped_ratio(f4, full))
 
 
-def _share(force_n: float, full_n: float) -> float:
+def _clipped_ratio(force_n: float, full_n: float) -> float:
     return max(0.0, min(1.0, force_n / full_n))
 
 
-def _added(base: Commands, extra: Commands, limit: float) -> Commands:
-    """`base` and as large a share of `extra` as keeps every rotor between 0 and `limit`."""
+def _add_within_limits(base: Commands, extra: Commands, limit: float) -> Commands:
+    """`base` plus the largest fraction of `extra` that keeps every rotor between 0 and `limit`."""
     b1, b2, b3, b4 = base
     e1, e2, e3, e4 = extra
     whole = (b1 + e1, b2 + e2, b3 + e3, b4 + e4)
     if min(whole) >= 0.0 and max(whole) <= limit:
         return whole
-    share = 1.0
+    fraction = 1.0
     for b, e in zip(base, extra, strict=True):
         if e < 0.0 and b + e < 0.0:
-            share = min(share, max(0.0, b) / -e)
+            fraction = min(fraction, max(0.0, b) / -e)
         elif e > 0.0 and b + e > limit:
-            share = min(share, max(0.0, limit - b) / e)
-    return (b1 + share * e1, b2 + share * e2, b3 + share * e3, b4 + share * e4)
+            fraction = min(fraction, max(0.0, limit - b) / e)
+    return (b1 + fraction * e1, b2 + fraction * e2, b3 + fraction * e3, b4 + fraction * e4)

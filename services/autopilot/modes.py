@@ -1,10 +1,10 @@
-"""PX4's flight modes, as far as this autopilot has them."""
+"""Those flight modes of PX4 that this autopilot has."""
 
 from enum import Enum
 
 
 class Mode(Enum):
-    """The value is the word for people; `custom_mode` is MAVLink's."""
+    """Flight mode; the value is its name for people, `custom_mode` its number in MAVLink."""
 
     POSITION = "position"
     TAKEOFF = "takeoff"
@@ -12,12 +12,12 @@ class Mode(Enum):
     RETURN = "return"
     LAND = "land"
     DESCEND = "descend"
-    """Landing without a position; MAVLink knows it as land."""
+    """Landing without a valid position; in MAVLink it has the number of land."""
     OFFBOARD = "offboard"
 
     @property
     def custom_mode(self) -> int:
-        """As HEARTBEAT carries it."""
+        """Number of the mode in HEARTBEAT."""
         main, sub = MAIN_AND_SUB[self]
         return main << 16 | sub << 24
 
@@ -32,6 +32,6 @@ MAIN_AND_SUB = {
     Mode.OFFBOARD: (6, 0),
 }
 FROM_MAIN_AND_SUB = {pair: mode for mode, pair in MAIN_AND_SUB.items() if mode is not Mode.DESCEND}
-"""What can be asked for."""
+"""Modes that a command can request."""
 DOWN = (Mode.LAND, Mode.DESCEND, Mode.RETURN)
-"""Modes that end on the ground: nothing takes off in them."""
+"""Modes that end with a landing; arming is refused in them."""

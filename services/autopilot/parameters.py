@@ -1,4 +1,4 @@
-"""Settings of the autopilot under PX4's names, units and limits."""
+"""MAVLink parameters: settings of the autopilot with the names, units and limits of PX4."""
 
 from dataclasses import dataclass
 from math import degrees, isfinite
@@ -11,17 +11,21 @@ Value = int | float
 
 DEG = degrees(1.0)
 SQRT_STEPS_PER_S = 10.0
-"""PX4's filter makes 100 steps per second, each of which adds the noise of a bias times the step to the bias."""
+"""PX4's filter adds bias noise times the time step in each of its 100 steps per second; this factor converts to it."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One parameter: where its value is, and what may be set.
+    """One parameter: the field of its setting, and the values that are accepted.
 
     Attributes:
-        kind: int or float.
+        section: section of the settings.
+        field: field of the section.
+        low: lowest accepted value.
+        high: highest accepted value.
+        kind: type of the parameter.
         factor: PX4's unit per unit of the setting.
-        choices: the only values, where they are few.
+        choices: the accepted values, if only some are.
     """
 
     name: str
@@ -94,11 +98,11 @@ _ROW = {row.name: row for row in ROWS}
 
 
 class Parameters:
-    """The settings as parameters.
+    """Reads and sets the settings as parameters.
 
     Attributes:
-        config: all settings as they are now.
-        names: of all parameters, in the order of their index.
+        config: the present settings.
+        names: names of all parameters, in the order of their index.
     """
 
     def __init__(self, config: AutopilotConfig, system_id: int) -> None:
@@ -116,7 +120,7 @@ class Parameters:
         self.names = tuple(sorted([*_ROW, *self._fixed]))
 
     def get(self, name: str) -> Value | None:
-        """The value in PX4's unit; its type is the parameter's. None when there is no such parameter."""
+        """Value in PX4's unit and with the parameter's type; None if there is no such parameter."""
         row = _ROW.get(name)
         if row is None:
             return self._fixed.get(name)
@@ -124,7 +128,7 @@ class Parameters:
         return round(value) if row.kind is int else float(value)
 
     def set(self, name: str, value: Value) -> bool:
-        """Whether it was set; not when it is unknown, fixed, of the other type or out of range."""
+        """Set a parameter; returns False if it is unknown, fixed, of another type or out of range."""
         row = _ROW.get(name)
         if row is None or type(value) is not row.kind or not isfinite(value):
             return False

@@ -1,4 +1,4 @@
-"""The real PX4 in the embedded autopilot's place: how its runtime is started, and the service that tells how it is."""
+"""PX4 itself in place of the embedded autopilot: how it is started, and a service that publishes its health."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,15 +8,15 @@ from jezero.runtime.service import Health, Inbox, Output, Spec
 
 PX4 = "px4"
 INSTANCE_MAX = 9
-"""PX4's start script gives the instances above this one port in common."""
+"""PX4's start script gives all higher instances the same port."""
 ENVIRONMENT = {"PX4_SIM_MODEL": "none_iris"}
-"""Airframe 10016, whose motors are the simulator's."""
+"""Airframe 10016; the simulator has the same motors."""
 
 SPEC = Spec(name="autopilot", links=(PX4,), triggers=(PX4,), rate_hz=10.0)
 
 
 class Px4:
-    """Tells whether PX4, which does everything else by itself, is connected to the simulator."""
+    """Publishes whether PX4 is connected to the simulator."""
 
     spec = SPEC
 
@@ -33,20 +33,20 @@ class Px4:
 
 
 def command(runtime: Path | None, instance: int) -> tuple[str, ...]:
-    """What starts PX4 in its working directory.
+    """Command that starts PX4 in its working directory.
 
     Args:
         runtime: folder with PX4's `bin/px4` and `etc/`.
 
     Raises:
-        ConfigError: there is no runtime, or the instance is none that PX4 can be.
+        ConfigError: there is no runtime, or PX4 does not support this instance.
     """
     if runtime is None:
         raise ConfigError("JEZERO_PX4_DIR is not set: it names the folder with PX4's bin/px4 and etc/")
     runtime = runtime.absolute()
     program, scripts = runtime / "bin" / "px4", runtime / "etc"
     if not program.is_file() or not scripts.is_dir():
-        raise ConfigError(f"JEZERO_PX4_DIR: {runtime} has no bin/px4 or no etc/, so it is no PX4 runtime")
+        raise ConfigError(f"JEZERO_PX4_DIR: {runtime} has no bin/px4 or no etc/, so it is not a PX4 runtime")
     if instance > INSTANCE_MAX:
         raise ConfigError(f"JEZERO_INSTANCE is {instance}: with PX4 it is {INSTANCE_MAX} at most")
     return (str(program), "-i", str(instance), "-d", str(scripts), "-s", "etc/init.d-posix/rcS")

@@ -1,4 +1,4 @@
-"""What the autopilot tells: each message made from one snapshot, in PX4's units and frames."""
+"""Telemetry messages of the autopilot, each built from one snapshot, in the units and frames of PX4."""
 
 from collections.abc import Callable
 from math import atan2, degrees, hypot, nan, pi
@@ -23,7 +23,7 @@ UNKNOWN_COVARIANCE = [nan] * 21
 UNKNOWN_APPROACH = (nan, nan, nan)
 UNKNOWN_CELLS = [0xFFFF] * 9
 PX4_VERSION = 1 << 24 | 15 << 16 | 2 << 8 | 255
-"""The release whose interfaces this autopilot has: 1.15.2."""
+"""Version 1.15.2, whose interfaces this autopilot has."""
 CAPABILITIES = (
     dialect.MAV_PROTOCOL_CAPABILITY_MAVLINK2
     | dialect.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
@@ -33,18 +33,23 @@ CAPABILITIES = (
 
 
 class Snapshot(msgspec.Struct, frozen=True, gc=False):
-    """All that telemetry tells, at one instant. Position and velocity are local NED; `estimated` says they are valid.
+    """State of the vehicle at one time, for telemetry. Position and velocity are local NED.
 
     Attributes:
-        custom_mode: as HEARTBEAT carries it.
-        armable: every arming check passes.
+        failsafe: whether a failsafe chose the mode.
+        custom_mode: flight mode as in HEARTBEAT.
+        armable: whether all arming checks pass.
+        estimate_valid: whether position, velocity and attitude are valid.
         var_pos_ned_m2: (3,) variance of the position.
-        home_ned_m: where the vehicle last armed; before that, where its estimator started.
-        followed: the setpoint that is flown, None on the ground.
-        vel_followed_ned_mps: (3,) what the position and velocity of the setpoint come to.
-        fix: the newest from GNSS, at `fix_us`.
-        thrust: 0 to 1.
-        battery_level: 0 enough, 1 low, 2 critical, 3 emergency.
+        origin_deg: (latitude_deg, longitude_deg, altitude_m) of the local frame's origin.
+        home_ned_m: position of the last arming; before that, of the start of the estimator.
+        setpoint: setpoint of the present mode, None on the ground.
+        vel_setpoint_ned_mps: (3,) velocity setpoint after position control and limits.
+        fix: the newest GNSS fix.
+        fix_us: time at which it arrived.
+        thrust: collective thrust, 0 to 1.
+        battery_remaining: fraction of the capacity, 0 to 1.
+        battery_level: 0 normal, 1 low, 2 critical, 3 emergency.
     """
 
     system_id: int
@@ -54,7 +59,7 @@ class Snapshot(msgspec.Struct, frozen=True, gc=False):
     custom_mode: int
     landed: bool
     armable: bool
-    estimated: bool
+    estimate_valid: bool
     pos_ned_m: Vec3
     vel_ned_mps: Vec3
     q_ned_from_frd: Quat
@@ -63,8 +68,8 @@ class Snapshot(msgspec.Struct, frozen=True, gc=False):
     reset_counter: int
     origin_deg: Vec3 | None
     home_ned_m: Vec3
-    followed: Setpoint | None
-    vel_followed_ned_mps: Vec3
+    setpoint: Setpoint | None
+    vel_setpoint_ned_mps: Vec3
     fix: Fix | None
     fix_us: int
     thrust: float
@@ -98,7 +103,7 @@ def _heartbeat(now: Snapshot) -> MavMessage:
 
 
 def _odometry(now: Snapshot) -> MavMessage | None:
-    if not now.estimated:
+    if not now.estimate_valid:
         return None
     covariance = list(UNKNOWN_COVARIANCE)
     covariance[0], covariance[6], covariance[11] = now.var_pos_ned_m2
@@ -119,22 +124,22 @@ def _odometry(now: Snapshot) -> MavMessage | None:
 
 
 def _local_position(now: Snapshot) -> MavMessage | None:
-    if not now.estimated:
+    if not now.estimate_valid:
         return None
     return dialect.MAVLink_local_position_ned_message(now.t_ms, *now.pos_ned_m, *now.vel_ned_mps)
 
 
 def _position_target(now: Snapshot) -> MavMessage | None:
-    """As PX4 tells it: a position as it was asked for, the velocity after position loop and limits, NaN for neither."""
-    followed = now.followed
-    if followed is None:
+    """Position of the setpoint, and velocity after position control and limits, as in PX4; NaN for axes without one."""
+    setpoint = now.setpoint
+    if setpoint is None:
         return None
-    pos = [nan if axis is None else axis for axis in followed.pos_ned_m]
-    asked = zip(followed.pos_ned_m, followed.vel_ned_mps, now.vel_followed_ned_mps, strict=True)
-    vel = [nan if p is None and v is None else result for p, v, result in asked]
-    acc = [nan if axis is None else axis for axis in followed.acc_ned_mps2]
-    yaw_rad = nan if followed.yaw_rad is None else followed.yaw_rad
-    yaw_rate_rps = nan if followed.yaw_rate_rps is None else followed.yaw_rate_rps
+    pos = [nan if axis is None else axis for axis in setpoint.pos_ned_m]
+    axes = zip(setpoint.pos_ned_m, setpoint.vel_ned_mps, now.vel_setpoint_ned_mps, strict=True)
+    vel = [nan if p is None and v is None else result for p, v, result in axes]
+    acc = [nan if axis is None else axis for axis in setpoint.acc_ned_mps2]
+    yaw_rad = nan if setpoint.yaw_rad is None else setpoint.yaw_rad
+    yaw_rate_rps = nan if setpoint.yaw_rate_rps is None else setpoint.yaw_rate_rps
     return dialect.MAVLink_position_target_local_ned_message(
         now.t_ms, dialect.MAV_FRAME_LOCAL_NED, 0, *pos, *vel, *acc, yaw_rad, yaw_rate_rps
     )
@@ -173,7 +178,7 @@ def _sys_status(now: Snapshot) -> MavMessage:
 
 
 def _battery_status(now: Snapshot) -> MavMessage:
-    """PX4 tells the voltage of the whole battery as that of its first cell."""
+    """Like PX4, the voltage of the whole battery is sent as that of the first cell."""
     return dialect.MAVLink_battery_status_message(
         0,
         dialect.MAV_BATTERY_FUNCTION_ALL,
@@ -190,13 +195,13 @@ def _battery_status(now: Snapshot) -> MavMessage:
 
 
 def _geodetic(pos_ned_m: Vec3, origin_deg: Vec3) -> tuple[int, int, int]:
-    """1e-7 degrees, 1e-7 degrees, millimetres above sea level."""
+    """Latitude and longitude in 1e-7 degrees, altitude above sea level in millimetres."""
     latitude_deg, longitude_deg, amsl_m = geodetic_from_ned(pos_ned_m, origin_deg)
     return round(latitude_deg * 1e7), round(longitude_deg * 1e7), round(amsl_m * 1e3)
 
 
 def _global_position(now: Snapshot) -> MavMessage | None:
-    if now.origin_deg is None or not now.estimated:
+    if now.origin_deg is None or not now.estimate_valid:
         return None
     return dialect.MAVLink_global_position_int_message(
         now.t_ms,
@@ -216,7 +221,7 @@ def _gps_raw(now: Snapshot) -> MavMessage | None:
     course_deg = degrees(_course_rad(north, east))
     return dialect.MAVLink_gps_raw_int_message(
         now.fix_us,
-        dialect.GPS_FIX_TYPE_3D_FIX if fix.usable else dialect.GPS_FIX_TYPE_NO_FIX,
+        dialect.GPS_FIX_TYPE_3D_FIX if fix.valid else dialect.GPS_FIX_TYPE_NO_FIX,
         round(latitude_deg * 1e7),
         round(longitude_deg * 1e7),
         round(amsl_m * 1e3),
@@ -280,7 +285,7 @@ def _clipped(value: float) -> int:
     return max(-32_768, min(32_767, round(value)))
 
 
-MAKERS: dict[int, Callable[[Snapshot], MavMessage | None]] = {
+STREAMS: dict[int, Callable[[Snapshot], MavMessage | None]] = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     dialect.MAVLINK_MSG_ID_ODOMETRY: _odometry,
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position,
@@ -298,4 +303,4 @@ MAKERS: dict[int, Callable[[Snapshot], MavMessage | None]] = {
     dialect.MAVLINK_MSG_ID_HOME_POSITION: _home_position,
     dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: _autopilot_version,
 }
-"""By message id; each returns None when it can't be told yet."""
+"""Builder of each message by its id; it returns None as long as there is no data for the message."""

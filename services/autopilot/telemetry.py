@@ -1,10 +1,10 @@
-"""The autopilot's MAVLink links to the vehicle bridge and to ground stations.
+"""MAVLink links of the autopilot to the vehicle bridge and to ground stations.
 
-Streams have PX4's messages, units and frames; rates can be set with SET_MESSAGE_INTERVAL.
+The streams have the messages, units and frames of PX4. SET_MESSAGE_INTERVAL sets their rates.
 """
 
 from jezero.mavlink import MavlinkCodec, MavMessage, Signing, dialect
-from jezero.services.autopilot.streams import MAKERS, Snapshot
+from jezero.services.autopilot.streams import STREAMS, Snapshot
 
 STATUSTEXT_CHARACTERS = 50
 
@@ -37,7 +37,7 @@ GCS_INTERVALS_US = {
 
 
 class TelemetryLink:
-    """One link: its streams, and the messages on it that are meant for this autopilot."""
+    """One link: sends its streams, and receives the messages that are addressed to this autopilot."""
 
     def __init__(
         self, system_id: int, intervals_us: dict[int, int], interval_min_us: int, signing: Signing | None = None
@@ -49,70 +49,70 @@ class TelemetryLink:
         self._interval_us = dict(self._default_us)
         self._due_us = dict.fromkeys(intervals_us, 0)
         self._next_us = 0
-        self._told: tuple[int, bool, bool] | None = None
+        self._last_state: tuple[int, bool, bool] | None = None
         self._text_id = 0
 
     @property
     def malformed(self) -> int:
-        """Stretches of bytes that were no message."""
+        """Number of malformed messages."""
         return self._codec.malformed
 
     @property
     def bad_signatures(self) -> int:
-        """Messages whose signature was not believed."""
+        """Number of messages without an accepted signature."""
         return self._codec.bad_signatures
 
     def receive(self, data: bytes) -> list[MavMessage]:
-        """Messages for this autopilot, or for everybody."""
+        """Parse bytes; returns the messages to this autopilot or to all systems."""
         return [message for message in self._codec.parse(data) if self._is_for_us(message)]
 
     def _is_for_us(self, message: MavMessage) -> bool:
-        """Not what claims to come from this autopilot itself."""
+        """Whether the message has this autopilot as a target, and is not from its own id."""
         if (message.get_srcSystem(), message.get_srcComponent()) == (self._system_id, dialect.MAV_COMP_ID_AUTOPILOT1):
             return False
         system, component = getattr(message, "target_system", 0), getattr(message, "target_component", 0)
         return system in {0, self._system_id} and component in {0, dialect.MAV_COMP_ID_AUTOPILOT1}
 
     def pack(self, *messages: MavMessage) -> bytes:
-        """Bytes of messages, in order."""
+        """Pack messages in order."""
         return b"".join(self._codec.pack(message) for message in messages)
 
     def set_interval(self, message_id: int, interval_us: float) -> bool:
-        """Change a stream's rate: 0 is its default, -1 stops it; False when there is no such stream."""
-        if message_id not in MAKERS:
+        """Set the interval of a stream, 0 for its default, -1 to stop it; returns False if there is no such stream."""
+        if message_id not in STREAMS:
             return False
         if interval_us < 0.0:
             self._interval_us.pop(message_id, None)
             return True
         default_us = self._default_us.get(message_id, 1_000_000)
-        asked_us = default_us if interval_us == 0.0 else int(interval_us)
-        self._interval_us[message_id] = max(self._interval_min_us, asked_us)
+        requested_us = default_us if interval_us == 0.0 else int(interval_us)
+        self._interval_us[message_id] = max(self._interval_min_us, requested_us)
         self._due_us.setdefault(message_id, 0)
         self._next_us = 0
         return True
 
-    def knows(self, message_id: int) -> bool:
-        """Whether there is such a message to tell."""
-        return message_id in MAKERS
+    def has_message(self, message_id: int) -> bool:
+        """Whether this autopilot has such a message."""
+        return message_id in STREAMS
 
-    def request(self, message_id: int, now: Snapshot) -> bytes:
-        """One message now; nothing when there is no such message, or it can't be told yet."""
-        maker = MAKERS.get(message_id)
-        message = None if maker is None else maker(now)
+    def build_message(self, message_id: int, now: Snapshot) -> bytes:
+        """Pack one message; returns no bytes if there is no such message, or no data for it yet."""
+        build = STREAMS.get(message_id)
+        message = None if build is None else build(now)
         return b"" if message is None else self._codec.pack(message)
 
     def is_due(self, t_us: int, state: tuple[int, bool, bool]) -> bool:
-        """Whether `stream` has something to tell. `state` is the custom mode, armed, landed."""
-        return state != self._told or t_us >= self._next_us
+        """Whether `streams` has messages to send. `state` is (custom mode, armed, landed)."""
+        return state != self._last_state or t_us >= self._next_us
 
-    def stream(self, now: Snapshot) -> bytes:
-        """What is due, and at once what changed.
+    def streams(self, now: Snapshot) -> bytes:
+        """Pack the streams that are due. A change of the state is sent at once.
 
-        Streams keep to multiples of their interval: those that are as frequent travel together.
+        Streams are sent at multiples of their interval, so that those of equal rate share a packet.
         """
         state = (now.custom_mode, now.armed, now.landed)
-        if state != self._told:
-            self._told = state
+        if state != self._last_state:
+            self._last_state = state
             self._due_us[dialect.MAVLINK_MSG_ID_HEARTBEAT] = 0
             self._due_us[dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE] = 0
             self._due_us[dialect.MAVLINK_MSG_ID_HOME_POSITION] = 0
@@ -121,19 +121,19 @@ class TelemetryLink:
             if now.t_us < self._due_us[message_id]:
                 continue
             self._due_us[message_id] = (now.t_us // interval_us + 1) * interval_us
-            message = MAKERS[message_id](now)
+            message = STREAMS[message_id](now)
             if message is not None:
                 data += self._codec.pack(message)
         self._next_us = min((self._due_us[message_id] for message_id in self._interval_us), default=now.t_us)
         return data
 
     def acknowledge(self, message: MavMessage, command: int, result: int) -> bytes:
-        """COMMAND_ACK of a command to whoever sent the message."""
+        """Pack the COMMAND_ACK of a command to the sender of the message."""
         sender = (message.get_srcSystem(), message.get_srcComponent())
         return self._codec.pack(dialect.MAVLink_command_ack_message(command, result, 0, 0, *sender))
 
-    def text(self, severity: int, text: str) -> bytes:
-        """STATUSTEXT, in several chunks when it is long."""
+    def status_text(self, severity: int, text: str) -> bytes:
+        """Pack a STATUSTEXT, in several chunks if it is long."""
         raw = text.encode("ascii", "replace")
         chunks = [raw[i : i + STATUSTEXT_CHARACTERS] for i in range(0, len(raw), STATUSTEXT_CHARACTERS)]
         text_id = 0

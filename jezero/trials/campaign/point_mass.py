@@ -9,9 +9,9 @@ from jezero.frames import Quat, Vec3, add, ned_from_geodetic, quat_from_euler, s
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.config import AutopilotConfig, EstimatorConfig
 from jezero.services.autopilot.control import Kinematics, Setpoint, VelocityLoop
-from jezero.services.autopilot.flight import LIFTED_MPS, SPOOL_UP_S
-from jezero.services.autopilot.land_detector import CLIMB_WANTED_MPS, LandDetector
+from jezero.services.autopilot.land_detector import CLIMB_SETPOINT_MIN_MPS, LandDetector
 from jezero.services.autopilot.mixer import STOPPED, Commands
+from jezero.services.autopilot.multicopter import LIFTOFF_SPEED_MIN_MPS, SPOOLUP_TIME_S
 from jezero.services.autopilot.reset_detector import ResetDetector
 
 LAG_S = 0.1
@@ -128,7 +128,7 @@ class PointEstimate:
         return self._started_us is not None and self.t_us - self._started_us >= self._config.align_s * 1e6
 
     @property
-    def missing(self) -> str:
+    def invalid_reason(self) -> str:
         """Why the estimate cannot be flown with, or ""."""
         if not self.running:
             return "aligning, keep the vehicle still"
@@ -172,12 +172,12 @@ class PointEstimate:
 
     # -- sensors -------------------------------------------------------------------------------------------
 
-    def imu(self, t_us: int, acc_frd_mps2: Vec3, gyro_frd_rps: Vec3) -> None:
+    def on_imu(self, t_us: int, acc_frd_mps2: Vec3, gyro_frd_rps: Vec3) -> None:
         """Ignored: the point mass has no IMU."""
 
-    def fix(self, fix: Fix) -> None:
+    def on_fix(self, fix: Fix) -> None:
         """Update the horizontal position."""
-        if not fix.usable:
+        if not fix.valid:
             return
         dt, self._fix_us = (self.t_us - self._fix_us) * 1e-6, self.t_us
         north, east, _ = subtract(ned_from_geodetic(fix.position_deg, self._origin_deg), self.pos_ned_m)
@@ -189,7 +189,7 @@ class PointEstimate:
             self._pos_differs.clear()
             self._reset((north, east, 0.0))
 
-    def baro(self, altitude_pressure_m: float) -> None:
+    def on_baro(self, altitude_pressure_m: float) -> None:
         """Update the height."""
         dt, self._baro_us = (self.t_us - self._baro_us) * 1e-6, self.t_us
         down = -altitude_pressure_m - self.pos_ned_m[2]
@@ -201,7 +201,7 @@ class PointEstimate:
             self._height_differs.clear()
             self._reset((0.0, 0.0, down))
 
-    def mag(self, field_frd_gauss: Vec3) -> None:
+    def on_mag(self, field_frd_gauss: Vec3) -> None:
         """Update the heading, unless the innovation is above the gate."""
         c, (x, y, _) = self._config, field_frd_gauss
         error_rad = wrap_pi(c.declination_rad - atan2(y, x) - self.yaw_rad)
@@ -255,13 +255,13 @@ class PointPilot:
         return self._loop.vel_setpoint_ned_mps
 
     @property
-    def tips_ned(self) -> None:
+    def contact_lean_ned(self) -> None:
         """None: a point does not tilt."""
 
-    def leave(self) -> None:
+    def leave_contact(self) -> None:
         """Never called, as a point does not tilt."""
 
-    def stopped(self) -> Commands:
+    def stop(self) -> Commands:
         """Stop the thrust: the point falls, or stands."""
         self.detector.reset()
         self._rest()
@@ -276,26 +276,26 @@ class PointPilot:
         self.yaw_rate_rps = 0.0
         self.wanted_ned_mps2: Vec3 = (0.0, 0.0, self._gravity_mps2)
 
-    def step(self, dt: float, setpoint: Setpoint, *, may_lift: bool) -> Commands:
-        """See `Pilot`."""
+    def step(self, dt: float, setpoint: Setpoint, *, allow_takeoff: bool) -> Commands:
+        """See `FlightController`."""
         at, detector, armed_s = self.kinematics, self.detector, self._armed_s + dt
         force_ned_mps2: Vec3 = (0.0, 0.0, -LIFT_OFF * self._gravity_mps2)
         if detector.landed:
-            climbs = self._loop.wanted_velocity(at, setpoint)[2] < -CLIMB_WANTED_MPS
-            if not (may_lift and climbs and armed_s >= SPOOL_UP_S):
+            climbs = self._loop.velocity_setpoint(at, setpoint)[2] < -CLIMB_SETPOINT_MIN_MPS
+            if not (allow_takeoff and climbs and armed_s >= SPOOLUP_TIME_S):
                 self._rest()
                 self._armed_s = armed_s
                 return self._idle
-            if at.vel_ned_mps[2] < -LIFTED_MPS:
-                detector.lifted_off()
+            if at.vel_ned_mps[2] < -LIFTOFF_SPEED_MIN_MPS:
+                detector.on_takeoff()
         else:
             self._turn(dt, at.yaw_rad, setpoint)
             force_ned_mps2 = self._loop.specific_force(dt, at, setpoint)
         self._armed_s = armed_s
         commands = self._push(dt, force_ned_mps2)
         if not detector.landed:
-            thrust_of_hover = self._thrust / self._hover
-            detector.step(dt, at.vel_ned_mps, NO_RATES, self._loop.vel_setpoint_ned_mps[2], thrust_of_hover)
+            thrust_hover_ratio = self._thrust / self._hover
+            detector.step(dt, at.vel_ned_mps, NO_RATES, self._loop.vel_setpoint_ned_mps[2], thrust_hover_ratio)
         return commands
 
     def _turn(self, dt: float, yaw_rad: float, setpoint: Setpoint) -> None:

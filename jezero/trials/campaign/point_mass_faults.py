@@ -71,7 +71,7 @@ class FaultyPointMass:
         def garbled(value: Any) -> Any:
             match fault.sensor:
                 case "gnss":
-                    return _shifted(value, rng.uniform(-GARBLED_FIX_DEG, GARBLED_FIX_DEG), usable=rng.random() < 0.5)
+                    return _shifted(value, rng.uniform(-GARBLED_FIX_DEG, GARBLED_FIX_DEG), valid=rng.random() < 0.5)
                 case "mag":
                     return tuple(rng.uniform(-1.0, 1.0) for _ in range(3))
             return rng.uniform(-GARBLED_HEIGHT_M, GARBLED_HEIGHT_M)
@@ -88,6 +88,6 @@ class FaultyPointMass:
         yield from fault.readings(t_ns, reading, lambda first, now: first, garbled, wrong)
 
 
-def _shifted(fix: Fix, north_deg: float, *, usable: bool = True) -> Fix:
+def _shifted(fix: Fix, north_deg: float, *, valid: bool = True) -> Fix:
     latitude_deg, longitude_deg, amsl_m = fix.position_deg
-    return replace(fix, position_deg=(latitude_deg + north_deg, longitude_deg, amsl_m), usable=usable)
+    return replace(fix, position_deg=(latitude_deg + north_deg, longitude_deg, amsl_m), valid=valid)

@@ -16,8 +16,8 @@ from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Clock, Truth
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.config import AutopilotConfig
-from jezero.services.autopilot.hil import Reading
-from jezero.services.autopilot.mavlink_side import OFFBOARD, MavlinkSide
+from jezero.services.autopilot.hil import SensorSample
+from jezero.services.autopilot.mavlink_interface import OFFBOARD, MavlinkInterface
 from jezero.services.autopilot.parameters import Parameters
 from jezero.services.autopilot.vehicle import Vehicle
 from jezero.services.simulator.config import SimulatorConfig
@@ -81,7 +81,7 @@ class PointMass:
         self._estimate = PointEstimate(config.estimator, self._point, world.origin.origin_deg)
         self._pilot = PointPilot(config, self._point, self._estimate)
         self._vehicle = Vehicle(self._parameters, system_id, self._estimate, self._pilot)
-        self._side = MavlinkSide(self._vehicle, self._parameters, system_id, (OFFBOARD,), {})
+        self._side = MavlinkInterface(self._vehicle, self._parameters, system_id, (OFFBOARD,), {})
         self._t_ns: int | None = None
         self._health: Health | None = None
         self._when_clock = Schedule[None](topics.CLOCK.rate_hz or 10.0)
@@ -97,9 +97,9 @@ class PointMass:
         self._t_ns = t_ns
         self._point.step(dt, self._pilot.wanted_ned_mps2, self._pilot.yaw_rate_rps)
         self._estimate.tick(t_ns // 1000)
-        yield from self._side.answer(inbox)
+        yield from self._side.handle_messages(inbox)
         self._vehicle.step(self._read(t_ns))
-        yield from self._side.tell(inbox)
+        yield from self._side.send_telemetry(inbox)
         if self._when_altimeter.due(t_ns):
             yield from (
                 Publish(topics.ALTIMETER, reading) for reading in self._filtered("altimeter", t_ns, self._range(t_ns))
@@ -111,16 +111,16 @@ class PointMass:
             self._health = health
             yield health
 
-    def _read(self, t_ns: int) -> Reading:
+    def _read(self, t_ns: int) -> SensorSample:
         """Readings of the autopilot's sensors. There is no IMU: the estimate knows the point's motion."""
         field_frd_gauss = pressure_altitude_m = None
         if self._when_sensors.due(t_ns):
             for fix in self._filtered("gnss", t_ns, self._fix()):
-                self._vehicle.fix(fix)
+                self._vehicle.on_fix(fix)
             field_frd_gauss = _last(self._filtered("mag", t_ns, self._field_frd_gauss()))
             up_m = altitude_m(self._point.pos_ned_m[2]) + self._rng.gauss(0.0, STD_BARO_M)
             pressure_altitude_m = _last(self._filtered("baro", t_ns, up_m))
-        return Reading(t_ns // 1000, None, field_frd_gauss, pressure_altitude_m)
+        return SensorSample(t_ns // 1000, None, field_frd_gauss, pressure_altitude_m)
 
     def _filtered(self, sensor: str, t_ns: int, reading: Any) -> Iterable[Any]:
         return (reading,) if self.sensor_filter is None else self.sensor_filter(sensor, t_ns, reading)

@@ -73,8 +73,8 @@ def test_a_vehicle_at_its_setpoint_asks_for_its_weight() -> None:
 
 def test_a_far_setpoint_is_approached_no_faster_than_the_limits() -> None:
     loop = VelocityLoop(ControlConfig(), AIRFRAME)
-    assert loop.wanted_velocity(REST, Setpoint(pos_ned_m=(300.0, 400.0, -100.0))) == pytest.approx((3.0, 4.0, -3.0))
-    assert loop.wanted_velocity(REST, Setpoint(pos_ned_m=(0.0, 0.0, 50.0)))[2] == pytest.approx(1.5)
+    assert loop.velocity_setpoint(REST, Setpoint(pos_ned_m=(300.0, 400.0, -100.0))) == pytest.approx((3.0, 4.0, -3.0))
+    assert loop.velocity_setpoint(REST, Setpoint(pos_ned_m=(0.0, 0.0, 50.0)))[2] == pytest.approx(1.5)
 
 
 def test_the_approach_is_proportional_near_the_point_and_brakes_at_a_constant_rate_from_afar() -> None:
@@ -97,7 +97,7 @@ def test_thrust_and_tilt_stay_within_their_limits(n: float, e: float, d: float, 
 
 
 def test_a_reset_of_the_position_moves_a_setpoint_along() -> None:
-    moved = Setpoint(pos_ned_m=(1.0, None, -5.0)).moved((0.5, 9.0, 0.0))
+    moved = Setpoint(pos_ned_m=(1.0, None, -5.0)).shifted((0.5, 9.0, 0.0))
     assert moved.pos_ned_m == (1.5, None, -5.0)
 
 

@@ -3,15 +3,23 @@
 from itertools import product
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from jezero.services.autopilot.config import FailsafeConfig
-from jezero.services.autopilot.failsafes import Action, Trigger, asked_for, respond, response, section
+from jezero.services.autopilot.failsafes import (
+    Action,
+    Trigger,
+    configured_action,
+    docs_section,
+    failsafe_action,
+    most_severe_action,
+)
 from jezero.services.autopilot.modes import Mode
 
 DEFAULT = FailsafeConfig()
 SETTINGS = [
-    FailsafeConfig(com_obl_rc_act=obl, nav_dll_act=dll, com_low_bat_act=low)
+    msgspec.convert({"com_obl_rc_act": obl, "nav_dll_act": dll, "com_low_bat_act": low}, FailsafeConfig)
     for obl, dll, low in product((0, 1, 2, 3, 4, 5, 6, 7), (0, 1, 2, 3, 5, 6), (0, 2, 3))
 ]
 EVERYTHING = list(product(Trigger, Mode, (False, True)))
@@ -43,12 +51,12 @@ WHEN_ACTING = {
 @pytest.mark.parametrize("trigger", list(Trigger))
 @pytest.mark.parametrize(("config", "table"), [(DEFAULT, BY_DEFAULT), (ACTING, WHEN_ACTING)])
 def test_in_the_air(trigger: Trigger, config: FailsafeConfig, table: dict[Trigger, tuple[Action, ...]]) -> None:
-    assert tuple(response(trigger, mode, False, config) for mode in MODES) == table[trigger]
+    assert tuple(failsafe_action(trigger, mode, False, config) for mode in MODES) == table[trigger]
 
 
 @pytest.mark.parametrize("config", SETTINGS)
 def test_on_the_ground_nothing_keeps_it_flying_or_takes_off(config: FailsafeConfig) -> None:
-    actions = {response(trigger, mode, True, config) for trigger in Trigger for mode in Mode}
+    actions = {failsafe_action(trigger, mode, True, config) for trigger in Trigger for mode in Mode}
     assert actions.isdisjoint({Action.HOLD, Action.RETURN})
 
 
@@ -56,21 +64,23 @@ def test_on_the_ground_nothing_keeps_it_flying_or_takes_off(config: FailsafeConf
 def test_it_answers_to_everything_and_never_with_less_than_the_mode_does(config: FailsafeConfig) -> None:
     does = {Mode.HOLD: H, Mode.RETURN: R, Mode.LAND: L, Mode.DESCEND: D}
     for trigger, mode, landed in EVERYTHING:
-        action = response(trigger, mode, landed, config)
+        action = failsafe_action(trigger, mode, landed, config)
         assert action in {N, W} or action > does.get(mode, N)
-        assert asked_for(trigger, config) >= action or landed
+        assert configured_action(trigger, config) >= action or landed
 
 
 @pytest.mark.parametrize("landed", [False, True])
 @pytest.mark.parametrize("mode", list(Mode))
 def test_of_several_things_the_most_severe_counts_in_whatever_order(mode: Mode, landed: bool) -> None:
     for one, other in product(Trigger, Trigger):
-        worst = max(response(one, mode, landed, ACTING), response(other, mode, landed, ACTING))
-        assert respond((one, other), mode, landed, ACTING)[0] is worst
-        assert respond((other, one), mode, landed, ACTING)[0] is worst
-    assert respond((), mode, landed, ACTING) == (N, None)
+        worst = max(failsafe_action(one, mode, landed, ACTING), failsafe_action(other, mode, landed, ACTING))
+        assert most_severe_action((one, other), mode, landed, ACTING)[0] is worst
+        assert most_severe_action((other, one), mode, landed, ACTING)[0] is worst
+    assert most_severe_action((), mode, landed, ACTING) == (N, None)
 
 
 def test_the_documentation_has_the_table() -> None:
     text = (Path(__file__).parents[3] / "docs" / "reliability.md").read_text()
-    assert section() in text, "run python -m jezero.services.autopilot.failsafes and put its output between the marks"
+    assert docs_section() in text, (
+        "run python -m jezero.services.autopilot.failsafes and put its output between the marks"
+    )

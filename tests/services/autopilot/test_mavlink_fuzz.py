@@ -87,7 +87,8 @@ def _frame(kind: type[MavMessage], payload: bytes, sequence: int) -> bytes:
     """A valid frame around any payload, from system 255."""
     header = bytes([len(payload), 0, 0, sequence, 255, 190]) + kind.id.to_bytes(3, "little")
     crc = dialect.x25crc(header + payload + bytes([kind.crc_extra]))
-    return b"\xfd" + header + payload + int(crc.crc).to_bytes(2, "little")
+    frame: bytes = b"\xfd" + header + payload + int(crc.crc).to_bytes(2, "little")
+    return frame
 
 
 # -- signing -------------------------------------------------------------------------------------------------

@@ -21,6 +21,7 @@ class Box:
 
     wall_ns = 0
     connected = True
+    has_requests = False
     departed_clients: Sequence[str] = ()
     responses: Sequence[Any] = ()
 

@@ -33,7 +33,7 @@ class Bench:
         for _ in range(round(seconds / DT)):
             self.t_us += round(DT * 1e6)
             self.estimate.tick(self.t_us)
-            self.pilot.step(DT, setpoint, may_lift=True)
+            self.pilot.step(DT, setpoint, allow_takeoff=True)
             self.point.step(DT, self.pilot.wanted_ned_mps2, self.pilot.yaw_rate_rps)
 
     def fixes(self, seconds: float, error_ned_m: Vec3) -> None:
@@ -42,8 +42,8 @@ class Bench:
             self.estimate.tick(self.t_us)
             north, east, down = (p + e for p, e in zip(self.point.pos_ned_m, error_ned_m, strict=True))
             position_deg = geodetic_from_ned((north, east, down), ORIGIN)
-            self.estimate.fix(Fix(self.t_us, position_deg, (0.0, 0.0, 0.0), True))
-            self.estimate.baro(-down)
+            self.estimate.on_fix(Fix(self.t_us, position_deg, (0.0, 0.0, 0.0), True))
+            self.estimate.on_baro(-down)
 
 
 def test_it_takes_off_to_a_point_and_stays_there() -> None:
@@ -65,7 +65,7 @@ def test_pressed_onto_the_ground_it_is_landed_within_two_seconds() -> None:
 def test_without_thrust_it_falls_and_stands_still_on_the_ground() -> None:
     bench = Bench()
     bench.fly(8.0, Setpoint((0.0, 0.0, -4.0)))
-    bench.pilot.stopped()
+    bench.pilot.stop()
     for _ in range(10):
         bench.point.step(DT, bench.pilot.wanted_ned_mps2, 0.0)
     assert bench.point.vel_ned_mps[2] == pytest.approx(G * 0.5, rel=0.25)
@@ -90,9 +90,9 @@ def test_sensors_that_insist_on_an_error_reset_the_estimate_and_small_errors_pul
     assert bench.estimate.reset_counter == 0
     assert bench.estimate.pos_ned_m == pytest.approx((0.5, 0.0, 0.5), abs=0.1)
     bench.fixes(2.0, (6.0, 0.0, 0.5))
-    assert bench.estimate.reset_counter == 0 and "GNSS is" in bench.estimate.missing
+    assert bench.estimate.reset_counter == 0 and "GNSS is" in bench.estimate.invalid_reason
     bench.fixes(2.0, (6.0, 0.0, 0.5))
-    assert bench.estimate.reset_counter == 1 and bench.estimate.missing == ""
+    assert bench.estimate.reset_counter == 1 and bench.estimate.invalid_reason == ""
     assert bench.estimate.pos_ned_m[0] == pytest.approx(6.0, abs=0.2)
     assert bench.estimate.reset_offset_ned_m[0] == pytest.approx(5.5, abs=0.2)
     bench.fixes(4.0, (6.0, 0.0, -6.0))

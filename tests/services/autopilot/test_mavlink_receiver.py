@@ -6,8 +6,8 @@ import pytest
 from jezero.mavlink import MavMessage, dialect
 from jezero.services.autopilot.battery import Battery
 from jezero.services.autopilot.config import Airframe, AutopilotConfig, BatteryConfig
+from jezero.services.autopilot.mavlink_receiver import decode_parameter, encode_parameter
 from jezero.services.autopilot.parameters import ROWS, Parameters, Row, Value
-from jezero.services.autopilot.requests import decoded, encoded
 from jezero.services.autopilot.service import OFFBOARD
 from tests.services.autopilot.test_service import Bench, kinds
 
@@ -18,10 +18,10 @@ def ask(bench: Bench, message: MavMessage) -> list[MavMessage]:
 
 def set_parameter(bench: Bench, name: str, value: Value) -> Value | None:
     """The value that the autopilot tells afterwards."""
-    carried, kind = encoded(value)
+    carried, kind = encode_parameter(value)
     heard = ask(bench, dialect.MAVLink_param_set_message(1, 1, name.encode(), carried, kind))
     told = kinds(heard, dialect.MAVLINK_MSG_ID_PARAM_VALUE)
-    return decoded(told[0].param_value, told[0].param_type) if told else None
+    return decode_parameter(told[0].param_value, told[0].param_type) if told else None
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)

@@ -1,4 +1,4 @@
-"""What others ask over MAVLink, and the answers: setpoints, commands, parameters, and what is politely refused."""
+"""Handles received MAVLink messages: setpoints, commands, parameters, and refusals of files and missions."""
 
 import struct
 from collections.abc import Callable
@@ -13,8 +13,8 @@ from jezero.services.autopilot.parameters import Parameters, Value
 from jezero.services.autopilot.telemetry import TelemetryLink
 from jezero.services.autopilot.vehicle import Vehicle
 
-FORCE = 21196.0
-CHANGE_MODE = 1
+FORCE_DISARM = 21196.0
+REPOSITION_CHANGES_MODE = 1
 FTP_NAK, FTP_UNKNOWN_COMMAND, FTP_HEADER = 129, 7, struct.Struct("<HBBBBBxI")
 FTP_PAYLOAD = 251
 REPOSITION_MAX_M = 10_000.0
@@ -25,11 +25,11 @@ REJECTED = int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)
 UNSUPPORTED = int(dialect.MAV_RESULT_UNSUPPORTED)
 GLOBAL_FRAMES = (dialect.MAV_FRAME_GLOBAL, dialect.MAV_FRAME_GLOBAL_INT)
 RELATIVE_FRAMES = (dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
-ASKS_FOR = {
+MESSAGE_OF_COMMAND = {
     dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
     dialect.MAV_CMD_GET_HOME_POSITION: dialect.MAVLINK_MSG_ID_HOME_POSITION,
 }
-"""Commands of their own for what REQUEST_MESSAGE also does."""
+"""Commands that request one message each, like MAV_CMD_REQUEST_MESSAGE."""
 
 
 @dataclass(frozen=True)
@@ -37,28 +37,28 @@ class Command:
     """A COMMAND_LONG, COMMAND_INT or SET_MODE.
 
     Attributes:
-        p: (4,) the first parameters.
-        place_deg: (latitude_deg, longitude_deg, altitude_m) of the others, as far as they are a place.
-        relative: the altitude counts from home.
+        params: (4,) the first four parameters.
+        position_deg: (latitude_deg, longitude_deg, altitude_m) of a command that carries a position.
+        relative: whether the altitude is relative to home.
     """
 
     number: int
-    p: tuple[float, float, float, float]
-    place_deg: Vec3
+    params: tuple[float, float, float, float]
+    position_deg: Vec3
     relative: bool = False
 
-    def has(self, *indices: int) -> bool:
-        """Whether these of the first parameters are finite."""
-        return all(isfinite(self.p[i]) for i in indices)
+    def are_finite(self, *indices: int) -> bool:
+        """Whether the parameters with these indices are finite."""
+        return all(isfinite(self.params[i]) for i in indices)
 
 
-class Requests:
-    """Carries out messages on a vehicle."""
+class MavlinkReceiver:
+    """Handles the messages of all links for one vehicle."""
 
     def __init__(self, vehicle: Vehicle, parameters: Parameters) -> None:
         self._vehicle = vehicle
         self._parameters = parameters
-        self._answers = {
+        self._handlers = {
             dialect.MAVLINK_MSG_ID_COMMAND_LONG: self._on_command_long,
             dialect.MAVLINK_MSG_ID_COMMAND_INT: self._on_command_int,
             dialect.MAVLINK_MSG_ID_SET_MODE: self._on_set_mode,
@@ -68,11 +68,11 @@ class Requests:
             dialect.MAVLINK_MSG_ID_PING: self._on_ping,
             dialect.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
             dialect.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: _refuse_files,
-            dialect.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: _no_mission,
+            dialect.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: _send_empty_mission,
             dialect.MAVLINK_MSG_ID_MISSION_COUNT: _refuse_mission,
         }
 
-        self._orders: dict[int, Callable[[Command], int]] = {
+        self._command_handlers: dict[int, Callable[[Command], int]] = {
             dialect.MAV_CMD_COMPONENT_ARM_DISARM: self._arm_or_disarm,
             dialect.MAV_CMD_DO_SET_MODE: self._set_mode,
             dialect.MAV_CMD_NAV_LAND: self._land,
@@ -81,17 +81,17 @@ class Requests:
             dialect.MAV_CMD_DO_REPOSITION: self._reposition,
         }
 
-    def answer(self, link: TelemetryLink, message: MavMessage) -> bytes:
-        """Do what a message asks; returns what to say to whoever sent it."""
+    def handle(self, link: TelemetryLink, message: MavMessage) -> bytes:
+        """Carry out a message; returns the bytes of the reply, which are empty for a message without one."""
         kind = message.get_msgId()
         if kind == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
             setpoint = offboard_setpoint(message, self._vehicle.estimator.yaw_rad)
             if setpoint is not None:
-                self._vehicle.stream(setpoint)
+                self._vehicle.on_offboard_setpoint(setpoint)
         elif kind == dialect.MAVLINK_MSG_ID_HEARTBEAT:
             if message.type == dialect.MAV_TYPE_GCS:
-                self._vehicle.hear_ground_station()
-        elif handler := self._answers.get(kind):
+                self._vehicle.on_gcs_heartbeat()
+        elif handler := self._handlers.get(kind):
             return handler(link, message)
         return b""
 
@@ -103,11 +103,11 @@ class Requests:
 
     def _on_command_int(self, link: TelemetryLink, m: MavMessage) -> bytes:
         if m.frame in GLOBAL_FRAMES or m.frame in RELATIVE_FRAMES:
-            place_deg: Vec3 = (m.x * 1e-7, m.y * 1e-7, m.z)
+            position_deg: Vec3 = (m.x * 1e-7, m.y * 1e-7, m.z)
         else:
-            place_deg = (float(m.x), float(m.y), m.z)
+            position_deg = (float(m.x), float(m.y), m.z)
         p = (m.param1, m.param2, m.param3, m.param4)
-        return self._run(link, m, Command(m.command, p, place_deg, relative=m.frame in RELATIVE_FRAMES))
+        return self._run(link, m, Command(m.command, p, position_deg, relative=m.frame in RELATIVE_FRAMES))
 
     def _on_set_mode(self, link: TelemetryLink, m: MavMessage) -> bytes:
         main, sub = m.custom_mode >> 16 & 0xFF, m.custom_mode >> 24 & 0xFF
@@ -115,32 +115,36 @@ class Requests:
         return self._run(link, m, Command(dialect.MAV_CMD_DO_SET_MODE, p, (0.0, 0.0, 0.0)))
 
     def _run(self, link: TelemetryLink, message: MavMessage, command: Command) -> bytes:
-        """Do it, and acknowledge it."""
+        """Carry out a command and acknowledge it."""
         number = command.number
-        wanted = ASKS_FOR.get(number)
-        if number == dialect.MAV_CMD_REQUEST_MESSAGE and command.has(0):
-            wanted = int(command.p[0])
-        if wanted is not None:
-            known = link.knows(wanted)
+        requested_id = MESSAGE_OF_COMMAND.get(number)
+        if number == dialect.MAV_CMD_REQUEST_MESSAGE and command.are_finite(0):
+            requested_id = int(command.params[0])
+        if requested_id is not None:
+            known = link.has_message(requested_id)
             acknowledged = link.acknowledge(message, number, ACCEPTED if known else UNSUPPORTED)
-            return acknowledged + link.request(wanted, self._vehicle.snapshot())
+            return acknowledged + link.build_message(requested_id, self._vehicle.snapshot())
         if number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
-            known = command.has(0, 1) and link.set_interval(int(command.p[0]), command.p[1])
+            known = command.are_finite(0, 1) and link.set_interval(int(command.params[0]), command.params[1])
             return link.acknowledge(message, number, ACCEPTED if known else UNSUPPORTED)
-        return link.acknowledge(message, number, self._order(command))
+        return link.acknowledge(message, number, self._execute(command))
 
-    def _order(self, command: Command) -> int:
-        """What moves the vehicle; returns the result."""
-        handler = self._orders.get(command.number)
+    def _execute(self, command: Command) -> int:
+        """Carry out a command to the vehicle; returns a MAV_RESULT."""
+        handler = self._command_handlers.get(command.number)
         return UNSUPPORTED if handler is None else handler(command)
 
     def _arm_or_disarm(self, command: Command) -> int:
-        if command.p[0] == 1.0:
+        if command.params[0] == 1.0:
             return _result(self._vehicle.arm())
-        return _result(self._vehicle.disarm(force=command.p[1] == FORCE)) if command.p[0] == 0.0 else DENIED
+        return (
+            _result(self._vehicle.disarm(force=command.params[1] == FORCE_DISARM))
+            if command.params[0] == 0.0
+            else DENIED
+        )
 
     def _set_mode(self, command: Command) -> int:
-        mode = _asked_mode(command)
+        mode = _requested_mode(command)
         return DENIED if mode is None else _result(self._vehicle.set_mode(mode))
 
     def _land(self, command: Command) -> int:
@@ -153,15 +157,15 @@ class Requests:
         vehicle, origin_deg = self._vehicle, self._vehicle.estimator.origin_deg
         if origin_deg is None:
             return REJECTED
-        point_ned_m = self._place(command, origin_deg)
+        point_ned_m = self._command_point_ned_m(command, origin_deg)
         if point_ned_m is None:
-            vehicle.commander.say(3, "Takeoff denied: the place is out of reach, and NaN means here")
+            vehicle.commander.add_status_text(3, "Takeoff denied: position out of range; NaN keeps the present one")
             return DENIED
         return _result(vehicle.take_off(point_ned_m))
 
-    def _place(self, command: Command, origin_deg: Vec3) -> Axes | None:
-        """Where a command's place is, each axis None that it doesn't tell; no place at all when it is out of reach."""
-        latitude_deg, longitude_deg, altitude_m = command.place_deg
+    def _command_point_ned_m(self, command: Command, origin_deg: Vec3) -> Axes | None:
+        """Position of a command, an axis that it leaves open being None; None if the position is out of range."""
+        latitude_deg, longitude_deg, altitude_m = command.position_deg
         north: float | None = None
         east: float | None = None
         down: float | None = None
@@ -175,51 +179,53 @@ class Requests:
         return None if far else (north, east, down)
 
     def _reposition(self, command: Command) -> int:
-        """What is not given stays as it is."""
+        """Hold at another point; an axis that the command leaves open stays as it is."""
         vehicle, origin_deg = self._vehicle, self._vehicle.estimator.origin_deg
-        if not command.has(1) or not int(command.p[1]) & CHANGE_MODE:
+        if not command.are_finite(1) or not int(command.params[1]) & REPOSITION_CHANGES_MODE:
             return DENIED
         if origin_deg is None:
             return REJECTED
-        place = self._place(command, origin_deg)
-        if place is None:
+        point_ned_m = self._command_point_ned_m(command, origin_deg)
+        if point_ned_m is None:
             return DENIED
-        here = vehicle.estimator.pos_ned_m
-        north, east, down = (now if asked is None else asked for asked, now in zip(place, here, strict=True))
-        yaw_rad = radians(command.p[3]) if command.has(3) else None
+        pos_ned_m = vehicle.estimator.pos_ned_m
+        north, east, down = (
+            present if target is None else target for target, present in zip(point_ned_m, pos_ned_m, strict=True)
+        )
+        yaw_rad = radians(command.params[3]) if command.are_finite(3) else None
         return _result(vehicle.reposition((north, east, down), yaw_rad))
 
     # -- parameters ----------------------------------------------------------------------------------------
 
     def _on_parameter_list(self, link: TelemetryLink, message: MavMessage) -> bytes:
-        return b"".join(self._tell(link, name) for name in self._parameters.names)
+        return b"".join(self._pack_parameter(link, name) for name in self._parameters.names)
 
     def _on_parameter_read(self, link: TelemetryLink, message: MavMessage) -> bytes:
         names, index = self._parameters.names, message.param_index
         if index >= 0:
-            return self._tell(link, names[index]) if index < len(names) else b""
-        return self._tell(link, _name(message))
+            return self._pack_parameter(link, names[index]) if index < len(names) else b""
+        return self._pack_parameter(link, _name(message))
 
     def _on_parameter_set(self, link: TelemetryLink, message: MavMessage) -> bytes:
-        """The answer is the value that holds now, the new one or the old one; none when there is no such parameter."""
+        """Set a parameter; the reply is its value afterwards, or nothing if there is no such parameter."""
         name = _name(message)
-        value = decoded(message.param_value, message.param_type)
+        value = decode_parameter(message.param_value, message.param_type)
         old = self._parameters.get(name)
         if old is not None and (value is None or not self._vehicle.set_parameter(name, value)):
-            return link.text(5, f"Parameter {name} stays {old:g}") + self._tell(link, name)
-        return self._tell(link, name)
+            return link.status_text(5, f"Parameter {name} stays {old:g}") + self._pack_parameter(link, name)
+        return self._pack_parameter(link, name)
 
-    def _tell(self, link: TelemetryLink, name: str) -> bytes:
+    def _pack_parameter(self, link: TelemetryLink, name: str) -> bytes:
         value = self._parameters.get(name)
         if value is None:
             return b""
         names = self._parameters.names
-        carried, kind = encoded(value)
+        raw, kind = encode_parameter(value)
         return link.pack(
-            dialect.MAVLink_param_value_message(name.encode("ascii"), carried, kind, len(names), names.index(name))
+            dialect.MAVLink_param_value_message(name.encode("ascii"), raw, kind, len(names), names.index(name))
         )
 
-    # -- small talk ----------------------------------------------------------------------------------------
+    # -- ping and time -------------------------------------------------------------------------------------
 
     def _on_ping(self, link: TelemetryLink, m: MavMessage) -> bytes:
         if m.target_system != 0:
@@ -234,11 +240,11 @@ def _result(refusal: str) -> int:
     return REJECTED if refusal else ACCEPTED
 
 
-def _asked_mode(command: Command) -> Mode | None:
-    """Of a DO_SET_MODE; None when it is none of PX4's, or none that this autopilot has."""
-    if not command.has(0, 1) or not int(command.p[0]) & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+def _requested_mode(command: Command) -> Mode | None:
+    """Mode of a DO_SET_MODE; None if this autopilot does not have it."""
+    if not command.are_finite(0, 1) or not int(command.params[0]) & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
         return None
-    return FROM_MAIN_AND_SUB.get((int(command.p[1]), int(command.p[2]) if command.has(2) else 0))
+    return FROM_MAIN_AND_SUB.get((int(command.params[1]), int(command.params[2]) if command.are_finite(2) else 0))
 
 
 def _name(message: MavMessage) -> str:
@@ -246,22 +252,22 @@ def _name(message: MavMessage) -> str:
     return str(name).split("\0", maxsplit=1)[0]
 
 
-def encoded(value: Value) -> tuple[float, int]:
-    """The float of a PARAM_VALUE, and its type: PX4 puts an integer's bytes in the place of the float's."""
+def encode_parameter(value: Value) -> tuple[float, int]:
+    """Float and type of a PARAM_VALUE. Like in PX4, an integer is sent as four bytes in the field of the float."""
     if isinstance(value, int):
         return float(struct.unpack("<f", struct.pack("<i", value))[0]), int(dialect.MAV_PARAM_TYPE_INT32)
     return value, int(dialect.MAV_PARAM_TYPE_REAL32)
 
 
-def decoded(carried: float, kind: int) -> Value | None:
-    """The value that a PARAM_SET carries, None when it has a type that no parameter has."""
+def decode_parameter(raw: float, kind: int) -> Value | None:
+    """Value of a PARAM_SET; None if no parameter has this type."""
     if kind == dialect.MAV_PARAM_TYPE_INT32:
-        return int(struct.unpack("<i", struct.pack("<f", carried))[0])
-    return float(carried) if kind == dialect.MAV_PARAM_TYPE_REAL32 else None
+        return int(struct.unpack("<i", struct.pack("<f", raw))[0])
+    return float(raw) if kind == dialect.MAV_PARAM_TYPE_REAL32 else None
 
 
 def offboard_setpoint(message: MavMessage, yaw_now_rad: float) -> Setpoint | None:
-    """What SET_POSITION_TARGET_LOCAL_NED asks for; None when it is empty, not finite, or in a frame PX4 hasn't."""
+    """Setpoint of a SET_POSITION_TARGET_LOCAL_NED; None if it is empty, not finite, or in a frame that PX4 refuses."""
     mask = message.type_mask
     names = ("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz")
     used = [name for bit, name in enumerate(names) if not mask >> bit & 1]
@@ -285,7 +291,7 @@ def offboard_setpoint(message: MavMessage, yaw_now_rad: float) -> Setpoint | Non
 
 
 def _refuse_files(link: TelemetryLink, m: MavMessage) -> bytes:
-    """FTP: there are no files here."""
+    """Reply to an FTP request: this autopilot has no files."""
     sequence, session, opcode, *_ = FTP_HEADER.unpack(bytes(m.payload[: FTP_HEADER.size]))
     nak = FTP_HEADER.pack((sequence + 1) & 0xFFFF, session, FTP_NAK, 1, opcode, 0, 0) + bytes([FTP_UNKNOWN_COMMAND])
     payload = list(nak.ljust(FTP_PAYLOAD, b"\0"))
@@ -294,13 +300,13 @@ def _refuse_files(link: TelemetryLink, m: MavMessage) -> bytes:
     )
 
 
-def _no_mission(link: TelemetryLink, m: MavMessage) -> bytes:
-    """There is none to download."""
+def _send_empty_mission(link: TelemetryLink, m: MavMessage) -> bytes:
+    """Reply to a mission download: there is no mission."""
     sender = (m.get_srcSystem(), m.get_srcComponent())
     return link.pack(dialect.MAVLink_mission_count_message(*sender, 0, m.mission_type))
 
 
 def _refuse_mission(link: TelemetryLink, m: MavMessage) -> bytes:
-    """None can be uploaded."""
+    """Reply to a mission upload: missions are not supported."""
     sender = (m.get_srcSystem(), m.get_srcComponent())
     return link.pack(dialect.MAVLink_mission_ack_message(*sender, MISSION_UNSUPPORTED, m.mission_type))
