@@ -196,18 +196,18 @@ class FieldReader:
     """
 
     def __init__(self, kind: Any, *fields: str) -> None:
-        wanted = list(fields)
+        remaining = list(fields)
         layout = "<"
         for name, letter, count in zip(
             kind.ordered_fieldnames, kind.native_format.decode()[1:], kind.array_lengths, strict=True
         ):
             for number in range(count or 1):
-                here = bool(wanted) and wanted[0] in (name, f"{name}[{number}]")
-                layout += letter if here else f"{struct.calcsize(f'<{letter}')}x"
-                if here and (wanted[0] != name or number + 1 == max(count, 1)):
-                    del wanted[0]
-        if wanted:
-            raise ValueError(f"{kind.__name__} has no field {wanted[0]!r}, or not in this order")
+                selected = bool(remaining) and remaining[0] in (name, f"{name}[{number}]")
+                layout += letter if selected else f"{struct.calcsize(f'<{letter}')}x"
+                if selected and (remaining[0] != name or number + 1 == max(count, 1)):
+                    del remaining[0]
+        if remaining:
+            raise ValueError(f"{kind.__name__} has no field {remaining[0]!r}, or not in this order")
         self._read = struct.Struct(layout)
 
     def __call__(self, message: MavMessage) -> tuple[Any, ...]:

@@ -70,8 +70,8 @@ def test_a_codec_with_a_peer_drops_the_messages_of_others() -> None:
     data = b"".join(MavlinkCodec(*sender).pack(beat) for sender in sent)
     for piece in (len(data), 5):
         codec = MavlinkCodec(1, 1, peer=(3, 8))
-        heard = [message for at in range(0, len(data), piece) for message in codec.parse(data[at : at + piece])]
-        assert [(message.get_srcSystem(), message.get_srcComponent()) for message in heard] == [(3, 8)]
+        received = [message for at in range(0, len(data), piece) for message in codec.parse(data[at : at + piece])]
+        assert [(message.get_srcSystem(), message.get_srcComponent()) for message in received] == [(3, 8)]
         assert codec.malformed == 0
 
 
@@ -87,8 +87,8 @@ def test_every_message_is_parsed_as_pymavlink_parses_it_in_whatever_pieces_it_co
         assert isinstance(own, type(theirs))
         assert {name: getattr(own, name) for name in names} == {name: getattr(theirs, name) for name in names}
         assert vars(own.get_header()) == vars(theirs.get_header())
-        for ask in ("get_msgId", "get_srcSystem", "get_srcComponent", "get_seq", "get_type", "get_crc", "to_dict"):
-            assert getattr(own, ask)() == getattr(theirs, ask)()
+        for getter in ("get_msgId", "get_srcSystem", "get_srcComponent", "get_seq", "get_type", "get_crc", "to_dict"):
+            assert getattr(own, getter)() == getattr(theirs, getter)()
     assert codec.malformed == 0
 
 

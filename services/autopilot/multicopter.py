@@ -11,8 +11,10 @@ from jezero.tilt_contact import is_tilted_by_contact
 OUTER_STEPS = 4
 """The velocity loop runs with every fourth IMU sample."""
 SPOOLUP_TIME_S = 0.5
+"""Time from arming until a takeoff can start."""
 LIFTOFF_SPEED_MIN_MPS = 0.2
 LIFTOFF_CLIMB_MIN_M = 0.1
+"""The vehicle has lifted off when it climbs faster or higher than this."""
 
 
 class MulticopterController:

@@ -92,15 +92,15 @@ class Autopilot:
         if not inbox.is_up(HIL):
             self._health_state = None
             return Health("starting", "waiting for the simulator")
-        landed, malformed, refused = (
+        landed, malformed, bad_signatures = (
             self._vehicle.landed,
             self._hil.malformed + self._mavlink.malformed,
             self._mavlink.bad_signatures,
         )
-        if self._health is not None and self._health_state == (landed, malformed, refused):
+        if self._health is not None and self._health_state == (landed, malformed, bad_signatures):
             return self._health
-        self._health_state = (landed, malformed, refused)
+        self._health_state = (landed, malformed, bad_signatures)
         text = "connected to the simulator" if landed else "flying"
         text += f"; {malformed} malformed messages" if malformed else ""
-        text += f"; {refused} messages without a valid signature" if refused else ""
+        text += f"; {bad_signatures} messages without a valid signature" if bad_signatures else ""
         return Health("ok", text)

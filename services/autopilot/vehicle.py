@@ -34,7 +34,9 @@ class Vehicle:
         landed: state of the land detector.
     """
 
-    def __init__(self, parameters: Parameters, system_id: int, estimator: Estimate, flight: FlightController) -> None:
+    def __init__(
+        self, parameters: Parameters, system_id: int, estimator: Estimate, flight_controller: FlightController
+    ) -> None:
         config = parameters.config
         self._parameters = parameters
         self._system_id = system_id
@@ -42,7 +44,7 @@ class Vehicle:
         self.estimator = estimator
         self.commander = Commander(config.commander, config.failsafe)
         self._config = config
-        self._flight = flight
+        self._flight_controller = flight_controller
         self._navigator = Navigator(config.navigator, config.control)
         self._battery = Battery(config.battery, config.airframe)
         self._fix: Fix | None = None
@@ -64,7 +66,7 @@ class Vehicle:
 
     @property
     def landed(self) -> bool:
-        return self._flight.detector.landed
+        return self._flight_controller.detector.landed
 
     @property
     def home_ned_m(self) -> Vec3:
@@ -106,7 +108,7 @@ class Vehicle:
         commands = STOPPED
         self._active_setpoint = None
         if not self.commander.armed:
-            commands = self._flight.stop()
+            commands = self._flight_controller.stop()
         elif estimator.running:
             commands = self._fly(dt)
         self._battery.step(dt, commands)
@@ -116,10 +118,10 @@ class Vehicle:
     def _fly(self, dt: float) -> Commands:
         commander = self.commander
         mode = commander.mode
-        at = self._flight.kinematics
-        contact_lean_ned = self._flight.contact_lean_ned
+        at = self._flight_controller.kinematics
+        contact_lean_ned = self._flight_controller.contact_lean_ned
         if contact_lean_ned is not None and self._navigator.leave_contact(mode, at, contact_lean_ned, self.t_us):
-            self._flight.leave_contact()
+            self._flight_controller.leave_contact()
         if mode is Mode.OFFBOARD:
             setpoint = self._offboard
         else:
@@ -128,7 +130,7 @@ class Vehicle:
                 self._mode = Mode.HOLD  # no mode activation, so that hold mode keeps the point of the takeoff
             setpoint = self._navigator.setpoint(commander.mode, at, self.t_us)
         allow_takeoff = mode is Mode.OFFBOARD or (mode is Mode.TAKEOFF and self._navigator.requires_takeoff(at))
-        commands = self._flight.step(dt, setpoint, allow_takeoff=allow_takeoff)
+        commands = self._flight_controller.step(dt, setpoint, allow_takeoff=allow_takeoff)
         if not self.landed:
             self._active_setpoint = setpoint
         return commands
@@ -146,7 +148,7 @@ class Vehicle:
         """Activate a new mode in the navigator, at the point where the vehicle comes to rest."""
         if self.commander.mode is not self._mode:
             self._mode = self.commander.mode
-            at = self._flight.kinematics
+            at = self._flight_controller.kinematics
             self._navigator.activate(self._mode, at, stopping_point_ned_m(at, self._config.control), self.t_us)
 
     # -- commands; each returns the reason of a refusal, or "" ---------------------------------------------
@@ -157,7 +159,9 @@ class Vehicle:
         reason = self.commander.arm(self._state())
         if self.commander.armed and not was_armed:
             self._navigator.home_ned_m = self.estimator.pos_ned_m
-            self._navigator.activate(self._mode, self._flight.kinematics, self.estimator.pos_ned_m, self.t_us)
+            self._navigator.activate(
+                self._mode, self._flight_controller.kinematics, self.estimator.pos_ned_m, self.t_us
+            )
         return reason
 
     def disarm(self, *, force: bool) -> str:
@@ -177,7 +181,7 @@ class Vehicle:
         down = point_ned_m[2]
         if down is not None and down > self.estimator.pos_ned_m[2]:
             self.commander.add_status_text(2, "Already higher than takeoff altitude")
-        self._navigator.climb_to(self._flight.kinematics, point_ned_m)
+        self._navigator.climb_to(self._flight_controller.kinematics, point_ned_m)
         return ""
 
     def reposition(self, point_ned_m: Vec3, yaw_rad: float | None) -> str:
@@ -204,7 +208,7 @@ class Vehicle:
             self._config = config
             self.commander.configure(config.commander, config.failsafe)
             self.estimator.configure(config.estimator)
-            self._flight.configure(config)
+            self._flight_controller.configure(config)
             self._navigator.configure(config.navigator, config.control)
             self._battery.configure(config.battery)
         return done
@@ -273,7 +277,7 @@ class Vehicle:
             origin_deg=estimator.origin_deg,
             home_ned_m=self.home_ned_m,
             setpoint=self._active_setpoint,
-            vel_setpoint_ned_mps=self._flight.vel_setpoint_ned_mps,
+            vel_setpoint_ned_mps=self._flight_controller.vel_setpoint_ned_mps,
             fix=self._fix,
             fix_us=self._fix_us or 0,
             thrust=self._thrust,

@@ -90,9 +90,9 @@ class RangeOutlierFilter:
             )
 
 
-def _quantile(ordered: list[float], share: float) -> float:
+def _quantile(ordered: list[float], fraction: float) -> float:
     """Quantile of a sorted list, interpolated linearly; the rounding equals numpy's."""
-    below, weight = divmod(share * (len(ordered) - 1), 1.0)
+    below, weight = divmod(fraction * (len(ordered) - 1), 1.0)
     low, high = ordered[int(below)], ordered[int(below) + 1]
     return low + (high - low) * weight if weight < 0.5 else high - (high - low) * (1.0 - weight)
 

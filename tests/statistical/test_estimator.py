@@ -1,4 +1,4 @@
-"""The estimator is as accurate as it shall be, and as it says: errors against its own covariance, over fixed seeds."""
+"""Accuracy and consistency of the estimator: errors against its own covariance, over fixed seeds."""
 
 from collections import defaultdict
 from functools import lru_cache
@@ -63,7 +63,7 @@ def test_the_relative_position_is_accurate(case: str, below_3m_m: float, from_3_
 def test_the_errors_are_as_large_as_the_covariance_says() -> None:
     """At every instant the mean over the flights is below chi-square's bound, and over all instants within both.
 
-    The velocity's errors are smaller than it says: what the autopilot's velocity may err by is not made smaller for it.
+    The velocity errors are smaller than the covariance, which includes the full error of the autopilot's velocity.
     """
     flights, _ = flown("uwb+tag")
     shortest = min(map(len, flights))

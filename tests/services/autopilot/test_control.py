@@ -40,8 +40,8 @@ def test_hovering_takes_half_throttle() -> None:
 
 
 def test_the_mixer_gives_the_wrench_it_is_asked_for() -> None:
-    asked = (WEIGHT_N, 0.3, -0.2, 0.05)
-    assert wrench(Mixer(AIRFRAME).commands(asked[0], asked[1:])) == pytest.approx(asked)
+    wanted = (WEIGHT_N, 0.3, -0.2, 0.05)
+    assert wrench(Mixer(AIRFRAME).commands(wanted[0], wanted[1:])) == pytest.approx(wanted)
 
 
 @given(st.floats(0.0, 60.0), numbers, numbers, numbers)
@@ -53,9 +53,9 @@ def test_commands_stay_between_zero_and_one(thrust: float, roll: float, pitch: f
 
 
 def test_yaw_gives_way_before_roll_and_pitch() -> None:
-    asked = (WEIGHT_N, 1.0, 0.5, 3.0)
-    thrust, roll, pitch, yaw = wrench(Mixer(AIRFRAME).commands(asked[0], asked[1:]))
-    assert (thrust, roll, pitch) == pytest.approx(asked[:3])
+    wanted = (WEIGHT_N, 1.0, 0.5, 3.0)
+    thrust, roll, pitch, yaw = wrench(Mixer(AIRFRAME).commands(wanted[0], wanted[1:]))
+    assert (thrust, roll, pitch) == pytest.approx(wanted[:3])
     assert 0.0 <= yaw < 1.0
 
 

@@ -59,9 +59,9 @@ class World:
         shift_ned_m: added to each fix's position, by time.
 
     Attributes:
-        gnss_delay_s: how old fixes are when they arrive.
-        dates_fixes: whether they tell when they were true.
-        has_gnss: whether there are any.
+        gnss_delay_s: age of a fix at its arrival.
+        dates_fixes: whether fixes have a time stamp.
+        has_gnss: whether there are fixes.
     """
 
     def __init__(self, seed: int | None = None, shift_ned_m: Callable[[float], Vec3] = lambda _: (0.0, 0.0, 0.0)):

@@ -1,4 +1,4 @@
-"""Garbage, flipped bits, strangers and forgeries on the autopilot's links: none moves it, honest messages arrive."""
+"""Garbage, flipped bits, foreign and forged messages on the autopilot's links have no effect; valid messages arrive."""
 
 from dataclasses import dataclass
 from random import Random
@@ -31,14 +31,14 @@ def test_two_megabytes_of_garbage_move_nothing_and_honest_commands_arrive_betwee
     bench, random = Bench(), Random(1)
     bench.rest(5.0)
     for chunk in chunks(random.randbytes(2_000_000), random):
-        heard = bench.step(bench.sensor(), chunk)[OFFBOARD]
-        assert not kinds(heard, dialect.MAVLINK_MSG_ID_COMMAND_ACK)
-        assert not any(m.base_mode & 128 for m in kinds(heard, dialect.MAVLINK_MSG_ID_HEARTBEAT))
+        received = bench.step(bench.sensor(), chunk)[OFFBOARD]
+        assert not kinds(received, dialect.MAVLINK_MSG_ID_COMMAND_ACK)
+        assert not any(m.base_mode & 128 for m in kinds(received, dialect.MAVLINK_MSG_ID_HEARTBEAT))
     results = []
     for _ in range(4):  # the tail of the garbage may swallow the start of what follows
         data = bench.companion.pack(dialect.MAVLink_command_long_message(1, 1, 520, 0, *[0.0] * 7))
-        heard = bench.step(bench.sensor(), bytes(300) + data)[OFFBOARD]
-        results += kinds(heard, dialect.MAVLINK_MSG_ID_COMMAND_ACK)
+        received = bench.step(bench.sensor(), bytes(300) + data)[OFFBOARD]
+        results += kinds(received, dialect.MAVLINK_MSG_ID_COMMAND_ACK)
     assert results
     assert {m.result for m in results} == {dialect.MAV_RESULT_ACCEPTED}
 
@@ -53,8 +53,8 @@ def test_no_flipped_bit_makes_another_command() -> None:
         )
         position = random.randrange(8 * len(data))
         data[position // 8] ^= 1 << position % 8
-        heard = bench.step(bench.sensor(), bytes(data) + bytes(280))[OFFBOARD]
-        assert not kinds(heard, dialect.MAVLINK_MSG_ID_COMMAND_ACK)
+        received = bench.step(bench.sensor(), bytes(data) + bytes(280))[OFFBOARD]
+        assert not kinds(received, dialect.MAVLINK_MSG_ID_COMMAND_ACK)
     assert bench.command(520)[0] == dialect.MAV_RESULT_ACCEPTED
 
 
@@ -96,15 +96,15 @@ def _frame(kind: type[MavMessage], payload: bytes, sequence: int) -> bytes:
 
 @dataclass
 class Signed:
-    """An autopilot that wants signatures, and a companion that can sign."""
+    """An autopilot that requires signatures, and a companion that can sign."""
 
     bench: Bench
     signing: Signing
 
     def arrives(self, data: bytes) -> bool:
         """Whether a command in these bytes was carried out."""
-        heard = self.bench.step(self.bench.sensor(), data)[OFFBOARD]
-        return bool(kinds(heard, dialect.MAVLINK_MSG_ID_COMMAND_ACK))
+        received = self.bench.step(self.bench.sensor(), data)[OFFBOARD]
+        return bool(kinds(received, dialect.MAVLINK_MSG_ID_COMMAND_ACK))
 
     def command(self, signing: Signing | None, component: int = 191) -> bytes:
         return MavlinkCodec(1, component, signing).pack(dialect.MAVLink_command_long_message(1, 1, 520, 0, *[0.0] * 7))

@@ -1,4 +1,4 @@
-"""Parameters and small talk at the autopilot's links, and the battery."""
+"""Parameters, refusals, ping and time at the autopilot's links, and the battery."""
 
 import msgspec
 import pytest
@@ -12,16 +12,16 @@ from jezero.services.autopilot.service import OFFBOARD
 from tests.services.autopilot.test_service import Bench, kinds
 
 
-def ask(bench: Bench, message: MavMessage) -> list[MavMessage]:
+def send(bench: Bench, message: MavMessage) -> list[MavMessage]:
     return bench.step(b"", bench.companion.pack(message))[OFFBOARD]
 
 
 def set_parameter(bench: Bench, name: str, value: Value) -> Value | None:
-    """The value that the autopilot tells afterwards."""
-    carried, kind = encode_parameter(value)
-    heard = ask(bench, dialect.MAVLink_param_set_message(1, 1, name.encode(), carried, kind))
-    told = kinds(heard, dialect.MAVLINK_MSG_ID_PARAM_VALUE)
-    return decode_parameter(told[0].param_value, told[0].param_type) if told else None
+    """Set a parameter; returns the value of the reply."""
+    raw, kind = encode_parameter(value)
+    received = send(bench, dialect.MAVLink_param_set_message(1, 1, name.encode(), raw, kind))
+    reply = kinds(received, dialect.MAVLINK_MSG_ID_PARAM_VALUE)
+    return decode_parameter(reply[0].param_value, reply[0].param_type) if reply else None
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
@@ -34,7 +34,7 @@ def test_everything_that_may_be_set_is_a_valid_setting(row: Row) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "told"),
+    ("name", "value", "reply"),
     [
         ("MIS_TAKEOFF_ALT", 4.0, 4.0),
         ("MIS_TAKEOFF_ALT", -1.0, 2.5),
@@ -49,43 +49,43 @@ def test_everything_that_may_be_set_is_a_valid_setting(row: Row) -> None:
         ("NO_SUCH_THING", 1.0, None),
     ],
 )
-def test_a_parameter_is_set_or_the_old_value_told(name: str, value: Value, told: Value | None) -> None:
+def test_a_parameter_is_set_or_the_old_value_returned(name: str, value: Value, reply: Value | None) -> None:
     bench = Bench()
     bench.rest(0.1)
-    assert set_parameter(bench, name, value) == told
+    assert set_parameter(bench, name, value) == reply
 
 
 def test_the_whole_list_comes_in_order_and_each_can_be_read_by_name_and_index() -> None:
     bench = Bench()
     bench.rest(0.1)
-    values = kinds(ask(bench, dialect.MAVLink_param_request_list_message(1, 1)), dialect.MAVLINK_MSG_ID_PARAM_VALUE)
+    values = kinds(send(bench, dialect.MAVLink_param_request_list_message(1, 1)), dialect.MAVLINK_MSG_ID_PARAM_VALUE)
     assert [m.param_index for m in values] == list(range(values[0].param_count))
     assert len({m.param_id for m in values}) == len(values) > 50
-    by_index = ask(bench, dialect.MAVLink_param_request_read_message(1, 1, b"", 3))
-    by_name = ask(bench, dialect.MAVLink_param_request_read_message(1, 1, values[3].param_id.encode(), -1))
-    told = [kinds(heard, dialect.MAVLINK_MSG_ID_PARAM_VALUE)[0] for heard in (by_index, by_name)]
-    assert [m.param_id for m in told] == [values[3].param_id] * 2
-    assert ask(bench, dialect.MAVLink_param_request_read_message(1, 1, b"", 9999)) == []
+    by_index = send(bench, dialect.MAVLink_param_request_read_message(1, 1, b"", 3))
+    by_name = send(bench, dialect.MAVLink_param_request_read_message(1, 1, values[3].param_id.encode(), -1))
+    reply = [kinds(received, dialect.MAVLINK_MSG_ID_PARAM_VALUE)[0] for received in (by_index, by_name)]
+    assert [m.param_id for m in reply] == [values[3].param_id] * 2
+    assert send(bench, dialect.MAVLink_param_request_read_message(1, 1, b"", 9999)) == []
 
 
 def test_files_and_missions_are_politely_refused() -> None:
     bench = Bench()
     bench.rest(0.1)
     request = [7, 0, 2, 4, *[0] * 247]  # sequence 7, session 2, open
-    (nak,) = ask(bench, dialect.MAVLink_file_transfer_protocol_message(0, 1, 1, request))
+    (nak,) = send(bench, dialect.MAVLink_file_transfer_protocol_message(0, 1, 1, request))
     assert (nak.target_component, nak.payload[:6], nak.payload[12]) == (191, [8, 0, 2, 129, 1, 4], 7)
-    (count,) = ask(bench, dialect.MAVLink_mission_request_list_message(1, 1))
+    (count,) = send(bench, dialect.MAVLink_mission_request_list_message(1, 1))
     assert count.count == 0
-    (acknowledged,) = ask(bench, dialect.MAVLink_mission_count_message(1, 1, 3))
+    (acknowledged,) = send(bench, dialect.MAVLink_mission_count_message(1, 1, 3))
     assert acknowledged.type == dialect.MAV_MISSION_UNSUPPORTED
 
 
 def test_pings_and_time_are_answered() -> None:
     bench = Bench()
     bench.rest(0.1)
-    (ping,) = ask(bench, dialect.MAVLink_ping_message(5, 9, 0, 0))
+    (ping,) = send(bench, dialect.MAVLink_ping_message(5, 9, 0, 0))
     assert (ping.seq, ping.target_component) == (9, 191)
-    (sync,) = ask(bench, dialect.MAVLink_timesync_message(0, 77))
+    (sync,) = send(bench, dialect.MAVLink_timesync_message(0, 77))
     assert (sync.tc1, sync.ts1) == (bench.t_us * 1000, 77)
 
 

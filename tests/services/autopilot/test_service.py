@@ -56,7 +56,7 @@ class Bench:
         self.box = Box()
         self.simulator = MavlinkCodec(1, 25)
         self.companion = MavlinkCodec(1, 191)
-        self.heard = {HIL: MavlinkCodec(255, 1), OFFBOARD: MavlinkCodec(255, 1)}
+        self.codecs = {HIL: MavlinkCodec(255, 1), OFFBOARD: MavlinkCodec(255, 1)}
         self.t_us = 0
         self.health: list[Health] = []
         self.digits = {"slow": True, "gps": True}
@@ -68,7 +68,7 @@ class Bench:
         out: dict[str, list[MavMessage]] = {HIL: [], OFFBOARD: []}
         for output in self.autopilot.step(0, self.box):
             if isinstance(output, Send) and output.link in out:
-                out[output.link] += self.heard[output.link].parse(output.data)
+                out[output.link] += self.codecs[output.link].parse(output.data)
             elif isinstance(output, Health):
                 self.health.append(output)
         return out
@@ -92,23 +92,23 @@ class Bench:
         )
 
     def rest(self, seconds: float, offboard: bytes = b"", north_m: float = 0.0) -> list[MavMessage]:
-        """Stand still with all sensors; returns what the companion heard."""
-        heard = []
+        """Stand still with all sensors; returns what the companion received."""
+        received = []
         for number in range(round(seconds * 250)):
             gps = self.gps(north_m=north_m) if number % 25 == 0 else b""
-            heard += self.step(self.sensor() + gps, offboard if number % 10 == 0 else b"")[OFFBOARD]
-        return heard
+            received += self.step(self.sensor() + gps, offboard if number % 10 == 0 else b"")[OFFBOARD]
+        return received
 
     def command(self, command: int, *parameters: float) -> tuple[int, list[MavMessage]]:
-        """Result of the acknowledgement, and everything heard until it came."""
+        """Result of the acknowledgement, and everything received until it came."""
         data = self.companion.pack(
             dialect.MAVLink_command_long_message(1, 1, command, 0, *(*parameters, *[0.0] * 7)[:7])
         )
-        heard = self.step(b"", data)[OFFBOARD]
-        acks = [m for m in heard if m.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_ACK]
+        received = self.step(b"", data)[OFFBOARD]
+        acks = [m for m in received if m.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_ACK]
         assert len(acks) == 1
         assert (acks[0].command, acks[0].target_component) == (command, 191)
-        return acks[0].result, heard
+        return acks[0].result, received
 
     def setpoint(self, mask: int = 0b1101_1100_0111, velocity: float = 0.0, frame: int = 1) -> bytes:
         return self.companion.pack(
@@ -117,8 +117,8 @@ class Bench:
             )
         )
 
-    def texts(self, heard: list[MavMessage]) -> str:
-        return " ".join(m.text for m in heard if m.get_msgId() == dialect.MAVLINK_MSG_ID_STATUSTEXT)
+    def texts(self, received: list[MavMessage]) -> str:
+        return " ".join(m.text for m in received if m.get_msgId() == dialect.MAVLINK_MSG_ID_STATUSTEXT)
 
 
 @pytest.fixture
@@ -126,8 +126,8 @@ def bench() -> Bench:
     return Bench()
 
 
-def kinds(heard: list[MavMessage], kind: int) -> list[MavMessage]:
-    return [m for m in heard if m.get_msgId() == kind]
+def kinds(received: list[MavMessage], kind: int) -> list[MavMessage]:
+    return [m for m in received if m.get_msgId() == kind]
 
 
 def test_each_hil_sensor_gets_one_answer_with_its_time(bench: Bench) -> None:
@@ -148,9 +148,9 @@ def test_a_sensor_that_repeats_itself_to_the_last_digit_counts_as_none(bench: Be
     bench.command(ARM, 0.0)
     bench.digits[sensor] = False
     bench.rest(6.0)
-    result, heard = bench.command(ARM, 1.0)
+    result, received = bench.command(ARM, 1.0)
     assert result != dialect.MAV_RESULT_ACCEPTED
-    assert word in bench.texts(heard)
+    assert word in bench.texts(received)
 
 
 @pytest.mark.parametrize(("late_us", "armed"), [(1_400_000, True), (1_600_000, False), (-10_000_000, False)])
@@ -158,22 +158,22 @@ def test_a_fix_of_another_time_counts_as_none(bench: Bench, late_us: int, armed:
     bench.rest(5.0)
     bench.gps_late_us = late_us
     bench.rest(6.0)
-    result, heard = bench.command(ARM, 1.0)
+    result, received = bench.command(ARM, 1.0)
     assert (result == dialect.MAV_RESULT_ACCEPTED) == armed
-    assert armed or "settling" in bench.texts(heard)
+    assert armed or "settling" in bench.texts(received)
 
 
 def test_telemetry_has_px4s_rates_and_the_truth_at_rest(bench: Bench) -> None:
     bench.rest(5.0)
-    heard = bench.rest(2.0)
-    odometry = kinds(heard, dialect.MAVLINK_MSG_ID_ODOMETRY)
+    received = bench.rest(2.0)
+    odometry = kinds(received, dialect.MAVLINK_MSG_ID_ODOMETRY)
     assert 98 <= len(odometry) <= 102
-    assert 1 <= len(kinds(heard, dialect.MAVLINK_MSG_ID_HEARTBEAT)) <= 3
+    assert 1 <= len(kinds(received, dialect.MAVLINK_MSG_ID_HEARTBEAT)) <= 3
     assert max(abs(v) for v in (odometry[-1].x, odometry[-1].y, odometry[-1].z, odometry[-1].vx)) < 0.2
-    origin = kinds(heard, dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)[-1]
+    origin = kinds(received, dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)[-1]
     assert (origin.latitude, origin.longitude) == (473977418, 85455938)
-    assert kinds(heard, dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)[-1].landed_state == 1
-    assert kinds(heard, dialect.MAVLINK_MSG_ID_SYS_STATUS)[-1].onboard_control_sensors_health & 1 << 28
+    assert kinds(received, dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)[-1].landed_state == 1
+    assert kinds(received, dialect.MAVLINK_MSG_ID_SYS_STATUS)[-1].onboard_control_sensors_health & 1 << 28
 
 
 def test_a_stream_has_the_rate_it_is_asked_for(bench: Bench) -> None:
@@ -183,24 +183,24 @@ def test_a_stream_has_the_rate_it_is_asked_for(bench: Bench) -> None:
     assert bench.command(511, 331, -1.0)[0] == dialect.MAV_RESULT_ACCEPTED
     assert kinds(bench.rest(1.0), dialect.MAVLINK_MSG_ID_ODOMETRY) == []
     assert bench.command(511, 9999, 1000.0)[0] == dialect.MAV_RESULT_UNSUPPORTED
-    _, heard = bench.command(512, 331)
-    assert len(kinds(heard, dialect.MAVLINK_MSG_ID_ODOMETRY)) == 1
+    _, received = bench.command(512, 331)
+    assert len(kinds(received, dialect.MAVLINK_MSG_ID_ODOMETRY)) == 1
 
 
 def test_without_gnss_it_refuses_to_arm_and_says_why_in_words(bench: Bench) -> None:
     for _ in range(1000):
         bench.step(bench.sensor())
-    result, heard = bench.command(ARM, 1.0)
+    result, received = bench.command(ARM, 1.0)
     assert result == dialect.MAV_RESULT_TEMPORARILY_REJECTED
-    assert "Arming denied: no GNSS fix yet" in bench.texts(heard + bench.step(bench.sensor())[OFFBOARD])
+    assert "Arming denied: no GNSS fix yet" in bench.texts(received + bench.step(bench.sensor())[OFFBOARD])
 
 
 def test_gnss_that_is_lost_forbids_arming(bench: Bench) -> None:
     bench.rest(5.0)
     for _ in range(400):
         bench.step(bench.sensor())
-    _, heard = bench.command(ARM, 1.0)
-    assert "no GNSS data for 1.7 s" in bench.texts(heard + bench.step(bench.sensor())[OFFBOARD])
+    _, received = bench.command(ARM, 1.0)
+    assert "no GNSS data for 1.7 s" in bench.texts(received + bench.step(bench.sensor())[OFFBOARD])
 
 
 def test_offboard_needs_a_stream_and_then_arms_and_idles(bench: Bench) -> None:
@@ -210,8 +210,8 @@ def test_offboard_needs_a_stream_and_then_arms_and_idles(bench: Bench) -> None:
     bench.rest(0.5, stream)
     assert bench.command(MODE, 1.0, 6.0)[0] == dialect.MAV_RESULT_ACCEPTED
     assert bench.command(ARM, 1.0)[0] == dialect.MAV_RESULT_ACCEPTED
-    heard = bench.rest(1.0, stream)
-    heartbeat = kinds(heard, dialect.MAVLINK_MSG_ID_HEARTBEAT)[-1]
+    received = bench.rest(1.0, stream)
+    heartbeat = kinds(received, dialect.MAVLINK_MSG_ID_HEARTBEAT)[-1]
     assert heartbeat.base_mode & 128 and heartbeat.custom_mode == 6 << 16
     answer = bench.step(bench.sensor())[HIL][0]
     assert answer.mode & 128
@@ -279,9 +279,9 @@ def test_home_is_where_the_estimate_started_and_then_where_it_armed(bench: Bench
     bench.rest(5.0)
     assert kinds(bench.rest(1.2), dialect.MAVLINK_MSG_ID_HOME_POSITION)[-1].latitude == 473977418
     bench.rest(3.0, north_m=1.0)
-    result, heard = bench.command(ARM, 1.0)
+    result, received = bench.command(ARM, 1.0)
     assert result == dialect.MAV_RESULT_ACCEPTED
-    home = kinds(heard, dialect.MAVLINK_MSG_ID_HOME_POSITION)[-1]
+    home = kinds(received, dialect.MAVLINK_MSG_ID_HOME_POSITION)[-1]
     assert 0.3 < home.x < 1.1
     assert home.latitude - 473977418 == pytest.approx(home.x * 89.9, abs=2.0)
 
@@ -298,10 +298,10 @@ def test_a_point_to_hold_moves_with_a_reset_of_the_position_before_anyone_can_an
 def test_integer_commands_do_the_same(bench: Bench) -> None:
     bench.rest(5.0)
     data = bench.companion.pack(dialect.MAVLink_command_int_message(1, 1, 0, ARM, 0, 0, 1.0, 0, 0, 0, 0, 0, 0))
-    heard = bench.step(b"", data)[OFFBOARD]
-    acks = kinds(heard, dialect.MAVLINK_MSG_ID_COMMAND_ACK)
+    received = bench.step(b"", data)[OFFBOARD]
+    acks = kinds(received, dialect.MAVLINK_MSG_ID_COMMAND_ACK)
     assert [(m.command, m.result) for m in acks] == [(ARM, dialect.MAV_RESULT_ACCEPTED)]
-    assert kinds(heard, dialect.MAVLINK_MSG_ID_HEARTBEAT)[-1].base_mode & 128
+    assert kinds(received, dialect.MAVLINK_MSG_ID_HEARTBEAT)[-1].base_mode & 128
 
 
 def test_landing_needs_no_parameters(bench: Bench) -> None:
