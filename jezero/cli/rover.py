@@ -29,9 +29,9 @@ def rover() -> None:
 @common_options
 def drive(speed_mps: float, yaw_rate_rps: float, for_s: float | None, vehicle: str, router: str, as_json: bool) -> None:
     """Drive at SPEED m/s (negative is backwards), turning at YAW_RATE rad/s (positive is clockwise from above)."""
-    from jezero.client.rover import Leg, problem_of
+    from jezero.client.rover import Leg, leg_problem
 
-    if problem := problem_of(Leg(inf if for_s is None else for_s, speed_mps, yaw_rate_rps)):
+    if problem := leg_problem(Leg(inf if for_s is None else for_s, speed_mps, yaw_rate_rps)):
         raise click.UsageError(problem)
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
@@ -72,10 +72,10 @@ def follow(file: Path, vehicle: str, router: str, as_json: bool) -> None:
         raise click.UsageError(str(error)) from error
     printer = Printer(as_json)
 
-    def tell(number: int, leg: "Leg") -> None:
+    def on_leg(number: int, leg: "Leg") -> None:
         text = f"{number} of {len(legs)}: {leg.duration_s:g} s at {leg.speed_mps:g} m/s and {leg.yaw_rate_rps:g} rad/s"
         printer.event("leg", text, number=number, **leg._asdict())
 
     with connected(vehicle, router, printer) as uav:
-        uav.rover.follow(legs, tell)
+        uav.rover.follow(legs, on_leg)
         printer.event("result", "the rover stops", outcome="succeeded")

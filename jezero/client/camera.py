@@ -1,4 +1,4 @@
-"""Pictures of the vehicle's camera."""
+"""Images of the vehicle's camera."""
 
 import time
 
@@ -8,12 +8,12 @@ from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.topics import CAMERA
 
 
-def next_picture(connection: Connection, timeout_s: float) -> CameraFrame:
-    """The next picture that the camera takes.
+def next_frame(connection: Connection, timeout_s: float) -> CameraFrame:
+    """The next image that the camera publishes.
 
     Raises:
-        Unreachable: none comes in time.
-        JezeroError: what comes is no picture.
+        Unreachable: no image comes within `timeout_s`.
+        JezeroError: the message is not a valid image.
     """
     arrivals, undeclare = connection.subscribe(CAMERA)
     try:
@@ -24,17 +24,17 @@ def next_picture(connection: Connection, timeout_s: float) -> CameraFrame:
         undeclare()
     if data is None:
         raise Unreachable(
-            f"no picture of {connection.vehicle} within {timeout_s:g} s: does its camera run, in mode rendered? "
+            f"no image of {connection.vehicle} within {timeout_s:g} s: does its camera run in the mode rendered? "
             "(`jezero ps`)"
         )
-    return picture_of(data)
+    return decode_frame(data)
 
 
-def picture_of(data: bytes) -> CameraFrame:
-    """A picture from its header in JSON, a line feed, and its pixels.
+def decode_frame(data: bytes) -> CameraFrame:
+    """Decode an image: its header in JSON, a line feed, and its RGB pixels.
 
     Raises:
-        JezeroError: it is none.
+        JezeroError: it is not a valid image.
     """
     header, _, pixels = data.partition(b"\n")
     frame: CameraFrame = decode(CameraFrame, header)

@@ -11,7 +11,7 @@ from jezero.cli.camera import camera
 from jezero.cli.exit_codes import UNREACHABLE
 from jezero.cli.png import png_of
 from jezero.client import JezeroError
-from jezero.client.camera import picture_of
+from jezero.client.camera import decode_frame
 from jezero.runtime.codec import encode
 from jezero.schemas.sensors import CameraFrame
 
@@ -28,13 +28,13 @@ def test_a_png_holds_exactly_the_pixels() -> None:
 
 
 def test_the_client_reads_what_the_bus_carries() -> None:
-    assert picture_of(encode(FRAME)) == FRAME
+    assert decode_frame(encode(FRAME)) == FRAME
 
 
 @pytest.mark.parametrize("data", [b"", b"{}\n", encode(FRAME)[:-1]])
 def test_what_is_no_picture_is_an_error_with_a_name(data: bytes) -> None:
     with pytest.raises(JezeroError):
-        picture_of(data)
+        decode_frame(data)
 
 
 def test_without_a_router_the_command_says_so_and_writes_nothing(tmp_path: Path) -> None:
