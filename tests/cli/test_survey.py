@@ -85,9 +85,9 @@ def test_overlaps_set_the_distances_from_what_the_camera_sees(tmp_path: Path) ->
     ("name", "text", "why"),
     [
         ("a.csv", "0,0\n1,zero\n", 'line 2: "1,zero" is not "north,east"'),
-        ("a.csv", "", "holds no corners"),
+        ("a.csv", "", "has no corners"),
         ("a.json", "{", "is not JSON"),
-        ("a.json", "[]", "holds no GeoJSON Polygon"),
+        ("a.json", "[]", "has no GeoJSON Polygon"),
         ("a.json", '{"type": "Polygon", "coordinates": [[["a"]]]}', "must be rings of"),
         ("a.json", json.dumps({**SQUARE, "crs": {}}), "names a coordinate system"),
     ],
