@@ -100,11 +100,11 @@ def _launch(
     services: "dict[str, Service]", folder: "RunFolder", instance: "Instance", file: Path, *, detached: bool
 ) -> int:
     """Run the launcher in this process."""
-    from jezero.deploy.launcher.health import answers
+    from jezero.deploy.launcher.health import router_is_up
     from jezero.deploy.launcher.launcher import Launcher
 
     os.environ["JEZERO_RUN_DIR"] = str(folder.path.absolute())  # for services that write files there
-    shared = "router" in services and answers(instance.router)
+    shared = "router" in services and router_is_up(instance.router)
     launcher = Launcher(
         services,
         folder,
@@ -236,10 +236,10 @@ def _is_healthy(service: str, timeout_s: float = 3.0) -> bool:
     changed = threading.Event()
     deadline_s = time.monotonic() + timeout_s
     with HealthWatcher(_instance(), changed.set) as watcher:
-        while not watcher.verdict(service).healthy and time.monotonic() < deadline_s:
+        while not watcher.report(service).healthy and time.monotonic() < deadline_s:
             changed.wait(deadline_s - time.monotonic())
             changed.clear()
-        return watcher.verdict(service).healthy
+        return watcher.report(service).healthy
 
 
 def _print_table(state: "RunState") -> None:
