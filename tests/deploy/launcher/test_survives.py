@@ -41,7 +41,7 @@ def test_a_full_disk_loses_lines_and_says_how_many_once_there_is_room(
     folder = folder_in(tmp_path)
     output = Output(folder, ["a"], None)
     with monkeypatch.context() as full:
-        full.setitem(output._files, "a", FullDisk())  # type: ignore[arg-type]
+        full.setitem(output._files, "a", FullDisk())
         output.write_line("a", "lost")
         output.write_line("a", "lost too")
     output.write_line("a", "back")
