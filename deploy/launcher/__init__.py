@@ -1,1 +1,1 @@
-"""Runs the services of a compose file as plain local processes and never leaves one behind."""
+"""Launcher: runs the services of a compose file as local processes and leaves none behind."""

@@ -1,4 +1,4 @@
-"""The part of the Compose Specification that plain processes need: read, checked and put in order.
+"""Parser of the part of the Compose Specification that plain processes need, and the order of their start.
 
 Source: https://github.com/compose-spec/compose-spec/blob/main/spec.md
 """
@@ -34,18 +34,23 @@ ACTION_SERVER = "jezero.services.actions"
 
 
 class ComposeError(ValueError):
-    """The file can't be run; the message names the service and the field."""
+    """The file is invalid; the message names the service and the field."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Service:
-    """One process.
+    """One service, run as a process.
 
     Attributes:
-        environment: added to the launcher's own, which is inherited.
-        depends_on: what each named service must be before this one starts.
-        has_healthcheck: it counts as ready only when it says that it is healthy.
-        max_retries: restarts that `on-failure:N` allows, None for any number.
+        name: name of the service.
+        command: program and arguments.
+        environment: variables added to the launcher's own.
+        depends_on: condition that each named service must meet before this one starts.
+        has_healthcheck: whether it is ready only when it reports itself healthy.
+        restart: when it is restarted.
+        max_retries: number of restarts that `on-failure:N` allows; None for any number.
+        stop_grace_s: time between SIGTERM and SIGKILL.
+        profiles: profiles that it belongs to; an empty tuple belongs to all.
     """
 
     name: str
@@ -60,14 +65,14 @@ class Service:
 
 
 def parse(text: str, variables: Mapping[str, str]) -> dict[str, Service]:
-    """Services by name, in the file's order.
+    """Parse a compose file; returns the services by name, in the file's order.
 
     Args:
-        text: YAML.
-        variables: what `${NAME}` stands for.
+        text: content of the file, YAML.
+        variables: values of `${NAME}`.
 
     Raises:
-        ComposeError: the text is no YAML, or a field is unknown or wrong.
+        ComposeError: the text is not valid YAML, or a field is unknown or invalid.
     """
     try:
         document = yaml.safe_load(text)
@@ -103,10 +108,10 @@ def _like(pattern: Service, name: str) -> Service:
 
 
 def select(services: Mapping[str, Service], profiles: Iterable[str] = ()) -> dict[str, Service]:
-    """The services of some profiles, with those that belong to none; without a profile named, all.
+    """Services of the given profiles and those without a profile; all services if no profile is given.
 
     Raises:
-        ComposeError: no service has such a profile, or a chosen one depends on one left out.
+        ComposeError: a profile does not exist, or a selected service depends on one that is not selected.
     """
     wanted = set(profiles)
     known = {profile for service in services.values() for profile in service.profiles}
@@ -127,10 +132,10 @@ def select(services: Mapping[str, Service], profiles: Iterable[str] = ()) -> dic
 
 
 def in_levels(services: Mapping[str, Service]) -> list[list[str]]:
-    """Names such that each level depends on earlier ones only.
+    """Names of the services in levels, each of which depends on earlier levels only.
 
     Raises:
-        ComposeError: services wait for each other in a circle.
+        ComposeError: services depend on each other in a circle.
     """
     left = dict(services)
     levels: list[list[str]] = []
@@ -145,7 +150,7 @@ def in_levels(services: Mapping[str, Service]) -> list[list[str]]:
 
 
 def _circle(services: Mapping[str, Service]) -> list[str]:
-    """A walk along dependencies from a service back to itself; each given service depends on another one of them."""
+    """Path along dependencies from a service back to itself; each given service depends on another given one."""
     walk = [next(iter(services))]
     while True:
         following = next(d for d in services[walk[-1]].depends_on if d in services)
@@ -164,7 +169,7 @@ def _check_dependencies(service: Service, services: Mapping[str, Service]) -> No
 
 
 def _interpolate(where: str, value: Any, variables: Mapping[str, str]) -> Any:
-    """Replace `$NAME`, `${NAME}`, `${NAME:-default}` and their kin in every string."""
+    """Replace `$NAME`, `${NAME}`, `${NAME:-default}` and similar forms in every string."""
     if isinstance(value, dict):
         return {key: _interpolate(f"{where}.{key}", item, variables) for key, item in value.items()}
     if isinstance(value, list):
@@ -175,7 +180,7 @@ def _interpolate(where: str, value: Any, variables: Mapping[str, str]) -> Any:
 
 
 def _variable(where: str, match: re.Match[str], variables: Mapping[str, str]) -> str:
-    """What one `$…` stands for. With a colon in the operator an empty variable counts as unset."""
+    """Value of one `$…`. With a colon in the operator an empty variable counts as unset."""
     if match["escaped"]:
         return "$"
     if match["bad"] is not None:
@@ -224,7 +229,7 @@ def _strings(where: str, value: Any) -> tuple[str, ...]:
 
 
 def _command(where: str, value: Any) -> tuple[str, ...]:
-    """Arguments; a string is split as a shell does, without running one."""
+    """Program and arguments; a string is split as a shell would, without running a shell."""
     if isinstance(value, str):
         try:
             value = shlex.split(value)
@@ -263,7 +268,7 @@ def _depends_on(where: str, value: Any) -> dict[str, Condition]:
 
 
 def _has_healthcheck(where: str, value: Any) -> bool:
-    """Whether there is one. The launcher knows health from the bus and never runs its `test`."""
+    """Whether a service has a health check. The launcher reads its health from the bus and never runs its `test`."""
     if value is None:
         return False
     if not isinstance(value, dict):

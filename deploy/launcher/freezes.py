@@ -1,13 +1,13 @@
-"""Which processes are frozen: by what they do, not by how late they are, so that a busy machine costs nobody its life.
+"""Detection of frozen processes by their state, not by their lateness, so that a busy machine kills no process.
 
-Two kinds are told apart from a process that is only starved of processor time:
+Two kinds of frozen process are distinguished from one that only lacks processor time:
 
-- stopped: the kernel says so (SIGSTOP). Such a process can't go on by itself, however much time it is given.
-- mute: its liveliness token is on the bus, held by Zenoh's threads, but its own loop has made no report for ten of
-  them, and it was not for want of a processor. A process that the bus can't reach has no token and isn't judged.
+- stopped: the kernel reports it (SIGSTOP). Such a process can't continue by itself.
+- silent: its liveliness token, held by Zenoh's threads, is on the bus, but its own loop has made no report for ten
+  seconds in which it did not wait for a processor. A process that the bus can't reach has no token and is not checked.
 
-Time in which the launcher itself did not run counts for nobody: a machine that was suspended or stalled as a whole
-finds all its services alive.
+Time in which the launcher itself did not run is not counted: after the suspension of the whole machine all services
+are still alive.
 """
 
 from collections.abc import Mapping
@@ -16,81 +16,81 @@ from pathlib import Path
 
 from jezero.runtime.child import is_stopped
 
-LOOK_PERIOD_S = 0.25
-LONGEST_STEP_S = 0.5
-"""What the time between two looks counts at most."""
-STOPPED_S = 1.5
-MUTE_S = 10.0
+SAMPLE_PERIOD_S = 0.25
+STEP_MAX_S = 0.5
+"""The time between two samples counts as at most this."""
+STOPPED_MAX_S = 1.5
+SILENT_MAX_S = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Look:
-    """A process at one instant.
+class ProcessSample:
+    """State of a process at one time.
 
     Attributes:
-        stopped: by a signal. Waiting for a debugger is another state, and is left alone.
-        waited_s: how long its main thread has waited for a processor so far.
-        signs: how often it has been heard of on the bus so far.
-        reachable: its token is there and so is the router, so that its reports must arrive.
+        stopped: whether a signal has stopped it. A process that waits for a debugger is not stopped.
+        waited_s: total time that its main thread has waited for a processor.
+        reports: number of its reports and arrivals on the bus so far.
+        reachable: whether its token and the router are present, so that its reports must arrive.
     """
 
     stopped: bool
     waited_s: float
-    signs: int
+    reports: int
     reachable: bool
 
 
-def look_at(pid: int, *, signs: int, reachable: bool) -> Look:
-    """A child that has not been waited for, and so still has its process id. Source: sched-stats.rst."""
+def sample_process(pid: int, *, reports: int, reachable: bool) -> ProcessSample:
+    """Sample a child that has not been reaped, so that its process id is still its own. Source: sched-stats.rst."""
     try:
         waited_s = int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) * 1e-9
     except FileNotFoundError:  # a kernel without these statistics
         waited_s = 0.0
-    return Look(stopped=is_stopped(pid), waited_s=waited_s, signs=signs, reachable=reachable)
+    return ProcessSample(stopped=is_stopped(pid), waited_s=waited_s, reports=reports, reachable=reachable)
 
 
 @dataclass
 class _Record:
-    """Of one process: its last look, and for how long at most it has been stopped, or mute."""
+    """Previous sample of a process, and the time for which it has been stopped or silent."""
 
-    last: Look
+    previous: ProcessSample
     stopped_s: float = 0.0
-    mute_s: float = 0.0
+    silent_s: float = 0.0
 
-    def add(self, look: Look, step_s: float) -> None:
-        self.stopped_s = self.stopped_s + step_s if look.stopped else 0.0
-        if look.reachable and look.signs == self.last.signs:
-            self.mute_s += max(0.0, step_s - (look.waited_s - self.last.waited_s))
+    def add(self, sample: ProcessSample, step_s: float) -> None:
+        self.stopped_s = self.stopped_s + step_s if sample.stopped else 0.0
+        if sample.reachable and sample.reports == self.previous.reports:
+            self.silent_s += max(0.0, step_s - (sample.waited_s - self.previous.waited_s))
         else:
-            self.mute_s = 0.0
-        self.last = look
+            self.silent_s = 0.0
+        self.previous = sample
 
     @property
-    def verdict(self) -> str:
-        if self.stopped_s >= STOPPED_S:
+    def reason(self) -> str:
+        if self.stopped_s >= STOPPED_MAX_S:
             return f"stopped for {self.stopped_s:.2f} s"
-        if self.mute_s >= MUTE_S:
-            return f"no report for {self.mute_s:.1f} s, although it is on the bus and had a processor"
+        if self.silent_s >= SILENT_MAX_S:
+            return f"no report for {self.silent_s:.1f} s, although it is on the bus and had a processor"
         return ""
 
 
-class FreezeWatch:
-    """Judges processes from looks at them."""
+class FreezeDetector:
+    """Detects frozen processes from their samples."""
 
     def __init__(self) -> None:
         self._records: dict[int, _Record] = {}
         self._last_s: float | None = None
 
-    def judge(self, now_s: float, looks: Mapping[int, Look]) -> dict[int, str]:
-        """Those that are frozen, and how that shows.
+    def update(self, now_s: float, samples: Mapping[int, ProcessSample]) -> dict[int, str]:
+        """Update with new samples; returns the frozen processes and the reason for each.
 
         Args:
-            now_s: monotonic.
-            looks: by process id; who is missing has ended.
+            now_s: monotonic time.
+            samples: samples by process id; a missing process has ended.
         """
-        step_s = 0.0 if self._last_s is None else min(now_s - self._last_s, LONGEST_STEP_S)
+        step_s = 0.0 if self._last_s is None else min(now_s - self._last_s, STEP_MAX_S)
         self._last_s = now_s
-        self._records = {pid: self._records.get(pid) or _Record(look) for pid, look in looks.items()}
-        for pid, look in looks.items():
-            self._records[pid].add(look, step_s)
-        return {pid: record.verdict for pid, record in self._records.items() if record.verdict}
+        self._records = {pid: self._records.get(pid) or _Record(sample) for pid, sample in samples.items()}
+        for pid, sample in samples.items():
+            self._records[pid].add(sample, step_s)
+        return {pid: record.reason for pid, record in self._records.items() if record.reason}

@@ -1,4 +1,4 @@
-"""What the services say on the bus: who is alive, how it does, and whether the vehicle is ready."""
+"""Health of the services, as published on the bus, and whether the vehicle is ready."""
 
 import socket
 import threading
@@ -16,12 +16,18 @@ if TYPE_CHECKING:
     import zenoh
 
 CONNECT_TRY_MS = 500
-LEAVE_WITHIN_S = 0.5
+CLOSE_TIMEOUT_S = 0.5
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """What is known of one service. `health` is "" until it has reported in its present life."""
+class ServiceReport:
+    """State of one service on the bus.
+
+    Attributes:
+        alive: whether its liveliness token is present.
+        health: its own health; "" until the present process has published it.
+        text: its sentence for people.
+    """
 
     alive: bool = False
     health: str = ""
@@ -32,8 +38,8 @@ class Verdict:
         return self.alive and self.health not in ("", "starting")
 
 
-def answers(router: str) -> bool:
-    """Whether a router listens on the endpoint already."""
+def router_is_up(router: str) -> bool:
+    """Whether a router listens on the endpoint."""
     protocol, _, address = router.partition("/")
     host, _, port = address.rpartition(":")
     if protocol == "tcp":
@@ -49,7 +55,7 @@ def answers(router: str) -> bool:
 
 
 def _open(router: str) -> "zenoh.Session | None":
-    """A session of a client, unless there is no router within a moment."""
+    """Open a client's session; None if no router replies at once."""
     import zenoh
 
     from jezero.zenoh_client import client_config
@@ -63,17 +69,18 @@ def _open(router: str) -> "zenoh.Session | None":
 
 
 class HealthWatcher:
-    """Listens on the bus in the background inside its `with` block.
+    """Subscriber of tokens, health and status in the background, inside its `with` block.
 
     Args:
+        instance: the stack.
         on_change: called from a background thread after each change.
     """
 
     def __init__(self, instance: Instance, on_change: Callable[[], None]) -> None:
         self._instance = instance
         self._on_change = on_change
-        self._verdicts: dict[str, Verdict] = {}
-        self._signs: Counter[str] = Counter()
+        self._reports: dict[str, ServiceReport] = {}
+        self._reports_received: Counter[str] = Counter()
         self._status: tuple[bool, str] | None = None
         self._session: zenoh.Session | None = None
         self._stopping = threading.Event()
@@ -85,30 +92,30 @@ class HealthWatcher:
 
     def __exit__(self, *_: object) -> None:
         self._stopping.set()
-        self._thread.join(CONNECT_TRY_MS / 1000 + LEAVE_WITHIN_S)
+        self._thread.join(CONNECT_TRY_MS / 1000 + CLOSE_TIMEOUT_S)
 
     @property
     def connected(self) -> bool:
-        """Whether there is a router now."""
+        """Whether a router is connected now."""
         session = self._session
         return session is not None and bool(session.info.routers_zid())
 
-    def verdict(self, service: str) -> Verdict:
-        return self._verdicts.get(service, Verdict())
+    def report(self, service: str) -> ServiceReport:
+        return self._reports.get(service, ServiceReport())
 
-    def signs(self, service: str) -> int:
-        """How often it has been heard of: its reports, and its arrivals on the bus."""
-        return self._signs[service]
+    def reports_received(self, service: str) -> int:
+        """Number of a service's health reports and arrivals on the bus so far."""
+        return self._reports_received[service]
 
     def forget(self, service: str) -> None:
-        """Its process has ended: what it said no longer counts."""
-        self._verdicts.pop(service, None)
+        """Forget a service whose process has ended."""
+        self._reports.pop(service, None)
         if service == "vehicle_bridge":
             self._status = None
 
     @property
     def vehicle_ready(self) -> tuple[bool, str]:
-        """Whether a takeoff would be accepted, and else why not."""
+        """(whether the vehicle is ready, reason if it is not)."""
         return self._status or (False, "vehicle_bridge has sent no status yet")
 
     def _run(self) -> None:
@@ -130,12 +137,12 @@ class HealthWatcher:
         session.close()  # type: ignore[no-untyped-call]
 
     def _connect(self) -> "zenoh.Session | None":
-        """Try until there is a router, or until the end."""
+        """Try until a router replies, or until the block ends."""
         while not self._stopping.is_set():
             session = _open(self._instance.router)
             if session is not None:
                 return session
-            self._stopping.wait(0.05)  # a refused connection is waited out by Zenoh; a bad address is not
+            self._stopping.wait(0.05)  # Zenoh waits after a refused connection, but not after a bad address
         return None
 
     def _on_token(self, sample: "zenoh.Sample") -> None:
@@ -143,26 +150,26 @@ class HealthWatcher:
 
         service = str(sample.key_expr).rpartition("/")[2]
         if sample.kind == zenoh.SampleKind.PUT:
-            known = self.verdict(service)
-            self._signs[service] += 1
-            self._verdicts[service] = Verdict(True, known.health, known.text)
+            previous = self.report(service)
+            self._reports_received[service] += 1
+            self._reports[service] = ServiceReport(True, previous.health, previous.text)
         else:
-            self._verdicts.pop(service, None)
+            self._reports.pop(service, None)
         self._on_change()
 
     def _on_health(self, sample: "zenoh.Sample") -> None:
         from jezero.codec import BadPayloadError, decode
 
         try:
-            report: ServiceHealth = decode(ServiceHealth, sample.payload.to_bytes())
+            health: ServiceHealth = decode(ServiceHealth, sample.payload.to_bytes())
         except BadPayloadError:
             return
-        if not self._is_put_on(topics.health_of(report.service).name, sample):
+        if not self._is_put_on(topics.health_of(health.service).name, sample):
             return
-        self._signs[report.service] += 1
-        verdict = Verdict(self.verdict(report.service).alive, report.state, report.text)
-        if verdict != self.verdict(report.service):
-            self._verdicts[report.service] = verdict
+        self._reports_received[health.service] += 1
+        report = ServiceReport(self.report(health.service).alive, health.state, health.text)
+        if report != self.report(health.service):
+            self._reports[health.service] = report
             self._on_change()
 
     def _on_status(self, sample: "zenoh.Sample") -> None:
@@ -180,7 +187,7 @@ class HealthWatcher:
             self._on_change()
 
     def _is_put_on(self, name: str, sample: "zenoh.Sample") -> bool:
-        """Whether it was sent to exactly this key: what is put on a wildcard changes nothing."""
+        """Whether a sample is a PUT on exactly this key: a PUT on a wildcard must change nothing."""
         import zenoh
 
         return sample.kind == zenoh.SampleKind.PUT and str(sample.key_expr) == key(self._instance.vehicle, name)

@@ -1,4 +1,4 @@
-"""Starts services in order, restarts those that end, and stops them in reverse: one loop in the main thread."""
+"""The launcher: starts services in order, restarts them, and stops them in reverse order, in one loop."""
 
 import contextlib
 import os
@@ -12,7 +12,7 @@ from types import FrameType
 from typing import TextIO
 
 from jezero.deploy.launcher.compose import Service, in_levels
-from jezero.deploy.launcher.freezes import LOOK_PERIOD_S, FreezeWatch, look_at
+from jezero.deploy.launcher.freezes import SAMPLE_PERIOD_S, FreezeDetector, sample_process
 from jezero.deploy.launcher.health import HealthWatcher
 from jezero.deploy.launcher.output import Output
 from jezero.deploy.launcher.processes import Child, RestartPolicy, SpawnError, describe_exit, spawn
@@ -26,11 +26,18 @@ KILL_MARGIN_S = 0.5
 
 @dataclass
 class _Slot:
-    """What the launcher knows of one service.
+    """State of one service in the launcher.
 
     Attributes:
-        due_s: monotonic time of the next try when restarting, of SIGKILL when stopping.
-        frozen: how it showed that the present process is frozen; "" when it isn't.
+        service: its declaration.
+        policy: its restart policy.
+        state: its state.
+        text: sentence about the state, for people.
+        child: its present process.
+        started_s: monotonic time of the last start.
+        due_s: monotonic time of the restart when restarting, of SIGKILL when stopping.
+        exit_code: exit code of the last process.
+        frozen: why the present process was killed as frozen, or "".
     """
 
     service: Service
@@ -49,12 +56,15 @@ class _Slot:
 
 
 class Launcher:
-    """Runs services until a signal stops it, on a terminal also until all have ended; must live in the main thread.
+    """Runs services until a signal, and with a terminal until all have ended. For the main thread only.
 
     Args:
-        folder: already acquired.
-        external: services that another launch runs; they are waited for and left alone.
-        terminal: gets every line that is printed; None when detached.
+        services: the services.
+        folder: folder of the run, already acquired.
+        instance: the stack.
+        compose_file: path of the compose file, for the state.
+        external: services that another launcher runs; this one waits for them but does not start or stop them.
+        terminal: gets every line of output; None when detached.
     """
 
     def __init__(
@@ -79,28 +89,28 @@ class Launcher:
         self._selector = selectors.DefaultSelector()
         self._wake_read, self._wake_write = socket.socketpair()
         self._health = HealthWatcher(instance, self._wake)
-        self._freezes = FreezeWatch()
-        self._look_s = time.monotonic()
+        self._freeze_detector = FreezeDetector()
+        self._sample_due_s = time.monotonic()
         self._stop_requests = 0
         self._stopping: Iterator[list[str]] | None = None
         self._level: list[str] = []
         self._written: RunState | None = None
-        self._said_ready = False
+        self._ready_printed = False
 
     def run(self) -> int:
-        """Returns the exit code: 1 when a service failed."""
+        """Run until the end; returns the exit code, 1 if a service failed."""
         for end in (self._wake_read, self._wake_write):
             end.setblocking(False)
         self._selector.register(self._wake_read, selectors.EVENT_READ, None)
         for number in STOP_SIGNALS:
             signal.signal(number, self._on_signal)
-        begin_s = time.monotonic()
+        start_s = time.monotonic()
         self._advance()
         with self._health:
             while self._stopping is None or self._level:
                 self._wait()
                 self._advance()
-                self._say_ready(begin_s)
+                self._print_ready(start_s)
         self._output.close()
         self._folder.release()
         return 1 if any(slot.state == "failed" for slot in self._slots.values()) else 0
@@ -116,10 +126,10 @@ class Launcher:
             self._wake_write.send(b"\0")
 
     def _wait(self) -> None:
-        """Until something happens or is due; then handle what happened."""
+        """Wait for an event or the next due time, and handle events."""
         due = [slot.due_s for slot in self._slots.values() if slot.due_s is not None]
         if self._stopping is None:
-            due.append(self._look_s)
+            due.append(self._sample_due_s)
         timeout_s = None if not due else max(0.0, min(due) - time.monotonic())
         for selected, _ in self._selector.select(timeout_s):
             name = selected.data
@@ -128,7 +138,7 @@ class Launcher:
                     self._wake_read.recv(4096)
                 continue
             child = self._slots[name].child
-            if child is None:  # both its ends were ready, and the first one was the last of it
+            if child is None:  # both descriptors were ready, and the first one ended it
                 continue
             if selected.fd == child.pidfd:
                 self._on_exit(name, child)
@@ -136,13 +146,13 @@ class Launcher:
                 self._read(name, child)
 
     def _read(self, name: str, child: Child) -> bool:
-        """Take what a service has printed; false at the end of it."""
+        """Read a service's output; False if there is no more for now."""
         try:
             data = os.read(child.output.fileno(), 65536)
         except BlockingIOError:
             return False
         if data:
-            self._output.feed(name, data)
+            self._output.on_data(name, data)
             return True
         if child.output in self._selector.get_map():
             self._selector.unregister(child.output)
@@ -158,7 +168,7 @@ class Launcher:
         if child.output in self._selector.get_map():
             self._selector.unregister(child.output)
         child.output.close()
-        self._output.finish(name)
+        self._output.on_exit(name)
         self._health.forget(name)
         slot.child = None
         slot.due_s = None
@@ -175,15 +185,15 @@ class Launcher:
         else:
             self._set(slot, "exited", how)
 
-    # -- what follows --
+    # -- actions --
 
     def _advance(self) -> None:
-        """Start, restart, stop and kill whatever is due, and write down how things are."""
+        """Start, restart, stop and kill services that are due, and write the state."""
         now_s = time.monotonic()
         ended = all(s.state in ("exited", "failed", "stopped", "external") for s in self._slots.values())
-        # Detached it stays when all have ended, so that `jezero ps` can say why.
+        # A detached launcher stays after all have ended, so that `jezero ps` can show why.
         if self._stopping is None and (self._stop_requests or (ended and self._ends_with_services)):
-            self._begin_stop()
+            self._start_stopping()
         if self._stopping is not None:
             self._stop(now_s)
         else:
@@ -193,36 +203,36 @@ class Launcher:
                 elif slot.state == "restarting" and slot.due_s is not None and now_s >= slot.due_s:
                     slot.due_s = None
                     self._start(slot)
-            if now_s >= self._look_s:
+            if now_s >= self._sample_due_s:
                 self._kill_frozen(now_s)
         self._write()
 
     def _kill_frozen(self, now_s: float) -> None:
-        """What has frozen ends as if it had crashed."""
-        self._look_s = now_s + LOOK_PERIOD_S
+        """Kill frozen services, which are then restarted as after a crash."""
+        self._sample_due_s = now_s + SAMPLE_PERIOD_S
         running = {slot.child.pid: slot for slot in self._slots.values() if slot.child is not None}
         connected = self._health.connected
-        looks = {}
+        samples = {}
         for pid, slot in running.items():
             name = slot.service.name
-            reachable = connected and self._health.verdict(name).alive
-            looks[pid] = look_at(pid, signs=self._health.signs(name), reachable=reachable)
-        for pid, how in self._freezes.judge(now_s, looks).items():
+            reachable = connected and self._health.report(name).alive
+            samples[pid] = sample_process(pid, reports=self._health.reports_received(name), reachable=reachable)
+        for pid, how in self._freeze_detector.update(now_s, samples).items():
             slot = running[pid]
             if slot.child is not None and not slot.frozen:
                 slot.frozen = how
                 slot.child.signal(signal.SIGKILL)
 
     def _start_if_possible(self, slot: _Slot) -> None:
-        waits = []
+        missing = []
         for name, condition in slot.service.depends_on.items():
             other = self._slots[name]
             if condition == "service_healthy" and not self._is_healthy(other):
-                waits.append(f"{name} to be healthy" if other.state != "failed" else f"{name}, which failed")
+                missing.append(f"{name} to be healthy" if other.state != "failed" else f"{name}, which failed")
             elif not other.has_started:
-                waits.append(f"{name} to start" if other.state != "failed" else f"{name}, which failed")
-        if waits:
-            slot.text = f"waits for {', '.join(waits)}"
+                missing.append(f"{name} to start" if other.state != "failed" else f"{name}, which failed")
+        if missing:
+            slot.text = f"waits for {', '.join(missing)}"
         else:
             self._start(slot)
 
@@ -242,11 +252,11 @@ class Launcher:
     def _set(self, slot: _Slot, state: ServiceState, text: str) -> None:
         slot.state = state
         slot.text = text
-        self._output.say(slot.service.name, f"[launcher] {text}")
+        self._output.write_line(slot.service.name, f"[launcher] {text}")
 
-    # -- the end --
+    # -- stopping --
 
-    def _begin_stop(self) -> None:
+    def _start_stopping(self) -> None:
         self._stopping = iter([list(level) for level in reversed(self._levels)])
         self._level = next(self._stopping, [])
         self._terminate(self._level)
@@ -263,7 +273,7 @@ class Launcher:
                 self._set(slot, "stopped", "stopped before it ran")
 
     def _stop(self, now_s: float) -> None:
-        """Kill who takes too long, or everybody when asked twice; go on to the next level when one is empty."""
+        """Kill services after their grace time, or all at a second signal; continue with the next level."""
         assert self._stopping is not None
         if self._stop_requests > 1:
             for slot in self._slots.values():
@@ -274,24 +284,26 @@ class Launcher:
             if running:
                 for slot in running:
                     if slot.child is not None and slot.due_s is not None and now_s >= slot.due_s:
-                        self._output.say(slot.service.name, f"[launcher] killed: still there after {_grace(slot)}")
+                        self._output.write_line(
+                            slot.service.name, f"[launcher] killed: still running after {_grace(slot)}"
+                        )
                         slot.child.signal(signal.SIGKILL)
                         slot.due_s = now_s + KILL_MARGIN_S
                 return
             self._level = next(self._stopping, [])
             self._terminate(self._level)
 
-    # -- what people see --
+    # -- state --
 
     def _is_healthy(self, slot: _Slot) -> bool:
-        if slot.state == "external":  # the router, perhaps under another vehicle's name
+        if slot.state == "external":  # the router, which may belong to another vehicle's stack
             return self._health.connected
         if slot.state != "running":
             return False
-        return not slot.service.has_healthcheck or self._health.verdict(slot.service.name).healthy
+        return not slot.service.has_healthcheck or self._health.report(slot.service.name).healthy
 
     def _not_ready_reason(self) -> str:
-        """Why the vehicle can't be used yet; "" when it can."""
+        """Why the vehicle is not ready, or ""."""
         if self._stopping is not None:
             return "stopping"
         for name, slot in self._slots.items():
@@ -300,23 +312,21 @@ class Launcher:
         for name, slot in self._slots.items():
             if self._is_healthy(slot):
                 continue
-            verdict = self._health.verdict(name)
-            said = (
-                (verdict.text or "nothing heard from it on the bus")
-                if slot.state in ("running", "external")
-                else slot.text
+            report = self._health.report(name)
+            reason = (
+                (report.text or "no health report on the bus") if slot.state in ("running", "external") else slot.text
             )
-            return f"{name} is {slot.state}: {said}"
+            return f"{name} is {slot.state}: {reason}"
         if BRIDGE in self._slots:
             ready, reason = self._health.vehicle_ready
             return "" if ready else reason or "the vehicle is not ready"
         return ""
 
-    def _say_ready(self, begin_s: float) -> None:
+    def _print_ready(self, start_s: float) -> None:
         ready = self._written is not None and self._written.ready
-        if ready and not self._said_ready:
-            self._output.show(f"ready after {time.monotonic() - begin_s:.1f} s")
-        self._said_ready |= ready
+        if ready and not self._ready_printed:
+            self._output.print_line(f"ready after {time.monotonic() - start_s:.1f} s")
+        self._ready_printed |= ready
 
     def _write(self) -> None:
         reason = self._not_ready_reason()
@@ -335,24 +345,24 @@ class Launcher:
             return
         try:
             self._folder.write(state)
-        except OSError:  # a disk that is full by now: the services are not to die of it
+        except OSError:  # the disk is full: the services must not die of it
             if self._written is None:
                 raise
         else:
             self._written = state
 
     def _describe(self, name: str, slot: _Slot) -> LaunchedService:
-        verdict = self._health.verdict(name)
+        report = self._health.report(name)
         return LaunchedService(
             service=name,
             state=slot.state,
             pid=None if slot.child is None else slot.child.pid,
             healthy=self._is_healthy(slot),
-            health=verdict.health,
+            health=report.health,
             restarts=slot.policy.restarts,
             exit_code=slot.exit_code,
             started_monotonic_s=slot.started_s,
-            text=verdict.text if slot.state == "running" and verdict.text else slot.text,
+            text=report.text if slot.state == "running" and report.text else slot.text,
         )
 
 

@@ -1,4 +1,4 @@
-"""What the services print: into a log file each, and with the service's name in front on a terminal."""
+"""Output of the services: written to a log file each, and to a terminal with the service's name in front."""
 
 import io
 import time
@@ -14,12 +14,12 @@ STAMP_LENGTH = len("2026-01-31T12:00:00.000Z")
 
 
 def stamp(unix_s: float) -> str:
-    """UTC to the millisecond; sorts as text."""
+    """UTC time to the millisecond; sorts as text."""
     return datetime.fromtimestamp(unix_s, UTC).strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3] + "Z"
 
 
 class Prefixer:
-    """Puts `name | ` before a line, in a colour of its own for each name."""
+    """Puts `name | ` before a line, with a colour for each name."""
 
     def __init__(self, names: Iterable[str], colour: bool) -> None:
         listed = list(names)
@@ -34,13 +34,15 @@ class Prefixer:
 
 
 class Output:
-    """Splits what services print into lines and writes each where it belongs.
+    """Splits the services' output into lines and writes them to log files and the terminal.
 
-    A full disk or a terminal that can't show a character costs lines, never the launcher: the services would die with
-    it.
+    A full disk or a terminal that can't show a character loses lines but never ends the launcher, because the services
+    would die with it.
 
     Args:
-        terminal: also gets each line; None when nobody looks.
+        folder: folder of the run.
+        names: names of the services.
+        terminal: gets each line too; None when detached.
     """
 
     def __init__(self, folder: RunFolder, names: Iterable[str], terminal: TextIO | None) -> None:
@@ -58,45 +60,45 @@ class Output:
         self._terminal = terminal
         self._prefixer = Prefixer(listed, colour=terminal is not None and terminal.isatty())
 
-    def feed(self, name: str, data: bytes) -> None:
-        """Bytes that a service printed; a last line without an end waits for it."""
+    def on_data(self, name: str, data: bytes) -> None:
+        """Process bytes that a service printed; an incomplete last line is kept until its end arrives."""
         *lines, rest = (self._unfinished[name] + data).split(b"\n")
         if len(rest) > MAX_LINE_BYTES:
             lines.append(rest)
             rest = b""
         self._unfinished[name] = rest
         for line in lines:
-            self.say(name, line.decode("utf-8", "replace").rstrip("\r"))
+            self.write_line(name, line.decode("utf-8", "replace").rstrip("\r"))
 
-    def finish(self, name: str) -> None:
-        """Its process has ended: what it printed last is a line now."""
+    def on_exit(self, name: str) -> None:
+        """Write the incomplete last line of a service whose process has ended."""
         rest = self._unfinished[name]
         self._unfinished[name] = b""
         if rest:
-            self.say(name, rest.decode("utf-8", "replace"))
+            self.write_line(name, rest.decode("utf-8", "replace"))
 
-    def say(self, name: str, text: str) -> None:
-        """One line."""
+    def write_line(self, name: str, text: str) -> None:
+        """Write one line to the service's log and to the terminal."""
         self._log(name, text)
-        self.show(self._prefixer.line(name, text))
+        self.print_line(self._prefixer.line(name, text))
 
     def _log(self, name: str, text: str) -> None:
         at = stamp(time.time())
-        told = f"{at} [launcher] {self._lost[name]} lines before this one could not be written\n"
+        notice = f"{at} [launcher] {self._lost[name]} lines before this one could not be written\n"
         try:
-            self._files[name].write(f"{told if self._lost[name] else ''}{at} {text}\n".encode())
+            self._files[name].write(f"{notice if self._lost[name] else ''}{at} {text}\n".encode())
         except OSError:
             self._lost[name] += 1
         else:
             self._lost[name] = 0
 
-    def show(self, text: str) -> None:
-        """One line for the terminal only."""
+    def print_line(self, text: str) -> None:
+        """Write one line to the terminal only."""
         if self._terminal is None:
             return
         try:
             print(text, file=self._terminal, flush=True)
-        except OSError:  # the terminal is gone; the services are not to die of it
+        except OSError:  # the terminal is closed; the services must not die of it
             self._terminal = None
 
     def close(self) -> None:
@@ -105,14 +107,14 @@ class Output:
 
 
 class LogReader:
-    """Reads the log files of several services as one."""
+    """Reads the log files of several services in order of time."""
 
     def __init__(self, folder: RunFolder, names: Iterable[str]) -> None:
         self._paths = {name: folder.log_of(name) for name in names}
         self._offsets = dict.fromkeys(self._paths, 0)
 
     def read(self) -> list[tuple[str, str]]:
-        """Name and stamped line of what was written since the last call, in order of time."""
+        """(name, stamped line) of all lines since the last call, in order of time."""
         found: list[tuple[str, str]] = []
         for name, path in self._paths.items():
             with path.open("rb") as file:

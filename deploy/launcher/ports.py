@@ -1,4 +1,4 @@
-"""Ports that nobody uses, so that several stacks fly on one machine."""
+"""Free ports, so that several stacks can run on one machine."""
 
 import fcntl
 import os
@@ -15,7 +15,7 @@ HOST = "127.0.0.1"
 
 @contextmanager
 def reserved_instance(vehicle: str = "uav1") -> Iterator[Instance]:
-    """An instance number and router port that are free now, held until the context ends.
+    """Reserve a free instance number and router port until the context ends.
 
     Raises:
         RuntimeError: all 249 instances are in use.
@@ -31,11 +31,11 @@ def reserved_instance(vehicle: str = "uav1") -> Iterator[Instance]:
             if _is_free(instance):
                 yield instance
                 return
-    raise RuntimeError("no free instance: 249 stacks fly on this machine already")
+    raise RuntimeError("no free instance: 249 stacks run on this machine already")
 
 
 def instance_environment(instance: Instance) -> dict[str, str]:
-    """The environment variables that make a process part of this stack."""
+    """Environment variables that make a process part of this stack."""
     return {
         "JEZERO_VEHICLE": instance.vehicle,
         "JEZERO_ROUTER": instance.router,

@@ -1,4 +1,4 @@
-"""Child processes that die with the launcher, and when to start one again."""
+"""Child processes that die with the launcher, and the rule for their restart."""
 
 import contextlib
 import os
@@ -12,8 +12,8 @@ from typing import IO
 from jezero.deploy.launcher.compose import Service
 from jezero.runtime.child import die_with
 
-FIRST_BACK_OFF_S = 0.2
-LAST_BACK_OFF_S = 5.0
+BACK_OFF_MIN_S = 0.2
+BACK_OFF_MAX_S = 5.0
 CRASH_LOOP_TRIES = 5
 CRASH_LOOP_WINDOW_S = 60.0
 
@@ -27,8 +27,9 @@ class Child:
     """A running process.
 
     Attributes:
-        pidfd: readable when the process has ended.
-        output: its standard output and error, not blocking.
+        process: the process.
+        pidfd: file descriptor that is readable when the process has ended.
+        output: its standard output and error, non-blocking.
     """
 
     process: subprocess.Popen[bytes]
@@ -40,12 +41,12 @@ class Child:
         return self.process.pid
 
     def signal(self, number: int) -> None:
-        """To its whole process group; without effect once the group is gone."""
+        """Send a signal to the whole process group; no effect after its end."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.process.pid, number)
 
     def reap(self) -> int:
-        """Exit code of the ended process, negative for a signal; what it left of its group is killed."""
+        """Exit code of the ended process, negative for a signal; kills the rest of its group."""
         self.signal(signal.SIGKILL)
         code = self.process.wait()
         os.close(self.pidfd)
@@ -53,10 +54,10 @@ class Child:
 
 
 def spawn(service: Service) -> Child:
-    """Start a service's command. `python` is the interpreter that runs the launcher.
+    """Start a service's command; `python` is replaced by the launcher's own interpreter.
 
     Raises:
-        SpawnError: there is no such command, or it may not be run.
+        SpawnError: the command does not exist or must not be executed.
     """
     command = list(service.command)
     if command[0] in ("python", "python3"):
@@ -68,7 +69,7 @@ def spawn(service: Service) -> Child:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            start_new_session=True,  # Ctrl+C at the terminal reaches the launcher alone, which stops in order
+            start_new_session=True,  # so that Ctrl+C reaches the launcher only, which stops the services in order
             preexec_fn=die_with(os.getpid()),  # noqa: PLW1509 - touches no lock that another thread could hold
         )
     except OSError as error:
@@ -80,7 +81,13 @@ def spawn(service: Service) -> Child:
 
 @dataclass
 class RestartPolicy:
-    """Decides after each exit whether and when to try again. Times are monotonic seconds."""
+    """Decides after each exit whether and when to restart a service.
+
+    Attributes:
+        service: the service.
+        restarts: number of restarts so far.
+        gave_up: why it will not be restarted although it failed, or "".
+    """
 
     service: Service
     restarts: int = 0
@@ -88,10 +95,13 @@ class RestartPolicy:
     _exits_s: deque[float] = field(default_factory=deque)
 
     def after_exit(self, now_s: float, ran_s: float, code: int, how: str) -> float | None:
-        """Seconds to wait before the next try; None for no other try, with the reason in `gave_up` if it failed.
+        """Time in s until the restart; None for no restart, with the reason in `gave_up` if the service failed.
 
         Args:
-            how: it ended, in words.
+            now_s: monotonic time.
+            ran_s: time for which the process ran.
+            code: its exit code.
+            how: description of its end.
         """
         if self.service.restart == "no" or (self.service.restart == "on-failure" and code == 0):
             self.gave_up = how if code else ""
@@ -110,11 +120,11 @@ class RestartPolicy:
             )
             return None
         self.restarts += 1
-        return float(min(LAST_BACK_OFF_S, FIRST_BACK_OFF_S * 2 ** (len(self._exits_s) - 1)))
+        return float(min(BACK_OFF_MAX_S, BACK_OFF_MIN_S * 2 ** (len(self._exits_s) - 1)))
 
 
 def describe_exit(code: int) -> str:
-    """An exit code in words."""
+    """Description of an exit code."""
     if code >= 0:
         return f"exit code {code}"
     try:

@@ -1,4 +1,4 @@
-"""The run folder: who runs in it, how the services are doing, and their logs."""
+"""The run folder: the state of the launcher and its services, and their logs."""
 
 import contextlib
 import fcntl
@@ -9,8 +9,8 @@ from typing import Literal
 import msgspec
 
 ServiceState = Literal["waiting", "running", "restarting", "stopping", "stopped", "exited", "failed", "external"]
-"""waiting: for what it depends on. restarting: waits for its next try. stopped: on request. exited: ended well, failed:
-ended badly or can't be started; neither is tried again. external: another launch runs it."""
+"""waiting: waits for its dependencies. restarting: waits for its restart. stopped: stopped on request. exited: ended
+without an error; failed: ended with an error or can't be started; neither is restarted. external: of another stack."""
 
 
 class AlreadyUpError(RuntimeError):
@@ -21,10 +21,14 @@ class LaunchedService(msgspec.Struct, frozen=True, kw_only=True):
     """One service as `jezero ps` shows it.
 
     Attributes:
-        health: "" until the service reports, else its own word: starting, ok or degraded.
-        healthy: alive on the bus and not starting.
-        exit_code: of its last run; negative is the signal that ended it.
-        started_monotonic_s: when its present run began, by the clock that all processes of this machine share.
+        service: name of the service.
+        state: its state.
+        pid: process id; None without a process.
+        health: its own health, starting, ok or degraded; "" until the service publishes it.
+        healthy: whether it is alive on the bus and not starting.
+        restarts: number of restarts so far.
+        exit_code: exit code of its last process, negative for a signal.
+        started_monotonic_s: start of its present process, on the monotonic clock of this machine.
         text: a sentence for people.
     """
 
@@ -40,11 +44,17 @@ class LaunchedService(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RunState(msgspec.Struct, frozen=True, kw_only=True):
-    """All that a launcher says about itself; `<folder>/state.json`.
+    """State of a launcher and its services; the content of `<folder>/state.json`.
 
     Attributes:
-        launcher_start_ticks: tells the launcher from a later process with the same id.
-        not_ready_reason: "" when ready.
+        launcher_pid: process id of the launcher.
+        launcher_start_ticks: start of the launcher, to distinguish it from a later process with the same id.
+        compose_file: path of the compose file.
+        vehicle: name of the vehicle.
+        router: Zenoh endpoint of the router.
+        ready: whether the vehicle is ready.
+        not_ready_reason: why it is not ready, or "".
+        services: states of the services.
     """
 
     launcher_pid: int
@@ -63,7 +73,7 @@ class RunState(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def start_ticks(pid: int) -> int | None:
-    """Clock ticks from the machine's start to the process's; None when there is no such process. Source: proc(5)."""
+    """Clock ticks from the machine's start to that of a process; None without such a process. Source: proc(5)."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except (FileNotFoundError, ProcessLookupError):
@@ -72,7 +82,7 @@ def start_ticks(pid: int) -> int | None:
 
 
 def _is_file(descriptor: int, path: Path) -> bool:
-    """Whether an open file is the one that has this name now."""
+    """Whether an open file still has this name."""
     try:
         return os.path.samestat(os.fstat(descriptor), path.stat())
     except FileNotFoundError:
@@ -86,7 +96,7 @@ def default_folder(vehicle: str) -> Path:
 
 
 class RunFolder:
-    """A folder that at most one launcher runs in."""
+    """Folder of a run, used by at most one launcher at a time."""
 
     def __init__(self, path: Path) -> None:
         self.path = path.resolve()
@@ -97,11 +107,11 @@ class RunFolder:
         return self.path / "logs"
 
     def log_of(self, service: str) -> Path:
-        """Where a service's output goes."""
+        """Log file of a service."""
         return self.logs / f"{service}.log"
 
     def logged(self) -> list[str]:
-        """Services that have printed something in the present or last run."""
+        """Services that have a log of the present or last run."""
         return sorted(path.stem for path in self.logs.glob("*.log") if path.stem != "launcher")
 
     @property
@@ -113,10 +123,10 @@ class RunFolder:
         return self.path / "lock"
 
     def acquire(self) -> None:
-        """Make the folder and hold it until this process ends, however it ends.
+        """Create the folder and lock it until this process ends.
 
         Raises:
-            AlreadyUpError: another launcher holds it.
+            AlreadyUpError: another launcher has locked it.
         """
         self.logs.mkdir(parents=True, exist_ok=True)
         while self._lock is None:
@@ -133,17 +143,17 @@ class RunFolder:
                 ) from None
             if _is_file(lock, self._lock_path):
                 self._lock = lock
-            else:  # its holder removed it between our two calls
+            else:  # its owner removed the file between our two calls
                 os.close(lock)
 
     def write(self, state: RunState) -> None:
-        """Replace the state in one step: a reader sees the old or the new one."""
+        """Replace the state atomically: a reader gets the old or the new one."""
         temporary = self.path / "state.json.new"
         temporary.write_bytes(msgspec.json.encode(state))
         temporary.replace(self._state_path)
 
     def release(self) -> None:
-        """Say that nothing runs here any more, and let go."""
+        """Remove the state and unlock the folder."""
         with contextlib.suppress(FileNotFoundError):
             self._state_path.unlink()
         if self._lock is not None:
@@ -153,7 +163,7 @@ class RunFolder:
             self._lock = None
 
     def read(self) -> RunState | None:
-        """What the launcher that runs here last said; None when none runs."""
+        """State of the running launcher; None if no launcher runs."""
         try:
             state = msgspec.json.decode(self._state_path.read_bytes(), type=RunState)
         except (FileNotFoundError, msgspec.DecodeError):

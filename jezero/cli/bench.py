@@ -1,4 +1,4 @@
-"""The benchmarks that fly in virtual time."""
+"""`jezero bench`: benchmarks in virtual time."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -21,22 +21,38 @@ def bench() -> None:
 
 
 @bench.command()
-@click.option("--case", type=click.Choice(["all", *CASES]), default="all", show_default=True, help="Which sensors.")
+@click.option(
+    "--case",
+    type=click.Choice(["all", *CASES]),
+    default="all",
+    show_default=True,
+    help="Sensors in use.",
+)
 @click.option("--n", type=click.IntRange(1, 100_000), default=100, show_default=True, help="Landings of each case.")
-@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of the first landing.")
+@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="First seed.")
 @click.option("--rover", type=click.Choice(["still", "drive", "turn"]), default="still", show_default=True,
-              help="Standing, 0.5 m/s straight on, or 1 m/s and 0.2 rad/s.")  # fmt: skip
-@click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Processes at the same time.")
+              help="Motion: none, 0.5 m/s straight, or 1 m/s and 0.2 rad/s.")  # fmt: skip
+@click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Number of processes.")
 @click.option("--tags", type=click.Choice(["projected", "rendered"]), default="projected", show_default=True,
-              help="Calculate the tags' corners, or render pictures and detect.")  # fmt: skip
-@click.option("--uwb-std", type=click.FloatRange(0.0, 10.0), metavar="M", help="Of a range [default: 0.01, uwb: 0.1].")
+              help="Calculate the tags' corners, or render images and detect.")  # fmt: skip
+@click.option(
+    "--uwb-std",
+    type=click.FloatRange(0.0, 10.0),
+    metavar="M",
+    help="Standard deviation of a UWB range [default: 0.01, case uwb: 0.1].",
+)
 @click.option("--uwb-outliers", type=click.FloatRange(0.0, 1.0), metavar="SHARE",
-              help="Ranges without line of sight, 0.5 to 3 m too long [default: 0, uwb: 0.1].")  # fmt: skip
-@click.option("--camera-latency", type=click.FloatRange(0.0, 1.0), metavar="S", help="[default: 0.1]")
-@click.option("--hide-tag", is_flag=True, help="The tag is out of sight twice for a second.")
+              help="Share of UWB ranges that are 0.5 to 3 m too long [default: 0, case uwb: 0.1].")  # fmt: skip
+@click.option(
+    "--camera-latency",
+    type=click.FloatRange(0.0, 1.0),
+    metavar="S",
+    help="Seconds from exposure to the image [default: 0.1].",
+)
+@click.option("--hide-tag", is_flag=True, help="Hide the tags twice, for a second each.")
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER",
-              help="Keep each landing's log, some 6 MB, for `jezero report`.")  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="One JSON object per case; `jezero report` draws a file of them.")
+              help="Write each landing's log, about 6 MB, for `jezero report`.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="One JSON object per case; `jezero report` draws them.")
 def landing(
     case: str,
     n: int,
@@ -51,9 +67,10 @@ def landing(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Land many times in 3 m/s wind with gusts, from random places 4 to 8 m up and up to 8 m away.
+    """Land many times, with 3 m/s wind and gusts, from random positions 4 to 8 m up and up to 8 m away.
 
-    Prints the touchdown error, the time, the estimate's error by range, its consistency, and the failed seeds.
+    Prints the touchdown error, the time, the error of the position estimate by range, its consistency (NEES), and the
+    failed seeds.
     """
     import msgspec
 
@@ -71,22 +88,22 @@ def landing(
             camera_latency_s=camera_latency,
             hide_tag=hide_tag,
         )
-        report = fly_landings(conditions, n, seed, jobs, _quiet if as_json else _tell, out)
+        report = fly_landings(conditions, n, seed, jobs, _print_nothing if as_json else _print_landing, out)
         click.echo(msgspec.json.encode(report).decode() if as_json else _table(report))
         failed |= bool(report.failed_seeds)
     if failed:
         raise SystemExit(FAILED)
 
 
-def _quiet(landing: "Landing") -> None:
+def _print_nothing(landing: "Landing") -> None:
     pass
 
 
-def _tell(landing: "Landing") -> None:
+def _print_landing(landing: "Landing") -> None:
     if landing.failure:
         click.echo(f"seed {landing.seed}: {landing.failure}")
         return
-    where = f"{100.0 * landing.error_m:.1f} cm off in {landing.time_s:.1f} s"
+    where = f"{100.0 * landing.error_m:.1f} cm from the target after {landing.time_s:.1f} s"
     click.echo(f"seed {landing.seed}: {where}, impact at {landing.impact_mps:.2f} m/s")
 
 

@@ -1,4 +1,4 @@
-"""The commands that show what the camera sees."""
+"""`jezero camera`: images of the vehicle's camera and of the simulated ground."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ PNG = click.Path(path_type=Path, dir_okay=False, writable=True)
 
 @click.group()
 def camera() -> None:
-    """Pictures of the ventral camera, and of the simulated ground from above."""
+    """Save images of the vehicle's camera, or of the simulated ground from above."""
 
 
 @camera.command()
@@ -19,7 +19,7 @@ def camera() -> None:
 @click.option("--timeout", "timeout_s", type=FINITE, default=3.0, show_default=True, help="Seconds to wait.")
 @common_options
 def snap(file: Path, timeout_s: float, vehicle: str, router: str, as_json: bool) -> None:
-    """Save the next picture as FILE, a PNG."""
+    """Save the next image of the camera as FILE, a PNG."""
     from jezero.cli.png import png_of
 
     printer = Printer(as_json)
@@ -32,16 +32,16 @@ def snap(file: Path, timeout_s: float, vehicle: str, router: str, as_json: bool)
 
 @camera.command(context_settings=NUMBERS)
 @click.argument("file", type=PNG)
-@click.option("--middle", nargs=2, type=FINITE, default=(0.0, 0.0), show_default=True, help="Metres north and east.")
-@click.option("--side", "side_m", type=click.FloatRange(0.1, 200.0), default=20.0, show_default=True, help="Metres.")
+@click.option("--middle", nargs=2, type=FINITE, default=(0.0, 0.0), show_default=True, help="North, east in m.")
+@click.option("--side", "side_m", type=click.FloatRange(0.1, 200.0), default=20.0, show_default=True, help="In m.")
 @click.option(
     "--resolution", type=click.FloatRange(0.001, 10.0), default=0.02, show_default=True, help="Metres per pixel."
 )
-@click.option("--json", "as_json", is_flag=True, help="One JSON object per line, the result last.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object per line, the result last.")
 def orthophoto(file: Path, middle: tuple[float, float], side_m: float, resolution: float, as_json: bool) -> None:
-    """Save the simulator's own ground from straight above as FILE, a PNG with north at the top; nothing needs to run.
+    """Save the simulated ground, seen from straight above, as FILE, a PNG with north at the top.
 
-    Coordinates are those of the simulator's map, where the vehicle starts at 0 0. Vehicle and rover are not in it.
+    No running stack is needed. The vehicle starts at 0 0. Vehicle and rover are not in the image.
     """
     from jezero.cli.png import png_of
     from jezero.runtime.config import load_config

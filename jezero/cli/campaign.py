@@ -1,4 +1,4 @@
-"""The fault campaign: whole missions in virtual time under seeded faults."""
+"""`jezero campaign`: missions in virtual time with faults drawn from a seed."""
 
 import json
 import re
@@ -22,7 +22,7 @@ FAULTS_MAX = 200
 
 
 def seed_range(ctx: click.Context, param: click.Parameter, value: str | None) -> range | None:
-    """`A..B`, both included, or one number."""
+    """Parse `A..B`, both ends included, or one number."""
     if value is None:
         return None
     first, last = _two(value, "seeds", "1..100")
@@ -32,7 +32,7 @@ def seed_range(ctx: click.Context, param: click.Parameter, value: str | None) ->
 
 
 def fault_range(ctx: click.Context, param: click.Parameter, value: str | None) -> range | None:
-    """`A..B`, both included, or one number."""
+    """Parse `A..B`, both ends included, or one number."""
     if value is None:
         return None
     least, most = _two(value, "faults", "30..50")
@@ -46,25 +46,25 @@ def fault_range(ctx: click.Context, param: click.Parameter, value: str | None) -
 def _two(value: str, what: str, example: str) -> tuple[int, int]:
     match = re.fullmatch(r"(\d{1,9})(?:\.\.(\d{1,9}))?", value)
     if match is None:
-        raise click.BadParameter(f"{value!r} is no range of {what}: write {example}, or one number")
+        raise click.BadParameter(f"{value!r} is not a range of {what}: write for example {example}, or one number")
     return int(match[1]), int(match[2] or match[1])
 
 
 @click.command()
-@click.option("--seeds", callback=seed_range, metavar="A..B", help="Both ends included; 1..10 if nothing is said.")
-@click.option("--commit", metavar="REV", help="Seeds that follow from a commit, e.g. HEAD; needs --minutes.")
-@click.option("--minutes", type=click.FloatRange(min=0.0), help="Begin no further mission after so long.")
+@click.option("--seeds", callback=seed_range, metavar="A..B", help="Seeds, both ends included [default: 1..10].")
+@click.option("--commit", metavar="REV", help="Seeds of a commit, e.g. HEAD; needs --minutes.")
+@click.option("--minutes", type=click.FloatRange(min=0.0), help="Start no mission after this time.")
 @click.option(
     "--world",
     type=click.Choice(("physics", "point-mass")),
     default="physics",
     show_default=True,
-    help="The point mass takes the place of simulator and autopilot: for large numbers of seeds.",
+    help="The point mass replaces simulator and autopilot, for many seeds in a short time.",
 )
-@click.option("--faults", callback=fault_range, metavar="A..B", help="In each mission; 3..14 if nothing is said.")
-@click.option("--jobs", type=click.IntRange(1, 64), default=1, show_default=True, help="Processes that fly at once.")
-@click.option("-v", "--verbose", is_flag=True, help="Tell every event of every mission; flies one at a time.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object per mission, the sum last.")
+@click.option("--faults", callback=fault_range, metavar="A..B", help="Faults in each mission [default: 3..14].")
+@click.option("--jobs", type=click.IntRange(1, 64), default=1, show_default=True, help="Number of processes.")
+@click.option("-v", "--verbose", is_flag=True, help="Print every event; flies one mission at a time.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object per mission, the sum last.")
 def campaign(
     seeds: range | None,
     commit: str | None,
@@ -75,10 +75,10 @@ def campaign(
     verbose: bool,
     as_json: bool,
 ) -> None:
-    """Fly missions under seeded faults and check what must always hold.
+    """Fly missions with seeded faults and check the rules that must always hold.
 
-    A seed that fails prints what broke, and fails again in the same way with `--seeds N -v`
-    in the same world, with the same --faults.
+    A mission that breaks a rule prints it. The same seed breaks it again: `--seeds N -v` with the same --world and
+    --faults shows all its events.
     """
     import msgspec
 
@@ -88,18 +88,18 @@ def campaign(
     from jezero.trials.campaign.seeds import seeds_for_minutes
 
     if commit is not None and (seeds is not None or minutes is None):
-        raise click.UsageError("--commit takes the place of --seeds, and --minutes says for how long: give these two")
+        raise click.UsageError("--commit replaces --seeds and needs --minutes: give --commit and --minutes only")
     chosen: Iterable[int] = range(1, 11) if seeds is None else seeds
     if commit is not None:
         chosen = _seeds_of(commit)
     if minutes is not None:
         chosen = seeds_for_minutes(chosen, minutes)
 
-    def tell(report: "MissionReport") -> None:
+    def print_report(report: "MissionReport") -> None:
         if as_json:
             click.echo(json.dumps(msgspec.to_builtins(report)))
         else:
-            _tell(report)
+            _print_report(report)
 
     mission = partial(fly_mission, world=world, fault_counts=faults or FAULT_COUNTS)
     if verbose:
@@ -109,39 +109,39 @@ def campaign(
         with closing(fly_campaign(chosen, 1 if verbose else jobs, mission)) as reports:
             for report in reports:
                 result.add(report)
-                tell(report)
-    finally:  # also what was flown until Ctrl-C
-        click.echo(json.dumps(msgspec.to_builtins(result)) if as_json else _words(result))
+                print_report(report)
+    finally:  # also after Ctrl-C
+        click.echo(json.dumps(msgspec.to_builtins(result)) if as_json else _summary(result))
     if result.failed:
         raise SystemExit(ABORTED)
 
 
 def _seeds_of(revision: str) -> Iterable[int]:
-    """A commit's seeds, without end; those from 0 on where there is no git checkout."""
+    """Endless seeds of a commit; the seeds from 0 on without a git checkout."""
     from jezero.trials.campaign.seeds import NoCheckoutError, commit_hash, first_seed
 
     first = 0
     try:
         commit = commit_hash(revision, Path.cwd())
         first = first_seed(commit)
-        whose = f"seeds of commit {commit[:12]}"
+        source = f"seeds of commit {commit[:12]}"
     except NoCheckoutError as error:
-        whose = f"no commit {revision} here ({error}): seeds of no commit"
+        source = f"no commit {revision} here ({error}): seeds from 0 on, of no commit"
     except ValueError as error:
         raise click.BadParameter(str(error), param_hint="--commit") from None
-    click.echo(f"{whose}: {first}, {first + 1}, {first + 2}, …", err=True)
+    click.echo(f"{source}: {first}, {first + 1}, {first + 2}, …", err=True)
     return count(first)
 
 
-def _tell(report: "MissionReport") -> None:
+def _print_report(report: "MissionReport") -> None:
     faults = ", ".join(kind if count == 1 else f"{count} x {kind}" for kind, count in report.faults.items())
-    verdict = "FAILED" if report.violations else "ok"
-    click.echo(f"seed {report.seed}: {verdict} after {report.sim_time_s:.0f} s; {faults}")
+    outcome = "FAILED" if report.violations else "ok"
+    click.echo(f"seed {report.seed}: {outcome} after {report.sim_time_s:.0f} s; {faults}")
     for violation in report.violations:
         click.echo(f"    {violation}")
 
 
-def _words(result: "CampaignReport") -> str:
+def _summary(result: "CampaignReport") -> str:
     def table(title: str, counts: dict[str, int]) -> str:
         rows = "".join(f"\n  {count:7d}  {name}" for name, count in counts.items())
         return f"{title}{rows}"

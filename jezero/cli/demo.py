@@ -1,4 +1,4 @@
-"""The demonstration: the thesis' mission, all by itself."""
+"""`jezero demo`: starts a stack, flies the thesis' mission, and stops the stack."""
 
 import os
 import subprocess
@@ -18,11 +18,11 @@ from jezero.report.flight_log import LOG
 from jezero.schemas.topics import AREA_COVERAGE
 from jezero.trials.missions import DEMONSTRATION
 
-READY_WITHIN_S = 60.0
+READY_TIMEOUT_S = 60.0
 
 
 def new_run_folder(runs: Path) -> Path:
-    """`<runs>/<date and time>`, with a number behind it when that exists."""
+    """Create `<runs>/<date and time>`, with a number appended if it exists."""
     name = datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
     for attempt in range(100):
         folder = runs / (name if attempt == 0 else f"{name}-{attempt}")
@@ -31,7 +31,7 @@ def new_run_folder(runs: Path) -> Path:
         except FileExistsError:
             continue
         return folder
-    raise click.ClickException(f"{runs} has a hundred runs of this very second")
+    raise click.ClickException(f"{runs} has a hundred runs of this second already")
 
 
 @click.command()
@@ -40,16 +40,18 @@ def new_run_folder(runs: Path) -> Path:
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("runs"),
     show_default=True,
-    help="Where the run's folder is made.",
+    help="Folder in which the run's folder is created.",
 )
-@click.option("--fast", is_flag=True, help="In this process and virtual time.")
+@click.option("--fast", is_flag=True, help="Fly in virtual time, without starting a stack.")
 @click.option(
-    "--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="With --fast: of the world."
+    "--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Seed of the world, with --fast."
 )
-@click.option("--json", "as_json", is_flag=True, help="One JSON object per line, the result last.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object per line, the result last.")
 def demo(runs: Path, fast: bool, seed: int, as_json: bool) -> None:
-    """Bring a stack up, fly the thesis' mission, bring it down: take off, photograph the rover from all sides, map what
-    is around it, land on it. Leaves log, pictures, map and figures in runs/<time>/.
+    """Start a stack, fly the thesis' mission, and stop the stack.
+
+    The mission: take off, take images of the rover from all sides, cover the area around it, and land on it. Log,
+    images, map and figures are written to runs/<time>/.
     """
     printer = Printer(as_json)
     folder = new_run_folder(runs)
@@ -59,11 +61,11 @@ def demo(runs: Path, fast: bool, seed: int, as_json: bool) -> None:
         _fly(printer, folder)
         draw(printer, folder)
     map_pictures(printer, folder / AREA_COVERAGE.name)
-    printer.event("done", f"everything is in {folder}/", folder=str(folder))
+    printer.event("done", f"log, images, map and figures are in {folder}/", folder=str(folder))
 
 
 def _fly(printer: Printer, folder: Path) -> None:
-    """The mission over real processes."""
+    """Fly the mission on real processes."""
     from jezero.deploy.launcher.ports import instance_environment, reserved_instance
 
     with reserved_instance() as instance:
@@ -81,7 +83,7 @@ def _fly(printer: Printer, folder: Path) -> None:
 
 @contextmanager
 def pointing_to(printer: Printer, folder: Path) -> Iterator[None]:
-    """When a flight fails, what it left behind tells why."""
+    """Print where the logs are if the flight fails."""
     try:
         yield
     except SystemExit:
@@ -92,13 +94,13 @@ def pointing_to(printer: Printer, folder: Path) -> Iterator[None]:
 
 @contextmanager
 def running_stack(environment: dict[str, str]) -> Iterator[None]:
-    """`jezero up` before and `jezero down` after, whatever happens in between."""
+    """Run `jezero up` before the block and `jezero down` after it, also after an error."""
     jezero = [sys.executable, "-m", "jezero.cli.main"]
-    up = [*jezero, "up", "-d", "--wait", "--timeout", str(READY_WITHIN_S)]
+    up = [*jezero, "up", "-d", "--wait", "--timeout", str(READY_TIMEOUT_S)]
     try:
         started = subprocess.run(up, env=environment, capture_output=True, text=True, check=False)
         if started.returncode != 0:
-            raise click.ClickException(f"the stack did not come up:\n{started.stdout}{started.stderr}")
+            raise click.ClickException(f"the stack did not start:\n{started.stdout}{started.stderr}")
         yield
     finally:
         down: Any = subprocess.run([*jezero, "down"], env=environment, capture_output=True, text=True, check=False)

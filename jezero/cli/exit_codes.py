@@ -1,12 +1,12 @@
-"""What a command's exit code tells; 0 is success."""
+"""Exit codes of the commands; 0 is success."""
 
 FAILED = 1
-"""Something went wrong that none of the others says."""
+"""Any other failure."""
 USAGE = 2
-"""The command line itself is wrong (click's own code)."""
+"""Wrong use of the command line; click's own code."""
 REFUSED = 3
-"""The vehicle, or a stack that is up already, said no; the reason is printed."""
+"""The vehicle refused, or a stack runs already; the reason is printed."""
 ABORTED = 4
-"""Accepted, but canceled or aborted before it was done."""
+"""Accepted, then canceled or aborted."""
 UNREACHABLE = 5
-"""Nobody answers: the stack is down, or the link to it."""
+"""No reply: the stack does not run, or the connection to it is lost."""

@@ -1,4 +1,4 @@
-"""The commands that fly: each parses its words, asks the client, and prints what comes back."""
+"""Commands that fly the vehicle: each parses its arguments, calls the client and prints the outcome."""
 
 import json
 import sys
@@ -39,20 +39,24 @@ NUMBERS = {"ignore_unknown_options": True}  # "-4" is a coordinate, not an optio
 
 
 def common_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Options of every command that talks to a vehicle."""
+    """Add the options of every command that connects to a vehicle."""
     command = click.option("--json", "as_json", is_flag=True, help="One JSON object per line, the result last.")(
         command
     )
     command = click.option(
-        "--router", envvar="JEZERO_ROUTER", default="tcp/127.0.0.1:7447", show_default=True, help="Zenoh router."
+        "--router",
+        envvar="JEZERO_ROUTER",
+        default="tcp/127.0.0.1:7447",
+        show_default=True,
+        help="Router's endpoint.",
     )(command)
-    return click.option("--vehicle", envvar="JEZERO_VEHICLE", default="uav1", show_default=True, help="Which vehicle.")(
-        command
-    )
+    return click.option(
+        "--vehicle", envvar="JEZERO_VEHICLE", default="uav1", show_default=True, help="Vehicle's name."
+    )(command)
 
 
 class Printer:
-    """Prints for people on a terminal, in plain lines into a pipe, or as JSON lines."""
+    """Prints events as text with a progress bar on a terminal, as plain lines into a pipe, or as JSON lines."""
 
     def __init__(self, as_json: bool) -> None:
         self.as_json = as_json
@@ -60,12 +64,12 @@ class Printer:
         self._printed_s = -PLAIN_PERIOD_S
 
     def event(self, kind: str, text: str, **fields: Any) -> None:
-        """One thing that happened: `text` for people, `fields` for programs."""
+        """Print one event: `text` for people, or `fields` as JSON."""
         self._end_bar()
         click.echo(json.dumps({"type": kind, **fields}) if self.as_json else text)
 
     def progress(self, text: str, done: float | None, **fields: Any) -> None:
-        """Feedback: a bar on a terminal, a line per second in a pipe. `done` is a fraction from 0 to 1."""
+        """Print feedback: a bar on a terminal, a line per second into a pipe. `done` is a fraction from 0 to 1."""
         if self.as_json:
             click.echo(json.dumps({"type": "feedback", **fields}))
         elif sys.stdout.isatty():
@@ -75,7 +79,7 @@ class Printer:
             click.echo(text)
 
     def fail(self, kind: str, text: str, exit_code: int, **fields: Any) -> NoReturn:
-        """End the command: JSON on standard output, a sentence on standard error, and the exit code."""
+        """End the command with JSON on standard output, a sentence on standard error, and an exit code."""
         self._end_bar()
         if self.as_json:
             click.echo(json.dumps({"type": kind, **fields}))
@@ -99,7 +103,7 @@ class Printer:
 
 @contextmanager
 def connected(vehicle: str, router: str, printer: Printer) -> Iterator["Vehicle"]:
-    """A client for one command; what goes wrong becomes a sentence and an exit code."""
+    """Connect for one command; an error of the client becomes a sentence and an exit code."""
     from jezero.client import Aborted, Canceled, JezeroError, Refused, Vehicle
 
     try:
@@ -118,7 +122,7 @@ def connected(vehicle: str, router: str, printer: Printer) -> Iterator["Vehicle"
 
 
 def fly_goal(printer: Printer, goal: "Goal[Any, Any]", name: str) -> None:
-    """Follow a goal to its end. Ctrl+C cancels it and says so; a second one leaves at once."""
+    """Follow a goal to its end. Ctrl+C cancels the goal; a second one ends the command at once."""
     import msgspec
 
     printer.event("accepted", f"{name}: accepted (goal {goal.goal_id})", goal_id=goal.goal_id, warning=goal.warning)
@@ -187,7 +191,7 @@ def takeoff(altitude_m: float, vehicle: str, router: str, as_json: bool) -> None
 @click.argument("frame", type=FRAMES, default="world")
 @click.argument("do_takeoff", metavar="[TAKEOFF]", type=bool, default=False)
 @click.option("--speed", "speed_mps", type=FINITE, help="Metres per second along the path.")
-@click.option("--yaw", "yaw_deg", type=FINITE, help="Heading in degrees, 0 is north and 90 east.")
+@click.option("--yaw", "yaw_deg", type=FINITE, help="Heading in degrees: 0 is north, 90 is east.")
 @common_options
 def target(
     x: float,
@@ -217,9 +221,15 @@ def target(
 
 
 @click.command(name="land_on_spot", context_settings=NUMBERS)
-@click.argument("use_uwb", type=bool, default=True)
-@click.argument("use_tag", type=bool, default=True)
-@click.option("--spot", nargs=3, type=FINITE, metavar="X Y Z", help="Where the rover is: metres north, east and down.")
+@click.argument("use_uwb", metavar="[USE_UWB]", type=bool, default=True)
+@click.argument("use_tag", metavar="[USE_MARKER]", type=bool, default=True)
+@click.option(
+    "--spot",
+    nargs=3,
+    type=FINITE,
+    metavar="X Y Z",
+    help="Rover's position, or the spot: metres north, east, down.",
+)
 @click.option("--frame", type=FRAMES, default="world", show_default=True, help="Frame of the spot.")
 @common_options
 def land_on_spot(
@@ -233,12 +243,12 @@ def land_on_spot(
 ) -> None:
     """Land on the rover. USE_UWB and USE_MARKER (both true by default) choose the sensors that find it.
 
-    Without UWB the rover's rough position is asked for, or given with --spot; without the marker as well, it is the
-    spot that the vehicle lands on by its own position.
+    Without UWB the command needs the rover's approximate position, from --spot or from a question. Without UWB and
+    marker this is the spot on the ground on which the vehicle lands.
     """
     printer = Printer(as_json)
     if not use_uwb and spot is None:
-        spot = _asked_for_spot(use_tag)
+        spot = _prompt_for_spot(use_tag)
     if not use_uwb and spot is not None and not as_json:
         what = "Rover position" if use_tag else "Landing spot"
         click.echo(f"{what}: [{spot[0]:g}, {spot[1]:g}, {spot[2]:g}]")
@@ -247,8 +257,8 @@ def land_on_spot(
         fly_goal(printer, goal, "land_on_spot")
 
 
-def _asked_for_spot(use_tag: bool) -> tuple[float, float, float]:
-    """As in the thesis' Fig. 4.9; scripts give it with an option."""
+def _prompt_for_spot(use_tag: bool) -> tuple[float, float, float]:
+    """Ask for the spot as in the thesis' Fig. 4.9; scripts give it with --spot."""
     if not sys.stdin.isatty():
         raise click.UsageError("without UWB the landing spot must be given: --spot X Y Z")
     click.echo("Not using UWB")
@@ -279,7 +289,7 @@ def hover(point: tuple[float, ...], vehicle: str, router: str, as_json: bool) ->
 @click.command()
 @common_options
 def abort(vehicle: str, router: str, as_json: bool) -> None:
-    """End the goal in charge at once: hover, or disarm when still on the ground."""
+    """End the goal in charge at once: hover, or disarm if still on the ground."""
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
         reply = uav.abort("abort from the command line")
@@ -288,12 +298,14 @@ def abort(vehicle: str, router: str, as_json: bool) -> None:
 
 
 @click.command()
-@click.option("--yes", is_flag=True, help="Really cut the motors, in the air too.")
+@click.option("--yes", is_flag=True, help="Confirm to stop the motors, also in the air.")
 @common_options
 def kill(yes: bool, vehicle: str, router: str, as_json: bool) -> None:
-    """Cut the motors at once. The vehicle falls if it flies."""
+    """Stop the motors at once. A flying vehicle falls."""
     if not yes:
-        raise click.UsageError("this cuts the motors in the air too: say --yes if you mean it (abort makes it hover)")
+        raise click.UsageError(
+            "this stops the motors also in the air: add --yes to confirm (`jezero abort` makes the vehicle hover)"
+        )
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
         uav.kill(confirm=True)
@@ -301,10 +313,10 @@ def kill(yes: bool, vehicle: str, router: str, as_json: bool) -> None:
 
 
 @click.command()
-@click.option("--watch", is_flag=True, help="Keep printing what changes.")
+@click.option("--watch", is_flag=True, help="Print each change until Ctrl+C.")
 @common_options
 def status(watch: bool, vehicle: str, router: str, as_json: bool) -> None:
-    """What the vehicle does, where it is, and what it waits for."""
+    """Show what the vehicle does, where it is, and why it is not ready."""
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
         if not watch:
@@ -312,34 +324,42 @@ def status(watch: bool, vehicle: str, router: str, as_json: bool) -> None:
             return
         last = None
         try:
-            for now in uav.watch_status():
-                shown = (now.code, now.armed, now.landed, now.autopilot_mode, now.in_charge, now.ready, now.text)
+            for latest in uav.watch_status():
+                shown = (
+                    latest.code,
+                    latest.armed,
+                    latest.landed,
+                    latest.autopilot_mode,
+                    latest.in_charge,
+                    latest.ready,
+                    latest.text,
+                )
                 if as_json or shown != last:
-                    _print_status(printer, now)
+                    _print_status(printer, latest)
                 last = shown
         except KeyboardInterrupt:
             return
 
 
-def _print_status(printer: Printer, now: Any) -> None:
+def _print_status(printer: Printer, latest: Any) -> None:
     import msgspec
 
     if printer.as_json:
-        click.echo(msgspec.json.encode(now).decode())
+        click.echo(msgspec.json.encode(latest).decode())
         return
     rows = [
-        ("status", f"{now.code} {now.name}"),
-        ("in charge", now.in_charge + (f" (goal {now.goal_id})" if now.goal_id else "")),
-        ("autopilot", f"{now.autopilot_mode or 'no link'}, {'armed' if now.armed else 'disarmed'}"),
-        ("vehicle", "on the ground" if now.landed else "in the air"),
-        ("ready", "yes" if now.ready else f"no: {now.not_ready_reason}"),
+        ("status", f"{latest.code} {latest.name}"),
+        ("in charge", latest.in_charge + (f" (goal {latest.goal_id})" if latest.goal_id else "")),
+        ("autopilot", f"{latest.autopilot_mode or 'no link'}, {'armed' if latest.armed else 'disarmed'}"),
+        ("vehicle", "on the ground" if latest.landed else "in the air"),
+        ("ready", "yes" if latest.ready else f"no: {latest.not_ready_reason}"),
     ]
-    if now.odometry is not None:
-        rows.append(("position", f"{_point(now.odometry.pos_uav_ned_m)} m, NED"))
-        rows.append(("velocity", f"{_point(now.odometry.vel_uav_ned_mps)} m/s"))
-    if now.battery is not None and now.battery.remaining is not None:
-        rows.append(("battery", f"{100.0 * now.battery.remaining:.0f} %"))
-    if now.text:
-        rows.append(("last event", now.text))
+    if latest.odometry is not None:
+        rows.append(("position", f"{_point(latest.odometry.pos_uav_ned_m)} m, NED"))
+        rows.append(("velocity", f"{_point(latest.odometry.vel_uav_ned_mps)} m/s"))
+    if latest.battery is not None and latest.battery.remaining is not None:
+        rows.append(("battery", f"{100.0 * latest.battery.remaining:.0f} %"))
+    if latest.text:
+        rows.append(("last event", latest.text))
     for name, value in rows:
         click.echo(f"{name:<11}{value}")

@@ -1,4 +1,4 @@
-"""Flying a whole mission, on a running stack or in virtual time."""
+"""`jezero fly`: a whole mission, on a running stack or in virtual time."""
 
 import json
 import math
@@ -23,13 +23,19 @@ if TYPE_CHECKING:
     from jezero.client import Goal, Vehicle
     from jezero.trials.flight import CapturedImages
 
-RECORDED_AFTERWARDS_S = 0.5
+RECORDED_AFTER_FLIGHT_S = 0.5
 
 
 @click.command()
-@click.option("--fast", is_flag=True, help="In this process and virtual time; needs no running stack.")
-@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="World, noise and wind.")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Keep the log and plots in this folder.")
+@click.option("--fast", is_flag=True, help="Fly in virtual time; needs no running stack.")
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**31 - 1),
+    default=0,
+    show_default=True,
+    help="Seed, with --fast.",
+)
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Write log and figures into this folder.")
 @common_options
 def fly(fast: bool, seed: int, out: Path | None, vehicle: str, router: str, as_json: bool) -> None:
     """Take off, fly to (-1, -2, -3), hover, climb, and land on the rover."""
@@ -48,10 +54,10 @@ def fly(fast: bool, seed: int, out: Path | None, vehicle: str, router: str, as_j
 
 
 def fly_fast(printer: Printer, mission: Mission, seed: int, out: Path | None) -> None:
-    """A mission in virtual time; with its log, pictures, figures and map in a folder, if one is given.
+    """Fly a mission in virtual time and write log, images and figures into a folder, if one is given.
 
     Raises:
-        SystemExit: it failed.
+        SystemExit: the mission failed.
     """
     import msgspec
 
@@ -69,7 +75,7 @@ def fly_fast(printer: Printer, mission: Mission, seed: int, out: Path | None) ->
     on_images = partial(_write_dataset, out) if out is not None and takes_images else None
     flight = fly_virtually(mission, seed, log, on_progress, on_images)
     if out is not None:
-        draw(printer, out, tell_touchdown=False)
+        draw(printer, out, print_touchdown=False)
     if printer.as_json:
         click.echo(json.dumps(msgspec.to_builtins(flight)))
     elif flight.touchdown_error_m is not None:
@@ -99,10 +105,10 @@ def _fly_flight(printer: Printer, uav: "Vehicle") -> None:
 
 
 def fly_mission(printer: Printer, uav: "Vehicle", mission: Mission, folder: Path) -> None:
-    """A mission on a running stack; pictures go into folders of the actions' names."""
+    """Fly a mission on a running stack; images go into folders with the actions' names."""
     for action, goal, hover_s in mission:
         if action.takes_pictures:
-            _photograph(printer, uav, action.name, goal, folder)
+            _capture_images(printer, uav, action.name, goal, folder)
         else:
             fly_goal(printer, _send(uav, goal), action.name)
         if hover_s:
@@ -119,29 +125,29 @@ def _send(uav: "Vehicle", goal: Any) -> "Goal[Any, Any]":
         case LandOnSpotGoal():
             return uav.land_on_spot(goal.landing_spot_ned_m, use_uwb=goal.use_uwb, use_tag=goal.use_tag)
         case _:
-            raise TypeError(f"the mission has a {type(goal).__name__}, which nobody here can send")
+            raise TypeError(f"the mission has a {type(goal).__name__}, which this command can't send")
 
 
-def _photograph(printer: Printer, uav: "Vehicle", name: str, goal: Any, folder: Path) -> None:
+def _capture_images(printer: Printer, uav: "Vehicle", name: str, goal: Any, folder: Path) -> None:
     from jezero.client.dataset import Dataset
 
     match goal:
         case GetImagesGoal():
-            flown = uav.get_images(goal.center_ned_m, goal.radius_m, goal.num_images, frame=goal.frame)
+            images_goal = uav.get_images(goal.center_ned_m, goal.radius_m, goal.num_images, frame=goal.frame)
         case AreaCoverageGoal():
-            flown = uav.resume_coverage(goal)
+            images_goal = uav.resume_coverage(goal)
         case _:
-            raise TypeError(f"the mission has a {type(goal).__name__}, which nobody here can send")
-    take_pictures(printer, flown, name, Dataset(folder / name, **_planned(goal)))
+            raise TypeError(f"the mission has a {type(goal).__name__}, which this command can't send")
+    take_pictures(printer, images_goal, name, Dataset(folder / name, **_planned(goal)))
 
 
 def _planned(goal: Any) -> dict[str, Any]:
-    """What of a goal is worth keeping with its pictures: an area's plan is made anew from it."""
+    """Fields of `images.json` for a goal: a coverage's goal, from which the report plans the path again."""
     return {"goal": goal} if isinstance(goal, AreaCoverageGoal) else {}
 
 
-def draw(printer: Printer, folder: Path, *, tell_touchdown: bool = True) -> None:
-    """Every figure of a run into its folder."""
+def draw(printer: Printer, folder: Path, *, print_touchdown: bool = True) -> None:
+    """Draw all figures of a run into its folder."""
     from jezero.report.report import ReportError, draw_run
 
     try:
@@ -151,7 +157,7 @@ def draw(printer: Printer, folder: Path, *, tell_touchdown: bool = True) -> None
         return
     printer.event("report", "\n".join(f"wrote {path}" for path in files), files=[str(path) for path in files])
     for landing in landings:
-        if tell_touchdown and landing.touchdown_rover_body_m is not None:
+        if print_touchdown and landing.touchdown_rover_body_m is not None:
             error_m = math.hypot(*landing.touchdown_rover_body_m)
             text = f"touched down {100.0 * error_m:.1f} cm from the middle of the platform, by the simulator's truth"
             printer.event("touchdown", text, touchdown_error_m=round(error_m, 4))
@@ -159,7 +165,7 @@ def draw(printer: Printer, folder: Path, *, tell_touchdown: bool = True) -> None
 
 @contextmanager
 def recorded(vehicle: str, router: str, log: Path) -> Iterator[None]:
-    """Log what is published for a vehicle, without its pictures; a moment longer, to see it stand disarmed."""
+    """Log the messages of a vehicle, without images, during the block and shortly after, until it is disarmed."""
     import zenoh
 
     from jezero.report.flight_log import RECORDED, LogWriter
@@ -178,6 +184,6 @@ def recorded(vehicle: str, router: str, log: Path) -> Iterator[None]:
         keys = [prefix + topic.name for topic in RECORDED] + [prefix + "health/*"]
         subscribers = [session.declare_subscriber(each, on_sample) for each in keys]
         yield
-        time.sleep(RECORDED_AFTERWARDS_S)
+        time.sleep(RECORDED_AFTER_FLIGHT_S)
         for subscriber in subscribers:
             subscriber.undeclare()  # type: ignore[no-untyped-call]

@@ -22,7 +22,7 @@ TABLE_WIDTH_MIN = 120
 
 
 def all_specs() -> dict[str, Spec]:
-    """The declaration of every service of the stack, by name."""
+    """Declarations of all services of the stack, by name."""
     actions = (action_server(name, boot_id=0).spec for name in action_names())
     specs = (SIMULATOR, CAMERA, AUTOPILOT, VEHICLE_BRIDGE, TAG_DETECTOR, ESTIMATOR, *actions)
     return {spec.name: spec for spec in specs}
@@ -173,12 +173,12 @@ MERMAID = click.option("--mermaid", "as_mermaid", is_flag=True, help="The graph 
 
 @click.group()
 def info() -> None:
-    """Show what the stack is made of; no running stack is needed."""
+    """Show services, topics and endpoints; no running stack is needed."""
 
 
 @info.command()
 def page() -> None:
-    """Print all of it as one page in Markdown."""
+    """Print all tables as one page in Markdown."""
     click.echo(reference_page(), nl=False)
 
 

@@ -11,7 +11,7 @@ except ModuleNotFoundError:
 
 
 class Entry(NamedTuple):
-    """Where a command is, and its line in the help."""
+    """Place of a command, and its line in the help."""
 
     module: str
     name: str
@@ -21,10 +21,10 @@ class Entry(NamedTuple):
 SECTIONS: dict[str, dict[str, Entry]] = {
     "Stack": {
         "up": Entry("jezero.cli.stack", "up", "Start the services (Ctrl+C stops them; -d in the background)."),
-        "down": Entry("jezero.cli.stack", "down", "Stop what `up` started."),
-        "ps": Entry("jezero.cli.stack", "ps", "Show the services and how they are."),
-        "logs": Entry("jezero.cli.stack", "logs", "Show what the services printed."),
-        "info": Entry("jezero.cli.info", "info", "Show the services and topics that the stack is made of."),
+        "down": Entry("jezero.cli.stack", "down", "Stop the services."),
+        "ps": Entry("jezero.cli.stack", "ps", "Show the state and health of the services."),
+        "logs": Entry("jezero.cli.stack", "logs", "Show the output of the services."),
+        "info": Entry("jezero.cli.info", "info", "Show the declared services and topics."),
     },
     "Flight": {
         "takeoff": Entry("jezero.cli.flight", "takeoff", "Take off."),
@@ -32,39 +32,39 @@ SECTIONS: dict[str, dict[str, Entry]] = {
         "land_on_spot": Entry("jezero.cli.flight", "land_on_spot", "Land."),
         "hover": Entry("jezero.cli.flight", "hover", "Hover here, or at a point."),
         "abort": Entry("jezero.cli.flight", "abort", "End the goal in charge and hover."),
-        "kill": Entry("jezero.cli.flight", "kill", "Cut the motors at once."),
+        "kill": Entry("jezero.cli.flight", "kill", "Stop the motors at once, also in the air."),
         "action": Entry("jezero.cli.action", "action", "List all actions, or send a goal to any of them."),
-        "status": Entry("jezero.cli.flight", "status", "What the vehicle does, and where it is."),
+        "status": Entry("jezero.cli.flight", "status", "Show what the vehicle does, and where it is."),
         "rover": Entry("jezero.cli.rover", "rover", "Drive the rover."),
-        "camera": Entry("jezero.cli.camera", "camera", "What the camera sees, and the ground from above."),
+        "camera": Entry("jezero.cli.camera", "camera", "Save images of the camera, or of the ground from above."),
     },
     "Survey": {
-        "getimages": Entry("jezero.cli.survey", "getimages", "Photograph a target from all sides."),
+        "getimages": Entry("jezero.cli.survey", "getimages", "Take images of a target from all sides."),
         "gridsweep": Entry(
-            "jezero.cli.survey", "gridsweep", "Photograph an area in lines (--plan-only: draw the plan)."
+            "jezero.cli.survey", "gridsweep", "Take images of an area in lines (--plan-only: draw the plan)."
         ),
-        "map": Entry("jezero.cli.mapping", "make", "Make a map of the pictures that gridsweep took."),
+        "map": Entry("jezero.cli.mapping", "make", "Make a map from the images of gridsweep."),
     },
     "Records": {
         "report": Entry("jezero.cli.report", "report", "Draw the figures of recorded flights."),
     },
     "Demonstration": {
-        "fly": Entry("jezero.cli.fly", "fly", "Fly there and onto the rover (--fast: in virtual time)."),
-        "demo": Entry("jezero.cli.demo", "demo", "The thesis' mission: photograph the rover, map, land on it."),
+        "fly": Entry("jezero.cli.fly", "fly", "Fly to two points and land on the rover (--fast: in virtual time)."),
+        "demo": Entry("jezero.cli.demo", "demo", "Fly the thesis' mission: images, a map, a landing."),
     },
     "Development": {
         "new": Entry("jezero.cli.new", "new", "Write the package of a new action."),
     },
     "Tests": {
-        "campaign": Entry("jezero.cli.campaign", "campaign", "Fly missions under seeded faults in virtual time."),
-        "bench": Entry("jezero.cli.bench", "bench", "Land many times in virtual time, and how well."),
+        "campaign": Entry("jezero.cli.campaign", "campaign", "Fly missions with seeded faults in virtual time."),
+        "bench": Entry("jezero.cli.bench", "bench", "Land many times in virtual time and measure the accuracy."),
     },
 }
 COMMANDS = {name: entry for section in SECTIONS.values() for name, entry in section.items()}
 
 
 class LazyGroup(click.Group):
-    """Knows its commands from the table."""
+    """Group whose commands are those of the table, each imported only when it is used."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -89,7 +89,7 @@ def main() -> None:
     """Fly a drone that works with a rover.
 
     `jezero up` starts everything; in a second terminal `jezero takeoff`, `jezero target -1 -2 -3` and
-    `jezero land_on_spot` fly. `jezero COMMAND --help` tells more.
+    `jezero land_on_spot` fly. `jezero COMMAND --help` explains a command.
     """
 
 

@@ -1,4 +1,4 @@
-"""The command that makes a map."""
+"""`jezero map`: a map from the images of a coverage."""
 
 from pathlib import Path
 
@@ -22,19 +22,19 @@ M_PER_PX = 0.02
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="The map's file [FOLDER/map.png].")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per line, the result last.")
 def make(folder: Path, m_per_px: float, out: Path | None, as_json: bool) -> None:
-    """Make a map of a coverage's pictures in FOLDER: a PNG with north at the top, and its world file.
+    """Make a map from a coverage's images in FOLDER: a PNG with north at the top, and its world file.
 
     Coordinates are metres in the world frame, x to the east and y to the north. The ground's height comes from the
-    altimeter's ranges; what pictures show in common puts them in their places.
+    altimeter; features that images have in common correct their positions.
     """
     map_pictures(Printer(as_json), folder, m_per_px, out)
 
 
 def map_pictures(printer: Printer, folder: Path, m_per_px: float = M_PER_PX, out: Path | None = None) -> None:
-    """Make a map of a folder's pictures, and tell of it.
+    """Make a map from a folder's images and print a summary.
 
     Raises:
-        click.ClickException: there is nothing to make a map of.
+        click.ClickException: the folder has no images, or they cannot be mapped.
     """
     from jezero.mapping.making import make_map
     from jezero.mapping.survey import SurveyError
@@ -48,10 +48,10 @@ def map_pictures(printer: Printer, folder: Path, m_per_px: float = M_PER_PX, out
     height_px, width_px, _ = made.mosaic.pixels.shape
     alignment = made.alignment
     text = (
-        f"{made.pictures} pictures, {alignment.pairs} pairs with ground in common, which were "
-        f"{100.0 * alignment.before_m:.1f} cm apart (median) and are {100.0 * alignment.after_m:.1f} cm\n"
+        f"{made.pictures} images, {alignment.pairs} pairs with ground in common; median offset before alignment "
+        f"{100.0 * alignment.before_m:.1f} cm, after it {100.0 * alignment.after_m:.1f} cm\n"
         if alignment.pairs
-        else f"{made.pictures} pictures without ground in common: each lies where the vehicle says\n"
+        else f"{made.pictures} images without ground in common: each is placed by the vehicle's own position\n"
     )
     printer.event(
         "result",

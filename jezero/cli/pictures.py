@@ -1,4 +1,4 @@
-"""Following a goal that takes pictures: the bar that counts them, and the dataset they go to."""
+"""Goals that take images: their progress, and the dataset that the images are written to."""
 
 import sys
 from collections.abc import Callable
@@ -19,7 +19,7 @@ PNG_OR_JPG = click.Choice(["jpg", "png"])
 
 
 def default_folder() -> Path:
-    """A new one for each run."""
+    """New folder for a run, named by the time."""
     return Path("runs") / strftime("%Y-%m-%d_%H-%M-%S")
 
 
@@ -28,14 +28,14 @@ def take_pictures(
     goal: "ImagesGoal",
     name: str,
     dataset: "Dataset",
-    ended: Callable[[Any], None] = lambda result: None,
+    on_end: Callable[[Any], None] = lambda result: None,
 ) -> None:
-    """Follow a goal to its end and write what it photographs. Ctrl+C cancels it; a second one leaves at once.
+    """Follow a goal to its end and write its images. Ctrl+C cancels the goal; a second one ends the command at once.
 
-    What was taken is on the disk also when the goal is canceled or aborted.
+    The images of a canceled or aborted goal are written too.
 
     Args:
-        ended: called with the result, however the goal ended.
+        on_end: called with the result, however the goal ended.
     """
     import msgspec
 
@@ -60,13 +60,13 @@ def take_pictures(
         except EndedError as error:
             if isinstance(error.result, ImagesResult):
                 dataset.update(error.result.images)
-                ended(error.result)
+                on_end(error.result)
             if dataset.count and not printer.as_json:
-                click.echo(f"{dataset.count} pictures are in {folder}", err=True)
+                click.echo(f"{dataset.count} images are in {folder}", err=True)
             raise
         dataset.update(result.images)
-        ended(result)
-        text = f"{name}: succeeded, {dataset.count} pictures in {folder}"
+        on_end(result)
+        text = f"{name}: succeeded, {dataset.count} images in {folder}"
     fields: dict[str, Any] = {"outcome": "succeeded", "goal_id": goal.goal_id, "folder": str(folder)}
     printer.event("result", text, **fields, result=msgspec.to_builtins(result))
 
@@ -74,17 +74,17 @@ def take_pictures(
 def _follow(printer: Printer, goal: "ImagesGoal", dataset: "Dataset") -> None:
     track: list[Any] = []
 
-    def watch(feedback: "ImagesFeedback") -> None:
+    def on_feedback(feedback: "ImagesFeedback") -> None:
         track.append(feedback.pos_uav_ned_m)
         dataset.note(track_ned_m=track, track_frame=feedback.frame)
         north_m, east_m, down_m = feedback.pos_uav_ned_m
-        text = f"{feedback.taken} of {feedback.planned} pictures, at ({north_m:.2f}, {east_m:.2f}, {down_m:.2f})"
+        text = f"{feedback.taken} of {feedback.planned} images, at ({north_m:.2f}, {east_m:.2f}, {down_m:.2f})"
         fields = {"pos_uav_ned_m": feedback.pos_uav_ned_m, "frame": feedback.frame}
         counts = {"taken": feedback.taken, "planned": feedback.planned}
         printer.progress(text, feedback.taken / max(feedback.planned, 1), goal_id=goal.goal_id, **fields, **counts)
 
-    for picture in goal.pictures(watch):
+    for picture in goal.pictures(on_feedback):
         if not dataset.has(picture.image):
             path = dataset.add(picture)
             if printer.as_json or not sys.stdout.isatty():
-                printer.event("image", f"picture {picture.image.index + 1}: {path}", file=str(path))
+                printer.event("image", f"image {picture.image.index + 1}: {path}", file=str(path))

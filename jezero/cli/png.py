@@ -1,11 +1,11 @@
-"""Writes PNG files with the standard library alone."""
+"""PNG files with the standard library only."""
 
 import struct
 import zlib
 
 
 def png_of(width_px: int, height_px: int, pixels: bytes) -> bytes:
-    """A PNG of rows from the top with three bytes red, green, blue each. Source: W3C PNG specification."""
+    """Encode pixels, rows from the top, three bytes red, green, blue each, as a PNG. Source: W3C PNG specification."""
     row = 3 * width_px
     lines = b"".join(b"\0" + pixels[i * row : (i + 1) * row] for i in range(height_px))
     header = struct.pack(">IIBBBBB", width_px, height_px, 8, 2, 0, 0, 0)

@@ -8,14 +8,14 @@ Corners = tuple[tuple[float, float], ...]
 
 
 class PolygonFileError(ValueError):
-    """The file holds no polygon; the message names the place and what was expected."""
+    """The file has no valid polygon; the message names the place and the expected content."""
 
 
 def read_polygon(file: Path) -> tuple[Corners, tuple[Corners, ...]]:
-    """Outline and holes.
+    """Read the outline and the holes, each (n, 2) metres north and east.
 
     Raises:
-        PolygonFileError: it can't be read, or isn't a polygon.
+        PolygonFileError: the file can't be read, or has no polygon.
     """
     try:
         text = file.read_text(encoding="utf-8-sig")
@@ -23,7 +23,7 @@ def read_polygon(file: Path) -> tuple[Corners, tuple[Corners, ...]]:
         raise PolygonFileError(f"{file} can't be read: {error}") from None
     rings = _from_csv(file, text) if file.suffix.lower() == ".csv" else _from_geojson(file, text)
     if not rings:
-        raise PolygonFileError(f"{file} holds no corners")
+        raise PolygonFileError(f"{file} has no corners")
     return rings[0], tuple(rings[1:])
 
 
@@ -36,7 +36,7 @@ def _from_csv(file: Path, text: str) -> list[Corners]:
         try:
             north_m, east_m = (float(word) for word in line.split(","))
         except ValueError:
-            if number == 1:  # a line of headings
+            if number == 1:  # a header line
                 continue
             raise PolygonFileError(f'{file}, line {number}: "{line}" is not "north,east" in metres') from None
         rings[-1].append((north_m, east_m))
@@ -50,7 +50,7 @@ def _from_geojson(file: Path, text: str) -> list[Corners]:
         raise PolygonFileError(f"{file} is not JSON ({error}); a list of corners must end in .csv") from None
     geometry = _polygon_in(content)
     if geometry is None:
-        raise PolygonFileError(f"{file} holds no GeoJSON Polygon")
+        raise PolygonFileError(f"{file} has no GeoJSON Polygon")
     if "crs" in content or "crs" in geometry:
         raise PolygonFileError(f"{file} names a coordinate system (crs): coordinates must be metres, [north, east]")
     try:

@@ -1,4 +1,4 @@
-"""The commands that drive the rover."""
+"""`jezero rover`: drives the rover."""
 
 from contextlib import suppress
 from math import inf
@@ -18,20 +18,20 @@ def rover() -> None:
     """Drive the rover.
 
     `jezero rover drive 0.5` drives at 0.5 m/s until Ctrl+C, `jezero rover drive 1 0.2 --for 30` in a circle for half
-    a minute. The rover stops when the command ends, or dies.
+    a minute. The rover stops when the command ends or is killed.
     """
 
 
 @rover.command(context_settings=NUMBERS)
 @click.argument("speed_mps", metavar="SPEED", type=FINITE)
 @click.argument("yaw_rate_rps", metavar="[YAW_RATE]", type=FINITE, default=0.0)
-@click.option("--for", "for_s", type=FINITE, metavar="S", help="Seconds; without it until Ctrl+C.")
+@click.option("--for", "for_s", type=FINITE, metavar="S", help="Seconds to drive [default: until Ctrl+C].")
 @common_options
 def drive(speed_mps: float, yaw_rate_rps: float, for_s: float | None, vehicle: str, router: str, as_json: bool) -> None:
     """Drive at SPEED m/s (negative is backwards), turning at YAW_RATE rad/s (positive is clockwise from above)."""
-    from jezero.client.rover import Leg, problem_of
+    from jezero.client.rover import Leg, leg_problem
 
-    if problem := problem_of(Leg(inf if for_s is None else for_s, speed_mps, yaw_rate_rps)):
+    if problem := leg_problem(Leg(inf if for_s is None else for_s, speed_mps, yaw_rate_rps)):
         raise click.UsageError(problem)
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
@@ -49,7 +49,7 @@ def drive(speed_mps: float, yaw_rate_rps: float, for_s: float | None, vehicle: s
 @rover.command()
 @common_options
 def stop(vehicle: str, router: str, as_json: bool) -> None:
-    """Stop the rover. Somebody who goes on driving it sets it in motion again."""
+    """Stop the rover. Another client that still drives it starts it again."""
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
         uav.rover.stop()
@@ -60,9 +60,9 @@ def stop(vehicle: str, router: str, as_json: bool) -> None:
 @click.argument("file", type=click.Path(path_type=Path, exists=True, dir_okay=False))
 @common_options
 def follow(file: Path, vehicle: str, router: str, as_json: bool) -> None:
-    """Drive what a CSV FILE says, one line after the other, and stop.
+    """Drive the legs of a CSV FILE, one after the other, then stop.
 
-    Its first line is `duration_s,speed_mps,yaw_rate_rps`.
+    The first line of the file is `duration_s,speed_mps,yaw_rate_rps`.
     """
     from jezero.client.rover import read_legs
 
@@ -72,10 +72,10 @@ def follow(file: Path, vehicle: str, router: str, as_json: bool) -> None:
         raise click.UsageError(str(error)) from error
     printer = Printer(as_json)
 
-    def tell(number: int, leg: "Leg") -> None:
+    def on_leg(number: int, leg: "Leg") -> None:
         text = f"{number} of {len(legs)}: {leg.duration_s:g} s at {leg.speed_mps:g} m/s and {leg.yaw_rate_rps:g} rad/s"
         printer.event("leg", text, number=number, **leg._asdict())
 
     with connected(vehicle, router, printer) as uav:
-        uav.rover.follow(legs, tell)
+        uav.rover.follow(legs, on_leg)
         printer.event("result", "the rover stops", outcome="succeeded")

@@ -1,4 +1,4 @@
-"""The commands that start, stop and show the stack."""
+"""`jezero up`, `down`, `ps` and `logs`: start, stop and show the stack."""
 
 import contextlib
 import os
@@ -24,7 +24,7 @@ KILL_LAUNCHER_AFTER_S = 30.0
 
 
 def run_dir_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The folder that a run's state and logs are in."""
+    """Add the option for the folder of a run's state and logs."""
     return click.option(
         "--run-dir",
         envvar="JEZERO_RUN_DIR",
@@ -55,11 +55,11 @@ def _shipped_compose_file() -> Path:
 
 
 @click.command()
-@click.option("--profile", "profiles", multiple=True, help="Only this part (sim, control); may be repeated.")
-@click.option("-d", "--detach", is_flag=True, help="In the background; `jezero down` stops it.")
+@click.option("--profile", "profiles", multiple=True, help="Only this profile (sim, estimation, control); repeatable.")
+@click.option("-d", "--detach", is_flag=True, help="Run in the background; `jezero down` stops it.")
 @click.option("--wait", is_flag=True, help="Return when the vehicle is ready; implies -d.")
 @click.option("--timeout", "timeout_s", type=click.FloatRange(min=0), default=60.0, show_default=True, metavar="S",
-              help="How long --wait waits, in seconds.")  # fmt: skip
+              help="Longest wait of --wait, in seconds.")  # fmt: skip
 @click.option("-f", "--file", "file", type=click.Path(path_type=Path, dir_okay=False),
               help="Compose file [default: the one shipped with jezero].")  # fmt: skip
 @run_dir_option
@@ -68,11 +68,11 @@ def up(
 ) -> None:
     """Start the services of the compose file as local processes, in the foreground unless -d.
 
-    Ctrl+C stops them in reverse order; a second one kills. Nothing is left behind, however the launcher ends.
+    Ctrl+C stops them in reverse order; a second one kills them. No process is left, however the launcher ends.
     """
     from jezero.deploy.launcher.state import AlreadyUpError
 
-    begin_s = time.monotonic()
+    start_s = time.monotonic()
     instance, folder = _instance(), _folder(run_dir)
     path = (file or _shipped_compose_file()).resolve()
     services = _read_services(path, profiles)
@@ -82,9 +82,9 @@ def up(
         click.echo(str(error), err=True)
         raise SystemExit(REFUSED) from error
     if not (detach or wait):
-        _leave(_launch(services, folder, instance, path, detached=False))
+        _exit_now(_launch(services, folder, instance, path, detached=False))
     launcher = _detach(lambda: _launch(services, folder, instance, path, detached=True), folder)
-    _await_start(folder, launcher, begin_s + timeout_s if wait else None, begin_s)
+    _wait_for_start(folder, launcher, start_s + timeout_s if wait else None, start_s)
 
 
 def _read_services(path: Path, profiles: tuple[str, ...]) -> "dict[str, Service]":
@@ -101,12 +101,12 @@ def _read_services(path: Path, profiles: tuple[str, ...]) -> "dict[str, Service]
 def _launch(
     services: "dict[str, Service]", folder: "RunFolder", instance: "Instance", file: Path, *, detached: bool
 ) -> int:
-    """Be the launcher."""
-    from jezero.deploy.launcher.health import answers
+    """Run the launcher in this process."""
+    from jezero.deploy.launcher.health import router_is_up
     from jezero.deploy.launcher.launcher import Launcher
 
-    os.environ["JEZERO_RUN_DIR"] = str(folder.path.absolute())  # for services that keep files there
-    shared = "router" in services and answers(instance.router)
+    os.environ["JEZERO_RUN_DIR"] = str(folder.path.absolute())  # for services that write files there
+    shared = "router" in services and router_is_up(instance.router)
     launcher = Launcher(
         services,
         folder,
@@ -118,16 +118,16 @@ def _launch(
     return launcher.run()
 
 
-def _leave(code: int) -> NoReturn:
-    """End at once: the bus's threads may still be waiting for a router that is gone."""
-    with contextlib.suppress(OSError):  # a terminal that is gone
+def _exit_now(code: int) -> NoReturn:
+    """Exit without cleanup: Zenoh's threads may wait for a router that is gone."""
+    with contextlib.suppress(OSError):  # the terminal is closed
         sys.stdout.flush()
         sys.stderr.flush()
     os._exit(code)
 
 
 def _detach(run: Callable[[], int], folder: "RunFolder") -> int:
-    """Run something in a process of its own session that outlives this one.
+    """Call `run` in a process with its own session that outlives this one.
 
     Returns:
         A file descriptor that reaches its end when that process does.
@@ -148,29 +148,29 @@ def _detach(run: Callable[[], int], folder: "RunFolder") -> int:
     os.dup2(null, 0)
     for standard in (1, 2):
         os.dup2(log, standard)
-    _leave(run())
+    _exit_now(run())
 
 
-def _await_start(folder: "RunFolder", launcher: int, deadline_s: float | None, begin_s: float) -> None:
-    """Until the launcher has begun, or, with a deadline, until the vehicle is ready.
+def _wait_for_start(folder: "RunFolder", launcher: int, deadline_s: float | None, start_s: float) -> None:
+    """Wait until the launcher has started, or, with a deadline, until the vehicle is ready.
 
     Raises:
-        click.ClickException: it ended, a service failed, or it took too long.
+        click.ClickException: the launcher ended, a service failed, or the deadline passed.
     """
     shown = ""
     while True:
         state = folder.read()
         if state is not None and deadline_s is None:
-            click.echo(f"started; `jezero ps` shows how it comes up. Run folder: {folder.path}")
+            click.echo(f"started; `jezero ps` shows the services. Run folder: {folder.path}")
             return
         if state is not None and state.ready:
-            click.echo(f"ready after {time.monotonic() - begin_s:.1f} s. Run folder: {folder.path}")
+            click.echo(f"ready after {time.monotonic() - start_s:.1f} s. Run folder: {folder.path}")
             return
         if state is not None and state.failures:
             raise click.ClickException(f"{'; '.join(state.failures)}\n{_hint(folder)}")
-        reason = "the launcher has not begun" if state is None else state.not_ready_reason
+        reason = "the launcher has not started" if state is None else state.not_ready_reason
         if deadline_s is not None and time.monotonic() > deadline_s:
-            raise click.ClickException(f"not ready after {deadline_s - begin_s:g} s: {reason}\n{_hint(folder)}")
+            raise click.ClickException(f"not ready after {deadline_s - start_s:g} s: {reason}\n{_hint(folder)}")
         if reason != shown and sys.stderr.isatty():
             click.echo(f"waiting: {reason}", err=True)
             shown = reason
@@ -180,13 +180,13 @@ def _await_start(folder: "RunFolder", launcher: int, deadline_s: float | None, b
 
 
 def _hint(folder: "RunFolder") -> str:
-    return f"`jezero logs` tells more and `jezero down` stops the rest; run folder: {folder.path}"
+    return f"`jezero logs` shows the services' output, `jezero down` stops the rest; run folder: {folder.path}"
 
 
 @click.command()
 @run_dir_option
 def down(run_dir: Path | None) -> None:
-    """Stop what `jezero up` started, in reverse order. Nothing running is no error."""
+    """Stop the services of `jezero up`, in reverse order. Without running services it succeeds too."""
     folder = _folder(run_dir)
     state = folder.read()
     if state is None:
@@ -197,7 +197,7 @@ def down(run_dir: Path | None) -> None:
     except ProcessLookupError:
         click.echo("stopped")
         return
-    if folder.read() is None:  # it ended before the descriptor was there, which may be another process' now
+    if folder.read() is None:  # the launcher ended before pidfd_open, so the descriptor may be another process'
         click.echo("stopped")
         return
     signal.pidfd_send_signal(pidfd, signal.SIGTERM)
@@ -210,13 +210,13 @@ def down(run_dir: Path | None) -> None:
 
 
 @click.command()
-@click.option("--json", "as_json", is_flag=True, help="One JSON array.")
-@click.option("--healthy", metavar="SERVICE", help="Print nothing; ask the bus, and exit with 0 if it is healthy.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON array.")
+@click.option("--healthy", metavar="SERVICE", help="Print nothing; exit with 0 if this service is healthy, by the bus.")
 @run_dir_option
 def ps(as_json: bool, healthy: str | None, run_dir: Path | None) -> None:
-    """Show the services and how they are."""
+    """Show the state and health of the services."""
     if healthy is not None:
-        _leave(0 if _is_healthy(healthy) else FAILED)
+        _exit_now(0 if _is_healthy(healthy) else FAILED)
     import msgspec
 
     folder = _folder(run_dir)
@@ -229,23 +229,23 @@ def ps(as_json: bool, healthy: str | None, run_dir: Path | None) -> None:
         _print_table(state)
 
 
-def _is_healthy(service: str, within_s: float = 3.0) -> bool:
-    """Ask the bus: works in a container too, where no launcher runs."""
+def _is_healthy(service: str, timeout_s: float = 3.0) -> bool:
+    """Whether a service reports healthy on the bus; works without a launcher too, as in a container."""
     import threading
 
     from jezero.deploy.launcher.health import HealthWatcher
 
     changed = threading.Event()
-    deadline_s = time.monotonic() + within_s
+    deadline_s = time.monotonic() + timeout_s
     with HealthWatcher(_instance(), changed.set) as watcher:
-        while not watcher.verdict(service).healthy and time.monotonic() < deadline_s:
+        while not watcher.report(service).healthy and time.monotonic() < deadline_s:
             changed.wait(deadline_s - time.monotonic())
             changed.clear()
-        return watcher.verdict(service).healthy
+        return watcher.report(service).healthy
 
 
 def _print_table(state: "RunState") -> None:
-    """A table in plain columns, and whether the vehicle is ready."""
+    """Print a table, and whether the vehicle is ready."""
     rows = [("SERVICE", "STATE", "HEALTH", "PID", "UP", "RESTARTS", "")]
     for s in state.services:
         up_s = time.monotonic() - s.started_monotonic_s if s.pid and s.started_monotonic_s else None
@@ -268,12 +268,12 @@ def _span(seconds: float | None) -> str:
 
 @click.command()
 @click.argument("services", nargs=-1, metavar="[SERVICE]...")
-@click.option("-f", "--follow", is_flag=True, help="Go on with what comes, until the stack stops.")
+@click.option("-f", "--follow", is_flag=True, help="Continue with new lines until the stack stops.")
 @click.option("-n", "--tail", type=click.IntRange(min=0), metavar="N", help="Only the last N lines.")
-@click.option("-t", "--timestamps", is_flag=True, help="Show when each line was printed (UTC).")
+@click.option("-t", "--timestamps", is_flag=True, help="Show the time of each line (UTC).")
 @run_dir_option
 def logs(services: tuple[str, ...], follow: bool, tail: int | None, timestamps: bool, run_dir: Path | None) -> None:
-    """Show what the services printed in the present or last run, in order of time."""
+    """Show the output of the services in the present or last run, in order of time."""
     from jezero.deploy.launcher.output import STAMP_LENGTH, LogReader, Prefixer
 
     folder = _folder(run_dir)
@@ -288,7 +288,7 @@ def logs(services: tuple[str, ...], follow: bool, tail: int | None, timestamps: 
         lines = lines[len(lines) - min(tail, len(lines)) :]
     try:
         while True:
-            running = folder.read() is not None  # before reading: what a launcher wrote last is read too
+            running = folder.read() is not None  # before the read, so that the launcher's last lines are read too
             for name, line in lines:
                 click.echo(prefixer.line(name, line if timestamps else line[STAMP_LENGTH + 1 :]))
             if not follow or not (running or lines):

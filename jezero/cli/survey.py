@@ -1,4 +1,4 @@
-"""The commands that take pictures."""
+"""`jezero getimages` and `jezero gridsweep`: goals that take images."""
 
 import json
 from pathlib import Path
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 DRAWING = Path("runs/plan.png")
 RESUME = "resume.json"
-"""In a folder whose coverage isn't complete: the goal that takes the rest."""
+"""File with the goal that takes the missing images, in the folder of an incomplete coverage."""
 
 
 @click.command(context_settings=NUMBERS)
@@ -26,11 +26,11 @@ RESUME = "resume.json"
 @click.argument("radius", type=FINITE)
 @click.argument("n", type=int)
 @click.argument("frame", type=FRAMES, default="world")
-@click.option("--target-z", type=FINITE, default=0.0, show_default=True, help="What the camera looks at, NED.")
+@click.option("--target-z", type=FINITE, default=0.0, show_default=True, help="z of the target, NED.")
 @click.option("--speed", "speed_mps", type=FINITE, help="Metres per second along the circle.")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder of the pictures [runs/<time>].")
-@click.option("--format", "kind", type=PNG_OR_JPG, default="jpg", show_default=True, help="Of the pictures.")
-@click.option("--stream/--no-stream", default=True, show_default=True, help="Fetch pictures as taken, or at the end.")
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder of the images [runs/<time>].")
+@click.option("--format", "kind", type=PNG_OR_JPG, default="jpg", show_default=True, help="Image format.")
+@click.option("--stream/--no-stream", default=True, show_default=True, help="Fetch images as taken, or at the end.")
 @common_options
 def getimages(
     x: float,
@@ -48,7 +48,7 @@ def getimages(
     router: str,
     as_json: bool,
 ) -> None:
-    """Photograph a target from all sides: N pictures on a circle of RADIUS metres around X Y, at height Z.
+    """Take images of a target from all sides: N images on a circle of RADIUS metres around X Y, at height Z.
 
     Coordinates are metres north, east and down, so 4 m up is `-4`. FRAME is world (default) or rover, whose origin is
     the middle of its platform: `jezero getimages -2.0 0 -4 2 4 rover`.
@@ -75,16 +75,18 @@ def getimages(
     "--polygon", "file", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="GeoJSON or CSV, see above."
 )
 @click.option("--z", "z_ned_m", type=FINITE, help="Height of the flight, NED: 5 m up is -5.")
-@click.option("--resolution", "resolution_m", type=FINITE, help="Metres between lines, and between pictures.")
-@click.option("--overlap", type=click.FloatRange(0.0, 0.95), help="Share of a picture that the next one repeats.")
-@click.option("--sidelap", type=click.FloatRange(0.0, 0.95), help="The same for the pictures of the next line.")
+@click.option("--resolution", "resolution_m", type=FINITE, help="Metres between lines, and between images.")
+@click.option("--overlap", type=click.FloatRange(0.0, 0.95), help="Share of an image that the next one repeats.")
+@click.option("--sidelap", type=click.FloatRange(0.0, 0.95), help="The same for the images of the next line.")
 @click.option("--speed", "speed_mps", type=FINITE, help="Metres per second along the lines.")
-@click.option("--plan-only", is_flag=True, help="Draw the plan, and don't fly it.")
-@click.option("--resume", type=click.Path(path_type=Path, exists=True, file_okay=False), help="Folder to complete.")
+@click.option("--plan-only", is_flag=True, help="Draw the plan instead of flying it.")
 @click.option(
-    "--out", type=click.Path(path_type=Path), help="Folder of the pictures [runs/<time>]; of a plan, its PNG."
+    "--resume", type=click.Path(path_type=Path, exists=True, file_okay=False), help="Folder of an incomplete coverage."
 )
-@click.option("--format", "kind", type=PNG_OR_JPG, default="jpg", show_default=True, help="Of the pictures.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder of the images [runs/<time>], or the plan's PNG file."
+)
+@click.option("--format", "kind", type=PNG_OR_JPG, default="jpg", show_default=True, help="Image format.")
 @common_options
 def gridsweep(
     plan_only: bool,
@@ -96,11 +98,11 @@ def gridsweep(
     as_json: bool,
     **given: Any,
 ) -> None:
-    """Map an area: sweep it in lines, taking pictures.
+    """Cover an area in parallel lines and take images of all of it.
 
-    Without --polygon the corners are asked for. A GeoJSON file holds a Polygon (its further rings are holes) in metres,
-    [north, east]; a CSV file has a line "north,east" for each corner, and an empty line before each hole. FRAME is
-    world (default) or rover. --resume takes the pictures that a coverage which ended early has left out.
+    Without --polygon the command asks for the corners. A GeoJSON file has a Polygon (its further rings are holes) in
+    metres, [north, east]; a CSV file has a line "north,east" for each corner, and an empty line before each hole.
+    FRAME is world (default) or rover. --resume takes the missing images of a coverage that ended early.
     """
     if plan_only:
         _show_plan(_goal(**given), out or DRAWING, as_json)
@@ -111,15 +113,17 @@ def gridsweep(
     else:
         goal, dataset = _resumed(resume, kind)
     with connected(vehicle, router, printer) as uav:
-        if goal.start_ned_m is None and goal.frame == "world":  # else a coverage whose server died can't be resumed
+        if goal.start_ned_m is None and goal.frame == "world":  # so that the coverage can be resumed if its server dies
             odometry = uav.status().odometry
             start_ned_m = None if odometry is None else odometry.pos_uav_ned_m[:2]
             goal = msgspec.structs.replace(goal, start_ned_m=start_ned_m)
-        flown = uav.resume_coverage(goal)
+        images_goal = uav.resume_coverage(goal)
         if resume is None:
             dataset.note(goal=goal)
-        _remember(dataset.folder, goal)
-        take_pictures(printer, flown, "gridsweep", dataset, lambda result: _remember(dataset.folder, result.resume))
+        _write_resume_goal(dataset.folder, goal)
+        take_pictures(
+            printer, images_goal, "gridsweep", dataset, lambda result: _write_resume_goal(dataset.folder, result.resume)
+        )
 
 
 def _new_dataset(out: Path | None, kind: str) -> "Dataset":
@@ -132,7 +136,7 @@ def _new_dataset(out: Path | None, kind: str) -> "Dataset":
 
 
 def _resumed(folder: Path, kind: str) -> "tuple[AreaCoverageGoal, Dataset]":
-    """What is missing in a folder, and its dataset."""
+    """Goal for the missing images of a folder, and the folder's dataset."""
     from jezero.client.dataset import Dataset
     from jezero.schemas.actions import AreaCoverageGoal
 
@@ -145,11 +149,11 @@ def _resumed(folder: Path, kind: str) -> "tuple[AreaCoverageGoal, Dataset]":
     except FileNotFoundError:
         raise click.ClickException(f"{folder} has no {RESUME}: nothing is missing in it") from None
     except msgspec.DecodeError as error:
-        raise click.ClickException(f"{folder} can't be completed: {error}") from None
+        raise click.ClickException(f"{folder} can't be resumed: {error}") from None
 
 
-def _remember(folder: Path, goal: "AreaCoverageGoal | None") -> None:
-    """Keep the goal that takes what is missing; nothing when there is nothing."""
+def _write_resume_goal(folder: Path, goal: "AreaCoverageGoal | None") -> None:
+    """Write the goal for the missing images, or remove the file if none is missing."""
     file = folder / RESUME
     if goal is None:
         file.unlink(missing_ok=True)
@@ -170,7 +174,7 @@ def _show_plan(goal: "AreaCoverageGoal", file: Path, as_json: bool) -> None:
     except AreaError as error:
         raise click.ClickException(str(error)) from None
     length_m, time_s = plan.trajectory.length_m, plan.trajectory.duration_s
-    title = f"{len(plan.pictures_m)} pictures, {length_m:.0f} m, {time_s:.0f} s"
+    title = f"{len(plan.pictures_m)} images, {length_m:.0f} m, {time_s:.0f} s"
     draw_plan(file, plan, title)
     if as_json:
         fields = {
@@ -182,19 +186,19 @@ def _show_plan(goal: "AreaCoverageGoal", file: Path, as_json: bool) -> None:
         }
         click.echo(json.dumps(fields))
         return
-    click.echo(f"area        {plan.area.area:.1f} m², {100.0 * plan.covered:.1f} % of it swept")
+    click.echo(f"area        {plan.area.area:.1f} m², {100.0 * plan.covered:.1f} % of it covered")
     click.echo(f"path        {length_m:.1f} m in {time_s:.0f} s, lines {plan.line_distance_m:.3g} m apart")
-    click.echo(f"pictures    {len(plan.pictures_m)}, every {plan.picture_distance_m:.3g} m")
+    click.echo(f"images      {len(plan.pictures_m)}, every {plan.picture_distance_m:.3g} m")
     click.echo(f"drawn in    {file}")
 
 
 def _goal(file: Path | None, **fields: Any) -> "AreaCoverageGoal":
-    """The goal as the command line has it; what is missing is asked for."""
+    """Make the goal from the options; asks for the missing values."""
     from jezero.cli.polygon_file import PolygonFileError, read_polygon
     from jezero.schemas.actions import AreaCoverageGoal
 
     try:
-        polygon, holes = (_asked_for_corners(), ()) if file is None else read_polygon(file)
+        polygon, holes = (_prompt_for_corners(), ()) if file is None else read_polygon(file)
     except PolygonFileError as error:
         raise click.ClickException(str(error)) from None
     if fields["z_ned_m"] is None:
@@ -204,8 +208,8 @@ def _goal(file: Path | None, **fields: Any) -> "AreaCoverageGoal":
     return AreaCoverageGoal(polygon_ned_m=polygon, holes_ned_m=holes, **fields)
 
 
-def _asked_for_corners() -> tuple[tuple[float, float], ...]:
-    """As in the thesis' Fig. 3.13."""
+def _prompt_for_corners() -> tuple[tuple[float, float], ...]:
+    """Ask for the corners as in the thesis' Fig. 3.13."""
     corners = []
     for number in range(1, click.prompt("Enter number of grid points", type=click.IntRange(3, 1000)) + 1):
         click.echo(f"Grid point n. {number} :")

@@ -1,4 +1,4 @@
-"""Pictures of the vehicle's camera."""
+"""Images of the vehicle's camera."""
 
 import time
 
@@ -8,12 +8,12 @@ from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.topics import CAMERA
 
 
-def next_picture(connection: Connection, timeout_s: float) -> CameraFrame:
-    """The next picture that the camera takes.
+def next_frame(connection: Connection, timeout_s: float) -> CameraFrame:
+    """The next image that the camera publishes.
 
     Raises:
-        Unreachable: none comes in time.
-        JezeroError: what comes is no picture.
+        Unreachable: no image comes within `timeout_s`.
+        JezeroError: the message is not a valid image.
     """
     arrivals, undeclare = connection.subscribe(CAMERA)
     try:
@@ -24,7 +24,7 @@ def next_picture(connection: Connection, timeout_s: float) -> CameraFrame:
         undeclare()
     if data is None:
         raise Unreachable(
-            f"no picture of {connection.vehicle} within {timeout_s:g} s: does its camera run, in mode rendered? "
+            f"no image of {connection.vehicle} within {timeout_s:g} s: does its camera run in the mode rendered? "
             "(`jezero ps`)"
         )
     frame: CameraFrame = decode(CameraFrame, data)

@@ -1,13 +1,13 @@
-"""A folder of pictures that other programs take as it is. Needs Pillow: `pip install 'jezero[cli]'`.
+"""A folder of images that other programs can read as it is. Needs Pillow: `pip install 'jezero[cli]'`.
 
 - `images/0000.jpg` …, or PNG, with date, time of exposure, focal length and GPS position in their EXIF.
-- `images/images.json`: every picture with the camera's pose and intrinsics, the vehicle's state and its sensors
-  (`schemas/images.py` tells units and frames).
+- `images/images.json`: every image with the camera's pose and intrinsics, the vehicle's state and its sensors
+  (`schemas/images.py` gives units and frames).
 - `geo.txt`: OpenDroneMap's image geolocation file: name, longitude, latitude, altitude, `nan` for each of three angles,
   and the position's standard deviations, horizontal and vertical.
 
-So the folder is a project of OpenDroneMap, which looks for pictures in `images/` and for `geo.txt` beside it. Nothing
-named `images.json` may be beside it: OpenDroneMap keeps a list of its own there.
+So the folder is a project of OpenDroneMap, which reads images from `images/` and `geo.txt` beside it. `images.json`
+must not be beside `geo.txt`, because OpenDroneMap keeps its own list there.
 """
 
 from collections.abc import Iterable
@@ -30,7 +30,7 @@ Kind = Literal["jpg", "png"]
 SUFFIXES = (".jpg", ".png")
 JPEG_QUALITY = 95
 SENSOR_WIDTH_MM = 6.4
-"""The simulated camera has pixels, but no millimetres: EXIF needs both, so one is chosen (10 um at 640 pixels)."""
+"""EXIF needs a sensor size, which the simulated camera does not have; this one gives pixels of 10 um at 640 pixels."""
 MAKE, MODEL = "jezero", "ventral"
 EXIF_IFD, GPS_IFD = 0x8769, 0x8825
 CENTIMETRE = 3
@@ -42,23 +42,26 @@ class _Listing(msgspec.Struct):
 
 
 class Dataset:
-    """Writes pictures into a folder as they come; the lists of them at the end, or at the end of a `with` block.
+    """Writer of a dataset: each image at once, their lists in `close` or at the end of a `with` block.
 
     Args:
-        folder: made when it isn't there.
-        kind: of the pictures' files; JPEG loses a little, PNG nothing.
-        extra: told in `images.json` too, e.g. the goal.
+        folder: folder of the dataset; created if missing.
+        kind: format of the images; JPEG is lossy, PNG is not.
+        extra: further fields of `images.json`, e.g. the goal.
+
+    Attributes:
+        folder: folder of the dataset.
 
     Raises:
-        FileExistsError: the folder has pictures of another dataset.
+        FileExistsError: the folder has images of another dataset.
     """
 
     def __init__(self, folder: Path | str, kind: Kind = "jpg", **extra: Any) -> None:
-        self._begin(folder, kind, extra)
+        self._initialize(folder, kind, extra)
         if old := next((path for path in self._listing.parent.glob("*") if path.suffix in SUFFIXES), None):
             raise FileExistsError(f"{self.folder} has pictures already, e.g. {old.name}: choose another folder")
 
-    def _begin(self, folder: Path | str, kind: Kind, extra: dict[str, Any]) -> None:
+    def _initialize(self, folder: Path | str, kind: Kind, extra: dict[str, Any]) -> None:
         self.folder = Path(folder)
         self._kind = kind
         self._extra = extra
@@ -69,21 +72,21 @@ class Dataset:
 
     @classmethod
     def reopen(cls, folder: Path | str, **extra: Any) -> Self:
-        """A dataset that was written before, to add more pictures to.
+        """Open an existing dataset to add images.
 
         Raises:
-            FileNotFoundError: there is none in this folder.
-            msgspec.DecodeError: its `images.json` is broken.
+            FileNotFoundError: the folder has no dataset.
+            msgspec.DecodeError: its `images.json` is invalid.
         """
-        told = msgspec.json.decode((Path(folder) / LISTING).read_bytes(), type=_Listing)
-        png = bool(told.images) and str(told.images[0].get("file", "")).endswith(".png")
+        listed = msgspec.json.decode((Path(folder) / LISTING).read_bytes(), type=_Listing)
+        png = bool(listed.images) and str(listed.images[0].get("file", "")).endswith(".png")
         dataset = cls.__new__(cls)
-        dataset._begin(folder, "png" if png else "jpg", extra)
-        for fields in told.images:
+        dataset._initialize(folder, "png" if png else "jpg", extra)
+        for fields in listed.images:
             fields.pop("file", None)
             image = msgspec.convert(fields, Image)
             dataset._images[image.index] = image
-        dataset._t0_utc = told.t0_utc
+        dataset._t0_utc = listed.t0_utc
         dataset._newest_before_ns = max((image.t_ns for image in dataset._images.values()), default=-1)
         return dataset
 
@@ -95,26 +98,26 @@ class Dataset:
 
     @property
     def count(self) -> int:
-        """Pictures so far."""
+        """Number of images so far."""
         return len(self._images)
 
     def has(self, image: Image) -> bool:
-        """Whether this picture was added."""
+        """Whether this image was added."""
         return image.index in self._images
 
     def note(self, **extra: Any) -> None:
-        """Something more to be told in `images.json`."""
+        """Add fields to `images.json`."""
         self._extra.update(extra)
 
     def name_of(self, image: Image) -> str:
-        """Its file's name."""
+        """File name of an image."""
         return f"{image.index:04d}.{self._kind}"
 
     def add(self, picture: Picture) -> Path:
-        """Write one picture; returns its file.
+        """Write one image; returns its file.
 
         Raises:
-            OSError: it can't be written.
+            OSError: the file can't be written.
         """
         from PIL import Image as Pillow
 
@@ -127,9 +130,9 @@ class Dataset:
         return path
 
     def _taken_utc(self, image: Image) -> datetime:
-        """Vehicle time has no date: the first picture's is the wall clock's, the others follow by vehicle time.
+        """UTC time of an image: the wall clock's for the first one, then by vehicle time, which has no date.
 
-        That holds on in a dataset that is reopened, unless vehicle time has begun anew in between.
+        A reopened dataset continues so, unless vehicle time has restarted in between.
         """
         since_t0 = timedelta(microseconds=image.t_ns // 1_000)
         if self._t0_utc is None or image.t_ns <= self._newest_before_ns:
@@ -137,16 +140,16 @@ class Dataset:
         return self._t0_utc + since_t0
 
     def update(self, images: Iterable[Image]) -> None:
-        """What is known of pictures that were added, now that the goal is over: positions may have been corrected."""
+        """Replace the metadata of added images by that of the goal's result, whose positions may be corrected."""
         for image in images:
             if image.index in self._images:
                 self._images[image.index] = image
 
     def close(self) -> None:
-        """Write `images.json` and `geo.txt`, also when there is no picture."""
+        """Write `images.json` and `geo.txt`, also without any image."""
         images = [self._images[index] for index in sorted(self._images)]
-        told = [{"file": self.name_of(image), **msgspec.to_builtins(image)} for image in images]
-        content = msgspec.json.encode({**msgspec.to_builtins(self._extra), "t0_utc": self._t0_utc, "images": told})
+        listed = [{"file": self.name_of(image), **msgspec.to_builtins(image)} for image in images]
+        content = msgspec.json.encode({**msgspec.to_builtins(self._extra), "t0_utc": self._t0_utc, "images": listed})
         self._listing.parent.mkdir(parents=True, exist_ok=True)
         self._listing.write_bytes(msgspec.json.format(content, indent=1) + b"\n")
         lines = [geo_line(self.name_of(image), image) for image in images if image.position_camera_deg is not None]
@@ -154,7 +157,7 @@ class Dataset:
 
 
 def geo_line(name: str, image: Image) -> str:
-    """One line of `geo.txt`; its standard deviations are those of the nearest GNSS fix, if there was one."""
+    """One line of `geo.txt`, with the standard deviations of the nearest GNSS fix if there is one."""
     assert image.position_camera_deg is not None
     latitude, longitude, altitude = image.position_camera_deg
     gnss = image.gnss
@@ -163,9 +166,9 @@ def geo_line(name: str, image: Image) -> str:
 
 
 def exif_of(image: Image, taken_utc: datetime) -> "Exif":
-    """What viewers and photogrammetry read from the file itself.
+    """EXIF of an image for viewers and photogrammetry.
 
-    It has no focal length in 35 mm terms: that is in whole millimetres, and would be preferred to the true one.
+    It has no focal length in 35 mm terms: that is in whole millimetres, and readers would prefer it to the exact one.
     """
     from PIL.Image import Exif
 
@@ -177,7 +180,7 @@ def exif_of(image: Image, taken_utc: datetime) -> "Exif":
             0x829A: _rational(image.exposure_s, 1_000_000),
             0x9003: f"{taken_utc:%Y:%m:%d %H:%M:%S}",
             0x9011: "+00:00",
-            # One digit, because some readers drop zeros in front.
+            # One digit, because some readers drop leading zeros.
             0x9290: str(taken_utc.microsecond // 100_000),
             0x9291: f"{taken_utc.microsecond // 1_000:03d}",
             0x920A: _rational(image.focal_px * SENSOR_WIDTH_MM / image.width_px, 1_000_000),
@@ -206,14 +209,14 @@ def exif_of(image: Image, taken_utc: datetime) -> "Exif":
 
 
 def _rational(value: float, denominator: int) -> "IFDRational":
-    """As EXIF has numbers: as a float, Pillow would write a type that the tag doesn't have."""
+    """Number as EXIF's rational; a float would make Pillow write a type that the tag does not allow."""
     from PIL.TiffImagePlugin import IFDRational
 
     return IFDRational(round(value * denominator), denominator)
 
 
 def _sexagesimal(angle_deg: float) -> "tuple[IFDRational, IFDRational, IFDRational]":
-    """Degrees, minutes and seconds, which alone has decimals."""
+    """Angle as whole degrees, whole minutes, and seconds with decimals."""
     minutes, seconds = divmod(abs(angle_deg) * 3600.0, 60.0)
     whole, minutes = divmod(minutes, 60.0)
     return (_rational(whole, 1), _rational(minutes, 1), _rational(seconds, 1_000_000))

@@ -1,4 +1,4 @@
-"""What can go wrong, each with a name of its own."""
+"""Errors of the client."""
 
 from typing import Any
 
@@ -8,15 +8,15 @@ class JezeroError(Exception):
 
 
 class Unreachable(JezeroError):  # noqa: N818
-    """No router, no server, or it died: nobody is there to answer."""
+    """No router or no server replies, or the connection to it is lost."""
 
 
 class Refused(JezeroError):  # noqa: N818
-    """The vehicle may not do this now.
+    """The vehicle refused a goal or a request.
 
     Attributes:
-        reason: why, and what to do instead.
-        code: the vehicle's status code at that time, None when unknown.
+        reason: why, and what to do about it.
+        code: the vehicle's status code at that time; None if unknown.
     """
 
     def __init__(self, reason: str, code: int | None = None) -> None:
@@ -29,7 +29,8 @@ class EndedError(JezeroError):
     """Base of `Aborted` and `Canceled`: a goal ended without success.
 
     Attributes:
-        result: what the goal reported all the same, e.g. where it ended.
+        reason: why the goal ended.
+        result: the goal's result all the same, e.g. the last position; None without one.
     """
 
     def __init__(self, reason: str, result: Any = None) -> None:
@@ -39,7 +40,7 @@ class EndedError(JezeroError):
 
 
 class Aborted(EndedError):  # noqa: N818
-    """The goal was accepted but could not be finished; the vehicle hovers or obeys somebody else."""
+    """The goal was accepted but not completed; the vehicle hovers, or somebody else has control."""
 
 
 class Canceled(EndedError):  # noqa: N818
@@ -47,4 +48,4 @@ class Canceled(EndedError):  # noqa: N818
 
 
 class TimedOut(JezeroError):  # noqa: N818
-    """No answer in time. A goal waited for goes on."""
+    """No reply or no result in time. A goal continues."""

@@ -1,4 +1,4 @@
-"""A goal that was accepted: its feedback, its result, its cancel."""
+"""An accepted goal: its feedback, its result and its cancellation."""
 
 import time
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ R = TypeVar("R")
 
 GOAL_TIMEOUT_S = 86_400.0
 RECOVER_S = 5.0
-"""In so long everything has come back after the router has."""
+"""Time until all servers are connected again after a restart of the router."""
 POLL_S = 0.3
 
 
@@ -24,9 +24,9 @@ class Goal(Generic[F, R]):
     """A running goal, for use by one thread.
 
     Attributes:
-        goal_id: by which its result stays readable.
-        warning: what of the goal will not be done as asked, else "".
-        code: status code of the vehicle with the last feedback, None before.
+        goal_id: the goal's id; `Vehicle.result_of` takes it.
+        warning: which part of the goal will not be flown as requested, or "".
+        code: status code of the vehicle in the last feedback; None before.
     """
 
     def __init__(self, connection: Connection, action: Action[Any], goal: GoalPayload, timeout_s: float) -> None:
@@ -48,26 +48,26 @@ class Goal(Generic[F, R]):
         return f"<{self._action.name} goal {self.goal_id}: {state}>"
 
     def feedback(self) -> Iterator[F]:
-        """What the goal reports, until it ends; then ask for the `result()`."""
+        """Yield the goal's feedback until it ends; then call `result()`."""
         while self._result is None and self._failure is None:
             feedback = self._next(None)
             if feedback is not None:
                 yield feedback
 
     def result(self, timeout_s: float | None = None) -> R:
-        """Wait for the end.
+        """Wait for the goal's end.
 
         Args:
-            timeout_s: None waits as long as the goal runs.
+            timeout_s: longest wait; None waits until the goal ends.
 
         Returns:
             The action's result.
 
         Raises:
-            Aborted: it could not be finished.
-            Canceled: it was canceled.
-            TimedOut: it still runs; the goal goes on.
-            Unreachable: its server died, or the connection did.
+            Aborted: the goal was not completed; the text is the reason.
+            Canceled: the goal was canceled.
+            TimedOut: the goal still runs, and continues.
+            Unreachable: the action server died, or the connection is lost.
         """
         deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
         while self._result is None and self._failure is None:
@@ -85,16 +85,21 @@ class Goal(Generic[F, R]):
         return cast(R, result.result)
 
     def cancel(self) -> bool:
-        """End the goal: the vehicle hovers, and `result()` raises `Canceled`. False when it had ended before.
+        """Cancel the goal: the vehicle hovers, and `result()` raises `Canceled`.
+
+        Returns:
+            False if the goal had ended before.
 
         Raises:
-            Unreachable: nobody is there to cancel it.
-            TimedOut: no answer.
+            Unreachable: no action server replies.
+            TimedOut: the reply is missing.
         """
-        reply: CancelReply = self._connection.ask(self._action.cancel, Cancel(goal_id=self.goal_id), self._timeout_s)
+        reply: CancelReply = self._connection.request(
+            self._action.cancel, Cancel(goal_id=self.goal_id), self._timeout_s
+        )
         return reply.canceled
 
-    # -- inside --
+    # -- internals --
 
     def _await_acceptance(self) -> None:
         accepted = False
@@ -102,10 +107,12 @@ class Goal(Generic[F, R]):
             data = self._connection.first(self._arrivals, self._endpoint.name, self._timeout_s)
             reply = self._decode(data)
             if isinstance(reply, Rejected):
-                accepted = True  # nothing to take back
+                accepted = True  # nothing to cancel
                 raise Refused(reply.reason, reply.code)
             if not isinstance(reply, Accepted):
-                raise JezeroError(f"{self._action.name} answered with {type(reply).__name__} before accepting the goal")
+                raise JezeroError(
+                    f"{self._action.name} replied with {type(reply).__name__} before it accepted the goal"
+                )
             accepted = True
             self.goal_id, self.warning = reply.goal_id, reply.warning
         finally:
@@ -113,28 +120,28 @@ class Goal(Generic[F, R]):
                 self._withdraw()
 
     def _withdraw(self) -> None:
-        """Cancel a goal nobody waits for any more; best effort."""
+        """Cancel a goal whose acceptance did not arrive; best effort."""
         if self._connection.connected and not self._arrivals.ended:
             self._connection.stream(self._action.cancel.name, encode(Cancel(goal_id=self.goal_id)), 1.0)
 
     def _next(self, deadline_s: float | None) -> F | None:
-        """Take one reply: feedback is returned, the result or the failure is kept."""
+        """Process one reply: return feedback, keep the result or the failure."""
         data = self._arrivals.take(deadline_s)
         if data is None:
             self._recover(deadline_s)
             return None
         reply = self._decode(data)
         if isinstance(reply, Feedback):
-            self._connection.tell_time(reply.t_ns)
+            self._connection.set_vehicle_time(reply.t_ns)
             self.code = reply.code
             return cast(F, reply.feedback)
         if isinstance(reply, Result):
-            self._connection.tell_time(reply.t_ns)
+            self._connection.set_vehicle_time(reply.t_ns)
             self._result = reply
         return None
 
     def _recover(self, deadline_s: float | None) -> None:
-        """The replies ended without a result: the server died, or a connection did, which may show a little later."""
+        """Find the result after the replies ended without one: the server died, or a connection was lost."""
         link_was_lost, denials = False, 0
         give_up_s = time.monotonic() + RECOVER_S
         while self._result is None and self._failure is None:
@@ -142,7 +149,7 @@ class Goal(Generic[F, R]):
                 raise TimedOut("no result in time")
             connected = self._connection.connected
             link_was_lost |= not connected
-            reply = ask_result(self._connection, self.goal_id) if connected else None
+            reply = request_result(self._connection, self.goal_id) if connected else None
             denials += reply is None
             if reply is not None and reply.result is not None:
                 self._result = decode(Result[self._action.result_type], reply.result.encode())  # type: ignore[name-defined]
@@ -157,14 +164,14 @@ class Goal(Generic[F, R]):
                 time.sleep(POLL_S)
 
     def _lost(self, connected: bool) -> str:
-        """What is known of a goal after the connection was lost, and after it came back."""
+        """Error text for a goal after the connection was lost, or lost and restored."""
         if connected:
-            return f"the connection was lost, and now nobody knows goal {self.goal_id}: its server died too"
+            return f"the connection was lost, and no action server knows goal {self.goal_id}: its server died too"
         return f"the connection to the router {self._connection.router} is lost; goal {self.goal_id} may still run"
 
 
-def ask_result(connection: Connection, goal_id: str) -> ResultReply | None:
-    """What the action servers know of a goal; None when none does."""
+def request_result(connection: Connection, goal_id: str) -> ResultReply | None:
+    """State or result of a goal from the action servers; None if none of them knows it."""
     arrivals: Arrivals = connection.stream(RESULT.name, encode(GetResult(goal_id=goal_id)), 0.5)
     try:
         data = connection.first_or_none(arrivals, RESULT.name, 0.5)

@@ -1,4 +1,4 @@
-"""Goals that take pictures: their pictures come one by one, each with a question of its own.
+"""Goals that take images, which the client fetches one by one.
 
 ```python
 goal = uav.get_images((0.0, 0.0, -4.0), radius_m=2.0, num_images=8)
@@ -20,15 +20,15 @@ from jezero.schemas.actions import ImagesFeedback, ImagesResult
 from jezero.schemas.images import GetImage, Image, ImageReply
 from jezero.schemas.topics import Action
 
-ANSWER_S = 10.0
+IMAGE_TIMEOUT_S = 10.0
 
 
 class Picture(NamedTuple):
-    """One picture of a goal.
+    """One image of a goal with its pixels.
 
     Attributes:
-        image: where, when and with what it was taken.
-        pixels: rows from the top, three bytes red, green, blue each.
+        image: time, camera pose, intrinsics and the vehicle's state; `schemas/images.py` gives units and frames.
+        pixels: rows from the top, each pixel three bytes red, green, blue.
     """
 
     image: Image
@@ -36,40 +36,41 @@ class Picture(NamedTuple):
 
 
 class ImagesGoal(Goal[ImagesFeedback, ImagesResult]):
-    """A running goal that takes pictures."""
+    """A running goal that takes images."""
 
-    def pictures(self, watch: Callable[[ImagesFeedback], None] = lambda feedback: None) -> Iterator[Picture]:
-        """Every picture once: as it is taken where the goal streams them, the others at its end.
+    def pictures(self, on_feedback: Callable[[ImagesFeedback], None] = lambda feedback: None) -> Iterator[Picture]:
+        """Yield each image once: as it is taken if the goal streams its images, else at the goal's end.
 
-        Then ask for the `result()`: a goal that is aborted or canceled has pictures too.
+        Call `result()` afterwards: an aborted or canceled goal has images too.
 
         Args:
-            watch: called with each feedback.
+            on_feedback: called with each feedback.
 
         Raises:
-            JezeroError: a picture can't be had.
+            JezeroError: an image can't be fetched.
         """
-        seen: set[int] = set()
+        fetched: set[int] = set()
         for feedback in self.feedback():
-            watch(feedback)
+            on_feedback(feedback)
             for image in feedback.images:
-                seen.add(image.index)
+                fetched.add(image.index)
                 yield self.picture(image)
         for image in self._images():
-            if image.index not in seen:
+            if image.index not in fetched:
                 yield self.picture(image)
 
     def picture(self, image: Image) -> Picture:
-        """The pixels of one picture, also after the goal's end.
+        """Fetch the pixels of one image, also after the goal's end.
 
         Raises:
-            JezeroError: the server doesn't have them, or not any more.
-            Unreachable, TimedOut: no answer.
+            JezeroError: the server does not have them, or not any more.
+            Unreachable: no action server replies.
+            TimedOut: the reply is missing.
         """
         return fetch_picture(self._connection, self._action, self.goal_id, image)
 
     def _images(self) -> tuple[Image, ...]:
-        """All that the result tells of, however the goal ended."""
+        """All images in the result, however the goal ended."""
         try:
             return self.result().images
         except EndedError as error:
@@ -77,14 +78,10 @@ class ImagesGoal(Goal[ImagesFeedback, ImagesResult]):
 
 
 def fetch_picture(connection: Connection, action: Action[Any], goal_id: str, image: Image) -> Picture:
-    """One picture of a goal, from its server.
-
-    Raises:
-        As `ImagesGoal.picture`.
-    """
-    question = encode(GetImage(goal_id=goal_id, index=image.index))
-    arrivals = connection.stream(action.image.name, question, ANSWER_S)
-    reply: ImageReply = decode(ImageReply, connection.first(arrivals, action.image.name, ANSWER_S))
+    """Fetch one image of a goal from its server; raises the errors of `ImagesGoal.picture`."""
+    request = encode(GetImage(goal_id=goal_id, index=image.index))
+    arrivals = connection.stream(action.image.name, request, IMAGE_TIMEOUT_S)
+    reply: ImageReply = decode(ImageReply, connection.first(arrivals, action.image.name, IMAGE_TIMEOUT_S))
     if reply.reason:
         raise JezeroError(reply.reason)
     return Picture(image, reply.pixels)

@@ -1,4 +1,4 @@
-"""Driving the rover. It obeys a command for half a second, so whoever drives it commands it all the time."""
+"""The rover. It follows a command for half a second only, so a drive repeats its command until its end."""
 
 import csv
 import math
@@ -14,11 +14,11 @@ from jezero.schemas.state import Clock
 from jezero.schemas.topics import CLOCK, ROVER_COMMAND
 from jezero.schemas.units import NS_PER_S
 
-SILENCE_S = 3.0
+CLOCK_TIMEOUT_S = 3.0
 SPEED_MAX_MPS = 2.0
 YAW_RATE_MAX_RPS = 1.0
-STOPS = 3
-"""Commands to stand that a stop consists of: one may be lost."""
+STOP_COMMANDS = 3
+"""Number of commands with speed 0 that stop the rover, as one may be lost."""
 COLUMNS = ("duration_s", "speed_mps", "yaw_rate_rps")
 
 
@@ -26,9 +26,9 @@ class Leg(NamedTuple):
     """A part of a drive.
 
     Attributes:
-        duration_s: of vehicle time.
-        speed_mps: forward, negative is backwards.
-        yaw_rate_rps: clockwise as seen from above.
+        duration_s: length in vehicle time.
+        speed_mps: forward speed, negative backwards.
+        yaw_rate_rps: yaw rate, positive clockwise as seen from above.
     """
 
     duration_s: float
@@ -37,70 +37,80 @@ class Leg(NamedTuple):
 
 
 class Rover:
-    """The rover of one vehicle; comes with `Vehicle.rover`."""
+    """The rover of one vehicle, the attribute `Vehicle.rover`."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
 
     def drive(self, speed_mps: float, yaw_rate_rps: float = 0.0, *, for_s: float | None = None) -> None:
-        """Drive for some seconds of vehicle time, or until an exception such as Ctrl+C; then the rover is stopped.
+        """Drive, then stop the rover, also after an exception such as Ctrl+C.
 
         Args:
-            speed_mps: forward, negative is backwards.
-            yaw_rate_rps: clockwise as seen from above.
+            speed_mps: forward speed, -2 to 2, negative backwards.
+            yaw_rate_rps: yaw rate, -1 to 1, positive clockwise as seen from above.
+            for_s: length of the drive in vehicle time; None drives until an exception.
 
         Raises:
-            ValueError: faster than the rover can.
-            Unreachable: no simulator or vehicle gives the time.
+            ValueError: a number is outside its range.
+            Unreachable: no vehicle time is published.
         """
         self.follow([Leg(math.inf if for_s is None else for_s, speed_mps, yaw_rate_rps)])
 
     def stop(self) -> None:
-        """Stand still; raises as `drive`."""
-        with _Ticks(self._connection) as ticks:
-            self._stop(ticks)
+        """Stop the rover.
 
-    def follow(self, legs: Sequence[Leg], tell: Callable[[int, Leg], None] = lambda number, leg: None) -> None:
-        """Drive one leg after the other, then stop; raises as `drive`.
+        Raises:
+            Unreachable: no vehicle time is published.
+        """
+        with _Clock(self._connection) as clock:
+            self._stop(clock)
+
+    def follow(self, legs: Sequence[Leg], on_leg: Callable[[int, Leg], None] = lambda number, leg: None) -> None:
+        """Drive legs one after the other, then stop.
 
         Args:
-            tell: called with each leg's number, from 1, when it begins.
+            legs: the legs.
+            on_leg: called with the number, from 1, and the leg when each starts.
+
+        Raises:
+            ValueError: a number of a leg is outside its range.
+            Unreachable: no vehicle time is published.
         """
         for number, leg in enumerate(legs, start=1):
-            if problem := problem_of(leg):
+            if problem := leg_problem(leg):
                 raise ValueError(f"leg {number}: {problem}")
-        with _Ticks(self._connection) as ticks:
+        with _Clock(self._connection) as clock:
             try:
-                self._follow(legs, ticks, tell)
+                self._follow(legs, clock, on_leg)
             finally:
-                self._stop(ticks)
+                self._stop(clock)
 
-    def _follow(self, legs: Sequence[Leg], ticks: "_Ticks", tell: Callable[[int, Leg], None]) -> None:
-        t_ns = next(ticks)
+    def _follow(self, legs: Sequence[Leg], clock: "_Clock", on_leg: Callable[[int, Leg], None]) -> None:
+        t_ns = next(clock)
         end_ns: float = t_ns
         for number, leg in enumerate(legs, start=1):
-            tell(number, leg)
+            on_leg(number, leg)
             end_ns += leg.duration_s * NS_PER_S
             while t_ns < end_ns:
                 self._command(t_ns, leg.speed_mps, leg.yaw_rate_rps)
-                t_ns = next(ticks)
+                t_ns = next(clock)
 
-    def _stop(self, ticks: "_Ticks") -> None:
-        for _ in range(STOPS):
-            self._command(next(ticks), 0.0, 0.0)
+    def _stop(self, clock: "_Clock") -> None:
+        for _ in range(STOP_COMMANDS):
+            self._command(next(clock), 0.0, 0.0)
 
     def _command(self, t_ns: int, speed_mps: float, yaw_rate_rps: float) -> None:
         command = RoverCommand(t_ns=t_ns, speed_rover_body_mps=speed_mps, yaw_rate_rover_rps=yaw_rate_rps)
         self._connection.publish(ROVER_COMMAND, command)
 
 
-class _Ticks(Iterator[int]):
-    """Vehicle time, ten times a second, as its master tells it: what the vehicle's own clock paces can't be too old."""
+class _Clock(Iterator[int]):
+    """Iterator over the published vehicle time, ten values a second; commands with these times are never too old."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
 
-    def __enter__(self) -> "_Ticks":
+    def __enter__(self) -> "_Clock":
         self._arrivals: Arrivals
         self._arrivals, self._undeclare = self._connection.subscribe(CLOCK)
         return self
@@ -110,18 +120,18 @@ class _Ticks(Iterator[int]):
 
     def __next__(self) -> int:
         try:
-            data = self._arrivals.take(time.monotonic() + SILENCE_S)
+            data = self._arrivals.take(time.monotonic() + CLOCK_TIMEOUT_S)
         except TimedOut:
             data = None
         if data is None:
             vehicle = self._connection.vehicle
-            raise Unreachable(f"no clock of {vehicle} for {SILENCE_S:g} s: is the stack up? (`jezero up`)")
+            raise Unreachable(f"no clock of {vehicle} for {CLOCK_TIMEOUT_S:g} s: is the stack up? (`jezero up`)")
         clock: Clock = decode(Clock, data)
         return clock.t_ns
 
 
-def problem_of(leg: Leg) -> str:
-    """Why the rover can't drive this, or ""."""
+def leg_problem(leg: Leg) -> str:
+    """Why the rover can't drive a leg, or ""."""
     if not leg.duration_s > 0.0:
         return f"duration {leg.duration_s:g} s is not positive"
     if not abs(leg.speed_mps) <= SPEED_MAX_MPS:
@@ -135,7 +145,8 @@ def read_legs(path: Path) -> list[Leg]:
     """Legs from a CSV file whose first line is `duration_s,speed_mps,yaw_rate_rps`.
 
     Raises:
-        ValueError: it is something else; the text says in which line.
+        ValueError: the file is not valid; the text names the line.
+        OSError: the file can't be read.
     """
     with path.open(newline="", encoding="utf-8") as file:
         rows = list(csv.reader(file))
@@ -154,8 +165,8 @@ def _leg(row: list[str], where: str) -> Leg:
     except ValueError:
         raise ValueError(f"{where}: {','.join(row)!r} is not three numbers") from None
     leg = Leg(duration_s, speed_mps, yaw_rate_rps)
-    if problem := problem_of(leg):
+    if problem := leg_problem(leg):
         raise ValueError(f"{where}: {problem}")
     if math.isinf(duration_s):
-        raise ValueError(f"{where}: a drive that never ends")
+        raise ValueError(f"{where}: the duration must be finite")
     return leg

@@ -1,7 +1,7 @@
-"""One Zenoh session: questions, their replies, and subscriptions.
+"""One Zenoh session: queries, their replies, and subscriptions.
 
-Zenoh calls back in threads of its own. The callbacks here only append and wake, and run directly in those threads:
-a thread of Python's would keep a program alive that forgot to close its vehicle.
+Zenoh calls back in its own threads. The callbacks here only append to a queue, and run directly in those threads: a
+Python thread for them would keep a program alive that forgot to close its vehicle.
 """
 
 import time
@@ -20,19 +20,19 @@ from jezero.schemas.struct import Message, Payload
 from jezero.schemas.topics import Endpoint, Topic, key, liveliness_key
 from jezero.zenoh_client import client_config, data_of
 
-ATTEMPT_S = 0.5
-LATE_S = 0.2
-"""Zenoh ends a question that nobody answers, a little late."""
-KEPT = 1000
-TIME_KEPT_S = 1.0
-"""Vehicle time that was told so long ago is still good enough to say when a goal was issued."""
+CONNECT_ATTEMPT_S = 0.5
+TIMEOUT_MARGIN_S = 0.2
+"""Zenoh ends a query without replies slightly after its timeout."""
+ARRIVALS_MAX = 1000
+VEHICLE_TIME_AGE_MAX_S = 1.0
+"""Vehicle time older than this is not used as the time at which a goal was issued."""
 
 
 class Arrivals:
-    """What Zenoh's threads bring and the caller's thread takes, in order. The oldest are dropped beyond `KEPT`.
+    """Queue of messages from Zenoh's threads to the caller's; beyond `ARRIVALS_MAX` the oldest are dropped.
 
     Attributes:
-        ended: nothing more will come.
+        ended: whether no more messages will come.
         error: the last error reply, e.g. "Timeout".
     """
 
@@ -40,17 +40,17 @@ class Arrivals:
         self.ended = False
         self.error = ""
         self._items: SimpleQueue[bytes | None] = SimpleQueue()
-        """None is the end."""
+        """The messages in order; None marks the end."""
         self._taken_all = False
 
     def take(self, deadline_s: float | None) -> bytes | None:
-        """The next item, or None at the end. For one thread.
+        """Wait for the next message; None at the end. For use by one thread.
 
         Args:
-            deadline_s: of `time.monotonic()`; None waits for ever.
+            deadline_s: deadline on the clock `time.monotonic()`; None waits forever.
 
         Raises:
-            TimedOut: the deadline passed first.
+            TimedOut: no message came before the deadline.
         """
         if self._taken_all:
             return None
@@ -58,41 +58,43 @@ class Arrivals:
         try:
             item = self._items.get(timeout=left_s)
         except Empty:
-            raise TimedOut("no answer in time") from None
+            raise TimedOut("no reply in time") from None
         self._taken_all = item is None
         return item
 
     def on_reply(self, reply: zenoh.Reply) -> None:
         sample = reply.ok
         if sample is not None:
-            self._bring(data_of(sample))
+            self._put(data_of(sample))
         elif reply.err is not None:
             self.error = reply.err.payload.to_bytes().decode("utf-8", "replace")
 
     def on_sample(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:
-            self._bring(data_of(sample))
+            self._put(data_of(sample))
 
     def on_end(self) -> None:
         self.ended = True
-        self._bring(None)
+        self._put(None)
 
-    def _bring(self, item: bytes | None) -> None:
+    def _put(self, item: bytes | None) -> None:
         items = self._items
         items.put(item)
-        if items.qsize() > KEPT:
-            with suppress(Empty):  # it was just taken
+        if items.qsize() > ARRIVALS_MAX:
+            with suppress(Empty):  # the caller's thread has just taken it
                 items.get_nowait()
 
 
 class Connection:
-    """A client's session on the router of one vehicle.
+    """A client's session with the router of one vehicle.
 
     Args:
-        timeout_s: to find the router.
+        vehicle: name of the vehicle.
+        router: Zenoh endpoint of the router.
+        timeout_s: longest wait for the router.
 
     Raises:
-        Unreachable: there is no router.
+        Unreachable: no router replies in time.
     """
 
     def __init__(self, vehicle: str, router: str, timeout_s: float) -> None:
@@ -100,33 +102,33 @@ class Connection:
         self.router = router
         self.client_id = f"py-{token_hex(6)}"
         self._session = _open(router, timeout_s)
-        self._leave = weakref.finalize(self, _close, self._session)
-        """Done also when a program exits that forgot to close: a moment later Zenoh's threads may wait for a Python
-        that is gone, and the program for them."""
-        self._told: tuple[int, float] | None = None
+        self._close = weakref.finalize(self, _close, self._session)
+        """Also closes the session at the exit of a program that forgot to: later, Zenoh's threads may wait for the
+        finished interpreter, and the program would wait for them."""
+        self._vehicle_time: tuple[int, float] | None = None
         self._token = self._session.liveliness().declare_token(liveliness_key(vehicle, "client", self.client_id))
 
     @property
     def connected(self) -> bool:
-        """Whether the router is there now."""
+        """Whether a router is connected now."""
         return not self._session.is_closed() and bool(self._session.info.routers_zid())
 
-    def tell_time(self, t_ns: int) -> None:
-        """A message that has just come in carried this vehicle time."""
-        self._told = (t_ns, time.monotonic())
+    def set_vehicle_time(self, t_ns: int) -> None:
+        """Set the vehicle time from a message that has just arrived."""
+        self._vehicle_time = (t_ns, time.monotonic())
 
     def vehicle_time_ns(self) -> int | None:
-        """Vehicle time as it was told within the last second, or None."""
-        if self._told is None or time.monotonic() - self._told[1] > TIME_KEPT_S:
+        """Vehicle time of the last message, or None if that is older than a second."""
+        if self._vehicle_time is None or time.monotonic() - self._vehicle_time[1] > VEHICLE_TIME_AGE_MAX_S:
             return None
-        return self._told[0]
+        return self._vehicle_time[0]
 
     def close(self) -> None:
-        """Leave; open questions end. May be called twice."""
-        self._leave()
+        """Close the session, which ends open queries. May be called twice."""
+        self._close()
 
     def stream(self, name: str, payload: bytes, timeout_s: float) -> Arrivals:
-        """Put a question to the server of a key and let the replies come in.
+        """Send a query; its replies arrive in the returned queue.
 
         Raises:
             Unreachable: the session is closed.
@@ -144,43 +146,43 @@ class Connection:
                 attachment=self.client_id.encode(),
             )
         except zenoh.ZError as error:
-            raise Unreachable(f"can't ask {name} of {self.vehicle}: {error}") from None
+            raise Unreachable(f"can't request {name} of {self.vehicle}: {error}") from None
         return arrivals
 
-    def ask(self, endpoint: Endpoint[Any, Any], payload: Payload, timeout_s: float) -> Any:
-        """One question, one answer.
+    def request(self, endpoint: Endpoint[Any, Any], payload: Payload, timeout_s: float) -> Any:
+        """Send a request and wait for its one reply.
 
         Raises:
-            Unreachable: nobody serves this.
-            TimedOut: somebody does, but doesn't answer.
+            Unreachable: no server has this key.
+            TimedOut: the server does not reply in time.
         """
         data = self.first(self.stream(endpoint.name, encode(payload), timeout_s), endpoint.name, timeout_s)
         return decode(endpoint.reply_type, data)
 
     def first(self, arrivals: Arrivals, name: str, timeout_s: float) -> bytes:
-        """The first reply on `name`; raises as `ask`."""
+        """The first reply; raises the errors of `request`."""
         data = self.first_or_none(arrivals, name, timeout_s)
         if data is None:
             self._raise_unreachable(name)
         return data
 
     def first_or_none(self, arrivals: Arrivals, name: str, timeout_s: float) -> bytes | None:
-        """The first reply, or None when nobody had one.
+        """The first reply, or None if the query ended without one.
 
         Raises:
-            TimedOut: nothing came and it didn't end.
+            TimedOut: no reply came, and the query did not end in time.
         """
         late = False
         try:
-            data = arrivals.take(time.monotonic() + timeout_s + LATE_S)
+            data = arrivals.take(time.monotonic() + timeout_s + TIMEOUT_MARGIN_S)
         except TimedOut:
             late, data = True, None
         if late or (data is None and arrivals.error):
-            raise TimedOut(f"{name} of {self.vehicle} did not answer within {timeout_s:g} s")
+            raise TimedOut(f"{name} of {self.vehicle} did not reply within {timeout_s:g} s")
         return data
 
     def subscribe(self, topic: Topic[Any]) -> tuple[Arrivals, Callable[[], None]]:
-        """Messages of a topic from now on, and how to stop them."""
+        """Subscribe to a topic; returns the queue of its messages and a function that ends the subscription."""
         arrivals = Arrivals()
         subscriber = self._session.declare_subscriber(
             key(self.vehicle, topic.name), zenoh.handlers.Callback(arrivals.on_sample, arrivals.on_end, indirect=False)
@@ -188,7 +190,7 @@ class Connection:
         return arrivals, subscriber.undeclare
 
     def publish(self, topic: Topic[Any], message: Message) -> None:
-        """One message for whoever listens.
+        """Publish one message.
 
         Raises:
             Unreachable: the session is closed.
@@ -202,7 +204,7 @@ class Connection:
     def _raise_unreachable(self, name: str) -> NoReturn:
         if not self.connected:
             raise Unreachable(f"the connection to the router {self.router} is lost")
-        raise Unreachable(f"nobody answers {name} of {self.vehicle}: is the stack up? (`jezero up`, `jezero ps`)")
+        raise Unreachable(f"no server replies on {name} of {self.vehicle}: is the stack up? (`jezero up`, `jezero ps`)")
 
 
 def decode(kind: Any, data: bytes) -> Any:
@@ -237,7 +239,7 @@ def _open(router: str, timeout_s: float) -> zenoh.Session:
     """Connect to the router; tried in short attempts, as nothing interrupts one."""
     deadline_s = time.monotonic() + timeout_s
     while True:
-        attempt_s = min(ATTEMPT_S, max(deadline_s - time.monotonic(), 0.05))
+        attempt_s = min(CONNECT_ATTEMPT_S, max(deadline_s - time.monotonic(), 0.05))
         try:
             return zenoh.open(client_config(router, attempt_s))
         except zenoh.ZError as error:

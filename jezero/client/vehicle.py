@@ -1,7 +1,6 @@
-"""A vehicle as its user sees it: verbs, units in their arguments, and named errors."""
+"""The vehicle: methods that send goals and requests, with units in the names of their arguments."""
 
 import math
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import TracebackType
@@ -9,13 +8,15 @@ from typing import Any, Literal, Self
 
 import msgspec
 
-from jezero.client.camera import next_picture
+from jezero.client.camera import next_frame
 from jezero.client.errors import Refused, TimedOut, Unreachable
-from jezero.client.goal import Goal, ask_result
+from jezero.client.goal import Goal, request_result
 from jezero.client.images import ImagesGoal
 from jezero.client.rover import Rover
-from jezero.client.session import Connection, decode
+from jezero.client.session import Connection
+from jezero.client.status import REPLY_TIMEOUT_S, request_status, wait_ready, watch_status
 from jezero.plugins import PluginError, find_action
+from jezero.schemas import topics
 from jezero.schemas.actions import (
     AreaCoverageGoal,
     Corners,
@@ -36,33 +37,27 @@ from jezero.schemas.actions import (
 from jezero.schemas.commands import Abort, AbortReply, Hover, HoverReply, Kill, KillReply
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.state import Status, StatusCode
-from jezero.schemas.topics import (
-    ABORT,
-    AREA_COVERAGE,
-    GET_IMAGES,
-    GO_TO,
-    HOVER,
-    KILL,
-    LAND_ON_SPOT,
-    STATUS,
-    TAKEOFF,
-    Action,
-)
+from jezero.schemas.topics import Action
 
 DEFAULT_ROUTER = "tcp/127.0.0.1:7447"
 Point = tuple[float, float, float]
 OnClientLoss = Literal["continue", "cancel"]
-ANSWER_S = 3.0
-PLANNED_S = 30.0
-"""For the answer to a goal that is planned before it is accepted."""
-HOVER_S = 10.0
-"""Ending a goal near the ground climbs first, and taking control back takes its time."""
-DISARM_S = 15.0
-SILENCE_S = 3.0
+PLAN_TIMEOUT_S = 30.0
+"""Longest wait for the acceptance of a goal whose path is planned first."""
+HOVER_TIMEOUT_S = 10.0
+"""Longest wait for a hover: a goal that ends near the ground climbs first, and taking control back takes seconds."""
+DISARM_TIMEOUT_S = 15.0
 
 
 class Vehicle:
-    """A connection to one vehicle. Points are metres north, east and down: 4 m up is z = -4.
+    """A connection to one vehicle.
+
+    Points are (3,) metres north, east and down: 4 m up is z = -4. The frame "world" has its origin where the vehicle
+    started; "rover" has it at the centre of the rover's platform, with axes north, east and down too.
+
+    A method that sends a goal returns it when it is accepted. Such a method raises `Refused` if the vehicle may not
+    start the goal now, `Unreachable` if no action server replies, `TimedOut` if the reply is missing, and `ValueError`
+    if a number is NaN or infinite. With `on_client_loss="cancel"` the goal ends when this client disappears.
 
     ```python
     with Vehicle.connect("uav1") as uav:
@@ -75,7 +70,7 @@ class Vehicle:
     ```
 
     Attributes:
-        rover: to drive it.
+        rover: the rover, with methods that drive it.
     """
 
     def __init__(self, connection: Connection) -> None:
@@ -85,15 +80,20 @@ class Vehicle:
 
     @classmethod
     def connect(cls, vehicle: str = "uav1", *, router: str = DEFAULT_ROUTER, timeout_s: float = 3.0) -> Self:
-        """Connect to a vehicle's router; close it again, or use it in a `with` statement.
+        """Connect to a vehicle. Close the connection afterwards, or use it in a `with` statement.
+
+        Args:
+            vehicle: name of the vehicle.
+            router: Zenoh endpoint of the vehicle's router.
+            timeout_s: longest wait for the router.
 
         Raises:
-            Unreachable: there is no router within `timeout_s`.
+            Unreachable: no router replies within `timeout_s`.
         """
         return cls(Connection(vehicle, router, timeout_s))
 
     def close(self) -> None:
-        """Leave the bus. Running goals go on, unless they were sent with `on_client_loss="cancel"`."""
+        """Close the connection. Running goals continue unless they were sent with `on_client_loss="cancel"`."""
         self._connection.close()
 
     def __enter__(self) -> Self:
@@ -102,15 +102,19 @@ class Vehicle:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
 
-    # -- goals: each returns when it is accepted, and raises Refused, Unreachable or TimedOut --
+    # -- goals --
 
     def takeoff(
         self, altitude_m: float = 2.0, *, on_client_loss: OnClientLoss = "continue"
     ) -> Goal[MoveFeedback, MoveResult]:
-        """Take off to `altitude_m` above the take-off point, positive up."""
+        """Take off.
+
+        Args:
+            altitude_m: altitude above the take-off point, positive up.
+        """
         _require_finite(altitude_m=altitude_m)
         goal = TakeoffGoal(**self._common(on_client_loss), altitude_m=altitude_m)
-        return self._send(TAKEOFF, goal)
+        return self._send(topics.TAKEOFF, goal)
 
     def go_to(
         self,
@@ -127,10 +131,13 @@ class Vehicle:
         """Fly to a point in a straight line.
 
         Args:
-            x_m, y_m, z_m: metres north, east and down.
-            do_takeoff: take off first when on the ground.
-            yaw_rad: heading at the target, zero at north and positive towards east; None keeps it.
-            speed_mps: along the line, None for the default.
+            x_m: metres north.
+            y_m: metres east.
+            z_m: metres down.
+            frame: frame of the point.
+            do_takeoff: take off first if the vehicle is on the ground.
+            yaw_rad: heading at the target, zero at north and positive towards east; None keeps the heading.
+            speed_mps: speed along the line; None for the default.
         """
         _require_finite(x_m=x_m, y_m=y_m, z_m=z_m, yaw_rad=yaw_rad, speed_mps=speed_mps)
         goal = GoToGoal(
@@ -141,7 +148,7 @@ class Vehicle:
             yaw_rad=yaw_rad,
             speed_mps=speed_mps,
         )
-        return self._send(GO_TO, goal)
+        return self._send(topics.GO_TO, goal)
 
     def land_on_spot(
         self,
@@ -152,11 +159,13 @@ class Vehicle:
         use_tag: bool = True,
         on_client_loss: OnClientLoss = "continue",
     ) -> Goal[LandFeedback, LandResult]:
-        """Land on the rover.
+        """Land on the rover, or on a spot on the ground if it uses neither UWB nor the tags.
 
         Args:
-            spot_ned_m: without UWB: roughly where the rover is, or without either sensor where to land.
-            use_uwb, use_tag: what finds the rover.
+            spot_ned_m: (3,) with the tags alone: approximate position of the rover; with neither sensor: landing spot.
+            frame: frame of the spot.
+            use_uwb: use the UWB ranges to the rover.
+            use_tag: use the AprilTags on the platform.
         """
         if spot_ned_m is not None:
             _require_finite(x_m=spot_ned_m[0], y_m=spot_ned_m[1], z_m=spot_ned_m[2])
@@ -167,7 +176,7 @@ class Vehicle:
             use_uwb=use_uwb,
             use_tag=use_tag,
         )
-        return self._send(LAND_ON_SPOT, goal)
+        return self._send(topics.LAND_ON_SPOT, goal)
 
     def get_images(
         self,
@@ -181,14 +190,16 @@ class Vehicle:
         stream_images: bool = True,
         on_client_loss: OnClientLoss = "continue",
     ) -> ImagesGoal:
-        """Photograph a target from all sides, on a circle around it.
+        """Take images of a target from all sides, on a circle around it.
 
         Args:
-            center_ned_m: of the circle; its z is the height of the flight.
-            num_images: 1 to 255, spread evenly.
-            target_z_ned_m: what the camera looks at, straight below the centre.
-            speed_mps: along the circle, None for the default.
-            stream_images: pictures come as they are taken, else all after the last one.
+            center_ned_m: (3,) centre of the circle; its z is the flight's altitude.
+            radius_m: radius of the circle.
+            num_images: number of images, 1 to 255, spread evenly.
+            frame: frame of the centre and of the target.
+            target_z_ned_m: z of the point, on the vertical line through the centre, at which the camera points.
+            speed_mps: speed along the circle; None for the default.
+            stream_images: whether the feedback announces each image as it is taken; else only the result lists them.
         """
         north_m, east_m, down_m = center_ned_m
         _require_finite(x_m=north_m, y_m=east_m, z_m=down_m, radius_m=radius_m)
@@ -203,7 +214,7 @@ class Vehicle:
             speed_mps=speed_mps,
             stream_images=stream_images,
         )
-        return ImagesGoal(self._connection, GET_IMAGES, goal, ANSWER_S)
+        return ImagesGoal(self._connection, topics.GET_IMAGES, goal, REPLY_TIMEOUT_S)
 
     def area_coverage(
         self,
@@ -219,14 +230,20 @@ class Vehicle:
         start_ned_m: tuple[float, float] | None = None,
         on_client_loss: OnClientLoss = "continue",
     ) -> ImagesGoal:
-        """Map an area: sweep it in lines, taking pictures.
+        """Cover an area in parallel lines and take images of all of it.
+
+        Give `resolution_m`, or `overlap` (and `sidelap`).
 
         Args:
-            polygon_ned_m, holes_ned_m: north and east of the corners, in order.
-            z_ned_m: height of the flight; 5 m up is -5.
-            resolution_m: between lines and between pictures; or `overlap` (and `sidelap`) of the pictures.
-            speed_mps: along the lines, None for the default.
-            start_ned_m: the path begins near it, None for the vehicle.
+            polygon_ned_m: (n, 2) corners of the area, north and east, in order.
+            z_ned_m: altitude of the flight, NED; 5 m up is -5.
+            holes_ned_m: polygons (n, 2) that are left out.
+            resolution_m: distance between lines and between images.
+            overlap: share of each image that the next one repeats, 0 to 0.95.
+            sidelap: share of each image that the images of the next line repeat, 0 to 0.95; None is `overlap`.
+            frame: frame of all points.
+            speed_mps: speed along the lines; None for the default.
+            start_ned_m: (2,) the path starts near this point; None for the vehicle's position.
         """
         _require_finite(z_m=z_ned_m, resolution_m=resolution_m, overlap=overlap, sidelap=sidelap, speed_mps=speed_mps)
         goal = AreaCoverageGoal(
@@ -241,16 +258,16 @@ class Vehicle:
             speed_mps=speed_mps,
             start_ned_m=start_ned_m,
         )
-        return ImagesGoal(self._connection, AREA_COVERAGE, goal, PLANNED_S)
+        return ImagesGoal(self._connection, topics.AREA_COVERAGE, goal, PLAN_TIMEOUT_S)
 
     def resume_coverage(self, goal: AreaCoverageGoal) -> ImagesGoal:
-        """Take the missing pictures of a coverage that ended early.
+        """Take the missing images of a coverage that ended early.
 
         Args:
-            goal: `resume` of its result.
+            goal: field `resume` of that coverage's result.
         """
-        fresh = msgspec.structs.replace(goal, **self._common(goal.on_client_loss))
-        return ImagesGoal(self._connection, AREA_COVERAGE, fresh, PLANNED_S)
+        renewed = msgspec.structs.replace(goal, **self._common(goal.on_client_loss))
+        return ImagesGoal(self._connection, topics.AREA_COVERAGE, renewed, PLAN_TIMEOUT_S)
 
     def send(self, action: str | Action[Any], goal: GoalPayload | None = None, **fields: Any) -> Goal[Any, Any]:
         """Send a goal to any action, also to one that an installed package adds.
@@ -262,113 +279,92 @@ class Vehicle:
         Raises:
             ValueError: there is no such action, or the goal doesn't fit its type; the message names the field.
         """
-        return Goal(self._connection, *self._checked(action, goal, fields), ANSWER_S)
+        return Goal(self._connection, *self._checked(action, goal, fields), REPLY_TIMEOUT_S)
 
-    # -- services --
+    # -- requests: each raises Unreachable or TimedOut without a reply --
 
     def hover(self, pos_ned_m: Point | None = None) -> None:
-        """Hover here, which ends a goal in charge; or at a point, only while hovering already.
+        """Hover here, which ends the goal in charge; or hover at a point, only while hovering already.
+
+        Args:
+            pos_ned_m: (3,) point in the world frame; None for the present position.
 
         Raises:
-            Refused: not possible now.
+            Refused: the vehicle cannot hover now; the text is the reason.
+            ValueError: a coordinate is NaN or infinite.
         """
         if pos_ned_m is not None:
             _require_finite(x_m=pos_ned_m[0], y_m=pos_ned_m[1], z_m=pos_ned_m[2])
-        reply: HoverReply = self._connection.ask(HOVER, Hover(hover_pos=pos_ned_m), HOVER_S)
+        reply: HoverReply = self._connection.request(topics.HOVER, Hover(hover_pos=pos_ned_m), HOVER_TIMEOUT_S)
         if not reply.hover_mode:
             raise Refused(reply.reason)
 
     def abort(self, reason: str = "") -> AbortReply:
-        """End the goal in charge at once, whoever sent it: hover, or disarm when still on the ground."""
-        reply: AbortReply = self._connection.ask(ABORT, Abort(reason=reason), ANSWER_S)
+        """End the goal in charge at once, also another client's: hover, or disarm if still on the ground."""
+        reply: AbortReply = self._connection.request(topics.ABORT, Abort(reason=reason), REPLY_TIMEOUT_S)
         return reply
 
     def kill(self, *, confirm: bool = False) -> None:
-        """Cut the motors at once, in the air too. Only with `confirm=True`.
+        """Stop the motors at once, also in the air: a flying vehicle falls.
+
+        Args:
+            confirm: must be True.
 
         Raises:
-            Refused: not confirmed, or the autopilot didn't obey.
+            Refused: not confirmed, or the autopilot did not disarm.
         """
-        reply: KillReply = self._connection.ask(KILL, Kill(confirm=confirm), DISARM_S)
+        reply: KillReply = self._connection.request(topics.KILL, Kill(confirm=confirm), DISARM_TIMEOUT_S)
         if not reply.killed:
             raise Refused(reply.reason)
 
-    # -- what is known --
+    # -- state --
 
     def status(self) -> Status:
-        """The vehicle's last status.
+        """The vehicle's last status; `schemas/state.py` describes its fields.
 
         Raises:
-            Unreachable: nobody knows it.
+            Unreachable: no vehicle bridge replies.
+            TimedOut: the reply is missing.
         """
-        arrivals = self._connection.stream(STATUS.name, b"", ANSWER_S)
-        status: Status = decode(Status, self._connection.first(arrivals, STATUS.name, ANSWER_S))
-        self._connection.tell_time(status.t_ns)
-        return status
-
-    def picture(self, timeout_s: float = 3.0) -> CameraFrame:
-        """The next picture of the camera.
-
-        Raises:
-            Unreachable: none comes in time.
-        """
-        return next_picture(self._connection, timeout_s)
+        return request_status(self._connection)
 
     def watch_status(self) -> Iterator[Status]:
-        """The present status and every one from now on.
+        """Yield the last status, then every changed one.
 
         Raises:
-            Unreachable: none came for 3 s.
+            Unreachable: no status came for 3 s.
+            TimedOut: the reply to the first request is missing.
         """
-        arrivals, undeclare = self._connection.subscribe(STATUS)
-        try:
-            status = self.status()
-            yield status
-            while True:
-                try:
-                    data = arrivals.take(time.monotonic() + SILENCE_S)
-                except TimedOut:
-                    data = None
-                if data is None:
-                    raise Unreachable(f"no status of {self._connection.vehicle} for {SILENCE_S:g} s")
-                newer: Status = decode(Status, data)
-                if newer != status:
-                    status = newer
-                    yield status
-        finally:
-            undeclare()
+        return watch_status(self._connection)
 
     def wait_ready(self, timeout_s: float = 30.0) -> Status:
-        """Wait until a takeoff would be accepted, or the vehicle flies.
+        """Wait until the vehicle is ready for a takeoff or flies already.
 
         Raises:
-            TimedOut: it isn't ready in time; the text says what is missing.
+            TimedOut: it is not ready in time; the text is the reason.
         """
-        deadline_s = time.monotonic() + timeout_s
-        missing = "nobody publishes its status"
-        while True:
-            try:
-                for status in self.watch_status():
-                    if status.ready:
-                        return status
-                    missing = status.not_ready_reason or f"its status is {status.name}"
-                    if time.monotonic() > deadline_s:
-                        break
-            except (Unreachable, TimedOut) as error:
-                missing = str(error)
-                time.sleep(min(0.1, max(deadline_s - time.monotonic(), 0.0)))
-            if time.monotonic() > deadline_s:
-                raise TimedOut(f"{self._connection.vehicle} is not ready after {timeout_s:g} s: {missing}")
+        return wait_ready(self._connection, timeout_s)
+
+    def picture(self, timeout_s: float = 3.0) -> CameraFrame:
+        """The next image of the camera.
+
+        Raises:
+            Unreachable: no image comes within `timeout_s`.
+        """
+        return next_frame(self._connection, timeout_s)
 
     def result_of(self, goal_id: str) -> ResultReply | None:
-        """What the action servers know of a goal, also of one sent by a client that is gone; None: nothing."""
-        return ask_result(self._connection, goal_id)
+        """State or result of any goal, also of another client's; None if no action server knows it."""
+        return request_result(self._connection, goal_id)
 
     @contextmanager
     def flight(self, altitude_m: float = 2.0) -> Iterator[Self]:
-        """Take off, and land at the end of the block wherever the vehicle then is.
+        """Take off, and land at the vehicle's position at the end of a `with` block, also after an exception.
 
-        An exception in the block lands it too. It isn't landed when a pilot or a failsafe has taken over.
+        It does not land if a pilot or a failsafe has taken over.
+
+        Raises:
+            Refused, Aborted, Canceled, Unreachable, TimedOut: the takeoff, the hover or the landing failed.
         """
         self.takeoff(altitude_m).result()
         try:
@@ -376,7 +372,7 @@ class Vehicle:
         finally:
             self._land_here()
 
-    # -- inside --
+    # -- internals --
 
     def _land_here(self) -> None:
         status = self.status()
@@ -406,12 +402,12 @@ class Vehicle:
             raise ValueError(f"{row.name}: {error}") from None
 
     def _send(self, action: Action[Any], goal: GoalPayload) -> Goal[Any, Any]:
-        return Goal(self._connection, action, goal, ANSWER_S)
+        return Goal(self._connection, action, goal, REPLY_TIMEOUT_S)
 
     def _common(self, on_client_loss: OnClientLoss) -> dict[str, Any]:
-        """The fields that every goal carries: a fresh id, and the vehicle time of now so that it can expire.
+        """Fields of every goal: a new id, and the present vehicle time, after which the goal expires in some seconds.
 
-        That time is asked for only where no status, feedback or result has just told it.
+        The status is requested for that time only if no status, feedback or result has arrived within a second.
         """
         self._goals_sent += 1
         issued_t_ns = self._connection.vehicle_time_ns()
@@ -426,7 +422,7 @@ class Vehicle:
 
 
 def _require_finite(**numbers: float | None) -> None:
-    """Raises ValueError, naming the first that is NaN or infinite: JSON can't carry it."""
+    """Raise ValueError with the name of the first number that is NaN or infinite, which JSON cannot represent."""
     for name, number in numbers.items():
         if number is not None and not math.isfinite(number):
             raise ValueError(f"{name} is {number}")

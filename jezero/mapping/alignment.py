@@ -1,7 +1,7 @@
-"""Better poses of the pictures: those under which what two pictures show of the same ground falls together.
+"""Correction of the images' poses so that features that two images share meet on the ground.
 
-Unknown are each picture's position and attitude. What is known beforehand, and how well, keeps what the pictures can't
-tell: where all of it lies, which way is north, and how high it is.
+The unknowns are each image's position and attitude. Priors with their standard deviations fix what the matches can't:
+the position of the whole, the direction of north, and the height.
 """
 
 from dataclasses import dataclass
@@ -19,26 +19,28 @@ Array = NDArray[np.float64]
 STD_MATCH_M = 0.02
 HUBER_M = 0.04
 STD_PLACE_M = 0.5
-"""Of a picture's position; of the way between two exposures it is far less:"""
 STD_WAY_M = 0.01
 STD_WAY_M_PER_S = 0.005
 STD_HEIGHT_M = 0.05
 STD_TILT_RAD, STD_YAW_RAD = np.radians(1.0), np.radians(1.5)
-"""Of the error that all pictures' attitudes share,"""
 STD_WOBBLE_RAD = np.radians(0.3)
-"""and of what each has besides."""
+"""Standard deviations of the priors. The error of an image's position is large (STD_PLACE_M, STD_HEIGHT_M), that of the
+distance between two exposures small (STD_WAY_M). All images share an attitude error (STD_TILT_RAD, STD_YAW_RAD), to
+which each adds a small one (STD_WOBBLE_RAD)."""
 ITERATIONS = 8
 UNKNOWNS = 6
-"""Of each picture: north, east, down, and a small turn about these axes. One turn more is everybody's."""
+"""Unknowns per image: north, east, down, and a small rotation about these axes. A last rotation is common to all."""
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """How well the pictures agree.
+    """Result of the alignment.
 
     Attributes:
-        survey: with the better poses.
-        before_m, after_m: median distance on the ground between the two ends of a match; NaN when there are none.
+        survey: the survey with corrected poses.
+        pairs: number of matched pairs of images.
+        before_m: median distance on the ground between the two points of a match before; NaN without matches.
+        after_m: the same afterwards.
     """
 
     survey: Survey
@@ -48,7 +50,7 @@ class Alignment:
 
 
 def align(survey: Survey, ground: Ground, matches: list[Matches]) -> Alignment:
-    """Find the poses by iterated least squares with robust weights."""
+    """Correct the poses by iterated least squares with robust (Huber) weights."""
     if not matches:
         return Alignment(survey, 0, float("nan"), float("nan"))
     ends = _Ends(survey, matches)
@@ -75,7 +77,7 @@ def _median_m(apart_m: Array) -> float:
 
 
 def _moved(survey: Survey, moved: Array) -> Survey:
-    """The survey with each picture's position shifted, and its attitude turned by its own turn."""
+    """The survey with each image's position shifted and its attitude rotated."""
     each = moved[:-3].reshape(-1, UNKNOWNS)
     turns = np.array([_turn(rotation) for rotation in each[:, 3:]])
     return survey.moved(survey.pos_m + each[:, :3], turns @ survey.rotations)
@@ -92,7 +94,7 @@ def _turn(vector: Array) -> Array:
 
 
 class _Ends:
-    """All matches at once: for each the picture and the ray of either end."""
+    """Both points of all matches: the number of the image and the ray of each."""
 
     def __init__(self, survey: Survey, matches: list[Matches]) -> None:
         counts = [len(pair.points_first_px) for pair in matches]
@@ -104,12 +106,12 @@ class _Ends:
         self._unknowns = UNKNOWNS * len(survey) + 3
 
     def apart(self, survey: Survey, ground: Ground) -> tuple[Array, scipy.sparse.csr_matrix]:
-        """(k, 2) from second to first end on the ground, and (2k, unknowns) how it changes with them."""
+        """(k, 2) offset of the first point from the second on the ground, and its (2k, unknowns) Jacobian."""
         (first_m, first_slopes), (second_m, second_slopes) = (self._on_ground(survey, ground, end) for end in (0, 1))
         return first_m - second_m, (first_slopes - second_slopes).tocsr()
 
     def _on_ground(self, survey: Survey, ground: Ground, end: int) -> tuple[Array, scipy.sparse.csr_matrix]:
-        """Where one end's rays meet the ground, and how that moves with the pictures' unknowns.
+        """Points at which the rays of one end meet the ground, and their Jacobian.
 
         With u = d_north/d_down, v = d_east/d_down and the height h, a point is at (N + hu, E + hv).
         """
@@ -130,7 +132,7 @@ class _Ends:
 
 
 def _priors(survey: Survey) -> scipy.sparse.csr_matrix:
-    """What is known beforehand: each row is a sum of unknowns over its standard deviation, and should be zero."""
+    """Priors: each row is a sum of unknowns over its standard deviation, with the expected value zero."""
     count = len(survey)
     shared = UNKNOWNS * count
     rows: list[int] = []

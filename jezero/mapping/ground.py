@@ -1,4 +1,4 @@
-"""The shape of the ground from the altimeter's spots: a level, a slope, and what departs from them nearby."""
+"""Model of the ground from the altimeter's spots: a plane, and deviations from it near the spots."""
 
 from dataclasses import dataclass
 
@@ -7,23 +7,24 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 REACH_M = 2.5
-"""Over which distance the ground resembles itself."""
+"""Correlation length of the deviations."""
 STD_GROUND_M = 0.15
 STD_SPOT_M = 0.05
-"""Of the range, and of what the vehicle's height wanders between two spots."""
+"""Standard deviation of a spot: of the range, and of the drift of the vehicle's height."""
 OUTLIER_M = 0.3
 SLOPE_SPREAD_M = 0.5
-"""Spots that spread less across some direction tell no slope along it."""
+"""With a smaller spread of the spots in any direction no slope is estimated."""
 
 
 @dataclass(frozen=True)
 class Ground:
-    """Its height as a function of the place.
+    """Height of the ground as a function of the place.
 
     Attributes:
-        plane: (3,) down at the middle, and its slopes to the north and to the east.
-        middle_m, spots_m: (2,) and (m, 2).
-        weights_m: (m,) of the departures around each spot.
+        plane: (3,) down coordinate at the middle, and the slopes to the north and to the east.
+        middle_m: (2,) north and east of the spots' mean.
+        spots_m: (m, 2) north and east of the spots.
+        weights_m: (m,) weights of the deviations around each spot.
     """
 
     plane: Array
@@ -32,7 +33,7 @@ class Ground:
     weights_m: Array
 
     def down_m(self, points_m: Array) -> Array:
-        """(k,) at places (k, 2)."""
+        """(k,) down coordinates of the ground at (k, 2) places, north and east."""
         away = points_m - self.middle_m
         level = self.plane[0] + away @ self.plane[1:]
         if len(self.spots_m) == 0:
@@ -40,10 +41,11 @@ class Ground:
         return np.asarray(level + _kernel(points_m, self.spots_m) @ self.weights_m)
 
     def met(self, from_m: Array, along: Array) -> Array:
-        """(k, 3) where rays meet the ground; rays that don't look down give NaN.
+        """(k, 3) points at which rays meet the ground; NaN for rays that do not point down.
 
         Args:
-            from_m, along: (k, 3) or (3,) origins, and (k, 3) directions.
+            from_m: (k, 3) or (3,) origins.
+            along: (k, 3) directions.
         """
         origins = np.broadcast_to(from_m, along.shape)
         steep = np.where(along[:, 2] > 0.05, along[:, 2], np.nan)
@@ -55,11 +57,11 @@ class Ground:
 
 
 def fit_ground(spots_m: Array) -> Ground:
-    """From where the beam met it, (m, 3).
+    """Fit the ground to (m, 3) spots at which the altimeter's beam met it.
 
-    Spots that stand out, such as those on the rover's platform, are left out.
+    Outliers, such as spots on the rover's platform, are left out.
     """
-    level_m = np.quantile(spots_m[:, 2], 0.5, method="lower")  # one of them: some spot is always near it
+    level_m = np.quantile(spots_m[:, 2], 0.5, method="lower")  # an element of the spots, so that at least one is kept
     kept = spots_m[np.abs(spots_m[:, 2] - level_m) < 1.0]
     for _ in range(3):
         middle_m, plane = _plane(kept)
@@ -73,7 +75,7 @@ def fit_ground(spots_m: Array) -> Ground:
 
 
 def _plane(spots_m: Array) -> tuple[Array, Array]:
-    """Middle, and level and slopes of the plane through the spots; level where they tell no slope."""
+    """Mean of the spots, and the plane through them; a level plane if their spread is small."""
     middle_m = spots_m[:, :2].mean(axis=0)
     away = spots_m[:, :2] - middle_m
     spread_m = np.linalg.svd(away, compute_uv=False)[-1] / np.sqrt(len(spots_m)) if len(spots_m) > 2 else 0.0

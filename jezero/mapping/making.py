@@ -1,4 +1,4 @@
-"""From a coverage's folder to its map."""
+"""The map of a coverage's folder."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,13 @@ from jezero.mapping.survey import read_survey
 
 @dataclass(frozen=True)
 class Map:
-    """A map, and how well its pictures agree."""
+    """A map, and the alignment of its images.
+
+    Attributes:
+        mosaic: the map.
+        alignment: the alignment.
+        pictures: number of images.
+    """
 
     mosaic: Mosaic
     alignment: Alignment
@@ -20,12 +26,12 @@ class Map:
 
 
 def make_map(folder: Path, m_per_px: float) -> Map:
-    """The orthomosaic of the pictures in a folder.
+    """Make the orthomosaic of a folder's images.
 
-    The ground's height comes from the altimeter's ranges that the pictures carry.
+    The ground's height comes from the altimeter ranges in the dataset.
 
     Raises:
-        SurveyError: the folder holds no pictures that can be mapped.
+        SurveyError: the folder has no images that can be mapped.
     """
     survey = read_survey(folder)
     ground = fit_ground(survey.spots_m)

@@ -1,4 +1,4 @@
-"""The same points of the ground in two pictures."""
+"""Matches: the same points of the ground in two images."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ Array = NDArray[np.float64]
 FEATURES_MAX = 1200
 NEIGHBOURS_MAX = 8
 APART_MAX = 0.8
-"""Pictures whose middles are farther apart than this share of their diagonal are not compared."""
+"""Images whose centres are farther apart than this share of their diagonal are not compared."""
 RATIO_MAX = 0.8
 ASTRAY_MAX_M = 1.0
-"""Matches that the poses put farther apart than this on the ground are of another place that looks alike."""
+"""Matches farther apart on the ground than this are of different places that look alike."""
 AGREE_PX = 3.0
 MATCHES_MIN = 12
 MATCHES_MAX = 80
@@ -25,7 +25,14 @@ MATCHES_MAX = 80
 
 @dataclass(frozen=True)
 class Matches:
-    """Between pictures `first` and `second`; points are (k, 2) pixels in each."""
+    """Matches between two images.
+
+    Attributes:
+        first: number of the first image.
+        second: number of the second image.
+        points_first_px: (k, 2) pixels in the first image.
+        points_second_px: (k, 2) pixels in the second image.
+    """
 
     first: int
     second: int
@@ -35,7 +42,12 @@ class Matches:
 
 @dataclass(frozen=True)
 class _Features:
-    """Attributes: descriptors: (k, 128), small because all pictures' are kept."""
+    """SIFT features of one image.
+
+    Attributes:
+        points_px: (k, 2) pixels.
+        descriptors: (k, 128) as bytes, because those of all images are in memory.
+    """
 
     points_px: Array
     descriptors: NDArray[np.uint8]
@@ -48,7 +60,7 @@ class _Features:
 
 
 def find_matches(survey: Survey, ground: Ground) -> list[Matches]:
-    """Of all pairs of pictures that show much of the same ground."""
+    """Find the matches of all pairs of overlapping images."""
     detector = cv2.SIFT.create(FEATURES_MAX)
     features = [_features(detector, survey.pixels(number)) for number in range(len(survey))]
     found = []
@@ -67,7 +79,7 @@ def _features(detector: cv2.SIFT, pixels: Pixels) -> _Features:
 
 
 def _pairs(survey: Survey, ground: Ground) -> Iterator[tuple[int, int]]:
-    """Each picture with the next, and with its nearest neighbours."""
+    """Pairs of each image with the next one and with its nearest neighbours."""
     middles_m = np.array(
         [ground.met(survey.pos_m[i], survey.rotations[i, :, 2][None])[0, :2] for i in range(len(survey))]
     )
@@ -82,7 +94,7 @@ def _pairs(survey: Survey, ground: Ground) -> Iterator[tuple[int, int]]:
 
 
 def _spread(near: list[int], middles_m: Array, of: int) -> list[int]:
-    """Some of the neighbours, in all directions: the nearest in each of eight sectors."""
+    """The nearest neighbour in each of eight sectors."""
     chosen: dict[int, int] = {}
     for j in near:
         away = middles_m[j] - middles_m[of]
@@ -112,7 +124,7 @@ def _match(survey: Survey, ground: Ground, first: int, second: int, a: _Features
 
 
 def _nearest_descriptors(a: _Features, b: _Features) -> NDArray[np.int64]:
-    """(k, 2) of features that are each other's best by far."""
+    """(k, 2) indices of features that are mutually nearest and pass the ratio test."""
     likeness = a.roots @ b.roots.T
     best_b = np.argmax(likeness, axis=1)
     best_a = np.argmax(likeness, axis=0)

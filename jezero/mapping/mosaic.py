@@ -1,4 +1,4 @@
-"""The orthomosaic: every picture laid on the ground and blended, north at the top."""
+"""The orthomosaic: all images projected on the ground and blended, north at the top."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,21 +16,23 @@ Grid = tuple[float, float, float]
 """North and east of the map's first pixel, and metres per pixel."""
 PIXELS_MAX = 60_000_000
 SHARPNESS = 6.0
-"""Of the blending: how fast a picture's weight falls from its middle."""
+"""Rate at which an image's weight falls from its centre."""
 SHADOW_LEVELS = 12.0
-"""Brightness by which a picture must differ from the others to count little there: the vehicle's shadow does."""
+"""A pixel that differs from the other images by more brightness has a small weight, e.g. the vehicle's shadow."""
 GRID_PX = 16
-"""The way from map to picture is worked out at every so many pixels, and interpolated between."""
+"""The projection from map to image is calculated at every 16th pixel and interpolated between them."""
 
 
 @dataclass(frozen=True)
 class Mosaic:
-    """A map.
+    """An orthomosaic.
 
     Attributes:
         pixels: (rows, columns, 3) red, green, blue; rows from the north.
-        seen: (rows, columns) whether any picture shows it.
-        north_m, east_m: of the middle of the first pixel, which is the north-western one.
+        seen: (rows, columns) whether any image shows the pixel.
+        north_m: north of the first, north-western pixel's centre.
+        east_m: east of the same.
+        m_per_px: resolution.
     """
 
     pixels: Pixels
@@ -40,7 +42,7 @@ class Mosaic:
     m_per_px: float
 
     def save(self, file: Path) -> Path:
-        """Write a PNG, transparent where nothing was seen, and its world file; returns the latter.
+        """Write a PNG, transparent where no image shows the ground, and its world file; returns the world file.
 
         Coordinates are metres: x to the east, y to the north, in the world frame.
         """
@@ -56,14 +58,14 @@ class Mosaic:
 
 
 def make_mosaic(survey: Survey, ground: Ground, m_per_px: float) -> Mosaic:
-    """Lay the pictures on the ground.
+    """Project the images on the ground and blend them.
 
     Raises:
-        SurveyError: the map would be too large, or no picture shows the ground.
+        SurveyError: the map would be too large, or no image shows the ground.
     """
     north_m, east_m, rows, columns = _extent(survey, ground, m_per_px)
     if rows * columns > PIXELS_MAX:
-        raise SurveyError(f"a map of {columns} x {rows} pixels is too large: take more metres per pixel")
+        raise SurveyError(f"a map of {columns} x {rows} pixels is too large: choose more metres per pixel")
     grid, size = (north_m, east_m, m_per_px), (rows, columns)
     first, _ = _blend(survey, ground, grid, size, None)
     mean, seen = _blend(survey, ground, grid, size, first)
@@ -74,7 +76,7 @@ def make_mosaic(survey: Survey, ground: Ground, m_per_px: float) -> Mosaic:
 def _blend(
     survey: Survey, ground: Ground, grid: Grid, size: tuple[int, int], expected: Field | None
 ) -> tuple[Field, NDArray[np.bool_]]:
-    """Weighted mean of the pictures, and where there are any; what departs from the expected colour counts little."""
+    """Weighted mean of the images, and whether each pixel has any; deviations from `expected` get a small weight."""
     total, weight = np.zeros((*size, 3), np.float32), np.zeros(size, np.float32)
     for place, patch, share in _patches(survey, ground, grid, size):
         trust = share
@@ -88,11 +90,11 @@ def _blend(
 
 
 def _extent(survey: Survey, ground: Ground, m_per_px: float) -> tuple[float, float, int, int]:
-    """North and east of the first pixel, and how many there are, for all that the pictures show."""
+    """North and east of the first pixel, and the numbers of rows and columns that contain all images."""
     corners = np.concatenate([_footprint(survey, ground, number) for number in range(len(survey))])
     corners = corners[np.isfinite(corners).all(axis=1)]
     if len(corners) == 0:
-        raise SurveyError("no picture looks at the ground")
+        raise SurveyError("no image shows the ground")
     low, high = corners.min(axis=0), corners.max(axis=0)
     rows, columns = (int(np.ceil((high[axis] - low[axis]) / m_per_px)) + 1 for axis in (0, 1))
     north_m = float(np.ceil(high[0] / m_per_px)) * m_per_px
@@ -101,7 +103,7 @@ def _extent(survey: Survey, ground: Ground, m_per_px: float) -> tuple[float, flo
 
 
 def _footprint(survey: Survey, ground: Ground, number: int) -> Array:
-    """(4, 2) where the corners of a picture are on the ground."""
+    """(4, 2) north and east of an image's corners on the ground."""
     rays = survey.rays_of_corners @ survey.rotations[number].T
     return ground.met(survey.pos_m[number], rays)[:, :2]
 
@@ -109,7 +111,7 @@ def _footprint(survey: Survey, ground: Ground, number: int) -> Array:
 def _patches(
     survey: Survey, ground: Ground, grid: Grid, size: tuple[int, int]
 ) -> Iterator[tuple[tuple[slice, slice], Field, Field]]:
-    """Of each picture: its part of the map, its colours there, and its weight, highest straight below the camera."""
+    """Yield each image's part of the map, its colours there, and its weights, highest straight below the camera."""
     north_m, east_m, m_per_px = grid
     for number in range(len(survey)):
         corners = _footprint(survey, ground, number)
@@ -126,7 +128,7 @@ def _patches(
 
 
 def _lookup(survey: Survey, ground: Ground, number: int, place: tuple[slice, slice], grid: Grid) -> tuple[Field, Field]:
-    """For each pixel of a part of the map the pixel of a picture that shows it."""
+    """Pixel coordinates in an image for each pixel of a part of the map."""
     north_m, east_m, m_per_px = grid
     rows, columns = (np.arange(part.start, part.stop + GRID_PX, GRID_PX) for part in place)
     at = np.stack(np.meshgrid(north_m - m_per_px * rows, east_m + m_per_px * columns, indexing="ij"), axis=-1)
@@ -144,7 +146,7 @@ def _lookup(survey: Survey, ground: Ground, number: int, place: tuple[slice, sli
 
 
 def _weight(survey: Survey, px: Field, py: Field) -> Field:
-    """1 in a picture's middle, falling towards its edges, 0 outside."""
+    """Weights of pixels: 1 in an image's centre, lower towards its edges, 0 outside."""
     width_px, height_px = survey.size_px
     across = np.abs(px - survey.center_px[0]) / (0.5 * width_px)
     along = np.abs(py - survey.center_px[1]) / (0.5 * height_px)

@@ -1,4 +1,4 @@
-"""The pictures of a dataset, with where each was taken, as arrays."""
+"""The images of a dataset and their poses, as arrays."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,7 +19,7 @@ LASER_BELOW_CAMERA_M = 0.02
 
 
 class SurveyError(ValueError):
-    """The folder can't be mapped; the message tells why and what to do."""
+    """The folder can't be mapped; the message gives the reason and the remedy."""
 
 
 class _Entry(msgspec.Struct):
@@ -32,14 +32,17 @@ class _Listing(msgspec.Struct):
 
 @dataclass(frozen=True)
 class Survey:
-    """n pictures of one camera.
+    """n images of one camera.
 
     Attributes:
-        times_s: (n,) of the exposures.
-        pos_m: (n, 3) of the camera.
-        rotations: (n, 3, 3) that turn the camera's right, down, forward into north, east, down.
-        focal_px, center_px: of the pinhole.
-        spots_m: (m, 3) where the altimeter's beam met the ground, by the vehicle's own position.
+        files: files of the images.
+        times_s: (n,) times of the exposures.
+        pos_m: (n, 3) positions of the camera, NED.
+        rotations: (n, 3, 3) rotations from the camera's axes right, down, forward to north, east, down.
+        focal_px: focal length.
+        center_px: (2,) principal point.
+        size_px: width and height.
+        spots_m: (m, 3) points at which the altimeter's beam met the ground, by the vehicle's own position, NED.
     """
 
     files: tuple[Path, ...]
@@ -55,10 +58,10 @@ class Survey:
         return len(self.files)
 
     def pixels(self, number: int) -> Pixels:
-        """(height, width, 3) of a picture: red, green, blue.
+        """(height, width, 3) pixels of an image: red, green, blue.
 
         Raises:
-            SurveyError: its file is missing or broken.
+            SurveyError: its file is missing or invalid.
         """
         picture = cv2.imread(str(self.files[number]), cv2.IMREAD_COLOR)
         if picture is None:
@@ -70,26 +73,26 @@ class Survey:
 
     @cached_property
     def rays_of_corners(self) -> Array:
-        """(4, 3) in the camera's axes, around the picture."""
+        """(4, 3) rays through the image's corners, in the camera's axes."""
         width_px, height_px = self.size_px
         corners_px = np.array([(0, 0), (width_px - 1, 0), (width_px - 1, height_px - 1), (0, height_px - 1)], float)
         return self.rays(corners_px)
 
     def rays(self, points_px: Array) -> Array:
-        """(k, 3) in the camera's axes through points of the picture, (k, 2)."""
+        """(k, 3) rays through (k, 2) points of the image, in the camera's axes."""
         across = (points_px - np.array(self.center_px)) / self.focal_px
         return np.column_stack((across, np.ones(len(points_px))))
 
     def moved(self, pos_m: Array, rotations: Array) -> "Survey":
-        """The same pictures, taken from elsewhere."""
+        """The same images with other poses."""
         return replace(self, pos_m=pos_m, rotations=rotations)
 
 
 def read_survey(folder: Path) -> Survey:
-    """The dataset of a coverage.
+    """Read the dataset of a coverage.
 
     Raises:
-        SurveyError: there is none, or it has no picture with an altimeter range.
+        SurveyError: the folder has no dataset, or none of its images has an altimeter range.
     """
     listing = folder / LISTING
     try:
@@ -97,17 +100,17 @@ def read_survey(folder: Path) -> Survey:
         files = [msgspec.json.decode(entry, type=_Entry).file for entry in entries]
         images = [_image(entry) for entry in entries]
     except FileNotFoundError:
-        raise SurveyError(f"{folder} holds no {LISTING}: is it the folder that gridsweep wrote?") from None
+        raise SurveyError(f"{folder} has no {LISTING}: is it the folder of a gridsweep?") from None
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise SurveyError(f"{listing} is not a dataset's list of pictures: {error}") from None
+        raise SurveyError(f"{listing} is not a dataset's list of images: {error}") from None
     if not images:
-        raise SurveyError(f"{listing} lists no pictures")
+        raise SurveyError(f"{listing} lists no images")
     kinds = {(image.focal_px, image.center_px, image.width_px, image.height_px) for image in images}
     if len(kinds) > 1:
-        raise SurveyError(f"{listing} has pictures of {len(kinds)} different cameras: map them one by one")
+        raise SurveyError(f"{listing} has images of {len(kinds)} different cameras: map each camera alone")
     spots_m = [_spot(image) for image in images if image.range_m is not None]
     if not spots_m:
-        raise SurveyError(f"no picture in {folder} has an altimeter range: the laser reaches 10 m, fly lower")
+        raise SurveyError(f"no image in {folder} has an altimeter range: the laser reaches 10 m, fly lower")
     first = images[0]
     return Survey(
         files=tuple(listing.parent / file for file in files),

@@ -1,4 +1,4 @@
-"""Area coverages, drawn: the plan, and the flight over it (thesis Figs 3.12, 3.14 to 3.16)."""
+"""Figures of area coverages: the planned path and the flown one (thesis Figs 3.12, 3.14 to 3.16)."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,7 +26,7 @@ class _Image(msgspec.Struct, frozen=True):
 
 
 class _Dataset(msgspec.Struct, frozen=True):
-    """What the dataset of a coverage has, as far as it is drawn."""
+    """Fields of a coverage's dataset that are drawn."""
 
     images: list[_Image]
     goal: AreaCoverageGoal | None = None
@@ -35,7 +35,7 @@ class _Dataset(msgspec.Struct, frozen=True):
 
 
 def draw_plan(path: Path, plan: "CoveragePlan", title: str) -> None:
-    """Write the drawing of a plan, north up."""
+    """Draw a plan, north up."""
 
     def fill(figure: Any, axes: Any) -> None:
         ax = axes[0, 0]
@@ -51,14 +51,14 @@ def draw_plan(path: Path, plan: "CoveragePlan", title: str) -> None:
 
 
 def draw_coverage(folder: Path, form: Format) -> list[Path]:
-    """Of a coverage's dataset: the planned path, and the way flown with the places of the pictures.
+    """Draw a coverage's dataset: the planned path, the flown path and the places of the images.
 
     Returns:
-        The file written, if the folder holds such a dataset.
+        The file written, if the folder has the dataset of a coverage.
 
     Raises:
-        msgspec.DecodeError: `images.json` is not a dataset's.
-        AreaError: its goal can't be planned any more, by other settings.
+        msgspec.DecodeError: `images.json` is invalid.
+        AreaError: its goal can't be planned with the present settings.
     """
     from jezero.runtime.config import load_config
     from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
@@ -73,7 +73,7 @@ def draw_coverage(folder: Path, form: Format) -> list[Path]:
     track_m = np.array(dataset.track_ned_m, dtype=float).reshape(-1, 3)[:, :2]
     plan = plan_coverage(dataset.goal, load_config(ActionsConfig, "actions"), track_m[0] if len(track_m) else None)
     taken_m = np.array([image.pos_uav_ned_m[:2] for image in dataset.images], dtype=float)
-    if dataset.goal.frame == "rover":  # pictures tell world positions: the frame's origin was where they agree
+    if dataset.goal.frame == "rover":  # images have world positions: the frame's origin follows from the difference
         taken_m = taken_m - np.median(taken_m - plan.pictures_m[: len(taken_m)], axis=0)
     if dataset.track_frame != dataset.goal.frame:
         track_m = track_m[:0]
@@ -103,7 +103,7 @@ def _draw_flown(path: Path, plan: "CoveragePlan", track_m: Array, taken_m: Array
 
 
 def _off_text(plan: "CoveragePlan", track_m: Array) -> str:
-    """How far the way flown was from the path, once it was on it."""
+    """Text with the distances of the flown path from the planned one, after it was reached."""
     if len(track_m) == 0:
         return ""
     import shapely
@@ -125,7 +125,7 @@ def _area(ax: "Axes", area: "Polygon") -> None:
     ax.set_ylabel("north [m]")
 
 
-def _places(ax: "Axes", places_m: Array, label: str) -> None:
-    """Of pictures; the more there are, the smaller."""
-    size = float(np.clip(1500.0 / max(len(places_m), 1), 1.5, 16.0))
-    ax.scatter(places_m[:, 1], places_m[:, 0], s=size, color=ORANGE, zorder=3, linewidths=0, label=label or None)
+def _places(ax: "Axes", positions_m: Array, label: str) -> None:
+    """Draw the places of images; the more there are, the smaller."""
+    size = float(np.clip(1500.0 / max(len(positions_m), 1), 1.5, 16.0))
+    ax.scatter(positions_m[:, 1], positions_m[:, 0], s=size, color=ORANGE, zorder=3, linewidths=0, label=label or None)

@@ -1,4 +1,4 @@
-"""The log of a flight: one line of JSON per message, as it travelled."""
+"""The log of a flight: one line of JSON per message, as it was on the bus."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,15 +11,21 @@ from jezero.codec import split_attachment
 from jezero.schemas.topics import ACTIONS, CAMERA, SCENE, TOPICS, feedback_of
 
 LOG = "flight.jsonl"
-"""Its name in the folder of a run."""
+"""Name of the log in the folder of a run."""
 FEEDBACK = tuple(feedback_of(action) for action in ACTIONS.values())
 RECORDED = tuple(topic for topic in (*TOPICS, *FEEDBACK) if topic not in (CAMERA, SCENE))
-"""What is worth listening to for a log: everything but pictures and what is there for them only."""
+"""Topics that are recorded: all but images and the topics that belong to them."""
 _TYPES: dict[str, Any] = {topic.name: topic.type for topic in (*TOPICS, *FEEDBACK)}
 
 
 class Entry(NamedTuple):
-    """One logged message: when it was logged, in ns of the log's own clock, and what it was."""
+    """One logged message.
+
+    Attributes:
+        logged_ns: time of logging, on the log's own clock.
+        topic: name of the topic.
+        message: the message.
+    """
 
     logged_ns: int
     topic: str
@@ -33,13 +39,13 @@ class _Line(msgspec.Struct, frozen=True):
 
 
 def line(logged_ns: int, topic: str, data: bytes) -> bytes:
-    """One line of a log. `data` is the message as it travelled; of a picture only its header is logged."""
+    """One line of a log. `data` is the encoded message; of an image only the header is logged."""
     message, _ = split_attachment(data)
     return b'{"logged_ns":%d,"topic":"%s","message":%s}\n' % (logged_ns, topic.encode(), message)
 
 
 class LogWriter:
-    """Appends to a log file; a context manager."""
+    """Writer of a log file; a context manager."""
 
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -59,7 +65,7 @@ class LogWriter:
 
 
 def read_log(path: Path) -> Iterator[Entry]:
-    """Messages of the contract's topics in the order they were logged; a cut last line is left out.
+    """Read the messages of declared topics in the order of the log; an incomplete last line is left out.
 
     Raises:
         FileNotFoundError: there is no such log.

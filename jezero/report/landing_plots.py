@@ -23,10 +23,13 @@ TIME = "time since the landing goal [s]"
 
 
 def draw_landing(landing: Landing, directory: Path, suffix: str, form: Format) -> list[Path]:
-    """Draw what the log has of a landing.
+    """Draw all figures of one landing.
 
     Args:
-        suffix: of the files' names, which tells one landing of a log from another.
+        landing: the landing.
+        directory: folder of the figures.
+        suffix: end of the files' names, which distinguishes the landings of a log.
+        form: format of the files.
     Returns:
         The files written.
     """
@@ -49,7 +52,7 @@ def draw_landing(landing: Landing, directory: Path, suffix: str, form: Format) -
 
 
 def _relative_position(landing: Landing, path: Path) -> Path:
-    """Thesis Figs 4.8, 4.10 and 4.13."""
+    """Draw the relative position, estimated and true (thesis Figs 4.8, 4.10 and 4.13)."""
 
     def fill(figure: Any, axes: Any) -> None:
         column = axes[:, 0]
@@ -71,7 +74,7 @@ def _relative_position(landing: Landing, path: Path) -> Path:
 
 
 def _relative_error(landing: Landing, path: Path) -> Path:
-    """The same as differences, with what the filter says of itself."""
+    """Draw the errors of the relative position, with the filter's own standard deviations."""
 
     def fill(figure: Any, axes: Any) -> None:
         column = axes[:, 0]
@@ -94,10 +97,10 @@ def _relative_error(landing: Landing, path: Path) -> Path:
 
 
 def _rover_position(landing: Landing, path: Path) -> Path:
-    """Thesis Figs 4.11 and 4.12: the position on the left, its error on the right.
+    """Draw the rover's position on the left and its error on the right (thesis Figs 4.11 and 4.12).
 
-    The truth is moved into the vehicle's world frame, which is off by as much as the autopilot's own position: a rough
-    position of the rover is given in that frame.
+    The truth is shifted into the vehicle's world frame by the error of the autopilot's own position, because the
+    goal gives the rover's position in that frame.
     """
 
     def fill(figure: Any, axes: Any) -> None:
@@ -128,13 +131,13 @@ def _rover_position(landing: Landing, path: Path) -> Path:
 
 
 def _uwb_and_tag(landing: Landing, path: Path) -> Path:
-    """Thesis Fig. 4.5: what each round of ranges and each picture says by itself, and on the right its error."""
+    """Draw the positions from each round of ranges and each image alone, and their errors (thesis Fig. 4.5)."""
 
     def fill(figure: Any, axes: Any) -> None:
         shade(axes.flat, landing.phases)
-        begun = landing.true_relative.t_s[0]
+        start_s = landing.true_relative.t_s[0]
         sensors = [
-            (name, series.where(series.t_s >= begun), colour)
+            (name, series.where(series.t_s >= start_s), colour)
             for name, series, colour in (("UWB", landing.uwb, ORANGE), ("AprilTag", landing.tag, BLUE))
         ]
         for i, (left, right) in enumerate(axes):
@@ -162,7 +165,7 @@ def _uwb_and_tag(landing: Landing, path: Path) -> Path:
 
 
 def _odometry(landing: Landing, path: Path) -> Path:
-    """Thesis Figs 4.14 and 4.15: a plain landing by the vehicle's own position."""
+    """Draw the odometry of a landing on a spot (thesis Figs 4.14 and 4.15)."""
 
     def fill(figure: Any, axes: Any) -> None:
         column = axes[:, 0]
@@ -196,14 +199,14 @@ def _band(ax: "Axes") -> None:
 
 
 def _broken_line(ax: "Axes", series: Series, i: int, label: str) -> None:
-    """A line with a gap where there was nothing for a while."""
+    """Draw a line with gaps where samples are missing."""
     t_s, values = series.t_s.copy(), series.values[:, i].copy()
     gaps = np.flatnonzero(np.diff(t_s) > 0.25) + 1
     ax.plot(np.insert(t_s, gaps, np.nan), np.insert(values, gaps, np.nan), color=ESTIMATE, label=label)
 
 
 def _limit(ax: "Axes", values_cm: Array) -> None:
-    """Errors as they are, but neither far below the band nor so far above it that nothing can be seen of the rest."""
+    """Limit the error axis: not far below the confidence band, and not so far above it that the band is invisible."""
     greatest = float(np.abs(values_cm).max(initial=0.0))
     reach = min(max(1.2 * greatest, 120 * BAND_M), 100 * ERROR_MAX_M)
     ax.set_ylim(-reach, reach)

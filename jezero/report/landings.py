@@ -1,4 +1,4 @@
-"""The landings of a flight's log: what was estimated, measured and true, as arrays over time."""
+"""The landings of a flight's log: estimates, measurements and truth as arrays over time."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -21,14 +21,19 @@ from jezero.vehicle_config import VehicleConfig
 
 Array = npt.NDArray[np.float64]
 VARIANCES = (0, 6, 11)
-"""Of the position, in the upper triangle of a covariance of six."""
+"""Indices of the position's variances in the upper triangle of a 6 x 6 covariance."""
 AFTER_NS = 1_000_000_000
-"""A figure goes on for so long after the disarm."""
+"""Time after the disarm that the figures include."""
 
 
 @dataclass(frozen=True)
 class Series:
-    """Values over time: t_s (n,) from the landing's begin, and (n, k) values."""
+    """Values over time.
+
+    Attributes:
+        t_s: (n,) times from the start of the landing.
+        values: (n, k) values.
+    """
 
     t_s: Array
     values: Array
@@ -37,33 +42,38 @@ class Series:
         return len(self.t_s)
 
     def at(self, t_s: Array) -> Array:
-        """(m, k) linear between the samples; before the first and after the last it stays as it is."""
+        """(m, k) values at given times: linear between the samples, constant before the first and after the last."""
         return np.column_stack([np.interp(t_s, self.t_s, column) for column in self.values.T])
 
     def where(self, keep: npt.NDArray[np.bool_]) -> "Series":
-        """The samples to keep."""
+        """The samples for which `keep` is true."""
         return Series(self.t_s[keep], self.values[keep])
 
 
 @dataclass(frozen=True)
 class Landing:
-    """One landing; all positions in m, NED, vehicle minus rover where they are relative.
+    """One landing. All positions are in m, NED; relative ones are vehicle minus rover.
 
     Attributes:
-        begun_ns: vehicle time that all times count from.
-        end_s: of the landing, or of the log if that broke off.
-        disarmed_s: None when the landing did not end on the ground.
-        phases: (name, begin, end) in s, one after the other.
-        relative, std: (n, 3) estimated relative position and its standard deviations; `valid` (n,).
+        start_ns: vehicle time of the start, at which all other times are 0.
+        end_s: end of the landing, or of the log if that ends earlier.
+        disarmed_s: time of the disarm; None if the landing did not end on the ground.
+        phases: (name, start, end) in s, consecutive.
+        relative: (n, 3) estimated relative position.
+        std: (n, 3) standard deviations of that estimate.
+        valid: (n,) whether that estimate was valid.
         rover: (n, 4) estimated rover position in the vehicle's world frame, and whether it was valid.
-        uwb, tag: (n, 3) relative positions that one round of ranges, and one picture, gives.
-        uav: (n, 3) the autopilot's own position; the world frame is its own.
-        true_relative, true_rover, true_uav: (n, 3) in the simulator's frame.
-        touchdown_rover_body_m: (2,) true place at disarm, forward and right of the platform's middle.
-        path_rover_body_m: (n, 3) true way there, on the same axes, z down.
+        uwb: (n, 3) relative position from each round of UWB ranges alone.
+        tag: (n, 3) relative position from the tags of each image alone.
+        uav: (n, 3) the autopilot's position, in its own world frame.
+        true_relative: (n, 3) true relative position.
+        true_rover: (n, 3) true position of the rover, in the simulator's frame.
+        true_uav: (n, 3) true position of the vehicle, in the simulator's frame.
+        touchdown_rover_body_m: (2,) true position at disarm, forward and right of the platform's centre.
+        path_rover_body_m: (n, 3) true path to the touchdown: forward, right and down from the platform's centre.
     """
 
-    begun_ns: int
+    start_ns: int
     end_s: float
     disarmed_s: float | None
     phases: tuple[tuple[str, float, float], ...]
@@ -82,38 +92,38 @@ class Landing:
 
     @property
     def by_estimate(self) -> bool:
-        """Whether it was on the rover, by an estimate; else it was a plain one."""
+        """Whether it was a landing on the rover; else it was one on a spot, without an estimate."""
         return bool(self.valid.any())
 
 
 def landings(entries: Sequence[Entry]) -> list[Landing]:
-    """Every landing of a log, in their order. One that was given up in the air is one, too."""
+    """All landings of a log in their order, also those that were aborted in the air."""
     by_topic: dict[str, list[Any]] = {}
     for entry in entries:
         by_topic.setdefault(entry.topic, []).append(entry.message)
-    return [_landing(by_topic, begun_ns, ended_ns) for begun_ns, ended_ns in _spans(by_topic)]
+    return [_landing(by_topic, start_ns, end_ns) for start_ns, end_ns in _spans(by_topic)]
 
 
 def _spans(by_topic: dict[str, list[Any]]) -> Iterator[tuple[int, int]]:
-    """Vehicle time of begin and end, of each stretch of status 8 and 9."""
-    begun_ns: int | None = None
+    """(start, end) in vehicle time of each period in status 8 or 9."""
+    start_ns: int | None = None
     for status in by_topic.get(topics.STATUS.name, ()):
         lands = status.code in (StatusCode.LANDING, StatusCode.LANDING_DONE)
-        if lands and begun_ns is None:
-            begun_ns = status.t_ns
-        elif not lands and begun_ns is not None:
-            yield begun_ns, status.t_ns
-            begun_ns = None
-    if begun_ns is not None:
-        yield begun_ns, by_topic[topics.STATUS.name][-1].t_ns
+        if lands and start_ns is None:
+            start_ns = status.t_ns
+        elif not lands and start_ns is not None:
+            yield start_ns, status.t_ns
+            start_ns = None
+    if start_ns is not None:
+        yield start_ns, by_topic[topics.STATUS.name][-1].t_ns
 
 
-def _landing(by_topic: dict[str, list[Any]], begun_ns: int, ended_ns: int) -> Landing:
+def _landing(by_topic: dict[str, list[Any]], start_ns: int, end_ns: int) -> Landing:
     def within(topic: topics.Topic[Any], after_ns: int = 0) -> list[Any]:
-        return [m for m in by_topic.get(topic.name, ()) if begun_ns <= m.t_ns <= ended_ns + after_ns]
+        return [m for m in by_topic.get(topic.name, ()) if start_ns <= m.t_ns <= end_ns + after_ns]
 
     def series(messages: list[Any], values: Sequence[Sequence[float]], size: int = 3) -> Series:
-        t_s = np.array([(m.t_ns - begun_ns) / NS_PER_S for m in messages], dtype=float)
+        t_s = np.array([(m.t_ns - start_ns) / NS_PER_S for m in messages], dtype=float)
         return Series(t_s, np.array(values, dtype=float).reshape(len(messages), size))
 
     disarmed_ns = next((m.t_ns for m in within(topics.STATUS, AFTER_NS) if not m.armed and m.landed), None)
@@ -132,10 +142,10 @@ def _landing(by_topic: dict[str, list[Any]], begun_ns: int, ended_ns: int) -> La
         nearest = min(range(len(truth)), key=lambda i: abs(truth[i].t_ns - disarmed_ns))
         at_disarm = path_m[nearest][:2]
     return Landing(
-        begun_ns=begun_ns,
-        end_s=((disarmed_ns or ended_ns) - begun_ns) / NS_PER_S,
-        disarmed_s=None if disarmed_ns is None else (disarmed_ns - begun_ns) / NS_PER_S,
-        phases=_phases(within(topics.feedback_of(topics.LAND_ON_SPOT)), begun_ns, disarmed_ns or ended_ns),
+        start_ns=start_ns,
+        end_s=((disarmed_ns or end_ns) - start_ns) / NS_PER_S,
+        disarmed_s=None if disarmed_ns is None else (disarmed_ns - start_ns) / NS_PER_S,
+        phases=_phases(within(topics.feedback_of(topics.LAND_ON_SPOT)), start_ns, disarmed_ns or end_ns),
         relative=series(relative, [m.pos_uav_rel_rover_ned_m for m in relative]),
         std=np.array([[sqrt(max(m.cov[i], 0.0)) for i in VARIANCES] for m in relative]).reshape(-1, 3),
         valid=np.array([m.valid and bool(m.goal_id) for m in relative], dtype=bool),
@@ -151,16 +161,16 @@ def _landing(by_topic: dict[str, list[Any]], begun_ns: int, ended_ns: int) -> La
     )
 
 
-def _phases(feedback: Sequence[Any], begun_ns: int, ended_ns: int) -> tuple[tuple[str, float, float], ...]:
-    """Consecutive ones of the same name as one; the last lasts to the end."""
+def _phases(feedback: Sequence[Any], start_ns: int, end_ns: int) -> tuple[tuple[str, float, float], ...]:
+    """Phases of the landing; consecutive ones of the same name are joined, the last one lasts to the end."""
     changes: list[tuple[str, int]] = []
     for message in feedback:
         content = message.feedback
         if isinstance(content, LandFeedback) and (not changes or changes[-1][0] != content.phase):
-            changes.append((content.phase, message.t_ns if changes else begun_ns))
-    ends_ns = [*(t_ns for _, t_ns in changes), ended_ns][1:] if changes else []
+            changes.append((content.phase, message.t_ns if changes else start_ns))
+    ends_ns = [*(t_ns for _, t_ns in changes), end_ns][1:] if changes else []
     return tuple(
-        (name, (t_ns - begun_ns) / NS_PER_S, (end_ns - begun_ns) / NS_PER_S)
+        (name, (t_ns - start_ns) / NS_PER_S, (end_ns - start_ns) / NS_PER_S)
         for (name, t_ns), end_ns in zip(changes, ends_ns, strict=True)
     )
 
@@ -168,7 +178,7 @@ def _phases(feedback: Sequence[Any], begun_ns: int, ended_ns: int) -> tuple[tupl
 def _uwb_positions(
     rounds: Sequence[Uwb], rover: Sequence[RoverOdometry], odometry: Sequence[Odometry], vehicle: VehicleConfig
 ) -> Iterator[tuple[Uwb, Vec3]]:
-    """Each round of ranges with the relative position that it gives by itself. Source: thesis eqs. 4.11–4.13.
+    """Relative position from each round of ranges alone. Source: thesis eqs. 4.11–4.13.
 
     The rover's heading is its compass', the vehicle's attitude the autopilot's.
     """

@@ -1,4 +1,4 @@
-"""Where pictures were taken, and the pictures themselves on one sheet (thesis Figs 3.10 and 3.12)."""
+"""Figures of images: the places where they were taken, and a contact sheet (thesis Figs 3.10 and 3.12)."""
 
 from collections.abc import Sequence
 from math import ceil, cos, sin, sqrt
@@ -18,24 +18,24 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SHEET_MAX = 24
-"""Of more pictures, so many are shown, evenly chosen."""
+"""Highest number of images on a sheet; of more, this many are chosen evenly."""
 ASIDE_M = 0.35
-"""Numbers of pictures stand so far outside of the circle."""
+"""Distance of the images' numbers from the circle, outwards."""
 
 
-class Taken(msgspec.Struct, frozen=True):
-    """One picture of a dataset, as far as it is drawn; its file is beside the list."""
+class DatasetImage(msgspec.Struct, frozen=True):
+    """Fields of a dataset's image that are drawn; its file is in the folder of the list."""
 
     file: str
     index: int
 
 
 class _Dataset(msgspec.Struct, frozen=True):
-    images: list[Taken]
+    images: list[DatasetImage]
 
 
-def read_dataset(folder: Path) -> list[Taken]:
-    """The pictures of a folder; empty where there is no list of them.
+def read_dataset(folder: Path) -> list[DatasetImage]:
+    """Read the list of a folder's images; empty without a list.
 
     Raises:
         msgspec.DecodeError: `images.json` is not a dataset's.
@@ -48,7 +48,7 @@ def read_dataset(folder: Path) -> list[Taken]:
 
 
 def draw_orbits(entries: Sequence[Entry], folder: Path, form: Format) -> list[Path]:
-    """Of each flight around a target in a log: the way flown, from above, and where it was photographed from."""
+    """Draw each orbit of a log from above: the flown path and the places of the images."""
     feedback_topic = topics.feedback_of(topics.GET_IMAGES).name
     feedback = [entry.message for entry in entries if entry.topic == feedback_topic]
     odometry = [entry.message for entry in entries if entry.topic == topics.ODOMETRY.name]
@@ -63,37 +63,37 @@ def draw_orbits(entries: Sequence[Entry], folder: Path, form: Format) -> list[Pa
     return files
 
 
-def _draw_orbit(path: Path, flown_ned_m: Any, images: Sequence[Image]) -> Path:
+def _draw_orbit(path: Path, track_ned_m: Any, images: Sequence[Image]) -> Path:
     def fill(figure: Any, axes: Any) -> None:
         above, beside = axes[0]
-        _from_above(above, flown_ned_m, images)
-        beside.plot(flown_ned_m[:, 1], [altitude_m(z) for z in flown_ned_m[:, 2]], color=BLUE)
-        places_m = [image.pos_uav_ned_m for image in images]
-        beside.plot([m[1] for m in places_m], [altitude_m(m[2]) for m in places_m], "o", color=ORANGE, ms=4)
+        _from_above(above, track_ned_m, images)
+        beside.plot(track_ned_m[:, 1], [altitude_m(z) for z in track_ned_m[:, 2]], color=BLUE)
+        positions_m = [image.pos_uav_ned_m for image in images]
+        beside.plot([m[1] for m in positions_m], [altitude_m(m[2]) for m in positions_m], "o", color=ORANGE, ms=4)
         beside.set_xlabel("east [m]")
         beside.set_ylabel("height [m]")
-        beside.set_ylim(0.0, max(1.25 * altitude_m(float(flown_ned_m[:, 2].min())), 1.0))
+        beside.set_ylim(0.0, max(1.25 * altitude_m(float(track_ned_m[:, 2].min())), 1.0))
         beside.margins(x=0.1)
         figure.legend(*above.get_legend_handles_labels(), loc="outside upper center", ncols=4)
 
     return draw(path, (1, 2), 3.6, fill, width_ratios=(1.5, 1.0))
 
 
-def _from_above(ax: "Axes", flown_ned_m: Any, images: Sequence[Image]) -> None:
-    """North up, with the direction that each picture looks in."""
-    places_m = np.array([image.pos_uav_ned_m for image in images])
+def _from_above(ax: "Axes", track_ned_m: Any, images: Sequence[Image]) -> None:
+    """Draw the path north up, with the viewing direction of each image."""
+    positions_m = np.array([image.pos_uav_ned_m for image in images])
     views = np.array([quat_rotate(image.q_ned_from_camera, (0.0, 0.0, 1.0)) for image in images])
-    ax.plot(flown_ned_m[:, 1], flown_ned_m[:, 0], color=BLUE, label="flown")
-    ax.plot(flown_ned_m[0, 1], flown_ned_m[0, 0], "s", color=GREY, ms=5, label="start")
-    ax.plot(places_m[:, 1], places_m[:, 0], "o", color=ORANGE, ms=4, label="pictures", zorder=4)
+    ax.plot(track_ned_m[:, 1], track_ned_m[:, 0], color=BLUE, label="flown")
+    ax.plot(track_ned_m[0, 1], track_ned_m[0, 0], "s", color=GREY, ms=5, label="start")
+    ax.plot(positions_m[:, 1], positions_m[:, 0], "o", color=ORANGE, ms=4, label="pictures", zorder=4)
     ax.quiver(
-        *(places_m[:, 1], places_m[:, 0], views[:, 1], views[:, 0]),
+        *(positions_m[:, 1], positions_m[:, 0], views[:, 1], views[:, 0]),
         angles="xy", scale_units="xy", scale=1.0, width=0.004, color=ORANGE, alpha=0.7,
     )  # fmt: skip
-    for image, (north_m, east_m, _) in zip(images, places_m, strict=True):
+    for image, (north_m, east_m, _) in zip(images, positions_m, strict=True):
         outwards = image.yaw_rad + np.pi
         place = (east_m + ASIDE_M * sin(outwards), north_m + ASIDE_M * cos(outwards))
-        ax.plot(*place, alpha=0.0)  # the axes reach as far as the numbers
+        ax.plot(*place, alpha=0.0)  # so that the axes include the numbers
         ax.annotate(str(image.index + 1), place, ha="center", va="center", fontsize=7)
     ax.set_xlabel("east [m]")
     ax.set_ylabel("north [m]")
@@ -102,7 +102,7 @@ def _from_above(ax: "Axes", flown_ned_m: Any, images: Sequence[Image]) -> None:
 
 
 def draw_contact_sheet(folder: Path, form: Format) -> list[Path]:
-    """All pictures of a dataset on one sheet, each with its number; none where there are no pictures."""
+    """Draw a dataset's images on one sheet, each with its number; no file without images."""
     taken = read_dataset(folder)
     if not taken:
         return []

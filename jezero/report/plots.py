@@ -78,7 +78,7 @@ def _position(axes: "Axes", entries: Sequence[Entry]) -> None:
 
 
 def _position_setpoints(setpoints: Sequence[Any]) -> tuple[list[float], list[Vec3]]:
-    """Their times and points; not a number where a velocity was asked for, or nothing for a while: no line there."""
+    """Times and points of position setpoints; NaN at velocity setpoints and gaps, where no line is drawn."""
     times_s: list[float] = []
     points_m: list[Vec3] = []
     for t_s, setpoint in zip(_times(setpoints), setpoints, strict=True):

@@ -1,4 +1,4 @@
-"""All figures of what flights left behind: runs' folders, and files of the landing benchmark."""
+"""All figures of recorded flights: of runs' folders and of files of the landing benchmark."""
 
 from collections.abc import Sequence
 from os.path import commonpath
@@ -19,11 +19,11 @@ from jezero.schemas.images import LISTING
 
 
 class ReportError(ValueError):
-    """What was given can't be drawn; says which file, and why."""
+    """A file can't be drawn; the text names it and the reason."""
 
 
 class _Case(msgspec.Struct, frozen=True):
-    """What a line of `jezero bench landing --json` has, as far as it is drawn."""
+    """Fields of a line of `jezero bench landing --json` that are drawn."""
 
     case: str
     rover: str
@@ -41,7 +41,7 @@ def draw_report(paths: Sequence[Path], form: Format = "png") -> list[Path]:
         The files written.
 
     Raises:
-        ReportError: one of the paths is neither.
+        ReportError: a path is neither of these, or is invalid.
     """
     files: list[Path] = []
     kinds: list[Touchdowns] = []
@@ -59,21 +59,22 @@ def draw_report(paths: Sequence[Path], form: Format = "png") -> list[Path]:
             folders.append(path.resolve().parent)
     over_rover = [landing for landing in flown if landing.by_estimate]
     if len(over_rover) > 1:
-        kinds.append(_together(over_rover))
+        kinds.append(_combined(over_rover))
     if kinds:
         files.append(draw_touchdowns(kinds, Path(commonpath(folders)) / f"touchdowns.{form}"))
     return files
 
 
 def draw_run(folder: Path, form: Format = "png") -> tuple[list[Path], list[Landing]]:
-    """Draw a run's log and its pictures into its folder; either may be missing. The pictures may also be in folders of
-    their own in it, which their figures go into.
+    """Draw a run's log and its images into its folder; either may be missing.
+
+    Figures of images that are in folders of their own go into these folders.
 
     Returns:
         The files written, and the landings of the log.
 
     Raises:
-        ReportError: there is no log, or nothing in it.
+        ReportError: the folder has neither a log nor images, or one of them is invalid.
     """
     log = folder / LOG
     files: list[Path] = []
@@ -101,10 +102,10 @@ def draw_run(folder: Path, form: Format = "png") -> tuple[list[Path], list[Landi
     return files, found
 
 
-def _together(flown: Sequence[Landing]) -> Touchdowns:
-    places_m = [landing.touchdown_rover_body_m for landing in flown]
-    ended = [place_m for place_m in places_m if place_m is not None]
-    return Touchdowns("flights", np.array(ended).reshape(-1, 2), failed=len(places_m) - len(ended))
+def _combined(flown: Sequence[Landing]) -> Touchdowns:
+    touchdowns_m = [landing.touchdown_rover_body_m for landing in flown]
+    ended = [place_m for place_m in touchdowns_m if place_m is not None]
+    return Touchdowns("flights", np.array(ended).reshape(-1, 2), failed=len(touchdowns_m) - len(ended))
 
 
 def _read_benchmark(path: Path) -> list[Touchdowns]:

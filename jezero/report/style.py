@@ -1,4 +1,4 @@
-"""How all figures look: sizes of a two-column paper, colours that everybody can tell apart, where legends go."""
+"""Style of all figures: sizes for a two-column paper, colours for colour-blind readers, places of legends."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,9 +11,9 @@ if TYPE_CHECKING:
 Format = Literal["png", "pdf", "svg"]
 
 WIDTH_IN = 7.16
-"""Both columns of an IEEE page."""
+"""Width of both columns of an IEEE page."""
 BLUE, ORANGE, GREEN, PINK, SKY, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#666666"
-"""Source: Okabe and Ito's palette."""
+"""Palette of Okabe and Ito."""
 LEGEND_COLUMNS = 6
 TRUTH = "black"
 ESTIMATE = BLUE
@@ -50,7 +50,7 @@ def draw(
     """Make one figure and write it.
 
     Args:
-        path: its ending decides the format.
+        path: file of the figure; its suffix gives the format.
         shape: rows and columns of axes.
         fill: draws into the figure's axes, a (rows, columns) array of them.
     """
@@ -65,14 +65,14 @@ def draw(
 
 
 def shade(axes: "Sequence[Axes]", phases: Sequence[tuple[str, float, float]]) -> None:
-    """Colour the background of the phases of a landing, (name, begin, end) each; legends name them once."""
+    """Colour the background of the phases of a landing, (name, start, end) each; a legend names each phase once."""
     for ax in axes:
         for name, begin_s, end_s in phases:
             ax.axvspan(begin_s, end_s, color=PHASES[name], lw=0, zorder=0)
 
 
 def legend_above(figure: "Figure", axes: "Axes", phases: Sequence[tuple[str, float, float]] = ()) -> None:
-    """One legend above all axes: what has a label in `axes`, then the phases that occur."""
+    """Add one legend above all axes, with the labels of `axes` and the phases that occur."""
     from matplotlib.patches import Patch
 
     handles, labels = axes.get_legend_handles_labels()

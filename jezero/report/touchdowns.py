@@ -1,4 +1,4 @@
-"""Where vehicles touched down, seen from above the platform: one landing with its way, or many as a scatter."""
+"""Touchdowns seen from above the platform: one landing with its path, or the scatter of many."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,36 +16,37 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SHOWN_M, SCATTER_M = 0.55, 0.22
-"""From the middle of the platform to the edge of a figure: of one landing, and of many unless one is farther out."""
+"""Distance from the platform's centre to the edge of a figure: for one landing, and at least for many."""
 PANEL_IN = 3.5
 MARKS_M = {2.0: (-32, 30), 0.5: (32, -30)}
-"""Heights over the platform that are marked on a way, and where the words stand from the mark, in points."""
+"""Heights over the platform that are marked on a path, with the offset of their labels in points."""
 
 
 class Touchdowns(NamedTuple):
     """Landings of one kind.
 
     Attributes:
-        places_m: (n, 2) forward and right of the platform's middle; of plain landings north and east of the spot.
-        on_platform: else they were plain ones.
-        failed: so many landings ended otherwise.
+        title: title of the panel.
+        touchdowns_m: (n, 2) forward and right of the platform's centre, or north and east of the spot.
+        on_platform: whether these are landings on the rover; else on a spot.
+        failed: number of landings without a touchdown.
     """
 
     title: str
-    places_m: Array
+    touchdowns_m: Array
     on_platform: bool = True
     failed: int = 0
 
 
 def draw_touchdown(landing: Landing, directory: Path, suffix: str, form: Format) -> list[Path]:
-    """One landing's last metres over the platform; nothing when it did not end on it."""
+    """Draw one landing's last metres over the platform; no file if it did not end on the platform."""
     place_m = landing.touchdown_rover_body_m
     if place_m is None or not landing.by_estimate or not len(landing.path_rover_body_m):
         return []
 
     def fill(figure: Any, axes: Any) -> None:
         ax = axes[0, 0]
-        _board(ax, SHOWN_M)
+        _platform(ax, SHOWN_M)
         way_m = landing.path_rover_body_m
         height_m = -way_m[:, 2]
         near = np.flatnonzero(np.abs(way_m[:, :2]).max(axis=1) > 1.0)
@@ -78,8 +79,8 @@ def draw_touchdown(landing: Landing, directory: Path, suffix: str, form: Format)
 
 
 def draw_touchdowns(kinds: Sequence[Touchdowns], path: Path) -> Path:
-    """The scatter of many landings, one panel for each kind; all panels with a platform have one scale."""
-    on_platform = [float(np.abs(kind.places_m).max(initial=0.0)) for kind in kinds if kind.on_platform]
+    """Draw the scatter of many landings, one panel for each kind; all panels with a platform have the same scale."""
+    on_platform = [float(np.abs(kind.touchdowns_m).max(initial=0.0)) for kind in kinds if kind.on_platform]
     shown_m = max(SCATTER_M, 1.15 * max(on_platform, default=0.0))
     columns = min(len(kinds), 2)
     rows = -(-len(kinds) // columns)
@@ -95,12 +96,21 @@ def draw_touchdowns(kinds: Sequence[Touchdowns], path: Path) -> Path:
 
 
 def _scatter(ax: "Axes", kind: Touchdowns, shown_m: float) -> None:
-    errors_m = np.hypot(*kind.places_m.T) if len(kind.places_m) else np.zeros(0)
+    errors_m = np.hypot(*kind.touchdowns_m.T) if len(kind.touchdowns_m) else np.zeros(0)
     if kind.on_platform:
-        _board(ax, shown_m)
+        _platform(ax, shown_m)
     else:
         _frame(ax, max(SCATTER_M, 1.15 * float(errors_m.max(initial=0.0))), ("north", "east"))
-    ax.plot(kind.places_m[:, 1], kind.places_m[:, 0], "o", ms=4, mec="white", mew=0.4, color=ORANGE, label="touchdown")
+    ax.plot(
+        kind.touchdowns_m[:, 1],
+        kind.touchdowns_m[:, 0],
+        "o",
+        ms=4,
+        mec="white",
+        mew=0.4,
+        color=ORANGE,
+        label="touchdown",
+    )
     total = len(errors_m) + kind.failed
     lines = [f"{kind.title}: {len(errors_m)} of {total} landed"]
     every_m = np.concatenate([errors_m, np.full(kind.failed, np.inf)])
@@ -113,8 +123,8 @@ def _scatter(ax: "Axes", kind: Touchdowns, shown_m: float) -> None:
     ax.set_title("\n".join([*lines, ", ".join(told)]), fontsize=8)
 
 
-def _board(ax: "Axes", shown_m: float) -> None:
-    """The platform with its tags, the rover's nose upwards, and the thesis' 10 cm."""
+def _platform(ax: "Axes", shown_m: float) -> None:
+    """Draw the platform with its tags, the rover's front upwards, and the thesis' circle of 10 cm."""
     platform = load_config(VehicleConfig, "vehicle").platform
     half_m = 0.5 * platform.side_m
     picture = board_picture(platform)[::4, ::4]

@@ -85,9 +85,9 @@ def test_overlaps_set_the_distances_from_what_the_camera_sees(tmp_path: Path) ->
     ("name", "text", "why"),
     [
         ("a.csv", "0,0\n1,zero\n", 'line 2: "1,zero" is not "north,east"'),
-        ("a.csv", "", "holds no corners"),
+        ("a.csv", "", "has no corners"),
         ("a.json", "{", "is not JSON"),
-        ("a.json", "[]", "holds no GeoJSON Polygon"),
+        ("a.json", "[]", "has no GeoJSON Polygon"),
         ("a.json", '{"type": "Polygon", "coordinates": [[["a"]]]}', "must be rings of"),
         ("a.json", json.dumps({**SQUARE, "crs": {}}), "names a coordinate system"),
     ],
@@ -101,8 +101,8 @@ def test_files_that_hold_no_polygon_are_refused(tmp_path: Path, name: str, text:
 def test_a_csv_file_has_an_empty_line_before_each_hole(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("0,0\n4,0\n4,4\n\n1,1\n1.5,1\n1.5,1.2\n")
     outline, holes = read_polygon(tmp_path / "a.csv")
-    assert outline == ((0, 0), (4, 0), (4, 4))
-    assert holes == (((1, 1), (1.5, 1), (1.5, 1.2)),)
+    assert list(outline) == [(0, 0), (4, 0), (4, 4)]
+    assert [list(hole) for hole in holes] == [[(1, 1), (1.5, 1), (1.5, 1.2)]]
 
 
 # -- flown --

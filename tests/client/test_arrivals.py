@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from jezero.client.errors import TimedOut
-from jezero.client.session import KEPT, Arrivals
+from jezero.client.session import ARRIVALS_MAX, Arrivals
 
 
 def reply(data: bytes, header: bytes | None = None) -> Any:
@@ -53,6 +53,6 @@ def test_what_is_there_is_taken_even_after_the_deadline() -> None:
 
 def test_of_more_than_are_kept_the_oldest_are_dropped() -> None:
     arrivals = Arrivals()
-    for number in range(KEPT + 3):
+    for number in range(ARRIVALS_MAX + 3):
         arrivals.on_reply(reply(b"%d" % number))
     assert arrivals.take(None) == b"3"

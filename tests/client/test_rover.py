@@ -30,7 +30,7 @@ def test_a_file_has_one_leg_per_line(tmp_path: Path) -> None:
         (HEADER + "1,1,0\n1,fast,0\n", "line 3"),
         (HEADER + "0,1,0\n", "duration 0 s is not positive"),
         (HEADER + "nan,1,0\n", "duration nan s is not positive"),
-        (HEADER + "inf,1,0\n", "never ends"),
+        (HEADER + "inf,1,0\n", "duration must be finite"),
         (HEADER + "1,2.5,0\n", "speed 2.5 m/s is not within ±2"),
         (HEADER + "1,nan,0\n", "speed nan m/s"),
         (HEADER + "1,1,-1.5\n", "yaw rate -1.5 rad/s is not within ±1"),

@@ -191,7 +191,7 @@ def test_without_a_router_connecting_says_so_in_time() -> None:
 
 def test_without_a_server_a_goal_is_unreachable_at_once(vehicle: Vehicle) -> None:
     start = time.monotonic()
-    with pytest.raises(Unreachable, match=r"nobody answers @action/takeoff of v"):
+    with pytest.raises(Unreachable, match=r"no server replies on @action/takeoff of v"):
         vehicle.takeoff()
     assert time.monotonic() - start < 0.5
 
@@ -199,10 +199,10 @@ def test_without_a_server_a_goal_is_unreachable_at_once(vehicle: Vehicle) -> Non
 def test_a_server_that_never_accepts_times_out_and_the_goal_is_withdrawn(
     vehicle: Vehicle, server: Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("jezero.client.vehicle.ANSWER_S", 0.3)
+    monkeypatch.setattr("jezero.client.vehicle.REPLY_TIMEOUT_S", 0.3)
     server.serve("@action/takeoff", end=False)
     server.serve("@action/takeoff/cancel", CancelReply(canceled=True))
-    with pytest.raises(TimedOut, match=r"did not answer within 0.3 s"):
+    with pytest.raises(TimedOut, match=r"did not reply within 0.3 s"):
         vehicle.takeoff()
     wait_for(lambda: server.asked[-1][0] == "@action/takeoff/cancel")
     assert server.asked[-1][2]["goal_id"] == server.asked[-2][2]["goal_id"]
@@ -261,7 +261,7 @@ def test_status_is_read_and_watched(vehicle: Vehicle, server: Server) -> None:
 
 
 def test_a_silent_status_ends_the_watch(vehicle: Vehicle, server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("jezero.client.vehicle.SILENCE_S", 0.2)
+    monkeypatch.setattr("jezero.client.status.STATUS_TIMEOUT_S", 0.2)
     server.serve("status", a_status())
     stream = vehicle.watch_status()
     next(stream)
@@ -270,7 +270,7 @@ def test_a_silent_status_ends_the_watch(vehicle: Vehicle, server: Server, monkey
 
 
 def test_waiting_until_ready_says_what_is_missing(vehicle: Vehicle, server: Server) -> None:
-    with pytest.raises(TimedOut, match=r"v is not ready after 0.1 s: nobody answers status"):
+    with pytest.raises(TimedOut, match=r"v is not ready after 0.1 s: no server replies on status"):
         vehicle.wait_ready(timeout_s=0.1)
     server.serve("status", a_status(ready=False, missing="no GNSS fix yet"))
     with published(server, lambda t_ns: a_status(t_ns=t_ns, ready=t_ns > 110, missing="no GNSS fix yet")):

@@ -112,7 +112,7 @@ def test_a_service_waits_until_what_it_needs_is_healthy(toy: Stack, tmp_path: Pa
     )
     failed = toy.jezero("up", "--wait", "--timeout", "8", "-f", file, check=False)
     assert failed.returncode == 1
-    assert "not ready after 8 s: mute is running: nothing heard from it on the bus" in failed.stderr
+    assert "not ready after 8 s: mute is running: no health report on the bus" in failed.stderr
     shown = rows(toy)
     assert (shown["router"]["healthy"], shown["router"]["health"]) == (True, "ok")
     assert shown["first"]["state"] == "running"
@@ -197,7 +197,7 @@ def test_a_service_that_ignores_sigterm_is_killed_after_its_grace_period(toy: St
     toy.jezero("down")
     assert 0.5 < time.monotonic() - begin < 3.0
     assert all_gone([pid])()
-    assert "killed: still there after 0.5 s" in toy.jezero("logs").stdout
+    assert "killed: still running after 0.5 s" in toy.jezero("logs").stdout
 
 
 def test_in_the_foreground_lines_are_prefixed_and_ctrl_c_stops_all(toy: Stack, tmp_path: Path) -> None:

@@ -91,10 +91,10 @@ def test_lines_get_their_service_in_front_and_unfinished_ones_wait(tmp_path: Pat
     folder.logs.mkdir()
     terminal = io.StringIO()
     output = Output(folder, ["a", "long"], terminal)
-    output.feed("a", b"one\ntw")
-    output.feed("long", b"other\r\n")
-    output.feed("a", b"o\n\xff")
-    output.finish("a")
+    output.on_data("a", b"one\ntw")
+    output.on_data("long", b"other\r\n")
+    output.on_data("a", b"o\n\xff")
+    output.on_exit("a")
     output.close()
     assert terminal.getvalue() == "a    | one\nlong | other\na    | two\na    | \ufffd\n"
     assert folder.log_of("long").read_text().endswith("Z other\n")
@@ -105,7 +105,7 @@ def test_a_run_keeps_the_log_of_the_one_before(tmp_path: Path) -> None:
     folder.logs.mkdir()
     for text in (b"first\n", b"second\n"):
         output = Output(folder, ["a"], None)
-        output.feed("a", text)
+        output.on_data("a", text)
         output.close()
     assert "second" in folder.log_of("a").read_text()
     assert "first" in (folder.logs / "a.log.1").read_text()
@@ -116,7 +116,7 @@ def test_a_terminal_that_is_gone_does_not_stop_the_services(tmp_path: Path) -> N
     folder = RunFolder(tmp_path)
     folder.logs.mkdir()
     output = Output(folder, ["a"], ClosedTerminal())
-    output.feed("a", b"one\ntwo\n")
+    output.on_data("a", b"one\ntwo\n")
     output.close()
     assert len(folder.log_of("a").read_text().splitlines()) == 2
 

@@ -9,67 +9,69 @@ from pathlib import Path
 
 import pytest
 
-from jezero.deploy.launcher.freezes import LOOK_PERIOD_S, FreezeWatch, Look, look_at
+from jezero.deploy.launcher.freezes import SAMPLE_PERIOD_S, FreezeDetector, ProcessSample, sample_process
 
 PID = 7
 
 
-def look(*, stopped: bool = False, waited_s: float = 0.0, signs: int = 0, reachable: bool = True) -> Look:
-    return Look(stopped=stopped, waited_s=waited_s, signs=signs, reachable=reachable)
+def sample(*, stopped: bool = False, waited_s: float = 0.0, reports: int = 0, reachable: bool = True) -> ProcessSample:
+    return ProcessSample(stopped=stopped, waited_s=waited_s, reports=reports, reachable=reachable)
 
 
 def test_a_stopped_process_is_frozen_within_two_seconds_at_the_latest() -> None:
-    watch = FreezeWatch()
-    assert watch.judge(0.0, {PID: look()}) == {}
-    for number in range(1, 6):  # stopped right after the first look
-        assert watch.judge(LOOK_PERIOD_S * number, {PID: look(stopped=True)}) == {}
-    assert watch.judge(1.5, {PID: look(stopped=True)}) == {PID: "stopped for 1.50 s"}
+    detector = FreezeDetector()
+    assert detector.update(0.0, {PID: sample()}) == {}
+    for number in range(1, 6):  # stopped right after the first sample
+        assert detector.update(SAMPLE_PERIOD_S * number, {PID: sample(stopped=True)}) == {}
+    assert detector.update(1.5, {PID: sample(stopped=True)}) == {PID: "stopped for 1.50 s"}
 
 
 def test_a_process_that_goes_on_after_a_short_stop_is_left_alone() -> None:
-    watch = FreezeWatch()
+    detector = FreezeDetector()
     for number in range(40):
         stopped = number % 6 != 0  # 1.25 s of each 1.5 s
-        assert watch.judge(LOOK_PERIOD_S * number, {PID: look(stopped=stopped, signs=number)}) == {}
+        assert detector.update(SAMPLE_PERIOD_S * number, {PID: sample(stopped=stopped, reports=number)}) == {}
 
 
 def test_time_in_which_the_launcher_did_not_run_counts_for_nobody() -> None:
-    watch = FreezeWatch()
-    watch.judge(0.0, {PID: look()})
-    assert watch.judge(3600.0, {PID: look()}) == {}
-    assert watch.judge(7200.0, {PID: look(stopped=True)}) == {}  # stopped together with the launcher a moment ago
-    assert watch.judge(7200.25, {PID: look(stopped=False)}) == {}
+    detector = FreezeDetector()
+    detector.update(0.0, {PID: sample()})
+    assert detector.update(3600.0, {PID: sample()}) == {}
+    assert detector.update(7200.0, {PID: sample(stopped=True)}) == {}  # stopped together with the launcher a moment ago
+    assert detector.update(7200.25, {PID: sample(stopped=False)}) == {}
 
 
-def silence(watch: FreezeWatch, seconds: int, waited_share: float = 0.0, reachable: bool = True) -> dict[int, str]:
-    """What is told at the end of so many seconds without a sign."""
+def silence(
+    detector: FreezeDetector, seconds: int, waited_share: float = 0.0, reachable: bool = True
+) -> dict[int, str]:
+    """Frozen processes after a time in s without a report."""
     told: dict[int, str] = {}
     for number in range(seconds * 4 + 1):
-        at_s = LOOK_PERIOD_S * number
-        told = watch.judge(at_s, {PID: look(waited_s=waited_share * at_s, reachable=reachable)})
+        at_s = SAMPLE_PERIOD_S * number
+        told = detector.update(at_s, {PID: sample(waited_s=waited_share * at_s, reachable=reachable)})
     return told
 
 
 def test_a_process_on_the_bus_that_makes_no_report_for_ten_seconds_is_frozen() -> None:
-    assert silence(FreezeWatch(), 9) == {}
-    assert "no report for 10.0 s" in silence(FreezeWatch(), 10)[PID]
+    assert silence(FreezeDetector(), 9) == {}
+    assert "no report for 10.0 s" in silence(FreezeDetector(), 10)[PID]
 
 
 def test_a_process_that_waits_for_a_processor_is_starved_and_not_frozen() -> None:
-    assert silence(FreezeWatch(), 99, waited_share=0.9) == {}
+    assert silence(FreezeDetector(), 99, waited_share=0.9) == {}
 
 
 def test_a_process_that_the_bus_cannot_reach_is_left_alone_and_has_time_to_report_afterwards() -> None:
-    watch = FreezeWatch()
-    assert silence(watch, 99, reachable=False) == {}
-    assert watch.judge(99.25, {PID: look(reachable=True)}) == {}
+    detector = FreezeDetector()
+    assert silence(detector, 99, reachable=False) == {}
+    assert detector.update(99.25, {PID: sample(reachable=True)}) == {}
 
 
 def test_a_successor_starts_with_a_clean_slate() -> None:
-    watch = FreezeWatch()
+    detector = FreezeDetector()
     for number in range(7):
-        watch.judge(LOOK_PERIOD_S * number, {PID: look(stopped=True)})
-    assert watch.judge(2.0, {PID + 1: look(stopped=True)}) == {}
+        detector.update(SAMPLE_PERIOD_S * number, {PID: sample(stopped=True)})
+    assert detector.update(2.0, {PID + 1: sample(stopped=True)}) == {}
 
 
 @pytest.fixture
@@ -81,13 +83,13 @@ def sleeper() -> Iterator["subprocess.Popen[bytes]"]:
 
 
 def test_a_stopped_process_is_seen_in_the_kernels_table(sleeper: "subprocess.Popen[bytes]") -> None:
-    assert not look_at(sleeper.pid, signs=0, reachable=False).stopped
+    assert not sample_process(sleeper.pid, reports=0, reachable=False).stopped
     os.kill(sleeper.pid, signal.SIGSTOP)
     deadline = time.monotonic() + 5.0
-    while not look_at(sleeper.pid, signs=0, reachable=False).stopped:
+    while not sample_process(sleeper.pid, reports=0, reachable=False).stopped:
         assert time.monotonic() < deadline
     os.kill(sleeper.pid, signal.SIGCONT)
-    while look_at(sleeper.pid, signs=0, reachable=False).stopped:
+    while sample_process(sleeper.pid, reports=0, reachable=False).stopped:
         assert time.monotonic() < deadline
 
 
@@ -100,7 +102,7 @@ def test_waiting_for_a_processor_is_counted_by_the_kernel() -> None:
         for spinner in spinners:
             os.sched_setaffinity(spinner.pid, {cpu})
         deadline = time.monotonic() + 20.0
-        while look_at(spinners[0].pid, signs=0, reachable=False).waited_s < 0.1:
+        while sample_process(spinners[0].pid, reports=0, reachable=False).waited_s < 0.1:
             assert time.monotonic() < deadline
             time.sleep(0.01)
     finally:

@@ -41,11 +41,11 @@ def test_a_full_disk_loses_lines_and_says_how_many_once_there_is_room(
     folder = folder_in(tmp_path)
     output = Output(folder, ["a"], None)
     with monkeypatch.context() as full:
-        full.setitem(output._files, "a", FullDisk())  # type: ignore[arg-type]
-        output.say("a", "lost")
-        output.say("a", "lost too")
-    output.say("a", "back")
-    output.say("a", "again")
+        full.setitem(output._files, "a", FullDisk())
+        output.write_line("a", "lost")
+        output.write_line("a", "lost too")
+    output.write_line("a", "back")
+    output.write_line("a", "again")
     output.close()
     texts = [line.split(" ", 1)[1] for _, line in LogReader(folder, ["a"]).read()]
     assert texts == ["[launcher] 2 lines before this one could not be written", "back", "again"]
@@ -54,7 +54,7 @@ def test_a_full_disk_loses_lines_and_says_how_many_once_there_is_room(
 def test_a_terminal_without_the_character_shows_another(tmp_path: Path) -> None:
     screen = io.BytesIO()
     output = Output(folder_in(tmp_path), ["a"], io.TextIOWrapper(screen, encoding="ascii"))
-    output.feed("a", "1 → 2\n".encode())
+    output.on_data("a", "1 → 2\n".encode())
     output.close()
     assert screen.getvalue() == b"a | 1 ? 2\n"
 
@@ -71,10 +71,10 @@ def test_health_and_status_count_only_on_exactly_their_key() -> None:
     for key in ("jezero/**", "jezero/uav1/*", "jezero/uav2/status"):
         watcher._on_status(sample_of(key, status))
     watcher._on_status(sample_of("jezero/uav1/status", status, zenoh.SampleKind.DELETE))
-    assert watcher.verdict("router").text == "" and not watcher.vehicle_ready[0]
+    assert watcher.report("router").text == "" and not watcher.vehicle_ready[0]
     watcher._on_health(sample_of("jezero/uav1/health/router", health))
     watcher._on_status(sample_of("jezero/uav1/status", status))
-    assert watcher.verdict("router").text == "fine" and watcher.vehicle_ready[0]
+    assert watcher.report("router").text == "fine" and watcher.vehicle_ready[0]
 
 
 def test_a_default_within_a_default_is_refused_rather_than_misread() -> None:
