@@ -1,6 +1,6 @@
 # make setup      install into .venv
 # make demo       bring everything up, fly, land, plot
-# make lint       ruff, types, import contracts
+# make lint       style (ruff), types (mypy --strict), contracts (import-linter); each is a target of its own too
 # make unit       the tests that need neither a flight nor a process: a minute or so
 # make test       every check there is
 # make campaign   three minutes of missions with faults; the seeds follow from the commit
@@ -15,7 +15,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: setup demo lint unit test campaign broken speed
+.PHONY: setup demo lint style types contracts unit test campaign broken speed
 
 setup: $(INSTALLED)
 
@@ -29,10 +29,16 @@ $(INSTALLED): pyproject.toml constraints.txt
 demo: setup
 	$(BIN)/jezero demo
 
-lint: setup
+lint: style types contracts
+
+style: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+types: setup
 	$(BIN)/mypy -p jezero -p benchmarks
+
+contracts: setup
 	$(BIN)/lint-imports
 
 unit: setup

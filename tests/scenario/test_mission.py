@@ -157,9 +157,11 @@ def test_kill_needs_to_be_confirmed_and_then_stops_the_motors_in_the_air() -> No
     flight = Flight()
     flight.take_off()
     assert not flight.ask(topics.KILL, Kill()).killed
-    assert flight.status.armed
+    unconfirmed = flight.status
+    assert unconfirmed.armed
     assert flight.ask(topics.KILL, Kill(confirm=True)).killed
-    assert not flight.status.armed
+    confirmed = flight.status
+    assert not confirmed.armed
     flight.bus.run_for(4.0)
     assert flight.codes[-1] is Code.IDLE
 

@@ -81,7 +81,7 @@ class Stack:
         return {row["service"]: row["pid"] for row in rows if row["pid"]}
 
 
-def wait_for(condition: Callable[[], bool], within_s: float, what: str) -> float:
+def wait_for(condition: Callable[[], object], within_s: float, what: str) -> float:
     """Poll until it holds; returns how long that took in seconds.
 
     Raises:

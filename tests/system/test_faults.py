@@ -12,6 +12,7 @@ import select
 import signal
 import time
 from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +58,7 @@ def freeze(stack: Stack, services: Iterable[str]) -> None:
     took_s = time.monotonic() - begin_s
     starved_s = starved.seconds()
     for name in ends:
-        wait_for(lambda name=name: bool(told_s(stack, name)), PATIENCE_S, f"{name} is told to be frozen")
+        wait_for(partial(told_s, stack, name), PATIENCE_S, f"{name} is told to be frozen")
         assert told_s(stack, name)[-1] < NOTICED_S
     print(f"{', '.join(ends)}: killed {took_s:.2f} s after the freeze ({starved_s:.2f} s without a processor)")
     assert took_s - starved_s < NOTICED_S
