@@ -1,6 +1,5 @@
 """The vehicle: methods that send goals and requests, with units in the names of their arguments."""
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import TracebackType
@@ -8,6 +7,7 @@ from typing import Any, Literal, Self
 
 import msgspec
 
+from jezero.client.any_action import action_named, goal_of
 from jezero.client.camera import next_frame
 from jezero.client.errors import Refused, TimedOut, Unreachable
 from jezero.client.goal import Goal, request_result
@@ -15,7 +15,6 @@ from jezero.client.images import ImagesGoal
 from jezero.client.rover import Rover
 from jezero.client.session import Connection
 from jezero.client.status import REPLY_TIMEOUT_S, request_status, wait_ready, watch_status
-from jezero.plugins import PluginError, find_action
 from jezero.schemas import topics
 from jezero.schemas.actions import (
     AreaCoverageGoal,
@@ -112,7 +111,6 @@ class Vehicle:
         Args:
             altitude_m: altitude above the take-off point, positive up.
         """
-        _require_finite(altitude_m=altitude_m)
         goal = TakeoffGoal(**self._common(on_client_loss), altitude_m=altitude_m)
         return self._send(topics.TAKEOFF, goal)
 
@@ -139,7 +137,6 @@ class Vehicle:
             yaw_rad: heading at the target, zero at north and positive towards east; None keeps the heading.
             speed_mps: speed along the line; None for the default.
         """
-        _require_finite(x_m=x_m, y_m=y_m, z_m=z_m, yaw_rad=yaw_rad, speed_mps=speed_mps)
         goal = GoToGoal(
             **self._common(on_client_loss),
             target_ned_m=(x_m, y_m, z_m),
@@ -167,8 +164,6 @@ class Vehicle:
             use_uwb: use the UWB ranges to the rover.
             use_tag: use the AprilTags on the platform.
         """
-        if spot_ned_m is not None:
-            _require_finite(x_m=spot_ned_m[0], y_m=spot_ned_m[1], z_m=spot_ned_m[2])
         goal = LandOnSpotGoal(
             **self._common(on_client_loss),
             landing_spot_ned_m=spot_ned_m,
@@ -201,9 +196,6 @@ class Vehicle:
             speed_mps: speed along the circle; None for the default.
             stream_images: whether the feedback announces each image as it is taken; else only the result lists them.
         """
-        north_m, east_m, down_m = center_ned_m
-        _require_finite(x_m=north_m, y_m=east_m, z_m=down_m, radius_m=radius_m)
-        _require_finite(target_z_ned_m=target_z_ned_m, speed_mps=speed_mps)
         goal = GetImagesGoal(
             **self._common(on_client_loss),
             center_ned_m=center_ned_m,
@@ -245,7 +237,6 @@ class Vehicle:
             speed_mps: speed along the lines; None for the default.
             start_ned_m: (2,) the path starts near this point; None for the vehicle's position.
         """
-        _require_finite(z_m=z_ned_m, resolution_m=resolution_m, overlap=overlap, sidelap=sidelap, speed_mps=speed_mps)
         goal = AreaCoverageGoal(
             **self._common(on_client_loss),
             polygon_ned_m=polygon_ned_m,
@@ -279,7 +270,9 @@ class Vehicle:
         Raises:
             ValueError: there is no such action, or the goal doesn't fit its type; the message names the field.
         """
-        return Goal(self._connection, *self._checked(action, goal, fields), REPLY_TIMEOUT_S)
+        row = action_named(action)
+        on_client_loss = fields.get("on_client_loss", "continue") if goal is None else goal.on_client_loss
+        return self._send(row, goal_of(row, goal, fields, self._common(on_client_loss)))
 
     # -- requests: each raises Unreachable or TimedOut without a reply --
 
@@ -293,8 +286,6 @@ class Vehicle:
             Refused: the vehicle cannot hover now; the text is the reason.
             ValueError: a coordinate is NaN or infinite.
         """
-        if pos_ned_m is not None:
-            _require_finite(x_m=pos_ned_m[0], y_m=pos_ned_m[1], z_m=pos_ned_m[2])
         reply: HoverReply = self._connection.request(topics.HOVER, Hover(hover_pos=pos_ned_m), HOVER_TIMEOUT_S)
         if not reply.hover_mode:
             raise Refused(reply.reason)
@@ -384,23 +375,6 @@ class Vehicle:
         spot_ned_m = None if status.odometry is None else status.odometry.pos_uav_ned_m
         self.land_on_spot(spot_ned_m, use_uwb=False, use_tag=False).result()
 
-    def _checked(
-        self, action: str | Action[Any], goal: GoalPayload | None, fields: dict[str, Any]
-    ) -> tuple[Action[Any], GoalPayload]:
-        try:
-            row = find_action(action) if isinstance(action, str) else action
-        except PluginError as error:
-            raise ValueError(str(error)) from error
-        if goal is not None:
-            if fields or not isinstance(goal, row.goal_type):
-                raise ValueError(f"{row.name} takes one {row.goal_type.__name__}, or its fields as keyword arguments")
-            return row, msgspec.structs.replace(goal, **self._common(goal.on_client_loss))
-        common = self._common(fields.get("on_client_loss", "continue"))
-        try:
-            return row, msgspec.convert({**fields, **common}, row.goal_type)
-        except msgspec.ValidationError as error:
-            raise ValueError(f"{row.name}: {error}") from None
-
     def _send(self, action: Action[Any], goal: GoalPayload) -> Goal[Any, Any]:
         return Goal(self._connection, action, goal, REPLY_TIMEOUT_S)
 
@@ -419,10 +393,3 @@ class Vehicle:
             "issued_t_ns": issued_t_ns,
             "on_client_loss": on_client_loss,
         }
-
-
-def _require_finite(**numbers: float | None) -> None:
-    """Raise ValueError with the name of the first number that is NaN or infinite, which JSON cannot represent."""
-    for name, number in numbers.items():
-        if number is not None and not math.isfinite(number):
-            raise ValueError(f"{name} is {number}")
