@@ -243,7 +243,7 @@ def land_on_spot(
 ) -> None:
     """Land on the rover. USE_UWB and USE_MARKER (both true by default) choose the sensors that find it.
 
-    Without UWB the command needs the rover's approximate position, from --spot or from a question. Without UWB and
+    Without UWB the command needs the rover's approximate position, from --spot or a prompt. Without UWB and
     marker this is the spot on the ground on which the vehicle lands.
     """
     printer = Printer(as_json)

@@ -224,7 +224,7 @@ def decoder(kind: Any) -> Callable[[bytes], Any]:
         try:
             return read(data)
         except BadPayloadError as error:
-            why = f"the reply isn't understood ({error}): do client and stack have the same version?"
+            why = f"the reply can't be decoded ({error}): do client and stack have the same version?"
             raise JezeroError(why) from None
 
     return decode_this

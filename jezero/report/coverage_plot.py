@@ -91,7 +91,7 @@ def _draw_flown(path: Path, plan: "CoveragePlan", track_m: Array, taken_m: Array
         length_m, covered = plan.trajectory.length_m, 100.0 * plan.covered
         planned.set_title(f"planned: {length_m:.0f} m, {len(plan.pictures_m)} pictures, {covered:.1f} % covered")
         flown.plot(plan.trajectory.pos_m[:, 1], plan.trajectory.pos_m[:, 0], color=GREY, lw=0.6, label="planned path")
-        flown.plot(track_m[:, 1], track_m[:, 0], color=BLUE, lw=0.9, label="way flown")
+        flown.plot(track_m[:, 1], track_m[:, 0], color=BLUE, lw=0.9, label="flown path")
         _places(flown, taken_m, "pictures")
         flown.plot([], [], "o", color=GREEN, ms=5, label="start of the path")
         flown.set_title(f"flown: {len(taken_m)} pictures{_off_text(plan, track_m)}")

@@ -188,7 +188,7 @@ def _uwb_positions(
         if fix is None or not rover or not odometry:
             continue
         heading = rover[min(int(np.searchsorted(rover_ns, uwb.t_ns)), len(rover) - 1)].yaw_rover_rad
-        told = odometry[min(int(np.searchsorted(odometry_ns, uwb.t_ns)), len(odometry) - 1)]
-        mount_ned_m = quat_rotate(told.q_ned_from_frd, vehicle.uwb.pos_tag_frd_m)
+        nearest = odometry[min(int(np.searchsorted(odometry_ns, uwb.t_ns)), len(odometry) - 1)]
+        mount_ned_m = quat_rotate(nearest.q_ned_from_frd, vehicle.uwb.pos_tag_frd_m)
         center_ned_m = subtract(rotate_yaw(fix[0], heading), mount_ned_m)
         yield uwb, add(center_ned_m, (0.0, 0.0, vehicle.airframe.height_stand_m))

@@ -47,15 +47,15 @@ def draw_touchdown(landing: Landing, directory: Path, suffix: str, form: Format)
     def fill(figure: Any, axes: Any) -> None:
         ax = axes[0, 0]
         _platform(ax, SHOWN_M)
-        way_m = landing.path_rover_body_m
-        height_m = -way_m[:, 2]
-        near = np.flatnonzero(np.abs(way_m[:, :2]).max(axis=1) > 1.0)
-        begin = int(near[-1]) + 1 if len(near) else 0
-        ax.plot(way_m[begin:, 1], way_m[begin:, 0], color=BLUE, lw=1.2, label="true way")
+        path_m = landing.path_rover_body_m
+        height_m = -path_m[:, 2]
+        near = np.flatnonzero(np.abs(path_m[:, :2]).max(axis=1) > 1.0)
+        start = int(near[-1]) + 1 if len(near) else 0
+        ax.plot(path_m[start:, 1], path_m[start:, 0], color=BLUE, lw=1.2, label="true path")
         for mark_m, words_pt in MARKS_M.items():
             above = np.flatnonzero(height_m > mark_m)
-            if len(above) and begin <= above[-1]:
-                north_m, east_m = way_m[above[-1], 0], way_m[above[-1], 1]
+            if len(above) and start <= above[-1]:
+                north_m, east_m = path_m[above[-1], 0], path_m[above[-1], 1]
                 ax.plot(east_m, north_m, "o", ms=3, color=BLUE)
                 box = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.85}
                 line = {"arrowstyle": "-", "lw": 0.5, "color": "0.4"}
@@ -114,13 +114,13 @@ def _scatter(ax: "Axes", kind: Touchdowns, shown_m: float) -> None:
     total = len(errors_m) + kind.failed
     lines = [f"{kind.title}: {len(errors_m)} of {total} landed"]
     every_m = np.concatenate([errors_m, np.full(kind.failed, np.inf)])
-    told = []
+    texts = []
     for share, name, style in ((0.5, "median", "-"), (0.95, "95 %", "--")):
         radius_m = float(np.quantile(every_m, share, method="inverted_cdf")) if total else np.inf
         if np.isfinite(radius_m):
             _circle(ax, radius_m, GREEN, style, name)
-            told.append(f"{name} {100 * radius_m:.1f} cm")
-    ax.set_title("\n".join([*lines, ", ".join(told)]), fontsize=8)
+            texts.append(f"{name} {100 * radius_m:.1f} cm")
+    ax.set_title("\n".join([*lines, ", ".join(texts)]), fontsize=8)
 
 
 def _platform(ax: "Axes", shown_m: float) -> None:

@@ -102,8 +102,8 @@ def test_the_words_of_the_thesis_write_a_dataset(
     words = "getimages -2.0 0 -4 2 4 rover --target-z -0.5 --format png --vehicle v"
     done = CliRunner().invoke(main, [*words.split(), "--router", endpoint, "--out", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
-    assert "3 of 3 pictures" in done.output
-    assert f"succeeded, 3 pictures in {tmp_path / 'out'}" in done.output
+    assert "3 of 3 images" in done.output
+    assert f"succeeded, 3 images in {tmp_path / 'out'}" in done.output
     assert {file.name for file in (tmp_path / "out").iterdir()} == {"images", "geo.txt"}
     names = {file.name for file in (tmp_path / "out" / "images").iterdir()}
     assert names == {"0000.png", "0001.png", "0002.png", "images.json"}

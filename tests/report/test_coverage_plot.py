@@ -31,7 +31,7 @@ def test_a_coverage_is_drawn_beside_its_plan(tmp_path: Path, frame: str) -> None
     (file,) = draw_coverage(tmp_path, "svg")
     drawing = file.read_text()
     assert file.name == "coverage.svg"
-    assert "<!-- start of the path -->" in drawing and "<!-- way flown -->" in drawing
+    assert "<!-- start of the path -->" in drawing and "<!-- flown path -->" in drawing
     assert "cm RMS from the path" in drawing
 
 

@@ -165,7 +165,7 @@ class ServerJudge:
         else:
             expected = "sent" if isinstance(payload, Rejected) else "accepted"
             self._judge.check(state == expected, t_ns, rule, text)
-        self._queries[reply.request_id] = "answered" if reply.final else "accepted"
+        self._queries[reply.request_id] = "ended" if reply.final else "accepted"
 
     def _check_images(self, t_ns: int, result: Result[Any]) -> None:
         """Check that images come in order and once each, and that a goal that succeeded has all of them."""
