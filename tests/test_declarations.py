@@ -1,5 +1,6 @@
 """The declarations of the services, the topic table, the compose file and the docs agree."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -61,3 +62,13 @@ def test_the_compose_file_starts_every_service_and_the_router() -> None:
 def test_the_reference_page_shows_the_tables_as_they_are() -> None:
     page = (ROOT / "docs" / "reference" / "topics.md").read_text()
     assert page == reference_page(), "jezero info page > docs/reference/topics.md writes the page anew"
+
+
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/glossary.md", "benchmarks/README.md"])
+def test_every_path_that_a_page_names_exists(page: str) -> None:
+    file = ROOT / page
+    text = file.read_text()
+    folders = "schemas|services|jezero|deploy|tests|benchmarks|docs"
+    named = {ROOT / path for path in re.findall(rf"`((?:{folders})/[^`<> ]*)`", text)}
+    linked = {file.parent / path for path in re.findall(r"\]\(([^)#:]+)", text)}
+    assert not [str(path) for path in named | linked if not path.exists()]
