@@ -105,9 +105,10 @@ def measure(folder: Path, goals: int) -> Latency:
             ("by_hand", "bridge", by_hand_port),
             ("by_hand", "action"),
         ):
-            end = stack.enter_context(running_module(f"benchmarks.{words[0]}", *words[1:], instance=instance))
-            assert end.stdout is not None
-            end.stdout.readline()
+            module = f"benchmarks.speed.{words[0]}"
+            end = stack.enter_context(running_module(module, *words[1:], instance=instance))
+            if end.stdout is None or end.stdout.readline() != "ready\n":
+                raise RuntimeError(f"{module} {words[1]} did not start")
         session = stack.enter_context(zenoh.open(client_config(instance.router)))
         with Vehicle.connect(instance.vehicle, router=instance.router) as uav:
             uav.wait_ready()
