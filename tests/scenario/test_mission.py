@@ -38,7 +38,7 @@ def test_the_status_goes_through_the_codes_of_the_thesis() -> None:
     flight.take_off()
     flight.do(topics.GO_TO, go_to(-1.0, -2.0, -3.0))
     result = flight.do(topics.LAND_ON_SPOT, land_at(0.0, 0.0))
-    assert result.result.touchdown_ned_m is not None
+    assert result.result is not None and result.result.touchdown_ned_m is not None
     assert flight.codes == [
         Code.IDLE, Code.TAKEOFF, Code.TAKEOFF_DONE, Code.HOVER, Code.GO_TO, Code.GO_TO_DONE, Code.HOVER,
         Code.LANDING, Code.LANDING_DONE, Code.IDLE,

@@ -27,7 +27,8 @@ def test_a_goal_in_the_rovers_frame_follows_a_driving_rover_and_ends_with_the_es
     driver.speed_mps = 0.5
     target_ned_m = (-1.0, 0.5, -3.0)
     request = flight.send(topics.GO_TO, go_to(*target_ned_m, frame="rover"))
-    assert flight.finish(request).result.completed
+    moved = flight.finish(request).result
+    assert moved is not None and moved.completed
     feedback = request.replies[-2].feedback
     assert feedback.frame == "rover"
     assert feedback.pos_uav_ned_m == pytest.approx(target_ned_m, abs=0.3)
