@@ -36,7 +36,7 @@ style: setup
 	$(BIN)/ruff format --check .
 
 types: setup
-	$(BIN)/mypy -p jezero -p benchmarks
+	$(BIN)/mypy -p jezero -p benchmarks -p tests
 
 contracts: setup
 	$(BIN)/lint-imports

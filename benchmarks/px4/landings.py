@@ -1,8 +1,8 @@
-"""Landings on the rover with PX4 and with the embedded autopilot, in the same circumstances.
+"""Landings on the rover with PX4 and with the embedded autopilot, under the same conditions.
 
 `JEZERO_PX4_DIR=<folder> python -m benchmarks.px4.landings [--rover drive] [--case uwb+tag] [--n 5] [--seed 0]`: the
 landings of `jezero bench landing`, once with PX4 as a process of its own, in lockstep with the simulated world and no
-faster than real time, and once with the embedded autopilot. Prints each landing, and what they come to.
+faster than real time, and once with the embedded autopilot. Prints each landing and a summary.
 """
 
 import argparse
@@ -22,20 +22,20 @@ EMBEDDED, PX4 = "embedded", "px4"
 
 
 def pilot(name: str) -> AbstractContextManager[Make | None]:
-    """The autopilot of that name, for one flight."""
+    """Start an autopilot for one flight; None stands for the embedded one."""
     if name == EMBEDDED:
         return nullcontext()
     return real_px4(Path(os.environ["JEZERO_PX4_DIR"]), {}, always_paced=True)
 
 
 def fly(name: str, conditions: Conditions, seeds: range) -> list[Landing]:
-    """One autopilot's landings, each told when it has ended."""
+    """Fly the landings of one autopilot, and print each when it has ended."""
     landings = []
     for seed in seeds:
         with redirect_stdout(sys.stderr), pilot(name) as make:
             landings.append(fly_landing(seed, conditions, autopilot=make))
         landing = landings[-1]
-        told = {
+        row = {
             "autopilot": name,
             "seed": seed,
             "error_m": None if landing.failure else round(landing.error_m, 4),
@@ -43,12 +43,12 @@ def fly(name: str, conditions: Conditions, seeds: range) -> list[Landing]:
             "impact_mps": landing.impact_mps,
             "failure": landing.failure,
         }
-        print(json.dumps(told), flush=True)
+        print(json.dumps(row), flush=True)
     return landings
 
 
 def main() -> None:
-    """Print one line per landing, then one per autopilot."""
+    """Print one line for each landing, then one for each autopilot."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rover", choices=list(MOTIONS), default="still")
     parser.add_argument("--case", choices=CASES, default="uwb+tag")
@@ -60,7 +60,7 @@ def main() -> None:
     flown = {name: fly(name, conditions, seeds) for name in (EMBEDDED, PX4)}
     for name, landings in flown.items():
         errors_m = [landing.error_m for landing in landings]
-        figures = ", ".join(f"{100.0 * percentile(errors_m, share):.1f}" for share in (0.5, 0.95))
+        figures = ", ".join(f"{100.0 * percentile(errors_m, fraction):.1f}" for fraction in (0.5, 0.95))
         time_s = percentile([landing.time_s for landing in landings], 0.5)
         landed = sum(not landing.failure for landing in landings)
         print(f"{name}: {landed} of {len(landings)} landed; touchdown median, p95: {figures} cm; median {time_s:.1f} s")

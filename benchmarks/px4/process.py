@@ -17,22 +17,22 @@ from jezero.services.autopilot import px4
 from jezero.services.vehicle_bridge.parameters import ParameterSetter, Value
 
 HIL, OFFBOARD = "hil", "offboard"
-FIRST_ANSWER_WITHIN_S = 0.02
-ANSWER_WITHIN_S = 0.5
-"""Longer than a busy machine ever makes it wait; PX4 leaves only its first few readings unanswered."""
-STARTS_WITHIN_S = 10.0
+FIRST_REPLY_TIMEOUT_S = 0.02
+REPLY_TIMEOUT_S = 0.5
+"""Longer than any delay on a busy machine. PX4 does not reply to its first few sensor readings."""
+START_TIMEOUT_S = 10.0
 
 
 class Px4Process:
     """PX4 behind the links of a service on the memory bus.
 
-    It answers each HIL_SENSOR before virtual time goes on. Until it is ready, time runs no faster than the wall's, as
-    its start-up script doesn't know of virtual time.
+    PX4 replies to each HIL_SENSOR before virtual time continues. Until it is ready, virtual time runs no faster than
+    wall time, because its start-up script uses wall time.
 
     Args:
-        parameters: that it is given when it is first heard; the bridge gives its own.
-        always_paced: time never runs faster than the wall's. PX4's telemetry is not waited for, and the faster time
-            runs, the later it comes.
+        parameters: parameters to set at the first telemetry; the bridge sets its own.
+        always_paced: virtual time never runs faster than wall time. Nothing waits for PX4's telemetry, and the faster
+            virtual time runs, the later telemetry arrives.
     """
 
     spec = Spec(name="autopilot", links=(HIL, OFFBOARD), triggers=(HIL, OFFBOARD), rate_hz=250.0)
@@ -47,27 +47,27 @@ class Px4Process:
             link.start()
         self._begin_s = time.monotonic()
         while not self._hil.up:
-            if time.monotonic() - self._begin_s > STARTS_WITHIN_S:
+            if time.monotonic() - self._begin_s > START_TIMEOUT_S:
                 raise TimeoutError("PX4 has not connected")
             self._child.poll(time.monotonic_ns())
             self._hil.poll(time.monotonic_ns())
             time.sleep(0.001)
         self._always_paced = always_paced
         self._wall_behind_s = -time.monotonic()
-        self._patience_s = FIRST_ANSWER_WITHIN_S
+        self._reply_timeout_s = FIRST_REPLY_TIMEOUT_S
         self._setter = ParameterSetter(parameters)
         self._codec = MavlinkCodec(instance.system_id, dialect.MAV_COMP_ID_ONBOARD_COMPUTER)
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
-        """Pass on what arrived in either direction."""
+        """Pass on all bytes that arrived, in both directions."""
         self._child.poll(time.monotonic_ns())
         if setpoints := inbox.received(OFFBOARD):
             self._offboard.send(setpoints)
         if readings := inbox.received(HIL):
             self._hil.send(readings)
-            select.select(self._hil.sockets(), [], [], self._patience_s)
+            select.select(self._hil.sockets(), [], [], self._reply_timeout_s)
             if commands := self._hil.poll(time.monotonic_ns()):
-                self._patience_s = ANSWER_WITHIN_S
+                self._reply_timeout_s = REPLY_TIMEOUT_S
                 yield Send(HIL, commands)
         if telemetry := self._offboard.poll(time.monotonic_ns()):
             self._set_parameters(t_ns, telemetry)
@@ -76,7 +76,7 @@ class Px4Process:
             self._pace(t_ns * 1e-9)
 
     def _pace(self, t_s: float) -> None:
-        """Wait until the wall's time is as far; what was lost to other programs is not made up for."""
+        """Wait until wall time has caught up. Time lost to other programs is not recovered."""
         wall_s = self._wall_behind_s + time.monotonic()
         if t_s > wall_s:
             time.sleep(t_s - wall_s)
@@ -84,7 +84,7 @@ class Px4Process:
             self._wall_behind_s += t_s - wall_s
 
     def _set_parameters(self, t_ns: int, telemetry: bytes) -> None:
-        """As the bridge does when it first hears the autopilot."""
+        """Set the parameters, as the bridge does at the first telemetry."""
         if not self._setter.pending:
             return
         for message in self._codec.parse(telemetry):
@@ -104,7 +104,7 @@ class Px4Process:
 
 @contextmanager
 def real_px4(runtime: Path, parameters: Mapping[str, Value], *, always_paced: bool = False) -> Iterator[Make]:
-    """PX4 for one flight, with parameters other than its own."""
+    """PX4 for one flight, with the given parameters in place of its own."""
     with reserved_instance() as instance:
         started: list[Px4Process] = []
 

@@ -2,7 +2,7 @@
 
 `JEZERO_PX4_DIR=<folder> python -m benchmarks.px4.quality [--seeds N]`: 3 m/s mean wind, gusts of 0.6 m/s. PX4 flies as
 a process of its own, in lockstep with the simulated world and faster than real time, with the parameters that the
-bridge gives it, once without the gains among them; nothing but the autopilot is exchanged.
+bridge gives it, once without the gains among them. All other parts are the same.
 """
 
 import argparse
@@ -22,20 +22,20 @@ from jezero.frames import tilt_from_quat
 from jezero.runtime.config import load_config
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 
-DOWN_S = READY_S + CLIMB_S
-DOWN_MPS = 0.5
+DESCENT_START_S = READY_S + CLIMB_S
+DESCENT_MPS = 0.5
 GAINS = ("MPC_XY_VEL_P_ACC", "MPC_XY_VEL_I_ACC")
-"""Of those that the bridge gives, the ones that make it fly otherwise."""
+"""Parameters of the bridge that change the flight control."""
 
 
 class Landing(msgspec.Struct, frozen=True):
-    """Of a flight that ended by itself; infinite when it did not.
+    """Figures of one landing; infinite when the autopilot did not land and disarm.
 
     Attributes:
-        impact_mps: downwards, just before the first contact.
-        tilt_max_deg: from then on.
-        off_s: from then until the autopilot has disarmed.
-        whole_s: from the order, or the loss, until the autopilot has disarmed.
+        impact_mps: downward velocity just before the first contact.
+        tilt_max_deg: largest tilt after the first contact.
+        off_s: time from the first contact until the autopilot has disarmed.
+        whole_s: time from the command, or the loss, until the autopilot has disarmed.
     """
 
     impact_mps: float
@@ -45,7 +45,7 @@ class Landing(msgspec.Struct, frozen=True):
 
 
 def _landing(flight: Flight, from_s: float) -> Landing:
-    """What the truth says of a landing; armed on the ground the motors idle, disarmed they stand still."""
+    """Evaluate the truth of a landing. On the ground, armed motors idle and disarmed motors stand still."""
     descent = [t for t in flight.truth if t.t_ns > from_s * 1e9]
     touched = next((i for i, t in enumerate(descent) if t.contact_force_n > 0.0), None)
     off_s = max((t.t_ns * 1e-9 for t in descent if t.armed_motors), default=inf)
@@ -63,25 +63,27 @@ def land(seed: int, autopilot: Make) -> Landing:
     """Descend at 0.5 m/s by velocity setpoints until the autopilot switches its motors off by itself."""
 
     def target(t_s: float) -> Target:
-        return ((0.0, 0.0, -HEIGHT_M), None) if t_s < DOWN_S else (None, (0.0, 0.0, DOWN_MPS))
+        return ((0.0, 0.0, -HEIGHT_M), None) if t_s < DESCENT_START_S else (None, (0.0, 0.0, DESCENT_MPS))
 
-    return _landing(fly(target, seed, DOWN_S + HEIGHT_M / DOWN_MPS + 10.0, autopilot=autopilot), DOWN_S)
+    return _landing(
+        fly(target, seed, DESCENT_START_S + HEIGHT_M / DESCENT_MPS + 10.0, autopilot=autopilot), DESCENT_START_S
+    )
 
 
 def lose_offboard(seed: int, autopilot: Make) -> Landing:
-    """Stop the stream of setpoints 5 m up."""
+    """Stop the stream of setpoints at 5 m."""
 
     def target(t_s: float) -> Target:
-        return ((0.0, 0.0, -HEIGHT_M) if t_s < DOWN_S else None), None
+        return ((0.0, 0.0, -HEIGHT_M) if t_s < DESCENT_START_S else None), None
 
-    return _landing(fly(target, seed, DOWN_S + 25.0, autopilot=autopilot), DOWN_S)
+    return _landing(fly(target, seed, DESCENT_START_S + 25.0, autopilot=autopilot), DESCENT_START_S)
 
 
 Figures = dict[str, float]
 
 
 def figures(seed: int, autopilot: Callable[[], AbstractContextManager[Make]]) -> Figures:
-    """All of one autopilot and seed, by what they are."""
+    """Figures of one autopilot and seed, by name with unit."""
     with autopilot() as make:
         held = hold(seed, autopilot=make)
     with autopilot() as make:
@@ -107,25 +109,25 @@ def figures(seed: int, autopilot: Callable[[], AbstractContextManager[Make]]) ->
 
 
 def main() -> None:
-    """Print a table: median and largest of the seeds."""
+    """Print a table with the median and the largest value of all seeds."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=5)
     seeds = range(parser.parse_args().seeds)
     runtime = Path(os.environ["JEZERO_PX4_DIR"])
     flown = []
-    given = load_config(VehicleBridgeConfig, "vehicle_bridge").parameters
-    without_gains = {name: value for name, value in given.items() if name not in GAINS}
+    parameters = load_config(VehicleBridgeConfig, "vehicle_bridge").parameters
+    without_gains = {name: value for name, value in parameters.items() if name not in GAINS}
     with redirect_stdout(sys.stderr):
         for autopilot in (
             lambda: real_px4(runtime, without_gains),
-            lambda: real_px4(runtime, given),
+            lambda: real_px4(runtime, parameters),
             lambda: nullcontext(embedded),
         ):
             flown.append([figures(seed, autopilot) for seed in seeds])
     print(f"| median (largest) of {len(seeds)} seeds | PX4, its own gains | PX4 | embedded |\n|---|---|---|---|")
-    for what in flown[0][0]:
-        cells = ([flight[what] for flight in flights] for flights in flown)
-        print(f"| {what} | {' | '.join(f'{median(values):.2f} ({max(values):.2f})' for values in cells)} |")
+    for name in flown[0][0]:
+        cells = ([flight[name] for flight in flights] for flights in flown)
+        print(f"| {name} | {' | '.join(f'{median(values):.2f} ({max(values):.2f})' for values in cells)} |")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""How well the embedded autopilot flies, in virtual time, in 3 m/s mean wind with gusts of 0.6 m/s.
+"""Flight quality of the embedded autopilot, in virtual time, in 3 m/s mean wind with gusts of 0.6 m/s.
 
 `python -m benchmarks.quality.autopilot [--seeds N]` prints hold accuracy, velocity tracking, the rise of a velocity
-step, and how far the autopilot's estimate wanders from the truth.
+step, and the largest distance between the autopilot's estimate and the truth.
 """
 
 import argparse
@@ -30,11 +30,11 @@ READY_S = 8.0
 CLIMB_S = 12.0
 HEIGHT_M = 5.0
 TURN_RPS = 0.2
-"""The rover's fastest turn."""
+"""Largest yaw rate of the rover."""
 Target = tuple[Vec3 | None, Vec3 | None]
 """Position and velocity setpoint in NED."""
 Make = Callable[[], tuple[Service, int]]
-"""Makes an autopilot; the other value is its MAVLink system id."""
+"""Function that makes an autopilot; returns it with its MAVLink system id."""
 
 
 class Sample(msgspec.Struct, frozen=True):
@@ -46,11 +46,15 @@ class Sample(msgspec.Struct, frozen=True):
 
 
 class Pilot:
-    """Streams setpoints at 50 Hz, engages offboard mode, arms, and notes the odometry.
+    """Streams setpoints at 50 Hz, engages offboard mode, arms, and records the odometry.
 
     Args:
-        target: over vehicle time; nothing is streamed while it is neither a position nor a velocity.
-        system_id: of the autopilot.
+        target: setpoint at a vehicle time; while it has neither position nor velocity, nothing is streamed.
+        system_id: MAVLink system id of the autopilot.
+
+    Attributes:
+        samples: odometry so far.
+        resets: (vehicle time, reset counter) of each odometry.
     """
 
     spec = Spec(name="pilot", links=("autopilot",), triggers=("autopilot",), rate_hz=50)
@@ -99,7 +103,13 @@ class Pilot:
 
 
 class Flight(msgspec.Struct, frozen=True):
-    """What one flight gave: the autopilot's odometry, its reset counter over time, and the truth."""
+    """Records of one flight.
+
+    Attributes:
+        samples: odometry of the autopilot.
+        resets: (vehicle time, reset counter) of each odometry.
+        truth: truth of the simulator.
+    """
 
     samples: list[Sample]
     resets: list[tuple[float, int]]
@@ -138,14 +148,14 @@ def fly(
 
 
 def windy(mean_mps: float = WIND_MPS, gust_mps: float = GUST_MPS) -> SimulatorConfig:
-    """The shipped settings with this much wind."""
+    """The shipped settings with other wind."""
     config = load_config(SimulatorConfig, "simulator")
     wind = msgspec.structs.replace(config.wind, mean_mps=mean_mps, std_gust_mps=gust_mps)
     return msgspec.structs.replace(config, wind=wind)
 
 
 class Hold(msgspec.Struct, frozen=True):
-    """Holding a position for 60 s; distances from the setpoint by the vehicle's own estimate."""
+    """Errors of a held position: distances from the setpoint, by the vehicle's own estimate."""
 
     p95_m: float
     rms_m: float
@@ -154,7 +164,7 @@ class Hold(msgspec.Struct, frozen=True):
 
 
 def hold(seed: int, span_s: float = 60.0, autopilot: Make = embedded) -> Hold:
-    """Hover at 5 m for a while.
+    """Hover at 5 m for `span_s`.
 
     `wander_max_m` is the largest distance between estimate and truth over the span.
     """
@@ -168,7 +178,7 @@ def hold(seed: int, span_s: float = 60.0, autopilot: Make = embedded) -> Hold:
 
 
 class Tracking(msgspec.Struct, frozen=True):
-    """Flying velocity setpoints: RMS of the error while they are steady, and the rise of a 2 m/s step."""
+    """Tracking of velocity setpoints: RMS error in steady flight, rise time and overshoot of a 2 m/s step."""
 
     rms_mps: float
     rise_s: float
@@ -176,7 +186,7 @@ class Tracking(msgspec.Struct, frozen=True):
 
 
 def track(seed: int, autopilot: Make = embedded) -> Tracking:
-    """A 2 m/s step north for 6 s, then 2 m/s around a circle for 32 s, once around.
+    """Fly a 2 m/s step north for 6 s, then 2 m/s once around a circle for 32 s.
 
     The RMS leaves out the first 1.5 s after the step.
     """

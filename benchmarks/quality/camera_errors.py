@@ -1,6 +1,6 @@
-"""What the tag detector finds in rendered pictures, against where the tags are.
+"""Errors of the tag detector on rendered pictures, against the true corners of the tags.
 
-`python -m benchmarks.quality.camera_errors` fits the settings `[projection]` of camera.toml, with which mode
+`python -m benchmarks.quality.camera_errors` fits the settings `[projection]` of camera.toml, by which mode
 "projected" makes corners without rendering.
 """
 
@@ -40,19 +40,20 @@ SIZES_PX = (0, 12, 16, 20, 24, 28, 32, 40, 60, 100, 200, 1000)
 BLURS_PX = (0.0, 0.3, 1.0, 2.0, 3.0, 5.0, 8.0, 20.0)
 LARGE_PX = 32.0
 ERRORS_FROM_PX = 20.0
-"""Smaller tags are found too rarely for their errors to count."""
+"""Smaller tags are found too rarely to use their errors."""
 SHOWN_FROM = 5
 """A class with fewer tags found is not printed."""
 SHARE_STILL = 0.4
-"""Of the pictures."""
+"""Fraction of the pictures in which the vehicle stands still."""
 
 
 class Seen(NamedTuple):
     """One tag that is in a picture with its whole margin.
 
     Attributes:
-        dark: the vehicle's shadow touches it.
-        true_px, found_px: (4, 2) corners; None when it was not found.
+        dark: whether the vehicle's shadow touches the tag.
+        true_px: (4, 2) true corners.
+        found_px: (4, 2) detected corners, None when the tag was not detected.
     """
 
     picture: int
@@ -64,7 +65,7 @@ class Seen(NamedTuple):
 
 
 class Errors(NamedTuple):
-    """Of one found tag, all in pixels: of its size, its place (2,), and (4, 2) what is left of its corners'."""
+    """Errors of one detected tag in pixels: its size, its position (2,), and the rest of its corners (4, 2)."""
 
     size_px: float
     shift_px: Array
@@ -72,7 +73,7 @@ class Errors(NamedTuple):
 
 
 def errors_of(tag: Seen) -> Errors | None:
-    """None when it was not found."""
+    """Errors of a tag, or None when it was not detected."""
     if tag.found_px is None:
         return None
     errors_px = tag.found_px - tag.true_px
@@ -83,7 +84,7 @@ def errors_of(tag: Seen) -> Errors | None:
 
 
 def random_scene(rng: np.random.Generator) -> Scene:
-    """A vehicle somewhere over a rover, as in a landing: slower and nearer to the middle the lower it is, or still."""
+    """Random state over the rover as in a landing: the lower, the slower and the nearer to the centre; or still."""
     above_m = exp(rng.uniform(log(0.12), log(10.5)))
     reach_m = min(0.1 + 0.4 * above_m, 3.0)
     still = rng.random() < SHARE_STILL
@@ -107,7 +108,7 @@ def random_scene(rng: np.random.Generator) -> Scene:
 def look(
     number: int, scene: Scene, config: CameraConfig, vehicle: VehicleConfig, renderer: Renderer, finder: Finder
 ) -> Iterator[Seen]:
-    """Render one scene and compare."""
+    """Render one scene and compare the detected tags with the true ones."""
     camera, board = vehicle.camera, BoardGeometry(vehicle.platform.board)
     info = camera.info(0)
     half_s = 0.5 * config.exposure_s
@@ -139,7 +140,7 @@ def look(
 
 
 def fit(seen: list[Seen]) -> ProjectionConfig:
-    """The settings that make what was found most likely."""
+    """Maximum-likelihood settings for the detected tags."""
     pairs = [(tag.blur_px, errors) for tag in seen if tag.size_px > ERRORS_FROM_PX and (errors := errors_of(tag))]
     blurs2 = np.array([blur_px**2 for blur_px, _ in pairs])
     sizes_px = np.array([errors.size_px for _, errors in pairs])
@@ -165,7 +166,7 @@ def fit(seen: list[Seen]) -> ProjectionConfig:
 
 
 def _fit_std(errors_px: Array, blurs2: Array) -> tuple[float, float]:
-    """Maximum likelihood of a standard deviation and what each square pixel of blur adds to it."""
+    """Maximum-likelihood standard deviation, and its increase per square pixel of blur."""
 
     def loss(x: Array) -> float:
         std_px = exp(x[0]) + exp(x[1]) * blurs2
@@ -176,7 +177,7 @@ def _fit_std(errors_px: Array, blurs2: Array) -> tuple[float, float]:
 
 
 def _fit_probability(seen: list[Seen]) -> tuple[float, float, float, float]:
-    """Maximum likelihood of what was found and what was not."""
+    """Maximum-likelihood settings of the probability of detection."""
     found = np.array([tag.found_px is not None for tag in seen])
 
     def loss(x: Array) -> float:
@@ -195,7 +196,7 @@ def _probability_settings(x: Array) -> tuple[float, float, float, float]:
 
 
 def print_tables(seen: list[Seen]) -> None:
-    """Found and errors by size of the tags that stand still, and by blur of those that are large enough."""
+    """Print detections and errors: of still tags by size, and of large tags by blur."""
     still = [tag for tag in seen if tag.blur_px < 0.3]
     large = [tag for tag in seen if tag.size_px > LARGE_PX]
     print(f"{'':14}tags  found/in shadow %  corner px  shift px  size px (mean)")
@@ -223,7 +224,7 @@ def _print_row(name: str, tags: list[Seen]) -> None:
 
 
 def print_common(seen: list[Seen]) -> None:
-    """How much of a tag's shift the other tags of the same picture share."""
+    """Print the part of a tag's shift that all tags of the same picture have in common."""
     by_picture: dict[int, list[Array]] = {}
     for tag in seen:
         if errors := errors_of(tag):

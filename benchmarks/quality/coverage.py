@@ -1,4 +1,4 @@
-"""How well the thesis' polygon is mapped, in virtual time, in 3 m/s mean wind with gusts of 0.6 m/s.
+"""Quality of a coverage of the thesis' polygon, in virtual time, in 3 m/s mean wind with gusts of 0.6 m/s.
 
 `python -m benchmarks.quality.coverage [--seeds N]` flies it at 1 m/s and 5 m up, with lines 0.25 m and 0.15 m apart.
 Errors across the path are those of the vehicle's own estimate, with the true ones beside them. The camera is the
@@ -27,14 +27,19 @@ Z_NED_M = -5.0
 
 @dataclass(frozen=True)
 class Figures:
-    """Of one flight.
+    """Figures of one flight.
 
     Attributes:
-        across_m, true_across_m: root mean squares of the distance from the path.
-        height_m: of the error of height.
-        pictures_per_length: pictures against the path's length over the resolution.
-        covered: share of the area near the planned path; flown_covered: near the way flown, by the vehicle's estimate.
-        place_m: median distance of a picture's recorded position from its planned place.
+        across_m: RMS distance from the path, by the vehicle's estimate.
+        across_max_m: largest distance from the path, by the vehicle's estimate.
+        true_across_m: RMS distance from the path, by the truth.
+        height_m: RMS error of the height.
+        pictures: number of pictures.
+        pictures_per_length: number of pictures divided by the number of resolutions in the path's length.
+        covered: fraction of the area near the planned path.
+        flown_covered: fraction of the area near the path flown, by the vehicle's estimate.
+        place_m: median distance of a picture's recorded position from its planned point.
+        time_s: duration of the flight along the path.
     """
 
     across_m: float
@@ -50,7 +55,7 @@ class Figures:
 
 
 def measure(seed: int, resolution_m: float, polygon_ned_m: Corners = THESIS) -> Figures:
-    """Fly once."""
+    """Fly one coverage and evaluate it."""
     goal = AreaCoverageGoal(
         goal_id="map", polygon_ned_m=polygon_ned_m, z_ned_m=Z_NED_M, resolution_m=resolution_m, start_ned_m=(0.0, 0.0)
     )

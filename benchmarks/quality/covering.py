@@ -1,4 +1,4 @@
-"""A coverage in virtual time, in 3 m/s mean wind with gusts of 0.6 m/s, with all that is needed to judge it."""
+"""A coverage in virtual time, in 3 m/s mean wind with gusts of 0.6 m/s, with the records to evaluate it."""
 
 from pathlib import Path
 from typing import Any, cast
@@ -31,13 +31,14 @@ class Covering:
     """A vehicle that takes off and maps an area.
 
     Args:
-        rendered: pictures show the simulated world, else they are black.
+        rendered: whether pictures show the simulated world; else they are black.
 
     Attributes:
-        odometry, truths: of the whole flight.
-        bus: it flies on.
+        odometry: odometry of the whole flight.
+        truths: truth of the whole flight.
+        bus: the bus of the stack.
         mapping_ns: first and last time of a setpoint on the path.
-        status: the newest.
+        status: the newest status.
     """
 
     def __init__(self, seed: int, *, rendered: bool, simulator: SimulatorConfig | None = None) -> None:
@@ -71,10 +72,10 @@ class Covering:
             self.mapping_ns = (self.mapping_ns[0] if self.mapping_ns else message.t_ns, message.t_ns)
 
     def fly(self, goal: AreaCoverageGoal) -> CoverageResult:
-        """Up and over the area.
+        """Take off and fly the goal.
 
         Raises:
-            RuntimeError: it was refused, did not succeed, or has no end.
+            RuntimeError: a goal was refused, did not succeed, or did not end.
         """
         self.climb()
         return cast(CoverageResult, self._end(self.bus.ask(topics.AREA_COVERAGE.endpoint, goal)).result)
@@ -83,7 +84,7 @@ class Covering:
         """Get ready and take off.
 
         Raises:
-            RuntimeError: it didn't.
+            RuntimeError: the takeoff did not succeed.
         """
         self.bus.run_for(30.0, lambda: self.status is not None and self.status.ready)
         self._end(self.bus.ask(topics.TAKEOFF.endpoint, TakeoffGoal(altitude_m=3.0)))
@@ -97,8 +98,8 @@ class Covering:
         with Dataset(folder, "png", goal=goal) as dataset:
             dataset.note(track_ned_m=[o.pos_uav_ned_m for o in self.odometry[::5]])
             for image in result.images:
-                question = GetImage(goal_id=goal.goal_id, index=image.index)
-                answers = self.bus.ask(topics.AREA_COVERAGE.image, question)
+                request = GetImage(goal_id=goal.goal_id, index=image.index)
+                answers = self.bus.ask(topics.AREA_COVERAGE.image, request)
                 self.bus.run_for(1.0, lambda answers=answers: answers.ended)  # type: ignore[misc]
                 if not answers.replies or answers.replies[0].reason:
                     raise RuntimeError(f"no picture {image.index}: {answers.replies}")
@@ -108,5 +109,5 @@ class Covering:
         self.bus.run_for(1800.0, lambda: answers.ended)
         last = answers.replies[-1] if answers.replies else None
         if not isinstance(last, Result) or last.outcome != "succeeded":
-            raise RuntimeError(f"it did not succeed: {last}")
+            raise RuntimeError(f"the goal did not succeed: {last}")
         return last

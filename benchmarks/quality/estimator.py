@@ -1,4 +1,4 @@
-"""How well the estimator knows the relative position, how honest it is about it, and what a step costs.
+"""Accuracy, consistency and processor time of the estimator.
 
 `python -m benchmarks.quality.estimator [--flights N] [--case NAME]` flies approaches without physics
 (`estimator_flight`) past the shipped estimator. Printed per case: RMSE in 3D by range, normalised estimation error
@@ -30,7 +30,7 @@ from jezero.vehicle_config import VehicleConfig
 
 COST_RUNS = 5
 SETTLED_S = 3.0
-"""Figures begin here: the vehicle has hovered for so long."""
+"""Time of hover before the evaluation begins."""
 HIDDEN_S = ((3.0, 4.0), (6.0, 7.0))
 AS_SHIPPED = Conditions()
 Array = NDArray[np.float64]
@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """What is flown, and what the estimator may use of it."""
+    """Conditions of the flights, and the inputs that the estimator may use."""
 
     conditions: Conditions = AS_SHIPPED
     use_uwb: bool = True
@@ -104,7 +104,7 @@ def replay(
 
 
 def judge(flight: EstimatorFlight, results: Iterator[Relative]) -> Iterator[Sample]:
-    """Each settled result against the truth of its time."""
+    """Compare each result after `SETTLED_S` with the truth of its time."""
     for result in results:
         if not SETTLED_S <= result.t_ns / NS_PER_S <= flight.end_s:
             continue
@@ -118,13 +118,13 @@ def judge(flight: EstimatorFlight, results: Iterator[Relative]) -> Iterator[Samp
 
 
 def rmse_m(samples: Sequence[Sample], nearest_m: float, farthest_m: float) -> float:
-    """Of the position in 3D, of the valid results in a span of ranges; not a number when there are none."""
+    """RMSE of the 3D position of all valid results within a span of ranges; NaN when there are none."""
     squares = [s.error[:3] @ s.error[:3] for s in samples if s.valid and nearest_m <= s.range_m < farthest_m]
     return float(np.sqrt(np.mean(squares))) if squares else float("nan")
 
 
 def step_costs_ms(case: Case) -> Array:
-    """CPU time of each step of one flight, the least of some runs: what else the machine does counts little then."""
+    """CPU time of each step of one flight, the least of some runs, in which other programs disturb least."""
     flight = EstimatorFlight(0, case.conditions)
     runs: list[list[float]] = []
     for _ in range(COST_RUNS):
@@ -137,7 +137,7 @@ def step_costs_ms(case: Case) -> Array:
 
 
 def fly(case: Case, flights: int) -> dict[str, float]:
-    """All figures of a case."""
+    """Fly and evaluate a case."""
     samples: list[Sample] = []
     for seed in range(flights):
         flight = EstimatorFlight(seed, case.conditions)

@@ -1,4 +1,4 @@
-"""An approach to the rover as the estimator sees it, without physics: a given path, and the sensors' own models.
+"""Inputs of the estimator in an approach to the rover, without physics: a given path, and the sensors' own models.
 
 The autopilot's errors are those that its filter shows in flight: a velocity error that wanders, a position that drifts,
 and an attitude that is tilted and turned by a constant part and a small wandering one. Hundreds of such flights take
@@ -51,22 +51,24 @@ WIND_TILT_RAD = radians(6.0)
 TAG_SEEN_M = (0.2, 10.0)
 TAG_RANGES_M = (0.3, 1.0, 2.0, 4.0, 8.0, 10.0)
 TAG_STDS_M = (0.002, 0.002, 0.004, 0.007, 0.016, 0.026)
-"""Along the line of sight; half of it across. Measured on rendered pictures."""
+"""Standard deviations along the line of sight; across it they are half. Measured on rendered pictures."""
 HALF_WIDTH, HALF_HEIGHT = tan(radians(40.0)), 0.75 * tan(radians(40.0))
 STD_TAG_YAW_RAD = 0.01
 Arrival = tuple[int, topics.Topic[Any], Any]
-"""When a message arrives, its topic and the message."""
+"""Time of arrival, topic and message."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Conditions:
-    """What the flights of a comparison have in common.
+    """Conditions of a flight.
 
     Attributes:
-        uwb_std_m, uwb_blocked: of a range, and the share of ranges without line of sight.
-        latency_s: from exposure to the tag's estimate.
-        hidden_s: (from, to) before the end in which the tag isn't seen.
-        speed_mps, yaw_rate_rps: of the rover.
+        uwb_std_m: standard deviation of a UWB range.
+        uwb_blocked: fraction of UWB ranges without line of sight.
+        latency_s: time from exposure to the tag's estimate.
+        hidden_s: (from, to) before the end, in which the tag is hidden.
+        speed_mps: speed of the rover.
+        yaw_rate_rps: yaw rate of the rover.
     """
 
     uwb_std_m: float = 0.01
@@ -96,11 +98,11 @@ class TrueState:
 
 
 class EstimatorFlight:
-    """One seed's flight: hover at the start, approach, descent.
+    """The flight of one seed: hover, approach, descent.
 
     Attributes:
-        end_s: when it is over.
-        conditions: it is flown in.
+        end_s: time of its end.
+        conditions: its conditions.
     """
 
     def __init__(self, seed: int, conditions: Conditions) -> None:
@@ -118,7 +120,7 @@ class EstimatorFlight:
         self._seed = seed
 
     def truth(self, t_s: float) -> TrueState:
-        """Everything at one time."""
+        """True state at one time."""
         rover = self._rover(t_s)
         step_s = 0.01
         before, now, after = (self._pos_uav(t_s + i * step_s) for i in (-1, 0, 1))
@@ -133,7 +135,7 @@ class EstimatorFlight:
         return TrueState(now, vel_mps, q, rover)
 
     def arrivals(self) -> Iterator[Arrival]:
-        """All messages in the order of their arrival, odometry 50 times a second."""
+        """Messages of all topics in the order of their arrival."""
         clock = ((t_ns, topics.CLOCK, Clock(t_ns=t_ns, epoch_id=1, wall_ns=t_ns)) for t_ns in self._times(10.0, 0))
         arrivals = [*clock, *self._odometry(), *self._sensors(), *self._tags()]
         yield from sorted(arrivals, key=lambda arrival: arrival[0])
@@ -141,7 +143,7 @@ class EstimatorFlight:
     # -- the path ------------------------------------------------------------------------------------------
 
     def _rover(self, t_s: float) -> RoverState:
-        """On an arc, or straight."""
+        """State of the rover, on an arc or a straight line."""
         speed, rate = self.conditions.speed_mps, self.conditions.yaw_rate_rps
         yaw_rad = self._yaw_start_rad + rate * t_s
         x, y, z = self._pos_rover_m
@@ -165,7 +167,7 @@ class EstimatorFlight:
         east_m = (1.0 - share) * self._start_m[1] + sway_m * cos(2.0 * pi * 0.8 * SWAY_HZ * t_s)
         return add(self._rover(t_s).pos_ned_m, (north_m, east_m, -height_m))
 
-    # -- what the sensors say ------------------------------------------------------------------------------
+    # -- sensors -------------------------------------------------------------------------------------------
 
     def _times(self, rate_hz: float, phase_ns: int) -> range:
         return range(phase_ns, int(self.end_s * NS_PER_S), int(NS_PER_S / rate_hz))
@@ -249,7 +251,7 @@ class EstimatorFlight:
                     yield t_ns + int(self.conditions.latency_s * NS_PER_S), topics.ESTIMATE_TAG, tag
 
     def _tag(self, t_ns: int, rng: np.random.Generator) -> TagEstimate | None:
-        """Where the tag is seen in the true body axes, turned by the attitude that the autopilot believes."""
+        """Position of the tag in the true body axes, rotated by the estimated attitude."""
         body, state = self._body(t_ns)
         arm_m = subtract(body.pos_ned_m, state.rover.pos_ned_m)
         seen_frd_m = quat_rotate(quat_conjugate(body.q_ned_from_frd), scale(arm_m, -1.0))

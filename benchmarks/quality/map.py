@@ -1,8 +1,8 @@
-"""How true a map is: a coverage flown in virtual time with rendered pictures, against the simulator's own orthophoto.
+"""Accuracy of a map: a coverage flown in virtual time with rendered pictures, against the simulator's own orthophoto.
 
 `python -m benchmarks.quality.map [--seeds N] [--keep FOLDER]` maps 6 x 6 m from 5 m up in 3 m/s wind, at 2 cm per
 pixel. Patches of 1.3 m of the map are looked for in the orthophoto; their median error without a common translation is
-the figure, the translation (which GNSS decides) is told beside it.
+the figure, the translation (which GNSS decides) is printed beside it.
 """
 
 import argparse
@@ -45,9 +45,9 @@ class Comparison:
     """A map against a reference, patch by patch.
 
     Attributes:
-        places_m: (k, 2) of the patches in the part, to the north and to the east.
-        errors_m: (k, 2) by how much the map is too far north and east there.
-        found_share: of all patches, how many were found again; the rover, for one, is not in the reference.
+        places_m: (k, 2) positions of the patches in the part, to the north and to the east.
+        errors_m: (k, 2) errors of the map there, to the north and to the east.
+        found_share: fraction of the patches that were found; the rover, for one, is not in the reference.
     """
 
     places_m: Array
@@ -66,7 +66,7 @@ class Comparison:
 
     @property
     def turn_rad(self) -> float:
-        """Of the whole map, clockwise."""
+        """Rotation of the whole map, clockwise."""
         return float(self._turned()[0])
 
     @property
@@ -75,7 +75,7 @@ class Comparison:
         return np.asarray(np.linalg.norm(self._turned()[1], axis=1))
 
     def _turned(self) -> tuple[float, Array]:
-        """The turn that explains most of the errors, and what it leaves."""
+        """Fit the rotation of the map; returns it and the remaining errors."""
         at, errors_m = (values - values.mean(axis=0) for values in (self.places_m, self.errors_m))
         aside = np.column_stack((-at[:, 1], at[:, 0]))
         turn_rad = float((aside * errors_m).sum() / (aside**2).sum())
@@ -107,7 +107,7 @@ def compare(part: Pixels, reference: Pixels) -> Comparison:
 
 
 def _coarse(picture: Pixels, wanted: Pixels) -> tuple[int, int]:
-    """Row and column in the reference at which all of the picture fits best."""
+    """Row and column in the reference where the whole picture fits best."""
     small, large = (
         cv2.resize(pixels, None, fx=1.0 / COARSE, fy=1.0 / COARSE, interpolation=cv2.INTER_AREA)
         for pixels in (picture, wanted)
@@ -117,7 +117,7 @@ def _coarse(picture: Pixels, wanted: Pixels) -> tuple[int, int]:
 
 
 def _found(patch: Pixels, window: Pixels) -> tuple[float, float] | None:
-    """Row and column of the patch in the window, between pixels; None where nothing is like it."""
+    """Row and column of the patch in the window, with fractions of a pixel; None without a match."""
     likeness = cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED)
     _, best, _, (column, row) = cv2.minMaxLoc(likeness)
     if best < LIKENESS_MIN or not (0 < row < likeness.shape[0] - 1 and 0 < column < likeness.shape[1] - 1):
@@ -126,7 +126,7 @@ def _found(patch: Pixels, window: Pixels) -> tuple[float, float] | None:
 
 
 def _peak(before: float, top: float, after: float) -> float:
-    """Where the parabola through three values is highest, from the middle one."""
+    """Maximum of the parabola through three values, relative to the middle one."""
     bend = before - 2.0 * top + after
     return 0.0 if abs(bend) < 1e-12 else float(0.5 * (before - after) / bend)
 

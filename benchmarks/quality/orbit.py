@@ -1,4 +1,4 @@
-"""How well an orbit is flown and its pictures are aimed, in virtual time, in 3 m/s mean wind with gusts of 0.6 m/s.
+"""Tracking and aiming of an orbit with pictures, in virtual time, in 3 m/s mean wind with gusts of 0.6 m/s.
 
 `python -m benchmarks.quality.orbit [--seeds N]` flies `getimages -2 0 -4 2 8` in the world, and `getimages 0 0 -4 2 8
 rover` around a rover that stands and one that drives at 0.5 m/s. The camera is the simulator's own, with its axes,
@@ -57,7 +57,7 @@ WATCHED: dict[str, Any] = {
 
 
 class Black:
-    """Makes black pictures."""
+    """Renderer of black pictures."""
 
     description = "black"
     rate_max_hz = 60.0
@@ -71,10 +71,13 @@ class Black:
 
 
 class Orbiting:
-    """A stack in wind whose camera takes black pictures; takes off, orbits, and keeps what it sees.
+    """A stack in wind whose camera takes black pictures; takes off, orbits, and records messages.
 
     Attributes:
-        odometry, relatives, truths: of the whole flight; scenes: by the time of their exposure.
+        odometry: odometry of the whole flight.
+        relatives: relative estimates of the whole flight.
+        truths: truth of the whole flight.
+        scenes: scenes by the time of their exposure.
     """
 
     def __init__(self, seed: int, *, rover_mps: float | None = None, wind: WindConfig = WIND) -> None:
@@ -112,10 +115,10 @@ class Orbiting:
             self._status = message
 
     def fly(self, goal: GetImagesGoal) -> Result[Any]:
-        """Up and around; returns how the goal ended.
+        """Take off and fly the orbit; returns its result.
 
         Raises:
-            RuntimeError: it was refused, or has no end.
+            RuntimeError: a goal was refused, or did not end.
         """
         self.bus.run_for(30.0, lambda: self._status is not None and self._status.ready)
         self._end(self.bus.ask(topics.TAKEOFF.endpoint, TakeoffGoal(altitude_m=-HEIGHT_NED_M)))
@@ -134,8 +137,13 @@ class Figures(msgspec.Struct, frozen=True, kw_only=True):
     """Errors of one orbit, by the vehicle's own estimate; `true_` by the truth.
 
     Attributes:
-        radius_m, height_m, facing_deg, aim_px: root mean squares, the last over the pictures.
-        recorded_m: the greatest difference between a picture's recorded position and the estimate at its exposure.
+        radius_m: RMS error of the radius.
+        height_m: RMS error of the height.
+        facing_deg: RMS error of the heading towards the centre.
+        aim_px: RMS distance of the target from the centre of the pictures.
+        true_radius_m: `radius_m` by the truth.
+        true_aim_px: `aim_px` by the truth.
+        recorded_m: largest difference between a recorded position and the estimate at the exposure.
     """
 
     radius_m: float
@@ -148,7 +156,7 @@ class Figures(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def measure(flight: Orbiting, goal: GetImagesGoal, images: tuple[Image, ...]) -> Figures:
-    """From the first picture to the last."""
+    """Evaluate a flight from the first picture to the last one."""
     first_ns, last_ns = images[0].t_ns, images[-1].t_ns
     truths = [truth for truth in flight.truths if first_ns <= truth.t_ns <= last_ns]
     t_true = np.array([truth.t_ns for truth in flight.truths], dtype=float)
@@ -188,7 +196,7 @@ def _true_offset(truth: Truth, goal: GetImagesGoal) -> Vec3:
 
 
 def _target(flight: Orbiting, goal: GetImagesGoal, image: Image) -> Vec3:
-    """What the picture shall show, in the frame of the picture's recorded pose."""
+    """Target of a picture, in the frame of the picture's recorded pose."""
     target_ned_m = (goal.center_ned_m[0], goal.center_ned_m[1], goal.target_z_ned_m)
     if goal.frame == "world":
         return target_ned_m
@@ -198,14 +206,14 @@ def _target(flight: Orbiting, goal: GetImagesGoal, image: Image) -> Vec3:
 
 
 def aim_error_px(image: Image, target_ned_m: Vec3) -> float:
-    """How far from the picture's middle a point is, by the picture's recorded pose."""
+    """Distance of a point from the picture's centre, by the picture's recorded pose."""
     way_ned_m = subtract(target_ned_m, image.pos_camera_ned_m)
     right_m, down_m, ahead_m = quat_rotate(quat_conjugate(image.q_ned_from_camera), way_ned_m)
     return image.focal_px * hypot(right_m, down_m) / ahead_m
 
 
 def _true_aim_px(flight: Orbiting, goal: GetImagesGoal, image: Image) -> float:
-    """The same with the true attitude, and in the rover's frame at the true place."""
+    """`aim_error_px` with the true attitude and, in the rover's frame, the true position."""
     scene = flight.scenes[image.t_ns]
     q_frd = q_frd_from_camera(image.pitch_camera_rad, image.roll_camera_rad)
     q_ned_from_camera = quat_normalize(quat_multiply(scene.q_ned_from_frd, q_frd))
@@ -214,8 +222,10 @@ def _true_aim_px(flight: Orbiting, goal: GetImagesGoal, image: Image) -> float:
 
 
 def _recorded_error_m(flight: Orbiting, image: Image, true_at: Callable[[float, str], Array]) -> float:
-    """The estimate's error wanders slowly: at an exposure it is that of the odometry around it. So what is recorded
-    there is compared with the true place at the exposure plus that error: a wrong time shows."""
+    """Difference between a recorded position and the true one plus the estimate's error, which odometry around shows.
+
+    The estimate's error changes slowly. So a difference shows that a position was recorded for a wrong time.
+    """
     errors = [
         np.array(o.pos_uav_ned_m) - true_at(o.t_ns, "pos_uav_ned_m")
         for o in flight.odometry
@@ -227,7 +237,7 @@ def _recorded_error_m(flight: Orbiting, image: Image, true_at: Callable[[float, 
 
 
 def rms(values: Array) -> float:
-    """Root of the mean square."""
+    """Root mean square."""
     return sqrt(float(np.mean(np.square(values))))
 
 

@@ -3,7 +3,7 @@
 `python -m benchmarks.quality.real_landings [--n 10] [--seed 0] [--rover drive]` brings a stack up in 3 m/s wind, takes
 off, flies to a random place 4 to 8 m up and up to 8 m away from the rover, lands on it with UWB and tags, and starts
 again from there. A rover that drives does so from 2 s before the goal until the touchdown, every second time backwards.
-Prints each touchdown error by the truth, and what they come to.
+Prints each touchdown error by the truth, and a summary.
 """
 
 import argparse
@@ -71,16 +71,16 @@ def drive(rover: RoverName, number: int) -> AbstractContextManager[object]:
 
 
 def truth_of(connection: Connection) -> Truth:
-    """What the simulator knows now."""
+    """Newest truth of the simulator."""
     arrivals, undeclare = connection.subscribe(TRUTH)
     data = arrivals.take(time.monotonic() + TRUTH_WITHIN_S)
     undeclare()
-    assert data is not None, "the simulator tells no truth"
+    assert data is not None, "the simulator publishes no truth"
     return msgspec.json.decode(data, type=Truth)
 
 
 def land_once(uav: Vehicle, connection: Connection, rng: Random, rover: AbstractContextManager[object]) -> Outcome:
-    """Up, away, and down onto the rover."""
+    """Take off, fly away from the rover, and land on it."""
     up_m, away_m, bearing_rad = (
         rng.uniform(*ALTITUDE_RANGE_M),
         ROVER_DISTANCE_MAX_M * sqrt(rng.random()),

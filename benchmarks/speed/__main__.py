@@ -26,11 +26,11 @@ STARTS = 5
 GOALS = 40
 MOST_VEHICLES = 6
 Row = tuple[str, str, str, str]
-"""What, figure, target, how it was taken."""
+"""Name, figure, target, and how it was measured."""
 
 
 def measure_start(folder: Path) -> dict[str, Any]:
-    """Seconds that `jezero up --wait` takes."""
+    """Measure the seconds that `jezero up --wait` takes."""
     taken_s = []
     for number in range(STARTS):
         with (
@@ -51,7 +51,7 @@ def rows_of_start(figures: dict[str, Any]) -> Iterator[Row]:
 
 
 def measure_hover(folder: Path) -> dict[str, Any]:
-    """A hovering stack, and what each of its messages costs."""
+    """Measure a hovering stack, and the cost of each of its messages."""
     with (
         reserved_instance(vehicle=f"hover{os.getpid()}") as instance,
         running_stack(instance, folder / "hover") as stack,
@@ -97,7 +97,7 @@ PARTS_OF_DELAY = (("median_ms", ".2f"), ("p95_ms", ".1f"), ("n", "d"))
 
 
 def measure_latency(folder: Path) -> dict[str, Any]:
-    """Delays against bare Zenoh."""
+    """Measure delays in comparison with bare Zenoh."""
     found = latency.measure(folder / "latency", GOALS)
     exchanges = {
         name: {**msgspec.to_builtins(row), "ratio": row.ratio, "ratio_by_hand": row.ratio_by_hand}
@@ -116,7 +116,7 @@ def rows_of_latency(figures: dict[str, Any]) -> Iterator[Row]:
 
 
 def measure_virtual(_folder: Path) -> dict[str, Any]:
-    """A flight in virtual time."""
+    """Measure a flight in virtual time."""
     return msgspec.structs.asdict(virtual_time.measure(seed=0))
 
 
@@ -131,7 +131,7 @@ def rows_of_virtual(figures: dict[str, Any]) -> Iterator[Row]:
 
 
 def measure_fleet(folder: Path) -> dict[str, Any]:
-    """Vehicles on one router."""
+    """Measure the number of vehicles on one router."""
     fleets = many_vehicles.measure(folder / "fleet", MOST_VEHICLES)
     return {"in_real_time": sum(f.in_real_time for f in fleets), "most_tried": len(fleets), "fleets": fleets}
 
@@ -158,20 +158,20 @@ MEASURE: dict[str, tuple[Callable[[Path], dict[str, Any]], Callable[[dict[str, A
 
 
 def machine() -> dict[str, Any]:
-    """What the figures were taken on; the load is that before the run."""
+    """The machine of the measurement; the load is that before the run."""
     return {"cores": os.cpu_count(), "machine": platform.machine(), "python": platform.python_version(),
             "load_1_min": os.getloadavg()[0], "taken_unix_s": round(time.time())}  # fmt: skip
 
 
 def main() -> None:
-    """Measure, print, write."""
+    """Measure, print a table and write the report."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--out", type=Path, default=Path("runs/bench.json"))
     parser.add_argument("--only", choices=list(MEASURE), action="append", help="leave the other parts out")
     options = parser.parse_args()
     report: dict[str, Any] = {"machine": machine()}
     console = Console(width=max(120, Console().width))
-    table = Table("what", "figure", "target", "how", title="jezero: what it costs and how fast it is")
+    table = Table("what", "figure", "target", "how", title="jezero: speed and cost")
     with tempfile.TemporaryDirectory(prefix="jezero-bench-") as folder:
         for part, (measure, rows) in MEASURE.items():
             if options.only and part not in options.only:

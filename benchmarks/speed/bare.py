@@ -5,7 +5,7 @@
     bridge -> router -> action -> router -> bridge -> UDP back to the sender   (odometry -> setpoint)
     client -> router -> action -> router -> bridge and back                    (goal -> accepted, first feedback)
 
-All callbacks run in Zenoh's own threads. The answer on UDP carries the ns that Zenoh's part took.
+All callbacks run in Zenoh's own threads. The reply on UDP carries the ns that Zenoh's part took.
 """
 
 import socket
@@ -69,9 +69,9 @@ FEEDBACK = encode(
 )
 
 
-def name(instance: Instance, what: str) -> str:
-    """Key of one exchange; outside of what the stack's services listen to."""
-    return f"bare/{instance.vehicle}/{what}"
+def name(instance: Instance, exchange: str) -> str:
+    """Key of one exchange; no service of the stack subscribes to it."""
+    return f"bare/{instance.vehicle}/{exchange}"
 
 
 def direct(callback: Any) -> "zenoh.handlers.Callback[Any]":
@@ -91,7 +91,7 @@ def _ask(session: zenoh.Session, key: str, payload: bytes, on_reply: Any) -> Non
 
 
 def bridge(session: zenoh.Session, instance: Instance, port: int) -> None:
-    """UDP in, odometry out; setpoint in, UDP out; grants control."""
+    """Turn UDP into odometry and setpoints into UDP, and grant control."""
     link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     link.bind((HOST, port))
     caller: list[Any] = []
@@ -117,7 +117,7 @@ def bridge(session: zenoh.Session, instance: Instance, port: int) -> None:
 
 
 def action(session: zenoh.Session, instance: Instance) -> None:
-    """Odometry in, setpoint out; goals in, control asked for, two replies out."""
+    """Reply to odometry with a setpoint. Request control for a goal, and reply to it twice."""
     setpoint = session.declare_publisher(name(instance, "setpoint"))
 
     def on_odometry(_sample: zenoh.Sample) -> None:
@@ -137,11 +137,11 @@ def action(session: zenoh.Session, instance: Instance) -> None:
     Event().wait()
 
 
-def ask_goal(session: zenoh.Session, instance: Instance) -> tuple[float, float]:
-    """Seconds from a goal to its two replies, as a waiting thread sees them.
+def request_goal(session: zenoh.Session, instance: Instance) -> tuple[float, float]:
+    """Seconds from a goal to its two replies, in a waiting thread.
 
     Raises:
-        RuntimeError: an end doesn't answer.
+        RuntimeError: an end doesn't reply.
     """
     replies: SimpleQueue[Any] = SimpleQueue()
     begin_s = time.perf_counter()
@@ -151,14 +151,14 @@ def ask_goal(session: zenoh.Session, instance: Instance) -> tuple[float, float]:
         accepted_s = time.perf_counter() - begin_s
         replies.get(timeout=5)
     except Empty:
-        raise RuntimeError("the bare exchange does not answer") from None
+        raise RuntimeError("the bare exchange does not reply") from None
     return accepted_s, time.perf_counter() - begin_s
 
 
 def run_end(
     bridge: Callable[[zenoh.Session, Instance, int], None], action: Callable[[zenoh.Session, Instance], None]
 ) -> None:
-    """One of two ends, as the command line says: `bridge PORT` or `action`."""
+    """Run one of two ends by the command line: `bridge PORT` or `action`."""
     role, instance = sys.argv[1], instance_from_environment()
     with zenoh.open(client_config(instance.router)) as session:
         if role == "bridge":

@@ -1,8 +1,8 @@
 """The exchanges of a flight as a script would do them with pymavlink, json and Zenoh alone.
 
 `python -m benchmarks.speed.by_hand bridge PORT` and `... action` are the two ends, over the same hops as
-`benchmarks.speed.bare`. The work is done: MAVLink parsed and packed, JSON written and read, a setpoint computed.
-Nothing is checked, nobody is in command, and what dies stays dead.
+`benchmarks.speed.bare`. The ends parse and pack MAVLink, read and write JSON, and compute setpoints.
+They check nothing, grant control to every goal, and are not restarted.
 """
 
 import json
@@ -26,14 +26,14 @@ CONTROL_ID = "1f2e3d4c5b6a-12"
 GOAL_ID = "py-0123456789ab-12"
 
 
-def name(instance: Instance, what: str) -> str:
-    """Key of one exchange; outside of what the stack's services listen to."""
-    return f"by_hand/{instance.vehicle}/{what}"
+def name(instance: Instance, exchange: str) -> str:
+    """Key of one exchange; no service of the stack subscribes to it."""
+    return f"by_hand/{instance.vehicle}/{exchange}"
 
 
-def _ask(session: zenoh.Session, key: str, question: dict[str, Any]) -> Any:
-    """Replies as they come; by default Zenoh would keep them until the last."""
-    return session.get(key, payload=json.dumps(question), consolidation=zenoh.ConsolidationMode.NONE, timeout=5.0)
+def _query(session: zenoh.Session, key: str, request: dict[str, Any]) -> Any:
+    """Query; yields replies as they arrive, which Zenoh by default delivers after the last one."""
+    return session.get(key, payload=json.dumps(request), consolidation=zenoh.ConsolidationMode.NONE, timeout=5.0)
 
 
 def _read(sample: Any) -> dict[str, Any]:
@@ -42,7 +42,7 @@ def _read(sample: Any) -> dict[str, Any]:
 
 
 def bridge(session: zenoh.Session, instance: Instance, port: int) -> None:
-    """ODOMETRY in, odometry out; setpoint in, SET_POSITION_TARGET_LOCAL_NED out; grants control."""
+    """Turn ODOMETRY into odometry and setpoints into SET_POSITION_TARGET_LOCAL_NED, and grant control."""
     link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     link.bind((HOST, port))
     mav = dialect.MAVLink(None, srcSystem=SYSTEM_ID, srcComponent=COMPONENT_ID)
@@ -50,15 +50,15 @@ def bridge(session: zenoh.Session, instance: Instance, port: int) -> None:
     odometry = session.declare_publisher(name(instance, "odometry"))
 
     def on_setpoint(sample: zenoh.Sample) -> None:
-        told = _read(sample)
+        setpoint = _read(sample)
         message = dialect.MAVLink_set_position_target_local_ned_message(
-            told["t_ns"] // 1_000_000 & 0xFFFFFFFF,
+            setpoint["t_ns"] // 1_000_000 & 0xFFFFFFFF,
             SYSTEM_ID,
             dialect.MAV_COMP_ID_AUTOPILOT1,
             dialect.MAV_FRAME_LOCAL_NED,
             0,
-            *(*told["pos_ned_m"], *told["vel_ned_mps"], *told["acc_ned_mps2"]),
-            told["yaw_rad"],
+            *(*setpoint["pos_ned_m"], *setpoint["vel_ned_mps"], *setpoint["acc_ned_mps2"]),
+            setpoint["yaw_rad"],
             0.0,
         )
         link.sendto(bytes(message.pack(mav)), caller[0])
@@ -97,7 +97,7 @@ def _odometry(message: Any) -> dict[str, Any]:
 
 
 def action(session: zenoh.Session, instance: Instance) -> None:
-    """Odometry in, setpoint out; goals in, control asked for, two replies out."""
+    """Reply to odometry with a setpoint. Request control for a goal, and reply to it twice."""
     setpoint = session.declare_publisher(name(instance, "setpoint"))
     sequence = 0
 
@@ -108,9 +108,9 @@ def action(session: zenoh.Session, instance: Instance) -> None:
 
     def on_goal(query: zenoh.Query) -> None:
         goal = _read(query)
-        asked = {"goal_id": goal["goal_id"], "action": "go_to", "do_takeoff": False}
+        acquire = {"goal_id": goal["goal_id"], "action": "go_to", "do_takeoff": False}
         with query:
-            for reply in _ask(session, name(instance, "acquire"), asked):
+            for reply in _query(session, name(instance, "acquire"), acquire):
                 if _read(reply.ok)["granted"]:
                     query.reply(query.key_expr, json.dumps({"accepted": True, "goal_id": goal["goal_id"]}))
                     query.reply(query.key_expr, json.dumps(_feedback(goal)))
@@ -125,7 +125,7 @@ def action(session: zenoh.Session, instance: Instance) -> None:
 
 
 def _setpoint(odometry: dict[str, Any], sequence: int) -> dict[str, Any]:
-    """Towards the target, in proportion to what is left."""
+    """A setpoint towards the target, in proportion to the remaining distance."""
     left_m = [there - here for there, here in zip(TARGET_NED_M, odometry["pos_uav_ned_m"], strict=True)]
     return {
         "t_ns": odometry["t_ns"],
@@ -145,21 +145,21 @@ def _feedback(goal: dict[str, Any]) -> dict[str, Any]:
     return {"goal_id": goal["goal_id"], "t_ns": time.monotonic_ns(), "code": 4, "feedback": moved}
 
 
-def ask_goal(session: zenoh.Session, instance: Instance) -> tuple[float, float]:
-    """Seconds from a goal to its two replies, read.
+def request_goal(session: zenoh.Session, instance: Instance) -> tuple[float, float]:
+    """Seconds from a goal to its two decoded replies.
 
     Raises:
-        RuntimeError: an end doesn't answer.
+        RuntimeError: an end doesn't reply.
     """
     begin_s = time.perf_counter()
     taken_s = []
     goal = {"goal_id": GOAL_ID, "target_ned_m": TARGET_NED_M, "frame": "world"}
-    for reply in _ask(session, name(instance, "goal"), goal):
+    for reply in _query(session, name(instance, "goal"), goal):
         if reply.ok is not None:
             _read(reply.ok)
             taken_s.append(time.perf_counter() - begin_s)
     if len(taken_s) != 2:
-        raise RuntimeError("the exchange by hand does not answer")
+        raise RuntimeError("the exchange by hand does not reply")
     return taken_s[0], taken_s[1]
 
 

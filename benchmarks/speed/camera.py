@@ -1,4 +1,4 @@
-"""What a picture costs, and what a running camera delivers: `python -m benchmarks.speed.camera`."""
+"""Cost of a picture, and pictures of a running camera: `python -m benchmarks.speed.camera`."""
 
 import argparse
 import json
@@ -34,7 +34,7 @@ from jezero.vehicle_config import VehicleConfig
 from jezero.zenoh_client import client_config
 
 PICTURES = 20
-LISTEN_S = 10.0
+MEASURE_S = 10.0
 HEIGHTS_M = (2.0, 4.0)
 ROVER_NED_M = (5.0, -3.0, -0.5)
 Views = tuple[str, float, float, float]
@@ -45,18 +45,18 @@ VIEWS: tuple[Views, ...] = (
     ("down from 10 m", 10.0, -0.5 * pi, 0.3),
     ("to the horizon", 2.0, -0.2, 0.3),
 )
-"""Name, height above the platform, pitch, speed."""
+"""Name, height above the platform in m, pitch in rad, speed in m/s."""
 
 
 class Cost(NamedTuple):
-    """Of one picture, in ms."""
+    """Processor time and wall time of one picture, in ms."""
 
     cpu_ms: float
     wall_ms: float
 
 
 def scene_of(above_m: float, speed_mps: float) -> Scene:
-    """Beside the middle of the platform, flying east."""
+    """Scene with the vehicle beside the centre of the platform, flying east."""
     return Scene(
         t_ns=0,
         epoch_id=0,
@@ -71,7 +71,7 @@ def scene_of(above_m: float, speed_mps: float) -> Scene:
 
 
 def time_of(make: Callable[[], object]) -> Cost:
-    """Processor time, all threads together, and the median of wall time."""
+    """Measure the processor time of all threads, and the median of wall time."""
     make()
     walls_ms = []
     begin_ns = time.process_time_ns()
@@ -83,7 +83,7 @@ def time_of(make: Callable[[], object]) -> Cost:
 
 
 def costs(kind: str) -> dict[str, Cost]:
-    """Of each view, by one renderer, or "projected"."""
+    """Costs of all views with one renderer, or of mode "projected"."""
     config = msgspec.structs.replace(load_config(CameraConfig, "camera"), renderer="egl" if kind == "egl" else "tiny")
     vehicle = load_config(VehicleConfig, "vehicle")
     board = BoardGeometry(vehicle.platform.board)
@@ -108,11 +108,14 @@ def costs(kind: str) -> dict[str, Cost]:
 
 
 class Delivery(NamedTuple):
-    """Of a camera on the real bus, hovering over the rover.
+    """Pictures of a camera on the real bus while the vehicle hovers over the rover.
 
     Attributes:
-        late_ms, late_p95_ms: from the exposure's middle until a listener has the picture.
-        cpu: of the camera's process, in cores.
+        above_m: height above the rover.
+        rate_hz: pictures per second.
+        late_ms: median time from the middle of the exposure until a subscriber has the picture.
+        late_p95_ms: 95th percentile of this time.
+        cpu: processor time of the camera's process, in cores.
     """
 
     above_m: float
@@ -123,7 +126,7 @@ class Delivery(NamedTuple):
 
 
 def deliveries(stack: Stack) -> list[Delivery]:
-    """Fly over the rover and listen at two heights."""
+    """Fly over the rover and measure at two heights."""
     instance = stack.instance
     found = []
     with Vehicle.connect(instance.vehicle, router=instance.router) as uav:
@@ -131,11 +134,11 @@ def deliveries(stack: Stack) -> list[Delivery]:
         uav.takeoff(altitude_m=HEIGHTS_M[0]).result(timeout_s=90)
         for above_m in HEIGHTS_M:
             uav.go_to(ROVER_NED_M[0], ROVER_NED_M[1], ROVER_NED_M[2] - above_m).result(timeout_s=120)
-            found.append(_listen(stack, above_m))
+            found.append(_measure(stack, above_m))
     return found
 
 
-def _listen(stack: Stack, above_m: float) -> Delivery:
+def _measure(stack: Stack, above_m: float) -> Delivery:
     instance, clock = stack.instance, VehicleClock()
     lates_ms: list[float] = []
 
@@ -154,13 +157,13 @@ def _listen(stack: Stack, above_m: float) -> Delivery:
         session.declare_subscriber(key(instance.vehicle, CAMERA.name), direct(on_picture))
         pid = stack.processes()["camera"]
         before_ns, begin_s = cpu_ns(pid), time.monotonic()
-        time.sleep(LISTEN_S)
+        time.sleep(MEASURE_S)
         spent_s = time.monotonic() - begin_s
         cpu = (cpu_ns(pid) - before_ns) / 1e9 / spent_s
     return Delivery(above_m, len(lates_ms) / spent_s, percentile(lates_ms, 0.5), percentile(lates_ms, 0.95), cpu)
 
 
-def _deliver() -> None:
+def _print_deliveries() -> None:
     with (
         reserved_instance(vehicle="camera") as instance,
         tempfile.TemporaryDirectory() as folder,
@@ -176,7 +179,7 @@ def _deliver() -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="benchmarks.speed.camera", description=__doc__)
-    parser.add_argument("--no-stack", action="store_true", help="only what a picture costs")
+    parser.add_argument("--no-stack", action="store_true", help="only the cost of a picture")
     arguments = parser.parse_args()
     print(f"load {os.getloadavg()[0]:.1f}; ms of processor / median ms of one picture")
     print(f"{'':10}" + "".join(f"{name:>24}" for name, *_ in VIEWS))
@@ -188,7 +191,7 @@ def main() -> int:
             continue
         print(f"{kind:10}" + "".join(f"{cost.cpu_ms:14.2f} / {cost.wall_ms:7.2f}" for cost in row.values()))
     if not arguments.no_stack:
-        _deliver()
+        _print_deliveries()
     return 0
 
 

@@ -1,4 +1,4 @@
-"""What a stack costs while its vehicle hovers: processor and memory by service, messages by topic, also in an orbit."""
+"""Cost of a hovering stack: processor and memory by service, messages by topic, also in an orbit."""
 
 import time
 from collections import Counter
@@ -14,15 +14,21 @@ from jezero.zenoh_client import client_config, data_of
 
 CPU_S = 10.0
 COUNT_S = 5.0
-LISTENED = (*TOPICS, feedback_of(GET_IMAGES))
+COUNTED_TOPICS = (*TOPICS, feedback_of(GET_IMAGES))
 ORBIT_CENTER_M = (0.0, 0.0, -4.0)
-"""Above the rover, whose tags the camera then sees."""
+"""Centre of the orbit, above the rover, so that its tags are in view."""
 ORBIT_RADIUS_M = 2.0
 PICTURES = 8
 
 
 class Share(msgspec.Struct, frozen=True):
-    """Of one process: share of a core, memory in MB, and memory with common pages divided among their users."""
+    """Use of one process.
+
+    Attributes:
+        cpu: fraction of a core.
+        rss_mb: resident memory.
+        pss_mb: resident memory with shared pages divided among their users.
+    """
 
     cpu: float
     rss_mb: float
@@ -30,12 +36,13 @@ class Share(msgspec.Struct, frozen=True):
 
 
 class Hover(msgspec.Struct, frozen=True):
-    """What was seen.
+    """Figures of a hovering stack.
 
     Attributes:
-        rates_hz: by topic; only those that had a message.
-        orbit_rates_hz: by topic, of those that had one only in an orbit around the rover.
-        samples: one message of each.
+        processes: use by process.
+        rates_hz: messages per second by topic, of topics with messages.
+        orbit_rates_hz: the same in an orbit around the rover, of topics that had no message in the hover.
+        samples: one message by topic.
     """
 
     processes: dict[str, Share]
@@ -45,17 +52,17 @@ class Hover(msgspec.Struct, frozen=True):
 
     @property
     def cpu(self) -> float:
-        """Of the whole stack, in cores."""
+        """Processor time of the whole stack, in cores."""
         return sum(share.cpu for share in self.processes.values())
 
     @property
     def cpu_without_camera(self) -> float:
-        """The same without the process that makes the pictures."""
+        """Processor time of the stack without the camera, in cores."""
         return self.cpu - self.processes["camera"].cpu
 
 
 def measure(stack: Stack) -> Hover:
-    """Take off, hover, and look; then once more on the way around the rover."""
+    """Take off, hover and measure; then count messages in an orbit."""
     instance = stack.instance
     with Vehicle.connect(instance.vehicle, router=instance.router) as uav:
         uav.wait_ready()
@@ -67,17 +74,17 @@ def measure(stack: Stack) -> Hover:
     time.sleep(CPU_S)
     spent_s = time.monotonic() - begin_s
     shares = {name: Share((cpu_ns(pid) - before[name]) / 1e9 / spent_s, *memory_mb(pid)) for name, pid in pids.items()}
-    rates_hz, samples = _listen(stack)
+    rates_hz, samples = _count_messages(stack)
     with Vehicle.connect(instance.vehicle, router=instance.router) as uav:
         orbit = uav.get_images(ORBIT_CENTER_M, ORBIT_RADIUS_M, PICTURES, frame="rover")
-        next(told for told in orbit.feedback() if told.taken)
-        orbit_rates_hz, orbit_samples = _listen(stack)
+        next(feedback for feedback in orbit.feedback() if feedback.taken)
+        orbit_rates_hz, orbit_samples = _count_messages(stack)
     more_hz = {name: rate_hz for name, rate_hz in orbit_rates_hz.items() if name not in rates_hz}
     return Hover(shares, rates_hz, more_hz, orbit_samples | samples)
 
 
-def _listen(stack: Stack) -> tuple[dict[str, float], dict[str, bytes]]:
-    """Messages per second of each topic, and one of each."""
+def _count_messages(stack: Stack) -> tuple[dict[str, float], dict[str, bytes]]:
+    """Messages per second by topic, and one message by topic."""
     instance = stack.instance
     counts: Counter[str] = Counter()
     samples: dict[str, bytes] = {}
@@ -93,6 +100,6 @@ def _listen(stack: Stack) -> tuple[dict[str, float], dict[str, bytes]]:
         begin_s = time.monotonic()
         time.sleep(COUNT_S)
         spent_s = time.monotonic() - begin_s
-        seen = {topic.name: key(instance.vehicle, topic.name) for topic in LISTENED}
-        rates_hz = {name: counts[at] / spent_s for name, at in seen.items() if counts[at]}
-    return rates_hz, {name: samples[seen[name]] for name in rates_hz}
+        keys = {topic.name: key(instance.vehicle, topic.name) for topic in COUNTED_TOPICS}
+        rates_hz = {name: counts[at] / spent_s for name, at in keys.items() if counts[at]}
+    return rates_hz, {name: samples[keys[name]] for name in rates_hz}

@@ -24,19 +24,19 @@ from jezero.schemas.state import StatusCode
 from jezero.zenoh_client import client_config
 
 FLY_S = 1.0
-"""How long each goal flies before it is canceled."""
+"""Duration of each goal's flight before it is canceled."""
 SIDE_M = 3.0
-BESIDES_CONTROL = ("camera", "estimator", "tag_detector")
-"""Left out: they hear odometry too or load the machine, and the bare exchange has no such company."""
+LEFT_OUT_SERVICES = ("camera", "estimator", "tag_detector")
+"""Services that are left out: they use odometry too, or load the machine, unlike the ends of the bare exchange."""
 HEIGHT_M = 3.0
 Replies = tuple[float, float]
-"""Until a goal was accepted, and until its first feedback, in ms."""
+"""Times from a goal to its acceptance and to its first feedback, in ms."""
 GoalsMs = tuple[list[Replies], list[Replies], list[Replies]]
-"""Jezero's own, bare and by hand."""
+"""Replies of jezero, of the bare exchange and of the exchange by hand."""
 
 
 class Delays(msgspec.Struct, frozen=True):
-    """One kind of exchange, in ms."""
+    """Delays of one kind of exchange, in ms."""
 
     n: int
     median_ms: float
@@ -47,9 +47,10 @@ class Row(msgspec.Struct, frozen=True):
     """One row of the table.
 
     Attributes:
-        bare: the same exchange with nothing but Zenoh in it.
-        by_hand: the same with its work in it, done by the libraries alone.
-        left_out: exchanges whose two ends could not be paired.
+        own: the exchange with jezero.
+        bare: the same exchange with nothing but Zenoh.
+        by_hand: the same exchange with pymavlink, json and Zenoh alone.
+        left_out: number of exchanges whose two ends could not be paired.
     """
 
     own: Delays
@@ -67,23 +68,23 @@ class Row(msgspec.Struct, frozen=True):
 
 
 def delays(taken_ms: list[float]) -> Delays:
-    """Their number, median and 95th percentile."""
+    """Number, median and 95th percentile of times."""
     return Delays(n=len(taken_ms), median_ms=percentile(taken_ms, 0.5), p95_ms=percentile(taken_ms, 0.95))
 
 
 def row(own_ms: list[float], bare_ms: list[float], by_hand_ms: list[float], left_out: int = 0) -> Row:
-    """All three."""
+    """Row of the times of one exchange in the three ways."""
     return Row(delays(own_ms), delays(bare_ms), delays(by_hand_ms), left_out)
 
 
 class Latency(msgspec.Struct, frozen=True):
-    """All delays.
+    """Delays of all exchanges.
 
     Attributes:
-        exchanges: by name.
-        tick_ms: median time from one odometry to the next, which no exchange contains: every step in them is triggered
-            by what arrives.
-        bare_zenoh_ms: of the bare exchange of odometry and setpoint, Zenoh's part without UDP; median.
+        exchanges: rows by name.
+        tick_ms: median time from one odometry to the next. No exchange contains it, because an arrival triggers each of
+            their steps.
+        bare_zenoh_ms: median time of the bare exchange of odometry and setpoint without UDP.
     """
 
     exchanges: dict[str, Row]
@@ -92,12 +93,12 @@ class Latency(msgspec.Struct, frozen=True):
 
 
 def measure(folder: Path, goals: int) -> Latency:
-    """Fly `goals` goals that are canceled on the way, the vehicle bridge behind a relay that takes the times."""
+    """Fly `goals` goals that are canceled on the way; a relay in front of the vehicle bridge measures times."""
     with reserved_instance(vehicle=f"bench{os.getpid()}") as instance, ExitStack() as stack:
         bridge_port, own_port, bare_port, by_hand_port = ports = _free_udp_ports(4)
         relay = stack.enter_context(running_module("benchmarks.speed.mavlink_proxy", *ports, instance=instance))
         bridge = f"python -m benchmarks.speed.shifted_bridge {bridge_port} {own_port}"
-        path = compose_file(folder, without=BESIDES_CONTROL, commands={"vehicle_bridge": bridge})
+        path = compose_file(folder, without=LEFT_OUT_SERVICES, commands={"vehicle_bridge": bridge})
         stack.enter_context(running_stack(instance, folder / "run", "-f", str(path)))
         for words in (
             ("bare", "bridge", bare_port),
@@ -105,9 +106,10 @@ def measure(folder: Path, goals: int) -> Latency:
             ("by_hand", "bridge", by_hand_port),
             ("by_hand", "action"),
         ):
-            end = stack.enter_context(running_module(f"benchmarks.{words[0]}", *words[1:], instance=instance))
-            assert end.stdout is not None
-            end.stdout.readline()
+            module = f"benchmarks.speed.{words[0]}"
+            end = stack.enter_context(running_module(module, *words[1:], instance=instance))
+            if end.stdout is None or end.stdout.readline() != "ready\n":
+                raise RuntimeError(f"{module} {words[1]} did not start")
         session = stack.enter_context(zenoh.open(client_config(instance.router)))
         with Vehicle.connect(instance.vehicle, router=instance.router) as uav:
             uav.wait_ready()
@@ -128,13 +130,13 @@ def _ms(taken_ns: list[int]) -> list[float]:
 
 
 def _each(goals_ms: GoalsMs, reply: Literal[0, 1]) -> tuple[list[float], list[float], list[float]]:
-    """The time until one of the two replies, in the three ways."""
+    """Times until one of the two replies, in the three ways."""
     own, zenoh_alone, unchecked = ([taken_ms[reply] for taken_ms in goal_ms] for goal_ms in goals_ms)
     return own, zenoh_alone, unchecked
 
 
 def _fly(uav: Vehicle, session: zenoh.Session, instance: Instance, goals: int) -> tuple[GoalsMs, list[tuple[int, int]]]:
-    """Own, bare and by hand, and when a goal flew, in ns of the realtime clock."""
+    """Fly the goals; returns times of replies, and (begin, end) of each flight in ns of the realtime clock."""
     own: list[Replies] = []
     others: tuple[list[Replies], list[Replies]] = ([], [])
     flights_ns: list[tuple[int, int]] = []
@@ -153,9 +155,9 @@ def _fly(uav: Vehicle, session: zenoh.Session, instance: Instance, goals: int) -
             goal.result(timeout_s=10)
         except Canceled:
             wait_for(lambda: uav.status().code == StatusCode.HOVER, 10, "hover after a goal")
-        for ask_goal, taken_ms in zip((bare.ask_goal, by_hand.ask_goal), others, strict=True):
+        for request_goal, taken_ms in zip((bare.request_goal, by_hand.request_goal), others, strict=True):
             time.sleep(0.037)
-            accepted_s, feedback_s = ask_goal(session, instance)
+            accepted_s, feedback_s = request_goal(session, instance)
             taken_ms.append((accepted_s * 1e3, feedback_s * 1e3))
     return (own, *others), flights_ns
 
@@ -164,7 +166,7 @@ def pair(odometry_ns: list[int], setpoint_ns: list[int], flights_ns: list[tuple[
     """Match setpoints to the odometry that they were computed from.
 
     Args:
-        flights_ns: beginnings and ends of the times in which a goal flew.
+        flights_ns: (begin, end) of each flight.
 
     Returns:
         Delays in ms where exactly one setpoint came before the next odometry, and the number of other odometries.
@@ -174,9 +176,9 @@ def pair(odometry_ns: list[int], setpoint_ns: list[int], flights_ns: list[tuple[
     for begin_ns, end_ns in flights_ns:
         inside = [t for t in odometry_ns if begin_ns < t < end_ns]
         for first_ns, next_ns in pairwise(inside):
-            answers = setpoint_ns[bisect_right(setpoint_ns, first_ns) : bisect_right(setpoint_ns, next_ns)]
-            if len(answers) == 1:
-                paired.append((answers[0] - first_ns) / 1e6)
+            setpoints_ns = setpoint_ns[bisect_right(setpoint_ns, first_ns) : bisect_right(setpoint_ns, next_ns)]
+            if len(setpoints_ns) == 1:
+                paired.append((setpoints_ns[0] - first_ns) / 1e6)
             else:
                 left_out += 1
     return paired, left_out

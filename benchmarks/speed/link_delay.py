@@ -23,7 +23,7 @@ RATE_HZ = 50.0
 
 
 class Sender:
-    """Publishes odometry stamped with the monotonic clock, which all processes of a host share."""
+    """Publishes odometry stamped with the monotonic clock, which is common to all processes of a host."""
 
     spec = Spec(name="sender", outputs=(topics.ODOMETRY,), rate_hz=RATE_HZ)
 

@@ -1,4 +1,4 @@
-"""How many vehicles fly in real time on one router, each with a whole stack but the camera and its own simulator."""
+"""Number of vehicles in real time on one router, each with its own simulator and a whole stack without the camera."""
 
 import time
 from contextlib import ExitStack
@@ -18,16 +18,17 @@ from jezero.schemas.topics import CLOCK, key
 from jezero.zenoh_client import client_config
 
 REAL_TIME = 0.98
-"""Vehicle time per wall time that still counts as real time."""
-WATCH_S = 10.0
+"""Least ratio of vehicle time to wall time that counts as real time."""
+MEASURE_S = 10.0
 
 
 class Fleet(msgspec.Struct, frozen=True):
-    """What was reached with so many vehicles.
+    """Result with a number of vehicles.
 
     Attributes:
-        rates: of each vehicle's time against the wall's; empty when not all could be brought up.
-        text: why not.
+        vehicles: number of vehicles.
+        rates: ratio of vehicle time to wall time of each vehicle; empty when not all could be started.
+        text: reason why not all could be started.
     """
 
     vehicles: int
@@ -40,7 +41,7 @@ class Fleet(msgspec.Struct, frozen=True):
 
 
 def measure(folder: Path, most: int) -> list[Fleet]:
-    """One more vehicle at a time, all hovering, until they fall behind or there are `most`."""
+    """Add hovering vehicles one by one, until one falls behind or there are `most`."""
     fleets: list[Fleet] = []
     instances: list[Instance] = []
     path = compose_file(folder, without=("camera",))
@@ -67,17 +68,19 @@ def _take_off(instance: Instance) -> None:
 
 
 def _clock_rates(instances: list[Instance]) -> tuple[float, ...]:
-    """Vehicle time that passed per wall time, of each."""
-    seen: dict[str, list[tuple[int, int]]] = {instance.vehicle: [] for instance in instances}
+    """Ratio of vehicle time to wall time, of each vehicle."""
+    times_by_vehicle: dict[str, list[tuple[int, int]]] = {instance.vehicle: [] for instance in instances}
     with zenoh.open(client_config(instances[0].router)) as session:
         for instance in instances:
 
-            def on_clock(sample: zenoh.Sample, times: list[tuple[int, int]] = seen[instance.vehicle]) -> None:
+            def on_clock(
+                sample: zenoh.Sample, times: list[tuple[int, int]] = times_by_vehicle[instance.vehicle]
+            ) -> None:
                 times.append((time.monotonic_ns(), decode(Clock, sample.payload.to_bytes()).t_ns))
 
             session.declare_subscriber(key(instance.vehicle, CLOCK.name), direct(on_clock))
-        time.sleep(WATCH_S)
+        time.sleep(MEASURE_S)
     return tuple(
         (times[-1][1] - times[0][1]) / (times[-1][0] - times[0][0]) if len(times) > 1 else 0.0
-        for times in seen.values()
+        for times in times_by_vehicle.values()
     )

@@ -26,16 +26,19 @@ OTHER_AFTER_NS = 12_000_000
 """Three steps of autopilot and simulator, and more than half a period of odometry."""
 IN_A_ROW = 50
 ODOMETRY_ID = dialect.MAVLINK_MSG_ID_ODOMETRY.to_bytes(3, "little")
-"""As it stands in the header of a frame."""
+"""Message id as in the header of a frame."""
 Passed = tuple[int, bytes]
 
 
 class Times(msgspec.Struct, frozen=True):
-    """When messages passed, in ns of the realtime clock.
+    """Times of messages, in ns of the realtime clock.
 
     Attributes:
-        bare_ns, by_hand_ns: durations of these exchanges from sending to the sending of their answer.
-        bare_zenoh_ns: Zenoh's part of the first, as the bare exchange tells it.
+        odometry_ns: times of odometry.
+        setpoint_ns: times of setpoints.
+        bare_ns: durations of bare exchanges, from sending until their reply is sent.
+        bare_zenoh_ns: durations of Zenoh's part of the bare exchanges, which their replies carry.
+        by_hand_ns: durations of exchanges by hand, from sending until their reply is sent.
     """
 
     odometry_ns: list[int]
@@ -46,7 +49,7 @@ class Times(msgspec.Struct, frozen=True):
 
 
 def kernel_time_ns(receiver: socket.socket) -> Passed:
-    """A datagram and when it was sent on this host. Needs SO_TIMESTAMPNS."""
+    """Receive a datagram with the time at which it was sent on this host. Needs SO_TIMESTAMPNS."""
     data, notes, _, _ = receiver.recvmsg(65536, 64)
     seconds, ns = struct.unpack("qq", notes[0][2])
     return seconds * 1_000_000_000 + ns, data
@@ -56,7 +59,7 @@ class Other:
     """Another exchange, by its UDP port.
 
     Attributes:
-        taken: when each began, and its answer.
+        taken: begin and reply of each exchange.
     """
 
     def __init__(self, port: int) -> None:
@@ -70,8 +73,8 @@ class Other:
             self.socket.send(data)
 
     def end(self) -> None:
-        answer = kernel_time_ns(self.socket)
-        self.taken.append((self._sent_ns, answer))
+        reply = kernel_time_ns(self.socket)
+        self.taken.append((self._sent_ns, reply))
 
     @property
     def durations_ns(self) -> list[int]:
@@ -86,11 +89,13 @@ def _timing_socket(port: int) -> socket.socket:
 
 
 class Relay:
-    """Passes datagrams on and notes them.
+    """Passes datagrams on and records them.
 
     Attributes:
-        to_bridge, from_bridge: what went by, with times in ns.
-        bare, by_hand: the exchanges beside.
+        to_bridge: datagrams to the bridge, with times in ns.
+        from_bridge: datagrams from the bridge, with times in ns.
+        bare: the bare exchange.
+        by_hand: the exchange by hand.
     """
 
     def __init__(self, instance: Instance, bridge_port: int, own_port: int, bare_port: int, by_hand_port: int) -> None:
@@ -109,7 +114,7 @@ class Relay:
         self._others_begun = 0
 
     def run(self, stop: socket.socket) -> None:
-        """Until `stop` is readable; its ports are free then."""
+        """Relay until `stop` is readable, then free the ports."""
         handlers = {
             self._outer: self._from_autopilot,
             self._inner: self._from_bridge,
@@ -153,7 +158,7 @@ class Relay:
 
 
 def times_of(passed: list[Passed], message_id: int) -> list[int]:
-    """When messages of one kind passed, in ns."""
+    """Times of messages of one kind, in ns."""
     codec = MavlinkCodec(255, 0)
     return [t_ns for t_ns, data in passed for message in codec.parse(data) if message.get_msgId() == message_id]
 

@@ -1,4 +1,4 @@
-"""What one message costs the processor: at its writer, in the router and at each reader.
+"""Processor time of one message: at its writer, in the router and at each reader.
 
 Two services on a router of their own exchange messages of one topic after the other through the shipped runtime:
 encoding, decoding with all its checks, and the wake-ups, which are most of it.
@@ -26,7 +26,7 @@ from jezero.schemas.topics import ACTIONS, TOPICS, Topic, feedback_of
 OWN_MODULE = "benchmarks.speed.message_cost"
 RATE_HZ = 100.0
 COUNT = 200
-"""Messages of each topic."""
+"""Number of messages of each topic."""
 NAMED = {topic.name: topic for topic in (*TOPICS, *map(feedback_of, ACTIONS.values()))}
 
 
@@ -43,7 +43,8 @@ class Writer:
     """Publishes `COUNT` messages of each topic in turn, at first none, and prints the three processes' time for each.
 
     Args:
-        router_pid, reader_pid: whose time to take besides its own.
+        router_pid: process id of the router.
+        reader_pid: process id of the reader.
     """
 
     def __init__(self, messages: Mapping[str, Message], router_pid: int, reader_pid: int) -> None:
@@ -78,10 +79,10 @@ class Reader:
 
 
 def measure(samples: Mapping[str, bytes], folder: Path) -> dict[str, Cost]:
-    """Cost by topic.
+    """Measure the cost of a message, by topic.
 
     Args:
-        samples: one payload of each topic, as it was seen on the bus.
+        samples: one payload by topic, as it is on the bus.
     """
     path = folder / "samples.json"
     path.write_bytes(msgspec.json.encode(samples))

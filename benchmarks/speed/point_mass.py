@@ -1,7 +1,7 @@
-"""How fast the fault campaign flies in the point-mass world, and where the time goes.
+"""Speed of the fault campaign in the point-mass world, and the processor time of its parts.
 
 `python -m benchmarks.speed.point_mass [--seeds N]` flies the first N missions on one core, first plainly for the
-factor, then with stopwatches for the parts (judging, encoding and delivering what a step yields included).
+factor, then with stopwatches for the parts (with judging, encoding and delivery of a step's outputs).
 """
 
 import argparse
@@ -18,7 +18,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
     seeds = range(parser.parse_args().seeds)
-    fly_mission(0, world="point-mass")  # what is imported and cached once
+    fly_mission(0, world="point-mass")  # fill caches, import modules
     wall_s, core_s = time.perf_counter(), time.process_time()
     sim_time_s = sum(fly_mission(seed, world="point-mass").sim_time_s for seed in seeds)
     wall_s, core_s = time.perf_counter() - wall_s, time.process_time() - core_s

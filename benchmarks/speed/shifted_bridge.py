@@ -1,6 +1,6 @@
-"""The vehicle bridge, listening to MAVLink on another port than usual.
+"""The vehicle bridge with another MAVLink port than usual.
 
-`python -m benchmarks.speed.shifted_bridge PORT PEER`: it hears the autopilot from PEER, and sends there.
+`python -m benchmarks.speed.shifted_bridge PORT PEER`: the bridge receives on PORT from PEER, and sends there.
 """
 
 import sys

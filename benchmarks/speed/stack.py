@@ -1,4 +1,4 @@
-"""Whole stacks of real processes for the benchmarks, and what they cost."""
+"""Whole stacks of real processes for the benchmarks, and their processor time and memory."""
 
 import os
 import subprocess
@@ -24,7 +24,13 @@ HOVER_ALTITUDE_M = 3.0
 
 @dataclass(frozen=True)
 class Stack:
-    """A running stack: which instance, where its run folder is, and how long its start took."""
+    """A running stack.
+
+    Attributes:
+        instance: its instance.
+        folder: its run folder.
+        ready_s: duration of its start.
+    """
 
     instance: Instance
     folder: Path
@@ -39,10 +45,10 @@ class Stack:
 
 
 def compose_file(folder: Path, *, without: Sequence[str], commands: Mapping[str, str] | None = None) -> Path:
-    """The shipped one, without some services, and with others' commands replaced.
+    """Write the shipped compose file without some services, and with other commands for some; returns its path.
 
     Raises:
-        RuntimeError: it has no service of such a name.
+        RuntimeError: the shipped file has no such service.
     """
     document = yaml.safe_load((ROOT / "deploy" / "compose.yaml").read_text(encoding="utf-8"))
     services: dict[str, Any] = document["services"]
@@ -61,24 +67,24 @@ def compose_file(folder: Path, *, without: Sequence[str], commands: Mapping[str,
 
 def _log(folder: Path) -> str:
     log = folder / "logs" / "launcher.log"
-    return log.read_text(errors="replace").strip() if log.exists() else "it printed nothing"
+    return log.read_text(errors="replace").strip() if log.exists() else "no output"
 
 
 def environment_of(instance: Instance) -> dict[str, str]:
-    """For a process of a stack; the benchmarks' own modules are found too."""
+    """Environment variables of a process of a stack, with the benchmarks on the module path."""
     paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     return {**os.environ, **instance_environment(instance), "PYTHONPATH": os.pathsep.join(paths)}
 
 
 @contextmanager
 def running_stack(instance: Instance, folder: Path, *words: str, settings: Path | None = None) -> Iterator[Stack]:
-    """`jezero up --wait` with extra words, and `jezero down` at the end.
+    """Run `jezero up --wait` with extra words, and `jezero down` at the end.
 
     Args:
         settings: folder of the configuration files, the shipped one by default.
 
     Raises:
-        RuntimeError: it doesn't get ready; the text is what the command printed.
+        RuntimeError: the stack doesn't get ready; the text is the command's output.
     """
     environment = {**environment_of(instance), "JEZERO_RUN_DIR": str(folder)}
     if settings is not None:
@@ -102,7 +108,7 @@ def running_stack(instance: Instance, folder: Path, *words: str, settings: Path 
 
 @contextmanager
 def running_module(module: str, *words: str, instance: Instance) -> Iterator["subprocess.Popen[str]"]:
-    """`python -m <module> <words>` as part of a stack, told to stop at the end; its output is the caller's to read."""
+    """Run `python -m <module> <words>` as part of a stack, and stop it at the end. The caller reads its output."""
     process = subprocess.Popen(
         [sys.executable, "-m", module, *words], env=environment_of(instance), stdout=subprocess.PIPE, text=True
     )
@@ -118,12 +124,12 @@ def running_module(module: str, *words: str, instance: Instance) -> Iterator["su
 
 
 def cpu_ns(pid: int) -> int:
-    """Processor time that a process has used. Source: clock_gettime(2), the clock of another process."""
+    """Processor time of a process so far. Source: clock_gettime(2), the clock of another process."""
     return time.clock_gettime_ns((~pid << 3) | 2)
 
 
 def memory_mb(pid: int) -> tuple[float, float]:
-    """Resident memory of a process in MB: all of it, and its share when pages in common are divided."""
+    """Resident memory of a process in MB: all pages, and with shared pages divided among their users."""
     fields = dict.fromkeys(("Rss", "Pss"), 0.0)
     for row in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()[1:]:
         name, value = row.split()[:2]
@@ -132,20 +138,20 @@ def memory_mb(pid: int) -> tuple[float, float]:
     return fields["Rss"], fields["Pss"]
 
 
-def wait_for(condition: Callable[[], bool], within_s: float, what: str) -> None:
-    """Poll until it holds.
+def wait_for(condition: Callable[[], bool], timeout_s: float, description: str) -> None:
+    """Poll until a condition holds.
 
     Raises:
-        RuntimeError: it didn't within the time.
+        RuntimeError: the condition did not hold in time.
     """
-    deadline_s = time.monotonic() + within_s
+    deadline_s = time.monotonic() + timeout_s
     while not condition():
         if time.monotonic() > deadline_s:
-            raise RuntimeError(f"{what}: not within {within_s:g} s")
+            raise RuntimeError(f"{description}: not within {timeout_s:g} s")
         time.sleep(0.01)
 
 
-def percentile(values: Sequence[float], share: float) -> float:
-    """The value that `share` of them don't exceed; NaN of none."""
+def percentile(values: Sequence[float], fraction: float) -> float:
+    """Value that a fraction of the values doesn't exceed; NaN without values."""
     ordered = sorted(values)
-    return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else float("nan")
+    return ordered[min(len(ordered) - 1, int(fraction * len(ordered)))] if ordered else float("nan")

@@ -1,4 +1,4 @@
-"""Where the time of a flight in virtual time goes.
+"""Processor time of a flight in virtual time, by service.
 
 `python -m benchmarks.speed.virtual_time [--seed N]` flies what `jezero fly` flies on one core and prints, for each
 service, how long its steps took (encoding and delivering what they yield included), and how much of all that was
@@ -23,11 +23,11 @@ from jezero.trials.flight import fly_virtually
 from jezero.trials.missions import FLIGHT, Mission
 
 VISION = ("camera", "tag_detector", "estimator")
-"""What does not belong to the flying core."""
+"""Services that do not belong to the flying core."""
 
 
 def core_flight() -> Mission:
-    """`FLIGHT` without the estimate of the rover: it is where the simulator puts it."""
+    """`FLIGHT` with a landing on the rover's start position, which needs no estimate of the rover."""
     rover = load_config(SimulatorConfig, "simulator").rover
     spot_ned_m = (rover.start_north_m, rover.start_east_m, 0.0)
     land = LandOnSpotGoal(landing_spot_ned_m=spot_ned_m, use_uwb=False, use_tag=False)
@@ -58,7 +58,13 @@ class Stopwatch:
 
 
 class Part(msgspec.Struct, frozen=True):
-    """One row: how often it ran, its time per 4 ms step, and its share of a core in real time."""
+    """One row of the table.
+
+    Attributes:
+        calls: number of calls.
+        us_per_step: processor time per 4 ms step.
+        core_share: fraction of a core in real time.
+    """
 
     calls: int
     us_per_step: float
@@ -69,10 +75,11 @@ class Flight(msgspec.Struct, frozen=True):
     """One flight.
 
     Attributes:
-        real_time_factor: without stopwatches.
-        core_factor: the same per second of processor time, which other processes' load hardly changes.
-        flying_core_factor: that of the flying core alone.
-        parts: by name, the longest first.
+        sim_time_s: virtual time of the flight.
+        real_time_factor: virtual time per wall time, without stopwatches.
+        core_factor: virtual time per processor time, which hardly depends on other processes.
+        flying_core_factor: `core_factor` of the flying core alone.
+        parts: parts by name, the longest first.
     """
 
     sim_time_s: float
@@ -83,7 +90,7 @@ class Flight(msgspec.Struct, frozen=True):
 
 
 def _timed(mission: Mission, seed: int, without: Collection[str] = ()) -> tuple[float, float]:
-    """Real-time factors, by wall and by processor time.
+    """Fly, and return virtual time per wall time and per processor time.
 
     Raises:
         RuntimeError: the flight failed.

@@ -1,4 +1,4 @@
-"""The arithmetic of the benchmarks; what they measure is asserted nowhere."""
+"""The arithmetic of the benchmarks; their figures are asserted nowhere."""
 
 import os
 import time
@@ -21,7 +21,7 @@ def test_an_odometry_with_no_setpoint_or_two_is_left_out() -> None:
     assert pair([0, 20 * MS, 40 * MS], [21 * MS, 22 * MS], [(-1, 50 * MS)]) == ([], 2)
 
 
-def test_only_what_passed_while_a_goal_flew_counts() -> None:
+def test_only_messages_during_a_goal_count() -> None:
     assert pair([0, 20 * MS, 40 * MS], [2 * MS, 23 * MS], [(10 * MS, 50 * MS)]) == ([3.0], 0)
 
 
@@ -43,7 +43,7 @@ def test_the_clock_of_a_process_counts_its_processor_time() -> None:
     assert memory_mb(os.getpid())[0] >= memory_mb(os.getpid())[1] > 1.0
 
 
-def test_a_map_is_compared_place_by_place_and_its_common_translation_is_told_apart() -> None:
+def test_a_map_is_compared_place_by_place_and_its_common_translation_is_separated() -> None:
     rng = np.random.default_rng(3)
     reference = rng.integers(0, 255, (420, 420, 3), dtype=np.uint8)
     up, left = 12, 7
@@ -56,7 +56,7 @@ def test_a_map_is_compared_place_by_place_and_its_common_translation_is_told_apa
     assert np.abs(found.errors_m[:, 1] + M_PER_PX * left).max() < 0.01
 
 
-def test_a_turn_of_the_whole_map_is_told_apart() -> None:
+def test_a_rotation_of_the_whole_map_is_separated() -> None:
     places_m = np.random.default_rng(1).uniform(0.0, 5.0, (40, 2))
     errors_m = np.array((0.2, -0.1)) + 0.01 * np.column_stack((-places_m[:, 1], places_m[:, 0]))
     found = Comparison(places_m, errors_m, 1.0)

@@ -1,4 +1,4 @@
-"""The whole stack in virtual time, with what a test wants to see of it."""
+"""The whole stack in virtual time, with a record of its statuses and of the truth."""
 
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -16,35 +16,44 @@ from jezero.trials.stack import build_stack
 _TYPES = {topic.name: topic.type for topic in (topics.STATUS, topics.TRUTH)}
 
 
-class Between:
-    """A simulator whose MAVLink goes through a hand that changes or drops messages once `broken` is set."""
+class TamperedSimulator:
+    """A simulator whose MAVLink messages are changed or dropped while `active` is set.
 
-    def __init__(self, simulator: Service, change: Callable[[MavMessage], bool]) -> None:
+    Args:
+        tamper: changes a message in place; False drops it.
+    """
+
+    def __init__(self, simulator: Service, tamper: Callable[[MavMessage], bool]) -> None:
         self._simulator = simulator
-        self._change = change
+        self._tamper = tamper
         self._codec = MavlinkCodec(1, 25)
         self.spec = simulator.spec
-        self.broken = False
+        self.active = False
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
         for output in self._simulator.step(t_ns, inbox):
-            yield self._changed(output) if self.broken and isinstance(output, Send) else output
+            yield self._tampered(output) if self.active and isinstance(output, Send) else output
 
-    def _changed(self, output: Send) -> Send:
+    def _tampered(self, output: Send) -> Send:
         messages = MavlinkCodec(1, 25).parse(output.data)
-        return Send(output.link, b"".join(self._codec.pack(m) for m in messages if self._change(m)))
+        return Send(output.link, b"".join(self._codec.pack(m) for m in messages if self._tamper(m)))
 
 
 class Flight:
     """A running stack.
 
+    Args:
+        make_bus: makes the bus with all services from the seed.
+
     Attributes:
+        bus: the bus of the stack.
         codes: every status code so far, without repeats in a row.
-        statuses, truths: everything published.
+        statuses: every status so far.
+        truths: every truth so far.
     """
 
-    def __init__(self, seed: int = 1, prepare: Callable[[int], MemoryBus] = build_stack) -> None:
-        self.bus = prepare(seed)
+    def __init__(self, seed: int = 1, make_bus: Callable[[int], MemoryBus] = build_stack) -> None:
+        self.bus = make_bus(seed)
         self.statuses: list[Status] = []
         self.truths: list[Truth] = []
         self.codes: list[StatusCode] = []
@@ -65,80 +74,90 @@ class Flight:
 
     @property
     def status(self) -> Status:
-        """The newest."""
+        """The newest status."""
         return self.statuses[-1]
 
     @property
     def truth(self) -> Truth:
-        """The newest."""
+        """The newest truth."""
         return self.truths[-1]
 
     @classmethod
-    def broken(cls, change: Callable[[MavMessage], bool], seed: int = 5, **stack: Any) -> tuple["Flight", Between]:
-        """A stack whose simulator can be broken.
+    def with_tampered_simulator(
+        cls, tamper: Callable[[MavMessage], bool], seed: int = 5, **options: Any
+    ) -> tuple["Flight", TamperedSimulator]:
+        """A stack whose simulator's messages can be changed.
 
         Args:
-            change: changes a message of the simulator's in place; False drops it.
-            stack: what else `build_stack` shall know.
+            tamper: see `TamperedSimulator`.
+            options: further arguments of `build_stack`.
         """
-        hands: list[Between] = []
+        simulators: list[TamperedSimulator] = []
 
         def wrap(simulator: Service) -> Service:
-            hands.append(Between(simulator, change))
-            return hands[0]
+            simulators.append(TamperedSimulator(simulator, tamper))
+            return simulators[0]
 
-        return cls(seed, lambda seed: build_stack(seed, wrap_simulator=wrap, **stack)), hands[0]
+        return cls(seed, lambda seed: build_stack(seed, wrap_simulator=wrap, **options)), simulators[0]
 
-    def wait(self, condition: Callable[[], bool], within_s: float, what: str) -> None:
-        """Run until it holds.
+    def wait(self, condition: Callable[[], bool], timeout_s: float, description: str) -> None:
+        """Run until a condition holds.
+
+        Args:
+            description: of the condition, for the error.
 
         Raises:
-            AssertionError: it didn't within the time.
+            AssertionError: the condition did not hold in time.
         """
-        if not self.bus.run_for(within_s, stop=condition):
-            raise AssertionError(f"{what}: not within {within_s} s; status {self.status.name}: {self.status.text}")
+        if not self.bus.run_for(timeout_s, stop=condition):
+            status = self.status
+            raise AssertionError(f"{description}: not within {timeout_s} s; status {status.name}: {status.text}")
 
     def wait_ready(self) -> None:
         self.wait(lambda: bool(self.statuses) and self.status.ready, 30.0, "ready")
 
-    def wait_code(self, code: StatusCode, within_s: float) -> None:
-        self.wait(lambda: bool(self.codes) and self.codes[-1] is code, within_s, f"status {code.name}")
+    def wait_code(self, code: StatusCode, timeout_s: float) -> None:
+        self.wait(lambda: bool(self.codes) and self.codes[-1] is code, timeout_s, f"status {code.name}")
 
     def send(self, action: topics.Action[Any], goal: Any) -> Answers:
         """Send a goal and run until it is accepted or rejected."""
-        answers = self.bus.ask(action.endpoint, goal)
-        self.wait(lambda: bool(answers.replies) or answers.ended, 2.0, f"an answer to {action.name}")
-        return answers
+        request = self.bus.ask(action.endpoint, goal)
+        self.wait(lambda: bool(request.replies) or request.ended, 2.0, f"a reply to {action.name}")
+        return request
 
-    def finish(self, answers: Answers, within_s: float = 120.0) -> Result[Any]:
-        """Run until a goal has its result."""
-        self.wait(lambda: answers.ended, within_s, "the end of a goal")
-        assert isinstance(answers.replies[-1], Result), answers.replies[-1]
-        return answers.replies[-1]
+    def finish(self, request: Answers, timeout_s: float = 120.0) -> Result[Any]:
+        """Run until a goal has its result.
+
+        Args:
+            request: result of `send`.
+        """
+        self.wait(lambda: request.ended, timeout_s, "the end of a goal")
+        assert isinstance(request.replies[-1], Result), request.replies[-1]
+        return request.replies[-1]
 
     def do(self, action: topics.Action[Any], goal: Any) -> Result[Any]:
-        """A goal from start to success."""
-        answers = self.send(action, goal)
-        assert isinstance(answers.replies[0], Accepted), answers.replies[0]
-        result = self.finish(answers)
+        """Send a goal and run until it has succeeded."""
+        request = self.send(action, goal)
+        assert isinstance(request.replies[0], Accepted), request.replies[0]
+        result = self.finish(request)
         assert result.outcome == "succeeded", result.reason
         return result
 
     def refusal(self, action: topics.Action[Any], goal: Any) -> str:
-        """The reason why a goal is rejected."""
-        answers = self.send(action, goal)
-        assert isinstance(answers.replies[0], Rejected), answers.replies[0]
-        return answers.replies[0].reason
+        """Send a goal that is rejected; returns the reason."""
+        request = self.send(action, goal)
+        assert isinstance(request.replies[0], Rejected), request.replies[0]
+        return request.replies[0].reason
 
     def take_off(self, altitude_m: float = 2.0) -> None:
         self.wait_ready()
         self.do(topics.TAKEOFF, TakeoffGoal(altitude_m=altitude_m))
 
-    def ask(self, endpoint: topics.Endpoint[Any, Any], payload: Any, within_s: float = 15.0) -> Any:
-        """A question with one answer."""
-        answers = self.bus.ask(endpoint, payload)
-        self.wait(lambda: answers.ended, within_s, f"an answer on {endpoint.name}")
-        return answers.replies[0]
+    def request(self, endpoint: topics.Endpoint[Any, Any], payload: Any, timeout_s: float = 15.0) -> Any:
+        """Send a request and run until it has ended; returns the first reply."""
+        request = self.bus.ask(endpoint, payload)
+        self.wait(lambda: request.ended, timeout_s, f"a reply on {endpoint.name}")
+        return request.replies[0]
 
 
 def go_to(north_m: float, east_m: float, down_m: float, **fields: Any) -> GoToGoal:

@@ -40,4 +40,5 @@ def test_an_abort_is_obeyed_at_once_while_a_coverage_is_planned_and_while_it_fli
     assert flight.bus.run_for(1.0, lambda: flying.ended)
     result = flying.replies[-1]
     assert isinstance(result, Result) and result.outcome == "aborted" and "enough" in result.reason
-    assert result.result.resume is not None and result.result.resume.first_picture == len(result.result.images)
+    assert result.result is not None and result.result.resume is not None
+    assert result.result.resume.first_picture == len(result.result.images)

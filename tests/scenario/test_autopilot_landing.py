@@ -1,4 +1,4 @@
-"""Touching down in 3 m/s wind with gusts of 0.6 m/s: upright, noticed within two seconds, motors off by themselves."""
+"""The autopilot touches down in 3 m/s wind with gusts of 0.6 m/s: upright, and disarmed within seconds."""
 
 from math import degrees
 
@@ -12,7 +12,7 @@ DISARM_S = 2.0
 
 
 @pytest.mark.parametrize(("seed", "down_mps"), [(1, 0.7), (2, 0.5), (3, 0.3)])
-def test_it_lands_upright_in_wind_and_stops_its_motors(seed: int, down_mps: float) -> None:
+def test_the_vehicle_lands_upright_in_wind_and_stops_its_motors(seed: int, down_mps: float) -> None:
     def target(t_s: float) -> Target:
         return ((0.0, 0.0, -HEIGHT_M), None) if t_s < DOWN_S else (None, (0.0, 0.0, down_mps))
 

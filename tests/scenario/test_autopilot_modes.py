@@ -113,7 +113,7 @@ def test_takeoff_to_an_altitude_above_sea_level_and_a_place_ends_there() -> None
 def test_takeoff_to_below_the_ground_or_out_of_reach_stays_on_it(
     latitude_deg: float, above_m: float, result: int
 ) -> None:
-    """PX4 doesn't lift off either, in neither case; the place 0/0 is what a client sends that means: here."""
+    """PX4 doesn't lift off in these cases either. Latitude and longitude 0 mean the present position."""
     flight = Flight()
     home = flight.station.newest[dialect.MAVLINK_MSG_ID_HOME_POSITION]
     flight.station.send(ARM, 1.0)

@@ -1,6 +1,6 @@
 """A test of the campaign itself: bridges that are broken on purpose are caught by the seeds from 0 on.
 
-Nothing is picked: the seeds are flown in order until one breaks the rule, at most `SEEDS`. With the point mass that
+The seeds are not selected: they are flown in order until one breaks the rule, at most `SEEDS`. With the point mass that
 takes seconds; `make broken` does the same with full physics.
 """
 
@@ -47,7 +47,7 @@ BROKEN: dict[Break, str] = {
     grants_control_twice: "one owner at most",
     engages_again_after_a_failsafe: "silence after a failsafe or takeover",
 }
-"""What the broken bridge does, and the promise that it breaks."""
+"""The fault of each broken bridge, and the promise that it breaks."""
 
 
 def first_seed_that_breaks(rule: str, world: str) -> int | None:

@@ -1,4 +1,4 @@
-"""The rendered camera in flight: what it shows, the tag detector measures; in virtual time."""
+"""The camera in flight, in virtual time: errors of the tag detector, and the delay of the pictures."""
 
 from collections.abc import Callable
 
@@ -29,11 +29,11 @@ def over_the_rover(mode: str) -> Callable[[int], MemoryBus]:
 
 
 class Comparison:
-    """Observes a bus: how wrong the tag detector is, and how late the pictures are."""
+    """Observes a bus: errors of the tag detector in m, and delays of the pictures in ns."""
 
     def __init__(self) -> None:
         self.errors_m: list[float] = []
-        self.late_ns: list[int] = []
+        self.delays_ns: list[int] = []
         self._scenes: dict[int, Scene] = {}
 
     def __call__(self, t_ns: int, topic: str, data: bytes) -> None:
@@ -48,11 +48,11 @@ class Comparison:
         elif topic == topics.CAMERA.name:
             frame = decode(CameraFrame, data)
             assert len(frame.pixels) == 640 * 480 * 3
-            self.late_ns.append(t_ns - frame.t_ns)
+            self.delays_ns.append(t_ns - frame.t_ns)
 
 
 @pytest.mark.parametrize("mode", ["rendered", "projected"])
-def test_hovering_over_the_rover_the_tag_detector_knows_where_it_is(mode: str) -> None:
+def test_the_tag_detector_measures_the_position_over_the_rover(mode: str) -> None:
     try:
         flight = Flight(1, over_the_rover(mode))
     except NoEglError as error:
@@ -63,5 +63,5 @@ def test_hovering_over_the_rover_the_tag_detector_knows_where_it_is(mode: str) -
     flight.bus.run_for(1.0)
     assert len(comparison.errors_m) > 40
     assert max(comparison.errors_m[-15:]) < 0.15
-    assert all(100e6 <= late <= 112e6 for late in comparison.late_ns)
-    assert bool(comparison.late_ns) == (mode == "rendered")
+    assert all(100e6 <= delay_ns <= 112e6 for delay_ns in comparison.delays_ns)
+    assert bool(comparison.delays_ns) == (mode == "rendered")

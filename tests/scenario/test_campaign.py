@@ -1,4 +1,4 @@
-"""The fault campaign: missions pass and replay exactly, and what they found stays fixed."""
+"""The fault campaign: missions pass and replay exactly, and faults that they found stay fixed."""
 
 import subprocess
 import sys
@@ -46,7 +46,7 @@ def test_the_clients_know_what_to_send_to_every_action() -> None:
         assert draw_goal(action, named_random(1, "goals"), "g-1", 5).goal_id == "g-1"
 
 
-def test_the_table_of_transitions_stated_anew_is_the_bridges() -> None:
+def test_the_judges_table_of_transitions_equals_the_bridges() -> None:
     codes = list(StatusCode)
     assert {(a, b) for a in codes for b in codes if is_allowed(a, b)} == ALLOWED
 

@@ -1,4 +1,7 @@
-"""Where there is an edge, half on the rover's platform: landing by the autopilot itself, blind, by a goal; hovering."""
+"""Landings and hovers at the edge of the rover's platform, half of the vehicle beside it.
+
+The vehicle must stay upright, whether the autopilot lands by itself, without a position, or a goal lands.
+"""
 
 from math import cos, degrees, pi, sin
 
@@ -17,11 +20,11 @@ from jezero.trials.stack import build_stack
 from tests.scenario.rig import Flight, go_to, land_at
 
 PLACES = 12
-FALLS_AT_DEG = 60.0
-UNTIL_S = READY_S + 16.0
-ASKED_S = 0.4
-"""After the first touch: when the autopilot has heard it, it has taken the thrust away."""
-WITHOUT_SIGHT = ("estimator", "camera", "tag_detector")
+FALLEN_TILT_DEG = 60.0
+SETPOINTS_END_S = READY_S + 16.0
+HOVER_REQUEST_DELAY_S = 0.4
+"""Time from the first contact to the request of a hover; by then the autopilot has reduced its thrust."""
+ROVER_SENSING = ("estimator", "camera", "tag_detector")
 
 
 def edge_ned_m(place: int) -> tuple[float, float]:
@@ -36,67 +39,67 @@ def tilt_deg(truth: Truth) -> float:
 
 
 def flying(place: int, altitude_m: float) -> Flight:
-    """Without what sees the rover."""
-    flight = Flight(place, lambda seed: build_stack(seed, without=WITHOUT_SIGHT))
+    """A stack without the services that detect the rover, in the air."""
+    flight = Flight(place, lambda seed: build_stack(seed, without=ROVER_SENSING))
     flight.take_off(altitude_m)
     return flight
 
 
 def assert_upright(truths: list[Truth], end_deg: float = 15.0) -> None:
-    """All the time, and in the end."""
-    assert max(tilt_deg(truth) for truth in truths) < FALLS_AT_DEG
+    """Assert that the vehicle never falls over, and stands or hovers level at the end."""
+    assert max(tilt_deg(truth) for truth in truths) < FALLEN_TILT_DEG
     assert tilt_deg(truths[-1]) < end_deg
 
 
 @pytest.mark.parametrize("place", range(PLACES))
 def test_the_autopilot_steps_aside(place: int) -> None:
-    """Setpoints end above the edge: the failsafe lands there."""
+    """The setpoints stop above the edge, and the failsafe lands there."""
     north_m, east_m = edge_ned_m(place)
 
     def target(t_s: float) -> Target:
-        if t_s > UNTIL_S:
+        if t_s > SETPOINTS_END_S:
             return None, None
         return ((0.0, 0.0, -3.0) if t_s < READY_S + 6.0 else (north_m, east_m, -3.0)), None
 
-    flight = fly(target, place, UNTIL_S + 18.0, windy(1.5, 0.3))
-    landing = [truth for truth in flight.truth if truth.t_ns > UNTIL_S * 1e9]
+    flight = fly(target, place, SETPOINTS_END_S + 18.0, windy(1.5, 0.3))
+    landing = [truth for truth in flight.truth if truth.t_ns > SETPOINTS_END_S * 1e9]
     assert_upright(landing, 5.0)
     assert not landing[-1].armed_motors
 
 
 @pytest.mark.parametrize("place", range(PLACES))
 def test_the_autopilot_steps_aside_without_a_position(place: int) -> None:
-    """GNSS ends a little above the edge."""
+    """GNSS fails 1 m above the edge."""
     config = AutopilotConfig(failsafe=FailsafeConfig(ekf2_noaid_tout_s=0.5))
-    flight, hand = Flight.broken(
-        lambda m: m.get_msgId() != dialect.MAVLINK_MSG_ID_HIL_GPS, place, autopilot=config, without=WITHOUT_SIGHT
+    flight, simulator = Flight.with_tampered_simulator(
+        lambda m: m.get_msgId() != dialect.MAVLINK_MSG_ID_HIL_GPS, place, autopilot=config, without=ROVER_SENSING
     )
     flight.take_off(3.0)
     flight.do(topics.GO_TO, go_to(*edge_ned_m(place), -1.0))
     start = len(flight.truths)
-    hand.broken = True
+    simulator.active = True
     flight.wait(lambda: not flight.status.armed, 40.0, "disarmed")
     assert flight.codes[-2:] == [StatusCode.EXTERNAL, StatusCode.IDLE]
     assert_upright(flight.truths[start:], 10.0)
 
 
 @pytest.mark.parametrize("place", range(PLACES))
-def test_a_hover_begins_where_a_landing_has_just_touched_down(place: int) -> None:
-    """The bridge stands still, so that the autopilot lands; when its thrust has gone the vehicle shall hover again."""
+def test_a_hover_begins_right_after_contact(place: int) -> None:
+    """The bridge is frozen, so the autopilot lands. After contact a hover is requested."""
     flight = flying(place, 2.0)
     flight.do(topics.GO_TO, go_to(*edge_ned_m(place), -1.5))
     flight.bus.freeze("vehicle_bridge", 2.0)
     flight.wait(lambda: flight.truth.contact_force_n > 0.0, 6.0, "touchdown")
     start = len(flight.truths)
-    flight.bus.run_for(ASKED_S)
-    assert flight.ask(topics.HOVER, Hover()).hover_mode
+    flight.bus.run_for(HOVER_REQUEST_DELAY_S)
+    assert flight.request(topics.HOVER, Hover()).hover_mode
     flight.bus.run_for(5.0)
     assert_upright(flight.truths[start:])
 
 
 @pytest.mark.parametrize("place", range(PLACES))
-def test_a_landing_by_setpoints_whose_bridge_stands_still(place: int) -> None:
-    """The last setpoint pushes down; for a second the autopilot has no other."""
+def test_a_landing_stays_upright_when_the_bridge_freezes_at_contact(place: int) -> None:
+    """The last setpoint pushes down, and the autopilot follows it for a second."""
     flight = flying(place, 2.0)
     flight.bus.ask(topics.LAND_ON_SPOT.endpoint, land_at(*edge_ned_m(place)))
     flight.wait(lambda: flight.truth.contact_force_n > 0.0 and flight.status.code == StatusCode.LANDING, 30.0, "touch")
@@ -112,7 +115,7 @@ def test_a_goal_ends_in_a_hover_or_on_the_platform(place: int) -> None:
     start = len(flight.truths)
     result = flight.finish(flight.send(topics.LAND_ON_SPOT, land_at(*edge_ned_m(place))))
     flight.bus.run_for(3.0)
-    assert max(tilt_deg(truth) for truth in flight.truths[start:]) < FALLS_AT_DEG
+    assert max(tilt_deg(truth) for truth in flight.truths[start:]) < FALLEN_TILT_DEG
     if result.outcome == "succeeded":
         assert not flight.status.armed
     else:

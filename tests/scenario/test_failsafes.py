@@ -1,4 +1,4 @@
-"""Each failsafe of the autopilot, flown in virtual time: what it does, and that the vehicle comes down in one piece."""
+"""The failsafes of the autopilot in virtual time: their actions, and a safe touchdown."""
 
 from collections.abc import Iterable
 from math import degrees
@@ -20,7 +20,7 @@ CLOSE_TO_HOME = NavigatorConfig(rtl_return_alt_m=6.0)
 
 
 class GroundStation:
-    """Beats once a second until it is silenced."""
+    """Sends a heartbeat once a second until `silent` is set."""
 
     spec = Spec(name="station", links=("autopilot",), rate_hz=1.0)
 
@@ -34,19 +34,19 @@ class GroundStation:
 
 
 def flight_with(config: AutopilotConfig) -> Flight:
-    return Flight(seed=5, prepare=lambda seed: build_stack(seed, autopilot=config))
+    return Flight(seed=5, make_bus=lambda seed: build_stack(seed, autopilot=config))
 
 
-def wait_mode(flight: Flight, mode: str, within_s: float) -> None:
-    flight.wait(lambda: flight.status.autopilot_mode == mode, within_s, mode)
+def wait_mode(flight: Flight, mode: str, timeout_s: float) -> None:
+    flight.wait(lambda: flight.status.autopilot_mode == mode, timeout_s, mode)
 
 
-def assert_lands_by_itself(flight: Flight, within_s: float, away_m: float) -> None:
-    """Down, upright, slowly, disarmed; the bridge watches and is idle again."""
+def assert_lands_by_itself(flight: Flight, timeout_s: float, away_m: float) -> None:
+    """Assert that the autopilot lands slowly and upright and disarms, and that the bridge is idle afterwards."""
     assert flight.status.code == StatusCode.EXTERNAL
     assert flight.status.in_charge == "failsafe"
     start = len(flight.truths)
-    flight.wait(lambda: not flight.status.armed, within_s, "disarmed")
+    flight.wait(lambda: not flight.status.armed, timeout_s, "disarmed")
     down = [t.vel_uav_ned_mps[2] for t in flight.truths[start:]]
     assert max(down) < 1.8
     assert altitude_m(flight.truth.pos_uav_ned_m[2]) < 1.0
@@ -70,7 +70,7 @@ def test_without_setpoints_it_lands_within_a_second_and_a_half() -> None:
     assert altitude_m(truths[-1].pos_uav_ned_m[2]) < 1.0
 
 
-def test_without_its_ground_station_it_returns_and_lands_when_told_to() -> None:
+def test_without_its_ground_station_it_returns_and_lands_if_the_parameter_says_so() -> None:
     config = AutopilotConfig(failsafe=FailsafeConfig(nav_dll_act=2), navigator=CLOSE_TO_HOME)
     flight, station = flight_with(config), GroundStation()
     flight.bus.wire(("autopilot", "gcs"), ("station", "autopilot"), UDP_DELAY)
@@ -107,7 +107,7 @@ def test_an_empty_battery_only_warns_without_the_bridges_parameters() -> None:
     bridge = VehicleBridgeConfig()
     assert not bridge.parameters
     config = AutopilotConfig(battery=BatteryConfig(charge_at_start=0.08, bat1_capacity_mah=1000.0))
-    flight = Flight(seed=5, prepare=lambda seed: build_stack(seed, autopilot=config, bridge=bridge))
+    flight = Flight(seed=5, make_bus=lambda seed: build_stack(seed, autopilot=config, bridge=bridge))
     flight.take_off(3.0)
     flight.bus.run_for(15.0)
     assert flight.status.battery is not None
@@ -117,9 +117,9 @@ def test_an_empty_battery_only_warns_without_the_bridges_parameters() -> None:
 
 
 def test_without_gnss_it_comes_down_where_it_is() -> None:
-    flight, hand = Flight.broken(lambda m: m.get_msgId() != dialect.MAVLINK_MSG_ID_HIL_GPS)
+    flight, simulator = Flight.with_tampered_simulator(lambda m: m.get_msgId() != dialect.MAVLINK_MSG_ID_HIL_GPS)
     flight.take_off(4.0)
-    hand.broken = True
+    simulator.active = True
     flight.bus.run_for(4.5)
     assert flight.status.code == StatusCode.HOVER
     wait_mode(flight, "AUTO.LAND", 2.0)
@@ -128,11 +128,11 @@ def test_without_gnss_it_comes_down_where_it_is() -> None:
 
 @pytest.mark.parametrize(("seed", "height_m"), [(1, 12.0), (2, 12.0), (3, 12.0), (1, 30.0)])
 def test_losing_gnss_in_fast_flight_it_stops_and_touches_down_slowly(seed: int, height_m: float) -> None:
-    flight, hand = Flight.broken(lambda m: m.get_msgId() != dialect.MAVLINK_MSG_ID_HIL_GPS, seed)
+    flight, simulator = Flight.with_tampered_simulator(lambda m: m.get_msgId() != dialect.MAVLINK_MSG_ID_HIL_GPS, seed)
     flight.take_off(height_m)
     flight.send(topics.GO_TO, go_to(60.0, 0.0, -height_m, speed_mps=3.0))
     flight.bus.run_for(3.0)
-    hand.broken = True
+    simulator.active = True
     wait_mode(flight, "AUTO.LAND", 7.0)
     assert horizontal(flight.truth.vel_uav_ned_mps) > 2.5
     flight.wait(lambda: flight.truth.contact_force_n > 0.0, 60.0, "on the ground")
@@ -142,13 +142,13 @@ def test_losing_gnss_in_fast_flight_it_stops_and_touches_down_slowly(seed: int, 
 
 def test_a_vehicle_that_tips_over_stops_its_motors() -> None:
     def rolled(message: MavMessage) -> bool:
-        """The gyroscope says it rolls: so the controller rolls it the other way until it has tipped over."""
+        """Add a roll rate to the gyroscope: the controller rolls the other way until the vehicle tips over."""
         if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_SENSOR:
             message.xgyro -= 1.5
         return True
 
-    flight, hand = Flight.broken(rolled)
+    flight, simulator = Flight.with_tampered_simulator(rolled)
     flight.take_off(4.0)
-    hand.broken = True
+    simulator.active = True
     flight.wait(lambda: not flight.truth.armed_motors, 15.0, "motors off")
     assert not flight.status.armed or flight.bus.run_for(0.5, stop=lambda: not flight.status.armed)

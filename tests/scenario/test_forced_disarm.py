@@ -1,4 +1,4 @@
-"""Landing on the rover with an autopilot that never notices the ground: what its own signs are good for."""
+"""Landing on the rover with an autopilot that never detects the ground: the goal's own conditions decide."""
 
 import msgspec
 
@@ -32,7 +32,7 @@ def height_m(flight: Flight) -> float:
     return altitude_m(flight.truth.pos_uav_ned_m[2] - flight.truth.pos_rover_ned_m[2])
 
 
-def test_it_is_disarmed_by_force_when_it_has_stood_on_the_platform_for_two_seconds_and_more() -> None:
+def test_it_is_disarmed_by_force_after_it_has_stood_on_the_platform_for_more_than_two_seconds() -> None:
     flight = over_the_rover(1)
     result = flight.do(topics.LAND_ON_SPOT, LandOnSpotGoal())
     assert result.outcome == "succeeded"
@@ -45,13 +45,13 @@ def test_it_is_disarmed_by_force_when_it_has_stood_on_the_platform_for_two_secon
     assert any("by force" in status.text for status in flight.statuses)
 
 
-def test_without_an_estimate_nothing_is_sure_and_it_climbs_away_with_its_motors_on() -> None:
+def test_without_an_estimate_it_is_not_disarmed_and_climbs_away() -> None:
     flight = over_the_rover(2)
     begun = len(flight.statuses)
-    answers = flight.send(topics.LAND_ON_SPOT, LandOnSpotGoal())
+    request = flight.send(topics.LAND_ON_SPOT, LandOnSpotGoal())
     flight.wait(lambda: flight.truth.contact_force_n > 1.0 and height_m(flight) < 0.05, 40.0, "contact")
     flight.bus.remove("estimator")
-    result = flight.finish(answers, RoverLandingConfig().contact_timeout_s + 10.0)
+    result = flight.finish(request, RoverLandingConfig().contact_timeout_s + 10.0)
     assert result.outcome == "aborted"
     flight.wait_code(Code.HOVER, 8.0)
     assert all(status.armed and not status.landed for status in flight.statuses[begun:])

@@ -1,4 +1,4 @@
-"""GNSS jumps by 1.5 m while the vehicle hovers: its position is relabelled, the vehicle stays."""
+"""GNSS jumps by 1.5 m while the vehicle hovers: the autopilot resets its position, and the vehicle stays in place."""
 
 from math import degrees
 
@@ -10,18 +10,18 @@ from tests.scenario.rig import Flight, go_to, land_at
 STEP_NORTH_M = 1.5
 
 
-def moved(message: MavMessage) -> bool:
+def shift_north(message: MavMessage) -> bool:
     if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_GPS:
         message.lat += round(degrees(STEP_NORTH_M / EARTH_RADIUS_M) * 1e7)
     return True
 
 
 def test_a_gnss_step_while_hovering_does_not_make_the_vehicle_jump() -> None:
-    flight, hand = Flight.broken(moved, seed=3)
+    flight, simulator = Flight.with_tampered_simulator(shift_north, seed=3)
     flight.take_off(3.0)
     flight.bus.run_for(3.0)
     before = flight.truth
-    hand.broken = True
+    simulator.active = True
     start = len(flight.truths)
     flight.bus.run_for(15.0)
     after = flight.truths[start:]

@@ -1,4 +1,4 @@
-"""Landings as the benchmark flies them, a few of each kind, for the whole path; figures come from many."""
+"""A few landings of the landing benchmark; `jezero bench landing` gives figures from many."""
 
 import pytest
 
@@ -8,9 +8,9 @@ from jezero.trials.landing.trial import Conditions
 
 
 def test_a_plain_landing_gives_a_report() -> None:
-    told: list[int] = []
-    report = fly_landings(Conditions(case="none"), 1, 3, 1, lambda landing: told.append(landing.seed))
-    assert told == [3]
+    seeds: list[int] = []
+    report = fly_landings(Conditions(case="none"), 1, 3, 1, lambda landing: seeds.append(landing.seed))
+    assert seeds == [3]
     assert (report.n, report.landed, report.failed_seeds) == (1, 1, [])
     assert report.touchdown_error_m["max"] is not None
     assert report.touchdown_error_m["max"] < 1.0
@@ -19,7 +19,7 @@ def test_a_plain_landing_gives_a_report() -> None:
 
 
 @pytest.mark.parametrize(
-    ("conditions", "within_m"),
+    ("conditions", "error_max_m"),
     [
         (Conditions(case="uwb+tag", rover="turn", hide_tag=True), 0.09),
         (Conditions(case="tag"), 0.08),
@@ -27,9 +27,9 @@ def test_a_plain_landing_gives_a_report() -> None:
     ],
     ids=["uwb+tag, turning, tag hidden twice", "tag", "uwb"],
 )
-def test_it_lands_on_the_rover_with(conditions: Conditions, within_m: float) -> None:
+def test_it_lands_on_the_rover(conditions: Conditions, error_max_m: float) -> None:
     landing = fly_landing(2, conditions)
     assert landing.failure == ""
-    assert landing.error_m < within_m
+    assert landing.error_m < error_max_m
     assert landing.time_s < 30.0
     assert landing.impact_mps <= 0.6

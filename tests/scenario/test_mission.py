@@ -1,4 +1,4 @@
-"""Whole flights in virtual time: the mission, its determinism, and the rules at its edges."""
+"""Whole flights in virtual time: the mission, its determinism, refusals, abort, hover and kill."""
 
 import subprocess
 import sys
@@ -38,7 +38,7 @@ def test_the_status_goes_through_the_codes_of_the_thesis() -> None:
     flight.take_off()
     flight.do(topics.GO_TO, go_to(-1.0, -2.0, -3.0))
     result = flight.do(topics.LAND_ON_SPOT, land_at(0.0, 0.0))
-    assert result.result.touchdown_ned_m is not None
+    assert result.result is not None and result.result.touchdown_ned_m is not None
     assert flight.codes == [
         Code.IDLE, Code.TAKEOFF, Code.TAKEOFF_DONE, Code.HOVER, Code.GO_TO, Code.GO_TO_DONE, Code.HOVER,
         Code.LANDING, Code.LANDING_DONE, Code.IDLE,
@@ -57,22 +57,22 @@ def test_go_to_with_takeoff_takes_off_first_without_a_stop() -> None:
 def test_go_to_with_takeoff_while_hovering_warns_and_goes_on() -> None:
     flight = Flight()
     flight.take_off()
-    answers = flight.send(topics.GO_TO, go_to(0.5, 0.0, -2.0, do_takeoff=True))
-    accepted = answers.replies[0]
+    request = flight.send(topics.GO_TO, go_to(0.5, 0.0, -2.0, do_takeoff=True))
+    accepted = request.replies[0]
     assert isinstance(accepted, Accepted) and accepted.warning
-    assert flight.finish(answers).outcome == "succeeded"
+    assert flight.finish(request).outcome == "succeeded"
 
 
-def test_what_is_not_possible_on_the_ground_is_refused_with_the_way_out() -> None:
+def test_goals_that_need_a_flying_vehicle_are_refused_on_the_ground() -> None:
     flight = Flight()
     flight.wait_ready()
     assert "takeoff" in flight.refusal(topics.GO_TO, go_to(0.0, 0.0, -4.0))
     assert "IDLE" in flight.refusal(topics.LAND_ON_SPOT, land_at(0.0, 0.0)).upper()
-    assert not flight.ask(topics.HOVER, Hover()).hover_mode
+    assert not flight.request(topics.HOVER, Hover()).hover_mode
     assert flight.codes == [Code.IDLE]
 
 
-def test_what_is_beyond_a_limit_is_refused_with_the_limit() -> None:
+def test_goals_beyond_a_limit_are_refused_with_the_limit() -> None:
     flight = Flight()
     flight.wait_ready()
     assert "120" in flight.refusal(topics.TAKEOFF, TakeoffGoal(altitude_m=121.0))
@@ -84,7 +84,7 @@ def test_what_is_beyond_a_limit_is_refused_with_the_limit() -> None:
     assert "−5" in flight.refusal(topics.GO_TO, go_to(1.0, 0.0, 5.0))
     assert "takeoff" in flight.refusal(topics.TAKEOFF, TakeoffGoal(altitude_m=2.0)).lower()
     assert "landing_spot_ned_m" in flight.refusal(topics.LAND_ON_SPOT, LandOnSpotGoal(use_uwb=False, use_tag=False))
-    assert not flight.ask(topics.HOVER, Hover(hover_pos=(0.0, 0.0, 5.0))).hover_mode
+    assert not flight.request(topics.HOVER, Hover(hover_pos=(0.0, 0.0, 5.0))).hover_mode
     assert flight.codes[-1] is Code.HOVER
 
 
@@ -99,11 +99,11 @@ def test_a_second_goal_is_refused_while_one_flies() -> None:
 def test_an_abort_before_lift_off_disarms() -> None:
     flight = Flight()
     flight.wait_ready()
-    answers = flight.send(topics.TAKEOFF, TakeoffGoal(altitude_m=2.0))
+    request = flight.send(topics.TAKEOFF, TakeoffGoal(altitude_m=2.0))
     flight.wait(lambda: flight.status.armed, 5.0, "armed")
     assert flight.status.landed
-    assert not flight.ask(topics.ABORT, Abort(reason="test")).hovering
-    assert flight.finish(answers).outcome == "aborted"
+    assert not flight.request(topics.ABORT, Abort(reason="test")).hovering
+    assert flight.finish(request).outcome == "aborted"
     flight.wait_code(Code.IDLE, 5.0)
     assert flight.codes == [Code.IDLE, Code.TAKEOFF, Code.ABORT, Code.IDLE]
     assert not flight.status.armed
@@ -116,10 +116,10 @@ def height_m(flight: Flight) -> float:
 def test_an_abort_close_to_the_ground_climbs_to_one_and_a_half_metres() -> None:
     flight = Flight()
     flight.wait_ready()
-    answers = flight.send(topics.TAKEOFF, TakeoffGoal(altitude_m=5.0))
+    request = flight.send(topics.TAKEOFF, TakeoffGoal(altitude_m=5.0))
     flight.wait(lambda: bool(flight.truths) and height_m(flight) > 0.4, 10.0, "lift-off")
-    assert flight.ask(topics.ABORT, Abort()).hovering
-    assert flight.finish(answers).outcome == "aborted"
+    assert flight.request(topics.ABORT, Abort()).hovering
+    assert flight.finish(request).outcome == "aborted"
     flight.wait_code(Code.HOVER, 10.0)
     flight.bus.run_for(3.0)
     assert height_m(flight) == pytest.approx(1.5, abs=0.35)
@@ -129,24 +129,24 @@ def test_an_abort_close_to_the_ground_climbs_to_one_and_a_half_metres() -> None:
 def test_an_abort_higher_up_hovers_where_it_is() -> None:
     flight = Flight()
     flight.wait_ready()
-    answers = flight.send(topics.TAKEOFF, TakeoffGoal(altitude_m=6.0))
+    request = flight.send(topics.TAKEOFF, TakeoffGoal(altitude_m=6.0))
     flight.wait(lambda: bool(flight.truths) and height_m(flight) > 3.0, 15.0, "3 m")
-    flight.ask(topics.ABORT, Abort())
-    assert flight.finish(answers).outcome == "aborted"
+    flight.request(topics.ABORT, Abort())
+    assert flight.finish(request).outcome == "aborted"
     flight.wait_code(Code.HOVER, 5.0)
     flight.bus.run_for(3.0)
     assert 2.8 < height_m(flight) < 4.5
 
 
-def test_hover_ends_a_goal_and_moves_the_hover_point_within_three() -> None:
+def test_hover_ends_a_goal_and_moves_the_hover_point() -> None:
     flight = Flight()
     flight.take_off()
-    answers = flight.send(topics.GO_TO, go_to(8.0, 0.0, -3.0))
+    request = flight.send(topics.GO_TO, go_to(8.0, 0.0, -3.0))
     flight.wait_code(Code.GO_TO, 2.0)
     flight.bus.run_for(2.0)
-    assert flight.ask(topics.HOVER, Hover()).hover_mode
-    assert flight.finish(answers).outcome == "aborted"
-    assert flight.ask(topics.HOVER, Hover(hover_pos=(0.0, 0.0, -3.0))).hover_mode
+    assert flight.request(topics.HOVER, Hover()).hover_mode
+    assert flight.finish(request).outcome == "aborted"
+    assert flight.request(topics.HOVER, Hover(hover_pos=(0.0, 0.0, -3.0))).hover_mode
     flight.bus.run_for(6.0)
     odometry = flight.status.odometry
     assert odometry is not None
@@ -156,10 +156,10 @@ def test_hover_ends_a_goal_and_moves_the_hover_point_within_three() -> None:
 def test_kill_needs_to_be_confirmed_and_then_stops_the_motors_in_the_air() -> None:
     flight = Flight()
     flight.take_off()
-    assert not flight.ask(topics.KILL, Kill()).killed
+    assert not flight.request(topics.KILL, Kill()).killed
     unconfirmed = flight.status
     assert unconfirmed.armed
-    assert flight.ask(topics.KILL, Kill(confirm=True)).killed
+    assert flight.request(topics.KILL, Kill(confirm=True)).killed
     confirmed = flight.status
     assert not confirmed.armed
     flight.bus.run_for(4.0)
@@ -169,13 +169,13 @@ def test_kill_needs_to_be_confirmed_and_then_stops_the_motors_in_the_air() -> No
 def test_a_killed_action_server_leaves_the_vehicle_hovering_within_half_a_second() -> None:
     flight = Flight()
     flight.take_off()
-    answers = flight.send(topics.GO_TO, go_to(20.0, 0.0, -3.0))
+    request = flight.send(topics.GO_TO, go_to(20.0, 0.0, -3.0))
     flight.wait_code(Code.GO_TO, 2.0)
     flight.bus.run_for(2.0)
     flight.bus.remove("go_to")
     flight.wait_code(Code.ABORT, 0.5)
     flight.wait_code(Code.HOVER, 0.2)
-    assert answers.ended
+    assert request.ended
     flight.bus.run_for(3.0)
     assert norm(flight.truth.vel_uav_ned_mps) < 0.4
 

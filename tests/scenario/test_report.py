@@ -1,4 +1,4 @@
-"""The figures of a flight in virtual time, and what they are drawn from."""
+"""The figures of a flight in virtual time, and the data that they show."""
 
 import json
 from pathlib import Path
@@ -49,7 +49,7 @@ def test_the_demonstration_lands_on_the_rover_and_a_report_draws_it(flown: tuple
     }  # fmt: skip
 
 
-def test_a_landing_is_what_its_log_says(flown: tuple[Path, FlightResult], landing: Landing) -> None:
+def test_a_landing_is_read_from_its_log(flown: tuple[Path, FlightResult], landing: Landing) -> None:
     assert [name for name, _, _ in landing.phases] == ["approach", "descent", "contact"]
     assert landing.phases[0][1] == 0.0
     assert landing.phases[-1][2] == landing.disarmed_s
@@ -58,7 +58,7 @@ def test_a_landing_is_what_its_log_says(flown: tuple[Path, FlightResult], landin
     assert np.hypot(*landing.touchdown_rover_body_m) == pytest.approx(flown[1].touchdown_error_m, abs=1e-3)
 
 
-def test_estimate_ranges_and_tag_are_of_the_same_point_as_the_truth(landing: Landing) -> None:
+def test_estimate_ranges_and_tag_measure_the_same_point_as_the_truth(landing: Landing) -> None:
     low = landing.true_relative.at(landing.tag.t_s)[:, 2] > -2.0
     assert rms_m(landing, landing.tag.where(low)) < 0.03
     low = landing.true_relative.at(landing.uwb.t_s)[:, 2] > -2.0
@@ -75,7 +75,7 @@ def test_the_touchdowns_of_a_benchmark_are_drawn_beside_its_file(tmp_path: Path)
     assert (tmp_path / "touchdowns.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_what_is_no_flight_is_told(tmp_path: Path) -> None:
+def test_a_folder_or_file_without_a_flight_is_refused(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     assert "has no flight.jsonl" in report(tmp_path / "empty").output
     (tmp_path / "empty" / LOG).write_text("")
@@ -86,6 +86,6 @@ def test_what_is_no_flight_is_told(tmp_path: Path) -> None:
     assert "neither the folder of a run nor a file of `jezero bench landing --json`" in result.output
 
 
-def test_a_recording_asks_for_no_pictures() -> None:
+def test_a_recording_contains_no_pictures() -> None:
     assert not {topics.CAMERA, topics.SCENE} & set(RECORDED)
     assert {topics.TRUTH, topics.RELATIVE, topics.UWB, topics.feedback_of(topics.LAND_ON_SPOT)} <= set(RECORDED)

@@ -22,16 +22,16 @@ ON_THE_PLATFORM = SimulatorConfig(
 
 
 def riding() -> tuple[Flight, RoverDriver]:
-    """A vehicle that stands on the platform, ready, and somebody who drives the rover."""
-    flight = Flight(prepare=partial(build_stack, simulator=ON_THE_PLATFORM))
+    """A vehicle that is ready on the platform, and the driver of the rover."""
+    flight = Flight(make_bus=partial(build_stack, simulator=ON_THE_PLATFORM))
     driver = RoverDriver()
     flight.bus.add(driver)
     flight.wait_ready()
     return flight, driver
 
 
-def on_deck_m(truth: Truth) -> tuple[float, float, float]:
-    """The vehicle's place on the platform, in the rover's axes."""
+def on_platform_m(truth: Truth) -> tuple[float, float, float]:
+    """Position of the vehicle relative to the platform, in the rover's axes."""
     return rotate_yaw(subtract(truth.pos_uav_ned_m, truth.pos_rover_ned_m), -truth.yaw_rover_rad)
 
 
@@ -43,7 +43,7 @@ def test_a_disarmed_vehicle_rides_along_and_takes_off_when_the_rover_stands() ->
     after = flight.truth
     assert hypot(*subtract(after.pos_rover_ned_m, before.pos_rover_ned_m)[:2]) > 1.0
     assert hypot(after.vel_rover_ned_mps[0], after.vel_rover_ned_mps[1]) == pytest.approx(1.0, abs=0.01)
-    slip_m = subtract(on_deck_m(after), on_deck_m(before))
+    slip_m = subtract(on_platform_m(after), on_platform_m(before))
     assert hypot(*slip_m) < 0.02
     assert all(status.landed and not status.armed for status in flight.statuses)
     refusal = flight.refusal(topics.TAKEOFF, TakeoffGoal(altitude_m=3.0))
@@ -54,11 +54,11 @@ def test_a_disarmed_vehicle_rides_along_and_takes_off_when_the_rover_stands() ->
 
     driver.speed_mps, driver.yaw_rate_rps = None, 0.0
     flight.bus.run_for(4.0)
-    deck_m = flight.truth.pos_rover_ned_m[2]
+    platform_ned_z_m = flight.truth.pos_rover_ned_m[2]
     assert flight.truth.vel_rover_ned_mps == (0.0, 0.0, 0.0)
     flight.do(topics.TAKEOFF, TakeoffGoal(altitude_m=3.0))
     assert flight.codes[-1] is StatusCode.HOVER
-    assert deck_m - flight.truth.pos_uav_ned_m[2] == pytest.approx(3.0, abs=0.4)
+    assert platform_ned_z_m - flight.truth.pos_uav_ned_m[2] == pytest.approx(3.0, abs=0.4)
 
 
 def test_a_rover_that_nobody_commands_stops_within_its_braking_distance() -> None:

@@ -1,4 +1,4 @@
-"""Going to a target in the rover's frame follows a rover that drives, and never flies by a lost estimate."""
+"""A goal with a target in the rover's frame follows a driving rover, and ends without a valid estimate."""
 
 from math import hypot
 
@@ -26,9 +26,10 @@ def test_a_goal_in_the_rovers_frame_follows_a_driving_rover_and_ends_with_the_es
     flight.take_off(2.0)
     driver.speed_mps = 0.5
     target_ned_m = (-1.0, 0.5, -3.0)
-    answers = flight.send(topics.GO_TO, go_to(*target_ned_m, frame="rover"))
-    assert flight.finish(answers).result.completed
-    feedback = answers.replies[-2].feedback
+    request = flight.send(topics.GO_TO, go_to(*target_ned_m, frame="rover"))
+    moved = flight.finish(request).result
+    assert moved is not None and moved.completed
+    feedback = request.replies[-2].feedback
     assert feedback.frame == "rover"
     assert feedback.pos_uav_ned_m == pytest.approx(target_ned_m, abs=0.3)
     assert off_target_m(flight, target_ned_m) < 0.3
@@ -38,10 +39,10 @@ def test_a_goal_in_the_rovers_frame_follows_a_driving_rover_and_ends_with_the_es
     assert isinstance(flying.replies[0], Accepted)
     flight.bus.run_for(2.0)
     flight.bus.remove("estimator")
-    aborted = flight.finish(flying, within_s=5.0)
+    aborted = flight.finish(flying, timeout_s=5.0)
     assert aborted.outcome == "aborted"
     assert "the estimator is silent" in aborted.reason
-    flight.wait_code(StatusCode.HOVER, within_s=2.0)
+    flight.wait_code(StatusCode.HOVER, timeout_s=2.0)
 
     assert "the estimator is silent" in flight.refusal(topics.GO_TO, go_to(0.0, 0.0, -3.0, frame="rover"))
     assert flight.codes[-1] is StatusCode.HOVER

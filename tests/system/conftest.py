@@ -18,10 +18,10 @@ from jezero import Vehicle
 from jezero.deploy.launcher.ports import instance_environment, reserved_instance
 from jezero.runtime.config import Instance
 from jezero.schemas.state import Status
-from tests.system.overheard import Tap
+from tests.system.bridge_observation import Tap
 
 GCS_PORT = 17550
-"""Of instance 0: each stack has a ground station's port of its own."""
+"""Ground station's port of instance 0; the ports of other instances follow."""
 PX4_GCS_PORT = 14550
 HERE = Path(__file__).parent
 JEZERO = [sys.executable, "-m", "jezero.cli.main"]
@@ -29,7 +29,7 @@ JEZERO = [sys.executable, "-m", "jezero.cli.main"]
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """One stack at a time with `pytest --dist loadgroup`: it needs a core and a half, and there may be two."""
+    """Run one stack at a time with `pytest --dist loadgroup`, because a stack needs a core and a half."""
     for item in items:
         if HERE in item.path.parents:
             item.add_marker(pytest.mark.xdist_group("stack"))
@@ -37,21 +37,21 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @dataclass
 class Stack:
-    """A running stack and how to reach it."""
+    """A stack, and the commands to start and reach it."""
 
     instance: Instance
     run_dir: Path
     environment: dict[str, str]
     processes_cached: dict[str, int] = field(default_factory=dict)
-    """Process id of each service as of the start: no command has to run before something is killed."""
+    """Process id of each service at the start, so that a test can kill one without running a command first."""
 
-    def choose(self, autopilot: str) -> None:
-        """Who flies once it is started; PX4's start script knows one port for ground stations only."""
+    def choose_autopilot(self, autopilot: str) -> None:
+        """Set the autopilot of the next start. PX4's start script has one port for ground stations only."""
         port = PX4_GCS_PORT if autopilot == "px4" else GCS_PORT + self.instance.number
         self.environment |= {"JEZERO_AUTOPILOT": autopilot, "JEZERO_GCS_PORT": str(port)}
 
     def up(self, *words: str) -> Self:
-        """Start it, with extra words, and wait until the vehicle is ready."""
+        """Start the stack, with extra words, and wait until the vehicle is ready."""
         self.jezero("up", "-d", "--wait", "--timeout", "60", *words)
         self.processes_cached = self.processes()
         return self
@@ -81,34 +81,37 @@ class Stack:
         return {row["service"]: row["pid"] for row in rows if row["pid"]}
 
 
-def wait_for(condition: Callable[[], object], within_s: float, what: str) -> float:
-    """Poll until it holds; returns how long that took in seconds.
+def wait_for(condition: Callable[[], object], timeout_s: float, description: str) -> float:
+    """Poll until a condition holds; returns the seconds that this took.
+
+    Args:
+        description: of the condition, for the error.
 
     Raises:
-        AssertionError: it didn't within the time.
+        AssertionError: the condition did not hold in time.
     """
     start = time.monotonic()
     while not condition():
-        if time.monotonic() - start > within_s:
-            raise AssertionError(f"{what}: not within {within_s} s")
+        if time.monotonic() - start > timeout_s:
+            raise AssertionError(f"{description}: not within {timeout_s} s")
         time.sleep(0.01)
     return time.monotonic() - start
 
 
 class ProcessorWait:
-    """For how long all threads of some processes wait for a processor from now on: what a busy machine costs them."""
+    """Measures the time that all threads of some processes wait for a processor from now on, on a busy machine."""
 
     def __init__(self, processes: Iterable[int]) -> None:
         self._before_ns = {pid: _waited_ns(pid) for pid in processes}
 
     def seconds(self, started: Iterable[int] = ()) -> float:
-        """So far, with that of processes which were started since."""
+        """Sum so far, including the given processes that were started since."""
         after_ns = {pid: _waited_ns(pid) for pid in (*self._before_ns, *started)}
         return sum(max(0, ns - self._before_ns.get(pid, 0)) for pid, ns in after_ns.items()) * 1e-9
 
 
 def _waited_ns(pid: int) -> int:
-    """Of all threads of a process; 0 once it has ended. Source: proc(5), sched-stats.rst."""
+    """Waiting time of all threads of a process; 0 once it has ended. Source: proc(5), sched-stats.rst."""
     waited_ns = 0
     for thread in Path(f"/proc/{pid}/task").glob("*/schedstat"):
         with contextlib.suppress(OSError):  # it has ended
@@ -116,10 +119,10 @@ def _waited_ns(pid: int) -> int:
     return waited_ns
 
 
-def wait_for_status(vehicle: Vehicle, condition: Callable[[Status], bool], within_s: float, what: str) -> float:
-    """`wait_for` on the newest status; a failure tells that status."""
+def wait_for_status(vehicle: Vehicle, condition: Callable[[Status], bool], timeout_s: float, description: str) -> float:
+    """`wait_for` with the newest status, which the error contains."""
     try:
-        return wait_for(lambda: condition(vehicle.status()), within_s, what)
+        return wait_for(lambda: condition(vehicle.status()), timeout_s, description)
     except AssertionError as error:
         status = vehicle.status()
         raise AssertionError(f"{error}; {status.code} {status.name}: {status.text} {status.not_ready_reason}") from None
@@ -130,7 +133,7 @@ def new_stack(folder: Path) -> Iterator[Stack]:
     """A stack that `up` starts, with ports of its own; stopped at the end.
 
     Args:
-        folder: for what it leaves.
+        folder: for the run folder.
     """
     with reserved_instance(vehicle=f"t{os.getpid()}") as instance:
         run_dir = folder / "run"
@@ -140,7 +143,7 @@ def new_stack(folder: Path) -> Iterator[Stack]:
             "JEZERO_RUN_DIR": str(run_dir),
         }
         stack = Stack(instance, run_dir, environment)
-        stack.choose(os.environ.get("JEZERO_AUTOPILOT") or "embedded")
+        stack.choose_autopilot(os.environ.get("JEZERO_AUTOPILOT") or "embedded")
         yield stack
         stack.jezero("down", check=False)
 
@@ -160,7 +163,7 @@ def start_stack(unstarted: Stack) -> Callable[..., Stack]:
 
 @pytest.fixture
 def tap(tmp_path: Path, unstarted: Stack) -> Iterator[Tap]:
-    """What the bridge will send to the autopilot, once the stack is started with the tap's words."""
+    """A tap between autopilot and bridge; the stack must be started with the tap's words."""
     tap = Tap(unstarted.instance, tmp_path)
     yield tap
     tap.close()
@@ -174,6 +177,6 @@ def stack(start_stack: Callable[..., Stack]) -> Stack:
 
 @pytest.fixture(scope="module")
 def shared_stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
-    """The same for all tests of a file, in whatever state the one before has left it."""
+    """One stack for all tests of a file, in the state in which the test before has left it."""
     with new_stack(tmp_path_factory.mktemp("shared")) as stack:
         yield stack.up()

@@ -1,6 +1,6 @@
-"""A flight with MAVSDK as its documentation has it, in a process of its own: `mavsdk_client.py PORT`.
+"""A flight with MAVSDK as in its documentation, in a process of its own: `mavsdk_client.py PORT`.
 
-Prints one JSON line for each thing that was done.
+Prints one JSON line for each step of the flight.
 """
 
 import json
@@ -16,15 +16,15 @@ from mavsdk.plugins.param import Param
 from mavsdk.plugins.telemetry import Telemetry
 
 
-def say(what: str, **values: Any) -> None:
-    print(json.dumps({"what": what, **values}), flush=True)
+def report(step: str, **values: Any) -> None:
+    print(json.dumps({"step": step, **values}), flush=True)
 
 
-def wait(condition: Callable[[], bool], within_s: float, what: str) -> None:
-    end = time.monotonic() + within_s
+def wait(condition: Callable[[], bool], timeout_s: float, description: str) -> None:
+    end = time.monotonic() + timeout_s
     while not condition():
         if time.monotonic() > end:
-            raise SystemExit(f"{what}: not within {within_s} s")
+            raise SystemExit(f"{description}: not within {timeout_s} s")
         time.sleep(0.05)
 
 
@@ -33,37 +33,37 @@ def main(port: int) -> None:
     mavsdk.add_any_connection(f"udpin://127.0.0.1:{port}")
     system = mavsdk.first_autopilot(20.0)
     if system is None:
-        raise SystemExit("no autopilot was heard")
+        raise SystemExit("no message of an autopilot")
     telemetry, action, offboard, param = Telemetry(system), Action(system), Offboard(system), Param(system)
-    say("connected", system_id=system.get_system_id())
+    report("connected", system_id=system.get_system_id())
     wait(lambda: telemetry.health().is_armable, 30.0, "armable")
     wait(telemetry.health_all_ok, 30.0, "healthy")
     position, battery = telemetry.position(), telemetry.battery()
-    say("telemetry", latitude_deg=position.latitude_deg, satellites=telemetry.gps_info().num_satellites,
+    report("telemetry", latitude_deg=position.latitude_deg, satellites=telemetry.gps_info().num_satellites,
         voltage_v=battery.voltage_v, remaining_percent=battery.remaining_percent)  # fmt: skip
     param.set_param_float("MIS_TAKEOFF_ALT", 3.0)
     param.set_param_int("COM_DL_LOSS_T", 7)
     parameters = param.get_all_params()
-    say("parameters", altitude_m=action.get_takeoff_altitude(), loss_s=param.get_param_int("COM_DL_LOSS_T"),
+    report("parameters", altitude_m=action.get_takeoff_altitude(), loss_s=param.get_param_int("COM_DL_LOSS_T"),
         count=len(parameters.int_params) + len(parameters.float_params))  # fmt: skip
     action.arm()
     action.takeoff()
     wait(lambda: telemetry.position().relative_altitude_m > 2.5, 30.0, "three metres up")
-    say("up", altitude_m=telemetry.position().relative_altitude_m, in_air=telemetry.in_air())
+    report("up", altitude_m=telemetry.position().relative_altitude_m, in_air=telemetry.in_air())
     wait(lambda: telemetry.flight_mode().name == "HOLD", 10.0, "hold after takeoff")
     offboard.set_velocity_ned(VelocityNedYaw(1.0, 0.0, 0.0, 0.0))
     offboard.start()
     before_m = telemetry.position_velocity_ned().position.north_m
     time.sleep(5.0)
     moved = telemetry.position_velocity_ned()
-    say("offboard", mode=telemetry.flight_mode().name, moved_m=moved.position.north_m - before_m,
+    report("offboard", mode=telemetry.flight_mode().name, moved_m=moved.position.north_m - before_m,
         speed_mps=moved.velocity.north_m_s)  # fmt: skip
     offboard.set_velocity_ned(VelocityNedYaw(0.0, 0.0, 0.0, 0.0))
     offboard.stop()
     action.land()
     wait(lambda: not telemetry.in_air(), 60.0, "landed")
     wait(lambda: not telemetry.armed(), 20.0, "disarmed")
-    say("landed")
+    report("landed")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""A TCP relay that can hold everything back for a while, as a network that drops out does."""
+"""A TCP relay that can interrupt its connections for a while, like a network partition."""
 
 import contextlib
 import socket
@@ -12,14 +12,14 @@ from jezero.deploy.launcher.ports import HOST
 class Relay:
     """Passes the bytes of any number of connections on to a port of this host, inside its `with` block.
 
-    While it is parted nothing passes and nothing is lost: what was sent waits, in both directions.
+    During a partition bytes are held back in both directions; none are lost.
     """
 
     def __init__(self, port: int) -> None:
         self._target = (HOST, port)
         self._listener = socket.create_server((HOST, 0))
-        self._joined = threading.Event()
-        self._joined.set()
+        self._passing = threading.Event()
+        self._passing.set()
         self._open: list[socket.socket] = []
         self._threads: list[threading.Thread] = []
 
@@ -32,7 +32,7 @@ class Relay:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._joined.set()
+        self._passing.set()
         _end(self._listener)
         self._threads[0].join()
         for connection in self._open:
@@ -48,20 +48,20 @@ class Relay:
         thread.start()
 
     @contextlib.contextmanager
-    def parted(self) -> Iterator[None]:
-        """Nothing passes in the `with` block."""
-        self._joined.clear()
+    def partition(self) -> Iterator[None]:
+        """Hold all bytes back in the `with` block."""
+        self._passing.clear()
         try:
             yield
         finally:
-            self._joined.set()
+            self._passing.set()
 
     def _accept(self) -> None:
         with contextlib.suppress(OSError):  # ended
             while True:
                 near, _ = self._listener.accept()
                 self._open.append(near)
-                self._joined.wait()
+                self._passing.wait()
                 try:
                     far = socket.create_connection(self._target)
                 except OSError:  # no router there
@@ -72,12 +72,12 @@ class Relay:
                 self._start(self._pump, far, near)
 
     def _pump(self, source: socket.socket, sink: socket.socket) -> None:
-        """One direction, until either end closes."""
+        """Pass on one direction, until either end closes."""
         with contextlib.suppress(OSError):
             while data := source.recv(65536):
-                self._joined.wait()
+                self._passing.wait()
                 sink.sendall(data)
-        self._joined.wait()
+        self._passing.wait()
         _end(source)
         _end(sink)
 

@@ -1,4 +1,4 @@
-"""The camera as a real process: what it publishes is what its renderer draws."""
+"""The camera as a real process: its pictures are those of its renderer."""
 
 import os
 import subprocess
@@ -27,7 +27,7 @@ STILL = (0.0, 0.0, 0.0)
 
 
 def scene(t_ns: int) -> Scene:
-    """Three metres above the rover."""
+    """A scene with the vehicle three metres above the rover."""
     return Scene(
         t_ns=t_ns,
         epoch_id=1,
@@ -41,7 +41,7 @@ def scene(t_ns: int) -> Scene:
     )
 
 
-def test_pictures_of_a_real_process_are_those_that_its_renderer_draws() -> None:
+def test_pictures_of_a_real_process_equal_those_of_its_renderer() -> None:
     frames: list[CameraFrame] = []
     with reserved_instance(vehicle=f"camera{os.getpid()}") as instance:
         environment = {**os.environ, **instance_environment(instance)}

@@ -1,4 +1,4 @@
-"""Who is in charge, over real processes: two clients, abort, stale setpoints, dying servers and bridges."""
+"""Control over real processes: two clients, abort, stale setpoints, servers and bridges that die."""
 
 import os
 import signal
@@ -39,7 +39,7 @@ def test_of_two_clients_one_is_refused_with_the_reason_and_a_third_aborts(stack:
         wait_for_status(third, lambda s: s.code == StatusCode.HOVER, 15, "hovering")
 
 
-def test_setpoints_that_are_stale_or_of_somebody_else_are_not_executed(stack: Stack) -> None:
+def test_stale_or_foreign_setpoints_are_not_executed(stack: Stack) -> None:
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", f'["{stack.instance.router}"]')
@@ -69,16 +69,16 @@ def test_setpoints_that_are_stale_or_of_somebody_else_are_not_executed(stack: St
         goal.cancel()
 
 
-def test_a_killed_action_server_is_told_to_the_client_and_the_vehicle_hovers(stack: Stack) -> None:
+def test_when_an_action_server_is_killed_its_client_gets_an_error_and_the_vehicle_hovers(stack: Stack) -> None:
     with stack.connect() as vehicle:
         vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
         goal = vehicle.go_to(10.0, 0.0, -3.0, speed_mps=1.0)
-        told: list[float] = []
+        failed_s: list[float] = []
 
         def wait() -> None:
             with pytest.raises(Unreachable):
                 goal.result(timeout_s=30)
-            told.append(time.monotonic())
+            failed_s.append(time.monotonic())
 
         waiter = threading.Thread(target=wait)
         waiter.start()
@@ -88,7 +88,7 @@ def test_a_killed_action_server_is_told_to_the_client_and_the_vehicle_hovers(sta
         os.kill(stack.processes_cached["go_to"], signal.SIGKILL)
         hovering = wait_for_status(vehicle, lambda s: s.code == StatusCode.HOVER, 2.0, "hovering")
         waiter.join(timeout=5)
-        assert told and told[0] - killed < 1.0
+        assert failed_s and failed_s[0] - killed < 1.0
         assert hovering < 0.8  # 0.5 s without a setpoint, 0.1 s of abort, and this test's polling
         accepted_within = killed + 5.0
         while True:
@@ -115,11 +115,11 @@ def test_when_the_bridge_dies_the_autopilot_lands_by_itself(
     bridge = subprocess.Popen([sys.executable, "-m", "jezero.services.vehicle_bridge"], env=stack.environment)
     try:
         with stack.connect() as vehicle:
-            seen: list[int] = []
+            codes: list[int] = []
 
             def is_down() -> bool:
                 status = vehicle.status()
-                seen.append(status.code)
+                codes.append(status.code)
                 return status.code == StatusCode.IDLE and not status.armed and status.landed
 
             start = time.monotonic()
@@ -131,9 +131,9 @@ def test_when_the_bridge_dies_the_autopilot_lands_by_itself(
                     pass
                 time.sleep(0.05)
             else:
-                raise AssertionError(f"not landed within {DISARM_WITHIN_S} s; codes seen: {sorted(set(seen))}")
-            assert set(seen) <= {StatusCode.EXTERNAL, StatusCode.IDLE}
-            assert StatusCode.EXTERNAL in seen
+                raise AssertionError(f"not landed within {DISARM_WITHIN_S} s; codes: {sorted(set(codes))}")
+            assert set(codes) <= {StatusCode.EXTERNAL, StatusCode.IDLE}
+            assert StatusCode.EXTERNAL in codes
     finally:
         bridge.terminate()
         bridge.wait(timeout=5)

@@ -1,4 +1,4 @@
-"""The launcher with real processes: order, restarts, stopping, and nothing left behind however it ends."""
+"""The launcher with real processes: order, restarts, stopping, and no process left behind."""
 
 import json
 import os
@@ -42,7 +42,7 @@ while True:
 
 @pytest.fixture
 def toy(tmp_path: Path) -> Iterator[Stack]:
-    """A run folder and an environment of its own; nothing started."""
+    """A stack with a run folder and an environment of its own, not started."""
     with reserved_instance(vehicle=f"l{os.getpid()}") as instance:
         run_dir = tmp_path / "run"
         environment = {**os.environ, **instance_environment(instance), "JEZERO_RUN_DIR": str(run_dir)}
@@ -70,7 +70,11 @@ def all_gone(processes: list[int]) -> Callable[[], bool]:
 
 
 def eventful(tmp_path: Path, services: dict[str, str]) -> tuple[str, Path]:
-    """Services that note their start and stop in one file. Values: what each depends on, in YAML."""
+    """Compose file of services that write their start and stop to one file; returns both paths.
+
+    Args:
+        services: by name, the services that each depends on, in YAML.
+    """
     script, events = tmp_path / "eventful.py", tmp_path / "events"
     script.write_text(EVENTFUL)
     text = "".join(
@@ -101,7 +105,7 @@ def test_services_stop_in_reverse_order_and_print_into_logs(toy: Stack, tmp_path
     assert "hello from late" in toy.jezero("logs", "-n", "100").stdout  # also of a run that is over
 
 
-def test_a_service_waits_until_what_it_needs_is_healthy(toy: Stack, tmp_path: Path) -> None:
+def test_a_service_waits_until_its_dependencies_are_healthy(toy: Stack, tmp_path: Path) -> None:
     health = "healthcheck: {test: [NEVER RUN]}"
     file = compose_file(
         tmp_path,
@@ -176,7 +180,7 @@ def test_a_crash_loop_is_given_up_with_a_clear_state_and_the_others_run_on(toy: 
     assert "no such world" in toy.jezero("logs", "broken").stdout
 
 
-def test_a_command_that_cannot_be_run_is_told_at_once(toy: Stack, tmp_path: Path) -> None:
+def test_a_command_that_cannot_be_run_is_reported_at_once(toy: Stack, tmp_path: Path) -> None:
     file = compose_file(tmp_path, f"  a: {SLEEPER}\n  absent: {{command: no-such-program}}\n")
     failed = toy.jezero("up", "-d", "--wait", "--timeout", "30", "-f", file, check=False)
     assert failed.returncode == 1
@@ -229,7 +233,7 @@ def test_a_second_ctrl_c_kills(toy: Stack, tmp_path: Path) -> None:
     assert process.returncode == 0
 
 
-def test_the_launcher_ends_with_its_services_in_the_foreground_and_tells_that_one_failed(
+def test_the_launcher_ends_with_its_services_in_the_foreground_and_reports_that_one_failed(
     toy: Stack, tmp_path: Path
 ) -> None:
     file = compose_file(tmp_path, '  a: {command: "true"}\n  b: {command: "false"}\n')
@@ -239,20 +243,20 @@ def test_the_launcher_ends_with_its_services_in_the_foreground_and_tells_that_on
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (("up", "-f", "/no/such/file"), "/no/such/file: No such file or directory"),
         (("up", "--profile", "nobody"), "no service has the profile nobody; there are control, estimation, sim"),
         (("logs", "nobody"), "no log of nobody"),
     ],
 )
-def test_mistakes_are_told_in_one_line(toy: Stack, words: tuple[str, ...], told: str) -> None:
+def test_mistakes_are_explained_in_one_line(toy: Stack, words: tuple[str, ...], message: str) -> None:
     done = toy.jezero(*words, check=False)
     assert done.returncode == 1
-    assert told in done.stderr and "Traceback" not in done.stderr
+    assert message in done.stderr and "Traceback" not in done.stderr
 
 
-def test_the_whole_stack_comes_up_ready_and_leaves_nothing(stack: Stack) -> None:
+def test_the_whole_stack_gets_ready_and_leaves_no_process_behind(stack: Stack) -> None:
     shown = rows(stack)
     assert {"router", "simulator", "autopilot", "vehicle_bridge", *topics.ACTIONS} <= set(shown)
     assert all(row["state"] == "running" and row["healthy"] for row in shown.values())
@@ -280,7 +284,7 @@ def test_simulation_and_control_can_be_launched_apart_and_share_the_router(toy: 
     assert rows(toy)["router"]["healthy"]
 
 
-def test_a_second_vehicle_uses_the_router_that_is_there(toy: Stack, tmp_path: Path) -> None:
+def test_a_second_vehicle_uses_the_running_router(toy: Stack, tmp_path: Path) -> None:
     file = compose_file(
         tmp_path,
         f"  router: {{command: python -m jezero.runtime.router, healthcheck: {{test: [x]}}}}\n  a: {SLEEPER}\n",
@@ -310,7 +314,7 @@ def test_a_compose_implementation_accepts_the_shipped_file() -> None:
 
 @pytest.mark.parametrize("words", [("--help",), ("takeoff", "--help"), ("up", "--help"), ("demo", "--help"), ("ps",)])
 def test_commands_start_within_0_3_s_of_work(toy: Stack, words: tuple[str, ...]) -> None:
-    """Processor time: starting waits for nothing, and other tests may hold the processor."""
+    """Compare processor time, because other tests may use the processors."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     toy.jezero(*words)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)

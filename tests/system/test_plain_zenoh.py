@@ -1,4 +1,4 @@
-"""Somebody who knows only Zenoh flies, and can't break anything by accident."""
+"""A client with nothing but Zenoh flies, and wildcards have no effect."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""PX4 itself in the embedded autopilot's place, over real processes; needs PX4's runtime in JEZERO_PX4_DIR."""
+"""PX4 in place of the embedded autopilot, over real processes; JEZERO_PX4_DIR names its folder."""
 
 import json
 import os
@@ -29,7 +29,7 @@ BESIDE_MAX_M = 0.07
 @pytest.fixture
 def start_px4_stack(unstarted: Stack) -> Iterator[Callable[..., Stack]]:
     """`start_stack` with PX4; no process of PX4 is left behind."""
-    unstarted.choose("px4")
+    unstarted.choose_autopilot("px4")
 
     def start(*words: str) -> Stack:
         stack = unstarted.up(*words)
@@ -42,13 +42,13 @@ def start_px4_stack(unstarted: Stack) -> Iterator[Callable[..., Stack]]:
 
 
 def px4_processes(run_dir: Path) -> list[int]:
-    """Processes that run in PX4's working directory: PX4, its start script and what that has started."""
+    """Processes in PX4's working directory: PX4, its start script and the script's children."""
     found = []
     for folder in Path("/proc").iterdir():
         try:
             if folder.name.isdigit() and (folder / "cwd").readlink() == run_dir / "px4":
                 found.append(int(folder.name))
-        except OSError:  # it has ended, or it is somebody else's
+        except OSError:  # it has ended, or belongs to another user
             continue
     return found
 
@@ -64,12 +64,12 @@ def test_the_demonstration_flies_unchanged(tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    told = [json.loads(line) for line in done.stdout.splitlines()]
-    goals = [event["goal_id"] for event in told if event.get("outcome") == "succeeded" and "goal_id" in event]
+    events = [json.loads(line) for line in done.stdout.splitlines()]
+    goals = [event["goal_id"] for event in events if event.get("outcome") == "succeeded" and "goal_id" in event]
     assert len(goals) == len(DEMONSTRATION)
     (run_dir,) = tmp_path.iterdir()
-    said = (run_dir / "logs" / "autopilot.log").read_text()
-    assert "Takeoff detected" in said and "Landing detected" in said and "Disarmed by" in said
+    log = (run_dir / "logs" / "autopilot.log").read_text()
+    assert "Takeoff detected" in log and "Landing detected" in log and "Disarmed by" in log
     assert not px4_processes(run_dir)
 
 
@@ -79,14 +79,14 @@ def test_when_the_bridge_dies_px4_lands_by_itself(start_px4_stack: Callable[...,
     (tmp_path / "compose.yaml").write_text(yaml.safe_dump(compose))
     stack = start_px4_stack("-f", str(tmp_path / "compose.yaml"))
 
-    def has_said(text: str) -> bool:
+    def has_printed(text: str) -> bool:
         return text in stack.jezero("logs", "autopilot").stdout
 
     with stack.connect() as vehicle:
         vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
         os.kill(stack.processes_cached["vehicle_bridge"], signal.SIGKILL)
-    wait_for(lambda: has_said("Failsafe activated"), 5.0, "failsafe")
-    wait_for(lambda: has_said("Disarmed by landing"), LANDS_WITHIN_S, "landed and disarmed")
+    wait_for(lambda: has_printed("Failsafe activated"), 5.0, "failsafe")
+    wait_for(lambda: has_printed("Disarmed by landing"), LANDS_WITHIN_S, "landed and disarmed")
 
 
 def test_a_killed_autopilot_comes_back_with_a_new_vehicle(start_px4_stack: Callable[..., Stack]) -> None:
@@ -119,7 +119,7 @@ def test_a_restarted_simulator_gets_a_new_px4(start_px4_stack: Callable[..., Sta
 
 
 def test_it_lands_on_a_driving_rover() -> None:
-    """In lockstep with virtual time, so that a busy machine makes it later and no worse."""
+    """Fly in lockstep with virtual time, so that a busy machine makes the flight slower but not worse."""
     with real_px4(Path(os.environ["JEZERO_PX4_DIR"]), {}, always_paced=True) as make:
         landing = fly_landing(0, Conditions(case="uwb+tag", rover="drive"), autopilot=make)
     assert not landing.failure

@@ -32,7 +32,7 @@ with zenoh.open(config) as session:
 
 
 class WallClock:
-    """The clock of all processes that are started with its variables."""
+    """Wall clock of all processes that are started with its environment variables."""
 
     def __init__(self, folder: Path, compiler: str) -> None:
         library, self._offset = folder / "wall_clock.so", folder / "offset"
@@ -41,7 +41,7 @@ class WallClock:
         self.variables = {"LD_PRELOAD": str(library), "WALL_CLOCK_OFFSET": str(self._offset)}
 
     def set(self, ahead_s: int) -> None:
-        """So far from the machine's, from now on."""
+        """Set the offset from the machine's clock, from now on."""
         with self._offset.open("r+b") as file:
             file.write(struct.pack("=q", ahead_s))
 
@@ -85,11 +85,11 @@ def test_a_jump_reaches_pythons_clock_and_zenohs_but_not_the_monotonic_one(wall_
 
 
 def test_a_wall_clock_that_jumps_in_flight_changes_nothing(stack: Stack, wall_clock: WallClock) -> None:
-    seen: list[dict[str, Any]] = []
+    statuses: list[dict[str, Any]] = []
     stack.jezero("takeoff", "2")
     with zenoh.open(client_config(stack.instance.router)) as session:
         key = topics.key(stack.instance.vehicle, topics.STATUS.name)
-        session.declare_subscriber(key, lambda sample: seen.append(json.loads(sample.payload.to_string())))
+        session.declare_subscriber(key, lambda sample: statuses.append(json.loads(sample.payload.to_string())))
         process = stack.start("target", "6", "0", "-3", "--json")
         assert process.stdout is not None
         jumps = {10: HOUR_S, 25: -HOUR_S, 35: 0}
@@ -102,8 +102,8 @@ def test_a_wall_clock_that_jumps_in_flight_changes_nothing(stack: Stack, wall_cl
     assert (lines[-1]["type"], lines[-1]["outcome"]) == ("result", "succeeded")
     assert len(lines) > max(jumps)
     flight = [StatusCode.HOVER, StatusCode.GO_TO, StatusCode.GO_TO_DONE]
-    assert {status["code"] for status in seen} <= set(flight)
-    assert len({(status["epoch_id"], status["bridge_boot_id"]) for status in seen}) == 1
-    times_ns = [status["t_ns"] for status in seen]
+    assert {status["code"] for status in statuses} <= set(flight)
+    assert len({(status["epoch_id"], status["bridge_boot_id"]) for status in statuses}) == 1
+    times_ns = [status["t_ns"] for status in statuses]
     assert times_ns == sorted(times_ns)
     assert stack.processes() == stack.processes_cached

@@ -1,4 +1,4 @@
-"""The wheel alone, in an environment of its own: everything is in it, and it flies."""
+"""The wheel in an environment of its own: it is complete, and it flies."""
 
 import json
 import os
@@ -26,7 +26,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """`bin` of an environment with the wheel; what jezero depends on comes from the environment of the tests."""
+    """`bin` of an environment with the wheel; its dependencies come from the environment of the tests."""
     folder = tmp_path_factory.mktemp("environment")
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(folder)], check=True)
     python = folder / "bin" / "python"
