@@ -177,7 +177,7 @@ def test_no_parameters_do_more_than_a_refusal(parameters: dict[str, str]) -> Non
 
 
 def test_every_key_of_the_contract_is_declared_once() -> None:
-    names = [entry.name for entry in (*TOPICS, *ENDPOINTS)]
+    names = [topic.name for topic in TOPICS] + [endpoint.name for endpoint in ENDPOINTS]
     assert len(names) == len(set(names))
 
 

@@ -3,6 +3,7 @@
 import hashlib
 import math
 from collections.abc import Iterable
+from typing import Any
 
 import pytest
 
@@ -212,7 +213,7 @@ class Planner:
 
     def __init__(self) -> None:
         self.steps: list[int] = []
-        self.outcomes: list[tuple[int, str, int]] = []
+        self.outcomes: list[tuple[int, str, Any]] = []
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
         if not self.steps:

@@ -265,14 +265,19 @@ def test_a_udp_link_hears_its_peer_and_nobody_else() -> None:
         stranger.send(b"turn to me")
         speaking.send(b"hello")
         heard: list[bytes] = []
-        wait_for(lambda: bool(heard.append(listening.poll(0)) or heard[-1]), 2.0, "a datagram")
+
+        def has_received() -> bool:
+            heard.append(listening.poll(0))
+            return bool(heard[-1])
+
+        wait_for(has_received, 2.0, "a datagram")
         assert heard[-1] == b"hello"
         listening.send(b"back")
         wait_for(lambda: speaking.poll(0) == b"back", 2.0, "the answer")
         assert stranger.poll(0) == b""
         stranger.send(b"anybody there?")
         speaking.send(b"bye")
-        wait_for(lambda: bool(heard.append(listening.poll(0)) or heard[-1]), 2.0, "another datagram")
+        wait_for(has_received, 2.0, "another datagram")
         assert heard[-1] == b"bye"
         for link in (listening, speaking, stranger):
             link.close()

@@ -3,10 +3,10 @@
 import sys
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from jezero.runtime.config import instance_from_environment
-from jezero.runtime.service import BackgroundTask, Inbox, Output, Publish, Reply, Spec
+from jezero.runtime.service import BackgroundTask, Inbox, Output, Publish, Reply, Service, Spec
 from jezero.runtime.zenoh_bus import new_boot_id, run_service
 from jezero.schemas import topics
 from jezero.schemas.commands import AbortReply
@@ -79,7 +79,7 @@ class Busy:
     asked, done = False, 0
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
-        self.done += sum(response.tag == "count" and response.payload > 0 for response in inbox.responses)
+        self.done += sum(response.tag == "count" and bool(response.payload) for response in inbox.responses)
         for request in inbox.requests(topics.ABORT):
             yield Reply(request.request_id, AbortReply(hovering=True, reason=f"{self.done} done"))
             if not self.asked:
@@ -120,7 +120,7 @@ class Hung:
         return ()
 
 
-SERVICES = {
+SERVICES: dict[str, Callable[[], Service]] = {
     "album": Album,
     "broken_work": BrokenWork,
     "busy": Busy,

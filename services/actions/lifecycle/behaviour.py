@@ -91,7 +91,7 @@ class Move(msgspec.Struct, frozen=True):
     """
 
     phase: Phase
-    feedback: Payload
+    feedback: Any
     pos_ned_m: Vec3 | None = None
     vel_ned_mps: Vec3 | None = None
     acc_ned_mps2: Vec3 | None = None

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from jezero.frames import Quat, Vec3, norm, quat_from_euler, wrap_pi
-from jezero.schemas.actions import GoToGoal, LandOnSpotGoal, TakeoffGoal
+from jezero.schemas.actions import GoToGoal, LandOnSpotGoal, LandResult, TakeoffGoal
 from jezero.schemas.commands import Phase
 from jezero.schemas.state import Status
 from jezero.services.actions.config import ActionsConfig
@@ -254,20 +254,21 @@ def test_a_landing_approaches_descends_slows_down_and_disarms(rangefinder: bool)
     flight = Flight(LAND_ON_SPOT, LAND, hovering((0.0, 0.0, -5.0)))
     flight.rangefinder = rangefinder
     assert flight.run(60.0) == Done("succeeded", then="disarm")
-    phases = [move.feedback.phase for _, move in flight.moves]  # type: ignore[union-attr]
+    phases = [move.feedback.phase for _, move in flight.moves]
     assert list(dict.fromkeys(phases)) == ["approach", "descent", "contact"]
     assert {move.phase for _, move in flight.moves} == {Phase.LANDING}
     x, y, _ = flight.state.pos_uav_ned_m
     assert hypot(x - 2.0, y + 1.0) < 0.15
     for state, move in flight.moves:
         down = move.vel_ned_mps[2] if move.vel_ned_mps else 0.0
-        if move.feedback.phase == "descent":  # type: ignore[union-attr]
+        if move.feedback.phase == "descent":
             assert down <= 0.7
             assert down == 0.3 or -state.pos_uav_ned_m[2] >= 1.5
-        if move.feedback.phase == "contact":  # type: ignore[union-attr]
+        if move.feedback.phase == "contact":
             assert move.vel_ned_mps == (0.0, 0.0, 0.5)
             assert -state.pos_uav_ned_m[2] < 0.2
-    assert flight.behaviour.result(True, (2.0, -1.0, 0.0)).touchdown_ned_m == (2.0, -1.0, 0.0)  # type: ignore[attr-defined]
+    result = flight.behaviour.result(True, (2.0, -1.0, 0.0))
+    assert result == LandResult(completed=True, touchdown_ned_m=(2.0, -1.0, 0.0))
 
 
 def test_a_landing_from_low_climbs_before_it_approaches() -> None:
@@ -280,7 +281,7 @@ def test_a_landing_from_low_climbs_before_it_approaches() -> None:
 
 def test_a_landing_whose_touchdown_nobody_confirms_is_given_up() -> None:
     flight = Flight(LAND_ON_SPOT, LAND, hovering((2.0, -1.0, -2.0)))
-    while not (flight.moves and flight.moves[-1][1].feedback.phase == "contact"):  # type: ignore[union-attr]
+    while not (flight.moves and flight.moves[-1][1].feedback.phase == "contact"):
         assert flight.run(DT_S) is None
     for _ in range(2000):
         flight.state = replace(flight.state, landed=False)
@@ -293,7 +294,7 @@ def test_a_landing_whose_touchdown_nobody_confirms_is_given_up() -> None:
 
 
 def descend(flight: Flight, to_phase: str) -> None:
-    while not (flight.moves and flight.moves[-1][1].feedback.phase == to_phase):  # type: ignore[union-attr]
+    while not (flight.moves and flight.moves[-1][1].feedback.phase == to_phase):
         assert flight.run(DT_S) is None
 
 
@@ -342,12 +343,12 @@ def test_a_vehicle_that_lies_on_its_side_has_not_landed() -> None:
 
 def test_a_vehicle_that_falls_after_a_false_contact_descends_again() -> None:
     flight = Flight(LAND_ON_SPOT, LAND, hovering((2.0, -1.0, -4.0)))
-    while not (flight.moves and flight.moves[-1][1].feedback.phase == "descent"):  # type: ignore[union-attr]
+    while not (flight.moves and flight.moves[-1][1].feedback.phase == "descent"):
         flight.run(DT_S)
     flight.pushable = False
     flight.state = replace(flight.state, vel_uav_ned_mps=STILL)
     flight.run(2.0)
-    assert flight.moves[-1][1].feedback.phase == "contact"  # type: ignore[union-attr]
+    assert flight.moves[-1][1].feedback.phase == "contact"
     flight.pushable = True
     assert flight.run(60.0) == Done("succeeded", then="disarm")
     assert norm(flight.moves[-100][0].vel_uav_ned_mps) < 0.61

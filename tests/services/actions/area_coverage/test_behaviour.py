@@ -63,6 +63,7 @@ def test_an_area_is_covered_with_a_picture_at_every_planned_point() -> None:
     world.bus.observe(lambda t, name, data: codes.append(world.bridge.code) if name == "status" else None)
     result = world.end(answers)
     assert isinstance(result, Result) and result.outcome == "succeeded", result
+    assert isinstance(result.result, CoverageResult)
     images = result.result.images
     assert [image.index for image in images] == list(range(len(plan.pictures_m)))
     assert max(dist(i.pos_uav_ned_m[:2], p) for i, p in zip(images, plan.pictures_m, strict=True)) < 0.2

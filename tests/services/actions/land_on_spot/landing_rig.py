@@ -83,7 +83,7 @@ class Landing:
 
     @property
     def phases(self) -> list[str]:
-        return list(dict.fromkeys(move.feedback.phase for _, _, move in self.moves))  # type: ignore[union-attr]
+        return list(dict.fromkeys(move.feedback.phase for _, _, move in self.moves))
 
     @property
     def vel_deck_mps(self) -> Vec3:

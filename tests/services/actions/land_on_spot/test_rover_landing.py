@@ -25,7 +25,7 @@ def test_it_comes_down_on_the_middle_of_a_rover_that_stands_drives_or_turns(
     for _, offset_m, move in landing.moves:
         assert move.vel_ned_mps is not None or move.pos_ned_m is not None
         height_m, error_m = altitude_m(offset_m[2]), hypot(*offset_m[:2])
-        if move.vel_ned_mps is None or move.feedback.phase != "descent":  # type: ignore[union-attr]
+        if move.vel_ned_mps is None or move.feedback.phase != "descent":
             continue
         assert move.vel_ned_mps[2] <= max(0.6 * height_m, 0.35) + 0.05
         if move.vel_ned_mps[2] > 0.0 and height_m > land.commit_m + 0.05:
@@ -85,7 +85,7 @@ def test_out_of_sight_it_holds_its_height_and_goes_on_when_it_sees_again() -> No
     landing = Landing(BOTH, sees=lambda t_s, offset_m: not 6.0 < t_s < 10.0)
     assert landing.run(60.0) == Done("succeeded", then="disarm")
     held = [(t_s, offset_m) for t_s, offset_m, _ in landing.moves if 6.8 < t_s < 9.9]
-    assert {m.feedback.phase for t_s, _, m in landing.moves if 6.6 < t_s < 10.0} == {"hold"}  # type: ignore[union-attr]
+    assert {m.feedback.phase for t_s, _, m in landing.moves if 6.6 < t_s < 10.0} == {"hold"}
     heights_m = [altitude_m(offset_m[2]) for _, offset_m in held]
     assert max(heights_m) - min(heights_m) < 0.15
 
@@ -99,7 +99,7 @@ def test_out_of_sight_for_long_it_climbs_and_searches_and_hovers_in_the_end(forg
     assert (done.outcome, done.then) == ("aborted", "hover")
     assert done.reason.startswith("TARGET_LOST: not found in 3 rounds of search")
     assert landing.phases == ["approach", "descent", "hold", "search"]
-    begun_s = next(t_s for t_s, _, move in landing.moves if move.feedback.phase == "search")  # type: ignore[union-attr]
+    begun_s = next(t_s for t_s, _, move in landing.moves if move.feedback.phase == "search")
     assert begun_s == pytest.approx(6.0 + 5.5, abs=0.2)
     searching = [offset_m for t_s, offset_m, _ in landing.moves if t_s > begun_s]
     assert max(altitude_m(offset_m[2]) for offset_m in searching) > 6.5
@@ -180,7 +180,7 @@ def test_standing_for_long_enough_it_is_disarmed_by_force_when_the_autopilot_doe
 
 
 def contact_begin_s(landing: Landing) -> float:
-    return next(t_s for t_s, _, move in landing.moves if move.feedback.phase == "contact")  # type: ignore[union-attr]
+    return next(t_s for t_s, _, move in landing.moves if move.feedback.phase == "contact")
 
 
 def is_given_up(landing: Landing) -> bool:

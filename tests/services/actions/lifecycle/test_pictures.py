@@ -134,7 +134,7 @@ def test_a_camera_that_falls_silent_ends_the_goal_and_what_was_taken_stays() -> 
     assert isinstance(result, Result)
     assert result.outcome == "aborted"
     assert result.reason.startswith("no pictures: none came for point")
-    assert len(result.result.images) > 3
+    assert result.result is not None and len(result.result.images) > 3
     assert world.picture(0).pixels
 
 
