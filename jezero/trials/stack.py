@@ -69,7 +69,7 @@ def service_makers(
     makers: dict[str, Callable[[int], Service]] = {
         "simulator": lambda boot: Simulator(simulator, robot, seed=seed, boot_id=boot),
         "camera": lambda boot: make_camera(camera, simulator, robot, seed),
-        "autopilot": lambda _: Autopilot(autopilot, system_id=system_id),
+        "autopilot": lambda _: Autopilot(autopilot, robot, system_id=system_id),
         "vehicle_bridge": lambda boot: VehicleBridge(bridge, system_id=system_id, boot_id=boot),
         "tag_detector": lambda boot: TagDetector(load_config(TagDetectorConfig, "tag_detector"), robot),
         "estimator": lambda boot: Estimator(estimator, robot),

@@ -8,44 +8,8 @@ from jezero.runtime.config import Config
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
-
-
-class Rotor(Config, frozen=True, kw_only=True):
-    """Position of a rotor in body FRD, and its yaw torque per newton of thrust.
-
-    Attributes:
-        km_m: positive if the rotor turns counter-clockwise seen from above, so that its torque yaws the body right.
-    """
-
-    x_frd_m: Annotated[float, Meta(ge=-10.0, le=10.0)]
-    y_frd_m: Annotated[float, Meta(ge=-10.0, le=10.0)]
-    km_m: Annotated[float, Meta(ge=-1.0, le=1.0)]
-
-
-IRIS_ROTORS = (
-    Rotor(x_frd_m=0.1515, y_frd_m=0.245, km_m=0.05),
-    Rotor(x_frd_m=-0.1515, y_frd_m=-0.1875, km_m=0.05),
-    Rotor(x_frd_m=0.1515, y_frd_m=-0.245, km_m=-0.05),
-    Rotor(x_frd_m=-0.1515, y_frd_m=0.1875, km_m=-0.05),
-)
-"""Rotors of PX4's airframe 10016."""
-
-
-class Airframe(Config, frozen=True, kw_only=True):
-    """Model of the vehicle in the controllers.
-
-    Attributes:
-        inertia_frd_kgm2: (3,) diagonal of the inertia.
-        mpc_thr_hover: hover thrust as a fraction of full thrust; with the mass it gives each rotor's full thrust.
-        idle: command of the rotors while armed on the ground.
-    """
-
-    mass_kg: Positive = 1.5
-    gravity_mps2: Positive = 9.81
-    inertia_frd_kgm2: tuple[Positive, Positive, Positive] = (0.029, 0.029, 0.055)
-    mpc_thr_hover: Annotated[float, Meta(ge=0.1, le=0.8)] = 0.5
-    idle: Annotated[float, Meta(ge=0.0, le=0.2)] = 0.05
-    rotors: tuple[Rotor, Rotor, Rotor, Rotor] = IRIS_ROTORS
+GRAVITY_MPS2 = 9.81
+"""The estimator and the controllers assume the Earth's gravity, as PX4's do."""
 
 
 class EstimatorConfig(Config, frozen=True, kw_only=True):
@@ -102,6 +66,7 @@ class ControlConfig(Config, frozen=True, kw_only=True):
         mpc_xy_p, mpc_z_p: velocity per metre of position error, 1/s.
         mpc_acc_hor_mps2: deceleration assumed on the way to a distant position setpoint.
         mpc_xy_vel_p_acc, mpc_z_vel_p_acc: acceleration per velocity error, 1/s; `_i_` 1/s², `_d_` on acceleration.
+        mpc_thr_hover: hover thrust as a fraction of full thrust; with the mass it gives each rotor's full thrust.
         mpc_thr_min: minimum thrust in flight as a fraction of full thrust.
         mc_rollpitch_p, mc_yaw_p: body rate per attitude error, 1/s.
         rate_p, yawrate_p: angular acceleration per rate error, 1/s; `_i` 1/s².
@@ -124,6 +89,7 @@ class ControlConfig(Config, frozen=True, kw_only=True):
     mpc_z_vel_i_acc: NonNegative = 2.0
     mpc_z_vel_d_acc: NonNegative = 0.0
     mpc_tiltmax_air_rad: Annotated[float, Meta(gt=0.0, le=1.2)] = 0.611
+    mpc_thr_hover: Annotated[float, Meta(ge=0.1, le=0.8)] = 0.5
     mpc_thr_min: Annotated[float, Meta(ge=0.0, le=0.4)] = 0.12
     mc_rollpitch_p: Positive = 6.5
     mc_yaw_p: Positive = 2.8
@@ -218,26 +184,6 @@ class NavigatorConfig(Config, frozen=True, kw_only=True):
     rtl_cone_ang_rad: Annotated[float, Meta(gt=0.0, lt=1.57)] = 0.7854
 
 
-class BatteryConfig(Config, frozen=True, kw_only=True):
-    """Battery model: a voltage that falls with the charge, and an internal resistance.
-
-    Attributes:
-        bat1_v_charged_v, bat1_v_empty_v, bat1_r_internal_ohm: values of one cell.
-        charge_at_start: fraction of the capacity.
-        electronics_a: current of everything but the rotors.
-        hover_a: current of the rotors in hover.
-    """
-
-    bat1_capacity_mah: Positive = 5000.0
-    bat1_n_cells: Annotated[int, Meta(ge=1, le=16)] = 4
-    bat1_v_charged_v: Positive = 4.05
-    bat1_v_empty_v: Positive = 3.6
-    bat1_r_internal_ohm: Annotated[float, Meta(ge=0.0, le=0.2)] = 0.005
-    charge_at_start: Annotated[float, Meta(ge=0.0, le=1.0)] = 1.0
-    electronics_a: NonNegative = 0.5
-    hover_a: Positive = 15.0
-
-
 class TelemetryConfig(Config, frozen=True, kw_only=True):
     """Telemetry.
 
@@ -265,16 +211,16 @@ class AutopilotConfig(Config, frozen=True, kw_only=True):
 
     Attributes:
         autopilot: the autopilot to run; PX4 has settings of its own. JEZERO_AUTOPILOT overrides this.
+        charge_at_start: remaining fraction of the battery's capacity at the start.
     """
 
     autopilot: Literal["embedded", "px4"] = "embedded"
-    airframe: Airframe = Airframe()
     estimator: EstimatorConfig = EstimatorConfig()
     control: ControlConfig = ControlConfig()
     land_detector: LandDetectorConfig = LandDetectorConfig()
     commander: CommanderConfig = CommanderConfig()
     failsafe: FailsafeConfig = FailsafeConfig()
     navigator: NavigatorConfig = NavigatorConfig()
-    battery: BatteryConfig = BatteryConfig()
+    charge_at_start: Annotated[float, Meta(ge=0.0, le=1.0)] = 1.0
     telemetry: TelemetryConfig = TelemetryConfig()
     signing: SigningConfig = SigningConfig()

@@ -46,7 +46,7 @@ class Vehicle:
         self._config = config
         self._flight_controller = flight_controller
         self._navigator = Navigator(config.navigator, config.control)
-        self._battery = Battery(config.battery, config.airframe)
+        self._battery = Battery(parameters.battery, config.charge_at_start, config.control.mpc_thr_hover)
         self._fix: Fix | None = None
         self._fix_us: int | None = None
         self._valid_fix_us: int | None = None
@@ -210,7 +210,7 @@ class Vehicle:
             self.estimator.configure(config.estimator)
             self._flight_controller.configure(config)
             self._navigator.configure(config.navigator, config.control)
-            self._battery.configure(config.battery)
+            self._battery.configure(self._parameters.battery)
         return done
 
     # -- state ---------------------------------------------------------------------------------------------
