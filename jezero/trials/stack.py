@@ -70,7 +70,7 @@ def service_makers(
         "simulator": lambda boot: Simulator(simulator, robot, seed=seed, boot_id=boot),
         "camera": lambda boot: make_camera(camera, simulator, robot, seed),
         "autopilot": lambda _: Autopilot(autopilot, robot, system_id=system_id),
-        "vehicle_bridge": lambda boot: VehicleBridge(bridge, system_id=system_id, boot_id=boot),
+        "vehicle_bridge": lambda boot: VehicleBridge(bridge, robot, system_id=system_id, boot_id=boot),
         "tag_detector": lambda boot: TagDetector(load_config(TagDetectorConfig, "tag_detector"), robot),
         "estimator": lambda boot: Estimator(estimator, robot),
     }

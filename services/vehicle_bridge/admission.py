@@ -12,6 +12,7 @@ from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.resets import ResetHistory
 from jezero.services.vehicle_bridge.transitions import CODE_OF, is_allowed
 from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
+from jezero.vehicle_config import VehicleLimitsConfig
 
 MAX_AGE_NS = 300_000_000
 MAX_REQUEST_AGE_S = 1.0
@@ -141,7 +142,13 @@ def _is_finite(setpoint: Setpoint) -> bool:
 
 
 def hover_refusal(
-    request: Hover, code: StatusCode, text: str, killing: bool, vehicle: VehicleSnapshot, config: VehicleBridgeConfig
+    request: Hover,
+    code: StatusCode,
+    text: str,
+    killing: bool,
+    vehicle: VehicleSnapshot,
+    config: VehicleBridgeConfig,
+    limits: VehicleLimitsConfig,
 ) -> str | None:
     """Reason why the bridge doesn't hover as requested; None when it does, or takes control back in order to.
 
@@ -149,28 +156,41 @@ def hover_refusal(
         text: the status' last event, which explains a status 13.
         killing: the motors are being cut.
     """
-    return next(_hover_refusals(request, code, text, killing, vehicle, config), None)
+    return next(_hover_refusals(request, code, text, killing, vehicle, config, limits), None)
 
 
-def force_disarm_refusal(vehicle: VehicleSnapshot, config: VehicleBridgeConfig) -> str | None:
-    """Reason why a landing's end may not stop the motors by force, None when it may."""
-    limit_m = config.range_force_max_m
-    if vehicle.range_m is None or vehicle.range_m <= limit_m:
+def force_disarm_refusal(vehicle: VehicleSnapshot, range_max_m: float) -> str | None:
+    """Reason why a landing's end may not stop the motors by force, None when it may.
+
+    Args:
+        range_max_m: limit of the altimeter's tilt-corrected range.
+    """
+    if vehicle.range_m is None or vehicle.range_m <= range_max_m:
         return None
-    return f"not disarmed by force: the altimeter measures {vehicle.range_m:.2f} m, {limit_m:g} m is the limit"
+    return f"not disarmed by force: the altimeter measures {vehicle.range_m:.2f} m, {range_max_m:.2g} m is the limit"
 
 
 def release_refusal(
-    request: Release, code: StatusCode, vehicle: VehicleSnapshot, config: VehicleBridgeConfig
+    request: Release, code: StatusCode, vehicle: VehicleSnapshot, range_force_max_m: float
 ) -> str | None:
-    """Reason why a goal that succeeded may not end so, None when it may."""
+    """Reason why a goal that succeeded may not end so, None when it may.
+
+    Args:
+        range_force_max_m: see `force_disarm_refusal`.
+    """
     if (code is StatusCode.LANDING) != (request.then != "hover"):
         return "a landing that succeeded ends with then=disarm, and nothing else does"
-    return force_disarm_refusal(vehicle, config) if request.then == "force_disarm" else None
+    return force_disarm_refusal(vehicle, range_force_max_m) if request.then == "force_disarm" else None
 
 
 def _hover_refusals(
-    request: Hover, code: StatusCode, text: str, killing: bool, vehicle: VehicleSnapshot, config: VehicleBridgeConfig
+    request: Hover,
+    code: StatusCode,
+    text: str,
+    killing: bool,
+    vehicle: VehicleSnapshot,
+    config: VehicleBridgeConfig,
+    limits: VehicleLimitsConfig,
 ) -> Iterator[str]:
     status, age_s = status_words(code), vehicle.telemetry_age_s
     if not request.hover_req:
@@ -188,26 +208,26 @@ def _hover_refusals(
     if code is StatusCode.EXTERNAL and (age_s > config.link_timeout_s or vehicle.pos_ned_m is None):
         yield f"control can't be taken back without telemetry, missing for {age_s:.1f} s, {status}"
     if request.hover_pos is not None:
-        yield from _point_refusals(request.hover_pos, config)
+        yield from _point_refusals(request.hover_pos, limits)
 
 
-def _point_refusals(pos_ned_m: Vec3, config: VehicleBridgeConfig) -> Iterator[str]:
+def _point_refusals(pos_ned_m: Vec3, limits: VehicleLimitsConfig) -> Iterator[str]:
     z_m = pos_ned_m[2]
     if not all(isfinite(x) for x in pos_ned_m):
         yield f"{pos_ned_m} is not a point"
     if z_m >= 0.0:
         yield f"z = {z_m:g} is not above the ground: z points down, 5 m up is −5"
-    yield from _limit_refusals(pos_ned_m, config)
+    yield from _limit_refusals(pos_ned_m, limits)
 
 
-def _limit_refusals(pos_ned_m: Vec3, config: VehicleBridgeConfig) -> Iterator[str]:
+def _limit_refusals(pos_ned_m: Vec3, limits: VehicleLimitsConfig) -> Iterator[str]:
     z_m, distance_m = pos_ned_m[2], horizontal(pos_ned_m)
-    if altitude_m(z_m) > config.altitude_limit_m:
-        yield f"{altitude_m(z_m):g} m up is above the limit of {config.altitude_limit_m:g} m"
-    if distance_m > config.distance_limit_m:
-        yield f"{distance_m:.0f} m away is beyond the limit of {config.distance_limit_m:g} m"
+    if altitude_m(z_m) > limits.altitude_max_m:
+        yield f"{altitude_m(z_m):g} m up is above the limit of {limits.altitude_max_m:g} m"
+    if distance_m > limits.distance_max_m:
+        yield f"{distance_m:.0f} m away is beyond the limit of {limits.distance_max_m:g} m"
 
 
-def is_within_limits(target: Target, config: VehicleBridgeConfig) -> bool:
+def is_within_limits(target: Target, limits: VehicleLimitsConfig) -> bool:
     """Whether a target's point, if it has one, is neither too high nor too far away."""
-    return target.pos_ned_m is None or next(_limit_refusals(target.pos_ned_m, config), None) is None
+    return target.pos_ned_m is None or next(_limit_refusals(target.pos_ned_m, limits), None) is None

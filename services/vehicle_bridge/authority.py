@@ -25,11 +25,14 @@ from jezero.services.vehicle_bridge.targets import press_down_target, released_t
 from jezero.services.vehicle_bridge.transitions import CODE_OF, IN_PROGRESS, completed, require
 from jezero.services.vehicle_bridge.unarmable_mode import UnarmableModeDetector
 from jezero.services.vehicle_bridge.vehicle import LAND, OFFBOARD, Command, ControlState, Target, VehicleSnapshot
+from jezero.vehicle_config import VehicleConfig
 
 REPORT_MIN_S = 0.1
 """A code that only reports an event lasts at least this long, so that every subscriber gets it."""
 STREAM_LEAD_S = 0.2
 """Setpoints are streamed for this time before the autopilot is commanded into offboard mode."""
+FORCE_FEET_MAX_M = 0.1
+"""The motors are not stopped by force while the altimeter measures that the feet are higher than this."""
 NO_REASON = "the autopilot gives no reason"
 
 
@@ -46,7 +49,7 @@ class Authority:
         changes: the control state after each change of code; the publisher empties the list.
     """
 
-    def __init__(self, config: VehicleBridgeConfig, boot_id: int) -> None:
+    def __init__(self, config: VehicleBridgeConfig, robot: VehicleConfig, boot_id: int) -> None:
         self.code = StatusCode.IDLE
         self.text = "the bridge has started"
         self.target: Target | None = None
@@ -54,6 +57,8 @@ class Authority:
         self.taking_back = self.killing = False
         self.changes: list[ControlState] = []
         self._config = config
+        self._limits = robot.limits
+        self._range_force_max_m = robot.height_altimeter_m + FORCE_FEET_MAX_M
         self._grants = Grants(config, boot_id)
         self._external_holder: InCharge = "failsafe"
         self._takeover = TakeoverDetector()
@@ -128,7 +133,7 @@ class Authority:
             self._revoke(f"{grant.name} {request.outcome}{because}", vehicle, released=True)
         elif not self._engaged:
             self._revoke(f"{grant.name} ended before the vehicle was armed in offboard mode", vehicle, released=True)
-        elif refusal := release_refusal(request, self.code, vehicle, self._config):
+        elif refusal := release_refusal(request, self.code, vehicle, self._range_force_max_m):
             return refusal
         else:
             self._force_disarm = request.then == "force_disarm"
@@ -143,7 +148,7 @@ class Authority:
 
     def hover(self, request: Hover, vehicle: VehicleSnapshot) -> str | None:
         """Hover here or at a point; returns the reason for a refusal, or None. It is done when the status is 3."""
-        refusal = hover_refusal(request, self.code, self.text, self.killing, vehicle, self._config)
+        refusal = hover_refusal(request, self.code, self.text, self.killing, vehicle, self._config, self._limits)
         if refusal:
             return refusal
         if self.code is StatusCode.EXTERNAL:
@@ -203,7 +208,7 @@ class Authority:
             return
         self.target = before.moved(step_ned_m)
         hovers = self.code is StatusCode.HOVER and self.grant is None
-        if hovers and is_within_limits(before, self._config) and not is_within_limits(self.target, self._config):
+        if hovers and is_within_limits(before, self._limits) and not is_within_limits(self.target, self._limits):
             self.target = self._stopping_target(vehicle)
             self.text = "the autopilot corrected its position, and the hover point is beyond the limits: hovering here"
 
@@ -311,7 +316,9 @@ class Authority:
             reason = f"the autopilot did not disarm within {elapsed_s:.0f} s: {vehicle.command_failure or NO_REASON}"
             self._lose_control("failsafe", reason, vehicle)
             return None
-        by_force = self._force_disarm and not vehicle.landed and not force_disarm_refusal(vehicle, self._config)
+        by_force = (
+            self._force_disarm and not vehicle.landed and not force_disarm_refusal(vehicle, self._range_force_max_m)
+        )
         return Command.FORCE_DISARM if by_force else Command.DISARM
 
     def _advance_external(self, vehicle: VehicleSnapshot) -> Command | None:

@@ -14,14 +14,10 @@ ParameterValue = Annotated[int, Meta(ge=-4_194_304, le=2_139_095_040)] | Annotat
 
 
 class VehicleBridgeConfig(Config, frozen=True, kw_only=True):
-    """Limits and time-outs of the bridge.
+    """Heights, time-outs and parameters of the bridge.
 
     Attributes:
         rate_hz: steps per second while nothing arrives; a target is streamed again at this rate, at most at 20 Hz.
-        altitude_limit_m: altitude limit of a hover point, above the world's origin.
-        distance_limit_m: horizontal limit of a hover point, from the world's origin.
-        range_force_max_m: limit for a disarm by force: the altimeter's tilt-corrected range. The altimeter is mounted
-            0.1 m above the feet, so 0.2 m means feet 0.1 m above the ground.
         low_height_m: an abort below this height over ground or platform climbs first.
         climb_height_m: height to which such an abort climbs.
         takeoff_speed_max_mps: ground speed limit for a takeoff, as from a driving rover.
@@ -37,9 +33,6 @@ class VehicleBridgeConfig(Config, frozen=True, kw_only=True):
     """
 
     rate_hz: Annotated[float, Meta(ge=20.0, le=250.0)] = 50.0
-    altitude_limit_m: Metres = 120.0
-    distance_limit_m: Metres = 500.0
-    range_force_max_m: Metres = 0.2
     low_height_m: Metres = 1.0
     climb_height_m: Metres = 1.5
     takeoff_speed_max_mps: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.3

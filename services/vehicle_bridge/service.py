@@ -29,6 +29,7 @@ from jezero.services.vehicle_bridge.request_queue import RequestQueue
 from jezero.services.vehicle_bridge.telemetry import TelemetryBatch
 from jezero.services.vehicle_bridge.timer import Timer
 from jezero.services.vehicle_bridge.vehicle import OFFBOARD, ControlState, Target, VehicleSnapshot
+from jezero.vehicle_config import VehicleConfig
 
 LINK = "autopilot"
 STATUS_PERIOD_NS = 100_000_000
@@ -60,18 +61,19 @@ class VehicleBridge:
     """Service that alone commands the autopilot and publishes `status`.
 
     Args:
-        config: limits and time-outs.
+        config: heights, time-outs and parameters.
+        robot: the vehicle itself, with the limits of a hover point.
         system_id: MAVLink system id of the vehicle.
         boot_id: differs between two runs of the bridge.
     """
 
-    def __init__(self, config: VehicleBridgeConfig, system_id: int, boot_id: int) -> None:
+    def __init__(self, config: VehicleBridgeConfig, robot: VehicleConfig, system_id: int, boot_id: int) -> None:
         self.spec = replace(SPEC, rate_hz=config.rate_hz)
         self._config = config
         self._boot_id = boot_id
         self._link = AutopilotLink(system_id, config.parameters)
         self._foreign_setpoints = ForeignSetpointDetector()
-        self._authority = Authority(config, boot_id)
+        self._authority = Authority(config, robot, boot_id)
         self._epoch_id: int | None = None
         self._timer = Timer()
         self._ground_z_ned_m = 0.0

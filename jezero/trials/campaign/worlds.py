@@ -87,7 +87,7 @@ def _point_mass_makers(seed: int) -> Makers:
     actions = msgspec.structs.replace(actions, lifecycle=lifecycle)
     return {
         NAME: partial(PointMass, config, place, vehicle, SYSTEM_ID, seed),
-        BRIDGE: lambda boot: VehicleBridge(bridge, system_id=SYSTEM_ID, boot_id=boot),
+        BRIDGE: lambda boot: VehicleBridge(bridge, vehicle, system_id=SYSTEM_ID, boot_id=boot),
         BLANK_CAMERA: lambda boot: _blank_camera(vehicle, publishes_info=True),
         **{name: partial(action_server, name, config=actions) for name in action_names()},
     }
