@@ -112,9 +112,8 @@ def read_survey(folder: Path, vehicle: VehicleConfig) -> Survey:
         raise SurveyError(f"{listing} has images of {len(kinds)} different cameras: map each camera alone")
     spots_m = [_spot(image, vehicle) for image in images if image.range_m is not None]
     if not spots_m:
-        raise SurveyError(
-            f"no image in {folder} has an altimeter range: the laser reaches {vehicle.altimeter.range_max_m:g} m, fly lower"
-        )
+        reach_m = vehicle.altimeter.range_max_m
+        raise SurveyError(f"no image in {folder} has an altimeter range: the laser reaches {reach_m:g} m, fly lower")
     first = images[0]
     return Survey(
         files=tuple(listing.parent / file for file in files),
