@@ -18,45 +18,29 @@ class EstimatorConfig(Config, frozen=True, kw_only=True):
     Attributes:
         declination_rad: declination of the magnetic field at the place of flight, positive east.
         field_horizontal_gauss: strength of its horizontal part.
-        acc_density, gyro_density: white noise of the IMU, m/s²/√Hz and rad/s/√Hz.
-        acc_bias_walk, gyro_bias_walk: random walk of the biases, m/s²/√s and rad/s/√s.
-        acc_bias_std_mps2: standard deviation of the accelerometer bias at the start.
-        gyro_bias_std_rps: standard deviation of the gyroscope bias at the start, after averaging at rest.
+        acc_bias_walk: random walk of the accelerometer bias, m/s²/√s.
         ekf2_gps_delay_s: age of a fix at its arrival, if it has no time stamp.
-        ekf2_gps_p_noise_m, gps_z_noise_m, ekf2_gps_v_noise_mps: standard deviation of one fix for the update. That of
-            the position is larger than its scatter, because most of its error varies slowly.
+        ekf2_gps_p_noise_m: standard deviation of one fix's horizontal position for the update. It is larger than the
+            position's scatter, because most of the error varies slowly.
+        ekf2_gps_v_noise_mps: standard deviation of one fix's velocity for the update.
         ekf2_gps_p_gate_m: gate of the horizontal innovation of a fix; a larger innovation is rejected.
         ekf2_gps_v_gate_mps: gate of the velocity innovation.
-        gps_reset_s: the estimate is reset to a sensor that has been rejected for this time.
         ekf2_baro_noise_m, ekf2_baro_gate_m: standard deviation and gate of the pressure altitude.
         ekf2_head_noise_rad, ekf2_head_gate_rad: standard deviation and gate of the magnetic heading.
-        mag_check_gauss: a field is disturbed if its horizontal part differs from the expected one by more than this.
-        align_s: time that the vehicle must stand still before the filter starts.
-        settle_s: time that the filter must run before the estimate is valid.
     """
 
     declination_rad: Annotated[float, Meta(ge=-3.15, le=3.15)] = 0.0555
     field_horizontal_gauss: Positive = 0.216
-    acc_density: Positive = 0.02
-    gyro_density: Positive = 0.002
     acc_bias_walk: Positive = 0.003
-    gyro_bias_walk: Positive = 0.0003
-    acc_bias_std_mps2: Positive = 0.1
-    gyro_bias_std_rps: Positive = 0.005
     ekf2_gps_delay_s: Annotated[float, Meta(ge=0.0, le=0.35)] = 0.1
     ekf2_gps_p_noise_m: Positive = 0.5
-    gps_z_noise_m: Positive = 1.5
     ekf2_gps_v_noise_mps: Positive = 0.15
     ekf2_gps_p_gate_m: Positive = 1.2
     ekf2_gps_v_gate_mps: Positive = 1.0
-    gps_reset_s: Positive = 3.0
     ekf2_baro_noise_m: Positive = 0.4
     ekf2_baro_gate_m: Positive = 3.0
     ekf2_head_noise_rad: Positive = 0.1
     ekf2_head_gate_rad: Positive = 0.6
-    mag_check_gauss: Positive = 0.06
-    align_s: Positive = 1.0
-    settle_s: Positive = 2.0
 
 
 class ControlConfig(Config, frozen=True, kw_only=True):
@@ -69,11 +53,9 @@ class ControlConfig(Config, frozen=True, kw_only=True):
         mpc_thr_hover: hover thrust as a fraction of full thrust; with the mass it gives each rotor's full thrust.
         mpc_thr_min: minimum thrust in flight as a fraction of full thrust.
         mc_rollpitch_p, mc_yaw_p: body rate per attitude error, 1/s.
-        rate_p, yawrate_p: angular acceleration per rate error, 1/s; `_i` 1/s².
         mpc_tko_ramp_t_s: at takeoff the thrust limit rises from zero to full in this time.
         mpc_tko_speed_mps: climb of the takeoff mode.
         mpc_land_speed_mps: descent of the land mode below `mpc_land_alt2_m` above home.
-        acc_filter_hz: low-pass filter of the acceleration for the D term.
     """
 
     mpc_xy_p: Positive = 1.0
@@ -95,48 +77,35 @@ class ControlConfig(Config, frozen=True, kw_only=True):
     mc_yaw_p: Positive = 2.8
     mc_rollpitchrate_max_rps: Positive = 3.8
     mc_yawrate_max_rps: Positive = 1.0
-    rate_p: Positive = 20.0
-    rate_i: NonNegative = 8.0
-    yawrate_p: Positive = 6.0
-    yawrate_i: NonNegative = 2.0
     mpc_tko_ramp_t_s: Positive = 1.0
     mpc_tko_speed_mps: Positive = 1.5
     mpc_land_speed_mps: Positive = 0.7
     mpc_land_alt2_m: NonNegative = 5.0
-    acc_filter_hz: Positive = 5.0
 
 
 class LandDetectorConfig(Config, frozen=True, kw_only=True):
     """Thresholds of the land detector; see `land_detector`.
 
     Attributes:
-        contact_s, maybe_landed_s, landed_s: duration of the conditions of each stage.
+        landed_s: duration of the conditions of the last stage.
     """
 
     lndmc_z_vel_max_mps: Positive = 0.25
     lndmc_xy_vel_max_mps: Positive = 1.5
     lndmc_rot_max_rps: Positive = 0.349
-    contact_s: Positive = 0.5
-    maybe_landed_s: Positive = 0.25
     landed_s: Positive = 0.25
 
 
 class CommanderConfig(Config, frozen=True, kw_only=True):
-    """Arming checks and automatic disarming.
+    """Automatic disarming.
 
     Attributes:
-        offboard_stream_s: maximum age of the setpoint to enter offboard mode.
         com_disarm_land_s: time from landing to automatic disarming.
         com_disarm_prflt_s: time from arming to automatic disarming if the vehicle does not take off.
-        sensor_timeout_s: a sensor without data for this time forbids arming.
-        arm_tilt_rad: maximum tilt to arm.
     """
 
-    offboard_stream_s: Positive = 0.5
     com_disarm_land_s: Positive = 2.0
     com_disarm_prflt_s: Positive = 10.0
-    sensor_timeout_s: Positive = 1.0
-    arm_tilt_rad: Positive = 0.52
 
 
 class FailsafeConfig(Config, frozen=True, kw_only=True):

@@ -13,6 +13,11 @@ Axes = tuple[float | None, float | None, float | None]
 """North, east, down; None: this quantity does not control the axis."""
 
 FREE: Axes = (None, None, None)
+RATE_P, RATE_I = 20.0, 8.0
+YAWRATE_P, YAWRATE_I = 6.0, 2.0
+"""Angular acceleration per rate error in 1/s, and per integrated rate error in 1/s²."""
+ACC_FILTER_HZ = 5.0
+"""Low-pass filter of the acceleration for the D term."""
 RATE_INTEGRAL_LIMIT_RPS2 = 10.0
 VELOCITY_INTEGRAL_LIMIT_MPS2 = 5.0
 
@@ -117,7 +122,7 @@ class VelocityLoop:
         """(3,) specific force setpoint of the rotors in NED, m/s²; (0, 0, -g) in hover."""
         c = self._config
         vel = self.velocity_setpoint(at, setpoint)
-        smooth = min(1.0, 2.0 * pi * c.acc_filter_hz * dt)
+        smooth = min(1.0, 2.0 * pi * ACC_FILTER_HZ * dt)
         error, acc_setpoint = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
         for i in range(3):
             p, d = (c.mpc_z_vel_p_acc, c.mpc_z_vel_d_acc) if i == 2 else (c.mpc_xy_vel_p_acc, c.mpc_xy_vel_d_acc)
@@ -195,7 +200,7 @@ class AttitudeLoop:
         torque = [0.0, 0.0, 0.0]
         for i in range(3):
             error = rate_setpoint[i] - rates_frd_rps[i]
-            p, gain = (c.yawrate_p, c.yawrate_i) if i == 2 else (c.rate_p, c.rate_i)
+            p, gain = (YAWRATE_P, YAWRATE_I) if i == 2 else (RATE_P, RATE_I)
             torque[i] = self._inertia[i] * (p * error + self._integral[i])
             integral = self._integral[i] + gain * error * dt
             self._integral[i] = max(-RATE_INTEGRAL_LIMIT_RPS2, min(RATE_INTEGRAL_LIMIT_RPS2, integral))

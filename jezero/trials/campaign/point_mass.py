@@ -6,7 +6,7 @@ It replaces rigid body, estimator, attitude control and mixer; the rest of the a
 from math import atan2, cos, hypot, sin, sqrt
 
 from jezero.frames import Quat, Vec3, add, ned_from_geodetic, quat_from_euler, subtract, wrap_pi
-from jezero.services.autopilot.alignment import Fix
+from jezero.services.autopilot.alignment import ALIGN_US, Fix
 from jezero.services.autopilot.config import GRAVITY_MPS2, AutopilotConfig, EstimatorConfig
 from jezero.services.autopilot.control import Kinematics, Setpoint, VelocityLoop
 from jezero.services.autopilot.land_detector import CLIMB_SETPOINT_MIN_MPS, LandDetector
@@ -108,8 +108,8 @@ class PointEstimate:
         self._error_ned_m: Vec3 = (0.0, 0.0, 0.0)
         self._yaw_error_rad = 0.0
         self._fix_us = self._baro_us = 0
-        self._pos_differs = ResetDetector(config.gps_reset_s)
-        self._height_differs = ResetDetector(config.gps_reset_s)
+        self._pos_differs = ResetDetector()
+        self._height_differs = ResetDetector()
 
     def tick(self, t_us: int) -> None:
         """Set the present time."""
@@ -125,7 +125,7 @@ class PointEstimate:
 
     @property
     def running(self) -> bool:
-        return self._started_us is not None and self.t_us - self._started_us >= self._config.align_s * 1e6
+        return self._started_us is not None and self.t_us - self._started_us >= ALIGN_US
 
     @property
     def invalid_reason(self) -> str:
