@@ -202,3 +202,8 @@ class VehicleConfig(Config, frozen=True, kw_only=True):
     platform: PlatformConfig = PlatformConfig()
     limits: VehicleLimitsConfig = VehicleLimitsConfig()
     battery: BatteryConfig = BatteryConfig()
+
+    @property
+    def height_altimeter_m(self) -> float:
+        """Height of the altimeter's lens over what the vehicle stands on."""
+        return self.airframe.height_stand_m - self.altimeter.pos_altimeter_frd_m[2]

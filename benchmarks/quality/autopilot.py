@@ -118,7 +118,8 @@ class Flight(msgspec.Struct, frozen=True):
 
 def embedded() -> tuple[Service, int]:
     """The embedded autopilot and its system id."""
-    return Autopilot(load_config(AutopilotConfig, "autopilot"), SYSTEM_ID), SYSTEM_ID
+    config, vehicle = load_config(AutopilotConfig, "autopilot"), load_config(VehicleConfig, "vehicle")
+    return Autopilot(config, vehicle, SYSTEM_ID), SYSTEM_ID
 
 
 def fly(

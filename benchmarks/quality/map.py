@@ -135,7 +135,7 @@ def measure(seed: int, folder: Path, simulator: SimulatorConfig) -> tuple[Map, C
     """Fly, map and compare; the folder keeps the dataset, the map and the reference."""
     flight = Covering(seed, rendered=True, simulator=simulator)
     flight.keep(folder, GOAL, flight.fly(GOAL))
-    made = make_map(folder, M_PER_PX)
+    made = make_map(folder, M_PER_PX, load_config(VehicleConfig, "vehicle"))
     mosaic = made.mosaic
     mosaic.save(folder / "map.png")
     top, bottom = (round((mosaic.north_m - north_m) / M_PER_PX) for north_m in (NORTH_M, SOUTH_M))

@@ -34,7 +34,6 @@ from jezero.schemas.actions import Frame, GetImagesGoal, Result, TakeoffGoal
 from jezero.schemas.estimate import Relative
 from jezero.schemas.images import Image
 from jezero.schemas.state import Odometry, Scene, Status, Truth
-from jezero.services.actions.lifecycle.config import CaptureConfig
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.service import Camera
 from jezero.services.simulator.camera.view import View
@@ -201,7 +200,7 @@ def _target(flight: Orbiting, goal: GetImagesGoal, image: Image) -> Vec3:
     if goal.frame == "world":
         return target_ned_m
     scene = flight.scenes[image.t_ns]
-    center_of_mass_ned_m = (*image.pos_uav_ned_m[:2], image.pos_uav_ned_m[2] - CaptureConfig().height_stand_m)
+    center_of_mass_ned_m = (*image.pos_uav_ned_m[:2], image.pos_uav_ned_m[2] - VehicleConfig().airframe.height_stand_m)
     return add(add(target_ned_m, subtract(scene.pos_rover_ned_m, scene.pos_uav_ned_m)), center_of_mass_ned_m)
 
 

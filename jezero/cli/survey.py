@@ -164,13 +164,12 @@ def _write_resume_goal(folder: Path, goal: "AreaCoverageGoal | None") -> None:
 
 def _show_plan(goal: "AreaCoverageGoal", file: Path, as_json: bool) -> None:
     from jezero.report.coverage_plot import draw_plan
-    from jezero.runtime.config import load_config
     from jezero.services.actions.area_coverage.area import AreaError
     from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
-    from jezero.services.actions.config import ActionsConfig
+    from jezero.services.actions.config import load_actions_config
 
     try:
-        plan = plan_coverage(goal, load_config(ActionsConfig, "actions"))
+        plan = plan_coverage(goal, load_actions_config())
     except AreaError as error:
         raise click.ClickException(str(error)) from None
     length_m, time_s = plan.trajectory.length_m, plan.trajectory.duration_s

@@ -8,6 +8,7 @@ from jezero.mapping.ground import fit_ground
 from jezero.mapping.matching import find_matches
 from jezero.mapping.mosaic import Mosaic, make_mosaic
 from jezero.mapping.survey import read_survey
+from jezero.vehicle_config import VehicleConfig
 
 
 @dataclass(frozen=True)
@@ -25,15 +26,18 @@ class Map:
     pictures: int
 
 
-def make_map(folder: Path, m_per_px: float) -> Map:
+def make_map(folder: Path, m_per_px: float, vehicle: VehicleConfig) -> Map:
     """Make the orthomosaic of a folder's images.
 
     The ground's height comes from the altimeter ranges in the dataset.
 
+    Args:
+        vehicle: with which the images were taken.
+
     Raises:
         SurveyError: the folder has no images that can be mapped.
     """
-    survey = read_survey(folder)
+    survey = read_survey(folder, vehicle)
     ground = fit_ground(survey.spots_m)
     alignment = align(survey, ground, find_matches(survey, ground))
     return Map(make_mosaic(alignment.survey, ground, m_per_px), alignment, len(survey))

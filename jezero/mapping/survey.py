@@ -9,13 +9,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from jezero.frames import quat_rotate
+from jezero.frames import add, quat_rotate, subtract
 from jezero.schemas.images import LISTING, Image
+from jezero.vehicle_config import VehicleConfig
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
-LASER_BELOW_CAMERA_M = 0.02
-"""As both are mounted: see `pos_altimeter_frd_m` and `pos_camera_frd_m` in vehicle.toml."""
 
 
 class SurveyError(ValueError):
@@ -88,8 +87,11 @@ class Survey:
         return replace(self, pos_m=pos_m, rotations=rotations)
 
 
-def read_survey(folder: Path) -> Survey:
+def read_survey(folder: Path, vehicle: VehicleConfig) -> Survey:
     """Read the dataset of a coverage.
+
+    Args:
+        vehicle: with which the images were taken.
 
     Raises:
         SurveyError: the folder has no dataset, or none of its images has an altimeter range.
@@ -108,9 +110,10 @@ def read_survey(folder: Path) -> Survey:
     kinds = {(image.focal_px, image.center_px, image.width_px, image.height_px) for image in images}
     if len(kinds) > 1:
         raise SurveyError(f"{listing} has images of {len(kinds)} different cameras: map each camera alone")
-    spots_m = [_spot(image) for image in images if image.range_m is not None]
+    spots_m = [_spot(image, vehicle) for image in images if image.range_m is not None]
     if not spots_m:
-        raise SurveyError(f"no image in {folder} has an altimeter range: the laser reaches 10 m, fly lower")
+        reach_m = vehicle.altimeter.range_max_m
+        raise SurveyError(f"no image in {folder} has an altimeter range: the laser reaches {reach_m:g} m, fly lower")
     first = images[0]
     return Survey(
         files=tuple(listing.parent / file for file in files),
@@ -135,6 +138,8 @@ def _matrix(image: Image) -> Array:
     return np.array(axes).T
 
 
-def _spot(image: Image) -> Array:
-    down = quat_rotate(image.q_ned_from_frd, (0.0, 0.0, LASER_BELOW_CAMERA_M + (image.range_m or 0.0)))
-    return np.add(image.pos_camera_ned_m, down)
+def _spot(image: Image, vehicle: VehicleConfig) -> Array:
+    """Point at which the altimeter's beam met the ground."""
+    laser_frd_m = subtract(vehicle.altimeter.pos_altimeter_frd_m, vehicle.camera.pos_camera_frd_m)
+    beam_frd_m = add(laser_frd_m, (0.0, 0.0, image.range_m or 0.0))
+    return np.add(image.pos_camera_ned_m, quat_rotate(image.q_ned_from_frd, beam_frd_m))

@@ -60,9 +60,8 @@ def draw_coverage(folder: Path, form: Format) -> list[Path]:
         msgspec.DecodeError: `images.json` is invalid.
         AreaError: its goal can't be planned with the present settings.
     """
-    from jezero.runtime.config import load_config
     from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
-    from jezero.services.actions.config import ActionsConfig
+    from jezero.services.actions.config import load_actions_config
 
     try:
         dataset = msgspec.json.decode((folder / LISTING).read_bytes(), type=_Dataset)
@@ -71,7 +70,7 @@ def draw_coverage(folder: Path, form: Format) -> list[Path]:
     if dataset.goal is None or not dataset.images:
         return []
     track_m = np.array(dataset.track_ned_m, dtype=float).reshape(-1, 3)[:, :2]
-    plan = plan_coverage(dataset.goal, load_config(ActionsConfig, "actions"), track_m[0] if len(track_m) else None)
+    plan = plan_coverage(dataset.goal, load_actions_config(), track_m[0] if len(track_m) else None)
     taken_m = np.array([image.pos_uav_ned_m[:2] for image in dataset.images], dtype=float)
     if dataset.goal.frame == "rover":  # images have world positions: the frame's origin follows from the difference
         taken_m = taken_m - np.median(taken_m - plan.pictures_m[: len(taken_m)], axis=0)

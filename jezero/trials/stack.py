@@ -9,6 +9,7 @@ from jezero.plugins import action_names
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus
 from jezero.runtime.service import Service
+from jezero.services.actions.config import load_actions_config
 from jezero.services.actions.table import action_server
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.service import Autopilot
@@ -64,17 +65,18 @@ def service_makers(
     camera = camera or msgspec.structs.replace(load_config(CameraConfig, "camera"), mode="projected")
     estimator = estimator or load_config(EstimatorConfig, "estimator")
     robot = vehicle or load_config(VehicleConfig, "vehicle")
+    actions = load_actions_config(robot)
     makers: dict[str, Callable[[int], Service]] = {
         "simulator": lambda boot: Simulator(simulator, robot, seed=seed, boot_id=boot),
         "camera": lambda boot: make_camera(camera, simulator, robot, seed),
-        "autopilot": lambda _: Autopilot(autopilot, system_id=system_id),
-        "vehicle_bridge": lambda boot: VehicleBridge(bridge, system_id=system_id, boot_id=boot),
+        "autopilot": lambda _: Autopilot(autopilot, robot, system_id=system_id),
+        "vehicle_bridge": lambda boot: VehicleBridge(bridge, robot, system_id=system_id, boot_id=boot),
         "tag_detector": lambda boot: TagDetector(load_config(TagDetectorConfig, "tag_detector"), robot),
         "estimator": lambda boot: Estimator(estimator, robot),
     }
 
     def action_maker(name: str) -> Callable[[int], Service]:
-        return lambda boot: action_server(name, boot)
+        return lambda boot: action_server(name, boot, actions)
 
     return makers | {name: action_maker(name) for name in action_names()}
 

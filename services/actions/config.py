@@ -1,19 +1,25 @@
-"""Settings of all action servers, which share one file because they have limits and ways of moving in common."""
+"""Settings of all action servers, which share one file because they move alike and fly the same vehicle."""
 
-from jezero.runtime.config import Config
+from msgspec.structs import replace
+
+from jezero.runtime.config import Config, ConfigError, load_config
 from jezero.services.actions.area_coverage.config import AreaCoverageConfig
 from jezero.services.actions.get_images.config import GetImagesConfig
 from jezero.services.actions.go_to.config import GoToConfig
 from jezero.services.actions.land_on_spot.config import LandOnSpotConfig
 from jezero.services.actions.lifecycle.config import CaptureConfig, LifecycleConfig
-from jezero.services.actions.motion.config import LimitsConfig, MoveConfig, TrackingConfig
+from jezero.services.actions.motion.config import MoveConfig, TrackingConfig
 from jezero.services.actions.takeoff.config import TakeoffConfig
+from jezero.vehicle_config import VehicleConfig
 
 
 class ActionsConfig(Config, frozen=True, kw_only=True):
-    """The tables of `deploy/config/actions.toml`."""
+    """The tables of `deploy/config/actions.toml`, and the vehicle.
 
-    limits: LimitsConfig = LimitsConfig()
+    Attributes:
+        vehicle: the vehicle itself, with the limits of every goal; from `vehicle.toml`, no table of `actions.toml`.
+    """
+
     lifecycle: LifecycleConfig = LifecycleConfig()
     capture: CaptureConfig = CaptureConfig()
     move: MoveConfig = MoveConfig()
@@ -23,3 +29,19 @@ class ActionsConfig(Config, frozen=True, kw_only=True):
     get_images: GetImagesConfig = GetImagesConfig()
     area_coverage: AreaCoverageConfig = AreaCoverageConfig()
     land_on_spot: LandOnSpotConfig = LandOnSpotConfig()
+    vehicle: VehicleConfig = VehicleConfig()
+
+
+def load_actions_config(vehicle: VehicleConfig | None = None) -> ActionsConfig:
+    """Read `actions.toml`.
+
+    Args:
+        vehicle: the vehicle; None reads `vehicle.toml`.
+
+    Raises:
+        ConfigError: a file is missing or malformed, or `actions.toml` describes the vehicle.
+    """
+    config = load_config(ActionsConfig, "actions")
+    if config.vehicle != VehicleConfig():
+        raise ConfigError("actions.toml has a table [vehicle]: what the vehicle is belongs in vehicle.toml")
+    return replace(config, vehicle=vehicle or load_config(VehicleConfig, "vehicle"))

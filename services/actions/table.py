@@ -5,7 +5,7 @@ from typing import Any
 from jezero.plugins import PluginError, load_declaration
 from jezero.runtime.config import config_directory, load_config
 from jezero.services.actions.area_coverage.declaration import ACTION as AREA_COVERAGE
-from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.config import ActionsConfig, load_actions_config
 from jezero.services.actions.get_images.declaration import ACTION as GET_IMAGES
 from jezero.services.actions.go_to.declaration import ACTION as GO_TO
 from jezero.services.actions.land_on_spot.declaration import ACTION as LAND_ON_SPOT
@@ -51,7 +51,7 @@ def settings_of(declaration: ActionDeclaration[Any], config: ActionsConfig) -> A
 def action_server(
     name: str, boot_id: int, config: ActionsConfig | None = None, pictures: PictureStore | None = None
 ) -> ActionServer:
-    """Make the server of the action `name`; settings from `actions.toml` unless given.
+    """Make the server of the action `name`; settings from `actions.toml` and `vehicle.toml` unless given.
 
     Args:
         boot_id: see `ActionServer`.
@@ -61,7 +61,7 @@ def action_server(
         PluginError: there is no such action, or the package that adds it is broken.
         ConfigError: the settings are wrong.
     """
-    config = config or load_config(ActionsConfig, "actions")
+    config = config or load_actions_config()
     declaration = find_declaration(name)
     planner = declaration.planner(settings_of(declaration, config), config)
     return ActionServer(declaration.action, planner, config, boot_id, pictures)

@@ -14,6 +14,7 @@ from jezero.runtime.zenoh_bus import run_process
 from jezero.services.autopilot import px4
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.service import GCS, HIL, OFFBOARD, Autopilot
+from jezero.vehicle_config import VehicleConfig
 
 HOST = "127.0.0.1"
 UNIX_2015_S = 1_420_070_400
@@ -27,7 +28,8 @@ def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, Socke
         return px4.Px4(), {px4.PX4: _px4_link(instance)}
     if autopilot != "embedded":
         raise ConfigError(f'JEZERO_AUTOPILOT is "{autopilot}", expected "embedded" or "px4"')
-    return Autopilot(config, instance.system_id, time.time() - UNIX_2015_S), {
+    vehicle = load_config(VehicleConfig, "vehicle")
+    return Autopilot(config, vehicle, instance.system_id, time.time() - UNIX_2015_S), {
         HIL: TcpClient(HOST, instance.hil_port),
         OFFBOARD: Udp((HOST, instance.autopilot_offboard_port), (HOST, instance.bridge_port)),
         GCS: Udp((HOST, instance.autopilot_gcs_port), (HOST, instance.gcs_port)),

@@ -9,6 +9,10 @@ from jezero.frames import Quat, Vec3, quat_from_euler, wrap_pi
 from jezero.services.autopilot.config import EstimatorConfig
 
 MIN_FIXES = 10
+ALIGN_US = 1_000_000
+"""Time for which the vehicle must stand still before the filter starts."""
+MAG_CHECK_GAUSS = 0.06
+"""A magnetic field is disturbed if its horizontal part differs from the expected one by more than this."""
 FIX_AGE_MAX_US = 1_500_000
 """Older states of the vehicle are too inaccurate to be compared with a fix."""
 
@@ -63,7 +67,7 @@ class Alignment:
             return "the magnetic field is disturbed" if self._disturbed else "no magnetometer data"
         if len(self._baro) < MIN_FIXES:
             return "no barometer data"
-        if self._still_us < self._config.align_s * 1e6:
+        if self._still_us < ALIGN_US:
             return "aligning, keep the vehicle still"
         return ""
 
@@ -76,7 +80,7 @@ class Alignment:
             return
         self._imu.append((acc_frd_mps2, gyro_frd_rps))
         self._still_us += dt_us
-        if self._still_us > 2e6 * self._config.align_s:
+        if self._still_us > 2 * ALIGN_US:
             self._imu.popleft()
 
     def on_fix(self, fix: Fix) -> None:
@@ -90,7 +94,7 @@ class Alignment:
         down = self._imu[-1][0] if self._imu else (0.0, 0.0, -1.0)
         along = sum(f * d for f, d in zip(field_frd_gauss, down, strict=True)) / sqrt(sum(d * d for d in down))
         horizontal = sqrt(max(0.0, sum(f * f for f in field_frd_gauss) - along * along))
-        self._disturbed = abs(horizontal - self._config.field_horizontal_gauss) > self._config.mag_check_gauss
+        self._disturbed = abs(horizontal - self._config.field_horizontal_gauss) > MAG_CHECK_GAUSS
         if self._disturbed:
             self._mag.clear()
         else:

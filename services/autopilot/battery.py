@@ -2,22 +2,26 @@
 
 from math import sqrt
 
-from jezero.services.autopilot.config import Airframe, BatteryConfig
 from jezero.services.autopilot.mixer import Commands
+from jezero.vehicle_config import BatteryConfig
 
 
 class Battery:
-    """Battery that the rotors and the electronics discharge.
+    """Battery that the rotors and the electronics discharge: its voltage falls with the charge and the current.
+
+    Args:
+        charge_at_start: fraction of the capacity.
+        hover: command of each rotor in hover.
 
     Attributes:
         current_a: present current.
         used_mah: charge drawn since the start.
     """
 
-    def __init__(self, config: BatteryConfig, airframe: Airframe) -> None:
+    def __init__(self, config: BatteryConfig, charge_at_start: float, hover: float) -> None:
         self._config = config
-        self._full_a = config.hover_a / (4.0 * airframe.mpc_thr_hover**1.5)
-        self._start_mah = config.bat1_capacity_mah * config.charge_at_start
+        self._full_a = config.hover_a / (4.0 * hover**1.5)
+        self._start_mah = config.capacity_mah * charge_at_start
         self.current_a = 0.0
         self.used_mah = 0.0
 
@@ -35,10 +39,10 @@ class Battery:
     @property
     def remaining(self) -> float:
         """Remaining fraction of the capacity, 0 to 1."""
-        return max(0.0, (self._start_mah - self.used_mah) / self._config.bat1_capacity_mah)
+        return max(0.0, (self._start_mah - self.used_mah) / self._config.capacity_mah)
 
     @property
     def voltage_v(self) -> float:
         c = self._config
-        cell_v = c.bat1_v_empty_v + (c.bat1_v_charged_v - c.bat1_v_empty_v) * self.remaining
-        return c.bat1_n_cells * (cell_v - c.bat1_r_internal_ohm * self.current_a)
+        cell_v = c.empty_v + (c.full_v - c.empty_v) * self.remaining
+        return c.cells * (cell_v - c.internal_ohm * self.current_a)

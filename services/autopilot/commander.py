@@ -8,6 +8,9 @@ from jezero.services.autopilot.config import CommanderConfig, FailsafeConfig
 from jezero.services.autopilot.failsafes import MODE_OF_ACTION, Action, Trigger, most_severe_action
 from jezero.services.autopilot.modes import DOWN, Mode
 
+OFFBOARD_STREAM_S = 0.5
+"""Maximum age of the setpoint to enter offboard mode."""
+
 
 class VehicleState(msgspec.Struct, frozen=True, gc=False):
     """State of the vehicle at one time, as the commander needs it.
@@ -76,7 +79,7 @@ class Commander:
         reason = self.arming_refusal(state)
         if not reason and self.mode in DOWN:
             reason = f"the mode is {self.mode.value}, choose another first"
-        if not reason and self.mode is Mode.OFFBOARD and state.offboard_setpoint_age_s > self._config.offboard_stream_s:
+        if not reason and self.mode is Mode.OFFBOARD and state.offboard_setpoint_age_s > OFFBOARD_STREAM_S:
             reason = "offboard mode without setpoints"
         if reason:
             self.add_status_text(3, f"Arming denied: {reason}")
@@ -115,7 +118,7 @@ class Commander:
         reason = ""
         if mode is Mode.LAND and self.armed and state.position_invalid_reason:
             mode = Mode.DESCEND
-        elif mode is Mode.OFFBOARD and state.offboard_setpoint_age_s > self._config.offboard_stream_s:
+        elif mode is Mode.OFFBOARD and state.offboard_setpoint_age_s > OFFBOARD_STREAM_S:
             reason = "no offboard setpoints"
         elif state.position_invalid_reason:
             reason = state.position_invalid_reason

@@ -8,44 +8,8 @@ from jezero.runtime.config import Config
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
-
-
-class Rotor(Config, frozen=True, kw_only=True):
-    """Position of a rotor in body FRD, and its yaw torque per newton of thrust.
-
-    Attributes:
-        km_m: positive if the rotor turns counter-clockwise seen from above, so that its torque yaws the body right.
-    """
-
-    x_frd_m: Annotated[float, Meta(ge=-10.0, le=10.0)]
-    y_frd_m: Annotated[float, Meta(ge=-10.0, le=10.0)]
-    km_m: Annotated[float, Meta(ge=-1.0, le=1.0)]
-
-
-IRIS_ROTORS = (
-    Rotor(x_frd_m=0.1515, y_frd_m=0.245, km_m=0.05),
-    Rotor(x_frd_m=-0.1515, y_frd_m=-0.1875, km_m=0.05),
-    Rotor(x_frd_m=0.1515, y_frd_m=-0.245, km_m=-0.05),
-    Rotor(x_frd_m=-0.1515, y_frd_m=0.1875, km_m=-0.05),
-)
-"""Rotors of PX4's airframe 10016."""
-
-
-class Airframe(Config, frozen=True, kw_only=True):
-    """Model of the vehicle in the controllers.
-
-    Attributes:
-        inertia_frd_kgm2: (3,) diagonal of the inertia.
-        mpc_thr_hover: hover thrust as a fraction of full thrust; with the mass it gives each rotor's full thrust.
-        idle: command of the rotors while armed on the ground.
-    """
-
-    mass_kg: Positive = 1.5
-    gravity_mps2: Positive = 9.81
-    inertia_frd_kgm2: tuple[Positive, Positive, Positive] = (0.029, 0.029, 0.055)
-    mpc_thr_hover: Annotated[float, Meta(ge=0.1, le=0.8)] = 0.5
-    idle: Annotated[float, Meta(ge=0.0, le=0.2)] = 0.05
-    rotors: tuple[Rotor, Rotor, Rotor, Rotor] = IRIS_ROTORS
+GRAVITY_MPS2 = 9.81
+"""The estimator and the controllers assume the Earth's gravity, as PX4's do."""
 
 
 class EstimatorConfig(Config, frozen=True, kw_only=True):
@@ -54,45 +18,29 @@ class EstimatorConfig(Config, frozen=True, kw_only=True):
     Attributes:
         declination_rad: declination of the magnetic field at the place of flight, positive east.
         field_horizontal_gauss: strength of its horizontal part.
-        acc_density, gyro_density: white noise of the IMU, m/s²/√Hz and rad/s/√Hz.
-        acc_bias_walk, gyro_bias_walk: random walk of the biases, m/s²/√s and rad/s/√s.
-        acc_bias_std_mps2: standard deviation of the accelerometer bias at the start.
-        gyro_bias_std_rps: standard deviation of the gyroscope bias at the start, after averaging at rest.
+        acc_bias_walk: random walk of the accelerometer bias, m/s²/√s.
         ekf2_gps_delay_s: age of a fix at its arrival, if it has no time stamp.
-        ekf2_gps_p_noise_m, gps_z_noise_m, ekf2_gps_v_noise_mps: standard deviation of one fix for the update. That of
-            the position is larger than its scatter, because most of its error varies slowly.
+        ekf2_gps_p_noise_m: standard deviation of one fix's horizontal position for the update. It is larger than the
+            position's scatter, because most of the error varies slowly.
+        ekf2_gps_v_noise_mps: standard deviation of one fix's velocity for the update.
         ekf2_gps_p_gate_m: gate of the horizontal innovation of a fix; a larger innovation is rejected.
         ekf2_gps_v_gate_mps: gate of the velocity innovation.
-        gps_reset_s: the estimate is reset to a sensor that has been rejected for this time.
         ekf2_baro_noise_m, ekf2_baro_gate_m: standard deviation and gate of the pressure altitude.
         ekf2_head_noise_rad, ekf2_head_gate_rad: standard deviation and gate of the magnetic heading.
-        mag_check_gauss: a field is disturbed if its horizontal part differs from the expected one by more than this.
-        align_s: time that the vehicle must stand still before the filter starts.
-        settle_s: time that the filter must run before the estimate is valid.
     """
 
     declination_rad: Annotated[float, Meta(ge=-3.15, le=3.15)] = 0.0555
     field_horizontal_gauss: Positive = 0.216
-    acc_density: Positive = 0.02
-    gyro_density: Positive = 0.002
     acc_bias_walk: Positive = 0.003
-    gyro_bias_walk: Positive = 0.0003
-    acc_bias_std_mps2: Positive = 0.1
-    gyro_bias_std_rps: Positive = 0.005
     ekf2_gps_delay_s: Annotated[float, Meta(ge=0.0, le=0.35)] = 0.1
     ekf2_gps_p_noise_m: Positive = 0.5
-    gps_z_noise_m: Positive = 1.5
     ekf2_gps_v_noise_mps: Positive = 0.15
     ekf2_gps_p_gate_m: Positive = 1.2
     ekf2_gps_v_gate_mps: Positive = 1.0
-    gps_reset_s: Positive = 3.0
     ekf2_baro_noise_m: Positive = 0.4
     ekf2_baro_gate_m: Positive = 3.0
     ekf2_head_noise_rad: Positive = 0.1
     ekf2_head_gate_rad: Positive = 0.6
-    mag_check_gauss: Positive = 0.06
-    align_s: Positive = 1.0
-    settle_s: Positive = 2.0
 
 
 class ControlConfig(Config, frozen=True, kw_only=True):
@@ -102,13 +50,12 @@ class ControlConfig(Config, frozen=True, kw_only=True):
         mpc_xy_p, mpc_z_p: velocity per metre of position error, 1/s.
         mpc_acc_hor_mps2: deceleration assumed on the way to a distant position setpoint.
         mpc_xy_vel_p_acc, mpc_z_vel_p_acc: acceleration per velocity error, 1/s; `_i_` 1/s², `_d_` on acceleration.
+        mpc_thr_hover: hover thrust as a fraction of full thrust; with the mass it gives each rotor's full thrust.
         mpc_thr_min: minimum thrust in flight as a fraction of full thrust.
         mc_rollpitch_p, mc_yaw_p: body rate per attitude error, 1/s.
-        rate_p, yawrate_p: angular acceleration per rate error, 1/s; `_i` 1/s².
         mpc_tko_ramp_t_s: at takeoff the thrust limit rises from zero to full in this time.
         mpc_tko_speed_mps: climb of the takeoff mode.
         mpc_land_speed_mps: descent of the land mode below `mpc_land_alt2_m` above home.
-        acc_filter_hz: low-pass filter of the acceleration for the D term.
     """
 
     mpc_xy_p: Positive = 1.0
@@ -124,53 +71,41 @@ class ControlConfig(Config, frozen=True, kw_only=True):
     mpc_z_vel_i_acc: NonNegative = 2.0
     mpc_z_vel_d_acc: NonNegative = 0.0
     mpc_tiltmax_air_rad: Annotated[float, Meta(gt=0.0, le=1.2)] = 0.611
+    mpc_thr_hover: Annotated[float, Meta(ge=0.1, le=0.8)] = 0.5
     mpc_thr_min: Annotated[float, Meta(ge=0.0, le=0.4)] = 0.12
     mc_rollpitch_p: Positive = 6.5
     mc_yaw_p: Positive = 2.8
     mc_rollpitchrate_max_rps: Positive = 3.8
     mc_yawrate_max_rps: Positive = 1.0
-    rate_p: Positive = 20.0
-    rate_i: NonNegative = 8.0
-    yawrate_p: Positive = 6.0
-    yawrate_i: NonNegative = 2.0
     mpc_tko_ramp_t_s: Positive = 1.0
     mpc_tko_speed_mps: Positive = 1.5
     mpc_land_speed_mps: Positive = 0.7
     mpc_land_alt2_m: NonNegative = 5.0
-    acc_filter_hz: Positive = 5.0
 
 
 class LandDetectorConfig(Config, frozen=True, kw_only=True):
     """Thresholds of the land detector; see `land_detector`.
 
     Attributes:
-        contact_s, maybe_landed_s, landed_s: duration of the conditions of each stage.
+        landed_s: duration of the conditions of the last stage.
     """
 
     lndmc_z_vel_max_mps: Positive = 0.25
     lndmc_xy_vel_max_mps: Positive = 1.5
     lndmc_rot_max_rps: Positive = 0.349
-    contact_s: Positive = 0.5
-    maybe_landed_s: Positive = 0.25
     landed_s: Positive = 0.25
 
 
 class CommanderConfig(Config, frozen=True, kw_only=True):
-    """Arming checks and automatic disarming.
+    """Automatic disarming.
 
     Attributes:
-        offboard_stream_s: maximum age of the setpoint to enter offboard mode.
         com_disarm_land_s: time from landing to automatic disarming.
         com_disarm_prflt_s: time from arming to automatic disarming if the vehicle does not take off.
-        sensor_timeout_s: a sensor without data for this time forbids arming.
-        arm_tilt_rad: maximum tilt to arm.
     """
 
-    offboard_stream_s: Positive = 0.5
     com_disarm_land_s: Positive = 2.0
     com_disarm_prflt_s: Positive = 10.0
-    sensor_timeout_s: Positive = 1.0
-    arm_tilt_rad: Positive = 0.52
 
 
 class FailsafeConfig(Config, frozen=True, kw_only=True):
@@ -218,26 +153,6 @@ class NavigatorConfig(Config, frozen=True, kw_only=True):
     rtl_cone_ang_rad: Annotated[float, Meta(gt=0.0, lt=1.57)] = 0.7854
 
 
-class BatteryConfig(Config, frozen=True, kw_only=True):
-    """Battery model: a voltage that falls with the charge, and an internal resistance.
-
-    Attributes:
-        bat1_v_charged_v, bat1_v_empty_v, bat1_r_internal_ohm: values of one cell.
-        charge_at_start: fraction of the capacity.
-        electronics_a: current of everything but the rotors.
-        hover_a: current of the rotors in hover.
-    """
-
-    bat1_capacity_mah: Positive = 5000.0
-    bat1_n_cells: Annotated[int, Meta(ge=1, le=16)] = 4
-    bat1_v_charged_v: Positive = 4.05
-    bat1_v_empty_v: Positive = 3.6
-    bat1_r_internal_ohm: Annotated[float, Meta(ge=0.0, le=0.2)] = 0.005
-    charge_at_start: Annotated[float, Meta(ge=0.0, le=1.0)] = 1.0
-    electronics_a: NonNegative = 0.5
-    hover_a: Positive = 15.0
-
-
 class TelemetryConfig(Config, frozen=True, kw_only=True):
     """Telemetry.
 
@@ -265,16 +180,16 @@ class AutopilotConfig(Config, frozen=True, kw_only=True):
 
     Attributes:
         autopilot: the autopilot to run; PX4 has settings of its own. JEZERO_AUTOPILOT overrides this.
+        charge_at_start: remaining fraction of the battery's capacity at the start.
     """
 
     autopilot: Literal["embedded", "px4"] = "embedded"
-    airframe: Airframe = Airframe()
     estimator: EstimatorConfig = EstimatorConfig()
     control: ControlConfig = ControlConfig()
     land_detector: LandDetectorConfig = LandDetectorConfig()
     commander: CommanderConfig = CommanderConfig()
     failsafe: FailsafeConfig = FailsafeConfig()
     navigator: NavigatorConfig = NavigatorConfig()
-    battery: BatteryConfig = BatteryConfig()
+    charge_at_start: Annotated[float, Meta(ge=0.0, le=1.0)] = 1.0
     telemetry: TelemetryConfig = TelemetryConfig()
     signing: SigningConfig = SigningConfig()

@@ -5,13 +5,19 @@ from math import hypot, pi, sqrt, tan
 import msgspec
 
 from jezero.frames import Vec3, add, norm, scale, wrap_pi
-from jezero.services.autopilot.config import Airframe, ControlConfig
-from jezero.services.autopilot.mixer import STOPPED, Commands, Mixer
+from jezero.services.autopilot.config import GRAVITY_MPS2, ControlConfig
+from jezero.services.autopilot.mixer import IDLE, STOPPED, Commands, Mixer
+from jezero.vehicle_config import AirframeConfig
 
 Axes = tuple[float | None, float | None, float | None]
 """North, east, down; None: this quantity does not control the axis."""
 
 FREE: Axes = (None, None, None)
+RATE_P, RATE_I = 20.0, 8.0
+YAWRATE_P, YAWRATE_I = 6.0, 2.0
+"""Angular acceleration per rate error in 1/s, and per integrated rate error in 1/s²."""
+ACC_FILTER_HZ = 5.0
+"""Low-pass filter of the acceleration for the D term."""
 RATE_INTEGRAL_LIMIT_RPS2 = 10.0
 VELOCITY_INTEGRAL_LIMIT_MPS2 = 5.0
 
@@ -73,9 +79,8 @@ def stopping_point_ned_m(at: Kinematics, config: ControlConfig) -> Vec3:
 class VelocityLoop:
     """Position and velocity controllers; their output is the specific force in NED."""
 
-    def __init__(self, config: ControlConfig, airframe: Airframe) -> None:
-        self._gravity = airframe.gravity_mps2
-        self._force_max = airframe.gravity_mps2 / airframe.mpc_thr_hover
+    def __init__(self, config: ControlConfig) -> None:
+        self._force_max = GRAVITY_MPS2 / config.mpc_thr_hover
         self.configure(config)
         self.vel_setpoint_ned_mps: Vec3 = (0.0, 0.0, 0.0)
         self.reset()
@@ -117,7 +122,7 @@ class VelocityLoop:
         """(3,) specific force setpoint of the rotors in NED, m/s²; (0, 0, -g) in hover."""
         c = self._config
         vel = self.velocity_setpoint(at, setpoint)
-        smooth = min(1.0, 2.0 * pi * c.acc_filter_hz * dt)
+        smooth = min(1.0, 2.0 * pi * ACC_FILTER_HZ * dt)
         error, acc_setpoint = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
         for i in range(3):
             p, d = (c.mpc_z_vel_p_acc, c.mpc_z_vel_d_acc) if i == 2 else (c.mpc_xy_vel_p_acc, c.mpc_xy_vel_d_acc)
@@ -130,7 +135,7 @@ class VelocityLoop:
         saturated = (
             acc_setpoint[0] - force[0],
             acc_setpoint[1] - force[1],
-            acc_setpoint[2] - (force[2] + self._gravity),
+            acc_setpoint[2] - (force[2] + GRAVITY_MPS2),
         )
         for i in range(3):
             p, gain = (c.mpc_z_vel_p_acc, c.mpc_z_vel_i_acc) if i == 2 else (c.mpc_xy_vel_p_acc, c.mpc_xy_vel_i_acc)
@@ -141,7 +146,7 @@ class VelocityLoop:
     def _limit_force(self, acc_ned_mps2: list[float]) -> Vec3:
         """Limit thrust and tilt. The vertical part has priority; the horizontal part is shortened."""
         n, e, d = acc_ned_mps2
-        d = max(-self._force_max, min(-self._force_min, d - self._gravity))
+        d = max(-self._force_max, min(-self._force_min, d - GRAVITY_MPS2))
         horizontal_max = min(-d * self._tan_tilt, sqrt(max(0.0, self._force_max * self._force_max - d * d)))
         size = hypot(n, e)
         if size > horizontal_max:
@@ -152,7 +157,7 @@ class VelocityLoop:
 class AttitudeLoop:
     """Attitude and rate controllers; their output is torque. Tilt has priority over heading, which has its own gain."""
 
-    def __init__(self, config: ControlConfig, airframe: Airframe) -> None:
+    def __init__(self, config: ControlConfig, airframe: AirframeConfig) -> None:
         self._inertia = airframe.inertia_frd_kgm2
         self.configure(config)
         self.reset()
@@ -195,7 +200,7 @@ class AttitudeLoop:
         torque = [0.0, 0.0, 0.0]
         for i in range(3):
             error = rate_setpoint[i] - rates_frd_rps[i]
-            p, gain = (c.yawrate_p, c.yawrate_i) if i == 2 else (c.rate_p, c.rate_i)
+            p, gain = (YAWRATE_P, YAWRATE_I) if i == 2 else (RATE_P, RATE_I)
             torque[i] = self._inertia[i] * (p * error + self._integral[i])
             integral = self._integral[i] + gain * error * dt
             self._integral[i] = max(-RATE_INTEGRAL_LIMIT_RPS2, min(RATE_INTEGRAL_LIMIT_RPS2, integral))
@@ -205,13 +210,12 @@ class AttitudeLoop:
 class CascadeController:
     """The whole cascade. `step_outer` runs the velocity loop at a lower rate, `step_inner` the rest per IMU sample."""
 
-    def __init__(self, config: ControlConfig, airframe: Airframe) -> None:
+    def __init__(self, config: ControlConfig, airframe: AirframeConfig) -> None:
         self._config = config
-        self._airframe = airframe
-        self._velocity = VelocityLoop(config, airframe)
+        self._velocity = VelocityLoop(config)
         self._attitude = AttitudeLoop(config, airframe)
-        self._mixer = Mixer(airframe)
-        self._idle: Commands = (airframe.idle,) * 4
+        self._mixer = Mixer(airframe, config.mpc_thr_hover)
+        self._mass_kg = airframe.mass_kg
         self.reset(0.0)
 
     def configure(self, config: ControlConfig) -> None:
@@ -271,10 +275,10 @@ class CascadeController:
             self._velocity.reset()
             self._attitude.reset()
             self._yaw_rad, self._yaw_rate_rps = at.yaw_rad, 0.0
-            self._force_setpoint_ned_mps2 = (0.0, 0.0, -1.3 * self._airframe.gravity_mps2)
+            self._force_setpoint_ned_mps2 = (0.0, 0.0, -1.3 * GRAVITY_MPS2)
         ramp = dt / c.mpc_tko_ramp_t_s
         if in_contact:
-            self._ramp = max(0.0, min(self._ramp, self.thrust_hover_ratio * self._airframe.mpc_thr_hover) - 2.0 * ramp)
+            self._ramp = max(0.0, min(self._ramp, self.thrust_hover_ratio * c.mpc_thr_hover) - 2.0 * ramp)
         else:
             self._ramp = min(1.0, self._ramp + ramp)
 
@@ -283,15 +287,15 @@ class CascadeController:
         r, (fn, fe, fd) = R_ned_from_frd, self._force_setpoint_ned_mps2
         torques = self._attitude.torques(dt, rates_frd_rps, r, self.up_setpoint_ned, self._yaw_rate_rps)
         along = -(fn * r[2] + fe * r[5] + fd * r[8])
-        thrust = max(self._config.mpc_thr_min * self._mixer.thrust_full_n, along * self._airframe.mass_kg)
+        thrust = max(self._config.mpc_thr_min * self._mixer.thrust_full_n, along * self._mass_kg)
         thrust = min(thrust, self._ramp * self._mixer.thrust_full_n)
-        self.thrust_hover_ratio = thrust / (self._airframe.mass_kg * self._airframe.gravity_mps2)
+        self.thrust_hover_ratio = thrust / (self._mass_kg * GRAVITY_MPS2)
         return self._mixer.commands(thrust, torques)
 
     def idle(self, yaw_rad: float) -> Commands:
         """Reset all controllers; returns commands of idling rotors."""
         self.reset(yaw_rad)
-        return self._idle
+        return IDLE
 
     def stop(self, yaw_rad: float) -> Commands:
         self.reset(yaw_rad)

@@ -33,13 +33,20 @@ from jezero.frames import (
     wrap_pi,
     yaw_from_quat,
 )
-from jezero.services.autopilot.alignment import FIX_AGE_MAX_US, Alignment, Fix
+from jezero.services.autopilot.alignment import FIX_AGE_MAX_US, MAG_CHECK_GAUSS, Alignment, Fix
 from jezero.services.autopilot.config import EstimatorConfig
 from jezero.services.autopilot.reset_detector import ResetDetector
 
 COVARIANCE_PERIOD_US = 20_000
 HISTORY_LENGTH = FIX_AGE_MAX_US // COVARIANCE_PERIOD_US
-STD_VEL_SETTLED_MPS = 0.5
+SETTLE_US, STD_VEL_SETTLED_MPS = 2_000_000, 0.5
+"""The estimate is valid when the filter has run for this time and the velocity's standard deviation is below this."""
+ACC_DENSITY, GYRO_DENSITY, GYRO_BIAS_WALK = 0.02, 0.002, 0.0003
+"""White noise of the IMU in m/s²/√Hz and rad/s/√Hz, and random walk of the gyroscope bias in rad/s/√s."""
+STD_ACC_BIAS_MPS2, STD_GYRO_BIAS_RPS = 0.1, 0.005
+"""Standard deviations of the biases at the start; that of the gyroscope after averaging at rest."""
+STD_FIX_DOWN_M = 1.5
+"""Standard deviation of one fix's height for the update."""
 NO_AIDING_TIMEOUT_US = 10_000_000
 FAKE_VEL_PERIOD_US = 1_000_000
 STD_FAKE_VEL_MPS = 3.0
@@ -84,10 +91,10 @@ class Estimator:
         self._fake_vel_due_us = 0
         self._correction_sum = [0.0] * 6
         self._history: deque[tuple[int, Vec3, Vec3]] = deque(maxlen=HISTORY_LENGTH)
-        self._pos_reset = ResetDetector(config.gps_reset_s)
-        self._vel_reset = ResetDetector(config.gps_reset_s)
-        self._height_reset = ResetDetector(config.gps_reset_s)
-        self._heading_reset = ResetDetector(config.gps_reset_s)
+        self._pos_reset = ResetDetector()
+        self._vel_reset = ResetDetector()
+        self._height_reset = ResetDetector()
+        self._heading_reset = ResetDetector()
         """Its innovation is the cosine and sine of the heading's innovation, which can be averaged."""
 
     def configure(self, config: EstimatorConfig) -> None:
@@ -101,7 +108,7 @@ class Estimator:
         """Why the estimate is invalid, as a text for people; empty when it is valid."""
         if not self.running:
             return self._alignment.incomplete_reason
-        if self.t_us - self._started_us < self._config.settle_s * 1e6 or self.std_vel_mps > STD_VEL_SETTLED_MPS:
+        if self.t_us - self._started_us < SETTLE_US or self.std_vel_mps > STD_VEL_SETTLED_MPS:
             return "position estimate is settling"
         return self._rejection_reason
 
@@ -182,8 +189,8 @@ class Estimator:
         elif self._pos_reset.update(self.t_us, (north, east), c.ekf2_gps_p_gate_m):
             self._reset(6, self._pos_reset.mean_innovation, c.ekf2_gps_p_noise_m)
             self._pos_reset.clear()
-        if abs(down) < 4.0 * c.gps_z_noise_m + 3.0 * sqrt(self.P[8, 8]):
-            innovations.append((8, down, c.gps_z_noise_m))
+        if abs(down) < 4.0 * STD_FIX_DOWN_M + 3.0 * sqrt(self.P[8, 8]):
+            innovations.append((8, down, STD_FIX_DOWN_M))
         if any(index < 8 for index, _, _ in innovations):
             self._fake_vel_due_us = self.t_us + NO_AIDING_TIMEOUT_US
         self._update(innovations)
@@ -211,7 +218,7 @@ class Estimator:
         north = r[0] * x + r[1] * y + r[2] * z
         east = r[3] * x + r[4] * y + r[5] * z
         c = self._config
-        if abs(hypot(north, east) - c.field_horizontal_gauss) > c.mag_check_gauss:
+        if abs(hypot(north, east) - c.field_horizontal_gauss) > MAG_CHECK_GAUSS:
             return
         error = wrap_pi(c.declination_rad - atan2(east, north))
         if abs(error) < c.ekf2_head_gate_rad + 3.0 * sqrt(self.P[2, 2]):
@@ -229,9 +236,9 @@ class Estimator:
         self.q_ned_from_frd, self.gyro_bias_rps, self.origin_deg = q, gyro_bias, origin
         self._update_rotation_matrix()
         c = self._config
-        std_tilt = c.acc_bias_std_mps2 / self._gravity_mps2
+        std_tilt = STD_ACC_BIAS_MPS2 / self._gravity_mps2
         std = [std_tilt, std_tilt, c.ekf2_head_noise_rad, 0.1, 0.1, 0.1, 0.3, 0.3, 0.3]
-        std += [c.gyro_bias_std_rps] * 3 + [c.acc_bias_std_mps2] * 3
+        std += [STD_GYRO_BIAS_RPS] * 3 + [STD_ACC_BIAS_MPS2] * 3
         self.P = np.diag(np.square(np.array(std)))
         self._correlate_tilt_with_bias()
         self.running = True
@@ -310,9 +317,9 @@ class Estimator:
         F[6, 3] = F[7, 4] = F[8, 5] = dt
         P = F @ self.P @ F.T
         diagonal = P.reshape(-1)[::16]
-        diagonal[0:3] += c.gyro_density**2 * dt
-        diagonal[3:6] += c.acc_density**2 * dt
-        diagonal[9:12] += c.gyro_bias_walk**2 * dt
+        diagonal[0:3] += GYRO_DENSITY**2 * dt
+        diagonal[3:6] += ACC_DENSITY**2 * dt
+        diagonal[9:12] += GYRO_BIAS_WALK**2 * dt
         diagonal[12:15] += c.acc_bias_walk**2 * dt
         self.P = 0.5 * (P + P.T)
         self._covariance_us = 0

@@ -18,6 +18,8 @@ CLIMB_SETPOINT_MIN_MPS = 0.1
 """An upward setpoint above this is a commanded climb. It ends the contact although the thrust is still low, because
 contact limits the thrust.
 """
+CONTACT_S, MAYBE_LANDED_S = 0.5, 0.25
+"""Durations of the conditions of the first two stages."""
 TOUCH_MIN_S = 0.2
 TOUCH_HOLD_S = 0.2
 """The vehicle touches something when its descent was blocked for TOUCH_MIN_S, until TOUCH_HOLD_S after the blocking."""
@@ -80,11 +82,11 @@ class LandDetector:
         climb_commanded = vel_setpoint_down_mps < -CLIMB_SETPOINT_MIN_MPS
         held = (blocked or thrust_hover_ratio < LOW_THRUST_MAX_RATIO) and not (moving or climb_commanded)
         self._contact_s = self._contact_s + dt if held else 0.0
-        self.contact = self._contact_s >= c.contact_s
+        self.contact = self._contact_s >= CONTACT_S
         self._blocked_s = self._blocked_s + dt if blocked else 0.0
         self._untouched_s = 0.0 if self._blocked_s >= TOUCH_MIN_S else self._untouched_s + dt
         rotating = max(abs(rate) for rate in rates_frd_rps) > c.lndmc_rot_max_rps
         tipping = hypot(rates_frd_rps[0], rates_frd_rps[1]) > TIPPING_RATE_MIN_RPS
         at_rest = self.contact and thrust_hover_ratio < LOW_THRUST_MAX_RATIO and not (rotating or tipping)
         self._low_s = self._low_s + dt if at_rest else 0.0
-        self.landed = self._low_s >= c.maybe_landed_s + c.landed_s
+        self.landed = self._low_s >= MAYBE_LANDED_S + c.landed_s

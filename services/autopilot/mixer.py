@@ -5,12 +5,15 @@ from math import inf
 import numpy as np
 
 from jezero.frames import Vec3
-from jezero.services.autopilot.config import Airframe
+from jezero.services.autopilot.config import GRAVITY_MPS2
+from jezero.vehicle_config import AirframeConfig
 
 Commands = tuple[float, float, float, float]
 """One per rotor, 0 to 1."""
 
 STOPPED: Commands = (0.0, 0.0, 0.0, 0.0)
+IDLE: Commands = (0.05, 0.05, 0.05, 0.05)
+"""Commands while armed on the ground."""
 
 
 class Mixer:
@@ -18,13 +21,17 @@ class Mixer:
 
     With rotor i at (x, y) and thrust f upwards: roll torque -y f, pitch torque x f, yaw torque km f. When the rotors
     saturate, yaw torque is reduced first, then collective thrust, then roll and pitch torque.
+
+    Args:
+        hover: hover thrust as a fraction of full thrust.
     """
 
-    def __init__(self, airframe: Airframe) -> None:
-        full_n = airframe.mass_kg * airframe.gravity_mps2 / airframe.mpc_thr_hover
+    def __init__(self, airframe: AirframeConfig, hover: float) -> None:
+        full_n = airframe.mass_kg * GRAVITY_MPS2 / hover
         self.thrust_full_n = full_n
         self._rotor_full_n = full_n / 4.0
-        rows = [[1.0, -r.y_frd_m, r.x_frd_m, r.km_m] for r in airframe.rotors]
+        rotors = zip(airframe.pos_rotors_frd_m, airframe.moment_per_thrust_m, strict=True)
+        rows = [[1.0, -y_m, x_m, km_m] for (x_m, y_m), km_m in rotors]
         inverse = np.linalg.inv(np.array(rows).T)
         self._inverse: list[list[float]] = inverse.tolist()
 

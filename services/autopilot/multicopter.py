@@ -7,6 +7,7 @@ from jezero.services.autopilot.estimator import Estimator
 from jezero.services.autopilot.land_detector import CLIMB_SETPOINT_MIN_MPS, LandDetector
 from jezero.services.autopilot.mixer import Commands
 from jezero.tilt_contact import is_tilted_by_contact
+from jezero.vehicle_config import AirframeConfig
 
 OUTER_STEPS = 4
 """The velocity loop runs with every fourth IMU sample."""
@@ -24,10 +25,10 @@ class MulticopterController:
         detector: the land detector.
     """
 
-    def __init__(self, config: AutopilotConfig, estimator: Estimator) -> None:
+    def __init__(self, config: AutopilotConfig, airframe: AirframeConfig, estimator: Estimator) -> None:
         self.detector = LandDetector(config.land_detector)
         self._estimator = estimator
-        self._controller = CascadeController(config.control, config.airframe)
+        self._controller = CascadeController(config.control, airframe)
         self._step = 0
         self._outer_s = 0.0
         self._armed_s = 0.0

@@ -2,14 +2,18 @@
 
 from dataclasses import dataclass
 from math import degrees, isfinite
+from typing import Any
 
 import msgspec
 
 from jezero.services.autopilot.config import AutopilotConfig
+from jezero.vehicle_config import BatteryConfig
 
 Value = int | float
 
 DEG = degrees(1.0)
+BATTERY = "battery"
+"""Section of the vehicle's battery, which isn't among the autopilot's own settings."""
 SQRT_STEPS_PER_S = 10.0
 """PX4's filter adds bias noise times the time step in each of its 100 steps per second; this factor converts to it."""
 
@@ -19,7 +23,7 @@ class Row:
     """One parameter: the field of its setting, and the values that are accepted.
 
     Attributes:
-        section: section of the settings.
+        section: section of the settings, or `BATTERY`.
         field: field of the section.
         low: lowest accepted value.
         high: highest accepted value.
@@ -41,11 +45,11 @@ class Row:
 ROWS = tuple(
     sorted(
         (
-            Row("BAT1_CAPACITY", "battery", "bat1_capacity_mah", 100.0, 100_000.0),
-            Row("BAT1_N_CELLS", "battery", "bat1_n_cells", 1, 16, int),
-            Row("BAT1_R_INTERNAL", "battery", "bat1_r_internal_ohm", 0.0, 0.2),
-            Row("BAT1_V_CHARGED", "battery", "bat1_v_charged_v", 1.0, 5.0),
-            Row("BAT1_V_EMPTY", "battery", "bat1_v_empty_v", 1.0, 5.0),
+            Row("BAT1_CAPACITY", BATTERY, "capacity_mah", 100.0, 100_000.0),
+            Row("BAT1_N_CELLS", BATTERY, "cells", 1, 16, int),
+            Row("BAT1_R_INTERNAL", BATTERY, "internal_ohm", 0.0, 0.2),
+            Row("BAT1_V_CHARGED", BATTERY, "full_v", 1.0, 5.0),
+            Row("BAT1_V_EMPTY", BATTERY, "empty_v", 1.0, 5.0),
             Row("BAT_CRIT_THR", "failsafe", "bat_crit_thr", 0.05, 0.25),
             Row("BAT_EMERGEN_THR", "failsafe", "bat_emergen_thr", 0.03, 0.1),
             Row("BAT_LOW_THR", "failsafe", "bat_low_thr", 0.12, 0.5),
@@ -102,11 +106,13 @@ class Parameters:
 
     Attributes:
         config: the present settings.
+        battery: the present settings of the battery.
         names: names of all parameters, in the order of their index.
     """
 
-    def __init__(self, config: AutopilotConfig, system_id: int) -> None:
+    def __init__(self, config: AutopilotConfig, battery: BatteryConfig, system_id: int) -> None:
         self.config = config
+        self.battery = battery
         self._fixed: dict[str, Value] = {
             "CAL_ACC0_ID": 1,
             "CAL_GYRO0_ID": 2,
@@ -114,7 +120,7 @@ class Parameters:
             "MAV_COMP_ID": 1,
             "MAV_SYS_ID": system_id,
             "MAV_TYPE": 2,
-            "MPC_THR_HOVER": config.airframe.mpc_thr_hover,
+            "MPC_THR_HOVER": config.control.mpc_thr_hover,
             "SYS_AUTOSTART": 10016,
         }
         self.names = tuple(sorted([*_ROW, *self._fixed]))
@@ -124,7 +130,7 @@ class Parameters:
         row = _ROW.get(name)
         if row is None:
             return self._fixed.get(name)
-        value = getattr(getattr(self.config, row.section), row.field) * row.factor
+        value = getattr(self._section(row), row.field) * row.factor
         return round(value) if row.kind is int else float(value)
 
     def set(self, name: str, value: Value) -> bool:
@@ -135,8 +141,13 @@ class Parameters:
         if not row.low <= value <= row.high or (row.choices and value not in row.choices):
             return False
         if value != self.get(name):
-            section = getattr(self.config, row.section)
             stored = value if row.factor == 1.0 else value / row.factor
-            changed = msgspec.structs.replace(section, **{row.field: stored})
-            self.config = msgspec.structs.replace(self.config, **{row.section: changed})
+            changed = msgspec.structs.replace(self._section(row), **{row.field: stored})
+            if row.section == BATTERY:
+                self.battery = changed
+            else:
+                self.config = msgspec.structs.replace(self.config, **{row.section: changed})
         return True
+
+    def _section(self, row: Row) -> Any:
+        return self.battery if row.section == BATTERY else getattr(self.config, row.section)

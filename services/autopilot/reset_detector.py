@@ -1,5 +1,7 @@
 """Decides when the estimate is reset to a sensor that the innovation gate rejects."""
 
+TIMEOUT_US = 3_000_000
+"""The estimate is reset to a sensor that has been rejected for this time."""
 SMOOTHING = 0.2
 """Weight of the newest innovation in the mean."""
 
@@ -15,8 +17,7 @@ class ResetDetector:
             gate accepts the sensor.
     """
 
-    def __init__(self, timeout_s: float) -> None:
-        self._timeout_us = int(timeout_s * 1e6)
+    def __init__(self) -> None:
         self._since_us = 0
         self._last: tuple[float, ...] = ()
         self.mean_innovation: tuple[float, ...] = ()
@@ -40,4 +41,4 @@ class ResetDetector:
         self.mean_innovation = tuple(
             mean + SMOOTHING * (value - mean) for mean, value in zip(self.mean_innovation, innovation, strict=True)
         )
-        return t_us - self._since_us >= self._timeout_us
+        return t_us - self._since_us >= TIMEOUT_US

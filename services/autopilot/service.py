@@ -4,13 +4,14 @@ from collections.abc import Iterator
 
 from jezero.runtime.service import Health, Inbox, Output, Send, Spec
 from jezero.services.autopilot.alignment import Fix
-from jezero.services.autopilot.config import AutopilotConfig
+from jezero.services.autopilot.config import GRAVITY_MPS2, AutopilotConfig
 from jezero.services.autopilot.estimator import Estimator
 from jezero.services.autopilot.hil import HilLink, SensorSample
 from jezero.services.autopilot.mavlink_interface import GCS, OFFBOARD, MavlinkInterface, signing_by_link
 from jezero.services.autopilot.multicopter import MulticopterController
 from jezero.services.autopilot.parameters import Parameters
 from jezero.services.autopilot.vehicle import Vehicle
+from jezero.vehicle_config import VehicleConfig
 
 __all__ = ["GCS", "HIL", "OFFBOARD", "SPEC", "Autopilot"]
 
@@ -27,15 +28,20 @@ class Autopilot:
     connects, or when time goes back or jumps; parameters keep their values.
 
     Args:
+        config: settings of the autopilot.
+        vehicle: the vehicle itself: its airframe and its battery.
         system_id: MAVLink system id.
         since_2015_s: wall time at the start, for the time stamps of signatures.
     """
 
     spec = SPEC
 
-    def __init__(self, config: AutopilotConfig, system_id: int, since_2015_s: float = 0.0) -> None:
+    def __init__(
+        self, config: AutopilotConfig, vehicle: VehicleConfig, system_id: int, since_2015_s: float = 0.0
+    ) -> None:
         self._system_id = system_id
-        self._parameters = Parameters(config, system_id)
+        self._parameters = Parameters(config, vehicle.battery, system_id)
+        self._airframe = vehicle.airframe
         self._signing = signing_by_link(config.signing)
         self._since_2015_10us = int(since_2015_s * 1e5)
         self._started_wall_ns: int | None = None
@@ -47,9 +53,10 @@ class Autopilot:
 
     def _restart(self) -> None:
         config = self._parameters.config
-        estimator = Estimator(config.estimator, config.airframe.gravity_mps2)
+        estimator = Estimator(config.estimator, GRAVITY_MPS2)
         self._hil = HilLink(self._system_id)
-        self._vehicle = Vehicle(self._parameters, self._system_id, estimator, MulticopterController(config, estimator))
+        controller = MulticopterController(config, self._airframe, estimator)
+        self._vehicle = Vehicle(self._parameters, self._system_id, estimator, controller)
         self._mavlink = MavlinkInterface(
             self._vehicle, self._parameters, self._system_id, (OFFBOARD, GCS), self._signing
         )

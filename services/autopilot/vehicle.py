@@ -20,6 +20,10 @@ from jezero.services.autopilot.streams import Snapshot
 STEP_MAX_S = 0.05
 COMMANDER_PERIOD_US = 10_000
 """Source: PX4's COMMANDER_MONITORING_INTERVAL."""
+SENSOR_TIMEOUT_S = 1.0
+"""A sensor without data for this time forbids arming."""
+ARM_TILT_MAX_RAD = 0.52
+"""A vehicle that is tilted further can't be armed."""
 GCS_HEARTBEAT_TIMEOUT_S = 2.5
 """The connection to a ground station is lost this long after its last heartbeat. Source: PX4's HEARTBEAT_TIMEOUT_US."""
 
@@ -46,7 +50,7 @@ class Vehicle:
         self._config = config
         self._flight_controller = flight_controller
         self._navigator = Navigator(config.navigator, config.control)
-        self._battery = Battery(config.battery, config.airframe)
+        self._battery = Battery(parameters.battery, config.charge_at_start, config.control.mpc_thr_hover)
         self._fix: Fix | None = None
         self._fix_us: int | None = None
         self._valid_fix_us: int | None = None
@@ -210,7 +214,7 @@ class Vehicle:
             self.estimator.configure(config.estimator)
             self._flight_controller.configure(config)
             self._navigator.configure(config.navigator, config.control)
-            self._battery.configure(config.battery)
+            self._battery.configure(self._parameters.battery)
         return done
 
     # -- state ---------------------------------------------------------------------------------------------
@@ -240,16 +244,15 @@ class Vehicle:
 
     def _sensor_refusal(self) -> str:
         """Why sensors and estimate forbid arming, as a text for people; "" when they allow it."""
-        c = self._config.commander
         if self.t_us == 0:
             return "no sensor data"
         if invalid_reason := self.estimator.invalid_reason:
             return invalid_reason
         ages = (("GNSS", self._fix_us), ("magnetometer", self._mag_us), ("barometer", self._baro_us))
         for name, last_us in ages:
-            if self._age_s(last_us) > c.sensor_timeout_s:
+            if self._age_s(last_us) > SENSOR_TIMEOUT_S:
                 return f"no {name} data for {self._age_s(last_us):.1f} s"
-        if self.estimator.tilt_rad > c.arm_tilt_rad:
+        if self.estimator.tilt_rad > ARM_TILT_MAX_RAD:
             return "the vehicle is tilted too much"
         return ""
 

@@ -34,6 +34,7 @@ from jezero.services.estimator.motion import (
     initial_state,
 )
 from jezero.services.estimator.uwb_initialization import UwbWindow
+from jezero.vehicle_config import PlatformConfig
 
 FOUND_STD_MAX_M = 0.1 * STD_UNKNOWN_M
 YAW_STD_MAX_RAD = 0.3
@@ -76,11 +77,11 @@ class Estimate(msgspec.Struct, frozen=True, gc=False):
 class RelativeFilter:
     """Initializes the filter, fuses measurements in order, and resets it to an input that it keeps rejecting."""
 
-    def __init__(self, tuning: Tuning, validity: ValidityConfig) -> None:
+    def __init__(self, tuning: Tuning, validity: ValidityConfig, platform: PlatformConfig) -> None:
         self._tuning, self._validity = tuning, validity
         self._kalman = Kalman(MotionModel(tuning))
         self._history: MeasurementHistory | None = None
-        self._window = UwbWindow()
+        self._window = UwbWindow(platform)
         self._prior: tuple[Array, float] | None = None
         self._reset_at_ns: dict[Kind, int] = {}
         self._rejected_inputs: tuple[Kind, ...] = ()

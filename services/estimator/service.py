@@ -81,7 +81,7 @@ class Estimator:
         self._config = config
         self._vehicle = vehicle
         self._selection = InputSelection(config.tuning)
-        self._filter = RelativeFilter(config.tuning, config.validity)
+        self._filter = RelativeFilter(config.tuning, config.validity, vehicle.platform)
         self._attitude = AttitudeHistory(ATTITUDE_AGE_MAX_S)
         self._outlier_filter = RangeOutlierFilter()
         self._rover_check = RoverPlausibilityCheck()

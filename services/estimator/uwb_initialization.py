@@ -10,6 +10,7 @@ from jezero.frames import Vec3
 from jezero.services.estimator.measurements import UwbMeasurement
 from jezero.services.estimator.motion import Array
 from jezero.services.estimator.trilateration import trilaterate
+from jezero.vehicle_config import PlatformConfig
 
 WINDOW_NS = 600_000_000
 ROUNDS_MIN = 8
@@ -18,9 +19,10 @@ REFINEMENTS_MAX, REFINEMENT_CONVERGED_M = 2, 1e-4
 STD_FLOOR_M = 0.05
 STD_FACTOR = 2.0
 """Factor on the standard deviation, as ranges also have constant errors."""
-PLATFORM_HEIGHT_MAX_M, BESIDE_ROVER_MIN_M, STD_HEIGHT_AMBIGUOUS_M = 1.0, 0.7, 2.0
+BELOW_PLATFORM_MARGIN_M, BESIDE_PLATFORM_MARGIN_M, STD_HEIGHT_AMBIGUOUS_M = 0.5, 0.2, 2.0
 """The height is ambiguous: ranges cannot distinguish above from below the plane of the anchors. A vehicle beside the
-rover may be up to PLATFORM_HEIGHT_MAX_M below the anchors, so at such heights the height's variance is increased."""
+platform may be as far below the anchors as the platform is high, and with a margin farther where the ground is uneven.
+At such heights the height's variance is increased."""
 
 
 class UwbWindow:
@@ -30,7 +32,9 @@ class UwbWindow:
     robust against single outliers.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, platform: PlatformConfig) -> None:
+        self._ambiguous_height_m = platform.height_m + BELOW_PLATFORM_MARGIN_M
+        self._beside_m = 0.5 * platform.side_m + BESIDE_PLATFORM_MARGIN_M
         self._rounds: deque[UwbMeasurement] = deque()
 
     def add(self, uwb: UwbMeasurement) -> None:
@@ -71,7 +75,8 @@ class UwbWindow:
         pos_body_m, unit_cov = found
         variance = (STD_FACTOR * rounds[-1].std_m) ** 2 / len(rounds)
         cov_m2 = to_ned @ (unit_cov * variance) @ to_ned.T + STD_FLOOR_M**2 * np.eye(3)
-        if -pos_body_m[2] < PLATFORM_HEIGHT_MAX_M and hypot(pos_body_m[0], pos_body_m[1]) > BESIDE_ROVER_MIN_M:
+        beside = hypot(pos_body_m[0], pos_body_m[1]) > self._beside_m
+        if beside and -pos_body_m[2] < self._ambiguous_height_m:
             cov_m2[2, 2] += STD_HEIGHT_AMBIGUOUS_M**2
         lever_ned_m = rounds[-1].lever_ned_m
         return to_ned @ np.array(pos_body_m) - lever_ned_m, cov_m2

@@ -9,13 +9,15 @@ from jezero.runtime.service import Service
 from jezero.runtime.zenoh_bus import run_process
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import LINK, VehicleBridge
+from jezero.vehicle_config import VehicleConfig
 
 HOST = "127.0.0.1"
 
 
 def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
     """The bridge of an instance, and its link to the autopilot."""
-    bridge = VehicleBridge(load_config(VehicleBridgeConfig, "vehicle_bridge"), instance.system_id, boot_id)
+    config, vehicle = load_config(VehicleBridgeConfig, "vehicle_bridge"), load_config(VehicleConfig, "vehicle")
+    bridge = VehicleBridge(config, vehicle, instance.system_id, boot_id)
     autopilot = (HOST, instance.autopilot_offboard_port)
     return bridge, {LINK: Udp((HOST, instance.bridge_port), autopilot, only_from_peer=True)}
 

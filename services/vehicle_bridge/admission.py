@@ -8,16 +8,19 @@ from jezero.frames import Vec3, altitude_m, horizontal
 from jezero.schemas.commands import Acquire, Hover, Phase, Release, Setpoint
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import ACTIONS
-from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.resets import ResetHistory
 from jezero.services.vehicle_bridge.transitions import CODE_OF, is_allowed
-from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
+from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, Target, VehicleSnapshot
+from jezero.vehicle_config import VehicleConfig, VehicleLimitsConfig
 
 MAX_AGE_NS = 300_000_000
 MAX_REQUEST_AGE_S = 1.0
 """Action servers wait this long for the reply to a request for control."""
 MAX_LEAD_NS = 50_000_000
 """A setpoint may seem to come from the future by this much: clocks of two hosts are mapped, not shared."""
+
+FORCE_FEET_MAX_M = 0.1
+"""The motors are not stopped by force while the altimeter's tilt-corrected range means that the feet are higher."""
 
 
 @dataclass
@@ -64,7 +67,7 @@ def phases_of(action: str, code: StatusCode) -> tuple[Phase, ...]:
 
 
 def acquire_refusal(
-    request: Acquire, code: StatusCode, holder: Grant | None, text: str, vehicle: VehicleSnapshot, link_timeout_s: float
+    request: Acquire, code: StatusCode, holder: Grant | None, text: str, vehicle: VehicleSnapshot
 ) -> str | None:
     """Reason why this goal may not fly now, with what to do instead; None when it may.
 
@@ -72,11 +75,11 @@ def acquire_refusal(
         holder: grant of the goal in charge.
         text: the status' last event, which explains a status 13.
     """
-    return next(_acquire_refusals(request, code, holder, text, vehicle, link_timeout_s), None)
+    return next(_acquire_refusals(request, code, holder, text, vehicle), None)
 
 
 def _acquire_refusals(
-    request: Acquire, code: StatusCode, holder: Grant | None, text: str, vehicle: VehicleSnapshot, link_timeout_s: float
+    request: Acquire, code: StatusCode, holder: Grant | None, text: str, vehicle: VehicleSnapshot
 ) -> Iterator[str]:
     status = status_words(code)
     phase = phase_of(request.action)
@@ -98,7 +101,7 @@ def _acquire_refusals(
         yield f"goals are accepted in 0 (IDLE) and 3 (HOVER) only, {status}: try again when it has changed"
     if code is StatusCode.HOVER and takes_off:
         yield f"takeoff needs a vehicle on the ground (0), {status}: it flies already"
-    if code is StatusCode.HOVER and vehicle.telemetry_age_s > link_timeout_s:
+    if code is StatusCode.HOVER and vehicle.telemetry_age_s > LINK_TIMEOUT_S:
         yield f"the autopilot's telemetry has been missing for {vehicle.telemetry_age_s:.1f} s, {status}: wait for it"
     if code is StatusCode.IDLE and not takes_off and not (moves and request.do_takeoff):
         hint = ", or set do_takeoff" if moves else ""
@@ -141,7 +144,7 @@ def _is_finite(setpoint: Setpoint) -> bool:
 
 
 def hover_refusal(
-    request: Hover, code: StatusCode, text: str, killing: bool, vehicle: VehicleSnapshot, config: VehicleBridgeConfig
+    request: Hover, code: StatusCode, text: str, killing: bool, vehicle: VehicleSnapshot, limits: VehicleLimitsConfig
 ) -> str | None:
     """Reason why the bridge doesn't hover as requested; None when it does, or takes control back in order to.
 
@@ -149,28 +152,26 @@ def hover_refusal(
         text: the status' last event, which explains a status 13.
         killing: the motors are being cut.
     """
-    return next(_hover_refusals(request, code, text, killing, vehicle, config), None)
+    return next(_hover_refusals(request, code, text, killing, vehicle, limits), None)
 
 
-def force_disarm_refusal(vehicle: VehicleSnapshot, config: VehicleBridgeConfig) -> str | None:
+def force_disarm_refusal(vehicle: VehicleSnapshot, robot: VehicleConfig) -> str | None:
     """Reason why a landing's end may not stop the motors by force, None when it may."""
-    limit_m = config.range_force_max_m
-    if vehicle.range_m is None or vehicle.range_m <= limit_m:
+    range_max_m = robot.height_altimeter_m + FORCE_FEET_MAX_M
+    if vehicle.range_m is None or vehicle.range_m <= range_max_m:
         return None
-    return f"not disarmed by force: the altimeter measures {vehicle.range_m:.2f} m, {limit_m:g} m is the limit"
+    return f"not disarmed by force: the altimeter measures {vehicle.range_m:.2f} m, {range_max_m:.2g} m is the limit"
 
 
-def release_refusal(
-    request: Release, code: StatusCode, vehicle: VehicleSnapshot, config: VehicleBridgeConfig
-) -> str | None:
+def release_refusal(request: Release, code: StatusCode, vehicle: VehicleSnapshot, robot: VehicleConfig) -> str | None:
     """Reason why a goal that succeeded may not end so, None when it may."""
     if (code is StatusCode.LANDING) != (request.then != "hover"):
         return "a landing that succeeded ends with then=disarm, and nothing else does"
-    return force_disarm_refusal(vehicle, config) if request.then == "force_disarm" else None
+    return force_disarm_refusal(vehicle, robot) if request.then == "force_disarm" else None
 
 
 def _hover_refusals(
-    request: Hover, code: StatusCode, text: str, killing: bool, vehicle: VehicleSnapshot, config: VehicleBridgeConfig
+    request: Hover, code: StatusCode, text: str, killing: bool, vehicle: VehicleSnapshot, limits: VehicleLimitsConfig
 ) -> Iterator[str]:
     status, age_s = status_words(code), vehicle.telemetry_age_s
     if not request.hover_req:
@@ -185,29 +186,33 @@ def _hover_refusals(
         yield f"the vehicle stands on the ground and is being disarmed, {status}"
     if code is StatusCode.EXTERNAL and (killing or not vehicle.armed or vehicle.landed):
         yield f"control can be taken back in the air only, {status}: {text}"
-    if code is StatusCode.EXTERNAL and (age_s > config.link_timeout_s or vehicle.pos_ned_m is None):
+    if code is StatusCode.EXTERNAL and (age_s > LINK_TIMEOUT_S or vehicle.pos_ned_m is None):
         yield f"control can't be taken back without telemetry, missing for {age_s:.1f} s, {status}"
     if request.hover_pos is not None:
-        yield from _point_refusals(request.hover_pos, config)
+        yield from _point_refusals(request.hover_pos, limits)
 
 
-def _point_refusals(pos_ned_m: Vec3, config: VehicleBridgeConfig) -> Iterator[str]:
+def _point_refusals(pos_ned_m: Vec3, limits: VehicleLimitsConfig) -> Iterator[str]:
     z_m = pos_ned_m[2]
     if not all(isfinite(x) for x in pos_ned_m):
         yield f"{pos_ned_m} is not a point"
     if z_m >= 0.0:
         yield f"z = {z_m:g} is not above the ground: z points down, 5 m up is −5"
-    yield from _limit_refusals(pos_ned_m, config)
+    yield from _limit_refusals(pos_ned_m, limits)
 
 
-def _limit_refusals(pos_ned_m: Vec3, config: VehicleBridgeConfig) -> Iterator[str]:
+def _limit_refusals(pos_ned_m: Vec3, limits: VehicleLimitsConfig) -> Iterator[str]:
     z_m, distance_m = pos_ned_m[2], horizontal(pos_ned_m)
-    if altitude_m(z_m) > config.altitude_limit_m:
-        yield f"{altitude_m(z_m):g} m up is above the limit of {config.altitude_limit_m:g} m"
-    if distance_m > config.distance_limit_m:
-        yield f"{distance_m:.0f} m away is beyond the limit of {config.distance_limit_m:g} m"
+    if altitude_m(z_m) > limits.altitude_max_m:
+        yield f"{altitude_m(z_m):g} m up is above the limit of {limits.altitude_max_m:g} m"
+    if distance_m > limits.distance_max_m:
+        yield f"{distance_m:.0f} m away is beyond the limit of {limits.distance_max_m:g} m"
 
 
-def is_within_limits(target: Target, config: VehicleBridgeConfig) -> bool:
-    """Whether a target's point, if it has one, is neither too high nor too far away."""
-    return target.pos_ned_m is None or next(_limit_refusals(target.pos_ned_m, config), None) is None
+def leaves_limits(before: Target, after: Target, limits: VehicleLimitsConfig) -> bool:
+    """Whether a target's point, if it has one, moves from within the limits to beyond them."""
+    return not _is_beyond(before, limits) and _is_beyond(after, limits)
+
+
+def _is_beyond(target: Target, limits: VehicleLimitsConfig) -> bool:
+    return target.pos_ned_m is not None and any(_limit_refusals(target.pos_ned_m, limits))

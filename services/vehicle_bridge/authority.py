@@ -11,26 +11,25 @@ from jezero.services.vehicle_bridge.admission import (
     Grant,
     force_disarm_refusal,
     hover_refusal,
-    is_within_limits,
+    leaves_limits,
     release_refusal,
     setpoint_refusal,
     status_words,
 )
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+from jezero.services.vehicle_bridge.engagement import EngagementTimer
 from jezero.services.vehicle_bridge.flight_monitor import FlightMonitor
 from jezero.services.vehicle_bridge.grants import Grants
 from jezero.services.vehicle_bridge.resets import ResetHistory
 from jezero.services.vehicle_bridge.takeover_detector import TakeoverDetector
 from jezero.services.vehicle_bridge.targets import press_down_target, released_target, setpoint_target, stopping_target
-from jezero.services.vehicle_bridge.transitions import CODE_OF, IN_PROGRESS, completed, require
+from jezero.services.vehicle_bridge.transitions import CODE_OF, IN_PROGRESS, REPORT_MIN_S, completed, require
 from jezero.services.vehicle_bridge.unarmable_mode import UnarmableModeDetector
 from jezero.services.vehicle_bridge.vehicle import LAND, OFFBOARD, Command, ControlState, Target, VehicleSnapshot
+from jezero.vehicle_config import VehicleConfig
 
-REPORT_MIN_S = 0.1
-"""A code that only reports an event lasts at least this long, so that every subscriber gets it."""
-STREAM_LEAD_S = 0.2
-"""Setpoints are streamed for this time before the autopilot is commanded into offboard mode."""
-NO_REASON = "the autopilot gives no reason"
+DISARM_TIMEOUT_S = 10.0
+"""Time-out of a normal disarm on the ground: the autopilot must first detect the ground."""
 
 
 class Authority:
@@ -46,23 +45,22 @@ class Authority:
         changes: the control state after each change of code; the publisher empties the list.
     """
 
-    def __init__(self, config: VehicleBridgeConfig, boot_id: int) -> None:
+    def __init__(self, config: VehicleBridgeConfig, robot: VehicleConfig, boot_id: int) -> None:
         self.code = StatusCode.IDLE
         self.text = "the bridge has started"
         self.target: Target | None = None
         self.command: Command | None = None
         self.taking_back = self.killing = False
         self.changes: list[ControlState] = []
-        self._config = config
-        self._grants = Grants(config, boot_id)
+        self._robot = robot
+        self._grants = Grants(boot_id)
         self._external_holder: InCharge = "failsafe"
         self._takeover = TakeoverDetector()
         self._unarmable_mode = UnarmableModeDetector()
         self._monitor = FlightMonitor(config)
-        self._abort_maneuver = AbortManeuver(config)
+        self._abort_maneuver = AbortManeuver()
         self._code_since_ns = 0
-        self._engage_since_ns = 0
-        """Time at which the bridge began to engage, or to take control back."""
+        self._engagement = EngagementTimer()
         self._engaged = False
         """The autopilot has been armed and in offboard mode since the bridge commanded it."""
         self._arm_pending = False
@@ -113,7 +111,7 @@ class Authority:
         grant.timer_ns = vehicle.timer_ns
         if code is not self.code:
             if self.code is StatusCode.IDLE:
-                self._engage_since_ns = vehicle.timer_ns
+                self._engagement.start(vehicle)
             self.text = f"{grant.name}: {setpoint.phase}"
             self._set_code(code, vehicle)
         return None
@@ -128,7 +126,7 @@ class Authority:
             self._revoke(f"{grant.name} {request.outcome}{because}", vehicle, released=True)
         elif not self._engaged:
             self._revoke(f"{grant.name} ended before the vehicle was armed in offboard mode", vehicle, released=True)
-        elif refusal := release_refusal(request, self.code, vehicle, self._config):
+        elif refusal := release_refusal(request, self.code, vehicle, self._robot):
             return refusal
         else:
             self._force_disarm = request.then == "force_disarm"
@@ -143,7 +141,7 @@ class Authority:
 
     def hover(self, request: Hover, vehicle: VehicleSnapshot) -> str | None:
         """Hover here or at a point; returns the reason for a refusal, or None. It is done when the status is 3."""
-        refusal = hover_refusal(request, self.code, self.text, self.killing, vehicle, self._config)
+        refusal = hover_refusal(request, self.code, self.text, self.killing, vehicle, self._robot.limits)
         if refusal:
             return refusal
         if self.code is StatusCode.EXTERNAL:
@@ -164,7 +162,7 @@ class Authority:
         if not self.taking_back:
             self.taking_back = True
             self._land_commanded = False
-            self._engage_since_ns = vehicle.timer_ns
+            self._engagement.start(vehicle)
             self.target = self._stopping_target(vehicle)
             self.text = "taking control back"
 
@@ -203,7 +201,7 @@ class Authority:
             return
         self.target = before.moved(step_ned_m)
         hovers = self.code is StatusCode.HOVER and self.grant is None
-        if hovers and is_within_limits(before, self._config) and not is_within_limits(self.target, self._config):
+        if hovers and leaves_limits(before, self.target, self._robot.limits):
             self.target = self._stopping_target(vehicle)
             self.text = "the autopilot corrected its position, and the hover point is beyond the limits: hovering here"
 
@@ -278,15 +276,13 @@ class Authority:
     def _engage(self, vehicle: VehicleSnapshot) -> Command | None:
         if self._engaged or self.grant is None:
             return None
-        elapsed_s = (vehicle.timer_ns - self._engage_since_ns) * 1e-9
         if vehicle.armed and vehicle.mode == OFFBOARD:
             self._engaged = True
-        elif elapsed_s > self._config.engage_timeout_s:
-            reason = vehicle.command_failure or NO_REASON
-            self._revoke(f"{self.grant.name} ended: could not arm in offboard mode: {reason}", vehicle)
-        elif elapsed_s >= STREAM_LEAD_S and vehicle.mode == OFFBOARD:
+        elif self._engagement.is_overdue(vehicle):
+            self._revoke(f"{self.grant.name} ended: could not arm in offboard mode: {vehicle.failure_reason}", vehicle)
+        elif self._engagement.may_command(vehicle) and vehicle.mode == OFFBOARD:
             return Command.ARM
-        elif elapsed_s >= STREAM_LEAD_S and not self._takeover.was_offboard:
+        elif self._engagement.may_command(vehicle) and not self._takeover.was_offboard:
             return Command.OFFBOARD
         return None
 
@@ -307,11 +303,11 @@ class Authority:
             if elapsed_s >= REPORT_MIN_S:
                 self._set_code(StatusCode.IDLE, vehicle)
             return None
-        if elapsed_s > self._config.disarm_timeout_s:
-            reason = f"the autopilot did not disarm within {elapsed_s:.0f} s: {vehicle.command_failure or NO_REASON}"
+        if elapsed_s > DISARM_TIMEOUT_S:
+            reason = f"the autopilot did not disarm within {elapsed_s:.0f} s: {vehicle.failure_reason}"
             self._lose_control("failsafe", reason, vehicle)
             return None
-        by_force = self._force_disarm and not vehicle.landed and not force_disarm_refusal(vehicle, self._config)
+        by_force = self._force_disarm and not vehicle.landed and not force_disarm_refusal(vehicle, self._robot)
         return Command.FORCE_DISARM if by_force else Command.DISARM
 
     def _advance_external(self, vehicle: VehicleSnapshot) -> Command | None:
@@ -334,14 +330,13 @@ class Authority:
         return Command.LAND if self._land_commanded else None
 
     def _advance_taking_back(self, vehicle: VehicleSnapshot) -> Command | None:
-        elapsed_s = (vehicle.timer_ns - self._engage_since_ns) * 1e-9
-        if elapsed_s > self._config.engage_timeout_s:
+        if self._engagement.is_overdue(vehicle):
             self.taking_back = False
             self.target = None
-            self.text = f"control could not be taken back: {vehicle.command_failure or NO_REASON}"
-        elif elapsed_s >= STREAM_LEAD_S and vehicle.mode != OFFBOARD:
+            self.text = f"control could not be taken back: {vehicle.failure_reason}"
+        elif self._engagement.may_command(vehicle) and vehicle.mode != OFFBOARD:
             return Command.OFFBOARD
-        elif elapsed_s >= STREAM_LEAD_S:
+        elif self._engagement.may_command(vehicle):
             self.taking_back = False
             self._engaged = True
             self.text = "hovering: control was taken back"
@@ -398,4 +393,4 @@ class Authority:
         return vehicle.yaw_rad if self.target is None else self.target.yaw_rad
 
     def _stopping_target(self, vehicle: VehicleSnapshot) -> Target:
-        return stopping_target(vehicle, self._yaw_rad(vehicle), self._config.low_height_m)
+        return stopping_target(vehicle, self._yaw_rad(vehicle))

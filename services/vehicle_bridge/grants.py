@@ -3,12 +3,14 @@
 from jezero.schemas.commands import Acquire
 from jezero.schemas.state import StatusCode
 from jezero.services.vehicle_bridge.admission import Grant, acquire_refusal, phases_of
-from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.goal_history import GoalHistory
 from jezero.services.vehicle_bridge.vehicle import VehicleSnapshot
 
 UNUSED_TIMEOUT_S = 0.5
 """A grant ends when its goal has sent no setpoint within this time: the reply may have been lost."""
+SETPOINT_TIMEOUT_S = 0.3
+"""A grant ends when its goal has sent no further setpoint for this time, and the bridge hovers, within 0.5 s in all:
+the autopilot would go on with the last velocity. Source: architecture §5."""
 
 
 class Grants:
@@ -20,11 +22,10 @@ class Grants:
         history: past goals.
     """
 
-    def __init__(self, config: VehicleBridgeConfig, boot_id: int) -> None:
+    def __init__(self, boot_id: int) -> None:
         self.present: Grant | None = None
         self.count = 0
         self.history = GoalHistory()
-        self._config = config
         self._boot_id = boot_id
 
     def acquire(self, request: Acquire, code: StatusCode, text: str, vehicle: VehicleSnapshot) -> str | None:
@@ -36,9 +37,7 @@ class Grants:
         holder = self.present
         if holder is not None and holder.sequence < 0 and holder.goal_id == request.goal_id:
             return None  # the same request again, because its reply was lost
-        refusal = self.history.refusal(request, vehicle) or acquire_refusal(
-            request, code, holder, text, vehicle, self._config.link_timeout_s
-        )
+        refusal = self.history.refusal(request, vehicle) or acquire_refusal(request, code, holder, text, vehicle)
         if refusal:
             return refusal
         self.count += 1
@@ -63,6 +62,6 @@ class Grants:
         if grant is None:
             return None
         age_s = (vehicle.timer_ns - grant.timer_ns) * 1e-9
-        if age_s <= (UNUSED_TIMEOUT_S if grant.sequence < 0 else self._config.setpoint_timeout_s):
+        if age_s <= (UNUSED_TIMEOUT_S if grant.sequence < 0 else SETPOINT_TIMEOUT_S):
             return None
         return f"{grant.name} ended: it sent no setpoint for {age_s:.2f} s"

@@ -5,10 +5,11 @@ from collections.abc import Iterator
 from jezero.frames import horizontal
 from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S
 
 
 def system_not_ready_reason(
-    link: AutopilotLink, epoch_id: int | None, telemetry_age_s: float, timer_ns: int, config: VehicleBridgeConfig
+    link: AutopilotLink, epoch_id: int | None, telemetry_age_s: float, timer_ns: int
 ) -> str | None:
     """First thing that the system lacks for a takeoff, None when it lacks nothing.
 
@@ -16,7 +17,7 @@ def system_not_ready_reason(
         epoch_id: epoch of the vehicle; None before vehicle time is known.
         telemetry_age_s: age of the newest telemetry, or of the newest odometry if that is older.
     """
-    return next(_missing(link, epoch_id, telemetry_age_s, timer_ns, config), None)
+    return next(_missing(link, epoch_id, telemetry_age_s, timer_ns), None)
 
 
 def moving_ground_reason(link: AutopilotLink, config: VehicleBridgeConfig) -> str | None:
@@ -28,9 +29,7 @@ def moving_ground_reason(link: AutopilotLink, config: VehicleBridgeConfig) -> st
     return f"the ground under the vehicle moves at {speed_mps:.2f} m/s: stop the rover, {limit_mps:g} m/s is the limit"
 
 
-def _missing(
-    link: AutopilotLink, epoch_id: int | None, telemetry_age_s: float, timer_ns: int, config: VehicleBridgeConfig
-) -> Iterator[str]:
+def _missing(link: AutopilotLink, epoch_id: int | None, telemetry_age_s: float, timer_ns: int) -> Iterator[str]:
     telemetry = link.telemetry
     if epoch_id is None:
         yield "no vehicle time yet: is the simulator running?"
@@ -38,7 +37,7 @@ def _missing(
         yield "no telemetry from the autopilot yet"
     if telemetry.odometry is None:
         yield "the autopilot sends no odometry yet: its estimator is still converging"
-    if telemetry_age_s > config.link_timeout_s:
+    if telemetry_age_s > LINK_TIMEOUT_S:
         yield f"the autopilot's telemetry has been missing for {telemetry_age_s:.0f} s"
     if telemetry.origin_deg is None:
         yield "the autopilot has no origin yet: it waits for GNSS"

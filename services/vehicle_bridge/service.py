@@ -28,7 +28,8 @@ from jezero.services.vehicle_bridge.readiness import moving_ground_reason, syste
 from jezero.services.vehicle_bridge.request_queue import RequestQueue
 from jezero.services.vehicle_bridge.telemetry import TelemetryBatch
 from jezero.services.vehicle_bridge.timer import Timer
-from jezero.services.vehicle_bridge.vehicle import OFFBOARD, ControlState, Target, VehicleSnapshot
+from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, OFFBOARD, ControlState, Target, VehicleSnapshot
+from jezero.vehicle_config import VehicleConfig
 
 LINK = "autopilot"
 STATUS_PERIOD_NS = 100_000_000
@@ -60,18 +61,19 @@ class VehicleBridge:
     """Service that alone commands the autopilot and publishes `status`.
 
     Args:
-        config: limits and time-outs.
+        config: rate, limits and the autopilot's parameters.
+        robot: the vehicle itself, with the limits of a hover point.
         system_id: MAVLink system id of the vehicle.
         boot_id: differs between two runs of the bridge.
     """
 
-    def __init__(self, config: VehicleBridgeConfig, system_id: int, boot_id: int) -> None:
+    def __init__(self, config: VehicleBridgeConfig, robot: VehicleConfig, system_id: int, boot_id: int) -> None:
         self.spec = replace(SPEC, rate_hz=config.rate_hz)
         self._config = config
         self._boot_id = boot_id
         self._link = AutopilotLink(system_id, config.parameters)
         self._foreign_setpoints = ForeignSetpointDetector()
-        self._authority = Authority(config, boot_id)
+        self._authority = Authority(config, robot, boot_id)
         self._epoch_id: int | None = None
         self._timer = Timer()
         self._ground_z_ned_m = 0.0
@@ -197,7 +199,7 @@ class VehicleBridge:
 
     def _not_ready_reason(self, telemetry_age_s: float) -> str | None:
         """Reason why a takeoff isn't possible now, None when it is."""
-        reason = system_not_ready_reason(self._link, self._epoch_id, telemetry_age_s, self._timer.now_ns, self._config)
+        reason = system_not_ready_reason(self._link, self._epoch_id, telemetry_age_s, self._timer.now_ns)
         if reason is None and self._authority.code is StatusCode.IDLE:
             return moving_ground_reason(self._link, self._config)
         return reason
@@ -246,7 +248,7 @@ class VehicleBridge:
             return b""
         data = b""
         code = self._authority.code
-        blind = vehicle.telemetry_age_s > self._config.link_timeout_s
+        blind = vehicle.telemetry_age_s > LINK_TIMEOUT_S
         if wall_ns - self._intervals_wall_ns >= INTERVALS_PERIOD_NS and (blind or code is not StatusCode.EXTERNAL):
             self._intervals_wall_ns = wall_ns
             data += self._link.request_intervals()
@@ -276,7 +278,7 @@ class VehicleBridge:
         telemetry = self._link.telemetry
         if control_state.code is StatusCode.EXTERNAL:
             not_ready_reason: str | None = f"not under the bridge's command: {control_state.text}"
-        elif control_state.code is not StatusCode.IDLE and vehicle.telemetry_age_s <= self._config.link_timeout_s:
+        elif control_state.code is not StatusCode.IDLE and vehicle.telemetry_age_s <= LINK_TIMEOUT_S:
             not_ready_reason = None
         else:
             not_ready_reason = self._not_ready_reason(vehicle.telemetry_age_s)
@@ -311,7 +313,7 @@ class VehicleBridge:
     def _publish_health(self, vehicle: VehicleSnapshot) -> Iterator[Output]:
         state: ServiceState = "ok"
         text = f"{self._authority.code.name}, linked"
-        if vehicle.telemetry_age_s > self._config.link_timeout_s or self._epoch_id is None:
+        if vehicle.telemetry_age_s > LINK_TIMEOUT_S or self._epoch_id is None:
             state = "starting" if self._link.telemetry.received_wall_ns is None else "degraded"
             text = self._not_ready_reason(vehicle.telemetry_age_s) or ""
         elif self._authority.code is StatusCode.IDLE and (reason := self._not_ready_reason(vehicle.telemetry_age_s)):

@@ -6,6 +6,8 @@ from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
 
 STOPPING_TIME_S = 0.5
 """A hover begins at the point that the present velocity reaches in this time, so that the vehicle needn't turn back."""
+LOW_HEIGHT_M = 1.0
+"""Height over ground or platform below which no descent comes to rest, and an aborted vehicle climbs."""
 PRESS_DOWN_MPS = 0.5
 """Commanded descent on the ground until the motors stop. Source: spec §8."""
 
@@ -23,10 +25,10 @@ def setpoint_target(setpoint: Setpoint, yaw_rad: float, resets: ResetHistory) ->
     return target.moved(resets.step_since(setpoint.reset_counter) or (0.0, 0.0, 0.0))
 
 
-def stopping_target(vehicle: VehicleSnapshot, yaw_rad: float, low_height_m: float) -> Target:
-    """Hover where the vehicle comes to rest; a descent ends above the low height."""
+def stopping_target(vehicle: VehicleSnapshot, yaw_rad: float) -> Target:
+    """Hover where the vehicle comes to rest; a descent ends above `LOW_HEIGHT_M`."""
     pos_ned_m, vel = vehicle.pos_ned_m or (0.0, 0.0, 0.0), vehicle.vel_ned_mps
-    room_m = max(0.0, (vehicle.height_m or 0.0) - low_height_m)
+    room_m = max(0.0, (vehicle.height_m or 0.0) - LOW_HEIGHT_M)
     down_m = min(vel[2] * STOPPING_TIME_S, room_m)
     north_m, east_m = pos_ned_m[0] + vel[0] * STOPPING_TIME_S, pos_ned_m[1] + vel[1] * STOPPING_TIME_S
     return Target((north_m, east_m, pos_ned_m[2] + down_m), None, None, yaw_rad)

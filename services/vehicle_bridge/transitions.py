@@ -3,6 +3,8 @@
 from jezero.schemas.commands import Phase
 from jezero.schemas.state import StatusCode as Code
 
+REPORT_MIN_S = 0.1
+"""A code that only reports an event lasts at least this long, so that every subscriber gets it."""
 AFTER: dict[Code, tuple[Code, ...]] = {
     Code.IDLE: (Code.TAKEOFF, Code.EXTERNAL),
     Code.TAKEOFF: (Code.TAKEOFF_DONE, Code.GO_TO, Code.ABORT, Code.EXTERNAL),

@@ -9,6 +9,8 @@ from jezero.schemas.state import InCharge, StatusCode
 
 OFFBOARD = "OFFBOARD"
 LAND = "AUTO.LAND"
+LINK_TIMEOUT_S = 1.0
+"""Telemetry that is older than this is missing: a goal ends and a hover begins, and nothing takes off."""
 UNARMABLE_MODES = (OFFBOARD, LAND, "AUTO.RTL")
 """Modes in which a PX4 on the ground refuses to arm: offboard without a stream, and those that end on the ground."""
 
@@ -105,6 +107,11 @@ class VehicleSnapshot(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def tilt_rad(self) -> float:
         return tilt_from_quat(self.q_ned_from_frd)
+
+    @property
+    def failure_reason(self) -> str:
+        """The autopilot's reason for refusing a command, for people."""
+        return self.command_failure or "the autopilot gives no reason"
 
 
 class ControlState(msgspec.Struct, frozen=True):

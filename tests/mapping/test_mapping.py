@@ -17,6 +17,7 @@ from jezero.mapping.making import make_map
 from jezero.mapping.mosaic import Mosaic
 from jezero.mapping.survey import SurveyError, read_survey
 from jezero.schemas.images import LISTING
+from jezero.vehicle_config import VehicleConfig
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 180, 136, 112.0
 HEIGHT_M = 4.0
@@ -103,12 +104,12 @@ def displacement_m(mosaic: Mosaic, ground: NDArray[np.uint8]) -> NDArray[np.floa
 
 def test_pictures_from_known_poses_make_a_map_that_is_where_things_are(tmp_path: Path) -> None:
     ground = dataset(tmp_path)
-    assert np.abs(displacement_m(make_map(tmp_path, M_PER_PX).mosaic, ground)).max() <= 1.5 * M_PER_PX
+    assert np.abs(displacement_m(make_map(tmp_path, M_PER_PX, VehicleConfig()).mosaic, ground)).max() <= 1.5 * M_PER_PX
 
 
 def test_what_pictures_show_in_common_puts_them_right_but_for_a_common_shift(tmp_path: Path) -> None:
     ground = dataset(tmp_path, wander_m=0.04, yaw_error_rad=0.02)
-    made = make_map(tmp_path, M_PER_PX)
+    made = make_map(tmp_path, M_PER_PX, VehicleConfig())
     astray_m = displacement_m(made.mosaic, ground)
     rest_m = np.linalg.norm(astray_m - np.median(astray_m, axis=0), axis=1)
     assert made.alignment.before_m > 0.03 and made.alignment.after_m < 0.01
@@ -164,7 +165,7 @@ def test_a_folder_without_pictures_says_what_is_wrong(tmp_path: Path, text: str 
         (tmp_path / "images").mkdir()
         (tmp_path / LISTING).write_text(text)
     with pytest.raises(SurveyError, match=why):
-        read_survey(tmp_path)
+        read_survey(tmp_path, VehicleConfig())
 
 
 def test_pictures_without_a_range_or_a_file_can_not_be_mapped(tmp_path: Path) -> None:
@@ -177,7 +178,7 @@ def test_pictures_without_a_range_or_a_file_can_not_be_mapped(tmp_path: Path) ->
         del image["range_m"]
     (tmp_path / LISTING).write_text(json.dumps(listing))
     with pytest.raises(SurveyError, match="the laser reaches 10 m, fly lower"):
-        read_survey(tmp_path)
+        read_survey(tmp_path, VehicleConfig())
 
 
 def test_two_spots_far_apart_in_height_are_a_ground_all_the_same() -> None:

@@ -55,8 +55,9 @@ class Flight:
         self.bus.observe(self._observe)
         self.bus.wire(("simulator", "hil"), ("autopilot", "hil"))
         self.bus.wire(("autopilot", "gcs"), ("station", "autopilot"), UDP_DELAY)
-        self.bus.add(Simulator(windy(2.0, 0.3), load_config(VehicleConfig, "vehicle"), 4, 1))
-        self.bus.add(Autopilot(load_config(AutopilotConfig, "autopilot"), SYSTEM_ID))
+        vehicle = load_config(VehicleConfig, "vehicle")
+        self.bus.add(Simulator(windy(2.0, 0.3), vehicle, 4, 1))
+        self.bus.add(Autopilot(load_config(AutopilotConfig, "autopilot"), vehicle, SYSTEM_ID))
         self.bus.add(self.station)
         self.bus.run_for(6.0)
 

@@ -11,9 +11,10 @@ from jezero.runtime.memory_bus import UDP_DELAY
 from jezero.runtime.service import Inbox, Output, Send, Spec
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
-from jezero.services.autopilot.config import AutopilotConfig, BatteryConfig, FailsafeConfig, NavigatorConfig
+from jezero.services.autopilot.config import AutopilotConfig, FailsafeConfig, NavigatorConfig
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.trials.stack import build_stack
+from jezero.vehicle_config import BatteryConfig, VehicleConfig
 from tests.scenario.rig import Flight, go_to
 
 CLOSE_TO_HOME = NavigatorConfig(rtl_return_alt_m=6.0)
@@ -33,8 +34,8 @@ class GroundStation:
             yield Send("autopilot", self._codec.pack(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))
 
 
-def flight_with(config: AutopilotConfig) -> Flight:
-    return Flight(seed=5, make_bus=lambda seed: build_stack(seed, autopilot=config))
+def flight_with(config: AutopilotConfig, vehicle: VehicleConfig | None = None) -> Flight:
+    return Flight(seed=5, make_bus=lambda seed: build_stack(seed, autopilot=config, vehicle=vehicle))
 
 
 def wait_mode(flight: Flight, mode: str, timeout_s: float) -> None:
@@ -87,11 +88,8 @@ def test_without_its_ground_station_it_returns_and_lands_if_the_parameter_says_s
 
 
 def test_a_low_battery_warns_a_critical_one_returns_and_an_empty_one_lands() -> None:
-    config = AutopilotConfig(
-        navigator=CLOSE_TO_HOME,
-        battery=BatteryConfig(charge_at_start=0.2, bat1_capacity_mah=1200.0),
-    )
-    flight = flight_with(config)
+    config = AutopilotConfig(navigator=CLOSE_TO_HOME, charge_at_start=0.2)
+    flight = flight_with(config, VehicleConfig(battery=BatteryConfig(capacity_mah=1200.0)))
     flight.take_off(3.0)
     flight.do(topics.GO_TO, go_to(8.0, 0.0, -3.0))
     assert flight.status.code == StatusCode.HOVER
@@ -106,8 +104,9 @@ def test_a_low_battery_warns_a_critical_one_returns_and_an_empty_one_lands() -> 
 def test_an_empty_battery_only_warns_without_the_bridges_parameters() -> None:
     bridge = VehicleBridgeConfig()
     assert not bridge.parameters
-    config = AutopilotConfig(battery=BatteryConfig(charge_at_start=0.08, bat1_capacity_mah=1000.0))
-    flight = Flight(seed=5, make_bus=lambda seed: build_stack(seed, autopilot=config, bridge=bridge))
+    config = AutopilotConfig(charge_at_start=0.08)
+    vehicle = VehicleConfig(battery=BatteryConfig(capacity_mah=1000.0))
+    flight = Flight(seed=5, make_bus=lambda seed: build_stack(seed, autopilot=config, bridge=bridge, vehicle=vehicle))
     flight.take_off(3.0)
     flight.bus.run_for(15.0)
     assert flight.status.battery is not None

@@ -6,11 +6,11 @@ It replaces rigid body, estimator, attitude control and mixer; the rest of the a
 from math import atan2, cos, hypot, sin, sqrt
 
 from jezero.frames import Quat, Vec3, add, ned_from_geodetic, quat_from_euler, subtract, wrap_pi
-from jezero.services.autopilot.alignment import Fix
-from jezero.services.autopilot.config import AutopilotConfig, EstimatorConfig
+from jezero.services.autopilot.alignment import ALIGN_US, Fix
+from jezero.services.autopilot.config import GRAVITY_MPS2, AutopilotConfig, EstimatorConfig
 from jezero.services.autopilot.control import Kinematics, Setpoint, VelocityLoop
 from jezero.services.autopilot.land_detector import CLIMB_SETPOINT_MIN_MPS, LandDetector
-from jezero.services.autopilot.mixer import STOPPED, Commands
+from jezero.services.autopilot.mixer import IDLE, STOPPED, Commands
 from jezero.services.autopilot.multicopter import LIFTOFF_SPEED_MIN_MPS, SPOOLUP_TIME_S
 from jezero.services.autopilot.reset_detector import ResetDetector
 
@@ -108,8 +108,8 @@ class PointEstimate:
         self._error_ned_m: Vec3 = (0.0, 0.0, 0.0)
         self._yaw_error_rad = 0.0
         self._fix_us = self._baro_us = 0
-        self._pos_differs = ResetDetector(config.gps_reset_s)
-        self._height_differs = ResetDetector(config.gps_reset_s)
+        self._pos_differs = ResetDetector()
+        self._height_differs = ResetDetector()
 
     def tick(self, t_us: int) -> None:
         """Set the present time."""
@@ -125,7 +125,7 @@ class PointEstimate:
 
     @property
     def running(self) -> bool:
-        return self._started_us is not None and self.t_us - self._started_us >= self._config.align_s * 1e6
+        return self._started_us is not None and self.t_us - self._started_us >= ALIGN_US
 
     @property
     def invalid_reason(self) -> str:
@@ -230,13 +230,11 @@ class PointPilot:
 
     def __init__(self, config: AutopilotConfig, point: Point, estimate: PointEstimate) -> None:
         self.detector = LandDetector(config.land_detector)
-        self._gravity_mps2 = config.airframe.gravity_mps2
-        self._hover = config.airframe.mpc_thr_hover
-        self._idle: Commands = (config.airframe.idle,) * 4
+        self._hover = config.control.mpc_thr_hover
         self._control = config.control
         self._point = point
         self._estimate = estimate
-        self._loop = VelocityLoop(config.control, config.airframe)
+        self._loop = VelocityLoop(config.control)
         self._rest()
 
     def configure(self, config: AutopilotConfig) -> None:
@@ -274,18 +272,18 @@ class PointPilot:
         self._thrust = 0.0
         self._yaw_rad = self._estimate.yaw_rad
         self.yaw_rate_rps = 0.0
-        self.wanted_ned_mps2: Vec3 = (0.0, 0.0, self._gravity_mps2)
+        self.wanted_ned_mps2: Vec3 = (0.0, 0.0, GRAVITY_MPS2)
 
     def step(self, dt: float, setpoint: Setpoint, *, allow_takeoff: bool) -> Commands:
         """See `FlightController`."""
         at, detector, armed_s = self.kinematics, self.detector, self._armed_s + dt
-        force_ned_mps2: Vec3 = (0.0, 0.0, -LIFT_OFF * self._gravity_mps2)
+        force_ned_mps2: Vec3 = (0.0, 0.0, -LIFT_OFF * GRAVITY_MPS2)
         if detector.landed:
             climbs = self._loop.velocity_setpoint(at, setpoint)[2] < -CLIMB_SETPOINT_MIN_MPS
             if not (allow_takeoff and climbs and armed_s >= SPOOLUP_TIME_S):
                 self._rest()
                 self._armed_s = armed_s
-                return self._idle
+                return IDLE
             if at.vel_ned_mps[2] < -LIFTOFF_SPEED_MIN_MPS:
                 detector.on_takeoff()
         else:
@@ -315,8 +313,8 @@ class PointPilot:
             max(0.0, min(self._limit, self._thrust) - 2.0 * ramp) if held_down else min(1.0, self._limit + ramp)
         )
         n, e, d = force_ned_mps2
-        wanted = self._hover * sqrt(n * n + e * e + d * d) / self._gravity_mps2
+        wanted = self._hover * sqrt(n * n + e * e + d * d) / GRAVITY_MPS2
         self._thrust = min(wanted, self._limit)
         share = self._thrust / wanted if wanted > 0.0 else 0.0
-        self.wanted_ned_mps2 = (share * n, share * e, share * d + self._gravity_mps2)
+        self.wanted_ned_mps2 = (share * n, share * e, share * d + GRAVITY_MPS2)
         return (self._thrust,) * 4

@@ -50,7 +50,7 @@ class PointMass:
 
     Args:
         config: settings of the autopilot.
-        robot: the vehicle: height of the platform, mass, range of the altimeter.
+        robot: the vehicle: height of the platform, mass, battery, range of the altimeter.
         world: settings of the simulator: origin, gravity and the errors of the sensors.
         system_id: MAVLink system id.
         seed: seed of the sensors' errors.
@@ -76,7 +76,7 @@ class PointMass:
         self._robot = robot
         self._epoch_id = boot_id % EPOCH_LIMIT
         self._rng = Random(f"{seed}/{boot_id}")
-        self._parameters = Parameters(config, system_id)
+        self._parameters = Parameters(config, robot.battery, system_id)
         self._point = Point(world.gravity_mps2)
         self._estimate = PointEstimate(config.estimator, self._point, world.origin.origin_deg)
         self._pilot = PointPilot(config, self._point, self._estimate)

@@ -12,7 +12,7 @@ from jezero.plugins import action_names
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus
 from jezero.runtime.service import Service
-from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.config import load_actions_config
 from jezero.services.actions.table import action_server
 from jezero.services.autopilot.config import AutopilotConfig, TelemetryConfig
 from jezero.services.simulator.camera.config import CameraConfig
@@ -81,12 +81,13 @@ def _point_mass_makers(seed: int) -> Makers:
     )
     place = load_config(SimulatorConfig, "simulator")
     bridge = msgspec.structs.replace(load_config(VehicleBridgeConfig, "vehicle_bridge"), rate_hz=BRIDGE_HZ)
-    actions, vehicle = load_config(ActionsConfig, "actions"), load_config(VehicleConfig, "vehicle")
+    vehicle = load_config(VehicleConfig, "vehicle")
+    actions = load_actions_config(vehicle)
     lifecycle = msgspec.structs.replace(actions.lifecycle, step_rate_hz=SERVERS_HZ)
     actions = msgspec.structs.replace(actions, lifecycle=lifecycle)
     return {
         NAME: partial(PointMass, config, place, vehicle, SYSTEM_ID, seed),
-        BRIDGE: lambda boot: VehicleBridge(bridge, system_id=SYSTEM_ID, boot_id=boot),
+        BRIDGE: lambda boot: VehicleBridge(bridge, vehicle, system_id=SYSTEM_ID, boot_id=boot),
         BLANK_CAMERA: lambda boot: _blank_camera(vehicle, publishes_info=True),
         **{name: partial(action_server, name, config=actions) for name in action_names()},
     }

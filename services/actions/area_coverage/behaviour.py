@@ -107,7 +107,7 @@ class AreaCoverage:
         average at the point itself.
         """
         plan = self._plan
-        half_frame_ns = int(0.5 * NS_PER_S / self._config.area_coverage.camera_rate_hz)
+        half_frame_ns = int(0.5 * NS_PER_S / self._config.vehicle.camera.rate_hz)
         times_s = plan.picture_times_s
         while self._requested < len(times_s) and times_s[self._requested] <= tracker.time_s:
             self._capture.request(plan.first_picture + self._requested, t_ns - half_frame_ns)

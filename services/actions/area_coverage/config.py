@@ -16,17 +16,9 @@ class AreaCoverageConfig(Config, frozen=True, kw_only=True):
         acceleration_mps2: in turns, speeding up and braking.
         cut: distance before a corner at which its turn begins, in line distances.
         pictures_max: a goal that needs more is refused, because its result would be too long to send.
-        camera_rate_hz: pictures per second; bounds the speed.
-        focal_px: focal length of the camera, for overlaps.
-        width_px: of a picture.
-        height_px: of a picture.
     """
 
     speed_mps: Positive = 1.0
     acceleration_mps2: Positive = 1.0
     cut: Annotated[float, Meta(gt=0.0, le=0.5)] = 0.5
     pictures_max: Annotated[int, Meta(ge=1, le=3000)] = 3000
-    camera_rate_hz: Positive = 15.0
-    focal_px: Positive = 381.36
-    width_px: Positive = 640.0
-    height_px: Positive = 480.0

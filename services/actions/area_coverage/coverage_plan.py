@@ -11,12 +11,12 @@ from shapely.geometry import Polygon
 from jezero.frames import Vec3, add, altitude_m
 from jezero.schemas.actions import AreaCoverageGoal
 from jezero.services.actions.area_coverage.area import AreaError, Point, make_area
-from jezero.services.actions.area_coverage.config import AreaCoverageConfig
 from jezero.services.actions.area_coverage.ground import CoveredGround
 from jezero.services.actions.area_coverage.path import covered_fraction, plan_path
 from jezero.services.actions.area_coverage.trajectory import Trajectory, make_trajectory, picture_distances
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.motion.limits import beyond_limits, point_refusal, speed_refusal
+from jezero.vehicle_config import CameraMountConfig
 
 Array = NDArray[np.float64]
 DIRECTION_RAD = np.pi / 180.0
@@ -84,14 +84,14 @@ def plan_coverage(
     if reason := _refusal(goal, config, origin_ned_m):
         raise AreaError(reason)
     settings = config.area_coverage
-    across_m, along_m = _distances(goal, settings)
+    across_m, along_m = _distances(goal, config.vehicle.camera)
     if area.area / across_m > settings.pictures_max * along_m:
         raise AreaError(
             f"the area of {area.area:.0f} m² needs about {area.area / across_m / along_m:.0f} pictures, more than "
             f"{settings.pictures_max}: take a coarser resolution, or map it in parts"
         )
     motion = {
-        "speed_mps": min(goal.speed_mps or settings.speed_mps, 0.5 * along_m * settings.camera_rate_hz),
+        "speed_mps": min(goal.speed_mps or settings.speed_mps, 0.5 * along_m * config.vehicle.camera.rate_hz),
         "acceleration_mps2": settings.acceleration_mps2,
         "cut_m": settings.cut * across_m,
     }
@@ -123,19 +123,19 @@ def _from(corner_m: Point, points_m: Sequence[Sequence[float]]) -> list[Point]:
 def _refusal(goal: AreaCoverageGoal, config: ActionsConfig, origin_ned_m: Vec3) -> str:
     """Reason why a goal's numbers can't be flown, whatever its shape is, or ""."""
     if not goal.z_ned_m < 0.0:
-        return point_refusal((0.0, 0.0, goal.z_ned_m), config.limits)
+        return point_refusal((0.0, 0.0, goal.z_ned_m), config.vehicle.limits)
     for north_m, east_m in goal.polygon_ned_m:
         corner_ned_m = add((north_m, east_m, goal.z_ned_m), origin_ned_m)
-        if reason := beyond_limits(corner_ned_m, config.limits):
+        if reason := beyond_limits(corner_ned_m, config.vehicle.limits):
             return reason
     if goal.first_picture and goal.start_ned_m is None:
         return "a coverage that goes on with first_picture needs the start_ned_m of the one before: it is in its result"
     if goal.first_picture and goal.frame != "world":
         return "a coverage goes on in frame 'world' only: its result holds the goal that does"
-    return speed_refusal(goal.speed_mps, config.limits)
+    return speed_refusal(goal.speed_mps, config.vehicle.limits)
 
 
-def _distances(goal: AreaCoverageGoal, settings: AreaCoverageConfig) -> tuple[float, float]:
+def _distances(goal: AreaCoverageGoal, camera: CameraMountConfig) -> tuple[float, float]:
     """Distance between lines and between pictures. The camera's wide side lies across the lines."""
     overlap = goal.sidelap if goal.overlap is None else goal.overlap
     sidelap = goal.overlap if goal.sidelap is None else goal.sidelap
@@ -145,5 +145,5 @@ def _distances(goal: AreaCoverageGoal, settings: AreaCoverageConfig) -> tuple[fl
         return goal.resolution_m, goal.resolution_m
     if goal.resolution_m is not None:
         raise AreaError("a resolution and an overlap are both given: choose one of them")
-    m_per_px = altitude_m(goal.z_ned_m) / settings.focal_px
-    return m_per_px * settings.width_px * (1.0 - sidelap), m_per_px * settings.height_px * (1.0 - overlap)
+    m_per_px = altitude_m(goal.z_ned_m) / camera.focal_px
+    return m_per_px * camera.width_px * (1.0 - sidelap), m_per_px * camera.height_px * (1.0 - overlap)

@@ -24,11 +24,11 @@ class AreaCoveragePlanner:
 
     def plan(self, goal: AreaCoverageGoal, status: Status) -> Plan | Refusal:
         """Plan a coverage; the preparation finds its path."""
-        limits = self._config.limits
+        limits = self._config.vehicle.limits
         high = point_refusal((0.0, 0.0, goal.z_ned_m), limits) if goal.frame == "world" else ""
         if reason := high or speed_refusal(goal.speed_mps, limits):
             return Refusal(reason)
-        capture = Capture(self._config.capture, planned=0)
+        capture = Capture(self._config, planned=0)
         return Plan(
             Preparation(partial(self._prepare, goal, capture)),
             inputs=(RELATIVE,) if goal.frame == "rover" else (),

@@ -12,9 +12,9 @@ from jezero.services.actions.get_images.behaviour import GetImages
 from jezero.services.actions.get_images.config import GetImagesConfig
 from jezero.services.actions.lifecycle.behaviour import Plan, Refusal, VehicleState
 from jezero.services.actions.lifecycle.capture import Capture
-from jezero.services.actions.motion.config import LimitsConfig
 from jezero.services.actions.motion.limits import distance_refusal, point_refusal, speed_refusal
 from jezero.services.actions.motion.rover_frame import loss_reason, rover_position
+from jezero.vehicle_config import VehicleLimitsConfig
 
 IMAGES_MAX = 255
 EXPOSURES_PER_PICTURE = 2.0
@@ -30,14 +30,14 @@ class GetImagesPlanner:
 
     def plan(self, goal: GetImagesGoal, status: Status) -> Plan | Refusal:
         """Plan the turn; its speed is lower than the goal's where the circle is small or has many pictures."""
-        if reason := shape_refusal(goal, self._settings, self._config.limits):
+        if reason := shape_refusal(goal, self._settings, self._config.vehicle.limits):
             return Refusal(reason)
         wanted_mps = self._settings.speed_mps if goal.speed_mps is None else goal.speed_mps
         speed_mps = min(wanted_mps, self._speed_max_mps(goal))
         slower = (
             f"flown at {speed_mps:.2g} m/s instead of {wanted_mps:g} m/s: the circle is small, or has many pictures"
         )
-        capture = Capture(self._config.capture, goal.num_images, stream=goal.stream_images)
+        capture = Capture(self._config, goal.num_images, stream=goal.stream_images)
         return Plan(
             partial(GetImages, goal, speed_mps, capture, self._settings, self._config),
             warning=slower if goal.speed_mps is not None and speed_mps < wanted_mps else "",
@@ -54,19 +54,19 @@ class GetImagesPlanner:
             if relative is None or not relative.valid:
                 return loss_reason(relative)
             center_ned_m = add(goal.center_ned_m, rover_position(state, relative))
-            if reason := far_refusal(center_ned_m, goal.radius_m, self._config.limits):
+            if reason := far_refusal(center_ned_m, goal.radius_m, self._config.vehicle.limits):
                 return reason
         return capture.refusal()
 
     def _speed_max_mps(self, goal: GetImagesGoal) -> float:
         """Greatest speed that the circle's radius and the camera's rate allow."""
-        rate_hz = self._config.area_coverage.camera_rate_hz
+        rate_hz = self._config.vehicle.camera.rate_hz
         spacing_m = 2.0 * pi * goal.radius_m / goal.num_images
         tight_mps = sqrt(self._settings.inwards_max_mps2 * goal.radius_m)
         return min(tight_mps, spacing_m * rate_hz / EXPOSURES_PER_PICTURE)
 
 
-def shape_refusal(goal: GetImagesGoal, settings: GetImagesConfig, limits: LimitsConfig) -> str:
+def shape_refusal(goal: GetImagesGoal, settings: GetImagesConfig, limits: VehicleLimitsConfig) -> str:
     """Reason why no vehicle could fly the goal, with what to change, or ""."""
     if not 1 <= goal.num_images <= IMAGES_MAX:
         return f"{goal.num_images} pictures: ask for 1 to {IMAGES_MAX}"
@@ -83,7 +83,7 @@ def shape_refusal(goal: GetImagesGoal, settings: GetImagesConfig, limits: Limits
     return far_refusal(goal.center_ned_m, goal.radius_m, limits) or speed_refusal(goal.speed_mps, limits)
 
 
-def far_refusal(center_ned_m: Vec3, radius_m: float, limits: LimitsConfig) -> str:
+def far_refusal(center_ned_m: Vec3, radius_m: float, limits: VehicleLimitsConfig) -> str:
     """Reason why the circle's farthest point is too far away, or ""."""
     factor = 1.0 + radius_m / max(hypot(center_ned_m[0], center_ned_m[1]), 1e-9)
     if hypot(center_ned_m[0], center_ned_m[1]) < 1e-6:

@@ -23,7 +23,7 @@ class GoToPlanner:
 
     def plan(self, goal: GoToGoal, status: Status) -> Plan | Refusal:
         """Plan a flight, after a takeoff when the goal wants one and the vehicle is on the ground."""
-        limits = self._config.limits
+        limits = self._config.vehicle.limits
         if reason := point_refusal(goal.target_ned_m, limits) or speed_refusal(goal.speed_mps, limits):
             return Refusal(reason)
         do_takeoff = goal.do_takeoff and status.code == StatusCode.IDLE
@@ -41,4 +41,4 @@ class GoToPlanner:
         relative = state.relative
         if relative is None or not relative.valid:
             return loss_reason(relative)
-        return distance_refusal(add(goal.target_ned_m, rover_position(state, relative)), self._config.limits)
+        return distance_refusal(add(goal.target_ned_m, rover_position(state, relative)), self._config.vehicle.limits)

@@ -20,7 +20,6 @@ class PlainLandingConfig(Config, frozen=True, kw_only=True):
         slow_margin_m: added to the slow height when only the vehicle's own altitude is known.
         gain_horizontal_1ps: horizontal speed per metre of error.
         speed_horizontal_max_mps: limit of the horizontal speed during the descent.
-        contact_height_m: a range below this counts as contact.
         contact_mps: a slower descent than this for `contact_s` counts as contact.
         contact_s: see `contact_mps`.
         push_mps: downward speed after contact. Source: spec §8.
@@ -38,7 +37,6 @@ class PlainLandingConfig(Config, frozen=True, kw_only=True):
     slow_margin_m: Positive = 1.0
     gain_horizontal_1ps: Positive = 0.8
     speed_horizontal_max_mps: Positive = 0.5
-    contact_height_m: Positive = 0.16
     contact_mps: Positive = 0.1
     contact_s: Positive = 0.5
     push_mps: Positive = 0.5
@@ -107,7 +105,6 @@ class RoverLandingConfig(Config, frozen=True, kw_only=True):
     Attributes:
         height_approach_m: to which the vehicle comes down on the way.
         clear_m: a vehicle lower than this and beside the platform climbs before it comes near.
-        beside_m: a vehicle with a larger horizontal error than this is beside the platform.
         view_per_m: with the tag alone, least height on the way per metre of distance, to keep the tag in view.
         speed_down_max_mps: on the way.
         speed_up_mps: when the vehicle climbs.
@@ -136,10 +133,8 @@ class RoverLandingConfig(Config, frozen=True, kw_only=True):
         force_mps: a forced disarm needs a relative speed below this although the vehicle is pushed down.
         force_s: duration for which the conditions of a forced disarm must hold. Source: spec §8, which wants 2 s at
             least; PX4 takes about as long to detect the ground.
-        range_force_max_m: a forced disarm needs an altimeter range below this, tilt-corrected, or none.
         contact_timeout_s: the goal is aborted when the vehicle isn't disarmed within this time after contact.
         blind_m: below this height the platform need not be in sight any more.
-        on_platform_m: a touchdown farther from the platform's middle is no success.
         coast_s: the platform may be out of sight for this duration without any effect. Source: spec §8.
         hold_s: duration for which the height is held after that, before the search. Source: spec §8.
         acquire_s: for the first estimate, before the search begins.
@@ -150,7 +145,6 @@ class RoverLandingConfig(Config, frozen=True, kw_only=True):
 
     height_approach_m: Positive = 3.0
     clear_m: Positive = 1.0
-    beside_m: Positive = 0.8
     view_per_m: Positive = 1.6
     speed_down_max_mps: Positive = 1.2
     speed_up_mps: Positive = 1.0
@@ -176,10 +170,8 @@ class RoverLandingConfig(Config, frozen=True, kw_only=True):
     force_below_m: Annotated[float, Meta(gt=0.0, le=0.1)] = 0.1
     force_mps: Positive = 0.2
     force_s: Annotated[float, Meta(ge=2.0, le=60.0)] = 3.0
-    range_force_max_m: Positive = 0.2
     contact_timeout_s: Positive = 10.0
     blind_m: Positive = 0.25
-    on_platform_m: Positive = 0.5
     coast_s: Positive = 0.5
     hold_s: Positive = 5.0
     acquire_s: Positive = 3.0

@@ -3,6 +3,7 @@
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.config import RoverLandingConfig
 from jezero.services.actions.land_on_spot.platform_control import PlatformState
+from jezero.vehicle_config import VehicleConfig
 
 BEGIN_MARGIN_M = 0.5
 """The descent begins when the vehicle is at most this much above the height of the approach."""
@@ -11,6 +12,8 @@ STALLED_SPEED_RATIO = 0.5
 STALLED_HEIGHT_MAX_M = 0.3
 """Stalls higher than this are gusts, not contact."""
 STEP_MAX_S = 0.1
+FORCE_FEET_MAX_M = 0.1
+"""A forced disarm needs an altimeter range, tilt-corrected, of feet lower than this, or none."""
 HEIGHT_SIGMAS = 2.0
 """The height plus this many standard deviations must be below the limit of a forced disarm."""
 
@@ -73,8 +76,10 @@ class TouchdownDetector:
     They count only while the platform is measured, and the altimeter may not contradict them.
     """
 
-    def __init__(self, config: RoverLandingConfig) -> None:
+    def __init__(self, config: RoverLandingConfig, vehicle: VehicleConfig) -> None:
         self._config = config
+        self._on_platform_m = 0.5 * vehicle.platform.side_m
+        self._range_max_m = vehicle.height_altimeter_m + FORCE_FEET_MAX_M
         self._since_ns: int | None = None
 
     def reset(self) -> None:
@@ -101,5 +106,5 @@ class TouchdownDetector:
         config = self._config
         low = platform.height_m + HEIGHT_SIGMAS * platform.std_height_m < config.force_below_m
         rests = platform.speed_mps < config.force_mps and abs(platform.vel_ned_mps[2]) < config.force_mps
-        on_platform = platform.error_m < config.on_platform_m
-        return low and rests and on_platform and (range_m is None or range_m < config.range_force_max_m)
+        on_platform = platform.error_m < self._on_platform_m
+        return low and rests and on_platform and (range_m is None or range_m < self._range_max_m)

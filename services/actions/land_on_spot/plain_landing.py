@@ -6,11 +6,14 @@ from jezero.frames import Vec3, altitude_m, subtract
 from jezero.schemas.actions import LandFeedback, LandPhase, LandResult
 from jezero.schemas.commands import Phase
 from jezero.schemas.units import NS_PER_S
+from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.config import PlainLandingConfig
 from jezero.services.actions.land_on_spot.tilt_contact_detector import TiltContactDetector, landing_outcome
 from jezero.services.actions.lifecycle.behaviour import Done, Move, VehicleState
-from jezero.services.actions.motion.config import MoveConfig
 from jezero.services.actions.motion.straight_path import StraightPath
+
+CONTACT_MARGIN_M = 0.01
+"""A range this much above the least possible one counts as contact."""
 
 
 class PlainLanding:
@@ -23,11 +26,13 @@ class PlainLanding:
         self,
         spot_ned_m: Vec3,
         settings: PlainLandingConfig,
-        move: MoveConfig,
+        config: ActionsConfig,
         t_ns: int,
         state: VehicleState,
     ) -> None:
+        move, altimeter = config.move, config.vehicle.altimeter
         self._settings = settings
+        self._contact_range_m = max(altimeter.range_min_m, config.vehicle.height_altimeter_m) + CONTACT_MARGIN_M
         self._phase: LandPhase = "approach"
         self._spot_ned_m = spot_ned_m
         self._speed_down_mps = settings.speed_high_mps
@@ -127,7 +132,7 @@ class PlainLanding:
 
     def _has_contact(self, t_ns: int, state: VehicleState, land: PlainLandingConfig) -> bool:
         """Whether the range is shorter than the altimeter can measure in the air, or the descent has stopped."""
-        if state.height_m is not None and state.height_m < land.contact_height_m:
+        if state.height_m is not None and state.height_m < self._contact_range_m:
             return True
         if state.vel_uav_ned_mps[2] > land.contact_mps:
             self._still_since_ns = None

@@ -31,16 +31,16 @@ class LandOnSpotPlanner:
         if spot_ned_m is None:
             needed = "roughly where the rover is" if goal.use_tag else "where to land"
             return Refusal(f"landing_spot_ned_m is missing: without use_uwb the vehicle needs to know {needed}")
-        if reason := distance_refusal(spot_ned_m, self._config.limits):
+        if reason := distance_refusal(spot_ned_m, self._config.vehicle.limits):
             return Refusal(reason)
         if goal.use_tag:
             return self._on_rover(goal, Selection(False, True, spot_ned_m))
-        start = partial(PlainLanding, spot_ned_m, self._settings.plain, self._config.move)
+        start = partial(PlainLanding, spot_ned_m, self._settings.plain, self._config)
         return Plan(start, inputs=(ALTIMETER,))
 
     def _on_rover(self, goal: LandOnSpotGoal, selection: Selection, warning: str = "") -> Plan:
         return Plan(
-            partial(RoverLanding, selection, self._settings.rover),
+            partial(RoverLanding, selection, self._settings.rover, self._config.vehicle),
             warning=warning,
             inputs=(ALTIMETER, RELATIVE, ROVER_ESTIMATE),
             selection=selection,

@@ -17,12 +17,15 @@ from jezero.services.actions.land_on_spot.platform_control import PlatformContro
 from jezero.services.actions.land_on_spot.search import Search, towards
 from jezero.services.actions.land_on_spot.tilt_contact_detector import landing_outcome
 from jezero.services.actions.lifecycle.behaviour import Done, Move, Selection, VehicleState
+from jezero.vehicle_config import VehicleConfig
 
 STEP_MAX_S = 0.1
 BOUNCE_M = 0.4
 """A vehicle that is higher than this over the platform after contact descends again."""
 LOST = "TARGET_LOST"
 STILL: Vec3 = (0.0, 0.0, 0.0)
+BESIDE_MARGIN_M = 0.3
+"""A vehicle that is farther than this beyond the platform's edge is beside the platform: no rotor is above it."""
 
 
 class RoverLanding:
@@ -30,15 +33,19 @@ class RoverLanding:
 
     Args:
         selection: of the estimator's inputs for this landing.
+        vehicle: the vehicle and the platform.
     """
 
-    def __init__(self, selection: Selection, settings: RoverLandingConfig, t_ns: int, state: VehicleState) -> None:
+    def __init__(
+        self, selection: Selection, settings: RoverLandingConfig, vehicle: VehicleConfig, t_ns: int, state: VehicleState
+    ) -> None:
         self._tag_alone = not selection.use_uwb
         self._land = settings
+        self._on_platform_m = 0.5 * vehicle.platform.side_m
         self._search_config = settings.search
         self._control = PlatformControl(settings.platform_control)
         self._descent = Descent(settings)
-        self._touchdown = TouchdownDetector(settings)
+        self._touchdown = TouchdownDetector(settings, vehicle)
         self._phase: LandPhase = "approach"
         self._search: Search | None = None
         self._platform: PlatformState | None = None
@@ -150,7 +157,7 @@ class RoverLanding:
         if self._phase == "approach" and self._descent.may_begin(platform):
             self._phase = "descent"
         if self._phase == "approach":
-            if platform.height_m < self._land.clear_m and platform.error_m > self._land.beside_m:
+            if platform.height_m < self._land.clear_m and platform.error_m > self._on_platform_m + BESIDE_MARGIN_M:
                 # Climb first, because the straight way would lead into the rover's side.
                 return self._fly(state, (0.0, 0.0, -self._land.speed_up_mps), None)
             return self._follow(state, platform, dt_s, self._approach_mps(platform))
@@ -193,7 +200,7 @@ class RoverLanding:
 
     def _landed(self, state: VehicleState) -> Done:
         beside_m = 0.0 if self._platform is None else self._platform.error_m
-        if beside_m > self._land.on_platform_m:
+        if beside_m > self._on_platform_m:
             return Done("aborted", f"touched down {beside_m:.2f} m from the middle of the platform", then="disarm")
         return landing_outcome(state)
 

@@ -44,7 +44,7 @@ from jezero.schemas.state import Odometry
 from jezero.schemas.struct import Message
 from jezero.schemas.topics import ALTIMETER, CAMERA, CAMERA_INFO, GNSS, IMU, ODOMETRY, Topic
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.lifecycle.config import CaptureConfig
+from jezero.services.actions.config import ActionsConfig
 
 AHEAD_MAX_NS = 50_000_000
 """Messages that seem to come from farther in the future are dropped."""
@@ -85,9 +85,10 @@ class Capture:
         planned: number of pictures that there will be.
     """
 
-    def __init__(self, config: CaptureConfig, planned: int, *, stream: bool = True) -> None:
+    def __init__(self, config: ActionsConfig, planned: int, *, stream: bool = True) -> None:
         self.planned = planned
-        self._config = config
+        self._config = config.capture
+        self._height_stand_m = config.vehicle.airframe.height_stand_m
         self._stream = stream
         self._records: list[_Record] = []
         self._reported = 0
@@ -123,7 +124,7 @@ class Capture:
         """Position of the optical centre of a vehicle with this pose."""
         arm_frd_m = (0.0, 0.0, 0.0) if self._info is None else self._info.pos_camera_frd_m
         north_m, east_m, down_m = add(pos_uav_ned_m, quat_rotate(q_ned_from_frd, arm_frd_m))
-        return (north_m, east_m, down_m - self._config.height_stand_m)
+        return (north_m, east_m, down_m - self._height_stand_m)
 
     def refusal(self) -> str:
         """Reason why no goal can begin, or ""; to be called when the inputs have had time to come."""

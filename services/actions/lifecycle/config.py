@@ -1,9 +1,5 @@
 """Settings of the lifecycle of goals, and of pictures."""
 
-from typing import Annotated
-
-from msgspec import Meta
-
 from jezero.runtime.config import Config
 from jezero.services.actions.motion.config import Positive
 
@@ -52,10 +48,8 @@ class CaptureConfig(Config, frozen=True, kw_only=True):
         history_s: measurements are kept for this duration, to be there when the picture comes; older pictures are
             dropped.
         sensor_age_max_s: a measurement belongs to a picture when it was made at most this before or after the exposure.
-        height_stand_m: of the vehicle's centre of mass over the point that its position describes.
     """
 
     late_max_s: Positive = 2.0
     history_s: Positive = 2.0
     sensor_age_max_s: Positive = 0.3
-    height_stand_m: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.148

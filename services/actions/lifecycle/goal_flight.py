@@ -31,8 +31,8 @@ from jezero.services.actions.lifecycle.config import LifecycleConfig
 from jezero.services.actions.lifecycle.control_lease import ControlLease
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 from jezero.services.actions.lifecycle.vehicle_view import VehicleView, is_fresh
-from jezero.services.actions.motion.config import LimitsConfig
 from jezero.services.actions.motion.limits import beyond_limits
+from jezero.vehicle_config import VehicleLimitsConfig
 
 RETRY_S = 0.2
 FIRST_SETPOINT_HZ = 100.0
@@ -66,7 +66,7 @@ class GoalContext:
     view: VehicleView
     lease: SelectionLease | None
     config: LifecycleConfig
-    limits: LimitsConfig
+    limits: VehicleLimitsConfig
     epoch_id: int
     watchers: list[int] = field(default_factory=list)
 

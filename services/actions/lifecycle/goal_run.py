@@ -20,7 +20,7 @@ from jezero.services.actions.lifecycle.goal_flight import GoalContext, GoalFligh
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 from jezero.services.actions.lifecycle.vehicle_view import VehicleView
-from jezero.services.actions.motion.config import LimitsConfig
+from jezero.vehicle_config import VehicleLimitsConfig
 
 POSITION_LOST = "the vehicle's position is not known any more: is vehicle_bridge running?"
 NO_REPLY = "the vehicle bridge did not reply"
@@ -85,7 +85,7 @@ class GoalRun:
         plan: Plan,
         warning: str,
         config: LifecycleConfig,
-        limits: LimitsConfig,
+        limits: VehicleLimitsConfig,
         epoch_id: int,
         pictures: PictureStore | None = None,
     ) -> None:

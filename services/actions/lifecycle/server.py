@@ -150,7 +150,7 @@ class ActionServer:
             plan=plan,
             warning="; ".join(text for text in (plan.warning, UNWATCHED if unwatched else "") if text),
             config=self._config.lifecycle,
-            limits=self._config.limits,
+            limits=self._config.vehicle.limits,
             epoch_id=status.epoch_id,
             pictures=self._pictures,
         )

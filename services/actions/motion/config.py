@@ -1,4 +1,4 @@
-"""Settings that several actions share: limits, straight flights, tracking of a moving reference."""
+"""Settings that several actions share: straight flights, tracking of a moving reference."""
 
 from typing import Annotated
 
@@ -7,22 +7,6 @@ from msgspec import Meta
 from jezero.runtime.config import Config
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e4)]
-
-
-class LimitsConfig(Config, frozen=True, kw_only=True):
-    """Limits of every goal; a goal beyond them is refused.
-
-    Attributes:
-        altitude_max_m: above the world's origin; for a takeoff above the take-off point.
-        distance_max_m: horizontally from the world's origin.
-        speed_min_mps: lowest speed of a goal.
-        speed_max_mps: highest speed of a goal.
-    """
-
-    altitude_max_m: Positive = 120.0
-    distance_max_m: Positive = 500.0
-    speed_min_mps: Positive = 0.1
-    speed_max_mps: Positive = 10.0
 
 
 class MoveConfig(Config, frozen=True, kw_only=True):

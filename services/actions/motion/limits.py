@@ -1,10 +1,13 @@
 """Reasons of refusals that several actions share, each with the number and the limit."""
 
 from jezero.frames import Vec3, altitude_m, horizontal
-from jezero.services.actions.motion.config import LimitsConfig
+from jezero.vehicle_config import VehicleLimitsConfig
+
+SPEED_MIN_MPS = 0.1
+"""Lowest speed that a goal may ask for."""
 
 
-def point_refusal(point_ned_m: Vec3, limits: LimitsConfig) -> str:
+def point_refusal(point_ned_m: Vec3, limits: VehicleLimitsConfig) -> str:
     """Reason why the vehicle may not fly to a point, or ""."""
     z = point_ned_m[2]
     if not z < 0.0:
@@ -12,7 +15,7 @@ def point_refusal(point_ned_m: Vec3, limits: LimitsConfig) -> str:
     return beyond_limits(point_ned_m, limits)
 
 
-def beyond_limits(point_ned_m: Vec3, limits: LimitsConfig) -> str:
+def beyond_limits(point_ned_m: Vec3, limits: VehicleLimitsConfig) -> str:
     """Reason why a point is too high or too far away, or ""."""
     up_m = altitude_m(point_ned_m[2])
     if not up_m <= limits.altitude_max_m:
@@ -20,7 +23,7 @@ def beyond_limits(point_ned_m: Vec3, limits: LimitsConfig) -> str:
     return distance_refusal(point_ned_m, limits)
 
 
-def distance_refusal(point_ned_m: Vec3, limits: LimitsConfig) -> str:
+def distance_refusal(point_ned_m: Vec3, limits: VehicleLimitsConfig) -> str:
     """Reason why a point is too far away, or ""."""
     distance_m = horizontal(point_ned_m)
     if not distance_m <= limits.distance_max_m:
@@ -28,8 +31,8 @@ def distance_refusal(point_ned_m: Vec3, limits: LimitsConfig) -> str:
     return ""
 
 
-def speed_refusal(speed_mps: float | None, limits: LimitsConfig) -> str:
+def speed_refusal(speed_mps: float | None, limits: VehicleLimitsConfig) -> str:
     """Reason why a speed may not be flown, or ""."""
-    if speed_mps is None or limits.speed_min_mps <= speed_mps <= limits.speed_max_mps:
+    if speed_mps is None or SPEED_MIN_MPS <= speed_mps <= limits.speed_max_mps:
         return ""
-    return f"speed {speed_mps:g} m/s is not within {limits.speed_min_mps:g} to {limits.speed_max_mps:g} m/s"
+    return f"speed {speed_mps:g} m/s is not within {SPEED_MIN_MPS:g} to {limits.speed_max_mps:g} m/s"

@@ -27,7 +27,7 @@ from jezero.frames import (
 )
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.config import EstimatorConfig
-from jezero.services.autopilot.estimator import Estimator
+from jezero.services.autopilot.estimator import ACC_DENSITY, GYRO_DENSITY, STD_FIX_DOWN_M, Estimator
 
 G = 9.81
 DT_US = 4000
@@ -103,8 +103,8 @@ class World:
         middle = pose(0.5 * (self.t_s + before_s))[1]
         force = quat_rotate(quat_conjugate(middle), subtract(acc, (0.0, 0.0, G)))
         rate_hz = 1e6 / DT_US
-        force = add(add(force, self.acc_bias), self._white(CONFIG.acc_density * rate_hz**0.5))
-        gyro = add(add(gyro, self.gyro_bias), self._white(CONFIG.gyro_density * rate_hz**0.5))
+        force = add(add(force, self.acc_bias), self._white(ACC_DENSITY * rate_hz**0.5))
+        gyro = add(add(gyro, self.gyro_bias), self._white(GYRO_DENSITY * rate_hz**0.5))
         self.estimator.on_imu(self.step * DT_US, force, gyro)
         if self.step % 25 == 0:
             self._slow(pos, q)
@@ -113,7 +113,7 @@ class World:
         """Fixes, which are late, pressure altitude and magnetic field, ten times a second."""
         then_s = self.t_s - self.gnss_delay_s
         noise = add(self._white(CONFIG.ekf2_gps_p_noise_m), self._shift(self.t_s))
-        noise = (noise[0], noise[1], noise[2] * CONFIG.gps_z_noise_m / CONFIG.ekf2_gps_p_noise_m)
+        noise = (noise[0], noise[1], noise[2] * STD_FIX_DOWN_M / CONFIG.ekf2_gps_p_noise_m)
         vel = add(velocity(then_s), self._white(CONFIG.ekf2_gps_v_noise_mps))
         position_deg = geodetic_from_ned(add(pose(then_s)[0], noise), ORIGIN)
         t_us = round(then_s * 1e6) if self.dates_fixes else 0

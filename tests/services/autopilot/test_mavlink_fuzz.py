@@ -9,6 +9,7 @@ import pytest
 from jezero.mavlink import MavlinkCodec, MavMessage, Signing, dialect
 from jezero.services.autopilot.config import AutopilotConfig, SigningConfig
 from jezero.services.autopilot.service import OFFBOARD, Autopilot
+from jezero.vehicle_config import VehicleConfig
 from tests.services.autopilot.test_service import ARM, Bench, kinds
 
 KEY = bytes(range(32))
@@ -119,7 +120,7 @@ class Signed:
 def signed() -> Signed:
     config = msgspec.structs.replace(AutopilotConfig(), signing=SigningConfig(key=KEY.hex(), links=("gcs", "offboard")))
     bench = Bench()
-    bench.autopilot = Autopilot(config, 1, START_S)
+    bench.autopilot = Autopilot(config, VehicleConfig(), 1, START_S)
     bench.rest(2.0)
     signing = Signing(KEY)
     signing.clock_10us = int(START_S * 1e5)

@@ -5,11 +5,14 @@ import pytest
 
 from jezero.mavlink import MavMessage, dialect
 from jezero.services.autopilot.battery import Battery
-from jezero.services.autopilot.config import Airframe, AutopilotConfig, BatteryConfig
+from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.mavlink_receiver import decode_parameter, encode_parameter
 from jezero.services.autopilot.parameters import ROWS, Parameters, Row, Value
 from jezero.services.autopilot.service import OFFBOARD
+from jezero.vehicle_config import BatteryConfig
 from tests.services.autopilot.test_service import Bench, kinds
+
+HOVER = 0.5
 
 
 def send(bench: Bench, message: MavMessage) -> list[MavMessage]:
@@ -27,10 +30,11 @@ def set_parameter(bench: Bench, name: str, value: Value) -> Value | None:
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
 def test_everything_that_may_be_set_is_a_valid_setting(row: Row) -> None:
     for value in row.choices or (row.kind(row.low), row.kind(row.high)):
-        parameters = Parameters(AutopilotConfig(), 1)
+        parameters = Parameters(AutopilotConfig(), BatteryConfig(), 1)
         assert parameters.set(row.name, value)
         assert parameters.get(row.name) == pytest.approx(value)
         msgspec.convert(msgspec.to_builtins(parameters.config), AutopilotConfig)
+        msgspec.convert(msgspec.to_builtins(parameters.battery), BatteryConfig)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +94,7 @@ def test_pings_and_time_are_answered() -> None:
 
 
 def test_hovering_for_a_minute_takes_a_minutes_charge_and_voltage_falls_with_it() -> None:
-    battery = Battery(BatteryConfig(), Airframe())
+    battery = Battery(BatteryConfig(), 1.0, HOVER)
     full_v = battery.voltage_v
     for _ in range(600):
         battery.step(0.1, (0.5, 0.5, 0.5, 0.5))
@@ -102,6 +106,6 @@ def test_hovering_for_a_minute_takes_a_minutes_charge_and_voltage_falls_with_it(
 
 
 def test_an_empty_battery_is_not_less_than_empty() -> None:
-    battery = Battery(BatteryConfig(charge_at_start=0.0), Airframe())
+    battery = Battery(BatteryConfig(), 0.0, HOVER)
     battery.step(10.0, (1.0, 1.0, 1.0, 1.0))
     assert battery.remaining == 0.0

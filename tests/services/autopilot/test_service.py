@@ -10,6 +10,7 @@ from jezero.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.runtime.service import Health, Send
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.service import HIL, OFFBOARD, Autopilot
+from jezero.vehicle_config import VehicleConfig
 
 G = 9.81
 ARM, MODE = dialect.MAV_CMD_COMPONENT_ARM_DISARM, dialect.MAV_CMD_DO_SET_MODE
@@ -52,7 +53,7 @@ class Bench:
     """An autopilot on a table: sensors at rest, their last digits alive, on one link, a companion on the other."""
 
     def __init__(self) -> None:
-        self.autopilot = Autopilot(AutopilotConfig(), system_id=1)
+        self.autopilot = Autopilot(AutopilotConfig(), VehicleConfig(), system_id=1)
         self.box = Box()
         self.simulator = MavlinkCodec(1, 25)
         self.companion = MavlinkCodec(1, 191)

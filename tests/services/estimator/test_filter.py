@@ -17,6 +17,7 @@ from jezero.services.estimator.measurements import (
 from jezero.services.estimator.motion import Array, MotionModel, initial_state
 from jezero.services.estimator.relative_filter import RelativeFilter
 from jezero.services.estimator.trilateration import trilaterate
+from jezero.vehicle_config import PlatformConfig
 
 ANCHORS_M = np.array(((0.45, 0.45, 0.0), (0.45, -0.45, 0.0), (-0.45, -0.45, 0.0), (-0.45, 0.45, 0.0)))
 POS_UAV_M = np.array((10.0, -4.0, -6.0))
@@ -76,7 +77,7 @@ def test_trilateration_refuses_anchors_in_a_line() -> None:
 
 def test_the_rover_is_found_by_uwb() -> None:
     rng = np.random.default_rng(1)
-    located = RelativeFilter(Tuning(), ValidityConfig())
+    located = RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig())
     rel_m = POS_UAV_M - POS_ROVER_M
     assert not located.located
     for ms in range(0, 2000, 100):
@@ -88,7 +89,7 @@ def test_the_rover_is_found_by_uwb() -> None:
 
 def test_the_rover_is_found_by_its_tag() -> None:
     rel_m = POS_UAV_M - POS_ROVER_M
-    located = RelativeFilter(Tuning(), ValidityConfig())
+    located = RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig())
     located.add(list(hovering(1.0)))
     for ms in range(0, 1000, 66):
         located.add([tag(ms * MS, rel_m)])
@@ -100,7 +101,10 @@ def test_the_order_of_arrival_does_not_matter() -> None:
     rng = np.random.default_rng(2)
     rel_m = POS_UAV_M - POS_ROVER_M
     tags = [tag(ms * MS, rel_m + rng.normal(0.0, 0.01, 3)) for ms in range(100, 900, 66)]
-    in_order, late = RelativeFilter(Tuning(), ValidityConfig()), RelativeFilter(Tuning(), ValidityConfig())
+    in_order, late = (
+        RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig()),
+        RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig()),
+    )
     first = tag(33 * MS, rel_m)
     for located in (in_order, late):
         located.add([*hovering(0.06), first])

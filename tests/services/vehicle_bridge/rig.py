@@ -16,6 +16,7 @@ from jezero.schemas.state import Clock, Odometry, Status
 from jezero.schemas.topics import ACQUIRE, ALTIMETER, CLOCK, ODOMETRY, RELEASE, SETPOINT, STATUS, Endpoint
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import VehicleBridge
+from jezero.vehicle_config import VehicleConfig
 
 STEP_NS = 20_000_000
 BOOT_ID = 0xB0
@@ -214,8 +215,10 @@ class Box:
 class Rig:
     """Steps bridge and autopilot every 20 ms of vehicle time; wall time is the same unless set."""
 
-    def __init__(self, config: VehicleBridgeConfig | None = None) -> None:
-        self.bridge = VehicleBridge(config or VehicleBridgeConfig(), system_id=1, boot_id=BOOT_ID)
+    def __init__(self, config: VehicleBridgeConfig | None = None, robot: VehicleConfig | None = None) -> None:
+        self.bridge = VehicleBridge(
+            config or VehicleBridgeConfig(), robot or VehicleConfig(), system_id=1, boot_id=BOOT_ID
+        )
         self.autopilot = FakeAutopilot()
         self.box = Box()
         self.t_ns = 1_000_000_000

@@ -5,7 +5,7 @@ import pytest
 from jezero.runtime.service import Subscribe
 from jezero.schemas.commands import Abort, Acquire, Hover, Phase, Release
 from jezero.schemas.topics import ABORT, ACQUIRE, ALTIMETER, HOVER, RELEASE
-from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+from jezero.vehicle_config import VehicleConfig, VehicleLimitsConfig
 from tests.services.vehicle_bridge.rig import BOOT_ID, MODES, Rig
 
 TARGETS = [("go_to", Phase.GO_TO), ("land_on_spot", Phase.LANDING)]
@@ -184,8 +184,8 @@ def test_the_altimeter_is_subscribed_while_armed_only() -> None:
     assert [o.topics for o in rig.outputs if isinstance(o, Subscribe)] == [(ALTIMETER,), ()]
 
 
-def test_the_limits_are_settings() -> None:
-    rig = Rig(VehicleBridgeConfig(altitude_limit_m=10.0)).fly()
+def test_the_limits_are_the_vehicles() -> None:
+    rig = Rig(robot=VehicleConfig(limits=VehicleLimitsConfig(altitude_max_m=10.0))).fly()
     assert "limit of 10 m" in rig.request(HOVER, Hover(hover_pos=(0.0, 0.0, -11.0))).reason
 
 

@@ -125,4 +125,4 @@ def test_a_parameter_that_could_not_be_sent_is_refused_when_the_settings_are_rea
 def test_in_the_settings_1_is_an_integer_and_1_point_0_a_float() -> None:
     config = msgspec.toml.decode("[parameters]\nA = 1\nB = 1.0", type=VehicleBridgeConfig)
     assert [type(value) for value in config.parameters.values()] == [int, float]
-    assert load_config(VehicleBridgeConfig, "vehicle_bridge").low_height_m == 1.0
+    assert load_config(VehicleBridgeConfig, "vehicle_bridge").rate_hz == 50.0

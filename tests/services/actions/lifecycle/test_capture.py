@@ -16,8 +16,8 @@ from jezero.schemas.images import ImageReply
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Odometry
 from jezero.schemas.struct import Message
+from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.lifecycle.capture import Capture, Shot
-from jezero.services.actions.lifecycle.config import CaptureConfig
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from tests.services.actions.fake_camera import frame, gnss, imu, info
 
@@ -42,7 +42,7 @@ class Feeder:
     """A capture, and messages that come to it."""
 
     def __init__(self, planned: int = 3, *, stream: bool = True) -> None:
-        self.capture = Capture(CaptureConfig(), planned, stream=stream)
+        self.capture = Capture(ActionsConfig(), planned, stream=stream)
         self.inbox = Mailbox(())
         self.shots: list[Shot] = []
 

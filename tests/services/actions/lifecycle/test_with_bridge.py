@@ -19,6 +19,7 @@ from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.table import DECLARATIONS, action_server
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import VehicleBridge
+from jezero.vehicle_config import VehicleConfig
 from tests.services.actions.fake_bridge import follow
 from tests.services.vehicle_bridge.rig import FakeAutopilot
 
@@ -84,7 +85,7 @@ class World:
         self.status: Status | None = None
         self.bus.observe(self._note)
         self.bus.add(self.mass)
-        self.bus.add(VehicleBridge(VehicleBridgeConfig(), system_id=1, boot_id=0xB0))
+        self.bus.add(VehicleBridge(VehicleBridgeConfig(), VehicleConfig(), system_id=1, boot_id=0xB0))
         self.bus.wire(("point_mass", "offboard"), ("vehicle_bridge", "autopilot"), UDP_DELAY)
         for name in DECLARATIONS:
             self.bus.add(action_server(name, 5, ActionsConfig()))
