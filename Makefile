@@ -6,6 +6,7 @@
 # make campaign   three minutes of missions with faults; the seeds follow from the commit
 # make broken     fly bridges that are broken on purpose with full physics until each is caught: ten minutes or so
 # make speed      measure speed and cost: one table, and runs/bench.json
+# make reference  write the generated pages of docs/reference anew
 
 # Arrays are small here: threads of the linear algebra library only wait for each other.
 export OPENBLAS_NUM_THREADS := 1
@@ -15,7 +16,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: setup demo lint style types contracts unit test campaign broken speed
+.PHONY: setup demo lint style types contracts unit test campaign broken speed reference
 
 setup: $(INSTALLED)
 
@@ -55,3 +56,6 @@ broken: setup
 
 speed: setup
 	$(BIN)/python -m benchmarks.speed
+
+reference: setup
+	for page in topics actions settings commands; do $(BIN)/jezero info page $$page > docs/reference/$$page.md || exit 1; done
