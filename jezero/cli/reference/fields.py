@@ -15,9 +15,8 @@ BOUND_MAX = {types.FloatType: 1e4, types.IntType: 1e6}
 UNITS = {
     "m2ps3": "m²/s³", "mps2": "m/s²", "mps": "m/s", "m2": "m²", "m": "m", "px": "pixels", "rad": "rad",
     "rps2": "rad/s²", "rps": "rad/s", "deg": "degrees", "ns": "ns", "s": "s", "hz": "Hz", "1ps2": "1/s²", "1ps": "1/s",
-    "kgm2": "kg m²",
-    "kgpm3": "kg/m³", "kg": "kg", "pa": "Pa", "degc": "°C", "gauss": "G", "mah": "mAh", "ohm": "Ω", "v": "V", "a": "A",
-    "nspm": "N s/m", "nms": "N m s", "npm": "N/m", "n": "N",
+    "kgm2": "kg m²", "kgpm3": "kg/m³", "kg": "kg", "pa": "Pa", "degc": "°C", "gauss": "G", "mah": "mAh", "ohm": "Ω",
+    "v": "V", "a": "A", "nspm": "N s/m", "nms": "N m s", "npm": "N/m", "n": "N",
 }  # fmt: skip
 """Units by the last part of a field's name."""
 _SECTION = re.compile(r"^Attributes:\n((?:    .*\n|\n)*)", re.MULTILINE)
