@@ -76,7 +76,8 @@ def _sections(file: str, path: str, struct: type, shipped: msgspec.Struct | None
         rows = [_plain_row(field) for field in fields_of(inner)]
         yield f"Each table of `{name}`: {escape(summary_of(inner))}\n\n{table(rows)}\n"
     for name, default in defaults.items():
-        yield from _sections(file, f"{path}.{name}".strip("."), type(default), getattr(shipped, name))
+        if not isinstance(default, VehicleConfig):  # it has a chapter of its own
+            yield from _sections(file, f"{path}.{name}".strip("."), type(default), getattr(shipped, name))
 
 
 def _defaults(struct: Any) -> dict[str, Any]:
