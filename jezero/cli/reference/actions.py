@@ -69,6 +69,9 @@ z_get.py -m client -e tcp/127.0.0.1:7447 -o 120 \\
 The last one is an example of zenoh-python. The fields of a goal are parameters of the selector, separated by `;`, or
 one JSON object as the payload. A value is JSON where it parses, and text otherwise. Positions are metres north, east
 and **down**, so that a negative z is up.
+
+`frame` is the [frame](../concepts/frames-and-time.md#frames) of the positions beside it, `pos_uav_ned_m` the position
+of the vehicle, and `completed` is true after a success. A limit of 10 000 and more is left out of the ranges.
 """
 
 REPLIES: dict[Any, str] = {

@@ -53,17 +53,16 @@ def _tree(path: str, command: click.Command) -> Iterator[tuple[str, click.Comman
 def _chapter(path: str, command: click.Command, shared: list[Option]) -> str:
     with click.Context(command, info_name=path) as context:
         words = [word for word in command.collect_usage_pieces(context) if word != "[OPTIONS]"]
-    parts = [f"### {path}", *_paragraphs(command.help or "")]
-    if words and not isinstance(command, click.Group):
-        parts.insert(1, f"`{_numbers(' '.join([path, *words]))}`")
     options = _options(command)
     rows = [_row(option) for option in options if option not in shared]
     common = ", ".join(f"`{option['option'].split()[0]}`" for option in options if option in shared)
-    if rows:
-        parts.append(table([*rows, {"option": common, "meaning": "see the top of the page"}] if common else rows))
+    usage = [f"`{_numbers(' '.join([path, *words]))}`"] if words and not isinstance(command, click.Group) else []
+    if common and not rows:
+        usage.append(f"{'options' if usage else 'Options:'} {common}")
     elif common:
-        parts.append(f"Options: {common}.")
-    return "\n\n".join(parts) + "\n"
+        rows.append({"option": common, "meaning": "see the top of the page"})
+    parts = [f"### {path}", "; ".join(usage), *_paragraphs(command.help or ""), table(rows) if rows else ""]
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
 def _paragraphs(text: str) -> Iterable[str]:
