@@ -6,6 +6,8 @@
 # make campaign   three minutes of missions with faults; the seeds follow from the commit
 # make broken     fly bridges that are broken on purpose with full physics until each is caught: ten minutes or so
 # make speed      measure speed and cost: one table, and runs/bench.json
+# make reference  write the generated pages of docs/reference anew
+# make docs       build the documentation as a site, into site/
 
 # Arrays are small here: threads of the linear algebra library only wait for each other.
 export OPENBLAS_NUM_THREADS := 1
@@ -14,8 +16,9 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+DOCS_INSTALLED := $(VENV)/.docs-installed
 
-.PHONY: setup demo lint style types contracts unit test campaign broken speed
+.PHONY: setup demo lint style types contracts unit test campaign broken speed reference docs
 
 setup: $(INSTALLED)
 
@@ -55,3 +58,14 @@ broken: setup
 
 speed: setup
 	$(BIN)/python -m benchmarks.speed
+
+reference: setup
+	for page in topics actions settings commands; do $(BIN)/jezero info page $$page > docs/reference/$$page.md || exit 1; done
+
+$(DOCS_INSTALLED): $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	@touch $@
+
+docs: $(DOCS_INSTALLED)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	@echo "open site/index.html; the search needs: $(BIN)/python -m http.server --bind 127.0.0.1 --directory site 8000"

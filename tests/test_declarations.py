@@ -6,7 +6,9 @@ from typing import Any
 
 import pytest
 
-from jezero.cli.info import all_specs, all_topics, reference_page
+from jezero.cli.reference.pages import PAGES, reference_page
+from jezero.cli.reference.settings import FILES
+from jezero.cli.reference.topics import all_specs, all_topics
 from jezero.deploy.launcher.compose import parse
 from jezero.runtime.service import Spec
 from jezero.schemas.topics import (
@@ -59,9 +61,15 @@ def test_the_compose_file_starts_every_service_and_the_router() -> None:
     assert set(parse((ROOT / "deploy" / "compose.yaml").read_text(), {})) == {*SPECS, "router"}
 
 
-def test_the_reference_page_shows_the_tables_as_they_are() -> None:
-    page = (ROOT / "docs" / "reference" / "topics.md").read_text()
-    assert page == reference_page(), "jezero info page > docs/reference/topics.md writes the page anew"
+@pytest.mark.parametrize("name", PAGES)
+def test_a_reference_page_is_as_the_code_says(name: str) -> None:
+    file = f"docs/reference/{name}.md"
+    current = (ROOT / file).read_text() == reference_page(name)
+    assert current, f"{file} is not as the code says: `jezero info page {name} > {file}` writes it anew"
+
+
+def test_a_reference_page_gives_every_settings_file() -> None:
+    assert set(FILES) == {path.stem for path in (ROOT / "deploy" / "config").glob("*.toml")}
 
 
 @pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/glossary.md", "benchmarks/README.md"])

@@ -1,0 +1,192 @@
+"""The page of all actions, from the topic table and the structs of goals, feedback and results."""
+
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple, get_origin
+
+import msgspec
+
+from jezero.cli.reference.fields import Field, fields_of, summary_of
+from jezero.cli.reference.markdown import escape, table
+from jezero.plugins import all_actions
+from jezero.schemas import actions
+from jezero.schemas.topics import ACTIONS, Action
+from jezero.services.vehicle_bridge.transitions import CODE_OF, completed
+
+
+class Example(NamedTuple):
+    """One goal, sent in three ways; the way by Zenoh follows from `goal`."""
+
+    goal: actions.Goal
+    command: str
+    call: str
+
+
+EXAMPLES = {
+    "takeoff": Example(actions.TakeoffGoal(altitude_m=3.0), "jezero takeoff 3", "uav.takeoff(altitude_m=3.0)"),
+    "go_to": Example(
+        actions.GoToGoal(target_ned_m=(-1.0, -2.0, -3.0), speed_mps=1.5),
+        "jezero target -1 -2 -3 --speed 1.5",
+        "uav.go_to(-1.0, -2.0, -3.0, speed_mps=1.5)",
+    ),
+    "get_images": Example(
+        actions.GetImagesGoal(center_ned_m=(-2.0, 0.0, -4.0), radius_m=2.0, num_images=4, frame="rover"),
+        "jezero getimages -2 0 -4 2 4 rover",
+        'uav.get_images((-2.0, 0.0, -4.0), 2.0, 4, frame="rover")',
+    ),
+    "area_coverage": Example(
+        actions.AreaCoverageGoal(polygon_ned_m=((0, 0), (9, 0), (9, 6), (0, 6)), z_ned_m=-5.0, overlap=0.65),
+        "jezero gridsweep --polygon field.csv --z -5 --overlap 0.65",
+        "uav.area_coverage(((0, 0), (9, 0), (9, 6), (0, 6)), -5.0, overlap=0.65)",
+    ),
+    "land_on_spot": Example(actions.LandOnSpotGoal(), "jezero land_on_spot", "uav.land_on_spot()"),
+}
+"""Examples of jezero's own actions."""
+
+INTRODUCTION = """# Actions
+
+This page is the output of `jezero info page actions`, which also has the actions of installed packages.
+[Actions](../concepts/actions.md) explains the life of a goal, [settings](settings.md#actionstoml) the limits
+of all goals.
+
+## Send a goal
+
+Each action below has a command, a method of [`Vehicle`](python.md#vehicle), and a Zenoh key. Three ways take
+any action:
+
+```
+jezero action send go_to target_ned_m=[-1,-2,-3] speed_mps=1.5
+```
+
+```python
+uav.send("go_to", target_ned_m=(-1.0, -2.0, -3.0), speed_mps=1.5).result()
+```
+
+```
+z_get.py -m client -e tcp/127.0.0.1:7447 -o 120 \\
+    -s 'jezero/uav1/@action/go_to?target_ned_m=[-1,-2,-3];speed_mps=1.5;_time=[..]'
+```
+
+The last one is an example of zenoh-python. The fields of a goal are parameters of the selector, separated by `;`, or
+one JSON object as the payload. A value is JSON where it parses, and text otherwise. Positions are metres north, east
+and **down**, so that a negative z is up.
+
+`frame` is the [frame](../concepts/frames-and-time.md#frames) of the positions beside it, `pos_uav_ned_m` the position
+of the vehicle, and `completed` is true after a success. A limit of 10 000 and more is left out of the ranges.
+"""
+
+REPLIES: dict[Any, str] = {
+    actions.Accepted: "the first reply to a goal that will fly; `warning` names what will be done differently",
+    actions.Rejected: "the only reply to a goal that is refused; `code` is the status code at that time",
+    actions.Feedback[Any]: "ten times a second; `feedback` is that of the action",
+    actions.Result[Any]: "the last reply to an accepted goal; `outcome` is `succeeded`, `canceled` or `aborted`",
+}
+"""Replies to a goal, with their description."""
+
+
+def page() -> str:
+    """The page: what all goals share, then a chapter for each action."""
+    found = list(all_actions().values())
+    common = [field.name for field in fields_of(actions.Goal)]
+    parts = [INTRODUCTION, "## Fields of every goal\n", _inputs(fields_of(actions.Goal))]
+    parts.append("## Replies\n")
+    parts.append(table([_reply_row(struct, text) for struct, text in REPLIES.items()]) + "\n")
+    for action in found:
+        parts += _chapter(action, common)
+    parts.append("## Values inside feedback and results\n")
+    parts += [
+        f"### {struct.__name__}\n\n{escape(summary_of(struct))}\n\n{_outputs(struct)}"
+        for struct in _inner_structs(found)
+    ]
+    return _link_goals("\n".join(parts), found)
+
+
+def _link_goals(text: str, found: Iterable[Action[Any]]) -> str:
+    """The text, in which a field that holds a goal refers to the action's chapter."""
+    for action in found:
+        name = action.goal_type.__name__
+        text = text.replace(f"[{name}](#{name.lower()})", f"goal of [{action.name}](#{action.name})")
+    return text
+
+
+def _chapter(action: Action[Any], common: list[str]) -> Iterator[str]:
+    code = CODE_OF[action.phase]
+    yield f"## {action.name}\n\n{escape(summary_of(action.goal_type))}\n".replace("\n\n\n", "\n")
+    yield f"Status {code:d} (`{code.name}`) while it flies, then {completed(code):d} (`{completed(code).name}`).\n"
+    if action.name in EXAMPLES:
+        yield _example(action, EXAMPLES[action.name])
+    goal = [field for field in fields_of(action.goal_type) if field.name not in common]
+    yield f"Goal:\n\n{_inputs(goal)}"
+    tag = action.feedback_type.__struct_config__.tag
+    yield f"Feedback{f', with `kind` = `{tag}`' if tag else ''}:\n\n{_outputs(action.feedback_type)}"
+    yield f"Result:\n\n{_outputs(action.result_type)}"
+    if action.name in ACTIONS:
+        yield f"Settings: `[{action.name}]` in [actions.toml](settings.md#actionstoml).\n"
+
+
+def _example(action: Action[Any], example: Example) -> str:
+    given = {
+        name: value
+        for name, value in msgspec.to_builtins(example.goal).items()
+        if value != _defaults(type(example.goal)).get(name, msgspec.NODEFAULT)
+    }
+    words = [f"{name}={value if isinstance(value, str) else _json(value)}" for name, value in given.items()]
+    key = f"jezero/uav1/{action.endpoint.name}" + ("?" if words else "") + ";".join(words)
+    return f"- Command: `{example.command}`\n- Python: `{example.call}`\n- Zenoh: `{key}`\n"
+
+
+def _defaults(struct: Any) -> dict[str, Any]:
+    return {field.name: field.default for field in msgspec.structs.fields(struct)}
+
+
+def _json(value: Any) -> str:
+    return msgspec.json.encode(value).decode().replace(".0", "")
+
+
+def _reply_row(struct: Any, text: str) -> dict[str, str]:
+    tag = (get_origin(struct) or struct).__struct_config__.tag
+    fields = ", ".join(f"`{field.name}`" for field in fields_of(struct))
+    return {"`type`": f"`{tag}`", "fields": fields, "meaning": text}
+
+
+def _inputs(fields: Iterable[Field]) -> str:
+    """Fields that a client sets, as a table; the column of ranges is left out where there are none."""
+    rows = [
+        {
+            "field": f"`{field.name}`",
+            "value": field.value,
+            "range": field.range,
+            "default": field.default,
+            "meaning": field.meaning,
+        }
+        for field in fields
+    ]
+    if not any(row["range"] for row in rows):
+        for row in rows:
+            del row["range"]
+    return table(rows) + "\n"
+
+
+def _outputs(struct: Any) -> str:
+    """Fields that a client gets, as a table."""
+    rows = [
+        {
+            "field": f"`{field.name}`",
+            "value": f"{field.value}{' or none' if field.optional else ''}",
+            "meaning": field.meaning,
+        }
+        for field in fields_of(struct)
+    ]
+    return table(rows) + "\n"
+
+
+def _inner_structs(found: Iterable[Action[Any]]) -> list[type]:
+    """Structs inside of feedback and results, and those inside of them, but for goals, which have chapters."""
+    pending = [kind for action in found for kind in (action.feedback_type, action.result_type)]
+    seen: dict[type, None] = {}
+    while pending:
+        for field in fields_of(pending.pop(0)):
+            for struct in field.structs:
+                if struct not in seen and not issubclass(struct, actions.Goal):
+                    seen[struct] = None
+                    pending.append(struct)
+    return list(seen)

@@ -1,0 +1,117 @@
+"""The page of all settings, from the structs that the services read them into."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from jezero import deploy
+from jezero.cli.reference.fields import Field, fields_of, json_words, summary_of
+from jezero.cli.reference.markdown import escape, table
+from jezero.runtime.config import Config, Instance, load_config
+from jezero.services.actions.config import ActionsConfig
+from jezero.services.autopilot.config import AutopilotConfig
+from jezero.services.estimator.config import EstimatorConfig
+from jezero.services.estimator.tag_detector.config import TagDetectorConfig
+from jezero.services.simulator.camera.config import CameraConfig
+from jezero.services.simulator.config import SimulatorConfig
+from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+from jezero.vehicle_config import VehicleConfig
+
+FILES: dict[str, tuple[type[Config], str]] = {
+    "vehicle": (
+        VehicleConfig,
+        "The robot: vehicle, rover platform, and what is mounted on both. Every service reads it.",
+    ),
+    "simulator": (SimulatorConfig, "The simulated world, and the errors of its sensors."),
+    "camera": (CameraConfig, "The simulated camera."),
+    "autopilot": (
+        AutopilotConfig,
+        "The embedded autopilot. Names that PX4 has keep its names, with the unit appended.",
+    ),
+    "vehicle_bridge": (VehicleBridgeConfig, "The vehicle bridge."),
+    "tag_detector": (TagDetectorConfig, "The tag detector."),
+    "estimator": (EstimatorConfig, "The estimator."),
+    "actions": (ActionsConfig, "All action servers."),
+}
+"""Each file in deploy/config, with the struct that it is read into, and its subject."""
+SHIPPED = Path(deploy.__path__[0]) / "config"
+
+INTRODUCTION = """# Settings
+
+This page is the output of `jezero info page settings`. [Configure](../how-to/configure.md) explains where the files are
+and how to change them. A setting that is left out takes its default; an unknown name or a value out of range ends the
+service at its start with a sentence that names it.
+
+Units are in the names. Beginnings of names: `std_` standard deviation, `tau_` time constant, `psd_` power spectral
+density, `pos_` position. Frames: `ned` north, east, down; `frd` forward, right, down of the vehicle; `rover_body`
+forward, right, down of the rover. In the simulator, `rate_hz` is the number of measurements per second and `delay_s`
+the time until one arrives; `std_…` is white noise, and `std_bias_…` with `tau_bias_s` a slowly varying error.
+
+Bounds of 10 000 and more are left out. An action of an installed package has a file of its own,
+[`<action>.toml`](../how-to/write-an-action.md#settings).
+"""
+
+
+def page() -> str:
+    """The page: a chapter for each file, a section for each of its tables."""
+    contents = "\n".join(f"| [{name}.toml](#{name}toml) | {subject} |" for name, (_, subject) in FILES.items())
+    chapters = (
+        f"## {name}.toml\n\n{subject}\n\n" + "\n".join(_sections(name, "", kind, load_config(kind, name, SHIPPED)))
+        for name, (kind, subject) in FILES.items()
+    )
+    return "\n".join([INTRODUCTION, "| file | subject |", f"| --- | --- |\n{contents}\n", *chapters, _environment()])
+
+
+def _sections(file: str, path: str, struct: type, shipped: msgspec.Struct | None) -> Iterator[str]:
+    """A section for the settings of a struct, then one for each of its tables; `path` is "" for the file itself."""
+    defaults = {name: default for name, default in _defaults(struct).items() if isinstance(default, Config)}
+    fields = [field for field in fields_of(struct) if field.name not in defaults]
+    if fields:
+        heading = f"### {file}.toml: [{path}]\n\n{escape(summary_of(struct))}\n\n" if path else ""
+        yield heading + table([_row(field, struct, shipped) for field in fields]) + "\n"
+    for name, inner in {inner: (field.name, inner) for field in fields for inner in field.structs}.values():
+        rows = [_plain_row(field) for field in fields_of(inner)]
+        yield f"Each table of `{name}`: {escape(summary_of(inner))}\n\n{table(rows)}\n"
+    for name, default in defaults.items():
+        if not isinstance(default, VehicleConfig):  # it has a chapter of its own
+            yield from _sections(file, f"{path}.{name}".strip("."), type(default), getattr(shipped, name))
+
+
+def _defaults(struct: Any) -> dict[str, Any]:
+    return {field.name: field.default for field in msgspec.structs.fields(struct)}
+
+
+def _row(field: Field, struct: Any, shipped: Any) -> dict[str, str]:
+    """A setting; its default names the value in the shipped file where that is another one."""
+    value = getattr(shipped, field.name)
+    shown = json_words(value)
+    if value == _defaults(struct)[field.name] or shown == field.default:
+        return _plain_row(field)
+    shown = f"in the file: {len(value)} entries" if isinstance(value, dict) else f"{field.default}; in the file {shown}"
+    return _plain_row(field) | {"default": shown}
+
+
+def _plain_row(field: Field) -> dict[str, str]:
+    return {
+        "setting": f"`{field.name}`",
+        "value": "tables" if field.structs else field.value,
+        "range": field.range,
+        "default": field.default,
+        "meaning": field.meaning,
+    }
+
+
+def _environment() -> str:
+    rows = [{"variable": _variable(field)} | _plain_row(field) for field in fields_of(Instance)]
+    for row in rows:
+        del row["setting"]
+    return f"## Environment\n\n{summary_of(Instance)}\n\n{table(rows)}\n"
+
+
+def _variable(field: Field) -> str:
+    """The variable that sets a field, which its description names."""
+    found = re.search(r"`JEZERO_\w+`", field.meaning)
+    return found[0] if found else ""

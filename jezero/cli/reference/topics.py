@@ -1,0 +1,117 @@
+"""The page of services, topics and endpoints, from the declarations that the services run with."""
+
+from typing import Any
+
+from jezero.cli.reference.markdown import table
+from jezero.plugins import action_names, all_actions
+from jezero.runtime.service import Spec
+from jezero.schemas.topics import ENDPOINTS, TOPICS, Topic, feedback_of
+from jezero.services.actions.table import action_server
+from jezero.services.autopilot.service import SPEC as AUTOPILOT
+from jezero.services.estimator.service import SPEC as ESTIMATOR
+from jezero.services.estimator.tag_detector.service import SPEC as TAG_DETECTOR
+from jezero.services.simulator.camera.service import SPEC as CAMERA
+from jezero.services.simulator.service import SPEC as SIMULATOR
+from jezero.services.vehicle_bridge.service import SPEC as VEHICLE_BRIDGE
+
+Row = dict[str, Any]
+
+
+def all_specs() -> dict[str, Spec]:
+    """Declarations of all services of the stack, by name."""
+    actions = (action_server(name, boot_id=0).spec for name in action_names())
+    specs = (SIMULATOR, CAMERA, AUTOPILOT, VEHICLE_BRIDGE, TAG_DETECTOR, ESTIMATOR, *actions)
+    return {spec.name: spec for spec in specs}
+
+
+def all_topics() -> tuple[Topic[Any], ...]:
+    """Every topic, with the feedback of each action; the health of each service is left out."""
+    return (*TOPICS, *map(feedback_of, all_actions().values()))
+
+
+def topic_rows() -> list[Row]:
+    """One row a topic: name, message type, rate, delivery, writer, readers."""
+    specs = all_specs().values()
+    return [
+        {
+            "topic": topic.name,
+            "type": topic.struct.__name__,
+            "rate_hz": topic.rate_hz,
+            "delivery": topic.delivery,
+            "writer": topic.writer,
+            "readers": [s.name for s in specs if topic in (*s.inputs, *s.on_demand)],
+        }
+        for topic in all_topics()
+    ]
+
+
+def endpoint_rows() -> list[Row]:
+    """One row an endpoint: name, request type, the service that replies, the services that send requests."""
+    specs = all_specs().values()
+    return [
+        {
+            "endpoint": endpoint.name,
+            "request": endpoint.request_type.__name__,
+            "replies": endpoint.server,
+            "requested by": [s.name for s in specs if endpoint in s.calls],
+        }
+        for endpoint in ENDPOINTS
+    ]
+
+
+def service_rows() -> list[Row]:
+    """One row a service: the topics it reads and publishes, the endpoints it replies on and requests, its links."""
+    return [
+        {
+            "service": spec.name,
+            "reads": [t.name for t in (*spec.inputs, *spec.on_demand)],
+            "publishes": [t.name for t in spec.outputs],
+            "replies": [e.name for e in spec.serves],
+            "requests": [e.name for e in spec.calls],
+            "links": list(spec.links),
+        }
+        for spec in all_specs().values()
+    ]
+
+
+def mermaid() -> str:
+    """The graph of services and topics as a Mermaid flowchart; the five action servers are one node."""
+
+    def node(service: str) -> str:
+        return "actions" if service in action_names() else service
+
+    edges: dict[tuple[str, str], list[str]] = {}
+    for row in topic_rows():
+        writers = [name for name, spec in all_specs().items() if row["topic"] in {t.name for t in spec.outputs}]
+        for writer in writers or [row["writer"]]:
+            for reader in row["readers"]:
+                topics = edges.setdefault((node(writer), node(reader)), [])
+                if row["topic"] not in topics:
+                    topics.append(row["topic"])
+    lines = [f"    {writer} -->|{'<br>'.join(topics)}| {reader}" for (writer, reader), topics in edges.items()]
+    return "\n".join(["flowchart TD", *lines])
+
+
+def page() -> str:
+    """The page: the graph and the three tables."""
+    return f"""# Topics, endpoints and services
+
+This page is the output of `jezero info page topics`. Keys are `jezero/<vehicle>/<name>`; *actions* are all action
+servers. Every service also publishes `health/<service>` once a second.
+
+```mermaid
+{mermaid()}
+```
+
+## Topics
+
+{table(topic_rows())}
+
+## Endpoints
+
+{table(endpoint_rows())}
+
+## Services
+
+{table(service_rows())}
+"""

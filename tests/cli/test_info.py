@@ -1,0 +1,166 @@
+"""`jezero info page`, and the words of the reference pages."""
+
+import ast
+import inspect
+import shlex
+from typing import Annotated, Literal
+
+import click
+import msgspec
+import pytest
+from click.testing import CliRunner
+from msgspec import Meta
+
+from jezero.cli.main import main
+from jezero.cli.reference.actions import EXAMPLES
+from jezero.cli.reference.fields import Field, attributes_of, fields_of, summary_of, unit_of
+from jezero.cli.reference.markdown import table
+from jezero.cli.reference.pages import PAGES
+from jezero.client import Vehicle
+from jezero.schemas.topics import ACTIONS
+
+
+class Inner(msgspec.Struct):
+    """One corner."""
+
+    x_m: float
+
+
+class Base(msgspec.Struct, kw_only=True):
+    """What all have.
+
+    Attributes:
+        name: who it is.
+    """
+
+    name: Annotated[str, Meta(max_length=8)] = ""
+
+
+class Example(Base, kw_only=True):
+    """An example of every kind.
+
+    Attributes:
+        speed_mps: speed along the path, which is
+            described on two lines.
+        low, high: bounds.
+
+    Raises:
+        ValueError: never: this is no field.
+    """
+
+    speed_mps: Annotated[float, Meta(gt=0.0, le=10.0)] = 2.0
+    low: Annotated[int, Meta(ge=1, le=5)]
+    high: int | None = None
+    path_ned_m: tuple[tuple[float, float, float], ...] = ()
+    mode: Literal["slow", "fast"] = "slow"
+    corners: tuple[Inner, ...] = ()
+    far_m: Annotated[float, Meta(ge=-1e6, le=1e6)] = 0.0
+
+
+class Short(msgspec.Struct):
+    """altitude_m: above the ground; speed_mps: along the path."""
+
+    altitude_m: float
+    speed_mps: float
+
+
+def field(name: str) -> Field:
+    return next(field for field in fields_of(Example) if field.name == name)
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_is_printed(name: str) -> None:
+    result = CliRunner().invoke(main, ["info", "page", name])
+    assert result.exit_code == 0
+    assert result.output.startswith("# ")
+
+
+def test_a_page_without_a_name_names_the_pages() -> None:
+    result = CliRunner().invoke(main, ["info", "page"])
+    assert result.exit_code == 2
+    assert all(name in result.output for name in PAGES)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("radius_m", "m"),
+        ("yaw_rate_rps", "rad/s"),
+        ("cone_per_m", "per m"),
+        ("gain_1ps", "1/s"),
+        ("tries", ""),
+        ("s", ""),
+    ],
+)
+def test_a_unit_is_the_end_of_a_name(name: str, unit: str) -> None:
+    assert unit_of(name) == unit
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "limits", "default"),
+    [
+        ("name", "text", "≤ 8 characters", '`""`'),
+        ("speed_mps", "number, m/s", "> 0, ≤ 10", "`2.0`"),
+        ("low", "whole number", "1 … 5", "required"),
+        ("high", "whole number", "", "none"),
+        ("path_ned_m", "n × 3 numbers, m", "", "`[]`"),
+        ("mode", "`fast` or `slow`", "", '`"slow"`'),
+        ("corners", "list of [Inner](#inner)", "", "`[]`"),
+        ("far_m", "number, m", "", "`0.0`"),
+    ],
+)
+def test_a_field_has_words_for_people(name: str, value: str, limits: str, default: str) -> None:
+    found = field(name)
+    assert (found.value, found.range, found.default) == (value, limits, default)
+
+
+def test_meanings_come_from_docstrings_of_the_struct_and_its_bases() -> None:
+    assert attributes_of(Example) == {
+        "name": "who it is.",
+        "speed_mps": "speed along the path, which is described on two lines.",
+        "low": "bounds.",
+        "high": "bounds.",
+    }
+    assert summary_of(Example) == "An example of every kind."
+
+
+def test_a_docstring_may_hold_descriptions_of_fields_only() -> None:
+    assert attributes_of(Short) == {"altitude_m": "above the ground", "speed_mps": "along the path."}
+    assert summary_of(Short) == ""
+
+
+def test_a_cell_keeps_its_bars_and_brackets() -> None:
+    assert table([{"a": "x|y <z>", "b": "`<z>`"}]).splitlines()[-1] == "| x\\|y &lt;z> | `<z>` |"
+
+
+def test_every_action_has_an_example() -> None:
+    assert set(EXAMPLES) == set(ACTIONS)
+
+
+@pytest.mark.parametrize("name", ACTIONS)
+def test_an_example_of_a_command_is_parsed(name: str) -> None:
+    _, command, *words = shlex.split(EXAMPLES[name].command)
+    words = [word for word in words if word != "field.csv"]
+    words = [word for word in words if word != "--polygon"]
+    with click.Context(main) as context:
+        found = main.get_command(context, command)
+    assert found is not None
+    found.make_context(command, words)
+
+
+@pytest.mark.parametrize("name", ACTIONS)
+def test_an_example_of_a_call_fits_the_method(name: str) -> None:
+    call = ast.parse(EXAMPLES[name].call, mode="eval").body
+    assert isinstance(call, ast.Call)
+    assert isinstance(call.func, ast.Attribute)
+    assert call.func.attr == name
+    values = [ast.literal_eval(value) for value in call.args]
+    named = {str(keyword.arg): ast.literal_eval(keyword.value) for keyword in call.keywords}
+    inspect.signature(getattr(Vehicle, name)).bind(None, *values, **named)
+
+
+@pytest.mark.parametrize("name", ACTIONS)
+def test_an_example_of_a_goal_has_values_in_range(name: str) -> None:
+    goal = EXAMPLES[name].goal
+    assert type(goal) is ACTIONS[name].goal_type
+    assert msgspec.json.decode(msgspec.json.encode(goal), type=type(goal)) == goal
