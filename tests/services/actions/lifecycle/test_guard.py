@@ -7,8 +7,8 @@ import pytest
 from jezero.frames import Vec3
 from jezero.schemas.actions import GoToGoal, MoveFeedback, MoveResult
 from jezero.schemas.commands import Phase
-from jezero.schemas.state import Status
-from jezero.services.actions.lifecycle.behaviour import Done, Move, Plan, Preparation, Refusal, VehicleState
+from jezero.schemas.state import Status, StatusCode
+from jezero.services.actions.lifecycle.behaviour import Done, Move, Plan, Preparation, Refusal, Start, VehicleState
 from jezero.services.actions.lifecycle.guard import GuardedPlanner
 from tests.services.actions.test_behaviours import a_status
 
@@ -36,8 +36,12 @@ class Broken:
     def plan(self, goal: Any, status: Status) -> Plan | Refusal:
         self._maybe_raise("plan")
         if self._where == "prepare":
-            return Plan(Preparation(lambda state: lambda: self._maybe_raise("prepare") or self.start))
+            return Plan(Preparation(lambda state: self._prepare))
         return Plan(self.start, check_inputs=self._check)
+
+    def _prepare(self) -> Start:
+        self._maybe_raise("prepare")
+        return self.start
 
     def _check(self, state: VehicleState) -> str:
         self._maybe_raise("check_inputs")
@@ -57,7 +61,7 @@ class Broken:
 
 
 def plan_of(where: str) -> Plan | Refusal:
-    return GuardedPlanner("spiral", Broken(where)).plan(GOAL, a_status())
+    return GuardedPlanner("spiral", Broken(where)).plan(GOAL, a_status(StatusCode.HOVER))
 
 
 def behaviour_of(where: str) -> Any:
