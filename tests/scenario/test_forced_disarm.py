@@ -8,7 +8,7 @@ from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.actions import LandOnSpotGoal
 from jezero.schemas.state import StatusCode as Code
-from jezero.services.actions.land_on_spot.config import RoverLandingConfig
+from jezero.services.actions.land_on_spot.rover_landing import CONTACT_TIMEOUT_S
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.trials.stack import build_stack
 from tests.scenario.rig import Flight, go_to
@@ -51,7 +51,7 @@ def test_without_an_estimate_nothing_is_sure_and_it_climbs_away_with_its_motors_
     answers = flight.send(topics.LAND_ON_SPOT, LandOnSpotGoal())
     flight.wait(lambda: flight.truth.contact_force_n > 1.0 and height_m(flight) < 0.05, 40.0, "contact")
     flight.bus.remove("estimator")
-    result = flight.finish(answers, RoverLandingConfig().contact_timeout_s + 10.0)
+    result = flight.finish(answers, CONTACT_TIMEOUT_S + 10.0)
     assert result.outcome == "aborted"
     flight.wait_code(Code.HOVER, 8.0)
     assert all(status.armed and not status.landed for status in flight.statuses[begun:])
