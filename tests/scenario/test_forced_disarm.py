@@ -8,7 +8,7 @@ from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.actions import LandOnSpotGoal
 from jezero.schemas.state import StatusCode as Code
-from jezero.services.actions.land_on_spot.config import RoverLandingConfig
+from jezero.services.actions.land_on_spot.rover_landing import CONTACT_TIMEOUT_S
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.trials.stack import build_stack
 from tests.scenario.rig import Flight, go_to
@@ -51,7 +51,7 @@ def test_without_an_estimate_it_is_not_disarmed_and_climbs_away() -> None:
     request = flight.send(topics.LAND_ON_SPOT, LandOnSpotGoal())
     flight.wait(lambda: flight.truth.contact_force_n > 1.0 and height_m(flight) < 0.05, 40.0, "contact")
     flight.bus.remove("estimator")
-    result = flight.finish(request, RoverLandingConfig().contact_timeout_s + 10.0)
+    result = flight.finish(request, CONTACT_TIMEOUT_S + 10.0)
     assert result.outcome == "aborted"
     flight.wait_code(Code.HOVER, 8.0)
     assert all(status.armed and not status.landed for status in flight.statuses[begun:])

@@ -19,6 +19,8 @@ from jezero.services.actions.motion.limits import beyond_limits, point_refusal, 
 from jezero.vehicle_config import CameraMountConfig
 
 Array = NDArray[np.float64]
+CUT = 0.5
+"""Distance before a corner at which its turn begins, in line distances."""
 DIRECTION_RAD = np.pi / 180.0
 """Directions nearer to each other than this are the same."""
 
@@ -93,7 +95,7 @@ def plan_coverage(
     motion = {
         "speed_mps": min(goal.speed_mps or settings.speed_mps, 0.5 * along_m * config.vehicle.camera.rate_hz),
         "acceleration_mps2": settings.acceleration_mps2,
-        "cut_m": settings.cut * across_m,
+        "cut_m": CUT * across_m,
     }
     start = goal.start_ned_m or start_m
     near_m = None if start is None else _from(corner_m, [start])[0]

@@ -18,6 +18,14 @@ from jezero.services.actions.lifecycle.capture import Capture
 from jezero.services.actions.motion.straight_path import TimedStraightPath, straight_speed_mps
 from jezero.services.actions.motion.tracking import Tracker, position_now
 
+SETTLED_RAD, SETTLED_S = 0.035, 0.5
+"""The turn begins when the vehicle has faced the centre within this heading error for this duration."""
+VELOCITY_LEAD_S = 0.11
+"""Time by which the velocity setpoints are ahead, because the vehicle's velocity follows them late by that much;
+without it, the vehicle is carried out of the circle."""
+ROLL_CAMERA_MAX_RAD = 0.6
+"""Limit of the camera's roll axis."""
+
 
 class OrbitFlight:
     """One flight to the orbit and around it; positions and velocities are in the goal's frame.
@@ -41,7 +49,6 @@ class OrbitFlight:
     ) -> None:
         self._goal = goal
         self._capture = capture
-        self._settings = settings
         self._move_config = config.move
         self._yaw_rad = yaw_start_rad
         self._settled_ns: int | None = None
@@ -73,17 +80,17 @@ class OrbitFlight:
 
     def _settle(self, t_ns: int, state: VehicleState) -> None:
         """Begin the turn when the vehicle is at its first point and faces the centre."""
-        settings, move = self._settings, self._move_config
+        move = self._move_config
         end_ned_m = self._way_in.end_ned_m
         away_m = norm(subtract(end_ned_m, position_now(state)))
         yaw_rad, _ = facing(end_ned_m, (0.0, 0.0, 0.0), self._orbit.center_ned_m)
-        turned = abs(wrap_pi(yaw_rad - state.yaw_rad)) < settings.settled_rad
+        turned = abs(wrap_pi(yaw_rad - state.yaw_rad)) < SETTLED_RAD
         slow = norm(state.vel_uav_ned_mps) < move.reached_mps
         if not (turned and slow and away_m < move.reached_m):
             self._settled_ns = None
         elif self._settled_ns is None:
             self._settled_ns = t_ns
-        if self._settled_ns is not None and t_ns - self._settled_ns >= settings.settled_s * NS_PER_S:
+        if self._settled_ns is not None and t_ns - self._settled_ns >= SETTLED_S * NS_PER_S:
             self._arrived_ns = t_ns
             self._tracker.restart(t_ns)
 
@@ -105,15 +112,15 @@ class OrbitFlight:
         return done and (over or goal.num_images == 1)
 
     def _move(self, dt_s: float, path: TimedStraightPath | Orbit, state: VehicleState) -> Move:
-        goal, settings = self._goal, self._settings
+        goal = self._goal
         reference = path.at(self._tracker.time_s)
-        lead_ned_mps = scale(reference.acc_ned_mps2, settings.velocity_lead_s)
+        lead_ned_mps = scale(reference.acc_ned_mps2, VELOCITY_LEAD_S)
         reference = reference._replace(vel_ned_mps=add(reference.vel_ned_mps, lead_ned_mps))
         vel_ned_mps, acc_ned_mps2 = self._tracker.command(dt_s, reference, state)
         yaw_rad, yaw_rate_rps = self._heading(dt_s, state)
         target_ned_m = (goal.center_ned_m[0], goal.center_ned_m[1], goal.target_z_ned_m)
         way_ned_m = subtract(target_ned_m, self._capture.pos_camera(position_now(state), state.q_ned_from_frd))
-        pitch_rad, roll_rad = aim(state.q_ned_from_frd, way_ned_m, settings.roll_camera_max_rad)
+        pitch_rad, roll_rad = aim(state.q_ned_from_frd, way_ned_m, ROLL_CAMERA_MAX_RAD)
         return Move(
             Phase.GET_IMAGES,
             ImagesFeedback(pos_uav_ned_m=state.pos_uav_ned_m, frame=goal.frame, taken=0, planned=goal.num_images),

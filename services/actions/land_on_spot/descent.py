@@ -12,6 +12,26 @@ STALLED_SPEED_RATIO = 0.5
 STALLED_HEIGHT_MAX_M = 0.3
 """Stalls higher than this are gusts, not contact."""
 STEP_MAX_S = 0.1
+STD_M, STD_PER_M = 0.1, 0.15
+"""The vehicle descends only while the position's standard deviation is below STD_M + STD_PER_M * height."""
+PREDICTION_S = 0.3
+"""The error is predicted for this time ahead."""
+SPEED_GATE_MPS = 0.5
+"""The vehicle descends only while its horizontal speed relative to the platform is below this."""
+GAIN_DESCENT_1PS = 0.6
+"""Rate of descent per metre of height."""
+COMMIT_M = 0.1
+"""Below this height the vehicle descends whatever the error is."""
+STRAYED_CONES = 4.0
+"""The vehicle climbs when the error is larger than this number of cone radii."""
+CONTACT_M, CONTACT_S = 0.03, 0.6
+"""A lower height than this counts as contact, and so does a stop of this duration during the descent."""
+FORCE_S = 3.0
+"""Duration for which the conditions of a forced disarm must hold. Source: spec §8, which wants 2 s at least; PX4 takes
+about as long to detect the ground."""
+FORCE_BELOW_M, FORCE_MPS = 0.1, 0.2
+"""A forced disarm needs a height that is surely below this, and a relative speed below this although the vehicle is
+pushed down."""
 FORCE_FEET_MAX_M = 0.1
 """A forced disarm needs an altimeter range, tilt-corrected, of feet lower than this, or none."""
 HEIGHT_SIGMAS = 2.0
@@ -31,7 +51,7 @@ class Descent:
         """Whether the vehicle is over the platform, at the height of the approach, and slow."""
         config = self._config
         low = platform.height_m < config.height_approach_m + BEGIN_MARGIN_M
-        slow = platform.speed_mps < config.speed_gate_mps
+        slow = platform.speed_mps < SPEED_GATE_MPS
         return low and slow and platform.error_m < self._cone_m(platform)
 
     def down_mps(self, t_ns: int, platform: PlatformState) -> float:
@@ -39,28 +59,27 @@ class Descent:
         config = self._config
         passed_s = 0.0 if self._t_ns is None else min(max((t_ns - self._t_ns) / NS_PER_S, 0.0), STEP_MAX_S)
         self._t_ns = t_ns
-        proportional_mps = config.gain_descent_1ps * platform.height_m
+        proportional_mps = GAIN_DESCENT_1PS * platform.height_m
         wanted_mps = min(max(proportional_mps, config.descent_min_mps), config.descent_max_mps)
-        if platform.height_m < config.commit_m:
+        if platform.height_m < COMMIT_M:
             return wanted_mps
         cone_m = self._cone_m(platform)
-        certain = platform.std_m < config.std_m + config.std_per_m * platform.height_m
-        inside = platform.error_in_m(config.prediction_s) < cone_m
-        if certain and inside and platform.speed_mps < config.speed_gate_mps:
+        certain = platform.std_m < STD_M + STD_PER_M * platform.height_m
+        inside = platform.error_in_m(PREDICTION_S) < cone_m
+        if certain and inside and platform.speed_mps < SPEED_GATE_MPS:
             self._waited_s = max(0.0, self._waited_s - passed_s)
             return wanted_mps
         self._waited_s += passed_s
-        strayed = platform.error_m > config.strayed_cones * cone_m and platform.height_m < config.height_approach_m
+        strayed = platform.error_m > STRAYED_CONES * cone_m and platform.height_m < config.height_approach_m
         return -config.descent_min_mps if strayed else 0.0
 
     def has_contact(self, t_ns: int, platform: PlatformState, down_mps: float) -> bool:
         """Whether the vehicle is as low as it can be, or is stalled low over the platform although it descends."""
-        config = self._config
         slow = platform.vel_ned_mps[2] < STALLED_SPEED_RATIO * down_mps
         stalled = down_mps > 0.0 and platform.height_m < STALLED_HEIGHT_MAX_M and slow
         if not stalled or self._moving_ns is None:
             self._moving_ns = t_ns
-        return platform.height_m < config.contact_m or t_ns - self._moving_ns > config.contact_s * NS_PER_S
+        return platform.height_m < CONTACT_M or t_ns - self._moving_ns > CONTACT_S * NS_PER_S
 
     def _cone_m(self, platform: PlatformState) -> float:
         """Permitted error at this height; it widens with the time spent waiting, and narrows again."""
@@ -76,8 +95,7 @@ class TouchdownDetector:
     They count only while the platform is measured, and the altimeter may not contradict them.
     """
 
-    def __init__(self, config: RoverLandingConfig, vehicle: VehicleConfig) -> None:
-        self._config = config
+    def __init__(self, vehicle: VehicleConfig) -> None:
         self._on_platform_m = 0.5 * vehicle.platform.side_m
         self._range_max_m = vehicle.height_altimeter_m + FORCE_FEET_MAX_M
         self._since_ns: int | None = None
@@ -100,11 +118,10 @@ class TouchdownDetector:
             return False
         if self._since_ns is None:
             self._since_ns = t_ns
-        return t_ns - self._since_ns >= self._config.force_s * NS_PER_S
+        return t_ns - self._since_ns >= FORCE_S * NS_PER_S
 
     def _has_signs(self, platform: PlatformState, range_m: float | None) -> bool:
-        config = self._config
-        low = platform.height_m + HEIGHT_SIGMAS * platform.std_height_m < config.force_below_m
-        rests = platform.speed_mps < config.force_mps and abs(platform.vel_ned_mps[2]) < config.force_mps
+        low = platform.height_m + HEIGHT_SIGMAS * platform.std_height_m < FORCE_BELOW_M
+        rests = platform.speed_mps < FORCE_MPS and abs(platform.vel_ned_mps[2]) < FORCE_MPS
         on_platform = platform.error_m < self._on_platform_m
         return low and rests and on_platform and (range_m is None or range_m < self._range_max_m)

@@ -10,8 +10,21 @@ from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.config import PlainLandingConfig
 from jezero.services.actions.land_on_spot.tilt_contact_detector import TiltContactDetector, landing_outcome
 from jezero.services.actions.lifecycle.behaviour import Done, Move, VehicleState
-from jezero.services.actions.motion.straight_path import StraightPath
+from jezero.services.actions.motion.straight_path import LEAD_M, StraightPath
 
+SPEED_APPROACH_MPS = 2.0
+SLOW_MARGIN_M = 1.0
+"""Added to the slow height when only the vehicle's own altitude is known."""
+GAIN_HORIZONTAL_1PS, SPEED_HORIZONTAL_MAX_MPS = 0.8, 0.5
+"""Horizontal speed per metre of error during the descent, and its limit."""
+CONTACT_MPS, CONTACT_S = 0.1, 0.5
+"""A slower descent than this for this duration counts as contact."""
+CONTACT_TIMEOUT_S = 15.0
+"""The goal is aborted when the autopilot doesn't detect the ground within this time."""
+DESCENT_TIMEOUT_S = 600.0
+"""The goal is aborted when there is no contact within this time."""
+SPEED_LEAVE_MPS, LEAVE_S = 1.0, 1.5
+"""Speed and duration of the climb when the vehicle tilts over the obstacle that it touches."""
 CONTACT_MARGIN_M = 0.01
 """A range this much above the least possible one counts as contact."""
 
@@ -48,7 +61,7 @@ class PlainLanding:
             t_ns,
             start_ned_m,
             (spot_ned_m[0], spot_ned_m[1], z - up_m),
-            speed_mps=settings.speed_approach_mps,
+            speed_mps=SPEED_APPROACH_MPS,
             config=move,
             yaw_start_rad=state.yaw_rad,
         )
@@ -60,7 +73,7 @@ class PlainLanding:
                 (x, y, z),
                 start_ned_m,
                 speed_mps=move.speed_up_mps,
-                lead_max_m=move.lead_m,
+                lead_max_m=LEAD_M,
                 config=move,
                 yaw_start_rad=state.yaw_rad,
             )
@@ -70,7 +83,7 @@ class PlainLanding:
             return self._approach(t_ns, state)
         land = self._settings
         if self._leaves_ns is not None:
-            return self._leave(t_ns, self._leaves_ns, state, land)
+            return self._leave(t_ns, self._leaves_ns, state)
         if state.landed:
             return landing_outcome(state)
         if problem := self._advance(t_ns, state, land):
@@ -79,28 +92,28 @@ class PlainLanding:
         vel_ned_mps = (0.0, 0.0, land.push_mps) if push else self._descent_velocity(state, land)
         if self._tilt_contact.update(t_ns, state, vel_ned_mps[2]):
             self._leaves_ns = t_ns
-            return self._leave(t_ns, t_ns, state, land)
+            return self._leave(t_ns, t_ns, state)
         return self._move(state, vel_ned_mps)
 
     def _advance(self, t_ns: int, state: VehicleState, land: PlainLandingConfig) -> str:
         """Begin the next phase when it is time for it; returns the reason why the landing is aborted, or ""."""
         since_s = (t_ns - self._phase_since_ns) / NS_PER_S
         if self._phase == "descent":
-            if since_s > land.descent_timeout_s:
+            if since_s > DESCENT_TIMEOUT_S:
                 return f"no contact after {since_s:.0f} s of descent"
-            if self._has_contact(t_ns, state, land):
+            if self._has_contact(t_ns, state):
                 self._enter("contact", t_ns)
-        elif since_s > land.contact_timeout_s:
+        elif since_s > CONTACT_TIMEOUT_S:
             return f"the autopilot doesn't detect the ground {since_s:.0f} s after contact"
         elif state.vel_uav_ned_mps[2] > 0.5 * land.push_mps:
             self._enter("descent", t_ns)
         return ""
 
-    def _leave(self, t_ns: int, since_ns: int, state: VehicleState, land: PlainLandingConfig) -> Move | Done:
+    def _leave(self, t_ns: int, since_ns: int, state: VehicleState) -> Move | Done:
         """Climb, then end the goal: another place to land is the client's choice."""
-        if t_ns - since_ns > land.leave_s * NS_PER_S:
+        if t_ns - since_ns > LEAVE_S * NS_PER_S:
             return Done("aborted", "the vehicle tilted over an edge or a rock at the landing spot: land somewhere else")
-        return self._move(state, (0.0, 0.0, -land.speed_leave_mps))
+        return self._move(state, (0.0, 0.0, -SPEED_LEAVE_MPS))
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> LandResult:
         return LandResult(completed=completed, touchdown_ned_m=pos_uav_ned_m if completed else None)
@@ -122,27 +135,27 @@ class PlainLanding:
         slow_m = land.slow_height_m
         height_m = state.height_m
         if height_m is None:
-            height_m, slow_m = altitude_m(state.pos_uav_ned_m[2]), slow_m + land.slow_margin_m
+            height_m, slow_m = altitude_m(state.pos_uav_ned_m[2]), slow_m + SLOW_MARGIN_M
         if height_m < slow_m:
             self._speed_down_mps = land.speed_low_mps
-        north = land.gain_horizontal_1ps * (self._spot_ned_m[0] - state.pos_uav_ned_m[0])
-        east = land.gain_horizontal_1ps * (self._spot_ned_m[1] - state.pos_uav_ned_m[1])
-        shrink = min(1.0, land.speed_horizontal_max_mps / max(hypot(north, east), 1e-9))
+        north = GAIN_HORIZONTAL_1PS * (self._spot_ned_m[0] - state.pos_uav_ned_m[0])
+        east = GAIN_HORIZONTAL_1PS * (self._spot_ned_m[1] - state.pos_uav_ned_m[1])
+        shrink = min(1.0, SPEED_HORIZONTAL_MAX_MPS / max(hypot(north, east), 1e-9))
         return (north * shrink, east * shrink, self._speed_down_mps)
 
-    def _has_contact(self, t_ns: int, state: VehicleState, land: PlainLandingConfig) -> bool:
+    def _has_contact(self, t_ns: int, state: VehicleState) -> bool:
         """Whether the range is shorter than the altimeter can measure in the air, or the descent has stopped."""
         if state.height_m is not None and state.height_m < self._contact_range_m:
             return True
-        if state.vel_uav_ned_mps[2] > land.contact_mps:
+        if state.vel_uav_ned_mps[2] > CONTACT_MPS:
             self._still_since_ns = None
         elif self._still_since_ns is None:
             self._still_since_ns = t_ns
         started_s = (t_ns - self._phase_since_ns) / NS_PER_S
         return (
-            started_s > 2.0 * land.contact_s
+            started_s > 2.0 * CONTACT_S
             and self._still_since_ns is not None
-            and t_ns - self._still_since_ns >= land.contact_s * NS_PER_S
+            and t_ns - self._still_since_ns >= CONTACT_S * NS_PER_S
         )
 
     def _enter(self, phase: LandPhase, t_ns: int) -> None:

@@ -13,6 +13,12 @@ from jezero.services.actions.land_on_spot.config import PlatformControlConfig
 from jezero.services.actions.motion.rover_frame import turn_acceleration
 
 AGE_MAX_NS = 500_000_000
+FAR_M, NEAR_M = 3.5, 0.5
+"""Between these errors the gain is interpolated; the integral is reset beyond FAR_M and grows only within NEAR_M."""
+INTEGRAL_MAX_MPS = 0.3
+"""Limit of the integral's part."""
+ACC_MAX_MPS2 = 1.5
+"""Deceleration before the platform."""
 NORTH, EAST, DOWN = 0, 6, 11
 """Indices of the position's variances in the upper triangle of the covariance."""
 
@@ -107,19 +113,19 @@ class PlatformControl:
     def _speed_mps(self, error_m: float) -> float:
         """Speed towards the middle: proportional to the error, and not faster than the vehicle can brake."""
         config = self._config
-        weight = min(max((error_m - config.near_m) / (config.far_m - config.near_m), 0.0), 1.0)
+        weight = min(max((error_m - NEAR_M) / (FAR_M - NEAR_M), 0.0), 1.0)
         gain_1ps = config.gain_near_1ps + weight * (config.gain_far_1ps - config.gain_near_1ps)
-        braking_mps = sqrt(2.0 * config.acc_max_mps2 * error_m)
+        braking_mps = sqrt(2.0 * ACC_MAX_MPS2 * error_m)
         return min(gain_1ps * error_m, braking_mps, config.speed_max_mps)
 
     def _integrate(self, dt_s: float, platform: PlatformState, error_m: float) -> None:
         config = self._config
-        if error_m > config.far_m:
+        if error_m > FAR_M:
             self.reset()
-        if error_m > config.near_m:
+        if error_m > NEAR_M:
             return
         north_mps, east_mps = self._integral_mps
         north_mps -= config.gain_integral_1ps2 * platform.pos_ned_m[0] * dt_s
         east_mps -= config.gain_integral_1ps2 * platform.pos_ned_m[1] * dt_s
-        shrink = min(1.0, config.integral_max_mps / max(hypot(north_mps, east_mps), 1e-9))
+        shrink = min(1.0, INTEGRAL_MAX_MPS / max(hypot(north_mps, east_mps), 1e-9))
         self._integral_mps = (shrink * north_mps, shrink * east_mps)

@@ -19,6 +19,31 @@ from jezero.services.actions.land_on_spot.tilt_contact_detector import landing_o
 from jezero.services.actions.lifecycle.behaviour import Done, Move, Selection, VehicleState
 from jezero.vehicle_config import VehicleConfig
 
+CLEAR_M = 1.0
+"""A vehicle lower than this and beside the platform climbs before it comes near."""
+VIEW_PER_M = 1.6
+"""Least height on the way per metre of distance with the tag alone, to keep the tag in view."""
+GAIN_HEIGHT_1PS, SPEED_UP_MPS, SPEED_DOWN_MAX_MPS = 0.8, 1.0, 1.2
+"""Vertical speed on the way per metre of height, and its limits."""
+STD_ROUGH_PER_M = 0.4
+"""Far away, the vehicle comes nearer at its height by an invalid estimate, like that of UWB from afar, whose standard
+deviation is below this per metre of distance."""
+FEET_BELOW_M, TILT_TIME_CONSTANT_S = 0.22, 1.0
+"""Offset of the touchdown per radian of filtered tilt: the feet are below the centre of mass, and the vehicle slides
+downwind while it turns upright and the thrust goes."""
+PUSH_MPS = 0.5
+"""Downward speed after contact. Source: spec §8."""
+CONTACT_TIMEOUT_S = 10.0
+"""The goal is aborted when the vehicle isn't disarmed within this time after contact."""
+BLIND_M = 0.25
+"""Below this height the platform need not be in sight any more."""
+ACQUIRE_S = 3.0
+"""Time for the first estimate, before the search begins."""
+SEARCH_SPEED_MPS, SEARCH_SPEED_DOWN_MAX_MPS = 1.5, 0.15
+"""Speeds of the search; it descends slowly, because only the autopilot's height is known, which its barometer may have
+wrong."""
+DRIVE_TIME_CONSTANT_S = 10.0
+"""The rover's supposed speed decays with this time constant."""
 STEP_MAX_S = 0.1
 BOUNCE_M = 0.4
 """A vehicle that is higher than this over the platform after contact descends again."""
@@ -45,7 +70,7 @@ class RoverLanding:
         self._search_config = settings.search
         self._control = PlatformControl(settings.platform_control)
         self._descent = Descent(settings)
-        self._touchdown = TouchdownDetector(settings, vehicle)
+        self._touchdown = TouchdownDetector(vehicle)
         self._phase: LandPhase = "approach"
         self._search: Search | None = None
         self._platform: PlatformState | None = None
@@ -111,7 +136,7 @@ class RoverLanding:
         """State by an estimate that is good enough to come nearer, but not to descend; None: by no such estimate."""
         platform = platform_state_at(t_ns, relative, self._feet_ned_m)
         fresh = (t_ns - relative.fused_t_ns) / NS_PER_S < self._land.coast_s
-        return platform if fresh and platform.std_m < self._land.std_rough_per_m * platform.error_m else None
+        return platform if fresh and platform.std_m < STD_ROUGH_PER_M * platform.error_m else None
 
     def _update_feet(self, dt_s: float, state: VehicleState) -> None:
         """Filter the offset of the feet.
@@ -119,9 +144,9 @@ class RoverLanding:
         The feet of a vehicle that tilts against the wind are downwind of its centre of mass; on the ground it turns
         upright above them.
         """
-        weight = min(1.0, dt_s / self._land.tilt_time_constant_s)
+        weight = min(1.0, dt_s / TILT_TIME_CONSTANT_S)
         north_m, east_m, _ = self._feet_ned_m
-        wanted_north_m, wanted_east_m = (self._land.feet_below_m * tilt for tilt in state.down_ned)
+        wanted_north_m, wanted_east_m = (FEET_BELOW_M * tilt for tilt in state.down_ned)
         self._feet_ned_m = (
             north_m + weight * (wanted_north_m - north_m),
             east_m + weight * (wanted_east_m - east_m),
@@ -138,7 +163,7 @@ class RoverLanding:
             self._vel_supposed_ned_mps = state.rover.vel_rover_ned_mps
         elif self._pos_supposed_ned_m is not None:
             if self._phase == "search":
-                decay = exp(-dt_s / self._search_config.drive_time_constant_s)
+                decay = exp(-dt_s / DRIVE_TIME_CONSTANT_S)
                 self._vel_supposed_ned_mps = scale(self._vel_supposed_ned_mps, decay)
             self._pos_supposed_ned_m = add(self._pos_supposed_ned_m, scale(self._vel_supposed_ned_mps, dt_s))
         if self._platform is not None and self._pos_supposed_ned_m is not None:
@@ -157,18 +182,18 @@ class RoverLanding:
         if self._phase == "approach" and self._descent.may_begin(platform):
             self._phase = "descent"
         if self._phase == "approach":
-            if platform.height_m < self._land.clear_m and platform.error_m > self._on_platform_m + BESIDE_MARGIN_M:
+            if platform.height_m < CLEAR_M and platform.error_m > self._on_platform_m + BESIDE_MARGIN_M:
                 # Climb first, because the straight way would lead into the rover's side.
-                return self._fly(state, (0.0, 0.0, -self._land.speed_up_mps), None)
+                return self._fly(state, (0.0, 0.0, -SPEED_UP_MPS), None)
             return self._follow(state, platform, dt_s, self._approach_mps(platform))
         return self._go_down(t_ns, dt_s, platform, state)
 
     def _approach_mps(self, platform: PlatformState) -> float:
         """Speed downwards during the approach: to its height, but not so low that the tag gets out of view."""
         land = self._land
-        in_view_m = min(land.view_per_m * platform.error_m, platform.height_m) if self._tag_alone else 0.0
+        in_view_m = min(VIEW_PER_M * platform.error_m, platform.height_m) if self._tag_alone else 0.0
         above_m = platform.height_m - max(land.height_approach_m, in_view_m)
-        return min(max(land.gain_height_1ps * above_m, -land.speed_up_mps), land.speed_down_max_mps)
+        return min(max(GAIN_HEIGHT_1PS * above_m, -SPEED_UP_MPS), SPEED_DOWN_MAX_MPS)
 
     def _go_down(self, t_ns: int, dt_s: float, platform: PlatformState, state: VehicleState) -> Move | Done:
         down_mps = self._descent.down_mps(t_ns, platform)
@@ -187,16 +212,15 @@ class RoverLanding:
         Args:
             measured: None while the platform isn't measured.
         """
-        land = self._land
         if self._touchdown.update(t_ns, measured, state.height_m):
             return Done("succeeded", then="force_disarm")
         waited_s = (t_ns - self._contact_ns) / NS_PER_S
-        if waited_s > land.contact_timeout_s:
+        if waited_s > CONTACT_TIMEOUT_S:
             return Done("aborted", f"the autopilot doesn't detect the ground {waited_s:.0f} s after contact")
         if platform.height_m > BOUNCE_M:
             self._phase = "descent"
         north_mps, east_mps, down_mps = platform.vel_rover_ned_mps
-        return self._fly(state, (north_mps, east_mps, down_mps + land.push_mps), platform.acc_rover_ned_mps2)
+        return self._fly(state, (north_mps, east_mps, down_mps + PUSH_MPS), platform.acc_rover_ned_mps2)
 
     def _landed(self, state: VehicleState) -> Done:
         beside_m = 0.0 if self._platform is None else self._platform.error_m
@@ -210,13 +234,13 @@ class RoverLanding:
         land, platform = self._land, self._platform
         lost_s = (t_ns - self._measured_ns) / NS_PER_S
         was_measured = self._measured_ns > self._start_ns
-        if self._phase == "descent" and platform is not None and platform.height_m < land.blind_m:
+        if self._phase == "descent" and platform is not None and platform.height_m < BLIND_M:
             return self._go_down(t_ns, dt_s, platform, state)
         if was_measured and platform is not None and self._phase != "search" and lost_s < land.hold_s:
             self._phase = "hold"
             return self._keep_height_over(state, platform, dt_s)
         waited_s = (t_ns - self._wait_from_ns) / NS_PER_S
-        if not was_measured and not self._tag_alone and waited_s < land.acquire_s:
+        if not was_measured and not self._tag_alone and waited_s < ACQUIRE_S:
             return self._wait(state)
         if self._pos_supposed_ned_m is None:
             return Done("aborted", f"{LOST}: the rover can't be found: {self._loss_reason}")
@@ -241,9 +265,9 @@ class RoverLanding:
         to_north_m, to_east_m = search.offset_m
         offset_m = (to_north_m - north_m, to_east_m - east_m, height_m - search.height_m)
         rover_north_mps, rover_east_mps, _ = self._vel_supposed_ned_mps
-        north_mps, east_mps, down_mps = towards(offset_m, self._search_config.speed_mps)
+        north_mps, east_mps, down_mps = towards(offset_m, SEARCH_SPEED_MPS)
         low = state.height_m is not None and state.height_m < self._land.height_approach_m
-        down_mps = min(down_mps, 0.0 if low else self._search_config.speed_down_max_mps)
+        down_mps = min(down_mps, 0.0 if low else SEARCH_SPEED_DOWN_MAX_MPS)
         return self._fly(state, (rover_north_mps + north_mps, rover_east_mps + east_mps, down_mps), None)
 
     # -- moves --

@@ -9,6 +9,13 @@ from jezero.services.actions.land_on_spot.config import SearchConfig
 CORNERS = 6
 
 
+CLIMB_M = 1.5
+"""Height between two rounds."""
+REACHED_M = 0.5
+"""Distance at which a corner counts as reached."""
+CORNER_TIMEOUT_S = 10.0
+
+
 class Search:
     """Flies from corner to corner of the rounds.
 
@@ -36,10 +43,9 @@ class Search:
             offset_m: (2,) of the vehicle from the rover's supposed position.
             height_m: of the vehicle.
         """
-        config = self._config
         away_m = hypot(offset_m[0] - self.offset_m[0], offset_m[1] - self.offset_m[1], height_m - self.height_m)
         waited_s = (t_ns - self._since_ns) / NS_PER_S
-        if away_m < config.reached_m or waited_s > config.corner_timeout_s:
+        if away_m < REACHED_M or waited_s > CORNER_TIMEOUT_S:
             self._number += 1
             self._since_ns = t_ns
             self._aim()
@@ -49,7 +55,7 @@ class Search:
         config = self._config
         turn, corner = divmod(self._number, CORNERS + 1)
         self.over = turn >= config.tries
-        up_m = config.climb_m * (turn + (corner > 0))
+        up_m = CLIMB_M * (turn + (corner > 0))
         self.height_m = max(self._height_start_m, min(self._height_start_m + up_m, config.height_max_m))
         radius_m = 0.0 if corner == 0 else config.radius_m * (turn + 1)
         angle_rad = 2.0 * pi * (corner - 1) / CORNERS

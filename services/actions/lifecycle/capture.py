@@ -50,6 +50,10 @@ AHEAD_MAX_NS = 50_000_000
 """Messages that seem to come from farther in the future are dropped."""
 GAP_MAX_NS = 250_000_000
 """There is no interpolation between two odometries with a longer gap."""
+HISTORY_S = 2.0
+"""Measurements are kept for this duration, to be there when the picture comes; older pictures are dropped."""
+SENSOR_AGE_MAX_S = 0.3
+"""A measurement belongs to a picture when it was made at most this before or after the exposure."""
 FRAMES_WAITING = 3
 SENSORS: tuple[Topic[Any], ...] = (IMU, GNSS, ALTIMETER)
 CAPTURE_INPUTS: tuple[Topic[Any], ...] = (CAMERA, CAMERA_INFO, *SENSORS)
@@ -198,11 +202,11 @@ class Capture:
         if not self._is_current(t_ns, message):
             return
         kept.append(message)
-        while kept[0].t_ns < t_ns - self._config.history_s * NS_PER_S:
+        while kept[0].t_ns < t_ns - HISTORY_S * NS_PER_S:
             kept.popleft()
 
     def _is_current(self, t_ns: int, message: Message) -> bool:
-        return -AHEAD_MAX_NS <= t_ns - message.t_ns <= self._config.history_s * NS_PER_S
+        return -AHEAD_MAX_NS <= t_ns - message.t_ns <= HISTORY_S * NS_PER_S
 
     # -- measurements at an exposure --
 
@@ -255,7 +259,7 @@ class Capture:
         """The message of the topic that is nearest in time, unless it is too far away."""
         kept: deque[M] = self._sensed[topic.name]
         nearest = min(kept, key=lambda message: abs(message.t_ns - t_ns), default=None)
-        far_ns = self._config.sensor_age_max_s * NS_PER_S
+        far_ns = SENSOR_AGE_MAX_S * NS_PER_S
         return nearest if nearest is not None and abs(nearest.t_ns - t_ns) <= far_ns else None
 
     def _on_globe(self, pos_ned_m: Vec3) -> Vec3 | None:

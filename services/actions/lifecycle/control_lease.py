@@ -5,7 +5,7 @@ from jezero.schemas.commands import AcquireReply
 from jezero.schemas.state import Clock, Status, StatusCode
 from jezero.schemas.topics import CLOCK, STATUS
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.lifecycle.config import LifecycleConfig
+from jezero.services.actions.lifecycle.vehicle_view import STATUS_AGE_MAX_S
 
 BRIDGE_RESTART_MARGIN_NS = 100_000_000
 """A status of another run of the bridge that is at most this much newer than the grant is from the previous run."""
@@ -21,12 +21,11 @@ class ControlLease:
         id: control id that setpoints and the release carry; "" before the grant.
     """
 
-    def __init__(self, config: LifecycleConfig, epoch_id: int) -> None:
-        self._config = config
+    def __init__(self, epoch_id: int) -> None:
         self._epoch_id = epoch_id
         self.id = ""
         self._grant = AcquireReply(granted=False)
-        self._age_max_ns = config.status_age_max_s * NS_PER_S
+        self._age_max_ns = STATUS_AGE_MAX_S * NS_PER_S
         self._granted_ns = 0
         self._confirmed = False
         """Whether a status has confirmed that the goal is in charge."""
@@ -86,6 +85,6 @@ class ControlLease:
         """Reason why the bridge is silent or the vehicle is another one, or ""."""
         clock, status = inbox.latest(CLOCK), inbox.latest(STATUS)
         if status is None or t_ns - status.t_ns > self._age_max_ns:
-            return f"the vehicle bridge has been silent for {self._config.status_age_max_s:g} s"
+            return f"the vehicle bridge has been silent for {STATUS_AGE_MAX_S:g} s"
         restarted = status.epoch_id != self._epoch_id or (clock is not None and clock.epoch_id != self._epoch_id)
         return "the vehicle restarted" if restarted else ""

@@ -27,13 +27,23 @@ from jezero.schemas.topics import (
 )
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.behaviour import Done, Move, Plan, Start
-from jezero.services.actions.lifecycle.config import LifecycleConfig
 from jezero.services.actions.lifecycle.control_lease import ControlLease
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease
-from jezero.services.actions.lifecycle.vehicle_view import VehicleView, is_fresh
+from jezero.services.actions.lifecycle.vehicle_view import (
+    ODOMETRY_AGE_MAX_S,
+    STATUS_AGE_MAX_S,
+    VehicleView,
+    is_fresh,
+)
 from jezero.services.actions.motion.limits import beyond_limits
 from jezero.vehicle_config import VehicleLimitsConfig
 
+SETPOINT_RATE_HZ, FEEDBACK_RATE_HZ = 50.0, 10.0
+"""Rates while a goal runs; a plan may ask for more setpoints."""
+RELEASE_HOVER_TIMEOUT_S, RELEASE_DISARM_TIMEOUT_S = 6.0, 12.0
+"""Time-outs of one reply to a release that hovers or disarms; the release is sent again after it."""
+RELEASE_GIVE_UP_S = 20.0
+"""After this time a goal ends without the bridge's reply."""
 RETRY_S = 0.2
 FIRST_SETPOINT_HZ = 100.0
 """The first setpoint follows the acceptance and the first feedback after 10 ms: a client that waits for these would
@@ -53,7 +63,6 @@ class GoalContext:
         inputs: topics that it subscribes to besides odometry.
         view: state of the vehicle for this goal.
         lease: its own selection of the estimator's inputs; None: it has none.
-        config: settings of the lifecycle.
         limits: for the goal's points.
         epoch_id: of the vehicle that the goal is for.
         watchers: ids of the requests that get replies.
@@ -65,7 +74,6 @@ class GoalContext:
     inputs: tuple[Topic[Any], ...]
     view: VehicleView
     lease: SelectionLease | None
-    config: LifecycleConfig
     limits: VehicleLimitsConfig
     epoch_id: int
     watchers: list[int] = field(default_factory=list)
@@ -94,9 +102,8 @@ class GoalFlight:
         self._inputs = context.inputs
         self._view = context.view
         self._lease = context.lease
-        self._config = context.config
         self._limits = context.limits
-        self._control = ControlLease(context.config, context.epoch_id)
+        self._control = ControlLease(context.epoch_id)
         self._watchers = context.watchers
         self._tag = ""
         self._attempt = 0
@@ -154,8 +161,8 @@ class GoalFlight:
             yield from self._release(t_ns, Done("canceled", cancel_reason), inbox)
             return
         odometry = self._view.odometry(inbox)
-        if odometry is None or not is_fresh(odometry, t_ns, self._config.odometry_age_max_s):
-            reason = f"the vehicle's position is unknown: no odometry for {self._config.odometry_age_max_s:g} s"
+        if odometry is None or not is_fresh(odometry, t_ns, ODOMETRY_AGE_MAX_S):
+            reason = f"the vehicle's position is unknown: no odometry for {ODOMETRY_AGE_MAX_S:g} s"
             yield from self._release(t_ns, Done("aborted", reason), inbox)
             return
         if self._capture is not None and (problem := self._capture.problem(t_ns)):
@@ -164,7 +171,7 @@ class GoalFlight:
         if self._lease is not None:
             yield from self._lease.renew(t_ns, inbox, self._view.shift(odometry))
         new_state = bool(inbox.new(ODOMETRY)) or bool(inbox.new(RELATIVE))
-        rate_hz = self._rate_hz or self._config.setpoint_rate_hz
+        rate_hz = self._rate_hz or SETPOINT_RATE_HZ
         if new_state or (t_ns - self._setpoint_ns) * rate_hz >= NS_PER_S:
             yield from self._step_behaviour(t_ns, inbox, odometry)
 
@@ -226,7 +233,7 @@ class GoalFlight:
     def _publish_feedback(self, t_ns: int, feedback: Feedback[Any]) -> Iterator[Output]:
         """Send feedback to all watchers; the next is due one period after this one was."""
         yield from (Reply(watcher, feedback, final=False) for watcher in self._watchers)
-        period_ns = int(NS_PER_S / self._config.feedback_rate_hz)
+        period_ns = int(NS_PER_S / FEEDBACK_RATE_HZ)
         late_ns = t_ns - self._feedback_due_ns
         self._feedback_due_ns = (self._feedback_due_ns if late_ns < period_ns else t_ns) + period_ns
         name = self._action.name
@@ -244,7 +251,7 @@ class GoalFlight:
             yield from self._publish_feedback(t_ns, self._feedback(t_ns, self._move, odometry, inbox))
         self.stage = "releasing"
         self._done = done
-        self._deadline_ns = t_ns + int(self._config.release_give_up_s * NS_PER_S)
+        self._deadline_ns = t_ns + int(RELEASE_GIVE_UP_S * NS_PER_S)
         yield from self._call_release(t_ns, done, inbox)
 
     def _call_release(self, t_ns: int, done: Done, inbox: Inbox) -> Iterator[Output]:
@@ -264,7 +271,7 @@ class GoalFlight:
             reason=done.reason,
         )
         hovers = done.then == "hover"
-        timeout_s = self._config.release_hover_timeout_s if hovers else self._config.release_disarm_timeout_s
+        timeout_s = RELEASE_HOVER_TIMEOUT_S if hovers else RELEASE_DISARM_TIMEOUT_S
         yield Call(RELEASE, release, self._tag, timeout_s)
 
     def _releasing(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
@@ -297,7 +304,7 @@ class GoalFlight:
     def _is_settled(self, done: Done, t_ns: int, inbox: Inbox) -> bool:
         """Whether the vehicle is in the state that the release requested, because only its reply was lost."""
         status = inbox.latest(STATUS)
-        if status is None or not is_fresh(status, t_ns, self._config.status_age_max_s) or self._control.is_ours(status):
+        if status is None or not is_fresh(status, t_ns, STATUS_AGE_MAX_S) or self._control.is_ours(status):
             return False
         if done.outcome == "succeeded":
             return status.code == (StatusCode.HOVER if done.then == "hover" else StatusCode.IDLE)

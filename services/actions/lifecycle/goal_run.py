@@ -15,13 +15,18 @@ from jezero.schemas.topics import ACQUIRE, ODOMETRY, STATUS, Action
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.behaviour import Plan, Preparation, Refusal, Start
 from jezero.services.actions.lifecycle.capture import CAPTURE_INPUTS
-from jezero.services.actions.lifecycle.config import LifecycleConfig
 from jezero.services.actions.lifecycle.goal_flight import GoalContext, GoalFlight
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 from jezero.services.actions.lifecycle.vehicle_view import VehicleView
 from jezero.vehicle_config import VehicleLimitsConfig
 
+CHECK_TIMEOUT_S = 1.5
+"""Time-out of the inputs of a goal whose inputs are checked before it is accepted."""
+PREPARE_TIMEOUT_S = 20.0
+"""Time-out of the preparation of a goal before it is accepted."""
+ACQUIRE_TIMEOUT_S = 1.0
+"""Time-out of the bridge's reply; the bridge refuses older requests."""
 POSITION_LOST = "the vehicle's position is not known any more: is vehicle_bridge running?"
 NO_REPLY = "the vehicle bridge did not reply"
 
@@ -84,7 +89,6 @@ class GoalRun:
         goal_id: str,
         plan: Plan,
         warning: str,
-        config: LifecycleConfig,
         limits: VehicleLimitsConfig,
         epoch_id: int,
         pictures: PictureStore | None = None,
@@ -102,8 +106,7 @@ class GoalRun:
         captured = () if plan.capture is None else CAPTURE_INPUTS
         inputs = tuple(dict.fromkeys((*plan.inputs, *captured)))
         self._plan = plan
-        self._config = config
-        self._view = VehicleView(config, epoch_id, lease, inputs)
+        self._view = VehicleView(epoch_id, lease, inputs)
         self._context = GoalContext(
             action=action,
             goal_id=goal_id,
@@ -111,7 +114,6 @@ class GoalRun:
             inputs=inputs,
             view=self._view,
             lease=lease,
-            config=config,
             limits=limits,
             epoch_id=epoch_id,
         )
@@ -134,7 +136,7 @@ class GoalRun:
         if self._plan.check_inputs is None:
             yield from self._prepare(t_ns, inbox)
             return
-        self._stage = _Checking(t_ns + int(self._config.check_timeout_s * NS_PER_S))
+        self._stage = _Checking(t_ns + int(CHECK_TIMEOUT_S * NS_PER_S))
         yield Subscribe((ODOMETRY, *self._context.inputs))
 
     def attach(self, request: Request) -> Iterator[Output]:
@@ -195,7 +197,7 @@ class GoalRun:
             yield from self._reject(POSITION_LOST, inbox)
             return
         tag = f"{self.goal_id}/prepare/{t_ns}"
-        self._stage = _Preparing(t_ns + int(self._config.prepare_timeout_s * NS_PER_S), tag)
+        self._stage = _Preparing(t_ns + int(PREPARE_TIMEOUT_S * NS_PER_S), tag)
         yield BackgroundTask(start.work(self._view.state(t_ns, inbox, odometry)), tag)
 
     def _await_preparation(self, t_ns: int, inbox: Inbox, stage: _Preparing) -> Iterator[Output]:
@@ -210,7 +212,7 @@ class GoalRun:
             else:
                 yield from self._acquire(t_ns, inbox, prepared)
         elif t_ns > stage.deadline_ns:
-            reason = f"the goal could not be prepared within {self._config.prepare_timeout_s:g} s"
+            reason = f"the goal could not be prepared within {PREPARE_TIMEOUT_S:g} s"
             yield from self._reject(reason, inbox)
 
     def _acquire(self, t_ns: int, inbox: Inbox, start: Start) -> Iterator[Output]:
@@ -219,7 +221,7 @@ class GoalRun:
         if odometry is None:  # there was some when the goal arrived
             yield from self._reject(POSITION_LOST, inbox)
             return
-        timeout_s = self._config.acquire_timeout_s
+        timeout_s = ACQUIRE_TIMEOUT_S
         tag = f"{self.goal_id}/acquire/{t_ns}"
         acquire = Acquire(
             goal_id=self.goal_id,

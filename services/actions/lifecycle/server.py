@@ -32,8 +32,10 @@ from jezero.services.actions.lifecycle.capture import CAPTURE_INPUTS
 from jezero.services.actions.lifecycle.goal_run import GoalRun
 from jezero.services.actions.lifecycle.guard import GuardedPlanner
 from jezero.services.actions.lifecycle.picture_store import PictureStore
-from jezero.services.actions.lifecycle.vehicle_view import is_fresh
+from jezero.services.actions.lifecycle.vehicle_view import STATUS_AGE_MAX_S, is_fresh
 
+EXPIRY_S = 30.0
+"""Older goals are refused: what they were for may be over."""
 RESULTS_MAX = 100
 GOAL_AHEAD_MAX_NS = NS_PER_S
 """A goal that was issued farther in the future is from before a restart of the vehicle."""
@@ -149,7 +151,6 @@ class ActionServer:
             goal_id=goal_id,
             plan=plan,
             warning="; ".join(text for text in (plan.warning, UNWATCHED if unwatched else "") if text),
-            config=self._config.lifecycle,
             limits=self._config.vehicle.limits,
             epoch_id=status.epoch_id,
             pictures=self._pictures,
@@ -159,10 +160,9 @@ class ActionServer:
 
     def _refusal(self, t_ns: int, goal: Goal, status: Status | None) -> str:
         """Reason why no goal at all can start now, or ""."""
-        lifecycle = self._config.lifecycle
         if status is None:
             return "the vehicle's status is unknown: is vehicle_bridge running?"
-        if not is_fresh(status, t_ns, lifecycle.status_age_max_s):
+        if not is_fresh(status, t_ns, STATUS_AGE_MAX_S):
             return f"the vehicle's status is {(t_ns - status.t_ns) / NS_PER_S:.1f} s old: is vehicle_bridge running?"
         if stale := self._staleness(t_ns, goal):
             return stale
@@ -175,10 +175,9 @@ class ActionServer:
 
     def _staleness(self, t_ns: int, goal: Goal) -> str:
         """Reason why a goal is too old, or from before the vehicle restarted, or ""."""
-        expiry_s = self._config.lifecycle.expiry_s
         age_ns = 0 if goal.issued_t_ns is None else t_ns - goal.issued_t_ns
-        if age_ns > expiry_s * NS_PER_S:
-            return f"the goal is {age_ns / NS_PER_S:.0f} s old and expired after {expiry_s:g} s: send it again"
+        if age_ns > EXPIRY_S * NS_PER_S:
+            return f"the goal is {age_ns / NS_PER_S:.0f} s old and expired after {EXPIRY_S:g} s: send it again"
         if age_ns < -GOAL_AHEAD_MAX_NS:
             return f"the goal was issued {-age_ns / NS_PER_S:.0f} s in the future: the vehicle restarted, send it again"
         return ""
@@ -216,7 +215,7 @@ class ActionServer:
         status = inbox.latest(STATUS)
         if status is None:
             return Health("starting", "waiting for the vehicle's status")
-        if not is_fresh(status, t_ns, self._config.lifecycle.status_age_max_s):
+        if not is_fresh(status, t_ns, STATUS_AGE_MAX_S):
             return Health("degraded", "the vehicle's status doesn't arrive any more")
         if self._run is not None:
             return Health("ok", f"{self._run.stage} goal {self._run.goal_id}")

@@ -13,7 +13,6 @@ from jezero.schemas.struct import Message
 from jezero.schemas.topics import ALTIMETER, ODOMETRY, RELATIVE, ROVER_ESTIMATE, STATUS, Topic
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.behaviour import VehicleState
-from jezero.services.actions.lifecycle.config import LifecycleConfig
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 
 NO_SHIFT: Vec3 = (0.0, 0.0, 0.0)
@@ -27,6 +26,14 @@ def is_fresh(message: Message | None, t_ns: int, age_max_s: float) -> bool:
     return message is not None and -AHEAD_MAX_NS <= t_ns - message.t_ns <= age_max_s * NS_PER_S
 
 
+STATUS_AGE_MAX_S = 1.0
+"""An older status counts as lost; the bridge publishes ten per second."""
+ODOMETRY_AGE_MAX_S = 0.5
+ALTIMETER_AGE_MAX_S = 0.3
+ESTIMATE_AGE_MAX_S = 0.3
+"""Older readings and estimates count as lost."""
+
+
 class VehicleView:
     """Makes the states of the vehicle for one goal.
 
@@ -36,10 +43,7 @@ class VehicleView:
         inputs: topics besides odometry and status that the goal subscribes to.
     """
 
-    def __init__(
-        self, config: LifecycleConfig, epoch_id: int, lease: SelectionLease | None, inputs: Sequence[Topic[Any]]
-    ) -> None:
-        self._config = config
+    def __init__(self, epoch_id: int, lease: SelectionLease | None, inputs: Sequence[Topic[Any]]) -> None:
         self._epoch_id = epoch_id
         self._lease = lease
         self._with_rover = RELATIVE in inputs or ROVER_ESTIMATE in inputs
@@ -73,7 +77,7 @@ class VehicleView:
             odometry.q_ned_from_frd,
             status is not None and status.armed,
             status is not None and status.landed,
-            min(max((t_ns - odometry.t_ns) / NS_PER_S, 0.0), self._config.odometry_age_max_s),
+            min(max((t_ns - odometry.t_ns) / NS_PER_S, 0.0), ODOMETRY_AGE_MAX_S),
             self._height_m(t_ns, inbox, odometry.q_ned_from_frd) if self._with_height else None,
             self._relative(t_ns, inbox) if self._with_rover else None,
             self._rover(t_ns, inbox) if self._with_rover else None,
@@ -84,7 +88,7 @@ class VehicleView:
         altimeter = inbox.latest(ALTIMETER)
         if altimeter is None or altimeter.range_m is None:
             return None
-        if not is_fresh(altimeter, t_ns, self._config.altimeter_age_max_s):
+        if not is_fresh(altimeter, t_ns, ALTIMETER_AGE_MAX_S):
             return None
         upright = quat_rotate(q_ned_from_frd, (0.0, 0.0, 1.0))[2]
         return altimeter.range_m * upright
@@ -95,14 +99,14 @@ class VehicleView:
             return None
         if self._lease is not None:
             relative = self._lease.checked(relative)
-        return relative if is_fresh(relative, t_ns, self._config.estimate_age_max_s) else None
+        return relative if is_fresh(relative, t_ns, ESTIMATE_AGE_MAX_S) else None
 
     def _rover(self, t_ns: int, inbox: Inbox) -> RoverEstimate | None:
         """Estimate of the rover in the behaviour's world frame."""
         rover = inbox.latest(ROVER_ESTIMATE)
         if rover is None:
             return None
-        if rover.epoch_id != self._epoch_id or not is_fresh(rover, t_ns, self._config.estimate_age_max_s):
+        if rover.epoch_id != self._epoch_id or not is_fresh(rover, t_ns, ESTIMATE_AGE_MAX_S):
             return None
         shift = subtract(rover.reset_offset_ned_m, self._offset_start_ned_m)
         pos_rover_ned_m = subtract(rover.pos_rover_ned_m, shift)

@@ -11,10 +11,12 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.behaviour import Move, VehicleState
 from jezero.services.actions.motion.config import MoveConfig
 from jezero.services.actions.motion.speed_profile import SpeedProfile, next_speed_mps
-from jezero.services.actions.motion.tracking import ZERO, Reference
+from jezero.services.actions.motion.tracking import PROGRESS_TIMEOUT_S, ZERO, Reference
 
 STEP_MAX_S = 0.1
 """A server that was frozen goes on where it was instead of jumping ahead."""
+LEAD_M, LEAD_S = 1.0, 0.5
+"""The reference waits when it is more than LEAD_M + LEAD_S * speed ahead of the vehicle."""
 LEAD_GAIN_1PS = 4.0
 PROGRESS_M = 0.1
 
@@ -72,7 +74,7 @@ class StraightPath:
         self._length_m = distance(start_ned_m, end_ned_m)
         self._direction = scale(subtract(end_ned_m, start_ned_m), 1.0 / max(self._length_m, 1e-9))
         self._speed_max_mps = straight_speed_mps(start_ned_m, end_ned_m, speed_mps, config)
-        self._lead_max_m = config.lead_m + config.lead_s * speed_mps if lead_max_m is None else lead_max_m
+        self._lead_max_m = LEAD_M + LEAD_S * speed_mps if lead_max_m is None else lead_max_m
         self._config = config
         self._yaw_end_rad = yaw_start_rad if yaw_end_rad is None else wrap_pi(yaw_end_rad)
         self.left_m = self._length_m
@@ -100,7 +102,7 @@ class StraightPath:
     def stuck(self, t_ns: int) -> str:
         """Reason why the end can't be reached, or "" while the vehicle makes progress."""
         stuck_s = (t_ns - self._nearer_ns) / NS_PER_S
-        if stuck_s <= self._config.progress_timeout_s:
+        if stuck_s <= PROGRESS_TIMEOUT_S:
             return ""
         return f"no progress for {stuck_s:.0f} s: still {self._nearest_m:.2f} m from the target"
 

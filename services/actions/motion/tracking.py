@@ -12,6 +12,16 @@ from jezero.services.actions.motion.config import TrackingConfig
 
 STEP_MAX_S = 0.1
 """A server that was frozen goes on where it was instead of jumping ahead."""
+INTEGRAL_WITHIN_M, INTEGRAL_MAX_MPS = 0.5, 0.3
+"""The integral grows only at a smaller position error than INTEGRAL_WITHIN_M; the other is its limit."""
+CORRECTION_MAX_MPS = 1.0
+"""Limit of the proportional and the derivative part together."""
+ACCELERATION_MAX_MPS2 = 3.0
+"""Limit of the acceleration that is fed forward."""
+LAG_FREE_M, LAG_MAX_M = 0.3, 1.0
+"""The reference slows down when the vehicle is farther from it than LAG_FREE_M, and waits beyond LAG_MAX_M."""
+PROGRESS_TIMEOUT_S = 20.0
+"""A goal is aborted when the vehicle gets no nearer, or the reference had to wait, for this duration."""
 RATE_AT_REST = 1e-3
 """The reference counts as waiting at a lower rate than this."""
 ZERO: Vec3 = (0.0, 0.0, 0.0)
@@ -61,11 +71,10 @@ class Tracker:
         Returns:
             Time since the last call, s.
         """
-        config = self._config
         dt_s = min(max((t_ns - self._t_ns) / NS_PER_S, 0.0), STEP_MAX_S)
         self._t_ns = t_ns
         lag_m = distance(reference.pos_ned_m, position_now(state))
-        self.rate = min(max((config.lag_max_m - lag_m) / (config.lag_max_m - config.lag_free_m), 0.0), 1.0)
+        self.rate = min(max((LAG_MAX_M - lag_m) / (LAG_MAX_M - LAG_FREE_M), 0.0), 1.0)
         if self.rate > RATE_AT_REST:
             self._moved_ns = t_ns
         self.time_s += self.rate * dt_s
@@ -74,9 +83,9 @@ class Tracker:
     def stuck(self, t_ns: int) -> str:
         """Reason why the vehicle can't follow, or "" while it makes progress."""
         stuck_s = (t_ns - self._moved_ns) / NS_PER_S
-        if stuck_s <= self._config.progress_timeout_s:
+        if stuck_s <= PROGRESS_TIMEOUT_S:
             return ""
-        return f"no progress for {stuck_s:.0f} s: more than {self._config.lag_max_m:g} m from the reference"
+        return f"no progress for {stuck_s:.0f} s: more than {LAG_MAX_M:g} m from the reference"
 
     def command(self, dt_s: float, reference: Reference, state: VehicleState) -> tuple[Vec3, Vec3]:
         """Velocity setpoint and its derivative.
@@ -89,12 +98,12 @@ class Tracker:
         pos_ned_m, vel_ned_mps, acc_ned_mps2 = reference.slowed(self.rate)
         error_m = subtract(pos_ned_m, position_now(state))
         error_mps = subtract(vel_ned_mps, state.vel_uav_ned_mps)
-        if norm(error_m) < config.integral_within_m:
+        if norm(error_m) < INTEGRAL_WITHIN_M:
             grown = add(self._integral_mps, scale(error_m, config.gain_integral_1ps2 * dt_s))
-            self._integral_mps = clipped(grown, config.integral_max_mps)
+            self._integral_mps = clipped(grown, INTEGRAL_MAX_MPS)
         correction = add(scale(error_m, config.gain_1ps), scale(error_mps, config.gain_derivative))
-        velocity = add(vel_ned_mps, add(clipped(correction, config.correction_max_mps), self._integral_mps))
-        return velocity, clipped(add(acc_ned_mps2, scale(error_mps, config.gain_1ps)), config.acceleration_max_mps2)
+        velocity = add(vel_ned_mps, add(clipped(correction, CORRECTION_MAX_MPS), self._integral_mps))
+        return velocity, clipped(add(acc_ned_mps2, scale(error_mps, config.gain_1ps)), ACCELERATION_MAX_MPS2)
 
 
 def position_now(state: VehicleState) -> Vec3:

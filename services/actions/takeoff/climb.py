@@ -5,6 +5,10 @@ from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.lifecycle.behaviour import VehicleState
 from jezero.services.actions.motion.straight_path import StraightPath
 
+LEAD_M = 0.6
+"""Height to which the reference rises before the vehicle leaves the ground."""
+ARMING_TIMEOUT_S = 10.0
+
 
 class Climb:
     """A climb straight up from the ground, which waits at its start until the vehicle is armed.
@@ -23,11 +27,11 @@ class Climb:
             (x, y, z),
             (x, y, z - altitude_m),
             speed_mps=config.move.speed_up_mps,
-            lead_max_m=config.takeoff.lead_m,
+            lead_max_m=LEAD_M,
             config=config.move,
             yaw_start_rad=state.yaw_rad,
         )
-        self._arm_by_ns = t_ns + int(config.takeoff.arming_timeout_s * NS_PER_S)
+        self._arm_by_ns = t_ns + int(ARMING_TIMEOUT_S * NS_PER_S)
 
     def step(self, t_ns: int, state: VehicleState) -> str:
         """Move the reference on; returns the reason why the climb must be aborted, or ""."""

@@ -18,8 +18,10 @@ from jezero.services.actions.go_to.declaration import ACTION as GO_TO
 from jezero.services.actions.land_on_spot.declaration import ACTION as LAND_ON_SPOT
 from jezero.services.actions.lifecycle.behaviour import Done, Move, Plan, Preparation, Refusal, VehicleState
 from jezero.services.actions.lifecycle.declaration import ActionDeclaration
+from jezero.services.actions.motion import straight_path
 from jezero.services.actions.motion.config import MoveConfig
 from jezero.services.actions.motion.straight_path import StraightPath, straight_speed_mps
+from jezero.services.actions.takeoff import climb
 from jezero.services.actions.takeoff.declaration import ACTION as TAKEOFF
 from tests.services.actions.fake_bridge import follow
 
@@ -134,7 +136,7 @@ def test_a_vehicle_that_does_not_rise_is_given_up_with_the_distance() -> None:
     assert done.outcome == "aborted"
     assert "still 2.00 m from the target" in done.reason
     highest = min(move.pos_ned_m[2] for _, move in flight.moves if move.pos_ned_m)
-    assert highest == pytest.approx(-CONFIG.takeoff.lead_m, abs=0.05)
+    assert highest == pytest.approx(-climb.LEAD_M, abs=0.05)
 
 
 def test_go_to_flies_a_straight_line_and_turns_at_a_limited_rate() -> None:
@@ -229,7 +231,7 @@ def test_the_reference_waits_for_a_vehicle_that_is_held_back() -> None:
     flight.run(10.0)
     last = flight.moves[-1][1].pos_ned_m
     assert last is not None
-    assert last[0] == pytest.approx(CONFIG.move.lead_m + CONFIG.move.lead_s * 2.0, abs=0.1)
+    assert last[0] == pytest.approx(straight_path.LEAD_M + straight_path.LEAD_S * 2.0, abs=0.1)
     flight.pushable = True
     assert flight.run(60.0) is not None
     assert max(norm(state.vel_uav_ned_mps) for state, _ in flight.moves) < 4.0

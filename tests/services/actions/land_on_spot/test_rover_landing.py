@@ -7,8 +7,10 @@ import pytest
 from jezero.frames import add, altitude_m, subtract
 from jezero.schemas.actions import LandOnSpotGoal
 from jezero.services.actions.land_on_spot.declaration import ACTION as LAND_ON_SPOT
+from jezero.services.actions.land_on_spot.descent import COMMIT_M, FORCE_S
+from jezero.services.actions.land_on_spot.rover_landing import DRIVE_TIME_CONSTANT_S, SEARCH_SPEED_DOWN_MAX_MPS
 from jezero.services.actions.lifecycle.behaviour import Done, Selection
-from tests.services.actions.land_on_spot.landing_rig import BOTH, CONFIG, DECK_NED_M, DT_S, TAG, Landing
+from tests.services.actions.land_on_spot.landing_rig import BOTH, DECK_NED_M, DT_S, TAG, Landing
 from tests.services.actions.test_behaviours import plan_of, refusal_of
 
 
@@ -21,14 +23,13 @@ def test_it_comes_down_on_the_middle_of_a_rover_that_stands_drives_or_turns(
     assert landing.phases == ["approach", "descent", "contact"]
     assert hypot(*landing.offset_m[:2]) < 0.06
     assert landing.t_s < 18.0
-    land = CONFIG.land_on_spot.rover
     for _, offset_m, move in landing.moves:
         assert move.vel_ned_mps is not None or move.pos_ned_m is not None
         height_m, error_m = altitude_m(offset_m[2]), hypot(*offset_m[:2])
         if move.vel_ned_mps is None or move.feedback.phase != "descent":
             continue
         assert move.vel_ned_mps[2] <= max(0.6 * height_m, 0.35) + 0.05
-        if move.vel_ned_mps[2] > 0.0 and height_m > land.commit_m + 0.05:
+        if move.vel_ned_mps[2] > 0.0 and height_m > COMMIT_M + 0.05:
             assert error_m < 0.03 + 0.13 * height_m
     last = [move.vel_ned_mps for _, _, move in landing.moves[-20:]]
     assert all(vel is not None and vel[2] == 0.5 for vel in last)
@@ -122,7 +123,7 @@ def test_a_height_that_jumps_up_in_the_search_does_not_bring_it_down_fast() -> N
     before = len(landing.moves)
     assert landing.run(2.0) is None
     fastest_mps = max(move.vel_ned_mps[2] for _, _, move in landing.moves[before:] if move.vel_ned_mps is not None)
-    assert 0.0 < fastest_mps <= CONFIG.land_on_spot.rover.search.speed_down_max_mps
+    assert 0.0 < fastest_mps <= SEARCH_SPEED_DOWN_MAX_MPS
 
 
 def test_near_the_ground_the_search_does_not_go_down() -> None:
@@ -145,7 +146,7 @@ def test_a_rover_that_was_seen_at_an_impossible_speed_is_not_followed_far() -> N
     assert done is not None
     assert done.reason.startswith("TARGET_LOST: not found in 3 rounds of search")
     away_m = subtract(landing.pos_m, seen_at_m)
-    assert hypot(*away_m[:2]) < 6.0 * (5.5 + CONFIG.land_on_spot.rover.search.drive_time_constant_s) + 7.0
+    assert hypot(*away_m[:2]) < 6.0 * (5.5 + DRIVE_TIME_CONSTANT_S) + 7.0
 
 
 def test_below_the_last_range_of_the_tag_it_finishes_blind() -> None:
@@ -174,7 +175,7 @@ def test_standing_for_long_enough_it_is_disarmed_by_force_when_the_autopilot_doe
     landing.grounded = False
     assert landing.run(60.0) == Done("succeeded", then="force_disarm")
     contact_s = contact_begin_s(landing)
-    assert landing.t_s - contact_s == pytest.approx(CONFIG.land_on_spot.rover.force_s, abs=0.6)
+    assert landing.t_s - contact_s == pytest.approx(FORCE_S, abs=0.6)
     last = [altitude_m(offset_m[2]) for t_s, offset_m, _ in landing.moves if t_s > landing.t_s - 2.0]
     assert max(last) < 0.1
 
@@ -225,7 +226,7 @@ def test_signs_that_lapse_begin_anew() -> None:
     contact_s = landing.t_s
     landing.sees = lambda t_s, offset_m: not contact_s + 1.0 < t_s < contact_s + 1.9
     assert landing.run(60.0) == Done("succeeded", then="force_disarm")
-    assert landing.t_s - contact_s > 1.9 + CONFIG.land_on_spot.rover.force_s - 0.1
+    assert landing.t_s - contact_s > 1.9 + FORCE_S - 0.1
 
 
 def test_signs_that_do_not_last_are_none() -> None:

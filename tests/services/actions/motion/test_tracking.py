@@ -7,7 +7,13 @@ import pytest
 from jezero.frames import Vec3, add, scale, subtract
 from jezero.services.actions.lifecycle.behaviour import VehicleState
 from jezero.services.actions.motion.config import TrackingConfig
-from jezero.services.actions.motion.tracking import Reference, Tracker
+from jezero.services.actions.motion.tracking import (
+    ACCELERATION_MAX_MPS2,
+    CORRECTION_MAX_MPS,
+    INTEGRAL_MAX_MPS,
+    Reference,
+    Tracker,
+)
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 
@@ -85,5 +91,5 @@ def test_a_distant_vehicle_gets_bounded_commands() -> None:
     away = VehicleState((90.0, 60.0, 0.0), (9.0, 9.0, -9.0), LEVEL, armed=True, landed=False)
     tracker.advance(DT_NS, circle(0.0), away)
     velocity, acceleration = tracker.command(DT_S, circle(0.0), away)
-    assert hypot(*velocity) <= CONFIG.correction_max_mps + CONFIG.integral_max_mps + 1e-9
-    assert hypot(*acceleration) <= CONFIG.acceleration_max_mps2 + 1e-9
+    assert hypot(*velocity) <= CORRECTION_MAX_MPS + INTEGRAL_MAX_MPS + 1e-9
+    assert hypot(*acceleration) <= ACCELERATION_MAX_MPS2 + 1e-9
