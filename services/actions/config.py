@@ -7,8 +7,8 @@ from jezero.services.actions.area_coverage.config import AreaCoverageConfig
 from jezero.services.actions.get_images.config import GetImagesConfig
 from jezero.services.actions.go_to.config import GoToConfig
 from jezero.services.actions.land_on_spot.config import LandOnSpotConfig
-from jezero.services.actions.lifecycle.config import CaptureConfig, LifecycleConfig
-from jezero.services.actions.motion.config import MoveConfig, TrackingConfig
+from jezero.services.actions.lifecycle.config import LifecycleConfig
+from jezero.services.actions.motion.config import CaptureConfig, MoveConfig, TrackingConfig
 from jezero.services.actions.takeoff.config import TakeoffConfig
 from jezero.vehicle_config import VehicleConfig
 

@@ -13,8 +13,8 @@ from jezero.schemas.actions import AreaCoverageGoal, Corners, CoverageResult, Im
 from jezero.schemas.commands import Phase
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.lifecycle.behaviour import Done, Move, VehicleState
-from jezero.services.actions.lifecycle.capture import Capture
+from jezero.services.actions.motion.behaviour import Done, Move, VehicleState
+from jezero.services.actions.motion.capture import Capture
 from jezero.services.actions.motion.rover_frame import loss_reason, rover_position
 from jezero.services.actions.motion.straight_path import StraightPath
 from jezero.services.actions.motion.tracking import ZERO, Reference, Tracker

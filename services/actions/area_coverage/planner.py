@@ -10,8 +10,8 @@ from jezero.schemas.topics import RELATIVE
 from jezero.services.actions.area_coverage.behaviour import AreaCoverage, frame_loss, frame_origin_ned_m
 from jezero.services.actions.area_coverage.config import AreaCoverageConfig
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.lifecycle.behaviour import Plan, Preparation, Refusal, Start, VehicleState
-from jezero.services.actions.lifecycle.capture import Capture
+from jezero.services.actions.motion.behaviour import Plan, Preparation, Refusal, Start, VehicleState
+from jezero.services.actions.motion.capture import Capture
 from jezero.services.actions.motion.limits import point_refusal, speed_refusal
 
 
@@ -28,7 +28,7 @@ class AreaCoveragePlanner:
         high = point_refusal((0.0, 0.0, goal.z_ned_m), limits) if goal.frame == "world" else ""
         if reason := high or speed_refusal(goal.speed_mps, limits):
             return Refusal(reason)
-        capture = Capture(self._config, planned=0)
+        capture = Capture(self._config.capture, self._config.vehicle, planned=0)
         return Plan(
             Preparation(partial(self._prepare, goal, capture)),
             inputs=(RELATIVE,) if goal.frame == "rover" else (),

@@ -5,8 +5,8 @@ from jezero.schemas.actions import GetImagesGoal, ImagesResult
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.get_images.config import GetImagesConfig
 from jezero.services.actions.get_images.orbit_flight import OrbitFlight
-from jezero.services.actions.lifecycle.behaviour import Done, Move, VehicleState
-from jezero.services.actions.lifecycle.capture import Capture
+from jezero.services.actions.motion.behaviour import Done, Move, VehicleState
+from jezero.services.actions.motion.capture import Capture
 from jezero.services.actions.motion.rover_frame import step_in_rover_frame
 
 

@@ -13,8 +13,8 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.get_images.config import GetImagesConfig
 from jezero.services.actions.get_images.orbit import Orbit, aim, facing, nearest_phase
-from jezero.services.actions.lifecycle.behaviour import Done, Move, VehicleState
-from jezero.services.actions.lifecycle.capture import Capture
+from jezero.services.actions.motion.behaviour import Done, Move, VehicleState
+from jezero.services.actions.motion.capture import Capture
 from jezero.services.actions.motion.straight_path import TimedStraightPath, straight_speed_mps
 from jezero.services.actions.motion.tracking import Tracker, position_now
 

@@ -10,8 +10,8 @@ from jezero.schemas.topics import RELATIVE
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.get_images.behaviour import GetImages
 from jezero.services.actions.get_images.config import GetImagesConfig
-from jezero.services.actions.lifecycle.behaviour import Plan, Refusal, VehicleState
-from jezero.services.actions.lifecycle.capture import Capture
+from jezero.services.actions.motion.behaviour import Plan, Refusal, VehicleState
+from jezero.services.actions.motion.capture import Capture
 from jezero.services.actions.motion.limits import distance_refusal, point_refusal, speed_refusal
 from jezero.services.actions.motion.rover_frame import loss_reason, rover_position
 from jezero.vehicle_config import VehicleLimitsConfig
@@ -37,7 +37,7 @@ class GetImagesPlanner:
         slower = (
             f"flown at {speed_mps:.2g} m/s instead of {wanted_mps:g} m/s: the circle is small, or has many pictures"
         )
-        capture = Capture(self._config, goal.num_images, stream=goal.stream_images)
+        capture = Capture(self._config.capture, self._config.vehicle, goal.num_images, stream=goal.stream_images)
         return Plan(
             partial(GetImages, goal, speed_mps, capture, self._settings, self._config),
             warning=slower if goal.speed_mps is not None and speed_mps < wanted_mps else "",

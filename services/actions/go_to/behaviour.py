@@ -5,7 +5,7 @@ from jezero.schemas.actions import GoToGoal, MoveFeedback, MoveResult
 from jezero.schemas.commands import Phase
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.go_to.config import GoToConfig
-from jezero.services.actions.lifecycle.behaviour import Done, Move, VehicleState
+from jezero.services.actions.motion.behaviour import Done, Move, VehicleState
 from jezero.services.actions.motion.rover_frame import step_in_rover_frame
 from jezero.services.actions.motion.straight_path import StraightPath
 from jezero.services.actions.takeoff.climb import Climb

@@ -9,7 +9,7 @@ from jezero.schemas.topics import RELATIVE
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.go_to.behaviour import GoTo
 from jezero.services.actions.go_to.config import GoToConfig
-from jezero.services.actions.lifecycle.behaviour import Plan, Refusal, VehicleState
+from jezero.services.actions.motion.behaviour import Plan, Refusal, VehicleState
 from jezero.services.actions.motion.limits import distance_refusal, point_refusal, speed_refusal
 from jezero.services.actions.motion.rover_frame import loss_reason, rover_position
 

@@ -9,7 +9,7 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.config import PlainLandingConfig
 from jezero.services.actions.land_on_spot.tilt_contact_detector import TiltContactDetector, landing_outcome
-from jezero.services.actions.lifecycle.behaviour import Done, Move, VehicleState
+from jezero.services.actions.motion.behaviour import Done, Move, VehicleState
 from jezero.services.actions.motion.straight_path import LEAD_M, StraightPath
 
 SPEED_APPROACH_MPS = 2.0

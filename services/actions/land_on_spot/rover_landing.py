@@ -16,7 +16,7 @@ from jezero.services.actions.land_on_spot.descent import Descent, TouchdownDetec
 from jezero.services.actions.land_on_spot.platform_control import PlatformControl, PlatformState, platform_state_at
 from jezero.services.actions.land_on_spot.search import Search, towards
 from jezero.services.actions.land_on_spot.tilt_contact_detector import landing_outcome
-from jezero.services.actions.lifecycle.behaviour import Done, Move, Selection, VehicleState
+from jezero.services.actions.motion.behaviour import Done, Move, Selection, VehicleState
 from jezero.vehicle_config import VehicleConfig
 
 CLEAR_M = 1.0

@@ -4,7 +4,7 @@ from math import degrees
 
 from jezero.frames import tilt_from_quat
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.lifecycle.behaviour import Done, VehicleState
+from jezero.services.actions.motion.behaviour import Done, VehicleState
 from jezero.tilt_contact import is_tilted_by_contact
 
 STALLED_SPEED_RATIO = 0.5

@@ -1,4 +1,4 @@
-"""Settings of the lifecycle of goals, and of pictures."""
+"""Settings of the lifecycle of goals."""
 
 from jezero.runtime.config import Config
 from jezero.services.actions.motion.config import Positive
@@ -12,13 +12,3 @@ class LifecycleConfig(Config, frozen=True, kw_only=True):
     """
 
     step_rate_hz: Positive = 10.0
-
-
-class CaptureConfig(Config, frozen=True, kw_only=True):
-    """Taking pictures.
-
-    Attributes:
-        late_max_s: a goal is aborted when the picture of a planned point comes later than this after the point.
-    """
-
-    late_max_s: Positive = 2.0

@@ -7,7 +7,7 @@ from typing import Any, Generic, TypeVar
 from jezero.runtime.config import Config
 from jezero.schemas.topics import Action
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.lifecycle.behaviour import Planner
+from jezero.services.actions.motion.behaviour import Planner
 
 Settings = TypeVar("Settings", bound=Config)
 

@@ -26,7 +26,6 @@ from jezero.schemas.topics import (
     feedback_of,
 )
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.lifecycle.behaviour import Done, Move, Plan, Start
 from jezero.services.actions.lifecycle.control_lease import ControlLease
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 from jezero.services.actions.lifecycle.vehicle_view import (
@@ -35,6 +34,7 @@ from jezero.services.actions.lifecycle.vehicle_view import (
     VehicleView,
     is_fresh,
 )
+from jezero.services.actions.motion.behaviour import Done, Move, Plan, Start
 from jezero.services.actions.motion.limits import beyond_limits
 from jezero.vehicle_config import VehicleLimitsConfig
 

@@ -13,12 +13,12 @@ from jezero.schemas.actions import Accepted, Goal, Rejected, Result
 from jezero.schemas.commands import Acquire
 from jezero.schemas.topics import ACQUIRE, ODOMETRY, STATUS, Action
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.lifecycle.behaviour import Plan, Preparation, Refusal, Start
-from jezero.services.actions.lifecycle.capture import CAPTURE_INPUTS
 from jezero.services.actions.lifecycle.goal_flight import GoalContext, GoalFlight
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 from jezero.services.actions.lifecycle.vehicle_view import VehicleView
+from jezero.services.actions.motion.behaviour import Plan, Preparation, Refusal, Start
+from jezero.services.actions.motion.capture import CAPTURE_INPUTS
 from jezero.vehicle_config import VehicleLimitsConfig
 
 CHECK_TIMEOUT_S = 1.5

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from jezero.frames import Vec3
 from jezero.schemas.state import Status
 from jezero.schemas.struct import Payload
-from jezero.services.actions.lifecycle.behaviour import (
+from jezero.services.actions.motion.behaviour import (
     Behaviour,
     Done,
     Move,

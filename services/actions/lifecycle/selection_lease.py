@@ -11,7 +11,7 @@ from jezero.frames import Vec3, add
 from jezero.runtime.service import Call, Inbox, Output
 from jezero.schemas.estimate import Lease, LeaseReply, Relative
 from jezero.schemas.topics import LEASE
-from jezero.services.actions.lifecycle.behaviour import Selection
+from jezero.services.actions.motion.behaviour import Selection
 
 PERIOD_NS = 1_000_000_000
 RETRY_NS = 200_000_000

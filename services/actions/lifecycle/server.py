@@ -27,12 +27,12 @@ from jezero.schemas.topics import (
 )
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.lifecycle.behaviour import Planner, Refusal
-from jezero.services.actions.lifecycle.capture import CAPTURE_INPUTS
 from jezero.services.actions.lifecycle.goal_run import GoalRun
 from jezero.services.actions.lifecycle.guard import GuardedPlanner
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.lifecycle.vehicle_view import STATUS_AGE_MAX_S, is_fresh
+from jezero.services.actions.motion.behaviour import Planner, Refusal
+from jezero.services.actions.motion.capture import CAPTURE_INPUTS
 
 EXPIRY_S = 30.0
 """Older goals are refused: what they were for may be over."""

@@ -12,8 +12,8 @@ from jezero.schemas.state import Odometry
 from jezero.schemas.struct import Message
 from jezero.schemas.topics import ALTIMETER, ODOMETRY, RELATIVE, ROVER_ESTIMATE, STATUS, Topic
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.lifecycle.behaviour import VehicleState
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease
+from jezero.services.actions.motion.behaviour import VehicleState
 
 NO_SHIFT: Vec3 = (0.0, 0.0, 0.0)
 AHEAD_MAX_NS = 300_000_000

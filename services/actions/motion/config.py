@@ -47,3 +47,13 @@ class TrackingConfig(Config, frozen=True, kw_only=True):
     gain_1ps: Positive = 2.5
     gain_integral_1ps2: Positive = 1.5
     gain_derivative: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.2
+
+
+class CaptureConfig(Config, frozen=True, kw_only=True):
+    """Taking pictures.
+
+    Attributes:
+        late_max_s: a goal is aborted when the picture of a planned point comes later than this after the point.
+    """
+
+    late_max_s: Positive = 2.0

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from jezero.frames import Vec3, add, subtract
 from jezero.schemas.estimate import Relative
-from jezero.services.actions.lifecycle.behaviour import Done, Move, VehicleState
+from jezero.services.actions.motion.behaviour import Done, Move, VehicleState
 
 HINT = "use frame 'world', or check that the estimator finds the rover"
 

@@ -8,7 +8,7 @@ from jezero.frames import Vec3, add, distance, norm, scale, subtract, wrap_pi
 from jezero.schemas.actions import ImagesFeedback, LandFeedback, MoveFeedback
 from jezero.schemas.commands import Phase
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.lifecycle.behaviour import Move, VehicleState
+from jezero.services.actions.motion.behaviour import Move, VehicleState
 from jezero.services.actions.motion.config import MoveConfig
 from jezero.services.actions.motion.speed_profile import SpeedProfile, next_speed_mps
 from jezero.services.actions.motion.tracking import PROGRESS_TIMEOUT_S, ZERO, Reference

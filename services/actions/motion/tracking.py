@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from jezero.frames import Vec3, add, distance, norm, scale, subtract
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.lifecycle.behaviour import VehicleState
+from jezero.services.actions.motion.behaviour import VehicleState
 from jezero.services.actions.motion.config import TrackingConfig
 
 STEP_MAX_S = 0.1

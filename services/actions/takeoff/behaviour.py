@@ -4,7 +4,7 @@ from jezero.frames import Vec3
 from jezero.schemas.actions import MoveFeedback, MoveResult, TakeoffGoal
 from jezero.schemas.commands import Phase
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.lifecycle.behaviour import Done, Move, VehicleState
+from jezero.services.actions.motion.behaviour import Done, Move, VehicleState
 from jezero.services.actions.takeoff.climb import Climb
 
 

@@ -2,7 +2,7 @@
 
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.lifecycle.behaviour import VehicleState
+from jezero.services.actions.motion.behaviour import VehicleState
 from jezero.services.actions.motion.straight_path import StraightPath
 
 LEAD_M = 0.6

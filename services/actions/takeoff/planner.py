@@ -5,7 +5,7 @@ from functools import partial
 from jezero.schemas.actions import TakeoffGoal
 from jezero.schemas.state import Status
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.lifecycle.behaviour import Plan, Refusal
+from jezero.services.actions.motion.behaviour import Plan, Refusal
 from jezero.services.actions.takeoff.behaviour import Takeoff
 from jezero.services.actions.takeoff.config import TakeoffConfig
 

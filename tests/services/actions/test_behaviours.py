@@ -16,9 +16,9 @@ from jezero.schemas.state import Status
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.go_to.declaration import ACTION as GO_TO
 from jezero.services.actions.land_on_spot.declaration import ACTION as LAND_ON_SPOT
-from jezero.services.actions.lifecycle.behaviour import Done, Move, Plan, Preparation, Refusal, VehicleState
 from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.motion import straight_path
+from jezero.services.actions.motion.behaviour import Done, Move, Plan, Preparation, Refusal, VehicleState
 from jezero.services.actions.motion.config import MoveConfig
 from jezero.services.actions.motion.straight_path import StraightPath, straight_speed_mps
 from jezero.services.actions.takeoff import climb

@@ -13,7 +13,7 @@ from jezero.schemas.state import StatusCode
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
 from jezero.services.actions.area_coverage.declaration import ACTION as AREA_COVERAGE
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.lifecycle.behaviour import Behaviour, Done, Preparation, Refusal, VehicleState
+from jezero.services.actions.motion.behaviour import Behaviour, Done, Preparation, Refusal, VehicleState
 from jezero.services.actions.table import action_server
 from tests.services.actions.fake_bridge import FakeBridge
 from tests.services.actions.fake_camera import FakeCamera

@@ -15,7 +15,7 @@ from jezero.schemas.commands import Phase
 from jezero.schemas.estimate import Relative
 from jezero.services.actions.get_images.declaration import ACTION as GET_IMAGES
 from jezero.services.actions.get_images.orbit import Orbit, aim, facing, nearest_phase
-from jezero.services.actions.lifecycle.behaviour import Done, Move, Preparation, VehicleState
+from jezero.services.actions.motion.behaviour import Done, Move, Preparation, VehicleState
 from jezero.services.actions.motion.speed_profile import SpeedProfile
 from jezero.services.actions.motion.straight_path import TimedStraightPath
 from tests.services.actions.fake_bridge import follow

@@ -9,7 +9,7 @@ from jezero.schemas.actions import LandOnSpotGoal
 from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.declaration import ACTION as LAND_ON_SPOT
-from jezero.services.actions.lifecycle.behaviour import Done, Move, Preparation, VehicleState
+from jezero.services.actions.motion.behaviour import Done, Move, Preparation, VehicleState
 from tests.services.actions.fake_bridge import follow
 from tests.services.actions.test_behaviours import plan_of
 

@@ -8,8 +8,8 @@ from jezero.frames import Vec3
 from jezero.schemas.actions import GoToGoal, MoveFeedback, MoveResult
 from jezero.schemas.commands import Phase
 from jezero.schemas.state import Status, StatusCode
-from jezero.services.actions.lifecycle.behaviour import Done, Move, Plan, Preparation, Refusal, Start, VehicleState
 from jezero.services.actions.lifecycle.guard import GuardedPlanner
+from jezero.services.actions.motion.behaviour import Done, Move, Plan, Preparation, Refusal, Start, VehicleState
 from tests.services.actions.test_behaviours import a_status
 
 STATE = VehicleState(

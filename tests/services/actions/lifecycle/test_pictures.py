@@ -14,10 +14,10 @@ from jezero.schemas.images import GetImage
 from jezero.schemas.state import Status
 from jezero.schemas.topics import Action
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.lifecycle.behaviour import Done, Move, Plan, VehicleState
-from jezero.services.actions.lifecycle.capture import Capture
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.lifecycle.server import ActionServer
+from jezero.services.actions.motion.behaviour import Done, Move, Plan, VehicleState
+from jezero.services.actions.motion.capture import Capture
 from tests.services.actions.fake_bridge import FakeBridge
 from tests.services.actions.fake_camera import SIDE_PX, FakeCamera
 
@@ -51,7 +51,7 @@ class SnapPlanner:
     """Plans as many pictures as the goal wants."""
 
     def plan(self, goal: GetImagesGoal, status: Status) -> Plan:
-        capture = Capture(CONFIG, goal.num_images, stream=goal.stream_images)
+        capture = Capture(CONFIG.capture, CONFIG.vehicle, goal.num_images, stream=goal.stream_images)
         return Plan(partial(Snap, capture), capture=capture, check_inputs=lambda state: capture.refusal())
 
 

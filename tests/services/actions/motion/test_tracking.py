@@ -5,7 +5,7 @@ from math import cos, hypot, sin
 import pytest
 
 from jezero.frames import Vec3, add, scale, subtract
-from jezero.services.actions.lifecycle.behaviour import VehicleState
+from jezero.services.actions.motion.behaviour import VehicleState
 from jezero.services.actions.motion.config import TrackingConfig
 from jezero.services.actions.motion.tracking import (
     ACCELERATION_MAX_MPS2,

@@ -16,9 +16,8 @@ from jezero.schemas.images import ImageReply
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Odometry
 from jezero.schemas.struct import Message
-from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.lifecycle.capture import Capture, Shot
 from jezero.services.actions.lifecycle.picture_store import PictureStore
+from jezero.services.actions.motion.capture import Capture, Shot
 from tests.services.actions.fake_camera import frame, gnss, imu, info
 
 MS = 1_000_000
@@ -42,7 +41,7 @@ class Feeder:
     """A capture, and messages that come to it."""
 
     def __init__(self, planned: int = 3, *, stream: bool = True) -> None:
-        self.capture = Capture(ActionsConfig(), planned, stream=stream)
+        self.capture = Capture(CaptureConfig(), VehicleConfig(), planned, stream=stream)
         self.inbox = Mailbox(())
         self.shots: list[Shot] = []
 

@@ -19,7 +19,7 @@ from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.schemas.state import Status
 from jezero.schemas.struct import Payload
 from jezero.schemas.topics import Topic
-from jezero.services.actions.lifecycle.capture import Capture
+from jezero.services.actions.motion.capture import Capture
 
 
 class VehicleState(msgspec.Struct, frozen=True):

@@ -44,7 +44,8 @@ from jezero.schemas.state import Odometry
 from jezero.schemas.struct import Message
 from jezero.schemas.topics import ALTIMETER, CAMERA, CAMERA_INFO, GNSS, IMU, ODOMETRY, Topic
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.motion.config import CaptureConfig
+from jezero.vehicle_config import VehicleConfig
 
 AHEAD_MAX_NS = 50_000_000
 """Messages that seem to come from farther in the future are dropped."""
@@ -89,10 +90,10 @@ class Capture:
         planned: number of pictures that there will be.
     """
 
-    def __init__(self, config: ActionsConfig, planned: int, *, stream: bool = True) -> None:
+    def __init__(self, config: CaptureConfig, vehicle: VehicleConfig, planned: int, *, stream: bool = True) -> None:
         self.planned = planned
-        self._config = config.capture
-        self._height_stand_m = config.vehicle.airframe.height_stand_m
+        self._config = config
+        self._height_stand_m = vehicle.airframe.height_stand_m
         self._stream = stream
         self._records: list[_Record] = []
         self._reported = 0
