@@ -18,6 +18,8 @@ from jezero.schemas.state import Odometry
 from jezero.schemas.struct import Message
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.motion.capture import Capture, Shot
+from jezero.services.actions.motion.config import CaptureConfig
+from jezero.vehicle_config import VehicleConfig
 from tests.services.actions.fake_camera import frame, gnss, imu, info
 
 MS = 1_000_000
