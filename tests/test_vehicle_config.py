@@ -1,4 +1,4 @@
-"""One edit in `vehicle.toml` reaches the simulator, the camera, the tag detector and the estimator."""
+"""One edit in `vehicle.toml` reaches every service that simulates, sees, estimates, flies or commands the vehicle."""
 
 from collections.abc import Sequence
 from math import radians, tan
@@ -15,12 +15,25 @@ from jezero.runtime.config import ConfigError, load_config
 from jezero.runtime.memory_bus import NO_DELAY, MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Service, Spec
 from jezero.schemas import topics
+from jezero.schemas.actions import AreaCoverageGoal, Goal, GoToGoal, TakeoffGoal
 from jezero.schemas.estimate import Relative, TagEstimate
 from jezero.schemas.landing_board import BIG_ID
 from jezero.schemas.sensors import Altimeter, CameraInfo, RoverOdometry, TagCorners, Uwb
-from jezero.schemas.state import Clock, Odometry, Scene
+from jezero.schemas.state import Clock, Odometry, Scene, Status
 from jezero.schemas.struct import Message
 from jezero.schemas.units import NS_PER_S
+from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
+from jezero.services.actions.config import ActionsConfig, load_actions_config
+from jezero.services.actions.go_to.declaration import ACTION as GO_TO
+from jezero.services.actions.land_on_spot.descent import TouchdownDetector
+from jezero.services.actions.land_on_spot.platform_control import PlatformState
+from jezero.services.actions.lifecycle.behaviour import Plan, Refusal
+from jezero.services.actions.lifecycle.declaration import ActionDeclaration
+from jezero.services.actions.motion.limits import beyond_limits
+from jezero.services.actions.takeoff.declaration import ACTION as TAKEOFF
+from jezero.services.autopilot.config import AutopilotConfig
+from jezero.services.autopilot.mixer import Mixer
+from jezero.services.autopilot.parameters import Parameters
 from jezero.services.estimator.config import EstimatorConfig
 from jezero.services.estimator.service import Estimator
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
@@ -31,12 +44,23 @@ from jezero.services.simulator.camera.config import CameraConfig, ProjectionConf
 from jezero.services.simulator.camera.service import Camera
 from jezero.services.simulator.config import SimulatorConfig, UwbConfig
 from jezero.services.simulator.service import Simulator
-from jezero.vehicle_config import CameraMountConfig, PlatformConfig, UwbLayoutConfig, VehicleConfig
+from jezero.services.vehicle_bridge.admission import force_disarm_refusal
+from jezero.services.vehicle_bridge.vehicle import VehicleSnapshot
+from jezero.vehicle_config import (
+    AirframeConfig,
+    BatteryConfig,
+    CameraMountConfig,
+    PlatformConfig,
+    UwbLayoutConfig,
+    VehicleConfig,
+    VehicleLimitsConfig,
+)
 
 Arrivals = list[tuple[int, topics.Topic[Any], Message]]
 MS = 1_000_000
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 LEVEL = (1.0, 0.0, 0.0, 0.0)
+IDLE = Status(t_ns=0, code=0, name="IDLE", armed=False, landed=True, in_charge="none", bridge_boot_id=1, ready=True)
 ANCHORS_M = ((0.4, 0.0, 0.0), (-0.3, 0.35, -0.1), (-0.3, -0.35, -0.1))
 EXACT = CameraConfig(
     mode="projected",
@@ -222,3 +246,68 @@ def test_another_board_is_one_line(tmp_path: Path) -> None:
     assert [tag.tag_id for tag in corners.tags] == [3]
     found = located(vehicle, corners, vehicle.camera.info(0))
     assert found.pos_uav_rel_rover_ned_m == pytest.approx((0.0, 0.0, -2.0), abs=1e-3)
+
+
+def test_the_actions_read_the_vehicles_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("JEZERO_CONFIG_DIR", str(tmp_path))
+    (tmp_path / "vehicle.toml").write_text("[limits]\naltitude_max_m = 10.0")
+    (tmp_path / "actions.toml").write_text("")
+    config = load_actions_config()
+    assert "limit of 10 m" in beyond_limits((0.0, 0.0, -11.0), config.vehicle.limits)
+    (tmp_path / "actions.toml").write_text("[vehicle.limits]\naltitude_max_m = 20.0")
+    with pytest.raises(ConfigError, match=r"belongs in vehicle\.toml"):
+        load_actions_config()
+
+
+@pytest.mark.parametrize("goal", [TakeoffGoal(altitude_m=6.0), GoToGoal(target_ned_m=(0.0, 0.0, -6.0))])
+def test_every_action_keeps_to_the_vehicles_limits(goal: Goal) -> None:
+    action: ActionDeclaration[Any] = TAKEOFF if isinstance(goal, TakeoffGoal) else GO_TO
+    low = ActionsConfig(vehicle=VehicleConfig(limits=VehicleLimitsConfig(altitude_max_m=5.0)))
+    assert isinstance(action.planner(action.settings(), ActionsConfig()).plan(goal, IDLE), Plan)
+    refusal = action.planner(action.settings(), low).plan(goal, IDLE)
+    assert isinstance(refusal, Refusal)
+    assert "5 m" in refusal.reason
+
+
+def test_a_coverage_spaces_its_lines_by_the_vehicles_camera() -> None:
+    """From 10 m without overlap the lines are as far apart as a picture is wide: 2 * 10 m * tan(half the angle)."""
+    goal = AreaCoverageGoal(
+        polygon_ned_m=((0.0, 0.0), (60.0, 0.0), (60.0, 60.0), (0.0, 60.0)), z_ned_m=-10.0, overlap=0.0
+    )
+    narrow = VehicleConfig(camera=CameraMountConfig(width_px=320, height_px=320, field_of_view_deg=60.0))
+    plan = plan_coverage(goal, ActionsConfig(vehicle=narrow))
+    assert plan.line_distance_m == pytest.approx(20.0 * tan(radians(30.0)))
+    assert plan_coverage(goal, ActionsConfig()).line_distance_m == pytest.approx(20.0 * tan(radians(40.0)))
+
+
+def test_on_a_larger_platform_the_vehicle_may_stand_farther_from_its_middle() -> None:
+    beside = PlatformState((0.7, 0.0, -0.02), ZERO, ZERO, 0.0)
+
+    def touches_down(vehicle: VehicleConfig) -> bool:
+        detector = TouchdownDetector(vehicle)
+        return any(detector.update(t_ns, beside, None) for t_ns in range(0, 5 * NS_PER_S, 20 * MS))
+
+    assert not touches_down(VehicleConfig())
+    assert touches_down(VehicleConfig(platform=PlatformConfig(side_m=1.6)))
+
+
+def test_the_bridge_stops_the_motors_by_force_on_taller_legs_too() -> None:
+    """With legs that are 0.252 m longer, the altimeter on the ground measures 0.35 m."""
+    tall = VehicleConfig(airframe=AirframeConfig(height_stand_m=0.4))
+    standing = VehicleSnapshot(t_ns=0, timer_ns=0, range_m=0.35)
+    assert force_disarm_refusal(standing, tall) is None
+    assert force_disarm_refusal(standing, VehicleConfig())
+
+
+def test_the_autopilot_mixes_for_the_vehicles_rotors_and_knows_its_battery() -> None:
+    """On arms that are twice as long, the same torque takes half the difference between the rotors."""
+    short = AirframeConfig()
+    forward_right_m: Any = tuple((2.0 * forward_m, 2.0 * right_m) for forward_m, right_m in short.pos_rotors_frd_m)
+    long = msgspec.structs.replace(short, pos_rotors_frd_m=forward_right_m)
+    differences = []
+    for airframe in (short, long):
+        front_right, rear_left, front_left, rear_right = Mixer(airframe, 0.5).commands(14.7, (0.0, 0.4, 0.0))
+        differences.append(front_right + front_left - rear_left - rear_right)
+    assert differences[1] == pytest.approx(0.5 * differences[0])
+    parameters = Parameters(AutopilotConfig(), BatteryConfig(cells=6, capacity_mah=9000.0), 1)
+    assert (parameters.get("BAT1_N_CELLS"), parameters.get("BAT1_CAPACITY")) == (6, 9000.0)
