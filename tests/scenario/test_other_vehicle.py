@@ -60,7 +60,7 @@ def test_a_heavier_one_with_another_battery_flies_within_its_own_limits() -> Non
     assert flight.status.battery is not None
     assert flight.status.battery.voltage_v == pytest.approx(6 * 4.0, abs=1.0)
     assert "limit of 5 m" in flight.refusal(topics.GO_TO, go_to(0.0, 0.0, -6.0))
-    assert "limit of 5 m" in flight.ask(topics.HOVER, Hover(hover_pos=(0.0, 0.0, -6.0))).reason
+    assert "limit of 5 m" in flight.request(topics.HOVER, Hover(hover_pos=(0.0, 0.0, -6.0))).reason
     flight.do(topics.GO_TO, go_to(3.0, 0.0, -3.0))
     north_m, east_m, _ = flight.truth.pos_uav_ned_m
     assert hypot(north_m - 3.0, east_m) < 1.5
