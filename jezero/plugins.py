@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterable
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Protocol
+from typing import Any
 
 from jezero.schemas.commands import Phase
 from jezero.schemas.topics import ACTIONS, Action
@@ -26,20 +26,12 @@ class PluginError(RuntimeError):
     """A package's action can't be used; the message names the package and says what to do."""
 
 
-class Declaration(Protocol):
-    """The object behind an entry point."""
-
-    @property
-    def action(self) -> Action[Any]:
-        """The action's name, its goal, feedback and result types, and its phase."""
-
-
 @cache
 def plugin_names() -> tuple[str, ...]:
     """Names of the actions that installed packages add, sorted; none of the packages is imported.
 
     Names that jezero's own actions or services have, and names that are no identifiers in lower case, are left out:
-    `load_declaration` tells why.
+    `load_declaration` gives the reason.
     """
     return tuple(sorted({point.name for point in entry_points(group=GROUP) if not name_problem(point.name)}))
 

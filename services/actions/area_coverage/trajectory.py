@@ -51,10 +51,6 @@ class Trajectory:
         )
         return position, velocity, acceleration
 
-    def time_at(self, distance_m: float) -> float:
-        """Time at which the motion has flown a distance along the path."""
-        return float(np.interp(distance_m, self.distance_m, self.t_s))
-
 
 def make_trajectory(
     corners_m: Array, *, speed_mps: float, acceleration_mps2: float, cut_m: float, from_m: float = 0.0
