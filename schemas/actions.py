@@ -99,7 +99,7 @@ class GetImagesGoal(Goal, frozen=True, kw_only=True):
     Attributes:
         center_ned_m: centre of the circle in `frame`; its z is the height of the flight, negative is up.
         radius_m: radius of the circle.
-        num_images: number of images, spread evenly over one turn.
+        num_images: number of images, 1 to 255, spread evenly over one turn.
         frame: frame of `center_ned_m` and `target_z_ned_m`. With `rover` the circle moves along with the rover.
         target_z_ned_m: z of the target in `frame`. The target is straight above or below the centre, and the camera
             points at it.
@@ -125,7 +125,7 @@ class AreaCoverageGoal(Goal, frozen=True, kw_only=True):
     """Map an area: fly over it in lines and take images.
 
     Either `resolution_m` is given, or `overlap` or `sidelap`, from which the distances follow by the camera's view of
-    level ground at z = 0.
+    level ground at z = 0. A goal with both is refused.
 
     Attributes:
         polygon_ned_m: corners of the area in `frame`, each north and east.

@@ -1,4 +1,4 @@
-"""Settings of the embedded autopilot. Names that PX4 has keep its names, with the unit appended."""
+"""Settings of the embedded autopilot. Settings that PX4 has too keep PX4's names, with the unit appended."""
 
 from typing import Annotated, Literal
 
@@ -57,10 +57,10 @@ class ControlConfig(Config, frozen=True, kw_only=True):
         mpc_z_vel_max_dn_mps: maximum speed downwards.
         mpc_xy_vel_p_acc: horizontal acceleration per velocity error, 1/s.
         mpc_xy_vel_i_acc: horizontal acceleration per integrated velocity error, 1/s².
-        mpc_xy_vel_d_acc: horizontal acceleration against the measured acceleration, as a factor.
+        mpc_xy_vel_d_acc: factor of the measured horizontal acceleration that is subtracted for damping.
         mpc_z_vel_p_acc: vertical acceleration per velocity error, 1/s.
         mpc_z_vel_i_acc: vertical acceleration per integrated velocity error, 1/s².
-        mpc_z_vel_d_acc: vertical acceleration against the measured acceleration, as a factor.
+        mpc_z_vel_d_acc: factor of the measured vertical acceleration that is subtracted for damping.
         mpc_tiltmax_air_rad: maximum tilt in the air.
         mpc_thr_hover: hover thrust as a fraction of full thrust; with the mass it gives each rotor's full thrust.
         mpc_thr_min: minimum thrust in flight as a fraction of full thrust.
@@ -100,13 +100,13 @@ class ControlConfig(Config, frozen=True, kw_only=True):
 
 
 class LandDetectorConfig(Config, frozen=True, kw_only=True):
-    """Thresholds of the land detector, see `land_detector`.
+    """Thresholds of the land detector. Source: PX4's `MulticopterLandDetector`.
 
     Attributes:
         lndmc_z_vel_max_mps: vertical speed above which the vehicle is not landed.
         lndmc_xy_vel_max_mps: horizontal speed above which the vehicle is not landed.
         lndmc_rot_max_rps: angular rate above which the vehicle is not landed.
-        landed_s: time for which the conditions of the last stage must hold.
+        landed_s: time in the stage `maybe landed` (low thrust, no motion) after which the vehicle counts as landed.
     """
 
     lndmc_z_vel_max_mps: Positive = 0.25
@@ -128,7 +128,7 @@ class CommanderConfig(Config, frozen=True, kw_only=True):
 
 
 class FailsafeConfig(Config, frozen=True, kw_only=True):
-    """Triggers and actions of the failsafes, see `failsafes`.
+    """Triggers and actions of the failsafes; docs/reliability.md has a table of both.
 
     Attributes:
         com_of_loss_t_s: time-out of offboard setpoints.
@@ -136,15 +136,15 @@ class FailsafeConfig(Config, frozen=True, kw_only=True):
             disarm.
         com_dl_loss_t_s: time without a connection to a ground station that counts as a lost one.
         nav_dll_act: action on a lost ground station: 0 none, 1 hold, 2 return, 3 land, 5 and 6 disarm.
-        com_low_bat_act: action on an empty battery: 0 warn, 2 land, 3 return at the critical level and land at the
-            emergency level.
+        com_low_bat_act: action at the critical and the emergency level of the battery: 0 warn, 2 land, 3 return at the
+            critical level and land at the emergency level.
         bat_low_thr: remaining fraction of the battery at the low level, which gives a warning.
         bat_crit_thr: remaining fraction of the battery at the critical level, below which arming is refused too.
         bat_emergen_thr: remaining fraction of the battery at the emergency level.
         com_pos_fs_eph_m: maximum standard deviation of the horizontal position.
         ekf2_noaid_tout_s: time-out of GNSS fixes.
-        fd_fail_tilt_rad: tilt from which the failure detector counts the time `fd_fail_s`.
-        fd_fail_s: time for which a vehicle must be tilted this far before the failure detector disarms it.
+        fd_fail_tilt_rad: maximum tilt; a vehicle with a larger one for `fd_fail_s` is disarmed by the failure detector.
+        fd_fail_s: time with a larger tilt than `fd_fail_tilt_rad` after which the failure detector disarms the vehicle.
     """
 
     com_of_loss_t_s: Positive = 1.0
@@ -167,8 +167,8 @@ class NavigatorConfig(Config, frozen=True, kw_only=True):
     Attributes:
         mis_takeoff_alt_m: height above the vehicle of a takeoff whose command gives no height.
         rtl_return_alt_m: height of the return above home, unless the vehicle is higher.
-        rtl_min_dist_m: distance from home within which a cone limits the height of the return.
-        rtl_cone_ang_rad: half angle of this cone, whose tip is at home.
+        rtl_min_dist_m: distance from home within which the height of the return is limited by a cone above home.
+        rtl_cone_ang_rad: half angle of the cone that limits the height of the return near home; its tip is at home.
     """
 
     mis_takeoff_alt_m: Positive = 2.5
@@ -203,7 +203,8 @@ class AutopilotConfig(Config, frozen=True, kw_only=True):
     """Settings of the service, `deploy/config/autopilot.toml`.
 
     Attributes:
-        autopilot: the autopilot to run; PX4 has settings of its own. JEZERO_AUTOPILOT overrides this.
+        autopilot: the autopilot to run; PX4 has settings of its own. The environment variable `JEZERO_AUTOPILOT`
+            overrides this setting.
         estimator: the error-state Kalman filter.
         control: gains and limits of the controllers.
         land_detector: thresholds of the land detector.

@@ -28,7 +28,7 @@ class OriginConfig(Config, frozen=True, kw_only=True):
         latitude_deg: latitude, positive north.
         longitude_deg: longitude, positive east.
         altitude_m: altitude above sea level.
-        field_ned_gauss: magnetic field.
+        field_ned_gauss: magnetic field at the map's origin.
     """
 
     latitude_deg: Annotated[float, Meta(ge=-85.0, le=85.0)] = 47.397742
@@ -124,9 +124,9 @@ class RoverConfig(Config, frozen=True, kw_only=True):
         start_yaw_rad: heading at the start, clockwise from north.
         friction_platform: friction of the platform; the friction coefficient is its product with `friction_feet` of the
             vehicle.
-        acc_max_mps2: greatest change of the speed.
-        acc_yaw_max_rps2: greatest change of the yaw rate.
-        command_timeout_s: the rover stops when no command has arrived for this time.
+        acc_max_mps2: maximum acceleration.
+        acc_yaw_max_rps2: maximum yaw acceleration.
+        command_timeout_s: time without a command after which the rover stops.
     """
 
     start_north_m: Coordinate = 5.0
@@ -141,15 +141,15 @@ class RoverConfig(Config, frozen=True, kw_only=True):
 class ImuConfig(Config, frozen=True, kw_only=True):
     """Errors of the IMU.
 
-    The autopilot gets all 250 samples a second without delay; rate and delay are those on the bus.
+    The autopilot gets all 250 readings a second without delay; rate and delay are those on the bus.
 
     Attributes:
         rate_hz: readings per second on the bus.
         delay_s: time until a reading arrives on the bus.
-        std_acc_mps2: white noise of the specific force at 250 Hz, on each axis.
-        std_bias_acc_mps2: slowly varying bias of the specific force, random at the start.
-        std_gyro_rps: white noise of the angular rate at 250 Hz, on each axis.
-        std_bias_gyro_rps: slowly varying bias of the angular rate, random at the start.
+        std_acc_mps2: standard deviation of the white noise of the specific force at 250 Hz, on each axis.
+        std_bias_acc_mps2: standard deviation of the slowly varying bias of the specific force, on each axis.
+        std_gyro_rps: standard deviation of the white noise of the angular rate at 250 Hz, on each axis.
+        std_bias_gyro_rps: standard deviation of the slowly varying bias of the angular rate, on each axis.
         tau_bias_s: time constant of both biases.
         limit_acc_mps2: largest specific force that is measured, on each axis.
         limit_gyro_rps: largest angular rate that is measured, on each axis.
@@ -172,12 +172,12 @@ class GnssConfig(Config, frozen=True, kw_only=True):
     Attributes:
         rate_hz: fixes per second.
         delay_s: time until a fix arrives.
-        std_horizontal_m: white noise of the north and of the east position.
-        std_vertical_m: white noise of the altitude.
-        std_bias_horizontal_m: slowly varying error of the north and of the east position.
-        std_bias_vertical_m: slowly varying error of the altitude.
+        std_horizontal_m: standard deviation of the white noise of the north and of the east position.
+        std_vertical_m: standard deviation of the white noise of the altitude.
+        std_bias_horizontal_m: standard deviation of the slowly varying error of the north and of the east position.
+        std_bias_vertical_m: standard deviation of the slowly varying error of the altitude.
         tau_bias_s: time constant of the slowly varying errors.
-        std_velocity_mps: white noise of the velocity, on each axis.
+        std_velocity_mps: standard deviation of the white noise of the velocity, on each axis.
         satellites: reported number of satellites.
     """
 
@@ -196,11 +196,11 @@ class BarometerConfig(Config, frozen=True, kw_only=True):
     """Errors of the barometer.
 
     Attributes:
-        rate_hz: readings per second on the bus, a part of those that the autopilot gets.
+        rate_hz: readings per second on the bus, a subset of those that the autopilot gets.
         rate_hil_hz: readings per second that the autopilot gets.
         delay_s: time until a reading arrives on the bus.
-        std_pressure_pa: white noise of the pressure.
-        std_bias_pa: slowly varying error of the pressure.
+        std_pressure_pa: standard deviation of the white noise of the pressure.
+        std_bias_pa: standard deviation of the slowly varying error of the pressure.
         tau_bias_s: time constant of the slowly varying error.
         temperature_degc: reported temperature of the air.
     """
@@ -218,11 +218,12 @@ class MagnetometerConfig(Config, frozen=True, kw_only=True):
     """Errors of the magnetometer.
 
     Attributes:
-        rate_hz: readings per second on the bus, a part of those that the autopilot gets.
+        rate_hz: readings per second on the bus, a subset of those that the autopilot gets.
         rate_hil_hz: readings per second that the autopilot gets.
         delay_s: time until a reading arrives on the bus.
-        std_gauss: white noise of the field, on each axis.
-        std_bias_gauss: slowly varying hard-iron error that is left after the calibration, on each axis.
+        std_gauss: standard deviation of the white noise of the field, on each axis.
+        std_bias_gauss: standard deviation of the slowly varying hard-iron error that is left after the calibration, on
+            each axis.
         tau_bias_s: time constant of the slowly varying error.
     """
 
@@ -240,8 +241,8 @@ class AltimeterConfig(Config, frozen=True, kw_only=True):
     Attributes:
         rate_hz: ranges per second.
         delay_s: time until a range arrives.
-        std_m: white noise of a range.
-        std_bias_m: slowly varying error of the range.
+        std_m: standard deviation of the white noise of a range.
+        std_bias_m: standard deviation of the slowly varying error of the range.
         tau_bias_s: time constant of the slowly varying error.
     """
 
@@ -258,8 +259,8 @@ class UwbConfig(Config, frozen=True, kw_only=True):
     Attributes:
         rate_hz: rounds per second, each with a range to every anchor.
         delay_s: time until a round arrives.
-        std_m: white noise of a range.
-        std_bias_m: slowly varying error of the range, a different one for each anchor.
+        std_m: standard deviation of the white noise of a range.
+        std_bias_m: standard deviation of the slowly varying error of the range, which differs between anchors.
         tau_bias_s: time constant of the slowly varying errors.
         slot_s: time between the ranges of two anchors.
         share_blocked: fraction of the ranges without a line of sight, which are measured along a detour.
@@ -284,13 +285,13 @@ class RoverOdometryConfig(Config, frozen=True, kw_only=True):
     Attributes:
         rate_hz: readings per second.
         delay_s: time until a reading arrives.
-        std_yaw_rad: white noise of the compass.
-        std_bias_yaw_rad: slowly varying error of the compass.
+        std_yaw_rad: standard deviation of the white noise of the compass.
+        std_bias_yaw_rad: standard deviation of the slowly varying error of the compass.
         tau_bias_s: time constant of the compass' slowly varying error.
-        std_speed_mps: white noise of the speed while the rover moves.
-        std_yaw_rate_rps: white noise of the yaw rate.
-        std_scale: relative error of the wheels' radius, constant during a run.
-        std_slip: slip of the wheels, relative to the speed.
+        std_speed_mps: standard deviation of the white noise of the speed while the rover moves.
+        std_yaw_rate_rps: standard deviation of the white noise of the yaw rate.
+        std_scale: standard deviation of the relative error of the wheels' radius, constant during a run.
+        std_slip: standard deviation of the slip of the wheels, relative to the speed.
         tau_slip_s: time constant of the slip.
     """
 

@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from jezero.cli.main import main
 from jezero.cli.reference.actions import EXAMPLES
-from jezero.cli.reference.fields import Field, attributes_of, fields_of, summary_of, unit_of
+from jezero.cli.reference.fields import Field, attributes_of, description_of, fields_of, summary_of, unit_of
 from jezero.cli.reference.markdown import table
 from jezero.cli.reference.pages import PAGES
 from jezero.client import Vehicle
@@ -55,6 +55,19 @@ class Example(Base, kw_only=True):
     mode: Literal["slow", "fast"] = "slow"
     corners: tuple[Inner, ...] = ()
     far_m: Annotated[float, Meta(ge=-1e6, le=1e6)] = 0.0
+
+
+class Long(msgspec.Struct):
+    """A path.
+
+    It begins at the start
+    and ends at the target.
+
+    Attributes:
+        length_m: length of the path.
+    """
+
+    length_m: float
 
 
 class Short(msgspec.Struct):
@@ -122,6 +135,12 @@ def test_meanings_come_from_docstrings_of_the_struct_and_its_bases() -> None:
         "high": "bounds.",
     }
     assert summary_of(Example) == "An example of every kind."
+
+
+def test_a_description_has_all_paragraphs_but_those_of_fields_and_exceptions() -> None:
+    assert description_of(Long) == "A path.\n\nIt begins at the start and ends at the target."
+    assert description_of(Inner) == "One corner."
+    assert description_of(Short) == ""
 
 
 def test_a_docstring_may_hold_descriptions_of_fields_only() -> None:

@@ -16,7 +16,7 @@ class PlainLandingConfig(Config, frozen=True, kw_only=True):
         speed_high_mps: descent speed above `slow_height_m`.
         speed_low_mps: descent speed below `slow_height_m`.
         slow_height_m: height by the laser altimeter at which the descent becomes slow.
-        push_mps: commanded downward speed after contact. Source: spec §8.
+        push_mps: commanded downward speed after contact.
     """
 
     approach_height_min_m: Positive = 1.5
@@ -73,8 +73,8 @@ class RoverLandingConfig(Config, frozen=True, kw_only=True):
             on.
         descent_min_mps: minimum descent speed.
         descent_max_mps: maximum descent speed.
-        coast_s: time for which the platform may be out of sight without any effect. Source: spec §8.
-        hold_s: time for which the vehicle then keeps its height before it searches. Source: spec §8.
+        coast_s: time for which the platform may be out of sight without any effect.
+        hold_s: time for which the vehicle keeps its height after `coast_s`, before it searches for the rover.
         timeout_s: maximum duration of the whole landing.
         platform_control: horizontal control over the platform.
         search: search for the rover.

@@ -23,12 +23,12 @@ class ProjectionConfig(Config, frozen=True, kw_only=True):
         share_in_shadow: fraction of the tags in the vehicle's shadow that are found.
         radius_shadow_m: radius of the vehicle's shadow.
         std_corner_px: standard deviation of the independent error of each corner coordinate, without blur.
-        std_corner_per_blur2: increase of `std_corner_px` by blur.
+        std_corner_per_blur2: increase of `std_corner_px` per square pixel of blur.
         std_shift_px: standard deviation of an error that all corners of a tag share, without blur.
-        std_shift_per_blur2: increase of `std_shift_px` by blur.
+        std_shift_per_blur2: increase of `std_shift_px` per square pixel of blur.
         std_size_px: standard deviation of the error of the tag's size, without blur.
-        std_size_per_blur2: increase of `std_size_px` by blur.
-        shrinks_per_blur2: decrease of the tag's size by blur, in pixels.
+        std_size_per_blur2: increase of `std_size_px` per square pixel of blur.
+        shrinks_per_blur2: decrease of the tag's size in pixels, per square pixel of blur.
     """
 
     size_half_px: Positive = 18.0
