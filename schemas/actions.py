@@ -79,10 +79,10 @@ class LandOnSpotGoal(Goal, frozen=True, kw_only=True):
     With UWB or the tags, the vehicle lands on the rover. With neither, it lands on the spot.
 
     Attributes:
-        landing_spot_ned_m: a point that depends on the sensors. With UWB it is not used. With the tags alone it is the
-            approximate position of the rover. With neither it is the spot to land on; its z is not used, because the
-            vehicle descends until it touches the ground.
-        frame: frame of `landing_spot_ned_m`; `rover` is refused without UWB.
+        landing_spot_ned_m: point in `frame`, whose meaning depends on the sensors. With UWB it is not used. With the
+            tags alone it is the approximate position of the rover. With neither it is the spot to land on; its z is not
+            used, because the vehicle descends until it touches the ground.
+        frame: frame of `landing_spot_ned_m`; without UWB only `world` is accepted.
         use_uwb: use the UWB ranges to the rover.
         use_tag: use the camera's detections of the tags on the platform.
     """
@@ -309,7 +309,7 @@ class Result(Payload, Generic[R], frozen=True, kw_only=True, tag_field="type", t
     Attributes:
         goal_id: id of the goal.
         t_ns: vehicle time of the goal's end.
-        outcome: how the goal ended.
+        outcome: end of the goal: `succeeded`, `canceled` or `aborted`.
         reason: reason of a canceled or aborted goal, for people; "" after a success.
         result: result, in the action's own type. None when the action's code failed before it could make one.
     """

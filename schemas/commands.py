@@ -102,10 +102,10 @@ class Release(Payload, frozen=True, kw_only=True):
 
     Attributes:
         control_id: control id of the grant.
-        outcome: how the goal ended.
-        then: what the bridge does afterwards. `hover` hovers at `hover_pos_ned_m`. `disarm` disarms normally, which the
-            autopilot refuses in the air. `force_disarm` disarms by force, for a landing that has detected the ground
-            although the autopilot has not; the bridge refuses it when the altimeter measures a height.
+        outcome: end of the goal: `succeeded`, `canceled` or `aborted`.
+        then: action of the bridge after the release. `hover` hovers at `hover_pos_ned_m`. `disarm` disarms normally,
+            which the autopilot refuses in the air. `force_disarm` disarms by force, for a landing that has detected the
+            ground although the autopilot has not; the bridge refuses it when the altimeter measures a height.
         hover_pos_ned_m: hover point. None hovers where the vehicle comes to rest.
         reset_counter: reset counter of the odometry that `hover_pos_ned_m` was computed from.
         reason: reason of an outcome other than success, for people.

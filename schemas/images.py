@@ -27,7 +27,7 @@ QuatNedFromCamera = tuple[Unit, Unit, Unit, Unit]
 
 
 class Image(Payload, frozen=True, kw_only=True):
-    """Description of one image of a goal. `GetImage` requests its pixels.
+    """Description of one image of a goal. `GetImage` on `@action/<name>/image` requests its pixels.
 
     All values belong to the middle of the exposure and come from the vehicle's own estimate. In a result, the positions
     have moved along with the position resets since then.
