@@ -15,7 +15,7 @@ from jezero.cli.main import main
 from jezero.cli.reference.actions import EXAMPLES
 from jezero.cli.reference.fields import Field, attributes_of, description_of, fields_of, summary_of, unit_of
 from jezero.cli.reference.markdown import table
-from jezero.cli.reference.pages import PAGES
+from jezero.cli.reference.pages import PAGES, reference_page
 from jezero.client import Vehicle
 from jezero.schemas.topics import ACTIONS
 
@@ -86,6 +86,13 @@ def test_a_page_is_printed(name: str) -> None:
     result = CliRunner().invoke(main, ["info", "page", name])
     assert result.exit_code == 0
     assert result.output.startswith("# ")
+
+
+@pytest.mark.parametrize("name", ["actions", "settings"])
+def test_every_field_on_a_page_has_a_meaning(name: str) -> None:
+    rows = [line for line in reference_page(name).splitlines() if line.startswith("| `")]
+    assert rows
+    assert [row for row in rows if row.endswith("|  |")] == []
 
 
 def test_a_page_without_a_name_names_the_pages() -> None:
