@@ -2,7 +2,7 @@
 
 Services take what they need of it and keep no copy. Frames: `frd` is the vehicle's body, forward, right, down, with
 its origin in the centre of mass; `rover_body` has its origin in the middle of the platform's surface, forward, right,
-down. How sensors err and how the simulated world behaves is in the services' own settings.
+down. The errors of the sensors and the simulated world are in the services' own settings.
 """
 
 from math import radians, tan
@@ -20,19 +20,19 @@ Mounting = Annotated[float, Meta(ge=-10.0, le=10.0)]
 Place = tuple[Mounting, Mounting, Mounting]
 
 PITCH_DOWN_RAD = -1.5708
-"""Pitch of a camera that looks straight down, as `command/camera_pitch` limits it."""
+"""Pitch of a camera that points straight down, as `command/camera_pitch` limits it."""
 
 
 class CameraMountConfig(Config, frozen=True, kw_only=True):
     """The ventral camera: a pinhole without distortion, on a pitch axis that a roll axis carries.
 
     Attributes:
-        width_px: width of a picture.
-        height_px: height of a picture.
-        field_of_view_deg: angle across the picture's width.
-        rate_hz: pictures per second.
+        width_px: width of an image.
+        height_px: height of an image.
+        field_of_view_deg: angle of view across the image's width.
+        rate_hz: images per second.
         pos_camera_frd_m: position of the optical centre.
-        pitch_offset_rad: pitch of the camera at rest, from straight down; positive looks ahead, negative looks back.
+        pitch_offset_rad: pitch of the camera at rest, from straight down; positive points ahead, negative points back.
     """
 
     width_px: Annotated[int, Meta(ge=16, le=4096)] = 640
@@ -44,7 +44,7 @@ class CameraMountConfig(Config, frozen=True, kw_only=True):
 
     @property
     def focal_px(self) -> float:
-        """Focal length, the same across and along the picture."""
+        """Focal length, the same in both directions of the image."""
         return 0.5 * self.width_px / tan(0.5 * radians(self.field_of_view_deg))
 
     @property
@@ -76,11 +76,11 @@ class AirframeConfig(Config, frozen=True, kw_only=True):
     Attributes:
         mass_kg: mass at take-off.
         inertia_frd_kgm2: principal moments of inertia.
-        pos_rotors_frd_m: (4, 2) forward and right of each rotor, in the autopilot's order.
+        pos_rotors_frd_m: forward and right position of each rotor, in the autopilot's order.
         moment_per_thrust_m: yaw moment of each rotor per newton of its thrust, positive to the right.
         radius_rotor_m: radius of each rotor.
-        height_stand_m: height of the centre of mass over what the vehicle stands on.
-        feet_frd_m: forward and right of the front right foot; the four feet are symmetric.
+        height_stand_m: height of the centre of mass when the vehicle stands.
+        feet_frd_m: forward and right position of the front right foot; the four feet are symmetric.
     """
 
     mass_kg: Positive = 1.5
@@ -98,7 +98,7 @@ class AltimeterMountConfig(Config, frozen=True, kw_only=True):
     """The laser altimeter, whose narrow beam points along the body's down axis.
 
     Attributes:
-        pos_altimeter_frd_m: position of its lens.
+        pos_altimeter_frd_m: position of the lens.
         range_min_m: smallest range that it measures.
         range_max_m: greatest range that it measures.
     """
@@ -112,8 +112,8 @@ class UwbLayoutConfig(Config, frozen=True, kw_only=True):
     """The vehicle's UWB tag, and the anchors on the rover.
 
     Attributes:
-        pos_tag_frd_m: position of the tag's antenna.
-        pos_anchors_rover_body_m: (n, 3) positions of the anchors; three or more, not all on one line.
+        pos_tag_frd_m: position of the UWB tag's antenna.
+        pos_anchors_rover_body_m: positions of the anchors: three or more, not all on one line.
         range_max_m: greatest range that is measured.
     """
 
@@ -134,7 +134,7 @@ class PlatformConfig(Config, frozen=True, kw_only=True):
         side_m: length of each side.
         height_m: height of the surface over the ground at the rover's middle.
         side_tag_m: side of the landing board's big tag; the small tags scale with it.
-        tags: the tags of another board than the landing board; empty for the landing board.
+        tags: all tags of a board that is not the landing board; empty for the landing board.
 
     Raises:
         ValueError: a tag reaches beyond the platform, or two tags have one id.
@@ -157,12 +157,12 @@ class PlatformConfig(Config, frozen=True, kw_only=True):
 
 
 class VehicleLimitsConfig(Config, frozen=True, kw_only=True):
-    """Limits of everything that the vehicle is asked to do.
+    """Limits of every goal and of hover points.
 
     Attributes:
-        altitude_max_m: height above the world's origin; for a takeoff above the take-off point.
-        distance_max_m: horizontal distance from the world's origin.
-        speed_max_mps: highest speed that a goal may ask for.
+        altitude_max_m: maximum height above the world's origin; of a takeoff above the take-off point.
+        distance_max_m: maximum horizontal distance from the world's origin.
+        speed_max_mps: maximum speed of a goal.
     """
 
     altitude_max_m: Annotated[float, Meta(gt=0.0, le=1e4)] = 120.0
@@ -193,7 +193,17 @@ class BatteryConfig(Config, frozen=True, kw_only=True):
 
 
 class VehicleConfig(Config, frozen=True, kw_only=True):
-    """Tables of `vehicle.toml`."""
+    """Tables of `vehicle.toml`.
+
+    Attributes:
+        camera: optics and mounting of the camera.
+        airframe: mass, size and rotors of the vehicle.
+        altimeter: mounting of the laser altimeter.
+        uwb: positions of the UWB tag and of the anchors.
+        platform: the rover's platform and its tags.
+        limits: limits of every goal.
+        battery: the vehicle's battery.
+    """
 
     camera: CameraMountConfig = CameraMountConfig()
     airframe: AirframeConfig = AirframeConfig()
@@ -205,5 +215,5 @@ class VehicleConfig(Config, frozen=True, kw_only=True):
 
     @property
     def height_altimeter_m(self) -> float:
-        """Height of the altimeter's lens over what the vehicle stands on."""
+        """Height of the altimeter's lens when the vehicle stands."""
         return self.airframe.height_stand_m - self.altimeter.pos_altimeter_frd_m[2]

@@ -1,4 +1,4 @@
-"""Goals, what they report while they run, and how they end.
+"""Goals, their feedback, and their results.
 
 A goal is a query on `@action/<name>`. Its replies are one `Accepted` or `Rejected`, any number of `Feedback`, and
 one `Result`.
@@ -30,12 +30,14 @@ R = TypeVar("R")
 
 
 class Goal(Payload, frozen=True, kw_only=True):
-    """What every goal carries.
+    """Fields of every goal.
 
     Attributes:
-        goal_id: chosen by the client, so that a goal sent twice runs once; made by the server when empty.
-        issued_t_ns: vehicle time at which the client sent it; it expires after 30 s. None: never.
-        on_client_loss: what happens when the client vanishes.
+        goal_id: id of the goal, chosen by the client; a goal that is sent twice with one id runs once. "" lets the
+            server choose an id.
+        issued_t_ns: vehicle time at which the client sent the goal; the goal expires 30 s later. None means that it
+            does not expire.
+        on_client_loss: reaction to a client that disappears: `continue` flies on, `cancel` ends the goal with a hover.
     """
 
     goal_id: Annotated[str, Meta(max_length=64, pattern=r"^[A-Za-z0-9_.-]*$")] = ""
@@ -44,19 +46,24 @@ class Goal(Payload, frozen=True, kw_only=True):
 
 
 class TakeoffGoal(Goal, frozen=True, kw_only=True):
-    """altitude_m: above the take-off point, positive up."""
+    """Climb straight up to an altitude.
+
+    Attributes:
+        altitude_m: target altitude above the take-off point, positive up.
+    """
 
     altitude_m: float = 2.0
 
 
 class GoToGoal(Goal, frozen=True, kw_only=True):
-    """Fly to a point.
+    """Fly in a straight line to a point.
 
     Attributes:
-        target_ned_m: in `frame`; negative z is up.
-        do_takeoff: take off first when idle.
-        yaw_rad: heading at the target, None keeps the present one.
-        speed_mps: along the path, None for the default.
+        target_ned_m: target point in `frame`; a negative z is up.
+        frame: frame of the target.
+        do_takeoff: take off first if the vehicle is on the ground.
+        yaw_rad: heading at the target, clockwise from north. None keeps the present heading.
+        speed_mps: speed along the path. None means the default speed of the settings.
     """
 
     target_ned_m: PositionNed
@@ -67,11 +74,17 @@ class GoToGoal(Goal, frozen=True, kw_only=True):
 
 
 class LandOnSpotGoal(Goal, frozen=True, kw_only=True):
-    """Land on a spot.
+    """Land on the rover, or on a spot on the ground.
+
+    With UWB or the tags, the vehicle lands on the rover. With neither, it lands on the spot.
 
     Attributes:
-        landing_spot_ned_m: in `frame`; with the marker alone the rough position of the rover, with neither sensor the
-            spot itself, whose z is not used: the vehicle descends until it touches down. With UWB not needed.
+        landing_spot_ned_m: point in `frame`, whose meaning depends on the sensors. With UWB it is not used. With the
+            tags alone it is the approximate position of the rover. With neither it is the spot to land on; its z is not
+            used, because the vehicle descends until it touches the ground.
+        frame: frame of `landing_spot_ned_m`; without UWB only `world` is accepted.
+        use_uwb: use the UWB ranges to the rover.
+        use_tag: use the camera's detections of the tags on the platform.
     """
 
     landing_spot_ned_m: PositionNed | None = None
@@ -81,15 +94,18 @@ class LandOnSpotGoal(Goal, frozen=True, kw_only=True):
 
 
 class GetImagesGoal(Goal, frozen=True, kw_only=True):
-    """Photograph a target from all sides, on a circle around it.
+    """Take images of a target from all sides, on a circle around it.
 
     Attributes:
-        center_ned_m: of the circle, in `frame`; its z is the height of the flight, negative is up.
-        num_images: spread evenly over one turn.
-        target_z_ned_m: in `frame`: what is straight above or below the centre at this height is in the middle of each
-            picture.
-        speed_mps: along the circle, None for the default.
-        stream_images: feedback tells of each picture as it is taken; else only the result tells.
+        center_ned_m: centre of the circle in `frame`; its z is the height of the flight, negative is up.
+        radius_m: radius of the circle.
+        num_images: number of images, 1 to 255, spread evenly over one turn.
+        frame: frame of `center_ned_m` and `target_z_ned_m`. With `rover` the circle moves along with the rover.
+        target_z_ned_m: z of the target in `frame`. The target is straight above or below the centre, and the camera
+            points at it.
+        speed_mps: speed along the circle. None means the default speed of the settings.
+        stream_images: report each image in the feedback as soon as it is taken. With false, only the result lists the
+            images.
     """
 
     center_ned_m: PositionNed
@@ -102,21 +118,29 @@ class GetImagesGoal(Goal, frozen=True, kw_only=True):
 
 
 Corners = tuple[tuple[Position, Position], ...]
-"""(n, 2) north and east of a polygon's corners, in order; the last may repeat the first."""
+"""(n, 2) north and east of a polygon's corners, in order; the last one may repeat the first one."""
 
 
 class AreaCoverageGoal(Goal, frozen=True, kw_only=True):
-    """Map an area: sweep it in lines, taking pictures.
+    """Map an area: fly over it in lines and take images.
+
+    Either `resolution_m` is given, or `overlap` or `sidelap`, from which the distances follow by the camera's view of
+    level ground at z = 0. A goal with both is refused.
 
     Attributes:
-        polygon_ned_m, holes_ned_m: in `frame`, which is frozen to the world when the goal is accepted.
-        z_ned_m: height of the flight; negative is up.
-        resolution_m: distance between lines and between pictures, unless `overlap` is given.
-        overlap, sidelap: shares of a picture that the next one, and that of the next line, show again; instead of
-            `resolution_m`, from what the camera sees of level ground from that height.
-        speed_mps: None for the default; never more than half of the pictures' distance times the camera's rate.
-        start_ned_m: (2,) north and east in `frame`; the path begins near it. None: near the vehicle.
-        first_picture: go on with this one, counted from 0, of the path that everything else gives.
+        polygon_ned_m: corners of the area in `frame`, each north and east.
+        holes_ned_m: polygons inside the area that are left out, in `frame`.
+        z_ned_m: height of the flight in `frame`; negative is up.
+        resolution_m: distance between two lines, and between two images on a line.
+        overlap: fraction of an image that the next image on the line shows again. None takes the value of `sidelap`.
+        sidelap: fraction of an image that the image on the next line shows again. None takes the value of `overlap`.
+        frame: frame of all positions of the goal. With `rover` the area is fixed in the world when the goal is
+            accepted.
+        speed_mps: speed along the lines, limited so that the camera's rate suffices for the images. None means the
+            default speed of the settings.
+        start_ned_m: north and east of a point in `frame`; the path begins near it. None means near the vehicle.
+        first_picture: number of the planned image to start with, counted from 0; the images before it are left out.
+            Above 0 only in the frame `world`.
     """
 
     polygon_ned_m: Corners
@@ -132,7 +156,13 @@ class AreaCoverageGoal(Goal, frozen=True, kw_only=True):
 
 
 class MoveFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="move"):
-    """pos_uav_ned_m: in `frame`; distance_m: to the goal's point."""
+    """Progress of a flight to a point.
+
+    Attributes:
+        pos_uav_ned_m: position of the vehicle in `frame`.
+        frame: frame of the position.
+        distance_m: remaining distance to the target.
+    """
 
     pos_uav_ned_m: PositionNed
     frame: Frame = "world"
@@ -143,11 +173,16 @@ LandPhase = Literal["approach", "descent", "hold", "search", "contact"]
 
 
 class LandFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="land"):
-    """How a landing goes.
+    """Progress of a landing.
 
     Attributes:
-        pos_rel_ned_m: vehicle relative to the landing spot, or to the rover's platform; None as long as it isn't known.
-        phase: `hold` waits at its height for a rover out of sight, `search` looks for it.
+        pos_uav_ned_m: position of the vehicle in `frame`.
+        frame: frame of the position.
+        pos_rel_ned_m: position of the vehicle minus that of the platform, or of the landing spot. None while it is
+            unknown.
+        phase: phase of the landing. `approach` flies to a point above the platform or the spot, `descent` descends,
+            `hold` keeps the height while the platform is out of sight, `search` searches for the platform, `contact`
+            follows the touchdown.
     """
 
     pos_uav_ned_m: PositionNed
@@ -157,12 +192,14 @@ class LandFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="la
 
 
 class ImagesFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="images"):
-    """How the taking of pictures goes.
+    """Progress of a goal that takes images.
 
     Attributes:
-        pos_uav_ned_m: in `frame`.
-        taken, planned: numbers of pictures.
-        images: taken since the last feedback; always empty without `stream_images`.
+        pos_uav_ned_m: position of the vehicle in `frame`.
+        frame: frame of the position.
+        taken: number of images taken so far.
+        planned: number of images that the goal will take in total.
+        images: images taken since the last feedback; always empty for a goal with `stream_images` = false.
     """
 
     pos_uav_ned_m: PositionNed
@@ -173,17 +210,24 @@ class ImagesFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="
 
 
 class MoveResult(Payload, frozen=True, kw_only=True):
-    """pos_uav_ned_m: where it ended, in world NED whatever the goal's frame."""
+    """End of a flight to a point.
+
+    Attributes:
+        completed: true after a success.
+        pos_uav_ned_m: final position of the vehicle in world NED, whatever the goal's frame.
+    """
 
     completed: bool
     pos_uav_ned_m: PositionNed
 
 
 class ImagesResult(Payload, frozen=True, kw_only=True):
-    """What was photographed, also by a goal that could not be finished.
+    """Images of a goal, also of one that was canceled or aborted.
 
     Attributes:
-        pos_uav_ned_m: where it ended; this and all positions of `images` in world NED, whatever the goal's frame.
+        completed: true after a success.
+        pos_uav_ned_m: final position of the vehicle in world NED, whatever the goal's frame.
+        images: all images that were taken; their positions are in world NED, whatever the goal's frame.
     """
 
     completed: bool
@@ -192,11 +236,12 @@ class ImagesResult(Payload, frozen=True, kw_only=True):
 
 
 class CoverageResult(ImagesResult, frozen=True, kw_only=True):
-    """How much was mapped.
+    """Images of an area, and the part of it that was covered.
 
     Attributes:
-        covered: share of the area within half a line distance of the way flown, by the vehicle's own estimate.
-        resume: the goal that takes the pictures that are missing, in the world frame; None when there are none.
+        covered: fraction of the area that is at most half a line distance away from the flown path, by the vehicle's
+            own position estimate.
+        resume: goal that takes the missing images, in the world frame. None when no image is missing.
     """
 
     covered: Fraction
@@ -204,21 +249,38 @@ class CoverageResult(ImagesResult, frozen=True, kw_only=True):
 
 
 class LandResult(Payload, frozen=True, kw_only=True):
-    """touchdown_ned_m: by the vehicle's own estimate, world NED; None when it did not touch down."""
+    """End of a landing.
+
+    Attributes:
+        completed: true after a success.
+        touchdown_ned_m: position of the touchdown in world NED, by the vehicle's own estimate. None without a
+            touchdown.
+    """
 
     completed: bool
     touchdown_ned_m: PositionNed | None = None
 
 
 class Accepted(Payload, frozen=True, kw_only=True, tag_field="type", tag="accepted"):
-    """`warning` tells what of the goal was not done as asked."""
+    """First reply to a goal that will be flown.
+
+    Attributes:
+        goal_id: id of the goal.
+        warning: part of the goal that is done differently from the request, for people; "" for none.
+    """
 
     goal_id: Name
     warning: Text = ""
 
 
 class Rejected(Payload, frozen=True, kw_only=True, tag_field="type", tag="rejected"):
-    """`reason` tells what to do instead; `code` is the status at that time, None when unknown."""
+    """Only reply to a goal that is refused.
+
+    Attributes:
+        goal_id: id of the goal; "" for a goal that could not be decoded.
+        reason: reason of the refusal, with what to do instead, for people.
+        code: status code of the vehicle at the refusal. None when it is unknown.
+    """
 
     goal_id: str = ""
     reason: Text
@@ -226,6 +288,15 @@ class Rejected(Payload, frozen=True, kw_only=True, tag_field="type", tag="reject
 
 
 class Feedback(Payload, Generic[F], frozen=True, kw_only=True, tag_field="type", tag="feedback"):
+    """Reply with the progress of a goal, sent while it is flown.
+
+    Attributes:
+        goal_id: id of the goal.
+        t_ns: vehicle time of the feedback.
+        code: status code of the vehicle.
+        feedback: progress, in the action's own type.
+    """
+
     goal_id: Name
     t_ns: TimeNs
     code: int
@@ -233,11 +304,14 @@ class Feedback(Payload, Generic[F], frozen=True, kw_only=True, tag_field="type",
 
 
 class Result(Payload, Generic[R], frozen=True, kw_only=True, tag_field="type", tag="result"):
-    """The end of a goal.
+    """Last reply to an accepted goal.
 
     Attributes:
-        reason: of a goal that was canceled or aborted.
-        result: of the action; None when the action's own code failed so badly that there is none.
+        goal_id: id of the goal.
+        t_ns: vehicle time of the goal's end.
+        outcome: end of the goal: `succeeded`, `canceled` or `aborted`.
+        reason: reason of a canceled or aborted goal, for people; "" after a success.
+        result: result, in the action's own type. None when the action's code failed before it could make one.
     """
 
     goal_id: Name
@@ -248,7 +322,14 @@ class Result(Payload, Generic[R], frozen=True, kw_only=True, tag_field="type", t
 
 
 class FeedbackMessage(Message, Generic[F], frozen=True, kw_only=True):
-    """The feedback of a goal, published for everybody; F is the action's own feedback type."""
+    """Feedback of a goal on the topic of its action, for every subscriber.
+
+    Attributes:
+        goal_id: id of the goal.
+        action: name of the action.
+        code: status code of the vehicle.
+        feedback: progress, in the action's own type.
+    """
 
     goal_id: Name
     action: Name
@@ -257,24 +338,46 @@ class FeedbackMessage(Message, Generic[F], frozen=True, kw_only=True):
 
 
 class Cancel(Payload, frozen=True, kw_only=True):
+    """Request to cancel a goal.
+
+    Attributes:
+        goal_id: id of the goal.
+    """
+
     goal_id: Name
 
 
 class CancelReply(Payload, frozen=True, kw_only=True):
-    """canceled: the goal was running and is being ended; its own query gets the result."""
+    """Reply to `Cancel`.
+
+    Attributes:
+        canceled: the goal was running and is ending; its result is a reply to the goal's own query.
+        reason: reason why nothing was canceled, for people.
+    """
 
     canceled: bool
     reason: Text = ""
 
 
 class GetResult(Payload, frozen=True, kw_only=True):
-    """Ask all action servers for the result of a goal; only the one that knows it answers."""
+    """Request for the result of a goal. All action servers receive it; only the server of that goal replies.
+
+    Attributes:
+        goal_id: id of the goal.
+    """
 
     goal_id: Name
 
 
 class ResultReply(Payload, frozen=True, kw_only=True):
-    """`result` is None while the goal still runs; else the JSON of the goal's `Result`."""
+    """Reply to `GetResult`.
+
+    Attributes:
+        goal_id: id of the goal.
+        action: name of the action.
+        running: the goal has not ended yet.
+        result: the goal's `Result` as JSON. None while the goal is running.
+    """
 
     goal_id: Name
     action: Name

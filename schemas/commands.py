@@ -26,15 +26,16 @@ class Setpoint(Message, frozen=True, kw_only=True, omit_defaults=True):
     """One setpoint of the goal in charge, with at least one of position and velocity.
 
     Attributes:
-        control_id: control id of the grant, of any characters; setpoints with another one are dropped.
-        sequence: grows by one with each setpoint; a smaller one than the last is dropped.
+        control_id: control id of the grant; a setpoint with another one is dropped.
+        sequence: number of the setpoint, which grows by one each time; a setpoint with a smaller number than the last
+            one is dropped.
         phase: phase of the goal.
         reset_counter: reset counter of the odometry that the setpoint was computed from.
-        pos_ned_m: position; None leaves it to the velocity.
-        vel_ned_mps: velocity; feed-forward where a position is given.
-        acc_ned_mps2: acceleration feed-forward.
-        yaw_rad: heading, or None to keep it.
-        yaw_rate_rps: yaw rate feed-forward.
+        pos_ned_m: position. None leaves the position to the velocity.
+        vel_ned_mps: velocity, which is a feed-forward where a position is given. None without one.
+        acc_ned_mps2: acceleration feed-forward. None without one.
+        yaw_rad: heading, clockwise from north. None keeps the present heading.
+        yaw_rate_rps: yaw rate feed-forward, clockwise. None without one.
     """
 
     control_id: Annotated[str, Meta(max_length=64)]
@@ -49,18 +50,21 @@ class Setpoint(Message, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Acquire(Payload, frozen=True, kw_only=True):
-    """Request control for a goal. It is granted to one goal at a time, and ends without a setpoint within 0.5 s.
+    """Request for control for a goal. Control is granted to one goal at a time. A grant ends when no setpoint arrives
+    for 0.5 s.
 
     Attributes:
         goal_id: id of the goal.
         action: name of the goal's action.
-        do_takeoff: the goal may take off first.
-        issued_t_ns: vehicle time of the request; an old one is refused, as its sender has stopped waiting for the
-            reply. None: not checked.
-        goal_t_ns: vehicle time at which the action server received the goal; refused when there was an abort since,
-            which may have meant a goal that was still being prepared. None: not checked.
-        goal_issued_t_ns: vehicle time at which the client sent the goal; refused when the bridge has started since, as
-            it doesn't know whether the goal flew before. None: not checked.
+        do_takeoff: the goal takes off first if the vehicle is on the ground.
+        issued_t_ns: vehicle time of the request; an old request is refused, because its sender has stopped waiting for
+            the reply. None means that the age is not checked.
+        goal_t_ns: vehicle time at which the action server received the goal. The request is refused after a later
+            abort, because the abort may have meant a goal that was still being prepared. None means that this is not
+            checked.
+        goal_issued_t_ns: vehicle time at which the client sent the goal. The request is refused when the bridge has
+            started after it, because the bridge does not know whether the goal flew before. None means that this is not
+            checked.
     """
 
     goal_id: Name
@@ -75,12 +79,12 @@ class AcquireReply(Payload, frozen=True, kw_only=True):
     """Reply to `Acquire`.
 
     Attributes:
-        granted: whether the goal has control.
-        reason: reason of a refusal.
-        control_id: identifies the grant in setpoints and in the release.
-        bridge_boot_id: differs between two runs of the bridge.
-        grants: number of grants in this run of the bridge, this one included; a `Status` with a smaller number is
-            older than the reply.
+        granted: the goal has control.
+        reason: reason of a refusal, for people.
+        control_id: id of the grant, for setpoints and for the release.
+        bridge_boot_id: id of this run of the bridge; every run has another one.
+        grants: number of grants in this run of the bridge, this one included; a `Status` with a smaller number is older
+            than the reply.
     """
 
     granted: bool
@@ -94,15 +98,15 @@ Outcome = Literal["succeeded", "canceled", "aborted"]
 
 
 class Release(Payload, frozen=True, kw_only=True):
-    """Give control back.
+    """Request to end the control of a goal.
 
     Attributes:
         control_id: control id of the grant.
-        outcome: how the goal ended.
-        then: action of the bridge afterwards. `hover` hovers at `hover_pos_ned_m`. `disarm` disarms normally, which
-            the autopilot refuses in the air. `force_disarm` disarms by force, for a landing that has detected the
+        outcome: end of the goal: `succeeded`, `canceled` or `aborted`.
+        then: action of the bridge after the release. `hover` hovers at `hover_pos_ned_m`. `disarm` disarms normally,
+            which the autopilot refuses in the air. `force_disarm` disarms by force, for a landing that has detected the
             ground although the autopilot has not; the bridge refuses it when the altimeter measures a height.
-        hover_pos_ned_m: hover point; None where the vehicle comes to rest.
+        hover_pos_ned_m: hover point. None hovers where the vehicle comes to rest.
         reset_counter: reset counter of the odometry that `hover_pos_ned_m` was computed from.
         reason: reason of an outcome other than success, for people.
     """
@@ -116,7 +120,13 @@ class Release(Payload, frozen=True, kw_only=True):
 
 
 class ReleaseReply(Payload, frozen=True, kw_only=True):
-    """Reply to `Release`, sent when the vehicle hovers (code 3) or is disarmed (code 0), or with a failure's reason."""
+    """Reply to `Release`, sent when the vehicle hovers or is disarmed, or when this failed.
+
+    Attributes:
+        released: the vehicle hovers or is disarmed, as the request demanded.
+        code: status code of the vehicle: 3 for a hover, 0 on the ground, -1 for a refused request.
+        reason: reason of a failure, for people.
+    """
 
     released: bool
     code: int
@@ -124,11 +134,12 @@ class ReleaseReply(Payload, frozen=True, kw_only=True):
 
 
 class Hover(Payload, frozen=True, kw_only=True):
-    """Hover here, or at a point (only while hovering). Also takes control back from a failsafe.
+    """Request to hover. It ends the goal in charge, and takes control back after a takeover or a failsafe.
 
     Attributes:
-        hover_req: false is refused: a goal in charge ends a hover, nothing else does.
-        hover_pos: hover point, world NED in metres. (The thesis' name.)
+        hover_req: must be true; a hover ends only when a goal takes control.
+        hover_pos: hover point in world NED, in metres; only for a vehicle that hovers already. None hovers where the
+            vehicle comes to rest. The name is that of the thesis.
     """
 
     hover_req: bool = True
@@ -136,14 +147,23 @@ class Hover(Payload, frozen=True, kw_only=True):
 
 
 class HoverReply(Payload, frozen=True, kw_only=True):
-    """Reply to `Hover`, sent when the vehicle hovers, or with a failure's reason."""
+    """Reply to `Hover`, sent when the vehicle hovers, or when this failed.
+
+    Attributes:
+        hover_mode: the vehicle hovers. The name is that of the thesis.
+        reason: reason of a failure, for people.
+    """
 
     hover_mode: bool
     reason: Text = ""
 
 
 class Abort(Payload, frozen=True, kw_only=True):
-    """End the goal in charge; `reason` is passed on to its client."""
+    """Request to end the goal in charge.
+
+    Attributes:
+        reason: reason of the abort, for the goal's client and for people.
+    """
 
     reason: Text = ""
 
@@ -161,30 +181,45 @@ class AbortReply(Payload, frozen=True, kw_only=True):
 
 
 class Kill(Payload, frozen=True, kw_only=True):
-    """Cut the motors at once, in the air too. Refused unless `confirm` is true."""
+    """Request to stop the motors at once, in the air too.
+
+    Attributes:
+        confirm: must be true; otherwise the request is refused.
+    """
 
     confirm: bool = False
 
 
 class KillReply(Payload, frozen=True, kw_only=True):
-    """Reply to `Kill`, sent when the motors are off, or with a failure's reason."""
+    """Reply to `Kill`, sent when the motors are off, or when this failed.
+
+    Attributes:
+        killed: the motors are off.
+        reason: reason of a failure, for people.
+    """
 
     killed: bool
     reason: Text = ""
 
 
 class CameraPitch(Message, frozen=True, kw_only=True):
-    """Commanded angles of the camera; see `CameraFrame`."""
+    """Commanded angles of the camera.
+
+    Attributes:
+        pitch_camera_rad: pitch of the optical axis against the body's forward axis; 0 points forward, -pi/2 straight
+            down.
+        roll_camera_rad: roll of the pitch axis about the body's forward axis; positive turns the view to the left.
+    """
 
     pitch_camera_rad: Annotated[float, Meta(ge=-1.5708, le=0.0)]
     roll_camera_rad: Annotated[float, Meta(ge=-0.8, le=0.8)] = 0.0
 
 
 class RoverCommand(Message, frozen=True, kw_only=True):
-    """Commanded motion of the rover, which stops when no command has come for half a second.
+    """Commanded motion of the rover, which stops when no command arrives for half a second.
 
     Attributes:
-        speed_rover_body_mps: speed along the heading, negative is backwards.
+        speed_rover_body_mps: speed along the heading; negative is backwards.
         yaw_rate_rover_rps: yaw rate, clockwise as seen from above.
     """
 

@@ -1,4 +1,4 @@
-"""Where the vehicle is relative to the rover, and what the estimator is told to use for it."""
+"""Estimates of vehicle and rover, and the parameters of the estimator."""
 
 from typing import Annotated
 
@@ -26,15 +26,18 @@ Covariance6 = Annotated[tuple[Finite, ...], Meta(min_length=21, max_length=21)]
 
 
 class TagEstimate(Message, frozen=True, kw_only=True):
-    """What one picture with landing tags in it says; `t_ns` is the middle of its exposure.
+    """Pose of the vehicle relative to the platform, from the tags in one image; `t_ns` is the middle of its exposure.
 
     Attributes:
-        tag_ids: of the tags that were used.
-        pos_uav_rel_rover_ned_m: vehicle's centre of mass, where its FRD axes have their origin, minus centre of the
-            platform's top, turned to NED by the vehicle's attitude.
-        cov_pos_ned_m2: of that position; grows with the range. The attitude's own error is not in it.
-        yaw_rover_rad: heading of the platform in world NED; None when the tag was seen too flatly.
-        reprojection_px: RMS distance of the corners from where the pose puts them.
+        tag_ids: ids of the tags that were used.
+        pos_uav_rel_rover_ned_m: position of the vehicle's centre of mass minus that of the centre of the platform's
+            surface, in NED axes by the vehicle's attitude.
+        cov_pos_ned_m2: covariance of this position, which grows with the range; it does not contain the error of the
+            attitude.
+        range_m: distance from the camera to the centre of the platform.
+        yaw_rover_rad: heading of the platform in world NED. None when the angle of view was too flat to measure it.
+        std_yaw_rover_rad: standard deviation of the heading. None without a heading.
+        reprojection_px: RMS distance of the detected corners from their projection by the estimated pose.
     """
 
     tag_ids: Annotated[tuple[int, ...], Meta(max_length=8)]
@@ -47,20 +50,29 @@ class TagEstimate(Message, frozen=True, kw_only=True):
 
 
 class Relative(Message, frozen=True, kw_only=True):
-    """The vehicle relative to the centre of the platform's top.
+    """State of the vehicle relative to the centre of the platform's surface.
 
-    The vehicle's position is, as in `Odometry` and `Truth`, that of its centre of mass lowered by the height at which
-    it stands: zero when it stands on the middle of the platform.
+    As in `Odometry` and `Truth`, the vehicle's position is that of its centre of mass, lowered by the height at which
+    the centre of mass is when the vehicle stands. The position is zero for a vehicle that stands on the middle of the
+    platform.
 
     Attributes:
-        valid: fit to fly by; `reason` says why it is not.
-        pos_uav_rel_rover_ned_m, vel_uav_rel_rover_ned_mps: vehicle minus rover, in NED axes.
-        cov: of (position, velocity), in that order.
-        vel_rover_ned_mps: of the rover over ground, in the velocity frame of `odometry`.
-        inputs: names of what was fused in the last second: odometry, rover, altimeter, uwb, tag.
-        fused_t_ns: when the newest UWB or tag measurement that was fused was true; 0 when there was none yet.
-        goal_id: whose selection is in force; "" for the parameters' own.
-        parameters_version: grows by one with each change of a parameter.
+        epoch_id: id of the epoch, see `Clock`.
+        valid: the estimate may be used for flying.
+        reason: reason why the estimate is invalid, for people; "" for a valid one.
+        pos_uav_rel_rover_ned_m: position of the vehicle minus that of the platform, in NED axes.
+        vel_uav_rel_rover_ned_mps: velocity of the vehicle minus that of the platform, in NED axes.
+        cov: covariance of the relative position and the relative velocity, in this order.
+        vel_rover_ned_mps: velocity of the rover over ground; like the velocity in `odometry`, it includes the
+            autopilot's velocity error.
+        yaw_rover_rad: heading of the rover.
+        yaw_rate_rover_rps: yaw rate of the rover, clockwise as seen from above.
+        use_uwb: the selection in force includes the UWB ranges.
+        use_tag: the selection in force includes the tag detections.
+        inputs: names of the inputs that were fused in the last second: odometry, rover, altimeter, uwb, tag.
+        fused_t_ns: time of the newest UWB or tag measurement that was fused; 0 before the first one.
+        goal_id: id of the goal whose selection is in force; "" when the selection is that of the parameters.
+        parameters_version: version of the parameters, which grows by one with each change.
     """
 
     epoch_id: int
@@ -81,10 +93,17 @@ class Relative(Message, frozen=True, kw_only=True):
 
 
 class RoverEstimate(Message, frozen=True, kw_only=True):
-    """The rover in the world frame of `odometry`.
+    """State of the rover in the world frame of `odometry`.
 
     Attributes:
-        reset_offset_ned_m: of the odometry that the position belongs to; see `Odometry`.
+        epoch_id: id of the epoch, see `Clock`.
+        valid: the estimate may be used for flying.
+        reason: reason why the estimate is invalid, for people; "" for a valid one.
+        pos_rover_ned_m: position of the centre of the platform's surface.
+        vel_rover_ned_mps: velocity of the rover over ground.
+        yaw_rover_rad: heading of the rover.
+        std_pos_m: largest standard deviation of the position on any axis.
+        reset_offset_ned_m: reset offset of the odometry that the position belongs to, see `Odometry`.
     """
 
     epoch_id: int
@@ -98,20 +117,32 @@ class RoverEstimate(Message, frozen=True, kw_only=True):
 
 
 class GetParameters(Payload, frozen=True, kw_only=True):
-    pass
+    """Request for the estimator's parameters."""
 
 
 class SetParameters(Payload, frozen=True, kw_only=True):
-    """Change the parameters that are given. Source: thesis §4.3.1, Alg. 8.
+    """Request to change the estimator's parameters. None leaves a parameter as it is. Source: thesis §4.3.1, Alg. 8.
+
+    Each standard deviation is that of one measurement, unless stated otherwise.
 
     Attributes:
-        use_uwb, use_tag: which inputs the filter takes while no goal has leased another selection.
-        pos_rover_ned_m: where the rover roughly is, in world NED; the filter starts anew from there.
-        std_rover_m: how rough that is.
-        std_*: standard deviations of one measurement of each input, and of errors that are estimated besides: the
-            vehicle's tilt and heading, and the autopilot's velocity, which wanders within tau_vel_uav_s.
-        psd_*: power spectral densities of the accelerations that drive vehicle and rover.
-        rate_relative_hz: at most so often the result is published.
+        use_uwb: fuse UWB ranges while no goal leases another selection.
+        use_tag: fuse tag detections while no goal leases another selection.
+        pos_rover_ned_m: approximate position of the rover in world NED, from which the filter restarts.
+        std_rover_m: standard deviation of `pos_rover_ned_m`, on each axis.
+        std_uwb_m: standard deviation of a UWB range.
+        scale_std_tag: factor on the standard deviations that the tag detector reports.
+        std_altimeter_m: standard deviation of the altimeter's range.
+        std_yaw_rover_rad: standard deviation of the rover's compass.
+        std_yaw_rate_rover_rps: standard deviation of the rover's yaw rate.
+        std_speed_rover_mps: standard deviation of the rover's speed.
+        std_tilt_rad: standard deviation of the constant part of the vehicle's tilt error.
+        std_heading_rad: standard deviation of the constant part of the vehicle's heading error.
+        std_vel_uav_mps: standard deviation of the slowly varying error of the autopilot's velocity.
+        tau_vel_uav_s: time constant of the slowly varying error of the autopilot's velocity.
+        psd_acc_uav_m2ps3: power spectral density of the vehicle's acceleration (process noise).
+        psd_acc_rover_m2ps3: power spectral density of the rover's acceleration (process noise).
+        rate_relative_hz: maximum rate at which `estimate/relative` is published.
     """
 
     use_uwb: bool | None = None
@@ -134,7 +165,14 @@ class SetParameters(Payload, frozen=True, kw_only=True):
 
 
 class ParametersReply(Payload, frozen=True, kw_only=True):
-    """All parameters as they are now; `reason` says why a change was refused (then none was made)."""
+    """Reply to `GetParameters` and `SetParameters`.
+
+    Attributes:
+        accepted: the request was accepted; a refused request changes nothing.
+        reason: reason of a refusal, for people.
+        version: version of the parameters, which grows by one with each change.
+        parameters: all parameters after the request. None for a refused request.
+    """
 
     accepted: bool
     reason: Text = ""
@@ -143,11 +181,15 @@ class ParametersReply(Payload, frozen=True, kw_only=True):
 
 
 class Lease(Payload, frozen=True, kw_only=True):
-    """A goal's own selection of inputs. It ends 3 s after the last renewal, and nothing of it is left.
+    """Request of a goal for its own selection of inputs. The selection ends 3 s after the last renewal.
 
     Attributes:
-        pos_rover_ned_m: where the rover roughly is, for a goal without UWB; used when the lease begins.
-        release: end it now.
+        goal_id: id of the goal.
+        use_uwb: fuse UWB ranges.
+        use_tag: fuse tag detections.
+        pos_rover_ned_m: approximate position of the rover in world NED, from which the filter restarts when the lease
+            begins. None keeps the present estimate.
+        release: end the lease now.
     """
 
     goal_id: Name
@@ -158,7 +200,13 @@ class Lease(Payload, frozen=True, kw_only=True):
 
 
 class LeaseReply(Payload, frozen=True, kw_only=True):
-    """`until_t_ns`: vehicle time at which the selection reverts unless it is renewed."""
+    """Reply to `Lease`.
+
+    Attributes:
+        accepted: the request was accepted.
+        reason: reason of a refusal, for people.
+        until_t_ns: vehicle time at which the selection ends unless it is renewed.
+    """
 
     accepted: bool
     reason: Text = ""

@@ -1,4 +1,4 @@
-"""How well a service is doing."""
+"""Health of a service."""
 
 from typing import Annotated, Literal
 
@@ -7,16 +7,16 @@ from msgspec import Meta
 from jezero.schemas.struct import Message, Name, NonNegative, Payload, Text
 
 ServiceState = Literal["starting", "ok", "degraded"]
-"""starting: not usable yet. ok: working. degraded: working, but something it needs is missing or late."""
+"""`starting` is not usable yet, `ok` works, `degraded` works, but something is missing or late."""
 
 
 class InputHealth(Payload, frozen=True, kw_only=True):
-    """One input of a service.
+    """State of one input of a service.
 
     Attributes:
-        received: messages since start.
-        rejected: of these, undecodable, out of range or misdirected ones; never acted on.
-        age_s: wall time since the last good one; None while there was none.
+        received: number of messages since the start.
+        rejected: number of these messages that were undecodable, out of range or misdirected; the service ignores them.
+        age_s: wall time since the last valid message. None before the first one.
     """
 
     received: int = 0
@@ -25,15 +25,18 @@ class InputHealth(Payload, frozen=True, kw_only=True):
 
 
 class ServiceHealth(Message, frozen=True, kw_only=True):
-    """Published at 1 Hz of wall time by every service's runtime.
+    """State of a service, published by its runtime at 1 Hz of wall time.
 
     Attributes:
-        boot_id: differs between two runs of the same service.
-        process: host and process id that run it, for people.
-        text: a sentence for people.
-        not_sent: outputs that were dropped because they were not finite.
-        last_error: why the last message was rejected or not sent.
-        late_s: by how much the worst step of the last second started late.
+        service: name of the service.
+        boot_id: id of this run of the service; every run has another one.
+        process: host and process id, for people.
+        state: `starting` is not usable yet, `ok` works, `degraded` works, but something is missing or late.
+        text: description of the state, for people.
+        inputs: state of each input by the topic's name.
+        not_sent: number of messages that were dropped because a value was not finite.
+        last_error: reason why the last rejected or dropped message was invalid; "" without one.
+        late_s: greatest delay of a step's start in the last second.
     """
 
     service: Name

@@ -1,4 +1,4 @@
-"""Pictures that goals take, and what was known when each was exposed."""
+"""Images of goals: their descriptions, and requests for their pixels."""
 
 from typing import Annotated
 
@@ -20,26 +20,38 @@ from jezero.schemas.struct import (
 )
 
 LISTING = "images/images.json"
-"""In a dataset's folder, the list of its pictures: each an `Image` and its `file`, which is beside the list."""
+"""List of the images in the folder of a data set: each an `Image` and its `file`, which is beside the list."""
 Index = Annotated[int, Meta(ge=0, le=100_000)]
 QuatNedFromCamera = tuple[Unit, Unit, Unit, Unit]
 """Attitude [w, x, y, z] that turns the camera's right, down, forward into world NED, w >= 0."""
 
 
 class Image(Payload, frozen=True, kw_only=True):
-    """One picture of a goal, without its pixels: `GetImage` asks for those.
+    """Description of one image of a goal. `GetImage` on `@action/<name>/image` requests its pixels.
 
-    Everything is as of the middle of the exposure, by the vehicle's own estimate; in a result, positions have moved
-    along with the world frame where the autopilot has corrected it since.
+    All values belong to the middle of the exposure and come from the vehicle's own estimate. In a result, the positions
+    have moved along with the position resets since then.
 
     Attributes:
-        index: which of the planned pictures, from 0.
-        q_ned_from_frd, yaw_rad: of the vehicle.
-        pos_camera_ned_m: of the optical centre; position_camera_deg is the same on the globe, None when the
-            autopilot hasn't told where the world's origin is.
-        pitch_camera_rad, roll_camera_rad, focal_px, center_px: see `CameraFrame` and `CameraInfo`.
-        range_m: of the laser altimeter along the body's down axis; None when it met nothing.
-        imu, gnss: the nearest in time, which their `t_ns` tells; None when there was none.
+        index: number of the image among the planned ones, from 0.
+        t_ns: vehicle time of the middle of the exposure.
+        pos_uav_ned_m: position of the vehicle in world NED.
+        q_ned_from_frd: attitude of the vehicle as a quaternion.
+        yaw_rad: heading of the vehicle.
+        pos_camera_ned_m: position of the camera's optical centre in world NED.
+        q_ned_from_camera: attitude of the camera (right, down, forward) as a quaternion.
+        position_camera_deg: latitude, longitude and altitude of the optical centre. None when the autopilot has not
+            sent the position of the world frame's origin.
+        pitch_camera_rad: pitch of the optical axis against the body's forward axis; -pi/2 points straight down.
+        roll_camera_rad: roll of the pitch axis about the body's forward axis; positive turns the view to the left.
+        exposure_s: duration of the exposure.
+        width_px: width of the image.
+        height_px: height of the image.
+        focal_px: focal length, the same in both directions of the image.
+        center_px: principal point: x to the right, y down, (0, 0) is the centre of the first pixel.
+        range_m: range of the laser altimeter along the body's down axis. None when its beam met nothing.
+        imu: IMU reading that is nearest in time. None without one.
+        gnss: GNSS fix that is nearest in time. None without one.
     """
 
     index: Index
@@ -63,19 +75,29 @@ class Image(Payload, frozen=True, kw_only=True):
 
 
 class GetImage(Payload, frozen=True, kw_only=True):
-    """Ask for the pixels of one picture of a goal."""
+    """Request for the pixels of one image of a goal.
+
+    Attributes:
+        goal_id: id of the goal.
+        index: number of the image, from 0.
+    """
 
     goal_id: Name
     index: Index
 
 
 class ImageReply(Payload, WithAttachment, frozen=True, kw_only=True):
-    """One picture's pixels, or the reason why there are none.
+    """Reply to `GetImage`.
 
     On Zenoh the pixels are the payload and everything else is its attachment, in JSON, as of a `CameraFrame`.
 
     Attributes:
-        pixels: rows from the top, three bytes red, green, blue each.
+        goal_id: id of the goal.
+        index: number of the image, from 0.
+        width_px: width of the image; 0 without one.
+        height_px: height of the image; 0 without one.
+        reason: reason why there is no image, for people.
+        pixels: rows from the top, three bytes per pixel: red, green, blue.
     """
 
     goal_id: str = ""

@@ -1,7 +1,7 @@
 """The landing board on the rover's platform: AprilTags of the family 36h11, their ids, sides and positions.
 
 Renderer, projected camera and tag detector use the same table. Heights from which a tag of the board of 0.6 m is in
-view of a camera that looks straight down and is 80 degrees wide: the big tag (id 77) from about 1 m up; the tag nested
+view of a camera that points straight down and is 80 degrees wide: the big tag (id 77) from about 1 m up; the tag nested
 in its middle (id 1) from 0.1 m to 1.5 m; the small tags around it from 0.4 m down to standing, also for a vehicle that
 stands 10 cm beside the middle, at any heading.
 
@@ -28,12 +28,12 @@ NESTED_PER_BIG, SMALL_PER_BIG = 0.12, 0.04
 
 
 class BoardTag(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One tag, lying flat on the platform, the top of its picture towards the rover's nose.
+    """One tag, lying flat on the platform, the top of its image towards the rover's nose.
 
     Attributes:
-        tag_id: number of the tag in its family.
+        tag_id: id of the tag in the family 36h11.
         side_m: side of the black square.
-        pos_rover_body_m: position of its middle; z is 0, the platform's surface.
+        pos_rover_body_m: position of the tag's middle; its z is 0, the platform's surface.
     """
 
     tag_id: Annotated[int, Meta(ge=0, le=586)]
@@ -42,7 +42,7 @@ class BoardTag(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     @property
     def corners_rover_body_m(self) -> tuple[tuple[float, float, float], ...]:
-        """(4, 3) corners of the black square: top left, top right, bottom right, bottom left of the tag's picture."""
+        """(4, 3) corners of the black square: top left, top right, bottom right, bottom left of the tag's image."""
         forward_m, right_m, down_m = self.pos_rover_body_m
         half_m = 0.5 * self.side_m
         return (

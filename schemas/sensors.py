@@ -1,4 +1,4 @@
-"""What the sensors measure. Ranges are what the sensor could report, not what is plausible in flight."""
+"""Readings of the sensors. Ranges of values are those of the sensor, not those that are plausible in flight."""
 
 from typing import Annotated
 
@@ -20,18 +20,31 @@ from jezero.schemas.struct import (
 )
 
 Pixel = tuple[Finite, Finite]
-"""(x, y) in the picture."""
+"""(x, y) in an image: x to the right, y down, (0, 0) is the centre of the first pixel."""
 
 
 class Imu(Message, frozen=True, kw_only=True):
-    """Specific force and angular rate in body FRD; at rest acc_imu_frd_mps2 is (0, 0, -g)."""
+    """Reading of the inertial measurement unit.
+
+    Attributes:
+        acc_imu_frd_mps2: specific force in body axes; (0, 0, -9.81) at rest.
+        gyro_imu_frd_rps: angular rates of the body.
+    """
 
     acc_imu_frd_mps2: Vector
     gyro_imu_frd_rps: Vector
 
 
 class Gnss(Message, frozen=True, kw_only=True):
-    """One fix. Standard deviations are the receiver's own claim."""
+    """One fix of the GNSS receiver.
+
+    Attributes:
+        position_deg: latitude, longitude and altitude.
+        vel_uav_ned_mps: velocity over ground.
+        std_horizontal_m: standard deviation of the horizontal position, as the receiver reports it.
+        std_vertical_m: standard deviation of the altitude, as the receiver reports it.
+        satellites: number of satellites in use.
+    """
 
     position_deg: Geodetic
     vel_uav_ned_mps: VelocityNed
@@ -41,7 +54,13 @@ class Gnss(Message, frozen=True, kw_only=True):
 
 
 class Barometer(Message, frozen=True, kw_only=True):
-    """Static pressure and the pressure altitude in the standard atmosphere, positive up."""
+    """Reading of the barometer.
+
+    Attributes:
+        pressure_pa: static pressure.
+        altitude_pressure_m: altitude that has this pressure in the standard atmosphere, positive up.
+        temperature_degc: temperature of the air.
+    """
 
     pressure_pa: NonNegative
     altitude_pressure_m: Finite
@@ -49,23 +68,35 @@ class Barometer(Message, frozen=True, kw_only=True):
 
 
 class Magnetometer(Message, frozen=True, kw_only=True):
-    """Magnetic field in body FRD."""
+    """Reading of the magnetometer.
+
+    Attributes:
+        field_frd_gauss: magnetic field in body axes.
+    """
 
     field_frd_gauss: Vector
 
 
 class Altimeter(Message, frozen=True, kw_only=True):
-    """Laser range along the body's down axis.
+    """Reading of the laser altimeter along the body's down axis.
 
     Attributes:
-        range_m: None when the beam met nothing between the sensor's limits; never zero for "invalid".
+        range_m: distance from the lens to the ground or the platform. None when the beam met nothing within the
+            sensor's limits; 0 never means an invalid range.
     """
 
     range_m: NonNegative | None = None
 
 
 class UwbRange(Message, frozen=True, kw_only=True):
-    """Range to one anchor, at its own time; `pos_anchor_rover_body_m` is where the anchor is mounted."""
+    """Range to one anchor, measured at its own time.
+
+    Attributes:
+        t_ns: vehicle time of the measurement.
+        anchor: number of the anchor, from 0.
+        pos_anchor_rover_body_m: position of the anchor on the rover.
+        range_m: distance from the vehicle's UWB tag to the anchor.
+    """
 
     anchor: Annotated[int, Meta(ge=0, le=63)]
     pos_anchor_rover_body_m: PositionNed
@@ -73,17 +104,23 @@ class UwbRange(Message, frozen=True, kw_only=True):
 
 
 class Uwb(Message, frozen=True, kw_only=True):
-    """One round of ranges; an anchor that gave none is missing."""
+    """One round of UWB ranges.
+
+    Attributes:
+        ranges: ranges to the anchors; an anchor without a range is missing.
+    """
 
     ranges: Annotated[tuple[UwbRange, ...], Meta(max_length=64)]
 
 
 class RoverOdometry(Message, frozen=True, kw_only=True):
-    """What the rover knows of itself: dead reckoning from where it started.
+    """Odometry of the rover: dead reckoning from its start.
 
     Attributes:
+        pos_odom_m: north and east distance from the rover's start, by its wheel odometry.
         yaw_rover_rad: heading in world NED, from the rover's compass.
-        pos_odom_m: (2,) north and east travelled since the rover's start by wheel odometry.
+        speed_rover_body_mps: speed along the heading; negative is backwards.
+        yaw_rate_rover_rps: yaw rate, clockwise as seen from above.
     """
 
     pos_odom_m: tuple[Position, Position]
@@ -93,11 +130,16 @@ class RoverOdometry(Message, frozen=True, kw_only=True):
 
 
 class CameraInfo(Message, frozen=True, kw_only=True):
-    """The ventral camera: a pinhole without distortion, on a pitch axis that a roll axis carries.
+    """Intrinsics and mounting of the ventral camera: a pinhole without distortion, on a pitch axis that a roll axis
+    carries.
 
     Attributes:
-        focal_px, center_px: intrinsics; (0, 0) is the centre of the first pixel, x to the right and y down.
-        pos_camera_frd_m: of the optical centre, which is on both axes, from the centre of mass.
+        width_px: width of an image.
+        height_px: height of an image.
+        focal_px: focal length, the same in both directions of the image.
+        center_px: principal point: x to the right, y down, (0, 0) is the centre of the first pixel.
+        pos_camera_frd_m: position of the optical centre, which is on both axes, relative to the centre of mass.
+        rate_hz: images per second.
     """
 
     width_px: Annotated[int, Meta(ge=1, le=8192)]
@@ -109,14 +151,18 @@ class CameraInfo(Message, frozen=True, kw_only=True):
 
 
 class CameraFrame(Message, WithAttachment, frozen=True, kw_only=True, omit_defaults=True):
-    """One picture; `t_ns` is the middle of its exposure.
+    """One image of the camera; `t_ns` is the middle of its exposure.
 
     On Zenoh the pixels are the payload and everything else is its attachment, in JSON.
 
     Attributes:
-        pitch_camera_rad: of the optical axis against the body's forward axis; -pi/2 looks straight down.
-        roll_camera_rad: of the pitch axis about the body's forward axis; positive looks to the left.
-        pixels: rows from the top, three bytes red, green, blue each. Only a flight's log leaves them out.
+        sequence: number of the image, which grows by one each time.
+        width_px: width of the image.
+        height_px: height of the image.
+        pitch_camera_rad: pitch of the optical axis against the body's forward axis; -pi/2 points straight down.
+        roll_camera_rad: roll of the pitch axis about the body's forward axis; positive turns the view to the left.
+        exposure_s: duration of the exposure.
+        pixels: rows from the top, three bytes per pixel: red, green, blue. Empty in a flight log only.
     """
 
     sequence: Annotated[int, Meta(ge=0)]
@@ -129,14 +175,26 @@ class CameraFrame(Message, WithAttachment, frozen=True, kw_only=True, omit_defau
 
 
 class CornersOfTag(Payload, frozen=True, kw_only=True):
-    """Corners of the black square: top left, top right, bottom right, bottom left of the tag's own picture."""
+    """Corners of one tag in an image.
+
+    Attributes:
+        tag_id: id of the tag in the family 36h11.
+        corners_px: corners of the black square: top left, top right, bottom right, bottom left of the tag's own image.
+    """
 
     tag_id: Annotated[int, Meta(ge=0, le=586)]
     corners_px: tuple[Pixel, Pixel, Pixel, Pixel]
 
 
 class TagCorners(Message, frozen=True, kw_only=True):
-    """Tags as a detector would have found them in a picture that nobody rendered; `t_ns` as in `CameraFrame`."""
+    """Corners of the tags that a detector would find in an image that is not rendered; `t_ns` is the middle of its
+    exposure.
+
+    Attributes:
+        pitch_camera_rad: pitch of the optical axis against the body's forward axis; -pi/2 points straight down.
+        roll_camera_rad: roll of the pitch axis about the body's forward axis; positive turns the view to the left.
+        tags: corners of each tag.
+    """
 
     pitch_camera_rad: Angle
     roll_camera_rad: Angle = 0.0

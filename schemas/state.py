@@ -1,4 +1,4 @@
-"""What the vehicle is and does."""
+"""State of vehicle and rover: clock, odometry, status, and the truth of the simulator."""
 
 from enum import IntEnum
 from typing import Annotated, Literal
@@ -21,7 +21,7 @@ from jezero.schemas.struct import (
 
 
 class StatusCode(IntEnum):
-    """What the vehicle does. Source: thesis Table 3.1; 13 to 15 are jezero's own.
+    """Activity of the vehicle. Source: thesis Table 3.1; 13 to 15 are jezero's own.
 
     An action of an installed package has the codes 14 and 15; `Status.action` is its name.
     """
@@ -50,16 +50,16 @@ Geodetic = tuple[
     Annotated[float, Meta(ge=-180.0, le=180.0)],
     Annotated[float, Meta(ge=-1e5, le=1e5)],
 ]
-"""(latitude_deg, longitude_deg, altitude_m)."""
+"""Latitude in degrees, longitude in degrees, and altitude in metres, positive up."""
 
 
 class Clock(Message, frozen=True, kw_only=True):
     """Vehicle time from its one master.
 
     Attributes:
-        epoch_id: a new one says that the vehicle was lost and respawned: goals end, filters reset.
-        wall_ns: the master's monotonic clock at that moment. Where it runs on and `t_ns` doesn't, the master stood
-            still; a message that comes late is late in both.
+        epoch_id: id of the epoch. It changes when the vehicle was lost and starts again: goals end, and filters reset.
+        wall_ns: monotonic clock of the master at the same time. When it goes on and `t_ns` does not, the master stood
+            still; a message that arrives late is late in both.
     """
 
     epoch_id: int
@@ -67,15 +67,20 @@ class Clock(Message, frozen=True, kw_only=True):
 
 
 class Odometry(Message, frozen=True, kw_only=True):
-    """The autopilot's own estimate.
+    """State of the vehicle by the autopilot's own estimate, in the world frame.
 
     Attributes:
-        rates_uav_frd_rps: (3,) angular rates of the body.
-        origin_deg: geodetic position of the world frame's origin; None until the autopilot tells it.
-        reset_counter: grows by one when the autopilot moves its position in one step.
-        reset_offset_ned_m: sum of these steps so far. A point stored when the sum was `a` is now at
-            point + (sum - a).
-        std_pos_m: standard deviation of the horizontal position, None when unknown.
+        epoch_id: id of the epoch, see `Clock`.
+        pos_uav_ned_m: position of the centre of mass, lowered by the height at which it is when the vehicle stands;
+            zero at the origin of the world frame.
+        vel_uav_ned_mps: velocity over ground.
+        q_ned_from_frd: attitude as a quaternion.
+        rates_uav_frd_rps: angular rates of the body.
+        origin_deg: latitude, longitude and altitude of the world frame's origin. None until the autopilot sends them.
+        reset_counter: number of position resets so far: steps in which the autopilot corrects its position.
+        reset_offset_ned_m: sum of the steps of all position resets so far. A point that was stored with the offset `a`
+            is now at point + (offset - a).
+        std_pos_m: standard deviation of the horizontal position. None when it is unknown.
     """
 
     epoch_id: int
@@ -90,27 +95,38 @@ class Odometry(Message, frozen=True, kw_only=True):
 
 
 class Battery(Payload, frozen=True, kw_only=True):
-    """Attributes: voltage_v; remaining: 1 is full, None when unknown."""
+    """State of the battery.
+
+    Attributes:
+        voltage_v: voltage of the whole battery.
+        remaining: remaining fraction of the capacity; 1 is full. None when it is unknown.
+    """
 
     voltage_v: NonNegative
     remaining: Fraction | None = None
 
 
 class Status(Message, frozen=True, kw_only=True):
-    """The vehicle's state for everybody; written by `vehicle_bridge` only.
+    """State of the vehicle and of its control, published by `vehicle_bridge` only.
 
     Attributes:
-        code: integer of `StatusCode`; `name` is its name.
-        odometry: in the world frame; None until the autopilot sends some.
-        landed: the autopilot's land detector.
-        autopilot_mode: the autopilot's own word, e.g. "OFFBOARD"; "" when there is no link.
-        goal_id: id of the goal in charge, else "".
-        action: name of that goal's action, else "".
-        control_id: id of the control that the goal has, else "".
-        bridge_boot_id: differs between two runs of the bridge.
-        grants: how often this run of the bridge has given control to a goal.
-        ready: a takeoff would be accepted now, or the vehicle flies; `not_ready_reason` says what is missing.
-        text: the last event worth telling, in words.
+        code: status code, a number of `StatusCode`.
+        name: name of the status code.
+        odometry: newest odometry, in the world frame. None until the autopilot sends one.
+        armed: the autopilot has armed the motors.
+        landed: the autopilot's land detector reports that the vehicle stands on something.
+        autopilot_mode: flight mode in the autopilot's own words, such as "OFFBOARD"; "" without a link.
+        in_charge: source of the present setpoints: nobody, a goal, a hover, somebody external, or a failsafe.
+        goal_id: id of the goal in charge; "" without one.
+        action: name of the action of the goal in charge; "" without one.
+        control_id: control id of the grant of the goal in charge; "" without one.
+        bridge_boot_id: id of this run of the bridge; every run has another one.
+        grants: number of grants in this run of the bridge.
+        epoch_id: id of the epoch, see `Clock`.
+        ready: a takeoff would be accepted now, or the vehicle flies.
+        not_ready_reason: reason why the vehicle is not ready, for people; "" for a ready one.
+        battery: state of the battery. None until the autopilot sends it.
+        text: last event, for people.
     """
 
     code: Annotated[int, Meta(ge=0, le=15)]
@@ -133,7 +149,18 @@ class Status(Message, frozen=True, kw_only=True):
 
 
 class TruePoses(Message, frozen=True, kw_only=True):
-    """How vehicle and rover lie and move, without any sensor's error."""
+    """True poses and motion of vehicle and rover, without any sensor's error.
+
+    Attributes:
+        epoch_id: id of the epoch, see `Clock`.
+        pos_uav_ned_m: position of the vehicle.
+        vel_uav_ned_mps: velocity of the vehicle.
+        q_ned_from_frd: attitude of the vehicle as a quaternion.
+        rates_uav_frd_rps: angular rates of the vehicle's body.
+        pos_rover_ned_m: position of the platform.
+        vel_rover_ned_mps: velocity of the rover.
+        yaw_rover_rad: heading of the rover.
+    """
 
     epoch_id: int
     pos_uav_ned_m: PositionNed
@@ -146,12 +173,14 @@ class TruePoses(Message, frozen=True, kw_only=True):
 
 
 class Truth(TruePoses, frozen=True, kw_only=True):
-    """What the simulator knows. For recordings, plots and figures only: nothing that flies may read it.
+    """True state in the simulator, for recordings, plots and judges only: nothing that flies may read it.
 
-    Positions are in the simulator's NED frame, whose origin is where the vehicle first stood; the world frame
-    differs from it by the autopilot's error.
+    Positions are in the simulator's NED frame, whose origin is where the vehicle first stood; the world frame differs
+    from it by the autopilot's error. As in `Relative`, vehicle and platform have the same position when the vehicle
+    stands on the middle of the platform.
 
     Attributes:
+        wind_ned_mps: velocity of the air.
         contact_force_n: sum of the normal forces on the vehicle.
         armed_motors: at least one rotor is driven.
     """
@@ -162,9 +191,9 @@ class Truth(TruePoses, frozen=True, kw_only=True):
 
 
 class Scene(TruePoses, frozen=True, kw_only=True):
-    """What there is to see at one exposure, for the camera alone; `t_ns` is its middle. As `Truth`, nothing that
-    flies may read it.
+    """True poses at one exposure, for the camera only: nothing that flies may read them. `t_ns` is the middle of the
+    exposure.
 
-    Positions are in the simulator's map, NED with its origin in the middle of the terrain: of the vehicle's centre of
-    mass and of the middle of the platform's top.
+    Positions are in the simulator's map, NED with its origin in the middle of the terrain. That of the vehicle is its
+    centre of mass, that of the rover the centre of the platform's surface.
     """

@@ -7,14 +7,14 @@ from msgspec import Meta
 
 
 class Payload(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Anything that travels on the bus. Decoding refuses unknown fields and values out of range."""
+    """Base of everything that travels on the bus. Decoding refuses unknown fields and values out of range."""
 
 
 class Message(Payload, frozen=True, kw_only=True):
-    """A payload of a topic.
+    """Payload of a topic.
 
     Attributes:
-        t_ns: vehicle time in ns at which the content was true.
+        t_ns: vehicle time at which the content was true.
     """
 
     t_ns: "TimeNs"
@@ -28,7 +28,7 @@ class WithAttachment:
     Attributes:
         width_px: number of columns.
         height_px: number of rows.
-        pixels: rows from the top, three bytes red, green, blue each.
+        pixels: rows from the top, three bytes per pixel: red, green, blue.
     """
 
     __slots__ = ()
@@ -42,14 +42,14 @@ class WithAttachment:
         return self.pixels
 
     def with_attachment(self, data: bytes) -> Self:
-        """The same payload with another attachment, which is checked by `check_attachment` only."""
+        """Copy of the payload with another attachment, which only `check_attachment` checks."""
         return msgspec.structs.replace(self, pixels=data)  # type: ignore[type-var]
 
     def check_attachment(self) -> None:
         """Compare the attachment with the other fields.
 
         Raises:
-            ValueError: it has not three bytes for each pixel.
+            ValueError: the attachment does not have three bytes for each pixel.
         """
         if len(self.pixels) != 3 * self.width_px * self.height_px:
             size = f"{self.width_px} x {self.height_px}"
@@ -60,9 +60,10 @@ TimeNs = Annotated[int, Meta(ge=0, le=2**62)]
 """Vehicle time in ns since the time master's start."""
 
 Finite = Annotated[float, Meta(ge=-1e12, le=1e12)]
-"""Any finite number: the bounds also refuse NaN and infinity."""
+"""Any finite number; the bounds also refuse NaN and infinity."""
 
 NonNegative = Annotated[float, Meta(ge=0.0, le=1e12)]
+"""Finite number from 0."""
 Position = Annotated[float, Meta(ge=-1e6, le=1e6)]
 """Coordinate in metres."""
 Speed = Annotated[float, Meta(ge=-1e3, le=1e3)]
@@ -72,6 +73,7 @@ Angle = Annotated[float, Meta(ge=-6.2832, le=6.2832)]
 Unit = Annotated[float, Meta(ge=-1.0001, le=1.0001)]
 """Component of a unit vector or quaternion."""
 Fraction = Annotated[float, Meta(ge=0.0, le=1.0)]
+"""Number from 0 to 1."""
 
 PositionNed = tuple[Position, Position, Position]
 VelocityNed = tuple[Speed, Speed, Speed]
@@ -80,6 +82,6 @@ QuatNedFromFrd = tuple[Unit, Unit, Unit, Unit]
 Vector = tuple[Finite, Finite, Finite]
 
 Name = Annotated[str, Meta(max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
-"""An identifier that is safe within a key."""
+"""Identifier that is safe within a key."""
 Text = Annotated[str, Meta(max_length=2000)]
 """A sentence for people."""

@@ -18,12 +18,12 @@ R = TypeVar("R", bound=Payload)
 
 @dataclass(frozen=True)
 class Topic(Generic[M]):
-    """A key that messages are published on.
+    """Key on which messages are published.
 
     Attributes:
         name: the key without `jezero/<vehicle>/`.
         type: type of its messages, for decoding; a generic struct has its arguments.
-        rate_hz: nominal rate of publishing; None for messages that are published on events only.
+        rate_hz: nominal rate of publishing. None for messages that are published on events only.
         writer: name of the one service that publishes it; `GOAL_IN_CHARGE` or `CLIENTS` where that changes.
         delivery: `newest` may drop messages on a congested network; `all` waits.
     """
@@ -36,12 +36,12 @@ class Topic(Generic[M]):
 
     @cached_property
     def struct(self) -> Any:
-        """The class of its messages: `type` without arguments."""
+        """Class of the messages: `type` without its arguments."""
         return get_origin(self.type) or self.type
 
 
 GOAL_IN_CHARGE = "the goal in charge"
-"""Writer of a topic that each action server declares, and that only the one whose goal has control publishes."""
+"""Writer of a topic that each action server declares; only the server whose goal has control publishes it."""
 CLIENTS = "clients"
 """Writer of a topic that is published by programs outside the stack: the command line, the SDK, any Zenoh client."""
 EVERY_ACTION = "every action server"
@@ -50,15 +50,15 @@ EVERY_ACTION = "every action server"
 
 @dataclass(frozen=True)
 class Endpoint(Generic[Q, R]):
-    """A key that requests are sent to.
+    """Key to which requests are sent.
 
     Attributes:
         name: the key without `jezero/<vehicle>/`.
         request_type: type of each request.
         reply_type: type (or union of types) of each reply.
         server: name of the one service that replies; `EVERY_ACTION` where each action server replies.
-        refuse: makes the reply to a request that can't be decoded or served, from the reason.
-        shared: several servers reply on this key, each with what it knows.
+        refuse: function that makes the reply to a request that can't be decoded or served, from the reason.
+        shared: several servers reply on this key, each for its own goals.
     """
 
     name: str
@@ -74,7 +74,12 @@ class Action(Generic[Q]):
     """One action: its goal, its feedback, its result, and the endpoints that its server declares.
 
     Attributes:
-        takes_pictures: whether its server also declares `image`.
+        name: name of the action, its server and its keys.
+        goal_type: type of a goal.
+        feedback_type: type of the feedback.
+        result_type: type of the result.
+        phase: phase of the setpoints, from which the status code follows.
+        takes_pictures: whether the server also declares `image`.
     """
 
     name: str
@@ -86,6 +91,7 @@ class Action(Generic[Q]):
 
     @cached_property
     def endpoint(self) -> Endpoint[Q, actions.Rejected]:
+        """Endpoint of goals, with a stream of replies to each."""
         replies = (
             actions.Accepted
             | actions.Rejected
@@ -98,6 +104,7 @@ class Action(Generic[Q]):
 
     @cached_property
     def cancel(self) -> Endpoint[actions.Cancel, actions.CancelReply]:
+        """Endpoint that ends a goal."""
         return Endpoint(
             f"@action/{self.name}/cancel",
             actions.Cancel,
@@ -108,7 +115,7 @@ class Action(Generic[Q]):
 
     @cached_property
     def image(self) -> Endpoint[images.GetImage, images.ImageReply]:
-        """Replies with one picture for each request, also after the goal's end."""
+        """Endpoint of the pixels of one image, also after the goal's end."""
         return Endpoint(
             f"@action/{self.name}/image",
             images.GetImage,
@@ -241,12 +248,12 @@ ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (
 
 
 def health_of(service: str) -> Topic[health.ServiceHealth]:
-    """The topic on which a service's runtime reports at 1 Hz of wall time."""
+    """The topic on which a service's runtime publishes its health, at 1 Hz of wall time."""
     return Topic(f"health/{service}", health.ServiceHealth, 1.0, service)
 
 
 def feedback_of(action: Action[Any]) -> Topic[actions.FeedbackMessage[Any]]:
-    """The topic on which an action's feedback goes to anyone watching."""
+    """The topic on which an action's feedback is published for every subscriber."""
     message: Any = actions.FeedbackMessage[action.feedback_type]  # type: ignore[name-defined]
     return Topic(f"action/{action.name}/feedback", message, 10.0, action.name)
 

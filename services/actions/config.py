@@ -14,9 +14,18 @@ from jezero.vehicle_config import VehicleConfig
 
 
 class ActionsConfig(Config, frozen=True, kw_only=True):
-    """The tables of `deploy/config/actions.toml`, and the vehicle.
+    """Tables of `deploy/config/actions.toml`, and the vehicle.
 
     Attributes:
+        lifecycle: handling of goals.
+        capture: capture of images.
+        move: straight flights.
+        tracking: tracking of a moving reference.
+        takeoff: settings of the action `takeoff`.
+        go_to: settings of the action `go_to`.
+        get_images: settings of the action `get_images`.
+        area_coverage: settings of the action `area_coverage`.
+        land_on_spot: settings of the action `land_on_spot`.
         vehicle: the vehicle itself, with the limits of every goal; from `vehicle.toml`, no table of `actions.toml`.
     """
 

@@ -1,4 +1,4 @@
-"""Settings of the embedded autopilot. Names that PX4 has keep its names, with the unit appended."""
+"""Settings of the embedded autopilot. Settings that PX4 has too keep PX4's names, with the unit appended."""
 
 from typing import Annotated, Literal
 
@@ -17,16 +17,18 @@ class EstimatorConfig(Config, frozen=True, kw_only=True):
 
     Attributes:
         declination_rad: declination of the magnetic field at the place of flight, positive east.
-        field_horizontal_gauss: strength of its horizontal part.
+        field_horizontal_gauss: strength of the horizontal part of the magnetic field at the place of flight.
         acc_bias_walk: random walk of the accelerometer bias, m/s²/√s.
-        ekf2_gps_delay_s: age of a fix at its arrival, if it has no time stamp.
-        ekf2_gps_p_noise_m: standard deviation of one fix's horizontal position for the update. It is larger than the
+        ekf2_gps_delay_s: age of a GNSS fix at its arrival, if it has no time stamp.
+        ekf2_gps_p_noise_m: standard deviation of a fix's horizontal position for the update. It is larger than the
             position's scatter, because most of the error varies slowly.
-        ekf2_gps_v_noise_mps: standard deviation of one fix's velocity for the update.
-        ekf2_gps_p_gate_m: gate of the horizontal innovation of a fix; a larger innovation is rejected.
-        ekf2_gps_v_gate_mps: gate of the velocity innovation.
-        ekf2_baro_noise_m, ekf2_baro_gate_m: standard deviation and gate of the pressure altitude.
-        ekf2_head_noise_rad, ekf2_head_gate_rad: standard deviation and gate of the magnetic heading.
+        ekf2_gps_v_noise_mps: standard deviation of a fix's velocity for the update.
+        ekf2_gps_p_gate_m: gate of a fix's horizontal innovation; a fix with a larger one is rejected.
+        ekf2_gps_v_gate_mps: gate of a fix's velocity innovation; a fix with a larger one is rejected.
+        ekf2_baro_noise_m: standard deviation of the pressure altitude for the update.
+        ekf2_baro_gate_m: gate of the pressure altitude's innovation; a reading with a larger one is rejected.
+        ekf2_head_noise_rad: standard deviation of the magnetic heading for the update.
+        ekf2_head_gate_rad: gate of the magnetic heading's innovation; a reading with a larger one is rejected.
     """
 
     declination_rad: Annotated[float, Meta(ge=-3.15, le=3.15)] = 0.0555
@@ -44,18 +46,32 @@ class EstimatorConfig(Config, frozen=True, kw_only=True):
 
 
 class ControlConfig(Config, frozen=True, kw_only=True):
-    """Gains and limits of the cascade position, velocity, attitude, rate.
+    """Gains and limits of the cascaded controllers of position, velocity, attitude and rate.
 
     Attributes:
-        mpc_xy_p, mpc_z_p: velocity per metre of position error, 1/s.
+        mpc_xy_p: horizontal velocity per position error, 1/s.
+        mpc_z_p: vertical velocity per position error, 1/s.
         mpc_acc_hor_mps2: deceleration assumed on the way to a distant position setpoint.
-        mpc_xy_vel_p_acc, mpc_z_vel_p_acc: acceleration per velocity error, 1/s; `_i_` 1/s², `_d_` on acceleration.
+        mpc_xy_vel_max_mps: maximum horizontal speed.
+        mpc_z_vel_max_up_mps: maximum speed upwards.
+        mpc_z_vel_max_dn_mps: maximum speed downwards.
+        mpc_xy_vel_p_acc: horizontal acceleration per velocity error, 1/s.
+        mpc_xy_vel_i_acc: horizontal acceleration per integrated velocity error, 1/s².
+        mpc_xy_vel_d_acc: factor of the measured horizontal acceleration that is subtracted for damping.
+        mpc_z_vel_p_acc: vertical acceleration per velocity error, 1/s.
+        mpc_z_vel_i_acc: vertical acceleration per integrated velocity error, 1/s².
+        mpc_z_vel_d_acc: factor of the measured vertical acceleration that is subtracted for damping.
+        mpc_tiltmax_air_rad: maximum tilt in the air.
         mpc_thr_hover: hover thrust as a fraction of full thrust; with the mass it gives each rotor's full thrust.
         mpc_thr_min: minimum thrust in flight as a fraction of full thrust.
-        mc_rollpitch_p, mc_yaw_p: body rate per attitude error, 1/s.
-        mpc_tko_ramp_t_s: at takeoff the thrust limit rises from zero to full in this time.
-        mpc_tko_speed_mps: climb of the takeoff mode.
-        mpc_land_speed_mps: descent of the land mode below `mpc_land_alt2_m` above home.
+        mc_rollpitch_p: roll and pitch rate per attitude error, 1/s.
+        mc_yaw_p: yaw rate per attitude error, 1/s.
+        mc_rollpitchrate_max_rps: maximum rate about the roll axis and about the pitch axis.
+        mc_yawrate_max_rps: maximum yaw rate.
+        mpc_tko_ramp_t_s: time in which the thrust limit rises from zero to full at takeoff.
+        mpc_tko_speed_mps: climb speed of the takeoff mode.
+        mpc_land_speed_mps: descent speed of the land mode below `mpc_land_alt2_m`.
+        mpc_land_alt2_m: height above home below which the land mode descends at `mpc_land_speed_mps`.
     """
 
     mpc_xy_p: Positive = 1.0
@@ -84,10 +100,13 @@ class ControlConfig(Config, frozen=True, kw_only=True):
 
 
 class LandDetectorConfig(Config, frozen=True, kw_only=True):
-    """Thresholds of the land detector; see `land_detector`.
+    """Thresholds of the land detector. Source: PX4's `MulticopterLandDetector`.
 
     Attributes:
-        landed_s: duration of the conditions of the last stage.
+        lndmc_z_vel_max_mps: vertical speed above which the vehicle is not landed.
+        lndmc_xy_vel_max_mps: horizontal speed above which the vehicle is not landed.
+        lndmc_rot_max_rps: angular rate above which the vehicle is not landed.
+        landed_s: time in the stage `maybe landed` (low thrust, no motion) after which the vehicle counts as landed.
     """
 
     lndmc_z_vel_max_mps: Positive = 0.25
@@ -109,19 +128,23 @@ class CommanderConfig(Config, frozen=True, kw_only=True):
 
 
 class FailsafeConfig(Config, frozen=True, kw_only=True):
-    """Triggers and actions of failsafes; see `failsafes`.
+    """Triggers and actions of the failsafes; docs/reliability.md has a table of both.
 
     Attributes:
         com_of_loss_t_s: time-out of offboard setpoints.
         com_obl_rc_act: action on lost setpoints: 0 to 2 land instead of a pilot, 3 return, 4 land, 5 hold, 6 and 7
             disarm.
-        com_dl_loss_t_s: time without a connection to a ground station.
+        com_dl_loss_t_s: time without a connection to a ground station that counts as a lost one.
         nav_dll_act: action on a lost ground station: 0 none, 1 hold, 2 return, 3 land, 5 and 6 disarm.
-        com_low_bat_act: 0 warn, 2 land, 3 return at the critical and land at the emergency level.
-        bat_low_thr, bat_crit_thr, bat_emergen_thr: remaining fraction of the battery at each level.
-        com_pos_fs_eph_m: maximum horizontal standard deviation of the position.
+        com_low_bat_act: action at the critical and the emergency level of the battery: 0 warn, 2 land, 3 return at the
+            critical level and land at the emergency level.
+        bat_low_thr: remaining fraction of the battery at the low level, which gives a warning.
+        bat_crit_thr: remaining fraction of the battery at the critical level, below which arming is refused too.
+        bat_emergen_thr: remaining fraction of the battery at the emergency level.
+        com_pos_fs_eph_m: maximum standard deviation of the horizontal position.
         ekf2_noaid_tout_s: time-out of GNSS fixes.
-        fd_fail_tilt_rad, fd_fail_s: tilt of the failure detector, and its duration.
+        fd_fail_tilt_rad: maximum tilt; a vehicle with a larger one for `fd_fail_s` is disarmed by the failure detector.
+        fd_fail_s: time with a larger tilt than `fd_fail_tilt_rad` after which the failure detector disarms the vehicle.
     """
 
     com_of_loss_t_s: Positive = 1.0
@@ -144,7 +167,8 @@ class NavigatorConfig(Config, frozen=True, kw_only=True):
     Attributes:
         mis_takeoff_alt_m: height above the vehicle of a takeoff whose command gives no height.
         rtl_return_alt_m: height of the return above home, unless the vehicle is higher.
-        rtl_min_dist_m: within this distance of home, a cone of half angle `rtl_cone_ang_rad` limits the height.
+        rtl_min_dist_m: distance from home within which the height of the return is limited by a cone above home.
+        rtl_cone_ang_rad: half angle of the cone that limits the height of the return near home; its tip is at home.
     """
 
     mis_takeoff_alt_m: Positive = 2.5
@@ -154,7 +178,7 @@ class NavigatorConfig(Config, frozen=True, kw_only=True):
 
 
 class TelemetryConfig(Config, frozen=True, kw_only=True):
-    """Telemetry.
+    """Telemetry streams.
 
     Attributes:
         interval_min_s: minimum interval of a stream, whatever SET_MESSAGE_INTERVAL requests; PX4 also limits the rates.
@@ -179,8 +203,17 @@ class AutopilotConfig(Config, frozen=True, kw_only=True):
     """Settings of the service, `deploy/config/autopilot.toml`.
 
     Attributes:
-        autopilot: the autopilot to run; PX4 has settings of its own. JEZERO_AUTOPILOT overrides this.
+        autopilot: the autopilot to run; PX4 has settings of its own. The environment variable `JEZERO_AUTOPILOT`
+            overrides this setting.
+        estimator: the error-state Kalman filter.
+        control: gains and limits of the controllers.
+        land_detector: thresholds of the land detector.
+        commander: automatic disarming.
+        failsafe: triggers and actions of the failsafes.
+        navigator: takeoff and return.
         charge_at_start: remaining fraction of the battery's capacity at the start.
+        telemetry: telemetry streams.
+        signing: MAVLink 2 signing.
     """
 
     autopilot: Literal["embedded", "px4"] = "embedded"

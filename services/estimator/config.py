@@ -10,27 +10,28 @@ Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 
 
 class Tuning(Config, frozen=True, kw_only=True):
-    """Inputs to use, and the noise of sensors and motion; readable and settable while the estimator runs.
+    """Selection of the inputs, and standard deviations of sensors and motion; readable and settable while the estimator
+    runs.
 
     Source: thesis §4.3.1. Each standard deviation is that of one measurement, unless stated otherwise.
 
     Attributes:
-        use_uwb: fuse UWB ranges, unless a goal's lease says otherwise.
-        use_tag: fuse tag detections, unless a goal's lease says otherwise.
+        use_uwb: fuse UWB ranges, unless a goal leases another selection.
+        use_tag: fuse tag detections, unless a goal leases another selection.
         std_rover_m: standard deviation of a given prior position of the rover, on each axis.
-        std_uwb_m: standard deviation of a range; larger than its white noise, as each anchor also has a bias.
+        std_uwb_m: standard deviation of a UWB range; larger than its white noise, as each anchor also has a bias.
         scale_std_tag: factor on the standard deviations that the tag detector reports.
-        std_altimeter_m: standard deviation of the laser range.
+        std_altimeter_m: standard deviation of the altimeter's range.
         std_yaw_rover_rad: standard deviation of the rover's compass.
         std_yaw_rate_rover_rps: standard deviation of the rover's yaw rate.
         std_speed_rover_mps: standard deviation of the rover's speed.
         std_tilt_rad: standard deviation of the constant part of the vehicle's tilt error.
         std_heading_rad: standard deviation of the constant part of the vehicle's heading error.
-        std_vel_uav_mps: standard deviation of the slow error of the autopilot's velocity.
-        tau_vel_uav_s: time constant of that error.
+        std_vel_uav_mps: standard deviation of the slowly varying error of the autopilot's velocity.
+        tau_vel_uav_s: time constant of the slowly varying error of the autopilot's velocity.
         psd_acc_uav_m2ps3: power spectral density of the vehicle's acceleration (process noise).
         psd_acc_rover_m2ps3: power spectral density of the rover's acceleration (process noise).
-        rate_relative_hz: greatest rate at which the estimate is published.
+        rate_relative_hz: maximum rate at which `estimate/relative` is published.
     """
 
     use_uwb: bool = True
@@ -55,14 +56,15 @@ class ValidityConfig(Config, frozen=True, kw_only=True):
     """Limits on the age, innovation and covariance beyond which a measurement or the estimate is rejected.
 
     Attributes:
-        max_age_s: a measurement that is older on arrival is dropped.
-        max_lead_s: a measurement whose time stamp is further in the future is dropped.
-        gate: innovation gate, as chi-square quantiles for one and for three degrees of freedom; a measurement whose
-            normalised squared innovation exceeds it is rejected.
-        rejection_timeout_s: after an input was rejected for this time, the filter is reset to it.
-        aiding_timeout_s: the estimate is invalid when neither UWB nor tag was fused for this time.
-        std_pos_max_m: the estimate is invalid when the position's standard deviation exceeds this on any axis.
-        odometry_timeout_s: the estimate is invalid when no odometry arrived for this time.
+        max_age_s: maximum age of a measurement at its arrival; an older one is dropped.
+        max_lead_s: maximum time by which a measurement's time stamp may be in the future; one with more is dropped.
+        gate: innovation gates, as chi-square quantiles for one and for three degrees of freedom; a measurement whose
+            normalised squared innovation is larger is rejected.
+        rejection_timeout_s: time for which an input may be rejected; then the filter is reset to it.
+        aiding_timeout_s: time without a fused UWB range or tag after which the estimate is invalid.
+        std_pos_max_m: maximum standard deviation of the position on any axis; with a larger one the estimate is
+            invalid.
+        odometry_timeout_s: time without odometry after which the estimate is invalid.
     """
 
     max_age_s: Positive = 0.4
@@ -75,7 +77,12 @@ class ValidityConfig(Config, frozen=True, kw_only=True):
 
 
 class EstimatorConfig(Config, frozen=True, kw_only=True):
-    """Tables of `estimator.toml`."""
+    """Tables of `estimator.toml`.
+
+    Attributes:
+        tuning: inputs, standard deviations and rate, which can be changed in flight.
+        validity: limits of valid measurements and estimates.
+    """
 
     tuning: Tuning = Tuning()
     validity: ValidityConfig = ValidityConfig()

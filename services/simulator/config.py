@@ -1,6 +1,6 @@
-"""Settings of the simulated world and of the errors of its sensors; what the robot is stands in `vehicle.toml`.
+"""Settings of the simulated world and of the errors of its sensors. The robot itself is described in `vehicle.toml`.
 
-Frame: `map` is NED with its origin at the middle of the terrain, at the height the terrain was levelled to there.
+Frame: `map` is NED with its origin in the middle of the terrain, on the ground, which is levelled there.
 """
 
 from typing import Annotated, Literal
@@ -23,6 +23,12 @@ class OriginConfig(Config, frozen=True, kw_only=True):
     """Geodetic position of the map's origin, and the magnetic field there.
 
     The autopilot compares the field with its own model of the place, so both belong together.
+
+    Attributes:
+        latitude_deg: latitude, positive north.
+        longitude_deg: longitude, positive east.
+        altitude_m: altitude above sea level.
+        field_ned_gauss: magnetic field at the map's origin.
     """
 
     latitude_deg: Annotated[float, Meta(ge=-85.0, le=85.0)] = 47.397742
@@ -47,7 +53,7 @@ class TerrainConfig(Config, frozen=True, kw_only=True):
         rocks: number of rocks, half buried, none within 8 m of the origin.
         radius_rock_min_m: smallest radius of a rock.
         radius_rock_max_m: greatest radius of a rock.
-        friction: times the friction of the vehicle's feet is the friction coefficient.
+        friction: friction of the ground; the friction coefficient is its product with `friction_feet` of the vehicle.
     """
 
     seed: Annotated[int, Meta(ge=0)] = 1
@@ -79,18 +85,20 @@ class UavConfig(Config, frozen=True, kw_only=True):
     """Start of the vehicle, its motors, the drag of its body, and its legs.
 
     Attributes:
-        start: "ground": on the map's origin. "platform": on the middle of the rover's platform.
-        start_yaw_rad: heading at the start.
-        thrust_to_weight: thrust at full command on all motors; thrust is proportional to the command.
+        start: "ground" starts on the map's origin, "platform" on the middle of the rover's platform.
+        start_yaw_rad: heading at the start, clockwise from north.
+        thrust_to_weight: ratio of the thrust at full command on all motors to the weight; the thrust is proportional to
+            the command.
         tau_motor_s: time constant of the first-order lag of a rotor's speed.
-        drag_rotors_nspm: drag in the rotors' plane per m/s of airspeed, in hover; grows with the rotors' speed.
+        drag_rotors_nspm: drag in the rotors' plane per m/s of airspeed, in hover; it grows with the rotors' speed.
         drag_area_side_m2: drag area of the body seen from the side, drag coefficient included.
         drag_area_top_m2: drag area of the body seen from above, drag coefficient included.
-        damping_rates_nms: moment against turning, per rad/s.
+        damping_rates_nms: moment against a rotation, per rad/s.
         sag_legs_m: height by which the legs give way under the vehicle's weight.
         stiffness_foot_npm: spring constant of each leg.
         damping_foot_nspm: damping constant of each leg.
-        friction_feet: times the friction of the ground or the platform is the friction coefficient.
+        friction_feet: friction of the feet; the friction coefficient is its product with that of the ground or the
+            platform.
     """
 
     start: Literal["ground", "platform"] = "ground"
@@ -111,13 +119,14 @@ class RoverConfig(Config, frozen=True, kw_only=True):
     """Start and motion of the rover.
 
     Attributes:
-        start_north_m: north of the map's origin; the platform's height follows from the ground there.
-        start_east_m: east of the map's origin.
-        start_yaw_rad: heading at the start.
-        friction_platform: times the friction of the vehicle's feet is the friction coefficient.
-        acc_max_mps2: greatest change of the speed.
-        acc_yaw_max_rps2: greatest change of the yaw rate.
-        command_timeout_s: the rover stops when no command has arrived for this time.
+        start_north_m: start position, north of the map's origin; its height follows from the ground there.
+        start_east_m: start position, east of the map's origin.
+        start_yaw_rad: heading at the start, clockwise from north.
+        friction_platform: friction of the platform; the friction coefficient is its product with `friction_feet` of the
+            vehicle.
+        acc_max_mps2: maximum acceleration.
+        acc_yaw_max_rps2: maximum yaw acceleration.
+        command_timeout_s: time without a command after which the rover stops.
     """
 
     start_north_m: Coordinate = 5.0
@@ -130,9 +139,20 @@ class RoverConfig(Config, frozen=True, kw_only=True):
 
 
 class ImuConfig(Config, frozen=True, kw_only=True):
-    """White noise of each 250 Hz sample, and a slowly varying bias that is random at the start.
+    """Errors of the IMU.
 
-    The autopilot gets all 250 samples a second without delay; rate and delay are those on the bus.
+    The autopilot gets all 250 readings a second without delay; rate and delay are those on the bus.
+
+    Attributes:
+        rate_hz: readings per second on the bus.
+        delay_s: time until a reading arrives on the bus.
+        std_acc_mps2: standard deviation of the white noise of the specific force at 250 Hz, on each axis.
+        std_bias_acc_mps2: standard deviation of the slowly varying bias of the specific force, on each axis.
+        std_gyro_rps: standard deviation of the white noise of the angular rate at 250 Hz, on each axis.
+        std_bias_gyro_rps: standard deviation of the slowly varying bias of the angular rate, on each axis.
+        tau_bias_s: time constant of both biases.
+        limit_acc_mps2: largest specific force that is measured, on each axis.
+        limit_gyro_rps: largest angular rate that is measured, on each axis.
     """
 
     rate_hz: Rate = 50.0
@@ -147,7 +167,19 @@ class ImuConfig(Config, frozen=True, kw_only=True):
 
 
 class GnssConfig(Config, frozen=True, kw_only=True):
-    """White noise of each fix and a slowly varying error; the receiver claims both, rounded up."""
+    """Errors of the GNSS receiver. The standard deviations that it reports contain noise and bias, rounded up to 0.1 m.
+
+    Attributes:
+        rate_hz: fixes per second.
+        delay_s: time until a fix arrives.
+        std_horizontal_m: standard deviation of the white noise of the north and of the east position.
+        std_vertical_m: standard deviation of the white noise of the altitude.
+        std_bias_horizontal_m: standard deviation of the slowly varying error of the north and of the east position.
+        std_bias_vertical_m: standard deviation of the slowly varying error of the altitude.
+        tau_bias_s: time constant of the slowly varying errors.
+        std_velocity_mps: standard deviation of the white noise of the velocity, on each axis.
+        satellites: reported number of satellites.
+    """
 
     rate_hz: Rate = 10.0
     delay_s: Delay = 0.1
@@ -164,8 +196,13 @@ class BarometerConfig(Config, frozen=True, kw_only=True):
     """Errors of the barometer.
 
     Attributes:
-        rate_hz: readings per second on the bus, a part of those that the autopilot gets.
+        rate_hz: readings per second on the bus, a subset of those that the autopilot gets.
         rate_hil_hz: readings per second that the autopilot gets.
+        delay_s: time until a reading arrives on the bus.
+        std_pressure_pa: standard deviation of the white noise of the pressure.
+        std_bias_pa: standard deviation of the slowly varying error of the pressure.
+        tau_bias_s: time constant of the slowly varying error.
+        temperature_degc: reported temperature of the air.
     """
 
     rate_hz: Rate = 10.0
@@ -181,9 +218,13 @@ class MagnetometerConfig(Config, frozen=True, kw_only=True):
     """Errors of the magnetometer.
 
     Attributes:
-        rate_hz: readings per second on the bus, a part of those that the autopilot gets.
+        rate_hz: readings per second on the bus, a subset of those that the autopilot gets.
         rate_hil_hz: readings per second that the autopilot gets.
-        std_bias_gauss: rest of the hard-iron error after calibration.
+        delay_s: time until a reading arrives on the bus.
+        std_gauss: standard deviation of the white noise of the field, on each axis.
+        std_bias_gauss: standard deviation of the slowly varying hard-iron error that is left after the calibration, on
+            each axis.
+        tau_bias_s: time constant of the slowly varying error.
     """
 
     rate_hz: Rate = 10.0
@@ -195,7 +236,15 @@ class MagnetometerConfig(Config, frozen=True, kw_only=True):
 
 
 class AltimeterConfig(Config, frozen=True, kw_only=True):
-    """Errors of the laser altimeter."""
+    """Errors of the laser altimeter.
+
+    Attributes:
+        rate_hz: ranges per second.
+        delay_s: time until a range arrives.
+        std_m: standard deviation of the white noise of a range.
+        std_bias_m: standard deviation of the slowly varying error of the range.
+        tau_bias_s: time constant of the slowly varying error.
+    """
 
     rate_hz: Rate = 25.0
     delay_s: Delay = 0.02
@@ -205,11 +254,16 @@ class AltimeterConfig(Config, frozen=True, kw_only=True):
 
 
 class UwbConfig(Config, frozen=True, kw_only=True):
-    """Errors of the UWB ranges; each anchor has a bias of its own.
+    """Errors of the UWB ranges.
 
     Attributes:
+        rate_hz: rounds per second, each with a range to every anchor.
+        delay_s: time until a round arrives.
+        std_m: standard deviation of the white noise of a range.
+        std_bias_m: standard deviation of the slowly varying error of the range, which differs between anchors.
+        tau_bias_s: time constant of the slowly varying errors.
         slot_s: time between the ranges of two anchors.
-        share_blocked: share of the ranges that are measured along a detour, as there is no line of sight.
+        share_blocked: fraction of the ranges without a line of sight, which are measured along a detour.
         detour_min_m: smallest error of a range along a detour.
         detour_max_m: greatest error of a range along a detour.
     """
@@ -226,11 +280,18 @@ class UwbConfig(Config, frozen=True, kw_only=True):
 
 
 class RoverOdometryConfig(Config, frozen=True, kw_only=True):
-    """Wheel odometry, dead reckoned with the compass' yaw.
+    """Errors of the rover's wheel odometry and compass, with which the rover does its dead reckoning.
 
     Attributes:
-        std_scale: relative error of the wheels' radius, drawn once.
-        std_slip: slip of the wheels, relative to the speed.
+        rate_hz: readings per second.
+        delay_s: time until a reading arrives.
+        std_yaw_rad: standard deviation of the white noise of the compass.
+        std_bias_yaw_rad: standard deviation of the slowly varying error of the compass.
+        tau_bias_s: time constant of the compass' slowly varying error.
+        std_speed_mps: standard deviation of the white noise of the speed while the rover moves.
+        std_yaw_rate_rps: standard deviation of the white noise of the yaw rate.
+        std_scale: standard deviation of the relative error of the wheels' radius, constant during a run.
+        std_slip: standard deviation of the slip of the wheels, relative to the speed.
         tau_slip_s: time constant of the slip.
     """
 
@@ -250,8 +311,21 @@ class SimulatorConfig(Config, frozen=True, kw_only=True):
     """Tables of `simulator.toml`.
 
     Attributes:
-        gravity_mps2: PX4 assumes 9.81, and an Iris can't fly in the air of Mars; Mars-like is the ground.
+        gravity_mps2: gravitational acceleration. PX4 assumes 9.81, and the vehicle could not fly in the air of Mars:
+            only the ground is like that of Mars.
         density_air_kgpm3: density of the air.
+        origin: geodetic position of the map's origin.
+        terrain: shape of the ground.
+        wind: mean wind and gusts.
+        uav: start and dynamics of the vehicle.
+        rover: start and dynamics of the rover.
+        imu: errors of the IMU.
+        gnss: errors of the GNSS receiver.
+        barometer: errors of the barometer.
+        magnetometer: errors of the magnetometer.
+        altimeter: errors of the laser altimeter.
+        uwb: errors of the UWB ranges.
+        rover_odometry: errors of the rover's odometry.
     """
 
     gravity_mps2: Positive = 9.81

@@ -15,9 +15,10 @@ class VehicleBridgeConfig(Config, frozen=True, kw_only=True):
     """Rate, a limit, a time-out, and the autopilot's parameters.
 
     Attributes:
-        rate_hz: steps per second while nothing arrives; a target is streamed again at this rate, at most at 20 Hz.
-        takeoff_speed_max_mps: ground speed limit for a takeoff, as from a driving rover.
-        router_timeout_s: without the bus's router for this time, the bridge commands a landing.
+        rate_hz: steps per second while no trigger arrives; the present target is sent again at this rate, but at most
+            at 20 Hz.
+        takeoff_speed_max_mps: maximum ground speed at which a takeoff is accepted, for a vehicle on a driving rover.
+        router_timeout_s: time without the bus's router after which the bridge commands a landing.
         parameters: parameters that are set when the autopilot first connects; 1 is an integer, 1.0 a float.
     """
 

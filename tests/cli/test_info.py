@@ -13,9 +13,9 @@ from msgspec import Meta
 
 from jezero.cli.main import main
 from jezero.cli.reference.actions import EXAMPLES
-from jezero.cli.reference.fields import Field, attributes_of, fields_of, summary_of, unit_of
+from jezero.cli.reference.fields import Field, attributes_of, description_of, fields_of, summary_of, unit_of
 from jezero.cli.reference.markdown import table
-from jezero.cli.reference.pages import PAGES
+from jezero.cli.reference.pages import PAGES, reference_page
 from jezero.client import Vehicle
 from jezero.schemas.topics import ACTIONS
 
@@ -57,6 +57,19 @@ class Example(Base, kw_only=True):
     far_m: Annotated[float, Meta(ge=-1e6, le=1e6)] = 0.0
 
 
+class Long(msgspec.Struct):
+    """A path.
+
+    It begins at the start
+    and ends at the target.
+
+    Attributes:
+        length_m: length of the path.
+    """
+
+    length_m: float
+
+
 class Short(msgspec.Struct):
     """altitude_m: above the ground; speed_mps: along the path."""
 
@@ -73,6 +86,13 @@ def test_a_page_is_printed(name: str) -> None:
     result = CliRunner().invoke(main, ["info", "page", name])
     assert result.exit_code == 0
     assert result.output.startswith("# ")
+
+
+@pytest.mark.parametrize("name", ["actions", "settings"])
+def test_every_field_on_a_page_has_a_meaning(name: str) -> None:
+    rows = [line for line in reference_page(name).splitlines() if line.startswith("| `")]
+    assert rows
+    assert [row for row in rows if row.endswith("|  |")] == []
 
 
 def test_a_page_without_a_name_names_the_pages() -> None:
@@ -122,6 +142,12 @@ def test_meanings_come_from_docstrings_of_the_struct_and_its_bases() -> None:
         "high": "bounds.",
     }
     assert summary_of(Example) == "An example of every kind."
+
+
+def test_a_description_has_all_paragraphs_but_those_of_fields_and_exceptions() -> None:
+    assert description_of(Long) == "A path.\n\nIt begins at the start and ends at the target."
+    assert description_of(Inner) == "One corner."
+    assert description_of(Short) == ""
 
 
 def test_a_docstring_may_hold_descriptions_of_fields_only() -> None:

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, get_origin
 
 import msgspec
 
-from jezero.cli.reference.fields import Field, fields_of, summary_of
+from jezero.cli.reference.fields import Field, description_of, fields_of
 from jezero.cli.reference.markdown import escape, table
 from jezero.plugins import all_actions
 from jezero.schemas import actions
@@ -66,18 +66,18 @@ z_get.py -m client -e tcp/127.0.0.1:7447 -o 120 \\
     -s 'jezero/uav1/@action/go_to?target_ned_m=[-1,-2,-3];speed_mps=1.5;_time=[..]'
 ```
 
-The last one is an example of zenoh-python. The fields of a goal are parameters of the selector, separated by `;`, or
-one JSON object as the payload. A value is JSON where it parses, and text otherwise. Positions are metres north, east
-and **down**, so that a negative z is up.
+`z_get.py` is an example program of zenoh-python. The fields of a goal are parameters of the selector, separated by `;`,
+or one JSON object as the payload. A value is JSON where it parses, and text otherwise. None is `null` in JSON.
 
-`frame` is the [frame](../concepts/frames-and-time.md#frames) of the positions beside it, `pos_uav_ned_m` the position
-of the vehicle, and `completed` is true after a success. A limit of 10 000 and more is left out of the ranges.
+Positions are metres north, east and **down**, so that a negative z is up.
+[Frames](../concepts/frames-and-time.md#frames) explains `world` and `rover`. Quaternions are `[w, x, y, z]`. Bounds of
+10 000 and more are left out of the ranges.
 """
 
 REPLIES: dict[Any, str] = {
-    actions.Accepted: "the first reply to a goal that will fly; `warning` names what will be done differently",
-    actions.Rejected: "the only reply to a goal that is refused; `code` is the status code at that time",
-    actions.Feedback[Any]: "ten times a second; `feedback` is that of the action",
+    actions.Accepted: "the first reply to a goal that will be flown; `warning` names a part that is done differently",
+    actions.Rejected: "the only reply to a goal that is refused; `code` is the status code of the vehicle",
+    actions.Feedback[Any]: "ten times a second while the goal is flown; `feedback` is that of the action",
     actions.Result[Any]: "the last reply to an accepted goal; `outcome` is `succeeded`, `canceled` or `aborted`",
 }
 """Replies to a goal, with their description."""
@@ -94,7 +94,7 @@ def page() -> str:
         parts += _chapter(action, common)
     parts.append("## Values inside feedback and results\n")
     parts += [
-        f"### {struct.__name__}\n\n{escape(summary_of(struct))}\n\n{_outputs(struct)}"
+        f"### {struct.__name__}\n\n{escape(description_of(struct))}\n\n{_outputs(struct)}"
         for struct in _inner_structs(found)
     ]
     return _link_goals("\n".join(parts), found)
@@ -110,7 +110,7 @@ def _link_goals(text: str, found: Iterable[Action[Any]]) -> str:
 
 def _chapter(action: Action[Any], common: list[str]) -> Iterator[str]:
     code = CODE_OF[action.phase]
-    yield f"## {action.name}\n\n{escape(summary_of(action.goal_type))}\n".replace("\n\n\n", "\n")
+    yield f"## {action.name}\n\n{escape(description_of(action.goal_type))}\n".replace("\n\n\n", "\n")
     yield f"Status {code:d} (`{code.name}`) while it flies, then {completed(code):d} (`{completed(code).name}`).\n"
     if action.name in EXAMPLES:
         yield _example(action, EXAMPLES[action.name])

@@ -19,6 +19,7 @@ UNITS = {
     "v": "V", "a": "A", "nspm": "N s/m", "nms": "N m s", "npm": "N/m", "n": "N",
 }  # fmt: skip
 """Units by the last part of a field's name."""
+_SECTIONS = re.compile(r"^(?:Attributes|Raises):$", re.MULTILINE)
 _SECTION = re.compile(r"^Attributes:\n((?:    .*\n|\n)*)", re.MULTILINE)
 _ENTRY = re.compile(r"^    (\w+(?:, \w+)*): (.*(?:\n {8,}.*)*)", re.MULTILINE)
 _SHORT_ENTRY = re.compile(r"(\w+(?:, \w+)*): (.*?)(?:; (?=\w+: )|$)", re.DOTALL)
@@ -30,12 +31,12 @@ class Field:
 
     Attributes:
         name: name of the field.
-        value: what it holds, with its unit.
+        value: kind of value, with its unit.
         range: allowed values, "" for any.
         default: value of a field that is left out; "required" for one that must be given.
         meaning: description in the struct's docstring, "" without one.
         optional: the value may be none.
-        structs: structs that its value holds.
+        structs: structs inside of the value.
     """
 
     name: str
@@ -82,6 +83,14 @@ def summary_of(struct: type) -> str:
     entry = _SHORT_ENTRY.match(first)
     names = set(getattr(struct, "__struct_fields__", ())) | {"Attributes"}
     return "" if entry and set(entry[1].split(", ")) <= names else first
+
+
+def description_of(struct: type) -> str:
+    """All paragraphs of a struct's docstring but its fields and exceptions, "" when it only describes fields."""
+    if not summary_of(struct):
+        return ""
+    text = _SECTIONS.split(inspect.cleandoc(struct.__doc__ or ""))[0]
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in text.strip().split("\n\n"))
 
 
 def attributes_of(struct: type) -> dict[str, str]:

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from jezero import deploy
-from jezero.cli.reference.fields import Field, fields_of, json_words, summary_of
+from jezero.cli.reference.fields import Field, description_of, fields_of, json_words, summary_of
 from jezero.cli.reference.markdown import escape, table
 from jezero.runtime.config import Config, Instance, load_config
 from jezero.services.actions.config import ActionsConfig
@@ -29,7 +29,7 @@ FILES: dict[str, tuple[type[Config], str]] = {
     "camera": (CameraConfig, "The simulated camera."),
     "autopilot": (
         AutopilotConfig,
-        "The embedded autopilot. Names that PX4 has keep its names, with the unit appended.",
+        "The embedded autopilot. Settings that PX4 has too keep PX4's names, with the unit appended.",
     ),
     "vehicle_bridge": (VehicleBridgeConfig, "The vehicle bridge."),
     "tag_detector": (TagDetectorConfig, "The tag detector."),
@@ -47,10 +47,9 @@ service at its start with a sentence that names it.
 
 Units are in the names. Beginnings of names: `std_` standard deviation, `tau_` time constant, `psd_` power spectral
 density, `pos_` position. Frames: `ned` north, east, down; `frd` forward, right, down of the vehicle; `rover_body`
-forward, right, down of the rover. In the simulator, `rate_hz` is the number of measurements per second and `delay_s`
-the time until one arrives; `std_…` is white noise, and `std_bias_…` with `tau_bias_s` a slowly varying error.
+forward, right, down of the rover. Bounds of 10 000 and more are left out of the ranges.
 
-Bounds of 10 000 and more are left out. An action of an installed package has a file of its own,
+An action of an installed package has a file of its own,
 [`<action>.toml`](../how-to/write-an-action.md#settings).
 """
 
@@ -70,7 +69,7 @@ def _sections(file: str, path: str, struct: type, shipped: msgspec.Struct | None
     defaults = {name: default for name, default in _defaults(struct).items() if isinstance(default, Config)}
     fields = [field for field in fields_of(struct) if field.name not in defaults]
     if fields:
-        heading = f"### {file}.toml: [{path}]\n\n{escape(summary_of(struct))}\n\n" if path else ""
+        heading = f"### {file}.toml: [{path}]\n\n{escape(description_of(struct))}\n\n" if path else ""
         yield heading + table([_row(field, struct, shipped) for field in fields]) + "\n"
     for name, inner in {inner: (field.name, inner) for field in fields for inner in field.structs}.values():
         rows = [_plain_row(field) for field in fields_of(inner)]
@@ -108,6 +107,7 @@ def _environment() -> str:
     rows = [{"variable": _variable(field)} | _plain_row(field) for field in fields_of(Instance)]
     for row in rows:
         del row["setting"]
+        row["meaning"] = row["meaning"].replace(f" ({row['variable']})", "")
     return f"## Environment\n\n{summary_of(Instance)}\n\n{table(rows)}\n"
 
 

@@ -9,12 +9,13 @@ from jezero.services.actions.motion.config import Positive
 
 
 class AreaCoverageConfig(Config, frozen=True, kw_only=True):
-    """A flight over all of an area.
+    """Flight over an area in lines.
 
     Attributes:
-        speed_mps: along the lines, when the goal names none.
-        acceleration_mps2: in turns, speeding up and braking.
-        pictures_max: a goal that needs more is refused, because its result would be too long to send.
+        speed_mps: speed along the lines for a goal without `speed_mps`.
+        acceleration_mps2: acceleration in turns, when speeding up and when braking.
+        pictures_max: maximum number of images; a goal that needs more is refused, because its result would be too long
+            to send.
     """
 
     speed_mps: Positive = 1.0

@@ -5,13 +5,13 @@ from jezero.services.actions.motion.config import Positive
 
 
 class GetImagesConfig(Config, frozen=True, kw_only=True):
-    """A flight around a target.
+    """Flight on a circle around a target.
 
     Attributes:
-        speed_mps: along the circle, when the goal names none.
-        acceleration_mps2: along the circle, speeding up and braking.
-        inwards_max_mps2: greatest centripetal acceleration; small circles are flown more slowly.
-        radius_min_m: smaller circles are refused.
+        speed_mps: speed along the circle for a goal without `speed_mps`.
+        acceleration_mps2: acceleration along the circle, when speeding up and when braking.
+        inwards_max_mps2: maximum centripetal acceleration; small circles are flown more slowly.
+        radius_min_m: minimum radius; a goal with a smaller circle is refused.
     """
 
     speed_mps: Positive = 1.0

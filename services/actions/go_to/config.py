@@ -5,11 +5,11 @@ from jezero.services.actions.motion.config import Positive
 
 
 class GoToConfig(Config, frozen=True, kw_only=True):
-    """A straight flight to a target.
+    """Straight flight to a target.
 
     Attributes:
-        speed_mps: when the goal names none, and on the way to an orbit or an area.
-        takeoff_altitude_m: of the takeoff that comes first with `do_takeoff`.
+        speed_mps: speed for a goal without `speed_mps`, and on the way to a circle or an area.
+        takeoff_altitude_m: altitude of the takeoff with `do_takeoff`, above the take-off point.
     """
 
     speed_mps: Positive = 2.0

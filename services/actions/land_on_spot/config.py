@@ -9,14 +9,14 @@ from jezero.services.actions.motion.config import Positive
 
 
 class PlainLandingConfig(Config, frozen=True, kw_only=True):
-    """Landing on a spot by the vehicle's own position, without UWB and marker.
+    """Landing on a spot by the vehicle's own position, without UWB and tags. Heights are over ground.
 
     Attributes:
-        approach_height_min_m: over ground; lower vehicles climb to it before they fly to the spot.
-        speed_high_mps: descent above the slow height.
-        speed_low_mps: descent below the slow height.
-        slow_height_m: over ground by the laser altimeter.
-        push_mps: downward speed after contact. Source: spec §8.
+        approach_height_min_m: minimum height of the flight to the spot; a lower vehicle climbs to it first.
+        speed_high_mps: descent speed above `slow_height_m`.
+        speed_low_mps: descent speed below `slow_height_m`.
+        slow_height_m: height by the laser altimeter at which the descent becomes slow.
+        push_mps: commanded downward speed after contact.
     """
 
     approach_height_min_m: Positive = 1.5
@@ -27,13 +27,14 @@ class PlainLandingConfig(Config, frozen=True, kw_only=True):
 
 
 class PlatformControlConfig(Config, frozen=True, kw_only=True):
-    """Velocity over the platform from the relative pose: proportional and integral part, and the platform's motion.
+    """PI control of the horizontal position over the platform, with the platform's velocity fed forward.
 
     Attributes:
-        gain_far_1ps: speed per metre of error far away; in between the gain is interpolated.
-        gain_near_1ps: speed per metre of error near the platform's middle.
-        gain_integral_1ps2: speed per integrated error.
-        speed_max_mps: towards the platform.
+        gain_far_1ps: speed per position error far away from the platform's middle; in between, the gain is
+            interpolated.
+        gain_near_1ps: speed per position error near the platform's middle.
+        gain_integral_1ps2: speed per integrated position error.
+        speed_max_mps: maximum speed towards the platform.
     """
 
     gain_far_1ps: Positive = 0.7
@@ -46,9 +47,11 @@ class SearchConfig(Config, frozen=True, kw_only=True):
     """Search for a rover that is out of sight.
 
     Attributes:
-        tries: rounds, each higher and wider than the one before; then the goal ends hovering.
-        height_max_m: over the platform; no round is higher.
-        radius_m: of the first round around the rover's supposed position, and what each other round adds.
+        tries: number of rounds, each higher and wider than the one before; after the last one the goal ends with a
+            hover.
+        height_max_m: maximum height of a round over the platform.
+        radius_m: radius of the first round around the estimated position of the rover; each next round is wider by as
+            much.
     """
 
     tries: Annotated[int, Meta(ge=1, le=20)] = 3
@@ -57,21 +60,22 @@ class SearchConfig(Config, frozen=True, kw_only=True):
 
 
 class RoverLandingConfig(Config, frozen=True, kw_only=True):
-    """Landing on the rover by the estimate of the relative pose. Heights are over the platform.
+    """Landing on the rover by the estimate of the relative position. Heights are over the platform.
 
-    The vehicle descends while all of these hold: its horizontal error is inside a cone that narrows downwards, the
-    standard deviation of its position is below a limit, and its relative horizontal speed is below the gate.
+    The vehicle descends while its position error, its standard deviation and its relative speed are small enough. The
+    limit of the horizontal position error is a cone that is narrow at the platform.
 
     Attributes:
-        height_approach_m: to which the vehicle comes down on the way.
+        height_approach_m: height to which the vehicle descends on its way to the platform.
         cone_m: radius of the cone at height 0.
-        cone_per_m: growth of the cone's radius per metre of height.
-        cone_widening_s: waiting for this duration adds the cone's own radius to it, every time.
-        descent_min_mps: least rate of descent.
-        descent_max_mps: greatest rate of descent.
-        coast_s: the platform may be out of sight for this duration without any effect. Source: spec §8.
-        hold_s: duration for which the height is held after that, before the search. Source: spec §8.
-        timeout_s: for the whole landing.
+        cone_per_m: increase of the cone's radius per metre of height.
+        cone_widening_s: waiting time after which the cone is twice as wide; after twice this time three times, and so
+            on.
+        descent_min_mps: minimum descent speed.
+        descent_max_mps: maximum descent speed.
+        coast_s: time for which the platform may be out of sight without any effect.
+        hold_s: time for which the vehicle keeps its height after `coast_s`, before it searches for the rover.
+        timeout_s: maximum duration of the whole landing.
         platform_control: horizontal control over the platform.
         search: search for the rover.
     """
@@ -93,8 +97,8 @@ class LandOnSpotConfig(Config, frozen=True, kw_only=True):
     """Both ways of landing.
 
     Attributes:
-        plain: on a spot, by the vehicle's own position.
-        rover: on the rover, by UWB or the marker.
+        plain: landing on a spot, by the vehicle's own position.
+        rover: landing on the rover, by UWB or the tags.
     """
 
     plain: PlainLandingConfig = PlainLandingConfig()

@@ -8,7 +8,7 @@ class LifecycleConfig(Config, frozen=True, kw_only=True):
     """Handling of a goal from its arrival to its result.
 
     Attributes:
-        step_rate_hz: of the server's steps while nothing arrives.
+        step_rate_hz: steps of the server per second while no trigger arrives.
     """
 
     step_rate_hz: Positive = 10.0

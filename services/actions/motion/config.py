@@ -12,16 +12,16 @@ Positive = Annotated[float, Meta(gt=0.0, le=1e4)]
 class MoveConfig(Config, frozen=True, kw_only=True):
     """Motion of the reference point along a straight path, and the test of arrival at its end.
 
-    The vehicle has arrived when it has been near and slow for `reached_s`.
+    The vehicle has arrived when it has been near the end and slow for `reached_s`.
 
     Attributes:
-        accel_mps2: of the reference, speeding up and braking.
-        speed_up_mps: greatest speed of the reference upwards.
-        speed_down_mps: greatest speed of the reference downwards.
+        accel_mps2: acceleration and deceleration of the reference.
+        speed_up_mps: maximum speed of the reference upwards.
+        speed_down_mps: maximum speed of the reference downwards.
         yaw_rate_rps: rate at which the heading setpoint turns.
-        reached_m: the vehicle is near the end within this distance.
-        reached_mps: the vehicle is slow below this speed.
-        reached_s: duration for which it must be near and slow.
+        reached_m: distance from the end below which the vehicle is near.
+        reached_mps: speed below which the vehicle is slow.
+        reached_s: time for which the vehicle must be near and slow.
     """
 
     accel_mps2: Positive = 1.0
@@ -38,7 +38,7 @@ class TrackingConfig(Config, frozen=True, kw_only=True):
 
     Attributes:
         rate_hz: setpoints per second.
-        gain_1ps: velocity per metre of position error.
+        gain_1ps: velocity per position error.
         gain_integral_1ps2: velocity per integrated position error.
         gain_derivative: velocity per velocity error.
     """
@@ -50,10 +50,10 @@ class TrackingConfig(Config, frozen=True, kw_only=True):
 
 
 class CaptureConfig(Config, frozen=True, kw_only=True):
-    """Taking pictures.
+    """Capture of images.
 
     Attributes:
-        late_max_s: a goal is aborted when the picture of a planned point comes later than this after the point.
+        late_max_s: maximum delay between a planned point and its image; a goal whose image is later is aborted.
     """
 
     late_max_s: Positive = 2.0

@@ -5,10 +5,10 @@ from jezero.services.actions.motion.config import Positive
 
 
 class TakeoffConfig(Config, frozen=True, kw_only=True):
-    """A climb straight up from the ground.
+    """Climb straight up from the ground.
 
     Attributes:
-        altitude_min_m: lower goals are refused.
+        altitude_min_m: minimum altitude; a goal with a lower one is refused.
     """
 
     altitude_min_m: Positive = 0.5

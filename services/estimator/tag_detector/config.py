@@ -13,11 +13,13 @@ class TagDetectorConfig(Config, frozen=True, kw_only=True):
     """Detection of tags, and the errors of their corners.
 
     Attributes:
-        decimate: quadrilaterals are searched in a picture smaller by this factor; corners are refined in the full one.
-        margin_min: a tag is rejected when the contrast of its cells, in grey levels, is lower.
+        decimate: factor by which the image is made smaller for the search of quadrilaterals; corners are refined in the
+            full image.
+        margin_min: minimum contrast of a tag's cells, in grey levels; a tag with less is rejected.
         std_corner_px: standard deviation of the independent error of each corner.
-        std_common_px: standard deviation of the error that all corners of a picture share.
-        reprojection_max_px: a pose is rejected when the RMS distance of the corners from their projection is greater.
+        std_common_px: standard deviation of the error that all corners of an image share.
+        reprojection_max_px: maximum RMS distance of the corners from their projection; a pose with a larger one is
+            rejected.
     """
 
     decimate: Annotated[float, Meta(ge=1.0, le=4.0)] = 2.0

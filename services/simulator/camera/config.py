@@ -1,4 +1,4 @@
-"""Settings of the simulated camera; its optics and its mounting stand in `vehicle.toml`."""
+"""Settings of the simulated camera. Its optics and its mounting are in `vehicle.toml`."""
 
 from typing import Annotated, Literal
 
@@ -11,21 +11,24 @@ Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 
 
 class ProjectionConfig(Config, frozen=True, kw_only=True):
-    """Errors of the corners that a detector finds, measured on rendered pictures by `benchmarks.quality.camera_errors`.
+    """Errors of the corners that a detector finds, measured on rendered images by `benchmarks.quality.camera_errors`.
 
     A tag's size is the square root of its area in pixels; blur is the distance by which its middle moves during the
-    exposure. A value `_per_blur2` is multiplied by the square of the blur and added.
+    exposure, in pixels. A setting `…_per_blur2` is multiplied by the square of the blur.
 
     Attributes:
         size_half_px: size at which half of the tags are found, without blur.
         size_width_px: increase of the size that raises the odds of a detection by the factor e.
-        size_per_blur: pixels by which each pixel of blur raises `size_half_px`.
-        share_in_shadow: share of the tags in the vehicle's shadow that are found.
-        radius_shadow_m: radius of that shadow.
-        std_corner_px: standard deviation of the independent error of each corner coordinate.
-        std_shift_px: standard deviation of an error that all corners of a tag share.
-        std_size_px: standard deviation of the error of the tag's size.
-        shrinks_per_blur2: pixels by which blur makes the tag smaller.
+        size_per_blur: increase of `size_half_px` for each pixel of blur.
+        share_in_shadow: fraction of the tags in the vehicle's shadow that are found.
+        radius_shadow_m: radius of the vehicle's shadow.
+        std_corner_px: standard deviation of the independent error of each corner coordinate, without blur.
+        std_corner_per_blur2: increase of `std_corner_px` per square pixel of blur.
+        std_shift_px: standard deviation of an error that all corners of a tag share, without blur.
+        std_shift_per_blur2: increase of `std_shift_px` per square pixel of blur.
+        std_size_px: standard deviation of the error of the tag's size, without blur.
+        std_size_per_blur2: increase of `std_size_px` per square pixel of blur.
+        shrinks_per_blur2: decrease of the tag's size in pixels, per square pixel of blur.
     """
 
     size_half_px: Positive = 18.0
@@ -43,16 +46,16 @@ class ProjectionConfig(Config, frozen=True, kw_only=True):
 
 
 class CameraConfig(Config, frozen=True, kw_only=True):
-    """How the camera is simulated.
+    """Simulation of the camera.
 
     Attributes:
-        mode: "rendered" publishes pictures; "projected" publishes the corners that a detector would find in them, which
+        mode: "rendered" publishes images; "projected" publishes the corners that a detector would find in them, which
             takes a hundredth of the time.
-        renderer: "auto" takes EGL where it is available, else PyBullet's TinyRenderer, which makes 5 pictures a second.
-        axis_rate_max_rps: greatest rate at which the camera's axes turn.
+        renderer: "auto" takes EGL where it is available, else PyBullet's TinyRenderer, which makes 5 images a second.
+        axis_rate_max_rps: maximum rate at which the camera's axes turn.
         exposure_s: duration of an exposure.
-        delay_s: time from the middle of an exposure until its picture is published.
-        std_pixel: standard deviation of the noise of each colour of each pixel, of 255.
+        delay_s: time from the middle of an exposure until its image is published.
+        std_pixel: standard deviation of the noise of each colour of each pixel, where 255 is full brightness.
         projection: errors of the corners in mode "projected".
     """
 
