@@ -33,6 +33,8 @@ WORDS = {
     StatusCode.COVERAGE_DONE: "area covered",
     StatusCode.ABORT: "abort",
     StatusCode.EXTERNAL: "under other command",
+    StatusCode.ACTION: "other action",
+    StatusCode.ACTION_DONE: "other action completed",
 }
 
 
