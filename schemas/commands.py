@@ -11,7 +11,7 @@ from jezero.schemas.struct import Angle, Message, Name, Payload, PositionNed, Te
 class Phase(StrEnum):
     """Phase of the goal in charge, from which the bridge derives the status code.
 
-    `ACTION` is the phase of every action that an installed package adds.
+    `ACTION` is the phase of every action without a status code of its own, such as those of installed packages.
     """
 
     TAKEOFF = "takeoff"

@@ -23,7 +23,7 @@ from jezero.schemas.struct import (
 class StatusCode(IntEnum):
     """Activity of the vehicle. Source: thesis Table 3.1; 13 to 15 are jezero's own.
 
-    An action of an installed package has the codes 14 and 15; `Status.action` is its name.
+    An action without codes of its own has the codes 14 and 15; `Status.action` is its name.
     """
 
     IDLE = 0

@@ -18,14 +18,6 @@ from jezero.schemas.topics import ABORT, ACQUIRE, HOVER, KILL, RELEASE
 from jezero.services.vehicle_bridge.transitions import is_allowed
 from tests.services.vehicle_bridge.rig import CRITICAL, MODES, Rig
 
-ACTIONS = {
-    "takeoff": Phase.TAKEOFF,
-    "go_to": Phase.GO_TO,
-    "get_images": Phase.GET_IMAGES,
-    "area_coverage": Phase.COVERAGE,
-    "land_on_spot": Phase.LANDING,
-}
-
 
 class Chaos:
     """Random requests of a client, and random faults.
@@ -65,7 +57,7 @@ class Chaos:
             if reply.granted:
                 idle = self.rig.status.code == 0
                 self.control_id = reply.control_id
-                self.phase = Phase.TAKEOFF if idle else ACTIONS[action]
+                self.phase = Phase.TAKEOFF if idle else topics.ACTIONS[action].phase
                 self.sending = True
             self.acquiring = None
 
