@@ -188,5 +188,6 @@ def topics_code(setpoint: Setpoint) -> StatusCode:
         "get_images": StatusCode.GET_IMAGES,
         "landing": StatusCode.LANDING,
         "coverage": StatusCode.COVERAGE,
+        "action": StatusCode.ACTION,
     }
     return codes[setpoint.phase]
