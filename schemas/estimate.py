@@ -69,7 +69,7 @@ class Relative(Message, frozen=True, kw_only=True):
         yaw_rate_rover_rps: yaw rate of the rover, clockwise as seen from above.
         use_uwb: the selection in force includes the UWB ranges.
         use_tag: the selection in force includes the tag detections.
-        inputs: names of the inputs that were fused in the last second: odometry, rover, altimeter, uwb, tag.
+        inputs: names of the inputs that were fused in the last second, such as `uwb` and `tag`.
         fused_t_ns: time of the newest UWB or tag measurement that was fused; 0 before the first one.
         goal_id: id of the goal whose selection is in force; "" when the selection is that of the parameters.
         parameters_version: version of the parameters, which grows by one with each change.

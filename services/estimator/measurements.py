@@ -5,7 +5,7 @@ late.
 """
 
 from math import cos, sin, sqrt
-from typing import ClassVar, Literal, Protocol
+from typing import ClassVar, Literal, Protocol, get_args
 
 import msgspec
 import numpy as np
@@ -26,6 +26,8 @@ from jezero.services.estimator.motion import (
 )
 
 Kind = Literal["odometry", "rover", "altimeter", "uwb", "tag", "locate"]
+INPUT_KINDS: tuple[Kind, ...] = tuple(kind for kind in get_args(Kind) if kind != "locate")
+"""Kinds of sensor measurements; the remaining kind is the filter's own reset."""
 
 STD_POS_UAV_M = 5.0
 """Large, because the autopilot's position drifts slowly: it only keeps the origin of the state observable."""

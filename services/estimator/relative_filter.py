@@ -11,6 +11,7 @@ from jezero.services.estimator.config import Tuning, ValidityConfig
 from jezero.services.estimator.kalman import FilterState, Kalman
 from jezero.services.estimator.measurement_history import ACCEPTED_FRACTION_MIN, MeasurementHistory
 from jezero.services.estimator.measurements import (
+    INPUT_KINDS,
     Kind,
     Measurement,
     OdometryMeasurement,
@@ -39,7 +40,6 @@ from jezero.vehicle_config import PlatformConfig
 FOUND_STD_MAX_M = 0.1 * STD_UNKNOWN_M
 YAW_STD_MAX_RAD = 0.3
 STD_TAG_RESET_M = 0.5
-KINDS: tuple[Kind, ...] = ("odometry", "rover", "altimeter", "uwb", "tag")
 MONITORED_KINDS: tuple[Kind, ...] = ("rover", "uwb", "tag")
 REJECTION_WINDOW_S = 0.5
 REJECTED_MEASUREMENTS_MIN = 5
@@ -157,7 +157,7 @@ class RelativeFilter:
         if self._history is None:
             return ()
         since_ns, used_ns = self._kalman.t_ns - NS_PER_S, self._history.used_ns
-        return tuple(kind for kind in KINDS if used_ns.get(kind, -1) > since_ns)
+        return tuple(kind for kind in INPUT_KINDS if used_ns.get(kind, -1) > since_ns)
 
     @property
     def fused_ns(self) -> int:

@@ -5,6 +5,7 @@ from enum import StrEnum
 from random import Random
 
 from jezero.plugins import action_names
+from jezero.trials.campaign.bus_sensors import BUS_SENSORS
 
 CLIENTS = ("alice", "bob")
 BRIDGE, AUTOPILOT, SIMULATOR = "vehicle_bridge", "autopilot", "simulator"
@@ -39,7 +40,7 @@ class Kind(StrEnum):
 
 
 SENSOR_KINDS = tuple(kind for kind in Kind if kind.startswith("sensor"))
-SENSORS = ("imu", "mag", "baro", "gnss", "altimeter", "uwb", "rover_odometry")
+SENSORS = ("imu", "mag", "baro", "gnss", *BUS_SENSORS)
 
 
 @dataclass(frozen=True)

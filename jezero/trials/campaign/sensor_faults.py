@@ -10,9 +10,9 @@ import msgspec
 
 from jezero.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.runtime.service import Inbox, Output, Publish, Send, Service
-from jezero.schemas import topics
 from jezero.schemas.struct import Message
 from jezero.schemas.units import NS_PER_S
+from jezero.trials.campaign.bus_sensors import BUS_SENSORS
 from jezero.trials.campaign.faults import Fault, Kind
 
 GROUPS: dict[str, tuple[int, tuple[str, ...]]] = {
@@ -25,7 +25,8 @@ FIX = ("lat", "lon", "alt", "vn", "ve", "vd", "fix_type", "satellites_visible")
 ERRORS = {"imu": (0.2, 0.2, 0.2, 0.02, 0.02, 0.02), "mag": (0.2, -0.2, 0.0), "baro": (-1.0, 10.0, 0.0)}
 """Error of the readings of a wrong sensor at amount 1."""
 GARBAGE = {"imu": 1e4, "mag": 1.0, "baro": 500.0}
-TOPICS = {topics.ALTIMETER.name: "altimeter", topics.UWB.name: "uwb", topics.ROVER_ODOMETRY.name: "rover_odometry"}
+NAMES = {sensor.topic.name: name for name, sensor in BUS_SENSORS.items()}
+"""Name of a sensor by its topic."""
 
 
 class FaultySimulator:
@@ -66,7 +67,7 @@ class FaultySimulator:
             yield from (Send(output.link, self._out.pack(changed)) for changed in messages)
 
     def _publish(self, t_ns: int, output: Publish) -> Iterator[Output]:
-        sensor = TOPICS.get(output.topic.name)
+        sensor = NAMES.get(output.topic.name)
         messages = [output.message]
         for fault in self.active:
             if fault.sensor == sensor:
@@ -111,7 +112,14 @@ class SensorFault:
 
     def on_bus(self, t_ns: int, message: Message) -> Iterator[Message]:
         """Messages that the bus gets instead of one reading."""
-        yield from self.readings(t_ns, message, _stuck_message, self._garbled_message, self._wrong_message)
+        sensor = BUS_SENSORS[self.sensor]
+        yield from self.readings(
+            t_ns,
+            message,
+            _stuck_message,
+            lambda reading: sensor.garbled(reading, self._rng),
+            lambda reading: sensor.wrong(reading, self.amount),
+        )
 
     def readings(
         self,
@@ -177,22 +185,6 @@ class SensorFault:
         message.lat += int(450 * self.amount)
         message.alt += int(3000 * self.amount)
         return message
-
-    def _garbled_message(self, message: Any) -> Any:
-        rng, replace = self._rng, msgspec.structs.replace
-        if self.sensor == "altimeter":
-            return replace(message, range_m=rng.choice((None, 0.0, rng.uniform(0.0, 10.0), rng.uniform(0.0, 1e6))))
-        if self.sensor == "uwb":
-            return replace(message, ranges=tuple(replace(r, range_m=rng.uniform(0.0, 1e3)) for r in message.ranges))
-        return replace(message, yaw_rover_rad=rng.uniform(-6.0, 6.0), speed_rover_body_mps=rng.uniform(-100.0, 100.0))
-
-    def _wrong_message(self, message: Any) -> Any:
-        add, replace = self.amount, msgspec.structs.replace
-        if self.sensor == "altimeter":
-            return message if message.range_m is None else replace(message, range_m=message.range_m + add)
-        if self.sensor == "uwb":
-            return replace(message, ranges=tuple(replace(r, range_m=r.range_m + add) for r in message.ranges))
-        return replace(message, speed_rover_body_mps=message.speed_rover_body_mps + add)
 
 
 def _stuck_fix(first: MavMessage, message: MavMessage) -> MavMessage:
