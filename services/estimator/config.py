@@ -36,19 +36,19 @@ class Tuning(Config, frozen=True, kw_only=True):
 
     use_uwb: bool = True
     use_tag: bool = True
-    std_rover_m: Positive = 3.0
-    std_uwb_m: Positive = 0.02
-    scale_std_tag: Positive = 1.0
-    std_altimeter_m: Positive = 0.035
-    std_yaw_rover_rad: Positive = 0.03
-    std_yaw_rate_rover_rps: Positive = 0.01
-    std_speed_rover_mps: Positive = 0.03
-    std_tilt_rad: Positive = 0.01
-    std_heading_rad: Positive = 0.026
-    std_vel_uav_mps: Positive = 0.025
-    tau_vel_uav_s: Positive = 2.5
-    psd_acc_uav_m2ps3: Positive = 1.0
-    psd_acc_rover_m2ps3: Positive = 0.02
+    std_rover_m: Annotated[float, Meta(ge=0.01, le=100.0)] = 3.0
+    std_uwb_m: Annotated[float, Meta(ge=0.001, le=10.0)] = 0.02
+    scale_std_tag: Annotated[float, Meta(ge=0.1, le=100.0)] = 1.0
+    std_altimeter_m: Annotated[float, Meta(ge=0.001, le=10.0)] = 0.035
+    std_yaw_rover_rad: Annotated[float, Meta(ge=0.001, le=3.0)] = 0.03
+    std_yaw_rate_rover_rps: Annotated[float, Meta(ge=0.0001, le=10.0)] = 0.01
+    std_speed_rover_mps: Annotated[float, Meta(ge=0.001, le=10.0)] = 0.03
+    std_tilt_rad: Annotated[float, Meta(ge=0.0001, le=0.5)] = 0.01
+    std_heading_rad: Annotated[float, Meta(ge=0.0001, le=1.0)] = 0.026
+    std_vel_uav_mps: Annotated[float, Meta(ge=0.001, le=5.0)] = 0.025
+    tau_vel_uav_s: Annotated[float, Meta(ge=0.1, le=1000.0)] = 2.5
+    psd_acc_uav_m2ps3: Annotated[float, Meta(ge=0.0001, le=1000.0)] = 1.0
+    psd_acc_rover_m2ps3: Annotated[float, Meta(ge=0.0001, le=1000.0)] = 0.02
     rate_relative_hz: Annotated[float, Meta(ge=1.0, le=50.0)] = 50.0
 
 

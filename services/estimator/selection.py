@@ -3,29 +3,28 @@
 from collections.abc import Iterator
 
 import msgspec
+from msgspec.inspect import FloatType, StructType, type_info
 
 from jezero.frames import Vec3
 from jezero.schemas.estimate import Lease, LeaseReply, ParametersReply, SetParameters
 from jezero.services.estimator.config import Tuning
 
 LEASE_NS = 3_000_000_000
-LIMITS: dict[str, tuple[float, float]] = {
-    "std_rover_m": (0.01, 100.0),
-    "std_uwb_m": (0.001, 10.0),
-    "scale_std_tag": (0.1, 100.0),
-    "std_altimeter_m": (0.001, 10.0),
-    "std_yaw_rover_rad": (0.001, 3.0),
-    "std_yaw_rate_rover_rps": (0.0001, 10.0),
-    "std_speed_rover_mps": (0.001, 10.0),
-    "std_tilt_rad": (0.0001, 0.5),
-    "std_heading_rad": (0.0001, 1.0),
-    "std_vel_uav_mps": (0.001, 5.0),
-    "tau_vel_uav_s": (0.1, 1000.0),
-    "psd_acc_uav_m2ps3": (0.0001, 1000.0),
-    "psd_acc_rover_m2ps3": (0.0001, 1000.0),
-    "rate_relative_hz": (1.0, 50.0),
-}
-"""Range of each numeric parameter."""
+
+
+def _declared_limits() -> dict[str, tuple[float, float]]:
+    """Range of each numeric parameter, from the fields of `Tuning`."""
+    tuning = type_info(Tuning)
+    assert isinstance(tuning, StructType)
+    kinds = {field.name: field.type for field in tuning.fields}
+    return {
+        name: (kind.ge, kind.le)
+        for name, kind in kinds.items()
+        if isinstance(kind, FloatType) and kind.ge is not None and kind.le is not None
+    }
+
+
+LIMITS = _declared_limits()
 
 
 class InputSelection:
