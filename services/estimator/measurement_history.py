@@ -4,6 +4,7 @@ from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass
 from operator import attrgetter
+from typing import get_args
 
 import msgspec
 
@@ -14,8 +15,7 @@ HISTORY_LENGTH_NS = 2_000_000_000
 """Longer than the greatest delay of a measurement, and than the window of the rejection statistics."""
 ACCEPTED_FRACTION_MIN = 0.2
 """An input counts as rejected when a smaller fraction of its components passes the gate."""
-ORDER_AT_SAME_TIME: dict[Kind, int] = {"odometry": 0, "rover": 1, "altimeter": 2, "uwb": 3, "tag": 4, "locate": 5}
-"""Order of measurements with equal time stamps."""
+ORDER_AT_SAME_TIME: dict[Kind, int] = {kind: i for i, kind in enumerate(get_args(Kind))}
 
 
 class HistoryEntry(msgspec.Struct):

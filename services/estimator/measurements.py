@@ -26,6 +26,7 @@ from jezero.services.estimator.motion import (
 )
 
 Kind = Literal["odometry", "rover", "altimeter", "uwb", "tag", "locate"]
+"""Kinds of measurements, in the order in which those with equal time stamps are fused."""
 INPUT_KINDS: tuple[Kind, ...] = tuple(kind for kind in get_args(Kind) if kind != "locate")
 """Kinds of sensor measurements; the remaining kind is the filter's own reset."""
 
