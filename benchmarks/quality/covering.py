@@ -9,7 +9,7 @@ from benchmarks.quality.orbit import WIND, Black
 from jezero.client.dataset import Dataset
 from jezero.client.images import Picture
 from jezero.runtime.config import load_config
-from jezero.runtime.memory_bus import Answers
+from jezero.runtime.memory_bus import SentRequest
 from jezero.schemas import topics
 from jezero.schemas.actions import AreaCoverageGoal, CoverageResult, Result, TakeoffGoal
 from jezero.schemas.commands import Phase, Setpoint
@@ -78,7 +78,7 @@ class Covering:
             RuntimeError: a goal was refused, did not succeed, or did not end.
         """
         self.climb()
-        return cast(CoverageResult, self._end(self.bus.ask(topics.AREA_COVERAGE.endpoint, goal)).result)
+        return cast(CoverageResult, self._end(self.bus.send_request(topics.AREA_COVERAGE.endpoint, goal)).result)
 
     def climb(self) -> None:
         """Get ready and take off.
@@ -87,7 +87,7 @@ class Covering:
             RuntimeError: the takeoff did not succeed.
         """
         self.bus.run_for(30.0, lambda: self.status is not None and self.status.ready)
-        self._end(self.bus.ask(topics.TAKEOFF.endpoint, TakeoffGoal(altitude_m=3.0)))
+        self._end(self.bus.send_request(topics.TAKEOFF.endpoint, TakeoffGoal(altitude_m=3.0)))
 
     def keep(self, folder: Path, goal: AreaCoverageGoal, result: CoverageResult) -> None:
         """Write the dataset, as a client does.
@@ -99,13 +99,13 @@ class Covering:
             dataset.note(track_ned_m=[o.pos_uav_ned_m for o in self.odometry[::5]])
             for image in result.images:
                 request = GetImage(goal_id=goal.goal_id, index=image.index)
-                answers = self.bus.ask(topics.AREA_COVERAGE.image, request)
+                answers = self.bus.send_request(topics.AREA_COVERAGE.image, request)
                 self.bus.run_for(1.0, lambda answers=answers: answers.ended)  # type: ignore[misc]
                 if not answers.replies or answers.replies[0].reason:
                     raise RuntimeError(f"no picture {image.index}: {answers.replies}")
                 dataset.add(Picture(image, answers.replies[0].pixels))
 
-    def _end(self, answers: Answers) -> Result[Any]:
+    def _end(self, answers: SentRequest) -> Result[Any]:
         self.bus.run_for(1800.0, lambda: answers.ended)
         last = answers.replies[-1] if answers.replies else None
         if not isinstance(last, Result) or last.outcome != "succeeded":

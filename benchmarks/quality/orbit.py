@@ -27,7 +27,7 @@ from jezero.frames import (
     yaw_from_quat,
 )
 from jezero.runtime.config import load_config
-from jezero.runtime.memory_bus import Answers, MemoryBus
+from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.runtime.service import Service
 from jezero.schemas import topics
 from jezero.schemas.actions import Frame, GetImagesGoal, Result, TakeoffGoal
@@ -120,11 +120,11 @@ class Orbiting:
             RuntimeError: a goal was refused, or did not end.
         """
         self.bus.run_for(30.0, lambda: self._status is not None and self._status.ready)
-        self._end(self.bus.ask(topics.TAKEOFF.endpoint, TakeoffGoal(altitude_m=-HEIGHT_NED_M)))
+        self._end(self.bus.send_request(topics.TAKEOFF.endpoint, TakeoffGoal(altitude_m=-HEIGHT_NED_M)))
         self._driver.speed_mps = self._rover_mps
-        return self._end(self.bus.ask(topics.GET_IMAGES.endpoint, goal))
+        return self._end(self.bus.send_request(topics.GET_IMAGES.endpoint, goal))
 
-    def _end(self, answers: Answers) -> Result[Any]:
+    def _end(self, answers: SentRequest) -> Result[Any]:
         self.bus.run_for(180.0, lambda: answers.ended)
         last = answers.replies[-1] if answers.replies else None
         if not isinstance(last, Result):

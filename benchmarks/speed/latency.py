@@ -23,6 +23,7 @@ from jezero.runtime.config import Instance
 from jezero.schemas.state import StatusCode
 from jezero.zenoh_client import client_config
 
+ODOMETRY_TO_SETPOINT = "odometry received -> setpoint sent"
 FLY_S = 1.0
 """Duration of each goal's flight before it is canceled."""
 SIDE_M = 3.0
@@ -118,7 +119,7 @@ def measure(folder: Path, goals: int) -> Latency:
     hops_ms, left_out = pair(passed.odometry_ns, passed.setpoint_ns, flights_ns)
     ticks_ms = [(b - a) / 1e6 for a, b in pairwise(passed.odometry_ns)]
     found = {
-        "odometry received -> setpoint sent": row(hops_ms, _ms(passed.bare_ns), _ms(passed.by_hand_ns), left_out),
+        ODOMETRY_TO_SETPOINT: row(hops_ms, _ms(passed.bare_ns), _ms(passed.by_hand_ns), left_out),
         "goal -> accepted": row(*_each(goals_ms, 0)),
         "goal -> first feedback": row(*_each(goals_ms, 1)),
     }

@@ -222,7 +222,7 @@ def target(
 
 @click.command(name="land_on_spot", context_settings=NUMBERS)
 @click.argument("use_uwb", metavar="[USE_UWB]", type=bool, default=True)
-@click.argument("use_tag", metavar="[USE_MARKER]", type=bool, default=True)
+@click.argument("use_tag", metavar="[USE_TAG]", type=bool, default=True)
 @click.option(
     "--spot",
     nargs=3,
@@ -241,10 +241,10 @@ def land_on_spot(
     router: str,
     as_json: bool,
 ) -> None:
-    """Land on the rover. USE_UWB and USE_MARKER (both true by default) choose the sensors that find it.
+    """Land on the rover. USE_UWB and USE_TAG (both true by default) choose the sensors that find it.
 
     Without UWB the command needs the rover's approximate position, from --spot or a prompt. Without UWB and
-    marker this is the spot on the ground on which the vehicle lands.
+    tags this is the spot on the ground on which the vehicle lands.
     """
     printer = Printer(as_json)
     if not use_uwb and spot is None:

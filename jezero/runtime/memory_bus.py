@@ -57,8 +57,8 @@ NO_DELAY = LinkDelay(median_s=0.0)
 
 
 @dataclass
-class Answers:
-    """Replies to a client's request so far.
+class SentRequest:
+    """An outside client's request, and the replies to it so far.
 
     Attributes:
         replies: decoded, oldest first.
@@ -176,18 +176,18 @@ class MemoryBus:
         """Execute all events of a duration, as `run_until`."""
         return self.run_until(self.t_ns + int(seconds * NS_PER_S), stop)
 
-    def ask(self, endpoint: Endpoint[Any, Any], payload: Payload, client_id: str = "client") -> Answers:
+    def send_request(self, endpoint: Endpoint[Any, Any], payload: Payload, client_id: str = "client") -> SentRequest:
         """Send a request as an outside client does; its replies arrive while the bus runs."""
-        answers = Answers()
+        request = SentRequest()
 
         def on_reply(data: bytes) -> None:
-            answers.replies.append(decode(endpoint.reply_type, data))
+            request.replies.append(decode(endpoint.reply_type, data))
 
         def on_end() -> None:
-            answers.ended = True
+            request.ended = True
 
         self._request(client_id, endpoint, encode(payload), on_reply, on_end)
-        return answers
+        return request
 
     def client_departs(self, client_id: str) -> None:
         """Report to the services that watch clients that one has vanished."""

@@ -12,7 +12,7 @@ from jezero.codec import decode
 from jezero.frames import Vec3, horizontal
 from jezero.report.flight_log import line
 from jezero.runtime.config import load_config
-from jezero.runtime.memory_bus import Answers, MemoryBus
+from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas import topics
 from jezero.schemas.actions import Feedback, ImagesResult
 from jezero.schemas.images import GetImage, Image
@@ -167,7 +167,7 @@ def _fly(
         return f"not ready after {READY_TIMEOUT_S:.0f} s: {status.not_ready_reason if status else 'no status'}"
     for action, goal, hover_s in mission:
         on_progress(f"{action.name} at {bus.t_ns / NS_PER_S:.1f} s")
-        query = bus.ask(action.endpoint, goal)
+        query = bus.send_request(action.endpoint, goal)
         reason = wait_for_result(bus, action, query, GOAL_TIMEOUT_S)
         if reason:
             return reason
@@ -182,7 +182,7 @@ def _fly(
     return off_platform_reason(recorder.truth, 0.5 * load_config(VehicleConfig, "vehicle").platform.side_m)
 
 
-def _captured_images(bus: MemoryBus, action: topics.Action[Any], goal: Any, query: Answers) -> CapturedImages:
+def _captured_images(bus: MemoryBus, action: topics.Action[Any], goal: Any, query: SentRequest) -> CapturedImages:
     result = query.replies[-1].result
     track_ned_m = [reply.feedback.pos_uav_ned_m for reply in query.replies if isinstance(reply, Feedback)]
     return CapturedImages(
@@ -194,7 +194,7 @@ def _fetch_images(
     bus: MemoryBus, action: topics.Action[Any], goal_id: str, result: ImagesResult
 ) -> Iterator[tuple[Image, bytes]]:
     for image in result.images:
-        query = bus.ask(action.image, GetImage(goal_id=goal_id, index=image.index))
+        query = bus.send_request(action.image, GetImage(goal_id=goal_id, index=image.index))
         bus.run_for(IMAGE_TIMEOUT_S, stop=lambda query=query: query.ended)  # type: ignore[misc]
         if not query.replies or query.replies[0].reason:
             raise RuntimeError(f"{action.name} has no image {image.index}: {query.replies}")

@@ -94,7 +94,7 @@ def test_a_question_is_answered_and_one_without_a_server_says_so() -> None:
 def test_an_outside_client_gets_every_reply() -> None:
     bus = MemoryBus()
     bus.add(Listener())
-    answers = bus.ask(topics.ABORT, Abort(reason="now"))
+    answers = bus.send_request(topics.ABORT, Abort(reason="now"))
     assert bus.run_for(1.0, stop=lambda: answers.ended)
     assert answers.replies == [AbortReply(hovering=True, reason="now")]
 

@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 
 from jezero.mavlink import MavlinkCodec, MavMessage
-from jezero.runtime.memory_bus import Answers, MemoryBus
+from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.runtime.service import Inbox, Output, Send, Service
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, GoToGoal, LandOnSpotGoal, Rejected, Result, TakeoffGoal
@@ -119,13 +119,13 @@ class Flight:
     def wait_code(self, code: StatusCode, timeout_s: float) -> None:
         self.wait(lambda: bool(self.codes) and self.codes[-1] is code, timeout_s, f"status {code.name}")
 
-    def send(self, action: topics.Action[Any], goal: Any) -> Answers:
+    def send(self, action: topics.Action[Any], goal: Any) -> SentRequest:
         """Send a goal and run until it is accepted or rejected."""
-        request = self.bus.ask(action.endpoint, goal)
+        request = self.bus.send_request(action.endpoint, goal)
         self.wait(lambda: bool(request.replies) or request.ended, 2.0, f"a reply to {action.name}")
         return request
 
-    def finish(self, request: Answers, timeout_s: float = 120.0) -> Result[Any]:
+    def finish(self, request: SentRequest, timeout_s: float = 120.0) -> Result[Any]:
         """Run until a goal has its result.
 
         Args:
@@ -155,7 +155,7 @@ class Flight:
 
     def request(self, endpoint: topics.Endpoint[Any, Any], payload: Any, timeout_s: float = 15.0) -> Any:
         """Send a request and run until it has ended; returns the first reply."""
-        request = self.bus.ask(endpoint, payload)
+        request = self.bus.send_request(endpoint, payload)
         self.wait(lambda: request.ended, timeout_s, f"a reply on {endpoint.name}")
         return request.replies[0]
 

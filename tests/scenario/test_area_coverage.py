@@ -23,17 +23,17 @@ def test_an_abort_is_obeyed_at_once_while_a_coverage_is_planned_and_while_it_fli
     flight = Covering(seed=3, rendered=False)
     flight.climb()
     goal = AreaCoverageGoal(polygon_ned_m=SQUARE, z_ned_m=-4.0, resolution_m=0.5)
-    planning = flight.bus.ask(topics.AREA_COVERAGE.endpoint, goal)
+    planning = flight.bus.send_request(topics.AREA_COVERAGE.endpoint, goal)
     flight.bus.run_for(0.3)
-    abort = flight.bus.ask(topics.ABORT, Abort())
+    abort = flight.bus.send_request(topics.ABORT, Abort())
     assert flight.bus.run_for(0.1, lambda: abort.ended)
     assert flight.bus.run_for(3.0, lambda: planning.ended)
     assert isinstance(planning.replies[-1], Rejected) and "before the last abort" in planning.replies[-1].reason
-    flying = flight.bus.ask(topics.AREA_COVERAGE.endpoint, goal)
+    flying = flight.bus.send_request(topics.AREA_COVERAGE.endpoint, goal)
     flight.bus.run_for(20.0, lambda: flight.mapping_ns is not None)
     assert flight.mapping_ns is not None and not flying.ended
     flight.bus.run_for(1.0)
-    flight.bus.ask(topics.ABORT, Abort(reason="enough"))
+    flight.bus.send_request(topics.ABORT, Abort(reason="enough"))
     assert flight.bus.run_for(
         0.2, lambda: flight.status is not None and flight.status.code in (StatusCode.ABORT, StatusCode.HOVER)
     )

@@ -101,7 +101,7 @@ def test_a_hover_begins_right_after_contact(place: int) -> None:
 def test_a_landing_stays_upright_when_the_bridge_freezes_at_contact(place: int) -> None:
     """The last setpoint pushes down, and the autopilot follows it for a second."""
     flight = flying(place, 2.0)
-    flight.bus.ask(topics.LAND_ON_SPOT.endpoint, land_at(*edge_ned_m(place)))
+    flight.bus.send_request(topics.LAND_ON_SPOT.endpoint, land_at(*edge_ned_m(place)))
     flight.wait(lambda: flight.truth.contact_force_n > 0.0 and flight.status.code == StatusCode.LANDING, 30.0, "touch")
     start = len(flight.truths)
     flight.bus.freeze("vehicle_bridge", 4.0)

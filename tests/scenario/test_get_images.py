@@ -18,7 +18,7 @@ def test_an_orbit_in_wind_is_flown_aimed_and_recorded_as_required() -> None:
     assert figures.aim_px < 15.0
     assert figures.recorded_m < 0.01
     assert all(image.imu and image.gnss and image.range_m and image.position_camera_deg for image in images)
-    request = flight.bus.ask(topics.GET_IMAGES.image, GetImage(goal_id=result.goal_id, index=5))
+    request = flight.bus.send_request(topics.GET_IMAGES.image, GetImage(goal_id=result.goal_id, index=5))
     flight.bus.run_for(0.1)
     assert len(request.replies[0].pixels) == 3 * 640 * 480
 

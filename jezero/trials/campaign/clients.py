@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from jezero.plugins import all_actions
-from jezero.runtime.memory_bus import Answers, MemoryBus
+from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Cancel, GetResult, Goal, Rejected, Result
 from jezero.schemas.commands import Abort, Hover, Kill
@@ -71,8 +71,8 @@ class SentGoal:
 
     goal: Goal
     action: topics.Action[Any]
-    queries: list[Answers] = field(default_factory=list)
-    result_query: Answers | None = None
+    queries: list[SentRequest] = field(default_factory=list)
+    result_query: SentRequest | None = None
     result_queried_ns: int = 0
     known_outcome: str = ""
 
@@ -98,7 +98,7 @@ class Client:
     def __init__(self, name: str, bus: MemoryBus, rng: Random, on_event: Callable[[str], None]) -> None:
         self.name = name
         self.sent: list[SentGoal] = []
-        self.requests: list[Answers] = []
+        self.requests: list[SentRequest] = []
         self._bus = bus
         self._rng = rng
         self._on_event = on_event
@@ -131,7 +131,7 @@ class Client:
             sent.known_outcome = msgspec.json.decode(replies[-1].result)["outcome"]
         if not sent.known_outcome and self._bus.t_ns >= sent.result_queried_ns + int(RESULT_QUERY_PERIOD_S * NS_PER_S):
             sent.result_queried_ns = self._bus.t_ns
-            sent.result_query = self._bus.ask(topics.RESULT, GetResult(goal_id=sent.goal.goal_id), self.name)
+            sent.result_query = self._bus.send_request(topics.RESULT, GetResult(goal_id=sent.goal.goal_id), self.name)
 
     def _act(self, status: Status) -> None:
         rng, code = self._rng, status.code
@@ -173,15 +173,15 @@ class Client:
         sent = SentGoal(goal, action, result_queried_ns=self._bus.t_ns)
         self.sent.append(sent)
         self._on_event(f"{self.name} sends {action.name} {goal.goal_id}")
-        sent.queries.append(self._bus.ask(action.endpoint, goal, self.name))
+        sent.queries.append(self._bus.send_request(action.endpoint, goal, self.name))
         if self._rng.random() < 0.15:
             self._send_again(sent)
 
     def _send_again(self, sent: SentGoal) -> None:
         self._on_event(f"{self.name} sends {sent.goal.goal_id} again")
         sent.known_outcome = "" if sent.known_outcome == "rejected" else sent.known_outcome
-        sent.queries.append(self._bus.ask(sent.action.endpoint, sent.goal, self.name))
+        sent.queries.append(self._bus.send_request(sent.action.endpoint, sent.goal, self.name))
 
     def _request(self, endpoint: topics.Endpoint[Any, Any], payload: Any) -> None:
         self._on_event(f"{self.name} requests {endpoint.name} {msgspec.json.encode(payload).decode()}")
-        self.requests.append(self._bus.ask(endpoint, payload, self.name))
+        self.requests.append(self._bus.send_request(endpoint, payload, self.name))

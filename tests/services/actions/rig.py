@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from jezero.runtime.memory_bus import Answers, MemoryBus
+from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, GoToGoal, Result
 from jezero.services.actions.config import ActionsConfig
@@ -28,9 +28,9 @@ class World:
             self.bus.add(self.servers[name])
         self.bus.run_for(0.5)
 
-    def send(self, goal: Any, client: str = "me") -> Answers:
+    def send(self, goal: Any, client: str = "me") -> SentRequest:
         action = next(a for a in topics.ACTIONS.values() if a.goal_type is type(goal))
-        return self.bus.ask(action.endpoint, goal, client)
+        return self.bus.send_request(action.endpoint, goal, client)
 
     def fly(self, goal: Any, within_s: float = 60.0) -> Any:
         """The last reply to a goal."""
@@ -38,7 +38,7 @@ class World:
         assert self.bus.run_for(within_s, lambda: answers.ended), answers.replies
         return answers.replies[-1]
 
-    def flying(self, goal: Any = FAR, client: str = "me") -> Answers:
+    def flying(self, goal: Any = FAR, client: str = "me") -> SentRequest:
         """A goal that has been running for a second."""
         answers = self.send(goal, client)
         self.bus.run_for(1.0)
@@ -46,7 +46,7 @@ class World:
         assert not answers.ended
         return answers
 
-    def end(self, answers: Answers, within_s: float = 5.0) -> Any:
+    def end(self, answers: SentRequest, within_s: float = 5.0) -> Any:
         assert self.bus.run_for(within_s, lambda: answers.ended), answers.replies[-3:]
         results = [reply for reply in answers.replies if isinstance(reply, Result)]
         assert len(results) == 1

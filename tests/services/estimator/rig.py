@@ -94,7 +94,7 @@ class Rig:
 
     def ask(self, endpoint: topics.Endpoint[Any, Any], payload: Payload) -> Any:
         """A question's answer; takes some milliseconds of the flight."""
-        answers = self.bus.ask(endpoint, payload)
+        answers = self.bus.send_request(endpoint, payload)
         assert self.bus.run_for(1.0, stop=lambda: answers.ended), f"no answer on {endpoint.name}"
         return answers.replies[0]
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from jezero.runtime.memory_bus import Answers, MemoryBus
+from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas import topics
 from jezero.schemas.actions import AreaCoverageGoal, Cancel, CoverageResult, Feedback, Rejected, Result
 from jezero.schemas.estimate import Relative
@@ -35,10 +35,10 @@ class World:
             self.bus.add(service)
         self.bus.run_for(0.5)
 
-    def send(self, goal: AreaCoverageGoal) -> Answers:
-        return self.bus.ask(topics.AREA_COVERAGE.endpoint, goal)
+    def send(self, goal: AreaCoverageGoal) -> SentRequest:
+        return self.bus.send_request(topics.AREA_COVERAGE.endpoint, goal)
 
-    def end(self, answers: Answers, within_s: float = 120.0) -> Any:
+    def end(self, answers: SentRequest, within_s: float = 120.0) -> Any:
         assert self.bus.run_for(within_s, lambda: answers.ended), answers.replies[-3:]
         return answers.replies[-1]
 
@@ -46,13 +46,13 @@ class World:
         """Fly GOAL until feedback reports a number of pictures, then cancel it; returns its result."""
         answers = self.send(GOAL)
         self.bus.run_for(60.0, lambda: taken(answers) >= pictures)
-        self.bus.ask(topics.AREA_COVERAGE.cancel, Cancel(goal_id=GOAL.goal_id))
+        self.bus.send_request(topics.AREA_COVERAGE.cancel, Cancel(goal_id=GOAL.goal_id))
         result = self.end(answers)
         assert result.outcome == "canceled"
         return result.result  # type: ignore[no-any-return]
 
 
-def taken(answers: Answers) -> int:
+def taken(answers: SentRequest) -> int:
     return max((reply.feedback.taken for reply in answers.replies if isinstance(reply, Feedback)), default=0)
 
 
@@ -102,7 +102,7 @@ def test_a_cancel_does_not_wait_for_the_plan() -> None:
     world = World()
     answers = world.send(GOAL)
     world.bus.run_for(0.3)
-    world.bus.ask(topics.AREA_COVERAGE.cancel, Cancel(goal_id=GOAL.goal_id))
+    world.bus.send_request(topics.AREA_COVERAGE.cancel, Cancel(goal_id=GOAL.goal_id))
     canceled_ns = world.bus.t_ns
     reply = world.end(answers, 2.0)
     assert isinstance(reply, Rejected) and reply.reason == "canceled by a client"

@@ -21,8 +21,8 @@ GOAL = GoToGoal(target_ned_m=(6.0, -3.0, -4.0), goal_id="g", on_client_loss="can
 Fault = Callable[[MemoryBus, FakeBridge], object]
 
 FAULTS: dict[str, Fault] = {
-    "cancel": lambda bus, bridge: bus.ask(topics.GO_TO.cancel, Cancel(goal_id="g")),
-    "send again": lambda bus, bridge: bus.ask(topics.GO_TO.endpoint, GOAL, "second"),
+    "cancel": lambda bus, bridge: bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="g")),
+    "send again": lambda bus, bridge: bus.send_request(topics.GO_TO.endpoint, GOAL, "second"),
     "client gone": lambda bus, bridge: bus.client_departs("me"),
     "second client gone": lambda bus, bridge: bus.client_departs("second"),
     "abort": lambda bus, bridge: bridge.revoke(StatusCode.ABORT, "aborted"),
@@ -58,7 +58,7 @@ def test_a_goal_ends_exactly_once_whatever_happens(faults: list[tuple[float, str
 
     bus.observe(note)
     bus.run_for(0.5)
-    answers = bus.ask(topics.GO_TO.endpoint, GOAL, "me")
+    answers = bus.send_request(topics.GO_TO.endpoint, GOAL, "me")
     for after_s, name in faults:
         bus.run_for(after_s)
         FAULTS[name](bus, bridge)

@@ -93,7 +93,7 @@ def test_a_release_that_is_never_answered_is_given_up() -> None:
     world = World()
     world.bridge.lost_releases = 10_000
     goal = world.flying()
-    world.bus.ask(topics.GO_TO.cancel, Cancel(goal_id="far"))
+    world.bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="far"))
     result = world.end(goal, 21.0)
     assert result.outcome == "aborted"
     assert "did not confirm the end of the goal" in result.reason

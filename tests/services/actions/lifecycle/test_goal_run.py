@@ -68,7 +68,7 @@ def test_a_first_feedback_that_has_aged_before_control_is_given_is_not_told() ->
     world.send(FAR)
     for _ in range(20):  # something comes between the question for control and its answer
         world.bus.run_for(0.0002)
-        world.bus.ask(topics.RESULT, GetResult(goal_id="another"), "me")
+        world.bus.send_request(topics.RESULT, GetResult(goal_id="another"), "me")
     world.bus.run_for(0.1)
     flown = [name for name in published if name in ("command/setpoint", "action/go_to/feedback")]
     assert flown[:2] == ["command/setpoint", "action/go_to/feedback"]
@@ -89,7 +89,7 @@ def test_an_idle_server_listens_to_status_and_clock_only() -> None:
     assert port.subscribed == {"status", "clock"}
     goal = world.flying()
     assert port.subscribed == {"status", "clock", "odometry"}
-    world.bus.ask(topics.GO_TO.cancel, Cancel(goal_id="far"))
+    world.bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="far"))
     world.end(goal)
     assert port.subscribed == {"status", "clock"}
 
@@ -146,7 +146,7 @@ def test_without_a_bridge_or_with_a_silent_one_goals_are_refused() -> None:
     bus = MemoryBus()
     bus.add(action_server("go_to", 5, CONFIG))
     bus.run_for(0.1)
-    answers = bus.ask(topics.GO_TO.endpoint, FAR)
+    answers = bus.send_request(topics.GO_TO.endpoint, FAR)
     bus.run_for(0.5)
     assert "status is unknown" in answers.replies[0].reason
     world = World()
@@ -210,14 +210,14 @@ def test_a_server_names_goals_that_have_no_id() -> None:
 def test_a_canceled_goal_is_released_and_says_so() -> None:
     world = World()
     goal = world.flying()
-    reply = world.bus.ask(topics.GO_TO.cancel, Cancel(goal_id="far"))
+    reply = world.bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="far"))
     result = world.end(goal)
     assert reply.replies[0].canceled
     assert result.outcome == "canceled"
     assert not result.result.completed
     assert world.bridge.releases[0].outcome == "canceled"
-    late = world.bus.ask(topics.GO_TO.cancel, Cancel(goal_id="far"))
-    other = world.bus.ask(topics.GO_TO.cancel, Cancel(goal_id="nobody"))
+    late = world.bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="far"))
+    other = world.bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="nobody"))
     world.bus.run_for(0.2)
     assert (late.replies[0].canceled, late.replies[0].reason) == (False, "goal far has already canceled")
     assert (other.replies[0].canceled, other.replies[0].reason) == (False, "no goal nobody is known to go_to")
@@ -226,7 +226,7 @@ def test_a_canceled_goal_is_released_and_says_so() -> None:
 def test_a_cancel_that_comes_before_the_grant_still_cancels() -> None:
     world = World()
     goal = world.send(FAR)
-    world.bus.ask(topics.GO_TO.cancel, Cancel(goal_id="far"))
+    world.bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="far"))
     result = world.end(goal)
     assert result.outcome == "canceled"
     assert world.bridge.setpoints == []
@@ -272,13 +272,13 @@ def test_a_goal_that_nobody_can_watch_over_says_so() -> None:
 def test_results_stay_readable_and_only_the_knowing_server_answers() -> None:
     world = World()
     goal = world.flying()
-    running = world.bus.ask(topics.RESULT, GetResult(goal_id="far"))
+    running = world.bus.send_request(topics.RESULT, GetResult(goal_id="far"))
     world.bus.run_for(0.1)
     assert [r.running for r in running.replies] == [True]
-    world.bus.ask(topics.GO_TO.cancel, Cancel(goal_id="far"))
+    world.bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="far"))
     result = world.end(goal)
-    stored = world.bus.ask(topics.RESULT, GetResult(goal_id="far"))
-    unknown = world.bus.ask(topics.RESULT, GetResult(goal_id="nobody"))
+    stored = world.bus.send_request(topics.RESULT, GetResult(goal_id="far"))
+    unknown = world.bus.send_request(topics.RESULT, GetResult(goal_id="nobody"))
     world.bus.run_for(0.1)
     assert len(stored.replies) == 1
     assert stored.replies[0].action == "go_to"

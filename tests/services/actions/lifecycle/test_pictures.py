@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from jezero.frames import Vec3
-from jezero.runtime.memory_bus import Answers, MemoryBus
+from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas.actions import Accepted, Feedback, GetImagesGoal, ImagesFeedback, ImagesResult, Rejected, Result
 from jezero.schemas.commands import Phase
 from jezero.schemas.images import GetImage
@@ -67,24 +67,24 @@ class World:
             self.bus.add(service)
         self.bus.run_for(0.5)
 
-    def send(self, num_images: int, *, stream: bool = True) -> Answers:
+    def send(self, num_images: int, *, stream: bool = True) -> SentRequest:
         goal = GetImagesGoal(
             goal_id="g", center_ned_m=(0.0, 0.0, -3.0), radius_m=1.0, num_images=num_images, stream_images=stream
         )
-        return self.bus.ask(ACTION.endpoint, goal)
+        return self.bus.send_request(ACTION.endpoint, goal)
 
-    def end(self, answers: Answers, within_s: float = 30.0) -> Any:
+    def end(self, answers: SentRequest, within_s: float = 30.0) -> Any:
         assert self.bus.run_for(within_s, lambda: answers.ended), answers.replies[-3:]
         return answers.replies[-1]
 
     def picture(self, index: int) -> Any:
-        answers = self.bus.ask(ACTION.image, GetImage(goal_id="g", index=index))
+        answers = self.bus.send_request(ACTION.image, GetImage(goal_id="g", index=index))
         self.bus.run_for(0.1)
         assert len(answers.replies) == 1
         return answers.replies[0]
 
 
-def feedback_of(answers: Answers) -> list[ImagesFeedback]:
+def feedback_of(answers: SentRequest) -> list[ImagesFeedback]:
     return [reply.feedback for reply in answers.replies if isinstance(reply, Feedback)]
 
 
@@ -157,6 +157,6 @@ def test_an_idle_server_hears_no_pictures() -> None:
 @pytest.mark.parametrize("goal_id", ["..", "a/b", ""])
 def test_questions_for_strange_goals_are_answered_with_a_reason(goal_id: str) -> None:
     world = World()
-    answers = world.bus.ask(ACTION.image, GetImage(goal_id=goal_id, index=0))
+    answers = world.bus.send_request(ACTION.image, GetImage(goal_id=goal_id, index=0))
     world.bus.run_for(0.1)
     assert answers.replies[0].reason

@@ -6,7 +6,7 @@ from itertools import pairwise
 import msgspec
 
 from jezero.frames import Vec3, subtract
-from jezero.runtime.memory_bus import Answers, MemoryBus
+from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.runtime.service import Inbox, Output, Publish, Reply, Spec
 from jezero.schemas import topics
 from jezero.schemas.actions import Cancel, LandOnSpotGoal, Result
@@ -85,10 +85,10 @@ class World:
         if topic == topics.SETPOINT.name:
             self.setpoints.append(msgspec.json.decode(data, type=Setpoint))
 
-    def land(self, goal: LandOnSpotGoal = LAND) -> Answers:
-        return self.bus.ask(topics.LAND_ON_SPOT.endpoint, goal)
+    def land(self, goal: LandOnSpotGoal = LAND) -> SentRequest:
+        return self.bus.send_request(topics.LAND_ON_SPOT.endpoint, goal)
 
-    def end(self, answers: Answers) -> Result[object]:
+    def end(self, answers: SentRequest) -> Result[object]:
         assert self.bus.run_for(60.0, lambda: answers.ended), answers.replies[-2:]
         assert isinstance(answers.replies[-1], Result)
         self.bus.run_for(0.5)
@@ -111,7 +111,7 @@ def test_a_canceled_landing_gives_it_back_too() -> None:
     world = World()
     answers = world.land()
     world.bus.run_for(2.0)
-    world.bus.ask(topics.LAND_ON_SPOT.cancel, Cancel(goal_id="g"))
+    world.bus.send_request(topics.LAND_ON_SPOT.cancel, Cancel(goal_id="g"))
     assert world.end(answers).outcome == "canceled"
     assert world.estimator.leases[-1][1].release
 
@@ -124,7 +124,7 @@ def test_the_rough_position_moves_with_the_autopilots() -> None:
     world.bus.run_for(1.2)
     assert world.estimator.leases[0][1].pos_rover_ned_m == (2.0, 1.0, 0.0)
     assert world.estimator.leases[-1][1].pos_rover_ned_m == (12.0, 1.0, 0.0)
-    world.bus.ask(topics.LAND_ON_SPOT.cancel, Cancel(goal_id="g"))
+    world.bus.send_request(topics.LAND_ON_SPOT.cancel, Cancel(goal_id="g"))
     world.end(answers)
 
 

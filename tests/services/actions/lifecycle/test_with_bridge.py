@@ -8,7 +8,7 @@ import pytest
 from jezero.codec import decode
 from jezero.frames import Vec3
 from jezero.mavlink import dialect
-from jezero.runtime.memory_bus import UDP_DELAY, Answers, MemoryBus
+from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus, SentRequest
 from jezero.runtime.service import Inbox, Output, Publish, Send, Spec
 from jezero.schemas import topics
 from jezero.schemas.actions import Cancel, GoToGoal, LandOnSpotGoal, Rejected, Result, TakeoffGoal
@@ -97,11 +97,11 @@ class World:
             if not self.codes or self.codes[-1] != self.status.code:
                 self.codes.append(self.status.code)
 
-    def send(self, goal: Any) -> Answers:
+    def send(self, goal: Any) -> SentRequest:
         action = next(a for a in topics.ACTIONS.values() if a.goal_type is type(goal))
-        return self.bus.ask(action.endpoint, goal)
+        return self.bus.send_request(action.endpoint, goal)
 
-    def end(self, answers: Answers, within_s: float = 60.0) -> Any:
+    def end(self, answers: SentRequest, within_s: float = 60.0) -> Any:
         assert self.bus.run_for(within_s, lambda: answers.ended), (answers.replies[-1], self.status)
         return answers.replies[-1]
 
@@ -137,7 +137,7 @@ def test_abort_ends_the_goal_with_the_bridges_words() -> None:
     world.fly(TakeoffGoal(altitude_m=2.0))
     answers = world.send(GoToGoal(target_ned_m=(30.0, 0.0, -2.0), goal_id="g"))
     world.bus.run_for(2.0)
-    world.bus.ask(topics.ABORT, Abort(reason="enough"))
+    world.bus.send_request(topics.ABORT, Abort(reason="enough"))
     result = world.end(answers, 0.3)
     assert result.outcome == "aborted"
     assert "enough" in result.reason
@@ -151,7 +151,7 @@ def test_a_canceled_takeoff_ends_on_the_ground_or_hovering(after_s: float) -> No
     world = World()
     answers = world.send(TakeoffGoal(altitude_m=5.0, goal_id="g"))
     world.bus.run_for(after_s)
-    world.bus.ask(topics.TAKEOFF.cancel, Cancel(goal_id="g"))
+    world.bus.send_request(topics.TAKEOFF.cancel, Cancel(goal_id="g"))
     result = world.end(answers, 10.0)
     assert result.outcome == "canceled"
     assert world.status is not None
