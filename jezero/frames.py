@@ -181,6 +181,13 @@ def q_ned_from_frd(q_enu_from_flu: Quat) -> Quat:
     return quat_normalize((-h * w - h * z, -h * x - h * y, h * y - h * x, h * z - h * w))
 
 
+def q_enu_from_flu(q_ned_from_frd: Quat) -> Quat:
+    """Attitude for the physics engine, the inverse of `q_ned_from_frd`."""
+    w, x, y, z = q_ned_from_frd
+    h = _SQRT_HALF
+    return quat_normalize((-h * w - h * z, -h * x - h * y, h * y - h * x, h * z - h * w))
+
+
 def rotate_yaw(v: Vec3, yaw_rad: float) -> Vec3:
     """Turn a vector of a yawed frame into NED; with -yaw the other way. Source: thesis eq. 4.11."""
     c, s = cos(yaw_rad), sin(yaw_rad)

@@ -160,6 +160,8 @@ class TruePoses(Message, frozen=True, kw_only=True):
         pos_rover_ned_m: position of the platform.
         vel_rover_ned_mps: velocity of the rover.
         yaw_rover_rad: heading of the rover.
+        pitch_rover_rad: pitch of the platform, positive for a raised front.
+        roll_rover_rad: roll of the platform, positive for a lowered right side.
     """
 
     epoch_id: int
@@ -170,6 +172,8 @@ class TruePoses(Message, frozen=True, kw_only=True):
     pos_rover_ned_m: PositionNed
     vel_rover_ned_mps: VelocityNed
     yaw_rover_rad: float
+    pitch_rover_rad: float = 0.0
+    roll_rover_rad: float = 0.0
 
 
 class Truth(TruePoses, frozen=True, kw_only=True):

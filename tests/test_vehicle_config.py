@@ -187,7 +187,7 @@ def arrivals(vehicle: VehicleConfig, pos_uav_ned_m: Vec3) -> Arrivals:
         pos_uav_ned_m: position of the feet.
     """
     center_ned_m = add(pos_uav_ned_m, (0.0, 0.0, -vehicle.airframe.height_stand_m))
-    body, rover = BodyState(center_ned_m, ZERO, LEVEL, ZERO, ZERO), RoverState(ZERO, ZERO, 0.0, 0.0, 0.0)
+    body, rover = BodyState(center_ned_m, ZERO, LEVEL, ZERO, ZERO), RoverState(ZERO, ZERO, LEVEL, ZERO, 0.0, 0.0, 0.0)
     uwb = sensors.Uwb(UwbConfig(std_m=0.002, std_bias_m=0.0), vehicle.uwb, seed=1)
     lens_ned_m = add(center_ned_m, quat_rotate(LEVEL, vehicle.altimeter.pos_altimeter_frd_m))
     found: Arrivals = [(0, topics.CLOCK, Clock(t_ns=0, epoch_id=1, wall_ns=0))]

@@ -154,7 +154,8 @@ class EstimatorFlight:
         else:
             x, y = x + speed * t_s * cos(yaw_rad), y + speed * t_s * sin(yaw_rad)
         vel_mps = (speed * cos(yaw_rad), speed * sin(yaw_rad), 0.0)
-        return RoverState((x, y, z), vel_mps, wrap_pi(yaw_rad), speed, rate)
+        attitude, rates_rps = quat_from_euler(0.0, 0.0, yaw_rad), (0.0, 0.0, rate)
+        return RoverState((x, y, z), vel_mps, attitude, rates_rps, wrap_pi(yaw_rad), speed, rate)
 
     def _pos_uav(self, t_s: float) -> Vec3:
         share = min(max((t_s - self._hover_s) / APPROACH_S, 0.0), 1.0)

@@ -29,8 +29,7 @@ from jezero.trials.landing.trial import (
     ALTITUDE_RANGE_M,
     MOTIONS,
     ROVER_DISTANCE_MAX_M,
-    STD_GUST_MPS,
-    WIND_MPS,
+    Conditions,
     RoverName,
 )
 from jezero.trials.platform import on_platform_m
@@ -55,14 +54,15 @@ def windy_settings(folder: Path) -> Path:
     path = folder / "simulator.toml"
     head, rest = path.read_text().split("[wind]\n", 1)
     _, tail = rest.split("\n\n", 1)
-    wind = f"mean_mps = {WIND_MPS}\nfrom_deg = 250.0\nstd_gust_mps = {STD_GUST_MPS}"
+    conditions = Conditions(case="uwb+tag")
+    wind = f"mean_mps = {conditions.wind_mps}\nfrom_deg = 250.0\nstd_gust_mps = {conditions.std_gust_mps}"
     path.write_text(f"{head}[wind]\n{wind}\n\n{tail}")
     return folder
 
 
 def drive(rover: RoverName, number: int) -> AbstractContextManager[object]:
     """`jezero rover drive` as a process of its own, until the context ends."""
-    speed_mps, yaw_rate_rps = MOTIONS[rover]
+    speed_mps, yaw_rate_rps, _ = MOTIONS[rover]
     if speed_mps == 0.0:
         return nullcontext()
     backwards = number % 2

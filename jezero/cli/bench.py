@@ -1,7 +1,7 @@
 """`jezero bench`: benchmarks in virtual time."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
@@ -12,6 +12,26 @@ if TYPE_CHECKING:
     from jezero.trials.landing.flight import Landing
     from jezero.trials.landing.trial import CaseName, RoverName
 
+
+class _Bias(click.ParamType[tuple[float, ...]]):
+    """Numbers in metres, separated by commas."""
+
+    name = "bias"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
+        if isinstance(value, tuple):
+            return value
+        try:
+            biases_m = tuple(float(part) for part in value.split(","))
+        except ValueError:
+            self.fail(f"{value!r}: expected metres separated by commas, as 0.3 or 0.3,0,0,0", param, ctx)
+        if any(not abs(bias_m) <= BIAS_MAX_M for bias_m in biases_m):
+            self.fail(f"{value!r}: each error lies within {BIAS_MAX_M:g} m", param, ctx)
+        return biases_m
+
+
+BIAS = _Bias()
+BIAS_MAX_M = 10.0
 CASES = ("uwb+tag", "uwb", "tag", "none")
 
 
@@ -30,8 +50,16 @@ def bench() -> None:
 )
 @click.option("--n", type=click.IntRange(1, 100_000), default=100, show_default=True, help="Landings of each case.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="First seed.")
-@click.option("--rover", type=click.Choice(["still", "drive", "turn"]), default="still", show_default=True,
-              help="Motion: none, 0.5 m/s straight, or 1 m/s and 0.2 rad/s.")  # fmt: skip
+@click.option("--rover", type=click.Choice(["still", "drive", "turn", "zigzag"]), default="still", show_default=True,
+              help="Motion: none; 0.5 m/s straight; 1 m/s and 0.2 rad/s; 0.8 m/s, turning to and fro.")  # fmt: skip
+@click.option("--wind", type=click.FloatRange(0.0, 30.0), default=3.0, show_default=True, metavar="MEAN",
+              help="Speed of the mean wind, in m/s.")  # fmt: skip
+@click.option("--gusts", type=click.FloatRange(0.0, 10.0), default=0.6, show_default=True, metavar="STD",
+              help="Standard deviation of the gusts, in m/s.")  # fmt: skip
+@click.option("--tilt", type=click.FloatRange(0.0, 30.0), default=0.0, show_default=True, metavar="DEG",
+              help="Tilt of the rover's platform, in a random direction.")  # fmt: skip
+@click.option("--compass-step", type=click.FloatRange(-180.0, 180.0), default=0.0, show_default=True, metavar="DEG",
+              help="Jump of the vehicle's compass at a random time of the landing.")  # fmt: skip
 @click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Number of processes.")
 @click.option("--tags", type=click.Choice(["projected", "rendered"]), default="projected", show_default=True,
               help="Calculate the tags' corners, or render images and detect.")  # fmt: skip
@@ -43,13 +71,15 @@ def bench() -> None:
 )
 @click.option("--uwb-outliers", type=click.FloatRange(0.0, 1.0), metavar="SHARE",
               help="Share of UWB ranges that are 0.5 to 3 m too long [default: 0, case uwb: 0.1].")  # fmt: skip
-@click.option(
-    "--camera-latency",
-    type=click.FloatRange(0.0, 1.0),
-    metavar="S",
-    help="Seconds from exposure to the image [default: 0.1].",
-)
+@click.option("--uwb-bias", type=BIAS, default=(), metavar="M[,M...]",
+              help="Constant error of the UWB ranges: one number for all anchors, or one for each.")  # fmt: skip
+@click.option("--anchors", type=click.Choice(["right", "rotated"]), default="right", show_default=True,
+              help="Rotated: each UWB anchor stands where the next one should.")  # fmt: skip
+@click.option("--camera-delay", type=click.FloatRange(0.0, 1.0), metavar="S",
+              help="Seconds from exposure to the image [default: 0.1].")  # fmt: skip
 @click.option("--hide-tag", is_flag=True, help="Hide the tags twice, for a second each.")
+@click.option("--tag-until", type=click.FloatRange(0.0, 20.0), metavar="M",
+              help="Hide the tags below this height above the platform.")  # fmt: skip
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER",
               help="Write each landing's log, about 6 MB, for `jezero report`.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per case; `jezero report` draws them.")
@@ -58,19 +88,27 @@ def landing(
     n: int,
     seed: int,
     rover: str,
+    wind: float,
+    gusts: float,
+    tilt: float,
+    compass_step: float,
     jobs: int,
     tags: str,
     uwb_std: float | None,
     uwb_outliers: float | None,
-    camera_latency: float | None,
+    uwb_bias: tuple[float, ...],
+    anchors: str,
+    camera_delay: float | None,
     hide_tag: bool,
+    tag_until: float | None,
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Land many times, with 3 m/s wind and gusts, from random positions 4 to 8 m up and up to 8 m away.
+    """Land many times, from random positions 4 to 8 m up and up to 8 m away.
 
     Prints the touchdown error, the time, the error of the position estimate by range, its consistency (NEES), and the
-    failed seeds.
+    failed and crashed seeds. A vehicle that lies on its side, hits something faster than 1 m/s, or runs its motors on
+    the ground at the end, has crashed.
     """
     import msgspec
 
@@ -85,8 +123,15 @@ def landing(
             tags="rendered" if tags == "rendered" else "projected",
             uwb_std_m=uwb_std,
             uwb_outliers=uwb_outliers,
-            camera_latency_s=camera_latency,
+            uwb_bias_m=uwb_bias,
+            anchors_rotated=anchors == "rotated",
+            camera_delay_s=camera_delay,
             hide_tag=hide_tag,
+            tag_until_m=tag_until,
+            wind_mps=wind,
+            std_gust_mps=gusts,
+            tilt_deg=tilt,
+            compass_step_deg=compass_step,
         )
         report = fly_landings(conditions, n, seed, jobs, _print_nothing if as_json else _print_landing, out)
         click.echo(msgspec.json.encode(report).decode() if as_json else _table(report))
@@ -101,7 +146,7 @@ def _print_nothing(landing: "Landing") -> None:
 
 def _print_landing(landing: "Landing") -> None:
     if landing.failure:
-        click.echo(f"seed {landing.seed}: {landing.failure}")
+        click.echo(f"seed {landing.seed}: {'crashed: ' if landing.crashed else ''}{landing.failure}")
         return
     where = f"{100.0 * landing.error_m:.1f} cm from the target after {landing.time_s:.1f} s"
     click.echo(f"seed {landing.seed}: {where}, impact at {landing.impact_mps:.2f} m/s")
@@ -111,6 +156,7 @@ def _table(report: "LandingReport") -> str:
     error_m, time_s, rmse_m = report.touchdown_error_m, report.time_s, report.rmse_m
     rows = (
         ("landed", f"{report.landed} of {report.n}"),
+        ("crashed", f"{report.crashed} of {report.n}"),
         ("touchdown", f"median {_cm(error_m['median'])}, p95 {_cm(error_m['p95'])}, max {_cm(error_m['max'])} cm"),
         ("time", f"median {_s(time_s['median'])}, p95 {_s(time_s['p95'])} s"),
         ("estimate", f"RMSE {_cm(rmse_m['below_3m'])} cm below 3 m, {_cm(rmse_m['3_to_8m'])} cm from 3 to 8 m"),

@@ -25,10 +25,22 @@ class BodyState(NamedTuple):
 
 
 class RoverState(NamedTuple):
-    """Pose and motion of the landing platform's centre; the platform stays level."""
+    """Pose and motion of the landing platform's centre.
+
+    Attributes:
+        pos_ned_m: centre of the platform's surface in the map.
+        vel_ned_mps: velocity.
+        q_ned_from_rover_body: attitude of the platform.
+        rates_ned_rps: angular rates in the map's axes.
+        yaw_rad: heading, as the compass measures it.
+        speed_mps: forward speed.
+        yaw_rate_rps: yaw rate, clockwise seen from above.
+    """
 
     pos_ned_m: Vec3
     vel_ned_mps: Vec3
+    q_ned_from_rover_body: Quat
+    rates_ned_rps: Vec3
     yaw_rad: float
     speed_mps: float
     yaw_rate_rps: float

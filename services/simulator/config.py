@@ -122,6 +122,9 @@ class RoverConfig(Config, frozen=True, kw_only=True):
         start_north_m: start position, north of the map's origin; its height follows from the ground there.
         start_east_m: start position, east of the map's origin.
         start_yaw_rad: heading at the start, clockwise from north.
+        tilt_deg: angle of the platform against the rover's own level.
+        tilt_towards_deg: direction of the platform's low side, clockwise from the rover's front.
+        tilts_with_ground: the whole rover leans with the slope of the ground below it; otherwise it stays upright.
         friction_platform: friction of the platform; the friction coefficient is its product with `friction_feet` of the
             vehicle.
         acc_max_mps2: maximum acceleration.
@@ -132,6 +135,9 @@ class RoverConfig(Config, frozen=True, kw_only=True):
     start_north_m: Coordinate = 5.0
     start_east_m: Coordinate = -3.0
     start_yaw_rad: Angle = 0.5
+    tilt_deg: Annotated[float, Meta(ge=0.0, le=30.0)] = 0.0
+    tilt_towards_deg: Annotated[float, Meta(ge=-360.0, le=360.0)] = 0.0
+    tilts_with_ground: bool = False
     friction_platform: NonNegative = 0.9
     acc_max_mps2: Positive = 0.5
     acc_yaw_max_rps2: Positive = 0.5
@@ -266,6 +272,9 @@ class UwbConfig(Config, frozen=True, kw_only=True):
         share_blocked: fraction of the ranges without a line of sight, which are measured along a detour.
         detour_min_m: smallest error of a range along a detour.
         detour_max_m: greatest error of a range along a detour.
+        bias_anchors_m: constant error of each anchor's ranges; empty for none.
+        anchors_shifted: number of places by which the anchors are swapped: anchor *i* stands where anchor
+            *i* + `anchors_shifted` should.
     """
 
     rate_hz: Rate = 20.0
@@ -277,6 +286,8 @@ class UwbConfig(Config, frozen=True, kw_only=True):
     share_blocked: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
     detour_min_m: NonNegative = 0.5
     detour_max_m: NonNegative = 3.0
+    bias_anchors_m: Annotated[tuple[Annotated[float, Meta(ge=-10.0, le=10.0)], ...], Meta(max_length=64)] = ()
+    anchors_shifted: Annotated[int, Meta(ge=0, le=63)] = 0
 
 
 class RoverOdometryConfig(Config, frozen=True, kw_only=True):

@@ -1,11 +1,23 @@
 """Motion of the rover: a platform that follows the ground at a given speed and yaw rate."""
 
-from math import cos, sin
+from math import atan, cos, radians, sin
 
-from jezero.frames import wrap_pi
+from jezero.frames import (
+    Quat,
+    Vec3,
+    quat_conjugate,
+    quat_from_euler,
+    quat_from_rotation_vector,
+    quat_multiply,
+    scale,
+    wrap_pi,
+)
 from jezero.services.simulator.body import RoverState
 from jezero.services.simulator.config import RoverConfig
 from jezero.services.simulator.terrain import Terrain
+
+WHEELBASE_HALF_M = 0.4
+"""Distance from the rover's middle at which its front, rear and side wheels touch the ground."""
 
 
 class Rover:
@@ -18,26 +30,60 @@ class Rover:
     def __init__(self, config: RoverConfig, terrain: Terrain, height_platform_m: float) -> None:
         self._terrain = terrain
         self._height_platform_m = height_platform_m
-        north_m, east_m = config.start_north_m, config.start_east_m
-        down_m = -self._top_height_m(north_m, east_m)
-        self.state = RoverState((north_m, east_m, down_m), (0.0, 0.0, 0.0), config.start_yaw_rad, 0.0, 0.0)
+        self._tilts_with_ground = config.tilts_with_ground
+        tilt_rad, towards_rad = radians(config.tilt_deg), radians(config.tilt_towards_deg)
+        self._q_level_from_platform = quat_from_rotation_vector(
+            (tilt_rad * sin(towards_rad), -tilt_rad * cos(towards_rad), 0.0)
+        )
+        north_m, east_m, yaw_rad = config.start_north_m, config.start_east_m, config.start_yaw_rad
+        at_rest = (0.0, 0.0, 0.0)
+        self.state = RoverState(
+            self._pos_ned_m(north_m, east_m),
+            at_rest,
+            self._attitude(north_m, east_m, yaw_rad),
+            at_rest,
+            yaw_rad,
+            0.0,
+            0.0,
+        )
 
     def drive(self, speed_mps: float, yaw_rate_rps: float, dt_s: float) -> RoverState:
         """Advance by one step along an arc; velocities in the result are means over this step."""
-        (north_m, east_m, down_m), yaw_rad = self.state.pos_ned_m, self.state.yaw_rad
+        before = self.state
+        (north_m, east_m, down_m), yaw_rad = before.pos_ned_m, before.yaw_rad
         middle_rad = yaw_rad + 0.5 * yaw_rate_rps * dt_s
         vel_north_mps, vel_east_mps = speed_mps * cos(middle_rad), speed_mps * sin(middle_rad)
-        north_m += vel_north_mps * dt_s
-        east_m += vel_east_mps * dt_s
-        new_down_m = -self._top_height_m(north_m, east_m)
+        pos_ned_m = self._pos_ned_m(north_m + vel_north_mps * dt_s, east_m + vel_east_mps * dt_s)
+        yaw_rad = wrap_pi(yaw_rad + yaw_rate_rps * dt_s)
+        q_ned_from_rover_body = self._attitude(pos_ned_m[0], pos_ned_m[1], yaw_rad)
+        _, x, y, z = quat_multiply(q_ned_from_rover_body, quat_conjugate(before.q_ned_from_rover_body))
         self.state = RoverState(
-            (north_m, east_m, new_down_m),
-            (vel_north_mps, vel_east_mps, (new_down_m - down_m) / dt_s),
-            wrap_pi(yaw_rad + yaw_rate_rps * dt_s),
+            pos_ned_m,
+            (vel_north_mps, vel_east_mps, (pos_ned_m[2] - down_m) / dt_s),
+            q_ned_from_rover_body,
+            scale((x, y, z), 2.0 / dt_s),
+            yaw_rad,
             speed_mps,
             yaw_rate_rps,
         )
         return self.state
 
-    def _top_height_m(self, north_m: float, east_m: float) -> float:
-        return self._terrain.height_m(north_m, east_m) + self._height_platform_m
+    def _pos_ned_m(self, north_m: float, east_m: float) -> Vec3:
+        return (north_m, east_m, -self._terrain.height_m(north_m, east_m) - self._height_platform_m)
+
+    def _attitude(self, north_m: float, east_m: float, yaw_rad: float) -> Quat:
+        """Attitude of the platform at a place: that of the rover, and the platform's tilt on it."""
+        pitch_rad = roll_rad = 0.0
+        if self._tilts_with_ground:
+            c, s = WHEELBASE_HALF_M * cos(yaw_rad), WHEELBASE_HALF_M * sin(yaw_rad)
+            pitch_rad = self._slope_rad(north_m, east_m, c, s)
+            roll_rad = -self._slope_rad(north_m, east_m, -s, c)
+        return quat_multiply(quat_from_euler(roll_rad, pitch_rad, yaw_rad), self._q_level_from_platform)
+
+    def _slope_rad(self, north_m: float, east_m: float, step_north_m: float, step_east_m: float) -> float:
+        """Angle by which the ground rises from one side of the rover to the other."""
+        height_m = self._terrain.height_m
+        rise_m = height_m(north_m + step_north_m, east_m + step_east_m) - height_m(
+            north_m - step_north_m, east_m - step_east_m
+        )
+        return atan(0.5 * rise_m / WHEELBASE_HALF_M)

@@ -4,6 +4,7 @@ Each sensor draws from a stream of its own, so that switching one off leaves the
 """
 
 from math import ceil, cos, sin
+from typing import NamedTuple
 
 from jezero.frames import (
     Vec3,
@@ -156,7 +157,11 @@ class Barometer:
 
 
 class Magnetometer:
-    """The place's field in the body's axes; the bias is the rest of the hard-iron error after calibration."""
+    """The place's field in the body's axes; the bias is the rest of the hard-iron error after calibration.
+
+    Attributes:
+        error_yaw_rad: angle by which the field is turned about the vertical, as by iron or a current nearby.
+    """
 
     def __init__(self, config: MagnetometerConfig, origin: OriginConfig, seed: int) -> None:
         self._normals = normals_of(generator(seed, "magnetometer"))
@@ -164,10 +169,12 @@ class Magnetometer:
         self._bias_gauss = _Bias((std, std, std), config.tau_bias_s, 1.0 / config.rate_hil_hz, self._normals)
         self._field_ned_gauss = origin.field_ned_gauss
         self._std_gauss = config.std_gauss
+        self.error_yaw_rad = 0.0
 
     def measure(self, t_ns: int, state: BodyState) -> messages.Magnetometer:
         n, std = self._normals, self._std_gauss
-        field = quat_rotate(quat_conjugate(state.q_ned_from_frd), self._field_ned_gauss)
+        field_ned_gauss = rotate_yaw(self._field_ned_gauss, -self.error_yaw_rad)
+        field = quat_rotate(quat_conjugate(state.q_ned_from_frd), field_ned_gauss)
         x, y, z = add(field, self._bias_gauss.step())
         return messages.Magnetometer(t_ns=t_ns, field_frd_gauss=(x + std * n(), y + std * n(), z + std * n()))
 
@@ -190,15 +197,30 @@ class Altimeter:
         return messages.Altimeter(t_ns=t_ns, range_m=true_range_m + error_m)
 
 
+class _Anchor(NamedTuple):
+    """One UWB anchor in `rover_body`: where it is reported to be, where it is, and its constant and varying errors."""
+
+    pos_m: Vec3
+    pos_true_m: Vec3
+    bias_m: float
+    wander_m: Wander
+
+
 class Uwb:
     """Ranges from the vehicle's tag to the platform's anchors, each with its own wandering bias."""
 
     def __init__(self, config: UwbConfig, layout: UwbLayoutConfig, seed: int) -> None:
         self._normals = normals_of(generator(seed, "uwb"))
         dt_s = 1.0 / config.rate_hz
+        places_m = layout.pos_anchors_rover_body_m
         self._anchors = tuple(
-            (pos_m, Wander(config.std_bias_m, config.tau_bias_s, dt_s, self._normals))
-            for pos_m in layout.pos_anchors_rover_body_m
+            _Anchor(
+                pos_m,
+                places_m[(i + config.anchors_shifted) % len(places_m)],
+                config.bias_anchors_m[i] if i < len(config.bias_anchors_m) else 0.0,
+                Wander(config.std_bias_m, config.tau_bias_s, dt_s, self._normals),
+            )
+            for i, pos_m in enumerate(places_m)
         )
         self._blocking = generator(seed, "uwb blocked")
         self._config = config
@@ -208,18 +230,19 @@ class Uwb:
         """One round that ends at `t_ns`: the anchors take turns, the first one's range is the oldest."""
         config, layout = self._config, self._layout
         tag_ned_m = add(state.pos_ned_m, quat_rotate(state.q_ned_from_frd, layout.pos_tag_frd_m))
-        tag_rover_body_m = rotate_yaw(subtract(tag_ned_m, rover.pos_ned_m), -rover.yaw_rad)
-        vel_rover_body_mps = rotate_yaw(subtract(state.vel_ned_mps, rover.vel_ned_mps), -rover.yaw_rad)
+        q_rover_body_from_ned = quat_conjugate(rover.q_ned_from_rover_body)
+        tag_rover_body_m = quat_rotate(q_rover_body_from_ned, subtract(tag_ned_m, rover.pos_ned_m))
+        vel_rover_body_mps = quat_rotate(q_rover_body_from_ned, subtract(state.vel_ned_mps, rover.vel_ned_mps))
         ranges = []
-        for i, (pos_anchor_m, bias_m) in enumerate(self._anchors):
+        for i, anchor in enumerate(self._anchors):
             age_s = (len(self._anchors) - 1 - i) * config.slot_s
-            error_m = bias_m.step() + config.std_m * self._normals() + self._detour_m()
+            error_m = anchor.bias_m + anchor.wander_m.step() + config.std_m * self._normals() + self._detour_m()
             then_m = subtract(tag_rover_body_m, scale(vel_rover_body_mps, age_s))
-            range_m = max(0.0, distance(then_m, pos_anchor_m) + error_m)
+            range_m = max(0.0, distance(then_m, anchor.pos_true_m) + error_m)
             if range_m <= layout.range_max_m:
                 then_ns = max(0, t_ns - round(age_s * NS_PER_S))
                 ranges.append(
-                    messages.UwbRange(t_ns=then_ns, anchor=i, pos_anchor_rover_body_m=pos_anchor_m, range_m=range_m)
+                    messages.UwbRange(t_ns=then_ns, anchor=i, pos_anchor_rover_body_m=anchor.pos_m, range_m=range_m)
                 )
         return messages.Uwb(t_ns=t_ns, ranges=tuple(ranges))
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from math import inf
 
-from jezero.frames import subtract
+from jezero.frames import euler_from_quat, subtract
 from jezero.runtime.service import Health, Inbox, Output, Publish, Send, Spec
 from jezero.schemas import sensors as messages
 from jezero.schemas import topics
@@ -125,6 +125,10 @@ class Simulator:
         if self._when_scene.due(t_ns):
             yield Publish(topics.SCENE, self._scene(t_ns, state))
 
+    def turn_compass(self, error_rad: float) -> None:
+        """Turn the magnetic field at the vehicle about the vertical, so that its compass is wrong by this angle."""
+        self._mag.error_yaw_rad = error_rad
+
     def close(self) -> None:
         """Free the physics engine."""
         self._world.close()
@@ -223,6 +227,7 @@ class Simulator:
     def _scene(self, t_ns: int, state: BodyState) -> Scene:
         """State of vehicle and rover for one picture, in the map."""
         rover = self._rover.state
+        roll_rad, pitch_rad, yaw_rad = euler_from_quat(rover.q_ned_from_rover_body)
         return Scene(
             t_ns=t_ns,
             epoch_id=self._epoch_id,
@@ -232,7 +237,9 @@ class Simulator:
             rates_uav_frd_rps=state.rates_frd_rps,
             pos_rover_ned_m=rover.pos_ned_m,
             vel_rover_ned_mps=rover.vel_ned_mps,
-            yaw_rover_rad=rover.yaw_rad,
+            yaw_rover_rad=yaw_rad,
+            pitch_rover_rad=pitch_rad,
+            roll_rover_rad=roll_rad,
         )
 
     def _truth(self, t_ns: int, state: BodyState) -> Truth:
@@ -243,6 +250,7 @@ class Simulator:
         """
         start_ned_m = self._world.start_ned_m
         rover = self._rover.state
+        roll_rad, pitch_rad, yaw_rad = euler_from_quat(rover.q_ned_from_rover_body)
         north_m, east_m, down_m = subtract(rover.pos_ned_m, start_ned_m)
         return Truth(
             t_ns=t_ns,
@@ -253,7 +261,9 @@ class Simulator:
             rates_uav_frd_rps=state.rates_frd_rps,
             pos_rover_ned_m=(north_m, east_m, down_m - self._world.height_stand_m),
             vel_rover_ned_mps=rover.vel_ned_mps,
-            yaw_rover_rad=rover.yaw_rad,
+            yaw_rover_rad=yaw_rad,
+            pitch_rover_rad=pitch_rad,
+            roll_rover_rad=roll_rad,
             wind_ned_mps=self._wind.vel_ned_mps,
             contact_force_n=self._world.contact_force_n(),
             armed_motors=any(self._hil.commands),

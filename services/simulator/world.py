@@ -9,7 +9,16 @@ from math import cos, sin
 import numpy as np
 import pybullet
 
-from jezero.frames import Quat, Vec3, enu_from_ned, ned_from_enu, q_ned_from_frd, quat_conjugate, quat_rotate
+from jezero.frames import (
+    Quat,
+    Vec3,
+    enu_from_ned,
+    ned_from_enu,
+    q_enu_from_flu,
+    q_ned_from_frd,
+    quat_conjugate,
+    quat_rotate,
+)
 from jezero.services.simulator.body import BodyState, RoverState
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.terrain import HALF_SIDE_M, HEIGHT_MAX_M, POINTS, SPACING_M, Terrain
@@ -95,7 +104,7 @@ class World:
         """Set the platform's pose and velocity; friction at this velocity carries a vehicle that stands on it along."""
         pybullet.resetBasePositionAndOrientation(self._rover_id, *_rover_pose(rover), physicsClientId=self._client)
         velocity_enu_mps = enu_from_ned(rover.vel_ned_mps)
-        turn_enu_rps = (0.0, 0.0, -rover.yaw_rate_rps)
+        turn_enu_rps = enu_from_ned(rover.rates_ned_rps)
         pybullet.resetBaseVelocity(self._rover_id, velocity_enu_mps, turn_enu_rps, physicsClientId=self._client)
 
     def place_uav(self, pos_ned_m: Vec3, yaw_rad: float, vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)) -> None:
@@ -244,4 +253,5 @@ def _orientation(yaw_rad: float) -> tuple[float, float, float, float]:
 
 
 def _rover_pose(rover: RoverState) -> tuple[Vec3, tuple[float, float, float, float]]:
-    return enu_from_ned(rover.pos_ned_m), _orientation(rover.yaw_rad)
+    w, x, y, z = q_enu_from_flu(rover.q_ned_from_rover_body)
+    return enu_from_ned(rover.pos_ned_m), (x, y, z, w)

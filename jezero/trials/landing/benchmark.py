@@ -13,6 +13,22 @@ from jezero.trials.landing.trial import Conditions
 from jezero.trials.workers import workers
 
 
+class Outcome(msgspec.Struct, frozen=True, kw_only=True):
+    """One landing of a report.
+
+    Attributes:
+        seed: the trial's seed.
+        landed: whether the vehicle stands on its target, disarmed.
+        crashed: whether the landing ended in a crash, see `Landing.crashed`.
+        reason: why the landing failed, or "".
+    """
+
+    seed: int
+    landed: bool
+    crashed: bool
+    reason: str
+
+
 class LandingReport(msgspec.Struct, frozen=True, kw_only=True):
     """Statistics of the landings of one benchmark.
 
@@ -27,21 +43,25 @@ class LandingReport(msgspec.Struct, frozen=True, kw_only=True):
         time_s: "median" and "p95" of the time from the goal to disarm.
         rmse_m: 3D root mean square error of the relative position at ranges "below_3m" and "3_to_8m".
         nees: mean over estimates and dimensions of the normalised squared error; 1 is consistent.
+        crashed: number of landings that ended in a crash, see `Landing.crashed`.
         failed_seeds: seeds of the failed landings.
         touchdowns_m: (2,) true position at disarm of each landing that did not fail: forward and right of the
             platform's centre, or north and east of the spot in the case "none".
+        outcomes: every landing.
     """
 
     case: str
     rover: str
     n: int
     landed: int
+    crashed: int
     touchdown_error_m: dict[str, float | None]
     time_s: dict[str, float | None]
     rmse_m: dict[str, float | None]
     nees: float | None
     failed_seeds: list[int]
     touchdowns_m: list[tuple[float, float]]
+    outcomes: list[Outcome]
 
 
 def fly_landings(
@@ -76,6 +96,7 @@ def fly_landings(
         rover=conditions.rover,
         n=n,
         landed=sum(not landing.failure for landing in landings),
+        crashed=sum(landing.crashed for landing in landings),
         touchdown_error_m={
             name: _finite(percentile(errors_m, share)) for name, share in (("median", 0.5), ("p95", 0.95), ("max", 1.0))
         },
@@ -87,6 +108,9 @@ def fly_landings(
             (round(place_m[0], 4), round(place_m[1], 4))
             for place_m in (landing.error_rover_body_m for landing in landings)
             if place_m is not None
+        ],
+        outcomes=[
+            Outcome(seed=one.seed, landed=not one.failure, crashed=one.crashed, reason=one.failure) for one in landings
         ],
     )
 

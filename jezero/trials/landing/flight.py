@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
-from math import hypot, inf
+from math import hypot, inf, radians
 from pathlib import Path
 
 import msgspec
 
+from jezero.frames import altitude_m
 from jezero.report.flight_log import LOG, LogWriter
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus
@@ -21,14 +22,12 @@ from jezero.trials.goals import fly_goal
 from jezero.trials.landing.judge import IMPACT_MAX_MPS, EstimateErrors, LandingJudge
 from jezero.trials.landing.trial import (
     MOTIONS,
-    STD_GUST_MPS,
     TAG_HIDDEN_DURATION_S,
-    WIND_MPS,
     Conditions,
     Trial,
     draw_trial,
 )
-from jezero.trials.platform import off_platform_reason, on_platform_m, tipped_over_reason
+from jezero.trials.platform import off_platform_reason, offset_m, on_platform_m, tipped_over_reason
 from jezero.trials.rover_driver import RoverDriver
 from jezero.trials.stack import SYSTEM_ID, boot_id, service_makers, wired_bus
 from jezero.vehicle_config import VehicleConfig
@@ -39,6 +38,8 @@ ROVER_DRIVES_BEFORE_S = 2.0
 """The rover drives for this time before the landing's goal is sent, so that it has reached its speed."""
 UWB_ONLY_STD_M, UWB_ONLY_OUTLIERS = 0.1, 0.1
 """Errors of real hardware, for the case that lands with UWB only."""
+AFTER_FAILURE_S = 5.0
+"""Duration of the flight after a failed landing, which shows what the vehicle does then."""
 SERVICES_LEFT_OUT = ("go_to",)
 CAMERA_OUTPUTS = (topics.CAMERA.name, topics.TAG_CORNERS.name)
 
@@ -49,6 +50,8 @@ class Landing(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         seed: the trial's seed.
         failure: why the landing failed, or "".
+        crashed: whether the vehicle lies on its side, touched down harder than 1 m/s, or runs its motors on the ground
+            or the platform at the end.
         error_m: horizontal touchdown error; infinite if the landing failed.
         error_rover_body_m: (2,) true position at disarm, forward and right of the platform's centre (case "none": north
             and east of the spot); None if the landing failed.
@@ -59,6 +62,7 @@ class Landing(msgspec.Struct, frozen=True, kw_only=True):
 
     seed: int
     failure: str
+    crashed: bool
     error_m: float
     error_rover_body_m: tuple[float, float] | None
     time_s: float
@@ -67,21 +71,21 @@ class Landing(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class _TagHidingCamera:
-    """A camera service that publishes no images during given periods.
+    """A camera service that publishes no images while its tags are hidden.
 
     Attributes:
-        hidden_ns: (start, end) times of these periods; may be changed while the bus runs.
+        hidden_at: whether the tags are hidden at a time; may be replaced while the bus runs.
     """
 
     def __init__(self, camera: Service) -> None:
         self.spec = camera.spec
-        self.hidden_ns: list[tuple[int, int]] = []
+        self.hidden_at: Callable[[int], bool] = lambda t_ns: False
         self._camera = camera
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
         for output in self._camera.step(t_ns, inbox):
             is_image = isinstance(output, Publish) and output.topic.name in CAMERA_OUTPUTS
-            if not (is_image and any(start <= t_ns < end for start, end in self.hidden_ns)):
+            if not (is_image and self.hidden_at(t_ns)):
                 yield output
 
 
@@ -107,10 +111,10 @@ def fly_landing(
         if logs is not None:
             log = cleanup.enter_context(LogWriter(logs / f"{conditions.case}-{seed}" / LOG))
             bus.observe(log.write)
-        return _fly(trial, bus, camera)
+        return _fly(trial, bus, camera, simulator)
 
 
-def _fly(trial: Trial, bus: MemoryBus, camera: _TagHidingCamera) -> Landing:
+def _fly(trial: Trial, bus: MemoryBus, camera: _TagHidingCamera, simulator: Simulator) -> Landing:
     conditions = trial.conditions
     driver = RoverDriver()
     bus.add(driver)
@@ -118,17 +122,28 @@ def _fly(trial: Trial, bus: MemoryBus, camera: _TagHidingCamera) -> Landing:
     bus.observe(judge)
     failure = _take_off(bus, judge, trial)
     if not failure:
-        driver.speed_mps, driver.yaw_rate_rps = MOTIONS[conditions.rover]
+        driver.speed_mps, driver.yaw_rate_rps, driver.reverse_s = MOTIONS[conditions.rover]
         bus.run_for(ROVER_DRIVES_BEFORE_S if driver.speed_mps else 0.0)
         assert judge.truth is not None, "no truth in flight"
         judge.start(bus.t_ns)
-        if conditions.hide_tag:
-            starts_ns = [bus.t_ns + int(s * NS_PER_S) for s in trial.tag_hidden_start_s]
-            camera.hidden_ns = [(from_ns, from_ns + int(TAG_HIDDEN_DURATION_S * NS_PER_S)) for from_ns in starts_ns]
         start_ns = bus.t_ns
+        camera.hidden_at = lambda t_ns: _tag_hidden(trial, judge, (t_ns - start_ns) / NS_PER_S)
+        if conditions.compass_step_deg:
+            step_ns, step_rad = int(trial.compass_step_s * NS_PER_S), radians(conditions.compass_step_deg)
+            bus.at(start_ns + step_ns, "", lambda: simulator.turn_compass(step_rad))
         failure = fly_goal(bus, topics.LAND_ON_SPOT, trial.goal(judge.truth.pos_rover_ned_m), GOAL_TIMEOUT_S)
+        if failure:
+            bus.run_for(AFTER_FAILURE_S)
         return _landing(trial, judge, start_ns, failure)
     return _landing(trial, judge, bus.t_ns, f"before the landing: {failure}")
+
+
+def _tag_hidden(trial: Trial, judge: LandingJudge, flown_s: float) -> bool:
+    conditions, truth = trial.conditions, judge.truth
+    if conditions.hide_tag and any(s <= flown_s < s + TAG_HIDDEN_DURATION_S for s in trial.tag_hidden_start_s):
+        return True
+    until_m = conditions.tag_until_m
+    return until_m is not None and truth is not None and altitude_m(offset_m(truth)[2]) < until_m
 
 
 def _stack(trial: Trial, other_autopilot: tuple[Service, int] | None) -> tuple[MemoryBus, _TagHidingCamera, Simulator]:
@@ -168,10 +183,32 @@ def simulator_config(trial: Trial) -> SimulatorConfig:
     north_m, east_m = trial.pos_rover_ned_m
     return replace(
         shipped,
-        wind=WindConfig(mean_mps=WIND_MPS, from_deg=trial.wind_from_deg, std_gust_mps=STD_GUST_MPS),
-        rover=replace(shipped.rover, start_north_m=north_m, start_east_m=east_m, start_yaw_rad=trial.yaw_rover_rad),
-        uwb=replace(shipped.uwb, std_m=shipped.uwb.std_m if std_m is None else std_m, share_blocked=share),
+        wind=WindConfig(
+            mean_mps=conditions.wind_mps, from_deg=trial.wind_from_deg, std_gust_mps=conditions.std_gust_mps
+        ),
+        rover=replace(
+            shipped.rover,
+            start_north_m=north_m,
+            start_east_m=east_m,
+            start_yaw_rad=trial.yaw_rover_rad,
+            tilt_deg=conditions.tilt_deg,
+            tilt_towards_deg=trial.tilt_towards_deg,
+        ),
+        uwb=replace(
+            shipped.uwb,
+            std_m=shipped.uwb.std_m if std_m is None else std_m,
+            share_blocked=share,
+            bias_anchors_m=_bias_anchors_m(conditions),
+            anchors_shifted=int(conditions.anchors_rotated),
+        ),
     )
+
+
+def _bias_anchors_m(conditions: Conditions) -> tuple[float, ...]:
+    """Constant error of each anchor; a single one holds for all."""
+    biases_m = conditions.uwb_bias_m
+    anchors = len(load_config(VehicleConfig, "vehicle").uwb.pos_anchors_rover_body_m)
+    return biases_m * anchors if len(biases_m) == 1 else biases_m
 
 
 def _std_uwb_m(conditions: Conditions) -> float | None:
@@ -184,7 +221,7 @@ def _std_uwb_m(conditions: Conditions) -> float | None:
 def camera_config(conditions: Conditions) -> CameraConfig:
     """The shipped settings with the conditions' mode and latency."""
     shipped = load_config(CameraConfig, "camera")
-    delay_s = shipped.delay_s if conditions.camera_latency_s is None else conditions.camera_latency_s
+    delay_s = shipped.delay_s if conditions.camera_delay_s is None else conditions.camera_delay_s
     return msgspec.structs.replace(shipped, mode=conditions.tags, delay_s=delay_s)
 
 
@@ -218,6 +255,7 @@ def _landing(trial: Trial, judge: LandingJudge, start_ns: int, failure: str) -> 
     return Landing(
         seed=trial.seed,
         failure=failure,
+        crashed=judge.crashed,
         error_m=hypot(*error_rover_body_m) if landed and error_rover_body_m else inf,
         error_rover_body_m=error_rover_body_m if landed else None,
         time_s=((judge.disarmed_ns or 0) - start_ns) / NS_PER_S if landed else inf,

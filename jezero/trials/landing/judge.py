@@ -9,9 +9,10 @@ from jezero.frames import Vec3, add, scale, subtract
 from jezero.schemas import topics
 from jezero.schemas.estimate import Relative
 from jezero.schemas.state import Status, Truth
-from jezero.trials.platform import offset_m
+from jezero.trials.platform import is_on_its_back, offset_m
 
 IMPACT_MAX_MPS = 0.6
+CRASH_IMPACT_MPS = 1.0
 NEAR_RANGE_M, FAR_RANGE_M = 3.0, 8.0
 DIMENSIONS = 6
 """Position and velocity of the relative state."""
@@ -70,6 +71,14 @@ class LandingJudge:
         self._decoders = {
             topic.name: msgspec.json.Decoder(topic.type) for topic in (topics.TRUTH, topics.STATUS, topics.RELATIVE)
         }
+
+    @property
+    def crashed(self) -> bool:
+        """Whether the vehicle lies on its side, hit something hard, or runs its motors while it touches something."""
+        truth = self.truth
+        running = truth is not None and truth.armed_motors and truth.contact_force_n > 0.0
+        fallen = truth is not None and is_on_its_back(truth)
+        return fallen or running or self.impact_mps > CRASH_IMPACT_MPS
 
     def start(self, t_ns: int) -> None:
         """Start to measure, at the time of the landing's goal."""

@@ -12,12 +12,16 @@ from jezero.frames import Vec3
 from jezero.schemas.actions import LandOnSpotGoal
 
 CaseName = Literal["uwb+tag", "uwb", "tag", "none"]
-RoverName = Literal["still", "drive", "turn"]
+RoverName = Literal["still", "drive", "turn", "zigzag"]
 CASES: tuple[CaseName, ...] = ("uwb+tag", "uwb", "tag", "none")
-MOTIONS: dict[RoverName, tuple[float, float]] = {"still": (0.0, 0.0), "drive": (0.5, 0.0), "turn": (1.0, 0.2)}
-"""Speed in m/s and yaw rate in rad/s of the rover."""
+MOTIONS: dict[RoverName, tuple[float, float, float | None]] = {
+    "still": (0.0, 0.0, None),
+    "drive": (0.5, 0.0, None),
+    "turn": (1.0, 0.2, None),
+    "zigzag": (0.8, 0.4, 2.0),
+}
+"""Speed in m/s and yaw rate in rad/s of the rover, and the time in s after which it turns the other way."""
 
-WIND_MPS, STD_GUST_MPS = 3.0, 0.6
 ALTITUDE_RANGE_M = (4.0, 8.0)
 ROVER_DISTANCE_MAX_M = 8.0
 ROVER_DISTANCE_MIN_M = 1.5
@@ -28,6 +32,7 @@ POSITION_ERROR_RANGE_M = (1.0, 3.0)
 TAG_HIDDEN_DURATION_S = 1.0
 TAG_HIDDEN_START_RANGES_S = ((2.0, 6.0), (7.0, 11.0))
 """The tag disappears once at a time within each of these ranges, counted from the goal."""
+COMPASS_STEP_RANGE_S = (2.0, 9.0)
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
@@ -40,8 +45,15 @@ class Conditions(msgspec.Struct, frozen=True, kw_only=True):
         tags: "projected" calculates the corners that a detector would find, "rendered" renders images and detects tags.
         uwb_std_m: standard deviation of the ranges; None takes the shipped setting, or 0.1 m in the case "uwb".
         uwb_outliers: share of the ranges without line of sight; None takes 0, or 0.1 in the case "uwb".
-        camera_latency_s: time from exposure to the published image; None takes the shipped setting.
+        uwb_bias_m: constant error of the ranges, one for all anchors or one for each; empty for none.
+        anchors_rotated: the anchors stand one place farther than configured, as on a rover whose yaw is 90° wrong.
+        camera_delay_s: time from exposure to the published image; None takes the shipped setting.
         hide_tag: whether the tag disappears twice, for a second each.
+        tag_until_m: height above the platform below which no image arrives; None for none.
+        wind_mps: speed of the mean wind.
+        std_gust_mps: standard deviation of each horizontal component of the gusts.
+        tilt_deg: tilt of the platform; the seed draws its direction.
+        compass_step_deg: angle by which the vehicle's compass jumps during the landing; the seed draws when.
     """
 
     case: CaseName
@@ -49,8 +61,15 @@ class Conditions(msgspec.Struct, frozen=True, kw_only=True):
     tags: Literal["projected", "rendered"] = "projected"
     uwb_std_m: float | None = None
     uwb_outliers: Share | None = None
-    camera_latency_s: float | None = None
+    uwb_bias_m: tuple[float, ...] = ()
+    anchors_rotated: bool = False
+    camera_delay_s: float | None = None
     hide_tag: bool = False
+    tag_until_m: float | None = None
+    wind_mps: float = 3.0
+    std_gust_mps: float = 0.6
+    tilt_deg: float = 0.0
+    compass_step_deg: float = 0.0
 
 
 class Trial(msgspec.Struct, frozen=True, kw_only=True):
@@ -65,6 +84,8 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
         wind_from_deg: direction from which the wind blows, clockwise from north.
         rover_position_error_m: (2,) error, north and east, of the rover's position in the goal of the case "tag".
         tag_hidden_start_s: times from the goal at which the tag disappears.
+        tilt_towards_deg: direction of the platform's low side, clockwise from the rover's front.
+        compass_step_s: time from the goal at which the compass jumps.
     """
 
     seed: int
@@ -75,6 +96,8 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
     wind_from_deg: float
     rover_position_error_m: tuple[float, float]
     tag_hidden_start_s: tuple[float, ...]
+    tilt_towards_deg: float
+    compass_step_s: float
 
     def goal(self, pos_rover_ned_m: Vec3) -> LandOnSpotGoal:
         """The landing's goal.
@@ -118,4 +141,6 @@ def draw_trial(seed: int, conditions: Conditions) -> Trial:
         wind_from_deg=rng.uniform(-180.0, 180.0),
         rover_position_error_m=(error_m * cos(error_bearing_rad), error_m * sin(error_bearing_rad)),
         tag_hidden_start_s=tuple(rng.uniform(*span) for span in TAG_HIDDEN_START_RANGES_S),
+        tilt_towards_deg=rng.uniform(-180.0, 180.0),
+        compass_step_s=rng.uniform(*COMPASS_STEP_RANGE_S),
     )

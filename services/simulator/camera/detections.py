@@ -6,7 +6,6 @@ from math import exp
 import numpy as np
 import numpy.typing as npt
 
-from jezero.frames import rotate_yaw, subtract
 from jezero.schemas.landing_board import CELLS, BoardTag
 from jezero.schemas.sensors import CameraInfo, CornersOfTag
 from jezero.services.simulator.camera.config import ProjectionConfig
@@ -92,8 +91,8 @@ def blurs(board: BoardGeometry, tags: Indices, views: tuple[View, View, View], i
 def in_shadow(board: BoardGeometry, tags: Indices, view: View, radius_m: float) -> npt.NDArray[np.bool_]:
     """Which tags the vehicle's shadow touches; the vehicle is where its camera is."""
     shadow_ned_m = shadow_of(view.pos_camera_ned_m, view.pos_rover_ned_m[2])
-    north_m, east_m, _ = rotate_yaw(subtract(shadow_ned_m, view.pos_rover_ned_m), -view.yaw_rover_rad)
-    away_m = board.middles_m[tags, 0, :2] - np.array((north_m, east_m))
+    forward_m, right_m, _ = view.rover_body_from_ned(shadow_ned_m)
+    away_m = board.middles_m[tags, 0, :2] - np.array((forward_m, right_m))
     reach_m = radius_m + board.half_sides_m[tags]
     touched: npt.NDArray[np.bool_] = np.hypot(away_m[:, 0], away_m[:, 1]) < reach_m
     return touched

@@ -1,7 +1,5 @@
 """4 x 4 matrices of the renderer, for column vectors. In clip space y goes down, as rows do: nothing is flipped."""
 
-from math import cos, sin
-
 import numpy as np
 
 from jezero.frames import Quat, Vec3, quat_rotate
@@ -49,13 +47,12 @@ def clip_from_sun(to_sun_ned: Vec3, middle_ned_m: Vec3, reach_m: float, depth_m:
 
 
 def ned_from_rover_body(view: View) -> Array:
-    c, s = cos(view.yaw_rover_rad), sin(view.yaw_rover_rad)
-    return _rigid(np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0))), np.array(view.pos_rover_ned_m))
+    return ned_from_frd(view.pos_rover_ned_m, view.q_ned_from_rover_body)
 
 
-def ned_from_frd(pos_uav_ned_m: Vec3, q_ned_from_frd: Quat) -> Array:
+def ned_from_frd(pos_ned_m: Vec3, q_ned_from_frd: Quat) -> Array:
     axes = [quat_rotate(q_ned_from_frd, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]
-    return _rigid(np.array(axes).T, np.array(pos_uav_ned_m))
+    return _rigid(np.array(axes).T, np.array(pos_ned_m))
 
 
 def _rigid(rotation: Array, translation: Array) -> Array:

@@ -5,7 +5,7 @@ Its world is in NED too: the renderer assumes no direction of its axes.
 
 import tempfile
 import weakref
-from math import cos, hypot, sin
+from math import hypot
 from pathlib import Path
 
 import cv2
@@ -65,10 +65,10 @@ class TinyRenderer:
     def picture(self, scene: Scene, views: tuple[View, View, View]) -> bytes:
         """The picture of a scene, blurred as much as its middle moves, with noise."""
         view = views[1]
-        half_rad = 0.5 * view.yaw_rover_rad
+        w, x, y, z = view.q_ned_from_rover_body
         for body in self._rover:
             pybullet.resetBasePositionAndOrientation(
-                body, view.pos_rover_ned_m, (0.0, 0.0, sin(half_rad), cos(half_rad)), physicsClientId=self._client
+                body, view.pos_rover_ned_m, (x, y, z, w), physicsClientId=self._client
             )
         info = self._info
         _, _, colours, depth, _ = pybullet.getCameraImage(

@@ -6,15 +6,18 @@ import numpy as np
 import numpy.typing as npt
 
 from jezero.frames import (
+    Quat,
     Vec3,
     add,
     frd_from_camera,
+    quat_conjugate,
+    quat_from_euler,
     quat_from_rotation_vector,
     quat_multiply,
     quat_normalize,
     quat_rotate,
-    rotate_yaw,
     scale,
+    subtract,
 )
 from jezero.schemas.sensors import CameraInfo
 from jezero.schemas.state import Scene
@@ -30,12 +33,13 @@ class View:
 
     Attributes:
         axes_camera_ned: the camera's right, down and forward axes: the columns of R_ned_from_camera.
+        q_ned_from_rover_body: attitude of the platform.
     """
 
     pos_camera_ned_m: Vec3
     axes_camera_ned: tuple[Vec3, Vec3, Vec3]
     pos_rover_ned_m: Vec3
-    yaw_rover_rad: float
+    q_ned_from_rover_body: Quat
 
     @property
     def rotation_ned_from_camera(self) -> Array:
@@ -44,7 +48,11 @@ class View:
 
     def ned_from_rover_body(self, point_rover_body_m: Vec3) -> Vec3:
         """A point of the rover in the map."""
-        return add(self.pos_rover_ned_m, rotate_yaw(point_rover_body_m, self.yaw_rover_rad))
+        return add(self.pos_rover_ned_m, quat_rotate(self.q_ned_from_rover_body, point_rover_body_m))
+
+    def rover_body_from_ned(self, point_ned_m: Vec3) -> Vec3:
+        """A point of the map relative to the rover."""
+        return quat_rotate(quat_conjugate(self.q_ned_from_rover_body), subtract(point_ned_m, self.pos_rover_ned_m))
 
 
 def view_of(
@@ -73,21 +81,20 @@ def view_of(
         pos_camera_ned_m=add(pos_uav_ned_m, quat_rotate(q_ned_from_frd, pos_camera_frd_m)),
         axes_camera_ned=(right, down, forward),
         pos_rover_ned_m=add(scene.pos_rover_ned_m, scale(scene.vel_rover_ned_mps, ahead_s)),
-        yaw_rover_rad=scene.yaw_rover_rad,
+        q_ned_from_rover_body=quat_from_euler(scene.roll_rover_rad, scene.pitch_rover_rad, scene.yaw_rover_rad),
     )
 
 
 def on_rover(view: View) -> View:
     """The same view with everything relative to the rover: its frame is then `rover_body`."""
-    yaw_rad = view.yaw_rover_rad
-    offset = add(view.pos_camera_ned_m, scale(view.pos_rover_ned_m, -1.0))
-    right, down, forward = (rotate_yaw(axis, -yaw_rad) for axis in view.axes_camera_ned)
+    turn = quat_conjugate(view.q_ned_from_rover_body)
+    right, down, forward = (quat_rotate(turn, axis) for axis in view.axes_camera_ned)
     return replace(
         view,
-        pos_camera_ned_m=rotate_yaw(offset, -yaw_rad),
+        pos_camera_ned_m=view.rover_body_from_ned(view.pos_camera_ned_m),
         axes_camera_ned=(right, down, forward),
         pos_rover_ned_m=(0.0, 0.0, 0.0),
-        yaw_rover_rad=0.0,
+        q_ned_from_rover_body=(1.0, 0.0, 0.0, 0.0),
     )
 
 

@@ -31,7 +31,7 @@ ZERO: Vec3 = (0.0, 0.0, 0.0)
 BODY = BodyState(
     (10.0, -20.0, -5.0), (1.0, -2.0, 0.5), quat_from_euler(0.1, -0.2, 0.7), (0.1, 0.2, -0.3), (0.5, 0.3, -9.7)
 )
-ROVER = RoverState((12.0, -18.0, -0.5), ZERO, 0.5, 0.0, 0.0)
+ROVER = RoverState((12.0, -18.0, -0.5), ZERO, quat_from_euler(0.0, 0.0, 0.5), ZERO, 0.5, 0.0, 0.0)
 VEHICLES = 60
 
 
@@ -190,7 +190,7 @@ def test_uwb_is_silent_beyond_its_range() -> None:
 def test_uwb_sees_the_anchors_where_the_rovers_heading_puts_them() -> None:
     """Rover heads east: its forward anchors are to the east, its right ones to the south."""
     sensor = Uwb(CONFIG.uwb, VEHICLE.uwb, 1)
-    rover = RoverState(ZERO, ZERO, radians(90.0), 0.0, 0.0)
+    rover = RoverState(ZERO, ZERO, quat_from_euler(0.0, 0.0, radians(90.0)), ZERO, radians(90.0), 0.0, 0.0)
     at = BODY._replace(pos_ned_m=(-0.45, 0.45, -0.05), vel_ned_mps=ZERO, q_ned_from_frd=(1.0, 0.0, 0.0, 0.0))
     ranges = {r.anchor: r.range_m for r in sensor.measure(0, at, rover).ranges}
     expected = {}
