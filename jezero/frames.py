@@ -214,24 +214,31 @@ def ned_from_geodetic(position_deg: Vec3, origin_deg: Vec3) -> Vec3:
     return (north, east, alt0 - position_deg[2])
 
 
-def frd_from_camera(v_camera: Vec3, pitch_camera_rad: float, roll_camera_rad: float = 0.0) -> Vec3:
+def frd_from_camera(
+    v_camera: Vec3, pitch_camera_rad: float, roll_camera_rad: float = 0.0, turn_camera_rad: float = 0.0
+) -> Vec3:
     """Turn a vector of the camera into the body; at a pitch of -pi/2 it looks down, with the nose at the top.
 
     Args:
         roll_camera_rad: about the body's forward axis, which carries the pitch axis; positive looks to the left.
+        turn_camera_rad: how far the camera is turned about its optical axis, clockwise in the direction of view.
     """
     right, down, forward = v_camera
+    if turn_camera_rad:
+        c, s = cos(turn_camera_rad), sin(turn_camera_rad)
+        right, down = c * right - s * down, s * right + c * down
     c, s = cos(pitch_camera_rad), sin(pitch_camera_rad)
     x, z = s * down + c * forward, c * down - s * forward
     c, s = cos(roll_camera_rad), sin(roll_camera_rad)
     return (x, c * right - s * z, s * right + c * z)
 
 
-def q_frd_from_camera(pitch_camera_rad: float, roll_camera_rad: float = 0.0) -> Quat:
+def q_frd_from_camera(pitch_camera_rad: float, roll_camera_rad: float = 0.0, turn_camera_rad: float = 0.0) -> Quat:
     """The rotation of `frd_from_camera` as a quaternion."""
     axes = quat_from_euler(roll_camera_rad, 0.0, 0.0)
     axes = quat_multiply(axes, quat_from_euler(0.0, pitch_camera_rad, 0.0))
-    return quat_normalize(quat_multiply(axes, (0.5, 0.5, 0.5, 0.5)))
+    axes = quat_multiply(axes, (0.5, 0.5, 0.5, 0.5))
+    return quat_normalize(quat_multiply(axes, (cos(0.5 * turn_camera_rad), 0.0, 0.0, sin(0.5 * turn_camera_rad))))
 
 
 def quat_between(a: Quat, b: Quat, fraction: float) -> Quat:

@@ -5,11 +5,12 @@ its origin in the centre of mass; `rover_body` has its origin in the middle of t
 down. The errors of the sensors and the simulated world are in the services' own settings.
 """
 
-from math import radians, tan
+from math import hypot, inf, radians, tan
 from typing import Annotated
 
 from msgspec import Meta
 
+from jezero.lens import NO_DISTORTION, fold_radius
 from jezero.runtime.config import Config
 from jezero.schemas.landing_board import BoardTag, board_refusal, make_board
 from jezero.schemas.sensors import CameraInfo
@@ -17,6 +18,7 @@ from jezero.schemas.sensors import CameraInfo
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 Mounting = Annotated[float, Meta(ge=-10.0, le=10.0)]
+Coefficient = Annotated[float, Meta(ge=-2.0, le=2.0)]
 Place = tuple[Mounting, Mounting, Mounting]
 
 PITCH_DOWN_RAD = -1.5708
@@ -24,7 +26,7 @@ PITCH_DOWN_RAD = -1.5708
 
 
 class CameraMountConfig(Config, frozen=True, kw_only=True):
-    """The ventral camera: a pinhole without distortion, on a pitch axis that a roll axis carries.
+    """The ventral camera, on a pitch axis that a roll axis carries.
 
     Attributes:
         width_px: width of an image.
@@ -33,6 +35,13 @@ class CameraMountConfig(Config, frozen=True, kw_only=True):
         rate_hz: images per second.
         pos_camera_frd_m: position of the optical centre.
         pitch_offset_rad: pitch of the camera at rest, from straight down; positive points ahead, negative points back.
+        roll_offset_rad: roll of the camera at rest, about the body's forward axis; positive points to the left.
+        turn_rad: how far the camera is turned about its optical axis, clockwise in the direction of view; at 0 the top
+            of an image is ahead.
+        distortion: the lens' coefficients k1, k2, p1, p2, k3, as OpenCV's calibration gives them.
+
+    Raises:
+        ValueError: the image of such a lens would fold back on itself before its corners.
     """
 
     width_px: Annotated[int, Meta(ge=16, le=4096)] = 640
@@ -41,6 +50,21 @@ class CameraMountConfig(Config, frozen=True, kw_only=True):
     rate_hz: Annotated[float, Meta(gt=0.0, le=60.0)] = 15.0
     pos_camera_frd_m: Place = (0.0, 0.0, 0.03)
     pitch_offset_rad: Annotated[float, Meta(ge=-0.8, le=1.5708)] = 0.0
+    roll_offset_rad: Annotated[float, Meta(ge=-0.8, le=0.8)] = 0.0
+    turn_rad: Annotated[float, Meta(ge=-3.1416, le=3.1416)] = 0.0
+    distortion: tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient] = NO_DISTORTION
+
+    def __post_init__(self) -> None:
+        if any(self.distortion):
+            corner = hypot(0.5 * self.width_px, 0.5 * self.height_px) / self.focal_px
+            k1, k2, _, _, k3 = self.distortion
+            limit = fold_radius(self.distortion)
+            reach = inf if limit == inf else limit * (1.0 + limit**2 * (k1 + limit**2 * (k2 + limit**2 * k3)))
+            if reach < corner:
+                raise ValueError(
+                    f"distortion {list(self.distortion)} folds the image back at {100.0 * reach / corner:.0f} % of the "
+                    "way to its corners: check the order k1, k2, p1, p2, k3"
+                )
 
     @property
     def focal_px(self) -> float:
@@ -67,6 +91,8 @@ class CameraMountConfig(Config, frozen=True, kw_only=True):
             center_px=self.center_px,
             pos_camera_frd_m=self.pos_camera_frd_m,
             rate_hz=self.rate_hz,
+            turn_camera_rad=self.turn_rad,
+            distortion=self.distortion,
         )
 
 

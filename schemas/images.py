@@ -4,7 +4,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from jezero.schemas.sensors import Gnss, Imu, Pixel
+from jezero.schemas.sensors import Distortion, Gnss, Imu, Pixel
 from jezero.schemas.state import Geodetic
 from jezero.schemas.struct import (
     Angle,
@@ -49,6 +49,7 @@ class Image(Payload, frozen=True, kw_only=True):
         height_px: height of the image.
         focal_px: focal length, the same in both directions of the image.
         center_px: principal point: x to the right, y down, (0, 0) is the centre of the first pixel.
+        distortion: the lens' coefficients k1, k2, p1, p2, k3, as in OpenCV; all 0 for a pinhole.
         range_m: range of the laser altimeter along the body's down axis. None when its beam met nothing.
         imu: IMU reading that is nearest in time. None without one.
         gnss: GNSS fix that is nearest in time. None without one.
@@ -69,6 +70,7 @@ class Image(Payload, frozen=True, kw_only=True):
     height_px: Annotated[int, Meta(ge=1, le=8192)]
     focal_px: NonNegative
     center_px: Pixel
+    distortion: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
     range_m: NonNegative | None = None
     imu: Imu | None = None
     gnss: Gnss | None = None

@@ -20,6 +20,8 @@ from jezero.schemas.struct import (
 )
 
 Pixel = tuple[Finite, Finite]
+Coefficient = Annotated[float, Meta(ge=-2.0, le=2.0)]
+Distortion = tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient]
 """(x, y) in an image: x to the right, y down, (0, 0) is the centre of the first pixel."""
 
 
@@ -130,8 +132,7 @@ class RoverOdometry(Message, frozen=True, kw_only=True):
 
 
 class CameraInfo(Message, frozen=True, kw_only=True):
-    """Intrinsics and mounting of the ventral camera: a pinhole without distortion, on a pitch axis that a roll axis
-    carries.
+    """Intrinsics and mounting of the ventral camera, on a pitch axis that a roll axis carries.
 
     Attributes:
         width_px: width of an image.
@@ -140,6 +141,8 @@ class CameraInfo(Message, frozen=True, kw_only=True):
         center_px: principal point: x to the right, y down, (0, 0) is the centre of the first pixel.
         pos_camera_frd_m: position of the optical centre, which is on both axes, relative to the centre of mass.
         rate_hz: images per second.
+        turn_camera_rad: how far the camera is turned about its optical axis, clockwise in the direction of view.
+        distortion: the lens' coefficients k1, k2, p1, p2, k3, as in OpenCV; all 0 for a pinhole.
     """
 
     width_px: Annotated[int, Meta(ge=1, le=8192)]
@@ -148,6 +151,8 @@ class CameraInfo(Message, frozen=True, kw_only=True):
     center_px: tuple[Finite, Finite]
     pos_camera_frd_m: PositionNed
     rate_hz: NonNegative
+    turn_camera_rad: Angle = 0.0
+    distortion: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class CameraFrame(Message, WithAttachment, frozen=True, kw_only=True, omit_defaults=True):

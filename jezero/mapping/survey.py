@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jezero.frames import add, quat_rotate, subtract
+from jezero.lens import Distortion
 from jezero.schemas.images import LISTING, Image
 from jezero.vehicle_config import VehicleConfig
 
@@ -40,6 +41,7 @@ class Survey:
         rotations: (n, 3, 3) rotations from the camera's axes right, down, forward to north, east, down.
         focal_px: focal length.
         center_px: (2,) principal point.
+        distortion: the lens' coefficients; `pixels` are already freed of it.
         size_px: width and height.
         spots_m: (m, 3) points at which the altimeter's beam met the ground, by the vehicle's own position, NED.
     """
@@ -50,6 +52,7 @@ class Survey:
     rotations: Array
     focal_px: float
     center_px: tuple[float, float]
+    distortion: Distortion
     size_px: tuple[int, int]
     spots_m: Array
 
@@ -68,6 +71,10 @@ class Survey:
         width_px, height_px = self.size_px
         if picture.shape[:2] != (height_px, width_px):
             raise SurveyError(f"{self.files[number]} is not {width_px} x {height_px} pixels as {LISTING} says")
+        if any(self.distortion):
+            f, (cx, cy) = self.focal_px, self.center_px
+            pinhole = np.array(((f, 0.0, cx), (0.0, f, cy), (0.0, 0.0, 1.0)))
+            picture = cv2.undistort(picture, pinhole, np.array(self.distortion))
         return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
 
     @cached_property
@@ -107,7 +114,7 @@ def read_survey(folder: Path, vehicle: VehicleConfig) -> Survey:
         raise SurveyError(f"{listing} is not a dataset's list of images: {error}") from None
     if not images:
         raise SurveyError(f"{listing} lists no images")
-    kinds = {(image.focal_px, image.center_px, image.width_px, image.height_px) for image in images}
+    kinds = {(image.focal_px, image.center_px, image.distortion, image.width_px, image.height_px) for image in images}
     if len(kinds) > 1:
         raise SurveyError(f"{listing} has images of {len(kinds)} different cameras: map each camera alone")
     spots_m = [_spot(image, vehicle) for image in images if image.range_m is not None]
@@ -122,6 +129,7 @@ def read_survey(folder: Path, vehicle: VehicleConfig) -> Survey:
         rotations=np.array([_matrix(image) for image in images]),
         focal_px=first.focal_px,
         center_px=first.center_px,
+        distortion=first.distortion,
         size_px=(first.width_px, first.height_px),
         spots_m=np.array(spots_m),
     )

@@ -28,6 +28,14 @@ OTHER = VehicleConfig(
     ),
     platform=PlatformConfig(side_tag_m=0.45),
 )
+TURNED = VehicleConfig(
+    camera=CameraMountConfig(
+        pitch_offset_rad=radians(8.0),
+        roll_offset_rad=radians(-10.0),
+        turn_rad=radians(30.0),
+        distortion=(-0.2, 0.06, 0.001, -0.002, 0.0),
+    )
+)
 HEAVY = VehicleConfig(
     airframe=AirframeConfig(
         mass_kg=2.4,
@@ -39,16 +47,20 @@ HEAVY = VehicleConfig(
 )
 
 
-@pytest.mark.parametrize(("use_uwb", "use_tag"), [(True, True), (False, True), (True, False)])
-def test_it_lands_on_the_rover(use_uwb: bool, use_tag: bool) -> None:
-    flight = Flight(2, partial(build_stack, vehicle=OTHER))
+@pytest.mark.parametrize(
+    ("vehicle", "use_uwb", "use_tag"),
+    [(OTHER, True, True), (OTHER, False, True), (OTHER, True, False), (TURNED, False, True)],
+    ids=["uwb+tag", "tag", "uwb", "a turned camera with a distorting lens"],
+)
+def test_it_lands_on_the_rover(vehicle: VehicleConfig, use_uwb: bool, use_tag: bool) -> None:
+    flight = Flight(2, partial(build_stack, vehicle=vehicle))
     flight.take_off(4.0)
     spot_ned_m = None if use_uwb else flight.truth.pos_rover_ned_m
     flight.do(topics.LAND_ON_SPOT, LandOnSpotGoal(use_uwb=use_uwb, use_tag=use_tag, landing_spot_ned_m=spot_ned_m))
     truth = flight.truth
     forward_m, right_m, _ = on_platform_m(truth)
     assert hypot(forward_m, right_m) < 0.15
-    assert off_platform_reason(truth, 0.5 * OTHER.platform.side_m) == ""
+    assert off_platform_reason(truth, 0.5 * vehicle.platform.side_m) == ""
     assert not flight.status.armed
 
 

@@ -32,7 +32,7 @@ class BlankCamera:
         )
         self._config = config
         self._mount = mount
-        self._gimbal = Gimbal(mount.pitch_rest_rad, config.axis_rate_max_rps)
+        self._gimbal = Gimbal((mount.pitch_rest_rad, mount.roll_offset_rad), config.axis_rate_max_rps)
         self._publishes_info = publishes_info
         self._sequence = 0
 

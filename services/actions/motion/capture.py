@@ -229,7 +229,7 @@ class Capture:
 
     def _record(self, index: int, frame: CameraFrame, at: Odometry, info: CameraInfo) -> _Record:
         q_ned_from_camera = quat_multiply(
-            at.q_ned_from_frd, q_frd_from_camera(frame.pitch_camera_rad, frame.roll_camera_rad)
+            at.q_ned_from_frd, q_frd_from_camera(frame.pitch_camera_rad, frame.roll_camera_rad, info.turn_camera_rad)
         )
         pos_camera_ned_m = self.pos_camera(at.pos_uav_ned_m, at.q_ned_from_frd)
         altimeter = self._nearest(ALTIMETER, frame.t_ns)
@@ -250,6 +250,7 @@ class Capture:
             height_px=frame.height_px,
             focal_px=reduced * info.focal_px,
             center_px=(reduced * (center_x_px + 0.5) - 0.5, reduced * (center_y_px + 0.5) - 0.5),
+            distortion=info.distortion,
             range_m=None if altimeter is None else altimeter.range_m,
             imu=self._nearest(IMU, frame.t_ns),
             gnss=self._nearest(GNSS, frame.t_ns),

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jezero.frames import Quat, Vec3, frd_from_camera, quat_rotate
+from jezero.lens import NO_DISTORTION, Distortion, undistort
 
 Array = NDArray[np.float64]
 ITERATIONS = 4
@@ -29,12 +30,20 @@ class View:
         center_px: principal point.
         R_ned_from_camera: (3, 3) rotation.
         pos_camera_uav_ned_m: (3,) from the vehicle to the optical centre.
+        distortion: the lens' coefficients.
     """
 
     focal_px: float
     center_px: tuple[float, float]
     R_ned_from_camera: Array
     pos_camera_uav_ned_m: Array
+    distortion: Distortion = NO_DISTORTION
+
+    def ideal_px(self, corners_px: Array) -> Array:
+        """Where (n, 2) corners would be in the image of a lens without distortion."""
+        center_px = np.array(self.center_px)
+        ideal: Array = self.focal_px * undistort((corners_px - center_px) / self.focal_px, self.distortion) + center_px
+        return ideal
 
 
 def make_view(
@@ -44,12 +53,17 @@ def make_view(
     pitch_camera_rad: float,
     q_ned_from_frd: Quat,
     roll_camera_rad: float = 0.0,
+    turn_camera_rad: float = 0.0,
+    distortion: Distortion = NO_DISTORTION,
 ) -> View:
     """The view of a camera on its axes under a vehicle of that attitude."""
     axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    columns = [quat_rotate(q_ned_from_frd, frd_from_camera(axis, pitch_camera_rad, roll_camera_rad)) for axis in axes]
+    columns = [
+        quat_rotate(q_ned_from_frd, frd_from_camera(axis, pitch_camera_rad, roll_camera_rad, turn_camera_rad))
+        for axis in axes
+    ]
     mount_ned_m = np.array(quat_rotate(q_ned_from_frd, pos_camera_frd_m))
-    return View(focal_px, center_px, np.array(columns).T, mount_ned_m)
+    return View(focal_px, center_px, np.array(columns).T, mount_ned_m, distortion)
 
 
 @dataclass(frozen=True)

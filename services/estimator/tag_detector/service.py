@@ -78,7 +78,16 @@ class TagDetector:
         if info is None or q_ned_from_frd is None:
             return
         pitch_rad, roll_rad = exposed.pitch_camera_rad, exposed.roll_camera_rad
-        view = make_view(info.focal_px, info.center_px, info.pos_camera_frd_m, pitch_rad, q_ned_from_frd, roll_rad)
+        view = make_view(
+            info.focal_px,
+            info.center_px,
+            info.pos_camera_frd_m,
+            pitch_rad,
+            q_ned_from_frd,
+            roll_rad,
+            info.turn_camera_rad,
+            info.distortion,
+        )
         solution = locate(tags, self._corners_m, view, self._config)
         if solution is None:
             return
@@ -114,10 +123,11 @@ def locate(
     Args:
         corners_m: result of `corners_by_id`.
     """
-    known = [tag for tag in tags if tag.tag_id in corners_m]
+    ideal_px = {tag.tag_id: view.ideal_px(np.array(tag.corners_px)) for tag in tags if tag.tag_id in corners_m}
+    known = [tag for tag in tags if tag.tag_id in ideal_px and np.isfinite(ideal_px[tag.tag_id]).all()]
     while known:
         points_m = np.concatenate([corners_m[tag.tag_id] for tag in known])
-        corners_px: Array = np.array([corner for tag in known for corner in tag.corners_px])
+        corners_px = np.concatenate([ideal_px[tag.tag_id] for tag in known])
         pose = solve(points_m, corners_px, view)
         if pose is not None and _rms(pose.residuals_px) <= config.reprojection_max_px:
             return tuple(tag.tag_id for tag in known), pose

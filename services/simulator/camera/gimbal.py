@@ -15,7 +15,7 @@ class Gimbal:
     """Follows the newest command at a bounded rate; returns to rest when nobody commands any more.
 
     Args:
-        pitch_rest_rad: pitch at rest.
+        rest_rad: pitch and roll at rest.
         rate_max_rps: greatest rate at which the axes turn.
 
     Attributes:
@@ -25,13 +25,13 @@ class Gimbal:
         roll_rate_rps: rate of the roll during the last `move`.
     """
 
-    def __init__(self, pitch_rest_rad: float, rate_max_rps: float) -> None:
-        self._pitch_rest_rad = pitch_rest_rad
+    def __init__(self, rest_rad: tuple[float, float], rate_max_rps: float) -> None:
+        self._rest_rad = rest_rad
         self._rate_max_rps = rate_max_rps
         self._command: CameraPitch | None = None
         self._moved_ns: int | None = None
-        self.pitch_rad = pitch_rest_rad
-        self.roll_rad = self.pitch_rate_rps = self.roll_rate_rps = 0.0
+        self.pitch_rad, self.roll_rad = rest_rad
+        self.pitch_rate_rps = self.roll_rate_rps = 0.0
 
     def update(self, t_ns: int, commands: Iterable[CameraPitch]) -> None:
         """Take new commands; those that are older than 0.3 s, or than the present one, change nothing."""
@@ -45,8 +45,9 @@ class Gimbal:
         if self._command is not None and abs(t_ns - self._command.t_ns) > HOLD_NS:
             self._command = None
         command = self._command
-        pitch_rad = self._pitch_rest_rad if command is None else command.pitch_camera_rad
-        roll_rad = 0.0 if command is None else command.roll_camera_rad
+        pitch_rad, roll_rad = self._rest_rad
+        if command is not None:
+            pitch_rad, roll_rad = command.pitch_camera_rad, command.roll_camera_rad
         dt_s = 0.0 if self._moved_ns is None else max(0, t_ns - self._moved_ns) / NS_PER_S
         self._moved_ns = t_ns
         self.pitch_rad, self.pitch_rate_rps = self._turned(dt_s, self.pitch_rad, pitch_rad)

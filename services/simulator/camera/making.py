@@ -23,6 +23,20 @@ def make_camera(config: CameraConfig, simulator: SimulatorConfig, vehicle: Vehic
 
 
 def make_renderer(config: CameraConfig, simulator: SimulatorConfig, vehicle: VehicleConfig, seed: int) -> Renderer:
+    """The renderer of the settings, through the lens of the vehicle's camera.
+
+    Raises:
+        NoEglError: `renderer` is "egl", and there is none.
+    """
+    if not any(vehicle.camera.distortion):
+        return _make_pinhole(config, simulator, vehicle, seed)
+    from jezero.services.simulator.camera.through_lens import LensRenderer, pinhole_behind
+
+    wide = msgspec.structs.replace(vehicle, camera=pinhole_behind(vehicle.camera))
+    return LensRenderer(_make_pinhole(config, simulator, wide, seed), vehicle.camera, wide.camera)
+
+
+def _make_pinhole(config: CameraConfig, simulator: SimulatorConfig, vehicle: VehicleConfig, seed: int) -> Renderer:
     """The renderer of the settings; the libraries of each renderer are imported only when it is used.
 
     Raises:

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterable
+from functools import partial
 from typing import Protocol
 
 from jezero.runtime.service import Health, Inbox, Output, Publish, Spec
@@ -71,7 +72,7 @@ class Camera:
         self._board = BoardGeometry(vehicle.platform.board)
         self._renderer = renderer
         self._rng = generator(seed, "camera")
-        self._gimbal = Gimbal(vehicle.camera.pitch_rest_rad, config.axis_rate_max_rps)
+        self._gimbal = Gimbal((vehicle.camera.pitch_rest_rad, vehicle.camera.roll_offset_rad), config.axis_rate_max_rps)
         self._waiting: deque[tuple[int, Publish]] = deque()
         self._epoch_id: int | None = None
         self._sequence = 0
@@ -110,13 +111,14 @@ class Camera:
         self._waiting.append((due_ns, self._take(scene, views)))
 
     def _views(self, scene: Scene) -> tuple[View, View, View]:
-        mount_frd_m, gimbal = self._mount.pos_camera_frd_m, self._gimbal
+        gimbal = self._gimbal
+        view = partial(view_of, pos_camera_frd_m=self._mount.pos_camera_frd_m, turn_camera_rad=self._mount.turn_rad)
         axes_rad, rates_rps = (gimbal.pitch_rad, gimbal.roll_rad), (gimbal.pitch_rate_rps, gimbal.roll_rate_rps)
         half_s = 0.5 * self._config.exposure_s
         return (
-            view_of(scene, mount_frd_m, axes_rad, rates_rps, -half_s),
-            view_of(scene, mount_frd_m, axes_rad),
-            view_of(scene, mount_frd_m, axes_rad, rates_rps, half_s),
+            view(scene, axes_rad=axes_rad, rates_rps=rates_rps, ahead_s=-half_s),
+            view(scene, axes_rad=axes_rad),
+            view(scene, axes_rad=axes_rad, rates_rps=rates_rps, ahead_s=half_s),
         )
 
     def _take(self, scene: Scene, views: tuple[View, View, View]) -> Publish:

@@ -19,6 +19,7 @@ from jezero.frames import (
     scale,
     subtract,
 )
+from jezero.lens import distort
 from jezero.schemas.sensors import CameraInfo
 from jezero.schemas.state import Scene
 
@@ -61,11 +62,13 @@ def view_of(
     axes_rad: tuple[float, float],
     rates_rps: tuple[float, float] = (0.0, 0.0),
     ahead_s: float = 0.0,
+    turn_camera_rad: float = 0.0,
 ) -> View:
     """The view at an exposure's middle, or a moment `ahead_s` after it, by the velocities and rates of the scene.
 
     Args:
         axes_rad, rates_rps: pitch and roll of the camera, and how fast they turn.
+        turn_camera_rad: how far the camera is turned about its optical axis.
     """
     turned = quat_from_rotation_vector(scale(scene.rates_uav_frd_rps, ahead_s))
     q_ned_from_frd = quat_normalize(quat_multiply(scene.q_ned_from_frd, turned))
@@ -73,7 +76,7 @@ def view_of(
         angle_rad + rate_rps * ahead_s for angle_rad, rate_rps in zip(axes_rad, rates_rps, strict=True)
     )
     right, down, forward = (
-        quat_rotate(q_ned_from_frd, frd_from_camera(axis, pitch_rad, roll_rad))
+        quat_rotate(q_ned_from_frd, frd_from_camera(axis, pitch_rad, roll_rad, turn_camera_rad))
         for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     )
     pos_uav_ned_m = add(scene.pos_uav_ned_m, scale(scene.vel_uav_ned_mps, ahead_s))
@@ -109,11 +112,11 @@ def project(points_m: Array, view: View, info: CameraInfo) -> Array:
     Args:
         points_m: (..., 3).
     Returns:
-        (..., 2) x to the right and y down in pixels, NaN for points that are not in front of the camera.
-    Source: pinhole without distortion.
+        (..., 2) x to the right and y down in pixels, NaN for points that are not in front of the camera, or too far
+        aside for its lens.
     """
     in_camera = (points_m - np.array(view.pos_camera_ned_m)) @ view.rotation_ned_from_camera
     depth_m = in_camera[..., 2:]
     depth_m = np.where(depth_m > NEAREST_M, depth_m, np.nan)
-    pixels: Array = in_camera[..., :2] * (info.focal_px / depth_m) + np.array(info.center_px)
+    pixels: Array = info.focal_px * distort(in_camera[..., :2] / depth_m, info.distortion) + np.array(info.center_px)
     return pixels

@@ -98,6 +98,20 @@ def test_tags_are_where_they_are_projected(kind: str, largest_px: float) -> None
     assert np.abs(np.mean(errors_px, axis=(0, 1))).max() < 0.15
 
 
+def test_tags_are_where_they_are_projected_through_a_lens_too(egl: EglRenderer) -> None:
+    lens = msgspec.structs.replace(VEHICLE.camera, turn_rad=0.4, distortion=(-0.2, 0.06, 0.001, -0.002, 0.0))
+    vehicle = msgspec.structs.replace(VEHICLE, camera=lens)
+    distorting = make_renderer(msgspec.structs.replace(CONFIG, renderer="egl"), SIMULATOR, vehicle, seed=1)
+    for beside_m in ((0.9, -0.3), (-0.7, 0.6), (0.0, 0.0)):
+        at = scene(2.0, beside_m)
+        seen = view_of(at, lens.pos_camera_frd_m, (DOWN_RAD, 0.0), turn_camera_rad=lens.turn_rad)
+        pixels = np.frombuffer(distorting.picture(at, (seen, seen, seen)), dtype=np.uint8)
+        found = find_tags(pixels.reshape(INFO.height_px, INFO.width_px, 3))
+        corners_px, inside = tags_in_picture(BOARD, seen, lens.info(0))
+        assert inside[0]
+        assert np.abs(found[BIG_ID] - corners_px[0]).max() < 0.8
+
+
 @pytest.mark.parametrize("kind", ["egl", "tiny"])
 def test_the_nose_is_at_the_top_and_red_is_the_first_colour(kind: str) -> None:
     picture = photograph(renderer(kind), scene(6.0, (4.0, 0.0), (0.0, 0.0, 0.0)))

@@ -50,7 +50,7 @@ def test_the_shipped_settings_are_the_defaults() -> None:
 
 
 def test_the_axis_follows_a_command_at_a_bounded_rate() -> None:
-    gimbal = Gimbal(PITCH_REST_RAD, CONFIG.axis_rate_max_rps)
+    gimbal = Gimbal((PITCH_REST_RAD, 0.0), CONFIG.axis_rate_max_rps)
     gimbal.move(0)
     gimbal.update(0, [command(0, -0.5 * pi + 0.2)])
     gimbal.move(100 * MS)
@@ -61,7 +61,7 @@ def test_the_axis_follows_a_command_at_a_bounded_rate() -> None:
 
 
 def test_the_axis_returns_to_rest_when_nobody_commands_any_more() -> None:
-    gimbal = Gimbal(PITCH_REST_RAD, CONFIG.axis_rate_max_rps)
+    gimbal = Gimbal((PITCH_REST_RAD, 0.0), CONFIG.axis_rate_max_rps)
     gimbal.update(0, [command(0, -1.0)])
     for t_ms in range(0, 1001, 100):
         gimbal.move(t_ms * MS)
@@ -72,7 +72,7 @@ def test_the_axis_returns_to_rest_when_nobody_commands_any_more() -> None:
 
 
 def test_an_old_command_changes_nothing() -> None:
-    gimbal = Gimbal(PITCH_REST_RAD, CONFIG.axis_rate_max_rps)
+    gimbal = Gimbal((PITCH_REST_RAD, 0.0), CONFIG.axis_rate_max_rps)
     gimbal.move(0)
     gimbal.update(500 * MS, [command(100 * MS, -1.0)])
     gimbal.move(600 * MS)

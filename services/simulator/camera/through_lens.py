@@ -1,0 +1,56 @@
+"""Pictures through a lens that distorts: the picture of a wider pinhole, moved pixel by pixel."""
+
+from math import atan, degrees
+
+import cv2
+import msgspec
+import numpy as np
+
+from jezero.lens import NO_DISTORTION, undistort
+from jezero.schemas.state import Scene
+from jezero.services.simulator.camera.service import Renderer
+from jezero.services.simulator.camera.view import Array, View
+from jezero.vehicle_config import CameraMountConfig
+
+
+def pinhole_behind(camera: CameraMountConfig) -> CameraMountConfig:
+    """A camera without distortion whose picture contains all that the distorting one sees."""
+    reach = np.abs(_ideal_points(camera)).reshape(-1, 2).max(axis=0)
+    half = max(float(reach[0]), float(reach[1]) * camera.width_px / camera.height_px)
+    angle_deg = degrees(2.0 * atan(half))
+    return msgspec.structs.replace(camera, field_of_view_deg=angle_deg, distortion=NO_DISTORTION)
+
+
+class LensRenderer:
+    """Renders with a wider pinhole and moves each pixel to where the lens puts it.
+
+    Args:
+        pinhole: renderer of `wide`.
+        camera: the camera with its distortion.
+        wide: result of `pinhole_behind`.
+
+    Attributes:
+        description: name of the renderer, for people.
+        rate_max_hz: greatest number of pictures per second.
+    """
+
+    def __init__(self, pinhole: Renderer, camera: CameraMountConfig, wide: CameraMountConfig) -> None:
+        self._pinhole = pinhole
+        self._size_px = (camera.width_px, camera.height_px)
+        places_px = wide.focal_px * _ideal_points(camera) + np.array(wide.center_px)
+        self._columns_px, self._rows_px = places_px[..., 0].astype(np.float32), places_px[..., 1].astype(np.float32)
+        self.description = f"{pinhole.description}, through a lens with distortion"
+        self.rate_max_hz = pinhole.rate_max_hz
+
+    def picture(self, scene: Scene, views: tuple[View, View, View]) -> bytes:
+        """The picture of a scene, as the renderer's own."""
+        width_px, height_px = self._size_px
+        pixels = np.frombuffer(self._pinhole.picture(scene, views), np.uint8).reshape(height_px, width_px, 3)
+        return cv2.remap(pixels, self._columns_px, self._rows_px, cv2.INTER_LINEAR).tobytes()
+
+
+def _ideal_points(camera: CameraMountConfig) -> Array:
+    """(height, width, 2) points of the ideal image, at unit distance, that each pixel shows."""
+    columns_px, rows_px = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
+    pixels = np.stack((columns_px, rows_px), axis=-1)
+    return undistort((pixels - np.array(camera.center_px)) / camera.focal_px, camera.distortion)
