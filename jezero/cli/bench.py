@@ -56,6 +56,8 @@ def bench() -> None:
               help="Speed of the mean wind, in m/s.")  # fmt: skip
 @click.option("--gusts", type=click.FloatRange(0.0, 10.0), default=0.6, show_default=True, metavar="STD",
               help="Standard deviation of the gusts, in m/s.")  # fmt: skip
+@click.option("--wind-change", type=click.FloatRange(0.0, 30.0), metavar="MEAN",
+              help="Mean wind, from another direction, from a random time of the landing on.")  # fmt: skip
 @click.option("--tilt", type=click.FloatRange(0.0, 30.0), default=0.0, show_default=True, metavar="DEG",
               help="Tilt of the rover's platform, in a random direction.")  # fmt: skip
 @click.option("--compass-step", type=click.FloatRange(-180.0, 180.0), default=0.0, show_default=True, metavar="DEG",
@@ -90,6 +92,7 @@ def landing(
     rover: str,
     wind: float,
     gusts: float,
+    wind_change: float | None,
     tilt: float,
     compass_step: float,
     jobs: int,
@@ -130,6 +133,7 @@ def landing(
             tag_until_m=tag_until,
             wind_mps=wind,
             std_gust_mps=gusts,
+            wind_change_mps=wind_change,
             tilt_deg=tilt,
             compass_step_deg=compass_step,
         )

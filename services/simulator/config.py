@@ -46,6 +46,8 @@ class TerrainConfig(Config, frozen=True, kw_only=True):
 
     Attributes:
         seed: seed of the shape; simulator and camera make the same ground from it.
+        slope_deg: slope of the hillside on which the vehicle starts; it ends 15 m away and returns to level ground.
+        slope_towards_deg: direction in which the hillside descends, clockwise from north.
         std_ground_m: standard deviation of the fractal part, before the limits on height and slope scale it down.
         craters: number of craters.
         radius_crater_min_m: smallest radius of a crater.
@@ -57,6 +59,8 @@ class TerrainConfig(Config, frozen=True, kw_only=True):
     """
 
     seed: Annotated[int, Meta(ge=0)] = 1
+    slope_deg: Annotated[float, Meta(ge=0.0, le=15.0)] = 0.0
+    slope_towards_deg: Annotated[float, Meta(ge=-360.0, le=360.0)] = 0.0
     std_ground_m: NonNegative = 0.25
     craters: Annotated[int, Meta(ge=0, le=200)] = 14
     radius_crater_min_m: Positive = 3.0
@@ -273,6 +277,7 @@ class UwbConfig(Config, frozen=True, kw_only=True):
         detour_min_m: smallest error of a range along a detour.
         detour_max_m: greatest error of a range along a detour.
         bias_anchors_m: constant error of each anchor's ranges; empty for none.
+        anchors_silent: indices of the anchors that send no ranges.
         anchors_shifted: number of places by which the anchors are swapped: anchor *i* stands where anchor
             *i* + `anchors_shifted` should.
     """
@@ -287,6 +292,7 @@ class UwbConfig(Config, frozen=True, kw_only=True):
     detour_min_m: NonNegative = 0.5
     detour_max_m: NonNegative = 3.0
     bias_anchors_m: Annotated[tuple[Annotated[float, Meta(ge=-10.0, le=10.0)], ...], Meta(max_length=64)] = ()
+    anchors_silent: Annotated[tuple[Annotated[int, Meta(ge=0, le=63)], ...], Meta(max_length=64)] = ()
     anchors_shifted: Annotated[int, Meta(ge=0, le=63)] = 0
 
 

@@ -239,7 +239,7 @@ class Uwb:
             error_m = anchor.bias_m + anchor.wander_m.step() + config.std_m * self._normals() + self._detour_m()
             then_m = subtract(tag_rover_body_m, scale(vel_rover_body_mps, age_s))
             range_m = max(0.0, distance(then_m, anchor.pos_true_m) + error_m)
-            if range_m <= layout.range_max_m:
+            if range_m <= layout.range_max_m and i not in config.anchors_silent:
                 then_ns = max(0, t_ns - round(age_s * NS_PER_S))
                 ranges.append(
                     messages.UwbRange(t_ns=then_ns, anchor=i, pos_anchor_rover_body_m=anchor.pos_m, range_m=range_m)

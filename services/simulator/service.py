@@ -125,6 +125,10 @@ class Simulator:
         if self._when_scene.due(t_ns):
             yield Publish(topics.SCENE, self._scene(t_ns, state))
 
+    def change_wind(self, mean_mps: float, from_deg: float) -> None:
+        """Change the mean wind from now on, see `WindConfig`."""
+        self._wind.change(mean_mps, from_deg)
+
     def turn_compass(self, error_rad: float) -> None:
         """Turn the magnetic field at the vehicle about the vertical, so that its compass is wrong by this angle."""
         self._mag.error_yaw_rad = error_rad

@@ -1,7 +1,7 @@
 """Mars-like ground from a seed: fractal hills, eroded craters and rocks.
 
-Heights are positive up, over a square grid whose middle is the map's origin. Within the whole grid the ground stays
-within +-0.48 m and below 4.8 degrees; it is level around the origin and at the grid's edge. Rocks lie on top.
+Heights are positive up, over a square grid whose middle is the map's origin. Without a hillside the ground stays within
++-0.48 m and below 4.8 degrees; it is level around the origin and at the grid's edge. Rocks lie on top.
 """
 
 from dataclasses import dataclass
@@ -26,6 +26,7 @@ LEVEL_RADIUS_M = 1.5
 LEVEL_BLEND_M = 6.0
 EDGE_BLEND_M = 12.0
 CLEAR_OF_ROCKS_M = 8.0
+HILLSIDE_HALF_M = 15.0
 WAVELENGTH_MAX_M = 60.0
 
 _G = 0.5 * (1.0 + sqrt(5.0))
@@ -89,12 +90,21 @@ def make_terrain(config: TerrainConfig) -> Terrain:
         HEIGHT_MAX_M / max(float(np.abs(heights_m).max()), 1e-9),
         SLOPE_MAX / max(steepest(heights_m), 1e-9),
     )
+    heights_m += _hillside(config, north_m, east_m, to_edge_m)
     bare = Terrain(heights_m, np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
     rocks = [_rock(rng, config, bare) for _ in range(config.rocks)]
     if not rocks:
         return bare
     faces = np.array([[12 * i + corner for corner in face] for i in range(len(rocks)) for face in ICOSAHEDRON_FACES])
     return Terrain(heights_m, np.concatenate(rocks), faces)
+
+
+def _hillside(config: TerrainConfig, north_m: Field, east_m: Field, to_edge_m: Field) -> Field:
+    """A plane through the origin that returns to the level of the grid's edge."""
+    downhill_rad = radians(config.slope_towards_deg)
+    downhill_m = cos(downhill_rad) * north_m + sin(downhill_rad) * east_m
+    fade: Field = _smooth_step(to_edge_m / (HALF_SIDE_M - HILLSIDE_HALF_M))
+    return -tan(radians(config.slope_deg)) * downhill_m * fade
 
 
 def steepest(heights_m: Field) -> float:

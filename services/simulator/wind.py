@@ -101,6 +101,15 @@ class Wind:
         self._w = _Transverse(vertical_m / self._carry_mps, dt_s, normals)
         self.vel_ned_mps: Vec3 = self._combine(0.0, 0.0, 0.0)
 
+    def change(self, mean_mps: float, from_deg: float) -> None:
+        """Change the mean wind from now on."""
+        towards_rad = radians(from_deg + 180.0)
+        self._along, self._mean_mps = (cos(towards_rad), sin(towards_rad)), mean_mps
+        self._carry_mps = max(mean_mps, CARRY_MIN_MPS)
+        self._retune(self._height_m)
+        if self._std_mps == 0.0:
+            self.vel_ned_mps = self._combine(0.0, 0.0, 0.0)
+
     def step(self, height_m: float) -> Vec3:
         """Advance by one step; `vel_ned_mps` is the velocity of the air.
 

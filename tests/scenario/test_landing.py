@@ -33,3 +33,18 @@ def test_it_lands_on_the_rover(conditions: Conditions, error_max_m: float) -> No
     assert landing.error_m < error_max_m
     assert landing.time_s < 30.0
     assert landing.impact_mps <= 0.6
+
+
+def test_the_benchmark_flies_the_weather_and_the_faults_that_it_names() -> None:
+    conditions = Conditions(
+        case="uwb+tag",
+        rover="zigzag",
+        wind_mps=4.0,
+        wind_change_mps=2.0,
+        tilt_deg=3.0,
+        uwb_bias_m=(0.01,),
+        tag_until_m=0.3,
+    )
+    report = fly_landings(conditions, 1, 2, 1)
+    assert (report.landed, report.crashed) == (1, 0)
+    assert [(one.seed, one.landed, one.crashed, one.reason) for one in report.outcomes] == [(2, True, False, "")]

@@ -128,14 +128,20 @@ def _fly(trial: Trial, bus: MemoryBus, camera: _TagHidingCamera, simulator: Simu
         judge.start(bus.t_ns)
         start_ns = bus.t_ns
         camera.hidden_at = lambda t_ns: _tag_hidden(trial, judge, (t_ns - start_ns) / NS_PER_S)
-        if conditions.compass_step_deg:
-            step_ns, step_rad = int(trial.compass_step_s * NS_PER_S), radians(conditions.compass_step_deg)
-            bus.at(start_ns + step_ns, "", lambda: simulator.turn_compass(step_rad))
+        bus.at(start_ns + int(trial.disturbed_s * NS_PER_S), "", lambda: _disturb(trial, simulator))
         failure = fly_goal(bus, topics.LAND_ON_SPOT, trial.goal(judge.truth.pos_rover_ned_m), GOAL_TIMEOUT_S)
         if failure:
             bus.run_for(AFTER_FAILURE_S)
         return _landing(trial, judge, start_ns, failure)
     return _landing(trial, judge, bus.t_ns, f"before the landing: {failure}")
+
+
+def _disturb(trial: Trial, simulator: Simulator) -> None:
+    """Change compass and wind as the conditions say."""
+    conditions = trial.conditions
+    simulator.turn_compass(radians(conditions.compass_step_deg))
+    if conditions.wind_change_mps is not None:
+        simulator.change_wind(conditions.wind_change_mps, trial.wind_change_from_deg)
 
 
 def _tag_hidden(trial: Trial, judge: LandingJudge, flown_s: float) -> bool:

@@ -32,7 +32,7 @@ POSITION_ERROR_RANGE_M = (1.0, 3.0)
 TAG_HIDDEN_DURATION_S = 1.0
 TAG_HIDDEN_START_RANGES_S = ((2.0, 6.0), (7.0, 11.0))
 """The tag disappears once at a time within each of these ranges, counted from the goal."""
-COMPASS_STEP_RANGE_S = (2.0, 9.0)
+DISTURBED_RANGE_S = (2.0, 9.0)
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
@@ -52,6 +52,7 @@ class Conditions(msgspec.Struct, frozen=True, kw_only=True):
         tag_until_m: height above the platform below which no image arrives; None for none.
         wind_mps: speed of the mean wind.
         std_gust_mps: standard deviation of each horizontal component of the gusts.
+        wind_change_mps: speed to which the mean wind changes during the landing, from another direction; None keeps it.
         tilt_deg: tilt of the platform; the seed draws its direction.
         compass_step_deg: angle by which the vehicle's compass jumps during the landing; the seed draws when.
     """
@@ -68,6 +69,7 @@ class Conditions(msgspec.Struct, frozen=True, kw_only=True):
     tag_until_m: float | None = None
     wind_mps: float = 3.0
     std_gust_mps: float = 0.6
+    wind_change_mps: float | None = None
     tilt_deg: float = 0.0
     compass_step_deg: float = 0.0
 
@@ -85,7 +87,8 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
         rover_position_error_m: (2,) error, north and east, of the rover's position in the goal of the case "tag".
         tag_hidden_start_s: times from the goal at which the tag disappears.
         tilt_towards_deg: direction of the platform's low side, clockwise from the rover's front.
-        compass_step_s: time from the goal at which the compass jumps.
+        disturbed_s: time from the goal at which the compass jumps and the wind changes.
+        wind_change_from_deg: direction from which the changed wind blows.
     """
 
     seed: int
@@ -97,7 +100,8 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
     rover_position_error_m: tuple[float, float]
     tag_hidden_start_s: tuple[float, ...]
     tilt_towards_deg: float
-    compass_step_s: float
+    disturbed_s: float
+    wind_change_from_deg: float
 
     def goal(self, pos_rover_ned_m: Vec3) -> LandOnSpotGoal:
         """The landing's goal.
@@ -142,5 +146,6 @@ def draw_trial(seed: int, conditions: Conditions) -> Trial:
         rover_position_error_m=(error_m * cos(error_bearing_rad), error_m * sin(error_bearing_rad)),
         tag_hidden_start_s=tuple(rng.uniform(*span) for span in TAG_HIDDEN_START_RANGES_S),
         tilt_towards_deg=rng.uniform(-180.0, 180.0),
-        compass_step_s=rng.uniform(*COMPASS_STEP_RANGE_S),
+        disturbed_s=rng.uniform(*DISTURBED_RANGE_S),
+        wind_change_from_deg=rng.uniform(-180.0, 180.0),
     )

@@ -1,7 +1,7 @@
 """Each sensor is true on average over many vehicles and scatters as its settings say."""
 
 from collections.abc import Callable
-from math import atan2, radians
+from math import atan2, degrees, radians
 
 import msgspec
 import numpy as np
@@ -232,3 +232,32 @@ def test_a_share_of_the_uwb_ranges_is_too_long_without_line_of_sight() -> None:
     assert len(longer) / len(detours_m) == pytest.approx(0.2, abs=0.03)
     assert 0.5 <= min(longer) < 0.55
     assert 2.9 < max(longer) <= 3.0
+
+
+def test_a_silent_anchor_sends_no_ranges() -> None:
+    sensor = Uwb(msgspec.structs.replace(CONFIG.uwb, anchors_silent=(1, 3)), VEHICLE.uwb, seed=1)
+    assert [one.anchor for one in sensor.measure(0, BODY, ROVER).ranges] == [0, 2]
+
+
+def test_a_biased_anchor_measures_too_much() -> None:
+    right = Uwb(CONFIG.uwb, VEHICLE.uwb, seed=1).measure(0, BODY, ROVER).ranges
+    wrong = Uwb(msgspec.structs.replace(CONFIG.uwb, bias_anchors_m=(0.3,)), VEHICLE.uwb, seed=1)
+    errors_m = [b.range_m - a.range_m for a, b in zip(right, wrong.measure(0, BODY, ROVER).ranges, strict=True)]
+    assert errors_m == pytest.approx([0.3, 0.0, 0.0, 0.0])
+
+
+def test_swapped_anchors_report_the_places_where_they_should_be() -> None:
+    swapped = Uwb(msgspec.structs.replace(CONFIG.uwb, anchors_shifted=1), VEHICLE.uwb, seed=1)
+    right = Uwb(CONFIG.uwb, VEHICLE.uwb, seed=1).measure(0, BODY, ROVER).ranges
+    wrong = swapped.measure(0, BODY, ROVER).ranges
+    assert [one.pos_anchor_rover_body_m for one in wrong] == [one.pos_anchor_rover_body_m for one in right]
+    assert wrong[0].range_m == pytest.approx(right[1].range_m, abs=0.1)
+
+
+def test_a_turned_compass_reads_a_turned_field() -> None:
+    sensor = Magnetometer(msgspec.structs.replace(CONFIG.magnetometer, std_gauss=0.0, std_bias_gauss=0.0), ORIGIN, 1)
+    level = BODY._replace(q_ned_from_frd=(1.0, 0.0, 0.0, 0.0))
+    north, east, _ = sensor.measure(0, level).field_frd_gauss
+    sensor.error_yaw_rad = radians(45.0)
+    turned_north, turned_east, _ = sensor.measure(0, level).field_frd_gauss
+    assert degrees(atan2(turned_east, turned_north) - atan2(east, north)) == pytest.approx(-45.0)

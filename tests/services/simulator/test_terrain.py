@@ -80,3 +80,13 @@ def test_the_faces_of_rocks_look_outwards() -> None:
         for a, b, c in terrain.rock_faces[20 * i : 20 * i + 20] - 12 * i:
             outwards = np.cross(corners[b] - corners[a], corners[c] - corners[a])
             assert outwards @ (corners[a] - middle) > 0.0
+
+
+def test_a_hillside_has_its_slope_where_the_vehicle_starts_and_a_level_edge() -> None:
+    config = TerrainConfig(slope_deg=15.0, slope_towards_deg=90.0, std_ground_m=0.0, craters=0, rocks=0)
+    terrain = make_terrain(config)
+    assert terrain.height_m(0.0, 10.0) == pytest.approx(-10.0 * np.tan(np.radians(15.0)), abs=1e-6)
+    assert terrain.height_m(14.0, -10.0) == pytest.approx(10.0 * np.tan(np.radians(15.0)), abs=1e-6)
+    edges = (terrain.heights_m[0], terrain.heights_m[-1], terrain.heights_m[:, 0], terrain.heights_m[:, -1])
+    assert max(float(np.abs(edge).max()) for edge in edges) < 0.05
+    assert steepest(terrain.heights_m) < np.tan(np.radians(30.0))

@@ -76,3 +76,9 @@ def test_streams_of_different_names_are_independent() -> None:
     first = [a() for _ in range(3000)]
     assert first == [again() for _ in range(3000)]
     assert abs(np.corrcoef(first, [b() for _ in range(3000)])[0, 1]) < 0.08
+
+
+def test_the_mean_wind_changes_in_flight() -> None:
+    wind = Wind(WindConfig(mean_mps=3.0, from_deg=270.0, std_gust_mps=0.0), 0.004, normals_of(generator(1, "wind")))
+    wind.change(8.0, 0.0)
+    assert wind.step(5.0) == pytest.approx((-8.0, 0.0, 0.0))
