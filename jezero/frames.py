@@ -181,11 +181,9 @@ def q_ned_from_frd(q_enu_from_flu: Quat) -> Quat:
     return quat_normalize((-h * w - h * z, -h * x - h * y, h * y - h * x, h * z - h * w))
 
 
-def q_enu_from_flu(q_ned_from_frd: Quat) -> Quat:
-    """Attitude for the physics engine, the inverse of `q_ned_from_frd`."""
-    w, x, y, z = q_ned_from_frd
-    h = _SQRT_HALF
-    return quat_normalize((-h * w - h * z, -h * x - h * y, h * y - h * x, h * z - h * w))
+def q_enu_from_flu(attitude: Quat) -> Quat:
+    """Attitude on the physics engine's side: both changes of axes are half turns, so `q_ned_from_frd` undoes itself."""
+    return q_ned_from_frd(attitude)
 
 
 def rotate_yaw(v: Vec3, yaw_rad: float) -> Vec3:

@@ -1,33 +1,35 @@
-"""Distortion by a lens: Brown–Conrady, with the coefficients (k1, k2, p1, p2, k3) that OpenCV's calibration gives."""
+"""Distortion by a lens: the model of Brown and Conrady, with the coefficients of OpenCV's calibration."""
 
-from math import inf
+from functools import cache
+from math import inf, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jezero.schemas.sensors import Distortion
+
 Array = NDArray[np.float64]
-Distortion = tuple[float, float, float, float, float]
-NO_DISTORTION: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
-ITERATIONS = 12
-RADIUS_STEP = 0.01
-RADIUS_END = 20.0
+ITERATIONS = 20
+NOT_FOUND_MIN = 1e-3
+"""An iteration that is still this far from its point, at unit distance, has not found it."""
 
 
 def distort(points: Array, distortion: Distortion) -> Array:
-    """Where a lens puts points of the ideal image.
+    """Points of the image of an ideal lens, where a lens with distortion shows them.
 
     Args:
         points: (..., 2) right and down at unit distance.
     Returns:
-        (..., 2); NaN beyond the radius from which the image would fold back.
+        (..., 2); NaN beyond the radius at which the image folds back.
     Source: Brown 1966, as in OpenCV's `projectPoints`.
     """
     if not any(distortion):
         return points
-    k1, k2, p1, p2, k3 = distortion
+    _, _, p1, p2, _ = distortion
     x, y = points[..., 0], points[..., 1]
     r2 = x * x + y * y
-    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    radial = _radial(r2, distortion)
     result: Array = np.stack(
         (
             x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
@@ -40,22 +42,38 @@ def distort(points: Array, distortion: Distortion) -> Array:
 
 
 def undistort(points: Array, distortion: Distortion) -> Array:
-    """Points of the ideal image that a lens puts to (..., 2) these, by fixed-point iteration; NaN where none is."""
+    """Points of the image of a lens with distortion, where an ideal lens shows them: the inverse of `distort`.
+
+    Returns:
+        (..., 2); NaN for points that the lens does not show.
+    Source: fixed-point iteration, as in OpenCV's `undistortPoints`.
+    """
     if not any(distortion):
         return points
     ideal = points
     for _ in range(ITERATIONS):
         ideal = ideal + points - distort(ideal, distortion)
-    return ideal
+    missed = np.abs(points - distort(ideal, distortion)).max(axis=-1)
+    result: Array = np.where(missed[..., None] < NOT_FOUND_MIN, ideal, np.nan)
+    return result
 
 
+@cache
 def fold_radius(distortion: Distortion) -> float:
-    """Radius in the ideal image, at unit distance, up to which a greater radius stays greater behind the lens."""
+    """Radius in the image of an ideal lens beyond which the image of the lens folds back; infinite for most lenses."""
     k1, k2, _, _, k3 = distortion
-    radius = RADIUS_STEP
-    while radius < RADIUS_END:
-        r2 = radius * radius
-        if 1.0 + r2 * (3.0 * k1 + r2 * (5.0 * k2 + r2 * 7.0 * k3)) <= 0.0:
-            return radius - RADIUS_STEP
-        radius += RADIUS_STEP
-    return inf
+    slope_by_r2 = np.polynomial.Polynomial((1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3)).trim()
+    roots = [complex(root) for root in slope_by_r2.roots()]
+    return min((sqrt(root.real) for root in roots if abs(root.imag) < 1e-9 and root.real > 0.0), default=inf)
+
+
+def image_radius(distortion: Distortion) -> float:
+    """Greatest radius in the image of the lens, at unit distance, that shows something."""
+    limit = fold_radius(distortion)
+    return inf if limit == inf else float(limit * _radial(limit * limit, distortion))
+
+
+def _radial(r2: Any, distortion: Distortion) -> Any:
+    """Factor on the radius, from the square of the radius in the image of an ideal lens."""
+    k1, k2, _, _, k3 = distortion
+    return 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))

@@ -5,20 +5,19 @@ its origin in the centre of mass; `rover_body` has its origin in the middle of t
 down. The errors of the sensors and the simulated world are in the services' own settings.
 """
 
-from math import hypot, inf, radians, tan
+from math import hypot, radians, tan
 from typing import Annotated
 
 from msgspec import Meta
 
-from jezero.lens import NO_DISTORTION, fold_radius
+from jezero.lens import image_radius
 from jezero.runtime.config import Config
 from jezero.schemas.landing_board import BoardTag, board_refusal, make_board
-from jezero.schemas.sensors import CameraInfo
+from jezero.schemas.sensors import NO_DISTORTION, CameraInfo, Distortion
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 Mounting = Annotated[float, Meta(ge=-10.0, le=10.0)]
-Coefficient = Annotated[float, Meta(ge=-2.0, le=2.0)]
 Place = tuple[Mounting, Mounting, Mounting]
 
 PITCH_DOWN_RAD = -1.5708
@@ -41,7 +40,7 @@ class CameraMountConfig(Config, frozen=True, kw_only=True):
         distortion: the lens' coefficients k1, k2, p1, p2, k3, as OpenCV's calibration gives them.
 
     Raises:
-        ValueError: the image of such a lens would fold back on itself before its corners.
+        ValueError: such a lens would show nothing in the image's corners.
     """
 
     width_px: Annotated[int, Meta(ge=16, le=4096)] = 640
@@ -52,19 +51,16 @@ class CameraMountConfig(Config, frozen=True, kw_only=True):
     pitch_offset_rad: Annotated[float, Meta(ge=-0.8, le=1.5708)] = 0.0
     roll_offset_rad: Annotated[float, Meta(ge=-0.8, le=0.8)] = 0.0
     turn_rad: Annotated[float, Meta(ge=-3.1416, le=3.1416)] = 0.0
-    distortion: tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient] = NO_DISTORTION
+    distortion: Distortion = NO_DISTORTION
 
     def __post_init__(self) -> None:
-        if any(self.distortion):
-            corner = hypot(0.5 * self.width_px, 0.5 * self.height_px) / self.focal_px
-            k1, k2, _, _, k3 = self.distortion
-            limit = fold_radius(self.distortion)
-            reach = inf if limit == inf else limit * (1.0 + limit**2 * (k1 + limit**2 * (k2 + limit**2 * k3)))
-            if reach < corner:
-                raise ValueError(
-                    f"distortion {list(self.distortion)} folds the image back at {100.0 * reach / corner:.0f} % of the "
-                    "way to its corners: check the order k1, k2, p1, p2, k3"
-                )
+        corner_radius = hypot(0.5 * self.width_px, 0.5 * self.height_px) / self.focal_px
+        share = image_radius(self.distortion) / corner_radius
+        if share < 1.0:
+            raise ValueError(
+                f"a lens with distortion {list(self.distortion)} shows nothing beyond {100.0 * share:.0f} % of the way "
+                "to the image's corners: check the order k1, k2, p1, p2, k3"
+            )
 
     @property
     def focal_px(self) -> float:

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from jezero.schemas.sensors import Distortion, Gnss, Imu, Pixel
+from jezero.schemas.sensors import NO_DISTORTION, Distortion, Gnss, Imu, Pixel
 from jezero.schemas.state import Geodetic
 from jezero.schemas.struct import (
     Angle,
@@ -70,7 +70,7 @@ class Image(Payload, frozen=True, kw_only=True):
     height_px: Annotated[int, Meta(ge=1, le=8192)]
     focal_px: NonNegative
     center_px: Pixel
-    distortion: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
+    distortion: Distortion = NO_DISTORTION
     range_m: NonNegative | None = None
     imu: Imu | None = None
     gnss: Gnss | None = None

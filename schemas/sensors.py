@@ -20,9 +20,11 @@ from jezero.schemas.struct import (
 )
 
 Pixel = tuple[Finite, Finite]
+"""(x, y) in an image: x to the right, y down, (0, 0) is the centre of the first pixel."""
 Coefficient = Annotated[float, Meta(ge=-2.0, le=2.0)]
 Distortion = tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient]
-"""(x, y) in an image: x to the right, y down, (0, 0) is the centre of the first pixel."""
+"""Coefficients k1, k2, p1, p2, k3 of a lens, as OpenCV's calibration gives them."""
+NO_DISTORTION: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Imu(Message, frozen=True, kw_only=True):
@@ -148,11 +150,11 @@ class CameraInfo(Message, frozen=True, kw_only=True):
     width_px: Annotated[int, Meta(ge=1, le=8192)]
     height_px: Annotated[int, Meta(ge=1, le=8192)]
     focal_px: NonNegative
-    center_px: tuple[Finite, Finite]
+    center_px: Pixel
     pos_camera_frd_m: PositionNed
     rate_hz: NonNegative
     turn_camera_rad: Angle = 0.0
-    distortion: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
+    distortion: Distortion = NO_DISTORTION
 
 
 class CameraFrame(Message, WithAttachment, frozen=True, kw_only=True, omit_defaults=True):

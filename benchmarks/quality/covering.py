@@ -98,16 +98,16 @@ class Covering:
         with Dataset(folder, "png", goal=goal) as dataset:
             dataset.note(track_ned_m=[o.pos_uav_ned_m for o in self.odometry[::5]])
             for image in result.images:
-                request = GetImage(goal_id=goal.goal_id, index=image.index)
-                answers = self.bus.send_request(topics.AREA_COVERAGE.image, request)
-                self.bus.run_for(1.0, lambda answers=answers: answers.ended)  # type: ignore[misc]
-                if not answers.replies or answers.replies[0].reason:
-                    raise RuntimeError(f"no picture {image.index}: {answers.replies}")
-                dataset.add(Picture(image, answers.replies[0].pixels))
+                pixels = GetImage(goal_id=goal.goal_id, index=image.index)
+                request = self.bus.send_request(topics.AREA_COVERAGE.image, pixels)
+                self.bus.run_for(1.0, lambda request=request: request.ended)  # type: ignore[misc]
+                if not request.replies or request.replies[0].reason:
+                    raise RuntimeError(f"no picture {image.index}: {request.replies}")
+                dataset.add(Picture(image, request.replies[0].pixels))
 
-    def _end(self, answers: SentRequest) -> Result[Any]:
-        self.bus.run_for(1800.0, lambda: answers.ended)
-        last = answers.replies[-1] if answers.replies else None
+    def _end(self, request: SentRequest) -> Result[Any]:
+        self.bus.run_for(1800.0, lambda: request.ended)
+        last = request.replies[-1] if request.replies else None
         if not isinstance(last, Result) or last.outcome != "succeeded":
             raise RuntimeError(f"the goal did not succeed: {last}")
         return last

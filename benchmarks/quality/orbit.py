@@ -124,9 +124,9 @@ class Orbiting:
         self._driver.speed_mps = self._rover_mps
         return self._end(self.bus.send_request(topics.GET_IMAGES.endpoint, goal))
 
-    def _end(self, answers: SentRequest) -> Result[Any]:
-        self.bus.run_for(180.0, lambda: answers.ended)
-        last = answers.replies[-1] if answers.replies else None
+    def _end(self, request: SentRequest) -> Result[Any]:
+        self.bus.run_for(180.0, lambda: request.ended)
+        last = request.replies[-1] if request.replies else None
         if not isinstance(last, Result):
             raise RuntimeError(f"no result: {last}")
         return last

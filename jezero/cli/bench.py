@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from jezero.trials.landing.trial import CaseName, RoverName
 
 
+BIAS_MAX_M = 10.0
+
+
 class _Bias(click.ParamType[tuple[float, ...]]):
     """Numbers in metres, separated by commas."""
 
@@ -30,8 +33,6 @@ class _Bias(click.ParamType[tuple[float, ...]]):
         return biases_m
 
 
-BIAS = _Bias()
-BIAS_MAX_M = 10.0
 CASES = ("uwb+tag", "uwb", "tag", "none")
 
 
@@ -51,7 +52,7 @@ def bench() -> None:
 @click.option("--n", type=click.IntRange(1, 100_000), default=100, show_default=True, help="Landings of each case.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="First seed.")
 @click.option("--rover", type=click.Choice(["still", "drive", "turn", "zigzag"]), default="still", show_default=True,
-              help="Motion: none; 0.5 m/s straight; 1 m/s and 0.2 rad/s; 0.8 m/s, turning to and fro.")  # fmt: skip
+              help="Motion: none; 0.5 m/s straight; 1 m/s and 0.2 rad/s; 0.8 m/s, turning left and right.")  # fmt: skip
 @click.option("--wind", type=click.FloatRange(0.0, 30.0), default=3.0, show_default=True, metavar="MEAN",
               help="Speed of the mean wind, in m/s.")  # fmt: skip
 @click.option("--gusts", type=click.FloatRange(0.0, 10.0), default=0.6, show_default=True, metavar="STD",
@@ -73,7 +74,7 @@ def bench() -> None:
 )
 @click.option("--uwb-outliers", type=click.FloatRange(0.0, 1.0), metavar="SHARE",
               help="Share of UWB ranges that are 0.5 to 3 m too long [default: 0, case uwb: 0.1].")  # fmt: skip
-@click.option("--uwb-bias", type=BIAS, default=(), metavar="M[,M...]",
+@click.option("--uwb-bias", type=_Bias(), default=(), metavar="M[,M...]",
               help="Constant error of the UWB ranges: one number for all anchors, or one for each.")  # fmt: skip
 @click.option("--anchors", type=click.Choice(["right", "rotated"]), default="right", show_default=True,
               help="Rotated: each UWB anchor stands where the next one should.")  # fmt: skip

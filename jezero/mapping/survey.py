@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jezero.frames import add, quat_rotate, subtract
-from jezero.lens import Distortion
 from jezero.schemas.images import LISTING, Image
+from jezero.schemas.sensors import Distortion
 from jezero.vehicle_config import VehicleConfig
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ class Survey:
         rotations: (n, 3, 3) rotations from the camera's axes right, down, forward to north, east, down.
         focal_px: focal length.
         center_px: (2,) principal point.
-        distortion: the lens' coefficients; `pixels` are already freed of it.
+        distortion: coefficients of the lens' distortion, which `pixels` no longer have.
         size_px: width and height.
         spots_m: (m, 3) points at which the altimeter's beam met the ground, by the vehicle's own position, NED.
     """

@@ -5,6 +5,7 @@ from math import degrees, hypot
 from jezero.frames import (
     Quat,
     Vec3,
+    add,
     altitude_m,
     quat_conjugate,
     quat_from_euler,
@@ -26,18 +27,26 @@ def offset_m(truth: Truth) -> Vec3:
     return subtract(truth.pos_uav_ned_m, truth.pos_rover_ned_m)
 
 
-def on_platform_m(truth: Truth) -> Vec3:
-    """(3,) position of the vehicle from the platform's centre: forward, right and down in the rover's axes."""
-    return quat_rotate(quat_conjugate(_q_ned_from_rover_body(truth)), offset_m(truth))
+def on_platform_m(truth: Truth, height_stand_m: float = 0.0) -> Vec3:
+    """(3,) position of the vehicle from the platform's centre: forward, right and down in the platform's axes.
+
+    Args:
+        height_stand_m: height of the centre of mass of a standing vehicle, by which the truth lowers the vehicle
+            vertically; only on a tilted platform does it make a difference.
+    """
+    stand_m = (0.0, 0.0, height_stand_m)
+    center_ned_m = subtract(offset_m(truth), stand_m)
+    return add(quat_rotate(quat_conjugate(_q_ned_from_rover_body(truth)), center_ned_m), stand_m)
 
 
-def off_platform_reason(truth: Truth, half_side_m: float) -> str:
+def off_platform_reason(truth: Truth, half_side_m: float, height_stand_m: float = 0.0) -> str:
     """Why the vehicle does not stand upright on the platform; "" if it does.
 
     Args:
         half_side_m: half of the platform's side.
+        height_stand_m: as in `on_platform_m`.
     """
-    forward_m, right_m, down_m = on_platform_m(truth)
+    forward_m, right_m, down_m = on_platform_m(truth, height_stand_m)
     if abs(down_m) > STANDING_HEIGHT_MAX_M or max(abs(forward_m), abs(right_m)) > half_side_m:
         away_m = hypot(forward_m, right_m)
         return f"stands {away_m:.2f} m from the middle of the platform and {altitude_m(down_m):.2f} m above it"

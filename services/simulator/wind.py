@@ -89,11 +89,8 @@ class Wind:
     """
 
     def __init__(self, config: WindConfig, dt_s: float, normals: Normals) -> None:
-        towards_rad = radians(config.from_deg + 180.0)
-        self._along = (cos(towards_rad), sin(towards_rad))
-        self._mean_mps = config.mean_mps
         self._std_mps = config.std_gust_mps
-        self._carry_mps = max(config.mean_mps, CARRY_MIN_MPS)
+        self._set_mean(config.mean_mps, config.from_deg)
         horizontal_m, vertical_m, self._share_down = dryden_scales(0.0)
         self._height_m = 0.0
         self._u = _Longitudinal(horizontal_m / self._carry_mps, dt_s, normals)
@@ -103,9 +100,7 @@ class Wind:
 
     def change(self, mean_mps: float, from_deg: float) -> None:
         """Change the mean wind from now on."""
-        towards_rad = radians(from_deg + 180.0)
-        self._along, self._mean_mps = (cos(towards_rad), sin(towards_rad)), mean_mps
-        self._carry_mps = max(mean_mps, CARRY_MIN_MPS)
+        self._set_mean(mean_mps, from_deg)
         self._retune(self._height_m)
         if self._std_mps == 0.0:
             self.vel_ned_mps = self._combine(0.0, 0.0, 0.0)
@@ -122,6 +117,12 @@ class Wind:
             self._retune(height_m)
         self.vel_ned_mps = self._combine(self._u.step(), self._v.step(), self._w.step())
         return self.vel_ned_mps
+
+    def _set_mean(self, mean_mps: float, from_deg: float) -> None:
+        towards_rad = radians(from_deg + 180.0)
+        self._along = (cos(towards_rad), sin(towards_rad))
+        self._mean_mps = mean_mps
+        self._carry_mps = max(mean_mps, CARRY_MIN_MPS)
 
     def _retune(self, height_m: float) -> None:
         self._height_m = height_m

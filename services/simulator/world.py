@@ -156,7 +156,7 @@ class World:
             self._add_fixed(long_slab, (0.0, sign * far_m, -1.0), friction)
             self._add_fixed(short_slab, (sign * far_m, 0.0, -1.0), friction)
         floor = self._box((far_m + reach_m, far_m + reach_m, FLOOR_HALF_M))
-        self._add_fixed(floor, (0.0, 0.0, float(terrain.heights_m.min()) - 0.7 - FLOOR_HALF_M), friction)
+        self._add_fixed(floor, (0.0, 0.0, float(terrain.heights_m.min()) - 0.2 - FLOOR_HALF_M), friction)
         if len(terrain.rock_faces):
             self._add_rocks(terrain, friction)
 

@@ -1,10 +1,21 @@
 """A few landings of the landing benchmark; `jezero bench landing` gives figures from many."""
 
+from functools import partial
+from math import degrees
+
 import pytest
 
+from jezero.frames import tilt_from_quat
+from jezero.schemas import topics
+from jezero.schemas.actions import LandOnSpotGoal
+from jezero.services.simulator.config import RoverConfig, SimulatorConfig, TerrainConfig
 from jezero.trials.landing.benchmark import fly_landings
 from jezero.trials.landing.flight import fly_landing
 from jezero.trials.landing.trial import Conditions
+from jezero.trials.platform import off_platform_reason
+from jezero.trials.stack import build_stack
+from jezero.vehicle_config import VehicleConfig
+from tests.scenario.rig import Flight
 
 
 def test_a_plain_landing_gives_a_report() -> None:
@@ -48,3 +59,16 @@ def test_the_benchmark_flies_the_weather_and_the_faults_that_it_names() -> None:
     report = fly_landings(conditions, 1, 2, 1)
     assert (report.landed, report.crashed) == (1, 0)
     assert [(one.seed, one.landed, one.crashed, one.reason) for one in report.outcomes] == [(2, True, False, "")]
+
+
+def test_it_takes_off_from_a_hillside_and_lands_on_a_rover_that_leans_with_it() -> None:
+    world = SimulatorConfig(
+        terrain=TerrainConfig(slope_deg=8.0, slope_towards_deg=40.0), rover=RoverConfig(tilts_with_ground=True)
+    )
+    flight = Flight(2, partial(build_stack, simulator=world))
+    flight.take_off(4.0)
+    flight.do(topics.LAND_ON_SPOT, LandOnSpotGoal())
+    robot = VehicleConfig()
+    assert off_platform_reason(flight.truth, 0.5 * robot.platform.side_m, robot.airframe.height_stand_m) == ""
+    assert degrees(tilt_from_quat(flight.truth.q_ned_from_frd)) > 4.0
+    assert not flight.status.armed

@@ -5,12 +5,13 @@ from math import hypot
 
 import pytest
 
-from jezero.frames import rotate_yaw, subtract, wrap_pi
+from jezero.frames import subtract, wrap_pi
 from jezero.runtime.config import load_config
 from jezero.schemas import topics
 from jezero.schemas.actions import TakeoffGoal
-from jezero.schemas.state import StatusCode, Truth
+from jezero.schemas.state import StatusCode
 from jezero.services.simulator.config import SimulatorConfig, UavConfig
+from jezero.trials.platform import on_platform_m
 from jezero.trials.rover_driver import RoverDriver
 from jezero.trials.stack import build_stack
 from tests.scenario.rig import Flight
@@ -28,11 +29,6 @@ def riding() -> tuple[Flight, RoverDriver]:
     flight.bus.add(driver)
     flight.wait_ready()
     return flight, driver
-
-
-def on_platform_m(truth: Truth) -> tuple[float, float, float]:
-    """Position of the vehicle relative to the platform, in the rover's axes."""
-    return rotate_yaw(subtract(truth.pos_uav_ned_m, truth.pos_rover_ned_m), -truth.yaw_rover_rad)
 
 
 def test_a_disarmed_vehicle_rides_along_and_takes_off_when_the_rover_stands() -> None:

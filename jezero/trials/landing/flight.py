@@ -9,7 +9,7 @@ import msgspec
 
 from jezero.frames import altitude_m
 from jezero.report.flight_log import LOG, LogWriter
-from jezero.runtime.config import load_config
+from jezero.runtime.config import ConfigError, load_config
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Service
 from jezero.schemas import topics
@@ -211,9 +211,15 @@ def simulator_config(trial: Trial) -> SimulatorConfig:
 
 
 def _bias_anchors_m(conditions: Conditions) -> tuple[float, ...]:
-    """Constant error of each anchor; a single one holds for all."""
+    """Constant error of each anchor; a single one holds for all.
+
+    Raises:
+        ConfigError: the number of errors is not that of the anchors.
+    """
     biases_m = conditions.uwb_bias_m
     anchors = len(load_config(VehicleConfig, "vehicle").uwb.pos_anchors_rover_body_m)
+    if len(biases_m) not in (0, 1, anchors):
+        raise ConfigError(f"{len(biases_m)} UWB errors are given for {anchors} anchors: give one, or {anchors}")
     return biases_m * anchors if len(biases_m) == 1 else biases_m
 
 
@@ -253,8 +259,10 @@ def _landing(trial: Trial, judge: LandingJudge, start_ns: int, failure: str) -> 
             north_m, east_m, _ = trial.spot_ned_m
             error_rover_body_m = (truth.pos_uav_ned_m[0] - north_m, truth.pos_uav_ned_m[1] - east_m)
         else:
-            failure = off_platform_reason(truth, 0.5 * load_config(VehicleConfig, "vehicle").platform.side_m)
-            error_rover_body_m = on_platform_m(truth)[:2]
+            robot = load_config(VehicleConfig, "vehicle")
+            height_stand_m = robot.airframe.height_stand_m
+            failure = off_platform_reason(truth, 0.5 * robot.platform.side_m, height_stand_m)
+            error_rover_body_m = on_platform_m(truth, height_stand_m)[:2]
         if judge.impact_mps > IMPACT_MAX_MPS:
             failure = failure or f"impact at {judge.impact_mps:.2f} m/s"
     landed = not failure and error_rover_body_m is not None and judge.disarmed_ns is not None

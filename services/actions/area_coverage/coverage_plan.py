@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import cos, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,7 +139,7 @@ def _refusal(goal: AreaCoverageGoal, config: ActionsConfig, origin_ned_m: Vec3) 
 
 
 def _distances(goal: AreaCoverageGoal, camera: CameraMountConfig) -> tuple[float, float]:
-    """Distance between lines and between pictures. The camera's wide side lies across the lines."""
+    """Distance between lines and between pictures."""
     overlap = goal.sidelap if goal.overlap is None else goal.overlap
     sidelap = goal.overlap if goal.sidelap is None else goal.sidelap
     if overlap is None or sidelap is None:
@@ -147,5 +148,18 @@ def _distances(goal: AreaCoverageGoal, camera: CameraMountConfig) -> tuple[float
         return goal.resolution_m, goal.resolution_m
     if goal.resolution_m is not None:
         raise AreaError("a resolution and an overlap are both given: choose one of them")
+    across_px, along_px = _upright_px(camera)
     m_per_px = altitude_m(goal.z_ned_m) / camera.focal_px
-    return m_per_px * camera.width_px * (1.0 - sidelap), m_per_px * camera.height_px * (1.0 - overlap)
+    return m_per_px * across_px * (1.0 - sidelap), m_per_px * along_px * (1.0 - overlap)
+
+
+def _upright_px(camera: CameraMountConfig) -> tuple[float, float]:
+    """Size across and along the lines of the part of an image that counts.
+
+    For a camera that is turned about its optical axis, the part is the greatest upright rectangle of the image's shape.
+    """
+    c, s = abs(cos(camera.turn_rad)), abs(sin(camera.turn_rad))
+    width_px, height_px = camera.width_px, camera.height_px
+    across_px, along_px = (height_px, width_px) if s > c else (width_px, height_px)
+    share = min(width_px / (across_px * c + along_px * s), height_px / (across_px * s + along_px * c))
+    return share * across_px, share * along_px

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jezero.frames import Quat, Vec3, frd_from_camera, quat_rotate
-from jezero.lens import NO_DISTORTION, Distortion, undistort
+from jezero.frames import Quat, frd_from_camera, quat_rotate
+from jezero.lens import undistort
+from jezero.schemas.sensors import CameraInfo, Distortion
 
 Array = NDArray[np.float64]
 ITERATIONS = 4
@@ -37,7 +38,7 @@ class View:
     center_px: tuple[float, float]
     R_ned_from_camera: Array
     pos_camera_uav_ned_m: Array
-    distortion: Distortion = NO_DISTORTION
+    distortion: Distortion
 
     def ideal_px(self, corners_px: Array) -> Array:
         """Where (n, 2) corners would be in the image of a lens without distortion."""
@@ -46,24 +47,15 @@ class View:
         return ideal
 
 
-def make_view(
-    focal_px: float,
-    center_px: tuple[float, float],
-    pos_camera_frd_m: Vec3,
-    pitch_camera_rad: float,
-    q_ned_from_frd: Quat,
-    roll_camera_rad: float = 0.0,
-    turn_camera_rad: float = 0.0,
-    distortion: Distortion = NO_DISTORTION,
-) -> View:
+def make_view(info: CameraInfo, pitch_camera_rad: float, q_ned_from_frd: Quat, roll_camera_rad: float = 0.0) -> View:
     """The view of a camera on its axes under a vehicle of that attitude."""
     axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     columns = [
-        quat_rotate(q_ned_from_frd, frd_from_camera(axis, pitch_camera_rad, roll_camera_rad, turn_camera_rad))
+        quat_rotate(q_ned_from_frd, frd_from_camera(axis, pitch_camera_rad, roll_camera_rad, info.turn_camera_rad))
         for axis in axes
     ]
-    mount_ned_m = np.array(quat_rotate(q_ned_from_frd, pos_camera_frd_m))
-    return View(focal_px, center_px, np.array(columns).T, mount_ned_m, distortion)
+    mount_ned_m = np.array(quat_rotate(q_ned_from_frd, info.pos_camera_frd_m))
+    return View(info.focal_px, info.center_px, np.array(columns).T, mount_ned_m, info.distortion)
 
 
 @dataclass(frozen=True)

@@ -78,16 +78,7 @@ class TagDetector:
         if info is None or q_ned_from_frd is None:
             return
         pitch_rad, roll_rad = exposed.pitch_camera_rad, exposed.roll_camera_rad
-        view = make_view(
-            info.focal_px,
-            info.center_px,
-            info.pos_camera_frd_m,
-            pitch_rad,
-            q_ned_from_frd,
-            roll_rad,
-            info.turn_camera_rad,
-            info.distortion,
-        )
+        view = make_view(info, pitch_rad, q_ned_from_frd, roll_rad)
         solution = locate(tags, self._corners_m, view, self._config)
         if solution is None:
             return

@@ -6,7 +6,8 @@ import cv2
 import msgspec
 import numpy as np
 
-from jezero.lens import NO_DISTORTION, undistort
+from jezero.lens import undistort
+from jezero.schemas.sensors import NO_DISTORTION
 from jezero.schemas.state import Scene
 from jezero.services.simulator.camera.service import Renderer
 from jezero.services.simulator.camera.view import Array, View

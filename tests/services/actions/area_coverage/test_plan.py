@@ -1,5 +1,7 @@
 """Plans of area coverages: the thesis' polygon by its figures, random areas by what every plan must hold."""
 
+from math import radians
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -12,6 +14,7 @@ from jezero.services.actions.area_coverage.ground import CoveredGround
 from jezero.services.actions.area_coverage.path import covered_fraction, plan_path
 from jezero.services.actions.area_coverage.trajectory import Trajectory, make_trajectory, picture_distances
 from jezero.services.actions.config import ActionsConfig
+from jezero.vehicle_config import CameraMountConfig, VehicleConfig
 
 THESIS: tuple[Point, ...] = ((0, 0), (3, 5), (7, 4), (7, 2), (4, 1), (3, 2), (0, 0))
 SQUARE: tuple[Point, ...] = ((0, 0), (4, 0), (4, 4), (0, 4))
@@ -108,6 +111,25 @@ def test_the_same_area_elsewhere_gets_the_same_plan() -> None:
     assert there.pictures_m - away == pytest.approx(here.pictures_m, abs=1e-6)
     assert there.covered == pytest.approx(here.covered, abs=1e-6)
     assert there.lines_rad == here.lines_rad
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "across_px", "along_px"),
+    [(0.0, 640.0, 480.0), (180.0, 640.0, 480.0), (90.0, 480.0, 640.0), (-90.0, 480.0, 640.0), (45.0, 387.88, 290.91)],
+)
+def test_pictures_of_a_turned_camera_overlap_as_the_goal_says(
+    turn_deg: float, across_px: float, along_px: float
+) -> None:
+    """At 45 degrees the share of both sides is 480 / (640 + 480) * sqrt(2) = 0.6061."""
+    camera = CameraMountConfig(width_px=640, height_px=480, turn_rad=radians(turn_deg))
+    config = ActionsConfig(vehicle=VehicleConfig(camera=camera))
+    goal = AreaCoverageGoal(
+        polygon_ned_m=((0.0, 0.0), (0.0, 40.0), (40.0, 40.0), (40.0, 0.0)), z_ned_m=-8.0, overlap=0.5
+    )
+    plan = plan_coverage(goal, config)
+    m_per_px = 8.0 / camera.focal_px
+    assert plan.line_distance_m == pytest.approx(0.5 * m_per_px * across_px, rel=1e-4)
+    assert plan.picture_distance_m == pytest.approx(0.5 * m_per_px * along_px, rel=1e-4)
 
 
 def test_the_rest_of_a_motion_begins_at_rest_where_it_is_taken_up() -> None:

@@ -40,6 +40,15 @@ WIDTH_PX, HEIGHT_PX = 640, 480
 FOCAL_PX = 0.5 * WIDTH_PX / tan(radians(40.0))
 CENTER_PX = (0.5 * (WIDTH_PX - 1), 0.5 * (HEIGHT_PX - 1))
 MOUNT_FRD_M: Vec3 = (0.05, 0.0, 0.05)
+INFO = CameraInfo(
+    t_ns=0,
+    width_px=WIDTH_PX,
+    height_px=HEIGHT_PX,
+    focal_px=FOCAL_PX,
+    center_px=CENTER_PX,
+    pos_camera_frd_m=MOUNT_FRD_M,
+    rate_hz=15.0,
+)
 DOWN_RAD = -0.5 * pi
 LANDING_BOARD = make_board()
 CONFIG = TagDetectorConfig()
@@ -66,7 +75,7 @@ def seen(
 
 
 def view_of(q: Quat, pitch_rad: float = DOWN_RAD) -> View:
-    return make_view(FOCAL_PX, CENTER_PX, MOUNT_FRD_M, pitch_rad, q)
+    return make_view(INFO, pitch_rad, q)
 
 
 @pytest.mark.parametrize("yaw_rover_rad", [0.0, 0.5, -2.5, 3.1])
@@ -234,15 +243,6 @@ class Feeder:
 def test_the_estimate_is_that_of_the_exposure_with_the_attitude_of_that_time() -> None:
     then, later = quat_from_euler(0.1, 0.0, 0.2), quat_from_euler(-0.2, 0.0, 0.2)
     pos_ned_m = (0.2, -0.1, -3.0)
-    info = CameraInfo(
-        t_ns=0,
-        width_px=WIDTH_PX,
-        height_px=HEIGHT_PX,
-        focal_px=FOCAL_PX,
-        center_px=CENTER_PX,
-        pos_camera_frd_m=MOUNT_FRD_M,
-        rate_hz=15.0,
-    )
     corners = TagCorners(t_ns=NS_PER_S, pitch_camera_rad=DOWN_RAD, tags=tuple(seen([BIG_ID, 1], pos_ned_m, then, 0.3)))
     bus = MemoryBus(delay=NO_DELAY)
     estimates: list[TagEstimate] = []
@@ -258,7 +258,7 @@ def test_the_estimate_is_that_of_the_exposure_with_the_attitude_of_that_time() -
     bus.add(
         Feeder(
             [
-                (0.5, topics.CAMERA_INFO, info),
+                (0.5, topics.CAMERA_INFO, INFO),
                 (1.0, topics.ODOMETRY, odometry(1.0, then)),
                 (1.1, topics.ODOMETRY, odometry(1.1, later)),
                 (1.1, topics.TAG_CORNERS, corners),
