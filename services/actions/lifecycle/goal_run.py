@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 from jezero.runtime.service import BackgroundTask, Call, Inbox, Output, Reply, Request, Response, Subscribe
 from jezero.schemas.actions import Accepted, Goal, Rejected, Result
 from jezero.schemas.commands import Acquire
-from jezero.schemas.topics import ACQUIRE, ODOMETRY, STATUS, Action
+from jezero.schemas.topics import ACQUIRE, ALTIMETER, ODOMETRY, STATUS, Action
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.goal_flight import GoalContext, GoalFlight
 from jezero.services.actions.lifecycle.picture_store import PictureStore
@@ -19,7 +19,7 @@ from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 from jezero.services.actions.lifecycle.vehicle_view import VehicleView
 from jezero.services.actions.motion.behaviour import Plan, Preparation, Refusal, Start
 from jezero.services.actions.motion.capture import CAPTURE_INPUTS
-from jezero.vehicle_config import VehicleLimitsConfig
+from jezero.vehicle_config import VehicleConfig
 
 CHECK_TIMEOUT_S = 1.5
 """Time-out of the inputs of a goal whose inputs are checked before it is accepted."""
@@ -89,7 +89,7 @@ class GoalRun:
         goal_id: str,
         plan: Plan,
         warning: str,
-        limits: VehicleLimitsConfig,
+        vehicle: VehicleConfig,
         epoch_id: int,
         pictures: PictureStore | None = None,
     ) -> None:
@@ -104,7 +104,7 @@ class GoalRun:
         self._arrived_ns = 0
         lease = None if plan.selection is None else SelectionLease(goal_id, plan.selection)
         captured = () if plan.capture is None else CAPTURE_INPUTS
-        inputs = tuple(dict.fromkeys((*plan.inputs, *captured)))
+        inputs = tuple(dict.fromkeys((ALTIMETER, *plan.inputs, *captured)))
         self._plan = plan
         self._view = VehicleView(epoch_id, lease, inputs)
         self._context = GoalContext(
@@ -114,7 +114,7 @@ class GoalRun:
             inputs=inputs,
             view=self._view,
             lease=lease,
-            limits=limits,
+            vehicle=vehicle,
             epoch_id=epoch_id,
         )
 

@@ -151,7 +151,7 @@ class ActionServer:
             goal_id=goal_id,
             plan=plan,
             warning="; ".join(text for text in (plan.warning, UNWATCHED if unwatched else "") if text),
-            limits=self._config.vehicle.limits,
+            vehicle=self._config.vehicle,
             epoch_id=status.epoch_id,
             pictures=self._pictures,
         )
