@@ -213,6 +213,14 @@ class BatteryConfig(Config, frozen=True, kw_only=True):
     electronics_a: NonNegative = 0.5
     hover_a: NonNegative = 15.0
 
+    def used(self, flight_s: float) -> float:
+        """Fraction of the capacity that a flight of this duration uses, at the current that is drawn in hover.
+
+        A flight at a few metres a second draws the same within some percent: a rotor's power hardly depends on the
+        vehicle's speed as long as its thrust carries the weight.
+        """
+        return (self.electronics_a + self.hover_a) * flight_s / (3.6 * self.capacity_mah)
+
 
 class VehicleConfig(Config, frozen=True, kw_only=True):
     """Tables of `vehicle.toml`.

@@ -295,12 +295,14 @@ class Feedback(Payload, Generic[F], frozen=True, kw_only=True, tag_field="type",
         t_ns: vehicle time of the feedback.
         code: status code of the vehicle.
         feedback: progress, in the action's own type.
+        remaining_s: time to the goal's end by its plan, without waits for wind or rover. None where it is unknown.
     """
 
     goal_id: Name
     t_ns: TimeNs
     code: int
     feedback: F
+    remaining_s: NonNegative | None = None
 
 
 class Result(Payload, Generic[R], frozen=True, kw_only=True, tag_field="type", tag="result"):
@@ -329,12 +331,38 @@ class FeedbackMessage(Message, Generic[F], frozen=True, kw_only=True):
         action: name of the action.
         code: status code of the vehicle.
         feedback: progress, in the action's own type.
+        remaining_s: time to the goal's end by its plan, see `Feedback`.
     """
 
     goal_id: Name
     action: Name
     code: int
     feedback: F
+    remaining_s: NonNegative | None = None
+
+
+class PlanReply(Payload, frozen=True, kw_only=True):
+    """Reply to a goal that is planned and not flown.
+
+    Attributes:
+        accepted: the goal would be accepted now.
+        reason: reason why it would be refused, for people.
+        code: status code of the vehicle. None when it is unknown.
+        warning: part of the goal that would be done differently from the request, for people; "" for none.
+        duration_s: planned duration of the flight, without waits for wind or rover. None where it is unknown.
+        distance_m: planned length of the flight. None where it is unknown.
+        battery_used: fraction of the battery's capacity that the flight uses. None where the duration is unknown.
+        battery_remaining: present fraction of the battery's capacity. None when the autopilot doesn't measure it.
+    """
+
+    accepted: bool
+    reason: Text = ""
+    code: int | None = None
+    warning: Text = ""
+    duration_s: NonNegative | None = None
+    distance_m: NonNegative | None = None
+    battery_used: NonNegative | None = None
+    battery_remaining: Fraction | None = None
 
 
 class Cancel(Payload, frozen=True, kw_only=True):

@@ -65,6 +65,7 @@ class Acquire(Payload, frozen=True, kw_only=True):
         goal_issued_t_ns: vehicle time at which the client sent the goal. The request is refused when the bridge has
             started after it, because the bridge does not know whether the goal flew before. None means that this is not
             checked.
+        check_only: only ask whether control would be granted now; nothing is granted.
     """
 
     goal_id: Name
@@ -73,13 +74,14 @@ class Acquire(Payload, frozen=True, kw_only=True):
     issued_t_ns: TimeNs | None = None
     goal_t_ns: TimeNs | None = None
     goal_issued_t_ns: TimeNs | None = None
+    check_only: bool = False
 
 
 class AcquireReply(Payload, frozen=True, kw_only=True):
     """Reply to `Acquire`.
 
     Attributes:
-        granted: the goal has control.
+        granted: the goal has control, or with `check_only` would get it.
         reason: reason of a refusal, for people.
         control_id: id of the grant, for setpoints and for the release.
         bridge_boot_id: id of this run of the bridge; every run has another one.

@@ -103,6 +103,17 @@ class Action(Generic[Q]):
         )
 
     @cached_property
+    def plan(self) -> Endpoint[Q, actions.PlanReply]:
+        """Endpoint that plans a goal without flying it."""
+        return Endpoint(
+            f"@action/{self.name}/plan",
+            self.goal_type,
+            actions.PlanReply,
+            self.name,
+            lambda why: actions.PlanReply(accepted=False, reason=why),
+        )
+
+    @cached_property
     def cancel(self) -> Endpoint[actions.Cancel, actions.CancelReply]:
         """Endpoint that ends a goal."""
         return Endpoint(
@@ -242,7 +253,8 @@ ACTIONS: dict[str, Action[Any]] = {a.name: a for a in (TAKEOFF, GO_TO, GET_IMAGE
 
 ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (
     ACQUIRE, RELEASE, HOVER, ABORT, KILL, RESULT, GET_PARAMETERS, SET_PARAMETERS, LEASE,
-    *(a.endpoint for a in ACTIONS.values()), *(a.cancel for a in ACTIONS.values()),
+    *(a.endpoint for a in ACTIONS.values()), *(a.plan for a in ACTIONS.values()),
+    *(a.cancel for a in ACTIONS.values()),
     *(a.image for a in ACTIONS.values() if a.takes_pictures),
 )  # fmt: skip
 

@@ -311,3 +311,9 @@ def test_the_autopilot_mixes_for_the_vehicles_rotors_and_knows_its_battery() -> 
     assert differences[1] == pytest.approx(0.5 * differences[0])
     parameters = Parameters(AutopilotConfig(), BatteryConfig(cells=6, capacity_mah=9000.0), 1)
     assert (parameters.get("BAT1_N_CELLS"), parameters.get("BAT1_CAPACITY")) == (6, 9000.0)
+
+
+def test_a_flight_uses_the_current_in_hover_of_its_battery() -> None:
+    """18 min of 15.5 A are 4650 of 5000 mAh."""
+    assert BatteryConfig().used(18 * 60.0) == pytest.approx(0.93)
+    assert BatteryConfig(capacity_mah=10_000.0, hover_a=30.0, electronics_a=1.0).used(18 * 60.0) == pytest.approx(0.93)

@@ -42,7 +42,7 @@ class EstimatorConfig(Config, frozen=True, kw_only=True):
     ekf2_baro_noise_m: Positive = 0.4
     ekf2_baro_gate_m: Positive = 3.0
     ekf2_head_noise_rad: Positive = 0.1
-    ekf2_head_gate_rad: Positive = 0.6
+    ekf2_head_gate_rad: Positive = 0.3
 
 
 class ControlConfig(Config, frozen=True, kw_only=True):

@@ -15,7 +15,7 @@ Source: Solà, Quaternion kinematics for the error-state Kalman filter, 2017, ch
 """
 
 from collections import deque
-from math import atan2, cos, degrees, hypot, isfinite, sin, sqrt
+from math import atan2, hypot, isfinite, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,8 @@ from jezero.frames import (
 )
 from jezero.services.autopilot.alignment import FIX_AGE_MAX_US, MAG_CHECK_GAUSS, Alignment, Fix
 from jezero.services.autopilot.config import EstimatorConfig
+from jezero.services.autopilot.heading_gate import HeadingGate
+from jezero.services.autopilot.motion_heading import MotionHeading
 from jezero.services.autopilot.reset_detector import ResetDetector
 
 COVARIANCE_PERIOD_US = 20_000
@@ -94,8 +96,10 @@ class Estimator:
         self._pos_reset = ResetDetector()
         self._vel_reset = ResetDetector()
         self._height_reset = ResetDetector()
-        self._heading_reset = ResetDetector()
-        """Its innovation is the cosine and sine of the heading's innovation, which can be averaged."""
+        self._heading_gate = HeadingGate()
+        self._motion_heading = MotionHeading()
+        self._turned_ned_rad: Vec3 = (0.0, 0.0, 0.0)
+        """Sum of all corrections of the attitude."""
 
     def configure(self, config: EstimatorConfig) -> None:
         """Apply new settings at once."""
@@ -121,10 +125,7 @@ class Estimator:
             return "GNSS and the estimate differ in velocity"
         if self._height_reset.mean_innovation:
             return f"the barometer is {abs(self._height_reset.mean_innovation[0]):.1f} m away from the estimate"
-        if self._heading_reset.mean_innovation:
-            cosine, sine = self._heading_reset.mean_innovation
-            return f"the magnetometer's heading is {abs(degrees(atan2(sine, cosine))):.0f} degrees off the estimate"
-        return ""
+        return self._heading_gate.rejection_reason
 
     @property
     def std_vel_mps(self) -> float:
@@ -194,6 +195,10 @@ class Estimator:
         if any(index < 8 for index, _, _ in innovations):
             self._fake_vel_due_us = self.t_us + NO_AIDING_TIMEOUT_US
         self._update(innovations)
+        motion = self._motion_heading
+        motion.on_fix(fix.t_us or self.t_us - int(c.ekf2_gps_delay_s * 1e6), fix.vel_ned_mps)
+        if motion.insists:
+            self._reset(2, (motion.error_rad,), motion.std_rad)
 
     def on_baro(self, altitude_pressure_m: float) -> None:
         if not self.running:
@@ -220,14 +225,17 @@ class Estimator:
         c = self._config
         if abs(hypot(north, east) - c.field_horizontal_gauss) > MAG_CHECK_GAUSS:
             return
-        error = wrap_pi(c.declination_rad - atan2(east, north))
-        if abs(error) < c.ekf2_head_gate_rad + 3.0 * sqrt(self.P[2, 2]):
-            self._heading_reset.clear()
-            self._update([(2, error, c.ekf2_head_noise_rad)])
-        elif self._heading_reset.update(self.t_us, (cos(error), sin(error)), c.ekf2_head_gate_rad):
-            cosine, sine = self._heading_reset.mean_innovation
-            self._reset(2, (atan2(sine, cosine),), c.ekf2_head_noise_rad)
-            self._heading_reset.clear()
+        error, gate = wrap_pi(c.declination_rad - atan2(east, north)), self._heading_gate
+        match gate.judge(self.t_us, error, c.ekf2_head_gate_rad + 3.0 * sqrt(self.P[2, 2])):
+            case "fuse":
+                self._update([(2, error, c.ekf2_head_noise_rad)])
+            case "reset":
+                self._reset(2, (gate.error_rad,), c.ekf2_head_noise_rad)
+                gate.clear()
+
+    def on_landed(self, landed: bool) -> None:
+        """Update the state of the land detector; in the air no compass resets the heading."""
+        self._heading_gate.landed = landed
 
     # -- mathematics ---------------------------------------------------------------------------------------
 
@@ -322,6 +330,7 @@ class Estimator:
         diagonal[9:12] += GYRO_BIAS_WALK**2 * dt
         diagonal[12:15] += c.acc_bias_walk**2 * dt
         self.P = 0.5 * (P + P.T)
+        self._motion_heading.on_motion(self.t_us, (fn, fe, fd), self._turned_ned_rad)
         self._covariance_us = 0
         self._delta_vel_ned_mps = [0.0, 0.0, 0.0]
         d, (vn, ve, vd), (pn, pe, pd) = self._correction_sum, self.vel_ned_mps, self.pos_ned_m
@@ -385,7 +394,9 @@ class Estimator:
             self._correction_sum[i] += dx[3 + i]
         self.gyro_bias_rps = _limited(self.gyro_bias_rps, dx[9:12], GYRO_BIAS_LIMIT_RPS)
         self.acc_bias_mps2 = _limited(self.acc_bias_mps2, dx[12:15], ACC_BIAS_LIMIT_MPS2)
-        turn = quat_from_rotation_vector((dx[0], dx[1], dx[2]))
+        turned_ned_rad = (dx[0], dx[1], dx[2])
+        self._turned_ned_rad = add(self._turned_ned_rad, turned_ned_rad)
+        turn = quat_from_rotation_vector(turned_ned_rad)
         self.q_ned_from_frd = quat_normalize(quat_multiply(turn, self.q_ned_from_frd))
         self._update_rotation_matrix()
 

@@ -56,6 +56,9 @@ class Estimate(Protocol):
     def on_baro(self, altitude_pressure_m: float) -> None: ...
     def on_mag(self, field_frd_gauss: Vec3) -> None: ...
 
+    def on_landed(self, landed: bool) -> None:
+        """Update the state of the land detector."""
+
 
 class FlightController(Protocol):
     """Follows setpoints and detects the landing."""

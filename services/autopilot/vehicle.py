@@ -107,6 +107,7 @@ class Vehicle:
         self._apply_position_reset()
         if self.t_us >= self._commander_due_us:
             self._commander_due_us = self.t_us + COMMANDER_PERIOD_US
+            estimator.on_landed(self.landed)
             self.commander.update(self._state())
             self._activate_mode()
         commands = STOPPED

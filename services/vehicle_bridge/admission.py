@@ -104,7 +104,7 @@ def _acquire_refusals(
     if code is StatusCode.HOVER and vehicle.telemetry_age_s > LINK_TIMEOUT_S:
         yield f"the autopilot's telemetry has been missing for {vehicle.telemetry_age_s:.1f} s, {status}: wait for it"
     if code is StatusCode.IDLE and not takes_off and not (moves and request.do_takeoff):
-        hint = ", or set do_takeoff" if moves else ""
+        hint = ", or let the goal begin with a takeoff" if moves else ""
         yield f"{request.action} needs a hovering vehicle (3), {status}: take off first{hint}"
     if code is StatusCode.IDLE and vehicle.not_ready_reason:
         yield f"not ready to take off: {vehicle.not_ready_reason}"

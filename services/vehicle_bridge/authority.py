@@ -94,7 +94,7 @@ class Authority:
     def acquire(self, request: Acquire, vehicle: VehicleSnapshot) -> str | None:
         """Give control to a goal; returns the reason for a refusal, or None with the new `grant`."""
         refusal = self._grants.acquire(request, self.code, self.text, vehicle)
-        if self.grant is not None and not refusal:
+        if self.grant is not None and not refusal and not request.check_only:
             self.text = f"{self.grant.name} is in charge"
         return refusal
 

@@ -31,6 +31,8 @@ class Grants:
     def acquire(self, request: Acquire, code: StatusCode, text: str, vehicle: VehicleSnapshot) -> str | None:
         """Give control to a goal; returns the reason for a refusal, or None with a new `present`.
 
+        A request that only checks changes nothing.
+
         Args:
             text: the status' last event, which explains a status 13.
         """
@@ -38,7 +40,7 @@ class Grants:
         if holder is not None and holder.sequence < 0 and holder.goal_id == request.goal_id:
             return None  # the same request again, because its reply was lost
         refusal = self.history.refusal(request, vehicle) or acquire_refusal(request, code, holder, text, vehicle)
-        if refusal:
+        if refusal or request.check_only:
             return refusal
         self.count += 1
         self.present = Grant(

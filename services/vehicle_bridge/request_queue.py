@@ -95,6 +95,8 @@ class RequestQueue:
     def _on_acquire(self, request: Acquire, vehicle: VehicleSnapshot) -> AcquireReply:
         refusal = self._authority.acquire(request, vehicle)
         grant = self._authority.grant
+        if request.check_only:
+            return AcquireReply(granted=not refusal, reason=refusal or "", bridge_boot_id=self._boot_id)
         if refusal or grant is None:
             return AcquireReply(granted=False, reason=refusal or "", bridge_boot_id=self._boot_id)
         grants = self._authority.control_state.grants

@@ -201,6 +201,9 @@ class PointEstimate:
             self._height_differs.clear()
             self._reset((0.0, 0.0, down))
 
+    def on_landed(self, landed: bool) -> None:
+        """Ignored: no sensor resets the point mass' heading."""
+
     def on_mag(self, field_frd_gauss: Vec3) -> None:
         """Update the heading, unless the innovation is above the gate."""
         c, (x, y, _) = self._config, field_frd_gauss

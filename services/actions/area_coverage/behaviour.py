@@ -13,7 +13,7 @@ from jezero.schemas.actions import AreaCoverageGoal, Corners, CoverageResult, Im
 from jezero.schemas.commands import Phase
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.motion.behaviour import Done, Move, VehicleState
+from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState
 from jezero.services.actions.motion.capture import Capture
 from jezero.services.actions.motion.rover_frame import loss_reason, rover_position
 from jezero.services.actions.motion.straight_path import StraightPath
@@ -120,6 +120,11 @@ class AreaCoverage:
             (float(velocity[0]), float(velocity[1]), 0.0),
             (float(acceleration[0]), float(acceleration[1]), 0.0),
         )
+
+    def remaining(self, state: VehicleState) -> Remaining:
+        trajectory, time_s = self._plan.trajectory, 0.0 if self._tracker is None else self._tracker.time_s
+        along = Remaining(max(trajectory.duration_s - time_s, 0.0), trajectory.length_left_m(time_s))
+        return along if self._tracker is not None else self._way_in.remaining() + along
 
     def _feedback(self, state: VehicleState) -> ImagesFeedback:
         return ImagesFeedback(

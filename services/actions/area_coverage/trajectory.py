@@ -39,6 +39,10 @@ class Trajectory:
     def duration_s(self) -> float:
         return float(self.t_s[-1])
 
+    def length_left_m(self, t_s: float) -> float:
+        """Length of the rest of the motion at a time."""
+        return self.length_m - float(np.interp(t_s, self.t_s, self.distance_m))
+
     def at(self, t_s: float) -> tuple[Array, Array, Array]:
         """Position, velocity and acceleration at a time; at rest before the start and after the end."""
         if not 0.0 <= t_s < self.duration_s:

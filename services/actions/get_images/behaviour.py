@@ -5,7 +5,7 @@ from jezero.schemas.actions import GetImagesGoal, ImagesResult
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.get_images.config import GetImagesConfig
 from jezero.services.actions.get_images.orbit_flight import OrbitFlight
-from jezero.services.actions.motion.behaviour import Done, Move, VehicleState
+from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState
 from jezero.services.actions.motion.capture import Capture
 from jezero.services.actions.motion.rover_frame import step_in_rover_frame
 
@@ -40,6 +40,9 @@ class GetImages:
         if self._goal.frame == "rover":
             return step_in_rover_frame(self._fly, t_ns, state)
         return self._fly(t_ns, state)
+
+    def remaining(self, state: VehicleState) -> Remaining | None:
+        return None if self._flight is None else self._flight.remaining()
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> ImagesResult:
         return ImagesResult(completed=completed, pos_uav_ned_m=pos_uav_ned_m, images=self._capture.images())

@@ -13,9 +13,9 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.get_images.config import GetImagesConfig
 from jezero.services.actions.get_images.orbit import Orbit, aim, facing, nearest_phase
-from jezero.services.actions.motion.behaviour import Done, Move, VehicleState
+from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState
 from jezero.services.actions.motion.capture import Capture
-from jezero.services.actions.motion.straight_path import TimedStraightPath, straight_speed_mps
+from jezero.services.actions.motion.straight_path import TimedStraightPath, profile_remaining, straight_speed_mps
 from jezero.services.actions.motion.tracking import Tracker, position_now
 
 SETTLED_RAD, SETTLED_S = 0.035, 0.5
@@ -77,6 +77,18 @@ class OrbitFlight:
         elif self._go_around(t_ns, state):
             return Done("succeeded", hover_pos_ned_m=self._orbit.at(0.0).pos_ned_m)
         return self._move(dt_s, path, state)
+
+    def remaining(self) -> Remaining:
+        """Rest of the way to the orbit and around it; a goal with one picture ends where the turn would begin."""
+        goal, time_s = self._goal, self._tracker.time_s
+        turn = profile_remaining(self._orbit.profile, 0.0 if self._arrived_ns is None else time_s)
+        turn = turn if goal.num_images > 1 else Remaining(0.0, 0.0)
+        if self._arrived_ns is not None:
+            return turn
+        way_in = self._way_in.remaining(time_s)
+        yaw_rad, _ = facing(self._way_in.end_ned_m, (0.0, 0.0, 0.0), self._orbit.center_ned_m)
+        face_s = abs(wrap_pi(yaw_rad - self._yaw_rad)) / self._move_config.yaw_rate_rps
+        return Remaining(max(way_in.time_s, face_s) + SETTLED_S, way_in.distance_m) + turn
 
     def _settle(self, t_ns: int, state: VehicleState) -> None:
         """Begin the turn when the vehicle is at its first point and faces the centre."""

@@ -5,8 +5,8 @@ from jezero.schemas.actions import GoToGoal, MoveFeedback, MoveResult
 from jezero.schemas.commands import Phase
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.go_to.config import GoToConfig
-from jezero.services.actions.motion.behaviour import Done, Move, VehicleState
-from jezero.services.actions.motion.rover_frame import step_in_rover_frame
+from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState
+from jezero.services.actions.motion.rover_frame import state_in_rover_frame, step_in_rover_frame
 from jezero.services.actions.motion.straight_path import StraightPath
 from jezero.services.actions.takeoff.climb import Climb
 
@@ -64,6 +64,20 @@ class GoTo:
             return Done("succeeded", hover_pos_ned_m=path.end_ned_m)
         feedback = MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, frame=self._goal.frame, distance_m=path.left_m)
         return path.move(Phase.GO_TO, feedback)
+
+    def remaining(self, state: VehicleState) -> Remaining | None:
+        """Rest of the climb and of the path; None while the rover's frame isn't known."""
+        path = self._path
+        if path is None and self._in_rover_frame:
+            if state.relative is None or not state.relative.valid:
+                return None
+            state = state_in_rover_frame(state, state.relative)
+        climb = self._climb
+        if climb is None or climb.path.reached:
+            return (path or self._path_from(0, state.pos_uav_ned_m, state.yaw_rad)).remaining()
+        x, y, z = state.pos_uav_ned_m
+        begin_ned_m = (x, y, z - climb.path.left_m)
+        return climb.path.remaining() + self._path_from(0, begin_ned_m, climb.path.yaw_rad).remaining()
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> MoveResult:
         return MoveResult(completed=completed, pos_uav_ned_m=pos_uav_ned_m)

@@ -8,8 +8,9 @@ from jezero.schemas.commands import Phase
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.config import PlainLandingConfig
+from jezero.services.actions.land_on_spot.remaining import plain_descent_remaining
 from jezero.services.actions.land_on_spot.tilt_contact_detector import TiltContactDetector, landing_outcome
-from jezero.services.actions.motion.behaviour import Done, Move, VehicleState
+from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState
 from jezero.services.actions.motion.straight_path import LEAD_M, StraightPath
 
 SPEED_APPROACH_MPS = 2.0
@@ -114,6 +115,14 @@ class PlainLanding:
         if t_ns - since_ns > LEAVE_S * NS_PER_S:
             return Done("aborted", "the vehicle tilted over an edge or a rock at the landing spot: land somewhere else")
         return self._move(state, (0.0, 0.0, -SPEED_LEAVE_MPS))
+
+    def remaining(self, state: VehicleState) -> Remaining:
+        height_m = altitude_m(state.pos_uav_ned_m[2]) if state.height_m is None else state.height_m
+        if self._phase != "approach":
+            return plain_descent_remaining(max(height_m, 0.0), self._settings)
+        way = self._path.remaining() if self._lift is None else self._lift.remaining() + self._path.remaining()
+        up_m = 0.0 if self._lift is None else self._lift.left_m
+        return way + plain_descent_remaining(max(height_m, 0.0) + up_m, self._settings)
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> LandResult:
         return LandResult(completed=completed, touchdown_ned_m=pos_uav_ned_m if completed else None)

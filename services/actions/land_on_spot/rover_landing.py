@@ -14,9 +14,10 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.config import RoverLandingConfig
 from jezero.services.actions.land_on_spot.descent import Descent, TouchdownDetector
 from jezero.services.actions.land_on_spot.platform_control import PlatformControl, PlatformState, platform_state_at
+from jezero.services.actions.land_on_spot.remaining import rover_landing_remaining
 from jezero.services.actions.land_on_spot.search import Search, towards
 from jezero.services.actions.land_on_spot.tilt_contact_detector import landing_outcome
-from jezero.services.actions.motion.behaviour import Done, Move, Selection, VehicleState
+from jezero.services.actions.motion.behaviour import Done, Move, Remaining, Selection, VehicleState
 from jezero.vehicle_config import VehicleConfig
 
 CLEAR_M = 1.0
@@ -108,6 +109,14 @@ class RoverLanding:
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> LandResult:
         return LandResult(completed=completed, touchdown_ned_m=pos_uav_ned_m if completed else None)
+
+    def remaining(self, state: VehicleState) -> Remaining | None:
+        """Rest of the landing; None while nobody knows where the rover is."""
+        if self._platform is not None:
+            return rover_landing_remaining(self._platform.pos_ned_m, self._land)
+        if self._pos_supposed_ned_m is None:
+            return None
+        return rover_landing_remaining(subtract(state.pos_uav_ned_m, self._pos_supposed_ned_m), self._land)
 
     # -- estimates --
 

@@ -35,7 +35,7 @@ from jezero.services.actions.lifecycle.vehicle_view import (
     VehicleView,
     is_fresh,
 )
-from jezero.services.actions.motion.behaviour import Done, Move, Plan, Start
+from jezero.services.actions.motion.behaviour import Done, Move, Plan, Remaining, Start, remaining_of
 from jezero.services.actions.motion.limits import beyond_limits
 from jezero.vehicle_config import VehicleConfig
 
@@ -89,6 +89,8 @@ class GoalFlight:
 
     Attributes:
         stage: of the flight.
+        planned: rest of the flight at its start; None where the behaviour doesn't know it; the end of a behaviour that
+            ends in its first step.
         result: of the goal; None until it is over.
     """
 
@@ -123,6 +125,7 @@ class GoalFlight:
         state = self._view.state(t_ns, inbox, odometry)
         self._behaviour = start(t_ns, state)
         move = self._behaviour.step(t_ns, state)
+        self.planned: Remaining | Done | None = move if isinstance(move, Done) else remaining_of(self._behaviour, state)
         self._first = self._feedback(t_ns, move, odometry, inbox) if isinstance(move, Move) else None
         """The first feedback, until something newer arrives."""
 
@@ -232,7 +235,9 @@ class GoalFlight:
         if isinstance(content, ImagesFeedback) and self._capture is not None:
             taken, planned, images = self._capture.taken, self._capture.planned, self._capture.unreported_images()
             content = msgspec.structs.replace(content, taken=taken, planned=planned, images=images)
-        return Feedback(goal_id=self._goal_id, t_ns=t_ns, code=code, feedback=content)
+        rest = remaining_of(self._behaviour, self._view.state(t_ns, inbox, odometry))
+        remaining_s = None if rest is None else rest.time_s
+        return Feedback(goal_id=self._goal_id, t_ns=t_ns, code=code, feedback=content, remaining_s=remaining_s)
 
     def _publish_feedback(self, t_ns: int, feedback: Feedback[Any]) -> Iterator[Output]:
         """Send feedback to all watchers; the next is due one period after this one was."""
@@ -242,7 +247,12 @@ class GoalFlight:
         self._feedback_due_ns = (self._feedback_due_ns if late_ns < period_ns else t_ns) + period_ns
         name = self._action.name
         message = FeedbackMessage(
-            t_ns=feedback.t_ns, goal_id=feedback.goal_id, action=name, code=feedback.code, feedback=feedback.feedback
+            t_ns=feedback.t_ns,
+            goal_id=feedback.goal_id,
+            action=name,
+            code=feedback.code,
+            feedback=feedback.feedback,
+            remaining_s=feedback.remaining_s,
         )
         yield Publish(self._feedback_topic, message)
 

@@ -1,7 +1,7 @@
 """One goal from its arrival to its result: the lifecycle that all actions share.
 
-checking and preparing where the goal needs them -> acquiring -> flying -> releasing -> over; a goal ends exactly once.
-The last three are the part of `GoalFlight`.
+admitting, checking and preparing where the goal needs them -> acquiring -> flying -> releasing -> over; a goal ends
+exactly once. The last three are the part of `GoalFlight`. A goal that is only planned ends before acquiring.
 """
 
 from collections.abc import Iterator
@@ -9,15 +9,16 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from jezero.runtime.service import BackgroundTask, Call, Inbox, Output, Reply, Request, Response, Subscribe
-from jezero.schemas.actions import Accepted, Goal, Rejected, Result
+from jezero.schemas.actions import Accepted, Goal, PlanReply, Rejected, Result
 from jezero.schemas.commands import Acquire
+from jezero.schemas.struct import Payload
 from jezero.schemas.topics import ACQUIRE, ALTIMETER, ODOMETRY, STATUS, Action
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.goal_flight import GoalContext, GoalFlight
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 from jezero.services.actions.lifecycle.vehicle_view import VehicleView
-from jezero.services.actions.motion.behaviour import Plan, Preparation, Refusal, Start
+from jezero.services.actions.motion.behaviour import Done, Plan, Preparation, Refusal, Remaining, Start
 from jezero.services.actions.motion.capture import CAPTURE_INPUTS
 from jezero.vehicle_config import VehicleConfig
 
@@ -34,6 +35,15 @@ NO_REPLY = "the vehicle bridge did not reply"
 @dataclass(frozen=True)
 class _New:
     name: ClassVar = "new"
+
+
+@dataclass(frozen=True)
+class _Admitting:
+    """The goal has asked the bridge whether it would get control, before anything else can refuse it."""
+
+    name: ClassVar = "admitting"
+    deadline_ns: int
+    tag: str
 
 
 @dataclass(frozen=True)
@@ -64,7 +74,9 @@ class _Acquiring:
 
 
 @dataclass(frozen=True)
-class _Rejected:
+class _Over:
+    """The goal was rejected, or planned."""
+
     name: ClassVar = "over"
 
 
@@ -73,12 +85,14 @@ class GoalRun:
 
     Args:
         pictures: store of the pictures, for actions that take some.
+        plan_only: reply with duration and length of the flight instead of flying.
 
     Attributes:
         goal: as it was sent.
         goal_id: its id.
         clients: that sent it and are still connected.
         capture: the pictures that it takes, if it does.
+        plan_only: whether it is only planned.
     """
 
     def __init__(
@@ -92,17 +106,20 @@ class GoalRun:
         vehicle: VehicleConfig,
         epoch_id: int,
         pictures: PictureStore | None = None,
+        plan_only: bool = False,
     ) -> None:
         self.goal = goal
         self.goal_id = goal_id
         self.clients: list[str] = []
         self.capture = plan.capture
+        self.plan_only = plan_only
+        self._battery = vehicle.battery
         self._accepted = Accepted(goal_id=goal_id, warning=warning)
         self._pictures = pictures
-        self._stage: _New | _Checking | _Preparing | _Acquiring | GoalFlight | _Rejected = _New()
+        self._stage: _New | _Admitting | _Checking | _Preparing | _Acquiring | GoalFlight | _Over = _New()
         self._cancel_reason = ""
         self._arrived_ns = 0
-        lease = None if plan.selection is None else SelectionLease(goal_id, plan.selection)
+        lease = None if plan.selection is None or plan_only else SelectionLease(goal_id, plan.selection)
         captured = () if plan.capture is None else CAPTURE_INPUTS
         inputs = tuple(dict.fromkeys((ALTIMETER, *plan.inputs, *captured)))
         self._plan = plan
@@ -131,13 +148,18 @@ class GoalRun:
     # -- called by the server --
 
     def begin(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
-        """Begin with the check of the inputs, or with the acquisition of control where there is none."""
+        """Begin with the acquisition of control; ask the bridge first where something else takes time before that.
+
+        So a goal that the bridge would refuse anyway is refused with that reason, and not with a missing input.
+        """
         self._arrived_ns = t_ns
-        if self._plan.check_inputs is None:
+        immediate = self._plan.check_inputs is None and not isinstance(self._plan.start, Preparation)
+        if immediate and not self.plan_only:
             yield from self._prepare(t_ns, inbox)
             return
-        self._stage = _Checking(t_ns + int(CHECK_TIMEOUT_S * NS_PER_S))
-        yield Subscribe((ODOMETRY, *self._context.inputs))
+        tag = f"{self.goal_id}/admit/{t_ns}"
+        self._stage = _Admitting(_reply_deadline_ns(t_ns), tag)
+        yield Call(ACQUIRE, self._request(t_ns, check_only=True), tag, ACQUIRE_TIMEOUT_S)
 
     def attach(self, request: Request) -> Iterator[Output]:
         """Add a watcher: the sender of this goal, or a second one when the goal was sent twice."""
@@ -158,7 +180,9 @@ class GoalRun:
         """Go on with the present stage."""
         self._store_pictures(t_ns, inbox)
         stage = self._stage
-        if isinstance(stage, _Checking):
+        if isinstance(stage, _Admitting):
+            yield from self._await_admission(t_ns, inbox, stage)
+        elif isinstance(stage, _Checking):
             yield from self._check_inputs(t_ns, inbox, stage)
         elif isinstance(stage, _Preparing):
             yield from self._await_preparation(t_ns, inbox, stage)
@@ -169,10 +193,28 @@ class GoalRun:
 
     # -- until the goal is accepted --
 
+    def _await_admission(self, t_ns: int, inbox: Inbox, stage: _Admitting) -> Iterator[Output]:
+        """Go on when the bridge would grant control."""
+        response = _response(inbox, stage.tag)
+        if self._cancel_reason:
+            yield from self.reject(self._cancel_reason, inbox)
+        elif refusal := _refusal_by(response, t_ns, stage.deadline_ns):
+            yield from self.reject(refusal, inbox)
+        elif response is not None:
+            yield from self._check(t_ns, inbox)
+
+    def _check(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        """Wait for the inputs, where they decide about the goal or about its plan."""
+        if self._plan.check_inputs is None and not (self.plan_only and self._plan.inputs):
+            yield from self._prepare(t_ns, inbox)
+            return
+        self._stage = _Checking(t_ns + int(CHECK_TIMEOUT_S * NS_PER_S))
+        yield Subscribe((ODOMETRY, *self._context.inputs))
+
     def _check_inputs(self, t_ns: int, inbox: Inbox, stage: _Checking) -> Iterator[Output]:
         """Go on or refuse as soon as every input has come, or the time for it is over."""
         if self._cancel_reason:
-            yield from self._reject(self._cancel_reason, inbox)
+            yield from self.reject(self._cancel_reason, inbox)
             return
         odometry = self._view.odometry(inbox)
         complete = all(inbox.latest(topic) is not None for topic in self._plan.inputs)
@@ -180,11 +222,11 @@ class GoalRun:
         if not (complete and odometry is not None) and t_ns <= stage.deadline_ns:
             return
         if odometry is None:
-            yield from self._reject(POSITION_LOST, inbox)
+            yield from self.reject(POSITION_LOST, inbox)
             return
         check = self._plan.check_inputs
         reason = "" if check is None else check(self._view.state(t_ns, inbox, odometry))
-        yield from self._reject(reason, inbox) if reason else self._prepare(t_ns, inbox)
+        yield from self.reject(reason, inbox) if reason else self._prepare(t_ns, inbox)
 
     def _prepare(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Start the preparation, if the goal needs one, else acquire control."""
@@ -194,7 +236,7 @@ class GoalRun:
             return
         odometry = self._view.odometry(inbox)
         if odometry is None:
-            yield from self._reject(POSITION_LOST, inbox)
+            yield from self.reject(POSITION_LOST, inbox)
             return
         tag = f"{self.goal_id}/prepare/{t_ns}"
         self._stage = _Preparing(t_ns + int(PREPARE_TIMEOUT_S * NS_PER_S), tag)
@@ -204,57 +246,87 @@ class GoalRun:
         """Go on or refuse when the work is done; a cancel doesn't wait for it."""
         response = _response(inbox, stage.tag)
         if self._cancel_reason:
-            yield from self._reject(self._cancel_reason, inbox)
+            yield from self.reject(self._cancel_reason, inbox)
         elif response is not None:
             prepared: Any = response.payload  # Start | Refusal, by the type of the preparation's work
             if isinstance(prepared, Refusal):
-                yield from self._reject(prepared.reason, inbox)
+                yield from self.reject(prepared.reason, inbox)
             else:
                 yield from self._acquire(t_ns, inbox, prepared)
         elif t_ns > stage.deadline_ns:
             reason = f"the goal could not be prepared within {PREPARE_TIMEOUT_S:g} s"
-            yield from self._reject(reason, inbox)
+            yield from self.reject(reason, inbox)
 
     def _acquire(self, t_ns: int, inbox: Inbox, start: Start) -> Iterator[Output]:
-        """Request control from the bridge, and start the behaviour meanwhile, so that the first feedback is ready."""
+        """Request control from the bridge, and start the behaviour meanwhile, so that the first feedback is ready.
+
+        The first step of the behaviour also knows how long the flight is; for a goal that is only planned, that is all.
+        """
         odometry = self._view.odometry(inbox)
         if odometry is None:  # there was some when the goal arrived
-            yield from self._reject(POSITION_LOST, inbox)
+            yield from self.reject(POSITION_LOST, inbox)
             return
-        timeout_s = ACQUIRE_TIMEOUT_S
+        if self.plan_only:
+            flight = GoalFlight(t_ns, inbox, odometry, start, self._context)
+            yield from self._reply_with_plan(flight.planned, inbox)
+            return
         tag = f"{self.goal_id}/acquire/{t_ns}"
-        acquire = Acquire(
+        yield Call(ACQUIRE, self._request(t_ns), tag, ACQUIRE_TIMEOUT_S)
+        flight = GoalFlight(t_ns, inbox, odometry, start, self._context)
+        self._stage = _Acquiring(_reply_deadline_ns(t_ns), tag, flight)
+
+    def _request(self, t_ns: int, *, check_only: bool = False) -> Acquire:
+        """The goal's request for control."""
+        return Acquire(
             goal_id=self.goal_id,
             action=self._context.action.name,
             do_takeoff=self._plan.do_takeoff,
             issued_t_ns=t_ns,
             goal_t_ns=self._arrived_ns,
             goal_issued_t_ns=self.goal.issued_t_ns,
+            check_only=check_only,
         )
-        yield Call(ACQUIRE, acquire, tag, timeout_s)
-        flight = GoalFlight(t_ns, inbox, odometry, start, self._context)
-        self._stage = _Acquiring(t_ns + int((timeout_s + 0.5) * NS_PER_S), tag, flight)
 
     def _await_control(self, t_ns: int, inbox: Inbox, stage: _Acquiring) -> Iterator[Output]:
         response, flight = _response(inbox, stage.tag), stage.flight
-        if response is None:
+        if refusal := _refusal_by(response, t_ns, stage.deadline_ns):
+            yield from self.reject(refusal, inbox)
+        elif response is None:
             flight.drop_first_feedback()
-            if t_ns > stage.deadline_ns:
-                yield from self._reject(NO_REPLY, inbox)
-        elif response.payload is None:
-            yield from self._reject(f"{NO_REPLY}: {response.error}", inbox)
-        elif not response.payload.granted:
-            yield from self._reject(response.payload.reason, inbox)
         else:
+            grant: Any = response.payload  # AcquireReply, as no refusal says otherwise
             self._stage = flight
             yield from (Reply(watcher, self._accepted, final=False) for watcher in self._context.watchers)
-            yield from flight.begin(t_ns, response.payload, with_feedback=not self._cancel_reason)
+            yield from flight.begin(t_ns, grant, with_feedback=not self._cancel_reason)
 
-    def _reject(self, reason: str, inbox: Inbox) -> Iterator[Output]:
+    def reject(self, reason: str, inbox: Inbox) -> Iterator[Output]:
+        """End a goal that hasn't been accepted yet."""
         status = inbox.latest(STATUS)
-        rejected = Rejected(goal_id=self.goal_id, reason=reason, code=None if status is None else status.code)
-        yield from (Reply(watcher, rejected) for watcher in self._context.watchers)
-        self._stage = _Rejected()
+        code = None if status is None else status.code
+        refused: Payload = Rejected(goal_id=self.goal_id, reason=reason, code=code)
+        if self.plan_only:
+            refused = PlanReply(accepted=False, reason=reason, code=code)
+        yield from (Reply(watcher, refused) for watcher in self._context.watchers)
+        self._stage = _Over()
+
+    def _reply_with_plan(self, planned: Remaining | Done | None, inbox: Inbox) -> Iterator[Output]:
+        """End a goal that is only planned."""
+        if isinstance(planned, Done):
+            yield from self.reject(planned.reason or "the goal would end at once", inbox)
+            return
+        status = inbox.latest(STATUS)
+        battery = None if status is None else status.battery
+        reply = PlanReply(
+            accepted=True,
+            code=None if status is None else status.code,
+            warning=self._accepted.warning,
+            duration_s=None if planned is None else planned.time_s,
+            distance_m=None if planned is None else planned.distance_m,
+            battery_used=None if planned is None else self._battery.used(planned.time_s),
+            battery_remaining=None if battery is None else battery.remaining,
+        )
+        yield from (Reply(watcher, reply) for watcher in self._context.watchers)
+        self._stage = _Over()
 
     # -- pictures --
 
@@ -267,6 +339,20 @@ class GoalRun:
                 self._pictures.keep(shot.reply(self.goal_id))
             except OSError as error:
                 self.capture.fail(f"they can't be stored: {error.strerror or error}")
+
+
+def _reply_deadline_ns(t_ns: int) -> int:
+    """Time at which a reply of the bridge is missing, somewhat after the call's own time-out."""
+    return t_ns + int((ACQUIRE_TIMEOUT_S + 0.5) * NS_PER_S)
+
+
+def _refusal_by(response: Response | None, t_ns: int, deadline_ns: int) -> str:
+    """Reason why the bridge refuses, or doesn't reply; "" while the reply may come, and for a grant."""
+    if response is None:
+        return NO_REPLY if t_ns > deadline_ns else ""
+    if response.payload is None:
+        return f"{NO_REPLY}: {response.error}"
+    return "" if response.payload.granted else str(response.payload.reason)
 
 
 def _response(inbox: Inbox, tag: str) -> Response | None:

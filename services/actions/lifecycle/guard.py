@@ -3,6 +3,7 @@
 import sys
 import traceback
 from collections.abc import Callable
+from math import inf
 from typing import Any
 
 from msgspec.structs import replace
@@ -18,8 +19,10 @@ from jezero.services.actions.motion.behaviour import (
     Planner,
     Preparation,
     Refusal,
+    Remaining,
     Start,
     VehicleState,
+    remaining_of,
 )
 
 
@@ -100,6 +103,17 @@ class _GuardedBehaviour:
             return move
         self._failure = f"{self._name} failed: step returned {type(move).__name__}, not a Move or a Done"
         return Done("aborted", self._failure)
+
+    def remaining(self, state: VehicleState) -> Remaining | None:
+        """Rest of the flight; None when the behaviour doesn't know it. An exception ends the goal in the next step."""
+        if self._behaviour is None or self._failure:
+            return None
+        try:
+            rest = remaining_of(self._behaviour, state)
+        except Exception as error:  # noqa: BLE001
+            self._failure = _report(self._name, "remaining", error)
+            return None
+        return rest if rest is not None and 0.0 <= rest.time_s < inf and 0.0 <= rest.distance_m < inf else None
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> Payload | None:
         """The behaviour's result; None when its own code raises, or has never started."""

@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 
 from jezero.runtime.service import Health, Inbox, Output, Reply, Request, SetRate, Spec, Subscribe
-from jezero.schemas.actions import Accepted, CancelReply, Goal, Rejected, Result, ResultReply
+from jezero.schemas.actions import Accepted, CancelReply, Goal, PlanReply, Rejected, Result, ResultReply
 from jezero.schemas.images import GetImage
 from jezero.schemas.state import Status
 from jezero.schemas.topics import (
@@ -31,7 +31,7 @@ from jezero.services.actions.lifecycle.goal_run import GoalRun
 from jezero.services.actions.lifecycle.guard import GuardedPlanner
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.lifecycle.vehicle_view import STATUS_AGE_MAX_S, is_fresh
-from jezero.services.actions.motion.behaviour import Planner, Refusal
+from jezero.services.actions.motion.behaviour import Plan, Planner, Refusal
 from jezero.services.actions.motion.capture import CAPTURE_INPUTS
 
 EXPIRY_S = 30.0
@@ -61,6 +61,7 @@ class ActionServer:
     ) -> None:
         self._action = action
         self._endpoint = action.endpoint
+        self._plan = action.plan
         self._cancel = action.cancel
         self._planner = GuardedPlanner(action.name, planner)
         self._config = config
@@ -76,10 +77,10 @@ class ActionServer:
             inputs=(STATUS, CLOCK),
             on_demand=(ODOMETRY, RELATIVE, ROVER_ESTIMATE, *(CAPTURE_INPUTS if takes else (ALTIMETER,))),
             outputs=(SETPOINT, feedback_of(action), *((CAMERA_PITCH,) if takes else ())),
-            serves=(self._endpoint, self._cancel, RESULT, *((action.image,) if takes else ())),
+            serves=(self._endpoint, self._plan, self._cancel, RESULT, *((action.image,) if takes else ())),
             calls=(ACQUIRE, RELEASE, LEASE),
             triggers=(
-                *(ODOMETRY.name, RELATIVE.name, self._endpoint.name, self._cancel.name, RESULT.name),
+                *(ODOMETRY.name, RELATIVE.name, self._endpoint.name, self._plan.name, self._cancel.name, RESULT.name),
                 *((action.image.name,) if takes else ()),
             ),
             rate_hz=config.lifecycle.step_rate_hz,
@@ -95,6 +96,8 @@ class ActionServer:
                 yield from self._end(run)
         for request in inbox.requests(self._endpoint):
             yield from self._handle_goal(t_ns, request, inbox)
+        for request in inbox.requests(self._plan):
+            yield from self._handle_plan_request(t_ns, request, inbox)
         self._handle_departures(inbox)
         for request in inbox.requests(self._cancel):
             yield Reply(request.request_id, self._cancel_reply(request.payload.goal_id))
@@ -126,6 +129,10 @@ class ActionServer:
     def _handle_goal(self, t_ns: int, request: Request, inbox: Inbox) -> Iterator[Output]:
         goal: Goal = request.payload
         status = inbox.latest(STATUS)
+        if self._run is not None and self._run.plan_only:
+            # Somebody wants to fly: whoever only asks for a plan asks again.
+            yield from self._run.reject("another goal came first: ask for the plan again", inbox)
+            yield from self._end(self._run)
         if self._run is not None and goal.goal_id and goal.goal_id == self._run.goal_id:
             yield from self._run.attach(request)
             return
@@ -133,27 +140,46 @@ class ActionServer:
             yield Reply(request.request_id, Accepted(goal_id=goal.goal_id), final=False)
             yield Reply(request.request_id, self._results[goal.goal_id])
             return
+        plan = self._plan_of(t_ns, goal, status)
+        if isinstance(plan, Refusal) or status is None:
+            code, reason = (None if status is None else status.code), plan.reason if isinstance(plan, Refusal) else ""
+            yield Reply(request.request_id, Rejected(goal_id=goal.goal_id, reason=reason, code=code))
+            return
+        yield from self._begin(t_ns, request, plan, status, inbox)
+
+    def _handle_plan_request(self, t_ns: int, request: Request, inbox: Inbox) -> Iterator[Output]:
+        status = inbox.latest(STATUS)
+        plan = self._plan_of(t_ns, request.payload, status)
+        if isinstance(plan, Refusal) or status is None:
+            code, reason = (None if status is None else status.code), plan.reason if isinstance(plan, Refusal) else ""
+            yield Reply(request.request_id, PlanReply(accepted=False, reason=reason, code=code))
+            return
+        yield from self._begin(t_ns, request, plan, status, inbox, plan_only=True)
+
+    def _plan_of(self, t_ns: int, goal: Goal, status: Status | None) -> Plan | Refusal:
         refusal = self._refusal(t_ns, goal, status)
         if refusal or status is None:
-            code = None if status is None else status.code
-            yield Reply(request.request_id, Rejected(goal_id=goal.goal_id, reason=refusal, code=code))
-            return
-        plan = self._planner.plan(goal, status)
-        if isinstance(plan, Refusal):
-            yield Reply(request.request_id, Rejected(goal_id=goal.goal_id, reason=plan.reason, code=status.code))
-            return
+            return Refusal(refusal)
+        return self._planner.plan(goal, status)
+
+    def _begin(
+        self, t_ns: int, request: Request, plan: Plan, status: Status, inbox: Inbox, *, plan_only: bool = False
+    ) -> Iterator[Output]:
+        """Begin the life of a goal, or of one that is only planned."""
+        goal: Goal = request.payload
         unwatched = goal.on_client_loss == "cancel" and not request.client_id
         self._goals_made += 1
-        goal_id = goal.goal_id or f"{self._action.name}-{self._boot_id:x}-{self._goals_made}"
+        made_id = f"{self._action.name}-{self._boot_id:x}-{self._goals_made}"
         self._run = GoalRun(
             action=self._action,
             goal=goal,
-            goal_id=goal_id,
+            goal_id=made_id if plan_only else goal.goal_id or made_id,
             plan=plan,
             warning="; ".join(text for text in (plan.warning, UNWATCHED if unwatched else "") if text),
             vehicle=self._config.vehicle,
             epoch_id=status.epoch_id,
             pictures=self._pictures,
+            plan_only=plan_only,
         )
         yield from self._run.attach(request)
         yield from self._run.begin(t_ns, inbox)
@@ -167,8 +193,7 @@ class ActionServer:
         if stale := self._staleness(t_ns, goal):
             return stale
         if self._run is not None:
-            running = f"goal {self._run.goal_id} of {self._action.name} is running"
-            return f"busy: {running} (status {status.code} {status.name}); cancel it or wait for its result"
+            return _busy(self._run, self._action.name, status)
         if status.odometry is None:
             return f"the vehicle's position is unknown: {status.not_ready_reason or 'no odometry yet'}"
         return ""
@@ -220,3 +245,11 @@ class ActionServer:
         if self._run is not None:
             return Health("ok", f"{self._run.stage} goal {self._run.goal_id}")
         return Health("ok", "ready for a goal")
+
+
+def _busy(run: GoalRun, action: str, status: Status) -> str:
+    """Reason why a goal can't start beside the present one."""
+    if run.plan_only:
+        return "busy: another goal is being planned; try again in a second"
+    running = f"goal {run.goal_id} of {action} is running (status {status.code} {status.name})"
+    return f"busy: {running}; cancel it or wait for its result"

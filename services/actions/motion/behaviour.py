@@ -117,8 +117,27 @@ class Done(msgspec.Struct, frozen=True):
     hover_pos_ned_m: Vec3 | None = None
 
 
+class Remaining(msgspec.Struct, frozen=True):
+    """Rest of a goal's flight by its plan, without waits for wind or rover.
+
+    Attributes:
+        time_s: to the end of the goal.
+        distance_m: length of the way to fly.
+    """
+
+    time_s: float
+    distance_m: float
+
+    def __add__(self, other: "Remaining") -> "Remaining":
+        return Remaining(self.time_s + other.time_s, self.distance_m + other.distance_m)
+
+
 class Behaviour(Protocol):
-    """A running goal: a pure state machine."""
+    """A running goal: a pure state machine.
+
+    It may also have a method `remaining(state: VehicleState) -> Remaining | None`, called after the first step: the
+    rest of the flight. Clients get the one of the first step before they decide to fly, then the progress.
+    """
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
         """Next setpoint, or the end; the first step has the time and the state of the start."""
@@ -129,6 +148,13 @@ class Behaviour(Protocol):
         Args:
             pos_uav_ned_m: of the vehicle at the end, in the world frame of that time.
         """
+
+
+def remaining_of(behaviour: Behaviour, state: VehicleState) -> Remaining | None:
+    """Rest of a behaviour's flight; None where the behaviour doesn't know it."""
+    method = getattr(behaviour, "remaining", None)
+    rest: Remaining | None = None if method is None else method(state)
+    return rest
 
 
 Start = Callable[[int, VehicleState], Behaviour]

@@ -42,6 +42,16 @@ class SpeedProfile:
         return top_mps * (time_s - 0.5 * ramp_s), top_mps, 0.0
 
 
+def time_to_rest_s(length_m: float, speed_mps: float, *, speed_max_mps: float, accel_mps2: float) -> float:
+    """Time of a trapezoidal profile that ends at rest after `length_m` and begins with `speed_mps`.
+
+    It is the rest of a profile from rest that has reached this speed.
+    """
+    ramp_m = 0.5 * speed_mps * speed_mps / accel_mps2
+    whole = SpeedProfile(length_m + ramp_m, max(speed_max_mps, speed_mps), accel_mps2)
+    return max(whole.duration_s - speed_mps / accel_mps2, 0.0)
+
+
 def next_speed_mps(
     speed_mps: float, dt_s: float, *, speed_max_mps: float, accel_mps2: float, remaining_m: float
 ) -> float:

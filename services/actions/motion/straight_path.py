@@ -8,9 +8,9 @@ from jezero.frames import Vec3, add, distance, norm, scale, subtract, wrap_pi
 from jezero.schemas.actions import ImagesFeedback, LandFeedback, MoveFeedback
 from jezero.schemas.commands import Phase
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.motion.behaviour import Move, VehicleState
+from jezero.services.actions.motion.behaviour import Move, Remaining, VehicleState
 from jezero.services.actions.motion.config import MoveConfig
-from jezero.services.actions.motion.speed_profile import SpeedProfile, next_speed_mps
+from jezero.services.actions.motion.speed_profile import SpeedProfile, next_speed_mps, time_to_rest_s
 from jezero.services.actions.motion.tracking import PROGRESS_TIMEOUT_S, ZERO, Reference
 
 STEP_MAX_S = 0.1
@@ -29,6 +29,11 @@ def straight_speed_mps(start_ned_m: Vec3, end_ned_m: Vec3, speed_mps: float, con
     if abs(down) * speed_mps <= vertical_max * length:
         return speed_mps
     return vertical_max * length / abs(down)
+
+
+def profile_remaining(profile: SpeedProfile, time_s: float) -> Remaining:
+    """Rest of a motion with this profile at a time since its start."""
+    return Remaining(max(profile.duration_s - time_s, 0.0), profile.length_m - profile.at(time_s)[0])
 
 
 class StraightPath:
@@ -106,6 +111,18 @@ class StraightPath:
             return ""
         return f"no progress for {stuck_s:.0f} s: still {self._nearest_m:.2f} m from the target"
 
+    def remaining(self) -> Remaining:
+        """Rest of the path, with the time for which the vehicle must be near and slow at its end."""
+        config = self._config
+        fly_s = time_to_rest_s(
+            self._length_m - self._travelled_m,
+            self._speed_mps,
+            speed_max_mps=self._speed_max_mps,
+            accel_mps2=config.accel_mps2,
+        )
+        turn_s = abs(wrap_pi(self._yaw_end_rad - self.yaw_rad)) / config.yaw_rate_rps
+        return Remaining(max(fly_s, turn_s) + config.reached_s, self.left_m)
+
     def move(self, phase: Phase, feedback: MoveFeedback | LandFeedback | ImagesFeedback) -> Move:
         """Setpoint of the reference, with the action's feedback."""
         return Move(phase, feedback, self.pos_ned_m, self.vel_ned_mps, self.acc_ned_mps2, self.yaw_rad)
@@ -164,6 +181,10 @@ class TimedStraightPath:
         self.profile = SpeedProfile(length_m, speed_mps, acceleration_mps2)
         self._start_ned_m = start_ned_m
         self._direction = scale(subtract(end_ned_m, start_ned_m), 1.0 / length_m) if length_m > 0.0 else ZERO
+
+    def remaining(self, time_s: float) -> Remaining:
+        """Rest of the path at a time since the start."""
+        return profile_remaining(self.profile, time_s)
 
     def at(self, time_s: float) -> Reference:
         """Reference at a time since the start."""

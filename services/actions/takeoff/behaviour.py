@@ -4,7 +4,7 @@ from jezero.frames import Vec3
 from jezero.schemas.actions import MoveFeedback, MoveResult, TakeoffGoal
 from jezero.schemas.commands import Phase
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.motion.behaviour import Done, Move, VehicleState
+from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState
 from jezero.services.actions.takeoff.climb import Climb
 
 
@@ -22,6 +22,9 @@ class Takeoff:
         if path.reached:
             return Done("succeeded", hover_pos_ned_m=path.end_ned_m)
         return path.move(Phase.TAKEOFF, MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, distance_m=path.left_m))
+
+    def remaining(self, state: VehicleState) -> Remaining:
+        return self._climb.path.remaining()
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> MoveResult:
         return MoveResult(completed=completed, pos_uav_ned_m=pos_uav_ned_m)

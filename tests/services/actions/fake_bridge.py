@@ -98,14 +98,16 @@ class FakeBridge:
                 self._setpoint = setpoint
                 self.code = topics_code(setpoint)
         for request in inbox.requests(topics.ACQUIRE):
-            yield Reply(request.request_id, self._acquire())
+            yield Reply(request.request_id, self._acquire(check_only=request.payload.check_only))
         for request in inbox.requests(topics.RELEASE):
             yield from self._release(request.request_id, request.payload)
         yield from self._publish(t_ns)
 
-    def _acquire(self) -> AcquireReply:
+    def _acquire(self, *, check_only: bool) -> AcquireReply:
         if self.refuse or self.control_id:
             return AcquireReply(granted=False, reason=self.refuse or "another goal is in charge")
+        if check_only:
+            return AcquireReply(granted=True, bridge_boot_id=self.boot_id)
         self.grants += 1
         self.control_id = f"c{self.grants}"
         return AcquireReply(granted=True, control_id=self.control_id, bridge_boot_id=self.boot_id, grants=self.grants)

@@ -273,6 +273,68 @@ def test_a_heading_that_is_far_off_is_found_again() -> None:
     assert estimator.invalid_reason == ""
 
 
+def turned(world: World, angle_rad: float) -> Callable[[Vec3], None]:
+    """The filter's input for a compass that is wrong by an angle, positive to the right."""
+    mag = world.estimator.on_mag
+
+    def on_mag(field_frd_gauss: Vec3) -> None:
+        q = pose(world.t_s)[1]
+        field_ned = quat_rotate(quat_from_euler(0.0, 0.0, -angle_rad), quat_rotate(q, field_frd_gauss))
+        mag(quat_rotate(quat_conjugate(q), field_ned))
+
+    return on_mag
+
+
+@pytest.mark.parametrize("angle_deg", [30.0, 45.0, -45.0, 90.0, 180.0])
+def test_a_compass_that_jumps_in_the_air_does_not_turn_the_heading(
+    angle_deg: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world = World(seed=1).run(8.0)
+    world.estimator.on_landed(False)
+    monkeypatch.setattr(world.estimator, "on_mag", turned(world, radians(angle_deg)))
+    world.run(60.0)
+    assert degrees(abs(world.error()[2])) < 5.0
+    assert world.estimator.reset_counter == 0
+    assert "the magnetometer's heading is" in world.estimator.invalid_reason
+
+
+def test_a_compass_that_drifts_away_in_the_air_is_overruled_by_the_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Slow enough for the gate, 60 degrees in 40 s."""
+    world = World(seed=1).run(8.0)
+    world.estimator.on_landed(False)
+    mag = world.estimator.on_mag
+    errors_deg = []
+    for step in range(80):
+        monkeypatch.setattr(world.estimator, "on_mag", mag)  # otherwise the angles would add up
+        monkeypatch.setattr(world.estimator, "on_mag", turned(world, radians(min(60.0, 1.5 * step))))
+        world.run(world.t_s + 0.5)
+        errors_deg.append(degrees(abs(world.error()[2])))
+    assert max(errors_deg) < 40.0
+    world.run(80.0)
+    assert degrees(abs(world.error()[2])) < 20.0
+
+
+@pytest.mark.parametrize("angle_rad", [0.7, -1.2, 3.0])
+def test_a_heading_that_was_wrong_at_takeoff_is_found_by_the_motion_and_not_by_the_compass(
+    angle_rad: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world = World(seed=2)
+    monkeypatch.setattr(world.estimator, "on_mag", turned(world, angle_rad))
+    world.run(REST_S + 1.0)
+    assert abs(world.error()[2]) > 0.5
+    world.estimator.on_landed(False)
+    world.run(45.0)
+    assert degrees(abs(world.error()[2])) < 20.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_right_heading_is_not_reset_by_the_motion(seed: int) -> None:
+    world = World(seed).run(8.0)
+    world.estimator.on_landed(False)
+    world.run(40.0)
+    assert world.estimator.reset_counter == 0
+
+
 def test_in_a_disturbed_field_it_does_not_start_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     world = World()
     mag = world.estimator.on_mag

@@ -376,3 +376,26 @@ def test_a_goal_from_before_the_bridge_started_is_not_flown_as_nobody_may_rememb
     assert not old.granted
     assert old.reason == "goal old is from before the bridge started and may have flown: send it with a new id"
     assert rig.request(ACQUIRE, Acquire(goal_id="new", action="go_to", goal_issued_t_ns=rig.t_ns)).granted
+
+
+def test_a_request_that_only_checks_gets_the_decision_and_changes_nothing() -> None:
+    rig = Rig().fly()
+    before = rig.status
+
+    def check(action: str) -> Any:
+        return rig.request(ACQUIRE, Acquire(goal_id="plan", action=action, check_only=True))
+
+    assert check("go_to").granted
+    assert check("go_to").control_id == ""
+    assert "it flies already" in check("takeoff").reason
+    rig.run(0.2)
+    assert (rig.status.in_charge, rig.status.grants, rig.status.text) == ("hover", before.grants, before.text)
+    rig.go("go_to", Phase.GO_TO)
+    assert "is in charge" in check("get_images").reason
+
+
+def test_the_refusal_on_the_ground_names_no_option_of_one_interface() -> None:
+    reply = Rig().ready().acquire("go_to")
+    assert reply.reason == (
+        "go_to needs a hovering vehicle (3), the status is 0 (IDLE): take off first, or let the goal begin with a takeoff"
+    )

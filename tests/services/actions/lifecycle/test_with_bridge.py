@@ -126,7 +126,7 @@ def test_a_go_to_from_the_ground_takes_off_first() -> None:
     world = World()
     refused = world.end(world.send(GoToGoal(target_ned_m=(0.0, 0.0, -4.0))))
     assert isinstance(refused, Rejected)
-    assert "do_takeoff" in refused.reason
+    assert "take off first, or let the goal begin with a takeoff" in refused.reason
     assert world.fly(GoToGoal(target_ned_m=(0.0, 0.0, -4.0), do_takeoff=True)).outcome == "succeeded"
     assert world.codes == [0, 1, 4, 5, 3]
     assert world.mass.autopilot.pos == pytest.approx([0.0, 0.0, -4.0], abs=0.15)

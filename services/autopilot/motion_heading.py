@@ -1,0 +1,163 @@
+"""Heading from the vehicle's own motion: GNSS velocities against the accelerations of the IMU.
+
+Between two fixes the velocity changes by what the accelerometer measures, turned into the world by the estimated
+attitude. When the estimated heading is wrong by an angle, all those changes are turned by that angle, so the angle can
+be measured whenever the vehicle accelerates, without a compass.
+
+Source: the purpose of PX4's EKF-GSF yaw estimator; here a fit in closed form takes the place of its bank of filters.
+"""
+
+import cmath
+from collections import deque
+from dataclasses import dataclass
+from math import inf, sqrt
+
+from jezero.frames import Vec3, wrap_pi
+from jezero.services.autopilot.alignment import FIX_AGE_MAX_US
+
+SEGMENT_US = 4_000_000
+"""Length of one fit. Within it the gyroscope alone carries the attitude, whose drift is small for so long."""
+SEGMENTS = 3
+"""Number of past fits that count."""
+FIXES_MIN = 8
+"""A fit needs this number of fixes."""
+INDEPENDENT = 6.0
+"""Number of independent residuals of one fit: neighbouring ones have most of their error in common."""
+ERROR_MIN_RAD, ERROR_SIGMAS, STD_MAX_RAD = 0.25, 3.0, 0.3
+"""The heading is contradicted when its error exceeds ERROR_MIN_RAD by more than ERROR_SIGMAS standard deviations. A
+measurement with more than STD_MAX_RAD contradicts nothing."""
+CONTRADICTIONS = 2
+"""The heading is reset after this number of segments in a row that contradict it."""
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Result of one segment.
+
+    Attributes:
+        product: of the integrated accelerations and the GNSS velocities; its angle is that of the heading's error,
+            counted from a heading that nothing has corrected since the filter's start.
+        energy_m2ps2: of the integrated accelerations.
+        residual_m2ps2: sum of the squared velocities that the fit leaves unexplained.
+    """
+
+    product: complex
+    energy_m2ps2: float
+    residual_m2ps2: float
+
+
+class _Segment:
+    """Sums over the fixes of one segment, for a fit that leaves out constant offsets and drifts of the velocity.
+
+    The drift takes the error of the tilt, which turns gravity into an acceleration.
+    """
+
+    def __init__(self, t_us: int, turned_ned_rad: Vec3) -> None:
+        self.start_us = t_us
+        self.turned_ned_rad = turned_ned_rad
+        self._samples: list[tuple[float, complex, complex]] = []
+
+    def add(self, t_us: int, integrated_mps: complex, measured_mps: complex) -> None:
+        """Add the velocity that the IMU gives since the segment's start, and that of a fix at the same time."""
+        self._samples.append(((t_us - self.start_us) * 1e-6, integrated_mps, measured_mps))
+
+    def fit(self) -> _Fit | None:
+        """The fit; None with too few fixes."""
+        count = len(self._samples)
+        if count < FIXES_MIN:
+            return None
+        times, integrated, measured = zip(*self._samples, strict=True)
+        by_imu, by_gnss = _without_trend(times, integrated), _without_trend(times, measured)
+        product = sum(u.conjugate() * v for u, v in zip(by_imu, by_gnss, strict=True))
+        energy = sum(abs(u) ** 2 for u in by_imu)
+        # The heading turns the velocities and doesn't stretch them: other factors than 1 are unexplained, too.
+        residual = sum(abs(v) ** 2 for v in by_gnss) + energy - 2.0 * abs(product)
+        return _Fit(product * cmath.exp(1j * self.turned_ned_rad[2]), energy, max(0.0, residual))
+
+
+class MotionHeading:
+    """Measures the error of the estimated heading by the vehicle's motion.
+
+    Attributes:
+        std_rad: standard deviation of the error as measured; infinite without enough motion.
+        insists: whether the heading should be reset by `error_rad`.
+    """
+
+    def __init__(self) -> None:
+        self.std_rad = inf
+        self.insists = False
+        self._contradictions = 0
+        self._integrated_mps = 0j
+        self._turned_ned_rad: Vec3 = (0.0, 0.0, 0.0)
+        self._history: deque[tuple[int, complex]] = deque(maxlen=FIX_AGE_MAX_US // 20_000)
+        self._segment: _Segment | None = None
+        self._fits: deque[_Fit] = deque(maxlen=SEGMENTS)
+
+    @property
+    def error_rad(self) -> float:
+        """True heading minus estimated heading; only as good as `std_rad` says."""
+        product = sum(fit.product for fit in self._fits)
+        return wrap_pi(cmath.phase(product) - self._turned_ned_rad[2]) if product else 0.0
+
+    def on_motion(self, t_us: int, delta_vel_ned_mps: Vec3, turned_ned_rad: Vec3) -> None:
+        """Integrate one step.
+
+        Args:
+            delta_vel_ned_mps: integral of the specific force over the step.
+            turned_ned_rad: sum of all corrections of the attitude since the filter's start. Those since the segment's
+                start are taken back: they may be the filter's attempt to explain a wrong heading by the tilt.
+        """
+        self._turned_ned_rad = turned_ned_rad
+        if self._segment is None:
+            self._segment = _Segment(t_us, turned_ned_rad)
+        before = self._segment.turned_ned_rad
+        north, east, down = (now - then for now, then in zip(turned_ned_rad, before, strict=True))
+        vn, ve, vd = delta_vel_ned_mps
+        self._integrated_mps += complex(vn - (east * vd - down * ve), ve - (down * vn - north * vd))
+        self._history.append((t_us, self._integrated_mps))
+
+    def on_fix(self, t_us: int, vel_ned_mps: Vec3) -> None:
+        """Add the velocity of a fix.
+
+        Args:
+            t_us: time of the fix's measurement.
+        """
+        segment = self._segment
+        self.insists = False
+        if segment is None or not self._history or t_us < segment.start_us:
+            return
+        integrated_mps = min(self._history, key=lambda entry: abs(entry[0] - t_us))[1]
+        segment.add(t_us, integrated_mps, complex(vel_ned_mps[0], vel_ned_mps[1]))
+        duration_us = t_us - segment.start_us
+        if duration_us >= SEGMENT_US:
+            self._segment = None
+            self._evaluate(segment.fit() if duration_us < 2 * SEGMENT_US else None)
+
+    def _evaluate(self, fit: _Fit | None) -> None:
+        """Add a segment's fit; None, after too few fixes or a pause of GNSS, starts the measurement again."""
+        if fit is None:
+            self._fits.clear()
+            self.std_rad = inf
+            self._contradictions = 0
+            return
+        self._fits.append(fit)
+        self.std_rad = self._std_rad()
+        limit_rad = ERROR_MIN_RAD + ERROR_SIGMAS * self.std_rad
+        contradicted = self.std_rad < STD_MAX_RAD and abs(self.error_rad) > limit_rad
+        self._contradictions = self._contradictions + 1 if contradicted else 0
+        self.insists = self._contradictions >= CONTRADICTIONS
+
+    def _std_rad(self) -> float:
+        energy = sum(fit.energy_m2ps2 for fit in self._fits)
+        residual = sum(fit.residual_m2ps2 for fit in self._fits)
+        variance = residual / (INDEPENDENT * len(self._fits))
+        return sqrt(variance / energy) if energy > 0.0 else inf
+
+
+def _without_trend(times: tuple[float, ...], values: tuple[complex, ...]) -> list[complex]:
+    """Values minus the straight line that fits them best."""
+    count = len(times)
+    time_mean, mean = sum(times) / count, sum(values) / count
+    spread = sum((time - time_mean) ** 2 for time in times)
+    slope = sum((time - time_mean) * value for time, value in zip(times, values, strict=True)) / spread
+    return [value - mean - slope * (time - time_mean) for time, value in zip(times, values, strict=True)]

@@ -1,0 +1,163 @@
+"""Goals that are planned and not flown, and the rest of the flight in the feedback of those that fly."""
+
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from jezero.frames import distance
+from jezero.schemas import topics
+from jezero.schemas.actions import (
+    Accepted,
+    AreaCoverageGoal,
+    Feedback,
+    GetImagesGoal,
+    Goal,
+    GoToGoal,
+    LandOnSpotGoal,
+    PlanReply,
+    Rejected,
+    Result,
+    TakeoffGoal,
+)
+from jezero.schemas.state import StatusCode
+from tests.services.actions.fake_camera import FakeCamera
+from tests.services.actions.rig import CONFIG, FAR, World
+
+GROUND = (0.0, 0.0, 0.0)
+FIELD = AreaCoverageGoal(polygon_ned_m=((0.0, 0.0), (8.0, 0.0), (8.0, 6.0), (0.0, 6.0)), z_ned_m=-4.0, resolution_m=2.0)
+CIRCLE = GetImagesGoal(center_ned_m=(5.0, 0.0, -3.0), radius_m=4.0, num_images=6)
+SPOT = LandOnSpotGoal(use_uwb=False, use_tag=False, landing_spot_ned_m=(6.0, 0.0, 0.0))
+
+
+def world_at(pos_ned_m: tuple[float, float, float], *, with_camera: bool = True) -> World:
+    world = World(pos_ned_m)
+    if with_camera:
+        world.bus.add(FakeCamera())
+        world.bus.run_for(0.3)
+    return world
+
+
+def plan(world: World, goal: Goal) -> PlanReply:
+    action = next(a for a in topics.ACTIONS.values() if a.goal_type is type(goal))
+    request = world.bus.send_request(action.plan, goal, "me")
+    assert world.bus.run_for(5.0, lambda: request.ended)
+    (reply,) = request.replies
+    assert isinstance(reply, PlanReply)
+    return reply
+
+
+@pytest.mark.parametrize(
+    ("start", "goal"),
+    [
+        (GROUND, TakeoffGoal(altitude_m=6.0)),
+        (GROUND, GoToGoal(target_ned_m=(9.0, 3.0, -6.0), do_takeoff=True)),
+        ((0.0, 0.0, -3.0), GoToGoal(target_ned_m=(30.0, 0.0, -8.0), yaw_rad=2.0)),
+        ((0.0, 0.0, -3.0), CIRCLE),
+        ((0.0, 0.0, -3.0), FIELD),
+        ((0.0, 0.0, -3.0), SPOT),
+    ],
+    ids=lambda value: type(value).__name__ if isinstance(value, Goal) else "",
+)
+def test_a_flight_takes_the_time_of_its_plan(start: tuple[float, float, float], goal: Goal) -> None:
+    world = world_at(start)
+    planned = plan(world, goal)
+    assert planned.accepted, planned.reason
+    assert planned.duration_s is not None
+    assert planned.distance_m is not None
+    assert planned.battery_used == pytest.approx(CONFIG.vehicle.battery.used(planned.duration_s))
+    assert world.bridge.setpoints == []
+    assert world.bridge.grants == 0
+    answers = world.send(goal)
+    track = [world.bridge.pos_ned_m]
+    start_ns = world.bus.t_ns
+    while not answers.ended:
+        world.bus.run_for(0.5)
+        track.append(world.bridge.pos_ned_m)
+        assert len(track) < 400, answers.replies[-1]
+    assert isinstance(answers.replies[-1], Result)
+    flown_s = (world.bus.t_ns - start_ns) / 1e9
+    assert planned.duration_s == pytest.approx(flown_s, rel=0.1, abs=3.0)
+    flown_m = sum(distance(before, after) for before, after in pairwise(track))
+    assert planned.distance_m == pytest.approx(flown_m, rel=0.15, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    "goal", [GoToGoal(target_ned_m=(20.0, 0.0, -3.0)), CIRCLE, FIELD], ids=["go_to", "circle", "field"]
+)
+def test_the_feedback_shows_the_rest_of_the_flight(goal: Goal) -> None:
+    world = world_at((0.0, 0.0, -3.0))
+    answers = world.send(goal)
+    assert world.bus.run_for(120.0, lambda: answers.ended)
+    feedback = [reply for reply in answers.replies if isinstance(reply, Feedback)]
+    end_ns = answers.replies[-1].t_ns
+    for sent in feedback[:: len(feedback) // 8]:
+        assert sent.remaining_s == pytest.approx((end_ns - sent.t_ns) / 1e9, abs=3.0)
+    remaining = [sent.remaining_s for sent in feedback if sent.remaining_s is not None]
+    assert len(remaining) == len(feedback)
+    assert max(after - before for before, after in pairwise(remaining)) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("goal", "reason"),
+    [
+        (TakeoffGoal(altitude_m=500.0), "altitude 500 m"),
+        (GetImagesGoal(center_ned_m=(0.0, 0.0, -3.0), radius_m=0.1, num_images=4), "radius 0.1 m is too small"),
+        (AreaCoverageGoal(polygon_ned_m=((0.0, 0.0), (1.0, 0.0)), z_ned_m=-4.0, resolution_m=1.0), "corners"),
+    ],
+)
+def test_what_would_be_refused_has_no_plan_but_the_same_reason(goal: Goal, reason: str) -> None:
+    world = world_at((0.0, 0.0, -3.0))
+    planned = plan(world, goal)
+    assert (planned.accepted, planned.code, planned.duration_s) == (False, StatusCode.HOVER, None)
+    assert reason in planned.reason
+    refused = world.fly(goal)
+    assert isinstance(refused, Rejected)
+    assert refused.reason == planned.reason
+
+
+@pytest.mark.parametrize("goal", [CIRCLE, FIELD, GoToGoal(target_ned_m=(1.0, 0.0, -3.0), frame="rover")])
+def test_the_bridges_reason_comes_before_a_missing_input(goal: Goal) -> None:
+    """On the ground neither a camera nor an estimator has to be asked."""
+    world = world_at(GROUND, with_camera=False)
+    world.bridge.refuse = "it is on the ground: take off first"
+    assert plan(world, goal).reason == world.bridge.refuse
+    refused = world.fly(goal)
+    assert isinstance(refused, Rejected)
+    assert refused.reason == world.bridge.refuse
+
+
+def test_a_flying_server_makes_no_plans() -> None:
+    world = World()
+    world.flying()
+    assert "busy: goal far of go_to is running" in plan(world, FAR).reason
+
+
+def test_a_goal_does_not_wait_for_somebody_elses_plan() -> None:
+    """The camera is silent, so that the plan waits for it."""
+    world = World()
+    waiting = world.bus.send_request(topics.GET_IMAGES.plan, CIRCLE, "other")
+    world.bus.run_for(0.5)
+    assert not waiting.ended
+    second = plan(world, CIRCLE)
+    assert "another goal is being planned" in second.reason
+    world.bus.add(FakeCamera())
+    answers = world.send(CIRCLE)
+    assert world.bus.run_for(2.0, lambda: bool(answers.replies))
+    assert isinstance(answers.replies[0], Accepted)
+    assert "ask for the plan again" in waiting.replies[0].reason
+
+
+def test_a_landing_whose_rover_nobody_knows_has_a_plan_without_a_duration() -> None:
+    planned = plan(World(), LandOnSpotGoal())
+    assert planned.accepted
+    assert (planned.duration_s, planned.distance_m, planned.battery_used) == (None, None, None)
+
+
+def test_a_landing_with_the_rovers_rough_position_is_planned_by_it() -> None:
+    near: Any = plan(World(), LandOnSpotGoal(use_uwb=False, landing_spot_ned_m=(5.0, 0.0, -0.5)))
+    far: Any = plan(World(), LandOnSpotGoal(use_uwb=False, landing_spot_ned_m=(40.0, 0.0, -0.5)))
+    assert far.distance_m - near.distance_m == pytest.approx(35.0)
+    assert far.duration_s - near.duration_s == pytest.approx(
+        35.0 / CONFIG.land_on_spot.rover.platform_control.speed_max_mps
+    )
