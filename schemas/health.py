@@ -25,7 +25,7 @@ class InputHealth(Payload, frozen=True, kw_only=True):
 
 
 class ServiceHealth(Message, frozen=True, kw_only=True):
-    """State of a service, published by its runtime at 1 Hz of wall time.
+    """State of a service, published by its runtime at 1 Hz of wall time and when the state changes.
 
     Attributes:
         service: name of the service.

@@ -260,7 +260,7 @@ ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (
 
 
 def health_of(service: str) -> Topic[health.ServiceHealth]:
-    """The topic on which a service's runtime publishes its health, at 1 Hz of wall time."""
+    """The topic on which a service's runtime publishes its health, at 1 Hz of wall time and when the state changes."""
     return Topic(f"health/{service}", health.ServiceHealth, 1.0, service)
 
 

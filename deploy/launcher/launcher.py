@@ -317,6 +317,10 @@ class Launcher:
                 (report.text or "no health report on the bus") if slot.state in ("running", "external") else slot.text
             )
             return f"{name} is {slot.state}: {reason}"
+        for name in self._slots:
+            report = self._health.report(name)
+            if report.health == "degraded":
+                return f"{name} is degraded: {report.text}"
         if BRIDGE in self._slots:
             ready, reason = self._health.vehicle_ready
             return "" if ready else reason or "the vehicle is not ready"

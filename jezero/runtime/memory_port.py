@@ -47,7 +47,6 @@ class Port:
         self._timer_ns: int | None = None
         """Time of the one event on the bus that makes the step of `_tick_ns`; it may be earlier."""
         self._tasks_end_ns = 0
-        self._next_health_ns = bus.t_ns + NS_PER_S
         self._health_topic = health_of(self.name)
 
     def schedule_tick(self, t_ns: int) -> None:
@@ -71,15 +70,14 @@ class Port:
         self.wants_step = True
 
     def step(self) -> None:
-        """Step the service, and publish its health once a second."""
+        """Step the service, and publish its health when it is due."""
         bus = self._bus
         self.wants_step = False
         self.node.inbox.wall_ns = bus.t_ns
         self.node.step(bus.t_ns)
         if self.alive:
             self.schedule_tick(bus.t_ns + self._period_ns)
-        if bus.t_ns >= self._next_health_ns:
-            self._next_health_ns += NS_PER_S
+        if bus.t_ns >= self.node.health_due_ns(bus.t_ns):
             bus.publish(self.name, self._health_topic, encode(self.node.health(bus.t_ns, 0.0)))
 
     # -- deliveries of the bus --

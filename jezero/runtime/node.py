@@ -22,6 +22,10 @@ from jezero.runtime.service import (
 from jezero.schemas.health import InputHealth, ServiceHealth, ServiceState
 from jezero.schemas.struct import Payload
 from jezero.schemas.topics import Endpoint, Topic
+from jezero.schemas.units import NS_PER_S
+
+HEALTH_PERIOD_MIN_NS = 100_000_000
+"""Period of health while its state changes in each step."""
 
 
 class Transport(Protocol):
@@ -168,6 +172,8 @@ class Node:
         self._call_number = 0
         self._not_sent = 0
         self._last_error = ""
+        self._health_ns: int | None = None
+        self._reported_state: ServiceState | None = None
         self._state: ServiceState = "ok"
         self._text = (
             f"listening; vehicle time starts when link {self.spec.lockstep!r} connects"
@@ -335,14 +341,24 @@ class Node:
 
     # -- health --
 
+    def health_due_ns(self, now_ns: int) -> int:
+        """Time of the next report: once a second, and at once when the state has changed.
+
+        With reports once a second only, the vehicle would be ready before its bridge says that it is well.
+        """
+        if self._health_ns is None:
+            return now_ns
+        return self._health_ns + (NS_PER_S if self._state == self._reported_state else HEALTH_PERIOD_MIN_NS)
+
     def health(self, t_ns: int, late_s: float) -> ServiceHealth:
-        """Report of the service, which the runtime publishes at 1 Hz.
+        """Report of the service, which the runtime publishes when `health_due_ns` says so.
 
         Args:
             t_ns: vehicle time.
             late_s: greatest lateness of a step since the last report.
         """
-        wall_ns = self.inbox.wall_ns
+        wall_ns = self._health_ns = self.inbox.wall_ns
+        self._reported_state = self._state
         return ServiceHealth(
             t_ns=t_ns,
             service=self.spec.name,

@@ -140,7 +140,6 @@ class _Runner:
         self._on_demand = frozenset(topic.name for topic in self._spec.on_demand)
         self._health_topic = health_of(self._spec.name)
         self._late_ns = 0
-        self._next_health_ns = 0
         self._next_router_check_ns = 0
         self._next_link_poll_ns = 0
 
@@ -201,7 +200,7 @@ class _Runner:
     def _loop(self) -> None:
         now_ns = self._due_ns = self._now_ns()
         while not self._stopping:
-            until_ns = max(now_ns, min(self._due_ns, self._next_health_ns))
+            until_ns = max(now_ns, min(self._due_ns, self._node.health_due_ns(now_ns)))
             since_ns = self._now_ns()
             self._wait(until_ns)
             now_ns = self._now_ns()
@@ -386,12 +385,11 @@ class _Runner:
         )
 
     def _report(self, now_ns: int) -> None:
-        """Check the router twice a second, and publish health once."""
+        """Check the router twice a second, and publish health when it is due."""
         if now_ns >= self._next_router_check_ns:
             self._next_router_check_ns = now_ns + NS_PER_S // 2
             self._node.inbox.connected = self._session.connected
-        if now_ns >= self._next_health_ns:
-            self._next_health_ns = now_ns + NS_PER_S
+        if now_ns >= self._node.health_due_ns(now_ns):
             t_ns = self._master_t_ns if self._spec.lockstep else self._clock.now_ns(now_ns)
             health = self._node.health(t_ns, self._late_ns / NS_PER_S)
             self._late_ns = 0

@@ -121,9 +121,8 @@ class MavlinkReceiver:
         if number == dialect.MAV_CMD_REQUEST_MESSAGE and command.are_finite(0):
             requested_id = int(command.params[0])
         if requested_id is not None:
-            known = link.has_message(requested_id)
-            acknowledged = link.acknowledge(message, number, ACCEPTED if known else UNSUPPORTED)
-            return acknowledged + link.build_message(requested_id, self._vehicle.snapshot())
+            requested = link.build_message(requested_id, self._vehicle.snapshot())
+            return requested + link.acknowledge(message, number, ACCEPTED if requested else DENIED)
         if number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
             known = command.are_finite(0, 1) and link.set_interval(int(command.params[0]), command.params[1])
             return link.acknowledge(message, number, ACCEPTED if known else UNSUPPORTED)

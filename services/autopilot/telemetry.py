@@ -3,6 +3,7 @@
 The streams have the messages, units and frames of PX4. SET_MESSAGE_INTERVAL sets their rates.
 """
 
+from jezero.frames import Vec3
 from jezero.mavlink import MavlinkCodec, MavMessage, Signing, dialect
 from jezero.services.autopilot.streams import STREAMS, Snapshot
 
@@ -50,6 +51,7 @@ class TelemetryLink:
         self._due_us = dict.fromkeys(intervals_us, 0)
         self._next_us = 0
         self._last_state: tuple[int, bool, bool] | None = None
+        self._sent_origin_deg: Vec3 | None = None
         self._text_id = 0
 
     @property
@@ -91,10 +93,6 @@ class TelemetryLink:
         self._next_us = 0
         return True
 
-    def has_message(self, message_id: int) -> bool:
-        """Whether this autopilot has such a message."""
-        return message_id in STREAMS
-
     def build_message(self, message_id: int, now: Snapshot) -> bytes:
         """Pack one message; returns no bytes if there is no such message, or no data for it yet."""
         build = STREAMS.get(message_id)
@@ -108,7 +106,8 @@ class TelemetryLink:
     def streams(self, now: Snapshot) -> bytes:
         """Pack the streams that are due. A change of the state is sent at once.
 
-        Streams are sent at multiples of their interval, so that those of equal rate share a packet.
+        Streams are sent at multiples of their interval, so that those of equal rate share a packet. The origin is sent
+        only when it has changed, as PX4 does: who connects later has to request it.
         """
         state = (now.custom_mode, now.armed, now.landed)
         if state != self._last_state:
@@ -121,6 +120,10 @@ class TelemetryLink:
             if now.t_us < self._due_us[message_id]:
                 continue
             self._due_us[message_id] = (now.t_us // interval_us + 1) * interval_us
+            if message_id == dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN:
+                if now.origin_deg == self._sent_origin_deg:
+                    continue
+                self._sent_origin_deg = now.origin_deg
             message = STREAMS[message_id](now)
             if message is not None:
                 data += self._codec.pack(message)

@@ -22,6 +22,9 @@ RESTART_STEP_NS = 1_000_000_000
 """The autopilot has restarted when its time steps back by more than this; by less, datagrams overtook each other."""
 HEARTBEAT_MAX_AGE_NS = 150_000_000
 """In flight the mode must not be older than this. PX4 sends a HEARTBEAT once a second, and on request."""
+ORIGIN_MISSING_PERIOD_NS, ORIGIN_KNOWN_PERIOD_NS = 1_000_000_000, 5_000_000_000
+"""Period of the requests for GPS_GLOBAL_ORIGIN. PX4 sends it once, to whoever listens then, and at changes: one message
+lost, and the bridge would never be ready or would keep the old origin."""
 WARNING_MAX_AGE_NS = 6_000_000_000
 """An older warning of the autopilot doesn't explain a refusal."""
 FORCE = 21196.0
@@ -89,6 +92,7 @@ class AutopilotLink:
         self._next_try_ns = 0
         self._tries = 0
         self._refusal = ""
+        self._origin_request_wall_ns: int | None = None
         self._statustext: tuple[int, str] = (0, "")
         """Id and text so far of the last STATUSTEXT, which may come in chunks."""
         self._handlers: dict[int, Callable[[MavMessage, TelemetryBatch], None]] = {
@@ -114,6 +118,7 @@ class AutopilotLink:
         self.parameters.restart()
         self.command(None, 0)
         self._refusal = ""
+        self._origin_request_wall_ns = None
 
     def command_failure(self, timer_ns: int) -> str:
         """The autopilot's reason for refusing the present command, with its own warning; "" without one."""
@@ -245,7 +250,16 @@ class AutopilotLink:
         if wall_ns - self.telemetry.heartbeat_wall_ns < HEARTBEAT_MAX_AGE_NS:
             return b""
         self.telemetry.heartbeat_wall_ns = wall_ns
-        return self._command_long(dialect.MAV_CMD_REQUEST_MESSAGE, float(dialect.MAVLINK_MSG_ID_HEARTBEAT), 0.0)
+        return self._request_message(dialect.MAVLINK_MSG_ID_HEARTBEAT)
+
+    def request_origin(self, wall_ns: int) -> bytes:
+        """Request GPS_GLOBAL_ORIGIN when that is due."""
+        known, last_ns = self.telemetry.origin_deg is not None, self._origin_request_wall_ns
+        period_ns = ORIGIN_KNOWN_PERIOD_NS if known else ORIGIN_MISSING_PERIOD_NS
+        if last_ns is not None and wall_ns - last_ns < period_ns:
+            return b""
+        self._origin_request_wall_ns = wall_ns
+        return self._request_message(dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
 
     def request_intervals(self) -> bytes:
         """Request the telemetry that the bridge needs."""
@@ -295,6 +309,9 @@ class AutopilotLink:
         data = self._command_long(number, *parameters, confirmation=min(self._tries, 255))
         self._tries += 1
         return data
+
+    def _request_message(self, message_id: int) -> bytes:
+        return self._command_long(dialect.MAV_CMD_REQUEST_MESSAGE, float(message_id), 0.0)
 
     def _command_long(self, number: int, p1: float, p2: float, p3: float = 0.0, *, confirmation: int = 0) -> bytes:
         return self._codec.pack(

@@ -249,9 +249,11 @@ class VehicleBridge:
         data = b""
         code = self._authority.code
         blind = vehicle.telemetry_age_s > LINK_TIMEOUT_S
-        if wall_ns - self._intervals_wall_ns >= INTERVALS_PERIOD_NS and (blind or code is not StatusCode.EXTERNAL):
-            self._intervals_wall_ns = wall_ns
-            data += self._link.request_intervals()
+        if blind or code is not StatusCode.EXTERNAL:
+            if wall_ns - self._intervals_wall_ns >= INTERVALS_PERIOD_NS:
+                self._intervals_wall_ns = wall_ns
+                data += self._link.request_intervals()
+            data += self._link.request_origin(wall_ns)
         if code not in (StatusCode.IDLE, StatusCode.EXTERNAL) or self._authority.taking_back:
             data += self._link.request_heartbeat(wall_ns)
         if vehicle.armed is False and code is StatusCode.IDLE:

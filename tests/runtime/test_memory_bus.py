@@ -1,6 +1,7 @@
 """The bus in virtual time: ordered, deterministic, and as strict as the real one."""
 
 import hashlib
+import json
 import math
 from collections.abc import Iterable
 from typing import Any
@@ -13,6 +14,7 @@ from jezero.runtime.memory_port import BACKGROUND_TASK_S
 from jezero.runtime.service import (
     BackgroundTask,
     Call,
+    Health,
     Inbox,
     Output,
     Publish,
@@ -26,6 +28,7 @@ from jezero.runtime.service import (
 )
 from jezero.schemas import topics
 from jezero.schemas.commands import Abort, AbortReply, Kill
+from jezero.schemas.health import ServiceState
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Clock
 
@@ -37,6 +40,19 @@ class Talker:
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
         yield Publish(topics.CLOCK, Clock(t_ns=t_ns, epoch_id=1, wall_ns=t_ns))
+
+
+class Moody:
+    """Changes the state of its health at given times, at 20 Hz."""
+
+    spec = Spec(name="moody", rate_hz=20)
+
+    def __init__(self, states: dict[int, ServiceState]) -> None:
+        self._states = states
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        if state := self._states.get(t_ns):
+            yield Health(state, "")
 
 
 class Listener:
@@ -243,3 +259,22 @@ def test_a_service_that_asks_for_it_steps_more_often() -> None:
     slow = len(planner.steps)
     bus.run_for(1.0)
     assert slow < 8 and len(planner.steps) - slow == 100
+
+
+def test_health_is_published_once_a_second_and_at_once_when_its_state_changes() -> None:
+    reported: list[tuple[float, str]] = []
+    bus = MemoryBus()
+    bus.add(Moody({1_250_000_000: "degraded", 1_400_000_000: "ok"}))
+    bus.observe(lambda t_ns, topic, data: reported.append((t_ns / 1e9, json.loads(data)["state"])))
+    bus.run_for(2.5)
+    assert reported == [(0.0, "ok"), (1.0, "ok"), (1.25, "degraded"), (1.4, "ok"), (2.4, "ok")]
+
+
+def test_a_state_that_changes_in_each_step_is_reported_ten_times_a_second_at_most() -> None:
+    states: list[ServiceState] = ["ok", "degraded"]
+    reports: list[int] = []
+    bus = MemoryBus()
+    bus.add(Moody({number * 50_000_000: states[number % 2] for number in range(1, 20)}))
+    bus.observe(lambda t_ns, _topic, _data: reports.append(t_ns))
+    bus.run_for(0.95)
+    assert 5 <= len(reports) <= 10

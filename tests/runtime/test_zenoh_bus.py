@@ -79,7 +79,7 @@ def test_no_step_counts_the_time_in_which_the_process_stood_still(
 ) -> None:
     stepped_ms: list[float] = []
     runner, collect = host.runner, host.runner._collect
-    runner._next_health_ns = runner._next_router_check_ns = 10**12
+    runner._node._health_ns = runner._next_router_check_ns = 10**12
 
     def wait(until_ns: int) -> None:
         host.wall_ns += max(0, until_ns - runner._now_ns())
@@ -188,7 +188,7 @@ class Asking:
         )
         self.wakeups = 0
         monkeypatch.setattr(self.runner, "_wake", self._wake)
-        self.runner._next_health_ns = self.runner._next_router_check_ns = 10**12
+        self.runner._node._health_ns = self.runner._next_router_check_ns = 10**12
 
     def _wake(self) -> None:
         self.wakeups += 1

@@ -20,7 +20,7 @@ KEY = bytes(range(32))
 HOUR = 360_000_000
 FORGED = ((400, 0.0, 21196.0), (21, 0.0, 0.0), (20, 0.0, 0.0), (176, 1.0, 4.0), (400, 1.0, 0.0))
 """Commands of the forgers: force-disarm, land, return, another mode, arm."""
-HONEST_COMMAND = dialect.MAV_CMD_GET_HOME_POSITION
+HONEST_COMMAND = dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES
 
 
 class GroundLink:

@@ -16,6 +16,8 @@ from jezero.runtime.config import Instance, config_directory
 from jezero.schemas.state import Status, StatusCode
 
 HOST = "127.0.0.1"
+REQUESTS = {dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_REQUEST_MESSAGE}
+"""Commands that have no effect on the vehicle."""
 STATUS_DELAY_MAX_NS = 100_000_000
 """Longest time between a change of the status and its record."""
 
@@ -96,4 +98,4 @@ def assert_bridge_silent(statuses: list[tuple[int, Status]], sent: list[Passed],
     assert set(during) == {dialect.MAVLINK_MSG_ID_HEARTBEAT}
     assert len(during) <= (end_ns - begin_ns) * 1e-9 + 2
     others = [m for _, m in messages if m.get_msgId() != dialect.MAVLINK_MSG_ID_HEARTBEAT]
-    assert {getattr(m, "command", 0) for m in others} <= {dialect.MAV_CMD_SET_MESSAGE_INTERVAL}
+    assert {getattr(m, "command", 0) for m in others} <= REQUESTS

@@ -97,7 +97,7 @@ def page() -> str:
     return f"""# Topics, endpoints and services
 
 This page is the output of `jezero info page topics`. Keys are `jezero/<vehicle>/<name>`; *actions* are all action
-servers. Every service also publishes `health/<service>` once a second.
+servers. Every service also publishes `health/<service>` once a second, and at once when its state changes.
 
 ```mermaid
 {mermaid()}

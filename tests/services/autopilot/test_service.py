@@ -14,6 +14,7 @@ from jezero.vehicle_config import VehicleConfig
 
 G = 9.81
 ARM, MODE = dialect.MAV_CMD_COMPONENT_ARM_DISARM, dialect.MAV_CMD_DO_SET_MODE
+INTERVAL, REQUEST = dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_REQUEST_MESSAGE
 NAN = float("nan")
 
 
@@ -171,20 +172,30 @@ def test_telemetry_has_px4s_rates_and_the_truth_at_rest(bench: Bench) -> None:
     assert 98 <= len(odometry) <= 102
     assert 1 <= len(kinds(received, dialect.MAVLINK_MSG_ID_HEARTBEAT)) <= 3
     assert max(abs(v) for v in (odometry[-1].x, odometry[-1].y, odometry[-1].z, odometry[-1].vx)) < 0.2
-    origin = kinds(received, dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)[-1]
-    assert (origin.latitude, origin.longitude) == (473977418, 85455938)
     assert kinds(received, dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)[-1].landed_state == 1
     assert kinds(received, dialect.MAVLINK_MSG_ID_SYS_STATUS)[-1].onboard_control_sensors_health & 1 << 28
 
 
+def test_the_origin_is_sent_once_and_on_request_as_px4_does(bench: Bench) -> None:
+    origin = dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN
+    assert bench.command(REQUEST, origin)[0] == dialect.MAV_RESULT_DENIED
+    (sent,) = kinds(bench.rest(7.0), origin)
+    assert (sent.latitude, sent.longitude) == (473977418, 85455938)
+    assert bench.command(INTERVAL, origin, 100_000.0)[0] == dialect.MAV_RESULT_ACCEPTED
+    assert kinds(bench.rest(1.0), origin) == []
+    result, received = bench.command(REQUEST, origin)
+    assert result == dialect.MAV_RESULT_ACCEPTED
+    assert [m.latitude for m in kinds(received, origin)] == [473977418]
+
+
 def test_a_stream_has_the_rate_it_is_asked_for(bench: Bench) -> None:
     bench.rest(5.0)
-    assert bench.command(511, 331, 100_000.0)[0] == dialect.MAV_RESULT_ACCEPTED
+    assert bench.command(INTERVAL, 331, 100_000.0)[0] == dialect.MAV_RESULT_ACCEPTED
     assert 19 <= len(kinds(bench.rest(2.0), dialect.MAVLINK_MSG_ID_ODOMETRY)) <= 21
-    assert bench.command(511, 331, -1.0)[0] == dialect.MAV_RESULT_ACCEPTED
+    assert bench.command(INTERVAL, 331, -1.0)[0] == dialect.MAV_RESULT_ACCEPTED
     assert kinds(bench.rest(1.0), dialect.MAVLINK_MSG_ID_ODOMETRY) == []
-    assert bench.command(511, 9999, 1000.0)[0] == dialect.MAV_RESULT_UNSUPPORTED
-    _, received = bench.command(512, 331)
+    assert bench.command(INTERVAL, 9999, 1000.0)[0] == dialect.MAV_RESULT_UNSUPPORTED
+    _, received = bench.command(REQUEST, 331)
     assert len(kinds(received, dialect.MAVLINK_MSG_ID_ODOMETRY)) == 1
 
 

@@ -29,6 +29,7 @@ class FakeAutopilot:
     """An autopilot without physics, whose state and faults tests set.
 
     Attributes:
+        origin_sent: it has sent its GPS_GLOBAL_ORIGIN, which it does once and on request, as PX4.
         heartbeat_s: period of its HEARTBEAT, 0 for one in each step.
         foreign_setpoint: setpoint that somebody else streams to it.
         lost_commands: number of commands that it will lose.
@@ -51,6 +52,8 @@ class FakeAutopilot:
         self.parameters: dict[str, int | float] = {}
         self.set_parameters: list[str] = []
         self.bytes_received = 0
+        self.origin_sent = False
+        self.origin_requests = 0
         self.heartbeat_s = 0.0
         self.heartbeat_requests = 0
         self._next_heartbeat_us = 0
@@ -73,8 +76,7 @@ class FakeAutopilot:
             if kind == dialect.MAVLINK_MSG_ID_PARAM_SET:
                 out += self._set_parameter(message)
             elif kind == dialect.MAVLINK_MSG_ID_COMMAND_LONG and message.command == dialect.MAV_CMD_REQUEST_MESSAGE:
-                self.heartbeat_requests += 1
-                self._next_heartbeat_us = 0
+                self._on_message_request(int(message.param1))
             elif kind == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
                 self.setpoints.append(message)
             elif kind == dialect.MAVLINK_MSG_ID_COMMAND_LONG and message.command in (ARM, SET_MODE):
@@ -84,6 +86,15 @@ class FakeAutopilot:
                 self.commands.append((message.command, (message.param1, message.param2, message.param3)))
                 out += self._do(message)
         return out
+
+    def _on_message_request(self, message_id: int) -> None:
+        """Send a message with the next telemetry."""
+        if message_id == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+            self.heartbeat_requests += 1
+            self._next_heartbeat_us = 0
+        elif message_id == dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN:
+            self.origin_requests += 1
+            self.origin_sent = False
 
     def _do(self, message: Any) -> bytes:
         result, text = dialect.MAV_RESULT_ACCEPTED, ""
@@ -152,13 +163,16 @@ class FakeAutopilot:
         prearm = dialect.MAV_SYS_STATUS_PREARM_CHECK
         nan = [float("nan")] * 21
         heartbeat = dialect.MAVLink_heartbeat_message(2, 12, base_mode, self.mode, self.system_status, 3)
+        origin = dialect.MAVLink_gps_global_origin_message(473977418, 85455938, 488000, 0)
+        origins = () if self.origin_sent else (origin,)
+        self.origin_sent = True
         messages = (
             *((heartbeat,) if self._is_heartbeat_due() else ()),
             dialect.MAVLink_extended_sys_state_message(0, 1 if self.landed else 2),
             dialect.MAVLink_sys_status_message(
                 prearm, prearm, prearm if self.armable else 0, 0, 0xFFFF, -1, -1, 0, 0, 0, 0, 0, 0
             ),
-            dialect.MAVLink_gps_global_origin_message(473977418, 85455938, 488000, 0),
+            *origins,
             dialect.MAVLink_odometry_message(
                 self.t_us, 1, 1, *self.pos, self.q, *self.vel, 0.0, 0.0, 0.0, nan, nan, self.reset_counter, 8, 100
             ),

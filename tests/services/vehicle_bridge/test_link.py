@@ -162,8 +162,26 @@ def test_the_bridge_sends_a_heartbeat_once_a_second_and_requests_its_telemetry()
     heartbeats = [m for m in sent if m.get_msgId() == 0]
     assert len(heartbeats) == 4
     assert (heartbeats[0].type, heartbeats[0].get_srcSystem(), heartbeats[0].get_srcComponent()) == (18, 1, 191)
-    intervals_us = {m.param1: m.param2 for m in sent if m.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_LONG}
-    assert intervals_us == INTERVALS_US
+    commands = [m for m in sent if m.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_LONG]
+    intervals = [m for m in commands if m.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL]
+    assert {m.param1: m.param2 for m in intervals} == INTERVALS_US
+
+
+def test_a_bridge_that_starts_after_the_autopilot_requests_the_origin_which_was_sent_before() -> None:
+    rig = Rig()
+    rig.autopilot.origin_sent = True
+    rig.run(0.1)
+    assert rig.bridge._link.telemetry.origin_deg == pytest.approx((47.3977418, 8.5455938, 488.0))
+    assert rig.autopilot.origin_requests == 1
+
+
+def test_a_missing_origin_is_requested_once_a_second_and_a_known_one_every_five_seconds() -> None:
+    link = AutopilotLink(1)
+    assert [t_s for t_s in range(4) if link.request_origin(t_s * S)] == [0, 1, 2, 3]
+    receive(link, dialect.MAVLink_gps_global_origin_message(473977418, 85455938, 488000, 0))
+    assert [t_s for t_s in range(4, 16) if link.request_origin(t_s * S)] == [8, 13]
+    link.reset()
+    assert link.request_origin(16 * S), "another autopilot"
 
 
 def test_the_same_flight_gives_the_same_bytes() -> None:
