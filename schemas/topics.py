@@ -1,4 +1,4 @@
-"""The table of all keys: name, message type, rate, delivery and writer. Keys are `jezero/<vehicle>/<name>`.
+"""The table of all keys: name, message type, rate and writer. Keys are `jezero/<vehicle>/<name>`.
 
 Every endpoint that has an effect is behind an `@` chunk, which the wildcards `*` and `**` never match.
 """
@@ -25,14 +25,12 @@ class Topic(Generic[M]):
         type: type of its messages, for decoding; a generic struct has its arguments.
         rate_hz: nominal rate of publishing. None for messages that are published on events only.
         writer: name of the one service that publishes it; `GOAL_IN_CHARGE` or `CLIENTS` where that changes.
-        delivery: `newest` may drop messages on a congested network; `all` waits.
     """
 
     name: str
     type: type[M]
     rate_hz: float | None
     writer: str
-    delivery: Literal["newest", "all"] = "newest"
 
     @cached_property
     def struct(self) -> Any:
@@ -136,7 +134,7 @@ class Action(Generic[Q]):
         )
 
 
-CLOCK = Topic("clock", state.Clock, 10.0, "simulator", "all")
+CLOCK = Topic("clock", state.Clock, 10.0, "simulator")
 IMU = Topic("sensor/imu", sensors.Imu, 50.0, "simulator")
 GNSS = Topic("sensor/gnss", sensors.Gnss, 10.0, "simulator")
 BARO = Topic("sensor/baro", sensors.Barometer, 10.0, "simulator")
@@ -155,7 +153,7 @@ ROVER_ESTIMATE = Topic("estimate/rover", estimate.RoverEstimate, 10.0, "estimato
 CAMERA_PITCH = Topic("command/camera_pitch", commands.CameraPitch, 20.0, GOAL_IN_CHARGE)
 ROVER_COMMAND = Topic("rover/command", commands.RoverCommand, 10.0, CLIENTS)
 ODOMETRY = Topic("odometry", state.Odometry, 50.0, "vehicle_bridge")
-STATUS = Topic("status", state.Status, 10.0, "vehicle_bridge", "all")
+STATUS = Topic("status", state.Status, 10.0, "vehicle_bridge")
 SETPOINT = Topic("command/setpoint", commands.Setpoint, 50.0, GOAL_IN_CHARGE)
 
 TOPICS: tuple[Topic[Any], ...] = (

@@ -6,8 +6,9 @@ Two kinds of frozen process are distinguished from one that only lacks processor
 - silent: its liveliness token, held by Zenoh's threads, is on the bus, but its own loop has made no report for ten
   seconds in which it did not wait for a processor. A process that the bus can't reach has no token and is not checked.
 
-Time in which the launcher itself did not run is not counted: after the suspension of the whole machine all services
-are still alive.
+A silence of all services at once is the fault of the bus or of the launcher's link to it, and counts for none of them.
+Time in which the launcher itself did not run is not counted: after the suspension of the whole machine all services are
+still alive.
 """
 
 from collections.abc import Mapping
@@ -21,6 +22,8 @@ STEP_MAX_S = 0.5
 """The time between two samples counts as at most this."""
 STOPPED_MAX_S = 1.5
 SILENT_MAX_S = 10.0
+BUS_SILENT_MIN_S = 2.0
+"""The bus counts as silent when none of the services has reported for this long; each reports once a second."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,13 +60,17 @@ class _Record:
     stopped_s: float = 0.0
     silent_s: float = 0.0
 
-    def add(self, sample: ProcessSample, step_s: float) -> None:
+    def add(self, sample: ProcessSample, step_s: float, *, bus_silent: bool) -> None:
         self.stopped_s = self.stopped_s + step_s if sample.stopped else 0.0
-        if sample.reachable and sample.reports == self.previous.reports:
-            self.silent_s += max(0.0, step_s - (sample.waited_s - self.previous.waited_s))
-        else:
+        if not sample.reachable or self.has_reported(sample):
             self.silent_s = 0.0
+        elif not bus_silent:
+            self.silent_s += max(0.0, step_s - (sample.waited_s - self.previous.waited_s))
         self.previous = sample
+
+    def has_reported(self, sample: ProcessSample) -> bool:
+        """Whether there are new reports in a sample."""
+        return sample.reports != self.previous.reports
 
     @property
     def reason(self) -> str:
@@ -80,6 +87,7 @@ class FreezeDetector:
     def __init__(self) -> None:
         self._records: dict[int, _Record] = {}
         self._last_s: float | None = None
+        self._bus_silent_s = 0.0
 
     def update(self, now_s: float, samples: Mapping[int, ProcessSample]) -> dict[int, str]:
         """Update with new samples; returns the frozen processes and the reason for each.
@@ -91,6 +99,9 @@ class FreezeDetector:
         step_s = 0.0 if self._last_s is None else min(now_s - self._last_s, STEP_MAX_S)
         self._last_s = now_s
         self._records = {pid: self._records.get(pid) or _Record(sample) for pid, sample in samples.items()}
+        any_report = any(self._records[pid].has_reported(sample) for pid, sample in samples.items())
+        self._bus_silent_s = 0.0 if any_report else self._bus_silent_s + step_s
+        bus_silent = self._bus_silent_s >= BUS_SILENT_MIN_S
         for pid, sample in samples.items():
-            self._records[pid].add(sample, step_s)
+            self._records[pid].add(sample, step_s, bus_silent=bus_silent)
         return {pid: record.reason for pid, record in self._records.items() if record.reason}

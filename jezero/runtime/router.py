@@ -7,6 +7,7 @@ import signal
 import socket
 import sys
 import threading
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,6 +15,7 @@ import zenoh
 
 from jezero.codec import encode
 from jezero.runtime.config import ConfigError, Instance, instance_from_environment
+from jezero.runtime.link_guard import LinkGuard
 from jezero.runtime.zenoh_bus import new_boot_id
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.topics import health_of, key, liveliness_key
@@ -21,12 +23,20 @@ from jezero.zenoh_client import LINK_SETTINGS, config_of
 
 NAME = "router"
 CLOSE_TIMEOUT_S = 0.7
+HEALTH_PERIOD_S = 1.0
+SAMPLE_PERIOD_S = 0.25
+NAMED_FOR_S = 60.0
+"""Time for which health names a reader whose link was closed."""
+TEXT_MAX = 1000
 STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT)
 ROUTER_SETTINGS: Mapping[str, Any] = {
     **LINK_SETTINGS,
     "mode": "router",
     "listen/timeout_ms": 0,  # a port that is taken is an error at once
     "listen/exit_on_failure": True,
+    # A reply waits this long in us for a reader that doesn't take it, then the reader's link is closed. The action
+    # server that replies can't send setpoints meanwhile, and a setpoint counts for 0.3 s. The default is 5 s.
+    "transport/link/tx/queue/congestion_control/block/wait_before_close": 200_000,
     "scouting/delay": 0,  # nothing is scouted; the default waits 0.5 s for it
 }
 """Zenoh's settings of the router, but for its endpoint."""
@@ -69,21 +79,56 @@ def run(instance: Instance) -> None:
         key(instance.vehicle, health_of(NAME).name), encoding=zenoh.Encoding.APPLICATION_JSON
     )
     boot_id, process = new_boot_id(), f"{socket.gethostname()} pid {os.getpid()}"
-    stopping = False
+    readers = _StoppedReaders(session)
+    stopping, health_due_s = False, time.monotonic()
     while not stopping:
-        sessions = len(list(session.info.transports()))
-        report = ServiceHealth(
-            t_ns=0,
-            service=NAME,
-            boot_id=boot_id,
-            process=process,
-            state="ok",
-            text=f"listening on {instance.router}, {sessions} sessions",
-        )
-        publisher.put(encode(report))
-        stopping = bool(select.select([stop_read], [], [], 1.0)[0])
+        readers.update()
+        if time.monotonic() >= health_due_s:
+            health_due_s = time.monotonic() + HEALTH_PERIOD_S
+            sessions = len(list(session.info.transports()))
+            report = ServiceHealth(
+                t_ns=0,
+                service=NAME,
+                boot_id=boot_id,
+                process=process,
+                state="ok",
+                text=f"listening on {instance.router}, {sessions} sessions{readers.text}",
+            )
+            publisher.put(encode(report))
+        stopping = bool(select.select([stop_read], [], [], SAMPLE_PERIOD_S)[0])
     alive.undeclare()  # type: ignore[no-untyped-call]
     _close(session)
+
+
+class _StoppedReaders:
+    """Ends the links of readers that stopped reading, and names them."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._guard = LinkGuard()
+        self._ids: dict[str, str] = {}
+        """Zenoh's id of the session at each address."""
+        self._named: dict[str, tuple[str, float]] = {}
+        """By session the reader's name, and the time until which health has it."""
+
+    def update(self) -> None:
+        """Check all links; to be called every `SAMPLE_PERIOD_S`."""
+        now_s = time.monotonic()
+        ids = {link.dst.partition("/")[2].partition("?")[0]: str(link.zid) for link in self._session.info.links()}
+        known = self._ids | ids  # a link may have ended since the last update
+        self._ids = ids
+        self._named = {session: named for session, named in self._named.items() if named[1] > now_s}
+        for address in self._guard.update(now_s):
+            session = known.get(address, "unknown")
+            name = f"{address} (session {session})"
+            self._named[session] = (name, now_s + NAMED_FOR_S)
+            print(f"{NAME}: {name} stopped reading: its link is closed", file=sys.stderr, flush=True)
+
+    @property
+    def text(self) -> str:
+        """For health: the readers of the last minute, or ""."""
+        names = ", ".join(name for name, _ in self._named.values())
+        return f"; stopped reading, link closed: {names}"[:TEXT_MAX] if names else ""
 
 
 def _close(session: zenoh.Session) -> None:

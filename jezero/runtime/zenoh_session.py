@@ -175,9 +175,8 @@ class BusSession:
                     if topic.name in self._attached
                     else zenoh.Encoding.APPLICATION_JSON
                 ),
-                congestion_control=(
-                    zenoh.CongestionControl.BLOCK if topic.delivery == "all" else zenoh.CongestionControl.DROP
-                ),
+                congestion_control=zenoh.CongestionControl.DROP,  # else one reader that stands still stops everybody
+                priority=zenoh.Priority.DATA_LOW if topic.name in self._attached else zenoh.Priority.DATA,
             )
         for topic in self._spec.last_value:
             self._declare_last_value(topic.name)

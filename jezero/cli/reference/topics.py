@@ -30,14 +30,13 @@ def all_topics() -> tuple[Topic[Any], ...]:
 
 
 def topic_rows() -> list[Row]:
-    """One row a topic: name, message type, rate, delivery, writer, readers."""
+    """One row a topic: name, message type, rate, writer, readers."""
     specs = all_specs().values()
     return [
         {
             "topic": topic.name,
             "type": topic.struct.__name__,
             "rate_hz": topic.rate_hz,
-            "delivery": topic.delivery,
             "writer": topic.writer,
             "readers": [s.name for s in specs if topic in (*s.inputs, *s.on_demand)],
         }

@@ -11,7 +11,7 @@ import pytest
 
 from jezero.deploy.launcher.freezes import SAMPLE_PERIOD_S, FreezeDetector, ProcessSample, sample_process
 
-PID = 7
+PID, OTHER_PID = 7, 8
 
 
 def sample(*, stopped: bool = False, waited_s: float = 0.0, reports: int = 0, reachable: bool = True) -> ProcessSample:
@@ -44,12 +44,24 @@ def test_time_in_which_the_launcher_did_not_run_counts_for_nobody() -> None:
 def silence(
     detector: FreezeDetector, seconds: int, waited_share: float = 0.0, reachable: bool = True
 ) -> dict[int, str]:
-    """Frozen processes after a time in s without a report."""
+    """Frozen processes after a time in s without a report of one service, while another one reports once a second."""
     told: dict[int, str] = {}
     for number in range(seconds * 4 + 1):
         at_s = SAMPLE_PERIOD_S * number
-        told = detector.update(at_s, {PID: sample(waited_s=waited_share * at_s, reachable=reachable)})
+        silent = sample(waited_s=waited_share * at_s, reachable=reachable)
+        told = detector.update(at_s, {PID: silent, OTHER_PID: sample(reports=number // 4)})
     return told
+
+
+def test_a_silence_of_all_services_at_once_is_the_fault_of_the_bus_and_kills_none_of_them() -> None:
+    detector = FreezeDetector()
+    for number in range(400):
+        assert detector.update(SAMPLE_PERIOD_S * number, {PID: sample(), OTHER_PID: sample()}) == {}
+    for number in range(400, 440):  # the bus is back, and each service has its full time to report
+        others = {PID: sample(), OTHER_PID: sample(reports=number // 4)}
+        told = detector.update(SAMPLE_PERIOD_S * number, others)
+        assert told == {} or number > 430
+    assert list(told) == [PID]
 
 
 def test_a_process_on_the_bus_that_makes_no_report_for_ten_seconds_is_frozen() -> None:
