@@ -131,7 +131,9 @@ class SetParameters(Payload, frozen=True, kw_only=True):
         pos_rover_ned_m: approximate position of the rover in world NED, from which the filter restarts.
         std_rover_m: standard deviation of `pos_rover_ned_m`, on each axis.
         std_uwb_m: standard deviation of a UWB range.
+        std_uwb_bias_m: standard deviation of the error that all UWB ranges share.
         scale_std_tag: factor on the standard deviations that the tag detector reports.
+        std_tag_scale: standard deviation of the relative error of distances by the tags.
         std_altimeter_m: standard deviation of the altimeter's range.
         std_yaw_rover_rad: standard deviation of the rover's compass.
         std_yaw_rate_rover_rps: standard deviation of the rover's yaw rate.
@@ -150,7 +152,9 @@ class SetParameters(Payload, frozen=True, kw_only=True):
     pos_rover_ned_m: PositionNed | None = None
     std_rover_m: Std | None = None
     std_uwb_m: Std | None = None
+    std_uwb_bias_m: Std | None = None
     scale_std_tag: Std | None = None
+    std_tag_scale: Std | None = None
     std_altimeter_m: Std | None = None
     std_yaw_rover_rad: Std | None = None
     std_yaw_rate_rover_rps: Std | None = None

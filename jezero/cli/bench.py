@@ -78,6 +78,10 @@ def bench() -> None:
               help="Constant error of the UWB ranges: one number for all anchors, or one for each.")  # fmt: skip
 @click.option("--anchors", type=click.Choice(["right", "rotated"]), default="right", show_default=True,
               help="Rotated: each UWB anchor stands where the next one should.")  # fmt: skip
+@click.option("--tag-side", type=click.FloatRange(0.2, 0.8), metavar="M",
+              help="Side of the big tag as it was printed [default: as configured].")  # fmt: skip
+@click.option("--rover-compass", type=click.FloatRange(-180.0, 180.0), default=0.0, show_default=True, metavar="DEG",
+              help="Constant error of the rover's compass.")  # fmt: skip
 @click.option("--camera-delay", type=click.FloatRange(0.0, 1.0), metavar="S",
               help="Seconds from exposure to the image [default: 0.1].")  # fmt: skip
 @click.option("--hide-tag", is_flag=True, help="Hide the tags twice, for a second each.")
@@ -102,6 +106,8 @@ def landing(
     uwb_outliers: float | None,
     uwb_bias: tuple[float, ...],
     anchors: str,
+    tag_side: float | None,
+    rover_compass: float,
     camera_delay: float | None,
     hide_tag: bool,
     tag_until: float | None,
@@ -129,6 +135,8 @@ def landing(
             uwb_outliers=uwb_outliers,
             uwb_bias_m=uwb_bias,
             anchors_rotated=anchors == "rotated",
+            tag_side_m=tag_side,
+            rover_compass_deg=rover_compass,
             camera_delay_s=camera_delay,
             hide_tag=hide_tag,
             tag_until_m=tag_until,

@@ -20,7 +20,10 @@ class Tuning(Config, frozen=True, kw_only=True):
         use_tag: fuse tag detections, unless a goal leases another selection.
         std_rover_m: standard deviation of a given prior position of the rover, on each axis.
         std_uwb_m: standard deviation of a UWB range; larger than its white noise, as each anchor also has a bias.
+        std_uwb_bias_m: standard deviation of the error that all UWB ranges share, which the filter estimates.
         scale_std_tag: factor on the standard deviations that the tag detector reports.
+        std_tag_scale: standard deviation of the relative error of distances by the tags, as from tags printed in
+            another size, which the filter estimates.
         std_altimeter_m: standard deviation of the altimeter's range.
         std_yaw_rover_rad: standard deviation of the rover's compass.
         std_yaw_rate_rover_rps: standard deviation of the rover's yaw rate.
@@ -38,7 +41,9 @@ class Tuning(Config, frozen=True, kw_only=True):
     use_tag: bool = True
     std_rover_m: Annotated[float, Meta(ge=0.01, le=100.0)] = 3.0
     std_uwb_m: Annotated[float, Meta(ge=0.001, le=10.0)] = 0.02
+    std_uwb_bias_m: Annotated[float, Meta(ge=0.001, le=10.0)] = 0.1
     scale_std_tag: Annotated[float, Meta(ge=0.1, le=100.0)] = 1.0
+    std_tag_scale: Annotated[float, Meta(ge=0.0001, le=1.0)] = 0.05
     std_altimeter_m: Annotated[float, Meta(ge=0.001, le=10.0)] = 0.035
     std_yaw_rover_rad: Annotated[float, Meta(ge=0.001, le=3.0)] = 0.03
     std_yaw_rate_rover_rps: Annotated[float, Meta(ge=0.0001, le=10.0)] = 0.01

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from jezero.schemas.units import NS_PER_S
-from jezero.services.estimator.motion import POS_ROVER, POS_UAV, SIZE, Array, MotionModel
+from jezero.services.estimator.motion import IDENTITY, POS_ROVER, POS_UAV, SIZE, Array, MotionModel
 
 ORIGIN = np.zeros(SIZE)
 
@@ -98,13 +98,21 @@ class Kalman:
         kf.update(innovation, R, H)
         kf.x = x + kf.x
 
-    def reset_rover_position(self, pos_rel_m: Array, cov_m2: Array) -> None:
-        """Reset the rover's position so that the vehicle is at `pos_rel_m` from it, with covariance `cov_m2`."""
-        x, P = self.x.copy(), self.P.copy()
-        x[POS_ROVER] = x[POS_UAV] - pos_rel_m
-        P[POS_ROVER, :] = P[POS_UAV, :]
-        P[:, POS_ROVER] = P[:, POS_UAV]
-        P[POS_ROVER, POS_ROVER] = P[POS_UAV, POS_UAV] + cov_m2
+    def reset_rover_position(self, pos_rel_m: Array, cov_m2: Array, error_jacobian: Array) -> None:
+        """Reset the rover's position by a measured relative position.
+
+        Args:
+            pos_rel_m: (3,) measured position, vehicle minus rover.
+            cov_m2: (3, 3) covariance of its independent error.
+            error_jacobian: (3, n) derivative of its other error with respect to the state.
+        """
+        x = self.x.copy()
+        x[POS_ROVER] = x[POS_UAV] - pos_rel_m + error_jacobian @ x
+        T = IDENTITY.copy()
+        T[POS_ROVER] = error_jacobian
+        T[POS_ROVER, POS_UAV] += np.eye(3)
+        P = T @ self.P @ T.T
+        P[POS_ROVER, POS_ROVER] += cov_m2
         self._filter.x, self._filter.P = x, P
 
     def inflate_covariance(self, states: slice, std: float) -> None:

@@ -14,9 +14,12 @@ from jezero.frames import wrap_pi
 from jezero.services.estimator.kalman import Kalman, UpdateResult
 from jezero.services.estimator.motion import (
     ATTITUDE_ERROR,
+    COMPASS_BIAS,
     POS_ROVER,
     POS_UAV,
     SIZE,
+    TAG_SCALE,
+    UWB_BIAS,
     VEL_ERROR,
     VEL_ROVER,
     VEL_UAV,
@@ -129,13 +132,13 @@ class RoverOdometryMeasurement(msgspec.Struct, frozen=True, gc=False):
         H = np.zeros((5, SIZE))
         H[0, 9:11], H[0, YAW] = (c, s), left_behind
         H[1, 9:11], H[1, YAW] = (-s, c), -forward
-        H[2, 11] = H[3, YAW] = H[4, YAW_RATE] = 1.0
+        H[2, 11] = H[3, YAW] = H[3, COMPASS_BIAS] = H[4, YAW_RATE] = 1.0
         innovation = np.array(
             (
                 self.speed_mps - forward,
                 -left_behind,
                 -down,
-                wrap_pi(self.yaw_rad - yaw),
+                wrap_pi(self.yaw_rad - yaw - float(x[COMPASS_BIAS])),
                 self.yaw_rate_rps - float(x[YAW_RATE]),
             )
         )
@@ -208,7 +211,8 @@ class UwbMeasurement(msgspec.Struct, frozen=True, gc=False):
         H[:, POS_UAV], H[:, POS_ROVER] = unit_ned, -unit_ned
         H[:, VEL_UAV], H[:, VEL_ROVER] = unit_ned * delays, -unit_ned * delays
         H[:, YAW] = unit[:, 0] * tag_m[:, 1] - unit[:, 1] * tag_m[:, 0]
-        return lengths, H
+        H[:, UWB_BIAS] = 1.0
+        return lengths + float(x[UWB_BIAS]), H
 
 
 class AltimeterMeasurement(msgspec.Struct, frozen=True, gc=False):
@@ -282,11 +286,15 @@ class TagMeasurement(msgspec.Struct, frozen=True, gc=False):
     def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
         if kalman.std_pos_rel_m > TAG_UPDATE_STD_MAX_M:
             return UpdateResult(0, 0)
+        x = kalman.x
+        scale = 1.0 + float(x[TAG_SCALE])
+        arm_m = kalman.pos_rel_m - self.pos_rel_m + self.lever_arm_m
         H = np.zeros((3, SIZE))
-        H[:, POS_UAV], H[:, POS_ROVER] = np.eye(3), -np.eye(3)
+        H[:, POS_UAV], H[:, POS_ROVER] = scale * np.eye(3), -scale * np.eye(3)
         H[:, ATTITUDE_ERROR] = self._attitude_error_jacobian()
+        H[:, TAG_SCALE] = arm_m
         R = self.measurement_cov_m2()
-        innovation = self.pos_rel_m - H @ kalman.x
+        innovation = self.lever_arm_m - scale * arm_m - H[:, ATTITUDE_ERROR] @ x[ATTITUDE_ERROR]
         S = kalman.innovation_covariance(H, R)
         if float(innovation @ np.linalg.solve(S, innovation)) > gate[1]:
             return UpdateResult(0, 3)
@@ -294,6 +302,13 @@ class TagMeasurement(msgspec.Struct, frozen=True, gc=False):
         if self.yaw_rad is not None:
             self._fuse_yaw(kalman, self.yaw_rad, gate)
         return UpdateResult(3, 3)
+
+    def error_jacobian(self) -> Array:
+        """(3, n) derivative of the measured position's error with respect to the state."""
+        jacobian = np.zeros((3, SIZE))
+        jacobian[:, ATTITUDE_ERROR] = self._attitude_error_jacobian()
+        jacobian[:, TAG_SCALE] = self.lever_arm_m
+        return jacobian
 
     def measurement_cov_m2(self) -> Array:
         """(3, 3) covariance of the position: the detector's, plus the fast attitude error across the line of sight."""
@@ -321,13 +336,14 @@ class TagMeasurement(msgspec.Struct, frozen=True, gc=False):
 
 
 class PositionReset(msgspec.Struct, frozen=True, gc=False):
-    """Relative position that replaces the former estimate of it."""
+    """Measured relative position that replaces the former estimate; fields as in `Kalman.reset_rover_position`."""
 
     kind: ClassVar[Kind] = "locate"
     t_ns: int
     pos_rel_m: Array
     cov_m2: Array
+    error_jacobian: Array
 
     def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
-        kalman.reset_rover_position(self.pos_rel_m, self.cov_m2)
+        kalman.reset_rover_position(self.pos_rel_m, self.cov_m2, self.error_jacobian)
         return UpdateResult(3, 3)

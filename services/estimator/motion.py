@@ -10,9 +10,12 @@
 | 13      | yaw rate of the rover                                              | rad/s |
 | 14 – 16 | error of the autopilot's velocity, NED                             | m/s   |
 | 17 – 19 | error of the autopilot's attitude, forward, right and down of its heading | rad |
+| 20      | error that all UWB ranges share                                    | m     |
+| 21      | relative error of distances by the tag, as from tags printed in another size | –     |
+| 22      | error of the rover's compass                                       | rad   |
 
 Source: thesis §4.2, extended by the errors of the autopilot's velocity and attitude, which limit the accuracy
-at height.
+at height, and by the constant errors of UWB, tag and compass, which would make these inputs contradict each other.
 """
 
 from functools import lru_cache
@@ -25,16 +28,20 @@ from jezero.services.estimator.config import Tuning
 
 Array = NDArray[np.float64]
 
-SIZE = 20
+SIZE = 23
 POS_UAV, VEL_UAV, POS_ROVER, VEL_ROVER = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 YAW, YAW_RATE = 12, 13
 VEL_ERROR, ATTITUDE_ERROR = slice(14, 17), slice(17, 20)
+UWB_BIAS, TAG_SCALE, COMPASS_BIAS = 20, 21, 22
 
 TAU_ATTITUDE_S = 100.0
 TAU_CLIMB_S = 1.0
 PSD_YAW_ACC_R2PS3 = 0.02
 PSD_CLIMB_M2PS3 = 0.02
 """Process noise of the platform's vertical acceleration on uneven ground."""
+STD_COMPASS_BIAS_RAD = 0.02
+PSD_UWB_BIAS_M2PS, PSD_TAG_SCALE_PS, PSD_COMPASS_BIAS_R2PS = 1e-6, 4e-8, 1e-6
+"""Constant errors may change by 1 cm, 0.2 % and 0.01 rad in 100 s, so that the filter never stops correcting them."""
 STD_UNKNOWN_M = 1e3
 STD_UNKNOWN_MPS = 2.0
 IDENTITY = np.eye(SIZE)
@@ -51,6 +58,7 @@ def initial_state(pos_uav_m: Array, tuning: Tuning) -> tuple[Array, Array]:
     std[YAW], std[YAW_RATE] = 4.0, 1.0
     std[VEL_ERROR] = tuning.std_vel_uav_mps
     std[ATTITUDE_ERROR] = tuning.std_tilt_rad, tuning.std_tilt_rad, tuning.std_heading_rad
+    std[UWB_BIAS], std[TAG_SCALE], std[COMPASS_BIAS] = tuning.std_uwb_bias_m, tuning.std_tag_scale, STD_COMPASS_BIAS_RAD
     return x, np.diag(std * std)
 
 
@@ -73,6 +81,8 @@ class MotionModel:
         for i in range(3):
             linear[14 + i, 14 + i] = 2.0 * tuning.std_vel_uav_mps**2 / tuning.tau_vel_uav_s
             linear[17 + i, 17 + i] = 2.0 * stds[i] ** 2 / TAU_ATTITUDE_S
+        linear[UWB_BIAS, UWB_BIAS], linear[TAG_SCALE, TAG_SCALE] = PSD_UWB_BIAS_M2PS, PSD_TAG_SCALE_PS
+        linear[COMPASS_BIAS, COMPASS_BIAS] = PSD_COMPASS_BIAS_R2PS
         self._linear, self._square, self._cubic = linear, square, cubic
         self._discretize = lru_cache(maxsize=256)(self._discretize_uncached)
 

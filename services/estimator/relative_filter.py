@@ -25,6 +25,7 @@ from jezero.services.estimator.motion import (
     POS_UAV,
     SIZE,
     STD_UNKNOWN_M,
+    UWB_BIAS,
     VEL_ERROR,
     VEL_ROVER,
     VEL_UAV,
@@ -56,6 +57,7 @@ def _relative() -> Array:
 
 
 RELATIVE_T = _relative()
+NO_ERROR = np.zeros((3, SIZE))
 
 
 class Estimate(msgspec.Struct, frozen=True, gc=False):
@@ -188,7 +190,9 @@ class RelativeFilter:
         self._history = MeasurementHistory(self._kalman, FilterState(first.t_ns, x, P), self._validity.gate)
         if self._prior is not None:
             pos_rover_m, std_m = self._prior
-            self._history.add([PositionReset(first.t_ns, first.pos_vel[0:3] - pos_rover_m, std_m**2 * np.eye(3))])
+            self._history.add(
+                [PositionReset(first.t_ns, first.pos_vel[0:3] - pos_rover_m, std_m**2 * np.eye(3), NO_ERROR)]
+            )
         return True
 
     def _initial_tag_reset(self, measurements: Sequence[Measurement]) -> list[Measurement]:
@@ -196,12 +200,7 @@ class RelativeFilter:
         tag = next((m for m in measurements if type(m) is TagMeasurement), None)
         if tag is None or self.located:
             return []
-        return [PositionReset(tag.t_ns, tag.pos_rel_m, tag.measurement_cov_m2() + self._attitude_cov_m2(tag))]
-
-    def _attitude_cov_m2(self, tag: TagMeasurement) -> Array:
-        lever_arm_m = float(np.linalg.norm(tag.lever_arm_m))
-        std = max(self._tuning.std_tilt_rad, self._tuning.std_heading_rad) * lever_arm_m
-        return std * std * np.eye(3)
+        return [PositionReset(tag.t_ns, tag.pos_rel_m, tag.measurement_cov_m2(), tag.error_jacobian())]
 
     def _reset_by_uwb(self, history: MeasurementHistory, *, force: bool = False) -> bool:
         """Reset the position by trilateration when the ranges cannot be linearised; always when `force`."""
@@ -214,7 +213,10 @@ class RelativeFilter:
         found = self._window.position(kalman.t_ns, vel_rel_mps, float(kalman.x[YAW]))
         if found is None:
             return False
-        history.add([PositionReset(kalman.t_ns, *found)])
+        pos_rel_m, cov_m2 = found
+        jacobian = np.zeros((3, SIZE))
+        jacobian[:, UWB_BIAS] = pos_rel_m / max(float(np.linalg.norm(pos_rel_m)), 1e-3)
+        history.add([PositionReset(kalman.t_ns, pos_rel_m, cov_m2, jacobian)])
         return True
 
     def _is_rejected(self, history: MeasurementHistory, kind: Kind, span_s: float) -> bool:
@@ -243,5 +245,7 @@ class RelativeFilter:
                 statistics = history.statistics(kind, t_ns - int(span_s * NS_PER_S))
                 assert statistics is not None and isinstance(statistics.newest, TagMeasurement)
                 tag = statistics.newest
-                history.add([PositionReset(tag.t_ns, tag.pos_rel_m, STD_TAG_RESET_M**2 * np.eye(3))])
+                history.add(
+                    [PositionReset(tag.t_ns, tag.pos_rel_m, STD_TAG_RESET_M**2 * np.eye(3), tag.error_jacobian())]
+                )
                 self._reset_at_ns[kind] = t_ns

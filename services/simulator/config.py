@@ -302,6 +302,7 @@ class RoverOdometryConfig(Config, frozen=True, kw_only=True):
     Attributes:
         rate_hz: readings per second.
         delay_s: time until a reading arrives.
+        bias_yaw_rad: constant error of the compass.
         std_yaw_rad: standard deviation of the white noise of the compass.
         std_bias_yaw_rad: standard deviation of the slowly varying error of the compass.
         tau_bias_s: time constant of the compass' slowly varying error.
@@ -314,6 +315,7 @@ class RoverOdometryConfig(Config, frozen=True, kw_only=True):
 
     rate_hz: Rate = 25.0
     delay_s: Delay = 0.02
+    bias_yaw_rad: Angle = 0.0
     std_yaw_rad: NonNegative = 0.0131
     std_bias_yaw_rad: NonNegative = 0.005
     tau_bias_s: Positive = 600.0

@@ -272,7 +272,7 @@ class RoverOdometry:
 
     def measure(self, t_ns: int, rover: RoverState) -> messages.RoverOdometry:
         n, config = self._normals, self._config
-        yaw_rad = wrap_pi(rover.yaw_rad + self._bias_yaw_rad.step() + config.std_yaw_rad * n())
+        yaw_rad = wrap_pi(rover.yaw_rad + config.bias_yaw_rad + self._bias_yaw_rad.step() + config.std_yaw_rad * n())
         moved = rover.speed_mps != 0.0 or rover.yaw_rate_rps != 0.0
         turned = self._scale + self._slip.step()  # wheels that slip turn faster than the rover moves
         speed_mps = turned * rover.speed_mps + (config.std_speed_mps * n() if moved else 0.0)

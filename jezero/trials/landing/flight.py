@@ -180,7 +180,7 @@ def _stack(trial: Trial, other_autopilot: tuple[Service, int] | None) -> tuple[M
 
 
 def simulator_config(trial: Trial) -> SimulatorConfig:
-    """The shipped settings with the trial's rover position, wind and UWB errors."""
+    """The shipped settings with the trial's rover position, wind, UWB errors and error of the rover's compass."""
     conditions, replace = trial.conditions, msgspec.structs.replace
     shipped = load_config(SimulatorConfig, "simulator")
     std_m = _std_uwb_m(conditions)
@@ -207,6 +207,7 @@ def simulator_config(trial: Trial) -> SimulatorConfig:
             bias_anchors_m=_bias_anchors_m(conditions),
             anchors_shifted=int(conditions.anchors_rotated),
         ),
+        rover_odometry=replace(shipped.rover_odometry, bias_yaw_rad=radians(conditions.rover_compass_deg)),
     )
 
 
@@ -231,10 +232,12 @@ def _std_uwb_m(conditions: Conditions) -> float | None:
 
 
 def camera_config(conditions: Conditions) -> CameraConfig:
-    """The shipped settings with the conditions' mode and latency."""
+    """The shipped settings with the conditions' mode, latency and size of the printed tags."""
     shipped = load_config(CameraConfig, "camera")
     delay_s = shipped.delay_s if conditions.camera_delay_s is None else conditions.camera_delay_s
-    return msgspec.structs.replace(shipped, mode=conditions.tags, delay_s=delay_s)
+    side_m = load_config(VehicleConfig, "vehicle").platform.side_tag_m
+    scale = 1.0 if conditions.tag_side_m is None else conditions.tag_side_m / side_m
+    return msgspec.structs.replace(shipped, mode=conditions.tags, delay_s=delay_s, print_scale=scale)
 
 
 def _take_off(bus: MemoryBus, judge: LandingJudge, trial: Trial) -> str:

@@ -54,6 +54,8 @@ class Conditions(msgspec.Struct, frozen=True, kw_only=True):
         std_gust_mps: standard deviation of each horizontal component of the gusts.
         wind_change_mps: speed to which the mean wind changes during the landing, from another direction; None keeps it.
         tilt_deg: tilt of the platform; the seed draws its direction.
+        tag_side_m: side of the landing board's big tag as it was printed; None prints it as configured.
+        rover_compass_deg: constant error of the rover's compass, clockwise.
         compass_step_deg: angle by which the vehicle's compass jumps during the landing; the seed draws when.
     """
 
@@ -71,6 +73,8 @@ class Conditions(msgspec.Struct, frozen=True, kw_only=True):
     std_gust_mps: float = 0.6
     wind_change_mps: float | None = None
     tilt_deg: float = 0.0
+    tag_side_m: float | None = None
+    rover_compass_deg: float = 0.0
     compass_step_deg: float = 0.0
 
 

@@ -55,6 +55,7 @@ class CameraConfig(Config, frozen=True, kw_only=True):
         axis_rate_max_rps: maximum rate at which the camera's axes turn.
         exposure_s: duration of an exposure.
         delay_s: time from the middle of an exposure until its image is published.
+        print_scale: size of the printed landing board relative to the size in `vehicle.toml`.
         std_pixel: standard deviation of the noise of each colour of each pixel, where 255 is full brightness.
         projection: errors of the corners in mode "projected".
     """
@@ -64,5 +65,6 @@ class CameraConfig(Config, frozen=True, kw_only=True):
     axis_rate_max_rps: Positive = 1.5
     exposure_s: NonNegative = 0.004
     delay_s: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.1
+    print_scale: Annotated[float, Meta(ge=0.2, le=2.0)] = 1.0
     std_pixel: NonNegative = 4.0
     projection: ProjectionConfig = ProjectionConfig()

@@ -2,6 +2,7 @@
 
 import msgspec
 
+from jezero.frames import scale as times
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.service import Camera, NoEglError, Renderer
 from jezero.services.simulator.config import SimulatorConfig
@@ -15,11 +16,28 @@ def make_camera(config: CameraConfig, simulator: SimulatorConfig, vehicle: Vehic
     Raises:
         NoEglError: `renderer` is "egl", and there is none.
     """
+    vehicle = _with_printed_board(vehicle, config.print_scale)
     renderer = make_renderer(config, simulator, vehicle, seed) if config.mode == "rendered" else None
     if renderer is not None and renderer.rate_max_hz < vehicle.camera.rate_hz:
         slower = msgspec.structs.replace(vehicle.camera, rate_hz=renderer.rate_max_hz)
         vehicle = msgspec.structs.replace(vehicle, camera=slower)
     return Camera(config, vehicle, renderer, seed)
+
+
+def _with_printed_board(vehicle: VehicleConfig, scale: float) -> VehicleConfig:
+    """The robot with a landing board of another size than configured.
+
+    Raises:
+        ValueError: the platform is too small for this board.
+    """
+    if scale == 1.0:
+        return vehicle
+    replace = msgspec.structs.replace
+    board = tuple(
+        replace(tag, side_m=scale * tag.side_m, pos_rover_body_m=times(tag.pos_rover_body_m, scale))
+        for tag in vehicle.platform.board
+    )
+    return replace(vehicle, platform=replace(vehicle.platform, tags=board))
 
 
 def make_renderer(config: CameraConfig, simulator: SimulatorConfig, vehicle: VehicleConfig, seed: int) -> Renderer:

@@ -14,7 +14,7 @@ from jezero.services.estimator.measurements import (
     TagMeasurement,
     UwbMeasurement,
 )
-from jezero.services.estimator.motion import Array, MotionModel, initial_state
+from jezero.services.estimator.motion import SIZE, Array, MotionModel, initial_state
 from jezero.services.estimator.relative_filter import RelativeFilter
 from jezero.services.estimator.trilateration import trilaterate
 from jezero.vehicle_config import PlatformConfig
@@ -34,7 +34,7 @@ def kalman_at(pos_uav_m: Array, std_m: float) -> Kalman:
     kalman = Kalman(MotionModel(Tuning()))
     x, P = initial_state(pos_uav_m, Tuning())
     kalman.restore(FilterState(0, x, P))
-    kalman.reset_rover_position(pos_uav_m - POS_ROVER_M, std_m**2 * np.eye(3))
+    kalman.reset_rover_position(pos_uav_m - POS_ROVER_M, std_m**2 * np.eye(3), np.zeros((3, SIZE)))
     return kalman
 
 

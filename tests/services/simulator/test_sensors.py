@@ -261,3 +261,8 @@ def test_a_turned_compass_reads_a_turned_field() -> None:
     sensor.error_yaw_rad = radians(45.0)
     turned_north, turned_east, _ = sensor.measure(0, level).field_frd_gauss
     assert degrees(atan2(turned_east, turned_north) - atan2(east, north)) == pytest.approx(-45.0)
+
+
+def test_a_compass_with_a_constant_error_reads_the_heading_turned_by_it() -> None:
+    config = msgspec.structs.replace(CONFIG.rover_odometry, bias_yaw_rad=1.0, std_yaw_rad=0.0, std_bias_yaw_rad=0.0)
+    assert RoverOdometry(config, 1).measure(0, ROVER).yaw_rover_rad == pytest.approx(ROVER.yaw_rad + 1.0)

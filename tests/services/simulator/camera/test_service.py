@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from itertools import pairwise
-from math import pi
+from math import dist, pi
 
 import pytest
 
@@ -16,8 +16,10 @@ from jezero.schemas.sensors import CameraFrame, TagCorners
 from jezero.schemas.state import Scene
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.gimbal import Gimbal
+from jezero.services.simulator.camera.making import make_camera
 from jezero.services.simulator.camera.service import Camera
 from jezero.services.simulator.camera.view import View
+from jezero.services.simulator.config import SimulatorConfig
 from jezero.vehicle_config import CameraMountConfig, VehicleConfig
 
 MS = 1_000_000
@@ -164,3 +166,15 @@ def test_the_same_seed_finds_the_same_tags() -> None:
     first, again, other = (published(Camera(CONFIG, VEHICLE, None, seed), 1.0) for seed in (1, 1, 2))
     assert first == again
     assert first != other
+
+
+def test_a_board_printed_at_half_its_size_looks_half_as_large() -> None:
+    sides_px = []
+    for print_scale in (1.0, 0.5):
+        config = CameraConfig(mode="projected", print_scale=print_scale)
+        seen = published(make_camera(config, SimulatorConfig(), VEHICLE, 1), 0.5)
+        _, corners = decoded(TagCorners, seen[topics.TAG_CORNERS.name])[0]
+        assert isinstance(corners, TagCorners)
+        big = next(tag for tag in corners.tags if tag.tag_id == BIG_ID)
+        sides_px.append(dist(big.corners_px[0], big.corners_px[1]))
+    assert sides_px[1] == pytest.approx(0.5 * sides_px[0], abs=1.0)
