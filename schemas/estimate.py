@@ -72,6 +72,8 @@ class Relative(Message, frozen=True, kw_only=True):
         inputs: names of the inputs that were fused in the last second, such as `uwb` and `tag`.
         fused_t_ns: time of the newest UWB or tag measurement that was fused; 0 before the first one.
         goal_id: id of the goal whose selection is in force; "" when the selection is that of the parameters.
+        selects: the estimator lends selections to goals. False for an estimator with one fixed set of inputs: goals use
+            its estimate whatever selection they would like.
         parameters_version: version of the parameters, which grows by one with each change.
     """
 
@@ -89,6 +91,7 @@ class Relative(Message, frozen=True, kw_only=True):
     inputs: Annotated[tuple[Name, ...], Meta(max_length=16)] = ()
     fused_t_ns: TimeNs = 0
     goal_id: str = ""
+    selects: bool = True
     parameters_version: int = 0
 
 

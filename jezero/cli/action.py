@@ -6,7 +6,8 @@ from typing import Any
 import click
 import msgspec
 
-from jezero.cli.flight import NUMBERS, Printer, common_options, connected, fly_goal
+from jezero.cli.flight import NUMBERS, Printer, connected, flight_options, fly_goal
+from jezero.cli.plan import send_goal
 from jezero.plugins import PluginError, action_names, find_action
 from jezero.schemas.actions import Goal
 from jezero.schemas.topics import ACTIONS, Action
@@ -42,20 +43,21 @@ def list_actions(as_json: bool) -> None:
 @action.command(context_settings=NUMBERS)
 @click.argument("name")
 @click.argument("fields", nargs=-1, metavar="[KEY=VALUE]...")
-@common_options
-def send(name: str, fields: tuple[str, ...], vehicle: str, router: str, as_json: bool) -> None:
+@flight_options
+def send(name: str, fields: tuple[str, ...], yes: bool, vehicle: str, router: str, as_json: bool) -> None:
     """Send a goal to the action NAME and follow it to its end.
 
     A VALUE is JSON where it parses, and text otherwise: `jezero action send go_to target_ned_m=[0,0,-4]`.
     """
     printer = Printer(as_json)
-    goal = _goal_fields(name, fields)
+    given = _goal_fields(name, fields)
+    found = find_action(name)
+    try:
+        goal = msgspec.convert(given, found.goal_type)
+    except msgspec.ValidationError as error:
+        raise click.UsageError(f"{name}: {error}. `jezero info actions {name}` shows the fields") from None
     with connected(vehicle, router, printer) as uav:
-        try:
-            sent = uav.send(name, **goal)
-        except ValueError as error:
-            raise click.UsageError(f"{error}. `jezero action list` shows the fields") from None
-        fly_goal(printer, sent, name)
+        fly_goal(printer, send_goal(printer, uav, found, goal, yes=yes), name)
 
 
 def _goal_fields(name: str, words: tuple[str, ...]) -> dict[str, Any]:

@@ -20,12 +20,9 @@ def camera() -> None:
 @common_options
 def snap(file: Path, timeout_s: float, vehicle: str, router: str, as_json: bool) -> None:
     """Save the next image of the camera as FILE, a PNG."""
-    from jezero.cli.png import png_of
-
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
-        frame = uav.picture(timeout_s)
-        file.write_bytes(png_of(frame.width_px, frame.height_px, frame.pixels))
+        frame = uav.camera.snap(file, timeout_s)
         text = f"wrote {file}: {frame.width_px} x {frame.height_px} pixels, taken at {frame.t_ns / 1e9:.3f} s"
         printer.event("result", text, outcome="succeeded", file=str(file), t_ns=frame.t_ns)
 
@@ -43,7 +40,7 @@ def orthophoto(file: Path, middle: tuple[float, float], side_m: float, resolutio
 
     No running stack is needed. The vehicle starts at 0 0. Vehicle and rover are not in the image.
     """
-    from jezero.cli.png import png_of
+    from jezero.client.png import png_of
     from jezero.runtime.config import load_config
     from jezero.services.simulator.camera.orthophoto import make_orthophoto
     from jezero.services.simulator.camera.service import NoEglError

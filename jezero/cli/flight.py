@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, cast
 import click
 
 from jezero.cli.exit_codes import ABORTED, REFUSED, UNREACHABLE
+from jezero.cli.plan import minutes, send_goal
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -53,6 +54,12 @@ def common_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return click.option(
         "--vehicle", envvar="JEZERO_VEHICLE", default="uav1", show_default=True, help="Vehicle's name."
     )(command)
+
+
+def flight_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of every command that sends a goal."""
+    command = click.option("--yes", is_flag=True, help="Fly for more than a minute without a question.")(command)
+    return common_options(command)
 
 
 class Printer:
@@ -150,7 +157,9 @@ def _follow(printer: Printer, goal: "Goal[Any, Any]") -> None:
         if distance_m is not None:
             farthest_m = max(farthest_m, distance_m)
             done = 1.0 - distance_m / farthest_m if farthest_m > 0.0 else 1.0
-        printer.progress(_in_words(fields), done, goal_id=goal.goal_id, **fields)
+        rest_s = goal.remaining_s
+        rest = "" if rest_s is None else f", {minutes(rest_s)} to go"
+        printer.progress(_in_words(fields) + rest, done, goal_id=goal.goal_id, remaining_s=rest_s, **fields)
 
 
 def _in_words(feedback: dict[str, Any]) -> str:
@@ -176,12 +185,16 @@ def _point(pos_ned_m: Any) -> str:
 
 @click.command(context_settings=NUMBERS)
 @click.argument("altitude_m", metavar="[ALTITUDE]", type=FINITE, default=2.0)
-@common_options
-def takeoff(altitude_m: float, vehicle: str, router: str, as_json: bool) -> None:
+@flight_options
+def takeoff(altitude_m: float, yes: bool, vehicle: str, router: str, as_json: bool) -> None:
     """Take off to ALTITUDE metres above the take-off point (2 by default; positive is up)."""
+    from jezero.schemas.actions import TakeoffGoal
+    from jezero.schemas.topics import TAKEOFF
+
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
-        fly_goal(printer, uav.takeoff(altitude_m=altitude_m), "takeoff")
+        goal = send_goal(printer, uav, TAKEOFF, TakeoffGoal(altitude_m=altitude_m), yes=yes)
+        fly_goal(printer, goal, "takeoff")
 
 
 @click.command(context_settings=NUMBERS)
@@ -192,7 +205,7 @@ def takeoff(altitude_m: float, vehicle: str, router: str, as_json: bool) -> None
 @click.argument("do_takeoff", metavar="[TAKEOFF]", type=bool, default=False)
 @click.option("--speed", "speed_mps", type=FINITE, help="Metres per second along the path.")
 @click.option("--yaw", "yaw_deg", type=FINITE, help="Heading in degrees: 0 is north, 90 is east.")
-@common_options
+@flight_options
 def target(
     x: float,
     y: float,
@@ -201,6 +214,7 @@ def target(
     do_takeoff: bool,
     speed_mps: float | None,
     yaw_deg: float | None,
+    yes: bool,
     vehicle: str,
     router: str,
     as_json: bool,
@@ -210,14 +224,19 @@ def target(
     FRAME is world (default) or rover; TAKEOFF true takes off first: `jezero target 0 0 -4 world true`.
     """
     from jezero.frames import wrap_pi
+    from jezero.schemas.actions import GoToGoal
+    from jezero.schemas.topics import GO_TO
 
     printer = Printer(as_json)
-    yaw_rad = None if yaw_deg is None else wrap_pi(radians(yaw_deg))
+    goal = GoToGoal(
+        target_ned_m=(x, y, z),
+        frame=cast("Frame", frame),
+        do_takeoff=do_takeoff,
+        yaw_rad=None if yaw_deg is None else wrap_pi(radians(yaw_deg)),
+        speed_mps=speed_mps,
+    )
     with connected(vehicle, router, printer) as uav:
-        goal = uav.go_to(
-            x, y, z, frame=cast("Frame", frame), do_takeoff=do_takeoff, yaw_rad=yaw_rad, speed_mps=speed_mps
-        )
-        fly_goal(printer, goal, "target")
+        fly_goal(printer, send_goal(printer, uav, GO_TO, goal, yes=yes), "target")
 
 
 @click.command(name="land_on_spot", context_settings=NUMBERS)
@@ -231,12 +250,13 @@ def target(
     help="Rover's position, or the spot: metres north, east, down.",
 )
 @click.option("--frame", type=FRAMES, default="world", show_default=True, help="Frame of the spot.")
-@common_options
+@flight_options
 def land_on_spot(
     use_uwb: bool,
     use_tag: bool,
     spot: tuple[float, float, float] | None,
     frame: str,
+    yes: bool,
     vehicle: str,
     router: str,
     as_json: bool,
@@ -246,15 +266,18 @@ def land_on_spot(
     Without UWB the command needs the rover's approximate position, from --spot or a prompt. Without UWB and
     tags this is the spot on the ground on which the vehicle lands.
     """
+    from jezero.schemas.actions import LandOnSpotGoal
+    from jezero.schemas.topics import LAND_ON_SPOT
+
     printer = Printer(as_json)
     if not use_uwb and spot is None:
         spot = _prompt_for_spot(use_tag)
     if not use_uwb and spot is not None and not as_json:
         what = "Rover position" if use_tag else "Landing spot"
         click.echo(f"{what}: [{spot[0]:g}, {spot[1]:g}, {spot[2]:g}]")
+    goal = LandOnSpotGoal(landing_spot_ned_m=spot, frame=cast("Frame", frame), use_uwb=use_uwb, use_tag=use_tag)
     with connected(vehicle, router, printer) as uav:
-        goal = uav.land_on_spot(spot_ned_m=spot, frame=cast("Frame", frame), use_uwb=use_uwb, use_tag=use_tag)
-        fly_goal(printer, goal, "land_on_spot")
+        fly_goal(printer, send_goal(printer, uav, LAND_ON_SPOT, goal, yes=yes), "land_on_spot")
 
 
 def _prompt_for_spot(use_tag: bool) -> tuple[float, float, float]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jezero.cli.flight import Printer
+from jezero.cli.plan import minutes
 
 if TYPE_CHECKING:
     from jezero.client.dataset import Dataset
@@ -78,9 +79,10 @@ def _follow(printer: Printer, goal: "ImagesGoal", dataset: "Dataset") -> None:
         track.append(feedback.pos_uav_ned_m)
         dataset.note(track_ned_m=track, track_frame=feedback.frame)
         north_m, east_m, down_m = feedback.pos_uav_ned_m
-        text = f"{feedback.taken} of {feedback.planned} images, at ({north_m:.2f}, {east_m:.2f}, {down_m:.2f})"
+        rest = "" if goal.remaining_s is None else f", {minutes(goal.remaining_s)} to go"
+        text = f"{feedback.taken} of {feedback.planned} images, at ({north_m:.2f}, {east_m:.2f}, {down_m:.2f}){rest}"
         fields = {"pos_uav_ned_m": feedback.pos_uav_ned_m, "frame": feedback.frame}
-        counts = {"taken": feedback.taken, "planned": feedback.planned}
+        counts = {"taken": feedback.taken, "planned": feedback.planned, "remaining_s": goal.remaining_s}
         printer.progress(text, feedback.taken / max(feedback.planned, 1), goal_id=goal.goal_id, **fields, **counts)
 
     for picture in goal.pictures(on_feedback):

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 import msgspec
 
-from jezero.cli.flight import FINITE, FRAMES, NUMBERS, Printer, common_options, connected
+from jezero.cli.flight import FINITE, FRAMES, NUMBERS, Printer, connected, flight_options
 from jezero.cli.pictures import PNG_OR_JPG, default_folder, take_pictures
+from jezero.cli.plan import send_goal
 
 if TYPE_CHECKING:
     from jezero.client.dataset import Dataset, Kind
@@ -31,7 +32,7 @@ RESUME = "resume.json"
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder of the images [runs/<time>].")
 @click.option("--format", "kind", type=PNG_OR_JPG, default="jpg", show_default=True, help="Image format.")
 @click.option("--stream/--no-stream", default=True, show_default=True, help="Fetch images as taken, or at the end.")
-@common_options
+@flight_options
 def getimages(
     x: float,
     y: float,
@@ -44,6 +45,7 @@ def getimages(
     out: Path | None,
     kind: str,
     stream: bool,
+    yes: bool,
     vehicle: str,
     router: str,
     as_json: bool,
@@ -53,20 +55,22 @@ def getimages(
     Coordinates are metres north, east and down, so 4 m up is `-4`. FRAME is world (default) or rover, whose origin is
     the middle of its platform: `jezero getimages -2.0 0 -4 2 4 rover`.
     """
+    from jezero.schemas.actions import GetImagesGoal
+    from jezero.schemas.topics import GET_IMAGES
 
     printer = Printer(as_json)
     dataset = _new_dataset(out, kind)
+    goal = GetImagesGoal(
+        center_ned_m=(x, y, z),
+        radius_m=radius,
+        num_images=n,
+        frame=cast("Frame", frame),
+        target_z_ned_m=target_z,
+        speed_mps=speed_mps,
+        stream_images=stream,
+    )
     with connected(vehicle, router, printer) as uav:
-        goal = uav.get_images(
-            (x, y, z),
-            radius,
-            n,
-            frame=cast("Frame", frame),
-            target_z_ned_m=target_z,
-            speed_mps=speed_mps,
-            stream_images=stream,
-        )
-        take_pictures(printer, goal, "getimages", dataset)
+        take_pictures(printer, send_goal(printer, uav, GET_IMAGES, goal, yes=yes), "getimages", dataset)
 
 
 @click.command(context_settings=NUMBERS)
@@ -87,12 +91,13 @@ def getimages(
     "--out", type=click.Path(path_type=Path), help="Folder of the images [runs/<time>], or the plan's PNG file."
 )
 @click.option("--format", "kind", type=PNG_OR_JPG, default="jpg", show_default=True, help="Image format.")
-@common_options
+@flight_options
 def gridsweep(
     plan_only: bool,
     resume: Path | None,
     out: Path | None,
     kind: str,
+    yes: bool,
     vehicle: str,
     router: str,
     as_json: bool,
@@ -104,6 +109,8 @@ def gridsweep(
     metres, [north, east]; a CSV file has a line "north,east" for each corner, and an empty line before each hole.
     FRAME is world (default) or rover. --resume takes the missing images of a coverage that ended early.
     """
+    from jezero.schemas.topics import AREA_COVERAGE
+
     if plan_only:
         _show_plan(_goal(**given), out or DRAWING, as_json)
         return
@@ -117,7 +124,7 @@ def gridsweep(
             odometry = uav.status().odometry
             start_ned_m = None if odometry is None else odometry.pos_uav_ned_m[:2]
             goal = msgspec.structs.replace(goal, start_ned_m=start_ned_m)
-        images_goal = uav.resume_coverage(goal)
+        images_goal = send_goal(printer, uav, AREA_COVERAGE, goal, yes=yes)
         if resume is None:
             dataset.note(goal=goal)
         _write_resume_goal(dataset.folder, goal)

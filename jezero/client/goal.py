@@ -27,12 +27,14 @@ class Goal(Generic[F, R]):
         goal_id: the goal's id; `Vehicle.result_of` takes it.
         warning: which part of the goal will not be flown as requested, or "".
         code: status code of the vehicle in the last feedback; None before.
+        remaining_s: planned time to the goal's end in the last feedback; None before, and where it is unknown.
     """
 
     def __init__(self, connection: Connection, action: Action[Any], goal: GoalPayload, timeout_s: float) -> None:
         self.goal_id = goal.goal_id
         self.warning = ""
         self.code: int | None = None
+        self.remaining_s: float | None = None
         self._connection = connection
         self._action = action
         self._endpoint = action.endpoint
@@ -49,10 +51,24 @@ class Goal(Generic[F, R]):
 
     def feedback(self) -> Iterator[F]:
         """Yield the goal's feedback until it ends; then call `result()`."""
+        while (feedback := self.next_feedback()) is not None:
+            yield feedback
+
+    def next_feedback(self, timeout_s: float | None = None) -> F | None:
+        """The next feedback; None once the goal has ended.
+
+        Args:
+            timeout_s: longest wait; None waits until one comes.
+
+        Raises:
+            TimedOut: no feedback came in time; the goal continues.
+        """
+        deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
         while self._result is None and self._failure is None:
-            feedback = self._next(None)
+            feedback = self._next(deadline_s)
             if feedback is not None:
-                yield feedback
+                return feedback
+        return None
 
     def result(self, timeout_s: float | None = None) -> R:
         """Wait for the goal's end.
@@ -133,7 +149,7 @@ class Goal(Generic[F, R]):
         reply = self._decode(data)
         if isinstance(reply, Feedback):
             self._connection.set_vehicle_time(reply.t_ns)
-            self.code = reply.code
+            self.code, self.remaining_s = reply.code, reply.remaining_s
             return cast(F, reply.feedback)
         if isinstance(reply, Result):
             self._connection.set_vehicle_time(reply.t_ns)
@@ -158,16 +174,16 @@ class Goal(Generic[F, R]):
             elif not link_was_lost and denials > 1:
                 died = f"the {self._action.name} server died or lost its router"
                 self._failure = Unreachable(f"{died}; the vehicle hovers (`jezero ps`, uav.status())")
-            elif time.monotonic() > give_up_s:
+            elif self._connection.closed or time.monotonic() > give_up_s:
                 self._failure = Unreachable(self._lost(connected))
             if self._result is None and self._failure is None:
                 time.sleep(POLL_S)
 
     def _lost(self, connected: bool) -> str:
-        """Error text for a goal after the connection was lost, or lost and restored."""
+        """Error text for a goal after the connection was closed, lost, or lost and restored."""
         if connected:
             return f"the connection was lost, and no action server knows goal {self.goal_id}: its server died too"
-        return f"the connection to the router {self._connection.router} is lost; goal {self.goal_id} may still run"
+        return f"{self._connection.loss_reason()}; goal {self.goal_id} may still run"
 
 
 def request_result(connection: Connection, goal_id: str) -> ResultReply | None:

@@ -1,13 +1,18 @@
-"""The rover. It follows a command for half a second only, so a drive repeats its command until its end."""
+"""The rover. It follows a command for half a second only, so a drive repeats its command until its end.
+
+`drive` and `follow` block until the drive is over; `driving` drives in a thread of its own meanwhile.
+"""
 
 import csv
 import math
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from jezero.client.errors import TimedOut, Unreachable
+from jezero.client.errors import JezeroError, TimedOut, Unreachable
 from jezero.client.session import Arrivals, Connection, decode
 from jezero.schemas.commands import RoverCommand
 from jezero.schemas.state import Clock
@@ -37,13 +42,18 @@ class Leg(NamedTuple):
 
 
 class Rover:
-    """The rover of one vehicle, the attribute `Vehicle.rover`."""
+    """The rover of one vehicle, the attribute `Vehicle.rover`.
+
+    Any thread may use it, and several may share it; the rover follows the newest command of all.
+    """
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
 
     def drive(self, speed_mps: float, yaw_rate_rps: float = 0.0, *, for_s: float | None = None) -> None:
-        """Drive, then stop the rover, also after an exception such as Ctrl+C.
+        """Drive, then stop the rover, also after an exception such as Ctrl+C. Blocks until the rover has stopped.
+
+        `driving` doesn't block.
 
         Args:
             speed_mps: forward speed, -2 to 2, negative backwards.
@@ -52,9 +62,48 @@ class Rover:
 
         Raises:
             ValueError: a number is outside its range.
-            Unreachable: no vehicle time is published.
+            Unreachable: no vehicle time is published, or the connection was closed.
         """
         self.follow([Leg(math.inf if for_s is None else for_s, speed_mps, yaw_rate_rps)])
+
+    @contextmanager
+    def driving(self, speed_mps: float, yaw_rate_rps: float = 0.0) -> Iterator[None]:
+        """Drive during a `with` block, in a thread of its own, and stop the rover at the end of the block.
+
+        ```python
+        with uav.rover.driving(0.5):
+            uav.land_on_spot().result()
+        ```
+
+        Args:
+            speed_mps: forward speed, -2 to 2, negative backwards.
+            yaw_rate_rps: yaw rate, -1 to 1, positive clockwise as seen from above.
+
+        Raises:
+            ValueError: a number is outside its range.
+            Unreachable: at the end of the block: the drive had ended earlier, because no vehicle time was published.
+        """
+        leg = Leg(math.inf, speed_mps, yaw_rate_rps)
+        if problem := leg_problem(leg):
+            raise ValueError(problem)
+        over = threading.Event()
+        failures: list[JezeroError] = []
+
+        def drive() -> None:
+            try:
+                self._drive([leg], lambda number, leg: None, over)
+            except JezeroError as error:
+                failures.append(error)
+
+        thread = threading.Thread(target=drive, name="jezero rover", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
+        if failures:
+            raise failures[0]
 
     def stop(self) -> None:
         """Stop the rover.
@@ -66,7 +115,7 @@ class Rover:
             self._stop(clock)
 
     def follow(self, legs: Sequence[Leg], on_leg: Callable[[int, Leg], None] = lambda number, leg: None) -> None:
-        """Drive legs one after the other, then stop.
+        """Drive legs one after the other, then stop. Blocks until the rover has stopped.
 
         Args:
             legs: the legs.
@@ -74,24 +123,31 @@ class Rover:
 
         Raises:
             ValueError: a number of a leg is outside its range.
-            Unreachable: no vehicle time is published.
+            Unreachable: no vehicle time is published, or the connection was closed.
         """
         for number, leg in enumerate(legs, start=1):
             if problem := leg_problem(leg):
                 raise ValueError(f"leg {number}: {problem}")
+        self._drive(legs, on_leg, threading.Event())
+
+    def _drive(self, legs: Sequence[Leg], on_leg: Callable[[int, Leg], None], over: threading.Event) -> None:
+        """Drive legs until they or `over` end it, then stop."""
         with _Clock(self._connection) as clock:
             try:
-                self._follow(legs, clock, on_leg)
+                self._follow(legs, clock, on_leg, over)
             finally:
-                self._stop(clock)
+                if not self._connection.closed:
+                    self._stop(clock)
 
-    def _follow(self, legs: Sequence[Leg], clock: "_Clock", on_leg: Callable[[int, Leg], None]) -> None:
+    def _follow(
+        self, legs: Sequence[Leg], clock: "_Clock", on_leg: Callable[[int, Leg], None], over: threading.Event
+    ) -> None:
         t_ns = next(clock)
         end_ns: float = t_ns
         for number, leg in enumerate(legs, start=1):
             on_leg(number, leg)
             end_ns += leg.duration_s * NS_PER_S
-            while t_ns < end_ns:
+            while t_ns < end_ns and not over.is_set():
                 self._command(t_ns, leg.speed_mps, leg.yaw_rate_rps)
                 t_ns = next(clock)
 
@@ -124,8 +180,8 @@ class _Clock(Iterator[int]):
         except TimedOut:
             data = None
         if data is None:
-            vehicle = self._connection.vehicle
-            raise Unreachable(f"no clock of {vehicle} for {CLOCK_TIMEOUT_S:g} s: is the stack up? (`jezero up`)")
+            silent = f"no clock of {self._connection.vehicle} for {CLOCK_TIMEOUT_S:g} s: is the stack up? (`jezero up`)"
+            raise Unreachable(self._connection.loss_reason() or silent)
         clock: Clock = decode(Clock, data)
         return clock.t_ns
 

@@ -29,16 +29,20 @@ VEHICLE_TIME_AGE_MAX_S = 1.0
 
 
 class Arrivals:
-    """Queue of messages from Zenoh's threads to the caller's; beyond `ARRIVALS_MAX` the oldest are dropped.
+    """Queue of messages from Zenoh's threads to the caller's.
+
+    Args:
+        limit: number of messages beyond which the oldest are dropped.
 
     Attributes:
         ended: whether no more messages will come.
         error: the last error reply, e.g. "Timeout".
     """
 
-    def __init__(self) -> None:
+    def __init__(self, limit: int = ARRIVALS_MAX) -> None:
         self.ended = False
         self.error = ""
+        self._limit = limit
         self._items: SimpleQueue[bytes | None] = SimpleQueue()
         """The messages in order; None marks the end."""
         self._taken_all = False
@@ -80,7 +84,7 @@ class Arrivals:
     def _put(self, item: bytes | None) -> None:
         items = self._items
         items.put(item)
-        if items.qsize() > ARRIVALS_MAX:
+        if items.qsize() > self._limit:
             with suppress(Empty):  # the caller's thread has just taken it
                 items.get_nowait()
 
@@ -92,6 +96,9 @@ class Connection:
         vehicle: name of the vehicle.
         router: Zenoh endpoint of the router.
         timeout_s: longest wait for the router.
+
+    Attributes:
+        closed: whether `close` was called: an end of messages is then no fault of router or stack.
 
     Raises:
         Unreachable: no router replies in time.
@@ -105,6 +112,9 @@ class Connection:
         self._close = weakref.finalize(self, _close, self._session)
         """Also closes the session at the exit of a program that forgot to: later, Zenoh's threads may wait for the
         finished interpreter, and the program would wait for them."""
+        self._kept: list[Callable[[], None]] = []
+        """Keeps the subscribers of `subscribe_with` declared."""
+        self.closed = False
         self._vehicle_time: tuple[int, float] | None = None
         self._token = self._session.liveliness().declare_token(liveliness_key(vehicle, "client", self.client_id))
 
@@ -124,8 +134,15 @@ class Connection:
         return self._vehicle_time[0]
 
     def close(self) -> None:
-        """Close the session, which ends open queries. May be called twice."""
+        """Close the session, which ends open queries and subscriptions. May be called twice, and from any thread."""
+        self.closed = True
         self._close()
+
+    def loss_reason(self) -> str:
+        """Reason why nothing can come any more, or "" while a router is connected."""
+        if self.closed:
+            return f"the connection to {self.vehicle} was closed"
+        return "" if self.connected else f"the connection to the router {self.router} is lost"
 
     def stream(self, name: str, payload: bytes, timeout_s: float) -> Arrivals:
         """Send a query; its replies arrive in the returned queue.
@@ -146,7 +163,7 @@ class Connection:
                 attachment=self.client_id.encode(),
             )
         except zenoh.ZError as error:
-            raise Unreachable(f"can't request {name} of {self.vehicle}: {error}") from None
+            raise Unreachable(self.loss_reason() or f"can't request {name} of {self.vehicle}: {error}") from None
         return arrivals
 
     def request(self, endpoint: Endpoint[Any, Any], payload: Payload, timeout_s: float) -> Any:
@@ -181,13 +198,50 @@ class Connection:
             raise TimedOut(f"{name} of {self.vehicle} did not reply within {timeout_s:g} s")
         return data
 
-    def subscribe(self, topic: Topic[Any]) -> tuple[Arrivals, Callable[[], None]]:
-        """Subscribe to a topic; returns the queue of its messages and a function that ends the subscription."""
-        arrivals = Arrivals()
-        subscriber = self._session.declare_subscriber(
-            key(self.vehicle, topic.name), zenoh.handlers.Callback(arrivals.on_sample, arrivals.on_end, indirect=False)
-        )
-        return arrivals, subscriber.undeclare
+    def subscribe(self, topic: Topic[Any], limit: int = ARRIVALS_MAX) -> tuple[Arrivals, Callable[[], None]]:
+        """Subscribe to a topic.
+
+        Args:
+            limit: number of messages that wait for a slow reader.
+
+        Returns:
+            The queue of the topic's messages, and a function that ends the subscription.
+
+        Raises:
+            Unreachable: the session is closed.
+        """
+        arrivals = Arrivals(limit)
+        return arrivals, self._declare(topic, arrivals.on_sample, arrivals.on_end)
+
+    def subscribe_with(self, topic: Topic[Any], on_data: Callable[[bytes], None], on_end: Callable[[], None]) -> None:
+        """Call functions with each message of a topic and at the end of the connection, in Zenoh's thread.
+
+        Raises:
+            Unreachable: the session is closed.
+        """
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.PUT:
+                on_data(data_of(sample))
+
+        self._kept.append(self._declare(topic, on_sample, on_end))
+
+    def _declare(
+        self, topic: Topic[Any], on_sample: Callable[[zenoh.Sample], None], on_end: Callable[[], None]
+    ) -> Callable[[], None]:
+        """Declare a subscriber; returns the function that undeclares it."""
+        try:
+            subscriber = self._session.declare_subscriber(
+                key(self.vehicle, topic.name), zenoh.handlers.Callback(on_sample, on_end, indirect=False)
+            )
+        except zenoh.ZError as error:
+            raise Unreachable(self.loss_reason() or f"can't subscribe to {topic.name}: {error}") from None
+
+        def undeclare() -> None:
+            with suppress(zenoh.ZError):  # the session was closed, and the subscriber with it
+                subscriber.undeclare()  # type: ignore[no-untyped-call]
+
+        return undeclare
 
     def publish(self, topic: Topic[Any], message: Message) -> None:
         """Publish one message.
@@ -199,11 +253,11 @@ class Connection:
         try:
             self._session.put(name, encode(message), encoding=zenoh.Encoding.APPLICATION_JSON)
         except zenoh.ZError as error:
-            raise Unreachable(f"can't publish {topic.name} of {self.vehicle}: {error}") from None
+            raise Unreachable(self.loss_reason() or f"can't publish {topic.name}: {error}") from None
 
     def _raise_unreachable(self, name: str) -> NoReturn:
-        if not self.connected:
-            raise Unreachable(f"the connection to the router {self.router} is lost")
+        if reason := self.loss_reason():
+            raise Unreachable(reason)
         raise Unreachable(f"no server replies on {name} of {self.vehicle}: is the stack up? (`jezero up`, `jezero ps`)")
 
 

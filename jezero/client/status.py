@@ -43,7 +43,8 @@ def watch_status(connection: Connection) -> Iterator[Status]:
             except TimedOut:
                 data = None
             if data is None:
-                raise Unreachable(f"no status of {connection.vehicle} for {STATUS_TIMEOUT_S:g} s")
+                silent = f"no status of {connection.vehicle} for {STATUS_TIMEOUT_S:g} s"
+                raise Unreachable(connection.loss_reason() or silent)
             newer: Status = decode(Status, data)
             if newer != status:
                 status = newer
@@ -57,6 +58,7 @@ def wait_ready(connection: Connection, timeout_s: float) -> Status:
 
     Raises:
         TimedOut: it is not ready in time; the text is the reason.
+        Unreachable: the connection was closed.
     """
     deadline_s = time.monotonic() + timeout_s
     reason = "no status is published"
@@ -69,6 +71,8 @@ def wait_ready(connection: Connection, timeout_s: float) -> Status:
                 if time.monotonic() > deadline_s:
                     break
         except (Unreachable, TimedOut) as error:
+            if connection.closed:
+                raise
             reason = str(error)
             time.sleep(min(0.1, max(deadline_s - time.monotonic(), 0.0)))
         if time.monotonic() > deadline_s:

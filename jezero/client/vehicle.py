@@ -1,24 +1,26 @@
 """The vehicle: methods that send goals and requests, with units in the names of their arguments."""
 
-from collections.abc import Iterator
+import os
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from itertools import count
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, TypeVar, overload
 
 import msgspec
 
 from jezero.client.any_action import action_named, goal_of
-from jezero.client.camera import next_frame
+from jezero.client.camera import Camera
 from jezero.client.errors import Refused, TimedOut, Unreachable
 from jezero.client.goal import Goal, request_result
 from jezero.client.images import ImagesGoal
 from jezero.client.rover import Rover
 from jezero.client.session import Connection
 from jezero.client.status import REPLY_TIMEOUT_S, request_status, wait_ready, watch_status
+from jezero.client.subscription import LatestValues, Subscription, call_for_each, topic_named
 from jezero.schemas import topics
 from jezero.schemas.actions import (
     AreaCoverageGoal,
-    Corners,
     Frame,
     GetImagesGoal,
     GoToGoal,
@@ -27,6 +29,7 @@ from jezero.schemas.actions import (
     LandResult,
     MoveFeedback,
     MoveResult,
+    PlanReply,
     ResultReply,
     TakeoffGoal,
 )
@@ -34,12 +37,15 @@ from jezero.schemas.actions import (
     Goal as GoalPayload,
 )
 from jezero.schemas.commands import Abort, AbortReply, Hover, HoverReply, Kill, KillReply
-from jezero.schemas.sensors import CameraFrame
-from jezero.schemas.state import Status, StatusCode
-from jezero.schemas.topics import Action
+from jezero.schemas.estimate import Relative
+from jezero.schemas.state import Battery, Odometry, Status, StatusCode
+from jezero.schemas.struct import Message
+from jezero.schemas.topics import Action, Topic
 
-DEFAULT_ROUTER = "tcp/127.0.0.1:7447"
+DEFAULT_VEHICLE, DEFAULT_ROUTER = "uav1", "tcp/127.0.0.1:7447"
+M = TypeVar("M", bound=Message)
 Point = tuple[float, float, float]
+Corners = Sequence[tuple[float, float]]
 OnClientLoss = Literal["continue", "cancel"]
 PLAN_TIMEOUT_S = 30.0
 """Longest wait for the acceptance of a goal whose path is planned first."""
@@ -58,6 +64,10 @@ class Vehicle:
     start the goal now, `Unreachable` if no action server replies, `TimedOut` if the reply is missing, and `ValueError`
     if a number is NaN or infinite. With `on_client_loss="cancel"` the goal ends when this client disappears.
 
+    Threads may share a vehicle: each method may be called from any of them at any time, also `close`, which ends the
+    waits of all others with `Unreachable`. A goal and a subscription are for one thread each. `jezero.aio` has the same
+    client for asyncio.
+
     ```python
     with Vehicle.connect("uav1") as uav:
         uav.takeoff(altitude_m=2.0).result()
@@ -70,25 +80,31 @@ class Vehicle:
 
     Attributes:
         rover: the rover, with methods that drive it.
+        camera: the camera, with methods that return or save its images.
     """
 
     def __init__(self, connection: Connection) -> None:
         self.rover = Rover(connection)
+        self.camera = Camera(connection)
         self._connection = connection
-        self._goals_sent = 0
+        self._latest = LatestValues(connection)
+        self._goal_numbers = count(1)
 
     @classmethod
-    def connect(cls, vehicle: str = "uav1", *, router: str = DEFAULT_ROUTER, timeout_s: float = 3.0) -> Self:
+    def connect(cls, vehicle: str | None = None, *, router: str | None = None, timeout_s: float = 3.0) -> Self:
         """Connect to a vehicle. Close the connection afterwards, or use it in a `with` statement.
 
         Args:
-            vehicle: name of the vehicle.
-            router: Zenoh endpoint of the vehicle's router.
+            vehicle: name of the vehicle; None takes it from the environment variable JEZERO_VEHICLE, else `uav1`.
+            router: Zenoh endpoint of the vehicle's router; None takes it from JEZERO_ROUTER, else
+                `tcp/127.0.0.1:7447`.
             timeout_s: longest wait for the router.
 
         Raises:
             Unreachable: no router replies within `timeout_s`.
         """
+        vehicle = vehicle or os.environ.get("JEZERO_VEHICLE") or DEFAULT_VEHICLE
+        router = router or os.environ.get("JEZERO_ROUTER") or DEFAULT_ROUTER
         return cls(Connection(vehicle, router, timeout_s))
 
     def close(self) -> None:
@@ -206,14 +222,14 @@ class Vehicle:
             speed_mps=speed_mps,
             stream_images=stream_images,
         )
-        return ImagesGoal(self._connection, topics.GET_IMAGES, goal, REPLY_TIMEOUT_S)
+        return ImagesGoal(self._connection, topics.GET_IMAGES, goal, PLAN_TIMEOUT_S)
 
     def area_coverage(
         self,
         polygon_ned_m: Corners,
         z_ned_m: float,
         *,
-        holes_ned_m: tuple[Corners, ...] = (),
+        holes_ned_m: Sequence[Corners] = (),
         resolution_m: float | None = None,
         overlap: float | None = None,
         sidelap: float | None = None,
@@ -239,8 +255,8 @@ class Vehicle:
         """
         goal = AreaCoverageGoal(
             **self._common(on_client_loss),
-            polygon_ned_m=polygon_ned_m,
-            holes_ned_m=holes_ned_m,
+            polygon_ned_m=tuple(polygon_ned_m),
+            holes_ned_m=tuple(tuple(hole) for hole in holes_ned_m),
             z_ned_m=z_ned_m,
             resolution_m=resolution_m,
             overlap=overlap,
@@ -270,9 +286,32 @@ class Vehicle:
         Raises:
             ValueError: there is no such action, or the goal doesn't fit its type; the message names the field.
         """
-        row = action_named(action)
-        on_client_loss = fields.get("on_client_loss", "continue") if goal is None else goal.on_client_loss
-        return self._send(row, goal_of(row, goal, fields, self._common(on_client_loss)))
+        row, made = self._goal(action, goal, fields)
+        return self._send(row, made)
+
+    def plan(self, action: str | Action[Any], goal: GoalPayload | None = None, **fields: Any) -> PlanReply:
+        """How long a goal would fly, how far, and how much battery it would use; it is not flown.
+
+        ```python
+        plan = uav.plan("get_images", center_ned_m=(0.0, 0.0, -10.0), radius_m=50.0, num_images=12)
+        print(plan.duration_s, plan.distance_m, plan.battery_used)
+        ```
+
+        Args:
+            action: as in `send`.
+            goal: as in `send`.
+
+        Raises:
+            Refused: the vehicle would refuse the goal now.
+            ValueError: there is no such action, or the goal doesn't fit its type; the message names the field.
+            Unreachable: no action server replies.
+            TimedOut: the reply is missing.
+        """
+        row, made = self._goal(action, goal, fields)
+        reply: PlanReply = self._connection.request(row.plan, made, PLAN_TIMEOUT_S)
+        if not reply.accepted:
+            raise Refused(reply.reason, reply.code)
+        return reply
 
     # -- requests: each raises Unreachable or TimedOut without a reply --
 
@@ -336,13 +375,74 @@ class Vehicle:
         """
         return wait_ready(self._connection, timeout_s)
 
-    def picture(self, timeout_s: float = 3.0) -> CameraFrame:
-        """The next image of the camera.
+    def odometry(self, timeout_s: float = 1.0) -> Odometry:
+        """The newest position, velocity and attitude; raises the errors of `latest`."""
+        return self.latest(topics.ODOMETRY, timeout_s)
+
+    def relative(self, timeout_s: float = 1.0) -> Relative:
+        """The newest estimate of the vehicle's state relative to the rover; raises the errors of `latest`.
+
+        Use it only if its field `valid` is true; `reason` says why it isn't.
+        """
+        return self.latest(topics.RELATIVE, timeout_s)
+
+    def battery(self, timeout_s: float = 1.0) -> Battery | None:
+        """The newest state of the battery, None when it isn't measured; raises the errors of `latest`."""
+        return self.latest(topics.STATUS, timeout_s).battery
+
+    @overload
+    def latest(self, topic: Topic[M], timeout_s: float = 1.0) -> M: ...
+
+    @overload
+    def latest(self, topic: str, timeout_s: float = 1.0) -> Any: ...
+
+    def latest(self, topic: str | Topic[Any], timeout_s: float = 1.0) -> Any:
+        """The newest message of any topic, at most a second old: `uav.latest(topics.IMU)`, `uav.latest("sensor/imu")`.
+
+        The first call subscribes and waits for a message; later ones return at once.
+
+        Args:
+            topic: name or row of the topic table, `jezero.schemas.topics`.
+            timeout_s: longest wait.
 
         Raises:
-            Unreachable: no image comes within `timeout_s`.
+            TimedOut: no message came in time.
+            Unreachable: the connection was closed.
+            ValueError: there is no such topic.
         """
-        return next_frame(self._connection, timeout_s)
+        return self._latest.get(topic_named(topic), timeout_s)
+
+    @overload
+    def subscribe(self, topic: Topic[M], callback: Callable[[M], object] | None = None) -> Subscription[M]: ...
+
+    @overload
+    def subscribe(self, topic: str, callback: Callable[[Any], object] | None = None) -> Subscription[Any]: ...
+
+    def subscribe(self, topic: str | Topic[Any], callback: Callable[[Any], object] | None = None) -> Subscription[Any]:
+        """Subscribe to a topic: its messages, to iterate over; or a function that is called with each.
+
+        ```python
+        with uav.subscribe(topics.ODOMETRY) as stream:
+            for odometry in stream:
+                ...
+
+        subscription = uav.subscribe(topics.UWB, print)
+        subscription.close()
+        ```
+
+        Args:
+            topic: name or row of the topic table, `jezero.schemas.topics`.
+            callback: function of one message. It is called in a thread of its own until the subscription is closed.
+                When it raises, the traceback is printed and the subscription ends.
+
+        Raises:
+            ValueError: there is no such topic.
+            Unreachable: the connection was closed.
+        """
+        subscription: Subscription[Any] = Subscription(self._connection, topic_named(topic))
+        if callback is not None:
+            call_for_each(subscription, callback)
+        return subscription
 
     def result_of(self, goal_id: str) -> ResultReply | None:
         """State or result of any goal, also of another client's; None if no action server knows it."""
@@ -375,7 +475,17 @@ class Vehicle:
         spot_ned_m = None if status.odometry is None else status.odometry.pos_uav_ned_m
         self.land_on_spot(spot_ned_m, use_uwb=False, use_tag=False).result()
 
+    def _goal(
+        self, action: str | Action[Any], goal: GoalPayload | None, fields: dict[str, Any]
+    ) -> tuple[Action[Any], GoalPayload]:
+        """The action and a goal of it with a new id."""
+        row = action_named(action)
+        on_client_loss = fields.get("on_client_loss", "continue") if goal is None else goal.on_client_loss
+        return row, goal_of(row, goal, fields, self._common(on_client_loss))
+
     def _send(self, action: Action[Any], goal: GoalPayload) -> Goal[Any, Any]:
+        if action.takes_pictures:
+            return ImagesGoal(self._connection, action, goal, PLAN_TIMEOUT_S)
         return Goal(self._connection, action, goal, REPLY_TIMEOUT_S)
 
     def _common(self, on_client_loss: OnClientLoss) -> dict[str, Any]:
@@ -383,13 +493,12 @@ class Vehicle:
 
         The status is requested for that time only if no status, feedback or result has arrived within a second.
         """
-        self._goals_sent += 1
         issued_t_ns = self._connection.vehicle_time_ns()
         if issued_t_ns is None:
             with suppress(Unreachable, TimedOut):
                 issued_t_ns = self.status().t_ns
         return {
-            "goal_id": f"{self._connection.client_id}-{self._goals_sent}",
+            "goal_id": f"{self._connection.client_id}-{next(self._goal_numbers)}",
             "issued_t_ns": issued_t_ns,
             "on_client_loss": on_client_loss,
         }

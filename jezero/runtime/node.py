@@ -236,7 +236,8 @@ class Node:
             try:
                 payload = decode(call.endpoint.reply_type, data)
             except BadPayloadError as bad:
-                error = f"reply not understood: {bad}"
+                endpoint = call.endpoint
+                error = f"{endpoint.server} sent a wrong reply on {endpoint.name}: {bad}"
         self.inbox.responses.append(Response(call.tag, payload, error))
         return True
 

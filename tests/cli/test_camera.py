@@ -9,8 +9,8 @@ from click.testing import CliRunner
 
 from jezero.cli.camera import camera
 from jezero.cli.exit_codes import UNREACHABLE
-from jezero.cli.png import png_of
 from jezero.client import JezeroError
+from jezero.client.png import png_of
 from jezero.client.session import decode
 from jezero.codec import encode
 from jezero.schemas.sensors import CameraFrame

@@ -15,8 +15,9 @@ from jezero.cli.main import main
 from jezero.cli.polygon_file import PolygonFileError, read_polygon
 from jezero.client.errors import Aborted
 from jezero.client.images import Picture
-from jezero.schemas.actions import AreaCoverageGoal, CoverageResult, ImagesFeedback
+from jezero.schemas.actions import AreaCoverageGoal, CoverageResult, ImagesFeedback, PlanReply
 from jezero.schemas.images import LISTING
+from jezero.schemas.topics import Action
 from tests.client.test_dataset import picture
 
 SQUARE = {"type": "Polygon", "coordinates": [[[0, 0], [4, 0], [4, 4], [0, 4], [0, 0]]]}
@@ -111,7 +112,7 @@ def test_a_csv_file_has_an_empty_line_before_each_hole(tmp_path: Path) -> None:
 class FakeGoal:
     """A coverage that gives its pictures and ends as told."""
 
-    goal_id, warning = "g", ""
+    goal_id, warning, remaining_s = "g", "", 42.0
 
     def __init__(self, pictures: list[Picture], result: CoverageResult, outcome: str) -> None:
         self._pictures, self._result, self._outcome = pictures, result, outcome
@@ -140,7 +141,10 @@ class FakeVehicle:
     def status(self) -> Any:
         return SimpleNamespace(odometry=SimpleNamespace(pos_uav_ned_m=(1.5, 2.5, -3.0)))
 
-    def resume_coverage(self, goal: AreaCoverageGoal) -> FakeGoal:
+    def plan(self, action: Action[Any], goal: AreaCoverageGoal) -> PlanReply:
+        return PlanReply(accepted=True, duration_s=42.0)
+
+    def send(self, action: Action[Any], goal: AreaCoverageGoal) -> FakeGoal:
         self.goals.append(goal)
         first = goal.first_picture
         pictures = [picture(index) for index in range(first, first + 2)]

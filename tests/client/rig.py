@@ -16,7 +16,7 @@ from jezero import Vehicle
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Feedback, MoveFeedback, MoveResult, Result
 from jezero.schemas.state import Odometry, Status, StatusCode
-from jezero.schemas.struct import Payload
+from jezero.schemas.struct import Message, Payload
 from jezero.zenoh_client import client_config
 
 POINT = (0.0, 0.0, -2.0)
@@ -99,7 +99,10 @@ class Server:
         query.reply(query.key_expr, msgspec.json.encode(reply), encoding=zenoh.Encoding.APPLICATION_JSON)
 
     def publish_status(self, status: Status) -> None:
-        self.session.put(topics.key("v", "status"), msgspec.json.encode(status))
+        self.publish(topics.STATUS, status)
+
+    def publish(self, topic: topics.Topic[Any], message: Message) -> None:
+        self.session.put(topics.key("v", topic.name), msgspec.json.encode(message))
 
     def close(self) -> None:
         self.open.clear()
@@ -132,7 +135,9 @@ def wait_until_served(session: zenoh.Session, key: str) -> None:
 
 
 @contextmanager
-def published(server: Server, make: Callable[[int], Status]) -> Iterator[None]:
+def published(
+    server: Server, make: Callable[[int], Message], topic: topics.Topic[Any] = topics.STATUS
+) -> Iterator[None]:
     """Publish `make(t_ns)` every 20 ms, with growing times."""
     stop = threading.Event()
 
@@ -140,7 +145,7 @@ def published(server: Server, make: Callable[[int], Status]) -> Iterator[None]:
         t_ns = 100
         while not stop.wait(0.02):
             t_ns += 1
-            server.publish_status(make(t_ns))
+            server.publish(topic, make(t_ns))
 
     publisher = threading.Thread(target=publish)
     publisher.start()

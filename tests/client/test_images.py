@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from jezero import Aborted, JezeroError, Vehicle
 from jezero.cli.main import main
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, Feedback, GetImagesGoal, ImagesFeedback, ImagesResult, Result
+from jezero.schemas.actions import Accepted, Feedback, GetImagesGoal, ImagesFeedback, ImagesResult, PlanReply, Result
 from jezero.schemas.commands import Outcome
 from jezero.schemas.images import GetImage, Image, ImageReply
 from tests.client.rig import Server, endpoint, server, vehicle, wait_until_served
@@ -97,6 +97,7 @@ def test_an_aborted_goal_has_pictures_too_and_a_lost_one_says_why(server: Server
 def test_the_words_of_the_thesis_write_a_dataset(
     server: Server, vehicle: Vehicle, endpoint: str, tmp_path: Path
 ) -> None:
+    server.serve(topics.GET_IMAGES.plan.name, PlanReply(accepted=True, duration_s=42.0))
     server.serve(topics.GET_IMAGES.endpoint.name, Accepted(goal_id="g"), feedback(3, *IMAGES), result(*IMAGES))
     serve_pictures(server)
     words = "getimages -2.0 0 -4 2 4 rover --target-z -0.5 --format png --vehicle v"

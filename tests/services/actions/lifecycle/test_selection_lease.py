@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from itertools import pairwise
+from typing import Any
 
 import msgspec
 
@@ -12,6 +13,7 @@ from jezero.schemas import topics
 from jezero.schemas.actions import Cancel, LandOnSpotGoal, Result
 from jezero.schemas.commands import Setpoint
 from jezero.schemas.estimate import Lease, LeaseReply, Relative
+from jezero.schemas.topics import Endpoint
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.table import action_server
 from tests.services.actions.fake_bridge import FakeBridge
@@ -23,26 +25,31 @@ LAND = LandOnSpotGoal(goal_id="g")
 class FakeEstimator:
     """Publishes valid estimates of the rover, and stores the leases that are requested.
 
+    Args:
+        serves: endpoints that it serves.
+        selects: its estimates say so.
+
     Attributes:
         goal_id: goal to whose selection its estimates belong; None: that of the newest lease.
         refuse: reason with which every lease is refused, when not empty.
     """
 
-    def __init__(self, bridge: FakeBridge) -> None:
+    def __init__(self, bridge: FakeBridge, serves: tuple[Endpoint[Any, Any], ...], *, selects: bool) -> None:
         self.spec = Spec(
             name="estimator",
             inputs=(topics.ODOMETRY,),
             outputs=(topics.RELATIVE,),
-            serves=(topics.LEASE,),
-            triggers=(topics.ODOMETRY.name, topics.LEASE.name),
+            serves=serves,
+            triggers=(topics.ODOMETRY.name, *(endpoint.name for endpoint in serves)),
         )
+        self.selects = selects
         self.leases: list[tuple[int, Lease]] = []
         self.goal_id: str | None = None
         self.refuse = ""
         self._bridge = bridge
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
-        for request in inbox.requests(topics.LEASE):
+        for request in inbox.requests(topics.LEASE) if self.spec.serves else ():
             self.leases.append((t_ns, request.payload))
             yield Reply(request.request_id, LeaseReply(accepted=not self.refuse, reason=self.refuse))
         for odometry in inbox.new(topics.ODOMETRY):
@@ -63,6 +70,7 @@ class FakeEstimator:
                     use_tag=True,
                     fused_t_ns=odometry.t_ns,
                     goal_id=last if self.goal_id is None else self.goal_id,
+                    selects=self.selects,
                 ),
             )
 
@@ -70,10 +78,10 @@ class FakeEstimator:
 class World:
     """A bus with a hovering vehicle, an estimator and the landing's server."""
 
-    def __init__(self) -> None:
+    def __init__(self, serves: tuple[Endpoint[Any, Any], ...] = (topics.LEASE,), *, selects: bool = True) -> None:
         self.bus = MemoryBus(seed=1)
         self.bridge = FakeBridge((0.0, 0.0, -4.0))
-        self.estimator = FakeEstimator(self.bridge)
+        self.estimator = FakeEstimator(self.bridge, serves, selects=selects)
         self.setpoints: list[Setpoint] = []
         self.bus.add(self.bridge)
         self.bus.add(self.estimator)
@@ -144,3 +152,23 @@ def test_a_refused_lease_is_told_and_asked_for_again() -> None:
     assert result.outcome == "aborted"
     assert result.reason.endswith("the estimator refused the selection: another goal holds it")
     assert len(world.estimator.leases) > 10
+
+
+def test_an_estimator_that_does_not_select_needs_no_lease() -> None:
+    world = World(serves=(), selects=False)
+    assert world.end(world.land()).outcome == "succeeded"
+
+
+def test_an_estimator_that_does_not_select_is_not_asked_for_a_lease() -> None:
+    world = World(selects=False)
+    assert world.end(world.land()).outcome == "succeeded"
+    renewals = [lease for _, lease in world.estimator.leases if not lease.release]
+    assert len(renewals) <= 1  # the first one goes out before the first estimate has come
+
+
+def test_an_estimator_that_selects_and_serves_no_lease_is_told_what_to_publish() -> None:
+    world = World(serves=())
+    result = world.end(world.land())
+    assert result.outcome == "aborted"
+    assert "did not lease the landing's selection of sensors" in result.reason
+    assert "an estimator with fixed inputs publishes `selects` = false" in result.reason

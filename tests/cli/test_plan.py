@@ -1,0 +1,94 @@
+"""Flights of more than a minute are shown and confirmed before they start."""
+
+import json
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from jezero import Vehicle
+from jezero.cli.main import main
+from jezero.cli.plan import minutes
+from jezero.schemas.actions import PlanReply
+from tests.client.rig import ACCEPTED, Server, a_feedback, a_result, endpoint, server, vehicle
+
+__all__ = ["endpoint", "server", "vehicle"]
+
+LONG = PlanReply(accepted=True, duration_s=312.0, distance_m=318.0, battery_used=0.27, battery_remaining=0.8)
+
+
+@pytest.fixture
+def far(server: Server, vehicle: Vehicle, endpoint: str) -> list[str]:
+    """Words of a command whose flight takes five minutes."""
+    server.serve("@action/go_to/plan", LONG)
+    server.serve("@action/go_to", ACCEPTED, a_feedback(2.0), a_result())
+    return ["target", "300", "0", "-9", "--vehicle", "v", "--router", endpoint]
+
+
+def goals(server: Server) -> list[Any]:
+    return [goal for name, _, goal in server.asked if name == "@action/go_to"]
+
+
+def run(words: list[str], typed: str | None = None) -> Any:
+    return CliRunner().invoke(main, words, input=typed)
+
+
+def test_a_script_that_does_not_say_yes_gets_the_plan_and_flies_nothing(far: list[str], server: Server) -> None:
+    done = run(far)
+    assert done.exit_code == 2
+    assert "go_to: 5 min 12 s, 318 m, 27 % of the battery (80 % left)" in done.stdout
+    assert "add --yes" in done.stderr
+    assert goals(server) == []
+
+
+def test_a_script_that_says_yes_flies(far: list[str], server: Server) -> None:
+    done = run([*far, "--yes"])
+    assert done.exit_code == 0, done.output
+    assert "5 min 12 s" in done.stdout
+    assert len(goals(server)) == 1
+
+
+def test_json_has_the_numbers_and_never_asks(far: list[str], server: Server) -> None:
+    done = run([*far, "--json"])
+    plan, last = map(json.loads, done.stdout.splitlines())
+    assert (plan["type"], plan["duration_s"], plan["battery_used"]) == ("plan", 312.0, 0.27)
+    assert (done.exit_code, last["type"]) == (2, "unconfirmed")
+    assert goals(server) == []
+
+
+@pytest.mark.parametrize(("typed", "flown", "exit_code"), [("\n", 1, 0), ("y\n", 1, 0), ("n\n", 0, 1)])
+def test_on_a_terminal_the_user_is_asked(
+    far: list[str], server: Server, monkeypatch: pytest.MonkeyPatch, typed: str, flown: int, exit_code: int
+) -> None:
+    monkeypatch.setattr("jezero.cli.plan._is_terminal", lambda: True)
+    done = run(far, typed)
+    assert "Fly it? [Y/n]" in done.stderr
+    assert (len(goals(server)), done.exit_code) == (flown, exit_code), done.output
+
+
+def test_a_short_flight_starts_without_a_word(server: Server, vehicle: Vehicle, endpoint: str) -> None:
+    server.serve("@action/takeoff/plan", PlanReply(accepted=True, duration_s=59.0, distance_m=2.0))
+    server.serve("@action/takeoff", ACCEPTED, a_result())
+    done = run(["takeoff", "--vehicle", "v", "--router", endpoint])
+    assert done.exit_code == 0, done.output
+    assert done.stdout.startswith("takeoff: accepted")
+
+
+def test_a_plan_that_needs_more_than_the_battery_has_says_so(server: Server, vehicle: Vehicle, endpoint: str) -> None:
+    server.serve(
+        "@action/takeoff/plan", PlanReply(accepted=True, duration_s=1e3, battery_used=0.9, battery_remaining=0.3)
+    )
+    done = run(["takeoff", "--vehicle", "v", "--router", endpoint])
+    assert "90 % of the battery (30 % left), more than the battery has" in done.stdout
+
+
+def test_a_goal_that_would_be_refused_is_refused_by_its_plan(server: Server, vehicle: Vehicle, endpoint: str) -> None:
+    server.serve("@action/takeoff/plan", PlanReply(accepted=False, reason="it flies already", code=3))
+    done = run(["takeoff", "--vehicle", "v", "--router", endpoint, "--json"])
+    assert done.exit_code == 3
+    assert json.loads(done.stdout) == {"type": "rejected", "reason": "it flies already", "code": 3}
+
+
+@pytest.mark.parametrize(("duration_s", "said"), [(42.4, "42 s"), (59.6, "1 min 0 s"), (312.0, "5 min 12 s")])
+def test_durations_are_said_in_minutes(duration_s: float, said: str) -> None:
+    assert minutes(duration_s) == said
