@@ -60,6 +60,8 @@ class Relative(Message, frozen=True, kw_only=True):
         epoch_id: id of the epoch, see `Clock`.
         valid: the estimate may be used for flying.
         reason: reason why the estimate is invalid, for people; "" for a valid one.
+        contradicted: the estimate is invalid because its inputs contradict each other, the altimeter or the vehicle's
+            own motion; a better view of the rover does not help.
         pos_uav_rel_rover_ned_m: position of the vehicle minus that of the platform, in NED axes.
         vel_uav_rel_rover_ned_mps: velocity of the vehicle minus that of the platform, in NED axes.
         cov: covariance of the relative position and the relative velocity, in this order.
@@ -80,6 +82,7 @@ class Relative(Message, frozen=True, kw_only=True):
     epoch_id: int
     valid: bool
     reason: Text = ""
+    contradicted: bool = False
     pos_uav_rel_rover_ned_m: PositionNed
     vel_uav_rel_rover_ned_mps: VelocityNed
     cov: Covariance6

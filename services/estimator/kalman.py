@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from jezero.schemas.units import NS_PER_S
-from jezero.services.estimator.motion import IDENTITY, POS_ROVER, POS_UAV, SIZE, Array, MotionModel
+from jezero.services.estimator.motion import COMPASS_BIAS, IDENTITY, POS_ROVER, POS_UAV, SIZE, YAW, Array, MotionModel
 
 ORIGIN = np.zeros(SIZE)
 
@@ -113,6 +113,16 @@ class Kalman:
         T[POS_ROVER, POS_UAV] += np.eye(3)
         P = T @ self.P @ T.T
         P[POS_ROVER, POS_ROVER] += cov_m2
+        self._filter.x, self._filter.P = x, P
+
+    def reset_rover_heading(self, turn_rad: float, std_rad: float) -> None:
+        """Turn the rover's heading, and take the turn as an error of its compass; both are independent of the rest."""
+        x, P = self.x.copy(), self.P.copy()
+        x[YAW] += turn_rad
+        x[COMPASS_BIAS] -= turn_rad
+        for state in (YAW, COMPASS_BIAS):
+            P[state, :] = P[:, state] = 0.0
+            P[state, state] = std_rad * std_rad
         self._filter.x, self._filter.P = x, P
 
     def inflate_covariance(self, states: slice, std: float) -> None:

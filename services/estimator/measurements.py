@@ -195,6 +195,13 @@ class UwbMeasurement(msgspec.Struct, frozen=True, gc=False):
         kalman.update(innovation[good], H[good], variance * np.eye(used))
         return UpdateResult(used, offered)
 
+    def without(self, anchor_m: tuple[float, float, float]) -> "UwbMeasurement":
+        """The same without the ranges to one anchor."""
+        kept = np.abs(self.anchors_m - np.array(anchor_m)).max(axis=1) > 1e-6
+        return msgspec.structs.replace(
+            self, anchors_m=self.anchors_m[kept], ranges_m=self.ranges_m[kept], delays_s=self.delays_s[kept]
+        )
+
     def _predict_ranges(self, x: Array) -> tuple[Array, Array]:
         """Expected ranges (m,) and their Jacobian (m, n)."""
         yaw = float(x[YAW])
@@ -333,6 +340,19 @@ class TagMeasurement(msgspec.Struct, frozen=True, gc=False):
         innovation = np.array([wrap_pi(yaw_rad - float(x[YAW]) - float(x[19]))])
         if float(innovation[0]) ** 2 <= gate[0] * float(kalman.innovation_covariance(H, R)[0, 0]):
             kalman.update(innovation, H, R)
+
+
+class HeadingReset(msgspec.Struct, frozen=True, gc=False):
+    """Turn of the rover's heading against its compass; for the fields see `Kalman.reset_rover_heading`."""
+
+    kind: ClassVar[Kind] = "locate"
+    t_ns: int
+    turn_rad: float
+    std_rad: float
+
+    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
+        kalman.reset_rover_heading(self.turn_rad, self.std_rad)
+        return UpdateResult(1, 1)
 
 
 class PositionReset(msgspec.Struct, frozen=True, gc=False):

@@ -8,10 +8,13 @@ import numpy as np
 
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.config import Tuning, ValidityConfig
+from jezero.services.estimator.consistency import ConsistencyMonitor
 from jezero.services.estimator.kalman import FilterState, Kalman
 from jezero.services.estimator.measurement_history import ACCEPTED_FRACTION_MIN, MeasurementHistory
 from jezero.services.estimator.measurements import (
     INPUT_KINDS,
+    AltimeterMeasurement,
+    HeadingReset,
     Kind,
     Measurement,
     OdometryMeasurement,
@@ -41,6 +44,7 @@ from jezero.vehicle_config import PlatformConfig
 FOUND_STD_MAX_M = 0.1 * STD_UNKNOWN_M
 YAW_STD_MAX_RAD = 0.3
 STD_TAG_RESET_M = 0.5
+STD_HEADING_RESET_RAD = 0.1
 MONITORED_KINDS: tuple[Kind, ...] = ("rover", "uwb", "tag")
 REJECTION_WINDOW_S = 0.5
 REJECTED_MEASUREMENTS_MIN = 5
@@ -77,13 +81,18 @@ class Estimate(msgspec.Struct, frozen=True, gc=False):
 
 
 class RelativeFilter:
-    """Initializes the filter, fuses measurements in order, and resets it to an input that it keeps rejecting."""
+    """Initializes the filter, fuses measurements in order, and resets it to an input that it keeps rejecting.
+
+    Attributes:
+        consistency: what contradicts what, and which input is left out for it.
+    """
 
     def __init__(self, tuning: Tuning, validity: ValidityConfig, platform: PlatformConfig) -> None:
         self._tuning, self._validity = tuning, validity
         self._kalman = Kalman(MotionModel(tuning))
         self._history: MeasurementHistory | None = None
         self._window = UwbWindow(platform)
+        self.consistency = ConsistencyMonitor(platform.height_m)
         self._prior: tuple[Array, float] | None = None
         self._reset_at_ns: dict[Kind, int] = {}
         self._rejected_inputs: tuple[Kind, ...] = ()
@@ -102,6 +111,7 @@ class RelativeFilter:
         """
         self._history = None
         self._window.clear()
+        self.consistency.restart()
         self._reset_at_ns.clear()
         self._rejected_inputs = ()
         self._prior = prior
@@ -112,12 +122,14 @@ class RelativeFilter:
             return
         assert self._history is not None
         history = self._history
+        measurements = self._without_left_out(measurements)
         rounds = [m for m in measurements if type(m) is UwbMeasurement]
         for uwb in rounds:
             self._window.add(uwb)
         history.add([*measurements, *self._initial_tag_reset(measurements)])
         if rounds:
             self._reset_by_uwb(history)
+        self._check_consistency(history, measurements)
         if any(measurement.kind in MONITORED_KINDS for measurement in measurements):
             self._reset_to_rejected_input(history)
         if not isfinite(history.kalman.x.sum() + history.kalman.P.sum()):
@@ -179,6 +191,51 @@ class RelativeFilter:
         now_ns = 0 if self._history is None else self._history.kalman.t_ns
         return len(times) == 2 and all(now_ns - t_ns < INPUT_CONFLICT_NS for t_ns in times)
 
+    # -- contradictions ------------------------------------------------------------------------------------
+
+    def _check_consistency(self, history: MeasurementHistory, measurements: Sequence[Measurement]) -> None:
+        monitor, kalman = self.consistency, history.kalman
+        if not self.located:
+            return
+        error_rad = monitor.check_motion(list(measurements), kalman, self._window)
+        if error_rad is not None:
+            history.add([HeadingReset(kalman.t_ns, -error_rad, STD_HEADING_RESET_RAD)])
+            self._reset_by_uwb(history, force=True)
+        if monitor.uwb_left_out and "uwb" in self.inputs:
+            self.restart(self._prior)
+            return
+        for measurement in measurements:
+            if isinstance(measurement, AltimeterMeasurement):
+                monitor.check_height(measurement, kalman)
+            elif isinstance(measurement, TagMeasurement):
+                error_rad = monitor.heading_error_rad(measurement, kalman)
+                if error_rad is not None:
+                    history.add([HeadingReset(kalman.t_ns, -error_rad, STD_HEADING_RESET_RAD)])
+                    self._reset_to_tag(history, measurement)
+
+    def _without_left_out(self, measurements: Sequence[Measurement]) -> Sequence[Measurement]:
+        """The measurements that may be used."""
+        monitor = self.consistency
+        if monitor.uwb_left_out:
+            return [m for m in measurements if type(m) is not UwbMeasurement]
+        if monitor.anchor_left_out is None:
+            return measurements
+        anchor_m = monitor.anchor_left_out
+        return [m.without(anchor_m) if isinstance(m, UwbMeasurement) else m for m in measurements]
+
+    def _judge_uwb(self, history: MeasurementHistory, since_ns: int) -> None:
+        """Leave out the part of UWB that contradicts the tag, and start again without it."""
+        recent = [entry.measurement for entry in history.entries if entry.measurement.t_ns >= since_ns]
+        rounds = [m for m in recent if isinstance(m, UwbMeasurement)]
+        tags = [m for m in recent if isinstance(m, TagMeasurement)]
+        pairs = [(tag, min(rounds, key=lambda uwb: abs(uwb.t_ns - tag.t_ns))) for tag in tags] if rounds else []
+        self.consistency.judge_uwb(pairs, float(history.kalman.x[YAW]))
+        self.restart(self._prior)
+
+    def _reset_to_tag(self, history: MeasurementHistory, tag: TagMeasurement) -> None:
+        cov_m2 = STD_TAG_RESET_M**2 * np.eye(3)
+        history.add([PositionReset(history.kalman.t_ns, tag.pos_rel_m, cov_m2, tag.error_jacobian())])
+
     # -- finding the rover ---------------------------------------------------------------------------------
 
     def _start(self, measurements: Sequence[Measurement]) -> bool:
@@ -233,18 +290,24 @@ class RelativeFilter:
         """Reset to an input that has been rejected for longer than the time-out."""
         self._rejected_inputs = tuple(k for k in MONITORED_KINDS if self._is_rejected(history, k, REJECTION_WINDOW_S))
         t_ns, span_s = history.kalman.t_ns, self._validity.rejection_timeout_s
+        span_ns = int(span_s * NS_PER_S)
         for kind in self._rejected_inputs:
             if not self._is_rejected(history, kind, span_s):
                 continue
             if kind == "rover":  # UWB measurements were rotated by its heading, so the whole state is wrong
                 self.restart(self._prior)
                 return
-            if kind == "uwb" and self._reset_by_uwb(history, force=True):
+            if kind == "uwb" and t_ns - history.used_ns.get("tag", -span_ns) < span_ns:
+                self._judge_uwb(history, t_ns - span_ns)
+            elif kind == "uwb" and self._reset_by_uwb(history, force=True):
                 self._reset_at_ns[kind] = t_ns
             elif kind == "tag":
                 statistics = history.statistics(kind, t_ns - int(span_s * NS_PER_S))
                 assert statistics is not None and isinstance(statistics.newest, TagMeasurement)
                 tag = statistics.newest
+                if t_ns - history.used_ns.get("uwb", -span_ns) < span_ns:
+                    self._judge_uwb(history, t_ns - span_ns)
+                    return
                 history.add(
                     [PositionReset(tag.t_ns, tag.pos_rel_m, STD_TAG_RESET_M**2 * np.eye(3), tag.error_jacobian())]
                 )

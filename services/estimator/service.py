@@ -92,6 +92,8 @@ class Estimator:
         self._odometry: Odometry | None = None
         self._rover_odometry_ns: int | None = None
         self._active_selection = self._current_selection()
+        self._goal_id = ""
+        """Goal of the selection in force, for which inputs may have been left out."""
         self._restart_due = True
         self._published_ns = 0
         self._rover_published_ns = 0
@@ -153,6 +155,10 @@ class Estimator:
         current, before = self._current_selection(), self._active_selection
         self._active_selection = current
         deselected = (before.use_uwb and not current.use_uwb) or (before.use_tag and not current.use_tag)
+        if self._selection.goal_id != self._goal_id:
+            self._goal_id = self._selection.goal_id
+            self._restart_due |= bool(self._filter.consistency.left_out)
+            self._filter.consistency.readmit()
         self._restart_due |= deselected or current.prior_pos_rover_ned_m != before.prior_pos_rover_ned_m
 
     def _restart_if_due(self) -> None:
@@ -302,7 +308,15 @@ class Estimator:
 
     def _invalid_reason(self, t_ns: int) -> str:
         """Why the estimate is invalid, or ""."""
-        return next(self._invalid_reasons(t_ns), "")
+        reason = next(self._invalid_reasons(t_ns), "")
+        left_out = self._filter.consistency.left_out if self._selection.use_uwb else ""
+        return f"{left_out}; {reason}" if reason and left_out else reason
+
+    def _is_contradicted(self) -> bool:
+        """Whether inputs contradict each other or the altimeter; to be called for an invalid estimate."""
+        relative = self._filter
+        left_out = bool(relative.consistency.uwb_left_out) and self._selection.use_uwb
+        return left_out or bool(relative.consistency.height) or relative.has_input_conflict
 
     def _invalid_reasons(self, t_ns: int) -> Iterator[str]:
         validity, selection, relative = self._config.validity, self._selection, self._filter
@@ -321,6 +335,8 @@ class Estimator:
         silent_s = (t_ns - relative.fused_ns) / NS_PER_S
         if silent_s > validity.aiding_timeout_s:
             yield f"nothing measured by {selected} for {silent_s:.0f} s"
+        if relative.consistency.height:
+            yield relative.consistency.height
         if relative.has_input_conflict:
             yield "UWB and tag contradict each other"
         if relative.rejected_inputs:
@@ -335,6 +351,7 @@ class Estimator:
             epoch_id=self._epoch_id or 0,
             valid=not reason,
             reason=reason,
+            contradicted=bool(reason) and self._is_contradicted(),
             pos_uav_rel_rover_ned_m=ZERO if known is None else _vec3(known.pos_rel_m),
             vel_uav_rel_rover_ned_mps=ZERO if known is None else _vec3(known.vel_rel_mps),
             cov=COV_UNKNOWN if known is None else tuple(known.cov[UPPER_6].tolist()),
@@ -368,12 +385,14 @@ class Estimator:
 
     def _publish_health(self, reason: str) -> Iterable[Output]:
         missing = "the vehicle's clock" if self._epoch_id is None else "odometry" if self._odometry is None else ""
-        text = f"waiting for {missing}" if missing else reason or "the rover is found"
+        left_out = self._filter.consistency.left_out
+        text = f"waiting for {missing}" if missing else reason or left_out or "the rover is found"
         if self._dropped:
             text += f"; {self._dropped} measurements dropped: too late, too early or impossible"
         if text != self._health:
             self._health = text
-            yield Health("degraded" if missing or self._filter.rejected_inputs else "ok", text)
+            worse = missing or self._filter.rejected_inputs or left_out
+            yield Health("degraded" if worse else "ok", text)
 
 
 def _vec3(v: Array) -> Vec3:

@@ -59,6 +59,20 @@ class SearchConfig(Config, frozen=True, kw_only=True):
     radius_m: Positive = 2.0
 
 
+class LandingBoundsConfig(Config, frozen=True, kw_only=True):
+    """Bounds of a landing on the rover; one that exceeds them ends with a hover and the bound in its reason.
+
+    Attributes:
+        distance_max_m: maximum horizontal distance from where the landing began.
+        climb_max_m: maximum height above where the landing began.
+        speed_rover_max_mps: the rover's top speed over ground.
+    """
+
+    distance_max_m: Positive = 60.0
+    climb_max_m: Positive = 12.0
+    speed_rover_max_mps: Positive = 2.5
+
+
 class RoverLandingConfig(Config, frozen=True, kw_only=True):
     """Landing on the rover by the estimate of the relative position. Heights are over the platform.
 
@@ -78,6 +92,7 @@ class RoverLandingConfig(Config, frozen=True, kw_only=True):
         timeout_s: maximum duration of the whole landing.
         platform_control: horizontal control over the platform.
         search: search for the rover.
+        bounds: bounds of the whole landing.
     """
 
     height_approach_m: Positive = 3.0
@@ -91,6 +106,7 @@ class RoverLandingConfig(Config, frozen=True, kw_only=True):
     timeout_s: Positive = 180.0
     platform_control: PlatformControlConfig = PlatformControlConfig()
     search: SearchConfig = SearchConfig()
+    bounds: LandingBoundsConfig = LandingBoundsConfig()
 
 
 class LandOnSpotConfig(Config, frozen=True, kw_only=True):

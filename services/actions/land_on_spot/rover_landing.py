@@ -13,6 +13,7 @@ from jezero.schemas.estimate import Relative
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.config import RoverLandingConfig
 from jezero.services.actions.land_on_spot.descent import Descent, TouchdownDetector
+from jezero.services.actions.land_on_spot.landing_watch import LandingWatch
 from jezero.services.actions.land_on_spot.platform_control import PlatformControl, PlatformState, platform_state_at
 from jezero.services.actions.land_on_spot.remaining import rover_landing_remaining
 from jezero.services.actions.land_on_spot.search import Search, towards
@@ -71,6 +72,7 @@ class RoverLanding:
         self._search_config = settings.search
         self._control = PlatformControl(settings.platform_control)
         self._descent = Descent(settings)
+        self._watch = LandingWatch(settings, t_ns, state)
         self._touchdown = TouchdownDetector(vehicle)
         self._phase: LandPhase = "approach"
         self._search: Search | None = None
@@ -95,8 +97,8 @@ class RoverLanding:
         measured = self._update_platform(t_ns, dt_s, state)
         if state.landed and self._phase in ("descent", "contact"):
             return self._landed(state)
-        if (t_ns - self._start_ns) / NS_PER_S > self._land.timeout_s:
-            return Done("aborted", f"not landed after {self._land.timeout_s:g} s")
+        if (end := self._watch.update(t_ns, state, self._phase, self._loss_reason)) is not None:
+            return end
         if self._phase == "contact" and self._platform is not None:
             return self._press_down(t_ns, measured, self._platform, state)
         if measured is not None:
@@ -144,7 +146,7 @@ class RoverLanding:
     def _rough_state(self, t_ns: int, relative: Relative) -> PlatformState | None:
         """State by an estimate that is good enough to come nearer, but not to descend; None: by no such estimate."""
         platform = platform_state_at(t_ns, relative, self._feet_ned_m)
-        fresh = (t_ns - relative.fused_t_ns) / NS_PER_S < self._land.coast_s
+        fresh = (t_ns - relative.fused_t_ns) / NS_PER_S < self._land.coast_s and not relative.contradicted
         return platform if fresh and platform.std_m < STD_ROUGH_PER_M * platform.error_m else None
 
     def _update_feet(self, dt_s: float, state: VehicleState) -> None:
@@ -194,14 +196,20 @@ class RoverLanding:
             if platform.height_m < CLEAR_M and platform.error_m > self._on_platform_m + BESIDE_MARGIN_M:
                 # Climb first, because the straight way would lead into the rover's side.
                 return self._fly(state, (0.0, 0.0, -SPEED_UP_MPS), None)
-            return self._follow(state, platform, dt_s, self._approach_mps(platform))
+            return self._follow(state, platform, dt_s, self._approach_mps(platform, state.height_m))
         return self._go_down(t_ns, dt_s, platform, state)
 
-    def _approach_mps(self, platform: PlatformState) -> float:
-        """Speed downwards during the approach: to its height, but not so low that the tag gets out of view."""
+    def _approach_mps(self, platform: PlatformState, height_m: float | None) -> float:
+        """Speed downwards during the approach: to its height, but not so low that the tag gets out of view.
+
+        Args:
+            height_m: by the altimeter, which is believed when the estimate says that the vehicle is higher.
+        """
         land = self._land
         in_view_m = min(VIEW_PER_M * platform.error_m, platform.height_m) if self._tag_alone else 0.0
         above_m = platform.height_m - max(land.height_approach_m, in_view_m)
+        if height_m is not None:
+            above_m = min(above_m, max(height_m - CLEAR_M, 0.0))
         return min(max(GAIN_HEIGHT_1PS * above_m, -SPEED_UP_MPS), SPEED_DOWN_MAX_MPS)
 
     def _go_down(self, t_ns: int, dt_s: float, platform: PlatformState, state: VehicleState) -> Move | Done:
@@ -240,6 +248,9 @@ class RoverLanding:
     # -- with the platform out of sight --
 
     def _out_of_sight(self, t_ns: int, dt_s: float, state: VehicleState) -> Move | Done:
+        if state.relative is not None and state.relative.contradicted:
+            self._phase = "hold"
+            return self._wait(state)
         land, platform = self._land, self._platform
         lost_s = (t_ns - self._measured_ns) / NS_PER_S
         was_measured = self._measured_ns > self._start_ns

@@ -37,6 +37,8 @@ class Landing:
         vel_error_mps: error of the estimate's velocity at a time in s.
         vel_rover_error_mps: error of the rover's velocity over ground.
         range_m: of the altimeter.
+        contradicted: reason for an estimate that its inputs contradict, or "".
+        landed: the autopilot detects the ground, whatever the vehicle does.
         moves: every move with the time in s and the vehicle's offset from the platform.
     """
 
@@ -64,6 +66,8 @@ class Landing:
         self.std_height_m = 0.01
         self.range_m: float | None = None
         self.silent = False
+        self.contradicted = ""
+        self.landed = False
         self.q_ned_from_frd: Quat = (1.0, 0.0, 0.0, 0.0)
         self.moves: list[tuple[float, Vec3, Move]] = []
         self._rng = Random(1)
@@ -95,7 +99,7 @@ class Landing:
             self.vel_mps,
             self.q_ned_from_frd,
             armed=True,
-            landed=self.grounded and self._still_s > 0.8,
+            landed=self.landed or (self.grounded and self._still_s > 0.8),
             height_m=self.range_m,
             relative=None if self.silent else self.relative(),
             rover=self.rover(),
@@ -109,8 +113,12 @@ class Landing:
         return Relative(
             t_ns=self.t_ns - S // 50,
             epoch_id=1,
-            valid=self._fused_ns > 0 and self.t_ns - self._fused_ns < self.forget_s * S and std_m < 0.5,
-            reason="not seen",
+            valid=self._fused_ns > 0
+            and self.t_ns - self._fused_ns < self.forget_s * S
+            and std_m < 0.5
+            and not self.contradicted,
+            reason=self.contradicted or "not seen",
+            contradicted=bool(self.contradicted),
             pos_uav_rel_rover_ned_m=add(add(self.offset_m, noise), self.offset_of_estimate_m),
             vel_uav_rel_rover_ned_mps=add(subtract(self.vel_mps, self.vel_deck_mps), self.vel_error_mps(self.t_s)),
             cov=(std_m**2 / 2, *(0.0,) * 5, std_m**2 / 2, *(0.0,) * 4, self.std_height_m**2, *(0.0,) * 9),

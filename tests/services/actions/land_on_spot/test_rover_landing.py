@@ -140,13 +140,13 @@ def test_near_the_ground_the_search_does_not_go_down() -> None:
 def test_a_rover_that_was_seen_at_an_impossible_speed_is_not_followed_far() -> None:
     landing = Landing(BOTH, sees=lambda t_s, offset_m: t_s < 6.0)
     landing.forget_s = 0.5
-    landing.vel_rover_error_mps = (6.0, 0.0, -1.0)
+    landing.vel_rover_error_mps = (2.4, 0.0, 0.0)
     seen_at_m = landing.deck_m
     done = landing.run(180.0)
     assert done is not None
     assert done.reason.startswith("TARGET_LOST: not found in 3 rounds of search")
     away_m = subtract(landing.pos_m, seen_at_m)
-    assert hypot(*away_m[:2]) < 6.0 * (5.5 + DRIVE_TIME_CONSTANT_S) + 7.0
+    assert hypot(*away_m[:2]) < 2.4 * (5.5 + DRIVE_TIME_CONSTANT_S) + 7.0
 
 
 def test_below_the_last_range_of_the_tag_it_finishes_blind() -> None:
@@ -238,10 +238,14 @@ def test_signs_that_do_not_last_are_none() -> None:
 def test_an_altimeter_that_measures_a_way_down_forbids_force() -> None:
     landing = Landing(BOTH)
     landing.grounded = False
+    while "contact" not in landing.phases:
+        assert landing.run(0.1) is None
     landing.range_m = 0.3
     assert is_given_up(landing)
     landing = Landing(BOTH)
     landing.grounded = False
+    while "contact" not in landing.phases:
+        assert landing.run(0.1) is None
     landing.range_m = 0.16
     assert landing.run(60.0) == Done("succeeded", then="force_disarm")
 

@@ -1,0 +1,119 @@
+"""Ends of a landing that goes wrong: by a wrong estimate, out of bounds, too late, or interrupted again and again."""
+
+from math import hypot
+
+from jezero.frames import Vec3, altitude_m, subtract
+from jezero.schemas.actions import LandPhase
+from jezero.schemas.units import NS_PER_S
+from jezero.services.actions.land_on_spot.config import RoverLandingConfig
+from jezero.services.actions.motion.behaviour import Done, VehicleState
+
+LANDED_S = 0.5
+"""The autopilot's detection of the ground counts after this time."""
+TOO_FAST_S = 1.0
+"""An estimate may exceed the rover's top speed for this time, while the filter settles."""
+CONTRADICTED_S = 3.0
+"""Time in which a contradiction between the inputs may end."""
+INTERRUPTIONS_MAX = 3
+"""A descent that is interrupted more often than this won't succeed."""
+TOUCHDOWN_PHASES: tuple[LandPhase, ...] = ("descent", "contact")
+
+
+class LandingWatch:
+    """Watches one landing on the rover."""
+
+    def __init__(self, settings: RoverLandingConfig, t_ns: int, state: VehicleState) -> None:
+        self._bounds, self._timeout_s = settings.bounds, settings.timeout_s
+        self._start_ns = t_ns
+        self._start_ned_m = state.pos_uav_ned_m
+        self._landed_ns: int | None = None
+        self._too_fast_ns: int | None = None
+        self._contradicted_ns: int | None = None
+        self._phase: LandPhase = "approach"
+        self._interruptions = 0
+
+    def update(self, t_ns: int, state: VehicleState, phase: LandPhase, loss_reason: str) -> Done | None:
+        """Add the newest state; returns the end of the landing when it can't go on.
+
+        Args:
+            phase: of the landing.
+            loss_reason: why the rover was out of sight last.
+        """
+        if self._phase == "descent" and phase in ("hold", "search"):
+            self._interruptions += 1
+        self._phase = phase
+        if self._interruptions > INTERRUPTIONS_MAX:
+            return Done("aborted", f"the descent was interrupted {self._interruptions} times: {loss_reason}")
+        return (
+            self._on_ground(t_ns, state)
+            or self._out_of_bounds(state.pos_uav_ned_m)
+            or self._too_fast(t_ns, state)
+            or self._contradicted(t_ns, state)
+            or self._too_late(t_ns, loss_reason)
+        )
+
+    def _on_ground(self, t_ns: int, state: VehicleState) -> Done | None:
+        """End on the ground during approach, hold or search, where only a wrong height can have led."""
+        if not state.landed or self._phase in TOUCHDOWN_PHASES:
+            self._landed_ns = None
+            return None
+        self._landed_ns = t_ns if self._landed_ns is None else self._landed_ns
+        if t_ns - self._landed_ns < LANDED_S * NS_PER_S:
+            return None
+        relative = state.relative
+        if relative is None or not relative.valid:
+            return Done("aborted", "the vehicle stands on the ground before it has found the platform", then="disarm")
+        height_m = altitude_m(relative.pos_uav_rel_rover_ned_m[2])
+        source = " and ".join(name for name, used in (("UWB", relative.use_uwb), ("tag", relative.use_tag)) if used)
+        reason = (
+            f"the vehicle stands on the ground, but {source} say {height_m:.1f} m above the platform: "
+            "check the positions of the anchors and the size of the tags in vehicle.toml"
+        )
+        return Done("aborted", reason, then="disarm")
+
+    def _out_of_bounds(self, pos_uav_ned_m: Vec3) -> Done | None:
+        bounds = self._bounds
+        north_m, east_m, down_m = subtract(pos_uav_ned_m, self._start_ned_m)
+        if hypot(north_m, east_m) > bounds.distance_max_m:
+            return Done(
+                "aborted",
+                f"the landing led {hypot(north_m, east_m):.0f} m away from its start, the bound is "
+                f"{bounds.distance_max_m:g} m (distance_max_m)",
+            )
+        if altitude_m(down_m) > bounds.climb_max_m:
+            return Done(
+                "aborted",
+                f"the landing led {altitude_m(down_m):.0f} m up from its start, the bound is "
+                f"{bounds.climb_max_m:g} m (climb_max_m)",
+            )
+        return None
+
+    def _too_fast(self, t_ns: int, state: VehicleState) -> Done | None:
+        relative, max_mps = state.relative, self._bounds.speed_rover_max_mps
+        speed_mps = 0.0 if relative is None or not relative.valid else hypot(*relative.vel_rover_ned_mps[:2])
+        if speed_mps <= max_mps:
+            self._too_fast_ns = None
+            return None
+        self._too_fast_ns = t_ns if self._too_fast_ns is None else self._too_fast_ns
+        if t_ns - self._too_fast_ns < TOO_FAST_S * NS_PER_S:
+            return None
+        return Done(
+            "aborted",
+            f"the estimate says that the rover drives at {speed_mps:.1f} m/s, the bound is {max_mps:g} m/s "
+            "(speed_rover_max_mps): check the rover's odometry and the positions of the anchors",
+        )
+
+    def _contradicted(self, t_ns: int, state: VehicleState) -> Done | None:
+        if state.relative is None or not state.relative.contradicted:
+            self._contradicted_ns = None
+            return None
+        self._contradicted_ns = t_ns if self._contradicted_ns is None else self._contradicted_ns
+        if t_ns - self._contradicted_ns < CONTRADICTED_S * NS_PER_S:
+            return None
+        return Done("aborted", state.relative.reason)
+
+    def _too_late(self, t_ns: int, loss_reason: str) -> Done | None:
+        if t_ns - self._start_ns <= self._timeout_s * NS_PER_S:
+            return None
+        missing = f"; the rover was out of sight last because: {loss_reason}" if loss_reason else ""
+        return Done("aborted", f"not landed after {self._timeout_s:g} s{missing}")

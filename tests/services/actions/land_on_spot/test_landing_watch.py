@@ -1,0 +1,92 @@
+"""A landing that goes wrong ends soon, with a reason that names the cause."""
+
+from math import hypot
+
+import pytest
+
+from jezero.frames import add
+from jezero.services.actions.land_on_spot.config import LandingBoundsConfig
+from jezero.services.actions.land_on_spot.landing_watch import CONTRADICTED_S, INTERRUPTIONS_MAX
+from tests.services.actions.land_on_spot.landing_rig import BOTH, Landing
+
+BOUNDS = LandingBoundsConfig()
+
+
+def test_a_vehicle_that_stands_on_the_ground_while_the_estimate_says_it_is_high_up_is_disarmed() -> None:
+    landing = Landing(BOTH, (5.0, -3.0, -9.5))
+    landing.landed = True
+    done = landing.run(5.0)
+    assert done is not None
+    assert (done.outcome, done.then) == ("aborted", "disarm")
+    assert "the vehicle stands on the ground, but UWB and tag say 8.7 m above the platform" in done.reason
+    assert landing.t_s < 1.0
+
+
+def test_an_estimate_that_its_inputs_contradict_is_not_followed_and_its_reason_ends_the_landing() -> None:
+    landing = Landing(BOTH)
+    assert landing.run(1.0) is None
+    landing.contradicted = "the estimate says 9.0 m above the platform, the altimeter 0.3 m above what is below"
+    before_m = landing.pos_m
+    done = landing.run(10.0)
+    assert done is not None
+    assert (done.outcome, done.then, done.reason) == ("aborted", "hover", landing.contradicted)
+    assert landing.t_s == pytest.approx(1.0 + CONTRADICTED_S, abs=0.1)
+    assert hypot(landing.pos_m[0] - before_m[0], landing.pos_m[1] - before_m[1]) < 1.5
+
+
+def test_a_contradiction_that_ends_soon_only_delays_the_landing() -> None:
+    landing = Landing(BOTH)
+    assert landing.run(1.0) is None
+    landing.contradicted = "UWB and tag contradict each other"
+    assert landing.run(CONTRADICTED_S - 0.5) is None
+    landing.contradicted = ""
+    done = landing.run(40.0)
+    assert done is not None and done.outcome == "succeeded"
+
+
+def test_a_platform_that_always_stays_ahead_is_followed_to_the_bound_and_no_farther() -> None:
+    landing = Landing(BOTH, speed_mps=1.5)
+    start_m = landing.pos_m
+    landing.offset_of_estimate_m = (-4.0, 0.0, 0.0)
+    while (done := landing.run(1.0)) is None:
+        landing.offset_of_estimate_m = add(landing.offset_of_estimate_m, (-1.0, 0.0, 0.0))
+    assert done.outcome == "aborted"
+    assert "the bound is 60 m (distance_max_m)" in done.reason
+    assert hypot(landing.pos_m[0] - start_m[0], landing.pos_m[1] - start_m[1]) < BOUNDS.distance_max_m + 1.0
+
+
+def test_an_estimate_that_leads_upwards_is_followed_to_the_bound_and_no_higher() -> None:
+    landing = Landing(BOTH, (5.0, -3.0, -1.5))
+    landing.offset_of_estimate_m = (3.0, 0.0, 20.0)
+    done = landing.run(60.0)
+    assert done is not None
+    assert "the bound is 12 m (climb_max_m)" in done.reason
+
+
+def test_a_rover_that_is_said_to_drive_faster_than_it_can_ends_the_landing() -> None:
+    landing = Landing(BOTH)
+    landing.vel_rover_error_mps = (4.9, 0.0, 0.0)
+    done = landing.run(10.0)
+    assert done is not None
+    assert done.reason.startswith("the estimate says that the rover drives at 4.9 m/s, the bound is 2.5 m/s")
+    assert landing.t_s < 1.5
+
+
+def test_a_descent_that_is_interrupted_again_and_again_ends() -> None:
+    landing = Landing(BOTH, sees=lambda t_s, offset_m: offset_m[2] < -3.2 or t_s % 3.0 > 2.7)
+    landing.forget_s = 0.6
+    landing.grounded = False
+    done = landing.run(120.0)
+    assert done is not None
+    begin = f"the descent was interrupted {INTERRUPTIONS_MAX + 1} times: no measurement of the rover for "
+    assert done.reason.startswith(begin)
+
+
+def test_the_way_to_the_platform_does_not_lead_below_a_metre_by_the_altimeter() -> None:
+    landing = Landing(BOTH, (-1.0, -3.0, -3.0))
+    landing.offset_of_estimate_m = (0.0, 0.0, -9.0)
+    for _ in range(40):
+        landing.range_m = -landing.pos_m[2]
+        if landing.run(0.1) is not None:
+            break
+    assert -landing.pos_m[2] > 0.8

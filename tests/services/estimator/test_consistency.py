@@ -1,0 +1,110 @@
+"""What contradicts the rest is found, named and left out."""
+
+from math import cos, pi, sin
+
+import numpy as np
+import pytest
+
+from jezero.services.estimator.consistency import HEADINGS_MIN, ConsistencyMonitor
+from jezero.services.estimator.measurements import AltimeterMeasurement, TagMeasurement, UwbMeasurement
+from jezero.services.estimator.motion_check import MotionCheck
+from tests.services.estimator.test_filter import (
+    ANCHORS_M,
+    LEVER_M,
+    MS,
+    POS_ROVER_M,
+    POS_UAV_M,
+    YAW_RAD,
+    kalman_at,
+    ranges_m,
+)
+
+REL_M = POS_UAV_M - POS_ROVER_M
+
+
+def after_motion(turn_rad: float, factor: float = 1.0, std_m: float = 0.02, step_m: float = 0.2) -> MotionCheck:
+    """A vehicle that moves north for 5 s, measured on a path that is turned and stretched."""
+    check = MotionCheck()
+    for i in range(20):
+        north_m = step_m * i
+        measured_m = (factor * north_m * cos(turn_rad) + 3.0, factor * north_m * sin(turn_rad) - 1.0)
+        check.add(i * 250 * MS, (north_m, 0.0), measured_m, std_m)
+    return check
+
+
+def test_a_path_turned_by_90_degrees_contradicts_the_motion_and_names_the_angle() -> None:
+    check = after_motion(0.5 * pi)
+    assert check.contradiction == "turned by 90 degrees against the vehicle's own motion and 1.0 times as long"
+    assert check.turn_rad == pytest.approx(0.5 * pi)
+
+
+def test_a_path_of_twice_the_length_contradicts_the_motion_without_a_turn() -> None:
+    check = after_motion(0.0, 2.0)
+    assert check.contradiction.endswith("2.0 times as long")
+    assert check.turn_rad == 0.0
+
+
+@pytest.mark.parametrize(
+    ("turn_rad", "factor", "std_m", "step_m"),
+    [(0.0, 1.0, 0.02, 0.2), (0.2, 1.1, 0.02, 0.2), (0.5 * pi, 1.0, 2.0, 0.2), (0.5 * pi, 1.0, 0.02, 0.02)],
+    ids=["right", "nearly right", "too uncertain", "hardly any motion"],
+)
+def test_what_a_path_cannot_show_is_no_contradiction(
+    turn_rad: float, factor: float, std_m: float, step_m: float
+) -> None:
+    assert after_motion(turn_rad, factor, std_m, step_m).contradiction == ""
+
+
+def pairs(errors_m: tuple[float, float, float, float]) -> list[tuple[TagMeasurement, UwbMeasurement]]:
+    measured_m = ranges_m(REL_M) + np.array(errors_m)
+    uwb = UwbMeasurement(0, LEVER_M, ANCHORS_M, measured_m, np.zeros(4), 0.02)
+    return [(TagMeasurement(0, REL_M, REL_M, 1e-4 * np.eye(3), 0.0, None, 1.0), uwb)]
+
+
+def test_one_anchor_that_measures_30_cm_too_much_is_left_out_and_named() -> None:
+    monitor = ConsistencyMonitor(0.5)
+    monitor.judge_uwb(pairs((0.3, 0.0, 0.0, 0.0)), YAW_RAD)
+    assert monitor.anchor_left_out == (0.45, 0.45, 0.0)
+    assert monitor.uwb_left_out == ""
+    assert "the anchor at (0.45, 0.45, 0) is left out, its ranges are +0.30 m off the others" in monitor.left_out
+    uwb = pairs((0.3, 0.0, 0.0, 0.0))[0][1].without((0.45, 0.45, 0.0))
+    assert len(uwb.ranges_m) == 3
+    assert uwb.anchors_m.tolist() == ANCHORS_M[1:].tolist()
+
+
+@pytest.mark.parametrize("errors_m", [(0.5, -0.5, 0.4, -0.4), (1.0, 1.0, 1.0, 1.0)])
+def test_ranges_of_which_no_single_anchor_stands_out_are_all_left_out(
+    errors_m: tuple[float, float, float, float],
+) -> None:
+    monitor = ConsistencyMonitor(0.5)
+    monitor.judge_uwb(pairs(errors_m), YAW_RAD)
+    assert monitor.uwb_left_out.startswith("UWB is left out, as it contradicts the tag: check")
+    monitor.readmit()
+    assert monitor.left_out == ""
+
+
+@pytest.mark.parametrize(
+    ("range_m", "contradicted"),
+    [(0.3, True), (5.4, False), (5.9, False), (9.9, True)],
+    ids=["on the ground", "platform", "ground beside it", "far below"],
+)
+def test_an_altimeter_that_measures_neither_platform_nor_ground_contradicts_the_height(
+    range_m: float, contradicted: bool
+) -> None:
+    monitor, kalman = ConsistencyMonitor(0.5), kalman_at(POS_UAV_M, 0.05)
+    for ms in range(0, 1500, 100):
+        beam = AltimeterMeasurement(ms * MS, range_m, LEVER_M, np.array((0.0, 0.0, 1.0)), 0.5, 0.03)
+        monitor.check_height(beam, kalman)
+    assert bool(monitor.height) == contradicted
+    if range_m == 0.3:
+        assert "the estimate says 5.6 m above the platform, the altimeter 0.3 m" in monitor.height
+
+
+def test_headings_of_the_tag_that_differ_again_and_again_show_the_error_of_the_rovers_compass() -> None:
+    monitor, kalman = ConsistencyMonitor(0.5), kalman_at(POS_UAV_M, 0.05)
+    wrong = TagMeasurement(0, REL_M, REL_M, 1e-4 * np.eye(3), 0.0, -0.8, 0.01)  # the filter's heading is 0
+    right = TagMeasurement(0, REL_M, REL_M, 1e-4 * np.eye(3), 0.0, 0.1, 0.01)
+    for tag in [wrong] * (HEADINGS_MIN - 1) + [right] + [wrong] * (HEADINGS_MIN - 1):
+        assert monitor.heading_error_rad(tag, kalman) is None
+    assert monitor.heading_error_rad(wrong, kalman) == pytest.approx(0.8)
+    assert "the rover's heading was corrected by -46 degrees" in monitor.left_out
