@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from jezero.cli.flight import FINITE, NUMBERS, Printer, common_options, connected
+from jezero.os_errors import naming
 
 PNG = click.Path(path_type=Path, dir_okay=False, writable=True)
 
@@ -25,7 +26,8 @@ def snap(file: Path, timeout_s: float, vehicle: str, router: str, as_json: bool)
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
         frame = uav.picture(timeout_s)
-        file.write_bytes(png_of(frame.width_px, frame.height_px, frame.pixels))
+        with naming(file):
+            file.write_bytes(png_of(frame.width_px, frame.height_px, frame.pixels))
         text = f"wrote {file}: {frame.width_px} x {frame.height_px} pixels, taken at {frame.t_ns / 1e9:.3f} s"
         printer.event("result", text, outcome="succeeded", file=str(file), t_ns=frame.t_ns)
 
@@ -58,6 +60,7 @@ def orthophoto(file: Path, middle: tuple[float, float], side_m: float, resolutio
     except NoEglError as error:
         raise click.ClickException(f"{error}: install libegl1, libgl1 and libgl1-mesa-dri") from None
     height_px, width_px, _ = picture.shape
-    file.write_bytes(png_of(width_px, height_px, picture.tobytes()))
+    with naming(file):
+        file.write_bytes(png_of(width_px, height_px, picture.tobytes()))
     text = f"wrote {file}: {width_px} x {height_px} pixels of {resolution:g} m"
     Printer(as_json).event("result", text, outcome="succeeded", file=str(file), m_per_px=resolution)
