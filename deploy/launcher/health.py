@@ -4,7 +4,7 @@ import socket
 import threading
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 from jezero.runtime.config import Instance
@@ -27,11 +27,13 @@ class ServiceReport:
         alive: whether its liveliness token is present.
         health: its own health; "" until the present process has published it.
         text: its sentence for people.
+        process: its host and process id, for people; "" until the present process has published its health.
     """
 
     alive: bool = False
     health: str = ""
     text: str = ""
+    process: str = ""
 
     @property
     def healthy(self) -> bool:
@@ -152,7 +154,7 @@ class HealthWatcher:
         if sample.kind == zenoh.SampleKind.PUT:
             previous = self.report(service)
             self._reports_received[service] += 1
-            self._reports[service] = ServiceReport(True, previous.health, previous.text)
+            self._reports[service] = replace(previous, alive=True)
         else:
             self._reports.pop(service, None)
         self._on_change()
@@ -167,7 +169,7 @@ class HealthWatcher:
         if not self._is_put_on(topics.health_of(health.service).name, sample):
             return
         self._reports_received[health.service] += 1
-        report = ServiceReport(self.report(health.service).alive, health.state, health.text)
+        report = ServiceReport(self.report(health.service).alive, health.state, health.text, health.process)
         if report != self.report(health.service):
             self._reports[health.service] = report
             self._on_change()

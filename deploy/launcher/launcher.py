@@ -176,6 +176,8 @@ class Launcher:
             self._set(slot, "stopped", f"stopped with {describe_exit(slot.exit_code)}")
             return
         how = f"was frozen and killed: {slot.frozen}" if slot.frozen else f"ended with {describe_exit(slot.exit_code)}"
+        if slot.exit_code > 0 and (said := self._output.last_line(name)):
+            how = f"{how}: {said}"
         delay_s = slot.policy.after_exit(now_s, now_s - (slot.started_s or now_s), slot.exit_code, how)
         if delay_s is not None:
             slot.due_s = now_s + delay_s

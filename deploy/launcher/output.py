@@ -10,6 +10,7 @@ from jezero.deploy.launcher.state import RunFolder
 
 COLOURS = (36, 33, 32, 35, 34, 96, 93, 92, 95, 94)
 MAX_LINE_BYTES = 65536
+QUOTED_MAX = 500
 STAMP_LENGTH = len("2026-01-31T12:00:00.000Z")
 
 
@@ -55,6 +56,7 @@ class Output:
             self._files[name] = path.open("wb", buffering=0)
         self._lost = dict.fromkeys(listed, 0)
         self._unfinished = dict.fromkeys(listed, b"")
+        self._last_lines = dict.fromkeys(listed, "")
         if isinstance(terminal, io.TextIOWrapper):
             terminal.reconfigure(errors="replace")
         self._terminal = terminal
@@ -68,14 +70,23 @@ class Output:
             rest = b""
         self._unfinished[name] = rest
         for line in lines:
-            self.write_line(name, line.decode("utf-8", "replace").rstrip("\r"))
+            self._write_printed(name, line)
 
     def on_exit(self, name: str) -> None:
         """Write the incomplete last line of a service whose process has ended."""
         rest = self._unfinished[name]
         self._unfinished[name] = b""
         if rest:
-            self.write_line(name, rest.decode("utf-8", "replace"))
+            self._write_printed(name, rest)
+
+    def last_line(self, name: str) -> str:
+        """The last line with text that a service printed, without its own name in front, at most `QUOTED_MAX` long."""
+        return self._last_lines[name].removeprefix(f"{name}: ")[:QUOTED_MAX]
+
+    def _write_printed(self, name: str, line: bytes) -> None:
+        text = line.decode("utf-8", "replace").rstrip("\r")
+        self._last_lines[name] = text.strip() or self._last_lines[name]
+        self.write_line(name, text)
 
     def write_line(self, name: str, text: str) -> None:
         """Write one line to the service's log and to the terminal."""

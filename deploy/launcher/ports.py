@@ -1,37 +1,47 @@
-"""Free ports, so that several stacks can run on one machine."""
+"""The ports of a stack, and free ones, so that several stacks can run on one machine."""
 
-import fcntl
-import os
+import errno
 import socket
-import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 from jezero.runtime.config import Instance
+from jezero.runtime.ports import Protocol, listen_problem
 
 HOST = "127.0.0.1"
+
+
+def ports_of(services: Collection[str], instance: Instance) -> list[tuple[Protocol, str, int]]:
+    """Protocol, host and port of everything that these services listen on, but for the router's."""
+    ports: dict[str, tuple[tuple[Protocol, int], ...]] = {
+        "simulator": (("tcp", instance.hil_port),),
+        "vehicle_bridge": (("udp", instance.bridge_port),),
+        "autopilot": (("udp", instance.autopilot_offboard_port), ("udp", instance.autopilot_gcs_port)),
+    }
+    return [(protocol, HOST, port) for name in services for protocol, port in ports.get(name, ())]
 
 
 @contextmanager
 def reserved_instance(vehicle: str = "uav1") -> Iterator[Instance]:
     """Reserve a free instance number and router port until the context ends.
 
+    The reservation is a Unix socket with an abstract name. Like the ports it belongs to the machine's network, ends
+    with its process, and is no file that another user could have put there.
+
     Raises:
-        RuntimeError: all 249 instances are in use.
+        OSError: all 249 instances are in use.
     """
     for number in range(1, 250):
-        lock = Path(tempfile.gettempdir()) / f"jezero-{os.getuid()}-instance-{number}.lock"
-        with lock.open("w") as file:
+        with socket.socket(socket.AF_UNIX) as reservation:
             try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
+                reservation.bind(f"\0jezero-instance-{number}")
+            except OSError:
                 continue
             instance = Instance(vehicle=vehicle, router=f"tcp/{HOST}:{_free_tcp_port()}", number=number)
             if _is_free(instance):
                 yield instance
                 return
-    raise RuntimeError("no free instance: 249 stacks run on this machine already")
+    raise OSError(errno.EADDRINUSE, "no free instance: 249 stacks run on this machine already")
 
 
 def instance_environment(instance: Instance) -> dict[str, str]:
@@ -50,12 +60,5 @@ def _free_tcp_port() -> int:
 
 
 def _is_free(instance: Instance) -> bool:
-    udp = (instance.bridge_port, instance.autopilot_offboard_port, instance.autopilot_gcs_port)
-    try:
-        socket.create_server((HOST, instance.hil_port)).close()
-        for port in udp:
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-                probe.bind((HOST, port))
-    except OSError:
-        return False
-    return True
+    ports = ports_of(("simulator", "vehicle_bridge", "autopilot"), instance)
+    return not any(listen_problem(protocol, host, port, "") for protocol, host, port in ports)

@@ -106,6 +106,9 @@ class RestartPolicy:
         if self.service.restart == "no" or (self.service.restart == "on-failure" and code == 0):
             self.gave_up = how if code else ""
             return None
+        if code == os.EX_CONFIG:  # a wrong setting doesn't mend itself
+            self.gave_up = how
+            return None
         if self.service.max_retries is not None and self.restarts >= self.service.max_retries:
             self.gave_up = f"{how} after {self.restarts} restarts"
             return None

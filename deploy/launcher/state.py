@@ -3,6 +3,7 @@
 import contextlib
 import fcntl
 import os
+from errno import ENOENT
 from pathlib import Path
 from typing import Literal
 
@@ -15,6 +16,10 @@ without an error; failed: ended with an error or can't be started; neither is re
 
 class AlreadyUpError(RuntimeError):
     """Another launcher runs in the folder; the message names its process and the folder."""
+
+
+class StartError(RuntimeError):
+    """A stack can't start; the message gives the reason and the remedy."""
 
 
 class LaunchedService(msgspec.Struct, frozen=True, kw_only=True):
@@ -68,8 +73,11 @@ class RunState(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """A sentence for each service that failed."""
-        return tuple(f"{s.service}: {s.text}" for s in self.services if s.state == "failed")
+        """A sentence for each reason for which services failed."""
+        services: dict[str, list[str]] = {}
+        for failed in (s for s in self.services if s.state == "failed"):
+            services.setdefault(failed.text, []).append(failed.service)
+        return tuple(f"{', '.join(names)}: {text}" for text, names in services.items())
 
 
 def start_ticks(pid: int) -> int | None:
@@ -90,8 +98,14 @@ def _is_file(descriptor: int, path: Path) -> bool:
 
 
 def default_folder(vehicle: str) -> Path:
-    """This user's folder for a vehicle's stack."""
-    base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
+    """This user's folder for a vehicle's stack.
+
+    Raises:
+        OSError: the user has no home.
+    """
+    base = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
+    if not os.path.isabs(base):
+        raise OSError(ENOENT, "no folder for the run, as this user has no home: choose one with --run-dir")
     return Path(base) / "jezero" / vehicle
 
 
@@ -127,10 +141,11 @@ class RunFolder:
 
         Raises:
             AlreadyUpError: another launcher has locked it.
+            OSError: it can't be written.
         """
         self.logs.mkdir(parents=True, exist_ok=True)
         while self._lock is None:
-            lock = os.open(self._lock_path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            lock = os.open(self._lock_path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
@@ -145,6 +160,16 @@ class RunFolder:
                 self._lock = lock
             else:  # its owner removed the file between our two calls
                 os.close(lock)
+
+    def fileno(self) -> int:
+        """File descriptor of the lock, which a process that takes the folder over must keep open.
+
+        Raises:
+            RuntimeError: the folder is not locked.
+        """
+        if self._lock is None:
+            raise RuntimeError(f"{self.path} is not locked")
+        return self._lock
 
     def write(self, state: RunState) -> None:
         """Replace the state atomically: a reader gets the old or the new one."""

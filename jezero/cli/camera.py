@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from jezero.cli.flight import FINITE, NUMBERS, Printer, common_options, connected
+from jezero.os_errors import naming
 
 PNG = click.Path(path_type=Path, dir_okay=False, writable=True)
 
@@ -22,7 +23,8 @@ def snap(file: Path, timeout_s: float, vehicle: str, router: str, as_json: bool)
     """Save the next image of the camera as FILE, a PNG."""
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
-        frame = uav.camera.snap(file, timeout_s)
+        with naming(file):
+            frame = uav.camera.snap(file, timeout_s)
         text = f"wrote {file}: {frame.width_px} x {frame.height_px} pixels, taken at {frame.t_ns / 1e9:.3f} s"
         printer.event("result", text, outcome="succeeded", file=str(file), t_ns=frame.t_ns)
 
@@ -55,6 +57,7 @@ def orthophoto(file: Path, middle: tuple[float, float], side_m: float, resolutio
     except NoEglError as error:
         raise click.ClickException(f"{error}: install libegl1, libgl1 and libgl1-mesa-dri") from None
     height_px, width_px, _ = picture.shape
-    file.write_bytes(png_of(width_px, height_px, picture.tobytes()))
+    with naming(file):
+        file.write_bytes(png_of(width_px, height_px, picture.tobytes()))
     text = f"wrote {file}: {width_px} x {height_px} pixels of {resolution:g} m"
     Printer(as_json).event("result", text, outcome="succeeded", file=str(file), m_per_px=resolution)

@@ -12,6 +12,7 @@ import click
 
 from jezero.cli.exit_codes import ABORTED, REFUSED, UNREACHABLE
 from jezero.cli.plan import minutes, send_goal
+from jezero.router_address import parse_router
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -35,6 +36,19 @@ class Finite(click.ParamType[float]):
         return number
 
 
+class Router(click.ParamType[str]):
+    """The address of a router."""
+
+    name = "address"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        try:
+            parse_router(value)
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+        return str(value)
+
+
 FINITE = Finite()
 NUMBERS = {"ignore_unknown_options": True}  # "-4" is a coordinate, not an option
 
@@ -47,6 +61,7 @@ def common_options(command: Callable[..., Any]) -> Callable[..., Any]:
     command = click.option(
         "--router",
         envvar="JEZERO_ROUTER",
+        type=Router(),
         default="tcp/127.0.0.1:7447",
         show_default=True,
         help="Router's endpoint.",

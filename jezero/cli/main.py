@@ -2,7 +2,8 @@
 
 import importlib
 import sys
-from typing import NamedTuple
+from errno import EPIPE
+from typing import Any, NamedTuple
 
 try:
     import click
@@ -76,6 +77,31 @@ class LazyGroup(click.Group):
         command = getattr(importlib.import_module(entry.module), entry.name)
         assert isinstance(command, click.Command)
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        try:
+            return super().resolve_command(ctx, args)
+        except click.NoSuchCommand as error:  # click knows no names, as no command has been imported
+            raise click.NoSuchCommand(error.command_name, possibilities=COMMANDS, ctx=ctx) from None
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a command; wrong settings and what the operating system refuses become one sentence."""
+        try:
+            return super().invoke(ctx)
+        except ValueError as error:
+            from jezero.runtime.config import ConfigError
+
+            if not isinstance(error, ConfigError):
+                raise
+            raise click.ClickException(str(error)) from None
+        except OSError as error:
+            from jezero.os_errors import describe_os_error
+
+            if error.errno == EPIPE:  # click ends quietly when nobody reads the output any more
+                raise
+            raise click.ClickException(describe_os_error(error)) from None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         for title, entries in SECTIONS.items():

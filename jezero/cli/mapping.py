@@ -38,14 +38,14 @@ def map_pictures(printer: Printer, folder: Path, m_per_px: float = M_PER_PX, out
     """
     from jezero.mapping.making import make_map
     from jezero.mapping.survey import SurveyError
-    from jezero.runtime.config import ConfigError, load_config
+    from jezero.runtime.config import load_config
     from jezero.vehicle_config import VehicleConfig
 
     file = (out or folder / "map.png").with_suffix(".png")
     try:
         made = make_map(folder, m_per_px, load_config(VehicleConfig, "vehicle"))
         world = made.mosaic.save(file)
-    except (SurveyError, ConfigError, OSError) as error:
+    except SurveyError as error:
         raise click.ClickException(str(error)) from None
     height_px, width_px, _ = made.mosaic.pixels.shape
     alignment = made.alignment

@@ -8,6 +8,7 @@ from string import Template
 
 import click
 
+from jezero.os_errors import naming
 from jezero.plugins import name_problem
 
 SUFFIX = ".tmpl"
@@ -68,5 +69,6 @@ def _target(path: str, name: str) -> str:
 
 def _write(template: Traversable, path: Path, words: dict[str, str]) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(Template(template.read_text(encoding="utf-8")).substitute(words), encoding="utf-8")
+    with naming(path):
+        path.write_text(Template(template.read_text(encoding="utf-8")).substitute(words), encoding="utf-8")
     return path

@@ -77,7 +77,7 @@ def _follow(printer: Printer, goal: "ImagesGoal", dataset: "Dataset") -> None:
 
     def on_feedback(feedback: "ImagesFeedback") -> None:
         track.append(feedback.pos_uav_ned_m)
-        dataset.note(track_ned_m=track, track_frame=feedback.frame)
+        dataset.note(track_ned_m=track, track_frame=feedback.frame, planned=feedback.planned)
         north_m, east_m, down_m = feedback.pos_uav_ned_m
         rest = "" if goal.remaining_s is None else f", {minutes(goal.remaining_s)} to go"
         text = f"{feedback.taken} of {feedback.planned} images, at ({north_m:.2f}, {east_m:.2f}, {down_m:.2f}){rest}"

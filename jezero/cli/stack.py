@@ -6,9 +6,9 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 import click
 
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from jezero.runtime.config import Instance
 
 POLL_S = 0.05
+LAUNCHER_LOG = "launcher.log"
+OPEN_FILES_MAX = 1 << 20
+"""No process has a file descriptor with a greater number."""
 KILL_LAUNCHER_AFTER_S = 30.0
 
 
@@ -33,19 +36,11 @@ def run_dir_option(command: Callable[..., Any]) -> Callable[..., Any]:
     )(command)
 
 
-def _instance() -> "Instance":
-    from jezero.runtime.config import ConfigError, instance_from_environment
-
-    try:
-        return instance_from_environment()
-    except ConfigError as error:
-        raise click.ClickException(str(error)) from error
-
-
 def _folder(run_dir: Path | None) -> "RunFolder":
     from jezero.deploy.launcher.state import RunFolder, default_folder
+    from jezero.runtime.config import instance_from_environment
 
-    return RunFolder(run_dir or default_folder(_instance().vehicle))
+    return RunFolder(run_dir or default_folder(instance_from_environment().vehicle))
 
 
 def _shipped_compose_file() -> Path:
@@ -70,21 +65,22 @@ def up(
 
     Ctrl+C stops them in reverse order; a second one kills them. No process is left, however the launcher ends.
     """
-    from jezero.deploy.launcher.state import AlreadyUpError
+    from jezero.runtime.config import instance_from_environment
 
     start_s = time.monotonic()
-    instance, folder = _instance(), _folder(run_dir)
+    instance, folder = instance_from_environment(), _folder(run_dir)
     path = (file or _shipped_compose_file()).resolve()
     services = _read_services(path, profiles)
     try:
-        folder.acquire()
-    except AlreadyUpError as error:
-        click.echo(str(error), err=True)
-        raise SystemExit(REFUSED) from error
-    if not (detach or wait):
-        _exit_now(_launch(services, folder, instance, path, detached=False))
-    launcher = _detach(lambda: _launch(services, folder, instance, path, detached=True), folder)
-    _wait_for_start(folder, launcher, start_s + timeout_s if wait else None, start_s)
+        with _sentences(folder):
+            folder.acquire()
+        if not (detach or wait):
+            _exit_now(_launch(services, folder, instance, path, detached=False))
+        launcher = _detach(lambda: _launch(services, folder, instance, path, detached=True), keep=folder.fileno())
+        _wait_for_start(folder, launcher, start_s + timeout_s if wait else None, start_s)
+    except _CannotStart as error:
+        click.echo(f"Error: {error}", err=True)
+        _exit_now(error.exit_code)
 
 
 def _read_services(path: Path, profiles: tuple[str, ...]) -> "dict[str, Service]":
@@ -98,24 +94,60 @@ def _read_services(path: Path, profiles: tuple[str, ...]) -> "dict[str, Service]
         raise click.ClickException(f"{path}: {error.strerror if isinstance(error, OSError) else error}") from error
 
 
+class _CannotStart(Exception):  # noqa: N818
+    """The stack can't start; the message is one sentence.
+
+    Attributes:
+        exit_code: of the command.
+    """
+
+    def __init__(self, reason: str, exit_code: int) -> None:
+        super().__init__(reason)
+        self.exit_code = exit_code
+
+
+@contextlib.contextmanager
+def _sentences(folder: "RunFolder") -> Iterator[None]:
+    """Turn each reason why a stack can't run in a folder into a `_CannotStart`."""
+    from jezero.deploy.launcher.state import AlreadyUpError, StartError
+    from jezero.os_errors import describe_os_error
+
+    try:
+        yield
+    except AlreadyUpError as error:
+        raise _CannotStart(str(error), REFUSED) from None
+    except StartError as error:
+        raise _CannotStart(str(error), FAILED) from None
+    except OSError as error:
+        raise _CannotStart(f"the stack can't run in {folder.path}: {describe_os_error(error)}", FAILED) from None
+
+
 def _launch(
     services: "dict[str, Service]", folder: "RunFolder", instance: "Instance", file: Path, *, detached: bool
 ) -> int:
-    """Run the launcher in this process."""
-    from jezero.deploy.launcher.health import router_is_up
-    from jezero.deploy.launcher.launcher import Launcher
+    """Run the launcher in this process; returns its exit code.
 
-    os.environ["JEZERO_RUN_DIR"] = str(folder.path.absolute())  # for services that write files there
-    shared = "router" in services and router_is_up(instance.router)
-    launcher = Launcher(
-        services,
-        folder,
-        instance,
-        str(file),
-        external=frozenset(["router"] if shared else []),
-        terminal=None if detached else sys.stdout,
-    )
-    return launcher.run()
+    Raises:
+        _CannotStart: something is missing, or taken by another program; or the folder can't be written.
+    """
+    from jezero.deploy.launcher.launcher import Launcher
+    from jezero.deploy.launcher.preflight import ROUTER, check_start
+
+    os.environ["JEZERO_RUN_DIR"] = str(folder.path)  # for services that write files there
+    with _sentences(folder):
+        if detached:
+            _print_into(folder.logs / LAUNCHER_LOG)
+        external = frozenset([ROUTER] if check_start(services, instance) else [])
+        terminal = None if detached else sys.stdout
+        return Launcher(services, folder, instance, str(file), external=external, terminal=terminal).run()
+
+
+def _print_into(log: Path) -> None:
+    """Send what this process prints into a new file."""
+    descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+    for standard in (1, 2):
+        os.dup2(descriptor, standard)
+    os.close(descriptor)
 
 
 def _exit_now(code: int) -> NoReturn:
@@ -126,40 +158,59 @@ def _exit_now(code: int) -> NoReturn:
     os._exit(code)
 
 
-def _detach(run: Callable[[], int], folder: "RunFolder") -> int:
+def _detach(run: Callable[[], int], keep: int) -> TextIO:
     """Call `run` in a process with its own session that outlives this one.
 
+    It closes every file that the caller has open, whose locks it would hold for as long as it runs.
+
+    Args:
+        keep: file descriptor that stays open.
+
     Returns:
-        A file descriptor that reaches its end when that process does.
+        A file that ends when that process does. If `run` raises `_CannotStart`, it has the exit code and the reason.
     """
-    alive_read, alive_write = os.pipe()
+    reading, writing = os.pipe()
     sys.stdout.flush()
     sys.stderr.flush()
     if (middle := os.fork()) != 0:
-        os.close(alive_write)
-        os.waitpid(middle, 0)
-        return alive_read
-    os.setsid()
-    if os.fork() != 0:
-        os._exit(0)
-    os.close(alive_read)
-    log = os.open(folder.logs / "launcher.log", os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
-    null = os.open(os.devnull, os.O_RDONLY)
-    os.dup2(null, 0)
-    for standard in (1, 2):
-        os.dup2(log, standard)
-    _exit_now(run())
+        os.close(writing)
+        code = os.waitstatus_to_exitcode(os.waitpid(middle, 0)[1])
+        if code != 0:
+            raise click.ClickException("the launcher could not be started: no new process")
+        return open(reading, encoding="utf-8")
+    try:
+        os.setsid()
+        if os.fork() != 0:
+            os._exit(0)
+    except OSError:
+        os._exit(FAILED)
+    null = os.open(os.devnull, os.O_RDWR)
+    for standard in (0, 1, 2):
+        os.dup2(null, standard)
+    first, second = sorted((keep, writing))
+    for begin, end in ((3, first), (first + 1, second), (second + 1, OPEN_FILES_MAX)):
+        os.closerange(begin, end)
+    try:
+        code = run()
+    except _CannotStart as error:
+        os.write(writing, f"{error.exit_code} {error}".encode())
+        code = error.exit_code
+    _exit_now(code)
 
 
-def _wait_for_start(folder: "RunFolder", launcher: int, deadline_s: float | None, start_s: float) -> None:
+def _wait_for_start(folder: "RunFolder", launcher: TextIO, deadline_s: float | None, start_s: float) -> None:
     """Wait until the launcher has started, or, with a deadline, until the vehicle is ready.
 
     Raises:
-        click.ClickException: the launcher ended, a service failed, or the deadline passed.
+        _CannotStart: the launcher gave a reason and ended.
+        click.ClickException: the launcher ended without one, a service failed, or the deadline passed.
     """
     shown = ""
     while True:
-        state = folder.read()
+        ended = bool(select.select([launcher], [], [], 0)[0])  # before the state is read: it removes its state
+        state = None if ended else folder.read()
+        if ended:
+            _raise_end(folder, launcher.read())
         if state is not None and deadline_s is None:
             click.echo(f"started; `jezero ps` shows the services. Run folder: {folder.path}")
             return
@@ -174,9 +225,22 @@ def _wait_for_start(folder: "RunFolder", launcher: int, deadline_s: float | None
         if reason != shown and sys.stderr.isatty():
             click.echo(f"waiting: {reason}", err=True)
             shown = reason
-        if select.select([launcher], [], [], POLL_S)[0]:
-            log = (folder.logs / "launcher.log").read_text(errors="replace").strip()
-            raise click.ClickException(f"the launcher ended by itself: {log or 'it printed nothing'}")
+        select.select([launcher], [], [], POLL_S)
+
+
+def _raise_end(folder: "RunFolder", problem: str) -> NoReturn:
+    """Report that the launcher ended.
+
+    Args:
+        problem: its exit code and the reason, or "".
+    """
+    code, _, reason = problem.partition(" ")
+    if reason:
+        raise _CannotStart(reason, int(code))
+    log = ""
+    with contextlib.suppress(OSError):
+        log = (folder.logs / LAUNCHER_LOG).read_text(errors="replace").strip()
+    raise click.ClickException(f"the launcher ended by itself: {log or 'it printed nothing'}")
 
 
 def _hint(folder: "RunFolder") -> str:
@@ -234,10 +298,11 @@ def _is_healthy(service: str, timeout_s: float = 3.0) -> bool:
     import threading
 
     from jezero.deploy.launcher.health import HealthWatcher
+    from jezero.runtime.config import instance_from_environment
 
     changed = threading.Event()
     deadline_s = time.monotonic() + timeout_s
-    with HealthWatcher(_instance(), changed.set) as watcher:
+    with HealthWatcher(instance_from_environment(), changed.set) as watcher:
         while not watcher.report(service).healthy and time.monotonic() < deadline_s:
             changed.wait(deadline_s - time.monotonic())
             changed.clear()

@@ -10,6 +10,7 @@ import msgspec
 from jezero.cli.flight import FINITE, FRAMES, NUMBERS, Printer, connected, flight_options
 from jezero.cli.pictures import PNG_OR_JPG, default_folder, take_pictures
 from jezero.cli.plan import send_goal
+from jezero.os_errors import write_whole
 
 if TYPE_CHECKING:
     from jezero.client.dataset import Dataset, Kind
@@ -118,7 +119,12 @@ def gridsweep(
     if resume is None:
         goal, dataset = _goal(**given), _new_dataset(out, kind)
     else:
-        goal, dataset = _resumed(resume, kind)
+        missing, dataset = _resumed(resume, kind)
+        if missing is None:
+            text = f"nothing is missing in {resume}: all {dataset.count} images are there"
+            printer.event("result", text, outcome="succeeded", folder=str(resume))
+            return
+        goal = missing
     with connected(vehicle, router, printer) as uav:
         if goal.start_ned_m is None and goal.frame == "world":  # so that the coverage can be resumed if its server dies
             odometry = uav.status().odometry
@@ -142,21 +148,32 @@ def _new_dataset(out: Path | None, kind: str) -> "Dataset":
         raise click.ClickException(str(error)) from None
 
 
-def _resumed(folder: Path, kind: str) -> "tuple[AreaCoverageGoal, Dataset]":
-    """Goal for the missing images of a folder, and the folder's dataset."""
+def _resumed(folder: Path, kind: str) -> "tuple[AreaCoverageGoal | None, Dataset]":
+    """Goal for the missing images of a folder, None if all are there, and the folder's dataset.
+
+    The folder of a command that was killed has images since its goal was written, so the images count.
+    """
     from jezero.client.dataset import Dataset
     from jezero.schemas.actions import AreaCoverageGoal
+    from jezero.schemas.images import LISTING
 
+    file, listing = folder / RESUME, folder / LISTING
+    if not file.exists() and not listing.exists():
+        raise click.ClickException(f"{folder} has neither {RESUME} nor {LISTING}: is it the folder of a gridsweep?")
     try:
-        goal = msgspec.json.decode((folder / RESUME).read_bytes(), type=AreaCoverageGoal)
-        first = msgspec.structs.replace(goal, first_picture=0)
-        if goal.first_picture == 0:
-            return goal, Dataset(folder, cast("Kind", kind), goal=first)
-        return goal, Dataset.reopen(folder, goal=first)
-    except FileNotFoundError:
-        raise click.ClickException(f"{folder} has no {RESUME}: nothing is missing in it") from None
+        if not file.exists():
+            return None, Dataset.reopen(folder)
+        goal = msgspec.json.decode(file.read_bytes(), type=AreaCoverageGoal)
+        whole = msgspec.structs.replace(goal, first_picture=0)
+        if not listing.exists():
+            return whole, Dataset(folder, cast("Kind", kind), goal=whole)
+        dataset = Dataset.reopen(folder, cast("Kind", kind), goal=whole)
     except msgspec.DecodeError as error:
         raise click.ClickException(f"{folder} can't be resumed: {error}") from None
+    if dataset.first_missing == dataset.planned:
+        file.unlink()
+        return None, dataset
+    return msgspec.structs.replace(goal, first_picture=dataset.first_missing), dataset
 
 
 def _write_resume_goal(folder: Path, goal: "AreaCoverageGoal | None") -> None:
@@ -166,7 +183,7 @@ def _write_resume_goal(folder: Path, goal: "AreaCoverageGoal | None") -> None:
         file.unlink(missing_ok=True)
     else:
         folder.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(msgspec.json.format(msgspec.json.encode(goal), indent=1) + b"\n")
+        write_whole(file, msgspec.json.format(msgspec.json.encode(goal), indent=1) + b"\n")
 
 
 def _show_plan(goal: "AreaCoverageGoal", file: Path, as_json: bool) -> None:

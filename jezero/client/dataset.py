@@ -10,6 +10,7 @@ So the folder is a project of OpenDroneMap, which reads images from `images/` an
 must not be beside `geo.txt`, because OpenDroneMap keeps its own list there.
 """
 
+import itertools
 from collections.abc import Iterable
 from datetime import UTC, datetime, timedelta
 from math import degrees
@@ -20,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import msgspec
 
 from jezero.client.images import Picture
+from jezero.os_errors import naming, write_whole
 from jezero.schemas.images import LISTING, Image
 
 if TYPE_CHECKING:
@@ -39,10 +41,13 @@ CENTIMETRE = 3
 class _Listing(msgspec.Struct):
     images: list[dict[str, Any]]
     t0_utc: datetime | None = None
+    planned: int | None = None
 
 
 class Dataset:
-    """Writer of a dataset: each image at once, their lists in `close` or at the end of a `with` block.
+    """Writer of a dataset: each image at once, with the lists, which are complete when the process is killed too.
+
+    A `with` block writes the lists at its begin and its end.
 
     Args:
         folder: folder of the dataset; created if missing.
@@ -51,6 +56,7 @@ class Dataset:
 
     Attributes:
         folder: folder of the dataset.
+        planned: number of images that there will be, from an existing dataset; None if it is not known.
 
     Raises:
         FileExistsError: the folder has images of another dataset.
@@ -69,28 +75,37 @@ class Dataset:
         self._listing = self.folder / LISTING
         self._t0_utc: datetime | None = None
         self._newest_before_ns = -1
+        self.planned: int | None = None
 
     @classmethod
-    def reopen(cls, folder: Path | str, **extra: Any) -> Self:
+    def reopen(cls, folder: Path | str, kind: Kind = "jpg", **extra: Any) -> Self:
         """Open an existing dataset to add images.
+
+        Args:
+            folder: folder of the dataset.
+            kind: format of the images, if there is none yet.
+            extra: further fields of `images.json`.
 
         Raises:
             FileNotFoundError: the folder has no dataset.
             msgspec.DecodeError: its `images.json` is invalid.
         """
         listed = msgspec.json.decode((Path(folder) / LISTING).read_bytes(), type=_Listing)
-        png = bool(listed.images) and str(listed.images[0].get("file", "")).endswith(".png")
+        if listed.images:
+            kind = "png" if str(listed.images[0].get("file", "")).endswith(".png") else "jpg"
         dataset = cls.__new__(cls)
-        dataset._initialize(folder, "png" if png else "jpg", extra)
+        dataset._initialize(folder, kind, extra)
         for fields in listed.images:
             fields.pop("file", None)
             image = msgspec.convert(fields, Image)
             dataset._images[image.index] = image
         dataset._t0_utc = listed.t0_utc
+        dataset.planned = listed.planned
         dataset._newest_before_ns = max((image.t_ns for image in dataset._images.values()), default=-1)
         return dataset
 
     def __enter__(self) -> Self:
+        self._write_lists()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
@@ -100,6 +115,11 @@ class Dataset:
     def count(self) -> int:
         """Number of images so far."""
         return len(self._images)
+
+    @property
+    def first_missing(self) -> int:
+        """Lowest index without an image."""
+        return next(index for index in itertools.count() if index not in self._images)
 
     def has(self, image: Image) -> bool:
         """Whether this image was added."""
@@ -114,7 +134,7 @@ class Dataset:
         return f"{image.index:04d}.{self._kind}"
 
     def add(self, picture: Picture) -> Path:
-        """Write one image; returns its file.
+        """Write one image and the lists; returns its file.
 
         Raises:
             OSError: the file can't be written.
@@ -125,8 +145,10 @@ class Dataset:
         path = self._listing.with_name(self.name_of(image))
         path.parent.mkdir(parents=True, exist_ok=True)
         pixels = Pillow.frombytes("RGB", (image.width_px, image.height_px), picture.pixels)
-        pixels.save(path, quality=JPEG_QUALITY, subsampling=0, exif=exif_of(image, self._taken_utc(image)))
+        with naming(path):
+            pixels.save(path, quality=JPEG_QUALITY, subsampling=0, exif=exif_of(image, self._taken_utc(image)))
         self._images[image.index] = image
+        self._write_lists()
         return path
 
     def _taken_utc(self, image: Image) -> datetime:
@@ -147,13 +169,16 @@ class Dataset:
 
     def close(self) -> None:
         """Write `images.json` and `geo.txt`, also without any image."""
+        self._write_lists()
+
+    def _write_lists(self) -> None:
         images = [self._images[index] for index in sorted(self._images)]
         listed = [{"file": self.name_of(image), **msgspec.to_builtins(image)} for image in images]
         content = msgspec.json.encode({**msgspec.to_builtins(self._extra), "t0_utc": self._t0_utc, "images": listed})
         self._listing.parent.mkdir(parents=True, exist_ok=True)
-        self._listing.write_bytes(msgspec.json.format(content, indent=1) + b"\n")
+        write_whole(self._listing, msgspec.json.format(content, indent=1) + b"\n")
         lines = [geo_line(self.name_of(image), image) for image in images if image.position_camera_deg is not None]
-        (self.folder / "geo.txt").write_text("\n".join(["EPSG:4326", *lines]) + "\n")
+        write_whole(self.folder / "geo.txt", ("\n".join(["EPSG:4326", *lines]) + "\n").encode())
 
 
 def geo_line(name: str, image: Image) -> str:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from jezero.mapping.ground import Ground
 from jezero.mapping.survey import Array, Pixels, Survey, SurveyError
+from jezero.os_errors import naming
 
 Field = NDArray[np.float32]
 Grid = tuple[float, float, float]
@@ -49,11 +50,13 @@ class Mosaic:
         alpha = np.where(self.seen, 255, 0).astype(np.uint8)
         picture = np.dstack((self.pixels[:, :, ::-1], alpha))
         file.parent.mkdir(parents=True, exist_ok=True)
-        if not cv2.imwrite(str(file), picture):
-            raise OSError(f"{file} can't be written")
+        _, encoded = cv2.imencode(".png", picture)
+        with naming(file):
+            file.write_bytes(encoded.tobytes())
         world = file.with_suffix(".pgw")
         numbers = (self.m_per_px, 0.0, 0.0, -self.m_per_px, self.east_m, self.north_m)
-        world.write_text("".join(f"{number:.6f}\n" for number in numbers))
+        with naming(world):
+            world.write_text("".join(f"{number:.6f}\n" for number in numbers))
         return world
 
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from jezero.codec import split_attachment
+from jezero.os_errors import naming
 from jezero.schemas.topics import ACTIONS, CAMERA, SCENE, TOPICS, feedback_of
 
 LOG = "flight.jsonl"
@@ -49,6 +50,7 @@ class LogWriter:
 
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
+        self._path = path
         self._file = path.open("wb")
 
     def __enter__(self) -> "LogWriter":
@@ -57,11 +59,15 @@ class LogWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._file.close()
+        with naming(self._path):
+            self._file.close()
 
     def write(self, logged_ns: int, topic: str, data: bytes) -> None:
         """Add one message."""
-        self._file.write(line(logged_ns, topic, data))
+        try:  # a context manager takes longer than the write
+            self._file.write(line(logged_ns, topic, data))
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self._path)) from None
 
 
 def read_log(path: Path) -> Iterator[Entry]:

@@ -4,6 +4,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from jezero.os_errors import naming
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -60,7 +62,8 @@ def draw(
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         fill(figure, figure.subplots(*shape, squeeze=False, **subplots))
-        figure.savefig(path)
+        with naming(path):
+            figure.savefig(path)
     return path
 
 

@@ -1,6 +1,7 @@
 """One frozen struct per service, read once from `deploy/config/<name>.toml`."""
 
 import os
+import re
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, TypeVar
@@ -8,12 +9,18 @@ from typing import Annotated, TypeVar
 import msgspec
 from msgspec import Meta
 
+from jezero.os_errors import describe_os_error
+from jezero.router_address import parse_router
+
 
 class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Base of every service's settings: unknown fields and values out of range are refused."""
 
 
 C = TypeVar("C", bound=Config)
+
+
+NAME_EXPECTED = "expected 1 to 32 letters, digits, '-' and '_'"
 
 
 class ConfigError(ValueError):
@@ -77,9 +84,18 @@ def instance_from_environment() -> Instance:
     """
     given = {field: os.environ[name] for field, name in _VARIABLES.items() if os.environ.get(name)}
     try:
+        if "router" in given:
+            parse_router(given["router"])
+    except ValueError as error:
+        raise ConfigError(f"{_VARIABLES['router']}: {error}") from None
+    try:
         return msgspec.convert(given, Instance, strict=False)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"one of {', '.join(_VARIABLES.values())} is wrong: {error}") from error
+        wrong = re.search(r"(.*) - at `\$\.(\w+)`", str(error))
+        assert wrong is not None
+        field = wrong[2]
+        expected = NAME_EXPECTED if field == "vehicle" else wrong[1].replace("Expected", "expected")
+        raise ConfigError(f"{_VARIABLES[field]} is {given[field]!r}: {expected}") from None
 
 
 def config_directory() -> Path:
@@ -99,5 +115,7 @@ def load_config(kind: type[C], name: str, directory: Path | None = None) -> C:
         return msgspec.toml.decode(path.read_bytes(), type=kind)
     except FileNotFoundError:
         raise ConfigError(f"{path} is missing: each service reads its settings from there") from None
-    except msgspec.DecodeError as error:
+    except OSError as error:
+        raise ConfigError(describe_os_error(error)) from None
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: {error}") from error

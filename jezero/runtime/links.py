@@ -5,8 +5,12 @@ import select
 import socket
 from typing import Protocol
 
+from jezero.runtime.ports import listen_error
+
 RETRY_PERIOD_NS = 100_000_000
 CHUNK = 65_536
+MOVED_BY = "JEZERO_INSTANCE"
+"""Environment variable that moves the port of every link."""
 
 
 class SocketLink(Protocol):
@@ -24,7 +28,7 @@ class SocketLink(Protocol):
         """Open it.
 
         Raises:
-            OSError: the port is taken.
+            OSError: it can't listen on its port; the message names the port and who holds it.
         """
 
     def sockets(self) -> list[socket.socket]:
@@ -96,7 +100,10 @@ class TcpServer(_Stream):
         self._listener: socket.socket | None = None
 
     def start(self) -> None:
-        listener = socket.create_server(self._address, backlog=1)
+        try:
+            listener = socket.create_server(self._address, backlog=1)
+        except OSError as error:
+            raise OSError(error.errno, listen_error("tcp", *self._address, MOVED_BY, error)) from None
         listener.setblocking(False)
         self._listener = listener
 
@@ -164,7 +171,10 @@ class Udp:
     def start(self) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
-        self._socket.bind(self._local)
+        try:
+            self._socket.bind(self._local)
+        except OSError as error:
+            raise OSError(error.errno, listen_error("udp", *self._local, MOVED_BY, error)) from None
         if self._only_from_peer:
             self._socket.connect(self._peer)
         self._more.register(self._socket, select.POLLIN)

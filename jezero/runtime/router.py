@@ -14,8 +14,10 @@ from typing import Any
 import zenoh
 
 from jezero.codec import encode
+from jezero.router_address import parse_router
 from jezero.runtime.config import ConfigError, Instance, instance_from_environment
 from jezero.runtime.link_guard import LinkGuard
+from jezero.runtime.ports import listen_problem
 from jezero.runtime.zenoh_bus import new_boot_id
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.topics import health_of, key, liveliness_key
@@ -55,11 +57,25 @@ def open_router(endpoint: str) -> zenoh.Session:
     try:
         return zenoh.open(config_of({**ROUTER_SETTINGS, "listen/endpoints": [endpoint]}))
     except zenoh.ZError as error:
-        known = re.search(r"([A-Z][\w ]+) \(os error \d+\)", str(error))
-        reason = known[1] if known else str(error).split(" at /", maxsplit=1)[0]
-        raise ListenError(
-            f"cannot listen on {endpoint}: {reason}. Stop what holds it, or set JEZERO_ROUTER to another endpoint"
-        ) from error
+        raise ListenError(router_problem(endpoint) or f"cannot listen on {endpoint}: {_reason(error)}") from error
+
+
+def router_problem(endpoint: str) -> str:
+    """Why no router can listen on an endpoint now, in one sentence, or "".
+
+    Raises:
+        ValueError: the endpoint's syntax is wrong.
+    """
+    protocol, host, port = parse_router(endpoint)
+    if not host:
+        return ""
+    return listen_problem("udp" if protocol == "udp" else "tcp", host, port, "JEZERO_ROUTER")
+
+
+def _reason(error: zenoh.ZError) -> str:
+    """Zenoh's reason without the places in its source."""
+    known = re.search(r"([A-Z][\w ]+) \(os error \d+\)", str(error))
+    return known[1] if known else str(error).split(" at /", maxsplit=1)[0]
 
 
 def run(instance: Instance) -> None:
@@ -147,7 +163,7 @@ def main() -> int:
         run(instance_from_environment())
     except (ConfigError, ListenError) as error:
         print(f"{NAME}: {error}", file=sys.stderr)
-        return 1
+        return os.EX_CONFIG if isinstance(error, ConfigError) else 1
     return 0
 
 

@@ -19,6 +19,7 @@ from typing import Any, cast
 import zenoh
 
 from jezero.codec import BadPayloadError, decode, encode
+from jezero.os_errors import describe_os_error
 from jezero.runtime.clock import VehicleClock
 from jezero.runtime.config import ConfigError, Instance, instance_from_environment
 from jezero.runtime.links import SocketLink
@@ -66,7 +67,7 @@ def run_process(name: str, build: Build) -> int:
         build: makes the service and its links.
 
     Returns:
-        Exit code of the process; 2 when the settings are wrong.
+        Exit code of the process; EX_CONFIG when the settings are wrong, so that a restart would not help.
     """
     boot_id = new_boot_id()
     try:
@@ -74,7 +75,7 @@ def run_process(name: str, build: Build) -> int:
         service, links = build(instance, boot_id)
     except ConfigError as error:
         print(f"{name}: {error}", file=sys.stderr)
-        return 2
+        return os.EX_CONFIG
     return run_service(service, instance, boot_id, links)
 
 
@@ -98,7 +99,7 @@ def run_service(
         print(f"{service.spec.name}: {error}", file=sys.stderr)
         return 1
     except OSError as error:
-        print(f"{service.spec.name}: {error.strerror or error}", file=sys.stderr)
+        print(f"{service.spec.name}: {describe_os_error(error)}", file=sys.stderr)
         return 1
     finally:
         runner.close()

@@ -21,8 +21,8 @@ def main() -> int:
     try:
         takes_pictures = find_declaration(name).action.takes_pictures
     except PluginError as error:
-        print(error, file=sys.stderr)
-        return 1
+        print(f"{name}: {error}", file=sys.stderr)
+        return os.EX_CONFIG
     run_dir = os.environ.get("JEZERO_RUN_DIR")
     folder = Path(run_dir).absolute() / "pictures" / name if run_dir else None
     worker = Worker(_raise)

@@ -7,7 +7,6 @@ import weakref
 from math import cos, sin
 
 import numpy as np
-import pybullet
 
 from jezero.frames import (
     Quat,
@@ -21,6 +20,7 @@ from jezero.frames import (
 )
 from jezero.services.simulator.body import BodyState, RoverState
 from jezero.services.simulator.config import SimulatorConfig
+from jezero.services.simulator.quiet_pybullet import pybullet
 from jezero.services.simulator.terrain import HALF_SIDE_M, POINTS, SPACING_M, Terrain
 from jezero.vehicle_config import VehicleConfig
 

@@ -28,7 +28,11 @@ NOBODY = ["--router", "tcp/127.0.0.1:9"]
         ("rover drive 0.5 --for -1", "is not positive"),
         ("rover follow nowhere.csv", "does not exist"),
         ("fly --seed -1", "--seed"),
-        ("flyy", "No such command"),
+        ("statsu", "Did you mean 'status'?"),
+        ("rover drve", "Did you mean 'drive'?"),
+        ("info topcs", "Did you mean 'topics'?"),
+        ("status --router 127.0.0.1:7447", "write PROTOCOL/HOST:PORT, such as tcp/127.0.0.1:7447"),
+        ("status --router tcp/127.0.0.1:0", "is no address of a router"),
     ],
 )
 def test_wrong_usage_says_what_is_wrong_and_exits_with_2(words: str, said: str) -> None:

@@ -13,6 +13,7 @@ from click.testing import CliRunner, Result
 
 from jezero.cli.main import main
 from jezero.cli.polygon_file import PolygonFileError, read_polygon
+from jezero.client.dataset import Dataset
 from jezero.client.errors import Aborted
 from jezero.client.images import Picture
 from jezero.schemas.actions import AreaCoverageGoal, CoverageResult, ImagesFeedback, PlanReply
@@ -109,6 +110,11 @@ def test_a_csv_file_has_an_empty_line_before_each_hole(tmp_path: Path) -> None:
 # -- flown --
 
 
+GOAL = AreaCoverageGoal(
+    polygon_ned_m=((0.0, 0.0), (4.0, 0.0), (4.0, 4.0)), z_ned_m=-5.0, resolution_m=2.0, start_ned_m=(0.0, 0.0)
+)
+
+
 class FakeGoal:
     """A coverage that gives its pictures and ends as told."""
 
@@ -185,7 +191,41 @@ def test_a_coverage_that_ended_early_is_completed_in_its_folder(tmp_path: Path, 
     assert [image["index"] for image in listing["images"]] == [0, 1, 2, 3]
     assert len((folder / "geo.txt").read_text().splitlines()) == 5
     again = CliRunner().invoke(main, ["gridsweep", "--resume", str(folder)])
-    assert again.exit_code == 1 and "nothing is missing in it" in again.output
+    assert again.exit_code == 0 and f"nothing is missing in {folder}: all 4 images are there" in again.output
+    assert len(vehicle.goals) == 2
+
+
+def kill(folder: Path, images: int) -> None:
+    """Put a completed coverage's folder into the state in which a killed command leaves it after some images."""
+    with Dataset(folder) as dataset:
+        dataset.note(action="area_coverage", goal=GOAL, planned=4)
+        for index in range(images):
+            dataset.add(picture(index))
+    (folder / "resume.json").write_bytes(msgspec.json.encode(GOAL))
+
+
+@pytest.mark.parametrize("images", [0, 1, 3])
+def test_a_coverage_whose_command_was_killed_goes_on_after_the_images_that_are_there(
+    tmp_path: Path, vehicle: FakeVehicle, images: int
+) -> None:
+    kill(tmp_path, images)
+    done = CliRunner().invoke(main, ["gridsweep", "--resume", str(tmp_path)])
+    assert done.exception is None or done.exit_code == 0, done.output
+    assert vehicle.goals == [msgspec.structs.replace(GOAL, first_picture=images)]
+
+
+def test_a_coverage_whose_command_was_killed_after_the_last_image_is_complete(
+    tmp_path: Path, vehicle: FakeVehicle
+) -> None:
+    kill(tmp_path, 4)
+    done = CliRunner().invoke(main, ["gridsweep", "--resume", str(tmp_path)])
+    assert done.exit_code == 0 and "nothing is missing" in done.output
+    assert vehicle.goals == [] and not (tmp_path / "resume.json").exists()
+
+
+def test_a_folder_without_images_of_a_coverage_cannot_be_resumed(tmp_path: Path) -> None:
+    done = CliRunner().invoke(main, ["gridsweep", "--resume", str(tmp_path)])
+    assert done.exit_code == 1 and "is it the folder of a gridsweep?" in done.output
 
 
 def test_pictures_do_not_go_where_others_are(tmp_path: Path, vehicle: FakeVehicle) -> None:
@@ -203,9 +243,7 @@ def test_a_coverage_that_took_no_picture_is_completed_in_the_format_that_is_aske
 ) -> None:
     folder = tmp_path / "run"
     folder.mkdir()
-    corners = ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0))
-    goal = AreaCoverageGoal(polygon_ned_m=corners, z_ned_m=-5.0, resolution_m=2.0, start_ned_m=(0.0, 0.0))
-    (folder / "resume.json").write_bytes(msgspec.json.encode(goal))
+    (folder / "resume.json").write_bytes(msgspec.json.encode(GOAL))
     CliRunner().invoke(main, ["gridsweep", "--resume", str(folder), "--format", "png"])
     listing = json.loads((folder / LISTING).read_text())
     assert [image["file"] for image in listing["images"]] == ["0000.png", "0001.png"]

@@ -194,6 +194,31 @@ def test_images_json_tells_everything_and_takes_later_corrections(tmp_path: Path
     assert told["images"][0]["focal_px"] == 5.0
 
 
+def test_the_lists_are_complete_after_each_image(tmp_path: Path) -> None:
+    with Dataset(tmp_path, goal_id="g") as dataset:
+        assert json.loads((tmp_path / LISTING).read_text())["images"] == []
+        for index in range(3):
+            dataset.add(picture(index))
+            listed = json.loads((tmp_path / LISTING).read_text())
+            assert (listed["goal_id"], len(listed["images"])) == ("g", index + 1)
+            assert len((tmp_path / "geo.txt").read_text().splitlines()) == index + 2
+
+
+def test_a_list_that_cannot_be_written_leaves_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with Dataset(tmp_path) as dataset:
+        dataset.add(picture(0))
+    before = (tmp_path / LISTING).read_bytes()
+
+    def fill_up(path: Path, data: bytes) -> int:
+        path.open("wb").close()
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", fill_up)
+    with pytest.raises(OSError, match=r"No space left on device: '.*images\.json'"):
+        dataset.add(picture(1))
+    assert (tmp_path / LISTING).read_bytes() == before
+
+
 def test_what_was_taken_is_listed_also_when_something_goes_wrong(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError), Dataset(tmp_path) as dataset:
         dataset.add(picture(0))

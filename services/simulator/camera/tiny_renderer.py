@@ -11,7 +11,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import numpy.typing as npt
-import pybullet
 
 from jezero.schemas.sensors import CameraInfo
 from jezero.schemas.state import Scene
@@ -22,6 +21,7 @@ from jezero.services.simulator.camera.meshes import Mesh, rocks_mesh, rover_mesh
 from jezero.services.simulator.camera.sun import TO_SUN_NED
 from jezero.services.simulator.camera.view import Array, View, project
 from jezero.services.simulator.config import SimulatorConfig
+from jezero.services.simulator.quiet_pybullet import pybullet
 from jezero.services.simulator.terrain import HALF_SIDE_M, POINTS, SPACING_M, Terrain, make_terrain
 from jezero.vehicle_config import PlatformConfig, VehicleConfig
 

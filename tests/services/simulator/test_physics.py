@@ -1,5 +1,7 @@
 """Forces, contact and rays, against numbers worked out by hand."""
 
+import subprocess
+import sys
 from collections.abc import Iterator
 from math import atan2, degrees, isfinite, radians
 
@@ -303,3 +305,10 @@ def test_no_motor_commands_make_the_state_non_finite(world: World, seed: int) ->
         assert all(isfinite(value) for part in state for value in part)
     assert norm(state.rates_frd_rps) < 300.0
     assert state.pos_ned_m[2] < 2.0
+
+
+def test_the_physics_engine_prints_nothing_when_it_is_imported() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", "import jezero.services.simulator.world"], capture_output=True, text=True, check=True
+    )
+    assert (done.stdout, done.stderr) == ("", "")

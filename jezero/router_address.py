@@ -1,0 +1,38 @@
+"""The address of a Zenoh router, such as `tcp/127.0.0.1:7447`."""
+
+import re
+from typing import NamedTuple
+
+PROTOCOLS = ("tcp", "tls", "udp", "unixsock-stream")
+_NETWORK = re.compile(
+    r"(?P<protocol>tcp|tls|udp)/(?P<host>\[[0-9A-Fa-f:.]+(?:%\w+)?\]|[^\s/:\[\]]+):(?P<port>\d{1,5})(?:[?#]\S*)?"
+)
+_UNIX = re.compile(r"unixsock-stream/\S+")
+
+
+class RouterAddress(NamedTuple):
+    """An address in its parts.
+
+    Attributes:
+        protocol: one of `PROTOCOLS`.
+        host: name or IP address, without brackets; "" for a Unix socket.
+        port: port; 0 for a Unix socket.
+    """
+
+    protocol: str
+    host: str
+    port: int
+
+
+def parse_router(text: str) -> RouterAddress:
+    """Parse an address.
+
+    Raises:
+        ValueError: its syntax is wrong; the message shows it and an example.
+    """
+    if _UNIX.fullmatch(text):
+        return RouterAddress("unixsock-stream", "", 0)
+    match = _NETWORK.fullmatch(text)
+    if match is None or not 1 <= int(match["port"]) <= 65535:
+        raise ValueError(f"{text!r} is no address of a router: write PROTOCOL/HOST:PORT, such as tcp/127.0.0.1:7447")
+    return RouterAddress(match["protocol"], match["host"].strip("[]"), int(match["port"]))

@@ -1,0 +1,78 @@
+"""Ports of this machine that a process can't listen on: why, and who holds them. Needs /proc (Linux)."""
+
+import errno
+import os
+import re
+import shlex
+import socket
+from contextlib import suppress
+from pathlib import Path
+from typing import Literal
+
+Protocol = Literal["tcp", "udp"]
+COMMAND_MAX = 80
+
+
+def listen_problem(protocol: Protocol, host: str, port: int, variable: str) -> str:
+    """Why a process can't listen on a port now, in one sentence, or "".
+
+    Args:
+        variable: environment variable that moves the port.
+    """
+    try:
+        found = socket.getaddrinfo(host, port, type=_kind(protocol), flags=socket.AI_PASSIVE)
+    except OSError as error:
+        return f"cannot listen on {host}: {error.strerror}; set {variable} to an address of this machine"
+    family, *_, address = found[0]
+    with socket.socket(family, _kind(protocol)) as probe:
+        if protocol == "tcp":
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(address)
+            if protocol == "tcp":
+                probe.listen(1)
+        except OSError as error:
+            return listen_error(protocol, host, port, variable, error)
+    return ""
+
+
+def listen_error(protocol: Protocol, host: str, port: int, variable: str, error: OSError) -> str:
+    """One sentence about an attempt to listen that failed: the port, its holder, and what moves it."""
+    where = f"{protocol.upper()} port {port} of {host}"
+    if error.errno != errno.EADDRINUSE:
+        return f"cannot listen on {where}: {error.strerror}; set {variable} to another one"
+    holder = port_holder(protocol, port) or "a process that this user can't see"
+    return f"{where} is held by {holder}: stop that, or set {variable} to another one"
+
+
+def port_holder(protocol: Protocol, port: int) -> str:
+    """The process that has a port, as `process 123 (its command)`; "" if /proc doesn't show it."""
+    links = {f"socket:[{inode}]" for inode in _inodes(protocol, port)}
+    for folder in Path("/proc").glob("[0-9]*") if links else ():
+        with suppress(OSError):  # it has ended, or is another user's
+            if any(os.readlink(folder / "fd" / name) in links for name in os.listdir(folder / "fd")):
+                return f"process {folder.name} ({_command(folder)})"
+    return ""
+
+
+def _inodes(protocol: Protocol, port: int) -> set[str]:
+    """Inodes of the sockets with a local port. Source: proc(5)."""
+    found = set()
+    for table in (protocol, f"{protocol}6"):
+        with suppress(OSError):  # a kernel without IPv6
+            for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
+                fields = line.split()
+                if int(fields[1].rpartition(":")[2], 16) == port:
+                    found.add(fields[9])
+    return found
+
+
+def _command(folder: Path) -> str:
+    """A process' command line, shortened, without control characters."""
+    words = (folder / "cmdline").read_bytes().decode("utf-8", "replace").rstrip("\0").split("\0")
+    text = re.sub(r"[^ -~]", "?", shlex.join(words))
+    return text if len(text) <= COMMAND_MAX else f"{text[:COMMAND_MAX]}…"
+
+
+def _kind(protocol: Protocol) -> socket.SocketKind:
+    return socket.SOCK_STREAM if protocol == "tcp" else socket.SOCK_DGRAM

@@ -1,0 +1,60 @@
+"""Errors that are not the program's: one sentence, without a traceback, in every command."""
+
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from jezero.cli.main import main
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["fly --fast", "demo --fast --runs {runs}", "bench landing --n 1", "campaign --seeds 1", "info services",
+     "camera orthophoto {runs}.png"],
+)  # fmt: skip
+@pytest.mark.parametrize("folder", ["", "missing"])
+def test_wrong_settings_are_named_in_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str, folder: str
+) -> None:
+    settings = tmp_path / folder
+    if not folder:
+        for name in ("vehicle", "simulator", "actions", "camera"):
+            (settings / f"{name}.toml").write_text("no_such_setting = 1\n")
+    monkeypatch.setenv("JEZERO_CONFIG_DIR", str(settings))
+    done = CliRunner().invoke(main, words.format(runs=tmp_path / "runs").split())
+    assert done.exit_code == 1
+    assert done.stderr.startswith(f"Error: {settings}/") and len(done.stderr.splitlines()) == 1
+    assert ("is missing" if folder else "no_such_setting") in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("error", "sentence"),
+    [
+        (OSError(28, "No space left on device", "a.png"), "a.png: No space left on device (make room on the disk"),
+        (OSError(24, "Too many open files"), "Too many open files (`ulimit -n` limits"),
+        (PermissionError(13, "Permission denied", "a"), "a: Permission denied\n"),
+        (OSError("a sentence"), "a sentence\n"),
+    ],
+)
+def test_what_the_operating_system_refuses_is_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, error: OSError, sentence: str
+) -> None:
+    @click.command()
+    def broken() -> None:
+        raise error
+
+    monkeypatch.setattr("jezero.cli.flight.status", broken)
+    done = CliRunner().invoke(main, ["status"])
+    assert done.exit_code == 1
+    assert done.stderr.startswith(f"Error: {sentence}") and len(done.stderr.splitlines()) == 1
+
+
+def test_errors_of_the_program_keep_their_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    @click.command()
+    def broken() -> None:
+        raise ValueError("a programming error")
+
+    monkeypatch.setattr("jezero.cli.flight.status", broken)
+    assert isinstance(CliRunner().invoke(main, ["status"]).exception, ValueError)

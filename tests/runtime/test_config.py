@@ -1,0 +1,52 @@
+"""Identity and settings from the environment: what is wrong is named."""
+
+from pathlib import Path
+
+import pytest
+
+from jezero.runtime.config import Config, ConfigError, instance_from_environment, load_config
+
+
+class Settings(Config, frozen=True, kw_only=True):
+    speed_mps: float = 1.0
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "expected"),
+    [
+        ("JEZERO_VEHICLE", "a/b", "is 'a/b': expected 1 to 32 letters, digits, '-' and '_'"),
+        ("JEZERO_ROUTER", "tcp/here", "'tcp/here' is no address of a router"),
+        ("JEZERO_ROUTER", "ws/here:1", "'ws/here:1' is no address of a router"),
+        ("JEZERO_INSTANCE", "250", "is '250': expected `int` <= 249"),
+        ("JEZERO_INSTANCE", "one", "is 'one': expected `int`"),
+        ("JEZERO_GCS_PORT", "0", "is '0': expected `int` >= 1"),
+    ],
+)
+def test_a_wrong_variable_is_named_with_its_value_and_what_is_expected(
+    monkeypatch: pytest.MonkeyPatch, variable: str, value: str, expected: str
+) -> None:
+    monkeypatch.setenv(variable, value)
+    with pytest.raises(ConfigError) as caught:
+        instance_from_environment()
+    assert str(caught.value).startswith(variable) and expected in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"sped_mps = 1.0", "unknown field `sped_mps`"),
+        (b"speed_mps = 'fast'", "Expected `float`"),
+        (b"speed_mps = ", "a.toml: "),
+        (b"\xff", "a.toml: "),
+        (None, "a.toml: Is a directory"),
+    ],
+)
+def test_a_file_that_holds_no_settings_is_named(tmp_path: Path, content: bytes | None, reason: str) -> None:
+    file = tmp_path / "a.toml"
+    if content is None:
+        file.mkdir()
+    else:
+        file.write_bytes(content)
+    with pytest.raises(ConfigError, match=str(file)) as caught:
+        load_config(Settings, "a", tmp_path)
+    assert reason in str(caught.value)

@@ -1,0 +1,31 @@
+"""Addresses of the router."""
+
+import pytest
+
+from jezero.router_address import RouterAddress, parse_router
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("tcp/127.0.0.1:7447", ("tcp", "127.0.0.1", 7447)),
+        ("tls/rover.local:7447", ("tls", "rover.local", 7447)),
+        ("udp/[::1]:65535", ("udp", "::1", 65535)),
+        ("tcp/[fe80::1%eth0]:1#iface=eth0", ("tcp", "fe80::1%eth0", 1)),
+        ("tcp/0.0.0.0:7447?prio=1", ("tcp", "0.0.0.0", 7447)),
+        ("unixsock-stream//tmp/router", ("unixsock-stream", "", 0)),
+    ],
+)
+def test_an_address_has_a_protocol_a_host_and_a_port(text: str, parts: tuple[str, str, int]) -> None:
+    assert parse_router(text) == RouterAddress(*parts)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "127.0.0.1:7447", "tcp/", "tcp/host", "tcp/host:", "tcp/host:x", "tcp/host:0", "tcp/host:65536", "tcp/:7447",
+     "tcp//host:7447", "tcp://host:7447", "tcp/::1:7447", "tcp/a b:7447", "http/host:7447", "tcp/host:7447 ",
+     "unixsock-stream/"],
+)  # fmt: skip
+def test_anything_else_is_refused_with_an_example(text: str) -> None:
+    with pytest.raises(ValueError, match=r"is no address of a router: write PROTOCOL/HOST:PORT, such as tcp/127"):
+        parse_router(text)
