@@ -27,6 +27,7 @@ from jezero.schemas.topics import (
 )
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.control_lease import ControlLease
+from jezero.services.actions.lifecycle.ground_proximity import GroundProximity
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 from jezero.services.actions.lifecycle.vehicle_view import (
     ODOMETRY_AGE_MAX_S,
@@ -36,7 +37,7 @@ from jezero.services.actions.lifecycle.vehicle_view import (
 )
 from jezero.services.actions.motion.behaviour import Done, Move, Plan, Remaining, Start, remaining_of
 from jezero.services.actions.motion.limits import beyond_limits
-from jezero.vehicle_config import VehicleLimitsConfig
+from jezero.vehicle_config import VehicleConfig
 
 SETPOINT_RATE_HZ, FEEDBACK_RATE_HZ = 50.0, 10.0
 """Rates while a goal runs; a plan may ask for more setpoints."""
@@ -63,7 +64,7 @@ class GoalContext:
         inputs: topics that it subscribes to besides odometry.
         view: state of the vehicle for this goal.
         lease: its own selection of the estimator's inputs; None: it has none.
-        limits: for the goal's points.
+        vehicle: has the limits of the goal's points.
         epoch_id: of the vehicle that the goal is for.
         watchers: ids of the requests that get replies.
     """
@@ -74,7 +75,7 @@ class GoalContext:
     inputs: tuple[Topic[Any], ...]
     view: VehicleView
     lease: SelectionLease | None
-    limits: VehicleLimitsConfig
+    vehicle: VehicleConfig
     epoch_id: int
     watchers: list[int] = field(default_factory=list)
 
@@ -104,7 +105,8 @@ class GoalFlight:
         self._inputs = context.inputs
         self._view = context.view
         self._lease = context.lease
-        self._limits = context.limits
+        self._limits = context.vehicle.limits
+        self._ground = GroundProximity(context.vehicle)
         self._control = ControlLease(context.epoch_id)
         self._watchers = context.watchers
         self._tag = ""
@@ -185,6 +187,8 @@ class GoalFlight:
         move = self._behaviour.step(t_ns, state)
         if any(shift_ned_m) and isinstance(move, Move) and (beyond := self._moved_beyond(move, shift_ned_m)):
             move = Done("aborted", beyond)
+        if isinstance(move, Move) and (problem := self._ground.problem(t_ns, state, move)):
+            move = Done("aborted", problem)
         if isinstance(move, Done):
             yield from self._release(t_ns, move, inbox)
             return

@@ -12,7 +12,7 @@ from jezero.runtime.service import BackgroundTask, Call, Inbox, Output, Reply, R
 from jezero.schemas.actions import Accepted, Goal, PlanReply, Rejected, Result
 from jezero.schemas.commands import Acquire
 from jezero.schemas.struct import Payload
-from jezero.schemas.topics import ACQUIRE, ODOMETRY, STATUS, Action
+from jezero.schemas.topics import ACQUIRE, ALTIMETER, ODOMETRY, STATUS, Action
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.goal_flight import GoalContext, GoalFlight
 from jezero.services.actions.lifecycle.picture_store import PictureStore
@@ -121,7 +121,7 @@ class GoalRun:
         self._arrived_ns = 0
         lease = None if plan.selection is None or plan_only else SelectionLease(goal_id, plan.selection)
         captured = () if plan.capture is None else CAPTURE_INPUTS
-        inputs = tuple(dict.fromkeys((*plan.inputs, *captured)))
+        inputs = tuple(dict.fromkeys((ALTIMETER, *plan.inputs, *captured)))
         self._plan = plan
         self._view = VehicleView(epoch_id, lease, inputs)
         self._context = GoalContext(
@@ -131,7 +131,7 @@ class GoalRun:
             inputs=inputs,
             view=self._view,
             lease=lease,
-            limits=vehicle.limits,
+            vehicle=vehicle,
             epoch_id=epoch_id,
         )
 

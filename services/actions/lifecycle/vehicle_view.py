@@ -47,7 +47,6 @@ class VehicleView:
         self._epoch_id = epoch_id
         self._lease = lease
         self._with_rover = RELATIVE in inputs or ROVER_ESTIMATE in inputs
-        self._with_height = ALTIMETER in inputs
         self._offset_start_ned_m: Vec3 = (0.0, 0.0, 0.0)
 
     def begin(self, odometry: Odometry) -> None:
@@ -78,7 +77,7 @@ class VehicleView:
             status is not None and status.armed,
             status is not None and status.landed,
             min(max((t_ns - odometry.t_ns) / NS_PER_S, 0.0), ODOMETRY_AGE_MAX_S),
-            self._height_m(t_ns, inbox, odometry.q_ned_from_frd) if self._with_height else None,
+            self._height_m(t_ns, inbox, odometry.q_ned_from_frd),
             self._relative(t_ns, inbox) if self._with_rover else None,
             self._rover(t_ns, inbox) if self._with_rover else None,
             shift_ned_m,

@@ -396,6 +396,5 @@ def test_a_request_that_only_checks_gets_the_decision_and_changes_nothing() -> N
 
 def test_the_refusal_on_the_ground_names_no_option_of_one_interface() -> None:
     reply = Rig().ready().acquire("go_to")
-    assert reply.reason == (
-        "go_to needs a hovering vehicle (3), the status is 0 (IDLE): take off first, or let the goal begin with a takeoff"
-    )
+    advice = "take off first, or let the goal begin with a takeoff"
+    assert reply.reason == f"go_to needs a hovering vehicle (3), the status is 0 (IDLE): {advice}"

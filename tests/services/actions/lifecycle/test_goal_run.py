@@ -88,7 +88,7 @@ def test_an_idle_server_listens_to_status_and_clock_only() -> None:
     port = world.bus._ports["go_to"]
     assert port.subscribed == {"status", "clock"}
     goal = world.flying()
-    assert port.subscribed == {"status", "clock", "odometry"}
+    assert port.subscribed == {"status", "clock", "odometry", "sensor/altimeter"}
     world.bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="far"))
     world.end(goal)
     assert port.subscribed == {"status", "clock"}
