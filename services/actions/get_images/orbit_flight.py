@@ -6,13 +6,13 @@ camera's axes keep the target in the middle of the picture.
 
 from math import pi
 
-from jezero.frames import add, norm, scale, subtract, wrap_pi
+from jezero.frames import add, scale, subtract, wrap_pi
 from jezero.schemas.actions import GetImagesGoal, ImagesFeedback
 from jezero.schemas.commands import Phase
-from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.get_images.config import GetImagesConfig
 from jezero.services.actions.get_images.orbit import Orbit, aim, facing, nearest_phase
+from jezero.services.actions.motion.arrival import ArrivalDetector
 from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState
 from jezero.services.actions.motion.capture import Capture
 from jezero.services.actions.motion.straight_path import TimedStraightPath, profile_remaining, straight_speed_mps
@@ -51,7 +51,7 @@ class OrbitFlight:
         self._capture = capture
         self._move_config = config.move
         self._yaw_rad = yaw_start_rad
-        self._settled_ns: int | None = None
+        self._arrival = ArrivalDetector(config.move, SETTLED_S)
         self._arrived_ns: int | None = None
         """Start of the turn; None on the way to it."""
         self._turned_rad = 0.0
@@ -92,17 +92,11 @@ class OrbitFlight:
 
     def _settle(self, t_ns: int, state: VehicleState) -> None:
         """Begin the turn when the vehicle is at its first point and faces the centre."""
-        move = self._move_config
         end_ned_m = self._way_in.end_ned_m
-        away_m = norm(subtract(end_ned_m, position_now(state)))
         yaw_rad, _ = facing(end_ned_m, (0.0, 0.0, 0.0), self._orbit.center_ned_m)
         turned = abs(wrap_pi(yaw_rad - state.yaw_rad)) < SETTLED_RAD
-        slow = norm(state.vel_uav_ned_mps) < move.reached_mps
-        if not (turned and slow and away_m < move.reached_m):
-            self._settled_ns = None
-        elif self._settled_ns is None:
-            self._settled_ns = t_ns
-        if self._settled_ns is not None and t_ns - self._settled_ns >= SETTLED_S * NS_PER_S:
+        error_ned_m = subtract(end_ned_m, position_now(state))
+        if self._arrival.update(t_ns, error_ned_m, state.vel_uav_ned_mps, turned=turned):
             self._arrived_ns = t_ns
             self._tracker.restart(t_ns)
 

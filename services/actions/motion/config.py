@@ -12,7 +12,9 @@ Positive = Annotated[float, Meta(gt=0.0, le=1e4)]
 class MoveConfig(Config, frozen=True, kw_only=True):
     """Motion of the reference point along a straight path, and the test of arrival at its end.
 
-    The vehicle has arrived when it has been near the end and slow for `reached_s`.
+    The vehicle has arrived when it has been near the end and slow for `reached_s`. In wind it has also arrived when it
+    has hovered about the end for 4 s: its mean position within twice `reached_m`, and never farther away than
+    `reached_in_wind_m` or faster than `reached_in_wind_mps`.
 
     Attributes:
         accel_mps2: acceleration and deceleration of the reference.
@@ -22,6 +24,8 @@ class MoveConfig(Config, frozen=True, kw_only=True):
         reached_m: distance from the end below which the vehicle is near.
         reached_mps: speed below which the vehicle is slow.
         reached_s: time for which the vehicle must be near and slow.
+        reached_in_wind_m: greatest distance from the end during a hover that counts as an arrival.
+        reached_in_wind_mps: greatest speed during such a hover.
     """
 
     accel_mps2: Positive = 1.0
@@ -31,6 +35,8 @@ class MoveConfig(Config, frozen=True, kw_only=True):
     reached_m: Positive = 0.15
     reached_mps: Positive = 0.2
     reached_s: Positive = 1.0
+    reached_in_wind_m: Positive = 1.0
+    reached_in_wind_mps: Positive = 1.0
 
 
 class TrackingConfig(Config, frozen=True, kw_only=True):

@@ -8,6 +8,7 @@ from jezero.frames import Vec3, add, distance, norm, scale, subtract, wrap_pi
 from jezero.schemas.actions import ImagesFeedback, LandFeedback, MoveFeedback
 from jezero.schemas.commands import Phase
 from jezero.schemas.units import NS_PER_S
+from jezero.services.actions.motion.arrival import ArrivalDetector
 from jezero.services.actions.motion.behaviour import Move, Remaining, VehicleState
 from jezero.services.actions.motion.config import MoveConfig
 from jezero.services.actions.motion.speed_profile import SpeedProfile, next_speed_mps, time_to_rest_s
@@ -86,7 +87,7 @@ class StraightPath:
         self._travelled_m = 0.0
         self._speed_mps = 0.0
         self._t_ns = t_ns
-        self._within_since_ns: int | None = None
+        self._arrival = ArrivalDetector(config, config.reached_s)
         self._nearest_m = float("inf")
         self._nearer_ns = t_ns
 
@@ -159,17 +160,12 @@ class StraightPath:
         return False
 
     def _test_arrival(self, t_ns: int, state: VehicleState, *, turned: bool) -> None:
-        config = self._config
-        distance_m = self.left_m = distance(self.end_ned_m, state.pos_uav_ned_m)
+        error_ned_m = subtract(self.end_ned_m, state.pos_uav_ned_m)
+        distance_m = self.left_m = norm(error_ned_m)
         if distance_m < self._nearest_m - PROGRESS_M:
             self._nearest_m = distance_m
             self._nearer_ns = t_ns
-        near = turned and distance_m < config.reached_m
-        if not (near and norm(state.vel_uav_ned_mps) < config.reached_mps):
-            self._within_since_ns = None
-        elif self._within_since_ns is None:
-            self._within_since_ns = t_ns
-        self.reached = self._within_since_ns is not None and t_ns - self._within_since_ns >= config.reached_s * NS_PER_S
+        self.reached = self._arrival.update(t_ns, error_ned_m, state.vel_uav_ned_mps, turned=turned)
 
 
 class TimedStraightPath:

@@ -1,0 +1,52 @@
+"""Flights in a wind of 8 m/s with gusts: what is "reached" there."""
+
+from math import hypot
+
+import pytest
+from msgspec.structs import replace
+
+from jezero.runtime.config import load_config
+from jezero.runtime.memory_bus import MemoryBus
+from jezero.schemas import topics
+from jezero.schemas.actions import GetImagesGoal, TakeoffGoal
+from jezero.services.simulator.camera.config import CameraConfig
+from jezero.services.simulator.config import SimulatorConfig, WindConfig
+from jezero.trials.campaign.blank_camera import BlankCamera
+from jezero.trials.stack import build_stack
+from jezero.vehicle_config import VehicleConfig
+from tests.scenario.rig import Flight, go_to
+
+LIMIT_S = 20.0
+"""A goal that a wait for calmer wind keeps from its end ends later, or not at all."""
+
+
+def windy(seed: int) -> MemoryBus:
+    wind = WindConfig(mean_mps=8.0, from_deg=77.0 * seed, std_gust_mps=1.5)
+    simulator = replace(load_config(SimulatorConfig, "simulator"), wind=wind)
+    bus = build_stack(seed, simulator=simulator)
+    camera, mount = load_config(CameraConfig, "camera"), load_config(VehicleConfig, "vehicle").camera
+    bus.add(BlankCamera(camera, mount, publishes_info=False))
+    return bus
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_a_takeoff_and_a_flight_in_wind_end_while_the_vehicle_sways_about_their_ends(seed: int) -> None:
+    flight = Flight(seed, windy)
+    flight.wait_ready()
+    for action, goal in (
+        (topics.TAKEOFF, TakeoffGoal(altitude_m=2.0)),
+        (topics.GO_TO, go_to(8.0, 0.0, -4.0)),
+    ):
+        start_ns = flight.bus.t_ns
+        flight.do(action, goal)
+        assert (flight.bus.t_ns - start_ns) * 1e-9 < LIMIT_S
+    odometry = flight.status.odometry
+    assert odometry is not None
+    north_m, east_m, down_m = odometry.pos_uav_ned_m
+    assert hypot(north_m - 8.0, east_m, down_m + 4.0) < 1.0
+
+
+def test_an_orbit_in_wind_begins_and_ends() -> None:
+    flight = Flight(1, windy)
+    flight.take_off(3.0)
+    flight.do(topics.GET_IMAGES, GetImagesGoal(center_ned_m=(6.0, 0.0, -3.0), radius_m=3.0, num_images=4))
