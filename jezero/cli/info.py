@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import click
 
+from jezero.cli.reference.action_description import action_rows, action_schema, field_rows
 from jezero.cli.reference.markdown import cell
 from jezero.cli.reference.pages import PAGES, reference_page
 from jezero.cli.reference.topics import Row, endpoint_rows, mermaid, service_rows, topic_rows
@@ -67,6 +68,30 @@ def topics(as_json: bool, as_mermaid: bool) -> None:
         click.echo(mermaid())
     else:
         _print(topic_rows(), as_json=as_json)
+
+
+@info.command()
+@click.argument("name", required=False)
+@click.option("--json", "as_json", is_flag=True, help="One JSON object per action, with JSON Schemas.")
+def actions(name: str | None, as_json: bool) -> None:
+    """Show every action, or the fields of goal, feedback and result of the action NAME."""
+    from jezero.plugins import action_names, all_actions, find_action
+
+    if name is not None and name not in action_names():
+        raise click.BadParameter(f"there is no action {name}: there are {', '.join(action_names())}")
+    shown = all_actions() if name is None else {name: find_action(name)}
+    if as_json:
+        for action in shown.values():
+            click.echo(json.dumps(action_schema(action)))
+    elif name is None:
+        _print(action_rows(shown), as_json=False)
+    else:
+        action = shown[name]
+        parts = {"goal": action.goal_type, "feedback": action.feedback_type, "result": action.result_type}
+        click.echo(f"Goals are sent to {action.endpoint.name}, planned by {action.plan.name}.")
+        for part, struct in parts.items():
+            click.secho(f"\n{part}", bold=True)
+            _print(field_rows(struct), as_json=False)
 
 
 @info.command()

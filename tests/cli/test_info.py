@@ -190,3 +190,24 @@ def test_an_example_of_a_goal_has_values_in_range(name: str) -> None:
     goal = EXAMPLES[name].goal
     assert type(goal) is ACTIONS[name].goal_type
     assert msgspec.json.decode(msgspec.json.encode(goal), type=type(goal)) == goal
+
+
+def test_the_fields_of_a_goal_are_shown_with_unit_range_and_default() -> None:
+    shown = CliRunner().invoke(main, ["info", "actions", "takeoff"]).output
+    assert "@action/takeoff" in shown
+    assert "altitude_m" in shown and "number, m" in shown
+
+
+@pytest.mark.parametrize("name", ACTIONS)
+def test_the_json_schema_of_a_goal_accepts_exactly_its_fields(name: str) -> None:
+    shown = CliRunner().invoke(main, ["info", "actions", name, "--json"]).output
+    schema = msgspec.json.decode(shown)["goal"]
+    goal = schema["$defs"][schema["$ref"].rsplit("/", 1)[1]]
+    assert set(goal["properties"]) == set(ACTIONS[name].goal_type.__struct_fields__)
+    assert goal["additionalProperties"] is False
+
+
+def test_an_action_that_does_not_exist_is_answered_with_those_that_do() -> None:
+    result = CliRunner().invoke(main, ["info", "actions", "takof"])
+    assert result.exit_code == 2
+    assert "takeoff" in result.output and "land_on_spot" in result.output
