@@ -16,9 +16,9 @@ Restart = Literal["no", "always", "on-failure", "unless-stopped"]
 
 _SERVICE_KEYS = {
     "command", "environment", "depends_on", "healthcheck", "restart", "stop_grace_period", "profiles",
-    "image", "network_mode",
+    "image", "build", "network_mode",
 }  # fmt: skip
-"""`image` and `network_mode` are for container runtimes and mean nothing to plain processes."""
+"""`image`, `build` and `network_mode` are for container runtimes and mean nothing to plain processes."""
 _HEALTHCHECK_KEYS = {"test", "interval", "timeout", "retries", "start_period", "disable"}
 _NAME = re.compile(r"[a-zA-Z0-9._-]+")
 _DURATION = re.compile(r"(?:\d+(?:\.\d+)?(?:us|ms|s|m|h))+")

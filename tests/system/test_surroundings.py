@@ -338,13 +338,14 @@ def test_the_reservation_of_an_instance_follows_and_changes_no_file(
 def test_a_command_that_takes_images_and_is_killed_leaves_a_folder_that_can_be_drawn_and_mapped(
     stack: Stack, tmp_path: Path
 ) -> None:
-    (tmp_path / "area.csv").write_text("-3,-3\n3,-3\n3,3\n-3,3\n")
+    (tmp_path / "area.csv").write_text("-2,-2\n2,-2\n2,2\n-2,2\n")
     folder = tmp_path / "sweep"
     stack.jezero("takeoff", "4")
     area = ["--polygon", str(tmp_path / "area.csv"), "--z", "-4", "--resolution", "1.5"]
     sweep = stack.start("gridsweep", *area, "--out", str(folder))
-    wait_for(lambda: len(list(folder.glob("images/*.jpg"))) >= 3, 60.0, "three images")
+    wait_for(lambda: len(list(folder.glob("images/*.jpg"))) >= 3 or sweep.poll() is not None, 120.0, "three images")
     sweep.send_signal(signal.SIGKILL)
+    assert sweep.wait() == -signal.SIGKILL, sweep.communicate()
     sweep.communicate()
     listed = json.loads((folder / LISTING).read_text())["images"]
     assert len(listed) >= 2

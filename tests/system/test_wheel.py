@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -10,14 +11,20 @@ from pathlib import Path
 
 import pytest
 
+from tests.deploy.test_image import copied
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A wheel of this tree, built without the network."""
-    folder = tmp_path_factory.mktemp("wheel")
-    command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(folder), str(ROOT)]
+    """A wheel of this tree."""
+    return build(ROOT, tmp_path_factory.mktemp("wheel"))
+
+
+def build(source: Path, folder: Path) -> Path:
+    """Build a wheel without the network."""
+    command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(folder), str(source)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     (built,) = folder.glob("*.whl")
@@ -52,6 +59,18 @@ def test_the_wheel_has_every_package_and_data_file(wheel: Path) -> None:
     assert len(wanted) > 50
     assert sorted(set(wanted) - set(names)) == []
     assert not [name for name in names if "__pycache__" in name or name.startswith(("schemas", "services", "deploy"))]
+
+
+def test_the_files_that_the_image_copies_make_the_same_wheel(wheel: Path, tmp_path: Path) -> None:
+    context = tmp_path / "context"
+    context.mkdir()
+    for name in copied():
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, context / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(ROOT / name, context)
+    image_wheel = build(context, tmp_path)
+    assert sorted(zipfile.ZipFile(image_wheel).namelist()) == sorted(zipfile.ZipFile(wheel).namelist())
 
 
 def test_the_command_and_its_files_come_from_the_wheel(installed: Path, tmp_path: Path) -> None:
