@@ -146,6 +146,15 @@ def take_back_with_a_hover(flight: BridgeFlight, phase: str) -> None:
     assert _has_origin(flight)
 
 
+RESTARTS = [
+    *((restart_on_the_ground, phase) for phase in GROUND),
+    *((restart_at_once, phase) for phase in AIR),
+    *((restart_after_the_failsafe_has_landed, phase) for phase in AIR),
+    *((take_back_with_a_hover, phase) for phase in AIR),
+]
+"""Each kind of restart with each phase in which it happens."""
+
+
 def _has_origin(flight: BridgeFlight) -> bool:
     odometry = flight.status.odometry
     return odometry is not None and odometry.origin_deg is not None

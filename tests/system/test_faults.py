@@ -130,12 +130,18 @@ def test_frozen_action_servers_are_restarted_while_the_vehicle_hovers(shared_sta
     assert changed(shared_stack, before) == servers
 
 
-def test_a_frozen_bridge_is_restarted_and_leaves_the_landing_to_the_autopilot(shared_stack: Stack) -> None:
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_bridge_that_dies_or_freezes_leaves_the_landing_to_the_autopilot_and_takes_off_again(
+    shared_stack: Stack, number: signal.Signals
+) -> None:
     before = shared_stack.processes()
     with shared_stack.connect() as vehicle:
         in_the_air(vehicle)
         goal = vehicle.go_to(3.0, 0.0, -3.0, speed_mps=0.5)
-        freeze(shared_stack, ["vehicle_bridge"])
+        if number == signal.SIGKILL:
+            os.kill(before["vehicle_bridge"], signal.SIGKILL)
+        else:
+            freeze(shared_stack, ["vehicle_bridge"])
         with pytest.raises(Aborted, match="the vehicle bridge has been silent"):
             goal.result(timeout_s=TIMEOUT_S)
         wait_until_back(shared_stack, ["vehicle_bridge"], before)
@@ -146,7 +152,7 @@ def test_a_frozen_bridge_is_restarted_and_leaves_the_landing_to_the_autopilot(sh
             if status.code == StatusCode.IDLE:
                 break
         assert codes[0] == StatusCode.EXTERNAL and set(codes) == {StatusCode.EXTERNAL, StatusCode.IDLE}
-        vehicle.wait_ready(TIMEOUT_S)
+        in_the_air(vehicle)
     assert changed(shared_stack, before) == {"vehicle_bridge"}
 
 

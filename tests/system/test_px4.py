@@ -17,7 +17,9 @@ from jezero.schemas.state import StatusCode
 from jezero.trials.landing.flight import fly_landing
 from jezero.trials.landing.trial import Conditions
 from jezero.trials.missions import DEMONSTRATION
+from tests.scenario.bridge_restarts import RESTARTS, BridgeFlight
 from tests.system.conftest import JEZERO, Stack, wait_for, wait_for_status
+from tests.system.test_profiles import get_ready_apart
 
 pytestmark = pytest.mark.skipif(
     not os.environ.get("JEZERO_PX4_DIR"), reason="JEZERO_PX4_DIR names no folder with PX4's bin/px4 and etc/"
@@ -87,6 +89,35 @@ def test_when_the_bridge_dies_px4_lands_by_itself(start_px4_stack: Callable[...,
         os.kill(stack.processes_cached["vehicle_bridge"], signal.SIGKILL)
     wait_for(lambda: has_printed("Failsafe activated"), 5.0, "failsafe")
     wait_for(lambda: has_printed("Disarmed by landing"), LANDS_WITHIN_S, "landed and disarmed")
+
+
+def test_a_killed_bridge_gets_ready_again_after_px4_has_landed(start_px4_stack: Callable[..., Stack]) -> None:
+    """The new bridge has to request what PX4 sent to the one before."""
+    stack = start_px4_stack()
+    with stack.connect() as vehicle:
+        vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
+        os.kill(stack.processes_cached["vehicle_bridge"], signal.SIGKILL)
+        wait_for_status(vehicle, lambda s: s.code == StatusCode.EXTERNAL, 10.0, "the status of the new bridge")
+        wait_for_status(vehicle, lambda s: s.code == StatusCode.IDLE, LANDS_WITHIN_S, "landed and disarmed")
+        vehicle.wait_ready(10.0)
+        vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
+
+
+@pytest.mark.parametrize("profiles", [("sim", "control"), ("control", "sim")])
+def test_profiles_started_apart_get_ready_in_either_order(
+    unstarted: Stack, tmp_path: Path, profiles: tuple[str, str]
+) -> None:
+    unstarted.choose_autopilot("px4")
+    get_ready_apart(unstarted, tmp_path, profiles)
+
+
+@pytest.mark.parametrize(("restart", "phase"), RESTARTS)
+def test_a_bridge_restarted_in_any_phase_takes_off_again(
+    restart: Callable[[BridgeFlight, str], None], phase: str
+) -> None:
+    """The list of tests/scenario/test_bridge_restarts.py, in lockstep with virtual time."""
+    with real_px4(Path(os.environ["JEZERO_PX4_DIR"]), {}) as make:
+        restart(BridgeFlight(make()), phase)
 
 
 def test_a_killed_autopilot_comes_back_with_a_new_vehicle(start_px4_stack: Callable[..., Stack]) -> None:
