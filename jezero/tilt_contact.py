@@ -2,18 +2,18 @@
 
 from math import hypot
 
-SLOPE_SINE_MAX = 0.34
-"""Sine of the largest tilt that a slope gives a vehicle which stands on it: 20 degrees."""
+TILT_SINE_MAX = 0.17
+"""Sine of the largest tilt on level ground: 10 degrees."""
 
 
 def is_tilted_by_contact(
-    axis_ned: tuple[float, float], expected_axis_ned: tuple[float, float], sine_max: float = SLOPE_SINE_MAX
+    axis_ned: tuple[float, float], expected_axis_ned: tuple[float, float], sine_max: float = TILT_SINE_MAX
 ) -> bool:
     """Whether the tilt is above the limit, and above the expected tilt by more than the limit.
 
     Args:
         axis_ned: (2,) north and east components of the unit vector along the body's vertical axis.
-        expected_axis_ned: (2,) the same vector in the air, before the contact: wind alone tilts a vehicle.
+        expected_axis_ned: (2,) the same vector as commanded, or as measured in the air: wind alone tilts a vehicle.
         sine_max: sine of the limit.
     """
     tilt = hypot(*axis_ned)

@@ -259,8 +259,7 @@ class CascadeController:
         """Run the position and velocity loops. On the ground only the thrust ramps up, level and without integrals.
 
         Args:
-            in_contact: whether the land detector has contact, which levels the vehicle and makes the thrust ramp down
-                quickly, as in PX4.
+            in_contact: whether the land detector has contact, which makes the thrust ramp down quickly.
         """
         c = self._config
         if setpoint.yaw_rad is not None:
@@ -270,12 +269,7 @@ class CascadeController:
             self._yaw_rad = wrap_pi(at.yaw_rad + rate * dt)
         turn = c.mc_yaw_p * wrap_pi(self._yaw_rad - at.yaw_rad) + rate
         self._yaw_rate_rps = max(-c.mc_yawrate_max_rps, min(c.mc_yawrate_max_rps, turn))
-        if in_contact:
-            # A tilt against the wind would push a vehicle with little weight on its feet over the platform. The
-            # integrals stay for the next flight: without them the wind would carry the vehicle away.
-            self._velocity.velocity_setpoint(at, setpoint)
-            self._force_setpoint_ned_mps2 = (0.0, 0.0, -GRAVITY_MPS2)
-        elif airborne:
+        if airborne:
             self._force_setpoint_ned_mps2 = self._velocity.specific_force(dt, at, setpoint)
         else:
             self._velocity.reset()

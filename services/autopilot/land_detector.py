@@ -63,16 +63,6 @@ class LandDetector:
         """Whether something blocks the descent, or did until a moment ago; a short bump does not count."""
         return self._untouched_s < TOUCH_HOLD_S
 
-    @property
-    def blocked(self) -> bool:
-        """Whether a commanded descent is blocked just now, be it by a gust or by the ground."""
-        return self._blocked_s > 0.0
-
-    @staticmethod
-    def tips(rates_frd_rps: Vec3) -> bool:
-        """Whether a vehicle that touches something rotates about it."""
-        return hypot(rates_frd_rps[0], rates_frd_rps[1]) > TIPPING_RATE_MIN_RPS
-
     def step(
         self, dt: float, vel_ned_mps: Vec3, rates_frd_rps: Vec3, vel_setpoint_down_mps: float, thrust_hover_ratio: float
     ) -> None:
@@ -96,8 +86,7 @@ class LandDetector:
         self._blocked_s = self._blocked_s + dt if blocked else 0.0
         self._untouched_s = 0.0 if self._blocked_s >= TOUCH_MIN_S else self._untouched_s + dt
         rotating = max(abs(rate) for rate in rates_frd_rps) > c.lndmc_rot_max_rps
-        at_rest = (
-            self.contact and thrust_hover_ratio < LOW_THRUST_MAX_RATIO and not (rotating or self.tips(rates_frd_rps))
-        )
+        tipping = hypot(rates_frd_rps[0], rates_frd_rps[1]) > TIPPING_RATE_MIN_RPS
+        at_rest = self.contact and thrust_hover_ratio < LOW_THRUST_MAX_RATIO and not (rotating or tipping)
         self._low_s = self._low_s + dt if at_rest else 0.0
         self.landed = self._low_s >= MAYBE_LANDED_S + c.landed_s

@@ -16,10 +16,6 @@ SPOOLUP_TIME_S = 0.5
 LIFTOFF_SPEED_MIN_MPS = 0.2
 LIFTOFF_CLIMB_MIN_M = 0.1
 """The vehicle has lifted off when it climbs faster or higher than this."""
-EDGE_SINE_MIN, SETTLING_S = 0.17, 0.3
-"""A vehicle that is tilted by more than 10 degrees and doesn't come to rest within SETTLING_S tips over an edge; on a
-slope it rests.
-"""
 
 
 class MulticopterController:
@@ -36,10 +32,6 @@ class MulticopterController:
         self._step = 0
         self._outer_s = 0.0
         self._armed_s = 0.0
-        self._tilted_s = 0.0
-        """Time for which what is touched has tilted the vehicle more than EDGE_SINE_MIN."""
-        self._free_up_ned = (0.0, 0.0)
-        """North and east part of the body's up axis when nothing was touched."""
         self._takeoff_start_down_m: float | None = None
 
     def configure(self, config: AutopilotConfig) -> None:
@@ -58,14 +50,9 @@ class MulticopterController:
         detector = self.detector
         if detector.landed or not (detector.touching or detector.contact):
             return None
-        up_ned = self._up_ned
-        tips = self._tilted_s > SETTLING_S and detector.tips(self._estimator.rates_frd_rps)
-        return up_ned if tips or is_tilted_by_contact(up_ned, self._free_up_ned) else None
-
-    @property
-    def _up_ned(self) -> tuple[float, float]:
         r = self._estimator.R_ned_from_frd
-        return -r[2], -r[5]
+        up_ned = (-r[2], -r[5])
+        return up_ned if is_tilted_by_contact(up_ned, self._controller.up_setpoint_ned[:2]) else None
 
     def leave_contact(self) -> None:
         """Set the state to flying and allow full thrust, to get away from a contact."""
@@ -100,10 +87,6 @@ class MulticopterController:
         at = self.kinematics
         detector, controller = self.detector, self._controller
         if not detector.landed:
-            if not (detector.blocked or detector.touching or detector.contact):
-                self._free_up_ned = self._up_ned
-            tilted = is_tilted_by_contact(self._up_ned, self._free_up_ned, EDGE_SINE_MIN)
-            self._tilted_s = self._tilted_s + dt if tilted else 0.0
             controller.step_outer(dt, at, setpoint, airborne=True, in_contact=detector.contact)
             down_mps = controller.vel_setpoint_ned_mps[2]
             if detector.touching and down_mps < -CLIMB_SETPOINT_MIN_MPS:

@@ -24,6 +24,8 @@ PREDICTION_S = 0.3
 """The vehicle goes around when it would leave its place within this time: a climb takes about as long to begin."""
 LEAN_S = 0.4
 """A shorter tilt than this is the way from the first foot to all four."""
+SLOPE_SINE_MAX = 0.34
+"""Sine of the largest tilt that a slope gives a vehicle which stands on it: 20 degrees."""
 LYING_TILT_RAD = 1.2
 """A vehicle with a larger tilt lies on its side: its rotors can't lift it any more."""
 LEVEL_TIME_CONSTANT_S = 0.5
@@ -112,7 +114,7 @@ class ContactWatcher:
             return "slides"
         remaining = exp(-(t_ns - self._begin_ns) / NS_PER_S / LEVEL_TIME_CONSTANT_S)
         north, east = self._free_down_ned
-        if not is_tilted_by_contact(state.down_ned, (remaining * north, remaining * east)):
+        if not is_tilted_by_contact(state.down_ned, (remaining * north, remaining * east), SLOPE_SINE_MAX):
             self._upright_ns = t_ns
         return "leans" if t_ns - self._upright_ns > LEAN_S * NS_PER_S else ""
 
