@@ -103,6 +103,9 @@ class AirframeConfig(Config, frozen=True, kw_only=True):
         radius_rotor_m: radius of each rotor.
         height_stand_m: height of the centre of mass when the vehicle stands.
         feet_frd_m: forward and right position of the front right foot; the four feet are symmetric.
+        drag_rotors_nspm: drag in the rotors' plane per m/s of airspeed, in hover; it grows with the rotors' speed.
+        drag_area_side_m2: drag area of the body seen from the side, drag coefficient included.
+        drag_area_top_m2: drag area of the body seen from above, drag coefficient included.
     """
 
     mass_kg: Positive = 1.5
@@ -114,6 +117,9 @@ class AirframeConfig(Config, frozen=True, kw_only=True):
     radius_rotor_m: Positive = 0.128
     height_stand_m: Annotated[float, Meta(gt=0.0, le=10.0)] = 0.148
     feet_frd_m: tuple[Positive, Positive] = (0.13, 0.16)
+    drag_rotors_nspm: NonNegative = 0.45
+    drag_area_side_m2: NonNegative = 0.06
+    drag_area_top_m2: NonNegative = 0.1
 
 
 class AltimeterMountConfig(Config, frozen=True, kw_only=True):

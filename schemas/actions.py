@@ -85,12 +85,14 @@ class LandOnSpotGoal(Goal, frozen=True, kw_only=True):
         frame: frame of `landing_spot_ned_m`; without UWB only `world` is accepted.
         use_uwb: use the UWB ranges to the rover.
         use_tag: use the camera's detections of the tags on the platform.
+        force: land in more wind than the settings allow, too.
     """
 
     landing_spot_ned_m: PositionNed | None = None
     frame: Frame = "world"
     use_uwb: bool = True
     use_tag: bool = True
+    force: bool = False
 
 
 class GetImagesGoal(Goal, frozen=True, kw_only=True):
@@ -169,7 +171,7 @@ class MoveFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="mo
     distance_m: NonNegative
 
 
-LandPhase = Literal["approach", "descent", "hold", "search", "contact"]
+LandPhase = Literal["approach", "descent", "hold", "search", "contact", "go_around"]
 
 
 class LandFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="land"):
@@ -182,7 +184,7 @@ class LandFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="la
             unknown.
         phase: phase of the landing. `approach` flies to a point above the platform or the spot, `descent` descends,
             `hold` keeps the height while the platform is out of sight, `search` searches for the platform, `contact`
-            follows the touchdown.
+            follows the touchdown, `go_around` climbs after a bad one.
     """
 
     pos_uav_ned_m: PositionNed

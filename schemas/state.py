@@ -127,6 +127,10 @@ class Status(Message, frozen=True, kw_only=True):
         not_ready_reason: reason why the vehicle is not ready, for people; "" for a ready one.
         battery: state of the battery. None until the autopilot sends it.
         text: last event, for people.
+        wind_ned_mps: horizontal wind, estimated from tilt and acceleration: its mean over the last seconds. None on the
+            ground, and until it is known.
+        std_gust_mps: standard deviation of the wind about that mean, in the direction in which it is larger. None as
+            above.
     """
 
     code: Annotated[int, Meta(ge=0, le=15)]
@@ -146,6 +150,8 @@ class Status(Message, frozen=True, kw_only=True):
     not_ready_reason: Text = ""
     battery: Battery | None = None
     text: Text = ""
+    wind_ned_mps: VelocityNed | None = None
+    std_gust_mps: NonNegative | None = None
 
 
 class TruePoses(Message, frozen=True, kw_only=True):

@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from math import isfinite, radians
+from math import atan2, degrees, hypot, isfinite, radians
 from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 import click
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from jezero.client import Goal, Vehicle
+    from jezero.frames import Vec3
     from jezero.schemas.actions import Frame
 
 FRAMES = click.Choice(["world", "rover"])
@@ -265,6 +266,7 @@ def target(
     help="Rover's position, or the spot: metres north, east, down.",
 )
 @click.option("--frame", type=FRAMES, default="world", show_default=True, help="Frame of the spot.")
+@click.option("--force", is_flag=True, help="Land in more wind than the settings allow, too.")
 @flight_options
 def land_on_spot(
     use_uwb: bool,
@@ -272,6 +274,7 @@ def land_on_spot(
     spot: tuple[float, float, float] | None,
     frame: str,
     yes: bool,
+    force: bool,
     vehicle: str,
     router: str,
     as_json: bool,
@@ -290,7 +293,9 @@ def land_on_spot(
     if not use_uwb and spot is not None and not as_json:
         what = "Rover position" if use_tag else "Landing spot"
         click.echo(f"{what}: [{spot[0]:g}, {spot[1]:g}, {spot[2]:g}]")
-    goal = LandOnSpotGoal(landing_spot_ned_m=spot, frame=cast("Frame", frame), use_uwb=use_uwb, use_tag=use_tag)
+    goal = LandOnSpotGoal(
+        landing_spot_ned_m=spot, frame=cast("Frame", frame), use_uwb=use_uwb, use_tag=use_tag, force=force
+    )
     with connected(vehicle, router, printer) as uav:
         fly_goal(printer, send_goal(printer, uav, LAND_ON_SPOT, goal, yes=yes), "land_on_spot")
 
@@ -379,6 +384,13 @@ def status(watch: bool, vehicle: str, router: str, as_json: bool) -> None:
             return
 
 
+def _wind(wind_ned_mps: "Vec3", std_gust_mps: float | None) -> str:
+    north_mps, east_mps, _ = wind_ned_mps
+    from_deg = degrees(atan2(-east_mps, -north_mps)) % 360.0
+    gusts = "" if std_gust_mps is None else f", gusts of {std_gust_mps:.1f} m/s (standard deviation)"
+    return f"{hypot(north_mps, east_mps):.1f} m/s from {from_deg:.0f} degrees{gusts}"
+
+
 def _print_status(printer: Printer, latest: Any) -> None:
     import msgspec
 
@@ -395,6 +407,8 @@ def _print_status(printer: Printer, latest: Any) -> None:
     if latest.odometry is not None:
         rows.append(("position", f"{_point(latest.odometry.pos_uav_ned_m)} m, NED"))
         rows.append(("velocity", f"{_point(latest.odometry.vel_uav_ned_mps)} m/s"))
+    if latest.wind_ned_mps is not None:
+        rows.append(("wind", _wind(latest.wind_ned_mps, latest.std_gust_mps)))
     if latest.battery is not None and latest.battery.remaining is not None:
         rows.append(("battery", f"{100.0 * latest.battery.remaining:.0f} %"))
     if latest.text:

@@ -170,6 +170,7 @@ class Vehicle:
         frame: Frame = "world",
         use_uwb: bool = True,
         use_tag: bool = True,
+        force: bool = False,
         on_client_loss: OnClientLoss = "continue",
     ) -> Goal[LandFeedback, LandResult]:
         """Land on the rover, or on a spot on the ground if it uses neither UWB nor the tags.
@@ -179,6 +180,7 @@ class Vehicle:
             frame: frame of the spot.
             use_uwb: use the UWB ranges to the rover.
             use_tag: use the AprilTags on the platform.
+            force: land in more wind than the settings allow, too.
         """
         goal = LandOnSpotGoal(
             **self._common(on_client_loss),
@@ -186,6 +188,7 @@ class Vehicle:
             frame=frame,
             use_uwb=use_uwb,
             use_tag=use_tag,
+            force=force,
         )
         return self._send(topics.LAND_ON_SPOT, goal)
 

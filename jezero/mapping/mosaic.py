@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from jezero.lens import distort
 from jezero.mapping.ground import Ground
 from jezero.mapping.survey import Array, Pixels, Survey, SurveyError
 from jezero.os_errors import naming
@@ -149,11 +150,14 @@ def _lookup(survey: Survey, ground: Ground, number: int, place: tuple[slice, sli
 
 
 def _weight(survey: Survey, px: Field, py: Field) -> Field:
-    """Weights of pixels: 1 in an image's centre, lower towards its edges, 0 outside."""
+    """Weights of pixels: 1 in an image's centre, lower towards its edges, 0 where the lens showed nothing."""
     width_px, height_px = survey.size_px
     across = np.abs(px - survey.center_px[0]) / (0.5 * width_px)
     along = np.abs(py - survey.center_px[1]) / (0.5 * height_px)
     inside = np.clip(1.0 - np.maximum(across, along), 0.0, 1.0)
     away = ((px - survey.center_px[0]) ** 2 + (py - survey.center_px[1]) ** 2) / survey.focal_px**2
-    inside[(px < 0) | (py < 0) | (px > width_px - 1) | (py > height_px - 1)] = 0.0
+    center_px = np.array(survey.center_px)
+    shown = distort((np.stack((px, py), axis=-1) - center_px) / survey.focal_px, survey.distortion)
+    x, y = np.moveaxis(survey.focal_px * shown + center_px, -1, 0)  # NaN is outside too
+    inside[~((x >= 0) & (y >= 0) & (x <= width_px - 1) & (y <= height_px - 1))] = 0.0
     return np.asarray(np.minimum(1.0, 5.0 * inside) * np.exp(-SHARPNESS * away), np.float32)

@@ -19,7 +19,14 @@ BLUE, ORANGE, GREEN, PINK, SKY, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7
 LEGEND_COLUMNS = 6
 TRUTH = "black"
 ESTIMATE = BLUE
-PHASES = {"approach": "#dcebf5", "descent": "#fdebd3", "contact": "#d6efdf", "hold": "#e9e9e9", "search": "#f3e0ec"}
+PHASES = {
+    "approach": "#dcebf5",
+    "descent": "#fdebd3",
+    "contact": "#d6efdf",
+    "go_around": "#f6d9d2",
+    "hold": "#e9e9e9",
+    "search": "#f3e0ec",
+}
 BAND = "#bdbdbd"
 STYLE: dict[Any, Any] = {
     "font.size": 8.5,

@@ -86,7 +86,7 @@ class WindConfig(Config, frozen=True, kw_only=True):
 
 
 class UavConfig(Config, frozen=True, kw_only=True):
-    """Start of the vehicle, its motors, the drag of its body, and its legs.
+    """Start of the vehicle, its motors, and its legs.
 
     Attributes:
         start: "ground" starts on the map's origin, "platform" on the middle of the rover's platform.
@@ -94,9 +94,6 @@ class UavConfig(Config, frozen=True, kw_only=True):
         thrust_to_weight: ratio of the thrust at full command on all motors to the weight; the thrust is proportional to
             the command.
         tau_motor_s: time constant of the first-order lag of a rotor's speed.
-        drag_rotors_nspm: drag in the rotors' plane per m/s of airspeed, in hover; it grows with the rotors' speed.
-        drag_area_side_m2: drag area of the body seen from the side, drag coefficient included.
-        drag_area_top_m2: drag area of the body seen from above, drag coefficient included.
         damping_rates_nms: moment against a rotation, per rad/s.
         sag_legs_m: height by which the legs give way under the vehicle's weight.
         stiffness_foot_npm: spring constant of each leg.
@@ -109,9 +106,6 @@ class UavConfig(Config, frozen=True, kw_only=True):
     start_yaw_rad: Angle = 0.0
     thrust_to_weight: Positive = 2.0
     tau_motor_s: Positive = 0.02
-    drag_rotors_nspm: NonNegative = 0.45
-    drag_area_side_m2: NonNegative = 0.06
-    drag_area_top_m2: NonNegative = 0.1
     damping_rates_nms: NonNegative = 0.005
     sag_legs_m: NonNegative = 0.002
     stiffness_foot_npm: Positive = 2000.0

@@ -38,9 +38,9 @@ class Uav:
             for (forward, right), moment in zip(airframe.pos_rotors_frd_m, airframe.moment_per_thrust_m, strict=True)
         )
         speed_hover = sqrt(1.0 / uav.thrust_to_weight)
-        self._drag_rotors = uav.drag_rotors_nspm / (4.0 * speed_hover)
-        self._drag_side = 0.5 * config.density_air_kgpm3 * uav.drag_area_side_m2
-        self._drag_top = 0.5 * config.density_air_kgpm3 * uav.drag_area_top_m2
+        self._drag_rotors = airframe.drag_rotors_nspm / (4.0 * speed_hover)
+        self._drag_side = 0.5 * config.density_air_kgpm3 * airframe.drag_area_side_m2
+        self._drag_top = 0.5 * config.density_air_kgpm3 * airframe.drag_area_top_m2
         self._damping = uav.damping_rates_nms
         self._radius_m = airframe.radius_rotor_m
         self._speeds = [0.0, 0.0, 0.0, 0.0]

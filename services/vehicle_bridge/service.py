@@ -29,6 +29,7 @@ from jezero.services.vehicle_bridge.request_queue import RequestQueue
 from jezero.services.vehicle_bridge.telemetry import TelemetryBatch
 from jezero.services.vehicle_bridge.timer import Timer
 from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, OFFBOARD, ControlState, Target, VehicleSnapshot
+from jezero.services.vehicle_bridge.wind_estimator import WindEstimator
 from jezero.vehicle_config import VehicleConfig
 
 LINK = "autopilot"
@@ -74,6 +75,7 @@ class VehicleBridge:
         self._link = AutopilotLink(system_id, config.parameters)
         self._foreign_setpoints = ForeignSetpointDetector()
         self._authority = Authority(config, robot, boot_id)
+        self._wind = WindEstimator(robot.airframe)
         self._epoch_id: int | None = None
         self._timer = Timer()
         self._ground_z_ned_m = 0.0
@@ -110,6 +112,7 @@ class VehicleBridge:
         yield from self._stream(vehicle.t_ns)
         yield from self._send_commands(vehicle, inbox)
         for odometry in batch.odometry:
+            self._wind.update(odometry, vehicle)
             yield Publish(ODOMETRY, odometry)
         yield from self._publish_status(vehicle, inbox.wall_ns)
         yield from self._subscribe()
@@ -277,7 +280,7 @@ class VehicleBridge:
         self._last_visible = visible
 
     def _status(self, control_state: ControlState, vehicle: VehicleSnapshot) -> Status:
-        telemetry = self._link.telemetry
+        telemetry, wind = self._link.telemetry, self._wind.wind
         if control_state.code is StatusCode.EXTERNAL:
             not_ready_reason: str | None = f"not under the bridge's command: {control_state.text}"
         elif control_state.code is not StatusCode.IDLE and vehicle.telemetry_age_s <= LINK_TIMEOUT_S:
@@ -303,6 +306,8 @@ class VehicleBridge:
             not_ready_reason=not_ready_reason or "",
             battery=telemetry.battery,
             text=control_state.text[:2000],
+            wind_ned_mps=None if wind is None else wind.mean_ned_mps,
+            std_gust_mps=None if wind is None else wind.std_gust_mps,
         )
 
     def _subscribe(self) -> Iterator[Output]:

@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 
 from jezero.cli.main import main
 from jezero.frames import quat_from_euler, quat_multiply, quat_normalize
+from jezero.lens import undistort
 from jezero.mapping.ground import fit_ground
 from jezero.mapping.making import make_map
 from jezero.mapping.mosaic import Mosaic
 from jezero.mapping.survey import SurveyError, read_survey
 from jezero.schemas.images import LISTING
+from jezero.schemas.sensors import NO_DISTORTION, Distortion
 from jezero.vehicle_config import VehicleConfig
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 180, 136, 112.0
@@ -33,7 +35,18 @@ def painted(side_px: int = 700) -> NDArray[np.uint8]:
     return np.clip(sum(layers) / 3.0, 0, 255).astype(np.uint8)
 
 
-def dataset(folder: Path, *, wander_m: float = 0.0, yaw_error_rad: float = 0.0) -> NDArray[np.uint8]:
+def through_lens(picture: NDArray[np.uint8], distortion: Distortion) -> NDArray[np.uint8]:
+    """The picture of a lens with distortion, from that of an ideal lens."""
+    columns, rows = np.meshgrid(np.arange(WIDTH_PX, dtype=float), np.arange(HEIGHT_PX, dtype=float))
+    center_px = np.array((0.5 * (WIDTH_PX - 1), 0.5 * (HEIGHT_PX - 1)))
+    seen = undistort((np.stack((columns, rows), axis=-1) - center_px) / FOCAL_PX, distortion)
+    at_px = (FOCAL_PX * seen + center_px).astype(np.float32)
+    return np.asarray(cv2.remap(picture, at_px[..., 0], at_px[..., 1], cv2.INTER_LINEAR), np.uint8)
+
+
+def dataset(
+    folder: Path, *, wander_m: float = 0.0, yaw_error_rad: float = 0.0, distortion: Distortion = NO_DISTORTION
+) -> NDArray[np.uint8]:
     """Six pictures that overlap; they are told to be 0.1 m aside, and more by as much from one to the next."""
     ground, rng = painted(), np.random.default_rng(1)
     error_m = np.full(2, 0.1 if wander_m else 0.0)
@@ -42,7 +55,8 @@ def dataset(folder: Path, *, wander_m: float = 0.0, yaw_error_rad: float = 0.0) 
     for index, (north_m, east_m) in enumerate(MIDDLES_M):
         yaw_rad = rng.uniform(-0.1, 0.1)
         picture_from_px = picture_matrix(north_m, east_m, yaw_rad)
-        picture = cv2.warpPerspective(ground, picture_from_px, (WIDTH_PX, HEIGHT_PX))
+        picture = np.asarray(cv2.warpPerspective(ground, picture_from_px, (WIDTH_PX, HEIGHT_PX)), np.uint8)
+        picture = through_lens(picture, distortion)
         cv2.imwrite(str(folder / "images" / f"{index:04d}.png"), picture[:, :, ::-1])
         error_m += rng.uniform(-wander_m, wander_m, 2)
         told_m = (north_m + error_m[0], east_m + error_m[1], -HEIGHT_M)
@@ -64,6 +78,7 @@ def dataset(folder: Path, *, wander_m: float = 0.0, yaw_error_rad: float = 0.0) 
                 "height_px": HEIGHT_PX,
                 "focal_px": FOCAL_PX,
                 "center_px": (0.5 * (WIDTH_PX - 1), 0.5 * (HEIGHT_PX - 1)),
+                "distortion": distortion,
                 "range_m": HEIGHT_M - 0.02,
             }
         )
@@ -105,6 +120,20 @@ def displacement_m(mosaic: Mosaic, ground: NDArray[np.uint8]) -> NDArray[np.floa
 def test_pictures_from_known_poses_make_a_map_that_is_where_things_are(tmp_path: Path) -> None:
     ground = dataset(tmp_path)
     assert np.abs(displacement_m(make_map(tmp_path, M_PER_PX, VehicleConfig()).mosaic, ground)).max() <= 1.5 * M_PER_PX
+
+
+@pytest.mark.parametrize("distortion", [(-0.25, 0.05, 0.0, 0.0, 0.0), (0.25, 0.0, 0.001, -0.001, 0.0)])
+def test_pictures_of_a_lens_with_distortion_make_the_same_map_and_nothing_that_the_lens_does_not_show(
+    tmp_path: Path, distortion: Distortion
+) -> None:
+    ground = dataset(tmp_path, distortion=distortion)
+    mosaic = make_map(tmp_path, M_PER_PX, VehicleConfig()).mosaic
+    assert np.abs(displacement_m(mosaic, ground)).max() <= 1.5 * M_PER_PX
+    top, left = round((7.0 - mosaic.north_m) / M_PER_PX), round((mosaic.east_m + 7.0) / M_PER_PX)
+    rows, columns = mosaic.seen.shape
+    expected = ground[top : top + rows, left : left + columns].astype(float)
+    error = np.abs(mosaic.pixels.astype(float) - expected).mean(axis=2)[mosaic.seen]
+    assert np.median(error) < 25.0 and np.mean(mosaic.pixels[mosaic.seen].max(axis=1) < 10) < 1e-4
 
 
 def test_what_pictures_show_in_common_puts_them_right_but_for_a_common_shift(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from typing import Self
 
 import pytest
 
-from jezero import Vehicle
+from jezero import Unreachable, Vehicle
 from jezero.deploy.launcher.ports import instance_environment, reserved_instance
 from jezero.runtime.config import Instance
 from jezero.schemas.state import Status
@@ -117,6 +117,14 @@ def _waited_ns(pid: int) -> int:
         with contextlib.suppress(OSError):  # it has ended
             waited_ns += int(thread.read_text().split()[1])
     return waited_ns
+
+
+def has_status(vehicle: Vehicle) -> bool:
+    """Whether there is a status: a restarted bridge is healthy shortly before its first status."""
+    with contextlib.suppress(Unreachable):
+        vehicle.status()
+        return True
+    return False
 
 
 def wait_for_status(vehicle: Vehicle, condition: Callable[[Status], bool], timeout_s: float, description: str) -> float:

@@ -18,7 +18,7 @@ from jezero.trials.landing.flight import fly_landing
 from jezero.trials.landing.trial import Conditions
 from jezero.trials.missions import DEMONSTRATION
 from tests.scenario.bridge_restarts import RESTARTS, BridgeFlight
-from tests.system.conftest import JEZERO, Stack, wait_for, wait_for_status
+from tests.system.conftest import JEZERO, Stack, has_status, wait_for, wait_for_status
 from tests.system.test_profiles import get_ready_apart
 
 pytestmark = pytest.mark.skipif(
@@ -97,7 +97,8 @@ def test_a_killed_bridge_gets_ready_again_after_px4_has_landed(start_px4_stack: 
     with stack.connect() as vehicle:
         vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
         os.kill(stack.processes_cached["vehicle_bridge"], signal.SIGKILL)
-        wait_for_status(vehicle, lambda s: s.code == StatusCode.EXTERNAL, 10.0, "the status of the new bridge")
+        wait_for(lambda: has_status(vehicle), 10.0, "a status of the new bridge")
+        assert vehicle.status().code == StatusCode.EXTERNAL
         wait_for_status(vehicle, lambda s: s.code == StatusCode.IDLE, LANDS_WITHIN_S, "landed and disarmed")
         vehicle.wait_ready(10.0)
         vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)

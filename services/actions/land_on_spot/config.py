@@ -115,7 +115,13 @@ class LandOnSpotConfig(Config, frozen=True, kw_only=True):
     Attributes:
         plain: landing on a spot, by the vehicle's own position.
         rover: landing on the rover, by UWB or the tags.
+        go_arounds_max: number of go-arounds after contacts in which the vehicle slides or leans; after one more such
+            contact the landing ends with a hover.
+        wind_max_mps: highest estimated wind, mean plus standard deviation, in which a landing without `force` starts or
+            goes on.
     """
 
     plain: PlainLandingConfig = PlainLandingConfig()
     rover: RoverLandingConfig = RoverLandingConfig()
+    go_arounds_max: Annotated[int, Meta(ge=0, le=20)] = 3
+    wind_max_mps: Positive = 12.0

@@ -21,11 +21,11 @@ SPEED_GATE_MPS = 0.5
 GAIN_DESCENT_1PS = 0.6
 """Rate of descent per metre of height."""
 COMMIT_M = 0.1
-"""Below this height the vehicle descends whatever the error is."""
+"""Below this height the vehicle descends wherever it may stand: waiting in gusts near the platform is worse."""
 STRAYED_CONES = 4.0
 """The vehicle climbs when the error is larger than this number of cone radii."""
-CONTACT_M, CONTACT_S = 0.03, 0.6
-"""A lower height than this counts as contact, and so does a stop of this duration during the descent."""
+CONTACT_M, CONTACT_S = 0.03, 0.4
+"""A lower foot than this counts as contact, and so does a stop of this duration during the descent."""
 FORCE_S = 3.0
 """Duration for which the conditions of a forced disarm must hold. Source: spec §8, which wants 2 s at least; PX4 takes
 about as long to detect the ground."""
@@ -39,10 +39,15 @@ HEIGHT_SIGMAS = 2.0
 
 
 class Descent:
-    """Descent inside a cone that narrows towards the middle of the platform."""
+    """Descent inside a cone that narrows towards the middle of the platform.
 
-    def __init__(self, config: RoverLandingConfig) -> None:
+    Args:
+        room_m: distance from the middle of the platform up to which the vehicle may stand.
+    """
+
+    def __init__(self, config: RoverLandingConfig, room_m: float) -> None:
         self._config = config
+        self._room_m = room_m
         self._waited_s = 0.0
         self._t_ns: int | None = None
         self._moving_ns: int | None = None
@@ -61,7 +66,7 @@ class Descent:
         self._t_ns = t_ns
         proportional_mps = GAIN_DESCENT_1PS * platform.height_m
         wanted_mps = min(max(proportional_mps, config.descent_min_mps), config.descent_max_mps)
-        if platform.height_m < COMMIT_M:
+        if platform.height_m < COMMIT_M and platform.error_in_m(PREDICTION_S) < self._room_m:
             return wanted_mps
         cone_m = self._cone_m(platform)
         certain = platform.std_m < STD_M + STD_PER_M * platform.height_m
@@ -73,13 +78,17 @@ class Descent:
         strayed = platform.error_m > STRAYED_CONES * cone_m and platform.height_m < config.height_approach_m
         return -config.descent_min_mps if strayed else 0.0
 
-    def has_contact(self, t_ns: int, platform: PlatformState, down_mps: float) -> bool:
-        """Whether the vehicle is as low as it can be, or is stalled low over the platform although it descends."""
+    def has_contact(self, t_ns: int, platform: PlatformState, feet_m: float, down_mps: float) -> bool:
+        """Whether the vehicle is as low as it can be, or is stalled low over the platform although it descends.
+
+        Args:
+            feet_m: height of the lowest foot over the platform; a vehicle that is tilted by the wind touches with one.
+        """
         slow = platform.vel_ned_mps[2] < STALLED_SPEED_RATIO * down_mps
         stalled = down_mps > 0.0 and platform.height_m < STALLED_HEIGHT_MAX_M and slow
         if not stalled or self._moving_ns is None:
             self._moving_ns = t_ns
-        return platform.height_m < CONTACT_M or t_ns - self._moving_ns > CONTACT_S * NS_PER_S
+        return feet_m < CONTACT_M or t_ns - self._moving_ns > CONTACT_S * NS_PER_S
 
     def _cone_m(self, platform: PlatformState) -> float:
         """Permitted error at this height; it widens with the time spent waiting, and narrows again."""

@@ -1,13 +1,20 @@
 """Landing on a spot by the vehicle's own position, without any sensor that finds the rover."""
 
-from math import hypot
+from math import hypot, inf
 
 from jezero.frames import Vec3, altitude_m, subtract
 from jezero.schemas.actions import LandFeedback, LandPhase, LandResult
 from jezero.schemas.commands import Phase
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.land_on_spot.config import PlainLandingConfig
+from jezero.services.actions.land_on_spot.config import LandOnSpotConfig, PlainLandingConfig
+from jezero.services.actions.land_on_spot.contact import (
+    CLIMB_MPS,
+    ContactWatcher,
+    GoArounds,
+    OnSurface,
+    wind_refusal,
+)
 from jezero.services.actions.land_on_spot.remaining import plain_descent_remaining
 from jezero.services.actions.land_on_spot.tilt_contact_detector import TiltContactDetector, landing_outcome
 from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState
@@ -28,6 +35,10 @@ SPEED_LEAVE_MPS, LEAVE_S = 1.0, 1.5
 """Speed and duration of the climb when the vehicle tilts over the obstacle that it touches."""
 CONTACT_MARGIN_M = 0.01
 """A range this much above the least possible one counts as contact."""
+SLIDE_MAX_M = 0.3
+"""A vehicle that slides farther than this over the ground goes around."""
+PUSH_HEIGHT_MAX_M = 0.3
+"""A higher vehicle whose descent has stopped is in a gust."""
 
 
 class PlainLanding:
@@ -39,24 +50,29 @@ class PlainLanding:
     def __init__(
         self,
         spot_ned_m: Vec3,
-        settings: PlainLandingConfig,
+        settings: LandOnSpotConfig,
         config: ActionsConfig,
+        force: bool,
         t_ns: int,
         state: VehicleState,
     ) -> None:
         move, altimeter = config.move, config.vehicle.altimeter
-        self._settings = settings
+        self._settings = settings.plain
+        self._wind_max_mps = inf if force else settings.wind_max_mps
+        self._go_arounds = GoArounds(settings.go_arounds_max)
+        self._contact = ContactWatcher(SLIDE_MAX_M)
+        self._contact_ned_m = spot_ned_m
         self._contact_range_m = max(altimeter.range_min_m, config.vehicle.height_altimeter_m) + CONTACT_MARGIN_M
         self._phase: LandPhase = "approach"
         self._spot_ned_m = spot_ned_m
-        self._speed_down_mps = settings.speed_high_mps
+        self._speed_down_mps = settings.plain.speed_high_mps
         self._phase_since_ns = t_ns
         self._still_since_ns: int | None = None
         self._tilt_contact = TiltContactDetector()
         self._leaves_ns: int | None = None
         x, y, z = state.pos_uav_ned_m
         height_m = altitude_m(z) if state.height_m is None else state.height_m
-        up_m = max(0.0, settings.approach_height_min_m - height_m)
+        up_m = max(0.0, settings.plain.approach_height_min_m - height_m)
         start_ned_m = (x, y, z - up_m)
         self._path = StraightPath(
             t_ns,
@@ -82,9 +98,15 @@ class PlainLanding:
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
         if self._phase == "approach":
             return self._approach(t_ns, state)
-        land = self._settings
         if self._leaves_ns is not None:
             return self._leave(t_ns, self._leaves_ns, state)
+        if self._go_arounds.climbing:
+            return self._go_around(t_ns, state)
+        return self._descend(t_ns, state)
+
+    def _descend(self, t_ns: int, state: VehicleState) -> Move | Done:
+        """Descend and press down until the autopilot detects the ground."""
+        land = self._settings
         if state.landed:
             return landing_outcome(state)
         if problem := self._advance(t_ns, state, land):
@@ -94,7 +116,26 @@ class PlainLanding:
         if self._tilt_contact.update(t_ns, state, vel_ned_mps[2]):
             self._leaves_ns = t_ns
             return self._leave(t_ns, t_ns, state)
-        return self._move(state, vel_ned_mps)
+        return self._press_down(t_ns, vel_ned_mps, state) if push else self._move(state, vel_ned_mps)
+
+    def _press_down(self, t_ns: int, vel_ned_mps: Vec3, state: VehicleState) -> Move | Done:
+        """Push down, unless the vehicle slides over the ground."""
+        north_m, east_m, _ = subtract(state.pos_uav_ned_m, self._contact_ned_m)
+        surface = OnSurface((north_m, east_m), state.vel_uav_ned_mps[:2])
+        if problem := self._contact.update(t_ns, surface, state):
+            self._go_arounds.begin(t_ns, problem, state)
+            return self._go_around(t_ns, state)
+        low = state.height_m is None or state.height_m < PUSH_HEIGHT_MAX_M
+        acc_ned_mps2 = self._contact.push_acc_ned_mps2(state.vel_uav_ned_mps[2]) if low else None
+        return self._move(state, vel_ned_mps, acc_ned_mps2)
+
+    def _go_around(self, t_ns: int, state: VehicleState) -> Move | Done:
+        """Climb, then descend again, or end the landing."""
+        if self._go_arounds.is_high(t_ns, state.height_m):
+            if reason := self._go_arounds.abort_reason(state):
+                return Done("aborted", reason)
+            self._enter("descent", t_ns)
+        return self._move(state, (0.0, 0.0, -CLIMB_MPS))
 
     def _advance(self, t_ns: int, state: VehicleState, land: PlainLandingConfig) -> str:
         """Begin the next phase when it is time for it; returns the reason why the landing is aborted, or ""."""
@@ -104,6 +145,8 @@ class PlainLanding:
                 return f"no contact after {since_s:.0f} s of descent"
             if self._has_contact(t_ns, state):
                 self._enter("contact", t_ns)
+                self._contact.begin(t_ns, self._tilt_contact.free_down_ned)
+                self._contact_ned_m = state.pos_uav_ned_m
         elif since_s > CONTACT_TIMEOUT_S:
             return f"the autopilot doesn't detect the ground {since_s:.0f} s after contact"
         elif state.vel_uav_ned_mps[2] > 0.5 * land.push_mps:
@@ -128,6 +171,8 @@ class PlainLanding:
         return LandResult(completed=completed, touchdown_ned_m=pos_uav_ned_m if completed else None)
 
     def _approach(self, t_ns: int, state: VehicleState) -> Move | Done:
+        if too_windy := wind_refusal(state.wind_ned_mps, state.std_gust_mps, self._wind_max_mps):
+            return Done("aborted", too_windy)
         path = self._lift if self._lift is not None else self._path
         path.step(t_ns, state)
         if problem := path.stuck(t_ns):
@@ -172,8 +217,9 @@ class PlainLanding:
         self._phase_since_ns = t_ns
         self._still_since_ns = None
 
-    def _move(self, state: VehicleState, vel_ned_mps: Vec3) -> Move:
-        return Move(Phase.LANDING, self._feedback(state), vel_ned_mps=vel_ned_mps, yaw_rad=self._path.yaw_rad)
+    def _move(self, state: VehicleState, vel_ned_mps: Vec3, acc_ned_mps2: Vec3 | None = None) -> Move:
+        feedback, yaw_rad = self._feedback(state), self._path.yaw_rad
+        return Move(Phase.LANDING, feedback, vel_ned_mps=vel_ned_mps, acc_ned_mps2=acc_ned_mps2, yaw_rad=yaw_rad)
 
     def _feedback(self, state: VehicleState) -> LandFeedback:
         spot_x, spot_y, _ = self._spot_ned_m
@@ -181,5 +227,5 @@ class PlainLanding:
         return LandFeedback(
             pos_uav_ned_m=state.pos_uav_ned_m,
             pos_rel_ned_m=subtract(state.pos_uav_ned_m, (spot_x, spot_y, z_spot)),
-            phase=self._phase,
+            phase="go_around" if self._go_arounds.climbing else self._phase,
         )

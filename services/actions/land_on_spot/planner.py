@@ -7,6 +7,7 @@ from jezero.schemas.state import Status
 from jezero.schemas.topics import ALTIMETER, RELATIVE, ROVER_ESTIMATE
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.config import LandOnSpotConfig
+from jezero.services.actions.land_on_spot.contact import wind_refusal
 from jezero.services.actions.land_on_spot.plain_landing import PlainLanding
 from jezero.services.actions.land_on_spot.rover_landing import RoverLanding
 from jezero.services.actions.motion.behaviour import Plan, Refusal, Selection
@@ -22,6 +23,13 @@ class LandOnSpotPlanner:
 
     def plan(self, goal: LandOnSpotGoal, status: Status) -> Plan | Refusal:
         """Plan a landing on the rover with UWB or the tag, else on the landing spot."""
+        wind_max_mps = self._settings.wind_max_mps
+        if not goal.force and (reason := wind_refusal(status.wind_ned_mps, status.std_gust_mps, wind_max_mps)):
+            return Refusal(reason)
+        return self._on_spot(goal)
+
+    def _on_spot(self, goal: LandOnSpotGoal) -> Plan | Refusal:
+        """Plan by the sensors that the goal selects, whatever the wind is."""
         spot_ned_m = goal.landing_spot_ned_m
         if goal.use_uwb:
             unused = "the landing spot isn't used: UWB finds the rover" if spot_ned_m is not None else ""
@@ -35,12 +43,12 @@ class LandOnSpotPlanner:
             return Refusal(reason)
         if goal.use_tag:
             return self._on_rover(goal, Selection(False, True, spot_ned_m))
-        start = partial(PlainLanding, spot_ned_m, self._settings.plain, self._config)
+        start = partial(PlainLanding, spot_ned_m, self._settings, self._config, goal.force)
         return Plan(start, inputs=(ALTIMETER,))
 
     def _on_rover(self, goal: LandOnSpotGoal, selection: Selection, warning: str = "") -> Plan:
         return Plan(
-            partial(RoverLanding, selection, self._settings.rover, self._config.vehicle),
+            partial(RoverLanding, selection, self._settings, self._config.vehicle, goal.force),
             warning=warning,
             inputs=(ALTIMETER, RELATIVE, ROVER_ESTIMATE),
             selection=selection,

@@ -4,14 +4,22 @@ Approach, descent, contact. The vehicle descends only while the estimate is vali
 sight for half a second it holds its height, then it climbs and searches, and when it finds nothing it hovers.
 """
 
-from math import exp
+from math import exp, hypot, inf
 
 from jezero.frames import Vec3, add, altitude_m, scale, subtract
 from jezero.schemas.actions import LandFeedback, LandPhase, LandResult
 from jezero.schemas.commands import Phase
 from jezero.schemas.estimate import Relative
 from jezero.schemas.units import NS_PER_S
-from jezero.services.actions.land_on_spot.config import RoverLandingConfig
+from jezero.services.actions.land_on_spot.config import LandOnSpotConfig
+from jezero.services.actions.land_on_spot.contact import (
+    CLIMB_MPS,
+    ContactWatcher,
+    GoArounds,
+    OnSurface,
+    foot_drop_m,
+    wind_refusal,
+)
 from jezero.services.actions.land_on_spot.descent import Descent, TouchdownDetector
 from jezero.services.actions.land_on_spot.landing_watch import LandingWatch
 from jezero.services.actions.land_on_spot.platform_control import PlatformControl, PlatformState, platform_state_at
@@ -61,18 +69,30 @@ class RoverLanding:
     Args:
         selection: of the estimator's inputs for this landing.
         vehicle: the vehicle and the platform.
+        force: land in more wind than the settings allow, too.
     """
 
     def __init__(
-        self, selection: Selection, settings: RoverLandingConfig, vehicle: VehicleConfig, t_ns: int, state: VehicleState
+        self,
+        selection: Selection,
+        settings: LandOnSpotConfig,
+        vehicle: VehicleConfig,
+        force: bool,
+        t_ns: int,
+        state: VehicleState,
     ) -> None:
         self._tag_alone = not selection.use_uwb
-        self._land = settings
+        self._land = land = settings.rover
+        self._airframe = vehicle.airframe
         self._on_platform_m = 0.5 * vehicle.platform.side_m
-        self._search_config = settings.search
-        self._control = PlatformControl(settings.platform_control)
-        self._descent = Descent(settings)
-        self._watch = LandingWatch(settings, t_ns, state)
+        room_m = max(self._on_platform_m - hypot(*vehicle.airframe.feet_frd_m), 0.0)
+        self._wind_max_mps = inf if force else settings.wind_max_mps
+        self._search_config = land.search
+        self._control = PlatformControl(land.platform_control)
+        self._descent = Descent(land, room_m)
+        self._contact = ContactWatcher(room_m)
+        self._go_arounds = GoArounds(settings.go_arounds_max)
+        self._watch = LandingWatch(land, t_ns, state)
         self._touchdown = TouchdownDetector(vehicle)
         self._phase: LandPhase = "approach"
         self._search: Search | None = None
@@ -99,6 +119,12 @@ class RoverLanding:
             return self._landed(state)
         if (end := self._watch.update(t_ns, state, self._phase, self._loss_reason)) is not None:
             return end
+        if self._phase == "go_around":
+            return self._go_around(t_ns, dt_s, measured, state)
+        return self._go_on(t_ns, dt_s, measured, state)
+
+    def _go_on(self, t_ns: int, dt_s: float, measured: PlatformState | None, state: VehicleState) -> Move | Done:
+        """Go on with a landing that nothing interrupts."""
         if self._phase == "contact" and self._platform is not None:
             return self._press_down(t_ns, measured, self._platform, state)
         if measured is not None:
@@ -193,6 +219,8 @@ class RoverLanding:
         if self._phase == "approach" and self._descent.may_begin(platform):
             self._phase = "descent"
         if self._phase == "approach":
+            if too_windy := wind_refusal(state.wind_ned_mps, state.std_gust_mps, self._wind_max_mps):
+                return Done("aborted", too_windy)
             if platform.height_m < CLEAR_M and platform.error_m > self._on_platform_m + BESIDE_MARGIN_M:
                 # Climb first, because the straight way would lead into the rover's side.
                 return self._fly(state, (0.0, 0.0, -SPEED_UP_MPS), None)
@@ -213,11 +241,14 @@ class RoverLanding:
         return min(max(GAIN_HEIGHT_1PS * above_m, -SPEED_UP_MPS), SPEED_DOWN_MAX_MPS)
 
     def _go_down(self, t_ns: int, dt_s: float, platform: PlatformState, state: VehicleState) -> Move | Done:
+        feet_m = platform.height_m - foot_drop_m(state.q_ned_from_frd, self._airframe)
         down_mps = self._descent.down_mps(t_ns, platform)
-        if self._descent.has_contact(t_ns, platform, down_mps):
+        if self._descent.has_contact(t_ns, platform, feet_m, down_mps):
             self._phase = "contact"
             self._contact_ns = t_ns
             self._touchdown.reset()
+            north_m, east_m, _ = self._feet_ned_m
+            self._contact.begin(t_ns, (north_m / FEET_BELOW_M, east_m / FEET_BELOW_M))
             return self._press_down(t_ns, None, platform, state)
         return self._follow(state, platform, dt_s, down_mps)
 
@@ -231,13 +262,33 @@ class RoverLanding:
         """
         if self._touchdown.update(t_ns, measured, state.height_m):
             return Done("succeeded", then="force_disarm")
+        surface = None
+        if measured is not None:
+            surface = OnSurface(measured.pos_ned_m[:2], measured.vel_ned_mps[:2], measured.std_m)
+        if problem := self._contact.update(t_ns, surface, state):
+            self._phase = "go_around"
+            self._go_arounds.begin(t_ns, problem, state)
+            return self._go_around(t_ns, 0.0, measured, state)
         waited_s = (t_ns - self._contact_ns) / NS_PER_S
         if waited_s > CONTACT_TIMEOUT_S:
             return Done("aborted", f"the autopilot doesn't detect the ground {waited_s:.0f} s after contact")
         if platform.height_m > BOUNCE_M:
             self._phase = "descent"
-        north_mps, east_mps, down_mps = platform.vel_rover_ned_mps
-        return self._fly(state, (north_mps, east_mps, down_mps + PUSH_MPS), platform.acc_rover_ned_mps2)
+        push_acc_ned_mps2 = self._contact.push_acc_ned_mps2(platform.vel_ned_mps[2])
+        acc_ned_mps2 = add(push_acc_ned_mps2, (*platform.acc_rover_ned_mps2, 0.0))
+        vel_ned_mps = add(platform.vel_rover_ned_mps, (0.0, 0.0, PUSH_MPS))
+        return self._move(state, vel_ned_mps, acc_ned_mps2)
+
+    def _go_around(self, t_ns: int, dt_s: float, measured: PlatformState | None, state: VehicleState) -> Move | Done:
+        """Climb after a contact in which the vehicle slides or leans, then try again, or end the landing."""
+        platform = measured or self._platform
+        if self._go_arounds.is_high(t_ns, None if platform is None else platform.height_m):
+            if reason := self._go_arounds.abort_reason(state):
+                return Done("aborted", reason)
+            self._phase = "approach"
+        if measured is not None:
+            return self._follow(state, measured, dt_s, -CLIMB_MPS)
+        return self._fly(state, add(self._vel_supposed_ned_mps, (0.0, 0.0, -CLIMB_MPS)), None)
 
     def _landed(self, state: VehicleState) -> Done:
         beside_m = 0.0 if self._platform is None else self._platform.error_m
@@ -302,7 +353,9 @@ class RoverLanding:
         return self._fly(state, (north_mps, east_mps, 0.0), acc_mps2)
 
     def _fly(self, state: VehicleState, vel_ned_mps: Vec3, acc_mps2: tuple[float, float] | None) -> Move:
-        acc_ned_mps2 = None if acc_mps2 is None else (*acc_mps2, 0.0)
+        return self._move(state, vel_ned_mps, None if acc_mps2 is None else (*acc_mps2, 0.0))
+
+    def _move(self, state: VehicleState, vel_ned_mps: Vec3, acc_ned_mps2: Vec3 | None) -> Move:
         feedback = self._feedback(state)
         return Move(Phase.LANDING, feedback, vel_ned_mps=vel_ned_mps, acc_ned_mps2=acc_ned_mps2, yaw_rad=self._yaw_rad)
 

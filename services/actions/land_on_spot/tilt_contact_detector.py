@@ -35,6 +35,11 @@ class TiltContactDetector:
         self._t_ns = self._moved_ns = 0
         self._contact_ns: int | None = None
 
+    @property
+    def free_down_ned(self) -> tuple[float, float]:
+        """(2,) the tilt in free flight, see `VehicleState.down_ned`."""
+        return self._free_tilt_ned or (0.0, 0.0)
+
     def update(self, t_ns: int, state: VehicleState, down_commanded_mps: float) -> bool:
         """Add the state of a vehicle that is commanded to descend; returns whether it tilts over an obstacle."""
         passed_s = min(max((t_ns - self._t_ns) / NS_PER_S, 0.0), STEP_MAX_S)

@@ -81,6 +81,8 @@ class VehicleView:
             self._relative(t_ns, inbox) if self._with_rover else None,
             self._rover(t_ns, inbox) if self._with_rover else None,
             shift_ned_m,
+            None if status is None else status.wind_ned_mps,
+            None if status is None else status.std_gust_mps,
         )
 
     def _height_m(self, t_ns: int, inbox: Inbox, q_ned_from_frd: Quat) -> float | None:

@@ -37,6 +37,8 @@ class VehicleState(msgspec.Struct, frozen=True):
             whether it is valid. None when the estimator is silent, or the plan's inputs don't list it.
         rover: the rover in the behaviour's world frame; None as above.
         shift_ned_m: sum of the autopilot's position steps since the goal started.
+        wind_ned_mps: estimated horizontal wind; None while it is unknown.
+        std_gust_mps: standard deviation of the wind; None as above.
     """
 
     pos_uav_ned_m: Vec3
@@ -49,6 +51,8 @@ class VehicleState(msgspec.Struct, frozen=True):
     relative: Relative | None = None
     rover: RoverEstimate | None = None
     shift_ned_m: Vec3 = (0.0, 0.0, 0.0)
+    wind_ned_mps: Vec3 | None = None
+    std_gust_mps: float | None = None
 
     @property
     def yaw_rad(self) -> float:

@@ -1,0 +1,191 @@
+"""The time from the first contact to the landing: how the vehicle is pressed down, and when it goes around.
+
+A vehicle that has touched something must neither slide over an edge nor tip over it. Its thrust goes down at once, as
+its weight alone keeps it in place, and its motion over the surface and its tilt are watched until it has landed.
+"""
+
+from math import degrees, exp, hypot, sqrt
+from typing import Literal, NamedTuple
+
+from jezero.frames import Quat, Vec3, quat_conjugate, quat_rotate, tilt_from_quat
+from jezero.schemas.units import NS_PER_S
+from jezero.services.actions.motion.behaviour import VehicleState
+from jezero.tilt_contact import is_tilted_by_contact
+from jezero.vehicle_config import AirframeConfig
+
+GRAVITY_MPS2 = 9.81
+PUSH_ACC_MPS2 = 5.0
+"""Downward acceleration that is fed forward once the vehicle has touched down: it takes half of the thrust at once."""
+TOUCHED_MPS = 0.15
+"""A vehicle that is slower than this downwards although it is pushed stands on something."""
+OUTWARD_MIN_MPS = 0.2
+"""A slower motion away from the middle is noise of the estimate."""
+PREDICTION_S = 0.3
+"""The vehicle goes around when it would leave its place within this time: a climb takes about as long to begin."""
+LEAN_S = 0.4
+"""A shorter tilt than this is the way from the first foot to all four."""
+SLOPE_SINE_MAX = 0.34
+"""Sine of the largest tilt that a slope gives a vehicle which stands on it: 20 degrees."""
+LYING_TILT_RAD = 1.2
+"""A vehicle with a larger tilt lies on its side: its rotors can't lift it any more."""
+LEVEL_TIME_CONSTANT_S = 0.5
+"""A vehicle that stands upright loses the tilt that it had in the wind with this time constant."""
+CLIMB_MPS, CLIMB_M, CLIMB_S = 1.5, 1.5, 4.0
+"""Speed, height over the surface and longest duration of the climb of a go-around."""
+
+Problem = Literal["", "slides", "leans"]
+
+
+def foot_drop_m(q_ned_from_frd: Quat, airframe: AirframeConfig) -> float:
+    """How much lower the lowest foot of a tilted vehicle is than the feet of a level one at the same position."""
+    forward, right, down = quat_rotate(quat_conjugate(q_ned_from_frd), (0.0, 0.0, 1.0))
+    forward_m, right_m = airframe.feet_frd_m
+    return abs(forward) * forward_m + abs(right) * right_m + (down - 1.0) * airframe.height_stand_m
+
+
+def level_acc_ned_mps2(down_ned: tuple[float, float]) -> tuple[float, float]:
+    """(2,) acceleration, fed forward, that cancels the horizontal thrust of a vehicle tilted against the wind.
+
+    Args:
+        down_ned: (2,) the tilt in the air, see `VehicleState.down_ned`.
+    """
+    north, east = down_ned
+    per_sine_mps2 = GRAVITY_MPS2 / sqrt(max(1.0 - north * north - east * east, 0.25))
+    return per_sine_mps2 * north, per_sine_mps2 * east
+
+
+class OnSurface(NamedTuple):
+    """Horizontal state of the vehicle relative to the place where it should stand.
+
+    Attributes:
+        offset_ned_m: (2,) from the middle of the place.
+        vel_ned_mps: (2,) relative to the surface.
+        std_m: standard deviation of the offset.
+    """
+
+    offset_ned_m: tuple[float, float]
+    vel_ned_mps: tuple[float, float]
+    std_m: float = 0.0
+
+
+class ContactWatcher:
+    """Decides whether a contact becomes a landing or a go-around.
+
+    Args:
+        room_m: distance from the middle of the place up to which the vehicle may stand.
+    """
+
+    def __init__(self, room_m: float) -> None:
+        self._room_m = room_m
+        self._begin_ns = self._upright_ns = 0
+        self._free_down_ned = (0.0, 0.0)
+        self._touched = False
+
+    def begin(self, t_ns: int, free_down_ned: tuple[float, float]) -> None:
+        """Start to watch a contact.
+
+        Args:
+            free_down_ned: (2,) the tilt in the air, before the contact.
+        """
+        self._begin_ns = self._upright_ns = t_ns
+        self._free_down_ned = free_down_ned
+        self._touched = False
+
+    def push_acc_ned_mps2(self, down_mps: float) -> Vec3:
+        """(3,) acceleration, fed forward, that takes the thrust away once the vehicle has touched down.
+
+        Args:
+            down_mps: downward speed of the vehicle relative to the surface.
+        """
+        self._touched = self._touched or down_mps < TOUCHED_MPS
+        if not self._touched:
+            return (0.0, 0.0, 0.0)
+        return (*level_acc_ned_mps2(self._free_down_ned), PUSH_ACC_MPS2)
+
+    def update(self, t_ns: int, surface: OnSurface | None, state: VehicleState) -> Problem:
+        """Judge the newest state of a vehicle in contact; one that lies on its side has no problem that a climb solves.
+
+        Args:
+            surface: None while the place isn't measured.
+        """
+        if tilt_from_quat(state.q_ned_from_frd) > LYING_TILT_RAD:
+            return ""
+        if surface is not None and self._leaves(surface):
+            return "slides"
+        remaining = exp(-(t_ns - self._begin_ns) / NS_PER_S / LEVEL_TIME_CONSTANT_S)
+        north, east = self._free_down_ned
+        if not is_tilted_by_contact(state.down_ned, (remaining * north, remaining * east), SLOPE_SINE_MAX):
+            self._upright_ns = t_ns
+        return "leans" if t_ns - self._upright_ns > LEAN_S * NS_PER_S else ""
+
+    def _leaves(self, surface: OnSurface) -> bool:
+        (north_m, east_m), (north_mps, east_mps) = surface.offset_ned_m, surface.vel_ned_mps
+        offset_m = hypot(north_m, east_m)
+        outward_mps = (north_m * north_mps + east_m * east_mps) / max(offset_m, 1e-9)
+        ahead_m = offset_m - surface.std_m + PREDICTION_S * outward_mps
+        return outward_mps > OUTWARD_MIN_MPS and ahead_m > self._room_m
+
+
+class GoArounds:
+    """The go-arounds of one landing: the climb, their number, and the reason when there were too many.
+
+    Attributes:
+        climbing: whether the vehicle climbs after a bad contact.
+    """
+
+    def __init__(self, maximum: int) -> None:
+        self._maximum = maximum
+        self._problems: list[Problem] = []
+        self._begin_ns = 0
+        self._slope_deg = 0.0
+        self.climbing = False
+
+    def begin(self, t_ns: int, problem: Problem, state: VehicleState) -> None:
+        """Start the climb."""
+        self._problems.append(problem)
+        self._begin_ns = t_ns
+        self._slope_deg = degrees(hypot(*state.down_ned))
+        self.climbing = True
+
+    def is_high(self, t_ns: int, height_m: float | None) -> bool:
+        """Whether the climb is over; it ends `climbing`."""
+        high = height_m is not None and height_m > CLIMB_M
+        if high or t_ns - self._begin_ns > CLIMB_S * NS_PER_S:
+            self.climbing = False
+        return not self.climbing
+
+    def abort_reason(self, state: VehicleState) -> str:
+        """Reason to end the landing after the last permitted go-around, or ""."""
+        number = len(self._problems)
+        if number <= self._maximum:
+            return ""
+        if self._problems[-1] == "leans":
+            return (
+                f"the vehicle was tilted by {self._slope_deg:.0f} degrees on what it touched, in spite of "
+                f"{self._maximum} go-arounds: land where it is level"
+            )
+        return (
+            f"the vehicle slid on what it touched, in spite of {self._maximum} go-arounds: {wind_words(state)}; "
+            "wait for less wind, or land elsewhere"
+        )
+
+
+def wind_words(state: VehicleState) -> str:
+    """The estimated wind for people."""
+    if state.wind_ned_mps is None:
+        return "the wind is unknown"
+    return f"the wind is {_wind_words(state.wind_ned_mps, state.std_gust_mps)}"
+
+
+def wind_refusal(wind_ned_mps: Vec3 | None, std_gust_mps: float | None, max_mps: float) -> str:
+    """Reason not to land in the estimated wind, or ""; an unknown wind is none."""
+    if wind_ned_mps is None or hypot(*wind_ned_mps[:2]) + (std_gust_mps or 0.0) <= max_mps:
+        return ""
+    wind = _wind_words(wind_ned_mps, std_gust_mps)
+    return f"the wind is {wind}, and a landing is limited to {max_mps:g} m/s: wait, or use force"
+
+
+def _wind_words(wind_ned_mps: Vec3, std_gust_mps: float | None) -> str:
+    mean_mps = hypot(*wind_ned_mps[:2])
+    gusts = "" if std_gust_mps is None else f" with gusts to {mean_mps + std_gust_mps:.1f} m/s"
+    return f"{mean_mps:.1f} m/s{gusts}"

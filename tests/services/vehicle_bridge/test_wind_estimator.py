@@ -1,0 +1,41 @@
+"""The wind from the balance of forces: in a hover the rotors' horizontal pull equals the drag."""
+
+from math import cos, sin, sqrt, tan
+
+import pytest
+
+from jezero.frames import Quat, Vec3
+from jezero.services.vehicle_bridge.wind_estimator import wind_ned_mps
+from jezero.vehicle_config import AirframeConfig
+
+AIRFRAME = AirframeConfig(mass_kg=1.5, drag_rotors_nspm=0.45, drag_area_side_m2=0.06)
+STILL: Vec3 = (0.0, 0.0, 0.0)
+
+
+def pitched(angle_rad: float) -> Quat:
+    return (cos(angle_rad / 2.0), 0.0, sin(angle_rad / 2.0), 0.0)
+
+
+def test_a_level_hover_has_no_wind() -> None:
+    assert wind_ned_mps(STILL, STILL, pitched(0.0), AIRFRAME) == pytest.approx(STILL, abs=1e-9)
+
+
+def test_a_level_flight_at_constant_speed_has_the_wind_with_it() -> None:
+    assert wind_ned_mps(STILL, (3.0, 0.0, 0.0), pitched(0.0), AIRFRAME) == pytest.approx((3.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("pitch_rad", [-0.3, -0.1, 0.1])
+def test_a_hover_that_leans_into_the_wind_has_the_airspeed_of_its_drag(pitch_rad: float) -> None:
+    """In the plane of the rotors: 0.45 v + 0.5 · 1.2 · 0.06 v² = 1.5 · 9.81 · sin(pitch)."""
+    wind = wind_ned_mps(STILL, STILL, pitched(pitch_rad), AIRFRAME)
+    assert wind is not None
+    drag_n = 1.5 * 9.81 * sin(abs(pitch_rad))
+    in_plane_mps = (sqrt(0.45**2 + 4.0 * 0.036 * drag_n) - 0.45) / (2.0 * 0.036)
+    horizontal_mps = in_plane_mps * (cos(pitch_rad) + sin(abs(pitch_rad)) * tan(abs(pitch_rad)))
+    # Nose down (negative pitch) pulls north, so the wind comes from the north, towards the south.
+    assert wind[0] == pytest.approx(horizontal_mps * (1.0 if pitch_rad > 0.0 else -1.0))
+    assert wind[1:] == pytest.approx((0.0, 0.0), abs=1e-9)
+
+
+def test_a_vehicle_on_its_side_tells_nothing_of_the_wind() -> None:
+    assert wind_ned_mps(STILL, STILL, pitched(1.3), AIRFRAME) is None
