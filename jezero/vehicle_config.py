@@ -188,11 +188,14 @@ class VehicleLimitsConfig(Config, frozen=True, kw_only=True):
     """Limits of every goal and of hover points.
 
     Attributes:
+        altitude_min_m: minimum height above the world's origin; of a takeoff above the take-off point; of a goal in the
+            rover's frame above the platform. A landing alone leads lower.
         altitude_max_m: maximum height above the world's origin; of a takeoff above the take-off point.
         distance_max_m: maximum horizontal distance from the world's origin.
         speed_max_mps: maximum speed of a goal.
     """
 
+    altitude_min_m: Annotated[float, Meta(gt=0.0, le=1e4)] = 0.5
     altitude_max_m: Annotated[float, Meta(gt=0.0, le=1e4)] = 120.0
     distance_max_m: Annotated[float, Meta(gt=0.0, le=1e4)] = 500.0
     speed_max_mps: Annotated[float, Meta(gt=0.0, le=100.0)] = 10.0

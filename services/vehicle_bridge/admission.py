@@ -198,6 +198,8 @@ def _point_refusals(pos_ned_m: Vec3, limits: VehicleLimitsConfig) -> Iterator[st
         yield f"{pos_ned_m} is not a point"
     if z_m >= 0.0:
         yield f"z = {z_m:g} is not above the ground: z points down, 5 m up is −5"
+    elif altitude_m(z_m) < limits.altitude_min_m:
+        yield f"z = {z_m:g} is {altitude_m(z_m):g} m up, below the limit of {limits.altitude_min_m:g} m"
     yield from _limit_refusals(pos_ned_m, limits)
 
 

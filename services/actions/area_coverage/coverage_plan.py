@@ -16,7 +16,7 @@ from jezero.services.actions.area_coverage.ground import CoveredGround
 from jezero.services.actions.area_coverage.path import covered_fraction, plan_path
 from jezero.services.actions.area_coverage.trajectory import Trajectory, make_trajectory, picture_distances
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.motion.limits import beyond_limits, point_refusal, speed_refusal
+from jezero.services.actions.motion.limits import beyond_limits, low_refusal, speed_refusal
 from jezero.vehicle_config import CameraMountConfig
 
 Array = NDArray[np.float64]
@@ -125,8 +125,8 @@ def _from(corner_m: Point, points_m: Sequence[Sequence[float]]) -> list[Point]:
 
 def _refusal(goal: AreaCoverageGoal, config: ActionsConfig, origin_ned_m: Vec3) -> str:
     """Reason why a goal's numbers can't be flown, whatever its shape is, or ""."""
-    if not goal.z_ned_m < 0.0:
-        return point_refusal((0.0, 0.0, goal.z_ned_m), config.vehicle.limits)
+    if reason := low_refusal(goal.z_ned_m, config.vehicle.limits):
+        return reason
     for north_m, east_m in goal.polygon_ned_m:
         corner_ned_m = add((north_m, east_m, goal.z_ned_m), origin_ned_m)
         if reason := beyond_limits(corner_ned_m, config.vehicle.limits):

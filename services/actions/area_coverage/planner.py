@@ -25,8 +25,7 @@ class AreaCoveragePlanner:
     def plan(self, goal: AreaCoverageGoal, status: Status) -> Plan | Refusal:
         """Plan a coverage; the preparation finds its path."""
         limits = self._config.vehicle.limits
-        high = point_refusal((0.0, 0.0, goal.z_ned_m), limits) if goal.frame == "world" else ""
-        if reason := high or speed_refusal(goal.speed_mps, limits):
+        if reason := point_refusal((0.0, 0.0, goal.z_ned_m), limits) or speed_refusal(goal.speed_mps, limits):
             return Refusal(reason)
         capture = Capture(self._config.capture, self._config.vehicle, planned=0)
         return Plan(

@@ -12,7 +12,7 @@ from jezero.services.actions.get_images.behaviour import GetImages
 from jezero.services.actions.get_images.config import GetImagesConfig
 from jezero.services.actions.motion.behaviour import Plan, Refusal, VehicleState
 from jezero.services.actions.motion.capture import Capture
-from jezero.services.actions.motion.limits import distance_refusal, point_refusal, speed_refusal
+from jezero.services.actions.motion.limits import beyond_limits, distance_refusal, point_refusal, speed_refusal
 from jezero.services.actions.motion.rover_frame import loss_reason, rover_position
 from jezero.vehicle_config import VehicleLimitsConfig
 
@@ -54,7 +54,8 @@ class GetImagesPlanner:
             if relative is None or not relative.valid:
                 return loss_reason(relative)
             center_ned_m = add(goal.center_ned_m, rover_position(state, relative))
-            if reason := far_refusal(center_ned_m, goal.radius_m, self._config.vehicle.limits):
+            limits = self._config.vehicle.limits
+            if reason := beyond_limits(center_ned_m, limits) or far_refusal(center_ned_m, goal.radius_m, limits):
                 return reason
         return capture.refusal()
 

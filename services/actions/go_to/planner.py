@@ -10,7 +10,7 @@ from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.go_to.behaviour import GoTo
 from jezero.services.actions.go_to.config import GoToConfig
 from jezero.services.actions.motion.behaviour import Plan, Refusal, VehicleState
-from jezero.services.actions.motion.limits import distance_refusal, point_refusal, speed_refusal
+from jezero.services.actions.motion.limits import beyond_limits, point_refusal, speed_refusal
 from jezero.services.actions.motion.rover_frame import loss_reason, rover_position
 
 
@@ -41,4 +41,4 @@ class GoToPlanner:
         relative = state.relative
         if relative is None or not relative.valid:
             return loss_reason(relative)
-        return distance_refusal(add(goal.target_ned_m, rover_position(state, relative)), self._config.vehicle.limits)
+        return beyond_limits(add(goal.target_ned_m, rover_position(state, relative)), self._config.vehicle.limits)

@@ -9,10 +9,17 @@ SPEED_MIN_MPS = 0.1
 
 def point_refusal(point_ned_m: Vec3, limits: VehicleLimitsConfig) -> str:
     """Reason why the vehicle may not fly to a point, or ""."""
-    z = point_ned_m[2]
-    if not z < 0.0:
-        return f"target z = {z:g} m is not above the ground: NED counts down, 5 m up is −5"
-    return beyond_limits(point_ned_m, limits)
+    return low_refusal(point_ned_m[2], limits) or beyond_limits(point_ned_m, limits)
+
+
+def low_refusal(z_ned_m: float, limits: VehicleLimitsConfig) -> str:
+    """Reason why a point, in the world's or in the rover's frame, is too low, or ""."""
+    if not z_ned_m < 0.0:
+        return f"target z = {z_ned_m:g} m is not above the ground: NED counts down, 5 m up is −5"
+    up_m = altitude_m(z_ned_m)
+    if not up_m >= limits.altitude_min_m:
+        return f"target z = {z_ned_m:g} m is {up_m:g} m up, below the limit of {limits.altitude_min_m:g} m"
+    return ""
 
 
 def beyond_limits(point_ned_m: Vec3, limits: VehicleLimitsConfig) -> str:

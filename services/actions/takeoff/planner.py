@@ -14,12 +14,12 @@ class TakeoffPlanner:
     """Plans climbs to an altitude within the limits."""
 
     def __init__(self, settings: TakeoffConfig, config: ActionsConfig) -> None:
-        self._settings = settings
         self._config = config
 
     def plan(self, goal: TakeoffGoal, status: Status) -> Plan | Refusal:
         """Plan a climb, if its altitude is within the limits."""
-        low, high = self._settings.altitude_min_m, self._config.vehicle.limits.altitude_max_m
+        limits = self._config.vehicle.limits
+        low, high = limits.altitude_min_m, limits.altitude_max_m
         if not low <= goal.altitude_m <= high:
             return Refusal(f"altitude {goal.altitude_m:g} m is not within {low:g} to {high:g} m above the ground")
         return Plan(partial(Takeoff, goal, self._config), do_takeoff=True)

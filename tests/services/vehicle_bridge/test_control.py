@@ -332,6 +332,7 @@ def test_hover_at_a_point_is_for_3_only_and_within_the_limits() -> None:
     rig.run(0.1)
     assert rig.autopilot.setpoints[-1].z == -5.0
     assert "5 m up is −5" in rig.request(HOVER, Hover(hover_pos=(1.0, 1.0, 5.0))).reason
+    assert "0.3 m up, below the limit of 0.5 m" in rig.request(HOVER, Hover(hover_pos=(1.0, 1.0, -0.3))).reason
     assert "limit of 120 m" in rig.request(HOVER, Hover(hover_pos=(1.0, 1.0, -121.0))).reason
     assert "limit of 500 m" in rig.request(HOVER, Hover(hover_pos=(400.0, 400.0, -5.0))).reason
     assert "hover_req is false" in rig.request(HOVER, Hover(hover_req=False)).reason
