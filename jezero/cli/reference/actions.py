@@ -62,12 +62,12 @@ uav.send("go_to", target_ned_m=(-1.0, -2.0, -3.0), speed_mps=1.5).result()
 ```
 
 ```
-z_get.py -m client -e tcp/127.0.0.1:7447 -o 120 \\
-    -s 'jezero/uav1/@action/go_to?target_ned_m=[-1,-2,-3];speed_mps=1.5;_time=[..]'
+zenoh --mode client --connect tcp/127.0.0.1:7447 --cfg queries_default_timeout:120000 \\
+    get --decoder text --selector 'jezero/uav1/@action/go_to?target_ned_m=[-1,-2,-3];speed_mps=1.5;_time=[..]'
 ```
 
-`z_get.py` is an example program of zenoh-python. The fields of a goal are parameters of the selector, separated by `;`,
-or one JSON object as the payload. A value is JSON where it parses, and text otherwise. None is `null` in JSON.
+The command `zenoh` comes from the package `zenoh-cli`. The fields of a goal are parameters of the selector, separated
+by `;`, or one JSON object as the payload. A value is JSON where it parses, and text otherwise. None is `null` in JSON.
 
 Positions are metres north, east and **down**, so that a negative z is up.
 [Frames](../concepts/frames-and-time.md#frames) explains `world` and `rover`. Quaternions are `[w, x, y, z]`. Bounds of
