@@ -6,9 +6,10 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
+from jezero.deploy.launcher.compose import Service
 from jezero.deploy.launcher.health import HealthWatcher, router_is_up
 from jezero.deploy.launcher.ports import ports_of
 from jezero.deploy.launcher.state import AlreadyUpError, RunFolder, StartError
@@ -25,11 +26,13 @@ HEALTH_TIMEOUT_S = 1.2
 """Health is published once a second."""
 
 
-def check_start(services: Collection[str], instance: Instance) -> bool:
+def check_start(services: Mapping[str, Service], instance: Instance) -> bool:
     """Check everything that the services need from this machine.
 
+    The ports of a program that isn't jezero's own, which a compose file may name for a service, aren't known.
+
     Args:
-        services: names of the services to start.
+        services: services to start, by name.
 
     Returns:
         Whether the router runs already, so that it must not be started.
@@ -45,7 +48,8 @@ def check_start(services: Collection[str], instance: Instance) -> bool:
     router_runs = ROUTER in services and _router_runs(instance)
     if router_runs:
         _check_nobody_runs([name for name in services if name != ROUTER], instance)
-    for protocol, host, port in ports_of(services, instance):
+    own = [name for name, service in services.items() if service.command[-1] == f"jezero.services.{name}"]
+    for protocol, host, port in ports_of(own, instance):
         if problem := listen_problem(protocol, host, port, "JEZERO_INSTANCE"):
             raise StartError(problem)
     return router_runs
