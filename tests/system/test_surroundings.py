@@ -287,7 +287,9 @@ def test_a_second_stack_of_a_vehicle_in_another_folder_is_refused_with_who_runs_
         tmp_path,
         f"{WITH_ROUTER}  tag_detector: {{command: python -m jezero.services.estimator.tag_detector, {HEALTHCHECK}}}\n",
     )
-    toy.jezero("up", "--wait", "-f", file)
+    toy.jezero("up", "-d", "-f", file)
+    # Without a camera the detector is degraded, so that `up --wait` would wait in vain.
+    wait_for(lambda: "degraded" in toy.jezero("ps", check=False).stdout, 30.0, "the health of the tag detector")
     state = json.loads((toy.run_dir / "state.json").read_text())
     (pid,) = (row["pid"] for row in state["services"] if row["service"] == "tag_detector")
     for words in (("--wait",), ("-d",), ()):
@@ -296,7 +298,7 @@ def test_a_second_stack_of_a_vehicle_in_another_folder_is_refused_with_who_runs_
         assert f"tag_detector of vehicle {toy.instance.vehicle} runs already as " in sentence_of(second)
         assert f" pid {pid}, of launcher process {state['launcher_pid']} in {toy.run_dir}." in second.stderr
     toy.environment["JEZERO_VEHICLE"] = "another"
-    toy.jezero("up", "--wait", "-f", file, "--run-dir", str(tmp_path / "second"))
+    toy.jezero("up", "-d", "-f", file, "--run-dir", str(tmp_path / "second"))
     toy.jezero("down", "--run-dir", str(tmp_path / "second"))
 
 
