@@ -3,6 +3,7 @@
 Source: thesis Figs 4.5, 4.8, 4.10 to 4.15.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,10 @@ from jezero.report.style import BAND, BLUE, ESTIMATE, GREEN, GREY, ORANGE, TRUTH
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-AXES = ("north", "east", "down")
+AXES = ("north", "east", "up")
+"""Axes of all figures: those of the log are north, east and down."""
+POSITIONS = ("relative", "rover", "uwb", "tag", "uav", "true_relative", "true_rover", "true_uav")
+"""Fields of a landing that hold positions."""
 BAND_M = 0.1
 """Half the width of the thesis' confidence band."""
 ERROR_MAX_M = 0.4
@@ -38,6 +42,7 @@ def draw_landing(landing: Landing, directory: Path, suffix: str, form: Format) -
         return directory / f"{name}{suffix}.{form}"
 
     files = []
+    landing = _upwards(landing)
     has_truth = len(landing.true_relative) > 1
     if len(landing.relative) and has_truth and landing.by_estimate:
         files.append(_relative_position(landing, file("relative_position")))
@@ -49,6 +54,11 @@ def draw_landing(landing: Landing, directory: Path, suffix: str, form: Format) -
     if not landing.by_estimate and len(landing.uav):
         files.append(_odometry(landing, file("landing_odometry")))
     return files
+
+
+def _upwards(landing: Landing) -> Landing:
+    """The landing with its positions north, east and up, so that a descent goes down in every figure."""
+    return replace(landing, **{name: getattr(landing, name).upwards() for name in POSITIONS})
 
 
 def _relative_position(landing: Landing, path: Path) -> Path:
@@ -66,7 +76,6 @@ def _relative_position(landing: Landing, path: Path) -> Path:
             _broken_line(ax, good, i, "estimate")
             ax.set_ylabel(f"{AXES[i]} [m]")
             ax.set_xlim(0.0, landing.end_s)
-        column[2].invert_yaxis()
         column[2].set_xlabel(TIME)
         legend_above(figure, column[0], landing.phases)
 
@@ -156,7 +165,6 @@ def _uwb_and_tag(landing: Landing, path: Path) -> Path:
             right.set_title(f"RMS error: {', '.join(rms)}", loc="right", fontsize=7.5, pad=3)
             for ax in (left, right):
                 ax.set_xlim(0.0, landing.end_s)
-        axes[2, 0].invert_yaxis()
         for ax in axes[2]:
             ax.set_xlabel(TIME)
         legend_above(figure, axes[0, 0], landing.phases)
@@ -176,7 +184,6 @@ def _odometry(landing: Landing, path: Path) -> Path:
                 ax.plot(*_column(landing.true_uav, i), color=TRUTH, lw=0.9, ls=":", label="truth")
             ax.set_ylabel(f"{AXES[i]} [m]")
             ax.set_xlim(0.0, landing.end_s)
-        column[2].invert_yaxis()
         column[2].set_xlabel(TIME)
         legend_above(figure, column[0], landing.phases)
 

@@ -49,6 +49,12 @@ class Series:
         """The samples for which `keep` is true."""
         return Series(self.t_s[keep], self.values[keep])
 
+    def upwards(self) -> "Series":
+        """The same with north, east and up in its first three columns instead of north, east and down."""
+        values = self.values.copy()
+        values[:, 2] *= -1.0
+        return Series(self.t_s, values)
+
 
 @dataclass(frozen=True)
 class Landing:

@@ -5,9 +5,9 @@ from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jezero.frames import Vec3
+from jezero.frames import Vec3, altitude_m
 from jezero.report.flight_log import Entry
-from jezero.report.style import BLUE, GREEN, ORANGE, Format, draw
+from jezero.report.style import BLUE, GREEN, GREY, ORANGE, TRUTH, Format, draw
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
 from jezero.schemas.units import NS_PER_S
@@ -70,13 +70,18 @@ def _position(axes: "Axes", entries: Sequence[Entry]) -> None:
     odometry = [e.message for e in entries if e.topic == topics.ODOMETRY.name]
     truth = [e.message for e in entries if e.topic == topics.TRUTH.name]
     setpoint_s, setpoint_m = _position_setpoints([e.message for e in entries if e.topic == topics.SETPOINT.name])
-    for axis, (name, colour) in enumerate(zip(("x north", "y east", "z down"), COLOURS, strict=True)):
-        axes.plot(_times(odometry), [m.pos_uav_ned_m[axis] for m in odometry], color=colour, label=name)
-        axes.plot(_times(truth), [m.pos_uav_ned_m[axis] for m in truth], ":", color=colour, lw=1, alpha=0.8)
-        axes.plot(setpoint_s, [m[axis] for m in setpoint_m], "--", color=colour, lw=0.8, alpha=0.6)
-    axes.plot([], [], ":", color="0.4", lw=1, label="true position")
-    axes.plot([], [], "--", color="0.4", lw=0.8, label="position setpoints")
-    axes.set_ylabel("position in the world frame, NED [m]")
+    for axis, (name, colour) in enumerate(zip(("north", "east", "altitude"), COLOURS, strict=True)):
+        axes.plot(_times(odometry), [upwards(m.pos_uav_ned_m)[axis] for m in odometry], color=colour, label=name)
+        true_m = [upwards(m.pos_uav_ned_m)[axis] for m in truth]
+        axes.plot(_times(truth), true_m, ":", color=TRUTH, lw=0.9, label="true position" if axis == 2 else None)
+        wanted_m = [upwards(m)[axis] for m in setpoint_m]
+        axes.plot(setpoint_s, wanted_m, "--", color=GREY, lw=1.0, label="position setpoints" if axis == 2 else None)
+    axes.set_ylabel("position in the world frame [m]")
+
+
+def upwards(pos_ned_m: Vec3) -> Vec3:
+    """North, east and altitude: a climb goes up in every figure."""
+    return (pos_ned_m[0], pos_ned_m[1], altitude_m(pos_ned_m[2]))
 
 
 def _position_setpoints(setpoints: Sequence[Any]) -> tuple[list[float], list[Vec3]]:

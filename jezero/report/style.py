@@ -81,13 +81,20 @@ def shade(axes: "Sequence[Axes]", phases: Sequence[tuple[str, float, float]]) ->
             ax.axvspan(begin_s, end_s, color=PHASES[name], lw=0, zorder=0)
 
 
-def legend_above(figure: "Figure", axes: "Axes", phases: Sequence[tuple[str, float, float]] = ()) -> None:
-    """Add one legend above all axes, with the labels of `axes` and the phases that occur."""
+def legend_above(
+    figure: "Figure", axes: "Axes", phases: Sequence[tuple[str, float, float]] = (), columns: int = LEGEND_COLUMNS
+) -> None:
+    """Add one legend above all axes, with the labels of `axes` and the phases that occur.
+
+    Args:
+        phases: name, start and end of each.
+        columns: greatest number of labels side by side.
+    """
     from matplotlib.patches import Patch
 
     handles, labels = axes.get_legend_handles_labels()
     for name in dict.fromkeys(name for name, _, _ in phases):
         handles.append(Patch(facecolor=PHASES[name], edgecolor="0.6", lw=0.4))
         labels.append(name)
-    rows = -(-len(handles) // LEGEND_COLUMNS)
+    rows = -(-len(handles) // columns)
     figure.legend(handles, labels, loc="outside upper center", ncols=-(-len(handles) // rows), columnspacing=1.3)

@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 SHOWN_M, SCATTER_M = 0.55, 0.22
 """Distance from the platform's centre to the edge of a figure: for one landing, and at least for many."""
 PANEL_IN = 3.5
-MARKS_M = {2.0: (-32, 30), 0.5: (32, -30)}
-"""Heights over the platform that are marked on a path, with the offset of their labels in points."""
+LEGEND_COLUMNS = 3
+MARKS_M = {2.0: "o", 0.5: "s"}
+"""Heights over the platform that are marked on a path, with their symbols."""
 
 
 class Touchdowns(NamedTuple):
@@ -52,15 +53,12 @@ def draw_touchdown(landing: Landing, directory: Path, suffix: str, form: Format)
         near = np.flatnonzero(np.abs(path_m[:, :2]).max(axis=1) > 1.0)
         start = int(near[-1]) + 1 if len(near) else 0
         ax.plot(path_m[start:, 1], path_m[start:, 0], color=BLUE, lw=1.2, label="true path")
-        for mark_m, words_pt in MARKS_M.items():
+        for mark_m, symbol in MARKS_M.items():
             above = np.flatnonzero(height_m > mark_m)
             if len(above) and start <= above[-1]:
-                north_m, east_m = path_m[above[-1], 0], path_m[above[-1], 1]
-                ax.plot(east_m, north_m, "o", ms=3, color=BLUE)
-                box = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.85}
-                line = {"arrowstyle": "-", "lw": 0.5, "color": "0.4"}
-                place = {"xytext": words_pt, "textcoords": "offset points", "ha": "center", "fontsize": 7}
-                ax.annotate(f"{mark_m:g} m up", (east_m, north_m), bbox=box, arrowprops=line, **place)
+                forward_m, right_m = path_m[above[-1], 0], path_m[above[-1], 1]
+                # In the legend, where labels can't cover each other or the path.
+                ax.plot(right_m, forward_m, symbol, ms=4.5, mec="white", mew=0.6, color=BLUE, label=f"{mark_m:g} m up")
         error_cm = 100.0 * float(np.hypot(*place_m))
         ax.plot(
             place_m[1],
@@ -73,9 +71,9 @@ def draw_touchdown(landing: Landing, directory: Path, suffix: str, form: Format)
             color=ORANGE,
             label=f"touchdown, {error_cm:.1f} cm",
         )
-        legend_above(figure, ax)
+        legend_above(figure, ax, columns=LEGEND_COLUMNS)
 
-    return [draw(directory / f"touchdown{suffix}.{form}", (1, 1), PANEL_IN + 0.2, fill, width_in=PANEL_IN)]
+    return [draw(directory / f"touchdown{suffix}.{form}", (1, 1), PANEL_IN + 0.4, fill, width_in=PANEL_IN)]
 
 
 def draw_touchdowns(kinds: Sequence[Touchdowns], path: Path) -> Path:

@@ -3,13 +3,14 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from jezero.cli.demo import pointing_to
 from jezero.cli.flight import Printer
 from jezero.codec import encode
 from jezero.report.flight_log import Entry
-from jezero.report.landings import landings
+from jezero.report.landings import Series, landings
 from jezero.report.report import draw_report
 from jezero.schemas import topics
 from jezero.schemas.actions import FeedbackMessage, LandFeedback, LandPhase
@@ -104,3 +105,9 @@ def test_a_demonstration_that_fails_says_where_its_log_is(capsys: pytest.Capture
     with pytest.raises(SystemExit), pointing_to(Printer(False), tmp_path):
         raise SystemExit(4)
     assert f"`jezero report {tmp_path}` draws the log" in capsys.readouterr().out
+
+
+def test_a_descent_goes_down_in_every_figure_of_a_landing() -> None:
+    ned_m = Series(np.array([0.0, 1.0]), np.array([[1.0, 2.0, -3.0, 1.0], [1.0, 2.0, -0.5, 0.0]]))
+    assert ned_m.upwards().values.tolist() == [[1.0, 2.0, 3.0, 1.0], [1.0, 2.0, 0.5, 0.0]]
+    assert ned_m.values[0, 2] == -3.0
