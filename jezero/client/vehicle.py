@@ -65,8 +65,7 @@ class Vehicle:
     if a number is NaN or infinite. With `on_client_loss="cancel"` the goal ends when this client disappears.
 
     Threads may share a vehicle: each method may be called from any of them at any time, also `close`, which ends the
-    waits of all others with `Unreachable`. A goal and a subscription are for one thread each. `jezero.aio` has the same
-    client for asyncio.
+    waits of all others with `Unreachable`. A goal and a subscription are for one thread each.
 
     ```python
     with Vehicle.connect("uav1") as uav:

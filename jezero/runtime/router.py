@@ -125,7 +125,7 @@ class _StoppedReaders:
         self._ids: dict[str, str] = {}
         """Zenoh's id of the session at each address."""
         self._named: dict[str, tuple[str, float]] = {}
-        """By session the reader's name, and the time until which health has it."""
+        """Stopped readers by session id: the name of each, and the time until which the router's health names it."""
 
     def update(self) -> None:
         """Check all links; to be called every `SAMPLE_PERIOD_S`."""

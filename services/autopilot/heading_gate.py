@@ -11,8 +11,8 @@ from typing import Literal
 from jezero.services.autopilot.reset_detector import ResetDetector
 
 REOPENS_AFTER = 10
-"""After a rejected reading, none is fused until this number in a row lies within the gate: the noise carries some
-readings of a wrong compass into it, and each of them would pull the heading."""
+"""After a rejected reading, the compass is fused again when this number of readings in a row lie within the gate. With
+noise, single readings of a wrong compass lie within the gate too, and each of them would pull the heading."""
 
 
 class HeadingGate:

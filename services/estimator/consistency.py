@@ -32,7 +32,8 @@ Place = Vec3
 """Position of an anchor in rover_body."""
 HEADING_ERROR_MIN_RAD = 0.25
 HEADINGS_MIN = 6
-"""So many headings by the tag in a row that differ by more than the minimum show an error of the rover's compass."""
+"""The rover's compass counts as wrong when this number of headings by the tag in a row differ from it by more than
+HEADING_ERROR_MIN_RAD."""
 
 
 class DeadReckoning:

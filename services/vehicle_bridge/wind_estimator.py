@@ -16,13 +16,13 @@ SAMPLE_S = 0.4
 GAP_MAX_S = 0.2
 """A sample is dropped at a longer gap in the odometry."""
 TIME_CONSTANT_S = 5.0
-"""Of the mean; the gusts of a landing pass within it."""
+"""Time constant of the mean wind: longer than a gust, shorter than a landing."""
 SAMPLES_MIN = 5
 """The wind is unknown before this number of samples."""
 HEIGHT_MIN_M = 0.5
 """A lower vehicle may be tilted by what it touches, or be leaving the ground."""
 UPRIGHT_MIN = 0.5
-"""Cosine of the tilt below which the thrust's direction tells too little of the horizontal forces."""
+"""Least cosine of the tilt: at a larger tilt the horizontal forces can't be separated from the thrust."""
 
 
 def wind_ned_mps(acc_ned_mps2: Vec3, vel_ned_mps: Vec3, q_ned_from_frd: Quat, airframe: AirframeConfig) -> Vec3 | None:

@@ -61,6 +61,12 @@ class BridgeFlight(Flight):
         self._boots += 1
         self.bus.add(self._makers[BRIDGE](self._boots))
 
+    def restart_bridge(self) -> None:
+        """End the bridge and start another one as soon as the launcher does."""
+        self.kill_bridge()
+        self.bus.run_for(RESTART_S)
+        self.start_bridge()
+
     def begin(self, action: topics.Action[Any], goal: Any, code: StatusCode, seconds: float) -> None:
         """Fly a goal for some time after it has the given status."""
         self.take_off(3.0)
@@ -105,9 +111,7 @@ AIR: dict[str, Callable[[BridgeFlight], object]] = {
 def restart_on_the_ground(flight: BridgeFlight, phase: str) -> None:
     """Restart the bridge before the takeoff."""
     GROUND[phase](flight)
-    flight.kill_bridge()
-    flight.bus.run_for(RESTART_S)
-    flight.start_bridge()
+    flight.restart_bridge()
     _assert_flies(flight)
     assert StatusCode.EXTERNAL not in flight.codes
 
@@ -115,9 +119,7 @@ def restart_on_the_ground(flight: BridgeFlight, phase: str) -> None:
 def restart_at_once(flight: BridgeFlight, phase: str) -> None:
     """Restart the bridge in flight as the launcher does; the autopilot's failsafe lands."""
     AIR[phase](flight)
-    flight.kill_bridge()
-    flight.bus.run_for(RESTART_S)
-    flight.start_bridge()
+    flight.restart_bridge()
     flight.wait_code(StatusCode.EXTERNAL, 5.0)
     flight.wait_code(StatusCode.IDLE, LANDED_TIMEOUT_S)
     assert flight.codes == [StatusCode.EXTERNAL, StatusCode.IDLE]
@@ -136,9 +138,7 @@ def restart_after_the_failsafe_has_landed(flight: BridgeFlight, phase: str) -> N
 def take_back_with_a_hover(flight: BridgeFlight, phase: str) -> None:
     """Request a hover of the bridge that was restarted in flight, and go on flying."""
     AIR[phase](flight)
-    flight.kill_bridge()
-    flight.bus.run_for(RESTART_S)
-    flight.start_bridge()
+    flight.restart_bridge()
     flight.wait_code(StatusCode.EXTERNAL, 5.0)
     assert flight.request(topics.HOVER, Hover()).hover_mode
     flight.wait_code(StatusCode.HOVER, 5.0)

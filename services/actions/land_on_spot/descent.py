@@ -21,7 +21,8 @@ SPEED_GATE_MPS = 0.5
 GAIN_DESCENT_1PS = 0.6
 """Rate of descent per metre of height."""
 COMMIT_M = 0.1
-"""Below this height the vehicle descends wherever it may stand: waiting in gusts near the platform is worse."""
+"""Below this height the vehicle descends without waiting, as long as the place below it is on the platform: in gusts,
+waiting so close to the platform is worse than a larger error."""
 STRAYED_CONES = 4.0
 """The vehicle climbs when the error is larger than this number of cone radii."""
 CONTACT_M, CONTACT_S = 0.03, 0.4

@@ -45,12 +45,12 @@ def silence(
     detector: FreezeDetector, seconds: int, waited_share: float = 0.0, reachable: bool = True
 ) -> dict[int, str]:
     """Frozen processes after a time in s without a report of one service, while another one reports once a second."""
-    told: dict[int, str] = {}
+    frozen: dict[int, str] = {}
     for number in range(seconds * 4 + 1):
         at_s = SAMPLE_PERIOD_S * number
         silent = sample(waited_s=waited_share * at_s, reachable=reachable)
-        told = detector.update(at_s, {PID: silent, OTHER_PID: sample(reports=number // 4)})
-    return told
+        frozen = detector.update(at_s, {PID: silent, OTHER_PID: sample(reports=number // 4)})
+    return frozen
 
 
 def test_a_silence_of_all_services_at_once_is_the_fault_of_the_bus_and_kills_none_of_them() -> None:
@@ -59,9 +59,9 @@ def test_a_silence_of_all_services_at_once_is_the_fault_of_the_bus_and_kills_non
         assert detector.update(SAMPLE_PERIOD_S * number, {PID: sample(), OTHER_PID: sample()}) == {}
     for number in range(400, 440):  # the bus is back, and each service has its full time to report
         others = {PID: sample(), OTHER_PID: sample(reports=number // 4)}
-        told = detector.update(SAMPLE_PERIOD_S * number, others)
-        assert told == {} or number > 430
-    assert list(told) == [PID]
+        frozen = detector.update(SAMPLE_PERIOD_S * number, others)
+        assert frozen == {} or number > 430
+    assert list(frozen) == [PID]
 
 
 def test_a_process_on_the_bus_that_makes_no_report_for_ten_seconds_is_frozen() -> None:

@@ -118,7 +118,7 @@ def test_what_would_be_refused_has_no_plan_but_the_same_reason(goal: Goal, reaso
 
 @pytest.mark.parametrize("goal", [CIRCLE, FIELD, GoToGoal(target_ned_m=(1.0, 0.0, -3.0), frame="rover")])
 def test_the_bridges_reason_comes_before_a_missing_input(goal: Goal) -> None:
-    """On the ground neither a camera nor an estimator has to be asked."""
+    """On the ground the goal is refused by the bridge, also while camera and estimator are silent."""
     world = world_at(GROUND, with_camera=False)
     world.bridge.refuse = "it is on the ground: take off first"
     assert plan(world, goal).reason == world.bridge.refuse
