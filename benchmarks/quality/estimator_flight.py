@@ -32,7 +32,7 @@ from jezero.frames import (
 from jezero.schemas import topics
 from jezero.schemas.estimate import TagEstimate
 from jezero.schemas.state import Clock, Odometry
-from jezero.schemas.units import NS_PER_S
+from jezero.schemas.units import GRAVITY_MPS2, NS_PER_S
 from jezero.services.simulator.body import BodyState, RoverState
 from jezero.services.simulator.config import SimulatorConfig, UwbConfig
 from jezero.services.simulator.noise import Wander, generator, normals_of
@@ -40,7 +40,6 @@ from jezero.services.simulator.sensors import Altimeter, RoverOdometry, Uwb
 from jezero.vehicle_config import VehicleConfig
 
 TICK_NS = 4_000_000
-GRAVITY_MPS2 = 9.81
 HEIGHT_STAND_M = VehicleConfig().airframe.height_stand_m
 APPROACH_S = 6.0
 APPROACH_HEIGHT_M = 2.5

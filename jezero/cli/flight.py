@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from math import atan2, degrees, hypot, isfinite, radians
+from math import isfinite, radians
 from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 import click
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from jezero.client import Goal, Vehicle
-    from jezero.frames import Vec3
     from jezero.schemas.actions import Frame
 
 FRAMES = click.Choice(["world", "rover"])
@@ -159,7 +158,7 @@ def fly_goal(printer: Printer, goal: "Goal[Any, Any]", name: str) -> None:
         _follow(printer, goal)
     result = msgspec.to_builtins(goal.result())
     position = result.get("pos_uav_ned_m") or result.get("touchdown_ned_m")
-    where = f" at {_point(position)}" if position else ""
+    where = f" at {point_in_words(position)}" if position else ""
     printer.event("result", f"{name}: succeeded{where}", outcome="succeeded", goal_id=goal.goal_id, result=result)
 
 
@@ -183,7 +182,7 @@ def _in_words(feedback: dict[str, Any]) -> str:
     fields = {name: value for name, value in feedback.items() if name != "kind"}
     parts = []
     if "pos_uav_ned_m" in fields:
-        parts.append(f"position {_point(fields.pop('pos_uav_ned_m'))} in {fields.pop('frame', 'world')}")
+        parts.append(f"position {point_in_words(fields.pop('pos_uav_ned_m'))} in {fields.pop('frame', 'world')}")
     if "distance_m" in fields:
         parts.append(f"{fields.pop('distance_m'):.2f} m to go")
     if "phase" in fields:
@@ -195,7 +194,7 @@ def _in_words(feedback: dict[str, Any]) -> str:
     return ", ".join(parts)
 
 
-def _point(pos_ned_m: Any) -> str:
+def point_in_words(pos_ned_m: Any) -> str:
     return "({:.2f}, {:.2f}, {:.2f})".format(*pos_ned_m)
 
 
@@ -325,7 +324,7 @@ def hover(point: tuple[float, ...], vehicle: str, router: str, as_json: bool) ->
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
         uav.hover((point[0], point[1], point[2]) if point else None)
-        where = f" at {_point(point)}" if point else ""
+        where = f" at {point_in_words(point)}" if point else ""
         printer.event("result", f"hovering{where}", outcome="succeeded")
 
 
@@ -353,65 +352,3 @@ def kill(yes: bool, vehicle: str, router: str, as_json: bool) -> None:
     with connected(vehicle, router, printer) as uav:
         uav.kill(confirm=True)
         printer.event("result", "killed: motors off", outcome="succeeded")
-
-
-@click.command()
-@click.option("--watch", is_flag=True, help="Print each change until Ctrl+C.")
-@common_options
-def status(watch: bool, vehicle: str, router: str, as_json: bool) -> None:
-    """Show what the vehicle does, where it is, and why it is not ready."""
-    printer = Printer(as_json)
-    with connected(vehicle, router, printer) as uav:
-        if not watch:
-            _print_status(printer, uav.status())
-            return
-        last = None
-        try:
-            for latest in uav.watch_status():
-                shown = (
-                    latest.code,
-                    latest.armed,
-                    latest.landed,
-                    latest.autopilot_mode,
-                    latest.in_charge,
-                    latest.ready,
-                    latest.text,
-                )
-                if as_json or shown != last:
-                    _print_status(printer, latest)
-                last = shown
-        except KeyboardInterrupt:
-            return
-
-
-def _wind(wind_ned_mps: "Vec3", std_gust_mps: float | None) -> str:
-    north_mps, east_mps, _ = wind_ned_mps
-    from_deg = degrees(atan2(-east_mps, -north_mps)) % 360.0
-    gusts = "" if std_gust_mps is None else f", gusts of {std_gust_mps:.1f} m/s (standard deviation)"
-    return f"{hypot(north_mps, east_mps):.1f} m/s from {from_deg:.0f} degrees{gusts}"
-
-
-def _print_status(printer: Printer, latest: Any) -> None:
-    import msgspec
-
-    if printer.as_json:
-        click.echo(msgspec.json.encode(latest).decode())
-        return
-    rows = [
-        ("status", f"{latest.code} {latest.name}"),
-        ("in charge", latest.in_charge + (f" (goal {latest.goal_id})" if latest.goal_id else "")),
-        ("autopilot", f"{latest.autopilot_mode or 'no link'}, {'armed' if latest.armed else 'disarmed'}"),
-        ("vehicle", "on the ground" if latest.landed else "in the air"),
-        ("ready", "yes" if latest.ready else f"no: {latest.not_ready_reason}"),
-    ]
-    if latest.odometry is not None:
-        rows.append(("position", f"{_point(latest.odometry.pos_uav_ned_m)} m, NED"))
-        rows.append(("velocity", f"{_point(latest.odometry.vel_uav_ned_mps)} m/s"))
-    if latest.wind_ned_mps is not None:
-        rows.append(("wind", _wind(latest.wind_ned_mps, latest.std_gust_mps)))
-    if latest.battery is not None and latest.battery.remaining is not None:
-        rows.append(("battery", f"{100.0 * latest.battery.remaining:.0f} %"))
-    if latest.text:
-        rows.append(("last event", latest.text))
-    for name, value in rows:
-        click.echo(f"{name:<11}{value}")

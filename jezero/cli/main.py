@@ -35,7 +35,7 @@ SECTIONS: dict[str, dict[str, Entry]] = {
         "abort": Entry("jezero.cli.flight", "abort", "End the goal in charge and hover."),
         "kill": Entry("jezero.cli.flight", "kill", "Stop the motors at once, also in the air."),
         "action": Entry("jezero.cli.action", "action", "List all actions, or send a goal to any of them."),
-        "status": Entry("jezero.cli.flight", "status", "Show what the vehicle does, and where it is."),
+        "status": Entry("jezero.cli.status", "status", "Show what the vehicle does, and where it is."),
         "rover": Entry("jezero.cli.rover", "rover", "Drive the rover."),
         "camera": Entry("jezero.cli.camera", "camera", "Save images of the camera, or of the ground from above."),
     },

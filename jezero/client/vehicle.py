@@ -2,17 +2,14 @@
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from itertools import count
+from contextlib import contextmanager
 from types import TracebackType
-from typing import Any, Literal, Self, TypeVar, overload
+from typing import Any, Self, TypeVar, overload
 
-import msgspec
-
-from jezero.client.any_action import action_named, goal_of
 from jezero.client.camera import Camera
-from jezero.client.errors import Refused, TimedOut, Unreachable
+from jezero.client.errors import Refused
 from jezero.client.goal import Goal, request_result
+from jezero.client.goal_sender import GoalSender, OnClientLoss, action_named
 from jezero.client.images import ImagesGoal
 from jezero.client.rover import Rover
 from jezero.client.session import Connection
@@ -46,9 +43,6 @@ DEFAULT_VEHICLE, DEFAULT_ROUTER = "uav1", "tcp/127.0.0.1:7447"
 M = TypeVar("M", bound=Message)
 Point = tuple[float, float, float]
 Corners = Sequence[tuple[float, float]]
-OnClientLoss = Literal["continue", "cancel"]
-PLAN_TIMEOUT_S = 30.0
-"""Longest wait for the acceptance of a goal whose path is planned first."""
 HOVER_TIMEOUT_S = 10.0
 """Longest wait for a hover: a goal that ends near the ground climbs first, and taking control back takes seconds."""
 DISARM_TIMEOUT_S = 15.0
@@ -87,7 +81,7 @@ class Vehicle:
         self.camera = Camera(connection)
         self._connection = connection
         self._latest = LatestValues(connection)
-        self._goal_numbers = count(1)
+        self._goals = GoalSender(connection)
 
     @classmethod
     def connect(cls, vehicle: str | None = None, *, router: str | None = None, timeout_s: float = 3.0) -> Self:
@@ -126,8 +120,8 @@ class Vehicle:
         Args:
             altitude_m: altitude above the take-off point, positive up.
         """
-        goal = TakeoffGoal(**self._common(on_client_loss), altitude_m=altitude_m)
-        return self._send(topics.TAKEOFF, goal)
+        goal = TakeoffGoal(**self._goals.common_fields(on_client_loss), altitude_m=altitude_m)
+        return self._goals.send(topics.TAKEOFF, goal)
 
     def go_to(
         self,
@@ -153,14 +147,14 @@ class Vehicle:
             speed_mps: speed along the line; None for the default.
         """
         goal = GoToGoal(
-            **self._common(on_client_loss),
+            **self._goals.common_fields(on_client_loss),
             target_ned_m=(x_m, y_m, z_m),
             frame=frame,
             do_takeoff=do_takeoff,
             yaw_rad=yaw_rad,
             speed_mps=speed_mps,
         )
-        return self._send(topics.GO_TO, goal)
+        return self._goals.send(topics.GO_TO, goal)
 
     def land_on_spot(
         self,
@@ -182,14 +176,14 @@ class Vehicle:
             force: land in more wind than the settings allow, too.
         """
         goal = LandOnSpotGoal(
-            **self._common(on_client_loss),
+            **self._goals.common_fields(on_client_loss),
             landing_spot_ned_m=spot_ned_m,
             frame=frame,
             use_uwb=use_uwb,
             use_tag=use_tag,
             force=force,
         )
-        return self._send(topics.LAND_ON_SPOT, goal)
+        return self._goals.send(topics.LAND_ON_SPOT, goal)
 
     def get_images(
         self,
@@ -215,7 +209,7 @@ class Vehicle:
             stream_images: whether the feedback announces each image as it is taken; else only the result lists them.
         """
         goal = GetImagesGoal(
-            **self._common(on_client_loss),
+            **self._goals.common_fields(on_client_loss),
             center_ned_m=center_ned_m,
             radius_m=radius_m,
             num_images=num_images,
@@ -224,7 +218,7 @@ class Vehicle:
             speed_mps=speed_mps,
             stream_images=stream_images,
         )
-        return ImagesGoal(self._connection, topics.GET_IMAGES, goal, PLAN_TIMEOUT_S)
+        return self._goals.send_for_images(topics.GET_IMAGES, goal)
 
     def area_coverage(
         self,
@@ -256,7 +250,7 @@ class Vehicle:
             start_ned_m: (2,) the path starts near this point; None for the vehicle's position.
         """
         goal = AreaCoverageGoal(
-            **self._common(on_client_loss),
+            **self._goals.common_fields(on_client_loss),
             polygon_ned_m=tuple(polygon_ned_m),
             holes_ned_m=tuple(tuple(hole) for hole in holes_ned_m),
             z_ned_m=z_ned_m,
@@ -267,7 +261,7 @@ class Vehicle:
             speed_mps=speed_mps,
             start_ned_m=start_ned_m,
         )
-        return ImagesGoal(self._connection, topics.AREA_COVERAGE, goal, PLAN_TIMEOUT_S)
+        return self._goals.send_for_images(topics.AREA_COVERAGE, goal)
 
     def resume_coverage(self, goal: AreaCoverageGoal) -> ImagesGoal:
         """Take the missing images of a coverage that ended early.
@@ -275,8 +269,8 @@ class Vehicle:
         Args:
             goal: field `resume` of that coverage's result.
         """
-        renewed = msgspec.structs.replace(goal, **self._common(goal.on_client_loss))
-        return ImagesGoal(self._connection, topics.AREA_COVERAGE, renewed, PLAN_TIMEOUT_S)
+        renewed = self._goals.make(topics.AREA_COVERAGE, goal, {})
+        return self._goals.send_for_images(topics.AREA_COVERAGE, renewed)
 
     def send(self, action: str | Action[Any], goal: GoalPayload | None = None, **fields: Any) -> Goal[Any, Any]:
         """Send a goal to any action, also to one that an installed package adds.
@@ -288,8 +282,8 @@ class Vehicle:
         Raises:
             ValueError: there is no such action, or the goal doesn't fit its type; the message names the field.
         """
-        row, made = self._goal(action, goal, fields)
-        return self._send(row, made)
+        row = action_named(action)
+        return self._goals.send(row, self._goals.make(row, goal, fields))
 
     def plan(self, action: str | Action[Any], goal: GoalPayload | None = None, **fields: Any) -> PlanReply:
         """How long a goal would fly, how far, and how much battery it would use; it is not flown.
@@ -309,11 +303,8 @@ class Vehicle:
             Unreachable: no action server replies.
             TimedOut: the reply is missing.
         """
-        row, made = self._goal(action, goal, fields)
-        reply: PlanReply = self._connection.request(row.plan, made, PLAN_TIMEOUT_S)
-        if not reply.accepted:
-            raise Refused(reply.reason, reply.code)
-        return reply
+        row = action_named(action)
+        return self._goals.plan(row, self._goals.make(row, goal, fields))
 
     # -- requests: each raises Unreachable or TimedOut without a reply --
 
@@ -476,31 +467,3 @@ class Vehicle:
             status = self.status()
         spot_ned_m = None if status.odometry is None else status.odometry.pos_uav_ned_m
         self.land_on_spot(spot_ned_m, use_uwb=False, use_tag=False).result()
-
-    def _goal(
-        self, action: str | Action[Any], goal: GoalPayload | None, fields: dict[str, Any]
-    ) -> tuple[Action[Any], GoalPayload]:
-        """The action and a goal of it with a new id."""
-        row = action_named(action)
-        on_client_loss = fields.get("on_client_loss", "continue") if goal is None else goal.on_client_loss
-        return row, goal_of(row, goal, fields, self._common(on_client_loss))
-
-    def _send(self, action: Action[Any], goal: GoalPayload) -> Goal[Any, Any]:
-        if action.takes_pictures:
-            return ImagesGoal(self._connection, action, goal, PLAN_TIMEOUT_S)
-        return Goal(self._connection, action, goal, REPLY_TIMEOUT_S)
-
-    def _common(self, on_client_loss: OnClientLoss) -> dict[str, Any]:
-        """Fields of every goal: a new id, and the present vehicle time, after which the goal expires in some seconds.
-
-        The status is requested for that time only if no status, feedback or result has arrived within a second.
-        """
-        issued_t_ns = self._connection.vehicle_time_ns()
-        if issued_t_ns is None:
-            with suppress(Unreachable, TimedOut):
-                issued_t_ns = self.status().t_ns
-        return {
-            "goal_id": f"{self._connection.client_id}-{next(self._goal_numbers)}",
-            "issued_t_ns": issued_t_ns,
-            "on_client_loss": on_client_loss,
-        }

@@ -8,8 +8,6 @@ from jezero.runtime.config import Config
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
-GRAVITY_MPS2 = 9.81
-"""The estimator and the controllers assume the Earth's gravity, as PX4's do."""
 
 
 class EstimatorConfig(Config, frozen=True, kw_only=True):

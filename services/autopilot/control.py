@@ -5,7 +5,8 @@ from math import hypot, pi, sqrt, tan
 import msgspec
 
 from jezero.frames import Vec3, add, norm, scale, wrap_pi
-from jezero.services.autopilot.config import GRAVITY_MPS2, ControlConfig
+from jezero.schemas.units import GRAVITY_MPS2
+from jezero.services.autopilot.config import ControlConfig
 from jezero.services.autopilot.mixer import IDLE, STOPPED, Commands, Mixer
 from jezero.vehicle_config import AirframeConfig
 

@@ -5,7 +5,7 @@ from math import inf
 import numpy as np
 
 from jezero.frames import Vec3
-from jezero.services.autopilot.config import GRAVITY_MPS2
+from jezero.schemas.units import GRAVITY_MPS2
 from jezero.vehicle_config import AirframeConfig
 
 Commands = tuple[float, float, float, float]

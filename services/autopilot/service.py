@@ -3,8 +3,9 @@
 from collections.abc import Iterator
 
 from jezero.runtime.service import Health, Inbox, Output, Send, Spec
+from jezero.schemas.units import GRAVITY_MPS2
 from jezero.services.autopilot.alignment import Fix
-from jezero.services.autopilot.config import GRAVITY_MPS2, AutopilotConfig
+from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.estimator import Estimator
 from jezero.services.autopilot.hil import HilLink, SensorSample
 from jezero.services.autopilot.mavlink_interface import GCS, OFFBOARD, MavlinkInterface, signing_by_link

@@ -6,11 +6,11 @@ import msgspec
 
 from jezero.frames import Quat, Vec3, quat_conjugate, quat_rotate
 from jezero.schemas.state import Odometry
-from jezero.schemas.units import NS_PER_S
+from jezero.schemas.units import GRAVITY_MPS2, NS_PER_S
 from jezero.services.vehicle_bridge.vehicle import VehicleSnapshot
 from jezero.vehicle_config import AirframeConfig
 
-GRAVITY_MPS2, DENSITY_AIR_KGPM3 = 9.81, 1.2
+DENSITY_AIR_KGPM3 = 1.2
 SAMPLE_S = 0.4
 """One sample of the wind is made of this time of flight. Shorter differences of the velocity would be mostly noise."""
 GAP_MAX_S = 0.2

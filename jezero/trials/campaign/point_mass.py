@@ -6,8 +6,9 @@ It replaces rigid body, estimator, attitude control and mixer; the rest of the a
 from math import atan2, cos, hypot, sin, sqrt
 
 from jezero.frames import Quat, Vec3, add, ned_from_geodetic, quat_from_euler, subtract, wrap_pi
+from jezero.schemas.units import GRAVITY_MPS2
 from jezero.services.autopilot.alignment import ALIGN_US, Fix
-from jezero.services.autopilot.config import GRAVITY_MPS2, AutopilotConfig, EstimatorConfig
+from jezero.services.autopilot.config import AutopilotConfig, EstimatorConfig
 from jezero.services.autopilot.control import Kinematics, Setpoint, VelocityLoop
 from jezero.services.autopilot.land_detector import CLIMB_SETPOINT_MIN_MPS, LandDetector
 from jezero.services.autopilot.mixer import IDLE, STOPPED, Commands

@@ -8,12 +8,11 @@ from math import degrees, exp, hypot, sqrt
 from typing import Literal, NamedTuple
 
 from jezero.frames import Quat, Vec3, quat_conjugate, quat_rotate, tilt_from_quat
-from jezero.schemas.units import NS_PER_S
+from jezero.schemas.units import GRAVITY_MPS2, NS_PER_S
 from jezero.services.actions.motion.behaviour import VehicleState
 from jezero.tilt_contact import is_tilted_by_contact
 from jezero.vehicle_config import AirframeConfig
 
-GRAVITY_MPS2 = 9.81
 PUSH_ACC_MPS2 = 5.0
 """Downward acceleration that is fed forward once the vehicle has touched down: it takes half of the thrust at once."""
 TOUCHED_MPS = 0.15
