@@ -5,6 +5,7 @@
 # make test       every check there is
 # make campaign   three minutes of missions with faults; the seeds follow from the commit
 # make broken     fly bridges that are broken on purpose with full physics until each is caught: ten minutes or so
+# make walk       run the commands of README and docs as a reader would: five minutes or so
 # make speed      measure speed and cost: one table, and runs/bench.json
 # make reference  write the generated pages of docs/reference anew
 # make docs       build the documentation as a site, into site/
@@ -18,7 +19,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 DOCS_INSTALLED := $(VENV)/.docs-installed
 
-.PHONY: setup demo lint style types contracts unit test campaign broken speed reference docs
+.PHONY: setup demo lint style types contracts unit test campaign broken walk speed reference docs
 
 setup: $(INSTALLED)
 
@@ -55,6 +56,9 @@ campaign: setup
 
 broken: setup
 	$(BIN)/pytest -q -s -m slow tests/scenario/test_broken_builds.py
+
+walk: setup
+	$(BIN)/pytest -q -m slow tests/system/test_docs_commands.py
 
 speed: setup
 	$(BIN)/python -m benchmarks.speed
