@@ -199,7 +199,7 @@ def test_without_a_server_a_goal_is_unreachable_at_once(vehicle: Vehicle) -> Non
 def test_a_server_that_never_accepts_times_out_and_the_goal_is_withdrawn(
     vehicle: Vehicle, server: Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("jezero.client.vehicle.REPLY_TIMEOUT_S", 0.3)
+    monkeypatch.setattr("jezero.client.goal_sender.REPLY_TIMEOUT_S", 0.3)
     server.serve("@action/takeoff", end=False)
     server.serve("@action/takeoff/cancel", CancelReply(canceled=True))
     with pytest.raises(TimedOut, match=r"did not reply within 0.3 s"):
