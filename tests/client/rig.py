@@ -134,6 +134,19 @@ def wait_until_served(session: zenoh.Session, key: str) -> None:
     querier.undeclare()  # type: ignore[no-untyped-call]
 
 
+def wait_until_subscribed(session: zenoh.Session, key: str) -> None:
+    """Until the router, and through it the session, knows of a subscriber of the key: what is published
+    before is lost."""
+    publisher = session.declare_publisher(key)
+
+    def is_known() -> bool:
+        status: Any = publisher.matching_status
+        return bool(status.matching)
+
+    wait_for(is_known)
+    publisher.undeclare()  # type: ignore[no-untyped-call]
+
+
 @contextmanager
 def published(
     server: Server, make: Callable[[int], Message], topic: topics.Topic[Any] = topics.STATUS

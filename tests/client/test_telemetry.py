@@ -29,6 +29,7 @@ from tests.client.rig import (
     server,
     vehicle,
     wait_for,
+    wait_until_subscribed,
 )
 
 __all__ = ["endpoint", "server", "vehicle"]
@@ -47,8 +48,10 @@ def clock(t_ns: int) -> Clock:
 
 
 def publish_frame(server: Server) -> None:
+    key = topics.key("v", topics.CAMERA.name)
+    wait_until_subscribed(server.session, key)
     header = msgspec.json.encode({k: v for k, v in msgspec.to_builtins(FRAME).items() if k != "pixels"})
-    server.session.put(topics.key("v", "sensor/camera"), FRAME.pixels, attachment=header)
+    server.session.put(key, FRAME.pixels, attachment=header)
 
 
 def test_the_latest_value_waits_for_the_first_message_and_is_there_from_then_on(
@@ -129,6 +132,7 @@ def test_a_callback_that_raises_ends_its_subscription_and_shows_why(
 
 def test_a_slow_reader_loses_the_oldest_messages(vehicle: Vehicle, server: Server) -> None:
     with vehicle.subscribe(topics.ODOMETRY) as stream:
+        wait_until_subscribed(server.session, topics.key("v", topics.ODOMETRY.name))
         for t_ns in range(QUEUE_MAX + 10):
             server.publish(topics.ODOMETRY, odometry(t_ns))
         server.publish(topics.ODOMETRY, odometry(9_999))
@@ -147,7 +151,7 @@ def test_of_pictures_a_slow_reader_keeps_four(vehicle: Vehicle, server: Server) 
 
 
 def test_snap_writes_a_png_of_the_next_picture(vehicle: Vehicle, server: Server, tmp_path: Path) -> None:
-    publisher = threading.Timer(0.2, publish_frame, [server])
+    publisher = threading.Thread(target=publish_frame, args=[server])
     publisher.start()
     frame = vehicle.camera.snap(tmp_path / "x.png", timeout_s=5.0)
     publisher.join()
