@@ -15,7 +15,7 @@ import click
 from jezero.cli.exit_codes import ABORTED
 from jezero.cli.flight import Printer, common_options, connected, fly_goal
 from jezero.cli.pictures import take_pictures
-from jezero.report.flight_log import LOG
+from jezero.recording.writer import RECORDING
 from jezero.schemas.actions import AreaCoverageGoal, GetImagesGoal, GoToGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.trials.missions import FLIGHT, Mission
 
@@ -35,7 +35,9 @@ RECORDED_AFTER_FLIGHT_S = 0.5
     show_default=True,
     help="Seed, with --fast.",
 )
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Write log and figures into this folder.")
+@click.option(
+    "--out", type=click.Path(path_type=Path, file_okay=False), help="Write recording and figures into this folder."
+)
 @common_options
 def fly(fast: bool, seed: int, out: Path | None, vehicle: str, router: str, as_json: bool) -> None:
     """Take off, fly to (-1, -2, -3), hover, climb, and land on the rover."""
@@ -48,13 +50,13 @@ def fly(fast: bool, seed: int, out: Path | None, vehicle: str, router: str, as_j
             _fly_flight(printer, uav)
         else:
             out.mkdir(parents=True, exist_ok=True)
-            with recorded(vehicle, router, out / LOG):
+            with recorded(vehicle, router, out / RECORDING):
                 _fly_flight(printer, uav)
             draw(printer, out)
 
 
 def fly_fast(printer: Printer, mission: Mission, seed: int, out: Path | None) -> None:
-    """Fly a mission in virtual time and write log, images and figures into a folder, if one is given.
+    """Fly a mission in virtual time and write recording, images and figures into a folder, if one is given.
 
     Raises:
         SystemExit: the mission failed.
@@ -65,7 +67,7 @@ def fly_fast(printer: Printer, mission: Mission, seed: int, out: Path | None) ->
 
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-    log = None if out is None else out / LOG
+    recording = None if out is None else out / RECORDING
 
     def on_progress(text: str) -> None:
         if not printer.as_json:
@@ -73,7 +75,7 @@ def fly_fast(printer: Printer, mission: Mission, seed: int, out: Path | None) ->
 
     takes_images = any(action.takes_pictures for action, _, _ in mission)
     on_images = partial(_write_dataset, out) if out is not None and takes_images else None
-    flight = fly_virtually(mission, seed, log, on_progress, on_images)
+    flight = fly_virtually(mission, seed, recording, on_progress, on_images)
     if out is not None:
         draw(printer, out, print_touchdown=False)
     if printer.as_json:
@@ -82,7 +84,7 @@ def fly_fast(printer: Printer, mission: Mission, seed: int, out: Path | None) ->
         click.echo(
             f"landed {100.0 * flight.touchdown_error_m:.1f} cm from the middle of the platform after "
             f"{flight.sim_time_s:.1f} s of flight time, {flight.real_time_factor:.1f}x real time\n"
-            f"log sha256 {flight.log_sha256}"
+            f"messages sha256 {flight.messages_sha256}"
         )
     if flight.result != "succeeded":
         click.echo(f"failed: {flight.reason}", err=True)
@@ -164,17 +166,20 @@ def draw(printer: Printer, folder: Path, *, print_touchdown: bool = True) -> Non
 
 
 @contextmanager
-def recorded(vehicle: str, router: str, log: Path) -> Iterator[None]:
-    """Log the messages of a vehicle, without images, during the block and shortly after, until it is disarmed."""
+def recorded(vehicle: str, router: str, path: Path) -> Iterator[None]:
+    """Record the messages of a vehicle, without images, during the block and shortly after, until it is disarmed."""
     import zenoh
 
-    from jezero.report.flight_log import RECORDED, LogWriter
+    from jezero.recording.about import about
+    from jezero.recording.channels import RECORDED
+    from jezero.recording.writer import RecordingWriter
     from jezero.schemas.topics import key
     from jezero.zenoh_client import client_config
 
     prefix = key(vehicle, "")
     lock = threading.Lock()
-    with LogWriter(log) as writer, zenoh.open(client_config(router, timeout_s=3.0)) as session:
+    origin = about(bus="zenoh", vehicle=vehicle)
+    with RecordingWriter(path, origin) as writer, zenoh.open(client_config(router, timeout_s=3.0)) as session:
 
         def on_sample(sample: zenoh.Sample) -> None:
             if sample.kind == zenoh.SampleKind.PUT:

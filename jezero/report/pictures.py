@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from jezero.frames import altitude_m, quat_rotate
-from jezero.report.flight_log import Entry
+from jezero.recording import Entry
 from jezero.report.style import BLUE, GREY, ORANGE, WIDTH_IN, Format, draw
 from jezero.schemas import topics
 from jezero.schemas.images import LISTING, Image

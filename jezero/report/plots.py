@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jezero.frames import Vec3, altitude_m
-from jezero.report.flight_log import Entry
+from jezero.recording import Entry
 from jezero.report.style import BLUE, GREEN, GREY, ORANGE, TRUTH, Format, draw
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode

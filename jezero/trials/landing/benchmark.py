@@ -70,20 +70,20 @@ def fly_landings(
     seed: int,
     jobs: int,
     on_landing: Callable[[Landing], None] = lambda landing: None,
-    logs: Path | None = None,
+    recordings: Path | None = None,
 ) -> LandingReport:
     """Fly `n` landings, with the seeds from `seed` on.
 
     Args:
         jobs: number of processes that fly in parallel.
         on_landing: called with each landing, in the order of the seeds.
-        logs: folder that gets each landing's log as <case>-<seed>/flight.jsonl.
+        recordings: folder that gets each landing's recording as <case>-<seed>/flight.mcap.
 
     Raises:
         ConfigError: a configuration file is invalid.
     """
     landings: list[Landing] = []
-    for landing in _landings(conditions, range(seed, seed + n), jobs, logs):
+    for landing in _landings(conditions, range(seed, seed + n), jobs, recordings):
         on_landing(landing)
         landings.append(landing)
     errors = EstimateErrors()
@@ -115,8 +115,8 @@ def fly_landings(
     )
 
 
-def _landings(conditions: Conditions, seeds: range, jobs: int, logs: Path | None) -> Iterator[Landing]:
-    fly = partial(fly_landing, conditions=conditions, logs=logs)
+def _landings(conditions: Conditions, seeds: range, jobs: int, recordings: Path | None) -> Iterator[Landing]:
+    fly = partial(fly_landing, conditions=conditions, recordings=recordings)
     if jobs == 1:
         yield from map(fly, seeds)
         return
