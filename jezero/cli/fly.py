@@ -171,7 +171,7 @@ def recorded(vehicle: str, router: str, path: Path) -> Iterator[None]:
     import zenoh
 
     from jezero.recording.about import about
-    from jezero.recording.channels import RECORDED
+    from jezero.recording.channels import keys_without_images
     from jezero.recording.writer import RecordingWriter
     from jezero.schemas.topics import key
     from jezero.zenoh_client import client_config
@@ -186,7 +186,7 @@ def recorded(vehicle: str, router: str, path: Path) -> Iterator[None]:
                 with lock:
                     writer.write(time.time_ns(), str(sample.key_expr)[len(prefix) :], sample.payload.to_bytes())
 
-        keys = [prefix + topic.name for topic in RECORDED] + [prefix + "health/*"]
+        keys = [prefix + name for name in keys_without_images()]
         subscribers = [session.declare_subscriber(each, on_sample) for each in keys]
         yield
         time.sleep(RECORDED_AFTER_FLIGHT_S)

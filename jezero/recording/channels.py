@@ -6,10 +6,12 @@ from typing import Any
 import msgspec
 
 from jezero.plugins import PluginError, load_declaration, plugin_names
-from jezero.schemas.topics import ACTIONS, CAMERA, SCENE, TOPICS, Topic, feedback_of, health_of
+from jezero.recording.images import HEADERS
+from jezero.recording.images import JSON_SCHEMA as IMAGE_JSON_SCHEMA
+from jezero.recording.images import SCHEMA_NAME as IMAGE_SCHEMA_NAME
+from jezero.schemas.topics import ACTIONS, CAMERA, TOPICS, Topic, feedback_of, health_of
 
-RECORDED = tuple(topic for topic in (*TOPICS, *map(feedback_of, ACTIONS.values())) if topic not in (CAMERA, SCENE))
-"""Topics of jezero itself that are recorded: all but images and the topics that belong to them."""
+_HEADERS = Topic(HEADERS, CAMERA.type, CAMERA.rate_hz, CAMERA.writer)
 _HEALTH = health_of("").name
 _ANY_OBJECT = b'{"type":"object"}'
 
@@ -30,11 +32,18 @@ def _topics() -> dict[str, Topic[Any]]:
             plugins.append(feedback_of(load_declaration(name).action))
         except PluginError:  # a broken package takes away its own channel only
             continue
-    return {topic.name: topic for topic in (*RECORDED, *plugins)}
+    return {topic.name: topic for topic in (*TOPICS, *map(feedback_of, ACTIONS.values()), _HEADERS, *plugins)}
+
+
+def keys_without_images() -> list[str]:
+    """Keys, without `jezero/<vehicle>/`, of everything that is recorded but the camera's images."""
+    return [name for name in _topics() if name not in (CAMERA.name, HEADERS)] + [f"{_HEALTH}*"]
 
 
 def schema_name(name: str) -> str:
     """Name of the schema of a channel's messages, such as `jezero.Odometry`."""
+    if name == CAMERA.name:
+        return IMAGE_SCHEMA_NAME
     topic = topic_of(name)
     return "jezero.Message" if topic is None else f"jezero.{topic.struct.__name__}"
 
@@ -45,6 +54,8 @@ def json_schema(name: str) -> bytes:
 
     Viewers such as Foxglove want an object at the top, and the items of an array in `items`.
     """
+    if name == CAMERA.name:
+        return IMAGE_JSON_SCHEMA
     topic = topic_of(name)
     if topic is None:
         return _ANY_OBJECT

@@ -33,7 +33,7 @@ def cut(source: Path, target: Path, start_s: float, end_s: float | None, topics:
     first = next(messages, None)
     start_ns = 0 if first is None else first.logged_ns
     written = 0
-    with RecordingWriter(target, file.about, file.schemas) as writer:
+    with RecordingWriter(target, file.about, schemas=file.schemas) as writer:
         for message in chain(() if first is None else (first,), messages):
             at_s = (message.logged_ns - start_ns) / NS_PER_S
             if end_s is not None and at_s > end_s:

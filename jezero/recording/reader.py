@@ -1,7 +1,7 @@
 """Reading recordings: typed messages by topic and time, tables, pictures."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -10,12 +10,13 @@ from typing import Any, NamedTuple, Self
 import msgspec
 
 from jezero.recording.channels import topic_of
-from jezero.recording.mcap_file import McapFile, RecordingError
+from jezero.recording.images import HEADERS, decompress
+from jezero.recording.mcap_file import McapFile, RawMessage, RecordingError
 from jezero.recording.table import Table, make_table
 from jezero.recording.writer import RECORDING
-from jezero.schemas.topics import Topic
-
-TIME_MAX_NS = 2**63 - 1
+from jezero.schemas.sensors import CameraFrame
+from jezero.schemas.topics import CAMERA, Topic
+from jezero.schemas.units import NS_PER_S
 
 
 class Entry(NamedTuple):
@@ -55,7 +56,7 @@ class Summary:
     @property
     def duration_s(self) -> float:
         """Time between the first and the last message."""
-        return (self.end_ns - self.start_ns) / 1e9
+        return (self.end_ns - self.start_ns) / NS_PER_S
 
 
 class Recording:
@@ -99,7 +100,9 @@ class Recording:
         start_s: float = 0.0,
         end_s: float | None = None,
     ) -> Iterator[Entry]:
-        """Messages in the order of their arrival. Messages of topics that this version doesn't know are left out.
+        """Messages in the order of their arrival, but for images (see `images`).
+
+        Messages of topics that this version doesn't know are left out.
 
         Args:
             wanted: topics, or their names; none given means all.
@@ -110,22 +113,31 @@ class Recording:
             RecordingError: the file can't be read, or a message is not of the type that its topic has here.
         """
         names = {topic if isinstance(topic, str) else topic.name for topic in wanted}
-        decoders: dict[str, msgspec.json.Decoder[Any] | None] = {}
-        first_ns: int | None = None
-        for raw in McapFile(self.path).messages():
-            if first_ns is None:
-                first_ns = raw.logged_ns
-            at_s = (raw.logged_ns - first_ns) / 1e9
-            if at_s < start_s or (names and raw.topic not in names):
-                continue
-            if end_s is not None and at_s > end_s:
-                return
+        decoders: dict[str, msgspec.json.Decoder[Any] | None] = {CAMERA.name: None}
+        for raw in self._raw(names, start_s, end_s):
             if raw.topic not in decoders:
                 topic = topic_of(raw.topic)
                 decoders[raw.topic] = None if topic is None else msgspec.json.Decoder(topic.type)
             decoder = decoders[raw.topic]
             if decoder is not None:
                 yield Entry(raw.logged_ns, raw.topic, self._decode(raw.topic, decoder, raw.data))
+
+    def images(self, *, start_s: float = 0.0, end_s: float | None = None) -> Iterator[tuple[CameraFrame, Any]]:
+        """Images of the camera: each frame without its pixels, and a (height, width, 3) array of red, green and blue.
+
+        Raises:
+            RecordingError: the file can't be read, or an image is damaged.
+        """
+        decoder = msgspec.json.Decoder(CameraFrame)
+        frame: CameraFrame | None = None
+        for raw in self._raw({HEADERS, CAMERA.name}, start_s, end_s):
+            if raw.topic == HEADERS:
+                frame = self._decode(raw.topic, decoder, raw.data)
+            elif frame is not None:
+                try:
+                    yield frame, decompress(raw.data)
+                except ValueError as error:
+                    raise RecordingError(f"{self.path}: an image is damaged ({error})") from None
 
     def table(self, topic: str | Topic[Any], *, start_s: float = 0.0, end_s: float | None = None) -> Table:
         """The messages of one topic as numpy arrays, one for each field.
@@ -139,6 +151,18 @@ class Recording:
             there = ", ".join(self.summary().counts) or "none"
             raise RecordingError(f"{self.path} has no message of {name!r} in this time; its topics: {there}")
         return make_table(name, [entry.logged_ns for entry in entries], [entry.message for entry in entries])
+
+    def _raw(self, names: Collection[str], start_s: float, end_s: float | None) -> Iterator[RawMessage]:
+        """Messages of some topics, or of all if no name is given, in a time from the recording's first message."""
+        first_ns: int | None = None
+        for raw in McapFile(self.path).messages():
+            if first_ns is None:
+                first_ns = raw.logged_ns
+            at_s = (raw.logged_ns - first_ns) / NS_PER_S
+            if end_s is not None and at_s > end_s:
+                return
+            if at_s >= start_s and (not names or raw.topic in names):
+                yield raw
 
     def _decode(self, topic: str, decoder: "msgspec.json.Decoder[Any]", data: bytes) -> Any:
         try:

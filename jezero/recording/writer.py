@@ -1,5 +1,6 @@
 """Writing a recording: an MCAP file of every message as it was on the bus."""
 
+import contextlib
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
@@ -8,10 +9,13 @@ from typing import Self
 from mcap.records import Schema
 from mcap.writer import CompressionType, IndexType, Writer
 
-from jezero.codec import split_attachment
+from jezero.codec import decode, split_attachment
 from jezero.os_errors import naming
 from jezero.recording.channels import json_schema, schema_name
+from jezero.recording.images import HEADERS, compress
 from jezero.recording.mcap_file import ABOUT
+from jezero.schemas.sensors import CameraFrame
+from jezero.schemas.topics import CAMERA
 from jezero.schemas.units import NS_PER_S
 
 RECORDING = "flight.mcap"
@@ -30,12 +34,20 @@ class RecordingWriter:
         path: the file; its folder is made if need be.
         about: what was recorded, such as the vehicle's name and the seed.
         schemas: schemas of topics that are copied from another recording; the other ones are of this version.
+        jpeg_quality: quality of recorded images from 1 to 95; None records of each image all but its pixels.
 
     Raises:
         OSError: the file can't be written.
     """
 
-    def __init__(self, path: Path, about: Mapping[str, str], schemas: Mapping[str, Schema] | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        about: Mapping[str, str],
+        *,
+        schemas: Mapping[str, Schema] | None = None,
+        jpeg_quality: int | None = None,
+    ) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._path = path
         self._file = path.open("wb")
@@ -46,6 +58,7 @@ class RecordingWriter:
             index_types=IndexType.ALL,
         )
         self._schemas = {} if schemas is None else schemas
+        self._jpeg_quality = jpeg_quality
         self._channels: dict[str, int] = {}
         self._sequences: dict[int, int] = {}
         self._last_ns = 0
@@ -74,7 +87,7 @@ class RecordingWriter:
             logged_ns: time of arrival, on the recording's own clock. Viewers need times that never decrease, so an
                 earlier time than the last one is written as the last one.
             topic: name of the topic.
-            data: the encoded message; an attachment is left out.
+            data: the encoded message. Of an image, the pixels become a message of their own.
 
         Raises:
             OSError: the file can't be written.
@@ -85,13 +98,21 @@ class RecordingWriter:
         elif self._last_ns - self._chunk_start_ns >= CHUNK_SPAN_MAX_NS:
             self.flush()
             self._chunk_start_ns = self._last_ns
+        if topic != CAMERA.name:
+            self._add(topic, data)
+        else:
+            json, pixels = split_attachment(data)
+            self._add(HEADERS, json)
+            if pixels and self._jpeg_quality is not None:
+                self._add(topic, compress(decode(CameraFrame, data), self._last_ns, self._jpeg_quality))
+
+    def _add(self, topic: str, data: bytes) -> None:
         channel = self._channels.get(topic)
         if channel is None:
             channel = self._register(topic)
         self._sequences[channel] = sequence = self._sequences.get(channel, 0) + 1
-        json, _ = split_attachment(data)
         try:  # a context manager takes longer than the write
-            self._writer.add_message(channel, self._last_ns, json, self._last_ns, sequence)
+            self._writer.add_message(channel, self._last_ns, data, self._last_ns, sequence)
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(self._path)) from None
 
@@ -115,6 +136,11 @@ class RecordingWriter:
             return
         with naming(self._path), self._file:
             self._writer.finish()  # type: ignore[no-untyped-call]
+
+    def abandon(self) -> None:
+        """Close the file as it is, after an error: it stays readable up to the last flush."""
+        with contextlib.suppress(OSError):
+            self._file.close()
 
     def _register(self, topic: str) -> int:
         copied = self._schemas.get(topic)

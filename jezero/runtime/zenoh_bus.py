@@ -24,7 +24,7 @@ from jezero.runtime.clock import VehicleClock
 from jezero.runtime.config import ConfigError, Instance, instance_from_environment
 from jezero.runtime.links import SocketLink
 from jezero.runtime.node import Node
-from jezero.runtime.service import Service
+from jezero.runtime.service import SentMessage, Service
 from jezero.runtime.worker import Worker
 from jezero.runtime.zenoh_session import AlreadyRunningError, BusSession, Kind
 from jezero.runtime.zenoh_transport import ZenohTransport
@@ -185,7 +185,7 @@ class _Runner:
             self._newest[name] = value
             value = None
         self._events.append((kind, name, value))
-        if self._wakeup_armed:
+        if self._wakeup_armed and kind != "sent":
             self._wakeup_armed = False
             self._wake()
 
@@ -330,6 +330,9 @@ class _Runner:
             if error is not None:
                 raise error
             wanted = node.deliver_outcome(name, outcome)
+        elif kind == "sent":
+            arrival_ns, data = value
+            node.inbox.sent.append(SentMessage(arrival_ns, name, data))
         elif kind == "departed":
             node.inbox.departed_clients.append(name)
             wanted = True

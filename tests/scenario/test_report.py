@@ -9,10 +9,8 @@ from click.testing import CliRunner, Result
 
 from jezero.cli.main import main
 from jezero.recording import open_recording
-from jezero.recording.channels import RECORDED
 from jezero.recording.writer import RECORDING, RecordingWriter
 from jezero.report.landings import Landing, Series, landings
-from jezero.schemas import topics
 from jezero.trials.flight import FlightResult, fly_virtually
 from jezero.trials.missions import FLIGHT
 
@@ -86,8 +84,3 @@ def test_a_folder_or_file_without_a_flight_is_refused(tmp_path: Path) -> None:
     result = report(tmp_path / "other.json")
     assert result.exit_code == 1
     assert "neither the folder of a run nor a file of `jezero bench landing --json`" in result.output
-
-
-def test_a_recording_contains_no_pictures() -> None:
-    assert not {topics.CAMERA, topics.SCENE} & set(RECORDED)
-    assert {topics.TRUTH, topics.RELATIVE, topics.UWB, topics.feedback_of(topics.LAND_ON_SPOT)} <= set(RECORDED)
