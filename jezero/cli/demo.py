@@ -12,9 +12,8 @@ from typing import Any
 import click
 
 from jezero.cli.flight import Printer, connected
-from jezero.cli.fly import draw, fly_fast, fly_mission, recorded
+from jezero.cli.fly import draw, fly_fast, fly_mission
 from jezero.cli.mapping import map_pictures
-from jezero.recording.writer import RECORDING
 from jezero.schemas.topics import AREA_COVERAGE
 from jezero.trials.missions import DEMONSTRATION
 
@@ -73,11 +72,7 @@ def _fly(printer: Printer, folder: Path) -> None:
         printer.event("starting", "starting the stack ...", folder=str(folder))
         with running_stack(environment):
             printer.event("ready", "ready to fly")
-            with (
-                connected(instance.vehicle, instance.router, printer) as uav,
-                recorded(instance.vehicle, instance.router, folder / RECORDING),
-                pointing_to(printer, folder),
-            ):
+            with connected(instance.vehicle, instance.router, printer) as uav, pointing_to(printer, folder):
                 fly_mission(printer, uav, DEMONSTRATION, folder)
 
 

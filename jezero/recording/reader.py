@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Self
 import msgspec
 
 from jezero.recording.channels import topic_of
+from jezero.recording.folder import newest_recording
 from jezero.recording.images import HEADERS, decompress
 from jezero.recording.mcap_file import McapFile, RawMessage, RecordingError
 from jezero.recording.table import Table, make_table
@@ -175,12 +176,18 @@ class Recording:
 
 
 def open_recording(path: Path | str) -> Recording:
-    """Open a recording, or the recording in a run's folder.
+    """Open a recording, or the one in a run's folder: flight.mcap, else the newest one that its stack has recorded.
 
     Raises:
         RecordingError: there is no such file, or it can't be read, or is no recording.
     """
-    path = Path(path)
-    file = path / RECORDING if path.is_dir() else path
+    file = _recording_of(Path(path))
     next(McapFile(file).messages(), None)
     return Recording(file)
+
+
+def _recording_of(path: Path) -> Path:
+    if not path.is_dir():
+        return path
+    file = path / RECORDING
+    return file if file.exists() else newest_recording(path) or file

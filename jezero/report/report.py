@@ -72,7 +72,8 @@ def draw_run(path: Path, form: Format = "png") -> tuple[list[Path], list[Landing
     Figures of images that are in folders of their own go into these folders.
 
     Args:
-        path: the run's folder, or a recording.
+        path: the run's folder, or a recording. The figures of a recording with another name than flight.mcap go into
+            a folder with its name, beside it.
 
     Returns:
         The files written, and the landings of the recording.
@@ -80,7 +81,9 @@ def draw_run(path: Path, form: Format = "png") -> tuple[list[Path], list[Landing
     Raises:
         ReportError: the folder has neither a recording nor images, or one of them is invalid.
     """
-    folder, recording = (path.parent, path) if path.suffix == ".mcap" else (path, path / RECORDING)
+    folder = path
+    if path.suffix == ".mcap":
+        folder = path.parent if path.name == RECORDING else path.with_suffix("")
     files: list[Path] = []
     for listing in sorted((*folder.glob(LISTING), *folder.glob(f"*/{LISTING}"))):
         dataset = listing.parent.parent
@@ -88,17 +91,20 @@ def draw_run(path: Path, form: Format = "png") -> tuple[list[Path], list[Landing
             files += [*draw_contact_sheet(dataset, form), *draw_coverage(dataset, form)]
         except (msgspec.DecodeError, ValueError, OSError) as error:
             raise ReportError(f"{listing} can't be drawn: {error}") from error
-    if files and not recording.exists():
-        return files, []
-    if not recording.exists():
-        raise ReportError(f"{folder} has no {RECORDING}: give the folder of a run, such as runs/<time>")
     try:
-        entries = list(open_recording(recording).messages())
+        recording = open_recording(path)
+    except RecordingError as error:
+        if files:  # a run may be images alone
+            return files, []
+        raise ReportError(f"{error}; give the folder of a run, such as runs/<time>, or a recording") from error
+    try:
+        entries = list(recording.messages())
+        folder.mkdir(parents=True, exist_ok=True)
         files += draw_flight(entries, folder, form)
     except RecordingError as error:
         raise ReportError(str(error)) from error
     except ValueError as error:
-        raise ReportError(f"{recording} can't be drawn: {error}") from error
+        raise ReportError(f"{recording.path} can't be drawn: {error}") from error
     files += draw_orbits(entries, folder, form)
     found = landings(entries)
     for number, landing in enumerate(found, 1):

@@ -73,7 +73,7 @@ def test_a_run_may_be_only_a_dataset_but_not_nothing(tmp_path: Path) -> None:
     files, flown = draw_run(tmp_path / "run")
     assert [file.name for file in files] == ["contact_sheet.png"]
     assert flown == []
-    with pytest.raises(ReportError, match=r"has no flight\.mcap"):
+    with pytest.raises(ReportError, match=r"no recording|No such file"):
         draw_run(tmp_path / "elsewhere")
     (tmp_path / "run" / LISTING).write_text("{")
     with pytest.raises(ReportError, match=r"images\.json can't be drawn"):

@@ -64,7 +64,7 @@ def service_rows() -> list[Row]:
     return [
         {
             "service": spec.name,
-            "reads": [t.name for t in (*spec.inputs, *spec.on_demand)],
+            "reads": ["all topics"] if spec.hears_all else [t.name for t in (*spec.inputs, *spec.on_demand)],
             "publishes": [t.name for t in spec.outputs],
             "replies": [e.name for e in spec.serves],
             "requests": [e.name for e in spec.calls],
