@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Generic, Literal, TypeVar, get_origin
 
+import msgspec
+
 from jezero.schemas import actions, commands, estimate, health, images, sensors, state
 from jezero.schemas.struct import Message, Payload
 
@@ -57,6 +59,7 @@ class Endpoint(Generic[Q, R]):
         server: name of the one service that replies; `EVERY_ACTION` where each action server replies.
         refuse: function that makes the reply to a request that can't be decoded or served, from the reason.
         shared: several servers reply on this key, each for its own goals.
+        wildcards: a query with wildcards gets a reply too; only for an endpoint without an effect.
     """
 
     name: str
@@ -65,6 +68,7 @@ class Endpoint(Generic[Q, R]):
     server: str
     refuse: Callable[[str], R]
     shared: bool = False
+    wildcards: bool = False
 
 
 @dataclass(frozen=True)
@@ -131,6 +135,37 @@ class Action(Generic[Q]):
             images.ImageReply,
             self.name,
             lambda why: images.ImageReply(reason=why),
+        )
+
+    @cached_property
+    def describe(self) -> Endpoint[actions.GetDescription, actions.ActionDescription]:
+        """Endpoint of the action's description; it has no effect, so that `action/*/description` gets all of them."""
+        return Endpoint(
+            f"action/{self.name}/description",
+            actions.GetDescription,
+            actions.ActionDescription,
+            self.name,
+            lambda why: self.description,  # a request without fields has nothing to refuse
+            wildcards=True,
+        )
+
+    @cached_property
+    def endpoints(self) -> tuple[Endpoint[Any, Any], ...]:
+        """All endpoints of its server but the shared one."""
+        image = (self.image,) if self.takes_pictures else ()
+        return (self.endpoint, self.plan, self.cancel, self.describe, *image)
+
+    @cached_property
+    def description(self) -> actions.ActionDescription:
+        """The action's keys, and its goal, feedback and result as JSON Schema."""
+        return actions.ActionDescription(
+            name=self.name,
+            endpoint=self.endpoint.name,
+            cancel=self.cancel.name,
+            plan=self.plan.name,
+            goal=msgspec.json.schema(self.goal_type),
+            feedback=msgspec.json.schema(self.feedback_type),
+            result=msgspec.json.schema(self.result_type),
         )
 
 
@@ -251,9 +286,7 @@ ACTIONS: dict[str, Action[Any]] = {a.name: a for a in (TAKEOFF, GO_TO, GET_IMAGE
 
 ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (
     ACQUIRE, RELEASE, HOVER, ABORT, KILL, RESULT, GET_PARAMETERS, SET_PARAMETERS, LEASE,
-    *(a.endpoint for a in ACTIONS.values()), *(a.plan for a in ACTIONS.values()),
-    *(a.cancel for a in ACTIONS.values()),
-    *(a.image for a in ACTIONS.values() if a.takes_pictures),
+    *(endpoint for action in ACTIONS.values() for endpoint in action.endpoints),
 )  # fmt: skip
 
 

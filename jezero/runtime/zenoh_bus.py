@@ -379,7 +379,7 @@ class _Runner:
         payload, attachment = query.payload, query.attachment
         return self._node.deliver_request(
             name,
-            self._out.keep_query(query),
+            self._out.keep_query(name, query),
             "" if attachment is None else attachment.to_bytes().decode("utf-8", "replace")[:64],
             b"" if payload is None else payload.to_bytes(),
             dict(cast(Iterable[tuple[str, str]], query.parameters)),

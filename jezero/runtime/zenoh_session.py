@@ -217,7 +217,7 @@ class BusSession:
         enqueue = self._enqueue
 
         def on_query(query: zenoh.Query) -> None:
-            if query.key_expr != exactly:
+            if query.key_expr != exactly and not endpoint.wildcards:
                 query.drop()  # type: ignore[no-untyped-call]
             else:
                 enqueue("query", name, query)

@@ -4,6 +4,8 @@ import json
 import subprocess
 import sys
 import time
+from pathlib import Path
+from typing import Any
 
 import zenoh
 
@@ -42,6 +44,24 @@ def test_a_plain_zenoh_session_takes_off_with_a_selector_and_gets_streamed_feedb
         wait_for_status(vehicle, lambda s: s.code == StatusCode.HOVER, 1.0, "hovering")
         odometry = vehicle.status().odometry
         assert odometry is not None and abs(odometry.pos_uav_ned_m[2] + 3.0) < 0.3
+
+
+ZENOH = str(Path(sys.executable).parent / "zenoh")
+
+
+def zenoh_get(stack: Stack, name: str) -> list[Any]:
+    """Replies to a query that is sent with the command `zenoh`, as a user would."""
+    command = [ZENOH, "--mode", "client", "--connect", stack.instance.router, "get", "--decoder", "text"]
+    selector = f"jezero/{stack.instance.vehicle}/{name}"
+    done = subprocess.run([*command, "--selector", selector], capture_output=True, text=True, timeout=30, check=True)
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def test_a_running_stack_describes_its_actions_as_the_command_line_does(stack: Stack) -> None:
+    descriptions = {found["name"]: found for found in zenoh_get(stack, "action/*/description")}
+    lines = stack.jezero("info", "actions", "--json").stdout.splitlines()
+    assert descriptions == {action["name"]: action for action in map(json.loads, lines)}
+    assert zenoh_get(stack, "action/go_to/description") == [descriptions["go_to"]]
 
 
 def test_wildcard_get_put_and_delete_change_nothing(stack: Stack) -> None:
