@@ -367,6 +367,16 @@ class PlanReply(Payload, frozen=True, kw_only=True):
     battery_remaining: Fraction | None = None
 
 
+class UnknownAction(Payload, frozen=True, kw_only=True):
+    """Request on a key below `@action/` that no action server may have; the runtime makes it, whatever the client sent.
+
+    Attributes:
+        key: the key, without `jezero/<vehicle>/`.
+    """
+
+    key: str
+
+
 class GetDescription(Payload, frozen=True, kw_only=True):
     """Request for the description of an action; it has no fields."""
 

@@ -53,7 +53,8 @@ class Endpoint(Generic[Q, R]):
     """Key to which requests are sent.
 
     Attributes:
-        name: the key without `jezero/<vehicle>/`.
+        name: the key without `jezero/<vehicle>/`; or a pattern with `**` for requests on keys without a server of
+            their own, whose content is the key.
         request_type: type of each request.
         reply_type: type (or union of types) of each reply.
         server: name of the one service that replies; `EVERY_ACTION` where each action server replies.
@@ -239,6 +240,15 @@ RESULT = Endpoint(
     lambda why: actions.ResultReply(goal_id="-", action="-", running=False, result=None),
     shared=True,
 )
+UNKNOWN_ACTION = Endpoint(
+    "@action/**",
+    actions.UnknownAction,
+    actions.Rejected | actions.PlanReply | actions.CancelReply,
+    "vehicle_bridge",
+    lambda why: actions.Rejected(reason=why),
+    shared=True,
+)
+"""Requests to actions that don't exist."""
 GET_PARAMETERS = Endpoint(
     "@estimator/parameters/get",
     estimate.GetParameters,
@@ -285,7 +295,7 @@ GET_IMAGES = Action(
 ACTIONS: dict[str, Action[Any]] = {a.name: a for a in (TAKEOFF, GO_TO, GET_IMAGES, AREA_COVERAGE, LAND_ON_SPOT)}
 
 ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (
-    ACQUIRE, RELEASE, HOVER, ABORT, KILL, RESULT, GET_PARAMETERS, SET_PARAMETERS, LEASE,
+    ACQUIRE, RELEASE, HOVER, ABORT, KILL, RESULT, UNKNOWN_ACTION, GET_PARAMETERS, SET_PARAMETERS, LEASE,
     *(endpoint for action in ACTIONS.values() for endpoint in action.endpoints),
 )  # fmt: skip
 

@@ -43,7 +43,8 @@ class ZenohTransport:
     def keep_query(self, name: str, query: zenoh.Query) -> int:
         """Keep a query to an endpoint until its final reply; returns the request's id."""
         self._request_id += 1
-        self._queries[self._request_id] = (key(self._vehicle, name), query)
+        own = str(query.key_expr) if "*" in name else key(self._vehicle, name)
+        self._queries[self._request_id] = (own, query)
         return self._request_id
 
     def forget_queries(self) -> None:

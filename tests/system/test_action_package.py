@@ -111,6 +111,9 @@ def test_plain_zenoh_gets_its_description(hovering: Stack) -> None:
     (description,) = zenoh_get(hovering, f"action/{NAME}/description")
     assert description["endpoint"] == f"@action/{NAME}"
     assert '"side_m"' in json.dumps(description["goal"])
+    (refusal,) = zenoh_get(hovering, f"@action/{NAME}s?side_m=2")
+    assert f"{NAME}, broken" in refusal["reason"] or f"broken, {NAME}" in refusal["reason"]
+    assert f"Did you mean {NAME}?" in refusal["reason"]
     endpoints = [json.loads(line) for line in hovering.jezero("info", "endpoints", "--json").stdout.splitlines()]
     assert f"action/{NAME}/description" in [row["endpoint"] for row in endpoints]
 
