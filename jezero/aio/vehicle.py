@@ -10,7 +10,7 @@ from jezero.aio.goal import Goal, ImagesGoal, cancel_with_task
 from jezero.aio.rover import Rover
 from jezero.aio.subscription import Subscription
 from jezero.aio.threads import Threads, in_thread
-from jezero.client import camera, goal, images
+from jezero.client import camera, control, goal, images
 from jezero.client import vehicle as client
 from jezero.client.errors import TimedOut, Unreachable
 from jezero.client.status import STATUS_TIMEOUT_S, no_status
@@ -172,7 +172,7 @@ class Vehicle:
         try:
             yield self
         finally:
-            await self._threads.run(self._blocking._land_here)
+            await self._threads.run(control.land_here, self._blocking._connection, self._blocking._goals)
 
     # -- internals --
 
