@@ -15,12 +15,13 @@ import click
 from jezero.cli.exit_codes import ABORTED
 from jezero.cli.flight import Printer, common_options, connected, fly_goal
 from jezero.cli.pictures import take_pictures
+from jezero.cli.plan import show_plan
 from jezero.recording.writer import RECORDING
-from jezero.schemas.actions import AreaCoverageGoal, GetImagesGoal, GoToGoal, LandOnSpotGoal, TakeoffGoal
+from jezero.schemas.actions import AreaCoverageGoal
 from jezero.trials.missions import FLIGHT, Mission
 
 if TYPE_CHECKING:
-    from jezero.client import Goal, Vehicle
+    from jezero.client import Vehicle
     from jezero.trials.flight import CapturedImages
 
 RECORDED_AFTER_FLIGHT_S = 0.5
@@ -107,40 +108,23 @@ def _fly_flight(printer: Printer, uav: "Vehicle") -> None:
 
 
 def fly_mission(printer: Printer, uav: "Vehicle", mission: Mission, folder: Path) -> None:
-    """Fly a mission on a running stack; images go into folders with the actions' names."""
+    """Fly a mission on a running stack; images go into folders with the actions' names.
+
+    Each goal's plan is shown before the goal is sent: it begins where the goal before has ended.
+    """
+    from jezero.client.dataset import Dataset
+    from jezero.client.images import ImagesGoal
+
     for action, goal, hover_s in mission:
-        if action.takes_pictures:
-            _capture_images(printer, uav, action.name, goal, folder)
+        show_plan(printer, uav.plan(action, goal), action.name)
+        sent = uav.send(action, goal)
+        if isinstance(sent, ImagesGoal):
+            take_pictures(printer, sent, action.name, Dataset(folder / action.name, **_planned(goal)))
         else:
-            fly_goal(printer, _send(uav, goal), action.name)
+            fly_goal(printer, sent, action.name)
         if hover_s:
             printer.event("hover", f"hovering for {hover_s:.0f} s", seconds=hover_s)
             time.sleep(hover_s)
-
-
-def _send(uav: "Vehicle", goal: Any) -> "Goal[Any, Any]":
-    match goal:
-        case TakeoffGoal():
-            return uav.takeoff(goal.altitude_m)
-        case GoToGoal():
-            return uav.go_to(*goal.target_ned_m)
-        case LandOnSpotGoal():
-            return uav.land_on_spot(goal.landing_spot_ned_m, use_uwb=goal.use_uwb, use_tag=goal.use_tag)
-        case _:
-            raise TypeError(f"the mission has a {type(goal).__name__}, which this command can't send")
-
-
-def _capture_images(printer: Printer, uav: "Vehicle", name: str, goal: Any, folder: Path) -> None:
-    from jezero.client.dataset import Dataset
-
-    match goal:
-        case GetImagesGoal():
-            images_goal = uav.get_images(goal.center_ned_m, goal.radius_m, goal.num_images, frame=goal.frame)
-        case AreaCoverageGoal():
-            images_goal = uav.resume_coverage(goal)
-        case _:
-            raise TypeError(f"the mission has a {type(goal).__name__}, which this command can't send")
-    take_pictures(printer, images_goal, name, Dataset(folder / name, **_planned(goal)))
 
 
 def _planned(goal: Any) -> dict[str, Any]:

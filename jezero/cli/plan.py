@@ -1,4 +1,4 @@
-"""Flights of more than a minute are shown before they start, and must be confirmed."""
+"""Plans of flights before they start: those of more than a minute are shown, and must be confirmed."""
 
 import sys
 from typing import TYPE_CHECKING, Any
@@ -30,7 +30,7 @@ def send_goal(printer: "Printer", uav: "Vehicle", action: "Action[Any]", goal: "
     """
     plan = uav.plan(action, goal)
     if plan.duration_s is not None and plan.duration_s > LONG_FLIGHT_S:
-        _show(printer, plan, action.name)
+        show_plan(printer, plan, action.name)
         if not yes:
             _confirm(printer)
     return uav.send(action, goal)
@@ -42,8 +42,9 @@ def minutes(duration_s: float) -> str:
     return f"{whole_s} s" if whole_s < 60 else f"{whole_s // 60} min {whole_s % 60} s"
 
 
-def _show(printer: "Printer", plan: "PlanReply", name: str) -> None:
-    parts = [minutes(plan.duration_s or 0.0)]
+def show_plan(printer: "Printer", plan: "PlanReply", name: str) -> None:
+    """Print how long a goal flies, how far, and how much battery it uses, as far as that is known."""
+    parts = ["duration unknown" if plan.duration_s is None else minutes(plan.duration_s)]
     if plan.distance_m is not None:
         parts.append(f"{plan.distance_m:.0f} m")
     if plan.battery_used is not None:

@@ -130,14 +130,15 @@ def _launch(
     Raises:
         _CannotStart: something is missing, or taken by another program; or the folder can't be written.
     """
+    from jezero.deploy.launcher.claims import Claims
     from jezero.deploy.launcher.launcher import Launcher
     from jezero.deploy.launcher.preflight import ROUTER, check_start
 
     os.environ["JEZERO_RUN_DIR"] = str(folder.path)  # for services that write files there
-    with _sentences(folder):
+    with _sentences(folder), contextlib.closing(Claims()) as claims:
         if detached:
             _print_into(folder.logs / LAUNCHER_LOG)
-        external = frozenset([ROUTER] if check_start(services, instance) else [])
+        external = frozenset([ROUTER] if check_start(services, instance, claims) else [])
         terminal = None if detached else sys.stdout
         return Launcher(services, folder, instance, str(file), external=external, terminal=terminal).run()
 

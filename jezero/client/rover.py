@@ -125,13 +125,13 @@ class Rover:
             ValueError: a number of a leg is outside its range.
             Unreachable: no vehicle time is published, or the connection was closed.
         """
-        for number, leg in enumerate(legs, start=1):
-            if problem := leg_problem(leg):
-                raise ValueError(f"leg {number}: {problem}")
         self._drive(legs, on_leg, threading.Event())
 
     def _drive(self, legs: Sequence[Leg], on_leg: Callable[[int, Leg], None], over: threading.Event) -> None:
-        """Drive legs until they or `over` end it, then stop."""
+        """Drive legs until they or `over` end it, then stop; raises the errors of `follow`."""
+        for number, leg in enumerate(legs, start=1):
+            if problem := leg_problem(leg):
+                raise ValueError(f"leg {number}: {problem}")
         with _Clock(self._connection) as clock:
             try:
                 self._follow(legs, clock, on_leg, over)

@@ -230,8 +230,13 @@ class BusSession:
         exactly = zenoh.KeyExpr(own)
         enqueue = self._enqueue
 
+        def is_meant(asked: zenoh.KeyExpr) -> bool:
+            if "*" in name:  # a pattern: every single key that it matches, but nobody's wildcards
+                return "*" not in str(asked)
+            return endpoint.wildcards or asked == exactly
+
         def on_query(query: zenoh.Query) -> None:
-            if query.key_expr != exactly:
+            if not is_meant(query.key_expr):
                 query.drop()  # type: ignore[no-untyped-call]
             else:
                 enqueue("query", name, query)

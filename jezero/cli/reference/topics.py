@@ -3,9 +3,9 @@
 from typing import Any
 
 from jezero.cli.reference.markdown import table
-from jezero.plugins import action_names, all_actions
+from jezero.plugins import action_names, all_actions, find_action, plugin_names
 from jezero.runtime.service import Spec
-from jezero.schemas.topics import ENDPOINTS, TOPICS, Topic, feedback_of
+from jezero.schemas.topics import ENDPOINTS, TOPICS, Endpoint, Topic, feedback_of
 from jezero.services.actions.table import action_server
 from jezero.services.autopilot.service import SPEC as AUTOPILOT
 from jezero.services.estimator.service import SPEC as ESTIMATOR
@@ -28,6 +28,11 @@ def all_specs() -> dict[str, Spec]:
 def all_topics() -> tuple[Topic[Any], ...]:
     """Every topic, with the feedback of each action; the health of each service is left out."""
     return (*TOPICS, *map(feedback_of, all_actions().values()))
+
+
+def all_endpoints() -> tuple[Endpoint[Any, Any], ...]:
+    """Every endpoint, also those of the actions of packages."""
+    return (*ENDPOINTS, *(endpoint for name in plugin_names() for endpoint in find_action(name).endpoints))
 
 
 def topic_rows() -> list[Row]:
@@ -55,7 +60,7 @@ def endpoint_rows() -> list[Row]:
             "replies": endpoint.server,
             "requested by": [s.name for s in specs if endpoint in s.calls],
         }
-        for endpoint in ENDPOINTS
+        for endpoint in all_endpoints()
     ]
 
 
