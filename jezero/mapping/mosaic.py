@@ -1,7 +1,6 @@
 """The orthomosaic: all images projected on the ground, each shown where it is best, north at the top."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,7 +10,6 @@ from jezero.mapping.ground import Ground
 from jezero.mapping.projection import CELL_PX, Field, Grid, fit_grid, project
 from jezero.mapping.seams import choose_images, view_of
 from jezero.mapping.survey import Pixels, Survey
-from jezero.os_errors import naming
 
 FALLBACK_WEIGHT = 1e-6
 """Weight of the images that were not chosen: they show the pixels of a cell at the map's edge that its image misses."""
@@ -34,23 +32,6 @@ class Mosaic:
     north_m: float
     east_m: float
     m_per_px: float
-
-    def save(self, file: Path) -> Path:
-        """Write a PNG, transparent where no image shows the ground, and its world file; returns the world file.
-
-        Coordinates are metres: x to the east, y to the north, in the world frame.
-        """
-        alpha = np.where(self.seen, 255, 0).astype(np.uint8)
-        picture = np.dstack((self.pixels[:, :, ::-1], alpha))
-        file.parent.mkdir(parents=True, exist_ok=True)
-        _, encoded = cv2.imencode(".png", picture)
-        with naming(file):
-            file.write_bytes(encoded.tobytes())
-        world = file.with_suffix(".pgw")
-        numbers = (self.m_per_px, 0.0, 0.0, -self.m_per_px, self.east_m, self.north_m)
-        with naming(world):
-            world.write_text("".join(f"{number:.6f}\n" for number in numbers))
-        return world
 
 
 def make_mosaic(survey: Survey, ground: Ground, m_per_px: float) -> Mosaic:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from jezero.frames import quat_from_euler, quat_multiply, quat_normalize
 from jezero.lens import undistort
+from jezero.mapping.mosaic import Mosaic
 from jezero.schemas.images import LISTING
 from jezero.schemas.sensors import NO_DISTORTION, Distortion
 
@@ -115,3 +116,26 @@ def picture_matrix(north_m: float, east_m: float, yaw_rad: float) -> NDArray[np.
         )
     )
     return np.asarray(picture_from_place @ place_from_px)
+
+
+def change_images(folder: Path, change: Callable[[dict[str, Any]], None]) -> None:
+    """Change each image of a dataset's list."""
+    listing = json.loads((folder / LISTING).read_text())
+    for image in listing["images"]:
+        change(image)
+    (folder / LISTING).write_text(json.dumps(listing))
+
+
+def displacement_m(mosaic: Mosaic, ground: NDArray[np.uint8], reach_m: float = 0.6) -> NDArray[np.float64]:
+    """(k, 2) how far, north and east, patches of the map are from where they belong, up to `reach_m`."""
+    reach_px = round(reach_m / M_PER_PX)
+    found = []
+    for north_m in (-0.5, 0.5, 1.5):
+        for east_m in (-1.5, 0.0, 1.5, 2.5):
+            row, column = round((mosaic.north_m - north_m) / M_PER_PX), round((east_m - mosaic.east_m) / M_PER_PX)
+            patch = mosaic.pixels[row - 20 : row + 20, column - 20 : column + 20]
+            top, left = round((7.0 - north_m) / M_PER_PX) - 20, round((east_m + 7.0) / M_PER_PX) - 20
+            window = ground[top - reach_px : top + 40 + reach_px, left - reach_px : left + 40 + reach_px]
+            _, _, _, (right, down) = cv2.minMaxLoc(cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED))
+            found.append((M_PER_PX * (down - reach_px), -M_PER_PX * (right - reach_px)))
+    return np.array(found)

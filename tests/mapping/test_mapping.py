@@ -7,31 +7,15 @@ import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from numpy.typing import NDArray
 
 from jezero.cli.main import main
 from jezero.mapping.ground import fit_ground
 from jezero.mapping.making import make_map
-from jezero.mapping.mosaic import Mosaic
 from jezero.mapping.survey import SurveyError, read_survey
 from jezero.schemas.images import LISTING
 from jezero.schemas.sensors import Distortion
 from jezero.vehicle_config import VehicleConfig
-from tests.mapping.painted_ground import FOCAL_PX, HEIGHT_M, HEIGHT_PX, M_PER_PX, WIDTH_PX, dataset
-
-
-def displacement_m(mosaic: Mosaic, ground: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """(k, 2) how far, north and east, patches of the map are from where they belong."""
-    found = []
-    for north_m in (-0.5, 0.5, 1.5):
-        for east_m in (-1.5, 0.0, 1.5, 2.5):
-            row, column = round((mosaic.north_m - north_m) / M_PER_PX), round((east_m - mosaic.east_m) / M_PER_PX)
-            patch = mosaic.pixels[row - 20 : row + 20, column - 20 : column + 20]
-            top, left = round((7.0 - north_m) / M_PER_PX) - 50, round((east_m + 7.0) / M_PER_PX) - 50
-            window = ground[top : top + 100, left : left + 100]
-            _, _, _, (right, down) = cv2.minMaxLoc(cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED))
-            found.append((M_PER_PX * (down - 30), -M_PER_PX * (right - 30)))
-    return np.array(found)
+from tests.mapping.painted_ground import FOCAL_PX, HEIGHT_M, HEIGHT_PX, M_PER_PX, WIDTH_PX, dataset, displacement_m
 
 
 def test_pictures_from_known_poses_make_a_map_that_is_where_things_are(tmp_path: Path) -> None:
