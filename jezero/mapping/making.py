@@ -58,8 +58,9 @@ def make_map(folder: Path, m_per_px: float, vehicle: VehicleConfig) -> Map:
     """
     survey = read_survey(folder, vehicle)
     ground = fit_ground(survey.spots_m)
-    alignment = align(survey, ground, find_matches(survey, ground))
+    matches = find_matches(survey, ground)
+    alignment = align(survey, ground, matches)
     heights_m = ground.down_m(survey.pos_m[:, :2]) - survey.pos_m[:, 2]
     picture_m_per_px = float(np.median(heights_m)) / survey.focal_px
-    mosaic = make_mosaic(alignment.survey, ground, m_per_px)
+    mosaic = make_mosaic(alignment.survey, ground, matches, m_per_px)
     return Map(mosaic, alignment, len(survey), picture_m_per_px, survey.origin_deg)

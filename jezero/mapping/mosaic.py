@@ -1,12 +1,15 @@
 """The orthomosaic: all images projected on the ground, each shown where it is best, north at the top."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from jezero.mapping.exposure import find_gains
 from jezero.mapping.ground import Ground
+from jezero.mapping.matching import Matches
 from jezero.mapping.projection import CELL_PX, Field, Grid, fit_grid, project
 from jezero.mapping.seams import choose_images, view_of
 from jezero.mapping.survey import Pixels, Survey
@@ -34,7 +37,7 @@ class Mosaic:
     m_per_px: float
 
 
-def make_mosaic(survey: Survey, ground: Ground, m_per_px: float) -> Mosaic:
+def make_mosaic(survey: Survey, ground: Ground, matches: Sequence[Matches], m_per_px: float) -> Mosaic:
     """Project the images on the ground and join them.
 
     Raises:
@@ -43,13 +46,17 @@ def make_mosaic(survey: Survey, ground: Ground, m_per_px: float) -> Mosaic:
     grid = fit_grid(survey, ground, m_per_px)
     patches = ((number, project(survey, ground, number, grid)) for number in range(len(survey)))
     views = {number: view_of(patch) for number, patch in patches if patch is not None}
+    gains = find_gains(views, matches)
+    for number, view in views.items():
+        view.colours *= gains[number]
     labels = choose_images(list(views.values()), (grid.rows // CELL_PX, grid.columns // CELL_PX))
-    pixels, seen = _join(survey, ground, grid, {number: labels == i for i, number in enumerate(views)})
+    chosen = {number: labels == i for i, number in enumerate(views)}
+    pixels, seen = _join(survey, ground, grid, chosen, gains)
     return Mosaic(pixels, seen, grid.north_m, grid.east_m, m_per_px)
 
 
 def _join(
-    survey: Survey, ground: Ground, grid: Grid, cells: dict[int, NDArray[np.bool_]]
+    survey: Survey, ground: Ground, grid: Grid, cells: dict[int, NDArray[np.bool_]], gains: dict[int, Field]
 ) -> tuple[Pixels, NDArray[np.bool_]]:
     """The map's pixels, and whether each shows an image: the images in their cells, with soft seams one cell wide."""
     shape = (grid.rows, grid.columns)
@@ -61,7 +68,7 @@ def _join(
         own = chosen[rows.start // CELL_PX : rows.stop // CELL_PX, columns.start // CELL_PX : columns.stop // CELL_PX]
         soft = cv2.resize(own.astype(np.float32), patch.seen.shape[::-1])
         share: Field = np.asarray((soft + FALLBACK_WEIGHT * np.exp(-patch.slant2)) * patch.seen, np.float32)
-        total[patch.place] += share[:, :, None] * patch.colours
+        total[patch.place] += share[:, :, None] * (gains[number] * patch.colours)
         weight[patch.place] += share
     mean = total / np.maximum(weight, 1e-12)[:, :, None]
     return np.clip(np.rint(mean), 0, 255).astype(np.uint8), weight > 0.0

@@ -103,7 +103,7 @@ def _add_costs_of_moved(views: Sequence[View], shape: tuple[int, int]) -> Field:
     for top in range(0, shape[0], BLOCK):
         for left in range(0, shape[1], BLOCK):
             block = (slice(top, min(top + BLOCK, shape[0])), slice(left, min(left + BLOCK, shape[1])))
-            shown = [(view, *common) for view in views if (common := _common(view.place, block)) is not None]
+            shown = [(view, *common) for view in views if (common := common_part(view.place, block)) is not None]
             if len(shown) < 2:
                 continue
             stack = np.full((len(shown), block[0].stop - top, block[1].stop - left, 3), np.nan, np.float32)
@@ -137,7 +137,7 @@ def _moved(stack: Field) -> tuple[Field, Field]:
     return sure.astype(np.float32), np.where(count > 0, common[0], 0.0).astype(np.float32)
 
 
-def _common(place: Place, other: Place) -> tuple[Place, Place] | None:
+def common_part(place: Place, other: Place) -> tuple[Place, Place] | None:
     """The common part of two places, in rows and columns of each; None without one."""
     starts = [max(a.start, b.start) for a, b in zip(place, other, strict=True)]
     stops = [min(a.stop, b.stop) for a, b in zip(place, other, strict=True)]

@@ -105,6 +105,24 @@ def test_a_shadow_that_moves_with_the_vehicle_is_not_in_the_map(tmp_path: Path) 
     assert darker[inside].max() < 0.5 * shadow_levels
 
 
+def with_other_exposures(
+    picture: NDArray[np.uint8], index: int, picture_from_px: NDArray[np.float64]
+) -> NDArray[np.uint8]:
+    """The picture of a camera that sets its exposure and white balance anew for each."""
+    gains = np.random.default_rng(index).uniform(0.6, 1.0, 3)
+    return np.asarray(np.rint(gains * picture), np.uint8)
+
+
+def test_pictures_with_different_exposures_are_one_map_without_steps(tmp_path: Path) -> None:
+    ground = dataset(tmp_path, paint=with_other_exposures)
+    mosaic = made(tmp_path)
+    inside = cv2.erode(mosaic.seen.astype(np.uint8), np.ones((51, 51), np.uint8)) > 0
+    shown = np.asarray(cv2.blur(mosaic.pixels.astype(float), (25, 25)))
+    below = np.asarray(cv2.blur(ground_below(mosaic, ground), (25, 25)))
+    ratios = (shown / below)[inside]
+    assert np.ptp(np.percentile(ratios, (1, 99), axis=0), axis=0).max() < 0.05
+
+
 def test_a_picture_alone_is_a_map(tmp_path: Path) -> None:
     dataset(tmp_path)
     listing = tmp_path / LISTING
