@@ -117,7 +117,10 @@ class _Ends:
     def apart(self, survey: Survey, ground: Ground) -> tuple[Array, scipy.sparse.csr_matrix]:
         """(k, 2) offset of the first point from the second on the ground, and its (2k, unknowns) Jacobian."""
         (first_m, first_slopes), (second_m, second_slopes) = (self._on_ground(survey, ground, end) for end in (0, 1))
-        return first_m - second_m, (first_slopes - second_slopes).tocsr()
+        slopes = (first_slopes - second_slopes).tocsr()
+        # A ray that an iteration turned above the horizon says nothing.
+        slopes.data = np.nan_to_num(slopes.data)
+        return np.nan_to_num(first_m - second_m), slopes
 
     def _on_ground(self, survey: Survey, ground: Ground, end: int) -> tuple[Array, scipy.sparse.csr_matrix]:
         """Points at which the rays of one end meet the ground, and their Jacobian.

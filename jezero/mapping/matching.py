@@ -163,5 +163,6 @@ def _nearest_descriptors(a: _Features, b: _Features) -> NDArray[np.int64]:
 
 
 def _on_ground(survey: Survey, ground: Ground, number: int, points_px: Array) -> Array:
+    """(k, 2) north and east of points of an image; NaN above the horizon."""
     rays = survey.rays(points_px) @ survey.rotations[number].T
-    return np.nan_to_num(ground.met(survey.pos_m[number], rays)[:, :2], nan=1e6)
+    return ground.met(survey.pos_m[number], rays)[:, :2]

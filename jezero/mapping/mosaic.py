@@ -12,7 +12,7 @@ from jezero.mapping.ground import Ground
 from jezero.mapping.matching import Matches
 from jezero.mapping.projection import CELL_PX, Field, Grid, fit_grid, project
 from jezero.mapping.seams import choose_images, view_of
-from jezero.mapping.survey import Pixels, Survey
+from jezero.mapping.survey import Pixels, Survey, SurveyError
 
 FALLBACK_WEIGHT = 1e-6
 """Weight of the images that were not chosen: they show the pixels of a cell at the map's edge that its image misses."""
@@ -46,6 +46,8 @@ def make_mosaic(survey: Survey, ground: Ground, matches: Sequence[Matches], m_pe
     grid = fit_grid(survey, ground, m_per_px)
     patches = ((number, project(survey, ground, number, grid)) for number in range(len(survey)))
     views = {number: view_of(patch) for number, patch in patches if patch is not None}
+    if not views:
+        raise SurveyError("no image shows the ground in all its corners: map images of a camera that looks down")
     gains = find_gains(views, matches)
     for number, view in views.items():
         view.colours *= gains[number]

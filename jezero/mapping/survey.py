@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import hypot
 from pathlib import Path
 
 import cv2
@@ -16,6 +17,8 @@ from jezero.vehicle_config import VehicleConfig
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
+NORM_ERROR_MAX = 0.01
+"""Of quaternions, which other programs may have rounded."""
 
 
 class SurveyError(ValueError):
@@ -117,9 +120,15 @@ def read_survey(folder: Path, vehicle: VehicleConfig) -> Survey:
         raise SurveyError(f"{listing} is not a dataset's list of images: {error}") from None
     if not images:
         raise SurveyError(f"{listing} lists no images")
+    for file, image in zip(files, images, strict=True):
+        for name in ("q_ned_from_camera", "q_ned_from_frd"):
+            if abs(hypot(*getattr(image, name)) - 1.0) > NORM_ERROR_MAX:
+                raise SurveyError(f"{listing}: {name} of {file} is no attitude, because its length is not 1")
     kinds = {(image.focal_px, image.center_px, image.distortion, image.width_px, image.height_px) for image in images}
     if len(kinds) > 1:
         raise SurveyError(f"{listing} has images of {len(kinds)} different cameras: map each camera alone")
+    if images[0].focal_px <= 0.0:
+        raise SurveyError(f"{listing} has images with a focal length of 0")
     images, origin_deg = _in_one_frame(images)
     spots_m = [_spot(image, vehicle) for image in images if image.range_m is not None]
     if not spots_m:

@@ -44,6 +44,15 @@ def with_board(picture: NDArray[np.uint8], index: int, picture_from_px: NDArray[
     return np.where(mask[:, :, None], shown, picture)
 
 
+def with_driving_board(
+    picture: NDArray[np.uint8], index: int, picture_from_px: NDArray[np.float64]
+) -> NDArray[np.uint8]:
+    """The picture with a board that is 1.2 m farther to the east in each picture."""
+    farther = np.eye(3)
+    farther[0, 2] = 1.2 * (index - 2.0) / M_PER_PX
+    return with_board(picture, index, picture_from_px @ farther)
+
+
 def with_shadow(picture: NDArray[np.uint8], index: int, picture_from_px: NDArray[np.float64]) -> NDArray[np.uint8]:
     """The picture with the vehicle's shadow near its middle."""
     result = picture.copy()
@@ -111,6 +120,16 @@ def with_other_exposures(
     """The picture of a camera that sets its exposure and white balance anew for each."""
     gains = np.random.default_rng(index).uniform(0.6, 1.0, 3)
     return np.asarray(np.rint(gains * picture), np.uint8)
+
+
+def test_a_rover_that_drives_is_not_in_the_map_where_most_pictures_show_the_ground(tmp_path: Path) -> None:
+    ground = dataset(tmp_path, paint=with_driving_board)
+    mosaic = made(tmp_path)
+    error = np.abs(mosaic.pixels - ground_below(mosaic, ground)).mean(axis=2)
+    blurred = cv2.blur(error, (9, 9))
+    row, column = round(mosaic.north_m / M_PER_PX), round(-mosaic.east_m / M_PER_PX)
+    middle = (slice(row - 60, row + 20), slice(column - 40, column + 110))  # shown by four pictures and more
+    assert np.mean(blurred[middle] > 60.0) < 0.01
 
 
 def test_pictures_with_different_exposures_are_one_map_without_steps(tmp_path: Path) -> None:
