@@ -32,6 +32,8 @@ WAY_MAX_S = 30.0
 HUBER_WAY = 3.0
 """Standard deviations. Times of two flights can follow each other by chance, so this prior can be wrong."""
 ITERATIONS = 12
+STEP_MIN = 1e-4
+"""Metres or radians; smaller steps can't be seen in the map."""
 UNKNOWNS = 6
 """Unknowns per image: north, east, down, and a small rotation about these axes. A last rotation is common to all."""
 
@@ -76,7 +78,7 @@ def align(survey: Survey, ground: Ground, matches: list[Matches]) -> Alignment:
         step = scipy.sparse.linalg.spsolve((rows.T @ rows).tocsc(), -(rows.T @ rest))
         moved += step
         present = _moved(survey, moved)
-        if np.abs(step).max() < 1e-6:
+        if np.abs(step).max() < STEP_MIN:
             break
     return Alignment(present, len(matches), groups, before_m, _median_m(ends.apart(present, ground)[0]))
 
