@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 
 from jezero.frames import Quat, Vec3, quat_conjugate, quat_rotate, tilt_from_quat
 from jezero.schemas.units import GRAVITY_MPS2, NS_PER_S
+from jezero.services.actions.land_on_spot.wind_limit import wind_words
 from jezero.services.actions.motion.behaviour import VehicleState
 from jezero.tilt_contact import is_tilted_by_contact
 from jezero.vehicle_config import AirframeConfig
@@ -164,27 +165,7 @@ class GoArounds:
                 f"{self._maximum} go-arounds: land where it is level"
             )
         return (
-            f"the vehicle slid on what it touched, in spite of {self._maximum} go-arounds: {wind_words(state)}; "
+            f"the vehicle slid on what it touched, in spite of {self._maximum} go-arounds: "
+            f"{wind_words(state.wind_ned_mps, state.std_gust_mps)}; "
             "wait for less wind, or land elsewhere"
         )
-
-
-def wind_words(state: VehicleState) -> str:
-    """The estimated wind for people."""
-    if state.wind_ned_mps is None:
-        return "the wind is unknown"
-    return f"the wind is {_wind_words(state.wind_ned_mps, state.std_gust_mps)}"
-
-
-def wind_refusal(wind_ned_mps: Vec3 | None, std_gust_mps: float | None, max_mps: float) -> str:
-    """Reason not to land in the estimated wind, or ""; an unknown wind is none."""
-    if wind_ned_mps is None or hypot(*wind_ned_mps[:2]) + (std_gust_mps or 0.0) <= max_mps:
-        return ""
-    wind = _wind_words(wind_ned_mps, std_gust_mps)
-    return f"the wind is {wind}, and a landing is limited to {max_mps:g} m/s: wait, or use force"
-
-
-def _wind_words(wind_ned_mps: Vec3, std_gust_mps: float | None) -> str:
-    mean_mps = hypot(*wind_ned_mps[:2])
-    gusts = "" if std_gust_mps is None else f" with gusts to {mean_mps + std_gust_mps:.1f} m/s"
-    return f"{mean_mps:.1f} m/s{gusts}"

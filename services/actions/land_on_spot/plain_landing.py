@@ -1,6 +1,6 @@
 """Landing on a spot by the vehicle's own position, without any sensor that finds the rover."""
 
-from math import hypot, inf
+from math import hypot
 
 from jezero.frames import Vec3, altitude_m, subtract
 from jezero.schemas.actions import LandFeedback, LandPhase, LandResult
@@ -13,10 +13,10 @@ from jezero.services.actions.land_on_spot.contact import (
     ContactWatcher,
     GoArounds,
     OnSurface,
-    wind_refusal,
 )
 from jezero.services.actions.land_on_spot.remaining import plain_descent_remaining
 from jezero.services.actions.land_on_spot.tilt_contact_detector import TiltContactDetector, landing_outcome
+from jezero.services.actions.land_on_spot.wind_limit import WindLimit
 from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState
 from jezero.services.actions.motion.straight_path import LEAD_M, StraightPath
 
@@ -58,7 +58,7 @@ class PlainLanding:
     ) -> None:
         move, altimeter = config.move, config.vehicle.altimeter
         self._settings = settings.plain
-        self._wind_max_mps = inf if force else settings.wind_max_mps
+        self._wind_limit = WindLimit(settings.wind_max_mps, force)
         self._go_arounds = GoArounds(settings.go_arounds_max)
         self._contact = ContactWatcher(SLIDE_MAX_M)
         self._contact_ned_m = spot_ned_m
@@ -171,8 +171,9 @@ class PlainLanding:
         return LandResult(completed=completed, touchdown_ned_m=pos_uav_ned_m if completed else None)
 
     def _approach(self, t_ns: int, state: VehicleState) -> Move | Done:
-        if too_windy := wind_refusal(state.wind_ned_mps, state.std_gust_mps, self._wind_max_mps):
-            return Done("aborted", too_windy)
+        self._wind_limit.update(t_ns, state)
+        if self._wind_limit.reason:
+            return Done("aborted", self._wind_limit.reason)
         path = self._lift if self._lift is not None else self._path
         path.step(t_ns, state)
         if problem := path.stuck(t_ns):

@@ -15,7 +15,6 @@ from jezero.services.actions.land_on_spot.contact import (
     OnSurface,
     foot_drop_m,
     level_acc_ned_mps2,
-    wind_refusal,
 )
 from jezero.services.actions.motion.behaviour import VehicleState
 from jezero.vehicle_config import AirframeConfig
@@ -104,10 +103,3 @@ def test_a_landing_ends_after_the_last_go_around_and_names_the_slope_or_the_wind
     go_arounds.begin(NS_PER_S, "slides", leaning)
     windy = msgspec.structs.replace(leaning, wind_ned_mps=(6.0, 8.0, 0.0), std_gust_mps=2.0)
     assert "the wind is 10.0 m/s with gusts to 12.0 m/s" in go_arounds.abort_reason(windy)
-
-
-def test_a_landing_in_more_wind_than_the_limit_is_refused_with_the_numbers() -> None:
-    assert wind_refusal(None, None, 12.0) == ""
-    assert wind_refusal((6.0, 8.0, 0.0), 1.9, 12.0) == ""
-    refusal = wind_refusal((6.0, 8.0, 0.0), 2.5, 12.0)
-    assert "10.0 m/s with gusts to 12.5 m/s" in refusal and "12 m/s" in refusal and "force" in refusal
