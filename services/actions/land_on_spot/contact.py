@@ -11,7 +11,7 @@ from jezero.frames import Quat, Vec3, quat_conjugate, quat_rotate, tilt_from_qua
 from jezero.schemas.units import GRAVITY_MPS2, NS_PER_S
 from jezero.services.actions.land_on_spot.wind_limit import wind_words
 from jezero.services.actions.motion.behaviour import VehicleState
-from jezero.tilt_contact import is_tilted_by_contact
+from jezero.tilt_contact import SLOPE_SINE_MAX, is_tilted_by_contact
 from jezero.vehicle_config import AirframeConfig
 
 PUSH_ACC_MPS2 = 5.0
@@ -24,8 +24,6 @@ PREDICTION_S = 0.3
 """The vehicle goes around when it would leave its place within this time: a climb takes about as long to begin."""
 LEAN_S = 0.4
 """A shorter tilt than this is the way from the first foot to all four."""
-SLOPE_SINE_MAX = 0.34
-"""Sine of the largest tilt that a slope gives a vehicle which stands on it: 20 degrees."""
 LYING_TILT_RAD = 1.2
 """A vehicle with a larger tilt lies on its side: its rotors can't lift it any more."""
 LEVEL_TIME_CONSTANT_S = 0.5
