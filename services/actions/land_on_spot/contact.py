@@ -4,6 +4,7 @@ A vehicle that has touched something must neither slide over an edge nor tip ove
 its weight alone keeps it in place, and its motion over the surface and its tilt are watched until it has landed.
 """
 
+from collections import deque
 from math import degrees, exp, hypot, sqrt
 from typing import Literal, NamedTuple
 
@@ -18,6 +19,10 @@ PUSH_ACC_MPS2 = 5.0
 """Downward acceleration that is fed forward once the vehicle has touched down: it takes half of the thrust at once."""
 TOUCHED_MPS = 0.15
 """A vehicle that is slower than this downwards although it is pushed stands on something."""
+SLIDE_S = 0.2
+"""A slide is measured over this time. The vehicle's own velocity would not show it: a vehicle that turns upright on its
+first foot moves by half a metre per second, and its feet stay where they are.
+"""
 OUTWARD_MIN_MPS = 0.2
 """A slower motion away from the middle is noise of the estimate."""
 PREDICTION_S = 0.3
@@ -53,17 +58,21 @@ def level_acc_ned_mps2(down_ned: tuple[float, float]) -> tuple[float, float]:
 
 
 class OnSurface(NamedTuple):
-    """Horizontal state of the vehicle relative to the place where it should stand.
+    """Where the vehicle touches a surface.
 
     Attributes:
-        offset_ned_m: (2,) from the middle of the place.
-        vel_ned_mps: (2,) relative to the surface.
+        offset_ned_m: (2,) middle of the feet from the middle of the place where the vehicle should stand.
         std_m: standard deviation of the offset.
     """
 
     offset_ned_m: tuple[float, float]
-    vel_ned_mps: tuple[float, float]
     std_m: float = 0.0
+
+
+def feet_from_uav_ned_m(state: VehicleState, airframe: AirframeConfig) -> tuple[float, float]:
+    """(2,) horizontal vector from the vehicle's position to the middle of its feet."""
+    north, east = state.down_ned
+    return airframe.height_stand_m * north, airframe.height_stand_m * east
 
 
 class ContactWatcher:
@@ -78,6 +87,8 @@ class ContactWatcher:
         self._begin_ns = self._upright_ns = 0
         self._free_down_ned = (0.0, 0.0)
         self._touched = False
+        self._path: deque[tuple[int, float, float]] = deque()
+        """Times and offsets of the last SLIDE_S."""
 
     def begin(self, t_ns: int, free_down_ned: tuple[float, float]) -> None:
         """Start to watch a contact.
@@ -88,6 +99,7 @@ class ContactWatcher:
         self._begin_ns = self._upright_ns = t_ns
         self._free_down_ned = free_down_ned
         self._touched = False
+        self._path.clear()
 
     def push_acc_ned_mps2(self, down_mps: float) -> Vec3:
         """(3,) acceleration, fed forward, that takes the thrust away once the vehicle has touched down.
@@ -108,7 +120,7 @@ class ContactWatcher:
         """
         if tilt_from_quat(state.q_ned_from_frd) > LYING_TILT_RAD:
             return ""
-        if surface is not None and self._leaves(surface):
+        if self._slides(t_ns, surface):
             return "slides"
         remaining = exp(-(t_ns - self._begin_ns) / NS_PER_S / LEVEL_TIME_CONSTANT_S)
         north, east = self._free_down_ned
@@ -116,10 +128,23 @@ class ContactWatcher:
             self._upright_ns = t_ns
         return "leans" if t_ns - self._upright_ns > LEAN_S * NS_PER_S else ""
 
-    def _leaves(self, surface: OnSurface) -> bool:
-        (north_m, east_m), (north_mps, east_mps) = surface.offset_ned_m, surface.vel_ned_mps
+    def _slides(self, t_ns: int, surface: OnSurface | None) -> bool:
+        """Whether the feet have moved towards the edge, and would soon leave the place."""
+        path = self._path
+        if surface is None:
+            path.clear()
+            return False
+        north_m, east_m = surface.offset_ned_m
+        path.append((t_ns, north_m, east_m))
+        while len(path) > 2 and t_ns - path[1][0] >= SLIDE_S * NS_PER_S:
+            path.popleft()
+        begin_ns, begin_north_m, begin_east_m = path[0]
+        passed_s = (t_ns - begin_ns) / NS_PER_S
+        if passed_s < SLIDE_S:
+            return False
         offset_m = hypot(north_m, east_m)
-        outward_mps = (north_m * north_mps + east_m * east_mps) / max(offset_m, 1e-9)
+        outward_m = (north_m * (north_m - begin_north_m) + east_m * (east_m - begin_east_m)) / max(offset_m, 1e-9)
+        outward_mps = outward_m / passed_s
         ahead_m = offset_m - surface.std_m + PREDICTION_S * outward_mps
         return outward_mps > OUTWARD_MIN_MPS and ahead_m > self._room_m
 

@@ -13,6 +13,7 @@ from jezero.services.actions.land_on_spot.contact import (
     ContactWatcher,
     GoArounds,
     OnSurface,
+    feet_from_uav_ned_m,
 )
 from jezero.services.actions.land_on_spot.remaining import plain_descent_remaining
 from jezero.services.actions.land_on_spot.tilt_contact_detector import TiltContactDetector, landing_outcome
@@ -61,7 +62,9 @@ class PlainLanding:
         self._wind_limit = WindLimit(settings.wind_max_mps, force)
         self._go_arounds = GoArounds(settings.go_arounds_max)
         self._contact = ContactWatcher(SLIDE_MAX_M)
-        self._contact_ned_m = spot_ned_m
+        self._airframe = config.vehicle.airframe
+        self._contact_ned_m = (spot_ned_m[0], spot_ned_m[1])
+        """Middle of the feet at the first contact."""
         self._contact_range_m = max(altimeter.range_min_m, config.vehicle.height_altimeter_m) + CONTACT_MARGIN_M
         self._phase: LandPhase = "approach"
         self._spot_ned_m = spot_ned_m
@@ -120,14 +123,22 @@ class PlainLanding:
 
     def _press_down(self, t_ns: int, vel_ned_mps: Vec3, state: VehicleState) -> Move | Done:
         """Push down, unless the vehicle slides over the ground."""
-        north_m, east_m, _ = subtract(state.pos_uav_ned_m, self._contact_ned_m)
-        surface = OnSurface((north_m, east_m), state.vel_uav_ned_mps[:2])
+        (north_m, east_m), (begin_north_m, begin_east_m) = self._feet_ned_m(state), self._contact_ned_m
+        surface = OnSurface((north_m - begin_north_m, east_m - begin_east_m))
         if problem := self._contact.update(t_ns, surface, state):
             self._go_arounds.begin(t_ns, problem, state)
             return self._go_around(t_ns, state)
         low = state.height_m is None or state.height_m < PUSH_HEIGHT_MAX_M
         acc_ned_mps2 = self._contact.push_acc_ned_mps2(state.vel_uav_ned_mps[2]) if low else None
         return self._move(state, vel_ned_mps, acc_ned_mps2)
+
+    def _feet_ned_m(self, state: VehicleState) -> tuple[float, float]:
+        """(2,) north and east of the middle of the feet."""
+        (north_m, east_m, _), (feet_north_m, feet_east_m) = (
+            state.pos_uav_ned_m,
+            feet_from_uav_ned_m(state, self._airframe),
+        )
+        return north_m + feet_north_m, east_m + feet_east_m
 
     def _go_around(self, t_ns: int, state: VehicleState) -> Move | Done:
         """Climb, then descend again, or end the landing."""
@@ -146,7 +157,7 @@ class PlainLanding:
             if self._has_contact(t_ns, state):
                 self._enter("contact", t_ns)
                 self._contact.begin(t_ns, self._tilt_contact.free_down_ned)
-                self._contact_ned_m = state.pos_uav_ned_m
+                self._contact_ned_m = self._feet_ned_m(state)
         elif since_s > CONTACT_TIMEOUT_S:
             return f"the autopilot doesn't detect the ground {since_s:.0f} s after contact"
         elif state.vel_uav_ned_mps[2] > 0.5 * land.push_mps:

@@ -17,6 +17,7 @@ from jezero.services.actions.land_on_spot.contact import (
     ContactWatcher,
     GoArounds,
     OnSurface,
+    feet_from_uav_ned_m,
     foot_drop_m,
 )
 from jezero.services.actions.land_on_spot.descent import Descent, TouchdownDetector
@@ -263,10 +264,7 @@ class RoverLanding:
         """
         if self._touchdown.update(t_ns, measured, state.height_m):
             return Done("succeeded", then="force_disarm")
-        surface = None
-        if measured is not None:
-            surface = OnSurface(measured.pos_ned_m[:2], measured.vel_ned_mps[:2], measured.std_m)
-        if problem := self._contact.update(t_ns, surface, state):
+        if problem := self._contact.update(t_ns, self._on_surface(measured, state), state):
             self._phase = "go_around"
             self._go_arounds.begin(t_ns, problem, state)
             return self._go_around(t_ns, 0.0, measured, state)
@@ -279,6 +277,15 @@ class RoverLanding:
         acc_ned_mps2 = add(push_acc_ned_mps2, (*platform.acc_rover_ned_mps2, 0.0))
         vel_ned_mps = add(platform.vel_rover_ned_mps, (0.0, 0.0, PUSH_MPS))
         return self._move(state, vel_ned_mps, acc_ned_mps2)
+
+    def _on_surface(self, measured: PlatformState | None, state: VehicleState) -> OnSurface | None:
+        """Where the feet are now: in contact the tilt changes faster than the filtered offset of the feet."""
+        if measured is None:
+            return None
+        (north_m, east_m, _), (filtered_north_m, filtered_east_m, _) = measured.pos_ned_m, self._feet_ned_m
+        feet_north_m, feet_east_m = feet_from_uav_ned_m(state, self._airframe)
+        offset_ned_m = (north_m - filtered_north_m + feet_north_m, east_m - filtered_east_m + feet_east_m)
+        return OnSurface(offset_ned_m, measured.std_m)
 
     def _go_around(self, t_ns: int, dt_s: float, measured: PlatformState | None, state: VehicleState) -> Move | Done:
         """Climb after a contact in which the vehicle slides or leans, then try again, or end the landing."""
