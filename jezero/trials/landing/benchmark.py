@@ -20,12 +20,14 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
         seed: the trial's seed.
         landed: whether the vehicle stands on its target, disarmed.
         crashed: whether the landing ended in a crash, see `Landing.crashed`.
+        go_arounds: number of go-arounds after a bad contact.
         reason: why the landing failed, or "".
     """
 
     seed: int
     landed: bool
     crashed: bool
+    go_arounds: int
     reason: str
 
 
@@ -44,6 +46,7 @@ class LandingReport(msgspec.Struct, frozen=True, kw_only=True):
         rmse_m: 3D root mean square error of the relative position at ranges "below_3m" and "3_to_8m".
         nees: mean over estimates and dimensions of the normalised squared error; 1 is consistent.
         crashed: number of landings that ended in a crash, see `Landing.crashed`.
+        gone_around: number of landings with at least one go-around after a bad contact.
         failed_seeds: seeds of the failed landings.
         touchdowns_m: (2,) true position at disarm of each landing that did not fail: forward and right of the
             platform's centre, or north and east of the spot in the case "none".
@@ -55,6 +58,7 @@ class LandingReport(msgspec.Struct, frozen=True, kw_only=True):
     n: int
     landed: int
     crashed: int
+    gone_around: int
     touchdown_error_m: dict[str, float | None]
     time_s: dict[str, float | None]
     rmse_m: dict[str, float | None]
@@ -97,6 +101,7 @@ def fly_landings(
         n=n,
         landed=sum(not landing.failure for landing in landings),
         crashed=sum(landing.crashed for landing in landings),
+        gone_around=sum(landing.go_arounds > 0 for landing in landings),
         touchdown_error_m={
             name: _finite(percentile(errors_m, share)) for name, share in (("median", 0.5), ("p95", 0.95), ("max", 1.0))
         },
@@ -110,7 +115,14 @@ def fly_landings(
             if place_m is not None
         ],
         outcomes=[
-            Outcome(seed=one.seed, landed=not one.failure, crashed=one.crashed, reason=one.failure) for one in landings
+            Outcome(
+                seed=one.seed,
+                landed=not one.failure,
+                crashed=one.crashed,
+                go_arounds=one.go_arounds,
+                reason=one.failure,
+            )
+            for one in landings
         ],
     )
 

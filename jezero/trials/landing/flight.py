@@ -58,6 +58,7 @@ class Landing(msgspec.Struct, frozen=True, kw_only=True):
             and east of the spot); None if the landing failed.
         time_s: time from the goal to disarm; infinite if the landing failed.
         impact_mps: speed towards the platform at touchdown.
+        go_arounds: number of go-arounds after a bad contact.
         errors: errors of the relative estimate during the landing.
     """
 
@@ -68,6 +69,7 @@ class Landing(msgspec.Struct, frozen=True, kw_only=True):
     error_rover_body_m: tuple[float, float] | None
     time_s: float
     impact_mps: float
+    go_arounds: int
     errors: EstimateErrors
 
 
@@ -279,5 +281,6 @@ def _landing(trial: Trial, judge: LandingJudge, start_ns: int, failure: str) -> 
         error_rover_body_m=error_rover_body_m if landed else None,
         time_s=((judge.disarmed_ns or 0) - start_ns) / NS_PER_S if landed else inf,
         impact_mps=round(judge.impact_mps, 3),
+        go_arounds=judge.go_arounds,
         errors=judge.errors,
     )
