@@ -199,6 +199,7 @@ class ImagesFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="
     Attributes:
         pos_uav_ned_m: position of the vehicle in `frame`.
         frame: frame of the position.
+        phase: `planning` before the goal is accepted, on the topic only; then `flying`.
         taken: number of images taken so far.
         planned: number of images that the goal will take in total.
         images: images taken since the last feedback; always empty for a goal with `stream_images` = false.
@@ -206,6 +207,7 @@ class ImagesFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="
 
     pos_uav_ned_m: PositionNed
     frame: Frame = "world"
+    phase: Literal["planning", "flying"] = "flying"
     taken: Index
     planned: Index
     images: tuple[Image, ...] = ()

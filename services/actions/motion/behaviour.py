@@ -171,15 +171,35 @@ class Refusal(msgspec.Struct, frozen=True):
     reason: str
 
 
+class Prepared(msgspec.Struct, frozen=True):
+    """A behaviour whose preparation is done.
+
+    Attributes:
+        start: starts it.
+        warning: part of the goal that will not be done as the client wants it.
+    """
+
+    start: Start
+    warning: str = ""
+
+
 class Preparation(msgspec.Struct, frozen=True):
     """Work that must be done before a goal is accepted, and takes too long for a step of the server.
 
+    A process of its own does it, so that the server goes on and a cancel can end it at any time.
+
     Attributes:
-        work: from the state, the function that is carried out in the background; it returns the start of the prepared
-            behaviour, or a refusal.
+        work: from the state, the function that does it: a function of a module, or a `partial` of one, because it is
+            pickled; and so is its value.
+        start: from that value, the prepared behaviour or a refusal.
+        feedback: from the state, feedback of the action's type that is published while the work lasts; None: none is.
+        too_long: what to change in a goal whose work doesn't end in time, for people.
     """
 
-    work: Callable[[VehicleState], Callable[[], Start | Refusal]]
+    work: Callable[[VehicleState], Callable[[], Any]]
+    start: Callable[[Any], Prepared | Refusal]
+    feedback: Callable[[VehicleState], Any] | None = None
+    too_long: str = ""
 
 
 class Plan(msgspec.Struct, frozen=True):
