@@ -25,6 +25,7 @@ from jezero.schemas.struct import (
 
 Frame = Literal["world", "rover"]
 Overlap = Annotated[float, Meta(ge=0.0, le=0.95)]
+PlanId = Annotated[str, Meta(max_length=64, pattern=r"^[0-9a-z]*$")]
 F = TypeVar("F")
 R = TypeVar("R")
 
@@ -143,6 +144,10 @@ class AreaCoverageGoal(Goal, frozen=True, kw_only=True):
         start_ned_m: north and east of a point in `frame`; the path begins near it. None means near the vehicle.
         first_picture: number of the planned image to start with, counted from 0; the images before it are left out.
             Above 0 only in the frame `world`.
+        plan_id: id of the plan to fly, from the reply to the same goal on `@action/area_coverage/plan`. A server knows
+            a plan for ten minutes, while the vehicle stays where it was. "" plans anew.
+        force: fly also where less than 90 % of the area would be in the images, or higher than the altimeter reaches,
+            so that no map can be made.
     """
 
     polygon_ned_m: Corners
@@ -155,6 +160,8 @@ class AreaCoverageGoal(Goal, frozen=True, kw_only=True):
     speed_mps: float | None = None
     start_ned_m: tuple[Position, Position] | None = None
     first_picture: Index = 0
+    plan_id: PlanId = ""
+    force: bool = False
 
 
 class MoveFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="move"):
@@ -245,10 +252,13 @@ class CoverageResult(ImagesResult, frozen=True, kw_only=True):
     Attributes:
         covered: fraction of the area that is at most half a line distance away from the flown path, by the vehicle's
             own position estimate.
+        photographed: fraction of the area that is in at least one image, on level ground at z = 0 of the world, by the
+            vehicle's own estimate. None from older servers.
         resume: goal that takes the missing images, in the world frame. None when no image is missing.
     """
 
     covered: Fraction
+    photographed: Fraction | None = None
     resume: AreaCoverageGoal | None = None
 
 

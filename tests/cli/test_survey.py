@@ -77,10 +77,10 @@ def test_wrong_numbers_are_refused_with_what_to_do(tmp_path: Path, words: tuple[
 def test_overlaps_set_the_distances_from_what_the_camera_sees(tmp_path: Path) -> None:
     file = tmp_path / "area.csv"
     file.write_text("north,east\n0,0\n30,0\n30,30\n0,30\n")
-    result = run(tmp_path, "--polygon", str(file), "--z", "-10", "--overlap", "0.8", "--sidelap", "0.6")
+    result = run(tmp_path, "--polygon", str(file), "--z", "-9", "--overlap", "0.8", "--sidelap", "0.6")
     assert result.exit_code == 0, result.output
-    assert "lines 6.71 m apart" in result.output
-    assert "every 2.52 m" in result.output
+    assert "lines 6.04 m apart" in result.output
+    assert "every 2.27 m" in result.output
 
 
 @pytest.mark.parametrize(

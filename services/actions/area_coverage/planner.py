@@ -52,7 +52,7 @@ class AreaCoveragePlanner:
         return partial(plan_or_refuse, goal, self._config, (north_m, east_m), origin_ned_m)
 
     def _start(self, goal: AreaCoverageGoal, capture: Capture, plan: "CoveragePlan") -> Prepared:
-        return Prepared(partial(AreaCoverage, goal, plan, capture, self._config))
+        return Prepared(partial(AreaCoverage, goal, plan, capture, self._config), warning=plan.warning)
 
 
 def plan_or_refuse(
