@@ -355,6 +355,34 @@ class FeedbackMessage(Message, Generic[F], frozen=True, kw_only=True):
     remaining_s: NonNegative | None = None
 
 
+class PlannedCoverage(Payload, frozen=True, kw_only=True):
+    """Plan of an area coverage. Its points are north and east in the goal's frame.
+
+    Attributes:
+        plan_id: id of the plan; a goal with this `plan_id` flies exactly this plan.
+        path_ned_m: (n, 2) path from the first image on, to the centimetre.
+        pictures_ned_m: (m, 2) points at which images are taken.
+        start_ned_m: point near which the path begins: that of the goal, or the vehicle's position.
+        line_distance_m: distance between two lines.
+        picture_distance_m: distance between two images along the path.
+        length_m: length of the path.
+        duration_s: duration of the flight along the path.
+        covered: fraction of the area that is at most half a line distance away from the path.
+        photographed: fraction of the area that is in at least one image, on level ground.
+    """
+
+    plan_id: PlanId
+    path_ned_m: Corners
+    pictures_ned_m: Corners
+    start_ned_m: tuple[Position, Position]
+    line_distance_m: NonNegative
+    picture_distance_m: NonNegative
+    length_m: NonNegative
+    duration_s: NonNegative
+    covered: Fraction
+    photographed: Fraction
+
+
 class PlanReply(Payload, frozen=True, kw_only=True):
     """Reply to a goal that is planned and not flown.
 
@@ -367,6 +395,7 @@ class PlanReply(Payload, frozen=True, kw_only=True):
         distance_m: planned length of the flight. None where it is unknown.
         battery_used: fraction of the battery's capacity that the flight uses. None where the duration is unknown.
         battery_remaining: present fraction of the battery's capacity. None when the autopilot doesn't measure it.
+        coverage: path and images of an area coverage. None for other actions.
     """
 
     accepted: bool
@@ -377,6 +406,7 @@ class PlanReply(Payload, frozen=True, kw_only=True):
     distance_m: NonNegative | None = None
     battery_used: NonNegative | None = None
     battery_remaining: Fraction | None = None
+    coverage: PlannedCoverage | None = None
 
 
 class Cancel(Payload, frozen=True, kw_only=True):

@@ -170,7 +170,6 @@ class AreaCoverage:
         if first >= len(plan.pictures_m):
             return None
         by_ned_m = add(self._origin_ned_m, self._shift_ned_m)
-        start_m = goal.start_ned_m or plan.start_m
         return msgspec.structs.replace(
             goal,
             goal_id="",
@@ -180,7 +179,7 @@ class AreaCoverage:
             polygon_ned_m=_moved(goal.polygon_ned_m, by_ned_m),
             holes_ned_m=tuple(_moved(hole, by_ned_m) for hole in goal.holes_ned_m),
             z_ned_m=goal.z_ned_m + by_ned_m[2],
-            start_ned_m=_moved((start_m,), by_ned_m)[0],
+            start_ned_m=_moved((plan.start_m,), by_ned_m)[0],
             first_picture=first,
         )
 

@@ -1,6 +1,5 @@
 """The coverage plan of a goal: path, trajectory and pictures."""
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import cos, floor, sin
@@ -28,7 +27,6 @@ from jezero.vehicle_config import CameraMountConfig, VehicleConfig
 Array = NDArray[np.float64]
 CUT = 0.5
 """Distance before a corner at which its turn begins, in line distances."""
-PLAN_ID_DIGITS = 12
 DIRECTION_RAD = np.pi / 180.0
 """Directions nearer to each other than this are the same."""
 
@@ -68,14 +66,6 @@ class CoveragePlan:
     photographs: Photographs
     vehicle_m: tuple[float, float] | None
     warning: str
-
-    @property
-    def plan_id(self) -> str:
-        """Id of this plan: equal plans have equal ids."""
-        content = hashlib.sha256()
-        for part in (self.trajectory.t_s, self.trajectory.pos_m, self.pictures_m, self.picture_times_s):
-            content.update(part.tobytes())
-        return content.hexdigest()[:PLAN_ID_DIGITS]
 
 
 def plan_coverage(

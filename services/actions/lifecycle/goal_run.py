@@ -109,6 +109,7 @@ class GoalRun:
         self._accepted = Accepted(goal_id=goal_id, warning=warning)
         self._pictures = pictures
         self._stage: _New | _Admitting | _Checking | PreparationRun | _Acquiring | GoalFlight | _Over = _New()
+        self._coverage = plan.coverage
         self._cancel_reason = ""
         self._arrived_ns = 0
         lease = None if plan.selection is None or plan_only else SelectionLease(goal_id, plan.selection)
@@ -243,15 +244,12 @@ class GoalRun:
         if isinstance(outcome, Refusal):
             yield from self.reject(outcome.reason, inbox)
         elif outcome is not None:
-            self._warn(outcome.warning)
+            texts = [text for text in (self._accepted.warning, outcome.warning) if text]
+            self._accepted = replace(self._accepted, warning="; ".join(texts))
+            self._coverage = outcome.coverage
             yield from self._acquire(t_ns, inbox, outcome.start)
         elif odometry is not None:
             yield from stage.feedback(t_ns, self._view.state(t_ns, inbox, odometry), inbox.latest(STATUS))
-
-    def _warn(self, warning: str) -> None:
-        """Add a warning to that of the acceptance."""
-        texts = [text for text in (self._accepted.warning, warning) if text]
-        self._accepted = replace(self._accepted, warning="; ".join(texts))
 
     def _acquire(self, t_ns: int, inbox: Inbox, start: Start) -> Iterator[Output]:
         """Request control from the bridge, and start the behaviour meanwhile, so that the first feedback is ready.
@@ -322,6 +320,7 @@ class GoalRun:
             distance_m=None if planned is None else planned.distance_m,
             battery_used=None if planned is None else self._battery.used(planned.time_s),
             battery_remaining=None if battery is None else battery.remaining,
+            coverage=self._coverage,
         )
         yield from (Reply(watcher, reply) for watcher in self._context.watchers)
         self._stage = _Over()

@@ -14,6 +14,7 @@ from typing import Any, Literal, Protocol
 import msgspec
 
 from jezero.frames import Quat, Vec3, quat_rotate, yaw_from_quat
+from jezero.schemas.actions import PlannedCoverage
 from jezero.schemas.commands import Outcome, Phase
 from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.schemas.state import Status
@@ -177,10 +178,12 @@ class Prepared(msgspec.Struct, frozen=True):
     Attributes:
         start: starts it.
         warning: part of the goal that will not be done as the client wants it.
+        coverage: description of the plan for the reply to a request for it; None: there is none.
     """
 
     start: Start
     warning: str = ""
+    coverage: PlannedCoverage | None = None
 
 
 class Preparation(msgspec.Struct, frozen=True):
@@ -208,6 +211,7 @@ class Plan(msgspec.Struct, frozen=True):
     Attributes:
         start: start of the behaviour, or the preparation that gives it.
         warning: part of the goal that will not be done as the client wants it.
+        coverage: as in `Prepared`, of a plan that needs no preparation.
         do_takeoff: the goal starts on the ground.
         inputs: topics that the behaviour needs besides odometry.
         selection: the goal's own selection of the estimator's inputs; None: the estimator's own.
@@ -219,6 +223,7 @@ class Plan(msgspec.Struct, frozen=True):
 
     start: Start | Preparation
     warning: str = ""
+    coverage: PlannedCoverage | None = None
     do_takeoff: bool = False
     inputs: tuple[Topic[Any], ...] = ()
     selection: Selection | None = None
@@ -228,7 +233,7 @@ class Plan(msgspec.Struct, frozen=True):
 
 
 class Planner(Protocol):
-    """An action: makes the plans of its goals, and keeps nothing of them."""
+    """An action: makes the plans of its goals."""
 
     def plan(self, goal: Any, status: Status) -> Plan | Refusal:
         """Plan of a goal, if it is possible; whether the vehicle's status allows it is the bridge's decision."""
