@@ -7,6 +7,15 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 import msgspec
 
+from jezero.cli.area import (
+    CoverageRequest,
+    Origin,
+    area_options,
+    place_in_words,
+    planning_origin,
+    read_polygon_file,
+    vehicle_origin,
+)
 from jezero.cli.flight import FINITE, FRAMES, NUMBERS, Printer, connected, flight_options
 from jezero.cli.pictures import PNG_OR_JPG, default_folder, take_pictures
 from jezero.cli.plan import send_goal
@@ -76,9 +85,7 @@ def getimages(
 
 @click.command(context_settings=NUMBERS)
 @click.argument("frame", type=FRAMES, default="world")
-@click.option(
-    "--polygon", "file", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="GeoJSON or CSV, see above."
-)
+@area_options
 @click.option("--z", "z_ned_m", type=FINITE, help="Height of the flight, NED: 5 m up is -5.")
 @click.option("--resolution", "resolution_m", type=FINITE, help="Metres between lines, and between images.")
 @click.option("--overlap", type=click.FloatRange(0.0, 0.95), help="Share of an image that the next one repeats.")
@@ -94,6 +101,7 @@ def getimages(
 @click.option("--format", "kind", type=PNG_OR_JPG, default="jpg", show_default=True, help="Image format.")
 @flight_options
 def gridsweep(
+    origin: Origin | None,
     plan_only: bool,
     resume: Path | None,
     out: Path | None,
@@ -106,28 +114,42 @@ def gridsweep(
 ) -> None:
     """Cover an area in parallel lines and take images of all of it.
 
-    Without --polygon the command asks for the corners. A GeoJSON file has a Polygon (its further rings are holes) in
-    metres, [north, east]; a CSV file has a line "north,east" for each corner, and an empty line before each hole.
-    FRAME is world (default) or rover. --resume takes the missing images of a coverage that ended early.
+    Without --polygon the command asks for the corners. A file is in degrees: GeoJSON (.geojson, .json), KML (.kml,
+    .kmz), a plan of QGroundControl (.plan), a shapefile (.shp), or a table (.csv) with the headings
+    "latitude,longitude", a line for each corner, and an empty line before each hole. Metres around the world's origin
+    are in a table with the headings "north,east", or with --metres in a table without headings or in GeoJSON. FRAME is
+    world (default) or rover, whose areas are in metres. --resume takes the missing images of a coverage that ended
+    early.
     """
     from jezero.schemas.topics import AREA_COVERAGE
 
     if plan_only:
-        _show_plan(_goal(**given), out or DRAWING, as_json)
+        request = _request(**given)
+        _show_plan(request, planning_origin(origin, vehicle, router), out or DRAWING, as_json)
         return
+    if origin is not None:
+        raise click.UsageError("--origin is for --plan-only: a vehicle that flies has its own")
     printer = Printer(as_json)
+    pending: AreaCoverageGoal | CoverageRequest
     if resume is None:
-        goal, dataset = _goal(**given), _new_dataset(out, kind)
+        pending, dataset = _request(**given), _new_dataset(out, kind)
     else:
         missing, dataset = _resumed(resume, kind)
         if missing is None:
             text = f"nothing is missing in {resume}: all {dataset.count} images are there"
             printer.event("result", text, outcome="succeeded", folder=str(resume))
             return
-        goal = missing
+        pending = missing
     with connected(vehicle, router, printer) as uav:
+        odometry = uav.status().odometry
+        goal = pending
+        if isinstance(goal, CoverageRequest):
+            known = vehicle_origin(odometry)
+            goal = goal.goal(known)
+            printer.event(
+                "area", f"area: {place_in_words(goal, known)}", origin_deg=None if known is None else known.position_deg
+            )
         if goal.start_ned_m is None and goal.frame == "world":  # so that the coverage can be resumed if its server dies
-            odometry = uav.status().odometry
             start_ned_m = None if odometry is None else odometry.pos_uav_ned_m[:2]
             goal = msgspec.structs.replace(goal, start_ned_m=start_ned_m)
         images_goal = send_goal(printer, uav, AREA_COVERAGE, goal, yes=yes)
@@ -186,12 +208,13 @@ def _write_resume_goal(folder: Path, goal: "AreaCoverageGoal | None") -> None:
         write_whole(file, msgspec.json.format(msgspec.json.encode(goal), indent=1) + b"\n")
 
 
-def _show_plan(goal: "AreaCoverageGoal", file: Path, as_json: bool) -> None:
+def _show_plan(request: CoverageRequest, origin: Origin, file: Path, as_json: bool) -> None:
     from jezero.report.coverage_plot import draw_plan
     from jezero.services.actions.area_coverage.area import AreaError
     from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
     from jezero.services.actions.config import load_actions_config
 
+    goal = request.goal(origin)
     try:
         plan = plan_coverage(goal, load_actions_config())
     except AreaError as error:
@@ -206,29 +229,30 @@ def _show_plan(goal: "AreaCoverageGoal", file: Path, as_json: bool) -> None:
             "length_m": round(length_m, 3),
             "time_s": round(time_s, 3),
             "covered": round(plan.covered, 5),
+            "origin_deg": origin.position_deg,
         }
         click.echo(json.dumps(fields))
         return
     click.echo(f"area        {plan.area.area:.1f} m², {100.0 * plan.covered:.1f} % of it covered")
+    click.echo(f"place       {place_in_words(goal, origin)}")
     click.echo(f"path        {length_m:.1f} m in {time_s:.0f} s, lines {plan.line_distance_m:.3g} m apart")
     click.echo(f"images      {len(plan.pictures_m)}, every {plan.picture_distance_m:.3g} m")
     click.echo(f"drawn in    {file}")
 
 
-def _goal(file: Path | None, **fields: Any) -> "AreaCoverageGoal":
-    """Make the goal from the options; asks for the missing values."""
-    from jezero.cli.polygon_file import PolygonFileError, read_polygon
-    from jezero.schemas.actions import AreaCoverageGoal
+def _request(file: Path | None, feature: str | None, metres: bool, **fields: Any) -> CoverageRequest:
+    """Make a coverage from the options; asks for the missing values."""
+    from jezero.area_files import FilePolygon
 
-    try:
-        polygon, holes = (_prompt_for_corners(), ()) if file is None else read_polygon(file)
-    except PolygonFileError as error:
-        raise click.ClickException(str(error)) from None
+    if file is None:
+        polygon = FilePolygon("", "the area", (_prompt_for_corners(),), in_metres=True)
+    else:
+        polygon = read_polygon_file(file, feature, metres=metres, frame=fields["frame"])
     if fields["z_ned_m"] is None:
         fields["z_ned_m"] = click.prompt("Enter altitude", type=FINITE)
     if fields["resolution_m"] is None and fields["overlap"] is None and fields["sidelap"] is None:
         fields["resolution_m"] = click.prompt("Enter resolution", type=FINITE)
-    return AreaCoverageGoal(polygon_ned_m=polygon, holes_ned_m=holes, **fields)
+    return CoverageRequest(polygon, fields)
 
 
 def _prompt_for_corners() -> tuple[tuple[float, float], ...]:

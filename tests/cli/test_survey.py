@@ -12,7 +12,6 @@ import pytest
 from click.testing import CliRunner, Result
 
 from jezero.cli.main import main
-from jezero.cli.polygon_file import PolygonFileError, read_polygon
 from jezero.client.dataset import Dataset
 from jezero.client.errors import Aborted
 from jezero.client.images import Picture
@@ -45,10 +44,11 @@ def test_a_plan_is_told_to_programs(tmp_path: Path) -> None:
     file.write_text(
         json.dumps({"type": "Feature", "geometry": {**SQUARE, "coordinates": [*SQUARE["coordinates"], HOLE]}})
     )
-    result = run(tmp_path, "--polygon", str(file), "--z", "-5", "--resolution", "0.5", "--json")
+    result = run(tmp_path, "--polygon", str(file), "--metres", "--z", "-5", "--resolution", "0.5", "--json")
     assert result.exit_code == 0, result.output
     plan = json.loads(result.output)
-    assert set(plan) == {"path_ned_m", "pictures_ned_m", "length_m", "time_s", "covered"}
+    assert set(plan) == {"path_ned_m", "pictures_ned_m", "length_m", "time_s", "covered", "origin_deg"}
+    assert plan["origin_deg"] == [47.397742, 8.545594]
     assert len(plan["pictures_ned_m"]) == pytest.approx(plan["length_m"] / 0.5, abs=1)
     assert plan["covered"] > 0.99
     assert not any(1.01 < n < 1.99 and 1.01 < e < 1.99 for n, e in plan["path_ned_m"])
@@ -69,7 +69,7 @@ def test_a_plan_is_told_to_programs(tmp_path: Path) -> None:
 def test_wrong_numbers_are_refused_with_what_to_do(tmp_path: Path, words: tuple[str, ...], why: str) -> None:
     file = tmp_path / "area.geojson"
     file.write_text(json.dumps(SQUARE))
-    result = run(tmp_path, "--polygon", str(file), *words)
+    result = run(tmp_path, "--polygon", str(file), "--metres", *words)
     assert result.exit_code != 0
     assert why in result.output
 
@@ -83,28 +83,50 @@ def test_overlaps_set_the_distances_from_what_the_camera_sees(tmp_path: Path) ->
     assert "every 2.27 m" in result.output
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "why"),
-    [
-        ("a.csv", "0,0\n1,zero\n", 'line 2: "1,zero" is not "north,east"'),
-        ("a.csv", "", "has no corners"),
-        ("a.json", "{", "is not JSON"),
-        ("a.json", "[]", "has no GeoJSON Polygon"),
-        ("a.json", '{"type": "Polygon", "coordinates": [[["a"]]]}', "must be rings of"),
-        ("a.json", json.dumps({**SQUARE, "crs": {}}), "names a coordinate system"),
-    ],
-)
-def test_files_that_hold_no_polygon_are_refused(tmp_path: Path, name: str, text: str, why: str) -> None:
-    (tmp_path / name).write_text(text)
-    with pytest.raises(PolygonFileError, match=why):
-        read_polygon(tmp_path / name)
+@pytest.fixture
+def field(tmp_path: Path) -> list[str]:
+    """The options of an area in degrees, 30 m by 45 m at the simulator's origin."""
+    file = tmp_path / "field.csv"
+    file.write_text(DEGREES)
+    return ["--polygon", str(file), "--z", "-8", "--overlap", "0.5"]
 
 
-def test_a_csv_file_has_an_empty_line_before_each_hole(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("0,0\n4,0\n4,4\n\n1,1\n1.5,1\n1.5,1.2\n")
-    outline, holes = read_polygon(tmp_path / "a.csv")
-    assert list(outline) == [(0, 0), (4, 0), (4, 4)]
-    assert [list(hole) for hole in holes] == [[(1, 1), (1.5, 1), (1.5, 1.2)]]
+DEGREES = """latitude,longitude
+47.397742,8.545594
+47.397742,8.54612483
+47.39796696,8.54619119
+47.39801195,8.54572671
+"""
+
+
+def test_an_area_in_degrees_is_planned_around_the_origin_of_the_simulator_or_the_one_that_is_given(
+    tmp_path: Path, field: list[str]
+) -> None:
+    here = run(tmp_path, *field).output
+    assert "place       north 0 to 30 m, east 0 to 45 m from the world's origin at 47.397742, 8.545594" in here
+    assert "(the simulator's settings)" in here
+    there = run(tmp_path, *field, "--origin", "47.397", "8.5465").output
+    assert "place       north 83 to 113 m, east -68 to -23 m from the world's origin at 47.397000, 8.546500" in there
+    far = run(tmp_path, *field, "--origin", "-33.9", "18.4")
+    assert far.exit_code == 1 and "from the world's origin, which is at -33.900000, 18.400000" in far.output
+    for words in (("91", "8"), ("47", "181"), ("nan", "8")):
+        assert "a latitude within ±90 and a longitude" in run(tmp_path, *field, "--origin", *words).output
+
+
+def test_the_area_of_a_file_with_several_is_chosen_by_its_name(tmp_path: Path) -> None:
+    file = tmp_path / "area.geojson"
+    fields = [{"type": "Feature", "properties": {"name": name}, "geometry": SQUARE} for name in ("a", "b")]
+    file.write_text(json.dumps({"type": "FeatureCollection", "features": fields}))
+    words = ["--polygon", str(file), "--metres", "--z", "-5", "--resolution", "1"]
+    refused = run(tmp_path, *words)
+    assert refused.exit_code == 1
+    assert "has 2 areas, choose one with --feature NUMBER or NAME: 1 a (16 m²), 2 b (16 m²)" in refused.output
+    assert run(tmp_path, *words, "--feature", "b").exit_code == 0
+
+
+def test_degrees_are_never_relative_to_the_rover(tmp_path: Path, field: list[str]) -> None:
+    refused = run(tmp_path, *field, "rover")
+    assert refused.exit_code == 1 and "leave out `rover`" in refused.output
 
 
 # -- flown --
@@ -139,13 +161,16 @@ class FakeVehicle:
 
     Attributes:
         goals: that it was asked to fly.
+        origin_deg: of its world frame.
     """
 
     def __init__(self) -> None:
         self.goals: list[AreaCoverageGoal] = []
+        self.origin_deg: tuple[float, float, float] | None = (47.397, 8.5465, 488.0)
 
     def status(self) -> Any:
-        return SimpleNamespace(odometry=SimpleNamespace(pos_uav_ned_m=(1.5, 2.5, -3.0)))
+        odometry = SimpleNamespace(pos_uav_ned_m=(1.5, 2.5, -3.0), origin_deg=self.origin_deg)
+        return SimpleNamespace(odometry=odometry)
 
     def plan(self, action: Action[Any], goal: AreaCoverageGoal) -> PlanReply:
         return PlanReply(accepted=True, duration_s=42.0)
@@ -178,7 +203,7 @@ def vehicle(monkeypatch: pytest.MonkeyPatch) -> FakeVehicle:
 def test_a_coverage_that_ended_early_is_completed_in_its_folder(tmp_path: Path, vehicle: FakeVehicle) -> None:
     area, folder = tmp_path / "area.geojson", tmp_path / "run"
     area.write_text(json.dumps(SQUARE))
-    words = ["gridsweep", "--polygon", str(area), "--z", "-5", "--resolution", "2", "--out", str(folder)]
+    words = ["gridsweep", "--polygon", str(area), "--metres", "--z", "-5", "--resolution", "2", "--out", str(folder)]
     CliRunner().invoke(main, words)
     listing = json.loads((folder / LISTING).read_text())
     assert [image["file"] for image in listing["images"]] == ["0000.jpg", "0001.jpg"]
@@ -231,7 +256,7 @@ def test_a_folder_without_images_of_a_coverage_cannot_be_resumed(tmp_path: Path)
 def test_pictures_do_not_go_where_others_are(tmp_path: Path, vehicle: FakeVehicle) -> None:
     area, folder = tmp_path / "area.geojson", tmp_path / "run"
     area.write_text(json.dumps(SQUARE))
-    words = ["gridsweep", "--polygon", str(area), "--z", "-5", "--resolution", "2", "--out", str(folder)]
+    words = ["gridsweep", "--polygon", str(area), "--metres", "--z", "-5", "--resolution", "2", "--out", str(folder)]
     CliRunner().invoke(main, words)
     again = CliRunner().invoke(main, words)
     assert again.exit_code == 1 and "has pictures already" in again.output
@@ -247,3 +272,22 @@ def test_a_coverage_that_took_no_picture_is_completed_in_the_format_that_is_aske
     CliRunner().invoke(main, ["gridsweep", "--resume", str(folder), "--format", "png"])
     listing = json.loads((folder / LISTING).read_text())
     assert [image["file"] for image in listing["images"]] == ["0000.png", "0001.png"]
+
+
+def test_an_area_in_degrees_is_flown_around_the_origin_of_the_vehicle(
+    tmp_path: Path, vehicle: FakeVehicle, field: list[str]
+) -> None:
+    done = CliRunner().invoke(main, ["gridsweep", *field, "--out", str(tmp_path / "run")])
+    assert "area: north 83 to 113 m, east -68 to -23 m from the world's origin at 47.397000, 8.546500" in done.output
+    assert vehicle.goals[0].polygon_ned_m[0] == pytest.approx((82.5, -68.2), abs=0.1)
+
+
+def test_an_area_in_degrees_waits_for_an_origin_that_is_known_and_the_vehicle_s_own(
+    tmp_path: Path, vehicle: FakeVehicle, field: list[str]
+) -> None:
+    given = CliRunner().invoke(main, ["gridsweep", *field, "--origin", "47.4", "8.5"])
+    assert given.exit_code == 2 and "--origin is for --plan-only" in given.output
+    vehicle.origin_deg = None
+    unknown = CliRunner().invoke(main, ["gridsweep", *field, "--out", str(tmp_path / "run")])
+    assert unknown.exit_code == 1 and "the world's origin is not known yet" in unknown.output
+    assert vehicle.goals == []
