@@ -395,6 +395,7 @@ class PlanReply(Payload, frozen=True, kw_only=True):
         distance_m: planned length of the flight. None where it is unknown.
         battery_used: fraction of the battery's capacity that the flight uses. None where the duration is unknown.
         battery_remaining: present fraction of the battery's capacity. None when the autopilot doesn't measure it.
+        battery_critical: fraction that must be left, see `Battery.critical`. None when it is unknown.
         coverage: path and images of an area coverage. None for other actions.
     """
 
@@ -406,6 +407,7 @@ class PlanReply(Payload, frozen=True, kw_only=True):
     distance_m: NonNegative | None = None
     battery_used: NonNegative | None = None
     battery_remaining: Fraction | None = None
+    battery_critical: Fraction | None = None
     coverage: PlannedCoverage | None = None
 
 

@@ -48,10 +48,10 @@ def _show(printer: "Printer", plan: "PlanReply", name: str) -> None:
         parts.append(f"{plan.distance_m:.0f} m")
     if plan.battery_used is not None:
         left = plan.battery_remaining
-        has = "" if left is None else f" ({100.0 * left:.0f} % left)"
-        parts.append(f"{100.0 * plan.battery_used:.0f} % of the battery{has}")
-        if left is not None and plan.battery_used > left:
-            parts.append("more than the battery has")
+        known = [] if left is None else [f"{100.0 * left:.0f} % left"]
+        if plan.battery_critical is not None:
+            known.append(f"{100.0 * plan.battery_critical:.0f} % must be left")
+        parts.append(f"{100.0 * plan.battery_used:.0f} % of the battery" + (f" ({', '.join(known)})" if known else ""))
     printer.event(
         "plan",
         f"{name}: {', '.join(parts)}",
@@ -59,6 +59,7 @@ def _show(printer: "Printer", plan: "PlanReply", name: str) -> None:
         distance_m=plan.distance_m,
         battery_used=plan.battery_used,
         battery_remaining=plan.battery_remaining,
+        battery_critical=plan.battery_critical,
     )
 
 

@@ -16,6 +16,7 @@ from jezero.schemas.commands import Acquire
 from jezero.schemas.struct import Payload
 from jezero.schemas.topics import ACQUIRE, ALTIMETER, ODOMETRY, STATUS, Action
 from jezero.schemas.units import NS_PER_S
+from jezero.services.actions.lifecycle.battery_reserve import battery_refusal
 from jezero.services.actions.lifecycle.goal_flight import GoalContext, GoalFlight
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.lifecycle.preparation_run import PreparationRun
@@ -252,22 +253,31 @@ class GoalRun:
             yield from stage.feedback(t_ns, self._view.state(t_ns, inbox, odometry), inbox.latest(STATUS))
 
     def _acquire(self, t_ns: int, inbox: Inbox, start: Start) -> Iterator[Output]:
-        """Request control from the bridge, and start the behaviour meanwhile, so that the first feedback is ready.
+        """Start the behaviour, whose first step knows how long the flight is, and request control from the bridge.
 
-        The first step of the behaviour also knows how long the flight is; for a goal that is only planned, that is all.
+        A goal that is only planned ends here.
         """
         odometry = self._view.odometry(inbox)
         if odometry is None:  # there was some when the goal arrived
             yield from self.reject(POSITION_LOST, inbox)
             return
+        flight = GoalFlight(t_ns, inbox, odometry, start, self._context)
+        if refusal := self._battery_refusal(flight.planned, inbox):
+            yield from self.reject(refusal, inbox)
+            return
         if self.plan_only:
-            flight = GoalFlight(t_ns, inbox, odometry, start, self._context)
             yield from self._reply_with_plan(flight.planned, inbox)
             return
         tag = f"{self.goal_id}/acquire/{t_ns}"
         yield Call(ACQUIRE, self._request(t_ns), tag, ACQUIRE_TIMEOUT_S)
-        flight = GoalFlight(t_ns, inbox, odometry, start, self._context)
         self._stage = _Acquiring(_reply_deadline_ns(t_ns), tag, flight)
+
+    def _battery_refusal(self, planned: Remaining | Done | None, inbox: Inbox) -> str:
+        """Reason why the battery doesn't hold the flight, or ""; a flight of unknown duration isn't judged."""
+        status = inbox.latest(STATUS)
+        if self._plan.lands or status is None or not isinstance(planned, Remaining):
+            return ""
+        return battery_refusal(planned.time_s, self._plan.landing_from_m, status.battery, self._battery)
 
     def _request(self, t_ns: int, *, check_only: bool = False) -> Acquire:
         """The goal's request for control."""
@@ -320,6 +330,7 @@ class GoalRun:
             distance_m=None if planned is None else planned.distance_m,
             battery_used=None if planned is None else self._battery.used(planned.time_s),
             battery_remaining=None if battery is None else battery.remaining,
+            battery_critical=None if battery is None else battery.critical,
             coverage=self._coverage,
         )
         yield from (Reply(watcher, reply) for watcher in self._context.watchers)

@@ -213,6 +213,9 @@ class Plan(msgspec.Struct, frozen=True):
         warning: part of the goal that will not be done as the client wants it.
         coverage: as in `Prepared`, of a plan that needs no preparation.
         do_takeoff: the goal starts on the ground.
+        landing_from_m: height from which the vehicle must still land after a goal that starts on the ground, so that
+            its battery must hold for that, too; 0 for other goals, whose landing the autopilot keeps a reserve for.
+        lands: the goal ends on the ground. It is not refused for the battery, as no flight takes less.
         inputs: topics that the behaviour needs besides odometry.
         selection: the goal's own selection of the estimator's inputs; None: the estimator's own.
         capture: the pictures that the behaviour takes; None: none.
@@ -225,6 +228,8 @@ class Plan(msgspec.Struct, frozen=True):
     warning: str = ""
     coverage: PlannedCoverage | None = None
     do_takeoff: bool = False
+    landing_from_m: float = 0.0
+    lands: bool = False
     inputs: tuple[Topic[Any], ...] = ()
     selection: Selection | None = None
     capture: Capture | None = None
