@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from jezero.schemas.state import Odometry
 
 ROUTER_WAIT_S = 0.5
-"""Longest wait for a stack whose origin a plan without a flight would use."""
+"""Longest wait for a stack that could make a plan without a flight."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def area_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
-ORIGIN_HELP = "Degrees of the world's origin for --plan-only [the running stack's, else the simulator's]."
+ORIGIN_HELP = "Degrees of the world's origin for --plan-only without a stack [the simulator's]."
 
 
 def _checked_origin(
@@ -116,17 +116,9 @@ def place_in_words(goal: "AreaCoverageGoal", origin: Origin | None) -> str:
     return f"{where} from the world's origin{at}"
 
 
-def planning_origin(given: Origin | None, vehicle: str, router: str) -> Origin:
-    """The world's origin of a plan that is not flown: the given one, that of a running stack, or the simulator's."""
-    from jezero.client import JezeroError, Vehicle
+def simulator_origin() -> Origin:
+    """The origin of the simulator's world, for plans that no stack flies."""
     from jezero.runtime.config import load_config
     from jezero.services.simulator.config import SimulatorConfig
 
-    if given is not None:
-        return given
-    try:
-        with Vehicle.connect(vehicle, router=router, timeout_s=ROUTER_WAIT_S) as uav:
-            known = vehicle_origin(uav.status().odometry)
-    except JezeroError:
-        known = None
-    return known or Origin(load_config(SimulatorConfig, "simulator").origin.origin_deg[:2], "the simulator's settings")
+    return Origin(load_config(SimulatorConfig, "simulator").origin.origin_deg[:2], "the simulator's settings")

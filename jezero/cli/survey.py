@@ -1,6 +1,5 @@
 """`jezero getimages` and `jezero gridsweep`: goals that take images."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -12,13 +11,13 @@ from jezero.cli.area import (
     Origin,
     area_options,
     place_in_words,
-    planning_origin,
     read_polygon_file,
     vehicle_origin,
 )
+from jezero.cli.coverage_plan import show_plan
 from jezero.cli.flight import FINITE, FRAMES, NUMBERS, Printer, connected, flight_options
 from jezero.cli.pictures import PNG_OR_JPG, default_folder, take_pictures
-from jezero.cli.plan import send_goal
+from jezero.cli.plan import agreed_plan, as_planned, send_goal
 from jezero.os_errors import write_whole
 
 if TYPE_CHECKING:
@@ -91,7 +90,9 @@ def getimages(
 @click.option("--overlap", type=click.FloatRange(0.0, 0.95), help="Share of an image that the next one repeats.")
 @click.option("--sidelap", type=click.FloatRange(0.0, 0.95), help="The same for the images of the next line.")
 @click.option("--speed", "speed_mps", type=FINITE, help="Metres per second along the lines.")
+@click.option("--force", is_flag=True, help="Fly also where images show too little, or no map can be made of them.")
 @click.option("--plan-only", is_flag=True, help="Draw the plan instead of flying it.")
+@click.option("--plan-id", default="", metavar="ID", help="Fly exactly the plan that --plan-only has shown.")
 @click.option(
     "--resume", type=click.Path(path_type=Path, exists=True, file_okay=False), help="Folder of an incomplete coverage."
 )
@@ -118,14 +119,14 @@ def gridsweep(
     .kmz), a plan of QGroundControl (.plan), a shapefile (.shp), or a table (.csv) with the headings
     "latitude,longitude", a line for each corner, and an empty line before each hole. Metres around the world's origin
     are in a table with the headings "north,east", or with --metres in a table without headings or in GeoJSON. FRAME is
-    world (default) or rover, whose areas are in metres. --resume takes the missing images of a coverage that ended
-    early.
+    world (default) or rover, whose areas are in metres. --plan-only asks the running stack for the plan that it would
+    fly; without a stack, the path begins near the world's origin. --resume takes the missing images of a coverage that
+    ended early.
     """
     from jezero.schemas.topics import AREA_COVERAGE
 
     if plan_only:
-        request = _request(**given)
-        _show_plan(request, planning_origin(origin, vehicle, router), out or DRAWING, as_json)
+        show_plan(_request(**given), origin, out or DRAWING, vehicle=vehicle, router=router, as_json=as_json)
         return
     if origin is not None:
         raise click.UsageError("--origin is for --plan-only: a vehicle that flies has its own")
@@ -149,10 +150,11 @@ def gridsweep(
             printer.event(
                 "area", f"area: {place_in_words(goal, known)}", origin_deg=None if known is None else known.position_deg
             )
-        if goal.start_ned_m is None and goal.frame == "world":  # so that the coverage can be resumed if its server dies
-            start_ned_m = None if odometry is None else odometry.pos_uav_ned_m[:2]
-            goal = msgspec.structs.replace(goal, start_ned_m=start_ned_m)
-        images_goal = send_goal(printer, uav, AREA_COVERAGE, goal, yes=yes)
+        plan = agreed_plan(printer, uav, AREA_COVERAGE, goal, yes=yes)
+        images_goal: Any = uav.send(AREA_COVERAGE, as_planned(goal, plan))
+        # with its start, the same path can be resumed if its server dies, and drawn beside the one flown
+        start_ned_m = goal.start_ned_m if plan.coverage is None else plan.coverage.start_ned_m
+        goal = msgspec.structs.replace(goal, plan_id="", start_ned_m=start_ned_m)
         if resume is None:
             dataset.note(goal=goal)
         _write_resume_goal(dataset.folder, goal)
@@ -206,38 +208,6 @@ def _write_resume_goal(folder: Path, goal: "AreaCoverageGoal | None") -> None:
     else:
         folder.mkdir(parents=True, exist_ok=True)
         write_whole(file, msgspec.json.format(msgspec.json.encode(goal), indent=1) + b"\n")
-
-
-def _show_plan(request: CoverageRequest, origin: Origin, file: Path, as_json: bool) -> None:
-    from jezero.report.coverage_plot import draw_plan
-    from jezero.services.actions.area_coverage.area import AreaError
-    from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
-    from jezero.services.actions.config import load_actions_config
-
-    goal = request.goal(origin)
-    try:
-        plan = plan_coverage(goal, load_actions_config())
-    except AreaError as error:
-        raise click.ClickException(str(error)) from None
-    length_m, time_s = plan.trajectory.length_m, plan.trajectory.duration_s
-    title = f"{len(plan.pictures_m)} images, {length_m:.0f} m, {time_s:.0f} s"
-    draw_plan(file, plan, title)
-    if as_json:
-        fields = {
-            "path_ned_m": plan.trajectory.pos_m.round(4).tolist(),
-            "pictures_ned_m": plan.pictures_m.round(4).tolist(),
-            "length_m": round(length_m, 3),
-            "time_s": round(time_s, 3),
-            "covered": round(plan.covered, 5),
-            "origin_deg": origin.position_deg,
-        }
-        click.echo(json.dumps(fields))
-        return
-    click.echo(f"area        {plan.area.area:.1f} m², {100.0 * plan.covered:.1f} % of it covered")
-    click.echo(f"place       {place_in_words(goal, origin)}")
-    click.echo(f"path        {length_m:.1f} m in {time_s:.0f} s, lines {plan.line_distance_m:.3g} m apart")
-    click.echo(f"images      {len(plan.pictures_m)}, every {plan.picture_distance_m:.3g} m")
-    click.echo(f"drawn in    {file}")
 
 
 def _request(file: Path | None, feature: str | None, metres: bool, **fields: Any) -> CoverageRequest:

@@ -15,7 +15,7 @@ from jezero.cli.main import main
 from jezero.client.dataset import Dataset
 from jezero.client.errors import Aborted
 from jezero.client.images import Picture
-from jezero.schemas.actions import AreaCoverageGoal, CoverageResult, ImagesFeedback, PlanReply
+from jezero.schemas.actions import AreaCoverageGoal, CoverageResult, ImagesFeedback, PlannedCoverage, PlanReply
 from jezero.schemas.images import LISTING
 from jezero.schemas.topics import Action
 from tests.client.test_dataset import picture
@@ -47,7 +47,8 @@ def test_a_plan_is_told_to_programs(tmp_path: Path) -> None:
     result = run(tmp_path, "--polygon", str(file), "--metres", "--z", "-5", "--resolution", "0.5", "--json")
     assert result.exit_code == 0, result.output
     plan = json.loads(result.output)
-    assert set(plan) == {"path_ned_m", "pictures_ned_m", "length_m", "time_s", "covered", "origin_deg"}
+    assert {"path_ned_m", "pictures_ned_m", "length_m", "time_s", "covered", "photographed", "origin_deg"} <= set(plan)
+    assert plan["plan_id"] is None and plan["start"].startswith("assumed")
     assert plan["origin_deg"] == [47.397742, 8.545594]
     assert len(plan["pictures_ned_m"]) == pytest.approx(plan["length_m"] / 0.5, abs=1)
     assert plan["covered"] > 0.99
@@ -156,6 +157,20 @@ class FakeGoal:
         return self._result
 
 
+PLANNED = PlannedCoverage(
+    plan_id="0123456789ab",
+    path_ned_m=((1.0, 1.0), (3.0, 1.0)),
+    pictures_ned_m=((1.0, 1.0), (3.0, 1.0)),
+    start_ned_m=(1.5, 2.5),
+    line_distance_m=2.0,
+    picture_distance_m=2.0,
+    length_m=2.0,
+    duration_s=9.0,
+    covered=0.99,
+    photographed=0.95,
+)
+
+
 class FakeVehicle:
     """Flies two of four pictures, then the rest.
 
@@ -173,7 +188,10 @@ class FakeVehicle:
         return SimpleNamespace(odometry=odometry)
 
     def plan(self, action: Action[Any], goal: AreaCoverageGoal) -> PlanReply:
-        return PlanReply(accepted=True, duration_s=42.0)
+        return PlanReply(accepted=True, duration_s=42.0, warning="only 95 % will be in the pictures", coverage=PLANNED)
+
+    def subscribe(self, *_: Any) -> Any:
+        return SimpleNamespace(close=lambda: None)
 
     def send(self, action: Action[Any], goal: AreaCoverageGoal) -> FakeGoal:
         self.goals.append(goal)
@@ -220,6 +238,18 @@ def test_a_coverage_that_ended_early_is_completed_in_its_folder(tmp_path: Path, 
     assert len(vehicle.goals) == 2
 
 
+def test_the_plan_that_is_shown_is_the_one_that_is_flown_and_its_warning_is_printed_once_before(
+    tmp_path: Path, vehicle: FakeVehicle, field: list[str]
+) -> None:
+    done = CliRunner().invoke(main, ["gridsweep", *field, "--out", str(tmp_path / "run")])
+    shown = "area_coverage: 42 s; 2 images, 99.0 % of the area swept, 95.0 % photographed"
+    assert done.stdout.index(shown) < done.stdout.index("gridsweep: accepted")
+    assert done.stderr.count("warning: only 95 % will be in the pictures") == 1
+    assert [goal.plan_id for goal in vehicle.goals] == [PLANNED.plan_id]
+    noted = json.loads((tmp_path / "run" / LISTING).read_text())["goal"]
+    assert (noted["plan_id"], noted["start_ned_m"]) == ("", list(PLANNED.start_ned_m))
+
+
 def kill(folder: Path, images: int) -> None:
     """Put a completed coverage's folder into the state in which a killed command leaves it after some images."""
     with Dataset(folder) as dataset:
@@ -236,7 +266,7 @@ def test_a_coverage_whose_command_was_killed_goes_on_after_the_images_that_are_t
     kill(tmp_path, images)
     done = CliRunner().invoke(main, ["gridsweep", "--resume", str(tmp_path)])
     assert done.exception is None or done.exit_code == 0, done.output
-    assert vehicle.goals == [msgspec.structs.replace(GOAL, first_picture=images)]
+    assert vehicle.goals == [msgspec.structs.replace(GOAL, first_picture=images, plan_id=PLANNED.plan_id)]
 
 
 def test_a_coverage_whose_command_was_killed_after_the_last_image_is_complete(

@@ -194,9 +194,15 @@ def _photographs(
     footprint_m = planned_footprint(camera, lines_rad, height_m)
     across_px, along_px = _upright_px(camera)
     m_per_px = height_m / camera.focal_px
-    distances_m = _distances(goal, camera)
-    fraction = photographed_fraction(area, pictures_m, footprint_m)
-    return Photographs(footprint_m, (m_per_px * across_px, m_per_px * along_px), *distances_m, fraction)
+    across_m, along_m = _distances(goal, camera)
+    return Photographs(
+        footprint_m=footprint_m,
+        size_m=(m_per_px * across_px, m_per_px * along_px),
+        line_distance_m=across_m,
+        picture_distance_m=along_m,
+        count=len(pictures_m),
+        fraction=photographed_fraction(area, pictures_m, footprint_m),
+    )
 
 
 def _warnings(goal: AreaCoverageGoal, config: ActionsConfig, origin_ned_m: Vec3, speed_mps: float) -> Iterator[str]:

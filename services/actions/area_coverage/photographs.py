@@ -32,6 +32,7 @@ class Photographs:
         size_m: width across and along the lines of the part of a picture that counts.
         line_distance_m: between neighbouring lines.
         picture_distance_m: between pictures along the path.
+        count: number of pictures.
         fraction: photographed fraction of the area.
     """
 
@@ -39,6 +40,7 @@ class Photographs:
     size_m: tuple[float, float]
     line_distance_m: float
     picture_distance_m: float
+    count: int
     fraction: float
 
     @property
@@ -61,7 +63,7 @@ class Photographs:
         """What the user should know before the flight."""
         if self.fraction < PHOTOGRAPHED_GOOD:
             yield f"only {floor(100.0 * self.fraction)} % of the area will be in the pictures: {self._spacing()}"
-        if min(self.overlap) < OVERLAP_GOOD - 1e-6:
+        if self.count > 1 and min(self.overlap) < OVERLAP_GOOD - 1e-6:
             across, along = (100.0 * overlap for overlap in self.overlap)
             yield (
                 f"pictures overlap by {along:.0f} % along the lines and {across:.0f} % across them: below "

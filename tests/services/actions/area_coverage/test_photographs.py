@@ -84,6 +84,12 @@ def test_an_overlap_below_a_half_is_warned_of(overlap: float, warned: bool) -> N
     assert ("leave gaps" in plan.warning) == warned
 
 
+def test_one_picture_of_the_whole_area_needs_no_overlap() -> None:
+    small = changed(polygon_ned_m=((0.0, 0.0), (3.0, 0.0), (3.0, 3.0), (0.0, 3.0)), resolution_m=100.0)
+    plan = plan_coverage(small, ActionsConfig())
+    assert (plan.photographs.count, plan.photographs.fraction, plan.warning) == (1, 1.0, "")
+
+
 @pytest.mark.parametrize("words", [{"overlap": 0.65, "sidelap": 0.2}, {"overlap": 0.2, "sidelap": 0.65}])
 def test_the_smaller_of_overlap_and_sidelap_counts(words: dict[str, float]) -> None:
     assert "leave gaps" in plan_coverage(changed(resolution_m=None, **words), ActionsConfig()).warning
