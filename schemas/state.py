@@ -100,10 +100,13 @@ class Battery(Payload, frozen=True, kw_only=True):
     Attributes:
         voltage_v: voltage of the whole battery.
         remaining: remaining fraction of the capacity; 1 is full. None when it is unknown.
+        critical: remaining fraction below which the autopilot arms no more, and returns or lands if it is set to do so.
+            None when it is unknown.
     """
 
     voltage_v: NonNegative
     remaining: Fraction | None = None
+    critical: Fraction | None = None
 
 
 class Status(Message, frozen=True, kw_only=True):

@@ -15,7 +15,7 @@ import click
 from jezero.cli.exit_codes import ABORTED
 from jezero.cli.flight import Printer, common_options, connected, fly_goal
 from jezero.cli.pictures import take_pictures
-from jezero.cli.plan import show_plan
+from jezero.cli.plan import as_planned, show_plan
 from jezero.recording.writer import RECORDING
 from jezero.schemas.actions import AreaCoverageGoal
 from jezero.trials.missions import FLIGHT, Mission
@@ -116,8 +116,9 @@ def fly_mission(printer: Printer, uav: "Vehicle", mission: Mission, folder: Path
     from jezero.client.images import ImagesGoal
 
     for action, goal, hover_s in mission:
-        show_plan(printer, uav.plan(action, goal), action.name)
-        sent = uav.send(action, goal)
+        plan = uav.plan(action, goal)
+        show_plan(printer, plan, action.name)
+        sent = uav.send(action, as_planned(goal, plan))
         if isinstance(sent, ImagesGoal):
             take_pictures(printer, sent, action.name, Dataset(folder / action.name, **_planned(goal)))
         else:

@@ -62,6 +62,18 @@ def page(name: str) -> None:
 
 @info.command()
 @JSON
+def origin(as_json: bool) -> None:
+    """Show the world's origin by the simulator's settings; `jezero status` shows that of a running stack."""
+    from jezero.runtime.config import load_config
+    from jezero.services.simulator.config import SimulatorConfig
+
+    origin_deg = load_config(SimulatorConfig, "simulator").origin.origin_deg
+    text = "latitude {:.7f}, longitude {:.7f}, {:.1f} m".format(*origin_deg)
+    click.echo(json.dumps({"origin_deg": origin_deg}) if as_json else text)
+
+
+@info.command()
+@JSON
 @MERMAID
 def topics(as_json: bool, as_mermaid: bool) -> None:
     """Show every topic: its type, rate, writer and readers."""

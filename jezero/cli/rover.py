@@ -43,7 +43,7 @@ def drive(speed_mps: float, yaw_rate_rps: float, for_s: float | None, vehicle: s
         )
         with suppress(KeyboardInterrupt):
             uav.rover.drive(speed_mps, yaw_rate_rps, for_s=for_s)
-        printer.event("result", "the rover stops", outcome="succeeded")
+        printer.event("result", "the rover stands", outcome="succeeded")
 
 
 @rover.command()
@@ -53,7 +53,7 @@ def stop(vehicle: str, router: str, as_json: bool) -> None:
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
         uav.rover.stop()
-        printer.event("result", "the rover stops", outcome="succeeded")
+        printer.event("result", "the rover stands", outcome="succeeded")
 
 
 @rover.command()
@@ -78,4 +78,4 @@ def follow(file: Path, vehicle: str, router: str, as_json: bool) -> None:
 
     with connected(vehicle, router, printer) as uav:
         uav.rover.follow(legs, on_leg)
-        printer.event("result", "the rover stops", outcome="succeeded")
+        printer.event("result", "the rover stands", outcome="succeeded")

@@ -62,6 +62,8 @@ def _print_status(printer: Printer, latest: Any) -> None:
     ]
     if latest.odometry is not None:
         rows.append(("position", f"{point_in_words(latest.odometry.pos_uav_ned_m)} m, NED"))
+        if latest.odometry.origin_deg is not None:
+            rows.append(("origin", "latitude {:.7f}, longitude {:.7f}, {:.1f} m".format(*latest.odometry.origin_deg)))
         rows.append(("velocity", f"{point_in_words(latest.odometry.vel_uav_ned_mps)} m/s"))
     if latest.wind_ned_mps is not None:
         rows.append(("wind", wind_text(latest.wind_ned_mps, latest.std_gust_mps)))

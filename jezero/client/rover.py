@@ -1,6 +1,7 @@
 """The rover. It follows a command for half a second only, so a drive repeats its command until its end.
 
-`drive` and `follow` block until the drive is over; `driving` drives in a thread of its own meanwhile.
+`drive` and `follow` block until the drive is over and the rover stands; `driving` drives in a thread of its own
+meanwhile.
 """
 
 import csv
@@ -9,21 +10,29 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
 from jezero.client.errors import JezeroError, TimedOut, Unreachable
 from jezero.client.session import Arrivals, Connection, decode
 from jezero.schemas.commands import RoverCommand
+from jezero.schemas.sensors import RoverOdometry
 from jezero.schemas.state import Clock
-from jezero.schemas.topics import CLOCK, ROVER_COMMAND
+from jezero.schemas.topics import CLOCK, ROVER_COMMAND, ROVER_ODOMETRY
 from jezero.schemas.units import NS_PER_S
 
 CLOCK_TIMEOUT_S = 3.0
 SPEED_MAX_MPS = 2.0
 YAW_RATE_MAX_RPS = 1.0
 STOP_COMMANDS = 3
-"""Number of commands with speed 0 that stop the rover, as one may be lost."""
+"""Least number of commands with speed 0 that stop the rover, as one may be lost."""
+STANDS_MPS, STANDS_RPS = 0.05, 0.05
+"""A rover whose odometry is below these stands."""
+STOP_TIMEOUT_S = 10.0
+"""Longest wait, in vehicle time, for a rover to stand after the first command to stop."""
+ODOMETRY_TIMEOUT_S = 1.0
+"""A rover that publishes no odometry for this time has none, and isn't waited for."""
 COLUMNS = ("duration_s", "speed_mps", "yaw_rate_rps")
 
 
@@ -51,9 +60,9 @@ class Rover:
         self._connection = connection
 
     def drive(self, speed_mps: float, yaw_rate_rps: float = 0.0, *, for_s: float | None = None) -> None:
-        """Drive, then stop the rover, also after an exception such as Ctrl+C. Blocks until the rover has stopped.
+        """Drive, then stop the rover, also after an exception such as Ctrl+C. Blocks until the rover stands.
 
-        `driving` doesn't block.
+        `driving` doesn't block. A rover without odometry is not waited for.
 
         Args:
             speed_mps: forward speed, -2 to 2, negative backwards.
@@ -63,12 +72,13 @@ class Rover:
         Raises:
             ValueError: a number is outside its range.
             Unreachable: no vehicle time is published, or the connection was closed.
+            TimedOut: the rover still rolls 10 s after the command to stop.
         """
         self.follow([Leg(math.inf if for_s is None else for_s, speed_mps, yaw_rate_rps)])
 
     @contextmanager
     def driving(self, speed_mps: float, yaw_rate_rps: float = 0.0) -> Iterator[None]:
-        """Drive during a `with` block, in a thread of its own, and stop the rover at the end of the block.
+        """Drive during a `with` block, in a thread of its own; at the end of the block the rover stands.
 
         ```python
         with uav.rover.driving(0.5):
@@ -82,6 +92,7 @@ class Rover:
         Raises:
             ValueError: a number is outside its range.
             Unreachable: at the end of the block: the drive had ended earlier, because no vehicle time was published.
+            TimedOut: at the end of the block: the rover still rolls 10 s after the command to stop.
         """
         leg = Leg(math.inf, speed_mps, yaw_rate_rps)
         if problem := leg_problem(leg):
@@ -106,16 +117,17 @@ class Rover:
             raise failures[0]
 
     def stop(self) -> None:
-        """Stop the rover.
+        """Stop the rover. Blocks until it stands.
 
         Raises:
             Unreachable: no vehicle time is published.
+            TimedOut: the rover still rolls 10 s after the command to stop.
         """
         with _Clock(self._connection) as clock:
             self._stop(clock)
 
     def follow(self, legs: Sequence[Leg], on_leg: Callable[[int, Leg], None] = lambda number, leg: None) -> None:
-        """Drive legs one after the other, then stop. Blocks until the rover has stopped.
+        """Drive legs one after the other, then stop. Blocks until the rover stands.
 
         Args:
             legs: the legs.
@@ -124,6 +136,7 @@ class Rover:
         Raises:
             ValueError: a number of a leg is outside its range.
             Unreachable: no vehicle time is published, or the connection was closed.
+            TimedOut: the rover still rolls 10 s after the command to stop.
         """
         self._drive(legs, on_leg, threading.Event())
 
@@ -152,8 +165,27 @@ class Rover:
                 t_ns = next(clock)
 
     def _stop(self, clock: "_Clock") -> None:
-        for _ in range(STOP_COMMANDS):
-            self._command(next(clock), 0.0, 0.0)
+        """Command speed 0 until the rover stands."""
+        arrivals, undeclare = self._connection.subscribe(ROVER_ODOMETRY, 1)
+        odometry: RoverOdometry | None = None
+        try:
+            start_ns = t_ns = next(clock)
+            for number in count(1):
+                self._command(t_ns, 0.0, 0.0)
+                odometry = _newest_odometry(arrivals) or odometry
+                waited_s = (t_ns - start_ns) / NS_PER_S
+                if number >= STOP_COMMANDS and (
+                    _stands(odometry) if odometry is not None else waited_s > ODOMETRY_TIMEOUT_S
+                ):
+                    return
+                if odometry is not None and waited_s > STOP_TIMEOUT_S:
+                    raise TimedOut(
+                        f"the rover still rolls at {odometry.speed_rover_body_mps:.2f} m/s, {STOP_TIMEOUT_S:g} s after "
+                        "the command to stop: does another client drive it?"
+                    )
+                t_ns = next(clock)
+        finally:
+            undeclare()
 
     def _command(self, t_ns: int, speed_mps: float, yaw_rate_rps: float) -> None:
         command = RoverCommand(t_ns=t_ns, speed_rover_body_mps=speed_mps, yaw_rate_rover_rps=yaw_rate_rps)
@@ -184,6 +216,19 @@ class _Clock(Iterator[int]):
             raise Unreachable(self._connection.loss_reason() or silent)
         clock: Clock = decode(Clock, data)
         return clock.t_ns
+
+
+def _newest_odometry(arrivals: Arrivals) -> RoverOdometry | None:
+    """The rover's odometry that has arrived since the last call, or None."""
+    try:
+        data = arrivals.take(time.monotonic())
+    except TimedOut:
+        return None
+    return None if data is None else decode(RoverOdometry, data)
+
+
+def _stands(odometry: RoverOdometry) -> bool:
+    return abs(odometry.speed_rover_body_mps) < STANDS_MPS and abs(odometry.yaw_rate_rover_rps) < STANDS_RPS
 
 
 def leg_problem(leg: Leg) -> str:

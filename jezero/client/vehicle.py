@@ -226,6 +226,8 @@ class Vehicle:
         frame: Frame = "world",
         speed_mps: float | None = None,
         start_ned_m: tuple[float, float] | None = None,
+        plan_id: str = "",
+        force: bool = False,
         on_client_loss: OnClientLoss = "continue",
     ) -> ImagesGoal:
         """Cover an area in parallel lines and take images of all of it.
@@ -242,6 +244,8 @@ class Vehicle:
             frame: frame of all points.
             speed_mps: speed along the lines; None for the default.
             start_ned_m: (2,) the path starts near this point; None for the vehicle's position.
+            plan_id: id of the plan to fly, from `uav.plan("area_coverage", ...).coverage`; "" for a new plan.
+            force: fly also if less than 90 % of the area would be in the images, or too high for a map.
         """
         goal = AreaCoverageGoal(
             polygon_ned_m=tuple(polygon_ned_m),
@@ -254,6 +258,8 @@ class Vehicle:
             speed_mps=speed_mps,
             start_ned_m=start_ned_m,
             on_client_loss=on_client_loss,
+            plan_id=plan_id,
+            force=force,
         )
         return self._goals.send_for_images(topics.AREA_COVERAGE, goal)
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from jezero.report.style import BLUE, GREEN, GREY, ORANGE, WIDTH_IN, Format, draw
-from jezero.schemas.actions import AreaCoverageGoal, Frame
+from jezero.schemas.actions import AreaCoverageGoal, Frame, PlannedCoverage
 from jezero.schemas.images import LISTING
 
 if TYPE_CHECKING:
@@ -35,15 +35,16 @@ class _Dataset(msgspec.Struct, frozen=True):
     track_frame: Frame = "world"
 
 
-def draw_plan(path: Path, plan: "CoveragePlan", title: str) -> None:
+def draw_plan(path: Path, area: "Polygon", plan: PlannedCoverage, title: str) -> None:
     """Draw a plan, north up."""
+    path_m, pictures_m = np.array(plan.path_ned_m), np.array(plan.pictures_ned_m)
 
     def fill(figure: Any, axes: Any) -> None:
         ax = axes[0, 0]
-        _area(ax, plan.area)
-        ax.plot(plan.trajectory.pos_m[:, 1], plan.trajectory.pos_m[:, 0], color=BLUE, label="path")
-        _places(ax, plan.pictures_m, f"{len(plan.pictures_m)} pictures")
-        ax.plot(*plan.trajectory.pos_m[0, ::-1], "o", color=GREEN, ms=6, label="start", zorder=4)
+        _area(ax, area)
+        ax.plot(path_m[:, 1], path_m[:, 0], color=BLUE, label="path")
+        _places(ax, pictures_m, f"{len(pictures_m)} pictures")
+        ax.plot(*path_m[0, ::-1], "o", color=GREEN, ms=6, label="start", zorder=4)
         ax.set_title(title)
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=4)
 

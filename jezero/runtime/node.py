@@ -7,6 +7,7 @@ from jezero.codec import BadPayloadError, NotFiniteError, decode, decode_request
 from jezero.runtime.service import (
     BackgroundTask,
     Call,
+    CancelTask,
     Health,
     Output,
     Publish,
@@ -20,6 +21,7 @@ from jezero.runtime.service import (
     Subscribe,
     UndeclaredError,
 )
+from jezero.runtime.task import Outcome
 from jezero.schemas.health import InputHealth, ServiceHealth, ServiceState
 from jezero.schemas.struct import Payload
 from jezero.schemas.topics import Endpoint, Topic
@@ -39,6 +41,7 @@ class Transport(Protocol):
     def subscribe(self, names: frozenset[str]) -> None: ...
     def set_rate(self, rate_hz: float) -> None: ...
     def run_task(self, function: Callable[[], Any], tag: str) -> None: ...
+    def cancel_task(self, tag: str) -> None: ...
 
 
 class _Input:
@@ -245,9 +248,9 @@ class Node:
         self.inbox.responses.append(Response(call.tag, payload, error))
         return True
 
-    def deliver_outcome(self, tag: str, outcome: Any) -> bool:
-        """Put a background task's return value into the inbox."""
-        self.inbox.responses.append(Response(tag, outcome))
+    def deliver_outcome(self, tag: str, outcome: Outcome) -> bool:
+        """Put a background task's outcome into the inbox."""
+        self.inbox.responses.append(Response(tag, outcome.value, outcome.error))
         return True
 
     def deliver_bytes(self, link: str, data: bytes) -> bool:
@@ -294,6 +297,8 @@ class Node:
                 self._transport.set_rate(output.rate_hz or self.spec.rate_hz)
             case BackgroundTask():
                 self._transport.run_task(output.function, output.tag)
+            case CancelTask():
+                self._transport.cancel_task(output.tag)
             case Health():
                 self._state, self._text = output.state, output.text[:2000]
 

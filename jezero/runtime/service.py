@@ -114,16 +114,23 @@ class SetRate(msgspec.Struct, frozen=True):
 
 
 class BackgroundTask(msgspec.Struct, frozen=True):
-    """A function that takes too long for a step; it is executed while the service goes on stepping.
+    """A function that takes too long for a step; a process of its own executes it while the service goes on stepping.
 
     Tasks are executed one at a time, in the order in which they were yielded.
 
     Attributes:
-        function: pure; its return value arrives as the payload of a `Response` with the same tag.
+        function: pure, and a function of a module or a `partial` of one, because it is pickled; so is its return value,
+            which arrives as the payload of a `Response` with the same tag. An exception arrives as the error.
         tag: identifies the task in its response.
     """
 
     function: Callable[[], Any]
+    tag: str
+
+
+class CancelTask(msgspec.Struct, frozen=True):
+    """End a `BackgroundTask` that is not wanted any more; its response has the error "canceled"."""
+
     tag: str
 
 
@@ -134,7 +141,7 @@ class Health(msgspec.Struct, frozen=True):
     text: str
 
 
-Output = Publish | Reply | Call | Send | Subscribe | SetRate | BackgroundTask | Health
+Output = Publish | Reply | Call | Send | Subscribe | SetRate | BackgroundTask | CancelTask | Health
 
 
 # -- inputs of a step --------------------------------------------------------------------------------------
@@ -160,7 +167,8 @@ class Response(msgspec.Struct, frozen=True):
     Attributes:
         tag: that of the call or task.
         payload: the reply, or the function's return value; None after an error.
-        error: reason why a call has no reply ("timeout", "no server", ...).
+        error: reason why a call has no reply ("timeout", "no server", ...), or a task no value (its exception, the
+            death of its process, "canceled").
     """
 
     tag: str

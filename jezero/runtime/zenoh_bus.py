@@ -25,7 +25,7 @@ from jezero.runtime.config import ConfigError, Instance, instance_from_environme
 from jezero.runtime.links import SocketLink
 from jezero.runtime.node import Node
 from jezero.runtime.service import SentMessage, Service
-from jezero.runtime.worker import Worker
+from jezero.runtime.task_runner import TaskRunner
 from jezero.runtime.zenoh_session import AlreadyRunningError, BusSession, Kind
 from jezero.runtime.zenoh_transport import ZenohTransport
 from jezero.schemas import topics
@@ -121,7 +121,7 @@ class _Runner:
         self._stalled_ns = 0
         self._stopping = False
         self._events: deque[tuple[Kind, str, Any]] = deque()
-        """Arrivals from Zenoh's threads and the worker, oldest first."""
+        """Arrivals from Zenoh's threads and that of the background tasks, oldest first."""
         self._newest: dict[str, zenoh.Sample | None] = {}
         """By topic, the last message with an attachment, until the loop reads it."""
         self._wakeup_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
@@ -132,8 +132,8 @@ class _Runner:
         self._link_states = dict.fromkeys(links, (0, False))
         """Number of connections of each link and whether it is up, as the node knows them."""
         self._session = BusSession(instance, self._spec, self._enqueue)
-        worker = Worker(lambda tag, outcome, error: self._enqueue("outcome", tag, (outcome, error)))
-        self._out = ZenohTransport(instance, self._spec, self._session, links, worker)
+        tasks = TaskRunner(lambda tag, outcome: self._enqueue("outcome", tag, outcome))
+        self._out = ZenohTransport(instance, self._spec, self._session, links, tasks)
         process = f"{socket.gethostname()} pid {os.getpid()}"
         self._node = Node(service, self._out, strict=False, boot_id=boot_id, process=process)
         self._due_ns = 0
@@ -176,7 +176,7 @@ class _Runner:
         self._out.forget_queries()
         self._session.close()
 
-    # -- called by Zenoh's threads and the worker's --
+    # -- called by Zenoh's threads and that of the background tasks --
 
     def _enqueue(self, kind: Kind, name: str, value: Any) -> None:
         """Queue an event and wake the loop.
@@ -328,10 +328,7 @@ class _Runner:
         elif kind == "response":
             wanted = node.deliver_response(name, *value)
         elif kind == "outcome":
-            outcome, error = value
-            if error is not None:
-                raise error
-            wanted = node.deliver_outcome(name, outcome)
+            wanted = node.deliver_outcome(name, value)
         elif kind == "sent":
             arrival_ns, data = value
             node.inbox.sent.append(SentMessage(arrival_ns, name, data))

@@ -9,7 +9,7 @@ from jezero.codec import has_attachment, split_attachment
 from jezero.runtime.config import Instance
 from jezero.runtime.links import SocketLink
 from jezero.runtime.service import Spec
-from jezero.runtime.worker import Worker
+from jezero.runtime.task_runner import TaskRunner
 from jezero.runtime.zenoh_session import BusSession
 from jezero.schemas.topics import Endpoint, Topic, key
 from jezero.schemas.units import NS_PER_S
@@ -24,14 +24,14 @@ class ZenohTransport:
     """
 
     def __init__(
-        self, instance: Instance, spec: Spec, session: BusSession, links: Mapping[str, SocketLink], worker: Worker
+        self, instance: Instance, spec: Spec, session: BusSession, links: Mapping[str, SocketLink], tasks: TaskRunner
     ) -> None:
         self.period_ns = int(NS_PER_S / spec.rate_hz)
         self.subscribed: frozenset[str] = frozenset()
         self._vehicle = instance.vehicle
         self._session = session
         self._links = links
-        self._worker = worker
+        self._tasks = tasks
         self._last_value = frozenset(topic.name for topic in spec.last_value)
         attached = (endpoint.name for endpoint in spec.serves if has_attachment(endpoint.reply_type))
         self._attached = frozenset(key(instance.vehicle, name) for name in attached)
@@ -85,4 +85,7 @@ class ZenohTransport:
         self.period_ns = int(NS_PER_S / rate_hz)
 
     def run_task(self, function: Callable[[], Any], tag: str) -> None:
-        self._worker.add(function, tag)
+        self._tasks.add(function, tag)
+
+    def cancel_task(self, tag: str) -> None:
+        self._tasks.cancel(tag)

@@ -25,6 +25,10 @@ HEARTBEAT_MAX_AGE_NS = 150_000_000
 ORIGIN_MISSING_PERIOD_NS, ORIGIN_KNOWN_PERIOD_NS = 1_000_000_000, 5_000_000_000
 """Period of the requests for GPS_GLOBAL_ORIGIN. PX4 sends it once, to whoever listens then, and at changes: one message
 lost, and the bridge would never be ready or would keep the old origin."""
+BATTERY_CRITICAL = "BAT_CRIT_THR"
+"""Parameter with the battery's critical level. The autopilot sends it on request, and when it changes."""
+CRITICAL_MISSING_PERIOD_NS = 2_000_000_000
+"""Period of the requests for this parameter."""
 WARNING_MAX_AGE_NS = 6_000_000_000
 """An older warning of the autopilot doesn't explain a refusal."""
 FORCE = 21196.0
@@ -93,6 +97,7 @@ class AutopilotLink:
         self._tries = 0
         self._refusal = ""
         self._origin_request_wall_ns: int | None = None
+        self._critical_request_wall_ns: int | None = None
         self._statustext: tuple[int, str] = (0, "")
         """Id and text so far of the last STATUSTEXT, which may come in chunks."""
         self._handlers: dict[int, Callable[[MavMessage, TelemetryBatch], None]] = {
@@ -118,7 +123,7 @@ class AutopilotLink:
         self.parameters.restart()
         self.command(None, 0)
         self._refusal = ""
-        self._origin_request_wall_ns = None
+        self._origin_request_wall_ns = self._critical_request_wall_ns = None
 
     def command_failure(self, timer_ns: int) -> str:
         """The autopilot's reason for refusing the present command, with its own warning; "" without one."""
@@ -193,7 +198,10 @@ class AutopilotLink:
         batch.setpoint_echo = _setpoint_echo_of(message)
 
     def _on_parameter(self, message: MavMessage, _batch: TelemetryBatch) -> None:
-        self.parameters.confirm(_text_of(message.param_id), message.param_value, message.param_type)
+        name = _text_of(message.param_id)
+        self.parameters.confirm(name, message.param_value, message.param_type)
+        if name == BATTERY_CRITICAL and 0.0 <= message.param_value <= 1.0:
+            self.telemetry.battery_critical = round(message.param_value, 6)
 
     def _on_sys_status(self, message: MavMessage, _batch: TelemetryBatch) -> None:
         bit = dialect.MAV_SYS_STATUS_PREARM_CHECK
@@ -204,7 +212,9 @@ class AutopilotLink:
             return
         remaining = message.battery_remaining
         self.telemetry.battery = Battery(
-            voltage_v=message.voltage_battery * 1e-3, remaining=remaining / 100.0 if 0 <= remaining <= 100 else None
+            voltage_v=message.voltage_battery * 1e-3,
+            remaining=remaining / 100.0 if 0 <= remaining <= 100 else None,
+            critical=self.telemetry.battery_critical,
         )
 
     def _on_origin(self, message: MavMessage, _batch: TelemetryBatch) -> None:
@@ -260,6 +270,18 @@ class AutopilotLink:
             return b""
         self._origin_request_wall_ns = wall_ns
         return self._request_message(dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
+
+    def request_battery_critical(self, wall_ns: int) -> bytes:
+        """Request the battery's critical level when that is due."""
+        last_ns = self._critical_request_wall_ns
+        if self.telemetry.battery_critical is not None:
+            return b""
+        if last_ns is not None and wall_ns - last_ns < CRITICAL_MISSING_PERIOD_NS:
+            return b""
+        self._critical_request_wall_ns = wall_ns
+        name = BATTERY_CRITICAL.encode("ascii")
+        request = dialect.MAVLink_param_request_read_message(self._system_id, AUTOPILOT_COMPONENT_ID, name, -1)
+        return self._codec.pack(request)
 
     def request_intervals(self) -> bytes:
         """Request the telemetry that the bridge needs."""

@@ -271,6 +271,7 @@ class VehicleBridge:
                 self._intervals_wall_ns = wall_ns
                 data += self._link.request_intervals()
             data += self._link.request_origin(wall_ns)
+            data += self._link.request_battery_critical(wall_ns)
         if code not in (StatusCode.IDLE, StatusCode.EXTERNAL) or self._authority.taking_back:
             data += self._link.request_heartbeat(wall_ns)
         if vehicle.armed is False and code is StatusCode.IDLE:

@@ -24,6 +24,7 @@ class Telemetry:
         armable: the autopilot's arming checks pass.
         origin_deg: origin of the world frame.
         battery: None when the autopilot doesn't measure it.
+        battery_critical: see `Battery.critical`.
         odometry: newest odometry.
         resets: steps of the position estimate.
         warning: last STATUSTEXT of severity warning or worse.
@@ -39,6 +40,7 @@ class Telemetry:
     armable: bool = False
     origin_deg: Geodetic | None = None
     battery: Battery | None = None
+    battery_critical: float | None = None
     odometry: Odometry | None = None
     resets: ResetHistory = field(default_factory=ResetHistory)
     warning: str = ""

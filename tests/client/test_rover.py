@@ -1,10 +1,20 @@
-"""Files of rover drives: what is in them, and what is wrong with them."""
+"""Drives of the rover: their end, and the files of legs."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import chain, repeat
 from pathlib import Path
 
 import pytest
 
+from jezero import TimedOut, Vehicle
 from jezero.client.rover import Leg, read_legs
+from jezero.schemas import topics
+from jezero.schemas.sensors import RoverOdometry
+from jezero.schemas.state import Clock
+from tests.client.rig import Server, endpoint, published, server, vehicle
+
+__all__ = ["endpoint", "server", "vehicle"]
 
 HEADER = "duration_s,speed_mps,yaw_rate_rps\n"
 
@@ -40,3 +50,53 @@ def test_what_is_wrong_with_a_file_is_told_with_its_line(tmp_path: Path, text: s
     with pytest.raises(ValueError, match=r"drive\.csv") as caught:
         read_legs(written(tmp_path, text))
     assert said in str(caught.value)
+
+
+@contextmanager
+def rolling(server: Server, speeds_mps: Iterator[float], yaw_rate_rps: float = 0.0) -> Iterator[None]:
+    """Publish a clock that runs five times as fast as the machine's, and the rover's odometry."""
+
+    def odometry(t_ns: int) -> RoverOdometry:
+        return RoverOdometry(
+            t_ns=t_ns,
+            pos_odom_m=(0.0, 0.0),
+            yaw_rover_rad=0.0,
+            speed_rover_body_mps=next(speeds_mps),
+            yaw_rate_rover_rps=yaw_rate_rps,
+        )
+
+    with (
+        published(server, lambda number: Clock(t_ns=100_000_000 * number, epoch_id=1, wall_ns=number), topics.CLOCK),
+        published(server, odometry, topics.ROVER_ODOMETRY),
+    ):
+        yield
+
+
+def test_a_stop_returns_once_the_rover_stands(vehicle: Vehicle, server: Server) -> None:
+    published_mps: list[float] = []
+
+    def speeds_mps() -> Iterator[float]:
+        for speed_mps in chain([-0.5] * 30, [0.06] * 10, repeat(0.0)):
+            published_mps.append(speed_mps)
+            yield speed_mps
+
+    with rolling(server, speeds_mps()):
+        vehicle.rover.stop()
+        assert published_mps[-1] == 0.0
+    assert 0.06 in published_mps
+
+
+@pytest.mark.parametrize(("speed_mps", "yaw_rate_rps"), [(0.4, 0.0), (0.0, 0.4)])
+def test_a_rover_that_goes_on_rolling_is_reported_after_a_deadline(
+    vehicle: Vehicle, server: Server, speed_mps: float, yaw_rate_rps: float
+) -> None:
+    with (
+        rolling(server, repeat(speed_mps), yaw_rate_rps),
+        pytest.raises(TimedOut, match=f"rolls at {speed_mps:.2f} m/s, 10 s after .*does another client drive it"),
+    ):
+        vehicle.rover.drive(0.5, for_s=0.2)
+
+
+def test_a_rover_without_odometry_is_not_waited_for(vehicle: Vehicle, server: Server) -> None:
+    with published(server, lambda number: Clock(t_ns=100_000_000 * number, epoch_id=1, wall_ns=number), topics.CLOCK):
+        vehicle.rover.drive(0.5, for_s=0.2)

@@ -10,6 +10,7 @@ from jezero.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.runtime.memory_bus import UDP_DELAY
 from jezero.runtime.service import Inbox, Output, Send, Spec
 from jezero.schemas import topics
+from jezero.schemas.actions import TakeoffGoal
 from jezero.schemas.state import StatusCode
 from jezero.services.autopilot.config import AutopilotConfig, FailsafeConfig, NavigatorConfig
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
@@ -101,14 +102,26 @@ def test_a_low_battery_warns_a_critical_one_returns_and_an_empty_one_lands() -> 
     assert_lands_by_itself(flight, 40.0, away_m=9.0)
 
 
+def test_a_takeoff_that_the_battery_does_not_hold_is_refused_on_the_ground() -> None:
+    flight = flight_with(AutopilotConfig(charge_at_start=0.078), VehicleConfig())
+    flight.wait_ready()
+    assert flight.status.battery is not None
+    assert flight.status.battery.critical == 0.07
+    reason = flight.refusal(topics.TAKEOFF, TakeoffGoal(altitude_m=2.0))
+    assert "only 7.5 % are sure to be there, and 7.0 % must be left" in reason
+    flight.bus.run_for(3.0)
+    assert flight.codes == [StatusCode.IDLE]
+    assert not flight.status.armed
+
+
 def test_an_empty_battery_only_warns_without_the_bridges_parameters() -> None:
     bridge = VehicleBridgeConfig()
     assert not bridge.parameters
-    config = AutopilotConfig(charge_at_start=0.08)
+    config = AutopilotConfig(charge_at_start=0.2)
     vehicle = VehicleConfig(battery=BatteryConfig(capacity_mah=1000.0))
     flight = Flight(seed=5, make_bus=lambda seed: build_stack(seed, autopilot=config, bridge=bridge, vehicle=vehicle))
     flight.take_off(3.0)
-    flight.bus.run_for(15.0)
+    flight.bus.run_for(35.0)
     assert flight.status.battery is not None
     assert flight.status.battery.remaining is not None
     assert flight.status.battery.remaining < 0.05

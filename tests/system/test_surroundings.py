@@ -89,7 +89,7 @@ WRITERS = {
     "up in the foreground": "jezero up -f {compose} --run-dir $DISK/run",
     "fly": "jezero fly --fast --out $DISK/run",
     "demo": "jezero demo --fast --runs $DISK/run",
-    "plan": "jezero gridsweep --plan-only --polygon {area} --z -5 --resolution 2 --out $DISK/plan.png",
+    "plan": "jezero gridsweep --plan-only --polygon {area} --metres --z -5 --resolution 2 --out $DISK/plan.png",
     "new": "jezero new action spiral --into $DISK",
 }
 
@@ -380,7 +380,7 @@ def test_a_command_that_takes_images_and_is_killed_leaves_a_folder_that_can_be_d
     (tmp_path / "area.csv").write_text("-2,-2\n2,-2\n2,2\n-2,2\n")
     folder = tmp_path / "sweep"
     stack.jezero("takeoff", "4")
-    area = ["--polygon", str(tmp_path / "area.csv"), "--z", "-4", "--resolution", "1.5"]
+    area = ["--polygon", str(tmp_path / "area.csv"), "--metres", "--z", "-4", "--resolution", "1.5"]
     sweep = stack.start("gridsweep", *area, "--out", str(folder))
     wait_for(lambda: len(list(folder.glob("images/*.jpg"))) >= 3 or sweep.poll() is not None, 120.0, "three images")
     sweep.send_signal(signal.SIGKILL)

@@ -35,7 +35,7 @@ EXAMPLES = {
     ),
     "area_coverage": Example(
         actions.AreaCoverageGoal(polygon_ned_m=((0, 0), (9, 0), (9, 6), (0, 6)), z_ned_m=-5.0, overlap=0.65),
-        "jezero gridsweep --polygon field.csv --z -5 --overlap 0.65",
+        "jezero gridsweep --polygon field.kml --z -5 --overlap 0.65",
         "uav.area_coverage(((0, 0), (9, 0), (9, 6), (0, 6)), -5.0, overlap=0.65)",
     ),
     "land_on_spot": Example(actions.LandOnSpotGoal(), "jezero land_on_spot", "uav.land_on_spot()"),

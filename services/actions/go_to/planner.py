@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from jezero.frames import add
+from jezero.frames import add, altitude_m
 from jezero.schemas.actions import GoToGoal
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.topics import RELATIVE
@@ -32,6 +32,7 @@ class GoToPlanner:
             partial(GoTo, goal, do_takeoff, self._settings, self._config),
             warning="already flying: the takeoff is left out" if goal.do_takeoff and not do_takeoff else "",
             do_takeoff=do_takeoff,
+            landing_from_m=altitude_m(goal.target_ned_m[2]) if do_takeoff else 0.0,
             inputs=(RELATIVE,) if in_rover_frame else (),
             check_inputs=partial(self._check_inputs, goal) if in_rover_frame else None,
         )

@@ -44,12 +44,13 @@ class LandOnSpotPlanner:
         if goal.use_tag:
             return self._on_rover(goal, Selection(False, True, spot_ned_m))
         start = partial(PlainLanding, spot_ned_m, self._settings, self._config, goal.force)
-        return Plan(start, inputs=(ALTIMETER,))
+        return Plan(start, lands=True, inputs=(ALTIMETER,))
 
     def _on_rover(self, goal: LandOnSpotGoal, selection: Selection, warning: str = "") -> Plan:
         return Plan(
             partial(RoverLanding, selection, self._settings, self._config.vehicle, goal.force),
             warning=warning,
+            lands=True,
             inputs=(ALTIMETER, RELATIVE, ROVER_ESTIMATE),
             selection=selection,
         )

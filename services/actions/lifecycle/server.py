@@ -213,7 +213,7 @@ class ActionServer:
         if run is None or not run.clients:
             return
         run.clients = [client for client in run.clients if client not in inbox.departed_clients]
-        if not run.clients and run.goal.on_client_loss == "cancel":
+        if not run.clients and (run.plan_only or run.goal.on_client_loss == "cancel"):
             run.cancel("its client vanished")
 
     def _cancel_reply(self, goal_id: str) -> CancelReply:

@@ -22,4 +22,4 @@ class TakeoffPlanner:
         low, high = limits.altitude_min_m, limits.altitude_max_m
         if not low <= goal.altitude_m <= high:
             return Refusal(f"altitude {goal.altitude_m:g} m is not within {low:g} to {high:g} m above the ground")
-        return Plan(partial(Takeoff, goal, self._config), do_takeoff=True)
+        return Plan(partial(Takeoff, goal, self._config), do_takeoff=True, landing_from_m=goal.altitude_m)

@@ -7,7 +7,7 @@ from jezero.runtime.service import Inbox, Output, Publish, Reply, Spec
 from jezero.schemas import topics
 from jezero.schemas.commands import AcquireReply, Release, ReleaseReply, Setpoint
 from jezero.schemas.sensors import Altimeter
-from jezero.schemas.state import Clock, Odometry, Status, StatusCode
+from jezero.schemas.state import Battery, Clock, Odometry, Status, StatusCode
 
 PERIOD_S = 0.02
 LAG_S = 0.25
@@ -39,6 +39,7 @@ class FakeBridge:
         mute_odometry: publish no odometry.
         mute_status: publish no status.
         lost: publish the status without the vehicle's position.
+        battery: published with the status.
         offset_ned_m: sum of the autopilot's position steps so far; positions contain it.
     """
 
@@ -64,6 +65,7 @@ class FakeBridge:
         self.mute_odometry = False
         self.mute_status = False
         self.lost = False
+        self.battery: Battery | None = None
         self.offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
         self.releases: list[Release] = []
         self.setpoints: list[Setpoint] = []
@@ -178,6 +180,7 @@ class FakeBridge:
                 epoch_id=self.epoch_id,
                 ready=True,
                 text=self.text,
+                battery=self.battery,
             ),
         )
 

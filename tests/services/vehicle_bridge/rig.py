@@ -34,6 +34,10 @@ class FakeAutopilot:
         foreign_setpoint: setpoint that somebody else streams to it.
         lost_commands: number of commands that it will lose.
         lost_acks: number of acknowledgements that it will lose.
+        read_parameters: names of the parameters that were requested.
+        lost_reads: number of replies to such requests that will be lost.
+        battery_percent: remaining charge; None when it doesn't measure the battery.
+        unasked: bytes that it sends with its next telemetry.
         refuse_arming: reason for which it refuses to arm, "" when it doesn't.
         reported_armed: an old arming state that its HEARTBEAT still reports; None for the true one.
         silent: it sends nothing.
@@ -51,6 +55,10 @@ class FakeAutopilot:
         self.foreign_setpoint: Any | None = None
         self.parameters: dict[str, int | float] = {}
         self.set_parameters: list[str] = []
+        self.read_parameters: list[str] = []
+        self.lost_reads = 0
+        self.battery_percent: int | None = None
+        self.unasked = b""
         self.bytes_received = 0
         self.origin_sent = False
         self.origin_requests = 0
@@ -75,6 +83,8 @@ class FakeAutopilot:
             kind = message.get_msgId()
             if kind == dialect.MAVLINK_MSG_ID_PARAM_SET:
                 out += self._set_parameter(message)
+            elif kind == dialect.MAVLINK_MSG_ID_PARAM_REQUEST_READ:
+                out += self._read_parameter(message.param_id)
             elif kind == dialect.MAVLINK_MSG_ID_COMMAND_LONG and message.command == dialect.MAV_CMD_REQUEST_MESSAGE:
                 self._on_message_request(int(message.param1))
             elif kind == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
@@ -129,6 +139,14 @@ class FakeAutopilot:
         self.parameters[name] = struct.unpack("<i", raw)[0] if is_int else message.param_value
         return self.parameter(name)
 
+    def _read_parameter(self, name: str) -> bytes:
+        """PARAM_VALUE, unless the parameter is unknown or the reply gets lost."""
+        self.read_parameters.append(name)
+        if name not in self.parameters or self.lost_reads > 0:
+            self.lost_reads -= 1
+            return b""
+        return self.parameter(name)
+
     def parameter(self, name: str) -> bytes:
         """PARAM_VALUE."""
         value = self.parameters[name]
@@ -170,7 +188,7 @@ class FakeAutopilot:
             *((heartbeat,) if self._is_heartbeat_due() else ()),
             dialect.MAVLink_extended_sys_state_message(0, 1 if self.landed else 2),
             dialect.MAVLink_sys_status_message(
-                prearm, prearm, prearm if self.armable else 0, 0, 0xFFFF, -1, -1, 0, 0, 0, 0, 0, 0
+                prearm, prearm, prearm if self.armable else 0, 0, *self._battery(), 0, 0, 0, 0, 0, 0
             ),
             *origins,
             dialect.MAVLink_odometry_message(
@@ -178,7 +196,12 @@ class FakeAutopilot:
             ),
             *self._setpoint_echo(),
         )
-        return b"".join(self.codec.pack(message) for message in messages)
+        unasked, self.unasked = self.unasked, b""
+        return unasked + b"".join(self.codec.pack(message) for message in messages)
+
+    def _battery(self) -> tuple[int, int, int]:
+        """Voltage in mV, current and remaining percent of SYS_STATUS; the first numbers stand for no battery."""
+        return (0xFFFF, -1, -1) if self.battery_percent is None else (15_300, -1, self.battery_percent)
 
 
 class Box:

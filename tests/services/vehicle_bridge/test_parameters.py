@@ -8,6 +8,7 @@ import pytest
 from jezero.mavlink import dialect
 from jezero.runtime.config import load_config
 from jezero.runtime.service import Health
+from jezero.schemas.state import Battery
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.parameters import INT32, REAL32, TRIES, ParameterSetter, decoded, encoded
 from tests.services.vehicle_bridge.rig import MODES, Rig
@@ -54,6 +55,21 @@ def test_a_lost_one_is_set_again() -> None:
     setter.confirm("A", *encoded(1))
     assert setter.due(S) == []
     assert setter.pending == ()
+
+
+def test_the_batterys_critical_level_is_requested_until_it_comes_and_follows_changes() -> None:
+    rig = rig_with({"BAT_CRIT_THR": 0.07}, {})
+    rig.autopilot.battery_percent = 87
+    rig.autopilot.lost_reads = 2
+    rig.ready()
+    assert rig.status.battery == Battery(voltage_v=15.3, remaining=0.87)
+    rig.run(6.0)
+    assert rig.autopilot.read_parameters == ["BAT_CRIT_THR"] * 3
+    assert rig.status.battery == Battery(voltage_v=15.3, remaining=0.87, critical=0.07)
+    rig.autopilot.parameters["BAT_CRIT_THR"] = 0.2
+    rig.autopilot.unasked = rig.autopilot.parameter("BAT_CRIT_THR")
+    rig.run(1.0)
+    assert rig.status.battery == Battery(voltage_v=15.3, remaining=0.87, critical=0.2)
 
 
 @pytest.mark.parametrize(
