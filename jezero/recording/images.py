@@ -6,45 +6,13 @@ from typing import Any
 
 import msgspec
 
+from jezero.recording.foxglove import CompressedImage, time_of
 from jezero.schemas.sensors import CameraFrame
-from jezero.schemas.units import NS_PER_S
 
 HEADERS = "sensor/camera/header"
 """Channel of the images' other fields, as `CameraFrame` without pixels."""
-SCHEMA_NAME = "foxglove.CompressedImage"
-JSON_SCHEMA = msgspec.json.encode(
-    {
-        "title": SCHEMA_NAME,
-        "type": "object",
-        "properties": {
-            "timestamp": {
-                "type": "object",
-                "title": "time",
-                "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}},
-            },
-            "frame_id": {"type": "string"},
-            "data": {"type": "string", "contentEncoding": "base64"},
-            "format": {"type": "string"},
-        },
-    }
-)
-"""Source: https://docs.foxglove.dev/docs/sdk/schemas/compressed-image"""
-
-
-class CompressedImage(msgspec.Struct, frozen=True, kw_only=True):
-    """One image as Foxglove has it.
-
-    Attributes:
-        timestamp: time of the image, {"sec": …, "nsec": …}.
-        frame_id: name of the camera's frame.
-        data: the JPEG, base64.
-        format: "jpeg".
-    """
-
-    timestamp: dict[str, int]
-    frame_id: str
-    data: str
-    format: str
+CAMERA_FRAME = "camera"
+"""Name of the frame of the images: right, down, forward of the camera."""
 
 
 def compress(frame: CameraFrame, logged_ns: int, quality: int) -> bytes:
@@ -56,8 +24,8 @@ def compress(frame: CameraFrame, logged_ns: int, quality: int) -> bytes:
     image.save(jpeg, "JPEG", quality=quality)
     return msgspec.json.encode(
         CompressedImage(
-            timestamp={"sec": logged_ns // NS_PER_S, "nsec": logged_ns % NS_PER_S},
-            frame_id="camera",
+            timestamp=time_of(logged_ns),
+            frame_id=CAMERA_FRAME,
             data=base64.b64encode(jpeg.getvalue()).decode(),
             format="jpeg",
         )

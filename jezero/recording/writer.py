@@ -14,6 +14,7 @@ from jezero.os_errors import naming
 from jezero.recording.channels import json_schema, schema_name
 from jezero.recording.images import HEADERS, compress
 from jezero.recording.mcap_file import ABOUT
+from jezero.recording.scene import Scene
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.topics import CAMERA
 from jezero.schemas.units import NS_PER_S
@@ -35,6 +36,7 @@ class RecordingWriter:
         about: what was recorded, such as the vehicle's name and the seed.
         schemas: schemas of topics that are copied from another recording; the other ones are of this version.
         jpeg_quality: quality of recorded images from 1 to 95; None records of each image all but its pixels.
+        scene: makes the messages for 3D viewers from the others; None for a copy, which has them already.
 
     Raises:
         OSError: the file can't be written.
@@ -47,6 +49,7 @@ class RecordingWriter:
         *,
         schemas: Mapping[str, Schema] | None = None,
         jpeg_quality: int | None = None,
+        scene: Scene | None = None,
     ) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._path = path
@@ -59,6 +62,7 @@ class RecordingWriter:
         )
         self._schemas = {} if schemas is None else schemas
         self._jpeg_quality = jpeg_quality
+        self._scene = scene
         self._channels: dict[str, int] = {}
         self._sequences: dict[int, int] = {}
         self._last_ns = 0
@@ -100,11 +104,18 @@ class RecordingWriter:
             self._chunk_start_ns = self._last_ns
         if topic != CAMERA.name:
             self._add(topic, data)
+            self._add_scene(topic, data)
         else:
             json, pixels = split_attachment(data)
             self._add(HEADERS, json)
             if pixels and self._jpeg_quality is not None:
                 self._add(topic, compress(decode(CameraFrame, data), self._last_ns, self._jpeg_quality))
+            self._add_scene(HEADERS, json)
+
+    def _add_scene(self, topic: str, data: bytes) -> None:
+        if self._scene is not None:
+            for channel, message in self._scene.update(self._last_ns, topic, data):
+                self._add(channel, message)
 
     def _add(self, topic: str, data: bytes) -> None:
         channel = self._channels.get(topic)
