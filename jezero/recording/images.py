@@ -2,17 +2,34 @@
 
 import base64
 import io
+from collections.abc import Iterator
 from typing import Any
 
 import msgspec
 
+from jezero.codec import decode, split_attachment
 from jezero.recording.foxglove import CompressedImage, time_of
 from jezero.schemas.sensors import CameraFrame
+from jezero.schemas.topics import CAMERA
 
 HEADERS = "sensor/camera/header"
 """Channel of the images' other fields, as `CameraFrame` without pixels."""
 CAMERA_FRAME = "camera"
 """Name of the frame of the images: right, down, forward of the camera."""
+
+
+def split_image(data: bytes, logged_ns: int, quality: int | None) -> Iterator[tuple[str, bytes]]:
+    """Messages of an image, each (channel, encoded message): its other fields, and the JPEG.
+
+    Args:
+        data: the encoded `CameraFrame`.
+        logged_ns: time of its arrival.
+        quality: of the JPEG from 1 to 95; None for no JPEG.
+    """
+    header, pixels = split_attachment(data)
+    yield HEADERS, header
+    if pixels and quality is not None:
+        yield CAMERA.name, compress(decode(CameraFrame, data), logged_ns, quality)
 
 
 def compress(frame: CameraFrame, logged_ns: int, quality: int) -> bytes:

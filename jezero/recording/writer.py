@@ -9,13 +9,11 @@ from typing import Self
 from mcap.records import Schema
 from mcap.writer import CompressionType, IndexType, Writer
 
-from jezero.codec import decode, split_attachment
 from jezero.os_errors import naming
 from jezero.recording.channels import json_schema, schema_name
-from jezero.recording.images import HEADERS, compress
+from jezero.recording.images import split_image
 from jezero.recording.mcap_file import ABOUT
 from jezero.recording.scene import Scene
-from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.topics import CAMERA
 from jezero.schemas.units import NS_PER_S
 
@@ -103,16 +101,13 @@ class RecordingWriter:
             self.flush()
             self._chunk_start_ns = self._last_ns
         if topic != CAMERA.name:
-            self._add(topic, data)
-            self._add_scene(topic, data)
-        else:
-            json, pixels = split_attachment(data)
-            self._add(HEADERS, json)
-            if pixels and self._jpeg_quality is not None:
-                self._add(topic, compress(decode(CameraFrame, data), self._last_ns, self._jpeg_quality))
-            self._add_scene(HEADERS, json)
+            self._add_with_scene(topic, data)
+            return
+        for channel, message in split_image(data, self._last_ns, self._jpeg_quality):
+            self._add_with_scene(channel, message)
 
-    def _add_scene(self, topic: str, data: bytes) -> None:
+    def _add_with_scene(self, topic: str, data: bytes) -> None:
+        self._add(topic, data)
         if self._scene is not None:
             for channel, message in self._scene.update(self._last_ns, topic, data):
                 self._add(channel, message)
