@@ -80,7 +80,7 @@ class LiveServer:
             self._send(logged_ns, topic, data)
             return
         quality = JPEG_QUALITY if self._images.has_sinks() else None
-        for channel, message in split_image(data, logged_ns, quality):
+        for channel, message in split_image(data, quality, lambda t_ns: self._scene.time_of(t_ns, logged_ns)):
             self._send(logged_ns, channel, message)
 
     def _send(self, logged_ns: int, name: str, data: bytes) -> None:

@@ -18,8 +18,7 @@ are thinned to a limited number of points and repeated, and a second of a long f
 flight.
 """
 
-from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
 from math import sqrt
 from typing import Any
 
@@ -52,6 +51,8 @@ PERIOD_NS = NS_PER_S // 10
 SCENE_PERIOD_NS = NS_PER_S
 LIFETIME = fg.Duration(3)
 """What is not drawn any more, such as a rover whose estimate is invalid, disappears after this duration."""
+LATENESS_MAX_NS = NS_PER_S
+"""A message that would be older belongs to another epoch, with a vehicle time of its own."""
 ANGLES_AGE_MAX_NS = NS_PER_S // 2
 """A camera whose angles are unknown for longer is drawn at rest."""
 
@@ -62,16 +63,8 @@ ORIGIN: Vec3 = (0.0, 0.0, 0.0)
 BLUE, ORANGE, GREEN = fg.Color(0.2, 0.5, 1.0), fg.Color(1.0, 0.55, 0.1), fg.Color(0.3, 0.75, 0.3)
 WHITE, BLACK, GHOST = fg.Color(1.0, 1.0, 1.0), fg.Color(0.05, 0.05, 0.05), fg.Color(0.6, 0.6, 0.6, 0.35)
 
-_INPUTS: dict[str, Any] = {
-    HEADERS: CameraFrame,
-    **{
-        topic.name: topic.type
-        for topic in (
-            topics.ODOMETRY, topics.TRUTH, topics.ROVER_ESTIMATE, topics.SETPOINT, topics.STATUS,
-            topics.CAMERA_INFO, topics.TAG_CORNERS, topics.CAMERA_PITCH,
-        )
-    },
-}  # fmt: skip
+Made = Iterable[tuple[str, bytes]]
+"""Messages for viewers, each (channel, encoded message)."""
 
 
 class Scene:
@@ -90,108 +83,142 @@ class Scene:
             FRD_TRUE: vehicle_shapes(vehicle.airframe, GHOST),
             ROVER_TRUE: rover_shapes(vehicle.platform, GHOST, GHOST),
         }
-        self._decoders: dict[str, msgspec.json.Decoder[Any]] = {
-            name: msgspec.json.Decoder(message) for name, message in _INPUTS.items()
+        self._inputs: dict[str, tuple[msgspec.json.Decoder[Any], Callable[[int, Any], Made]]] = {
+            topics.ODOMETRY.name: (msgspec.json.Decoder(Odometry), self._on_odometry),
+            topics.TRUTH.name: (msgspec.json.Decoder(Truth), self._on_truth),
+            topics.ROVER_ESTIMATE.name: (msgspec.json.Decoder(RoverEstimate), self._on_rover),
+            topics.SETPOINT.name: (msgspec.json.Decoder(Setpoint), self._on_setpoint),
+            topics.STATUS.name: (msgspec.json.Decoder(Status), self._on_status),
+            topics.CAMERA_INFO.name: (msgspec.json.Decoder(CameraInfo), self._on_camera_info),
+            topics.TAG_CORNERS.name: (msgspec.json.Decoder(TagCorners), self._on_image),
+            HEADERS: (msgspec.json.Decoder(CameraFrame), self._on_image),
+            topics.CAMERA_PITCH.name: (msgspec.json.Decoder(CameraPitch), self._on_camera_pitch),
         }
-        self._new: dict[str, bytes] = {}
+        """Decoder and handler of each input; the odometry first, as the times of the others follow from it."""
+        self._new: dict[str, tuple[int, bytes]] = {}
+        """Newest message of each input that is not decoded yet, with its time of arrival."""
         self._next_ns, self._next_scene_ns = 0, 0
+        self._vehicle_start_ns: int | None = None
+        """Time on the recording's clock at which vehicle time was 0, by the newest odometry."""
         self._transforms: dict[str, fg.FrameTransform] = {}
         self._posed_ns: dict[str, int] = {}
-        """Time of the newest pose of vehicle and rover, by frame."""
-        self._angles_ns: int | None = None
+        """Time of the newest pose of each frame."""
+        self._image_ns = self._pitch_ns = -NS_PER_S
+        """Times of the newest angles of the camera, from an image and from a command."""
         self._odometry: Odometry | None = None
-        self._setpoint: Setpoint | None = None
-        self._status: Status | None = None
+        self._control_id = ""
+        self._status = ""
         self._flown, self._planned = ThinnedPath(), ThinnedPath()
 
-    def update(self, logged_ns: int, topic: str, data: bytes) -> Iterable[tuple[str, bytes]]:
-        """Take in a message, and return the messages for viewers that are due, each (channel, encoded message).
+    def update(self, logged_ns: int, topic: str, data: bytes) -> Made:
+        """Take in a message, and return the messages for viewers that are due.
 
         Args:
             logged_ns: time of arrival; never smaller than before.
             topic: name of the message's channel in a recording.
             data: the encoded message. One that can't be decoded is not drawn.
         """
-        if topic in self._decoders:
-            self._new[topic] = data  # decoded only if it is still the newest one when messages are due
+        if topic in self._inputs:
+            self._new[topic] = (logged_ns, data)  # decoded only if it is still the newest one when messages are due
         if logged_ns < self._next_ns:
             return ()
         self._next_ns = logged_ns + PERIOD_NS
         return self._due(logged_ns)
 
-    def _due(self, t_ns: int) -> Iterator[tuple[str, bytes]]:
-        new = self._decoded()
-        self._update_vehicle(t_ns, new.get(topics.ODOMETRY.name), new.get(topics.TRUTH.name))
-        self._update_rover(t_ns, new.get(topics.ROVER_ESTIMATE.name))
-        angles = new.get(HEADERS) or new.get(topics.TAG_CORNERS.name) or new.get(topics.CAMERA_PITCH.name)
-        self._update_camera(t_ns, angles)
-        self._update_setpoint(new.get(topics.SETPOINT.name))
-        self._status = new.get(topics.STATUS.name, self._status)
-        self._set_pose(t_ns, MAP, WORLD, ORIGIN, Q_ENU_FROM_NED)
+    def time_of(self, t_ns: int, logged_ns: int) -> int:
+        """Time on the recording's clock at which the content of a message was true.
+
+        An image arrives a tenth of a second after its exposure, when the vehicle is elsewhere already.
+
+        Args:
+            t_ns: the message's vehicle time.
+            logged_ns: time of its arrival.
+        """
+        if self._vehicle_start_ns is None:
+            return logged_ns
+        return min(max(self._vehicle_start_ns + t_ns, logged_ns - LATENESS_MAX_NS), logged_ns)
+
+    def _due(self, now_ns: int) -> Iterator[tuple[str, bytes]]:
+        for topic, (decoder, handle) in self._inputs.items():
+            if topic not in self._new:
+                continue
+            logged_ns, data = self._new.pop(topic)
+            try:
+                message = decoder.decode(data)
+            except (msgspec.DecodeError, UnicodeDecodeError):
+                continue
+            if topic == topics.ODOMETRY.name:
+                self._vehicle_start_ns = logged_ns - message.t_ns
+            yield from handle(self.time_of(message.t_ns, logged_ns), message)
+        if now_ns - max(self._image_ns, self._pitch_ns) > ANGLES_AGE_MAX_NS:
+            self._set_camera(now_ns, self._camera.pitch_rest_rad, self._camera.roll_offset_rad)
+        self._set_pose(now_ns, MAP, WORLD, ORIGIN, Q_ENU_FROM_NED)
         yield TRANSFORMS, msgspec.json.encode(fg.FrameTransforms(tuple(self._transforms.values())))
-        if topics.ODOMETRY.name in new and self._odometry is not None and self._odometry.origin_deg is not None:
-            yield LOCATION, msgspec.json.encode(_location(t_ns, self._odometry, self._odometry.origin_deg))
-        if topics.CAMERA_INFO.name in new:
-            yield CALIBRATION, msgspec.json.encode(_calibration(t_ns, new[topics.CAMERA_INFO.name]))
-        if t_ns >= self._next_scene_ns:
-            self._next_scene_ns = t_ns + SCENE_PERIOD_NS
-            yield SCENE, msgspec.json.encode(fg.SceneUpdate(tuple(self._entities(t_ns))))
+        if now_ns >= self._next_scene_ns:
+            self._next_scene_ns = now_ns + SCENE_PERIOD_NS
+            yield SCENE, msgspec.json.encode(fg.SceneUpdate(tuple(self._entities(now_ns))))
 
-    def _decoded(self) -> dict[str, Any]:
-        decoded = {}
-        for topic, data in self._new.items():
-            with suppress(msgspec.DecodeError, UnicodeDecodeError):
-                decoded[topic] = self._decoders[topic].decode(data)
-        self._new.clear()
-        return decoded
+    # -- messages --
 
-    # -- poses --
+    def _on_odometry(self, t_ns: int, odometry: Odometry) -> Made:
+        last, self._odometry = self._odometry, odometry
+        if last is not None and last.epoch_id != odometry.epoch_id:
+            self._flown.clear()
+            self._planned.clear()
+        elif last is not None and last.reset_offset_ned_m != odometry.reset_offset_ned_m:
+            step_m = subtract(odometry.reset_offset_ned_m, last.reset_offset_ned_m)
+            self._flown.shift(step_m)
+            self._planned.shift(step_m)
+        self._flown.add(odometry.pos_uav_ned_m)
+        self._set_pose(t_ns, WORLD, FRD, self._center(odometry.pos_uav_ned_m), odometry.q_ned_from_frd)
+        if odometry.origin_deg is not None:
+            yield LOCATION, msgspec.json.encode(_location(t_ns, odometry, odometry.origin_deg))
 
-    def _update_vehicle(self, t_ns: int, odometry: Odometry | None, truth: Truth | None) -> None:
-        if odometry is not None:
-            last, self._odometry = self._odometry, odometry
-            if last is not None and last.epoch_id != odometry.epoch_id:
-                self._flown.clear()
-                self._planned.clear()
-            elif last is not None and last.reset_offset_ned_m != odometry.reset_offset_ned_m:
-                step_m = subtract(odometry.reset_offset_ned_m, last.reset_offset_ned_m)
-                self._flown.shift(step_m)
-                self._planned.shift(step_m)
-            self._flown.add(odometry.pos_uav_ned_m)
-            self._set_pose(t_ns, WORLD, FRD, self._center(odometry.pos_uav_ned_m), odometry.q_ned_from_frd)
-        if truth is not None:
-            self._set_pose(t_ns, WORLD, FRD_TRUE, self._center(truth.pos_uav_ned_m), truth.q_ned_from_frd)
-            q_rover = quat_from_euler(truth.roll_rover_rad, truth.pitch_rover_rad, truth.yaw_rover_rad)
-            self._set_pose(t_ns, WORLD, ROVER_TRUE, truth.pos_rover_ned_m, q_rover)
+    def _on_truth(self, t_ns: int, truth: Truth) -> Made:
+        self._set_pose(t_ns, WORLD, FRD_TRUE, self._center(truth.pos_uav_ned_m), truth.q_ned_from_frd)
+        q_rover = quat_from_euler(truth.roll_rover_rad, truth.pitch_rover_rad, truth.yaw_rover_rad)
+        self._set_pose(t_ns, WORLD, ROVER_TRUE, truth.pos_rover_ned_m, q_rover)
+        return ()
+
+    def _on_rover(self, t_ns: int, rover: RoverEstimate) -> Made:
+        if rover.valid:
+            self._set_pose(t_ns, WORLD, ROVER, rover.pos_rover_ned_m, quat_from_euler(0.0, 0.0, rover.yaw_rover_rad))
+        return ()
+
+    def _on_setpoint(self, t_ns: int, setpoint: Setpoint) -> Made:
+        if setpoint.control_id != self._control_id:
+            self._control_id = setpoint.control_id
+            self._planned.clear()
+        if setpoint.pos_ned_m is not None:
+            self._planned.add(setpoint.pos_ned_m)
+        return ()
+
+    def _on_status(self, t_ns: int, status: Status) -> Made:
+        self._status = status.name.replace("_", " ")
+        return ()
+
+    def _on_camera_info(self, t_ns: int, camera: CameraInfo) -> Made:
+        yield CALIBRATION, msgspec.json.encode(_calibration(t_ns, camera))
+
+    def _on_image(self, t_ns: int, image: CameraFrame | TagCorners) -> Made:
+        self._image_ns = t_ns
+        self._set_camera(t_ns, image.pitch_camera_rad, image.roll_camera_rad)
+        return ()
+
+    def _on_camera_pitch(self, t_ns: int, angles: CameraPitch) -> Made:
+        self._pitch_ns = t_ns
+        if t_ns - self._image_ns > ANGLES_AGE_MAX_NS:  # an image has the angles that the camera really had
+            self._set_camera(t_ns, angles.pitch_camera_rad, angles.roll_camera_rad)
+        return ()
 
     def _center(self, pos_uav_ned_m: Vec3) -> Vec3:
         """Centre of mass from a position as `Odometry` and `Truth` have it, which is lowered."""
         north_m, east_m, down_m = pos_uav_ned_m
         return (north_m, east_m, down_m - self._height_stand_m)
 
-    def _update_rover(self, t_ns: int, rover: RoverEstimate | None) -> None:
-        if rover is not None and rover.valid:
-            self._set_pose(t_ns, WORLD, ROVER, rover.pos_rover_ned_m, quat_from_euler(0.0, 0.0, rover.yaw_rover_rad))
-
-    def _update_camera(self, t_ns: int, angles: CameraFrame | TagCorners | CameraPitch | None) -> None:
-        if angles is not None:
-            self._angles_ns = t_ns
-            pitch_rad, roll_rad = angles.pitch_camera_rad, angles.roll_camera_rad
-        elif self._angles_ns is None or t_ns - self._angles_ns > ANGLES_AGE_MAX_NS:
-            pitch_rad, roll_rad = self._camera.pitch_rest_rad, self._camera.roll_offset_rad
-        else:
-            return
+    def _set_camera(self, t_ns: int, pitch_rad: float, roll_rad: float) -> None:
         q_frd = q_frd_from_camera(pitch_rad, roll_rad, self._camera.turn_rad)
         self._set_pose(t_ns, FRD, CAMERA_FRAME, self._camera.pos_camera_frd_m, q_frd)
-
-    def _update_setpoint(self, setpoint: Setpoint | None) -> None:
-        if setpoint is None:
-            return
-        if self._setpoint is None or setpoint.control_id != self._setpoint.control_id:
-            self._planned.clear()
-        self._setpoint = setpoint
-        if setpoint.pos_ned_m is not None:
-            self._planned.add(setpoint.pos_ned_m)
 
     def _set_pose(self, t_ns: int, parent: str, child: str, pos_m: Vec3, q_parent_from_child: Quat) -> None:
         w, x, y, z = q_parent_from_child
@@ -204,13 +231,13 @@ class Scene:
 
     def _entities(self, t_ns: int) -> Iterator[fg.SceneEntity]:
         for frame, shapes in self._shapes.items():
-            if t_ns - self._posed_ns.get(frame, -SCENE_PERIOD_NS) < SCENE_PERIOD_NS:
+            if frame in self._posed_ns and t_ns - self._posed_ns[frame] < SCENE_PERIOD_NS:
                 yield _entity(t_ns, frame, frame, shapes)
         yield _entity(t_ns, "path flown", WORLD, _line(self._flown, BLUE))
         yield _entity(t_ns, "path of the setpoints", WORLD, _line(self._planned, ORANGE))
-        if self._status is not None and FRD in self._transforms:
+        if self._status and FRD in self._transforms:
             pose = fg.Pose(fg.Vector3(0.0, 0.0, -0.5))
-            text = fg.TextPrimitive(pose, self._status.name.replace("_", " "), WHITE, font_size=16.0)
+            text = fg.TextPrimitive(pose, self._status, WHITE, font_size=16.0)
             yield _entity(t_ns, "status", FRD, {"texts": (text,)})
 
 

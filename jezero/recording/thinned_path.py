@@ -17,7 +17,9 @@ class ThinnedPath:
     @property
     def points_m(self) -> tuple[Vec3, ...]:
         """The points so far, with the newest one at the end."""
-        return (*self._points_m, self._end_m) if self._end_m is not None else ()
+        if self._end_m is None or self._points_m[-1] == self._end_m:
+            return tuple(self._points_m)
+        return (*self._points_m, self._end_m)
 
     def add(self, point_m: Vec3) -> None:
         """Extend the path to a point."""

@@ -103,8 +103,11 @@ class RecordingWriter:
         if topic != CAMERA.name:
             self._add_with_scene(topic, data)
             return
-        for channel, message in split_image(data, self._last_ns, self._jpeg_quality):
+        for channel, message in split_image(data, self._jpeg_quality, self._time_of):
             self._add_with_scene(channel, message)
+
+    def _time_of(self, t_ns: int) -> int:
+        return self._last_ns if self._scene is None else self._scene.time_of(t_ns, self._last_ns)
 
     def _add_with_scene(self, topic: str, data: bytes) -> None:
         self._add(topic, data)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from jezero.codec import encode
 from jezero.frames import Vec3, enu_from_ned, quat_from_euler, quat_multiply, quat_rotate
@@ -54,10 +55,10 @@ def rover(**changes: Any) -> RoverEstimate:
 
 
 def drawn(scene: Scene, t_s: float, *messages: tuple[Topic[Any], Message]) -> Messages:
-    """The newest message of each viewer's channel after some messages at one time, decoded."""
-    made = {}
+    """The newest message of each viewer's channel after some messages of one time that arrive at once, decoded."""
+    made, t_ns = {}, round(t_s * NS_PER_S)
     for topic, message in messages:
-        for channel, data in scene.update(round(t_s * NS_PER_S), topic.name, encode(message)):
+        for channel, data in scene.update(t_ns, topic.name, encode(replace(message, t_ns=t_ns))):
             made[channel] = json.loads(data)
     return made
 
@@ -149,7 +150,7 @@ def test_the_path_flown_moves_with_a_position_reset_and_ends_with_the_epoch() ->
     scene = Scene(VEHICLE)
     for second in range(3):
         update = drawn(scene, float(second), (topics.ODOMETRY, odometry((float(second), 0.0, -2.0))))[SCENE]
-    assert line(update, "path flown") == [(0.0, 0.0, -2.0), (1.0, 0.0, -2.0), (2.0, 0.0, -2.0), (2.0, 0.0, -2.0)]
+    assert line(update, "path flown") == [(0.0, 0.0, -2.0), (1.0, 0.0, -2.0), (2.0, 0.0, -2.0)]
     moved = odometry((3.0, 0.5, -2.0), reset_counter=1, reset_offset_ned_m=(0.0, 0.5, 0.0))
     update = drawn(scene, 3.0, (topics.ODOMETRY, moved))[SCENE]
     assert line(update, "path flown")[:3] == [(0.0, 0.5, -2.0), (1.0, 0.5, -2.0), (2.0, 0.5, -2.0)]
@@ -181,6 +182,16 @@ def test_the_calibration_projects_as_the_camera_does() -> None:
     u, v, w = np.reshape(calibration["P"], (3, 4)) @ (x, y, z, 1.0)
     focal_px, center_px = VEHICLE.camera.focal_px, VEHICLE.camera.center_px
     assert (u / w, v / w) == pytest.approx((center_px[0] + focal_px * x / z, center_px[1] + focal_px * y / z))
+
+
+def test_a_message_has_the_time_of_its_content_on_the_clock_of_the_recording() -> None:
+    scene = Scene(VEHICLE)
+    assert scene.time_of(5, logged_ns=1000) == 1000  # no odometry yet
+    at = replace(odometry(), t_ns=3 * NS_PER_S)
+    dict(scene.update(100 * NS_PER_S, topics.ODOMETRY.name, encode(at)))
+    assert scene.time_of(3 * NS_PER_S + 20, 100 * NS_PER_S + 120) == 100 * NS_PER_S + 20
+    assert scene.time_of(9 * NS_PER_S, 100 * NS_PER_S + 120) == 100 * NS_PER_S + 120  # not later than its arrival
+    assert scene.time_of(0, 100 * NS_PER_S + 120) == 99 * NS_PER_S + 120  # of another epoch
 
 
 def test_what_cannot_be_decoded_is_not_drawn() -> None:

@@ -2,20 +2,25 @@
 
 import json
 import signal
+from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from pupil_apriltags import Detector
 
 from jezero.frames import distance
 from jezero.recording import open_recording
-from jezero.recording.scene import MESSAGES
+from jezero.recording.images import decompress
+from jezero.recording.scene import CALIBRATION, MESSAGES, TRANSFORMS
 from jezero.schemas import topics
+from jezero.schemas.landing_board import BIG_ID
 from tests.recording.doctor import examine
 from tests.recording.foxglove_client import FoxgloveClient
-from tests.recording.frames_of_viewers import in_map
+from tests.recording.frames_of_viewers import Motion, from_parent, in_map, time_ns, to_parent
 from tests.system.conftest import Stack, new_stack, wait_for
 
 TIMEOUT_S = 20.0
@@ -48,12 +53,35 @@ def test_the_scene_of_a_real_flight_has_the_vehicle_where_it_was(recordings: lis
     for path in recordings:
         with path.open("rb") as file:
             newest = {}
-            for _, channel, message in make_reader(file).iter_messages(["viewer/transforms", "truth"]):
+            for _, channel, message in make_reader(file).iter_messages([TRANSFORMS, "truth"]):
                 newest[channel.topic] = json.loads(message.data)
         table = open_recording(path).table("odometry")
         assert np.abs(table["pos_uav_ned_m"][:, 2]).max() > 1.5
-        true, shown = (in_map(newest["viewer/transforms"], frame) for frame in ("frd_true", "frd"))
+        true, shown = (in_map(newest[TRANSFORMS], frame) for frame in ("frd_true", "frd"))
         assert distance(true, shown) < 2.0
+
+
+def test_the_scene_drawn_into_an_image_meets_what_the_image_shows(recordings: list[Path]) -> None:
+    landing = recordings[0]
+    messages: dict[str, list[Any]] = defaultdict(list)
+    with landing.open("rb") as file:
+        for _, channel, message in make_reader(file).iter_messages([TRANSFORMS, CALIBRATION, topics.CAMERA.name]):
+            messages[channel.topic].append(json.loads(message.data))
+    motion = Motion(messages[TRANSFORMS])
+    projection = np.reshape(messages[CALIBRATION][0]["P"], (3, 4))
+    detector = Detector(families="tag36h11", quad_decimate=1.0)
+    distances_px = []
+    for image in messages[topics.CAMERA.name]:
+        pixels = decompress(json.dumps(image).encode())
+        exposed_ns = time_ns(image["timestamp"])
+        for tag in detector.detect(np.ascontiguousarray(pixels[:, :, 1])):
+            if tag.tag_id == BIG_ID:
+                middle_world_m = to_parent(motion.at("rover_body_true", exposed_ns), (0.0, 0.0, 0.0))
+                middle_frd_m = from_parent(motion.at("frd_true", exposed_ns), middle_world_m)
+                u, v, w = projection @ (*from_parent(motion.at("camera", exposed_ns), middle_frd_m), 1.0)
+                distances_px.append(float(np.hypot(u / w - tag.center[0], v / w - tag.center[1])))
+    assert len(distances_px) >= 10
+    assert np.median(distances_px) < 4.0  # 13 px if the times were those of the arrival
 
 
 def receive_until(client: FoxgloveClient, condition: Callable[[], object], description: str) -> None:
