@@ -1,4 +1,4 @@
-"""Cost of a recording: the recorder's processor time in a hovering stack, and time and size of what it writes.
+"""Cost of a recording: processor time of the recorder and of the live server, and size of what is written.
 
 `python -m benchmarks.speed.recording [--seconds S] [--file FILE]` flies a stack of real processes or takes a
 recording, and writes its messages again: without and with the scene for 3D viewers, and with images.
@@ -11,13 +11,13 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from benchmarks.speed.stack import HOVER_ALTITUDE_M, cpu_ns, running_stack
+from benchmarks.speed.stack import HOVER_ALTITUDE_M, cpu_ns, running_module, running_stack
 from jezero import Vehicle
 from jezero.deploy.launcher.ports import reserved_instance
 from jezero.recording.folder import newest_recording
 from jezero.recording.images import compress, decompress
 from jezero.recording.mcap_file import McapFile, RawMessage
-from jezero.recording.scene import MESSAGES, Scene
+from jezero.recording.viewer_scene import MESSAGES, ViewerScene
 from jezero.recording.writer import RecordingWriter
 from jezero.runtime.config import load_config
 from jezero.schemas.sensors import CameraFrame
@@ -31,7 +31,7 @@ IMAGES = 50
 
 
 def fly(folder: Path, seconds: float) -> Path:
-    """Hover for some seconds, and print the recorder's share of a core; returns the recording."""
+    """Hover for some seconds, and print the shares of a core of recorder and live server; returns the recording."""
     with (
         reserved_instance(vehicle=f"record{os.getpid()}") as instance,
         running_stack(instance, folder / "run") as stack,
@@ -39,18 +39,27 @@ def fly(folder: Path, seconds: float) -> Path:
         with Vehicle.connect(instance.vehicle, router=instance.router) as uav:
             uav.wait_ready()
             uav.takeoff(altitude_m=HOVER_ALTITUDE_M).result(timeout_s=60)
-        pid = stack.processes()["recorder"]
-        before_ns, begin_s = cpu_ns(pid), time.monotonic()
-        time.sleep(seconds)
-        share = (cpu_ns(pid) - before_ns) / NS_PER_S / (time.monotonic() - begin_s)
+        print(f"recorder of a hovering stack: {100.0 * share(stack.processes()['recorder'], seconds):.1f} % of a core")
+        with running_module(
+            "jezero.cli.main", "watch", "--foxglove", "--port", "0", "--json", instance=instance
+        ) as watch:
+            assert watch.stdout is not None
+            watch.stdout.readline()
+            print(f"jezero watch --foxglove without a viewer: {100.0 * share(watch.pid, seconds):.1f} % of a core")
     path = newest_recording(folder / "run")
     if path is None:
         raise RuntimeError("the stack has left no recording")
-    print(f"recorder of a hovering stack: {100.0 * share:.1f} % of a core")
     return path
 
 
-def write(messages: Sequence[RawMessage], path: Path, scene: Callable[[], Scene | None]) -> tuple[float, int]:
+def share(pid: int, seconds: float) -> float:
+    """Fraction of a core that a process uses during some seconds from now."""
+    before_ns, begin_s = cpu_ns(pid), time.monotonic()
+    time.sleep(seconds)
+    return (cpu_ns(pid) - before_ns) / NS_PER_S / (time.monotonic() - begin_s)
+
+
+def write(messages: Sequence[RawMessage], path: Path, scene: Callable[[], ViewerScene | None]) -> tuple[float, int]:
     """Write messages to a new file; returns the shortest processor time of a message in us, and the file's size."""
     taken_us = []
     for _ in range(REPEATS):
@@ -100,7 +109,7 @@ def main() -> None:
         minutes = (messages[-1].logged_ns - messages[0].logged_ns) / NS_PER_S / 60.0
         target = folder / "written.mcap"
         print(f"{len(others) / minutes / 60.0:.0f} messages and {len(images) / minutes / 60.0:.1f} images a second")
-        for text, scene in (("without", lambda: None), ("with", lambda: Scene(vehicle))):
+        for text, scene in (("without", lambda: None), ("with", lambda: ViewerScene(vehicle))):
             us, size_bytes = write(others, target, scene)
             print(f"{text} the scene: {us:.1f} us a message, {size_bytes / 1e6 / minutes:.2f} MB a minute")
         if images:

@@ -157,7 +157,7 @@ def recorded(vehicle: str, router: str, path: Path) -> Iterator[None]:
 
     from jezero.recording.about import about
     from jezero.recording.channels import keys_without_images
-    from jezero.recording.scene import Scene
+    from jezero.recording.viewer_scene import ViewerScene
     from jezero.recording.writer import RecordingWriter
     from jezero.runtime.config import load_config
     from jezero.schemas.topics import key
@@ -165,7 +165,7 @@ def recorded(vehicle: str, router: str, path: Path) -> Iterator[None]:
     from jezero.zenoh_client import client_config
 
     prefix = key(vehicle, "")
-    scene = Scene(load_config(VehicleConfig, "vehicle"))
+    scene = ViewerScene(load_config(VehicleConfig, "vehicle"))
     lock = threading.Lock()
     origin = about(bus="zenoh", vehicle=vehicle)
     with (

@@ -54,12 +54,12 @@ def _serve(printer: Printer, vehicle: str, router: str, host: str, port: int) ->
     import zenoh
 
     from jezero.recording.live import LiveServer, ServeError, VehicleMessages
-    from jezero.recording.scene import Scene
+    from jezero.recording.viewer_scene import ViewerScene
     from jezero.runtime.config import load_config
     from jezero.vehicle_config import VehicleConfig
     from jezero.zenoh_client import client_config
 
-    scene = Scene(load_config(VehicleConfig, "vehicle"))
+    scene = ViewerScene(load_config(VehicleConfig, "vehicle"))
     try:
         session = zenoh.open(client_config(router, CONNECT_TIMEOUT_S))
     except zenoh.ZError:

@@ -6,14 +6,14 @@ from typing import Any
 import msgspec
 
 from jezero.plugins import PluginError, load_declaration, plugin_names
-from jezero.recording import foxglove, scene
+from jezero.recording import foxglove, viewer_scene
 from jezero.recording.images import HEADERS
 from jezero.schemas.topics import ACTIONS, CAMERA, TOPICS, Topic, feedback_of, health_of
 
 _HEADERS = Topic(HEADERS, CAMERA.type, CAMERA.rate_hz, CAMERA.writer)
 _HEALTH = health_of("").name
 _ANY_OBJECT = b'{"type":"object","properties":{}}'
-_FOXGLOVE: dict[str, type[msgspec.Struct]] = {CAMERA.name: foxglove.CompressedImage, **scene.MESSAGES}
+_FOXGLOVE: dict[str, type[msgspec.Struct]] = {CAMERA.name: foxglove.CompressedImage, **viewer_scene.MESSAGES}
 """Channels with Foxglove's own messages."""
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from jezero.os_errors import describe_os_error
 from jezero.recording.channels import topic_of
-from jezero.recording.scene import Scene
+from jezero.recording.viewer_scene import ViewerScene
 from jezero.recording.writer import RecordingWriter
 
 RECORDINGS = "recordings"
@@ -48,7 +48,7 @@ class RecordingFolder:
         about: Mapping[str, str],
         size_max_bytes: int,
         jpeg_quality: int | None = None,
-        scene: Scene | None = None,
+        scene: ViewerScene | None = None,
     ) -> None:
         self._folder = folder
         self._about = about

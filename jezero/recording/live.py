@@ -11,7 +11,7 @@ import zenoh
 
 from jezero.recording.channels import json_schema, keys_without_images, schema_name, topic_of
 from jezero.recording.images import HEADERS, split_image
-from jezero.recording.scene import Scene
+from jezero.recording.viewer_scene import ViewerScene
 from jezero.schemas.topics import CAMERA, key
 from jezero.zenoh_client import data_of
 
@@ -40,7 +40,7 @@ class LiveServer:
         ServeError: the address can't be used.
     """
 
-    def __init__(self, name: str, host: str, port: int, scene: Scene) -> None:
+    def __init__(self, name: str, host: str, port: int, scene: ViewerScene) -> None:
         self._scene = scene
         self._context = foxglove.Context()
         self._channels: dict[str, foxglove.Channel] = {}

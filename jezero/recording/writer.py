@@ -13,7 +13,7 @@ from jezero.os_errors import naming
 from jezero.recording.channels import json_schema, schema_name
 from jezero.recording.images import split_image
 from jezero.recording.mcap_file import ABOUT
-from jezero.recording.scene import Scene
+from jezero.recording.viewer_scene import ViewerScene
 from jezero.schemas.topics import CAMERA
 from jezero.schemas.units import NS_PER_S
 
@@ -47,7 +47,7 @@ class RecordingWriter:
         *,
         schemas: Mapping[str, Schema] | None = None,
         jpeg_quality: int | None = None,
-        scene: Scene | None = None,
+        scene: ViewerScene | None = None,
     ) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._path = path

@@ -10,7 +10,7 @@ import msgspec
 from jezero.codec import decode
 from jezero.frames import Vec3, horizontal
 from jezero.recording.about import about
-from jezero.recording.scene import Scene
+from jezero.recording.viewer_scene import ViewerScene
 from jezero.recording.writer import RecordingWriter
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
@@ -136,7 +136,7 @@ def fly_virtually(
     bus = build_stack(seed, camera=camera, without=without)
     writer = None
     if recording is not None:
-        scene = Scene(load_config(VehicleConfig, "vehicle"))
+        scene = ViewerScene(load_config(VehicleConfig, "vehicle"))
         writer = RecordingWriter(recording, about(bus="virtual", seed=str(seed)), scene=scene)
     recorder = _Recorder(writer)
     bus.observe(recorder)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from jezero.recording.about import about
 from jezero.recording.folder import RECORDINGS, RecordingFolder
-from jezero.recording.scene import Scene
+from jezero.recording.viewer_scene import ViewerScene
 from jezero.runtime.config import Instance, load_config
 from jezero.runtime.links import SocketLink
 from jezero.runtime.service import Service
@@ -30,7 +30,7 @@ def main() -> int:
         origin = about(bus="zenoh", vehicle=instance.vehicle, autopilot=autopilot)
         size_max_bytes = int(1e6 * config.file_size_max_mb)
         quality = config.jpeg_quality if config.images else None
-        scene = Scene(load_config(VehicleConfig, "vehicle"))
+        scene = ViewerScene(load_config(VehicleConfig, "vehicle"))
         opened.append(RecordingFolder(folder, origin, size_max_bytes, quality, scene))
         return Recorder(opened[0].write, images=config.images, execute=worker.add), {}
 

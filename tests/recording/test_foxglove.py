@@ -9,7 +9,7 @@ import pytest
 from jezero.recording import foxglove
 from jezero.recording.channels import json_schema, keys_without_images
 from jezero.recording.images import HEADERS
-from jezero.recording.scene import MESSAGES
+from jezero.recording.viewer_scene import MESSAGES
 from jezero.schemas.topics import CAMERA
 
 STRUCTS = [each for each in vars(foxglove).values() if isinstance(each, type) and issubclass(each, msgspec.Struct)]

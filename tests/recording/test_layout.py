@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from jezero.recording import scene
 from jezero.recording.channels import json_schema, keys_without_images
+from jezero.recording.viewer_scene import FRD, FRD_TRUE, MAP, MESSAGES, ROVER, ROVER_TRUE, WORLD
 from jezero.schemas.topics import CAMERA
 
 LAYOUT = json.loads((Path(__file__).parents[2] / "docs/how-to/foxglove-layout.json").read_text())
-CHANNELS = {CAMERA.name, *scene.MESSAGES, *keys_without_images()}
-FRAMES = {scene.MAP, scene.WORLD, scene.FRD, "camera", scene.ROVER, scene.FRD_TRUE, scene.ROVER_TRUE}
+CHANNELS = {CAMERA.name, *MESSAGES, *keys_without_images()}
+FRAMES = {MAP, WORLD, FRD, "camera", ROVER, FRD_TRUE, ROVER_TRUE}
 
 
 def values(node: Any, name: str) -> Iterator[Any]:

@@ -11,7 +11,7 @@ import pytest
 from jezero.codec import encode
 from jezero.recording.images import decompress
 from jezero.recording.live import LiveServer, ServeError
-from jezero.recording.scene import Scene
+from jezero.recording.viewer_scene import ViewerScene
 from jezero.schemas import topics
 from jezero.schemas.sensors import Altimeter, CameraFrame
 from jezero.vehicle_config import VehicleConfig
@@ -26,7 +26,7 @@ TIMEOUT_S = 5.0
 
 @pytest.fixture
 def server() -> Iterator[LiveServer]:
-    with LiveServer("uav1", "127.0.0.1", 0, Scene(VehicleConfig())) as server:
+    with LiveServer("uav1", "127.0.0.1", 0, ViewerScene(VehicleConfig())) as server:
         yield server
 
 
@@ -97,4 +97,4 @@ def test_images_are_wanted_and_encoded_only_while_somebody_has_subscribed(
 
 def test_a_port_in_use_is_refused_with_its_number(server: LiveServer) -> None:
     with pytest.raises(ServeError, match=rf"127.0.0.1, port {server.port}: .*in use"):
-        LiveServer("uav1", "127.0.0.1", server.port, Scene(VehicleConfig()))
+        LiveServer("uav1", "127.0.0.1", server.port, ViewerScene(VehicleConfig()))

@@ -15,7 +15,7 @@ from pupil_apriltags import Detector
 from jezero.frames import distance
 from jezero.recording import open_recording
 from jezero.recording.images import decompress
-from jezero.recording.scene import CALIBRATION, MESSAGES, TRANSFORMS
+from jezero.recording.viewer_scene import CALIBRATION, MESSAGES, TRANSFORMS
 from jezero.schemas import topics
 from jezero.schemas.landing_board import BIG_ID
 from tests.recording.doctor import examine

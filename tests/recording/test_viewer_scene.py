@@ -12,8 +12,8 @@ from msgspec.structs import replace
 from jezero.codec import encode
 from jezero.frames import Vec3, enu_from_ned, quat_from_euler, quat_multiply, quat_rotate
 from jezero.recording.channels import json_schema, schema_name
-from jezero.recording.scene import CALIBRATION, LOCATION, SCENE, TRANSFORMS, Scene
 from jezero.recording.thinned_path import POINTS_MAX, ThinnedPath
+from jezero.recording.viewer_scene import CALIBRATION, LOCATION, SCENE, TRANSFORMS, ViewerScene
 from jezero.schemas import topics
 from jezero.schemas.commands import CameraPitch, Phase, Setpoint
 from jezero.schemas.estimate import RoverEstimate
@@ -54,7 +54,7 @@ def rover(**changes: Any) -> RoverEstimate:
     return RoverEstimate(**{**fields, **changes})
 
 
-def drawn(scene: Scene, t_s: float, *messages: tuple[Topic[Any], Message]) -> Messages:
+def drawn(scene: ViewerScene, t_s: float, *messages: tuple[Topic[Any], Message]) -> Messages:
     """The newest message of each viewer's channel after some messages of one time that arrive at once, decoded."""
     made, t_ns = {}, round(t_s * NS_PER_S)
     for topic, message in messages:
@@ -72,16 +72,16 @@ def line(update: Messages, name: str) -> list[tuple[float, float, float]]:
 
 
 def test_the_vehicle_is_at_its_position_in_a_root_frame_of_east_north_and_up() -> None:
-    transforms = drawn(Scene(VEHICLE), 1.0, (topics.ODOMETRY, odometry()))[TRANSFORMS]
+    transforms = drawn(ViewerScene(VEHICLE), 1.0, (topics.ODOMETRY, odometry()))[TRANSFORMS]
     assert in_map(transforms, "frd") == pytest.approx((2.0, 1.0, 3.0 + STAND_M))
 
 
 def test_a_point_ahead_of_the_vehicle_is_where_its_attitude_puts_it() -> None:
-    north = drawn(Scene(VEHICLE), 1.0, (topics.ODOMETRY, odometry(q_ned_from_frd=(1.0, 0.0, 0.0, 0.0))))
+    north = drawn(ViewerScene(VEHICLE), 1.0, (topics.ODOMETRY, odometry(q_ned_from_frd=(1.0, 0.0, 0.0, 0.0))))
     assert in_map(north[TRANSFORMS], "frd", (1.0, 0.0, 0.0)) == pytest.approx((2.0, 2.0, 3.0 + STAND_M))
     assert in_map(north[TRANSFORMS], "frd", (0.0, 1.0, 0.0)) == pytest.approx((3.0, 1.0, 3.0 + STAND_M))
     tilted = odometry()
-    turned = drawn(Scene(VEHICLE), 1.0, (topics.ODOMETRY, tilted))[TRANSFORMS]
+    turned = drawn(ViewerScene(VEHICLE), 1.0, (topics.ODOMETRY, tilted))[TRANSFORMS]
     point_ned_m = quat_rotate(tilted.q_ned_from_frd, (0.3, -0.2, 0.1))
     offset_m = np.subtract(in_map(turned, "frd", (0.3, -0.2, 0.1)), in_map(turned, "frd"))
     assert offset_m == pytest.approx(enu_from_ned(point_ned_m))
@@ -90,7 +90,7 @@ def test_a_point_ahead_of_the_vehicle_is_where_its_attitude_puts_it() -> None:
 def test_a_camera_that_points_ahead_and_down_sees_the_ground_there() -> None:
     level = odometry(q_ned_from_frd=(1.0, 0.0, 0.0, 0.0), pos_uav_ned_m=(0.0, 0.0, -10.0))
     pitch = CameraPitch(t_ns=0, pitch_camera_rad=-math.pi / 4)
-    scene = Scene(VEHICLE)
+    scene = ViewerScene(VEHICLE)
     down = drawn(scene, 1.0, (topics.ODOMETRY, level))[TRANSFORMS]
     axis_m = np.subtract(in_map(down, "camera", (0.0, 0.0, 1.0)), in_map(down, "camera"))
     assert axis_m == pytest.approx((0.0, 0.0, -1.0), abs=1e-4)
@@ -122,7 +122,7 @@ def test_rover_and_truth_have_frames_of_their_own() -> None:
         contact_force_n=0.0,
         armed_motors=True,
     )
-    scene = Scene(VEHICLE)
+    scene = ViewerScene(VEHICLE)
     drawn(scene, 0.95, (topics.ROVER_ESTIMATE, rover()), (topics.TRUTH, truth), (topics.ODOMETRY, odometry()))
     transforms = drawn(scene, 1.1, (topics.ODOMETRY, odometry()))[TRANSFORMS]
     assert in_map(transforms, "rover_body") == pytest.approx((-3.0, 5.0, 0.5))
@@ -135,7 +135,7 @@ def test_rover_and_truth_have_frames_of_their_own() -> None:
 
 
 def test_an_invalid_estimate_of_the_rover_is_not_drawn() -> None:
-    scene = Scene(VEHICLE)
+    scene = ViewerScene(VEHICLE)
     drawn(scene, 0.0, (topics.ODOMETRY, odometry()))
     drawn(scene, 0.95, (topics.ROVER_ESTIMATE, rover()))
     update = drawn(scene, 1.05, (topics.ODOMETRY, odometry()))[SCENE]
@@ -147,7 +147,7 @@ def test_an_invalid_estimate_of_the_rover_is_not_drawn() -> None:
 
 
 def test_the_path_flown_moves_with_a_position_reset_and_ends_with_the_epoch() -> None:
-    scene = Scene(VEHICLE)
+    scene = ViewerScene(VEHICLE)
     for second in range(3):
         update = drawn(scene, float(second), (topics.ODOMETRY, odometry((float(second), 0.0, -2.0))))[SCENE]
     assert line(update, "path flown") == [(0.0, 0.0, -2.0), (1.0, 0.0, -2.0), (2.0, 0.0, -2.0)]
@@ -159,7 +159,7 @@ def test_the_path_flown_moves_with_a_position_reset_and_ends_with_the_epoch() ->
 
 
 def test_the_path_of_the_setpoints_is_that_of_the_goal_in_charge() -> None:
-    scene = Scene(VEHICLE)
+    scene = ViewerScene(VEHICLE)
     for second, control_id in enumerate(("a", "a", "b", "b")):
         at = Setpoint(t_ns=0, control_id=control_id, sequence=second, phase=Phase.GO_TO, pos_ned_m=(second, 0.0, -2.0))
         update = drawn(scene, float(second), (topics.SETPOINT, at))[SCENE]
@@ -167,7 +167,7 @@ def test_the_path_of_the_setpoints_is_that_of_the_goal_in_charge() -> None:
 
 
 def test_positions_on_the_earth_follow_from_the_origin() -> None:
-    scene = Scene(VEHICLE)
+    scene = ViewerScene(VEHICLE)
     assert LOCATION not in drawn(scene, 0.0, (topics.ODOMETRY, odometry()))
     fix = drawn(scene, 1.0, (topics.ODOMETRY, odometry(origin_deg=(45.0, 7.0, 240.0), std_pos_m=0.5)))[LOCATION]
     assert fix["latitude"] == pytest.approx(45.0 + math.degrees(1.0 / 6_371_000.0), abs=1e-9)
@@ -177,7 +177,7 @@ def test_positions_on_the_earth_follow_from_the_origin() -> None:
 
 
 def test_the_calibration_projects_as_the_camera_does() -> None:
-    calibration = drawn(Scene(VEHICLE), 1.0, (topics.CAMERA_INFO, VEHICLE.camera.info(0)))[CALIBRATION]
+    calibration = drawn(ViewerScene(VEHICLE), 1.0, (topics.CAMERA_INFO, VEHICLE.camera.info(0)))[CALIBRATION]
     x, y, z = 0.2, -0.1, 2.0
     u, v, w = np.reshape(calibration["P"], (3, 4)) @ (x, y, z, 1.0)
     focal_px, center_px = VEHICLE.camera.focal_px, VEHICLE.camera.center_px
@@ -185,7 +185,7 @@ def test_the_calibration_projects_as_the_camera_does() -> None:
 
 
 def test_a_message_has_the_time_of_its_content_on_the_clock_of_the_recording() -> None:
-    scene = Scene(VEHICLE)
+    scene = ViewerScene(VEHICLE)
     assert scene.time_of(5, logged_ns=1000) == 1000  # no odometry yet
     at = replace(odometry(), t_ns=3 * NS_PER_S)
     dict(scene.update(100 * NS_PER_S, topics.ODOMETRY.name, encode(at)))
@@ -195,14 +195,14 @@ def test_a_message_has_the_time_of_its_content_on_the_clock_of_the_recording() -
 
 
 def test_what_cannot_be_decoded_is_not_drawn() -> None:
-    scene = Scene(VEHICLE)
+    scene = ViewerScene(VEHICLE)
     made = dict(scene.update(0, topics.ODOMETRY.name, b'{"t_ns": "no"}'))
     assert b'"frd"' not in made[SCENE]
     assert "frd" in entities(drawn(scene, 1.0, (topics.ODOMETRY, odometry()))[SCENE])
 
 
 def test_a_second_of_a_long_flight_costs_no_more_than_one_of_a_short_flight() -> None:
-    scene, sizes = Scene(VEHICLE), []
+    scene, sizes = ViewerScene(VEHICLE), []
     for second in range(4000):  # at 1 m/s on a spiral, which has no straight parts
         angle_rad = math.sqrt(0.2 * second)
         at = (10.0 * angle_rad * math.cos(angle_rad), 10.0 * angle_rad * math.sin(angle_rad), -5.0)
@@ -222,7 +222,7 @@ def test_a_thinned_path_keeps_its_shape() -> None:
 
 @pytest.mark.parametrize("channel", [TRANSFORMS, SCENE, LOCATION, CALIBRATION])
 def test_a_message_has_the_fields_of_its_schema(channel: str) -> None:
-    scene = Scene(VEHICLE)
+    scene = ViewerScene(VEHICLE)
     at = odometry(origin_deg=(45.0, 7.0, 240.0))
     drawn(scene, 0.95, (topics.CAMERA_INFO, VEHICLE.camera.info(0)), (topics.ROVER_ESTIMATE, rover()))
     made = drawn(scene, 2.0, (topics.CAMERA_INFO, VEHICLE.camera.info(0)), (topics.ODOMETRY, at))

@@ -67,7 +67,7 @@ Made = Iterable[tuple[str, bytes]]
 """Messages for viewers, each (channel, encoded message)."""
 
 
-class Scene:
+class ViewerScene:
     """Collects the newest messages, and makes those for viewers ten times a second.
 
     Args:

@@ -9,7 +9,7 @@ import pytest
 from mcap.reader import make_reader
 
 from jezero.frames import distance, enu_from_ned
-from jezero.recording.scene import LOCATION, SCENE, TRANSFORMS
+from jezero.recording.viewer_scene import LOCATION, SCENE, TRANSFORMS
 from jezero.recording.writer import RECORDING
 from jezero.trials.flight import fly_virtually
 from jezero.trials.missions import FLIGHT
