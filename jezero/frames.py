@@ -210,6 +210,13 @@ def geodetic_from_ned(pos_ned_m: Vec3, origin_deg: Vec3) -> Vec3:
     return (degrees(lat), degrees(wrap_pi(lon)), alt0 - pos_ned_m[2])
 
 
+def origin_from(pos_ned_m: Vec3, position_deg: Vec3) -> Vec3:
+    """The origin, as `geodetic_from_ned` takes it, of a frame in which both positions are the same place."""
+    lat0 = position_deg[0] - pos_ned_m[0] / EARTH_RADIUS_M * 180.0 / pi
+    lon0 = position_deg[1] - pos_ned_m[1] / (EARTH_RADIUS_M * cos(lat0 * pi / 180.0)) * 180.0 / pi
+    return (lat0, lon0, position_deg[2] + pos_ned_m[2])
+
+
 def ned_from_geodetic(position_deg: Vec3, origin_deg: Vec3) -> Vec3:
     """Inverse of `geodetic_from_ned`; metres."""
     lat0, lat, turn = radians(origin_deg[0]), radians(position_deg[0]), radians(position_deg[1] - origin_deg[1])

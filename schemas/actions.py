@@ -4,7 +4,7 @@ A goal is a query on `@action/<name>`. Its replies are one `Accepted` or `Reject
 one `Result`.
 """
 
-from typing import Annotated, Generic, Literal, TypeVar
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from msgspec import Meta
 
@@ -414,6 +414,42 @@ class PlanReply(Payload, frozen=True, kw_only=True):
     battery_remaining: Fraction | None = None
     battery_critical: Fraction | None = None
     coverage: PlannedCoverage | None = None
+
+
+class UnknownAction(Payload, frozen=True, kw_only=True):
+    """Request on a key below `@action/` that no action server may have; the runtime makes it, whatever the client sent.
+
+    Attributes:
+        key: the key, without `jezero/<vehicle>/`.
+    """
+
+    key: str
+
+
+class GetDescription(Payload, frozen=True, kw_only=True):
+    """Request for the description of an action; it has no fields."""
+
+
+class ActionDescription(Payload, frozen=True, kw_only=True):
+    """Description of an action, from which a program can send its goals.
+
+    Attributes:
+        name: name of the action.
+        endpoint: key of its goals, without `jezero/<vehicle>/`.
+        cancel: key that ends a goal.
+        plan: key that plans a goal without flying it.
+        goal: JSON Schema of a goal.
+        feedback: JSON Schema of the field `feedback` of the replies while a goal is flown.
+        result: JSON Schema of the field `result` of the last reply.
+    """
+
+    name: Name
+    endpoint: Text
+    cancel: Text
+    plan: Text
+    goal: dict[str, Any]
+    feedback: dict[str, Any]
+    result: dict[str, Any]
 
 
 class Cancel(Payload, frozen=True, kw_only=True):

@@ -33,7 +33,7 @@ class _Planned:
     reply: "PlanReply | None" = None
 
 
-def show_plan(
+def show_coverage_plan(
     request: CoverageRequest, origin: Origin | None, file: Path, *, vehicle: str, router: str, as_json: bool
 ) -> None:
     """Plan a coverage, draw it into a file, and print its figures.

@@ -1,4 +1,4 @@
-"""Flights of more than a minute are shown before they start, and must be confirmed."""
+"""Plans of flights before they start: those of more than a minute are shown, and must be confirmed."""
 
 import sys
 import time
@@ -44,7 +44,7 @@ def agreed_plan(printer: "Printer", uav: "Vehicle", action: "Action[Any]", goal:
         plan = uav.plan(action, goal)
     long = plan.duration_s is not None and plan.duration_s > LONG_FLIGHT_S
     if long or plan.coverage is not None:
-        _show(printer, plan, action.name)
+        show_plan(printer, plan, action.name)
     printer.warn(plan.warning)
     if long and not yes:
         _confirm(printer)
@@ -85,8 +85,8 @@ def minutes(duration_s: float) -> str:
 
 
 def flight_in_words(plan: "PlanReply") -> str:
-    """Duration, length and battery of a flight."""
-    parts = [minutes(plan.duration_s or 0.0)]
+    """Duration, length and battery of a flight, as far as they are known."""
+    parts = ["duration unknown" if plan.duration_s is None else minutes(plan.duration_s)]
     if plan.distance_m is not None:
         parts.append(f"{plan.distance_m:.0f} m")
     if plan.battery_used is not None:
@@ -98,7 +98,8 @@ def flight_in_words(plan: "PlanReply") -> str:
     return ", ".join(parts)
 
 
-def _show(printer: "Printer", plan: "PlanReply", name: str) -> None:
+def show_plan(printer: "Printer", plan: "PlanReply", name: str) -> None:
+    """Print what a goal flies: duration, length, battery, and for a coverage its images and the shares of the area."""
     text, coverage, fields = flight_in_words(plan), plan.coverage, {}
     if coverage is not None:
         fields = {"plan_id": coverage.plan_id, "covered": coverage.covered, "photographed": coverage.photographed}

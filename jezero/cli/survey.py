@@ -14,7 +14,7 @@ from jezero.cli.area import (
     read_polygon_file,
     vehicle_origin,
 )
-from jezero.cli.coverage_plan import show_plan
+from jezero.cli.coverage_plan import show_coverage_plan
 from jezero.cli.flight import FINITE, FRAMES, NUMBERS, Printer, connected, flight_options
 from jezero.cli.pictures import PNG_OR_JPG, default_folder, take_pictures
 from jezero.cli.plan import agreed_plan, as_planned, send_goal
@@ -130,7 +130,7 @@ def gridsweep(
     from jezero.schemas.topics import AREA_COVERAGE
 
     if plan_only:
-        show_plan(_request(**given), origin, out or DRAWING, vehicle=vehicle, router=router, as_json=as_json)
+        show_coverage_plan(_request(**given), origin, out or DRAWING, vehicle=vehicle, router=router, as_json=as_json)
         return
     if origin is not None:
         raise click.UsageError("--origin is for --plan-only: a vehicle that flies has its own")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from jezero.codec import encode
 from jezero.runtime.node import Node
-from jezero.runtime.service import Service
+from jezero.runtime.service import SentMessage, Service
 from jezero.runtime.task import CANCELED, Outcome, execute, pickled, read_outcome
 from jezero.schemas.topics import Endpoint, Topic, health_of
 from jezero.schemas.units import NS_PER_S
@@ -90,6 +90,10 @@ class Port:
         if self.alive and name in self.subscribed:
             self.node.inbox.wall_ns = self._bus.t_ns
             self.wants_step |= self.node.deliver(name, data)
+
+    def hear(self, t_ns: int, name: str, data: bytes) -> None:
+        if self.alive:
+            self.node.inbox.sent.append(SentMessage(t_ns, name, data))
 
     def receive_request(self, name: str, request_id: int, client_id: str, data: bytes) -> None:
         if self.alive:

@@ -15,6 +15,7 @@ from jezero.runtime.service import (
     Request,
     Response,
     Send,
+    SentMessage,
     Service,
     SetRate,
     Subscribe,
@@ -74,6 +75,7 @@ class Mailbox:
         self.connected = True
         self.departed_clients: list[str] = []
         self.responses: list[Response] = []
+        self.sent: list[SentMessage] = []
         self._new: dict[str, list[Any]] = {}
         self._latest: dict[str, Any] = {}
         self._requests: dict[str, list[Request]] = {}
@@ -113,6 +115,8 @@ class Mailbox:
             self.responses.clear()
         if self._requests:
             self._requests.clear()
+        if self.sent:
+            self.sent.clear()
         for parts in self._bytes.values():
             if parts:
                 parts.clear()

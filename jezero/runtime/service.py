@@ -38,6 +38,8 @@ class Spec:
         lockstep: name of the link on which the time master awaits an answer after each step (at most 16 ms); vehicle
             time starts when this link first connects. None for every other service.
         watches_clients: whether the inbox lists the clients that have vanished.
+        hears_all: whether the inbox has every message that anybody publishes for the vehicle, as it was sent. Such
+            messages trigger no step.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Spec:
     rate_hz: float = 10.0
     lockstep: str | None = None
     watches_clients: bool = False
+    hears_all: bool = False
 
 
 class UndeclaredError(RuntimeError):
@@ -173,6 +176,20 @@ class Response(msgspec.Struct, frozen=True):
     error: str | None = None
 
 
+class SentMessage(msgspec.Struct, frozen=True):
+    """A message as it was sent.
+
+    Attributes:
+        arrival_ns: time of its arrival: in real time ns since 1970 by the host's clock, in virtual time vehicle time.
+        topic: name of the topic.
+        data: the encoded message, with its attachment.
+    """
+
+    arrival_ns: int
+    topic: str
+    data: bytes
+
+
 class Inbox(Protocol):
     """Everything that arrived since the last step."""
 
@@ -194,6 +211,10 @@ class Inbox(Protocol):
     @property
     def responses(self) -> Sequence[Response]:
         """Outcomes of this service's calls and background tasks."""
+
+    @property
+    def sent(self) -> Sequence[SentMessage]:
+        """All messages since the last step, in the order of their arrival; needs `Spec.hears_all`."""
 
     def new(self, topic: Topic[M]) -> Sequence[M]:
         """Messages since the last step, oldest first."""

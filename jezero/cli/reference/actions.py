@@ -69,6 +69,14 @@ zenoh --mode client --connect tcp/127.0.0.1:7447 --cfg queries_default_timeout:1
 The command `zenoh` comes from the package `zenoh-cli`. The fields of a goal are parameters of the selector, separated
 by `;`, or one JSON object as the payload. A value is JSON where it parses, and text otherwise. None is `null` in JSON.
 
+A running stack describes its actions itself, with the JSON Schema of goal, feedback and result, one reply an action:
+
+```
+zenoh --mode client --connect tcp/127.0.0.1:7447 get --decoder text --selector 'jezero/uav1/action/*/description'
+```
+
+`jezero info actions --json` prints the same without a stack.
+
 Positions are metres north, east and **down**, so that a negative z is up.
 [Frames](../concepts/frames-and-time.md#frames) explains `world` and `rover`. Quaternions are `[w, x, y, z]`. Bounds of
 10 000 and more are left out of the ranges.
