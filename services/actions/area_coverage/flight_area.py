@@ -5,7 +5,7 @@ from math import cos, pi
 
 from shapely.geometry import MultiPolygon, Polygon
 
-from jezero.services.actions.area_coverage.area import MAIN_MIN, AreaError, RepairedArea, polygons_of
+from jezero.services.actions.area_coverage.area import AreaError, RepairedArea, polygons_of
 
 TRACKING_M = 0.15
 """Distance from its path that a vehicle hardly exceeds in wind. A margin holds for the vehicle, so the path keeps this
@@ -14,6 +14,9 @@ ARC_SEGMENTS = 4
 ARC_OUTWARDS = 1.0 / cos(0.25 * pi / ARC_SEGMENTS)
 """Factor of a radius that keeps the chords of a quarter circle of ARC_SEGMENTS outside the circle."""
 MARGIN_LOSS_MIN = 0.01
+"""Least fraction of the area that the margins leave out, for a warning."""
+MAIN_MIN = 0.9
+"""Least fraction of what the margins leave in its main part: corners behind a hole may be cut off, not half a field."""
 
 
 @dataclass(frozen=True)
