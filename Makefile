@@ -8,6 +8,7 @@
 # make walk       run the commands of README and docs as a reader would: five minutes or so
 # make speed      measure speed and cost: one table, and runs/bench.json
 # make reference  write the generated pages of docs/reference anew
+# make images     write the pictures of README and docs anew, from a flight in virtual time
 # make docs       build the documentation as a site, into site/
 
 # Arrays are small here: threads of the linear algebra library only wait for each other.
@@ -19,7 +20,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 DOCS_INSTALLED := $(VENV)/.docs-installed
 
-.PHONY: setup demo lint style types contracts unit test campaign broken walk speed reference docs
+.PHONY: setup demo lint style types contracts unit test campaign broken walk speed reference images docs
 
 setup: $(INSTALLED)
 
@@ -65,6 +66,9 @@ speed: setup
 
 reference: setup
 	for page in topics actions settings commands; do $(BIN)/jezero info page $$page > docs/reference/$$page.md || exit 1; done
+
+images: setup
+	$(BIN)/python -m benchmarks.docs_images
 
 $(DOCS_INSTALLED): $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'

@@ -14,7 +14,7 @@ Vectors are tuples of three floats and quaternions are `(w, x, y, z)` with w >= 
 floats are several times faster than arrays. A quaternion `q_ned_from_frd` turns body vectors into NED.
 """
 
-from math import asin, atan2, copysign, cos, hypot, pi, sin, sqrt
+from math import asin, atan2, copysign, cos, degrees, hypot, pi, radians, sin, sqrt
 
 Vec3 = tuple[float, float, float]
 Quat = tuple[float, float, float, float]
@@ -193,23 +193,39 @@ def rotate_yaw(v: Vec3, yaw_rad: float) -> Vec3:
 
 
 def geodetic_from_ned(pos_ned_m: Vec3, origin_deg: Vec3) -> Vec3:
-    """(latitude_deg, longitude_deg, altitude_m) of a local position on a sphere.
+    """(latitude_deg, longitude_deg, altitude_m) of a local position.
+
+    The projection is the azimuthal equidistant one of a sphere, with which PX4 makes its local position.
 
     Args:
         origin_deg: latitude and longitude in degrees and altitude in metres of the NED origin.
+    Source: PX4's `MapProjection`.
     """
-    lat0, lon0, alt0 = origin_deg
-    lat = lat0 + pos_ned_m[0] / EARTH_RADIUS_M * 180.0 / pi
-    lon = lon0 + pos_ned_m[1] / (EARTH_RADIUS_M * cos(lat0 * pi / 180.0)) * 180.0 / pi
-    return (lat, lon, alt0 - pos_ned_m[2])
+    lat0, lon0, alt0 = radians(origin_deg[0]), radians(origin_deg[1]), origin_deg[2]
+    north, east = pos_ned_m[0] / EARTH_RADIUS_M, pos_ned_m[1] / EARTH_RADIUS_M
+    angle = hypot(north, east)
+    sinc = sin(angle) / angle if angle > 0.0 else 1.0
+    lat = asin(max(-1.0, min(cos(angle) * sin(lat0) + north * sinc * cos(lat0), 1.0)))
+    lon = lon0 + atan2(east * sinc, cos(lat0) * cos(angle) - north * sinc * sin(lat0))
+    return (degrees(lat), degrees(wrap_pi(lon)), alt0 - pos_ned_m[2])
+
+
+def origin_from(pos_ned_m: Vec3, position_deg: Vec3) -> Vec3:
+    """The origin, as `geodetic_from_ned` takes it, of a frame in which both positions are the same place."""
+    lat0 = position_deg[0] - pos_ned_m[0] / EARTH_RADIUS_M * 180.0 / pi
+    lon0 = position_deg[1] - pos_ned_m[1] / (EARTH_RADIUS_M * cos(lat0 * pi / 180.0)) * 180.0 / pi
+    return (lat0, lon0, position_deg[2] + pos_ned_m[2])
 
 
 def ned_from_geodetic(position_deg: Vec3, origin_deg: Vec3) -> Vec3:
     """Inverse of `geodetic_from_ned`; metres."""
-    lat0, lon0, alt0 = origin_deg
-    north = (position_deg[0] - lat0) * pi / 180.0 * EARTH_RADIUS_M
-    east = (position_deg[1] - lon0) * pi / 180.0 * EARTH_RADIUS_M * cos(lat0 * pi / 180.0)
-    return (north, east, alt0 - position_deg[2])
+    lat0, lat, turn = radians(origin_deg[0]), radians(position_deg[0]), radians(position_deg[1] - origin_deg[1])
+    north = cos(lat0) * sin(lat) - sin(lat0) * cos(lat) * cos(turn)
+    east = cos(lat) * sin(turn)
+    sine = hypot(north, east)
+    angle = atan2(sine, sin(lat0) * sin(lat) + cos(lat0) * cos(lat) * cos(turn))
+    scale_m = EARTH_RADIUS_M * (angle / sine if sine > 0.0 else 1.0)
+    return (north * scale_m, east * scale_m, origin_deg[2] - position_deg[2])
 
 
 def frd_from_camera(

@@ -4,6 +4,8 @@ from math import hypot
 
 TILT_SINE_MAX = 0.17
 """Sine of the largest tilt on level ground: 10 degrees."""
+SLOPE_SINE_MAX = 0.34
+"""Sine of the largest tilt that a slope gives a vehicle which stands on it: 20 degrees."""
 
 
 def is_tilted_by_contact(

@@ -103,7 +103,8 @@ class AirframeConfig(Config, frozen=True, kw_only=True):
         radius_rotor_m: radius of each rotor.
         height_stand_m: height of the centre of mass when the vehicle stands.
         feet_frd_m: forward and right position of the front right foot; the four feet are symmetric.
-        drag_rotors_nspm: drag in the rotors' plane per m/s of airspeed, in hover; it grows with the rotors' speed.
+        drag_rotors_nspm: drag in the rotors' plane per m/s of airspeed, in hover; it grows with the rotors' speed. When
+            this and `drag_area_side_m2` are 0, the wind stays unknown.
         drag_area_side_m2: drag area of the body seen from the side, drag coefficient included.
         drag_area_top_m2: drag area of the body seen from above, drag coefficient included.
     """

@@ -4,7 +4,7 @@ A goal is a query on `@action/<name>`. Its replies are one `Accepted` or `Reject
 one `Result`.
 """
 
-from typing import Annotated, Generic, Literal, TypeVar
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from msgspec import Meta
 
@@ -25,6 +25,7 @@ from jezero.schemas.struct import (
 
 Frame = Literal["world", "rover"]
 Overlap = Annotated[float, Meta(ge=0.0, le=0.95)]
+PlanId = Annotated[str, Meta(max_length=64, pattern=r"^[0-9a-z]*$")]
 F = TypeVar("F")
 R = TypeVar("R")
 
@@ -143,6 +144,10 @@ class AreaCoverageGoal(Goal, frozen=True, kw_only=True):
         start_ned_m: north and east of a point in `frame`; the path begins near it. None means near the vehicle.
         first_picture: number of the planned image to start with, counted from 0; the images before it are left out.
             Above 0 only in the frame `world`.
+        plan_id: id of the plan to fly, from the reply to the same goal on `@action/area_coverage/plan`. A server knows
+            a plan for ten minutes, while the vehicle stays where it was. "" plans anew.
+        force: fly also where less than 90 % of the area would be in the images, or higher than the altimeter reaches,
+            so that no map can be made.
     """
 
     polygon_ned_m: Corners
@@ -155,6 +160,8 @@ class AreaCoverageGoal(Goal, frozen=True, kw_only=True):
     speed_mps: float | None = None
     start_ned_m: tuple[Position, Position] | None = None
     first_picture: Index = 0
+    plan_id: PlanId = ""
+    force: bool = False
 
 
 class MoveFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="move"):
@@ -199,6 +206,7 @@ class ImagesFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="
     Attributes:
         pos_uav_ned_m: position of the vehicle in `frame`.
         frame: frame of the position.
+        phase: `planning` before the goal is accepted, on the topic only; then `flying`.
         taken: number of images taken so far.
         planned: number of images that the goal will take in total.
         images: images taken since the last feedback; always empty for a goal with `stream_images` = false.
@@ -206,6 +214,7 @@ class ImagesFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="
 
     pos_uav_ned_m: PositionNed
     frame: Frame = "world"
+    phase: Literal["planning", "flying"] = "flying"
     taken: Index
     planned: Index
     images: tuple[Image, ...] = ()
@@ -243,10 +252,13 @@ class CoverageResult(ImagesResult, frozen=True, kw_only=True):
     Attributes:
         covered: fraction of the area that is at most half a line distance away from the flown path, by the vehicle's
             own position estimate.
+        photographed: fraction of the area that is in at least one image, on level ground at z = 0 of the world, by the
+            vehicle's own estimate. None from older servers.
         resume: goal that takes the missing images, in the world frame. None when no image is missing.
     """
 
     covered: Fraction
+    photographed: Fraction | None = None
     resume: AreaCoverageGoal | None = None
 
 
@@ -343,6 +355,34 @@ class FeedbackMessage(Message, Generic[F], frozen=True, kw_only=True):
     remaining_s: NonNegative | None = None
 
 
+class PlannedCoverage(Payload, frozen=True, kw_only=True):
+    """Plan of an area coverage. Its points are north and east in the goal's frame.
+
+    Attributes:
+        plan_id: id of the plan; a goal with this `plan_id` flies exactly this plan.
+        path_ned_m: (n, 2) path from the first image on, to the centimetre.
+        pictures_ned_m: (m, 2) points at which images are taken.
+        start_ned_m: point near which the path begins: that of the goal, or the vehicle's position.
+        line_distance_m: distance between two lines.
+        picture_distance_m: distance between two images along the path.
+        length_m: length of the path.
+        duration_s: duration of the flight along the path.
+        covered: fraction of the area that is at most half a line distance away from the path.
+        photographed: fraction of the area that is in at least one image, on level ground.
+    """
+
+    plan_id: PlanId
+    path_ned_m: Corners
+    pictures_ned_m: Corners
+    start_ned_m: tuple[Position, Position]
+    line_distance_m: NonNegative
+    picture_distance_m: NonNegative
+    length_m: NonNegative
+    duration_s: NonNegative
+    covered: Fraction
+    photographed: Fraction
+
+
 class PlanReply(Payload, frozen=True, kw_only=True):
     """Reply to a goal that is planned and not flown.
 
@@ -356,6 +396,7 @@ class PlanReply(Payload, frozen=True, kw_only=True):
         battery_used: fraction of the battery's capacity that the flight uses. None where the duration is unknown.
         battery_remaining: present fraction of the battery's capacity. None when the autopilot doesn't measure it.
         battery_critical: fraction that must be left, see `Battery.critical`. None when it is unknown.
+        coverage: path and images of an area coverage. None for other actions.
     """
 
     accepted: bool
@@ -367,6 +408,43 @@ class PlanReply(Payload, frozen=True, kw_only=True):
     battery_used: NonNegative | None = None
     battery_remaining: Fraction | None = None
     battery_critical: Fraction | None = None
+    coverage: PlannedCoverage | None = None
+
+
+class UnknownAction(Payload, frozen=True, kw_only=True):
+    """Request on a key below `@action/` that no action server may have; the runtime makes it, whatever the client sent.
+
+    Attributes:
+        key: the key, without `jezero/<vehicle>/`.
+    """
+
+    key: str
+
+
+class GetDescription(Payload, frozen=True, kw_only=True):
+    """Request for the description of an action; it has no fields."""
+
+
+class ActionDescription(Payload, frozen=True, kw_only=True):
+    """Description of an action, from which a program can send its goals.
+
+    Attributes:
+        name: name of the action.
+        endpoint: key of its goals, without `jezero/<vehicle>/`.
+        cancel: key that ends a goal.
+        plan: key that plans a goal without flying it.
+        goal: JSON Schema of a goal.
+        feedback: JSON Schema of the field `feedback` of the replies while a goal is flown.
+        result: JSON Schema of the field `result` of the last reply.
+    """
+
+    name: Name
+    endpoint: Text
+    cancel: Text
+    plan: Text
+    goal: dict[str, Any]
+    feedback: dict[str, Any]
+    result: dict[str, Any]
 
 
 class Cancel(Payload, frozen=True, kw_only=True):

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Generic, Literal, TypeVar, get_origin
 
+import msgspec
+
 from jezero.schemas import actions, commands, estimate, health, images, sensors, state
 from jezero.schemas.struct import Message, Payload
 
@@ -51,12 +53,14 @@ class Endpoint(Generic[Q, R]):
     """Key to which requests are sent.
 
     Attributes:
-        name: the key without `jezero/<vehicle>/`.
+        name: the key without `jezero/<vehicle>/`; or a pattern with `**` for requests on keys without a server of
+            their own, whose content is the key.
         request_type: type of each request.
         reply_type: type (or union of types) of each reply.
         server: name of the one service that replies; `EVERY_ACTION` where each action server replies.
         refuse: function that makes the reply to a request that can't be decoded or served, from the reason.
         shared: several servers reply on this key, each for its own goals.
+        wildcards: a query with wildcards gets a reply too; only for an endpoint without an effect.
     """
 
     name: str
@@ -65,6 +69,7 @@ class Endpoint(Generic[Q, R]):
     server: str
     refuse: Callable[[str], R]
     shared: bool = False
+    wildcards: bool = False
 
 
 @dataclass(frozen=True)
@@ -131,6 +136,37 @@ class Action(Generic[Q]):
             images.ImageReply,
             self.name,
             lambda why: images.ImageReply(reason=why),
+        )
+
+    @cached_property
+    def describe(self) -> Endpoint[actions.GetDescription, actions.ActionDescription]:
+        """Endpoint of the action's description; it has no effect, so that `action/*/description` gets all of them."""
+        return Endpoint(
+            f"action/{self.name}/description",
+            actions.GetDescription,
+            actions.ActionDescription,
+            self.name,
+            lambda why: self.description,  # a request without fields has nothing to refuse
+            wildcards=True,
+        )
+
+    @cached_property
+    def endpoints(self) -> tuple[Endpoint[Any, Any], ...]:
+        """All endpoints of its server but the shared one."""
+        image = (self.image,) if self.takes_pictures else ()
+        return (self.endpoint, self.plan, self.cancel, self.describe, *image)
+
+    @cached_property
+    def description(self) -> actions.ActionDescription:
+        """The action's keys, and its goal, feedback and result as JSON Schema."""
+        return actions.ActionDescription(
+            name=self.name,
+            endpoint=self.endpoint.name,
+            cancel=self.cancel.name,
+            plan=self.plan.name,
+            goal=msgspec.json.schema(self.goal_type),
+            feedback=msgspec.json.schema(self.feedback_type),
+            result=msgspec.json.schema(self.result_type),
         )
 
 
@@ -204,6 +240,15 @@ RESULT = Endpoint(
     lambda why: actions.ResultReply(goal_id="-", action="-", running=False, result=None),
     shared=True,
 )
+UNKNOWN_ACTION = Endpoint(
+    "@action/**",
+    actions.UnknownAction,
+    actions.Rejected | actions.PlanReply | actions.CancelReply,
+    "vehicle_bridge",
+    lambda why: actions.Rejected(reason=why),
+    shared=True,
+)
+"""Requests to actions that don't exist."""
 GET_PARAMETERS = Endpoint(
     "@estimator/parameters/get",
     estimate.GetParameters,
@@ -250,10 +295,8 @@ GET_IMAGES = Action(
 ACTIONS: dict[str, Action[Any]] = {a.name: a for a in (TAKEOFF, GO_TO, GET_IMAGES, AREA_COVERAGE, LAND_ON_SPOT)}
 
 ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (
-    ACQUIRE, RELEASE, HOVER, ABORT, KILL, RESULT, GET_PARAMETERS, SET_PARAMETERS, LEASE,
-    *(a.endpoint for a in ACTIONS.values()), *(a.plan for a in ACTIONS.values()),
-    *(a.cancel for a in ACTIONS.values()),
-    *(a.image for a in ACTIONS.values() if a.takes_pictures),
+    ACQUIRE, RELEASE, HOVER, ABORT, KILL, RESULT, UNKNOWN_ACTION, GET_PARAMETERS, SET_PARAMETERS, LEASE,
+    *(endpoint for action in ACTIONS.values() for endpoint in action.endpoints),
 )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from math import pi, sqrt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pyproj import Proj
 
 from jezero import frames
 from jezero.frames import Quat, Vec3
@@ -71,6 +72,18 @@ def test_a_local_position_survives_latitude_and_longitude(pos_ned_m: Vec3) -> No
     origin_deg = (47.4, 8.5, 488.0)
     there = frames.geodetic_from_ned(pos_ned_m, origin_deg)
     assert frames.ned_from_geodetic(there, origin_deg) == pytest.approx(pos_ned_m, abs=1e-5)
+
+
+@pytest.mark.parametrize("origin_deg", [(47.4, 8.5, 0.0), (-33.9, 179.999, 0.0), (0.0, -180.0, 0.0)])
+@pytest.mark.parametrize(("north_m", "east_m"), [(3.0, -4.0), (-800.0, 1500.0), (20_000.0, 30_000.0)])
+def test_latitude_and_longitude_are_those_of_the_azimuthal_equidistant_projection(
+    origin_deg: Vec3, north_m: float, east_m: float
+) -> None:
+    proj = Proj(proj="aeqd", lat_0=origin_deg[0], lon_0=origin_deg[1], R=frames.EARTH_RADIUS_M)
+    longitude_deg, latitude_deg = proj(east_m, north_m, inverse=True)
+    there = (latitude_deg, longitude_deg, 0.0)
+    assert frames.geodetic_from_ned((north_m, east_m, 0.0), origin_deg) == pytest.approx(there, abs=1e-9)
+    assert frames.ned_from_geodetic(there, origin_deg) == pytest.approx((north_m, east_m, 0.0), abs=1e-4)
 
 
 @given(st.floats(-1e3, 1e3))

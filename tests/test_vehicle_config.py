@@ -270,14 +270,14 @@ def test_every_action_keeps_to_the_vehicles_limits(goal: Goal) -> None:
 
 
 def test_a_coverage_spaces_its_lines_by_the_vehicles_camera() -> None:
-    """From 10 m without overlap the lines are as far apart as a picture is wide: 2 * 10 m * tan(half the angle)."""
+    """From 9 m without overlap the lines are as far apart as a picture is wide: 2 * 9 m * tan(half the angle)."""
     goal = AreaCoverageGoal(
-        polygon_ned_m=((0.0, 0.0), (60.0, 0.0), (60.0, 60.0), (0.0, 60.0)), z_ned_m=-10.0, overlap=0.0
+        polygon_ned_m=((0.0, 0.0), (60.0, 0.0), (60.0, 60.0), (0.0, 60.0)), z_ned_m=-9.0, overlap=0.0, force=True
     )
     narrow = VehicleConfig(camera=CameraMountConfig(width_px=320, height_px=320, field_of_view_deg=60.0))
     plan = plan_coverage(goal, ActionsConfig(vehicle=narrow))
-    assert plan.line_distance_m == pytest.approx(20.0 * tan(radians(30.0)))
-    assert plan_coverage(goal, ActionsConfig()).line_distance_m == pytest.approx(20.0 * tan(radians(40.0)))
+    assert plan.line_distance_m == pytest.approx(18.0 * tan(radians(30.0)))
+    assert plan_coverage(goal, ActionsConfig()).line_distance_m == pytest.approx(18.0 * tan(radians(40.0)))
 
 
 def test_on_a_larger_platform_the_vehicle_may_stand_farther_from_its_middle() -> None:

@@ -137,7 +137,7 @@ def measure(seed: int, folder: Path, simulator: SimulatorConfig) -> tuple[Map, C
     flight.keep(folder, GOAL, flight.fly(GOAL))
     made = make_map(folder, M_PER_PX, load_config(VehicleConfig, "vehicle"))
     mosaic = made.mosaic
-    mosaic.save(folder / "map.png")
+    made.save(folder / "map.png")
     top, bottom = (round((mosaic.north_m - north_m) / M_PER_PX) for north_m in (NORTH_M, SOUTH_M))
     left, right = (round((east_m - mosaic.east_m) / M_PER_PX) for east_m in (WEST_M, EAST_M))
     part = mosaic.pixels[top:bottom, left:right]

@@ -16,7 +16,7 @@ Restart = Literal["no", "always", "on-failure", "unless-stopped"]
 
 _SERVICE_KEYS = {
     "command", "environment", "depends_on", "healthcheck", "restart", "stop_grace_period", "profiles",
-    "image", "build", "network_mode",
+    "scale", "image", "build", "network_mode",
 }  # fmt: skip
 """`image`, `build` and `network_mode` are for container runtimes and mean nothing to plain processes."""
 _HEALTHCHECK_KEYS = {"test", "interval", "timeout", "retries", "start_period", "disable"}
@@ -87,6 +87,9 @@ def parse(text: str, variables: Mapping[str, str]) -> dict[str, Service]:
         str(name): _service(str(name), _interpolate(f"services.{name}", fields, variables))
         for name, fields in document["services"].items()
     }
+    for name, fields in document["services"].items():
+        if _scale(f"services.{name}.scale", fields, variables) == 0:
+            del services[str(name)]
     for service in services.values():
         _check_dependencies(service, services)
     in_levels(services)
@@ -220,6 +223,15 @@ def _service(name: str, fields: Any) -> Service:
         stop_grace_s=_duration_s(f"{where}.stop_grace_period", fields.get("stop_grace_period", "10s")),
         profiles=_strings(f"{where}.profiles", fields.get("profiles", [])),
     )
+
+
+def _scale(where: str, fields: Mapping[str, Any], variables: Mapping[str, str]) -> int:
+    """Number of processes of a service: 1, or 0 for a service that is turned off."""
+    given = fields.get("scale", 1)
+    value = str(_interpolate(where, given, variables))
+    if value not in ("0", "1"):
+        raise ComposeError(f"{where}: {given} is {value!r}, expected 0 (off) or 1 (on)")
+    return int(value)
 
 
 def _strings(where: str, value: Any) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
+from jezero.deploy.launcher.claims import Claims
 from jezero.deploy.launcher.compose import Service
 from jezero.deploy.launcher.health import HealthWatcher, router_is_up
 from jezero.deploy.launcher.ports import ports_of
@@ -26,28 +27,33 @@ HEALTH_TIMEOUT_S = 1.2
 """Health is published once a second."""
 
 
-def check_start(services: Mapping[str, Service], instance: Instance) -> bool:
+def check_start(services: Mapping[str, Service], instance: Instance, claims: Claims) -> bool:
     """Check everything that the services need from this machine.
 
     The ports of a program that isn't jezero's own, which a compose file may name for a service, aren't known.
 
     Args:
         services: services to start, by name.
+        claims: claims of this launcher, which get those to the services.
 
     Returns:
-        Whether the router runs already, so that it must not be started.
+        Whether the router runs already, or another launcher starts it now, so that it must not be started.
 
     Raises:
         StartError: something is missing, or taken by another program.
-        AlreadyUpError: one of the services runs already for this vehicle.
+        AlreadyUpError: one of the services runs already for this vehicle, or another launcher starts it now.
     """
     _check_interpreter()
     _raise_open_files_limit()
     if not config_directory().is_dir():
         raise StartError(f"{config_directory()} is no folder: JEZERO_CONFIG_DIR must name the folder of the settings")
-    router_runs = ROUTER in services and _router_runs(instance)
+    others = [name for name in services if name != ROUTER]
+    router_runs = ROUTER in services and router_is_up(instance.router)
     if router_runs:
-        _check_nobody_runs([name for name in services if name != ROUTER], instance)
+        _check_nobody_runs(others, instance)
+    claims.take_services(others, instance.vehicle, instance.router)
+    if ROUTER in services and not router_runs:
+        router_runs = not _claim_router(instance, claims)
     own = [name for name, service in services.items() if service.command[-1] == f"jezero.services.{name}"]
     for protocol, host, port in ports_of(own, instance):
         if problem := listen_problem(protocol, host, port, "JEZERO_INSTANCE"):
@@ -79,18 +85,18 @@ def _raise_open_files_limit() -> None:
     resource.setrlimit(resource.RLIMIT_NOFILE, (OPEN_FILES_MIN, hard))
 
 
-def _router_runs(instance: Instance) -> bool:
-    """Whether a router replies.
+def _claim_router(instance: Instance, claims: Claims) -> bool:
+    """Claim the router, which doesn't reply; False if another launcher starts it now.
 
     Raises:
-        StartError: none does, and none can be started.
+        StartError: it can't be started.
     """
-    problem = router_problem(instance.router)
-    if router_is_up(instance.router):
-        return True
-    if problem:
+    if not claims.take(instance.router):
+        return False
+    # After the claim, as two launchers that try the port at the same time would find it taken by each other.
+    if problem := router_problem(instance.router):
         raise StartError(f"{problem} (no Zenoh router replies at {instance.router})")
-    return False
+    return True
 
 
 def _check_nobody_runs(services: Collection[str], instance: Instance) -> None:

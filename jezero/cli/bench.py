@@ -170,6 +170,7 @@ def _table(report: "LandingReport") -> str:
     rows = (
         ("landed", f"{report.landed} of {report.n}"),
         ("crashed", f"{report.crashed} of {report.n}"),
+        ("around", f"{report.gone_around} of {report.n} went around after a bad contact"),
         ("touchdown", f"median {_cm(error_m['median'])}, p95 {_cm(error_m['p95'])}, max {_cm(error_m['max'])} cm"),
         ("time", f"median {_s(time_s['median'])}, p95 {_s(time_s['p95'])} s"),
         ("estimate", f"RMSE {_cm(rmse_m['below_3m'])} cm below 3 m, {_cm(rmse_m['3_to_8m'])} cm from 3 to 8 m"),

@@ -12,9 +12,8 @@ from typing import Any
 import click
 
 from jezero.cli.flight import Printer, connected
-from jezero.cli.fly import draw, fly_fast, fly_mission, recorded
+from jezero.cli.fly import draw, fly_fast, fly_mission
 from jezero.cli.mapping import map_pictures
-from jezero.report.flight_log import LOG
 from jezero.schemas.topics import AREA_COVERAGE
 from jezero.trials.missions import DEMONSTRATION
 
@@ -50,7 +49,7 @@ def new_run_folder(runs: Path) -> Path:
 def demo(runs: Path, fast: bool, seed: int, as_json: bool) -> None:
     """Start a stack, fly the thesis' mission, and stop the stack.
 
-    The mission: take off, take images of the rover from all sides, cover the area around it, and land on it. Log,
+    The mission: take off, take images of the rover from all sides, cover the area around it, and land on it. Recording,
     images, map and figures are written to runs/<time>/.
     """
     printer = Printer(as_json)
@@ -61,7 +60,7 @@ def demo(runs: Path, fast: bool, seed: int, as_json: bool) -> None:
         _fly(printer, folder)
         draw(printer, folder)
     map_pictures(printer, folder / AREA_COVERAGE.name)
-    printer.event("done", f"log, images, map and figures are in {folder}/", folder=str(folder))
+    printer.event("done", f"recording, images, map and figures are in {folder}/", folder=str(folder))
 
 
 def _fly(printer: Printer, folder: Path) -> None:
@@ -73,11 +72,7 @@ def _fly(printer: Printer, folder: Path) -> None:
         printer.event("starting", "starting the stack ...", folder=str(folder))
         with running_stack(environment):
             printer.event("ready", "ready to fly")
-            with (
-                connected(instance.vehicle, instance.router, printer) as uav,
-                recorded(instance.vehicle, instance.router, folder / LOG),
-                pointing_to(printer, folder),
-            ):
+            with connected(instance.vehicle, instance.router, printer) as uav, pointing_to(printer, folder):
                 fly_mission(printer, uav, DEMONSTRATION, folder)
 
 
@@ -87,7 +82,7 @@ def pointing_to(printer: Printer, folder: Path) -> Iterator[None]:
     try:
         yield
     except SystemExit:
-        text = f"the log and each service's output are in {folder}/; `jezero report {folder}` draws the log"
+        text = f"the recording and each service's output are in {folder}/; `jezero report {folder}` draws the recording"
         printer.event("failed", text, folder=str(folder))
         raise
 

@@ -84,11 +84,19 @@ class Printer:
         self.as_json = as_json
         self._bar: Progress | None = None
         self._printed_s = -PLAIN_PERIOD_S
+        self._warned: set[str] = set()
 
     def event(self, kind: str, text: str, **fields: Any) -> None:
         """Print one event: `text` for people, or `fields` as JSON."""
         self._end_bar()
         click.echo(json.dumps({"type": kind, **fields}) if self.as_json else text)
+
+    def warn(self, text: str) -> None:
+        """Print a warning for people, once; programs find it in the events. "" is none."""
+        if text and not self.as_json and text not in self._warned:
+            self._end_bar()
+            self._warned.add(text)
+            click.echo(f"warning: {text}", err=True)
 
     def progress(self, text: str, done: float | None, **fields: Any) -> None:
         """Print feedback: a bar on a terminal, a line per second into a pipe. `done` is a fraction from 0 to 1."""
@@ -148,8 +156,7 @@ def fly_goal(printer: Printer, goal: "Goal[Any, Any]", name: str) -> None:
     import msgspec
 
     printer.event("accepted", f"{name}: accepted (goal {goal.goal_id})", goal_id=goal.goal_id, warning=goal.warning)
-    if goal.warning and not printer.as_json:
-        click.echo(f"warning: {goal.warning}", err=True)
+    printer.warn(goal.warning)
     try:
         _follow(printer, goal)
     except KeyboardInterrupt:

@@ -15,12 +15,13 @@ import click
 from jezero.cli.exit_codes import ABORTED
 from jezero.cli.flight import Printer, common_options, connected, fly_goal
 from jezero.cli.pictures import take_pictures
-from jezero.report.flight_log import LOG
-from jezero.schemas.actions import AreaCoverageGoal, GetImagesGoal, GoToGoal, LandOnSpotGoal, TakeoffGoal
+from jezero.cli.plan import as_planned, show_plan
+from jezero.recording.writer import RECORDING
+from jezero.schemas.actions import AreaCoverageGoal
 from jezero.trials.missions import FLIGHT, Mission
 
 if TYPE_CHECKING:
-    from jezero.client import Goal, Vehicle
+    from jezero.client import Vehicle
     from jezero.trials.flight import CapturedImages
 
 RECORDED_AFTER_FLIGHT_S = 0.5
@@ -35,7 +36,9 @@ RECORDED_AFTER_FLIGHT_S = 0.5
     show_default=True,
     help="Seed, with --fast.",
 )
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Write log and figures into this folder.")
+@click.option(
+    "--out", type=click.Path(path_type=Path, file_okay=False), help="Write recording and figures into this folder."
+)
 @common_options
 def fly(fast: bool, seed: int, out: Path | None, vehicle: str, router: str, as_json: bool) -> None:
     """Take off, fly to (-1, -2, -3), hover, climb, and land on the rover."""
@@ -48,13 +51,13 @@ def fly(fast: bool, seed: int, out: Path | None, vehicle: str, router: str, as_j
             _fly_flight(printer, uav)
         else:
             out.mkdir(parents=True, exist_ok=True)
-            with recorded(vehicle, router, out / LOG):
+            with recorded(vehicle, router, out / RECORDING):
                 _fly_flight(printer, uav)
             draw(printer, out)
 
 
 def fly_fast(printer: Printer, mission: Mission, seed: int, out: Path | None) -> None:
-    """Fly a mission in virtual time and write log, images and figures into a folder, if one is given.
+    """Fly a mission in virtual time and write recording, images and figures into a folder, if one is given.
 
     Raises:
         SystemExit: the mission failed.
@@ -65,7 +68,7 @@ def fly_fast(printer: Printer, mission: Mission, seed: int, out: Path | None) ->
 
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-    log = None if out is None else out / LOG
+    recording = None if out is None else out / RECORDING
 
     def on_progress(text: str) -> None:
         if not printer.as_json:
@@ -73,7 +76,7 @@ def fly_fast(printer: Printer, mission: Mission, seed: int, out: Path | None) ->
 
     takes_images = any(action.takes_pictures for action, _, _ in mission)
     on_images = partial(_write_dataset, out) if out is not None and takes_images else None
-    flight = fly_virtually(mission, seed, log, on_progress, on_images)
+    flight = fly_virtually(mission, seed, recording, on_progress, on_images)
     if out is not None:
         draw(printer, out, print_touchdown=False)
     if printer.as_json:
@@ -82,7 +85,7 @@ def fly_fast(printer: Printer, mission: Mission, seed: int, out: Path | None) ->
         click.echo(
             f"landed {100.0 * flight.touchdown_error_m:.1f} cm from the middle of the platform after "
             f"{flight.sim_time_s:.1f} s of flight time, {flight.real_time_factor:.1f}x real time\n"
-            f"log sha256 {flight.log_sha256}"
+            f"messages sha256 {flight.messages_sha256}"
         )
     if flight.result != "succeeded":
         click.echo(f"failed: {flight.reason}", err=True)
@@ -105,40 +108,24 @@ def _fly_flight(printer: Printer, uav: "Vehicle") -> None:
 
 
 def fly_mission(printer: Printer, uav: "Vehicle", mission: Mission, folder: Path) -> None:
-    """Fly a mission on a running stack; images go into folders with the actions' names."""
+    """Fly a mission on a running stack; images go into folders with the actions' names.
+
+    Each goal's plan is shown before the goal is sent: it begins where the goal before has ended.
+    """
+    from jezero.client.dataset import Dataset
+    from jezero.client.images import ImagesGoal
+
     for action, goal, hover_s in mission:
-        if action.takes_pictures:
-            _capture_images(printer, uav, action.name, goal, folder)
+        plan = uav.plan(action, goal)
+        show_plan(printer, plan, action.name)
+        sent = uav.send(action, as_planned(goal, plan))
+        if isinstance(sent, ImagesGoal):
+            take_pictures(printer, sent, action.name, Dataset(folder / action.name, **_planned(goal)))
         else:
-            fly_goal(printer, _send(uav, goal), action.name)
+            fly_goal(printer, sent, action.name)
         if hover_s:
             printer.event("hover", f"hovering for {hover_s:.0f} s", seconds=hover_s)
             time.sleep(hover_s)
-
-
-def _send(uav: "Vehicle", goal: Any) -> "Goal[Any, Any]":
-    match goal:
-        case TakeoffGoal():
-            return uav.takeoff(goal.altitude_m)
-        case GoToGoal():
-            return uav.go_to(*goal.target_ned_m)
-        case LandOnSpotGoal():
-            return uav.land_on_spot(goal.landing_spot_ned_m, use_uwb=goal.use_uwb, use_tag=goal.use_tag)
-        case _:
-            raise TypeError(f"the mission has a {type(goal).__name__}, which this command can't send")
-
-
-def _capture_images(printer: Printer, uav: "Vehicle", name: str, goal: Any, folder: Path) -> None:
-    from jezero.client.dataset import Dataset
-
-    match goal:
-        case GetImagesGoal():
-            images_goal = uav.get_images(goal.center_ned_m, goal.radius_m, goal.num_images, frame=goal.frame)
-        case AreaCoverageGoal():
-            images_goal = uav.resume_coverage(goal)
-        case _:
-            raise TypeError(f"the mission has a {type(goal).__name__}, which this command can't send")
-    take_pictures(printer, images_goal, name, Dataset(folder / name, **_planned(goal)))
 
 
 def _planned(goal: Any) -> dict[str, Any]:
@@ -164,24 +151,27 @@ def draw(printer: Printer, folder: Path, *, print_touchdown: bool = True) -> Non
 
 
 @contextmanager
-def recorded(vehicle: str, router: str, log: Path) -> Iterator[None]:
-    """Log the messages of a vehicle, without images, during the block and shortly after, until it is disarmed."""
+def recorded(vehicle: str, router: str, path: Path) -> Iterator[None]:
+    """Record the messages of a vehicle, without images, during the block and shortly after, until it is disarmed."""
     import zenoh
 
-    from jezero.report.flight_log import RECORDED, LogWriter
+    from jezero.recording.about import about
+    from jezero.recording.channels import keys_without_images
+    from jezero.recording.writer import RecordingWriter
     from jezero.schemas.topics import key
     from jezero.zenoh_client import client_config
 
     prefix = key(vehicle, "")
     lock = threading.Lock()
-    with LogWriter(log) as writer, zenoh.open(client_config(router, timeout_s=3.0)) as session:
+    origin = about(bus="zenoh", vehicle=vehicle)
+    with RecordingWriter(path, origin) as writer, zenoh.open(client_config(router, timeout_s=3.0)) as session:
 
         def on_sample(sample: zenoh.Sample) -> None:
             if sample.kind == zenoh.SampleKind.PUT:
                 with lock:
                     writer.write(time.time_ns(), str(sample.key_expr)[len(prefix) :], sample.payload.to_bytes())
 
-        keys = [prefix + topic.name for topic in RECORDED] + [prefix + "health/*"]
+        keys = [prefix + name for name in keys_without_images()]
         subscribers = [session.declare_subscriber(each, on_sample) for each in keys]
         yield
         time.sleep(RECORDED_AFTER_FLIGHT_S)

@@ -4,8 +4,9 @@ import json
 from collections.abc import Sequence
 
 import click
+import msgspec
 
-from jezero.cli.reference.action_description import action_rows, action_schema, field_rows
+from jezero.cli.reference.action_description import action_rows, field_rows
 from jezero.cli.reference.markdown import cell
 from jezero.cli.reference.pages import PAGES, reference_page
 from jezero.cli.reference.topics import Row, endpoint_rows, mermaid, service_rows, topic_rows
@@ -61,6 +62,18 @@ def page(name: str) -> None:
 
 @info.command()
 @JSON
+def origin(as_json: bool) -> None:
+    """Show the world's origin by the simulator's settings; `jezero status` shows that of a running stack."""
+    from jezero.runtime.config import load_config
+    from jezero.services.simulator.config import SimulatorConfig
+
+    origin_deg = load_config(SimulatorConfig, "simulator").origin.origin_deg
+    text = "latitude {:.7f}, longitude {:.7f}, {:.1f} m".format(*origin_deg)
+    click.echo(json.dumps({"origin_deg": origin_deg}) if as_json else text)
+
+
+@info.command()
+@JSON
 @MERMAID
 def topics(as_json: bool, as_mermaid: bool) -> None:
     """Show every topic: its type, rate, writer and readers."""
@@ -82,7 +95,7 @@ def actions(name: str | None, as_json: bool) -> None:
     shown = all_actions() if name is None else {name: find_action(name)}
     if as_json:
         for action in shown.values():
-            click.echo(json.dumps(action_schema(action)))
+            click.echo(json.dumps(msgspec.to_builtins(action.description)))
     elif name is None:
         _print(action_rows(shown), as_json=False)
     else:

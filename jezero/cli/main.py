@@ -47,6 +47,7 @@ SECTIONS: dict[str, dict[str, Entry]] = {
         "map": Entry("jezero.cli.mapping", "make", "Make a map from the images of gridsweep."),
     },
     "Records": {
+        "recording": Entry("jezero.cli.recording", "recording", "Look into recordings, cut, repair and export them."),
         "report": Entry("jezero.cli.report", "report", "Draw the figures of recorded flights."),
     },
     "Demonstration": {

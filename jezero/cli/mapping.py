@@ -1,10 +1,14 @@
 """`jezero map`: a map from the images of a coverage."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from jezero.cli.flight import Printer
+
+if TYPE_CHECKING:
+    from jezero.mapping.making import Map
 
 M_PER_PX = 0.02
 
@@ -22,10 +26,11 @@ M_PER_PX = 0.02
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="The map's file [FOLDER/map.png].")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per line, the result last.")
 def make(folder: Path, m_per_px: float, out: Path | None, as_json: bool) -> None:
-    """Make a map from a coverage's images in FOLDER: a PNG with north at the top, and its world file.
+    """Make a map from a coverage's images in FOLDER: a PNG with north at the top, a GeoTIFF and a KML overlay.
 
-    Coordinates are metres in the world frame, x to the east and y to the north. The ground's height comes from the
-    altimeter; features that images have in common correct their positions.
+    The PNG's world file is in metres of the world frame, x to the east and y to the north; the GeoTIFF and the overlay
+    are in degrees. The ground's height comes from the altimeter; features that images have in common correct their
+    positions.
     """
     map_pictures(Printer(as_json), folder, m_per_px, out)
 
@@ -44,25 +49,48 @@ def map_pictures(printer: Printer, folder: Path, m_per_px: float = M_PER_PX, out
     file = (out or folder / "map.png").with_suffix(".png")
     try:
         made = make_map(folder, m_per_px, load_config(VehicleConfig, "vehicle"))
-        world = made.mosaic.save(file)
+        files = made.save(file)
     except SurveyError as error:
         raise click.ClickException(str(error)) from None
     height_px, width_px, _ = made.mosaic.pixels.shape
     alignment = made.alignment
-    text = (
-        f"{made.pictures} images, {alignment.pairs} pairs with ground in common; median offset before alignment "
-        f"{100.0 * alignment.before_m:.1f} cm, after it {100.0 * alignment.after_m:.1f} cm\n"
-        if alignment.pairs
-        else f"{made.pictures} images without ground in common: each is placed by the vehicle's own position\n"
-    )
     printer.event(
         "result",
-        f"{text}wrote {file}: {width_px} x {height_px} pixels of {m_per_px:g} m, and {world}",
+        f"{_alignment_text(made)}\nmap of {width_px} x {height_px} pixels, {made.description}\n"
+        f"wrote {', '.join(str(path) for path in files)}{_origin_text(made)}",
         outcome="succeeded",
         file=str(file),
-        world_file=str(world),
+        files=[str(path) for path in files],
+        m_per_px=m_per_px,
+        picture_m_per_px=made.picture_m_per_px,
+        origin_deg=made.origin_deg,
         pictures=made.pictures,
         pairs=alignment.pairs,
+        groups=alignment.groups,
         apart_before_m=alignment.before_m if alignment.pairs else None,
         apart_after_m=alignment.after_m if alignment.pairs else None,
     )
+
+
+def _alignment_text(made: "Map") -> str:
+    alignment = made.alignment
+    if alignment.pairs == 0:
+        return f"{made.pictures} images without ground in common: each is placed by the vehicle's own position"
+    text = (
+        f"{made.pictures} images, {alignment.pairs} pairs with ground in common; median offset before alignment "
+        f"{100.0 * alignment.before_m:.1f} cm, after it {100.0 * alignment.after_m:.1f} cm"
+    )
+    if len(alignment.groups) > 1:
+        sizes = ", ".join(str(size) for size in alignment.groups)
+        text += (
+            f"\nwarning: {len(alignment.groups)} groups of images ({sizes}) have no ground in common: where they meet, "
+            "the map may be off by the errors of the vehicle's position; take pictures of the ground between them"
+        )
+    return text
+
+
+def _origin_text(made: "Map") -> str:
+    if made.origin_deg is None:
+        return "\nthe images have no position in degrees, so there is no GeoTIFF and no KML"
+    latitude, longitude, _ = made.origin_deg
+    return f"\nthe map's origin is at latitude {latitude:.7f}, longitude {longitude:.7f}"

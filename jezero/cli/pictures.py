@@ -46,8 +46,7 @@ def take_pictures(
     folder = dataset.folder
 
     printer.event("accepted", f"{name}: accepted (goal {goal.goal_id})", goal_id=goal.goal_id, warning=goal.warning)
-    if goal.warning and not printer.as_json:
-        click.echo(f"warning: {goal.warning}", err=True)
+    printer.warn(goal.warning)
     with dataset:
         dataset.note(action=name, goal_id=goal.goal_id)
         try:

@@ -130,14 +130,15 @@ def _launch(
     Raises:
         _CannotStart: something is missing, or taken by another program; or the folder can't be written.
     """
+    from jezero.deploy.launcher.claims import Claims
     from jezero.deploy.launcher.launcher import Launcher
     from jezero.deploy.launcher.preflight import ROUTER, check_start
 
     os.environ["JEZERO_RUN_DIR"] = str(folder.path)  # for services that write files there
-    with _sentences(folder):
+    with _sentences(folder), contextlib.closing(Claims()) as claims:
         if detached:
             _print_into(folder.logs / LAUNCHER_LOG)
-        external = frozenset([ROUTER] if check_start(services, instance) else [])
+        external = frozenset([ROUTER] if check_start(services, instance, claims) else [])
         terminal = None if detached else sys.stdout
         return Launcher(services, folder, instance, str(file), external=external, terminal=terminal).run()
 
@@ -212,10 +213,11 @@ def _wait_for_start(folder: "RunFolder", launcher: TextIO, deadline_s: float | N
         if ended:
             _raise_end(folder, launcher.read())
         if state is not None and deadline_s is None:
-            click.echo(f"started; `jezero ps` shows the services. Run folder: {folder.path}")
+            click.echo(f"started; `jezero ps` shows the services. Run folder: {folder.path}{_recordings(folder)}")
             return
         if state is not None and state.ready:
-            click.echo(f"ready after {time.monotonic() - start_s:.1f} s. Run folder: {folder.path}")
+            elapsed_s = time.monotonic() - start_s
+            click.echo(f"ready after {elapsed_s:.1f} s. Run folder: {folder.path}{_recordings(folder)}")
             return
         if state is not None and state.failures:
             raise click.ClickException(f"{'; '.join(state.failures)}\n{_hint(folder)}")
@@ -226,6 +228,14 @@ def _wait_for_start(folder: "RunFolder", launcher: TextIO, deadline_s: float | N
             click.echo(f"waiting: {reason}", err=True)
             shown = reason
         select.select([launcher], [], [], POLL_S)
+
+
+def _recordings(folder: "RunFolder") -> str:
+    """The room that recordings take, which nothing deletes, or ""."""
+    from jezero.recording.folder import RECORDINGS, room_bytes
+
+    count, size_bytes = room_bytes(folder.path)
+    return f"\n{count} recordings take {size_bytes / 1e6:.0f} MB in {folder.path / RECORDINGS}" if count > 1 else ""
 
 
 def _raise_end(folder: "RunFolder", problem: str) -> NoReturn:

@@ -40,11 +40,11 @@ def status(watch: bool, vehicle: str, router: str, as_json: bool) -> None:
             return
 
 
-def _wind(wind_ned_mps: "Vec3", std_gust_mps: float | None) -> str:
+def wind_text(wind_ned_mps: "Vec3", std_gust_mps: float | None) -> str:
     north_mps, east_mps, _ = wind_ned_mps
-    from_deg = degrees(atan2(-east_mps, -north_mps)) % 360.0
+    from_deg = round(degrees(atan2(-east_mps, -north_mps))) % 360
     gusts = "" if std_gust_mps is None else f", gusts of {std_gust_mps:.1f} m/s (standard deviation)"
-    return f"{hypot(north_mps, east_mps):.1f} m/s from {from_deg:.0f} degrees{gusts}"
+    return f"{hypot(north_mps, east_mps):.1f} m/s from {from_deg} degrees{gusts}"
 
 
 def _print_status(printer: Printer, latest: Any) -> None:
@@ -62,9 +62,11 @@ def _print_status(printer: Printer, latest: Any) -> None:
     ]
     if latest.odometry is not None:
         rows.append(("position", f"{point_in_words(latest.odometry.pos_uav_ned_m)} m, NED"))
+        if latest.odometry.origin_deg is not None:
+            rows.append(("origin", "latitude {:.7f}, longitude {:.7f}, {:.1f} m".format(*latest.odometry.origin_deg)))
         rows.append(("velocity", f"{point_in_words(latest.odometry.vel_uav_ned_mps)} m/s"))
     if latest.wind_ned_mps is not None:
-        rows.append(("wind", _wind(latest.wind_ned_mps, latest.std_gust_mps)))
+        rows.append(("wind", wind_text(latest.wind_ned_mps, latest.std_gust_mps)))
     if latest.battery is not None and latest.battery.remaining is not None:
         rows.append(("battery", f"{100.0 * latest.battery.remaining:.0f} %"))
     if latest.text:

@@ -1,15 +1,23 @@
 """`jezero getimages` and `jezero gridsweep`: goals that take images."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import click
 import msgspec
 
+from jezero.cli.area import (
+    CoverageRequest,
+    Origin,
+    area_options,
+    place_in_words,
+    read_polygon_file,
+    vehicle_origin,
+)
+from jezero.cli.coverage_plan import show_coverage_plan
 from jezero.cli.flight import FINITE, FRAMES, NUMBERS, Printer, connected, flight_options
 from jezero.cli.pictures import PNG_OR_JPG, default_folder, take_pictures
-from jezero.cli.plan import send_goal
+from jezero.cli.plan import agreed_plan, as_planned, send_goal
 from jezero.os_errors import write_whole
 
 if TYPE_CHECKING:
@@ -76,15 +84,15 @@ def getimages(
 
 @click.command(context_settings=NUMBERS)
 @click.argument("frame", type=FRAMES, default="world")
-@click.option(
-    "--polygon", "file", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="GeoJSON or CSV, see above."
-)
+@area_options
 @click.option("--z", "z_ned_m", type=FINITE, help="Height of the flight, NED: 5 m up is -5.")
 @click.option("--resolution", "resolution_m", type=FINITE, help="Metres between lines, and between images.")
 @click.option("--overlap", type=click.FloatRange(0.0, 0.95), help="Share of an image that the next one repeats.")
 @click.option("--sidelap", type=click.FloatRange(0.0, 0.95), help="The same for the images of the next line.")
 @click.option("--speed", "speed_mps", type=FINITE, help="Metres per second along the lines.")
+@click.option("--force", is_flag=True, help="Fly also where images show too little, or no map can be made of them.")
 @click.option("--plan-only", is_flag=True, help="Draw the plan instead of flying it.")
+@click.option("--plan-id", default="", metavar="ID", help="Fly exactly the plan that --plan-only has shown.")
 @click.option(
     "--resume", type=click.Path(path_type=Path, exists=True, file_okay=False), help="Folder of an incomplete coverage."
 )
@@ -94,6 +102,7 @@ def getimages(
 @click.option("--format", "kind", type=PNG_OR_JPG, default="jpg", show_default=True, help="Image format.")
 @flight_options
 def gridsweep(
+    origin: Origin | None,
     plan_only: bool,
     resume: Path | None,
     out: Path | None,
@@ -106,31 +115,46 @@ def gridsweep(
 ) -> None:
     """Cover an area in parallel lines and take images of all of it.
 
-    Without --polygon the command asks for the corners. A GeoJSON file has a Polygon (its further rings are holes) in
-    metres, [north, east]; a CSV file has a line "north,east" for each corner, and an empty line before each hole.
-    FRAME is world (default) or rover. --resume takes the missing images of a coverage that ended early.
+    Without --polygon the command asks for the corners. A file is in degrees: GeoJSON (.geojson, .json), KML (.kml,
+    .kmz), a plan of QGroundControl (.plan), a shapefile (.shp), or a table (.csv) with the headings
+    "latitude,longitude", a line for each corner, and an empty line before each hole. Metres around the world's origin
+    are in a table with the headings "north,east", or with --metres in a table without headings or in GeoJSON. FRAME is
+    world (default) or rover, whose areas are in metres. --plan-only asks the running stack for the plan that it would
+    fly; without a stack, the path begins near the world's origin. --resume takes the missing images of a coverage that
+    ended early.
     """
     from jezero.schemas.topics import AREA_COVERAGE
 
     if plan_only:
-        _show_plan(_goal(**given), out or DRAWING, as_json)
+        show_coverage_plan(_request(**given), origin, out or DRAWING, vehicle=vehicle, router=router, as_json=as_json)
         return
+    if origin is not None:
+        raise click.UsageError("--origin is for --plan-only: a vehicle that flies has its own")
     printer = Printer(as_json)
+    pending: AreaCoverageGoal | CoverageRequest
     if resume is None:
-        goal, dataset = _goal(**given), _new_dataset(out, kind)
+        pending, dataset = _request(**given), _new_dataset(out, kind)
     else:
         missing, dataset = _resumed(resume, kind)
         if missing is None:
             text = f"nothing is missing in {resume}: all {dataset.count} images are there"
             printer.event("result", text, outcome="succeeded", folder=str(resume))
             return
-        goal = missing
+        pending = missing
     with connected(vehicle, router, printer) as uav:
-        if goal.start_ned_m is None and goal.frame == "world":  # so that the coverage can be resumed if its server dies
-            odometry = uav.status().odometry
-            start_ned_m = None if odometry is None else odometry.pos_uav_ned_m[:2]
-            goal = msgspec.structs.replace(goal, start_ned_m=start_ned_m)
-        images_goal = send_goal(printer, uav, AREA_COVERAGE, goal, yes=yes)
+        odometry = uav.status().odometry
+        goal = pending
+        if isinstance(goal, CoverageRequest):
+            known = vehicle_origin(odometry)
+            goal = goal.goal(known)
+            printer.event(
+                "area", f"area: {place_in_words(goal, known)}", origin_deg=None if known is None else known.position_deg
+            )
+        plan = agreed_plan(printer, uav, AREA_COVERAGE, goal, yes=yes)
+        images_goal: Any = uav.send(AREA_COVERAGE, as_planned(goal, plan))
+        # with its start, the same path can be resumed if its server dies, and drawn beside the one flown
+        start_ned_m = goal.start_ned_m if plan.coverage is None else plan.coverage.start_ned_m
+        goal = msgspec.structs.replace(goal, plan_id="", start_ned_m=start_ned_m)
         if resume is None:
             dataset.note(goal=goal)
         _write_resume_goal(dataset.folder, goal)
@@ -186,49 +210,19 @@ def _write_resume_goal(folder: Path, goal: "AreaCoverageGoal | None") -> None:
         write_whole(file, msgspec.json.format(msgspec.json.encode(goal), indent=1) + b"\n")
 
 
-def _show_plan(goal: "AreaCoverageGoal", file: Path, as_json: bool) -> None:
-    from jezero.report.coverage_plot import draw_plan
-    from jezero.services.actions.area_coverage.area import AreaError
-    from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
-    from jezero.services.actions.config import load_actions_config
+def _request(file: Path | None, feature: str | None, metres: bool, **fields: Any) -> CoverageRequest:
+    """Make a coverage from the options; asks for the missing values."""
+    from jezero.area_files import FilePolygon
 
-    try:
-        plan = plan_coverage(goal, load_actions_config())
-    except AreaError as error:
-        raise click.ClickException(str(error)) from None
-    length_m, time_s = plan.trajectory.length_m, plan.trajectory.duration_s
-    title = f"{len(plan.pictures_m)} images, {length_m:.0f} m, {time_s:.0f} s"
-    draw_plan(file, plan, title)
-    if as_json:
-        fields = {
-            "path_ned_m": plan.trajectory.pos_m.round(4).tolist(),
-            "pictures_ned_m": plan.pictures_m.round(4).tolist(),
-            "length_m": round(length_m, 3),
-            "time_s": round(time_s, 3),
-            "covered": round(plan.covered, 5),
-        }
-        click.echo(json.dumps(fields))
-        return
-    click.echo(f"area        {plan.area.area:.1f} m², {100.0 * plan.covered:.1f} % of it covered")
-    click.echo(f"path        {length_m:.1f} m in {time_s:.0f} s, lines {plan.line_distance_m:.3g} m apart")
-    click.echo(f"images      {len(plan.pictures_m)}, every {plan.picture_distance_m:.3g} m")
-    click.echo(f"drawn in    {file}")
-
-
-def _goal(file: Path | None, **fields: Any) -> "AreaCoverageGoal":
-    """Make the goal from the options; asks for the missing values."""
-    from jezero.cli.polygon_file import PolygonFileError, read_polygon
-    from jezero.schemas.actions import AreaCoverageGoal
-
-    try:
-        polygon, holes = (_prompt_for_corners(), ()) if file is None else read_polygon(file)
-    except PolygonFileError as error:
-        raise click.ClickException(str(error)) from None
+    if file is None:
+        polygon = FilePolygon("", "the area", (_prompt_for_corners(),), in_metres=True)
+    else:
+        polygon = read_polygon_file(file, feature, metres=metres, frame=fields["frame"])
     if fields["z_ned_m"] is None:
         fields["z_ned_m"] = click.prompt("Enter altitude", type=FINITE)
     if fields["resolution_m"] is None and fields["overlap"] is None and fields["sidelap"] is None:
         fields["resolution_m"] = click.prompt("Enter resolution", type=FINITE)
-    return AreaCoverageGoal(polygon_ned_m=polygon, holes_ned_m=holes, **fields)
+    return CoverageRequest(polygon, fields)
 
 
 def _prompt_for_corners() -> tuple[tuple[float, float], ...]:

@@ -196,6 +196,7 @@ def exif_of(image: Image, taken_utc: datetime) -> "Exif":
     It has no focal length in 35 mm terms: that is in whole millimetres, and readers would prefer it to the exact one.
     """
     from PIL.Image import Exif
+    from PIL.TiffImagePlugin import IFDRational
 
     exif = Exif()
     exif[0x010F], exif[0x0110] = MAKE, MODEL
@@ -216,7 +217,7 @@ def exif_of(image: Image, taken_utc: datetime) -> "Exif":
     )
     if image.position_camera_deg is not None:
         latitude, longitude, altitude = image.position_camera_deg
-        heading_deg = degrees(image.yaw_rad) % 360.0
+        heading_cdeg = round(100.0 * degrees(image.yaw_rad)) % 36_000
         exif.get_ifd(GPS_IFD).update(
             {
                 0: b"\2\3\0\0",
@@ -227,7 +228,7 @@ def exif_of(image: Image, taken_utc: datetime) -> "Exif":
                 5: b"\1" if altitude < 0.0 else b"\0",
                 6: _rational(abs(altitude), 1_000),
                 16: "T",
-                17: _rational(heading_deg, 100),
+                17: IFDRational(heading_cdeg, 100),
             }
         )
     return exif
@@ -241,7 +242,9 @@ def _rational(value: float, denominator: int) -> "IFDRational":
 
 
 def _sexagesimal(angle_deg: float) -> "tuple[IFDRational, IFDRational, IFDRational]":
-    """Angle as whole degrees, whole minutes, and seconds with decimals."""
-    minutes, seconds = divmod(abs(angle_deg) * 3600.0, 60.0)
-    whole, minutes = divmod(minutes, 60.0)
-    return (_rational(whole, 1), _rational(minutes, 1), _rational(seconds, 1_000_000))
+    """Angle as whole degrees, whole minutes, and seconds with decimals; rounded first, so that no part becomes 60."""
+    from PIL.TiffImagePlugin import IFDRational
+
+    minutes, microseconds = divmod(round(abs(angle_deg) * 3600.0 * 1_000_000), 60 * 1_000_000)
+    whole, minutes = divmod(minutes, 60)
+    return (IFDRational(whole, 1), IFDRational(minutes, 1), IFDRational(microseconds, 1_000_000))

@@ -64,7 +64,7 @@ class Goal(Generic[F, R]):
             TimedOut: no feedback came in time; the goal continues.
         """
         deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
-        while self._result is None and self._failure is None:
+        while not self._ended:
             feedback = self._next(deadline_s)
             if feedback is not None:
                 return feedback
@@ -86,11 +86,11 @@ class Goal(Generic[F, R]):
             Unreachable: the action server died, or the connection is lost.
         """
         deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
-        while self._result is None and self._failure is None:
+        while not self._ended:
             try:
                 self._next(deadline_s)
             except TimedOut:
-                raise TimedOut(f"{self._action.name} still runs after {timeout_s:g} s") from None
+                raise TimedOut(self._still_runs(timeout_s)) from None
         if self._failure is not None:
             raise self._failure
         result = cast(Result[R], self._result)
@@ -140,12 +140,20 @@ class Goal(Generic[F, R]):
         if self._connection.connected and not self._arrivals.ended:
             self._connection.stream(self._action.cancel.name, encode(Cancel(goal_id=self.goal_id)), 1.0)
 
+    @property
+    def _ended(self) -> bool:
+        return self._result is not None or self._failure is not None
+
     def _next(self, deadline_s: float | None) -> F | None:
-        """Process one reply: return feedback, keep the result or the failure."""
+        """Wait for one reply and process it, or find out why there is none."""
         data = self._arrivals.take(deadline_s)
         if data is None:
             self._recover(deadline_s)
             return None
+        return self._process(data)
+
+    def _process(self, data: bytes) -> F | None:
+        """Process one reply: return feedback, keep the result."""
         reply = self._decode(data)
         if isinstance(reply, Feedback):
             self._connection.set_vehicle_time(reply.t_ns)
@@ -160,7 +168,7 @@ class Goal(Generic[F, R]):
         """Find the result after the replies ended without one: the server died, or a connection was lost."""
         link_was_lost, denials = False, 0
         give_up_s = time.monotonic() + RECOVER_S
-        while self._result is None and self._failure is None:
+        while not self._ended:
             if deadline_s is not None and time.monotonic() > deadline_s:
                 raise TimedOut("no result in time")
             connected = self._connection.connected
@@ -176,8 +184,12 @@ class Goal(Generic[F, R]):
                 self._failure = Unreachable(f"{died}; the vehicle hovers (`jezero ps`, uav.status())")
             elif self._connection.closed or time.monotonic() > give_up_s:
                 self._failure = Unreachable(self._lost(connected))
-            if self._result is None and self._failure is None:
+            if not self._ended:
                 time.sleep(POLL_S)
+
+    def _still_runs(self, timeout_s: float | None) -> str:
+        """Error text for a wait that was too short."""
+        return f"{self._action.name} still runs after {timeout_s:g} s"
 
     def _lost(self, connected: bool) -> str:
         """Error text for a goal after the connection was closed, lost, or lost and restored."""

@@ -1,5 +1,6 @@
 """Goals of a client: for any action by its name, also for actions that installed packages add."""
 
+from collections.abc import Mapping
 from contextlib import suppress
 from itertools import count
 from typing import Any, Literal
@@ -17,6 +18,7 @@ from jezero.schemas.actions import PlanReply
 from jezero.schemas.topics import Action
 
 OnClientLoss = Literal["continue", "cancel"]
+NO_FIELDS: Mapping[str, Any] = {}
 PLAN_TIMEOUT_S = 30.0
 """Longest wait for the acceptance of a goal whose path is planned first."""
 
@@ -40,7 +42,7 @@ class GoalSender:
         self._connection = connection
         self._numbers = count(1)
 
-    def common_fields(self, on_client_loss: OnClientLoss) -> dict[str, Any]:
+    def _common_fields(self, on_client_loss: OnClientLoss) -> dict[str, Any]:
         """Fields of every goal: a new id, and the present vehicle time, after which the goal expires in some seconds.
 
         The status is requested for that time only if no status, feedback or result has arrived within a second.
@@ -55,8 +57,25 @@ class GoalSender:
             "on_client_loss": on_client_loss,
         }
 
-    def make(self, action: Action[Any], goal: GoalPayload | None, fields: dict[str, Any]) -> GoalPayload:
-        """A goal to send, with the fields that every goal carries.
+    def _make(self, action: Action[Any], goal: GoalPayload | None, fields: Mapping[str, Any]) -> GoalPayload:
+        """A goal to send, with the fields that every goal carries."""
+        if goal is not None:
+            if fields or not isinstance(goal, action.goal_type):
+                kind = action.goal_type.__name__
+                raise ValueError(f"{action.name} takes one {kind}, or its fields as keyword arguments")
+            renewed: GoalPayload = msgspec.structs.replace(goal, **self._common_fields(goal.on_client_loss))
+            return renewed
+        common = self._common_fields(fields.get("on_client_loss", "continue"))
+        try:
+            made: GoalPayload = msgspec.convert({**fields, **common}, action.goal_type)
+        except msgspec.ValidationError as error:
+            raise ValueError(f"{action.name}: {error}") from None
+        return made
+
+    def send(
+        self, action: Action[Any], goal: GoalPayload | None, fields: Mapping[str, Any] = NO_FIELDS
+    ) -> Goal[Any, Any]:
+        """Send a goal; returns it when it is accepted.
 
         Args:
             goal: a struct of the action's goal type; or None, with the goal's own `fields`.
@@ -64,36 +83,24 @@ class GoalSender:
         Raises:
             ValueError: the goal doesn't fit the action's type; the message names the field.
         """
-        if goal is not None:
-            if fields or not isinstance(goal, action.goal_type):
-                kind = action.goal_type.__name__
-                raise ValueError(f"{action.name} takes one {kind}, or its fields as keyword arguments")
-            renewed: GoalPayload = msgspec.structs.replace(goal, **self.common_fields(goal.on_client_loss))
-            return renewed
-        common = self.common_fields(fields.get("on_client_loss", "continue"))
-        try:
-            made: GoalPayload = msgspec.convert({**fields, **common}, action.goal_type)
-        except msgspec.ValidationError as error:
-            raise ValueError(f"{action.name}: {error}") from None
-        return made
-
-    def send(self, action: Action[Any], goal: GoalPayload) -> Goal[Any, Any]:
-        """Send a goal; returns it when it is accepted."""
         if action.takes_pictures:
-            return self.send_for_images(action, goal)
-        return Goal(self._connection, action, goal, REPLY_TIMEOUT_S)
+            return self.send_for_images(action, goal, fields)
+        return Goal(self._connection, action, self._make(action, goal, fields), REPLY_TIMEOUT_S)
 
-    def send_for_images(self, action: Action[Any], goal: GoalPayload) -> ImagesGoal:
-        """Send a goal that takes pictures; returns it when it is planned and accepted."""
-        return ImagesGoal(self._connection, action, goal, PLAN_TIMEOUT_S)
+    def send_for_images(
+        self, action: Action[Any], goal: GoalPayload | None, fields: Mapping[str, Any] = NO_FIELDS
+    ) -> ImagesGoal:
+        """Send a goal that takes pictures; returns it when it is planned and accepted. Otherwise as `send`."""
+        return ImagesGoal(self._connection, action, self._make(action, goal, fields), PLAN_TIMEOUT_S)
 
-    def plan(self, action: Action[Any], goal: GoalPayload) -> PlanReply:
-        """Request the plan of a goal.
+    def plan(self, action: Action[Any], goal: GoalPayload | None, fields: Mapping[str, Any]) -> PlanReply:
+        """Request the plan of a goal; arguments as of `send`.
 
         Raises:
             Refused: the vehicle would refuse the goal now.
+            ValueError: the goal doesn't fit the action's type; the message names the field.
         """
-        reply: PlanReply = self._connection.request(action.plan, goal, PLAN_TIMEOUT_S)
+        reply: PlanReply = self._connection.request(action.plan, self._make(action, goal, fields), PLAN_TIMEOUT_S)
         if not reply.accepted:
             raise Refused(reply.reason, reply.code)
         return reply

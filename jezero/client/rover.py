@@ -138,13 +138,13 @@ class Rover:
             Unreachable: no vehicle time is published, or the connection was closed.
             TimedOut: the rover still rolls 10 s after the command to stop.
         """
-        for number, leg in enumerate(legs, start=1):
-            if problem := leg_problem(leg):
-                raise ValueError(f"leg {number}: {problem}")
         self._drive(legs, on_leg, threading.Event())
 
     def _drive(self, legs: Sequence[Leg], on_leg: Callable[[int, Leg], None], over: threading.Event) -> None:
-        """Drive legs until they or `over` end it, then stop."""
+        """Drive legs until they or `over` end it, then stop; raises the errors of `follow`."""
+        for number, leg in enumerate(legs, start=1):
+            if problem := leg_problem(leg):
+                raise ValueError(f"leg {number}: {problem}")
         with _Clock(self._connection) as clock:
             try:
                 self._follow(legs, clock, on_leg, over)

@@ -37,11 +37,13 @@ class Arrivals:
     Attributes:
         ended: whether no more messages will come.
         error: the last error reply, e.g. "Timeout".
+        on_put: called after each message and after the end, in Zenoh's thread.
     """
 
     def __init__(self, limit: int = ARRIVALS_MAX) -> None:
         self.ended = False
         self.error = ""
+        self.on_put: Callable[[], None] = lambda: None
         self._limit = limit
         self._items: SimpleQueue[bytes | None] = SimpleQueue()
         """The messages in order; None marks the end."""
@@ -87,6 +89,7 @@ class Arrivals:
         if items.qsize() > self._limit:
             with suppress(Empty):  # the caller's thread has just taken it
                 items.get_nowait()
+        self.on_put()
 
 
 class Connection:

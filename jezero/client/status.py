@@ -43,14 +43,18 @@ def watch_status(connection: Connection) -> Iterator[Status]:
             except TimedOut:
                 data = None
             if data is None:
-                silent = f"no status of {connection.vehicle} for {STATUS_TIMEOUT_S:g} s"
-                raise Unreachable(connection.loss_reason() or silent)
+                raise Unreachable(no_status(connection))
             newer: Status = decode(Status, data)
             if newer != status:
                 status = newer
                 yield status
     finally:
         undeclare()
+
+
+def no_status(connection: Connection) -> str:
+    """Error text for a vehicle that publishes no status any more."""
+    return connection.loss_reason() or f"no status of {connection.vehicle} for {STATUS_TIMEOUT_S:g} s"
 
 
 def wait_ready(connection: Connection, timeout_s: float) -> Status:

@@ -71,20 +71,21 @@ class Subscription(Generic[M]):
         try:
             data = self._arrivals.take(None if timeout_s is None else time.monotonic() + timeout_s)
         except TimedOut:
-            vehicle, name = self._connection.vehicle, self.topic.name
-            raise TimedOut(
-                f"no message on {name} of {vehicle} for {timeout_s:g} s: is its service up? (`jezero ps`)"
-            ) from None
-        if data is None:
-            raise Unreachable(self._connection.loss_reason() or f"the subscription to {self.topic.name} was closed")
-        message: M = self._decode(data)
-        return message
+            raise TimedOut(silence(self._connection, self.topic, timeout_s)) from None
+        return self._read(data)
 
     def close(self) -> None:
         """End the subscription. May be called twice, and from another thread."""
         if not self._closed:
             self._closed = True
             self._undeclare()
+
+    def _read(self, data: bytes | None) -> M:
+        """Decode a message; None is the end of all messages, which raises."""
+        if data is None:
+            raise Unreachable(self._connection.loss_reason() or f"the subscription to {self.topic.name} was closed")
+        message: M = self._decode(data)
+        return message
 
 
 def call_for_each(subscription: Subscription[M], callback: Callable[[M], object]) -> None:
@@ -148,10 +149,7 @@ class _Latest:
             if self._ended:
                 raise Unreachable(self._connection.loss_reason() or "the connection was closed")
             if self._data is None or not self._is_fresh():
-                vehicle, name = self._connection.vehicle, self._topic.name
-                raise TimedOut(
-                    f"no message on {name} of {vehicle} for {timeout_s:g} s: is its service up? (`jezero ps`)"
-                )
+                raise TimedOut(silence(self._connection, self._topic, timeout_s))
             data = self._data
         return self._decode(data)
 
@@ -168,6 +166,11 @@ class _Latest:
         with self._condition:
             self._ended = True
             self._condition.notify_all()
+
+
+def silence(connection: Connection, topic: Topic[Any], timeout_s: float | None) -> str:
+    """Error text for a topic without a message in time."""
+    return f"no message on {topic.name} of {connection.vehicle} for {timeout_s:g} s: is its service up? (`jezero ps`)"
 
 
 def topic_named(topic: "str | Topic[M]") -> Topic[Any]:

@@ -6,14 +6,14 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Self, TypeVar, overload
 
+from jezero.client import control
 from jezero.client.camera import Camera
-from jezero.client.errors import Refused
 from jezero.client.goal import Goal, request_result
 from jezero.client.goal_sender import GoalSender, OnClientLoss, action_named
 from jezero.client.images import ImagesGoal
 from jezero.client.rover import Rover
 from jezero.client.session import Connection
-from jezero.client.status import REPLY_TIMEOUT_S, request_status, wait_ready, watch_status
+from jezero.client.status import request_status, wait_ready, watch_status
 from jezero.client.subscription import LatestValues, Subscription, call_for_each, topic_named
 from jezero.schemas import topics
 from jezero.schemas.actions import (
@@ -30,12 +30,10 @@ from jezero.schemas.actions import (
     ResultReply,
     TakeoffGoal,
 )
-from jezero.schemas.actions import (
-    Goal as GoalPayload,
-)
-from jezero.schemas.commands import Abort, AbortReply, Hover, HoverReply, Kill, KillReply
+from jezero.schemas.actions import Goal as GoalPayload
+from jezero.schemas.commands import AbortReply
 from jezero.schemas.estimate import Relative
-from jezero.schemas.state import Battery, Odometry, Status, StatusCode
+from jezero.schemas.state import Battery, Odometry, Status
 from jezero.schemas.struct import Message
 from jezero.schemas.topics import Action, Topic
 
@@ -43,9 +41,6 @@ DEFAULT_VEHICLE, DEFAULT_ROUTER = "uav1", "tcp/127.0.0.1:7447"
 M = TypeVar("M", bound=Message)
 Point = tuple[float, float, float]
 Corners = Sequence[tuple[float, float]]
-HOVER_TIMEOUT_S = 10.0
-"""Longest wait for a hover: a goal that ends near the ground climbs first, and taking control back takes seconds."""
-DISARM_TIMEOUT_S = 15.0
 
 
 class Vehicle:
@@ -120,8 +115,7 @@ class Vehicle:
         Args:
             altitude_m: altitude above the take-off point, positive up.
         """
-        goal = TakeoffGoal(**self._goals.common_fields(on_client_loss), altitude_m=altitude_m)
-        return self._goals.send(topics.TAKEOFF, goal)
+        return self._goals.send(topics.TAKEOFF, TakeoffGoal(altitude_m=altitude_m, on_client_loss=on_client_loss))
 
     def go_to(
         self,
@@ -147,12 +141,12 @@ class Vehicle:
             speed_mps: speed along the line; None for the default.
         """
         goal = GoToGoal(
-            **self._goals.common_fields(on_client_loss),
             target_ned_m=(x_m, y_m, z_m),
             frame=frame,
             do_takeoff=do_takeoff,
             yaw_rad=yaw_rad,
             speed_mps=speed_mps,
+            on_client_loss=on_client_loss,
         )
         return self._goals.send(topics.GO_TO, goal)
 
@@ -176,12 +170,12 @@ class Vehicle:
             force: land in more wind than the settings allow, too.
         """
         goal = LandOnSpotGoal(
-            **self._goals.common_fields(on_client_loss),
             landing_spot_ned_m=spot_ned_m,
             frame=frame,
             use_uwb=use_uwb,
             use_tag=use_tag,
             force=force,
+            on_client_loss=on_client_loss,
         )
         return self._goals.send(topics.LAND_ON_SPOT, goal)
 
@@ -209,7 +203,6 @@ class Vehicle:
             stream_images: whether the feedback announces each image as it is taken; else only the result lists them.
         """
         goal = GetImagesGoal(
-            **self._goals.common_fields(on_client_loss),
             center_ned_m=center_ned_m,
             radius_m=radius_m,
             num_images=num_images,
@@ -217,6 +210,7 @@ class Vehicle:
             target_z_ned_m=target_z_ned_m,
             speed_mps=speed_mps,
             stream_images=stream_images,
+            on_client_loss=on_client_loss,
         )
         return self._goals.send_for_images(topics.GET_IMAGES, goal)
 
@@ -232,6 +226,8 @@ class Vehicle:
         frame: Frame = "world",
         speed_mps: float | None = None,
         start_ned_m: tuple[float, float] | None = None,
+        plan_id: str = "",
+        force: bool = False,
         on_client_loss: OnClientLoss = "continue",
     ) -> ImagesGoal:
         """Cover an area in parallel lines and take images of all of it.
@@ -248,9 +244,10 @@ class Vehicle:
             frame: frame of all points.
             speed_mps: speed along the lines; None for the default.
             start_ned_m: (2,) the path starts near this point; None for the vehicle's position.
+            plan_id: id of the plan to fly, from `uav.plan("area_coverage", ...).coverage`; "" for a new plan.
+            force: fly also if less than 90 % of the area would be in the images, or too high for a map.
         """
         goal = AreaCoverageGoal(
-            **self._goals.common_fields(on_client_loss),
             polygon_ned_m=tuple(polygon_ned_m),
             holes_ned_m=tuple(tuple(hole) for hole in holes_ned_m),
             z_ned_m=z_ned_m,
@@ -260,6 +257,9 @@ class Vehicle:
             frame=frame,
             speed_mps=speed_mps,
             start_ned_m=start_ned_m,
+            on_client_loss=on_client_loss,
+            plan_id=plan_id,
+            force=force,
         )
         return self._goals.send_for_images(topics.AREA_COVERAGE, goal)
 
@@ -269,8 +269,7 @@ class Vehicle:
         Args:
             goal: field `resume` of that coverage's result.
         """
-        renewed = self._goals.make(topics.AREA_COVERAGE, goal, {})
-        return self._goals.send_for_images(topics.AREA_COVERAGE, renewed)
+        return self._goals.send_for_images(topics.AREA_COVERAGE, goal)
 
     def send(self, action: str | Action[Any], goal: GoalPayload | None = None, **fields: Any) -> Goal[Any, Any]:
         """Send a goal to any action, also to one that an installed package adds.
@@ -282,8 +281,7 @@ class Vehicle:
         Raises:
             ValueError: there is no such action, or the goal doesn't fit its type; the message names the field.
         """
-        row = action_named(action)
-        return self._goals.send(row, self._goals.make(row, goal, fields))
+        return self._goals.send(action_named(action), goal, fields)
 
     def plan(self, action: str | Action[Any], goal: GoalPayload | None = None, **fields: Any) -> PlanReply:
         """How long a goal would fly, how far, and how much battery it would use; it is not flown.
@@ -303,8 +301,7 @@ class Vehicle:
             Unreachable: no action server replies.
             TimedOut: the reply is missing.
         """
-        row = action_named(action)
-        return self._goals.plan(row, self._goals.make(row, goal, fields))
+        return self._goals.plan(action_named(action), goal, fields)
 
     # -- requests: each raises Unreachable or TimedOut without a reply --
 
@@ -318,14 +315,11 @@ class Vehicle:
             Refused: the vehicle cannot hover now; the text is the reason.
             ValueError: a coordinate is NaN or infinite.
         """
-        reply: HoverReply = self._connection.request(topics.HOVER, Hover(hover_pos=pos_ned_m), HOVER_TIMEOUT_S)
-        if not reply.hover_mode:
-            raise Refused(reply.reason)
+        control.hover(self._connection, pos_ned_m)
 
     def abort(self, reason: str = "") -> AbortReply:
         """End the goal in charge at once, also another client's: hover, or disarm if still on the ground."""
-        reply: AbortReply = self._connection.request(topics.ABORT, Abort(reason=reason), REPLY_TIMEOUT_S)
-        return reply
+        return control.abort(self._connection, reason)
 
     def kill(self, *, confirm: bool = False) -> None:
         """Stop the motors at once, also in the air: a flying vehicle falls.
@@ -336,9 +330,7 @@ class Vehicle:
         Raises:
             Refused: not confirmed, or the autopilot did not disarm.
         """
-        reply: KillReply = self._connection.request(topics.KILL, Kill(confirm=confirm), DISARM_TIMEOUT_S)
-        if not reply.killed:
-            raise Refused(reply.reason)
+        control.kill(self._connection, confirm=confirm)
 
     # -- state --
 
@@ -454,16 +446,4 @@ class Vehicle:
         try:
             yield self
         finally:
-            self._land_here()
-
-    # -- internals --
-
-    def _land_here(self) -> None:
-        status = self.status()
-        if status.code in (StatusCode.IDLE, StatusCode.EXTERNAL):
-            return
-        if status.code != StatusCode.HOVER:
-            self.hover()
-            status = self.status()
-        spot_ned_m = None if status.odometry is None else status.odometry.pos_uav_ned_m
-        self.land_on_spot(spot_ned_m, use_uwb=False, use_tag=False).result()
+            control.land_here(self._connection, self._goals)

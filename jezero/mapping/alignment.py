@@ -12,7 +12,7 @@ import scipy.sparse.linalg
 from numpy.typing import NDArray
 
 from jezero.mapping.ground import Ground
-from jezero.mapping.matching import Matches
+from jezero.mapping.matching import Matches, group_images
 from jezero.mapping.survey import Survey
 
 Array = NDArray[np.float64]
@@ -27,7 +27,13 @@ STD_WOBBLE_RAD = np.radians(0.3)
 """Standard deviations of the priors. The error of an image's position is large (STD_PLACE_M, STD_HEIGHT_M), that of the
 distance between two exposures small (STD_WAY_M). All images share an attitude error (STD_TILT_RAD, STD_YAW_RAD), to
 which each adds a small one (STD_WOBBLE_RAD)."""
-ITERATIONS = 8
+WAY_MAX_S = 30.0
+"""Exposures farther apart in time may be of two flights."""
+HUBER_WAY = 3.0
+"""Standard deviations. Times of two flights can follow each other by chance, so this prior can be wrong."""
+ITERATIONS = 12
+STEP_MIN = 1e-4
+"""Metres or radians; smaller steps can't be seen in the map."""
 UNKNOWNS = 6
 """Unknowns per image: north, east, down, and a small rotation about these axes. A last rotation is common to all."""
 
@@ -39,37 +45,42 @@ class Alignment:
     Attributes:
         survey: the survey with corrected poses.
         pairs: number of matched pairs of images.
+        groups: numbers of images in the groups that no match connects, the largest first.
         before_m: median distance on the ground between the two points of a match before; NaN without matches.
         after_m: the same afterwards.
     """
 
     survey: Survey
     pairs: int
+    groups: tuple[int, ...]
     before_m: float
     after_m: float
 
 
 def align(survey: Survey, ground: Ground, matches: list[Matches]) -> Alignment:
     """Correct the poses by iterated least squares with robust (Huber) weights."""
+    groups = tuple(sorted(np.bincount(group_images(len(survey), matches)).tolist(), reverse=True))
     if not matches:
-        return Alignment(survey, 0, float("nan"), float("nan"))
+        return Alignment(survey, 0, groups, float("nan"), float("nan"))
     ends = _Ends(survey, matches)
     before_m = _median_m(ends.apart(survey, ground)[0])
     moved = np.zeros(UNKNOWNS * len(survey) + 3)
-    priors = _priors(survey)
+    priors, is_way = _priors(survey)
     present = survey
     for _ in range(ITERATIONS):
         apart_m, slopes = ends.apart(present, ground)
         lengths_m = np.maximum(np.linalg.norm(apart_m, axis=1), 1e-9)
         weights = np.repeat(np.sqrt(np.minimum(1.0, HUBER_M / lengths_m)) / STD_MATCH_M, 2)
-        rows = scipy.sparse.vstack((slopes.multiply(weights[:, None]), priors)).tocsr()
-        rest = np.concatenate((weights * apart_m.ravel(), priors @ moved))
+        departures = priors @ moved
+        trust = np.where(is_way, np.sqrt(HUBER_WAY / np.maximum(np.abs(departures), HUBER_WAY)), 1.0)
+        rows = scipy.sparse.vstack((slopes.multiply(weights[:, None]), priors.multiply(trust[:, None]))).tocsr()
+        rest = np.concatenate((weights * apart_m.ravel(), trust * departures))
         step = scipy.sparse.linalg.spsolve((rows.T @ rows).tocsc(), -(rows.T @ rest))
         moved += step
         present = _moved(survey, moved)
-        if np.abs(step).max() < 1e-6:
+        if np.abs(step).max() < STEP_MIN:
             break
-    return Alignment(present, len(matches), before_m, _median_m(ends.apart(present, ground)[0]))
+    return Alignment(present, len(matches), groups, before_m, _median_m(ends.apart(present, ground)[0]))
 
 
 def _median_m(apart_m: Array) -> float:
@@ -108,7 +119,10 @@ class _Ends:
     def apart(self, survey: Survey, ground: Ground) -> tuple[Array, scipy.sparse.csr_matrix]:
         """(k, 2) offset of the first point from the second on the ground, and its (2k, unknowns) Jacobian."""
         (first_m, first_slopes), (second_m, second_slopes) = (self._on_ground(survey, ground, end) for end in (0, 1))
-        return first_m - second_m, (first_slopes - second_slopes).tocsr()
+        slopes = (first_slopes - second_slopes).tocsr()
+        # A ray that an iteration turned above the horizon says nothing.
+        slopes.data = np.nan_to_num(slopes.data)
+        return np.nan_to_num(first_m - second_m), slopes
 
     def _on_ground(self, survey: Survey, ground: Ground, end: int) -> tuple[Array, scipy.sparse.csr_matrix]:
         """Points at which the rays of one end meet the ground, and their Jacobian.
@@ -131,15 +145,21 @@ class _Ends:
         return met_m[:, :2], scipy.sparse.csr_matrix((values.ravel(), (rows, columns.ravel())), shape=shape)
 
 
-def _priors(survey: Survey) -> scipy.sparse.csr_matrix:
-    """Priors: each row is a sum of unknowns over its standard deviation, with the expected value zero."""
+def _priors(survey: Survey) -> tuple[scipy.sparse.csr_matrix, NDArray[np.bool_]]:
+    """Priors: each row is a sum of unknowns over its standard deviation, with the expected value zero.
+
+    Returns:
+        The rows, and whether each is of the way between two exposures.
+    """
     count = len(survey)
     shared = UNKNOWNS * count
     rows: list[int] = []
     columns: list[int] = []
     values: list[float] = []
+    is_way: list[bool] = []
 
-    def know(std: float, terms: dict[int, float]) -> None:
+    def know(std: float, terms: dict[int, float], way: bool = False) -> None:
+        is_way.append(way)
         row = rows[-1] + 1 if rows else 0
         for column, value in terms.items():
             rows.append(row)
@@ -152,10 +172,12 @@ def _priors(survey: Survey) -> scipy.sparse.csr_matrix:
             know(std_m, {at + axis: 1.0})
         for axis in range(3):
             know(STD_WOBBLE_RAD, {at + 3 + axis: 1.0, shared + axis: -1.0})
-        if i > 0:
-            std_m = STD_WAY_M + STD_WAY_M_PER_S * float(survey.times_s[i] - survey.times_s[i - 1])
+        # An image that was taken later than the next one, or much later than the one before, is of another flight.
+        if i > 0 and 0.0 < (since_s := float(survey.times_s[i] - survey.times_s[i - 1])) < WAY_MAX_S:
             for axis in range(2):
-                know(std_m, {at + axis: 1.0, at - UNKNOWNS + axis: -1.0})
+                std_m = STD_WAY_M + STD_WAY_M_PER_S * since_s
+                know(std_m, {at + axis: 1.0, at - UNKNOWNS + axis: -1.0}, way=True)
     for axis, std_rad in enumerate((STD_TILT_RAD, STD_TILT_RAD, STD_YAW_RAD)):
         know(float(std_rad), {shared + axis: 1.0})
-    return scipy.sparse.csr_matrix((values, (rows, columns)), shape=(rows[-1] + 1, shared + 3))
+    shape = (rows[-1] + 1, shared + 3)
+    return scipy.sparse.csr_matrix((values, (rows, columns)), shape=shape), np.array(is_way)

@@ -3,7 +3,11 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from jezero.frames import Vec3
 from jezero.mapping.alignment import Alignment, align
+from jezero.mapping.files import save_map
 from jezero.mapping.ground import fit_ground
 from jezero.mapping.matching import find_matches
 from jezero.mapping.mosaic import Mosaic, make_mosaic
@@ -19,11 +23,26 @@ class Map:
         mosaic: the map.
         alignment: the alignment.
         pictures: number of images.
+        picture_m_per_px: ground that a pixel of the images shows, in the middle of the median image.
+        origin_deg: latitude, longitude and altitude of the map's origin; None without positions in degrees.
     """
 
     mosaic: Mosaic
     alignment: Alignment
     pictures: int
+    picture_m_per_px: float
+    origin_deg: Vec3 | None
+
+    @property
+    def description(self) -> str:
+        """Resolutions of the map and of its images, for people."""
+        map_cm, picture_cm = 100.0 * self.mosaic.m_per_px, 100.0 * self.picture_m_per_px
+        finer = ", finer than its images" if map_cm < 0.99 * picture_cm else ""
+        return f"{map_cm:.3g} cm per pixel{finer}; its {self.pictures} images have {picture_cm:.2g} cm per pixel"
+
+    def save(self, file: Path) -> list[Path]:
+        """Write the map's files; see `save_map`."""
+        return save_map(self.mosaic, self.origin_deg, f"jezero map: {self.description}", file)
 
 
 def make_map(folder: Path, m_per_px: float, vehicle: VehicleConfig) -> Map:
@@ -39,5 +58,9 @@ def make_map(folder: Path, m_per_px: float, vehicle: VehicleConfig) -> Map:
     """
     survey = read_survey(folder, vehicle)
     ground = fit_ground(survey.spots_m)
-    alignment = align(survey, ground, find_matches(survey, ground))
-    return Map(make_mosaic(alignment.survey, ground, m_per_px), alignment, len(survey))
+    matches = find_matches(survey, ground)
+    alignment = align(survey, ground, matches)
+    heights_m = ground.down_m(survey.pos_m[:, :2]) - survey.pos_m[:, 2]
+    picture_m_per_px = float(np.median(heights_m)) / survey.focal_px
+    mosaic = make_mosaic(alignment.survey, ground, matches, m_per_px)
+    return Map(mosaic, alignment, len(survey), picture_m_per_px, survey.origin_deg)

@@ -1,10 +1,12 @@
 """Matches: the same points of the ground in two images."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import scipy.sparse
+import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
 from jezero.mapping.ground import Ground
@@ -17,7 +19,9 @@ APART_MAX = 0.8
 """Images whose centres are farther apart than this share of their diagonal are not compared."""
 RATIO_MAX = 0.8
 ASTRAY_MAX_M = 1.0
-"""Matches farther apart on the ground than this are of different places that look alike."""
+"""Matches of one flight that are farther apart on the ground than this are of different places that look alike."""
+ASTRAY_FLIGHTS_MAX_M = 5.0
+"""The same of two flights, whose positions differ by the errors of GNSS."""
 AGREE_PX = 3.0
 MATCHES_MIN = 12
 MATCHES_MAX = 80
@@ -60,15 +64,33 @@ class _Features:
 
 
 def find_matches(survey: Survey, ground: Ground) -> list[Matches]:
-    """Find the matches of all pairs of overlapping images."""
+    """Find the matches of all pairs of overlapping images.
+
+    Images that these matches don't connect, e.g. those of two flights, are compared again with less trust in their
+    positions.
+    """
     detector = cv2.SIFT.create(FEATURES_MAX)
     features = [_features(detector, survey.pixels(number)) for number in range(len(survey))]
-    found = []
-    for first, second in _pairs(survey, ground):
-        matches = _match(survey, ground, first, second, features[first], features[second])
-        if matches is not None:
-            found.append(matches)
-    return found
+    follow = {(i, i + 1) for i in range(len(survey) - 1)}
+    compared = follow | _neighbours(survey, ground, np.ones((len(survey), len(survey)), bool))
+    found = _match_pairs(survey, ground, features, compared, ASTRAY_MAX_M)
+    groups = group_images(len(survey), found)
+    apart = _neighbours(survey, ground, groups[:, None] != groups)
+    return found + _match_pairs(survey, ground, features, apart, ASTRAY_FLIGHTS_MAX_M)
+
+
+def group_images(count: int, matches: list[Matches]) -> NDArray[np.int64]:
+    """(count,) number of the group of each image; matches connect the images of a group."""
+    first, second = ([getattr(pair, end) for pair in matches] for end in ("first", "second"))
+    graph = scipy.sparse.coo_matrix((np.ones(len(matches)), (first, second)), shape=(count, count))
+    return np.asarray(scipy.sparse.csgraph.connected_components(graph, directed=False)[1], np.int64)
+
+
+def _match_pairs(
+    survey: Survey, ground: Ground, features: list[_Features], pairs: Iterable[tuple[int, int]], astray_max_m: float
+) -> list[Matches]:
+    matched = (_match(survey, ground, a, b, features[a], features[b], astray_max_m) for a, b in sorted(pairs))
+    return [matches for matches in matched if matches is not None]
 
 
 def _features(detector: cv2.SIFT, pixels: Pixels) -> _Features:
@@ -78,19 +100,20 @@ def _features(detector: cv2.SIFT, pixels: Pixels) -> _Features:
     return _Features(np.array([keypoint.pt for keypoint in keypoints]), descriptors.astype(np.uint8))
 
 
-def _pairs(survey: Survey, ground: Ground) -> Iterator[tuple[int, int]]:
-    """Pairs of each image with the next one and with its nearest neighbours."""
+def _neighbours(survey: Survey, ground: Ground, may: NDArray[np.bool_]) -> set[tuple[int, int]]:
+    """Pairs of each image with its nearest neighbours among those of which `may` (n, n) is true."""
     middles_m = np.array(
         [ground.met(survey.pos_m[i], survey.rotations[i, :, 2][None])[0, :2] for i in range(len(survey))]
     )
     heights_m = ground.down_m(survey.pos_m[:, :2]) - survey.pos_m[:, 2]
     reach_m = APART_MAX * float(np.median(heights_m)) * float(np.hypot(*survey.size_px)) / survey.focal_px
-    pairs = {(i, i + 1) for i in range(len(survey) - 1)}
+    pairs: set[tuple[int, int]] = set()
     for i in range(len(survey)):
         apart_m = np.linalg.norm(middles_m - middles_m[i], axis=1)
-        near = [int(j) for j in np.argsort(apart_m, kind="stable") if j != i and apart_m[j] < reach_m]
+        order = np.argsort(apart_m, kind="stable")
+        near = [int(j) for j in order if j != i and apart_m[j] < reach_m and may[i, j]]
         pairs |= {(min(i, j), max(i, j)) for j in _spread(near, middles_m, i)}
-    yield from sorted(pairs)
+    return pairs
 
 
 def _spread(near: list[int], middles_m: Array, of: int) -> list[int]:
@@ -103,7 +126,9 @@ def _spread(near: list[int], middles_m: Array, of: int) -> list[int]:
     return list(chosen.values())
 
 
-def _match(survey: Survey, ground: Ground, first: int, second: int, a: _Features, b: _Features) -> Matches | None:
+def _match(
+    survey: Survey, ground: Ground, first: int, second: int, a: _Features, b: _Features, astray_max_m: float
+) -> Matches | None:
     if min(len(a.points_px), len(b.points_px)) < MATCHES_MIN:
         return None
     on_a, on_b = (_on_ground(survey, ground, i, f.points_px) for i, f in ((first, a), (second, b)))
@@ -111,7 +136,7 @@ def _match(survey: Survey, ground: Ground, first: int, second: int, a: _Features
     if len(pairs) < MATCHES_MIN:
         return None
     astray_m = np.linalg.norm(on_a[pairs[:, 0]] - on_b[pairs[:, 1]], axis=1)
-    pairs = pairs[astray_m < ASTRAY_MAX_M]
+    pairs = pairs[astray_m < astray_max_m]
     if len(pairs) < MATCHES_MIN:
         return None
     points_a, points_b = a.points_px[pairs[:, 0]], b.points_px[pairs[:, 1]]
@@ -138,5 +163,6 @@ def _nearest_descriptors(a: _Features, b: _Features) -> NDArray[np.int64]:
 
 
 def _on_ground(survey: Survey, ground: Ground, number: int, points_px: Array) -> Array:
+    """(k, 2) north and east of points of an image; NaN above the horizon."""
     rays = survey.rays(points_px) @ survey.rotations[number].T
-    return np.nan_to_num(ground.met(survey.pos_m[number], rays)[:, :2], nan=1e6)
+    return ground.met(survey.pos_m[number], rays)[:, :2]

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import hypot
 from pathlib import Path
 
 import cv2
@@ -9,13 +10,15 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from jezero.frames import add, quat_rotate, subtract
+from jezero.frames import Vec3, add, ned_from_geodetic, origin_from, quat_rotate, subtract
 from jezero.schemas.images import LISTING, Image
 from jezero.schemas.sensors import Distortion
 from jezero.vehicle_config import VehicleConfig
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
+NORM_ERROR_MAX = 0.01
+"""Of quaternions, which other programs may have rounded."""
 
 
 class SurveyError(ValueError):
@@ -44,6 +47,8 @@ class Survey:
         distortion: coefficients of the lens' distortion, which `pixels` no longer have.
         size_px: width and height.
         spots_m: (m, 3) points at which the altimeter's beam met the ground, by the vehicle's own position, NED.
+        origin_deg: latitude, longitude and altitude of the positions' origin. None when no image has a position in
+            degrees.
     """
 
     files: tuple[Path, ...]
@@ -55,6 +60,7 @@ class Survey:
     distortion: Distortion
     size_px: tuple[int, int]
     spots_m: Array
+    origin_deg: Vec3 | None
 
     def __len__(self) -> int:
         return len(self.files)
@@ -114,9 +120,16 @@ def read_survey(folder: Path, vehicle: VehicleConfig) -> Survey:
         raise SurveyError(f"{listing} is not a dataset's list of images: {error}") from None
     if not images:
         raise SurveyError(f"{listing} lists no images")
+    for file, image in zip(files, images, strict=True):
+        for name in ("q_ned_from_camera", "q_ned_from_frd"):
+            if abs(hypot(*getattr(image, name)) - 1.0) > NORM_ERROR_MAX:
+                raise SurveyError(f"{listing}: {name} of {file} is no attitude, because its length is not 1")
     kinds = {(image.focal_px, image.center_px, image.distortion, image.width_px, image.height_px) for image in images}
     if len(kinds) > 1:
         raise SurveyError(f"{listing} has images of {len(kinds)} different cameras: map each camera alone")
+    if images[0].focal_px <= 0.0:
+        raise SurveyError(f"{listing} has images with a focal length of 0")
+    images, origin_deg = _in_one_frame(images)
     spots_m = [_spot(image, vehicle) for image in images if image.range_m is not None]
     if not spots_m:
         reach_m = vehicle.altimeter.range_max_m
@@ -132,6 +145,7 @@ def read_survey(folder: Path, vehicle: VehicleConfig) -> Survey:
         distortion=first.distortion,
         size_px=(first.width_px, first.height_px),
         spots_m=np.array(spots_m),
+        origin_deg=origin_deg,
     )
 
 
@@ -139,6 +153,27 @@ def _image(entry: msgspec.Raw) -> Image:
     fields = msgspec.json.decode(entry)
     fields.pop("file", None)
     return msgspec.convert(fields, Image)
+
+
+def _in_one_frame(images: list[Image]) -> tuple[list[Image], Vec3 | None]:
+    """The images with all positions in the frame of the first one that has degrees, and this frame's origin.
+
+    Each start of the autopilot has an origin of its own, which differs between the flights of a coverage. Heights stay:
+    each flight counts them from the ground on which it started.
+    """
+    origins_deg = [
+        None if image.position_camera_deg is None else origin_from(image.pos_camera_ned_m, image.position_camera_deg)
+        for image in images
+    ]
+    first_deg = next((origin for origin in origins_deg if origin is not None), None)
+    if first_deg is None:
+        return images, None
+    shifted = []
+    for image, origin in zip(images, origins_deg, strict=True):
+        north_m, east_m, _ = (0.0, 0.0, 0.0) if origin is None else ned_from_geodetic(origin, first_deg)
+        pos_m = add(image.pos_camera_ned_m, (north_m, east_m, 0.0))
+        shifted.append(msgspec.structs.replace(image, pos_camera_ned_m=pos_m))
+    return shifted, first_deg
 
 
 def _matrix(image: Image) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from jezero.report.style import BLUE, GREEN, GREY, ORANGE, WIDTH_IN, Format, draw
-from jezero.schemas.actions import AreaCoverageGoal, Frame
+from jezero.schemas.actions import AreaCoverageGoal, Frame, PlannedCoverage
 from jezero.schemas.images import LISTING
 
 if TYPE_CHECKING:
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 GROUND, EDGE = "#efe6db", "0.25"
+ARROWS = 6
 
 
 class _Image(msgspec.Struct, frozen=True):
@@ -34,15 +35,16 @@ class _Dataset(msgspec.Struct, frozen=True):
     track_frame: Frame = "world"
 
 
-def draw_plan(path: Path, plan: "CoveragePlan", title: str) -> None:
+def draw_plan(path: Path, area: "Polygon", plan: PlannedCoverage, title: str) -> None:
     """Draw a plan, north up."""
+    path_m, pictures_m = np.array(plan.path_ned_m), np.array(plan.pictures_ned_m)
 
     def fill(figure: Any, axes: Any) -> None:
         ax = axes[0, 0]
-        _area(ax, plan.area)
-        ax.plot(plan.trajectory.pos_m[:, 1], plan.trajectory.pos_m[:, 0], color=BLUE, label="path")
-        _places(ax, plan.pictures_m, f"{len(plan.pictures_m)} pictures")
-        ax.plot(*plan.trajectory.pos_m[0, ::-1], "o", color=GREEN, ms=6, label="start", zorder=4)
+        _area(ax, area)
+        ax.plot(path_m[:, 1], path_m[:, 0], color=BLUE, label="path")
+        _places(ax, pictures_m, f"{len(pictures_m)} pictures")
+        ax.plot(*path_m[0, ::-1], "o", color=GREEN, ms=6, label="start", zorder=4)
         ax.set_title(title)
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=4)
 
@@ -76,10 +78,10 @@ def draw_coverage(folder: Path, form: Format) -> list[Path]:
         taken_m = taken_m - np.median(taken_m - plan.pictures_m[: len(taken_m)], axis=0)
     if dataset.track_frame != dataset.goal.frame:
         track_m = track_m[:0]
-    return [_draw_flown(folder / f"coverage.{form}", plan, track_m, taken_m)]
+    return [_draw_flown(folder / f"coverage.{form}", plan, dataset.goal.frame, track_m, taken_m)]
 
 
-def _draw_flown(path: Path, plan: "CoveragePlan", track_m: Array, taken_m: Array) -> Path:
+def _draw_flown(path: Path, plan: "CoveragePlan", frame: Frame, track_m: Array, taken_m: Array) -> Path:
     def fill(figure: Any, axes: Any) -> None:
         planned, flown = axes[0]
         for ax in (planned, flown):
@@ -87,14 +89,22 @@ def _draw_flown(path: Path, plan: "CoveragePlan", track_m: Array, taken_m: Array
         planned.plot(plan.trajectory.pos_m[:, 1], plan.trajectory.pos_m[:, 0], color=BLUE, lw=0.9)
         _places(planned, plan.pictures_m, "")
         planned.plot(*plan.trajectory.pos_m[0, ::-1], "o", color=GREEN, ms=5, zorder=4)
+        planned.plot(*plan.trajectory.pos_m[-1, ::-1], "s", color=GREEN, ms=5, zorder=4)
+        _direction(planned, plan.trajectory.pos_m)
         length_m, covered = plan.trajectory.length_m, 100.0 * plan.covered
         planned.set_title(f"planned: {length_m:.0f} m, {len(plan.pictures_m)} pictures, {covered:.1f} % covered")
         flown.plot(plan.trajectory.pos_m[:, 1], plan.trajectory.pos_m[:, 0], color=GREY, lw=0.6, label="planned path")
         flown.plot(track_m[:, 1], track_m[:, 0], color=BLUE, lw=0.9, label="flown path")
         _places(flown, taken_m, "pictures")
         flown.plot([], [], "o", color=GREEN, ms=5, label="start of the path")
+        flown.plot([], [], "s", color=GREEN, ms=5, label="end of the path")
         flown.set_title(f"flown: {len(taken_m)} pictures{_off_text(plan, track_m)}")
-        figure.legend(*flown.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+        if frame == "rover":
+            for ax in (planned, flown):
+                ax.set_xlabel("east of the platform's centre [m]")
+            planned.set_ylabel("north of the platform's centre [m]")
+        flown.set_ylabel("")  # that of the left axes, whose scale it shares
+        figure.legend(*flown.get_legend_handles_labels(), loc="outside lower center", ncols=5)
 
     north_m, east_m = np.ptp(plan.trajectory.pos_m, axis=0)
     height_in = float(np.clip(0.5 * WIDTH_IN * (north_m + 1.0) / (east_m + 1.0), 2.2, 9.0)) + 0.6
@@ -112,6 +122,17 @@ def _off_text(plan: "CoveragePlan", track_m: Array) -> str:
     start_m = np.linalg.norm(track_m - plan.trajectory.pos_m[0], axis=1)
     on_it = off_m[int(np.argmin(start_m)) :]
     return f", {100.0 * float(np.sqrt(np.mean(on_it**2))):.1f} cm RMS from the path"
+
+
+def _direction(ax: "Axes", path_m: Array) -> None:
+    """Draw arrows along a path."""
+    along_m = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path_m, axis=0), axis=1))))
+    for share in np.arange(0.5, ARROWS) / ARROWS:
+        at = min(int(np.searchsorted(along_m, share * along_m[-1])), len(path_m) - 2)
+        ax.annotate(
+            "", xy=(path_m[at + 1, 1], path_m[at + 1, 0]), xytext=(path_m[at, 1], path_m[at, 0]),
+            arrowprops={"arrowstyle": "-|>", "color": BLUE, "lw": 0.9, "mutation_scale": 9.0},
+        )  # fmt: skip
 
 
 def _area(ax: "Axes", area: "Polygon") -> None:

@@ -77,7 +77,7 @@ def _relative_position(landing: Landing, path: Path) -> Path:
             ax.set_ylabel(f"{AXES[i]} [m]")
             ax.set_xlim(0.0, landing.end_s)
         column[2].set_xlabel(TIME)
-        legend_above(figure, column[0], landing.phases)
+        legend_above(figure, column[:1], landing.phases)
 
     return draw(path, (3, 1), 5.0, fill, sharex=True)
 
@@ -100,7 +100,7 @@ def _relative_error(landing: Landing, path: Path) -> Path:
             ax.set_xlim(0.0, landing.end_s)
             _limit(ax, 100 * error_m)
         column[2].set_xlabel(TIME)
-        legend_above(figure, column[0], landing.phases)
+        legend_above(figure, column[:1], landing.phases)
 
     return draw(path, (3, 1), 5.0, fill, sharex=True, sharey=True)
 
@@ -134,7 +134,7 @@ def _rover_position(landing: Landing, path: Path) -> Path:
             _at_least(left, 1.0)
         for ax in axes[2]:
             ax.set_xlabel(TIME)
-        legend_above(figure, axes[0, 0], landing.phases)
+        legend_above(figure, axes[0], landing.phases)
 
     return draw(path, (3, 2), 5.0, fill, sharex=True)
 
@@ -167,7 +167,7 @@ def _uwb_and_tag(landing: Landing, path: Path) -> Path:
                 ax.set_xlim(0.0, landing.end_s)
         for ax in axes[2]:
             ax.set_xlabel(TIME)
-        legend_above(figure, axes[0, 0], landing.phases)
+        legend_above(figure, axes[0], landing.phases, columns=7)
 
     return draw(path, (3, 2), 5.2, fill, sharex=True)
 
@@ -185,7 +185,7 @@ def _odometry(landing: Landing, path: Path) -> Path:
             ax.set_ylabel(f"{AXES[i]} [m]")
             ax.set_xlim(0.0, landing.end_s)
         column[2].set_xlabel(TIME)
-        legend_above(figure, column[0], landing.phases)
+        legend_above(figure, column[:1], landing.phases)
 
     return draw(path, (3, 1), 5.0, fill, sharex=True)
 

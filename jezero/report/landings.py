@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from jezero.frames import Vec3, add, quat_rotate, rotate_yaw, subtract
-from jezero.report.flight_log import Entry
+from jezero.recording import Entry
 from jezero.runtime.config import load_config
 from jezero.schemas import topics
 from jezero.schemas.actions import LandFeedback

@@ -9,10 +9,12 @@ import msgspec
 import numpy as np
 
 from jezero.frames import altitude_m, quat_rotate
-from jezero.report.flight_log import Entry
+from jezero.recording import Entry
 from jezero.report.style import BLUE, GREY, ORANGE, WIDTH_IN, Format, draw
 from jezero.schemas import topics
 from jezero.schemas.images import LISTING, Image
+from jezero.schemas.state import Odometry
+from jezero.schemas.units import NS_PER_S
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,6 +23,8 @@ SHEET_MAX = 24
 """Highest number of images on a sheet; of more, this many are chosen evenly."""
 ASIDE_M = 0.35
 """Distance of the images' numbers from the circle, outwards."""
+SIGHT_MAX_M = 20.0
+"""Longest line of sight that is drawn; one that looks to the horizon has no end."""
 
 
 class DatasetImage(msgspec.Struct, frozen=True):
@@ -56,45 +60,55 @@ def draw_orbits(entries: Sequence[Entry], folder: Path, form: Format) -> list[Pa
     for number, goal_id in enumerate(dict.fromkeys(message.goal_id for message in feedback), 1):
         own = [message for message in feedback if message.goal_id == goal_id]
         images = [image for message in own for image in message.feedback.images]
-        flown = [o.pos_uav_ned_m for o in odometry if own[0].t_ns <= o.t_ns <= own[-1].t_ns]
+        flown = [o for o in odometry if own[0].t_ns <= o.t_ns <= own[-1].t_ns]
         if images and flown:
             name = "orbit" if number == 1 else f"orbit_{number}"
-            files.append(_draw_orbit(folder / f"{name}.{form}", np.array(flown), images))
+            files.append(_draw_orbit(folder / f"{name}.{form}", flown, images))
     return files
 
 
-def _draw_orbit(path: Path, track_ned_m: Any, images: Sequence[Image]) -> Path:
+def _draw_orbit(path: Path, track: Sequence[Odometry], images: Sequence[Image]) -> Path:
+    start_ns = track[0].t_ns
+
     def fill(figure: Any, axes: Any) -> None:
         above, beside = axes[0]
-        _from_above(above, track_ned_m, images)
-        beside.plot(track_ned_m[:, 1], [altitude_m(z) for z in track_ned_m[:, 2]], color=BLUE)
-        positions_m = [image.pos_uav_ned_m for image in images]
-        beside.plot([m[1] for m in positions_m], [altitude_m(m[2]) for m in positions_m], "o", color=ORANGE, ms=4)
-        beside.set_xlabel("east [m]")
+        _from_above(above, np.array([odometry.pos_uav_ned_m for odometry in track]), images)
+        heights_m = [altitude_m(odometry.pos_uav_ned_m[2]) for odometry in track]
+        beside.plot([(odometry.t_ns - start_ns) / NS_PER_S for odometry in track], heights_m, color=BLUE)
+        for image in images:
+            place = ((image.t_ns - start_ns) / NS_PER_S, altitude_m(image.pos_uav_ned_m[2]))
+            beside.plot(*place, "o", color=ORANGE, ms=4)
+            beside.annotate(str(image.index + 1), place, (0, 6), textcoords="offset points", ha="center", fontsize=7)
+        beside.set_xlabel("time since the goal [s]")
         beside.set_ylabel("height [m]")
-        beside.set_ylim(0.0, max(1.25 * altitude_m(float(track_ned_m[:, 2].min())), 1.0))
-        beside.margins(x=0.1)
-        figure.legend(*above.get_legend_handles_labels(), loc="outside upper center", ncols=4)
+        beside.set_ylim(0.0, max(1.25 * max(heights_m), 1.0))
+        beside.margins(x=0.03)
+        figure.legend(*above.get_legend_handles_labels(), loc="outside upper center", ncols=5)
 
-    return draw(path, (1, 2), 3.6, fill, width_ratios=(1.5, 1.0))
+    return draw(path, (1, 2), 3.6, fill, width_ratios=(1.2, 1.0))
 
 
 def _from_above(ax: "Axes", track_ned_m: Any, images: Sequence[Image]) -> None:
-    """Draw the path north up, with the viewing direction of each image."""
-    positions_m = np.array([image.pos_uav_ned_m for image in images])
-    views = np.array([quat_rotate(image.q_ned_from_camera, (0.0, 0.0, 1.0)) for image in images])
+    """Draw the path north up, with the line of sight of each image as far as the ground."""
     ax.plot(track_ned_m[:, 1], track_ned_m[:, 0], color=BLUE, label="flown")
     ax.plot(track_ned_m[0, 1], track_ned_m[0, 0], "s", color=GREY, ms=5, label="start")
-    ax.plot(positions_m[:, 1], positions_m[:, 0], "o", color=ORANGE, ms=4, label="pictures", zorder=4)
-    ax.quiver(
-        *(positions_m[:, 1], positions_m[:, 0], views[:, 1], views[:, 0]),
-        angles="xy", scale_units="xy", scale=1.0, width=0.004, color=ORANGE, alpha=0.7,
-    )  # fmt: skip
-    for image, (north_m, east_m, _) in zip(images, positions_m, strict=True):
+    for number, image in enumerate(images):
+        north_m, east_m, down_m = image.pos_uav_ned_m
+        view = quat_rotate(image.q_ned_from_camera, (0.0, 0.0, 1.0))
+        length_m = min(-down_m / view[2], SIGHT_MAX_M) if view[2] > 0.0 and down_m < 0.0 else SIGHT_MAX_M
+        aim = (east_m + length_m * view[1], north_m + length_m * view[0])
+        sight, middle = ("line of sight", "middle of the picture, at height 0") if number == 0 else (None, None)
+        ax.plot((east_m, aim[0]), (north_m, aim[1]), color=ORANGE, lw=0.8, alpha=0.7, label=sight)
+        ax.plot(*aim, "+", color=ORANGE, ms=7, label=middle)
         outwards = image.yaw_rad + np.pi
         place = (east_m + ASIDE_M * sin(outwards), north_m + ASIDE_M * cos(outwards))
         ax.plot(*place, alpha=0.0)  # so that the axes include the numbers
-        ax.annotate(str(image.index + 1), place, ha="center", va="center", fontsize=7)
+        ax.annotate(
+            str(image.index + 1), place, ha="center", va="center", fontsize=7,
+            bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.8},
+        )  # fmt: skip
+    positions_m = np.array([image.pos_uav_ned_m for image in images])
+    ax.plot(positions_m[:, 1], positions_m[:, 0], "o", color=ORANGE, ms=4, label="pictures", zorder=4)
     ax.set_xlabel("east [m]")
     ax.set_ylabel("north [m]")
     ax.set_aspect("equal", adjustable="datalim")
@@ -103,6 +117,8 @@ def _from_above(ax: "Axes", track_ned_m: Any, images: Sequence[Image]) -> None:
 
 def draw_contact_sheet(folder: Path, form: Format) -> list[Path]:
     """Draw a dataset's images on one sheet, each with its number; no file without images."""
+    from PIL import Image as Pillow
+
     taken = read_dataset(folder)
     if not taken:
         return []
@@ -113,13 +129,17 @@ def draw_contact_sheet(folder: Path, form: Format) -> list[Path]:
     columns = ceil(len(chosen) / rows)
 
     def fill(figure: Any, axes: Any) -> None:
-        from PIL import Image as Pillow
-
+        figure.get_layout_engine().set(w_pad=0.02, h_pad=0.02, wspace=0.0, hspace=0.0)
         for ax in axes.flat:
             ax.set_axis_off()
         for ax, picture in zip(axes.flat, chosen, strict=False):
             with Pillow.open((folder / LISTING).parent / picture.file) as opened:
                 ax.imshow(np.asarray(opened))
-            ax.set_title(str(picture.index + 1), pad=2)
+            ax.text(
+                0.02, 0.97, str(picture.index + 1), transform=ax.transAxes, ha="left", va="top", fontsize=7,
+                bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.8},
+            )  # fmt: skip
 
-    return [draw(folder / f"contact_sheet.{form}", (rows, columns), 0.95 * WIDTH_IN * 0.75 * rows / columns, fill)]
+    with Pillow.open((folder / LISTING).parent / chosen[0].file) as first:
+        aspect = first.height / first.width
+    return [draw(folder / f"contact_sheet.{form}", (rows, columns), WIDTH_IN * aspect * rows / columns, fill)]

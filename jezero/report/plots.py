@@ -1,12 +1,13 @@
 """Plots of a whole flight: position and status code over time (thesis Figs 3.5 and 3.6)."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jezero.frames import Vec3, altitude_m
-from jezero.report.flight_log import Entry
+from jezero.recording import Entry
 from jezero.report.style import BLUE, GREEN, GREY, ORANGE, TRUTH, Format, draw
 from jezero.schemas import topics
 from jezero.schemas.state import StatusCode
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 COLOURS = (BLUE, ORANGE, GREEN)
 NOWHERE: Vec3 = (nan, nan, nan)
 SETPOINT_GAP_S = 0.5
+SHORT_SHARE = 0.01
+"""A status code that lasts for a smaller share of the flight has a mark, because its bar can hardly be seen."""
 WORDS = {
     StatusCode.IDLE: "idle",
     StatusCode.TAKEOFF: "takeoff",
@@ -52,7 +55,7 @@ def draw_flight(entries: Sequence[Entry], directory: Path, form: Format) -> list
         raise ValueError("it holds no flight: it has no status or no odometry")
     return [
         _draw(directory / f"position.{form}", 3.3, lambda axes: _position(axes, entries)),
-        _draw(directory / f"status.{form}", 2.8, lambda axes: _status(axes, status)),
+        _draw(directory / f"status.{form}", 2.6, lambda axes: _status(axes, status)),
     ]
 
 
@@ -98,13 +101,30 @@ def _position_setpoints(setpoints: Sequence[Any]) -> tuple[list[float], list[Vec
 
 
 def _status(axes: "Axes", status: Sequence[Any]) -> None:
-    times = _times(status)
-    codes = [m.code for m in status]
-    axes.step(times, codes, where="post", color=BLUE, label="status code")
-    present = sorted(set(codes))
-    axes.set_yticks(present, [f"{WORDS[StatusCode(code)]}  {code}" for code in present])
-    armed = [max(present) if m.armed else 0 for m in status]
-    axes.fill_between(times, 0, armed, step="post", alpha=0.07, color="0.3", label="armed")
+    """Draw a row for each code that occurs, with a bar while it lasts; a short one is a mark, so that it is visible."""
+    times_s = _times(status)
+    present = sorted({m.code for m in status})
+    row_of = {code: row for row, code in enumerate(present)}
+    axes.set_yticks(range(len(present)), [f"{WORDS[StatusCode(code)]}  {code}" for code in present])
+    axes.step(times_s, [row_of[m.code] for m in status], where="post", color=BLUE, lw=0.7, alpha=0.5)
+    short_s = SHORT_SHARE * (times_s[-1] - times_s[0])
+    for number, (code, begin_s, end_s) in enumerate(code_spans(status)):
+        row, label = row_of[code], "status code" if number == 0 else None
+        axes.plot((begin_s, end_s), (row, row), color=BLUE, lw=5.0, solid_capstyle="butt", label=label)
+        if end_s - begin_s < short_s:
+            axes.plot(0.5 * (begin_s + end_s), row, "|", color=BLUE, ms=6.0, mew=2.0)
+    top = len(present) - 0.4
+    armed = [top if m.armed else -0.6 for m in status]
+    axes.fill_between(times_s, -0.6, armed, step="post", alpha=0.07, color="0.3", lw=0.0, label="armed")
+    axes.set_ylim(-0.6, top)
+    axes.margins(x=0.01)
+
+
+def code_spans(status: Sequence[Any]) -> list[tuple[int, float, float]]:
+    """Code, begin and end in seconds of each span of one code; it ends where the next begins."""
+    times_s = _times(status)
+    changes = [i for i, message in enumerate(status) if i == 0 or status[i - 1].code != message.code]
+    return [(status[i].code, times_s[i], times_s[j]) for i, j in pairwise((*changes, len(status) - 1))]
 
 
 def _times(messages: Sequence[Any]) -> list[float]:

@@ -7,8 +7,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from jezero.recording import RecordingError, open_recording
+from jezero.recording.writer import RECORDING
 from jezero.report.coverage_plot import draw_coverage
-from jezero.report.flight_log import LOG, read_log
 from jezero.report.landing_plots import draw_landing
 from jezero.report.landings import Landing, landings
 from jezero.report.pictures import draw_contact_sheet, draw_orbits
@@ -32,7 +33,7 @@ class _Case(msgspec.Struct, frozen=True):
 
 
 def draw_report(paths: Sequence[Path], form: Format = "png") -> list[Path]:
-    """Draw runs' folders, or their logs, and files of the landing benchmark.
+    """Draw runs' folders, or their recordings, and files of the landing benchmark.
 
     Each run's figures go into its folder. The touchdowns of several runs together, and those of the benchmark, go
     beside them, as `touchdowns`.
@@ -48,9 +49,9 @@ def draw_report(paths: Sequence[Path], form: Format = "png") -> list[Path]:
     flown: list[Landing] = []
     folders: list[Path] = []
     for path in paths:
-        if path.is_dir() or path.name == LOG:
+        if path.is_dir() or path.suffix == ".mcap":
             folder = path if path.is_dir() else path.parent
-            drawn, found = draw_run(folder, form)
+            drawn, found = draw_run(path, form)
             files += drawn
             flown += found
             folders.append(folder.resolve().parent)
@@ -65,18 +66,24 @@ def draw_report(paths: Sequence[Path], form: Format = "png") -> list[Path]:
     return files
 
 
-def draw_run(folder: Path, form: Format = "png") -> tuple[list[Path], list[Landing]]:
-    """Draw a run's log and its images into its folder; either may be missing.
+def draw_run(path: Path, form: Format = "png") -> tuple[list[Path], list[Landing]]:
+    """Draw the recording and the images of a run into the run's folder; either may be missing.
 
     Figures of images that are in folders of their own go into these folders.
 
+    Args:
+        path: the run's folder, or a recording. The figures of a recording with another name than flight.mcap go into
+            a folder with its name, beside it.
+
     Returns:
-        The files written, and the landings of the log.
+        The files written, and the landings of the recording.
 
     Raises:
-        ReportError: the folder has neither a log nor images, or one of them is invalid.
+        ReportError: the folder has neither a recording nor images, or one of them is invalid.
     """
-    log = folder / LOG
+    folder = path
+    if path.suffix == ".mcap":
+        folder = path.parent if path.name == RECORDING else path.with_suffix("")
     files: list[Path] = []
     for listing in sorted((*folder.glob(LISTING), *folder.glob(f"*/{LISTING}"))):
         dataset = listing.parent.parent
@@ -85,14 +92,19 @@ def draw_run(folder: Path, form: Format = "png") -> tuple[list[Path], list[Landi
         except (msgspec.DecodeError, ValueError, OSError) as error:
             raise ReportError(f"{listing} can't be drawn: {error}") from error
     try:
-        entries = list(read_log(log))
-        files += draw_flight(entries, folder, form)
-    except FileNotFoundError as error:
-        if files:
+        recording = open_recording(path)
+    except RecordingError as error:
+        if files:  # a run may be images alone
             return files, []
-        raise ReportError(f"{folder} has no {LOG}: give the folder of a run, such as runs/<time>") from error
-    except (msgspec.DecodeError, ValueError) as error:
-        raise ReportError(f"{log} can't be drawn: {error}") from error
+        raise ReportError(f"{error}; give the folder of a run, such as runs/<time>, or a recording") from error
+    try:
+        entries = list(recording.messages())
+        folder.mkdir(parents=True, exist_ok=True)
+        files += draw_flight(entries, folder, form)
+    except RecordingError as error:
+        raise ReportError(str(error)) from error
+    except ValueError as error:
+        raise ReportError(f"{recording.path} can't be drawn: {error}") from error
     files += draw_orbits(entries, folder, form)
     found = landings(entries)
     for number, landing in enumerate(found, 1):

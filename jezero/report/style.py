@@ -65,9 +65,12 @@ def draw(
     """
     import matplotlib
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+        # Without space, labels touch the axes beside them.
+        layout = ConstrainedLayoutEngine(wspace=0.05 if shape[1] > 1 else 0.0)
+        figure = Figure(figsize=(width_in, height_in), layout=layout)
         fill(figure, figure.subplots(*shape, squeeze=False, **subplots))
         with naming(path):
             figure.savefig(path)
@@ -82,9 +85,12 @@ def shade(axes: "Sequence[Axes]", phases: Sequence[tuple[str, float, float]]) ->
 
 
 def legend_above(
-    figure: "Figure", axes: "Axes", phases: Sequence[tuple[str, float, float]] = (), columns: int = LEGEND_COLUMNS
+    figure: "Figure",
+    axes: "Sequence[Axes]",
+    phases: Sequence[tuple[str, float, float]] = (),
+    columns: int = LEGEND_COLUMNS,
 ) -> None:
-    """Add one legend above all axes, with the labels of `axes` and the phases that occur.
+    """Add one legend above all axes, with each label of `axes` once, and the phases that occur.
 
     Args:
         phases: name, start and end of each.
@@ -92,7 +98,11 @@ def legend_above(
     """
     from matplotlib.patches import Patch
 
-    handles, labels = axes.get_legend_handles_labels()
+    named: dict[str, Any] = {}
+    for ax in axes:
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            named.setdefault(label, handle)
+    labels, handles = list(named), list(named.values())
     for name in dict.fromkeys(name for name, _, _ in phases):
         handles.append(Patch(facecolor=PHASES[name], edgecolor="0.6", lw=0.4))
         labels.append(name)

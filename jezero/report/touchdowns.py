@@ -71,7 +71,7 @@ def draw_touchdown(landing: Landing, directory: Path, suffix: str, form: Format)
             color=ORANGE,
             label=f"touchdown, {error_cm:.1f} cm",
         )
-        legend_above(figure, ax, columns=LEGEND_COLUMNS)
+        legend_above(figure, [ax], columns=LEGEND_COLUMNS)
 
     return [draw(directory / f"touchdown{suffix}.{form}", (1, 1), PANEL_IN + 0.4, fill, width_in=PANEL_IN)]
 
@@ -88,7 +88,7 @@ def draw_touchdowns(kinds: Sequence[Touchdowns], path: Path) -> Path:
             _scatter(ax, kind, shown_m)
         for ax in axes.flat[len(kinds) :]:
             ax.set_visible(False)
-        legend_above(figure, axes[0, 0])
+        legend_above(figure, axes[0, :1])
 
     return draw(path, (rows, columns), (PANEL_IN + 0.1) * rows + 0.3, fill, width_in=PANEL_IN * columns)
 

@@ -110,6 +110,8 @@ class MemoryBus:
         self._ports[name] = port
         self._order.append(port)
         self._subscribers.clear()
+        if service.spec.hears_all:
+            self.observe(port.hear)
         for (owner, link), wire in self._wires.items():
             if owner == name or wire.peer[0] == name:
                 self._set_link(owner, link, up=owner in self._ports and wire.peer[0] in self._ports)

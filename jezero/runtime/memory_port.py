@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from jezero.codec import encode
 from jezero.runtime.node import Node
-from jezero.runtime.service import Service
+from jezero.runtime.service import SentMessage, Service
+from jezero.runtime.task import CANCELED, Outcome, execute, pickled, read_outcome
 from jezero.schemas.topics import Endpoint, Topic, health_of
 from jezero.schemas.units import NS_PER_S
 
@@ -14,7 +15,8 @@ if TYPE_CHECKING:
     from jezero.runtime.memory_bus import MemoryBus
 
 BACKGROUND_TASK_S = 0.2
-"""Duration of every background task: flights must not depend on how fast this machine is."""
+"""Duration of every background task, which is executed in this process: flights must not depend on how fast this
+machine is."""
 
 
 class Port:
@@ -47,6 +49,8 @@ class Port:
         self._timer_ns: int | None = None
         """Time of the one event on the bus that makes the step of `_tick_ns`; it may be earlier."""
         self._tasks_end_ns = 0
+        self._tasks: dict[str, bytes | Outcome] = {}
+        """Background tasks by tag that are not over: pickled functions, and outcomes of those that can't be pickled."""
         self._health_topic = health_of(self.name)
 
     def schedule_tick(self, t_ns: int) -> None:
@@ -87,6 +91,10 @@ class Port:
             self.node.inbox.wall_ns = self._bus.t_ns
             self.wants_step |= self.node.deliver(name, data)
 
+    def hear(self, t_ns: int, name: str, data: bytes) -> None:
+        if self.alive:
+            self.node.inbox.sent.append(SentMessage(t_ns, name, data))
+
     def receive_request(self, name: str, request_id: int, client_id: str, data: bytes) -> None:
         if self.alive:
             self.node.inbox.wall_ns = self._bus.t_ns
@@ -119,8 +127,18 @@ class Port:
 
     def run_task(self, function: Callable[[], Any], tag: str) -> None:
         self._tasks_end_ns = max(self._tasks_end_ns, self._bus.t_ns) + int(BACKGROUND_TASK_S * NS_PER_S)
-        self._bus.at(self._tasks_end_ns, "", partial(self._finish_task, function, tag))
+        self._tasks[tag] = pickled(function)
+        self._bus.at(self._tasks_end_ns, "", partial(self._finish_task, tag))
 
-    def _finish_task(self, function: Callable[[], Any], tag: str) -> None:
+    def cancel_task(self, tag: str) -> None:
+        if self._tasks.pop(tag, None) is not None:
+            self._bus.at(self._bus.t_ns, "", partial(self._deliver, tag, CANCELED))
+
+    def _finish_task(self, tag: str) -> None:
+        task = self._tasks.pop(tag, None)
+        if task is not None:
+            self._deliver(tag, task if isinstance(task, Outcome) else read_outcome(execute(task)))
+
+    def _deliver(self, tag: str, outcome: Outcome) -> None:
         if self.alive:
-            self.wants_step |= self.node.deliver_outcome(tag, function())
+            self.wants_step |= self.node.deliver_outcome(tag, outcome)

@@ -7,6 +7,7 @@ from jezero.codec import BadPayloadError, NotFiniteError, decode, decode_request
 from jezero.runtime.service import (
     BackgroundTask,
     Call,
+    CancelTask,
     Health,
     Output,
     Publish,
@@ -14,11 +15,13 @@ from jezero.runtime.service import (
     Request,
     Response,
     Send,
+    SentMessage,
     Service,
     SetRate,
     Subscribe,
     UndeclaredError,
 )
+from jezero.runtime.task import Outcome
 from jezero.schemas.health import InputHealth, ServiceHealth, ServiceState
 from jezero.schemas.struct import Payload
 from jezero.schemas.topics import Endpoint, Topic
@@ -38,6 +41,7 @@ class Transport(Protocol):
     def subscribe(self, names: frozenset[str]) -> None: ...
     def set_rate(self, rate_hz: float) -> None: ...
     def run_task(self, function: Callable[[], Any], tag: str) -> None: ...
+    def cancel_task(self, tag: str) -> None: ...
 
 
 class _Input:
@@ -71,6 +75,7 @@ class Mailbox:
         self.connected = True
         self.departed_clients: list[str] = []
         self.responses: list[Response] = []
+        self.sent: list[SentMessage] = []
         self._new: dict[str, list[Any]] = {}
         self._latest: dict[str, Any] = {}
         self._requests: dict[str, list[Request]] = {}
@@ -110,6 +115,8 @@ class Mailbox:
             self.responses.clear()
         if self._requests:
             self._requests.clear()
+        if self.sent:
+            self.sent.clear()
         for parts in self._bytes.values():
             if parts:
                 parts.clear()
@@ -241,9 +248,9 @@ class Node:
         self.inbox.responses.append(Response(call.tag, payload, error))
         return True
 
-    def deliver_outcome(self, tag: str, outcome: Any) -> bool:
-        """Put a background task's return value into the inbox."""
-        self.inbox.responses.append(Response(tag, outcome))
+    def deliver_outcome(self, tag: str, outcome: Outcome) -> bool:
+        """Put a background task's outcome into the inbox."""
+        self.inbox.responses.append(Response(tag, outcome.value, outcome.error))
         return True
 
     def deliver_bytes(self, link: str, data: bytes) -> bool:
@@ -290,6 +297,8 @@ class Node:
                 self._transport.set_rate(output.rate_hz or self.spec.rate_hz)
             case BackgroundTask():
                 self._transport.run_task(output.function, output.tag)
+            case CancelTask():
+                self._transport.cancel_task(output.tag)
             case Health():
                 self._state, self._text = output.state, output.text[:2000]
 

@@ -38,6 +38,8 @@ class Spec:
         lockstep: name of the link on which the time master awaits an answer after each step (at most 16 ms); vehicle
             time starts when this link first connects. None for every other service.
         watches_clients: whether the inbox lists the clients that have vanished.
+        hears_all: whether the inbox has every message that anybody publishes for the vehicle, as it was sent. Such
+            messages trigger no step.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Spec:
     rate_hz: float = 10.0
     lockstep: str | None = None
     watches_clients: bool = False
+    hears_all: bool = False
 
 
 class UndeclaredError(RuntimeError):
@@ -111,16 +114,23 @@ class SetRate(msgspec.Struct, frozen=True):
 
 
 class BackgroundTask(msgspec.Struct, frozen=True):
-    """A function that takes too long for a step; it is executed while the service goes on stepping.
+    """A function that takes too long for a step; a process of its own executes it while the service goes on stepping.
 
     Tasks are executed one at a time, in the order in which they were yielded.
 
     Attributes:
-        function: pure; its return value arrives as the payload of a `Response` with the same tag.
+        function: pure, and a function of a module or a `partial` of one, because it is pickled; so is its return value,
+            which arrives as the payload of a `Response` with the same tag. An exception arrives as the error.
         tag: identifies the task in its response.
     """
 
     function: Callable[[], Any]
+    tag: str
+
+
+class CancelTask(msgspec.Struct, frozen=True):
+    """End a `BackgroundTask` that is not wanted any more; its response has the error "canceled"."""
+
     tag: str
 
 
@@ -131,7 +141,7 @@ class Health(msgspec.Struct, frozen=True):
     text: str
 
 
-Output = Publish | Reply | Call | Send | Subscribe | SetRate | BackgroundTask | Health
+Output = Publish | Reply | Call | Send | Subscribe | SetRate | BackgroundTask | CancelTask | Health
 
 
 # -- inputs of a step --------------------------------------------------------------------------------------
@@ -157,12 +167,27 @@ class Response(msgspec.Struct, frozen=True):
     Attributes:
         tag: that of the call or task.
         payload: the reply, or the function's return value; None after an error.
-        error: reason why a call has no reply ("timeout", "no server", ...).
+        error: reason why a call has no reply ("timeout", "no server", ...), or a task no value (its exception, the
+            death of its process, "canceled").
     """
 
     tag: str
     payload: Any | None
     error: str | None = None
+
+
+class SentMessage(msgspec.Struct, frozen=True):
+    """A message as it was sent.
+
+    Attributes:
+        arrival_ns: time of its arrival: in real time ns since 1970 by the host's clock, in virtual time vehicle time.
+        topic: name of the topic.
+        data: the encoded message, with its attachment.
+    """
+
+    arrival_ns: int
+    topic: str
+    data: bytes
 
 
 class Inbox(Protocol):
@@ -186,6 +211,10 @@ class Inbox(Protocol):
     @property
     def responses(self) -> Sequence[Response]:
         """Outcomes of this service's calls and background tasks."""
+
+    @property
+    def sent(self) -> Sequence[SentMessage]:
+        """All messages since the last step, in the order of their arrival; needs `Spec.hears_all`."""
 
     def new(self, topic: Topic[M]) -> Sequence[M]:
         """Messages since the last step, oldest first."""

@@ -1,4 +1,4 @@
-"""Executes a service's `BackgroundTask`s in a thread beside its loop, one after the other."""
+"""Executes functions in a thread beside a service's loop, one after the other: for writing files, not for computing."""
 
 import queue
 import threading

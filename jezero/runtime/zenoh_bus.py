@@ -24,11 +24,12 @@ from jezero.runtime.clock import VehicleClock
 from jezero.runtime.config import ConfigError, Instance, instance_from_environment
 from jezero.runtime.links import SocketLink
 from jezero.runtime.node import Node
-from jezero.runtime.service import Service
-from jezero.runtime.worker import Worker
+from jezero.runtime.service import SentMessage, Service
+from jezero.runtime.task_runner import TaskRunner
 from jezero.runtime.zenoh_session import AlreadyRunningError, BusSession, Kind
 from jezero.runtime.zenoh_transport import ZenohTransport
 from jezero.schemas import topics
+from jezero.schemas.actions import UnknownAction
 from jezero.schemas.state import Clock
 from jezero.schemas.topics import health_of
 from jezero.schemas.units import NS_PER_S
@@ -114,12 +115,13 @@ class _Runner:
         if set(links) != set(self._spec.links):
             raise ValueError(f"service {self._spec.name!r} needs links {self._spec.links}, got {tuple(links)}")
         self._links = links
+        self._prefix = topics.key(instance.vehicle, "")
         self._clock = VehicleClock()
         self._master_t_ns = 0
         self._stalled_ns = 0
         self._stopping = False
         self._events: deque[tuple[Kind, str, Any]] = deque()
-        """Arrivals from Zenoh's threads and the worker, oldest first."""
+        """Arrivals from Zenoh's threads and that of the background tasks, oldest first."""
         self._newest: dict[str, zenoh.Sample | None] = {}
         """By topic, the last message with an attachment, until the loop reads it."""
         self._wakeup_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
@@ -130,8 +132,8 @@ class _Runner:
         self._link_states = dict.fromkeys(links, (0, False))
         """Number of connections of each link and whether it is up, as the node knows them."""
         self._session = BusSession(instance, self._spec, self._enqueue)
-        worker = Worker(lambda tag, outcome, error: self._enqueue("outcome", tag, (outcome, error)))
-        self._out = ZenohTransport(instance, self._spec, self._session, links, worker)
+        tasks = TaskRunner(lambda tag, outcome: self._enqueue("outcome", tag, outcome))
+        self._out = ZenohTransport(instance, self._spec, self._session, links, tasks)
         process = f"{socket.gethostname()} pid {os.getpid()}"
         self._node = Node(service, self._out, strict=False, boot_id=boot_id, process=process)
         self._due_ns = 0
@@ -174,7 +176,7 @@ class _Runner:
         self._out.forget_queries()
         self._session.close()
 
-    # -- called by Zenoh's threads and the worker's --
+    # -- called by Zenoh's threads and that of the background tasks --
 
     def _enqueue(self, kind: Kind, name: str, value: Any) -> None:
         """Queue an event and wake the loop.
@@ -185,7 +187,7 @@ class _Runner:
             self._newest[name] = value
             value = None
         self._events.append((kind, name, value))
-        if self._wakeup_armed:
+        if self._wakeup_armed and kind != "sent":
             self._wakeup_armed = False
             self._wake()
 
@@ -326,10 +328,10 @@ class _Runner:
         elif kind == "response":
             wanted = node.deliver_response(name, *value)
         elif kind == "outcome":
-            outcome, error = value
-            if error is not None:
-                raise error
-            wanted = node.deliver_outcome(name, outcome)
+            wanted = node.deliver_outcome(name, value)
+        elif kind == "sent":
+            arrival_ns, data = value
+            node.inbox.sent.append(SentMessage(arrival_ns, name, data))
         elif kind == "departed":
             node.inbox.departed_clients.append(name)
             wanted = True
@@ -377,12 +379,16 @@ class _Runner:
 
     def _on_query(self, name: str, query: zenoh.Query) -> bool:
         payload, attachment = query.payload, query.attachment
+        data = b"" if payload is None else payload.to_bytes()
+        parameters = dict(cast(Iterable[tuple[str, str]], query.parameters))
+        if "*" in name:  # the endpoint is a pattern, whose requests are the keys
+            data, parameters = encode(UnknownAction(key=str(query.key_expr)[len(self._prefix) :])), {}
         return self._node.deliver_request(
             name,
-            self._out.keep_query(query),
+            self._out.keep_query(name, query),
             "" if attachment is None else attachment.to_bytes().decode("utf-8", "replace")[:64],
-            b"" if payload is None else payload.to_bytes(),
-            dict(cast(Iterable[tuple[str, str]], query.parameters)),
+            data,
+            parameters,
         )
 
     def _report(self, now_ns: int) -> None:

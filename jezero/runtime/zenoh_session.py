@@ -16,12 +16,12 @@ from jezero.runtime.config import Instance
 from jezero.runtime.service import Spec
 from jezero.schemas import topics
 from jezero.schemas.topics import Endpoint, Topic, health_of, key, liveliness_key
-from jezero.zenoh_client import client_config
+from jezero.zenoh_client import client_config, data_of
 
 CLAIM_TIMEOUT_S = 2.5
 """Duration for which a service waits for its name; the lease of a dead process ends after 2 s."""
 CLOSE_TIMEOUT_S = 0.7
-Kind = Literal["sample", "newest", "query", "response", "departed", "opened", "outcome"]
+Kind = Literal["sample", "newest", "query", "response", "departed", "opened", "outcome", "sent"]
 Enqueue = Callable[[Kind, str, Any], None]
 
 
@@ -53,6 +53,7 @@ class BusSession:
         query: an endpoint's name and the query.
         response: a call's id and (bytes, None) or (None, error).
         departed: the id of a client that vanished.
+        sent: the name of any topic and (time of arrival in ns since 1970, the message), for `Spec.hears_all`.
         opened: the session is open.
     """
 
@@ -186,9 +187,22 @@ class BusSession:
             self.subscribe(topics.CLOCK.name)
         for endpoint in self._spec.serves:
             self._declare_endpoint(endpoint)
+        if self._spec.hears_all:
+            self._declared.append(self._hear_all())
         if self._spec.watches_clients:
             watched = liveliness_key(self._instance.vehicle, "client", "*")
             self._declared.append(session.liveliness().declare_subscriber(watched, _direct(self._on_client)))
+
+    def _hear_all(self) -> Any:
+        """Subscribe to everything but the keys with an effect, which no wildcard matches."""
+        prefix = key(self._instance.vehicle, "")
+        enqueue = self._enqueue
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.PUT:
+                enqueue("sent", str(sample.key_expr)[len(prefix) :], (time.time_ns(), data_of(sample)))
+
+        return self._session.declare_subscriber(f"{prefix}**", _direct(on_sample))
 
     def _uses_vehicle_time(self) -> bool:
         spec = self._spec
@@ -216,8 +230,13 @@ class BusSession:
         exactly = zenoh.KeyExpr(own)
         enqueue = self._enqueue
 
+        def is_meant(asked: zenoh.KeyExpr) -> bool:
+            if "*" in name:  # a pattern: every single key that it matches, but nobody's wildcards
+                return "*" not in str(asked)
+            return endpoint.wildcards or asked == exactly
+
         def on_query(query: zenoh.Query) -> None:
-            if query.key_expr != exactly:
+            if not is_meant(query.key_expr):
                 query.drop()  # type: ignore[no-untyped-call]
             else:
                 enqueue("query", name, query)

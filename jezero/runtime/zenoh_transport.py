@@ -9,7 +9,7 @@ from jezero.codec import has_attachment, split_attachment
 from jezero.runtime.config import Instance
 from jezero.runtime.links import SocketLink
 from jezero.runtime.service import Spec
-from jezero.runtime.worker import Worker
+from jezero.runtime.task_runner import TaskRunner
 from jezero.runtime.zenoh_session import BusSession
 from jezero.schemas.topics import Endpoint, Topic, key
 from jezero.schemas.units import NS_PER_S
@@ -24,24 +24,27 @@ class ZenohTransport:
     """
 
     def __init__(
-        self, instance: Instance, spec: Spec, session: BusSession, links: Mapping[str, SocketLink], worker: Worker
+        self, instance: Instance, spec: Spec, session: BusSession, links: Mapping[str, SocketLink], tasks: TaskRunner
     ) -> None:
         self.period_ns = int(NS_PER_S / spec.rate_hz)
         self.subscribed: frozenset[str] = frozenset()
+        self._vehicle = instance.vehicle
         self._session = session
         self._links = links
-        self._worker = worker
+        self._tasks = tasks
         self._last_value = frozenset(topic.name for topic in spec.last_value)
         attached = (endpoint.name for endpoint in spec.serves if has_attachment(endpoint.reply_type))
         self._attached = frozenset(key(instance.vehicle, name) for name in attached)
         """Keys whose replies have attachments."""
-        self._queries: dict[int, zenoh.Query] = {}
+        self._queries: dict[int, tuple[str, zenoh.Query]] = {}
+        """Queries without a final reply yet, with the keys of their replies."""
         self._request_id = 0
 
-    def keep_query(self, query: zenoh.Query) -> int:
-        """Keep a query until its final reply; returns the request's id."""
+    def keep_query(self, name: str, query: zenoh.Query) -> int:
+        """Keep a query to an endpoint until its final reply; returns the request's id."""
         self._request_id += 1
-        self._queries[self._request_id] = query
+        own = str(query.key_expr) if "*" in name else key(self._vehicle, name)
+        self._queries[self._request_id] = (own, query)
         return self._request_id
 
     def forget_queries(self) -> None:
@@ -56,15 +59,15 @@ class ZenohTransport:
         self._session.put(topic, data)
 
     def reply(self, request_id: int, data: bytes | None, *, final: bool) -> None:
-        query = self._queries.get(request_id)
-        if query is None:
+        if request_id not in self._queries:
             return
-        if data is not None and str(query.key_expr) in self._attached:
+        own, query = self._queries[request_id]
+        if data is not None and own in self._attached:
             json, attachment = split_attachment(data)
             octets = zenoh.Encoding.APPLICATION_OCTET_STREAM
-            query.reply(query.key_expr, attachment, encoding=octets, attachment=json)
+            query.reply(own, attachment, encoding=octets, attachment=json)
         elif data is not None:
-            query.reply(query.key_expr, data, encoding=zenoh.Encoding.APPLICATION_JSON)
+            query.reply(own, data, encoding=zenoh.Encoding.APPLICATION_JSON)
         if final:
             del self._queries[request_id]
             query.drop()  # type: ignore[no-untyped-call]
@@ -82,4 +85,7 @@ class ZenohTransport:
         self.period_ns = int(NS_PER_S / rate_hz)
 
     def run_task(self, function: Callable[[], Any], tag: str) -> None:
-        self._worker.add(function, tag)
+        self._tasks.add(function, tag)
+
+    def cancel_task(self, tag: str) -> None:
+        self._tasks.cancel(tag)

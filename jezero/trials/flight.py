@@ -1,6 +1,5 @@
-"""One mission flown by the whole stack in virtual time, with its log and the log's hash."""
+"""One mission flown by the whole stack in virtual time, with its recording and the hash of its messages."""
 
-import hashlib
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
@@ -10,7 +9,8 @@ import msgspec
 
 from jezero.codec import decode
 from jezero.frames import Vec3, horizontal
-from jezero.report.flight_log import line
+from jezero.recording.about import about
+from jezero.recording.writer import RecordingWriter
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas import topics
@@ -19,6 +19,7 @@ from jezero.schemas.images import GetImage, Image
 from jezero.schemas.state import Status, StatusCode, Truth
 from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.camera.config import CameraConfig
+from jezero.trials.digest import MessageDigest
 from jezero.trials.goals import wait_for_result
 from jezero.trials.platform import off_platform_reason, offset_m
 from jezero.trials.stack import build_stack
@@ -37,7 +38,7 @@ class FlightResult(msgspec.Struct, frozen=True, kw_only=True):
         result: "succeeded" if every goal succeeded and the vehicle stands disarmed on the rover.
         reason: why the flight failed, or "".
         seed: seed of the world, the wind, the sensors' errors and the links' delays.
-        log_sha256: SHA-256 of the log, as `sha256sum` prints it for the file.
+        messages_sha256: SHA-256 of all messages; equal for two flights of the same seed.
         sim_time_s: length of the flight in virtual time.
         real_time_factor: virtual seconds per second of this machine, start-up left out.
         touchdown_error_m: horizontal distance between the true position at disarm and the middle of the rover's
@@ -47,35 +48,34 @@ class FlightResult(msgspec.Struct, frozen=True, kw_only=True):
     result: Literal["succeeded", "failed"]
     reason: str = ""
     seed: int
-    log_sha256: str
+    messages_sha256: str
     sim_time_s: float
     real_time_factor: float
     touchdown_error_m: float | None
 
 
 class _Recorder:
-    """Observer of a bus: hashes all messages, keeps the latest status and truth, and writes a log if wanted."""
+    """Observer of a bus: hashes all messages, keeps the latest status and truth, and records them if wanted."""
 
-    def __init__(self, path: Path | None) -> None:
-        self._digest = hashlib.sha256()
-        self._file = None if path is None else path.open("wb")
+    def __init__(self, writer: RecordingWriter | None) -> None:
+        self._digest = MessageDigest()
+        self._writer = writer
         self._status: bytes | None = None
         self._truth: bytes | None = None
 
     def __call__(self, t_ns: int, topic: str, data: bytes) -> None:
-        text = line(t_ns, topic, data)
-        self._digest.update(text)
-        if self._file is not None:
-            self._file.write(text)
+        self._digest.update(t_ns, topic, data)
+        if self._writer is not None:
+            self._writer.write(t_ns, topic, data)
         if topic == topics.STATUS.name:
             self._status = data
         elif topic == topics.TRUTH.name:
             self._truth = data
 
     def close(self) -> str:
-        """Close the log and return its SHA-256."""
-        if self._file is not None:
-            self._file.close()
+        """Close the recording and return the SHA-256 of all messages."""
+        if self._writer is not None:
+            self._writer.close()
         return self._digest.hexdigest()
 
     @property
@@ -110,7 +110,7 @@ class CapturedImages(NamedTuple):
 def fly_virtually(
     mission: Sequence[Step],
     seed: int,
-    log: Path | None = None,
+    recording: Path | None = None,
     on_progress: Callable[[str], None] = lambda text: None,
     on_images: Callable[[CapturedImages], None] | None = None,
     without: Collection[str] = (),
@@ -120,7 +120,7 @@ def fly_virtually(
     Args:
         mission: steps of (action, goal, seconds to hover afterwards); the last goal lands on the rover.
         seed: seed of the world, the wind, the sensors' errors and the links' delays.
-        log: file that gets every message.
+        recording: file that gets every message.
         on_progress: called with a sentence at the start of each goal.
         on_images: called with the images of each goal that takes any. The camera then renders them; if None, it only
             projects the tags' corners, which is far cheaper.
@@ -133,7 +133,8 @@ def fly_virtually(
         None if on_images is None else msgspec.structs.replace(load_config(CameraConfig, "camera"), mode="rendered")
     )
     bus = build_stack(seed, camera=camera, without=without)
-    recorder = _Recorder(log)
+    writer = None if recording is None else RecordingWriter(recording, about(bus="virtual", seed=str(seed)))
+    recorder = _Recorder(writer)
     bus.observe(recorder)
     started_s = time.perf_counter()
     reason = _fly(bus, recorder, mission, on_progress, on_images or (lambda images: None))
@@ -142,7 +143,7 @@ def fly_virtually(
         result="failed" if reason else "succeeded",
         reason=reason,
         seed=seed,
-        log_sha256=recorder.close(),
+        messages_sha256=recorder.close(),
         sim_time_s=round(bus.t_ns / NS_PER_S, 3),
         real_time_factor=round(bus.t_ns / NS_PER_S / wall_s, 2),
         touchdown_error_m=None if reason or recorder.truth is None else round(horizontal(offset_m(recorder.truth)), 4),

@@ -72,9 +72,12 @@ class FlightController(Protocol):
     def vel_setpoint_ned_mps(self) -> Vec3:
         """(3,) velocity setpoint after position control and limits."""
 
-    @property
-    def contact_lean_ned(self) -> tuple[float, float] | None:
-        """North and east part of the body's up axis while something on one side tilts the vehicle, otherwise None."""
+    def contact_lean_ned(self, sine_max: float) -> tuple[float, float] | None:
+        """North and east part of the body's up axis while something on one side tilts the vehicle, otherwise None.
+
+        Args:
+            sine_max: sine of the largest tilt that doesn't count.
+        """
 
     def configure(self, config: AutopilotConfig) -> None: ...
 

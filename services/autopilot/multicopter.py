@@ -44,15 +44,14 @@ class MulticopterController:
         """(3,) velocity setpoint after position control and limits."""
         return self._controller.vel_setpoint_ned_mps
 
-    @property
-    def contact_lean_ned(self) -> tuple[float, float] | None:
-        """North and east part of the body's up axis while something on one side tilts the vehicle, otherwise None."""
+    def contact_lean_ned(self, sine_max: float) -> tuple[float, float] | None:
+        """See `FlightController`."""
         detector = self.detector
         if detector.landed or not (detector.touching or detector.contact):
             return None
         r = self._estimator.R_ned_from_frd
         up_ned = (-r[2], -r[5])
-        return up_ned if is_tilted_by_contact(up_ned, self._controller.up_setpoint_ned[:2]) else None
+        return up_ned if is_tilted_by_contact(up_ned, self._controller.up_setpoint_ned[:2], sine_max) else None
 
     def leave_contact(self) -> None:
         """Set the state to flying and allow full thrust, to get away from a contact."""

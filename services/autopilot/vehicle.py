@@ -16,6 +16,7 @@ from jezero.services.autopilot.modes import Mode
 from jezero.services.autopilot.navigator import Navigator
 from jezero.services.autopilot.parameters import Parameters, Value
 from jezero.services.autopilot.streams import Snapshot
+from jezero.tilt_contact import SLOPE_SINE_MAX, TILT_SINE_MAX
 
 STEP_MAX_S = 0.05
 COMMANDER_PERIOD_US = 10_000
@@ -26,6 +27,9 @@ ARM_TILT_MAX_RAD = 0.52
 """A vehicle that is tilted further can't be armed."""
 GCS_HEARTBEAT_TIMEOUT_S = 2.5
 """The connection to a ground station is lost this long after its last heartbeat. Source: PX4's HEARTBEAT_TIMEOUT_US."""
+
+PUSH_AGE_MAX_S = 0.2
+"""A setpoint this old may come from a program that has stopped, and can't judge what the vehicle touches."""
 
 
 class Vehicle:
@@ -124,7 +128,8 @@ class Vehicle:
         commander = self.commander
         mode = commander.mode
         at = self._flight_controller.kinematics
-        contact_lean_ned = self._flight_controller.contact_lean_ned
+        lean_max = SLOPE_SINE_MAX if self._is_pushed_down else TILT_SINE_MAX
+        contact_lean_ned = self._flight_controller.contact_lean_ned(lean_max)
         if contact_lean_ned is not None and self._navigator.leave_contact(mode, at, contact_lean_ned, self.t_us):
             self._flight_controller.leave_contact()
         if mode is Mode.OFFBOARD:
@@ -139,6 +144,15 @@ class Vehicle:
         if not self.landed:
             self._active_setpoint = setpoint
         return commands
+
+    @property
+    def _is_pushed_down(self) -> bool:
+        """Whether a program commands the descent just now: it judges what the vehicle touches, and may use a slope."""
+        if self.commander.mode is not Mode.OFFBOARD or self._offboard_us is None:
+            return False
+        down_mps = self._offboard.vel_ned_mps[2]
+        fresh = (self.t_us - self._offboard_us) * 1e-6 < PUSH_AGE_MAX_S
+        return fresh and down_mps is not None and down_mps > 0.0
 
     def _apply_position_reset(self) -> None:
         """Move stored setpoints and points along with a reset of the position estimate."""

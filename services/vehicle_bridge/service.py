@@ -1,16 +1,17 @@
 """The vehicle bridge: it connects the autopilot's MAVLink with the bus, with `Authority` in between."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from math import inf
 
 from jezero.frames import Quat, altitude_m
-from jezero.runtime.service import Health, Inbox, Output, Publish, Send, Spec, Subscribe
+from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Send, Spec, Subscribe
 from jezero.schemas.health import ServiceState
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.topics import (
     ABORT,
     ACQUIRE,
+    ACTIONS,
     ALTIMETER,
     CLOCK,
     HOVER,
@@ -19,6 +20,7 @@ from jezero.schemas.topics import (
     RELEASE,
     SETPOINT,
     STATUS,
+    UNKNOWN_ACTION,
 )
 from jezero.services.vehicle_bridge.authority import Authority
 from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink
@@ -28,6 +30,7 @@ from jezero.services.vehicle_bridge.readiness import moving_ground_reason, syste
 from jezero.services.vehicle_bridge.request_queue import RequestQueue
 from jezero.services.vehicle_bridge.telemetry import TelemetryBatch
 from jezero.services.vehicle_bridge.timer import Timer
+from jezero.services.vehicle_bridge.unknown_action import refusal_of
 from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, OFFBOARD, ControlState, Target, VehicleSnapshot
 from jezero.services.vehicle_bridge.wind_estimator import WindEstimator
 from jezero.vehicle_config import VehicleConfig
@@ -50,9 +53,9 @@ SPEC = Spec(
     on_demand=(ALTIMETER,),
     outputs=(ODOMETRY, STATUS),
     last_value=(STATUS,),
-    serves=(ACQUIRE, RELEASE, HOVER, ABORT, KILL),
+    serves=(ACQUIRE, RELEASE, HOVER, ABORT, KILL, UNKNOWN_ACTION),
     links=(LINK,),
-    triggers=(LINK, SETPOINT.name, ACQUIRE.name, RELEASE.name, HOVER.name, ABORT.name, KILL.name),
+    triggers=(LINK, SETPOINT.name, ACQUIRE.name, RELEASE.name, HOVER.name, ABORT.name, KILL.name, UNKNOWN_ACTION.name),
 )
 
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
@@ -66,12 +69,21 @@ class VehicleBridge:
         robot: the vehicle itself, with the limits of a hover point.
         system_id: MAVLink system id of the vehicle.
         boot_id: differs between two runs of the bridge.
+        actions: names of all actions; requests to others are refused.
     """
 
-    def __init__(self, config: VehicleBridgeConfig, robot: VehicleConfig, system_id: int, boot_id: int) -> None:
+    def __init__(
+        self,
+        config: VehicleBridgeConfig,
+        robot: VehicleConfig,
+        system_id: int,
+        boot_id: int,
+        actions: Collection[str] = tuple(ACTIONS),
+    ) -> None:
         self.spec = replace(SPEC, rate_hz=config.rate_hz)
         self._config = config
         self._boot_id = boot_id
+        self._actions = actions
         self._link = AutopilotLink(system_id, config.parameters)
         self._foreign_setpoints = ForeignSetpointDetector()
         self._authority = Authority(config, robot, boot_id)
@@ -218,6 +230,8 @@ class VehicleBridge:
                 self._drop_reason = refusal
         if inbox.has_requests:
             yield from self._requests.handle_after_setpoints(vehicle, inbox)
+            for request in inbox.requests(UNKNOWN_ACTION):
+                yield Reply(request.request_id, refusal_of(request.payload.key, self._actions))
 
     # -- outputs -------------------------------------------------------------------------------------------
 

@@ -73,11 +73,13 @@ class Wind(msgspec.Struct, frozen=True):
 class WindEstimator:
     """Mean and gusts of the wind at a flying vehicle.
 
-    Near the ground the estimate stays as it is; a disarmed or landed vehicle has none.
+    Near the ground the estimate stays as it is; a disarmed or landed vehicle has none, and so has one whose airframe is
+    configured without drag.
     """
 
     def __init__(self, airframe: AirframeConfig) -> None:
         self._airframe = airframe
+        self._has_drag = airframe.drag_rotors_nspm > 0.0 or airframe.drag_area_side_m2 > 0.0
         self.reset()
 
     def reset(self) -> None:
@@ -97,7 +99,7 @@ class WindEstimator:
 
     def update(self, odometry: Odometry, vehicle: VehicleSnapshot) -> None:
         """Add one odometry of the vehicle, which is in this state."""
-        if not vehicle.armed or vehicle.landed:
+        if not vehicle.armed or vehicle.landed or not self._has_drag:
             self.reset()
             return
         low = vehicle.height_m is None or vehicle.height_m < HEIGHT_MIN_M

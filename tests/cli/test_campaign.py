@@ -22,7 +22,13 @@ Run = Callable[..., tuple[Result, list[int]]]
 
 def flown_well(seed: int) -> MissionReport:
     return MissionReport(
-        seed=seed, violations=[], faults={"drop": 2}, states={"HOVER": 1}, goals={}, sim_time_s=1800.0, log_sha256=""
+        seed=seed,
+        violations=[],
+        faults={"drop": 2},
+        states={"HOVER": 1},
+        goals={},
+        sim_time_s=1800.0,
+        messages_sha256="",
     )
 
 

@@ -1,4 +1,4 @@
-"""Flights of more than a minute are shown and confirmed before they start."""
+"""Plans before flights: those of more than a minute are shown and confirmed, and those of a mission's goals shown."""
 
 import json
 from typing import Any
@@ -9,7 +9,8 @@ from click.testing import CliRunner
 from jezero import Vehicle
 from jezero.cli.main import main
 from jezero.cli.plan import minutes
-from jezero.schemas.actions import PlanReply
+from jezero.schemas.actions import GoToGoal, LandOnSpotGoal, LandResult, PlanReply, Result
+from jezero.schemas.topics import GO_TO, LAND_ON_SPOT
 from tests.client.rig import ACCEPTED, Server, a_feedback, a_result, endpoint, server, vehicle
 
 __all__ = ["endpoint", "server", "vehicle"]
@@ -86,6 +87,29 @@ def test_a_goal_that_would_be_refused_is_refused_by_its_plan(server: Server, veh
     done = run(["takeoff", "--vehicle", "v", "--router", endpoint, "--json"])
     assert done.exit_code == 3
     assert json.loads(done.stdout) == {"type": "rejected", "reason": "it flies already", "code": 3}
+
+
+def test_a_mission_shows_the_plan_of_each_goal_and_asks_nothing(
+    server: Server, vehicle: Vehicle, endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    far = GoToGoal(target_ned_m=(300.0, 0.0, -9.0))
+    monkeypatch.setattr("jezero.cli.fly.FLIGHT", ((GO_TO, far, 0.0), (LAND_ON_SPOT, LandOnSpotGoal(), 0.0)))
+    server.serve("@action/go_to/plan", LONG)
+    server.serve("@action/go_to", ACCEPTED, a_result())
+    server.serve("@action/land_on_spot/plan", PlanReply(accepted=True))
+    landed = LandResult(completed=True, touchdown_ned_m=(1.0, 2.0, 0.0))
+    server.serve("@action/land_on_spot", ACCEPTED, Result(goal_id="g", t_ns=2, outcome="succeeded", result=landed))
+    done = run(["fly", "--vehicle", "v", "--router", endpoint])
+    assert done.exit_code == 0, done.output
+    kinds = [line.split(" (goal")[0] for line in done.stdout.splitlines()]
+    assert kinds == [
+        "go_to: 5 min 12 s, 318 m, 27 % of the battery (80 % left)",
+        "go_to: accepted",
+        "go_to: succeeded at (0.00, 0.00, -2.00)",
+        "land_on_spot: duration unknown",
+        "land_on_spot: accepted",
+        "land_on_spot: succeeded at (1.00, 2.00, 0.00)",
+    ]
 
 
 @pytest.mark.parametrize(("duration_s", "said"), [(42.4, "42 s"), (59.6, "1 min 0 s"), (312.0, "5 min 12 s")])

@@ -12,11 +12,10 @@ import pytest
 from click.testing import CliRunner, Result
 
 from jezero.cli.main import main
-from jezero.cli.polygon_file import PolygonFileError, read_polygon
 from jezero.client.dataset import Dataset
 from jezero.client.errors import Aborted
 from jezero.client.images import Picture
-from jezero.schemas.actions import AreaCoverageGoal, CoverageResult, ImagesFeedback, PlanReply
+from jezero.schemas.actions import AreaCoverageGoal, CoverageResult, ImagesFeedback, PlannedCoverage, PlanReply
 from jezero.schemas.images import LISTING
 from jezero.schemas.topics import Action
 from tests.client.test_dataset import picture
@@ -45,10 +44,12 @@ def test_a_plan_is_told_to_programs(tmp_path: Path) -> None:
     file.write_text(
         json.dumps({"type": "Feature", "geometry": {**SQUARE, "coordinates": [*SQUARE["coordinates"], HOLE]}})
     )
-    result = run(tmp_path, "--polygon", str(file), "--z", "-5", "--resolution", "0.5", "--json")
+    result = run(tmp_path, "--polygon", str(file), "--metres", "--z", "-5", "--resolution", "0.5", "--json")
     assert result.exit_code == 0, result.output
     plan = json.loads(result.output)
-    assert set(plan) == {"path_ned_m", "pictures_ned_m", "length_m", "time_s", "covered"}
+    assert {"path_ned_m", "pictures_ned_m", "length_m", "time_s", "covered", "photographed", "origin_deg"} <= set(plan)
+    assert plan["plan_id"] is None and plan["start"].startswith("assumed")
+    assert plan["origin_deg"] == [47.397742, 8.545594]
     assert len(plan["pictures_ned_m"]) == pytest.approx(plan["length_m"] / 0.5, abs=1)
     assert plan["covered"] > 0.99
     assert not any(1.01 < n < 1.99 and 1.01 < e < 1.99 for n, e in plan["path_ned_m"])
@@ -69,7 +70,7 @@ def test_a_plan_is_told_to_programs(tmp_path: Path) -> None:
 def test_wrong_numbers_are_refused_with_what_to_do(tmp_path: Path, words: tuple[str, ...], why: str) -> None:
     file = tmp_path / "area.geojson"
     file.write_text(json.dumps(SQUARE))
-    result = run(tmp_path, "--polygon", str(file), *words)
+    result = run(tmp_path, "--polygon", str(file), "--metres", *words)
     assert result.exit_code != 0
     assert why in result.output
 
@@ -77,34 +78,56 @@ def test_wrong_numbers_are_refused_with_what_to_do(tmp_path: Path, words: tuple[
 def test_overlaps_set_the_distances_from_what_the_camera_sees(tmp_path: Path) -> None:
     file = tmp_path / "area.csv"
     file.write_text("north,east\n0,0\n30,0\n30,30\n0,30\n")
-    result = run(tmp_path, "--polygon", str(file), "--z", "-10", "--overlap", "0.8", "--sidelap", "0.6")
+    result = run(tmp_path, "--polygon", str(file), "--z", "-9", "--overlap", "0.8", "--sidelap", "0.6")
     assert result.exit_code == 0, result.output
-    assert "lines 6.71 m apart" in result.output
-    assert "every 2.52 m" in result.output
+    assert "lines 6.04 m apart" in result.output
+    assert "every 2.27 m" in result.output
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "why"),
-    [
-        ("a.csv", "0,0\n1,zero\n", 'line 2: "1,zero" is not "north,east"'),
-        ("a.csv", "", "has no corners"),
-        ("a.json", "{", "is not JSON"),
-        ("a.json", "[]", "has no GeoJSON Polygon"),
-        ("a.json", '{"type": "Polygon", "coordinates": [[["a"]]]}', "must be rings of"),
-        ("a.json", json.dumps({**SQUARE, "crs": {}}), "names a coordinate system"),
-    ],
-)
-def test_files_that_hold_no_polygon_are_refused(tmp_path: Path, name: str, text: str, why: str) -> None:
-    (tmp_path / name).write_text(text)
-    with pytest.raises(PolygonFileError, match=why):
-        read_polygon(tmp_path / name)
+@pytest.fixture
+def field(tmp_path: Path) -> list[str]:
+    """The options of an area in degrees, 30 m by 45 m at the simulator's origin."""
+    file = tmp_path / "field.csv"
+    file.write_text(DEGREES)
+    return ["--polygon", str(file), "--z", "-8", "--overlap", "0.5"]
 
 
-def test_a_csv_file_has_an_empty_line_before_each_hole(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("0,0\n4,0\n4,4\n\n1,1\n1.5,1\n1.5,1.2\n")
-    outline, holes = read_polygon(tmp_path / "a.csv")
-    assert list(outline) == [(0, 0), (4, 0), (4, 4)]
-    assert [list(hole) for hole in holes] == [[(1, 1), (1.5, 1), (1.5, 1.2)]]
+DEGREES = """latitude,longitude
+47.397742,8.545594
+47.397742,8.54612483
+47.39796696,8.54619119
+47.39801195,8.54572671
+"""
+
+
+def test_an_area_in_degrees_is_planned_around_the_origin_of_the_simulator_or_the_one_that_is_given(
+    tmp_path: Path, field: list[str]
+) -> None:
+    here = run(tmp_path, *field).output
+    assert "place       north 0 to 30 m, east 0 to 45 m from the world's origin at 47.397742, 8.545594" in here
+    assert "(the simulator's settings)" in here
+    there = run(tmp_path, *field, "--origin", "47.397", "8.5465").output
+    assert "place       north 83 to 113 m, east -68 to -23 m from the world's origin at 47.397000, 8.546500" in there
+    far = run(tmp_path, *field, "--origin", "-33.9", "18.4")
+    assert far.exit_code == 1 and "from the world's origin, which is at -33.900000, 18.400000" in far.output
+    for words in (("91", "8"), ("47", "181"), ("nan", "8")):
+        assert "a latitude within ±90 and a longitude" in run(tmp_path, *field, "--origin", *words).output
+
+
+def test_the_area_of_a_file_with_several_is_chosen_by_its_name(tmp_path: Path) -> None:
+    file = tmp_path / "area.geojson"
+    fields = [{"type": "Feature", "properties": {"name": name}, "geometry": SQUARE} for name in ("a", "b")]
+    file.write_text(json.dumps({"type": "FeatureCollection", "features": fields}))
+    words = ["--polygon", str(file), "--metres", "--z", "-5", "--resolution", "1"]
+    refused = run(tmp_path, *words)
+    assert refused.exit_code == 1
+    assert "has 2 areas, choose one with --feature NUMBER or NAME: 1 a (16 m²), 2 b (16 m²)" in refused.output
+    assert run(tmp_path, *words, "--feature", "b").exit_code == 0
+
+
+def test_degrees_are_never_relative_to_the_rover(tmp_path: Path, field: list[str]) -> None:
+    refused = run(tmp_path, *field, "rover")
+    assert refused.exit_code == 1 and "leave out `rover`" in refused.output
 
 
 # -- flown --
@@ -134,21 +157,41 @@ class FakeGoal:
         return self._result
 
 
+PLANNED = PlannedCoverage(
+    plan_id="0123456789ab",
+    path_ned_m=((1.0, 1.0), (3.0, 1.0)),
+    pictures_ned_m=((1.0, 1.0), (3.0, 1.0)),
+    start_ned_m=(1.5, 2.5),
+    line_distance_m=2.0,
+    picture_distance_m=2.0,
+    length_m=2.0,
+    duration_s=9.0,
+    covered=0.99,
+    photographed=0.95,
+)
+
+
 class FakeVehicle:
     """Flies two of four pictures, then the rest.
 
     Attributes:
         goals: that it was asked to fly.
+        origin_deg: of its world frame.
     """
 
     def __init__(self) -> None:
         self.goals: list[AreaCoverageGoal] = []
+        self.origin_deg: tuple[float, float, float] | None = (47.397, 8.5465, 488.0)
 
     def status(self) -> Any:
-        return SimpleNamespace(odometry=SimpleNamespace(pos_uav_ned_m=(1.5, 2.5, -3.0)))
+        odometry = SimpleNamespace(pos_uav_ned_m=(1.5, 2.5, -3.0), origin_deg=self.origin_deg)
+        return SimpleNamespace(odometry=odometry)
 
     def plan(self, action: Action[Any], goal: AreaCoverageGoal) -> PlanReply:
-        return PlanReply(accepted=True, duration_s=42.0)
+        return PlanReply(accepted=True, duration_s=42.0, warning="only 95 % will be in the pictures", coverage=PLANNED)
+
+    def subscribe(self, *_: Any) -> Any:
+        return SimpleNamespace(close=lambda: None)
 
     def send(self, action: Action[Any], goal: AreaCoverageGoal) -> FakeGoal:
         self.goals.append(goal)
@@ -178,7 +221,7 @@ def vehicle(monkeypatch: pytest.MonkeyPatch) -> FakeVehicle:
 def test_a_coverage_that_ended_early_is_completed_in_its_folder(tmp_path: Path, vehicle: FakeVehicle) -> None:
     area, folder = tmp_path / "area.geojson", tmp_path / "run"
     area.write_text(json.dumps(SQUARE))
-    words = ["gridsweep", "--polygon", str(area), "--z", "-5", "--resolution", "2", "--out", str(folder)]
+    words = ["gridsweep", "--polygon", str(area), "--metres", "--z", "-5", "--resolution", "2", "--out", str(folder)]
     CliRunner().invoke(main, words)
     listing = json.loads((folder / LISTING).read_text())
     assert [image["file"] for image in listing["images"]] == ["0000.jpg", "0001.jpg"]
@@ -193,6 +236,18 @@ def test_a_coverage_that_ended_early_is_completed_in_its_folder(tmp_path: Path, 
     again = CliRunner().invoke(main, ["gridsweep", "--resume", str(folder)])
     assert again.exit_code == 0 and f"nothing is missing in {folder}: all 4 images are there" in again.output
     assert len(vehicle.goals) == 2
+
+
+def test_the_plan_that_is_shown_is_the_one_that_is_flown_and_its_warning_is_printed_once_before(
+    tmp_path: Path, vehicle: FakeVehicle, field: list[str]
+) -> None:
+    done = CliRunner().invoke(main, ["gridsweep", *field, "--out", str(tmp_path / "run")])
+    shown = "area_coverage: 42 s; 2 images, 99.0 % of the area swept, 95.0 % photographed"
+    assert done.stdout.index(shown) < done.stdout.index("gridsweep: accepted")
+    assert done.stderr.count("warning: only 95 % will be in the pictures") == 1
+    assert [goal.plan_id for goal in vehicle.goals] == [PLANNED.plan_id]
+    noted = json.loads((tmp_path / "run" / LISTING).read_text())["goal"]
+    assert (noted["plan_id"], noted["start_ned_m"]) == ("", list(PLANNED.start_ned_m))
 
 
 def kill(folder: Path, images: int) -> None:
@@ -211,7 +266,7 @@ def test_a_coverage_whose_command_was_killed_goes_on_after_the_images_that_are_t
     kill(tmp_path, images)
     done = CliRunner().invoke(main, ["gridsweep", "--resume", str(tmp_path)])
     assert done.exception is None or done.exit_code == 0, done.output
-    assert vehicle.goals == [msgspec.structs.replace(GOAL, first_picture=images)]
+    assert vehicle.goals == [msgspec.structs.replace(GOAL, first_picture=images, plan_id=PLANNED.plan_id)]
 
 
 def test_a_coverage_whose_command_was_killed_after_the_last_image_is_complete(
@@ -231,7 +286,7 @@ def test_a_folder_without_images_of_a_coverage_cannot_be_resumed(tmp_path: Path)
 def test_pictures_do_not_go_where_others_are(tmp_path: Path, vehicle: FakeVehicle) -> None:
     area, folder = tmp_path / "area.geojson", tmp_path / "run"
     area.write_text(json.dumps(SQUARE))
-    words = ["gridsweep", "--polygon", str(area), "--z", "-5", "--resolution", "2", "--out", str(folder)]
+    words = ["gridsweep", "--polygon", str(area), "--metres", "--z", "-5", "--resolution", "2", "--out", str(folder)]
     CliRunner().invoke(main, words)
     again = CliRunner().invoke(main, words)
     assert again.exit_code == 1 and "has pictures already" in again.output
@@ -247,3 +302,22 @@ def test_a_coverage_that_took_no_picture_is_completed_in_the_format_that_is_aske
     CliRunner().invoke(main, ["gridsweep", "--resume", str(folder), "--format", "png"])
     listing = json.loads((folder / LISTING).read_text())
     assert [image["file"] for image in listing["images"]] == ["0000.png", "0001.png"]
+
+
+def test_an_area_in_degrees_is_flown_around_the_origin_of_the_vehicle(
+    tmp_path: Path, vehicle: FakeVehicle, field: list[str]
+) -> None:
+    done = CliRunner().invoke(main, ["gridsweep", *field, "--out", str(tmp_path / "run")])
+    assert "area: north 83 to 113 m, east -68 to -23 m from the world's origin at 47.397000, 8.546500" in done.output
+    assert vehicle.goals[0].polygon_ned_m[0] == pytest.approx((82.5, -68.2), abs=0.1)
+
+
+def test_an_area_in_degrees_waits_for_an_origin_that_is_known_and_the_vehicle_s_own(
+    tmp_path: Path, vehicle: FakeVehicle, field: list[str]
+) -> None:
+    given = CliRunner().invoke(main, ["gridsweep", *field, "--origin", "47.4", "8.5"])
+    assert given.exit_code == 2 and "--origin is for --plan-only" in given.output
+    vehicle.origin_deg = None
+    unknown = CliRunner().invoke(main, ["gridsweep", *field, "--out", str(tmp_path / "run")])
+    assert unknown.exit_code == 1 and "the world's origin is not known yet" in unknown.output
+    assert vehicle.goals == []

@@ -2,9 +2,9 @@
 
 import json
 from datetime import UTC, datetime, timedelta
-from math import pi, radians
+from math import degrees, pi, radians
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 import pytest
@@ -61,6 +61,34 @@ def test_pictures_carry_their_position(kind: Literal["jpg", "png"], tmp_path: Pa
     assert float(gps[17]) == pytest.approx(270.0)
     assert float(camera[0x829A]) == pytest.approx(0.004)
     assert float(camera[0x920A]) == pytest.approx(4.0)
+
+
+def gps_of(image: Image) -> Any:
+    return exif_of(image, datetime.now(UTC)).get_ifd(0x8825)
+
+
+ALMOST_ZERO = (0.0, 1e-14, -1e-14, 1e-9, -1e-9, -4e-5, 4e-5, -8e-5, -1e-4)
+
+
+@pytest.mark.parametrize("yaw_rad", [*ALMOST_ZERO, pi, -pi, radians(359.995), radians(359.9949), radians(-0.005)])
+def test_a_direction_is_at_least_0_and_less_than_360_degrees(yaw_rad: float) -> None:
+    direction = float(gps_of(msgspec.structs.replace(picture(0).image, yaw_rad=yaw_rad))[17])
+    assert 0.0 <= direction < 360.0
+    error_deg = (direction - degrees(yaw_rad) + 180.0) % 360.0 - 180.0
+    assert abs(error_deg) <= 0.0051
+
+
+@pytest.mark.parametrize("near", [0.0, 1 / 60, 7.0, 7.1, 12 + 59 / 60, 44.99, 45.0, 89.0, 59 + 59 / 60])
+@pytest.mark.parametrize("away", ALMOST_ZERO)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_minutes_and_seconds_are_less_than_60(near: float, away: float, sign: int) -> None:
+    angle_deg = sign * (near + away)
+    gps = gps_of(picture(0, latitude=angle_deg, longitude=2.0 * angle_deg).image)
+    for parts, reference, expected in ((gps[2], gps[1], angle_deg), (gps[4], gps[3], 2.0 * angle_deg)):
+        whole, minutes, seconds = (float(part) for part in parts)
+        assert 0.0 <= seconds < 60.0 and 0.0 <= minutes < 60.0
+        read = (whole + minutes / 60.0 + seconds / 3600.0) * (-1.0 if reference in "SW" else 1.0)
+        assert read == pytest.approx(expected, abs=1e-9)
 
 
 def test_the_focal_length_is_exact_and_in_pixels_too() -> None:

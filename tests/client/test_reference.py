@@ -4,6 +4,7 @@ import pkgutil
 import re
 from pathlib import Path
 
+from jezero import aio
 from jezero.client.camera import Camera
 from jezero.client.goal import Goal
 from jezero.client.images import ImagesGoal, Picture
@@ -22,5 +23,6 @@ def test_every_name_on_the_page_exists() -> None:
 
 
 def test_every_class_that_a_program_gets_from_a_vehicle_is_on_the_page() -> None:
-    for found in (Vehicle, Goal, ImagesGoal, Picture, Camera, CameraFrame, Subscription, Rover, Leg):
+    asynchronous = (aio.Vehicle, aio.Goal, aio.ImagesGoal, aio.Camera, aio.Subscription, aio.Rover)
+    for found in (Vehicle, Goal, ImagesGoal, Picture, Camera, CameraFrame, Subscription, Rover, Leg, *asynchronous):
         assert f"{found.__module__}.{found.__qualname__}" in LISTED

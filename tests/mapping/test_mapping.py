@@ -2,119 +2,20 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from numpy.typing import NDArray
 
 from jezero.cli.main import main
-from jezero.frames import quat_from_euler, quat_multiply, quat_normalize
-from jezero.lens import undistort
 from jezero.mapping.ground import fit_ground
 from jezero.mapping.making import make_map
-from jezero.mapping.mosaic import Mosaic
 from jezero.mapping.survey import SurveyError, read_survey
 from jezero.schemas.images import LISTING
-from jezero.schemas.sensors import NO_DISTORTION, Distortion
+from jezero.schemas.sensors import Distortion
 from jezero.vehicle_config import VehicleConfig
-
-WIDTH_PX, HEIGHT_PX, FOCAL_PX = 180, 136, 112.0
-HEIGHT_M = 4.0
-M_PER_PX = 0.02
-MIDDLES_M = [(north, east) for north in (-0.5, 1.5) for east in (-1.5, 0.5, 2.5)]
-LOOKING_DOWN = (0.5, 0.5, 0.5, 0.5)
-
-
-def painted(side_px: int = 700) -> NDArray[np.uint8]:
-    """Ground of 14 m to a side, north at the top and (0, 0) in its middle."""
-    rng = np.random.default_rng(5)
-    layers = [cv2.resize(rng.uniform(0, 255, (n, n, 3)), (side_px, side_px)) for n in (40, 120, 350)]
-    return np.clip(sum(layers) / 3.0, 0, 255).astype(np.uint8)
-
-
-def through_lens(picture: NDArray[np.uint8], distortion: Distortion) -> NDArray[np.uint8]:
-    """The picture of a lens with distortion, from that of an ideal lens."""
-    columns, rows = np.meshgrid(np.arange(WIDTH_PX, dtype=float), np.arange(HEIGHT_PX, dtype=float))
-    center_px = np.array((0.5 * (WIDTH_PX - 1), 0.5 * (HEIGHT_PX - 1)))
-    seen = undistort((np.stack((columns, rows), axis=-1) - center_px) / FOCAL_PX, distortion)
-    at_px = (FOCAL_PX * seen + center_px).astype(np.float32)
-    return np.asarray(cv2.remap(picture, at_px[..., 0], at_px[..., 1], cv2.INTER_LINEAR), np.uint8)
-
-
-def dataset(
-    folder: Path, *, wander_m: float = 0.0, yaw_error_rad: float = 0.0, distortion: Distortion = NO_DISTORTION
-) -> NDArray[np.uint8]:
-    """Six pictures that overlap; they are told to be 0.1 m aside, and more by as much from one to the next."""
-    ground, rng = painted(), np.random.default_rng(1)
-    error_m = np.full(2, 0.1 if wander_m else 0.0)
-    images: list[dict[str, Any]] = []
-    (folder / "images").mkdir()
-    for index, (north_m, east_m) in enumerate(MIDDLES_M):
-        yaw_rad = rng.uniform(-0.1, 0.1)
-        picture_from_px = picture_matrix(north_m, east_m, yaw_rad)
-        picture = np.asarray(cv2.warpPerspective(ground, picture_from_px, (WIDTH_PX, HEIGHT_PX)), np.uint8)
-        picture = through_lens(picture, distortion)
-        cv2.imwrite(str(folder / "images" / f"{index:04d}.png"), picture[:, :, ::-1])
-        error_m += rng.uniform(-wander_m, wander_m, 2)
-        told_m = (north_m + error_m[0], east_m + error_m[1], -HEIGHT_M)
-        q_ned_from_frd = quat_from_euler(0.0, 0.0, yaw_rad + yaw_error_rad)
-        q_frd_from_camera = quat_multiply(quat_from_euler(0.0, -0.5 * np.pi, 0.0), LOOKING_DOWN)
-        images.append(
-            {
-                "file": f"{index:04d}.png",
-                "index": index,
-                "t_ns": 2_000_000_000 * index,
-                "pos_uav_ned_m": told_m,
-                "q_ned_from_frd": q_ned_from_frd,
-                "yaw_rad": yaw_rad,
-                "pos_camera_ned_m": told_m,
-                "q_ned_from_camera": quat_normalize(quat_multiply(q_ned_from_frd, q_frd_from_camera)),
-                "pitch_camera_rad": -1.5708,
-                "exposure_s": 0.004,
-                "width_px": WIDTH_PX,
-                "height_px": HEIGHT_PX,
-                "focal_px": FOCAL_PX,
-                "center_px": (0.5 * (WIDTH_PX - 1), 0.5 * (HEIGHT_PX - 1)),
-                "distortion": distortion,
-                "range_m": HEIGHT_M - 0.02,
-            }
-        )
-    (folder / LISTING).write_text(json.dumps({"images": images}))
-    return ground
-
-
-def picture_matrix(north_m: float, east_m: float, yaw_rad: float) -> NDArray[np.float64]:
-    """(3, 3) from pixels of the painted ground to those of a picture taken straight above a place."""
-    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
-    right, down = np.array((-s, c)), np.array((-c, -s))
-    scale = FOCAL_PX / HEIGHT_M
-    # north = 7 - M_PER_PX * row, east = M_PER_PX * column - 7, of the pixels' middles
-    place_from_px = np.array(((0.0, -M_PER_PX, 7.0 - north_m), (M_PER_PX, 0.0, -7.0 - east_m), (0.0, 0.0, 1.0)))
-    picture_from_place = np.array(
-        (
-            (scale * right[0], scale * right[1], 0.5 * (WIDTH_PX - 1)),
-            (scale * down[0], scale * down[1], 0.5 * (HEIGHT_PX - 1)),
-            (0.0, 0.0, 1.0),
-        )
-    )
-    return np.asarray(picture_from_place @ place_from_px)
-
-
-def displacement_m(mosaic: Mosaic, ground: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """(k, 2) how far, north and east, patches of the map are from where they belong."""
-    found = []
-    for north_m in (-0.5, 0.5, 1.5):
-        for east_m in (-1.5, 0.0, 1.5, 2.5):
-            row, column = round((mosaic.north_m - north_m) / M_PER_PX), round((east_m - mosaic.east_m) / M_PER_PX)
-            patch = mosaic.pixels[row - 20 : row + 20, column - 20 : column + 20]
-            top, left = round((7.0 - north_m) / M_PER_PX) - 50, round((east_m + 7.0) / M_PER_PX) - 50
-            window = ground[top : top + 100, left : left + 100]
-            _, _, _, (right, down) = cv2.minMaxLoc(cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED))
-            found.append((M_PER_PX * (down - 30), -M_PER_PX * (right - 30)))
-    return np.array(found)
+from tests.mapping.painted_ground import FOCAL_PX, HEIGHT_M, HEIGHT_PX, M_PER_PX, WIDTH_PX, dataset, displacement_m
 
 
 def test_pictures_from_known_poses_make_a_map_that_is_where_things_are(tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """What a report takes from a log, with logs made by hand."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,8 @@ import pytest
 from jezero.cli.demo import pointing_to
 from jezero.cli.flight import Printer
 from jezero.codec import encode
-from jezero.report.flight_log import Entry
+from jezero.recording import Entry
+from jezero.recording.writer import RECORDING, RecordingWriter
 from jezero.report.landings import Series, landings
 from jezero.report.report import draw_report
 from jezero.schemas import topics
@@ -92,10 +92,10 @@ def test_a_landing_that_the_log_breaks_off_in_ends_with_it() -> None:
 
 
 def test_the_figures_of_a_second_landing_have_a_name_of_their_own(tmp_path: Path) -> None:
-    lines = [{"logged_ns": e.logged_ns, "topic": e.topic, "message": json.loads(encode(e.message))} for e in TWO]
-    log = "".join(json.dumps(line, separators=(",", ":")) + "\n" for line in lines)
-    (tmp_path / "flight.jsonl").write_text(log)
-    files = draw_report([tmp_path / "flight.jsonl"])
+    with RecordingWriter(tmp_path / RECORDING, {}) as writer:
+        for entry in TWO:
+            writer.write(entry.logged_ns, entry.topic, encode(entry.message))
+    files = draw_report([tmp_path / RECORDING])
     assert {file.name for file in files} == {
         "position.png", "status.png", "landing_odometry.png", "landing_odometry_2.png",
     }  # fmt: skip
@@ -104,7 +104,7 @@ def test_the_figures_of_a_second_landing_have_a_name_of_their_own(tmp_path: Path
 def test_a_demonstration_that_fails_says_where_its_log_is(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     with pytest.raises(SystemExit), pointing_to(Printer(False), tmp_path):
         raise SystemExit(4)
-    assert f"`jezero report {tmp_path}` draws the log" in capsys.readouterr().out
+    assert f"`jezero report {tmp_path}` draws the recording" in capsys.readouterr().out
 
 
 def test_a_descent_goes_down_in_every_figure_of_a_landing() -> None:

@@ -4,6 +4,8 @@ import hashlib
 import json
 import math
 from collections.abc import Iterable
+from functools import partial
+from operator import add, mul, truediv
 from typing import Any
 
 import pytest
@@ -14,6 +16,7 @@ from jezero.runtime.memory_port import BACKGROUND_TASK_S
 from jezero.runtime.service import (
     BackgroundTask,
     Call,
+    CancelTask,
     Health,
     Inbox,
     Output,
@@ -233,8 +236,8 @@ class Planner:
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
         if not self.steps:
-            yield BackgroundTask(lambda: 6 * 7, "first")
-            yield BackgroundTask(lambda: 6 + 7, "second")
+            yield BackgroundTask(partial(mul, 6, 7), "first")
+            yield BackgroundTask(partial(add, 6, 7), "second")
         self.steps.append(t_ns)
         self.outcomes += [(t_ns, response.tag, response.payload) for response in inbox.responses]
         if inbox.responses and len(self.outcomes) == 2:
@@ -250,6 +253,36 @@ def test_work_goes_on_beside_the_steps_and_takes_its_time_one_after_the_other() 
         (int(2 * BACKGROUND_TASK_S * 1e9), "second", 13),
     ]
     assert len(planner.steps) > 4
+
+
+class Failing:
+    """Starts background tasks that give no value, and cancels the last of them in its second step."""
+
+    spec = Spec(name="failing", rate_hz=10)
+
+    def __init__(self) -> None:
+        self.steps = 0
+        self.errors: dict[str, str | None] = {}
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        self.steps += 1
+        if self.steps == 1:
+            yield BackgroundTask(partial(truediv, 1, 0), "raises")
+            yield BackgroundTask(lambda: 1, "lambda")
+            yield BackgroundTask(partial(mul, 6, 7), "canceled")
+        if self.steps == 2:
+            yield CancelTask("canceled")
+        self.errors |= {response.tag: response.error for response in inbox.responses}
+
+
+def test_a_task_that_gives_no_value_responds_with_the_reason() -> None:
+    bus, service = MemoryBus(), Failing()
+    bus.add(service)
+    bus.run_for(4.0 * BACKGROUND_TASK_S)
+    assert list(service.errors) == ["canceled", "raises", "lambda"]
+    assert service.errors["canceled"] == "canceled"
+    assert str(service.errors["raises"]).startswith("ZeroDivisionError: division by zero")
+    assert "can't be sent to a process of its own" in str(service.errors["lambda"])
 
 
 def test_a_service_that_asks_for_it_steps_more_often() -> None:

@@ -19,7 +19,9 @@ from jezero.trials.campaign.mission import Mission, fly_mission, named_random
 from jezero.trials.campaign.worlds import WORLDS
 from tests.scenario.rig import Flight, go_to
 
-HASH = "from jezero.trials.campaign.mission import fly_mission; print(fly_mission(2019, world={world!r}).log_sha256)"
+HASH = (
+    "from jezero.trials.campaign.mission import fly_mission; print(fly_mission(2019, world={world!r}).messages_sha256)"
+)
 
 
 @pytest.mark.parametrize("world", WORLDS)
@@ -31,7 +33,7 @@ def test_a_mission_passes_and_replays_exactly_in_another_process(world: str) -> 
     assert sum(result.faults.values()) >= FAULT_COUNTS[0]
     assert result.states["HOVER"] >= 2
     run = subprocess.run([sys.executable, "-c", HASH.format(world=world)], capture_output=True, text=True, check=True)
-    assert run.stdout.split()[-1] == reports[0].log_sha256
+    assert run.stdout.split()[-1] == reports[0].messages_sha256
 
 
 def test_every_kind_of_fault_is_drawn_and_no_partition_is_too_long() -> None:

@@ -59,6 +59,7 @@ def test_the_benchmark_flies_the_weather_and_the_faults_that_it_names() -> None:
     report = fly_landings(conditions, 1, 2, 1)
     assert (report.landed, report.crashed) == (1, 0)
     assert [(one.seed, one.landed, one.crashed, one.reason) for one in report.outcomes] == [(2, True, False, "")]
+    assert report.gone_around == sum(one.go_arounds > 0 for one in report.outcomes)
 
 
 def test_it_takes_off_from_a_hillside_and_lands_on_a_rover_that_leans_with_it() -> None:

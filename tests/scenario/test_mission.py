@@ -17,7 +17,7 @@ from tests.scenario.rig import Flight, go_to, land_at
 HASH = """
 from jezero.trials.missions import FLIGHT
 from jezero.trials.flight import fly_virtually
-print(fly_virtually(FLIGHT, 5).log_sha256)
+print(fly_virtually(FLIGHT, 5).messages_sha256)
 """
 
 
@@ -29,8 +29,8 @@ def test_the_same_seed_gives_the_same_log_also_in_another_process_and_another_se
     other = subprocess.run(
         [sys.executable, "-c", HASH], capture_output=True, text=True, check=True, env=environment
     ).stdout.split()[-1]
-    assert other == first.log_sha256
-    assert fly_virtually(FLIGHT, 6).log_sha256 != first.log_sha256
+    assert other == first.messages_sha256
+    assert fly_virtually(FLIGHT, 6).messages_sha256 != first.messages_sha256
 
 
 def test_the_status_goes_through_the_codes_of_the_thesis() -> None:

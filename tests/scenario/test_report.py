@@ -8,9 +8,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from jezero.cli.main import main
-from jezero.report.flight_log import LOG, RECORDED, read_log
+from jezero.recording import open_recording
+from jezero.recording.writer import RECORDING, RecordingWriter
 from jezero.report.landings import Landing, Series, landings
-from jezero.schemas import topics
 from jezero.trials.flight import FlightResult, fly_virtually
 from jezero.trials.missions import FLIGHT
 
@@ -20,12 +20,12 @@ BENCHMARK = {"case": "tag", "rover": "turn", "n": 3, "landed": 2, "touchdowns_m"
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FlightResult]:
     folder = tmp_path_factory.mktemp("run")
-    return folder, fly_virtually(FLIGHT, 3, folder / LOG)
+    return folder, fly_virtually(FLIGHT, 3, folder / RECORDING)
 
 
 @pytest.fixture(scope="module")
 def landing(flown: tuple[Path, FlightResult]) -> Landing:
-    (landing,) = landings(list(read_log(flown[0] / LOG)))
+    (landing,) = landings(list(open_recording(flown[0]).messages()))
     return landing
 
 
@@ -77,15 +77,10 @@ def test_the_touchdowns_of_a_benchmark_are_drawn_beside_its_file(tmp_path: Path)
 
 def test_a_folder_or_file_without_a_flight_is_refused(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
-    assert "has no flight.jsonl" in report(tmp_path / "empty").output
-    (tmp_path / "empty" / LOG).write_text("")
+    assert "flight.mcap: No such file" in report(tmp_path / "empty").output
+    RecordingWriter(tmp_path / "empty" / RECORDING, {}).close()
     assert "it has no status or no odometry" in report(tmp_path / "empty").output
     (tmp_path / "other.json").write_text('{"case": 3}')
     result = report(tmp_path / "other.json")
     assert result.exit_code == 1
     assert "neither the folder of a run nor a file of `jezero bench landing --json`" in result.output
-
-
-def test_a_recording_contains_no_pictures() -> None:
-    assert not {topics.CAMERA, topics.SCENE} & set(RECORDED)
-    assert {topics.TRUTH, topics.RELATIVE, topics.UWB, topics.feedback_of(topics.LAND_ON_SPOT)} <= set(RECORDED)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.system.conftest import JEZERO, Stack, new_stack
-from tests.system.test_plain_zenoh import PLAIN_CLIENT
+from tests.system.test_plain_zenoh import PLAIN_CLIENT, zenoh_get
 
 NAME = "survey_spiral"
 BROKEN = f"""
@@ -105,6 +105,17 @@ with Vehicle.connect({hovering.instance.vehicle!r}, router={hovering.instance.ro
         [sys.executable, "-c", script], env=hovering.environment, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_plain_zenoh_gets_its_description(hovering: Stack) -> None:
+    (description,) = zenoh_get(hovering, f"action/{NAME}/description")
+    assert description["endpoint"] == f"@action/{NAME}"
+    assert '"side_m"' in json.dumps(description["goal"])
+    (refusal,) = zenoh_get(hovering, f"@action/{NAME}s?side_m=2")
+    assert f"{NAME}, broken" in refusal["reason"] or f"broken, {NAME}" in refusal["reason"]
+    assert f"Did you mean {NAME}?" in refusal["reason"]
+    endpoints = [json.loads(line) for line in hovering.jezero("info", "endpoints", "--json").stdout.splitlines()]
+    assert f"action/{NAME}/description" in [row["endpoint"] for row in endpoints]
 
 
 def test_a_plain_zenoh_session_flies_it(hovering: Stack) -> None:

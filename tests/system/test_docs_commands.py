@@ -26,6 +26,7 @@ REASONS = {
     "downloads or installs",
     "needs Docker",
     "needs PX4",
+    "needs a file of your own",
     "needs a flight that ended early",
     "needs an installed package",
     "part of a longer program",

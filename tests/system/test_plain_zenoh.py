@@ -1,14 +1,19 @@
 """A client with nothing but Zenoh flies, and wildcards have no effect."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
+from typing import Any
 
 import zenoh
 
+from jezero import JezeroError
 from jezero.schemas.state import StatusCode
-from tests.system.conftest import Stack, wait_for_status
+from tests.system.conftest import Stack, wait_for, wait_for_status
 
 PLAIN_CLIENT = """
 import json, sys, zenoh
@@ -42,6 +47,48 @@ def test_a_plain_zenoh_session_takes_off_with_a_selector_and_gets_streamed_feedb
         wait_for_status(vehicle, lambda s: s.code == StatusCode.HOVER, 1.0, "hovering")
         odometry = vehicle.status().odometry
         assert odometry is not None and abs(odometry.pos_uav_ned_m[2] + 3.0) < 0.3
+
+
+ZENOH = str(Path(sys.executable).parent / "zenoh")
+
+
+def zenoh_get(stack: Stack, name: str) -> list[Any]:
+    """Replies to a query that is sent with the command `zenoh`, as a user would."""
+    command = [ZENOH, "--mode", "client", "--connect", stack.instance.router, "get", "--decoder", "text"]
+    selector = f"jezero/{stack.instance.vehicle}/{name}"
+    done = subprocess.run([*command, "--selector", selector], capture_output=True, text=True, timeout=30, check=True)
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def test_a_running_stack_describes_its_actions_as_the_command_line_does(stack: Stack) -> None:
+    descriptions = {found["name"]: found for found in zenoh_get(stack, "action/*/description")}
+    lines = stack.jezero("info", "actions", "--json").stdout.splitlines()
+    assert descriptions == {action["name"]: action for action in map(json.loads, lines)}
+    assert zenoh_get(stack, "action/go_to/description") == [descriptions["go_to"]]
+
+
+def test_a_goal_of_an_action_that_does_not_exist_is_refused_with_the_nearest_that_does(stack: Stack) -> None:
+    (refusal,) = zenoh_get(stack, "@action/takeof?altitude_m=3;_time=[..]")
+    assert (refusal["type"], refusal["reason"].startswith("there is no action 'takeof'")) == ("rejected", True)
+    assert "there are takeoff, go_to," in refusal["reason"] and "Did you mean takeoff?" in refusal["reason"]
+    (plan,) = zenoh_get(stack, "@action/takeof/plan?altitude_m=3")
+    assert (plan["accepted"], plan["reason"]) == (False, refusal["reason"])
+    (understood,) = zenoh_get(stack, "@action/takeoff?height=3")  # refused by the action server, and by nobody else
+    assert "unknown field `height`" in understood["reason"]
+
+
+def test_an_action_whose_server_is_gone_is_unreachable_and_not_unknown(stack: Stack) -> None:
+    with stack.connect() as vehicle:
+        os.kill(stack.processes_cached["go_to"], signal.SIGKILL)
+
+        def reason() -> str:
+            try:
+                vehicle.plan("go_to", target_ned_m=(0.0, 0.0, -3.0))
+            except JezeroError as error:
+                return str(error)
+            return ""
+
+        wait_for(lambda: reason().startswith("no server replies on @action/go_to"), 5.0, "unreachable")
 
 
 def test_wildcard_get_put_and_delete_change_nothing(stack: Stack) -> None:

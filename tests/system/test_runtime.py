@@ -182,16 +182,11 @@ def test_a_service_leaves_within_a_second(
     assert (process.returncode, error) == (0, "")
 
 
-@pytest.mark.parametrize(
-    ("service", "error"), [("undeclared", "UndeclaredError"), ("broken_work", "ZeroDivisionError")]
-)
-def test_a_programming_error_ends_the_process(
-    router: tuple[Instance, dict[str, str]], service: str, error: str
-) -> None:
-    process = start(router[1], service)
+def test_a_programming_error_ends_the_process(router: tuple[Instance, dict[str, str]]) -> None:
+    process = start(router[1], "undeclared")
     _, printed = process.communicate(timeout=15)
     assert process.returncode not in {0, None}
-    assert error in printed
+    assert "UndeclaredError" in printed
 
 
 def test_a_service_answers_while_its_work_keeps_the_interpreter_busy(router: tuple[Instance, dict[str, str]]) -> None:

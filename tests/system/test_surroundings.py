@@ -89,7 +89,7 @@ WRITERS = {
     "up in the foreground": "jezero up -f {compose} --run-dir $DISK/run",
     "fly": "jezero fly --fast --out $DISK/run",
     "demo": "jezero demo --fast --runs $DISK/run",
-    "plan": "jezero gridsweep --plan-only --polygon {area} --z -5 --resolution 2 --out $DISK/plan.png",
+    "plan": "jezero gridsweep --plan-only --polygon {area} --metres --z -5 --resolution 2 --out $DISK/plan.png",
     "new": "jezero new action spiral --into $DISK",
 }
 
@@ -302,6 +302,43 @@ def test_a_second_stack_of_a_vehicle_in_another_folder_is_refused_with_who_runs_
     toy.jezero("down", "--run-dir", str(tmp_path / "second"))
 
 
+@pytest.mark.parametrize("compose", [WITH_ROUTER, ALONE], ids=["with a router", "alone"])
+def test_of_stacks_of_a_vehicle_that_start_at_the_same_instant_all_but_one_are_refused(
+    toy: Stack, tmp_path: Path, compose: str
+) -> None:
+    file = compose_file(tmp_path, compose)
+    folders = [tmp_path / name for name in ("first", "second", "third")]
+    starts = [toy.start("up", "-d", "-f", file, "--run-dir", str(folder)) for folder in folders]
+    try:
+        said = [start.communicate(timeout=60)[1] for start in starts]
+        assert sorted(start.returncode for start in starts) == [0, 3, 3]
+        (winner,) = (folder for folder, start in zip(folders, starts, strict=True) if start.returncode == 0)
+        launcher = json.loads((winner / "state.json").read_text())["launcher_pid"]
+        wanted = f"a of vehicle {toy.instance.vehicle} belongs to launcher process {launcher} already."
+        assert [wanted in sentence for sentence in said].count(True) == 2, said
+    finally:
+        for folder in folders:
+            toy.jezero("down", "--run-dir", str(folder))
+    toy.jezero("up", "-d", "-f", file)  # nothing is left of the claims
+
+
+def test_of_two_vehicles_that_start_at_the_same_instant_one_starts_the_router_for_both(
+    toy: Stack, tmp_path: Path
+) -> None:
+    file, folders = compose_file(tmp_path, WITH_ROUTER), [tmp_path / name for name in ("first", "second")]
+    starts = []
+    for folder in folders:
+        toy.environment["JEZERO_VEHICLE"] = f"{toy.instance.vehicle}-{folder.name}"
+        starts.append(toy.start("up", "--wait", "-f", file, "--run-dir", str(folder)))
+    try:
+        assert [start.communicate(timeout=60)[1] for start in starts] == ["", ""]
+        services = [row for folder in folders for row in json.loads((folder / "state.json").read_text())["services"]]
+        assert sorted(row["state"] for row in services if row["service"] == "router") == ["external", "running"]
+    finally:
+        for folder in folders:
+            toy.jezero("down", "--run-dir", str(folder))
+
+
 def test_a_detached_launcher_keeps_no_file_and_no_lock_of_its_caller(toy: Stack, tmp_path: Path) -> None:
     lock = tmp_path / "lock of the caller"
     with lock.open("w") as file:
@@ -343,7 +380,7 @@ def test_a_command_that_takes_images_and_is_killed_leaves_a_folder_that_can_be_d
     (tmp_path / "area.csv").write_text("-2,-2\n2,-2\n2,2\n-2,2\n")
     folder = tmp_path / "sweep"
     stack.jezero("takeoff", "4")
-    area = ["--polygon", str(tmp_path / "area.csv"), "--z", "-4", "--resolution", "1.5"]
+    area = ["--polygon", str(tmp_path / "area.csv"), "--metres", "--z", "-4", "--resolution", "1.5"]
     sweep = stack.start("gridsweep", *area, "--out", str(folder))
     wait_for(lambda: len(list(folder.glob("images/*.jpg"))) >= 3 or sweep.poll() is not None, 120.0, "three images")
     sweep.send_signal(signal.SIGKILL)

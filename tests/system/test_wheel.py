@@ -88,3 +88,83 @@ def test_the_wheel_flies(installed: Path, tmp_path: Path) -> None:
     flight = json.loads(done.stdout.splitlines()[-1])
     assert flight["result"] == "succeeded"
     assert flight["touchdown_error_m"] < 1.0
+
+
+TYPED = """
+import asyncio
+from jezero import Aborted, Vehicle, aio
+from jezero.client.images import Picture
+from jezero.schemas import topics
+from jezero.schemas.actions import MoveResult
+from jezero.schemas.state import Odometry
+
+
+def fly(uav: Vehicle) -> tuple[float, float, float]:
+    goal = uav.go_to(0.0, -2.0, -4.0, frame="world", do_takeoff=True)
+    distances_m: list[float] = [feedback.distance_m for feedback in goal.feedback()]
+    try:
+        result: MoveResult = goal.result()
+    except Aborted as error:
+        print(error.reason, distances_m)
+        raise
+    return result.pos_uav_ned_m
+
+
+def photograph(uav: Vehicle) -> list[Picture]:
+    return list(uav.get_images((0.0, 0.0, -4.0), radius_m=2.0, num_images=4).pictures())
+
+
+def speed_mps(odometry: Odometry) -> float:
+    return abs(odometry.vel_uav_ned_mps[0])
+
+
+async def fly_and_watch(uav: aio.Vehicle) -> MoveResult:
+    async with uav.subscribe(topics.ODOMETRY) as stream:
+        print(speed_mps(await stream.next()), (await uav.odometry()).pos_uav_ned_m)
+    goal = await uav.takeoff(altitude_m=2.0)
+    async for feedback in goal:
+        print(feedback.distance_m)
+    return await goal.result()
+
+
+async def main() -> None:
+    async with await aio.Vehicle.connect("uav1") as uav:
+        await fly_and_watch(uav)
+
+
+with Vehicle.connect("uav1") as uav:
+    north_m, east_m, down_m = fly(uav)
+    uav.subscribe(topics.ODOMETRY, speed_mps)
+    print(len(photograph(uav)[0].pixels), uav.latest(topics.UWB).t_ns)
+asyncio.run(main())
+"""
+MISTAKES = {
+    'uav.takeoff(altitude="2")\n': "altitude_m",
+    "uav.go_to(0.0, 0.0, -3.0).result().position\n": 'has no attribute "position"',
+    "asyncio.run(main()).pos_uav_ned_m\n": 'has no attribute "pos_uav_ned_m"',
+    "uav.camera.snap(3)\n": 'expected "Path | str"',
+    "uav.subscribe(topics.UWB, speed_mps)\n": "subscribe",
+}
+"""Lines that are wrong, each with a part of the error that names it."""
+
+
+def test_a_users_script_is_checked_strictly_against_the_wheels_types(installed: Path, tmp_path: Path) -> None:
+    script, wrong = tmp_path / "script.py", tmp_path / "wrong.py"
+    script.write_text(TYPED)
+    wrong.write_text(TYPED + "".join(MISTAKES))
+    mypy: list[str | Path] = [
+        sys.executable,
+        "-m",
+        "mypy",
+        "--strict",
+        "--python-executable",
+        installed / "python",
+        "--cache-dir",
+        "cache",
+    ]
+    done = run(*mypy, script, cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (0, "Success: no issues found in 1 source file\n"), done.stderr
+    errors = [line for line in run(*mypy, wrong, cwd=tmp_path).stdout.splitlines() if ": error: " in line]
+    assert len(errors) == len(MISTAKES), errors
+    for error, part in zip(errors, MISTAKES.values(), strict=True):
+        assert part in error

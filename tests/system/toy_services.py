@@ -4,6 +4,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
+from functools import partial
 
 from jezero.runtime.config import instance_from_environment
 from jezero.runtime.service import BackgroundTask, Inbox, Output, Publish, Reply, Service, Spec
@@ -64,16 +65,8 @@ class Album:
             yield Reply(request.request_id, picture)
 
 
-def count_for_a_second() -> int:
-    """Keep the interpreter busy, as planning does."""
-    count, end_s = 0, time.monotonic() + 1.0
-    while time.monotonic() < end_s:
-        count += 1
-    return count
-
-
 class Busy:
-    """Starts a background task of one second at the first abort; replies to each with the number of tasks done."""
+    """Starts a background task of seconds at the first abort; replies to each with the number of tasks done."""
 
     spec = Spec(name="busy", serves=(topics.ABORT,), triggers=(topics.ABORT.name,), rate_hz=20)
     asked, done = False, 0
@@ -84,16 +77,8 @@ class Busy:
             yield Reply(request.request_id, AbortReply(hovering=True, reason=f"{self.done} done"))
             if not self.asked:
                 self.asked = True
-                yield BackgroundTask(count_for_a_second, "count")
-
-
-class BrokenWork:
-    """Has a background task that raises: a programming error, on which the process ends."""
-
-    spec = Spec(name="broken_work", rate_hz=20)
-
-    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
-        yield BackgroundTask(lambda: 1 // 0, "broken")
+                # never releases the interpreter, as one call of a geometry library
+                yield BackgroundTask(partial(sum, range(50_000_000)), "count")
 
 
 class Undeclared:
@@ -122,7 +107,6 @@ class Hung:
 
 SERVICES: dict[str, Callable[[], Service]] = {
     "album": Album,
-    "broken_work": BrokenWork,
     "busy": Busy,
     "echo": Echo,
     "hung": Hung,

@@ -3,8 +3,6 @@
 import re
 from typing import Any
 
-import msgspec
-
 from jezero.cli.reference.fields import fields_of, summary_of
 from jezero.cli.reference.topics import Row
 from jezero.schemas.topics import Action
@@ -33,16 +31,3 @@ def field_rows(struct: Any) -> list[Row]:
         }
         for field in fields_of(struct)
     ]
-
-
-def action_schema(action: Action[Any]) -> dict[str, Any]:
-    """The endpoints of an action, and its goal, feedback and result as JSON Schema."""
-    return {
-        "name": action.name,
-        "endpoint": action.endpoint.name,
-        "cancel": action.cancel.name,
-        "plan": action.plan.name,
-        "goal": msgspec.json.schema(action.goal_type),
-        "feedback": msgspec.json.schema(action.feedback_type),
-        "result": msgspec.json.schema(action.result_type),
-    }

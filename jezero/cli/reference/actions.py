@@ -35,7 +35,7 @@ EXAMPLES = {
     ),
     "area_coverage": Example(
         actions.AreaCoverageGoal(polygon_ned_m=((0, 0), (9, 0), (9, 6), (0, 6)), z_ned_m=-5.0, overlap=0.65),
-        "jezero gridsweep --polygon field.csv --z -5 --overlap 0.65",
+        "jezero gridsweep --polygon field.kml --z -5 --overlap 0.65",
         "uav.area_coverage(((0, 0), (9, 0), (9, 6), (0, 6)), -5.0, overlap=0.65)",
     ),
     "land_on_spot": Example(actions.LandOnSpotGoal(), "jezero land_on_spot", "uav.land_on_spot()"),
@@ -68,6 +68,14 @@ zenoh --mode client --connect tcp/127.0.0.1:7447 --cfg queries_default_timeout:1
 
 The command `zenoh` comes from the package `zenoh-cli`. The fields of a goal are parameters of the selector, separated
 by `;`, or one JSON object as the payload. A value is JSON where it parses, and text otherwise. None is `null` in JSON.
+
+A running stack describes its actions itself, with the JSON Schema of goal, feedback and result, one reply an action:
+
+```
+zenoh --mode client --connect tcp/127.0.0.1:7447 get --decoder text --selector 'jezero/uav1/action/*/description'
+```
+
+`jezero info actions --json` prints the same without a stack.
 
 Positions are metres north, east and **down**, so that a negative z is up.
 [Frames](../concepts/frames-and-time.md#frames) explains `world` and `rover`. Quaternions are `[w, x, y, z]`. Bounds of

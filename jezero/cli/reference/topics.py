@@ -3,13 +3,14 @@
 from typing import Any
 
 from jezero.cli.reference.markdown import table
-from jezero.plugins import action_names, all_actions
+from jezero.plugins import action_names, all_actions, find_action, plugin_names
 from jezero.runtime.service import Spec
-from jezero.schemas.topics import ENDPOINTS, TOPICS, Topic, feedback_of
+from jezero.schemas.topics import ENDPOINTS, TOPICS, Endpoint, Topic, feedback_of
 from jezero.services.actions.table import action_server
 from jezero.services.autopilot.service import SPEC as AUTOPILOT
 from jezero.services.estimator.service import SPEC as ESTIMATOR
 from jezero.services.estimator.tag_detector.service import SPEC as TAG_DETECTOR
+from jezero.services.recorder.service import SPEC as RECORDER
 from jezero.services.simulator.camera.service import SPEC as CAMERA
 from jezero.services.simulator.service import SPEC as SIMULATOR
 from jezero.services.vehicle_bridge.service import SPEC as VEHICLE_BRIDGE
@@ -20,13 +21,18 @@ Row = dict[str, Any]
 def all_specs() -> dict[str, Spec]:
     """Declarations of all services of the stack, by name."""
     actions = (action_server(name, boot_id=0).spec for name in action_names())
-    specs = (SIMULATOR, CAMERA, AUTOPILOT, VEHICLE_BRIDGE, TAG_DETECTOR, ESTIMATOR, *actions)
+    specs = (SIMULATOR, CAMERA, AUTOPILOT, VEHICLE_BRIDGE, TAG_DETECTOR, ESTIMATOR, RECORDER, *actions)
     return {spec.name: spec for spec in specs}
 
 
 def all_topics() -> tuple[Topic[Any], ...]:
     """Every topic, with the feedback of each action; the health of each service is left out."""
     return (*TOPICS, *map(feedback_of, all_actions().values()))
+
+
+def all_endpoints() -> tuple[Endpoint[Any, Any], ...]:
+    """Every endpoint, also those of the actions of packages."""
+    return (*ENDPOINTS, *(endpoint for name in plugin_names() for endpoint in find_action(name).endpoints))
 
 
 def topic_rows() -> list[Row]:
@@ -54,7 +60,7 @@ def endpoint_rows() -> list[Row]:
             "replies": endpoint.server,
             "requested by": [s.name for s in specs if endpoint in s.calls],
         }
-        for endpoint in ENDPOINTS
+        for endpoint in all_endpoints()
     ]
 
 
@@ -63,7 +69,7 @@ def service_rows() -> list[Row]:
     return [
         {
             "service": spec.name,
-            "reads": [t.name for t in (*spec.inputs, *spec.on_demand)],
+            "reads": ["all topics"] if spec.hears_all else [t.name for t in (*spec.inputs, *spec.on_demand)],
             "publishes": [t.name for t in spec.outputs],
             "replies": [e.name for e in spec.serves],
             "requests": [e.name for e in spec.calls],

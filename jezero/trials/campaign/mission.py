@@ -1,6 +1,5 @@
 """The mission of one seed: the whole stack in virtual time with two clients and some faults, all of it judged."""
 
-import hashlib
 import zlib
 from collections import Counter
 from collections.abc import Callable
@@ -10,7 +9,6 @@ from random import Random
 import msgspec
 
 from jezero.plugins import action_names
-from jezero.report.flight_log import line
 from jezero.runtime.service import Service
 from jezero.schemas import topics
 from jezero.schemas.state import Status, StatusCode
@@ -33,6 +31,7 @@ from jezero.trials.campaign.judge_landing import LandOnSpotJudge
 from jezero.trials.campaign.judge_others import AutopilotJudge, GoalRecord, ServerJudge, TruthJudge
 from jezero.trials.campaign.link_faults import LinkFaults
 from jezero.trials.campaign.worlds import PHYSICS, WORLDS, FaultySensors, World
+from jezero.trials.digest import MessageDigest
 
 READY_TIMEOUT_S = 20.0
 FAULTS_START_MAX_S = 42.0
@@ -55,7 +54,7 @@ class MissionReport(msgspec.Struct, frozen=True, kw_only=True):
         states: number of times that each status was reached.
         goals: number of accepted goals by outcome, and of those that were rejected or lost with their server.
         sim_time_s: length of the mission in virtual time.
-        log_sha256: SHA-256 of all messages; equal for two missions of the same seed.
+        messages_sha256: SHA-256 of all messages; equal for two missions of the same seed.
     """
 
     seed: int
@@ -64,7 +63,7 @@ class MissionReport(msgspec.Struct, frozen=True, kw_only=True):
     states: dict[str, int]
     goals: dict[str, int]
     sim_time_s: float
-    log_sha256: str
+    messages_sha256: str
 
 
 def named_random(seed: int, name: str) -> Random:
@@ -104,7 +103,7 @@ class Mission:
         self._link_faults = LinkFaults(self.bus, named_random(seed, "links"))
         self._sensor_rng = named_random(seed, "sensors")
         self._on_event = on_event
-        self._digest = hashlib.sha256()
+        self._digest = MessageDigest()
         self._status: Status | None = None
         self._status_decoder = msgspec.json.Decoder(Status)
         self._truth = TruthJudge(self.judge)
@@ -183,7 +182,7 @@ class Mission:
         self._start(name)
 
     def _observe(self, t_ns: int, topic: str, data: bytes) -> None:
-        self._digest.update(line(t_ns, topic, data))
+        self._digest.update(t_ns, topic, data)
         if topic == topics.STATUS.name:
             status = self._status_decoder.decode(data)
             previous, self._status = self._status, status
@@ -261,7 +260,7 @@ class Mission:
             states=dict(self.judge.states),
             goals=dict(goals),
             sim_time_s=round(self.bus.t_ns / NS_PER_S, 3),
-            log_sha256=self._digest.hexdigest(),
+            messages_sha256=self._digest.hexdigest(),
         )
 
 

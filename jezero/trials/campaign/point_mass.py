@@ -256,8 +256,7 @@ class PointPilot:
     def vel_setpoint_ned_mps(self) -> Vec3:
         return self._loop.vel_setpoint_ned_mps
 
-    @property
-    def contact_lean_ned(self) -> None:
+    def contact_lean_ned(self, sine_max: float) -> None:
         """None: a point does not tilt."""
 
     def leave_contact(self) -> None:

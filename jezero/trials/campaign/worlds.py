@@ -26,7 +26,7 @@ from jezero.trials.campaign.point_mass_faults import FaultyPointMass, point_mass
 from jezero.trials.campaign.point_mass_world import NAME, PointMass
 from jezero.trials.campaign.sensor_faults import FaultySimulator, SensorFault
 from jezero.trials.stack import SYSTEM_ID, service_makers, wired_bus
-from jezero.vehicle_config import VehicleConfig
+from jezero.vehicle_config import AirframeConfig, VehicleConfig
 
 TELEMETRY_INTERVAL_S = 0.1
 BRIDGE_HZ, SERVERS_HZ = 20.0, 5.0
@@ -74,6 +74,11 @@ def _blank_camera(vehicle: VehicleConfig, *, publishes_info: bool) -> BlankCamer
     return BlankCamera(load_config(CameraConfig, "camera"), vehicle.camera, publishes_info=publishes_info)
 
 
+def _without_drag(airframe: AirframeConfig) -> AirframeConfig:
+    """The point mass has no drag: with that of the vehicle, its speed would be taken for wind."""
+    return msgspec.structs.replace(airframe, drag_rotors_nspm=0.0, drag_area_side_m2=0.0, drag_area_top_m2=0.0)
+
+
 def _point_mass_makers(seed: int) -> Makers:
     """Only services that command the vehicle: filters, cameras and detectors would take many times as long."""
     config = msgspec.structs.replace(
@@ -82,6 +87,7 @@ def _point_mass_makers(seed: int) -> Makers:
     place = load_config(SimulatorConfig, "simulator")
     bridge = msgspec.structs.replace(load_config(VehicleBridgeConfig, "vehicle_bridge"), rate_hz=BRIDGE_HZ)
     vehicle = load_config(VehicleConfig, "vehicle")
+    vehicle = msgspec.structs.replace(vehicle, airframe=_without_drag(vehicle.airframe))
     actions = load_actions_config(vehicle)
     lifecycle = msgspec.structs.replace(actions.lifecycle, step_rate_hz=SERVERS_HZ)
     actions = msgspec.structs.replace(actions, lifecycle=lifecycle)

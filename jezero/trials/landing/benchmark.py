@@ -20,12 +20,14 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
         seed: the trial's seed.
         landed: whether the vehicle stands on its target, disarmed.
         crashed: whether the landing ended in a crash, see `Landing.crashed`.
+        go_arounds: number of go-arounds after a bad contact.
         reason: why the landing failed, or "".
     """
 
     seed: int
     landed: bool
     crashed: bool
+    go_arounds: int
     reason: str
 
 
@@ -44,6 +46,7 @@ class LandingReport(msgspec.Struct, frozen=True, kw_only=True):
         rmse_m: 3D root mean square error of the relative position at ranges "below_3m" and "3_to_8m".
         nees: mean over estimates and dimensions of the normalised squared error; 1 is consistent.
         crashed: number of landings that ended in a crash, see `Landing.crashed`.
+        gone_around: number of landings with at least one go-around after a bad contact.
         failed_seeds: seeds of the failed landings.
         touchdowns_m: (2,) true position at disarm of each landing that did not fail: forward and right of the
             platform's centre, or north and east of the spot in the case "none".
@@ -55,6 +58,7 @@ class LandingReport(msgspec.Struct, frozen=True, kw_only=True):
     n: int
     landed: int
     crashed: int
+    gone_around: int
     touchdown_error_m: dict[str, float | None]
     time_s: dict[str, float | None]
     rmse_m: dict[str, float | None]
@@ -70,20 +74,20 @@ def fly_landings(
     seed: int,
     jobs: int,
     on_landing: Callable[[Landing], None] = lambda landing: None,
-    logs: Path | None = None,
+    recordings: Path | None = None,
 ) -> LandingReport:
     """Fly `n` landings, with the seeds from `seed` on.
 
     Args:
         jobs: number of processes that fly in parallel.
         on_landing: called with each landing, in the order of the seeds.
-        logs: folder that gets each landing's log as <case>-<seed>/flight.jsonl.
+        recordings: folder that gets each landing's recording as <case>-<seed>/flight.mcap.
 
     Raises:
         ConfigError: a configuration file is invalid.
     """
     landings: list[Landing] = []
-    for landing in _landings(conditions, range(seed, seed + n), jobs, logs):
+    for landing in _landings(conditions, range(seed, seed + n), jobs, recordings):
         on_landing(landing)
         landings.append(landing)
     errors = EstimateErrors()
@@ -97,6 +101,7 @@ def fly_landings(
         n=n,
         landed=sum(not landing.failure for landing in landings),
         crashed=sum(landing.crashed for landing in landings),
+        gone_around=sum(landing.go_arounds > 0 for landing in landings),
         touchdown_error_m={
             name: _finite(percentile(errors_m, share)) for name, share in (("median", 0.5), ("p95", 0.95), ("max", 1.0))
         },
@@ -110,13 +115,20 @@ def fly_landings(
             if place_m is not None
         ],
         outcomes=[
-            Outcome(seed=one.seed, landed=not one.failure, crashed=one.crashed, reason=one.failure) for one in landings
+            Outcome(
+                seed=one.seed,
+                landed=not one.failure,
+                crashed=one.crashed,
+                go_arounds=one.go_arounds,
+                reason=one.failure,
+            )
+            for one in landings
         ],
     )
 
 
-def _landings(conditions: Conditions, seeds: range, jobs: int, logs: Path | None) -> Iterator[Landing]:
-    fly = partial(fly_landing, conditions=conditions, logs=logs)
+def _landings(conditions: Conditions, seeds: range, jobs: int, recordings: Path | None) -> Iterator[Landing]:
+    fly = partial(fly_landing, conditions=conditions, recordings=recordings)
     if jobs == 1:
         yield from map(fly, seeds)
         return

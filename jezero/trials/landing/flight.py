@@ -8,7 +8,8 @@ from pathlib import Path
 import msgspec
 
 from jezero.frames import altitude_m
-from jezero.report.flight_log import LOG, LogWriter
+from jezero.recording.about import about
+from jezero.recording.writer import RECORDING, RecordingWriter
 from jezero.runtime.config import ConfigError, load_config
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Service
@@ -57,6 +58,7 @@ class Landing(msgspec.Struct, frozen=True, kw_only=True):
             and east of the spot); None if the landing failed.
         time_s: time from the goal to disarm; infinite if the landing failed.
         impact_mps: speed towards the platform at touchdown.
+        go_arounds: number of go-arounds after a bad contact.
         errors: errors of the relative estimate during the landing.
     """
 
@@ -67,6 +69,7 @@ class Landing(msgspec.Struct, frozen=True, kw_only=True):
     error_rover_body_m: tuple[float, float] | None
     time_s: float
     impact_mps: float
+    go_arounds: int
     errors: EstimateErrors
 
 
@@ -92,13 +95,13 @@ class _TagHidingCamera:
 def fly_landing(
     seed: int,
     conditions: Conditions,
-    logs: Path | None = None,
+    recordings: Path | None = None,
     autopilot: Callable[[], tuple[Service, int]] | None = None,
 ) -> Landing:
     """Fly the landing of one seed.
 
     Args:
-        logs: folder that gets the log as <case>-<seed>/flight.jsonl.
+        recordings: folder that gets the recording as <case>-<seed>/flight.mcap.
         autopilot: returns an autopilot service that replaces the embedded one, and its MAVLink system id.
 
     Raises:
@@ -108,9 +111,10 @@ def fly_landing(
     bus, camera, simulator = _stack(trial, None if autopilot is None else autopilot())
     with ExitStack() as cleanup:
         cleanup.callback(simulator.close)
-        if logs is not None:
-            log = cleanup.enter_context(LogWriter(logs / f"{conditions.case}-{seed}" / LOG))
-            bus.observe(log.write)
+        if recordings is not None:
+            path = recordings / f"{conditions.case}-{seed}" / RECORDING
+            origin = about(bus="virtual", seed=str(seed), conditions=msgspec.json.encode(conditions).decode())
+            bus.observe(cleanup.enter_context(RecordingWriter(path, origin)).write)
         return _fly(trial, bus, camera, simulator)
 
 
@@ -277,5 +281,6 @@ def _landing(trial: Trial, judge: LandingJudge, start_ns: int, failure: str) -> 
         error_rover_body_m=error_rover_body_m if landed else None,
         time_s=((judge.disarmed_ns or 0) - start_ns) / NS_PER_S if landed else inf,
         impact_mps=round(judge.impact_mps, 3),
+        go_arounds=judge.go_arounds,
         errors=judge.errors,
     )

@@ -7,6 +7,7 @@ import numpy as np
 
 from jezero.frames import Vec3, add, scale, subtract
 from jezero.schemas import topics
+from jezero.schemas.actions import FeedbackMessage, LandPhase
 from jezero.schemas.estimate import Relative
 from jezero.schemas.state import Status, Truth
 from jezero.trials.platform import is_on_its_back, offset_m
@@ -56,6 +57,7 @@ class LandingJudge:
         errors: errors of the relative estimate so far.
         impact_mps: highest speed towards the platform or ground at which the vehicle touched it.
         disarmed_ns: time of the first disarmed status after `start`; None before.
+        go_arounds: number of go-arounds after a bad contact.
     """
 
     def __init__(self) -> None:
@@ -64,12 +66,15 @@ class LandingJudge:
         self.errors = EstimateErrors()
         self.impact_mps = 0.0
         self.disarmed_ns: int | None = None
+        self.go_arounds = 0
+        self._phase: LandPhase = "approach"
         self._start_ns: int | None = None
         self._touched_down = False
         self._previous: Truth | None = None
         self._pending: list[Relative] = []
         self._decoders = {
-            topic.name: msgspec.json.Decoder(topic.type) for topic in (topics.TRUTH, topics.STATUS, topics.RELATIVE)
+            topic.name: msgspec.json.Decoder(topic.type)
+            for topic in (topics.TRUTH, topics.STATUS, topics.RELATIVE, topics.feedback_of(topics.LAND_ON_SPOT))
         }
 
     @property
@@ -94,10 +99,16 @@ class LandingJudge:
             self._on_truth(message)
         elif isinstance(message, Relative):
             self._pending.append(message)
+        elif isinstance(message, FeedbackMessage):
+            self.go_arounds += message.feedback.phase == "go_around" != self._phase
+            self._phase = message.feedback.phase
         else:
-            self.status = message
-            if self._start_ns is not None and not message.armed and self.disarmed_ns is None:
-                self.disarmed_ns = t_ns
+            self._on_status(t_ns, message)
+
+    def _on_status(self, t_ns: int, status: Status) -> None:
+        self.status = status
+        if self._start_ns is not None and not status.armed and self.disarmed_ns is None:
+            self.disarmed_ns = t_ns
 
     def _on_truth(self, truth: Truth) -> None:
         previous, self.truth = self.truth, truth

@@ -3,14 +3,16 @@
 Source: thesis §3.6, algorithms 6 and 7.
 """
 
+from copy import deepcopy
 from math import pi
 from typing import TYPE_CHECKING
 
 import msgspec
 
-from jezero.frames import Vec3, add, subtract, wrap_pi
+from jezero.frames import Vec3, add, altitude_m, subtract, wrap_pi
 from jezero.schemas.actions import AreaCoverageGoal, Corners, CoverageResult, ImagesFeedback
 from jezero.schemas.commands import Phase
+from jezero.schemas.images import Image
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState
@@ -50,6 +52,7 @@ class AreaCoverage:
         self._lost = frame_loss(goal, state)
         self._origin_ned_m = frame_origin_ned_m(goal, state)
         """Origin of the goal's frame, in the world."""
+        self._ground = deepcopy(plan.ground)
         capture.planned = len(plan.pictures_m)
         lines_rad = plan.lines_rad
         ahead = abs(wrap_pi(lines_rad - state.yaw_rad)) <= 0.5 * pi
@@ -85,7 +88,7 @@ class AreaCoverage:
         dt_s = tracker.advance(t_ns, self._reference(tracker.time_s), state)
         self._request_pictures(t_ns, tracker)
         north_m, east_m, _ = subtract(state.pos_uav_ned_m, self._origin_ned_m)
-        plan.ground.mark(north_m, east_m)
+        self._ground.mark(north_m, east_m)
         if problem := tracker.stuck(t_ns):
             return Done("aborted", problem)
         reference = self._reference(tracker.time_s)
@@ -136,13 +139,30 @@ class AreaCoverage:
         )
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> CoverageResult:
+        images = self._capture.images()
         return CoverageResult(
             completed=completed,
             pos_uav_ned_m=pos_uav_ned_m,
-            images=self._capture.images(),
-            covered=self._plan.ground.fraction,
+            images=images,
+            covered=self._ground.fraction,
+            photographed=self._photographed(images),
             resume=self._remainder(),
         )
+
+    def _photographed(self, images: tuple[Image, ...]) -> float:
+        """Fraction of the area in the pictures: those of this goal by their poses, earlier ones by the plan."""
+        from jezero.services.actions.area_coverage.ground import PhotographedGround, footprint
+
+        plan, camera = self._plan, self._config.vehicle.camera
+        ground = PhotographedGround(plan.area, plan.photographs.footprint_m)
+        for picture_m in plan.pictures_m[: plan.first_picture]:
+            ground.mark(plan.photographs.footprint_m, *picture_m)
+        origin_ned_m = add(self._origin_ned_m, self._shift_ned_m)
+        for image in images:
+            north_m, east_m, _ = subtract(image.pos_camera_ned_m, origin_ned_m)
+            height_m = altitude_m(image.pos_camera_ned_m[2])
+            ground.mark(footprint(camera, image.q_ned_from_camera, height_m), north_m, east_m)
+        return ground.fraction
 
     def _remainder(self) -> AreaCoverageGoal | None:
         """The goal that takes the missing pictures, or None when there are none."""
@@ -151,16 +171,16 @@ class AreaCoverage:
         if first >= len(plan.pictures_m):
             return None
         by_ned_m = add(self._origin_ned_m, self._shift_ned_m)
-        start_m = goal.start_ned_m or plan.start_m
         return msgspec.structs.replace(
             goal,
             goal_id="",
+            plan_id="",
             issued_t_ns=None,
             frame="world",
             polygon_ned_m=_moved(goal.polygon_ned_m, by_ned_m),
             holes_ned_m=tuple(_moved(hole, by_ned_m) for hole in goal.holes_ned_m),
             z_ned_m=goal.z_ned_m + by_ned_m[2],
-            start_ned_m=_moved((start_m,), by_ned_m)[0],
+            start_ned_m=_moved((plan.start_m,), by_ned_m)[0],
             first_picture=first,
         )
 

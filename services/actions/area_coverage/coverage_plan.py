@@ -1,8 +1,8 @@
 """The coverage plan of a goal: path, trajectory and pictures."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import cos, sin
+from math import cos, floor, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,15 @@ from jezero.schemas.actions import AreaCoverageGoal
 from jezero.services.actions.area_coverage.area import AreaError, Point, make_area
 from jezero.services.actions.area_coverage.ground import CoveredGround
 from jezero.services.actions.area_coverage.path import covered_fraction, plan_path
+from jezero.services.actions.area_coverage.photographs import (
+    Photographs,
+    photographed_fraction,
+    planned_footprint,
+)
 from jezero.services.actions.area_coverage.trajectory import Trajectory, make_trajectory, picture_distances
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.motion.limits import beyond_limits, low_refusal, speed_refusal
-from jezero.vehicle_config import CameraMountConfig
+from jezero.vehicle_config import CameraMountConfig, VehicleConfig
 
 Array = NDArray[np.float64]
 CUT = 0.5
@@ -39,7 +44,12 @@ class CoveragePlan:
         pictures_m: (n, 2) points at which pictures are taken.
         first_picture: index of the picture at which the trajectory begins.
         picture_times_s: (n - first_picture,) times of the pictures, in the trajectory's time.
-        ground: the area, of which the part before the first picture is covered.
+        ground: the area, of which the part before the first picture is covered; for one flight.
+        lines_rad: direction of most of the path, 0 to pi from north towards east; either way along the lines.
+        covered: covered fraction of the area: the part within half a line distance of the path.
+        photographs: what the pictures show of the area.
+        vehicle_m: (2,) position of the vehicle at the planning; None when nobody knew it.
+        warning: what the user should know before the flight, or "".
     """
 
     area: Polygon
@@ -51,20 +61,11 @@ class CoveragePlan:
     first_picture: int
     picture_times_s: Array
     ground: CoveredGround
-
-    @property
-    def covered(self) -> float:
-        """Covered fraction of the area: the part within half a line distance of the path."""
-        return covered_fraction(self.area, self.trajectory.pos_m, self.line_distance_m)
-
-    @property
-    def lines_rad(self) -> float:
-        """Direction of most of the path, 0 to pi from north towards east; either way along the lines."""
-        steps_m = np.diff(self.trajectory.pos_m, axis=0)
-        lengths_m = np.linalg.norm(steps_m, axis=1)
-        directions = np.round(np.arctan2(steps_m[:, 1], steps_m[:, 0]) % np.pi / DIRECTION_RAD).astype(int)
-        most = int(np.argmax(np.bincount(directions % round(np.pi / DIRECTION_RAD), lengths_m)))
-        return most * DIRECTION_RAD
+    lines_rad: float
+    covered: float
+    photographs: Photographs
+    vehicle_m: tuple[float, float] | None
+    warning: str
 
 
 def plan_coverage(
@@ -86,24 +87,35 @@ def plan_coverage(
     area = make_area(_from(corner_m, goal.polygon_ned_m), [_from(corner_m, hole) for hole in goal.holes_ned_m])
     if reason := _refusal(goal, config, origin_ned_m):
         raise AreaError(reason)
-    settings = config.area_coverage
     across_m, along_m = _distances(goal, config.vehicle.camera)
-    if area.area / across_m > settings.pictures_max * along_m:
-        raise AreaError(
-            f"the area of {area.area:.0f} m² needs about {area.area / across_m / along_m:.0f} pictures, more than "
-            f"{settings.pictures_max}: take a coarser resolution, or map it in parts"
-        )
-    motion = {
-        "speed_mps": min(goal.speed_mps or settings.speed_mps, 0.5 * along_m * config.vehicle.camera.rate_hz),
-        "acceleration_mps2": settings.acceleration_mps2,
-        "cut_m": CUT * across_m,
-    }
+    _check_count(area.area / across_m / along_m, f"the area of {area.area:.0f} m² needs about", config)
     start = goal.start_ned_m or start_m
     near_m = None if start is None else _from(corner_m, [start])[0]
     path_m = plan_path(area, across_m, near_m) + np.array(corner_m)
-    area = translate(area, *corner_m)
+    vehicle_m = None if start_m is None else (float(start_m[0]), float(start_m[1]))
+    begin_m = (float(path_m[0][0]), float(path_m[0][1])) if start is None else (float(start[0]), float(start[1]))
+    return _with_pictures(goal, config, origin_ned_m, translate(area, *corner_m), path_m, begin_m, vehicle_m)
+
+
+def _with_pictures(
+    goal: AreaCoverageGoal,
+    config: ActionsConfig,
+    origin_ned_m: Vec3,
+    area: Polygon,
+    path_m: Array,
+    start_m: Point,
+    vehicle_m: Point | None,
+) -> CoveragePlan:
+    """The plan along a path, whose corners are (n, 2).
+
+    Raises:
+        AreaError: there are too many pictures, or they show too little of the area.
+    """
+    across_m, along_m = _distances(goal, config.vehicle.camera)
+    motion = _motion(goal, config)
     whole = make_trajectory(path_m, **motion)
     at_m = picture_distances(whole.length_m, along_m)
+    _check_count(len(at_m), f"the path of {whole.length_m:.0f} m needs", config)
     if goal.first_picture >= len(at_m):
         raise AreaError(f"there is no picture {goal.first_picture}: this coverage has {len(at_m)}, counted from 0")
     pictures_m = np.column_stack([np.interp(at_m, whole.distance_m, whole.pos_m[:, k]) for k in (0, 1)])
@@ -113,9 +125,104 @@ def plan_coverage(
     if goal.first_picture:
         rest = make_trajectory(path_m, **motion, from_m=first_m)
         ground.mark_way(whole.pos_m[whole.distance_m <= first_m])
-    times_s = np.interp(at_m[goal.first_picture :] - first_m, rest.distance_m, rest.t_s)
-    begin_m = (float(path_m[0][0]), float(path_m[0][1])) if start is None else (float(start[0]), float(start[1]))
-    return CoveragePlan(area, across_m, along_m, begin_m, rest, pictures_m, goal.first_picture, times_s, ground)
+    lines_rad = _main_direction_rad(whole.pos_m)
+    photographs = _photographs(goal, config, origin_ned_m, area, pictures_m, lines_rad)
+    if (reason := photographs.refusal()) and not goal.force:
+        raise AreaError(reason)
+    return CoveragePlan(
+        area=area,
+        line_distance_m=across_m,
+        picture_distance_m=along_m,
+        start_m=start_m,
+        trajectory=rest,
+        pictures_m=pictures_m,
+        first_picture=goal.first_picture,
+        picture_times_s=np.interp(at_m[goal.first_picture :] - first_m, rest.distance_m, rest.t_s),
+        ground=ground,
+        lines_rad=lines_rad,
+        covered=covered_fraction(area, whole.pos_m, across_m),
+        photographs=photographs,
+        vehicle_m=vehicle_m,
+        warning="; ".join((*_warnings(goal, config, origin_ned_m, motion["speed_mps"]), *photographs.warnings())),
+    )
+
+
+def _check_count(pictures: float, what: str, config: ActionsConfig) -> None:
+    """Refuse more pictures than a result can list.
+
+    Raises:
+        AreaError: there are too many.
+    """
+    if pictures > (most := config.area_coverage.pictures_max):
+        raise AreaError(
+            f"{what} {pictures:.0f} pictures, more than {most}: take a coarser resolution or less overlap, or "
+            "map it in parts"
+        )
+
+
+def _motion(goal: AreaCoverageGoal, config: ActionsConfig) -> dict[str, float]:
+    """How a path is flown: arguments of `make_trajectory`."""
+    across_m, along_m = _distances(goal, config.vehicle.camera)
+    settings = config.area_coverage
+    return {
+        "speed_mps": min(goal.speed_mps or settings.speed_mps, 0.5 * along_m * config.vehicle.camera.rate_hz),
+        "acceleration_mps2": settings.acceleration_mps2,
+        "cut_m": CUT * across_m,
+    }
+
+
+def _main_direction_rad(path_m: Array) -> float:
+    """Direction of most of a path, 0 to pi from north towards east."""
+    steps_m = np.diff(path_m, axis=0)
+    lengths_m = np.linalg.norm(steps_m, axis=1)
+    directions = np.round(np.arctan2(steps_m[:, 1], steps_m[:, 0]) % np.pi / DIRECTION_RAD).astype(int)
+    most = int(np.argmax(np.bincount(directions % round(np.pi / DIRECTION_RAD), lengths_m)))
+    return most * DIRECTION_RAD
+
+
+def _photographs(
+    goal: AreaCoverageGoal,
+    config: ActionsConfig,
+    origin_ned_m: Vec3,
+    area: Polygon,
+    pictures_m: Array,
+    lines_rad: float,
+) -> Photographs:
+    """What pictures at these points show of the area."""
+    camera = config.vehicle.camera
+    height_m = altitude_m(goal.z_ned_m + origin_ned_m[2])
+    footprint_m = planned_footprint(camera, lines_rad, height_m)
+    across_px, along_px = _upright_px(camera)
+    m_per_px = height_m / camera.focal_px
+    across_m, along_m = _distances(goal, camera)
+    return Photographs(
+        footprint_m=footprint_m,
+        size_m=(m_per_px * across_px, m_per_px * along_px),
+        line_distance_m=across_m,
+        picture_distance_m=along_m,
+        count=len(pictures_m),
+        fraction=photographed_fraction(area, pictures_m, footprint_m),
+    )
+
+
+def _warnings(goal: AreaCoverageGoal, config: ActionsConfig, origin_ned_m: Vec3, speed_mps: float) -> Iterator[str]:
+    """What is flown in another way than the goal says, besides what the pictures show."""
+    if goal.force and (unmapped := _map_refusal(goal, config.vehicle, origin_ned_m)):
+        yield unmapped
+    if goal.speed_mps is not None and speed_mps < goal.speed_mps:
+        yield f"flown at {speed_mps:.2g} m/s instead of {goal.speed_mps:g} m/s: the camera takes no more pictures"
+
+
+def _map_refusal(goal: AreaCoverageGoal, vehicle: VehicleConfig, origin_ned_m: Vec3) -> str:
+    """Reason why no map can be made of the pictures, or ""."""
+    up_m = altitude_m(goal.z_ned_m + origin_ned_m[2])
+    up_max_m = vehicle.altimeter.range_max_m - vehicle.height_altimeter_m
+    if up_m <= up_max_m:
+        return ""
+    return (
+        f"at {up_m:g} m the altimeter does not reach the ground, so jezero makes no map of the pictures; the highest "
+        f"flight for a map is at {floor(10.0 * up_max_m) / 10.0:g} m"
+    )
 
 
 def _from(corner_m: Point, points_m: Sequence[Sequence[float]]) -> list[Point]:
@@ -131,6 +238,8 @@ def _refusal(goal: AreaCoverageGoal, config: ActionsConfig, origin_ned_m: Vec3) 
         corner_ned_m = add((north_m, east_m, goal.z_ned_m), origin_ned_m)
         if reason := beyond_limits(corner_ned_m, config.vehicle.limits):
             return reason
+    if not goal.force and (reason := _map_refusal(goal, config.vehicle, origin_ned_m)):
+        return f"{reason}: fly lower, or with force (--force) to take them all the same"
     if goal.first_picture and goal.start_ned_m is None:
         return "a coverage that goes on with first_picture needs the start_ned_m of the one before: it is in its result"
     if goal.first_picture and goal.frame != "world":

@@ -1,55 +1,112 @@
-"""Plans coverages of an area; the path over it is worked out in the background, before the goal is accepted."""
+"""Plans coverages of an area; a process of its own works out the path, before the goal is accepted."""
 
 from collections.abc import Callable
 from functools import partial
+from math import dist
 
-from jezero.frames import subtract
-from jezero.schemas.actions import AreaCoverageGoal
+from jezero.frames import Vec3, subtract
+from jezero.schemas.actions import AreaCoverageGoal, ImagesFeedback
 from jezero.schemas.state import Status
 from jezero.schemas.topics import RELATIVE
 from jezero.services.actions.area_coverage.behaviour import AreaCoverage, frame_loss, frame_origin_ned_m
 from jezero.services.actions.area_coverage.config import AreaCoverageConfig
+from jezero.services.actions.area_coverage.shown_plans import ShownPlan, ShownPlans, describe
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.motion.behaviour import Plan, Preparation, Refusal, Start, VehicleState
+from jezero.services.actions.motion.behaviour import Plan, Preparation, Prepared, Refusal, VehicleState
 from jezero.services.actions.motion.capture import Capture
 from jezero.services.actions.motion.limits import point_refusal, speed_refusal
 
+MOVED_MAX_M = 5.0
+"""Greatest horizontal distance of the vehicle from where it was at the planning, for a plan that is flown by its id:
+the way to the begin of the path, with its time and battery, would be another than the one that was shown."""
+
 
 class AreaCoveragePlanner:
-    """Plans coverages within the limits."""
+    """Plans coverages within the limits, and keeps the newest plans for goals that name one."""
 
     def __init__(self, settings: AreaCoverageConfig, config: ActionsConfig) -> None:
         self._settings = settings
         self._config = config
+        self._shown = ShownPlans()
 
     def plan(self, goal: AreaCoverageGoal, status: Status) -> Plan | Refusal:
-        """Plan a coverage; the preparation finds its path."""
+        """Plan a coverage; the preparation finds its path, unless the goal names a plan that was made before."""
         limits = self._config.vehicle.limits
         if reason := point_refusal((0.0, 0.0, goal.z_ned_m), limits) or speed_refusal(goal.speed_mps, limits):
             return Refusal(reason)
+        shown = self._shown.find(goal, status) if goal.plan_id else None
+        if isinstance(shown, Refusal):
+            return shown
         capture = Capture(self._config.capture, self._config.vehicle, planned=0)
+        made = None if shown is None else self._prepared(goal, capture, shown)
         return Plan(
-            Preparation(partial(self._prepare, goal, capture)),
+            self._preparation(goal, status, capture) if made is None else made.start,
+            warning="" if made is None else made.warning,
+            coverage=None if made is None else made.coverage,
             inputs=(RELATIVE,) if goal.frame == "rover" else (),
             capture=capture,
             rate_hz=self._config.tracking.rate_hz,
-            check_inputs=lambda state: capture.refusal() or frame_loss(goal, state),
+            check_inputs=partial(_check_inputs, goal, capture, shown),
         )
 
-    def _prepare(self, goal: AreaCoverageGoal, capture: Capture, state: VehicleState) -> Callable[[], Start | Refusal]:
-        """A function that plans the path, which takes up to a second."""
-        config = self._config
-        origin_ned_m = frame_origin_ned_m(goal, state)
-        north_m, east_m, _ = subtract(state.pos_uav_ned_m, origin_ned_m)
+    def _preparation(self, goal: AreaCoverageGoal, status: Status, capture: Capture) -> Preparation:
+        """Planning of the path, which takes up to some seconds."""
 
-        def make_plan() -> Start | Refusal:
-            from jezero.services.actions.area_coverage.area import AreaError
-            from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
+        def start(made: ShownPlan) -> Prepared:
+            self._shown.add(goal, status, made)
+            return self._prepared(goal, capture, made)
 
-            try:
-                plan = plan_coverage(goal, config, (north_m, east_m), origin_ned_m)
-            except AreaError as error:
-                return Refusal(str(error))
-            return partial(AreaCoverage, goal, plan, capture, config)
+        return Preparation(
+            work=partial(self._work, goal),
+            start=start,
+            feedback=partial(_feedback, goal),
+            too_long="take fewer corners or holes, a coarser resolution, or map the area in parts",
+        )
 
-        return make_plan
+    def _work(self, goal: AreaCoverageGoal, state: VehicleState) -> Callable[[], ShownPlan | Refusal]:
+        return partial(plan_or_refuse, goal, self._config, _position_m(goal, state), frame_origin_ned_m(goal, state))
+
+    def _prepared(self, goal: AreaCoverageGoal, capture: Capture, made: ShownPlan) -> Prepared:
+        start = partial(AreaCoverage, goal, made.plan, capture, self._config)
+        return Prepared(start, warning=made.plan.warning, coverage=made.shown)
+
+
+def plan_or_refuse(
+    goal: AreaCoverageGoal, config: ActionsConfig, start_m: tuple[float, float], origin_ned_m: Vec3
+) -> ShownPlan | Refusal:
+    """Plan a coverage, see `plan_coverage`; an area that can't be mapped is a refusal."""
+    from jezero.services.actions.area_coverage.area import AreaError
+    from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
+
+    try:
+        plan = plan_coverage(goal, config, start_m, origin_ned_m)
+    except AreaError as error:
+        return Refusal(str(error))
+    return ShownPlan(plan, describe(goal, plan))
+
+
+def _check_inputs(goal: AreaCoverageGoal, capture: Capture, shown: ShownPlan | None, state: VehicleState) -> str:
+    """Reason why the goal can't start with these inputs, or ""."""
+    if reason := capture.refusal() or frame_loss(goal, state):
+        return reason
+    if shown is None or shown.plan.vehicle_m is None:
+        return ""
+    moved_m = dist(_position_m(goal, state), shown.plan.vehicle_m)
+    if moved_m <= MOVED_MAX_M:
+        return ""
+    return (
+        f"the vehicle is {moved_m:.0f} m away from where it was when plan {goal.plan_id} was made, more than "
+        f"{MOVED_MAX_M:g} m: request the plan again"
+    )
+
+
+def _position_m(goal: AreaCoverageGoal, state: VehicleState) -> tuple[float, float]:
+    """(2,) the vehicle's position in the goal's frame."""
+    north_m, east_m, _ = subtract(state.pos_uav_ned_m, frame_origin_ned_m(goal, state))
+    return north_m, east_m
+
+
+def _feedback(goal: AreaCoverageGoal, state: VehicleState) -> ImagesFeedback:
+    """Feedback while the path is being planned."""
+    pos_ned_m = subtract(state.pos_uav_ned_m, frame_origin_ned_m(goal, state))
+    return ImagesFeedback(pos_uav_ned_m=pos_ned_m, frame=goal.frame, phase="planning", taken=0, planned=0)

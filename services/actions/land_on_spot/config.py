@@ -117,8 +117,8 @@ class LandOnSpotConfig(Config, frozen=True, kw_only=True):
         rover: landing on the rover, by UWB or the tags.
         go_arounds_max: number of go-arounds after contacts in which the vehicle slides or leans; after one more such
             contact the landing ends with a hover.
-        wind_max_mps: highest estimated wind, mean plus standard deviation, in which a landing without `force` starts or
-            goes on.
+        wind_max_mps: highest estimated mean wind in which a landing without `force` starts. An approach ends when the
+            wind is above it for 3 s.
     """
 
     plain: PlainLandingConfig = PlainLandingConfig()

@@ -4,27 +4,31 @@ A vehicle that has touched something must neither slide over an edge nor tip ove
 its weight alone keeps it in place, and its motion over the surface and its tilt are watched until it has landed.
 """
 
+from collections import deque
 from math import degrees, exp, hypot, sqrt
 from typing import Literal, NamedTuple
 
 from jezero.frames import Quat, Vec3, quat_conjugate, quat_rotate, tilt_from_quat
 from jezero.schemas.units import GRAVITY_MPS2, NS_PER_S
+from jezero.services.actions.land_on_spot.wind_limit import wind_words
 from jezero.services.actions.motion.behaviour import VehicleState
-from jezero.tilt_contact import is_tilted_by_contact
+from jezero.tilt_contact import SLOPE_SINE_MAX, is_tilted_by_contact
 from jezero.vehicle_config import AirframeConfig
 
 PUSH_ACC_MPS2 = 5.0
 """Downward acceleration that is fed forward once the vehicle has touched down: it takes half of the thrust at once."""
 TOUCHED_MPS = 0.15
 """A vehicle that is slower than this downwards although it is pushed stands on something."""
+SLIDE_S = 0.2
+"""A slide is measured over this time. The vehicle's own velocity would not show it: a vehicle that turns upright on its
+first foot moves by half a metre per second, and its feet stay where they are.
+"""
 OUTWARD_MIN_MPS = 0.2
 """A slower motion away from the middle is noise of the estimate."""
 PREDICTION_S = 0.3
 """The vehicle goes around when it would leave its place within this time: a climb takes about as long to begin."""
 LEAN_S = 0.4
 """A shorter tilt than this is the way from the first foot to all four."""
-SLOPE_SINE_MAX = 0.34
-"""Sine of the largest tilt that a slope gives a vehicle which stands on it: 20 degrees."""
 LYING_TILT_RAD = 1.2
 """A vehicle with a larger tilt lies on its side: its rotors can't lift it any more."""
 LEVEL_TIME_CONSTANT_S = 0.5
@@ -54,17 +58,21 @@ def level_acc_ned_mps2(down_ned: tuple[float, float]) -> tuple[float, float]:
 
 
 class OnSurface(NamedTuple):
-    """Horizontal state of the vehicle relative to the place where it should stand.
+    """Where the vehicle touches a surface.
 
     Attributes:
-        offset_ned_m: (2,) from the middle of the place.
-        vel_ned_mps: (2,) relative to the surface.
+        offset_ned_m: (2,) middle of the feet from the middle of the place where the vehicle should stand.
         std_m: standard deviation of the offset.
     """
 
     offset_ned_m: tuple[float, float]
-    vel_ned_mps: tuple[float, float]
     std_m: float = 0.0
+
+
+def feet_from_uav_ned_m(state: VehicleState, airframe: AirframeConfig) -> tuple[float, float]:
+    """(2,) horizontal vector from the vehicle's position to the middle of its feet."""
+    north, east = state.down_ned
+    return airframe.height_stand_m * north, airframe.height_stand_m * east
 
 
 class ContactWatcher:
@@ -79,6 +87,8 @@ class ContactWatcher:
         self._begin_ns = self._upright_ns = 0
         self._free_down_ned = (0.0, 0.0)
         self._touched = False
+        self._path: deque[tuple[int, float, float]] = deque()
+        """Times and offsets of the last SLIDE_S."""
 
     def begin(self, t_ns: int, free_down_ned: tuple[float, float]) -> None:
         """Start to watch a contact.
@@ -89,6 +99,7 @@ class ContactWatcher:
         self._begin_ns = self._upright_ns = t_ns
         self._free_down_ned = free_down_ned
         self._touched = False
+        self._path.clear()
 
     def push_acc_ned_mps2(self, down_mps: float) -> Vec3:
         """(3,) acceleration, fed forward, that takes the thrust away once the vehicle has touched down.
@@ -109,7 +120,7 @@ class ContactWatcher:
         """
         if tilt_from_quat(state.q_ned_from_frd) > LYING_TILT_RAD:
             return ""
-        if surface is not None and self._leaves(surface):
+        if self._slides(t_ns, surface):
             return "slides"
         remaining = exp(-(t_ns - self._begin_ns) / NS_PER_S / LEVEL_TIME_CONSTANT_S)
         north, east = self._free_down_ned
@@ -117,10 +128,23 @@ class ContactWatcher:
             self._upright_ns = t_ns
         return "leans" if t_ns - self._upright_ns > LEAN_S * NS_PER_S else ""
 
-    def _leaves(self, surface: OnSurface) -> bool:
-        (north_m, east_m), (north_mps, east_mps) = surface.offset_ned_m, surface.vel_ned_mps
+    def _slides(self, t_ns: int, surface: OnSurface | None) -> bool:
+        """Whether the feet have moved towards the edge, and would soon leave the place."""
+        path = self._path
+        if surface is None:
+            path.clear()
+            return False
+        north_m, east_m = surface.offset_ned_m
+        path.append((t_ns, north_m, east_m))
+        while len(path) > 2 and t_ns - path[1][0] >= SLIDE_S * NS_PER_S:
+            path.popleft()
+        begin_ns, begin_north_m, begin_east_m = path[0]
+        passed_s = (t_ns - begin_ns) / NS_PER_S
+        if passed_s < SLIDE_S:
+            return False
         offset_m = hypot(north_m, east_m)
-        outward_mps = (north_m * north_mps + east_m * east_mps) / max(offset_m, 1e-9)
+        outward_m = (north_m * (north_m - begin_north_m) + east_m * (east_m - begin_east_m)) / max(offset_m, 1e-9)
+        outward_mps = outward_m / passed_s
         ahead_m = offset_m - surface.std_m + PREDICTION_S * outward_mps
         return outward_mps > OUTWARD_MIN_MPS and ahead_m > self._room_m
 
@@ -164,27 +188,7 @@ class GoArounds:
                 f"{self._maximum} go-arounds: land where it is level"
             )
         return (
-            f"the vehicle slid on what it touched, in spite of {self._maximum} go-arounds: {wind_words(state)}; "
+            f"the vehicle slid on what it touched, in spite of {self._maximum} go-arounds: "
+            f"{wind_words(state.wind_ned_mps, state.std_gust_mps)}; "
             "wait for less wind, or land elsewhere"
         )
-
-
-def wind_words(state: VehicleState) -> str:
-    """The estimated wind for people."""
-    if state.wind_ned_mps is None:
-        return "the wind is unknown"
-    return f"the wind is {_wind_words(state.wind_ned_mps, state.std_gust_mps)}"
-
-
-def wind_refusal(wind_ned_mps: Vec3 | None, std_gust_mps: float | None, max_mps: float) -> str:
-    """Reason not to land in the estimated wind, or ""; an unknown wind is none."""
-    if wind_ned_mps is None or hypot(*wind_ned_mps[:2]) + (std_gust_mps or 0.0) <= max_mps:
-        return ""
-    wind = _wind_words(wind_ned_mps, std_gust_mps)
-    return f"the wind is {wind}, and a landing is limited to {max_mps:g} m/s: wait, or use force"
-
-
-def _wind_words(wind_ned_mps: Vec3, std_gust_mps: float | None) -> str:
-    mean_mps = hypot(*wind_ned_mps[:2])
-    gusts = "" if std_gust_mps is None else f" with gusts to {mean_mps + std_gust_mps:.1f} m/s"
-    return f"{mean_mps:.1f} m/s{gusts}"

@@ -1,6 +1,6 @@
 """Landing on a spot by the vehicle's own position, without any sensor that finds the rover."""
 
-from math import hypot, inf
+from math import hypot
 
 from jezero.frames import Vec3, altitude_m, subtract
 from jezero.schemas.actions import LandFeedback, LandPhase, LandResult
@@ -13,10 +13,11 @@ from jezero.services.actions.land_on_spot.contact import (
     ContactWatcher,
     GoArounds,
     OnSurface,
-    wind_refusal,
+    feet_from_uav_ned_m,
 )
 from jezero.services.actions.land_on_spot.remaining import plain_descent_remaining
 from jezero.services.actions.land_on_spot.tilt_contact_detector import TiltContactDetector, landing_outcome
+from jezero.services.actions.land_on_spot.wind_limit import WindLimit
 from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState
 from jezero.services.actions.motion.straight_path import LEAD_M, StraightPath
 
@@ -58,10 +59,12 @@ class PlainLanding:
     ) -> None:
         move, altimeter = config.move, config.vehicle.altimeter
         self._settings = settings.plain
-        self._wind_max_mps = inf if force else settings.wind_max_mps
+        self._wind_limit = WindLimit(settings.wind_max_mps, force)
         self._go_arounds = GoArounds(settings.go_arounds_max)
         self._contact = ContactWatcher(SLIDE_MAX_M)
-        self._contact_ned_m = spot_ned_m
+        self._airframe = config.vehicle.airframe
+        self._contact_ned_m = (spot_ned_m[0], spot_ned_m[1])
+        """Middle of the feet at the first contact."""
         self._contact_range_m = max(altimeter.range_min_m, config.vehicle.height_altimeter_m) + CONTACT_MARGIN_M
         self._phase: LandPhase = "approach"
         self._spot_ned_m = spot_ned_m
@@ -120,14 +123,22 @@ class PlainLanding:
 
     def _press_down(self, t_ns: int, vel_ned_mps: Vec3, state: VehicleState) -> Move | Done:
         """Push down, unless the vehicle slides over the ground."""
-        north_m, east_m, _ = subtract(state.pos_uav_ned_m, self._contact_ned_m)
-        surface = OnSurface((north_m, east_m), state.vel_uav_ned_mps[:2])
+        (north_m, east_m), (begin_north_m, begin_east_m) = self._feet_ned_m(state), self._contact_ned_m
+        surface = OnSurface((north_m - begin_north_m, east_m - begin_east_m))
         if problem := self._contact.update(t_ns, surface, state):
             self._go_arounds.begin(t_ns, problem, state)
             return self._go_around(t_ns, state)
         low = state.height_m is None or state.height_m < PUSH_HEIGHT_MAX_M
         acc_ned_mps2 = self._contact.push_acc_ned_mps2(state.vel_uav_ned_mps[2]) if low else None
         return self._move(state, vel_ned_mps, acc_ned_mps2)
+
+    def _feet_ned_m(self, state: VehicleState) -> tuple[float, float]:
+        """(2,) north and east of the middle of the feet."""
+        (north_m, east_m, _), (feet_north_m, feet_east_m) = (
+            state.pos_uav_ned_m,
+            feet_from_uav_ned_m(state, self._airframe),
+        )
+        return north_m + feet_north_m, east_m + feet_east_m
 
     def _go_around(self, t_ns: int, state: VehicleState) -> Move | Done:
         """Climb, then descend again, or end the landing."""
@@ -146,7 +157,7 @@ class PlainLanding:
             if self._has_contact(t_ns, state):
                 self._enter("contact", t_ns)
                 self._contact.begin(t_ns, self._tilt_contact.free_down_ned)
-                self._contact_ned_m = state.pos_uav_ned_m
+                self._contact_ned_m = self._feet_ned_m(state)
         elif since_s > CONTACT_TIMEOUT_S:
             return f"the autopilot doesn't detect the ground {since_s:.0f} s after contact"
         elif state.vel_uav_ned_mps[2] > 0.5 * land.push_mps:
@@ -171,8 +182,9 @@ class PlainLanding:
         return LandResult(completed=completed, touchdown_ned_m=pos_uav_ned_m if completed else None)
 
     def _approach(self, t_ns: int, state: VehicleState) -> Move | Done:
-        if too_windy := wind_refusal(state.wind_ned_mps, state.std_gust_mps, self._wind_max_mps):
-            return Done("aborted", too_windy)
+        self._wind_limit.update(t_ns, state)
+        if self._wind_limit.reason:
+            return Done("aborted", self._wind_limit.reason)
         path = self._lift if self._lift is not None else self._path
         path.step(t_ns, state)
         if problem := path.stuck(t_ns):

@@ -7,9 +7,9 @@ from jezero.schemas.state import Status
 from jezero.schemas.topics import ALTIMETER, RELATIVE, ROVER_ESTIMATE
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.config import LandOnSpotConfig
-from jezero.services.actions.land_on_spot.contact import wind_refusal
 from jezero.services.actions.land_on_spot.plain_landing import PlainLanding
 from jezero.services.actions.land_on_spot.rover_landing import RoverLanding
+from jezero.services.actions.land_on_spot.wind_limit import wind_refusal
 from jezero.services.actions.motion.behaviour import Plan, Refusal, Selection
 from jezero.services.actions.motion.limits import distance_refusal
 

@@ -4,7 +4,7 @@ Approach, descent, contact. The vehicle descends only while the estimate is vali
 sight for half a second it holds its height, then it climbs and searches, and when it finds nothing it hovers.
 """
 
-from math import exp, hypot, inf
+from math import exp, hypot
 
 from msgspec.structs import replace
 
@@ -19,8 +19,8 @@ from jezero.services.actions.land_on_spot.contact import (
     ContactWatcher,
     GoArounds,
     OnSurface,
+    feet_from_uav_ned_m,
     foot_drop_m,
-    wind_refusal,
 )
 from jezero.services.actions.land_on_spot.descent import Descent, TouchdownDetector
 from jezero.services.actions.land_on_spot.landing_watch import LandingWatch
@@ -28,6 +28,7 @@ from jezero.services.actions.land_on_spot.platform_control import PlatformContro
 from jezero.services.actions.land_on_spot.remaining import rover_landing_remaining
 from jezero.services.actions.land_on_spot.search import Search, towards
 from jezero.services.actions.land_on_spot.tilt_contact_detector import landing_outcome
+from jezero.services.actions.land_on_spot.wind_limit import WindLimit
 from jezero.services.actions.motion.behaviour import Done, Move, Remaining, Selection, VehicleState
 from jezero.vehicle_config import VehicleConfig
 
@@ -88,7 +89,7 @@ class RoverLanding:
         self._airframe = vehicle.airframe
         self._on_platform_m = 0.5 * vehicle.platform.side_m
         room_m = max(self._on_platform_m - hypot(*vehicle.airframe.feet_frd_m), 0.0)
-        self._wind_max_mps = inf if force else settings.wind_max_mps
+        self._wind_limit = WindLimit(settings.wind_max_mps, force)
         self._search_config = land.search
         self._control = PlatformControl(land.platform_control)
         self._descent = Descent(land, room_m)
@@ -117,6 +118,7 @@ class RoverLanding:
         dt_s = min(max((t_ns - self._t_ns) / NS_PER_S, 0.0), STEP_MAX_S)
         self._t_ns = t_ns
         measured = self._update_platform(t_ns, dt_s, state)
+        self._wind_limit.update(t_ns, state)
         if state.landed and self._phase in ("descent", "contact"):
             return self._landed(state)
         if (end := self._watch.update(t_ns, state, self._phase, self._loss_reason)) is not None:
@@ -221,8 +223,8 @@ class RoverLanding:
         if self._phase == "approach" and self._descent.may_begin(platform):
             self._phase = "descent"
         if self._phase == "approach":
-            if too_windy := wind_refusal(state.wind_ned_mps, state.std_gust_mps, self._wind_max_mps):
-                return Done("aborted", too_windy)
+            if self._wind_limit.reason:
+                return Done("aborted", self._wind_limit.reason)
             if platform.height_m < CLEAR_M and platform.error_m > self._on_platform_m + BESIDE_MARGIN_M:
                 # Climb first, because the straight way would lead into the rover's side.
                 return self._fly(state, (0.0, 0.0, -SPEED_UP_MPS), None)
@@ -264,10 +266,7 @@ class RoverLanding:
         """
         if self._touchdown.update(t_ns, measured, state.height_m):
             return Done("succeeded", then="force_disarm")
-        surface = None
-        if measured is not None:
-            surface = OnSurface(measured.pos_ned_m[:2], measured.vel_ned_mps[:2], measured.std_m)
-        if problem := self._contact.update(t_ns, surface, state):
+        if problem := self._contact.update(t_ns, self._on_surface(measured, state), state):
             self._phase = "go_around"
             self._go_arounds.begin(t_ns, problem, state)
             return self._go_around(t_ns, 0.0, measured, state)
@@ -280,6 +279,15 @@ class RoverLanding:
         acc_ned_mps2 = add(push_acc_ned_mps2, (*platform.acc_rover_ned_mps2, 0.0))
         vel_ned_mps = add(platform.vel_rover_ned_mps, (0.0, 0.0, PUSH_MPS))
         return self._move(state, vel_ned_mps, acc_ned_mps2)
+
+    def _on_surface(self, measured: PlatformState | None, state: VehicleState) -> OnSurface | None:
+        """Where the feet are now: in contact the tilt changes faster than the filtered offset of the feet."""
+        if measured is None:
+            return None
+        (north_m, east_m, _), (filtered_north_m, filtered_east_m, _) = measured.pos_ned_m, self._feet_ned_m
+        feet_north_m, feet_east_m = feet_from_uav_ned_m(state, self._airframe)
+        offset_ned_m = (north_m - filtered_north_m + feet_north_m, east_m - filtered_east_m + feet_east_m)
+        return OnSurface(offset_ned_m, measured.std_m)
 
     def _go_around(self, t_ns: int, dt_s: float, measured: PlatformState | None, state: VehicleState) -> Move | Done:
         """Climb after a contact in which the vehicle slides or leans, then try again, or end the landing."""

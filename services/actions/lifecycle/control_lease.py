@@ -86,5 +86,6 @@ class ControlLease:
         clock, status = inbox.latest(CLOCK), inbox.latest(STATUS)
         if status is None or t_ns - status.t_ns > self._age_max_ns:
             return f"the vehicle bridge has been silent for {STATUS_AGE_MAX_S:g} s"
-        restarted = status.epoch_id != self._epoch_id or (clock is not None and clock.epoch_id != self._epoch_id)
-        return "the vehicle restarted" if restarted else ""
+        epochs = {status.epoch_id, self._epoch_id if clock is None else clock.epoch_id}
+        epochs.discard(0)  # a bridge that has just started doesn't know the epoch
+        return "the vehicle restarted" if epochs - {self._epoch_id} else ""

@@ -8,7 +8,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from jezero.runtime.service import BackgroundTask, Call, Inbox, Output, Reply, Request, Response, Subscribe
+from msgspec.structs import replace
+
+from jezero.runtime.service import Call, Inbox, Output, Reply, Request, Response, Subscribe
 from jezero.schemas.actions import Accepted, Goal, PlanReply, Rejected, Result
 from jezero.schemas.commands import Acquire
 from jezero.schemas.struct import Payload
@@ -17,6 +19,7 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.battery_reserve import battery_refusal
 from jezero.services.actions.lifecycle.goal_flight import GoalContext, GoalFlight
 from jezero.services.actions.lifecycle.picture_store import PictureStore
+from jezero.services.actions.lifecycle.preparation_run import PreparationRun
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 from jezero.services.actions.lifecycle.vehicle_view import VehicleView
 from jezero.services.actions.motion.behaviour import Done, Plan, Preparation, Refusal, Remaining, Start
@@ -25,8 +28,6 @@ from jezero.vehicle_config import VehicleConfig
 
 CHECK_TIMEOUT_S = 1.5
 """Time-out of the inputs of a goal whose inputs are checked before it is accepted."""
-PREPARE_TIMEOUT_S = 20.0
-"""Time-out of the preparation of a goal before it is accepted."""
 ACQUIRE_TIMEOUT_S = 1.0
 """Time-out of the bridge's reply; the bridge refuses older requests."""
 POSITION_LOST = "the vehicle's position is not known any more: is vehicle_bridge running?"
@@ -53,15 +54,6 @@ class _Checking:
 
     name: ClassVar = "checking"
     deadline_ns: int
-
-
-@dataclass(frozen=True)
-class _Preparing:
-    """The preparation runs in the background."""
-
-    name: ClassVar = "preparing"
-    deadline_ns: int
-    tag: str
 
 
 @dataclass(frozen=True)
@@ -117,7 +109,8 @@ class GoalRun:
         self._battery = vehicle.battery
         self._accepted = Accepted(goal_id=goal_id, warning=warning)
         self._pictures = pictures
-        self._stage: _New | _Admitting | _Checking | _Preparing | _Acquiring | GoalFlight | _Over = _New()
+        self._stage: _New | _Admitting | _Checking | PreparationRun | _Acquiring | GoalFlight | _Over = _New()
+        self._coverage = plan.coverage
         self._cancel_reason = ""
         self._arrived_ns = 0
         lease = None if plan.selection is None or plan_only else SelectionLease(goal_id, plan.selection)
@@ -185,7 +178,7 @@ class GoalRun:
             yield from self._await_admission(t_ns, inbox, stage)
         elif isinstance(stage, _Checking):
             yield from self._check_inputs(t_ns, inbox, stage)
-        elif isinstance(stage, _Preparing):
+        elif isinstance(stage, PreparationRun):
             yield from self._await_preparation(t_ns, inbox, stage)
         elif isinstance(stage, _Acquiring):
             yield from self._await_control(t_ns, inbox, stage)
@@ -239,24 +232,25 @@ class GoalRun:
         if odometry is None:
             yield from self.reject(POSITION_LOST, inbox)
             return
-        tag = f"{self.goal_id}/prepare/{t_ns}"
-        self._stage = _Preparing(t_ns + int(PREPARE_TIMEOUT_S * NS_PER_S), tag)
-        yield BackgroundTask(start.work(self._view.state(t_ns, inbox, odometry)), tag)
+        state = self._view.state(t_ns, inbox, odometry)
+        self._stage = PreparationRun(t_ns, self._context.action, self.goal_id, start, state)
+        yield from self._stage.begin()
 
-    def _await_preparation(self, t_ns: int, inbox: Inbox, stage: _Preparing) -> Iterator[Output]:
+    def _await_preparation(self, t_ns: int, inbox: Inbox, stage: PreparationRun) -> Iterator[Output]:
         """Go on or refuse when the work is done; a cancel doesn't wait for it."""
-        response = _response(inbox, stage.tag)
         if self._cancel_reason:
             yield from self.reject(self._cancel_reason, inbox)
-        elif response is not None:
-            prepared: Any = response.payload  # Start | Refusal, by the type of the preparation's work
-            if isinstance(prepared, Refusal):
-                yield from self.reject(prepared.reason, inbox)
-            else:
-                yield from self._acquire(t_ns, inbox, prepared)
-        elif t_ns > stage.deadline_ns:
-            reason = f"the goal could not be prepared within {PREPARE_TIMEOUT_S:g} s"
-            yield from self.reject(reason, inbox)
+            return
+        odometry, outcome = self._view.odometry(inbox), stage.outcome(t_ns, inbox)
+        if isinstance(outcome, Refusal):
+            yield from self.reject(outcome.reason, inbox)
+        elif outcome is not None:
+            texts = [text for text in (self._accepted.warning, outcome.warning) if text]
+            self._accepted = replace(self._accepted, warning="; ".join(texts))
+            self._coverage = outcome.coverage
+            yield from self._acquire(t_ns, inbox, outcome.start)
+        elif odometry is not None:
+            yield from stage.feedback(t_ns, self._view.state(t_ns, inbox, odometry), inbox.latest(STATUS))
 
     def _acquire(self, t_ns: int, inbox: Inbox, start: Start) -> Iterator[Output]:
         """Start the behaviour, whose first step knows how long the flight is, and request control from the bridge.
@@ -317,6 +311,8 @@ class GoalRun:
         if self.plan_only:
             refused = PlanReply(accepted=False, reason=reason, code=code)
         yield from (Reply(watcher, refused) for watcher in self._context.watchers)
+        if isinstance(self._stage, PreparationRun):
+            yield from self._stage.end()
         self._stage = _Over()
 
     def _reply_with_plan(self, planned: Remaining | Done | None, inbox: Inbox) -> Iterator[Output]:
@@ -335,6 +331,7 @@ class GoalRun:
             battery_used=None if planned is None else self._battery.used(planned.time_s),
             battery_remaining=None if battery is None else battery.remaining,
             battery_critical=None if battery is None else battery.critical,
+            coverage=self._coverage,
         )
         yield from (Reply(watcher, reply) for watcher in self._context.watchers)
         self._stage = _Over()

@@ -3,6 +3,7 @@
 import sys
 import traceback
 from collections.abc import Callable
+from functools import partial
 from math import inf
 from typing import Any
 
@@ -18,6 +19,7 @@ from jezero.services.actions.motion.behaviour import (
     Plan,
     Planner,
     Preparation,
+    Prepared,
     Refusal,
     Remaining,
     Start,
@@ -48,7 +50,7 @@ class GuardedPlanner:
         if isinstance(plan, Refusal):
             return plan
         start = plan.start
-        guarded = replace(start, work=self._work(start)) if isinstance(start, Preparation) else self._start(start)
+        guarded = self._preparation(start) if isinstance(start, Preparation) else self._start(start)
         check = None if plan.check_inputs is None else self._check(plan.check_inputs)
         return replace(plan, start=guarded, check_inputs=check)
 
@@ -64,18 +66,30 @@ class GuardedPlanner:
 
         return guarded
 
-    def _work(self, preparation: Preparation) -> Callable[[VehicleState], Callable[[], Start | Refusal]]:
-        def guarded(state: VehicleState) -> Callable[[], Start | Refusal]:
-            def run() -> Start | Refusal:
-                try:
-                    prepared = preparation.work(state)()
-                except Exception as error:  # noqa: BLE001
-                    return Refusal(_report(self._name, "prepare", error))
-                return prepared if isinstance(prepared, Refusal) else self._start(prepared)
+    def _preparation(self, preparation: Preparation) -> Preparation:
+        """A guarded preparation; what its work raises in its own process arrives as the error of the task."""
 
-            return run
+        def work(state: VehicleState) -> Callable[[], Any]:
+            try:
+                return preparation.work(state)
+            except Exception as error:  # noqa: BLE001
+                return partial(Refusal, _report(self._name, "prepare", error))
 
-        return guarded
+        def start(value: Any) -> Prepared | Refusal:
+            try:
+                prepared = value if isinstance(value, Refusal) else preparation.start(value)
+            except Exception as error:  # noqa: BLE001
+                return Refusal(_report(self._name, "prepare", error))
+            return prepared if isinstance(prepared, Refusal) else replace(prepared, start=self._start(prepared.start))
+
+        def feedback(state: VehicleState) -> Any:
+            try:
+                return None if preparation.feedback is None else preparation.feedback(state)
+            except Exception as error:  # noqa: BLE001
+                _report(self._name, "feedback", error)
+                return None
+
+        return replace(preparation, work=work, start=start, feedback=feedback)
 
 
 class _GuardedBehaviour:

@@ -77,12 +77,9 @@ class ActionServer:
             inputs=(STATUS, CLOCK),
             on_demand=(ODOMETRY, RELATIVE, ROVER_ESTIMATE, *(CAPTURE_INPUTS if takes else (ALTIMETER,))),
             outputs=(SETPOINT, feedback_of(action), *((CAMERA_PITCH,) if takes else ())),
-            serves=(self._endpoint, self._plan, self._cancel, RESULT, *((action.image,) if takes else ())),
+            serves=(*action.endpoints, RESULT),
             calls=(ACQUIRE, RELEASE, LEASE),
-            triggers=(
-                *(ODOMETRY.name, RELATIVE.name, self._endpoint.name, self._plan.name, self._cancel.name, RESULT.name),
-                *((action.image.name,) if takes else ()),
-            ),
+            triggers=(ODOMETRY.name, RELATIVE.name, RESULT.name, *(endpoint.name for endpoint in action.endpoints)),
             rate_hz=config.lifecycle.step_rate_hz,
             watches_clients=True,
         )
@@ -103,6 +100,8 @@ class ActionServer:
             yield Reply(request.request_id, self._cancel_reply(request.payload.goal_id))
         for request in inbox.requests(RESULT):
             yield Reply(request.request_id, self._result_reply(request.payload.goal_id))
+        for request in inbox.requests(self._action.describe):
+            yield Reply(request.request_id, self._action.description)
         if self._pictures is not None:
             for request in inbox.requests(self._action.image):
                 wanted: GetImage = request.payload
@@ -214,7 +213,7 @@ class ActionServer:
         if run is None or not run.clients:
             return
         run.clients = [client for client in run.clients if client not in inbox.departed_clients]
-        if not run.clients and run.goal.on_client_loss == "cancel":
+        if not run.clients and (run.plan_only or run.goal.on_client_loss == "cancel"):
             run.cancel("its client vanished")
 
     def _cancel_reply(self, goal_id: str) -> CancelReply:

@@ -14,6 +14,7 @@ from typing import Any, Literal, Protocol
 import msgspec
 
 from jezero.frames import Quat, Vec3, quat_rotate, yaw_from_quat
+from jezero.schemas.actions import PlannedCoverage
 from jezero.schemas.commands import Outcome, Phase
 from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.schemas.state import Status
@@ -174,15 +175,37 @@ class Refusal(msgspec.Struct, frozen=True):
     reason: str
 
 
+class Prepared(msgspec.Struct, frozen=True):
+    """A behaviour whose preparation is done.
+
+    Attributes:
+        start: starts it.
+        warning: part of the goal that will not be done as the client wants it.
+        coverage: description of the plan for the reply to a request for it; None: there is none.
+    """
+
+    start: Start
+    warning: str = ""
+    coverage: PlannedCoverage | None = None
+
+
 class Preparation(msgspec.Struct, frozen=True):
     """Work that must be done before a goal is accepted, and takes too long for a step of the server.
 
+    A process of its own does it, so that the server goes on and a cancel can end it at any time.
+
     Attributes:
-        work: from the state, the function that is carried out in the background; it returns the start of the prepared
-            behaviour, or a refusal.
+        work: from the state, the function that does it: a function of a module, or a `partial` of one, because it is
+            pickled; and so is its value.
+        start: from that value, the prepared behaviour or a refusal.
+        feedback: from the state, feedback of the action's type that is published while the work lasts; None: none is.
+        too_long: what to change in a goal whose work doesn't end in time, for people.
     """
 
-    work: Callable[[VehicleState], Callable[[], Start | Refusal]]
+    work: Callable[[VehicleState], Callable[[], Any]]
+    start: Callable[[Any], Prepared | Refusal]
+    feedback: Callable[[VehicleState], Any] | None = None
+    too_long: str = ""
 
 
 class Plan(msgspec.Struct, frozen=True):
@@ -191,6 +214,7 @@ class Plan(msgspec.Struct, frozen=True):
     Attributes:
         start: start of the behaviour, or the preparation that gives it.
         warning: part of the goal that will not be done as the client wants it.
+        coverage: as in `Prepared`, of a plan that needs no preparation.
         do_takeoff: the goal starts on the ground.
         landing_from_m: height from which the vehicle must still land after a goal that starts on the ground, so that
             its battery must hold for that, too; 0 for other goals, whose landing the autopilot keeps a reserve for.
@@ -205,6 +229,7 @@ class Plan(msgspec.Struct, frozen=True):
 
     start: Start | Preparation
     warning: str = ""
+    coverage: PlannedCoverage | None = None
     do_takeoff: bool = False
     landing_from_m: float = 0.0
     lands: bool = False
@@ -216,7 +241,7 @@ class Plan(msgspec.Struct, frozen=True):
 
 
 class Planner(Protocol):
-    """An action: makes the plans of its goals, and keeps nothing of them."""
+    """An action: makes the plans of its goals."""
 
     def plan(self, goal: Any, status: Status) -> Plan | Refusal:
         """Plan of a goal, if it is possible; whether the vehicle's status allows it is the bridge's decision."""

@@ -112,3 +112,12 @@ def test_durations_and_restarts_are_read() -> None:
     service = parse("services: {a: {command: x, stop_grace_period: 1m1.5s, restart: 'on-failure:3'}}", {})["a"]
     assert service.stop_grace_s == 61.5
     assert (service.restart, service.max_retries) == ("on-failure", 3)
+
+
+def test_a_service_of_scale_0_is_left_out_and_another_number_is_refused() -> None:
+    text = "services: {a: {command: x}, b: {command: y, scale: '${N:-1}'}}"
+    assert list(parse(text, {})) == ["a", "b"]
+    assert list(parse(text, {"N": "0"})) == ["a"]
+    with pytest.raises(ComposeError, match=r"services\.b\.scale: \$\{N:-1\} is 'no', expected 0 \(off\) or 1 \(on\)"):
+        parse(text, {"N": "no"})
+    assert "recorder" not in parse(SHIPPED.read_text(), {"JEZERO_RECORD": "0"})

@@ -26,6 +26,7 @@ class Box:
     has_requests = False
     departed_clients: Sequence[str] = ()
     responses: Sequence[Any] = ()
+    sent: Sequence[Any] = ()
 
     def __init__(self) -> None:
         self.bytes: dict[str, bytes] = {}

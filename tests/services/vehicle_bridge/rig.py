@@ -212,6 +212,7 @@ class Box:
         self.connected = True
         self.departed_clients: Sequence[str] = ()
         self.responses: Sequence[Any] = ()
+        self.sent: Sequence[Any] = ()
         self.messages: dict[str, list[Any]] = {}
         self.last: dict[str, Any] = {}
         self.pending: dict[str, list[Request]] = {}

@@ -5,7 +5,9 @@ from math import cos, sin, sqrt, tan
 import pytest
 
 from jezero.frames import Quat, Vec3
-from jezero.services.vehicle_bridge.wind_estimator import wind_ned_mps
+from jezero.schemas.state import Odometry
+from jezero.services.vehicle_bridge.vehicle import VehicleSnapshot
+from jezero.services.vehicle_bridge.wind_estimator import WindEstimator, wind_ned_mps
 from jezero.vehicle_config import AirframeConfig
 
 AIRFRAME = AirframeConfig(mass_kg=1.5, drag_rotors_nspm=0.45, drag_area_side_m2=0.06)
@@ -39,3 +41,20 @@ def test_a_hover_that_leans_into_the_wind_has_the_airspeed_of_its_drag(pitch_rad
 
 def test_a_vehicle_on_its_side_tells_nothing_of_the_wind() -> None:
     assert wind_ned_mps(STILL, STILL, pitched(1.3), AIRFRAME) is None
+
+
+@pytest.mark.parametrize(("drag_rotors_nspm", "known"), [(0.45, True), (0.0, False)])
+def test_without_drag_in_the_settings_the_wind_is_unknown(drag_rotors_nspm: float, known: bool) -> None:
+    estimator = WindEstimator(AirframeConfig(drag_rotors_nspm=drag_rotors_nspm, drag_area_side_m2=0.0))
+    flying = VehicleSnapshot(t_ns=0, timer_ns=0, armed=True, landed=False, height_m=3.0)
+    for step in range(200):
+        odometry = Odometry(
+            t_ns=1 + step * 20_000_000,
+            epoch_id=1,
+            pos_uav_ned_m=(0.0, 0.0, -3.0),
+            vel_uav_ned_mps=STILL,
+            q_ned_from_frd=pitched(0.0),
+            rates_uav_frd_rps=STILL,
+        )
+        estimator.update(odometry, flying)
+    assert (estimator.wind is not None) is known

@@ -7,6 +7,7 @@ import pytest
 from jezero.codec import encode
 from jezero.frames import Vec3
 from jezero.schemas import topics
+from jezero.schemas.actions import FeedbackMessage, LandFeedback, LandPhase
 from jezero.schemas.estimate import Relative
 from jezero.schemas.state import Truth
 from jezero.trials.landing.judge import LandingJudge, percentile
@@ -99,3 +100,14 @@ def test_a_trial_is_what_the_benchmark_says(case: str) -> None:
     goal = trials[0].goal((1.0, 2.0, -0.5))
     assert (goal.use_uwb, goal.use_tag) == ("uwb" in case, "tag" in case)
     assert (goal.landing_spot_ned_m is None) == ("uwb" in case)
+
+
+def test_each_go_around_counts_once_however_many_messages_it_has() -> None:
+    judge = LandingJudge()
+    judge.start(0)
+    phases: tuple[LandPhase, ...] = ("descent", "go_around", "go_around", "approach", "contact", "go_around")
+    for phase in phases:
+        feedback = LandFeedback(pos_uav_ned_m=STILL, phase=phase)
+        message = FeedbackMessage(t_ns=0, goal_id="g", action="land_on_spot", code=8, feedback=feedback)
+        judge(0, topics.feedback_of(topics.LAND_ON_SPOT).name, encode(message))
+    assert judge.go_arounds == 2

@@ -5,9 +5,10 @@ from typing import Any
 
 import pytest
 
+from jezero.codec import decode
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas import topics
-from jezero.schemas.actions import AreaCoverageGoal, Cancel, CoverageResult, Feedback, Rejected, Result
+from jezero.schemas.actions import Accepted, AreaCoverageGoal, Cancel, CoverageResult, Feedback, Rejected, Result
 from jezero.schemas.estimate import Relative
 from jezero.schemas.state import StatusCode
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
@@ -98,6 +99,22 @@ def test_the_missing_part_moves_along_when_the_autopilot_corrects_its_position()
     assert result.result.resume.z_ned_m == pytest.approx(-3.9)
 
 
+def test_the_feedback_topic_shows_that_a_goal_is_being_planned_before_it_is_accepted() -> None:
+    world = World()
+    phases: list[str] = []
+    topic = topics.feedback_of(topics.AREA_COVERAGE)
+    world.bus.observe(
+        lambda t, name, data: phases.append(decode(topic.type, data).feedback.phase) if name == topic.name else None
+    )
+    answers = world.send(GOAL)
+    assert world.bus.run_for(3.0, lambda: bool(answers.replies))
+    assert isinstance(answers.replies[0], Accepted)
+    assert phases.count("planning") >= 2
+    assert set(phases) <= {"planning", "flying"}
+    first = phases.index("flying") if "flying" in phases else len(phases)
+    assert set(phases[:first]) == {"planning"}
+
+
 def test_a_cancel_does_not_wait_for_the_plan() -> None:
     world = World()
     answers = world.send(GOAL)
@@ -179,9 +196,9 @@ def started(prepared_in: VehicleState, started_in: VehicleState) -> Behaviour:
     goal = AreaCoverageGoal(polygon_ned_m=SQUARE, z_ned_m=-4.0, resolution_m=0.5, frame="rover")
     plan = plan_of(AREA_COVERAGE, goal)
     assert isinstance(plan.start, Preparation) and plan.inputs == (topics.RELATIVE,)
-    start = plan.start.work(prepared_in)()
-    assert not isinstance(start, Refusal)
-    return start(0, started_in)
+    prepared = plan.start.start(plan.start.work(prepared_in)())
+    assert not isinstance(prepared, Refusal)
+    return prepared.start(0, started_in)
 
 
 def test_in_the_rovers_frame_the_area_stays_where_it_was_at_the_begin() -> None:

@@ -10,19 +10,20 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.contact import (
     LEAN_S,
     PUSH_ACC_MPS2,
+    SLIDE_S,
     ContactWatcher,
     GoArounds,
     OnSurface,
+    feet_from_uav_ned_m,
     foot_drop_m,
     level_acc_ned_mps2,
-    wind_refusal,
 )
 from jezero.services.actions.motion.behaviour import VehicleState
 from jezero.vehicle_config import AirframeConfig
 
 ROOM_M = 0.3
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
-CENTRED = OnSurface((0.0, 0.0), (0.0, 0.0))
+CENTRED = OnSurface((0.0, 0.0))
 
 
 def rolled(angle_deg: float) -> Quat:
@@ -39,23 +40,51 @@ def problem(surface: OnSurface | None, q_ned_from_frd: Quat = LEVEL, after_s: fl
     return watcher.update(int(after_s * NS_PER_S), surface, state_with(q_ned_from_frd))
 
 
+def problem_of_slide(begin_m: float, end_m: float, duration_s: float, std_m: float = 0.0) -> str:
+    """Problem at the end of an even motion towards the north."""
+    watcher, found, steps = ContactWatcher(ROOM_M), "", round(duration_s / 0.02)
+    watcher.begin(0, (0.0, 0.0))
+    for i in range(steps + 1):
+        offset_m = begin_m + (end_m - begin_m) * i / steps
+        found = watcher.update(i * 20_000_000, OnSurface((offset_m, 0.0), std_m), state_with())
+    return found
+
+
 @pytest.mark.parametrize(
-    ("offset_m", "outward_mps", "slides"),
+    ("begin_m", "end_m", "slides"),
     [
-        (0.0, 0.0, False),
-        (0.2, 0.4, True),  # 0.2 + 0.3 · 0.4 = 0.32 m, beyond 0.3 m
-        (0.2, 0.3, False),  # 0.29 m
-        (0.4, 0.1, False),  # slower than the noise of the estimate
-        (0.4, -0.5, False),  # comes back
+        (0.12, 0.2, True),  # 0.2 m + 0.3 s · 0.4 m/s = 0.32 m, beyond 0.3 m
+        (0.14, 0.2, False),  # 0.29 m
+        (0.38, 0.4, False),  # 0.1 m/s is noise of the estimate
+        (0.5, 0.4, False),  # comes back
     ],
 )
-def test_a_vehicle_that_is_about_to_leave_its_place_slides(offset_m: float, outward_mps: float, slides: bool) -> None:
-    assert (problem(OnSurface((offset_m, 0.0), (outward_mps, 0.0))) == "slides") is slides
+def test_feet_that_are_about_to_leave_their_place_slide(begin_m: float, end_m: float, slides: bool) -> None:
+    assert (problem_of_slide(begin_m, end_m, SLIDE_S) == "slides") is slides
+
+
+def test_a_motion_in_the_first_instant_of_contact_is_no_slide_yet() -> None:
+    assert problem_of_slide(0.2, 0.28, SLIDE_S - 0.02) == ""
+    assert problem_of_slide(0.2, 0.28, SLIDE_S) == "slides"
+
+
+def test_a_slide_is_measured_anew_after_a_time_without_measurements() -> None:
+    watcher = ContactWatcher(ROOM_M)
+    watcher.begin(0, (0.0, 0.0))
+    assert watcher.update(0, OnSurface((0.0, 0.0)), state_with()) == ""
+    assert watcher.update(NS_PER_S // 10, None, state_with()) == ""
+    assert watcher.update(3 * NS_PER_S // 10, OnSurface((0.4, 0.0)), state_with()) == ""
 
 
 def test_an_uncertain_offset_counts_as_much_nearer_to_the_middle() -> None:
-    assert problem(OnSurface((0.25, 0.0), (0.4, 0.0))) == "slides"
-    assert problem(OnSurface((0.25, 0.0), (0.4, 0.0), std_m=0.1)) == ""
+    assert problem_of_slide(0.17, 0.25, SLIDE_S) == "slides"
+    assert problem_of_slide(0.17, 0.25, SLIDE_S, std_m=0.1) == ""
+
+
+def test_the_feet_of_a_tilted_vehicle_are_beside_its_middle() -> None:
+    """Rolled to the right by 30°, the feet are on the left: 0.148 m · sin 30°."""
+    north_m, east_m = feet_from_uav_ned_m(state_with(rolled(30.0)), AirframeConfig(height_stand_m=0.148))
+    assert (north_m, east_m) == pytest.approx((0.0, -0.074))
 
 
 @pytest.mark.parametrize(("tilt_deg", "leans"), [(15.0, False), (30.0, True), (50.0, True), (90.0, False)])
@@ -104,10 +133,3 @@ def test_a_landing_ends_after_the_last_go_around_and_names_the_slope_or_the_wind
     go_arounds.begin(NS_PER_S, "slides", leaning)
     windy = msgspec.structs.replace(leaning, wind_ned_mps=(6.0, 8.0, 0.0), std_gust_mps=2.0)
     assert "the wind is 10.0 m/s with gusts to 12.0 m/s" in go_arounds.abort_reason(windy)
-
-
-def test_a_landing_in_more_wind_than_the_limit_is_refused_with_the_numbers() -> None:
-    assert wind_refusal(None, None, 12.0) == ""
-    assert wind_refusal((6.0, 8.0, 0.0), 1.9, 12.0) == ""
-    refusal = wind_refusal((6.0, 8.0, 0.0), 2.5, 12.0)
-    assert "10.0 m/s with gusts to 12.5 m/s" in refusal and "12 m/s" in refusal and "force" in refusal

@@ -49,6 +49,14 @@ def test_another_boot_or_epoch_ends_the_goal(name: str, reason: str) -> None:
     assert (result.outcome, result.reason) == ("aborted", reason)
 
 
+def test_a_restarted_bridge_that_does_not_know_the_epoch_yet_is_no_restart_of_the_vehicle() -> None:
+    world = World()
+    goal = world.flying()
+    world.bridge.boot_id, world.bridge.epoch_id = 8, 0
+    result = world.end(goal, 0.2)
+    assert (result.outcome, result.reason) == ("aborted", "the vehicle bridge restarted")
+
+
 def test_a_dead_bridge_ends_the_goal_within_1_2_s() -> None:
     world = World()
     goal = world.flying()

@@ -1,5 +1,6 @@
 """The guard around an action's own code: an exception ends its goal with a sentence, and nothing else."""
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -9,7 +10,7 @@ from jezero.schemas.actions import GoToGoal, MoveFeedback, MoveResult
 from jezero.schemas.commands import Phase
 from jezero.schemas.state import Status, StatusCode
 from jezero.services.actions.lifecycle.guard import GuardedPlanner
-from jezero.services.actions.motion.behaviour import Done, Move, Plan, Preparation, Refusal, Start, VehicleState
+from jezero.services.actions.motion.behaviour import Done, Move, Plan, Preparation, Prepared, Refusal, VehicleState
 from tests.services.actions.test_behaviours import a_status
 
 STATE = VehicleState(
@@ -36,12 +37,18 @@ class Broken:
     def plan(self, goal: Any, status: Status) -> Plan | Refusal:
         self._maybe_raise("plan")
         if self._where == "prepare":
-            return Plan(Preparation(lambda state: self._prepare))
+            return Plan(Preparation(work=self._work, start=self._prepared))
+        if self._where == "prepare start":
+            return Plan(Preparation(work=lambda state: lambda: None, start=self._prepared))
         return Plan(self.start, check_inputs=self._check)
 
-    def _prepare(self) -> Start:
+    def _work(self, state: VehicleState) -> Callable[[], None]:
         self._maybe_raise("prepare")
-        return self.start
+        return lambda: None
+
+    def _prepared(self, value: None) -> Prepared:
+        self._maybe_raise("prepare start")
+        return Prepared(self.start)
 
     def _check(self, state: VehicleState) -> str:
         self._maybe_raise("check_inputs")
@@ -93,11 +100,12 @@ def test_inputs_whose_check_raises_refuse_the_goal() -> None:
     assert "spiral failed in check_inputs" in plan.check_inputs(STATE)
 
 
-def test_a_preparation_that_raises_refuses_the_goal() -> None:
-    plan = plan_of("prepare")
+@pytest.mark.parametrize("where", ["prepare", "prepare start"])
+def test_a_preparation_that_raises_refuses_the_goal(where: str) -> None:
+    plan = plan_of(where)
     assert isinstance(plan, Plan)
     assert isinstance(plan.start, Preparation)
-    prepared = plan.start.work(STATE)()
+    prepared = plan.start.start(plan.start.work(STATE)())
     assert isinstance(prepared, Refusal)
     assert "spiral failed in prepare" in prepared.reason
 

@@ -1,0 +1,103 @@
+"""KML, as Google Earth writes it, and KMZ, the same in a ZIP archive."""
+
+import zipfile
+import zlib
+from collections.abc import Iterator
+from io import BytesIO
+from lzma import LZMAError
+from typing import TYPE_CHECKING
+
+from jezero.area_files.polygon import AreaFileError, Corner, FilePolygon, excerpt, number_in, ring_from
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
+OTHERS = ("Point", "LineString", "Track", "GroundOverlay", "NetworkLink")
+"""Elements that are no areas, to say what a file without areas has."""
+
+
+def read_kmz(data: bytes, bytes_max: int) -> list[FilePolygon]:
+    """Read all polygons of the archive's main document.
+
+    Args:
+        bytes_max: size of the document beyond which it is refused.
+
+    Raises:
+        AreaFileError: the archive is damaged, or its document has no polygon.
+    """
+    try:
+        with zipfile.ZipFile(BytesIO(data)) as archive:
+            names = [name for name in archive.namelist() if name.lower().endswith(".kml")]
+            if not names:
+                raise AreaFileError("is an archive without a .kml file")
+            with archive.open("doc.kml" if "doc.kml" in names else names[0]) as document:
+                content = document.read(bytes_max + 1)
+    except (zipfile.BadZipFile, zlib.error, LZMAError, EOFError, NotImplementedError, RuntimeError, OSError) as error:
+        raise AreaFileError(f"is not a KMZ archive that can be read ({excerpt(error)})") from None
+    if len(content) > bytes_max:
+        raise AreaFileError(f"has a document of more than {bytes_max / 1e6:.0f} MB")
+    return read_kml(content)
+
+
+def read_kml(data: bytes) -> list[FilePolygon]:
+    """Read all polygons of all placemarks.
+
+    Raises:
+        AreaFileError: it is not XML, defines entities (which can grow without bounds), or has no polygon.
+    """
+    try:
+        from defusedxml.ElementTree import ParseError, fromstring
+    except ModuleNotFoundError:
+        raise AreaFileError("is KML, which needs defusedxml, an extra: pip install 'jezero[cli]'") from None
+    try:
+        root = fromstring(data)
+    except (ParseError, ValueError, LookupError) as error:
+        raise AreaFileError(f"is not KML that can be read ({excerpt(error) or type(error).__name__})") from None
+    found = []
+    for number, placemark in enumerate(_all(root, "Placemark"), 1):
+        name = " ".join((_text(placemark, "name")).split())
+        shapes = list(_all(placemark, "Polygon"))
+        for index, shape in enumerate(shapes, 1):
+            place = f"Placemark {number}" + (f", Polygon {index}" if len(shapes) > 1 else "")
+            found.append(FilePolygon(name, place, tuple(_rings(shape, place))))
+    if not found:
+        others = [kind for kind in OTHERS if next(_all(root, kind), None) is not None]
+        has = f": it has {', '.join(others)}" if others else ""
+        raise AreaFileError(f"has no Placemark with a Polygon{has}")
+    return found
+
+
+def _rings(shape: "Element", place: str) -> Iterator[tuple[Corner, ...]]:
+    """The outline, then the holes."""
+    outer = [ring for boundary in _children(shape, "outerBoundaryIs") for ring in _children(boundary, "LinearRing")]
+    inner = [ring for boundary in _children(shape, "innerBoundaryIs") for ring in _children(boundary, "LinearRing")]
+    if len(outer) != 1:
+        raise AreaFileError(f"{place} has {len(outer)} outer boundaries instead of one")
+    for number, ring in enumerate((outer[0], *inner)):
+        here = f"{place}, hole {number}" if number else place
+        yield ring_from([_corner(word, here) for word in _text(ring, "coordinates").split()], here)
+
+
+def _corner(word: str, place: str) -> Corner:
+    numbers = [number_in(part) for part in word.split(",")]
+    if len(numbers) not in {2, 3} or numbers[0] is None or numbers[1] is None:
+        raise AreaFileError(f'{place}: "{excerpt(word)}" is not longitude,latitude or longitude,latitude,altitude')
+    return numbers[1], numbers[0]
+
+
+def _all(element: "Element", name: str) -> Iterator["Element"]:
+    """The elements of a name in any of KML's namespaces, at any depth."""
+    return (each for each in element.iter() if _is(each, name))
+
+
+def _children(element: "Element", name: str) -> Iterator["Element"]:
+    return (each for each in element if _is(each, name))
+
+
+def _is(element: "Element", name: str) -> bool:
+    return element.tag.rpartition("}")[2] == name
+
+
+def _text(element: "Element", name: str) -> str:
+    """Text of the first child of a name; "" without one."""
+    return next((each.text or "" for each in _children(element, name)), "")

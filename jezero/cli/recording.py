@@ -1,0 +1,108 @@
+"""`jezero recording`: what is in a recording, parts of it, and tables for other programs."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from jezero.cli.flight import FINITE
+
+RECORDING_PATH = click.Path(path_type=Path)
+
+
+class RecordingGroup(click.Group):
+    """Group whose commands end with one sentence when a recording can't be read."""
+
+    def invoke(self, ctx: click.Context) -> object:
+        from jezero.recording import RecordingError
+
+        try:
+            return super().invoke(ctx)
+        except RecordingError as error:
+            raise click.ClickException(str(error)) from None
+
+
+@click.group(cls=RecordingGroup)
+def recording() -> None:
+    """Look into recordings of flights, cut, repair and export them.
+
+    FILE is a recording, or the folder of a run, whose recording is flight.mcap. Foxglove, PlotJuggler and
+    `import jezero.recording` read recordings too.
+    """
+
+
+@recording.command()
+@click.argument("file", type=RECORDING_PATH)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def info(file: Path, as_json: bool) -> None:
+    """Show what FILE holds: where it is from, how long it lasts, and how many messages each topic has."""
+    from jezero.recording import open_recording
+
+    opened = open_recording(file)
+    summary = opened.summary()
+    size_bytes = opened.path.stat().st_size
+    origin = {name: value for name, value in summary.about.items() if not name.startswith("settings/")}
+    if as_json:
+        click.echo(json.dumps({"file": str(opened.path), "size_bytes": size_bytes, **asdict(summary)}))
+        return
+    hint = f"`jezero recording repair {file}` finishes it"
+    rows = [
+        ("file", str(opened.path)),
+        ("size", f"{size_bytes / 1e6:.1f} MB"),
+        ("duration", f"{summary.duration_s:.1f} s"),
+        ("messages", f"{sum(summary.counts.values())}"),
+        *((name, value) for name, value in origin.items() if value),
+        ("state", f"{summary.problem}: {hint}" if summary.problem else "finished"),
+    ]
+    for name, value in rows:
+        click.echo(f"{name:<11}{value}")
+    width = max(map(len, summary.counts), default=0)
+    for topic, count in summary.counts.items():
+        rate_hz = count / summary.duration_s if summary.duration_s else 0.0
+        click.echo(f"  {topic:<{width}}  {count:>7}  {rate_hz:>6.1f} Hz  {summary.schemas.get(topic, '')}")
+
+
+@recording.command()
+@click.argument("file", type=RECORDING_PATH)
+@click.option("--csv", "folder", type=click.Path(path_type=Path, file_okay=False), required=True,
+              help="Folder for the tables, one file for each topic.")  # fmt: skip
+@click.option("--topic", "topics", multiple=True, help="Only this topic; may be given several times.")
+def export(file: Path, folder: Path, topics: tuple[str, ...]) -> None:
+    """Write the messages of FILE as tables (CSV), one for each topic.
+
+    A column is one number: `pos_uav_ned_m.n` is the position's component to the north, in m.
+    """
+    from jezero.recording import open_recording
+    from jezero.recording.export import write_csv
+
+    for path, rows in write_csv(open_recording(file), folder, topics):
+        click.echo(f"wrote {path}: {rows} rows")
+
+
+@recording.command()
+@click.argument("file", type=RECORDING_PATH)
+@click.argument("target", type=click.Path(path_type=Path, dir_okay=False))
+@click.option("--from", "start_s", type=FINITE, default=0.0, help="Seconds from the start of FILE.")
+@click.option("--to", "end_s", type=FINITE, help="Seconds from the start of FILE.")
+@click.option("--topic", "topics", multiple=True, help="Only this topic; may be given several times.")
+def cut(file: Path, target: Path, start_s: float, end_s: float | None, topics: tuple[str, ...]) -> None:
+    """Write a part of FILE as a new recording, TARGET."""
+    from jezero.recording import editing, open_recording
+
+    written = editing.cut(open_recording(file).path, target, start_s, end_s, topics)
+    click.echo(f"wrote {target}: {written} messages")
+
+
+@recording.command()
+@click.argument("file", type=RECORDING_PATH)
+def repair(file: Path) -> None:
+    """Finish FILE, which was cut or damaged, so that every viewer opens it; the old file stays beside it."""
+    from jezero.recording import editing, open_recording
+
+    path = open_recording(file).path
+    count, problem = editing.repair(path)
+    if problem:
+        click.echo(f"{path}: {problem}. {count} messages are in the finished file; the old one is {path}.damaged")
+    else:
+        click.echo(f"{path} is finished and whole: {count} messages")

@@ -1,0 +1,7 @@
+"""Recordings of flights: MCAP files of all messages, which Foxglove, PlotJuggler and this package read."""
+
+from jezero.recording.mcap_file import RecordingError
+from jezero.recording.reader import Entry, Recording, Summary, open_recording
+from jezero.recording.table import Table
+
+__all__ = ["Entry", "Recording", "RecordingError", "Summary", "Table", "open_recording"]

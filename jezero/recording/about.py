@@ -1,0 +1,36 @@
+"""What a recording says about its origin."""
+
+import subprocess
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+
+from jezero.os_errors import describe_os_error
+from jezero.runtime.config import ConfigError, config_directory
+
+
+def about(**extra: str) -> dict[str, str]:
+    """Metadata of a recording: version and commit of jezero, the settings files, and the fields given.
+
+    Raises:
+        ConfigError: a settings file can't be read.
+    """
+    settings = {}
+    for path in sorted(config_directory().glob("*.toml")):
+        try:
+            settings[f"settings/{path.name}"] = path.read_text()
+        except OSError as error:
+            raise ConfigError(describe_os_error(error)) from None
+    return {"version": version("jezero"), "commit": commit(), **extra, **settings}
+
+
+@cache
+def commit() -> str:
+    """Commit of the checkout that runs, with `-dirty` for one with changes; "" outside of a checkout."""
+    folder = Path(__file__).parent
+    words = ("git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*")
+    try:
+        found = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False, timeout=5.0)
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return found.stdout.strip() if found.returncode == 0 else ""

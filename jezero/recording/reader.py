@@ -1,0 +1,193 @@
+"""Reading recordings: typed messages by topic and time, tables, pictures."""
+
+from collections import Counter
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+import msgspec
+
+from jezero.recording.channels import topic_of
+from jezero.recording.folder import newest_recording
+from jezero.recording.images import HEADERS, decompress
+from jezero.recording.mcap_file import McapFile, RawMessage, RecordingError
+from jezero.recording.table import Table, make_table
+from jezero.recording.writer import RECORDING
+from jezero.schemas.sensors import CameraFrame
+from jezero.schemas.topics import CAMERA, Topic
+from jezero.schemas.units import NS_PER_S
+
+
+class Entry(NamedTuple):
+    """One recorded message.
+
+    Attributes:
+        logged_ns: time of arrival, on the recording's own clock.
+        topic: name of the topic.
+        message: the message.
+    """
+
+    logged_ns: int
+    topic: str
+    message: Any
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a recording holds.
+
+    Attributes:
+        about: what was recorded: vehicle, seed, version of jezero and so on.
+        counts: number of messages of each topic, sorted by name.
+        schemas: name of the type of each topic's messages.
+        start_ns: time of the first message, on the recording's clock; 0 when there is none.
+        end_ns: time of the last message.
+        problem: why not all of the file could be read, or "".
+    """
+
+    about: dict[str, str]
+    counts: dict[str, int]
+    schemas: dict[str, str]
+    start_ns: int
+    end_ns: int
+    problem: str
+
+    @property
+    def duration_s(self) -> float:
+        """Time between the first and the last message."""
+        return (self.end_ns - self.start_ns) / NS_PER_S
+
+
+class Recording:
+    """One recording; a context manager. Each call reads the file again, so that a recording of any size can be read.
+
+    Attributes:
+        path: the file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        return None
+
+    def summary(self) -> Summary:
+        """What the recording holds.
+
+        Raises:
+            RecordingError: the file can't be read.
+        """
+        file = McapFile(self.path)
+        counts: Counter[str] = Counter()
+        start_ns, end_ns = 0, 0
+        for message in file.messages():
+            if not counts:
+                start_ns = message.logged_ns
+            counts[message.topic] += 1
+            end_ns = max(end_ns, message.logged_ns)
+        schemas = {topic: schema.name for topic, schema in file.schemas.items()}
+        return Summary(file.about, dict(sorted(counts.items())), schemas, start_ns, end_ns, file.problem)
+
+    def messages(
+        self,
+        *wanted: str | Topic[Any],
+        start_s: float = 0.0,
+        end_s: float | None = None,
+    ) -> Iterator[Entry]:
+        """Messages in the order of their arrival, but for images (see `images`).
+
+        Messages of topics that this version doesn't know are left out.
+
+        Args:
+            wanted: topics, or their names; none given means all.
+            start_s: time from the recording's first message at which to start.
+            end_s: time from the recording's first message at which to end; None for all.
+
+        Raises:
+            RecordingError: the file can't be read, or a message is not of the type that its topic has here.
+        """
+        names = {topic if isinstance(topic, str) else topic.name for topic in wanted}
+        decoders: dict[str, msgspec.json.Decoder[Any] | None] = {CAMERA.name: None}
+        for raw in self._raw(names, start_s, end_s):
+            if raw.topic not in decoders:
+                topic = topic_of(raw.topic)
+                decoders[raw.topic] = None if topic is None else msgspec.json.Decoder(topic.type)
+            decoder = decoders[raw.topic]
+            if decoder is not None:
+                yield Entry(raw.logged_ns, raw.topic, self._decode(raw.topic, decoder, raw.data))
+
+    def images(self, *, start_s: float = 0.0, end_s: float | None = None) -> Iterator[tuple[CameraFrame, Any]]:
+        """Images of the camera: each frame without its pixels, and a (height, width, 3) array of red, green and blue.
+
+        Raises:
+            RecordingError: the file can't be read, or an image is damaged.
+        """
+        decoder = msgspec.json.Decoder(CameraFrame)
+        frame: CameraFrame | None = None
+        for raw in self._raw({HEADERS, CAMERA.name}, start_s, end_s):
+            if raw.topic == HEADERS:
+                frame = self._decode(raw.topic, decoder, raw.data)
+            elif frame is not None:
+                try:
+                    yield frame, decompress(raw.data)
+                except ValueError as error:
+                    raise RecordingError(f"{self.path}: an image is damaged ({error})") from None
+
+    def table(self, topic: str | Topic[Any], *, start_s: float = 0.0, end_s: float | None = None) -> Table:
+        """The messages of one topic as numpy arrays, one for each field.
+
+        Raises:
+            RecordingError: the file can't be read, or has no message of the topic.
+        """
+        name = topic if isinstance(topic, str) else topic.name
+        entries = list(self.messages(name, start_s=start_s, end_s=end_s))
+        if not entries:
+            there = ", ".join(self.summary().counts) or "none"
+            raise RecordingError(f"{self.path} has no message of {name!r} in this time; its topics: {there}")
+        return make_table(name, [entry.logged_ns for entry in entries], [entry.message for entry in entries])
+
+    def _raw(self, names: Collection[str], start_s: float, end_s: float | None) -> Iterator[RawMessage]:
+        """Messages of some topics, or of all if no name is given, in a time from the recording's first message."""
+        first_ns: int | None = None
+        for raw in McapFile(self.path).messages():
+            if first_ns is None:
+                first_ns = raw.logged_ns
+            at_s = (raw.logged_ns - first_ns) / NS_PER_S
+            if end_s is not None and at_s > end_s:
+                return
+            if at_s >= start_s and (not names or raw.topic in names):
+                yield raw
+
+    def _decode(self, topic: str, decoder: "msgspec.json.Decoder[Any]", data: bytes) -> Any:
+        try:
+            return decoder.decode(data)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            raise RecordingError(
+                f"{self.path}: a message of {topic} does not fit this version of jezero ({error}): "
+                "read the recording with the version that `jezero recording info` names"
+            ) from None
+
+
+def open_recording(path: Path | str) -> Recording:
+    """Open a recording, or the one in a run's folder: flight.mcap, else the newest one that its stack has recorded.
+
+    Raises:
+        RecordingError: there is no such file, or it can't be read, or is no recording.
+    """
+    file = _recording_of(Path(path))
+    next(McapFile(file).messages(), None)
+    return Recording(file)
+
+
+def _recording_of(path: Path) -> Path:
+    if not path.is_dir():
+        return path
+    file = path / RECORDING
+    return file if file.exists() else newest_recording(path) or file

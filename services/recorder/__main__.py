@@ -1,0 +1,38 @@
+"""`python -m jezero.services.recorder`: records the vehicle's messages below `JEZERO_RUN_DIR`."""
+
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from jezero.recording.about import about
+from jezero.recording.folder import RECORDINGS, RecordingFolder
+from jezero.runtime.config import Instance, load_config
+from jezero.runtime.links import SocketLink
+from jezero.runtime.service import Service
+from jezero.runtime.zenoh_bus import run_process
+from jezero.services.recorder.config import RecorderConfig
+from jezero.services.recorder.service import Recorder
+
+
+def main() -> int:
+    """Record until SIGTERM, then finish the file."""
+    opened: list[RecordingFolder] = []
+
+    def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
+        config = load_config(RecorderConfig, "recorder")
+        folder = Path(os.environ.get("JEZERO_RUN_DIR") or ".").absolute() / RECORDINGS
+        autopilot = os.environ.get("JEZERO_AUTOPILOT") or "embedded"
+        origin = about(bus="zenoh", vehicle=instance.vehicle, autopilot=autopilot)
+        size_max_bytes = int(1e6 * config.file_size_max_mb)
+        opened.append(RecordingFolder(folder, origin, size_max_bytes, config.jpeg_quality if config.images else None))
+        return Recorder(opened[0].write, images=config.images), {}
+
+    code = run_process("recorder", build)
+    for folder in opened:
+        folder.close()
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,95 @@
+"""The recorder: writes every message of the vehicle to disk, and disturbs nobody when the disk doesn't take it."""
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import Protocol
+
+from jezero.runtime.service import BackgroundTask, Health, Inbox, Output, SentMessage, Spec
+from jezero.schemas import topics
+from jezero.schemas.units import NS_PER_S
+
+WAITING_MAX_BYTES = 64_000_000
+"""Messages that arrive while the disk takes none are kept up to this size; later ones are lost."""
+WRITE_TIMEOUT_NS = NS_PER_S
+RETRY_PERIOD_NS = 2 * NS_PER_S
+
+SPEC = Spec(name="recorder", hears_all=True, rate_hz=5.0)
+
+
+class Progress(Protocol):
+    """Outcome of a write, see `jezero.recording.folder.Progress`."""
+
+    @property
+    def path(self) -> object: ...
+    @property
+    def size_bytes(self) -> int: ...
+    @property
+    def problem(self) -> str: ...
+
+
+Write = Callable[[Sequence[tuple[int, str, bytes]]], Progress]
+"""Writes messages, each (time of arrival in ns, topic, encoded message); may take any time."""
+
+
+class Recorder:
+    """Collects messages and gives them to the disk, one batch at a time, in a background task.
+
+    Args:
+        write: writes a batch.
+        images: whether the camera's images are recorded.
+    """
+
+    spec = SPEC
+
+    def __init__(self, write: Write, *, images: bool) -> None:
+        self._write = write
+        self._left_out = frozenset() if images else frozenset({topics.CAMERA.name})
+        self._waiting: list[SentMessage] = []
+        self._waiting_bytes = 0
+        self._write_start_ns: int | None = None
+        """Wall time of the start of the present write."""
+        self._retry_ns = 0
+        self._lost = 0
+        self._problem = ""
+        self._where = ""
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        """Take in what arrived, and start the next write when the last one has ended."""
+        self._take(inbox.sent)
+        for response in inbox.responses:
+            self._write_start_ns = None
+            assert response.payload is not None, "a write has an outcome"
+            self._on_progress(response.payload, inbox.wall_ns)
+        if self._waiting and self._write_start_ns is None and inbox.wall_ns >= self._retry_ns:
+            batch = [(message.arrival_ns, message.topic, message.data) for message in self._waiting]
+            self._waiting, self._waiting_bytes = [], 0
+            self._write_start_ns = inbox.wall_ns
+            yield BackgroundTask(partial(self._write, batch), "write")
+        yield self._health(inbox.wall_ns)
+
+    def _take(self, messages: Sequence[SentMessage]) -> None:
+        for message in messages:
+            if message.topic in self._left_out:
+                continue
+            if self._waiting_bytes + len(message.data) > WAITING_MAX_BYTES:
+                self._lost += 1
+                continue
+            self._waiting.append(message)
+            self._waiting_bytes += len(message.data)
+
+    def _on_progress(self, progress: Progress, wall_ns: int) -> None:
+        self._problem = progress.problem
+        if progress.problem:
+            self._retry_ns = wall_ns + RETRY_PERIOD_NS
+        else:
+            self._where = f"recording to {progress.path}, {progress.size_bytes / 1e6:.1f} MB"
+
+    def _health(self, wall_ns: int) -> Health:
+        lost = f"; {self._lost} messages lost so far" if self._lost else ""
+        if self._problem:
+            return Health("degraded", f"not recording: {self._problem}{lost}")
+        started_ns = self._write_start_ns
+        if started_ns is not None and wall_ns - started_ns > WRITE_TIMEOUT_NS:
+            waited_s = (wall_ns - started_ns) / NS_PER_S
+            return Health("degraded", f"not recording: the disk has not taken anything for {waited_s:.0f} s{lost}")
+        return Health("ok", f"{self._where or 'nothing to record yet'}{lost}")

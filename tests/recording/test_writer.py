@@ -1,0 +1,106 @@
+"""Recordings as other programs read them: the rules that `mcap doctor` and viewers check."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.records import Channel, Chunk, Message, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+
+from jezero.codec import encode
+from jezero.recording import open_recording
+from jezero.recording.channels import json_schema, keys_without_images, schema_name
+from jezero.recording.writer import RecordingWriter
+from jezero.schemas import topics
+from jezero.schemas.sensors import Altimeter, CameraFrame
+from tests.recording.rig import ABOUT, SECOND_NS, record
+
+FRAME = CameraFrame(
+    t_ns=7, sequence=1, width_px=64, height_px=48, pitch_camera_rad=-1.5, exposure_s=0.004, pixels=bytes([120]) * 9216
+)
+
+
+def chunks_of(path: Path) -> list[Chunk]:
+    with path.open("rb") as file:
+        return [record for record in StreamReader(file, emit_chunks=True).records if isinstance(record, Chunk)]
+
+
+def test_a_finished_file_has_a_summary_with_every_channel_schema_and_chunk(tmp_path: Path) -> None:
+    path = record(tmp_path / "flight.mcap")
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None and summary.statistics is not None
+        assert summary.statistics.message_count == 39 == len(list(reader.iter_messages()))
+        assert len(summary.chunk_indexes) == summary.statistics.chunk_count == len(chunks_of(path))
+        assert {c.topic for c in summary.channels.values()} == {"clock", "odometry", "sensor/altimeter", "status"}
+        assert all(summary.schemas[c.schema_id].encoding == "jsonschema" for c in summary.channels.values())
+        assert next(reader.iter_metadata()).metadata == ABOUT
+
+
+def test_times_never_decrease_and_every_message_comes_after_its_channel_and_schema(tmp_path: Path) -> None:
+    path = tmp_path / "flight.mcap"
+    with RecordingWriter(path, {}) as writer:
+        for t_ns in (5, 9, 7, 20 * SECOND_NS, 8):
+            writer.write(t_ns, topics.ALTIMETER.name, encode(Altimeter(t_ns=t_ns, range_m=1.0)))
+    channels, schemas, times_ns = set(), set(), []
+    for chunk in chunks_of(path):
+        for entry in breakup_chunk(chunk, validate_crc=True):
+            match entry:
+                case Schema():
+                    schemas.add(entry.id)
+                case Channel():
+                    assert entry.schema_id in schemas
+                    channels.add(entry.id)
+                case Message():
+                    assert entry.channel_id in channels
+                    assert chunk.message_start_time <= entry.log_time <= chunk.message_end_time
+                    times_ns.append(entry.log_time)
+    assert times_ns == [5, 9, 9, 20 * SECOND_NS, 20 * SECOND_NS]
+
+
+def test_a_chunk_is_closed_once_a_second(tmp_path: Path) -> None:
+    chunks = chunks_of(record(tmp_path / "flight.mcap", seconds=10))
+    assert len(chunks) == 10
+    assert all(chunk.message_end_time - chunk.message_start_time < SECOND_NS for chunk in chunks)
+
+
+def test_the_same_messages_give_the_same_bytes(tmp_path: Path) -> None:
+    assert record(tmp_path / "a.mcap").read_bytes() == record(tmp_path / "b.mcap").read_bytes()
+
+
+def test_an_image_is_recorded_as_a_jpeg_that_viewers_show_and_its_other_fields_beside_it(tmp_path: Path) -> None:
+    path = tmp_path / "flight.mcap"
+    with RecordingWriter(path, {}, jpeg_quality=90) as writer:
+        writer.write(7, topics.CAMERA.name, encode(FRAME))
+    with path.open("rb") as file:
+        header, image = make_reader(file).iter_messages()
+    assert header[1].topic == "sensor/camera/header" and json.loads(header[2].data)["width_px"] == 64
+    assert image[0] is not None and image[0].name == "foxglove.CompressedImage"
+    assert json.loads(image[2].data)["format"] == "jpeg"
+    ((frame, pixels),) = open_recording(path).images()
+    assert frame.t_ns == 7
+    assert pixels.shape == (48, 64, 3)
+    assert np.abs(pixels.astype(int) - 120).max() < 5
+
+
+def test_without_a_quality_images_are_recorded_without_pixels(tmp_path: Path) -> None:
+    path = tmp_path / "flight.mcap"
+    with RecordingWriter(path, {}) as writer:
+        writer.write(7, topics.CAMERA.name, encode(FRAME))
+    assert open_recording(path).summary().counts == {"sensor/camera/header": 1}
+
+
+@pytest.mark.parametrize("topic", [key for key in keys_without_images() if "*" not in key])
+def test_each_topic_has_a_schema_of_an_object_without_references(topic: str) -> None:
+    schema = json.loads(json_schema(topic))
+    assert schema["type"] == "object" and schema["properties"]["t_ns"]["type"] == "integer"
+    assert b"$ref" not in json_schema(topic) and b"prefixItems" not in json_schema(topic)
+
+
+def test_health_and_unknown_topics_have_a_schema_too() -> None:
+    assert schema_name("health/estimator") == "jezero.ServiceHealth"
+    assert schema_name("mine/own") == "jezero.Message"
+    assert json.loads(json_schema("mine/own")) == {"type": "object"}

@@ -1,0 +1,127 @@
+"""Goals that are prepared in a process of their own: what ends that work, and what its failure means for the goal."""
+
+from collections.abc import Callable
+from functools import partial
+from operator import truediv
+from typing import Any
+
+import pytest
+
+from jezero.runtime import memory_port
+from jezero.runtime.memory_bus import MemoryBus, SentRequest
+from jezero.schemas import topics
+from jezero.schemas.actions import Accepted, Cancel, CancelReply, GoToGoal, Rejected
+from jezero.schemas.state import Status
+from jezero.services.actions.lifecycle.preparation_run import PREPARE_TIMEOUT_S
+from jezero.services.actions.lifecycle.server import ActionServer
+from jezero.services.actions.motion.behaviour import Plan, Preparation, Prepared, Refusal
+from jezero.services.actions.table import find_declaration, settings_of
+from tests.services.actions.fake_bridge import FakeBridge
+from tests.services.actions.rig import CONFIG
+
+SLOWER = partial(str, "slower than wanted")
+GOAL = GoToGoal(target_ned_m=(5.0, 0.0, -3.0), goal_id="near")
+
+
+class PreparedGoTo:
+    """Plans flights to a point, after some work."""
+
+    def __init__(self, work: Callable[[], Any]) -> None:
+        declaration = find_declaration("go_to")
+        self._planner = declaration.planner(settings_of(declaration, CONFIG), CONFIG)
+        self._work = work
+
+    def plan(self, goal: Any, status: Status) -> Plan | Refusal:
+        plan = self._planner.plan(goal, status)
+        assert isinstance(plan, Plan)
+        start = plan.start
+        assert not isinstance(start, Preparation)
+        preparation = Preparation(
+            work=lambda state: self._work,
+            start=lambda value: Prepared(start, warning=str(value)),
+            too_long="fly to one point after the other",
+        )
+        return Plan(preparation)
+
+
+class World:
+    """A bus with a hovering vehicle and a server whose goals need some work first."""
+
+    def __init__(self, work: Callable[[], Any] = SLOWER) -> None:
+        self.bus = MemoryBus(seed=1)
+        self.bridge = FakeBridge((0.0, 0.0, -3.0))
+        self.bus.add(self.bridge)
+        self.bus.add(ActionServer(topics.GO_TO, PreparedGoTo(work), CONFIG, 5))
+        self.bus.run_for(0.5)
+
+    def send(self, goal: GoToGoal = GOAL) -> SentRequest:
+        return self.bus.send_request(topics.GO_TO.endpoint, goal, "me")
+
+    def first(self, answers: SentRequest, within_s: float = 3.0) -> Any:
+        assert self.bus.run_for(within_s, lambda: bool(answers.replies))
+        return answers.replies[0]
+
+
+@pytest.fixture
+def endless(monkeypatch: pytest.MonkeyPatch) -> World:
+    """A world whose work takes an hour."""
+    monkeypatch.setattr(memory_port, "BACKGROUND_TASK_S", 3600.0)
+    return World()
+
+
+def test_the_warning_of_a_preparation_comes_with_the_acceptance() -> None:
+    world = World()
+    accepted = world.first(world.send())
+    assert isinstance(accepted, Accepted)
+    assert accepted.warning == "slower than wanted"
+
+
+def test_work_that_raises_refuses_its_goal_and_the_next_one_is_planned_again() -> None:
+    world = World(partial(truediv, 1, 0))
+    for _ in range(2):
+        rejected = world.first(world.send())
+        assert isinstance(rejected, Rejected)
+        assert rejected.reason.startswith("go_to failed in prepare: ZeroDivisionError: division by zero")
+
+
+def test_work_that_can_not_be_sent_to_a_process_refuses_its_goal_with_what_to_do() -> None:
+    world = World(lambda: None)
+    rejected = world.first(world.send())
+    assert isinstance(rejected, Rejected)
+    assert rejected.reason.endswith("use a function of a module")
+
+
+def test_work_that_takes_too_long_is_ended_and_the_refusal_says_what_to_change(endless: World) -> None:
+    answers = endless.send()
+    assert not endless.bus.run_for(PREPARE_TIMEOUT_S - 0.5, lambda: answers.ended)
+    rejected = endless.first(answers)
+    assert isinstance(rejected, Rejected)
+    assert rejected.reason == "the goal could not be planned within 20 s: fly to one point after the other"
+    assert endless.bridge.grants == 0
+
+
+def test_a_cancel_is_obeyed_within_a_fifth_of_a_second(endless: World) -> None:
+    answers = endless.send()
+    endless.bus.run_for(5.0)
+    canceled_ns = endless.bus.t_ns
+    reply = endless.bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="near"))
+    rejected = endless.first(answers)
+    assert (endless.bus.t_ns - canceled_ns) < 200_000_000
+    assert isinstance(rejected, Rejected) and rejected.reason == "canceled by a client"
+    assert reply.replies == [CancelReply(canceled=True)]
+
+
+def test_another_goal_is_answered_while_one_is_planned(endless: World) -> None:
+    endless.send()
+    endless.bus.run_for(5.0)
+    other = endless.send(GoToGoal(target_ned_m=(5.0, 0.0, -3.0), goal_id="other"))
+    rejected = endless.first(other, 0.1)
+    assert isinstance(rejected, Rejected) and rejected.reason.startswith("busy: goal near of go_to is running")
+
+
+def test_a_plan_whose_client_has_gone_is_not_worked_out_any_more(endless: World) -> None:
+    plan = endless.bus.send_request(topics.GO_TO.plan, GOAL, "me")
+    endless.bus.run_for(1.0)
+    assert not plan.ended
+    endless.bus.client_departs("me")
+    assert endless.bus.run_for(0.5, lambda: plan.ended)
