@@ -65,7 +65,7 @@ def save_map(mosaic: "Mosaic", origin_deg: Vec3 | None, description: str, file: 
 
 
 def projection_wkt(origin_deg: Vec3) -> str:
-    """The world frame's metres as a projection, in ESRI's WKT: an equidistant cylinder around the sphere.
+    """The world frame's metres as a projection, in ESRI's WKT: the azimuthal equidistant one of a sphere.
 
     GIS takes latitude and longitude of the sphere for those of WGS84, as autopilots do.
     """
@@ -73,9 +73,9 @@ def projection_wkt(origin_deg: Vec3) -> str:
     return (
         'PROJCS["jezero_world",GEOGCS["GCS_Sphere",'
         f'DATUM["D_Sphere",SPHEROID["Sphere",{EARTH_RADIUS_M:.1f},0.0]],'
-        'PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]],PROJECTION["Equidistant_Cylindrical"],'
-        f'PARAMETER["False_Easting",0.0],PARAMETER["False_Northing",{-EARTH_RADIUS_M * radians(latitude):.6f}],'
-        f'PARAMETER["Central_Meridian",{longitude:.10f}],PARAMETER["Standard_Parallel_1",{latitude:.10f}],'
+        'PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]],PROJECTION["Azimuthal_Equidistant"],'
+        'PARAMETER["False_Easting",0.0],PARAMETER["False_Northing",0.0],'
+        f'PARAMETER["Central_Meridian",{longitude:.10f}],PARAMETER["Latitude_Of_Origin",{latitude:.10f}],'
         'UNIT["Meter",1.0]]\n'
     )
 

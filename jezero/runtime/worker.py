@@ -2,35 +2,31 @@
 
 import queue
 import threading
+import traceback
 from collections.abc import Callable
-from typing import Any
 
 
 class Worker:
     """A thread, started with the first task, that ends with the process.
 
-    Args:
-        done: called in the thread after each task with its tag, the function's return value, and its exception.
+    An exception that a task raises goes to standard error; the next task is executed all the same.
     """
 
-    def __init__(self, done: Callable[[str, Any, BaseException | None], None]) -> None:
-        self._done = done
-        self._tasks: queue.SimpleQueue[tuple[Callable[[], Any], str]] = queue.SimpleQueue()
+    def __init__(self) -> None:
+        self._tasks: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
         self._started = False
 
-    def add(self, function: Callable[[], Any], tag: str) -> None:
+    def add(self, task: Callable[[], object]) -> None:
         """Queue a task; returns at once."""
-        self._tasks.put((function, tag))
+        self._tasks.put(task)
         if not self._started:
             self._started = True
             threading.Thread(target=self._run, name="worker", daemon=True).start()
 
     def _run(self) -> None:
         while True:
-            function, tag = self._tasks.get()
+            task = self._tasks.get()
             try:
-                outcome = function()
-            except BaseException as error:  # noqa: BLE001 - handed over to the loop, which raises it
-                self._done(tag, None, error)
-            else:
-                self._done(tag, outcome, None)
+                task()
+            except Exception as error:  # noqa: BLE001 - a thread that ends would execute nothing any more
+                traceback.print_exception(error)

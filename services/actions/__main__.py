@@ -3,7 +3,6 @@
 import os
 import sys
 from pathlib import Path
-from typing import Any
 
 from jezero.plugins import PluginError, action_names
 from jezero.runtime.worker import Worker
@@ -25,14 +24,8 @@ def main() -> int:
         return os.EX_CONFIG
     run_dir = os.environ.get("JEZERO_RUN_DIR")
     folder = Path(run_dir).absolute() / "pictures" / name if run_dir else None
-    worker = Worker(_raise)
-    pictures = PictureStore(folder, execute=lambda work: worker.add(work, "")) if takes_pictures else None
+    pictures = PictureStore(folder, execute=Worker().add) if takes_pictures else None
     return run_process(name, lambda _instance, boot_id: (action_server(name, boot_id, pictures=pictures), {}))
-
-
-def _raise(_tag: str, _outcome: Any, error: BaseException | None) -> None:
-    if error is not None:
-        raise error
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from jezero.recording.folder import RECORDINGS, RecordingFolder
 from jezero.runtime.config import Instance, load_config
 from jezero.runtime.links import SocketLink
 from jezero.runtime.service import Service
+from jezero.runtime.worker import Worker
 from jezero.runtime.zenoh_bus import run_process
 from jezero.services.recorder.config import RecorderConfig
 from jezero.services.recorder.service import Recorder
@@ -18,6 +19,7 @@ from jezero.services.recorder.service import Recorder
 def main() -> int:
     """Record until SIGTERM, then finish the file."""
     opened: list[RecordingFolder] = []
+    worker = Worker()
 
     def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
         config = load_config(RecorderConfig, "recorder")
@@ -26,7 +28,7 @@ def main() -> int:
         origin = about(bus="zenoh", vehicle=instance.vehicle, autopilot=autopilot)
         size_max_bytes = int(1e6 * config.file_size_max_mb)
         opened.append(RecordingFolder(folder, origin, size_max_bytes, config.jpeg_quality if config.images else None))
-        return Recorder(opened[0].write, images=config.images), {}
+        return Recorder(opened[0].write, images=config.images, execute=worker.add), {}
 
     code = run_process("recorder", build)
     for folder in opened:

@@ -1,10 +1,12 @@
 """The recorder: writes every message of the vehicle to disk, and disturbs nobody when the disk doesn't take it."""
 
+import traceback
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Protocol
 
-from jezero.runtime.service import BackgroundTask, Health, Inbox, Output, SentMessage, Spec
+from jezero.runtime.service import Health, Inbox, Output, SentMessage, Spec
 from jezero.schemas import topics
 from jezero.schemas.units import NS_PER_S
 
@@ -27,22 +29,38 @@ class Progress(Protocol):
     def problem(self) -> str: ...
 
 
-Write = Callable[[Sequence[tuple[int, str, bytes]]], Progress]
-"""Writes messages, each (time of arrival in ns, topic, encoded message); may take any time."""
+Batch = Sequence[tuple[int, str, bytes]]
+"""Messages, each (time of arrival in ns, topic, encoded message)."""
+
+
+def at_once(work: Callable[[], None]) -> None:
+    """Carry out work in the caller's thread."""
+    work()
 
 
 class Recorder:
-    """Collects messages and gives them to the disk, one batch at a time, in a background task.
+    """Collects messages and gives them to the disk, one batch at a time.
 
     Args:
-        write: writes a batch.
+        write: writes a batch; may take any time.
         images: whether the camera's images are recorded.
+        execute: carries out the writes, one after the other; in a thread beside the service, if its steps must not
+            wait for the disk.
     """
 
     spec = SPEC
 
-    def __init__(self, write: Write, *, images: bool) -> None:
+    def __init__(
+        self,
+        write: Callable[[Batch], Progress],
+        *,
+        images: bool,
+        execute: Callable[[Callable[[], None]], None] = at_once,
+    ) -> None:
         self._write = write
+        self._execute = execute
+        self._written: deque[Progress | str] = deque()
+        """Outcomes of writes, appended by the thread that writes; a text says why a write failed."""
         self._left_out = frozenset() if images else frozenset({topics.CAMERA.name})
         self._waiting: list[SentMessage] = []
         self._waiting_bytes = 0
@@ -56,15 +74,14 @@ class Recorder:
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
         """Take in what arrived, and start the next write when the last one has ended."""
         self._take(inbox.sent)
-        for response in inbox.responses:
+        while self._written:
             self._write_start_ns = None
-            assert response.payload is not None, "a write has an outcome"
-            self._on_progress(response.payload, inbox.wall_ns)
+            self._on_written(self._written.popleft(), inbox.wall_ns)
         if self._waiting and self._write_start_ns is None and inbox.wall_ns >= self._retry_ns:
             batch = [(message.arrival_ns, message.topic, message.data) for message in self._waiting]
             self._waiting, self._waiting_bytes = [], 0
             self._write_start_ns = inbox.wall_ns
-            yield BackgroundTask(partial(self._write, batch), "write")
+            self._execute(partial(self._write_batch, batch))
         yield self._health(inbox.wall_ns)
 
     def _take(self, messages: Sequence[SentMessage]) -> None:
@@ -77,11 +94,18 @@ class Recorder:
             self._waiting.append(message)
             self._waiting_bytes += len(message.data)
 
-    def _on_progress(self, progress: Progress, wall_ns: int) -> None:
-        self._problem = progress.problem
-        if progress.problem:
+    def _write_batch(self, batch: Batch) -> None:
+        try:
+            self._written.append(self._write(batch))
+        except Exception as error:  # noqa: BLE001 - the flight goes on; health tells what happened
+            traceback.print_exception(error)
+            self._written.append(f"{type(error).__name__}: {error}; the traceback is in the recorder's log")
+
+    def _on_written(self, progress: Progress | str, wall_ns: int) -> None:
+        self._problem = progress if isinstance(progress, str) else progress.problem
+        if self._problem:
             self._retry_ns = wall_ns + RETRY_PERIOD_NS
-        else:
+        elif not isinstance(progress, str):
             self._where = f"recording to {progress.path}, {progress.size_bytes / 1e6:.1f} MB"
 
     def _health(self, wall_ns: int) -> Health:

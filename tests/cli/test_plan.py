@@ -103,7 +103,7 @@ def test_a_mission_shows_the_plan_of_each_goal_and_asks_nothing(
     assert done.exit_code == 0, done.output
     kinds = [line.split(" (goal")[0] for line in done.stdout.splitlines()]
     assert kinds == [
-        "go_to: 5 min 12 s, 318 m, 27 % of the battery (80 % left)",
+        "go_to: 5 min 12 s, 318 m, 27 % of the battery (80 % left, 7 % must be left)",
         "go_to: accepted",
         "go_to: succeeded at (0.00, 0.00, -2.00)",
         "land_on_spot: duration unknown",

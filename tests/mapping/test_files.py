@@ -1,7 +1,6 @@
 """A map's files say where it is, to programs that know nothing of jezero."""
 
 import json
-import re
 from math import cos, radians
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from xml.etree import ElementTree
 import pytest
 from click.testing import CliRunner
 from PIL import Image as Pillow
+from pyproj import CRS, Transformer
 
 from jezero.cli.main import main
 from jezero.frames import EARTH_RADIUS_M, Vec3, geodetic_from_ned
@@ -78,17 +78,14 @@ def test_the_overlay_has_the_edges_of_the_picture(tmp_path: Path, origin_deg: Ve
 
 @pytest.mark.parametrize("origin_deg", ORIGINS_DEG)
 def test_the_projection_turns_metres_of_the_world_frame_into_degrees(origin_deg: Vec3) -> None:
-    text = projection_wkt(origin_deg)
-    values = {name: float(value) for name, value in re.findall(r'PARAMETER\["(\w+)",([-\d.e]+)\]', text)}
-    radius_m = float(re.findall(r'SPHEROID\["Sphere",([\d.]+),0.0\]', text)[0])
-    assert "Equidistant_Cylindrical" in text
+    projection = CRS.from_wkt(projection_wkt(origin_deg))
     north_m, east_m = 120.0, -45.0
-    # Snyder 1987, Map Projections, eqs. 12-1 and 12-2, solved for the degrees.
-    y_m, x_m = north_m - values["False_Northing"], east_m - values["False_Easting"]
-    latitude = y_m / radius_m / radians(1.0)
-    scale = cos(radians(values["Standard_Parallel_1"]))
-    longitude = values["Central_Meridian"] + x_m / (radius_m * scale) / radians(1.0)
-    assert (latitude, longitude) == pytest.approx(geodetic_from_ned((north_m, east_m, 0.0), origin_deg)[:2], abs=1e-8)
+    longitude, latitude = Transformer.from_crs(projection, projection.geodetic_crs, always_xy=True).transform(
+        east_m, north_m
+    )
+    assert (latitude, longitude) == pytest.approx(
+        geodetic_from_ned((north_m, east_m, 0.0), origin_deg)[:2], abs=MILLIMETRE_DEG
+    )
 
 
 def test_a_map_without_positions_in_degrees_has_only_files_in_metres_and_says_so(tmp_path: Path) -> None:

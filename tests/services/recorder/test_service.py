@@ -4,6 +4,8 @@ import random
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
+import pytest
+
 from jezero.codec import decode, encode
 from jezero.recording import open_recording
 from jezero.recording.folder import Progress, RecordingFolder, newest_recording, room_bytes
@@ -91,6 +93,20 @@ def test_a_file_that_vanishes_is_named_and_a_new_one_is_begun(tmp_path: Path) ->
     second = folder.write([message])
     assert second.problem == "" and second.path is not None and second.path.exists()
     folder.close()
+
+
+def test_an_error_of_the_writer_is_told_in_health_and_recording_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
+    outcomes = iter([ZeroDivisionError("of the test")])
+
+    def write(batch: Batch) -> Progress:
+        for error in outcomes:
+            raise error
+        return Progress(Path("a.mcap"), MB, "")
+
+    _, reports = recorded(write)
+    assert any("ZeroDivisionError: of the test" in report.text for report in reports)
+    assert reports[-1].text == "recording to a.mcap, 1.0 MB"
+    assert "Traceback" in capsys.readouterr().err
 
 
 def test_a_disk_that_takes_nothing_any_more_is_named_and_the_memory_stays_bounded() -> None:

@@ -258,11 +258,12 @@ def test_a_late_failure_of_an_earlier_goal_is_not_the_present_ones(tmp_path: Pat
 
 
 def test_a_thread_beside_writes_what_it_is_given(tmp_path: Path) -> None:
-    done: SimpleQueue[BaseException | None] = SimpleQueue()
-    worker = Worker(lambda tag, outcome, error: done.put(error))
-    store = PictureStore(tmp_path / "pictures", execute=lambda work: worker.add(work, ""))
+    written: SimpleQueue[bool] = SimpleQueue()
+    worker = Worker()
+    store = PictureStore(tmp_path / "pictures", execute=worker.add)
     store.keep(picture("a", 0))
-    assert done.get(timeout=10.0) is None
+    worker.add(lambda: written.put(True))
+    assert written.get(timeout=10.0)
     assert len(list(tmp_path.rglob("*.rgb"))) == 1 and not store._unwritten
 
 
