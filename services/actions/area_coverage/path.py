@@ -146,12 +146,20 @@ def _joined(ways: list[Array], area: Polygon, resolution_m: float) -> Array:
     clear = area.buffer(-0.25 * resolution_m, join_style="mitre", mitre_limit=2.0).simplify(0.02 * resolution_m)
     inner = None if clear.is_empty else Roads(clear, 1e-6)
     outer = Roads(area, 1e-6)
-    points = np.concatenate(ways)
+    points = _moved_inside(np.concatenate(ways), area)
     points = points[np.append(True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-9)]
     joined = [points[:1]]
     for step in _steps(points, inner, outer):
         joined.append(step[1:])
     return np.concatenate(joined)
+
+
+def _moved_inside(points: Array, area: Polygon) -> Array:
+    """The points, those outside the area moved to the nearest point of it: simplified tracks may cut its corners."""
+    shapely.prepare(area)
+    to_points = shapely.shortest_line(area, shapely.points(points))
+    nearest: Array = shapely.get_coordinates(shapely.get_point(to_points, 0))
+    return np.where(shapely.covers(area, shapely.points(points))[:, None], points, nearest)
 
 
 def _steps(points: Array, inner: Roads | None, outer: Roads) -> Iterator[Array]:
