@@ -11,7 +11,9 @@ import msgspec
 import pytest
 from click.testing import CliRunner, Result
 
+from jezero.cli.flight import Printer
 from jezero.cli.main import main
+from jezero.cli.pictures import take_pictures
 from jezero.client.dataset import Dataset
 from jezero.client.errors import Aborted
 from jezero.client.images import Picture
@@ -130,6 +132,13 @@ def test_degrees_are_never_relative_to_the_rover(tmp_path: Path, field: list[str
     assert refused.exit_code == 1 and "leave out `rover`" in refused.output
 
 
+@pytest.mark.parametrize("name", ["plan.txt", "plan", "folder.png"])
+def test_a_plan_is_drawn_into_a_png_file_only(tmp_path: Path, field: list[str], name: str) -> None:
+    (tmp_path / "folder.png").mkdir()
+    refused = run(tmp_path, *field, "--out", str(tmp_path / name))
+    assert refused.exit_code == 2 and "--out is a PNG file, such as plan.png" in refused.output
+
+
 # -- flown --
 
 
@@ -227,8 +236,9 @@ def test_a_coverage_that_ended_early_is_completed_in_its_folder(tmp_path: Path, 
     assert [image["file"] for image in listing["images"]] == ["0000.jpg", "0001.jpg"]
     assert listing["goal"]["start_ned_m"] == [1.5, 2.5] and len(listing["track_ned_m"]) == 2
     assert json.loads((folder / "resume.json").read_text())["first_picture"] == 2
-    done = CliRunner().invoke(main, ["gridsweep", "--resume", str(folder), "--json"])
+    done = CliRunner().invoke(main, ["gridsweep", "--resume", str(folder)])
     assert done.exit_code == 0, done.output
+    assert "3 of 4 images, at" in done.output  # those of both flights
     assert vehicle.goals[1] == msgspec.structs.replace(vehicle.goals[0], first_picture=2)
     listing = json.loads((folder / LISTING).read_text())
     assert [image["index"] for image in listing["images"]] == [0, 1, 2, 3]
@@ -291,6 +301,26 @@ def test_pictures_do_not_go_where_others_are(tmp_path: Path, vehicle: FakeVehicl
     again = CliRunner().invoke(main, words)
     assert again.exit_code == 1 and "has pictures already" in again.output
     assert len(vehicle.goals) == 1
+
+
+def test_a_canceled_coverage_keeps_the_way_that_it_flew_before(tmp_path: Path) -> None:
+    class CanceledGoal(FakeGoal):
+        canceled = False
+
+        def pictures(self, watch: Callable[[ImagesFeedback], None]) -> Iterator[Picture]:
+            yield from super().pictures(watch)
+            if not self.canceled:
+                raise KeyboardInterrupt
+
+        def cancel(self) -> None:
+            self.canceled = True
+
+    result = CoverageResult(completed=False, pos_uav_ned_m=(0.0, 0.0, -5.0), images=(), covered=0.5, resume=None)
+    goal: Any = CanceledGoal([picture(0), picture(1)], result, "succeeded")
+    dataset = Dataset(tmp_path)
+    take_pictures(Printer(as_json=False), goal, "gridsweep", dataset)
+    assert goal.canceled
+    assert len(json.loads((tmp_path / LISTING).read_text())["track_ned_m"]) == 4
 
 
 def test_a_coverage_that_took_no_picture_is_completed_in_the_format_that_is_asked_for(
