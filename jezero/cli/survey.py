@@ -87,6 +87,17 @@ def getimages(
 @click.argument("frame", type=FRAMES, default="world")
 @area_options
 @click.option("--z", "z_ned_m", type=FINITE, help="Height of the flight, NED: 5 m up is -5.")
+@click.option(
+    "--margin",
+    "margin_outline_m",
+    type=FINITE,
+    default=0.0,
+    show_default=True,
+    help="Metres from the outline.",
+)
+@click.option(
+    "--hole-margin", "margin_holes_m", type=FINITE, default=1.0, show_default=True, help="Metres from each hole."
+)
 @click.option("--resolution", "resolution_m", type=FINITE, help="Metres between lines, and between images.")
 @click.option("--overlap", type=click.FloatRange(0.0, 0.95), help="Share of an image that the next one repeats.")
 @click.option("--sidelap", type=click.FloatRange(0.0, 0.95), help="The same for the images of the next line.")

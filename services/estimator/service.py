@@ -27,6 +27,7 @@ from jezero.services.estimator.motion import Array
 from jezero.services.estimator.range_outliers import RangeOutlierFilter
 from jezero.services.estimator.relative_filter import Estimate, RelativeFilter
 from jezero.services.estimator.rover_plausibility import RoverPlausibilityCheck
+from jezero.services.estimator.rover_tilt import LEVEL, level_from_rover_body
 from jezero.services.estimator.selection import InputSelection
 from jezero.vehicle_config import VehicleConfig
 
@@ -91,6 +92,7 @@ class Estimator:
         """Older sensor messages belong to a former epoch."""
         self._odometry: Odometry | None = None
         self._rover_odometry_ns: int | None = None
+        self._R_level_from_rover_body = LEVEL
         self._active_selection = self._current_selection()
         self._goal_id = ""
         """Goal of the selection in force, for which inputs may have been left out."""
@@ -130,6 +132,7 @@ class Estimator:
         self._since_ns = t_ns
         self._odometry = None
         self._rover_odometry_ns = None
+        self._R_level_from_rover_body = LEVEL
         self._outlier_filter.clear()
         self._rover_check.clear()
         self._restart_due = True
@@ -201,6 +204,7 @@ class Estimator:
         for rover in inbox.new(topics.ROVER_ODOMETRY):
             if self._is_timely(t_ns, rover.t_ns) and self._is_plausible(rover):
                 self._rover_odometry_ns = rover.t_ns
+                self._R_level_from_rover_body = level_from_rover_body(rover)
                 yield self._rover_measurement(rover)
         for altimeter in inbox.new(topics.ALTIMETER):
             if altimeter.range_m is not None and self._is_timely(t_ns, altimeter.t_ns):
@@ -246,7 +250,8 @@ class Estimator:
             beam_ned = np.array(quat_rotate(q_ned_from_frd, (0.0, 0.0, 1.0)))
             half_m = 0.5 * self._vehicle.platform.side_m
             std_m = self._selection.tuning.std_altimeter_m
-            yield AltimeterMeasurement(altimeter.t_ns, range_m, lever_m, beam_ned, half_m, std_m)
+            normal_level = self._R_level_from_rover_body[:, 2]
+            yield AltimeterMeasurement(altimeter.t_ns, range_m, lever_m, beam_ned, half_m, std_m, normal_level)
 
     def _uwb_measurement(self, uwb: sensors.Uwb) -> Iterator[Measurement]:
         """Ranges with line of sight; their noise is the parameter's or the estimated one, whichever is greater."""
@@ -264,6 +269,7 @@ class Estimator:
                 np.array([r.range_m for r in ranges]),
                 np.array([(r.t_ns - t_ns) * 1e-9 for r in ranges]),
                 std_m,
+                self._R_level_from_rover_body,
             )
 
     def _tag_measurement(self, tag: TagEstimate) -> Iterator[Measurement]:
