@@ -68,6 +68,11 @@ SHAPES: dict[str, dict[str, Any]] = {
     "a nanometre": {"polygon_ned_m": ((0.0, 0.0), (1e-9, 0.0), (1e-9, 1e-9))},
     "a thousand kilometres": {"polygon_ned_m": ((0.0, 0.0), (1e6, 0.0), (1e6, 1e6))},
     "far away": {"polygon_ned_m": tuple((north + 9e5, east) for north, east in SQUARE)},
+    "a hole equal to the outline": {"holes_ned_m": (SQUARE,)},
+    "a hole equal to the outline, turned": {"holes_ned_m": (tuple(reversed(SQUARE)),)},
+    "a hole that leaves a hair": {
+        "holes_ned_m": (((1e-6, 1e-6), (5.999999, 1e-6), (5.999999, 5.999999), (1e-6, 5.999999)),)
+    },
     "a hole around the outline": {"holes_ned_m": (((-1.0, -1.0), (9.0, -1.0), (9.0, 9.0), (-1.0, 9.0)),)},
     "a hole outside": {"holes_ned_m": (((20.0, 20.0), (21.0, 20.0), (21.0, 21.0)),)},
     "a hole that cuts the area in two": {"holes_ned_m": (((2.0, 0.0), (4.0, 0.0), (4.0, 6.0), (2.0, 6.0)),)},
@@ -121,9 +126,9 @@ def test_no_shape_makes_a_coverage_raise(
 
 
 def test_after_all_that_the_same_servers_fly_goals(world: World) -> None:
-    bad = AreaCoverageGoal(polygon_ned_m=SQUARE[:2], z_ned_m=-4.0, resolution_m=2.0)
+    bad = AreaCoverageGoal(polygon_ned_m=SQUARE, holes_ned_m=(SQUARE,), z_ned_m=-4.0, resolution_m=2.0)
     assert isinstance(world.fly(bad), Rejected)
-    good = msgspec.structs.replace(bad, polygon_ned_m=SQUARE)
+    good = msgspec.structs.replace(bad, holes_ned_m=())
     answers = world.send(good)
     assert world.bus.run_for(5.0, lambda: bool(answers.replies))
     assert isinstance(answers.replies[0], Accepted)
