@@ -86,5 +86,5 @@ def _plane(spots_m: Array) -> tuple[Array, Array]:
 
 
 def _kernel(a_m: Array, b_m: Array) -> Array:
-    away_m2 = ((a_m[:, None, :] - b_m[None, :, :]) ** 2).sum(axis=2)
-    return np.asarray(STD_GROUND_M**2 * np.exp(-0.5 * away_m2 / REACH_M**2))
+    away_m2 = np.subtract.outer(a_m[:, 0], b_m[:, 0]) ** 2 + np.subtract.outer(a_m[:, 1], b_m[:, 1]) ** 2
+    return np.asarray(STD_GROUND_M**2 * np.exp(away_m2 * (-0.5 / REACH_M**2)))
