@@ -13,6 +13,7 @@ STD_GROUND_M = 0.15
 STD_SPOT_M = 0.05
 """Standard deviation of a spot: of the range, and of the drift of the vehicle's height."""
 OUTLIER_M = 0.3
+BLOCK = 1024
 SLOPE_SPREAD_M = 0.5
 """With a smaller spread of the spots in any direction no slope is estimated."""
 
@@ -39,9 +40,12 @@ class Ground:
         level = self.plane[0] + away @ self.plane[1:]
         if len(self.spots_m) == 0:
             return np.asarray(level)
-        # Floats of 32 bits are five times as fast here, and exact to the micrometre.
-        near, spots_m = away.astype(np.float32), (self.spots_m - self.middle_m).astype(np.float32)
-        return np.asarray(level + _kernel(near, spots_m) @ self.weights_m.astype(np.float32))
+        # Floats of 32 bits are exact to the micrometre here. Large blocks would leave the processor's cache.
+        near, weights_m = away.astype(np.float32), self.weights_m.astype(np.float32)
+        spots_m = (self.spots_m - self.middle_m).astype(np.float32)
+        for start in range(0, len(near), BLOCK):
+            level[start : start + BLOCK] += _kernel(near[start : start + BLOCK], spots_m) @ weights_m
+        return np.asarray(level)
 
     def met(self, from_m: Array, along: Array) -> Array:
         """(k, 3) points at which rays meet the ground; NaN for rays that do not point down.
