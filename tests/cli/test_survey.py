@@ -270,6 +270,7 @@ def test_a_coverage_that_ended_early_is_completed_in_its_folder(tmp_path: Path, 
     assert vehicle.goals[1] == msgspec.structs.replace(vehicle.goals[0], first_picture=2)
     listing = json.loads((folder / LISTING).read_text())
     assert [image["index"] for image in listing["images"]] == [0, 1, 2, 3]
+    assert len(listing["track_ned_m"]) == 2 and list(map(len, listing["earlier_tracks_ned_m"])) == [2]
     assert len((folder / "geo.txt").read_text().splitlines()) == 5
     again = CliRunner().invoke(main, ["gridsweep", "--resume", str(folder)])
     assert again.exit_code == 0 and f"nothing is missing in {folder}: all 4 images are there" in again.output
