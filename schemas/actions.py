@@ -133,6 +133,9 @@ class AreaCoverageGoal(Goal, frozen=True, kw_only=True):
     Attributes:
         polygon_ned_m: corners of the area in `frame`, each north and east.
         holes_ned_m: polygons inside the area that are left out, in `frame`.
+        margin_outline_m: least horizontal distance of the vehicle from the polygon's outline, inside it. 0 means that
+            its path stays inside.
+        margin_holes_m: least horizontal distance of the vehicle from each hole. 0 means that its path stays outside.
         z_ned_m: height of the flight in `frame`; negative is up.
         resolution_m: distance between two lines, and between two images on a line.
         overlap: fraction of an image that the next image on the line shows again. None takes the value of `sidelap`.
@@ -152,6 +155,8 @@ class AreaCoverageGoal(Goal, frozen=True, kw_only=True):
 
     polygon_ned_m: Corners
     holes_ned_m: tuple[Corners, ...] = ()
+    margin_outline_m: NonNegative = 0.0
+    margin_holes_m: NonNegative = 1.0
     z_ned_m: Position
     resolution_m: NonNegative | None = None
     overlap: Overlap | None = None

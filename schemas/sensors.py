@@ -125,12 +125,16 @@ class RoverOdometry(Message, frozen=True, kw_only=True):
         yaw_rover_rad: heading in world NED, from the rover's compass.
         speed_rover_body_mps: speed along the heading; negative is backwards.
         yaw_rate_rover_rps: yaw rate, clockwise as seen from above.
+        roll_rover_rad: roll of the platform, from the rover's IMU; 0 for a rover that doesn't measure it.
+        pitch_rover_rad: pitch of the platform, as its roll.
     """
 
     pos_odom_m: tuple[Position, Position]
     yaw_rover_rad: Angle
     speed_rover_body_mps: Speed
     yaw_rate_rover_rps: Finite
+    roll_rover_rad: Angle = 0.0
+    pitch_rover_rad: Angle = 0.0
 
 
 class CameraInfo(Message, frozen=True, kw_only=True):

@@ -69,7 +69,10 @@ def read_csv(data: bytes, *, metres: bool) -> list[FilePolygon]:
     filled = [ring for ring in rings if ring]
     if columns is None or not filled:
         raise AreaFileError("has no corners")
-    places = ["the outline", *(f"hole {number}" for number in range(1, len(filled)))]
+    places = ["the outline"]
+    if len(filled) > 1:  # an empty line may be there by mistake
+        places = ["the outline, up to the empty line,"]
+        places += [f"hole {number}, after an empty line," for number in range(1, len(filled))]
     shape = tuple(ring_from(ring, place) for ring, place in zip(filled, places, strict=True))
     return [FilePolygon("", "the outline", shape, columns.in_metres, columns.perhaps_metres)]
 

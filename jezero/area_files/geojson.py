@@ -47,7 +47,7 @@ def read_geojson(content: Any, *, metres: bool) -> list[FilePolygon]:
     found: list[FilePolygon] = []
     for geometry, name, place in _geometries(content, "", ""):
         kind = geometry.get("type")
-        if kind in {"Polygon", "MultiPolygon"}:
+        if isinstance(kind, str) and kind in {"Polygon", "MultiPolygon"}:
             found += _polygons(geometry, name, place, convert, in_metres=metres)
         else:
             others.add(excerpt(kind))

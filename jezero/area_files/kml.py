@@ -12,6 +12,8 @@ from jezero.area_files.polygon import AreaFileError, Corner, FilePolygon, excerp
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
+DAMAGES = (zipfile.BadZipFile, zlib.error, LZMAError, EOFError, NotImplementedError, RuntimeError, OSError, ValueError)
+"""What `zipfile` raises for damaged archives; a ValueError for a document that would begin before the file."""
 OTHERS = ("Point", "LineString", "Track", "GroundOverlay", "NetworkLink")
 """Elements that are no areas, to say what a file without areas has."""
 
@@ -32,7 +34,7 @@ def read_kmz(data: bytes, bytes_max: int) -> list[FilePolygon]:
                 raise AreaFileError("is an archive without a .kml file")
             with archive.open("doc.kml" if "doc.kml" in names else names[0]) as document:
                 content = document.read(bytes_max + 1)
-    except (zipfile.BadZipFile, zlib.error, LZMAError, EOFError, NotImplementedError, RuntimeError, OSError) as error:
+    except DAMAGES as error:
         raise AreaFileError(f"is not a KMZ archive that can be read ({excerpt(error)})") from None
     if len(content) > bytes_max:
         raise AreaFileError(f"has a document of more than {bytes_max / 1e6:.0f} MB")

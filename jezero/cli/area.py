@@ -1,12 +1,16 @@
 """The area of a coverage on the command line: its options, its file, and the world's origin that places it."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from jezero.frames import Vec3, geodetic_from_ned
 
 if TYPE_CHECKING:
     from jezero.area_files import FilePolygon
@@ -15,6 +19,8 @@ if TYPE_CHECKING:
 
 ROUTER_WAIT_S = 0.5
 """Longest wait for a stack that could make a plan without a flight."""
+PLACE = re.compile(r"(-?\d+\.\d+) m north, (-?\d+\.\d+) m east")
+"""A place in a refusal or a warning of the planner."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +61,17 @@ class CoverageRequest:
         except AreaFileError as error:
             raise click.ClickException(str(error)) from None
         return AreaCoverageGoal(polygon_ned_m=area.polygon_ned_m, holes_ned_m=area.holes_ned_m, **self.fields)
+
+    def with_degrees(self, text: str, origin: Origin | None) -> str:
+        """A sentence of the planner, whose places are in metres, with the degrees of a file in degrees."""
+        if self.polygon.in_metres or origin is None:
+            return text
+        return PLACE.sub(partial(_in_degrees, (*origin.position_deg, 0.0)), text)
+
+
+def _in_degrees(origin_deg: Vec3, place: re.Match[str]) -> str:
+    latitude_deg, longitude_deg, _ = geodetic_from_ned((float(place[1]), float(place[2]), 0.0), origin_deg)
+    return f"latitude {latitude_deg:.7f}, longitude {longitude_deg:.7f} ({place[0]})"
 
 
 def area_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -109,7 +126,8 @@ def vehicle_origin(odometry: "Odometry | None") -> Origin | None:
 def place_in_words(goal: "AreaCoverageGoal", origin: Origin | None) -> str:
     """Where the area of a goal lies."""
     norths_m, easts_m = zip(*goal.polygon_ned_m, strict=True)
-    where = f"north {min(norths_m):.0f} to {max(norths_m):.0f} m, east {min(easts_m):.0f} to {max(easts_m):.0f} m"
+    ends_m = (round(end_m) for end_m in (min(norths_m), max(norths_m), min(easts_m), max(easts_m)))
+    where = "north {} to {} m, east {} to {} m".format(*ends_m)
     if goal.frame == "rover":
         return f"{where} from the rover's platform"
     at = "" if origin is None else f" at {origin} ({origin.source})"

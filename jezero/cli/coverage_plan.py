@@ -47,7 +47,7 @@ def show_coverage_plan(
     if planned is None:
         place = origin or simulator_origin()
         start = "assumed at the vehicle's place before a flight, 0 0, as no stack is asked"
-        planned = _plan_here(request.goal(place), place, (0.0, 0.0), start)
+        planned = _plan_here(request, place, (0.0, 0.0), start)
     goal, coverage = planned.goal, planned.coverage
     area = make_area(goal.polygon_ned_m, goal.holes_ned_m)
     title = f"{len(coverage.pictures_ned_m)} images, {coverage.length_m:.0f} m, {minutes(coverage.duration_s)}"
@@ -67,7 +67,7 @@ def show_coverage_plan(
         click.echo(f"plan        {coverage.plan_id}: with --plan-id {coverage.plan_id} exactly this plan is flown")
     click.echo(f"drawn in    {file}")
     if planned.warning:
-        click.echo(f"warning: {planned.warning}", err=True)
+        click.echo(f"warning: {request.with_degrees(planned.warning, planned.origin)}", err=True)
 
 
 def _plan_of_stack(request: CoverageRequest, vehicle: str, router: str) -> _Planned | None:
@@ -98,7 +98,7 @@ def _ask(request: CoverageRequest, uav: "Vehicle") -> _Planned | None:
     except Refused as error:
         if goal.frame == "rover":
             raise click.ClickException(str(error)) from None
-        return _plan_here(goal, origin, (north_m, east_m), f"{at}; it would not fly now: {error}")
+        return _plan_here(request, origin, (north_m, east_m), f"{at}; it would not fly now: {error}")
     if reply.coverage is None:
         return None
     return _Planned(
@@ -106,19 +106,20 @@ def _ask(request: CoverageRequest, uav: "Vehicle") -> _Planned | None:
     )
 
 
-def _plan_here(goal: "AreaCoverageGoal", origin: Origin, start_m: tuple[float, float], start: str) -> _Planned:
+def _plan_here(request: CoverageRequest, origin: Origin, start_m: tuple[float, float], start: str) -> _Planned:
     """A plan by this command itself, for a vehicle that hovers at a point of the goal's frame."""
     from jezero.services.actions.area_coverage.planner import plan_or_refuse
     from jezero.services.actions.config import load_actions_config
     from jezero.services.actions.motion.behaviour import Refusal
 
+    goal = request.goal(origin)
     try:
         msgspec.convert(msgspec.to_builtins(goal), type(goal))  # as a server would check its numbers
     except msgspec.ValidationError as error:
         raise click.ClickException(f"the goal has a wrong number: {error}") from None
     made = plan_or_refuse(goal, load_actions_config(), start_m, (0.0, 0.0, 0.0))
     if isinstance(made, Refusal):
-        raise click.ClickException(made.reason)
+        raise click.ClickException(request.with_degrees(made.reason, origin))
     return _Planned(goal, origin, made.shown, made.plan.warning, start)
 
 

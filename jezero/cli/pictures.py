@@ -14,6 +14,7 @@ from jezero.cli.plan import minutes
 if TYPE_CHECKING:
     from jezero.client.dataset import Dataset
     from jezero.client.images import ImagesGoal
+    from jezero.frames import Vec3
     from jezero.schemas.actions import ImagesFeedback
 
 PNG_OR_JPG = click.Choice(["jpg", "png"])
@@ -43,18 +44,18 @@ def take_pictures(
     from jezero.client.errors import EndedError
     from jezero.schemas.actions import ImagesResult
 
-    folder = dataset.folder
-
+    folder, before = dataset.folder, dataset.count
+    track: list[Vec3] = []
     printer.event("accepted", f"{name}: accepted (goal {goal.goal_id})", goal_id=goal.goal_id, warning=goal.warning)
     printer.warn(goal.warning)
     with dataset:
         dataset.note(action=name, goal_id=goal.goal_id)
         try:
-            _follow(printer, goal, dataset)
+            _follow(printer, goal, dataset, before, track)
         except KeyboardInterrupt:
             printer.event("canceling", "canceling: the vehicle will hover where it is", goal_id=goal.goal_id)
             goal.cancel()
-            _follow(printer, goal, dataset)
+            _follow(printer, goal, dataset, before, track)
         try:
             result = goal.result()
         except EndedError as error:
@@ -71,18 +72,24 @@ def take_pictures(
     printer.event("result", text, **fields, result=msgspec.to_builtins(result))
 
 
-def _follow(printer: Printer, goal: "ImagesGoal", dataset: "Dataset") -> None:
-    track: list[Any] = []
+def _follow(printer: Printer, goal: "ImagesGoal", dataset: "Dataset", before: int, track: "list[Vec3]") -> None:
+    """Fetch the images of a goal until it ends.
+
+    Args:
+        before: images of the flights that this one goes on with.
+        track: positions of this flight so far, which grow.
+    """
 
     def on_feedback(feedback: "ImagesFeedback") -> None:
         track.append(feedback.pos_uav_ned_m)
         dataset.note(track_ned_m=track, track_frame=feedback.frame, planned=feedback.planned)
         north_m, east_m, down_m = feedback.pos_uav_ned_m
         rest = "" if goal.remaining_s is None else f", {minutes(goal.remaining_s)} to go"
-        text = f"{feedback.taken} of {feedback.planned} images, at ({north_m:.2f}, {east_m:.2f}, {down_m:.2f}){rest}"
+        there = before + feedback.taken
+        text = f"{there} of {feedback.planned} images, at ({north_m:.2f}, {east_m:.2f}, {down_m:.2f}){rest}"
         fields = {"pos_uav_ned_m": feedback.pos_uav_ned_m, "frame": feedback.frame}
         counts = {"taken": feedback.taken, "planned": feedback.planned, "remaining_s": goal.remaining_s}
-        printer.progress(text, feedback.taken / max(feedback.planned, 1), goal_id=goal.goal_id, **fields, **counts)
+        printer.progress(text, there / max(feedback.planned, 1), goal_id=goal.goal_id, **fields, **counts)
 
     for picture in goal.pictures(on_feedback):
         if not dataset.has(picture.image):

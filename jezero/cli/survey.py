@@ -1,5 +1,6 @@
 """`jezero getimages` and `jezero gridsweep`: goals that take images."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -86,6 +87,17 @@ def getimages(
 @click.argument("frame", type=FRAMES, default="world")
 @area_options
 @click.option("--z", "z_ned_m", type=FINITE, help="Height of the flight, NED: 5 m up is -5.")
+@click.option(
+    "--margin",
+    "margin_outline_m",
+    type=FINITE,
+    default=0.0,
+    show_default=True,
+    help="Metres from the outline.",
+)
+@click.option(
+    "--hole-margin", "margin_holes_m", type=FINITE, default=1.0, show_default=True, help="Metres from each hole."
+)
 @click.option("--resolution", "resolution_m", type=FINITE, help="Metres between lines, and between images.")
 @click.option("--overlap", type=click.FloatRange(0.0, 0.95), help="Share of an image that the next one repeats.")
 @click.option("--sidelap", type=click.FloatRange(0.0, 0.95), help="The same for the images of the next line.")
@@ -126,7 +138,8 @@ def gridsweep(
     from jezero.schemas.topics import AREA_COVERAGE
 
     if plan_only:
-        show_coverage_plan(_request(**given), origin, out or DRAWING, vehicle=vehicle, router=router, as_json=as_json)
+        file = _drawing(out)
+        show_coverage_plan(_request(**given), origin, file, vehicle=vehicle, router=router, as_json=as_json)
         return
     if origin is not None:
         raise click.UsageError("--origin is for --plan-only: a vehicle that flies has its own")
@@ -146,6 +159,7 @@ def gridsweep(
         goal = pending
         if isinstance(goal, CoverageRequest):
             known = vehicle_origin(odometry)
+            printer.reword = partial(goal.with_degrees, origin=known)
             goal = goal.goal(known)
             printer.event(
                 "area", f"area: {place_in_words(goal, known)}", origin_deg=None if known is None else known.position_deg
@@ -161,6 +175,15 @@ def gridsweep(
         take_pictures(
             printer, images_goal, "gridsweep", dataset, lambda result: _write_resume_goal(dataset.folder, result.resume)
         )
+
+
+def _drawing(out: Path | None) -> Path:
+    """File of a plan's drawing."""
+    if out is None:
+        return DRAWING
+    if out.suffix.lower() != ".png" or out.is_dir():
+        raise click.UsageError(f"with --plan-only, --out is a PNG file, such as plan.png, and {out} is none")
+    return out
 
 
 def _new_dataset(out: Path | None, kind: str) -> "Dataset":

@@ -42,6 +42,8 @@ class _Listing(msgspec.Struct):
     images: list[dict[str, Any]]
     t0_utc: datetime | None = None
     planned: int | None = None
+    track_ned_m: list[Any] = []
+    earlier_tracks_ned_m: list[Any] = []
 
 
 class Dataset:
@@ -79,7 +81,7 @@ class Dataset:
 
     @classmethod
     def reopen(cls, folder: Path | str, kind: Kind = "jpg", **extra: Any) -> Self:
-        """Open an existing dataset to add images.
+        """Open an existing dataset to add images; the track of its flight becomes that of an earlier one.
 
         Args:
             folder: folder of the dataset.
@@ -94,7 +96,8 @@ class Dataset:
         if listed.images:
             kind = "png" if str(listed.images[0].get("file", "")).endswith(".png") else "jpg"
         dataset = cls.__new__(cls)
-        dataset._initialize(folder, kind, extra)
+        earlier = [track for track in (*listed.earlier_tracks_ned_m, listed.track_ned_m) if track]
+        dataset._initialize(folder, kind, {"earlier_tracks_ned_m": earlier, **extra})
         for fields in listed.images:
             fields.pop("file", None)
             image = msgspec.convert(fields, Image)

@@ -220,6 +220,8 @@ class Vehicle:
         z_ned_m: float,
         *,
         holes_ned_m: Sequence[Corners] = (),
+        margin_outline_m: float = 0.0,
+        margin_holes_m: float = 1.0,
         resolution_m: float | None = None,
         overlap: float | None = None,
         sidelap: float | None = None,
@@ -238,6 +240,8 @@ class Vehicle:
             polygon_ned_m: (n, 2) corners of the area, north and east, in order.
             z_ned_m: altitude of the flight, NED; 5 m up is -5.
             holes_ned_m: polygons (n, 2) that are left out.
+            margin_outline_m: least distance of the vehicle from the outline, inside it.
+            margin_holes_m: least distance of the vehicle from each hole.
             resolution_m: distance between lines and between images.
             overlap: share of each image that the next one repeats, 0 to 0.95.
             sidelap: share of each image that the images of the next line repeat, 0 to 0.95; None is `overlap`.
@@ -250,6 +254,8 @@ class Vehicle:
         goal = AreaCoverageGoal(
             polygon_ned_m=tuple(polygon_ned_m),
             holes_ned_m=tuple(tuple(hole) for hole in holes_ned_m),
+            margin_outline_m=margin_outline_m,
+            margin_holes_m=margin_holes_m,
             z_ned_m=z_ned_m,
             resolution_m=resolution_m,
             overlap=overlap,

@@ -10,7 +10,7 @@ import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
 from jezero.mapping.ground import Ground
-from jezero.mapping.survey import Pixels, Survey
+from jezero.mapping.survey import Survey
 
 Array = NDArray[np.float64]
 FEATURES_MAX = 1200
@@ -50,10 +50,12 @@ class _Features:
 
     Attributes:
         points_px: (k, 2) pixels.
+        points_m: (k, 2) north and east of the same on the ground; NaN above the horizon.
         descriptors: (k, 128) as bytes, because those of all images are in memory.
     """
 
     points_px: Array
+    points_m: Array
     descriptors: NDArray[np.uint8]
 
     @property
@@ -70,13 +72,13 @@ def find_matches(survey: Survey, ground: Ground) -> list[Matches]:
     positions.
     """
     detector = cv2.SIFT.create(FEATURES_MAX)
-    features = [_features(detector, survey.pixels(number)) for number in range(len(survey))]
+    features = [_features(detector, survey, ground, number) for number in range(len(survey))]
     follow = {(i, i + 1) for i in range(len(survey) - 1)}
     compared = follow | _neighbours(survey, ground, np.ones((len(survey), len(survey)), bool))
-    found = _match_pairs(survey, ground, features, compared, ASTRAY_MAX_M)
+    found = _match_pairs(features, compared, ASTRAY_MAX_M)
     groups = group_images(len(survey), found)
     apart = _neighbours(survey, ground, groups[:, None] != groups)
-    return found + _match_pairs(survey, ground, features, apart, ASTRAY_FLIGHTS_MAX_M)
+    return found + _match_pairs(features, apart, ASTRAY_FLIGHTS_MAX_M)
 
 
 def group_images(count: int, matches: list[Matches]) -> NDArray[np.int64]:
@@ -86,18 +88,18 @@ def group_images(count: int, matches: list[Matches]) -> NDArray[np.int64]:
     return np.asarray(scipy.sparse.csgraph.connected_components(graph, directed=False)[1], np.int64)
 
 
-def _match_pairs(
-    survey: Survey, ground: Ground, features: list[_Features], pairs: Iterable[tuple[int, int]], astray_max_m: float
-) -> list[Matches]:
-    matched = (_match(survey, ground, a, b, features[a], features[b], astray_max_m) for a, b in sorted(pairs))
+def _match_pairs(features: list[_Features], pairs: Iterable[tuple[int, int]], astray_max_m: float) -> list[Matches]:
+    matched = (_match(a, b, features[a], features[b], astray_max_m) for a, b in sorted(pairs))
     return [matches for matches in matched if matches is not None]
 
 
-def _features(detector: cv2.SIFT, pixels: Pixels) -> _Features:
-    keypoints, descriptors = detector.detectAndCompute(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), None)
+def _features(detector: cv2.SIFT, survey: Survey, ground: Ground, number: int) -> _Features:
+    keypoints, descriptors = detector.detectAndCompute(cv2.cvtColor(survey.pixels(number), cv2.COLOR_RGB2GRAY), None)
     if not keypoints:
-        return _Features(np.zeros((0, 2)), np.zeros((0, 128), np.uint8))
-    return _Features(np.array([keypoint.pt for keypoint in keypoints]), descriptors.astype(np.uint8))
+        return _Features(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 128), np.uint8))
+    points_px = np.array([keypoint.pt for keypoint in keypoints])
+    rays = survey.rays(points_px) @ survey.rotations[number].T
+    return _Features(points_px, ground.met(survey.pos_m[number], rays)[:, :2], descriptors.astype(np.uint8))
 
 
 def _neighbours(survey: Survey, ground: Ground, may: NDArray[np.bool_]) -> set[tuple[int, int]]:
@@ -126,16 +128,13 @@ def _spread(near: list[int], middles_m: Array, of: int) -> list[int]:
     return list(chosen.values())
 
 
-def _match(
-    survey: Survey, ground: Ground, first: int, second: int, a: _Features, b: _Features, astray_max_m: float
-) -> Matches | None:
+def _match(first: int, second: int, a: _Features, b: _Features, astray_max_m: float) -> Matches | None:
     if min(len(a.points_px), len(b.points_px)) < MATCHES_MIN:
         return None
-    on_a, on_b = (_on_ground(survey, ground, i, f.points_px) for i, f in ((first, a), (second, b)))
     pairs = _nearest_descriptors(a, b)
     if len(pairs) < MATCHES_MIN:
         return None
-    astray_m = np.linalg.norm(on_a[pairs[:, 0]] - on_b[pairs[:, 1]], axis=1)
+    astray_m = np.linalg.norm(a.points_m[pairs[:, 0]] - b.points_m[pairs[:, 1]], axis=1)
     pairs = pairs[astray_m < astray_max_m]
     if len(pairs) < MATCHES_MIN:
         return None
@@ -160,9 +159,3 @@ def _nearest_descriptors(a: _Features, b: _Features) -> NDArray[np.int64]:
     apart, next_apart = np.sqrt(np.maximum(2.0 - 2.0 * top, 0.0)), np.sqrt(np.maximum(2.0 - 2.0 * next_top, 1e-9))
     good = (best_a[best_b] == rows) & (apart < RATIO_MAX * next_apart)
     return np.column_stack((rows[good], best_b[good]))
-
-
-def _on_ground(survey: Survey, ground: Ground, number: int, points_px: Array) -> Array:
-    """(k, 2) north and east of points of an image; NaN above the horizon."""
-    rays = survey.rays(points_px) @ survey.rotations[number].T
-    return ground.met(survey.pos_m[number], rays)[:, :2]

@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from jezero.frames import Vec3
 from jezero.report.style import BLUE, GREEN, GREY, ORANGE, WIDTH_IN, Format, draw
 from jezero.schemas.actions import AreaCoverageGoal, Frame, PlannedCoverage
 from jezero.schemas.images import LISTING
@@ -31,7 +32,8 @@ class _Dataset(msgspec.Struct, frozen=True):
 
     images: list[_Image]
     goal: AreaCoverageGoal | None = None
-    track_ned_m: list[tuple[float, float, float]] = []
+    track_ned_m: list[Vec3] = []
+    earlier_tracks_ned_m: list[list[Vec3]] = []
     track_frame: Frame = "world"
 
 
@@ -71,17 +73,18 @@ def draw_coverage(folder: Path, form: Format) -> list[Path]:
         return []
     if dataset.goal is None or not dataset.images:
         return []
-    track_m = np.array(dataset.track_ned_m, dtype=float).reshape(-1, 3)[:, :2]
-    plan = plan_coverage(dataset.goal, load_actions_config(), track_m[0] if len(track_m) else None)
+    tracks_ned_m = [*dataset.earlier_tracks_ned_m, dataset.track_ned_m]
+    tracks_m = [np.array(track, dtype=float).reshape(-1, 3)[:, :2] for track in tracks_ned_m if track]
+    plan = plan_coverage(dataset.goal, load_actions_config(), tracks_m[0][0] if tracks_m else None)
     taken_m = np.array([image.pos_uav_ned_m[:2] for image in dataset.images], dtype=float)
     if dataset.goal.frame == "rover":  # images have world positions: the frame's origin follows from the difference
         taken_m = taken_m - np.median(taken_m - plan.pictures_m[: len(taken_m)], axis=0)
     if dataset.track_frame != dataset.goal.frame:
-        track_m = track_m[:0]
-    return [_draw_flown(folder / f"coverage.{form}", plan, dataset.goal.frame, track_m, taken_m)]
+        tracks_m = []
+    return [_draw_flown(folder / f"coverage.{form}", plan, dataset.goal.frame, tracks_m, taken_m)]
 
 
-def _draw_flown(path: Path, plan: "CoveragePlan", frame: Frame, track_m: Array, taken_m: Array) -> Path:
+def _draw_flown(path: Path, plan: "CoveragePlan", frame: Frame, tracks_m: list[Array], taken_m: Array) -> Path:
     def fill(figure: Any, axes: Any) -> None:
         planned, flown = axes[0]
         for ax in (planned, flown):
@@ -94,11 +97,13 @@ def _draw_flown(path: Path, plan: "CoveragePlan", frame: Frame, track_m: Array, 
         length_m, covered = plan.trajectory.length_m, 100.0 * plan.covered
         planned.set_title(f"planned: {length_m:.0f} m, {len(plan.pictures_m)} pictures, {covered:.1f} % covered")
         flown.plot(plan.trajectory.pos_m[:, 1], plan.trajectory.pos_m[:, 0], color=GREY, lw=0.6, label="planned path")
-        flown.plot(track_m[:, 1], track_m[:, 0], color=BLUE, lw=0.9, label="flown path")
+        for track_m in tracks_m:
+            flown.plot(track_m[:, 1], track_m[:, 0], color=BLUE, lw=0.9)
+        flown.plot([], [], color=BLUE, lw=0.9, label="flown path")
         _places(flown, taken_m, "pictures")
         flown.plot([], [], "o", color=GREEN, ms=5, label="start of the path")
         flown.plot([], [], "s", color=GREEN, ms=5, label="end of the path")
-        flown.set_title(f"flown: {len(taken_m)} pictures{_off_text(plan, track_m)}")
+        flown.set_title(f"flown: {len(taken_m)} pictures{_off_text(plan, tracks_m)}")
         if frame == "rover":
             for ax in (planned, flown):
                 ax.set_xlabel("east of the platform's centre [m]")
@@ -111,13 +116,14 @@ def _draw_flown(path: Path, plan: "CoveragePlan", frame: Frame, track_m: Array, 
     return draw(path, (1, 2), height_in, fill, sharex=True, sharey=True)
 
 
-def _off_text(plan: "CoveragePlan", track_m: Array) -> str:
-    """Text with the distances of the flown path from the planned one, after it was reached."""
-    if len(track_m) == 0:
+def _off_text(plan: "CoveragePlan", tracks_m: list[Array]) -> str:
+    """Text with the distances of the newest flight from the planned path, after it was reached."""
+    if not tracks_m:
         return ""
     import shapely
     from shapely.geometry import LineString
 
+    track_m = tracks_m[-1]
     off_m = shapely.distance(LineString(plan.trajectory.pos_m), shapely.points(track_m))
     start_m = np.linalg.norm(track_m - plan.trajectory.pos_m[0], axis=1)
     on_it = off_m[int(np.argmin(start_m)) :]

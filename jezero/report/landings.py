@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from jezero.frames import Vec3, add, quat_rotate, rotate_yaw, subtract
+from jezero.frames import Vec3, add, quat_from_euler, quat_rotate, rotate_yaw, subtract
 from jezero.recording import Entry
 from jezero.runtime.config import load_config
 from jezero.schemas import topics
@@ -186,15 +186,16 @@ def _uwb_positions(
 ) -> Iterator[tuple[Uwb, Vec3]]:
     """Relative position from each round of ranges alone. Source: thesis eqs. 4.11–4.13.
 
-    The rover's heading is its compass', the vehicle's attitude the autopilot's.
+    The rover's attitude is that of its compass and IMU, the vehicle's the autopilot's.
     """
     rover_ns, odometry_ns = [m.t_ns for m in rover], [m.t_ns for m in odometry]
     for uwb in rounds:
         fix = trilaterate([r.pos_anchor_rover_body_m for r in uwb.ranges], [r.range_m for r in uwb.ranges])
         if fix is None or not rover or not odometry:
             continue
-        heading = rover[min(int(np.searchsorted(rover_ns, uwb.t_ns)), len(rover) - 1)].yaw_rover_rad
+        known = rover[min(int(np.searchsorted(rover_ns, uwb.t_ns)), len(rover) - 1)]
+        q_ned_from_rover_body = quat_from_euler(known.roll_rover_rad, known.pitch_rover_rad, known.yaw_rover_rad)
         nearest = odometry[min(int(np.searchsorted(odometry_ns, uwb.t_ns)), len(odometry) - 1)]
         mount_ned_m = quat_rotate(nearest.q_ned_from_frd, vehicle.uwb.pos_tag_frd_m)
-        center_ned_m = subtract(rotate_yaw(fix[0], heading), mount_ned_m)
+        center_ned_m = subtract(quat_rotate(q_ned_from_rover_body, fix[0]), mount_ned_m)
         yield uwb, add(center_ned_m, (0.0, 0.0, vehicle.airframe.height_stand_m))

@@ -154,9 +154,10 @@ class ConsistencyMonitor:
         errors_m: dict[Place, list[float]] = {}
         for tag, uwb in pairs:
             tag_m = rotate_yaw(_vec3(tag.pos_rel_m + uwb.lever_ned_m), -yaw_rad)
-            for anchor, range_m in zip(uwb.anchors_m.tolist(), uwb.ranges_m.tolist(), strict=True):
+            anchors = zip(uwb.anchors_m.tolist(), uwb.anchors_level_m.tolist(), uwb.ranges_m.tolist(), strict=True)
+            for anchor, anchor_level_m, range_m in anchors:
                 place = (anchor[0], anchor[1], anchor[2])
-                errors_m.setdefault(place, []).append(range_m - dist(tag_m, place))
+                errors_m.setdefault(place, []).append(range_m - dist(tag_m, anchor_level_m))
         medians_m = {place: median(errors) for place, errors in errors_m.items()}
         if len(medians_m) <= ANCHORS_MIN:
             self.leave_out_uwb("as it contradicts the tag")

@@ -27,6 +27,7 @@ from jezero.services.estimator.motion import (
     YAW_RATE,
     Array,
 )
+from jezero.services.estimator.rover_tilt import LEVEL
 
 Kind = Literal["odometry", "rover", "altimeter", "uwb", "tag", "locate"]
 """Kinds of measurements, in the order in which those with equal time stamps are fused."""
@@ -170,6 +171,7 @@ class UwbMeasurement(msgspec.Struct, frozen=True, gc=False):
         ranges_m: (m,) measured ranges.
         delays_s: (m,) time of each range relative to `t_ns`.
         std_m: standard deviation of a range.
+        R_level_from_rover_body: (3, 3) rotation from rover_body to level axes with the rover's heading.
     """
 
     kind: ClassVar[Kind] = "uwb"
@@ -179,6 +181,12 @@ class UwbMeasurement(msgspec.Struct, frozen=True, gc=False):
     ranges_m: Array
     delays_s: Array
     std_m: float
+    R_level_from_rover_body: Array = LEVEL
+
+    @property
+    def anchors_level_m(self) -> Array:
+        """(m, 3) positions of the anchors relative to the platform, in level axes with the rover's heading."""
+        return self.anchors_m @ self.R_level_from_rover_body.T
 
     def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
         offered = len(self.ranges_m)
@@ -206,14 +214,14 @@ class UwbMeasurement(msgspec.Struct, frozen=True, gc=False):
         """Expected ranges (m,) and their Jacobian (m, n)."""
         yaw = float(x[YAW])
         c, s = cos(yaw), sin(yaw)
-        to_body = np.array(((c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)))
+        to_level = np.array(((c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)))
         delays = self.delays_s[:, None]
         tag_ned_m = x[POS_UAV] - x[POS_ROVER] + self.lever_ned_m + delays * (x[VEL_UAV] - x[VEL_ROVER])
-        tag_m = tag_ned_m @ to_body.T
-        away = tag_m - self.anchors_m
+        tag_m = tag_ned_m @ to_level.T
+        away = tag_m - self.anchors_level_m
         lengths = np.maximum(np.sqrt((away * away).sum(axis=1)), 1e-3)
         unit = away / lengths[:, None]
-        unit_ned = unit @ to_body
+        unit_ned = unit @ to_level
         H = np.zeros((len(lengths), SIZE))
         H[:, POS_UAV], H[:, POS_ROVER] = unit_ned, -unit_ned
         H[:, VEL_UAV], H[:, VEL_ROVER] = unit_ned * delays, -unit_ned * delays
@@ -229,6 +237,7 @@ class AltimeterMeasurement(msgspec.Struct, frozen=True, gc=False):
         lever_ned_m: (3,) lever arm from the vehicle's position to the laser.
         beam_ned: (3,) unit vector along the beam.
         half_side_m: half of the platform's side.
+        normal_level: (3,) unit vector down through the platform, in level axes with the rover's heading.
     """
 
     kind: ClassVar[Kind] = "altimeter"
@@ -238,15 +247,17 @@ class AltimeterMeasurement(msgspec.Struct, frozen=True, gc=False):
     beam_ned: Array
     half_side_m: float
     std_m: float
+    normal_level: Array = LEVEL[:, 2]
 
     def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
-        down = float(self.beam_ned[2])
+        normal_ned = self._normal_ned(float(kalman.x[YAW]))
+        down = float(self.beam_ned @ normal_ned)
         laser_m = kalman.pos_rel_m + self.lever_ned_m
-        expected_m = -float(laser_m[2]) / max(down, 0.1)
+        expected_m = -float(laser_m @ normal_ned) / max(down, 0.1)
         if down < 0.7 or expected_m <= 0.0 or not self._hits_platform(kalman, laser_m, expected_m):
             return UpdateResult(0, 0)
         H = np.zeros((1, SIZE))
-        H[0, 2], H[0, 8] = -1.0 / down, 1.0 / down
+        H[0, POS_UAV], H[0, POS_ROVER] = -normal_ned / down, normal_ned / down
         R = np.array([[self.std_m * self.std_m]])
         innovation = np.array([self.range_m - expected_m])
         S = float(kalman.innovation_covariance(H, R)[0, 0])
@@ -254,6 +265,11 @@ class AltimeterMeasurement(msgspec.Struct, frozen=True, gc=False):
             return UpdateResult(0, 1)
         kalman.update(innovation, H, R)
         return UpdateResult(1, 1)
+
+    def _normal_ned(self, yaw_rad: float) -> Array:
+        c, s = cos(yaw_rad), sin(yaw_rad)
+        ahead, right, down = self.normal_level.tolist()
+        return np.array((c * ahead - s * right, s * ahead + c * right, down))
 
     def _hits_platform(self, kalman: Kalman, laser_m: Array, expected_m: float) -> bool:
         """Whether the beam ends inside the platform's edge by at least three standard deviations."""

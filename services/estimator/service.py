@@ -12,6 +12,7 @@ from jezero.schemas import sensors, topics
 from jezero.schemas.estimate import Relative, RoverEstimate, TagEstimate
 from jezero.schemas.state import Odometry
 from jezero.schemas.units import NS_PER_S
+from jezero.services.estimator.arrivals import Arrivals
 from jezero.services.estimator.attitude_history import AttitudeHistory
 from jezero.services.estimator.config import EstimatorConfig
 from jezero.services.estimator.measurements import (
@@ -27,11 +28,13 @@ from jezero.services.estimator.motion import Array
 from jezero.services.estimator.range_outliers import RangeOutlierFilter
 from jezero.services.estimator.relative_filter import Estimate, RelativeFilter
 from jezero.services.estimator.rover_plausibility import RoverPlausibilityCheck
+from jezero.services.estimator.rover_tilt import LEVEL, level_from_rover_body
 from jezero.services.estimator.selection import InputSelection
 from jezero.vehicle_config import VehicleConfig
 
 UPPER_6 = np.triu_indices(6)
-INPUT_NAMES: dict[Kind, str] = {"rover": "the rover's odometry", "uwb": "UWB", "tag": "the tag"}
+UWB, TAG = "UWB", "the tag"
+INPUT_NAMES: dict[Kind, str] = {"rover": "the rover's odometry", "uwb": UWB, "tag": TAG}
 ATTITUDE_AGE_MAX_S = 0.06
 RANGE_STD_FACTOR = 1.5
 """Factor on the ranges' estimated noise, as each anchor also has a constant error."""
@@ -87,17 +90,16 @@ class Estimator:
         self._rover_check = RoverPlausibilityCheck()
         self._tag_freeze = FrozenSensorDetector()
         self._epoch_id: int | None = None
-        self._since_ns = 0
-        """Older sensor messages belong to a former epoch."""
+        self._arrivals = Arrivals(config.validity)
         self._odometry: Odometry | None = None
         self._rover_odometry_ns: int | None = None
+        self._R_level_from_rover_body = LEVEL
         self._active_selection = self._current_selection()
         self._goal_id = ""
         """Goal of the selection in force, for which inputs may have been left out."""
         self._restart_due = True
         self._published_ns = 0
         self._rover_published_ns = 0
-        self._dropped = 0
         self._health = ""
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
@@ -127,9 +129,10 @@ class Estimator:
         self._epoch_id = clock.epoch_id
 
     def _reset(self, t_ns: int) -> None:
-        self._since_ns = t_ns
+        self._arrivals.since_ns = t_ns
         self._odometry = None
         self._rover_odometry_ns = None
+        self._R_level_from_rover_body = LEVEL
         self._outlier_filter.clear()
         self._rover_check.clear()
         self._restart_due = True
@@ -175,18 +178,10 @@ class Estimator:
 
     # -- messages to measurements --------------------------------------------------------------------------
 
-    def _is_timely(self, t_ns: int, measured_ns: int) -> bool:
-        validity = self._config.validity
-        too_old = measured_ns < max(self._since_ns, t_ns - int(validity.max_age_s * NS_PER_S))
-        if too_old or measured_ns > t_ns + int(validity.max_lead_s * NS_PER_S):
-            self._dropped += 1
-            return False
-        return True
-
     def _odometry_measurements(self, t_ns: int, inbox: Inbox) -> list[Measurement]:
         measurements: list[Measurement] = []
         for odometry in inbox.new(topics.ODOMETRY):
-            if odometry.epoch_id != self._epoch_id or not self._is_timely(t_ns, odometry.t_ns):
+            if odometry.epoch_id != self._epoch_id or not self._arrivals.is_timely(t_ns, odometry.t_ns, "the odometry"):
                 continue
             if self._odometry is not None and odometry.t_ns <= self._odometry.t_ns:
                 continue
@@ -199,24 +194,25 @@ class Estimator:
 
     def _measurements(self, t_ns: int, inbox: Inbox) -> Iterator[Measurement]:
         for rover in inbox.new(topics.ROVER_ODOMETRY):
-            if self._is_timely(t_ns, rover.t_ns) and self._is_plausible(rover):
+            if self._arrivals.is_timely(t_ns, rover.t_ns, "the rover's odometry") and self._is_plausible(rover):
                 self._rover_odometry_ns = rover.t_ns
+                self._R_level_from_rover_body = level_from_rover_body(rover)
                 yield self._rover_measurement(rover)
         for altimeter in inbox.new(topics.ALTIMETER):
-            if altimeter.range_m is not None and self._is_timely(t_ns, altimeter.t_ns):
+            if altimeter.range_m is not None and self._arrivals.is_timely(t_ns, altimeter.t_ns, "the altimeter"):
                 yield from self._altimeter_measurement(altimeter, altimeter.range_m)
         if self._selection.use_uwb:
             for uwb in inbox.new(topics.UWB):
-                if uwb.ranges and self._is_timely(t_ns, uwb.t_ns):
+                if uwb.ranges and self._arrivals.is_timely(t_ns, uwb.t_ns, UWB):
                     yield from self._uwb_measurement(uwb)
         if self._selection.use_tag:
             for tag in inbox.new(topics.ESTIMATE_TAG):
-                if self._is_timely(t_ns, tag.t_ns):
+                if self._arrivals.is_timely(t_ns, tag.t_ns, TAG):
                     yield from self._tag_measurement(tag)
 
     def _is_plausible(self, rover: sensors.RoverOdometry) -> bool:
         plausible = self._rover_check.is_plausible(rover)
-        self._dropped += not plausible
+        self._arrivals.dropped += not plausible
         return plausible
 
     def _rover_measurement(self, rover: sensors.RoverOdometry) -> RoverOdometryMeasurement:
@@ -246,7 +242,8 @@ class Estimator:
             beam_ned = np.array(quat_rotate(q_ned_from_frd, (0.0, 0.0, 1.0)))
             half_m = 0.5 * self._vehicle.platform.side_m
             std_m = self._selection.tuning.std_altimeter_m
-            yield AltimeterMeasurement(altimeter.t_ns, range_m, lever_m, beam_ned, half_m, std_m)
+            normal_level = self._R_level_from_rover_body[:, 2]
+            yield AltimeterMeasurement(altimeter.t_ns, range_m, lever_m, beam_ned, half_m, std_m, normal_level)
 
     def _uwb_measurement(self, uwb: sensors.Uwb) -> Iterator[Measurement]:
         """Ranges with line of sight; their noise is the parameter's or the estimated one, whichever is greater."""
@@ -264,6 +261,7 @@ class Estimator:
                 np.array([r.range_m for r in ranges]),
                 np.array([(r.t_ns - t_ns) * 1e-9 for r in ranges]),
                 std_m,
+                self._R_level_from_rover_body,
             )
 
     def _tag_measurement(self, tag: TagEstimate) -> Iterator[Measurement]:
@@ -271,13 +269,13 @@ class Estimator:
         if q_ned_from_frd is None:
             return
         if self._tag_freeze.is_frozen(tag.pos_uav_rel_rover_ned_m):  # the camera shows the same picture all the time
-            self._dropped += 1
+            self._arrivals.dropped += 1
             return
         lever_arm_m = np.array(tag.pos_uav_rel_rover_ned_m)
         xx, xy, xz, yy, yz, zz = tag.cov_pos_ned_m2
         cov_m2 = np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
         if float(np.linalg.eigvalsh(cov_m2)[0]) < -1e-9:
-            self._dropped += 1
+            self._arrivals.dropped += 1
             return
         factor = self._selection.tuning.scale_std_tag
         knows_yaw = tag.yaw_rover_rad is not None and bool(tag.std_yaw_rover_rad)
@@ -307,10 +305,17 @@ class Estimator:
             yield Publish(topics.ROVER_ESTIMATE, self._rover_estimate(estimate, odometry, reason))
 
     def _invalid_reason(self, t_ns: int) -> str:
-        """Why the estimate is invalid, or ""."""
+        """Why the estimate is invalid, its causes first, or ""."""
         reason = next(self._invalid_reasons(t_ns), "")
-        left_out = self._filter.consistency.left_out if self._selection.use_uwb else ""
-        return f"{left_out}; {reason}" if reason and left_out else reason
+        if not reason:
+            return ""
+        selection, arrivals = self._selection, self._arrivals
+        causes = (
+            self._filter.consistency.left_out if selection.use_uwb else "",
+            arrivals.late_reason(t_ns, UWB) if selection.use_uwb else "",
+            arrivals.late_reason(t_ns, TAG) if selection.use_tag else "",
+        )
+        return "; ".join(text for text in (*causes, reason) if text)
 
     def _is_contradicted(self) -> bool:
         """Whether inputs contradict each other or the altimeter; to be called for an invalid estimate."""
@@ -322,16 +327,16 @@ class Estimator:
         validity, selection, relative = self._config.validity, self._selection, self._filter
         if self._odometry is None or t_ns - self._odometry.t_ns > validity.odometry_timeout_s * NS_PER_S:
             yield "no odometry of the vehicle"
-        selected = " and ".join(n for n, use in (("UWB", selection.use_uwb), ("tag", selection.use_tag)) if use)
+        selected = " and ".join(n for n, use in ((UWB, selection.use_uwb), ("tag", selection.use_tag)) if use)
         if not selected:
             yield "neither UWB nor tag is selected"
         if not relative.located:
             missing = "" if self._rover_odometry_ns is not None else "; the rover's odometry is missing"
             yield f"the rover has not been found yet by {selected}{missing}"
-        if relative.std_pos_m > validity.std_pos_max_m:
-            yield f"the rover's position is known to {relative.std_pos_m:.1f} m only"
         if relative.fused_ns == 0:
             yield f"nothing measured by {selected} yet"
+        if relative.std_pos_m > validity.std_pos_max_m:
+            yield f"the rover's position is known to {relative.std_pos_m:.1f} m only"
         silent_s = (t_ns - relative.fused_ns) / NS_PER_S
         if silent_s > validity.aiding_timeout_s:
             yield f"nothing measured by {selected} for {silent_s:.0f} s"
@@ -387,8 +392,8 @@ class Estimator:
         missing = "the vehicle's clock" if self._epoch_id is None else "odometry" if self._odometry is None else ""
         left_out = self._filter.consistency.left_out
         text = f"waiting for {missing}" if missing else reason or left_out or "the rover is found"
-        if self._dropped:
-            text += f"; {self._dropped} measurements dropped: too late, too early or impossible"
+        if self._arrivals.dropped:
+            text += f"; {self._arrivals.dropped} measurements dropped: too late, too early or impossible"
         if text != self._health:
             self._health = text
             worse = missing or self._filter.rejected_inputs or left_out

@@ -60,7 +60,8 @@ class UwbWindow:
         if len(rounds) < ROUNDS_MIN:
             return None
         c, s = cos(yaw_rad), sin(yaw_rad)
-        to_ned = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+        R_level_from_rover_body = rounds[-1].R_level_from_rover_body
+        to_ned = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0))) @ R_level_from_rover_body
         vel_body_mps = vel_rel_mps @ to_ned
         found = trilaterate(*_medians(rounds, t_ns, vel_body_mps, None))
         for _ in range(REFINEMENTS_MAX):

@@ -291,7 +291,7 @@ class UwbConfig(Config, frozen=True, kw_only=True):
 
 
 class RoverOdometryConfig(Config, frozen=True, kw_only=True):
-    """Errors of the rover's wheel odometry and compass, with which the rover does its dead reckoning.
+    """Errors of the rover's wheel odometry and compass, with which the rover does its dead reckoning, and of its IMU.
 
     Attributes:
         rate_hz: readings per second.
@@ -305,6 +305,8 @@ class RoverOdometryConfig(Config, frozen=True, kw_only=True):
         std_scale: standard deviation of the relative error of the wheels' radius, constant during a run.
         std_slip: standard deviation of the slip of the wheels, relative to the speed.
         tau_slip_s: time constant of the slip.
+        std_tilt_rad: standard deviation of the white noise of the platform's roll and pitch.
+        std_bias_tilt_rad: standard deviation of their slowly varying error, with the time constant of the compass'.
     """
 
     rate_hz: Rate = 25.0
@@ -318,6 +320,8 @@ class RoverOdometryConfig(Config, frozen=True, kw_only=True):
     std_scale: NonNegative = 0.01
     std_slip: NonNegative = 0.02
     tau_slip_s: Positive = 2.0
+    std_tilt_rad: NonNegative = 0.002
+    std_bias_tilt_rad: NonNegative = 0.003
 
 
 class SimulatorConfig(Config, frozen=True, kw_only=True):

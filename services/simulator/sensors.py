@@ -10,6 +10,7 @@ from jezero.frames import (
     Vec3,
     add,
     distance,
+    euler_from_quat,
     geodetic_from_ned,
     quat_conjugate,
     quat_rotate,
@@ -255,7 +256,7 @@ class Uwb:
 
 
 class RoverOdometry:
-    """Wheels and compass of the rover, and the path they dead reckon from where it started."""
+    """Wheels, compass and IMU of the rover, and the path that is dead reckoned from where it started."""
 
     def __init__(self, config: RoverOdometryConfig, seed: int) -> None:
         self._normals = normals_of(generator(seed, "rover_odometry"))
@@ -263,6 +264,10 @@ class RoverOdometry:
         self._bias_yaw_rad = Wander(config.std_bias_yaw_rad, config.tau_bias_s, self._dt_s, self._normals)
         self._scale = 1.0 + config.std_scale * self._normals()
         self._slip = Wander(config.std_slip, config.tau_slip_s, self._dt_s, self._normals)
+        self._normals_tilt = normals_of(generator(seed, "rover_tilt"))
+        self._bias_roll_rad, self._bias_pitch_rad = (
+            Wander(config.std_bias_tilt_rad, config.tau_bias_s, self._dt_s, self._normals_tilt) for _ in range(2)
+        )
         self._pos_odom_m = (0.0, 0.0)
         self._config = config
 
@@ -279,12 +284,16 @@ class RoverOdometry:
         step_m = speed_mps * self._dt_s
         north_m, east_m = self._pos_odom_m
         self._pos_odom_m = (north_m + step_m * cos(yaw_rad), east_m + step_m * sin(yaw_rad))
+        roll_rad, pitch_rad, _ = euler_from_quat(rover.q_ned_from_rover_body)
+        tilt = self._normals_tilt
         return messages.RoverOdometry(
             t_ns=t_ns,
             pos_odom_m=self._pos_odom_m,
             yaw_rover_rad=yaw_rad,
             speed_rover_body_mps=speed_mps,
             yaw_rate_rover_rps=rover.yaw_rate_rps + config.std_yaw_rate_rps * n(),
+            roll_rover_rad=wrap_pi(roll_rad + self._bias_roll_rad.step() + config.std_tilt_rad * tilt()),
+            pitch_rover_rad=wrap_pi(pitch_rad + self._bias_pitch_rad.step() + config.std_tilt_rad * tilt()),
         )
 
 

@@ -211,7 +211,7 @@ class Authority:
         if vehicle.armed or vehicle.acknowledged in (Command.DISARM, Command.FORCE_DISARM):
             self._arm_pending = False
         flying = self.code not in (StatusCode.IDLE, StatusCode.EXTERNAL)
-        self._monitor.update(vehicle, flying=flying)
+        self._monitor.update(vehicle, self.target, flying=flying)
         takeover = None
         if self.code in IN_PROGRESS and not self._engaged:
             takeover = self._takeover.before_lift_off(vehicle, arm_commanded=arm_commanded)
@@ -231,7 +231,7 @@ class Authority:
     def _judge_flight(self, vehicle: VehicleSnapshot) -> None:
         monitor = self._monitor
         takeover = self._takeover.in_flight(vehicle) if self._engaged else None
-        if reason := monitor.tilt_reason(vehicle):
+        if reason := monitor.kill_reason(vehicle):
             self.kill(reason, vehicle)
         elif takeover:
             self._lose_control(*takeover, vehicle)

@@ -1,13 +1,19 @@
-"""Detection of the conditions that end a flight: tilt, and the loss of telemetry or of the bus's router."""
+"""Detection of the conditions that end a flight: tilt, a wedge, and the loss of telemetry or of the bus's router."""
 
 from math import degrees
 
+from jezero.frames import horizontal, norm, subtract
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
-from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, VehicleSnapshot
+from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, Target, VehicleSnapshot
 
 TILT_LIMIT_RAD, TILT_TIMEOUT_S = 1.0472, 0.5
 """A vehicle that is tilted further than 60 degrees for this time is upside down or lies against something: no
 controller tilts it as far."""
+WEDGED_TILT_RAD, WEDGED_HEIGHT_MAX_M, WEDGED_TIMEOUT_S = 0.17, 1.0, 5.0
+"""A vehicle that something holds, such as a rover beside it, is tilted by more than 10 degrees near the ground."""
+STILL_MPS = 0.1
+COMMANDED_MIN_MPS, AWAY_MIN_M = 0.3, 0.5
+"""A vehicle whose target is faster than this, or farther away, should not stand still."""
 BLIND_TIMEOUT_S = 5.0
 """Without telemetry for this time, the bridge stops streaming, and the autopilot lands by itself."""
 
@@ -17,18 +23,28 @@ class FlightMonitor:
 
     def __init__(self, config: VehicleBridgeConfig) -> None:
         self._config = config
-        self._upright_ns = 0
+        self._upright_ns = self._free_ns = 0
 
-    def update(self, vehicle: VehicleSnapshot, *, flying: bool) -> None:
-        """Measure the time since the vehicle was last upright, while the bridge flies it."""
-        if not (flying and vehicle.armed and vehicle.tilt_rad > TILT_LIMIT_RAD):
+    def update(self, vehicle: VehicleSnapshot, target: Target | None, *, flying: bool) -> None:
+        """Measure since when the vehicle is tilted too far, or wedged, while the bridge flies it.
+
+        Args:
+            target: that the autopilot follows.
+        """
+        flying = flying and bool(vehicle.armed)
+        if not (flying and vehicle.tilt_rad > TILT_LIMIT_RAD):
             self._upright_ns = vehicle.timer_ns
+        if not (flying and _is_held(vehicle, target)):
+            self._free_ns = vehicle.timer_ns
 
-    def tilt_reason(self, vehicle: VehicleSnapshot) -> str | None:
+    def kill_reason(self, vehicle: VehicleSnapshot) -> str | None:
         """Reason to cut the motors."""
-        if (vehicle.timer_ns - self._upright_ns) * 1e-9 < TILT_TIMEOUT_S:
-            return None
-        return f"motors cut: tilted by {degrees(vehicle.tilt_rad):.0f} degrees for {TILT_TIMEOUT_S:g} s"
+        tilt = f"tilted by {degrees(vehicle.tilt_rad):.0f} degrees"
+        if (vehicle.timer_ns - self._upright_ns) * 1e-9 >= TILT_TIMEOUT_S:
+            return f"motors cut: {tilt} for {TILT_TIMEOUT_S:g} s"
+        if (vehicle.timer_ns - self._free_ns) * 1e-9 >= WEDGED_TIMEOUT_S:
+            return f"motors cut: wedged near the ground, {tilt} and not moving for {WEDGED_TIMEOUT_S:g} s"
+        return None
 
     def link_reason(self, vehicle: VehicleSnapshot) -> str | None:
         """Reason to end a goal."""
@@ -48,3 +64,20 @@ class FlightMonitor:
         if lost_s < self._config.router_timeout_s or not vehicle.armed or vehicle.landed:
             return None
         return f"landing: the bus's router has been missing for {lost_s:.0f} s"
+
+
+def _is_held(vehicle: VehicleSnapshot, target: Target | None) -> bool:
+    """Whether the vehicle is tilted near the ground and stands still, although its target is elsewhere.
+
+    A command that only pushes the vehicle down doesn't count: a vehicle that has landed on a slope obeys it.
+    """
+    if target is None or vehicle.pos_ned_m is None or vehicle.height_m is None:
+        return False
+    still = norm(vehicle.vel_ned_mps) < STILL_MPS and vehicle.height_m < WEDGED_HEIGHT_MAX_M
+    if vehicle.landed or vehicle.tilt_rad < WEDGED_TILT_RAD or not still:
+        return False
+    if target.vel_ned_mps is not None:
+        return max(horizontal(target.vel_ned_mps), -target.vel_ned_mps[2]) > COMMANDED_MIN_MPS
+    assert target.pos_ned_m is not None, "a target has a position or a velocity"
+    away_m = subtract(target.pos_ned_m, vehicle.pos_ned_m)
+    return max(horizontal(away_m), -away_m[2]) > AWAY_MIN_M

@@ -55,6 +55,7 @@ def test_coordinates_in_utm_are_converted(tmp_path: Path) -> None:
         ("5", '"5" is not a GeoJSON object'),
         ([[0, 0], [0, 4], [4, 4]], "is a plain list of corners, which is in metres, [north, east]: add --metres"),
         ({}, "has no GeoJSON Polygon or MultiPolygon: it has None"),
+        ({"type": []}, "has no GeoJSON Polygon or MultiPolygon: it has []"),
         ({"type": "LineString", "coordinates": []}, "has no GeoJSON Polygon or MultiPolygon: it has LineString"),
         ({"type": "FeatureCollection"}, 'the FeatureCollection has no list "features"'),
         ({"type": "FeatureCollection", "features": [3]}, 'feature 1: "3" is not a GeoJSON object'),

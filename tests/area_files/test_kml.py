@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from jezero.area_files import AreaFileError, read_area
-from tests.area_files.samples import FIELD, ORIGIN_DEG, geojson, read, sentence
+from tests.area_files.samples import EXAMPLES, FIELD, ORIGIN_DEG, geojson, read, sentence
 
 RING = "<LinearRing><coordinates>{}</coordinates></LinearRing>"
 SHAPE = "<Polygon><outerBoundaryIs>{}</outerBoundaryIs></Polygon>"
@@ -74,3 +74,5 @@ def test_an_archive_is_read_from_its_main_document_up_to_a_size(tmp_path: Path) 
     with pytest.raises(AreaFileError, match=r"is an archive without a \.kml file"):
         read_area(tmp_path / "empty.kmz", ORIGIN_DEG)
     assert "is not a KMZ archive that can be read" in sentence(tmp_path, "area.kmz", text)
+    packed = (EXAMPLES / "field.kmz").read_bytes()
+    assert "is not a KMZ archive that can be read" in sentence(tmp_path, "area.kmz", packed[1:])

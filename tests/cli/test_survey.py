@@ -11,7 +11,9 @@ import msgspec
 import pytest
 from click.testing import CliRunner, Result
 
+from jezero.cli.flight import Printer
 from jezero.cli.main import main
+from jezero.cli.pictures import take_pictures
 from jezero.client.dataset import Dataset
 from jezero.client.errors import Aborted
 from jezero.client.images import Picture
@@ -130,6 +132,41 @@ def test_degrees_are_never_relative_to_the_rover(tmp_path: Path, field: list[str
     assert refused.exit_code == 1 and "leave out `rover`" in refused.output
 
 
+def write_ring(file: Path, corners_deg: list[tuple[float, float]]) -> list[str]:
+    """Write a polygon of latitudes and longitudes as GeoJSON; the options that name it."""
+    ring = [[longitude, latitude] for latitude, longitude in (*corners_deg, corners_deg[0])]
+    file.write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    return ["--polygon", str(file), "--z", "-8", "--overlap", "0.5"]
+
+
+CROSSED = [(47.3977, 8.5456), (47.3980, 8.5460), (47.3977, 8.5460), (47.3980, 8.5456)]
+
+
+def test_a_crossing_is_named_in_the_degrees_of_the_file(tmp_path: Path) -> None:
+    refused = run(tmp_path, *write_ring(tmp_path / "crossed.geojson", CROSSED))
+    assert refused.exit_code == 1
+    assert "crosses or touches itself at latitude 47.39785" in refused.output
+    assert "longitude 8.5458001 (12.01 m north, 15.51 m east): give its corners in order" in refused.output
+    square = [(47.3977, 8.5456), (47.3980, 8.5456), (47.3980, 8.5460), (47.3977, 8.5460)]
+    repaired = run(tmp_path, *write_ring(tmp_path / "spike.geojson", [*square[:2], (47.3981, 8.5456), *square[1:]]))
+    assert repaired.exit_code == 0
+    assert "left out: at latitude 47.3981000, longitude 8.5456000 (39.81 m north, 0.45 m east)" in repaired.output
+
+
+def test_a_crossing_in_a_file_in_metres_is_named_in_metres(tmp_path: Path) -> None:
+    file = tmp_path / "area.csv"
+    file.write_text("north,east\n0,0\n10,10\n10,0\n0,10\n")
+    refused = run(tmp_path, "--polygon", str(file), "--z", "-8", "--overlap", "0.5")
+    assert "crosses or touches itself at 5.00 m north, 5.00 m east: give" in refused.output
+
+
+@pytest.mark.parametrize("name", ["plan.txt", "plan", "folder.png"])
+def test_a_plan_is_drawn_into_a_png_file_only(tmp_path: Path, field: list[str], name: str) -> None:
+    (tmp_path / "folder.png").mkdir()
+    refused = run(tmp_path, *field, "--out", str(tmp_path / name))
+    assert refused.exit_code == 2 and "--out is a PNG file, such as plan.png" in refused.output
+
+
 # -- flown --
 
 
@@ -227,11 +264,13 @@ def test_a_coverage_that_ended_early_is_completed_in_its_folder(tmp_path: Path, 
     assert [image["file"] for image in listing["images"]] == ["0000.jpg", "0001.jpg"]
     assert listing["goal"]["start_ned_m"] == [1.5, 2.5] and len(listing["track_ned_m"]) == 2
     assert json.loads((folder / "resume.json").read_text())["first_picture"] == 2
-    done = CliRunner().invoke(main, ["gridsweep", "--resume", str(folder), "--json"])
+    done = CliRunner().invoke(main, ["gridsweep", "--resume", str(folder)])
     assert done.exit_code == 0, done.output
+    assert "3 of 4 images, at" in done.output  # those of both flights
     assert vehicle.goals[1] == msgspec.structs.replace(vehicle.goals[0], first_picture=2)
     listing = json.loads((folder / LISTING).read_text())
     assert [image["index"] for image in listing["images"]] == [0, 1, 2, 3]
+    assert len(listing["track_ned_m"]) == 2 and list(map(len, listing["earlier_tracks_ned_m"])) == [2]
     assert len((folder / "geo.txt").read_text().splitlines()) == 5
     again = CliRunner().invoke(main, ["gridsweep", "--resume", str(folder)])
     assert again.exit_code == 0 and f"nothing is missing in {folder}: all 4 images are there" in again.output
@@ -293,6 +332,26 @@ def test_pictures_do_not_go_where_others_are(tmp_path: Path, vehicle: FakeVehicl
     assert len(vehicle.goals) == 1
 
 
+def test_a_canceled_coverage_keeps_the_way_that_it_flew_before(tmp_path: Path) -> None:
+    class CanceledGoal(FakeGoal):
+        canceled = False
+
+        def pictures(self, watch: Callable[[ImagesFeedback], None]) -> Iterator[Picture]:
+            yield from super().pictures(watch)
+            if not self.canceled:
+                raise KeyboardInterrupt
+
+        def cancel(self) -> None:
+            self.canceled = True
+
+    result = CoverageResult(completed=False, pos_uav_ned_m=(0.0, 0.0, -5.0), images=(), covered=0.5, resume=None)
+    goal: Any = CanceledGoal([picture(0), picture(1)], result, "succeeded")
+    dataset = Dataset(tmp_path)
+    take_pictures(Printer(as_json=False), goal, "gridsweep", dataset)
+    assert goal.canceled
+    assert len(json.loads((tmp_path / LISTING).read_text())["track_ned_m"]) == 4
+
+
 def test_a_coverage_that_took_no_picture_is_completed_in_the_format_that_is_asked_for(
     tmp_path: Path, vehicle: FakeVehicle
 ) -> None:
@@ -310,6 +369,15 @@ def test_an_area_in_degrees_is_flown_around_the_origin_of_the_vehicle(
     done = CliRunner().invoke(main, ["gridsweep", *field, "--out", str(tmp_path / "run")])
     assert "area: north 83 to 113 m, east -68 to -23 m from the world's origin at 47.397000, 8.546500" in done.output
     assert vehicle.goals[0].polygon_ned_m[0] == pytest.approx((82.5, -68.2), abs=0.1)
+
+
+def test_a_warning_of_the_vehicle_has_the_degrees_of_the_file(
+    tmp_path: Path, vehicle: FakeVehicle, field: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    warned = PlanReply(accepted=True, duration_s=42.0, warning="a spike at 0.00 m north, 0.00 m east", coverage=PLANNED)
+    monkeypatch.setattr(vehicle, "plan", lambda *_: warned)
+    done = CliRunner().invoke(main, ["gridsweep", *field, "--out", str(tmp_path / "run")])
+    assert "warning: a spike at latitude 47.3970000, longitude 8.5465000 (0.00 m north, 0.00 m east)" in done.stderr
 
 
 def test_an_area_in_degrees_waits_for_an_origin_that_is_known_and_the_vehicle_s_own(

@@ -35,6 +35,17 @@ def test_a_coverage_is_drawn_beside_its_plan(tmp_path: Path, frame: str) -> None
     assert "cm RMS from the path" in drawing
 
 
+def test_the_ways_of_all_flights_of_a_resumed_coverage_are_drawn(tmp_path: Path) -> None:
+    dataset(tmp_path, "world")
+    lines = [draw_coverage(tmp_path, "svg")[0].read_text().count('<g id="line2d')]
+    content = json.loads((tmp_path / LISTING).read_text())
+    for flights in (1, 2):
+        content["earlier_tracks_ned_m"] = [[(0.0, 0.0, -4.0), (0.2, 0.0, -4.0)]] * flights
+        (tmp_path / LISTING).write_text(json.dumps(content))
+        lines.append(draw_coverage(tmp_path, "svg")[0].read_text().count('<g id="line2d'))
+    assert [count - lines[0] for count in lines] == [0, 1, 2]
+
+
 def test_a_folder_without_a_coverage_has_no_figure_of_one(tmp_path: Path) -> None:
     assert draw_coverage(tmp_path, "png") == []
     (tmp_path / LISTING).parent.mkdir()

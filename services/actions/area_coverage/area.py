@@ -1,42 +1,169 @@
-"""Checks of the area of a goal."""
+"""The area of a goal: its polygons are repaired where their meaning is clear, and refused where it is not."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import dist
 
-from shapely.geometry import LinearRing, Polygon
-from shapely.validation import explain_validity
+import shapely
+from shapely.geometry import LineString, MultiPolygon, Polygon
+from shapely.geometry.base import BaseGeometry
 
 Point = tuple[float, float]
 AREA_MIN_M2 = 1e-4
+CORNERS_APART_M = 0.01
+"""Nearer corners are the same one, and a corner nearer to the line between its neighbours is none: no vehicle flies as
+exactly as that."""
+MAIN_MIN = 0.99
+"""Least fraction of a polygon in its main part, for a repair: what is left out then is a mistake of the drawing."""
+CORNERS_MAX = 6000
+"""More corners would take too long to plan: 3000 take about three seconds."""
 
 
 class AreaError(ValueError):
     """The area can't be mapped; the message has the reason and what to change."""
 
 
+@dataclass(frozen=True)
+class RepairedArea:
+    """The area of a goal after all repairs.
+
+    Attributes:
+        polygon: ground to cover.
+        outline: the polygon without its holes.
+        holes: ground that is left out; parts may touch the outline.
+        warnings: repairs that change the area, for people.
+    """
+
+    polygon: Polygon
+    outline: Polygon
+    holes: Polygon | MultiPolygon
+    warnings: tuple[str, ...]
+
+
 def make_area(polygon_ned_m: Sequence[Point], holes_ned_m: Sequence[Sequence[Point]] = ()) -> Polygon:
+    """The ground of `repair_area`."""
+    return repair_area(polygon_ned_m, holes_ned_m).polygon
+
+
+def repair_area(
+    polygon_ned_m: Sequence[Point], holes_ned_m: Sequence[Sequence[Point]] = (), origin_m: Point = (0.0, 0.0)
+) -> RepairedArea:
     """Make a simple polygon with holes from its corners; the last corner may repeat the first.
 
+    Repeated corners and corners on a line go without a word. A polygon that crosses itself is repaired with a warning
+    if one part has nearly all of its area. Holes may touch or overlap each other, and touch the outline.
+
+    Args:
+        origin_m: of the corners, in the coordinates that the user gave, for the messages.
+
     Raises:
-        AreaError: too few corners, edges that cross, no area, or a hole that isn't wholly inside.
+        AreaError: too few or too many corners, edges that cross, no area, a hole that isn't inside, or nothing left.
     """
-    area = _ring(polygon_ned_m, "the polygon")
-    for number, corners_ned_m in enumerate(holes_ned_m, 1):
-        hole = _ring(corners_ned_m, f"hole {number}")
-        if not area.contains(hole):
-            raise AreaError(f"hole {number} is not wholly inside the polygon, or touches another hole: correct it")
-        area = area.difference(hole)
-    if not isinstance(area, Polygon):
-        raise AreaError("the holes cut the polygon into parts: map these one by one")
-    return area
+    warnings: list[str] = []
+    outline = _ring(polygon_ned_m, "the polygon", origin_m, warnings)
+    around = outline.buffer(CORNERS_APART_M, join_style="mitre")
+    holes = []
+    for number, corners_m in enumerate(holes_ned_m, 1):
+        hole = _ring(corners_m, f"hole {number}", origin_m, warnings)
+        if not around.covers(hole):
+            raise AreaError(f"hole {number} is not wholly inside the polygon: correct it, or leave it out")
+        holes.append(hole)
+    left_out = shapely.union_all(holes) if holes else Polygon()
+    area = _main_of(outline.difference(left_out), warnings) if holes else outline
+    if (corners := shapely.get_num_coordinates(area)) > CORNERS_MAX:
+        raise AreaError(f"the area has {corners} corners, more than {CORNERS_MAX}: simplify it, or map it in parts")
+    return RepairedArea(area, outline, left_out, tuple(warnings))
 
 
-def _ring(corners_m: Sequence[Point], name: str) -> Polygon:
-    distinct = len(set(corners_m))
-    if distinct < 3:
-        raise AreaError(f"{name} has {distinct} different corners: three are the least")
-    ring = Polygon(LinearRing(corners_m))
+def _main_of(ground: BaseGeometry, warnings: list[str]) -> Polygon:
+    """The main part of what the holes leave of the polygon."""
+    parts = polygons_of(ground)
+    left_m2 = sum(part.area for part in parts)
+    if left_m2 < AREA_MIN_M2:
+        raise AreaError("nothing is left to cover: the holes are as large as the polygon")
+    main = max(parts, key=lambda part: float(part.area))
+    if main.area < MAIN_MIN * left_m2:
+        raise AreaError(f"the holes cut the polygon into {len(parts)} parts: map these one by one")
+    if len(parts) > 1:
+        warnings.append(f"the holes cut off {_size(left_m2 - main.area)}, which is left out")
+    return main
+
+
+def _ring(corners_m: Sequence[Point], name: str, origin_m: Point, warnings: list[str]) -> Polygon:
+    """A valid polygon from the corners of one outline."""
+    kept = _apart(corners_m)
+    if len(kept) < 3:
+        raise AreaError(f"{name} has {len(kept)} different corners: three are the least")
+    ring = Polygon(kept)
     if not ring.is_valid:
-        raise AreaError(f"{name} crosses or touches itself ({explain_validity(ring)}): give its corners in order")
+        ring = _untangled(ring, name, origin_m, warnings)
     if ring.area < AREA_MIN_M2:
         raise AreaError(f"{name} has an area of {ring.area:.1e} m²: its corners are on one line")
-    return ring
+    simple = ring.simplify(CORNERS_APART_M)
+    return simple if isinstance(simple, Polygon) and simple.is_valid and simple.area >= AREA_MIN_M2 else ring
+
+
+def _apart(corners_m: Sequence[Point]) -> list[Point]:
+    """The corners without those that repeat the one before, across the end too."""
+    kept: list[Point] = []
+    for corner in corners_m:
+        if not kept or dist(kept[-1], corner) >= CORNERS_APART_M:
+            kept.append(corner)
+    while len(kept) > 1 and dist(kept[-1], kept[0]) < CORNERS_APART_M:
+        kept.pop()
+    return kept
+
+
+def _untangled(ring: Polygon, name: str, origin_m: Point, warnings: list[str]) -> Polygon:
+    """The main part of an outline that crosses or touches itself.
+
+    Ground that the outline goes around twice is inside by one rule and outside by the other: it counts as unclear.
+    """
+    reason = shapely.is_valid_reason(ring)
+    place = _place_in(reason, origin_m)
+    everything = shapely.make_valid(ring, method="structure", keep_collapsed=False)
+    parts = polygons_of(everything)
+    total_m2 = sum(part.area for part in parts)
+    if total_m2 < AREA_MIN_M2:
+        raise AreaError(f"{name} has an area of {total_m2:.1e} m²: its corners are on one line")
+    by_crossings = shapely.make_valid(ring)
+    main = max(parts, key=lambda part: float(part.area))
+    lost_m2 = total_m2 - main.area
+    unclear_m2 = everything.symmetric_difference(shapely.union_all(polygons_of(by_crossings))).area
+    if lost_m2 + unclear_m2 > (1.0 - MAIN_MIN) * total_m2:
+        raise AreaError(f"{name} crosses or touches itself{place}: give its corners in order, or map its parts alone")
+    spikes = list(_spikes(by_crossings, main, origin_m))
+    if spikes:
+        warnings.append(f"{name} runs forth and back on one line, which is left out: {', '.join(spikes)}")
+    if lost_m2 + unclear_m2 > AREA_MIN_M2 or not spikes:
+        warnings.append(f"{name} crosses or touches itself{place}: {_size(lost_m2 + unclear_m2)} there is left out")
+    return main
+
+
+def _spikes(repaired: BaseGeometry, main: Polygon, origin_m: Point) -> Iterator[str]:
+    """The lines without area in an outline, by the end that is farther from its main part."""
+    for line in shapely.get_parts(repaired):
+        if isinstance(line, LineString) and line.length > CORNERS_APART_M:
+            yield "at " + _place(max(line.coords, key=lambda end: main.distance(shapely.Point(end))), origin_m)
+
+
+def _place_in(reason: str, origin_m: Point) -> str:
+    """The place of a crossing in GEOS' words, such as "Self-intersection[3.5 4]"."""
+    found = re.search(r"\[(\S+) (\S+)\]", reason)
+    return f" at {_place((float(found[1]), float(found[2])), origin_m)}" if found else ""
+
+
+def _place(point_m: Sequence[float], origin_m: Point) -> str:
+    return f"{point_m[0] + origin_m[0]:.2f} m north, {point_m[1] + origin_m[1]:.2f} m east"
+
+
+def _size(area_m2: float) -> str:
+    return f"{area_m2:.2g} m²"
+
+
+def polygons_of(geometry: BaseGeometry) -> list[Polygon]:
+    """The polygons in a geometry, without points, lines and empty parts."""
+    parts = shapely.get_parts(geometry)
+    nested = [polygons_of(part) if isinstance(part, MultiPolygon) else [part] for part in parts]
+    return [part for group in nested for part in group if isinstance(part, Polygon) and not part.is_empty]

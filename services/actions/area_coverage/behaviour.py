@@ -101,6 +101,7 @@ class AreaCoverage:
             vel_ned_mps=velocity,
             acc_ned_mps2=acceleration,
             yaw_rad=self._yaw_rad,
+            target_ned_m=reference.pos_ned_m,
         )
 
     def _request_pictures(self, t_ns: int, tracker: Tracker) -> None:

@@ -1,7 +1,7 @@
 """The coverage plan of a goal: path, trajectory and pictures."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, floor, sin
 
 import numpy as np
@@ -11,9 +11,10 @@ from shapely.geometry import Polygon
 
 from jezero.frames import Vec3, add, altitude_m
 from jezero.schemas.actions import AreaCoverageGoal
-from jezero.services.actions.area_coverage.area import AreaError, Point, make_area
+from jezero.services.actions.area_coverage.area import AreaError, Point, repair_area
+from jezero.services.actions.area_coverage.flight_area import FlightArea, flight_area
 from jezero.services.actions.area_coverage.ground import CoveredGround
-from jezero.services.actions.area_coverage.path import covered_fraction, plan_path
+from jezero.services.actions.area_coverage.path import covered_fraction, distance_outside_m, plan_path, turn_cuts
 from jezero.services.actions.area_coverage.photographs import (
     Photographs,
     photographed_fraction,
@@ -25,8 +26,13 @@ from jezero.services.actions.motion.limits import beyond_limits, low_refusal, sp
 from jezero.vehicle_config import CameraMountConfig, VehicleConfig
 
 Array = NDArray[np.float64]
-CUT = 0.5
-"""Distance before a corner at which its turn begins, in line distances."""
+CUTS = (0.5, 0.25, 0.1)
+"""Distances before a corner at which its turn begins, in line distances: wide turns are faster, narrow ones leave out
+less of the ground at their corner."""
+COVERED_MIN = 0.99
+"""Fraction of the area that must be covered, for wide turns."""
+OUTSIDE_MAX_M = 0.05
+"""A path that leaves its area or its margins farther than this is not flown, whatever planned it."""
 DIRECTION_RAD = np.pi / 180.0
 """Directions nearer to each other than this are the same."""
 
@@ -36,7 +42,7 @@ class CoveragePlan:
     """A coverage before it is flown; points are (north, east) in the goal's frame.
 
     Attributes:
-        area: to be covered.
+        area: to be covered: without holes, and without what the margins leave out.
         line_distance_m: between neighbouring lines.
         picture_distance_m: between pictures along the path.
         start_m: (2,) point near which the path begins.
@@ -84,36 +90,90 @@ def plan_coverage(
         AreaError: the goal can't be flown; with the reason and what to change.
     """
     corner_m = goal.polygon_ned_m[0] if goal.polygon_ned_m else (0.0, 0.0)
-    area = make_area(_from(corner_m, goal.polygon_ned_m), [_from(corner_m, hole) for hole in goal.holes_ned_m])
+    holes_m = [_from(corner_m, hole) for hole in goal.holes_ned_m]
+    repaired = repair_area(_from(corner_m, goal.polygon_ned_m), holes_m, corner_m)
     if reason := _refusal(goal, config, origin_ned_m):
         raise AreaError(reason)
     across_m, along_m = _distances(goal, config.vehicle.camera)
+    ground = flight_area(repaired, across_m, margin_outline_m=goal.margin_outline_m, margin_holes_m=goal.margin_holes_m)
+    area = ground.sweep
     _check_count(area.area / across_m / along_m, f"the area of {area.area:.0f} m² needs about", config)
     start = goal.start_ned_m or start_m
     near_m = None if start is None else _from(corner_m, [start])[0]
-    path_m = plan_path(area, across_m, near_m) + np.array(corner_m)
+    site = _site(ground, across_m, near_m, _motion(goal, config)).moved(corner_m, repaired.warnings)
     vehicle_m = None if start_m is None else (float(start_m[0]), float(start_m[1]))
-    begin_m = (float(path_m[0][0]), float(path_m[0][1])) if start is None else (float(start[0]), float(start[1]))
-    return _with_pictures(goal, config, origin_ned_m, translate(area, *corner_m), path_m, begin_m, vehicle_m)
+    first_m = site.path_m[0] if start is None else start
+    return _with_pictures(goal, config, origin_ned_m, site, (float(first_m[0]), float(first_m[1])), vehicle_m)
+
+
+@dataclass(frozen=True)
+class _Site:
+    """An area with its path.
+
+    Attributes:
+        area: to be covered.
+        path_m: (n, 2) corners of the path.
+        cuts_m: (n,) distances before the corners at which their turns begin.
+        whole: motion along the whole path.
+        covered: covered fraction of the area.
+        warnings: what the area and the margins give reason for.
+    """
+
+    area: Polygon
+    path_m: Array
+    cuts_m: Array
+    whole: Trajectory
+    covered: float
+    warnings: tuple[str, ...]
+
+    def moved(self, by_m: Point, warnings: tuple[str, ...]) -> "_Site":
+        """The same elsewhere, with more warnings in front."""
+        return replace(
+            self,
+            area=translate(self.area, *by_m),
+            path_m=self.path_m + np.array(by_m),
+            whole=replace(self.whole, pos_m=self.whole.pos_m + np.array(by_m)),
+            warnings=(*warnings, *self.warnings),
+        )
+
+
+def _site(ground: FlightArea, across_m: float, start_m: Point | None, motion: dict[str, float]) -> _Site:
+    """Plan the path over the ground of an area, with the widest turns that leave out little of it.
+
+    Raises:
+        AreaError: the path would leave the ground over which it may lead.
+    """
+    path_m = plan_path(ground.sweep, across_m, start_m, ground.fly)
+    for cut in CUTS:
+        cuts_m = turn_cuts(path_m, ground.fly, cut * across_m)
+        whole = make_trajectory(path_m, cut_m=cuts_m, **motion)
+        covered = covered_fraction(ground.sweep, whole.pos_m, across_m)
+        if covered >= COVERED_MIN:
+            break
+    if (outside_m := distance_outside_m(whole.pos_m, ground.fly)) > OUTSIDE_MAX_M:
+        raise AreaError(
+            f"the path would leave the area or its margins by {outside_m:.2f} m, so it is not flown: simplify the "
+            "outline, take smaller margins, or map the area in parts"
+        )
+    return _Site(ground.sweep, path_m, cuts_m, whole, covered, ground.warnings)
 
 
 def _with_pictures(
     goal: AreaCoverageGoal,
     config: ActionsConfig,
     origin_ned_m: Vec3,
-    area: Polygon,
-    path_m: Array,
+    site: _Site,
     start_m: Point,
     vehicle_m: Point | None,
 ) -> CoveragePlan:
-    """The plan along a path, whose corners are (n, 2).
+    """The plan along a path.
 
     Raises:
         AreaError: there are too many pictures, or they show too little of the area.
     """
+    area, whole = site.area, site.whole
     across_m, along_m = _distances(goal, config.vehicle.camera)
     motion = _motion(goal, config)
-    whole = make_trajectory(path_m, **motion)
     at_m = picture_distances(whole.length_m, along_m)
     _check_count(len(at_m), f"the path of {whole.length_m:.0f} m needs", config)
     if goal.first_picture >= len(at_m):
@@ -123,7 +183,7 @@ def _with_pictures(
     first_m = at_m[goal.first_picture]
     rest = whole
     if goal.first_picture:
-        rest = make_trajectory(path_m, **motion, from_m=first_m)
+        rest = make_trajectory(site.path_m, cut_m=site.cuts_m, **motion, from_m=first_m)
         ground.mark_way(whole.pos_m[whole.distance_m <= first_m])
     lines_rad = _main_direction_rad(whole.pos_m)
     photographs = _photographs(goal, config, origin_ned_m, area, pictures_m, lines_rad)
@@ -140,10 +200,16 @@ def _with_pictures(
         picture_times_s=np.interp(at_m[goal.first_picture :] - first_m, rest.distance_m, rest.t_s),
         ground=ground,
         lines_rad=lines_rad,
-        covered=covered_fraction(area, whole.pos_m, across_m),
+        covered=site.covered,
         photographs=photographs,
         vehicle_m=vehicle_m,
-        warning="; ".join((*_warnings(goal, config, origin_ned_m, motion["speed_mps"]), *photographs.warnings())),
+        warning="; ".join(
+            (
+                *site.warnings,
+                *_warnings(goal, config, origin_ned_m, motion["speed_mps"]),
+                *photographs.warnings(),
+            )
+        ),
     )
 
 
@@ -162,12 +228,11 @@ def _check_count(pictures: float, what: str, config: ActionsConfig) -> None:
 
 def _motion(goal: AreaCoverageGoal, config: ActionsConfig) -> dict[str, float]:
     """How a path is flown: arguments of `make_trajectory`."""
-    across_m, along_m = _distances(goal, config.vehicle.camera)
+    _, along_m = _distances(goal, config.vehicle.camera)
     settings = config.area_coverage
     return {
         "speed_mps": min(goal.speed_mps or settings.speed_mps, 0.5 * along_m * config.vehicle.camera.rate_hz),
         "acceleration_mps2": settings.acceleration_mps2,
-        "cut_m": CUT * across_m,
     }
 
 

@@ -22,24 +22,70 @@ COVERED_MIN = 0.998
 TURN_COST_M = 0.1
 """A turn costs as much as this length of a straight line."""
 LEFT_OVER_ROUNDS = 3
+CUT_HALVINGS = 6
+OUTSIDE_STEP_M = 0.1
+"""Spacing of the points at which a path outside its area is measured."""
+ROUNDING_M = 1e-3
+"""What a turn may leave the area by: far below what a vehicle flies by, and far above errors of rounding."""
 
 
-def plan_path(area: Polygon, resolution_m: float, start_m: Sequence[float] | None = None) -> Array:
+def plan_path(
+    area: Polygon, resolution_m: float, start_m: Sequence[float] | None = None, fly: Polygon | None = None
+) -> Array:
     """Plan a path from which every point of the area is at most half a resolution away, as far as the area allows.
 
     Args:
         area: metres, (north, east).
         start_m: (2,) the vehicle's position; the path begins near it.
+        fly: part of the area that the path may not leave; the whole area by default.
 
     Returns:
-        (n, 2) corners of the path, in the area up to rounding errors.
+        (n, 2) corners of the path.
     """
+    fly = area if fly is None else fly
     tracks = outline_tracks(area, resolution_m)
     tracks += _best_sweep(area, resolution_m, tracks)
     for _ in range(LEFT_OVER_ROUNDS):
-        tracks += left_over_tracks(area, swept(tracks_of(tracks), resolution_m), resolution_m, COVERED_MIN)
+        left = left_over_tracks(area, swept(tracks_of(tracks), resolution_m), resolution_m, COVERED_MIN, fly)
+        if not left:
+            break
+        tracks += left
     start = None if start_m is None else np.asarray(start_m, float)
-    return _joined(order_tracks(tracks, start), area, resolution_m)
+    return _joined(order_tracks(tracks, start), fly, resolution_m)
+
+
+def turn_cuts(path_m: Array, area: Polygon, cut_max_m: float) -> Array:
+    """(n,) the largest distance before each corner of a path at which its turn may begin without leaving the area.
+
+    The turn stays in the triangle between its begin, its end and the corner. Where even a small triangle leaves the
+    area, at a corner on the outline itself, there is no turn.
+    """
+    cuts_m = np.full(len(path_m), cut_max_m)
+    if len(path_m) < 3:
+        return cuts_m
+    around = area.buffer(ROUNDING_M, join_style="mitre")
+    shapely.prepare(around)
+    legs = np.diff(path_m, axis=0)
+    lengths_m = np.linalg.norm(legs, axis=1)
+    directions = legs / np.maximum(lengths_m, 1e-9)[:, None]
+    cuts_m[1:-1] = np.minimum(cut_max_m, 0.5 * np.minimum(lengths_m[:-1], lengths_m[1:]))
+    left = np.arange(1, len(path_m) - 1)
+    for _ in range(CUT_HALVINGS + 1):
+        begins, ends = cuts_m[left, None] * directions[left - 1], cuts_m[left, None] * directions[left]
+        chords = np.stack((path_m[left] - begins, path_m[left], path_m[left] + ends, path_m[left] - begins), axis=1)
+        inside = shapely.covers(around, shapely.polygons(chords))
+        left = left[~np.asarray(inside, bool)]
+        cuts_m[left] *= 0.5
+    cuts_m[left] = 0.0
+    return cuts_m
+
+
+def distance_outside_m(path_m: Array, area: Polygon) -> float:
+    """Greatest distance of a path, (n, 2), from an area that it should not leave; 0 inside."""
+    shapely.prepare(area)
+    outside = LineString(path_m).difference(area)
+    points = shapely.points(shapely.get_coordinates(shapely.segmentize(outside, OUTSIDE_STEP_M)))
+    return float(shapely.distance(points, area).max()) if len(points) else 0.0
 
 
 def tracks_of(tracks: Sequence[Track]) -> list[Array]:
@@ -97,15 +143,23 @@ def _joined(ways: list[Array], area: Polygon, resolution_m: float) -> Array:
     """Join the ways in turn, by ways inside the area wherever a straight line would leave it."""
     if not ways:
         return np.array([area.representative_point().coords[0]] * 2)
-    clear = area.buffer(-0.25 * resolution_m, quad_segs=2)
+    clear = area.buffer(-0.25 * resolution_m, join_style="mitre", mitre_limit=2.0).simplify(0.02 * resolution_m)
     inner = None if clear.is_empty else Roads(clear, 1e-6)
     outer = Roads(area, 1e-6)
-    points = np.concatenate(ways)
+    points = _moved_inside(np.concatenate(ways), area)
     points = points[np.append(True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-9)]
     joined = [points[:1]]
     for step in _steps(points, inner, outer):
         joined.append(step[1:])
     return np.concatenate(joined)
+
+
+def _moved_inside(points: Array, area: Polygon) -> Array:
+    """The points, those outside the area moved to the nearest point of it: simplified tracks may cut its corners."""
+    shapely.prepare(area)
+    to_points = shapely.shortest_line(area, shapely.points(points))
+    nearest: Array = shapely.get_coordinates(shapely.get_point(to_points, 0))
+    return np.where(shapely.covers(area, shapely.points(points))[:, None], points, nearest)
 
 
 def _steps(points: Array, inner: Roads | None, outer: Roads) -> Iterator[Array]:

@@ -51,8 +51,14 @@ def sweep_tracks(area: Polygon, resolution_m: float, angle_rad: float, inset_m: 
     return [Track(tuple(way @ back for way in _zigzags(cell))) for cell in _cells(rows)]
 
 
-def left_over_tracks(area: Polygon, covered: Polygon | MultiPolygon, resolution_m: float, enough: float) -> list[Track]:
-    """Passes down the middles of uncovered pieces, the largest first, until the fraction `enough` is covered."""
+def left_over_tracks(
+    area: Polygon, covered: Polygon | MultiPolygon, resolution_m: float, enough: float, fly: Polygon
+) -> list[Track]:
+    """Passes down the middles of uncovered pieces, the largest first, until the fraction `enough` is covered.
+
+    Args:
+        fly: part of the area that the passes may not leave.
+    """
     found: list[Track] = []
     pieces = sorted(_parts(area.difference(covered)), key=lambda piece: -piece.area)
     left_m2 = sum(piece.area for piece in pieces)
@@ -60,7 +66,8 @@ def left_over_tracks(area: Polygon, covered: Polygon | MultiPolygon, resolution_
         if left_m2 <= (1.0 - enough) * area.area:
             break
         left_m2 -= piece.area
-        found.extend(_middles(piece, resolution_m))
+        for part in [piece] if fly is area else _parts(piece.intersection(fly)):
+            found.extend(_middles(part, resolution_m))
     return found
 
 

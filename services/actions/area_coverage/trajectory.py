@@ -11,6 +11,8 @@ Array = NDArray[np.float64]
 SPACING_STRAIGHT_M = 0.25
 SPEED_MIN_MPS = 0.05
 SAMPLES_OF_TURN = np.linspace(0.0, 1.0, 17)
+SHARP_RAD = np.pi / 4.0
+"""A corner that bends this much from one sample to the next has no turn: the vehicle nearly stops there."""
 
 
 @dataclass(frozen=True)
@@ -57,14 +59,14 @@ class Trajectory:
 
 
 def make_trajectory(
-    corners_m: Array, *, speed_mps: float, acceleration_mps2: float, cut_m: float, from_m: float = 0.0
+    corners_m: Array, *, speed_mps: float, acceleration_mps2: float, cut_m: Array | float, from_m: float = 0.0
 ) -> Trajectory:
     """Plan a motion along a path from rest to rest, as fast as speed and acceleration allow.
 
     Args:
         corners_m: (n, 2) of the path.
         acceleration_mps2: bound of the acceleration, split equally between the parts along and across the path.
-        cut_m: greatest distance before a corner at which its turn begins.
+        cut_m: greatest distance before a corner at which its turn begins; one for all, or (n,) one for each corner.
         from_m: the path before this distance along it is left out.
     """
     points = _rest_of(smooth(corners_m, cut_m), from_m)
@@ -74,8 +76,9 @@ def make_trajectory(
     if distance_m[-1] < 1e-6:
         rest = np.zeros((2, 2))
         return Trajectory(np.array((0.0, 1e-3)), np.array((0.0, 0.0)), points[[0, -1]], rest, rest)
-    tangents, curvature = _bend(points, steps_m)
+    tangents, curvature, turns_rad = _bend(points, steps_m)
     limit_mps = np.minimum(speed_mps, np.sqrt(part_mps2 / np.maximum(np.abs(curvature), 1e-9)))
+    limit_mps[np.abs(turns_rad) > SHARP_RAD] = SPEED_MIN_MPS
     limit_mps[[0, -1]] = 0.0
     speeds = _reachable(limit_mps, steps_m, part_mps2)
     speeds = _reachable(speeds[::-1], steps_m[::-1], part_mps2)[::-1]
@@ -87,13 +90,14 @@ def make_trajectory(
     return Trajectory(t_s, distance_m, points, speeds[:, None] * tangents, acc)
 
 
-def smooth(corners_m: Array, cut_m: float) -> Array:
+def smooth(corners_m: Array, cut_m: Array | float) -> Array:
     """Points (m, 2) along straight lines and turns; a turn is a cubic B-spline whose curvature begins and ends at 0.
 
     The control points of a turn at V, between directions u and w, are V - 2cu, V - cu, V, V + cw, V + 2cw: the curve
     leaves the first line at V - cu, joins the second at V + cw, and stays inside the triangle between these and V.
     """
-    corners = corners_m[np.append(True, np.linalg.norm(np.diff(corners_m, axis=0), axis=1) > 1e-6)]
+    distinct = np.append(True, np.linalg.norm(np.diff(corners_m, axis=0), axis=1) > 1e-6)
+    corners, cuts_m = corners_m[distinct], np.broadcast_to(cut_m, len(corners_m))[distinct]
     if len(corners) < 3:
         return _filled(corners if len(corners) == 2 else np.repeat(corners, 2, axis=0))
     legs = np.diff(corners, axis=0)
@@ -101,7 +105,7 @@ def smooth(corners_m: Array, cut_m: float) -> Array:
     directions = legs / lengths[:, None]
     pieces = [corners[:1]]
     for i in range(1, len(corners) - 1):
-        cut = min(cut_m, 0.5 * lengths[i - 1], 0.5 * lengths[i])
+        cut = min(cuts_m[i], 0.5 * lengths[i - 1], 0.5 * lengths[i])
         before, after = directions[i - 1], directions[i]
         turn = np.stack([corners[i] + k * cut * (before if k < 0 else after) for k in (-2, -1, 0, 1, 2)])
         spline = BSpline(np.arange(9.0), turn, 3)
@@ -133,8 +137,8 @@ def _rest_of(points: Array, from_m: float) -> Array:
     return _filled(np.concatenate((first, points[distance > from_m])))
 
 
-def _bend(points: Array, steps_m: Array) -> tuple[Array, Array]:
-    """Unit tangents (n, 2) and signed curvature (n,), positive towards east when flying north."""
+def _bend(points: Array, steps_m: Array) -> tuple[Array, Array, Array]:
+    """Unit tangents (n, 2), and (n,) curvatures and turns at the points, positive towards east when flying north."""
     directions = np.diff(points, axis=0) / steps_m[:, None]
     headings = np.unwrap(np.arctan2(directions[:, 1], directions[:, 0]))
     turns = np.diff(headings)
@@ -142,7 +146,7 @@ def _bend(points: Array, steps_m: Array) -> tuple[Array, Array]:
     curvature[1:-1] = turns / (0.5 * (steps_m[:-1] + steps_m[1:]))
     middle = np.concatenate((headings[:1], headings[:-1] + 0.5 * turns, headings[-1:]))
     tangents: Array = np.column_stack((np.cos(middle), np.sin(middle)))
-    return tangents, curvature
+    return tangents, curvature, np.concatenate(([0.0], turns, [0.0]))
 
 
 def _reachable(limit_mps: Array, steps_m: Array, acceleration_mps2: float) -> Array:

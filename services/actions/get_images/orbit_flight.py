@@ -134,6 +134,7 @@ class OrbitFlight:
             acc_ned_mps2=acc_ned_mps2,
             yaw_rad=yaw_rad,
             yaw_rate_rps=yaw_rate_rps,
+            target_ned_m=reference.pos_ned_m,
             pitch_camera_rad=pitch_rad,
             roll_camera_rad=roll_rad,
         )

@@ -31,6 +31,11 @@ LEAN_S = 0.4
 """A shorter tilt than this is the way from the first foot to all four."""
 LYING_TILT_RAD = 1.2
 """A vehicle with a larger tilt lies on its side: its rotors can't lift it any more."""
+LEVEL_SHARE, LEVEL_ACC_MAX_MPS2 = 0.8, 4.0
+"""Share and largest part of the thrust against the wind that is cancelled in contact. The autopilot's integral, which
+makes that thrust, is limited, and the autopilot may add a share to what is fed forward for its own delay. What is
+cancelled too much would tip the vehicle over downwind; what is cancelled too little leans it into the wind.
+"""
 LEVEL_TIME_CONSTANT_S = 0.5
 """A vehicle that stands upright loses the tilt that it had in the wind with this time constant."""
 CLIMB_MPS, CLIMB_M, CLIMB_S = 1.5, 1.5, 4.0
@@ -47,13 +52,14 @@ def foot_drop_m(q_ned_from_frd: Quat, airframe: AirframeConfig) -> float:
 
 
 def level_acc_ned_mps2(down_ned: tuple[float, float]) -> tuple[float, float]:
-    """(2,) acceleration, fed forward, that cancels the horizontal thrust of a vehicle tilted against the wind.
+    """(2,) acceleration, fed forward, that cancels most of the horizontal thrust of a vehicle tilted against the wind.
 
     Args:
         down_ned: (2,) the tilt in the air, see `VehicleState.down_ned`.
     """
     north, east = down_ned
-    per_sine_mps2 = GRAVITY_MPS2 / sqrt(max(1.0 - north * north - east * east, 0.25))
+    per_sine_mps2 = LEVEL_SHARE * GRAVITY_MPS2 / sqrt(max(1.0 - north * north - east * east, 0.25))
+    per_sine_mps2 = min(per_sine_mps2, LEVEL_ACC_MAX_MPS2 / max(hypot(north, east), 1e-9))
     return per_sine_mps2 * north, per_sine_mps2 * east
 
 

@@ -30,7 +30,9 @@ class LandingWatch:
         self._too_fast_ns: int | None = None
         self._contradicted_ns: int | None = None
         self._phase: LandPhase = "approach"
-        self._interruptions = 0
+        self._heights_m: list[float] = []
+        """Last estimated heights above the platform before the descent was interrupted."""
+        self._height_m = 0.0
 
     def update(self, t_ns: int, state: VehicleState, phase: LandPhase, loss_reason: str) -> Done | None:
         """Add the newest state; returns the end of the landing when it can't go on.
@@ -40,16 +42,28 @@ class LandingWatch:
             loss_reason: why the rover was out of sight last.
         """
         if self._phase == "descent" and phase in ("hold", "search"):
-            self._interruptions += 1
+            self._heights_m.append(self._height_m)
         self._phase = phase
-        if self._interruptions > INTERRUPTIONS_MAX:
-            return Done("aborted", f"the descent was interrupted {self._interruptions} times: {loss_reason}")
+        if state.relative is not None and state.relative.valid:
+            self._height_m = altitude_m(state.relative.pos_uav_rel_rover_ned_m[2])
         return (
-            self._on_ground(t_ns, state)
+            self._interrupted(loss_reason)
+            or self._on_ground(t_ns, state)
             or self._out_of_bounds(state.pos_uav_ned_m)
             or self._too_fast(t_ns, state)
             or self._contradicted(t_ns, state)
             or self._too_late(t_ns, loss_reason)
+        )
+
+    def _interrupted(self, loss_reason: str) -> Done | None:
+        if len(self._heights_m) <= INTERRUPTIONS_MAX:
+            return None
+        low_m, high_m = min(self._heights_m), max(self._heights_m)
+        return Done(
+            "aborted",
+            f"the descent was interrupted {len(self._heights_m)} times, {low_m:.1f} to {high_m:.1f} m above the "
+            f"platform: {loss_reason}; check what hides the rover there, such as tags too large or too small to be "
+            "seen from that height, a shadow, or the camera's focus",
         )
 
     def _on_ground(self, t_ns: int, state: VehicleState) -> Done | None:

@@ -6,6 +6,8 @@ sight for half a second it holds its height, then it climbs and searches, and wh
 
 from math import exp, hypot
 
+from msgspec.structs import replace
+
 from jezero.frames import Vec3, add, altitude_m, scale, subtract
 from jezero.schemas.actions import LandFeedback, LandPhase, LandResult
 from jezero.schemas.commands import Phase
@@ -353,15 +355,30 @@ class RoverLanding:
 
     def _follow(self, state: VehicleState, platform: PlatformState, dt_s: float, down_mps: float) -> Move:
         (north_mps, east_mps), acc_mps2 = self._control.command(dt_s, platform)
-        return self._fly(state, (north_mps, east_mps, platform.vel_rover_ned_mps[2] + down_mps), acc_mps2)
+        down_mps += platform.vel_rover_ned_mps[2]
+        return self._fly(state, (north_mps, east_mps, down_mps), acc_mps2, platform.pos_ned_m[:2])
 
     def _keep_height_over(self, state: VehicleState, platform: PlatformState, dt_s: float) -> Move:
         """Follow the platform horizontally; by an estimate that isn't valid the vehicle doesn't move vertically."""
         (north_mps, east_mps), acc_mps2 = self._control.command(dt_s, platform)
-        return self._fly(state, (north_mps, east_mps, 0.0), acc_mps2)
+        return self._fly(state, (north_mps, east_mps, 0.0), acc_mps2, platform.pos_ned_m[:2])
 
-    def _fly(self, state: VehicleState, vel_ned_mps: Vec3, acc_mps2: tuple[float, float] | None) -> Move:
-        return self._move(state, vel_ned_mps, None if acc_mps2 is None else (*acc_mps2, 0.0))
+    def _fly(
+        self,
+        state: VehicleState,
+        vel_ned_mps: Vec3,
+        acc_mps2: tuple[float, float] | None,
+        offset_m: tuple[float, float] | None = None,
+    ) -> Move:
+        """Move at a velocity.
+
+        Args:
+            offset_m: (2,) north and east of the vehicle from the point that the velocity leads to; None: to no point.
+        """
+        move = self._move(state, vel_ned_mps, None if acc_mps2 is None else (*acc_mps2, 0.0))
+        if offset_m is None:
+            return move
+        return replace(move, target_ned_m=subtract(state.pos_uav_ned_m, (*offset_m, 0.0)))
 
     def _move(self, state: VehicleState, vel_ned_mps: Vec3, acc_ned_mps2: Vec3 | None) -> Move:
         feedback = self._feedback(state)

@@ -28,6 +28,7 @@ from jezero.schemas.topics import (
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.control_lease import ControlLease
 from jezero.services.actions.lifecycle.ground_proximity import GroundProximity
+from jezero.services.actions.lifecycle.runaway_detector import RunawayDetector
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 from jezero.services.actions.lifecycle.vehicle_view import (
     ODOMETRY_AGE_MAX_S,
@@ -107,6 +108,7 @@ class GoalFlight:
         self._lease = context.lease
         self._limits = context.vehicle.limits
         self._ground = GroundProximity(context.vehicle)
+        self._runaway = RunawayDetector()
         self._control = ControlLease(context.epoch_id)
         self._watchers = context.watchers
         self._tag = ""
@@ -188,6 +190,8 @@ class GoalFlight:
         if any(shift_ned_m) and isinstance(move, Move) and (beyond := self._moved_beyond(move, shift_ned_m)):
             move = Done("aborted", beyond)
         if isinstance(move, Move) and (problem := self._ground.problem(t_ns, state, move)):
+            move = Done("aborted", problem)
+        if isinstance(move, Move) and (problem := self._runaway.problem(t_ns, state, move)):
             move = Done("aborted", problem)
         if isinstance(move, Done):
             yield from self._release(t_ns, move, inbox)

@@ -91,6 +91,8 @@ class Move(msgspec.Struct, frozen=True):
         acc_ned_mps2: acceleration that is fed forward.
         yaw_rad: heading setpoint.
         yaw_rate_rps: rate of the heading setpoint, fed forward.
+        target_ned_m: point to which a velocity setpoint without a position leads horizontally, so that a vehicle that
+            runs away from it is noticed; None where it leads to no point.
         pitch_camera_rad: setpoint of the camera's pitch axis, for actions that take pictures; None moves no axis.
         roll_camera_rad: setpoint of the camera's roll axis.
     """
@@ -102,6 +104,7 @@ class Move(msgspec.Struct, frozen=True):
     acc_ned_mps2: Vec3 | None = None
     yaw_rad: float | None = None
     yaw_rate_rps: float | None = None
+    target_ned_m: Vec3 | None = None
     pitch_camera_rad: float | None = None
     roll_camera_rad: float = 0.0
 

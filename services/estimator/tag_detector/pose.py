@@ -1,7 +1,7 @@
 """Relative position of the vehicle and the platform from the corners of tags.
 
 The rotation of a tag right below the camera is weakly observable and flips between two solutions. So roll and pitch are
-the vehicle's, the platform is assumed to be level, and four unknowns are left: the relative position and the platform's
+the vehicle's and, for the platform, the rover's, and four unknowns are left: the relative position and the platform's
 heading.
 """
 
@@ -75,20 +75,20 @@ class Pose:
     residuals_px: Array
 
 
-def solve(points_rover_body_m: Array, corners_px: Array, view: View) -> Pose | None:
+def solve(points_level_m: Array, corners_px: Array, view: View) -> Pose | None:
     """Least squares over the reprojected corners; None when they can't be points of a platform below.
 
     Args:
-        points_rover_body_m: (n, 3) corners on the platform, n >= 4, not all on one line.
+        points_level_m: (n, 3) corners on the platform in level axes with its heading, n >= 4, not all on one line.
         corners_px: (n, 2) the same corners in the picture.
     """
-    start = _closed_form(points_rover_body_m, corners_px, view)
+    start = _closed_form(points_level_m, corners_px, view)
     if start is None:
         return None
     pos_camera_m, yaw_rad = start
     jacobian, residuals_px = np.zeros((0, 4)), corners_px
     for _ in range(ITERATIONS):
-        linear = _linearize(points_rover_body_m, corners_px, view, pos_camera_m, yaw_rad)
+        linear = _linearize(points_level_m, corners_px, view, pos_camera_m, yaw_rad)
         if linear is None:
             return None
         jacobian, residuals_px = linear
@@ -97,7 +97,7 @@ def solve(points_rover_body_m: Array, corners_px: Array, view: View) -> Pose | N
         yaw_rad += float(change[3])
         if np.abs(change).max() < CONVERGED:
             break
-    linear = _linearize(points_rover_body_m, corners_px, view, pos_camera_m, yaw_rad)
+    linear = _linearize(points_level_m, corners_px, view, pos_camera_m, yaw_rad)
     if linear is None:
         return None
     jacobian, residuals_px = linear
@@ -109,7 +109,7 @@ def solve(points_rover_body_m: Array, corners_px: Array, view: View) -> Pose | N
     return Pose(pos_camera_m - view.pos_camera_uav_ned_m, yaw_rad, inverse, residuals_px)
 
 
-def _closed_form(points_rover_body_m: Array, corners_px: Array, view: View) -> tuple[Array, float] | None:
+def _closed_form(points_level_m: Array, corners_px: Array, view: View) -> tuple[Array, float] | None:
     """Camera over the platform and the platform's heading: a similarity in the plane, in complex numbers.
 
     With rays (u, 1) down to the level platform, h u + c = exp(i yaw) b for every corner b: linear in h exp(-i yaw).
@@ -119,7 +119,7 @@ def _closed_form(points_rover_body_m: Array, corners_px: Array, view: View) -> t
     if (rays_ned[:, 2] < RAY_DOWN_MIN * np.linalg.norm(rays_ned, axis=1)).any():
         return None
     u = (rays_ned[:, 0] + 1j * rays_ned[:, 1]) / rays_ned[:, 2]
-    b = points_rover_body_m[:, 0] + 1j * points_rover_body_m[:, 1]
+    b = points_level_m[:, 0] + 1j * points_level_m[:, 1]
     u_mean, b_mean = u.mean(), b.mean()
     spread = float(np.sum(np.abs(u - u_mean) ** 2))
     if spread < 1e-12:
@@ -127,18 +127,18 @@ def _closed_form(points_rover_body_m: Array, corners_px: Array, view: View) -> t
     a = np.sum(np.conj(u - u_mean) * (b - b_mean)) / spread
     height_m, yaw_rad = abs(a), -float(np.angle(a))
     c = np.exp(1j * yaw_rad) * b_mean - height_m * u_mean
-    return np.array((c.real, c.imag, points_rover_body_m[:, 2].mean() - height_m)), yaw_rad
+    return np.array((c.real, c.imag, points_level_m[:, 2].mean() - height_m)), yaw_rad
 
 
 def _linearize(
-    points_rover_body_m: Array, corners_px: Array, view: View, pos_camera_m: Array, yaw_rad: float
+    points_level_m: Array, corners_px: Array, view: View, pos_camera_m: Array, yaw_rad: float
 ) -> tuple[Array, Array] | None:
     """(2n, 4) derivative of the corners by (camera's position, heading), and (n, 2) observed minus expected."""
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     turn = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
     turn_rate = np.array(((-s, -c, 0.0), (c, -s, 0.0), (0.0, 0.0, 0.0)))
     R_camera_from_ned = view.R_ned_from_camera.T
-    x, y, z = ((points_rover_body_m @ turn.T - pos_camera_m) @ R_camera_from_ned.T).T
+    x, y, z = ((points_level_m @ turn.T - pos_camera_m) @ R_camera_from_ned.T).T
     if (z < 1e-3).any():
         return None
     f = view.focal_px
@@ -147,7 +147,7 @@ def _linearize(
     by_camera[:, 0, 0] = by_camera[:, 1, 1] = f / z
     by_camera[:, 0, 2] = -f * x / z**2
     by_camera[:, 1, 2] = -f * y / z**2
-    moved = points_rover_body_m @ turn_rate.T @ R_camera_from_ned.T
+    moved = points_level_m @ turn_rate.T @ R_camera_from_ned.T
     jacobian = np.empty((len(x), 2, 4))
     jacobian[:, :, :3] = -by_camera @ R_camera_from_ned
     jacobian[:, :, 3] = np.einsum("nij,nj->ni", by_camera, moved)

@@ -14,6 +14,7 @@ from jezero.schemas.landing_board import BoardTag
 from jezero.schemas.sensors import CameraFrame, CornersOfTag, TagCorners
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.attitude_history import AttitudeHistory
+from jezero.services.estimator.rover_tilt import LEVEL, level_from_rover_body
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.pose import Array, Pose, View, make_view, solve
 from jezero.vehicle_config import VehicleConfig
@@ -28,7 +29,7 @@ SILENT_S = 2.0
 
 SPEC = Spec(
     name="tag_detector",
-    inputs=(topics.CAMERA, topics.CAMERA_INFO, topics.TAG_CORNERS, topics.ODOMETRY),
+    inputs=(topics.CAMERA, topics.CAMERA_INFO, topics.TAG_CORNERS, topics.ODOMETRY, topics.ROVER_ODOMETRY),
     outputs=(topics.ESTIMATE_TAG,),
     triggers=(topics.CAMERA.name, topics.TAG_CORNERS.name),
     rate_hz=5.0,
@@ -79,7 +80,10 @@ class TagDetector:
             return
         pitch_rad, roll_rad = exposed.pitch_camera_rad, exposed.roll_camera_rad
         view = make_view(info, pitch_rad, q_ned_from_frd, roll_rad)
-        solution = locate(tags, self._corners_m, view, self._config)
+        rover = inbox.latest(topics.ROVER_ODOMETRY)
+        tilt = LEVEL if rover is None else level_from_rover_body(rover)
+        corners_level_m = {tag_id: corners_m @ tilt.T for tag_id, corners_m in self._corners_m.items()}
+        solution = locate(tags, corners_level_m, view, self._config)
         if solution is None:
             return
         self._found_ns = t_ns
@@ -100,7 +104,7 @@ class TagDetector:
 
 
 def corners_by_id(board: Sequence[BoardTag]) -> dict[int, Array]:
-    """(4, 3) corners of each tag in `rover_body`, by the tag's id."""
+    """(4, 3) corners of each tag in rover_body, by the tag's id."""
     return {tag.tag_id: np.array(tag.corners_rover_body_m) for tag in board}
 
 
@@ -112,7 +116,8 @@ def locate(
     When the corners don't fit one pose, the tag that fits worst is left out, until they do.
 
     Args:
-        corners_m: result of `corners_by_id`.
+        corners_m: (4, 3) corners of each tag relative to the platform, in level axes with the rover's heading, by the
+            tag's id.
     """
     ideal_px = {tag.tag_id: view.ideal_px(np.array(tag.corners_px)) for tag in tags if tag.tag_id in corners_m}
     known = [tag for tag in tags if tag.tag_id in ideal_px and np.isfinite(ideal_px[tag.tag_id]).all()]

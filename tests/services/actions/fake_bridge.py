@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from jezero.frames import Vec3, add, norm, scale, subtract
+from jezero.frames import Vec3, add, norm, rotate_yaw, scale, subtract
 from jezero.runtime.service import Inbox, Output, Publish, Reply, Spec
 from jezero.schemas import topics
 from jezero.schemas.commands import AcquireReply, Release, ReleaseReply, Setpoint
@@ -15,14 +15,23 @@ SPEED_MAX_MPS = 12.0
 
 
 def follow(
-    pos: Vec3, vel: Vec3, setpoint_pos: Vec3 | None, setpoint_vel: Vec3 | None, dt_s: float
+    pos: Vec3,
+    vel: Vec3,
+    setpoint_pos: Vec3 | None,
+    setpoint_vel: Vec3 | None,
+    dt_s: float,
+    error_heading_rad: float = 0.0,
 ) -> tuple[Vec3, Vec3]:
-    """One step of a point mass that obeys setpoints with a lag; the ground is z = 0."""
+    """One step of a point mass that obeys setpoints with a lag; the ground is z = 0.
+
+    Args:
+        error_heading_rad: error of the heading, by which all horizontal accelerations are turned.
+    """
     wanted = setpoint_vel or (0.0, 0.0, 0.0)
     if setpoint_pos is not None:
         wanted = add(wanted, subtract(setpoint_pos, pos))
     wanted = scale(wanted, min(1.0, SPEED_MAX_MPS / max(norm(wanted), 1e-9)))
-    vel = add(vel, scale(subtract(wanted, vel), dt_s / LAG_S))
+    vel = add(vel, rotate_yaw(scale(subtract(wanted, vel), dt_s / LAG_S), error_heading_rad))
     pos = add(pos, scale(vel, dt_s))
     if pos[2] >= 0.0:
         return (pos[0], pos[1], 0.0), (0.0, 0.0, min(vel[2], 0.0))
@@ -40,6 +49,8 @@ class FakeBridge:
         mute_status: publish no status.
         lost: publish the status without the vehicle's position.
         battery: published with the status.
+        error_heading_rad: error of the heading, by which the point mass accelerates in a wrong direction.
+        wind_ned_mps: estimated wind, published with the status.
         offset_ned_m: sum of the autopilot's position steps so far; positions contain it.
     """
 
@@ -66,6 +77,8 @@ class FakeBridge:
         self.mute_status = False
         self.lost = False
         self.battery: Battery | None = None
+        self.error_heading_rad = 0.0
+        self.wind_ned_mps: Vec3 | None = None
         self.offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
         self.releases: list[Release] = []
         self.setpoints: list[Setpoint] = []
@@ -139,7 +152,9 @@ class FakeBridge:
             self.vel_ned_mps = (0.0, 0.0, 0.0)
             return
         pos = None if setpoint.pos_ned_m is None else setpoint.pos_ned_m
-        self.pos_ned_m, self.vel_ned_mps = follow(self.pos_ned_m, self.vel_ned_mps, pos, setpoint.vel_ned_mps, dt_s)
+        self.pos_ned_m, self.vel_ned_mps = follow(
+            self.pos_ned_m, self.vel_ned_mps, pos, setpoint.vel_ned_mps, dt_s, self.error_heading_rad
+        )
         on_ground = self.pos_ned_m[2] == 0.0 and self.vel_ned_mps[2] == 0.0
         self._still_s = self._still_s + dt_s if on_ground else 0.0
 
@@ -181,6 +196,7 @@ class FakeBridge:
                 ready=True,
                 text=self.text,
                 battery=self.battery,
+                wind_ned_mps=self.wind_ned_mps,
             ),
         )
 

@@ -214,6 +214,15 @@ def test_a_tilt_above_sixty_degrees_for_half_a_second_disarms(seconds: float, ki
     assert (rig.status.code == 13) == killed
 
 
+def test_a_vehicle_that_hangs_tilted_against_something_and_can_not_climb_is_disarmed() -> None:
+    rig = Rig().fly(0.4)
+    rig.request(HOVER, Hover(hover_pos=(0.0, 0.0, -3.0)))
+    rig.autopilot.q = list(quat_from_euler(0.3, 0.0, 0.0))
+    rig.run(5.5)
+    assert not rig.autopilot.armed
+    assert rig.status.text == "motors cut: wedged near the ground, tilted by 17 degrees and not moving for 5 s"
+
+
 def test_under_a_pilot_no_tilt_disarms() -> None:
     rig = Rig().fly()
     rig.autopilot.mode = MODES["POSCTL"]

@@ -9,6 +9,8 @@ from jezero.frames import Quat
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.contact import (
     LEAN_S,
+    LEVEL_ACC_MAX_MPS2,
+    LEVEL_SHARE,
     PUSH_ACC_MPS2,
     SLIDE_S,
     ContactWatcher,
@@ -109,8 +111,13 @@ def test_the_thrust_goes_down_only_after_the_touchdown_and_the_tilt_against_the_
     assert watcher.push_acc_ned_mps2(0.4) == (0.0, 0.0, 0.0)
     north_mps2, east_mps2, down_mps2 = watcher.push_acc_ned_mps2(0.1)
     assert down_mps2 == PUSH_ACC_MPS2
-    assert north_mps2 == pytest.approx(9.81 * 0.1 / (1.0 - 0.01) ** 0.5) == level_acc_ned_mps2((0.1, 0.0))[0]
+    assert north_mps2 == pytest.approx(LEVEL_SHARE * 9.81 * 0.1 / (1.0 - 0.01) ** 0.5)
     assert east_mps2 == 0.0
+
+
+def test_of_the_thrust_against_a_storm_no_more_is_cancelled_than_the_autopilot_surely_makes() -> None:
+    """What is too much would tip the vehicle over downwind."""
+    assert level_acc_ned_mps2((0.3, -0.4)) == pytest.approx((0.6 * LEVEL_ACC_MAX_MPS2, -0.8 * LEVEL_ACC_MAX_MPS2))
 
 
 def test_a_rolled_vehicle_has_one_side_of_its_feet_lower() -> None:

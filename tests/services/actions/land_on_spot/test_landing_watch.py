@@ -78,8 +78,10 @@ def test_a_descent_that_is_interrupted_again_and_again_ends() -> None:
     landing.grounded = False
     done = landing.run(120.0)
     assert done is not None
-    begin = f"the descent was interrupted {INTERRUPTIONS_MAX + 1} times: no measurement of the rover for "
+    begin = f"the descent was interrupted {INTERRUPTIONS_MAX + 1} times, "
     assert done.reason.startswith(begin)
+    assert " to 2.7 m above the platform: no measurement of the rover for " in done.reason
+    assert "check what hides the rover there" in done.reason
 
 
 def test_the_way_to_the_platform_does_not_lead_below_a_metre_by_the_altimeter() -> None:

@@ -93,6 +93,23 @@ def test_the_pose_behind_exact_corners_is_found_exactly(
     assert found[1].yaw_rover_rad == pytest.approx(yaw_rover_rad, abs=1e-6)
 
 
+def test_the_pose_over_a_tilted_platform_is_found_exactly() -> None:
+    q, pos_ned_m, yaw_rover_rad = quat_from_euler(0.1, -0.12, 1.3), (0.1, -0.3, -3.0), 0.5
+    q_level_from_rover_body = quat_from_euler(0.2, -0.15, 0.0)
+    level_m = {
+        tag_id: np.array([quat_rotate(q_level_from_rover_body, tuple(c)) for c in corners_m])
+        for tag_id, corners_m in CORNERS_M.items()
+    }
+    tags = []
+    for tag_id in (BIG_ID, 1):
+        corners = [project(tuple(c), pos_ned_m, q, yaw_rover_rad, DOWN_RAD)[:2] for c in level_m[tag_id]]
+        tags.append(CornersOfTag(tag_id=tag_id, corners_px=(corners[0], corners[1], corners[2], corners[3])))
+    found = locate(tags, level_m, view_of(q), CONFIG)
+    assert found is not None
+    assert found[1].pos_uav_rel_rover_ned_m == pytest.approx(pos_ned_m, abs=1e-6)
+    assert found[1].yaw_rover_rad == pytest.approx(yaw_rover_rad, abs=1e-6)
+
+
 def test_errors_of_the_pose_are_as_large_as_its_covariance_says() -> None:
     rng = np.random.default_rng(3)
     q, pos_ned_m, yaw_rad, std_px = quat_from_euler(0.05, 0.1, 0.4), (0.5, -0.3, -4.0), 0.7, 0.3

@@ -1,0 +1,17 @@
+"""Roll and pitch of the rover's platform, by which anchors and tags aren't where they are on a level platform."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jezero.frames import quat_from_euler, quat_rotate
+from jezero.schemas.sensors import RoverOdometry
+
+Array = NDArray[np.float64]
+LEVEL = np.eye(3)
+
+
+def level_from_rover_body(rover: RoverOdometry) -> Array:
+    """(3, 3) rotation from rover_body to level axes with the rover's heading."""
+    q = quat_from_euler(rover.roll_rover_rad, rover.pitch_rover_rad, 0.0)
+    axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    return np.array([quat_rotate(q, axis) for axis in axes]).T

@@ -1,0 +1,169 @@
+"""A vehicle that runs away from its setpoint: motions by hand, then goals of every action with a wrong heading."""
+
+from collections.abc import Callable
+from math import radians, sin
+
+import pytest
+
+from jezero.frames import Vec3, distance
+from jezero.schemas.actions import Goal, GoToGoal, MoveFeedback, Result
+from jezero.schemas.commands import Phase
+from jezero.services.actions.lifecycle.runaway_detector import RunawayDetector
+from jezero.services.actions.motion.behaviour import Move, VehicleState
+from tests.services.actions.fake_camera import FakeCamera
+from tests.services.actions.lifecycle.test_plans import CIRCLE, FIELD, SPOT
+from tests.services.actions.rig import World
+
+STEP_S = 0.02
+ORIGIN: Vec3 = (0.0, 0.0, -3.0)
+
+
+def at(
+    north_m: float, vel_north_mps: float = 0.0, *, landed: bool = False, wind_mps: float | None = 0.0
+) -> VehicleState:
+    return VehicleState(
+        (north_m, 0.0, -3.0),
+        (vel_north_mps, 0.0, 0.0),
+        (1.0, 0.0, 0.0, 0.0),
+        armed=True,
+        landed=landed,
+        wind_ned_mps=None if wind_mps is None else (0.6 * wind_mps, 0.8 * wind_mps, 0.0),
+        std_gust_mps=None if wind_mps is None else 0.0,
+    )
+
+
+def position(north_m: float) -> Move:
+    return Move(Phase.GO_TO, MoveFeedback(pos_uav_ned_m=ORIGIN, distance_m=0.0), pos_ned_m=(north_m, 0.0, -3.0))
+
+
+def velocity(north_mps: float, target_north_m: float | None = None) -> Move:
+    target_ned_m = None if target_north_m is None else (target_north_m, 0.0, 0.0)
+    feedback = MoveFeedback(pos_uav_ned_m=ORIGIN, distance_m=0.0)
+    return Move(Phase.LANDING, feedback, vel_ned_mps=(north_mps, 0.0, 0.0), target_ned_m=target_ned_m)
+
+
+def fires_after_s(motion: Callable[[float], tuple[VehicleState, Move]], duration_s: float = 10.0) -> float | None:
+    """Time of the first problem of a motion, given as state and setpoint at a time in s; None without one."""
+    detector = RunawayDetector()
+    for step in range(round(duration_s / STEP_S)):
+        state, move = motion(step * STEP_S)
+        if detector.problem(round(step * STEP_S * 1e9), state, move):
+            return step * STEP_S
+    return None
+
+
+def test_a_vehicle_that_accelerates_away_is_found_after_two_seconds_with_its_numbers() -> None:
+    detector = RunawayDetector()
+    reasons = [
+        detector.problem(step * 100_000_000, at(0.5 * (0.1 * step) ** 2, 0.1 * step), position(0.0))
+        for step in range(21)
+    ]
+    assert reasons[:-1] == [""] * 20
+    # x = t²/2: 2.0 m after 2 s.
+    assert "its position is 2.0 m off, and the error grew by 2.0 m in 2.0 s against the command" in reasons[-1]
+    assert "check the compass" in reasons[-1]
+
+
+@pytest.mark.parametrize(
+    ("motion", "expected_s"),
+    [
+        (lambda t: (at(0.6 * t, 0.6), position(0.0)), 2.0),  # at a constant speed: 1.2 m in 2 s
+        (lambda t: (at(0.4 * t, 0.4), position(0.0)), None),  # 0.8 m in 2 s are a slow drift
+        (lambda t: (at(0.0, 0.3 * t * t), velocity(0.0)), 2.0),  # 1.2 m/s in 2 s
+        (lambda t: (at(0.0, 0.4 * t), velocity(0.0)), None),
+        (lambda t: (at(t * t, 2.0 * t), velocity(-1.0, 0.0)), 2.0),  # a landing's velocity leads back to its target
+        (lambda t: (at(t * t, 2.0 * t), velocity(1.0, 0.0)), None),  # a velocity that leads away is obeyed
+        (lambda t: (at(t * t, 2.0 * t, landed=True), position(0.0)), None),
+    ],
+    ids=["steady", "drift", "velocity", "slow velocity", "target", "commanded away", "landed"],
+)
+def test_the_error_must_grow_by_a_metre_or_a_metre_per_second_against_the_command(
+    motion: Callable[[float], tuple[VehicleState, Move]], expected_s: float | None
+) -> None:
+    fired_s = fires_after_s(motion, 6.0)
+    assert fired_s == (None if expected_s is None else pytest.approx(expected_s, abs=0.21))
+
+
+@pytest.mark.parametrize(
+    ("wind_mps", "grown_m", "found"),
+    [
+        (5.0, 4.0, False),  # 1 m and 2 s * 0.4 * 5 m/s are permitted: 5 m
+        (5.0, 6.0, True),
+        (None, 10.0, False),  # before the wind is known it is 12 m/s: 10.6 m
+        (None, 12.0, True),
+        (40.0, 12.0, True),  # a stronger wind permits no more
+    ],
+)
+def test_a_known_wind_may_push_the_vehicle_farther_and_an_unknown_one_too(
+    wind_mps: float | None, grown_m: float, found: bool
+) -> None:
+    speed_mps = 0.5 * grown_m
+    fired_s = fires_after_s(lambda t: (at(speed_mps * t, speed_mps, wind_mps=wind_mps), position(0.0)))
+    assert (fired_s is not None) is found
+
+
+def test_the_wind_that_a_runaway_itself_pretends_permits_nothing() -> None:
+    """The estimated wind grows from 0 with the speed of the vehicle."""
+    assert fires_after_s(lambda t: (at(t * t, 2.0 * t, wind_mps=4.0 * t), position(0.0)), 4.0) is not None
+
+
+def test_gusts_that_push_the_vehicle_by_two_metres_to_and_fro_are_no_runaway() -> None:
+    """Half a period of 3.5 s, in which the error grows for 1.75 s."""
+    assert fires_after_s(lambda t: (at(2.0 * sin(1.8 * t)), position(0.0)), 30.0) is None
+    assert fires_after_s(lambda t: (at(0.0, 2.0 * sin(1.8 * t)), velocity(0.0)), 30.0) is None
+
+
+def test_a_vehicle_that_brakes_after_a_takeover_is_no_runaway() -> None:
+    """At first 8 m/s away from the new setpoint, braking with 2.5 m/s² for 3.2 s and 12.8 m."""
+
+    def braking(t: float) -> tuple[VehicleState, Move]:
+        braked_s = min(t, 3.2)
+        return at(8.0 * braked_s - 1.25 * braked_s**2, 8.0 - 2.5 * braked_s), position(0.0)
+
+    assert fires_after_s(braking) is None
+
+
+def test_a_setpoint_that_moves_away_faster_than_the_vehicle_follows_is_no_runaway() -> None:
+    """A platform that drives at 3 m/s, a vehicle that follows at 1 m/s, or stands, or hovers ahead of it."""
+    assert fires_after_s(lambda t: (at(1.0 * t, 1.0), velocity(1.0, 3.0 * t))) is None
+    assert fires_after_s(lambda t: (at(0.0), position(3.0 * t))) is None
+    assert fires_after_s(lambda t: (at(2.0 + 1.0 * t, 1.0), velocity(1.0, 1.0 * t))) is None
+    assert fires_after_s(lambda t: (at(1.0 * t, 1.0), velocity(1.0, -3.0 * t))) is None
+
+
+def test_steps_of_the_position_and_of_the_velocity_by_a_reset_are_no_runaway() -> None:
+    assert fires_after_s(lambda t: (at(0.0 if t < 3.0 else 8.0), position(0.0))) is None
+    assert fires_after_s(lambda t: (at(0.0, 0.0 if t < 3.0 else 4.0), velocity(0.0))) is None
+    assert fires_after_s(lambda t: (at(0.0), position(0.0 if t < 3.0 else 8.0))) is None
+
+
+def test_a_change_from_positions_to_velocities_begins_anew() -> None:
+    """Each kind of setpoint is given for 1.5 s only."""
+
+    def alternating(t: float) -> tuple[VehicleState, Move]:
+        return at(t * t, 2.0 * t), position(0.0) if t % 3.0 < 1.5 else velocity(0.0)
+
+    assert fires_after_s(alternating, 9.0) is None
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [GoToGoal(target_ned_m=(20.0, 0.0, -3.0)), CIRCLE, FIELD, SPOT],
+    ids=["go_to", "get_images", "area_coverage", "land_on_spot"],
+)
+def test_every_goal_of_a_vehicle_with_a_wrong_heading_ends_within_some_seconds(goal: Goal) -> None:
+    world = World()
+    world.bus.add(FakeCamera())
+    world.bridge.wind_ned_mps = (0.0, 0.0, 0.0)
+    world.bus.run_for(0.5)
+    answers = world.send(goal)
+    world.bus.run_for(1.5)
+    world.bridge.error_heading_rad = radians(90.0)
+    start_ned_m = world.bridge.pos_ned_m
+    assert world.bus.run_for(6.0, lambda: answers.ended), answers.replies[-1]
+    result = answers.replies[-1]
+    assert isinstance(result, Result)
+    assert result.outcome == "aborted"
+    assert "the vehicle runs away from its setpoint" in result.reason
+    assert distance(world.bridge.pos_ned_m, start_ned_m) < 15.0
+    assert world.bridge.releases[-1].then == "hover"
