@@ -171,9 +171,9 @@ class Goal(Generic[F, R]):
         while not self._ended:
             if deadline_s is not None and time.monotonic() > deadline_s:
                 raise TimedOut("no result in time")
-            connected = self._connection.connected
+            reply = request_result(self._connection, self.goal_id) if self._connection.connected else None
+            connected = self._connection.connected  # after the request, which may end because the link does
             link_was_lost |= not connected
-            reply = request_result(self._connection, self.goal_id) if connected else None
             denials += reply is None
             if reply is not None and reply.result is not None:
                 self._result = decode(Result[self._action.result_type], reply.result.encode())  # type: ignore[name-defined]
@@ -182,7 +182,7 @@ class Goal(Generic[F, R]):
             elif not link_was_lost and denials > 1:
                 died = f"the {self._action.name} server died or lost its router"
                 self._failure = Unreachable(f"{died}; the vehicle hovers (`jezero ps`, uav.status())")
-            elif self._connection.closed or time.monotonic() > give_up_s:
+            elif self._connection.closed or (link_was_lost and time.monotonic() > give_up_s):
                 self._failure = Unreachable(self._lost(connected))
             if not self._ended:
                 time.sleep(POLL_S)

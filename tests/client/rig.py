@@ -102,7 +102,8 @@ class Server:
         self.publish(topics.STATUS, status)
 
     def publish(self, topic: topics.Topic[Any], message: Message) -> None:
-        self.session.put(topics.key("v", topic.name), msgspec.json.encode(message))
+        block = zenoh.CongestionControl.BLOCK  # a busy machine drops nothing
+        self.session.put(topics.key("v", topic.name), msgspec.json.encode(message), congestion_control=block)
 
     def close(self) -> None:
         self.open.clear()
