@@ -157,14 +157,21 @@ def recorded(vehicle: str, router: str, path: Path) -> Iterator[None]:
 
     from jezero.recording.about import about
     from jezero.recording.channels import keys_without_images
+    from jezero.recording.viewer_scene import ViewerScene
     from jezero.recording.writer import RecordingWriter
+    from jezero.runtime.config import load_config
     from jezero.schemas.topics import key
+    from jezero.vehicle_config import VehicleConfig
     from jezero.zenoh_client import client_config
 
     prefix = key(vehicle, "")
+    scene = ViewerScene(load_config(VehicleConfig, "vehicle"))
     lock = threading.Lock()
     origin = about(bus="zenoh", vehicle=vehicle)
-    with RecordingWriter(path, origin) as writer, zenoh.open(client_config(router, timeout_s=3.0)) as session:
+    with (
+        RecordingWriter(path, origin, scene=scene) as writer,
+        zenoh.open(client_config(router, timeout_s=3.0)) as session,
+    ):
 
         def on_sample(sample: zenoh.Sample) -> None:
             if sample.kind == zenoh.SampleKind.PUT:

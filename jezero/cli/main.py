@@ -47,6 +47,7 @@ SECTIONS: dict[str, dict[str, Entry]] = {
         "map": Entry("jezero.cli.mapping", "make", "Make a map from the images of gridsweep."),
     },
     "Records": {
+        "watch": Entry("jezero.cli.watch", "watch", "Serve the messages to a viewer, live (--foxglove)."),
         "recording": Entry("jezero.cli.recording", "recording", "Look into recordings, cut, repair and export them."),
         "report": Entry("jezero.cli.report", "report", "Draw the figures of recorded flights."),
     },

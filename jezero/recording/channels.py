@@ -6,14 +6,15 @@ from typing import Any
 import msgspec
 
 from jezero.plugins import PluginError, load_declaration, plugin_names
+from jezero.recording import foxglove, viewer_scene
 from jezero.recording.images import HEADERS
-from jezero.recording.images import JSON_SCHEMA as IMAGE_JSON_SCHEMA
-from jezero.recording.images import SCHEMA_NAME as IMAGE_SCHEMA_NAME
 from jezero.schemas.topics import ACTIONS, CAMERA, TOPICS, Topic, feedback_of, health_of
 
 _HEADERS = Topic(HEADERS, CAMERA.type, CAMERA.rate_hz, CAMERA.writer)
 _HEALTH = health_of("").name
-_ANY_OBJECT = b'{"type":"object"}'
+_ANY_OBJECT = b'{"type":"object","properties":{}}'
+_FOXGLOVE: dict[str, type[msgspec.Struct]] = {CAMERA.name: foxglove.CompressedImage, **viewer_scene.MESSAGES}
+"""Channels with Foxglove's own messages."""
 
 
 @cache
@@ -42,36 +43,59 @@ def keys_without_images() -> list[str]:
 
 def schema_name(name: str) -> str:
     """Name of the schema of a channel's messages, such as `jezero.Odometry`."""
-    if name == CAMERA.name:
-        return IMAGE_SCHEMA_NAME
+    if name in _FOXGLOVE:
+        return foxglove.schema_name(_FOXGLOVE[name])
     topic = topic_of(name)
     return "jezero.Message" if topic is None else f"jezero.{topic.struct.__name__}"
 
 
 @cache
 def json_schema(name: str) -> bytes:
-    """JSON Schema of a channel's messages, without references.
+    """JSON Schema of a channel's messages, as viewers read it.
 
-    Viewers such as Foxglove want an object at the top, and the items of an array in `items`.
+    Foxglove refuses a channel whose schema has references, alternatives, or an array in an array. So an optional field
+    has the schema of its value, though it may be null, and fields that can't be described in this way are left out of
+    the schema; their values are in the messages all the same.
     """
-    if name == CAMERA.name:
-        return IMAGE_JSON_SCHEMA
-    topic = topic_of(name)
-    if topic is None:
-        return _ANY_OBJECT
-    schema = msgspec.json.schema(topic.type)
+    if name in _FOXGLOVE:
+        schema = foxglove.json_schema(_FOXGLOVE[name])
+    else:
+        topic = topic_of(name)
+        if topic is None:
+            return _ANY_OBJECT
+        schema = msgspec.json.schema(topic.type)
     return msgspec.json.encode(_simplified(schema, schema.get("$defs", {})))
 
 
-def _simplified(node: Any, definitions: dict[str, Any]) -> Any:
-    if isinstance(node, list):
-        return [_simplified(item, definitions) for item in node]
-    if not isinstance(node, dict):
-        return node
-    if "$ref" in node:
-        return _simplified(definitions[node["$ref"].rpartition("/")[2]], definitions)
-    simple = {key: _simplified(value, definitions) for key, value in node.items() if key != "$defs"}
-    items = simple.pop("prefixItems", None)
-    if items:
-        simple["items"] = items[0] if all(item == items[0] for item in items) else {}
-    return simple
+def _simplified(node: dict[str, Any], definitions: dict[str, Any]) -> dict[str, Any] | None:
+    """Schema of one value without references and alternatives; None if there is no such schema."""
+    while "$ref" in node:
+        node = definitions[node["$ref"].rpartition("/")[2]]
+    if "anyOf" in node:
+        values = [each for each in node["anyOf"] if each.get("type") != "null"]
+        return _simplified(values[0], definitions) if len(values) == 1 else None
+    if "enum" in node:
+        kinds = {type(value) for value in node["enum"]}
+        return {**node, "type": "string" if kinds == {str} else "integer"} if kinds in ({str}, {int}) else None
+    match node.get("type"):
+        case "object":
+            fields = {key: _simplified(field, definitions) for key, field in node.get("properties", {}).items()}
+            kept = {key: field for key, field in fields.items() if field is not None}
+            others = ("$defs", "properties", "additionalProperties")
+            return {**{key: value for key, value in node.items() if key not in others}, "properties": kept}
+        case "array":
+            return _simplified_array(node, definitions)
+        case str():
+            return node
+    return None
+
+
+def _simplified_array(node: dict[str, Any], definitions: dict[str, Any]) -> dict[str, Any] | None:
+    items = [_simplified(item, definitions) for item in node.get("prefixItems") or [node.get("items") or {}]]
+    first = items[0]
+    if first is None or first["type"] == "array":
+        return None
+    if any(item is None or item["type"] != first["type"] for item in items):
+        return None
+    kept = {key: value for key, value in node.items() if key != "prefixItems"}
+    return {**kept, "items": first if all(item == first for item in items) else {"type": first["type"]}}

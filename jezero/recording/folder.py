@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from jezero.os_errors import describe_os_error
 from jezero.recording.channels import topic_of
+from jezero.recording.viewer_scene import ViewerScene
 from jezero.recording.writer import RecordingWriter
 
 RECORDINGS = "recordings"
@@ -38,15 +39,22 @@ class RecordingFolder:
         about: what is recorded, see `RecordingWriter`.
         size_max_bytes: size at which a file is finished and the next one begun.
         jpeg_quality: quality of recorded images from 1 to 95; None records none.
+        scene: makes the messages for 3D viewers.
     """
 
     def __init__(
-        self, folder: Path, about: Mapping[str, str], size_max_bytes: int, jpeg_quality: int | None = None
+        self,
+        folder: Path,
+        about: Mapping[str, str],
+        size_max_bytes: int,
+        jpeg_quality: int | None = None,
+        scene: ViewerScene | None = None,
     ) -> None:
         self._folder = folder
         self._about = about
         self._size_max_bytes = size_max_bytes
         self._jpeg_quality = jpeg_quality
+        self._scene = scene
         self._writer: RecordingWriter | None = None
         self._path: Path | None = None
         self._lock = threading.Lock()
@@ -93,7 +101,7 @@ class RecordingFolder:
         while self._path.exists():
             number += 1
             self._path = self._folder / f"{stem}_{number}.mcap"
-        return RecordingWriter(self._path, self._about, jpeg_quality=self._jpeg_quality)
+        return RecordingWriter(self._path, self._about, jpeg_quality=self._jpeg_quality, scene=self._scene)
 
     def _finish(self) -> None:
         if self._writer is not None:

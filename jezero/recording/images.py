@@ -2,62 +2,48 @@
 
 import base64
 import io
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import msgspec
 
+from jezero.codec import decode, split_attachment
+from jezero.recording import foxglove
 from jezero.schemas.sensors import CameraFrame
-from jezero.schemas.units import NS_PER_S
+from jezero.schemas.topics import CAMERA
 
 HEADERS = "sensor/camera/header"
 """Channel of the images' other fields, as `CameraFrame` without pixels."""
-SCHEMA_NAME = "foxglove.CompressedImage"
-JSON_SCHEMA = msgspec.json.encode(
-    {
-        "title": SCHEMA_NAME,
-        "type": "object",
-        "properties": {
-            "timestamp": {
-                "type": "object",
-                "title": "time",
-                "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}},
-            },
-            "frame_id": {"type": "string"},
-            "data": {"type": "string", "contentEncoding": "base64"},
-            "format": {"type": "string"},
-        },
-    }
-)
-"""Source: https://docs.foxglove.dev/docs/sdk/schemas/compressed-image"""
+CAMERA_FRAME = "camera"
+"""Name of the frame of the images: right, down, forward of the camera."""
 
 
-class CompressedImage(msgspec.Struct, frozen=True, kw_only=True):
-    """One image as Foxglove has it.
+def split_image(data: bytes, quality: int | None, time_of: Callable[[int], int]) -> Iterator[tuple[str, bytes]]:
+    """Messages of an image, each (channel, encoded message): its other fields, and the JPEG.
 
-    Attributes:
-        timestamp: time of the image, {"sec": …, "nsec": …}.
-        frame_id: name of the camera's frame.
-        data: the JPEG, base64.
-        format: "jpeg".
+    Args:
+        data: the encoded `CameraFrame`.
+        quality: of the JPEG from 1 to 95; None for no JPEG.
+        time_of: gives the time on the recording's clock of a vehicle time.
     """
+    header, pixels = split_attachment(data)
+    yield HEADERS, header
+    if pixels and quality is not None:
+        frame = decode(CameraFrame, data)
+        yield CAMERA.name, compress(frame, time_of(frame.t_ns), quality)
 
-    timestamp: dict[str, int]
-    frame_id: str
-    data: str
-    format: str
 
-
-def compress(frame: CameraFrame, logged_ns: int, quality: int) -> bytes:
-    """The encoded `CompressedImage` of a frame."""
+def compress(frame: CameraFrame, exposed_ns: int, quality: int) -> bytes:
+    """The encoded `CompressedImage` of a frame that was exposed at a time on the recording's clock."""
     from PIL import Image
 
     jpeg = io.BytesIO()
     image = Image.frombytes("RGB", (frame.width_px, frame.height_px), frame.pixels)
     image.save(jpeg, "JPEG", quality=quality)
     return msgspec.json.encode(
-        CompressedImage(
-            timestamp={"sec": logged_ns // NS_PER_S, "nsec": logged_ns % NS_PER_S},
-            frame_id="camera",
+        foxglove.CompressedImage(
+            timestamp=foxglove.time_of(exposed_ns),
+            frame_id=CAMERA_FRAME,
             data=base64.b64encode(jpeg.getvalue()).decode(),
             format="jpeg",
         )
@@ -74,7 +60,7 @@ def decompress(data: bytes) -> Any:
     from PIL import Image
 
     try:
-        message = msgspec.json.decode(data, type=CompressedImage)
+        message = msgspec.json.decode(data, type=foxglove.CompressedImage)
         with Image.open(io.BytesIO(base64.b64decode(message.data))) as image:
             return np.asarray(image.convert("RGB"))
     except (msgspec.DecodeError, OSError) as error:

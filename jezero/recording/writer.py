@@ -9,12 +9,11 @@ from typing import Self
 from mcap.records import Schema
 from mcap.writer import CompressionType, IndexType, Writer
 
-from jezero.codec import decode, split_attachment
 from jezero.os_errors import naming
 from jezero.recording.channels import json_schema, schema_name
-from jezero.recording.images import HEADERS, compress
+from jezero.recording.images import split_image
 from jezero.recording.mcap_file import ABOUT
-from jezero.schemas.sensors import CameraFrame
+from jezero.recording.viewer_scene import ViewerScene
 from jezero.schemas.topics import CAMERA
 from jezero.schemas.units import NS_PER_S
 
@@ -35,6 +34,7 @@ class RecordingWriter:
         about: what was recorded, such as the vehicle's name and the seed.
         schemas: schemas of topics that are copied from another recording; the other ones are of this version.
         jpeg_quality: quality of recorded images from 1 to 95; None records of each image all but its pixels.
+        scene: makes the messages for 3D viewers from the others; None for a copy, which has them already.
 
     Raises:
         OSError: the file can't be written.
@@ -47,6 +47,7 @@ class RecordingWriter:
         *,
         schemas: Mapping[str, Schema] | None = None,
         jpeg_quality: int | None = None,
+        scene: ViewerScene | None = None,
     ) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._path = path
@@ -59,6 +60,7 @@ class RecordingWriter:
         )
         self._schemas = {} if schemas is None else schemas
         self._jpeg_quality = jpeg_quality
+        self._scene = scene
         self._channels: dict[str, int] = {}
         self._sequences: dict[int, int] = {}
         self._last_ns = 0
@@ -99,12 +101,19 @@ class RecordingWriter:
             self.flush()
             self._chunk_start_ns = self._last_ns
         if topic != CAMERA.name:
-            self._add(topic, data)
-        else:
-            json, pixels = split_attachment(data)
-            self._add(HEADERS, json)
-            if pixels and self._jpeg_quality is not None:
-                self._add(topic, compress(decode(CameraFrame, data), self._last_ns, self._jpeg_quality))
+            self._add_with_scene(topic, data)
+            return
+        for channel, message in split_image(data, self._jpeg_quality, self._time_of):
+            self._add_with_scene(channel, message)
+
+    def _time_of(self, t_ns: int) -> int:
+        return self._last_ns if self._scene is None else self._scene.time_of(t_ns, self._last_ns)
+
+    def _add_with_scene(self, topic: str, data: bytes) -> None:
+        self._add(topic, data)
+        if self._scene is not None:
+            for channel, message in self._scene.update(self._last_ns, topic, data):
+                self._add(channel, message)
 
     def _add(self, topic: str, data: bytes) -> None:
         channel = self._channels.get(topic)

@@ -10,6 +10,7 @@ import msgspec
 from jezero.codec import decode
 from jezero.frames import Vec3, horizontal
 from jezero.recording.about import about
+from jezero.recording.viewer_scene import ViewerScene
 from jezero.recording.writer import RecordingWriter
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
@@ -133,7 +134,10 @@ def fly_virtually(
         None if on_images is None else msgspec.structs.replace(load_config(CameraConfig, "camera"), mode="rendered")
     )
     bus = build_stack(seed, camera=camera, without=without)
-    writer = None if recording is None else RecordingWriter(recording, about(bus="virtual", seed=str(seed)))
+    writer = None
+    if recording is not None:
+        scene = ViewerScene(load_config(VehicleConfig, "vehicle"))
+        writer = RecordingWriter(recording, about(bus="virtual", seed=str(seed)), scene=scene)
     recorder = _Recorder(writer)
     bus.observe(recorder)
     started_s = time.perf_counter()

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from jezero.recording.about import about
 from jezero.recording.folder import RECORDINGS, RecordingFolder
+from jezero.recording.viewer_scene import ViewerScene
 from jezero.runtime.config import Instance, load_config
 from jezero.runtime.links import SocketLink
 from jezero.runtime.service import Service
@@ -14,6 +15,7 @@ from jezero.runtime.worker import Worker
 from jezero.runtime.zenoh_bus import run_process
 from jezero.services.recorder.config import RecorderConfig
 from jezero.services.recorder.service import Recorder
+from jezero.vehicle_config import VehicleConfig
 
 
 def main() -> int:
@@ -27,7 +29,9 @@ def main() -> int:
         autopilot = os.environ.get("JEZERO_AUTOPILOT") or "embedded"
         origin = about(bus="zenoh", vehicle=instance.vehicle, autopilot=autopilot)
         size_max_bytes = int(1e6 * config.file_size_max_mb)
-        opened.append(RecordingFolder(folder, origin, size_max_bytes, config.jpeg_quality if config.images else None))
+        quality = config.jpeg_quality if config.images else None
+        scene = ViewerScene(load_config(VehicleConfig, "vehicle"))
+        opened.append(RecordingFolder(folder, origin, size_max_bytes, quality, scene))
         return Recorder(opened[0].write, images=config.images, execute=worker.add), {}
 
     code = run_process("recorder", build)

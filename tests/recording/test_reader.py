@@ -8,13 +8,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer
 
+from jezero.codec import encode
 from jezero.recording import RecordingError, open_recording
 from jezero.recording.editing import cut, repair
 from jezero.recording.export import write_csv
+from jezero.recording.viewer_scene import ViewerScene
 from jezero.recording.writer import RecordingWriter
 from jezero.schemas import topics
 from jezero.schemas.sensors import Altimeter
-from tests.recording.rig import record
+from jezero.vehicle_config import VehicleConfig
+from tests.client.rig import ODOMETRY
+from tests.recording.rig import SECOND_NS, record
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +75,16 @@ def test_a_part_keeps_times_topics_and_origin(path: Path, tmp_path: Path) -> Non
     assert (summary.start_ns, summary.about["vehicle"]) == (1_000_000_000, "uav1")
     with pytest.raises(RecordingError, match="is the recording itself"):
         cut(path, path, 0.0, None, ())
+
+
+def test_a_part_has_the_scene_for_viewers_that_the_recording_had(tmp_path: Path) -> None:
+    flight, part = tmp_path / "flight.mcap", tmp_path / "part.mcap"
+    with RecordingWriter(flight, {}, scene=ViewerScene(VehicleConfig())) as writer:
+        for tenth in range(30):
+            writer.write(tenth * SECOND_NS // 10, topics.ODOMETRY.name, encode(ODOMETRY))
+    assert cut(flight, part, 1.0, 2.0, ()) > 0
+    assert open_recording(part).summary().counts == {"odometry": 11, "viewer/scene": 2, "viewer/transforms": 11}
+    assert open_recording(part).summary().schemas["viewer/scene"] == "foxglove.SceneUpdate"
 
 
 def test_a_killed_process_loses_the_open_chunk_only_and_repair_finishes_the_file(path: Path, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import msgspec
 
 from jezero.frames import altitude_m
 from jezero.recording.about import about
+from jezero.recording.viewer_scene import ViewerScene
 from jezero.recording.writer import RECORDING, RecordingWriter
 from jezero.runtime.config import ConfigError, load_config
 from jezero.runtime.memory_bus import MemoryBus
@@ -114,7 +115,8 @@ def fly_landing(
         if recordings is not None:
             path = recordings / f"{conditions.case}-{seed}" / RECORDING
             origin = about(bus="virtual", seed=str(seed), conditions=msgspec.json.encode(conditions).decode())
-            bus.observe(cleanup.enter_context(RecordingWriter(path, origin)).write)
+            scene = ViewerScene(load_config(VehicleConfig, "vehicle"))
+            bus.observe(cleanup.enter_context(RecordingWriter(path, origin, scene=scene)).write)
         return _fly(trial, bus, camera, simulator)
 
 
