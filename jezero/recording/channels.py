@@ -8,6 +8,7 @@ import msgspec
 from jezero.plugins import PluginError, load_declaration, plugin_names
 from jezero.recording import foxglove, viewer_scene
 from jezero.recording.images import HEADERS
+from jezero.schemas.actions import FeedbackMessage
 from jezero.schemas.topics import ACTIONS, CAMERA, TOPICS, Topic, feedback_of, health_of
 
 _HEADERS = Topic(HEADERS, CAMERA.type, CAMERA.rate_hz, CAMERA.writer)
@@ -34,6 +35,11 @@ def _topics() -> dict[str, Topic[Any]]:
         except PluginError:  # a broken package takes away its own channel only
             continue
     return {topic.name: topic for topic in (*TOPICS, *map(feedback_of, ACTIONS.values()), _HEADERS, *plugins)}
+
+
+def feedback_names() -> list[str]:
+    """Names of the topics with the feedback of actions, those of packages included."""
+    return [topic.name for topic in _topics().values() if topic.struct is FeedbackMessage]
 
 
 def keys_without_images() -> list[str]:

@@ -114,6 +114,11 @@ class RecordingFolder:
             self._writer = None
 
 
+def recordings_in(folder: Path) -> list[Path]:
+    """The recordings of a stack's run folder, the oldest one first."""
+    return sorted((folder / RECORDINGS).glob("*.mcap"))
+
+
 def newest_recording(folder: Path) -> Path | None:
     """The newest recording of a stack's run folder, or None."""
     return max((folder / RECORDINGS).glob("*.mcap"), default=None)

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple, Self
 
 import msgspec
 
-from jezero.recording.channels import topic_of
+from jezero.recording.channels import feedback_names, topic_of
 from jezero.recording.folder import newest_recording
+from jezero.recording.goals import RecordedGoal, goals_of
 from jezero.recording.images import HEADERS, decompress
 from jezero.recording.mcap_file import McapFile, RawMessage, RecordingError
 from jezero.recording.table import Table, make_table
@@ -139,6 +140,15 @@ class Recording:
                     yield frame, decompress(raw.data)
                 except ValueError as error:
                     raise RecordingError(f"{self.path}: an image is damaged ({error})") from None
+
+    def goals(self, *, start_s: float = 0.0, end_s: float | None = None) -> list[RecordedGoal]:
+        """Goals, each with its feedback, in the order of their starts. A goal that published no feedback is left out.
+
+        Raises:
+            RecordingError: the file can't be read, or a message is not of the type that its topic has here.
+        """
+        entries = self.messages(*feedback_names(), start_s=start_s, end_s=end_s)
+        return goals_of(entry.message for entry in entries)
 
     def table(self, topic: str | Topic[Any], *, start_s: float = 0.0, end_s: float | None = None) -> Table:
         """The messages of one topic as numpy arrays, one for each field.

@@ -8,15 +8,34 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from jezero.report.landings import Array, Landing, Series
-from jezero.report.style import BAND, BLUE, ESTIMATE, GREEN, GREY, ORANGE, TRUTH, Format, draw, legend_above, shade
+from jezero.report.style import (
+    BAND,
+    ESTIMATE,
+    ESTIMATE_BAND,
+    GREEN,
+    GREY,
+    NO_TRUTH,
+    TAG,
+    TRUTH,
+    UWB,
+    Format,
+    draw,
+    legend_above,
+    note,
+    shade,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 AXES = ("north", "east", "up")
 """Axes of all figures: those of the log are north, east and down."""
+HORIZONTAL = (True, True, False)
+GAP_S = 0.25
+"""A line is not drawn across a longer time without samples."""
 POSITIONS = ("relative", "rover", "uwb", "tag", "uav", "true_relative", "true_rover", "true_uav")
 """Fields of a landing that hold positions."""
 BAND_M = 0.1
@@ -28,6 +47,8 @@ TIME = "time since the landing goal [s]"
 
 def draw_landing(landing: Landing, directory: Path, suffix: str, form: Format) -> list[Path]:
     """Draw all figures of one landing.
+
+    In a recording without truth, the standard deviations of the filter replace the errors.
 
     Args:
         landing: the landing.
@@ -41,18 +62,18 @@ def draw_landing(landing: Landing, directory: Path, suffix: str, form: Format) -
     def file(name: str) -> Path:
         return directory / f"{name}{suffix}.{form}"
 
-    files = []
     landing = _upwards(landing)
-    has_truth = len(landing.true_relative) > 1
-    if len(landing.relative) and has_truth and landing.by_estimate:
-        files.append(_relative_position(landing, file("relative_position")))
-        files.append(_relative_error(landing, file("relative_error")))
-        if len(landing.rover):
-            files.append(_rover_position(landing, file("rover_position")))
-    if (len(landing.uwb) or len(landing.tag)) and has_truth and landing.by_estimate:
+    if not landing.by_estimate:
+        return [_odometry(landing, file("landing_odometry"))] if len(landing.uav) else []
+    files = [
+        _relative_position(landing, file("relative_position")),
+        _relative_error(landing, file("relative_error")),
+    ]
+    if len(landing.rover) and (len(landing.uav) or not landing.has_truth):
+        draw_rover = _rover_position if landing.has_truth else _rover_estimate
+        files.append(draw_rover(landing, file("rover_position")))
+    if len(landing.uwb) or len(landing.tag):
         files.append(_uwb_and_tag(landing, file("uwb_tag")))
-    if not landing.by_estimate and len(landing.uav):
-        files.append(_odometry(landing, file("landing_odometry")))
     return files
 
 
@@ -70,12 +91,17 @@ def _relative_position(landing: Landing, path: Path) -> Path:
         poor = landing.relative.where(~landing.valid)
         good = landing.relative.where(landing.valid)
         for i, ax in enumerate(column):
-            _true_with_band(ax, landing.true_relative, i)
+            if landing.has_truth:
+                _true_with_band(ax, landing.true_relative, i)
+            else:
+                _estimate_band(ax, good, landing.std[landing.valid][:, i], i)
             if len(poor):
-                ax.plot(poor.t_s, poor.values[:, i], ".", ms=1.5, color=GREY, label="estimate, not valid" * (not i))
+                ax.plot(poor.t_s, poor.values[:, i], ".", ms=1.5, color=GREY, label="estimate, not valid")
             _broken_line(ax, good, i, "estimate")
             ax.set_ylabel(f"{AXES[i]} [m]")
             ax.set_xlim(0.0, landing.end_s)
+        if not landing.has_truth:
+            note(column[0], NO_TRUTH)
         column[2].set_xlabel(TIME)
         legend_above(figure, column[:1], landing.phases)
 
@@ -89,16 +115,22 @@ def _relative_error(landing: Landing, path: Path) -> Path:
         column = axes[:, 0]
         shade(column, landing.phases)
         good = landing.relative.where(landing.valid)
-        error_m = good.values - landing.true_relative.at(good.t_s)
-        std_m = landing.std[landing.valid]
+        band_cm = 100 * SIGMAS * landing.std[landing.valid]
+        error_cm = 100 * (good.values - landing.true_relative.at(good.t_s)) if landing.has_truth else None
         for i, ax in enumerate(column):
             _band(ax)
-            ax.plot(good.t_s, 100 * SIGMAS * std_m[:, i], color=GREEN, lw=0.9, ls="--", label="±3σ of the filter")
-            ax.plot(good.t_s, -100 * SIGMAS * std_m[:, i], color=GREEN, lw=0.9, ls="--")
-            _broken_line(ax, Series(good.t_s, 100 * error_m), i, "estimate − truth")
-            ax.set_ylabel(f"{AXES[i]} [cm]")
+            t_s, band = _with_gaps(good.t_s, band_cm[:, i])
+            ax.fill_between(t_s, -band, band, color=GREEN, alpha=0.15, lw=0)
+            for sign in (1, -1):
+                label = "±3σ of the filter" if sign > 0 else None
+                ax.plot(t_s, sign * band, color=GREEN, lw=0.9, ls="--", label=label)
+            if error_cm is not None:
+                _broken_line(ax, Series(good.t_s, error_cm), i, "estimate − truth")
+            ax.set_ylabel(f"{AXES[i]} [cm]" if landing.has_truth else f"±3σ {AXES[i]} [cm]")
             ax.set_xlim(0.0, landing.end_s)
-            _limit(ax, 100 * error_m)
+            _limit(ax, band_cm if error_cm is None else error_cm)
+        if not landing.has_truth:
+            note(column[0], f"{NO_TRUTH}: the uncertainty of the estimate, not its error")
         column[2].set_xlabel(TIME)
         legend_above(figure, column[:1], landing.phases)
 
@@ -139,32 +171,64 @@ def _rover_position(landing: Landing, path: Path) -> Path:
     return draw(path, (3, 2), 5.0, fill, sharex=True)
 
 
+def _rover_estimate(landing: Landing, path: Path) -> Path:
+    """Draw the rover's estimated position with its own standard deviation, of a recording without truth."""
+
+    def fill(figure: Any, axes: Any) -> None:
+        column = axes[:, 0]
+        shade(column, landing.phases)
+        valid = landing.rover.values[:, 3] > 0.5
+        good, poor = landing.rover.where(valid), landing.rover.where(~valid)
+        for i, ax in enumerate(column):
+            _estimate_band(ax, good, landing.std_rover[valid], i)
+            if len(poor):
+                ax.plot(*_column(poor, i), ".", ms=2.5, color=GREY, label="estimate, not valid")
+            _broken_line(ax, good, i, "estimate")
+            ax.set_ylabel(f"{AXES[i]} [m]")
+            ax.set_xlim(0.0, landing.end_s)
+            _at_least(ax, 1.0)
+        note(column[0], f"{NO_TRUTH}; the band is that of the axis with the greatest standard deviation")
+        column[2].set_xlabel(TIME)
+        legend_above(figure, column[:1], landing.phases)
+
+    return draw(path, (3, 1), 5.0, fill, sharex=True)
+
+
 def _uwb_and_tag(landing: Landing, path: Path) -> Path:
-    """Draw the positions from each round of ranges and each image alone, and their errors (thesis Fig. 4.5)."""
+    """Draw the positions from each round of ranges and each image alone, and their errors (thesis Fig. 4.5).
+
+    In a recording without truth, the estimate is the reference.
+    """
+    reference = landing.true_relative if landing.has_truth else landing.relative.where(landing.valid)
+    sensors = [
+        (name, series.where(_near(reference, series.t_s)), colour)
+        for name, series, colour in (("UWB", landing.uwb, UWB), ("AprilTag", landing.tag, TAG))
+    ]
 
     def fill(figure: Any, axes: Any) -> None:
         shade(axes.flat, landing.phases)
-        start_s = landing.true_relative.t_s[0]
-        sensors = [
-            (name, series.where(series.t_s >= start_s), colour)
-            for name, series, colour in (("UWB", landing.uwb, ORANGE), ("AprilTag", landing.tag, BLUE))
-        ]
         for i, (left, right) in enumerate(axes):
-            left.plot(*_column(landing.true_relative, i), color=TRUTH, lw=0.9, label="truth")
+            if landing.has_truth:
+                left.plot(*_column(reference, i), color=TRUTH, lw=0.9, label="truth")
+            else:
+                _broken_line(left, reference, i, "estimate")
             _band(right)
             rms = []
             for name, series, colour in sensors:
                 if not len(series):
                     continue
-                error_m = series.values - landing.true_relative.at(series.t_s)
-                rms.append(f"{name} {100 * np.sqrt(np.mean(error_m[:, i] ** 2)):.1f} cm")
+                error_cm = 100 * (series.values[:, i] - reference.at(series.t_s)[:, i])
+                rms.append(f"{name} {np.sqrt(np.mean(error_cm**2)):.1f} cm")
                 left.plot(*_column(series, i), ".", ms=2, color=colour, label=name)
-                right.plot(series.t_s, 100 * error_m[:, i], ".", ms=2, color=colour)
+                right.plot(series.t_s, error_cm, ".", ms=2, color=colour)
             left.set_ylabel(f"{AXES[i]} [m]")
-            right.set_ylabel(f"error {AXES[i]} [cm]")
-            right.set_title(f"RMS error: {', '.join(rms)}", loc="right", fontsize=7.5, pad=3)
+            right.set_ylabel(f"error {AXES[i]} [cm]" if landing.has_truth else f"difference {AXES[i]} [cm]")
+            what = "RMS error" if landing.has_truth else "RMS difference from the estimate"
+            right.set_title(f"{what}: {', '.join(rms)}", loc="right", fontsize=7.5, pad=3)
             for ax in (left, right):
                 ax.set_xlim(0.0, landing.end_s)
+        if not landing.has_truth:
+            note(axes[0, 0], NO_TRUTH)
         for ax in axes[2]:
             ax.set_xlabel(TIME)
         legend_above(figure, axes[0], landing.phases, columns=7)
@@ -179,9 +243,11 @@ def _odometry(landing: Landing, path: Path) -> Path:
         column = axes[:, 0]
         shade(column, landing.phases)
         for i, ax in enumerate(column):
+            if HORIZONTAL[i] and np.isfinite(landing.std_uav).any():
+                _estimate_band(ax, landing.uav, landing.std_uav, i)
+            if landing.has_truth:
+                ax.plot(*_column(landing.true_uav, i), color=TRUTH, lw=0.9, label="truth")
             ax.plot(*_column(landing.uav, i), color=ESTIMATE, label="vehicle's odometry")
-            if len(landing.true_uav):
-                ax.plot(*_column(landing.true_uav, i), color=TRUTH, lw=0.9, ls=":", label="truth")
             ax.set_ylabel(f"{AXES[i]} [m]")
             ax.set_xlim(0.0, landing.end_s)
         column[2].set_xlabel(TIME)
@@ -205,11 +271,35 @@ def _band(ax: "Axes") -> None:
         ax.axhline(sign * 100 * BAND_M, color="0.35", lw=0.8, ls=":", label="±10 cm" if sign > 0 else None)
 
 
+def _estimate_band(ax: "Axes", series: Series, std_m: Array, i: int) -> None:
+    """Draw the band of three standard deviations around an estimate."""
+    for sign in (-1, 1):  # lines at its edges, because a band of some millimetres can't be seen
+        edge = _with_gaps(series.t_s, series.values[:, i] + sign * SIGMAS * std_m)
+        ax.plot(*edge, color=ESTIMATE_BAND, lw=0.6, zorder=1.5)
+    t_s, low = _with_gaps(series.t_s, series.values[:, i] - SIGMAS * std_m)
+    high = _with_gaps(series.t_s, series.values[:, i] + SIGMAS * std_m)[1]
+    ax.fill_between(t_s, low, high, color=ESTIMATE_BAND, lw=0, label="±3σ of the estimate")
+
+
 def _broken_line(ax: "Axes", series: Series, i: int, label: str) -> None:
     """Draw a line with gaps where samples are missing."""
-    t_s, values = series.t_s.copy(), series.values[:, i].copy()
-    gaps = np.flatnonzero(np.diff(t_s) > 0.25) + 1
-    ax.plot(np.insert(t_s, gaps, np.nan), np.insert(values, gaps, np.nan), color=ESTIMATE, label=label)
+    ax.plot(*_with_gaps(*_column(series, i)), color=ESTIMATE, label=label)
+
+
+def _with_gaps(t_s: Array, values: Array) -> tuple[Array, Array]:
+    """Insert NaN, at which no line is drawn, where samples are missing."""
+    gaps = np.flatnonzero(np.diff(t_s) > GAP_S) + 1
+    return np.insert(t_s, gaps, np.nan), np.insert(values, gaps, np.nan)
+
+
+def _near(reference: Series, t_s: Array) -> npt.NDArray[np.bool_]:
+    """Whether the reference has a sample near each time, so that its value there is no extrapolation."""
+    if not len(reference):
+        return np.zeros(len(t_s), dtype=bool)
+    after = np.searchsorted(reference.t_s, t_s)
+    last = len(reference) - 1
+    distances_s = [np.abs(reference.t_s[np.clip(at, 0, last)] - t_s) for at in (after - 1, after)]
+    return np.asarray(np.minimum(*distances_s) <= GAP_S)
 
 
 def _limit(ax: "Axes", values_cm: Array) -> None:

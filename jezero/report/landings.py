@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import nan, sqrt
 from typing import Any
 
 import numpy as np
@@ -13,8 +13,9 @@ from jezero.recording import Entry
 from jezero.runtime.config import load_config
 from jezero.schemas import topics
 from jezero.schemas.actions import LandFeedback
+from jezero.schemas.estimate import Relative
 from jezero.schemas.sensors import RoverOdometry, Uwb
-from jezero.schemas.state import Odometry, StatusCode
+from jezero.schemas.state import Odometry, StatusCode, Truth
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.trilateration import trilaterate
 from jezero.vehicle_config import VehicleConfig
@@ -24,6 +25,8 @@ VARIANCES = (0, 6, 11)
 """Indices of the position's variances in the upper triangle of a 6 x 6 covariance."""
 AFTER_NS = 1_000_000_000
 """Time after the disarm that the figures include."""
+ESTIMATE_AGE_MAX_NS = 1_000_000_000
+"""A position that is older than this at disarm is not the touchdown."""
 
 
 @dataclass(frozen=True)
@@ -69,14 +72,18 @@ class Landing:
         std: (n, 3) standard deviations of that estimate.
         valid: (n,) whether that estimate was valid.
         rover: (n, 4) estimated rover position in the vehicle's world frame, and whether it was valid.
+        std_rover: (n,) largest standard deviation of that position on any axis.
         uwb: (n, 3) relative position from each round of UWB ranges alone.
         tag: (n, 3) relative position from the tags of each image alone.
         uav: (n, 3) the autopilot's position, in its own world frame.
-        true_relative: (n, 3) true relative position.
+        std_uav: (n,) standard deviation of its horizontal position; NaN where it is unknown.
+        true_relative: (n, 3) true relative position; like the other true values, empty in a recording without truth.
         true_rover: (n, 3) true position of the rover, in the simulator's frame.
         true_uav: (n, 3) true position of the vehicle, in the simulator's frame.
-        touchdown_rover_body_m: (2,) true position at disarm, forward and right of the platform's centre.
-        path_rover_body_m: (n, 3) true path to the touchdown: forward, right and down from the platform's centre.
+        path_rover_body_m: (n, 3) path to the touchdown: forward, right and down from the platform's centre. The true
+            one; in a recording without truth, that of the valid estimates.
+        touchdown_rover_body_m: (2,) position on this path at disarm; None if the landing did not end on the ground.
+        std_touchdown_m: standard deviation of an estimated touchdown, the larger one of both axes; None for a true one.
     """
 
     start_ns: int
@@ -87,14 +94,22 @@ class Landing:
     std: Array
     valid: npt.NDArray[np.bool_]
     rover: Series
+    std_rover: Array
     uwb: Series
     tag: Series
     uav: Series
+    std_uav: Array
     true_relative: Series
     true_rover: Series
     true_uav: Series
-    touchdown_rover_body_m: tuple[float, float] | None
     path_rover_body_m: Array
+    touchdown_rover_body_m: tuple[float, float] | None
+    std_touchdown_m: float | None
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether the recording has the truth, as only a simulator publishes it."""
+        return len(self.true_relative) > 1
 
     @property
     def by_estimate(self) -> bool:
@@ -138,33 +153,55 @@ def _landing(by_topic: dict[str, list[Any]], start_ns: int, end_ns: int) -> Land
     tag = within(topics.ESTIMATE_TAG)
     odometry = within(topics.ODOMETRY, AFTER_NS)
     truth = within(topics.TRUTH)
-    offsets_m = [subtract(m.pos_uav_ned_m, m.pos_rover_ned_m) for m in truth]
-    path_m = [rotate_yaw(offset_m, -m.yaw_rover_rad) for offset_m, m in zip(offsets_m, truth, strict=True)]
     vehicle = load_config(VehicleConfig, "vehicle")
     standing_m = (0.0, 0.0, vehicle.airframe.height_stand_m)
     uwb = list(_uwb_positions(within(topics.UWB), within(topics.ROVER_ODOMETRY), odometry, vehicle))
-    at_disarm = None
-    if disarmed_ns is not None and truth:
-        nearest = min(range(len(truth)), key=lambda i: abs(truth[i].t_ns - disarmed_ns))
-        at_disarm = path_m[nearest][:2]
+    path, touchdown_m, std_touchdown_m = _touchdown(relative, truth, disarmed_ns)
     return Landing(
         start_ns=start_ns,
         end_s=((disarmed_ns or end_ns) - start_ns) / NS_PER_S,
         disarmed_s=None if disarmed_ns is None else (disarmed_ns - start_ns) / NS_PER_S,
         phases=_phases(within(topics.feedback_of(topics.LAND_ON_SPOT)), start_ns, disarmed_ns or end_ns),
         relative=series(relative, [m.pos_uav_rel_rover_ned_m for m in relative]),
-        std=np.array([[sqrt(max(m.cov[i], 0.0)) for i in VARIANCES] for m in relative]).reshape(-1, 3),
+        std=np.array([_std_m(m) for m in relative]).reshape(-1, 3),
         valid=np.array([m.valid and bool(m.goal_id) for m in relative], dtype=bool),
         rover=series(rover, [(*m.pos_rover_ned_m, float(m.valid)) for m in rover], 4),
+        std_rover=np.array([m.std_pos_m for m in rover], dtype=float),
         uwb=series([m for m, _ in uwb], [place_m for _, place_m in uwb]),
         tag=series(tag, [add(m.pos_uav_rel_rover_ned_m, standing_m) for m in tag]),
         uav=series(odometry, [m.pos_uav_ned_m for m in odometry]),
-        true_relative=series(truth, offsets_m),
+        std_uav=np.array([nan if m.std_pos_m is None else m.std_pos_m for m in odometry], dtype=float),
+        true_relative=series(truth, [subtract(m.pos_uav_ned_m, m.pos_rover_ned_m) for m in truth]),
         true_rover=series(truth, [m.pos_rover_ned_m for m in truth]),
         true_uav=series(truth, [m.pos_uav_ned_m for m in truth]),
-        touchdown_rover_body_m=at_disarm,
-        path_rover_body_m=np.array(path_m, dtype=float).reshape(-1, 3),
+        path_rover_body_m=path,
+        touchdown_rover_body_m=touchdown_m,
+        std_touchdown_m=std_touchdown_m,
     )
+
+
+def _std_m(relative: Relative) -> list[float]:
+    return [sqrt(max(relative.cov[i], 0.0)) for i in VARIANCES]
+
+
+def _touchdown(
+    relative: Sequence[Relative], truth: Sequence[Truth], disarmed_ns: int | None
+) -> tuple[Array, tuple[float, float] | None, float | None]:
+    """Path over the platform, its point at disarm, and the standard deviation of that point if it is an estimate."""
+    estimates = [m for m in relative if m.valid and (disarmed_ns is None or m.t_ns <= disarmed_ns)]
+    if truth:
+        times_ns = [m.t_ns for m in truth]
+        path = [rotate_yaw(subtract(m.pos_uav_ned_m, m.pos_rover_ned_m), -m.yaw_rover_rad) for m in truth]
+    else:
+        times_ns = [m.t_ns for m in estimates]
+        path = [rotate_yaw(m.pos_uav_rel_rover_ned_m, -m.yaw_rover_rad) for m in estimates]
+    path_m = np.array(path, dtype=float).reshape(-1, 3)
+    if disarmed_ns is None or not path:
+        return path_m, None, None
+    nearest = min(range(len(path)), key=lambda i: abs(times_ns[i] - disarmed_ns))
+    if abs(times_ns[nearest] - disarmed_ns) > ESTIMATE_AGE_MAX_NS:
+        return path_m, None, None
+    return path_m, path[nearest][:2], None if truth else max(_std_m(estimates[nearest])[:2])
 
 
 def _phases(feedback: Sequence[Any], start_ns: int, end_ns: int) -> tuple[tuple[str, float, float], ...]:

@@ -10,10 +10,10 @@ import numpy as np
 
 from jezero.frames import altitude_m, quat_rotate
 from jezero.recording import Entry
-from jezero.report.style import BLUE, GREY, ORANGE, WIDTH_IN, Format, draw
+from jezero.report.flown_goals import FlownGoal, flown_goals
+from jezero.report.style import FLOWN, GREEN, PICTURES, WIDTH_IN, Format, draw, note
 from jezero.schemas import topics
-from jezero.schemas.images import LISTING, Image
-from jezero.schemas.state import Odometry
+from jezero.schemas.images import LISTING
 from jezero.schemas.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -53,31 +53,25 @@ def read_dataset(folder: Path) -> list[DatasetImage]:
 
 def draw_orbits(entries: Sequence[Entry], folder: Path, form: Format) -> list[Path]:
     """Draw each orbit of a log from above: the flown path and the places of the images."""
-    feedback_topic = topics.feedback_of(topics.GET_IMAGES).name
-    feedback = [entry.message for entry in entries if entry.topic == feedback_topic]
-    odometry = [entry.message for entry in entries if entry.topic == topics.ODOMETRY.name]
-    files = []
-    for number, goal_id in enumerate(dict.fromkeys(message.goal_id for message in feedback), 1):
-        own = [message for message in feedback if message.goal_id == goal_id]
-        images = [image for message in own for image in message.feedback.images]
-        flown = [o for o in odometry if own[0].t_ns <= o.t_ns <= own[-1].t_ns]
-        if images and flown:
-            name = "orbit" if number == 1 else f"orbit_{number}"
-            files.append(_draw_orbit(folder / f"{name}.{form}", flown, images))
+    files: list[Path] = []
+    for flown in flown_goals(entries, topics.GET_IMAGES):
+        name = f"orbit_{len(files) + 1}" if files else "orbit"
+        files.append(_draw_orbit(folder / f"{name}.{form}", flown))
     return files
 
 
-def _draw_orbit(path: Path, track: Sequence[Odometry], images: Sequence[Image]) -> Path:
+def _draw_orbit(path: Path, flown: FlownGoal) -> Path:
+    track, images = flown.odometry, flown.images
     start_ns = track[0].t_ns
 
     def fill(figure: Any, axes: Any) -> None:
         above, beside = axes[0]
-        _from_above(above, np.array([odometry.pos_uav_ned_m for odometry in track]), images)
+        _from_above(above, flown)
         heights_m = [altitude_m(odometry.pos_uav_ned_m[2]) for odometry in track]
-        beside.plot([(odometry.t_ns - start_ns) / NS_PER_S for odometry in track], heights_m, color=BLUE)
+        beside.plot([(odometry.t_ns - start_ns) / NS_PER_S for odometry in track], heights_m, color=FLOWN)
         for image in images:
             place = ((image.t_ns - start_ns) / NS_PER_S, altitude_m(image.pos_uav_ned_m[2]))
-            beside.plot(*place, "o", color=ORANGE, ms=4)
+            beside.plot(*place, "o", color=PICTURES, ms=4)
             beside.annotate(str(image.index + 1), place, (0, 6), textcoords="offset points", ha="center", fontsize=7)
         beside.set_xlabel("time since the goal [s]")
         beside.set_ylabel("height [m]")
@@ -88,18 +82,23 @@ def _draw_orbit(path: Path, track: Sequence[Odometry], images: Sequence[Image]) 
     return draw(path, (1, 2), 3.6, fill, width_ratios=(1.2, 1.0))
 
 
-def _from_above(ax: "Axes", track_ned_m: Any, images: Sequence[Image]) -> None:
+def _from_above(ax: "Axes", flown: FlownGoal) -> None:
     """Draw the path north up, with the line of sight of each image as far as the ground."""
-    ax.plot(track_ned_m[:, 1], track_ned_m[:, 0], color=BLUE, label="flown")
-    ax.plot(track_ned_m[0, 1], track_ned_m[0, 0], "s", color=GREY, ms=5, label="start")
+    track_ned_m = np.array([odometry.pos_uav_ned_m for odometry in flown.odometry])
+    images = flown.images
+    ax.plot(track_ned_m[:, 1], track_ned_m[:, 0], color=FLOWN, label="flown")
+    ax.plot(track_ned_m[0, 1], track_ned_m[0, 0], "s", color=GREEN, ms=5, label="start")
+    note(
+        ax, f"{len(images)} of {flown.planned} pictures" if images else f"{flown.planned} pictures, not in the feedback"
+    )
     for number, image in enumerate(images):
         north_m, east_m, down_m = image.pos_uav_ned_m
         view = quat_rotate(image.q_ned_from_camera, (0.0, 0.0, 1.0))
         length_m = min(-down_m / view[2], SIGHT_MAX_M) if view[2] > 0.0 and down_m < 0.0 else SIGHT_MAX_M
         aim = (east_m + length_m * view[1], north_m + length_m * view[0])
         sight, middle = ("line of sight", "middle of the picture, at height 0") if number == 0 else (None, None)
-        ax.plot((east_m, aim[0]), (north_m, aim[1]), color=ORANGE, lw=0.8, alpha=0.7, label=sight)
-        ax.plot(*aim, "+", color=ORANGE, ms=7, label=middle)
+        ax.plot((east_m, aim[0]), (north_m, aim[1]), color=PICTURES, lw=0.8, alpha=0.7, label=sight)
+        ax.plot(*aim, "+", color=PICTURES, ms=7, label=middle)
         outwards = image.yaw_rad + np.pi
         place = (east_m + ASIDE_M * sin(outwards), north_m + ASIDE_M * cos(outwards))
         ax.plot(*place, alpha=0.0)  # so that the axes include the numbers
@@ -107,8 +106,10 @@ def _from_above(ax: "Axes", track_ned_m: Any, images: Sequence[Image]) -> None:
             str(image.index + 1), place, ha="center", va="center", fontsize=7,
             bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.8},
         )  # fmt: skip
-    positions_m = np.array([image.pos_uav_ned_m for image in images])
-    ax.plot(positions_m[:, 1], positions_m[:, 0], "o", color=ORANGE, ms=4, label="pictures", zorder=4)
+    positions_m = np.array([image.pos_uav_ned_m for image in images], dtype=float).reshape(-1, 3)
+    ax.plot(
+        positions_m[:, 1], positions_m[:, 0], "o", color=PICTURES, ms=4, label="pictures" if images else None, zorder=4
+    )
     ax.set_xlabel("east [m]")
     ax.set_ylabel("north [m]")
     ax.set_aspect("equal", adjustable="datalim")

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 COLOURS = (BLUE, ORANGE, GREEN)
+SIGMAS = 3.0
 NOWHERE: Vec3 = (nan, nan, nan)
 SETPOINT_GAP_S = 0.5
 SHORT_SHARE = 0.01
@@ -75,11 +76,32 @@ def _position(axes: "Axes", entries: Sequence[Entry]) -> None:
     setpoint_s, setpoint_m = _position_setpoints([e.message for e in entries if e.topic == topics.SETPOINT.name])
     for axis, (name, colour) in enumerate(zip(("north", "east", "altitude"), COLOURS, strict=True)):
         axes.plot(_times(odometry), [upwards(m.pos_uav_ned_m)[axis] for m in odometry], color=colour, label=name)
+        if axis < 2 and not truth:
+            _uncertainty(axes, odometry, axis, colour)
         true_m = [upwards(m.pos_uav_ned_m)[axis] for m in truth]
-        axes.plot(_times(truth), true_m, ":", color=TRUTH, lw=0.9, label="true position" if axis == 2 else None)
+        axes.plot(
+            _times(truth), true_m, ":", color=TRUTH, lw=0.9, label="true position" if truth and axis == 2 else None
+        )
         wanted_m = [upwards(m)[axis] for m in setpoint_m]
-        axes.plot(setpoint_s, wanted_m, "--", color=GREY, lw=1.0, label="position setpoints" if axis == 2 else None)
+        axes.plot(
+            setpoint_s,
+            wanted_m,
+            "--",
+            color=GREY,
+            lw=1.0,
+            label="position setpoints" if setpoint_m and axis == 2 else None,
+        )
     axes.set_ylabel("position in the world frame [m]")
+
+
+def _uncertainty(axes: "Axes", odometry: Sequence[Any], axis: int, colour: str) -> None:
+    """Draw the band of three standard deviations around a horizontal position, of a recording without truth."""
+    known = [(m.t_ns / NS_PER_S, m.pos_uav_ned_m[axis], SIGMAS * m.std_pos_m) for m in odometry if m.std_pos_m]
+    if known:
+        times_s, values_m, bands_m = zip(*known, strict=True)
+        low_m = [value_m - band_m for value_m, band_m in zip(values_m, bands_m, strict=True)]
+        high_m = [value_m + band_m for value_m, band_m in zip(values_m, bands_m, strict=True)]
+        axes.fill_between(times_s, low_m, high_m, color=colour, alpha=0.2, lw=0.0, label="±3σ" if axis == 1 else None)
 
 
 def upwards(pos_ned_m: Vec3) -> Vec3:

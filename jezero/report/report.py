@@ -1,22 +1,43 @@
 """All figures of recorded flights: of runs' folders and of files of the landing benchmark."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from os.path import commonpath
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
 
+from jezero.os_errors import describe_os_error
 from jezero.recording import RecordingError, open_recording
+from jezero.recording.folder import recordings_in
 from jezero.recording.writer import RECORDING
 from jezero.report.coverage_plot import draw_coverage
+from jezero.report.coverage_track import draw_coverage_tracks
 from jezero.report.landing_plots import draw_landing
 from jezero.report.landings import Landing, landings
 from jezero.report.pictures import draw_contact_sheet, draw_orbits
 from jezero.report.plots import draw_flight
 from jezero.report.style import Format
 from jezero.report.touchdowns import Touchdowns, draw_touchdown, draw_touchdowns
+from jezero.schemas import topics
 from jezero.schemas.images import LISTING
+
+DRAWN: tuple[topics.Topic[Any], ...] = (
+    topics.STATUS,
+    topics.ODOMETRY,
+    topics.SETPOINT,
+    topics.TRUTH,
+    topics.RELATIVE,
+    topics.ROVER_ESTIMATE,
+    topics.ESTIMATE_TAG,
+    topics.UWB,
+    topics.ROVER_ODOMETRY,
+    topics.feedback_of(topics.GET_IMAGES),
+    topics.feedback_of(topics.AREA_COVERAGE),
+    topics.feedback_of(topics.LAND_ON_SPOT),
+)
+"""Topics of a recording that figures show; the other ones, which are most of a recording, are not decoded."""
 
 
 class ReportError(ValueError):
@@ -32,11 +53,17 @@ class _Case(msgspec.Struct, frozen=True):
     touchdowns_m: list[tuple[float, float]]
 
 
-def draw_report(paths: Sequence[Path], form: Format = "png") -> list[Path]:
+def draw_report(
+    paths: Sequence[Path], form: Format = "png", on_problem: Callable[[str], None] = lambda text: None
+) -> list[Path]:
     """Draw runs' folders, or their recordings, and files of the landing benchmark.
 
     Each run's figures go into its folder. The touchdowns of several runs together, and those of the benchmark, go
     beside them, as `touchdowns`.
+
+    Args:
+        on_problem: called with a sentence for each recording of a stack's run folder that can't be drawn, while
+            others can.
 
     Returns:
         The files written.
@@ -51,39 +78,64 @@ def draw_report(paths: Sequence[Path], form: Format = "png") -> list[Path]:
     for path in paths:
         if path.is_dir() or path.suffix == ".mcap":
             folder = path if path.is_dir() else path.parent
-            drawn, found = draw_run(path, form)
+            drawn, found = draw_run(path, form, on_problem)
             files += drawn
             flown += found
-            folders.append(folder.resolve().parent)
+            folders.append(folder.resolve() if len(paths) == 1 else folder.resolve().parent)
         else:
             kinds += _read_benchmark(path)
             folders.append(path.resolve().parent)
     over_rover = [landing for landing in flown if landing.by_estimate]
     if len(over_rover) > 1:
-        kinds.append(_combined(over_rover))
+        kinds += _combined(over_rover)
     if kinds:
         files.append(draw_touchdowns(kinds, Path(commonpath(folders)) / f"touchdowns.{form}"))
     return files
 
 
-def draw_run(path: Path, form: Format = "png") -> tuple[list[Path], list[Landing]]:
-    """Draw the recording and the images of a run into the run's folder; either may be missing.
+def draw_run(
+    path: Path, form: Format = "png", on_problem: Callable[[str], None] = lambda text: None
+) -> tuple[list[Path], list[Landing]]:
+    """Draw the recordings and the images of a run into the run's folder; either may be missing.
 
     Figures of images that are in folders of their own go into these folders.
 
     Args:
         path: the run's folder, or a recording. The figures of a recording with another name than flight.mcap go into
             a folder with its name, beside it.
+        on_problem: called with a sentence for each of several recordings that can't be drawn, while others can.
 
     Returns:
-        The files written, and the landings of the recording.
+        The files written, and the landings of the recordings.
 
     Raises:
-        ReportError: the folder has neither a recording nor images, or one of them is invalid.
+        ReportError: the folder has neither a recording nor images, or none that is valid.
     """
-    folder = path
-    if path.suffix == ".mcap":
-        folder = path.parent if path.name == RECORDING else path.with_suffix("")
+    files = _draw_datasets(path if path.is_dir() else _figures_folder(path), form)
+    paths = recordings_in(path) if path.is_dir() and not (path / RECORDING).exists() else []
+    found: list[Landing] = []
+    problems: list[str] = []
+    for recording in paths or [path / RECORDING if path.is_dir() else path]:
+        try:
+            drawn, landed = _draw_recording(recording, form)
+        except ReportError as error:
+            problems.append(str(error))
+            continue
+        files += drawn
+        found += landed
+    if not files:
+        raise ReportError(f"{problems[0]}; give the folder of a run, such as runs/<time>, or a recording of a flight")
+    for problem in problems:
+        if paths:  # a run without a recording may be images alone
+            on_problem(problem)
+    return files, found
+
+
+def _figures_folder(recording: Path) -> Path:
+    return recording.parent if recording.name == RECORDING else recording.with_suffix("")
+
+
+def _draw_datasets(folder: Path, form: Format) -> list[Path]:
     files: list[Path] = []
     for listing in sorted((*folder.glob(LISTING), *folder.glob(f"*/{LISTING}"))):
         dataset = listing.parent.parent
@@ -91,21 +143,23 @@ def draw_run(path: Path, form: Format = "png") -> tuple[list[Path], list[Landing
             files += [*draw_contact_sheet(dataset, form), *draw_coverage(dataset, form)]
         except (msgspec.DecodeError, ValueError, OSError) as error:
             raise ReportError(f"{listing} can't be drawn: {error}") from error
+    return files
+
+
+def _draw_recording(path: Path, form: Format) -> tuple[list[Path], list[Landing]]:
+    folder = _figures_folder(path)
     try:
-        recording = open_recording(path)
-    except RecordingError as error:
-        if files:  # a run may be images alone
-            return files, []
-        raise ReportError(f"{error}; give the folder of a run, such as runs/<time>, or a recording") from error
-    try:
-        entries = list(recording.messages())
+        entries = list(open_recording(path).messages(*DRAWN))
         folder.mkdir(parents=True, exist_ok=True)
-        files += draw_flight(entries, folder, form)
+        files = draw_flight(entries, folder, form)
     except RecordingError as error:
         raise ReportError(str(error)) from error
+    except OSError as error:
+        raise ReportError(describe_os_error(error)) from error
     except ValueError as error:
-        raise ReportError(f"{recording.path} can't be drawn: {error}") from error
+        raise ReportError(f"{path} can't be drawn: {error}") from error
     files += draw_orbits(entries, folder, form)
+    files += draw_coverage_tracks(entries, folder, form)
     found = landings(entries)
     for number, landing in enumerate(found, 1):
         suffix = f"_{number}" if number > 1 else ""
@@ -114,10 +168,15 @@ def draw_run(path: Path, form: Format = "png") -> tuple[list[Path], list[Landing
     return files, found
 
 
-def _combined(flown: Sequence[Landing]) -> Touchdowns:
-    touchdowns_m = [landing.touchdown_rover_body_m for landing in flown]
-    ended = [place_m for place_m in touchdowns_m if place_m is not None]
-    return Touchdowns("flights", np.array(ended).reshape(-1, 2), failed=len(touchdowns_m) - len(ended))
+def _combined(flown: Sequence[Landing]) -> list[Touchdowns]:
+    """The touchdowns of several landings; those without truth, which are estimates, are a kind of their own."""
+    kinds = []
+    for title, has_truth in (("flights", True), ("flights, by the estimate", False)):
+        touchdowns_m = [landing.touchdown_rover_body_m for landing in flown if landing.has_truth is has_truth]
+        ended = [place_m for place_m in touchdowns_m if place_m is not None]
+        if touchdowns_m:
+            kinds.append(Touchdowns(title, np.array(ended).reshape(-1, 2), failed=len(touchdowns_m) - len(ended)))
+    return kinds
 
 
 def _read_benchmark(path: Path) -> list[Touchdowns]:

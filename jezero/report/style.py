@@ -18,7 +18,11 @@ BLUE, ORANGE, GREEN, PINK, SKY, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7
 """Palette of Okabe and Ito."""
 LEGEND_COLUMNS = 6
 TRUTH = "black"
-ESTIMATE = BLUE
+ESTIMATE, FLOWN = BLUE, BLUE
+ESTIMATE_BAND = "#9cc8e6"
+UWB, TAG = ORANGE, PINK
+PICTURES = ORANGE
+NO_TRUTH = "no truth in the recording"
 PHASES = {
     "approach": "#dcebf5",
     "descent": "#fdebd3",
@@ -72,6 +76,7 @@ def draw(
         layout = ConstrainedLayoutEngine(wspace=0.05 if shape[1] > 1 else 0.0)
         figure = Figure(figsize=(width_in, height_in), layout=layout)
         fill(figure, figure.subplots(*shape, squeeze=False, **subplots))
+        figure.align_ylabels()
         with naming(path):
             figure.savefig(path)
     return path
@@ -82,6 +87,11 @@ def shade(axes: "Sequence[Axes]", phases: Sequence[tuple[str, float, float]]) ->
     for ax in axes:
         for name, begin_s, end_s in phases:
             ax.axvspan(begin_s, end_s, color=PHASES[name], lw=0, zorder=0)
+
+
+def note(ax: "Axes", text: str) -> None:
+    """Write a remark above the left end of some axes."""
+    ax.set_title(text, loc="left", fontsize=7.5, color="0.3", pad=3)
 
 
 def legend_above(

@@ -19,6 +19,7 @@ SHOWN_M, SCATTER_M = 0.55, 0.22
 """Distance from the platform's centre to the edge of a figure: for one landing, and at least for many."""
 PANEL_IN = 3.5
 LEGEND_COLUMNS = 3
+SIGMAS = 3.0
 MARKS_M = {2.0: "o", 0.5: "s"}
 """Heights over the platform that are marked on a path, with their symbols."""
 
@@ -52,7 +53,8 @@ def draw_touchdown(landing: Landing, directory: Path, suffix: str, form: Format)
         height_m = -path_m[:, 2]
         near = np.flatnonzero(np.abs(path_m[:, :2]).max(axis=1) > 1.0)
         start = int(near[-1]) + 1 if len(near) else 0
-        ax.plot(path_m[start:, 1], path_m[start:, 0], color=BLUE, lw=1.2, label="true path")
+        by_whom = "true path" if landing.has_truth else "path by the estimate"
+        ax.plot(path_m[start:, 1], path_m[start:, 0], color=BLUE, lw=1.2, label=by_whom)
         for mark_m, symbol in MARKS_M.items():
             above = np.flatnonzero(height_m > mark_m)
             if len(above) and start <= above[-1]:
@@ -60,6 +62,8 @@ def draw_touchdown(landing: Landing, directory: Path, suffix: str, form: Format)
                 # In the legend, where labels can't cover each other or the path.
                 ax.plot(right_m, forward_m, symbol, ms=4.5, mec="white", mew=0.6, color=BLUE, label=f"{mark_m:g} m up")
         error_cm = 100.0 * float(np.hypot(*place_m))
+        if landing.std_touchdown_m is not None:
+            _circle(ax, SIGMAS * landing.std_touchdown_m, ORANGE, "--", "3σ of the estimate", place_m)
         ax.plot(
             place_m[1],
             place_m[0],
@@ -69,9 +73,9 @@ def draw_touchdown(landing: Landing, directory: Path, suffix: str, form: Format)
             mec="white",
             mew=0.8,
             color=ORANGE,
-            label=f"touchdown, {error_cm:.1f} cm",
+            label=f"{'touchdown' if landing.has_truth else 'estimated touchdown'}, {error_cm:.1f} cm",
         )
-        legend_above(figure, [ax], columns=LEGEND_COLUMNS)
+        legend_above(figure, [ax], columns=LEGEND_COLUMNS if landing.has_truth else LEGEND_COLUMNS - 1)
 
     return [draw(directory / f"touchdown{suffix}.{form}", (1, 1), PANEL_IN + 0.4, fill, width_in=PANEL_IN)]
 
@@ -141,6 +145,9 @@ def _frame(ax: "Axes", shown_m: float, names: tuple[str, str]) -> None:
     ax.set_xlabel(f"{names[1]} [m]")
 
 
-def _circle(ax: "Axes", radius_m: float, colour: str, style: str, label: str) -> None:
+def _circle(
+    ax: "Axes", radius_m: float, colour: str, style: str, label: str, center_m: tuple[float, float] = (0.0, 0.0)
+) -> None:
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
-    ax.plot(radius_m * np.sin(angle), radius_m * np.cos(angle), style, color=colour, lw=1.0, label=label)
+    forward_m, right_m = center_m[0] + radius_m * np.cos(angle), center_m[1] + radius_m * np.sin(angle)
+    ax.plot(right_m, forward_m, style, color=colour, lw=1.0, label=label)

@@ -9,6 +9,7 @@ from PIL import Image as Pillow
 
 from jezero.client.dataset import Dataset
 from jezero.recording import Entry
+from jezero.report.coverage_track import draw_coverage_tracks
 from jezero.report.pictures import SHEET_MAX, draw_contact_sheet, draw_orbits
 from jezero.report.report import ReportError, draw_run
 from jezero.schemas import topics
@@ -53,6 +54,26 @@ def test_each_orbit_of_a_log_has_a_figure(tmp_path: Path) -> None:
     assert [file.name for file in files] == ["orbit.png", "orbit_2.png"]
     assert all(file.stat().st_size > 5_000 for file in files)
     assert draw_orbits([], tmp_path, "png") == []
+
+
+@pytest.mark.parametrize("with_images", [True, False])
+def test_each_coverage_of_a_log_has_a_figure(with_images: bool, tmp_path: Path) -> None:
+    topic = topics.feedback_of(topics.AREA_COVERAGE).name
+    entries = []
+    for entry in [*an_orbit("a", 0), *an_orbit("b", 20_000_000_000)]:
+        message = entry.message
+        if isinstance(message, FeedbackMessage):
+            images = message.feedback.images if with_images else ()
+            content = msgspec.structs.replace(message.feedback, images=images)
+            message = msgspec.structs.replace(message, action="area_coverage", feedback=content)
+            entries.append(Entry(entry.logged_ns, topic, message))
+        else:
+            entries.append(entry)
+    files = draw_coverage_tracks(entries, tmp_path, "svg")
+    assert [file.name for file in files] == ["coverage_track.svg", "coverage_track_2.svg"]
+    text = "8 of 8 pictures" if with_images else "8 pictures planned, none in the feedback"
+    assert all(text in file.read_text() and "no truth in the recording" in file.read_text() for file in files)
+    assert draw_orbits(entries, tmp_path, "png") == []
 
 
 @pytest.mark.parametrize("count", [1, 5, SHEET_MAX + 10])

@@ -1,6 +1,7 @@
 """The figures of a flight in virtual time, and the data that they show."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,13 @@ from click.testing import CliRunner, Result
 
 from jezero.cli.main import main
 from jezero.recording import open_recording
+from jezero.recording.folder import RECORDINGS
 from jezero.recording.writer import RECORDING, RecordingWriter
 from jezero.report.landings import Landing, Series, landings
 from jezero.trials.flight import FlightResult, fly_virtually
 from jezero.trials.missions import FLIGHT
 
+TRUE_TOPICS = ("truth", "simulator/scene")
 BENCHMARK = {"case": "tag", "rover": "turn", "n": 3, "landed": 2, "touchdowns_m": [[0.01, -0.02], [0.0, 0.03]]}
 
 
@@ -84,3 +87,40 @@ def test_a_folder_or_file_without_a_flight_is_refused(tmp_path: Path) -> None:
     result = report(tmp_path / "other.json")
     assert result.exit_code == 1
     assert "neither the folder of a run nor a file of `jezero bench landing --json`" in result.output
+
+
+def test_a_recording_without_truth_has_the_same_figures_of_a_landing(
+    flown: tuple[Path, FlightResult], landing: Landing, tmp_path: Path
+) -> None:
+    recording = tmp_path / RECORDING
+    kept = [topic for topic in open_recording(flown[0]).summary().counts if topic not in TRUE_TOPICS]
+    words = [word for topic in kept for word in ("--topic", topic)]
+    cut = CliRunner().invoke(main, ["recording", "cut", str(flown[0]), str(recording), *words])
+    assert cut.exit_code == 0, cut.output
+    result = report(recording)
+    assert result.exit_code == 0, result.output
+    assert {path.stem for path in tmp_path.glob("*.png")} == {
+        "position", "status", "relative_position", "relative_error", "rover_position", "uwb_tag", "touchdown",
+    }  # fmt: skip
+    (blind,) = landings(list(open_recording(recording).messages()))
+    assert not blind.has_truth and landing.has_truth and landing.std_touchdown_m is None
+    assert blind.touchdown_rover_body_m is not None and landing.touchdown_rover_body_m is not None
+    assert blind.std_touchdown_m is not None and 0.0 < 3.0 * blind.std_touchdown_m < 0.1
+    off_m = np.hypot(*np.subtract(blind.touchdown_rover_body_m, landing.touchdown_rover_body_m))
+    assert off_m < 5.0 * blind.std_touchdown_m
+
+
+def test_every_recording_of_a_stack_is_drawn_into_a_folder_of_its_own(
+    flown: tuple[Path, FlightResult], tmp_path: Path
+) -> None:
+    recordings = tmp_path / RECORDINGS
+    recordings.mkdir()
+    for name in ("2026-01-01_10-00-00", "2026-01-01_11-00-00"):
+        shutil.copy(flown[0] / RECORDING, recordings / f"{name}.mcap")
+    (recordings / "2026-01-01_12-00-00.mcap").write_text("no recording")
+    result = report(tmp_path)
+    assert result.exit_code == 0, result.output
+    assert "2026-01-01_12-00-00.mcap is no recording" in result.stderr
+    assert (recordings / "2026-01-01_10-00-00" / "relative_error.png").exists()
+    assert (recordings / "2026-01-01_11-00-00" / "relative_error.png").exists()
+    assert (tmp_path / "touchdowns.png").exists()
