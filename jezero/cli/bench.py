@@ -87,8 +87,8 @@ def bench() -> None:
 @click.option("--hide-tag", is_flag=True, help="Hide the tags twice, for a second each.")
 @click.option("--tag-until", type=click.FloatRange(0.0, 20.0), metavar="M",
               help="Hide the tags below this height above the platform.")  # fmt: skip
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER",
-              help="Write each landing's log, about 6 MB, for `jezero report`.")  # fmt: skip
+@click.option("--record", "--out", "out", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER",
+              help="Record each landing, about 2 MB, for `jezero report`.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per case; `jezero report` draws them.")
 def landing(
     case: str,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from jezero.cli.exit_codes import ABORTED
+from jezero.os_errors import describe_os_error
 
 if TYPE_CHECKING:
     from jezero.trials.campaign.campaign import CampaignReport
@@ -63,6 +64,8 @@ def _two(value: str, what: str, example: str) -> tuple[int, int]:
 )
 @click.option("--faults", callback=fault_range, metavar="A..B", help="Faults in each mission [default: 3..14].")
 @click.option("--jobs", type=click.IntRange(1, 64), default=1, show_default=True, help="Number of processes.")
+@click.option("--recordings", type=click.Path(path_type=Path, file_okay=False), default=Path("runs/campaign"),
+              show_default=True, metavar="FOLDER", help="Where missions that break a rule are recorded.")  # fmt: skip
 @click.option("-v", "--verbose", is_flag=True, help="Print every event; flies one mission at a time.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per mission, the sum last.")
 def campaign(
@@ -72,13 +75,14 @@ def campaign(
     world: str,
     faults: range | None,
     jobs: int,
+    recordings: Path,
     verbose: bool,
     as_json: bool,
 ) -> None:
     """Fly missions with seeded faults and check the rules that must always hold.
 
-    A mission that breaks a rule prints it. The same seed breaks it again: `--seeds N -v` with the same --world and
-    --faults shows all its events.
+    A mission that breaks a rule prints it, and is flown once more with a recording, for `jezero report`. The same seed
+    breaks it again: `--seeds N -v` with the same --world and --faults shows all its events.
     """
     import msgspec
 
@@ -101,7 +105,7 @@ def campaign(
         else:
             _print_report(report)
 
-    mission = partial(fly_mission, world=world, fault_counts=faults or FAULT_COUNTS)
+    mission = partial(fly_mission, world=world, fault_counts=faults or FAULT_COUNTS, recordings=recordings)
     if verbose:
         mission = partial(mission, on_event=click.echo)
     result = CampaignReport()
@@ -110,6 +114,8 @@ def campaign(
             for report in reports:
                 result.add(report)
                 print_report(report)
+    except OSError as error:
+        raise click.ClickException(describe_os_error(error)) from None
     finally:  # also after Ctrl-C
         click.echo(json.dumps(msgspec.to_builtins(result)) if as_json else _summary(result))
     if result.failed:
@@ -139,6 +145,8 @@ def _print_report(report: "MissionReport") -> None:
     click.echo(f"seed {report.seed}: {outcome} after {report.sim_time_s:.0f} s; {faults}")
     for violation in report.violations:
         click.echo(f"    {violation}")
+    if report.recording:
+        click.echo(f"    recorded in {report.recording}")
 
 
 def _summary(result: "CampaignReport") -> str:

@@ -11,7 +11,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from jezero.cli.campaign import campaign
+from jezero.recording import open_recording
 from jezero.trials.campaign import campaign as flown
+from jezero.trials.campaign.judge_others import TruthJudge
 from jezero.trials.campaign.mission import MissionReport
 from jezero.trials.campaign.seeds import first_seed, seeds_for_minutes
 
@@ -123,3 +125,21 @@ def test_what_was_flown_until_it_is_interrupted_is_summed_up(
         assert (told["seeds"], told["faults"]["drop"], told["states"]["HOVER"]) == (2, 4, 2)
     else:
         assert "2 missions, 1.00 h of flight; failed: none" in result.output
+
+
+def test_a_mission_that_breaks_a_rule_is_flown_once_more_with_a_recording(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(TruthJudge, "__call__", _violation_at_once)
+    words = ["--seeds", "5", "--world", "point-mass", "--recordings", str(tmp_path), "--json"]
+    result = CliRunner().invoke(campaign, words)
+    report = json.loads(result.output.splitlines()[0])
+    path = tmp_path / "point-mass-5" / "flight.mcap"
+    assert report["violations"] and report["recording"] == str(path)
+    summary = open_recording(path).summary()
+    assert (summary.about["seed"], summary.about["world"], summary.problem) == ("5", "point-mass", "")
+    assert summary.counts["status"] > 0
+
+
+def _violation_at_once(judge: Any, t_ns: int, topic: str, data: bytes) -> None:
+    judge._judge.check(False, t_ns, "always", "made up")

@@ -4,11 +4,16 @@ import zlib
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from random import Random
 
 import msgspec
 
 from jezero.plugins import action_names
+from jezero.recording.about import about
+from jezero.recording.viewer_scene import ViewerScene
+from jezero.recording.writer import RECORDING, RecordingWriter
+from jezero.runtime.config import load_config
 from jezero.runtime.service import Service
 from jezero.schemas import topics
 from jezero.schemas.state import Status, StatusCode
@@ -32,6 +37,7 @@ from jezero.trials.campaign.judge_others import AutopilotJudge, GoalRecord, Serv
 from jezero.trials.campaign.link_faults import LinkFaults
 from jezero.trials.campaign.worlds import PHYSICS, WORLDS, FaultySensors, World
 from jezero.trials.digest import MessageDigest
+from jezero.vehicle_config import VehicleConfig
 
 READY_TIMEOUT_S = 20.0
 FAULTS_START_MAX_S = 42.0
@@ -55,6 +61,7 @@ class MissionReport(msgspec.Struct, frozen=True, kw_only=True):
         goals: number of accepted goals by outcome, and of those that were rejected or lost with their server.
         sim_time_s: length of the mission in virtual time.
         messages_sha256: SHA-256 of all messages; equal for two missions of the same seed.
+        recording: file with the recording of a mission with violations; "" if there is none.
     """
 
     seed: int
@@ -64,6 +71,7 @@ class MissionReport(msgspec.Struct, frozen=True, kw_only=True):
     goals: dict[str, int]
     sim_time_s: float
     messages_sha256: str
+    recording: str = ""
 
 
 def named_random(seed: int, name: str) -> Random:
@@ -269,12 +277,26 @@ def fly_mission(
     on_event: Callable[[str], None] = lambda text: None,
     world: str = "physics",
     fault_counts: range = FAULT_COUNTS,
+    recordings: Path | None = None,
 ) -> MissionReport:
-    """Fly the mission of one seed.
+    """Fly the mission of one seed; one with violations is flown once more, the same, with a recording.
 
     Args:
         on_event: called with a line of text for each event.
         world: name of one of WORLDS.
         fault_counts: allowed numbers of faults.
+        recordings: folder that gets the recording of a mission with violations, as <world>-<seed>/flight.mcap.
+
+    Raises:
+        OSError: the recording can't be written.
     """
-    return Mission(seed, on_event, WORLDS[world], fault_counts).fly()
+    report = Mission(seed, on_event, WORLDS[world], fault_counts).fly()
+    if not report.violations or recordings is None:
+        return report
+    path = recordings / f"{world}-{seed}" / RECORDING
+    faults = f"{fault_counts.start}..{fault_counts.stop - 1}"
+    origin = about(bus="virtual", seed=str(seed), world=world, faults=faults)
+    mission = Mission(seed, world=WORLDS[world], fault_counts=fault_counts)
+    with RecordingWriter(path, origin, scene=ViewerScene(load_config(VehicleConfig, "vehicle"))) as writer:
+        mission.bus.observe(writer.write)
+        return msgspec.structs.replace(mission.fly(), recording=str(path))

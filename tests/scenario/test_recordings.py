@@ -1,0 +1,26 @@
+"""Recordings of flights in virtual time."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+FLY = """
+import sys
+from pathlib import Path
+from jezero.schemas import topics
+from jezero.schemas.actions import TakeoffGoal
+from jezero.trials.flight import fly_virtually
+
+fly_virtually(((topics.TAKEOFF, TakeoffGoal(altitude_m=2.0), 1.0),), 3, Path(sys.argv[1]))
+"""
+
+
+def test_two_processes_record_the_same_bytes_for_the_same_seed(tmp_path: Path) -> None:
+    paths = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
+    for hash_seed, path in enumerate(paths, 1):
+        environment = {**os.environ, "PYTHONHASHSEED": str(hash_seed)}
+        subprocess.run((sys.executable, "-c", FLY, str(path)), env=environment, check=True)
+    first, second = (path.read_bytes() for path in paths)
+    assert len(first) > 100_000
+    assert first == second
