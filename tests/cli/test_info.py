@@ -2,7 +2,9 @@
 
 import ast
 import inspect
+import re
 import shlex
+from pathlib import Path
 from typing import Annotated, Literal
 
 import click
@@ -18,6 +20,8 @@ from jezero.cli.reference.markdown import table
 from jezero.cli.reference.pages import PAGES, reference_page
 from jezero.client import Vehicle
 from jezero.schemas.topics import ACTIONS
+
+ROOT = Path(__file__).parents[2]
 
 
 class Inner(msgspec.Struct):
@@ -211,3 +215,21 @@ def test_an_action_that_does_not_exist_is_answered_with_those_that_do() -> None:
     result = CliRunner().invoke(main, ["info", "actions", "takof"])
     assert result.exit_code == 2
     assert "takeoff" in result.output and "land_on_spot" in result.output
+
+
+def test_every_environment_variable_of_the_code_is_on_the_page_of_settings_and_in_the_how_to() -> None:
+    folders = (ROOT / name for name in ("jezero", "services", "schemas", "deploy", "benchmarks"))
+    files = [path for folder in folders for path in folder.rglob("*") if path.suffix in (".py", ".yaml", ".toml")]
+    used = {name for path in files for name in re.findall(r"JEZERO_[A-Z0-9_]*[A-Z0-9]", path.read_text())}
+    page = reference_page("settings").partition("## Environment")[2]
+    how_to = (ROOT / "docs" / "how-to" / "configure.md").read_text()
+    for text in (page, how_to):
+        assert set(re.findall(r"^\| `(JEZERO_\w+)` \|", text, re.MULTILINE)) == used
+
+
+def test_the_how_to_names_the_defaults_of_the_environment_variables() -> None:
+    how_to = (ROOT / "docs" / "how-to" / "configure.md").read_text()
+    defaults = dict(re.findall(r"^\| `(JEZERO_\w+)` \| (.+?) \|", how_to, re.MULTILINE))
+    for row in re.findall(r"^\| `JEZERO_.*$", reference_page("settings"), re.MULTILINE):
+        name, _, _, default = (cell.strip().replace('"', "") for cell in row.split("|")[1:5])
+        assert defaults[name.strip("`")] == default

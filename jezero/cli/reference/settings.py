@@ -11,6 +11,7 @@ from jezero import deploy
 from jezero.cli.reference.fields import Field, description_of, fields_of, json_words, summary_of
 from jezero.cli.reference.markdown import escape, table
 from jezero.runtime.config import Config, Instance, load_config
+from jezero.runtime.environment import VARIABLES
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.estimator.config import EstimatorConfig
@@ -41,6 +42,7 @@ FILES: dict[str, tuple[type[Config], str]] = {
 """Each file in deploy/config, with the struct that it is read into, and its subject."""
 SHIPPED = Path(deploy.__path__[0]) / "config"
 
+ENVIRONMENT = "The identity of one stack on this machine, and how it runs. All its processes read these variables."
 INTRODUCTION = """# Settings
 
 This page is the output of `jezero info page settings`. [Configure](../how-to/configure.md) explains where the files are
@@ -110,7 +112,9 @@ def _environment() -> str:
     for row in rows:
         del row["setting"]
         row["meaning"] = row["meaning"].replace(f" ({row['variable']})", "")
-    return f"## Environment\n\n{summary_of(Instance)}\n\n{table(rows)}\n"
+    for name, value, default, meaning in VARIABLES:
+        rows.append({"variable": f"`{name}`", "value": value, "range": "", "default": default, "meaning": meaning})
+    return f"## Environment\n\n{ENVIRONMENT}\n\n{table(rows)}\n"
 
 
 def _variable(field: Field) -> str:

@@ -1,0 +1,33 @@
+"""The environment variables that are no fields of `Instance`."""
+
+from typing import NamedTuple
+
+
+class Variable(NamedTuple):
+    """One environment variable.
+
+    Attributes:
+        name: its name.
+        value: kind of its value, for people.
+        default: what holds without it, for people.
+        meaning: what it does, for people.
+    """
+
+    name: str
+    value: str
+    default: str
+    meaning: str
+
+
+VARIABLES = (
+    Variable("JEZERO_CONFIG_DIR", "folder", "the shipped folder", "folder of the settings."),
+    Variable(
+        "JEZERO_RUN_DIR",
+        "folder",
+        "`~/.local/state/jezero/<vehicle>`",
+        "run folder of the stack, with its logs, pictures and recordings.",
+    ),
+    Variable("JEZERO_RECORD", "`0` or `1`", "`1`", "whether the stack records; `0` starts no recorder."),
+    Variable("JEZERO_AUTOPILOT", "`embedded` or `px4`", "as in `autopilot.toml`", "autopilot that the stack runs."),
+    Variable("JEZERO_PX4_DIR", "folder", "–", "folder of PX4, with `bin/px4` and `etc/`."),
+)
