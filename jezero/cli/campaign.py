@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import click
 
 from jezero.cli.exit_codes import ABORTED
-from jezero.os_errors import describe_os_error
 
 if TYPE_CHECKING:
     from jezero.trials.campaign.campaign import CampaignReport
@@ -114,8 +113,6 @@ def campaign(
             for report in reports:
                 result.add(report)
                 print_report(report)
-    except OSError as error:
-        raise click.ClickException(describe_os_error(error)) from None
     finally:  # also after Ctrl-C
         click.echo(json.dumps(msgspec.to_builtins(result)) if as_json else _summary(result))
     if result.failed:

@@ -1,0 +1,156 @@
+"""Commands that read recordings, given files that are damaged, foreign or no recordings at all."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.writer import Writer
+
+from jezero.cli.main import main
+from jezero.codec import encode
+from jezero.recording.writer import RecordingWriter
+from jezero.schemas import topics
+from jezero.schemas.state import Clock
+from tests.recording.rig import record
+
+COMMANDS: dict[str, Callable[[Path], list[str]]] = {
+    "info": lambda file: ["recording", "info", str(file)],
+    "info --json": lambda file: ["recording", "info", str(file), "--json"],
+    "export": lambda file: ["recording", "export", str(file), "--csv", str(file.parent / "tables")],
+    "cut": lambda file: ["recording", "cut", str(file), str(file.parent / "part.mcap")],
+    "repair": lambda file: ["recording", "repair", str(file)],
+    "report": lambda file: ["report", str(file)],
+}
+
+
+def run(command: str, file: Path) -> Result:
+    result = CliRunner().invoke(main, COMMANDS[command](file))
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exc_info
+    return result
+
+
+def assert_refused(result: Result, file: Path) -> None:
+    assert result.exit_code == 1, result.output
+    assert result.stderr.startswith("Error: ") and file.name in result.stderr
+    assert "Traceback" not in result.output
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
+def empty(file: Path) -> None:
+    file.write_bytes(b"")
+
+
+def text(file: Path) -> None:
+    file.write_text("t_ns,range_m\n1,2\n")
+
+
+def folder(file: Path) -> None:
+    file.mkdir()
+
+
+def nothing_but_the_start(file: Path) -> None:
+    file.write_bytes(b"\x89MCAP")
+
+
+def of_a_newer_format(file: Path) -> None:
+    content = record(file).read_bytes()
+    file.write_bytes(content[:5] + b"1" + content[6:])
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("make", [empty, text, folder, nothing_but_the_start, of_a_newer_format])
+def test_what_is_no_recording_is_refused_with_a_sentence(
+    command: str, make: Callable[[Path], None], tmp_path: Path
+) -> None:
+    file = tmp_path / "flight.mcap"
+    make(file)
+    assert_refused(run(command, file), file)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_recording_that_may_not_be_read_is_refused_with_a_sentence(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = record(tmp_path / "flight.mcap")
+
+    def refuse(path: Path, *args: object) -> None:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "open", refuse)
+    result = run(command, file)
+    assert_refused(result, file)
+    assert "Permission denied" in result.stderr
+
+
+@pytest.mark.parametrize("command", ["export", "report"])
+@pytest.mark.parametrize(
+    ("topic", "data"),
+    [
+        ("status", b'{"t_ns":1,"colour":"red"}'),
+        ("odometry", b'{"t_ns":"one"}'),
+        ("status", b"\x00\x01\xff"),
+        ("odometry", b"[" * 100_000),
+    ],
+)
+def test_a_message_of_another_schema_is_named_by_a_command_that_decodes_it(
+    command: str, topic: str, data: bytes, tmp_path: Path
+) -> None:
+    file = tmp_path / "flight.mcap"
+    with RecordingWriter(file, {}) as writer:
+        writer.write(1, topics.CLOCK.name, encode(Clock(t_ns=1, epoch_id=1, wall_ns=1)))
+        writer.write(2, topic, data)
+    result = run(command, file)
+    assert_refused(result, file)
+    assert topic in result.stderr
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_recording_of_another_program_makes_no_command_crash(command: str, tmp_path: Path) -> None:
+    file = tmp_path / "flight.mcap"
+    with file.open("wb") as opened:
+        writer = Writer(opened)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("tf2_msgs/msg/TFMessage", "ros2msg", b"")
+        writer.add_message(writer.register_channel("/tf", "cdr", schema), 1, b"\x00\x01\x02", 1)
+        writer.finish()  # type: ignore[no-untyped-call]
+    result = run(command, file)
+    if command == "report":
+        assert_refused(result, file)
+    else:
+        assert result.exit_code == 0, result.output
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_a_damaged_recording_ends_no_command_with_a_traceback(
+    tmp_path_factory: pytest.TempPathFactory, whole: bytes, data: st.DataObject
+) -> None:
+    content = bytearray(whole)
+    for _ in range(data.draw(st.integers(0, 4), "number of wrong bytes")):
+        content[data.draw(st.integers(0, len(content) - 1), "place")] ^= data.draw(st.integers(1, 255), "bits")
+    length = data.draw(st.one_of(st.just(len(content)), st.integers(0, len(content))), "length")
+    command = data.draw(st.sampled_from([name for name in COMMANDS if name != "report"]), "command")
+    file = tmp_path_factory.mktemp("damaged") / "flight.mcap"
+    file.write_bytes(content[:length])
+    result = run(command, file)
+    if result.exit_code:
+        assert_refused(result, file)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    return record(tmp_path_factory.mktemp("run") / "flight.mcap").read_bytes()
+
+
+def test_a_report_of_a_recording_that_is_cut_at_any_place_draws_it_or_says_why_not(
+    whole: bytes, tmp_path: Path
+) -> None:
+    file = tmp_path / "flight.mcap"
+    for length in range(0, len(whole), max(1, len(whole) // 12)):
+        file.write_bytes(whole[:length])
+        result = run("report", file)
+        if result.exit_code:
+            assert_refused(result, file)
