@@ -2,12 +2,16 @@
 
 import json
 from dataclasses import asdict
+from datetime import datetime
 from pathlib import Path
 
 import click
 
 from jezero.cli.flight import FINITE
+from jezero.schemas.units import NS_PER_S
 
+DATES_FROM_NS = 10**18
+"""Recordings over Zenoh have times since 1970, of this size since 2001; virtual time starts at 0."""
 RECORDING_PATH = click.Path(path_type=Path)
 
 
@@ -51,6 +55,8 @@ def info(file: Path, as_json: bool) -> None:
         ("file", str(opened.path)),
         ("size", f"{size_bytes / 1e6:.1f} MB"),
         ("duration", f"{summary.duration_s:.1f} s"),
+        ("start", _time_text(summary.start_ns)),
+        ("end", _time_text(summary.end_ns)),
         ("messages", f"{sum(summary.counts.values())}"),
         *((name, value) for name, value in origin.items() if value),
         ("state", f"{summary.problem}: {hint}" if summary.problem else "finished"),
@@ -61,6 +67,14 @@ def info(file: Path, as_json: bool) -> None:
     for topic, count in summary.counts.items():
         rate_hz = count / summary.duration_s if summary.duration_s else 0.0
         click.echo(f"  {topic:<{width}}  {count:>7}  {rate_hz:>6.1f} Hz  {summary.schemas.get(topic, '')}")
+
+
+def _time_text(logged_ns: int) -> str:
+    """Time of a recording's clock: the local date, or vehicle time of a flight in virtual time."""
+    if logged_ns < DATES_FROM_NS:
+        return f"{logged_ns / NS_PER_S:.3f} s of virtual time"
+    at = datetime.fromtimestamp(logged_ns / NS_PER_S).astimezone()
+    return f"{at:%Y-%m-%d %H:%M:%S}.{at.microsecond // 1000:03d} {at:%z}"
 
 
 @recording.command()

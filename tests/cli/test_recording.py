@@ -1,6 +1,7 @@
-"""Commands that read recordings, given files that are damaged, foreign or no recordings at all."""
+"""Commands that read recordings, also from files that are damaged, foreign or no recordings at all."""
 
 from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
 
 import pytest
@@ -154,3 +155,19 @@ def test_a_report_of_a_recording_that_is_cut_at_any_place_draws_it_or_says_why_n
         result = run("report", file)
         if result.exit_code:
             assert_refused(result, file)
+
+
+def test_info_shows_origin_times_and_the_messages_of_each_topic(tmp_path: Path) -> None:
+    shown = run("info", record(tmp_path / "flight.mcap")).output
+    lines = [line.split() for line in shown.splitlines()]
+    assert ["duration", "2.9", "s"] in lines and ["messages", "39"] in lines and ["vehicle", "uav1"] in lines
+    assert ["start", "0.000", "s", "of", "virtual", "time"] in lines
+    assert ["sensor/altimeter", "30", "10.3", "Hz", "jezero.Altimeter"] in lines
+
+
+def test_info_shows_the_date_of_a_flight_in_real_time(tmp_path: Path) -> None:
+    file = tmp_path / "flight.mcap"
+    t_ns = int(datetime(2026, 3, 4, 5, 6, 7, 500_000).astimezone().timestamp() * 1000) * 1_000_000
+    with RecordingWriter(file, {}) as writer:
+        writer.write(t_ns, topics.CLOCK.name, encode(Clock(t_ns=1, epoch_id=1, wall_ns=1)))
+    assert "start      2026-03-04 05:06:07.500" in run("info", file).output

@@ -55,6 +55,13 @@ def test_a_table_has_an_array_for_each_field_and_nan_for_what_is_missing(path: P
     assert recording.table("status")["odometry.pos_uav_ned_m"].shape == (3, 3)
 
 
+def test_a_table_is_a_data_frame_where_pandas_is_installed(path: Path) -> None:
+    pytest.importorskip("pandas")
+    frame = open_recording(path).table("odometry").to_pandas()
+    assert frame["pos_uav_ned_m.d"].tolist() == [-2.0] * 3
+    assert len(open_recording(path).table("status").to_pandas()) == 3
+
+
 def test_goals_are_read_with_their_feedback(tmp_path: Path) -> None:
     path = tmp_path / "flight.mcap"
     topic = topics.feedback_of(topics.GO_TO)
