@@ -106,7 +106,8 @@ def is_up(command: str) -> bool:
 
 def starts_stack(blocks: list[Block]) -> bool:
     """Whether the page itself starts the stack that its commands use."""
-    return any(is_up(command) for block in blocks if block.is_shell and not block.reason for command in block.commands)
+    commands = [command for block in blocks if block.is_shell and not block.reason for command in block.commands]
+    return any(is_up(command) or re.search(r"\bjezero up -d\b", command) for command in commands)
 
 
 def jezero_calls(block: Block) -> list[list[str]]:
