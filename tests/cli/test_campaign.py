@@ -139,6 +139,7 @@ def test_a_mission_that_breaks_a_rule_is_flown_once_more_with_a_recording(
     summary = open_recording(path).summary()
     assert (summary.about["seed"], summary.about["world"], summary.problem) == ("5", "point-mass", "")
     assert summary.counts["status"] > 0
+    assert summary.end_ns / 1e9 == pytest.approx(report["sim_time_s"], abs=0.5)
 
 
 def _violation_at_once(judge: Any, t_ns: int, topic: str, data: bytes) -> None:

@@ -299,4 +299,5 @@ def fly_mission(
     mission = Mission(seed, world=WORLDS[world], fault_counts=fault_counts)
     with RecordingWriter(path, origin, scene=ViewerScene(load_config(VehicleConfig, "vehicle"))) as writer:
         mission.bus.observe(writer.write)
-        return msgspec.structs.replace(mission.fly(), recording=str(path))
+        mission.fly()
+    return msgspec.structs.replace(report, recording=str(path))
