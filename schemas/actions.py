@@ -25,6 +25,7 @@ from jezero.schemas.struct import (
 
 Frame = Literal["world", "rover"]
 Overlap = Annotated[float, Meta(ge=0.0, le=0.95)]
+OriginDegrees = tuple[Annotated[float, Meta(ge=-90.0, le=90.0)], Annotated[float, Meta(ge=-180.0, le=180.0)]]
 PlanId = Annotated[str, Meta(max_length=64, pattern=r"^[0-9a-z]*$")]
 F = TypeVar("F")
 R = TypeVar("R")
@@ -133,6 +134,8 @@ class AreaCoverageGoal(Goal, frozen=True, kw_only=True):
     Attributes:
         polygon_ned_m: corners of the area in `frame`, each north and east.
         holes_ned_m: polygons inside the area that are left out, in `frame`.
+        origin_deg: latitude and longitude of the world's origin around which an area in degrees became these metres.
+            With it, refusals and warnings name places of the area in degrees too. None for an area in metres.
         margin_outline_m: least horizontal distance of the vehicle from the polygon's outline, inside it. 0 means that
             its path stays inside.
         margin_holes_m: least horizontal distance of the vehicle from each hole. 0 means that its path stays outside.
@@ -155,6 +158,7 @@ class AreaCoverageGoal(Goal, frozen=True, kw_only=True):
 
     polygon_ned_m: Corners
     holes_ned_m: tuple[Corners, ...] = ()
+    origin_deg: OriginDegrees | None = None
     margin_outline_m: NonNegative = 0.0
     margin_holes_m: NonNegative = 1.0
     z_ned_m: Position

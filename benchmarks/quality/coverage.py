@@ -8,6 +8,7 @@ simulator's, but its pictures are black: none is looked at here.
 import argparse
 from dataclasses import dataclass
 from math import sqrt
+from time import process_time
 
 import numpy as np
 import shapely
@@ -37,6 +38,8 @@ class Figures:
         pictures: number of pictures.
         pictures_per_length: number of pictures divided by the number of resolutions in the path's length.
         covered: fraction of the area near the planned path.
+        length_ratio: length of the path divided by the area over the line distance.
+        planning_s: processor time of the planning.
         flown_covered: fraction of the area near the path flown, by the vehicle's estimate.
         place_m: median distance of a picture's recorded position from its planned point.
         time_s: duration of the flight along the path.
@@ -49,6 +52,8 @@ class Figures:
     pictures: int
     pictures_per_length: float
     covered: float
+    length_ratio: float
+    planning_s: float
     flown_covered: float
     place_m: float
     time_s: float
@@ -62,7 +67,9 @@ def measure(seed: int, resolution_m: float, polygon_ned_m: Corners = THESIS) -> 
     flight = Covering(seed, rendered=False)
     result = flight.fly(goal)
     assert flight.mapping_ns is not None
+    begin_s = process_time()
     plan = plan_coverage(goal, ActionsConfig())
+    planning_s = process_time() - begin_s
     first_ns, last_ns = flight.mapping_ns
     own = np.array([o.pos_uav_ned_m for o in flight.odometry if first_ns <= o.t_ns <= last_ns])
     true = np.array([t.pos_uav_ned_m for t in flight.truths if first_ns <= t.t_ns <= last_ns])
@@ -76,6 +83,8 @@ def measure(seed: int, resolution_m: float, polygon_ned_m: Corners = THESIS) -> 
         pictures=len(result.images),
         pictures_per_length=len(result.images) * resolution_m / plan.trajectory.length_m,
         covered=plan.covered,
+        length_ratio=plan.trajectory.length_m * resolution_m / plan.area.area,
+        planning_s=planning_s,
         flown_covered=covered_fraction(plan.area, own[:, :2], resolution_m),
         place_m=float(np.median(np.linalg.norm(taken_m - plan.pictures_m, axis=1))),
         time_s=(last_ns - first_ns) * 1e-9,
@@ -107,7 +116,7 @@ def main() -> None:
                 f"{100 * f.true_across_m:.1f} RMS), height {100 * f.height_m:.1f} cm; {f.pictures} pictures, "
                 f"{f.pictures_per_length:.3f} of length/resolution, {100 * f.place_m:.1f} cm from their "
                 f"places; covered {100 * f.covered:.2f} % by the path, {100 * f.flown_covered:.1f} % as flown; "
-                f"{f.time_s:.0f} s",
+                f"{f.time_s:.0f} s; path {f.length_ratio:.3f} of area/resolution, planned in {f.planning_s:.2f} s",
                 flush=True,
             )
 

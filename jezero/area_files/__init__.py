@@ -6,7 +6,10 @@ from jezero.area_files import read_area
 
 with Vehicle.connect("uav1") as uav:
     area = read_area("field.kml", uav.odometry().origin_deg)
-    uav.area_coverage(area.polygon_ned_m, -5.0, holes_ned_m=area.holes_ned_m, overlap=0.7).result()
+    goal = uav.area_coverage(
+        area.polygon_ned_m, -5.0, holes_ned_m=area.holes_ned_m, origin_deg=area.origin_deg, overlap=0.7
+    )
+    goal.result()
 ```
 """
 

@@ -24,11 +24,14 @@ class Area:
         name: name that the file gives it; "" for none.
         polygon_ned_m: (n, 2) corners of the outline, metres north and east.
         holes_ned_m: polygons (n, 2) that are left out.
+        origin_deg: latitude and longitude of the world's origin that placed it; None for a file in metres. A goal with
+            it gets refusals and warnings that name places in the file's degrees.
     """
 
     name: str
     polygon_ned_m: Ring
     holes_ned_m: tuple[Ring, ...] = ()
+    origin_deg: Corner | None = None
 
 
 def place(polygon: FilePolygon, origin_deg: Sequence[float] | None) -> Area:
@@ -55,7 +58,8 @@ def place(polygon: FilePolygon, origin_deg: Sequence[float] | None) -> Area:
     if extent_m < EXTENT_MIN_M:
         hint = ": if its numbers are degrees, leave out --metres" if polygon.in_metres else ""
         raise AreaFileError(f"{polygon.place}: the area is only {1000.0 * extent_m:.1f} mm wide{hint}")
-    return Area(polygon.name, rings[0], rings[1:])
+    placed_deg = None if polygon.in_metres or origin_deg is None else (origin_deg[0], origin_deg[1])
+    return Area(polygon.name, rings[0], rings[1:], placed_deg)
 
 
 def project(ring: Ring, origin_deg: Sequence[float]) -> Ring:

@@ -1,16 +1,12 @@
 """The area of a coverage on the command line: its options, its file, and the world's origin that places it."""
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-
-from jezero.frames import Vec3, geodetic_from_ned
 
 if TYPE_CHECKING:
     from jezero.area_files import FilePolygon
@@ -19,8 +15,6 @@ if TYPE_CHECKING:
 
 ROUTER_WAIT_S = 0.5
 """Longest wait for a stack that could make a plan without a flight."""
-PLACE = re.compile(r"(-?\d+\.\d+) m north, (-?\d+\.\d+) m east")
-"""A place in a refusal or a warning of the planner."""
 
 
 @dataclass(frozen=True)
@@ -60,18 +54,9 @@ class CoverageRequest:
             area = place(self.polygon, None if origin is None else origin.position_deg)
         except AreaFileError as error:
             raise click.ClickException(str(error)) from None
-        return AreaCoverageGoal(polygon_ned_m=area.polygon_ned_m, holes_ned_m=area.holes_ned_m, **self.fields)
-
-    def with_degrees(self, text: str, origin: Origin | None) -> str:
-        """A sentence of the planner, whose places are in metres, with the degrees of a file in degrees."""
-        if self.polygon.in_metres or origin is None:
-            return text
-        return PLACE.sub(partial(_in_degrees, (*origin.position_deg, 0.0)), text)
-
-
-def _in_degrees(origin_deg: Vec3, place: re.Match[str]) -> str:
-    latitude_deg, longitude_deg, _ = geodetic_from_ned((float(place[1]), float(place[2]), 0.0), origin_deg)
-    return f"latitude {latitude_deg:.7f}, longitude {longitude_deg:.7f} ({place[0]})"
+        return AreaCoverageGoal(
+            polygon_ned_m=area.polygon_ned_m, holes_ned_m=area.holes_ned_m, origin_deg=area.origin_deg, **self.fields
+        )
 
 
 def area_options(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -67,7 +67,7 @@ def show_coverage_plan(
         click.echo(f"plan        {coverage.plan_id}: with --plan-id {coverage.plan_id} exactly this plan is flown")
     click.echo(f"drawn in    {file}")
     if planned.warning:
-        click.echo(f"warning: {request.with_degrees(planned.warning, planned.origin)}", err=True)
+        click.echo(f"warning: {planned.warning}", err=True)
 
 
 def _plan_of_stack(request: CoverageRequest, vehicle: str, router: str) -> _Planned | None:
@@ -119,7 +119,7 @@ def _plan_here(request: CoverageRequest, origin: Origin, start_m: tuple[float, f
         raise click.ClickException(f"the goal has a wrong number: {error}") from None
     made = plan_or_refuse(goal, load_actions_config(), start_m, (0.0, 0.0, 0.0))
     if isinstance(made, Refusal):
-        raise click.ClickException(request.with_degrees(made.reason, origin))
+        raise click.ClickException(made.reason)
     return _Planned(goal, origin, made.shown, made.plan.warning, start)
 
 

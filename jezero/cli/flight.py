@@ -78,15 +78,10 @@ def flight_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class Printer:
-    """Prints events as text with a progress bar on a terminal, as plain lines into a pipe, or as JSON lines.
-
-    Attributes:
-        reword: what the vehicle says, in words for this user.
-    """
+    """Prints events as text with a progress bar on a terminal, as plain lines into a pipe, or as JSON lines."""
 
     def __init__(self, as_json: bool) -> None:
         self.as_json = as_json
-        self.reword: Callable[[str], str] = str
         self._bar: Progress | None = None
         self._printed_s = -PLAIN_PERIOD_S
         self._warned: set[str] = set()
@@ -101,7 +96,7 @@ class Printer:
         if text and not self.as_json and text not in self._warned:
             self._end_bar()
             self._warned.add(text)
-            click.echo(f"warning: {self.reword(text)}", err=True)
+            click.echo(f"warning: {text}", err=True)
 
     def progress(self, text: str, done: float | None, **fields: Any) -> None:
         """Print feedback: a bar on a terminal, a line per second into a pipe. `done` is a fraction from 0 to 1."""
@@ -118,7 +113,7 @@ class Printer:
         self._end_bar()
         if self.as_json:
             click.echo(json.dumps({"type": kind, **fields}))
-        click.echo(self.reword(text), err=True)
+        click.echo(text, err=True)
         raise SystemExit(exit_code)
 
     def _draw(self, text: str, done: float | None) -> None:

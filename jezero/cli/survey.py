@@ -1,6 +1,5 @@
 """`jezero getimages` and `jezero gridsweep`: goals that take images."""
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -159,7 +158,6 @@ def gridsweep(
         goal = pending
         if isinstance(goal, CoverageRequest):
             known = vehicle_origin(odometry)
-            printer.reword = partial(goal.with_degrees, origin=known)
             goal = goal.goal(known)
             printer.event(
                 "area", f"area: {place_in_words(goal, known)}", origin_deg=None if known is None else known.position_deg

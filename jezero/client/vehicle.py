@@ -220,6 +220,7 @@ class Vehicle:
         z_ned_m: float,
         *,
         holes_ned_m: Sequence[Corners] = (),
+        origin_deg: tuple[float, float] | None = None,
         margin_outline_m: float = 0.0,
         margin_holes_m: float = 1.0,
         resolution_m: float | None = None,
@@ -240,6 +241,8 @@ class Vehicle:
             polygon_ned_m: (n, 2) corners of the area, north and east, in order.
             z_ned_m: altitude of the flight, NED; 5 m up is -5.
             holes_ned_m: polygons (n, 2) that are left out.
+            origin_deg: latitude and longitude of the world's origin that placed an area in degrees, such as
+                `Area.origin_deg`. With it, refusals and warnings name places in degrees too.
             margin_outline_m: least distance of the vehicle from the outline, inside it.
             margin_holes_m: least distance of the vehicle from each hole.
             resolution_m: distance between lines and between images.
@@ -254,6 +257,7 @@ class Vehicle:
         goal = AreaCoverageGoal(
             polygon_ned_m=tuple(polygon_ned_m),
             holes_ned_m=tuple(tuple(hole) for hole in holes_ned_m),
+            origin_deg=origin_deg,
             margin_outline_m=margin_outline_m,
             margin_holes_m=margin_holes_m,
             z_ned_m=z_ned_m,

@@ -20,13 +20,14 @@ STD_MATCH_M = 0.02
 HUBER_M = 0.04
 STD_PLACE_M = 0.5
 STD_WAY_M = 0.01
-STD_WAY_M_PER_S = 0.005
+STD_WAY_M_PER_S = 0.01
 STD_HEIGHT_M = 0.05
 STD_TILT_RAD, STD_YAW_RAD = np.radians(1.0), np.radians(1.5)
 STD_WOBBLE_RAD = np.radians(0.3)
 """Standard deviations of the priors. The error of an image's position is large (STD_PLACE_M, STD_HEIGHT_M), that of the
-distance between two exposures small (STD_WAY_M). All images share an attitude error (STD_TILT_RAD, STD_YAW_RAD), to
-which each adds a small one (STD_WOBBLE_RAD)."""
+way between two exposures small (`std_way_m`). All images share an attitude error (STD_TILT_RAD, STD_YAW_RAD), to
+which each adds a small one (STD_WOBBLE_RAD). The ways say where north is, so a map turns if they are trusted more than
+flights in wind deserve."""
 WAY_MAX_S = 30.0
 """Exposures farther apart in time may be of two flights."""
 HUBER_WAY = 3.0
@@ -81,6 +82,11 @@ def align(survey: Survey, ground: Ground, matches: list[Matches]) -> Alignment:
         if np.abs(step).max() < STEP_MIN:
             break
     return Alignment(present, len(matches), groups, before_m, _median_m(ends.apart(present, ground)[0]))
+
+
+def std_way_m(since_s: float) -> float:
+    """Standard deviation of the way between two exposures, on each axis, by the time between them."""
+    return STD_WAY_M + STD_WAY_M_PER_S * since_s
 
 
 def _median_m(apart_m: Array) -> float:
@@ -175,8 +181,7 @@ def _priors(survey: Survey) -> tuple[scipy.sparse.csr_matrix, NDArray[np.bool_]]
         # An image that was taken later than the next one, or much later than the one before, is of another flight.
         if i > 0 and 0.0 < (since_s := float(survey.times_s[i] - survey.times_s[i - 1])) < WAY_MAX_S:
             for axis in range(2):
-                std_m = STD_WAY_M + STD_WAY_M_PER_S * since_s
-                know(std_m, {at + axis: 1.0, at - UNKNOWNS + axis: -1.0}, way=True)
+                know(std_way_m(since_s), {at + axis: 1.0, at - UNKNOWNS + axis: -1.0}, way=True)
     for axis, std_rad in enumerate((STD_TILT_RAD, STD_TILT_RAD, STD_YAW_RAD)):
         know(float(std_rad), {shared + axis: 1.0})
     shape = (rows[-1] + 1, shared + 3)

@@ -31,6 +31,13 @@ def test_the_same_file_around_another_origin_is_that_much_farther_away(tmp_path:
     assert near(there, [(north + north_m, east + east_m) for north, east in here], 0.02)
 
 
+def test_an_area_knows_the_origin_that_placed_it_if_its_file_was_in_degrees(tmp_path: Path) -> None:
+    (tmp_path / "area.csv").write_text("lat,lon\n" + "\n".join(f"{a},{b}" for a, b in LAT_LON))
+    assert read_area(tmp_path / "area.csv", (*ORIGIN_DEG, 488.0)).origin_deg == ORIGIN_DEG
+    (tmp_path / "metres.csv").write_text("north,east\n0,0\n0,9\n9,9\n")
+    assert read_area(tmp_path / "metres.csv", ORIGIN_DEG).origin_deg is None
+
+
 def test_an_area_across_the_antimeridian_is_whole() -> None:
     ring = ((-17.0, 179.9999), (-17.0, -179.9999), (-16.9999, -179.9999))
     area = place(FilePolygon("", "area", (ring,)), (-17.0, 180.0))

@@ -63,3 +63,11 @@ def test_a_rotation_of_the_whole_map_is_separated() -> None:
     assert found.turn_rad == pytest.approx(0.01)
     assert found.unturned_m.max() < 1e-9
     assert found.rest_m.max() > 0.01
+
+
+def test_a_stretch_and_a_shear_of_the_whole_map_are_separated() -> None:
+    places_m = np.random.default_rng(1).uniform(0.0, 5.0, (40, 2))
+    errors_m = np.array((0.2, -0.1)) + places_m @ np.array(((0.01, 0.003), (0.0, -0.02)))
+    found = Comparison(places_m, errors_m, 1.0)
+    assert found.undistorted_m.max() < 1e-9
+    assert found.unturned_m.max() > 0.01

@@ -146,11 +146,14 @@ def test_a_crossing_is_named_in_the_degrees_of_the_file(tmp_path: Path) -> None:
     refused = run(tmp_path, *write_ring(tmp_path / "crossed.geojson", CROSSED))
     assert refused.exit_code == 1
     assert "crosses or touches itself at latitude 47.39785" in refused.output
-    assert "longitude 8.5458001 (12.01 m north, 15.51 m east): give its corners in order" in refused.output
+    assert "longitude 8.5458000 (12.01 m north, 15.51 m east): give its corners in order" in refused.output
     square = [(47.3977, 8.5456), (47.3980, 8.5456), (47.3980, 8.5460), (47.3977, 8.5460)]
     repaired = run(tmp_path, *write_ring(tmp_path / "spike.geojson", [*square[:2], (47.3981, 8.5456), *square[1:]]))
     assert repaired.exit_code == 0
-    assert "left out: at latitude 47.3981000, longitude 8.5456000 (39.81 m north, 0.45 m east)" in repaired.output
+    named = "left out: at latitude 47.3981000, longitude 8.5456000 (39.81 m north, 0.45 m east)"
+    assert named in repaired.output
+    told = run(tmp_path, "--polygon", str(tmp_path / "spike.geojson"), "--z", "-8", "--overlap", "0.5", "--json")
+    assert named in json.loads(told.stdout)["warning"]
 
 
 def test_a_crossing_in_a_file_in_metres_is_named_in_metres(tmp_path: Path) -> None:
@@ -369,15 +372,7 @@ def test_an_area_in_degrees_is_flown_around_the_origin_of_the_vehicle(
     done = CliRunner().invoke(main, ["gridsweep", *field, "--out", str(tmp_path / "run")])
     assert "area: north 83 to 113 m, east -68 to -23 m from the world's origin at 47.397000, 8.546500" in done.output
     assert vehicle.goals[0].polygon_ned_m[0] == pytest.approx((82.5, -68.2), abs=0.1)
-
-
-def test_a_warning_of_the_vehicle_has_the_degrees_of_the_file(
-    tmp_path: Path, vehicle: FakeVehicle, field: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    warned = PlanReply(accepted=True, duration_s=42.0, warning="a spike at 0.00 m north, 0.00 m east", coverage=PLANNED)
-    monkeypatch.setattr(vehicle, "plan", lambda *_: warned)
-    done = CliRunner().invoke(main, ["gridsweep", *field, "--out", str(tmp_path / "run")])
-    assert "warning: a spike at latitude 47.3970000, longitude 8.5465000 (0.00 m north, 0.00 m east)" in done.stderr
+    assert vehicle.goals[0].origin_deg == (47.397, 8.5465)  # by which the vehicle names places in degrees
 
 
 def test_an_area_in_degrees_waits_for_an_origin_that_is_known_and_the_vehicle_s_own(

@@ -9,6 +9,8 @@ import shapely
 from shapely.geometry import LineString, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
+from jezero.frames import geodetic_from_ned
+
 Point = tuple[float, float]
 AREA_MIN_M2 = 1e-4
 CORNERS_APART_M = 0.01
@@ -22,6 +24,28 @@ CORNERS_MAX = 6000
 
 class AreaError(ValueError):
     """The area can't be mapped; the message has the reason and what to change."""
+
+
+@dataclass(frozen=True)
+class PlaceNames:
+    """Names places of an area in messages, in the coordinates that the user gave.
+
+    Attributes:
+        corner_m: origin of the area's coordinates here, in those of the goal.
+        origin_deg: latitude and longitude of the goal's origin; None for an area that was given in metres.
+    """
+
+    corner_m: Point = (0.0, 0.0)
+    origin_deg: Point | None = None
+
+    def name(self, point_m: Sequence[float]) -> str:
+        """The name of a point of the area."""
+        north_m, east_m = point_m[0] + self.corner_m[0], point_m[1] + self.corner_m[1]
+        metres = f"{north_m:.2f} m north, {east_m:.2f} m east"
+        if self.origin_deg is None:
+            return metres
+        latitude_deg, longitude_deg, _ = geodetic_from_ned((north_m, east_m, 0.0), (*self.origin_deg, 0.0))
+        return f"latitude {latitude_deg:.7f}, longitude {longitude_deg:.7f} ({metres})"
 
 
 @dataclass(frozen=True)
@@ -47,7 +71,7 @@ def make_area(polygon_ned_m: Sequence[Point], holes_ned_m: Sequence[Sequence[Poi
 
 
 def repair_area(
-    polygon_ned_m: Sequence[Point], holes_ned_m: Sequence[Sequence[Point]] = (), origin_m: Point = (0.0, 0.0)
+    polygon_ned_m: Sequence[Point], holes_ned_m: Sequence[Sequence[Point]] = (), places: PlaceNames | None = None
 ) -> RepairedArea:
     """Make a simple polygon with holes from its corners; the last corner may repeat the first.
 
@@ -55,17 +79,18 @@ def repair_area(
     if one part has nearly all of its area. Holes may touch or overlap each other, and touch the outline.
 
     Args:
-        origin_m: of the corners, in the coordinates that the user gave, for the messages.
+        places: names the places in the messages; None for the corners' own coordinates.
 
     Raises:
         AreaError: too few or too many corners, edges that cross, no area, a hole that isn't inside, or nothing left.
     """
     warnings: list[str] = []
-    outline = _ring(polygon_ned_m, "the polygon", origin_m, warnings)
+    places = places or PlaceNames()
+    outline = _ring(polygon_ned_m, "the polygon", places, warnings)
     around = outline.buffer(CORNERS_APART_M, join_style="mitre")
     holes = []
     for number, corners_m in enumerate(holes_ned_m, 1):
-        hole = _ring(corners_m, f"hole {number}", origin_m, warnings)
+        hole = _ring(corners_m, f"hole {number}", places, warnings)
         if not around.covers(hole):
             raise AreaError(f"hole {number} is not wholly inside the polygon: correct it, or leave it out")
         holes.append(hole)
@@ -90,14 +115,14 @@ def _main_of(ground: BaseGeometry, warnings: list[str]) -> Polygon:
     return main
 
 
-def _ring(corners_m: Sequence[Point], name: str, origin_m: Point, warnings: list[str]) -> Polygon:
+def _ring(corners_m: Sequence[Point], name: str, places: PlaceNames, warnings: list[str]) -> Polygon:
     """A valid polygon from the corners of one outline."""
     kept = _apart(corners_m)
     if len(kept) < 3:
         raise AreaError(f"{name} has {len(kept)} different corners: three are the least")
     ring = Polygon(kept)
     if not ring.is_valid:
-        ring = _untangled(ring, name, origin_m, warnings)
+        ring = _untangled(ring, name, places, warnings)
     if ring.area < AREA_MIN_M2:
         raise AreaError(f"{name} has an area of {ring.area:.1e} m²: its corners are on one line")
     simple = ring.simplify(CORNERS_APART_M)
@@ -115,13 +140,13 @@ def _apart(corners_m: Sequence[Point]) -> list[Point]:
     return kept
 
 
-def _untangled(ring: Polygon, name: str, origin_m: Point, warnings: list[str]) -> Polygon:
+def _untangled(ring: Polygon, name: str, places: PlaceNames, warnings: list[str]) -> Polygon:
     """The main part of an outline that crosses or touches itself.
 
     Ground that the outline goes around twice is inside by one rule and outside by the other: it counts as unclear.
     """
     reason = shapely.is_valid_reason(ring)
-    place = _place_in(reason, origin_m)
+    place = _place_in(reason, places)
     everything = shapely.make_valid(ring, method="structure", keep_collapsed=False)
     parts = polygons_of(everything)
     total_m2 = sum(part.area for part in parts)
@@ -133,7 +158,7 @@ def _untangled(ring: Polygon, name: str, origin_m: Point, warnings: list[str]) -
     unclear_m2 = everything.symmetric_difference(shapely.union_all(polygons_of(by_crossings))).area
     if lost_m2 + unclear_m2 > (1.0 - MAIN_MIN) * total_m2:
         raise AreaError(f"{name} crosses or touches itself{place}: give its corners in order, or map its parts alone")
-    spikes = list(_spikes(by_crossings, main, origin_m))
+    spikes = list(_spikes(by_crossings, main, places))
     if spikes:
         warnings.append(f"{name} runs forth and back on one line, which is left out: {', '.join(spikes)}")
     if lost_m2 + unclear_m2 > AREA_MIN_M2 or not spikes:
@@ -141,21 +166,17 @@ def _untangled(ring: Polygon, name: str, origin_m: Point, warnings: list[str]) -
     return main
 
 
-def _spikes(repaired: BaseGeometry, main: Polygon, origin_m: Point) -> Iterator[str]:
+def _spikes(repaired: BaseGeometry, main: Polygon, places: PlaceNames) -> Iterator[str]:
     """The lines without area in an outline, by the end that is farther from its main part."""
     for line in shapely.get_parts(repaired):
         if isinstance(line, LineString) and line.length > CORNERS_APART_M:
-            yield "at " + _place(max(line.coords, key=lambda end: main.distance(shapely.Point(end))), origin_m)
+            yield "at " + places.name(max(line.coords, key=lambda end: main.distance(shapely.Point(end))))
 
 
-def _place_in(reason: str, origin_m: Point) -> str:
+def _place_in(reason: str, places: PlaceNames) -> str:
     """The place of a crossing in GEOS' words, such as "Self-intersection[3.5 4]"."""
     found = re.search(r"\[(\S+) (\S+)\]", reason)
-    return f" at {_place((float(found[1]), float(found[2])), origin_m)}" if found else ""
-
-
-def _place(point_m: Sequence[float], origin_m: Point) -> str:
-    return f"{point_m[0] + origin_m[0]:.2f} m north, {point_m[1] + origin_m[1]:.2f} m east"
+    return f" at {places.name((float(found[1]), float(found[2])))}" if found else ""
 
 
 def _size(area_m2: float) -> str:

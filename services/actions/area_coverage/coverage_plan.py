@@ -11,7 +11,7 @@ from shapely.geometry import Polygon
 
 from jezero.frames import Vec3, add, altitude_m
 from jezero.schemas.actions import AreaCoverageGoal
-from jezero.services.actions.area_coverage.area import AreaError, Point, repair_area
+from jezero.services.actions.area_coverage.area import AreaError, PlaceNames, Point, repair_area
 from jezero.services.actions.area_coverage.flight_area import FlightArea, flight_area
 from jezero.services.actions.area_coverage.ground import CoveredGround
 from jezero.services.actions.area_coverage.path import covered_fraction, distance_outside_m, plan_path, turn_cuts
@@ -91,7 +91,8 @@ def plan_coverage(
     """
     corner_m = goal.polygon_ned_m[0] if goal.polygon_ned_m else (0.0, 0.0)
     holes_m = [_from(corner_m, hole) for hole in goal.holes_ned_m]
-    repaired = repair_area(_from(corner_m, goal.polygon_ned_m), holes_m, corner_m)
+    places = PlaceNames(corner_m, goal.origin_deg)
+    repaired = repair_area(_from(corner_m, goal.polygon_ned_m), holes_m, places)
     if reason := _refusal(goal, config, origin_ned_m):
         raise AreaError(reason)
     across_m, along_m = _distances(goal, config.vehicle.camera)
@@ -305,11 +306,20 @@ def _refusal(goal: AreaCoverageGoal, config: ActionsConfig, origin_ned_m: Vec3) 
             return reason
     if not goal.force and (reason := _map_refusal(goal, config.vehicle, origin_ned_m)):
         return f"{reason}: fly lower, or with force (--force) to take them all the same"
+    return _frame_refusal(goal) or speed_refusal(goal.speed_mps, config.vehicle.limits)
+
+
+def _frame_refusal(goal: AreaCoverageGoal) -> str:
+    """Reason why a goal's fields don't fit its frame or its start, or ""."""
     if goal.first_picture and goal.start_ned_m is None:
         return "a coverage that goes on with first_picture needs the start_ned_m of the one before: it is in its result"
-    if goal.first_picture and goal.frame != "world":
+    if goal.frame == "world":
+        return ""
+    if goal.first_picture:
         return "a coverage goes on in frame 'world' only: its result holds the goal that does"
-    return speed_refusal(goal.speed_mps, config.vehicle.limits)
+    if goal.origin_deg is not None:
+        return f"an area in degrees is in frame 'world' only: leave out origin_deg in frame '{goal.frame}'"
+    return ""
 
 
 def _distances(goal: AreaCoverageGoal, camera: CameraMountConfig) -> tuple[float, float]:

@@ -8,7 +8,7 @@ import shapely
 from shapely.geometry import LineString, Polygon
 
 from jezero.schemas.actions import AreaCoverageGoal
-from jezero.services.actions.area_coverage.area import CORNERS_MAX, AreaError, Point, make_area, repair_area
+from jezero.services.actions.area_coverage.area import CORNERS_MAX, AreaError, PlaceNames, Point, make_area, repair_area
 from jezero.services.actions.area_coverage.coverage_plan import CoveragePlan, plan_coverage
 from jezero.services.actions.config import ActionsConfig
 
@@ -106,6 +106,22 @@ def test_a_crossing_with_a_tiny_loop_is_repaired_with_a_warning_that_names_it() 
 def test_an_outline_that_crosses_itself_is_refused_with_the_crossing_in_the_users_coordinates() -> None:
     with pytest.raises(AreaError, match=r"crosses or touches itself at 40\.00 m north, -20\.00 m east: give its"):
         plan([(30, -30), (50, -10), (50, -30), (30, -10)])
+
+
+def test_places_of_an_area_in_degrees_are_named_in_degrees_too() -> None:
+    places = PlaceNames((10.0, 0.0), (47.0, 8.0))
+    with pytest.raises(
+        AreaError, match=r"at latitude 47\.0001799, longitude 8\.0001319 \(20\.00 m north, 10\.00 m east\)"
+    ):
+        repair_area([(0, 0), (20, 20), (0, 20), (20, 0)], places=places)
+    spiked = repair_area([(0, 0), (0, 20), (0, 26), (0, 20), (20, 20), (20, 0)], places=places)
+    assert "at latitude 47.0000899, longitude 8.0003429 (10.00 m north, 26.00 m east)" in spiked.warnings[0]
+
+
+def test_an_area_in_degrees_is_never_relative_to_the_rover() -> None:
+    goal = AreaCoverageGoal(polygon_ned_m=SQUARE, origin_deg=(47.0, 8.0), frame="rover", z_ned_m=-8.0, resolution_m=2.0)
+    with pytest.raises(AreaError, match="an area in degrees is in frame 'world' only"):
+        plan_coverage(goal, ActionsConfig())
 
 
 def test_a_hole_as_large_as_the_polygon_is_refused_as_nothing_is_left() -> None:
