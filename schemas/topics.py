@@ -10,7 +10,7 @@ from typing import Any, Generic, Literal, TypeVar, get_origin
 
 import msgspec
 
-from jezero.schemas import actions, commands, estimate, health, images, sensors, state
+from jezero.schemas import actions, commands, estimate, health, images, journal, sensors, state
 from jezero.schemas.struct import Message, Payload
 
 M = TypeVar("M", bound=Message)
@@ -303,6 +303,11 @@ ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (
 def health_of(service: str) -> Topic[health.ServiceHealth]:
     """The topic on which a service's runtime publishes its health, at 1 Hz of wall time and when the state changes."""
     return Topic(f"health/{service}", health.ServiceHealth, 1.0, service)
+
+
+def journal_of(service: str) -> Topic[journal.JournalPart]:
+    """The topic on which a service's runtime publishes the service's journal, for the recorder."""
+    return Topic(f"journal/{service}", journal.JournalPart, 10.0, service)
 
 
 def feedback_of(action: Action[Any]) -> Topic[actions.FeedbackMessage[Any]]:

@@ -9,10 +9,10 @@ from jezero.plugins import PluginError, load_declaration, plugin_names
 from jezero.recording import foxglove, viewer_scene
 from jezero.recording.images import HEADERS
 from jezero.schemas.actions import FeedbackMessage
-from jezero.schemas.topics import ACTIONS, CAMERA, TOPICS, Topic, feedback_of, health_of
+from jezero.schemas.topics import ACTIONS, CAMERA, TOPICS, Topic, feedback_of, health_of, journal_of
 
 _HEADERS = Topic(HEADERS, CAMERA.type, CAMERA.rate_hz, CAMERA.writer)
-_HEALTH = health_of("").name
+_HEALTH, _JOURNAL = health_of("").name, journal_of("").name
 _ANY_OBJECT = b'{"type":"object","properties":{}}'
 _FOXGLOVE: dict[str, type[msgspec.Struct]] = {CAMERA.name: foxglove.CompressedImage, **viewer_scene.MESSAGES}
 """Channels with Foxglove's own messages."""
@@ -23,6 +23,8 @@ def topic_of(name: str) -> Topic[Any] | None:
     """The declared topic of a channel; None for a topic that this version of jezero doesn't know."""
     if name.startswith(_HEALTH):
         return health_of(name.removeprefix(_HEALTH))
+    if name.startswith(_JOURNAL):
+        return journal_of(name.removeprefix(_JOURNAL))
     return _topics().get(name)
 
 

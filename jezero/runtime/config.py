@@ -98,6 +98,11 @@ def instance_from_environment() -> Instance:
         raise ConfigError(f"{_VARIABLES[field]} is {given[field]!r}: {expected}") from None
 
 
+def is_recorded() -> bool:
+    """Whether the stack has a recorder, for which its services keep journals (`JEZERO_RECORD`)."""
+    return os.environ.get("JEZERO_RECORD") != "0"
+
+
 def config_directory() -> Path:
     """`JEZERO_CONFIG_DIR` if it is set, otherwise the folder that jezero ships."""
     given = os.environ.get("JEZERO_CONFIG_DIR")

@@ -98,6 +98,7 @@ class MemoryBus:
         self._paths: dict[tuple[str, str], _Path] = {}
         self._requests: dict[int, _PendingRequest] = {}
         self._observers: list[Observer] = []
+        self._journal_reader: Observer | None = None
 
     # -- building --
 
@@ -106,7 +107,7 @@ class MemoryBus:
         name = service.spec.name
         if name in self._ports:
             raise ValueError(f"a service named {name!r} runs already")
-        port = Port(self, service, strict=self._strict)
+        port = Port(self, service, strict=self._strict, journaled=self._journal_reader is not None)
         self._ports[name] = port
         self._order.append(port)
         self._subscribers.clear()
@@ -157,6 +158,15 @@ class MemoryBus:
         """Call `observer(t_ns, topic, data)` for every published message, when it is sent."""
         self._observers.append(observer)
 
+    def read_journals(self, reader: Observer) -> None:
+        """Let the services that are added from now on keep journals; `reader` gets their parts, as an observer."""
+        self._journal_reader = reader
+
+    def end_journals(self) -> None:
+        """Give the reader of the journals what it has not got yet."""
+        for port in self._order:
+            port.publish_journal(force=True)
+
     # -- running --
 
     def run_until(self, t_ns: int, stop: Callable[[], bool] | None = None) -> bool:
@@ -195,7 +205,7 @@ class MemoryBus:
         """Report to the services that watch clients that one has vanished."""
         for port in self._order:
             if port.node.spec.watches_clients:
-                port.node.inbox.departed_clients.append(client_id)
+                port.node.deliver_departure(client_id)
                 self.at(self.t_ns, "", port.request_step)
 
     # -- for ports --
@@ -220,6 +230,11 @@ class MemoryBus:
         for port in subscribers:
             t_ns = self._arrival(self._path(sender, port.name), self._delay)
             self._deliver(sender, port.name, topic.name, t_ns, data, partial(port.receive, topic.name))
+
+    def publish_journal(self, name: str, part: bytes) -> None:
+        """Give a part of a service's journal to the reader."""
+        if self._journal_reader is not None:
+            self._journal_reader(self.t_ns, name, part)
 
     def send(self, owner: str, link: str, data: bytes) -> None:
         """Deliver bytes to the other end of a service's link."""

@@ -5,10 +5,11 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from jezero.codec import encode
+from jezero.runtime.journal import Journal
 from jezero.runtime.node import Node
 from jezero.runtime.service import SentMessage, Service
 from jezero.runtime.task import CANCELED, Outcome, execute, pickled, read_outcome
-from jezero.schemas.topics import Endpoint, Topic, health_of
+from jezero.schemas.topics import Endpoint, Topic, health_of, journal_of
 from jezero.schemas.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -32,14 +33,16 @@ class Port:
         serving: names of its endpoints.
     """
 
-    def __init__(self, bus: "MemoryBus", service: Service, *, strict: bool) -> None:
+    def __init__(self, bus: "MemoryBus", service: Service, *, strict: bool, journaled: bool = False) -> None:
         self.name = service.spec.name
         self.alive = True
         self.wants_step = False
         self.frozen_until_ns = 0
         self._bus = bus
-        self.node = Node(service, self, strict=strict, boot_id=0)
-        spec = self.node.spec
+        spec = service.spec
+        keeps_journal = journaled and not spec.hears_all
+        self._journal = Journal(spec.name, 0, spec.made_with) if keeps_journal else None
+        self.node = Node(service, self, strict=strict, boot_id=0, journal=self._journal)
         self.subscribed = frozenset(topic.name for topic in spec.inputs)
         self.serving = frozenset(endpoint.name for endpoint in spec.serves)
         self._inputs = self.subscribed
@@ -52,6 +55,7 @@ class Port:
         self._tasks: dict[str, bytes | Outcome] = {}
         """Background tasks by tag that are not over: pickled functions, and outcomes of those that can't be pickled."""
         self._health_topic = health_of(self.name)
+        self._journal_topic = journal_of(self.name).name
 
     def schedule_tick(self, t_ns: int) -> None:
         """Step at `t_ns`. Each step puts the next one off, so one timer is kept and set again when it fires early."""
@@ -83,6 +87,12 @@ class Port:
             self.schedule_tick(bus.t_ns + self._period_ns)
         if bus.t_ns >= self.node.health_due_ns(bus.t_ns):
             bus.publish(self.name, self._health_topic, encode(self.node.health(bus.t_ns, 0.0)))
+        self.publish_journal()
+
+    def publish_journal(self, *, force: bool = False) -> None:
+        """Give the open part of the service's journal to its reader, if it is long enough."""
+        if self._journal is not None and (part := self._journal.take(self._bus.t_ns, force=force)) is not None:
+            self._bus.publish_journal(self._journal_topic, part)
 
     # -- deliveries of the bus --
 

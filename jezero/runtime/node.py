@@ -1,9 +1,13 @@
 """One running service: its mailbox, the check of its declaration, and its health; the same on both buses."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
-from jezero.codec import BadPayloadError, NotFiniteError, decode, decode_request, encode, reader
+from msgspec import Raw
+
+from jezero.codec import BadPayloadError, NotFiniteError, decode, decode_request, encode, has_attachment, reader
+from jezero.runtime.journal import NULL, Journal, JournaledTransport
+from jezero.runtime.mailbox import Mailbox
 from jezero.runtime.service import (
     BackgroundTask,
     Call,
@@ -15,13 +19,13 @@ from jezero.runtime.service import (
     Request,
     Response,
     Send,
-    SentMessage,
     Service,
     SetRate,
     Subscribe,
     UndeclaredError,
 )
 from jezero.runtime.task import Outcome
+from jezero.schemas import journal as entries
 from jezero.schemas.health import InputHealth, ServiceHealth, ServiceState
 from jezero.schemas.struct import Payload
 from jezero.schemas.topics import Endpoint, Topic
@@ -50,100 +54,23 @@ class _Input:
     Attributes:
         kind: type of its decoded messages.
         read: decodes a message.
+        attached: whether its messages have attachments.
         triggers: whether a message triggers a step.
         received: number of messages so far.
         rejected: number of invalid ones among them.
         last_ns: wall time of the last valid message; None before the first.
     """
 
-    __slots__ = ("kind", "last_ns", "read", "received", "rejected", "triggers")
+    __slots__ = ("attached", "kind", "last_ns", "read", "received", "rejected", "triggers")
 
     def __init__(self, kind: Any, *, triggers: bool) -> None:
         self.kind = kind
         self.read = reader(kind).read
+        self.attached = has_attachment(kind)
         self.triggers = triggers
         self.received = 0
         self.rejected = 0
         self.last_ns: int | None = None
-
-
-class Mailbox:
-    """The `Inbox` of a service, filled by a bus through `Node`."""
-
-    def __init__(self, declared_links: Sequence[str]) -> None:
-        self.wall_ns = 0
-        self.connected = True
-        self.departed_clients: list[str] = []
-        self.responses: list[Response] = []
-        self.sent: list[SentMessage] = []
-        self._new: dict[str, list[Any]] = {}
-        self._latest: dict[str, Any] = {}
-        self._requests: dict[str, list[Request]] = {}
-        self._bytes: dict[str, list[bytes]] = {link: [] for link in declared_links}
-        self._connections = dict.fromkeys(declared_links, 0)
-        self._up = dict.fromkeys(declared_links, False)
-
-    def new(self, topic: Topic[Any]) -> Sequence[Any]:
-        return self._new.get(topic.name, ())
-
-    def latest(self, topic: Topic[Any]) -> Any | None:
-        return self._latest.get(topic.name)
-
-    @property
-    def has_requests(self) -> bool:
-        return bool(self._requests)
-
-    def requests(self, endpoint: Endpoint[Any, Any]) -> Sequence[Request]:
-        return self._requests.get(endpoint.name, ())
-
-    def received(self, link: str) -> bytes:
-        parts = self._bytes[link]
-        return parts[0] if len(parts) == 1 else b"".join(parts)
-
-    def connections(self, link: str) -> int:
-        return self._connections[link]
-
-    def is_up(self, link: str) -> bool:
-        return self._up[link]
-
-    def clear(self) -> None:
-        """Remove everything that the last step has read; latest values and link states stay."""
-        self._new.clear()
-        if self.departed_clients:
-            self.departed_clients.clear()
-        if self.responses:
-            self.responses.clear()
-        if self._requests:
-            self._requests.clear()
-        if self.sent:
-            self.sent.clear()
-        for parts in self._bytes.values():
-            if parts:
-                parts.clear()
-
-    def add_message(self, name: str, message: Any) -> None:
-        self._latest[name] = message
-        if name in self._new:
-            self._new[name].append(message)
-        else:
-            self._new[name] = [message]
-
-    def forget(self, name: str) -> None:
-        self._new.pop(name, None)
-        self._latest.pop(name, None)
-
-    def add_request(self, name: str, request: Request) -> None:
-        self._requests.setdefault(name, []).append(request)
-
-    def add_bytes(self, link: str, data: bytes) -> None:
-        self._bytes[link].append(data)
-
-    def set_link(self, link: str, up: bool) -> None:
-        if up and not self._up[link]:
-            self._connections[link] += 1
-        if not up:
-            self._bytes[link].clear()
-        self._up[link] = up
 
 
 class Node:
@@ -155,15 +82,24 @@ class Node:
         strict: whether a number that is not finite raises; otherwise it is counted and not sent.
         boot_id: differs between two runs of the same service; part of its health.
         process: host and process id, for people.
+        journal: gets all inputs and outputs of the service; None keeps none.
     """
 
     def __init__(
-        self, service: Service, transport: Transport, *, strict: bool, boot_id: int, process: str = ""
+        self,
+        service: Service,
+        transport: Transport,
+        *,
+        strict: bool,
+        boot_id: int,
+        process: str = "",
+        journal: Journal | None = None,
     ) -> None:
         self.service = service
         self.spec = service.spec
         self.inbox = Mailbox(self.spec.links)
-        self._transport = transport
+        self._transport = transport if journal is None else JournaledTransport(transport, journal)
+        self._journal = journal
         self._strict = strict
         self._boot_id = boot_id
         self._process = process
@@ -212,6 +148,8 @@ class Node:
             self._last_error = f"{name}: {error}"[:500]
             return False
         source.last_ns = self.inbox.wall_ns
+        if self._journal is not None:
+            self._journal.received(name, data, attached=source.attached)
         self.inbox.add_message(name, message)
         return source.triggers
 
@@ -227,9 +165,15 @@ class Node:
             source.rejected += 1
             self._last_error = f"{name}: {error}"[:500]
             refusal = self._serves[name].refuse(f"not understood: {error}"[:1000])
+            if self._journal is not None:
+                text = data.decode("utf-8", "replace")
+                self._journal.add(entries.Refused(name, client_id, text, str(error)), len(data))
             self._transport.reply(request_id, encode(refusal), final=True)
             return False
         source.last_ns = self.inbox.wall_ns
+        if self._journal is not None:
+            content = Raw(data) if data else NULL
+            self._journal.add(entries.Requested(name, request_id, client_id, content, dict(parameters)), len(data))
         self.inbox.add_request(name, Request(request_id, client_id, payload))
         return source.triggers
 
@@ -244,24 +188,39 @@ class Node:
                 payload = decode(call.endpoint.reply_type, data)
             except BadPayloadError as bad:
                 endpoint = call.endpoint
-                error = f"{endpoint.server} sent a wrong reply on {endpoint.name}: {bad}"
+                error, data = f"{endpoint.server} sent a wrong reply on {endpoint.name}: {bad}", None
+        if self._journal is not None:
+            self._journal.add(entries.Answered(call_id, NULL if data is None else Raw(data), error))
         self.inbox.responses.append(Response(call.tag, payload, error))
         return True
 
     def deliver_outcome(self, tag: str, outcome: Outcome) -> bool:
         """Put a background task's outcome into the inbox."""
+        if self._journal is not None:
+            self._journal.add(entries.TaskEnded(tag, outcome.error))
         self.inbox.responses.append(Response(tag, outcome.value, outcome.error))
         return True
 
     def deliver_bytes(self, link: str, data: bytes) -> bool:
         """Put a link's bytes into the inbox."""
+        if self._journal is not None:
+            self._journal.add(entries.LinkBytes(link, data), len(data))
         self.inbox.add_bytes(link, data)
         return link in self._triggers
 
     def set_link(self, link: str, up: bool) -> bool:
         """Set whether a link is connected."""
+        if self._journal is not None:
+            self._journal.add(entries.LinkState(link, up))
         self.inbox.set_link(link, up)
         return link in self._triggers
+
+    def deliver_departure(self, client_id: str) -> bool:
+        """Put the id of a client that has vanished into the inbox."""
+        if self._journal is not None:
+            self._journal.add(entries.Departed(client_id))
+        self.inbox.departed_clients.append(client_id)
+        return True
 
     # -- the step --
 
@@ -272,7 +231,10 @@ class Node:
             UndeclaredError: the service used a topic, endpoint or link that its `Spec` doesn't name.
             NotFiniteError: a number is not finite, and the node is strict.
         """
-        for output in self.service.step(t_ns, self.inbox):
+        inbox = self.inbox
+        if self._journal is not None:
+            self._journal.step(t_ns, inbox.wall_ns, connected=inbox.connected)
+        for output in self.service.step(t_ns, inbox):
             if type(output) is Publish:
                 self._publish(output)
             elif type(output) is Send:

@@ -5,8 +5,8 @@ an `Inbox` and the time, and executes the `Output`s that its step yields. The sa
 (`zenoh_bus`) and on the in-memory bus in virtual time (`memory_bus`).
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
 
 import msgspec
@@ -40,6 +40,8 @@ class Spec:
         watches_clients: whether the inbox lists the clients that have vanished.
         hears_all: whether the inbox has every message that anybody publishes for the vehicle, as it was sent. Such
             messages trigger no step.
+        made_with: arguments with which the service was made, by name: its settings, ids and seeds. They are recorded, so
+            that `jezero replay` can make the service again.
     """
 
     name: str
@@ -55,6 +57,7 @@ class Spec:
     lockstep: str | None = None
     watches_clients: bool = False
     hears_all: bool = False
+    made_with: Mapping[str, Any] = field(default_factory=dict)
 
 
 class UndeclaredError(RuntimeError):

@@ -21,7 +21,8 @@ import zenoh
 from jezero.codec import BadPayloadError, decode, encode
 from jezero.os_errors import describe_os_error
 from jezero.runtime.clock import VehicleClock
-from jezero.runtime.config import ConfigError, Instance, instance_from_environment
+from jezero.runtime.config import ConfigError, Instance, instance_from_environment, is_recorded
+from jezero.runtime.journal import Journal
 from jezero.runtime.links import SocketLink
 from jezero.runtime.node import Node
 from jezero.runtime.service import SentMessage, Service
@@ -135,7 +136,10 @@ class _Runner:
         tasks = TaskRunner(lambda tag, outcome: self._enqueue("outcome", tag, outcome))
         self._out = ZenohTransport(instance, self._spec, self._session, links, tasks)
         process = f"{socket.gethostname()} pid {os.getpid()}"
-        self._node = Node(service, self._out, strict=False, boot_id=boot_id, process=process)
+        self._journal: Journal | None = None
+        if is_recorded() and not self._spec.hears_all:
+            self._journal = Journal(self._spec.name, boot_id, self._spec.made_with)
+        self._node = Node(service, self._out, strict=False, boot_id=boot_id, process=process, journal=self._journal)
         self._due_ns = 0
         """Time of the next step, unless something triggers one before."""
         self._subscribed = self._out.subscribed
@@ -174,6 +178,8 @@ class _Runner:
         for link in self._links.values():
             link.close()
         self._out.forget_queries()
+        if self._session.is_open:
+            self._publish_journal(force=True)
         self._session.close()
 
     # -- called by Zenoh's threads and that of the background tasks --
@@ -333,8 +339,7 @@ class _Runner:
             arrival_ns, data = value
             node.inbox.sent.append(SentMessage(arrival_ns, name, data))
         elif kind == "departed":
-            node.inbox.departed_clients.append(name)
-            wanted = True
+            wanted = node.deliver_departure(name)
         return wanted
 
     def _collect_links(self, now_ns: int) -> bool:
@@ -401,3 +406,10 @@ class _Runner:
             health = self._node.health(t_ns, self._late_ns / NS_PER_S)
             self._late_ns = 0
             self._session.put(self._health_topic, encode(health))
+        self._publish_journal()
+
+    def _publish_journal(self, *, force: bool = False) -> None:
+        if self._journal is not None:
+            part = self._journal.take(self._now_ns(), force=force)
+            if part is not None:
+                self._session.put_journal(part)

@@ -15,12 +15,14 @@ from jezero.codec import BadPayloadError, decode, has_attachment, split_attachme
 from jezero.runtime.config import Instance
 from jezero.runtime.service import Spec
 from jezero.schemas import topics
-from jezero.schemas.topics import Endpoint, Topic, health_of, key, liveliness_key
+from jezero.schemas.topics import Endpoint, Topic, health_of, journal_of, key, liveliness_key
 from jezero.zenoh_client import client_config, data_of
 
 CLAIM_TIMEOUT_S = 2.5
 """Duration for which a service waits for its name; the lease of a dead process ends after 2 s."""
 CLOSE_TIMEOUT_S = 0.7
+JOURNAL_WAITING_MAX_BYTES = 16_000_000
+"""Parts of the journal that wait for a recorder; the oldest are dropped. A start of the stack takes far less."""
 Kind = Literal["sample", "newest", "query", "response", "departed", "opened", "outcome", "sent"]
 Enqueue = Callable[[Kind, str, Any], None]
 
@@ -67,6 +69,9 @@ class BusSession:
         self._declared: list[Any] = []
         self._last_value: dict[str, bytes] = {}
         used = (*spec.inputs, *spec.on_demand, *spec.outputs)
+        self._journal: zenoh.Publisher | None = None
+        self._journal_waiting: deque[bytes] = deque()
+        """Parts of the journal that nobody has subscribed to yet."""
         self._attached = frozenset(topic.name for topic in used if has_attachment(topic.type))
         """Topics whose messages have attachments."""
 
@@ -276,6 +281,24 @@ class BusSession:
             self._publishers[topic.name].put(attachment, attachment=json)
         else:
             self._publishers[topic.name].put(data)
+
+    def put_journal(self, part: bytes) -> None:
+        """Publish a part of the service's journal, as soon as a recorder has subscribed to it."""
+        self._journal_waiting.append(part)
+        while sum(map(len, self._journal_waiting)) > JOURNAL_WAITING_MAX_BYTES:
+            self._journal_waiting.popleft()
+        if self._journal is None:
+            own = key(self._instance.vehicle, journal_of(self._spec.name).name)
+            self._journal = self._session.declare_publisher(
+                own,
+                encoding=zenoh.Encoding.APPLICATION_JSON,
+                congestion_control=zenoh.CongestionControl.DROP,
+                priority=zenoh.Priority.DATA_LOW,
+            )
+        status: Any = self._journal.matching_status
+        if status.matching:
+            while self._journal_waiting:
+                self._journal.put(self._journal_waiting.popleft())
 
     def set_last_value(self, topic: Topic[Any], data: bytes) -> None:
         """Reply with this message to a plain get on a topic's key from now on."""

@@ -133,16 +133,17 @@ def fly_virtually(
     camera = (
         None if on_images is None else msgspec.structs.replace(load_config(CameraConfig, "camera"), mode="rendered")
     )
-    bus = build_stack(seed, camera=camera, without=without)
     writer = None
     if recording is not None:
         scene = ViewerScene(load_config(VehicleConfig, "vehicle"))
         writer = RecordingWriter(recording, about(bus="virtual", seed=str(seed)), scene=scene)
+    bus = build_stack(seed, camera=camera, without=without, journal_reader=None if writer is None else writer.write)
     recorder = _Recorder(writer)
     bus.observe(recorder)
     started_s = time.perf_counter()
     reason = _fly(bus, recorder, mission, on_progress, on_images or (lambda images: None))
     wall_s = time.perf_counter() - started_s
+    bus.end_journals()
     return FlightResult(
         result="failed" if reason else "succeeded",
         reason=reason,

@@ -7,7 +7,7 @@ import msgspec
 
 from jezero.plugins import action_names
 from jezero.runtime.config import load_config
-from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus
+from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus, Observer
 from jezero.runtime.service import Service
 from jezero.services.actions.config import load_actions_config
 from jezero.services.actions.table import action_server
@@ -100,6 +100,7 @@ def build_stack(
     vehicle: VehicleConfig | None = None,
     wrap_simulator: Callable[[Service], Service] = lambda service: service,
     without: Collection[str] = (),
+    journal_reader: Observer | None = None,
 ) -> MemoryBus:
     """Make a bus with all services that fly, at time 0.
 
@@ -113,11 +114,14 @@ def build_stack(
         vehicle: settings of the vehicle itself.
         wrap_simulator: returns the service that runs in place of the simulator, e.g. one that adds sensor faults.
         without: names of services to leave out.
+        journal_reader: gets the services' journals; None keeps none.
 
     Raises:
         ConfigError: a configuration file is invalid.
     """
     bus = wired_bus(seed)
+    if journal_reader is not None:
+        bus.read_journals(journal_reader)
     makers = service_makers(
         seed,
         simulator=simulator,

@@ -1,5 +1,6 @@
 """The embedded autopilot: has the MAVLink interface of PX4, and measurements only from HIL_SENSOR and HIL_GPS."""
 
+from dataclasses import replace
 from collections.abc import Iterator
 
 from jezero.runtime.service import Health, Inbox, Output, Send, Spec
@@ -35,11 +36,16 @@ class Autopilot:
         since_2015_s: wall time at the start, for the time stamps of signatures.
     """
 
-    spec = SPEC
-
     def __init__(
         self, config: AutopilotConfig, vehicle: VehicleConfig, system_id: int, since_2015_s: float = 0.0
     ) -> None:
+        made_with = {
+            "config": config,
+            "vehicle": vehicle,
+            "system_id": system_id,
+            "since_2015_s": since_2015_s,
+        }
+        self.spec = replace(SPEC, made_with=made_with)
         self._system_id = system_id
         self._parameters = Parameters(config, vehicle.battery, system_id)
         self._airframe = vehicle.airframe

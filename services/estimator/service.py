@@ -1,5 +1,6 @@
 """Estimator service: turns messages into measurements, serves parameter requests and publishes the estimate."""
 
+from dataclasses import replace
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
@@ -78,9 +79,8 @@ class _ActiveSelection(NamedTuple):
 class Estimator:
     """Fuses sensor measurements and publishes the relative position whenever odometry arrives."""
 
-    spec = SPEC
-
     def __init__(self, config: EstimatorConfig, vehicle: VehicleConfig) -> None:
+        self.spec = replace(SPEC, made_with={"config": config, "vehicle": vehicle})
         self._config = config
         self._vehicle = vehicle
         self._selection = InputSelection(config.tuning)

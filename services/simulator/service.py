@@ -1,5 +1,6 @@
 """The simulator: one physics step per service step, and the readings of all sensors."""
 
+from dataclasses import replace
 from collections.abc import Iterable
 from math import inf
 
@@ -61,11 +62,11 @@ class Simulator:
         boot_id: number that differs between two runs; part of the epoch's id.
     """
 
-    spec = SPEC
-
     def __init__(self, config: SimulatorConfig, vehicle: VehicleConfig, seed: int, boot_id: int) -> None:
         from jezero.services.simulator.world import World
 
+        made_with = {"config": config, "vehicle": vehicle, "seed": seed, "boot_id": boot_id}
+        self.spec = replace(SPEC, made_with=made_with)
         self._terrain = terrain = make_terrain(config.terrain)
         self._config = config
         self._vehicle = vehicle

@@ -80,7 +80,14 @@ class VehicleBridge:
         boot_id: int,
         actions: Collection[str] = tuple(ACTIONS),
     ) -> None:
-        self.spec = replace(SPEC, rate_hz=config.rate_hz)
+        made_with = {
+            "config": config,
+            "robot": robot,
+            "system_id": system_id,
+            "boot_id": boot_id,
+            "actions": tuple(actions),
+        }
+        self.spec = replace(SPEC, rate_hz=config.rate_hz, made_with=made_with)
         self._config = config
         self._boot_id = boot_id
         self._actions = actions

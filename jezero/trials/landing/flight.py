@@ -109,14 +109,20 @@ def fly_landing(
         ConfigError: a configuration file is invalid.
     """
     trial = draw_trial(seed, conditions)
-    bus, camera, simulator = _stack(trial, None if autopilot is None else autopilot())
     with ExitStack() as cleanup:
-        cleanup.callback(simulator.close)
+        writer: RecordingWriter | None = None
         if recordings is not None:
             path = recordings / f"{conditions.case}-{seed}" / RECORDING
             origin = about(bus="virtual", seed=str(seed), conditions=msgspec.json.encode(conditions).decode())
             scene = ViewerScene(load_config(VehicleConfig, "vehicle"))
-            bus.observe(cleanup.enter_context(RecordingWriter(path, origin, scene=scene)).write)
+            writer = cleanup.enter_context(RecordingWriter(path, origin, scene=scene))
+        bus = wired_bus(seed)
+        if writer is not None:
+            bus.observe(writer.write)
+            bus.read_journals(writer.write)
+        camera, simulator = _add_services(bus, trial, None if autopilot is None else autopilot())
+        cleanup.callback(simulator.close)
+        cleanup.callback(bus.end_journals)
         return _fly(trial, bus, camera, simulator)
 
 
@@ -158,7 +164,9 @@ def _tag_hidden(trial: Trial, judge: LandingJudge, flown_s: float) -> bool:
     return until_m is not None and truth is not None and altitude_m(offset_m(truth)[2]) < until_m
 
 
-def _stack(trial: Trial, other_autopilot: tuple[Service, int] | None) -> tuple[MemoryBus, _TagHidingCamera, Simulator]:
+def _add_services(
+    bus: MemoryBus, trial: Trial, other_autopilot: tuple[Service, int] | None
+) -> tuple[_TagHidingCamera, Simulator]:
     conditions, seed = trial.conditions, trial.seed
     makers = service_makers(
         seed,
@@ -166,7 +174,6 @@ def _stack(trial: Trial, other_autopilot: tuple[Service, int] | None) -> tuple[M
         camera=camera_config(conditions),
         system_id=SYSTEM_ID if other_autopilot is None else other_autopilot[1],
     )
-    bus = wired_bus(seed)
     camera: _TagHidingCamera | None = None
     simulator: Simulator | None = None
     for name, make in makers.items():
@@ -182,7 +189,7 @@ def _stack(trial: Trial, other_autopilot: tuple[Service, int] | None) -> tuple[M
         bus.add(service)
     assert camera is not None, "a stack without a camera"
     assert simulator is not None, "a stack without a simulator"
-    return bus, camera, simulator
+    return camera, simulator
 
 
 def simulator_config(trial: Trial) -> SimulatorConfig:

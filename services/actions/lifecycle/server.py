@@ -82,6 +82,7 @@ class ActionServer:
             triggers=(ODOMETRY.name, RELATIVE.name, RESULT.name, *(endpoint.name for endpoint in action.endpoints)),
             rate_hz=config.lifecycle.step_rate_hz,
             watches_clients=True,
+            made_with={"name": action.name, "boot_id": boot_id, "config": config},
         )
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:

@@ -1,5 +1,6 @@
 """The tag detector: estimates the relative position from the newest picture."""
 
+from dataclasses import replace
 from collections.abc import Iterable, Mapping, Sequence
 from math import pi, sqrt
 from typing import TYPE_CHECKING
@@ -39,9 +40,8 @@ SPEC = Spec(
 class TagDetector:
     """Uses the tags of the vehicle's board, and the vehicle's attitude at the exposure."""
 
-    spec = SPEC
-
     def __init__(self, config: TagDetectorConfig, vehicle: VehicleConfig) -> None:
+        self.spec = replace(SPEC, made_with={"config": config, "vehicle": vehicle})
         self._config = config
         self._corners_m = corners_by_id(vehicle.platform.board)
         self._finder: Finder | None = None

@@ -1,10 +1,12 @@
 """The camera with the renderer of its settings."""
 
+import dataclasses
+
 import msgspec
 
 from jezero.frames import scale as times
 from jezero.services.simulator.camera.config import CameraConfig
-from jezero.services.simulator.camera.service import Camera, NoEglError, Renderer
+from jezero.services.simulator.camera.service import SPEC, Camera, NoEglError, Renderer
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.noise import generator
 from jezero.vehicle_config import VehicleConfig
@@ -16,12 +18,15 @@ def make_camera(config: CameraConfig, simulator: SimulatorConfig, vehicle: Vehic
     Raises:
         NoEglError: `renderer` is "egl", and there is none.
     """
+    made_with = {"config": config, "simulator": simulator, "vehicle": vehicle, "seed": seed}
     vehicle = _with_printed_board(vehicle, config.print_scale)
     renderer = make_renderer(config, simulator, vehicle, seed) if config.mode == "rendered" else None
     if renderer is not None and renderer.rate_max_hz < vehicle.camera.rate_hz:
         slower = msgspec.structs.replace(vehicle.camera, rate_hz=renderer.rate_max_hz)
         vehicle = msgspec.structs.replace(vehicle, camera=slower)
-    return Camera(config, vehicle, renderer, seed)
+    camera = Camera(config, vehicle, renderer, seed)
+    camera.spec = dataclasses.replace(SPEC, made_with=made_with)
+    return camera
 
 
 def _with_printed_board(vehicle: VehicleConfig, scale: float) -> VehicleConfig:

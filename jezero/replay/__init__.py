@@ -1,0 +1,1 @@
+"""Replays of services: the service that was recorded, made again, on its recorded inputs."""

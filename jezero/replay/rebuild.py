@@ -1,0 +1,101 @@
+"""A service made again as it was when it was recorded, or with some of its settings changed."""
+
+import difflib
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, get_type_hints
+
+import msgspec
+
+from jezero.plugins import PluginError
+from jezero.recording.mcap_file import RecordingError
+from jezero.runtime.service import Service
+from jezero.services.actions.table import action_server
+from jezero.services.autopilot.service import Autopilot
+from jezero.services.estimator.service import Estimator
+from jezero.services.estimator.tag_detector.service import TagDetector
+from jezero.services.simulator.camera.making import make_camera
+from jezero.services.simulator.service import Simulator
+from jezero.services.vehicle_bridge.service import VehicleBridge
+
+MAKERS: dict[str, Callable[..., Service]] = {
+    "simulator": Simulator,
+    "camera": make_camera,
+    "autopilot": Autopilot,
+    "vehicle_bridge": VehicleBridge,
+    "tag_detector": TagDetector,
+    "estimator": Estimator,
+}
+"""Makers of the services that are no action servers; all of those have one."""
+
+
+class SettingError(ValueError):
+    """A setting can't be changed; the text says why, and what to give."""
+
+
+def make_service(name: str, made_with: Mapping[str, Any]) -> Service:
+    """Make a service from its recorded arguments.
+
+    Args:
+        name: name of the service.
+        made_with: arguments as they were recorded, see `changed`.
+
+    Raises:
+        RecordingError: this version of jezero can't make it from them.
+        SettingError: a value is out of range.
+    """
+    maker = MAKERS.get(name, action_server)
+    hints = get_type_hints(maker.__init__ if inspect.isclass(maker) else maker)
+    try:
+        arguments = {each: msgspec.convert(value, hints[each]) for each, value in made_with.items()}
+    except KeyError as error:
+        raise RecordingError(f"this version of jezero makes {name!r} without the recorded argument {error}") from None
+    except msgspec.ValidationError as error:
+        raise SettingError(f"{name}: {error}") from None
+    try:
+        return maker(**arguments)
+    except PluginError as error:
+        raise RecordingError(str(error)) from None
+
+
+def changed(made_with: Mapping[str, Any], changes: Mapping[str, str]) -> dict[str, Any]:
+    """Copy of recorded arguments with other settings.
+
+    Args:
+        made_with: arguments as they were recorded.
+        changes: values as TOML, by the setting's name, such as `std_uwb_m`; where several settings have this name, by
+            the end of the path that makes it the only one, such as `tuning.std_uwb_m`.
+
+    Raises:
+        SettingError: there is no such setting, or there are several, or the value is not TOML.
+    """
+    arguments: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(made_with))
+    paths = {".".join(path): path for path in _leaves(arguments, ())}
+    for name, text in changes.items():
+        found = [path for path in paths if path == name or path.endswith(f".{name}")]
+        if not found:
+            names = sorted({path.rpartition(".")[2] for path in paths})
+            near = difflib.get_close_matches(name.rpartition(".")[2], names, n=3)
+            hint = f"did you mean {' or '.join(near)}?" if near else f"settings: {', '.join(names)}"
+            raise SettingError(f"{name} is no setting of this service; {hint}")
+        if len(found) > 1:
+            raise SettingError(f"{name} is the name of several settings: give one of {', '.join(found)}")
+        try:
+            value = msgspec.toml.decode(f"value = {text}")["value"]
+        except msgspec.DecodeError:
+            raise SettingError(f"{name}={text}: {text!r} is no value of TOML, such as 0.05, true or \"text\"") from None
+        *parents, last = paths[found[0]]
+        table = arguments
+        for parent in parents:
+            table = table[parent]
+        table[last] = value
+    return arguments
+
+
+def _leaves(table: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
+    """Paths of all values that are no tables."""
+    for name, value in table.items():
+        if isinstance(value, dict):
+            yield from _leaves(value, (*path, name))
+        else:
+            yield (*path, name)
