@@ -83,7 +83,7 @@ def changed(made_with: Mapping[str, Any], changes: Mapping[str, str]) -> dict[st
         try:
             value = msgspec.toml.decode(f"value = {text}")["value"]
         except msgspec.DecodeError:
-            raise SettingError(f"{name}={text}: {text!r} is no value of TOML, such as 0.05, true or \"text\"") from None
+            raise SettingError(f'{name}={text}: {text!r} is no value of TOML, such as 0.05, true or "text"') from None
         *parents, last = paths[found[0]]
         table = arguments
         for parent in parents:

@@ -196,12 +196,17 @@ def _difference(t_ns: int, recorded: list[Output], replayed: list[Output]) -> Di
         if before == now:
             continue
         if isinstance(before, journal.Published) and isinstance(now, journal.Published) and before.topic == now.topic:
-            fields_before, fields_now = msgspec.json.decode(before.message), msgspec.json.decode(now.message)
-            names = [name for name in {**fields_before, **fields_now} if fields_before.get(name) != fields_now.get(name)]
-            texts = [_text({name: each.get(name) for name in names}) for each in (fields_before, fields_now)]
-            return Difference(t_ns / NS_PER_S, f"{before.topic} {texts[0]}", f"{now.topic} {texts[1]}")
+            return Difference(t_ns / NS_PER_S, *_changed_fields(before, now))
         return Difference(t_ns / NS_PER_S, "" if before is None else _text(before), "" if now is None else _text(now))
     raise ValueError("the outputs are equal")
+
+
+def _changed_fields(before: journal.Published, now: journal.Published) -> tuple[str, str]:
+    """The fields of two messages of one topic that differ, as text."""
+    old, new = msgspec.json.decode(before.message), msgspec.json.decode(now.message)
+    names = [name for name in {**old, **new} if old.get(name) != new.get(name)]
+    recorded, replayed = ({name: message.get(name) for name in names} for message in (old, new))
+    return f"{before.topic} {_text(recorded)}", f"{now.topic} {_text(replayed)}"
 
 
 def _text(value: Any) -> str:

@@ -40,8 +40,8 @@ class Spec:
         watches_clients: whether the inbox lists the clients that have vanished.
         hears_all: whether the inbox has every message that anybody publishes for the vehicle, as it was sent. Such
             messages trigger no step.
-        made_with: arguments with which the service was made, by name: its settings, ids and seeds. They are recorded, so
-            that `jezero replay` can make the service again.
+        made_with: arguments with which the service was made, by name: its settings, ids and seeds. They are recorded,
+            so that `jezero replay` can make the service again.
     """
 
     name: str

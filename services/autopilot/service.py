@@ -1,7 +1,7 @@
 """The embedded autopilot: has the MAVLink interface of PX4, and measurements only from HIL_SENSOR and HIL_GPS."""
 
-from dataclasses import replace
 from collections.abc import Iterator
+from dataclasses import replace
 
 from jezero.runtime.service import Health, Inbox, Output, Send, Spec
 from jezero.schemas.units import GRAVITY_MPS2

@@ -1,7 +1,7 @@
 """Estimator service: turns messages into measurements, serves parameter requests and publishes the estimate."""
 
-from dataclasses import replace
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np

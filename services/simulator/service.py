@@ -1,7 +1,7 @@
 """The simulator: one physics step per service step, and the readings of all sensors."""
 
-from dataclasses import replace
 from collections.abc import Iterable
+from dataclasses import replace
 from math import inf
 
 from jezero.frames import euler_from_quat, subtract

@@ -1,7 +1,7 @@
 """The tag detector: estimates the relative position from the newest picture."""
 
-from dataclasses import replace
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from math import pi, sqrt
 from typing import TYPE_CHECKING
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace as changed
 
 from benchmarks.quality.estimator_flight import Conditions
-from jezero.runtime.node import Mailbox
+from jezero.runtime.mailbox import Mailbox
 from jezero.runtime.service import Publish
 from jezero.schemas import topics
 from jezero.schemas.estimate import Relative, TagEstimate
