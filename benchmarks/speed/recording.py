@@ -15,7 +15,7 @@ from benchmarks.speed.stack import HOVER_ALTITUDE_M, cpu_ns, running_module, run
 from jezero import Vehicle
 from jezero.deploy.launcher.ports import reserved_instance
 from jezero.recording.folder import newest_recording
-from jezero.recording.images import compress, decompress
+from jezero.recording.images import ImageFormat, compress, decompress
 from jezero.recording.mcap_file import McapFile, RawMessage
 from jezero.recording.viewer_scene import MESSAGES, ViewerScene
 from jezero.recording.writer import RecordingWriter
@@ -26,9 +26,6 @@ from jezero.schemas.units import NS_PER_S
 from jezero.vehicle_config import VehicleConfig
 
 REPEATS = 3
-JPEG_QUALITY = 80
-IMAGES = 50
-
 
 def fly(folder: Path, seconds: float) -> Path:
     """Hover for some seconds, and print the shares of a core of recorder and live server; returns the recording."""
@@ -90,7 +87,7 @@ def image_us(images: Sequence[RawMessage]) -> float:
         )
     begin_ns = time.process_time_ns()
     for frame in frames:
-        compress(frame, 0, JPEG_QUALITY)
+        compress(frame, 0, ImageFormat())
     return (time.process_time_ns() - begin_ns) / 1e3 / len(frames)
 
 

@@ -49,6 +49,7 @@ SECTIONS: dict[str, dict[str, Entry]] = {
     "Records": {
         "watch": Entry("jezero.cli.watch", "watch", "Serve the messages to a viewer, live (--foxglove)."),
         "recording": Entry("jezero.cli.recording", "recording", "Look into recordings, cut, repair and export them."),
+        "replay": Entry("jezero.cli.replay", "replay", "Replay a recording (--through: through one of its services)."),
         "report": Entry("jezero.cli.report", "report", "Draw the figures of recorded flights."),
     },
     "Demonstration": {

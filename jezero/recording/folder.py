@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from jezero.os_errors import describe_os_error
 from jezero.recording.channels import topic_of
+from jezero.recording.images import ImageFormat
 from jezero.recording.viewer_scene import ViewerScene
 from jezero.recording.writer import RecordingWriter
 
@@ -38,7 +39,7 @@ class RecordingFolder:
         folder: the folder; it is made with the first file.
         about: what is recorded, see `RecordingWriter`.
         size_max_bytes: size at which a file is finished and the next one begun.
-        jpeg_quality: quality of recorded images from 1 to 95; None records none.
+        image_format: of recorded images; None records none.
         scene: makes the messages for 3D viewers.
     """
 
@@ -47,13 +48,13 @@ class RecordingFolder:
         folder: Path,
         about: Mapping[str, str],
         size_max_bytes: int,
-        jpeg_quality: int | None = None,
+        image_format: ImageFormat | None = None,
         scene: ViewerScene | None = None,
     ) -> None:
         self._folder = folder
         self._about = about
         self._size_max_bytes = size_max_bytes
-        self._jpeg_quality = jpeg_quality
+        self._image_format = image_format
         self._scene = scene
         self._writer: RecordingWriter | None = None
         self._path: Path | None = None
@@ -101,7 +102,7 @@ class RecordingFolder:
         while self._path.exists():
             number += 1
             self._path = self._folder / f"{stem}_{number}.mcap"
-        return RecordingWriter(self._path, self._about, jpeg_quality=self._jpeg_quality, scene=self._scene)
+        return RecordingWriter(self._path, self._about, image_format=self._image_format, scene=self._scene)
 
     def _finish(self) -> None:
         if self._writer is not None:

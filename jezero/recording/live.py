@@ -10,14 +10,13 @@ import foxglove
 import zenoh
 
 from jezero.recording.channels import json_schema, keys_without_images, schema_name, topic_of
-from jezero.recording.images import HEADERS, split_image
+from jezero.recording.images import HEADERS, ImageFormat, split_image
 from jezero.recording.viewer_scene import ViewerScene
 from jezero.schemas.topics import CAMERA, key
 from jezero.zenoh_client import data_of
 
 WAITING_MAX = 5000
 """Messages that wait for a busy server; beyond it the oldest are dropped. It is the load of about ten seconds."""
-JPEG_QUALITY = 80
 
 
 class ServeError(RuntimeError):
@@ -79,8 +78,8 @@ class LiveServer:
         if topic != CAMERA.name:
             self._send(logged_ns, topic, data)
             return
-        quality = JPEG_QUALITY if self._images.has_sinks() else None
-        for channel, message in split_image(data, quality, lambda t_ns: self._scene.time_of(t_ns, logged_ns)):
+        image_format = ImageFormat() if self._images.has_sinks() else None
+        for channel, message in split_image(data, image_format, lambda t_ns: self._scene.time_of(t_ns, logged_ns)):
             self._send(logged_ns, channel, message)
 
     def _send(self, logged_ns: int, name: str, data: bytes) -> None:

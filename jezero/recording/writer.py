@@ -11,7 +11,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from jezero.os_errors import naming
 from jezero.recording.channels import json_schema, schema_name
-from jezero.recording.images import split_image
+from jezero.recording.images import ImageFormat, split_image
 from jezero.recording.mcap_file import ABOUT
 from jezero.recording.viewer_scene import ViewerScene
 from jezero.schemas.topics import CAMERA
@@ -33,7 +33,7 @@ class RecordingWriter:
         path: the file; its folder is made if need be.
         about: what was recorded, such as the vehicle's name and the seed.
         schemas: schemas of topics that are copied from another recording; the other ones are of this version.
-        jpeg_quality: quality of recorded images from 1 to 95; None records of each image all but its pixels.
+        image_format: of recorded images; None records of each image all but its pixels.
         scene: makes the messages for 3D viewers from the others; None for a copy, which has them already.
 
     Raises:
@@ -46,7 +46,7 @@ class RecordingWriter:
         about: Mapping[str, str],
         *,
         schemas: Mapping[str, Schema] | None = None,
-        jpeg_quality: int | None = None,
+        image_format: ImageFormat | None = None,
         scene: ViewerScene | None = None,
     ) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -59,7 +59,7 @@ class RecordingWriter:
             index_types=IndexType.ALL,
         )
         self._schemas = {} if schemas is None else schemas
-        self._jpeg_quality = jpeg_quality
+        self._image_format = image_format
         self._scene = scene
         self._channels: dict[str, int] = {}
         self._sequences: dict[int, int] = {}
@@ -103,7 +103,7 @@ class RecordingWriter:
         if topic != CAMERA.name:
             self._add_with_scene(topic, data)
             return
-        for channel, message in split_image(data, self._jpeg_quality, self._time_of):
+        for channel, message in split_image(data, self._image_format, self._time_of):
             self._add_with_scene(channel, message)
 
     def _time_of(self, t_ns: int) -> int:

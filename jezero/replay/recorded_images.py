@@ -4,7 +4,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from zlib import crc32
 
-from jezero.codec import BadPayloadError, decode, join_attachment
+import msgspec
+
+from jezero.codec import join_attachment
 from jezero.recording import Recording, RecordingError
 from jezero.schemas.sensors import CameraFrame
 
@@ -34,8 +36,8 @@ class RecordedImages:
             RecordingError: the image is not in the recordings.
         """
         try:
-            wanted = decode(CameraFrame, header)
-        except BadPayloadError as error:
+            wanted = msgspec.json.decode(header, type=CameraFrame)
+        except msgspec.DecodeError as error:
             raise RecordingError(f"an image in the journal is damaged: {error}") from None
         for frame, pixels in self._images:
             if frame == wanted:
@@ -44,5 +46,5 @@ class RecordedImages:
                 return join_attachment(header, data)
         raise RecordingError(
             f"the recording doesn't have the image of {wanted.t_ns / 1e9:.3f} s, which the service read: "
-            "replay a recording with images (`images = true` in recorder.toml)"
+            "replay a recording with images (`images` in recorder.toml)"
         )

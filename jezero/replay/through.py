@@ -42,6 +42,7 @@ class Replay:
 
     Attributes:
         service: name of the service.
+        files: the recordings that were read.
         runs: number of runs of the service, each from a start of its process.
         steps: number of steps.
         outputs: number of recorded outputs.
@@ -54,6 +55,7 @@ class Replay:
     """
 
     service: str
+    files: list[Path]
     runs: int = 0
     steps: int = 0
     outputs: int = 0
@@ -84,7 +86,7 @@ def replay_through(path: Path, service: str, changes: dict[str, str] | None = No
     """
     files = files_with_start(path, service)
     images = RecordedImages(files)
-    replay = Replay(service)
+    replay = Replay(service, files)
     for run in runs_of(files, service):
         _replay_run(run, replay, images, changes or {})
     replay.lossy_images = images.lossy

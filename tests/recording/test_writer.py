@@ -10,6 +10,7 @@ from mcap.reader import make_reader
 from jezero.codec import encode
 from jezero.recording import open_recording
 from jezero.recording.channels import json_schema, keys_without_images, schema_name
+from jezero.recording.images import ImageFormat
 from jezero.recording.writer import RecordingWriter
 from jezero.schemas import topics
 from jezero.schemas.sensors import Altimeter, CameraFrame
@@ -51,7 +52,7 @@ def test_the_same_messages_give_the_same_bytes(tmp_path: Path) -> None:
 
 def test_an_image_is_recorded_as_a_jpeg_that_viewers_show_and_its_other_fields_beside_it(tmp_path: Path) -> None:
     path = tmp_path / "flight.mcap"
-    with RecordingWriter(path, {}, jpeg_quality=90) as writer:
+    with RecordingWriter(path, {}, image_format=ImageFormat("jpeg", 90)) as writer:
         writer.write(7, topics.CAMERA.name, encode(FRAME))
     with path.open("rb") as file:
         header, image = make_reader(file).iter_messages()
@@ -64,7 +65,16 @@ def test_an_image_is_recorded_as_a_jpeg_that_viewers_show_and_its_other_fields_b
     assert np.abs(pixels.astype(int) - 120).max() < 5
 
 
-def test_without_a_quality_images_are_recorded_without_pixels(tmp_path: Path) -> None:
+def test_an_image_recorded_as_a_png_has_every_pixel_as_it_was(tmp_path: Path) -> None:
+    path = tmp_path / "flight.mcap"
+    noise = np.random.default_rng(0).integers(0, 256, (48, 64, 3), np.uint8)
+    with RecordingWriter(path, {}, image_format=ImageFormat("png")) as writer:
+        writer.write(7, topics.CAMERA.name, encode(FRAME.with_attachment(noise.tobytes())))
+    ((_, pixels),) = open_recording(path).images()
+    assert np.array_equal(pixels, noise)
+
+
+def test_without_a_format_images_are_recorded_without_pixels(tmp_path: Path) -> None:
     path = tmp_path / "flight.mcap"
     with RecordingWriter(path, {}) as writer:
         writer.write(7, topics.CAMERA.name, encode(FRAME))
