@@ -44,7 +44,11 @@ def make_service(name: str, made_with: Mapping[str, Any]) -> Service:
         RecordingError: this version of jezero can't make it from them.
         SettingError: a value is out of range.
     """
-    maker = MAKERS.get(name, action_server)
+    maker = MAKERS.get(name)
+    if maker is None:
+        if made_with.get("name") != name:
+            raise RecordingError(f"{name!r} is neither an action server nor a service that this version can replay")
+        maker = action_server
     hints = get_type_hints(maker.__init__ if inspect.isclass(maker) else maker)
     try:
         arguments = {each: msgspec.convert(value, hints[each]) for each, value in made_with.items()}
