@@ -26,6 +26,7 @@ from jezero.schemas.units import NS_PER_S
 from jezero.vehicle_config import VehicleConfig
 
 REPEATS = 3
+IMAGES = 50
 
 
 def fly(folder: Path, seconds: float) -> Path:

@@ -8,7 +8,7 @@ import pytest
 from jezero.recording import RecordingError
 from jezero.recording.images import ImageFormat
 from jezero.recording.journals import journaled_services
-from jezero.recording.mcap_file import McapFile, Message
+from jezero.recording.mcap_file import McapFile, RawMessage
 from jezero.recording.writer import RecordingWriter
 from jezero.replay.errors import relative_errors
 from jezero.replay.rebuild import SettingError
@@ -28,7 +28,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def copy(source: Path, target: Path, keep: Callable[[int, Message], bool]) -> Path:
+def copy(source: Path, target: Path, keep: Callable[[int, RawMessage], bool]) -> Path:
     """Copy those messages of a recording that `keep(index, message)` accepts."""
     file = McapFile(source)
     with RecordingWriter(target, {}, schemas=file.schemas) as writer:
