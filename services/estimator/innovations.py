@@ -34,9 +34,8 @@ class Innovation(msgspec.Struct, frozen=True, gc=False):
         cov: (m, m) predicted covariance of `residual`, H P Hᵀ + R.
         cov_noise: (m, m) the part R of `cov`: the measurement noise in force.
         accepted: (m,) whether each component passes the gate.
-        setting: value of the setting that scales the noise; 0 for a noise without a setting.
-        cov_per_setting: (m, m) R is a constant plus the square of the setting times this covariance; None for a noise
-            without a setting.
+        setting: value in use of the setting to whose square `cov_noise` is proportional; None where no setting changes
+            the noise.
     """
 
     sensor: Sensor
@@ -45,8 +44,7 @@ class Innovation(msgspec.Struct, frozen=True, gc=False):
     cov: Array
     cov_noise: Array
     accepted: NDArray[np.bool_]
-    setting: float = 0.0
-    cov_per_setting: Array | None = None
+    setting: float | None = None
 
 
 Observer = Callable[[Innovation], None]

@@ -96,15 +96,14 @@ class Kalman:
         H: Array,
         R: Array,
         accepted: NDArray[np.bool_] | bool,
-        setting: float = 0.0,
-        cov_per_setting: Array | None = None,
+        setting: float | None = None,
     ) -> None:
         """Call the observer, if there is one; for the arguments see `Innovation` and `update`."""
         if self.observer is None:
             return
         fits = np.broadcast_to(np.asarray(accepted), innovation.shape)
         cov = self.innovation_covariance(H, R)
-        self.observer(Innovation(sensor, self.t_ns, innovation, cov, R, fits, setting, cov_per_setting))
+        self.observer(Innovation(sensor, self.t_ns, innovation, cov, R, fits, setting))
 
     def update(self, innovation: Array, H: Array, R: Array) -> None:
         """Measurement update, linearised at the present state.

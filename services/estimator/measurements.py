@@ -54,7 +54,6 @@ the second as a fraction of the distance: far away the direction matters, not th
 TAG_UPDATE_STD_MAX_M = 100.0
 """Above this standard deviation the position is unknown, and the filter is reset to the tag instead of updated."""
 PLATFORM_EDGE_SIGMAS = 3.0
-ALTIMETER_UNIT = np.eye(1)
 
 
 class Measurement(Protocol):
@@ -164,7 +163,12 @@ class RoverOdometryMeasurement(msgspec.Struct, frozen=True, gc=False):
         return UpdateResult(int(fits), 1)
 
     def _announce(self, kalman: Kalman, innovation: Array, H: Array, R: Array, accepted: NDArray[np.bool_]) -> None:
-        """Announce what is measured; that the rover neither slides nor climbs, nor moves on still wheels, is assumed."""
+        """Announce what is measured; that the rover neither slides nor climbs, nor moves on still wheels, is assumed.
+
+        The noise of the speed counts as proportional to its setting, which is nearly so at low speeds.
+        """
+        if kalman.observer is None:
+            return
         settings: list[tuple[Sensor, int, float]] = [
             ("rover_yaw", 3, self.std_yaw_rad),
             ("rover_yaw_rate", 4, self.std_yaw_rate_rps),
@@ -173,8 +177,7 @@ class RoverOdometryMeasurement(msgspec.Struct, frozen=True, gc=False):
             settings.append(("rover_speed", 0, self.std_speed_mps))
         for sensor, i, setting in settings:
             part = slice(i, i + 1)
-            cov = R[part, part]
-            kalman.announce(sensor, innovation[part], H[part], cov, accepted[part], setting, cov / setting**2)
+            kalman.announce(sensor, innovation[part], H[part], R[part, part], accepted[part], setting)
 
     def _stds(self) -> Array:
         speed = abs(self.speed_mps)
@@ -222,8 +225,7 @@ class UwbMeasurement(msgspec.Struct, frozen=True, gc=False):
         S = ((H @ kalman.P) * H).sum(axis=1) + variance
         good = np.square(innovation) <= gate[0] * S
         used = int(np.count_nonzero(good))
-        unit = np.eye(offered)
-        kalman.announce("uwb", innovation, H, variance * unit, good, self.std_m, unit)
+        kalman.announce("uwb", innovation, H, variance * np.eye(offered), good, self.std_m)
         if not used:
             return UpdateResult(0, offered)
         kalman.update(innovation[good], H[good], variance * np.eye(used))
@@ -288,7 +290,7 @@ class AltimeterMeasurement(msgspec.Struct, frozen=True, gc=False):
         innovation = np.array([self.range_m - expected_m])
         S = float(kalman.innovation_covariance(H, R)[0, 0])
         fits = float(innovation[0]) ** 2 <= gate[0] * S
-        kalman.announce("altimeter", innovation, H, R, fits, self.std_m, ALTIMETER_UNIT)
+        kalman.announce("altimeter", innovation, H, R, fits, self.std_m)
         if not fits:
             return UpdateResult(0, 1)
         kalman.update(innovation, H, R)
@@ -350,7 +352,7 @@ class TagMeasurement(msgspec.Struct, frozen=True, gc=False):
         innovation = self.lever_arm_m - scale * arm_m - H[:, ATTITUDE_ERROR] @ x[ATTITUDE_ERROR]
         S = kalman.innovation_covariance(H, R)
         fits = float(innovation @ np.linalg.solve(S, innovation)) <= gate[1]
-        kalman.announce("tag", innovation, H, R, fits, self.scale_std, R / self.scale_std**2)
+        kalman.announce("tag", innovation, H, R, fits, self.scale_std)
         if not fits:
             return UpdateResult(0, 3)
         kalman.update(innovation, H, R)
@@ -387,33 +389,6 @@ class TagMeasurement(msgspec.Struct, frozen=True, gc=False):
         x = kalman.x
         innovation = np.array([wrap_pi(yaw_rad - float(x[YAW]) - float(x[19]))])
         fits = float(innovation[0]) ** 2 <= gate[0] * float(kalman.innovation_covariance(H, R)[0, 0])
-        kalman.announce("tag_yaw", innovation, H, R, fits, self.scale_std, R / self.scale_std**2)
+        kalman.announce("tag_yaw", innovation, H, R, fits, self.scale_std)
         if fits:
             kalman.update(innovation, H, R)
-
-
-class HeadingReset(msgspec.Struct, frozen=True, gc=False):
-    """Turn of the rover's heading against its compass; for the fields see `Kalman.reset_rover_heading`."""
-
-    kind: ClassVar[Kind] = "locate"
-    t_ns: int
-    turn_rad: float
-    std_rad: float
-
-    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
-        kalman.reset_rover_heading(self.turn_rad, self.std_rad)
-        return UpdateResult(1, 1)
-
-
-class PositionReset(msgspec.Struct, frozen=True, gc=False):
-    """Measured relative position that replaces the former estimate; fields as in `Kalman.reset_rover_position`."""
-
-    kind: ClassVar[Kind] = "locate"
-    t_ns: int
-    pos_rel_m: Array
-    cov_m2: Array
-    error_jacobian: Array
-
-    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
-        kalman.reset_rover_position(self.pos_rel_m, self.cov_m2, self.error_jacobian)
-        return UpdateResult(3, 3)

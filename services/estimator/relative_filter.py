@@ -15,11 +15,9 @@ from jezero.services.estimator.measurement_history import ACCEPTED_FRACTION_MIN,
 from jezero.services.estimator.measurements import (
     INPUT_KINDS,
     AltimeterMeasurement,
-    HeadingReset,
     Kind,
     Measurement,
     OdometryMeasurement,
-    PositionReset,
     TagMeasurement,
     UwbMeasurement,
     can_linearize_ranges,
@@ -39,6 +37,7 @@ from jezero.services.estimator.motion import (
     MotionModel,
     initial_state,
 )
+from jezero.services.estimator.resets import HeadingReset, PositionReset
 from jezero.services.estimator.uwb_initialization import UwbWindow
 from jezero.vehicle_config import PlatformConfig
 
