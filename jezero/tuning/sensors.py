@@ -33,7 +33,7 @@ SENSORS: dict[Sensor, SensorInfo] = {
     "altimeter": SensorInfo("altimeter", "cm", 100.0, "std_altimeter_m"),
     "rover_yaw": SensorInfo("rover, yaw", "°", degrees(1.0), "std_yaw_rover_rad"),
     "rover_yaw_rate": SensorInfo("rover, yaw rate", "°/s", degrees(1.0), "std_yaw_rate_rover_rps"),
-    "rover_speed": SensorInfo("rover, speed", "cm/s", 100.0, "std_speed_rover_mps"),
+    "rover_speed": SensorInfo("rover, speed", "cm/s", 100.0),
     "autopilot_position": SensorInfo("autopilot, position", "cm", 100.0),
     "autopilot_velocity": SensorInfo("autopilot, velocity", "cm/s", 100.0),
 }

@@ -163,19 +163,16 @@ class RoverOdometryMeasurement(msgspec.Struct, frozen=True, gc=False):
         return UpdateResult(int(fits), 1)
 
     def _announce(self, kalman: Kalman, innovation: Array, H: Array, R: Array, accepted: NDArray[np.bool_]) -> None:
-        """Announce what is measured; that the rover neither slides nor climbs, nor moves on still wheels, is assumed.
-
-        The noise of the speed counts as proportional to its setting, which is nearly so at low speeds.
-        """
+        """Announce what is measured; that the rover neither slides nor climbs, nor moves on still wheels, is assumed."""
         if kalman.observer is None:
             return
-        settings: list[tuple[Sensor, int, float]] = [
+        measured: list[tuple[Sensor, int, float | None]] = [
             ("rover_yaw", 3, self.std_yaw_rad),
             ("rover_yaw_rate", 4, self.std_yaw_rate_rps),
         ]
         if abs(self.speed_mps) >= SPEED_STILL_MPS:
-            settings.append(("rover_speed", 0, self.std_speed_mps))
-        for sensor, i, setting in settings:
+            measured.append(("rover_speed", 0, None))  # its noise depends on the speed too
+        for sensor, i, setting in measured:
             part = slice(i, i + 1)
             kalman.announce(sensor, innovation[part], H[part], R[part, part], accepted[part], setting)
 
