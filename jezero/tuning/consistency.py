@@ -74,7 +74,9 @@ def judge(flights: Sequence[Sequence[Innovation]]) -> Consistency | None:
         std_predicted=_numbers(np.ma.sqrt(variance.mean(axis=0))),
         nis=sum(square for square, _ in squares) / sum(dof for _, dof in squares) if squares else None,
         nis_band=chi2_band(independent),
-        autocorrelation=float(np.average([autocorrelation(z) for z in components], weights=[len(z) for z in components])),
+        autocorrelation=float(
+            np.average([autocorrelation(z) for z in components], weights=[len(z) for z in components])
+        ),
         effective_count=independent,
     )
 
@@ -117,9 +119,7 @@ def _components(flights: Sequence[Sequence[Innovation]]) -> Iterator[Array]:
     """Normalised innovations of each component of each flight, of complete measurements, rejected ones too."""
     size = max(len(each.residual) for flight in flights for each in flight)
     for flight in flights:
-        rows = [
-            each.residual / np.sqrt(each.cov.diagonal()) for each in flight if len(each.residual) == size
-        ]
+        rows = [each.residual / np.sqrt(each.cov.diagonal()) for each in flight if len(each.residual) == size]
         if len(rows) > 2:
             yield from (column for column in np.array(rows).T if column.any())
 

@@ -2,22 +2,21 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import inf
 from pathlib import Path
+
+import numpy as np
 
 from jezero.recording.journals import files_with_start
 from jezero.recording.mcap_file import RecordingError
 from jezero.replay.through import Replay, replay_through
 from jezero.runtime.service import Service
-from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.innovations import Innovation, Sensor
 from jezero.services.estimator.service import Estimator
 from jezero.tuning.sensors import SENSORS
 
-GAP_MIN_NS = 2 * NS_PER_S
-SETTLING_NS = NS_PER_S
-"""Innovations are left out for this time after a sensor's first one, and after its first one behind a gap: the state is
-then less certain than the sensor, and innovations show the state's error."""
+UNSETTLED = 25.0
+"""Innovations are left out where the predicted variance of the state's part exceeds its median by this factor, as after
+the start of the filter: they show an error of the state that the sensor has not corrected yet."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,7 @@ class ObservedFlight:
 
     Attributes:
         replay: the replay.
-        innovations: those of each sensor, in the order of their times, without those of the settling times.
+        innovations: those of each sensor, in the order of their times, without those before the filter has settled.
     """
 
     replay: Replay
@@ -78,13 +77,9 @@ def observe(path: Path, changes: Mapping[str, str]) -> ObservedFlight:
 
 
 def settled(innovations: Sequence[Innovation]) -> list[Innovation]:
-    """Innovations of one sensor, by time, without those of its settling times."""
-    kept: list[Innovation] = []
-    before_ns, begin_ns = -inf, 0
-    for each in innovations:
-        if each.t_ns - before_ns > GAP_MIN_NS:
-            begin_ns = each.t_ns
-        before_ns = each.t_ns
-        if each.t_ns - begin_ns >= SETTLING_NS:
-            kept.append(each)
-    return kept
+    """Innovations of one sensor without those before the filter has settled."""
+    if not innovations:
+        return []
+    var_state = np.array([(each.cov - each.cov_noise).trace() / len(each.residual) for each in innovations])
+    certain = var_state <= UNSETTLED * np.median(var_state)
+    return [each for each, keep in zip(innovations, certain, strict=True) if keep]

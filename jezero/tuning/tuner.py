@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import log, sqrt
+from math import exp, log, sqrt
 from pathlib import Path
 
 import msgspec
@@ -14,7 +14,7 @@ from jezero.tuning.observation import ObservedFlight, observe, runs_of_files
 from jezero.tuning.sensors import SENSORS, limits
 from jezero.tuning.statistics import ConsistentSetting
 
-ROUNDS_MAX = 8
+ROUNDS_MAX = 10
 CONVERGED = 0.02
 """The search ends when no setting changes by more than this share between two replays."""
 UNCHANGED = 0.02
@@ -172,6 +172,8 @@ class _Search:
         self.rounds = 0
         self.values: dict[Sensor, float] = {}
         self.fits: dict[Sensor, ConsistentSetting] = {}
+        self._tried: dict[Sensor, tuple[float, float]] = {}
+        """Logarithm of the setting before, and what was missing to the logarithm of the one that its replay suggested."""
 
     def advance(self, flights: Sequence[ObservedFlight]) -> bool:
         """Judge a replay with `values`, and correct them; whether they were right, and stay."""
@@ -185,11 +187,24 @@ class _Search:
             if fit is None:
                 continue
             self.fits[sensor] = fit
-            corrected[sensor] = _rounded(fit.value, info.setting)
             before = self.values.get(sensor) or setting_in_use(series)
-            changed |= before is None or abs(log(corrected[sensor] / before)) > CONVERGED
-        self.values = {**corrected, **self.values} if not changed else {**self.values, **corrected}
+            assert before is not None
+            missing = log(_rounded(fit.value, info.setting) / before)
+            changed |= abs(missing) > CONVERGED
+            corrected[sensor] = _rounded(self._next(sensor, before, missing), info.setting)
+        if changed and self.rounds < ROUNDS_MAX:
+            self.values |= corrected
+        else:  # those that were replayed stay, so that the last replay shows what they do
+            self.values = {**corrected, **self.values}
         return not changed
+
+    def _next(self, sensor: Sensor, value: float, missing: float) -> float:
+        """The next setting to try: where two replays err in opposite directions, the one between them."""
+        tried, self._tried[sensor] = self._tried.get(sensor), (log(value), missing)
+        if tried is None or tried[1] * missing >= 0.0:
+            return value * exp(missing)
+        before, missing_before = tried
+        return exp(log(value) - missing * (log(value) - before) / (missing - missing_before))
 
     def as_toml(self) -> dict[str, str]:
         """The settings by name."""
