@@ -1,8 +1,9 @@
 """`jezero tune`: noise settings of the estimator from recorded flights."""
 
 import json
+import shlex
 from collections.abc import Mapping, Sequence
-from math import isnan, sqrt
+from math import sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,9 +35,10 @@ SIGMAS = 2.0
 def tune(files: tuple[Path, ...], settings: tuple[str, ...], figure: Path | None, as_json: bool) -> None:
     """Find the noise settings of the estimator that fit the flights in FILES.
 
-    FILE is a recording, or the folder of a run. The flights are replayed through the estimator. For each of its sensors
-    the innovations are compared with the spread that the filter predicts, and the noise setting that makes both agree is
-    searched. A recording needs no truth; with truth, the errors that the suggested settings give are printed too.
+    FILE is a recording, or the folder of a run. The flights are replayed through the estimator. For each of its
+    sensors the command compares the innovations with the spread that the filter predicts, and searches the noise
+    setting that makes both agree. A recording needs no truth; with truth, the errors that the suggested settings give
+    are printed too.
     """
     from jezero.recording import RecordingError, open_recording
     from jezero.replay.rebuild import SettingError
@@ -80,13 +82,15 @@ def _print(result: "TuningResult", changes: Mapping[str, str], figure: Path) -> 
     suggestions = [each for each in result.sensors if each.suggestion is not None]
     click.echo("\nnoise settings that make the innovations consistent:\n")
     with_error = result.accuracy is not None
-    titles = ("setting", "in use", "consistent", "NIS then", *(("error alone",) if with_error else ()))
+    titles = ("setting", "in use", "consistent", "NIS after", *(("error alone",) if with_error else ()))
     _print_table([titles, *(_setting_row(each, with_error) for each in suggestions)])
     click.echo()
     for text in _remarks(result):
         click.echo(click.wrap_text(f"- {text}", 118, subsequent_indent="  "))
-    click.echo(f"\nsettings for deploy/config/estimator.toml:\n\n{_toml(result.settings)}\n")
-    click.echo(f"to check them on a flight:\n\n{_replay_command(result, changes)}\n\nwrote {figure}")
+    if result.settings:
+        click.echo(f"\nsettings for deploy/config/estimator.toml:\n\n{_toml(result.settings)}\n")
+        click.echo(f"to check them on a flight:\n\n{_replay_command(result, changes)}")
+    click.echo(f"\nwrote {figure}")
 
 
 def _innovation_row(tuning: "SensorTuning") -> tuple[str, ...]:
@@ -94,16 +98,16 @@ def _innovation_row(tuning: "SensorTuning") -> tuple[str, ...]:
 
     info, found = SENSORS[tuning.sensor], tuning.in_use
 
-    def shown(value: float) -> str:
-        if isnan(value):  # all were rejected
+    def shown(values: Sequence[float]) -> str:
+        if not values:
             return "–"
-        return f"{round(info.per_si * value, 2) + 0.0:.2f} {info.unit}"  # + 0.0 turns -0.0 into 0.0
+        return f"{round(info.per_si * values[0], 2) + 0.0:.2f} {info.unit}"  # + 0.0 turns -0.0 into 0.0
 
     return (
         tuning.label,
         f"{found.count}",
         f"{100.0 * found.rejected:.1f} %",
-        shown(max(found.mean, key=abs)),
+        shown(sorted(_known(found.mean), key=abs, reverse=True)),
         shown(_root_mean_square(found.std)),
         shown(_root_mean_square(found.std_predicted)),
         _nis(found),
@@ -121,8 +125,8 @@ def _setting_row(tuning: "SensorTuning", with_error: bool) -> tuple[str, ...]:
 
 
 def _value(found: "Suggestion") -> str:
-    if found.is_bound:
-        return f"at most {found.value:g}"
+    if found.bound is not None:
+        return f"at most {found.bound:g}"
     return f"{found.value:g} ± {SIGMAS * found.std:.1g}"
 
 
@@ -130,8 +134,15 @@ def _nis(consistency: "Consistency | None") -> str:
     return "–" if consistency is None or consistency.nis is None else f"{consistency.nis:.2f}"
 
 
-def _root_mean_square(values: Sequence[float]) -> float:
-    return sqrt(sum(value * value for value in values) / len(values))
+def _known(values: Sequence[float | None]) -> list[float]:
+    """The values of the components of which not all measurements are rejected."""
+    return [value for value in values if value is not None]
+
+
+def _root_mean_square(values: Sequence[float | None]) -> list[float]:
+    """The root mean square of the known values; empty when there is none."""
+    known = _known(values)
+    return [sqrt(sum(value * value for value in known) / len(known))] if known else []
 
 
 def _print_table(rows: Sequence[tuple[str, ...]]) -> None:
@@ -147,11 +158,10 @@ def _remarks(result: "TuningResult") -> list[str]:
 
     suggestions = [each.suggestion for each in result.sensors if each.suggestion is not None]
     remarks = [_accuracy_text(result)]
-    bounds = [each.setting for each in suggestions if each.is_bound]
-    if bounds:
+    if any(each.bound is not None for each in suggestions):
         remarks.append(
-            f"at most: the filter predicts a larger error of its state than all innovations show, so that the noise of "
-            f"{' and '.join(bounds)} can't be seen; it is not larger than given"
+            "at most: the error that the filter predicts for its state is larger than the innovations, so that it "
+            "hides the noise of the sensor; a smaller setting in use stays"
         )
     for each in suggestions:
         if each.at_limit:
@@ -197,5 +207,5 @@ def _toml(settings: Mapping[str, float]) -> str:
 
 def _replay_command(result: "TuningResult", changes: Mapping[str, str]) -> str:
     values = {**changes, **{name: f"{value:g}" for name, value in result.settings.items()}}
-    options = "".join(f" \\\n    --set {name}={value}" for name, value in values.items())
-    return f"jezero replay {result.paths[0]} --through estimator{options}"
+    options = "".join(f" \\\n    --set {shlex.quote(f'{name}={value}')}" for name, value in values.items())
+    return f"jezero replay {shlex.quote(str(result.paths[0]))} --through estimator{options}"

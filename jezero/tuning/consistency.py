@@ -1,6 +1,7 @@
 """Consistency of the innovations of one sensor in several flights."""
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -30,21 +31,23 @@ class Consistency(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         count: number of measurements.
         rejected: share of the measured values that the gate rejects; all else is from those that it accepts.
-        mean: mean innovation of each component: ranges in the order of the anchors, north, east and down.
+        mean: mean innovation of each component: ranges in the order of the anchors, north, east and down. None for a
+            component of which all values are rejected, also below.
         std: standard deviation of each component.
         std_predicted: root of the mean variance that the filter predicts for each component.
         nis: mean normalised innovation squared, divided by the number of components; 1 is consistent. None when all are
             rejected.
         nis_band: the band in which `nis` lies with a probability of 95 % when the filter is consistent.
-        autocorrelation: mean autocorrelation of the normalised innovations from one measurement to the next; 0 is white.
+        autocorrelation: mean autocorrelation of the normalised innovations from one measurement to the next; 0 is
+            white.
         effective_count: number of independent ones among all components of all measurements.
     """
 
     count: int
     rejected: float
-    mean: tuple[float, ...]
-    std: tuple[float, ...]
-    std_predicted: tuple[float, ...]
+    mean: tuple[float | None, ...]
+    std: tuple[float | None, ...]
+    std_predicted: tuple[float | None, ...]
     nis: float | None
     nis_band: tuple[float, float]
     autocorrelation: float
@@ -124,6 +127,6 @@ def _components(flights: Sequence[Sequence[Innovation]]) -> Iterator[Array]:
             yield from (column for column in np.array(rows).T if column.any())
 
 
-def _numbers(values: Array) -> tuple[float, ...]:
-    """The values, NaN where all samples are masked."""
-    return tuple(np.ma.filled(np.ma.asarray(values, float), np.nan).tolist())
+def _numbers(values: Any) -> tuple[float | None, ...]:
+    """The values of a masked array, None where it is masked."""
+    return tuple(np.ma.atleast_1d(values).tolist())

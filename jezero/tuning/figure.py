@@ -146,8 +146,8 @@ def _draw_nis(ax: "Axes", tuning: SensorTuning) -> None:
         if inside is not None:
             ax.plot([inside], [y], "o", ms=4, color=color, zorder=3)
         ax.annotate(
-            f"{name} {text}", (0.04, y + 0.3), xycoords=("axes fraction", "data"), fontsize=6.5, color=color, va="center",
-            bbox={"facecolor": "white", "lw": 0, "pad": 0.5}, zorder=4,
+            f"{name} {text}", (0.04, y + 0.3), xycoords=("axes fraction", "data"), fontsize=6.5, color=color,
+            va="center", bbox={"facecolor": "white", "lw": 0, "pad": 0.5}, zorder=4,
         )  # fmt: skip
     ax.axvline(1.0, color="0.3", lw=0.6, zorder=2)
     ax.set_xscale("log")

@@ -31,9 +31,11 @@ class Suggestion(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         setting: name of the setting in `[tuning]` of estimator.toml.
         in_use: value that the filter used; more than the setting where the filter found more noise itself.
-        value: the value that makes the innovations consistent.
+        value: the suggested value, which makes the innovations consistent; where the predicted error of the state hides
+            the noise, the least of `in_use` and `bound`.
         std: standard error of `value`; the true value lies within twice this error with a probability of 95 %.
-        is_bound: the noise is `value` at most: the predicted error of the state hides it.
+        bound: the greatest value that the innovations allow, where the predicted error of the state hides the noise;
+            else None.
         at_limit: `value` is the least or the greatest that the setting may have.
         used: value that the filter used when it was replayed with the suggestions.
         rms_alone_m: root of the mean square error of the position with this suggestion alone; None without truth.
@@ -43,10 +45,15 @@ class Suggestion(msgspec.Struct, frozen=True, kw_only=True):
     in_use: float
     value: float
     std: float
-    is_bound: bool
+    bound: float | None
     at_limit: bool
     used: float | None
     rms_alone_m: float | None = None
+
+    @property
+    def keeps(self) -> bool:
+        """Whether the setting in use stays, because it can't be judged better."""
+        return self.bound is not None and self.bound >= self.in_use
 
 
 class SensorTuning(msgspec.Struct, frozen=True, kw_only=True):
@@ -111,9 +118,9 @@ class TuningResult:
 
     @property
     def settings(self) -> dict[str, float]:
-        """All suggested settings by name."""
+        """Suggested settings by name, without those that stay."""
         found = [each.suggestion for each in self.sensors if each.suggestion is not None]
-        return {each.setting: each.value for each in found}
+        return {each.setting: each.value for each in found if not each.keeps}
 
 
 def tune(
@@ -172,8 +179,9 @@ class _Search:
         self.rounds = 0
         self.values: dict[Sensor, float] = {}
         self.fits: dict[Sensor, ConsistentSetting] = {}
+        self._in_use: dict[Sensor, float] = {}
         self._tried: dict[Sensor, tuple[float, float]] = {}
-        """Logarithm of the setting before, and what was missing to the logarithm of the one that its replay suggested."""
+        """Logarithm of the setting of the replay before, and the correction of it that this replay suggested."""
 
     def advance(self, flights: Sequence[ObservedFlight]) -> bool:
         """Judge a replay with `values`, and correct them; whether they were right, and stay."""
@@ -187,11 +195,14 @@ class _Search:
             if fit is None:
                 continue
             self.fits[sensor] = fit
-            before = self.values.get(sensor) or setting_in_use(series)
-            assert before is not None
-            missing = log(_rounded(fit.value, info.setting) / before)
-            changed |= abs(missing) > CONVERGED
-            corrected[sensor] = _rounded(self._next(sensor, before, missing), info.setting)
+            in_use = setting_in_use(series)
+            assert in_use is not None
+            in_use = self._in_use.setdefault(sensor, in_use)
+            before = self.values.get(sensor, in_use)
+            fitting = min(fit.value, in_use) if fit.is_bound else fit.value
+            correction = log(_rounded(fitting, info.setting) / before)
+            changed |= abs(correction) > CONVERGED
+            corrected[sensor] = _rounded(self._next(sensor, before, correction), info.setting)
         if changed and self.rounds < ROUNDS_MAX:
             self.values |= corrected
         else:  # those that were replayed stay, so that the last replay shows what they do
@@ -242,7 +253,7 @@ def _sensor_tuning(
             in_use=used_before,
             value=value,
             std=value * fit.std_relative,
-            is_bound=fit.is_bound,
+            bound=_rounded(fit.value, setting) if fit.is_bound else None,
             at_limit=value in limits(setting),
             used=setting_in_use(_series(suggested, sensor)),
         )

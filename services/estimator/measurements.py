@@ -163,7 +163,7 @@ class RoverOdometryMeasurement(msgspec.Struct, frozen=True, gc=False):
         return UpdateResult(int(fits), 1)
 
     def _announce(self, kalman: Kalman, innovation: Array, H: Array, R: Array, accepted: NDArray[np.bool_]) -> None:
-        """Announce what is measured; that the rover neither slides nor climbs, nor moves on still wheels, is assumed."""
+        """Announce the measured components; those of sliding and climbing are assumptions, not measurements."""
         if kalman.observer is None:
             return
         measured: list[tuple[Sensor, int, float | None]] = [
