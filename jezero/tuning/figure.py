@@ -29,7 +29,7 @@ PAUSE_S = 2.0
 QUANTILE_SHOWN, MARGIN, BAND_MAX = 0.99, 1.4, 3.0
 """The axes show this share of the innovations, with a margin, and of the bands what lies within a multiple of it."""
 ROW_IN, HEAD_IN = 1.25, 0.9
-NIS_LIMITS = (0.01, 100.0)
+NIS_LIMITS = (0.02, 50.0)
 
 
 class _Series(NamedTuple):
@@ -139,7 +139,7 @@ def _draw_nis(ax: "Axes", tuning: SensorTuning) -> None:
     for y, consistency, color, name in rows:
         if consistency is None:
             continue
-        ax.plot(consistency.nis_band, (y, y), color=BAND, lw=9, solid_capstyle="butt", zorder=1)
+        ax.plot(consistency.nis_band, (y, y), color="0.6", lw=9, solid_capstyle="butt", zorder=1)
         nis = consistency.nis
         inside = None if nis is None else min(max(nis, NIS_LIMITS[0]), NIS_LIMITS[1])
         text = "all rejected" if nis is None else f"{nis:.2f}"
@@ -149,7 +149,7 @@ def _draw_nis(ax: "Axes", tuning: SensorTuning) -> None:
             f"{name} {text}", (0.04, y + 0.3), xycoords=("axes fraction", "data"), fontsize=6.5, color=color,
             va="center", bbox={"facecolor": "white", "lw": 0, "pad": 0.5}, zorder=4,
         )  # fmt: skip
-    ax.axvline(1.0, color="0.3", lw=0.6, zorder=2)
+    ax.axvline(1.0, color="0.6", lw=0.6, zorder=0)
     ax.set_xscale("log")
     ax.set_xlim(*NIS_LIMITS)
     ax.set_ylim(-0.5, 1.7)

@@ -26,7 +26,11 @@ from jezero.tuning.tuner import TuningResult, tune
 
 FLIGHTS: tuple[tuple[int, RoverName], ...] = ((1, "still"), (2, "drive"), (3, "zigzag"))
 """Seed, which gives the height and the place of the rover, and motion of the rover."""
-RIGHT = {"std_uwb_m": SimulatorConfig().uwb.std_m, "scale_std_tag": 1.0, "std_altimeter_m": SimulatorConfig().altimeter.std_m}
+RIGHT = {
+    "std_uwb_m": SimulatorConfig().uwb.std_m,
+    "scale_std_tag": 1.0,
+    "std_altimeter_m": SimulatorConfig().altimeter.std_m,
+}
 TOLERANCE = 0.3
 R_FACTOR = sqrt(10.0)
 """Of a standard deviation whose square, the variance R, is ten times wrong."""

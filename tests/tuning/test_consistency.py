@@ -9,9 +9,7 @@ from tests.tuning.rig import an_innovation
 
 def judged(*residuals: list[float], rejected: int = 0) -> Consistency:
     size = len(residuals[0])
-    found = judge(
-        [[an_innovation(i, each, accepted=[i >= rejected] * size) for i, each in enumerate(residuals)]]
-    )
+    found = judge([[an_innovation(i, each, accepted=[i >= rejected] * size) for i, each in enumerate(residuals)]])
     assert found is not None
     return found
 
