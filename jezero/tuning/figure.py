@@ -72,7 +72,7 @@ def draw_tuning(result: TuningResult, path: Path) -> Path:
         axes[-1, 0].margins(x=0.01)
         axes[-1, 0].set_xlabel("time of the flights, one after the other [s]")
         axes[-1, 1].set_xlabel("NIS (1 is consistent)")
-        legend_above(figure, axes[0, :1])
+        legend_above(figure, axes[:, 0])
 
     height_in = ROW_IN * len(shown) + HEAD_IN
     return draw(path, (len(shown), 2), height_in, fill, sharex="col", width_ratios=(4.5, 1.0))
@@ -112,9 +112,10 @@ def _draw_innovations(ax: "Axes", tuning: SensorTuning, in_use: _Series, suggest
     ax.fill_between(t_s, -half, half, color=BAND, alpha=0.7, lw=0, label="±2σ predicted with the settings in use")
     fits = in_use.accepted
     ax.plot(in_use.dots_s[fits], info.per_si * in_use.residual[fits], ".", ms=2.2, color=BLUE, alpha=0.7, mew=0)
-    ax.plot(in_use.dots_s[~fits], info.per_si * in_use.residual[~fits], "x", ms=2.5, mew=0.6, color=ORANGE)
     ax.plot([], [], ".", ms=6, color=BLUE, label="innovation")  # dots as small as in the axes vanish in the legend
-    ax.plot([], [], "x", ms=4, color=ORANGE, label="rejected by the gate")
+    if not fits.all():
+        ax.plot(in_use.dots_s[~fits], info.per_si * in_use.residual[~fits], "x", ms=2.5, mew=0.6, color=ORANGE)
+        ax.plot([], [], "x", ms=4, color=ORANGE, label="rejected by the gate")
     t_s, half = _band(suggested, info.per_si)
     for sign in (1, -1):
         ax.plot(t_s, sign * half, color=GREEN, lw=0.9, label="±2σ with the suggestions" if sign > 0 else None)
