@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from jezero.tuning.tuner import SensorTuning, Suggestion, TuningResult
 
 FIGURE = "tuning.png"
+FORMATS = (".png", ".pdf", ".svg")
 DIFFERENT = 0.05
 """A setting in use counts as another one than suggested when it differs by more than this share."""
 SIGMAS = 2.0
@@ -47,17 +48,20 @@ def tune(files: tuple[Path, ...], settings: tuple[str, ...], figure: Path | None
     from jezero.tuning.tuner import tune as tune_flights
 
     changes = changed_settings(settings)
+    if figure is not None:
+        if figure.suffix not in FORMATS:
+            raise click.UsageError(f"--figure {figure}: give a file that ends in {', '.join(FORMATS)}")
+        figure.parent.mkdir(parents=True, exist_ok=True)
     try:
         with Console(stderr=True).status("reading …") as status:
             paths = [open_recording(file).path for file in files]
             result = tune_flights(paths, changes, lambda text: status.update(f"{text} …"))
     except (RecordingError, SettingError, TuningError) as error:
         raise click.ClickException(str(error)) from None
+    if not as_json:
+        _print(result, changes)
     path = draw_tuning(result, figure or result.paths[0].parent / FIGURE)
-    if as_json:
-        click.echo(json.dumps(_as_dict(result, changes, path)))
-    else:
-        _print(result, changes, path)
+    click.echo(json.dumps(_as_dict(result, changes, path)) if as_json else f"\nwrote {path}")
 
 
 def _as_dict(result: "TuningResult", changes: Mapping[str, str], figure: Path) -> dict[str, Any]:
@@ -74,7 +78,7 @@ def _as_dict(result: "TuningResult", changes: Mapping[str, str], figure: Path) -
     }
 
 
-def _print(result: "TuningResult", changes: Mapping[str, str], figure: Path) -> None:
+def _print(result: "TuningResult", changes: Mapping[str, str]) -> None:
     number = len(result.paths)
     click.echo(f"{number} flight{'s' if number > 1 else ''}; innovations with the settings in use:\n")
     header = ("sensor", "number", "rejected", "mean", "std", "predicted", "NIS", "95 % band", "lag 1")
@@ -90,7 +94,6 @@ def _print(result: "TuningResult", changes: Mapping[str, str], figure: Path) -> 
     if result.settings:
         click.echo(f"\nsettings for deploy/config/estimator.toml:\n\n{_toml(result.settings)}\n")
         click.echo(f"to check them on a flight:\n\n{_replay_command(result, changes)}")
-    click.echo(f"\nwrote {figure}")
 
 
 def _innovation_row(tuning: "SensorTuning") -> tuple[str, ...]:

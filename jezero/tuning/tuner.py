@@ -32,7 +32,7 @@ class Suggestion(msgspec.Struct, frozen=True, kw_only=True):
         setting: name of the setting in `[tuning]` of estimator.toml.
         in_use: value that the filter used; more than the setting where the filter found more noise itself.
         value: the suggested value, which makes the innovations consistent; where the predicted error of the state hides
-            the noise, the least of `in_use` and `bound`.
+            the noise, the smaller one of `in_use` and `bound`.
         std: standard error of `value`; the true value lies within twice this error with a probability of 95 %.
         bound: the greatest value that the innovations allow, where the predicted error of the state hides the noise;
             else None.
@@ -253,7 +253,7 @@ def _sensor_tuning(
             in_use=used_before,
             value=value,
             std=value * fit.std_relative,
-            bound=_rounded(fit.value, setting) if fit.is_bound else None,
+            bound=max(value, _rounded(fit.value, setting)) if fit.is_bound else None,
             at_limit=value in limits(setting),
             used=setting_in_use(_series(suggested, sensor)),
         )

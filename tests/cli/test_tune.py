@@ -106,6 +106,18 @@ def test_what_is_no_flight_is_refused_with_a_sentence(flight: Path, tmp_path: Pa
     assert tune().exit_code == 2
 
 
+def test_a_figure_that_can_not_be_written_is_refused_before_the_flights_are_replayed(
+    flight: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "file").touch()
+    for figure, code, text in (
+        (tmp_path / "innovations.txt", 2, "give a file that ends in .png, .pdf, .svg"),
+        (tmp_path / "file" / "innovations.png", 1, "file"),
+    ):
+        result = tune(flight, "--figure", figure)
+        assert result.exit_code == code and text in result.stderr and not result.stdout
+
+
 @pytest.mark.parametrize(
     ("setting", "text"),
     [

@@ -1,8 +1,8 @@
 """`jezero tune` finds the noise of the sensors from three flights, also where the estimator's settings are far off.
 
-What is right: for UWB and altimeter the standard deviation of the simulator's white noise, to which their slowly varying
-errors add little. For the tag, whose noise in the simulator is too small to be seen, the flights add noise with the
-covariance that the estimator assumes for the setting 1, so that 1 is right.
+What is right: for UWB and altimeter the standard deviation of the simulator's white noise, to which their slowly
+varying errors add little. For the tag, whose noise in the simulator is too small to be seen, the flights add noise with
+the covariance that the estimator assumes for the setting 1, so that 1 is right.
 """
 
 from collections.abc import Iterator
@@ -95,8 +95,8 @@ def test_one_variance_that_is_ten_times_wrong_is_named(setting: str, factor: flo
 
 @pytest.mark.slow
 def test_the_suggestion_does_not_depend_on_the_settings_in_use(flights: list[Path]) -> None:
-    shipped = tune(flights, {}).settings
-    assert_right(tune(flights, {}))
+    result = tune(flights, {})
+    assert_right(result)
     wrong = tune(flights, {setting: f"{10.0 * value:g}" for setting, value in RIGHT.items()}).settings
     for setting in RIGHT:
-        assert wrong[setting] == pytest.approx(shipped[setting], rel=0.05), setting
+        assert wrong[setting] == pytest.approx(result.settings[setting], rel=0.05), setting
