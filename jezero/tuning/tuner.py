@@ -132,7 +132,7 @@ def tune(
     depends on all of them.
 
     Args:
-        paths: recordings of flights, or folders of runs.
+        paths: recordings of flights.
         changes: settings in use other than recorded, as TOML by name.
         on_progress: called with a sentence before each round of replays.
 
@@ -151,8 +151,8 @@ def tune(
     counts = {sensor: sum(map(len, _series(in_use, sensor))) for sensor in SENSORS}
     if max(counts.values()) < COUNT_MIN:
         raise TuningError(
-            f"no sensor has {COUNT_MIN} measurements that the estimator can use: give a longer recording, in which the "
-            "vehicle flies near the rover"
+            f"no sensor has {COUNT_MIN} measurements that the estimator can use: give a longer recording, in which "
+            "the vehicle flies near the rover"
         )
     search, suggested, converged = _Search(), in_use, False
     while not (converged := search.advance(suggested)) and search.rounds < ROUNDS_MAX:
