@@ -16,6 +16,7 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.arrivals import Arrivals
 from jezero.services.estimator.attitude_history import AttitudeHistory
 from jezero.services.estimator.config import EstimatorConfig
+from jezero.services.estimator.innovations import Observer
 from jezero.services.estimator.measurements import (
     AltimeterMeasurement,
     Kind,
@@ -101,6 +102,10 @@ class Estimator:
         self._published_ns = 0
         self._rover_published_ns = 0
         self._health = ""
+
+    def observe_innovations(self, observer: Observer) -> None:
+        """Call `observer` with each innovation of the filter from now on."""
+        self._filter.observe_innovations(observer)
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Serve requests, fuse new measurements and publish the estimate."""
@@ -277,16 +282,16 @@ class Estimator:
         if float(np.linalg.eigvalsh(cov_m2)[0]) < -1e-9:
             self._arrivals.dropped += 1
             return
-        factor = self._selection.tuning.scale_std_tag
         knows_yaw = tag.yaw_rover_rad is not None and bool(tag.std_yaw_rover_rad)
         yield TagMeasurement(
             tag.t_ns,
             lever_arm_m + np.array((0.0, 0.0, self._vehicle.airframe.height_stand_m)),
             lever_arm_m,
-            factor * factor * cov_m2,
+            cov_m2,
             yaw_from_quat(q_ned_from_frd),
             tag.yaw_rover_rad if knows_yaw else None,
-            (tag.std_yaw_rover_rad or 1.0) * factor,
+            tag.std_yaw_rover_rad or 1.0,
+            self._selection.tuning.scale_std_tag,
         )
 
     # -- outputs ------------------------------------------------------------------------------------------

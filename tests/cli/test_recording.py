@@ -25,7 +25,10 @@ COMMANDS: dict[str, Callable[[Path], list[str]]] = {
     "repair": lambda file: ["recording", "repair", str(file)],
     "report": lambda file: ["report", str(file)],
     "replay": lambda file: ["replay", str(file), "--through", "estimator"],
+    "tune": lambda file: ["tune", str(file)],
 }
+NEED_A_FLIGHT = ("report", "replay", "tune")
+"""Commands that refuse a recording without a flight."""
 
 
 def run(command: str, file: Path) -> Result:
@@ -119,7 +122,7 @@ def test_a_recording_of_another_program_makes_no_command_crash(command: str, tmp
         writer.add_message(writer.register_channel("/tf", "cdr", schema), 1, b"\x00\x01\x02", 1)
         writer.finish()  # type: ignore[no-untyped-call]
     result = run(command, file)
-    if command in ("report", "replay"):
+    if command in NEED_A_FLIGHT:
         assert_refused(result, file)
     else:
         assert result.exit_code == 0, result.output
