@@ -23,11 +23,12 @@ COMMANDS: dict[str, Callable[[Path], list[str]]] = {
     "export": lambda file: ["recording", "export", str(file), "--csv", str(file.parent / "tables")],
     "cut": lambda file: ["recording", "cut", str(file), str(file.parent / "part.mcap")],
     "repair": lambda file: ["recording", "repair", str(file)],
+    "settings": lambda file: ["recording", "settings", str(file)],
     "report": lambda file: ["report", str(file)],
     "replay": lambda file: ["replay", str(file), "--through", "estimator"],
     "tune": lambda file: ["tune", str(file)],
 }
-NEED_A_FLIGHT = ("report", "replay", "tune")
+NEED_A_FLIGHT = ("settings", "report", "replay", "tune")
 """Commands that refuse a recording without a flight."""
 
 
