@@ -19,7 +19,6 @@ from jezero.services.estimator.config import EstimatorConfig
 from jezero.services.estimator.innovations import Observer
 from jezero.services.estimator.measurements import (
     AltimeterMeasurement,
-    Kind,
     Measurement,
     OdometryMeasurement,
     RoverOdometryMeasurement,
@@ -32,11 +31,10 @@ from jezero.services.estimator.relative_filter import Estimate, RelativeFilter
 from jezero.services.estimator.rover_plausibility import RoverPlausibilityCheck
 from jezero.services.estimator.rover_tilt import LEVEL, level_from_rover_body
 from jezero.services.estimator.selection import InputSelection
+from jezero.services.estimator.validity import TAG, UWB, invalid_reason
 from jezero.vehicle_config import VehicleConfig
 
 UPPER_6 = np.triu_indices(6)
-UWB, TAG = "UWB", "the tag"
-INPUT_NAMES: dict[Kind, str] = {"rover": "the rover's odometry", "uwb": UWB, "tag": TAG}
 ATTITUDE_AGE_MAX_S = 0.06
 RANGE_STD_FACTOR = 1.5
 """Factor on the ranges' estimated noise, as each anchor also has a constant error."""
@@ -311,47 +309,21 @@ class Estimator:
 
     def _invalid_reason(self, t_ns: int) -> str:
         """Why the estimate is invalid, its causes first, or ""."""
-        reason = next(self._invalid_reasons(t_ns), "")
-        if not reason:
-            return ""
-        selection, arrivals = self._selection, self._arrivals
-        causes = (
-            self._filter.consistency.left_out if selection.use_uwb else "",
-            arrivals.late_reason(t_ns, UWB) if selection.use_uwb else "",
-            arrivals.late_reason(t_ns, TAG) if selection.use_tag else "",
+        return invalid_reason(
+            t_ns,
+            self._config.validity,
+            self._selection,
+            self._filter,
+            self._arrivals,
+            odometry_ns=None if self._odometry is None else self._odometry.t_ns,
+            rover_odometry_received=self._rover_odometry_ns is not None,
         )
-        return "; ".join(text for text in (*causes, reason) if text)
 
     def _is_contradicted(self) -> bool:
         """Whether inputs contradict each other or the altimeter; to be called for an invalid estimate."""
         relative = self._filter
         left_out = bool(relative.consistency.uwb_left_out) and self._selection.use_uwb
         return left_out or bool(relative.consistency.height) or relative.has_input_conflict
-
-    def _invalid_reasons(self, t_ns: int) -> Iterator[str]:
-        validity, selection, relative = self._config.validity, self._selection, self._filter
-        if self._odometry is None or t_ns - self._odometry.t_ns > validity.odometry_timeout_s * NS_PER_S:
-            yield "no odometry of the vehicle"
-        selected = " and ".join(n for n, use in ((UWB, selection.use_uwb), ("tag", selection.use_tag)) if use)
-        if not selected:
-            yield "neither UWB nor tag is selected"
-        if not relative.located:
-            missing = "" if self._rover_odometry_ns is not None else "; the rover's odometry is missing"
-            yield f"the rover has not been found yet by {selected}{missing}"
-        if relative.fused_ns == 0:
-            yield f"nothing measured by {selected} yet"
-        if relative.std_pos_m > validity.std_pos_max_m:
-            yield f"the rover's position is known to {relative.std_pos_m:.1f} m only"
-        silent_s = (t_ns - relative.fused_ns) / NS_PER_S
-        if silent_s > validity.aiding_timeout_s:
-            yield f"nothing measured by {selected} for {silent_s:.0f} s"
-        if relative.consistency.height:
-            yield relative.consistency.height
-        if relative.has_input_conflict:
-            yield "UWB and tag contradict each other"
-        if relative.rejected_inputs:
-            names = [INPUT_NAMES[kind] for kind in relative.rejected_inputs]
-            yield f"the estimate is contradicted by {' and '.join(names)}"
 
     def _relative(self, t_ns: int, estimate: Estimate | None, reason: str) -> Relative:
         selection, located = self._selection, self._filter.located
