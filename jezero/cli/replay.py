@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import msgspec
 
 from jezero.cli.flight import FINITE, vehicle_options
 from jezero.cli.recording import RECORDING_PATH
@@ -88,6 +87,8 @@ def _check_range(speed: float, start_s: float, end_s: float | None) -> None:
 
 def _check_vehicle(vehicle: str) -> None:
     """Refuse a name that is none: a wildcard would be published to every vehicle."""
+    import msgspec
+
     from jezero.runtime.config import NAME_EXPECTED, Instance
 
     try:

@@ -66,7 +66,7 @@ def replay_onto_bus(
     """
     from jezero.recording import RecordingError, open_recording
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # gives the terminal back, as after Ctrl+C
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)  # gives the terminal back, as after Ctrl+C
     try:
         flight = _Flight(open_recording(file), speed, start_s, end_s, loop, topics)
         with _open_bus(router) as bus:
@@ -75,6 +75,8 @@ def replay_onto_bus(
         raise click.ClickException(str(error)) from None
     except KeyboardInterrupt:
         return
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 class _Flight:
@@ -107,28 +109,22 @@ class _Flight:
         self.topics = choose_topics(self.path, summary.counts, topics)
         if start_s > summary.duration_s:
             raise RecordingError(f"{self.path} lasts {summary.duration_s:.1f} s: --from {start_s:g} is after its end")
-        if summary.problem:
-            click.echo(f"warning: {self.path}: {summary.problem}; what can be read is replayed", err=True)
         whole_ns = summary.end_ns - summary.start_ns
         self.start_ns = int(start_s * NS_PER_S)
         self.end_ns = whole_ns if end_s is None else min(int(end_s * NS_PER_S), whole_ns)
         self._speed, self._loop = speed, loop
+        if self.player(self.topics).ended:
+            raise RecordingError(f"{self.path} has no message of these topics in this time")
+        if summary.problem:
+            click.echo(f"warning: {self.path}: {summary.problem}; what can be read is replayed", err=True)
 
     def player(self, topics: Collection[str]) -> "Player":
-        """Begin to play some of the topics.
-
-        Raises:
-            RecordingError: the part has no message.
-        """
-        from jezero.recording import RecordingError
+        """Begin to play some of the topics now."""
         from jezero.replay.player import Player, replay_messages
 
         read = partial(replay_messages, self.path, topics, self.start_ns, self.end_ns)
         now_ns = time.monotonic_ns()
-        player = Player(read, self.start_ns, self.end_ns, now_ns, speed=self._speed, loop=self._loop)
-        if player.ended:
-            raise RecordingError(f"{self.path} has no message of these topics in this time")
-        return player
+        return Player(read, self.start_ns, self.end_ns, now_ns, speed=self._speed, loop=self._loop)
 
     def in_words(self, at_ns: int) -> str:
         """The time in the flight, and the speed."""
@@ -202,10 +198,15 @@ class _Replay:
         from jezero.replay.player import COMMANDS
 
         topics, router = self._flight.topics, self._bus.router
-        if others := find_others(self._bus.session, self._vehicle).in_words(self._vehicle, router):
+        others = (
+            "" if self._bus.is_own else find_others(self._bus.session, self._vehicle).in_words(self._vehicle, router)
+        )
+        if others:
             if not self._force:
                 _refuse(others)
             topics = topics - COMMANDS
+            if not topics:
+                raise click.ClickException("nothing to replay: commands are not published where services run")
             click.echo(f"warning: {others}: topics with two writers confuse their readers", err=True)
         with ReplayBus(self._bus.session, self._vehicle, topics) as bus, Keyboard() as keyboard:
             player = self._flight.player(topics)

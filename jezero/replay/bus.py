@@ -63,7 +63,7 @@ def find_others(session: zenoh.Session, vehicle: str) -> Others:
     names = {str(reply.ok.key_expr).rpartition("/")[2] for reply in alive if reply.ok is not None}
     services = tuple(sorted(names - {ROUTER}))
     topics = () if services else _published_now(session, vehicle)
-    return Others(services, topics, _flies(session, vehicle))
+    return Others(services, topics, services != (NAME,) and _flies(session, vehicle))
 
 
 def _published_now(session: zenoh.Session, vehicle: str) -> tuple[str, ...]:
