@@ -27,7 +27,6 @@ from jezero.vehicle_config import VehicleConfig
 
 REPEATS = 3
 
-
 def fly(folder: Path, seconds: float) -> Path:
     """Hover for some seconds, and print the shares of a core of recorder and live server; returns the recording."""
     with (
