@@ -74,7 +74,8 @@ def test_of_a_goal_that_runs_at_the_end_of_the_recording_the_end_is_unknown(flig
     flight.feedback(3.0)
     flight.journal(4.0, requested(2, GoToGoal(target_ned_m=(0.0, 0.0, -1.0))), step(4.0))
     flying, waiting = flight.goals()
-    assert (flying.goal_id, flying.outcome, flying.duration_s) == ("a", "unknown", pytest.approx(2.0))
+    assert (flying.goal_id, flying.outcome) == ("a", "unknown")
+    assert flying.duration_s == pytest.approx(2.0)
     assert (waiting.goal_id, waiting.outcome, waiting.end_ns) == ("", "unknown", 4 * SECOND_NS)
 
 
@@ -108,7 +109,8 @@ def test_a_goal_that_was_rejected_after_its_planning_keeps_that_feedback(flight:
     end = replied(1, Rejected(goal_id="p", reason="too far"))
     flight.journal(2.0, requested(1, goal, "get_images"), step(0.5), step(1.5), end, action="get_images")
     (rejected,) = flight.goals()
-    assert (rejected.outcome, len(rejected.feedback), rejected.duration_s) == ("rejected", 1, pytest.approx(1.0))
+    assert (rejected.outcome, len(rejected.feedback)) == ("rejected", 1)
+    assert rejected.duration_s == pytest.approx(1.0)
 
 
 def test_replies_to_other_requests_are_no_goals(flight: Flight) -> None:
