@@ -55,7 +55,6 @@ def test_a_table_has_an_array_for_each_field_and_nan_for_what_is_missing(path: P
 
 
 def test_a_table_is_a_data_frame_where_pandas_is_installed(path: Path) -> None:
-    pytest.importorskip("pandas")
     frame = open_recording(path).table("odometry").to_pandas()
     assert frame["pos_uav_ned_m.d"].tolist() == [-2.0] * 3
     assert len(open_recording(path).table("status").to_pandas()) == 3
