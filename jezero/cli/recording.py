@@ -79,6 +79,26 @@ def _time_text(logged_ns: int) -> str:
 
 @recording.command()
 @click.argument("file", type=RECORDING_PATH)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def settings(file: Path, as_json: bool) -> None:
+    """Show every setting that was in force in the services that started during FILE, defaults included."""
+    from jezero.recording import open_recording
+    from jezero.recording.journals import settings_of
+
+    found = settings_of(open_recording(file).path)
+    if as_json:
+        click.echo(json.dumps(found))
+        return
+    if not found:
+        raise click.ClickException(f"{file} has no start of a service: give a recording that begins with the stack")
+    for service, values in found.items():
+        click.echo(service)
+        for name, value in values.items():
+            click.echo(f"  {name} = {json.dumps(value)}")
+
+
+@recording.command()
+@click.argument("file", type=RECORDING_PATH)
 @click.option("--csv", "folder", type=click.Path(path_type=Path, file_okay=False), required=True,
               help="Folder for the tables, one file for each topic.")  # fmt: skip
 @click.option("--topic", "topics", multiple=True, help="Only this topic; may be given several times.")

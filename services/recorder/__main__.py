@@ -7,7 +7,6 @@ from pathlib import Path
 
 from jezero.recording.about import about
 from jezero.recording.folder import RECORDINGS, RecordingFolder
-from jezero.recording.images import ImageFormat
 from jezero.recording.viewer_scene import ViewerScene
 from jezero.runtime.config import Instance, load_config
 from jezero.runtime.links import SocketLink
@@ -30,10 +29,9 @@ def main() -> int:
         autopilot = os.environ.get("JEZERO_AUTOPILOT") or "embedded"
         origin = about(bus="zenoh", vehicle=instance.vehicle, autopilot=autopilot)
         size_max_bytes = int(1e6 * config.file_size_max_mb)
-        image_format = None if config.images == "none" else ImageFormat(config.images, config.jpeg_quality)
         scene = ViewerScene(load_config(VehicleConfig, "vehicle"))
-        opened.append(RecordingFolder(folder, origin, size_max_bytes, image_format, scene))
-        return Recorder(opened[0].write, images=image_format is not None, execute=worker.add), {}
+        opened.append(RecordingFolder(folder, origin, size_max_bytes, config.image_format, scene))
+        return Recorder(opened[0].write, images=config.images != "none", execute=worker.add), {}
 
     code = run_process("recorder", build)
     for folder in opened:

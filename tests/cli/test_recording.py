@@ -23,8 +23,13 @@ COMMANDS: dict[str, Callable[[Path], list[str]]] = {
     "export": lambda file: ["recording", "export", str(file), "--csv", str(file.parent / "tables")],
     "cut": lambda file: ["recording", "cut", str(file), str(file.parent / "part.mcap")],
     "repair": lambda file: ["recording", "repair", str(file)],
+    "settings": lambda file: ["recording", "settings", str(file)],
     "report": lambda file: ["report", str(file)],
+    "replay": lambda file: ["replay", str(file), "--through", "estimator"],
+    "tune": lambda file: ["tune", str(file)],
 }
+NEED_A_FLIGHT = ("settings", "report", "replay", "tune")
+"""Commands that refuse a recording without a flight."""
 
 
 def run(command: str, file: Path) -> Result:
@@ -118,7 +123,7 @@ def test_a_recording_of_another_program_makes_no_command_crash(command: str, tmp
         writer.add_message(writer.register_channel("/tf", "cdr", schema), 1, b"\x00\x01\x02", 1)
         writer.finish()  # type: ignore[no-untyped-call]
     result = run(command, file)
-    if command == "report":
+    if command in NEED_A_FLIGHT:
         assert_refused(result, file)
     else:
         assert result.exit_code == 0, result.output
