@@ -11,6 +11,7 @@ from jezero.cli.area import (
     CoverageRequest,
     Origin,
     area_options,
+    around_origin,
     place_in_words,
     read_polygon_file,
     vehicle_origin,
@@ -167,11 +168,11 @@ def gridsweep(
             return
         pending = missing
     with connected(vehicle, router, printer) as uav:
-        odometry = uav.status().odometry
-        goal = pending
-        if isinstance(goal, CoverageRequest):
-            known = vehicle_origin(odometry)
-            goal = goal.goal(known)
+        known = vehicle_origin(uav.status().odometry)
+        if not isinstance(pending, CoverageRequest):
+            goal = around_origin(pending, known)
+        else:
+            goal = pending.goal(known)
             printer.event(
                 "area", f"area: {place_in_words(goal, known)}", origin_deg=None if known is None else known.position_deg
             )

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
@@ -384,3 +385,21 @@ def test_an_area_in_degrees_waits_for_an_origin_that_is_known_and_the_vehicle_s_
     unknown = CliRunner().invoke(main, ["gridsweep", *field, "--out", str(tmp_path / "run")])
     assert unknown.exit_code == 1 and "the world's origin is not known yet" in unknown.output
     assert vehicle.goals == []
+
+
+def test_a_resumed_coverage_is_over_the_same_ground_after_the_autopilot_placed_its_origin_anew(
+    tmp_path: Path, vehicle: FakeVehicle, field: list[str]
+) -> None:
+    """A ten-thousandth of a degree of latitude is 11.12 m: the ground is that much farther south of the new origin."""
+    folder = tmp_path / "run"
+    CliRunner().invoke(main, ["gridsweep", *field, "--out", str(folder)])
+    vehicle.origin_deg = (47.3971, 8.5465, 488.0)
+    done = CliRunner().invoke(main, ["gridsweep", "--resume", str(folder)])
+    assert done.exit_code == 0, done.output
+    first, second = vehicle.goals
+    assert second.origin_deg == (47.3971, 8.5465)
+    assert second.first_picture == 2
+    by_m = (np.array(second.polygon_ned_m) - np.array(first.polygon_ned_m)).tolist()
+    assert by_m == [pytest.approx((-11.12, 0.0), abs=0.01)] * len(by_m)
+    assert first.start_ned_m is not None and second.start_ned_m is not None
+    assert second.start_ned_m[0] - first.start_ned_m[0] == pytest.approx(-11.12, abs=0.01)
