@@ -88,8 +88,9 @@ def seams(run: Path) -> Picture:
     width_px = (WIDTH_PX - GAP_PX) // 2
     row_px, column_px = (grid.north_m - ROVER_NED_M[0]) / M_PER_PX, (ROVER_NED_M[1] - grid.east_m) / M_PER_PX
     half_px = 0.5 * AROUND_ROVER_M / M_PER_PX
-    box = (column_px - half_px, row_px - 0.7 * half_px, column_px + half_px, row_px + 0.7 * half_px)
-    details = [picture.crop(tuple(map(round, box))) for picture in maps]
+    left, right = round(column_px - half_px), round(column_px + half_px)
+    top, bottom = round(row_px - 0.7 * half_px), round(row_px + 0.7 * half_px)
+    details = [picture.crop((left, top, right, bottom)) for picture in maps]
     return column(*(row([_with_width(picture, width_px) for picture in pictures]) for pictures in (maps, details)))
 
 

@@ -123,9 +123,7 @@ def getimages(
 )
 @click.option("--format", "kind", type=PNG_OR_JPG, default="jpg", show_default=True, help="Image format.")
 @flight_options
-@click.pass_context
 def gridsweep(
-    context: click.Context,
     origin: Origin | None,
     plan_only: bool,
     resume: Path | None,
@@ -149,7 +147,7 @@ def gridsweep(
     """
     from jezero.schemas.topics import AREA_COVERAGE
 
-    _refuse_unused(context, plan_only=plan_only, resume=resume)
+    _refuse_unused(plan_only=plan_only, resume=resume)
     if plan_only:
         file = _drawing(out)
         show_coverage_plan(_request(**given), origin, file, vehicle=vehicle, router=router, as_json=as_json)
@@ -189,8 +187,9 @@ def gridsweep(
         )
 
 
-def _refuse_unused(context: click.Context, *, plan_only: bool, resume: Path | None) -> None:
+def _refuse_unused(*, plan_only: bool, resume: Path | None) -> None:
     """Refuse options that a plan without a flight, or a resumed coverage, would not use."""
+    context = click.get_current_context()
     given = {
         parameter.name: parameter.opts[-1] if parameter.param_type_name == "option" else "FRAME"
         for parameter in context.command.params

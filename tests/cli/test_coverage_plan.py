@@ -116,7 +116,9 @@ def test_with_force_it_is_planned_and_warned_of(words: list[str], server: Server
 
 
 @pytest.mark.parametrize("option", ["--resolution", "--overlap", "--sidelap", "--margin", "--hole-margin"])
-@pytest.mark.parametrize(("number", "why"), [("-1", "range"), ("nan", "not a finite number"), ("1e400", "range|finite")])
+@pytest.mark.parametrize(
+    ("number", "why"), [("-1", "range"), ("nan", "not a finite number"), ("1e400", "range|finite")]
+)
 def test_a_number_that_no_option_may_have_is_refused_with_the_option(
     words: list[str], option: str, number: str, why: str
 ) -> None:

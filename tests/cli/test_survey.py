@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from jezero.cli.area import Origin, around_origin
 from jezero.cli.flight import Printer
 from jezero.cli.main import main
 from jezero.cli.pictures import take_pictures
@@ -401,5 +402,14 @@ def test_a_resumed_coverage_is_over_the_same_ground_after_the_autopilot_placed_i
     assert second.first_picture == 2
     by_m = (np.array(second.polygon_ned_m) - np.array(first.polygon_ned_m)).tolist()
     assert by_m == [pytest.approx((-11.12, 0.0), abs=0.01)] * len(by_m)
-    assert first.start_ned_m is not None and second.start_ned_m is not None
-    assert second.start_ned_m[0] - first.start_ned_m[0] == pytest.approx(-11.12, abs=0.01)
+
+
+def test_holes_and_start_of_a_coverage_move_with_its_area_and_an_area_in_metres_stays() -> None:
+    goal = msgspec.structs.replace(GOAL, holes_ned_m=(((1.0, 1.0), (2.0, 1.0), (2.0, 2.0)),), origin_deg=(0.0, 8.0))
+    east = Origin((0.0, 8.0001), "the vehicle's")
+    moved = around_origin(goal, east)
+    assert moved.polygon_ned_m[0] == pytest.approx((0.0, -11.12), abs=0.01)
+    assert moved.holes_ned_m[0][2] == pytest.approx((2.0, -9.12), abs=0.01)
+    assert moved.start_ned_m == pytest.approx((0.0, -11.12), abs=0.01)
+    assert around_origin(GOAL, east) == GOAL
+    assert around_origin(goal, None) == goal
