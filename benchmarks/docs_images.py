@@ -1,7 +1,7 @@
 """The pictures of README.md and docs/, from one demonstration and the camera's renderer.
 
-`python -m benchmarks.docs_images [--run FOLDER]` flies `jezero demo --fast`, or takes the run in FOLDER, and writes
-docs/images/.
+`python -m benchmarks.docs_images [--run FOLDER]` flies `jezero demo --fast`, or takes the run in FOLDER, flies the
+landings of docs/how-to/tune-the-estimator.md, and writes docs/images/.
 """
 
 import argparse
@@ -43,6 +43,8 @@ ROVER_NED_M = (5.0, -3.0, -0.5)
 """Of the rover in the demonstration: the middle of its platform."""
 AROUND_ROVER_M = 4.0
 """Width of the part of a map that is shown enlarged."""
+COLORS = 64
+"""Of a drawing with thousands of dots, which is a third as large as with all colours."""
 
 
 def demonstration(run: Path) -> Picture:
@@ -152,15 +154,28 @@ def write_images(run: Path) -> None:
     shutil.copyfile(run / "relative_error.png", IMAGES / "relative_error.png")
 
 
+def draw_innovations(folder: Path) -> None:
+    """Fly three landings into a folder, and draw their innovations."""
+    run_jezero("bench", "landing", "--case", "uwb+tag", "--n", "3", "--rover", "zigzag", "--record", str(folder))
+    path = IMAGES / "innovations.png"
+    run_jezero("tune", *map(str, sorted(folder.iterdir())), "--figure", str(path))
+    _with_width(Pillow.open(path).convert("RGB"), WIDTH_PX).quantize(COLORS).save(path, optimize=True)
+
+
+def run_jezero(*words: str) -> None:
+    subprocess.run([sys.executable, "-m", "jezero.cli.main", *words], check=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description="Write the pictures of the documentation.")
     parser.add_argument("--run", type=Path, help="folder of a demonstration, instead of a new flight")
     arguments = parser.parse_args()
     with TemporaryDirectory() as temporary:
+        runs, landings = Path(temporary) / "runs", Path(temporary) / "landings"
         if arguments.run is None:
-            command = [sys.executable, "-m", "jezero.cli.main", "demo", "--fast", "--runs", temporary]
-            subprocess.run(command, check=True)
-        write_images(arguments.run or next(Path(temporary).iterdir()))
+            run_jezero("demo", "--fast", "--runs", str(runs))
+        write_images(arguments.run or next(runs.iterdir()))
+        draw_innovations(landings)
 
 
 if __name__ == "__main__":

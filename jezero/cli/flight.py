@@ -62,9 +62,12 @@ NUMBERS = {"ignore_unknown_options": True}  # "-4" is a coordinate, not an optio
 
 def common_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of every command that connects to a vehicle."""
-    command = click.option("--json", "as_json", is_flag=True, help="One JSON object per line, the result last.")(
-        command
-    )
+    json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object per line, the result last.")
+    return vehicle_options(json_option(command))
+
+
+def vehicle_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options that name a vehicle and its router."""
     command = click.option(
         "--router",
         envvar="JEZERO_ROUTER",

@@ -7,7 +7,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from jezero.cli.main import main
-from tests.replay.rig import record_takeoff
+from jezero.runtime.config import load_config
+from jezero.services.estimator.config import EstimatorConfig
+from tests.replay.rig import SEED, record_takeoff
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +45,16 @@ def test_json_says_whether_the_output_is_identical_and_what_the_errors_are(recor
 
 def test_a_folder_of_a_run_stands_for_its_newest_recording(recording: Path) -> None:
     assert replay(recording.parent, "takeoff").exit_code == 0
+
+
+def test_a_recording_shows_every_setting_in_force(recording: Path) -> None:
+    done = CliRunner().invoke(main, ["recording", "settings", str(recording), "--json"])
+    settings = json.loads(done.stdout)
+    defaults = load_config(EstimatorConfig, "estimator")
+    assert settings["estimator"]["config.tuning.std_uwb_m"] == defaults.tuning.std_uwb_m
+    assert settings["simulator"]["seed"] == SEED
+    lines = CliRunner().invoke(main, ["recording", "settings", str(recording)]).stdout.splitlines()
+    assert f"  config.tuning.std_uwb_m = {defaults.tuning.std_uwb_m}" in lines
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,7 @@ def test_every_service_of_a_flight_with_lossless_images_is_replayed_identically(
     settings, path = tmp_path / "config", tmp_path / "flight.mcap"
     copytree(config_directory(), settings)
     (settings / "recorder.toml").write_text('images = "png"\n')
-    (settings / "vehicle.toml").write_text("[camera]\nrate_hz = 5.0\n")
+    (settings / "vehicle.toml").write_text("[camera]\nrate_hz = 5.0\nwidth_px = 320\nheight_px = 240\n")
     monkeypatch.setenv("JEZERO_CONFIG_DIR", str(settings))
     assert fly_virtually(MISSION, 1, path, on_images=lambda images: None).reason == ""
     services = journaled_services(path)
@@ -55,7 +55,7 @@ def test_every_service_of_a_flight_with_lossless_images_is_replayed_identically(
     assert all(replay_through(path, name).lossy_images == 0 for name in READERS_OF_IMAGES)
 
 
-@pytest.mark.parametrize("seed", [2, 9, 23], ids=["frozen", "bridge killed", "estimator killed"])
+@pytest.mark.parametrize("seed", [9, 23], ids=["bridge killed", "estimator killed"])
 def test_services_of_a_mission_with_faults_are_replayed_identically(seed: int, tmp_path: Path) -> None:
     path = tmp_path / "flight.mcap"
     with virtual_recording(path, seed) as writer:
