@@ -77,17 +77,18 @@ def flight_readings(status: Status | None, age_s: float | None, home_z_ned_m: fl
         heading_deg = yaw_deg % 360.0
     height_m = None if pos_m is None else altitude_m(pos_m[2] - (home_z_ned_m or 0.0))
     remaining = None if battery is None else battery.remaining
+    home = "height over " + ("start" if home_z_ned_m is None else "home")
     return [
         reading("heading", heading_deg, "°" if heading_deg is None else f"° {compass_point(heading_deg)}", age_s, 0),
-        reading("height over " + ("start" if home_z_ned_m is None else "home"), height_m, "m", age_s, 2),
+        reading(home, height_m, "m", age_s, 2),
         reading("speed", None if vel_mps is None else hypot(vel_mps[0], vel_mps[1]), "m/s", age_s),
         reading("climb", None if vel_mps is None else -vel_mps[2], "m/s", age_s),
-        reading("roll", roll_deg, "°", age_s),
-        reading("pitch", pitch_deg, "°", age_s),
+        reading("battery", None if remaining is None else 100.0 * remaining, "%", age_s, 0),
         reading("north", None if pos_m is None else pos_m[0], "m", age_s, 2),
         reading("east", None if pos_m is None else pos_m[1], "m", age_s, 2),
-        reading("battery", None if remaining is None else 100.0 * remaining, "%", age_s, 0),
-        reading("voltage", None if battery is None else battery.voltage_v, "V", age_s, 2),
+        reading("roll", roll_deg, "°", age_s),
+        reading("pitch", pitch_deg, "°", age_s),
+        reading("voltage", None if battery is None else battery.voltage_v, "V", age_s),
         reading("wind", None if wind_mps is None else hypot(wind_mps[0], wind_mps[1]), "m/s", age_s),
         reading("position σ", None if odometry is None else odometry.std_pos_m, "m", age_s, 2),
     ]
@@ -116,7 +117,7 @@ def rover_readings(
     if rover is not None and rover.valid:
         speed_mps = hypot(rover.vel_rover_ned_mps[0], rover.vel_rover_ned_mps[1])
     return [
-        reading("rover, sideways", None if rel_m is None else hypot(rel_m[0], rel_m[1]), "m", relative_age_s, 2),
+        reading("to the rover", None if rel_m is None else hypot(rel_m[0], rel_m[1]), "m", relative_age_s, 2),
         reading("over platform", None if rel_m is None else altitude_m(rel_m[2]), "m", relative_age_s, 2),
         reading("estimate ±3σ", None if std_m is None else 3.0 * std_m, "m", relative_age_s, 2),
         reading("rover's speed", speed_mps, "m/s", rover_age_s),

@@ -30,10 +30,6 @@ class Commands:
         """Stop the motors."""
         await self._request("Kill", lambda uav: uav.kill(confirm=True), "The motors are stopped")
 
-    async def cancel(self, goal_id: str, action: str) -> None:
-        """Cancel the goal in charge, whoever sent it: the vehicle hovers."""
-        await self._request("Cancel", lambda uav: uav.hover(), "Canceled: the vehicle hovers")
-
     async def send(self, action: str, fields: dict[str, Any]) -> str:
         """Send a goal; returns "" when it is accepted, else the reason of the refusal."""
         uav = self._feed.uav

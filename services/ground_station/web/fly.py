@@ -17,6 +17,9 @@ START = {"go_to": {"target_ned_m": [0, 0, -3]}, "get_images": {"center_ned_m": [
 """What a form has at first where the goal type has no default."""
 FLIGHT_ORDER = ("takeoff", "go_to", "get_images", "area_coverage", "land_on_spot")
 
+MANY = 4
+"""A form with so many fields shows at first only those that the goal needs."""
+
 
 class Form:
     """The form of one action."""
@@ -32,7 +35,7 @@ class Form:
         ui.label(self.text).classes("form-text")
         with ui.element("div").classes("form"):
             for field in self.fields:
-                if field.required or field.kind in ("area", "vector") or field.name in START.get(action, {}):
+                if len(self.fields) < MANY or field.required or field.name in START.get(action, {}):
                     self._input(field)
         rest = [field for field in self.fields if field.name not in self._inputs]
         if rest:
@@ -43,7 +46,7 @@ class Form:
         self._found = ui.label().classes("form-plan").mark(f"plan-{action}")
         with ui.element("div").classes("form-buttons"):
             ui.button("Plan", on_click=self.plan).props("no-caps outline").mark(f"plan-button-{action}")
-            ui.button("Fly", on_click=self.send).props("no-caps unelevated").classes("fly").mark(f"fly-{action}")
+            ui.button("Fly", on_click=self.send, color=None).props("no-caps unelevated").classes("fly").mark(f"fly-{action}")
 
     @property
     def picks(self) -> str:

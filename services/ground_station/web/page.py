@@ -13,6 +13,8 @@ from jezero.services.ground_station.web.lists import Events, Services
 
 SLOW = 5
 """What changes slowly is updated in every fifth period."""
+MAIN = 6
+"""So many readings stand beside the horizon, the others below."""
 VIEWS = {"3d": "3D", "map": "Map"}
 CAMERAS = {"follow": "Follow", "top": "From above", "free": "Free"}
 
@@ -46,8 +48,8 @@ class Page:
                     self._charge = ui.label().classes("state-charge")
                     self._why = ui.label().classes("state-why")
             with ui.element("div").classes("bar-buttons"):
-                ui.button("Hover", on_click=self._commands.hover).classes("hover-button").props("no-caps").mark("hover")
-                ui.button("Abort", on_click=self._commands.abort).classes("abort-button").props("no-caps").mark("abort")
+                ui.button("Hover", on_click=self._commands.hover, color=None).classes("hover-button").props("no-caps").mark("hover")
+                ui.button("Abort", on_click=self._commands.abort, color=None).classes("abort-button").props("no-caps").mark("abort")
                 HoldButton("Kill (hold)").on("held", self._commands.kill)
 
     def _stage(self) -> None:
@@ -70,7 +72,8 @@ class Page:
         with ui.element("aside").classes("side"):
             with ui.element("section").classes("card instruments"):
                 self._horizon = Horizon()
-                self._readings = Readings()
+                self._readings = Readings().classes("readings-main")
+                self._details = Readings().classes("readings-more")
             self._fly = FlyPanel(self._commands, self._map, self._view, self._show_map)
             with ui.element("section").classes("card"):
                 ui.label("Events").classes("card-title")
@@ -94,7 +97,9 @@ class Page:
         self._map.run_method("update", scene)
         self._horizon.show(scene["vehicle"])
         if self._count % 2 == 0:
-            self._readings.show(state.readings(now_s))
+            rows = state.readings(now_s)
+            self._readings.show(rows[:MAIN])
+            self._details.show(rows[MAIN:])
         if self._count % SLOW == 0:
             self._refresh_slowly(now_s)
         self._count += 1

@@ -37,6 +37,7 @@ def listening_socket(port: int) -> socket.socket:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             listening.bind((HOST, candidate))
+            listening.listen()
         except OSError:
             listening.close()
             continue
