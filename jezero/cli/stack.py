@@ -52,7 +52,9 @@ def _shipped_compose_file() -> Path:
 
 
 @click.command()
-@click.option("--profile", "profiles", multiple=True, help="Only this profile (sim, estimation, control, ground); repeatable.")
+@click.option(
+    "--profile", "profiles", multiple=True, help="Only this profile (sim, estimation, control, ground); repeatable."
+)
 @click.option("-d", "--detach", is_flag=True, help="Run in the background; `jezero down` stops it.")
 @click.option("--wait", is_flag=True, help="Return when the vehicle is ready; implies -d.")
 @click.option("--timeout", "timeout_s", type=click.FloatRange(min=0), default=60.0, show_default=True, metavar="S",

@@ -12,6 +12,7 @@ LEFT_OUT = frozenset({"goal_id", "issued_t_ns", "on_client_loss", "plan_id", "fi
 UNITS = {"m": "m", "mps": "m/s", "rad": "rad", "s": "s", "deg": "°", "px": "px", "hz": "Hz"}
 BOUND_MAX = 1e4
 """Bounds from here on only keep out garbage such as infinity, so that no form shows them."""
+CORNERS_MIN = 3
 _ENTRY = re.compile(r"^ +(\w+): (.*(?:\n {9,}.*)*)", re.MULTILINE)
 
 
@@ -85,9 +86,7 @@ def _resolved(part: Mapping[str, Any], schema: Mapping[str, Any]) -> Mapping[str
     return part
 
 
-def _field(
-    name: str, part: Mapping[str, Any], schema: Mapping[str, Any], required: bool, meaning: str
-) -> Field | None:
+def _field(name: str, part: Mapping[str, Any], schema: Mapping[str, Any], required: bool, meaning: str) -> Field | None:
     kind_schema = _resolved(part, schema)
     label, unit = _label_and_unit(name)
     common: dict[str, Any] = {
@@ -149,30 +148,33 @@ def _missing(field: Field) -> str:
 
 
 def _value(field: Field, typed: Any) -> Any:
-    match field.kind:
-        case "switch" | "choice":
-            return typed
-        case "vector":
-            parts = list(typed or ())
-            if all(part in (None, "") for part in parts):
-                return None
-            if any(part in (None, "") for part in parts):
-                raise ValueError(f"{field.label} needs all of {', '.join(field.axes)}")
-            return [_number(field, part) for part in parts]
-        case "area":
-            if not typed:
-                return None
-            if len(typed) < 3:
-                raise ValueError(f"the area has {len(typed)} corners; it needs three at least")
-            return [list(corner) for corner in typed]
-        case "areas":
-            return [list(area) for area in typed] if typed else None
-        case "integer":
-            number = None if typed in (None, "") else _number(field, typed)
-            if number is not None and number != int(number):
-                raise ValueError(f"{field.label} is a whole number")
-            return None if number is None else int(number)
-    return None if typed in (None, "") else _number(field, typed)
+    """The value of a field; None for an empty one.
+
+    Raises:
+        ValueError: what was typed is no such value; the message says what is.
+    """
+    if field.kind in ("switch", "choice"):
+        return typed
+    if field.kind == "vector":
+        return _vector(field, list(typed or ()))
+    if typed in (None, "") or (field.kind in ("area", "areas") and not typed):
+        return None
+    if field.kind == "area" and len(typed) < CORNERS_MIN:
+        raise ValueError(f"the area has {len(typed)} corners; it needs three at least")
+    if field.kind in ("area", "areas"):
+        return [list(part) for part in typed]
+    number = _number(field, typed)
+    if field.kind == "integer" and number != int(number):
+        raise ValueError(f"{field.label} is a whole number")
+    return int(number) if field.kind == "integer" else number
+
+
+def _vector(field: Field, parts: list[Any]) -> list[float] | None:
+    if all(part in (None, "") for part in parts):
+        return None
+    if any(part in (None, "") for part in parts):
+        raise ValueError(f"{field.label} needs all of {', '.join(field.axes)}")
+    return [_number(field, part) for part in parts]
 
 
 def _number(field: Field, typed: Any) -> float:

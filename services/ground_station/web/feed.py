@@ -66,8 +66,8 @@ class Feed:
                 self.problem = str(error)
                 await asyncio.sleep(RETRY_S)
         self.problem = ""
-        feedback = [topics.feedback_of(action) for action in all_actions().values()]
-        self._always = [self._reading(topic) for topic in (topics.STATUS, ALL_HEALTH, *feedback)]
+        feedback: list[Topic[Any]] = [topics.feedback_of(action) for action in all_actions().values()]
+        self._always = [self._reading(topic) for topic in (*feedback, topics.STATUS, ALL_HEALTH)]
         self._watch()
 
     async def close(self) -> None:

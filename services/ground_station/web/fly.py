@@ -12,8 +12,11 @@ from jezero.services.ground_station.web.commands import Commands
 from jezero.services.ground_station.web.elements import Map, View3D
 from jezero.services.ground_station.words import duration
 
-START = {"go_to": {"target_ned_m": [0, 0, -3]}, "get_images": {"center_ned_m": [0, 0, -5], "radius_m": 4, "num_images": 8},
-         "area_coverage": {"z_ned_m": -4, "overlap": 0.6}}  # fmt: skip
+START: dict[str, dict[str, Any]] = {
+    "go_to": {"target_ned_m": [0, 0, -3]},
+    "get_images": {"center_ned_m": [0, 0, -5], "radius_m": 4, "num_images": 8},
+    "area_coverage": {"z_ned_m": -4, "overlap": 0.6},
+}
 """What a form has at first where the goal type has no default."""
 FLIGHT_ORDER = ("takeoff", "go_to", "get_images", "area_coverage", "land_on_spot")
 
@@ -46,7 +49,9 @@ class Form:
         self._found = ui.label().classes("form-plan").mark(f"plan-{action}")
         with ui.element("div").classes("form-buttons"):
             ui.button("Plan", on_click=self.plan).props("no-caps outline").mark(f"plan-button-{action}")
-            ui.button("Fly", on_click=self.send, color=None).props("no-caps unelevated").classes("fly").mark(f"fly-{action}")
+            ui.button("Fly", on_click=self.send, color=None).props("no-caps unelevated").classes("fly").mark(
+                f"fly-{action}"
+            )
 
     @property
     def picks(self) -> str:
@@ -58,6 +63,7 @@ class Form:
         default = START.get(self.action, {}).get(field.name, field.default)
         label = f"{field.label}{f' ({field.unit})' if field.unit else ''}"
         mark = f"{self.action}-{field.name}"
+        made: list[Any]
         if field.kind == "switch":
             made = [ui.switch(label, value=bool(default)).mark(mark)]
         elif field.kind == "choice":
@@ -66,7 +72,9 @@ class Form:
             parts = default or [None] * len(field.axes)
             with ui.element("div").classes("vector"):
                 made = [
-                    ui.input(f"{axis} (m)", value="" if part is None else str(part)).props("dense").mark(f"{mark}-{axis}")
+                    ui.input(f"{axis} (m)", value="" if part is None else str(part))
+                    .props("dense")
+                    .mark(f"{mark}-{axis}")
                     for axis, part in zip(field.axes, parts, strict=True)
                 ]
         elif field.kind in ("area", "areas"):
@@ -76,7 +84,11 @@ class Form:
                 ui.button("Clear area", on_click=self.clear_area).props("no-caps dense flat")
         else:
             placeholder = field.range_words
-            made = [ui.input(label, value="" if default is None else f"{default:g}", placeholder=placeholder).props("dense").mark(mark)]
+            made = [
+                ui.input(label, value="" if default is None else f"{default:g}", placeholder=placeholder)
+                .props("dense")
+                .mark(mark)
+            ]
         for element in made:
             element.tooltip(field.help)
             element.on("keydown.enter", self.send)
@@ -165,7 +177,7 @@ class FlyPanel:
         self._forms: dict[str, Form] = {}
         names = sorted(all_actions(), key=lambda name: (*FLIGHT_ORDER, name).index(name))
         with ui.element("section").classes("card fly-card"):
-            with ui.tabs(value=names[0], on_change=self._on_tab).props("dense no-caps outside-arrows mobile-arrows") as tabs:
+            with ui.tabs(on_change=self._on_tab).props("dense no-caps outside-arrows mobile-arrows") as tabs:
                 for name in names:
                     ui.tab(name, label=name.replace("_", " ")).mark(f"tab-{name}")
             with ui.tab_panels(tabs, value=names[0]).props("keep-alive"):

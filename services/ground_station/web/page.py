@@ -48,8 +48,12 @@ class Page:
                     self._charge = ui.label().classes("state-charge")
                     self._why = ui.label().classes("state-why")
             with ui.element("div").classes("bar-buttons"):
-                ui.button("Hover", on_click=self._commands.hover, color=None).classes("hover-button").props("no-caps").mark("hover")
-                ui.button("Abort", on_click=self._commands.abort, color=None).classes("abort-button").props("no-caps").mark("abort")
+                ui.button("Hover", on_click=self._commands.hover, color=None).classes("hover-button").props(
+                    "no-caps"
+                ).mark("hover")
+                ui.button("Abort", on_click=self._commands.abort, color=None).classes("abort-button").props(
+                    "no-caps"
+                ).mark("abort")
                 HoldButton("Kill (hold)").on("held", self._commands.kill)
 
     def _stage(self) -> None:

@@ -22,6 +22,8 @@ HOST = "127.0.0.1"
 LOOPBACK = frozenset({"127.0.0.1", "localhost", "[::1]"})
 PORTS_TRIED = 20
 STOP_TIMEOUT_S = 1.0
+RECONNECT_TIMEOUT_S = 30.0
+"""A browser that is busy for longer gets a new page."""
 Receive = Callable[[], Awaitable[Any]]
 Send = Callable[[Any], Awaitable[None]]
 
@@ -93,7 +95,13 @@ class PageServer:
 
         pages.on_connect(self._feed.add_viewer)
         pages.on_disconnect(self._feed.remove_viewer)
-        ui.run_with(site, tailwind=False, show_welcome_message=False, binding_refresh_interval=None, reconnect_timeout=5.0)
+        ui.run_with(
+            site,
+            tailwind=False,
+            show_welcome_message=False,
+            binding_refresh_interval=None,
+            reconnect_timeout=RECONNECT_TIMEOUT_S,
+        )
         settings = uvicorn.Config(OwnPagesOnly(site), log_level="warning", timeout_graceful_shutdown=1)
         self._server = uvicorn.Server(settings)
 
