@@ -77,7 +77,7 @@ def flight_readings(status: Status | None, age_s: float | None, home_z_ned_m: fl
         heading_deg = yaw_deg % 360.0
     height_m = None if pos_m is None else altitude_m(pos_m[2] - (home_z_ned_m or 0.0))
     remaining = None if battery is None else battery.remaining
-    home = "height over " + ("start" if home_z_ned_m is None else "home")
+    home = "over " + ("start" if home_z_ned_m is None else "home")
     return [
         reading("heading", heading_deg, "°" if heading_deg is None else f"° {compass_point(heading_deg)}", age_s, 0),
         reading(home, height_m, "m", age_s, 2),
@@ -96,14 +96,15 @@ def flight_readings(status: Status | None, age_s: float | None, home_z_ned_m: fl
 
 def ground_reading(altimeter: Altimeter | None, age_s: float | None) -> Reading:
     """Height over the ground, by the altimeter."""
-    return reading("height over ground", None if altimeter is None else altimeter.range_m, "m", age_s, 2)
+    return reading("over ground", None if altimeter is None else altimeter.range_m, "m", age_s, 2)
 
 
-def gnss_reading(gnss: Gnss | None, age_s: float | None) -> Reading:
+def gnss_readings(gnss: Gnss | None, age_s: float | None) -> list[Reading]:
     """Quality of the GNSS fix."""
-    if gnss is None:
-        return reading("GNSS σ", None, "m", age_s)
-    return reading("GNSS σ", gnss.std_horizontal_m, f"m · {gnss.satellites} sat", age_s, 2)
+    return [
+        reading("GNSS σ", None if gnss is None else gnss.std_horizontal_m, "m", age_s, 2),
+        reading("satellites", None if gnss is None else gnss.satellites, "", age_s, 0),
+    ]
 
 
 def rover_readings(
@@ -118,7 +119,7 @@ def rover_readings(
         speed_mps = hypot(rover.vel_rover_ned_mps[0], rover.vel_rover_ned_mps[1])
     return [
         reading("to the rover", None if rel_m is None else hypot(rel_m[0], rel_m[1]), "m", relative_age_s, 2),
-        reading("over platform", None if rel_m is None else altitude_m(rel_m[2]), "m", relative_age_s, 2),
-        reading("estimate ±3σ", None if std_m is None else 3.0 * std_m, "m", relative_age_s, 2),
-        reading("rover's speed", speed_mps, "m/s", rover_age_s),
+        reading("over rover", None if rel_m is None else altitude_m(rel_m[2]), "m", relative_age_s, 2),
+        reading("estimate 3σ", None if std_m is None else 3.0 * std_m, "m", relative_age_s, 2),
+        reading("rover speed", speed_mps, "m/s", rover_age_s),
     ]

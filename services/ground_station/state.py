@@ -22,7 +22,7 @@ from jezero.services.ground_station.readings import (
     LOST_S,
     Reading,
     flight_readings,
-    gnss_reading,
+    gnss_readings,
     ground_reading,
     rover_readings,
 )
@@ -119,7 +119,7 @@ class VehicleState:
         status, age_s = self._latest(topics.STATUS), self._age_s(topics.STATUS, now_s)
         rows: list[Reading] = flight_readings(status, age_s, self._home_z_ned_m)
         rows.insert(2, ground_reading(self._latest(topics.ALTIMETER), self._age_s(topics.ALTIMETER, now_s)))
-        rows.append(gnss_reading(self._latest(topics.GNSS), self._age_s(topics.GNSS, now_s)))
+        rows += gnss_readings(self._latest(topics.GNSS), self._age_s(topics.GNSS, now_s))
         rows += rover_readings(
             self._latest(topics.RELATIVE), self._age_s(topics.RELATIVE, now_s),
             self._latest(topics.ROVER_ESTIMATE), self._age_s(topics.ROVER_ESTIMATE, now_s),

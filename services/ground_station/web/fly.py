@@ -34,6 +34,7 @@ class Form:
         self.text, self.fields = form_of(schema)
         self._inputs: dict[str, list[Any]] = {}
         self._plan: PlanReply | None = None
+        self._z_ned_m = 0.0
         self.area: list[list[float]] = []
         ui.label(self.text).classes("form-text")
         with ui.element("div").classes("form"):
@@ -45,10 +46,10 @@ class Form:
             with ui.expansion("More settings").classes("form-more").props("dense"), ui.element("div").classes("form"):
                 for field in rest:
                     self._input(field)
-        self._problem = ui.label().classes("form-problem").mark(f"problem-{action}")
-        self._found = ui.label().classes("form-plan").mark(f"plan-{action}")
+        self._problem = ui.label().classes("form-problem").props(f'data-mark="problem-{action}"')
+        self._found = ui.label().classes("form-plan").props(f'data-mark="plan-{action}"')
         with ui.element("div").classes("form-buttons"):
-            ui.button("Plan", on_click=self.plan).props("no-caps outline").mark(f"plan-button-{action}")
+            ui.button("Plan", on_click=self.plan).props("no-caps outline").props(f'data-mark="plan-button-{action}"')
             ui.button("Fly", on_click=self.send, color=None).props("no-caps unelevated").classes("fly").mark(
                 f"fly-{action}"
             )
@@ -65,16 +66,18 @@ class Form:
         mark = f"{self.action}-{field.name}"
         made: list[Any]
         if field.kind == "switch":
-            made = [ui.switch(label, value=bool(default)).mark(mark)]
+            made = [ui.switch(label, value=bool(default)).props(f'data-mark="{mark}"')]
         elif field.kind == "choice":
-            made = [ui.select(list(field.choices), value=default, label=label).props("dense").mark(mark)]
+            made = [
+                ui.select(list(field.choices), value=default, label=label).props("dense").props(f'data-mark="{mark}"')
+            ]
         elif field.kind == "vector":
             parts = default or [None] * len(field.axes)
             with ui.element("div").classes("vector"):
                 made = [
                     ui.input(f"{axis} (m)", value="" if part is None else str(part))
                     .props("dense")
-                    .mark(f"{mark}-{axis}")
+                    .props(f'data-mark="{mark}-{axis}"')
                     for axis, part in zip(field.axes, parts, strict=True)
                 ]
         elif field.kind in ("area", "areas"):
@@ -87,7 +90,7 @@ class Form:
             made = [
                 ui.input(label, value="" if default is None else f"{default:g}", placeholder=placeholder)
                 .props("dense")
-                .mark(mark)
+                .props(f'data-mark="{mark}"')
             ]
         for element in made:
             element.tooltip(field.help)
@@ -133,6 +136,7 @@ class Form:
         goal = self._goal()
         if goal is None:
             return
+        self._z_ned_m = goal.get("z_ned_m", 0.0)
         self._found.set_text("planning …")
         found = await self._panel.commands.plan(self.action, goal)
         self._problem.set_text(found if isinstance(found, str) else found.reason)
@@ -150,7 +154,7 @@ class Form:
     def _show_plan(self, plan: PlanReply | None) -> None:
         self._plan = plan
         self._found.set_text("" if plan is None else plan_words(plan))
-        self._panel.show_plan(plan)
+        self._panel.show_plan(plan, self._z_ned_m)
 
 
 def plan_words(plan: PlanReply) -> str:
@@ -177,14 +181,15 @@ class FlyPanel:
         self._forms: dict[str, Form] = {}
         names = sorted(all_actions(), key=lambda name: (*FLIGHT_ORDER, name).index(name))
         with ui.element("section").classes("card fly-card"):
-            with ui.tabs(on_change=self._on_tab).props("dense no-caps outside-arrows mobile-arrows") as tabs:
+            with ui.tabs().props("dense no-caps") as tabs:
                 for name in names:
-                    ui.tab(name, label=name.replace("_", " ")).mark(f"tab-{name}")
+                    ui.tab(name, label=name.replace("_", " ")).props(f'data-mark="tab-{name}"')
             with ui.tab_panels(tabs, value=names[0]).props("keep-alive"):
                 for name in names:
                     with ui.tab_panel(name):
                         self._forms[name] = Form(name, self)
         self._open = self._forms[names[0]]
+        tabs.on_value_change(self._on_tab)
         chart.on("point", self._on_point)
         chart.on("area", self._on_area)
 
@@ -192,14 +197,13 @@ class FlyPanel:
         """Draw an area on the map."""
         self._map.run_method("setArea", area)
 
-    def show_plan(self, plan: PlanReply | None) -> None:
-        """Draw a plan on the map and in space."""
+    def show_plan(self, plan: PlanReply | None, z_ned_m: float) -> None:
+        """Draw a plan on the map, and in space at its height."""
         coverage = None if plan is None else plan.coverage
-        z_m = -4.0
         path = [] if coverage is None else [list(point_m) for point_m in coverage.path_ned_m]
         pictures = [] if coverage is None else [list(point_m) for point_m in coverage.pictures_ned_m]
         self._map.run_method("setPlan", {"path": path, "pictures": pictures})
-        self._view.run_method("setPlan", [[*point_m, z_m] for point_m in path])
+        self._view.run_method("setPlan", [[*point_m, z_ned_m] for point_m in path])
 
     def _on_tab(self, event: events.ValueChangeEventArguments[Any]) -> None:
         self._open = self._forms[event.value]

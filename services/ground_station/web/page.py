@@ -43,17 +43,17 @@ class Page:
     def _header(self) -> None:
         with ui.element("header").classes("bar"):
             with ui.element("div").classes("state"):
-                self._words = ui.label().classes("state-words").mark("state")
+                self._words = ui.label().classes("state-words").props('data-mark="state"')
                 with ui.element("div").classes("state-more"):
                     self._charge = ui.label().classes("state-charge")
                     self._why = ui.label().classes("state-why")
             with ui.element("div").classes("bar-buttons"):
                 ui.button("Hover", on_click=self._commands.hover, color=None).classes("hover-button").props(
                     "no-caps"
-                ).mark("hover")
+                ).props('data-mark="hover"')
                 ui.button("Abort", on_click=self._commands.abort, color=None).classes("abort-button").props(
                     "no-caps"
-                ).mark("abort")
+                ).props('data-mark="abort"')
                 HoldButton("Kill (hold)").on("held", self._commands.kill)
 
     def _stage(self) -> None:

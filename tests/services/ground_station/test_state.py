@@ -51,9 +51,9 @@ def test_a_value_turns_grey_after_a_second_and_disappears_after_ten() -> None:
 def test_an_altimeter_that_meets_nothing_shows_no_number() -> None:
     state = shown()
     state.update(0.0, topics.ALTIMETER, Altimeter(t_ns=0, range_m=None))
-    assert reading(state, "height over ground", 0.1)["text"] == "–"
+    assert reading(state, "over ground", 0.1)["text"] == "–"
     state.update(0.2, topics.ALTIMETER, Altimeter(t_ns=0, range_m=1.5))
-    assert reading(state, "height over ground", 0.3)["text"] == "1.50"
+    assert reading(state, "over ground", 0.3)["text"] == "1.50"
 
 
 def test_an_unknown_battery_shows_no_number() -> None:
@@ -66,7 +66,7 @@ def test_the_height_over_home_counts_from_where_the_vehicle_armed() -> None:
     state.update(0.0, topics.STATUS, FLIGHT.at(0.0, 0.0, -0.4).status(code=0, armed=False, in_charge="none"))
     state.update(0.1, topics.STATUS, FLIGHT.at(0.0, 0.0, -0.4).status(code=1))
     state.update(0.2, topics.STATUS, FLIGHT.at(0.0, 0.0, -2.4).status(code=1))
-    assert reading(state, "height over home", 0.3)["text"] == "2.00"
+    assert reading(state, "over home", 0.3)["text"] == "2.00"
 
 
 def test_the_status_line_tells_who_is_in_charge_and_for_how_long() -> None:
