@@ -11,9 +11,9 @@ from urllib.parse import urlsplit
 import pytest
 
 pytest.importorskip("nicegui", reason="the extra jezero[ground] is not installed")
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Locator, Page, expect, sync_playwright
 
 from tests.system.conftest import Stack, wait_for, wait_for_status
 
@@ -75,7 +75,7 @@ def screen(unstarted: Stack) -> Iterator[Screen]:
     unstarted.up()
     rows = {row["service"]: row for row in json.loads(unstarted.jezero("ps", "--json").stdout)}
     address = rows["ground_station"]["text"].partition(",")[0]
-    with sync_api.sync_playwright() as playwright:
+    with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(SOFTWARE_GL))
         page = browser.new_page(viewport={"width": 1400, "height": 900})
         page.set_default_timeout(60_000)

@@ -45,16 +45,6 @@ export default {
       this.point = point;
       this.draw();
     },
-    setGround(ground) {
-      this.shade = shaded(ground);
-      this.draw();
-    },
-    showAll() {
-      const vehicle = this.state?.vehicle;
-      this.center = vehicle ? [vehicle.pos[0], vehicle.pos[1]] : [0, 0];
-      this.scale = 40;
-      this.draw();
-    },
     // -- places and pixels --
     toPixel([north, east]) {
       const { clientWidth: w, clientHeight: h } = this.$el;
@@ -124,12 +114,6 @@ export default {
       c.setTransform(ratio, 0, 0, ratio, 0, 0);
       c.fillStyle = "#5a3524";
       c.fillRect(0, 0, w, h);
-      if (this.shade) {
-        const { half, offset, image } = this.shade;
-        const [left, top] = this.toPixel([half + offset[0], -half + offset[1]]);
-        c.imageSmoothingEnabled = true;
-        c.drawImage(image, left, top, 2 * half * this.scale, 2 * half * this.scale);
-      }
       this.drawGrid(c, w, h);
       this.drawLine(c, this.trail, "#2f9bff", 2.5);
       if (this.plan) {
@@ -251,22 +235,4 @@ function turned(c, [x, y], angle, drawing) {
   c.rotate(angle);
   drawing();
   c.restore();
-}
-
-// Heights as a shaded image, north up, lit from the north-west.
-function shaded({ points, half, offset, heights }) {
-  const image = document.createElement("canvas");
-  image.width = image.height = points;
-  const c = image.getContext("2d"), data = c.createImageData(points, points), step = (2 * half) / (points - 1);
-  for (let row = 0; row < points; row++) {
-    for (let column = 0; column < points; column++) {
-      const at = (r, k) => heights[Math.min(r, points - 1) * points + Math.min(k, points - 1)];
-      const slope = (at(row, column) - at(row + 1, column) + at(row, column + 1) - at(row, column)) / step;
-      const light = 0.78 + 2.2 * slope + 0.25 * at(row, column), i = 4 * ((points - 1 - row) * points + column);
-      [0x8e, 0x55, 0x37].forEach((part, k) => (data.data[i + k] = part * light));
-      data.data[i + 3] = 255;
-    }
-  }
-  c.putImageData(data, 0, 0);
-  return { half, offset, image };
 }

@@ -59,7 +59,7 @@ export default {
       this.vehicle = makeVehicle(this.robot);
       this.rover = makeRover(this.robot);
       this.vehicle.visible = this.rover.visible = false;
-      this.ground = makeGround(null);
+      this.ground = makeGround();
       this.trail = this.line(0x2f9bff, 2, false);
       this.plan = this.line(0xffd34d, 2, true);
       this.frustum = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: 0xffffff, transparent: true, opacity: 0.55 }));
@@ -99,12 +99,6 @@ export default {
     },
     setPlan(points) {
       if (this.ready) this.setPoints(this.plan, points);
-    },
-    setGround(ground) {
-      if (!this.ready) return;
-      this.ned.remove(this.ground);
-      this.ground = makeGround(ground);
-      this.ned.add(this.ground);
     },
     setMode(mode) {
       if (!this.ready) return;

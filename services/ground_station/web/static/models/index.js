@@ -91,49 +91,41 @@ export function makeRover(robot) {
   return group;
 }
 
-// Ground in ned from heights (positive up), rows to the north; a level square without heights.
-export function makeGround(ground) {
-  const group = new THREE.Group();
-  const points = ground ? ground.points : 2, half = ground ? ground.half : 250;
-  const [north0, east0, down0] = ground ? ground.offset : [0, 0, 0];
-  const positions = [], colors = [], indices = [];
-  const low = new THREE.Color(0x7a3f26), high = new THREE.Color(0xc98a5a), color = new THREE.Color();
-  for (let row = 0; row < points; row++) {
-    for (let column = 0; column < points; column++) {
-      const height = ground ? ground.heights[row * points + column] : 0;
-      const step = (2 * half) / (points - 1);
-      positions.push(-half + row * step + north0, -half + column * step + east0, -height + down0);
-      const grain = 0.5 + 0.5 * Math.sin(12.9898 * row + 78.233 * column) * Math.cos(4.1 * row - 9.7 * column);
-      color.lerpColors(low, high, Math.min(1, Math.max(0, 0.45 + 0.7 * height + 0.16 * (grain - 0.5))));
-      colors.push(color.r, color.g, color.b);
-    }
+// Grains and small stones, and a grid of a metre; repeated every four metres.
+function groundTexture() {
+  const size = 512, image = document.createElement("canvas");
+  image.width = image.height = size;
+  const c = image.getContext("2d");
+  c.fillStyle = "#d9d0c8";
+  c.fillRect(0, 0, size, size);
+  let seed = 7;
+  const random = () => (seed = (16807 * seed) % 2147483647) / 2147483647;
+  for (let i = 0; i < 5200; i++) {
+    const light = 120 + 135 * random(), radius = 0.4 + 2.6 * random() ** 6;
+    c.fillStyle = `rgba(${light},${light},${light},.45)`;
+    c.beginPath();
+    c.arc(size * random(), size * random(), radius, 0, 7);
+    c.fill();
   }
-  for (let row = 0; row + 1 < points; row++) {
-    for (let column = 0; column + 1 < points; column++) {
-      const a = row * points + column, b = a + 1, c = a + points, d = c + 1;
-      indices.push(a, b, c, b, d, c);
-    }
+  c.strokeStyle = "rgba(40,18,8,.22)";
+  for (let i = 0; i < 4; i++) {
+    c.strokeRect(0.5 + (i * size) / 4, -9, size, 2 * size);
+    c.strokeRect(-9, 0.5 + (i * size) / 4, 2 * size, size);
   }
-  const geometry = new THREE.BufferGeometry();
-  geometry.setAttribute("position", new THREE.Float32BufferAttribute(positions, 3));
-  geometry.setAttribute("color", new THREE.Float32BufferAttribute(colors, 3));
-  geometry.setIndex(indices);
-  geometry.computeVertexNormals();
-  const material = new THREE.MeshStandardMaterial({ vertexColors: true, roughness: 1, side: THREE.DoubleSide });
-  const mesh = new THREE.Mesh(geometry, material);
-  mesh.receiveShadow = true;
-  group.add(mesh);
-  if (ground && ground.rocks.length) group.add(makeRocks(ground));
-  return group;
+  const texture = new THREE.CanvasTexture(image);
+  texture.wrapS = texture.wrapT = THREE.RepeatWrapping;
+  texture.anisotropy = 8;
+  texture.colorSpace = THREE.SRGBColorSpace;
+  return texture;
 }
 
-// Rocks as (3 n,) coordinates of triangles' corners in the simulator's map.
-function makeRocks(ground) {
-  const geometry = new THREE.BufferGeometry();
-  geometry.setAttribute("position", new THREE.Float32BufferAttribute(ground.rocks, 3));
-  geometry.computeVertexNormals();
-  const rocks = new THREE.Mesh(geometry, new THREE.MeshStandardMaterial({ color: 0x6b4636, roughness: 0.95, flatShading: true, side: THREE.DoubleSide }));
-  rocks.position.set(...ground.offset);
-  rocks.castShadow = rocks.receiveShadow = true;
-  return rocks;
+// Level ground in ned. Its relief is the simulator's own: no topic tells it.
+export function makeGround() {
+  const half = 200, plane = new THREE.PlaneGeometry(2 * half, 2 * half);
+  const map = groundTexture();
+  map.repeat.set(half / 2, half / 2);
+  const ground = new THREE.Mesh(plane, new THREE.MeshStandardMaterial({ color: 0xb8683c, map, roughness: 1 }));
+  ground.rotation.x = Math.PI; // its face up
+  ground.receiveShadow = true;
+  return ground;
 }
