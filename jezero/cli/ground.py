@@ -27,7 +27,6 @@ def ground(router: str, vehicle: str, port: int | None) -> None:
 
     from jezero.runtime.config import load_config
     from jezero.services.ground_station.config import GroundStationConfig
-    from jezero.services.ground_station.robot import robot_shapes
     from jezero.vehicle_config import VehicleConfig
 
     try:
@@ -39,6 +38,6 @@ def ground(router: str, vehicle: str, port: int | None) -> None:
     config = load_config(GroundStationConfig, "ground_station")
     if port is not None:
         config = msgspec.structs.replace(config, port=port)
-    server = PageServer(config, robot_shapes(load_config(VehicleConfig, "vehicle")), vehicle, router)
+    server = PageServer(config, load_config(VehicleConfig, "vehicle"), vehicle, router)
     click.echo(f"the pages of {vehicle} are on {server.address}. Ctrl+C ends them.")
     server.run()

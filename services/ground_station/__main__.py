@@ -8,7 +8,6 @@ from jezero.runtime.links import SocketLink
 from jezero.runtime.service import Service
 from jezero.runtime.zenoh_bus import run_process
 from jezero.services.ground_station.config import GroundStationConfig
-from jezero.services.ground_station.robot import robot_shapes
 from jezero.services.ground_station.service import GroundStation
 from jezero.vehicle_config import VehicleConfig
 
@@ -20,7 +19,7 @@ def main() -> int:
         from jezero.services.ground_station.web.server import PageServer
 
         config = load_config(GroundStationConfig, "ground_station")
-        robot = robot_shapes(load_config(VehicleConfig, "vehicle"))
+        robot = load_config(VehicleConfig, "vehicle")
         server = PageServer(config, robot, instance.vehicle, instance.router)
         server.run_in_thread()
         print(f"the pages are on {server.address}")

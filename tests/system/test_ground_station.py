@@ -51,6 +51,10 @@ class Screen:
         """Wait until the state line begins with these words."""
         expect(self.page.locator(".state-words")).to_contain_text(words, timeout=FLIGHT_TIMEOUT_MS)
 
+    def tells(self, event: str) -> None:
+        """Wait until an event is in the list, which a state that ends soon leaves behind."""
+        expect(self.page.locator(".events")).to_contain_text(event, timeout=FLIGHT_TIMEOUT_MS)
+
     def choose(self, action: str) -> None:
         """Open the form of an action."""
         self.marked(f"tab-{action}").click()
@@ -102,7 +106,7 @@ def test_a_mission_is_flown_by_clicks_alone(screen: Screen) -> None:
     screen.marked("go_to-target_ned_m-north").fill("1")
     screen.marked("go_to-target_ned_m-east").fill("1")
     screen.marked("fly-go_to").click()
-    screen.shows("Flying to a point")
+    screen.tells("Flying to a point")
     screen.shows("Hovering")
 
     screen.choose("area_coverage")
@@ -110,11 +114,11 @@ def test_a_mission_is_flown_by_clicks_alone(screen: Screen) -> None:
         screen.click_map(right_px, up_px)
     expect(screen.marked("plan-area_coverage")).to_contain_text("images", timeout=60_000)
     screen.marked("fly-area_coverage").click()
-    screen.shows("Covering an area")
+    screen.tells("Covering an area")
     screen.shows("Hovering")
 
     screen.fly("land_on_spot")
-    screen.shows("Landing")
+    screen.tells("Landing")
     screen.shows("On the ground")
     with screen.stack.connect() as uav:
         assert not uav.status().armed

@@ -1,16 +1,13 @@
 """The messages of a vehicle, through the SDK, for the pages that somebody looks at."""
 
 import asyncio
-import io
 import time
-from contextlib import suppress
 from typing import Any
 
 from jezero.aio import JezeroError, Vehicle
 from jezero.plugins import all_actions
 from jezero.schemas import topics
 from jezero.schemas.health import ServiceHealth
-from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.topics import Topic
 from jezero.services.ground_station.state import VehicleState
 
@@ -18,10 +15,6 @@ ALL_HEALTH = Topic("health/*", ServiceHealth, 1.0, "every service")
 WATCHED = (topics.ALTIMETER, topics.GNSS, topics.RELATIVE, topics.ROVER_ESTIMATE, topics.CAMERA_PITCH)
 """Topics that are read only while somebody looks."""
 RETRY_S = 1.0
-PICTURE_AGE_MAX_S = 2.0
-LOOKER_TIMEOUT_S = 3.0
-"""The camera's images are read until nobody has asked for one for this duration."""
-JPEG_QUALITY = 75
 
 
 class Feed:
@@ -32,18 +25,14 @@ class Feed:
         problem: why there is no connection yet; "" with one.
     """
 
-    def __init__(self, vehicle: str, router: str, rate_camera_hz: float) -> None:
+    def __init__(self, vehicle: str, router: str) -> None:
         self.state = VehicleState()
         self.vehicle, self.router = vehicle, router
         self.problem = f"Connecting to {router} …"
         self._uav: Vehicle | None = None
-        self._period_camera_s = 1.0 / rate_camera_hz
         self._always: list[asyncio.Task[None]] = []
         self._watching: list[asyncio.Task[None]] = []
         self._viewers = 0
-        self._camera: asyncio.Task[None] | None = None
-        self._asked_s = 0.0
-        self._picture: tuple[float, bytes] | None = None
 
     @property
     def uav(self) -> Vehicle | None:
@@ -72,19 +61,14 @@ class Feed:
 
     async def close(self) -> None:
         """End all tasks and the connection."""
-        for task in (*self._always, *self._watching, *((self._camera,) if self._camera else ())):
+        for task in (*self._always, *self._watching):
             task.cancel()
         if self._uav is not None:
             await self._uav.close()
 
-    def add_viewer(self) -> None:
-        """Somebody opened a page."""
-        self._viewers += 1
-        self._watch()
-
-    def remove_viewer(self) -> None:
-        """Somebody closed a page."""
-        self._viewers -= 1
+    def set_viewers(self, number: int) -> None:
+        """Read what the pages show while there are any."""
+        self._viewers = number
         self._watch()
 
     def _watch(self) -> None:
@@ -111,37 +95,3 @@ class Feed:
                     await asyncio.sleep(RETRY_S)
                 else:
                     self.state.update(time.monotonic(), topic, message)
-
-    # -- camera --
-
-    async def picture(self) -> bytes | None:
-        """The newest image of the camera as a JPEG; None when there is none of the last seconds."""
-        self._asked_s = time.monotonic()
-        if self._uav is None:
-            return None
-        if self._camera is None or self._camera.done():
-            self._camera = asyncio.create_task(self._read_camera())
-        if self._picture is None or time.monotonic() - self._picture[0] > PICTURE_AGE_MAX_S:
-            return None
-        return self._picture[1]
-
-    async def _read_camera(self) -> None:
-        assert self._uav is not None
-        next_s = 0.0
-        with suppress(JezeroError):  # no camera, or no router: `picture` shows that there is no image
-            async with self._uav.subscribe(topics.CAMERA) as stream:
-                while time.monotonic() - self._asked_s < LOOKER_TIMEOUT_S:
-                    frame = await stream.next(LOOKER_TIMEOUT_S)
-                    now_s = time.monotonic()
-                    if now_s >= next_s:
-                        next_s = now_s + self._period_camera_s
-                        self._picture = (now_s, await asyncio.to_thread(_jpeg, frame))
-
-
-def _jpeg(frame: CameraFrame) -> bytes:
-    from PIL import Image
-
-    compressed = io.BytesIO()
-    image = Image.frombytes("RGB", (frame.width_px, frame.height_px), frame.pixels)
-    image.save(compressed, "jpeg", quality=JPEG_QUALITY)
-    return compressed.getvalue()

@@ -50,8 +50,8 @@ class Form:
         self._found = ui.label().classes("form-plan").props(f'data-mark="plan-{action}"')
         with ui.element("div").classes("form-buttons"):
             ui.button("Plan", on_click=self.plan).props("no-caps outline").props(f'data-mark="plan-button-{action}"')
-            ui.button("Fly", on_click=self.send, color=None).props("no-caps unelevated").classes("fly").mark(
-                f"fly-{action}"
+            ui.button("Fly", on_click=self.send, color=None).props("no-caps unelevated").classes("fly").props(
+                f'data-mark="fly-{action}"'
             )
 
     @property

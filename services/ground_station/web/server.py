@@ -10,13 +10,16 @@ from urllib.parse import urlsplit
 
 import uvicorn
 from fastapi import FastAPI, Response
+from nicegui import Client, ui
 from nicegui import app as pages
-from nicegui import ui
 
 from jezero.runtime.service import Health
 from jezero.services.ground_station.config import GroundStationConfig
+from jezero.services.ground_station.robot import robot_shapes
+from jezero.services.ground_station.web.camera_feed import CameraFeed
 from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.page import Page
+from jezero.vehicle_config import VehicleConfig
 
 HOST = "127.0.0.1"
 LOOPBACK = frozenset({"127.0.0.1", "localhost", "[::1]"})
@@ -81,20 +84,22 @@ class PageServer:
         address: of the pages, for a browser.
     """
 
-    def __init__(self, config: GroundStationConfig, robot: dict[str, Any], vehicle: str, router: str) -> None:
+    def __init__(self, config: GroundStationConfig, robot: VehicleConfig, vehicle: str, router: str) -> None:
         self._socket = listening_socket(config.port)
         self.port: int = self._socket.getsockname()[1]
         self.address = f"http://{HOST}:{self.port}"
-        self._feed = Feed(vehicle, router, config.rate_camera_hz)
+        self._feed = Feed(vehicle, router)
+        self._camera = CameraFeed(robot, config.rate_camera_hz)
+        shapes = robot_shapes(robot)
         site = FastAPI(lifespan=self._life, docs_url=None, redoc_url=None, openapi_url=None)
-        site.add_api_route("/camera.jpg", self._camera)
+        site.add_api_route("/camera.jpg", self._send_picture)
 
         @ui.page("/", title=f"{vehicle} · jezero", dark=True)
         def show() -> None:
-            Page(self._feed, robot, config.rate_hz, config.rate_camera_hz)
+            Page(self._feed, shapes, config.rate_hz, config.rate_camera_hz)
 
-        pages.on_connect(self._feed.add_viewer)
-        pages.on_disconnect(self._feed.remove_viewer)
+        pages.on_connect(self._count_viewers)
+        pages.on_disconnect(self._count_viewers)
         ui.run_with(
             site,
             tailwind=False,
@@ -128,6 +133,9 @@ class PageServer:
         viewers = "nobody looks" if number == 0 else f"{number} open page{'s' if number > 1 else ''}"
         return Health("ok", f"{self.address}, {viewers}")
 
+    def _count_viewers(self) -> None:
+        self._feed.set_viewers(sum(client.has_socket_connection for client in Client.instances.values()))
+
     @asynccontextmanager
     async def _life(self, site: FastAPI) -> Any:
         connecting = asyncio.create_task(self._feed.connect())
@@ -135,8 +143,10 @@ class PageServer:
         connecting.cancel()
         with suppress(asyncio.CancelledError):
             await connecting
+        self._camera.close()
         await self._feed.close()
 
-    async def _camera(self) -> Response:
-        picture = await self._feed.picture()
+    async def _send_picture(self) -> Response:
+        uav = self._feed.uav
+        picture = None if uav is None else await self._camera.picture(uav)
         return Response(status_code=204) if picture is None else Response(picture, media_type="image/jpeg")
