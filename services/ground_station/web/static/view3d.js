@@ -4,7 +4,7 @@ import { OrbitControls, THREE } from "nicegui-scene";
 
 const LAG_S = 0.12; // time constant of the motion between two updates
 const FRAME_GAP_MS = 33;
-const SLOW_MS = 80; // from here on there are no shadows
+const SLOW_MS = 80; // a frame that takes longer: no graphics card, so no shadows and fewer pixels
 const SKY = 0xd9b48f;
 
 export default {
@@ -108,7 +108,7 @@ export default {
     resize() {
       const { clientWidth: width, clientHeight: height } = this.$el;
       if (!width || !height) return;
-      this.renderer.setPixelRatio(this.sun.castShadow ? Math.min(window.devicePixelRatio, 2) : 1);
+      this.renderer.setPixelRatio(this.sun.castShadow ? Math.min(window.devicePixelRatio, 2) : 0.7);
       this.renderer.setSize(width, height, false);
       this.camera.aspect = width / height;
       this.camera.updateProjectionMatrix();
