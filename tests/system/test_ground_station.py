@@ -18,8 +18,16 @@ from playwright.sync_api import Locator, Page, expect, sync_playwright
 from tests.system.conftest import Stack, wait_for, wait_for_status
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-SOFTWARE_GL = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+SOFTWARE_GL = (
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--disable-gpu-rasterization",
+    "--disable-accelerated-2d-canvas",
+)
 FLIGHT_TIMEOUT_MS = 180_000
+SERVICES = ("vehicle_bridge", "router")
 
 pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on the path"),
@@ -151,11 +159,11 @@ def test_keys_hover_and_abort_and_a_wrong_field_tells_why(screen: Screen) -> Non
 
 
 def test_the_page_survives_restarts_of_bridge_and_router(screen: Screen) -> None:
-    for service in ("vehicle_bridge", "router"):
+    for service in SERVICES:
         os.kill(screen.stack.processes()[service], signal.SIGSTOP)
         screen.shows("Link lost")
         os.kill(screen.stack.processes()[service], signal.SIGKILL)
-        wait_for(lambda name=service: screen.stack.processes().get(name), 30, f"{service} is restarted")
+        wait_for(lambda: set(SERVICES) <= set(screen.stack.processes()), 30, f"{service} is restarted")
         screen.shows("On the ground, ready")
     with screen.stack.connect() as uav:
         wait_for_status(uav, lambda status: status.ready, 60, "ready after the restarts")

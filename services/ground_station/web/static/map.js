@@ -107,10 +107,14 @@ export default {
     },
     // -- drawing --
     draw() {
+      if (!this.due) this.due = requestAnimationFrame(() => this.drawNow());
+    },
+    drawNow() {
+      this.due = 0;
       const canvas = this.$refs.canvas, { clientWidth: w, clientHeight: h } = this.$el, ratio = window.devicePixelRatio;
       if (!w || !h) return;
       if (canvas.width !== w * ratio || canvas.height !== h * ratio) [canvas.width, canvas.height] = [w * ratio, h * ratio];
-      const c = canvas.getContext("2d");
+      const c = canvas.getContext("2d", { willReadFrequently: true }); // drawn by the processor: few lines, also without a graphics card
       c.setTransform(ratio, 0, 0, ratio, 0, 0);
       c.fillStyle = "#5a3524";
       c.fillRect(0, 0, w, h);
