@@ -34,6 +34,8 @@ class Form:
         self.text, self.fields = form_of(schema)
         self._inputs: dict[str, list[Any]] = {}
         self._plan: PlanReply | None = None
+        self._planned: dict[str, Any] | None = None
+        """The goal that was sent to be planned last; the reply to an earlier one is not shown."""
         self._z_ned_m = 0.0
         self.area: list[list[float]] = []
         ui.label(self.text).classes("form-text")
@@ -99,7 +101,7 @@ class Form:
 
     def clear_area(self) -> None:
         """Begin the area again."""
-        self.area = []
+        self.area, self._planned = [], None
         self._panel.show_area(self.area)
         self._show_plan(None)
 
@@ -112,7 +114,7 @@ class Form:
 
     async def on_area(self, area: list[list[float]]) -> None:
         """Take an area of the map, and show its plan."""
-        self.area = area
+        self.area, self._planned = area, None
         self._show_plan(None)
         if len(area) >= 3:
             await self.plan()
@@ -136,9 +138,12 @@ class Form:
         goal = self._goal()
         if goal is None:
             return
+        self._planned = goal
         self._z_ned_m = goal.get("z_ned_m", 0.0)
         self._found.set_text("planning …")
         found = await self._panel.commands.plan(self.action, goal)
+        if self._planned is not goal:
+            return
         self._problem.set_text(found if isinstance(found, str) else found.reason)
         self._show_plan(None if isinstance(found, str) else found)
 
@@ -147,8 +152,8 @@ class Form:
         goal = self._goal()
         if goal is None:
             return
-        if self._plan is not None and self._plan.coverage is not None:
-            goal["plan_id"] = self._plan.coverage.plan_id
+        if self._plan is not None and self._plan.coverage is not None and self._planned == goal:
+            goal = goal | {"plan_id": self._plan.coverage.plan_id}
         self._problem.set_text(await self._panel.commands.send(self.action, goal))
 
     def _show_plan(self, plan: PlanReply | None) -> None:

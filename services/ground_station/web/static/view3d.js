@@ -65,7 +65,7 @@ export default {
       this.frustum = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: 0xffffff, transparent: true, opacity: 0.55 }));
       this.drop = this.line(0xffffff, 1, true);
       this.ellipse = new THREE.Mesh(
-        new THREE.SphereGeometry(1, 24, 12), new THREE.MeshBasicMaterial({ color: 0x4dd2ff, wireframe: true, transparent: true, opacity: 0.5 }),
+        new THREE.SphereGeometry(1, 24, 12), new THREE.MeshBasicMaterial({ color: 0x4dd2ff, wireframe: true, transparent: true, opacity: 0.18 }),
       );
       this.ellipse.visible = false;
       this.ned.add(this.ground, this.vehicle, this.rover, this.trail, this.plan, this.frustum, this.drop, this.ellipse);
