@@ -6,7 +6,7 @@ from typing import Any
 
 import zenoh
 
-from jezero.codec import join_attachment
+from jezero.codec import join_attachment, split_attachment
 
 LINK_SETTINGS: Mapping[str, Any] = {
     "scouting/multicast/enabled": False,
@@ -48,3 +48,30 @@ def data_of(sample: zenoh.Sample) -> bytes:
     """
     header, payload = sample.attachment, sample.payload.to_bytes()
     return payload if header is None else join_attachment(header.to_bytes(), payload)
+
+
+def declare_publisher(
+    session: zenoh.Session, name: str, *, attached: bool, congestion: zenoh.CongestionControl
+) -> zenoh.Publisher:
+    """A publisher of the messages of one key.
+
+    Args:
+        name: the whole key.
+        attached: whether its messages have attachments.
+        congestion: what happens to a message that a reader doesn't take in time.
+    """
+    return session.declare_publisher(
+        name,
+        encoding=zenoh.Encoding.APPLICATION_OCTET_STREAM if attached else zenoh.Encoding.APPLICATION_JSON,
+        congestion_control=congestion,
+        priority=zenoh.Priority.DATA_LOW if attached else zenoh.Priority.DATA,
+    )
+
+
+def put(publisher: zenoh.Publisher, data: bytes, *, attached: bool) -> None:
+    """Publish a message that is in one piece, as the codec writes it; see `data_of`."""
+    if attached:
+        json_data, attachment = split_attachment(data)
+        publisher.put(attachment, attachment=json_data)
+    else:
+        publisher.put(data)

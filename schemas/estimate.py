@@ -138,7 +138,7 @@ class SetParameters(Payload, frozen=True, kw_only=True):
         std_rover_m: standard deviation of `pos_rover_ned_m`, on each axis.
         std_uwb_m: standard deviation of a UWB range.
         std_uwb_bias_m: standard deviation of the error that all UWB ranges share.
-        scale_std_tag: factor on the standard deviations that the tag detector reports.
+        scale_std_tag: factor on all standard deviations of a tag's position and heading.
         std_tag_scale: standard deviation of the relative error of distances by the tags.
         std_altimeter_m: standard deviation of the altimeter's range.
         std_yaw_rover_rad: standard deviation of the rover's compass.

@@ -26,6 +26,8 @@ from jezero.schemas.units import NS_PER_S
 from jezero.vehicle_config import VehicleConfig
 
 REPEATS = 3
+IMAGES = 50
+
 
 def fly(folder: Path, seconds: float) -> Path:
     """Hover for some seconds, and print the shares of a core of recorder and live server; returns the recording."""

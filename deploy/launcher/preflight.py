@@ -14,6 +14,7 @@ from jezero.deploy.launcher.compose import Service
 from jezero.deploy.launcher.health import HealthWatcher, router_is_up
 from jezero.deploy.launcher.ports import ports_of
 from jezero.deploy.launcher.state import AlreadyUpError, RunFolder, StartError
+from jezero.replay import NAME as REPLAY
 from jezero.runtime.config import Instance, config_directory
 from jezero.runtime.ports import listen_problem
 from jezero.runtime.router import router_problem
@@ -50,7 +51,7 @@ def check_start(services: Mapping[str, Service], instance: Instance, claims: Cla
     others = [name for name in services if name != ROUTER]
     router_runs = ROUTER in services and router_is_up(instance.router)
     if router_runs:
-        _check_nobody_runs(others, instance)
+        _check_nobody_runs([*others, REPLAY], instance)
     claims.take_services(others, instance.vehicle, instance.router)
     if ROUTER in services and not router_runs:
         router_runs = not _claim_router(instance, claims)

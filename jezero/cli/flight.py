@@ -49,15 +49,25 @@ class Router(click.ParamType[str]):
         return str(value)
 
 
+class FiniteRange(click.FloatRange):
+    """A number within limits. Its parent class takes NaN, which no comparison excludes."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        return FINITE.convert(super().convert(value, param, ctx), param, ctx)
+
+
 FINITE = Finite()
 NUMBERS = {"ignore_unknown_options": True}  # "-4" is a coordinate, not an option
 
 
 def common_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of every command that connects to a vehicle."""
-    command = click.option("--json", "as_json", is_flag=True, help="One JSON object per line, the result last.")(
-        command
-    )
+    json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object per line, the result last.")
+    return vehicle_options(json_option(command))
+
+
+def vehicle_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options that name a vehicle and its router."""
     command = click.option(
         "--router",
         envvar="JEZERO_ROUTER",

@@ -51,6 +51,7 @@ SECTIONS: dict[str, dict[str, Entry]] = {
         "watch": Entry("jezero.cli.watch", "watch", "Serve the messages to a viewer, live (--foxglove)."),
         "recording": Entry("jezero.cli.recording", "recording", "Look into recordings, cut, repair and export them."),
         "replay": Entry("jezero.cli.replay", "replay", "Replay a recording (--through: through one of its services)."),
+        "tune": Entry("jezero.cli.tune", "tune", "Find the noise settings of the estimator that fit recorded flights."),
         "report": Entry("jezero.cli.report", "report", "Draw the figures of recorded flights."),
     },
     "Demonstration": {

@@ -4,11 +4,15 @@ import json
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from jezero.cli.flight import FINITE
 from jezero.schemas.units import NS_PER_S
+
+if TYPE_CHECKING:
+    from jezero.recording import RecordedGoal, Recording
 
 DATES_FROM_NS = 10**18
 """Recordings over Zenoh have times since 1970, of this size since 2001; virtual time starts at 0."""
@@ -40,7 +44,7 @@ def recording() -> None:
 @click.argument("file", type=RECORDING_PATH)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def info(file: Path, as_json: bool) -> None:
-    """Show what FILE holds: where it is from, how long it lasts, and how many messages each topic has."""
+    """Show what FILE holds: its origin, how long it lasts, its goals, and how many messages each topic has."""
     from jezero.recording import open_recording
 
     opened = open_recording(file)
@@ -48,7 +52,10 @@ def info(file: Path, as_json: bool) -> None:
     size_bytes = opened.path.stat().st_size
     origin = {name: value for name, value in summary.about.items() if not name.startswith("settings/")}
     if as_json:
-        click.echo(json.dumps({"file": str(opened.path), "size_bytes": size_bytes, **asdict(summary)}))
+        goals, problem = _goals(opened)
+        fields = {"file": str(opened.path), "size_bytes": size_bytes, **asdict(summary)}
+        fields |= {"goals": [_goal_fields(goal) for goal in goals], "goals_problem": problem}
+        click.echo(json.dumps(fields))
         return
     hint = f"`jezero recording repair {file}` finishes it"
     rows = [
@@ -63,10 +70,56 @@ def info(file: Path, as_json: bool) -> None:
     ]
     for name, value in rows:
         click.echo(f"{name:<11}{value}")
+    _print_goals(opened)
+    click.echo("topics")
     width = max(map(len, summary.counts), default=0)
     for topic, count in summary.counts.items():
         rate_hz = count / summary.duration_s if summary.duration_s else 0.0
         click.echo(f"  {topic:<{width}}  {count:>7}  {rate_hz:>6.1f} Hz  {summary.schemas.get(topic, '')}")
+
+
+def _goal_fields(goal: "RecordedGoal") -> dict[str, Any]:
+    """What `info --json` shows of a goal."""
+    return {
+        "goal_id": goal.goal_id,
+        "action": goal.action,
+        "start_s": goal.start_s,
+        "duration_s": goal.duration_s,
+        "outcome": goal.outcome,
+        "reason": goal.reason,
+    }
+
+
+def _goals(opened: "Recording") -> tuple[list["RecordedGoal"], str]:
+    """The goals, and why they can't be read, or ""; the rest can be shown all the same."""
+    from jezero.recording import RecordingError
+
+    try:
+        return opened.goals(), ""
+    except RecordingError as error:
+        return [], str(error)
+
+
+def _print_goals(opened: "Recording") -> None:
+    """A line for each goal: when it started, and how it ended."""
+    goals, problem = _goals(opened)
+    if problem:
+        click.echo(f"{'goals':<11}not shown: {problem}")
+    if goals:
+        click.echo("goals, by seconds from the start")
+    width = max((len(goal.action) for goal in goals), default=0)
+    for goal in goals:
+        click.echo(f"  {goal.start_s:>7.1f} s  {goal.action:<{width}}  {_end_in_words(goal)}")
+
+
+def _end_in_words(goal: "RecordedGoal") -> str:
+    match goal.outcome:
+        case "rejected":
+            return f"rejected: {goal.reason}"
+        case "unknown":
+            return f"runs for {goal.duration_s:.1f} s; its end is not recorded"
+        case _:
+            return f"{goal.outcome} after {goal.duration_s:.1f} s{': ' if goal.reason else ''}{goal.reason}"
 
 
 def _time_text(logged_ns: int) -> str:
@@ -75,6 +128,26 @@ def _time_text(logged_ns: int) -> str:
         return f"{logged_ns / NS_PER_S:.3f} s of virtual time"
     at = datetime.fromtimestamp(logged_ns / NS_PER_S).astimezone()
     return f"{at:%Y-%m-%d %H:%M:%S}.{at.microsecond // 1000:03d} {at:%z}"
+
+
+@recording.command()
+@click.argument("file", type=RECORDING_PATH)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def settings(file: Path, as_json: bool) -> None:
+    """Show every setting that was in force in the services that started during FILE, defaults included."""
+    from jezero.recording import open_recording
+    from jezero.recording.journals import settings_of
+
+    found = settings_of(open_recording(file).path)
+    if as_json:
+        click.echo(json.dumps(found))
+        return
+    if not found:
+        raise click.ClickException(f"{file} has no start of a service: give a recording that begins with the stack")
+    for service, values in found.items():
+        click.echo(service)
+        for name, value in values.items():
+            click.echo(f"  {name} = {json.dumps(value)}")
 
 
 @recording.command()

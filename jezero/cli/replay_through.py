@@ -36,7 +36,7 @@ def replay_through(file: Path, service: str, settings: Sequence[str], *, as_json
     from jezero.replay.rebuild import SettingError
     from jezero.replay.through import replay_through
 
-    changes = dict(_name_and_value(text) for text in settings)
+    changes = changed_settings(settings)
     try:
         with Console(stderr=True).status(f"replaying {service} …"):
             replay = replay_through(open_recording(file).path, service, changes)
@@ -51,11 +51,19 @@ def replay_through(file: Path, service: str, settings: Sequence[str], *, as_json
         raise click.exceptions.Exit(FAILED)
 
 
-def _name_and_value(text: str) -> tuple[str, str]:
-    name, equals, value = text.partition("=")
-    if not (name.strip() and equals and value.strip()):
-        raise click.UsageError(f"--set {text}: give a setting and its value, such as --set std_uwb_m=0.05")
-    return name.strip(), value.strip()
+def changed_settings(texts: Sequence[str]) -> dict[str, str]:
+    """Settings and their values as TOML, from texts such as `std_uwb_m=0.05`.
+
+    Raises:
+        UsageError: a text is no such pair.
+    """
+    changes: dict[str, str] = {}
+    for text in texts:
+        name, _, value = (part.strip() for part in text.partition("="))
+        if not (name and value):
+            raise click.UsageError(f"--set {text}: give a setting and its value, such as --set std_uwb_m=0.05")
+        changes[name] = value
+    return changes
 
 
 def _as_dict(replay: "Replay", errors: "tuple[Errors, Errors] | None") -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """The channels of a recording: which topics there are, and the JSON Schema of each topic's messages."""
 
+from contextlib import suppress
 from functools import cache
 from typing import Any
 
@@ -8,8 +9,7 @@ import msgspec
 from jezero.plugins import PluginError, load_declaration, plugin_names
 from jezero.recording import foxglove, viewer_scene
 from jezero.recording.images import HEADERS
-from jezero.schemas.actions import FeedbackMessage
-from jezero.schemas.topics import ACTIONS, CAMERA, TOPICS, Topic, feedback_of, health_of, journal_of
+from jezero.schemas.topics import ACTIONS, CAMERA, TOPICS, Action, Topic, feedback_of, health_of, journal_of
 
 _HEADERS = Topic(HEADERS, CAMERA.type, CAMERA.rate_hz, CAMERA.writer)
 _HEALTH, _JOURNAL = health_of("").name, journal_of("").name
@@ -30,18 +30,17 @@ def topic_of(name: str) -> Topic[Any] | None:
 
 @cache
 def _topics() -> dict[str, Topic[Any]]:
-    plugins: list[Topic[Any]] = []
+    return {topic.name: topic for topic in (*TOPICS, *map(feedback_of, usable_actions().values()), _HEADERS)}
+
+
+@cache
+def usable_actions() -> dict[str, Action[Any]]:
+    """All actions by name, those of packages included, but for broken ones: these take away their own channel only."""
+    actions = dict(ACTIONS)
     for name in plugin_names():
-        try:
-            plugins.append(feedback_of(load_declaration(name).action))
-        except PluginError:  # a broken package takes away its own channel only
-            continue
-    return {topic.name: topic for topic in (*TOPICS, *map(feedback_of, ACTIONS.values()), _HEADERS, *plugins)}
-
-
-def feedback_names() -> list[str]:
-    """Names of the topics with the feedback of actions, those of packages included."""
-    return [topic.name for topic in _topics().values() if topic.struct is FeedbackMessage]
+        with suppress(PluginError):
+            actions[name] = load_declaration(name).action
+    return actions
 
 
 def keys_without_images() -> list[str]:

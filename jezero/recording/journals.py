@@ -1,6 +1,6 @@
 """The journals of services in recordings: the runs of a service that can be replayed."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from jezero.schemas.topics import journal_of
 from jezero.schemas.units import NS_PER_S
 
 _PREFIX = journal_of("").name
+_DECODER = msgspec.json.Decoder(JournalPart)
 
 
 @dataclass
@@ -45,6 +46,33 @@ def journaled_services(path: Path) -> list[str]:
     """
     topics = {message.topic for message in McapFile(path).messages()}
     return sorted(topic.removeprefix(_PREFIX) for topic in topics if topic.startswith(_PREFIX))
+
+
+def settings_of(path: Path) -> dict[str, dict[str, Any]]:
+    """Settings in force of each service that started during a recording, by service: values by their full names.
+
+    Raises:
+        RecordingError: the file can't be read.
+    """
+    first: dict[str, JournalPart] = {}
+    for message in McapFile(path).messages():
+        service = message.topic.removeprefix(_PREFIX)
+        if service != message.topic and service not in first:
+            first[service] = _decode(path, service, message.data)
+    return {
+        service: {".".join(names): value for names, value in leaves(part.made_with)}
+        for service, part in sorted(first.items())
+        if part.number == 0
+    }
+
+
+def leaves(table: Mapping[str, Any], parents: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """All values of a table that are no tables, each with the names that lead to it."""
+    for name, value in table.items():
+        if isinstance(value, dict):
+            yield from leaves(value, (*parents, name))
+        else:
+            yield (*parents, name), value
 
 
 def files_with_start(path: Path, service: str) -> list[Path]:
@@ -108,16 +136,20 @@ def _first_part(path: Path, service: str) -> JournalPart | None:
 
 def _parts(files: Sequence[Path], service: str) -> Iterator[tuple[JournalPart, float]]:
     """Parts of a service's journal, and the time of each from the first message."""
-    topic, decoder = journal_of(service).name, msgspec.json.Decoder(JournalPart)
+    topic = journal_of(service).name
     start_ns: int | None = None
     for path in files:
         for message in McapFile(path).messages():
             start_ns = message.logged_ns if start_ns is None else start_ns
             if message.topic == topic:
-                try:
-                    yield decoder.decode(message.data), (message.logged_ns - start_ns) / NS_PER_S
-                except msgspec.DecodeError as error:
-                    raise RecordingError(
-                        f"{path}: a part of the journal of {service!r} does not fit this version of jezero ({error}): "
-                        "replay the recording with the version that `jezero recording info` names"
-                    ) from None
+                yield _decode(path, service, message.data), (message.logged_ns - start_ns) / NS_PER_S
+
+
+def _decode(path: Path, service: str, data: bytes) -> JournalPart:
+    try:
+        return _DECODER.decode(data)
+    except msgspec.DecodeError as error:
+        raise RecordingError(
+            f"{path}: a part of the journal of {service!r} does not fit this version of jezero ({error}): "
+            "replay the recording with the version that `jezero recording info` names"
+        ) from None

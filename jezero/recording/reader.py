@@ -9,15 +9,16 @@ from typing import Any, NamedTuple, Self
 
 import msgspec
 
-from jezero.recording.channels import feedback_names, topic_of
+from jezero.codec import BadPayloadError
+from jezero.recording.channels import topic_of, usable_actions
 from jezero.recording.folder import newest_recording
-from jezero.recording.goals import RecordedGoal, goals_of
+from jezero.recording.goals import GoalCollector, RecordedGoal
 from jezero.recording.images import HEADERS, decompress
 from jezero.recording.mcap_file import McapFile, RawMessage, RecordingError
 from jezero.recording.table import Table, make_table
 from jezero.recording.writer import RECORDING
 from jezero.schemas.sensors import CameraFrame
-from jezero.schemas.topics import CAMERA, Topic
+from jezero.schemas.topics import CAMERA, Topic, feedback_of, journal_of
 from jezero.schemas.units import NS_PER_S
 
 
@@ -115,14 +116,18 @@ class Recording:
             RecordingError: the file can't be read, or a message is not of the type that its topic has here.
         """
         names = {topic if isinstance(topic, str) else topic.name for topic in wanted}
+        return (entry for _, entry in self._timed(names, start_s, end_s))
+
+    def _timed(self, names: Collection[str], start_s: float, end_s: float | None) -> Iterator[tuple[float, Entry]]:
+        """Messages as in `messages`, each with its time from the recording's first message."""
         decoders: dict[str, msgspec.json.Decoder[Any] | None] = {CAMERA.name: None}
-        for raw in self._raw(names, start_s, end_s):
+        for at_s, raw in self._raw(names, start_s, end_s):
             if raw.topic not in decoders:
                 topic = topic_of(raw.topic)
                 decoders[raw.topic] = None if topic is None else msgspec.json.Decoder(topic.type)
             decoder = decoders[raw.topic]
             if decoder is not None:
-                yield Entry(raw.logged_ns, raw.topic, self._decode(raw.topic, decoder, raw.data))
+                yield at_s, Entry(raw.logged_ns, raw.topic, self._decode(raw.topic, decoder, raw.data))
 
     def images(self, *, start_s: float = 0.0, end_s: float | None = None) -> Iterator[tuple[CameraFrame, Any]]:
         """Images of the camera: each frame without its pixels, and a (height, width, 3) array of red, green and blue.
@@ -132,7 +137,7 @@ class Recording:
         """
         decoder = msgspec.json.Decoder(CameraFrame)
         frame: CameraFrame | None = None
-        for raw in self._raw({HEADERS, CAMERA.name}, start_s, end_s):
+        for _, raw in self._raw({HEADERS, CAMERA.name}, start_s, end_s):
             if raw.topic == HEADERS:
                 frame = self._decode(raw.topic, decoder, raw.data)
             elif frame is not None:
@@ -142,13 +147,31 @@ class Recording:
                     raise RecordingError(f"{self.path}: an image is damaged ({error})") from None
 
     def goals(self, *, start_s: float = 0.0, end_s: float | None = None) -> list[RecordedGoal]:
-        """Goals, each with its feedback, in the order of their starts. A goal that published no feedback is left out.
+        """The goals that were sent, each with its feedback and its result, in the order of their starts.
+
+        Goals of actions that this version doesn't know are left out.
+
+        Args:
+            start_s: time from the recording's first message at which to start; of a goal that was sent before, the rest
+                is given.
+            end_s: time from the recording's first message at which to end; None for all.
 
         Raises:
-            RecordingError: the file can't be read, or a message is not of the type that its topic has here.
+            RecordingError: the file can't be read, or a message is not of the type that it has here.
         """
-        entries = self.messages(*feedback_names(), start_s=start_s, end_s=end_s)
-        return goals_of(entry.message for entry in entries)
+        actions = usable_actions()
+        collector = GoalCollector(actions)
+        feedback_names = {feedback_of(action).name for action in actions.values()}
+        names = feedback_names | {journal_of(name).name for name in actions}
+        for at_s, entry in self._timed(names, start_s, end_s):
+            if entry.topic in feedback_names:
+                collector.add_feedback(at_s, entry.message)
+                continue
+            try:
+                collector.add_journal(at_s, entry.message)
+            except BadPayloadError as error:
+                raise self._misfit(entry.topic, error) from None
+        return collector.goals()
 
     def table(self, topic: str | Topic[Any], *, start_s: float = 0.0, end_s: float | None = None) -> Table:
         """The messages of one topic as numpy arrays, one for each field.
@@ -163,8 +186,8 @@ class Recording:
             raise RecordingError(f"{self.path} has no message of {name!r} in this time; its topics: {there}")
         return make_table(name, [entry.logged_ns for entry in entries], [entry.message for entry in entries])
 
-    def _raw(self, names: Collection[str], start_s: float, end_s: float | None) -> Iterator[RawMessage]:
-        """Messages of some topics, or of all if no name is given, in a time from the recording's first message."""
+    def _raw(self, names: Collection[str], start_s: float, end_s: float | None) -> Iterator[tuple[float, RawMessage]]:
+        """Messages of some topics, or of all if no name is given, each with its time from the recording's first one."""
         first_ns: int | None = None
         for raw in McapFile(self.path).messages():
             if first_ns is None:
@@ -173,16 +196,19 @@ class Recording:
             if end_s is not None and at_s > end_s:
                 return
             if at_s >= start_s and (not names or raw.topic in names):
-                yield raw
+                yield at_s, raw
 
     def _decode(self, topic: str, decoder: "msgspec.json.Decoder[Any]", data: bytes) -> Any:
         try:
             return decoder.decode(data)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            raise RecordingError(
-                f"{self.path}: a message of {topic} does not fit this version of jezero ({error}): "
-                "read the recording with the version that `jezero recording info` names"
-            ) from None
+            raise self._misfit(topic, error) from None
+
+    def _misfit(self, topic: str, error: Exception) -> RecordingError:
+        return RecordingError(
+            f"{self.path}: a message of {topic} does not fit this version of jezero ({error}): "
+            "read the recording with the version that `jezero recording info` names"
+        )
 
 
 def open_recording(path: Path | str) -> Recording:

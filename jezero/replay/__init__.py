@@ -1,1 +1,4 @@
-"""Replays of services: the service that was recorded, made again, on its recorded inputs."""
+"""Replays of recordings: their messages on a bus again, or a recorded service, made again, on its recorded inputs."""
+
+NAME = "replay"
+"""Name under which a replay on a bus is alive there and publishes its health, as services do."""

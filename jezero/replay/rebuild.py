@@ -2,12 +2,13 @@
 
 import difflib
 import inspect
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, get_type_hints
 
 import msgspec
 
 from jezero.plugins import PluginError
+from jezero.recording.journals import leaves
 from jezero.recording.mcap_file import RecordingError
 from jezero.runtime.service import Service
 from jezero.services.actions.table import action_server
@@ -44,7 +45,11 @@ def make_service(name: str, made_with: Mapping[str, Any]) -> Service:
         RecordingError: this version of jezero can't make it from them.
         SettingError: a value is out of range.
     """
-    maker = MAKERS.get(name, action_server)
+    maker = MAKERS.get(name)
+    if maker is None:
+        if made_with.get("name") != name:
+            raise RecordingError(f"{name!r} is neither an action server nor a service that this version can replay")
+        maker = action_server
     hints = get_type_hints(maker.__init__ if inspect.isclass(maker) else maker)
     try:
         arguments = {each: msgspec.convert(value, hints[each]) for each, value in made_with.items()}
@@ -70,7 +75,7 @@ def changed(made_with: Mapping[str, Any], changes: Mapping[str, str]) -> dict[st
         SettingError: there is no such setting, or there are several, or the value is not TOML.
     """
     arguments: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(made_with))
-    paths = {".".join(path): path for path in _leaves(arguments, ())}
+    paths = {".".join(path): path for path, _ in leaves(arguments)}
     for name, text in changes.items():
         found = [path for path in paths if path == name or path.endswith(f".{name}")]
         if not found:
@@ -90,12 +95,3 @@ def changed(made_with: Mapping[str, Any], changes: Mapping[str, str]) -> dict[st
             table = table[parent]
         table[last] = value
     return arguments
-
-
-def _leaves(table: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
-    """Paths of all values that are no tables."""
-    for name, value in table.items():
-        if isinstance(value, dict):
-            yield from _leaves(value, (*path, name))
-        else:
-            yield (*path, name)

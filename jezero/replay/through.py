@@ -1,6 +1,6 @@
 """Runs a service on its recorded inputs, and compares what it does with what it did."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from pathlib import Path
@@ -72,13 +72,19 @@ class Replay:
         return self.different == 0
 
 
-def replay_through(path: Path, service: str, changes: dict[str, str] | None = None) -> Replay:
+def replay_through(
+    path: Path,
+    service: str,
+    changes: Mapping[str, str] | None = None,
+    on_service: Callable[[Service], None] = lambda service: None,
+) -> Replay:
     """Replay a service from a recording, in virtual time.
 
     Args:
         path: the recording.
         service: name of the service.
         changes: other settings than recorded, see `rebuild.changed`.
+        on_service: called with the service of each run before its first step.
 
     Raises:
         RecordingError: the recording can't be read, or has no journal of the service from its start, or lacks images.
@@ -88,14 +94,16 @@ def replay_through(path: Path, service: str, changes: dict[str, str] | None = No
     images = RecordedImages(files)
     replay = Replay(service, files)
     for run in runs_of(files, service):
-        _replay_run(run, replay, images, changes or {})
+        made = make_service(run.service, changed(run.made_with, changes or {}))
+        on_service(made)
+        _replay_run(run, made, replay, images)
     replay.lossy_images = images.lossy
     return replay
 
 
-def _replay_run(run: ServiceRun, replay: Replay, images: RecordedImages, changes: dict[str, str]) -> None:
+def _replay_run(run: ServiceRun, service: Service, replay: Replay, images: RecordedImages) -> None:
     """Step the service as often as it was stepped, and compare the outputs of each step."""
-    player = _Player(run, make_service(run.service, changed(run.made_with, changes)), images)
+    player = _Player(run, service, images)
     replay.runs += 1
     replay.gap_s = run.gap_s if replay.gap_s is None else replay.gap_s
     for t_ns, recorded, replayed in player.steps():

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from jezero.recording import Entry
-from jezero.recording.goals import goals_of
+from jezero.recording.goals import feedback_by_goal
 from jezero.schemas import topics
 from jezero.schemas.images import Image
 from jezero.schemas.state import Odometry, Truth
@@ -40,8 +40,8 @@ def flown_goals(entries: Sequence[Entry], action: topics.Action[Any]) -> Iterato
     feedback_topic = topics.feedback_of(action).name
     odometry = [entry.message for entry in entries if entry.topic == topics.ODOMETRY.name]
     truth = [entry.message for entry in entries if entry.topic == topics.TRUTH.name]
-    for goal in goals_of(entry.message for entry in entries if entry.topic == feedback_topic):
-        flying = [message for message in goal.feedback if message.feedback.phase == "flying"]
+    for feedback in feedback_by_goal(entry.message for entry in entries if entry.topic == feedback_topic):
+        flying = [message for message in feedback if message.feedback.phase == "flying"]
         if not flying:
             continue
         start_ns, end_ns = flying[0].t_ns, flying[-1].t_ns

@@ -237,23 +237,44 @@ def _uwb_and_tag(landing: Landing, path: Path) -> Path:
 
 
 def _odometry(landing: Landing, path: Path) -> Path:
-    """Draw the odometry of a landing on a spot (thesis Figs 4.14 and 4.15)."""
+    """Draw the odometry of a landing on a spot, and its error on the right (thesis Figs 4.14 and 4.15)."""
+    columns = 2 if landing.has_truth else 1
 
     def fill(figure: Any, axes: Any) -> None:
-        column = axes[:, 0]
-        shade(column, landing.phases)
-        for i, ax in enumerate(column):
-            if HORIZONTAL[i] and np.isfinite(landing.std_uav).any():
-                _estimate_band(ax, landing.uav, landing.std_uav, i)
+        shade(axes.flat, landing.phases)
+        for i, row in enumerate(axes):
+            left = row[0]
+            has_std = HORIZONTAL[i] and bool(np.isfinite(landing.std_uav).any())
+            if has_std:
+                _estimate_band(left, landing.uav, landing.std_uav, i)
             if landing.has_truth:
-                ax.plot(*_column(landing.true_uav, i), color=TRUTH, lw=0.9, label="truth")
-            ax.plot(*_column(landing.uav, i), color=ESTIMATE, label="vehicle's odometry")
-            ax.set_ylabel(f"{AXES[i]} [m]")
-            ax.set_xlim(0.0, landing.end_s)
-        column[2].set_xlabel(TIME)
-        legend_above(figure, column[:1], landing.phases)
+                left.plot(*_column(landing.true_uav, i), color=TRUTH, lw=0.9, label="truth")
+                _odometry_error(row[1], landing, i, has_std=has_std)
+            left.plot(*_column(landing.uav, i), color=ESTIMATE, label="vehicle's odometry")
+            left.set_ylabel(f"{AXES[i]} [m]")
+            for ax in row:
+                ax.set_xlim(0.0, landing.end_s)
+        for ax in axes[2]:
+            ax.set_xlabel(TIME)
+        if not landing.has_truth:
+            note(axes[0, 0], NO_TRUTH)
+        legend_above(figure, axes[0], landing.phases)
 
-    return draw(path, (3, 1), 5.0, fill, sharex=True)
+    return draw(path, (3, columns), 5.0, fill, sharex=True)
+
+
+def _odometry_error(ax: "Axes", landing: Landing, i: int, *, has_std: bool) -> None:
+    """Draw the error of the odometry along one axis, which can't be read beside a way of some metres."""
+    t_s, values = _column(landing.uav, i)
+    error = Series(t_s, 100 * (values - landing.true_uav.at(t_s)[:, i])[:, np.newaxis])
+    if has_std:
+        band_cm = 100 * SIGMAS * landing.std_uav
+        ax.fill_between(t_s, -band_cm, band_cm, color=ESTIMATE_BAND, alpha=0.4, lw=0)
+        for sign in (1, -1):
+            ax.plot(t_s, sign * band_cm, color=ESTIMATE_BAND, lw=0.9)
+    ax.axhline(0.0, color=TRUTH, lw=0.9)
+    _broken_line(ax, error, 0, "vehicle's odometry")
+    ax.set_ylabel(f"error {AXES[i]} [cm]")
 
 
 def _column(series: Series, i: int) -> tuple[Array, Array]:

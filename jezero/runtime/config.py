@@ -4,7 +4,7 @@ import os
 import re
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 import msgspec
 from msgspec import Meta
@@ -18,6 +18,7 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 C = TypeVar("C", bound=Config)
+S = TypeVar("S", bound=msgspec.Struct)
 
 
 NAME_EXPECTED = "expected 1 to 32 letters, digits, '-' and '_'"
@@ -103,6 +104,24 @@ def is_recorded() -> bool:
     return os.environ.get("JEZERO_RECORD") != "0"
 
 
+class _AutopilotChoice(msgspec.Struct, frozen=True):
+    """The one field of `autopilot.toml` that others than the autopilot need."""
+
+    autopilot: Literal["embedded", "px4"] = "embedded"
+
+
+def chosen_autopilot() -> str:
+    """The autopilot that the stack runs, "embedded" or "px4": `JEZERO_AUTOPILOT`, else that of `autopilot.toml`.
+
+    Raises:
+        ConfigError: there is no such autopilot, or the file is missing or malformed.
+    """
+    given = os.environ.get("JEZERO_AUTOPILOT")
+    if given and given not in ("embedded", "px4"):
+        raise ConfigError(f'JEZERO_AUTOPILOT is "{given}", expected "embedded" or "px4"')
+    return given or _read(_AutopilotChoice, "autopilot", None).autopilot
+
+
 def config_directory() -> Path:
     """`JEZERO_CONFIG_DIR` if it is set, otherwise the folder that jezero ships."""
     given = os.environ.get("JEZERO_CONFIG_DIR")
@@ -115,6 +134,10 @@ def load_config(kind: type[C], name: str, directory: Path | None = None) -> C:
     Raises:
         ConfigError: the file is missing or malformed, or a field is unknown or out of range.
     """
+    return _read(kind, name, directory)
+
+
+def _read(kind: type[S], name: str, directory: Path | None) -> S:
     path = (directory or config_directory()) / f"{name}.toml"
     try:
         return msgspec.toml.decode(path.read_bytes(), type=kind)

@@ -11,12 +11,12 @@ from typing import Any, Literal
 
 import zenoh
 
-from jezero.codec import BadPayloadError, decode, has_attachment, split_attachment
+from jezero.codec import BadPayloadError, decode, has_attachment
 from jezero.runtime.config import Instance
 from jezero.runtime.service import Spec
 from jezero.schemas import topics
 from jezero.schemas.topics import Endpoint, Topic, health_of, journal_of, key, liveliness_key
-from jezero.zenoh_client import client_config, data_of
+from jezero.zenoh_client import client_config, data_of, declare_publisher, put
 
 CLAIM_TIMEOUT_S = 2.5
 """Duration for which a service waits for its name; the lease of a dead process ends after 2 s."""
@@ -174,15 +174,11 @@ class BusSession:
         """Declare everything that the service's `Spec` names."""
         session = self._session
         for topic in (*self._spec.outputs, health_of(self._spec.name)):
-            self._publishers[topic.name] = session.declare_publisher(
+            self._publishers[topic.name] = declare_publisher(
+                session,
                 key(self._instance.vehicle, topic.name),
-                encoding=(
-                    zenoh.Encoding.APPLICATION_OCTET_STREAM
-                    if topic.name in self._attached
-                    else zenoh.Encoding.APPLICATION_JSON
-                ),
-                congestion_control=zenoh.CongestionControl.DROP,  # else one reader that stands still stops everybody
-                priority=zenoh.Priority.DATA_LOW if topic.name in self._attached else zenoh.Priority.DATA,
+                attached=topic.name in self._attached,
+                congestion=zenoh.CongestionControl.DROP,  # else one reader that stands still stops everybody
             )
         for topic in self._spec.last_value:
             self._declare_last_value(topic.name)
@@ -276,11 +272,7 @@ class BusSession:
 
     def put(self, topic: Topic[Any], data: bytes) -> None:
         """Publish a message."""
-        if topic.name in self._attached:
-            json, attachment = split_attachment(data)
-            self._publishers[topic.name].put(attachment, attachment=json)
-        else:
-            self._publishers[topic.name].put(data)
+        put(self._publishers[topic.name], data, attached=topic.name in self._attached)
 
     def put_journal(self, part: bytes) -> None:
         """Publish a part of the service's journal, as soon as a recorder has subscribed to it."""

@@ -9,8 +9,6 @@ import msgspec
 
 from jezero.codec import decode
 from jezero.frames import Vec3, horizontal
-from jezero.recording.about import about
-from jezero.recording.viewer_scene import ViewerScene
 from jezero.recording.writer import RecordingWriter
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
@@ -23,6 +21,7 @@ from jezero.services.simulator.camera.config import CameraConfig
 from jezero.trials.digest import MessageDigest
 from jezero.trials.goals import wait_for_result
 from jezero.trials.platform import off_platform_reason, offset_m
+from jezero.trials.recording import virtual_recording
 from jezero.trials.stack import build_stack
 from jezero.vehicle_config import VehicleConfig
 
@@ -133,10 +132,7 @@ def fly_virtually(
     camera = (
         None if on_images is None else msgspec.structs.replace(load_config(CameraConfig, "camera"), mode="rendered")
     )
-    writer = None
-    if recording is not None:
-        scene = ViewerScene(load_config(VehicleConfig, "vehicle"))
-        writer = RecordingWriter(recording, about(bus="virtual", seed=str(seed)), scene=scene)
+    writer = None if recording is None else virtual_recording(recording, seed)
     bus = build_stack(seed, camera=camera, without=without, journal_reader=None if writer is None else writer.write)
     recorder = _Recorder(writer)
     bus.observe(recorder)

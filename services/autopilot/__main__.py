@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from jezero.runtime.child import ChildLink
-from jezero.runtime.config import ConfigError, Instance, load_config
+from jezero.runtime.config import Instance, chosen_autopilot, load_config
 from jezero.runtime.links import SocketLink, TcpClient, Udp
 from jezero.runtime.service import Service
 from jezero.runtime.zenoh_bus import run_process
@@ -23,11 +23,8 @@ UNIX_2015_S = 1_420_070_400
 def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
     """The autopilot of an instance, and its links."""
     config = load_config(AutopilotConfig, "autopilot")
-    autopilot = os.environ.get("JEZERO_AUTOPILOT") or config.autopilot
-    if autopilot == "px4":
+    if chosen_autopilot() == "px4":
         return px4.Px4(), {px4.PX4: _px4_link(instance)}
-    if autopilot != "embedded":
-        raise ConfigError(f'JEZERO_AUTOPILOT is "{autopilot}", expected "embedded" or "px4"')
     vehicle = load_config(VehicleConfig, "vehicle")
     return Autopilot(config, vehicle, instance.system_id, time.time() - UNIX_2015_S), {
         HIL: TcpClient(HOST, instance.hil_port),

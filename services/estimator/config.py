@@ -21,7 +21,7 @@ class Tuning(Config, frozen=True, kw_only=True):
         std_rover_m: standard deviation of a given prior position of the rover, on each axis.
         std_uwb_m: standard deviation of a UWB range; larger than its white noise, as each anchor also has a bias.
         std_uwb_bias_m: standard deviation of the error that all UWB ranges share, which the filter estimates.
-        scale_std_tag: factor on the standard deviations that the tag detector reports.
+        scale_std_tag: factor on all standard deviations of a tag's position and heading.
         std_tag_scale: standard deviation of the relative error of distances by the tags, as from tags printed in
             another size, which the filter estimates.
         std_altimeter_m: standard deviation of the altimeter's range.

@@ -6,8 +6,10 @@ from math import inf, isfinite, sqrt
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from jezero.schemas.units import NS_PER_S
+from jezero.services.estimator.innovations import Innovation, Observer, Sensor
 from jezero.services.estimator.motion import COMPASS_BIAS, IDENTITY, POS_ROVER, POS_UAV, SIZE, YAW, Array, MotionModel
 
 ORIGIN = np.zeros(SIZE)
@@ -38,6 +40,7 @@ class Kalman:
 
     Attributes:
         t_ns: time of the state.
+        observer: called with each innovation before its update; None for nobody.
     """
 
     def __init__(self, motion: MotionModel) -> None:
@@ -47,6 +50,7 @@ class Kalman:
         self._filter.inv = _make_inverse()
         self._motion = motion
         self.t_ns = 0
+        self.observer: Observer | None = None
 
     @property
     def x(self) -> Array:
@@ -84,6 +88,22 @@ class Kalman:
     def innovation_covariance(self, H: Array, R: Array) -> Array:
         S: Array = H @ self.P @ H.T + R
         return S
+
+    def announce(
+        self,
+        sensor: Sensor,
+        innovation: Array,
+        H: Array,
+        R: Array,
+        accepted: NDArray[np.bool_] | bool,
+        setting: float | None = None,
+    ) -> None:
+        """Call the observer, if there is one; for the arguments see `Innovation` and `update`."""
+        if self.observer is None:
+            return
+        fits = np.broadcast_to(np.asarray(accepted), innovation.shape)
+        cov = self.innovation_covariance(H, R)
+        self.observer(Innovation(sensor, self.t_ns, innovation, cov, R, fits, setting))
 
     def update(self, innovation: Array, H: Array, R: Array) -> None:
         """Measurement update, linearised at the present state.

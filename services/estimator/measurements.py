@@ -9,8 +9,10 @@ from typing import ClassVar, Literal, Protocol, get_args
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from jezero.frames import wrap_pi
+from jezero.services.estimator.innovations import Sensor
 from jezero.services.estimator.kalman import Kalman, UpdateResult
 from jezero.services.estimator.motion import (
     ATTITUDE_ERROR,
@@ -38,8 +40,8 @@ STD_POS_UAV_M = 5.0
 """Large, because the autopilot's position drifts slowly: it only keeps the origin of the state observable."""
 STD_VEL_UAV_MPS = 0.01
 STD_RESET_MPS = 0.5
-STD_ZERO_VELOCITY_MPS = 0.002
-"""Velocity of a rover whose wheels stand still (zero-velocity update)."""
+SPEED_STILL_MPS, STD_ZERO_VELOCITY_MPS = 1e-3, 0.002
+"""Below this speed the rover's wheels stand still; standard deviation of its velocity then (zero-velocity update)."""
 STD_FORWARD_PER_SPEED, STD_LATERAL_PER_SPEED, STD_VERTICAL_PER_SPEED = 0.03, 0.04, 0.1
 """Standard deviations in proportion to the speed, for wheel radius and slip, sideslip, and slope of the ground."""
 STD_TILT_FAST_RAD = 0.003
@@ -79,6 +81,10 @@ def _odometry_jacobian() -> Array:
 
 ODOMETRY_H = _odometry_jacobian()
 ODOMETRY_R = np.diag([STD_POS_UAV_M**2] * 3 + [STD_VEL_UAV_MPS**2] * 3)
+ODOMETRY_PARTS: tuple[tuple[Sensor, slice], ...] = (
+    ("autopilot_position", slice(0, 3)),
+    ("autopilot_velocity", slice(3, 6)),
+)
 
 
 def can_linearize_ranges(kalman: Kalman) -> bool:
@@ -105,7 +111,10 @@ class OdometryMeasurement(msgspec.Struct, frozen=True, gc=False):
     def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
         if self.reset:
             kalman.inflate_covariance(VEL_ERROR, STD_RESET_MPS)
-        kalman.update(self.pos_vel - ODOMETRY_H @ kalman.x, ODOMETRY_H, ODOMETRY_R)
+        innovation = self.pos_vel - ODOMETRY_H @ kalman.x
+        for sensor, part in ODOMETRY_PARTS:
+            kalman.announce(sensor, innovation[part], ODOMETRY_H[part], ODOMETRY_R[part, part], True)
+        kalman.update(innovation, ODOMETRY_H, ODOMETRY_R)
         return UpdateResult(6, 6)
 
 
@@ -147,14 +156,29 @@ class RoverOdometryMeasurement(msgspec.Struct, frozen=True, gc=False):
         S = kalman.innovation_covariance(H, R)
         excess = np.square(innovation) / S.diagonal() / gate[0]
         fits = float(excess.max()) <= 1.0
+        self._announce(kalman, innovation, H, R, excess <= 1.0)
         if not fits:
             R = R * np.maximum(excess, 1.0)
         kalman.update(innovation, H, R)
         return UpdateResult(int(fits), 1)
 
+    def _announce(self, kalman: Kalman, innovation: Array, H: Array, R: Array, accepted: NDArray[np.bool_]) -> None:
+        """Announce the measured components; those of sliding and climbing are assumptions, not measurements."""
+        if kalman.observer is None:
+            return
+        measured: list[tuple[Sensor, int, float | None]] = [
+            ("rover_yaw", 3, self.std_yaw_rad),
+            ("rover_yaw_rate", 4, self.std_yaw_rate_rps),
+        ]
+        if abs(self.speed_mps) >= SPEED_STILL_MPS:
+            measured.append(("rover_speed", 0, None))  # its noise depends on the speed too
+        for sensor, i, setting in measured:
+            part = slice(i, i + 1)
+            kalman.announce(sensor, innovation[part], H[part], R[part, part], accepted[part], setting)
+
     def _stds(self) -> Array:
         speed = abs(self.speed_mps)
-        if speed < 1e-3:
+        if speed < SPEED_STILL_MPS:
             still = STD_ZERO_VELOCITY_MPS
             return np.array((still, still, still, self.std_yaw_rad, self.std_yaw_rate_rps))
         along = self.std_speed_mps + STD_FORWARD_PER_SPEED * speed
@@ -198,6 +222,7 @@ class UwbMeasurement(msgspec.Struct, frozen=True, gc=False):
         S = ((H @ kalman.P) * H).sum(axis=1) + variance
         good = np.square(innovation) <= gate[0] * S
         used = int(np.count_nonzero(good))
+        kalman.announce("uwb", innovation, H, variance * np.eye(offered), good, self.std_m)
         if not used:
             return UpdateResult(0, offered)
         kalman.update(innovation[good], H[good], variance * np.eye(used))
@@ -261,7 +286,9 @@ class AltimeterMeasurement(msgspec.Struct, frozen=True, gc=False):
         R = np.array([[self.std_m * self.std_m]])
         innovation = np.array([self.range_m - expected_m])
         S = float(kalman.innovation_covariance(H, R)[0, 0])
-        if float(innovation[0]) ** 2 > gate[0] * S:
+        fits = float(innovation[0]) ** 2 <= gate[0] * S
+        kalman.announce("altimeter", innovation, H, R, fits, self.std_m)
+        if not fits:
             return UpdateResult(0, 1)
         kalman.update(innovation, H, R)
         return UpdateResult(1, 1)
@@ -295,6 +322,7 @@ class TagMeasurement(msgspec.Struct, frozen=True, gc=False):
         heading_rad: heading of the vehicle.
         yaw_rad: yaw of the rover; None when the detector does not measure it.
         std_yaw_rad: standard deviation of `yaw_rad`.
+        scale_std: factor on all standard deviations of the measurement.
     """
 
     kind: ClassVar[Kind] = "tag"
@@ -305,6 +333,7 @@ class TagMeasurement(msgspec.Struct, frozen=True, gc=False):
     heading_rad: float
     yaw_rad: float | None
     std_yaw_rad: float
+    scale_std: float = 1.0
 
     def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
         if kalman.std_pos_rel_m > TAG_UPDATE_STD_MAX_M:
@@ -319,7 +348,9 @@ class TagMeasurement(msgspec.Struct, frozen=True, gc=False):
         R = self.measurement_cov_m2()
         innovation = self.lever_arm_m - scale * arm_m - H[:, ATTITUDE_ERROR] @ x[ATTITUDE_ERROR]
         S = kalman.innovation_covariance(H, R)
-        if float(innovation @ np.linalg.solve(S, innovation)) > gate[1]:
+        fits = float(innovation @ np.linalg.solve(S, innovation)) <= gate[1]
+        kalman.announce("tag", innovation, H, R, fits, self.scale_std)
+        if not fits:
             return UpdateResult(0, 3)
         kalman.update(innovation, H, R)
         if self.yaw_rad is not None:
@@ -338,7 +369,7 @@ class TagMeasurement(msgspec.Struct, frozen=True, gc=False):
         arm = self.lever_arm_m
         across = float(arm @ arm) * np.eye(3) - np.outer(arm, arm)
         cov_m2: Array = self.cov_m2 + STD_CORNER_M**2 * np.eye(3) + STD_TILT_FAST_RAD**2 * across
-        return cov_m2
+        return self.scale_std**2 * cov_m2
 
     def _attitude_error_jacobian(self) -> Array:
         """(3, 3) derivative of the position with respect to the attitude error in forward, right, down."""
@@ -351,35 +382,10 @@ class TagMeasurement(msgspec.Struct, frozen=True, gc=False):
     def _fuse_yaw(self, kalman: Kalman, yaw_rad: float, gate: tuple[float, float]) -> None:
         H = np.zeros((1, SIZE))
         H[0, YAW] = H[0, 19] = 1.0
-        R = np.array([[self.std_yaw_rad * self.std_yaw_rad]])
+        R = np.array([[(self.scale_std * self.std_yaw_rad) ** 2]])
         x = kalman.x
         innovation = np.array([wrap_pi(yaw_rad - float(x[YAW]) - float(x[19]))])
-        if float(innovation[0]) ** 2 <= gate[0] * float(kalman.innovation_covariance(H, R)[0, 0]):
+        fits = float(innovation[0]) ** 2 <= gate[0] * float(kalman.innovation_covariance(H, R)[0, 0])
+        kalman.announce("tag_yaw", innovation, H, R, fits, self.scale_std)
+        if fits:
             kalman.update(innovation, H, R)
-
-
-class HeadingReset(msgspec.Struct, frozen=True, gc=False):
-    """Turn of the rover's heading against its compass; for the fields see `Kalman.reset_rover_heading`."""
-
-    kind: ClassVar[Kind] = "locate"
-    t_ns: int
-    turn_rad: float
-    std_rad: float
-
-    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
-        kalman.reset_rover_heading(self.turn_rad, self.std_rad)
-        return UpdateResult(1, 1)
-
-
-class PositionReset(msgspec.Struct, frozen=True, gc=False):
-    """Measured relative position that replaces the former estimate; fields as in `Kalman.reset_rover_position`."""
-
-    kind: ClassVar[Kind] = "locate"
-    t_ns: int
-    pos_rel_m: Array
-    cov_m2: Array
-    error_jacobian: Array
-
-    def fuse(self, kalman: Kalman, gate: tuple[float, float]) -> UpdateResult:
-        kalman.reset_rover_position(self.pos_rel_m, self.cov_m2, self.error_jacobian)
-        return UpdateResult(3, 3)

@@ -9,16 +9,15 @@ import numpy as np
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.config import Tuning, ValidityConfig
 from jezero.services.estimator.consistency import ConsistencyMonitor
+from jezero.services.estimator.innovations import Observer
 from jezero.services.estimator.kalman import FilterState, Kalman
 from jezero.services.estimator.measurement_history import ACCEPTED_FRACTION_MIN, MeasurementHistory
 from jezero.services.estimator.measurements import (
     INPUT_KINDS,
     AltimeterMeasurement,
-    HeadingReset,
     Kind,
     Measurement,
     OdometryMeasurement,
-    PositionReset,
     TagMeasurement,
     UwbMeasurement,
     can_linearize_ranges,
@@ -38,6 +37,7 @@ from jezero.services.estimator.motion import (
     MotionModel,
     initial_state,
 )
+from jezero.services.estimator.resets import HeadingReset, PositionReset
 from jezero.services.estimator.uwb_initialization import UwbWindow
 from jezero.vehicle_config import PlatformConfig
 
@@ -101,6 +101,10 @@ class RelativeFilter:
         """Change the noise settings; the state stays."""
         self._tuning = tuning
         self._kalman.set_motion_model(MotionModel(tuning))
+
+    def observe_innovations(self, observer: Observer) -> None:
+        """Call `observer` with each innovation from now on."""
+        self._kalman.observer = observer
 
     def restart(self, prior: tuple[Array, float] | None = None) -> None:
         """Reset the filter.

@@ -16,9 +16,9 @@ from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.arrivals import Arrivals
 from jezero.services.estimator.attitude_history import AttitudeHistory
 from jezero.services.estimator.config import EstimatorConfig
+from jezero.services.estimator.innovations import Observer
 from jezero.services.estimator.measurements import (
     AltimeterMeasurement,
-    Kind,
     Measurement,
     OdometryMeasurement,
     RoverOdometryMeasurement,
@@ -31,11 +31,10 @@ from jezero.services.estimator.relative_filter import Estimate, RelativeFilter
 from jezero.services.estimator.rover_plausibility import RoverPlausibilityCheck
 from jezero.services.estimator.rover_tilt import LEVEL, level_from_rover_body
 from jezero.services.estimator.selection import InputSelection
+from jezero.services.estimator.validity import TAG, UWB, invalid_reason
 from jezero.vehicle_config import VehicleConfig
 
 UPPER_6 = np.triu_indices(6)
-UWB, TAG = "UWB", "the tag"
-INPUT_NAMES: dict[Kind, str] = {"rover": "the rover's odometry", "uwb": UWB, "tag": TAG}
 ATTITUDE_AGE_MAX_S = 0.06
 RANGE_STD_FACTOR = 1.5
 """Factor on the ranges' estimated noise, as each anchor also has a constant error."""
@@ -101,6 +100,10 @@ class Estimator:
         self._published_ns = 0
         self._rover_published_ns = 0
         self._health = ""
+
+    def observe_innovations(self, observer: Observer) -> None:
+        """Call `observer` with each innovation of the filter from now on."""
+        self._filter.observe_innovations(observer)
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Serve requests, fuse new measurements and publish the estimate."""
@@ -277,16 +280,16 @@ class Estimator:
         if float(np.linalg.eigvalsh(cov_m2)[0]) < -1e-9:
             self._arrivals.dropped += 1
             return
-        factor = self._selection.tuning.scale_std_tag
         knows_yaw = tag.yaw_rover_rad is not None and bool(tag.std_yaw_rover_rad)
         yield TagMeasurement(
             tag.t_ns,
             lever_arm_m + np.array((0.0, 0.0, self._vehicle.airframe.height_stand_m)),
             lever_arm_m,
-            factor * factor * cov_m2,
+            cov_m2,
             yaw_from_quat(q_ned_from_frd),
             tag.yaw_rover_rad if knows_yaw else None,
-            (tag.std_yaw_rover_rad or 1.0) * factor,
+            tag.std_yaw_rover_rad or 1.0,
+            self._selection.tuning.scale_std_tag,
         )
 
     # -- outputs ------------------------------------------------------------------------------------------
@@ -306,47 +309,21 @@ class Estimator:
 
     def _invalid_reason(self, t_ns: int) -> str:
         """Why the estimate is invalid, its causes first, or ""."""
-        reason = next(self._invalid_reasons(t_ns), "")
-        if not reason:
-            return ""
-        selection, arrivals = self._selection, self._arrivals
-        causes = (
-            self._filter.consistency.left_out if selection.use_uwb else "",
-            arrivals.late_reason(t_ns, UWB) if selection.use_uwb else "",
-            arrivals.late_reason(t_ns, TAG) if selection.use_tag else "",
+        return invalid_reason(
+            t_ns,
+            self._config.validity,
+            self._selection,
+            self._filter,
+            self._arrivals,
+            odometry_ns=None if self._odometry is None else self._odometry.t_ns,
+            rover_odometry_received=self._rover_odometry_ns is not None,
         )
-        return "; ".join(text for text in (*causes, reason) if text)
 
     def _is_contradicted(self) -> bool:
         """Whether inputs contradict each other or the altimeter; to be called for an invalid estimate."""
         relative = self._filter
         left_out = bool(relative.consistency.uwb_left_out) and self._selection.use_uwb
         return left_out or bool(relative.consistency.height) or relative.has_input_conflict
-
-    def _invalid_reasons(self, t_ns: int) -> Iterator[str]:
-        validity, selection, relative = self._config.validity, self._selection, self._filter
-        if self._odometry is None or t_ns - self._odometry.t_ns > validity.odometry_timeout_s * NS_PER_S:
-            yield "no odometry of the vehicle"
-        selected = " and ".join(n for n, use in ((UWB, selection.use_uwb), ("tag", selection.use_tag)) if use)
-        if not selected:
-            yield "neither UWB nor tag is selected"
-        if not relative.located:
-            missing = "" if self._rover_odometry_ns is not None else "; the rover's odometry is missing"
-            yield f"the rover has not been found yet by {selected}{missing}"
-        if relative.fused_ns == 0:
-            yield f"nothing measured by {selected} yet"
-        if relative.std_pos_m > validity.std_pos_max_m:
-            yield f"the rover's position is known to {relative.std_pos_m:.1f} m only"
-        silent_s = (t_ns - relative.fused_ns) / NS_PER_S
-        if silent_s > validity.aiding_timeout_s:
-            yield f"nothing measured by {selected} for {silent_s:.0f} s"
-        if relative.consistency.height:
-            yield relative.consistency.height
-        if relative.has_input_conflict:
-            yield "UWB and tag contradict each other"
-        if relative.rejected_inputs:
-            names = [INPUT_NAMES[kind] for kind in relative.rejected_inputs]
-            yield f"the estimate is contradicted by {' and '.join(names)}"
 
     def _relative(self, t_ns: int, estimate: Estimate | None, reason: str) -> Relative:
         selection, located = self._selection, self._filter.located

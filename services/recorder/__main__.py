@@ -7,9 +7,8 @@ from pathlib import Path
 
 from jezero.recording.about import about
 from jezero.recording.folder import RECORDINGS, RecordingFolder
-from jezero.recording.images import ImageFormat
 from jezero.recording.viewer_scene import ViewerScene
-from jezero.runtime.config import Instance, load_config
+from jezero.runtime.config import Instance, chosen_autopilot, load_config
 from jezero.runtime.links import SocketLink
 from jezero.runtime.service import Service
 from jezero.runtime.worker import Worker
@@ -27,13 +26,11 @@ def main() -> int:
     def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
         config = load_config(RecorderConfig, "recorder")
         folder = Path(os.environ.get("JEZERO_RUN_DIR") or ".").absolute() / RECORDINGS
-        autopilot = os.environ.get("JEZERO_AUTOPILOT") or "embedded"
-        origin = about(bus="zenoh", vehicle=instance.vehicle, autopilot=autopilot)
+        origin = about(bus="zenoh", vehicle=instance.vehicle, autopilot=chosen_autopilot())
         size_max_bytes = int(1e6 * config.file_size_max_mb)
-        image_format = None if config.images == "none" else ImageFormat(config.images, config.jpeg_quality)
         scene = ViewerScene(load_config(VehicleConfig, "vehicle"))
-        opened.append(RecordingFolder(folder, origin, size_max_bytes, image_format, scene))
-        return Recorder(opened[0].write, images=image_format is not None, execute=worker.add), {}
+        opened.append(RecordingFolder(folder, origin, size_max_bytes, config.image_format, scene))
+        return Recorder(opened[0].write, images=config.images != "none", execute=worker.add), {}
 
     code = run_process("recorder", build)
     for folder in opened:

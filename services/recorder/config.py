@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
+from jezero.recording.images import ImageFormat
 from jezero.runtime.config import Config
 
 
@@ -20,3 +21,8 @@ class RecorderConfig(Config, frozen=True, kw_only=True):
     file_size_max_mb: Annotated[float, Meta(ge=1.0, le=1e6)] = 1000.0
     images: Literal["jpeg", "png", "none"] = "jpeg"
     jpeg_quality: Annotated[int, Meta(ge=1, le=95)] = 80
+
+    @property
+    def image_format(self) -> ImageFormat | None:
+        """Format of recorded images; None records of each image all but its pixels."""
+        return None if self.images == "none" else ImageFormat(self.images, self.jpeg_quality)

@@ -4,13 +4,14 @@ from math import degrees
 
 from jezero.frames import horizontal, norm, subtract
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
-from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, Target, VehicleSnapshot
+from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, OFFBOARD, Target, VehicleSnapshot
 
 TILT_LIMIT_RAD, TILT_TIMEOUT_S = 1.0472, 0.5
 """A vehicle that is tilted further than 60 degrees for this time is upside down or lies against something: no
 controller tilts it as far."""
-WEDGED_TILT_RAD, WEDGED_HEIGHT_MAX_M, WEDGED_TIMEOUT_S = 0.17, 1.0, 5.0
-"""A vehicle that something holds, such as a rover beside it, is tilted by more than 10 degrees near the ground."""
+WEDGED_HEIGHT_MAX_M, WEDGED_TIMEOUT_S = 1.0, 5.0
+"""Something holds a vehicle that stands still for this time near the ground although its target is elsewhere. The tilt
+is no sign of a wedge: a vehicle that hangs with a rotor under the rover's platform is nearly level."""
 STILL_MPS = 0.1
 COMMANDED_MIN_MPS, AWAY_MIN_M = 0.3, 0.5
 """A vehicle whose target is faster than this, or farther away, should not stand still."""
@@ -43,7 +44,11 @@ class FlightMonitor:
         if (vehicle.timer_ns - self._upright_ns) * 1e-9 >= TILT_TIMEOUT_S:
             return f"motors cut: {tilt} for {TILT_TIMEOUT_S:g} s"
         if (vehicle.timer_ns - self._free_ns) * 1e-9 >= WEDGED_TIMEOUT_S:
-            return f"motors cut: wedged near the ground, {tilt} and not moving for {WEDGED_TIMEOUT_S:g} s"
+            return (
+                f"motors cut: the vehicle is wedged near the ground, {tilt}, and has not moved for "
+                f"{WEDGED_TIMEOUT_S:g} s although it was commanded to; free it from what holds it, such as the edge "
+                "of the rover's platform, and check rotors and payload"
+            )
         return None
 
     def link_reason(self, vehicle: VehicleSnapshot) -> str | None:
@@ -67,17 +72,18 @@ class FlightMonitor:
 
 
 def _is_held(vehicle: VehicleSnapshot, target: Target | None) -> bool:
-    """Whether the vehicle is tilted near the ground and stands still, although its target is elsewhere.
+    """Whether the vehicle stands still near the ground, although the autopilot follows a target that is elsewhere.
 
     A command that only pushes the vehicle down doesn't count: a vehicle that has landed on a slope obeys it.
     """
     if target is None or vehicle.pos_ned_m is None or vehicle.height_m is None:
         return False
+    follows = vehicle.mode == OFFBOARD and vehicle.telemetry_age_s < LINK_TIMEOUT_S
     still = norm(vehicle.vel_ned_mps) < STILL_MPS and vehicle.height_m < WEDGED_HEIGHT_MAX_M
-    if vehicle.landed or vehicle.tilt_rad < WEDGED_TILT_RAD or not still:
+    if vehicle.landed or not follows or not still:
         return False
-    if target.vel_ned_mps is not None:
+    if target.pos_ned_m is None:
+        assert target.vel_ned_mps is not None, "a target has a position or a velocity"
         return max(horizontal(target.vel_ned_mps), -target.vel_ned_mps[2]) > COMMANDED_MIN_MPS
-    assert target.pos_ned_m is not None, "a target has a position or a velocity"
     away_m = subtract(target.pos_ned_m, vehicle.pos_ned_m)
     return max(horizontal(away_m), -away_m[2]) > AWAY_MIN_M

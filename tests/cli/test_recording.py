@@ -1,5 +1,6 @@
 """Commands that read recordings, also from files that are damaged, foreign or no recordings at all."""
 
+import json
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
@@ -14,7 +15,9 @@ from jezero.cli.main import main
 from jezero.codec import encode
 from jezero.recording.writer import RecordingWriter
 from jezero.schemas import topics
+from jezero.schemas.actions import Rejected
 from jezero.schemas.state import Clock
+from tests.recording.goals_rig import Flight, accepted, ended, replied, requested, step, succeeded
 from tests.recording.rig import record
 
 COMMANDS: dict[str, Callable[[Path], list[str]]] = {
@@ -23,8 +26,13 @@ COMMANDS: dict[str, Callable[[Path], list[str]]] = {
     "export": lambda file: ["recording", "export", str(file), "--csv", str(file.parent / "tables")],
     "cut": lambda file: ["recording", "cut", str(file), str(file.parent / "part.mcap")],
     "repair": lambda file: ["recording", "repair", str(file)],
+    "settings": lambda file: ["recording", "settings", str(file)],
     "report": lambda file: ["report", str(file)],
+    "replay": lambda file: ["replay", str(file), "--through", "estimator"],
+    "tune": lambda file: ["tune", str(file)],
 }
+NEED_A_FLIGHT = ("settings", "report", "replay", "tune")
+"""Commands that refuse a recording without a flight."""
 
 
 def run(command: str, file: Path) -> Result:
@@ -118,7 +126,7 @@ def test_a_recording_of_another_program_makes_no_command_crash(command: str, tmp
         writer.add_message(writer.register_channel("/tf", "cdr", schema), 1, b"\x00\x01\x02", 1)
         writer.finish()  # type: ignore[no-untyped-call]
     result = run(command, file)
-    if command == "report":
+    if command in NEED_A_FLIGHT:
         assert_refused(result, file)
     else:
         assert result.exit_code == 0, result.output
@@ -171,3 +179,32 @@ def test_info_shows_the_date_of_a_flight_in_real_time(tmp_path: Path) -> None:
     with RecordingWriter(file, {}) as writer:
         writer.write(t_ns, topics.CLOCK.name, encode(Clock(t_ns=1, epoch_id=1, wall_ns=1)))
     assert "start      2026-03-04 05:06:07.500" in run("info", file).output
+
+
+def test_info_lists_the_goals_with_their_ends(tmp_path: Path) -> None:
+    flight = Flight(tmp_path / "flight.mcap")
+    flight.journal(3.0, requested(1), step(2.0), accepted(1), step(2.5), succeeded(2.5))
+    flight.journal(5.0, requested(2), step(4.0), accepted(2, "b"), ended(4.5, "aborted", "much wind", 2, "b"))
+    flight.journal(6.0, requested(3), step(6.0), replied(3, Rejected(goal_id="c", reason="busy: wait")))
+    flight.journal(8.0, requested(4), step(8.0), accepted(4, "d"))
+    flight.close()
+    file = flight.path
+    lines = run("info", file).output.splitlines()
+    shown = [line.strip() for line in lines[lines.index("goals, by seconds from the start") + 1 :]]
+    assert shown[:4] == [
+        "2.0 s  go_to  succeeded after 0.5 s",
+        "4.0 s  go_to  aborted after 0.5 s: much wind",
+        "6.0 s  go_to  rejected: busy: wait",
+        "8.0 s  go_to  runs for 0.0 s; its end is not recorded",
+    ]
+    fields = json.loads(CliRunner().invoke(main, ["recording", "info", "--json", str(file)]).output)
+    assert [goal["outcome"] for goal in fields["goals"]] == ["succeeded", "aborted", "rejected", "unknown"]
+
+
+def test_info_of_goals_of_another_version_shows_the_rest(tmp_path: Path) -> None:
+    file = tmp_path / "flight.mcap"
+    with RecordingWriter(file, {}) as writer:
+        writer.write(0, topics.CLOCK.name, encode(Clock(t_ns=1, epoch_id=1, wall_ns=1)))
+        writer.write(1, "journal/takeoff", b'{"t_ns":1,"colour":"red"}')
+    shown = run("info", file).output
+    assert "goals      not shown:" in shown and "clock" in shown

@@ -15,7 +15,6 @@ from jezero.recording.export import write_csv
 from jezero.recording.viewer_scene import ViewerScene
 from jezero.recording.writer import RecordingWriter
 from jezero.schemas import topics
-from jezero.schemas.actions import FeedbackMessage, MoveFeedback
 from jezero.schemas.sensors import Altimeter
 from jezero.vehicle_config import VehicleConfig
 from tests.client.rig import ODOMETRY
@@ -56,24 +55,9 @@ def test_a_table_has_an_array_for_each_field_and_nan_for_what_is_missing(path: P
 
 
 def test_a_table_is_a_data_frame_where_pandas_is_installed(path: Path) -> None:
-    pytest.importorskip("pandas")
     frame = open_recording(path).table("odometry").to_pandas()
     assert frame["pos_uav_ned_m.d"].tolist() == [-2.0] * 3
     assert len(open_recording(path).table("status").to_pandas()) == 3
-
-
-def test_goals_are_read_with_their_feedback(tmp_path: Path) -> None:
-    path = tmp_path / "flight.mcap"
-    topic = topics.feedback_of(topics.GO_TO)
-    with RecordingWriter(path, {}) as writer:
-        for t_ns, goal_id in ((1, "a"), (2, "b"), (3, "a")):
-            content = MoveFeedback(pos_uav_ned_m=(0.0, 0.0, -2.0), distance_m=1.0)
-            message = FeedbackMessage(t_ns=t_ns, goal_id=goal_id, action="go_to", code=4, feedback=content)
-            writer.write(t_ns, topic.name, encode(message))
-    a, b = open_recording(path).goals()
-    assert (a.goal_id, a.action, a.start_ns, a.end_ns) == ("a", "go_to", 1, 3)
-    assert (b.goal_id, b.start_ns, b.end_ns) == ("b", 2, 2)
-    assert [message.feedback.distance_m for message in a.feedback] == [1.0, 1.0]
 
 
 def test_a_topic_that_was_not_recorded_is_named_with_those_that_were(path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Flights in a wind of 8 m/s with gusts: what is "reached" there."""
+"""Flights in winds of 8 and 10 m/s with gusts: what is "reached" there."""
 
 from math import hypot
 
@@ -20,8 +20,8 @@ LIMIT_S = 20.0
 """A goal that a wait for calmer wind keeps from its end ends later, or not at all."""
 
 
-def windy(seed: int) -> MemoryBus:
-    wind = WindConfig(mean_mps=8.0, from_deg=77.0 * seed, std_gust_mps=1.5)
+def windy(seed: int, mean_mps: float = 8.0, std_gust_mps: float = 1.5) -> MemoryBus:
+    wind = WindConfig(mean_mps=mean_mps, from_deg=77.0 * seed, std_gust_mps=std_gust_mps)
     simulator = replace(load_config(SimulatorConfig, "simulator"), wind=wind)
     bus = build_stack(seed, simulator=simulator)
     camera, mount = load_config(CameraConfig, "camera"), load_config(VehicleConfig, "vehicle").camera
@@ -44,6 +44,17 @@ def test_a_takeoff_and_a_flight_in_wind_end_while_the_vehicle_sways_about_their_
     assert odometry is not None
     north_m, east_m, down_m = odometry.pos_uav_ned_m
     assert hypot(north_m - 8.0, east_m, down_m + 4.0) < 1.0
+
+
+@pytest.mark.parametrize("seed", [1, 5])
+def test_a_takeoff_whose_vehicle_is_carried_off_by_gusts_succeeds_when_it_has_come_back(seed: int) -> None:
+    """The gusts are stronger than the vehicle: they carry it more than 10 m away, for up to 20 s."""
+    flight = Flight(seed, lambda seed: windy(seed, 10.0, 2.0))
+    flight.take_off(6.0)
+    odometry = flight.status.odometry
+    assert odometry is not None
+    assert hypot(*odometry.pos_uav_ned_m[:2]) < 2.5
+    assert abs(odometry.pos_uav_ned_m[2] + 6.0) < 0.5
 
 
 def test_an_orbit_in_wind_begins_and_ends() -> None:

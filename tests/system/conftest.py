@@ -153,8 +153,10 @@ def new_stack(folder: Path) -> Iterator[Stack]:
         }
         stack = Stack(instance, run_dir, environment)
         stack.choose_autopilot(os.environ.get("JEZERO_AUTOPILOT") or "embedded")
-        yield stack
-        stack.jezero("down", check=False)
+        try:
+            yield stack
+        finally:
+            stack.jezero("down", check=False)
 
 
 @pytest.fixture

@@ -1,7 +1,10 @@
 """Recordings of stacks flown by hand, as other programs read them, and the live view of Foxglove."""
 
 import json
+import shutil
 import signal
+import subprocess
+import sys
 from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
@@ -14,11 +17,16 @@ from mcap.reader import make_reader
 
 from jezero.frames import distance
 from jezero.recording import open_recording
+from jezero.recording.folder import newest_recording
 from jezero.recording.images import decompress
+from jezero.recording.journals import journaled_services
 from jezero.recording.viewer_scene import CALIBRATION, MESSAGES, TRANSFORMS
+from jezero.replay.through import replay_through
+from jezero.runtime.config import config_directory
 from jezero.schemas import topics
 from jezero.schemas.landing_board import BIG_ID
 from jezero.schemas.sensors import CameraFrame
+from jezero.schemas.topics import ACTIONS
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.finder import Finder
 from tests.recording.doctor import examine
@@ -33,8 +41,13 @@ FLIGHTS = (("land_on_spot", "--yes"), ("target", "1", "2", "-3"), ("hover",))
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """The recordings of three flights of one run folder."""
-    with new_stack(tmp_path_factory.mktemp("flown")) as stack:
+    """The recordings of three flights of one run folder, with lossless images, of which there are fewer than usual."""
+    folder = tmp_path_factory.mktemp("flown")
+    shutil.copytree(config_directory(), folder / "config")
+    (folder / "config" / "recorder.toml").write_text('images = "png"\n')
+    (folder / "config" / "vehicle.toml").write_text("[camera]\nrate_hz = 5.0\n")
+    with new_stack(folder) as stack:
+        stack.environment["JEZERO_CONFIG_DIR"] = str(folder / "config")
         for words in FLIGHTS:
             stack.up()
             stack.jezero("takeoff", "2")
@@ -50,6 +63,41 @@ def test_three_flights_by_hand_leave_three_recordings_that_other_programs_accept
         assert {topic.name for topic in (topics.ODOMETRY, topics.STATUS, topics.TRUTH, topics.CAMERA)} <= counts.keys()
         assert counts.keys() >= MESSAGES.keys()
         assert open_recording(path).summary().problem == ""
+
+
+def test_every_service_of_real_processes_is_replayed_identically(recordings: list[Path]) -> None:
+    for path in recordings:
+        services = journaled_services(path)
+        assert {"simulator", "camera", "autopilot", "vehicle_bridge", "estimator", "tag_detector"} <= set(services)
+        assert set(ACTIONS) <= set(services)
+        for service in services:
+            replay = replay_through(path, service)
+            assert replay.first_difference is None, (path.name, service)
+            assert replay.steps > 0 and replay.lossy_images == 0
+
+
+def test_a_recording_names_the_goals_flown_by_hand(recordings: list[Path]) -> None:
+    ends = [[(goal.action, goal.outcome) for goal in open_recording(path).goals()] for path in recordings]
+    assert ends[0] == [("takeoff", "succeeded"), ("land_on_spot", "succeeded")]
+    assert ends[1] == [("takeoff", "succeeded"), ("go_to", "succeeded")]
+    assert ends[2] == [("takeoff", "succeeded")]
+
+
+def test_the_autopilot_of_the_settings_is_in_the_recording(tmp_path: Path) -> None:
+    settings = tmp_path / "settings"
+    shutil.copytree(config_directory(), settings)
+    (settings / "autopilot.toml").write_text('autopilot = "px4"\n')
+    with new_stack(tmp_path) as stack:
+        environment = {**stack.environment, "JEZERO_AUTOPILOT": "", "JEZERO_CONFIG_DIR": str(settings)}
+        names = ("jezero.runtime.router", "jezero.services.recorder")
+        processes = [subprocess.Popen([sys.executable, "-m", name], env=environment) for name in names]
+        try:
+            wait_for(lambda: newest_recording(stack.run_dir), TIMEOUT_S, "a recording")  # of the router's health
+        finally:
+            for process in reversed(processes):
+                process.terminate()
+                process.wait(TIMEOUT_S)
+        assert open_recording(stack.run_dir).summary().about["autopilot"] == "px4"
 
 
 def test_the_scene_of_a_real_flight_has_the_vehicle_where_it_was(recordings: list[Path]) -> None:

@@ -10,10 +10,8 @@ from random import Random
 import msgspec
 
 from jezero.plugins import action_names
-from jezero.recording.about import about
-from jezero.recording.viewer_scene import ViewerScene
-from jezero.recording.writer import RECORDING, RecordingWriter
-from jezero.runtime.config import load_config
+from jezero.recording.writer import RECORDING
+from jezero.runtime.memory_bus import Observer
 from jezero.runtime.service import Service
 from jezero.schemas import topics
 from jezero.schemas.state import Status, StatusCode
@@ -37,7 +35,7 @@ from jezero.trials.campaign.judge_others import AutopilotJudge, GoalRecord, Serv
 from jezero.trials.campaign.link_faults import LinkFaults
 from jezero.trials.campaign.worlds import PHYSICS, WORLDS, FaultySensors, World
 from jezero.trials.digest import MessageDigest
-from jezero.vehicle_config import VehicleConfig
+from jezero.trials.recording import virtual_recording
 
 READY_TIMEOUT_S = 20.0
 FAULTS_START_MAX_S = 42.0
@@ -87,6 +85,7 @@ class Mission:
         on_event: called with a line of text for each event.
         world: the world to fly in.
         fault_counts: allowed numbers of faults.
+        record: gets all messages and the services' journals; None for a mission that is not recorded.
     """
 
     def __init__(
@@ -95,6 +94,7 @@ class Mission:
         on_event: Callable[[str], None] = lambda text: None,
         world: World = PHYSICS,
         fault_counts: range = FAULT_COUNTS,
+        record: Observer | None = None,
     ) -> None:
         self.seed = seed
         self.judge = Judge()
@@ -122,6 +122,9 @@ class Mission:
         self.clients = [Client(name, self.bus, named_random(seed, name), self._report_event) for name in CLIENTS]
         self.bus.observe(self._observe)
         self.bus.observe(self._truth)
+        if record is not None:
+            self.bus.observe(record)
+            self.bus.read_journals(record)
         for name in self._makers:
             self._start(name)
 
@@ -138,6 +141,7 @@ class Mission:
             self._settle()
         if not self._is_over:
             self._judge_goals()
+        self.bus.end_journals()
         for simulator in self._simulators:
             simulator.close()
         return self._report()
@@ -295,9 +299,6 @@ def fly_mission(
         return report
     path = recordings / f"{world}-{seed}" / RECORDING
     faults = f"{fault_counts.start}..{fault_counts.stop - 1}"
-    origin = about(bus="virtual", seed=str(seed), world=world, faults=faults)
-    mission = Mission(seed, world=WORLDS[world], fault_counts=fault_counts)
-    with RecordingWriter(path, origin, scene=ViewerScene(load_config(VehicleConfig, "vehicle"))) as writer:
-        mission.bus.observe(writer.write)
-        mission.fly()
+    with virtual_recording(path, seed, world=world, faults=faults) as writer:
+        Mission(seed, world=WORLDS[world], fault_counts=fault_counts, record=writer.write).fly()
     return msgspec.structs.replace(report, recording=str(path))

@@ -8,8 +8,6 @@ from pathlib import Path
 import msgspec
 
 from jezero.frames import altitude_m
-from jezero.recording.about import about
-from jezero.recording.viewer_scene import ViewerScene
 from jezero.recording.writer import RECORDING, RecordingWriter
 from jezero.runtime.config import ConfigError, load_config
 from jezero.runtime.memory_bus import MemoryBus
@@ -30,6 +28,7 @@ from jezero.trials.landing.trial import (
     draw_trial,
 )
 from jezero.trials.platform import off_platform_reason, offset_m, on_platform_m, tipped_over_reason
+from jezero.trials.recording import virtual_recording
 from jezero.trials.rover_driver import RoverDriver
 from jezero.trials.stack import SYSTEM_ID, boot_id, service_makers, wired_bus
 from jezero.vehicle_config import VehicleConfig
@@ -113,9 +112,8 @@ def fly_landing(
         writer: RecordingWriter | None = None
         if recordings is not None:
             path = recordings / f"{conditions.case}-{seed}" / RECORDING
-            origin = about(bus="virtual", seed=str(seed), conditions=msgspec.json.encode(conditions).decode())
-            scene = ViewerScene(load_config(VehicleConfig, "vehicle"))
-            writer = cleanup.enter_context(RecordingWriter(path, origin, scene=scene))
+            text = msgspec.json.encode(conditions).decode()
+            writer = cleanup.enter_context(virtual_recording(path, seed, conditions=text))
         bus = wired_bus(seed)
         if writer is not None:
             bus.observe(writer.write)

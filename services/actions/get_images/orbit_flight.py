@@ -96,7 +96,8 @@ class OrbitFlight:
         yaw_rad, _ = facing(end_ned_m, (0.0, 0.0, 0.0), self._orbit.center_ned_m)
         turned = abs(wrap_pi(yaw_rad - state.yaw_rad)) < SETTLED_RAD
         error_ned_m = subtract(end_ned_m, position_now(state))
-        if self._arrival.update(t_ns, error_ned_m, state.vel_uav_ned_mps, turned=turned):
+        wind_mps = state.wind_in_gusts_mps
+        if self._arrival.update(t_ns, error_ned_m, state.vel_uav_ned_mps, turned=turned, wind_mps=wind_mps):
             self._arrived_ns = t_ns
             self._tracker.restart(t_ns)
 

@@ -17,6 +17,14 @@ CONTRADICTED_S = 3.0
 INTERRUPTIONS_MAX = 3
 """A descent that is interrupted more often than this won't succeed."""
 TOUCHDOWN_PHASES: tuple[LandPhase, ...] = ("descent", "contact")
+OUT_OF_SIGHT_PHASES: tuple[LandPhase, ...] = ("hold", "search")
+ADVICE: dict[LandPhase, str] = {
+    "approach": "the vehicle does not get steadily over the platform: check the wind and the rover's speed",
+    "descent": "the vehicle does not stay in the descent's cone: check the wind and the rover's speed and turns",
+    "contact": "the vehicle lifts off the platform again: check the wind and the platform's slope",
+    "go_around": "contacts fail again and again: check the wind and the platform's slope",
+}
+"""What to check when most of the time was spent in a phase with the rover in sight."""
 
 
 class LandingWatch:
@@ -30,6 +38,10 @@ class LandingWatch:
         self._too_fast_ns: int | None = None
         self._contradicted_ns: int | None = None
         self._phase: LandPhase = "approach"
+        self._t_ns = t_ns
+        self._durations_s: dict[LandPhase, float] = {}
+        self._out_of_sight_ns = t_ns
+        """Time at which the rover went out of sight last."""
         self._heights_m: list[float] = []
         """Last estimated heights above the platform before the descent was interrupted."""
         self._height_m = 0.0
@@ -41,29 +53,32 @@ class LandingWatch:
             phase: of the landing.
             loss_reason: why the rover was out of sight last.
         """
-        if self._phase == "descent" and phase in ("hold", "search"):
-            self._heights_m.append(self._height_m)
+        self._durations_s[phase] = self._durations_s.get(phase, 0.0) + (t_ns - self._t_ns) / NS_PER_S
+        self._t_ns = t_ns
+        if phase in OUT_OF_SIGHT_PHASES and self._phase not in OUT_OF_SIGHT_PHASES:
+            self._out_of_sight_ns = t_ns
+            if self._phase == "descent":
+                self._heights_m.append(self._height_m)
         self._phase = phase
         if state.relative is not None and state.relative.valid:
             self._height_m = altitude_m(state.relative.pos_uav_rel_rover_ned_m[2])
         return (
-            self._interrupted(loss_reason)
+            self._interrupted(state, loss_reason)
             or self._on_ground(t_ns, state)
             or self._out_of_bounds(state.pos_uav_ned_m)
             or self._too_fast(t_ns, state)
             or self._contradicted(t_ns, state)
-            or self._too_late(t_ns, loss_reason)
+            or self._too_late(t_ns, state, loss_reason)
         )
 
-    def _interrupted(self, loss_reason: str) -> Done | None:
+    def _interrupted(self, state: VehicleState, loss_reason: str) -> Done | None:
         if len(self._heights_m) <= INTERRUPTIONS_MAX:
             return None
         low_m, high_m = min(self._heights_m), max(self._heights_m)
         return Done(
             "aborted",
             f"the descent was interrupted {len(self._heights_m)} times, {low_m:.1f} to {high_m:.1f} m above the "
-            f"platform: {loss_reason}; check what hides the rover there, such as tags too large or too small to be "
-            "seen from that height, a shadow, or the camera's focus",
+            f"platform: {loss_reason}; {_advice_on_sight(state)}",
         )
 
     def _on_ground(self, t_ns: int, state: VehicleState) -> Done | None:
@@ -126,8 +141,33 @@ class LandingWatch:
             return None
         return Done("aborted", state.relative.reason)
 
-    def _too_late(self, t_ns: int, loss_reason: str) -> Done | None:
+    def _too_late(self, t_ns: int, state: VehicleState, loss_reason: str) -> Done | None:
         if t_ns - self._start_ns <= self._timeout_s * NS_PER_S:
             return None
-        missing = f"; the rover was out of sight last because: {loss_reason}" if loss_reason else ""
-        return Done("aborted", f"not landed after {self._timeout_s:g} s{missing}")
+        longest_first = sorted(self._durations_s, key=self._durations_s.__getitem__, reverse=True)
+        phases = ", ".join(f"{self._durations_s[phase]:.0f} s {phase}" for phase in longest_first)
+        reason = f"not landed after {self._timeout_s:g} s (timeout_s): {phases}"
+        if self._phase in OUT_OF_SIGHT_PHASES:
+            reason += f"; the rover has been out of sight for {(t_ns - self._out_of_sight_ns) / NS_PER_S:.0f} s"
+        elif loss_reason:
+            reason += f"; the rover was out of sight {(t_ns - self._out_of_sight_ns) / NS_PER_S:.0f} s ago"
+        reason += f": {loss_reason}" if loss_reason else ""
+        longest = longest_first[0]
+        advice = _advice_on_sight(state) if longest in OUT_OF_SIGHT_PHASES else ADVICE[longest]
+        return Done("aborted", f"{reason}; {advice}")
+
+
+def _advice_on_sight(state: VehicleState) -> str:
+    """What to check when the rover is out of sight, by the inputs in use."""
+    relative = state.relative
+    if relative is None:
+        return "check that the estimator runs (`jezero ps`)"
+    advice = []
+    if relative.use_tag:
+        advice.append(
+            "check what hides the tags there, such as tags too large or too small to be seen from that height, a "
+            "shadow, or the camera's focus"
+        )
+    if relative.use_uwb:
+        advice.append("check that the UWB anchors are powered and within their range")
+    return "; ".join(advice)

@@ -13,7 +13,7 @@ from typing import Any, Literal, Protocol
 
 import msgspec
 
-from jezero.frames import Quat, Vec3, quat_rotate, yaw_from_quat
+from jezero.frames import Quat, Vec3, horizontal, quat_rotate, yaw_from_quat
 from jezero.schemas.actions import PlannedCoverage
 from jezero.schemas.commands import Outcome, Phase
 from jezero.schemas.estimate import Relative, RoverEstimate
@@ -64,6 +64,11 @@ class VehicleState(msgspec.Struct, frozen=True):
         """(2,) north and east of the unit vector that points down through the vehicle's feet: its tilt."""
         north, east, _ = quat_rotate(self.q_ned_from_frd, (0.0, 0.0, 1.0))
         return north, east
+
+    @property
+    def wind_in_gusts_mps(self) -> float:
+        """Speed of the estimated wind in its gusts; 0 while the wind is unknown."""
+        return 0.0 if self.wind_ned_mps is None else horizontal(self.wind_ned_mps) + (self.std_gust_mps or 0.0)
 
 
 class Selection(msgspec.Struct, frozen=True):

@@ -14,7 +14,8 @@ class MoveConfig(Config, frozen=True, kw_only=True):
 
     The vehicle has arrived when it has been near the end and slow for `reached_s`. In wind it has also arrived when it
     has hovered about the end for 4 s: its mean position within twice `reached_m`, and never farther away than
-    `reached_in_wind_m` or faster than `reached_in_wind_mps`.
+    `reached_in_wind_m` or faster than `reached_in_wind_mps`. Above 6 m/s these three limits grow in proportion to the
+    estimated wind, gusts included.
 
     Attributes:
         accel_mps2: acceleration and deceleration of the reference.

@@ -12,7 +12,7 @@ from jezero.services.actions.motion.arrival import ArrivalDetector
 from jezero.services.actions.motion.behaviour import Move, Remaining, VehicleState
 from jezero.services.actions.motion.config import MoveConfig
 from jezero.services.actions.motion.speed_profile import SpeedProfile, next_speed_mps, time_to_rest_s
-from jezero.services.actions.motion.tracking import PROGRESS_TIMEOUT_S, ZERO, Reference
+from jezero.services.actions.motion.tracking import PROGRESS_TIMEOUT_S, ZERO, Reference, progress_timeout_s
 
 STEP_MAX_S = 0.1
 """A server that was frozen goes on where it was instead of jumping ahead."""
@@ -90,11 +90,13 @@ class StraightPath:
         self._arrival = ArrivalDetector(config, config.reached_s)
         self._nearest_m = float("inf")
         self._nearer_ns = t_ns
+        self._timeout_s = PROGRESS_TIMEOUT_S
 
     def step(self, t_ns: int, state: VehicleState) -> None:
         """Move the reference on and test whether the vehicle has arrived."""
         dt = min(max((t_ns - self._t_ns) / NS_PER_S, 0.0), STEP_MAX_S)
         self._t_ns = t_ns
+        self._timeout_s = progress_timeout_s(state)
         self._advance(dt, distance(self.pos_ned_m, state.pos_uav_ned_m))
         turned = self.yaw_rad == self._yaw_end_rad or self._turn(dt)
         self._test_arrival(t_ns, state, turned=turned)
@@ -108,7 +110,7 @@ class StraightPath:
     def stuck(self, t_ns: int) -> str:
         """Reason why the end can't be reached, or "" while the vehicle makes progress."""
         stuck_s = (t_ns - self._nearer_ns) / NS_PER_S
-        if stuck_s <= PROGRESS_TIMEOUT_S:
+        if stuck_s <= self._timeout_s:
             return ""
         return f"no progress for {stuck_s:.0f} s: still {self._nearest_m:.2f} m from the target"
 
@@ -165,7 +167,9 @@ class StraightPath:
         if distance_m < self._nearest_m - PROGRESS_M:
             self._nearest_m = distance_m
             self._nearer_ns = t_ns
-        self.reached = self._arrival.update(t_ns, error_ned_m, state.vel_uav_ned_mps, turned=turned)
+        self.reached = self._arrival.update(
+            t_ns, error_ned_m, state.vel_uav_ned_mps, turned=turned, wind_mps=state.wind_in_gusts_mps
+        )
 
 
 class TimedStraightPath:

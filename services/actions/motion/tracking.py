@@ -22,6 +22,9 @@ LAG_FREE_M, LAG_MAX_M = 0.3, 1.0
 """The reference slows down when the vehicle is farther from it than LAG_FREE_M, and waits beyond LAG_MAX_M."""
 PROGRESS_TIMEOUT_S = 20.0
 """A goal is aborted when the vehicle gets no nearer, or the reference had to wait, for this duration."""
+STRONG_WIND_MPS, STRONG_WIND_TIMEOUT_S = 8.0, 60.0
+"""In a stronger wind, gusts included, this longer time-out holds: a gust that carries the vehicle off lasts for some
+seconds, and the vehicle needs as long again to come back."""
 RATE_AT_REST = 1e-3
 """The reference counts as waiting at a lower rate than this."""
 ZERO: Vec3 = (0.0, 0.0, 0.0)
@@ -55,6 +58,7 @@ class Tracker:
         self._config = config
         self._t_ns = t_ns
         self._moved_ns = t_ns
+        self._timeout_s = PROGRESS_TIMEOUT_S
         self._integral_mps = ZERO
 
     def restart(self, t_ns: int) -> None:
@@ -73,6 +77,7 @@ class Tracker:
         """
         dt_s = min(max((t_ns - self._t_ns) / NS_PER_S, 0.0), STEP_MAX_S)
         self._t_ns = t_ns
+        self._timeout_s = progress_timeout_s(state)
         lag_m = distance(reference.pos_ned_m, position_now(state))
         self.rate = min(max((LAG_MAX_M - lag_m) / (LAG_MAX_M - LAG_FREE_M), 0.0), 1.0)
         if self.rate > RATE_AT_REST:
@@ -83,7 +88,7 @@ class Tracker:
     def stuck(self, t_ns: int) -> str:
         """Reason why the vehicle can't follow, or "" while it makes progress."""
         stuck_s = (t_ns - self._moved_ns) / NS_PER_S
-        if stuck_s <= PROGRESS_TIMEOUT_S:
+        if stuck_s <= self._timeout_s:
             return ""
         return f"no progress for {stuck_s:.0f} s: more than {LAG_MAX_M:g} m from the reference"
 
@@ -104,6 +109,11 @@ class Tracker:
         correction = add(scale(error_m, config.gain_1ps), scale(error_mps, config.gain_derivative))
         velocity = add(vel_ned_mps, add(clipped(correction, CORRECTION_MAX_MPS), self._integral_mps))
         return velocity, clipped(add(acc_ned_mps2, scale(error_mps, config.gain_1ps)), ACCELERATION_MAX_MPS2)
+
+
+def progress_timeout_s(state: VehicleState) -> float:
+    """Time without progress after which a goal is aborted, by the wind at the vehicle."""
+    return STRONG_WIND_TIMEOUT_S if state.wind_in_gusts_mps > STRONG_WIND_MPS else PROGRESS_TIMEOUT_S
 
 
 def position_now(state: VehicleState) -> Vec3:

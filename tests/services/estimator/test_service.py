@@ -275,6 +275,15 @@ def test_a_silent_uwb_is_coasted_through_for_five_seconds() -> None:
     relative = rig.until(9.5)
     assert not relative.valid
     assert "nothing measured by UWB and tag for" in relative.reason
+    assert "check that three or more anchors are powered" in relative.reason
+
+
+def test_a_position_that_is_not_known_well_enough_is_told_with_the_bound_and_what_to_check() -> None:
+    shipped = EstimatorConfig()
+    rig = Rig(config=replace(TAG_ONLY, validity=replace(shipped.validity, std_pos_max_m=1e-4)))
+    reason = rig.until(8.0).reason
+    assert "the rover's position is known to 0.0 m by tag, 0.0001 m are needed (std_pos_max_m)" in reason
+    assert "the last measurement is 0.1 s old: check that the tags are in view and lit" in reason
 
 
 def test_a_lock_on_a_wrong_place_is_told_and_left() -> None:

@@ -49,8 +49,10 @@ def test_the_altimeter_is_corrected_for_tilt() -> None:
 
 
 def test_a_climb_that_gets_nowhere_ends_after_five_seconds() -> None:
+    """The vehicle drifts: one that stands still is wedged."""
     rig = Rig().fly(height_m=0.5)
     rig.go("go_to", Phase.GO_TO)
+    rig.autopilot.vel = [0.2, 0.0, 0.0]
     rig.request(ABORT, Abort())
     rig.run(4.9)
     assert rig.status.code == 12
@@ -214,13 +216,12 @@ def test_a_tilt_above_sixty_degrees_for_half_a_second_disarms(seconds: float, ki
     assert (rig.status.code == 13) == killed
 
 
-def test_a_vehicle_that_hangs_tilted_against_something_and_can_not_climb_is_disarmed() -> None:
+def test_a_vehicle_that_hangs_on_something_and_can_not_climb_is_disarmed() -> None:
     rig = Rig().fly(0.4)
     rig.request(HOVER, Hover(hover_pos=(0.0, 0.0, -3.0)))
-    rig.autopilot.q = list(quat_from_euler(0.3, 0.0, 0.0))
     rig.run(5.5)
     assert not rig.autopilot.armed
-    assert rig.status.text == "motors cut: wedged near the ground, tilted by 17 degrees and not moving for 5 s"
+    assert "motors cut: the vehicle is wedged near the ground, tilted by 0 degrees" in rig.status.text
 
 
 def test_under_a_pilot_no_tilt_disarms() -> None:

@@ -52,6 +52,7 @@ class Landing:
         sees: Callable[[float, Vec3], bool] = lambda t_s, offset_m: True,
         std_m: float = 0.0,
     ) -> None:
+        self.goal = goal
         self.t_ns = 100 * S
         self.pos_m, self.vel_mps = start_ned_m, STILL
         self.deck_m, self.yaw_rad = DECK_NED_M, 0.4
@@ -125,8 +126,8 @@ class Landing:
             vel_rover_ned_mps=add(self.vel_deck_mps, self.vel_rover_error_mps),
             yaw_rover_rad=self.yaw_rad,
             yaw_rate_rover_rps=self.yaw_rate_rps,
-            use_uwb=True,
-            use_tag=True,
+            use_uwb=self.goal.use_uwb,
+            use_tag=self.goal.use_tag,
             fused_t_ns=self._fused_ns,
             goal_id="g",
         )

@@ -7,7 +7,7 @@ import pytest
 from jezero.frames import add
 from jezero.services.actions.land_on_spot.config import LandingBoundsConfig
 from jezero.services.actions.land_on_spot.landing_watch import CONTRADICTED_S, INTERRUPTIONS_MAX
-from tests.services.actions.land_on_spot.landing_rig import BOTH, Landing
+from tests.services.actions.land_on_spot.landing_rig import BOTH, TAG, Landing
 
 BOUNDS = LandingBoundsConfig()
 
@@ -81,7 +81,28 @@ def test_a_descent_that_is_interrupted_again_and_again_ends() -> None:
     begin = f"the descent was interrupted {INTERRUPTIONS_MAX + 1} times, "
     assert done.reason.startswith(begin)
     assert " to 2.7 m above the platform: no measurement of the rover for " in done.reason
-    assert "check what hides the rover there" in done.reason
+    assert "check what hides the tags there" in done.reason
+    assert "check that the UWB anchors are powered" in done.reason
+
+
+def test_an_interrupted_descent_by_the_tags_alone_is_not_blamed_on_the_anchors() -> None:
+    landing = Landing(TAG, sees=lambda t_s, offset_m: offset_m[2] < -3.2 or t_s % 3.0 > 2.7)
+    landing.forget_s = 0.6
+    landing.grounded = False
+    done = landing.run(120.0)
+    assert done is not None
+    assert "check what hides the tags there" in done.reason
+    assert "anchors" not in done.reason
+
+
+def test_a_landing_that_never_comes_down_ends_with_the_time_of_each_phase_and_what_to_check() -> None:
+    landing = Landing(BOTH)
+    landing.std_at = lambda offset_m: 0.45
+    done = landing.run(200.0)
+    assert done is not None
+    assert done.reason.startswith("not landed after 180 s (timeout_s): 1")
+    assert " s descent, " in done.reason and " s approach" in done.reason
+    assert done.reason.endswith("check the wind and the rover's speed and turns")
 
 
 def test_the_way_to_the_platform_does_not_lead_below_a_metre_by_the_altimeter() -> None:

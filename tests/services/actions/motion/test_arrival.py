@@ -16,12 +16,13 @@ Path = Callable[[float], tuple[Vec3, Vec3]]
 """Vector from the vehicle to the point and velocity, by time in s."""
 
 
-def arrival_s(path: Path, within_s: float = 20.0, *, turned: bool = True) -> float | None:
+def arrival_s(path: Path, within_s: float = 20.0, *, turned: bool = True, wind_mps: float = 0.0) -> float | None:
     """Time at which the vehicle arrives, None when it doesn't."""
     detector = ArrivalDetector(CONFIG, CONFIG.reached_s)
     for step in range(int(within_s * RATE_HZ)):
         error_ned_m, vel_ned_mps = path(step / RATE_HZ)
-        if detector.update(step * NS_PER_S // RATE_HZ, error_ned_m, vel_ned_mps, turned=turned):
+        t_ns = step * NS_PER_S // RATE_HZ
+        if detector.update(t_ns, error_ned_m, vel_ned_mps, turned=turned, wind_mps=wind_mps):
             return step / RATE_HZ
     return None
 
@@ -43,6 +44,12 @@ def test_a_vehicle_that_gusts_sway_about_the_point_arrives_too(size_m: float) ->
 
 def test_a_vehicle_that_sways_about_another_point_has_not_arrived() -> None:
     assert arrival_s(sway(0.2, mean_m=0.5)) is None
+
+
+@pytest.mark.parametrize(("wind_mps", "arrives"), [(6.0, False), (12.0, True)])
+def test_a_strong_wind_allows_more_sway_than_a_moderate_one(wind_mps: float, arrives: bool) -> None:
+    """A sway of 1.2 m with up to 1.26 m/s, about a place 0.4 m beside the point."""
+    assert (arrival_s(sway(1.2, mean_m=0.4, period_s=6.0), wind_mps=wind_mps) is not None) is arrives
 
 
 def test_a_vehicle_that_gusts_carry_far_away_has_not_arrived() -> None:
