@@ -12,9 +12,16 @@ from math import pi, radians
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
 from PIL import Image as Pillow
 
+from jezero.cli.mapping import M_PER_PX
 from jezero.frames import quat_from_euler
+from jezero.mapping.alignment import align
+from jezero.mapping.ground import fit_ground
+from jezero.mapping.matching import find_matches
+from jezero.mapping.projection import Grid, fit_grid, project
+from jezero.mapping.survey import read_survey
 from jezero.runtime.config import load_config
 from jezero.schemas.state import Scene
 from jezero.schemas.topics import AREA_COVERAGE, GET_IMAGES
@@ -32,6 +39,10 @@ GAP_PX = 8
 MAP_SHARE = 0.56
 """Of the width, beside the touchdown."""
 JPEG_QUALITY = 88
+ROVER_NED_M = (5.0, -3.0, -0.5)
+"""Of the rover in the demonstration: the middle of its platform."""
+AROUND_ROVER_M = 4.0
+"""Width of the part of a map that is shown enlarged."""
 COLORS = 64
 """Of a drawing with thousands of dots, which is a third as large as with all colours."""
 
@@ -43,7 +54,11 @@ def demonstration(run: Path) -> Picture:
     top = row([_with_width(picture, width_px) for picture in pictures])
     left = _with_width(map_of(run), round(MAP_SHARE * WIDTH_PX))
     right = _with_width(on_white(Pillow.open(run / "touchdown.png")), WIDTH_PX - GAP_PX - left.width)
-    bottom = row([left, right])
+    return column(top, row([left, right]))
+
+
+def column(top: Picture, bottom: Picture) -> Picture:
+    """A picture of full width above another."""
     sheet = Pillow.new("RGB", (WIDTH_PX, top.height + GAP_PX + bottom.height), "white")
     sheet.paste(top, (0, 0))
     sheet.paste(bottom, (0, top.height + GAP_PX))
@@ -65,6 +80,36 @@ def map_of(run: Path) -> Picture:
     """The map without empty margins."""
     picture = Pillow.open(run / AREA_COVERAGE.name / "map.png")
     return on_white(picture.crop(picture.getchannel("A").getbbox()))
+
+
+def seams(run: Path) -> Picture:
+    """The mean of all pictures beside the map; below them the same around the rover."""
+    folder = run / AREA_COVERAGE.name
+    grid, mean = mean_of_pictures(folder)
+    maps = [on_white(mean), on_white(Pillow.open(folder / "map.png"))]
+    width_px = (WIDTH_PX - GAP_PX) // 2
+    row_px, column_px = (grid.north_m - ROVER_NED_M[0]) / M_PER_PX, (ROVER_NED_M[1] - grid.east_m) / M_PER_PX
+    half_px = 0.5 * AROUND_ROVER_M / M_PER_PX
+    left, right = round(column_px - half_px), round(column_px + half_px)
+    top, bottom = round(row_px - 0.7 * half_px), round(row_px + 0.7 * half_px)
+    details = [picture.crop((left, top, right, bottom)) for picture in maps]
+    return column(*(row([_with_width(picture, width_px) for picture in pictures]) for pictures in (maps, details)))
+
+
+def mean_of_pictures(folder: Path) -> tuple[Grid, Picture]:
+    """Grid of the map of a coverage's folder, and the plain mean of the same aligned pictures on it."""
+    survey = read_survey(folder, load_config(VehicleConfig, "vehicle"))
+    ground = fit_ground(survey.spots_m)
+    survey = align(survey, ground, find_matches(survey, ground)).survey
+    grid = fit_grid(survey, ground, M_PER_PX)
+    total, count = np.zeros((grid.rows, grid.columns, 3)), np.zeros((grid.rows, grid.columns, 1))
+    for number in range(len(survey)):
+        if (patch := project(survey, ground, number, grid)) is not None:
+            seen = patch.seen[:, :, None]
+            total[patch.place] += seen * patch.colours
+            count[patch.place] += seen
+    pixels = np.concatenate((total / np.maximum(count, 1.0), 255.0 * (count > 0.0)), axis=2)
+    return grid, Pillow.fromarray(np.rint(pixels).astype(np.uint8))
 
 
 def on_white(picture: Picture) -> Picture:
@@ -92,7 +137,7 @@ def camera() -> Picture:
             vel_uav_ned_mps=(0.0, 0.0, 0.0),
             q_ned_from_frd=quat_from_euler(0.0, 0.0, 0.0),
             rates_uav_frd_rps=(0.0, 0.0, 0.0),
-            pos_rover_ned_m=(5.0, -3.0, -0.5),
+            pos_rover_ned_m=ROVER_NED_M,
             vel_rover_ned_mps=(0.0, 0.0, 0.0),
             yaw_rover_rad=radians(25.0),
         )
@@ -103,7 +148,8 @@ def camera() -> Picture:
 
 
 def write_images(run: Path) -> None:
-    for name, picture in (("demonstration", demonstration(run)), ("map", map_of(run)), ("camera", camera())):
+    pictures = {"demonstration": demonstration(run), "map": map_of(run), "seams": seams(run), "camera": camera()}
+    for name, picture in pictures.items():
         picture.save(IMAGES / f"{name}.jpg", quality=JPEG_QUALITY)
     shutil.copyfile(run / "relative_error.png", IMAGES / "relative_error.png")
 

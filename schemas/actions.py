@@ -135,7 +135,8 @@ class AreaCoverageGoal(Goal, frozen=True, kw_only=True):
         polygon_ned_m: corners of the area in `frame`, each north and east.
         holes_ned_m: polygons inside the area that are left out, in `frame`.
         origin_deg: latitude and longitude of the world's origin around which an area in degrees became these metres.
-            With it, refusals and warnings name places of the area in degrees too. None for an area in metres.
+            With it, refusals and warnings name places of the area in degrees too, and a goal is refused whose origin
+            is more than 1 m away from the vehicle's. None for an area in metres.
         margin_outline_m: least horizontal distance of the vehicle from the polygon's outline, inside it. 0 means that
             its path stays inside.
         margin_holes_m: least horizontal distance of the vehicle from each hole. 0 means that its path stays outside.

@@ -38,8 +38,11 @@ def _patches(values: Array, patch_px: int) -> Array:
     return np.asarray(cut.reshape(rows, patch_px, columns, patch_px))
 
 
-def detail(folder: Path, file: Path) -> Array:
-    """(rows, columns) the figure of each patch of the map; NaN where no picture shows a whole patch."""
+def detail(folder: Path, file: Path) -> tuple[Array, Array]:
+    """(rows, columns) the figure of each patch of the map, and of the plain mean of all pictures.
+
+    NaN where no picture shows a whole patch.
+    """
     picture = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
     if picture is None:
         raise SystemExit(f"{file} is no picture")
@@ -53,16 +56,24 @@ def detail(folder: Path, file: Path) -> Array:
     ground = fit_ground(survey.spots_m)
     survey = align(survey, ground, find_matches(survey, ground)).survey
     best, slant2 = (np.full((rows // patch_px, columns // patch_px), value) for value in (np.nan, np.inf))
+    total, count = np.zeros((rows, columns, 3)), np.zeros((rows, columns, 1))
     for number in range(len(survey)):
         patch = project(survey, ground, number, grid)
         if patch is None:
             continue
         pixels, slants = np.zeros((rows, columns, 3), np.uint8), np.full((rows, columns), np.inf)
         pixels[patch.place], slants[patch.place] = patch.colours, np.where(patch.seen, patch.slant2, np.inf)
+        total[patch.place] += patch.seen[:, :, None] * patch.colours
+        count[patch.place] += patch.seen[:, :, None]
         steeper = (mean := _patches(slants, patch_px).mean(axis=(1, 3))) < slant2
         best[steeper], slant2[steeper] = gradient_energy(pixels, patch_px)[steeper], mean[steeper]
     seen = _patches(whole[:, :, 3].astype(float), patch_px).min(axis=(1, 3)) > 0.0
-    return np.where(seen, gradient_energy(np.ascontiguousarray(whole[:, :, 2::-1]), patch_px) / best, np.nan)
+    mean_of_all = np.rint(total / np.maximum(count, 1.0)).astype(np.uint8)
+    shares, shares_of_mean = (
+        np.where(seen, gradient_energy(pixels, patch_px) / best, np.nan)
+        for pixels in (np.ascontiguousarray(whole[:, :, 2::-1]), mean_of_all)
+    )
+    return shares, shares_of_mean
 
 
 def main() -> None:
@@ -70,12 +81,14 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("map", type=Path, nargs="?")
     arguments = parser.parse_args()
-    shares = detail(arguments.folder, arguments.map or arguments.folder / "map.png")
+    shares, shares_of_mean = detail(arguments.folder, arguments.map or arguments.folder / "map.png")
     known = shares[np.isfinite(shares)]
     print(
         f"{known.size} patches of {PATCH_M:g} m: median {np.median(known):.2f}, lowest {known.min():.2f}, "
         f"highest {known.max():.2f}, {np.count_nonzero(known < 0.8)} below 0.8"
     )
+    known = shares_of_mean[np.isfinite(shares_of_mean)]
+    print(f"the plain mean of all pictures: median {np.median(known):.2f}, lowest {known.min():.2f}")
     print(np.array2string(shares, precision=2, suppress_small=True, max_line_width=200))
 
 

@@ -332,6 +332,8 @@ class Launcher:
         ready = self._written is not None and self._written.ready
         if ready and not self._ready_printed:
             self._output.print_line(f"ready after {time.monotonic() - start_s:.1f} s")
+            if self._written is not None and self._written.page_address:
+                self._output.print_line(f"ground station: {self._written.page_address}")
         self._ready_printed |= ready
 
     def _write(self) -> None:

@@ -79,6 +79,12 @@ class RunState(msgspec.Struct, frozen=True, kw_only=True):
             services.setdefault(failed.text, []).append(failed.service)
         return tuple(f"{', '.join(names)}: {text}" for text, names in services.items())
 
+    @property
+    def page_address(self) -> str:
+        """Address of the ground station's pages, which it publishes at the beginning of its health; "" without one."""
+        texts = [s.text for s in self.services if s.service == "ground_station" and s.health == "ok"]
+        return texts[0].partition(",")[0] if texts else ""
+
 
 def start_ticks(pid: int) -> int | None:
     """Clock ticks from the machine's start to that of a process; None without such a process. Source: proc(5)."""

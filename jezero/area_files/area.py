@@ -81,7 +81,9 @@ def area_m2(polygon: FilePolygon) -> float:
 
 def _far(polygon: FilePolygon, corner: Corner, corner_ned_m: Corner, origin_deg: Sequence[float] | None) -> str:
     """What is wrong with a corner that is too far away, and what helps."""
-    far = f"is {hypot(*corner_ned_m) / 1000.0:.0f} km from the world's origin"
+    distance_km = hypot(*corner_ned_m) / 1000.0
+    far = f"is {distance_km:.0f} km from" if distance_km < 1e6 else f"is {distance_km:.1e} km from"
+    far += " the world's origin"
     if polygon.in_metres or origin_deg is None:
         return (
             f"the corner {corner[0]:g} m north, {corner[1]:g} m east {far}: "

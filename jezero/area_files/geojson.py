@@ -102,7 +102,7 @@ def _ring(ring: Any, place: str, convert: Convert, order: str) -> tuple[Corner, 
 def _geometries(content: Any, name: str, place: str) -> Iterator[tuple[dict[str, Any], str, str]]:
     """Each geometry with its name and its place, those of features and collections one by one."""
     if not isinstance(content, dict):
-        raise AreaFileError(f'{place + ": " if place else ""}"{excerpt(content)}" is not a GeoJSON object')
+        raise AreaFileError(f'{place + ": " if place else ""}"{excerpt(json.dumps(content))}" is not a GeoJSON object')
     kind = content.get("type")
     if kind == "Feature":
         if content.get("geometry") is not None:

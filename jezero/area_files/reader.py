@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from jezero.area_files.area import Area, area_m2, place
+from jezero.area_files.area import EXTENT_MIN_M, Area, area_m2, place
 from jezero.area_files.csv_table import read_csv
 from jezero.area_files.geojson import parse_json, read_geojson
 from jezero.area_files.kml import read_kml, read_kmz
@@ -53,9 +53,12 @@ def read_polygon(file: Path | str, *, feature: str | int | None = None, metres: 
 def _read(file: Path, metres: bool) -> list[FilePolygon]:
     kind = file.suffix.lower()
     if kind not in FORMATS:
-        raise AreaFileError(f'its name ends in "{kind}": known are {", ".join(sorted(FORMATS))}')
+        ending = f'its name ends in "{kind}"' if kind else "its name has no ending"
+        raise AreaFileError(f"{ending}: known are {', '.join(sorted(FORMATS))}")
     if metres and kind not in METRES_FORMATS:
         raise AreaFileError(f"{kind} files are never in [north, east] metres: leave out --metres")
+    if file.stat().st_size == 0:
+        raise AreaFileError("is empty: export the area again")
     if file.stat().st_size > BYTES_MAX:
         raise AreaFileError(f"has more than {BYTES_MAX / 1e6:.0f} MB: export the one field only")
     if kind == ".shp":
@@ -78,6 +81,8 @@ def _choose(found: list[FilePolygon], feature: str | int | None) -> FilePolygon:
     if feature is None:
         if len(found) == 1:
             return found[0]
+        if all(polygon.in_metres and area_m2(polygon) < EXTENT_MIN_M**2 for polygon in found):
+            raise AreaFileError("has only areas of less than 0.1 m: if its numbers are degrees, leave out --metres")
         raise AreaFileError(f"has {len(found)} areas, choose one with --feature NUMBER or NAME: {_listed(found)}")
     named = [polygon for polygon in found if polygon.name == str(feature)]
     if len(named) == 1:

@@ -64,8 +64,10 @@ def _shapes(file: Path) -> list[tuple[list[list[Corner]], str]]:
             if kind in KINDS:
                 named = _beside(file, ".dbf") is not None
                 return [(_rings(shape), _name(reader, shape.oid) if named else "") for shape in shapes]
-    except (shapefile.ShapefileException, struct.error, *DAMAGES) as error:
-        raise AreaFileError(f"is not a shapefile that can be read ({excerpt(error) or type(error).__name__})") from None
+    except shapefile.ShapefileException as error:
+        raise AreaFileError(f"is not a shapefile that can be read ({excerpt(error)})") from None
+    except (struct.error, *DAMAGES):  # their messages are about bytes
+        raise AreaFileError("is not a shapefile that can be read: export it again") from None
     raise AreaFileError(f"has shapes of type {shapefile.SHAPETYPE_LOOKUP.get(kind, kind)} instead of polygons")
 
 

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import msgspec
 
 if TYPE_CHECKING:
     from jezero.area_files import FilePolygon
-    from jezero.schemas.actions import AreaCoverageGoal
+    from jezero.schemas.actions import AreaCoverageGoal, Corners
     from jezero.schemas.state import Odometry
 
 ROUTER_WAIT_S = 0.5
@@ -106,6 +107,29 @@ def vehicle_origin(odometry: "Odometry | None") -> Origin | None:
     if odometry is None or odometry.origin_deg is None:
         return None
     return Origin(odometry.origin_deg[:2], "the vehicle's")
+
+
+def around_origin(goal: "AreaCoverageGoal", origin: Origin | None) -> "AreaCoverageGoal":
+    """The goal of an earlier flight around the vehicle's present origin, which an autopilot places where it starts.
+
+    The area is moved as a whole, so that it keeps its plan and the numbers of its images. An area in metres stays.
+    """
+    from jezero.frames import ned_from_geodetic
+
+    if origin is None or goal.origin_deg is None or goal.origin_deg == origin.position_deg:
+        return goal
+    by_north_m, by_east_m, _ = ned_from_geodetic((*goal.origin_deg, 0.0), (*origin.position_deg, 0.0))
+
+    def moved(corners_m: "Corners") -> "Corners":
+        return tuple((north_m + by_north_m, east_m + by_east_m) for north_m, east_m in corners_m)
+
+    return msgspec.structs.replace(
+        goal,
+        origin_deg=origin.position_deg,
+        polygon_ned_m=moved(goal.polygon_ned_m),
+        holes_ned_m=tuple(map(moved, goal.holes_ned_m)),
+        start_ned_m=None if goal.start_ned_m is None else moved((goal.start_ned_m,))[0],
+    )
 
 
 def place_in_words(goal: "AreaCoverageGoal", origin: Origin | None) -> str:

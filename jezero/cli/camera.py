@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from jezero.cli.flight import FINITE, NUMBERS, Printer, common_options, connected
+from jezero.cli.flight import FINITE, NUMBERS, FiniteRange, Printer, common_options, connected
 from jezero.os_errors import naming
 
 PNG = click.Path(path_type=Path, dir_okay=False, writable=True)
@@ -32,10 +32,8 @@ def snap(file: Path, timeout_s: float, vehicle: str, router: str, as_json: bool)
 @camera.command(context_settings=NUMBERS)
 @click.argument("file", type=PNG)
 @click.option("--middle", nargs=2, type=FINITE, default=(0.0, 0.0), show_default=True, help="North, east in m.")
-@click.option("--side", "side_m", type=click.FloatRange(0.1, 200.0), default=20.0, show_default=True, help="In m.")
-@click.option(
-    "--resolution", type=click.FloatRange(0.001, 10.0), default=0.02, show_default=True, help="Metres per pixel."
-)
+@click.option("--side", "side_m", type=FiniteRange(0.1, 200.0), default=20.0, show_default=True, help="In m.")
+@click.option("--resolution", type=FiniteRange(0.001, 10.0), default=0.02, show_default=True, help="Metres per pixel.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per line, the result last.")
 def orthophoto(file: Path, middle: tuple[float, float], side_m: float, resolution: float, as_json: bool) -> None:
     """Save the simulated ground, seen from straight above, as FILE, a PNG with north at the top.

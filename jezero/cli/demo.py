@@ -1,6 +1,7 @@
 """`jezero demo`: starts a stack, flies the thesis' mission, and stops the stack."""
 
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -70,8 +71,9 @@ def _fly(printer: Printer, folder: Path) -> None:
     with reserved_instance() as instance:
         environment = {**os.environ, **instance_environment(instance), "JEZERO_RUN_DIR": str(folder.resolve())}
         printer.event("starting", "starting the stack ...", folder=str(folder))
-        with running_stack(environment):
-            printer.event("ready", "ready to fly")
+        with running_stack(environment) as address:
+            watch = f"; watch it on {address}" if address else ""
+            printer.event("ready", f"ready to fly{watch}", ground_station=address)
             with connected(instance.vehicle, instance.router, printer) as uav, pointing_to(printer, folder):
                 fly_mission(printer, uav, DEMONSTRATION, folder)
 
@@ -88,15 +90,19 @@ def pointing_to(printer: Printer, folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def running_stack(environment: dict[str, str]) -> Iterator[None]:
-    """Run `jezero up` before the block and `jezero down` after it, also after an error."""
+def running_stack(environment: dict[str, str]) -> Iterator[str]:
+    """Run `jezero up` before the block and `jezero down` after it, also after an error.
+
+    The block gets the address of the ground station's pages, "" without a ground station.
+    """
     jezero = [sys.executable, "-m", "jezero.cli.main"]
     up = [*jezero, "up", "-d", "--wait", "--timeout", str(READY_TIMEOUT_S)]
     try:
         started = subprocess.run(up, env=environment, capture_output=True, text=True, check=False)
         if started.returncode != 0:
             raise click.ClickException(f"the stack did not start:\n{started.stdout}{started.stderr}")
-        yield
+        found = re.search(r"^ground station: (\S+)", started.stdout, re.MULTILINE)
+        yield found[1] if found else ""
     finally:
         down: Any = subprocess.run([*jezero, "down"], env=environment, capture_output=True, text=True, check=False)
         if down.returncode != 0:

@@ -49,6 +49,13 @@ class Router(click.ParamType[str]):
         return str(value)
 
 
+class FiniteRange(click.FloatRange):
+    """A number within limits. Its parent class takes NaN, which no comparison excludes."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        return FINITE.convert(super().convert(value, param, ctx), param, ctx)
+
+
 FINITE = Finite()
 NUMBERS = {"ignore_unknown_options": True}  # "-4" is a coordinate, not an option
 

@@ -37,6 +37,7 @@ SECTIONS: dict[str, dict[str, Entry]] = {
         "action": Entry("jezero.cli.action", "action", "List all actions, or send a goal to any of them."),
         "status": Entry("jezero.cli.status", "status", "Show what the vehicle does, and where it is."),
         "rover": Entry("jezero.cli.rover", "rover", "Drive the rover."),
+        "ground": Entry("jezero.cli.ground", "ground", "Serve the ground station's pages alone (--connect)."),
         "camera": Entry("jezero.cli.camera", "camera", "Save images of the camera, or of the ground from above."),
     },
     "Survey": {

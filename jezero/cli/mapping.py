@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from jezero.cli.flight import Printer
+from jezero.cli.flight import FiniteRange, Printer
 
 if TYPE_CHECKING:
     from jezero.mapping.making import Map
@@ -18,7 +18,7 @@ M_PER_PX = 0.02
 @click.option(
     "--resolution",
     "m_per_px",
-    type=click.FloatRange(0.001, 10.0),
+    type=FiniteRange(0.001, 10.0),
     default=M_PER_PX,
     show_default=True,
     help="Metres per pixel.",

@@ -7,6 +7,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 POLL_S = 0.05
 LAUNCHER_LOG = "launcher.log"
+GROUND_STATION = "ground_station"
 OPEN_FILES_MAX = 1 << 20
 """No process has a file descriptor with a greater number."""
 KILL_LAUNCHER_AFTER_S = 30.0
@@ -50,7 +52,9 @@ def _shipped_compose_file() -> Path:
 
 
 @click.command()
-@click.option("--profile", "profiles", multiple=True, help="Only this profile (sim, estimation, control); repeatable.")
+@click.option(
+    "--profile", "profiles", multiple=True, help="Only this profile (sim, estimation, control, ground); repeatable."
+)
 @click.option("-d", "--detach", is_flag=True, help="Run in the background; `jezero down` stops it.")
 @click.option("--wait", is_flag=True, help="Return when the vehicle is ready; implies -d.")
 @click.option("--timeout", "timeout_s", type=click.FloatRange(min=0), default=60.0, show_default=True, metavar="S",
@@ -88,10 +92,13 @@ def _read_services(path: Path, profiles: tuple[str, ...]) -> "dict[str, Service]
     from jezero.plugins import plugin_names
 
     try:
-        services = parse(path.read_text(encoding="utf-8"), os.environ)
-        return select(with_actions(services, plugin_names()), profiles)
+        services = select(with_actions(parse(path.read_text(encoding="utf-8"), os.environ), plugin_names()), profiles)
     except (ComposeError, OSError) as error:
         raise click.ClickException(f"{path}: {error.strerror if isinstance(error, OSError) else error}") from error
+    if GROUND_STATION in services and find_spec("nicegui") is None:
+        del services[GROUND_STATION]
+        click.echo("no ground station in the browser, which is an extra: pip install 'jezero[ground]'", err=True)
+    return services
 
 
 class _CannotStart(Exception):  # noqa: N818
@@ -218,6 +225,8 @@ def _wait_for_start(folder: "RunFolder", launcher: TextIO, deadline_s: float | N
         if state is not None and state.ready:
             elapsed_s = time.monotonic() - start_s
             click.echo(f"ready after {elapsed_s:.1f} s. Run folder: {folder.path}{_recordings(folder)}")
+            if state.page_address:
+                click.echo(f"ground station: {state.page_address}")
             return
         if state is not None and state.failures:
             raise click.ClickException(f"{'; '.join(state.failures)}\n{_hint(folder)}")

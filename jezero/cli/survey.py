@@ -5,17 +5,19 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 import msgspec
+from click.core import ParameterSource
 
 from jezero.cli.area import (
     CoverageRequest,
     Origin,
     area_options,
+    around_origin,
     place_in_words,
     read_polygon_file,
     vehicle_origin,
 )
 from jezero.cli.coverage_plan import show_coverage_plan
-from jezero.cli.flight import FINITE, FRAMES, NUMBERS, Printer, connected, flight_options
+from jezero.cli.flight import FINITE, FRAMES, NUMBERS, FiniteRange, Printer, connected, flight_options
 from jezero.cli.pictures import PNG_OR_JPG, default_folder, take_pictures
 from jezero.cli.plan import agreed_plan, as_planned, send_goal
 from jezero.os_errors import write_whole
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
     from jezero.client.dataset import Dataset, Kind
     from jezero.schemas.actions import AreaCoverageGoal, Frame
 
+RESUME_OPTIONS = {"resume", "kind", "yes", "vehicle", "router", "as_json"}
+"""Parameters that a resumed coverage uses; the others are those of the coverage that ended early."""
 DRAWING = Path("runs/plan.png")
 RESUME = "resume.json"
 """File with the goal that takes the missing images, in the folder of an incomplete coverage."""
@@ -89,17 +93,24 @@ def getimages(
 @click.option(
     "--margin",
     "margin_outline_m",
-    type=FINITE,
+    type=FiniteRange(min=0.0),
     default=0.0,
     show_default=True,
     help="Metres from the outline.",
 )
 @click.option(
-    "--hole-margin", "margin_holes_m", type=FINITE, default=1.0, show_default=True, help="Metres from each hole."
+    "--hole-margin",
+    "margin_holes_m",
+    type=FiniteRange(min=0.0),
+    default=1.0,
+    show_default=True,
+    help="Metres from each hole.",
 )
-@click.option("--resolution", "resolution_m", type=FINITE, help="Metres between lines, and between images.")
-@click.option("--overlap", type=click.FloatRange(0.0, 0.95), help="Share of an image that the next one repeats.")
-@click.option("--sidelap", type=click.FloatRange(0.0, 0.95), help="The same for the images of the next line.")
+@click.option(
+    "--resolution", "resolution_m", type=FiniteRange(min=0.0), help="Metres between lines, and between images."
+)
+@click.option("--overlap", type=FiniteRange(0.0, 0.95), help="Share of an image that the next one repeats.")
+@click.option("--sidelap", type=FiniteRange(0.0, 0.95), help="The same for the images of the next line.")
 @click.option("--speed", "speed_mps", type=FINITE, help="Metres per second along the lines.")
 @click.option("--force", is_flag=True, help="Fly also where images show too little, or no map can be made of them.")
 @click.option("--plan-only", is_flag=True, help="Draw the plan instead of flying it.")
@@ -136,6 +147,7 @@ def gridsweep(
     """
     from jezero.schemas.topics import AREA_COVERAGE
 
+    _refuse_unused(plan_only=plan_only, resume=resume)
     if plan_only:
         file = _drawing(out)
         show_coverage_plan(_request(**given), origin, file, vehicle=vehicle, router=router, as_json=as_json)
@@ -154,11 +166,11 @@ def gridsweep(
             return
         pending = missing
     with connected(vehicle, router, printer) as uav:
-        odometry = uav.status().odometry
-        goal = pending
-        if isinstance(goal, CoverageRequest):
-            known = vehicle_origin(odometry)
-            goal = goal.goal(known)
+        known = vehicle_origin(uav.status().odometry)
+        if not isinstance(pending, CoverageRequest):
+            goal = around_origin(pending, known)
+        else:
+            goal = pending.goal(known)
             printer.event(
                 "area", f"area: {place_in_words(goal, known)}", origin_deg=None if known is None else known.position_deg
             )
@@ -172,6 +184,23 @@ def gridsweep(
         _write_resume_goal(dataset.folder, goal)
         take_pictures(
             printer, images_goal, "gridsweep", dataset, lambda result: _write_resume_goal(dataset.folder, result.resume)
+        )
+
+
+def _refuse_unused(*, plan_only: bool, resume: Path | None) -> None:
+    """Refuse options that a plan without a flight, or a resumed coverage, would not use."""
+    context = click.get_current_context()
+    given = {
+        parameter.name: parameter.opts[-1] if parameter.param_type_name == "option" else "FRAME"
+        for parameter in context.command.params
+        if context.get_parameter_source(str(parameter.name)) is ParameterSource.COMMANDLINE
+    }
+    if plan_only and (unused := [given[name] for name in ("resume", "plan_id") if name in given]):
+        raise click.UsageError(f"{unused[0]} is for a flight: leave out {unused[0]} or --plan-only")
+    unused = [word for name, word in given.items() if name not in RESUME_OPTIONS]
+    if resume is not None and unused:
+        raise click.UsageError(
+            f"--resume takes the rest of the coverage as it was planned: leave out {', '.join(sorted(unused))}"
         )
 
 

@@ -28,6 +28,7 @@ VARIABLES = (
         "run folder of the stack, with its logs, pictures and recordings.",
     ),
     Variable("JEZERO_RECORD", "`0` or `1`", "`1`", "whether the stack records; `0` starts no recorder."),
+    Variable("JEZERO_GROUND", "`0` or `1`", "`1`", "whether the stack has a ground station in the browser."),
     Variable("JEZERO_AUTOPILOT", "`embedded` or `px4`", "as in `autopilot.toml`", "autopilot that the stack runs."),
     Variable("JEZERO_PX4_DIR", "folder", "–", "folder of PX4, with `bin/px4` and `etc/`."),
 )

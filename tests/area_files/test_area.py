@@ -94,6 +94,17 @@ def test_a_file_with_several_areas_is_refused_with_their_names_and_sizes(tmp_pat
     assert sentence(tmp_path, "area.geojson", many).endswith("20 field 19 (100 m²), and 380 more")
 
 
+def test_several_areas_in_degrees_are_not_taken_for_metres(tmp_path: Path) -> None:
+    far = {"type": "MultiPolygon", "coordinates": [[[[8.0, 47.0], [8.0, 47.0001], [8.0001, 47.0]]]] * 2}
+    assert "if its numbers are degrees, leave out --metres" in sentence(tmp_path, "two.geojson", far, metres=True)
+
+
+def test_a_corner_without_bounds_is_refused_in_a_short_sentence(tmp_path: Path) -> None:
+    refused = sentence(tmp_path, "huge.csv", "north,east\n0,0\n1e300,0\n1e300,1e300\n")
+    assert "is 1.0e+297 km from the world's origin" in refused
+    assert len(refused) < 300
+
+
 def test_an_area_is_chosen_by_name_or_by_number(tmp_path: Path) -> None:
     content = collection(feature(POLYGON, "north"), feature(FAR, "3"), feature(FAR, "double"), feature(FAR, "double"))
     assert read(tmp_path, "area.geojson", content, feature="north").name == "north"

@@ -74,7 +74,6 @@ def test_a_table_has_an_empty_line_before_each_hole(tmp_path: Path) -> None:
         ("lat,latitude,lon\n1,1,1\n", False, "has two columns for latitude"),
         ("lat,lon\n47,8\n", True, 'line 1: "lat,lon" names degrees: leave out --metres'),
         ("x,y\n0,0\n", True, 'line 1: "x,y" doesn\'t say which column is north'),
-        ("", True, "has no corners"),
         ("lat,lon\n", False, "has no corners"),
         ("north,east\n0,0\n4,4\n", False, "the outline has 2 corners, and an area needs three"),
         ("north,east\n0,0\n4,4\n4,0\n\n1,1\n", False, "hole 1, after an empty line, has 1 corner, and an area needs"),

@@ -35,7 +35,7 @@ def test_a_placemark_with_two_polygons_is_two_areas(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("", "is not KML that can be read"),
+        ("text", "is not KML that can be read"),
         ("<kml>", "is not KML that can be read (no element found"),
         ('<?xml version="1.0" encoding="klingon"?><kml/>', "is not KML that can be read"),
         ("<kml/>", "has no Placemark with a Polygon"),

@@ -35,8 +35,22 @@ def test_a_file_that_cannot_be_read_or_has_another_format_is_named(tmp_path: Pat
     with pytest.raises(AreaFileError, match=r"missing.kml can't be read: No such file"):
         read_area(tmp_path / "missing.kml", ORIGIN_DEG)
     assert 'its name ends in ".gpkg": known are .csv, ' in sentence(tmp_path, "area.gpkg", "")
+    assert "its name has no ending: known are .csv, " in sentence(tmp_path, "area", "0,0")
     assert ".kml files are never in [north, east] metres" in sentence(tmp_path, "area.kml", "", metres=True)
     with (tmp_path / "large.csv").open("wb") as file:
         file.truncate(60_000_000)
     with pytest.raises(AreaFileError, match="has more than 50 MB: export the one field only"):
         read_area(tmp_path / "large.csv", ORIGIN_DEG)
+
+
+@pytest.mark.parametrize("ending", ["csv", "txt", "json", "geojson", "kml", "kmz", "plan", "shp"])
+def test_an_empty_file_is_called_empty_in_every_format(tmp_path: Path, ending: str) -> None:
+    assert sentence(tmp_path, f"area.{ending}", "").endswith("is empty: export the area again")
+
+
+@pytest.mark.parametrize("ending", ["csv", "txt", "json", "geojson", "kml", "kmz", "plan", "shp"])
+def test_a_file_of_bytes_is_refused_in_words_about_files(tmp_path: Path, ending: str) -> None:
+    file = tmp_path / f"area.{ending}"
+    file.write_bytes(bytes(range(255, 0, -1)) * 8)
+    with pytest.raises(AreaFileError, match=r"is not text in UTF-8|is not (KML|a KMZ archive|a shapefile) that can"):
+        read_area(file, ORIGIN_DEG)

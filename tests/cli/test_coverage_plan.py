@@ -1,6 +1,7 @@
 """`jezero gridsweep --plan-only`: the stack's own plan, or one of its own that says where it begins."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -91,8 +92,9 @@ def test_an_origin_of_ones_own_is_not_that_of_the_stack(words: list[str], stack:
 @pytest.mark.parametrize(
     ("more", "why"),
     [
-        (("--resolution", "-1"), "Expected `float` >= 0.0 - at `$.resolution_m`"),
-        (("--resolution", "1e-9"), "take a coarser resolution"),
+        (("--resolution", "1e-9"), "needs about 1.6e+19 pictures, more than 3000: take a coarser resolution"),
+        (("--resolution", "1e-300"), "take a coarser resolution"),
+        (("--resolution", "1e300"), "wrong number"),
         (("--z", "-1e5"), "beyond the limit of 120 m"),
         (("--speed", "-3"), "speed -3 m/s is not within"),
         (("--speed", "1e300"), "is not within"),
@@ -111,3 +113,29 @@ def test_with_force_it_is_planned_and_warned_of(words: list[str], server: Server
     done = run(words, "--z", "-50", "--force")
     assert done.exit_code == 0, done.output
     assert "warning: at 50 m the altimeter does not reach the ground" in done.stderr
+
+
+@pytest.mark.parametrize("option", ["--resolution", "--overlap", "--sidelap", "--margin", "--hole-margin"])
+@pytest.mark.parametrize(
+    ("number", "why"), [("-1", "range"), ("nan", "not a finite number"), ("1e400", "range|finite")]
+)
+def test_a_number_that_no_option_may_have_is_refused_with_the_option(
+    words: list[str], option: str, number: str, why: str
+) -> None:
+    done = run(words, option, number)
+    assert done.exit_code == 2, done.output
+    assert re.search(f"Invalid value for '{option}': .*({why})", done.output)
+
+
+@pytest.mark.parametrize("given", [("--plan-id", "0123456789ab"), ("--resume", ".")])
+def test_an_option_of_a_flight_is_refused_beside_plan_only(words: list[str], given: tuple[str, str]) -> None:
+    done = run(words, *given)
+    assert done.exit_code == 2, done.output
+    assert f"{given[0]} is for a flight: leave out {given[0]} or --plan-only" in done.output
+
+
+def test_a_resumed_coverage_takes_no_other_area(words: list[str], tmp_path: Path) -> None:
+    without_plan = [word for word in words if word != "--plan-only"]
+    done = run(without_plan, "--resume", str(tmp_path), "rover")
+    assert done.exit_code == 2, done.output
+    assert "as it was planned: leave out --out, --polygon, --resolution, --z, FRAME" in done.output

@@ -58,3 +58,10 @@ def test_errors_of_the_program_keep_their_traceback(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr("jezero.cli.status.status", broken)
     assert isinstance(CliRunner().invoke(main, ["status"]).exception, ValueError)
+
+
+@pytest.mark.parametrize("words", [("map", "."), ("camera", "orthophoto", "out.png")], ids=["map", "orthophoto"])
+def test_a_resolution_that_is_no_number_is_refused(words: tuple[str, ...]) -> None:
+    done = CliRunner().invoke(main, [*words, "--resolution", "nan"])
+    assert done.exit_code == 2, done.output
+    assert "Invalid value for '--resolution': nan is not a finite number" in done.output

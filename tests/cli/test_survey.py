@@ -8,9 +8,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from jezero.cli.area import Origin, around_origin
 from jezero.cli.flight import Printer
 from jezero.cli.main import main
 from jezero.cli.pictures import take_pictures
@@ -384,3 +386,30 @@ def test_an_area_in_degrees_waits_for_an_origin_that_is_known_and_the_vehicle_s_
     unknown = CliRunner().invoke(main, ["gridsweep", *field, "--out", str(tmp_path / "run")])
     assert unknown.exit_code == 1 and "the world's origin is not known yet" in unknown.output
     assert vehicle.goals == []
+
+
+def test_a_resumed_coverage_is_over_the_same_ground_after_the_autopilot_placed_its_origin_anew(
+    tmp_path: Path, vehicle: FakeVehicle, field: list[str]
+) -> None:
+    """A ten-thousandth of a degree of latitude is 11.12 m: the ground is that much farther south of the new origin."""
+    folder = tmp_path / "run"
+    CliRunner().invoke(main, ["gridsweep", *field, "--out", str(folder)])
+    vehicle.origin_deg = (47.3971, 8.5465, 488.0)
+    done = CliRunner().invoke(main, ["gridsweep", "--resume", str(folder)])
+    assert done.exit_code == 0, done.output
+    first, second = vehicle.goals
+    assert second.origin_deg == (47.3971, 8.5465)
+    assert second.first_picture == 2
+    by_m = (np.array(second.polygon_ned_m) - np.array(first.polygon_ned_m)).tolist()
+    assert by_m == [pytest.approx((-11.12, 0.0), abs=0.01)] * len(by_m)
+
+
+def test_holes_and_start_of_a_coverage_move_with_its_area_and_an_area_in_metres_stays() -> None:
+    goal = msgspec.structs.replace(GOAL, holes_ned_m=(((1.0, 1.0), (2.0, 1.0), (2.0, 2.0)),), origin_deg=(0.0, 8.0))
+    east = Origin((0.0, 8.0001), "the vehicle's")
+    moved = around_origin(goal, east)
+    assert moved.polygon_ned_m[0] == pytest.approx((0.0, -11.12), abs=0.01)
+    assert moved.holes_ned_m[0][2] == pytest.approx((2.0, -9.12), abs=0.01)
+    assert moved.start_ned_m == pytest.approx((0.0, -11.12), abs=0.01)
+    assert around_origin(GOAL, east) == GOAL
+    assert around_origin(goal, None) == goal

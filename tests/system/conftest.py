@@ -149,6 +149,7 @@ def new_stack(folder: Path) -> Iterator[Stack]:
             **os.environ,
             **instance_environment(instance),
             "JEZERO_RUN_DIR": str(run_dir),
+            "JEZERO_GROUND": "0",  # it takes seconds of a core to start; its own tests start it
         }
         stack = Stack(instance, run_dir, environment)
         stack.choose_autopilot(os.environ.get("JEZERO_AUTOPILOT") or "embedded")

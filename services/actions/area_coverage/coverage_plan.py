@@ -222,7 +222,7 @@ def _check_count(pictures: float, what: str, config: ActionsConfig) -> None:
     """
     if pictures > (most := config.area_coverage.pictures_max):
         raise AreaError(
-            f"{what} {pictures:.0f} pictures, more than {most}: take a coarser resolution or less overlap, or "
+            f"{what} {np.rint(pictures):.6g} pictures, more than {most}: take a coarser resolution or less overlap, or "
             "map it in parts"
         )
 

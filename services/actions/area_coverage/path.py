@@ -81,11 +81,18 @@ def turn_cuts(path_m: Array, area: Polygon, cut_max_m: float) -> Array:
 
 
 def distance_outside_m(path_m: Array, area: Polygon) -> float:
-    """Greatest distance of a path, (n, 2), from an area that it should not leave; 0 inside."""
+    """Greatest distance of a path, (n, 2), from an area that it should not leave.
+
+    0 inside; infinite for a path that has a coordinate which is no finite number.
+    """
+    if not np.isfinite(path_m).all():
+        return np.inf
     shapely.prepare(area)
     outside = LineString(path_m).difference(area)
-    points = shapely.points(shapely.get_coordinates(shapely.segmentize(outside, OUTSIDE_STEP_M)))
-    return float(shapely.distance(points, area).max()) if len(points) else 0.0
+    between_m = shapely.get_coordinates(shapely.segmentize(outside, OUTSIDE_STEP_M))
+    # The difference has no points where the path stands still, so the path's own points are measured too.
+    points = shapely.points(np.concatenate((between_m, path_m)))
+    return float(shapely.distance(points, area).max())
 
 
 def tracks_of(tracks: Sequence[Track]) -> list[Array]:

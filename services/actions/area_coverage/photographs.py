@@ -73,8 +73,8 @@ class Photographs:
     def _spacing(self) -> str:
         across_m, along_m = self.size_m
         return (
-            f"each shows {across_m:.1f} m x {along_m:.1f} m of the ground, lines are {self.line_distance_m:.3g} m and "
-            f"pictures {self.picture_distance_m:.3g} m apart"
+            f"each shows {across_m:.1f} m x {along_m:.1f} m of the ground, lines are {self.line_distance_m:.4g} m and "
+            f"pictures {self.picture_distance_m:.4g} m apart"
         )
 
 

@@ -1,10 +1,10 @@
 """Plans coverages of an area; a process of its own works out the path, before the goal is accepted."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
-from math import dist
+from math import dist, hypot
 
-from jezero.frames import Vec3, subtract
+from jezero.frames import Vec3, ned_from_geodetic, subtract
 from jezero.schemas.actions import AreaCoverageGoal, ImagesFeedback
 from jezero.schemas.state import Status
 from jezero.schemas.topics import RELATIVE
@@ -19,6 +19,9 @@ from jezero.services.actions.motion.limits import point_refusal, speed_refusal
 MOVED_MAX_M = 5.0
 """Greatest horizontal distance of the vehicle from where it was at the planning, for a plan that is flown by its id:
 the way to the begin of the path, with its time and battery, would be another than the one that was shown."""
+ORIGINS_APART_MAX_M = 1.0
+"""Greatest horizontal distance between the origin around which an area in degrees became metres, and that of the
+vehicle: the whole flight would be elsewhere by this distance. GNSS itself is less exact."""
 
 
 class AreaCoveragePlanner:
@@ -33,6 +36,8 @@ class AreaCoveragePlanner:
         """Plan a coverage; the preparation finds its path, unless the goal names a plan that was made before."""
         limits = self._config.vehicle.limits
         if reason := point_refusal((0.0, 0.0, goal.z_ned_m), limits) or speed_refusal(goal.speed_mps, limits):
+            return Refusal(reason)
+        if reason := _origin_refusal(goal, status):
             return Refusal(reason)
         shown = self._shown.find(goal, status) if goal.plan_id else None
         if isinstance(shown, Refusal):
@@ -83,6 +88,30 @@ def plan_or_refuse(
     except AreaError as error:
         return Refusal(str(error))
     return ShownPlan(plan, describe(goal, plan))
+
+
+def _origin_refusal(goal: AreaCoverageGoal, status: Status) -> str:
+    """Reason why an area in degrees would be flown at another place than the client placed it, or ""."""
+    if goal.origin_deg is None or goal.frame != "world":
+        return ""
+    origin_deg = None if status.odometry is None else status.odometry.origin_deg
+    if origin_deg is None:
+        return (
+            "the area is in degrees, and the vehicle's autopilot has not sent its origin yet: wait until `jezero "
+            "status` shows it, or give the area in metres without origin_deg"
+        )
+    apart_m = hypot(*ned_from_geodetic((*goal.origin_deg, origin_deg[2]), origin_deg)[:2])
+    if apart_m <= ORIGINS_APART_MAX_M:
+        return ""
+    return (
+        f"the area was placed around the origin {_degrees(goal.origin_deg)}, and the vehicle's is at "
+        f"{_degrees(origin_deg)}, {apart_m:.3g} m away: place it again around the vehicle's origin, which `jezero "
+        "status` shows"
+    )
+
+
+def _degrees(position_deg: Sequence[float]) -> str:
+    return f"{position_deg[0]:.7f}, {position_deg[1]:.7f}"
 
 
 def _check_inputs(goal: AreaCoverageGoal, capture: Capture, shown: ShownPlan | None, state: VehicleState) -> str:

@@ -42,7 +42,7 @@ def test_profiles_choose_services_and_those_without_one_always_run() -> None:
 
 
 def test_an_unknown_profile_is_refused_with_those_there_are() -> None:
-    with pytest.raises(ComposeError, match=r"profile simulation; there are control, estimation, sim"):
+    with pytest.raises(ComposeError, match=r"profile simulation; there are control, estimation, ground, sim"):
         select(parse(SHIPPED.read_text(), {}), ["simulation"])
 
 
@@ -121,3 +121,4 @@ def test_a_service_of_scale_0_is_left_out_and_another_number_is_refused() -> Non
     with pytest.raises(ComposeError, match=r"services\.b\.scale: \$\{N:-1\} is 'no', expected 0 \(off\) or 1 \(on\)"):
         parse(text, {"N": "no"})
     assert "recorder" not in parse(SHIPPED.read_text(), {"JEZERO_RECORD": "0"})
+    assert "ground_station" not in parse(SHIPPED.read_text(), {"JEZERO_GROUND": "0"})

@@ -65,6 +65,8 @@ def test_a_resolution_larger_than_a_picture_is_refused_with_what_the_pictures_wo
         plan_coverage(GOAL, ActionsConfig())
     assert "each shows 8.4 m x 6.3 m of the ground, lines are 10 m and pictures 10 m apart" in str(refused.value)
     assert "take a resolution of 3.1 m" in str(refused.value)
+    with pytest.raises(AreaError, match="lines are 1000 m and pictures 1000 m apart"):
+        plan_coverage(changed(resolution_m=1000.0), ActionsConfig())
     followed = plan_coverage(changed(resolution_m=3.1), ActionsConfig())
     assert followed.photographs.fraction > 0.999
     assert followed.warning == ""

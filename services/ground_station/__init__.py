@@ -1,0 +1,1 @@
+"""The ground station: pages in a browser in which a vehicle is watched and flown."""

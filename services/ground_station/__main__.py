@@ -1,0 +1,32 @@
+"""`python -m jezero.services.ground_station`: the pages of the vehicle, in a browser on this machine."""
+
+import sys
+from collections.abc import Mapping
+
+from jezero.runtime.config import Instance, load_config
+from jezero.runtime.links import SocketLink
+from jezero.runtime.service import Service
+from jezero.runtime.zenoh_bus import run_process
+from jezero.services.ground_station.config import GroundStationConfig
+from jezero.services.ground_station.service import GroundStation
+from jezero.vehicle_config import VehicleConfig
+
+
+def main() -> int:
+    """Serve until SIGTERM."""
+
+    def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
+        from jezero.services.ground_station.web.server import PageServer
+
+        config = load_config(GroundStationConfig, "ground_station")
+        robot = load_config(VehicleConfig, "vehicle")
+        server = PageServer(config, robot, instance.vehicle, instance.router)
+        server.run_in_thread()
+        print(f"the pages are on {server.address}")
+        return GroundStation(server.health), {}
+
+    return run_process("ground_station", build)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,76 @@
+"""The last events of a vehicle in words, from what changes in its status and in the services' health."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from jezero.schemas.health import ServiceHealth
+from jezero.schemas.state import Status
+from jezero.services.ground_station.words import activity, in_charge
+
+Tone = Literal["good", "plain", "warning", "bad"]
+KEPT = 60
+
+
+@dataclass(frozen=True)
+class Event:
+    """One event.
+
+    Attributes:
+        t_s: time of its arrival, on the clock that the caller of `EventLog` uses.
+        tone: how it is marked.
+        text: a sentence.
+    """
+
+    t_s: float
+    tone: Tone
+    text: str
+
+
+class EventLog:
+    """Collects the events of one vehicle."""
+
+    def __init__(self) -> None:
+        self._events: deque[Event] = deque(maxlen=KEPT)
+        self._status: Status | None = None
+        self._health: dict[str, ServiceHealth] = {}
+
+    @property
+    def newest_first(self) -> Sequence[Event]:
+        """The events, the newest one first."""
+        return tuple(reversed(self._events))
+
+    def add(self, t_s: float, tone: Tone, text: str) -> None:
+        """Add an event, unless it repeats the last one."""
+        if text and (not self._events or self._events[-1].text != text):
+            self._events.append(Event(t_s, tone, text))
+
+    def on_status(self, t_s: float, status: Status) -> None:
+        """Compare a status with the one before."""
+        last, self._status = self._status, status
+        if last is None:
+            self.add(t_s, "plain", f"Connected: {activity(status)}")
+            return
+        if last.bridge_boot_id != status.bridge_boot_id:
+            self.add(t_s, "warning", "The vehicle bridge was restarted")
+        if last.epoch_id != status.epoch_id:
+            self.add(t_s, "warning", "The vehicle was restarted")
+        if last.armed != status.armed:
+            self.add(t_s, "plain", "Motors on" if status.armed else "Motors off")
+        if last.in_charge != status.in_charge and status.in_charge in ("external", "failsafe"):
+            self.add(t_s, "bad", f"In charge now: {in_charge(status)}")
+        if activity(last) != activity(status):
+            self.add(t_s, "good" if status.ready else "plain", activity(status))
+        if last.text != status.text:
+            self.add(t_s, "plain", status.text)
+
+    def on_health(self, t_s: float, health: ServiceHealth) -> None:
+        """Compare the health of a service with the one before."""
+        last, self._health[health.service] = self._health.get(health.service), health
+        name = health.service.replace("_", " ")
+        if last is not None and last.boot_id != health.boot_id:
+            self.add(t_s, "warning", f"{name} was restarted")
+        elif last is not None and last.state != health.state:
+            tone: Tone = "good" if health.state == "ok" else "warning"
+            self.add(t_s, tone, f"{name} is {health.state}: {health.text}")

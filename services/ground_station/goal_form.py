@@ -1,0 +1,189 @@
+"""Forms for goals, from the JSON Schema that an action publishes: fields with units, ranges and defaults."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any, Literal
+
+Kind = Literal["number", "integer", "switch", "choice", "vector", "area", "areas"]
+LEFT_OUT = frozenset({"goal_id", "issued_t_ns", "on_client_loss", "plan_id", "first_picture", "origin_deg"})
+"""Fields that the ground station or the server fills in."""
+UNITS = {"m": "m", "mps": "m/s", "rad": "rad", "s": "s", "deg": "°", "px": "px", "hz": "Hz"}
+BOUND_MAX = 1e4
+"""Bounds from here on only keep out garbage such as infinity, so that no form shows them."""
+CORNERS_MIN = 3
+_ENTRY = re.compile(r"^ +(\w+): (.*(?:\n {9,}.*)*)", re.MULTILINE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Field:
+    """One field of a form.
+
+    Attributes:
+        name: name of the goal's field.
+        label: its name for people, without frame and unit.
+        unit: unit of a number, "" without one.
+        kind: what is typed: a number, a switch, one of `choices`, numbers along the axes, or areas from the map.
+        required: the goal needs it.
+        default: value of a field that is left out; None lets the server choose.
+        minimum: smallest number; None without a bound.
+        maximum: largest number; None without a bound.
+        choices: the values of a choice.
+        axes: names of a vector's numbers.
+        help: what it means.
+    """
+
+    name: str
+    label: str
+    unit: str
+    kind: Kind
+    required: bool
+    default: Any = None
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[str, ...] = ()
+    axes: tuple[str, ...] = ()
+    help: str = ""
+
+    @property
+    def range_words(self) -> str:
+        """The range of a number, e.g. "0 to 0.95", or ""."""
+        if self.minimum is not None and self.maximum is not None:
+            return f"{self.minimum:g} to {self.maximum:g}"
+        if self.minimum is not None:
+            return f"from {self.minimum:g}"
+        return "" if self.maximum is None else f"to {self.maximum:g}"
+
+
+def form_of(schema: Mapping[str, Any]) -> tuple[str, list[Field]]:
+    """What a goal does in one sentence, and the fields of its form.
+
+    Args:
+        schema: the goal's JSON Schema, from the action's description. A field that no form can show is left out when
+            it has a default.
+    """
+    struct = _resolved(schema, schema)
+    text = struct.get("description", "")
+    meanings = {name: " ".join(meaning.split()) for name, meaning in _ENTRY.findall(text)}
+    fields = []
+    for name, kind_schema in struct["properties"].items():
+        if name in LEFT_OUT:
+            continue
+        required = name in struct.get("required", ())
+        field = _field(name, kind_schema, schema, required, meanings.get(name, ""))
+        if field is not None:
+            fields.append(field)
+    return text.split("\n")[0], fields
+
+
+def _resolved(part: Mapping[str, Any], schema: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A part of a schema without references and without the alternative `null`."""
+    if "$ref" in part:
+        return _resolved(schema["$defs"][part["$ref"].rpartition("/")[2]], schema)
+    if "anyOf" in part:
+        return _resolved(next(kind for kind in part["anyOf"] if kind.get("type") != "null"), schema)
+    return part
+
+
+def _field(name: str, part: Mapping[str, Any], schema: Mapping[str, Any], required: bool, meaning: str) -> Field | None:
+    kind_schema = _resolved(part, schema)
+    label, unit = _label_and_unit(name)
+    common: dict[str, Any] = {
+        "name": name, "label": label, "required": required, "default": part.get("default"), "help": meaning,
+    }  # fmt: skip
+    if "enum" in kind_schema:
+        return Field(**common, unit="", kind="choice", choices=tuple(str(choice) for choice in kind_schema["enum"]))
+    match kind_schema.get("type"):
+        case "boolean":
+            return Field(**common, unit="", kind="switch")
+        case "number" | "integer" as kind:
+            low, high = (_bound(kind_schema.get(bound)) for bound in ("minimum", "maximum"))
+            return Field(**common, unit=unit, kind=kind, minimum=low, maximum=high)
+        case "array" if "prefixItems" in kind_schema:
+            axes = ("north", "east", "down")[: len(kind_schema["prefixItems"])]
+            return Field(**common, unit=unit, kind="vector", axes=axes)
+        case "array":
+            items = _resolved(kind_schema["items"], schema)
+            return Field(**common, unit=unit, kind="area" if "prefixItems" in items else "areas")
+    return None
+
+
+def _bound(bound: float | None) -> float | None:
+    return None if bound is None or abs(bound) >= BOUND_MAX else bound
+
+
+def _label_and_unit(name: str) -> tuple[str, str]:
+    words = name.split("_")
+    unit = UNITS.get(words[-1], "") if len(words) > 1 else ""
+    shown = [word for word in (words[:-1] if unit else words) if word != "ned"]
+    return " ".join(shown), unit
+
+
+def goal_from(fields: Sequence[Field], values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
+    """The goal's fields from what was typed, and a sentence for each field that is wrong.
+
+    Args:
+        values: by field; numbers as numbers or text, a vector as a list of them, None or "" for an empty field.
+    """
+    goal: dict[str, Any] = {}
+    problems: dict[str, str] = {}
+    for field in fields:
+        try:
+            value = _value(field, values.get(field.name))
+        except ValueError as error:
+            problems[field.name] = str(error)
+            continue
+        if value is not None:
+            goal[field.name] = value
+        elif field.required:
+            problems[field.name] = _missing(field)
+    return goal, problems
+
+
+def _missing(field: Field) -> str:
+    if field.kind == "area":
+        return "draw the area on the map: click its corners"
+    return f"{field.label} is needed"
+
+
+def _value(field: Field, typed: Any) -> Any:
+    """The value of a field; None for an empty one.
+
+    Raises:
+        ValueError: what was typed is no such value; the message says what is.
+    """
+    if field.kind in ("switch", "choice"):
+        return typed
+    if field.kind == "vector":
+        return _vector(field, list(typed or ()))
+    if typed in (None, "") or (field.kind in ("area", "areas") and not typed):
+        return None
+    if field.kind == "area" and len(typed) < CORNERS_MIN:
+        raise ValueError(f"the area has {len(typed)} corners; it needs three at least")
+    if field.kind in ("area", "areas"):
+        return [list(part) for part in typed]
+    number = _number(field, typed)
+    if field.kind == "integer" and number != int(number):
+        raise ValueError(f"{field.label} is a whole number")
+    return int(number) if field.kind == "integer" else number
+
+
+def _vector(field: Field, parts: list[Any]) -> list[float] | None:
+    if all(part in (None, "") for part in parts):
+        return None
+    if any(part in (None, "") for part in parts):
+        raise ValueError(f"{field.label} needs all of {', '.join(field.axes)}")
+    return [_number(field, part) for part in parts]
+
+
+def _number(field: Field, typed: Any) -> float:
+    try:
+        number = float(typed)
+    except (TypeError, ValueError):
+        raise ValueError(f"{typed!r} is no number") from None
+    low = field.minimum is not None and number < field.minimum
+    high = field.maximum is not None and number > field.maximum
+    if not isfinite(number) or low or high:
+        raise ValueError(f"{field.label} must be a number {field.range_words}".rstrip())
+    return number

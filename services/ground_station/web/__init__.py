@@ -1,0 +1,1 @@
+"""The shell of the ground station: NiceGUI's pages, the SDK's messages, and the server of both."""

@@ -1,0 +1,72 @@
+"""What the buttons do: every command is a request of the SDK, and its outcome is a sentence."""
+
+import time
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from nicegui import ui
+
+from jezero.aio import JezeroError, Refused, Vehicle
+from jezero.schemas.actions import PlanReply
+from jezero.services.ground_station.events import Tone
+from jezero.services.ground_station.web.feed import Feed
+
+
+class Commands:
+    """The commands of one page."""
+
+    def __init__(self, feed: Feed) -> None:
+        self._feed = feed
+
+    async def hover(self) -> None:
+        """Hover here, which ends the goal in charge."""
+        await self._request("Hover", lambda uav: uav.hover(), "The vehicle hovers")
+
+    async def abort(self) -> None:
+        """End the goal in charge at once."""
+        await self._request("Abort", lambda uav: uav.abort("abort from the ground station"), "Aborted")
+
+    async def kill(self) -> None:
+        """Stop the motors."""
+        await self._request("Kill", lambda uav: uav.kill(confirm=True), "The motors are stopped")
+
+    async def send(self, action: str, fields: dict[str, Any]) -> str:
+        """Send a goal; returns "" when it is accepted, else the reason of the refusal."""
+        uav = self._feed.uav
+        if uav is None:
+            return self._feed.problem
+        try:
+            goal = await uav.send(action, **fields)
+        except (JezeroError, ValueError) as error:
+            self._note("warning", f"{action.replace('_', ' ')} was refused: {error}")
+            return str(error)
+        self._note("good", f"{action.replace('_', ' ')} was accepted")
+        if goal.warning:
+            self._note("warning", goal.warning)
+        return ""
+
+    async def plan(self, action: str, fields: dict[str, Any]) -> PlanReply | str:
+        """The plan of a goal that is not flown; the reason when there is none."""
+        uav = self._feed.uav
+        if uav is None:
+            return self._feed.problem
+        try:
+            return await uav.plan(action, **fields)
+        except (JezeroError, ValueError) as error:
+            return str(error)
+
+    async def _request(self, name: str, request: Callable[[Vehicle], Awaitable[object]], done: str) -> None:
+        uav = self._feed.uav
+        try:
+            if uav is None:
+                raise Refused(self._feed.problem)
+            await request(uav)
+        except JezeroError as error:
+            self._note("bad", f"{name} failed: {error}")
+        else:
+            self._note("good", done)
+
+    def _note(self, tone: Tone, text: str) -> None:
+        self._feed.state.events.add(time.monotonic(), tone, text)
+        kind = {"good": "positive", "plain": "info", "warning": "warning", "bad": "negative"}[tone]
+        ui.notify(text, type=kind, position="top")  # type: ignore[arg-type]

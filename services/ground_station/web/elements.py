@@ -1,0 +1,64 @@
+"""The page's own elements: a Vue component each, in `static/`."""
+
+from pathlib import Path
+from typing import Any
+
+from nicegui.element import Element
+from nicegui.elements import scene as _three  # noqa: F401 - registers three.js, which NiceGUI ships
+
+STATIC = Path(__file__).parent / "static"
+
+
+class View3D(Element, component="static/view3d.js", esm={"jezero-models": "static/models"}):
+    """Vehicle, rover and ground in space."""
+
+    def __init__(self, robot: dict[str, Any]) -> None:
+        super().__init__()
+        self.props["robot"] = robot
+
+
+class Map(Element, component="static/map.js"):
+    """The map from above; it emits `point` and `area`."""
+
+    def __init__(self, robot: dict[str, Any]) -> None:
+        super().__init__()
+        self.props["robot"] = robot
+
+
+class Readings(Element, component="static/readings.js"):
+    """Values with their ages."""
+
+    def show(self, rows: list[dict[str, Any]]) -> None:
+        """Show these rows."""
+        if self.props.get("rows") != rows:
+            self.props["rows"] = rows
+
+
+class Horizon(Element, component="static/horizon.js"):
+    """Artificial horizon and compass."""
+
+    def show(self, attitude: dict[str, Any] | None) -> None:
+        """Show an attitude, with `roll`, `pitch` and `yaw` in degrees; None for none."""
+        if self.props.get("attitude") != attitude:
+            self.props["attitude"] = attitude
+
+
+class Camera(Element, component="static/camera.js"):
+    """The camera's picture."""
+
+    def __init__(self, address: str, period_s: float) -> None:
+        super().__init__()
+        self.props["address"] = address
+        self.props["period_ms"] = round(1000.0 * period_s)
+
+
+class Keys(Element, component="static/keys.js"):
+    """Space and Esc, wherever the focus is; it emits `hover` and `abort`."""
+
+
+class HoldButton(Element, component="static/hold_button.js"):
+    """A button that must be held for a second; it emits `held`."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.props["text"] = text

@@ -1,0 +1,97 @@
+"""The messages of a vehicle, through the SDK, for the pages that somebody looks at."""
+
+import asyncio
+import time
+from typing import Any
+
+from jezero.aio import JezeroError, Vehicle
+from jezero.plugins import all_actions
+from jezero.schemas import topics
+from jezero.schemas.health import ServiceHealth
+from jezero.schemas.topics import Topic
+from jezero.services.ground_station.state import VehicleState
+
+ALL_HEALTH = Topic("health/*", ServiceHealth, 1.0, "every service")
+WATCHED = (topics.ALTIMETER, topics.GNSS, topics.RELATIVE, topics.ROVER_ESTIMATE, topics.CAMERA_PITCH)
+"""Topics that are read only while somebody looks."""
+RETRY_S = 1.0
+
+
+class Feed:
+    """The connection to one vehicle, for NiceGUI's event loop.
+
+    Attributes:
+        state: what arrived.
+        problem: why there is no connection yet; "" with one.
+    """
+
+    def __init__(self, vehicle: str, router: str) -> None:
+        self.state = VehicleState()
+        self.vehicle, self.router = vehicle, router
+        self.problem = f"Connecting to {router} …"
+        self._uav: Vehicle | None = None
+        self._always: list[asyncio.Task[None]] = []
+        self._watching: list[asyncio.Task[None]] = []
+        self._viewers = 0
+
+    @property
+    def uav(self) -> Vehicle | None:
+        """The vehicle; None until a router replies."""
+        return self._uav
+
+    @property
+    def viewers(self) -> int:
+        """Number of open pages."""
+        return self._viewers
+
+    # -- life --
+
+    async def connect(self) -> None:
+        """Connect, and read what is always read. Returns when a router has replied."""
+        while self._uav is None:
+            try:
+                self._uav = await Vehicle.connect(self.vehicle, router=self.router)
+            except JezeroError as error:
+                self.problem = str(error)
+                await asyncio.sleep(RETRY_S)
+        self.problem = ""
+        feedback: list[Topic[Any]] = [topics.feedback_of(action) for action in all_actions().values()]
+        self._always = [self._reading(topic) for topic in (*feedback, topics.STATUS, ALL_HEALTH)]
+        self._watch()
+
+    async def close(self) -> None:
+        """End all tasks and the connection."""
+        for task in (*self._always, *self._watching):
+            task.cancel()
+        if self._uav is not None:
+            await self._uav.close()
+
+    def set_viewers(self, number: int) -> None:
+        """Read what the pages show while there are any."""
+        self._viewers = number
+        self._watch()
+
+    def _watch(self) -> None:
+        if self._viewers > 0 and not self._watching and self._uav is not None:
+            self._watching = [self._reading(topic) for topic in WATCHED]
+        elif self._viewers == 0:
+            for task in self._watching:
+                task.cancel()
+            self._watching = []
+
+    # -- messages --
+
+    def _reading(self, topic: Topic[Any]) -> asyncio.Task[None]:
+        return asyncio.create_task(self._read(topic))
+
+    async def _read(self, topic: Topic[Any]) -> None:
+        assert self._uav is not None
+        async with self._uav.subscribe(topic) as stream:
+            while True:
+                try:
+                    message = await stream.next()
+                except JezeroError as error:
+                    self.state.events.add(time.monotonic(), "warning", f"{topic.name}: {error}")
+                    await asyncio.sleep(RETRY_S)
+                else:
+                    self.state.update(time.monotonic(), topic, message)

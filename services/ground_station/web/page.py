@@ -1,0 +1,138 @@
+"""The one page: what the vehicle does, where it is, how it is, and what it should do."""
+
+import time
+from typing import Any
+
+from nicegui import ui
+
+from jezero.services.ground_station.web.commands import Commands
+from jezero.services.ground_station.web.elements import STATIC, Camera, HoldButton, Horizon, Keys, Map, Readings, View3D
+from jezero.services.ground_station.web.feed import Feed
+from jezero.services.ground_station.web.fly import FlyPanel
+from jezero.services.ground_station.web.lists import Events, Services
+
+SLOW = 5
+"""What changes slowly is updated in every fifth period."""
+MAIN = 6
+"""So many readings stand beside the horizon, the others below."""
+VIEWS = {"3d": "3D", "map": "Map"}
+CAMERAS = {"follow": "Follow", "top": "From above", "free": "Free"}
+
+
+class Page:
+    """One open page."""
+
+    def __init__(self, feed: Feed, robot: dict[str, Any], rate_hz: float, rate_camera_hz: float) -> None:
+        self._feed = feed
+        self._robot = robot
+        self._commands = Commands(feed)
+        self._count = 0
+        self._period_camera_s = 1.0 / rate_camera_hz
+        ui.add_css(STATIC / "style.css")
+        ui.query("body").classes("ground")
+        Keys().on("hover", self._commands.hover).on("abort", self._commands.abort)
+        with ui.element("div").classes("page"):
+            self._header()
+            with ui.element("main").classes("main"):
+                self._stage()
+                self._side()
+        ui.timer(1.0 / rate_hz, self._refresh)
+
+    # -- layout --
+
+    def _header(self) -> None:
+        with ui.element("header").classes("bar"):
+            with ui.element("div").classes("state"):
+                self._words = ui.label().classes("state-words").props('data-mark="state"')
+                with ui.element("div").classes("state-more"):
+                    self._charge = ui.label().classes("state-charge")
+                    self._why = ui.label().classes("state-why")
+            with ui.element("div").classes("bar-buttons"):
+                ui.button("Hover", on_click=self._commands.hover, color=None).classes("hover-button").props(
+                    "no-caps"
+                ).props('data-mark="hover"')
+                ui.button("Abort", on_click=self._commands.abort, color=None).classes("abort-button").props(
+                    "no-caps"
+                ).props('data-mark="abort"')
+                HoldButton("Kill (hold)").on("held", self._commands.kill)
+
+    def _stage(self) -> None:
+        with ui.element("section").classes("stage"):
+            self._view = View3D(self._robot).classes("layer")
+            self._map = Map(self._robot).classes("layer layer-off")
+            with ui.element("div").classes("stage-tools"):
+                self._which = ui.toggle(VIEWS, value="3d", on_change=self._switch).props("no-caps dense unelevated")
+                self._angle = ui.toggle(CAMERAS, value="follow", on_change=self._aim).props("no-caps dense unelevated")
+            with ui.element("details").classes("picture").props("open"):
+                with ui.element("summary"):
+                    ui.label("Camera")
+                Camera("/camera.jpg", self._period_camera_s)
+            with ui.element("div").classes("progress"):
+                self._goal_text = ui.label()
+                self._goal_bar = ui.linear_progress(0.0, show_value=False).props("rounded")
+                self._goal_cancel = ui.button("Cancel", on_click=self._commands.hover).props("no-caps dense")
+
+    def _side(self) -> None:
+        with ui.element("aside").classes("side"):
+            with ui.element("section").classes("card instruments"):
+                self._horizon = Horizon()
+                self._readings = Readings().classes("readings-main")
+                self._details = Readings().classes("readings-more")
+            self._fly = FlyPanel(self._commands, self._map, self._view, self._show_map)
+            with ui.element("section").classes("card"):
+                ui.label("Events").classes("card-title")
+                self._events = Events()
+            with ui.element("section").classes("card"):
+                ui.label("Services").classes("card-title")
+                self._services = Services()
+
+    # -- refresh --
+
+    def _refresh(self) -> None:
+        now_s, state = time.monotonic(), self._feed.state
+        line = state.status_line(now_s, self._feed.problem)
+        self._words.set_text(line["words"])
+        self._words.classes(replace=f"state-words tone-{line['tone']}")
+        charge = f"in charge: {line['charge']} {line['since']}" if line["charge"] else ""
+        self._charge.set_text(charge)
+        self._why.set_text(line["why"])
+        scene = state.scene(now_s)
+        self._view.run_method("update", scene)
+        self._map.run_method("update", scene)
+        self._horizon.show(scene["vehicle"])
+        if self._count % 2 == 0:
+            rows = state.readings(now_s)
+            self._readings.show(rows[:MAIN])
+            self._details.show(rows[MAIN:])
+        if self._count % SLOW == 0:
+            self._refresh_slowly(now_s)
+        self._count += 1
+
+    def _refresh_slowly(self, now_s: float) -> None:
+        state = self._feed.state
+        trail = state.trail()
+        self._view.run_method("setTrail", trail)
+        self._map.run_method("setTrail", trail)
+        self._events.show(state.event_rows(now_s))
+        self._services.show(state.services(now_s))
+        goal = state.goal(now_s)
+        self._goal_text.set_text("" if goal is None else f"{goal['words']} · {goal['text']}")
+        for element in (self._goal_text, self._goal_bar, self._goal_cancel):
+            element.set_visibility(goal is not None)
+        done = None if goal is None else goal["done"]
+        self._goal_bar.set_visibility(done is not None)
+        self._goal_bar.set_value(done or 0.0)
+
+    # -- views --
+
+    def _show_map(self) -> None:
+        self._which.set_value("map")
+
+    def _switch(self) -> None:
+        shows_map = self._which.value == "map"
+        self._map.classes(remove="layer-off") if shows_map else self._map.classes("layer-off")
+        self._view.classes("layer-off") if shows_map else self._view.classes(remove="layer-off")
+        self._angle.set_visibility(not shows_map)
+
+    def _aim(self) -> None:
+        self._view.run_method("setMode", self._angle.value)

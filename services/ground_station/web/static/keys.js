@@ -1,0 +1,20 @@
+// Space hovers and Esc aborts, also while a button has the focus: Space must not press that button again.
+export default {
+  template: "<span hidden></span>",
+  mounted() {
+    this.listen = (event) => {
+      const typing = event.target.matches?.("input:not([type=checkbox]), textarea, [contenteditable]");
+      if (event.key === "Escape") {
+        if (event.type === "keydown" && !event.repeat) this.$emit("abort");
+      } else if (event.key === " " && !typing) {
+        event.preventDefault();
+        event.stopPropagation();
+        if (event.type === "keydown" && !event.repeat) this.$emit("hover");
+      }
+    };
+    for (const type of ["keydown", "keyup"]) window.addEventListener(type, this.listen, true);
+  },
+  unmounted() {
+    for (const type of ["keydown", "keyup"]) window.removeEventListener(type, this.listen, true);
+  },
+};

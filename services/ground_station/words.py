@@ -1,0 +1,48 @@
+"""The vehicle's state in words."""
+
+from jezero.schemas.state import Status, StatusCode
+
+ACTIVITIES = {
+    StatusCode.IDLE: "On the ground",
+    StatusCode.TAKEOFF: "Taking off",
+    StatusCode.TAKEOFF_DONE: "Taken off",
+    StatusCode.HOVER: "Hovering",
+    StatusCode.GO_TO: "Flying to a point",
+    StatusCode.GO_TO_DONE: "At the point",
+    StatusCode.GET_IMAGES: "Taking images around a target",
+    StatusCode.GET_IMAGES_DONE: "All images taken",
+    StatusCode.LANDING: "Landing",
+    StatusCode.LANDING_DONE: "Landed",
+    StatusCode.COVERAGE: "Covering an area",
+    StatusCode.COVERAGE_DONE: "Area covered",
+    StatusCode.ABORT: "Aborting",
+    StatusCode.EXTERNAL: "Under other command",
+    StatusCode.ACTION: "Flying {action}",
+    StatusCode.ACTION_DONE: "Finished {action}",
+}
+IN_CHARGE = {
+    "none": "nobody",
+    "goal": "the goal {action}",
+    "hover": "the hover of the vehicle bridge",
+    "external": "a pilot or another ground station",
+    "failsafe": "a failsafe of the autopilot",
+}
+
+
+def activity(status: Status) -> str:
+    """What the vehicle does, e.g. "On the ground, not ready"."""
+    words = ACTIVITIES[StatusCode(status.code)].format(action=status.action.replace("_", " ") or "an action")
+    if status.code == StatusCode.IDLE:
+        return f"{words}, ready" if status.ready else f"{words}, not ready"
+    return words
+
+
+def in_charge(status: Status) -> str:
+    """Who commands the vehicle, e.g. "the goal go to"."""
+    return IN_CHARGE[status.in_charge].format(action=status.action.replace("_", " "))
+
+
+def duration(seconds: float) -> str:
+    """A duration, e.g. "3 s" or "2 min 5 s"; never with decimals, so that it changes once a second."""
+    minutes, rest_s = divmod(int(max(seconds, 0.0)), 60)
+    return f"{minutes} min {rest_s} s" if minutes else f"{rest_s} s"

@@ -1,0 +1,50 @@
+"""Messages for the ground station's tests."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from jezero.schemas.health import ServiceHealth
+from jezero.schemas.state import Battery, Odometry, Status
+
+
+@dataclass(frozen=True)
+class Flight:
+    """What the statuses of a test have in common."""
+
+    position_m: tuple[float, float, float] = (1.0, 2.0, -3.0)
+    epoch_id: int = 1
+
+    def status(self, **fields: Any) -> Status:
+        """A status of a vehicle that hovers, unless `fields` say otherwise."""
+        odometry = Odometry(
+            t_ns=0,
+            epoch_id=self.epoch_id,
+            pos_uav_ned_m=self.position_m,
+            vel_uav_ned_mps=(0.3, -0.4, -0.5),
+            q_ned_from_frd=(1.0, 0.0, 0.0, 0.0),
+            rates_uav_frd_rps=(0.0, 0.0, 0.0),
+            std_pos_m=0.1,
+        )
+        hovering: dict[str, Any] = {
+            "t_ns": 0,
+            "code": 3,
+            "name": "HOVER",
+            "odometry": odometry,
+            "armed": True,
+            "landed": False,
+            "in_charge": "hover",
+            "bridge_boot_id": 1,
+            "ready": True,
+            "battery": Battery(voltage_v=16.0, remaining=0.8),
+        }
+        return Status(**(hovering | fields))
+
+    def at(self, *position_m: float) -> "Flight":
+        """The same flight at another position."""
+        north_m, east_m, down_m = position_m
+        return replace(self, position_m=(north_m, east_m, down_m))
+
+
+def health(service: str = "estimator", state: Any = "ok", text: str = "fine", boot_id: int = 1) -> ServiceHealth:
+    """A service's health."""
+    return ServiceHealth(t_ns=0, service=service, boot_id=boot_id, state=state, text=text)

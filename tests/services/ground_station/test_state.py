@@ -1,0 +1,157 @@
+"""What the pages show of the messages that arrived."""
+
+from typing import Any
+
+from jezero.schemas import topics
+from jezero.schemas.actions import FeedbackMessage, ImagesFeedback
+from jezero.schemas.sensors import Altimeter
+from jezero.schemas.topics import feedback_of, health_of
+from jezero.services.ground_station.state import VehicleState
+from tests.services.ground_station.messages import Flight, health
+
+FLIGHT = Flight()
+
+
+def reading(state: VehicleState, label: str, now_s: float) -> dict[str, Any]:
+    return next(row for row in state.readings(now_s) if row["label"] == label)
+
+
+def shown(now_s: float = 0.0, **fields: Any) -> VehicleState:
+    """A state with one status."""
+    state = VehicleState()
+    state.update(now_s, topics.STATUS, FLIGHT.status(**fields))
+    return state
+
+
+def test_without_any_message_the_page_says_what_is_missing() -> None:
+    line = VehicleState().status_line(0.0, "no router at tcp/127.0.0.1:7447")
+    assert line["words"] == "No vehicle"
+    assert line["why"] == "no router at tcp/127.0.0.1:7447"
+
+
+def test_without_any_message_no_value_is_a_number() -> None:
+    rows = VehicleState().readings(0.0)
+    assert {row["text"] for row in rows} == {"–"}
+    assert all(row["late"] for row in rows)
+
+
+def test_a_value_turns_grey_after_a_second_and_disappears_after_ten() -> None:
+    state = shown()
+    assert reading(state, "north", 0.9) == {"label": "north", "text": "1.00", "unit": "m", "age": "now", "late": False}
+    assert reading(state, "north", 3.2) == {
+        "label": "north",
+        "text": "1.00",
+        "unit": "m",
+        "age": "3 s ago",
+        "late": True,
+    }
+    assert reading(state, "north", 11.0)["text"] == "–"
+
+
+def test_an_altimeter_that_meets_nothing_shows_no_number() -> None:
+    state = shown()
+    state.update(0.0, topics.ALTIMETER, Altimeter(t_ns=0, range_m=None))
+    assert reading(state, "over ground", 0.1)["text"] == "–"
+    state.update(0.2, topics.ALTIMETER, Altimeter(t_ns=0, range_m=1.5))
+    assert reading(state, "over ground", 0.3)["text"] == "1.50"
+
+
+def test_an_unknown_battery_shows_no_number() -> None:
+    assert reading(shown(battery=None), "battery", 0.1)["text"] == "–"
+    assert reading(shown(), "battery", 0.1)["text"] == "80"
+
+
+def test_the_height_over_home_counts_from_where_the_vehicle_armed() -> None:
+    state = VehicleState()
+    state.update(0.0, topics.STATUS, FLIGHT.at(0.0, 0.0, -0.4).status(code=0, armed=False, in_charge="none"))
+    state.update(0.1, topics.STATUS, FLIGHT.at(0.0, 0.0, -0.4).status(code=1))
+    state.update(0.2, topics.STATUS, FLIGHT.at(0.0, 0.0, -2.4).status(code=1))
+    assert reading(state, "over home", 0.3)["text"] == "2.00"
+
+
+def test_the_status_line_tells_who_is_in_charge_and_for_how_long() -> None:
+    state = shown(0.0, code=4, in_charge="goal", action="go_to", goal_id="a", text="flying")
+    state.update(
+        5.0, topics.STATUS, FLIGHT.status(code=4, in_charge="goal", action="go_to", goal_id="a", text="flying")
+    )
+    line = state.status_line(5.1, "")
+    assert (line["words"], line["charge"], line["since"]) == ("Flying to a point", "the goal go to", "for 5 s")
+    assert line["why"] == "flying"
+
+
+def test_a_vehicle_that_is_not_ready_tells_why() -> None:
+    line = shown(code=0, armed=False, ready=False, in_charge="none", not_ready_reason="no GNSS fix").status_line(
+        0.1, ""
+    )
+    assert (line["words"], line["tone"], line["why"]) == ("On the ground, not ready", "warning", "no GNSS fix")
+
+
+def test_a_silent_bridge_is_a_lost_link_and_the_last_state_is_still_told() -> None:
+    line = shown().status_line(4.0, "")
+    assert (line["words"], line["tone"]) == ("Link lost", "lost")
+    assert line["why"] == "No status for 4 s; the last one was: Hovering."
+
+
+def test_a_service_that_stopped_publishing_is_silent() -> None:
+    state = VehicleState()
+    state.update(0.0, health_of("estimator"), health())
+    assert state.services(1.0)[0]["state"] == "ok"
+    assert state.services(5.0)[0]["state"] == "silent"
+
+
+def test_the_progress_of_another_clients_goal_is_shown() -> None:
+    state = shown(code=10, in_charge="goal", action="area_coverage", goal_id="theirs")
+    feedback = ImagesFeedback(pos_uav_ned_m=(0.0, 0.0, -4.0), taken=3, planned=12)
+    message = FeedbackMessage(
+        t_ns=0, goal_id="theirs", action="area_coverage", code=10, feedback=feedback, remaining_s=75.0
+    )
+    state.update(0.1, feedback_of(topics.AREA_COVERAGE), message)
+    goal = state.goal(0.2)
+    assert goal is not None
+    assert goal["text"] == "3 of 12 images · flying · 1 min 15 s left"
+    assert goal["done"] == 0.25
+    late = state.goal(5.0)
+    assert late is not None
+    assert late["text"] == "no news of its progress"
+
+
+def test_without_a_goal_in_charge_there_is_no_progress() -> None:
+    assert shown().goal(0.1) is None
+
+
+def test_the_trail_begins_again_in_a_new_epoch() -> None:
+    state = shown()
+    state.update(1.0, topics.STATUS, FLIGHT.at(5.0, 0.0, -3.0).status())
+    assert state.trail() == [[1.0, 2.0, -3.0], [5.0, 0.0, -3.0]]
+    restarted = Flight(position_m=(0.0, 0.0, 0.0), epoch_id=2)
+    state.update(2.0, topics.STATUS, restarted.status())
+    assert state.trail() == [[0.0, 0.0, 0.0]]
+
+
+def test_a_vehicle_that_is_lost_for_long_is_not_drawn() -> None:
+    state = shown()
+    assert state.scene(0.5)["vehicle"]["late"] is False
+    assert state.scene(2.0)["vehicle"]["late"] is True
+    assert state.scene(20.0)["vehicle"] is None
+
+
+def test_events_tell_changes_once_and_the_newest_first() -> None:
+    state = shown(0.0, code=0, armed=False, in_charge="none")
+    state.update(1.0, topics.STATUS, FLIGHT.status(code=1, in_charge="goal", action="takeoff", goal_id="a"))
+    state.update(2.0, topics.STATUS, FLIGHT.status(code=1, in_charge="goal", action="takeoff", goal_id="a"))
+    state.update(3.0, topics.STATUS, FLIGHT.status(in_charge="failsafe", code=13))
+    texts = [row["text"] for row in state.event_rows(3.0)]
+    assert texts == [
+        "Under other command",
+        "In charge now: a failsafe of the autopilot",
+        "Taking off",
+        "Motors on",
+        "Connected: On the ground, ready",
+    ]
+
+
+def test_a_restarted_service_is_an_event() -> None:
+    state = VehicleState()
+    state.update(0.0, health_of("vehicle_bridge"), health("vehicle_bridge"))
+    state.update(1.0, health_of("vehicle_bridge"), health("vehicle_bridge", boot_id=2))
+    assert [row["text"] for row in state.event_rows(1.0)] == ["vehicle bridge was restarted"]
