@@ -7,7 +7,7 @@ from nicegui import events, ui
 
 from jezero.plugins import all_actions
 from jezero.schemas.actions import PlanReply
-from jezero.services.ground_station.goal_form import Field, form_of, goal_from
+from jezero.services.ground_station.goal_form import CORNERS_MIN, Field, form_of, goal_from
 from jezero.services.ground_station.web.commands import Commands
 from jezero.services.ground_station.web.elements import Map, View3D
 from jezero.services.ground_station.words import duration
@@ -36,6 +36,7 @@ class Form:
         self._plan: PlanReply | None = None
         self._planned: dict[str, Any] | None = None
         """The goal that was sent to be planned last; the reply to an earlier one is not shown."""
+        self._planning = False
         self._z_ned_m = 0.0
         self.area: list[list[float]] = []
         ui.label(self.text).classes("form-text")
@@ -116,7 +117,7 @@ class Form:
         """Take an area of the map, and show its plan."""
         self.area, self._planned = area, None
         self._show_plan(None)
-        if len(area) >= 3:
+        if len(area) >= CORNERS_MIN:
             await self.plan()
 
     def _goal(self) -> dict[str, Any] | None:
@@ -134,18 +135,30 @@ class Form:
         return None if problems else goal
 
     async def plan(self) -> None:
-        """Plan the goal, and show what it would take."""
-        goal = self._goal()
-        if goal is None:
+        """Plan the goal, and show what it would take.
+
+        The server plans one goal at a time and refuses another: a goal that changes meanwhile is planned afterwards.
+        """
+        self._planned = self._goal()
+        if self._planned is None or self._planning:
             return
-        self._planned = goal
-        self._z_ned_m = goal.get("z_ned_m", 0.0)
-        self._found.set_text("planning …")
-        found = await self._panel.commands.plan(self.action, goal)
-        if self._planned is not goal:
-            return
-        self._problem.set_text(found if isinstance(found, str) else found.reason)
-        self._show_plan(None if isinstance(found, str) else found)
+        self._planning = True
+        try:
+            await self._plan_newest()
+        finally:
+            self._planning = False
+
+    async def _plan_newest(self) -> None:
+        """Plan until the goal has not changed meanwhile."""
+        while (goal := self._planned) is not None:
+            self._z_ned_m = goal.get("z_ned_m", 0.0)
+            self._found.set_text("planning …")
+            found = await self._panel.commands.plan(self.action, goal)
+            if self._planned is goal:
+                self._problem.set_text(found if isinstance(found, str) else found.reason)
+                self._show_plan(None if isinstance(found, str) else found)
+                return
+        self._show_plan(None)
 
     async def send(self) -> None:
         """Send the goal."""
