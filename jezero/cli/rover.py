@@ -35,13 +35,13 @@ def drive(speed_mps: float, yaw_rate_rps: float, for_s: float | None, vehicle: s
         raise click.UsageError(problem)
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
-        printer.event(
-            "driving",
-            f"driving at {speed_mps:g} m/s and {yaw_rate_rps:g} rad/s" + ("" if for_s else "; Ctrl+C stops"),
-            speed_mps=speed_mps,
-            yaw_rate_rps=yaw_rate_rps,
-        )
         with suppress(KeyboardInterrupt):
+            printer.event(
+                "driving",
+                f"driving at {speed_mps:g} m/s and {yaw_rate_rps:g} rad/s" + ("" if for_s else "; Ctrl+C stops"),
+                speed_mps=speed_mps,
+                yaw_rate_rps=yaw_rate_rps,
+            )
             uav.rover.drive(speed_mps, yaw_rate_rps, for_s=for_s)
         printer.event("result", "the rover stands", outcome="succeeded")
 
