@@ -125,6 +125,27 @@ def test_errors_of_the_pose_are_as_large_as_its_covariance_says() -> None:
     assert np.mean(squares) == pytest.approx(4.0, abs=0.45)
 
 
+def test_a_tag_right_below_never_flips_to_the_second_pose_of_a_square() -> None:
+    """OpenCV's solver for squares, which takes roll and pitch from the corners, flips here: its pose is metres off."""
+    rng = np.random.default_rng(5)
+    q, pos_ned_m, yaw_rad = quat_from_euler(0.0, 0.0, 0.0), (0.4, 0.3, -8.0), 0.2
+    tag = next(tag for tag in LANDING_BOARD if tag.tag_id == BIG_ID)
+    points_m = np.array(tag.corners_rover_body_m)
+    exact_px: Array = np.array(seen([BIG_ID], pos_ned_m, q, yaw_rad)[0].corners_px)
+    view, camera = view_of(q), np.array(((FOCAL_PX, 0, CENTER_PX[0]), (0, FOCAL_PX, CENTER_PX[1]), (0, 0, 1)))
+    errors_m, errors_of_square_m = [], []
+    for _ in range(300):
+        corners_px = exact_px + rng.normal(0.0, 0.3, exact_px.shape)
+        pose = solve(points_m, corners_px, view)
+        assert pose is not None
+        errors_m.append(np.linalg.norm(pose.pos_uav_rel_rover_ned_m - pos_ned_m))
+        _, rotation, translation = cv2.solvePnP(points_m, corners_px, camera, None, flags=cv2.SOLVEPNP_IPPE)
+        from_rover_m = -cv2.Rodrigues(rotation)[0].T @ translation.ravel()
+        errors_of_square_m.append(abs(np.linalg.norm(from_rover_m[:2]) - 0.5))
+    assert max(errors_of_square_m) > 1.0
+    assert max(errors_m) < 0.2
+
+
 def test_foreign_tags_are_ignored_and_a_tag_that_contradicts_the_others_is_left_out() -> None:
     q, pos_ned_m = quat_from_euler(0.0, 0.05, 0.0), (0.2, 0.1, -3.0)
     tags = seen([BIG_ID, 1], pos_ned_m, q, 0.3)
