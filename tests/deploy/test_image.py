@@ -46,7 +46,7 @@ def test_the_image_is_a_slim_python_that_runs_as_an_unprivileged_user() -> None:
 def test_the_image_has_mesa_and_the_pinned_packages_and_names_no_host() -> None:
     commands = " ".join(rest for word, rest in instructions() if word == "RUN")
     assert {"libegl1", "libgl1", "libgl1-mesa-dri"} <= set(commands.split())
-    assert "--constraint constraints.txt '.[sim]'" in commands
+    assert "--constraint constraints.txt '.[sim,ground]'" in commands
     assert not re.search(r"://|index-url", DOCKERFILE.read_text())
 
 
