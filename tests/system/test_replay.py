@@ -12,6 +12,7 @@ import termios
 import threading
 from collections import defaultdict
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -293,11 +294,12 @@ class Terminal:
 
         def found() -> re.Match[str] | None:
             if select.select([self._master], [], [], 0.05)[0]:
-                self.shown += os.read(self._master, 4096).decode()
+                with suppress(OSError):  # the process has ended, and all that it wrote is read
+                    self.shown += os.read(self._master, 4096).decode(errors="replace")
             return re.search(pattern, self.shown)
 
         wait_for(found, TIMEOUT_S, f"{pattern} in the terminal")
-        match = found()
+        match = re.search(pattern, self.shown)
         assert match is not None
         return match[1]
 
