@@ -247,7 +247,10 @@ def test_the_launcher_ends_with_its_services_in_the_foreground_and_reports_that_
     ("words", "message"),
     [
         (("up", "-f", "/no/such/file"), "/no/such/file: No such file or directory"),
-        (("up", "--profile", "nobody"), "no service has the profile nobody; there are control, estimation, ground, sim"),
+        (
+            ("up", "--profile", "nobody"),
+            "no service has the profile nobody; there are control, estimation, ground, sim",
+        ),
         (("logs", "nobody"), "no log of nobody"),
     ],
 )
