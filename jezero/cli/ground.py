@@ -1,5 +1,7 @@
 """`jezero ground`: the ground station alone, for a vehicle whose stack runs here or elsewhere."""
 
+from contextlib import suppress
+
 import click
 
 from jezero.cli.flight import Router
@@ -39,5 +41,6 @@ def ground(router: str, vehicle: str, port: int | None) -> None:
     if port is not None:
         config = msgspec.structs.replace(config, port=port)
     server = PageServer(config, load_config(VehicleConfig, "vehicle"), vehicle, router)
-    click.echo(f"the pages of {vehicle} are on {server.address}. Ctrl+C ends them.")
-    server.run()
+    with suppress(KeyboardInterrupt):  # uvicorn raises Ctrl+C anew after its own shutdown
+        click.echo(f"the pages of {vehicle} are on {server.address}. Ctrl+C ends them.")
+        server.run()

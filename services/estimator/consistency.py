@@ -3,8 +3,6 @@
 from math import atan2, cos, degrees, dist, hypot, sin, sqrt
 from statistics import median
 
-import numpy as np
-
 from jezero.frames import Vec3, rotate_yaw
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.kalman import Kalman
@@ -16,7 +14,7 @@ from jezero.services.estimator.measurements import (
     TagMeasurement,
     UwbMeasurement,
 )
-from jezero.services.estimator.motion import YAW, Array
+from jezero.services.estimator.motion import VEL_ROVER, VEL_UAV, YAW, Array
 from jezero.services.estimator.motion_check import MotionCheck
 from jezero.services.estimator.trilateration import ANCHORS_MIN
 from jezero.services.estimator.uwb_initialization import UwbWindow
@@ -120,7 +118,7 @@ class ConsistencyMonitor:
         reckoned_m = self._reckoning.pos_rel_m
         if reckoned_m is None or self.uwb_left_out or not self._motion.is_due(kalman.t_ns):
             return None
-        found = window.position(kalman.t_ns, np.zeros(3), yaw_rad)
+        found = window.position(kalman.t_ns, kalman.x[VEL_UAV] - kalman.x[VEL_ROVER], yaw_rad)
         if found is None:
             return None
         pos_m, cov_m2 = found

@@ -37,7 +37,7 @@ REASONS = {
 INTERRUPTED = "until Ctrl+C"
 CONNECTED = 'from jezero import Vehicle\nuav = Vehicle.connect("uav1")\n'
 """Stands before a Python block that uses a connected `uav`."""
-BLOCK_TIMEOUT_S = 150.0
+BLOCK_TIMEOUT_S = 300.0
 READY_TIMEOUT_S = 60.0
 INTERRUPT_TIMEOUT_S = 15.0
 

@@ -5,9 +5,19 @@ from math import cos, pi, sin
 import numpy as np
 import pytest
 
+from jezero.services.estimator.config import Tuning, ValidityConfig
 from jezero.services.estimator.consistency import HEADINGS_MIN, ConsistencyMonitor
-from jezero.services.estimator.measurements import AltimeterMeasurement, TagMeasurement, UwbMeasurement
+from jezero.services.estimator.measurements import (
+    AltimeterMeasurement,
+    Measurement,
+    OdometryMeasurement,
+    RoverOdometryMeasurement,
+    TagMeasurement,
+    UwbMeasurement,
+)
 from jezero.services.estimator.motion_check import MotionCheck
+from jezero.services.estimator.relative_filter import RelativeFilter
+from jezero.vehicle_config import PlatformConfig
 from tests.services.estimator.test_filter import (
     ANCHORS_M,
     LEVER_M,
@@ -108,3 +118,26 @@ def test_headings_of_the_tag_that_differ_again_and_again_show_the_error_of_the_r
         assert monitor.heading_error_rad(tag, kalman) is None
     assert monitor.heading_error_rad(wrong, kalman) == pytest.approx(0.8)
     assert "the rover's heading was corrected by -46 degrees" in monitor.left_out
+
+
+def test_ranges_that_come_back_one_anchor_after_the_other_contradict_nothing() -> None:
+    rng = np.random.default_rng(5)
+    located = RelativeFilter(Tuning(), ValidityConfig(), PlatformConfig())
+    for ms in range(0, 20_000, 50):
+        speed_mps = 1.2 if ms < 10_000 else -1.2  # out of the ranges of one anchor after the other, and back
+        east_m = 6.0 + 1.2 * min(ms, 20_000 - ms) / 1000.0
+        rel_m = np.array((6.5, east_m, -7.0))
+        distances_m = ranges_m(rel_m) + rng.normal(0.0, 0.01, 4)
+        heard = distances_m < 15.0
+        odometry = np.concatenate((rel_m, (0.0, speed_mps, 0.0)))
+        measurements: list[Measurement] = [
+            OdometryMeasurement(ms * MS, odometry),
+            RoverOdometryMeasurement(ms * MS, 0.0, YAW_RAD, 0.0, 0.03, 0.03, 0.01),
+        ]
+        if heard.any():
+            delays_s = np.zeros(int(heard.sum()))
+            measurements.append(UwbMeasurement(ms * MS, LEVER_M, ANCHORS_M[heard], distances_m[heard], delays_s, 0.02))
+        located.add(measurements)
+        assert located.consistency.left_out == "", f"{ms} ms"
+    assert located.estimate is not None
+    assert np.abs(located.estimate.pos_rel_m - np.array((6.5, 6.0, -7.0))).max() < 0.3
