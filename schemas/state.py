@@ -125,6 +125,7 @@ class Status(Message, frozen=True, kw_only=True):
         control_id: control id of the grant of the goal in charge; "" without one.
         bridge_boot_id: id of this run of the bridge; every run has another one.
         grants: number of grants in this run of the bridge.
+        interventions: number of clients' requests to hover, abort or kill in this run of the bridge.
         epoch_id: id of the epoch, see `Clock`; 0 until a bridge that has just started knows it.
         ready: a takeoff would be accepted now, or the vehicle flies.
         not_ready_reason: reason why the vehicle is not ready, for people; "" for a ready one.
@@ -148,6 +149,7 @@ class Status(Message, frozen=True, kw_only=True):
     control_id: str = ""
     bridge_boot_id: int
     grants: Annotated[int, Meta(ge=0)] = 0
+    interventions: Annotated[int, Meta(ge=0)] = 0
     epoch_id: int = 0
     ready: bool
     not_ready_reason: Text = ""

@@ -10,7 +10,7 @@ from typing import Any, Generic, Literal, TypeVar, get_origin
 
 import msgspec
 
-from jezero.schemas import actions, commands, estimate, health, images, journal, sensors, state
+from jezero.schemas import actions, commands, estimate, health, images, journal, mission, sensors, state
 from jezero.schemas.struct import Message, Payload
 
 M = TypeVar("M", bound=Message)
@@ -191,10 +191,12 @@ ROVER_COMMAND = Topic("rover/command", commands.RoverCommand, 10.0, CLIENTS)
 ODOMETRY = Topic("odometry", state.Odometry, 50.0, "vehicle_bridge")
 STATUS = Topic("status", state.Status, 10.0, "vehicle_bridge")
 SETPOINT = Topic("command/setpoint", commands.Setpoint, 50.0, GOAL_IN_CHARGE)
+MISSION = Topic("mission/progress", mission.MissionProgress, 2.0, "mission")
 
 TOPICS: tuple[Topic[Any], ...] = (
     CLOCK, IMU, GNSS, BARO, MAG, ALTIMETER, UWB, ROVER_ODOMETRY, TRUTH, ODOMETRY, STATUS, SETPOINT,
     SCENE, CAMERA, CAMERA_INFO, TAG_CORNERS, ESTIMATE_TAG, RELATIVE, ROVER_ESTIMATE, CAMERA_PITCH, ROVER_COMMAND,
+    MISSION,
 )  # fmt: skip
 
 ACQUIRE = Endpoint(
@@ -270,6 +272,20 @@ LEASE = Endpoint(
     "estimator",
     lambda why: estimate.LeaseReply(accepted=False, reason=why),
 )
+RUN_MISSION = Endpoint(
+    "@mission/run",
+    mission.Mission,
+    mission.MissionReply,
+    "mission",
+    lambda why: mission.MissionReply(accepted=False, reason=why),
+)
+COMMAND_MISSION = Endpoint(
+    "@mission/command",
+    mission.MissionCommand,
+    mission.MissionReply,
+    "mission",
+    lambda why: mission.MissionReply(accepted=False, reason=why),
+)
 
 TAKEOFF = Action("takeoff", actions.TakeoffGoal, actions.MoveFeedback, actions.MoveResult, commands.Phase.TAKEOFF)
 GO_TO = Action("go_to", actions.GoToGoal, actions.MoveFeedback, actions.MoveResult, commands.Phase.GO_TO)
@@ -296,6 +312,7 @@ ACTIONS: dict[str, Action[Any]] = {a.name: a for a in (TAKEOFF, GO_TO, GET_IMAGE
 
 ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (
     ACQUIRE, RELEASE, HOVER, ABORT, KILL, RESULT, UNKNOWN_ACTION, GET_PARAMETERS, SET_PARAMETERS, LEASE,
+    RUN_MISSION, COMMAND_MISSION,
     *(endpoint for action in ACTIONS.values() for endpoint in action.endpoints),
 )  # fmt: skip
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection
 
 import msgspec
 
-from jezero.plugins import action_names
+from jezero.plugins import action_names, all_actions
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus, Observer
 from jezero.runtime.service import Service
@@ -17,6 +17,7 @@ from jezero.services.estimator.config import EstimatorConfig
 from jezero.services.estimator.service import Estimator
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.service import TagDetector
+from jezero.services.mission.service import MissionService
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.making import make_camera
 from jezero.services.simulator.config import SimulatorConfig
@@ -78,7 +79,8 @@ def service_makers(
     def action_maker(name: str) -> Callable[[int], Service]:
         return lambda boot: action_server(name, boot, actions)
 
-    return makers | {name: action_maker(name) for name in action_names()}
+    makers |= {name: action_maker(name) for name in action_names()}
+    return makers | {"mission": lambda boot: MissionService(boot, all_actions())}
 
 
 def wired_bus(seed: int) -> MemoryBus:

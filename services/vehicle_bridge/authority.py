@@ -43,6 +43,7 @@ class Authority:
         taking_back: in status 13, the bridge tries to take control back.
         killing: in status 13, the motors are being cut.
         changes: the control state after each change of code; the publisher empties the list.
+        interventions: number of requests to hover, abort or kill so far.
     """
 
     def __init__(self, config: VehicleBridgeConfig, robot: VehicleConfig, boot_id: int) -> None:
@@ -52,6 +53,7 @@ class Authority:
         self.command: Command | None = None
         self.taking_back = self.killing = False
         self.changes: list[ControlState] = []
+        self.interventions = 0
         self._robot = robot
         self._grants = Grants(boot_id)
         self._external_holder: InCharge = "failsafe"
@@ -87,7 +89,8 @@ class Authority:
     def control_state(self) -> ControlState:
         grant = self.grant
         goal_id, action, control_id = ("", "", "") if grant is None else (grant.goal_id, grant.action, grant.control_id)
-        return ControlState(self.code, self.in_charge, goal_id, action, control_id, self._grants.count, self.text)
+        grants, interventions = self._grants.count, self.interventions
+        return ControlState(self.code, self.in_charge, goal_id, action, control_id, grants, interventions, self.text)
 
     # -- requests and setpoints --------------------------------------------------------------------------
 
@@ -144,6 +147,7 @@ class Authority:
         refusal = hover_refusal(request, self.code, self.text, self.killing, vehicle, self._robot.limits)
         if refusal:
             return refusal
+        self.interventions += 1
         if self.code is StatusCode.EXTERNAL:
             self._begin_taking_back(vehicle)
             return None
@@ -169,6 +173,7 @@ class Authority:
     def abort(self, reason: str, vehicle: VehicleSnapshot) -> str:
         """End the goal in charge and all goals that wait for control; returns the event, for people."""
         self._grants.history.last_abort_ns = max(0, vehicle.t_ns)
+        self.interventions += 1
         if self.grant is None:
             return f"no goal was in charge, {status_words(self.code)}"
         because = f": {reason}" if reason else ""

@@ -76,6 +76,7 @@ class RequestQueue:
     def _on_kill(self, request: Kill, vehicle: VehicleSnapshot) -> KillReply | None:
         if not request.confirm:
             return KillReply(killed=False, reason="kill cuts the motors, in the air too: set confirm to true")
+        self._authority.interventions += 1
         self._authority.kill("killed on request", vehicle)
         return None
 

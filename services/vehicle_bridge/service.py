@@ -323,6 +323,7 @@ class VehicleBridge:
             control_id=control_state.control_id,
             bridge_boot_id=self._boot_id,
             grants=control_state.grants,
+            interventions=control_state.interventions,
             epoch_id=self._epoch_id or 0,
             ready=not_ready_reason is None,
             not_ready_reason=not_ready_reason or "",

@@ -123,9 +123,10 @@ class ControlState(msgspec.Struct, frozen=True):
     action: str
     control_id: str
     grants: int
+    interventions: int
     text: str
 
     @property
     def visible(self) -> tuple[object, ...]:
         """Fields whose change is published at once."""
-        return self.code, self.in_charge, self.control_id
+        return self.code, self.in_charge, self.control_id, self.interventions

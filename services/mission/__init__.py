@@ -1,0 +1,1 @@
+"""Missions: flies a list of goals as a client of the actions."""

@@ -1,0 +1,96 @@
+"""A mission with its progress, as it is kept over a restart of the service."""
+
+from typing import Any
+
+import msgspec
+from msgspec.structs import replace
+
+from jezero.schemas.mission import FailurePolicy, GoalStep, Mission, MissionProgress, MissionState, Step
+
+ENDED: frozenset[MissionState] = frozenset({"idle", "succeeded", "failed", "stopped"})
+REASON_MAX = 2000
+"""Longest text that a message holds."""
+
+
+class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """One mission, and how far it is.
+
+    Attributes:
+        mission: the mission.
+        mission_id: its id.
+        state: as in `MissionProgress`.
+        reason: as in `MissionProgress`.
+        index: index of the present step, counted from 0.
+        attempt: number of the present try of the step, counted from 1; ids of goals contain it.
+        epoch_id: epoch of the vehicle that flies it, see `Clock`; 0 until it is known.
+        failures: number of failed tries of the present step.
+        rest: fields of the goal that takes the images that are still missing; None for the goal of the step.
+        last: goal that is flown after a failure, before the mission ends; None while the steps are flown.
+    """
+
+    mission: Mission
+    mission_id: str
+    state: MissionState = "running"
+    reason: str = ""
+    index: int = 0
+    attempt: int = 1
+    epoch_id: int = 0
+    failures: int = 0
+    rest: dict[str, Any] | None = None
+    last: GoalStep | None = None
+
+    @property
+    def ended(self) -> bool:
+        """Whether the mission is over."""
+        return self.state in ENDED
+
+    @property
+    def step(self) -> Step:
+        """The present step."""
+        return self.last or self.mission.steps[self.index]
+
+    @property
+    def policy(self) -> FailurePolicy:
+        """Reaction to a failure of the present step."""
+        return self.step.on_failure if isinstance(self.step, GoalStep) else FailurePolicy()
+
+    @property
+    def goal_id(self) -> str:
+        """Id of the goal of the present try. It is the same after a restart of this service: a goal that still flies is
+        found again, and one that is over isn't flown twice."""
+        return f"{self.mission_id}.{'end' if self.last else self.index + 1}.{self.attempt}"
+
+    def in_state(self, state: MissionState, reason: str = "") -> "MissionRecord":
+        """The same mission in another state."""
+        return replace(self, state=state, reason=reason)
+
+    def next_step(self) -> "MissionRecord":
+        """After the present step: at the next one, or at the end."""
+        if self.last is not None:
+            return self.in_state("failed", self.reason)
+        if self.index + 1 == len(self.mission.steps):
+            return self.in_state("succeeded")
+        return replace(self, index=self.index + 1, attempt=1, failures=0, rest=None, state="running", reason="")
+
+    def next_attempt(self, rest: dict[str, Any] | None) -> "MissionRecord":
+        """At the next try of the present step.
+
+        Args:
+            rest: fields of the goal that does what is still missing; None tries the same as before.
+        """
+        return replace(self, attempt=self.attempt + 1, rest=self.rest if rest is None else rest)
+
+    def message(self, t_ns: int, goal_id: str) -> MissionProgress:
+        """The progress for the topic."""
+        return MissionProgress(
+            t_ns=t_ns,
+            state=self.state,
+            reason=self.reason[:REASON_MAX],
+            mission_id=self.mission_id,
+            name=self.mission.name,
+            step=self.index + 1,
+            steps=len(self.mission.steps),
+            label=self.step.label,
+            attempt=self.attempt,
+            goal_id=goal_id,
+        )

@@ -1,0 +1,160 @@
+"""One try of one step: a goal from its request to its result, or a wait."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Literal
+
+import msgspec
+
+from jezero.runtime.service import Call, Inbox, Output, Response
+from jezero.schemas.actions import Cancel, GetResult, Goal, Rejected, ResultReply
+from jezero.schemas.topics import RESULT, Action
+from jezero.schemas.units import NS_PER_S
+
+ACCEPT_TIMEOUT_S = 35.0
+"""A server replies within 30 s: it may have to plan first."""
+POLL_PERIOD_NS = NS_PER_S // 2
+REPLY_TIMEOUT_S = 1.0
+UNKNOWN_MAX = 4
+"""A goal that no server knows this many times in a row was forgotten: its server was restarted."""
+
+End = Literal["succeeded", "failed", "canceled"]
+
+
+class StepEnd(msgspec.Struct, frozen=True):
+    """End of one try.
+
+    Attributes:
+        end: how it ended; `canceled` on a request of any client.
+        reason: why it didn't succeed, for people.
+        rest: fields of the goal that does what is still missing; None where nobody knows.
+    """
+
+    end: End
+    reason: str = ""
+    rest: dict[str, Any] | None = None
+
+
+class _Result(msgspec.Struct):
+    """What the mission reads of a result of any action."""
+
+    outcome: Literal["succeeded", "canceled", "aborted"]
+    reason: str = ""
+    result: dict[str, Any] | None = None
+
+
+class Wait:
+    """A wait.
+
+    Args:
+        duration_s: its duration; a pause is not part of it.
+    """
+
+    goal_id = ""
+
+    def __init__(self, t_ns: int, duration_s: float) -> None:
+        self._left_ns = int(duration_s * NS_PER_S)
+        self._t_ns = t_ns
+        self._canceled = False
+
+    def step(self, t_ns: int, inbox: Inbox, *, paused: bool) -> Iterator[Output]:
+        """Let the time pass."""
+        if not paused:
+            self._left_ns -= max(t_ns - self._t_ns, 0)
+        self._t_ns = t_ns
+        yield from ()
+
+    def cancel(self) -> Iterator[Output]:
+        """End the wait."""
+        self._canceled = True
+        yield from ()
+
+    @property
+    def ended(self) -> StepEnd | None:
+        """The end; None before."""
+        if self._canceled:
+            return StepEnd("canceled")
+        return StepEnd("succeeded") if self._left_ns <= 0 else None
+
+
+class GoalRun:
+    """A goal at its action server, which flies it once, however often it is sent.
+
+    Attributes:
+        goal_id: id of the goal.
+        ended: the end; None before.
+    """
+
+    def __init__(self, action: Action[Any], goal: Goal) -> None:
+        self.goal_id = goal.goal_id
+        self.ended: StepEnd | None = None
+        self._action = action
+        self._goal = goal
+        self._sent = False
+        self._accepted = False
+        self._poll_due_ns = 0
+        self._polls = 0
+        self._unknown = 0
+
+    def step(self, t_ns: int, inbox: Inbox, *, paused: bool) -> Iterator[Output]:
+        """Send the goal, then ask for its result until there is one."""
+        if not self._sent:
+            self._sent = True
+            yield Call(self._action.endpoint, self._goal, f"{self.goal_id}/goal", ACCEPT_TIMEOUT_S)
+        for response in inbox.responses:
+            if response.tag == f"{self.goal_id}/goal":
+                self._on_first_reply(response)
+            elif response.tag == f"{self.goal_id}/result/{self._polls}":
+                self._on_result(response)
+        if self._accepted and self.ended is None and t_ns >= self._poll_due_ns:
+            self._poll_due_ns = t_ns + POLL_PERIOD_NS
+            self._polls += 1
+            yield Call(RESULT, GetResult(goal_id=self.goal_id), f"{self.goal_id}/result/{self._polls}", REPLY_TIMEOUT_S)
+
+    def cancel(self) -> Iterator[Output]:
+        """End the goal; its result follows."""
+        yield Call(self._action.cancel, Cancel(goal_id=self.goal_id), f"{self.goal_id}/cancel", REPLY_TIMEOUT_S)
+
+    def _on_first_reply(self, response: Response) -> None:
+        if isinstance(response.payload, Rejected):
+            self.ended = StepEnd("failed", response.payload.reason)
+        elif response.payload is None:
+            reason = f"{self._action.name} did not reply ({response.error}): is its service running? (jezero ps)"
+            self.ended = StepEnd("failed", reason)
+        else:
+            self._accepted = True
+
+    def _on_result(self, response: Response) -> None:
+        reply = response.payload
+        if not isinstance(reply, ResultReply) or reply.goal_id != self.goal_id:
+            self._unknown += 1
+            if self._unknown >= UNKNOWN_MAX:
+                self.ended = StepEnd("failed", f"{self._action.name} doesn't know the goal any more: it was restarted")
+            return
+        self._unknown = 0
+        if not reply.running and reply.result is not None:
+            self.ended = _end_of(msgspec.json.decode(reply.result, type=_Result))
+
+
+def _end_of(result: _Result) -> StepEnd:
+    rest = result.result.get("resume") if result.result else None
+    if result.outcome == "succeeded":
+        return StepEnd("succeeded")
+    end: End = "canceled" if result.outcome == "canceled" else "failed"
+    return StepEnd(end, result.reason, _without_ids(rest))
+
+
+def _without_ids(goal: dict[str, Any] | None) -> dict[str, Any] | None:
+    """Fields of a goal without those that the mission chooses anew."""
+    if goal is None:
+        return None
+    return {name: value for name, value in goal.items() if name not in ("goal_id", "issued_t_ns", "plan_id")}
+
+
+def goal_of(action: Action[Any], fields: Mapping[str, Any], goal_id: str, t_ns: int) -> Goal:
+    """The goal of a step.
+
+    Raises:
+        msgspec.ValidationError: its fields are no goal of this action.
+    """
+    goal: Goal = msgspec.convert({**fields, "goal_id": goal_id, "issued_t_ns": t_ns}, action.goal_type)
+    return goal

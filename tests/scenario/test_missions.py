@@ -1,0 +1,173 @@
+"""The mission service flies lists of goals, in virtual time."""
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from jezero.plugins import all_actions
+from jezero.runtime.memory_bus import MemoryBus
+from jezero.schemas import topics
+from jezero.schemas.commands import Abort
+from jezero.schemas.mission import (
+    FailurePolicy,
+    GoalStep,
+    Mission,
+    MissionCommand,
+    MissionProgress,
+    MissionReply,
+    WaitStep,
+)
+from jezero.services.mission.record import MissionRecord
+from jezero.services.mission.service import MissionService
+from jezero.trials.stack import build_stack
+from tests.scenario.rig import Flight
+
+TAKEOFF = GoalStep(label="take off", action="takeoff", goal={"altitude_m": 2.0})
+LAND = GoalStep(label="land", action="land_on_spot", goal={})
+
+
+def go(north_m: float, east_m: float, down_m: float = -3.0, **policy: Any) -> GoalStep:
+    goal = {"target_ned_m": [north_m, east_m, down_m]}
+    return GoalStep(
+        label=f"go to {north_m:g} {east_m:g}", action="go_to", goal=goal, on_failure=FailurePolicy(**policy)
+    )
+
+
+class MissionFlight(Flight):
+    """A stack whose mission service keeps its mission as a process does."""
+
+    def __init__(self) -> None:
+        self.saved: list[MissionRecord] = []
+        self.progress: list[MissionProgress] = []
+        super().__init__(1, self._make)
+        self.bus.observe(self._on_message)
+
+    def _make(self, seed: int) -> MemoryBus:
+        bus = build_stack(seed, without=("mission",))
+        bus.add(self.service(1))
+        return bus
+
+    def service(self, boot_id: int) -> MissionService:
+        """A new process of the mission service."""
+        saved = self.saved[-1] if self.saved else None
+        return MissionService(boot_id, all_actions(), saved, self.saved.append)
+
+    def _on_message(self, t_ns: int, topic: str, data: bytes) -> None:
+        if topic == topics.MISSION.name:
+            self.progress.append(msgspec.json.decode(data, type=MissionProgress))
+
+    def run(self, *steps: Any) -> MissionReply:
+        reply = self.request(topics.RUN_MISSION, Mission(name="test", steps=steps))
+        assert isinstance(reply, MissionReply)
+        return reply
+
+    def command(self, command: Any) -> MissionReply:
+        reply = self.request(topics.COMMAND_MISSION, MissionCommand(command=command))
+        assert isinstance(reply, MissionReply)
+        return reply
+
+    def wait_state(self, state: str, timeout_s: float = 120.0) -> MissionProgress:
+        self.wait(lambda: bool(self.progress) and self.progress[-1].state == state, timeout_s, f"mission {state}")
+        return self.progress[-1]
+
+    def wait_step(self, step: int) -> None:
+        self.wait(lambda: self.progress[-1].step == step and bool(self.progress[-1].goal_id), 60.0, f"step {step}")
+
+
+def test_a_mission_flies_its_steps_and_ends_on_the_rover() -> None:
+    flight = MissionFlight()
+    flight.wait_ready()
+    assert flight.run(TAKEOFF, go(2.0, 0.0), WaitStep(label="wait", duration_s=3.0), LAND).accepted
+    progress = flight.wait_state("succeeded")
+    assert (progress.step, progress.steps, progress.reason) == (4, 4, "")
+    assert not flight.status.armed
+
+
+def test_a_paused_mission_hovers_and_goes_on_where_it_was() -> None:
+    flight = MissionFlight()
+    flight.wait_ready()
+    flight.run(TAKEOFF, go(30.0, 0.0))
+    flight.wait_step(2)
+    flight.bus.run_for(3.0)
+    assert flight.command("pause").accepted
+    flight.wait_state("paused")
+    flight.bus.run_for(2.0)
+    before_m = flight.truth.pos_uav_ned_m
+    flight.bus.run_for(10.0)
+    assert flight.truth.pos_uav_ned_m == pytest.approx(before_m, abs=0.5)
+    assert flight.command("resume").accepted
+    flight.wait_state("succeeded")
+    assert flight.truth.pos_uav_ned_m[0] == pytest.approx(30.0, abs=0.7)
+
+
+def test_a_person_who_takes_control_interrupts_the_mission_until_a_command() -> None:
+    flight = MissionFlight()
+    flight.wait_ready()
+    flight.run(TAKEOFF, go(30.0, 0.0, retries=3), go(0.0, 0.0))
+    flight.wait_step(2)
+    flight.bus.run_for(1.0)
+    flight.request(topics.ABORT, Abort(reason="a bird"))
+    progress = flight.wait_state("interrupted")
+    assert "a bird" in progress.reason
+    flight.bus.run_for(5.0)
+    assert flight.progress[-1].state == "interrupted"
+    assert "is interrupted: end it first" in flight.run(TAKEOFF).reason
+    assert flight.command("skip").accepted
+    assert flight.wait_state("succeeded").step == 3
+
+
+@pytest.mark.parametrize(
+    ("then", "state", "step", "on_ground"),
+    [("stop", "failed", 2, False), ("skip", "succeeded", 3, False), ("return", "failed", 2, True),
+     ("land", "failed", 2, True)],
+)  # fmt: skip
+def test_a_step_that_is_refused_ends_as_its_policy_says(then: str, state: str, step: int, on_ground: bool) -> None:
+    flight = MissionFlight()
+    flight.wait_ready()
+    flight.run(TAKEOFF, go(9000.0, 0.0, retries=1, then=then), go(1.0, 0.0))
+    progress = flight.wait_state(state)
+    assert progress.step == step
+    assert flight.status.landed == on_ground
+    if state == "failed":
+        assert "9000" in progress.reason
+
+
+def test_a_restarted_service_waits_for_a_person_while_the_goal_flies_on_and_then_finds_it_again() -> None:
+    flight = MissionFlight()
+    flight.wait_ready()
+    flight.run(TAKEOFF, go(40.0, 0.0), go(0.0, 0.0))
+    flight.wait_step(2)
+    flight.bus.remove("mission")
+    flight.bus.run_for(2.0)
+    flight.bus.add(flight.service(2))
+    progress = flight.wait_state("interrupted")
+    assert progress.reason == "the mission service was restarted"
+    assert flight.status.action == "go_to"
+    goal_id = flight.status.goal_id
+    assert flight.command("resume").accepted
+    flight.wait_step(2)
+    assert flight.progress[-1].goal_id == goal_id
+    assert flight.wait_state("succeeded").step == 3
+
+
+def test_stop_ends_the_mission_in_a_hover_and_another_can_begin() -> None:
+    flight = MissionFlight()
+    flight.wait_ready()
+    assert "no mission is flown" in flight.command("pause").reason
+    flight.run(TAKEOFF, go(30.0, 0.0))
+    flight.wait_step(2)
+    assert flight.command("stop").accepted
+    flight.wait_state("stopped")
+    assert not flight.status.landed
+    assert flight.run(LAND).accepted
+    flight.wait_state("succeeded")
+
+
+def test_a_mission_with_a_goal_that_is_none_is_refused_with_the_step() -> None:
+    flight = MissionFlight()
+    flight.wait_ready()
+    reply = flight.run(TAKEOFF, GoalStep(label="fly", action="go_to", goal={"target_ned_m": [1.0, 2.0]}))
+    assert not reply.accepted
+    assert reply.reason.startswith("step 2, fly: ")
+    assert "there is no action 'goto'" in flight.run(GoalStep(label="fly", action="goto", goal={})).reason
