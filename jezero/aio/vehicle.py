@@ -10,7 +10,7 @@ from jezero.aio.goal import Goal, ImagesGoal, cancel_with_task
 from jezero.aio.rover import Rover
 from jezero.aio.subscription import Subscription
 from jezero.aio.threads import Threads, in_thread
-from jezero.client import camera, control, goal, images
+from jezero.client import camera, control, goal, images, mission
 from jezero.client import vehicle as client
 from jezero.client.errors import TimedOut, Unreachable
 from jezero.client.status import STATUS_TIMEOUT_S, no_status
@@ -54,6 +54,21 @@ class Camera:
     snap = in_thread(camera.Camera.snap)
 
 
+class Missions:
+    """Missions of one vehicle, the attribute `Vehicle.mission`; see `jezero.client.mission.Missions`."""
+
+    def __init__(self, threads: Threads, blocking: mission.Missions) -> None:
+        self._threads = threads
+        self._blocking = blocking
+
+    run = in_thread(mission.Missions.run)
+    pause = in_thread(mission.Missions.pause)
+    resume = in_thread(mission.Missions.resume)
+    skip = in_thread(mission.Missions.skip)
+    stop = in_thread(mission.Missions.stop)
+    progress = in_thread(mission.Missions.progress)
+
+
 class Vehicle:
     """A connection to one vehicle, for the tasks of one event loop.
 
@@ -65,11 +80,13 @@ class Vehicle:
     Attributes:
         rover: the rover, with methods that drive it.
         camera: the camera, with methods that return or save its images.
+        mission: the mission service; subscribe to `topics.MISSION` to watch it.
     """
 
     def __init__(self, threads: Threads, blocking: client.Vehicle) -> None:
         self.rover = Rover(threads, blocking.rover)
         self.camera = Camera(threads, blocking.camera)
+        self.mission = Missions(threads, blocking.mission)
         self._threads = threads
         self._blocking = blocking
 

@@ -40,6 +40,9 @@ SECTIONS: dict[str, dict[str, Entry]] = {
         "ground": Entry("jezero.cli.ground", "ground", "Serve the ground station's pages alone (--connect)."),
         "camera": Entry("jezero.cli.camera", "camera", "Save images of the camera, or of the ground from above."),
     },
+    "Missions": {
+        "mission": Entry("jezero.cli.mission", "mission", "Check a mission file, fly it, and command it in flight."),
+    },
     "Survey": {
         "getimages": Entry("jezero.cli.survey", "getimages", "Take images of a target from all sides."),
         "gridsweep": Entry(

@@ -11,6 +11,7 @@ from jezero.client.camera import Camera
 from jezero.client.goal import Goal, request_result
 from jezero.client.goal_sender import GoalSender, OnClientLoss, action_named
 from jezero.client.images import ImagesGoal
+from jezero.client.mission import Missions
 from jezero.client.rover import Rover
 from jezero.client.session import Connection
 from jezero.client.status import request_status, wait_ready, watch_status
@@ -69,11 +70,13 @@ class Vehicle:
     Attributes:
         rover: the rover, with methods that drive it.
         camera: the camera, with methods that return or save its images.
+        mission: the mission service, which flies a list of goals also when this client is gone.
     """
 
     def __init__(self, connection: Connection) -> None:
         self.rover = Rover(connection)
         self.camera = Camera(connection)
+        self.mission = Missions(connection)
         self._connection = connection
         self._latest = LatestValues(connection)
         self._goals = GoalSender(connection)

@@ -5,7 +5,7 @@ cancels a goal or takes control, when a failsafe does, and after a restart of th
 mission is interrupted: it does nothing until a person commands `resume`, `skip` or `stop`.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from typing import Any, Literal
 
 import msgspec
@@ -110,7 +110,9 @@ class MissionService:
         external = status.in_charge in ("external", "failsafe")
         if present == self._interventions and not external:
             return
-        yield from self._hold(record.in_state("interrupted", status.text if external else f"{REQUESTED}: {status.text}"))
+        yield from self._hold(
+            record.in_state("interrupted", status.text if external else f"{REQUESTED}: {status.text}")
+        )
 
     def _hold(self, held: MissionRecord) -> Iterator[Output]:
         """Stop flying, and wait for a command."""
@@ -217,7 +219,7 @@ class MissionService:
         mission_id = "" if record is None else record.mission_id
         yield Reply(request.request_id, MissionReply(accepted=not refusal, reason=refusal, mission_id=mission_id))
 
-    def _carry_out(self, command: str, record: MissionRecord) -> Iterator[Output]:
+    def _carry_out(self, command: str, record: MissionRecord) -> Generator[Output, None, str]:
         """Carry out a command; returns the reason of a refusal, or ""."""
         run = self._run
         waits = record.state in ("paused", "interrupted")

@@ -1,0 +1,158 @@
+"""`jezero mission`: checks mission files, and flies them by the mission service of the vehicle."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from jezero.cli.exit_codes import ABORTED, FAILED
+from jezero.cli.flight import Printer, common_options, connected
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from jezero.client import Vehicle
+    from jezero.mission_files import MissionFile
+    from jezero.schemas.mission import MissionProgress
+
+FILE = click.Path(path_type=Path)
+GOES_ON = "the mission goes on; jezero mission status shows it, jezero mission stop ends it"
+
+
+@click.group()
+def mission() -> None:
+    """Fly missions: lists of goals in a file, in YAML or JSON.
+
+    `jezero mission check FILE` names every mistake. `jezero mission run FILE` hands the mission to the vehicle, where
+    it goes on when this command or this computer is gone.
+    """
+
+
+@mission.command()
+@click.argument("file", type=FILE)
+@common_options
+def run(file: Path, vehicle: str, router: str, as_json: bool) -> None:
+    """Fly a mission, and show its progress. Ctrl+C ends this command only."""
+    printer = Printer(as_json)
+    with connected(vehicle, router, printer) as uav:
+        read = _read(file, _origin_deg(uav), printer)
+        mission_id = uav.mission.run(read.mission)
+        count = len(read.mission.steps)
+        printer.event("accepted", f"{read.mission.name}: accepted, {count} steps", mission_id=mission_id, steps=count)
+        _follow(printer, uav, mission_id)
+
+
+@mission.command()
+@common_options
+def status(vehicle: str, router: str, as_json: bool) -> None:
+    """Show the mission that is flown, or the last one."""
+    printer = Printer(as_json)
+    with connected(vehicle, router, printer) as uav:
+        _show(printer, uav.mission.progress())
+
+
+@mission.command()
+@common_options
+def pause(vehicle: str, router: str, as_json: bool) -> None:
+    """Hold the present step; the vehicle hovers until `resume`."""
+    printer = Printer(as_json)
+    with connected(vehicle, router, printer) as uav:
+        uav.mission.pause()
+        printer.event("result", "paused; jezero mission resume goes on", outcome="succeeded")
+
+
+@mission.command()
+@common_options
+def resume(vehicle: str, router: str, as_json: bool) -> None:
+    """Go on with a paused or interrupted mission."""
+    printer = Printer(as_json)
+    with connected(vehicle, router, printer) as uav:
+        uav.mission.resume()
+        printer.event("result", GOES_ON, outcome="succeeded")
+
+
+@mission.command()
+@common_options
+def skip(vehicle: str, router: str, as_json: bool) -> None:
+    """Leave the present step out, and go on with the next one."""
+    printer = Printer(as_json)
+    with connected(vehicle, router, printer) as uav:
+        uav.mission.skip()
+        printer.event("result", GOES_ON, outcome="succeeded")
+
+
+@mission.command()
+@common_options
+def stop(vehicle: str, router: str, as_json: bool) -> None:
+    """End the mission; the vehicle hovers."""
+    printer = Printer(as_json)
+    with connected(vehicle, router, printer) as uav:
+        uav.mission.stop()
+        printer.event("result", "stopped: the vehicle hovers", outcome="succeeded")
+
+
+def _read(file: Path, origin_deg: "Sequence[float] | None", printer: Printer) -> "MissionFile":
+    """Read a mission file; one with mistakes ends the command."""
+    from jezero.mission_files import MissionFileError, read_mission
+
+    try:
+        return read_mission(file, origin_deg)
+    except MissionFileError as error:
+        problems = [{"line": problem.line, "text": problem.text} for problem in error.problems]
+        printer.fail("mistakes", str(error), FAILED, problems=problems)
+
+
+def _origin_deg(uav: "Vehicle") -> "Sequence[float] | None":
+    """Latitude and longitude of the vehicle's world origin; None while it is unknown."""
+    odometry = uav.status().odometry
+    return None if odometry is None or odometry.origin_deg is None else odometry.origin_deg[:2]
+
+
+def _follow(printer: Printer, uav: "Vehicle", mission_id: str) -> None:
+    """Show the progress of a mission until its end."""
+    try:
+        for progress in _changes(uav, mission_id):
+            _show(printer, progress)
+            last = progress
+    except KeyboardInterrupt:
+        printer.event("interrupted", GOES_ON, mission_id=mission_id)
+        return
+    if last.state != "succeeded":
+        raise SystemExit(ABORTED)
+
+
+def _changes(uav: "Vehicle", mission_id: str) -> "Iterator[MissionProgress]":
+    """Each progress that says something new; the last one is the mission's end."""
+    shown = None
+    for progress in uav.mission.watch():
+        news = (progress.state, progress.reason, progress.step, progress.attempt)
+        if progress.mission_id != mission_id or news == shown:
+            continue
+        shown = news
+        yield progress
+        if progress.state in ("succeeded", "failed", "stopped"):
+            return
+
+
+def _show(printer: Printer, progress: "MissionProgress") -> None:
+    import msgspec
+
+    printer.event("progress", in_words(progress), **msgspec.to_builtins(progress))
+
+
+def in_words(progress: "MissionProgress") -> str:
+    """The progress of a mission in one line."""
+    if progress.state == "idle":
+        return "no mission has been flown"
+    step = f"step {progress.step} of {progress.steps}, {progress.label}"
+    reason = f": {progress.reason}" if progress.reason else ""
+    attempt = f", try {progress.attempt}" if progress.attempt > 1 else ""
+    match progress.state:
+        case "running":
+            return f"{progress.name}: {step}{attempt}{reason}"
+        case "succeeded":
+            return f"{progress.name}: succeeded, {progress.steps} steps{reason}"
+        case "interrupted":
+            return f"{progress.name}: interrupted at {step}{reason}. jezero mission resume, skip or stop"
+    return f"{progress.name}: {progress.state} at {step}{reason}"

@@ -1,0 +1,15 @@
+"""Missions from files in YAML or JSON, with every mistake named by its line.
+
+```python
+from jezero import Vehicle
+from jezero.mission_files import read_mission
+
+with Vehicle.connect("uav1") as uav:
+    uav.mission.run(read_mission("survey.yaml").mission)
+```
+"""
+
+from jezero.mission_files.problems import MissionFileError, Problem
+from jezero.mission_files.reader import MissionFile, read_mission
+
+__all__ = ["MissionFile", "MissionFileError", "Problem", "read_mission"]

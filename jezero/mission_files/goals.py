@@ -1,0 +1,113 @@
+"""The goals of a mission file: fields by name, with named points and areas in their places."""
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from jezero.mission_files.nodes import Node
+from jezero.mission_files.problems import Problems, did_you_mean, listed
+from jezero.schemas.topics import Action
+
+CHOSEN = ("goal_id", "issued_t_ns", "plan_id", "on_client_loss")
+"""Fields of a goal that the mission service chooses."""
+PLACE = "_ned_m"
+"""Fields whose names end so take the name of a point or of an area."""
+TYPES = {
+    "float": "a number", "int": "a whole number", "bool": "true or false", "str": "a text", "array": "a list",
+    "object": "fields", "null": "nothing",
+}  # fmt: skip
+_PATH = re.compile(r" - at `\$(?:\.(\w+))?(.*)`$")
+_TYPE = re.compile(r"`([a-z| ]+)`")
+
+
+class Places:
+    """Points and areas by name.
+
+    Attributes:
+        points: (3,) north, east and down by name.
+        areas: fields of a coverage goal by name: polygon, holes, and origin.
+    """
+
+    def __init__(self) -> None:
+        self.points: dict[str, list[float]] = {}
+        self.areas: dict[str, dict[str, Any]] = {}
+
+    def with_point(self, name: str, point_m: list[float]) -> "Places":
+        """The same with one more point."""
+        places = Places()
+        places.points, places.areas = {**self.points, name: point_m}, self.areas
+        return places
+
+    @property
+    def names(self) -> list[str]:
+        """All names."""
+        return [*self.points, *self.areas]
+
+
+def goal_fields(action: Action[Any], fields: Mapping[str, Node], line: int, places: Places, problems: Problems) -> Any:
+    """Fields of a goal, checked against the action's own goal type.
+
+    Args:
+        line: of the step.
+    """
+    known = [field.name for field in msgspec.structs.fields(action.goal_type) if field.name not in CHOSEN]
+    goal: dict[str, Any] = {}
+    before = len(problems.found)
+    for name, node in fields.items():
+        if name in CHOSEN:
+            problems.add(node.line, f"{name} is chosen when the mission is flown: leave it out")
+        elif name not in known:
+            hint = did_you_mean(name, known) or f"; its fields are {listed(known)}"
+            problems.add(node.line, f"{action.name} has no field {name!r}{hint}")
+        elif isinstance(node.value, str) and name.endswith(PLACE):
+            goal.update(_place(name, node, places, problems))
+        else:
+            goal[name] = node.plain
+    if len(problems.found) == before:
+        _check(action, goal, fields, line, problems)
+    return goal
+
+
+def _place(field: str, node: Node, places: Places, problems: Problems) -> dict[str, Any]:
+    """The field, and for an area those that belong to it, from the name of a place."""
+    name = node.value
+    if name in places.areas and field == "polygon_ned_m":
+        return places.areas[name]
+    if name in places.points:
+        point_m = places.points[name]
+        return {field: point_m[:2] if field == "start_ned_m" else point_m}
+    if name in places.areas:
+        problems.add(node.line, f"{name!r} is an area, and {field} is a point")
+        return {}
+    known = f"points: {listed(places.points)}; areas: {listed(places.areas)}"
+    problems.add(node.line, f"no point or area is named {name!r}{did_you_mean(name, places.names) or ';'} {known}")
+    return {}
+
+
+def _check(
+    action: Action[Any], goal: dict[str, Any], fields: Mapping[str, Node], line: int, problems: Problems
+) -> None:
+    try:
+        msgspec.convert(goal, action.goal_type)
+    except msgspec.ValidationError as error:
+        text = str(error)
+        path = _PATH.search(text)
+        name = path.group(1) if path else None
+        where = f"{name}{path.group(2)}: " if path and name else f"{action.name}: "
+        at = fields[name].line if name in fields else line
+        problems.add(at, where + in_words(_PATH.sub("", text)))
+
+
+def in_words(error: str) -> str:
+    """An error of msgspec in words: Expected `float`, got `str` -> expected a number, not a text."""
+
+    def words(match: re.Match[str]) -> str:
+        names = [TYPES.get(name.strip(), name.strip()) for name in match.group(1).split("|")]
+        return " or ".join(names)
+
+    if missing := re.fullmatch(r"Object missing required field `(\w+)`", error):
+        return f"{missing.group(1)} is missing"
+    text = _TYPE.sub(words, error).replace(", got ", ", not ")
+    return text[0].lower() + text[1:]

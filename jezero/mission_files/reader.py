@@ -1,0 +1,185 @@
+"""Reads a mission file."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from jezero.area_files import AreaFileError, read_area
+from jezero.mission_files.goals import Places
+from jezero.mission_files.nodes import Node, UnreadableError, parse
+from jezero.mission_files.problems import MissionFileError, Problem, Problems, did_you_mean, listed
+from jezero.mission_files.steps import Steps, failure_policy
+from jezero.plugins import all_actions
+from jezero.schemas.mission import FailurePolicy, Mission
+from jezero.schemas.topics import Action
+
+BYTES_MAX = 1_000_000
+PARTS = ("mission", "points", "areas", "on_failure", "steps")
+AREA_PARTS = ("file", "feature", "metres")
+CORNERS_MIN = 3
+
+
+@dataclass(frozen=True)
+class MissionFile:
+    """A mission with the places of its steps in the file.
+
+    Attributes:
+        mission: the mission.
+        lines: line of each step, counted from 1.
+    """
+
+    mission: Mission
+    lines: tuple[int, ...]
+
+
+def read_mission(
+    file: Path | str,
+    origin_deg: Sequence[float] | None = None,
+    actions: Mapping[str, Action[Any]] | None = None,
+) -> MissionFile:
+    """Read a mission from a file in YAML or JSON.
+
+    Args:
+        file: the file; files of areas that it names are relative to its folder.
+        origin_deg: latitude and longitude of the world's origin in degrees, such as `Odometry.origin_deg`; None if all
+            areas are in metres.
+        actions: every action by name; None takes those that are installed.
+
+    Raises:
+        MissionFileError: the file can't be read, or is no mission; it names every mistake with its line.
+    """
+    return _Reader(Path(file), origin_deg, all_actions() if actions is None else actions).read()
+
+
+class _Reader:
+    def __init__(self, file: Path, origin_deg: Sequence[float] | None, actions: Mapping[str, Action[Any]]) -> None:
+        self._file = file
+        self._origin_deg = origin_deg
+        self._actions = actions
+        self._problems = Problems()
+        self._places = Places()
+
+    def read(self) -> MissionFile:
+        """The mission, or `MissionFileError`."""
+        root = self._parse()
+        fields: dict[str, Node] = root.value
+        for name, node in fields.items():
+            if name not in PARTS:
+                hint = did_you_mean(name, PARTS) or f"; known are {listed(PARTS)}"
+                self._problems.add(node.line, f"there is no {name!r} in a mission{hint}")
+        for name, node in self._named(fields, "points").items():
+            self._add_point(name, node)
+        for name, node in self._named(fields, "areas").items():
+            self._add_area(name, node)
+        policy = failure_policy(fields["on_failure"], self._problems) if "on_failure" in fields else FailurePolicy()
+        steps = Steps(self._actions, self._places, policy, self._problems)
+        if "steps" in fields:
+            steps.read(fields["steps"])
+        else:
+            self._problems.add(root.line, "the mission has no steps: write them in a list under `steps:`")
+        mission = self._mission(fields, steps)
+        if self._problems.found or mission is None:
+            raise MissionFileError(self._file, self._problems.found)
+        return MissionFile(mission, tuple(steps.lines))
+
+    def _parse(self) -> Node:
+        try:
+            size = self._file.stat().st_size
+            if size > BYTES_MAX:
+                raise self._error(1, f"has {size / 1e6:.0f} MB, and a mission has {BYTES_MAX / 1e6:.0f} at most")
+            root = parse(self._file.read_text(encoding="utf-8"), self._problems)
+        except OSError as error:
+            raise self._error(1, f"can't be read: {error.strerror or error}") from None
+        except UnicodeDecodeError:
+            raise self._error(1, "is no text in UTF-8: save it as UTF-8") from None
+        except UnreadableError as error:
+            raise MissionFileError(self._file, [error.problem]) from None
+        if root is None:
+            raise self._error(1, "is empty: a mission has a list of steps under `steps:`")
+        if not isinstance(root.value, dict):
+            raise self._error(root.line, f"is {root.in_words}: a mission has a list of steps under `steps:`")
+        return root
+
+    def _error(self, line: int, text: str) -> MissionFileError:
+        return MissionFileError(self._file, [Problem(line, text)])
+
+    def _mission(self, fields: dict[str, Node], steps: Steps) -> Mission | None:
+        name = fields["mission"].plain if "mission" in fields else self._file.stem.replace(" ", "-")
+        try:
+            fields_of_mission = {"name": name, "steps": msgspec.to_builtins(steps.steps)}
+            return msgspec.convert(fields_of_mission, Mission)
+        except msgspec.ValidationError as error:
+            if "`$.name`" in str(error):
+                line = fields["mission"].line if "mission" in fields else 1
+                self._problems.add(line, "the mission's name has letters, digits, `_`, `-` and `.`, 64 at most")
+            elif not self._problems.found:
+                self._problems.add(1, str(error))
+        return None
+
+    # -- places --
+
+    def _named(self, fields: dict[str, Node], part: str) -> dict[str, Node]:
+        node = fields.get(part)
+        if node is None or node.value is None:
+            return {}
+        if not isinstance(node.value, dict):
+            self._problems.add(node.line, f"{part} are written as `name: value`, not as {node.in_words}")
+            return {}
+        return node.value
+
+    def _add_point(self, name: str, node: Node) -> None:
+        point_m = _numbers(node, 3)
+        if point_m is None:
+            self._problems.add(node.line, f"the point {name!r} needs [north, east, down] in metres; 3 m up is -3")
+            point_m = [0.0, 0.0, 0.0]
+        self._places.points[name] = point_m
+
+    def _add_area(self, name: str, node: Node) -> None:
+        self._places.areas[name] = {"polygon_ned_m": [], "holes_ned_m": []}
+        if name in self._places.points:
+            self._problems.add(node.line, f"{name!r} is a point already: give the area another name")
+        elif isinstance(node.value, list):
+            corners = [_numbers(corner, 2) for corner in node.value]
+            if len(corners) < CORNERS_MIN or None in corners:
+                self._problems.add(
+                    node.line, f"the area {name!r} needs three corners or more, each [north, east] in metres"
+                )
+            else:
+                self._places.areas[name] = {"polygon_ned_m": corners}
+        elif isinstance(node.value, str | dict):
+            self._add_area_of_file(name, node)
+        else:
+            self._problems.add(
+                node.line, f"the area {name!r} is a list of corners [north, east], or the name of a file"
+            )
+
+    def _add_area_of_file(self, name: str, node: Node) -> None:
+        options: dict[str, Any] = {"file": node.value} if isinstance(node.value, str) else node.plain
+        unknown = [option for option in options if option not in AREA_PARTS]
+        if unknown or not isinstance(options.get("file"), str):
+            self._problems.add(node.line, f"the area {name!r} needs {{file: NAME}}; {listed(AREA_PARTS)} are known")
+            return
+        metres = options.get("metres", False)
+        try:
+            area = read_area(
+                self._file.parent / options["file"], self._origin_deg, feature=options.get("feature"), metres=metres
+            )
+        except AreaFileError as error:
+            text = str(error).replace("add --metres", "add `metres: true` here")
+            self._problems.add(node.line, f"the area {name!r}: {text}")
+            return
+        fields: dict[str, Any] = {"polygon_ned_m": area.polygon_ned_m, "holes_ned_m": area.holes_ned_m}
+        self._places.areas[name] = fields | ({} if area.origin_deg is None else {"origin_deg": area.origin_deg})
+
+
+def _numbers(node: Node, count: int) -> list[float] | None:
+    """That many numbers; None for anything else."""
+    values = node.plain
+    if not isinstance(values, list) or len(values) != count:
+        return None
+    if any(isinstance(value, bool) or not isinstance(value, int | float) for value in values):
+        return None
+    return [float(value) for value in values]

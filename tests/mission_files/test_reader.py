@@ -1,0 +1,148 @@
+"""Mission files: what they become, and how each mistake is named."""
+
+from pathlib import Path
+
+import pytest
+
+from jezero.mission_files import MissionFileError, read_mission
+from jezero.schemas.mission import STEPS_MAX, FailurePolicy, GoalStep, WaitStep
+
+FIELDS = Path(__file__).parents[2] / "docs" / "how-to" / "fields"
+ORIGIN_DEG = (47.397742, 8.545594)
+GOOD = """\
+mission: survey
+points:
+  rock: [4, 3, -2]
+  base: [0, 0, -3]
+areas:
+  square: [[-3, -3], [3, -3], [3, 3], [-3, 3]]
+on_failure: {retries: 1, then: return}
+steps:
+  - takeoff: {altitude_m: 2}
+  - go_to: {target_ned_m: rock, speed_mps: 1e0}
+  - wait: 2
+  - repeat:
+      times: 2
+      steps:
+        - for_each:
+            spot: [rock, base, [1, 1, -2]]
+            steps:
+              - get_images: {center_ned_m: spot, radius_m: 3, num_images: 4}
+                on_failure: {then: skip}
+  - area_coverage: {polygon_ned_m: square, z_ned_m: -5, resolution_m: 1}
+  - land_on_spot
+"""
+
+
+def written(tmp_path: Path, text: str | bytes, name: str = "survey.yaml") -> Path:
+    path = tmp_path / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def test_a_file_becomes_a_list_of_goals_with_loops_written_out_and_names_in_place(tmp_path: Path) -> None:
+    read = read_mission(written(tmp_path, GOOD))
+    steps = read.mission.steps
+    assert read.mission.name == "survey"
+    assert read.lines == (9, 10, 11, *(18,) * 6, 20, 21)
+    assert isinstance(steps[1], GoalStep)
+    assert steps[1].goal == {"target_ned_m": [4.0, 3.0, -2.0], "speed_mps": 1.0}
+    assert (steps[1].label, steps[1].on_failure) == ("go to (rock)", FailurePolicy(retries=1, then="return"))
+    assert steps[2] == WaitStep(label="wait 2 s", duration_s=2.0)
+    centers = [step.goal["center_ned_m"] for step in steps[3:9] if isinstance(step, GoalStep)]
+    assert centers == [[4.0, 3.0, -2.0], [0.0, 0.0, -3.0], [1.0, 1.0, -2.0]] * 2
+    assert isinstance(steps[3], GoalStep)
+    assert steps[3].on_failure == FailurePolicy(then="skip")
+    assert isinstance(steps[-1], GoalStep)
+    assert (steps[-1].action, steps[-1].goal) == ("land_on_spot", {})
+
+
+def test_json_is_read_as_well(tmp_path: Path) -> None:
+    text = '{"mission": "up", "steps": [{"takeoff": {"altitude_m": 3}}, {"wait": 1.5}]}'
+    assert [step.label for step in read_mission(written(tmp_path, text, "up.json")).mission.steps] == [
+        "takeoff",
+        "wait 1.5 s",
+    ]
+
+
+def test_an_area_of_a_file_brings_its_holes_and_its_origin(tmp_path: Path) -> None:
+    text = f"""\
+areas:
+  a: {FIELDS / "field.kml"}
+  b: {{file: {FIELDS / "field_in_metres.geojson"}, metres: true}}
+steps:
+  - area_coverage: {{polygon_ned_m: a, z_ned_m: -5, resolution_m: 2}}
+  - area_coverage: {{polygon_ned_m: b, z_ned_m: -5, resolution_m: 2}}
+"""
+    first, second = (step.goal for step in read_mission(written(tmp_path, text), ORIGIN_DEG).mission.steps)  # type: ignore[union-attr]
+    assert len(first["polygon_ned_m"]) >= 4
+    assert first["origin_deg"] == ORIGIN_DEG
+    assert "origin_deg" not in second
+    assert first["polygon_ned_m"][0] == pytest.approx(second["polygon_ned_m"][0], abs=0.05)
+
+
+HEAD = "points: {rock: [4, 3, -2]}\nareas: {square: [[0, 0], [0, 5], [5, 5]]}\nsteps:\n"
+WRONG = [
+    ("", 1, "is empty"),
+    ("- takeoff\n", 1, "is a list: a mission has a list of steps under `steps:`"),
+    ("just words\n", 1, "is the text 'just words'"),
+    (b"\xff\xfe\x00", 1, "is no text in UTF-8"),
+    ("steps:\n  - go_to: {target_ned_m: [1, 2\n", 3, "is no YAML"),
+    ("steps:\n\t- takeoff\n", 2, "is no YAML"),
+    ("steps:\n  - &a takeoff\n  - *a\n", 2, "anchors and aliases"),
+    ("mission: x\n", 1, "the mission has no steps"),
+    ("steps: []\n", 1, "steps are a list with one step or more, not a list"),
+    ("steps: takeoff\n", 1, "steps are a list with one step or more, not the text 'takeoff'"),
+    ("pionts: {}\nsteps: [takeoff]\n", 1, "there is no 'pionts' in a mission; did you mean 'points'?"),
+    ("mission: my survey\nsteps: [takeoff]\n", 1, "the mission's name has letters, digits"),
+    ("points: [1, 2]\nsteps: [takeoff]\n", 1, "points are written as `name: value`, not as a list"),
+    ("points: {rock: [4, 3]}\nsteps: [takeoff]\n", 1, "the point 'rock' needs [north, east, down] in metres"),
+    ("areas: {a: [[1, 2], [3, 4]]}\nsteps: [takeoff]\n", 1, "the area 'a' needs three corners or more"),
+    ("areas: {a: nowhere.kml}\nsteps: [takeoff]\n", 1, "nowhere.kml can't be read: No such file"),
+    ("areas: {a: 7}\nsteps: [takeoff]\n", 1, "the area 'a' is a list of corners [north, east], or the name of a file"),
+    ("areas: {a: {fiel: x}}\nsteps: [takeoff]\n", 1, "the area 'a' needs {file: NAME}"),
+    ("on_failure: {retries: 99}\nsteps: [takeoff]\n", 1, "expected a whole number <= 10 at `retries`"),
+    ("on_failure: {then: cry}\nsteps: [takeoff]\n", 1, "then: stop, skip, return or land"),
+    (HEAD + "  - takeof: {altitude_m: 2}\n", 4, "there is no action 'takeof'; did you mean 'takeoff'?"),
+    (HEAD + "  - go_to: {target_ned_m: rok}\n", 4, "is named 'rok'; did you mean 'rock'? points: rock; areas: square"),
+    (HEAD + "  - go_to: {target_ned_m: square}\n", 4, "'square' is an area, and target_ned_m is a point"),
+    (HEAD + "  - go_to: {taget_ned_m: rock}\n", 4, "go_to has no field 'taget_ned_m'; did you mean 'target_ned_m'?"),
+    (HEAD + "  - go_to: {target_ned_m: [1, 2]}\n", 4, "target_ned_m: expected a list of length 3, not 2"),
+    (HEAD + "  - go_to\n", 4, "go_to: target_ned_m is missing"),
+    (HEAD + "  - takeoff: 2\n", 4, "takeoff needs fields, as in `takeoff: {field: value}`, not 2"),
+    (HEAD + "  - takeoff: {altitude_m: high}\n", 4, "altitude_m: expected a number, not a text"),
+    (HEAD + "  - takeoff:\n      altitude_m: 2\n      altitude_m: 3\n", 6, "'altitude_m' stands here twice"),
+    (HEAD + "  - takeoff: {goal_id: x}\n", 4, "goal_id is chosen when the mission is flown: leave it out"),
+    (HEAD + "  - takeoff: {}\n    land_on_spot: {}\n", 4, "a step has one action, not takeoff, land_on_spot"),
+    (HEAD + "  - 7\n", 4, "a step is `action: {field: value}`, not 7"),
+    (HEAD + "  - wait: soon\n", 4, "wait needs seconds, 0 to 3600, not the text 'soon'"),
+    (HEAD + "  - wait: -1\n", 4, "wait needs seconds, 0 to 3600, not -1"),
+    (HEAD + "  - wait: 1\n    on_failure: {}\n", 5, "wait has no on_failure: give it to its steps"),
+    (HEAD + "  - repeat: {times: 0, steps: [takeoff]}\n", 4, "repeat needs {times: 1 to 100, steps: [...]}"),
+    (HEAD + "  - for_each: {rock: [[1, 2, 3]], steps: [takeoff]}\n", 4, "'rock' is a point or an area already"),
+    (HEAD + "  - for_each: {spot: [rock, rok], steps: [takeoff]}\n", 4, "no point is named 'rok'; did you mean"),
+    (HEAD + "  - for_each: {spot: [], steps: [takeoff]}\n", 4, "for_each has no points"),
+    (HEAD + "  - for_each: {spot: [[1, 2]], steps: [takeoff]}\n", 4, "a point is a name, or [north, east, down]"),
+    (HEAD + "  - repeat: {times: 100, steps: [repeat: {times: 100, steps: [takeoff]}]}\n", 4, f"more than {STEPS_MAX}"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "line", "words"), WRONG, ids=[words[:40] for _, _, words in WRONG])
+def test_a_mistake_is_named_with_its_line(tmp_path: Path, text: str | bytes, line: int, words: str) -> None:
+    with pytest.raises(MissionFileError) as caught:
+        read_mission(written(tmp_path, text))
+    assert any(problem.line == line and words in problem.text for problem in caught.value.problems), str(caught.value)
+
+
+def test_all_mistakes_are_named_at_once_by_line(tmp_path: Path) -> None:
+    with pytest.raises(MissionFileError) as caught:
+        read_mission(written(tmp_path, HEAD + "  - takeof\n  - wait: soon\n  - go_to\n"))
+    assert [problem.line for problem in caught.value.problems] == [4, 5, 6]
+    assert str(caught.value).count("survey.yaml, line ") == 3
+
+
+def test_a_file_that_is_not_there_or_too_big_is_named(tmp_path: Path) -> None:
+    with pytest.raises(MissionFileError, match="No such file"):
+        read_mission(tmp_path / "none.yaml")
+    with pytest.raises(MissionFileError, match="has 2 MB, and a mission has 1 at most"):
+        read_mission(written(tmp_path, "#" * 2_000_000))
