@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from jezero.mission_files import MissionFile
     from jezero.schemas.mission import MissionProgress
 
-FILE = click.Path(path_type=Path)
+FILE_HELP = "FILE is a mission in YAML or JSON, or the name of one that comes with jezero: jezero mission list."
 GOES_ON = "the mission goes on; jezero mission status shows it, jezero mission stop ends it"
 
 
@@ -29,10 +29,21 @@ def mission() -> None:
     """
 
 
-@mission.command()
-@click.argument("file", type=FILE)
+@mission.command(name="list")
+def list_missions() -> None:
+    """List the missions that come with jezero."""
+    from jezero.mission_files import shipped_file, shipped_names
+
+    for name in shipped_names():
+        path = shipped_file(name)
+        click.echo(f"{name:<16}{path.read_text(encoding='utf-8').partition(chr(10))[0].removeprefix('# ')}")
+        click.echo(f"{'':<16}{path}")
+
+
+@mission.command(epilog=FILE_HELP)
+@click.argument("file")
 @common_options
-def run(file: Path, vehicle: str, router: str, as_json: bool) -> None:
+def run(file: str, vehicle: str, router: str, as_json: bool) -> None:
     """Fly a mission, and show its progress. Ctrl+C ends this command only."""
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
@@ -92,12 +103,13 @@ def stop(vehicle: str, router: str, as_json: bool) -> None:
         printer.event("result", "stopped: the vehicle hovers", outcome="succeeded")
 
 
-def _read(file: Path, origin_deg: "Sequence[float] | None", printer: Printer) -> "MissionFile":
-    """Read a mission file; one with mistakes ends the command."""
-    from jezero.mission_files import MissionFileError, read_mission
+def _read(file: str, origin_deg: "Sequence[float] | None", printer: Printer) -> "MissionFile":
+    """Read a mission file, or one that comes with jezero; one with mistakes ends the command."""
+    from jezero.mission_files import MissionFileError, read_mission, shipped_file, shipped_names
 
+    shipped = file in shipped_names() and not Path(file).exists()
     try:
-        return read_mission(file, origin_deg)
+        return read_mission(shipped_file(file) if shipped else file, origin_deg)
     except MissionFileError as error:
         problems = [{"line": problem.line, "text": problem.text} for problem in error.problems]
         printer.fail("mistakes", str(error), FAILED, problems=problems)

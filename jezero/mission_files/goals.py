@@ -96,7 +96,7 @@ def _check(
         path = _PATH.search(text)
         name = path.group(1) if path else None
         where = f"{name}{path.group(2)}: " if path and name else f"{action.name}: "
-        at = fields[name].line if name in fields else line
+        at = fields[name].line if name is not None and name in fields else line
         problems.add(at, where + in_words(_PATH.sub("", text)))
 
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import msgspec
 
-from jezero.area_files import AreaFileError, read_area
 from jezero.mission_files.goals import Places
 from jezero.mission_files.nodes import Node, UnreadableError, parse
 from jezero.mission_files.problems import MissionFileError, Problem, Problems, did_you_mean, listed
@@ -162,6 +161,8 @@ class _Reader:
         if unknown or not isinstance(options.get("file"), str):
             self._problems.add(node.line, f"the area {name!r} needs {{file: NAME}}; {listed(AREA_PARTS)} are known")
             return
+        from jezero.area_files import AreaFileError, read_area  # with its formats, which most missions don't need
+
         metres = options.get("metres", False)
         try:
             area = read_area(

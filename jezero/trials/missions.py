@@ -1,37 +1,32 @@
-"""Missions of the command line: goals, each with the time in seconds to hover after it."""
+"""Missions that the command line and the tests fly: those of the files, as goals each with a time to hover after it."""
 
 from typing import Any
 
-from jezero.schemas import topics
-from jezero.schemas.actions import AreaCoverageGoal, GetImagesGoal, GoToGoal, LandOnSpotGoal, TakeoffGoal
+import msgspec
 
-Mission = tuple[tuple[topics.Action[Any], Any, float], ...]
+from jezero.mission_files import shipped_mission
+from jezero.schemas.mission import Mission as ListedMission
+from jezero.schemas.mission import WaitStep
+from jezero.schemas.topics import ACTIONS, Action
 
-FLIGHT: Mission = (
-    (topics.TAKEOFF, TakeoffGoal(altitude_m=2.0), 1.0),
-    (topics.GO_TO, GoToGoal(target_ned_m=(-1.0, -2.0, -3.0)), 3.0),
-    (topics.GO_TO, GoToGoal(target_ned_m=(0.0, -2.0, -6.0)), 0.0),
-    (topics.LAND_ON_SPOT, LandOnSpotGoal(), 0.0),
-)
-"""The mission of `jezero fly`: two points, then a landing on the rover (thesis Figs 3.5, 3.6, 4.8 to 4.15)."""
+Mission = tuple[tuple[Action[Any], Any, float], ...]
 
-DEMONSTRATION: Mission = (
-    (topics.TAKEOFF, TakeoffGoal(altitude_m=2.0), 1.0),
-    (
-        topics.GET_IMAGES,
-        GetImagesGoal(center_ned_m=(0.0, 0.0, -3.0), radius_m=3.0, num_images=4, frame="rover"),
-        0.0,
-    ),
-    (
-        topics.AREA_COVERAGE,
-        AreaCoverageGoal(
-            polygon_ned_m=((-3.0, -3.0), (3.0, -3.0), (3.0, 3.0), (-3.0, 3.0)),
-            z_ned_m=-5.0,
-            resolution_m=1.0,
-            frame="rover",
-        ),
-        0.0,
-    ),
-    (topics.LAND_ON_SPOT, LandOnSpotGoal(), 0.0),
-)
-"""The mission of `jezero demo`: images of the rover from all sides, a survey of its surroundings, a landing on it."""
+
+def with_hovers(mission: ListedMission) -> Mission:
+    """A mission's goals, each with the time in seconds to hover after it."""
+    goals: list[tuple[Action[Any], Any, float]] = []
+    for step in mission.steps:
+        if isinstance(step, WaitStep):
+            action, goal, hover_s = goals.pop()
+            goals.append((action, goal, hover_s + step.duration_s))
+        else:
+            action = ACTIONS[step.action]
+            goals.append((action, msgspec.convert(step.goal, action.goal_type), 0.0))
+    return tuple(goals)
+
+
+FLIGHT = with_hovers(shipped_mission("flight"))
+"""The mission of `jezero fly`."""
+
+DEMONSTRATION = with_hovers(shipped_mission("demonstration"))
+"""The mission of `jezero demo`."""

@@ -176,7 +176,7 @@ class MissionService:
         if policy.then == "skip":
             return replace(record.next_step(), reason=f"left out {reason}")
         if policy.then == "stop" or status is None or status.odometry is None or status.landed:
-            return record.in_state("failed", reason)
+            return record.in_state("failed", end.reason)
         return replace(record, last=_last_goal(policy.then, status), attempt=1, rest=None, reason=reason)
 
     # -- requests --

@@ -11,6 +11,7 @@ from jezero.services.autopilot.service import SPEC as AUTOPILOT
 from jezero.services.estimator.service import SPEC as ESTIMATOR
 from jezero.services.estimator.tag_detector.service import SPEC as TAG_DETECTOR
 from jezero.services.ground_station.service import SPEC as GROUND_STATION
+from jezero.services.mission.service import MissionService
 from jezero.services.recorder.service import SPEC as RECORDER
 from jezero.services.simulator.camera.service import SPEC as CAMERA
 from jezero.services.simulator.service import SPEC as SIMULATOR
@@ -22,8 +23,9 @@ Row = dict[str, Any]
 def all_specs() -> dict[str, Spec]:
     """Declarations of all services of the stack, by name."""
     actions = (action_server(name, boot_id=0).spec for name in action_names())
-    specs = (SIMULATOR, CAMERA, AUTOPILOT, VEHICLE_BRIDGE, TAG_DETECTOR, ESTIMATOR, RECORDER, GROUND_STATION, *actions)
-    return {spec.name: spec for spec in specs}
+    mission = MissionService(boot_id=0, actions=all_actions()).spec
+    vehicle = (SIMULATOR, CAMERA, AUTOPILOT, VEHICLE_BRIDGE, TAG_DETECTOR, ESTIMATOR)
+    return {spec.name: spec for spec in (*vehicle, RECORDER, GROUND_STATION, *actions, mission)}
 
 
 def all_topics() -> tuple[Topic[Any], ...]:

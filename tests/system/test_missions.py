@@ -1,0 +1,53 @@
+"""Missions over real processes: the sender dies, the service dies, and the mission goes on as the file says."""
+
+import os
+import signal
+import subprocess
+from pathlib import Path
+
+from jezero import Unreachable
+from jezero.schemas.mission import MissionProgress
+from tests.system.conftest import JEZERO, Stack, wait_for
+
+PATROL = """\
+mission: patrol
+steps:
+  - takeoff: {altitude_m: 2}
+  - go_to: {target_ned_m: [12, 0, -3], speed_mps: 1}
+  - go_to: {target_ned_m: [2, 0, -3]}
+  - land_on_spot
+"""
+
+
+def test_a_mission_goes_on_without_its_sender_and_waits_for_a_person_after_a_restart_of_its_service(
+    stack: Stack, tmp_path: Path
+) -> None:
+    file = tmp_path / "patrol.yaml"
+    file.write_text(PATROL)
+    with stack.connect() as vehicle:
+        vehicle.wait_ready()
+
+        def reached(state: str, step: int) -> bool:
+            try:
+                progress = vehicle.mission.progress()
+            except Unreachable:  # the service starts
+                return False
+            return (progress.state, progress.step) == (state, step)
+
+        def wait_for_progress(state: str, step: int, timeout_s: float) -> MissionProgress:
+            wait_for(lambda: reached(state, step), timeout_s, f"step {step}, {state}")
+            return vehicle.mission.progress()
+
+        sender = subprocess.Popen([*JEZERO, "mission", "run", str(file)], env=stack.environment)
+        try:
+            wait_for_progress("running", 2, 60)
+        finally:
+            sender.kill()
+            sender.wait()
+        os.kill(stack.processes()["mission"], signal.SIGKILL)
+        assert wait_for_progress("interrupted", 2, 30).reason == "the mission service was restarted"
+        assert vehicle.status().action == "go_to"  # the goal flies on
+        assert "interrupted at step 2 of 4" in stack.jezero("mission", "status").stdout
+        stack.jezero("mission", "resume")
+        wait_for_progress("succeeded", 4, 120)
+        assert not vehicle.status().armed
