@@ -16,6 +16,7 @@ from jezero.schemas.commands import Acquire
 from jezero.schemas.struct import Payload
 from jezero.schemas.topics import ACQUIRE, ALTIMETER, ODOMETRY, STATUS, Action
 from jezero.schemas.units import NS_PER_S
+from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.lifecycle.battery_reserve import battery_refusal
 from jezero.services.actions.lifecycle.goal_flight import GoalContext, GoalFlight
 from jezero.services.actions.lifecycle.picture_store import PictureStore
@@ -24,7 +25,6 @@ from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 from jezero.services.actions.lifecycle.vehicle_view import VehicleView
 from jezero.services.actions.motion.behaviour import Done, Plan, Preparation, Refusal, Remaining, Start
 from jezero.services.actions.motion.capture import CAPTURE_INPUTS
-from jezero.vehicle_config import VehicleConfig
 
 CHECK_TIMEOUT_S = 1.5
 """Time-out of the inputs of a goal whose inputs are checked before it is accepted."""
@@ -96,7 +96,7 @@ class GoalRun:
         goal_id: str,
         plan: Plan,
         warning: str,
-        vehicle: VehicleConfig,
+        config: ActionsConfig,
         epoch_id: int,
         pictures: PictureStore | None = None,
         plan_only: bool = False,
@@ -106,7 +106,7 @@ class GoalRun:
         self.clients: list[str] = []
         self.capture = plan.capture
         self.plan_only = plan_only
-        self._battery = vehicle.battery
+        self._battery = config.vehicle.battery
         self._accepted = Accepted(goal_id=goal_id, warning=warning)
         self._pictures = pictures
         self._stage: _New | _Admitting | _Checking | PreparationRun | _Acquiring | GoalFlight | _Over = _New()
@@ -125,8 +125,9 @@ class GoalRun:
             inputs=inputs,
             view=self._view,
             lease=lease,
-            vehicle=vehicle,
+            vehicle=config.vehicle,
             epoch_id=epoch_id,
+            acceleration_mps2=config.move.accel_mps2,
         )
 
     @property
@@ -169,6 +170,26 @@ class GoalRun:
             return False
         self._cancel_reason = reason
         return True
+
+    def pause(self, t_ns: int, inbox: Inbox) -> str:
+        """Pause the goal; returns the reason why it can't be paused, or ""."""
+        stage = self._stage
+        if self._cancel_reason or not isinstance(stage, GoalFlight) or stage.stage != "flying":
+            return self._not_flying
+        return stage.pause(t_ns, inbox)
+
+    def resume(self) -> str:
+        """Go on with a paused goal; returns the reason why it can't go on, or ""."""
+        stage = self._stage
+        if self._cancel_reason or not isinstance(stage, GoalFlight) or stage.stage != "flying":
+            return self._not_flying
+        return "" if stage.resume() else f"goal {self.goal_id} is not paused"
+
+    @property
+    def _not_flying(self) -> str:
+        """Reason why the goal can be neither paused nor modified."""
+        ends = self._cancel_reason or self.stage in ("releasing", "over")
+        return f"goal {self.goal_id} is ending already" if ends else f"goal {self.goal_id} does not fly yet"
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Go on with the present stage."""

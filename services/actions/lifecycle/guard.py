@@ -24,6 +24,8 @@ from jezero.services.actions.motion.behaviour import (
     Remaining,
     Start,
     VehicleState,
+    hold_of,
+    pause_refusal_of,
     remaining_of,
 )
 
@@ -108,14 +110,36 @@ class _GuardedBehaviour:
         """Next setpoint, or the end; an exception is an aborted goal."""
         if self._behaviour is None or self._failure:
             return Done("aborted", self._failure)
+        return self._checked("step", partial(self._behaviour.step, t_ns, state))
+
+    def hold(self, t_ns: int, dt_s: float, state: VehicleState) -> Move | Done | None:
+        """Next setpoint of the behaviour's own hover, if it has one; an exception is an aborted goal."""
+        if self._behaviour is None or self._failure:
+            return Done("aborted", self._failure)
+        if not hasattr(self._behaviour, "hold"):
+            return None
+        return self._checked("hold", partial(hold_of, self._behaviour, t_ns, dt_s, state))
+
+    def pause_refusal(self, state: VehicleState) -> str:
+        """Reason why the behaviour can't be paused now, or ""; an exception is one, and ends the goal."""
+        if self._behaviour is None or self._failure:
+            return self._failure
         try:
-            move: Any = self._behaviour.step(t_ns, state)
+            return pause_refusal_of(self._behaviour, state)
         except Exception as error:  # noqa: BLE001
-            self._failure = _report(self._name, "step", error)
+            self._failure = _report(self._name, "pause_refusal", error)
+            return self._failure
+
+    def _checked(self, where: str, call: Callable[[], Any]) -> Move | Done:
+        """What a method of the behaviour returns; an exception, or another type, is an aborted goal."""
+        try:
+            move = call()
+        except Exception as error:  # noqa: BLE001
+            self._failure = _report(self._name, where, error)
             return Done("aborted", self._failure)
         if isinstance(move, Move | Done):
             return move
-        self._failure = f"{self._name} failed: step returned {type(move).__name__}, not a Move or a Done"
+        self._failure = f"{self._name} failed: {where} returned {type(move).__name__}, not a Move or a Done"
         return Done("aborted", self._failure)
 
     def remaining(self, state: VehicleState) -> Remaining | None:
