@@ -110,15 +110,16 @@ class _GuardedBehaviour:
         """Next setpoint, or the end; an exception is an aborted goal."""
         if self._behaviour is None or self._failure:
             return Done("aborted", self._failure)
-        return self._checked("step", partial(self._behaviour.step, t_ns, state))
+        move: Move | Done = self._checked("step", partial(self._behaviour.step, t_ns, state))
+        return move
 
     def hold(self, t_ns: int, dt_s: float, state: VehicleState) -> Move | Done | None:
         """Next setpoint of the behaviour's own hover, if it has one; an exception is an aborted goal."""
         if self._behaviour is None or self._failure:
             return Done("aborted", self._failure)
-        if not hasattr(self._behaviour, "hold"):
-            return None
-        return self._checked("hold", partial(hold_of, self._behaviour, t_ns, dt_s, state))
+        call = partial(hold_of, self._behaviour, t_ns, dt_s, state)
+        move: Move | Done | None = self._checked("hold", call, optional=True)
+        return move
 
     def pause_refusal(self, state: VehicleState) -> str:
         """Reason why the behaviour can't be paused now, or ""; an exception is one, and ends the goal."""
@@ -130,14 +131,18 @@ class _GuardedBehaviour:
             self._failure = _report(self._name, "pause_refusal", error)
             return self._failure
 
-    def _checked(self, where: str, call: Callable[[], Any]) -> Move | Done:
-        """What a method of the behaviour returns; an exception, or another type, is an aborted goal."""
+    def _checked(self, where: str, call: Callable[[], Any], *, optional: bool = False) -> Any:
+        """What a method of the behaviour returns; an exception, or another type, is an aborted goal.
+
+        Args:
+            optional: the method may return None.
+        """
         try:
             move = call()
         except Exception as error:  # noqa: BLE001
             self._failure = _report(self._name, where, error)
             return Done("aborted", self._failure)
-        if isinstance(move, Move | Done):
+        if isinstance(move, Move | Done) or (optional and move is None):
             return move
         self._failure = f"{self._name} failed: {where} returned {type(move).__name__}, not a Move or a Done"
         return Done("aborted", self._failure)

@@ -7,7 +7,7 @@ positions never jump, whatever the behaviour is.
 
 from msgspec.structs import replace
 
-from jezero.frames import Vec3, add, distance, scale, subtract
+from jezero.frames import Vec3, add, distance, norm, scale, subtract
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.motion.behaviour import (
     Behaviour,
@@ -52,6 +52,8 @@ class PauseControl:
         """Of the behaviour's last setpoint, relative to its frame."""
         self._held_m: Vec3 | None = None
         """Hover point relative to the frame of a behaviour that commands velocities; None while it moves."""
+        self._left_mps = STILL.vel_ned_mps
+        """Velocity, relative to its frame, that the behaviour's own hover had; it decays when the goal goes on."""
 
     @property
     def paused(self) -> bool:
@@ -67,7 +69,10 @@ class PauseControl:
             self.rate = 1.0  # what must not be interrupted, such as a touchdown, must not be slowed down either
         goal_ns = t_ns - self.behind_ns
         if self.paused and (held := hold_of(behaviour, goal_ns, min(dt_s, STEP_MAX_S), state)) is not None:
+            if isinstance(held, Move) and held.vel_ned_mps is not None:
+                self._left_mps = subtract(held.vel_ned_mps, (held.frame or STILL).vel_ned_mps)
             return held
+        self._left_mps = _shortened(self._left_mps, self._acceleration_mps2 * min(dt_s, STEP_MAX_S))
         move = behaviour.step(goal_ns, state)
         return self._slowed(move, state) if isinstance(move, Move) else move
 
@@ -92,7 +97,7 @@ class PauseControl:
             self._speed_mps = distance(move.vel_ned_mps, frame.vel_ned_mps)
         if not self.paused:
             self._held_m = None
-        if self.rate == 1.0 and self._rate_per_s == 0.0:
+        if self.rate == 1.0 and self._rate_per_s == 0.0 and not any(self._left_mps):
             return move
         slowed = replace(
             move,
@@ -109,7 +114,8 @@ class PauseControl:
         return replace(slowed, pos_ned_m=add(self._held_m, frame.pos_ned_m), target_ned_m=None)
 
     def _velocity(self, vel_ned_mps: Vec3, frame: MovingFrame) -> Vec3:
-        return add(frame.vel_ned_mps, scale(subtract(vel_ned_mps, frame.vel_ned_mps), self.rate))
+        slowed_mps = scale(subtract(vel_ned_mps, frame.vel_ned_mps), self.rate)
+        return add(frame.vel_ned_mps, add(slowed_mps, self._left_mps))
 
     def _acceleration(self, move: Move, acc_ned_mps2: Vec3, frame: MovingFrame) -> Vec3:
         """Derivative of the slowed velocity: d(r v)/dt, where v depends on the goal's time."""
@@ -117,3 +123,9 @@ class PauseControl:
         if move.vel_ned_mps is None:
             return slowed
         return add(slowed, scale(subtract(move.vel_ned_mps, frame.vel_ned_mps), self._rate_per_s))
+
+
+def _shortened(vector: Vec3, by: float) -> Vec3:
+    """The vector, shortened by a length; zero when it is shorter."""
+    length = norm(vector)
+    return STILL.vel_ned_mps if length <= by else scale(vector, 1.0 - by / length)

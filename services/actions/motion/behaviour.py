@@ -168,9 +168,9 @@ class Behaviour(Protocol):
 
     - `remaining(state: VehicleState) -> Remaining | None`, called after the first step: the rest of the flight. Clients
       get the one of the first step before they decide to fly, then the progress.
-    - `hold(t_ns: int, dt_s: float, state: VehicleState) -> Move | Done`, called instead of `step` while the goal is
-      paused: the setpoint of a hover, for a flight that must not simply hover where it has come to rest. `t_ns` stands
-      still, and `dt_s` is the time since the last call.
+    - `hold(t_ns: int, dt_s: float, state: VehicleState) -> Move | Done | None`, called instead of `step` while the goal
+      is paused: the setpoint of a hover, for a flight that must not simply hover where it has come to rest. `t_ns`
+      stands still, and `dt_s` is the time since the last call. None leaves the hover to the pause.
     - `pause_refusal(state: VehicleState) -> str`: reason why the flight can't be paused now, or "". A pause begins as
       soon as there is none.
 
@@ -196,7 +196,7 @@ def remaining_of(behaviour: Behaviour, state: VehicleState) -> Remaining | None:
 
 
 def hold_of(behaviour: Behaviour, t_ns: int, dt_s: float, state: VehicleState) -> Move | Done | None:
-    """Hover of a behaviour that has its own while it is paused; None for all others. See `Behaviour`."""
+    """Hover of a behaviour that has one of its own while it is paused; None for all others. See `Behaviour`."""
     method = getattr(behaviour, "hold", None)
     move: Move | Done | None = None if method is None else method(t_ns, dt_s, state)
     return move
