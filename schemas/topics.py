@@ -332,10 +332,29 @@ COMMAND_MISSION = Endpoint(
     lambda why: mission.MissionReply(accepted=False, reason=why),
 )
 
-TAKEOFF = Action("takeoff", actions.TakeoffGoal, actions.MoveFeedback, actions.MoveResult, commands.Phase.TAKEOFF)
-GO_TO = Action("go_to", actions.GoToGoal, actions.MoveFeedback, actions.MoveResult, commands.Phase.GO_TO)
+TAKEOFF = Action(
+    "takeoff",
+    actions.TakeoffGoal,
+    actions.MoveFeedback,
+    actions.MoveResult,
+    commands.Phase.TAKEOFF,
+    changeable=("altitude_m",),
+)
+GO_TO = Action(
+    "go_to",
+    actions.GoToGoal,
+    actions.MoveFeedback,
+    actions.MoveResult,
+    commands.Phase.GO_TO,
+    changeable=("target_ned_m", "yaw_rad", "speed_mps"),
+)
 LAND_ON_SPOT = Action(
-    "land_on_spot", actions.LandOnSpotGoal, actions.LandFeedback, actions.LandResult, commands.Phase.LANDING
+    "land_on_spot",
+    actions.LandOnSpotGoal,
+    actions.LandFeedback,
+    actions.LandResult,
+    commands.Phase.LANDING,
+    changeable=("landing_spot_ned_m",),
 )
 AREA_COVERAGE = Action(
     "area_coverage",
@@ -344,6 +363,7 @@ AREA_COVERAGE = Action(
     actions.CoverageResult,
     commands.Phase.COVERAGE,
     takes_pictures=True,
+    changeable=("polygon_ned_m", "holes_ned_m", "z_ned_m", "speed_mps"),
 )
 GET_IMAGES = Action(
     "get_images",
@@ -352,6 +372,7 @@ GET_IMAGES = Action(
     actions.ImagesResult,
     commands.Phase.GET_IMAGES,
     takes_pictures=True,
+    changeable=("center_ned_m", "radius_m", "num_images", "target_z_ned_m", "speed_mps"),
 )
 ACTIONS: dict[str, Action[Any]] = {a.name: a for a in (TAKEOFF, GO_TO, GET_IMAGES, AREA_COVERAGE, LAND_ON_SPOT)}
 

@@ -88,6 +88,7 @@ class Goal(Generic[F, R]):
     cancel = in_thread(client.Goal.cancel)
     pause = in_thread(client.Goal.pause)
     resume = in_thread(client.Goal.resume)
+    modify = in_thread(client.Goal.modify)
 
     async def _next(self, deadline_s: float | None) -> F | None:
         """Wait for one reply and process it, or find out why there is none."""

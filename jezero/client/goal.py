@@ -13,6 +13,8 @@ from jezero.schemas.actions import (
     CancelReply,
     Feedback,
     GetResult,
+    Modify,
+    ModifyReply,
     Pause,
     PauseReply,
     Rejected,
@@ -28,6 +30,8 @@ F = TypeVar("F")
 R = TypeVar("R")
 
 GOAL_TIMEOUT_S = 86_400.0
+MODIFY_TIMEOUT_S = 30.0
+"""Longest wait until the vehicle has braked and a new path is planned."""
 RECOVER_S = 5.0
 """Time until all servers are connected again after a restart of the router."""
 POLL_S = 0.3
@@ -143,6 +147,26 @@ class Goal(Generic[F, R]):
     def resume(self) -> None:
         """Go on with a paused goal; raises the errors of `pause`."""
         resume_goal(self._connection, self._action, self.goal_id, self._timeout_s)
+
+    def modify(self, **fields: Any) -> None:
+        """Change fields of the goal while it is flown: `goal.modify(speed_mps=2.0)`.
+
+        The vehicle brakes, and goes on by the new plan. `warning` says what it will not fly as requested.
+
+        Args:
+            fields: new values by name; the action's page lists the fields that may change.
+
+        Raises:
+            Refused: the goal goes on with the old values; the text is the reason.
+            ValueError: a value is NaN or infinite.
+            Unreachable: no action server replies.
+            TimedOut: the reply is missing.
+        """
+        request = Modify(goal_id=self.goal_id, fields=fields, issued_t_ns=self._connection.vehicle_time_ns())
+        reply: ModifyReply = self._connection.request(self._action.modify, request, MODIFY_TIMEOUT_S)
+        if not reply.modified:
+            raise Refused(reply.reason)
+        self.warning = reply.warning
 
     # -- internals --
 

@@ -109,6 +109,11 @@ class PlainLanding:
             return self._go_around(t_ns, state)
         return self._descend(t_ns, state)
 
+    @property
+    def approaches(self) -> bool:
+        """Whether the vehicle is still on its way to the spot."""
+        return self._phase == "approach"
+
     def pause_refusal(self, state: VehicleState) -> str:
         """Reason why the landing can't be paused now, or ""."""
         if self._phase == "contact" or self._leaves_ns is not None:

@@ -38,6 +38,7 @@ from jezero.services.actions.lifecycle.vehicle_view import (
     is_fresh,
 )
 from jezero.services.actions.motion.behaviour import (
+    Behaviour,
     Done,
     Move,
     Plan,
@@ -138,7 +139,7 @@ class GoalFlight:
         """End of the behaviour, while control is released."""
         self._view.begin(odometry)
         state = self._view.state(t_ns, inbox, odometry)
-        self._behaviour = start(t_ns, state)
+        self._behaviour: Behaviour = start(t_ns, state)
         move = self._behaviour.step(t_ns, state)
         self.planned: Remaining | Done | None = move if isinstance(move, Done) else remaining_of(self._behaviour, state)
         self._first = self._feedback(t_ns, move, odometry, inbox) if isinstance(move, Move) else None
@@ -170,6 +171,35 @@ class GoalFlight:
         """Go on; returns False when the goal isn't paused."""
         was_wanted, self._pause.wanted = self._pause.wanted, False
         return was_wanted
+
+    @property
+    def behaviour(self) -> Behaviour:
+        """The running behaviour."""
+        return self._behaviour
+
+    def brake(self, t_ns: int, inbox: Inbox) -> VehicleState | str:
+        """Stop for a change of the goal; returns the state at rest, "" on the way to it, or why it can't stop."""
+        odometry = self._view.odometry(inbox)
+        if odometry is None:
+            return "the vehicle's position is unknown"
+        state = self._state(t_ns, inbox, odometry)
+        if not self._pause.hovers and (refusal := pause_refusal_of(self._behaviour, state)):
+            return refusal
+        self._pause.changing = True
+        waits = self._capture is not None and self._capture.is_waiting
+        if not self._pause.hovers or waits or self._move is None:
+            return ""
+        held_ned_m = self._move.pos_ned_m if self._move.frame is None else None
+        return state if held_ned_m is None else msgspec.structs.replace(state, pos_uav_ned_m=held_ned_m)
+
+    def go_on(self, behaviour: Behaviour | None = None) -> None:
+        """Go on after a stop for a change: with the behaviour of the changed goal, or with the present one."""
+        self._pause.changing = False
+        self._behaviour = behaviour or self._behaviour
+
+    def goal_time_ns(self, t_ns: int) -> int:
+        """The goal's own time at a time of the vehicle."""
+        return t_ns - self._pause.behind_ns
 
     def step(self, t_ns: int, inbox: Inbox, cancel_reason: str) -> Iterator[Output]:
         """React to what arrived.

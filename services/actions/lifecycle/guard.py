@@ -45,10 +45,21 @@ class GuardedPlanner:
 
     def plan(self, goal: Any, status: Status) -> Plan | Refusal:
         """Plan a goal; an exception is a refusal."""
+        return self._guarded("plan", partial(self._planner.plan, goal, status))
+
+    def replan(self, goal: Any, status: Status, running: Behaviour) -> Plan | Refusal:
+        """Plan a changed goal, whose behaviour takes over from the running one; an exception is a refusal."""
+        replan = getattr(self._planner, "replan", None)
+        if replan is None:
+            return self.plan(goal, status)
+        inner = running._behaviour if isinstance(running, _GuardedBehaviour) else running
+        return self._guarded("replan", partial(replan, goal, status, inner))
+
+    def _guarded(self, where: str, make: Callable[[], Plan | Refusal]) -> Plan | Refusal:
         try:
-            plan = self._planner.plan(goal, status)
+            plan = make()
         except Exception as error:  # noqa: BLE001
-            return Refusal(_report(self._name, "plan", error))
+            return Refusal(_report(self._name, where, error))
         if isinstance(plan, Refusal):
             return plan
         start = plan.start

@@ -37,12 +37,13 @@ class PauseControl:
 
     Attributes:
         wanted: whether a client wants the pause.
+        changing: whether the goal stops for a change of its fields.
         rate: of the goal's time relative to the vehicle's: 1 while the goal is flown, 0 while it is paused.
         behind_ns: time for which the goal's time has stood still so far.
     """
 
     def __init__(self, t_ns: int, acceleration_mps2: float) -> None:
-        self.wanted = False
+        self.wanted = self.changing = False
         self.rate = 1.0
         self.behind_ns = 0
         self._acceleration_mps2 = acceleration_mps2
@@ -57,18 +58,24 @@ class PauseControl:
 
     @property
     def paused(self) -> bool:
-        """Whether the goal's time stands still and the vehicle hovers."""
+        """Whether the goal is paused by a client, and the vehicle hovers."""
+        return self.wanted and self.hovers
+
+    @property
+    def hovers(self) -> bool:
+        """Whether the goal's time stands still."""
         return self.rate == 0.0
 
     def step(self, t_ns: int, behaviour: Behaviour, state: VehicleState) -> Move | Done:
         """Next setpoint of the behaviour, slowed down by the pause."""
         dt_s = max(t_ns - self._t_ns, 0) / NS_PER_S
-        refused = self.wanted and not self.paused and bool(pause_refusal_of(behaviour, state))
-        self._advance(t_ns, stops=self.wanted and not refused)
+        stops = self.wanted or self.changing
+        refused = stops and not self.hovers and bool(pause_refusal_of(behaviour, state))
+        self._advance(t_ns, stops=stops and not refused)
         if refused:
             self.rate = 1.0  # what must not be interrupted, such as a touchdown, must not be slowed down either
         goal_ns = t_ns - self.behind_ns
-        if self.paused and (held := hold_of(behaviour, goal_ns, min(dt_s, STEP_MAX_S), state)) is not None:
+        if self.hovers and (held := hold_of(behaviour, goal_ns, min(dt_s, STEP_MAX_S), state)) is not None:
             if isinstance(held, Move) and held.vel_ned_mps is not None:
                 self._left_mps = subtract(held.vel_ned_mps, (held.frame or STILL).vel_ned_mps)
             return held
@@ -95,7 +102,7 @@ class PauseControl:
         frame = move.frame or STILL
         if move.vel_ned_mps is not None:
             self._speed_mps = distance(move.vel_ned_mps, frame.vel_ned_mps)
-        if not self.paused:
+        if not self.hovers:
             self._held_m = None
         if self.rate == 1.0 and self._rate_per_s == 0.0 and not any(self._left_mps):
             return move
@@ -105,7 +112,7 @@ class PauseControl:
             acc_ned_mps2=None if move.acc_ned_mps2 is None else self._acceleration(move, move.acc_ned_mps2, frame),
             yaw_rate_rps=None if move.yaw_rate_rps is None else self.rate * move.yaw_rate_rps,
         )
-        if not self.paused or move.pos_ned_m is not None:
+        if not self.hovers or move.pos_ned_m is not None:
             return slowed
         if self._held_m is None:
             relative_mps = subtract(state.vel_uav_ned_mps, frame.vel_ned_mps)

@@ -1,13 +1,14 @@
-"""Replies to the requests about a goal that runs: pause and resume."""
+"""Replies to the requests about a goal that runs: pause, resume and modify."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from jezero.runtime.service import Inbox, Output, Reply
-from jezero.schemas.actions import Pause, PauseReply, Result, Resume, ResumeReply
+from jezero.runtime.service import Inbox, Output, Reply, Request
+from jezero.schemas.actions import Modify, ModifyReply, Pause, PauseReply, Result, Resume, ResumeReply
 from jezero.schemas.topics import Action
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.goal_run import GoalRun
+from jezero.services.actions.lifecycle.guard import GuardedPlanner
 
 EXPIRY_S = 30.0
 """An older request has no effect: what it was for may be over."""
@@ -16,15 +17,18 @@ AHEAD_MAX_S = 1.0
 
 
 class RunningGoalRequests:
-    """Handles the requests of one action server that pause its goal and resume it.
+    """Handles the requests of one action server that pause, resume and modify its goal.
 
     A request may arrive late, or twice: one that is older than the last of its kind has no effect.
     """
 
-    def __init__(self, action: Action[Any]) -> None:
+    def __init__(self, action: Action[Any], planner: GuardedPlanner) -> None:
         self._action = action
+        self._planner = planner
         self._paused = ("", 0)
         """Id of the last goal that was paused or resumed, and issue time of that request."""
+        self._modified = ("", 0)
+        """The same of the last goal that was modified."""
 
     def handle(
         self, t_ns: int, inbox: Inbox, run: GoalRun | None, results: Mapping[str, Result[Any]]
@@ -36,6 +40,9 @@ class RunningGoalRequests:
         for request in inbox.requests(self._action.resume):
             reason = self._pause_reason(t_ns, request.payload, inbox, run, results)
             yield Reply(request.request_id, ResumeReply(resumed=not reason, reason=reason))
+        for request in inbox.requests(self._action.modify):
+            if reason := self._modify_reason(t_ns, request, inbox, run, results):
+                yield Reply(request.request_id, ModifyReply(modified=False, reason=reason))
 
     def _pause_reason(
         self,
@@ -48,15 +55,31 @@ class RunningGoalRequests:
         """Pause or resume; returns the reason why that is impossible, or ""."""
         if run is None or run.goal_id != wanted.goal_id or run.plan_only:
             return not_running_reason(wanted.goal_id, results, self._action.name)
-        if stale := _staleness(t_ns, wanted.issued_t_ns, self._last_ns(run.goal_id)):
+        if stale := _staleness(t_ns, wanted.issued_t_ns, _last_ns(self._paused, run.goal_id)):
             return stale
         reason = run.pause(t_ns, inbox) if isinstance(wanted, Pause) else run.resume()
         if not reason:
             self._paused = (run.goal_id, t_ns if wanted.issued_t_ns is None else wanted.issued_t_ns)
         return reason
 
-    def _last_ns(self, goal_id: str) -> int:
-        return self._paused[1] if self._paused[0] == goal_id else 0
+    def _modify_reason(
+        self, t_ns: int, request: Request, inbox: Inbox, run: GoalRun | None, results: Mapping[str, Result[Any]]
+    ) -> str:
+        """Begin to modify; returns the reason why that is impossible, or "" where the goal's run will reply."""
+        wanted: Modify = request.payload
+        if run is None or run.goal_id != wanted.goal_id or run.plan_only:
+            return not_running_reason(wanted.goal_id, results, self._action.name)
+        if stale := _staleness(t_ns, wanted.issued_t_ns, _last_ns(self._modified, run.goal_id)):
+            return stale
+        reason = run.modify(t_ns, request, self._planner, inbox)
+        if not reason:
+            self._modified = (run.goal_id, t_ns if wanted.issued_t_ns is None else wanted.issued_t_ns)
+        return reason
+
+
+def _last_ns(last: tuple[str, int], goal_id: str) -> int:
+    """Issue time of the last request, if it was for this goal."""
+    return last[1] if last[0] == goal_id else 0
 
 
 def not_running_reason(goal_id: str, results: Mapping[str, Result[Any]], action: str) -> str:

@@ -64,8 +64,8 @@ class ActionServer:
         self._endpoint = action.endpoint
         self._plan = action.plan
         self._cancel = action.cancel
-        self._running = RunningGoalRequests(action)
         self._planner = GuardedPlanner(action.name, planner)
+        self._running = RunningGoalRequests(action, self._planner)
         self._config = config
         self._boot_id = boot_id
         self._pictures = (pictures or PictureStore()) if action.takes_pictures else None

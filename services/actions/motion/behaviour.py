@@ -286,7 +286,12 @@ class Plan(msgspec.Struct, frozen=True):
 
 
 class Planner(Protocol):
-    """An action: makes the plans of its goals."""
+    """An action: makes the plans of its goals.
+
+    It may also have a method `replan(goal: Any, status: Status, running: Behaviour) -> Plan | Refusal`: the plan of a
+    goal whose fields have changed while it is flown. The vehicle hovers, and the plan's start takes over from the
+    running behaviour. Without this method the plan is that of a new goal. `Action.changeable` lists the fields.
+    """
 
     def plan(self, goal: Any, status: Status) -> Plan | Refusal:
         """Plan of a goal, if it is possible; whether the vehicle's status allows it is the bridge's decision."""
