@@ -32,7 +32,7 @@ from jezero.schemas.units import NS_PER_S
 from jezero.trials.campaign.worlds import WORLDS
 from jezero.trials.platform import offset_m
 
-READY_TIMEOUT_S, GOAL_TIMEOUT_S = 60.0, 400.0
+READY_TIMEOUT_S, GOAL_TIMEOUT_S, REPLY_TIMEOUT_S = 60.0, 400.0, 25.0
 PAUSE_MAX_S = 3.0
 ACCELERATION_MPS2 = 2.0
 """Of setpoints: twice that of a straight path, for a pause that brakes while the path brakes."""
@@ -94,8 +94,8 @@ class PausedFlight(msgspec.Struct, kw_only=True):
     touchdown_error_m: float = 0.0
 
 
-class _Flight:
-    """A stack with its observer."""
+class ObservedStack:
+    """A stack of one world with the newest status and truth, and all setpoints."""
 
     def __init__(self, seed: int, world: str) -> None:
         self.bus: MemoryBus = WORLDS[world].make_bus(seed)
@@ -114,9 +114,15 @@ class _Flight:
         elif topic == topics.SETPOINT.name:
             self.setpoints.append(decode(Setpoint, data))
 
+    def wait_ready(self) -> None:
+        """Wait until a takeoff would be accepted, and all action servers know it."""
+        self.bus.run_for(READY_TIMEOUT_S, lambda: self.status is not None and self.status.ready)
+        self.bus.run_for(1.0)
+
     def request(self, endpoint: topics.Endpoint[Any, Any], payload: Payload) -> Any:
+        """The reply to a request."""
         sent = self.bus.send_request(endpoint, payload)
-        self.bus.run_for(1.0, lambda: sent.ended)
+        self.bus.run_for(REPLY_TIMEOUT_S, lambda: sent.ended)
         return sent.replies[0]
 
 
@@ -129,11 +135,11 @@ def fly_with_pauses(
         durations_s: of each goal without pauses, over which the pauses are spread; none for a flight without pauses.
         pauses: number of pauses of each goal.
     """
-    flight, report = _Flight(seed, world), PausedFlight(seed=seed)
+    flight, report = ObservedStack(seed, world), PausedFlight(seed=seed)
     rng = Random(zlib.crc32(f"pauses/{seed}".encode()))
-    flight.bus.run_for(READY_TIMEOUT_S, lambda: flight.status is not None and flight.status.ready)
-    flight.bus.run_for(1.0)
-    for number, (action, goal) in enumerate(GOALS[world]):
+    flight.wait_ready()
+    goals = GOALS[world][: len(durations_s) or None]
+    for number, (action, goal) in enumerate(goals):
         flown = PausedGoal(action=action.name)
         report.goals.append(flown)
         instants_s = sorted(rng.uniform(0.0, durations_s[number]) for _ in range(pauses)) if durations_s else []
@@ -146,7 +152,7 @@ def fly_with_pauses(
 
 
 def _fly(
-    flight: _Flight,
+    flight: ObservedStack,
     action: topics.Action[Any],
     goal: Any,
     instants_s: Sequence[float],
