@@ -38,23 +38,27 @@ ACCELERATION_MPS2 = 2.0
 """Of setpoints: twice that of a straight path, for a pause that brakes while the path brakes."""
 GAP_MAX_S = 0.1
 
+_WORLD_GOALS: tuple[tuple[topics.Action[Any], Payload], ...] = (
+    (topics.GO_TO, GoToGoal(target_ned_m=(6.0, -4.0, -5.0), yaw_rad=1.0)),
+    (topics.GET_IMAGES, GetImagesGoal(center_ned_m=(0.0, 0.0, -4.0), radius_m=3.0, num_images=8)),
+    (
+        topics.AREA_COVERAGE,
+        AreaCoverageGoal(polygon_ned_m=((-4.0, -3.0), (4.0, -3.0), (4.0, 3.0)), z_ned_m=-5.0, resolution_m=1.5),
+    ),
+)
 GOALS: dict[str, tuple[tuple[topics.Action[Any], Payload], ...]] = {
     "physics": (
         (topics.TAKEOFF, TakeoffGoal(altitude_m=3.0)),
-        (topics.GO_TO, GoToGoal(target_ned_m=(6.0, -4.0, -5.0), yaw_rad=1.0)),
-        (topics.GET_IMAGES, GetImagesGoal(center_ned_m=(0.0, 0.0, -4.0), radius_m=3.0, num_images=8)),
-        (
-            topics.AREA_COVERAGE,
-            AreaCoverageGoal(polygon_ned_m=((-4.0, -3.0), (4.0, -3.0), (4.0, 3.0)), z_ned_m=-5.0, resolution_m=1.5),
-        ),
         (topics.GO_TO, GoToGoal(target_ned_m=(1.0, 1.0, -4.0), frame="rover")),
+        *_WORLD_GOALS,
         (topics.LAND_ON_SPOT, LandOnSpotGoal()),
     ),
+    "point-mass": (
+        (topics.TAKEOFF, TakeoffGoal(altitude_m=3.0)),
+        *_WORLD_GOALS,
+        (topics.LAND_ON_SPOT, LandOnSpotGoal(landing_spot_ned_m=(1.0, 2.0, 0.0), use_uwb=False, use_tag=False)),
+    ),
 }
-GOALS["point-mass"] = (
-    *GOALS["physics"][:4],
-    (topics.LAND_ON_SPOT, LandOnSpotGoal(landing_spot_ned_m=(1.0, 2.0, 0.0), use_uwb=False, use_tag=False)),
-)
 """Goals of one flight by world; in that of the point mass nothing estimates the rover."""
 
 
