@@ -1,7 +1,7 @@
 """An accepted goal: its feedback, its result and its cancellation."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, Generic, TypeVar, cast
 
 from jezero.client.errors import Aborted, Canceled, JezeroError, Refused, TimedOut, Unreachable
@@ -148,7 +148,7 @@ class Goal(Generic[F, R]):
         """Go on with a paused goal; raises the errors of `pause`."""
         resume_goal(self._connection, self._action, self.goal_id, self._timeout_s)
 
-    def modify(self, **fields: Any) -> None:
+    def modify(self, /, **fields: Any) -> None:
         """Change fields of the goal while it is flown: `goal.modify(speed_mps=2.0)`.
 
         The vehicle brakes, and goes on by the new plan. `warning` says what it will not fly as requested.
@@ -162,11 +162,7 @@ class Goal(Generic[F, R]):
             Unreachable: no action server replies.
             TimedOut: the reply is missing.
         """
-        request = Modify(goal_id=self.goal_id, fields=fields, issued_t_ns=self._connection.vehicle_time_ns())
-        reply: ModifyReply = self._connection.request(self._action.modify, request, MODIFY_TIMEOUT_S)
-        if not reply.modified:
-            raise Refused(reply.reason)
-        self.warning = reply.warning
+        self.warning = modify_goal(self._connection, self._action, self.goal_id, fields)
 
     # -- internals --
 
@@ -265,6 +261,15 @@ def resume_goal(connection: Connection, action: Action[Any], goal_id: str, timeo
     reply: ResumeReply = connection.request(action.resume, request, timeout_s)
     if not reply.resumed:
         raise Refused(reply.reason)
+
+
+def modify_goal(connection: Connection, action: Action[Any], goal_id: str, fields: Mapping[str, Any]) -> str:
+    """Modify a goal, also another client's; returns the warning, and raises the errors of `Goal.modify`."""
+    request = Modify(goal_id=goal_id, fields=dict(fields), issued_t_ns=connection.vehicle_time_ns())
+    reply: ModifyReply = connection.request(action.modify, request, MODIFY_TIMEOUT_S)
+    if not reply.modified:
+        raise Refused(reply.reason)
+    return reply.warning
 
 
 def request_result(connection: Connection, goal_id: str) -> ResultReply | None:

@@ -98,9 +98,9 @@ class PauseJudge:
         point = self._point
         if point is None or point.reset_counter != setpoint.reset_counter or point.control_id != setpoint.control_id:
             self._point = point = setpoint
-        away_m = (
-            dist(setpoint.pos_ned_m or (), point.pos_ned_m or ()) if setpoint.pos_ned_m and point.pos_ned_m else 0.0
-        )
+        away_m = 0.0
+        if setpoint.pos_ned_m is not None and point.pos_ned_m is not None:
+            away_m = dist(setpoint.pos_ned_m, point.pos_ned_m)
         speed_mps = norm(setpoint.vel_ned_mps or (0.0, 0.0, 0.0))
         text = f"{setpoint.phase}: {setpoint.pos_ned_m} at {speed_mps:.2f} m/s, {away_m:.2f} m from the pause's begin"
         holds = setpoint.pos_ned_m is not None and away_m <= HOVER_MAX_M and speed_mps < SPEED_MARGIN_MPS

@@ -17,7 +17,7 @@ from jezero.schemas import topics
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.service import Simulator
-from jezero.trials.campaign.clients import PERIOD_S, Client, SentGoal
+from jezero.trials.campaign.clients import PERIOD_S, Client
 from jezero.trials.campaign.faults import (
     AUTOPILOT,
     BRIDGE,
@@ -35,6 +35,7 @@ from jezero.trials.campaign.judge_others import AutopilotJudge, GoalRecord, Serv
 from jezero.trials.campaign.judge_pauses import PauseJudge
 from jezero.trials.campaign.link_faults import LinkFaults
 from jezero.trials.campaign.pauser import Pauser
+from jezero.trials.campaign.sent_goals import SentGoal
 from jezero.trials.campaign.worlds import PHYSICS, WORLDS, FaultySensors, World
 from jezero.trials.digest import MessageDigest
 from jezero.trials.recording import virtual_recording
