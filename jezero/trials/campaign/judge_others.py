@@ -140,7 +140,8 @@ class ServerJudge:
         for request in inbox.requests(endpoint):
             self._queries[request.request_id] = "sent"
             if isinstance(request.payload, GetImagesGoal):
-                self._images_expected[request.payload.goal_id] = request.payload.num_images
+                # A goal that is sent again may have been modified since.
+                self._images_expected.setdefault(request.payload.goal_id, request.payload.num_images)
         changes = {
             request.request_id: request.payload for request in inbox.requests(find_action(self.spec.name).modify)
         }
