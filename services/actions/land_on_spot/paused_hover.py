@@ -13,13 +13,14 @@ class PausedHover:
 
     Args:
         height_min_m: a lower vehicle climbs to this height, because hovering close to something is not safe.
+        vel_ned_mps: velocity setpoint over ground at the begin.
     """
 
-    def __init__(self, height_min_m: float) -> None:
+    def __init__(self, height_min_m: float, vel_ned_mps: Vec3 = ZERO) -> None:
         self._height_min_m = height_min_m
         self._point_ned_m: Vec3 | None = None
         self._in_rover_frame = False
-        self._frame_ned_mps = ZERO
+        self._frame_ned_mps = vel_ned_mps
         self._vel_ned_mps = ZERO
         """Velocity setpoint relative to the frame."""
 

@@ -146,7 +146,7 @@ class RoverLanding:
         """
         if self._t_paused_ns != t_ns:
             self._t_paused_ns = t_ns
-            self._paused = PausedHover(self._land.height_approach_m)
+            self._paused = PausedHover(self._land.height_approach_m, self._vel_supposed_ned_mps)
         measured = self._update_platform(t_ns, dt_s, state)
         self._hold_ned_m = state.pos_uav_ned_m
         if self._phase != "search":
