@@ -74,15 +74,14 @@ class OrbitFlight:
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
         """Next setpoint, or the end."""
-        path: TimedStraightPath | Orbit = self._way_in if self._arrived_ns is None else self._orbit
-        dt_s = self._tracker.advance(t_ns, path.at(self._tracker.time_s), state)
+        dt_s = self._tracker.advance(t_ns, self._path.at(self._tracker.time_s), state)
         if problem := self._tracker.stuck(t_ns):
             return Done("aborted", problem)
         if self._arrived_ns is None:
             self._settle(t_ns, state)
         elif self._go_around(t_ns, state):
             return Done("succeeded", hover_pos_ned_m=self._end_ned_m)
-        return self._move(dt_s, path, state)
+        return self._move(dt_s, state)
 
     @property
     def turn(self) -> Turn:
@@ -136,9 +135,14 @@ class OrbitFlight:
         done = requested == goal.num_images and not self._capture.is_waiting
         return done and (over or goal.num_images == 1)
 
-    def _move(self, dt_s: float, path: TimedStraightPath | Orbit, state: VehicleState) -> Move:
+    @property
+    def _path(self) -> TimedStraightPath | Orbit:
+        """The way to the orbit, then the orbit."""
+        return self._way_in if self._arrived_ns is None else self._orbit
+
+    def _move(self, dt_s: float, state: VehicleState) -> Move:
         goal = self._goal
-        reference = path.at(self._tracker.time_s)
+        reference = self._path.at(self._tracker.time_s)
         lead_ned_mps = scale(reference.acc_ned_mps2, VELOCITY_LEAD_S)
         reference = reference._replace(vel_ned_mps=add(reference.vel_ned_mps, lead_ned_mps))
         vel_ned_mps, acc_ned_mps2 = self._tracker.command(dt_s, reference, state)
