@@ -55,6 +55,8 @@ class PauseControl:
         """Hover point relative to the frame of a behaviour that commands velocities; None while it moves."""
         self._left_mps = STILL.vel_ned_mps
         """Velocity, relative to its frame, that the behaviour's own hover had; it decays when the goal goes on."""
+        self._holds = False
+        """Whether the hover has begun; a goal that is paused again at once comes to rest first."""
 
     @property
     def paused(self) -> bool:
@@ -63,8 +65,8 @@ class PauseControl:
 
     @property
     def hovers(self) -> bool:
-        """Whether the goal's time stands still."""
-        return self.rate == 0.0
+        """Whether the goal's time stands still, and the vehicle is at rest or in the behaviour's own hover."""
+        return self._holds
 
     def step(self, t_ns: int, behaviour: Behaviour, state: VehicleState) -> Move | Done:
         """Next setpoint of the behaviour, slowed down by the pause."""
@@ -75,7 +77,8 @@ class PauseControl:
         if refused:
             self.rate = 1.0  # what must not be interrupted, such as a touchdown, must not be slowed down either
         goal_ns = t_ns - self.behind_ns
-        if self.hovers and (held := hold_of(behaviour, goal_ns, min(dt_s, STEP_MAX_S), state)) is not None:
+        self._holds = self.rate == 0.0 and (self._holds or not any(self._left_mps))
+        if self._holds and (held := hold_of(behaviour, goal_ns, min(dt_s, STEP_MAX_S), state)) is not None:
             if isinstance(held, Move) and held.vel_ned_mps is not None:
                 self._left_mps = subtract(held.vel_ned_mps, (held.frame or STILL).vel_ned_mps)
             return held
@@ -102,7 +105,7 @@ class PauseControl:
         frame = move.frame or STILL
         if move.vel_ned_mps is not None:
             self._speed_mps = distance(move.vel_ned_mps, frame.vel_ned_mps)
-        if not self.hovers:
+        if not self._holds:
             self._held_m = None
         if self.rate == 1.0 and self._rate_per_s == 0.0 and not any(self._left_mps):
             return move
@@ -112,7 +115,7 @@ class PauseControl:
             acc_ned_mps2=None if move.acc_ned_mps2 is None else self._acceleration(move, move.acc_ned_mps2, frame),
             yaw_rate_rps=None if move.yaw_rate_rps is None else self.rate * move.yaw_rate_rps,
         )
-        if not self.hovers or move.pos_ned_m is not None:
+        if not self._holds or move.pos_ned_m is not None:
             return slowed
         if self._held_m is None:
             relative_mps = subtract(state.vel_uav_ned_mps, frame.vel_ned_mps)

@@ -69,6 +69,18 @@ def test_a_paused_descent_climbs_hovers_along_with_the_rover_and_lands_when_it_i
     assert hypot(*landing.offset_m[:2]) < 0.1
 
 
+def test_a_descent_that_is_paused_again_and_again_while_it_climbs_makes_no_jump() -> None:
+    landing = PausedLanding(0.5)
+    landing.run_to("descent", 1.5)
+    paused_at = len(landing.moves)
+    for number in range(30):
+        landing.pause.wanted = number % 2 == 0
+        assert landing.run(1.5 if number % 2 == 0 else 0.1 + 0.02 * number) is None
+    assert landing.greatest_step_mps(paused_at) < 2.0 * DT_S + 0.05
+    landing.pause.wanted = False
+    assert landing.run(60.0) == Done("succeeded", then="disarm")
+
+
 def test_a_pause_without_the_rover_in_sight_hovers_over_the_ground_and_goes_on_with_the_search() -> None:
     landing = PausedLanding()
     landing.run_to("approach")
