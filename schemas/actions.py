@@ -319,7 +319,9 @@ class Feedback(Payload, Generic[F], frozen=True, kw_only=True, tag_field="type",
         t_ns: vehicle time of the feedback.
         code: status code of the vehicle.
         feedback: progress, in the action's own type.
-        remaining_s: time to the goal's end by its plan, without waits for wind or rover. None where it is unknown.
+        remaining_s: time to the goal's end by its plan, without waits for wind, rover or a pause. None where it is
+            unknown.
+        paused: the goal is paused, and the vehicle hovers.
     """
 
     goal_id: Name
@@ -327,6 +329,7 @@ class Feedback(Payload, Generic[F], frozen=True, kw_only=True, tag_field="type",
     code: int
     feedback: F
     remaining_s: NonNegative | None = None
+    paused: bool = False
 
 
 class Result(Payload, Generic[R], frozen=True, kw_only=True, tag_field="type", tag="result"):
@@ -356,6 +359,7 @@ class FeedbackMessage(Message, Generic[F], frozen=True, kw_only=True):
         code: status code of the vehicle.
         feedback: progress, in the action's own type.
         remaining_s: time to the goal's end by its plan, see `Feedback`.
+        paused: the goal is paused, see `Feedback`.
     """
 
     goal_id: Name
@@ -363,6 +367,7 @@ class FeedbackMessage(Message, Generic[F], frozen=True, kw_only=True):
     code: int
     feedback: F
     remaining_s: NonNegative | None = None
+    paused: bool = False
 
 
 class PlannedCoverage(Payload, frozen=True, kw_only=True):
@@ -443,6 +448,10 @@ class ActionDescription(Payload, frozen=True, kw_only=True):
         endpoint: key of its goals, without `jezero/<vehicle>/`.
         cancel: key that ends a goal.
         plan: key that plans a goal without flying it.
+        pause: key that pauses a goal.
+        resume: key that resumes a paused goal.
+        modify: key that changes fields of a goal while it is flown.
+        changeable: fields of a goal that may change while it is flown.
         goal: JSON Schema of a goal.
         feedback: JSON Schema of the field `feedback` of the replies while a goal is flown.
         result: JSON Schema of the field `result` of the last reply.
@@ -452,6 +461,10 @@ class ActionDescription(Payload, frozen=True, kw_only=True):
     endpoint: Text
     cancel: Text
     plan: Text
+    pause: Text = ""
+    resume: Text = ""
+    modify: Text = ""
+    changeable: tuple[Text, ...] = ()
     goal: dict[str, Any]
     feedback: dict[str, Any]
     result: dict[str, Any]
@@ -477,6 +490,85 @@ class CancelReply(Payload, frozen=True, kw_only=True):
 
     canceled: bool
     reason: Text = ""
+
+
+class Pause(Payload, frozen=True, kw_only=True):
+    """Request to pause a goal: the vehicle brakes and hovers until the goal is resumed or ends.
+
+    Attributes:
+        goal_id: id of the goal.
+        issued_t_ns: vehicle time at which the client sent the request. A request that is older than 30 s, or than the
+            last one to pause or resume the goal, has no effect. None means that the age is not checked.
+    """
+
+    goal_id: Name
+    issued_t_ns: TimeNs | None = None
+
+
+class PauseReply(Payload, frozen=True, kw_only=True):
+    """Reply to `Pause`.
+
+    Attributes:
+        paused: the goal pauses; `paused` in the status and in the feedback is true once the vehicle hovers.
+        reason: reason why it does not, for people.
+    """
+
+    paused: bool
+    reason: Text = ""
+
+
+class Resume(Payload, frozen=True, kw_only=True):
+    """Request to go on with a paused goal.
+
+    Attributes:
+        goal_id: id of the goal.
+        issued_t_ns: vehicle time at which the client sent the request, see `Pause`.
+    """
+
+    goal_id: Name
+    issued_t_ns: TimeNs | None = None
+
+
+class ResumeReply(Payload, frozen=True, kw_only=True):
+    """Reply to `Resume`.
+
+    Attributes:
+        resumed: the goal goes on.
+        reason: reason why it does not, for people.
+    """
+
+    resumed: bool
+    reason: Text = ""
+
+
+class Modify(Payload, frozen=True, kw_only=True):
+    """Request to change fields of a goal while it is flown, or paused.
+
+    Attributes:
+        goal_id: id of the goal.
+        fields: new values of fields of the goal; all others stay. `changeable` in the action's description lists the
+            fields that may change.
+        issued_t_ns: vehicle time at which the client sent the request. A request that is older than 30 s, or than the
+            last one to modify the goal, has no effect. None means that the age is not checked.
+    """
+
+    goal_id: Name
+    fields: dict[str, Any]
+    issued_t_ns: TimeNs | None = None
+
+
+class ModifyReply(Payload, frozen=True, kw_only=True):
+    """Reply to `Modify`.
+
+    Attributes:
+        modified: the goal goes on with the new values.
+        reason: reason why it goes on with the old ones, for people.
+        warning: part of the new goal that is done differently from the request, for people; "" for none.
+    """
+
+    modified: bool
+    reason: Text = ""
+    warning: Text = ""
 
 
 class GetResult(Payload, frozen=True, kw_only=True):

@@ -36,6 +36,7 @@ class Setpoint(Message, frozen=True, kw_only=True, omit_defaults=True):
         acc_ned_mps2: acceleration feed-forward. None without one.
         yaw_rad: heading, clockwise from north. None keeps the present heading.
         yaw_rate_rps: yaw rate feed-forward, clockwise. None without one.
+        paused: the goal is paused, and the vehicle hovers.
     """
 
     control_id: Annotated[str, Meta(max_length=64)]
@@ -47,6 +48,7 @@ class Setpoint(Message, frozen=True, kw_only=True, omit_defaults=True):
     acc_ned_mps2: Vector | None = None
     yaw_rad: Angle | None = None
     yaw_rate_rps: Annotated[float, Meta(ge=-10.0, le=10.0)] | None = None
+    paused: bool = False
 
 
 class Acquire(Payload, frozen=True, kw_only=True):

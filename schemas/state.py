@@ -135,6 +135,7 @@ class Status(Message, frozen=True, kw_only=True):
             ground, and until it is known.
         std_gust_mps: standard deviation of the wind about that mean, in the direction in which it is larger. None as
             above.
+        paused: the goal in charge is paused, and the vehicle hovers.
     """
 
     code: Annotated[int, Meta(ge=0, le=15)]
@@ -157,6 +158,7 @@ class Status(Message, frozen=True, kw_only=True):
     text: Text = ""
     wind_ned_mps: VelocityNed | None = None
     std_gust_mps: NonNegative | None = None
+    paused: bool = False
 
 
 class TruePoses(Message, frozen=True, kw_only=True):

@@ -83,6 +83,7 @@ class Action(Generic[Q]):
         result_type: type of the result.
         phase: phase of the setpoints, from which the status code follows.
         takes_pictures: whether the server also declares `image`.
+        changeable: fields of a goal that may change while it is flown.
     """
 
     name: str
@@ -91,6 +92,7 @@ class Action(Generic[Q]):
     result_type: Any
     phase: commands.Phase
     takes_pictures: bool = False
+    changeable: tuple[str, ...] = ()
 
     @cached_property
     def endpoint(self) -> Endpoint[Q, actions.Rejected]:
@@ -128,6 +130,39 @@ class Action(Generic[Q]):
         )
 
     @cached_property
+    def pause(self) -> Endpoint[actions.Pause, actions.PauseReply]:
+        """Endpoint that pauses a goal."""
+        return Endpoint(
+            f"@action/{self.name}/pause",
+            actions.Pause,
+            actions.PauseReply,
+            self.name,
+            lambda why: actions.PauseReply(paused=False, reason=why),
+        )
+
+    @cached_property
+    def resume(self) -> Endpoint[actions.Resume, actions.ResumeReply]:
+        """Endpoint that resumes a paused goal."""
+        return Endpoint(
+            f"@action/{self.name}/resume",
+            actions.Resume,
+            actions.ResumeReply,
+            self.name,
+            lambda why: actions.ResumeReply(resumed=False, reason=why),
+        )
+
+    @cached_property
+    def modify(self) -> Endpoint[actions.Modify, actions.ModifyReply]:
+        """Endpoint that changes fields of a goal while it is flown."""
+        return Endpoint(
+            f"@action/{self.name}/modify",
+            actions.Modify,
+            actions.ModifyReply,
+            self.name,
+            lambda why: actions.ModifyReply(modified=False, reason=why),
+        )
+
+    @cached_property
     def image(self) -> Endpoint[images.GetImage, images.ImageReply]:
         """Endpoint of the pixels of one image, also after the goal's end."""
         return Endpoint(
@@ -154,7 +189,8 @@ class Action(Generic[Q]):
     def endpoints(self) -> tuple[Endpoint[Any, Any], ...]:
         """All endpoints of its server but the shared one."""
         image = (self.image,) if self.takes_pictures else ()
-        return (self.endpoint, self.plan, self.cancel, self.describe, *image)
+        requests = (self.cancel, self.pause, self.resume, self.modify)
+        return (self.endpoint, self.plan, *requests, self.describe, *image)
 
     @cached_property
     def description(self) -> actions.ActionDescription:
@@ -164,6 +200,10 @@ class Action(Generic[Q]):
             endpoint=self.endpoint.name,
             cancel=self.cancel.name,
             plan=self.plan.name,
+            pause=self.pause.name,
+            resume=self.resume.name,
+            modify=self.modify.name,
+            changeable=self.changeable,
             goal=msgspec.json.schema(self.goal_type),
             feedback=msgspec.json.schema(self.feedback_type),
             result=msgspec.json.schema(self.result_type),
@@ -245,7 +285,12 @@ RESULT = Endpoint(
 UNKNOWN_ACTION = Endpoint(
     "@action/**",
     actions.UnknownAction,
-    actions.Rejected | actions.PlanReply | actions.CancelReply,
+    actions.Rejected
+    | actions.PlanReply
+    | actions.CancelReply
+    | actions.PauseReply
+    | actions.ResumeReply
+    | actions.ModifyReply,
     "vehicle_bridge",
     lambda why: actions.Rejected(reason=why),
     shared=True,
@@ -287,10 +332,29 @@ COMMAND_MISSION = Endpoint(
     lambda why: mission.MissionReply(accepted=False, reason=why),
 )
 
-TAKEOFF = Action("takeoff", actions.TakeoffGoal, actions.MoveFeedback, actions.MoveResult, commands.Phase.TAKEOFF)
-GO_TO = Action("go_to", actions.GoToGoal, actions.MoveFeedback, actions.MoveResult, commands.Phase.GO_TO)
+TAKEOFF = Action(
+    "takeoff",
+    actions.TakeoffGoal,
+    actions.MoveFeedback,
+    actions.MoveResult,
+    commands.Phase.TAKEOFF,
+    changeable=("altitude_m",),
+)
+GO_TO = Action(
+    "go_to",
+    actions.GoToGoal,
+    actions.MoveFeedback,
+    actions.MoveResult,
+    commands.Phase.GO_TO,
+    changeable=("target_ned_m", "yaw_rad", "speed_mps"),
+)
 LAND_ON_SPOT = Action(
-    "land_on_spot", actions.LandOnSpotGoal, actions.LandFeedback, actions.LandResult, commands.Phase.LANDING
+    "land_on_spot",
+    actions.LandOnSpotGoal,
+    actions.LandFeedback,
+    actions.LandResult,
+    commands.Phase.LANDING,
+    changeable=("landing_spot_ned_m",),
 )
 AREA_COVERAGE = Action(
     "area_coverage",
@@ -299,6 +363,7 @@ AREA_COVERAGE = Action(
     actions.CoverageResult,
     commands.Phase.COVERAGE,
     takes_pictures=True,
+    changeable=("polygon_ned_m", "holes_ned_m", "z_ned_m", "speed_mps"),
 )
 GET_IMAGES = Action(
     "get_images",
@@ -307,6 +372,7 @@ GET_IMAGES = Action(
     actions.ImagesResult,
     commands.Phase.GET_IMAGES,
     takes_pictures=True,
+    changeable=("center_ned_m", "radius_m", "num_images", "target_z_ned_m", "speed_mps"),
 )
 ACTIONS: dict[str, Action[Any]] = {a.name: a for a in (TAKEOFF, GO_TO, GET_IMAGES, AREA_COVERAGE, LAND_ON_SPOT)}
 

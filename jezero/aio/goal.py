@@ -53,6 +53,11 @@ class Goal(Generic[F, R]):
         """Planned time to the goal's end in the last feedback; None before, and where it is unknown."""
         return self._blocking.remaining_s
 
+    @property
+    def paused(self) -> bool:
+        """Whether the goal was paused, and the vehicle hovered, in the last feedback."""
+        return self._blocking.paused
+
     def __aiter__(self) -> AsyncIterator[F]:
         return self.feedback()
 
@@ -81,6 +86,9 @@ class Goal(Generic[F, R]):
         return self._blocking.result()  # doesn't block, as the goal has ended
 
     cancel = in_thread(client.Goal.cancel)
+    pause = in_thread(client.Goal.pause)
+    resume = in_thread(client.Goal.resume)
+    modify = in_thread(client.Goal.modify)
 
     async def _next(self, deadline_s: float | None) -> F | None:
         """Wait for one reply and process it, or find out why there is none."""

@@ -135,6 +135,9 @@ class Vehicle:
     hover = in_thread(client.Vehicle.hover)
     abort = in_thread(client.Vehicle.abort)
     kill = in_thread(client.Vehicle.kill)
+    pause = in_thread(client.Vehicle.pause)
+    resume = in_thread(client.Vehicle.resume)
+    modify = in_thread(client.Vehicle.modify)
 
     # -- state --
 

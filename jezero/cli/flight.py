@@ -108,6 +108,11 @@ class Printer:
             self._warned.add(text)
             click.echo(f"warning: {text}", err=True)
 
+    def hint(self, text: str) -> None:
+        """Print a line for the person at the terminal."""
+        if not self.as_json and sys.stdout.isatty():
+            click.secho(text, dim=True)
+
     def progress(self, text: str, done: float | None, **fields: Any) -> None:
         """Print feedback: a bar on a terminal, a line per second into a pipe. `done` is a fraction from 0 to 1."""
         if self.as_json:
@@ -182,16 +187,25 @@ def fly_goal(printer: Printer, goal: "Goal[Any, Any]", name: str) -> None:
 def _follow(printer: Printer, goal: "Goal[Any, Any]") -> None:
     import msgspec
 
+    from jezero.cli.goal_keys import GoalKeys
+
     farthest_m = 0.0
-    for feedback in goal.feedback():
-        fields = msgspec.to_builtins(feedback)
-        distance_m, done = fields.get("distance_m"), None
-        if distance_m is not None:
-            farthest_m = max(farthest_m, distance_m)
-            done = 1.0 - distance_m / farthest_m if farthest_m > 0.0 else 1.0
-        rest_s = goal.remaining_s
-        rest = "" if rest_s is None else f", {minutes(rest_s)} to go"
-        printer.progress(_in_words(fields) + rest, done, goal_id=goal.goal_id, remaining_s=rest_s, **fields)
+    with GoalKeys(printer, goal) as keys:
+        for feedback in goal.feedback():
+            keys.poll()
+            fields = msgspec.to_builtins(feedback)
+            distance_m, done = fields.get("distance_m"), None
+            if distance_m is not None:
+                farthest_m = max(farthest_m, distance_m)
+                done = 1.0 - distance_m / farthest_m if farthest_m > 0.0 else 1.0
+            text = f"{'paused, ' if goal.paused else ''}{_in_words(fields)}{time_to_go(goal)}"
+            more = {"remaining_s": goal.remaining_s, "paused": goal.paused}
+            printer.progress(text, done, goal_id=goal.goal_id, **more, **fields)
+
+
+def time_to_go(goal: "Goal[Any, Any]") -> str:
+    """The end of a line of progress; "" while the time is unknown."""
+    return "" if goal.remaining_s is None else f", {minutes(goal.remaining_s)} to go"
 
 
 def _in_words(feedback: dict[str, Any]) -> str:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jezero.cli.flight import Printer
-from jezero.cli.plan import minutes
+from jezero.cli.flight import Printer, time_to_go
+from jezero.cli.goal_keys import GoalKeys
 
 if TYPE_CHECKING:
     from jezero.client.dataset import Dataset
@@ -84,15 +84,17 @@ def _follow(printer: Printer, goal: "ImagesGoal", dataset: "Dataset", before: in
         track.append(feedback.pos_uav_ned_m)
         dataset.note(track_ned_m=track, track_frame=feedback.frame, planned=feedback.planned)
         north_m, east_m, down_m = feedback.pos_uav_ned_m
-        rest = "" if goal.remaining_s is None else f", {minutes(goal.remaining_s)} to go"
+        keys.poll()
         there = before + feedback.taken
-        text = f"{there} of {feedback.planned} images, at ({north_m:.2f}, {east_m:.2f}, {down_m:.2f}){rest}"
-        fields = {"pos_uav_ned_m": feedback.pos_uav_ned_m, "frame": feedback.frame}
+        where = f"at ({north_m:.2f}, {east_m:.2f}, {down_m:.2f}){time_to_go(goal)}"
+        text = f"{'paused, ' if goal.paused else ''}{there} of {feedback.planned} images, {where}"
+        fields = {"pos_uav_ned_m": feedback.pos_uav_ned_m, "frame": feedback.frame, "paused": goal.paused}
         counts = {"taken": feedback.taken, "planned": feedback.planned, "remaining_s": goal.remaining_s}
         printer.progress(text, there / max(feedback.planned, 1), goal_id=goal.goal_id, **fields, **counts)
 
-    for picture in goal.pictures(on_feedback):
-        if not dataset.has(picture.image):
-            path = dataset.add(picture)
-            if printer.as_json or not sys.stdout.isatty():
-                printer.event("image", f"image {picture.image.index + 1}: {path}", file=str(path))
+    with GoalKeys(printer, goal) as keys:
+        for picture in goal.pictures(on_feedback):
+            if not dataset.has(picture.image):
+                path = dataset.add(picture)
+                if printer.as_json or not sys.stdout.isatty():
+                    printer.event("image", f"image {picture.image.index + 1}: {path}", file=str(path))

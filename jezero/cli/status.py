@@ -54,7 +54,7 @@ def _print_status(printer: Printer, latest: Any) -> None:
         click.echo(msgspec.json.encode(latest).decode())
         return
     rows = [
-        ("status", f"{latest.code} {latest.name}"),
+        ("status", f"{latest.code} {latest.name}{', paused' if latest.paused else ''}"),
         ("in charge", latest.in_charge + (f" (goal {latest.goal_id})" if latest.goal_id else "")),
         ("autopilot", f"{latest.autopilot_mode or 'no link'}, {'armed' if latest.armed else 'disarmed'}"),
         ("vehicle", "on the ground" if latest.landed else "in the air"),

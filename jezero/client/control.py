@@ -1,13 +1,17 @@
-"""Requests to the vehicle bridge, hover, abort and kill, and the landing at the end of a flight."""
+"""Requests to the vehicle bridge and about the goal in charge, and the landing at the end of a flight."""
+
+from collections.abc import Mapping
+from typing import Any
 
 from jezero.client.errors import Refused
+from jezero.client.goal import modify_goal, pause_goal, resume_goal
 from jezero.client.goal_sender import GoalSender
 from jezero.client.session import Connection
 from jezero.client.status import REPLY_TIMEOUT_S, request_status
-from jezero.schemas.actions import LandOnSpotGoal
-from jezero.schemas.commands import Abort, AbortReply, Hover, HoverReply, Kill, KillReply
+from jezero.schemas.actions import Goal, LandOnSpotGoal
+from jezero.schemas.commands import Abort, AbortReply, Hover, HoverReply, Kill, KillReply, Phase
 from jezero.schemas.state import StatusCode
-from jezero.schemas.topics import ABORT, HOVER, KILL, LAND_ON_SPOT
+from jezero.schemas.topics import ABORT, HOVER, KILL, LAND_ON_SPOT, Action
 
 HOVER_TIMEOUT_S = 10.0
 """Longest wait for a hover: a goal that ends near the ground climbs first, and taking control back takes seconds."""
@@ -32,6 +36,39 @@ def kill(connection: Connection, *, confirm: bool) -> None:
     reply: KillReply = connection.request(KILL, Kill(confirm=confirm), DISARM_TIMEOUT_S)
     if not reply.killed:
         raise Refused(reply.reason)
+
+
+def goal_in_charge(connection: Connection) -> tuple[Action[Any], str]:
+    """Action and id of the goal in charge.
+
+    Raises:
+        Refused: there is none.
+    """
+    status = request_status(connection)
+    if not status.goal_id:
+        raise Refused(f"no goal is in charge, the vehicle is in status {status.code} {status.name}", status.code)
+    # The keys follow from the name alone: the package of another client's action need not be installed here.
+    return Action(status.action, Goal, Any, Any, Phase.ACTION), status.goal_id
+
+
+def pause(connection: Connection) -> str:
+    """See `Vehicle.pause`."""
+    action, goal_id = goal_in_charge(connection)
+    pause_goal(connection, action, goal_id, REPLY_TIMEOUT_S)
+    return goal_id
+
+
+def resume(connection: Connection) -> str:
+    """See `Vehicle.resume`."""
+    action, goal_id = goal_in_charge(connection)
+    resume_goal(connection, action, goal_id, REPLY_TIMEOUT_S)
+    return goal_id
+
+
+def modify(connection: Connection, fields: Mapping[str, Any]) -> tuple[str, str]:
+    """See `Vehicle.modify`."""
+    action, goal_id = goal_in_charge(connection)
+    return goal_id, modify_goal(connection, action, goal_id, fields)
 
 
 def land_here(connection: Connection, goals: GoalSender) -> None:

@@ -1,13 +1,28 @@
 """An accepted goal: its feedback, its result and its cancellation."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, Generic, TypeVar, cast
 
 from jezero.client.errors import Aborted, Canceled, JezeroError, Refused, TimedOut, Unreachable
 from jezero.client.session import Arrivals, Connection, decode, decoder
 from jezero.codec import encode
-from jezero.schemas.actions import Accepted, Cancel, CancelReply, Feedback, GetResult, Rejected, Result, ResultReply
+from jezero.schemas.actions import (
+    Accepted,
+    Cancel,
+    CancelReply,
+    Feedback,
+    GetResult,
+    Modify,
+    ModifyReply,
+    Pause,
+    PauseReply,
+    Rejected,
+    Result,
+    ResultReply,
+    Resume,
+    ResumeReply,
+)
 from jezero.schemas.actions import Goal as GoalPayload
 from jezero.schemas.topics import RESULT, Action
 
@@ -15,6 +30,8 @@ F = TypeVar("F")
 R = TypeVar("R")
 
 GOAL_TIMEOUT_S = 86_400.0
+MODIFY_TIMEOUT_S = 30.0
+"""Longest wait until the vehicle has braked and a new path is planned."""
 RECOVER_S = 5.0
 """Time until all servers are connected again after a restart of the router."""
 POLL_S = 0.3
@@ -28,6 +45,7 @@ class Goal(Generic[F, R]):
         warning: which part of the goal will not be flown as requested, or "".
         code: status code of the vehicle in the last feedback; None before.
         remaining_s: planned time to the goal's end in the last feedback; None before, and where it is unknown.
+        paused: whether the goal was paused, and the vehicle hovered, in the last feedback.
     """
 
     def __init__(self, connection: Connection, action: Action[Any], goal: GoalPayload, timeout_s: float) -> None:
@@ -35,6 +53,7 @@ class Goal(Generic[F, R]):
         self.warning = ""
         self.code: int | None = None
         self.remaining_s: float | None = None
+        self.paused = False
         self._connection = connection
         self._action = action
         self._endpoint = action.endpoint
@@ -115,6 +134,36 @@ class Goal(Generic[F, R]):
         )
         return reply.canceled
 
+    def pause(self) -> None:
+        """Pause the goal: the vehicle brakes and hovers until `resume`; the goal keeps control.
+
+        Raises:
+            Refused: the goal can't be paused now, or has ended; the text is the reason.
+            Unreachable: no action server replies.
+            TimedOut: the reply is missing.
+        """
+        pause_goal(self._connection, self._action, self.goal_id, self._timeout_s)
+
+    def resume(self) -> None:
+        """Go on with a paused goal; raises the errors of `pause`."""
+        resume_goal(self._connection, self._action, self.goal_id, self._timeout_s)
+
+    def modify(self, /, **fields: Any) -> None:
+        """Change fields of the goal while it is flown: `goal.modify(speed_mps=2.0)`.
+
+        The vehicle brakes, and goes on by the new plan. `warning` says what it will not fly as requested.
+
+        Args:
+            fields: new values by name; the action's page lists the fields that may change.
+
+        Raises:
+            Refused: the goal goes on with the old values; the text is the reason.
+            ValueError: a value is NaN or infinite.
+            Unreachable: no action server replies.
+            TimedOut: the reply is missing.
+        """
+        self.warning = modify_goal(self._connection, self._action, self.goal_id, fields)
+
     # -- internals --
 
     def _await_acceptance(self) -> None:
@@ -157,7 +206,7 @@ class Goal(Generic[F, R]):
         reply = self._decode(data)
         if isinstance(reply, Feedback):
             self._connection.set_vehicle_time(reply.t_ns)
-            self.code, self.remaining_s = reply.code, reply.remaining_s
+            self.code, self.remaining_s, self.paused = reply.code, reply.remaining_s, reply.paused
             return cast(F, reply.feedback)
         if isinstance(reply, Result):
             self._connection.set_vehicle_time(reply.t_ns)
@@ -196,6 +245,31 @@ class Goal(Generic[F, R]):
         if connected:
             return f"the connection was lost, and no action server knows goal {self.goal_id}: its server died too"
         return f"{self._connection.loss_reason()}; goal {self.goal_id} may still run"
+
+
+def pause_goal(connection: Connection, action: Action[Any], goal_id: str, timeout_s: float) -> None:
+    """Pause a goal, also another client's; raises the errors of `Goal.pause`."""
+    request = Pause(goal_id=goal_id, issued_t_ns=connection.vehicle_time_ns())
+    reply: PauseReply = connection.request(action.pause, request, timeout_s)
+    if not reply.paused:
+        raise Refused(reply.reason)
+
+
+def resume_goal(connection: Connection, action: Action[Any], goal_id: str, timeout_s: float) -> None:
+    """Resume a goal, also another client's; raises the errors of `Goal.pause`."""
+    request = Resume(goal_id=goal_id, issued_t_ns=connection.vehicle_time_ns())
+    reply: ResumeReply = connection.request(action.resume, request, timeout_s)
+    if not reply.resumed:
+        raise Refused(reply.reason)
+
+
+def modify_goal(connection: Connection, action: Action[Any], goal_id: str, fields: Mapping[str, Any]) -> str:
+    """Modify a goal, also another client's; returns the warning, and raises the errors of `Goal.modify`."""
+    request = Modify(goal_id=goal_id, fields=dict(fields), issued_t_ns=connection.vehicle_time_ns())
+    reply: ModifyReply = connection.request(action.modify, request, MODIFY_TIMEOUT_S)
+    if not reply.modified:
+        raise Refused(reply.reason)
+    return reply.warning
 
 
 def request_result(connection: Connection, goal_id: str) -> ResultReply | None:

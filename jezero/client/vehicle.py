@@ -334,6 +334,27 @@ class Vehicle:
         """End the goal in charge at once, also another client's: hover, or disarm if still on the ground."""
         return control.abort(self._connection, reason)
 
+    def pause(self) -> str:
+        """Pause the goal in charge, also another client's, as `Goal.pause` does; returns its id.
+
+        Raises:
+            Refused: no goal is in charge, or it can't be paused now; the text is the reason.
+        """
+        return control.pause(self._connection)
+
+    def resume(self) -> str:
+        """Go on with the paused goal in charge; returns its id, and raises the errors of `pause`."""
+        return control.resume(self._connection)
+
+    def modify(self, /, **fields: Any) -> tuple[str, str]:
+        """Change fields of the goal in charge, as `Goal.modify` does; returns its id and a warning.
+
+        Raises:
+            Refused: no goal is in charge, or it goes on with the old values; the text is the reason.
+            ValueError: a value is NaN or infinite.
+        """
+        return control.modify(self._connection, fields)
+
     def kill(self, *, confirm: bool = False) -> None:
         """Stop the motors at once, also in the air: a flying vehicle falls.
 

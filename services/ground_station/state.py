@@ -143,6 +143,12 @@ class VehicleState:
             for event in self.events.newest_first
         ]
 
+    @property
+    def paused(self) -> bool:
+        """Whether the goal in charge is paused."""
+        status: Status | None = self._latest(topics.STATUS)
+        return status is not None and status.paused
+
     def goal(self, now_s: float) -> dict[str, Any] | None:
         """Progress of the goal in charge, whoever sent it; None without one."""
         status: Status | None = self._latest(topics.STATUS)
@@ -212,7 +218,7 @@ def _tone(status: Status) -> str:
 def _progress(message: FeedbackMessage[Any]) -> str:
     """Progress in words, from the feedback of any action."""
     feedback = message.feedback
-    parts = []
+    parts = ["paused"] if message.paused else []
     if (distance_m := getattr(feedback, "distance_m", None)) is not None:
         parts.append(f"{distance_m:.1f} m to go")
     if (planned := getattr(feedback, "planned", None)) is not None:

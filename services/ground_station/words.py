@@ -34,7 +34,7 @@ def activity(status: Status) -> str:
     words = ACTIVITIES[StatusCode(status.code)].format(action=status.action.replace("_", " ") or "an action")
     if status.code == StatusCode.IDLE:
         return f"{words}, ready" if status.ready else f"{words}, not ready"
-    return words
+    return f"{words}, paused" if status.paused else words
 
 
 def in_charge(status: Status) -> str:

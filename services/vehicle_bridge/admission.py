@@ -34,6 +34,7 @@ class Grant:
         phases: phases that the goal may go through.
         timer_ns: time of the grant, then of the last accepted setpoint.
         sequence: sequence number of the last accepted setpoint, -1 before the first.
+        paused: the goal is paused, by its last accepted setpoint.
     """
 
     control_id: str
@@ -42,6 +43,7 @@ class Grant:
     phases: tuple[Phase, ...]
     timer_ns: int
     sequence: int = -1
+    paused: bool = False
 
     @property
     def name(self) -> str:

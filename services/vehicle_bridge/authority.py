@@ -89,8 +89,17 @@ class Authority:
     def control_state(self) -> ControlState:
         grant = self.grant
         goal_id, action, control_id = ("", "", "") if grant is None else (grant.goal_id, grant.action, grant.control_id)
-        grants, interventions = self._grants.count, self.interventions
-        return ControlState(self.code, self.in_charge, goal_id, action, control_id, grants, interventions, self.text)
+        return ControlState(
+            code=self.code,
+            in_charge=self.in_charge,
+            goal_id=goal_id,
+            action=action,
+            control_id=control_id,
+            grants=self._grants.count,
+            interventions=self.interventions,
+            text=self.text,
+            paused=grant is not None and grant.paused,
+        )
 
     # -- requests and setpoints --------------------------------------------------------------------------
 
@@ -112,6 +121,9 @@ class Authority:
             self._grants.history.add_flown(grant.goal_id)
         grant.sequence = setpoint.sequence
         grant.timer_ns = vehicle.timer_ns
+        if setpoint.paused is not grant.paused:
+            grant.paused = setpoint.paused
+            self.text = f"{grant.name} is paused" if grant.paused else f"{grant.name} goes on"
         if code is not self.code:
             if self.code is StatusCode.IDLE:
                 self._engagement.start(vehicle)

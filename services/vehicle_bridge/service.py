@@ -331,6 +331,7 @@ class VehicleBridge:
             text=control_state.text[:2000],
             wind_ned_mps=None if wind is None else wind.mean_ned_mps,
             std_gust_mps=None if wind is None else wind.std_gust_mps,
+            paused=control_state.paused,
         )
 
     def _subscribe(self) -> Iterator[Output]:

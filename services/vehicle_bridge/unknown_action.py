@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection
 from difflib import get_close_matches
 
-from jezero.schemas.actions import CancelReply, PlanReply, Rejected
+from jezero.schemas.actions import CancelReply, ModifyReply, PauseReply, PlanReply, Rejected, ResumeReply
 from jezero.schemas.struct import Payload
 from jezero.schemas.topics import RESULT
 
@@ -11,6 +11,9 @@ REFUSALS: dict[str, Callable[[str], Payload]] = {
     "": lambda why: Rejected(reason=why),
     "plan": lambda why: PlanReply(accepted=False, reason=why),
     "cancel": lambda why: CancelReply(canceled=False, reason=why),
+    "pause": lambda why: PauseReply(paused=False, reason=why),
+    "resume": lambda why: ResumeReply(resumed=False, reason=why),
+    "modify": lambda why: ModifyReply(modified=False, reason=why),
 }
 """Replies by the part of the key behind the action's name."""
 NAME_LENGTH_MAX = 64

@@ -125,8 +125,9 @@ class ControlState(msgspec.Struct, frozen=True):
     grants: int
     interventions: int
     text: str
+    paused: bool
 
     @property
     def visible(self) -> tuple[object, ...]:
         """Fields whose change is published at once."""
-        return self.code, self.in_charge, self.control_id, self.interventions
+        return self.code, self.in_charge, self.control_id, self.interventions, self.paused

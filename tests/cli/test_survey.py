@@ -183,7 +183,7 @@ GOAL = AreaCoverageGoal(
 class FakeGoal:
     """A coverage that gives its pictures and ends as told."""
 
-    goal_id, warning, remaining_s = "g", "", 42.0
+    goal_id, warning, remaining_s, paused = "g", "", 42.0, False
 
     def __init__(self, pictures: list[Picture], result: CoverageResult, outcome: str) -> None:
         self._pictures, self._result, self._outcome = pictures, result, outcome

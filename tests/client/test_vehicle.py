@@ -13,7 +13,18 @@ import zenoh
 
 from jezero import Aborted, Canceled, JezeroError, Refused, TimedOut, Unreachable, Vehicle
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, CancelReply, MoveResult, Rejected, Result, ResultReply, TakeoffGoal
+from jezero.schemas.actions import (
+    Accepted,
+    CancelReply,
+    ModifyReply,
+    MoveResult,
+    PauseReply,
+    Rejected,
+    Result,
+    ResultReply,
+    ResumeReply,
+    TakeoffGoal,
+)
 from jezero.schemas.commands import AbortReply, HoverReply, KillReply
 from jezero.schemas.state import StatusCode
 from jezero.zenoh_client import client_config
@@ -136,6 +147,29 @@ def test_a_cancel_is_a_question_of_its_own(vehicle: Vehicle, server: Server) -> 
     goal = vehicle.takeoff()
     assert goal.cancel() is True
     assert server.asked[-1][2] == {"goal_id": "g"}
+
+
+def test_pause_resume_and_modify_name_the_goal_and_tell_the_reason_of_a_refusal(
+    vehicle: Vehicle, server: Server
+) -> None:
+    server.serve("@action/takeoff", ACCEPTED, end=False)
+    server.serve("@action/takeoff/pause", PauseReply(paused=True))
+    server.serve("@action/takeoff/resume", ResumeReply(resumed=False, reason="goal g is not paused"))
+    server.serve("@action/takeoff/modify", ModifyReply(modified=True, warning="flown at 1 m/s"))
+    goal = vehicle.takeoff()
+    goal.pause()
+    assert server.asked[-1][2]["goal_id"] == "g"
+    with pytest.raises(Refused, match="goal g is not paused"):
+        goal.resume()
+    goal.modify(altitude_m=3.0)
+    assert server.asked[-1][2]["fields"] == {"altitude_m": 3.0}
+    assert goal.warning == "flown at 1 m/s"
+
+
+def test_the_goal_in_charge_is_paused_whoever_sent_it(vehicle: Vehicle, server: Server) -> None:
+    server.serve("status", a_status())
+    with pytest.raises(Refused, match="no goal is in charge, the vehicle is in status 3 HOVER"):
+        vehicle.pause()
 
 
 def test_a_server_that_dies_is_told_within_a_second(vehicle: Vehicle, server: Server, endpoint: str) -> None:

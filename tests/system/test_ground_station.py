@@ -151,6 +151,11 @@ def test_keys_hover_and_abort_and_a_wrong_field_tells_why(screen: Screen) -> Non
         for key, ended in (("Space", "hover"), ("Escape", "abort")):
             goal = uav.go_to(20.0, 0.0, -3.0, speed_mps=0.5)
             screen.shows("Flying to a point")  # another client's goal is shown too
+            screen.marked("pause").click()
+            screen.shows("Flying to a point, paused")
+            expect(screen.marked("pause")).to_have_text("Resume", timeout=10_000)
+            screen.marked("pause").click()
+            expect(screen.marked("pause")).to_have_text("Pause", timeout=10_000)
             screen.page.keyboard.press(key)
             screen.shows("Hovering")
             reply = uav.result_of(goal.goal_id)

@@ -11,7 +11,7 @@ from typing import Any
 
 import zenoh
 
-from jezero import JezeroError
+from jezero import JezeroError, Vehicle
 from jezero.schemas.state import StatusCode
 from tests.system.conftest import Stack, wait_for, wait_for_status
 
@@ -47,6 +47,31 @@ def test_a_plain_zenoh_session_takes_off_with_a_selector_and_gets_streamed_feedb
         wait_for_status(vehicle, lambda s: s.code == StatusCode.HOVER, 1.0, "hovering")
         odometry = vehicle.status().odometry
         assert odometry is not None and abs(odometry.pos_uav_ned_m[2] + 3.0) < 0.3
+        pause_resume_and_modify_from_everywhere(stack, vehicle)
+
+
+def pause_resume_and_modify_from_everywhere(stack: Stack, vehicle: Vehicle) -> None:
+    """A goal of the SDK is paused by plain Zenoh, by the command line and by the SDK."""
+    goal = vehicle.go_to(15.0, 0.0, -3.0, speed_mps=1.0)
+    assert zenoh_get(stack, f"@action/go_to/pause?goal_id={goal.goal_id}") == [{"paused": True, "reason": ""}]
+    wait_for_status(vehicle, lambda s: s.paused and s.code == StatusCode.GO_TO, 5.0, "paused")
+    assert f"goal {goal.goal_id} goes on" in printed(stack, "resume")
+    wait_for_status(vehicle, lambda s: not s.paused, 5.0, "going on")
+    goal.pause()
+    wait_for_status(vehicle, lambda s: s.paused, 5.0, "paused again")
+    assert f"modified goal {goal.goal_id}" in printed(stack, "modify", "target_ned_m=[2,2,-3]", "speed_mps=2")
+    assert "frame can't change" in printed(stack, "modify", "frame=rover")
+    assert "'fast' is not KEY=VALUE" in printed(stack, "modify", "fast")
+    goal.resume()
+    north_m, east_m, _ = goal.result(timeout_s=60).pos_uav_ned_m
+    assert abs(north_m - 2.0) < 0.5 and abs(east_m - 2.0) < 0.5
+    assert "no goal is in charge" in printed(stack, "pause")
+
+
+def printed(stack: Stack, *words: str) -> str:
+    """All that a command prints, whether or not it fails."""
+    done = stack.jezero(*words, check=False)
+    return done.stdout + done.stderr
 
 
 ZENOH = str(Path(sys.executable).parent / "zenoh")

@@ -120,6 +120,9 @@ def _chapter(action: Action[Any], common: list[str]) -> Iterator[str]:
     code = CODE_OF[action.phase]
     yield f"## {action.name}\n\n{escape(description_of(action.goal_type))}\n".replace("\n\n\n", "\n")
     yield f"Status {code:d} (`{code.name}`) while it flies, then {completed(code):d} (`{completed(code).name}`).\n"
+    if action.changeable:
+        names = ", ".join(f"`{name}`" for name in action.changeable)
+        yield f"May [change](../concepts/actions.md#pause-resume-modify) while it flies: {names}.\n"
     if action.name in EXAMPLES:
         yield _example(action, EXAMPLES[action.name])
     goal = [field for field in fields_of(action.goal_type) if field.name not in common]

@@ -13,7 +13,7 @@ from jezero.mavlink import MavlinkCodec, dialect
 from jezero.plugins import find_action
 from jezero.runtime.service import Inbox, Output, Reply, Send, Service
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, GetImagesGoal, ImagesResult, Rejected, Result
+from jezero.schemas.actions import Accepted, GetImagesGoal, ImagesResult, Modify, ModifyReply, Rejected, Result
 from jezero.schemas.state import Truth
 from jezero.schemas.units import NS_PER_S
 from jezero.services.autopilot.service import HIL, OFFBOARD
@@ -132,17 +132,32 @@ class ServerJudge:
         """State of each query for this action, by request id."""
         self._images_expected: dict[str, int] = {}
         """Number of images that each goal takes, by goal id."""
+        self._changes: dict[int, Modify] = {}
+        """Changes without a reply so far, by request id."""
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         endpoint = find_action(self.spec.name).endpoint
         for request in inbox.requests(endpoint):
             self._queries[request.request_id] = "sent"
             if isinstance(request.payload, GetImagesGoal):
-                self._images_expected[request.payload.goal_id] = request.payload.num_images
+                # A goal that is sent again may have been modified since.
+                self._images_expected.setdefault(request.payload.goal_id, request.payload.num_images)
+        changes = {
+            request.request_id: request.payload for request in inbox.requests(find_action(self.spec.name).modify)
+        }
+        self._changes.update(changes)
         for output in self._server.step(t_ns, inbox):
             if isinstance(output, Reply) and output.request_id in self._queries:
                 self._on_reply(t_ns, output)
+            elif isinstance(output, Reply) and isinstance(output.payload, ModifyReply):
+                self._on_change(self._changes.pop(output.request_id), output.payload)
             yield output
+
+    def _on_change(self, change: Modify, reply: ModifyReply) -> None:
+        """Expect the new number of images of a goal that was modified."""
+        if reply.modified and change.goal_id in self._images_expected:
+            expected = self._images_expected[change.goal_id]
+            self._images_expected[change.goal_id] = change.fields.get("num_images", expected)
 
     def _on_reply(self, t_ns: int, reply: Reply) -> None:
         state = self._queries[reply.request_id]

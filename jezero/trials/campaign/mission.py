@@ -17,7 +17,7 @@ from jezero.schemas import topics
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.service import Simulator
-from jezero.trials.campaign.clients import PERIOD_S, Client, SentGoal
+from jezero.trials.campaign.clients import PERIOD_S, Client
 from jezero.trials.campaign.faults import (
     AUTOPILOT,
     BRIDGE,
@@ -32,7 +32,10 @@ from jezero.trials.campaign.judge import Judge, Violation
 from jezero.trials.campaign.judge_bridge import BridgeJudge
 from jezero.trials.campaign.judge_landing import LandOnSpotJudge
 from jezero.trials.campaign.judge_others import AutopilotJudge, GoalRecord, ServerJudge, TruthJudge
+from jezero.trials.campaign.judge_pauses import PauseJudge
 from jezero.trials.campaign.link_faults import LinkFaults
+from jezero.trials.campaign.pauser import Pauser
+from jezero.trials.campaign.sent_goals import SentGoal
 from jezero.trials.campaign.worlds import PHYSICS, WORLDS, FaultySensors, World
 from jezero.trials.digest import MessageDigest
 from jezero.trials.recording import virtual_recording
@@ -56,7 +59,8 @@ class MissionReport(msgspec.Struct, frozen=True, kw_only=True):
         violations: sentences, in the order of time.
         faults: number of faults of each kind.
         states: number of times that each status was reached.
-        goals: number of accepted goals by outcome, and of those that were rejected or lost with their server.
+        goals: number of accepted goals by outcome, and of those that were rejected or lost with their server; number of
+            pauses, resumptions and changes that servers accepted.
         sim_time_s: length of the mission in virtual time.
         messages_sha256: SHA-256 of all messages; equal for two missions of the same seed.
         recording: file with the recording of a mission with violations; "" if there is none.
@@ -119,7 +123,7 @@ class Mission:
         others = tuple(name for name in self._makers if name not in known)
         faults = draw_faults(named_random(seed, "faults"), FAULTS_START_MAX_S, others, fault_counts)
         self.faults = [world.translate_fault(fault) for fault in faults]
-        self.clients = [Client(name, self.bus, named_random(seed, name), self._report_event) for name in CLIENTS]
+        self.clients = [self._client(name) for name in CLIENTS]
         self.bus.observe(self._observe)
         self.bus.observe(self._truth)
         if record is not None:
@@ -146,6 +150,10 @@ class Mission:
             simulator.close()
         return self._report()
 
+    def _client(self, name: str) -> Client:
+        pauser = Pauser(name, self.bus, named_random(self.seed, f"{name}/pauses"), self._report_event)
+        return Client(name, self.bus, named_random(self.seed, name), self._report_event, pauser)
+
     # -- the stack -----------------------------------------------------------------------------------------
 
     def _start(self, name: str) -> None:
@@ -167,7 +175,9 @@ class Mission:
             return BridgeJudge(service, self.judge, self._flights)
         if name == topics.LAND_ON_SPOT.name:
             service = LandOnSpotJudge(service, self.judge, lambda: self._truth.truth)
-        return ServerJudge(service, run, self.judge, self._goals) if name in action_names() else service
+        if name not in action_names():
+            return service
+        return ServerJudge(PauseJudge(service, self.judge), run, self.judge, self._goals)
 
     def _start_fault(self, fault: Fault) -> None:
         self._report_event(f"fault: {fault}")
@@ -264,6 +274,8 @@ class Mission:
         for record in self._goals:
             goals[record.outcomes[0][1] if record.outcomes else "lost with its server"] += 1
         goals["rejected"] = sum(sent.known_outcome == "rejected" for client in self.clients for sent in client.sent)
+        for client in self.clients:
+            goals.update(client.pauser.accepted)
         violations: list[Violation] = sorted(self.judge.violations, key=lambda violation: violation.t_s)
         return MissionReport(
             seed=self.seed,

@@ -29,6 +29,10 @@ class AreaCoverage:
     """Flies to the begin of the planned path, along it, and hovers at its end.
 
     In frame `rover` the path is frozen to the world when the goal begins.
+
+    Args:
+        first_index: index of the path's first picture; the goal's pictures before it are taken.
+        taken_before: number of pictures in `capture` that were taken before this path, for a goal that was modified.
     """
 
     def __init__(
@@ -37,12 +41,16 @@ class AreaCoverage:
         plan: "CoveragePlan",
         capture: Capture,
         config: ActionsConfig,
+        first_index: int,
+        taken_before: int,
         t_ns: int,
         state: VehicleState,
     ) -> None:
         self._goal = goal
         self._plan = plan
-        self._capture = capture
+        self.capture = capture
+        self._first_index = first_index
+        self._taken_before = taken_before
         self._config = config
         self._tracker: Tracker | None = None
         """None on the way to the begin of the path."""
@@ -53,7 +61,6 @@ class AreaCoverage:
         self._origin_ned_m = frame_origin_ned_m(goal, state)
         """Origin of the goal's frame, in the world."""
         self._ground = deepcopy(plan.ground)
-        capture.planned = len(plan.pictures_m)
         lines_rad = plan.lines_rad
         ahead = abs(wrap_pi(lines_rad - state.yaw_rad)) <= 0.5 * pi
         self._yaw_rad = wrap_pi(lines_rad if ahead else lines_rad + pi)
@@ -69,6 +76,7 @@ class AreaCoverage:
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
         self._shift_ned_m = state.shift_ned_m
+        self.capture.planned = self._first_index + len(self._plan.pictures_m) - self._plan.first_picture
         if self._lost:
             return Done("aborted", self._lost)
         if self._tracker is None:
@@ -92,7 +100,7 @@ class AreaCoverage:
         if problem := tracker.stuck(t_ns):
             return Done("aborted", problem)
         reference = self._reference(tracker.time_s)
-        if tracker.time_s >= plan.trajectory.duration_s and not self._capture.is_waiting:
+        if tracker.time_s >= plan.trajectory.duration_s and not self.capture.is_waiting:
             return Done("succeeded", hover_pos_ned_m=reference.pos_ned_m)
         velocity, acceleration = tracker.command(dt_s, reference, state)
         return Move(
@@ -114,7 +122,7 @@ class AreaCoverage:
         half_frame_ns = int(0.5 * NS_PER_S / self._config.vehicle.camera.rate_hz)
         times_s = plan.picture_times_s
         while self._requested < len(times_s) and times_s[self._requested] <= tracker.time_s:
-            self._capture.request(plan.first_picture + self._requested, t_ns - half_frame_ns)
+            self.capture.request(self._first_index + self._requested, t_ns - half_frame_ns)
             self._requested += 1
 
     def _reference(self, time_s: float) -> Reference:
@@ -134,19 +142,19 @@ class AreaCoverage:
         return ImagesFeedback(
             pos_uav_ned_m=subtract(state.pos_uav_ned_m, self._origin_ned_m),
             frame=self._goal.frame,
-            taken=self._capture.taken,
-            planned=self._capture.planned,
+            taken=self.capture.taken,
+            planned=self.capture.planned,
         )
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> CoverageResult:
-        images = self._capture.images()
+        images = self.capture.images()
         return CoverageResult(
             completed=completed,
             pos_uav_ned_m=pos_uav_ned_m,
             images=images,
             covered=self._ground.fraction,
             photographed=self._photographed(images),
-            resume=self._remainder(),
+            resume=self._remainder(self._goal),
         )
 
     def _photographed(self, images: tuple[Image, ...]) -> float:
@@ -164,13 +172,45 @@ class AreaCoverage:
             ground.mark(footprint(camera, image.q_ned_from_camera, height_m), north_m, east_m)
         return ground.fraction
 
-    def _remainder(self) -> AreaCoverageGoal | None:
+    @property
+    def next_index(self) -> int:
+        """Index of the next picture."""
+        return self._first_index + self.capture.taken - self._taken_before
+
+    def changed(self, goal: AreaCoverageGoal) -> AreaCoverageGoal | str:
+        """The goal of the rest of the flight with changed fields, in the world; or the reason why there is none.
+
+        Another area is covered from its begin. In the same area the missing pictures are taken.
+        """
+        before = self._goal
+        if (goal.polygon_ned_m, goal.holes_ned_m) == (before.polygon_ned_m, before.holes_ned_m):
+            if goal.z_ned_m != before.z_ned_m and goal.resolution_m is None:
+                return (
+                    "the lines of an area that is given with an overlap depend on the height: change polygon_ned_m, to "
+                    "the area that remains, together with z_ned_m"
+                )
+            return self._remainder(goal) or "all pictures are taken already"
+        return self._in_world(goal, first_picture=0, start_ned_m=None)
+
+    def _remainder(self, goal: AreaCoverageGoal) -> AreaCoverageGoal | None:
         """The goal that takes the missing pictures, or None when there are none."""
-        goal, plan = self._goal, self._plan
-        first = plan.first_picture + self._capture.taken
+        plan = self._plan
+        first = plan.first_picture + self.capture.taken - self._taken_before
         if first >= len(plan.pictures_m):
             return None
-        by_ned_m = add(self._origin_ned_m, self._shift_ned_m)
+        start_ned_m = _moved((plan.start_m,), self._moved_by)[0]
+        return self._in_world(goal, first_picture=first, start_ned_m=start_ned_m)
+
+    @property
+    def _moved_by(self) -> Vec3:
+        """Vector from the origin of the present world frame to that of the goal's frame."""
+        return add(self._origin_ned_m, self._shift_ned_m)
+
+    def _in_world(
+        self, goal: AreaCoverageGoal, *, first_picture: int, start_ned_m: tuple[float, float] | None
+    ) -> AreaCoverageGoal:
+        """The same goal in the present world frame, to be planned anew."""
+        by_ned_m = self._moved_by
         return msgspec.structs.replace(
             goal,
             goal_id="",
@@ -180,8 +220,8 @@ class AreaCoverage:
             polygon_ned_m=_moved(goal.polygon_ned_m, by_ned_m),
             holes_ned_m=tuple(_moved(hole, by_ned_m) for hole in goal.holes_ned_m),
             z_ned_m=goal.z_ned_m + by_ned_m[2],
-            start_ned_m=_moved((plan.start_m,), by_ned_m)[0],
-            first_picture=first,
+            start_ned_m=start_ned_m,
+            first_picture=first_picture,
         )
 
 

@@ -16,6 +16,7 @@ from jezero.services.actions.motion.behaviour import Plan, Preparation, Prepared
 from jezero.services.actions.motion.capture import Capture
 from jezero.services.actions.motion.limits import point_refusal, speed_refusal
 
+TOO_LONG = "take fewer corners or holes, a coarser resolution, or map the area in parts"
 MOVED_MAX_M = 5.0
 """Greatest horizontal distance of the vehicle from where it was at the planning, for a plan that is flown by its id:
 the way to the begin of the path, with its time and battery, would be another than the one that was shown."""
@@ -54,6 +55,22 @@ class AreaCoveragePlanner:
             check_inputs=partial(_check_inputs, goal, capture, shown),
         )
 
+    def replan(self, goal: AreaCoverageGoal, status: Status, running: AreaCoverage) -> Plan | Refusal:
+        """Plan the rest of a coverage under way, with its missing pictures, or with those of another area."""
+        rest = running.changed(goal)
+        if isinstance(rest, str):
+            return Refusal(rest)
+        limits = self._config.vehicle.limits
+        if reason := point_refusal((0.0, 0.0, rest.z_ned_m), limits) or speed_refusal(rest.speed_mps, limits):
+            return Refusal(reason)
+        capture, index = running.capture, running.next_index
+        preparation = Preparation(
+            work=partial(self._work, rest),
+            start=partial(self._prepared, rest, capture, first_index=index, taken_before=capture.taken),
+            too_long=TOO_LONG,
+        )
+        return Plan(preparation, capture=capture, rate_hz=self._config.tracking.rate_hz)
+
     def _preparation(self, goal: AreaCoverageGoal, status: Status, capture: Capture) -> Preparation:
         """Planning of the path, which takes up to some seconds."""
 
@@ -65,14 +82,23 @@ class AreaCoveragePlanner:
             work=partial(self._work, goal),
             start=start,
             feedback=partial(_feedback, goal),
-            too_long="take fewer corners or holes, a coarser resolution, or map the area in parts",
+            too_long=TOO_LONG,
         )
 
     def _work(self, goal: AreaCoverageGoal, state: VehicleState) -> Callable[[], ShownPlan | Refusal]:
         return partial(plan_or_refuse, goal, self._config, _position_m(goal, state), frame_origin_ned_m(goal, state))
 
-    def _prepared(self, goal: AreaCoverageGoal, capture: Capture, made: ShownPlan) -> Prepared:
-        start = partial(AreaCoverage, goal, made.plan, capture, self._config)
+    def _prepared(
+        self,
+        goal: AreaCoverageGoal,
+        capture: Capture,
+        made: ShownPlan,
+        *,
+        first_index: int | None = None,
+        taken_before: int = 0,
+    ) -> Prepared:
+        first_index = made.plan.first_picture if first_index is None else first_index
+        start = partial(AreaCoverage, goal, made.plan, capture, self._config, first_index, taken_before)
         return Prepared(start, warning=made.plan.warning, coverage=made.shown)
 
 

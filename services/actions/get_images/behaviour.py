@@ -4,6 +4,7 @@ from jezero.frames import Vec3
 from jezero.schemas.actions import GetImagesGoal, ImagesResult
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.get_images.config import GetImagesConfig
+from jezero.services.actions.get_images.orbit import Turn
 from jezero.services.actions.get_images.orbit_flight import OrbitFlight
 from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState
 from jezero.services.actions.motion.capture import Capture
@@ -15,12 +16,14 @@ class GetImages:
 
     Args:
         speed_mps: along the circle.
+        turn: progress of the turn, which is under way for a goal that was modified.
     """
 
     def __init__(
         self,
         goal: GetImagesGoal,
         speed_mps: float,
+        turn: Turn,
         capture: Capture,
         settings: GetImagesConfig,
         config: ActionsConfig,
@@ -29,12 +32,18 @@ class GetImages:
     ) -> None:
         self._goal = goal
         self._speed_mps = speed_mps
-        self._capture = capture
+        self._turn = turn
+        self.capture = capture
         self._settings = settings
         self._config = config
         self._yaw_start_rad = state.yaw_rad
         self._flight: OrbitFlight | None = None
         """None until the goal's frame is known."""
+
+    @property
+    def turn(self) -> Turn:
+        """Progress of the turn."""
+        return self._turn if self._flight is None else self._flight.turn
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
         if self._goal.frame == "rover":
@@ -45,18 +54,20 @@ class GetImages:
         return None if self._flight is None else self._flight.remaining()
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> ImagesResult:
-        return ImagesResult(completed=completed, pos_uav_ned_m=pos_uav_ned_m, images=self._capture.images())
+        return ImagesResult(completed=completed, pos_uav_ned_m=pos_uav_ned_m, images=self.capture.images())
 
     def _fly(self, t_ns: int, state: VehicleState) -> Move | Done:
         """Step the flight; state and result are in the goal's frame."""
         if self._flight is None:
+            self.capture.planned = self._goal.num_images
             self._flight = OrbitFlight(
                 t_ns,
                 state,
                 goal=self._goal,
                 speed_mps=self._speed_mps,
                 yaw_start_rad=self._yaw_start_rad,
-                capture=self._capture,
+                turn=self._turn,
+                capture=self.capture,
                 settings=self._settings,
                 config=self._config,
             )

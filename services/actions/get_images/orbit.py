@@ -1,6 +1,8 @@
 """Geometry of a flight around a target, and aiming of the camera. Source: thesis §3.5, eqs. 3.1 to 3.6."""
 
+from itertools import pairwise
 from math import atan2, copysign, cos, hypot, pi, sin
+from typing import NamedTuple
 
 from jezero.frames import Quat, Vec3, quat_conjugate, quat_rotate, wrap_pi
 from jezero.services.actions.motion.speed_profile import SpeedProfile
@@ -12,16 +14,23 @@ class Orbit:
 
     Args:
         center_ned_m: (3,) its z is the orbit's.
-        phase_rad: angle at which the turn begins and ends, from north, positive towards east.
+        phase_rad: angle at which the turn begins, from north, positive towards east.
+        turn_rad: how far it leads around the centre.
     """
 
     def __init__(
-        self, center_ned_m: Vec3, radius_m: float, phase_rad: float, speed_mps: float, acceleration_mps2: float
+        self,
+        center_ned_m: Vec3,
+        radius_m: float,
+        phase_rad: float,
+        speed_mps: float,
+        acceleration_mps2: float,
+        turn_rad: float = 2.0 * pi,
     ) -> None:
         self.center_ned_m = center_ned_m
         self.radius_m = radius_m
         self.phase_rad = phase_rad
-        self.profile = SpeedProfile(2.0 * pi * radius_m, speed_mps, acceleration_mps2)
+        self.profile = SpeedProfile(turn_rad * radius_m, speed_mps, acceleration_mps2)
 
     def at(self, time_s: float) -> Reference:
         """Reference at a time since the begin of the turn."""
@@ -34,6 +43,40 @@ class Orbit:
             (-speed_mps * s, speed_mps * c, 0.0),
             (-acceleration_mps2 * s - inwards_mps2 * c, acceleration_mps2 * c - inwards_mps2 * s, 0.0),
         )
+
+
+class Turn(NamedTuple):
+    """Progress of a turn.
+
+    Attributes:
+        turned_rad: angle that the vehicle has flown around the centre.
+        requested: number of pictures requested so far.
+        points_rad: angle of each picture's point since the begin of the turn.
+    """
+
+    turned_rad: float
+    requested: int
+    points_rad: tuple[float, ...]
+
+    @classmethod
+    def begin(cls, num_images: int) -> "Turn":
+        """The turn before its first picture, with evenly spread points."""
+        return cls(0.0, 0, tuple(2.0 * pi * number / num_images for number in range(num_images)))
+
+    def with_images(self, num_images: int) -> "Turn":
+        """The same turn with another number of pictures in all: those that are missing are spread over its rest."""
+        if num_images == len(self.points_rad):
+            return self
+        done = self.points_rad[: self.requested]
+        begin_rad, missing = done[-1], num_images - self.requested
+        spacing_rad = (2.0 * pi - begin_rad) / (missing + 1)
+        return self._replace(points_rad=(*done, *(begin_rad + spacing_rad * (i + 1) for i in range(missing))))
+
+    @property
+    def spacing_min_rad(self) -> float:
+        """Smallest angle between two points that are still to come."""
+        left = (*self.points_rad[max(self.requested - 1, 0) :], 2.0 * pi)
+        return min(other - one for one, other in pairwise(left))
 
 
 def nearest_phase(center_ned_m: Vec3, pos_ned_m: Vec3, yaw_rad: float) -> float:

@@ -6,12 +6,12 @@ camera's axes keep the target in the middle of the picture.
 
 from math import pi
 
-from jezero.frames import add, scale, subtract, wrap_pi
+from jezero.frames import Vec3, add, scale, subtract, wrap_pi
 from jezero.schemas.actions import GetImagesGoal, ImagesFeedback
 from jezero.schemas.commands import Phase
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.get_images.config import GetImagesConfig
-from jezero.services.actions.get_images.orbit import Orbit, aim, facing, nearest_phase
+from jezero.services.actions.get_images.orbit import Orbit, Turn, aim, facing, nearest_phase
 from jezero.services.actions.motion.arrival import ArrivalDetector
 from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState
 from jezero.services.actions.motion.capture import Capture
@@ -33,6 +33,7 @@ class OrbitFlight:
     Args:
         speed_mps: along the circle.
         yaw_start_rad: heading setpoint at the start.
+        turn: its progress so far.
     """
 
     def __init__(
@@ -43,6 +44,7 @@ class OrbitFlight:
         goal: GetImagesGoal,
         speed_mps: float,
         yaw_start_rad: float,
+        turn: Turn,
         capture: Capture,
         settings: GetImagesConfig,
         config: ActionsConfig,
@@ -54,13 +56,17 @@ class OrbitFlight:
         self._arrival = ArrivalDetector(config.move, SETTLED_S)
         self._arrived_ns: int | None = None
         """Start of the turn; None on the way to it."""
-        self._turned_rad = 0.0
-        """Angle that the vehicle has flown around the centre since the turn began."""
-        self._requested = 0
-        """Number of pictures requested so far."""
+        self._turn = turn
         pos_ned_m, move = state.pos_uav_ned_m, config.move
         self._phase_rad = nearest_phase(goal.center_ned_m, pos_ned_m, state.yaw_rad)
-        self._orbit = Orbit(goal.center_ned_m, goal.radius_m, self._phase_rad, speed_mps, settings.acceleration_mps2)
+        self._orbit = Orbit(
+            goal.center_ned_m,
+            goal.radius_m,
+            self._phase_rad,
+            speed_mps,
+            settings.acceleration_mps2,
+            max(2.0 * pi - turn.turned_rad, 0.0),
+        )
         start_ned_m = self._orbit.at(0.0).pos_ned_m
         straight_mps = straight_speed_mps(pos_ned_m, start_ned_m, config.go_to.speed_mps, move)
         self._way_in = TimedStraightPath(pos_ned_m, start_ned_m, straight_mps, move.accel_mps2)
@@ -68,15 +74,25 @@ class OrbitFlight:
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
         """Next setpoint, or the end."""
-        path: TimedStraightPath | Orbit = self._way_in if self._arrived_ns is None else self._orbit
-        dt_s = self._tracker.advance(t_ns, path.at(self._tracker.time_s), state)
+        dt_s = self._tracker.advance(t_ns, self._path.at(self._tracker.time_s), state)
         if problem := self._tracker.stuck(t_ns):
             return Done("aborted", problem)
         if self._arrived_ns is None:
             self._settle(t_ns, state)
         elif self._go_around(t_ns, state):
-            return Done("succeeded", hover_pos_ned_m=self._orbit.at(0.0).pos_ned_m)
-        return self._move(dt_s, path, state)
+            return Done("succeeded", hover_pos_ned_m=self._end_ned_m)
+        return self._move(dt_s, state)
+
+    @property
+    def turn(self) -> Turn:
+        """Progress of the turn."""
+        return self._turn
+
+    @property
+    def _end_ned_m(self) -> Vec3:
+        """Where the flight ends: at the end of the turn, or where it would begin for a single picture."""
+        orbit = self._orbit
+        return orbit.at(orbit.profile.duration_s if self._goal.num_images > 1 else 0.0).pos_ned_m
 
     def remaining(self) -> Remaining:
         """Rest of the way to the orbit and around it; a goal with one picture ends where the turn would begin."""
@@ -106,21 +122,27 @@ class OrbitFlight:
         goal, orbit = self._goal, self._orbit
         north_m, east_m, _ = subtract(position_now(state), orbit.center_ned_m)
         phase_rad = nearest_phase((0.0, 0.0, 0.0), (north_m, east_m, 0.0), state.yaw_rad)
-        self._turned_rad += wrap_pi(phase_rad - self._phase_rad)
+        turned_rad = self._turn.turned_rad + wrap_pi(phase_rad - self._phase_rad)
+        requested, points_rad = self._turn.requested, self._turn.points_rad
         self._phase_rad = phase_rad
-        spacing_rad = 2.0 * pi / goal.num_images
         over = self._tracker.time_s >= orbit.profile.duration_s
-        while self._requested < goal.num_images:
-            if self._requested > 0 and self._turned_rad < self._requested * spacing_rad and not over:
+        while requested < goal.num_images:
+            if requested > 0 and turned_rad < points_rad[requested] and not over:
                 break
-            self._capture.request(self._requested, t_ns)
-            self._requested += 1
-        done = self._requested == goal.num_images and not self._capture.is_waiting
+            self._capture.request(requested, t_ns)
+            requested += 1
+        self._turn = self._turn._replace(turned_rad=turned_rad, requested=requested)
+        done = requested == goal.num_images and not self._capture.is_waiting
         return done and (over or goal.num_images == 1)
 
-    def _move(self, dt_s: float, path: TimedStraightPath | Orbit, state: VehicleState) -> Move:
+    @property
+    def _path(self) -> TimedStraightPath | Orbit:
+        """The way to the orbit, then the orbit."""
+        return self._way_in if self._arrived_ns is None else self._orbit
+
+    def _move(self, dt_s: float, state: VehicleState) -> Move:
         goal = self._goal
-        reference = path.at(self._tracker.time_s)
+        reference = self._path.at(self._tracker.time_s)
         lead_ned_mps = scale(reference.acc_ned_mps2, VELOCITY_LEAD_S)
         reference = reference._replace(vel_ned_mps=add(reference.vel_ned_mps, lead_ned_mps))
         vel_ned_mps, acc_ned_mps2 = self._tracker.command(dt_s, reference, state)

@@ -1,7 +1,7 @@
 """Plans flights around a target, and refuses those that can't be flown."""
 
 from functools import partial
-from math import hypot, pi, sqrt
+from math import hypot, sqrt
 
 from jezero.frames import Vec3, add
 from jezero.schemas.actions import GetImagesGoal
@@ -10,6 +10,7 @@ from jezero.schemas.topics import RELATIVE
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.get_images.behaviour import GetImages
 from jezero.services.actions.get_images.config import GetImagesConfig
+from jezero.services.actions.get_images.orbit import Turn
 from jezero.services.actions.motion.behaviour import Plan, Refusal, VehicleState
 from jezero.services.actions.motion.capture import Capture
 from jezero.services.actions.motion.limits import beyond_limits, distance_refusal, point_refusal, speed_refusal
@@ -30,16 +31,31 @@ class GetImagesPlanner:
 
     def plan(self, goal: GetImagesGoal, status: Status) -> Plan | Refusal:
         """Plan the turn; its speed is lower than the goal's where the circle is small or has many pictures."""
+        capture = Capture(self._config.capture, self._config.vehicle, goal.num_images, stream=goal.stream_images)
+        return self._plan(goal, Turn.begin(goal.num_images), capture)
+
+    def replan(self, goal: GetImagesGoal, status: Status, running: GetImages) -> Plan | Refusal:
+        """Plan the rest of the turn on the changed circle, with the pictures that are still missing."""
+        turn = running.turn
+        if turn.requested == 0:
+            return self._plan(goal, Turn.begin(goal.num_images), running.capture)
+        if goal.num_images <= turn.requested:
+            return Refusal(
+                f"{turn.requested} pictures are taken already: ask for more than that, or cancel the goal, whose "
+                "result has them"
+            )
+        return self._plan(goal, turn.with_images(goal.num_images), running.capture)
+
+    def _plan(self, goal: GetImagesGoal, turn: Turn, capture: Capture) -> Plan | Refusal:
         if reason := shape_refusal(goal, self._settings, self._config.vehicle.limits):
             return Refusal(reason)
         wanted_mps = self._settings.speed_mps if goal.speed_mps is None else goal.speed_mps
-        speed_mps = min(wanted_mps, self._speed_max_mps(goal))
+        speed_mps = min(wanted_mps, self._speed_max_mps(goal, turn))
         slower = (
             f"flown at {speed_mps:.2g} m/s instead of {wanted_mps:g} m/s: the circle is small, or has many pictures"
         )
-        capture = Capture(self._config.capture, self._config.vehicle, goal.num_images, stream=goal.stream_images)
         return Plan(
-            partial(GetImages, goal, speed_mps, capture, self._settings, self._config),
+            partial(GetImages, goal, speed_mps, turn, capture, self._settings, self._config),
             warning=slower if goal.speed_mps is not None and speed_mps < wanted_mps else "",
             inputs=(RELATIVE,) if goal.frame == "rover" else (),
             capture=capture,
@@ -59,10 +75,10 @@ class GetImagesPlanner:
                 return reason
         return capture.refusal()
 
-    def _speed_max_mps(self, goal: GetImagesGoal) -> float:
+    def _speed_max_mps(self, goal: GetImagesGoal, turn: Turn) -> float:
         """Greatest speed that the circle's radius and the camera's rate allow."""
         rate_hz = self._config.vehicle.camera.rate_hz
-        spacing_m = 2.0 * pi * goal.radius_m / goal.num_images
+        spacing_m = turn.spacing_min_rad * goal.radius_m
         tight_mps = sqrt(self._settings.inwards_max_mps2 * goal.radius_m)
         return min(tight_mps, spacing_m * rate_hz / EXPOSURES_PER_PICTURE)
 

@@ -39,8 +39,13 @@ class GoTo:
         elif not self._in_rover_frame:
             self._path = self._path_from(t_ns, state.pos_uav_ned_m, state.yaw_rad)
 
+    @property
+    def climbs(self) -> bool:
+        """Whether the takeoff is not over yet."""
+        return self._climb is not None and not self._climb.path.reached
+
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
-        if self._climb is not None and not self._climb.path.reached:
+        if self._climb is not None and self.climbs:
             return self._go_up(t_ns, self._climb, state)
         if self._in_rover_frame:
             return step_in_rover_frame(self._go_along, t_ns, state)

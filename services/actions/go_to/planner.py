@@ -2,6 +2,8 @@
 
 from functools import partial
 
+from msgspec.structs import replace
+
 from jezero.frames import add, altitude_m
 from jezero.schemas.actions import GoToGoal
 from jezero.schemas.state import Status, StatusCode
@@ -36,6 +38,12 @@ class GoToPlanner:
             inputs=(RELATIVE,) if in_rover_frame else (),
             check_inputs=partial(self._check_inputs, goal) if in_rover_frame else None,
         )
+
+    def replan(self, goal: GoToGoal, status: Status, running: GoTo) -> Plan | Refusal:
+        """Plan the straight flight from where the vehicle hovers to the changed target."""
+        if running.climbs:
+            return Refusal("the vehicle still takes off: modify the goal when it flies to its target")
+        return self.plan(replace(goal, do_takeoff=False), status)
 
     def _check_inputs(self, goal: GoToGoal, state: VehicleState) -> str:
         """Reason why a target in the rover's frame can't be flown to, or ""."""

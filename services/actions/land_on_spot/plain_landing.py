@@ -15,6 +15,7 @@ from jezero.services.actions.land_on_spot.contact import (
     OnSurface,
     feet_from_uav_ned_m,
 )
+from jezero.services.actions.land_on_spot.paused_hover import PausedHover
 from jezero.services.actions.land_on_spot.remaining import plain_descent_remaining
 from jezero.services.actions.land_on_spot.tilt_contact_detector import TiltContactDetector, landing_outcome
 from jezero.services.actions.land_on_spot.wind_limit import WindLimit
@@ -73,6 +74,7 @@ class PlainLanding:
         self._still_since_ns: int | None = None
         self._tilt_contact = TiltContactDetector()
         self._leaves_ns: int | None = None
+        self._paused = PausedHover(settings.plain.approach_height_min_m)
         x, y, z = state.pos_uav_ned_m
         height_m = altitude_m(z) if state.height_m is None else state.height_m
         up_m = max(0.0, settings.plain.approach_height_min_m - height_m)
@@ -106,6 +108,26 @@ class PlainLanding:
         if self._go_arounds.climbing:
             return self._go_around(t_ns, state)
         return self._descend(t_ns, state)
+
+    @property
+    def approaches(self) -> bool:
+        """Whether the vehicle is still on its way to the spot."""
+        return self._phase == "approach"
+
+    def pause_refusal(self, state: VehicleState) -> str:
+        """Reason why the landing can't be paused now, or ""."""
+        if self._phase == "contact" or self._leaves_ns is not None:
+            return "the vehicle touches the ground: the landing ends in a moment, or goes around"
+        return ""
+
+    def hold(self, t_ns: int, dt_s: float, state: VehicleState) -> Move | None:
+        """Hover in the descent, where a low vehicle climbs first; None in the approach, whose path stands still."""
+        if self._phase == "approach":
+            return None
+        if self._phase_since_ns != t_ns:
+            self._enter("descent", t_ns)  # what was measured of a contact so far counts no more
+            self._paused = PausedHover(self._settings.approach_height_min_m)
+        return self._move(state, self._paused.velocity(dt_s, state.pos_uav_ned_m, state.height_m))
 
     def _descend(self, t_ns: int, state: VehicleState) -> Move | Done:
         """Descend and press down until the autopilot detects the ground."""

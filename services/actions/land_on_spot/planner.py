@@ -28,6 +28,14 @@ class LandOnSpotPlanner:
             return Refusal(reason)
         return self._on_spot(goal)
 
+    def replan(self, goal: LandOnSpotGoal, status: Status, running: PlainLanding | RoverLanding) -> Plan | Refusal:
+        """Plan the landing on another spot, from where the vehicle hovers on its way to the first one."""
+        if not isinstance(running, PlainLanding):
+            return Refusal("the sensors find the rover: only a landing without UWB and tags can change its spot")
+        if not running.approaches:
+            return Refusal("the vehicle descends onto its spot already: cancel the goal, and land again elsewhere")
+        return self.plan(goal, status)
+
     def _on_spot(self, goal: LandOnSpotGoal) -> Plan | Refusal:
         """Plan by the sensors that the goal selects, whatever the wind is."""
         spot_ned_m = goal.landing_spot_ned_m

@@ -24,12 +24,13 @@ from jezero.services.actions.land_on_spot.contact import (
 )
 from jezero.services.actions.land_on_spot.descent import Descent, TouchdownDetector
 from jezero.services.actions.land_on_spot.landing_watch import LandingWatch
+from jezero.services.actions.land_on_spot.paused_hover import PausedHover
 from jezero.services.actions.land_on_spot.platform_control import PlatformControl, PlatformState, platform_state_at
 from jezero.services.actions.land_on_spot.remaining import rover_landing_remaining
 from jezero.services.actions.land_on_spot.search import Search, towards
 from jezero.services.actions.land_on_spot.tilt_contact_detector import landing_outcome
 from jezero.services.actions.land_on_spot.wind_limit import WindLimit
-from jezero.services.actions.motion.behaviour import Done, Move, Remaining, Selection, VehicleState
+from jezero.services.actions.motion.behaviour import Done, Move, MovingFrame, Remaining, Selection, VehicleState
 from jezero.vehicle_config import VehicleConfig
 
 CLEAR_M = 1.0
@@ -109,6 +110,8 @@ class RoverLanding:
         self._loss_reason = ""
         self._start_ns = self._t_ns = self._measured_ns = self._wait_from_ns = t_ns
         self._contact_ns = 0
+        self._t_paused_ns = -1
+        self._paused = PausedHover(land.height_approach_m)
         self._yaw_rad = state.yaw_rad
         self._hold_ned_m = state.pos_uav_ned_m
         self._feet_ned_m = STILL
@@ -126,6 +129,36 @@ class RoverLanding:
         if self._phase == "go_around":
             return self._go_around(t_ns, dt_s, measured, state)
         return self._go_on(t_ns, dt_s, measured, state)
+
+    def pause_refusal(self, state: VehicleState) -> str:
+        """Reason why the landing can't be paused now, or ""."""
+        if self._phase == "contact":
+            return "the vehicle touches the platform: the landing ends in a moment, or goes around"
+        if self._phase == "go_around":
+            return "the vehicle climbs after a bad contact: pause the goal again in some seconds"
+        return ""
+
+    def hold(self, t_ns: int, dt_s: float, state: VehicleState) -> Move | Done:
+        """Hover over the rover while it is in sight, else where it is; the landing goes on with its approach.
+
+        A vehicle lower than the approach climbs to its height first: a rover may turn or stop at any time, and the
+        ground and the platform push and pull a vehicle that hovers close to them.
+        """
+        if self._t_paused_ns != t_ns:
+            self._t_paused_ns = t_ns
+            self._paused = PausedHover(self._land.height_approach_m, self._vel_supposed_ned_mps)
+        measured = self._update_platform(t_ns, dt_s, state)
+        self._hold_ned_m = state.pos_uav_ned_m
+        if self._phase != "search":
+            self._phase = "approach"
+        if (end := self._watch.update(t_ns, state, self._phase, self._loss_reason)) is not None:
+            return end
+        if measured is None:
+            return self._move(state, self._paused.velocity(dt_s, state.pos_uav_ned_m, state.height_m), None)
+        vel_rover_ned_mps = measured.vel_rover_ned_mps
+        return self._move(
+            state, self._paused.velocity(dt_s, measured.pos_ned_m, measured.height_m, vel_rover_ned_mps), None
+        )
 
     def _go_on(self, t_ns: int, dt_s: float, measured: PlatformState | None, state: VehicleState) -> Move | Done:
         """Go on with a landing that nothing interrupts."""
@@ -381,8 +414,14 @@ class RoverLanding:
         return replace(move, target_ned_m=subtract(state.pos_uav_ned_m, (*offset_m, 0.0)))
 
     def _move(self, state: VehicleState, vel_ned_mps: Vec3, acc_ned_mps2: Vec3 | None) -> Move:
-        feedback = self._feedback(state)
-        return Move(Phase.LANDING, feedback, vel_ned_mps=vel_ned_mps, acc_ned_mps2=acc_ned_mps2, yaw_rad=self._yaw_rad)
+        return Move(
+            Phase.LANDING,
+            self._feedback(state),
+            vel_ned_mps=vel_ned_mps,
+            acc_ned_mps2=acc_ned_mps2,
+            yaw_rad=self._yaw_rad,
+            frame=MovingFrame(vel_ned_mps=self._vel_supposed_ned_mps),
+        )
 
     def _feedback(self, state: VehicleState) -> LandFeedback:
         pos_rel_ned_m = None if self._platform is None else self._platform.pos_ned_m

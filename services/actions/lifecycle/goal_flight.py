@@ -28,6 +28,7 @@ from jezero.schemas.topics import (
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.control_lease import ControlLease
 from jezero.services.actions.lifecycle.ground_proximity import GroundProximity
+from jezero.services.actions.lifecycle.pause_control import PauseControl
 from jezero.services.actions.lifecycle.runaway_detector import RunawayDetector
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 from jezero.services.actions.lifecycle.vehicle_view import (
@@ -36,7 +37,17 @@ from jezero.services.actions.lifecycle.vehicle_view import (
     VehicleView,
     is_fresh,
 )
-from jezero.services.actions.motion.behaviour import Done, Move, Plan, Remaining, Start, remaining_of
+from jezero.services.actions.motion.behaviour import (
+    Behaviour,
+    Done,
+    Move,
+    Plan,
+    Remaining,
+    Start,
+    VehicleState,
+    pause_refusal_of,
+    remaining_of,
+)
 from jezero.services.actions.motion.limits import beyond_limits
 from jezero.vehicle_config import VehicleConfig
 
@@ -67,6 +78,7 @@ class GoalContext:
         lease: its own selection of the estimator's inputs; None: it has none.
         vehicle: has the limits of the goal's points.
         epoch_id: of the vehicle that the goal is for.
+        acceleration_mps2: with which a pause brakes.
         watchers: ids of the requests that get replies.
     """
 
@@ -78,6 +90,7 @@ class GoalContext:
     lease: SelectionLease | None
     vehicle: VehicleConfig
     epoch_id: int
+    acceleration_mps2: float
     watchers: list[int] = field(default_factory=list)
 
 
@@ -109,6 +122,7 @@ class GoalFlight:
         self._limits = context.vehicle.limits
         self._ground = GroundProximity(context.vehicle)
         self._runaway = RunawayDetector()
+        self._pause = PauseControl(t_ns, context.acceleration_mps2)
         self._control = ControlLease(context.epoch_id)
         self._watchers = context.watchers
         self._tag = ""
@@ -125,7 +139,7 @@ class GoalFlight:
         """End of the behaviour, while control is released."""
         self._view.begin(odometry)
         state = self._view.state(t_ns, inbox, odometry)
-        self._behaviour = start(t_ns, state)
+        self._behaviour: Behaviour = start(t_ns, state)
         move = self._behaviour.step(t_ns, state)
         self.planned: Remaining | Done | None = move if isinstance(move, Done) else remaining_of(self._behaviour, state)
         self._first = self._feedback(t_ns, move, odometry, inbox) if isinstance(move, Move) else None
@@ -142,6 +156,50 @@ class GoalFlight:
         if self._first is not None and with_feedback:
             yield from self._publish_feedback(t_ns, self._first)
         yield SetRate(FIRST_SETPOINT_HZ)
+
+    def pause(self, t_ns: int, inbox: Inbox) -> str:
+        """Pause as soon as the vehicle has braked; returns the reason why it can't be paused, or ""."""
+        odometry = self._view.odometry(inbox)
+        if odometry is None:
+            return "the vehicle's position is unknown"
+        if refusal := pause_refusal_of(self._behaviour, self._state(t_ns, inbox, odometry)):
+            return refusal
+        self._pause.wanted = True
+        return ""
+
+    def resume(self) -> bool:
+        """Go on; returns False when the goal isn't paused."""
+        was_wanted, self._pause.wanted = self._pause.wanted, False
+        return was_wanted
+
+    @property
+    def behaviour(self) -> Behaviour:
+        """The running behaviour."""
+        return self._behaviour
+
+    def brake(self, t_ns: int, inbox: Inbox) -> VehicleState | str:
+        """Stop for a change of the goal; returns the state at rest, "" on the way to it, or why it can't stop."""
+        odometry = self._view.odometry(inbox)
+        if odometry is None:
+            return "the vehicle's position is unknown"
+        state = self._state(t_ns, inbox, odometry)
+        if not self._pause.hovers and (refusal := pause_refusal_of(self._behaviour, state)):
+            return refusal
+        self._pause.changing = True
+        waits = self._capture is not None and self._capture.is_waiting
+        if not self._pause.hovers or waits or self._move is None:
+            return ""
+        held_ned_m = self._move.pos_ned_m if self._move.frame is None else None
+        return state if held_ned_m is None else msgspec.structs.replace(state, pos_uav_ned_m=held_ned_m)
+
+    def go_on(self, behaviour: Behaviour | None = None) -> None:
+        """Go on after a stop for a change: with the behaviour of the changed goal, or with the present one."""
+        self._pause.changing = False
+        self._behaviour = behaviour or self._behaviour
+
+    def goal_time_ns(self, t_ns: int) -> int:
+        """The goal's own time at a time of the vehicle."""
+        return t_ns - self._pause.behind_ns
 
     def step(self, t_ns: int, inbox: Inbox, cancel_reason: str) -> Iterator[Output]:
         """React to what arrived.
@@ -184,9 +242,11 @@ class GoalFlight:
 
     def _step_behaviour(self, t_ns: int, inbox: Inbox, odometry: Odometry) -> Iterator[Output]:
         """Publish the behaviour's next setpoint and, when it is due, feedback; release control at its end."""
-        state = self._view.state(t_ns, inbox, odometry)
+        state = self._state(t_ns, inbox, odometry)
         shift_ned_m = state.shift_ned_m
-        move = self._behaviour.step(t_ns, state)
+        move = self._pause.step(t_ns, self._behaviour, state)
+        if self._capture is not None:
+            self._capture.behind_ns = self._pause.behind_ns
         if any(shift_ned_m) and isinstance(move, Move) and (beyond := self._moved_beyond(move, shift_ned_m)):
             move = Done("aborted", beyond)
         if isinstance(move, Move) and (problem := self._ground.problem(t_ns, state, move)):
@@ -227,8 +287,12 @@ class GoalFlight:
             acc_ned_mps2=move.acc_ned_mps2,
             yaw_rad=move.yaw_rad,
             yaw_rate_rps=move.yaw_rate_rps,
+            paused=self._pause.paused,
         )
         return Publish(SETPOINT, setpoint)
+
+    def _state(self, t_ns: int, inbox: Inbox, odometry: Odometry) -> VehicleState:
+        return self._view.state(t_ns, inbox, odometry, self._pause.behind_ns)
 
     def _feedback(self, t_ns: int, move: Move, odometry: Odometry, inbox: Inbox) -> Feedback[Any]:
         status = inbox.latest(STATUS)
@@ -239,9 +303,15 @@ class GoalFlight:
         if isinstance(content, ImagesFeedback) and self._capture is not None:
             taken, planned, images = self._capture.taken, self._capture.planned, self._capture.unreported_images()
             content = msgspec.structs.replace(content, taken=taken, planned=planned, images=images)
-        rest = remaining_of(self._behaviour, self._view.state(t_ns, inbox, odometry))
-        remaining_s = None if rest is None else rest.time_s
-        return Feedback(goal_id=self._goal_id, t_ns=t_ns, code=code, feedback=content, remaining_s=remaining_s)
+        rest = remaining_of(self._behaviour, self._state(t_ns, inbox, odometry))
+        return Feedback(
+            goal_id=self._goal_id,
+            t_ns=t_ns,
+            code=code,
+            feedback=content,
+            remaining_s=None if rest is None else rest.time_s,
+            paused=self._pause.paused,
+        )
 
     def _publish_feedback(self, t_ns: int, feedback: Feedback[Any]) -> Iterator[Output]:
         """Send feedback to all watchers; the next is due one period after this one was."""
@@ -257,6 +327,7 @@ class GoalFlight:
             code=feedback.code,
             feedback=feedback.feedback,
             remaining_s=feedback.remaining_s,
+            paused=feedback.paused,
         )
         yield Publish(self._feedback_topic, message)
 

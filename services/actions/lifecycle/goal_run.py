@@ -16,15 +16,17 @@ from jezero.schemas.commands import Acquire
 from jezero.schemas.struct import Payload
 from jezero.schemas.topics import ACQUIRE, ALTIMETER, ODOMETRY, STATUS, Action
 from jezero.schemas.units import NS_PER_S
+from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.lifecycle.battery_reserve import battery_refusal
 from jezero.services.actions.lifecycle.goal_flight import GoalContext, GoalFlight
+from jezero.services.actions.lifecycle.guard import GuardedPlanner
+from jezero.services.actions.lifecycle.modification import Modification, changed_goal
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.lifecycle.preparation_run import PreparationRun
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 from jezero.services.actions.lifecycle.vehicle_view import VehicleView
 from jezero.services.actions.motion.behaviour import Done, Plan, Preparation, Refusal, Remaining, Start
 from jezero.services.actions.motion.capture import CAPTURE_INPUTS
-from jezero.vehicle_config import VehicleConfig
 
 CHECK_TIMEOUT_S = 1.5
 """Time-out of the inputs of a goal whose inputs are checked before it is accepted."""
@@ -96,7 +98,7 @@ class GoalRun:
         goal_id: str,
         plan: Plan,
         warning: str,
-        vehicle: VehicleConfig,
+        config: ActionsConfig,
         epoch_id: int,
         pictures: PictureStore | None = None,
         plan_only: bool = False,
@@ -106,12 +108,13 @@ class GoalRun:
         self.clients: list[str] = []
         self.capture = plan.capture
         self.plan_only = plan_only
-        self._battery = vehicle.battery
+        self._battery = config.vehicle.battery
         self._accepted = Accepted(goal_id=goal_id, warning=warning)
         self._pictures = pictures
         self._stage: _New | _Admitting | _Checking | PreparationRun | _Acquiring | GoalFlight | _Over = _New()
         self._coverage = plan.coverage
         self._cancel_reason = ""
+        self._modification: Modification | None = None
         self._arrived_ns = 0
         lease = None if plan.selection is None or plan_only else SelectionLease(goal_id, plan.selection)
         captured = () if plan.capture is None else CAPTURE_INPUTS
@@ -125,8 +128,9 @@ class GoalRun:
             inputs=inputs,
             view=self._view,
             lease=lease,
-            vehicle=vehicle,
+            vehicle=config.vehicle,
             epoch_id=epoch_id,
+            acceleration_mps2=config.move.accel_mps2,
         )
 
     @property
@@ -170,6 +174,55 @@ class GoalRun:
         self._cancel_reason = reason
         return True
 
+    def pause(self, t_ns: int, inbox: Inbox) -> str:
+        """Pause the goal; returns the reason why it can't be paused, or ""."""
+        stage = self._stage
+        if self._cancel_reason or not isinstance(stage, GoalFlight) or stage.stage != "flying":
+            return self._not_flying
+        return stage.pause(t_ns, inbox)
+
+    def resume(self) -> str:
+        """Go on with a paused goal; returns the reason why it can't go on, or ""."""
+        stage = self._stage
+        if self._cancel_reason or not isinstance(stage, GoalFlight) or stage.stage != "flying":
+            return self._not_flying
+        return "" if stage.resume() else f"goal {self.goal_id} is not paused"
+
+    def modify(self, t_ns: int, wanted: Request, planner: GuardedPlanner, inbox: Inbox) -> str:
+        """Change fields of the goal; returns the reason why they can't change, or "" where the reply follows later."""
+        stage, status = self._stage, inbox.latest(STATUS)
+        if self._cancel_reason or not isinstance(stage, GoalFlight) or stage.stage != "flying" or status is None:
+            return self._not_flying
+        if self._modification is not None:
+            return f"goal {self.goal_id} is being modified: send the request again in a moment"
+        goal = changed_goal(self._context.action, self.goal, wanted.payload.fields)
+        if isinstance(goal, Refusal):
+            return goal.reason
+        first = planner.replan(goal, status, stage.behaviour)
+        if isinstance(first, Refusal):
+            return first.reason
+        if isinstance(refusal := stage.brake(t_ns, inbox), str) and refusal:
+            return refusal
+        self._modification = Modification(
+            self._context.action, wanted.request_id, self.goal_id, goal, planner, self._battery
+        )
+        return ""
+
+    def _go_on_modifying(self, t_ns: int, inbox: Inbox, flight: GoalFlight) -> Iterator[Output]:
+        modification = self._modification
+        if modification is None:
+            return
+        yield from modification.step(t_ns, inbox, flight)
+        if modification.over:
+            self._modification = None
+            self.goal = modification.goal if modification.in_force else self.goal
+
+    @property
+    def _not_flying(self) -> str:
+        """Reason why the goal can be neither paused nor modified."""
+        ends = self._cancel_reason or self.stage in ("releasing", "over")
+        return f"goal {self.goal_id} is ending already" if ends else f"goal {self.goal_id} does not fly yet"
+
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Go on with the present stage."""
         self._store_pictures(t_ns, inbox)
@@ -184,6 +237,7 @@ class GoalRun:
             yield from self._await_control(t_ns, inbox, stage)
         elif isinstance(stage, GoalFlight):
             yield from stage.step(t_ns, inbox, self._cancel_reason)
+            yield from self._go_on_modifying(t_ns, inbox, stage)
 
     # -- until the goal is accepted --
 

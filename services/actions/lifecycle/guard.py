@@ -24,6 +24,8 @@ from jezero.services.actions.motion.behaviour import (
     Remaining,
     Start,
     VehicleState,
+    hold_of,
+    pause_refusal_of,
     remaining_of,
 )
 
@@ -43,10 +45,21 @@ class GuardedPlanner:
 
     def plan(self, goal: Any, status: Status) -> Plan | Refusal:
         """Plan a goal; an exception is a refusal."""
+        return self._guarded("plan", partial(self._planner.plan, goal, status))
+
+    def replan(self, goal: Any, status: Status, running: Behaviour) -> Plan | Refusal:
+        """Plan a changed goal, whose behaviour takes over from the running one; an exception is a refusal."""
+        replan = getattr(self._planner, "replan", None)
+        if replan is None:
+            return self.plan(goal, status)
+        inner = running._behaviour if isinstance(running, _GuardedBehaviour) else running
+        return self._guarded("replan", partial(replan, goal, status, inner))
+
+    def _guarded(self, where: str, make: Callable[[], Plan | Refusal]) -> Plan | Refusal:
         try:
-            plan = self._planner.plan(goal, status)
+            plan = make()
         except Exception as error:  # noqa: BLE001
-            return Refusal(_report(self._name, "plan", error))
+            return Refusal(_report(self._name, where, error))
         if isinstance(plan, Refusal):
             return plan
         start = plan.start
@@ -108,14 +121,41 @@ class _GuardedBehaviour:
         """Next setpoint, or the end; an exception is an aborted goal."""
         if self._behaviour is None or self._failure:
             return Done("aborted", self._failure)
-        try:
-            move: Any = self._behaviour.step(t_ns, state)
-        except Exception as error:  # noqa: BLE001
-            self._failure = _report(self._name, "step", error)
+        move: Move | Done = self._checked("step", partial(self._behaviour.step, t_ns, state))
+        return move
+
+    def hold(self, t_ns: int, dt_s: float, state: VehicleState) -> Move | Done | None:
+        """Next setpoint of the behaviour's own hover, if it has one; an exception is an aborted goal."""
+        if self._behaviour is None or self._failure:
             return Done("aborted", self._failure)
-        if isinstance(move, Move | Done):
+        call = partial(hold_of, self._behaviour, t_ns, dt_s, state)
+        move: Move | Done | None = self._checked("hold", call, optional=True)
+        return move
+
+    def pause_refusal(self, state: VehicleState) -> str:
+        """Reason why the behaviour can't be paused now, or ""; an exception is one, and ends the goal."""
+        if self._behaviour is None or self._failure:
+            return self._failure
+        try:
+            return pause_refusal_of(self._behaviour, state)
+        except Exception as error:  # noqa: BLE001
+            self._failure = _report(self._name, "pause_refusal", error)
+            return self._failure
+
+    def _checked(self, where: str, call: Callable[[], Any], *, optional: bool = False) -> Any:
+        """What a method of the behaviour returns; an exception, or another type, is an aborted goal.
+
+        Args:
+            optional: the method may return None.
+        """
+        try:
+            move = call()
+        except Exception as error:  # noqa: BLE001
+            self._failure = _report(self._name, where, error)
+            return Done("aborted", self._failure)
+        if isinstance(move, Move | Done) or (optional and move is None):
             return move
-        self._failure = f"{self._name} failed: step returned {type(move).__name__}, not a Move or a Done"
+        self._failure = f"{self._name} failed: {where} returned {type(move).__name__}, not a Move or a Done"
         return Done("aborted", self._failure)
 
     def remaining(self, state: VehicleState) -> Remaining | None:

@@ -30,6 +30,7 @@ from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.lifecycle.goal_run import GoalRun
 from jezero.services.actions.lifecycle.guard import GuardedPlanner
 from jezero.services.actions.lifecycle.picture_store import PictureStore
+from jezero.services.actions.lifecycle.running_goal_requests import RunningGoalRequests, not_running_reason
 from jezero.services.actions.lifecycle.vehicle_view import STATUS_AGE_MAX_S, is_fresh
 from jezero.services.actions.motion.behaviour import Plan, Planner, Refusal
 from jezero.services.actions.motion.capture import CAPTURE_INPUTS
@@ -64,6 +65,7 @@ class ActionServer:
         self._plan = action.plan
         self._cancel = action.cancel
         self._planner = GuardedPlanner(action.name, planner)
+        self._running = RunningGoalRequests(action, self._planner)
         self._config = config
         self._boot_id = boot_id
         self._pictures = (pictures or PictureStore()) if action.takes_pictures else None
@@ -99,6 +101,7 @@ class ActionServer:
         self._handle_departures(inbox)
         for request in inbox.requests(self._cancel):
             yield Reply(request.request_id, self._cancel_reply(request.payload.goal_id))
+        yield from self._running.handle(t_ns, inbox, self._run, self._results)
         for request in inbox.requests(RESULT):
             yield Reply(request.request_id, self._result_reply(request.payload.goal_id))
         for request in inbox.requests(self._action.describe):
@@ -176,7 +179,7 @@ class ActionServer:
             goal_id=made_id if plan_only else goal.goal_id or made_id,
             plan=plan,
             warning="; ".join(text for text in (plan.warning, UNWATCHED if unwatched else "") if text),
-            vehicle=self._config.vehicle,
+            config=self._config,
             epoch_id=status.epoch_id,
             pictures=self._pictures,
             plan_only=plan_only,
@@ -222,9 +225,7 @@ class ActionServer:
             if self._run.cancel("canceled by a client"):
                 return CancelReply(canceled=True)
             return CancelReply(canceled=False, reason=f"goal {goal_id} is ending already")
-        if goal_id in self._results:
-            return CancelReply(canceled=False, reason=f"goal {goal_id} has already {self._results[goal_id].outcome}")
-        return CancelReply(canceled=False, reason=f"no goal {goal_id} is known to {self._action.name}")
+        return CancelReply(canceled=False, reason=not_running_reason(goal_id, self._results, self._action.name))
 
     def _result_reply(self, goal_id: str) -> ResultReply | None:
         """Reply to a request for a result; None without one, because another action's server may know the goal."""

@@ -66,8 +66,12 @@ class VehicleView:
         offset_ned_m, start_ned_m = odometry.reset_offset_ned_m, self._offset_start_ned_m
         return NO_SHIFT if offset_ned_m == start_ned_m else subtract(offset_ned_m, start_ned_m)
 
-    def state(self, t_ns: int, inbox: Inbox, odometry: Odometry) -> VehicleState:
-        """State of the vehicle as a behaviour gets it."""
+    def state(self, t_ns: int, inbox: Inbox, odometry: Odometry, behind_ns: int = 0) -> VehicleState:
+        """State of the vehicle as a behaviour gets it.
+
+        Args:
+            behind_ns: vehicle time minus the goal's own time, in which the times of estimates are given.
+        """
         status = inbox.latest(STATUS)
         shift_ned_m, pos_ned_m = self.shift(odometry), odometry.pos_uav_ned_m
         return VehicleState(
@@ -78,8 +82,8 @@ class VehicleView:
             status is not None and status.landed,
             min(max((t_ns - odometry.t_ns) / NS_PER_S, 0.0), ODOMETRY_AGE_MAX_S),
             self._height_m(t_ns, inbox, odometry.q_ned_from_frd),
-            self._relative(t_ns, inbox) if self._with_rover else None,
-            self._rover(t_ns, inbox) if self._with_rover else None,
+            self._relative(t_ns, inbox, behind_ns) if self._with_rover else None,
+            self._rover(t_ns, inbox, behind_ns) if self._with_rover else None,
             shift_ned_m,
             None if status is None else status.wind_ned_mps,
             None if status is None else status.std_gust_mps,
@@ -94,15 +98,21 @@ class VehicleView:
         upright = quat_rotate(q_ned_from_frd, (0.0, 0.0, 1.0))[2]
         return altimeter.range_m * upright
 
-    def _relative(self, t_ns: int, inbox: Inbox) -> Relative | None:
+    def _relative(self, t_ns: int, inbox: Inbox, behind_ns: int) -> Relative | None:
         relative = inbox.latest(RELATIVE)
         if relative is None or relative.epoch_id != self._epoch_id:
             return None
         if self._lease is not None:
             relative = self._lease.checked(relative)
-        return relative if is_fresh(relative, t_ns, ESTIMATE_AGE_MAX_S) else None
+        if not is_fresh(relative, t_ns, ESTIMATE_AGE_MAX_S):
+            return None
+        if behind_ns == 0:
+            return relative
+        # A measurement from before a long pause would be older than the goal's own time is.
+        fused_t_ns = max(relative.fused_t_ns - behind_ns, 0)
+        return msgspec.structs.replace(relative, t_ns=max(relative.t_ns - behind_ns, 0), fused_t_ns=fused_t_ns)
 
-    def _rover(self, t_ns: int, inbox: Inbox) -> RoverEstimate | None:
+    def _rover(self, t_ns: int, inbox: Inbox, behind_ns: int) -> RoverEstimate | None:
         """Estimate of the rover in the behaviour's world frame."""
         rover = inbox.latest(ROVER_ESTIMATE)
         if rover is None:
@@ -112,5 +122,8 @@ class VehicleView:
         shift = subtract(rover.reset_offset_ned_m, self._offset_start_ned_m)
         pos_rover_ned_m = subtract(rover.pos_rover_ned_m, shift)
         return msgspec.structs.replace(
-            rover, pos_rover_ned_m=pos_rover_ned_m, reset_offset_ned_m=self._offset_start_ned_m
+            rover,
+            t_ns=max(rover.t_ns - behind_ns, 0),
+            pos_rover_ned_m=pos_rover_ned_m,
+            reset_offset_ned_m=self._offset_start_ned_m,
         )

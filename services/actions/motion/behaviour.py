@@ -5,7 +5,7 @@ machine from the vehicle's state to setpoints.
 
 Behaviours get positions in the world frame as it was when they started. When the autopilot moves its position in one
 step, the goal's flight shifts the positions that go in and those that come out, so that stored points move along (spec
-§1).
+§1). All times are in the goal's own time, which stands still while the goal is paused.
 """
 
 from collections.abc import Callable
@@ -85,6 +85,20 @@ class Selection(msgspec.Struct, frozen=True):
     pos_rover_ned_m: Vec3 | None = None
 
 
+class MovingFrame(msgspec.Struct, frozen=True):
+    """A frame in which a behaviour flies, and in which a pause hovers.
+
+    Attributes:
+        pos_ned_m: its origin in the world.
+        vel_ned_mps: velocity of the origin.
+        acc_ned_mps2: acceleration of the origin.
+    """
+
+    pos_ned_m: Vec3 = (0.0, 0.0, 0.0)
+    vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)
+    acc_ned_mps2: Vec3 = (0.0, 0.0, 0.0)
+
+
 class Move(msgspec.Struct, frozen=True):
     """One setpoint with its feedback; at least one of position and velocity is given.
 
@@ -100,6 +114,7 @@ class Move(msgspec.Struct, frozen=True):
             runs away from it is noticed; None where it leads to no point.
         pitch_camera_rad: setpoint of the camera's pitch axis, for actions that take pictures; None moves no axis.
         roll_camera_rad: setpoint of the camera's roll axis.
+        frame: moving frame of the flight; None: the world.
     """
 
     phase: Phase
@@ -112,6 +127,7 @@ class Move(msgspec.Struct, frozen=True):
     target_ned_m: Vec3 | None = None
     pitch_camera_rad: float | None = None
     roll_camera_rad: float = 0.0
+    frame: MovingFrame | None = None
 
 
 class Done(msgspec.Struct, frozen=True):
@@ -148,8 +164,17 @@ class Remaining(msgspec.Struct, frozen=True):
 class Behaviour(Protocol):
     """A running goal: a pure state machine.
 
-    It may also have a method `remaining(state: VehicleState) -> Remaining | None`, called after the first step: the
-    rest of the flight. Clients get the one of the first step before they decide to fly, then the progress.
+    It may also have these methods:
+
+    - `remaining(state: VehicleState) -> Remaining | None`, called after the first step: the rest of the flight. Clients
+      get the one of the first step before they decide to fly, then the progress.
+    - `hold(t_ns: int, dt_s: float, state: VehicleState) -> Move | Done | None`, called instead of `step` while the goal
+      is paused: the setpoint of a hover, for a flight that must not simply hover where it has come to rest. `t_ns`
+      stands still, and `dt_s` is the time since the last call. None leaves the hover to the pause.
+    - `pause_refusal(state: VehicleState) -> str`: reason why the flight can't be paused now, or "". A pause begins as
+      soon as there is none.
+
+    A pause needs none of them: the goal's time stands still, and the setpoints are slowed down to a hover.
     """
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
@@ -168,6 +193,21 @@ def remaining_of(behaviour: Behaviour, state: VehicleState) -> Remaining | None:
     method = getattr(behaviour, "remaining", None)
     rest: Remaining | None = None if method is None else method(state)
     return rest
+
+
+def hold_of(behaviour: Behaviour, t_ns: int, dt_s: float, state: VehicleState) -> Move | Done | None:
+    """Hover of a behaviour that has one of its own while it is paused; None for all others. See `Behaviour`."""
+    method = getattr(behaviour, "hold", None)
+    move: Move | Done | None = None if method is None else method(t_ns, dt_s, state)
+    return move
+
+
+def pause_refusal_of(behaviour: Behaviour, state: VehicleState) -> str:
+    """Reason why a behaviour can't be paused now, or ""."""
+    if state.landed or not state.armed:
+        return "the vehicle is on the ground: cancel the goal instead"
+    method = getattr(behaviour, "pause_refusal", None)
+    return "" if method is None else str(method(state))
 
 
 Start = Callable[[int, VehicleState], Behaviour]
@@ -246,7 +286,12 @@ class Plan(msgspec.Struct, frozen=True):
 
 
 class Planner(Protocol):
-    """An action: makes the plans of its goals."""
+    """An action: makes the plans of its goals.
+
+    It may also have a method `replan(goal: Any, status: Status, running: Behaviour) -> Plan | Refusal`: the plan of a
+    goal whose fields have changed while it is flown. The vehicle hovers, and the plan's start takes over from the
+    running behaviour. Without this method the plan is that of a new goal. `Action.changeable` lists the fields.
+    """
 
     def plan(self, goal: Any, status: Status) -> Plan | Refusal:
         """Plan of a goal, if it is possible; whether the vehicle's status allows it is the bridge's decision."""

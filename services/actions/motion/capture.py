@@ -88,10 +88,12 @@ class Capture:
 
     Attributes:
         planned: number of pictures that there will be.
+        behind_ns: vehicle time minus the goal's own time, in which requests are made; the goal's flight sets it.
     """
 
     def __init__(self, config: CaptureConfig, vehicle: VehicleConfig, planned: int, *, stream: bool = True) -> None:
         self.planned = planned
+        self.behind_ns = 0
         self._config = config
         self._height_stand_m = vehicle.airframe.height_stand_m
         self._stream = stream
@@ -122,8 +124,8 @@ class Capture:
         return bool(self._requested)
 
     def request(self, index: int, t_ns: int) -> None:
-        """Request the picture of a planned point that the vehicle passes."""
-        self._requested.append((index, t_ns))
+        """Request the picture of a planned point that the vehicle passes at a time of the goal's own."""
+        self._requested.append((index, t_ns + self.behind_ns))
 
     def pos_camera(self, pos_uav_ned_m: Vec3, q_ned_from_frd: Quat) -> Vec3:
         """Position of the optical centre of a vehicle with this pose."""

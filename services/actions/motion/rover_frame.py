@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from jezero.frames import Vec3, add, subtract
 from jezero.schemas.estimate import Relative
-from jezero.services.actions.motion.behaviour import Done, Move, VehicleState
+from jezero.services.actions.motion.behaviour import Done, Move, MovingFrame, VehicleState
 
 HINT = "use frame 'world', or check that the estimator finds the rover"
 
@@ -53,12 +53,14 @@ def move_in_world(move: Move, state: VehicleState, relative: Relative) -> Move:
     pos_ned_m, vel_ned_mps, acc_ned_mps2 = move.pos_ned_m, move.vel_ned_mps, move.acc_ned_mps2
     target_ned_m = move.target_ned_m
     turn_ned_mps2 = (*turn_acceleration(relative.vel_rover_ned_mps, relative.yaw_rate_rover_rps), 0.0)
+    frame = MovingFrame(rover_position(state, relative), relative.vel_rover_ned_mps, turn_ned_mps2)
     return replace(
         move,
-        pos_ned_m=None if pos_ned_m is None else add(pos_ned_m, rover_position(state, relative)),
-        vel_ned_mps=None if vel_ned_mps is None else add(vel_ned_mps, relative.vel_rover_ned_mps),
-        acc_ned_mps2=None if acc_ned_mps2 is None else add(acc_ned_mps2, turn_ned_mps2),
-        target_ned_m=None if target_ned_m is None else add(target_ned_m, rover_position(state, relative)),
+        pos_ned_m=None if pos_ned_m is None else add(pos_ned_m, frame.pos_ned_m),
+        vel_ned_mps=None if vel_ned_mps is None else add(vel_ned_mps, frame.vel_ned_mps),
+        acc_ned_mps2=None if acc_ned_mps2 is None else add(acc_ned_mps2, frame.acc_ned_mps2),
+        target_ned_m=None if target_ned_m is None else add(target_ned_m, frame.pos_ned_m),
+        frame=frame,
     )
 
 

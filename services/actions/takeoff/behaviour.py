@@ -9,10 +9,21 @@ from jezero.services.actions.takeoff.climb import Climb
 
 
 class Takeoff:
-    """Climbs to `altitude_m` above the take-off point."""
+    """Climbs to `altitude_m` above the take-off point.
 
-    def __init__(self, goal: TakeoffGoal, config: ActionsConfig, t_ns: int, state: VehicleState) -> None:
-        self._climb = Climb(t_ns, goal.altitude_m, state, config)
+    Args:
+        z_ground_ned_m: of the take-off point of a vehicle that has left it; None: the vehicle stands there.
+    """
+
+    def __init__(
+        self, goal: TakeoffGoal, config: ActionsConfig, z_ground_ned_m: float | None, t_ns: int, state: VehicleState
+    ) -> None:
+        self._climb = Climb(t_ns, goal.altitude_m, state, config, z_ground_ned_m)
+
+    @property
+    def z_ground_ned_m(self) -> float:
+        """Of the take-off point."""
+        return self._climb.z_ground_ned_m
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
         problem = self._climb.step(t_ns, state)

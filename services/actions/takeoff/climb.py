@@ -14,18 +14,28 @@ class Climb:
     """A climb straight up from the ground, which waits at its start until the vehicle is armed.
 
     Args:
-        altitude_m: above the present point, positive up.
+        altitude_m: above the ground, positive up.
+        z_ground_ned_m: of the take-off point; None: the vehicle stands there.
 
     Attributes:
         path: of the climb.
+        z_ground_ned_m: of the take-off point.
     """
 
-    def __init__(self, t_ns: int, altitude_m: float, state: VehicleState, config: ActionsConfig) -> None:
+    def __init__(
+        self,
+        t_ns: int,
+        altitude_m: float,
+        state: VehicleState,
+        config: ActionsConfig,
+        z_ground_ned_m: float | None = None,
+    ) -> None:
         x, y, z = state.pos_uav_ned_m
+        self.z_ground_ned_m = z if z_ground_ned_m is None else z_ground_ned_m
         self.path = StraightPath(
             t_ns,
             (x, y, z),
-            (x, y, z - altitude_m),
+            (x, y, self.z_ground_ned_m - altitude_m),
             speed_mps=config.move.speed_up_mps,
             lead_max_m=LEAD_M,
             config=config.move,

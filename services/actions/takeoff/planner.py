@@ -18,8 +18,16 @@ class TakeoffPlanner:
 
     def plan(self, goal: TakeoffGoal, status: Status) -> Plan | Refusal:
         """Plan a climb, if its altitude is within the limits."""
+        return self._plan(goal, None)
+
+    def replan(self, goal: TakeoffGoal, status: Status, running: Takeoff) -> Plan | Refusal:
+        """Plan the rest of a climb that is under way."""
+        return self._plan(goal, running.z_ground_ned_m)
+
+    def _plan(self, goal: TakeoffGoal, z_ground_ned_m: float | None) -> Plan | Refusal:
         limits = self._config.vehicle.limits
         low, high = limits.altitude_min_m, limits.altitude_max_m
         if not low <= goal.altitude_m <= high:
             return Refusal(f"altitude {goal.altitude_m:g} m is not within {low:g} to {high:g} m above the ground")
-        return Plan(partial(Takeoff, goal, self._config), do_takeoff=True, landing_from_m=goal.altitude_m)
+        start = partial(Takeoff, goal, self._config, z_ground_ned_m)
+        return Plan(start, do_takeoff=True, landing_from_m=goal.altitude_m)

@@ -26,6 +26,13 @@ class Commands:
         """End the goal in charge at once."""
         await self._request("Abort", lambda uav: uav.abort("abort from the ground station"), "Aborted")
 
+    async def pause_or_resume(self) -> None:
+        """Pause the goal in charge, or go on with it when it is paused."""
+        if self._feed.state.paused:
+            await self._request("Resume", lambda uav: uav.resume(), "The goal goes on")
+        else:
+            await self._request("Pause", lambda uav: uav.pause(), "The goal pauses: the vehicle hovers until Resume")
+
     async def kill(self) -> None:
         """Stop the motors."""
         await self._request("Kill", lambda uav: uav.kill(confirm=True), "The motors are stopped")

@@ -70,6 +70,8 @@ class Page:
             with ui.element("div").classes("progress"):
                 self._goal_text = ui.label()
                 self._goal_bar = ui.linear_progress(0.0, show_value=False).props("rounded")
+                self._goal_pause = ui.button("Pause", on_click=self._commands.pause_or_resume).props("no-caps dense")
+                self._goal_pause.props('data-mark="pause"')
                 self._goal_cancel = ui.button("Cancel", on_click=self._commands.hover).props("no-caps dense")
 
     def _side(self) -> None:
@@ -117,7 +119,8 @@ class Page:
         self._services.show(state.services(now_s))
         goal = state.goal(now_s)
         self._goal_text.set_text("" if goal is None else f"{goal['words']} · {goal['text']}")
-        for element in (self._goal_text, self._goal_bar, self._goal_cancel):
+        self._goal_pause.set_text("Resume" if state.paused else "Pause")
+        for element in (self._goal_text, self._goal_bar, self._goal_pause, self._goal_cancel):
             element.set_visibility(goal is not None)
         done = None if goal is None else goal["done"]
         self._goal_bar.set_visibility(done is not None)

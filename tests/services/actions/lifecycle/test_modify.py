@@ -1,0 +1,116 @@
+"""Changes of goals that are flown, against a bridge with a point mass, on the bus in virtual time."""
+
+from typing import Any
+
+import pytest
+
+from jezero.frames import distance, norm
+from jezero.schemas import topics
+from jezero.schemas.actions import GetImagesGoal, GoToGoal, LandOnSpotGoal, Modify, ModifyReply, Pause, TakeoffGoal
+from tests.services.actions.lifecycle.test_pause import assert_continuous, request
+from tests.services.actions.rig import FAR, World
+
+
+def modify(world: World, goal_id: str, action: topics.Action[Any] = topics.GO_TO, **fields: Any) -> ModifyReply:
+    """The reply to a change, after the vehicle has braked for it."""
+    sent = world.bus.send_request(action.modify, Modify(goal_id=goal_id, fields=fields))
+    assert world.bus.run_for(10.0, lambda: sent.ended)
+    reply = sent.replies[0]
+    assert isinstance(reply, ModifyReply)
+    return reply
+
+
+def test_a_flight_goes_on_to_its_new_target_without_a_jump() -> None:
+    world = World()
+    answers = world.flying()
+    world.bus.run_for(3.0)
+    assert modify(world, "far", target_ned_m=[5.0, 10.0, -6.0]) == ModifyReply(modified=True)
+    result = world.end(answers, 30.0)
+    assert result.outcome == "succeeded"
+    assert distance(result.result.pos_uav_ned_m, (5.0, 10.0, -6.0)) < 0.15
+    assert not any(setpoint.paused for setpoint in world.bridge.setpoints)
+    assert_continuous(world.bridge.setpoints)
+
+
+def test_a_flight_goes_on_at_its_new_speed() -> None:
+    world = World()
+    answers = world.flying()
+    assert modify(world, "far", speed_mps=0.5).modified
+    world.bus.run_for(5.0)
+    assert norm(world.bridge.vel_ned_mps) == pytest.approx(0.5, abs=0.05)
+    assert modify(world, "far", speed_mps=4.0).modified
+    assert world.end(answers, 30.0).outcome == "succeeded"
+    assert_continuous(world.bridge.setpoints)
+
+
+def test_a_paused_goal_that_is_modified_stays_paused() -> None:
+    world = World()
+    answers = world.flying()
+    request(world, Pause(goal_id="far"))
+    assert modify(world, "far", target_ned_m=[-5.0, 0.0, -3.0]).modified
+    before_ned_m = world.bridge.pos_ned_m
+    world.bus.run_for(10.0)
+    assert distance(world.bridge.pos_ned_m, before_ned_m) < 0.1
+    assert not answers.ended
+    assert answers.replies[-1].paused
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ({}, "no field is given: while it is flown, go_to can change target_ned_m, yaw_rad, speed_mps"),
+        ({"frame": "rover"}, "frame can't change while the goal is flown: go_to can change target_ned_m, yaw_rad"),
+        ({"sped_mps": 2.0}, "go_to has no field 'sped_mps': while it is flown, go_to can change target_ned_m"),
+        ({"speed_mps": "fast"}, "go_to: Expected `float | null`, got `str` - at `$.speed_mps`"),
+        ({"speed_mps": 11.0}, "speed 11 m/s is not within 0.1 to 10 m/s"),
+        ({"target_ned_m": [0.0, 0.0, 5.0]}, "5 m up is −5"),
+    ],
+)
+def test_what_a_new_goal_could_not_be_is_refused_and_the_goal_goes_on(fields: dict[str, Any], reason: str) -> None:
+    world = World()
+    answers = world.flying()
+    reply = modify(world, "far", **fields)
+    assert not reply.modified
+    assert reason in reply.reason
+    result = world.end(answers, 30.0)
+    assert distance(result.result.pos_uav_ned_m, FAR.target_ned_m) < 0.15
+
+
+def test_a_goal_that_does_not_run_is_not_modified() -> None:
+    assert modify(World(), "far", speed_mps=1.0).reason == "no goal far is known to go_to"
+
+
+def test_a_takeoff_climbs_to_its_new_altitude_above_the_ground() -> None:
+    world = World((0.0, 0.0, 0.0))
+    answers = world.send(TakeoffGoal(altitude_m=8.0, goal_id="up"))
+    world.bus.run_for(3.0)
+    assert modify(world, "up", topics.TAKEOFF, altitude_m=4.0).modified
+    result = world.end(answers, 30.0)
+    assert result.result.pos_uav_ned_m[2] == pytest.approx(-4.0, abs=0.15)
+
+
+def test_a_takeoff_of_go_to_is_over_before_its_target_changes() -> None:
+    world = World((0.0, 0.0, 0.0))
+    world.send(GoToGoal(target_ned_m=(5.0, 0.0, -3.0), do_takeoff=True, goal_id="up"))
+    world.bus.run_for(1.0)
+    assert "still takes off" in modify(world, "up", speed_mps=1.0).reason
+
+
+def test_a_landing_changes_its_spot_on_the_way_to_it_only() -> None:
+    world = World((0.0, 0.0, -5.0))
+    landing = LandOnSpotGoal(landing_spot_ned_m=(8.0, 0.0, 0.0), use_uwb=False, use_tag=False, goal_id="down")
+    answers = world.flying(landing)
+    assert modify(world, "down", topics.LAND_ON_SPOT, landing_spot_ned_m=[0.0, 4.0, 0.0]).modified
+    assert world.bus.run_for(30.0, lambda: answers.replies[-1].feedback.phase == "descent")
+    reply = modify(world, "down", topics.LAND_ON_SPOT, landing_spot_ned_m=[0.0, 0.0, 0.0])
+    assert "descends onto its spot already" in reply.reason
+    result = world.end(answers, 60.0)
+    assert distance(result.result.touchdown_ned_m, (0.0, 4.0, 0.0)) < 0.3
+
+
+def test_a_goal_that_is_not_accepted_yet_is_not_modified() -> None:
+    goal = GetImagesGoal(center_ned_m=(0.0, 0.0, -4.0), radius_m=2.0, num_images=4, goal_id="orbit")
+    world = World()
+    world.send(goal)
+    world.bus.run_for(0.2)
+    assert modify(world, "orbit", topics.GET_IMAGES, num_images=8).reason == "goal orbit does not fly yet"

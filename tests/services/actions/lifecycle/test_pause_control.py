@@ -1,0 +1,120 @@
+"""The pause of a behaviour that knows nothing of pauses, such as one of a package."""
+
+from math import cos, sin
+
+import pytest
+
+from jezero.frames import Vec3, add, distance, scale
+from jezero.schemas.actions import MoveFeedback
+from jezero.schemas.commands import Phase
+from jezero.schemas.state import StatusCode
+from jezero.services.actions.lifecycle.guard import GuardedPlanner
+from jezero.services.actions.lifecycle.pause_control import PauseControl
+from jezero.services.actions.motion.behaviour import Behaviour, Done, Move, MovingFrame, Plan, VehicleState
+from tests.services.actions.test_behaviours import a_status
+
+S = 1_000_000_000
+DT_NS = 20_000_000
+
+
+class Circle:
+    """Flies around a point with velocity setpoints, by its own time alone."""
+
+    def __init__(self, frame: MovingFrame | None = None) -> None:
+        self.frame = frame
+        self.times_ns: list[int] = []
+
+    def step(self, t_ns: int, state: VehicleState) -> Move | Done:
+        self.times_ns.append(t_ns)
+        angle_rad, frame = t_ns / S, self.frame or MovingFrame()
+        feedback = MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, distance_m=0.0)
+        vel_ned_mps = add((cos(angle_rad), sin(angle_rad), 0.0), frame.vel_ned_mps)
+        return Move(Phase.ACTION, feedback, vel_ned_mps=vel_ned_mps, frame=self.frame)
+
+    def result(self, completed: bool, pos_uav_ned_m: Vec3) -> None:
+        return None
+
+
+class Flown:
+    """A vehicle that follows the setpoints of a pause control exactly."""
+
+    def __init__(self, behaviour: Behaviour) -> None:
+        self.behaviour = behaviour
+        self.pause = PauseControl(0, 1.0)
+        self.t_ns = 0
+        self.pos_m: Vec3 = (0.0, 0.0, -3.0)
+        self.vel_mps: Vec3 = (0.0, 0.0, 0.0)
+        self.moves: list[Move] = []
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds * S / DT_NS)):
+            self.t_ns += DT_NS
+            state = VehicleState(self.pos_m, self.vel_mps, (1.0, 0.0, 0.0, 0.0), armed=True, landed=False)
+            move = self.pause.step(self.t_ns, self.behaviour, state)
+            assert isinstance(move, Move)
+            self.moves.append(move)
+            if move.pos_ned_m is not None:
+                self.pos_m, self.vel_mps = move.pos_ned_m, move.vel_ned_mps or (0.0, 0.0, 0.0)
+            elif move.vel_ned_mps is not None:
+                self.vel_mps = move.vel_ned_mps
+                self.pos_m = add(self.pos_m, scale(self.vel_mps, DT_NS / S))
+
+
+def test_it_stops_at_one_point_and_ends_where_it_would_have_ended() -> None:
+    plain, paused = Flown(Circle()), Flown(Circle())
+    plain.run(4.0)
+    paused.run(2.0)
+    paused.pause.wanted = True
+    paused.run(10.0)
+    assert paused.moves[-1].pos_ned_m == paused.moves[-100].pos_ned_m
+    assert paused.moves[-1].vel_ned_mps == (0.0, 0.0, 0.0)
+    paused.pause.wanted = False
+    paused.run((4 * S - (paused.t_ns - paused.pause.behind_ns)) / S + 0.5)
+    assert paused.pause.rate == 1.0
+    assert paused.t_ns - paused.pause.behind_ns == pytest.approx(4 * S, abs=DT_NS)
+    assert distance(paused.pos_m, plain.pos_m) < 0.15  # it comes to rest a little behind its last setpoint
+
+
+def test_without_a_pause_nothing_changes() -> None:
+    circle = Circle()
+    flown = Flown(circle)
+    flown.run(3.0)
+    assert circle.times_ns == list(range(DT_NS, 3 * S + 1, DT_NS))
+    assert flown.moves[-1].vel_ned_mps == (cos(3.0), sin(3.0), 0.0)
+
+
+def test_in_a_moving_frame_it_hovers_along_with_the_frame() -> None:
+    circle = Circle(MovingFrame((0.0, 0.0, 0.0), (0.5, 0.0, 0.0)))
+    flown = Flown(circle)
+    flown.run(2.0)
+    flown.pause.wanted = True
+    flown.run(3.0)
+    before = flown.moves[-1]
+    circle.frame = MovingFrame((0.5, 0.0, 0.0), (0.5, 0.0, 0.0))
+    flown.run(0.02)
+    after = flown.moves[-1]
+    assert before.vel_ned_mps == after.vel_ned_mps == (0.5, 0.0, 0.0)
+    assert before.pos_ned_m is not None
+    assert after.pos_ned_m == pytest.approx(add(before.pos_ned_m, (0.5, 0.0, 0.0)))
+
+
+class BrokenHover(Circle):
+    """Has a hover of its own, which raises."""
+
+    def plan(self, goal: object, status: object) -> Plan:
+        return Plan(lambda t_ns, state: self)
+
+    def hold(self, t_ns: int, dt_s: float, state: VehicleState) -> Move:
+        raise ValueError("no hover")
+
+
+def test_a_hover_of_its_own_that_raises_aborts_the_goal() -> None:
+    plan = GuardedPlanner("mine", BrokenHover()).plan(None, a_status(StatusCode.HOVER))
+    assert isinstance(plan, Plan)
+    state = VehicleState((0.0, 0.0, -3.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), armed=True, landed=False)
+    behaviour = plan.start(0, state)  # type: ignore[operator]
+    pause = PauseControl(0, 1.0)
+    pause.wanted = True
+    ends = [pause.step(number * DT_NS, behaviour, state) for number in range(100)]
+    assert isinstance(ends[-1], Done)
+    assert "mine failed in hold: ValueError: no hover" in ends[-1].reason
