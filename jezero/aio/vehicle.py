@@ -135,6 +135,7 @@ class Vehicle:
     hover = in_thread(client.Vehicle.hover)
     abort = in_thread(client.Vehicle.abort)
     kill = in_thread(client.Vehicle.kill)
+    ground = in_thread(client.Vehicle.ground)
 
     # -- state --
 
