@@ -90,6 +90,7 @@ def test_a_silent_bridge_is_a_lost_link_and_the_last_state_is_still_told() -> No
     line = shown().status_line(4.0, "")
     assert (line["words"], line["tone"]) == ("Link lost", "lost")
     assert line["why"] == "No status for 4 s; the last one was: Hovering."
+    assert line["charge"] == ""
 
 
 def test_a_service_that_stopped_publishing_is_silent() -> None:

@@ -1,0 +1,217 @@
+// The ground in ned: the simulator's terrain and rocks, or a level plane when nobody knows it.
+import { THREE } from "nicegui-scene";
+
+const TILE_M = 10; // side of the repeated texture; a line of the grid at each metre, a strong one at its edge
+const FAR_M = 1500;
+const FLAT_HALF_M = 60;
+const SAND = [0.4, 0.19, 0.1], DUST = [0.56, 0.29, 0.155], BASALT = [0.17, 0.1, 0.075]; // linear reflectances
+const LEVEL = { spacing: 2 * FLAT_HALF_M, corner: [-FLAT_HALF_M, -FLAT_HALF_M, 0], columns: 2, heights_mm: [0, 0, 0, 0], rocks: [] };
+
+export class Ground {
+  constructor() {
+    this.group = new THREE.Group();
+    this.texture = makeTexture();
+    this.set(null);
+  }
+  // Draw a ground of the simulator; null for level ground.
+  set(shape) {
+    this.isTrue = shape !== null;
+    this.shape = shape ?? LEVEL;
+    for (const child of this.group.children) child.geometry.dispose();
+    this.group.clear();
+    this.group.add(this.makeTerrain(), this.makePlain(), ...makeRocks(this.shape.rocks));
+  }
+  // Height above the world's origin, positive up, without rocks.
+  heightAt(north, east) {
+    const { spacing, corner, columns, heights_mm } = this.shape, rows = heights_mm.length / columns;
+    const r = (north - corner[0]) / spacing, c = (east - corner[1]) / spacing, i = Math.floor(r), j = Math.floor(c);
+    if (i < 0 || j < 0 || i >= rows - 1 || j >= columns - 1) return -corner[2];
+    const at = i * columns + j, a = r - i, b = c - j;
+    const south = (1 - b) * heights_mm[at] + b * heights_mm[at + 1];
+    const northern = (1 - b) * heights_mm[at + columns] + b * heights_mm[at + columns + 1];
+    return 0.001 * ((1 - a) * south + a * northern) - corner[2];
+  }
+  // Point at which a ray from `from` meets the ground, at most `reach` metres away.
+  meet(from, direction, reach) {
+    const at = (t) => from.clone().addScaledVector(direction, t);
+    const above = (t) => {
+      const p = at(t);
+      return -p.z - this.heightAt(p.x, p.y);
+    };
+    const step = 0.5;
+    let low = 0, high = 0;
+    while (high < reach && above(high) > 0) [low, high] = [high, high + step];
+    if (high >= reach) return at(reach);
+    for (let i = 0; i < 8; i++) {
+      const middle = 0.5 * (low + high);
+      if (above(middle) > 0) low = middle;
+      else high = middle;
+    }
+    return at(high);
+  }
+  makeTerrain() {
+    const { spacing, corner, columns, heights_mm } = this.shape, rows = heights_mm.length / columns;
+    const count = rows * columns, positions = new Float32Array(3 * count), places = new Float32Array(2 * count);
+    for (let i = 0; i < count; i++) {
+      const north = corner[0] + spacing * Math.floor(i / columns), east = corner[1] + spacing * (i % columns);
+      positions.set([north, east, corner[2] - 0.001 * heights_mm[i]], 3 * i);
+      places.set([east / TILE_M, north / TILE_M], 2 * i);
+    }
+    const corners = [];
+    for (let i = 0; i < rows - 1; i++) {
+      for (let j = 0; j < columns - 1; j++) {
+        const a = i * columns + j, b = a + columns;
+        corners.push(a, a + 1, b, b, a + 1, b + 1);
+      }
+    }
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(positions, 3));
+    geometry.setAttribute("uv", new THREE.BufferAttribute(places, 2));
+    geometry.setAttribute("color", new THREE.BufferAttribute(this.colours(count, rows, columns), 3));
+    geometry.setIndex(corners);
+    geometry.computeVertexNormals();
+    return this.mesh(geometry);
+  }
+  // Dust in the hollows and darker sand on the rims, as in the simulator's own pictures; patches of bare rock.
+  colours(count, rows, columns) {
+    const { heights_mm } = this.shape, colours = new Float32Array(3 * count);
+    for (let i = 0; i < count; i++) {
+      const row = Math.floor(i / columns), column = i % columns;
+      let around = 0;
+      for (const [dr, dc] of [[3, 0], [-3, 0], [0, 3], [0, -3]]) {
+        const r = Math.min(Math.max(row + dr, 0), rows - 1), c = Math.min(Math.max(column + dc, 0), columns - 1);
+        around += heights_mm[r * columns + c] / 4;
+      }
+      const relief = 0.012 * (heights_mm[i] - around);
+      const dusty = clamp(0.5 - relief + 0.5 * noise(row / 9, column / 9) + 0.3 * noise(row / 2.3, column / 2.3));
+      const bare = 0.75 * clamp(2.4 * noise(row / 6 + 40, column / 6) - 0.5);
+      for (let k = 0; k < 3; k++) {
+        const soil = SAND[k] + dusty * (DUST[k] - SAND[k]);
+        colours[3 * i + k] = soil + bare * (BASALT[k] - soil);
+      }
+    }
+    return colours;
+  }
+  // Level ground around the terrain, out to where the haze hides it.
+  makePlain() {
+    const { spacing, corner, columns, heights_mm } = this.shape, rows = heights_mm.length / columns;
+    const [north, east] = corner, top = north + spacing * (rows - 1), right = east + spacing * (columns - 1);
+    const outline = new THREE.Shape();
+    for (const [x, y] of [[-1, -1], [1, -1], [1, 1], [-1, 1]]) outline.lineTo(FAR_M * x, FAR_M * y);
+    const hole = new THREE.Path();
+    for (const [x, y] of [[north, east], [north, right], [top, right], [top, east]]) hole.lineTo(x, y);
+    outline.curves.shift();
+    hole.curves.shift();
+    outline.holes.push(hole);
+    const geometry = new THREE.ShapeGeometry(outline), { position, uv } = geometry.attributes;
+    const colours = new Float32Array(3 * position.count), normals = new Float32Array(3 * position.count);
+    for (let i = 0; i < position.count; i++) {
+      position.setZ(i, corner[2]);
+      uv.setXY(i, position.getY(i) / TILE_M, position.getX(i) / TILE_M);
+      colours.set(SAND.map((part, k) => 0.5 * (part + DUST[k])), 3 * i);
+      normals.set([0, 0, -1], 3 * i);
+    }
+    geometry.setAttribute("color", new THREE.BufferAttribute(colours, 3));
+    geometry.setAttribute("normal", new THREE.BufferAttribute(normals, 3));
+    geometry.setIndex([...geometry.index.array].reverse());
+    return this.mesh(geometry);
+  }
+  mesh(geometry) {
+    const mesh = new THREE.Mesh(geometry, new THREE.MeshLambertMaterial({ map: this.texture, vertexColors: true }));
+    mesh.receiveShadow = true;
+    return mesh;
+  }
+}
+
+function clamp(x) {
+  return Math.min(Math.max(x, 0), 1);
+}
+
+function hash(i, j) {
+  const x = Math.sin(127.1 * i + 311.7 * j) * 43758.5453;
+  return 2 * (x - Math.floor(x)) - 1;
+}
+
+// Smooth noise from -1 to 1.
+function noise(x, y) {
+  const i = Math.floor(x), j = Math.floor(y), a = x - i, b = y - j;
+  const u = a * a * (3 - 2 * a), v = b * b * (3 - 2 * b);
+  const low = hash(i, j) + u * (hash(i + 1, j) - hash(i, j)), high = hash(i, j + 1) + u * (hash(i + 1, j + 1) - hash(i, j + 1));
+  return low + v * (high - low);
+}
+
+// Rocks as dented balls, of three shapes.
+function makeRocks(rocks) {
+  const shapes = [1, 2, 3].map((seed) => {
+    const geometry = new THREE.IcosahedronGeometry(1, 1), { position } = geometry.attributes;
+    for (let i = 0; i < position.count; i++) {
+      const p = new THREE.Vector3().fromBufferAttribute(position, i);
+      p.multiplyScalar(1 + 0.16 * noise(2.1 * p.x + 7 * seed, 2.1 * p.y + 3 * p.z));
+      position.setXYZ(i, p.x, p.y, p.z);
+    }
+    geometry.computeVertexNormals();
+    return geometry;
+  });
+  return shapes.map((geometry, kind) => {
+    const mine = rocks.filter((_, i) => i % shapes.length === kind);
+    const mesh = new THREE.InstancedMesh(geometry, new THREE.MeshLambertMaterial({ flatShading: true }), mine.length);
+    mine.forEach(([north, east, down, radius], i) => {
+      const turn = new THREE.Quaternion().setFromEuler(new THREE.Euler(3 * hash(i, 1), 3 * hash(i, 2), 3 * hash(i, 3)));
+      const size = new THREE.Vector3(radius, radius, radius);
+      mesh.setMatrixAt(i, new THREE.Matrix4().compose(new THREE.Vector3(north, east, down), turn, size));
+      const light = 0.75 + 0.25 * hash(i, 4);
+      mesh.setColorAt(i, new THREE.Color().setRGB(0.27 * light, 0.15 * light, 0.1 * light));
+    });
+    mesh.castShadow = mesh.receiveShadow = true;
+    return mesh;
+  });
+}
+
+// Grains, ripples and small stones, and a grid of a metre.
+function makeTexture() {
+  const size = 1024, image = document.createElement("canvas"), metre = size / TILE_M;
+  image.width = image.height = size;
+  const c = image.getContext("2d");
+  c.fillStyle = "#dcdcdc";
+  c.fillRect(0, 0, size, size);
+  let seed = 7;
+  const random = () => (seed = (16807 * seed) % 2147483647) / 2147483647;
+  for (let i = 0; i < 9000; i++) {
+    const light = 150 + 105 * random(), radius = 0.5 + 1.8 * random(), x = size * random(), y = size * random();
+    c.fillStyle = `rgba(${light},${light},${light},.35)`;
+    c.fillRect(x, y, 2 * radius, radius);
+  }
+  for (let i = 0; i < 420; i++) {
+    const radius = 0.8 + 4 * random() ** 5, x = size * random(), y = size * random(), light = 120 + 70 * random();
+    dot(c, x + 0.5 * radius, y + 0.5 * radius, radius, "rgba(60,45,40,.4)");
+    dot(c, x, y, radius, `rgb(${light},${light},${light})`);
+  }
+  c.strokeStyle = "rgba(30,14,6,.17)";
+  c.lineWidth = 1.6;
+  for (let i = 1; i < TILE_M; i++) {
+    line(c, i * metre, 0, i * metre, size);
+    line(c, 0, i * metre, size, i * metre);
+  }
+  c.strokeStyle = "rgba(30,14,6,.42)";
+  c.lineWidth = 5; // half of it on each side of the seam
+  c.strokeRect(0, 0, size, size);
+  const texture = new THREE.CanvasTexture(image);
+  texture.wrapS = texture.wrapT = THREE.RepeatWrapping;
+  texture.anisotropy = 4;
+  texture.colorSpace = THREE.SRGBColorSpace;
+  return texture;
+}
+
+function dot(c, x, y, radius, colour) {
+  c.fillStyle = colour;
+  c.beginPath();
+  c.arc(x, y, radius, 0, 7);
+  c.fill();
+}
+
+function line(c, x1, y1, x2, y2) {
+  c.beginPath();
+  c.moveTo(x1, y1);
+  c.lineTo(x2, y2);
+  c.stroke();
+}
