@@ -64,7 +64,7 @@ def ellipsoid(cov: Covariance6) -> list[list[float]] | None:
 
 
 def camera_attitude(angles: CameraPitch | None, age_s: float | None) -> list[float] | None:
-    """Quaternion [w, x, y, z] from the camera's axes (right, down, forward) to frd; None when nobody turns the camera."""
+    """Quaternion [w, x, y, z] from the camera's axes (right, down, forward) to frd; None when nobody turns it."""
     if angles is None or age_s is None or age_s > LATE_S:
         return None
     return [round(part, 4) for part in q_frd_from_camera(angles.pitch_camera_rad, angles.roll_camera_rad)]

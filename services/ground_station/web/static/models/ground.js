@@ -1,25 +1,31 @@
 // The ground in ned: the simulator's terrain and rocks, or a level plane when nobody knows it.
 import { THREE } from "nicegui-scene";
+import { lightOn } from "./sky.js";
 
 const TILE_M = 10; // side of the repeated texture; a line of the grid at each metre, a strong one at its edge
 const FAR_M = 1500;
 const FLAT_HALF_M = 60;
+const PIECE = 16; // squares along the side of a piece
+const DETAILS = [{ step: 1, beyond: 0 }, { step: 2, beyond: 22 }, { step: 4, beyond: 50 }]; // metres from the eye
 const SAND = [0.4, 0.19, 0.1], DUST = [0.56, 0.29, 0.155], BASALT = [0.17, 0.1, 0.075]; // linear reflectances
 const LEVEL = { spacing: 2 * FLAT_HALF_M, corner: [-FLAT_HALF_M, -FLAT_HALF_M, 0], columns: 2, heights_mm: [0, 0, 0, 0], rocks: [] };
 
 export class Ground {
-  constructor() {
+  // `slow`: without a graphics card the light is computed once, for the corners only.
+  constructor(slow) {
+    this.slow = slow;
     this.group = new THREE.Group();
     this.texture = makeTexture();
+    this.texture.anisotropy = slow ? 1 : 8;
     this.set(null);
   }
   // Draw a ground of the simulator; null for level ground.
   set(shape) {
     this.isTrue = shape !== null;
     this.shape = shape ?? LEVEL;
-    for (const child of this.group.children) child.geometry.dispose();
+    this.group.traverse((child) => child.geometry?.dispose());
     this.group.clear();
-    this.group.add(this.makeTerrain(), this.makePlain(), ...makeRocks(this.shape.rocks));
+    this.group.add(...this.makeTerrain(), this.makePlain(), ...makeRocks(this.shape.rocks));
   }
   // Height above the world's origin, positive up, without rocks.
   heightAt(north, east) {
@@ -49,28 +55,60 @@ export class Ground {
     }
     return at(high);
   }
+  // Pieces that all share one table of corners. Of a piece far away, fewer corners are drawn.
   makeTerrain() {
-    const { spacing, corner, columns, heights_mm } = this.shape, rows = heights_mm.length / columns;
-    const count = rows * columns, positions = new Float32Array(3 * count), places = new Float32Array(2 * count);
-    for (let i = 0; i < count; i++) {
-      const north = corner[0] + spacing * Math.floor(i / columns), east = corner[1] + spacing * (i % columns);
-      positions.set([north, east, corner[2] - 0.001 * heights_mm[i]], 3 * i);
-      places.set([east / TILE_M, north / TILE_M], 2 * i);
-    }
-    const corners = [];
-    for (let i = 0; i < rows - 1; i++) {
-      for (let j = 0; j < columns - 1; j++) {
-        const a = i * columns + j, b = a + columns;
-        corners.push(a, a + 1, b, b, a + 1, b + 1);
+    const { columns, heights_mm } = this.shape, rows = heights_mm.length / columns, corners = this.makeCorners(rows, columns);
+    const material = this.material(), pieces = [];
+    for (let row = 0; row < rows - 1; row += PIECE) {
+      for (let column = 0; column < columns - 1; column += PIECE) {
+        const [lastRow, lastColumn] = [Math.min(row + PIECE, rows - 1), Math.min(column + PIECE, columns - 1)];
+        pieces.push(this.makePiece(corners, material, row, column, lastRow, lastColumn));
       }
     }
-    const geometry = new THREE.BufferGeometry();
-    geometry.setAttribute("position", new THREE.BufferAttribute(positions, 3));
-    geometry.setAttribute("uv", new THREE.BufferAttribute(places, 2));
-    geometry.setAttribute("color", new THREE.BufferAttribute(this.colours(count, rows, columns), 3));
-    geometry.setIndex(corners);
-    geometry.computeVertexNormals();
-    return this.mesh(geometry);
+    return pieces;
+  }
+  makeCorners(rows, columns) {
+    const { spacing, corner, heights_mm } = this.shape, count = rows * columns;
+    const positions = new Float32Array(3 * count), places = new Float32Array(2 * count), normals = new Float32Array(3 * count);
+    const height = (row, column) => 0.001 * heights_mm[Math.min(Math.max(row, 0), rows - 1) * columns + Math.min(Math.max(column, 0), columns - 1)];
+    for (let i = 0; i < count; i++) {
+      const row = Math.floor(i / columns), column = i % columns, north = corner[0] + spacing * row, east = corner[1] + spacing * column;
+      positions.set([north, east, corner[2] - height(row, column)], 3 * i);
+      places.set([east / TILE_M, north / TILE_M], 2 * i);
+      const slopeNorth = (height(row + 1, column) - height(row - 1, column)) / (2 * spacing);
+      const slopeEast = (height(row, column + 1) - height(row, column - 1)) / (2 * spacing);
+      new THREE.Vector3(-slopeNorth, -slopeEast, -1).normalize().toArray(normals, 3 * i);
+    }
+    const colours = this.colours(count, rows, columns);
+    if (this.slow) bake(colours, normals);
+    return {
+      position: new THREE.BufferAttribute(positions, 3), normal: new THREE.BufferAttribute(normals, 3),
+      uv: new THREE.BufferAttribute(places, 2), color: new THREE.BufferAttribute(colours, 3),
+    };
+  }
+  makePiece(corners, material, row, column, lastRow, lastColumn) {
+    const { spacing, corner, columns } = this.shape, piece = new THREE.LOD();
+    const [north, east] = [[row, lastRow, corner[0]], [column, lastColumn, corner[1]]].map(([first, last, at]) => at + 0.5 * spacing * (first + last));
+    const reach = 0.75 * spacing * Math.max(lastRow - row, lastColumn - column) + 2;
+    piece.position.set(north, east, corner[2]);
+    DETAILS.forEach(({ step, beyond }) => {
+      const geometry = new THREE.BufferGeometry(), index = [];
+      const [rowsUsed, columnsUsed] = [every(step, row, lastRow), every(step, column, lastColumn)];
+      for (let i = 1; i < rowsUsed.length; i++) {
+        for (let j = 1; j < columnsUsed.length; j++) {
+          const [a, b] = [rowsUsed[i - 1] * columns, rowsUsed[i] * columns], [left, right] = [columnsUsed[j - 1], columnsUsed[j]];
+          index.push(a + left, a + right, b + left, b + left, a + right, b + right);
+        }
+      }
+      for (const [name, attribute] of Object.entries(corners)) geometry.setAttribute(name, attribute);
+      geometry.setIndex(index);
+      geometry.boundingSphere = new THREE.Sphere(new THREE.Vector3(north, east, corner[2]), reach);
+      const mesh = new THREE.Mesh(geometry, material);
+      mesh.position.set(-north, -east, -corner[2]);
+      mesh.receiveShadow = true;
+      piece.addLevel(mesh, beyond, 0.1);
+    });
+    return piece;
   }
   // Dust in the hollows and darker sand on the rims, as in the simulator's own pictures; patches of bare rock.
   colours(count, rows, columns) {
@@ -111,16 +149,28 @@ export class Ground {
       colours.set(SAND.map((part, k) => 0.5 * (part + DUST[k])), 3 * i);
       normals.set([0, 0, -1], 3 * i);
     }
+    if (this.slow) bake(colours, normals);
     geometry.setAttribute("color", new THREE.BufferAttribute(colours, 3));
     geometry.setAttribute("normal", new THREE.BufferAttribute(normals, 3));
     geometry.setIndex([...geometry.index.array].reverse());
-    return this.mesh(geometry);
+    return new THREE.Mesh(geometry, this.material());
   }
-  mesh(geometry) {
-    const mesh = new THREE.Mesh(geometry, new THREE.MeshLambertMaterial({ map: this.texture, vertexColors: true }));
-    mesh.receiveShadow = true;
-    return mesh;
+  material() {
+    const look = { map: this.texture, vertexColors: true };
+    return this.slow ? new THREE.MeshBasicMaterial(look) : new THREE.MeshLambertMaterial(look);
   }
+}
+
+function bake(colours, normals) {
+  for (let i = 0; i < colours.length; i += 3) {
+    lightOn(normals[i], normals[i + 1], normals[i + 2]).forEach((factor, k) => (colours[i + k] *= factor));
+  }
+}
+
+function every(step, first, last) {
+  const used = [];
+  for (let i = first; i < last; i += step) used.push(i);
+  return [...used, last];
 }
 
 function clamp(x) {
@@ -143,7 +193,7 @@ function noise(x, y) {
 // Rocks as dented balls, of three shapes.
 function makeRocks(rocks) {
   const shapes = [1, 2, 3].map((seed) => {
-    const geometry = new THREE.IcosahedronGeometry(1, 1), { position } = geometry.attributes;
+    const geometry = new THREE.IcosahedronGeometry(1, 0), { position } = geometry.attributes;
     for (let i = 0; i < position.count; i++) {
       const p = new THREE.Vector3().fromBufferAttribute(position, i);
       p.multiplyScalar(1 + 0.16 * noise(2.1 * p.x + 7 * seed, 2.1 * p.y + 3 * p.z));
@@ -197,7 +247,6 @@ function makeTexture() {
   c.strokeRect(0, 0, size, size);
   const texture = new THREE.CanvasTexture(image);
   texture.wrapS = texture.wrapT = THREE.RepeatWrapping;
-  texture.anisotropy = 4;
   texture.colorSpace = THREE.SRGBColorSpace;
   return texture;
 }

@@ -22,6 +22,7 @@ export function makeDome() {
   geometry.setAttribute("color", new THREE.BufferAttribute(colours, 3));
   geometry.rotateX(Math.PI / 2);
   const dome = new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ vertexColors: true, side: THREE.BackSide, fog: false, toneMapped: false, depthWrite: false }));
+  dome.renderOrder = 1; // behind everything else, and so only where nothing else is
   dome.add(makeSun());
   return dome;
 }
@@ -38,13 +39,23 @@ function makeSun() {
   return sun;
 }
 
+const SUN = [0xfff0dc, 2.7], SKY = [0xf3d3b0, 0x7a4a30, 1.25];
+
+// What a matt surface with an upward normal in ned reflects of these lights: a factor for each colour.
+export function lightOn(north, east, down) {
+  const [sun, sky, soil] = [SUN[0], SKY[0], SKY[1]].map((hex) => new THREE.Color(hex));
+  const direct = SUN[1] * Math.max(east * TO_SUN.x + north * TO_SUN.y - down * TO_SUN.z, 0);
+  const around = soil.lerp(sky, 0.5 - 0.5 * down).multiplyScalar(SKY[2]);
+  return sun.multiplyScalar(direct).add(around).multiplyScalar(1 / Math.PI).toArray();
+}
+
 export function makeLights(scene) {
-  const sun = new THREE.DirectionalLight(0xfff0dc, 2.7);
+  const sun = new THREE.DirectionalLight(...SUN);
   sun.castShadow = true;
   sun.shadow.mapSize.set(1024, 1024);
   Object.assign(sun.shadow.camera, { left: -12, right: 12, top: 12, bottom: -12, near: 1, far: 90 });
   sun.shadow.bias = -0.001;
-  scene.add(new THREE.HemisphereLight(0xf3d3b0, 0x7a4a30, 1.25), sun, sun.target);
+  scene.add(new THREE.HemisphereLight(...SKY), sun, sun.target);
   return sun;
 }
 
