@@ -53,7 +53,9 @@ def _age(age_s: float) -> str:
 
 
 def compass_point(heading_deg: float) -> str:
-    """The nearest of eight points of the compass."""
+    """The nearest of eight points of the compass; "" for a heading that is none."""
+    if not isfinite(heading_deg):
+        return ""
     return COMPASS[2 * round(heading_deg / 45.0) % 16]
 
 

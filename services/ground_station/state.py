@@ -192,9 +192,10 @@ class VehicleState:
 
     def _lost(self, status: Status | None, age_s: float | None) -> dict[str, Any] | None:
         """Where the vehicle was last, in words of time, once nothing comes from it any more."""
-        if status is None or status.odometry is None or age_s is None or age_s <= LATE_S:
+        pose = vehicle_pose(status, 0.0)
+        if pose is None or age_s is None or age_s <= LATE_S:
             return None
-        return {"pos": rounded(status.odometry.pos_uav_ned_m), "age": f"{duration(age_s)} ago"}
+        return {"pos": pose["pos"], "age": f"{duration(age_s)} ago"}
 
     def trail(self) -> list[list[float]]:
         """Path flown so far, NED."""

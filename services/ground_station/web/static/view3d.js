@@ -129,7 +129,7 @@ export default {
     resize() {
       const { clientWidth: width, clientHeight: height } = this.$el;
       if (!width || !height) return;
-      this.renderer.setPixelRatio(PIXELS[this.fewer] * (this.fewer ? 1 : Math.min(window.devicePixelRatio, 2)));
+      this.renderer.setPixelRatio(PIXELS[this.fewer] * Math.min(window.devicePixelRatio, 2));
       this.renderer.setSize(width, height, false);
       this.camera.aspect = width / height;
       this.camera.fov = width > height ? 50 : 62;

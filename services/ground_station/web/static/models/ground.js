@@ -25,7 +25,7 @@ export class Ground {
     this.shape = shape ?? LEVEL;
     this.group.traverse((child) => child.geometry?.dispose());
     this.group.clear();
-    this.group.add(...this.makeTerrain(), this.makePlain(), ...makeRocks(this.shape.rocks));
+    this.group.add(...this.makeTerrain(), this.makeFloor(), this.makePlain(), ...makeRocks(this.shape.rocks));
   }
   // Height above the world's origin, positive up, without rocks.
   heightAt(north, east) {
@@ -154,6 +154,17 @@ export class Ground {
     geometry.setAttribute("normal", new THREE.BufferAttribute(normals, 3));
     geometry.setIndex([...geometry.index.array].reverse());
     return new THREE.Mesh(geometry, this.material());
+  }
+  // Seen through the gaps between pieces of different detail.
+  makeFloor() {
+    const { spacing, corner, columns, heights_mm } = this.shape, rows = heights_mm.length / columns;
+    const lowest = corner[2] - 0.001 * heights_mm.reduce((low, height) => Math.min(low, height), 0);
+    const size = [spacing * (rows - 1), spacing * (columns - 1)];
+    const floor = new THREE.Mesh(new THREE.PlaneGeometry(...size), new THREE.MeshBasicMaterial({ color: 0x9c5a36 }));
+    floor.position.set(corner[0] + 0.5 * size[0], corner[1] + 0.5 * size[1], lowest + 0.05);
+    floor.rotation.x = Math.PI;
+    floor.renderOrder = 1;
+    return floor;
   }
   material() {
     const look = { map: this.texture, vertexColors: true };
