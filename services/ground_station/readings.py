@@ -53,9 +53,7 @@ def _age(age_s: float) -> str:
 
 
 def compass_point(heading_deg: float) -> str:
-    """The nearest of eight points of the compass; "" for a heading that is none."""
-    if not isfinite(heading_deg):
-        return ""
+    """The nearest of eight points of the compass."""
     return COMPASS[2 * round(heading_deg / 45.0) % 16]
 
 
@@ -74,8 +72,9 @@ def flight_readings(status: Status | None, age_s: float | None, home_z_ned_m: fl
     roll_deg = pitch_deg = heading_deg = None
     if odometry is not None:
         pos_m, vel_mps = odometry.pos_uav_ned_m, odometry.vel_uav_ned_mps
-        roll_deg, pitch_deg, yaw_deg = (degrees(angle) for angle in euler_from_quat(odometry.q_ned_from_frd))
-        heading_deg = yaw_deg % 360.0
+        if all(map(isfinite, odometry.q_ned_from_frd)):
+            roll_deg, pitch_deg, yaw_deg = (degrees(angle) for angle in euler_from_quat(odometry.q_ned_from_frd))
+            heading_deg = yaw_deg % 360.0
     height_m = None if pos_m is None else altitude_m(pos_m[2] - (home_z_ned_m or 0.0))
     remaining = None if battery is None else battery.remaining
     home = "over " + ("start" if home_z_ned_m is None else "home")
