@@ -61,14 +61,8 @@ class Photographer:
 
     def draw(self, frames: int = 4) -> None:
         """Wait until the 3D view has drawn some frames."""
-        self._page.evaluate(
-            """frames => new Promise(resolve => {
-                const step = () => (window.drawn3d >= frames ? resolve() : requestAnimationFrame(step));
-                window.drawn3d = 0;
-                step();
-            })""",
-            frames,
-        )
+        self._page.evaluate("window.drawn3d = 0")
+        self._page.wait_for_function("frames => window.drawn3d >= frames", arg=frames)
 
     def wait_for(self, selector: str, text: str) -> None:
         """Wait until an element contains a text."""
