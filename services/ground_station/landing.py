@@ -75,13 +75,9 @@ def _rows(pos_m: Any, pos_age_s: float | None, estimate: Relative | None, estima
 def _inputs(relative: Relative | None) -> list[dict[str, Any]]:
     """Each input of the relative position, and whether it was fused in the last second."""
     used = () if relative is None else relative.inputs
-    wanted = {
-        "uwb": relative is not None and relative.use_uwb,
-        "tag": relative is not None and relative.use_tag,
-        "altimeter": True,
-    }
+    wanted = {"uwb": relative is not None and relative.use_uwb, "tag": relative is not None and relative.use_tag}
     return [
-        {"name": words, "state": "used" if name in used else "silent" if wanted[name] else "off"}
+        {"name": words, "state": "used" if name in used else "silent" if wanted.get(name) else "off"}
         for name, words in INPUTS.items()
     ]
 

@@ -48,7 +48,7 @@ def test_the_position_and_its_uncertainty_are_those_of_a_valid_estimate() -> Non
 def test_each_input_is_used_or_wanted_or_off() -> None:
     assert [row["state"] for row in view()["inputs"]] == ["used", "silent", "used"]
     by_tag_alone = msgspec.structs.replace(ESTIMATE, use_uwb=False, inputs=("odometry", "tag"))
-    assert [row["state"] for row in view(estimate=by_tag_alone)["inputs"]] == ["off", "used", "silent"]
+    assert [row["state"] for row in view(estimate=by_tag_alone)["inputs"]] == ["off", "used", "off"]
 
 
 def test_an_invalid_estimate_gives_its_reason_and_no_uncertainty() -> None:

@@ -1,7 +1,7 @@
 // A landing: beside and over the platform, drawn to scale, with the cone of the descent and the estimate's 3 sigma.
 const HEIGHTS = [0.5, 1, 2, 4, 8, 16, 32, 64, 128], WIDTHS = [0.7, 1.4, 3, 6, 12, 25, 50, 100], BARS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50];
 const MARKS = { used: "✓", silent: "!", off: "–" };
-const WORDS = { used: "in use", silent: "wanted, but nothing comes", off: "not wanted" };
+const WORDS = { used: "in use", silent: "wanted, but nothing comes", off: "not in use" };
 
 export default {
   template: `<section class="target" v-if="landing" :class="{ late: landing.late }" data-mark="target">

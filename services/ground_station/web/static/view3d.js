@@ -98,7 +98,7 @@ export default {
       const labels = [];
       if (rover) {
         const widest = ellipsoid ? Math.max(...ellipsoid.map((axis) => Math.hypot(...axis))) : null;
-        labels.push({ name: "rover", text: widest === null ? "rover" : `rover ±${widest.toFixed(2)} m (3σ)`, at: rover.pos, lift: 0.35 });
+        labels.push({ name: "rover", text: widest === null ? "rover" : `rover ±${widest.toFixed(2)} m (3σ)`, at: rover.pos, lift: -0.75 });
       }
       if (lost) labels.push({ name: "lost", text: `last seen here ${lost.age}`, at: lost.pos, lift: 0.45 });
       return labels;
@@ -235,7 +235,7 @@ export default {
         const place = new THREE.Vector3(at[1], at[0], lift - at[2]).project(this.camera);
         const shown = place.z < 1 && Math.abs(place.x) < 1 && Math.abs(place.y) < 1;
         element.style.visibility = shown ? "visible" : "hidden";
-        element.style.transform = `translate(${0.5 * (1 + place.x) * width}px, ${0.5 * (1 - place.y) * height}px) translate(-50%, -100%)`;
+        element.style.transform = `translate(${0.5 * (1 + place.x) * width}px, ${0.5 * (1 - place.y) * height}px) translate(-50%, ${lift > 0 ? -100 : 0}%)`;
       }
     },
   },

@@ -68,13 +68,11 @@ export class Marks {
 function makeEllipsoid() {
   const group = new THREE.Group();
   const look = { color: 0x35e0ff, transparent: true, depthTest: false, depthWrite: false, fog: false };
-  group.add(new THREE.Mesh(new THREE.SphereGeometry(1, 24, 16), new THREE.MeshBasicMaterial({ ...look, opacity: 0.2 })));
+  group.add(new THREE.Mesh(new THREE.SphereGeometry(1, 24, 16), new THREE.MeshBasicMaterial({ ...look, opacity: 0.28 })));
   const circle = Array.from({ length: 48 }, (_, i) => [Math.cos((i * Math.PI) / 24), Math.sin((i * Math.PI) / 24)]);
-  for (const place of [([a, b]) => [a, b, 0], ([a, b]) => [a, 0, b], ([a, b]) => [0, a, b]]) {
-    const geometry = new THREE.BufferGeometry();
-    geometry.setAttribute("position", new THREE.Float32BufferAttribute(circle.flatMap(place), 3));
-    group.add(new THREE.LineLoop(geometry, new THREE.LineBasicMaterial({ ...look, opacity: 0.95 })));
-  }
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.Float32BufferAttribute(circle.flatMap(([a, b]) => [0, a, b]), 3)); // the two longest axes
+  group.add(new THREE.LineLoop(geometry, new THREE.LineBasicMaterial({ ...look, opacity: 1 })));
   group.matrixAutoUpdate = false;
   for (const part of group.children) part.renderOrder = 5;
   return group;
