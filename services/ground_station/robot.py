@@ -14,6 +14,7 @@ def robot_shapes(vehicle: VehicleConfig) -> dict[str, Any]:
     tan_right = tan(0.5 * radians(camera.field_of_view_deg))
     return {
         "stand": airframe.height_stand_m,
+        "altimeter": vehicle.height_altimeter_m,
         "rotors": [list(pos_m) for pos_m in airframe.pos_rotors_frd_m],
         "radius": airframe.radius_rotor_m,
         "feet": list(airframe.feet_frd_m),

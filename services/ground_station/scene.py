@@ -9,6 +9,7 @@ import numpy as np
 from jezero.frames import euler_from_quat, q_frd_from_camera
 from jezero.schemas.commands import CameraPitch
 from jezero.schemas.estimate import Covariance6, Relative, RoverEstimate
+from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Status
 from jezero.schemas.terrain import Ground
 from jezero.services.ground_station.readings import LATE_S, LOST_S
@@ -31,8 +32,15 @@ def vehicle_pose(status: Status | None, age_s: float | None) -> dict[str, Any] |
         "pos": rounded(odometry.pos_uav_ned_m), "vel": rounded(odometry.vel_uav_ned_mps),
         "q": [round(part, 4) for part in odometry.q_ned_from_frd],
         "roll": round(roll_deg, 1), "pitch": round(pitch_deg, 1), "yaw": round(yaw_deg, 1),
-        "armed": status.armed, "late": age_s > LATE_S,
+        "armed": status.armed, "landed": status.landed, "late": age_s > LATE_S,
     }  # fmt: skip
+
+
+def altimeter_range(altimeter: Altimeter | None, age_s: float | None) -> float | None:
+    """Range of the altimeter in metres; None without a fresh one."""
+    if altimeter is None or age_s is None or age_s > LATE_S or altimeter.range_m is None:
+        return None
+    return round(altimeter.range_m, 3) if isfinite(altimeter.range_m) else None
 
 
 def rover_pose(rover: RoverEstimate | None, age_s: float | None) -> dict[str, Any] | None:

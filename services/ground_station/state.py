@@ -26,7 +26,14 @@ from jezero.services.ground_station.readings import (
     ground_reading,
     rover_readings,
 )
-from jezero.services.ground_station.scene import camera_attitude, relative_ellipsoid, rounded, rover_pose, vehicle_pose
+from jezero.services.ground_station.scene import (
+    altimeter_range,
+    camera_attitude,
+    relative_ellipsoid,
+    rounded,
+    rover_pose,
+    vehicle_pose,
+)
 from jezero.services.ground_station.words import activity, duration, in_charge, wind_words
 
 FEEDBACK_AGE_MAX_S = 2.0
@@ -88,7 +95,8 @@ class VehicleState:
             self._trail.shift(subtract(status.odometry.reset_offset_ned_m, before.reset_offset_ned_m))
         if last is not None and status.armed and not last.armed:
             self._home_z_ned_m = status.odometry.pos_uav_ned_m[2]
-        self._trail.add(status.odometry.pos_uav_ned_m)
+        if status.armed:
+            self._trail.add(status.odometry.pos_uav_ned_m)
 
     def _latest(self, topic: Topic[Any]) -> Any:
         entry = self._newest.get(topic.name)
@@ -182,6 +190,7 @@ class VehicleState:
         wind = None if status is None or age_s is None or age_s > LATE_S else status.wind_ned_mps
         return {
             "vehicle": vehicle_pose(status, age_s),
+            "range": altimeter_range(self._latest(topics.ALTIMETER), self._age_s(topics.ALTIMETER, now_s)),
             "lost": self._lost(status, age_s),
             "rover": rover_pose(self._latest(topics.ROVER_ESTIMATE), self._age_s(topics.ROVER_ESTIMATE, now_s)),
             "ellipsoid": relative_ellipsoid(self._latest(topics.RELATIVE), self._age_s(topics.RELATIVE, now_s)),

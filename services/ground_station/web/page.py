@@ -84,6 +84,8 @@ class Page:
                 self._goal_text = ui.label()
                 self._goal_bar = ui.linear_progress(0.0, show_value=False).props("rounded")
                 self._goal_cancel = ui.button("Cancel", on_click=self._commands.hover).props("no-caps dense")
+            for element in (self._goal_text, self._goal_bar, self._goal_cancel):
+                element.set_visibility(False)
 
     def _side(self) -> None:
         with ui.element("aside").classes("side"):

@@ -10,8 +10,10 @@ import pytest
 from jezero.frames import q_frd_from_camera, quat_from_euler, quat_rotate
 from jezero.schemas.commands import CameraPitch
 from jezero.schemas.estimate import Covariance6
+from jezero.schemas.sensors import Altimeter
 from jezero.schemas.terrain import Ground, Rock
 from jezero.services.ground_station.scene import (
+    altimeter_range,
     camera_attitude,
     ellipsoid,
     ground_shape,
@@ -52,6 +54,14 @@ def test_a_vehicle_that_is_late_is_drawn_as_late_and_one_that_is_lost_is_not_dra
     assert vehicle_pose(Flight().status(), 10.0) is None
     assert vehicle_pose(None, None) is None
     assert vehicle_pose(Flight().status(odometry=None), 0.1) is None
+
+
+def test_only_a_fresh_range_of_the_altimeter_places_the_ground() -> None:
+    assert altimeter_range(Altimeter(t_ns=0, range_m=1.2346), 0.1) == 1.235
+    assert altimeter_range(Altimeter(t_ns=0, range_m=1.2), 1.5) is None
+    assert altimeter_range(Altimeter(t_ns=0), 0.1) is None
+    assert altimeter_range(Altimeter(t_ns=0, range_m=nan), 0.1) is None
+    assert altimeter_range(None, None) is None
 
 
 def test_a_rover_without_a_valid_estimate_is_not_drawn() -> None:

@@ -151,6 +151,11 @@ def test_the_trail_begins_again_in_a_new_epoch() -> None:
     assert state.trail() == [[0.0, 0.0, 0.0]]
 
 
+def test_a_vehicle_that_stands_adds_nothing_to_the_trail() -> None:
+    state = shown(armed=False, landed=True, code=0, in_charge="none")
+    assert state.trail() == []
+
+
 def test_a_vehicle_that_is_lost_for_long_is_not_drawn() -> None:
     state = shown()
     assert state.scene(0.5)["vehicle"]["late"] is False

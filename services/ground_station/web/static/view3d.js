@@ -90,9 +90,18 @@ export default {
       this.state = data;
       this.vehicle.visible = !!data.vehicle;
       this.rover.visible = !!data.rover;
+      this.followGround(data);
       this.late = !!data.lost;
       this.wind = `Wind ${data.wind_words}`;
       this.labels = this.labelsOf(data);
+    },
+    followGround({ vehicle, rover, range }) {
+      if (!vehicle || vehicle.late) return;
+      const overRover = rover && Math.hypot(vehicle.pos[0] - rover.pos[0], vehicle.pos[1] - rover.pos[1]) < 1.5 * this.robot.platform.side;
+      if (overRover || (range === null && !vehicle.landed)) return;
+      const [, x, y] = vehicle.q, upright = 1 - 2 * (x * x + y * y);
+      this.ground.follow(vehicle.pos, vehicle.landed ? 0 : range * upright - this.robot.altimeter);
+      this.marks.setHome([0, 0]);
     },
     labelsOf({ rover, ellipsoid, lost }) {
       const labels = [];
@@ -188,7 +197,8 @@ export default {
         rotor.rotation.z += rotor.spin * (vehicle.armed && !vehicle.late ? ROTOR_RPS : 0) * dt;
         rotor.disc.visible = vehicle.armed;
       }
-      if (this.end) this.tail.set([this.end, [this.vehicle.position.x, this.vehicle.position.y, this.vehicle.position.z + this.robot.stand]]);
+      const flown = vehicle.armed && this.end ? [this.end] : [];
+      this.tail.set([...flown, [this.vehicle.position.x, this.vehicle.position.y, this.vehicle.position.z + this.robot.stand]]);
       this.view.update(this.vehicle.position, this.vehicle.quaternion, this.state.camera);
     },
     moveCamera() {

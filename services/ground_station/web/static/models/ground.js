@@ -5,6 +5,7 @@ import { lightOn } from "./sky.js";
 const TILE_M = 10; // side of the repeated texture; a line of the grid at each metre, a strong one at its edge
 const FAR_M = 1500;
 const FLAT_HALF_M = 60;
+const OFFSET_MAX_M = 3, FOLLOW_SHARE = 0.05; // of the error, in each update
 const PIECE = 16; // squares along the side of a piece
 const DETAILS = [{ step: 1, beyond: 0 }, { step: 2, beyond: 22 }, { step: 4, beyond: 50 }]; // metres from the eye
 const SAND = [0.4, 0.19, 0.1], DUST = [0.56, 0.29, 0.155], BASALT = [0.17, 0.1, 0.075]; // linear reflectances
@@ -22,20 +23,31 @@ export class Ground {
   // Draw a ground of the simulator; null for level ground.
   set(shape) {
     this.isTrue = shape !== null;
+    this.offset = this.group.position.z = 0; // in ned, so positive down
+    this.followed = false;
     this.shape = shape ?? LEVEL;
     this.group.traverse((child) => child.geometry?.dispose());
     this.group.clear();
     this.group.add(...this.makeTerrain(), this.makeFloor(), this.makePlain(), ...makeRocks(this.shape.rocks));
   }
+  // Move the ground so that it is where the altimeter measures it, or a standing vehicle feels it: the autopilot's own
+  // height is wrong by some decimetres, and that of the ground in its frame with it.
+  follow([north, east, down], height) {
+    const error = down + height + this.heightAt(north, east);
+    if (Math.abs(this.offset + error) > OFFSET_MAX_M) return;
+    this.offset += this.followed ? FOLLOW_SHARE * error : error;
+    this.followed = true;
+    this.group.position.z = this.offset;
+  }
   // Height above the world's origin, positive up, without rocks.
   heightAt(north, east) {
     const { spacing, corner, columns, heights_mm } = this.shape, rows = heights_mm.length / columns;
     const r = (north - corner[0]) / spacing, c = (east - corner[1]) / spacing, i = Math.floor(r), j = Math.floor(c);
-    if (i < 0 || j < 0 || i >= rows - 1 || j >= columns - 1) return -corner[2];
+    if (i < 0 || j < 0 || i >= rows - 1 || j >= columns - 1) return -corner[2] - this.offset;
     const at = i * columns + j, a = r - i, b = c - j;
     const south = (1 - b) * heights_mm[at] + b * heights_mm[at + 1];
     const northern = (1 - b) * heights_mm[at + columns] + b * heights_mm[at + columns + 1];
-    return 0.001 * ((1 - a) * south + a * northern) - corner[2];
+    return 0.001 * ((1 - a) * south + a * northern) - corner[2] - this.offset;
   }
   // Point at which a ray from `from` meets the ground, at most `reach` metres away.
   meet(from, direction, reach) {
