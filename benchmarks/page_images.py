@@ -13,7 +13,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from io import BytesIO
 from math import radians
 from pathlib import Path
 from tempfile import mkdtemp
@@ -30,8 +29,6 @@ DOCS = {"ground_station": "orbit-wide", "ground_station_landing": "landing-wide"
 """Pictures of README.md and the documentation, by the name of their files."""
 JPEG_QUALITY = 86
 ROVER_NED_M = (5.0, -3.0)
-SCALE = 2
-"""Pixels of the browser for each pixel of a picture, along a side."""
 TIMEOUT_MS = 180_000
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
@@ -54,13 +51,13 @@ class Photographer:
         for size, (width_px, height_px) in reversed(SIZES.items()):
             self._page.set_viewport_size({"width": width_px, "height": height_px})
             self.draw()
-            picture = Image.open(BytesIO(self._page.screenshot()))
             path = self._folder / f"{name}-{size}.png"
-            picture.convert("RGB").resize((width_px, height_px), Image.Resampling.LANCZOS).save(path, optimize=True)
+            self._page.screenshot(path=path)
             print(path, flush=True)
 
     def draw(self, frames: int = 4) -> None:
-        """Wait until the 3D view has drawn some frames."""
+        """Wait until the 3D view has drawn some frames of the vehicle's world."""
+        self.wait_for(".view3d-foot", "ground of the simulator")
         self._page.evaluate("window.drawn3d = 0")
         self._page.wait_for_function("frames => window.drawn3d >= frames", arg=frames)
 
@@ -106,7 +103,7 @@ def opened(address: str) -> Iterator[Page]:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=browser_path, args=list(FLAGS))
         width_px, height_px = SIZES["wide"]
-        page = browser.new_page(viewport={"width": width_px, "height": height_px}, device_scale_factor=SCALE)
+        page = browser.new_page(viewport={"width": width_px, "height": height_px})
         page.add_init_script(
             """window.drawn3d = 0;
             const clear = WebGL2RenderingContext.prototype.clear;
@@ -125,7 +122,6 @@ def fly(uav: Vehicle, page: Page, photos: Photographer, bridge: int) -> None:
         bridge: process id of the vehicle bridge, which is stopped at the end.
     """
     photos.wait_for(".state-words", "ready")
-    photos.wait_for(".view3d-foot", "ground of the simulator")
     page.wait_for_selector(".camera img:not([hidden])")
     photos.take("idle")
 
@@ -172,7 +168,7 @@ def write_docs(folder: Path) -> None:
     """Write the pictures of the documentation."""
     for name, taken in DOCS.items():
         picture = Image.open(folder / f"{taken}.png")
-        picture.save(IMAGES / f"{name}.jpg", quality=JPEG_QUALITY, optimize=True, progressive=True)
+        picture.convert("RGB").save(IMAGES / f"{name}.jpg", quality=JPEG_QUALITY, optimize=True, progressive=True)
 
 
 def main() -> None:
