@@ -7,6 +7,7 @@ it through the SDK, and writes FOLDER/pages/. With `--docs` two of the pictures 
 import argparse
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -61,9 +62,9 @@ class Photographer:
         self._page.evaluate("window.drawn3d = 0")
         self._page.wait_for_function("frames => window.drawn3d >= frames", arg=frames)
 
-    def wait_for(self, selector: str, text: str) -> None:
-        """Wait until an element contains a text."""
-        expect(self._page.locator(selector)).to_contain_text(text, timeout=TIMEOUT_MS)
+    def wait_for(self, selector: str, pattern: str) -> None:
+        """Wait until the text of an element contains a pattern."""
+        expect(self._page.locator(selector)).to_contain_text(re.compile(pattern), timeout=TIMEOUT_MS)
 
 
 @contextmanager
@@ -94,6 +95,10 @@ def services(environment: dict[str, str]) -> dict[str, dict[str, object]]:
     return {row["service"]: row for row in json.loads(jezero(environment, "ps", "--json"))}
 
 
+def launcher_of(run: Path) -> int:
+    return int(json.loads((run / "state.json").read_text())["launcher_pid"])
+
+
 @contextmanager
 def opened(address: str) -> Iterator[Page]:
     """The page in a browser, which counts the frames of the 3D view."""
@@ -115,11 +120,12 @@ def opened(address: str) -> Iterator[Page]:
         browser.close()
 
 
-def fly(uav: Vehicle, page: Page, photos: Photographer, bridge: int) -> None:
+def fly(uav: Vehicle, page: Page, photos: Photographer, bridge: int, launcher: int) -> None:
     """Fly through all that the pictures show.
 
     Args:
         bridge: process id of the vehicle bridge, which is stopped at the end.
+        launcher: process id of the launcher, which starts another one.
     """
     photos.wait_for(".state-words", "ready")
     page.wait_for_selector(".camera img:not([hidden])")
@@ -127,27 +133,31 @@ def fly(uav: Vehicle, page: Page, photos: Photographer, bridge: int) -> None:
 
     uav.takeoff(altitude_m=2.5).result()
     orbit = uav.get_images((*ROVER_NED_M, -3.0), 3.5, 12, target_z_ned_m=-0.5, speed_mps=0.6)
-    photos.wait_for(".progress", "5 of 12")
+    photos.wait_for(".progress", r"[4-9] of 12")
     photos.take("orbit")
     orbit.result()
 
     cover(page)
-    photos.wait_for(".progress", "12 of")
+    photos.wait_for(".progress", r"(1[2-9]|[2-9]\d) of")
     page.get_by_text("3D", exact=True).click()
     photos.take("coverage")
     page.locator('[data-mark="hover"]').click()
     photos.wait_for(".state-words", "Hovering")
 
     landing = uav.land_on_spot()
-    photos.wait_for(".target", "Descent")
+    photos.wait_for(".target", "Descent|Contact")
     photos.take("landing")
     landing.result()
 
     uav.takeoff(altitude_m=2.5).result()
-    uav.go_to(2.0, 2.0, -4.0, yaw_rad=radians(140.0)).result()
-    os.kill(bridge, signal.SIGSTOP)
-    photos.wait_for(".state-words", "Link lost")
-    photos.take("lost")
+    uav.go_to(2.0, 2.0, -10.0, yaw_rad=radians(140.0)).result()
+    os.kill(launcher, signal.SIGSTOP)  # it would restart the bridge before the picture is taken
+    try:
+        os.kill(bridge, signal.SIGSTOP)
+        photos.wait_for(".state-words", "Link lost")
+        photos.take("lost")
+    finally:
+        os.kill(launcher, signal.SIGCONT)
     photos.wait_for(".state-more", "failsafe")
     photos.take("failsafe")
 
@@ -182,9 +192,10 @@ def main() -> None:
     with stack(run) as environment:
         rows = services(environment)
         address = str(rows["ground_station"]["text"]).partition(",")[0]
+        bridge, launcher = int(str(rows["vehicle_bridge"]["pid"])), launcher_of(run)
         vehicle, router = environment["JEZERO_VEHICLE"], environment["JEZERO_ROUTER"]
         with Vehicle.connect(vehicle, router=router) as uav, opened(address) as page:
-            fly(uav, page, Photographer(page, folder), int(str(rows["vehicle_bridge"]["pid"])))
+            fly(uav, page, Photographer(page, folder), bridge, launcher)
     if arguments.docs:
         write_docs(folder)
 
