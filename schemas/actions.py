@@ -202,12 +202,15 @@ class LandFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="la
         phase: phase of the landing. `approach` flies to a point above the platform or the spot, `descent` descends,
             `hold` keeps the height while the platform is out of sight, `search` searches for the platform, `contact`
             follows the touchdown, `go_around` climbs after a bad one.
+        cone_m: horizontal distance from the middle of the platform up to which the vehicle descends at its present
+            height. None for a landing on a spot, and while the platform's position is unknown.
     """
 
     pos_uav_ned_m: PositionNed
     frame: Frame = "world"
     pos_rel_ned_m: PositionNed | None = None
     phase: LandPhase
+    cone_m: NonNegative | None = None
 
 
 class ImagesFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="images"):

@@ -10,7 +10,7 @@ from typing import Any, Generic, Literal, TypeVar, get_origin
 
 import msgspec
 
-from jezero.schemas import actions, commands, estimate, health, images, journal, mission, sensors, state
+from jezero.schemas import actions, commands, estimate, health, images, journal, mission, sensors, state, terrain
 from jezero.schemas.struct import Message, Payload
 
 M = TypeVar("M", bound=Message)
@@ -331,6 +331,15 @@ COMMAND_MISSION = Endpoint(
     "mission",
     lambda why: mission.MissionReply(accepted=False, reason=why),
 )
+GROUND = Endpoint(
+    "simulator/ground",
+    terrain.GetGround,
+    terrain.Ground,
+    "simulator",
+    lambda why: terrain.Ground(reason=why),
+    wildcards=True,
+)
+"""The simulator's terrain, for people to look at."""
 
 TAKEOFF = Action(
     "takeoff",
@@ -378,7 +387,7 @@ ACTIONS: dict[str, Action[Any]] = {a.name: a for a in (TAKEOFF, GO_TO, GET_IMAGE
 
 ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (
     ACQUIRE, RELEASE, HOVER, ABORT, KILL, RESULT, UNKNOWN_ACTION, GET_PARAMETERS, SET_PARAMETERS, LEASE,
-    RUN_MISSION, COMMAND_MISSION,
+    RUN_MISSION, COMMAND_MISSION, GROUND,
     *(endpoint for action in ACTIONS.values() for endpoint in action.endpoints),
 )  # fmt: skip
 

@@ -17,6 +17,7 @@ from jezero.schemas.topics import (
     ENDPOINTS,
     EVERY_ACTION,
     GOAL_IN_CHARGE,
+    GROUND,
     SCENE,
     TRUTH,
     Endpoint,
@@ -55,6 +56,10 @@ def test_no_service_that_flies_reads_the_truth() -> None:
     readers = {name: {*spec.inputs, *spec.on_demand} for name, spec in SPECS.items()}
     assert not [name for name, topics in readers.items() if TRUTH in topics]
     assert [name for name, topics in readers.items() if SCENE in topics] == ["camera"]
+
+
+def test_no_service_asks_the_simulator_for_its_ground() -> None:
+    assert not [name for name, spec in SPECS.items() if GROUND in spec.calls]
 
 
 def test_the_compose_file_starts_every_service_and_the_router() -> None:

@@ -138,6 +138,7 @@ class Vehicle:
     pause = in_thread(client.Vehicle.pause)
     resume = in_thread(client.Vehicle.resume)
     modify = in_thread(client.Vehicle.modify)
+    ground = in_thread(client.Vehicle.ground)
 
     # -- state --
 

@@ -14,7 +14,7 @@ from jezero.client.images import ImagesGoal
 from jezero.client.mission import Missions
 from jezero.client.rover import Rover
 from jezero.client.session import Connection
-from jezero.client.status import request_status, wait_ready, watch_status
+from jezero.client.status import REPLY_TIMEOUT_S, request_status, wait_ready, watch_status
 from jezero.client.subscription import LatestValues, Subscription, call_for_each, topic_named
 from jezero.schemas import topics
 from jezero.schemas.actions import (
@@ -36,6 +36,7 @@ from jezero.schemas.commands import AbortReply
 from jezero.schemas.estimate import Relative
 from jezero.schemas.state import Battery, Odometry, Status
 from jezero.schemas.struct import Message
+from jezero.schemas.terrain import GetGround, Ground
 from jezero.schemas.topics import Action, Topic
 
 DEFAULT_VEHICLE, DEFAULT_ROUTER = "uav1", "tcp/127.0.0.1:7447"
@@ -354,6 +355,15 @@ class Vehicle:
             ValueError: a value is NaN or infinite.
         """
         return control.modify(self._connection, fields)
+
+    def ground(self) -> Ground:
+        """The ground of the simulator, to draw it: a real vehicle has none, and nothing that flies may use it.
+
+        Raises:
+            Unreachable: there is no simulator.
+        """
+        reply: Ground = self._connection.request(topics.GROUND, GetGround(), REPLY_TIMEOUT_S)
+        return reply
 
     def kill(self, *, confirm: bool = False) -> None:
         """Stop the motors at once, also in the air: a flying vehicle falls.

@@ -7,14 +7,13 @@ from jezero.frames import altitude_m, euler_from_quat
 from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.schemas.sensors import Altimeter, Gnss
 from jezero.schemas.state import Status
-from jezero.services.ground_station.words import duration
+from jezero.services.ground_station.words import COMPASS, duration
 
 ABSENT = "–"
 LATE_S = 1.0
 """Age from which on a value is grey."""
 LOST_S = 10.0
 """Age from which on a value is not shown any more."""
-COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ def _age(age_s: float) -> str:
 
 def compass_point(heading_deg: float) -> str:
     """The nearest of eight points of the compass."""
-    return COMPASS[round(heading_deg / 45.0) % 8]
+    return COMPASS[2 * round(heading_deg / 45.0) % 16]
 
 
 def flight_readings(status: Status | None, age_s: float | None, home_z_ned_m: float | None) -> list[Reading]:
@@ -73,8 +72,9 @@ def flight_readings(status: Status | None, age_s: float | None, home_z_ned_m: fl
     roll_deg = pitch_deg = heading_deg = None
     if odometry is not None:
         pos_m, vel_mps = odometry.pos_uav_ned_m, odometry.vel_uav_ned_mps
-        roll_deg, pitch_deg, yaw_deg = (degrees(angle) for angle in euler_from_quat(odometry.q_ned_from_frd))
-        heading_deg = yaw_deg % 360.0
+        if all(map(isfinite, odometry.q_ned_from_frd)):
+            roll_deg, pitch_deg, yaw_deg = (degrees(angle) for angle in euler_from_quat(odometry.q_ned_from_frd))
+            heading_deg = yaw_deg % 360.0
     height_m = None if pos_m is None else altitude_m(pos_m[2] - (home_z_ned_m or 0.0))
     remaining = None if battery is None else battery.remaining
     home = "over " + ("start" if home_z_ned_m is None else "home")
@@ -86,11 +86,12 @@ def flight_readings(status: Status | None, age_s: float | None, home_z_ned_m: fl
         reading("battery", None if remaining is None else 100.0 * remaining, "%", age_s, 0),
         reading("north", None if pos_m is None else pos_m[0], "m", age_s, 2),
         reading("east", None if pos_m is None else pos_m[1], "m", age_s, 2),
+        reading("down", None if pos_m is None else pos_m[2], "m", age_s, 2),
+        reading("position σ", None if odometry is None else odometry.std_pos_m, "m", age_s, 2),
         reading("roll", roll_deg, "°", age_s),
         reading("pitch", pitch_deg, "°", age_s),
         reading("voltage", None if battery is None else battery.voltage_v, "V", age_s),
         reading("wind", None if wind_mps is None else hypot(wind_mps[0], wind_mps[1]), "m/s", age_s),
-        reading("position σ", None if odometry is None else odometry.std_pos_m, "m", age_s, 2),
     ]
 
 
@@ -102,8 +103,10 @@ def ground_reading(altimeter: Altimeter | None, age_s: float | None) -> Reading:
 def gnss_readings(gnss: Gnss | None, age_s: float | None) -> list[Reading]:
     """Quality of the GNSS fix."""
     return [
-        reading("GNSS σ", None if gnss is None else gnss.std_horizontal_m, "m", age_s, 2),
         reading("satellites", None if gnss is None else gnss.satellites, "", age_s, 0),
+        reading("GNSS σ", None if gnss is None else gnss.std_horizontal_m, "m", age_s, 2),
+        reading("GNSS σ up", None if gnss is None else gnss.std_vertical_m, "m", age_s, 2),
+        reading("GNSS speed", None if gnss is None else hypot(*gnss.vel_uav_ned_mps[:2]), "m/s", age_s),
     ]
 
 

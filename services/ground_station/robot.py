@@ -3,6 +3,8 @@
 from math import radians, tan
 from typing import Any
 
+from jezero.frames import q_frd_from_camera
+from jezero.services.ground_station.board_picture import board_address
 from jezero.vehicle_config import VehicleConfig
 
 
@@ -12,20 +14,20 @@ def robot_shapes(vehicle: VehicleConfig) -> dict[str, Any]:
     tan_right = tan(0.5 * radians(camera.field_of_view_deg))
     return {
         "stand": airframe.height_stand_m,
+        "altimeter": vehicle.height_altimeter_m,
         "rotors": [list(pos_m) for pos_m in airframe.pos_rotors_frd_m],
         "radius": airframe.radius_rotor_m,
         "feet": list(airframe.feet_frd_m),
         "camera": {
             "pos": list(camera.pos_camera_frd_m),
+            "q_rest": list(q_frd_from_camera(camera.pitch_rest_rad, camera.roll_offset_rad)),
+            "turn": camera.turn_rad,
             "tan_right": tan_right,
             "tan_down": tan_right * camera.height_px / camera.width_px,
         },
         "platform": {
             "side": platform.side_m,
             "height": platform.height_m,
-            "tags": [
-                {"id": tag.tag_id, "side": tag.side_m, "pos": list(tag.pos_rover_body_m[:2]), "image": ""}
-                for tag in platform.board
-            ],
+            "picture": board_address(platform),
         },
     }

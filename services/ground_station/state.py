@@ -4,11 +4,11 @@ Times are seconds of a monotonic wall clock that the caller reads. Ages are ages
 lost, also when vehicle time stands still.
 """
 
+from collections import deque
 from dataclasses import asdict
-from math import degrees, pi
 from typing import Any
 
-from jezero.frames import euler_from_quat, subtract
+from jezero.frames import Vec3, subtract
 from jezero.recording.thinned_path import ThinnedPath
 from jezero.schemas import topics
 from jezero.schemas.actions import FeedbackMessage
@@ -17,21 +17,29 @@ from jezero.schemas.state import Status
 from jezero.schemas.struct import Message
 from jezero.schemas.topics import Topic
 from jezero.services.ground_station.events import EventLog
+from jezero.services.ground_station.landing import landing_view
 from jezero.services.ground_station.readings import (
     LATE_S,
-    LOST_S,
     Reading,
     flight_readings,
     gnss_readings,
     ground_reading,
     rover_readings,
 )
-from jezero.services.ground_station.words import activity, duration, in_charge
+from jezero.services.ground_station.scene import (
+    altimeter_range,
+    camera_attitude,
+    relative_ellipsoid,
+    rounded,
+    rover_pose,
+    vehicle_pose,
+)
+from jezero.services.ground_station.words import activity, duration, in_charge, wind_words
 
 FEEDBACK_AGE_MAX_S = 2.0
+PHOTOS_MAX = 1000
 HEALTH_LATE_S = 3.0
 """A service publishes its health once a second."""
-CAMERA_REST_RAD = -0.5 * pi
 
 
 class VehicleState:
@@ -46,6 +54,7 @@ class VehicleState:
         self._newest: dict[str, tuple[float, Any]] = {}
         self._health: dict[str, tuple[float, ServiceHealth]] = {}
         self._feedback: tuple[float, FeedbackMessage[Any]] | None = None
+        self._photos: deque[Vec3] = deque(maxlen=PHOTOS_MAX)
         self._trail = ThinnedPath()
         self._home_z_ned_m: float | None = None
         self._since_s: float | None = None
@@ -58,11 +67,17 @@ class VehicleState:
             self.events.on_health(now_s, message)
             self._health[message.service] = (now_s, message)
         elif isinstance(message, FeedbackMessage):
-            self._feedback = (now_s, message)
+            self._on_feedback(now_s, message)
         else:
             if isinstance(message, Status):
                 self._on_status(now_s, message)
             self._newest[topic.name] = (now_s, message)
+
+    def _on_feedback(self, now_s: float, message: FeedbackMessage[Any]) -> None:
+        if self._feedback is None or self._feedback[1].goal_id != message.goal_id:
+            self._photos.clear()
+        self._feedback = (now_s, message)
+        self._photos.extend(image.pos_camera_ned_m for image in getattr(message.feedback, "images", ()))
 
     def _on_status(self, now_s: float, status: Status) -> None:
         self.events.on_status(now_s, status)
@@ -74,12 +89,14 @@ class VehicleState:
         before = None if last is None else last.odometry
         if before is not None and before.epoch_id != status.odometry.epoch_id:
             self._trail.clear()
+            self._photos.clear()
             self._home_z_ned_m = None
         elif before is not None and before.reset_offset_ned_m != status.odometry.reset_offset_ned_m:
             self._trail.shift(subtract(status.odometry.reset_offset_ned_m, before.reset_offset_ned_m))
         if last is not None and status.armed and not last.armed:
             self._home_z_ned_m = status.odometry.pos_uav_ned_m[2]
-        self._trail.add(status.odometry.pos_uav_ned_m)
+        if status.armed:
+            self._trail.add(status.odometry.pos_uav_ned_m)
 
     def _latest(self, topic: Topic[Any]) -> Any:
         entry = self._newest.get(topic.name)
@@ -88,6 +105,12 @@ class VehicleState:
     def _age_s(self, topic: Topic[Any], now_s: float) -> float | None:
         entry = self._newest.get(topic.name)
         return None if entry is None else now_s - entry[0]
+
+    @property
+    def epoch_id(self) -> int | None:
+        """Epoch of the newest status; None before the first one."""
+        status: Status | None = self._latest(topics.STATUS)
+        return None if status is None else status.epoch_id
 
     # -- views --
 
@@ -105,10 +128,8 @@ class VehicleState:
         since = "" if self._since_s is None else f"for {duration(now_s - self._since_s)}"
         if age_s > LATE_S:
             silent = f"No status for {duration(age_s)}; the last one was: {activity(status)}."
-            return {
-                "words": "Link lost", "tone": "lost", "charge": in_charge(status), "since": since,
-                "why": f"{silent} {link_problem}".strip(),
-            }  # fmt: skip
+            why = f"{silent} {link_problem}".strip()
+            return {"words": "Link lost", "tone": "lost", "charge": "", "since": "", "why": why}
         why = status.text if status.ready else status.not_ready_reason or status.text
         return {
             "words": activity(status), "tone": _tone(status), "charge": in_charge(status), "since": since, "why": why,
@@ -161,50 +182,43 @@ class VehicleState:
         message = self._feedback[1]
         return progress | {"text": _progress(message), "done": _done(message)}
 
+    def landing(self, now_s: float) -> dict[str, Any] | None:
+        """The target view of a landing that is in charge, whoever sent it; None without one."""
+        status: Status | None = self._latest(topics.STATUS)
+        if status is None or self._feedback is None or status.goal_id != self._feedback[1].goal_id:
+            return None
+        relative, relative_age_s = self._latest(topics.RELATIVE), self._age_s(topics.RELATIVE, now_s)
+        return landing_view(self._feedback[1], now_s - self._feedback[0], relative, relative_age_s)
+
     def scene(self, now_s: float) -> dict[str, Any]:
         """Poses for the 3D view and the map, in the world frame NED; a pose that is lost is None."""
-        status: Status | None = self._latest(topics.STATUS)
-        age_s = self._age_s(topics.STATUS, now_s)
-        odometry = None if status is None else status.odometry
-        vehicle = None
-        if status is not None and odometry is not None and age_s is not None and age_s < LOST_S:
-            roll, pitch, yaw = (degrees(angle) for angle in euler_from_quat(odometry.q_ned_from_frd))
-            vehicle = {
-                "pos": _rounded(odometry.pos_uav_ned_m), "vel": _rounded(odometry.vel_uav_ned_mps),
-                "q": [round(part, 4) for part in odometry.q_ned_from_frd],
-                "roll": round(roll, 1), "pitch": round(pitch, 1), "yaw": round(yaw, 1),
-                "armed": status.armed, "late": age_s > LATE_S, "std": odometry.std_pos_m,
-            }  # fmt: skip
-        wind = None if status is None else status.wind_ned_mps
+        status, age_s = self._latest(topics.STATUS), self._age_s(topics.STATUS, now_s)
+        wind = None if status is None or age_s is None or age_s > LATE_S else status.wind_ned_mps
         return {
-            "vehicle": vehicle,
-            "rover": self._rover(now_s),
-            "camera": self._camera(now_s),
-            "wind": None if wind is None else _rounded(wind),
+            "vehicle": vehicle_pose(status, age_s),
+            "range": altimeter_range(self._latest(topics.ALTIMETER), self._age_s(topics.ALTIMETER, now_s)),
+            "lost": self._lost(status, age_s),
+            "rover": rover_pose(self._latest(topics.ROVER_ESTIMATE), self._age_s(topics.ROVER_ESTIMATE, now_s)),
+            "ellipsoid": relative_ellipsoid(self._latest(topics.RELATIVE), self._age_s(topics.RELATIVE, now_s)),
+            "camera": camera_attitude(self._latest(topics.CAMERA_PITCH), self._age_s(topics.CAMERA_PITCH, now_s)),
+            "wind": None if wind is None else rounded(wind),
+            "wind_words": wind_words(wind, None if status is None else status.std_gust_mps),
         }
+
+    def _lost(self, status: Status | None, age_s: float | None) -> dict[str, Any] | None:
+        """Where the vehicle was last, in words of time, once nothing comes from it any more."""
+        pose = vehicle_pose(status, 0.0)
+        if pose is None or age_s is None or age_s <= LATE_S:
+            return None
+        return {"pos": pose["pos"], "age": f"{duration(age_s)} ago"}
 
     def trail(self) -> list[list[float]]:
         """Path flown so far, NED."""
-        return [_rounded(point_m) for point_m in self._trail.points_m]
+        return [rounded(point_m) for point_m in self._trail.points_m]
 
-    def _rover(self, now_s: float) -> dict[str, Any] | None:
-        rover, age_s = self._latest(topics.ROVER_ESTIMATE), self._age_s(topics.ROVER_ESTIMATE, now_s)
-        if rover is None or age_s is None or not rover.valid or age_s > LOST_S:
-            return None
-        relative = self._latest(topics.RELATIVE)
-        cov = None
-        if relative is not None and relative.valid:
-            cov = [round(relative.cov[index], 6) for index in (0, 1, 6)]
-        return {
-            "pos": _rounded(rover.pos_rover_ned_m), "yaw": round(rover.yaw_rover_rad, 3), "late": age_s > LATE_S,
-            "std": rover.std_pos_m, "cov": cov,
-        }  # fmt: skip
-
-    def _camera(self, now_s: float) -> dict[str, float]:
-        angles, age_s = self._latest(topics.CAMERA_PITCH), self._age_s(topics.CAMERA_PITCH, now_s)
-        if angles is None or age_s is None or age_s > LATE_S:
-            return {"pitch": CAMERA_REST_RAD, "roll": 0.0}
-        return {"pitch": round(angles.pitch_camera_rad, 3), "roll": round(angles.roll_camera_rad, 3)}
+    def photos(self) -> list[list[float]]:
+        """Where the images of the newest goal were taken, NED."""
+        return [rounded(point_m) for point_m in self._photos]
 
 
 def _tone(status: Status) -> str:
@@ -234,7 +248,3 @@ def _done(message: FeedbackMessage[Any]) -> float | None:
     """Fraction of a goal's images that are taken; None for other goals."""
     planned = getattr(message.feedback, "planned", 0)
     return message.feedback.taken / planned if planned else None
-
-
-def _rounded(vector: Any) -> list[float]:
-    return [round(part, 3) for part in vector]

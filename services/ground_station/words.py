@@ -1,6 +1,9 @@
 """The vehicle's state in words."""
 
+from math import atan2, hypot, isfinite, pi
+
 from jezero.schemas.state import Status, StatusCode
+from jezero.schemas.struct import VelocityNed
 
 ACTIVITIES = {
     StatusCode.IDLE: "On the ground",
@@ -46,3 +49,18 @@ def duration(seconds: float) -> str:
     """A duration, e.g. "3 s" or "2 min 5 s"; never with decimals, so that it changes once a second."""
     minutes, rest_s = divmod(int(max(seconds, 0.0)), 60)
     return f"{minutes} min {rest_s} s" if minutes else f"{rest_s} s"
+
+
+COMPASS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")
+
+
+def wind_words(wind_ned_mps: VelocityNed | None, std_gust_mps: float | None) -> str:
+    """The wind, e.g. "1.5 m/s from WSW, gusts ±0.6 m/s"; "unknown" without an estimate."""
+    if wind_ned_mps is None or not all(map(isfinite, wind_ned_mps)):
+        return "unknown"
+    north_mps, east_mps, _ = wind_ned_mps
+    from_rad = atan2(-east_mps, -north_mps)
+    words = f"{hypot(north_mps, east_mps):.1f} m/s from {COMPASS[round(from_rad / (2.0 * pi) * 16) % 16]}"
+    if std_gust_mps is None or not isfinite(std_gust_mps):
+        return words
+    return f"{words}, gusts ±{2.0 * std_gust_mps:.1f} m/s"

@@ -5,14 +5,16 @@ from dataclasses import replace
 from math import inf
 
 from jezero.frames import euler_from_quat, subtract
-from jezero.runtime.service import Health, Inbox, Output, Publish, Send, Spec
+from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Send, Spec
 from jezero.schemas import sensors as messages
 from jezero.schemas import topics
 from jezero.schemas.state import Clock, Scene, Truth
+from jezero.schemas.terrain import Ground
 from jezero.services.simulator import sensors
 from jezero.services.simulator.body import BodyState
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.drive import Drive
+from jezero.services.simulator.ground_reply import ground_reply
 from jezero.services.simulator.hil import HilPort
 from jezero.services.simulator.noise import generator, normals_of
 from jezero.services.simulator.rover import Rover
@@ -45,6 +47,7 @@ SPEC = Spec(
         topics.TRUTH,
         topics.SCENE,
     ),
+    serves=(topics.GROUND,),
     links=(HIL,),
     rate_hz=STEPS_PER_S,
     lockstep=HIL,
@@ -125,6 +128,8 @@ class Simulator:
             yield Publish(topics.TRUTH, self._truth(t_ns, state))
         if self._when_scene.due(t_ns):
             yield Publish(topics.SCENE, self._scene(t_ns, state))
+        for request in inbox.requests(topics.GROUND):
+            yield Reply(request.request_id, self._ground())
 
     def change_wind(self, mean_mps: float, from_deg: float) -> None:
         """Change the mean wind from now on, see `WindConfig`."""
@@ -246,6 +251,12 @@ class Simulator:
             pitch_rover_rad=pitch_rad,
             roll_rover_rad=roll_rad,
         )
+
+    def _ground(self) -> Ground:
+        """The terrain in the frame of the truth."""
+        start_north_m, start_east_m, start_down_m = self._world.start_ned_m
+        stand_down_m = start_down_m + self._world.height_stand_m
+        return ground_reply(self._terrain, (start_north_m, start_east_m, stand_down_m))
 
     def _truth(self, t_ns: int, state: BodyState) -> Truth:
         """True state, in NED with its origin at the start of the vehicle.

@@ -58,7 +58,7 @@ class Descent:
         config = self._config
         low = platform.height_m < config.height_approach_m + BEGIN_MARGIN_M
         slow = platform.speed_mps < SPEED_GATE_MPS
-        return low and slow and platform.error_m < self._cone_m(platform)
+        return low and slow and platform.error_m < self.cone_m(platform)
 
     def down_mps(self, t_ns: int, platform: PlatformState) -> float:
         """Speed downwards relative to the platform: none outside the cone, upwards far outside."""
@@ -69,7 +69,7 @@ class Descent:
         wanted_mps = min(max(proportional_mps, config.descent_min_mps), config.descent_max_mps)
         if platform.height_m < COMMIT_M and platform.error_in_m(PREDICTION_S) < self._room_m:
             return wanted_mps
-        cone_m = self._cone_m(platform)
+        cone_m = self.cone_m(platform)
         certain = platform.std_m < STD_M + STD_PER_M * platform.height_m
         inside = platform.error_in_m(PREDICTION_S) < cone_m
         if certain and inside and platform.speed_mps < SPEED_GATE_MPS:
@@ -78,6 +78,12 @@ class Descent:
         self._waited_s += passed_s
         strayed = platform.error_m > STRAYED_CONES * cone_m and platform.height_m < config.height_approach_m
         return -config.descent_min_mps if strayed else 0.0
+
+    def cone_m(self, platform: PlatformState) -> float:
+        """Permitted error at this height; it widens with the time spent waiting, and narrows again."""
+        config = self._config
+        cone_m = config.cone_m + config.cone_per_m * platform.height_m
+        return cone_m * (1.0 + self._waited_s / config.cone_widening_s)
 
     def has_contact(self, t_ns: int, platform: PlatformState, feet_m: float, down_mps: float) -> bool:
         """Whether the vehicle is as low as it can be, or is stalled low over the platform although it descends.
@@ -90,12 +96,6 @@ class Descent:
         if not stalled or self._moving_ns is None:
             self._moving_ns = t_ns
         return feet_m < CONTACT_M or t_ns - self._moving_ns > CONTACT_S * NS_PER_S
-
-    def _cone_m(self, platform: PlatformState) -> float:
-        """Permitted error at this height; it widens with the time spent waiting, and narrows again."""
-        config = self._config
-        cone_m = config.cone_m + config.cone_per_m * platform.height_m
-        return cone_m * (1.0 + self._waited_s / config.cone_widening_s)
 
 
 class TouchdownDetector:

@@ -424,5 +424,8 @@ class RoverLanding:
         )
 
     def _feedback(self, state: VehicleState) -> LandFeedback:
-        pos_rel_ned_m = None if self._platform is None else self._platform.pos_ned_m
-        return LandFeedback(pos_uav_ned_m=state.pos_uav_ned_m, pos_rel_ned_m=pos_rel_ned_m, phase=self._phase)
+        pos_m = state.pos_uav_ned_m
+        if self._platform is None:
+            return LandFeedback(pos_uav_ned_m=pos_m, phase=self._phase)
+        rel_m, cone_m = self._platform.pos_ned_m, max(self._descent.cone_m(self._platform), 0.0)
+        return LandFeedback(pos_uav_ned_m=pos_m, pos_rel_ned_m=rel_m, phase=self._phase, cone_m=cone_m)

@@ -17,6 +17,19 @@ class View3D(Element, component="static/view3d.js", esm={"jezero-models": "stati
         self.props["robot"] = robot
 
 
+class Target(Element, component="static/target.js"):
+    """The target view of a landing."""
+
+    def __init__(self, robot: dict[str, Any]) -> None:
+        super().__init__()
+        self.props["side"] = robot["platform"]["side"]
+
+    def show(self, landing: dict[str, Any] | None) -> None:
+        """Show a landing; None hides the view."""
+        if self.props.get("landing") != landing:
+            self.props["landing"] = landing
+
+
 class Map(Element, component="static/map.js"):
     """The map from above; it emits `point` and `area`."""
 

@@ -8,6 +8,7 @@ from jezero.aio import JezeroError, Vehicle
 from jezero.plugins import all_actions
 from jezero.schemas import topics
 from jezero.schemas.health import ServiceHealth
+from jezero.schemas.terrain import Ground
 from jezero.schemas.topics import Topic
 from jezero.services.ground_station.state import VehicleState
 
@@ -23,11 +24,15 @@ class Feed:
     Attributes:
         state: what arrived.
         problem: why there is no connection yet; "" with one.
+        ground: ground of the simulator; None while nobody has looked, and without a simulator.
+        ground_version: grows with each reply to a request for the ground, also with one that there is none.
     """
 
     def __init__(self, vehicle: str, router: str) -> None:
         self.state = VehicleState()
         self.vehicle, self.router = vehicle, router
+        self.ground: Ground | None = None
+        self.ground_version = 0
         self.problem = f"Connecting to {router} …"
         self._uav: Vehicle | None = None
         self._always: list[asyncio.Task[None]] = []
@@ -74,10 +79,25 @@ class Feed:
     def _watch(self) -> None:
         if self._viewers > 0 and not self._watching and self._uav is not None:
             self._watching = [self._reading(topic) for topic in WATCHED]
+            self._watching.append(asyncio.create_task(self._ask_for_ground()))
         elif self._viewers == 0:
             for task in self._watching:
                 task.cancel()
             self._watching = []
+
+    async def _ask_for_ground(self) -> None:
+        """Ask for the ground once, and again when the vehicle was restarted: its simulator may be another one."""
+        assert self._uav is not None
+        asked_in: int | None = -1
+        while True:
+            if asked_in != self.state.epoch_id:
+                asked_in = self.state.epoch_id
+                try:
+                    self.ground = await self._uav.ground()
+                except JezeroError:  # a real vehicle: it has no simulator
+                    self.ground = None
+                self.ground_version += 1
+            await asyncio.sleep(RETRY_S)
 
     # -- messages --
 

@@ -5,8 +5,19 @@ from typing import Any
 
 from nicegui import ui
 
+from jezero.services.ground_station.scene import ground_shape
 from jezero.services.ground_station.web.commands import Commands
-from jezero.services.ground_station.web.elements import STATIC, Camera, HoldButton, Horizon, Keys, Map, Readings, View3D
+from jezero.services.ground_station.web.elements import (
+    STATIC,
+    Camera,
+    HoldButton,
+    Horizon,
+    Keys,
+    Map,
+    Readings,
+    Target,
+    View3D,
+)
 from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.fly import FlyPanel
 from jezero.services.ground_station.web.lists import Events, Services
@@ -27,6 +38,7 @@ class Page:
         self._robot = robot
         self._commands = Commands(feed)
         self._count = 0
+        self._ground_version = 0
         self._period_camera_s = 1.0 / rate_camera_hz
         ui.add_css(STATIC / "style.css")
         ui.query("body").classes("ground")
@@ -35,6 +47,7 @@ class Page:
             self._header()
             with ui.element("main").classes("main"):
                 self._stage()
+                self._target = Target(self._robot)
                 self._side()
         ui.timer(1.0 / rate_hz, self._refresh)
 
@@ -58,7 +71,7 @@ class Page:
 
     def _stage(self) -> None:
         with ui.element("section").classes("stage"):
-            self._view = View3D(self._robot).classes("layer")
+            self._view = View3D(self._robot).classes("layer").on("ready", self._draw_ground)
             self._map = Map(self._robot).classes("layer layer-off")
             with ui.element("div").classes("stage-tools"):
                 self._which = ui.toggle(VIEWS, value="3d", on_change=self._switch).props("no-caps dense unelevated")
@@ -73,6 +86,8 @@ class Page:
                 self._goal_pause = ui.button("Pause", on_click=self._commands.pause_or_resume).props("no-caps dense")
                 self._goal_pause.props('data-mark="pause"')
                 self._goal_cancel = ui.button("Cancel", on_click=self._commands.hover).props("no-caps dense")
+            for element in (self._goal_text, self._goal_bar, self._goal_cancel):
+                element.set_visibility(False)
 
     def _side(self) -> None:
         with ui.element("aside").classes("side"):
@@ -102,6 +117,7 @@ class Page:
         self._view.run_method("update", scene)
         self._map.run_method("update", scene)
         self._horizon.show(scene["vehicle"])
+        self._target.show(state.landing(now_s))
         if self._count % 2 == 0:
             rows = state.readings(now_s)
             self._readings.show(rows[:MAIN])
@@ -112,9 +128,13 @@ class Page:
 
     def _refresh_slowly(self, now_s: float) -> None:
         state = self._feed.state
+        if self._ground_version != self._feed.ground_version:
+            self._ground_version = self._feed.ground_version
+            self._draw_ground()
         trail = state.trail()
         self._view.run_method("setTrail", trail)
         self._map.run_method("setTrail", trail)
+        self._view.run_method("setPhotos", state.photos())
         self._events.show(state.event_rows(now_s))
         self._services.show(state.services(now_s))
         goal = state.goal(now_s)
@@ -127,6 +147,9 @@ class Page:
         self._goal_bar.set_value(done or 0.0)
 
     # -- views --
+
+    def _draw_ground(self) -> None:
+        self._view.run_method("setGround", ground_shape(self._feed.ground))
 
     def _show_map(self) -> None:
         self._which.set_value("map")

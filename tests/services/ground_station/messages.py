@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
+from jezero.schemas.estimate import Covariance6, Relative, RoverEstimate
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.state import Battery, Odometry, Status
 
@@ -48,3 +49,41 @@ class Flight:
 def health(service: str = "estimator", state: Any = "ok", text: str = "fine", boot_id: int = 1) -> ServiceHealth:
     """A service's health."""
     return ServiceHealth(t_ns=0, service=service, boot_id=boot_id, state=state, text=text)
+
+
+def covariance(position: list[list[float]]) -> Covariance6:
+    """The upper triangle of the covariance of position and velocity, of which only that of the position is not 0."""
+    whole = [[position[i][j] if max(i, j) < 3 else 0.0 for j in range(6)] for i in range(6)]
+    return tuple(float(whole[i][j]) for i in range(6) for j in range(i, 6))
+
+
+def relative(**fields: Any) -> Relative:
+    """A valid relative estimate, unless `fields` say otherwise."""
+    valid: dict[str, Any] = {
+        "t_ns": 0,
+        "epoch_id": 1,
+        "valid": True,
+        "pos_uav_rel_rover_ned_m": (1.0, 2.0, -3.0),
+        "vel_uav_rel_rover_ned_mps": (0.0, 0.0, 0.0),
+        "cov": covariance([[0.01, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.01]]),
+        "vel_rover_ned_mps": (0.0, 0.0, 0.0),
+        "yaw_rover_rad": 0.5,
+        "yaw_rate_rover_rps": 0.0,
+        "use_uwb": True,
+        "use_tag": True,
+    }
+    return Relative(**(valid | fields))
+
+
+def rover(**fields: Any) -> RoverEstimate:
+    """A valid estimate of a rover that stands, unless `fields` say otherwise."""
+    valid: dict[str, Any] = {
+        "t_ns": 0,
+        "epoch_id": 1,
+        "valid": True,
+        "pos_rover_ned_m": (5.0, -3.0, -0.5),
+        "vel_rover_ned_mps": (0.0, 0.0, 0.0),
+        "yaw_rover_rad": 0.0,
+        "std_pos_m": 0.1,
+    }
+    return RoverEstimate(**(valid | fields))

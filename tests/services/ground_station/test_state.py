@@ -1,15 +1,37 @@
 """What the pages show of the messages that arrived."""
 
+from math import inf, nan
 from typing import Any
 
+import msgspec
+import pytest
+
 from jezero.schemas import topics
-from jezero.schemas.actions import FeedbackMessage, ImagesFeedback
+from jezero.schemas.actions import FeedbackMessage, ImagesFeedback, LandFeedback
+from jezero.schemas.images import Image
 from jezero.schemas.sensors import Altimeter
+from jezero.schemas.state import Battery
 from jezero.schemas.topics import feedback_of, health_of
+from jezero.services.ground_station import readings
 from jezero.services.ground_station.state import VehicleState
-from tests.services.ground_station.messages import Flight, health
+from tests.services.ground_station.messages import Flight, health, relative, rover
 
 FLIGHT = Flight()
+IMAGE = Image(
+    index=0,
+    t_ns=0,
+    pos_uav_ned_m=(0.0, 0.0, -4.0),
+    q_ned_from_frd=(1.0, 0.0, 0.0, 0.0),
+    yaw_rad=0.0,
+    pos_camera_ned_m=(0.0, 0.0, -4.0),
+    q_ned_from_camera=(1.0, 0.0, 0.0, 0.0),
+    pitch_camera_rad=-1.0,
+    exposure_s=0.01,
+    width_px=640,
+    height_px=480,
+    focal_px=400.0,
+    center_px=(319.5, 239.5),
+)
 
 
 def reading(state: VehicleState, label: str, now_s: float) -> dict[str, Any]:
@@ -90,6 +112,7 @@ def test_a_silent_bridge_is_a_lost_link_and_the_last_state_is_still_told() -> No
     line = shown().status_line(4.0, "")
     assert (line["words"], line["tone"]) == ("Link lost", "lost")
     assert line["why"] == "No status for 4 s; the last one was: Hovering."
+    assert line["charge"] == ""
 
 
 def test_a_service_that_stopped_publishing_is_silent() -> None:
@@ -128,6 +151,11 @@ def test_the_trail_begins_again_in_a_new_epoch() -> None:
     assert state.trail() == [[0.0, 0.0, 0.0]]
 
 
+def test_a_vehicle_that_stands_adds_nothing_to_the_trail() -> None:
+    state = shown(armed=False, landed=True, code=0, in_charge="none")
+    assert state.trail() == []
+
+
 def test_a_vehicle_that_is_lost_for_long_is_not_drawn() -> None:
     state = shown()
     assert state.scene(0.5)["vehicle"]["late"] is False
@@ -155,3 +183,64 @@ def test_a_restarted_service_is_an_event() -> None:
     state.update(0.0, health_of("vehicle_bridge"), health("vehicle_bridge"))
     state.update(1.0, health_of("vehicle_bridge"), health("vehicle_bridge", boot_id=2))
     assert [row["text"] for row in state.event_rows(1.0)] == ["vehicle bridge was restarted"]
+
+
+@pytest.mark.parametrize("value", [None, nan, inf, -inf])
+def test_a_value_that_is_absent_or_not_finite_is_a_dash(value: float | None) -> None:
+    row = readings.reading("speed", value, "m/s", 0.1)
+    assert (row.text, row.unit, row.late) == ("–", "", True)
+
+
+def test_no_reading_of_messages_full_of_nan_is_a_number() -> None:
+    status = FLIGHT.at(nan, nan, nan).status(
+        battery=Battery(voltage_v=nan, remaining=nan), wind_ned_mps=(nan, nan, nan)
+    )
+    assert status.odometry is not None
+    broken = msgspec.structs.replace(
+        status.odometry, vel_uav_ned_mps=(nan, nan, nan), q_ned_from_frd=(nan, nan, nan, nan), std_pos_m=nan
+    )
+    state = VehicleState()
+    state.update(0.0, topics.STATUS, msgspec.structs.replace(status, odometry=broken))
+    state.update(0.0, topics.ALTIMETER, Altimeter(t_ns=0, range_m=nan))
+    state.update(0.0, topics.RELATIVE, relative(pos_uav_rel_rover_ned_m=(nan, nan, nan), cov=(nan,) * 21))
+    state.update(0.0, topics.ROVER_ESTIMATE, rover(vel_rover_ned_mps=(nan, nan, nan)))
+    assert {row["text"] for row in state.readings(0.1)} == {"–"}
+    scene = state.scene(0.1)
+    assert (scene["vehicle"], scene["ellipsoid"], scene["wind_words"]) == (None, None, "unknown")
+    msgspec.json.encode(scene)
+
+
+def test_every_value_of_a_vehicle_that_went_silent_is_grey_and_has_its_age() -> None:
+    state = shown()
+    state.update(0.0, topics.ALTIMETER, Altimeter(t_ns=0, range_m=1.5))
+    state.update(0.0, topics.RELATIVE, relative())
+    state.update(0.0, topics.ROVER_ESTIMATE, rover())
+    seen = [row for row in state.readings(2.0) if row["age"]]
+    assert {row["age"] for row in seen} == {"2 s ago"}
+    assert all(row["late"] for row in state.readings(2.0))
+
+
+def test_where_the_vehicle_was_last_is_kept_when_its_link_is_lost() -> None:
+    state = shown()
+    assert state.scene(0.5)["lost"] is None
+    assert state.scene(25.0)["lost"] == {"pos": [1.0, 2.0, -3.0], "age": "25 s ago"}
+
+
+def test_the_places_of_the_images_are_those_of_the_newest_goal() -> None:
+    state = VehicleState()
+    for number, goal_id in enumerate(("first", "second", "second")):
+        image = msgspec.structs.replace(IMAGE, pos_camera_ned_m=(float(number), 0.0, -4.0))
+        feedback = ImagesFeedback(pos_uav_ned_m=(0.0, 0.0, -4.0), taken=1, planned=12, images=(image,))
+        message = FeedbackMessage(t_ns=0, goal_id=goal_id, action="get_images", code=6, feedback=feedback)
+        state.update(0.0, feedback_of(topics.GET_IMAGES), message)
+    assert state.photos() == [[1.0, 0.0, -4.0], [2.0, 0.0, -4.0]]
+
+
+def test_a_landing_in_charge_has_a_target_view_and_an_old_one_has_none() -> None:
+    feedback = LandFeedback(pos_uav_ned_m=(0.0, 0.0, -3.0), pos_rel_ned_m=(0.3, 0.4, -3.0), phase="descent")
+    message = FeedbackMessage(t_ns=0, goal_id="theirs", action="land_on_spot", code=8, feedback=feedback)
+    state = shown(code=8, in_charge="goal", action="land_on_spot", goal_id="theirs")
+    state.update(0.0, feedback_of(topics.LAND_ON_SPOT), message)
+    assert state.landing(0.1) is not None
+    state.update(0.2, topics.STATUS, FLIGHT.status(goal_id=""))
+    assert state.landing(0.3) is None

@@ -12,8 +12,9 @@ from jezero.codec import encode
 from jezero.frames import Vec3, distance, norm
 from jezero.mavlink import MavlinkCodec, dialect
 from jezero.runtime.config import ConfigError, load_config
-from jezero.runtime.service import Health, Output, Publish, Send
+from jezero.runtime.service import Health, Output, Publish, Reply, Request, Send
 from jezero.schemas import topics
+from jezero.schemas.terrain import GetGround, Ground
 from jezero.services.simulator.config import RoverConfig, SimulatorConfig, UavConfig, WindConfig
 from jezero.services.simulator.schedule import Schedule
 from jezero.services.simulator.service import HIL, SPEC, Simulator
@@ -35,6 +36,7 @@ class Bench:
         self.wall_ns = 0
         self.command: float | None = None
         self.outputs: list[Output] = []
+        self.pending: tuple[Request, ...] = ()
         self._codec = MavlinkCodec(1, 1)
 
     def received(self, link: str) -> bytes:
@@ -46,6 +48,9 @@ class Bench:
 
     def new(self, topic: topics.Topic[Any]) -> tuple[Any, ...]:
         return ()
+
+    def requests(self, endpoint: topics.Endpoint[Any, Any]) -> tuple[Request, ...]:
+        return self.pending if endpoint is topics.GROUND else ()
 
     def connections(self, link: str) -> int:
         return self.count
@@ -296,3 +301,37 @@ def test_each_exposure_has_its_scene_in_the_map_where_vehicle_and_rover_are() ->
     assert scenes[-1].pos_rover_ned_m[:2] == pytest.approx((config.rover.start_north_m, config.rover.start_east_m))
     above_m = scenes[-1].pos_rover_ned_m[2] - scenes[-1].pos_uav_ned_m[2]
     assert above_m == pytest.approx(VEHICLE.airframe.height_stand_m, abs=0.02)
+
+
+def test_the_ground_below_the_standing_vehicle_is_at_height_zero_in_the_frame_of_the_truth() -> None:
+    ground = ground_of(CALM)
+    north_m, east_m, down_m = ground.corner_ned_m
+    row, column = round(-north_m / ground.spacing_m), round(-east_m / ground.spacing_m)
+    assert 0.001 * ground.heights_mm[row][column] - down_m == pytest.approx(0.0, abs=0.01)
+    assert len(ground.rocks) == CALM.terrain.rocks
+    assert len(encode(ground)) < 100_000
+
+
+def test_the_ground_of_a_vehicle_that_starts_on_the_platform_is_below_its_origin() -> None:
+    ground = ground_of(msgspec.structs.replace(CALM, uav=UavConfig(start="platform")))
+    on_ground = ground_of(CALM)
+    rover = CALM.rover
+    assert ground.heights_mm == on_ground.heights_mm
+    moved_m = [a - b for a, b in zip(on_ground.corner_ned_m, ground.corner_ned_m, strict=True)]
+    assert moved_m[:2] == pytest.approx([rover.start_north_m, rover.start_east_m], abs=0.01)
+    row = round((-ground.corner_ned_m[0]) / ground.spacing_m)
+    column = round((-ground.corner_ned_m[1]) / ground.spacing_m)
+    above_m = ground.corner_ned_m[2] - 0.001 * ground.heights_mm[row][column]
+    assert above_m == pytest.approx(VEHICLE.platform.height_m, abs=0.05)
+
+
+def ground_of(config: SimulatorConfig) -> Ground:
+    """The reply to a request for the ground."""
+    bench = Bench(config)
+    bench.run(1)
+    bench.pending = (Request(4, "someone", GetGround()),)
+    replies = [output for output in bench.run(1) if isinstance(output, Reply)]
+    assert [reply.request_id for reply in replies] == [4]
+    ground = replies[0].payload
+    assert isinstance(ground, Ground)
+    return ground

@@ -1,29 +1,44 @@
 // The 3D view: what `update` gets is drawn in between two updates too, so that motion is smooth.
-import { makeGround, makeRover, makeVehicle } from "jezero-models";
+import { CameraView, Ground, HAZE, makeBlob, makeDome, makeLights, makeRover, makeVehicle, Marks, Path, TO_SUN } from "jezero-models";
 import { OrbitControls, THREE } from "nicegui-scene";
 
 const LAG_S = 0.12; // time constant of the motion between two updates
-const FRAME_GAP_MS = 33;
-const SLOW_MS = 80; // a frame that takes longer: no graphics card, so no shadows and fewer pixels
-const SKY = 0xd9b48f;
+const FRAME_GAP_MS = 33, FRAME_GAP_MAX_MS = 250;
+const SLOW_MS = 100; // a frame that takes longer: fewer pixels, and no shadows
+const SLOW_FRAMES = 4;
+const PIXELS = [1, 0.8, 0.6]; // pixels of the view for each of the screen, along a side; fewer step by step
+const ROTOR_RPS = 38;
+const UP = new THREE.Vector3(0, 0, 1);
 
 export default {
-  template: '<div class="view3d"><canvas ref="canvas"></canvas><div class="view3d-note" v-if="note">{{ note }}</div></div>',
+  template: `<div class="view3d" :class="{ 'view3d-late': late }"><canvas ref="canvas"></canvas>
+    <div class="view3d-labels"><span v-for="label in labels" :key="label.name" :ref="'label-' + label.name" class="view3d-label">{{ label.text }}</span></div>
+    <svg ref="north" class="view3d-north" viewBox="-50 -50 100 100" role="img" aria-label="north"><circle r="46" />
+      <g><path d="M0 -42L11 -4H-11Z" class="needle" /><path d="M0 42L11 4H-11Z" /><text y="-20" class="letter">N</text></g></svg>
+    <div class="view3d-foot"><span>{{ wind }}</span><span>{{ groundWords }}</span></div>
+    <div class="view3d-note" v-if="note">{{ note }}</div></div>`,
   props: { robot: Object },
   data() {
-    return { note: "" };
+    return { note: "", labels: [], wind: "", late: false, isTrue: false };
+  },
+  computed: {
+    groundWords() {
+      return `Grid 1 m, bold 10 m · ${this.isTrue ? "ground of the simulator" : "ground unknown: drawn level"}`;
+    },
   },
   mounted() {
+    const slow = drawsWithoutCard();
+    this.fewer = slow ? 1 : 0;
     try {
-      this.renderer = new THREE.WebGLRenderer({ canvas: this.$refs.canvas, antialias: true });
+      this.renderer = new THREE.WebGLRenderer({ canvas: this.$refs.canvas, antialias: !slow });
     } catch (error) {
       this.note = "This browser has no WebGL: the 3D view is not drawn; the map is.";
       return;
     }
-    this.build();
+    this.build(slow);
+    this.sun.castShadow = !slow;
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
-    this.controls.maxPolarAngle = 0.495 * Math.PI;
-    this.controls.enableDamping = true;
+    Object.assign(this.controls, { maxPolarAngle: 0.495 * Math.PI, minDistance: 0.6, maxDistance: 250, enableDamping: true });
     this.ready = true;
     this.sizes = new ResizeObserver(() => this.resize());
     this.sizes.observe(this.$el);
@@ -31,6 +46,7 @@ export default {
     this.lastDraw = this.cost = this.frames = 0;
     this.draw = this.draw.bind(this);
     requestAnimationFrame(this.draw);
+    this.$emit("ready");
   },
   unmounted() {
     this.gone = true;
@@ -38,164 +54,161 @@ export default {
     this.renderer?.dispose();
   },
   methods: {
-    build() {
+    build(slow) {
       this.scene = new THREE.Scene();
-      this.scene.background = new THREE.Color(SKY);
-      this.scene.fog = new THREE.Fog(SKY, 60, 220);
+      this.scene.fog = new THREE.Fog(HAZE, 35, 260);
       this.ned = new THREE.Group(); // its children have ned coordinates; the scene is east, north, up
       this.ned.quaternion.set(Math.SQRT1_2, Math.SQRT1_2, 0, 0);
-      this.scene.add(this.ned, new THREE.HemisphereLight(0xffe9d2, 0x6b3a24, 1.1));
-      this.sun = new THREE.DirectionalLight(0xfff1dd, 2.6);
-      this.sun.castShadow = true;
-      this.sun.shadow.mapSize.set(1024, 1024);
-      Object.assign(this.sun.shadow.camera, { left: -14, right: 14, top: 14, bottom: -14, near: 1, far: 90 });
-      this.sun.shadow.bias = -0.001;
-      this.scene.add(this.sun, this.sun.target);
-      this.camera = new THREE.PerspectiveCamera(50, 1, 0.05, 600);
-      this.camera.up.set(0, 0, 1);
+      this.dome = makeDome();
+      this.scene.add(this.ned, this.dome);
+      this.sun = makeLights(this.scene);
+      this.camera = new THREE.PerspectiveCamera(50, 1, 0.05, 2500);
+      this.camera.up.copy(UP);
       this.camera.position.set(-5, -6, 4);
       this.renderer.shadowMap.enabled = true;
       this.renderer.toneMapping = THREE.ACESFilmicToneMapping;
       this.vehicle = makeVehicle(this.robot);
       this.rover = makeRover(this.robot);
       this.vehicle.visible = this.rover.visible = false;
-      this.ground = makeGround();
-      this.trail = this.line(0x2f9bff, 2, false);
-      this.plan = this.line(0xffd34d, 2, true);
-      this.frustum = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: 0xffffff, transparent: true, opacity: 0.55 }));
-      this.drop = this.line(0xffffff, 1, true);
-      this.ellipse = new THREE.Mesh(
-        new THREE.SphereGeometry(1, 24, 12), new THREE.MeshBasicMaterial({ color: 0x4dd2ff, wireframe: true, transparent: true, opacity: 0.18 }),
-      );
-      this.ellipse.visible = false;
-      this.ned.add(this.ground, this.vehicle, this.rover, this.trail, this.plan, this.frustum, this.drop, this.ellipse);
+      this.ground = new Ground(slow);
+      this.marks = new Marks(this.ground);
+      this.marks.setHome([0, 0]);
+      this.blob = makeBlob(1.1);
+      this.roverBlob = makeBlob(1.9 * this.robot.platform.side);
+      this.trail = new Path({ color: 0x3aa0ff, width: 0.05, curtain: 0.13 });
+      this.tail = new Path({ color: 0x3aa0ff, width: 0.05 }); // from the trail's end to the vehicle
+      this.plan = new Path({ color: 0xffd84d, width: 0.06, dashed: true });
+      this.view = new CameraView(this.robot.camera, this.ground);
+      const parts = [this.ground, this.marks, this.trail, this.tail, this.plan, this.view].map((part) => part.group);
+      this.ned.add(...parts, this.blob, this.roverBlob, this.vehicle, this.rover);
       this.mode = "follow";
-      this.target = null;
     },
-    line(color, linewidth, dashed) {
-      const material = dashed
-        ? new THREE.LineDashedMaterial({ color, linewidth, dashSize: 0.3, gapSize: 0.18 })
-        : new THREE.LineBasicMaterial({ color, linewidth });
-      const line = new THREE.Line(new THREE.BufferGeometry(), material);
-      line.frustumCulled = false;
-      return line;
-    },
-    setPoints(line, points) {
-      line.geometry.dispose();
-      line.geometry = new THREE.BufferGeometry();
-      line.geometry.setAttribute("position", new THREE.Float32BufferAttribute(points.flat(), 3));
-      if (line.material.isLineDashedMaterial && points.length > 1) line.computeLineDistances();
-    },
+    // -- data --
     update(data) {
       if (!this.ready) return;
-      const first = !this.state?.vehicle && data.vehicle;
+      if (!this.state?.vehicle && data.vehicle) this.snap = true;
       this.state = data;
       this.vehicle.visible = !!data.vehicle;
       this.rover.visible = !!data.rover;
-      if (first) this.snap = true;
+      this.followGround(data);
+      this.late = !!data.lost;
+      this.wind = `Wind ${data.wind_words}`;
+      this.labels = this.labelsOf(data);
+    },
+    followGround({ vehicle, rover, range }) {
+      if (!vehicle || vehicle.late) return;
+      const overRover = rover && Math.hypot(vehicle.pos[0] - rover.pos[0], vehicle.pos[1] - rover.pos[1]) < 1.5 * this.robot.platform.side;
+      if (overRover || (range === null && !vehicle.landed)) return;
+      const [, x, y] = vehicle.q, upright = 1 - 2 * (x * x + y * y);
+      this.ground.follow(vehicle.pos, vehicle.landed ? 0 : range * upright - this.robot.altimeter);
+      this.marks.setHome([0, 0]);
+    },
+    labelsOf({ rover, ellipsoid, lost }) {
+      const labels = [];
+      if (rover) {
+        const widest = ellipsoid ? Math.max(...ellipsoid.map((axis) => Math.hypot(...axis))) : null;
+        labels.push({ name: "rover", text: widest === null ? "rover" : `rover ±${widest.toFixed(2)} m (3σ)`, at: rover.pos, lift: -0.75 });
+      }
+      if (lost) labels.push({ name: "lost", text: `last seen here ${lost.age}`, at: lost.pos, lift: 0.45 });
+      return labels;
+    },
+    setGround(shape) {
+      if (!this.ready) return;
+      this.ground.set(shape);
+      this.isTrue = this.ground.isTrue;
+      this.marks.setHome([0, 0]);
     },
     setTrail(points) {
-      if (this.ready) this.setPoints(this.trail, points);
+      if (!this.ready) return;
+      this.trail.set(points, (north, east) => this.ground.heightAt(north, east));
+      this.end = points.at(-1);
     },
     setPlan(points) {
-      if (this.ready) this.setPoints(this.plan, points);
+      if (this.ready) this.plan.set(points);
+    },
+    setPhotos(points) {
+      if (this.ready) this.marks.setPhotos(points);
     },
     setMode(mode) {
       if (!this.ready) return;
       this.mode = mode;
       this.snap = true;
     },
+    // -- frames --
     resize() {
       const { clientWidth: width, clientHeight: height } = this.$el;
       if (!width || !height) return;
-      this.renderer.setPixelRatio(this.sun.castShadow ? Math.min(window.devicePixelRatio, 2) : 0.7);
+      this.renderer.setPixelRatio(PIXELS[this.fewer] * Math.min(window.devicePixelRatio, 2));
       this.renderer.setSize(width, height, false);
       this.camera.aspect = width / height;
+      this.camera.fov = width > height ? 50 : 62;
       this.camera.updateProjectionMatrix();
     },
     draw(now) {
       if (this.gone) return;
       requestAnimationFrame(this.draw);
-      // A machine without a graphics card gets a third of its time at most.
-      if (now - this.lastDraw < Math.max(FRAME_GAP_MS, 3 * this.cost) || !this.$el.clientWidth || document.hidden) return;
+      // A machine without a graphics card needs most of its time for other things than this picture.
+      const gap = Math.min(Math.max(FRAME_GAP_MS, 1.5 * this.cost), FRAME_GAP_MAX_MS);
+      if (now - this.lastDraw < gap || !this.$el.clientWidth || document.hidden) return;
       const dt = Math.min((now - this.lastDraw) / 1000, 0.5);
       this.lastDraw = now;
       this.move(dt);
       const start = performance.now();
       this.renderer.render(this.scene, this.camera);
-      if (this.frames++ % 10 === 0) this.measure(start);
+      this.placeLabels();
+      if (this.frames++ % 10 === 0 || this.cost > SLOW_MS) this.measure(start);
     },
     // The graphics process works on its own; reading a pixel waits until it has drawn.
     measure(start) {
       const gl = this.renderer.getContext();
       gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
       this.cost = performance.now() - start;
-      if (this.cost > SLOW_MS && this.sun.castShadow) {
-        this.sun.castShadow = false;
-        this.resize();
-      }
+      this.slowFrames = this.cost > SLOW_MS ? (this.slowFrames ?? 0) + 1 : 0;
+      if (this.slowFrames < SLOW_FRAMES || this.fewer === PIXELS.length - 1) return;
+      this.slowFrames = 0;
+      this.fewer += 1;
+      this.sun.castShadow = false;
+      this.resize();
     },
     move(dt) {
       const share = this.snap ? 1 : 1 - Math.exp(-dt / LAG_S);
       const { vehicle, rover } = this.state ?? {};
-      if (vehicle) {
-        const [w, x, y, z] = vehicle.q;
-        const center = new THREE.Vector3(vehicle.pos[0], vehicle.pos[1], vehicle.pos[2] - this.robot.stand);
-        this.vehicle.position.lerp(center, share);
-        this.vehicle.quaternion.slerp(new THREE.Quaternion(x, y, z, w), share);
-        for (const rotor of this.vehicle.rotors) {
-          rotor.rotation.z += rotor.spin * (vehicle.armed ? 38 : 0) * dt;
-          rotor.disc.visible = vehicle.armed;
-        }
-        this.drawFrustum();
-        this.drawEllipse();
-      }
+      if (vehicle) this.moveVehicle(vehicle, share, dt);
       if (rover) {
         this.rover.position.lerp(new THREE.Vector3(...rover.pos), share);
-        this.rover.quaternion.slerp(new THREE.Quaternion().setFromAxisAngle(new THREE.Vector3(0, 0, 1), rover.yaw), share);
+        this.rover.quaternion.slerp(new THREE.Quaternion().setFromAxisAngle(UP, rover.yaw), share);
       }
-      this.frustum.visible = this.drop.visible = this.vehicle.visible;
+      const at = vehicle ? this.vehicle.position : null;
+      const isHigh = at && vehicle.armed && -at.z - this.ground.heightAt(at.x, at.y) > 0.5;
+      this.view.group.visible = !!at && !vehicle.late;
+      this.marks.setDrop(isHigh ? at : null);
+      this.marks.setWind(vehicle?.armed ? this.state.wind : null, at);
+      this.marks.setEllipsoid(this.state?.ellipsoid, rover ? this.rover.position : at);
+      this.marks.setLost(this.state?.lost);
       this.moveCamera();
       this.snap = false;
     },
-    // Corners of the camera's view on the level ground, and lines to them.
-    drawFrustum() {
-      const optics = this.robot.camera, angles = this.state.camera;
-      const at = new THREE.Vector3(...optics.pos).applyQuaternion(this.vehicle.quaternion).add(this.vehicle.position);
-      const pitch = new THREE.Quaternion().setFromAxisAngle(new THREE.Vector3(0, 1, 0), angles.pitch);
-      const roll = new THREE.Quaternion().setFromAxisAngle(new THREE.Vector3(1, 0, 0), angles.roll);
-      const points = [];
-      for (const [right, down] of [[-1, -1], [1, -1], [1, 1], [-1, 1]]) {
-        const ray = new THREE.Vector3(1, right * optics.tan_right, down * optics.tan_down);
-        ray.applyQuaternion(pitch).applyQuaternion(roll).applyQuaternion(this.vehicle.quaternion);
-        const range = ray.z > 0.05 ? Math.min(-at.z / ray.z, 40) : 40 / ray.length();
-        points.push(at.clone().addScaledVector(ray, Math.max(range, 0)));
+    moveVehicle(vehicle, share, dt) {
+      const [w, x, y, z] = vehicle.q;
+      const center = new THREE.Vector3(vehicle.pos[0], vehicle.pos[1], vehicle.pos[2] - this.robot.stand);
+      this.vehicle.position.lerp(center, share);
+      this.vehicle.quaternion.slerp(new THREE.Quaternion(x, y, z, w), share);
+      for (const rotor of this.vehicle.rotors) {
+        rotor.rotation.z += rotor.spin * (vehicle.armed && !vehicle.late ? ROTOR_RPS : 0) * dt;
+        rotor.disc.visible = vehicle.armed;
       }
-      const ends = [];
-      points.forEach((point, i) => ends.push(at, point, point, points[(i + 1) % 4]));
-      this.frustum.geometry.setFromPoints(ends);
-      const below = new THREE.Vector3(at.x, at.y, 0);
-      this.drop.geometry.setFromPoints([this.vehicle.position, below]);
-      this.drop.computeLineDistances();
-    },
-    // Three standard deviations of the position relative to the rover.
-    drawEllipse() {
-      const cov = this.state.rover?.cov;
-      this.ellipse.visible = !!cov && this.state.vehicle.armed;
-      if (!cov) return;
-      this.ellipse.position.copy(this.vehicle.position);
-      this.ellipse.scale.set(...[0, 1, 2].map((axis) => 3 * Math.sqrt(Math.max(cov[axis], 1e-6))));
+      const flown = vehicle.armed && this.end ? [this.end] : [];
+      this.tail.set([...flown, [this.vehicle.position.x, this.vehicle.position.y, this.vehicle.position.z + this.robot.stand]]);
+      this.view.update(this.vehicle.position, this.vehicle.quaternion, this.state.camera);
     },
     moveCamera() {
       const subject = this.vehicle.visible ? this.vehicle : this.rover;
-      const at = new THREE.Vector3();
-      subject.getWorldPosition(at);
-      this.sun.target.position.copy(at);
-      this.sun.position.set(at.x + 14, at.y - 20, at.z + 34);
+      const at = subject.getWorldPosition(new THREE.Vector3());
+      this.moveLight(at);
       const step = this.lastAt ? at.clone().sub(this.lastAt) : new THREE.Vector3();
-      this.lastAt = at.clone();
+      this.lastAt = at;
       if (this.snap && this.mode === "follow") {
-        this.camera.position.set(at.x - 3.4, at.y - 4.4, at.z + 2.2);
+        this.camera.position.set(at.x - 2.9, at.y - 3.7, at.z + 1.7);
         this.controls.target.copy(at);
       } else if (this.snap && this.mode === "top") {
         this.camera.position.set(at.x, at.y - 0.01, at.z + 18);
@@ -205,7 +218,43 @@ export default {
         this.controls.target.add(step);
       }
       this.controls.update();
-      if (this.camera.position.z < 0.15) this.camera.position.z = 0.15;
+      const floor = this.ground.heightAt(this.camera.position.y, this.camera.position.x) + 0.25;
+      if (this.camera.position.z < floor) this.camera.position.z = floor;
+      this.dome.position.copy(this.camera.position);
+      const turn = Math.atan2(this.controls.target.x - this.camera.position.x, this.controls.target.y - this.camera.position.y);
+      this.$refs.north.style.transform = `rotate(${-turn}rad)`;
+    },
+    // The sun moves along with the vehicle, so that the finest part of its shadows is there.
+    moveLight(at) {
+      this.sun.target.position.copy(at);
+      this.sun.position.copy(at).addScaledVector(TO_SUN, 40);
+      this.placeBlob(this.blob, this.vehicle);
+      this.placeBlob(this.roverBlob, this.rover);
+    },
+    placeBlob(blob, object) {
+      blob.visible = !this.sun.castShadow && object.visible;
+      const { x: north, y: east, z: down } = object.position, away = (-down - this.ground.heightAt(north, east)) / TO_SUN.z;
+      const [n, e] = [north - away * TO_SUN.y, east - away * TO_SUN.x];
+      blob.position.set(n, e, -this.ground.heightAt(n, e) - 0.02);
+    },
+    placeLabels() {
+      const { clientWidth: width, clientHeight: height } = this.$el;
+      for (const { name, at, lift } of this.labels) {
+        const element = this.$refs[`label-${name}`]?.[0];
+        if (!element) continue;
+        const place = new THREE.Vector3(at[1], at[0], lift - at[2]).project(this.camera);
+        const shown = place.z < 1 && Math.abs(place.x) < 1 && Math.abs(place.y) < 1;
+        element.style.visibility = shown ? "visible" : "hidden";
+        element.style.transform = `translate(${0.5 * (1 + place.x) * width}px, ${0.5 * (1 - place.y) * height}px) translate(-50%, ${lift > 0 ? -100 : 0}%)`;
+      }
     },
   },
 };
+
+// Whether the browser draws with the processor alone.
+function drawsWithoutCard() {
+  const gl = document.createElement("canvas").getContext("webgl2"), info = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(name);
+}

@@ -1,5 +1,11 @@
-// Meshes of vehicle, rover and ground. All are in jezero's own axes: frd (forward, right, down) and ned.
+// Meshes of vehicle and rover. All are in jezero's own axes: frd (forward, right, down) and ned.
 import { THREE } from "nicegui-scene";
+
+export { Ground } from "./ground.js";
+export { Marks } from "./marks.js";
+export { CameraView } from "./optics.js";
+export { Path } from "./paths.js";
+export { HAZE, makeBlob, makeDome, makeLights, TO_SUN } from "./sky.js";
 
 const BODY = 0x2b3440, BLADE = 0x11161c, NOSE = 0xff8a1f;
 
@@ -75,57 +81,13 @@ export function makeRover(robot) {
       rod([f * side, 0, 0.5 * height], [f * side, r * 0.42 * side, height - radius], 0.02, 0x8794a3, group);
     }
   }
-  for (const tag of robot.platform.tags) {
-    const material = new THREE.MeshBasicMaterial({ color: tag.image ? 0xffffff : 0x101010 });
-    if (tag.image) {
-      material.map = new THREE.TextureLoader().load(tag.image);
-      material.map.magFilter = THREE.NearestFilter;
-      material.map.colorSpace = THREE.SRGBColorSpace;
-    }
-    const square = new THREE.Mesh(new THREE.PlaneGeometry(tag.side, tag.side), material);
-    const [forward, right] = tag.pos;
-    square.position.set(forward, right, -0.002 - 0.0005 * robot.platform.tags.indexOf(tag));
-    square.rotation.set(Math.PI, 0, -Math.PI / 2); // the image's top towards the rover's nose, its face up
-    group.add(square);
-  }
+  const material = new THREE.MeshLambertMaterial({ map: new THREE.TextureLoader().load(robot.platform.picture) });
+  material.map.colorSpace = THREE.SRGBColorSpace;
+  material.map.anisotropy = 4;
+  const top = new THREE.Mesh(new THREE.PlaneGeometry(side, side), material);
+  top.position.z = -0.003;
+  top.rotation.set(Math.PI, 0, Math.PI / 2); // the picture's top towards the rover's nose, its face up
+  top.receiveShadow = true;
+  group.add(top);
   return group;
-}
-
-// Grains and small stones, and a grid of a metre; repeated every four metres.
-function groundTexture() {
-  const size = 512, image = document.createElement("canvas");
-  image.width = image.height = size;
-  const c = image.getContext("2d");
-  c.fillStyle = "#d9d0c8";
-  c.fillRect(0, 0, size, size);
-  let seed = 7;
-  const random = () => (seed = (16807 * seed) % 2147483647) / 2147483647;
-  for (let i = 0; i < 5200; i++) {
-    const light = 120 + 135 * random(), radius = 0.4 + 2.6 * random() ** 6;
-    c.fillStyle = `rgba(${light},${light},${light},.45)`;
-    c.beginPath();
-    c.arc(size * random(), size * random(), radius, 0, 7);
-    c.fill();
-  }
-  c.strokeStyle = "rgba(40,18,8,.22)";
-  for (let i = 0; i < 4; i++) {
-    c.strokeRect(0.5 + (i * size) / 4, -9, size, 2 * size);
-    c.strokeRect(-9, 0.5 + (i * size) / 4, 2 * size, size);
-  }
-  const texture = new THREE.CanvasTexture(image);
-  texture.wrapS = texture.wrapT = THREE.RepeatWrapping;
-  texture.anisotropy = 8;
-  texture.colorSpace = THREE.SRGBColorSpace;
-  return texture;
-}
-
-// Level ground in ned. Its relief is the simulator's own: no topic tells it.
-export function makeGround() {
-  const half = 200, plane = new THREE.PlaneGeometry(2 * half, 2 * half);
-  const map = groundTexture();
-  map.repeat.set(half / 2, half / 2);
-  const ground = new THREE.Mesh(plane, new THREE.MeshStandardMaterial({ color: 0xb8683c, map, roughness: 1 }));
-  ground.rotation.x = Math.PI; // its face up
-  ground.receiveShadow = true;
-  return ground;
 }
