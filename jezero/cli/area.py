@@ -63,7 +63,7 @@ class CoverageRequest:
 def area_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options that name an area."""
     for option in (
-        click.option("--origin", nargs=2, type=float, callback=_checked_origin, metavar="LAT LON", help=ORIGIN_HELP),
+        click.option("--origin", nargs=2, type=float, callback=checked_origin, metavar="LAT LON", help=ORIGIN_HELP),
         click.option("--metres", is_flag=True, help="The file is in metres: [north, east], or by its headings."),
         click.option("--feature", metavar="NAME|N", help="The area of this name or number, if the file has several."),
         click.option("--polygon", "file", type=FILE, help="File of the area, see above."),
@@ -76,7 +76,7 @@ FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
 ORIGIN_HELP = "Degrees of the world's origin for --plan-only without a stack [the simulator's]."
 
 
-def _checked_origin(
+def checked_origin(
     context: click.Context, parameter: click.Parameter, value: tuple[float, float] | None
 ) -> Origin | None:
     if value is None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from jezero.cli.area import Origin, checked_origin, simulator_origin
 from jezero.cli.exit_codes import ABORTED, FAILED
 from jezero.cli.flight import Printer, common_options, connected
 
@@ -38,6 +39,28 @@ def list_missions() -> None:
         path = shipped_file(name)
         click.echo(f"{name:<16}{path.read_text(encoding='utf-8').partition(chr(10))[0].removeprefix('# ')}")
         click.echo(f"{'':<16}{path}")
+
+
+@mission.command(epilog=FILE_HELP)
+@click.argument("file")
+@click.option(
+    "--origin", nargs=2, type=float, callback=checked_origin, metavar="LAT LON",
+    help="Degrees of the world's origin, for areas in degrees [the simulator's].",
+)  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def check(file: str, origin: Origin | None, as_json: bool) -> None:
+    """Read a mission, name its mistakes, and list its steps with loops written out. Needs no running stack.
+
+    Whether each goal can be flown from where it will begin is found out in flight.
+    """
+    import msgspec
+
+    printer = Printer(as_json)
+    read = _read(file, (origin or simulator_origin()).position_deg, printer)
+    steps = list(zip(read.lines, read.mission.steps, strict=True))
+    text = "\n".join(f"{number:>4}  line {line:<4} {step.label}" for number, (line, step) in enumerate(steps, start=1))
+    plain = [{"line": line, **msgspec.to_builtins(step)} for line, step in steps]
+    printer.event("mission", f"{read.mission.name}: {len(steps)} steps\n{text}", name=read.mission.name, steps=plain)
 
 
 @mission.command(epilog=FILE_HELP)

@@ -7,7 +7,7 @@ from typing import Any, get_type_hints
 
 import msgspec
 
-from jezero.plugins import PluginError
+from jezero.plugins import PluginError, all_actions
 from jezero.recording.journals import leaves
 from jezero.recording.mcap_file import RecordingError
 from jezero.runtime.service import Service
@@ -15,9 +15,16 @@ from jezero.services.actions.table import action_server
 from jezero.services.autopilot.service import Autopilot
 from jezero.services.estimator.service import Estimator
 from jezero.services.estimator.tag_detector.service import TagDetector
+from jezero.services.mission.record import MissionRecord
+from jezero.services.mission.service import MissionService
 from jezero.services.simulator.camera.making import make_camera
 from jezero.services.simulator.service import Simulator
 from jezero.services.vehicle_bridge.service import VehicleBridge
+
+
+def _mission(boot_id: int, saved: MissionRecord | None = None) -> Service:
+    return MissionService(boot_id, all_actions(), saved)
+
 
 MAKERS: dict[str, Callable[..., Service]] = {
     "simulator": Simulator,
@@ -26,6 +33,7 @@ MAKERS: dict[str, Callable[..., Service]] = {
     "vehicle_bridge": VehicleBridge,
     "tag_detector": TagDetector,
     "estimator": Estimator,
+    "mission": _mission,
 }
 """Makers of the services that are no action servers; all of those have one."""
 

@@ -21,6 +21,7 @@ from jezero.services.mission.step_run import GoalRun, StepEnd, Wait, goal_of
 
 PUBLISH_PERIOD_NS = NS_PER_S // 2
 LAND_ON_SPOT = "land_on_spot"
+PAUSED = "paused by a command"
 RESTARTED = "the mission service was restarted"
 REQUESTED = "a hover, an abort or a kill was requested"
 VEHICLE_RESTARTED = "the vehicle was restarted"
@@ -53,6 +54,8 @@ class MissionService:
         self._missions = 0
         self._run: GoalRun | Wait | None = None
         self._wanted: Wanted = ""
+        self._pauses: list[int] = []
+        """Ids of the requests for a pause that wait for the action server."""
         self._interventions: tuple[int, int] | None = None
         """Bridge's boot id, and the number of interventions, when the mission began or went on."""
         self._published_ns: int | None = None
@@ -60,7 +63,11 @@ class MissionService:
         self._record = saved
         if saved is not None and not saved.ended:
             self._record = saved.in_state("interrupted", RESTARTED)
-        calls = [endpoint for action in actions.values() for endpoint in (action.endpoint, action.cancel)]
+        calls = [
+            endpoint
+            for action in actions.values()
+            for endpoint in (action.endpoint, action.cancel, action.pause, action.resume)
+        ]
         self.spec = Spec(
             name="mission",
             inputs=(STATUS, CLOCK),
@@ -128,10 +135,13 @@ class MissionService:
             return
         if run is not None:
             yield from run.step(t_ns, inbox, paused=record.state != "running")
+            if isinstance(run, GoalRun) and (reply := run.pause_reply(inbox)) is not None:
+                yield from self._reply_to_pauses(reply.reason, record)
             if run.ended is None:
                 return
             self._run = None
-            self._record = self._after(record, run.ended, inbox.latest(STATUS))
+            self._record = self._after(self._record or record, run.ended, inbox.latest(STATUS))
+            yield from self._reply_to_pauses("the step has ended", record)
         if self._record is not None and self._record.state == "running":
             yield from self._begin_step(t_ns, self._record, inbox)
 
@@ -171,6 +181,7 @@ class MissionService:
         if record.last is not None:
             return record.in_state("failed", f"{record.reason}; then {record.last.label}: {end.reason}")
         policy, failures = record.policy, record.failures + 1
+        record = record.in_state("running")
         if failures <= policy.retries:
             return replace(record.next_attempt(end.rest), failures=failures, reason=f"tried again: {end.reason}")
         if policy.then == "skip":
@@ -215,9 +226,26 @@ class MissionService:
         record = self._record
         refusal = NO_MISSION
         if record is not None and not record.ended:
+            if command.command == "pause" and record.state == "running" and isinstance(self._run, GoalRun):
+                self._pauses.append(request.request_id)
+                yield from self._run.pause()
+                return
             refusal = yield from self._carry_out(command.command, record)
         mission_id = "" if record is None else record.mission_id
         yield Reply(request.request_id, MissionReply(accepted=not refusal, reason=refusal, mission_id=mission_id))
+
+    def _reply_to_pauses(self, refusal: str, record: MissionRecord) -> Iterator[Output]:
+        """Reply to the requests for a pause.
+
+        Args:
+            refusal: reason why the goal isn't paused, or "".
+        """
+        if self._pauses and not refusal:
+            self._record = record.in_state("paused", PAUSED)
+        for request_id in self._pauses:
+            reply = MissionReply(accepted=not refusal, reason=refusal, mission_id=record.mission_id)
+            yield Reply(request_id, reply)
+        self._pauses.clear()
 
     def _carry_out(self, command: str, record: MissionRecord) -> Generator[Output, None, str]:
         """Carry out a command; returns the reason of a refusal, or ""."""
@@ -232,8 +260,10 @@ class MissionService:
                 return ENDING
             self._interventions = None
             self._record = record.in_state("running")
+            if isinstance(run, GoalRun):
+                yield from run.resume()
         elif command == "pause":
-            yield from self._hold(record.in_state("paused", "paused by a command"))
+            self._record = record.in_state("paused", PAUSED)
         else:
             self._interventions = None
             self._wanted = "skip" if command == "skip" else "stop"

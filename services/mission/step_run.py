@@ -6,7 +6,16 @@ from typing import Any, Literal
 import msgspec
 
 from jezero.runtime.service import Call, Inbox, Output, Response
-from jezero.schemas.actions import Cancel, GetResult, Goal, Rejected, ResultReply
+from jezero.schemas.actions import (
+    Cancel,
+    GetResult,
+    Goal,
+    Pause,
+    PauseReply,
+    Rejected,
+    ResultReply,
+    Resume,
+)
 from jezero.schemas.topics import RESULT, Action
 from jezero.schemas.units import NS_PER_S
 
@@ -113,6 +122,22 @@ class GoalRun:
     def cancel(self) -> Iterator[Output]:
         """End the goal; its result follows."""
         yield Call(self._action.cancel, Cancel(goal_id=self.goal_id), f"{self.goal_id}/cancel", REPLY_TIMEOUT_S)
+
+    def pause(self) -> Iterator[Output]:
+        """Ask for a pause; `pause_reply` has the outcome."""
+        yield Call(self._action.pause, Pause(goal_id=self.goal_id), f"{self.goal_id}/pause", REPLY_TIMEOUT_S)
+
+    def pause_reply(self, inbox: Inbox) -> PauseReply | None:
+        """Outcome of the request for a pause; None while there is none."""
+        for response in inbox.responses:
+            if response.tag == f"{self.goal_id}/pause":
+                silent = PauseReply(paused=False, reason=f"{self._action.name} did not reply ({response.error})")
+                return response.payload if isinstance(response.payload, PauseReply) else silent
+        return None
+
+    def resume(self) -> Iterator[Output]:
+        """End the pause."""
+        yield Call(self._action.resume, Resume(goal_id=self.goal_id), f"{self.goal_id}/resume", REPLY_TIMEOUT_S)
 
     def _on_first_reply(self, response: Response) -> None:
         if isinstance(response.payload, Rejected):

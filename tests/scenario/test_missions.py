@@ -99,6 +99,7 @@ def test_a_paused_mission_hovers_and_goes_on_where_it_was() -> None:
     assert flight.command("resume").accepted
     flight.wait_state("succeeded")
     assert flight.truth.pos_uav_ned_m[0] == pytest.approx(30.0, abs=0.7)
+    assert flight.progress[-1].attempt == 1  # the goal itself was paused
 
 
 def test_a_person_who_takes_control_interrupts_the_mission_until_a_command() -> None:
