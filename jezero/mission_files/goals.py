@@ -10,7 +10,7 @@ from jezero.mission_files.nodes import Node
 from jezero.mission_files.problems import Problems, did_you_mean, listed
 from jezero.schemas.topics import Action
 
-CHOSEN = ("goal_id", "issued_t_ns", "plan_id", "on_client_loss")
+CHOSEN = ("goal_id", "issued_t_ns", "plan_id", "plan_from_ned_m", "on_client_loss")
 """Fields of a goal that the mission service chooses."""
 PLACE = "_ned_m"
 """Fields whose names end so take the name of a point or of an area."""

@@ -24,6 +24,9 @@ from jezero.services.actions.motion.tracking import ZERO, Reference, Tracker
 if TYPE_CHECKING:
     from jezero.services.actions.area_coverage.coverage_plan import CoveragePlan
 
+PATH_SAMPLES = 4
+"""The way that clients get has every fourth sample of the trajectory: a corner a metre."""
+
 
 class AreaCoverage:
     """Flies to the begin of the planned path, along it, and hovers at its end.
@@ -137,6 +140,12 @@ class AreaCoverage:
         trajectory, time_s = self._plan.trajectory, 0.0 if self._tracker is None else self._tracker.time_s
         along = Remaining(max(trajectory.duration_s - time_s, 0.0), trajectory.length_left_m(time_s))
         return along if self._tracker is not None else self._way_in.remaining() + along
+
+    def path(self, state: VehicleState) -> tuple[Vec3, ...]:
+        """To the begin of the lines and along them."""
+        times_s = self._plan.trajectory.t_s
+        corners_s = [*times_s[::PATH_SAMPLES].tolist(), float(times_s[-1])]
+        return (state.pos_uav_ned_m, *(self._reference(time_s).pos_ned_m for time_s in corners_s))
 
     def _feedback(self, state: VehicleState) -> ImagesFeedback:
         return ImagesFeedback(
