@@ -168,7 +168,8 @@ class GoalFlight:
         odometry = self._view.odometry(inbox)
         if odometry is None:
             return "the vehicle's position is unknown"
-        if refusal := pause_refusal_of(self._behaviour, self._state(t_ns, inbox, odometry)):
+        refusal = pause_refusal_of(self._behaviour, self._state(t_ns, inbox, odometry))
+        if refusal and not self._pause.wanted:
             return refusal
         self._pause.wanted = True
         return ""
