@@ -6,7 +6,8 @@ const LAG_S = 0.12; // time constant of the motion between two updates
 const FRAME_GAP_MS = 33, FRAME_GAP_MAX_MS = 250;
 const SLOW_MS = 100; // a frame that takes longer: fewer pixels, and no shadows
 const SLOW_FRAMES = 4;
-const PIXELS = [1, 0.8, 0.6]; // pixels of the view for each of the screen, along a side; fewer step by step
+const PIXELS = [1, 0.8, 0.65]; // of the view for each of the screen, along a side; fewer step by step
+const PIXELS_ENOUGH = 200_000; // a small view keeps all of its own
 const ROTOR_RPS = 38;
 const UP = new THREE.Vector3(0, 0, 1);
 
@@ -138,7 +139,8 @@ export default {
     resize() {
       const { clientWidth: width, clientHeight: height } = this.$el;
       if (!width || !height) return;
-      this.renderer.setPixelRatio(PIXELS[this.fewer] * Math.min(window.devicePixelRatio, 2));
+      const enough = Math.sqrt(PIXELS_ENOUGH / (width * height));
+      this.renderer.setPixelRatio(Math.max(PIXELS[this.fewer], Math.min(enough, 1)) * Math.min(window.devicePixelRatio, 2));
       this.renderer.setSize(width, height, false);
       this.camera.aspect = width / height;
       this.camera.fov = width > height ? 50 : 62;
