@@ -8,6 +8,7 @@ from jezero.runtime.links import SocketLink
 from jezero.runtime.service import Service
 from jezero.runtime.zenoh_bus import run_process
 from jezero.services.ground_station.config import GroundStationConfig
+from jezero.services.ground_station.listening import listening_of
 from jezero.services.ground_station.service import GroundStation
 from jezero.vehicle_config import VehicleConfig
 
@@ -20,7 +21,7 @@ def main() -> int:
 
         config = load_config(GroundStationConfig, "ground_station")
         robot = load_config(VehicleConfig, "vehicle")
-        server = PageServer(config, robot, instance.vehicle, instance.router)
+        server = PageServer(config, listening_of(config), robot, instance.vehicle, instance.router)
         server.run_in_thread()
         print(f"the pages are on {server.address}")
         return GroundStation(server.health), {}

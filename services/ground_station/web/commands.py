@@ -9,13 +9,13 @@ from nicegui import ui
 from jezero.aio import JezeroError, Refused, Vehicle
 from jezero.schemas.actions import PlanReply
 from jezero.services.ground_station.events import Tone
-from jezero.services.ground_station.web.feed import Feed
+from jezero.services.ground_station.web.pilot_link import PilotLink
 
 
 class Commands:
     """The commands of one page."""
 
-    def __init__(self, feed: Feed) -> None:
+    def __init__(self, feed: PilotLink) -> None:
         self._feed = feed
 
     async def hover(self) -> None:

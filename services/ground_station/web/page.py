@@ -6,6 +6,8 @@ from typing import Any
 from nicegui import ui
 
 from jezero.services.ground_station.scene import ground_shape
+from jezero.services.ground_station.web.access import Access
+from jezero.services.ground_station.web.access_bar import AccessBar
 from jezero.services.ground_station.web.commands import Commands
 from jezero.services.ground_station.web.elements import (
     STATIC,
@@ -21,6 +23,7 @@ from jezero.services.ground_station.web.elements import (
 from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.fly import FlyPanel
 from jezero.services.ground_station.web.lists import Events, Services
+from jezero.services.ground_station.web.pilot_link import PilotLink
 
 SLOW = 5
 """What changes slowly is updated in every fifth period."""
@@ -33,17 +36,20 @@ CAMERAS = {"follow": "Follow", "top": "From above", "free": "Free"}
 class Page:
     """One open page."""
 
-    def __init__(self, feed: Feed, robot: dict[str, Any], rate_hz: float, rate_camera_hz: float) -> None:
+    def __init__(
+        self, feed: Feed, access: Access, token: str, robot: dict[str, Any], rate_hz: float, rate_camera_hz: float
+    ) -> None:
         self._feed = feed
+        self._access, self._token = access, token
         self._robot = robot
-        self._commands = Commands(feed)
+        self._commands = Commands(PilotLink(feed, lambda: self._bar.refusal()))
         self._count = 0
         self._ground_version = 0
         self._period_camera_s = 1.0 / rate_camera_hz
         ui.add_css(STATIC / "style.css")
         ui.query("body").classes("ground")
         Keys().on("hover", self._commands.hover).on("abort", self._commands.abort)
-        with ui.element("div").classes("page"):
+        with ui.element("div").classes("page") as self._whole:
             self._header()
             with ui.element("main").classes("main"):
                 self._stage()
@@ -61,6 +67,7 @@ class Page:
                     self._charge = ui.label().classes("state-charge")
                     self._why = ui.label().classes("state-why")
             with ui.element("div").classes("bar-buttons"):
+                self._bar = AccessBar(self._access, self._token, self._whole)
                 ui.button("Hover", on_click=self._commands.hover, color=None).classes("hover-button").props(
                     "no-caps"
                 ).props('data-mark="hover"')
@@ -131,6 +138,7 @@ class Page:
         if self._ground_version != self._feed.ground_version:
             self._ground_version = self._feed.ground_version
             self._draw_ground()
+        self._bar.show()
         trail = state.trail()
         self._view.run_method("setTrail", trail)
         self._map.run_method("setTrail", trail)
