@@ -42,7 +42,7 @@ class Page:
         self._feed = feed
         self._access, self._token = access, token
         self._robot = robot
-        self._commands = Commands(PilotLink(feed, lambda: self._bar.refusal()))
+        self._commands = Commands(PilotLink(feed, self._refusal))
         self._count = 0
         self._ground_version = 0
         self._period_camera_s = 1.0 / rate_camera_hz
@@ -109,6 +109,10 @@ class Page:
             with ui.element("section").classes("card"):
                 ui.label("Services").classes("card-title")
                 self._services = Services()
+
+    def _refusal(self) -> str:
+        """Why this page may not fly now; "" if it may."""
+        return self._bar.refusal()
 
     # -- refresh --
 
