@@ -1,11 +1,14 @@
 """`jezero ground`: the ground station alone, for a vehicle whose stack runs here or elsewhere."""
 
+import os
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from jezero.cli.flight import Router
+from jezero.cli.recording import RECORDING_PATH
 
 if TYPE_CHECKING:
     from jezero.services.ground_station.config import GroundStationConfig
@@ -25,13 +28,14 @@ FILE = click.Path(exists=True, dir_okay=False)
     help="Endpoint of the vehicle's router.",
 )
 @click.option("--vehicle", envvar="JEZERO_VEHICLE", default="uav1", show_default=True, help="Vehicle's name.")
+@click.option("--recording", type=RECORDING_PATH, help="Look back at this recording, or at those of a run's folder.")
 @click.option("--port", type=click.IntRange(1, 65535), help="Port of the pages [default: as in ground_station.toml].")
 @click.option("--listen", metavar="ADDRESS", help="IP address of the pages; 0.0.0.0 for all networks.")
 @click.option("--certificate", type=FILE, help="TLS certificate, PEM.")
 @click.option("--key", type=FILE, help="Private key of the certificate, PEM.")
 @click.option("--insecure", is_flag=True, default=None, help="Serve another address than 127.0.0.1 without TLS.")
 @click.option("--set-password", is_flag=True, help="Set the password of those who may fly, and end.")
-def ground(router: str, vehicle: str, set_password: bool, **given: Any) -> None:
+def ground(router: str, vehicle: str, recording: Path | None, set_password: bool, **given: Any) -> None:
     """Serve the ground station's pages to browsers, until Ctrl+C.
 
     `jezero up` starts a ground station too. This command is for a laptop beside the vehicle. When the port is busy, the
@@ -44,7 +48,7 @@ def ground(router: str, vehicle: str, set_password: bool, **given: Any) -> None:
     if set_password:
         _set_password(config)
         return
-    _serve(config, vehicle, router)
+    _serve(config, vehicle, router, recording)
 
 
 def _settings(given: dict[str, Any]) -> "GroundStationConfig":
@@ -74,7 +78,7 @@ def _set_password(config: "GroundStationConfig") -> None:
     click.echo(f"the password is set; its hash is in {password_file(config)}")
 
 
-def _serve(config: "GroundStationConfig", vehicle: str, router: str) -> None:
+def _serve(config: "GroundStationConfig", vehicle: str, router: str, recording: Path | None) -> None:
     from jezero.runtime.config import load_config
     from jezero.services.ground_station.listening import listening_of
     from jezero.vehicle_config import VehicleConfig
@@ -85,6 +89,30 @@ def _serve(config: "GroundStationConfig", vehicle: str, router: str) -> None:
         if (error.name or "").partition(".")[0] == "jezero":
             raise
         raise click.ClickException("the ground station is an extra: pip install 'jezero[ground]'") from None
-    server = PageServer(config, listening_of(config), load_config(VehicleConfig, "vehicle"), vehicle, router)
-    click.echo(f"the pages of {vehicle} are on {server.address}. Ctrl+C ends them.")
+    live = router if recording is None else None
+    place = _run_folder(vehicle) if recording is None else _checked(recording)
+    server = PageServer(config, listening_of(config), load_config(VehicleConfig, "vehicle"), vehicle, live, place)
+    click.echo(f"the pages of {vehicle if recording is None else recording} are on {server.address}. Ctrl+C ends them.")
     server.run()
+
+
+def _run_folder(vehicle: str) -> Path | None:
+    """Folder of the vehicle's run on this machine, whose recordings are listed; None when there is none."""
+    from jezero.deploy.launcher.state import default_folder
+
+    given = os.environ.get("JEZERO_RUN_DIR")
+    try:
+        return Path(given) if given else default_folder(vehicle)
+    except OSError:  # the user has no home
+        return None
+
+
+def _checked(recording: Path) -> Path:
+    """The path, if it is a recording or the folder of a run that has one."""
+    from jezero.recording import RecordingError, open_recording
+
+    try:
+        open_recording(recording)
+    except RecordingError as error:
+        raise click.ClickException(str(error)) from None
+    return recording

@@ -1,7 +1,9 @@
 """`python -m jezero.services.ground_station`: the pages of the vehicle, in a browser on this machine."""
 
+import os
 import sys
 from collections.abc import Mapping
+from pathlib import Path
 
 from jezero.runtime.config import Instance, load_config
 from jezero.runtime.links import SocketLink
@@ -21,7 +23,8 @@ def main() -> int:
 
         config = load_config(GroundStationConfig, "ground_station")
         robot = load_config(VehicleConfig, "vehicle")
-        server = PageServer(config, listening_of(config), robot, instance.vehicle, instance.router)
+        run_folder = Path(os.environ["JEZERO_RUN_DIR"]) if "JEZERO_RUN_DIR" in os.environ else None
+        server = PageServer(config, listening_of(config), robot, instance.vehicle, instance.router, run_folder)
         server.run_in_thread()
         print(f"the pages are on {server.address}")
         return GroundStation(server.health), {}

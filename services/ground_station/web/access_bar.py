@@ -34,8 +34,7 @@ class AccessBar:
             self._words = ui.label().classes("access-words").props('data-mark="access"')
             self._log_in = ui.link("Log in", "/login").props('data-mark="log-in"')
             with ui.element("form").props("method=post action=/logout") as self._log_out:
-                with ui.element("button").props('data-mark="log-out"'):
-                    ui.label("Log out")
+                ui.html("<button data-mark='log-out'>Log out</button>", sanitize=False)
         self.show()
 
     def refusal(self) -> str:

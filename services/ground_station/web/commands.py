@@ -74,6 +74,7 @@ class Commands:
             self._note("good", done)
 
     def _note(self, tone: Tone, text: str) -> None:
-        self._feed.state.events.add(time.monotonic(), tone, text)
+        if not self._feed.refusal:  # who watches writes nothing into the list that all pages show
+            self._feed.state.events.add(time.monotonic(), tone, text)
         kind = {"good": "positive", "plain": "info", "warning": "warning", "bad": "negative"}[tone]
         ui.notify(text, type=kind, position="top")  # type: ignore[arg-type]

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from jezero.aio import Vehicle
 from jezero.services.ground_station.state import VehicleState
 from jezero.services.ground_station.web.feed import Feed
+from jezero.services.ground_station.web.playback_feed import PlaybackFeed
 
 
 class PilotLink:
@@ -15,7 +16,7 @@ class PilotLink:
         refusal: returns why the page may not fly now, "" if it may; called for each command.
     """
 
-    def __init__(self, feed: Feed, refusal: Callable[[], str]) -> None:
+    def __init__(self, feed: Feed | PlaybackFeed, refusal: Callable[[], str]) -> None:
         self._feed = feed
         self._refusal = refusal
 
@@ -23,6 +24,11 @@ class PilotLink:
     def uav(self) -> Vehicle | None:
         """The vehicle; None for a page that may not fly, or without a connection."""
         return None if self._refusal() else self._feed.uav
+
+    @property
+    def refusal(self) -> str:
+        """Why the page may not fly now; "" if it may."""
+        return self._refusal()
 
     @property
     def problem(self) -> str:

@@ -3,10 +3,12 @@
 import asyncio
 import threading
 from contextlib import asynccontextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import uvicorn
 from fastapi import FastAPI, Request, Response
+from fastapi.responses import RedirectResponse
 from nicegui import Client, ui
 from nicegui import app as pages
 
@@ -19,6 +21,9 @@ from jezero.services.ground_station.web.camera_feed import CameraFeed
 from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.guard import BODY_MAX_BYTES, OwnPagesOnly, SmallBodies
 from jezero.services.ground_station.web.page import Page
+from jezero.services.ground_station.web.playback_feed import PlaybackFeed
+from jezero.services.ground_station.web.recording_pages import RecordingPages
+from jezero.services.ground_station.web.recordings import Recordings
 from jezero.vehicle_config import VehicleConfig
 
 STOP_TIMEOUT_S = 1.0
@@ -31,6 +36,10 @@ CONNECTIONS_MAX = 200
 class PageServer:
     """Serves the pages of one vehicle, in the thread that calls `run`.
 
+    Args:
+        router: the vehicle's router; None to show recordings only.
+        recordings: a recording, or a run's folder with recordings; None for none.
+
     Attributes:
         address: of the pages, for a browser.
 
@@ -39,12 +48,19 @@ class PageServer:
     """
 
     def __init__(
-        self, config: GroundStationConfig, listening: Listening, robot: VehicleConfig, vehicle: str, router: str
+        self,
+        config: GroundStationConfig,
+        listening: Listening,
+        robot: VehicleConfig,
+        vehicle: str,
+        router: str | None,
+        recordings: Path | None = None,
     ) -> None:
         self._socket = listening_socket(listening.address, config.port)
         self.port: int = self._socket.getsockname()[1]
         self.address = listening.url(self.port)
-        self._feed = Feed(vehicle, router)
+        self._feed = Feed(vehicle, router or "")
+        self._is_live = router is not None
         self._camera = CameraFeed(robot, config.rate_camera_hz)
         shapes = robot_shapes(robot)
         site = FastAPI(lifespan=self._life, docs_url=None, redoc_url=None, openapi_url=None)
@@ -52,9 +68,17 @@ class PageServer:
         access = Access(config, listening)
         access.add_routes(site)
 
+        def show_recording(feed: PlaybackFeed, pictures: str, request: Request) -> None:
+            Page(feed, access, token_of(request), shapes, config, pictures)
+
+        RecordingPages(Recordings(recordings), show_recording).add_routes(site)
+
         @ui.page("/", title=f"{vehicle} · jezero", dark=True)
-        def show(request: Request) -> None:
-            Page(self._feed, access, token_of(request), shapes, config.rate_hz, config.rate_camera_hz)
+        def show(request: Request) -> Response | None:
+            if router is None:
+                return RedirectResponse("/recordings")
+            Page(self._feed, access, token_of(request), shapes, config)
+            return None
 
         pages.on_connect(self._count_viewers)
         pages.on_disconnect(self._count_viewers)
@@ -106,7 +130,7 @@ class PageServer:
 
     @asynccontextmanager
     async def _life(self, site: FastAPI) -> Any:
-        connecting = asyncio.create_task(self._feed.connect())
+        connecting = asyncio.create_task(self._feed.connect() if self._is_live else asyncio.sleep(0))
         yield
         connecting.cancel()
         with suppress(asyncio.CancelledError):

@@ -9,8 +9,9 @@ import pytest
 
 pytest.importorskip("nicegui", reason="the extra jezero[ground] is not installed")
 
+from nicegui import ui
+
 from jezero.services.ground_station.state import VehicleState
-from jezero.services.ground_station.web import commands
 from jezero.services.ground_station.web.commands import Commands
 from jezero.services.ground_station.web.pilot_link import PilotLink
 
@@ -45,14 +46,14 @@ def test_no_command_of_a_page_that_watches_reaches_the_vehicle(
     name: str, arguments: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[str] = []
-    monkeypatch.setattr(commands.ui, "notify", lambda text, **rest: told.append(text))
+    monkeypatch.setattr(ui, "notify", lambda text, **rest: told.append(text))
     feed: Any = OneVehicle()
     reply = asyncio.run(getattr(Commands(PilotLink(feed, lambda: "you are watching")), name)(*arguments))
     assert "you are watching" in f"{reply} {told}"
 
 
 def test_a_page_that_may_fly_reaches_the_vehicle(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(commands.ui, "notify", lambda text, **rest: None)
+    monkeypatch.setattr(ui, "notify", lambda text, **rest: None)
     feed: Any = OneVehicle()
     with pytest.raises(AssertionError, match="hover was asked for"):
         asyncio.run(Commands(PilotLink(feed, lambda: "")).hover())

@@ -1,0 +1,56 @@
+"""The controls of a recording: play, speed, and a time line with the events."""
+
+from typing import Any
+
+from nicegui import events, ui
+from nicegui.element import Element
+
+from jezero.services.ground_station.web.elements import STATIC
+from jezero.services.ground_station.web.playback_feed import PlaybackFeed
+
+PERIOD_S = 0.1
+
+
+class Timeline(Element, component="static/timeline.js"):
+    """Emits `play`, `seek` and `speed`."""
+
+    def __init__(self, duration_s: float, marks: list[dict[str, Any]]) -> None:
+        super().__init__()
+        self.props["duration"] = duration_s
+        self.props["marks"] = marks
+
+
+class PlaybackBar:
+    """Controls of the recording on one page."""
+
+    def __init__(self, feed: PlaybackFeed) -> None:
+        self._feed = feed
+        flight = feed.flight
+        marks = [{"t": round(each.t_s, 2), "tone": each.tone, "text": each.text} for each in flight.events]
+        ui.add_css(STATIC / "timeline.css")
+        with ui.element("footer").classes("playback"):
+            self._line = Timeline(flight.duration_s, marks)
+            if flight.problem:
+                ui.label(flight.problem).classes("playback-problem")
+        self._line.on("play", lambda event: feed.play(bool(event.args)))
+        self._line.on("seek", self._seek)
+        self._line.on("speed", self._set_speed)
+        ui.timer(PERIOD_S, self._advance)
+
+    def toggle(self) -> None:
+        """Play or pause."""
+        self._feed.play(not self._feed.playing)
+
+    def _seek(self, event: events.GenericEventArguments) -> None:
+        if isinstance(event.args, int | float):
+            self._feed.seek(float(event.args))
+
+    def _set_speed(self, event: events.GenericEventArguments) -> None:
+        if isinstance(event.args, int | float):
+            self._feed.set_speed(float(event.args))
+
+    async def _advance(self) -> None:
+        await self._feed.advance()
+        shown = {"t": round(self._feed.now_s, 2), "playing": self._feed.playing, "speed": self._feed.speed}
+        if self._line.props.get("now") != shown:
+            self._line.props["now"] = shown
