@@ -5,10 +5,15 @@ from typing import Any
 from nicegui import events, ui
 from nicegui.element import Element
 
+from jezero.services.ground_station.playback import RecordedFlight
 from jezero.services.ground_station.web.elements import STATIC
 from jezero.services.ground_station.web.playback_feed import PlaybackFeed
 
 PERIOD_S = 0.1
+MARKS_MAX = 150
+"""More marks would touch each other."""
+TONES = ("plain", "good", "warning", "bad")
+"""By weight."""
 
 
 class Timeline(Element, component="static/timeline.js"):
@@ -20,16 +25,28 @@ class Timeline(Element, component="static/timeline.js"):
         self.props["marks"] = marks
 
 
+def marks_of(flight: RecordedFlight) -> list[dict[str, Any]]:
+    """Marks of a recording's events; events that would have their marks on one place share one."""
+    gap_s = flight.duration_s / MARKS_MAX
+    marks: list[dict[str, Any]] = []
+    for event in flight.events:
+        if not marks or event.t_s - marks[-1]["t"] > gap_s:
+            marks.append({"t": round(event.t_s, 2), "tone": event.tone, "texts": []})
+        mark = marks[-1]
+        mark["texts"].append(event.text)
+        mark["tone"] = max(mark["tone"], event.tone, key=TONES.index)
+    return marks
+
+
 class PlaybackBar:
     """Controls of the recording on one page."""
 
     def __init__(self, feed: PlaybackFeed) -> None:
         self._feed = feed
         flight = feed.flight
-        marks = [{"t": round(each.t_s, 2), "tone": each.tone, "text": each.text} for each in flight.events]
         ui.add_css(STATIC / "timeline.css")
         with ui.element("footer").classes("playback"):
-            self._line = Timeline(flight.duration_s, marks)
+            self._line = Timeline(flight.duration_s, marks_of(flight))
             if flight.problem:
                 ui.label(flight.problem).classes("playback-problem")
         self._line.on("play", lambda event: feed.play(bool(event.args)))

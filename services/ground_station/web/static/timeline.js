@@ -8,7 +8,7 @@ export default {
     <span class="timeline-time" data-mark="time">{{ words(shown) }} / {{ words(duration) }}</span>
     <div class="timeline-line">
       <button v-for="(mark, i) in marks" :key="i" class="timeline-mark" :class="mark.tone" :style="{ left: place(mark.t) }"
-        :title="words(mark.t) + '  ' + mark.text" :aria-label="mark.text" tabindex="-1" @click="$emit('seek', mark.t)"></button>
+        :title="words(mark.t) + '\\n' + mark.texts.join('\\n')" :aria-label="mark.texts.join('. ')" tabindex="-1" @click="$emit('seek', mark.t)"></button>
       <input type="range" min="0" :max="duration" step="0.01" :value="shown" data-mark="slider" aria-label="Time"
         @input="drag($event.target.valueAsNumber)" @change="drop($event.target.valueAsNumber)" @keydown.space.prevent />
     </div>
@@ -31,7 +31,7 @@ export default {
       return this.hand ?? this.now?.t ?? 0;
     },
     last() {
-      return this.marks.findLast((mark) => mark.t <= this.shown + 0.005)?.text ?? "";
+      return this.marks.findLast((mark) => mark.t <= this.shown + 0.005)?.texts.join(" · ") ?? "";
     },
   },
   methods: {
