@@ -1,4 +1,4 @@
-"""A viewer of the ground station's page without a browser: it costs the server what a browser does, and itself little."""
+"""A viewer of the ground station's page without a browser: which costs the server as much."""
 
 import http.client
 import json
@@ -16,7 +16,7 @@ from websockets.sync.client import ClientConnection, connect
 
 ACK_PERIOD_S = 3.0
 RECEIVE_TIMEOUT_S = 0.5
-CLIENT_ID = re.compile(r'"client_id": ?"([0-9a-f-]+)"')
+CLIENT_ID = re.compile(r"'client_id': '([0-9a-f-]+)'")
 MESSAGE_ID = re.compile(r'"_id":(\d+)')
 PING, PONG, CONNECT = "2", "3", "40"
 """Packets of engine.io, on which the page's messages travel."""

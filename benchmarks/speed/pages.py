@@ -18,6 +18,14 @@ from jezero.deploy.launcher.state import RunFolder
 SETTLE_S = 5.0
 MEASURE_S = 20.0
 RATE_PICTURES_HZ = 5.0
+CASES: tuple[tuple[str, tuple[bool, ...]], ...] = (
+    ("nobody", ()),
+    ("one", (True,)),
+    ("two", (True, True)),
+    ("one, and one stalled", (True, False)),
+    ("nobody again", ()),
+)
+"""Who looks, and whether each of them reads what is sent to him."""
 
 
 class Cost(NamedTuple):
@@ -30,7 +38,6 @@ class Cost(NamedTuple):
         messages_hz: messages per second to the first viewer who reads.
         kbps: their size, in kB/s.
         pictures_hz: pictures per second to that viewer.
-        received_mbps: what the server received from the bus and its viewers, in MB/s; the camera sends 14.
     """
 
     what: str
@@ -39,7 +46,6 @@ class Cost(NamedTuple):
     messages_hz: float
     kbps: float
     pictures_hz: float
-    received_mbps: float
 
 
 def measure(stack: Stack, address: str, what: str, *viewers: bool) -> Cost:
@@ -59,17 +65,14 @@ def measure(stack: Stack, address: str, what: str, *viewers: bool) -> Cost:
         before = _counts(pid, reader)
         time.sleep(MEASURE_S)
         after = _counts(pid, reader)
-        cpu, messages, size, pictures, received = (
-            (end - start) / MEASURE_S for start, end in zip(before, after, strict=True)
-        )
-        return Cost(what, cpu * 1e-9, memory_mb(pid)[0], messages, size / 1e3, pictures, received / 1e6)
+        cpu, messages, size, pictures = ((end - start) / MEASURE_S for start, end in zip(before, after, strict=True))
+        return Cost(what, cpu * 1e-9, memory_mb(pid)[0], messages, size / 1e3, pictures)
 
 
-def _counts(pid: int, viewer: PageViewer | None) -> tuple[int, int, int, int, int]:
-    """Processor time in ns, what a viewer has got, and what the process has read, in bytes."""
-    read = Path(f"/proc/{pid}/io").read_text().splitlines()[0].split()[1]
+def _counts(pid: int, viewer: PageViewer | None) -> tuple[int, int, int, int]:
+    """Processor time in ns, and what a viewer has got."""
     got = (0, 0, 0) if viewer is None else (viewer.messages, viewer.bytes, viewer.pictures)
-    return (cpu_ns(pid), *got, int(read))
+    return (cpu_ns(pid), *got)
 
 
 def address_of(stack: Stack) -> str:
@@ -86,26 +89,23 @@ def address_of(stack: Stack) -> str:
 
 def main() -> None:
     """Measure, and print a line for each case."""
-    with tempfile.TemporaryDirectory() as folder, reserved_instance(vehicle="pages") as instance:
-        with running_stack(instance, Path(folder)) as stack:
-            with Vehicle.connect(instance.vehicle, router=instance.router) as uav:
-                uav.wait_ready()
-                uav.takeoff(altitude_m=HOVER_ALTITUDE_M).result(timeout_s=60)
-            address = address_of(stack)
-            print("who looks               % of a core   RSS MB   messages/s   kB/s   pictures/s   received MB/s")
-            for what, *viewers in (
-                ("nobody",),
-                ("one", True),
-                ("two", True, True),
-                ("one, and one stalled", True, False),
-                ("nobody again",),
-            ):
-                cost = measure(stack, address, str(what), *map(bool, viewers))
-                print(
-                    f"{cost.what:<24}{100 * cost.cpu:>11.1f}{cost.rss_mb:>9.1f}{cost.messages_hz:>13.1f}{cost.kbps:>7.1f}"
-                    f"{cost.pictures_hz:>13.1f}{cost.received_mbps:>16.2f}",
-                    flush=True,
-                )
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        reserved_instance(vehicle="pages") as instance,
+        running_stack(instance, Path(folder)) as stack,
+    ):
+        with Vehicle.connect(instance.vehicle, router=instance.router) as uav:
+            uav.wait_ready()
+            uav.takeoff(altitude_m=HOVER_ALTITUDE_M).result(timeout_s=60)
+        address = address_of(stack)
+        print("who looks               % of a core   RSS MB   messages/s   kB/s   pictures/s")
+        for what, viewers in CASES:
+            cost = measure(stack, address, what, *viewers)
+            print(
+                f"{cost.what:<24}{100 * cost.cpu:>11.1f}{cost.rss_mb:>9.1f}{cost.messages_hz:>13.1f}{cost.kbps:>7.1f}"
+                f"{cost.pictures_hz:>13.1f}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

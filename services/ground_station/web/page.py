@@ -20,12 +20,14 @@ from jezero.services.ground_station.web.elements import (
     Target,
     View3D,
 )
+from jezero.services.ground_station.web.data_panel import DataPanel
 from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.fly import FlyPanel
 from jezero.services.ground_station.web.lists import Events, Services
 from jezero.services.ground_station.web.pilot_link import PilotLink
 from jezero.services.ground_station.web.playback_bar import PlaybackBar
 from jezero.services.ground_station.web.playback_feed import RECORDED, PlaybackFeed
+from jezero.services.ground_station.web.topic_watch import TopicWatch
 
 SLOW = 5
 """What changes slowly is updated in every fifth period."""
@@ -46,9 +48,11 @@ class Page:
         robot: dict[str, Any],
         config: GroundStationConfig,
         pictures: str = "/camera.jpg",
+        watch: TopicWatch | None = None,
     ) -> None:
         self._feed = feed
         self._pictures = pictures
+        self._watch = watch
         self._access, self._token = access, token
         self._robot = robot
         self._commands = Commands(PilotLink(feed, self._refusal))
@@ -130,6 +134,8 @@ class Page:
             with ui.element("section").classes("card"):
                 ui.label("Services").classes("card-title")
                 self._services = Services()
+            if self._watch is not None:
+                DataPanel(self._watch)
 
     def _refusal(self) -> str:
         """Why this page may not fly now; "" if it may."""

@@ -1,5 +1,6 @@
 """The controls of a recording: play, speed, and a time line with the events."""
 
+from math import ceil
 from typing import Any
 
 from nicegui import events, ui
@@ -26,13 +27,16 @@ class Timeline(Element, component="static/timeline.js"):
 
 
 def marks_of(flight: RecordedFlight) -> list[dict[str, Any]]:
-    """Marks of a recording's events; events that would have their marks on one place share one."""
+    """Marks of a recording's events; events that would have their marks on one place share one, at the last of them."""
     gap_s = flight.duration_s / MARKS_MAX
     marks: list[dict[str, Any]] = []
+    begin_s = 0.0
     for event in flight.events:
-        if not marks or event.t_s - marks[-1]["t"] > gap_s:
-            marks.append({"t": round(event.t_s, 2), "tone": event.tone, "texts": []})
+        if not marks or event.t_s - begin_s > gap_s:
+            begin_s = event.t_s
+            marks.append({"tone": event.tone, "texts": []})
         mark = marks[-1]
+        mark["t"] = ceil(100.0 * event.t_s) / 100.0  # not before the event
         mark["texts"].append(event.text)
         mark["tone"] = max(mark["tone"], event.tone, key=TONES.index)
     return marks

@@ -24,6 +24,7 @@ from jezero.services.ground_station.web.page import Page
 from jezero.services.ground_station.web.playback_feed import PlaybackFeed
 from jezero.services.ground_station.web.recording_pages import RecordingPages
 from jezero.services.ground_station.web.recordings import Recordings
+from jezero.services.ground_station.web.topic_watch import TopicWatch
 from jezero.vehicle_config import VehicleConfig
 
 STOP_TIMEOUT_S = 1.0
@@ -61,6 +62,7 @@ class PageServer:
         self.address = listening.url(self.port)
         self._feed = Feed(vehicle, router or "")
         self._is_live = router is not None
+        self._topics = TopicWatch(self._feed)
         self._camera = CameraFeed(robot, config.rate_camera_hz)
         shapes = robot_shapes(robot)
         site = FastAPI(lifespan=self._life, docs_url=None, redoc_url=None, openapi_url=None)
@@ -77,7 +79,7 @@ class PageServer:
         def show(request: Request) -> Response | None:
             if router is None:
                 return RedirectResponse("/recordings")
-            Page(self._feed, access, token_of(request), shapes, config)
+            Page(self._feed, access, token_of(request), shapes, config, watch=self._topics)
             return None
 
         pages.on_connect(self._count_viewers)
@@ -136,6 +138,7 @@ class PageServer:
         with suppress(asyncio.CancelledError):
             await connecting
         self._camera.close()
+        self._topics.close()
         await self._feed.close()
 
     async def _send_picture(self) -> Response:
