@@ -2,6 +2,7 @@
 
 import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -92,8 +93,11 @@ def _serve(config: "GroundStationConfig", vehicle: str, router: str, recording: 
     live = router if recording is None else None
     place = _run_folder(vehicle) if recording is None else _checked(recording)
     server = PageServer(config, listening_of(config), load_config(VehicleConfig, "vehicle"), vehicle, live, place)
-    click.echo(f"the pages of {vehicle if recording is None else recording} are on {server.address}. Ctrl+C ends them.")
-    server.run()
+    with suppress(KeyboardInterrupt):  # uvicorn raises Ctrl+C anew after its own shutdown
+        click.echo(
+            f"the pages of {vehicle if recording is None else recording} are on {server.address}. Ctrl+C ends them."
+        )
+        server.run()
 
 
 def _run_folder(vehicle: str) -> Path | None:
