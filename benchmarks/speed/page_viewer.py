@@ -5,7 +5,7 @@ import json
 import re
 import threading
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from types import TracebackType
 from typing import Self
 from urllib.parse import urlencode, urlsplit
@@ -13,6 +13,7 @@ from uuid import uuid4
 
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Origin
 
 ACK_PERIOD_S = 3.0
 RECEIVE_TIMEOUT_S = 0.5
@@ -43,13 +44,16 @@ class PageViewer:
         self._host = urlsplit(address).netloc
         self._rate_pictures_hz = rate_pictures_hz
         self._client_id = self._load()
-        self._connection = self._connect()
+        self._open = ExitStack()
         self._ended = threading.Event()
         self._threads = [threading.Thread(target=self._look, daemon=True)] if rate_pictures_hz else []
         if reads:
             self._threads.append(threading.Thread(target=self._read, daemon=True))
 
     def __enter__(self) -> Self:
+        self._connection = self._open.enter_context(self._connect())
+        self._connection.recv()
+        self._connection.send(CONNECT)
         for thread in self._threads:
             thread.start()
         return self
@@ -60,7 +64,7 @@ class PageViewer:
         self._ended.set()
         for thread in self._threads:
             thread.join()
-        self._connection.close()
+        self._open.close()
 
     def _load(self) -> str:
         """Load the page; returns the id that the server has given it."""
@@ -78,10 +82,8 @@ class PageViewer:
             "implicit_handshake": "true", "document_id": str(uuid4()), "tab_id": str(uuid4()),
         }  # fmt: skip
         address = f"ws://{self._host}/_nicegui_ws/socket.io/?{urlencode(query)}"
-        connection = connect(address, origin=f"http://{self._host}", max_queue=1, ping_interval=None, proxy=None)  # type: ignore[arg-type]
-        connection.recv()
-        connection.send(CONNECT)
-        return connection
+        origin = Origin(f"http://{self._host}")
+        return connect(address, origin=origin, max_queue=1, ping_interval=None, proxy=None)
 
     def _read(self) -> None:
         next_id, acknowledged_s = 0, time.monotonic()
@@ -104,6 +106,18 @@ class PageViewer:
             except ConnectionClosed:
                 self.closed = True
                 return
+
+    def drain(self, silence_s: float = 1.0) -> int:
+        """Read what waits, of a viewer that does not read; returns the number of messages.
+
+        Args:
+            silence_s: it ends when nothing came for this time.
+        """
+        number = 0
+        with suppress(TimeoutError, ConnectionClosed):
+            while True:
+                number += self._connection.recv(silence_s) != PING
+        return number
 
     def _look(self) -> None:
         connection = http.client.HTTPConnection(self._host, timeout=30)

@@ -8,6 +8,7 @@ from jezero.services.ground_station.scene import ground_shape
 from jezero.services.ground_station.config import GroundStationConfig
 from jezero.services.ground_station.web.access import Access
 from jezero.services.ground_station.web.access_bar import AccessBar
+from jezero.services.ground_station.web.backpressure import keeps_up
 from jezero.services.ground_station.web.commands import Commands
 from jezero.services.ground_station.web.elements import (
     STATIC,
@@ -51,6 +52,7 @@ class Page:
         watch: TopicWatch | None = None,
     ) -> None:
         self._feed = feed
+        self._client = ui.context.client
         self._pictures = pictures
         self._watch = watch
         self._access, self._token = access, token
@@ -144,6 +146,8 @@ class Page:
     # -- refresh --
 
     def _refresh(self) -> None:
+        if not keeps_up(self._client):
+            return
         now_s, state = self._feed.now_s, self._feed.state
         line = state.status_line(now_s, self._feed.problem)
         self._words.set_text(line["words"])

@@ -7,6 +7,7 @@ from nicegui import events, ui
 from nicegui.element import Element
 
 from jezero.services.ground_station.playback import RecordedFlight
+from jezero.services.ground_station.web.backpressure import keeps_up
 from jezero.services.ground_station.web.elements import STATIC
 from jezero.services.ground_station.web.playback_feed import PlaybackFeed
 
@@ -46,6 +47,7 @@ class PlaybackBar:
     """Controls of the recording on one page."""
 
     def __init__(self, feed: PlaybackFeed) -> None:
+        self._client = ui.context.client
         self._feed = feed
         flight = feed.flight
         ui.add_css(STATIC / "timeline.css")
@@ -71,6 +73,8 @@ class PlaybackBar:
             self._feed.set_speed(float(event.args))
 
     async def _advance(self) -> None:
+        if not keeps_up(self._client):
+            return
         await self._feed.advance()
         shown = {"t": round(self._feed.now_s, 2), "playing": self._feed.playing, "speed": self._feed.speed}
         if self._line.props.get("now") != shown:
