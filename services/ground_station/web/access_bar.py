@@ -26,9 +26,9 @@ class AccessBar:
     def __init__(self, access: Access, token: str, page: Element) -> None:
         self._access, self._token, self._page = access, token, page
         self._shown: tuple[bool, str] | None = None
+        ui.add_css(STATIC / "access.css")
         if not access.needs_login:
             return
-        ui.add_css(STATIC / "access.css")
         Activity().on("used", lambda: access.use(token))
         with ui.element("div").classes("access"):
             self._words = ui.label().classes("access-words").props('data-mark="access"')

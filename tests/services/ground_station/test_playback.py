@@ -14,7 +14,8 @@ from jezero.recording.writer import RecordingWriter
 from jezero.schemas import topics
 from jezero.schemas.sensors import Altimeter, CameraFrame
 from jezero.schemas.state import StatusCode
-from jezero.services.ground_station.playback import KEYFRAME_PERIOD_S, Playback, RecordedFlight
+from jezero.services.ground_station.playback import KEYFRAME_PERIOD_S, Playback, RecordedFlight, TimedMessage
+from jezero.services.ground_station.state import VehicleState
 from tests.services.ground_station.messages import Flight, health
 
 SECOND_NS = 1_000_000_000
@@ -103,11 +104,15 @@ def test_the_picture_is_that_of_the_time_and_none_when_there_was_none_for_long(f
 
 
 def test_a_jump_reads_a_bounded_part_of_the_file(flight: RecordedFlight, monkeypatch: pytest.MonkeyPatch) -> None:
-    playback, counted = Playback(flight), []
+    playback = Playback(flight)
+    counted: list[TimedMessage] = []
     plain = RecordedFlight.update
-    monkeypatch.setattr(
-        RecordedFlight, "update", lambda self, state, timed: (counted.append(timed), plain(self, state, timed))
-    )
+
+    def update(self: RecordedFlight, state: VehicleState, timed: TimedMessage) -> None:
+        counted.append(timed)
+        plain(self, state, timed)
+
+    monkeypatch.setattr(RecordedFlight, "update", update)
     for t_s in (55.0, 5.0, 59.0):
         counted.clear()
         playback.move_to(t_s)
