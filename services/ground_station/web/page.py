@@ -4,12 +4,13 @@ from typing import Any
 
 from nicegui import ui
 
-from jezero.services.ground_station.scene import ground_shape
 from jezero.services.ground_station.config import GroundStationConfig
+from jezero.services.ground_station.scene import ground_shape
 from jezero.services.ground_station.web.access import Access
 from jezero.services.ground_station.web.access_bar import AccessBar
 from jezero.services.ground_station.web.backpressure import keeps_up
 from jezero.services.ground_station.web.commands import Commands
+from jezero.services.ground_station.web.data_panel import DataPanel
 from jezero.services.ground_station.web.elements import (
     STATIC,
     Camera,
@@ -21,7 +22,6 @@ from jezero.services.ground_station.web.elements import (
     Target,
     View3D,
 )
-from jezero.services.ground_station.web.data_panel import DataPanel
 from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.fly import FlyPanel
 from jezero.services.ground_station.web.lists import Events, Services

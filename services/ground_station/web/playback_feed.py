@@ -20,9 +20,13 @@ class PlaybackFeed:
         speed: seconds of the flight per second.
         problem: why there is no state, or "".
         uav: there is none to fly.
+        ground: the shape of the ground, which no recording has: it is drawn level.
+        ground_version: number of that shape.
     """
 
     uav = None
+    ground = None
+    ground_version = 0
 
     def __init__(self, flight: RecordedFlight, playback: Playback) -> None:
         self.flight = flight
