@@ -32,7 +32,7 @@ def address() -> Iterator[str]:
 def browser() -> Iterator[Browser]:
     """A browser."""
     with sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        started = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-3d-apis"])
         yield started
         started.close()
 

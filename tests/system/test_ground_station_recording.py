@@ -43,7 +43,7 @@ def page(recording: Path) -> Iterator[Page]:
             assert process.stdout is not None
             address = process.stdout.readline().split(" are on ")[1].partition(". ")[0]
             with sync_playwright() as playwright:
-                browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+                browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-3d-apis"])
                 opened = browser.new_page()
                 opened.set_default_timeout(30_000)
                 opened.goto(address)
@@ -71,11 +71,15 @@ def test_jumps_show_the_state_of_their_time_and_the_picture(page: Page) -> None:
     shows(page, "Taking off")
     expect(page.locator(".camera img")).to_be_visible(timeout=60_000)
     page.locator(".timeline-mark[title*='Landed']").first.click()
-    shows(page, "Landed")
+    shows(page, "On the ground")
+    expect(page.locator(".events")).to_contain_text("Landed")
     page.locator(".timeline-mark[title*='Landing']").first.click()
     shows(page, "Landing")
     expect(page.locator(".events")).not_to_contain_text("Landed")
     page.locator('[data-mark="slider"]').fill("0")
+    shows(page, "No vehicle")
+    expect(page.locator(".state-why")).to_contain_text("The recording has no status of this time")
+    page.locator('[data-mark="slider"]').fill("1")
     shows(page, "On the ground")
     expect(page.locator(".events")).not_to_contain_text("Taking off")
 

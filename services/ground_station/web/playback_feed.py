@@ -8,6 +8,7 @@ from jezero.services.ground_station.playback import Playback, RecordedFlight
 from jezero.services.ground_station.state import VehicleState
 
 RECORDED = "this is a recording: nothing can be flown"
+NO_STATUS = "The recording has no status of this time."
 SPEED_MAX = 50.0
 
 
@@ -18,7 +19,7 @@ class PlaybackFeed:
         flight: the recording.
         playing: whether time goes on.
         speed: seconds of the flight per second.
-        problem: why there is no state, or "".
+        problem: why there is no state, where there is none.
         uav: there is none to fly.
         ground: the shape of the ground, which no recording has: it is drawn level.
         ground_version: number of that shape.
@@ -30,7 +31,7 @@ class PlaybackFeed:
 
     def __init__(self, flight: RecordedFlight, playback: Playback) -> None:
         self.flight = flight
-        self.playing, self.speed, self.problem = False, 1.0, ""
+        self.playing, self.speed, self.problem = False, 1.0, NO_STATUS
         self._playback = playback
         self._wanted_s: float | None = None
         self._updated_s = time.monotonic()
