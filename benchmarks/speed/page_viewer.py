@@ -31,6 +31,7 @@ class PageViewer:
         bytes: their size.
         pictures: number of the camera's pictures so far.
         closed: whether the server has closed the connection.
+        acknowledges: whether it acknowledges what it has read, as pages do; may be changed at any time.
 
     Args:
         address: of the pages.
@@ -40,7 +41,7 @@ class PageViewer:
 
     def __init__(self, address: str, *, rate_pictures_hz: float = 0.0, reads: bool = True) -> None:
         self.messages = self.bytes = self.pictures = 0
-        self.closed = False
+        self.closed, self.acknowledges = False, True
         self._host = urlsplit(address).netloc
         self._rate_pictures_hz = rate_pictures_hz
         self._client_id = self._load()
@@ -97,7 +98,7 @@ class PageViewer:
                 self.bytes += len(message)
                 found = MESSAGE_ID.search(message)
                 next_id = int(found[1]) + 1 if found else next_id
-                if time.monotonic() - acknowledged_s > ACK_PERIOD_S:
+                if self.acknowledges and time.monotonic() - acknowledged_s > ACK_PERIOD_S:
                     acknowledged_s = time.monotonic()
                     body = json.dumps(["ack", {"client_id": self._client_id, "next_message_id": next_id}])
                     self._connection.send(f"42{body}")

@@ -1,6 +1,8 @@
 """Watching and flying in a real browser, with a ground station that needs a password."""
 
+import os
 import shutil
+import signal
 from collections.abc import Iterator
 
 import pytest
@@ -10,7 +12,7 @@ pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
-from tests.services.ground_station.serving import PASSWORD, serving
+from tests.services.ground_station.serving import PASSWORD, serving, serving_process
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 REFUSED = "you are watching: log in to fly"
@@ -91,3 +93,15 @@ def test_who_logs_in_may_fly_until_the_log_out_also_on_pages_that_are_open(page:
     expect(page.locator('[data-mark="access"]')).to_have_text("Watching", timeout=60_000)
     page.keyboard.press("Escape")
     tells(page, f"Abort failed: {REFUSED}")
+
+
+def test_a_page_whose_server_is_silent_says_that_it_is_old(browser: Browser) -> None:
+    with serving_process() as (address, server), browser.new_context() as context:
+        page = context.new_page()
+        page.goto(address)
+        expect(page.locator(".state-words")).to_contain_text("No vehicle", timeout=60_000)
+        expect(page.locator(".watchdog")).to_have_count(0)
+        os.kill(server, signal.SIGSTOP)
+        expect(page.locator(".watchdog")).to_contain_text("what this page shows is old", timeout=60_000)
+        os.kill(server, signal.SIGCONT)
+        expect(page.locator(".watchdog")).to_have_count(0, timeout=60_000)

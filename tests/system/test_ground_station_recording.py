@@ -43,7 +43,9 @@ def page(recording: Path) -> Iterator[Page]:
             assert process.stdout is not None
             address = process.stdout.readline().split(" are on ")[1].partition(". ")[0]
             with sync_playwright() as playwright:
-                browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-3d-apis"])
+                browser = playwright.chromium.launch(
+                    executable_path=CHROMIUM, args=["--no-sandbox", "--disable-3d-apis"]
+                )
                 opened = browser.new_page()
                 opened.set_default_timeout(30_000)
                 opened.goto(address)

@@ -8,7 +8,7 @@ from nicegui.element import Element
 
 from jezero.schemas.topics import TOPICS
 from jezero.services.ground_station.plots import SPAN_S, PlotField, Series, fields_of, plottable_topics
-from jezero.services.ground_station.web.backpressure import keeps_up
+from jezero.services.ground_station.web.backpressure import Backpressure
 from jezero.services.ground_station.web.elements import STATIC
 from jezero.services.ground_station.web.topic_watch import TopicWatch
 
@@ -29,7 +29,7 @@ class DataPanel:
     """The panel of one page. Nothing is read for it while it is closed, but for its plots."""
 
     def __init__(self, watch: TopicWatch) -> None:
-        self._client = ui.context.client
+        self._backpressure = Backpressure(ui.context.client)
         self._watch = watch
         self._lines: dict[int, Series] = {}
         self._sent_s: dict[int, float] = {}
@@ -52,7 +52,7 @@ class DataPanel:
             self._plot = Plot().on("remove", self._on_remove)
             self._rows = LinkRows().on("plot", self._on_row)
         ui.timer(PERIOD_S, self._refresh)
-        self._client.on_delete(self._close)
+        ui.context.client.on_delete(self._close)
 
     def _on_open(self, event: events.ValueChangeEventArguments[Any]) -> None:
         if bool(event.value) == self._open:
@@ -96,7 +96,7 @@ class DataPanel:
         ]
 
     def _refresh(self) -> None:
-        if not keeps_up(self._client):
+        if not self._backpressure.may_send():
             return
         if self._open:
             rows = self._watch.link_rows()

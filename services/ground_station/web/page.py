@@ -8,7 +8,7 @@ from jezero.services.ground_station.config import GroundStationConfig
 from jezero.services.ground_station.scene import ground_shape
 from jezero.services.ground_station.web.access import Access
 from jezero.services.ground_station.web.access_bar import AccessBar
-from jezero.services.ground_station.web.backpressure import keeps_up
+from jezero.services.ground_station.web.backpressure import Backpressure
 from jezero.services.ground_station.web.commands import Commands
 from jezero.services.ground_station.web.data_panel import DataPanel
 from jezero.services.ground_station.web.elements import (
@@ -21,6 +21,7 @@ from jezero.services.ground_station.web.elements import (
     Readings,
     Target,
     View3D,
+    Watchdog,
 )
 from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.fly import FlyPanel
@@ -52,7 +53,7 @@ class Page:
         watch: TopicWatch | None = None,
     ) -> None:
         self._feed = feed
-        self._client = ui.context.client
+        self._backpressure = Backpressure(ui.context.client)
         self._pictures = pictures
         self._watch = watch
         self._access, self._token = access, token
@@ -64,6 +65,7 @@ class Page:
         ui.add_css(STATIC / "style.css")
         ui.query("body").classes("ground")
         keys = Keys()
+        Watchdog()
         with ui.element("div").classes("page") as self._whole:
             self._header()
             with ui.element("main").classes("main"):
@@ -146,7 +148,7 @@ class Page:
     # -- refresh --
 
     def _refresh(self) -> None:
-        if not keeps_up(self._client):
+        if not self._backpressure.may_send():
             return
         now_s, state = self._feed.now_s, self._feed.state
         line = state.status_line(now_s, self._feed.problem)

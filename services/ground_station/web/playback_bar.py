@@ -7,7 +7,7 @@ from nicegui import events, ui
 from nicegui.element import Element
 
 from jezero.services.ground_station.playback import RecordedFlight
-from jezero.services.ground_station.web.backpressure import keeps_up
+from jezero.services.ground_station.web.backpressure import Backpressure
 from jezero.services.ground_station.web.elements import STATIC
 from jezero.services.ground_station.web.playback_feed import PlaybackFeed
 
@@ -47,7 +47,7 @@ class PlaybackBar:
     """Controls of the recording on one page."""
 
     def __init__(self, feed: PlaybackFeed) -> None:
-        self._client = ui.context.client
+        self._backpressure = Backpressure(ui.context.client)
         self._feed = feed
         flight = feed.flight
         ui.add_css(STATIC / "timeline.css")
@@ -73,7 +73,7 @@ class PlaybackBar:
             self._feed.set_speed(float(event.args))
 
     async def _advance(self) -> None:
-        if not keeps_up(self._client):
+        if not self._backpressure.may_send():
             return
         await self._feed.advance()
         shown = {"t": round(self._feed.now_s, 2), "playing": self._feed.playing, "speed": self._feed.speed}

@@ -28,8 +28,8 @@ from jezero.services.ground_station.web.topic_watch import TopicWatch
 from jezero.vehicle_config import VehicleConfig
 
 STOP_TIMEOUT_S = 1.0
-RECONNECT_TIMEOUT_S = 30.0
-"""A browser that is busy for longer gets a new page."""
+RECONNECT_TIMEOUT_S = 60.0
+"""A browser that is busy for 0.4 of it must connect anew; one that is away for longer gets a new page."""
 CONNECTIONS_MAX = 200
 """Open connections; a page has up to seven."""
 
@@ -98,6 +98,7 @@ class PageServer:
             ssl_certfile=listening.certificate or None,
             ssl_keyfile=listening.key or None,
             ws_max_size=BODY_MAX_BYTES,
+            ws_ping_interval=None,  # the pages have pings of their own
             limit_concurrency=CONNECTIONS_MAX,
             proxy_headers=False,
             server_header=False,

@@ -3,6 +3,7 @@
 Run as a program, it is this process: it prints the address of its pages.
 """
 
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -16,7 +17,14 @@ NO_ROUTER = "tcp/127.0.0.1:1"
 
 @contextmanager
 def serving(router: str = NO_ROUTER, *words: str) -> Iterator[str]:
-    """The address of the pages of a ground station that runs during the block.
+    """The address of the pages of a ground station that runs during the block; see `serving_process`."""
+    with serving_process(router, *words) as (address, _):
+        yield address
+
+
+@contextmanager
+def serving_process(router: str = NO_ROUTER, *words: str) -> Iterator[tuple[str, int]]:
+    """The address of the pages of a ground station that runs during the block, and its process id.
 
     Args:
         words: settings, such as `session_idle_s=60`.
@@ -25,8 +33,9 @@ def serving(router: str = NO_ROUTER, *words: str) -> Iterator[str]:
     with subprocess.Popen([*command, *words], stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
-            yield process.stdout.readline().strip()
+            yield process.stdout.readline().strip(), process.pid
         finally:
+            process.send_signal(signal.SIGCONT)
             process.terminate()
 
 
