@@ -12,8 +12,8 @@ TRICKLE_PERIOD_S = 2.0
 class Backpressure:
     """Decides whether more is sent to one page: little to one that is asleep or stalled.
 
-    Without this rule, what a page doesn't read is kept until its connection times out. The little that is sent brings an
-    acknowledgement from a page that reads again, or whose last one was lost with a connection.
+    Without this rule, what a page doesn't read is kept until its connection times out. The little that is sent brings
+    an acknowledgement from a page that reads again, or whose last one was lost with a connection.
     """
 
     def __init__(self, client: Client) -> None:
