@@ -9,13 +9,13 @@ from nicegui import ui
 from jezero.aio import JezeroError, Refused, Vehicle
 from jezero.schemas.actions import PlanReply
 from jezero.services.ground_station.events import Tone
-from jezero.services.ground_station.web.feed import Feed
+from jezero.services.ground_station.web.pilot_link import PilotLink
 
 
 class Commands:
     """The commands of one page."""
 
-    def __init__(self, feed: Feed) -> None:
+    def __init__(self, feed: PilotLink) -> None:
         self._feed = feed
 
     async def hover(self) -> None:
@@ -74,6 +74,7 @@ class Commands:
             self._note("good", done)
 
     def _note(self, tone: Tone, text: str) -> None:
-        self._feed.state.events.add(time.monotonic(), tone, text)
+        if not self._feed.refusal:  # who watches writes nothing into the list that all pages show
+            self._feed.state.events.add(time.monotonic(), tone, text)
         kind = {"good": "positive", "plain": "info", "warning": "warning", "bad": "negative"}[tone]
         ui.notify(text, type=kind, position="top")  # type: ignore[arg-type]
