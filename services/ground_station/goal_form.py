@@ -15,7 +15,10 @@ UNITS = {"m": "m", "mps": "m/s", "rad": DEGREES, "s": "s", "deg": DEGREES, "px":
 BOUND_MAX = 1e4
 """Bounds from here on only keep out garbage such as infinity, so that no form shows them."""
 CORNERS_MIN = 3
-AREA_WORDS: Mapping[str, tuple[str, ...]] = {"area": ("area", "polygon", "corner", "corners"), "areas": ("hole", "holes")}
+AREA_WORDS: Mapping[str, tuple[str, ...]] = {
+    "area": ("area", "polygon", "corner", "corners"),
+    "areas": ("hole", "holes"),
+}
 """Words of refusals that are about an area."""
 _ENTRY = re.compile(r"^ +(\w+): (.*(?:\n {9,}.*)*)", re.MULTILINE)
 

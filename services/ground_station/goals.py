@@ -1,6 +1,7 @@
 """The goal in charge, whichever client sent it: whose it is, where it flies, how far it is, and its images."""
 
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import dataclass, field
 from math import cos, pi, sin
 from typing import Any
@@ -75,9 +76,10 @@ class Goals:
         images = message.feedback.get("images")
         if not images or self.view is None or self.view.goal_id != message.goal_id:
             return
-        for fields in images:
-            image = msgspec.convert(fields, Image)
-            self.view.images[image.index] = image
+        with suppress(msgspec.ValidationError):  # a package's own kind of images
+            for fields in images:
+                image = msgspec.convert(fields, Image)
+                self.view.images[image.index] = image
         self.changes += 1
 
     def wants_running(self, now_s: float) -> bool:

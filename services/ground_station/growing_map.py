@@ -23,7 +23,7 @@ COARSER = 1.5
 """Metres per pixel of a new map, relative to those of its first image."""
 STEP_PX = 64
 """The map grows by this number of pixels, so that it does not grow with each image."""
-DOWN_MIN = 0.85
+DOWN_MIN = 0.94
 """Least cosine between the camera's axis and straight down, of an image that is used."""
 GROUND_KEPT = 30
 """The ground's height is the median by the altimeter at the last images."""

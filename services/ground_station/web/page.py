@@ -20,7 +20,9 @@ from jezero.services.ground_station.web.elements import (
 )
 from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.fly import FlyPanel
+from jezero.services.ground_station.web.goal_bar import GoalBar, is_local
 from jezero.services.ground_station.web.lists import Events, Services
+from jezero.services.ground_station.web.rover_panel import RoverPanel
 
 SLOW = 5
 """What changes slowly is updated in every fifth period."""
@@ -41,6 +43,7 @@ class Page:
         self._ground_version = 0
         self._period_camera_s = 1.0 / rate_camera_hz
         ui.add_css(STATIC / "style.css")
+        ui.add_css(STATIC / "fly.css")
         ui.query("body").classes("ground")
         Keys().on("hover", self._commands.hover).on("abort", self._commands.abort)
         with ui.element("div").classes("page"):
@@ -73,6 +76,8 @@ class Page:
         with ui.element("section").classes("stage"):
             self._view = View3D(self._robot).classes("layer").on("ready", self._draw_ground)
             self._map = Map(self._robot).classes("layer layer-off")
+            self._map.show_photos(is_local(self._feed.router))
+            self._map.on("photos", lambda event: self._map.show_photos(bool(event.args)))
             with ui.element("div").classes("stage-tools"):
                 self._which = ui.toggle(VIEWS, value="3d", on_change=self._switch).props("no-caps dense unelevated")
                 self._angle = ui.toggle(CAMERAS, value="follow", on_change=self._aim).props("no-caps dense unelevated")
@@ -80,14 +85,7 @@ class Page:
                 with ui.element("summary"):
                     ui.label("Camera")
                 Camera("/camera.jpg", self._period_camera_s)
-            with ui.element("div").classes("progress"):
-                self._goal_text = ui.label()
-                self._goal_bar = ui.linear_progress(0.0, show_value=False).props("rounded")
-                self._goal_pause = ui.button("Pause", on_click=self._commands.pause_or_resume).props("no-caps dense")
-                self._goal_pause.props('data-mark="pause"')
-                self._goal_cancel = ui.button("Cancel", on_click=self._commands.hover).props("no-caps dense")
-            for element in (self._goal_text, self._goal_bar, self._goal_cancel):
-                element.set_visibility(False)
+            self._goal = GoalBar(self._feed, self._commands, self._map)
 
     def _side(self) -> None:
         with ui.element("aside").classes("side"):
@@ -95,7 +93,8 @@ class Page:
                 self._horizon = Horizon()
                 self._readings = Readings().classes("readings-main")
                 self._details = Readings().classes("readings-more")
-            self._fly = FlyPanel(self._commands, self._map, self._view, self._show_map)
+            self._fly = FlyPanel(self._feed, self._commands, self._map, self._view, self._show_map)
+            RoverPanel(self._commands)
             with ui.element("section").classes("card"):
                 ui.label("Events").classes("card-title")
                 self._events = Events()
@@ -137,14 +136,8 @@ class Page:
         self._view.run_method("setPhotos", state.photos())
         self._events.show(state.event_rows(now_s))
         self._services.show(state.services(now_s))
-        goal = state.goal(now_s)
-        self._goal_text.set_text("" if goal is None else f"{goal['words']} · {goal['text']}")
-        self._goal_pause.set_text("Resume" if state.paused else "Pause")
-        for element in (self._goal_text, self._goal_bar, self._goal_pause, self._goal_cancel):
-            element.set_visibility(goal is not None)
-        done = None if goal is None else goal["done"]
-        self._goal_bar.set_visibility(done is not None)
-        self._goal_bar.set_value(done or 0.0)
+        self._fly.refresh()
+        self._goal.refresh(now_s, self._which.value == "map")
 
     # -- views --
 

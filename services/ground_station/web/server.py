@@ -93,6 +93,7 @@ class PageServer:
         shapes = robot_shapes(robot)
         site = FastAPI(lifespan=self._life, docs_url=None, redoc_url=None, openapi_url=None)
         site.add_api_route("/camera.jpg", self._send_picture)
+        site.add_api_route("/coverage.webp", self._send_coverage)
 
         @ui.page("/", title=f"{vehicle} · jezero", dark=True)
         def show() -> None:
@@ -150,3 +151,7 @@ class PageServer:
         uav = self._feed.uav
         picture = None if uav is None else await self._camera.picture(uav)
         return Response(status_code=204) if picture is None else Response(picture, media_type="image/jpeg")
+
+    async def _send_coverage(self) -> Response:
+        picture = self._feed.coverage_map.picture
+        return Response(picture, media_type="image/webp") if picture else Response(status_code=204)

@@ -49,12 +49,17 @@ def plain(colour: tuple[int, int, int]) -> bytes:
     return (np.zeros((HEIGHT_PX, WIDTH_PX, 3), np.uint8) + np.array(colour, np.uint8)).tobytes()
 
 
-def colour_at(made: GrowingMap, north_m: float, east_m: float) -> tuple[int, ...]:
-    """Red, green, blue and opacity at a place; all zero outside."""
+def picture_of(made: GrowingMap) -> tuple[growing_map.Pixels, Place]:
     shown = made.encoded()
     assert shown is not None
-    data, place = shown
-    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    picture = cv2.imdecode(np.frombuffer(shown[0], np.uint8), cv2.IMREAD_UNCHANGED)
+    assert picture is not None
+    return np.asarray(picture, np.uint8), shown[1]
+
+
+def colour_at(made: GrowingMap, north_m: float, east_m: float) -> tuple[int, ...]:
+    """Red, green, blue and opacity at a place; all zero outside."""
+    picture, place = picture_of(made)
     row = int((place.north_m - north_m) / place.height_m * picture.shape[0])
     column = int((east_m - place.east_m) / place.width_m * picture.shape[1])
     if not (0 <= row < picture.shape[0] and 0 <= column < picture.shape[1]):
@@ -100,12 +105,8 @@ def test_a_large_map_gets_coarser_and_keeps_what_it_shows(monkeypatch: pytest.Mo
     made = GrowingMap()
     for index in range(12):
         made.add(image_at(-4.0 * index, 7.0 * index, index=index), plain(RED if index % 2 else GREEN))
-    shown = made.encoded()
-    assert shown is not None
-    data, place = shown
-    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    picture, place = picture_of(made)
     assert picture.shape[0] * picture.shape[1] <= 200_000
-    assert isinstance(place, Place)
     assert place.width_m >= 77.0
     for index in range(12):
         assert is_like(colour_at(made, -4.0 * index, 7.0 * index), RED if index % 2 else GREEN), index
