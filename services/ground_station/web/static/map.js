@@ -212,11 +212,9 @@ export default {
       if (!w || !h) return;
       if (canvas.width !== w * ratio || canvas.height !== h * ratio) [canvas.width, canvas.height] = [w * ratio, h * ratio];
       const c = canvas.getContext("2d", { willReadFrequently: true }); // drawn by the processor: few lines, also without a graphics card
+      c.setTransform(1, 0, 0, 1, 0, 0);
+      c.drawImage(this.ground(w, h, ratio), 0, 0);
       c.setTransform(ratio, 0, 0, ratio, 0, 0);
-      c.fillStyle = "#5a3524";
-      c.fillRect(0, 0, w, h);
-      this.drawMosaic(c);
-      this.drawGrid(c, w, h);
       this.area.draw(c, (place) => this.toPixel(place), this.mode === "area");
       if (this.plan && !this.goal?.path.length) this.drawFlight(c, this.plan, "#ffd34d");
       if (this.goal) this.drawFlight(c, this.goal, "#ffa63d");
@@ -224,6 +222,21 @@ export default {
       this.drawRover(c);
       this.drawPoint(c);
       this.drawVehicle(c);
+    },
+    // The ground with its images and the grid, drawn again only when the view or the images change.
+    ground(w, h, ratio) {
+      const view = [w, h, ratio, this.scale, ...this.center, this.photos && this.mosaic?.url].join();
+      if (view === this.groundView) return this.groundCanvas;
+      this.groundView = view;
+      this.groundCanvas ??= document.createElement("canvas");
+      [this.groundCanvas.width, this.groundCanvas.height] = [w * ratio, h * ratio];
+      const c = this.groundCanvas.getContext("2d", { willReadFrequently: true });
+      c.setTransform(ratio, 0, 0, ratio, 0, 0);
+      c.fillStyle = "#5a3524";
+      c.fillRect(0, 0, w, h);
+      this.drawMosaic(c);
+      this.drawGrid(c, w, h);
+      return this.groundCanvas;
     },
     drawGrid(c, w, h) {
       const step = GRIDS.find((grid) => grid * this.scale > 55) ?? 200;

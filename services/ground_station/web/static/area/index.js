@@ -105,7 +105,7 @@ export class AreaEditor {
       ring.forEach((corner, i) => (i ? c.lineTo(...toPixel(corner)) : c.moveTo(...toPixel(corner))));
       if (ring.length) c.closePath();
     }
-    c.fillStyle = "rgba(77,210,255,.14)";
+    c.fillStyle = "rgba(77,210,255,.1)";
     c.fill("evenodd");
     this.rings.forEach((ring, r) => {
       c.beginPath();
