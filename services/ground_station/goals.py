@@ -43,6 +43,14 @@ class GoalView:
     images: dict[int, Image] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class _Feedback:
+    t_s: float
+    goal_id: str
+    fields: dict[str, Any]
+    remaining_s: float | None
+
+
 class Goals:
     """Follows the goals of one vehicle.
 
@@ -55,7 +63,7 @@ class Goals:
         self.view: GoalView | None = None
         self.changes = 0
         self._in_charge = ""
-        self._feedback: tuple[float, FeedbackMessage[dict[str, Any]]] | None = None
+        self._feedback: _Feedback | None = None
         self._asked_s = -ASKED_AGAIN_S
         self._from_m: Point | None = None
 
@@ -70,15 +78,16 @@ class Goals:
             self._asked_s = -ASKED_AGAIN_S
             self._from_m = None if status.odometry is None else list(status.odometry.pos_uav_ned_m)
 
-    def on_feedback(self, now_s: float, message: FeedbackMessage[dict[str, Any]]) -> None:
-        """Take in feedback of any goal."""
-        self._feedback = (now_s, message)
-        images = message.feedback.get("images")
+    def on_feedback(self, now_s: float, message: FeedbackMessage[Any]) -> None:
+        """Take in feedback of any goal, as a struct or as its fields."""
+        fields: dict[str, Any] = msgspec.to_builtins(message.feedback)
+        self._feedback = _Feedback(now_s, message.goal_id, fields, message.remaining_s)
+        images = fields.get("images")
         if not images or self.view is None or self.view.goal_id != message.goal_id:
             return
         with suppress(msgspec.ValidationError):  # a package's own kind of images
-            for fields in images:
-                image = msgspec.convert(fields, Image)
+            for each in images:
+                image = msgspec.convert(each, Image)
                 self.view.images[image.index] = image
         self.changes += 1
 
@@ -88,8 +97,8 @@ class Goals:
         if view is None or view.goal_id != self._in_charge or now_s - self._asked_s < ASKED_AGAIN_S:
             return False
         taken = 0
-        if self._feedback is not None and self._feedback[1].goal_id == view.goal_id:
-            taken = self._feedback[1].feedback.get("taken", 0)
+        if self._feedback is not None and self._feedback.goal_id == view.goal_id:
+            taken = self._feedback.fields.get("taken", 0)
         if view.clients is not None and len(view.images) >= taken:
             return False
         self._asked_s = now_s
@@ -141,11 +150,12 @@ class Goals:
             "owner": self.owner(own_id, own_goals),
             "done": None,
         }
-        late = self._feedback is None or now_s - self._feedback[0] > FEEDBACK_AGE_MAX_S
-        if self._feedback is None or late or self._feedback[1].goal_id != view.goal_id:
+        news = self._feedback
+        if news is None or news.goal_id != view.goal_id or now_s - news.t_s > FEEDBACK_AGE_MAX_S:
             return shown | {"text": "no news of its progress"}
-        message = self._feedback[1]
-        return shown | {"text": _progress(message), "done": _done(message)}
+        planned = news.fields.get("planned") or 0
+        done = news.fields.get("taken", 0) / planned if planned else None
+        return shown | {"text": _progress(news), "done": done}
 
     def drawing(self) -> dict[str, Any]:
         """What the map draws of the goal: its path while it is flown, and which of its images are taken."""
@@ -192,22 +202,15 @@ def _circle(center_m: Point, radius_m: float, points: int) -> list[Point]:
     return [[north_m + radius_m * cos(a), east_m + radius_m * sin(a), down_m] for a in angles]
 
 
-def _progress(message: FeedbackMessage[dict[str, Any]]) -> str:
+def _progress(news: _Feedback) -> str:
     """Progress in words, from the feedback of any action."""
-    feedback = message.feedback
-    parts = []
-    if (distance_m := feedback.get("distance_m")) is not None:
+    fields, parts = news.fields, []
+    if (distance_m := fields.get("distance_m")) is not None:
         parts.append(f"{distance_m:.1f} m to go")
-    if (planned := feedback.get("planned")) is not None:
-        parts.append(f"{feedback.get('taken', 0)} of {planned} images")
-    if (phase := feedback.get("phase")) is not None:
+    if (planned := fields.get("planned")) is not None:
+        parts.append(f"{fields.get('taken', 0)} of {planned} images")
+    if (phase := fields.get("phase")) is not None:
         parts.append(str(phase).replace("_", " "))
-    if message.remaining_s is not None:
-        parts.append(f"{duration(message.remaining_s)} left")
+    if news.remaining_s is not None:
+        parts.append(f"{duration(news.remaining_s)} left")
     return " · ".join(parts) or "running"
-
-
-def _done(message: FeedbackMessage[dict[str, Any]]) -> float | None:
-    """Fraction of a goal's images that are taken; None for other goals."""
-    planned = message.feedback.get("planned") or 0
-    return message.feedback.get("taken", 0) / planned if planned else None
