@@ -22,6 +22,8 @@ SOFTWARE_GL = (
 )
 FLIGHT_TIMEOUT_MS = 180_000
 REPLY_TIMEOUT_MS = 60_000
+CLICKED = ("go_to", "get_images", "area_coverage")
+"""Actions whose forms take clicks on the map at once."""
 
 
 @dataclass
@@ -74,6 +76,8 @@ class Screen:
         """Open the form of an action."""
         self.marked(f"tab-{action}").click()
         expect(self.marked(f"fly-{action}")).to_be_visible()
+        cursor = "crosshair" if action in CLICKED else "grab"
+        expect(self.page.locator(".map canvas")).to_have_css("cursor", cursor)
 
     def send(self, action: str) -> None:
         """Press the button that flies a form."""

@@ -34,6 +34,8 @@ class FlyPanel:
         self._forms: dict[str, Form] = {}
         self._open: Form | None = None
         self._version = 0
+        self._path: list[list[float]] = []
+        self._drawn: list[list[float]] = []
         with ui.element("section").classes("card fly-card") as self._card:
             ui.label(WAITS).classes("form-waits")
         chart.on("point", self._on_point)
@@ -48,6 +50,10 @@ class FlyPanel:
         if self._feed.actions.version != self._version:
             self._version = self._feed.actions.version
             self._build()
+        path = self._feed.state.goals.drawing()["path"] or self._path
+        if path != self._drawn:
+            self._drawn = path
+            self._view.run_method("setPlan", path)
         area = self.area.around(self._feed.state.origin_deg)
         if area is not self.area:
             moved = area.rings != self.area.rings
@@ -75,12 +81,12 @@ class FlyPanel:
     # -- what the forms show --
 
     def show_plan(self, plan: PlanReply | None, z_ned_m: float) -> None:
-        """Draw a plan on the map, and in space at its height."""
+        """Draw a plan on the map at once, and in space at its height unless a goal is flown there."""
         coverage = None if plan is None else plan.coverage
         path = [] if coverage is None else [list(point_m) for point_m in coverage.path_ned_m]
         pictures = [] if coverage is None else [list(point_m) for point_m in coverage.pictures_ned_m]
         self._map.run_method("setPlan", {"path": path, "pictures": pictures})
-        self._view.run_method("setPlan", [[*point_m, z_ned_m] for point_m in path])
+        self._path = [[*point_m, z_ned_m] for point_m in path]
 
     def show_point(self) -> None:
         """Draw the point that the open form has."""

@@ -107,10 +107,12 @@ class Form:
             for field in first:
                 self._row(field)
         rest = [field for field in shown if field not in first]
-        if rest:
-            with ui.expansion("More settings").classes("form-more").props("dense"), ui.element("div").classes("form"):
-                for field in rest:
-                    self._row(field)
+        self._more = ui.expansion("More settings").classes("form-more").props("dense")
+        self._more.set_visibility(bool(rest))
+        self._in_more = {field.name for field in rest}
+        with self._more, ui.element("div").classes("form"):
+            for field in rest:
+                self._row(field)
         self._problem = ui.label().classes("form-problem").props(f'data-mark="problem-{name}"')
         self._found = ui.element("div").classes("plan").props(f'data-mark="plan-{name}"')
         self._warning = ui.label().classes("form-plan")
@@ -153,6 +155,8 @@ class Form:
             element.on("keydown.enter", self.send)
             if self.draws_area:
                 element.on("blur", self.replan)
+            elif field.kind == "vector" or field.name == "frame":
+                element.on_value_change(self._panel.show_point)
 
     def _input(self, field: Field) -> list[Any]:
         default = START.get(self.action.name, {}).get(field.name, field.default)
@@ -278,6 +282,8 @@ class Form:
         shown = {at: reason} if at else dict(problems or {})
         for name, label in self._problems.items():
             label.set_text(shown.get(name, ""))
+        if self._in_more & set(shown):
+            self._more.open()
         self._problem.set_text("" if at else reason)
 
     async def make_plan(self) -> None:

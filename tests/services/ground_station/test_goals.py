@@ -45,11 +45,11 @@ def flying(action: str = "area_coverage", goal_id: str = "py-1-1") -> Goals:
     return goals
 
 
-def feedback(goal_id: str = "py-1-1", taken: int = 0, images: tuple[Image, ...] = ()) -> FeedbackMessage[dict[str, Any]]:
+def feedback(
+    goal_id: str = "py-1-1", taken: int = 0, images: tuple[Image, ...] = ()
+) -> FeedbackMessage[dict[str, Any]]:
     fields = {"phase": "flying", "taken": taken, "planned": 12, "images": msgspec.to_builtins(images)}
-    return FeedbackMessage(
-        t_ns=0, goal_id=goal_id, action="area_coverage", code=10, feedback=fields, remaining_s=75.0
-    )
+    return FeedbackMessage(t_ns=0, goal_id=goal_id, action="area_coverage", code=10, feedback=fields, remaining_s=75.0)
 
 
 def test_the_progress_of_another_clients_goal_is_shown() -> None:
