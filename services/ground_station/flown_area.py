@@ -87,7 +87,7 @@ def area_from_browser(sent: Any, origin_deg: Any = None) -> DrawnArea:
     corners = [part for ring in rings for corner in ring for part in corner]
     if len(corners) > 2 * CORNERS_MAX or not all(abs(part) <= COORDINATE_MAX_M for part in corners):
         return DrawnArea()
-    return DrawnArea(rings, origin)
+    return DrawnArea(rings if corners and rings[0] else (), origin)
 
 
 def polygons_in(name: str, text: str, size: int) -> list[FilePolygon]:

@@ -87,7 +87,7 @@ def test_an_area_needs_three_corners() -> None:
         ("get_images", "radius 0.1 m is too small: the vehicle flies around at 1 m or more", "radius_m"),
         ("area_coverage", "hole 2 is not wholly inside the polygon: correct it, or leave it out", "holes_ned_m"),
         ("area_coverage", "the polygon crosses or touches itself at 1.00 m north, 2.00 m east", "polygon_ned_m"),
-        ("land_on_spot", "landing_spot_ned_m is missing: without use_uwb the vehicle needs to know it", "landing_spot_ned_m"),
+        ("land_on_spot", "landing_spot_ned_m is missing: it is needed without use_uwb", "landing_spot_ned_m"),
         ("land_on_spot", "the wind of 12 m/s is stronger than 8 m/s", ""),
     ],
 )  # fmt: skip
