@@ -134,8 +134,9 @@ class Goals:
             return "sent from this page"
         if own_id and view.goal_id.startswith(f"{own_id}-"):
             return "sent from another page of this ground station"
+        mission_id = view.goal_id.rpartition(".")[0]
         if not view.clients:
-            return "its client is gone"
+            return f"sent by the mission {mission_id}" if mission_id else "its client is gone"
         return f"sent by client {', '.join(view.clients)}"
 
     def progress(self, now_s: float, own_id: str = "", own_goals: Collection[str] = ()) -> dict[str, Any] | None:

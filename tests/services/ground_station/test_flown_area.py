@@ -62,7 +62,9 @@ def test_a_file_that_is_too_large_is_refused_with_its_size(claimed_bytes: int) -
         polygons_in("area.geojson", text, claimed_bytes)
 
 
-@pytest.mark.parametrize("sent", [None, 7, [], [[]], [[["a", 0]]], [[[1e9, 0]]], [[[float("nan"), 0.0]]], [[[0.0] * 3]]])
+@pytest.mark.parametrize(
+    "sent", [None, 7, [], [[]], [[["a", 0]]], [[[1e9, 0]]], [[[float("nan"), 0.0]]], [[[0.0] * 3]]]
+)
 def test_what_is_no_area_is_an_empty_one(sent: object) -> None:
     assert area_from_browser(sent).rings == ()
 
