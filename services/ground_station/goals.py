@@ -134,9 +134,9 @@ class Goals:
             return "sent from this page"
         if own_id and view.goal_id.startswith(f"{own_id}-"):
             return "sent from another page of this ground station"
-        mission_id = view.goal_id.rpartition(".")[0]
         if not view.clients:
-            return f"sent by the mission {mission_id}" if mission_id else "its client is gone"
+            mission_id, *step = view.goal_id.rsplit(".", 2)  # the mission service adds number of step and try
+            return f"sent by the mission {mission_id}" if len(step) == 2 else "its client is gone"
         return f"sent by client {', '.join(view.clients)}"
 
     def progress(self, now_s: float, own_id: str = "", own_goals: Collection[str] = ()) -> dict[str, Any] | None:

@@ -88,8 +88,8 @@ def test_a_goal_has_the_owner_that_its_server_names() -> None:
     assert goals.owner("py-2", ()) == "sent by client py-1"
     goals.on_running(RunningGoal(action="area_coverage", goal_id="py-1-1"), None)
     assert goals.owner("py-2", ()) == "its client is gone"
-    goals = flying(goal_id="m-7.1")
-    goals.on_running(RunningGoal(action="area_coverage", goal_id="m-7.1"), None)
+    goals = flying(goal_id="m-7.3.1")
+    goals.on_running(RunningGoal(action="area_coverage", goal_id="m-7.3.1"), None)
     assert goals.owner("py-2", ()) == "sent by the mission m-7"
 
 
