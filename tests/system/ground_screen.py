@@ -67,11 +67,6 @@ class Screen:
         for mark, value in values.items():
             self.marked(mark.replace("__", "-")).fill(str(value))
 
-    def show_map(self) -> None:
-        """Show the map, whose drawing takes less of a processor than the view in space."""
-        self.page.locator(".stage-tools").get_by_text("Map", exact=True).click()
-        expect(self.page.locator(".map canvas")).to_be_visible()
-
     def choose(self, action: str) -> None:
         """Open the form of an action."""
         self.marked(f"tab-{action}").click()
@@ -115,13 +110,19 @@ class Screen:
 
 def open_screen(browser: Browser, stack: Stack, address: str) -> Screen:
     """Open the page in a context of its own, as another person's browser would."""
-    page = browser.new_context(viewport={"width": 1400, "height": 900}, accept_downloads=True).new_page()
+    context = browser.new_context(viewport={"width": 1400, "height": 900}, accept_downloads=True)
+    context.add_init_script(
+        "localStorage.setItem('jezero-view', '\"map\"')"
+    )  # the view in space takes a whole processor
+    page = context.new_page()
     page.set_default_timeout(REPLY_TIMEOUT_MS)
     screen = Screen(stack, page, address)
     page.on("console", lambda message: screen.errors.append(message.text) if message.type == "error" else None)
     page.on("pageerror", lambda error: screen.errors.append(str(error)))
     page.on("request", lambda request: _note_request(screen, request.url))
     page.goto(address)
+    expect(page.locator(".map canvas")).to_be_visible()
+    page.locator(".picture summary").click()  # the camera's picture takes the next one
     return screen
 
 

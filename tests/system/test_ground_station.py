@@ -34,7 +34,6 @@ def screen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Screen]:
     with new_stack(tmp_path_factory.mktemp("ground")) as stack, browser_started() as browser:
         shown = open_screen(browser, stack, pages_of(stack))
         shown.shows("On the ground, ready")
-        shown.show_map()
         yield shown
 
 
@@ -129,7 +128,6 @@ def test_a_mission_is_flown_by_clicks_alone_and_seen_alike_after_a_reload_and_in
     screen.has("goal", "images")
     screen.page.reload()
     screen.has("goal", "area coverage")
-    screen.show_map()
     assert [len(ring) for ring in screen.rings()] == [4, 3]
     other = open_screen(screen.page.context.browser, screen.stack, screen.address)  # type: ignore[arg-type]
     other.has("goal-owner", "sent from another page of this ground station")

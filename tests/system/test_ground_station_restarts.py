@@ -29,7 +29,6 @@ def screen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Screen]:
     with new_stack(tmp_path_factory.mktemp("ground")) as stack, browser_started() as browser:
         shown = open_screen(browser, stack, pages_of(stack))
         shown.shows("On the ground, ready")
-        shown.show_map()
         yield shown
 
 

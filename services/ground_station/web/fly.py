@@ -33,6 +33,9 @@ class FlyPanel:
         self._map, self._view, self._show_map = chart, view, show_map
         self._forms: dict[str, Form] = {}
         self._open: Form | None = None
+        self._tabs: ui.tabs | None = None
+        self._wanted = ""
+        """Tab that the browser has kept, for the time when its action is known."""
         self._version = 0
         self._path: list[list[float]] = []
         self._drawn: list[list[float]] = []
@@ -43,7 +46,6 @@ class FlyPanel:
         chart.on("area", self._on_area)
         chart.on("file", self._on_file)
         chart.on("export", self._export)
-        ui.timer(0.1, self._recall, once=True)
 
     def refresh(self) -> None:
         """Follow the actions of the stack, and the world's origin; called about twice a second."""
@@ -58,24 +60,25 @@ class FlyPanel:
         if area is not self.area:
             moved = area.rings != self.area.rings
             self.area = area
-            self._map.run_method("keep", area.kept())
+            self._map.run_method("keep", "area", area.kept())
             if moved:
                 self._map.run_method("setArea", area.rings)
 
     def _build(self) -> None:
         """Make the forms anew; what was typed is lost, which happens only when an action has changed."""
         actions = self._feed.actions
-        opened = self._open.action.name if self._open is not None else actions.names[0]
+        opened = self._open.action.name if self._open is not None else self._wanted
+        opened = opened if opened in actions.names else actions.names[0]
         self._card.clear()
         with self._card:
-            with ui.tabs().props("dense no-caps") as tabs:
+            with ui.tabs().props("dense no-caps") as self._tabs:
                 for name in actions.names:
                     ui.tab(name, label=name.replace("_", " ")).props(f'data-mark="tab-{name}"')
-            with ui.tab_panels(tabs, value=opened).props("keep-alive"):
+            with ui.tab_panels(self._tabs, value=opened).props("keep-alive"):
                 for name in actions.names:
                     with ui.tab_panel(name):
                         self._forms[name] = Form(actions.action(name), actions.description(name), self._commands, self)
-        tabs.on_value_change(self._on_tab)
+        self._tabs.on_value_change(self._on_tab)
         self._open_form(opened)
 
     # -- what the forms show --
@@ -101,6 +104,7 @@ class FlyPanel:
             self._map.run_method("setMode", form.picks)
 
     async def _on_tab(self, event: events.ValueChangeEventArguments[Any]) -> None:
+        self._map.run_method("keep", "tab", event.value)
         self._open_form(event.value)
         form = self._forms[event.value]
         if form.draws_area:
@@ -131,24 +135,29 @@ class FlyPanel:
 
     # -- the area --
 
-    async def _recall(self) -> None:
-        """Take the area that the browser has kept, e.g. from before the page was loaded again."""
+    async def recall(self) -> str:
+        """Take what the browser has kept from before the page was loaded again; returns the view, "" for none."""
         try:
             kept = await self._map.run_method("kept", timeout=KEPT_TIMEOUT_S)
         except TimeoutError:
-            return
-        if not isinstance(kept, dict) or not kept.get("rings"):
-            return
-        area = area_from_browser(kept["rings"], kept.get("origin"))
-        self.area = area.around(self._feed.state.origin_deg)
-        self._map.run_method("setArea", self.area.rings)
+            return ""
+        if not isinstance(kept, dict):
+            return ""
+        area = kept.get("area")
+        if isinstance(area, dict) and area.get("rings"):
+            self.area = area_from_browser(area["rings"], area.get("origin")).around(self._feed.state.origin_deg)
+            self._map.run_method("setArea", self.area.rings)
+        self._wanted = str(kept.get("tab") or "")
+        if self._tabs is not None and self._wanted in self._forms:
+            self._tabs.set_value(self._wanted)
+        return str(kept.get("view") or "")
 
     async def _on_area(self, event: events.GenericEventArguments) -> None:
         await self._take(area_from_browser(event.args, self._feed.state.origin_deg))
 
     async def _take(self, area: DrawnArea) -> None:
         self.area = area
-        self._map.run_method("keep", area.kept())
+        self._map.run_method("keep", "area", area.kept())
         if self._open is not None and self._open.draws_area:
             await self._open.on_area()
 

@@ -53,6 +53,7 @@ class Page:
                 self._target = Target(self._robot)
                 self._side()
         ui.timer(1.0 / rate_hz, self._refresh)
+        ui.timer(0.1, self._recall, once=True)
 
     # -- layout --
 
@@ -141,6 +142,10 @@ class Page:
 
     # -- views --
 
+    async def _recall(self) -> None:
+        if await self._fly.recall() == "map":
+            self._show_map()
+
     def _draw_ground(self) -> None:
         self._view.run_method("setGround", ground_shape(self._feed.ground))
 
@@ -152,6 +157,7 @@ class Page:
         self._map.classes(remove="layer-off") if shows_map else self._map.classes("layer-off")
         self._view.classes("layer-off") if shows_map else self._view.classes(remove="layer-off")
         self._angle.set_visibility(not shows_map)
+        self._map.run_method("keep", "view", self._which.value)
 
     def _aim(self) -> None:
         self._view.run_method("setMode", self._angle.value)

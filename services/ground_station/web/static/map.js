@@ -88,15 +88,12 @@ export default {
       this.changed(false);
       if (rings.length) this.fit();
     },
-    keep(area) {
-      localStorage.setItem("jezero-area", JSON.stringify(area));
+    // What the browser keeps for the next load of the page: the area, the open tab, the view.
+    keep(name, value) {
+      localStorage.setItem(`jezero-${name}`, JSON.stringify(value));
     },
     kept() {
-      try {
-        return JSON.parse(localStorage.getItem("jezero-area"));
-      } catch {
-        return null;
-      }
+      return Object.fromEntries(["area", "tab", "view"].map((name) => [name, parsed(localStorage.getItem(`jezero-${name}`))]));
     },
     edit(what, ...args) {
       this.area[what](...args);
@@ -334,6 +331,14 @@ export default {
     },
   },
 };
+
+function parsed(text) {
+  try {
+    return JSON.parse(text);
+  } catch {
+    return null;
+  }
+}
 
 function stroke(c, pixels) {
   c.beginPath();
