@@ -47,6 +47,10 @@ class DrawnArea:
         moved = tuple([[corner[0] + north_m, corner[1] + east_m] for corner in ring] for ring in self.rings)
         return DrawnArea(moved, origin_deg)
 
+    def relative_to(self, origin_m: Sequence[float]) -> tuple[Ring, ...]:
+        """The rings in metres relative to a point of the world."""
+        return tuple([[corner[0] - origin_m[0], corner[1] - origin_m[1]] for corner in ring] for ring in self.rings)
+
     def kept(self) -> dict[str, Any]:
         """What the browser keeps of it."""
         return {"rings": self.rings, "origin": self.origin_deg}

@@ -1,6 +1,6 @@
 """The panel from which goals are sent: a tab for each action of the stack, and the area that is drawn on the map."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from nicegui import events, ui
@@ -83,13 +83,26 @@ class FlyPanel:
 
     # -- what the forms show --
 
-    def show_plan(self, plan: PlanReply | None, z_ned_m: float) -> None:
-        """Draw a plan on the map at once, and in space at its height unless a goal is flown there."""
+    @property
+    def rover_ned_m(self) -> Sequence[float] | None:
+        """Position of the rover; None while it is not known."""
+        return self._feed.state.rover_ned_m
+
+    def show_plan(self, plan: PlanReply | None, z_m: float, origin_m: Sequence[float]) -> None:
+        """Draw a plan on the map at once, and in space at its height unless a goal is flown there.
+
+        Args:
+            z_m: height of the flight in the plan's frame, NED.
+            origin_m: origin of the plan's frame in the world.
+        """
+        north_m, east_m, down_m = origin_m
         coverage = None if plan is None else plan.coverage
-        path = [] if coverage is None else [list(point_m) for point_m in coverage.path_ned_m]
-        pictures = [] if coverage is None else [list(point_m) for point_m in coverage.pictures_ned_m]
+        path, pictures = (
+            [[point_m[0] + north_m, point_m[1] + east_m] for point_m in points_m]
+            for points_m in (((), ()) if coverage is None else (coverage.path_ned_m, coverage.pictures_ned_m))
+        )
         self._map.run_method("setPlan", {"path": path, "pictures": pictures})
-        self._path = [[*point_m, z_ned_m] for point_m in path]
+        self._path = [[*point_m, z_m + down_m] for point_m in path]
 
     def show_point(self) -> None:
         """Draw the point that the open form has."""

@@ -1,6 +1,6 @@
 """The form of one action, made from the goal type as the action describes it on the bus."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +25,8 @@ CLICKS = {
 }
 AREA_HINT = "Click the corners on the map. Drag a corner, or the middle of an edge; a right click removes a corner."
 NO_HOLES = "This action takes no holes: remove them from the area"
+NO_ROVER = "The rover's position is not known: choose the frame world"
+WORLD = (0.0, 0.0, 0.0)
 MANY = 4
 """A form with so many fields shows at first only those that the goal needs."""
 
@@ -87,6 +89,8 @@ class Form:
         self._planned: dict[str, Any] | None = None
         """The goal that was sent to be planned last; the reply to an earlier one is not shown."""
         self._planning = False
+        self._origin_m: Sequence[float] | None = WORLD
+        """Origin of the goal's frame in the world; None while it is not known."""
         names = {field.name for field in self.fields}
         cases = CASES.get(action.name, ())
         self._cases = {case.label: case for case in cases if set(case.values) <= names}
@@ -248,13 +252,15 @@ class Form:
 
     def _goal(self) -> dict[str, Any] | None:
         area: DrawnArea = self._panel.area
+        self._origin_m = self._panel.rover_ned_m if self.in_rover_frame else WORLD
+        rings = () if self._origin_m is None else area.relative_to(self._origin_m)
         values: dict[str, Any] = {}
         for field in self.fields:
             inputs = self._inputs.get(field.name, [])
             if field.kind == "area":
-                values[field.name] = area.outline
+                values[field.name] = rings[0] if rings else []
             elif field.kind == "areas":
-                values[field.name] = list(area.rings[1:])
+                values[field.name] = list(rings[1:])
             elif field.kind == "vector":
                 values[field.name] = [element.value for element in inputs] if field == self._point_field else None
             elif inputs:
@@ -264,6 +270,8 @@ class Form:
         goal, problems = goal_from(self.fields, values)
         if self.draws_area and len(area.rings) > 1 and not any(field.kind == "areas" for field in self.fields):
             problems[next(field.name for field in self.fields if field.kind == "area")] = NO_HOLES
+        if self.draws_area and self._origin_m is None:
+            problems["frame"] = NO_ROVER
         self._tell("", problems)
         if problems:
             return None
@@ -324,7 +332,7 @@ class Form:
         self.plan = plan
         self._show_items({} if plan is None else plan_items(plan))
         self._warning.set_text("" if plan is None else plan.warning)
-        self._panel.show_plan(plan, (self._planned or {}).get("z_ned_m", 0.0))
+        self._panel.show_plan(plan, (self._planned or {}).get("z_ned_m", 0.0), self._origin_m or WORLD)
 
     def _show_items(self, items: Mapping[str, str]) -> None:
         self._found.clear()

@@ -74,3 +74,9 @@ def test_nothing_is_exported_without_an_area_or_an_origin() -> None:
         DrawnArea((OUTLINE,)).geojson()
     with pytest.raises(AreaFileError, match="draw one"):
         DrawnArea((), ORIGIN_DEG).geojson()
+
+
+def test_an_area_relative_to_the_rover_is_counted_from_its_position() -> None:
+    outline, hole = DRAWN.relative_to((5.0, 4.0, -0.5))
+    assert outline[2] == [15.0, 6.0]
+    assert hole[0] == [0.0, 0.0]
