@@ -49,6 +49,7 @@ class _Feedback:
     goal_id: str
     fields: dict[str, Any]
     remaining_s: float | None
+    paused: bool
 
 
 class Goals:
@@ -81,7 +82,7 @@ class Goals:
     def on_feedback(self, now_s: float, message: FeedbackMessage[Any]) -> None:
         """Take in feedback of any goal, as a struct or as its fields."""
         fields: dict[str, Any] = msgspec.to_builtins(message.feedback)
-        self._feedback = _Feedback(now_s, message.goal_id, fields, message.remaining_s)
+        self._feedback = _Feedback(now_s, message.goal_id, fields, message.remaining_s, message.paused)
         images = fields.get("images")
         if not images or self.view is None or self.view.goal_id != message.goal_id:
             return
@@ -205,7 +206,7 @@ def _circle(center_m: Point, radius_m: float, points: int) -> list[Point]:
 
 def _progress(news: _Feedback) -> str:
     """Progress in words, from the feedback of any action."""
-    fields, parts = news.fields, []
+    fields, parts = news.fields, ["paused"] if news.paused else []
     if (distance_m := fields.get("distance_m")) is not None:
         parts.append(f"{distance_m:.1f} m to go")
     if (planned := fields.get("planned")) is not None:

@@ -1,6 +1,8 @@
 """The ground station's page while parts of the stack are restarted, the ground station itself too."""
 
+import json
 import os
+import re
 import signal
 from collections.abc import Iterator
 from contextlib import suppress
@@ -30,6 +32,27 @@ def screen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Screen]:
         shown = open_screen(browser, stack, pages_of(stack))
         shown.shows("On the ground, ready")
         yield shown
+
+
+def test_values_of_a_bridge_that_stands_still_turn_grey_with_their_age_and_then_are_dashes(screen: Screen) -> None:
+    north = screen.page.locator(".readings .reading", has_text="north")
+    value, age = north.locator(".reading-value"), north.locator(".reading-age")
+    expect(value).to_have_text(re.compile(r"-?\d+\.\d\dm"))
+    expect(north).not_to_have_class(re.compile("late"))
+    expect(screen.page.locator(".view3d-foot")).to_contain_text("ground of the simulator")
+    launcher = json.loads((screen.stack.run_dir / "state.json").read_text())["launcher_pid"]
+    os.kill(launcher, signal.SIGSTOP)  # it would restart the bridge
+    try:
+        os.kill(screen.stack.processes_cached["vehicle_bridge"], signal.SIGSTOP)
+        expect(north).to_have_class(re.compile("late"))
+        expect(age).to_contain_text("s ago")
+        expect(screen.page.locator(".horizon")).to_have_class(re.compile("late"))
+        expect(screen.page.locator(".view3d-label", has_text="last seen here")).to_have_count(1)
+        expect(value).to_have_text("–")
+    finally:
+        os.kill(launcher, signal.SIGCONT)
+    expect(north).not_to_have_class(re.compile("late"))
+    assert not screen.errors
 
 
 def test_the_page_survives_restarts_of_bridge_and_router(screen: Screen) -> None:

@@ -107,7 +107,7 @@ class ActionServer:
         for request in inbox.requests(self._action.describe):
             yield Reply(request.request_id, self._action.description)
         for request in inbox.requests(self._action.running):
-            yield Reply(request.request_id, self._running())
+            yield Reply(request.request_id, self._flown_goal())
         if self._pictures is not None:
             for request in inbox.requests(self._action.image):
                 wanted: GetImage = request.payload
@@ -222,7 +222,7 @@ class ActionServer:
         if not run.clients and (run.plan_only or run.goal.on_client_loss == "cancel"):
             run.cancel("its client vanished")
 
-    def _running(self) -> RunningGoal:
+    def _flown_goal(self) -> RunningGoal:
         """The goal that is flown; a goal that is not accepted yet, or only planned, is none."""
         run = self._run
         if run is None or not run.is_flown:

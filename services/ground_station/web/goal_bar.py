@@ -27,6 +27,8 @@ class GoalBar:
                 self._text = ui.label().props('data-mark="goal"')
                 self._owner = ui.label().classes("goal-owner").props('data-mark="goal-owner"')
             self._done = ui.linear_progress(0.0, show_value=False).props("rounded")
+            self._pause = ui.button("Pause", on_click=commands.pause_or_resume, color=None)
+            self._pause.props('no-caps dense data-mark="pause"').classes("pause-button")
             ui.button("Cancel", on_click=self._cancel, color=None).props('no-caps dense data-mark="goal-cancel"')
         self._bar.set_visibility(False)
 
@@ -40,6 +42,7 @@ class GoalBar:
         if goal is not None:
             self._text.set_text(f"{goal['words']} · {goal['text']}")
             self._owner.set_text(goal["owner"])
+            self._pause.set_text("Resume" if state.paused else "Pause")
             self._done.set_visibility(goal["done"] is not None)
             self._done.set_value(goal["done"] or 0.0)
         if state.goals.changes != self._changes:

@@ -135,7 +135,7 @@ export default {
     },
     // The point that a form has, [north, east, down], or null.
     setPoint(point) {
-      if (this.ready) this.mark.show(point);
+      if (this.ready) this.mark.show(point, point ? this.ground.heightAt(point[0], point[1]) : 0);
     },
     setMode(mode) {
       if (!this.ready) return;

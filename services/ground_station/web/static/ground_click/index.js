@@ -29,12 +29,12 @@ export function makeMark() {
   stem.frustumCulled = false;
   mark.add(ring, stem);
   mark.visible = false;
-  mark.show = (point) => {
+  mark.show = (point, height) => {
     mark.visible = !!point;
     if (!point) return;
     const [north, east, down = 0] = point;
-    mark.position.set(north, east, 0);
-    stem.geometry.setFromPoints([new THREE.Vector3(0, 0, 0), new THREE.Vector3(0, 0, Math.min(down, 0))]);
+    mark.position.set(north, east, -height);
+    stem.geometry.setFromPoints([new THREE.Vector3(0, 0, 0), new THREE.Vector3(0, 0, Math.min(down + height, 0))]);
   };
   return mark;
 }
