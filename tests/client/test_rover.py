@@ -122,10 +122,12 @@ def test_a_rover_follows_the_wheel_and_stops_when_nobody_turns_it_any_more(
 
 
 def test_a_wheel_that_is_let_go_has_no_motion_and_one_that_is_turned_too_far_is_refused() -> None:
-    wheel, motions = Wheel(), []
-    for act in (lambda: None, lambda: wheel.turn(0.5, 0.0), wheel.release):
-        act()
-        motions.append(wheel.motion)
+    wheel = Wheel()
+    motions = [wheel.motion]
+    wheel.turn(0.5, 0.0)
+    motions.append(wheel.motion)
+    wheel.release()
+    motions.append(wheel.motion)
     assert motions == [None, (0.5, 0.0), None]
     with pytest.raises(ValueError, match="speed 9 m/s is not within"):
         wheel.turn(9.0, 0.0)
