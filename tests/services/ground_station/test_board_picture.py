@@ -45,4 +45,5 @@ def test_the_address_holds_the_picture_itself() -> None:
     kind, _, data = board_address(TWO_TAGS).partition(",")
     assert kind == "data:image/png;base64"
     decoded = cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert decoded is not None
     assert np.array_equal(decoded, board_picture(TWO_TAGS))
