@@ -31,7 +31,7 @@ class Screen:
     """One page, with all that went wrong in it.
 
     Attributes:
-        stack: the stack whose ground station serves it.
+        started: the stack whose ground station serves it; None for a hand-made server in its place.
         page: the page.
         address: of the page.
         errors: errors in its console, and exceptions of its scripts.
@@ -39,12 +39,18 @@ class Screen:
         maps: number of pictures of the growing map that it has got.
     """
 
-    stack: Stack
+    started: Stack | None
     page: Page
     address: str
     errors: list[str] = field(default_factory=list)
     foreign: list[str] = field(default_factory=list)
     maps: int = 0
+
+    @property
+    def stack(self) -> Stack:
+        """The stack."""
+        assert self.started is not None
+        return self.started
 
     def marked(self, mark: str) -> Locator:
         """The element with a mark; of a field, what is typed into."""
@@ -107,8 +113,13 @@ class Screen:
         rings: list[list[list[float]]] = kept["rings"] if kept else []
         return rings
 
+    def wait_for_rings(self, corners: list[int]) -> None:
+        """Wait until the browser keeps rings with these numbers of corners."""
+        lengths = "(JSON.parse(localStorage.getItem('jezero-area'))?.rings ?? []).map((ring) => ring.length)"
+        self.page.wait_for_function(f"JSON.stringify({lengths}) === '{corners}'.replaceAll(' ', '')")
 
-def open_screen(browser: Browser, stack: Stack, address: str) -> Screen:
+
+def open_screen(browser: Browser, stack: Stack | None, address: str) -> Screen:
     """Open the page in a context of its own, as another person's browser would."""
     context = browser.new_context(viewport={"width": 1400, "height": 900}, accept_downloads=True)
     context.add_init_script(

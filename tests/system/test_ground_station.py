@@ -4,7 +4,6 @@ All tests of the file share one stack and one page. Each leaves the vehicle wher
 """
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
@@ -20,7 +19,6 @@ ORBIT_CENTER_PX = (0.0, 80.0)
 """Two metres north of the map's middle: a metre has 40 pixels at first."""
 OUTLINE_PX = ((-60.0, -60.0), (-60.0, 60.0), (60.0, 60.0), (60.0, -60.0))
 HOLE_PX = ((20.0, 20.0), (20.0, 45.0), (45.0, 45.0))
-FIELD = '{"type": "Polygon", "coordinates": [[[0, 0], [0, 1], [1, 1], [0, 0]]]}'
 
 pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on the path"),
@@ -35,60 +33,6 @@ def screen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Screen]:
         shown = open_screen(browser, stack, pages_of(stack))
         shown.shows("On the ground, ready")
         yield shown
-
-
-def test_a_refusal_stands_at_the_field_that_it_is_about(screen: Screen) -> None:
-    screen.choose("takeoff")
-    for typed, reason in (("9000", "120"), ("high", "'high' is no number")):
-        screen.type_in(takeoff__altitude_m=typed)
-        screen.send("takeoff")
-        screen.has("problem-takeoff-altitude_m", reason)
-    screen.choose("land_on_spot")
-    screen.marked("land_on_spot-case").get_by_text("Spot", exact=True).click()
-    screen.send("land_on_spot")
-    screen.has("problem-land_on_spot-landing_spot_ned_m", "landing_spot_ned_m is missing")
-    screen.choose("area_coverage")
-    screen.send("area_coverage")
-    screen.has("problem-area_coverage-polygon_ned_m", "Draw the area on the map")
-
-
-def test_an_area_is_drawn_corrected_exported_and_imported(screen: Screen, tmp_path: Path) -> None:
-    screen.choose("area_coverage")
-    for corner_px in (*OUTLINE_PX, (90.0, 0.0)):
-        screen.click_map(*corner_px)
-    screen.click_map(90.0, 0.0, "right")
-    screen.marked("area-hole").click()
-    for corner_px in HOLE_PX:
-        screen.click_map(*corner_px)
-    screen.marked("area-hole").click()
-    wait_for_rings(screen, [4, 3])
-    screen.drag_map(OUTLINE_PX[3], (80.0, -60.0))
-    screen.drag_map((-60.0, 0.0), (-80.0, 0.0))  # the middle of an edge becomes a corner
-    wait_for_rings(screen, [5, 3])
-    assert max(corner[1] for corner in screen.rings()[0]) == pytest.approx(2.0)
-    screen.marked("area-undo").click()
-    wait_for_rings(screen, [4, 3])
-
-    with screen.page.expect_download() as saved:
-        screen.marked("area-export").click()
-    file = tmp_path / "area.geojson"
-    saved.value.save_as(file)
-    drawn = screen.rings()
-    screen.marked("area-clear").click()
-    wait_for_rings(screen, [])
-    screen.marked("area-file").set_input_files({"name": "far.geojson", "mimeType": "", "buffer": FIELD.encode()})
-    expect(screen.page.locator(".q-notification").filter(has_text="km from the world's origin")).to_be_visible()
-    screen.marked("area-file").set_input_files(file)
-    wait_for_rings(screen, [4, 3])
-    for ring, before in zip(screen.rings(), drawn, strict=True):
-        for corner, corner_before in zip(ring, before, strict=True):
-            assert corner == pytest.approx(corner_before, abs=0.01)
-
-
-def wait_for_rings(screen: Screen, corners: list[int]) -> None:
-    """Wait until the browser keeps rings with these numbers of corners."""
-    lengths = "(JSON.parse(localStorage.getItem('jezero-area'))?.rings ?? []).map((ring) => ring.length)"
-    screen.page.wait_for_function(f"JSON.stringify({lengths}) === '{corners}'.replaceAll(' ', '')")
 
 
 def test_goals_of_all_clients_are_shown_and_ended_by_key_and_by_button(screen: Screen) -> None:
@@ -128,6 +72,12 @@ def test_a_mission_is_flown_by_clicks_alone_and_seen_alike_after_a_reload_and_in
     screen.tells("All images taken")
 
     screen.choose("area_coverage")
+    for corner_px in OUTLINE_PX:
+        screen.click_map(*corner_px)
+    screen.marked("area-hole").click()
+    for corner_px in HOLE_PX:
+        screen.click_map(*corner_px)
+    screen.wait_for_rings([4, 3])
     screen.has("plan-area_coverage", "battery")
     screen.send("area_coverage")
     screen.has("goal", "images")
