@@ -481,6 +481,30 @@ class ActionDescription(Payload, frozen=True, kw_only=True):
     result: dict[str, Any]
 
 
+class GetRunning(Payload, frozen=True, kw_only=True):
+    """Request for the goal that an action server flies; it has no fields."""
+
+
+class RunningGoal(Payload, frozen=True, kw_only=True):
+    """The goal that an action server flies, for other clients than the one that sent it.
+
+    Attributes:
+        action: name of the action.
+        goal_id: id of the goal; "" while the server flies none.
+        clients: ids of the clients that sent it and are still connected.
+        goal: the goal's fields as JSON.
+        coverage: plan of an area coverage. None for other goals.
+        images: images taken so far, in the present world frame.
+    """
+
+    action: Name
+    goal_id: str = ""
+    clients: tuple[Annotated[str, Meta(max_length=64)], ...] = ()
+    goal: dict[str, Any] = {}
+    coverage: PlannedCoverage | None = None
+    images: tuple[Image, ...] = ()
+
+
 class Cancel(Payload, frozen=True, kw_only=True):
     """Request to cancel a goal.
 

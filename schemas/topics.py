@@ -186,11 +186,23 @@ class Action(Generic[Q]):
         )
 
     @cached_property
+    def running(self) -> Endpoint[actions.GetRunning, actions.RunningGoal]:
+        """Endpoint of the goal that is flown; it has no effect, so that `action/*/running` finds it."""
+        return Endpoint(
+            f"action/{self.name}/running",
+            actions.GetRunning,
+            actions.RunningGoal,
+            self.name,
+            lambda why: actions.RunningGoal(action=self.name),  # a request without fields has nothing to refuse
+            wildcards=True,
+        )
+
+    @cached_property
     def endpoints(self) -> tuple[Endpoint[Any, Any], ...]:
         """All endpoints of its server but the shared one."""
         image = (self.image,) if self.takes_pictures else ()
         requests = (self.cancel, self.pause, self.resume, self.modify)
-        return (self.endpoint, self.plan, *requests, self.describe, *image)
+        return (self.endpoint, self.plan, *requests, self.describe, self.running, *image)
 
     @cached_property
     def description(self) -> actions.ActionDescription:

@@ -51,4 +51,5 @@ class Rover:
         if not task.cancelled():  # the drive had ended earlier, with an error
             task.result()
 
+    steer = in_thread(client.Rover.steer)
     stop = in_thread(client.Rover.stop)

@@ -10,7 +10,7 @@ from jezero.aio.goal import Goal, ImagesGoal, cancel_with_task
 from jezero.aio.rover import Rover
 from jezero.aio.subscription import Subscription
 from jezero.aio.threads import Threads, in_thread
-from jezero.client import camera, control, goal, images, mission
+from jezero.client import actions, camera, control, goal, images, mission
 from jezero.client import vehicle as client
 from jezero.client.errors import TimedOut, Unreachable
 from jezero.client.status import STATUS_TIMEOUT_S, no_status
@@ -69,6 +69,19 @@ class Missions:
     progress = in_thread(mission.Missions.progress)
 
 
+class Actions:
+    """The actions of one vehicle's stack, the attribute `Vehicle.actions`; see `jezero.client.actions.Actions`."""
+
+    def __init__(self, threads: Threads, blocking: actions.Actions) -> None:
+        self._threads = threads
+        self._blocking = blocking
+
+    descriptions = in_thread(actions.Actions.descriptions)
+    running = in_thread(actions.Actions.running)
+    cancel = in_thread(actions.Actions.cancel)
+    picture = in_thread(actions.Actions.picture)
+
+
 class Vehicle:
     """A connection to one vehicle, for the tasks of one event loop.
 
@@ -78,12 +91,14 @@ class Vehicle:
     Tasks may share a vehicle. A goal and a subscription are for one task each.
 
     Attributes:
+        actions: the actions of the stack, and the goal that is flown, whichever client sent it.
         rover: the rover, with methods that drive it.
         camera: the camera, with methods that return or save its images.
         mission: the mission service; subscribe to `topics.MISSION` to watch it.
     """
 
     def __init__(self, threads: Threads, blocking: client.Vehicle) -> None:
+        self.actions = Actions(threads, blocking.actions)
         self.rover = Rover(threads, blocking.rover)
         self.camera = Camera(threads, blocking.camera)
         self.mission = Missions(threads, blocking.mission)
@@ -99,6 +114,11 @@ class Vehicle:
         threads = Threads()
         blocking = await threads.run(client.Vehicle.connect, vehicle, router=router, timeout_s=timeout_s)
         return cls(threads, blocking)
+
+    @property
+    def client_id(self) -> str:
+        """Id of this client; the ids of its goals begin with it."""
+        return self._blocking.client_id
 
     async def __aenter__(self) -> Self:
         return self

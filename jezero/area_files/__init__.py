@@ -15,6 +15,6 @@ with Vehicle.connect("uav1") as uav:
 
 from jezero.area_files.area import Area, place
 from jezero.area_files.polygon import AreaFileError, FilePolygon
-from jezero.area_files.reader import read_area, read_polygon
+from jezero.area_files.reader import read_area, read_polygon, read_polygons
 
-__all__ = ["Area", "AreaFileError", "FilePolygon", "place", "read_area", "read_polygon"]
+__all__ = ["Area", "AreaFileError", "FilePolygon", "place", "read_area", "read_polygon", "read_polygons"]

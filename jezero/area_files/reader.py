@@ -39,9 +39,18 @@ def read_area(
 
 def read_polygon(file: Path | str, *, feature: str | int | None = None, metres: bool = False) -> FilePolygon:
     """Read the polygon of an area; the arguments and the error are those of `read_area`."""
+    found = read_polygons(file, metres=metres)
     try:
-        chosen = _choose(_read(Path(file), metres), feature)
-        return replace(chosen, place=f"{file}, {chosen.place}")
+        chosen = _choose(found, feature)
+    except AreaFileError as error:
+        raise AreaFileError(f"{file}: {error}") from None
+    return replace(chosen, place=f"{file}, {chosen.place}")
+
+
+def read_polygons(file: Path | str, *, metres: bool = False) -> list[FilePolygon]:
+    """Read all areas of a file; the arguments and the error are those of `read_area`."""
+    try:
+        return _read(Path(file), metres)
     except OSError as error:
         raise AreaFileError(f"{file} can't be read: {error.strerror or error}") from None
     except RecursionError:

@@ -33,6 +33,8 @@ STOP_TIMEOUT_S = 10.0
 """Longest wait, in vehicle time, for a rover to stand after the first command to stop."""
 ODOMETRY_TIMEOUT_S = 1.0
 """A rover that publishes no odometry for this time has none, and isn't waited for."""
+WHEEL_TIMEOUT_S = 0.6
+"""A wheel that is not turned for this time counts as let go: whoever held it may be gone."""
 COLUMNS = ("duration_s", "speed_mps", "yaw_rate_rps")
 
 
@@ -48,6 +50,33 @@ class Leg(NamedTuple):
     duration_s: float
     speed_mps: float
     yaw_rate_rps: float
+
+
+class Wheel:
+    """A steering wheel with a dead man's switch, for `Rover.steer`. Any thread may turn it."""
+
+    def __init__(self) -> None:
+        self._turned = (0.0, 0.0, -math.inf)
+
+    def turn(self, speed_mps: float, yaw_rate_rps: float) -> None:
+        """Set speed and yaw rate; to be repeated within `WHEEL_TIMEOUT_S`.
+
+        Raises:
+            ValueError: a number is outside its range.
+        """
+        if problem := leg_problem(Leg(WHEEL_TIMEOUT_S, speed_mps, yaw_rate_rps)):
+            raise ValueError(problem)
+        self._turned = (speed_mps, yaw_rate_rps, time.monotonic())
+
+    def release(self) -> None:
+        """Let go."""
+        self._turned = (0.0, 0.0, -math.inf)
+
+    @property
+    def motion(self) -> tuple[float, float] | None:
+        """Speed and yaw rate; None for a wheel that was let go, or not turned for too long."""
+        speed_mps, yaw_rate_rps, turned_s = self._turned
+        return None if time.monotonic() - turned_s > WHEEL_TIMEOUT_S else (speed_mps, yaw_rate_rps)
 
 
 class Rover:
@@ -139,6 +168,21 @@ class Rover:
             TimedOut: the rover still rolls 10 s after the command to stop.
         """
         self._drive(legs, on_leg, threading.Event())
+
+    def steer(self, wheel: Wheel) -> None:
+        """Drive as a wheel is turned until it is let go, then stop the rover. Blocks until it stands.
+
+        Raises:
+            Unreachable: no vehicle time is published, or the connection was closed.
+            TimedOut: the rover still rolls 10 s after the command to stop.
+        """
+        with _Clock(self._connection) as clock:
+            try:
+                while (motion := wheel.motion) is not None:
+                    self._command(next(clock), *motion)
+            finally:
+                if not self._connection.closed:
+                    self._stop(clock)
 
     def _drive(self, legs: Sequence[Leg], on_leg: Callable[[int, Leg], None], over: threading.Event) -> None:
         """Drive legs until they or `over` end it, then stop; raises the errors of `follow`."""

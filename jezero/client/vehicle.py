@@ -7,6 +7,7 @@ from types import TracebackType
 from typing import Any, Self, TypeVar, overload
 
 from jezero.client import control
+from jezero.client.actions import Actions
 from jezero.client.camera import Camera
 from jezero.client.goal import Goal, request_result
 from jezero.client.goal_sender import GoalSender, OnClientLoss, action_named
@@ -69,12 +70,14 @@ class Vehicle:
     ```
 
     Attributes:
+        actions: the actions of the stack, and the goal that is flown, whichever client sent it.
         rover: the rover, with methods that drive it.
         camera: the camera, with methods that return or save its images.
         mission: the mission service, which flies a list of goals also when this client is gone.
     """
 
     def __init__(self, connection: Connection) -> None:
+        self.actions = Actions(connection)
         self.rover = Rover(connection)
         self.camera = Camera(connection)
         self.mission = Missions(connection)
@@ -98,6 +101,11 @@ class Vehicle:
         vehicle = vehicle or os.environ.get("JEZERO_VEHICLE") or DEFAULT_VEHICLE
         router = router or os.environ.get("JEZERO_ROUTER") or DEFAULT_ROUTER
         return cls(Connection(vehicle, router, timeout_s))
+
+    @property
+    def client_id(self) -> str:
+        """Id of this client; the ids of its goals begin with it."""
+        return self._connection.client_id
 
     def close(self) -> None:
         """Close the connection. Running goals continue unless they were sent with `on_client_loss="cancel"`."""

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import degrees, isfinite, radians
 from typing import Any, Literal
 
 Kind = Literal["number", "integer", "switch", "choice", "vector", "area", "areas"]
@@ -11,10 +11,17 @@ LEFT_OUT = frozenset(
     {"goal_id", "issued_t_ns", "on_client_loss", "plan_id", "first_picture", "origin_deg", "plan_from_ned_m"}
 )
 """Fields that the ground station or the server fills in."""
-UNITS = {"m": "m", "mps": "m/s", "rad": "rad", "s": "s", "deg": "°", "px": "px", "hz": "Hz"}
+DEGREES = "°"
+UNITS = {"m": "m", "mps": "m/s", "rad": DEGREES, "s": "s", "deg": DEGREES, "px": "px", "hz": "Hz"}
+"""Unit that people type, by the end of a field's name; an angle in radians is typed in degrees."""
 BOUND_MAX = 1e4
 """Bounds from here on only keep out garbage such as infinity, so that no form shows them."""
 CORNERS_MIN = 3
+AREA_WORDS: Mapping[str, tuple[str, ...]] = {
+    "area": ("area", "polygon", "corner", "corners"),
+    "areas": ("hole", "holes"),
+}
+"""Words of refusals that are about an area."""
 _ENTRY = re.compile(r"^ +(\w+): (.*(?:\n {9,}.*)*)", re.MULTILINE)
 
 
@@ -47,6 +54,11 @@ class Field:
     choices: tuple[str, ...] = ()
     axes: tuple[str, ...] = ()
     help: str = ""
+
+    @property
+    def in_radians(self) -> bool:
+        """Whether the goal has radians where degrees are typed."""
+        return self.unit == DEGREES and self.name.endswith("_rad")
 
     @property
     def range_words(self) -> str:
@@ -100,7 +112,9 @@ def _field(name: str, part: Mapping[str, Any], schema: Mapping[str, Any], requir
         case "boolean":
             return Field(**common, unit="", kind="switch")
         case "number" | "integer" as kind:
-            low, high = (_bound(kind_schema.get(bound)) for bound in ("minimum", "maximum"))
+            low, high = (_bound(kind_schema.get(bound), unit, name) for bound in ("minimum", "maximum"))
+            if common["default"] is not None and name.endswith("_rad"):
+                common["default"] = degrees(common["default"])
             return Field(**common, unit=unit, kind=kind, minimum=low, maximum=high)
         case "array" if "prefixItems" in kind_schema:
             axes = ("north", "east", "down")[: len(kind_schema["prefixItems"])]
@@ -111,8 +125,10 @@ def _field(name: str, part: Mapping[str, Any], schema: Mapping[str, Any], requir
     return None
 
 
-def _bound(bound: float | None) -> float | None:
-    return None if bound is None or abs(bound) >= BOUND_MAX else bound
+def _bound(bound: float | None, unit: str, name: str) -> float | None:
+    if bound is None or abs(bound) >= BOUND_MAX:
+        return None
+    return float(round(degrees(bound))) if unit == DEGREES and name.endswith("_rad") else bound
 
 
 def _label_and_unit(name: str) -> tuple[str, str]:
@@ -145,7 +161,7 @@ def goal_from(fields: Sequence[Field], values: Mapping[str, Any]) -> tuple[dict[
 
 def _missing(field: Field) -> str:
     if field.kind == "area":
-        return "draw the area on the map: click its corners"
+        return "Draw the area on the map: click its corners"
     return f"{field.label} is needed"
 
 
@@ -168,6 +184,8 @@ def _value(field: Field, typed: Any) -> Any:
     number = _number(field, typed)
     if field.kind == "integer" and number != int(number):
         raise ValueError(f"{field.label} is a whole number")
+    if field.in_radians:
+        return radians(number)
     return int(number) if field.kind == "integer" else number
 
 
@@ -189,3 +207,18 @@ def _number(field: Field, typed: Any) -> float:
     if not isfinite(number) or low or high:
         raise ValueError(f"{field.label} must be a number {field.range_words}".rstrip())
     return number
+
+
+def named_field(reason: str, fields: Sequence[Field]) -> str:
+    """Name of the field that a refusal is about; "" when it names none.
+
+    A refusal names a field as the decoder does (`$.altitude_m`), by its name, or by its label in words: "speed 20 m/s
+    is not within 0.1 to 10 m/s". The word that stands first decides.
+    """
+    found: list[tuple[int, int, str]] = []
+    for field in fields:
+        for word in {field.name, field.label, *AREA_WORDS.get(field.kind, ())}:
+            match = re.search(rf"(?<![\w.]){re.escape(word)}(?![\w])", reason.replace("$.", " "))
+            if match is not None:
+                found.append((match.start(), -len(word), field.name))
+    return min(found)[2] if found else ""

@@ -5,8 +5,11 @@ lost, also when vehicle time stands still.
 """
 
 from collections import deque
+from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
+
+import msgspec
 
 from jezero.frames import Vec3, subtract
 from jezero.recording.thinned_path import ThinnedPath
@@ -17,6 +20,7 @@ from jezero.schemas.state import Status
 from jezero.schemas.struct import Message
 from jezero.schemas.topics import Topic
 from jezero.services.ground_station.events import EventLog
+from jezero.services.ground_station.goals import Goals
 from jezero.services.ground_station.landing import landing_view
 from jezero.services.ground_station.readings import (
     LATE_S,
@@ -40,7 +44,6 @@ WATCHED = (topics.ALTIMETER, topics.GNSS, topics.RELATIVE, topics.ROVER_ESTIMATE
 """Topics that are read only while somebody looks."""
 SHOWN = (*WATCHED, topics.STATUS)
 """Topics that the pages show, besides the feedback of each action and the health of each service."""
-FEEDBACK_AGE_MAX_S = 2.0
 PHOTOS_MAX = 1000
 HEALTH_LATE_S = 3.0
 """A service publishes its health once a second."""
@@ -51,10 +54,12 @@ class VehicleState:
 
     Attributes:
         events: the last events.
+        goals: the goal in charge.
     """
 
     def __init__(self) -> None:
         self.events = EventLog()
+        self.goals = Goals()
         self._newest: dict[str, tuple[float, Any]] = {}
         self._health: dict[str, tuple[float, ServiceHealth]] = {}
         self._feedback: tuple[float, FeedbackMessage[Any]] | None = None
@@ -78,6 +83,8 @@ class VehicleState:
             self._newest[topic.name] = (now_s, message)
 
     def _on_feedback(self, now_s: float, message: FeedbackMessage[Any]) -> None:
+        message = _typed(message)
+        self.goals.on_feedback(now_s, message)
         if self._feedback is None or self._feedback[1].goal_id != message.goal_id:
             self._photos.clear()
         self._feedback = (now_s, message)
@@ -85,6 +92,7 @@ class VehicleState:
 
     def _on_status(self, now_s: float, status: Status) -> None:
         self.events.on_status(now_s, status)
+        self.goals.on_status(status)
         last: Status | None = self._latest(topics.STATUS)
         if last is None or (last.code, last.in_charge, last.goal_id) != (status.code, status.in_charge, status.goal_id):
             self._since_s = now_s
@@ -117,6 +125,24 @@ class VehicleState:
         return None if status is None else status.epoch_id
 
     # -- views --
+
+    @property
+    def runs(self) -> dict[str, int]:
+        """Id of the present run of each service."""
+        return {name: health.boot_id for name, (_, health) in self._health.items()}
+
+    @property
+    def origin_deg(self) -> tuple[float, float] | None:
+        """Latitude and longitude of the world's origin; None until the autopilot has sent them."""
+        status: Status | None = self._latest(topics.STATUS)
+        odometry = None if status is None else status.odometry
+        return None if odometry is None or odometry.origin_deg is None else odometry.origin_deg[:2]
+
+    @property
+    def rover_ned_m(self) -> list[float] | None:
+        """Newest position of the rover; None when no estimate is valid."""
+        rover = self._latest(topics.ROVER_ESTIMATE)
+        return list(rover.pos_rover_ned_m) if rover is not None and rover.valid else None
 
     def status_line(self, now_s: float, link_problem: str) -> dict[str, Any]:
         """The vehicle's activity, who is in charge, since when and why.
@@ -174,18 +200,6 @@ class VehicleState:
         status: Status | None = self._latest(topics.STATUS)
         return status is not None and status.paused
 
-    def goal(self, now_s: float) -> dict[str, Any] | None:
-        """Progress of the goal in charge, whoever sent it; None without one."""
-        status: Status | None = self._latest(topics.STATUS)
-        if status is None or not status.goal_id:
-            return None
-        words = status.action.replace("_", " ")
-        progress: dict[str, Any] = {"goal_id": status.goal_id, "action": status.action, "words": words, "done": None}
-        if self._feedback is None or now_s - self._feedback[0] > FEEDBACK_AGE_MAX_S:
-            return progress | {"text": "no news of its progress"}
-        message = self._feedback[1]
-        return progress | {"text": _progress(message), "done": _done(message)}
-
     def landing(self, now_s: float) -> dict[str, Any] | None:
         """The target view of a landing that is in charge, whoever sent it; None without one."""
         status: Status | None = self._latest(topics.STATUS)
@@ -233,22 +247,10 @@ def _tone(status: Status) -> str:
     return "flying" if status.armed else "good"
 
 
-def _progress(message: FeedbackMessage[Any]) -> str:
-    """Progress in words, from the feedback of any action."""
-    feedback = message.feedback
-    parts = ["paused"] if message.paused else []
-    if (distance_m := getattr(feedback, "distance_m", None)) is not None:
-        parts.append(f"{distance_m:.1f} m to go")
-    if (planned := getattr(feedback, "planned", None)) is not None:
-        parts.append(f"{feedback.taken} of {planned} images")
-    if (phase := getattr(feedback, "phase", None)) is not None:
-        parts.append(str(phase).replace("_", " "))
-    if message.remaining_s is not None:
-        parts.append(f"{duration(message.remaining_s)} left")
-    return " · ".join(parts) or "running"
-
-
-def _done(message: FeedbackMessage[Any]) -> float | None:
-    """Fraction of a goal's images that are taken; None for other goals."""
-    planned = getattr(message.feedback, "planned", 0)
-    return message.feedback.taken / planned if planned else None
+def _typed(message: FeedbackMessage[Any]) -> FeedbackMessage[Any]:
+    """The feedback of one of jezero's own actions as its struct; that of another one as its fields."""
+    action = topics.ACTIONS.get(message.action)
+    if action is not None and isinstance(message.feedback, dict):
+        with suppress(msgspec.ValidationError):  # of another version
+            return msgspec.structs.replace(message, feedback=msgspec.convert(message.feedback, action.feedback_type))
+    return message

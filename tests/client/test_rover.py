@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 from jezero import TimedOut, Vehicle
-from jezero.client.rover import Leg, read_legs
+from jezero.client import rover
+from jezero.client.rover import Leg, Wheel, read_legs
 from jezero.schemas import topics
+from jezero.schemas.commands import RoverCommand
 from jezero.schemas.sensors import RoverOdometry
 from jezero.schemas.state import Clock
 from tests.client.rig import Server, endpoint, published, server, vehicle
@@ -100,3 +102,32 @@ def test_a_rover_that_goes_on_rolling_is_reported_after_a_deadline(
 def test_a_rover_without_odometry_is_not_waited_for(vehicle: Vehicle, server: Server) -> None:
     with published(server, lambda number: Clock(t_ns=100_000_000 * number, epoch_id=1, wall_ns=number), topics.CLOCK):
         vehicle.rover.drive(0.5, for_s=0.2)
+
+
+def test_a_rover_follows_the_wheel_and_stops_when_nobody_turns_it_any_more(
+    vehicle: Vehicle, server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rover, "WHEEL_TIMEOUT_S", 0.3)
+    commands: list[tuple[float, float]] = []
+
+    def on_command(command: RoverCommand) -> None:
+        commands.append((command.speed_rover_body_mps, command.yaw_rate_rover_rps))
+
+    wheel = Wheel()
+    wheel.turn(0.5, -0.2)
+    with rolling(server, repeat(0.0)), vehicle.subscribe(topics.ROVER_COMMAND, on_command):
+        vehicle.rover.steer(wheel)
+    assert commands[0] == (0.5, -0.2)
+    assert commands[-1] == (0.0, 0.0)
+
+
+def test_a_wheel_that_is_let_go_has_no_motion_and_one_that_is_turned_too_far_is_refused() -> None:
+    wheel = Wheel()
+    motions = [wheel.motion]
+    wheel.turn(0.5, 0.0)
+    motions.append(wheel.motion)
+    wheel.release()
+    motions.append(wheel.motion)
+    assert motions == [None, (0.5, 0.0), None]
+    with pytest.raises(ValueError, match="speed 9 m/s is not within"):
+        wheel.turn(9.0, 0.0)

@@ -75,7 +75,8 @@ A running stack describes its actions itself, with the JSON Schema of goal, feed
 zenoh --mode client --connect tcp/127.0.0.1:7447 get --decoder text --selector 'jezero/uav1/action/*/description'
 ```
 
-`jezero info actions --json` prints the same without a stack.
+`jezero info actions --json` prints the same without a stack. A request on `action/*/running` finds the goal that is
+flown: its fields, its clients, its plan, and the images so far. Both have no effect.
 
 Positions are metres north, east and **down**, so that a negative z is up.
 [Frames](../concepts/frames-and-time.md#frames) explains `world` and `rover`. Quaternions are `[w, x, y, z]`. Bounds of

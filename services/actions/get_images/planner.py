@@ -86,7 +86,7 @@ class GetImagesPlanner:
 def shape_refusal(goal: GetImagesGoal, settings: GetImagesConfig, limits: VehicleLimitsConfig) -> str:
     """Reason why no vehicle could fly the goal, with what to change, or ""."""
     if not 1 <= goal.num_images <= IMAGES_MAX:
-        return f"{goal.num_images} pictures: ask for 1 to {IMAGES_MAX}"
+        return f"num_images {goal.num_images} is not within 1 to {IMAGES_MAX}"
     if not goal.radius_m >= settings.radius_min_m:
         least_m = settings.radius_min_m
         return f"radius {goal.radius_m:g} m is too small: the vehicle flies around at {least_m:g} m or more"

@@ -88,6 +88,7 @@ class GoalRun:
         clients: that sent it and are still connected.
         capture: the pictures that it takes, if it does.
         plan_only: whether it is only planned.
+        coverage: plan of an area coverage, as soon as there is one.
     """
 
     def __init__(
@@ -112,7 +113,7 @@ class GoalRun:
         self._accepted = Accepted(goal_id=goal_id, warning=warning)
         self._pictures = pictures
         self._stage: _New | _Admitting | _Checking | PreparationRun | _Acquiring | GoalFlight | _Over = _New()
-        self._coverage = plan.coverage
+        self.coverage = plan.coverage
         self._cancel_reason = ""
         self._modification: Modification | None = None
         self._arrived_ns = 0
@@ -137,6 +138,11 @@ class GoalRun:
     def stage(self) -> str:
         """Name of the present stage; "over" at the end."""
         return self._stage.stage if isinstance(self._stage, GoalFlight) else self._stage.name
+
+    @property
+    def is_flown(self) -> bool:
+        """Whether the goal has been accepted and has not ended."""
+        return isinstance(self._stage, GoalFlight) and self._stage.stage != "over"
 
     @property
     def result(self) -> Result[Any] | None:
@@ -304,7 +310,7 @@ class GoalRun:
         elif outcome is not None:
             texts = [text for text in (self._accepted.warning, outcome.warning) if text]
             self._accepted = replace(self._accepted, warning="; ".join(texts))
-            self._coverage = outcome.coverage
+            self.coverage = outcome.coverage
             yield from self._acquire(t_ns, inbox, outcome.start)
         elif odometry is not None:
             yield from stage.feedback(t_ns, self._view.state(t_ns, inbox, odometry), inbox.latest(STATUS))
@@ -389,7 +395,7 @@ class GoalRun:
             battery_used=None if planned is None else self._battery.used(planned.time_s),
             battery_remaining=None if battery is None else battery.remaining,
             battery_critical=None if battery is None else battery.critical,
-            coverage=self._coverage,
+            coverage=self.coverage,
             path_ned_m=flight.planned_path_ned_m(),
         )
         yield from (Reply(watcher, reply) for watcher in self._context.watchers)

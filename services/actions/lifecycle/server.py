@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 
 from jezero.runtime.service import Health, Inbox, Output, Reply, Request, SetRate, Spec, Subscribe
-from jezero.schemas.actions import Accepted, CancelReply, Goal, PlanReply, Rejected, Result, ResultReply
+from jezero.schemas.actions import Accepted, CancelReply, Goal, PlanReply, Rejected, Result, ResultReply, RunningGoal
 from jezero.schemas.images import GetImage
 from jezero.schemas.state import Status
 from jezero.schemas.topics import (
@@ -107,6 +107,8 @@ class ActionServer:
             yield Reply(request.request_id, self._result_reply(request.payload.goal_id))
         for request in inbox.requests(self._action.describe):
             yield Reply(request.request_id, self._action.description)
+        for request in inbox.requests(self._action.running):
+            yield Reply(request.request_id, self._flown_goal())
         if self._pictures is not None:
             for request in inbox.requests(self._action.image):
                 wanted: GetImage = request.payload
@@ -222,6 +224,20 @@ class ActionServer:
         run.clients = [client for client in run.clients if client not in inbox.departed_clients]
         if not run.clients and (run.plan_only or run.goal.on_client_loss == "cancel"):
             run.cancel("its client vanished")
+
+    def _flown_goal(self) -> RunningGoal:
+        """The goal that is flown; a goal that is not accepted yet, or only planned, is none."""
+        run = self._run
+        if run is None or not run.is_flown:
+            return RunningGoal(action=self._action.name)
+        return RunningGoal(
+            action=self._action.name,
+            goal_id=run.goal_id,
+            clients=tuple(run.clients),
+            goal=msgspec.to_builtins(run.goal),
+            coverage=run.coverage,
+            images=() if run.capture is None else run.capture.images(),
+        )
 
     def _cancel_reply(self, goal_id: str) -> CancelReply:
         if self._run is not None and self._run.goal_id == goal_id:

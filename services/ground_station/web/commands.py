@@ -1,22 +1,31 @@
 """What the buttons do: every command is a request of the SDK, and its outcome is a sentence."""
 
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
 from nicegui import ui
 
 from jezero.aio import JezeroError, Refused, Vehicle
+from jezero.client.rover import Wheel
 from jezero.schemas.actions import PlanReply
+from jezero.schemas.topics import Action
 from jezero.services.ground_station.events import Tone
 from jezero.services.ground_station.web.pilot_link import PilotLink
 
 
 class Commands:
-    """The commands of one page."""
+    """The commands of one page.
+
+    Attributes:
+        sent: ids of the goals that were sent from this page.
+    """
 
     def __init__(self, feed: PilotLink) -> None:
         self._feed = feed
+        self.sent: set[str] = set()
+        self._wheel = Wheel()
+        self._drives = False
 
     async def hover(self) -> None:
         """Hover here, which ends the goal in charge."""
@@ -37,22 +46,33 @@ class Commands:
         """Stop the motors."""
         await self._request("Kill", lambda uav: uav.kill(confirm=True), "The motors are stopped")
 
-    async def send(self, action: str, fields: dict[str, Any]) -> str:
+    async def cancel(self, goal: Mapping[str, Any], owner: str) -> None:
+        """Cancel the goal that is shown, of whichever client."""
+        name = f"{goal['words']} ({owner})" if owner else goal["words"]
+        await self._request(
+            f"Cancel of {name}",
+            lambda uav: uav.actions.cancel(goal["action"], goal["goal_id"]),
+            f"{name} is canceled: the vehicle hovers",
+        )
+
+    async def send(self, action: Action[Any], fields: Mapping[str, Any]) -> str:
         """Send a goal; returns "" when it is accepted, else the reason of the refusal."""
-        uav = self._feed.uav
+        uav, name = self._feed.uav, action.name.replace("_", " ")
         if uav is None:
             return self._feed.problem
         try:
             goal = await uav.send(action, **fields)
         except (JezeroError, ValueError) as error:
-            self._note("warning", f"{action.replace('_', ' ')} was refused: {error}")
-            return str(error)
-        self._note("good", f"{action.replace('_', ' ')} was accepted")
+            reason = str(error).removeprefix(f"{action.name}: ")
+            self._note("warning", f"{name} was refused: {reason}")
+            return reason
+        self.sent.add(goal.goal_id)
+        self._note("good", f"{name} was accepted")
         if goal.warning:
             self._note("warning", goal.warning)
         return ""
 
-    async def plan(self, action: str, fields: dict[str, Any]) -> PlanReply | str:
+    async def plan(self, action: Action[Any], fields: Mapping[str, Any]) -> PlanReply | str:
         """The plan of a goal that is not flown; the reason when there is none."""
         uav = self._feed.uav
         if uav is None:
@@ -60,7 +80,27 @@ class Commands:
         try:
             return await uav.plan(action, **fields)
         except (JezeroError, ValueError) as error:
-            return str(error)
+            return str(error).removeprefix(f"{action.name}: ")
+
+    # -- rover --
+
+    async def steer(self, speed_mps: float, yaw_rate_rps: float) -> None:
+        """Drive the rover until `release`, or until no other call comes within half a second."""
+        try:
+            self._wheel.turn(speed_mps, yaw_rate_rps)
+        except ValueError as error:
+            self._note("warning", str(error))
+            return
+        if not self._drives:
+            self._drives = True
+            try:
+                await self._request("Driving the rover", lambda uav: uav.rover.steer(self._wheel), "")
+            finally:
+                self._drives = False
+
+    def release(self) -> None:
+        """Stop the rover."""
+        self._wheel.release()
 
     async def _request(self, name: str, request: Callable[[Vehicle], Awaitable[object]], done: str) -> None:
         uav = self._feed.uav
@@ -71,7 +111,8 @@ class Commands:
         except JezeroError as error:
             self._note("bad", f"{name} failed: {error}")
         else:
-            self._note("good", done)
+            if done:
+                self._note("good", done)
 
     def _note(self, tone: Tone, text: str) -> None:
         if not self._feed.refusal:  # who watches writes nothing into the list that all pages show

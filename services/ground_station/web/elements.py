@@ -9,8 +9,12 @@ from nicegui.elements import scene as _three  # noqa: F401 - registers three.js,
 STATIC = Path(__file__).parent / "static"
 
 
-class View3D(Element, component="static/view3d.js", esm={"jezero-models": "static/models"}):
-    """Vehicle, rover and ground in space."""
+class View3D(
+    Element,
+    component="static/view3d.js",
+    esm={"jezero-models": "static/models", "jezero-ground-click": "static/ground_click"},
+):
+    """Vehicle, rover and ground in space; it emits `point` for a click on the ground."""
 
     def __init__(self, robot: dict[str, Any]) -> None:
         super().__init__()
@@ -30,12 +34,25 @@ class Target(Element, component="static/target.js"):
             self.props["landing"] = landing
 
 
-class Map(Element, component="static/map.js"):
-    """The map from above; it emits `point` and `area`."""
+class Map(Element, component="static/map.js", esm={"jezero-area": "static/area"}):
+    """The map from above; it emits `point`, `area`, `file` (of an area), `export` and `photos`."""
 
     def __init__(self, robot: dict[str, Any]) -> None:
         super().__init__()
         self.props["robot"] = robot
+
+    @property
+    def shows_photos(self) -> bool:
+        """Whether the images of a goal are shown on the ground."""
+        return bool(self.props.get("photos"))
+
+    def show_photos(self, shows: bool) -> None:
+        """Show the images of a goal on the ground, or not."""
+        self.props["photos"] = shows
+
+
+class RoverPad(Element, component="static/rover_pad.js"):
+    """A pad that drives the rover while it is held; it emits `drive` with two parts from -1 to 1, and `release`."""
 
 
 class Readings(Element, component="static/readings.js"):

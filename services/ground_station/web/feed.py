@@ -5,12 +5,13 @@ import time
 from typing import Any
 
 from jezero.aio import JezeroError, Vehicle
-from jezero.plugins import all_actions
 from jezero.schemas import topics
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.terrain import Ground
 from jezero.schemas.topics import Topic
 from jezero.services.ground_station.state import WATCHED, VehicleState
+from jezero.services.ground_station.web.coverage_map import CoverageMap
+from jezero.services.ground_station.web.stack_actions import ALL_FEEDBACK, StackActions
 
 ALL_HEALTH = Topic("health/*", ServiceHealth, 1.0, "every service")
 RETRY_S = 1.0
@@ -21,6 +22,8 @@ class Feed:
 
     Attributes:
         state: what arrived.
+        actions: the actions of the stack.
+        coverage_map: the map of the images of the goal in charge.
         problem: why there is no connection yet; "" with one.
         ground: ground of the simulator; None while nobody has looked, and without a simulator.
         ground_version: grows with each reply to a request for the ground, also with one that there is none.
@@ -28,6 +31,8 @@ class Feed:
 
     def __init__(self, vehicle: str, router: str) -> None:
         self.state = VehicleState()
+        self.actions = StackActions(self.state)
+        self.coverage_map = CoverageMap(self.state, self.actions)
         self.vehicle, self.router = vehicle, router
         self.ground: Ground | None = None
         self.ground_version = 0
@@ -63,8 +68,10 @@ class Feed:
                 self.problem = str(error)
                 await asyncio.sleep(RETRY_S)
         self.problem = ""
-        feedback: list[Topic[Any]] = [topics.feedback_of(action) for action in all_actions().values()]
-        self._always = [self._reading(topic) for topic in (*feedback, topics.STATUS, ALL_HEALTH)]
+        self._always = [self._reading(topic) for topic in (ALL_FEEDBACK, topics.STATUS, ALL_HEALTH)]
+        self._always += [
+            asyncio.create_task(follow(self._uav)) for follow in (self.actions.follow, self.coverage_map.follow)
+        ]
         self._watch()
 
     async def close(self) -> None:

@@ -25,10 +25,12 @@ from jezero.services.ground_station.web.elements import (
 )
 from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.fly import FlyPanel
+from jezero.services.ground_station.web.goal_bar import GoalBar, is_local
 from jezero.services.ground_station.web.lists import Events, Services
 from jezero.services.ground_station.web.pilot_link import PilotLink
 from jezero.services.ground_station.web.playback_bar import PlaybackBar
 from jezero.services.ground_station.web.playback_feed import RECORDED, PlaybackFeed
+from jezero.services.ground_station.web.rover_panel import RoverPanel
 from jezero.services.ground_station.web.topic_watch import TopicWatch
 
 SLOW = 5
@@ -59,10 +61,13 @@ class Page:
         self._access, self._token = access, token
         self._robot = robot
         self._commands = Commands(PilotLink(feed, self._refusal))
+        self._fly: FlyPanel | None = None
+        """None for a recording."""
         self._count = 0
         self._ground_version = 0
         self._period_camera_s = 1.0 / config.rate_camera_hz
         ui.add_css(STATIC / "style.css")
+        ui.add_css(STATIC / "fly.css")
         ui.query("body").classes("ground")
         keys = Keys()
         Watchdog()
@@ -78,6 +83,7 @@ class Page:
             else:
                 keys.on("hover", self._commands.hover).on("abort", self._commands.abort)
         ui.timer(1.0 / config.rate_hz, self._refresh)
+        ui.timer(0.1, self._recall, once=True)
 
     # -- layout --
 
@@ -109,6 +115,8 @@ class Page:
         with ui.element("section").classes("stage"):
             self._view = View3D(self._robot).classes("layer").on("ready", self._draw_ground)
             self._map = Map(self._robot).classes("layer layer-off")
+            self._map.show_photos(isinstance(self._feed, Feed) and is_local(self._feed.router))
+            self._map.on("photos", lambda event: self._map.show_photos(bool(event.args)))
             with ui.element("div").classes("stage-tools"):
                 self._which = ui.toggle(VIEWS, value="3d", on_change=self._switch).props("no-caps dense unelevated")
                 self._angle = ui.toggle(CAMERAS, value="follow", on_change=self._aim).props("no-caps dense unelevated")
@@ -116,14 +124,7 @@ class Page:
                 with ui.element("summary"):
                     ui.label("Camera")
                 Camera(self._pictures, self._period_camera_s)
-            with ui.element("div").classes("progress"):
-                self._goal_text = ui.label()
-                self._goal_bar = ui.linear_progress(0.0, show_value=False).props("rounded")
-                self._goal_pause = ui.button("Pause", on_click=self._commands.pause_or_resume).props("no-caps dense")
-                self._goal_pause.props('data-mark="pause"')
-                self._goal_cancel = ui.button("Cancel", on_click=self._commands.hover).props("no-caps dense")
-            for element in (self._goal_text, self._goal_bar, self._goal_cancel):
-                element.set_visibility(False)
+            self._goal = GoalBar(self._feed, self._commands, self._map)
 
     def _side(self) -> None:
         with ui.element("aside").classes("side"):
@@ -131,7 +132,9 @@ class Page:
                 self._horizon = Horizon()
                 self._readings = Readings().classes("readings-main")
                 self._details = Readings().classes("readings-more")
-            self._fly = FlyPanel(self._commands, self._map, self._view, self._show_map)
+            if isinstance(self._feed, Feed):
+                self._fly = FlyPanel(self._feed, self._commands, self._map, self._view, self._show_map)
+                RoverPanel(self._commands)
             with ui.element("section").classes("card"):
                 ui.label("Events").classes("card-title")
                 self._events = Events()
@@ -182,16 +185,15 @@ class Page:
         self._view.run_method("setPhotos", state.photos())
         self._events.show(state.event_rows(now_s))
         self._services.show(state.services(now_s))
-        goal = state.goal(now_s)
-        self._goal_text.set_text("" if goal is None else f"{goal['words']} · {goal['text']}")
-        self._goal_pause.set_text("Resume" if state.paused else "Pause")
-        for element in (self._goal_text, self._goal_bar, self._goal_pause, self._goal_cancel):
-            element.set_visibility(goal is not None)
-        done = None if goal is None else goal["done"]
-        self._goal_bar.set_visibility(done is not None)
-        self._goal_bar.set_value(done or 0.0)
+        if self._fly is not None:
+            self._fly.refresh()
+        self._goal.refresh(now_s, self._which.value == "map")
 
     # -- views --
+
+    async def _recall(self) -> None:
+        if self._fly is not None and await self._fly.recall() == "map":
+            self._show_map()
 
     def _draw_ground(self) -> None:
         self._view.run_method("setGround", ground_shape(self._feed.ground))
@@ -204,6 +206,7 @@ class Page:
         self._map.classes(remove="layer-off") if shows_map else self._map.classes("layer-off")
         self._view.classes("layer-off") if shows_map else self._view.classes(remove="layer-off")
         self._angle.set_visibility(not shows_map)
+        self._map.run_method("keep", "view", self._which.value)
 
     def _aim(self) -> None:
         self._view.run_method("setMode", self._angle.value)

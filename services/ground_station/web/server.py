@@ -74,6 +74,7 @@ class PageServer:
             Page(feed, access, token_of(request), shapes, config, pictures)
 
         RecordingPages(Recordings(recordings), show_recording).add_routes(site)
+        site.add_api_route("/coverage.webp", self._send_coverage)
 
         @ui.page("/", title=f"{vehicle} · jezero", dark=True)
         def show(request: Request) -> Response | None:
@@ -146,3 +147,7 @@ class PageServer:
         uav = self._feed.uav
         picture = None if uav is None else await self._camera.picture(uav)
         return Response(status_code=204) if picture is None else Response(picture, media_type="image/jpeg")
+
+    async def _send_coverage(self) -> Response:
+        picture = self._feed.coverage_map.picture
+        return Response(picture, media_type="image/webp") if picture else Response(status_code=204)

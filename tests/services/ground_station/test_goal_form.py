@@ -1,10 +1,12 @@
 """Forms from the goal types, and goals from what was typed."""
 
+from math import radians
+
 import msgspec
 import pytest
 
 from jezero.schemas.topics import ACTIONS, AREA_COVERAGE, GET_IMAGES, GO_TO, TAKEOFF
-from jezero.services.ground_station.goal_form import Field, form_of, goal_from
+from jezero.services.ground_station.goal_form import Field, form_of, goal_from, named_field
 
 
 def fields_of(name: str) -> dict[str, Field]:
@@ -66,8 +68,36 @@ def test_missing_fields_are_told() -> None:
 
 def test_an_area_needs_three_corners() -> None:
     fields = [field for field in form_of(AREA_COVERAGE.description.goal)[1] if field.name == "polygon_ned_m"]
-    assert goal_from(fields, {})[1] == {"polygon_ned_m": "draw the area on the map: click its corners"}
+    assert goal_from(fields, {})[1] == {"polygon_ned_m": "Draw the area on the map: click its corners"}
     assert "2 corners" in goal_from(fields, {"polygon_ned_m": [[0, 0], [1, 1]]})[1]["polygon_ned_m"]
     assert goal_from(fields, {"polygon_ned_m": [[0, 0], [1, 1], [1, 0]]})[0] == {
         "polygon_ned_m": [[0, 0], [1, 1], [1, 0]]
     }
+
+
+@pytest.mark.parametrize(
+    ("action", "reason", "field"),
+    [
+        ("takeoff", "altitude 9000 m is not within 1 to 120 m above the ground", "altitude_m"),
+        ("go_to", "target z = 3 m is not above the ground: NED counts down, 5 m up is −5", "target_ned_m"),
+        ("go_to", "speed 20 m/s is not within 0.1 to 10 m/s", "speed_mps"),
+        ("go_to", "Expected `float` <= 6.2832 - at `$.yaw_rad`", "yaw_rad"),
+        ("go_to", "busy: goal a of area_coverage is running (status 10 COVERAGE)", ""),
+        ("get_images", "num_images 300 is not within 1 to 255", "num_images"),
+        ("get_images", "radius 0.1 m is too small: the vehicle flies around at 1 m or more", "radius_m"),
+        ("area_coverage", "hole 2 is not wholly inside the polygon: correct it, or leave it out", "holes_ned_m"),
+        ("area_coverage", "the polygon crosses or touches itself at 1.00 m north, 2.00 m east", "polygon_ned_m"),
+        ("land_on_spot", "landing_spot_ned_m is missing: it is needed without use_uwb", "landing_spot_ned_m"),
+        ("land_on_spot", "the wind of 12 m/s is stronger than 8 m/s", ""),
+    ],
+)  # fmt: skip
+def test_a_refusal_belongs_to_the_field_that_it_names_first(action: str, reason: str, field: str) -> None:
+    assert named_field(reason, form_of(ACTIONS[action].description.goal)[1]) == field
+
+
+def test_an_angle_is_typed_in_degrees_and_sent_in_radians() -> None:
+    yaw = fields_of("go_to")["yaw_rad"]
+    assert (yaw.label, yaw.unit, yaw.minimum, yaw.maximum) == ("yaw", "°", -360.0, 360.0)
+    goal, problems = goal_from([yaw], {"yaw_rad": "90"})
+    assert not problems
+    assert goal["yaw_rad"] == pytest.approx(radians(90.0))

@@ -122,26 +122,6 @@ def test_a_service_that_stopped_publishing_is_silent() -> None:
     assert state.services(5.0)[0]["state"] == "silent"
 
 
-def test_the_progress_of_another_clients_goal_is_shown() -> None:
-    state = shown(code=10, in_charge="goal", action="area_coverage", goal_id="theirs")
-    feedback = ImagesFeedback(pos_uav_ned_m=(0.0, 0.0, -4.0), taken=3, planned=12)
-    message = FeedbackMessage(
-        t_ns=0, goal_id="theirs", action="area_coverage", code=10, feedback=feedback, remaining_s=75.0
-    )
-    state.update(0.1, feedback_of(topics.AREA_COVERAGE), message)
-    goal = state.goal(0.2)
-    assert goal is not None
-    assert goal["text"] == "3 of 12 images · flying · 1 min 15 s left"
-    assert goal["done"] == 0.25
-    late = state.goal(5.0)
-    assert late is not None
-    assert late["text"] == "no news of its progress"
-
-
-def test_without_a_goal_in_charge_there_is_no_progress() -> None:
-    assert shown().goal(0.1) is None
-
-
 def test_the_trail_begins_again_in_a_new_epoch() -> None:
     state = shown()
     state.update(1.0, topics.STATUS, FLIGHT.at(5.0, 0.0, -3.0).status())

@@ -1,9 +1,11 @@
 // Space hovers and Esc aborts, also while a button has the focus: Space must not press that button again.
+const TEXT = "input:not([type=checkbox], [type=radio], [type=range], [type=file]), textarea, [contenteditable]";
+
 export default {
   template: "<span hidden></span>",
   mounted() {
     this.listen = (event) => {
-      const typing = event.target.matches?.("input:not([type=checkbox]), textarea, [contenteditable]");
+      const typing = event.target.matches?.(TEXT) && !event.target.readOnly;
       if (event.key === "Escape") {
         if (event.type === "keydown" && !event.repeat) this.$emit("abort");
       } else if (event.key === " " && !typing) {

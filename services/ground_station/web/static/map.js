@@ -1,25 +1,50 @@
-// The map: north is up, metres of the world frame. Points are clicked, areas are drawn, a plan is shown.
+// The map: north is up, metres of the world frame. Points are clicked, areas are drawn, goals and plans are shown.
+import { AreaEditor } from "jezero-area";
 
 const MIN_SCALE = 1, MAX_SCALE = 300; // pixels a metre
 const GRIDS = [0.5, 1, 2, 5, 10, 20, 50, 100];
+const FILE_MAX = 500_000; // bytes of an area file
+const CLICK_PX = 5;
 
 export default {
   template: `<div class="map">
-    <canvas ref="canvas" @pointerdown="down" @pointermove="move" @pointerup="up" @pointercancel="drag = null"
-      @wheel.prevent="wheel" @contextmenu.prevent></canvas>
+    <canvas ref="canvas" tabindex="0" @pointerdown="down" @pointermove="move" @pointerup="up" @pointercancel="drag = null"
+      @keydown.delete="removeSelected" @keydown.ctrl.z.prevent="edit('undo')" @wheel.prevent="wheel" @contextmenu.prevent></canvas>
+    <div class="map-tools" v-if="mode === 'area'">
+      <button type="button" data-mark="area-hole" :class="{ on: hole }" @click="edit('toggleHole')">{{ hole ? "Hole done" : "Draw hole" }}</button>
+      <button type="button" data-mark="area-undo" :disabled="!undoable" @click="edit('undo')">Undo</button>
+      <button type="button" data-mark="area-delete" :disabled="!selected" @click="removeSelected">Delete corner</button>
+      <button type="button" data-mark="area-clear" :disabled="!corners" @click="edit('set', [])">Clear</button>
+      <button type="button" data-mark="area-import" @click="$refs.file.click()">Import</button>
+      <button type="button" data-mark="area-export" :disabled="corners < 3" @click="$emit('export')">Export</button>
+      <input ref="file" type="file" hidden accept=".geojson,.json,.kml,.csv,.plan" @change="read" data-mark="area-file" />
+    </div>
+    <div class="map-zoom">
+      <button type="button" title="closer" @click="zoom(1.5)">+</button>
+      <button type="button" title="farther" @click="zoom(1 / 1.5)">−</button>
+      <button type="button" title="show all" data-mark="map-fit" @click="fit">⤢</button>
+      <button type="button" title="show the images on the ground" data-mark="map-photos" :class="{ on: photos }"
+        @click="$emit('photos', !photos)">▦</button>
+    </div>
     <div class="map-place">{{ place }}</div>
   </div>`,
-  props: { robot: Object },
+  props: { robot: Object, photos: Boolean },
   data() {
-    return { place: "" };
+    return { place: "", mode: "look", hole: false, undoable: false, selected: false, corners: 0 };
   },
   mounted() {
-    Object.assign(this, { center: [0, 0], scale: 40, mode: "look", trail: [], plan: null, area: [], point: null, state: null, drag: null });
+    Object.assign(this, { center: [0, 0], scale: 40, trail: [], plan: null, goal: null, point: null, state: null, drag: null });
+    this.area = new AreaEditor();
     this.sizes = new ResizeObserver(() => this.draw());
     this.sizes.observe(this.$el);
   },
   unmounted() {
     this.sizes.disconnect();
+  },
+  watch: {
+    photos() {
+      this.draw();
+    },
   },
   methods: {
     update(state) {
@@ -29,21 +54,66 @@ export default {
     setTrail(points) {
       this.trail = points;
     },
+    // What this page plans: {path, pictures}.
     setPlan(plan) {
       this.plan = plan;
       this.draw();
     },
+    // The goal that is flown, of whichever client: {path, pictures, taken}.
+    setGoal(goal) {
+      this.goal = { ...goal, taken: new Set(goal.taken) };
+      this.draw();
+    },
+    setMosaic(mosaic) {
+      if (!mosaic || mosaic.url === this.mosaic?.url) return;
+      const image = new Image();
+      image.onload = () => {
+        this.mosaic = { ...mosaic, image };
+        this.draw();
+      };
+      image.src = mosaic.url;
+    },
     setMode(mode) {
       this.mode = mode;
       this.$refs.canvas.style.cursor = mode === "look" ? "grab" : "crosshair";
-    },
-    setArea(points) {
-      this.area = points;
       this.draw();
     },
     setPoint(point) {
       this.point = point;
       this.draw();
+    },
+    // -- the area --
+    setArea(rings) {
+      this.area.set(rings);
+      this.changed(false);
+      if (rings.length) this.fit();
+    },
+    // What the browser keeps for the next load of the page: the area, the open tab, the view.
+    keep(name, value) {
+      localStorage.setItem(`jezero-${name}`, JSON.stringify(value));
+    },
+    kept() {
+      return Object.fromEntries(["area", "tab", "view"].map((name) => [name, parsed(localStorage.getItem(`jezero-${name}`))]));
+    },
+    edit(what, ...args) {
+      this.area[what](...args);
+      this.changed(what !== "toggleHole");
+    },
+    removeSelected() {
+      if (this.area.selected) this.edit("remove", this.area.selected);
+    },
+    changed(emits) {
+      const { active, history, selected, corners } = this.area;
+      Object.assign(this, { hole: active > 0, undoable: history.length > 0, selected: !!selected, corners });
+      if (emits) this.$emit("area", this.area.finished);
+      this.draw();
+    },
+    async read(event) {
+      const file = event.target.files[0];
+      event.target.value = "";
+      if (!file) return;
+      if (file.size > FILE_MAX) this.$emit("file", { name: file.name, size: file.size, text: "" });
+      else this.$emit("file", { name: file.name, size: file.size, text: await file.text() });
     },
     // -- places and pixels --
     toPixel([north, east]) {
@@ -55,28 +125,33 @@ export default {
       const x = event.clientX - box.left - box.width / 2, y = event.clientY - box.top - box.height / 2;
       return [this.center[0] - y / this.scale, this.center[1] + x / this.scale].map((part) => Math.round(100 * part) / 100);
     },
-    near(place) {
-      const [x, y] = this.toPixel(place);
-      return this.area.findIndex((corner) => {
-        const [cx, cy] = this.toPixel(corner);
-        return Math.hypot(cx - x, cy - y) < 12;
-      });
+    at(event) {
+      const box = this.$el.getBoundingClientRect();
+      return [event.clientX - box.left, event.clientY - box.top];
     },
     // -- pointer --
     down(event) {
       this.$refs.canvas.setPointerCapture(event.pointerId);
-      const place = this.toPlace(event), corner = this.mode === "area" ? this.near(place) : -1;
-      this.drag = { x: event.clientX, y: event.clientY, center: [...this.center], moved: false, corner };
+      const found = this.mode === "area" && event.button !== 1 ? this.area.near(this.at(event), (place) => this.toPixel(place)) : null;
+      this.drag = { x: event.clientX, y: event.clientY, center: [...this.center], moved: false, ...found };
     },
     move(event) {
-      const place = this.toPlace(event);
+      const place = this.toPlace(event), drag = this.drag;
       this.place = `${place[0].toFixed(1)} m north, ${place[1].toFixed(1)} m east`;
-      if (!this.drag) return;
-      const dx = event.clientX - this.drag.x, dy = event.clientY - this.drag.y;
-      if (Math.hypot(dx, dy) > 4) this.drag.moved = true;
-      if (!this.drag.moved) return;
-      if (this.drag.corner >= 0) this.area[this.drag.corner] = place;
-      else this.center = [this.drag.center[0] + dy / this.scale, this.drag.center[1] - dx / this.scale];
+      if (!drag) return;
+      const dx = event.clientX - drag.x, dy = event.clientY - drag.y;
+      if (!drag.moved && Math.hypot(dx, dy) > CLICK_PX) {
+        drag.moved = true;
+        if (drag.corner) this.area.remember();
+        if (drag.edge) {
+          this.area.insert(...drag.edge, place);
+          drag.corner = drag.edge;
+        }
+        if (drag.corner) this.area.selected = drag.corner;
+      }
+      if (!drag.moved) return;
+      if (drag.corner) this.area.move(drag.corner, place);
+      else this.center = [drag.center[0] + dy / this.scale, drag.center[1] - dx / this.scale];
       this.draw();
     },
     up(event) {
@@ -84,18 +159,37 @@ export default {
       this.drag = null;
       if (!drag) return;
       if (drag.moved) {
-        if (drag.corner >= 0) this.$emit("area", this.area);
+        if (drag.corner) this.changed(true);
         return;
       }
       const place = this.toPlace(event);
-      if (this.mode === "point") {
-        this.point = place;
-        this.$emit("point", place);
-      } else if (this.mode === "area") {
-        if (event.button === 2 && drag.corner >= 0) this.area.splice(drag.corner, 1);
-        else if (drag.corner < 0) this.area.push(place);
-        this.$emit("area", this.area);
+      if (this.mode === "point" && event.button === 0) this.$emit("point", place);
+      else if (this.mode === "area") this.click(drag, place, event.button);
+      this.draw();
+    },
+    click({ corner, edge }, place, button) {
+      if (corner && button === 2) this.edit("remove", corner);
+      else if (button !== 0) return;
+      else if (edge) this.edit("insert", ...edge, place);
+      else if (!corner) this.edit("add", place);
+      else {
+        this.area.selected = corner;
+        this.changed(false);
       }
+    },
+    zoom(factor) {
+      this.scale = Math.min(MAX_SCALE, Math.max(MIN_SCALE, this.scale * factor));
+      this.draw();
+    },
+    fit() {
+      const places = [...this.area.rings.flat(), ...(this.plan?.path ?? []), ...(this.goal?.path ?? [])];
+      for (const thing of [this.state?.vehicle, this.state?.rover]) if (thing) places.push(thing.pos);
+      if (!places.length || !this.$el.clientWidth) return;
+      const [norths, easts] = [0, 1].map((axis) => places.map((place) => place[axis]));
+      const [top, bottom, right, left] = [Math.max(...norths), Math.min(...norths), Math.max(...easts), Math.min(...easts)];
+      this.center = [(top + bottom) / 2, (left + right) / 2];
+      const scale = Math.min(this.$el.clientHeight / (top - bottom + 4), this.$el.clientWidth / (right - left + 4));
+      this.scale = Math.min(60, Math.max(MIN_SCALE, 0.9 * scale));
       this.draw();
     },
     wheel(event) {
@@ -115,23 +209,31 @@ export default {
       if (!w || !h) return;
       if (canvas.width !== w * ratio || canvas.height !== h * ratio) [canvas.width, canvas.height] = [w * ratio, h * ratio];
       const c = canvas.getContext("2d", { willReadFrequently: true }); // drawn by the processor: few lines, also without a graphics card
+      c.setTransform(1, 0, 0, 1, 0, 0);
+      c.drawImage(this.ground(w, h, ratio), 0, 0);
       c.setTransform(ratio, 0, 0, ratio, 0, 0);
-      c.fillStyle = "#5a3524";
-      c.fillRect(0, 0, w, h);
-      this.drawGrid(c, w, h);
+      this.area.draw(c, (place) => this.toPixel(place), this.mode === "area");
+      if (this.plan && !this.goal?.path.length) this.drawFlight(c, this.plan, "#ffd34d");
+      if (this.goal) this.drawFlight(c, this.goal, "#ffa63d");
       this.drawLine(c, this.trail, "#2f9bff", 2.5);
-      if (this.plan) {
-        this.drawLine(c, this.plan.path, "#ffd34d", 2);
-        c.fillStyle = "#ffd34d";
-        for (const place of this.plan.pictures) {
-          const [x, y] = this.toPixel(place);
-          c.fillRect(x - 1.5, y - 1.5, 3, 3);
-        }
-      }
-      this.drawArea(c);
       this.drawRover(c);
       this.drawPoint(c);
       this.drawVehicle(c);
+    },
+    // The ground with its images and the grid, drawn again only when the view or the images change.
+    ground(w, h, ratio) {
+      const view = [w, h, ratio, this.scale, ...this.center, this.photos && this.mosaic?.url].join();
+      if (view === this.groundView) return this.groundCanvas;
+      this.groundView = view;
+      this.groundCanvas ??= document.createElement("canvas");
+      [this.groundCanvas.width, this.groundCanvas.height] = [w * ratio, h * ratio];
+      const c = this.groundCanvas.getContext("2d", { willReadFrequently: true });
+      c.setTransform(ratio, 0, 0, ratio, 0, 0);
+      c.fillStyle = "#5a3524";
+      c.fillRect(0, 0, w, h);
+      this.drawMosaic(c);
+      this.drawGrid(c, w, h);
+      return this.groundCanvas;
     },
     drawGrid(c, w, h) {
       const step = GRIDS.find((grid) => grid * this.scale > 55) ?? 200;
@@ -163,23 +265,26 @@ export default {
       c.lineWidth = width;
       stroke(c, places.map((place) => this.toPixel(place)));
     },
-    drawArea(c) {
-      if (!this.area.length) return;
-      c.beginPath();
-      for (const corner of this.area) c.lineTo(...this.toPixel(corner));
-      c.closePath();
-      c.fillStyle = "rgba(77,210,255,.16)";
-      c.fill();
-      c.strokeStyle = "#4dd2ff";
-      c.lineWidth = 2;
-      c.stroke();
-      for (const corner of this.area) {
+    drawMosaic(c) {
+      if (!this.mosaic || !this.photos) return;
+      const { north, east, height, width, image } = this.mosaic;
+      c.drawImage(image, ...this.toPixel([north, east]), width * this.scale, height * this.scale);
+    },
+    // A path, and a mark where each image is to be taken; a taken one is full.
+    drawFlight(c, { path, pictures, taken }, color) {
+      c.setLineDash([8, 5]);
+      this.drawLine(c, path, color, 2);
+      c.setLineDash([]);
+      pictures.forEach((place, index) => {
+        const [x, y] = this.toPixel(place);
         c.beginPath();
-        c.arc(...this.toPixel(corner), 6, 0, 7);
-        c.fillStyle = "#fff";
+        c.arc(x, y, 3.5, 0, 7);
+        c.fillStyle = taken?.has(index) ? "#3ddc84" : "rgba(13,17,23,.75)";
+        c.strokeStyle = taken?.has(index) ? "#0d1117" : color;
+        c.lineWidth = 1.5;
         c.fill();
         c.stroke();
-      }
+      });
     },
     drawPoint(c) {
       if (!this.point) return;
@@ -226,6 +331,14 @@ export default {
     },
   },
 };
+
+function parsed(text) {
+  try {
+    return JSON.parse(text);
+  } catch {
+    return null;
+  }
+}
 
 function stroke(c, pixels) {
   c.beginPath();

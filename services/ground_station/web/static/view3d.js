@@ -1,4 +1,5 @@
 // The 3D view: what `update` gets is drawn in between two updates too, so that motion is smooth.
+import { makeMark, watchGround } from "jezero-ground-click";
 import { CameraView, Ground, HAZE, makeBlob, makeDome, makeLights, makeRover, makeVehicle, Marks, Path, TO_SUN } from "jezero-models";
 import { OrbitControls, THREE } from "nicegui-scene";
 
@@ -40,6 +41,7 @@ export default {
     this.build(slow);
     this.sun.castShadow = !slow;
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
+    watchGround(this.renderer.domElement, this.camera, this.ground.group, (point) => this.$emit("point", point));
     Object.assign(this.controls, { maxPolarAngle: 0.495 * Math.PI, minDistance: 0.6, maxDistance: 250, enableDamping: true });
     this.ready = true;
     this.sizes = new ResizeObserver(() => this.resize());
@@ -83,6 +85,8 @@ export default {
       this.view = new CameraView(this.robot.camera, this.ground);
       const parts = [this.ground, this.marks, this.trail, this.tail, this.plan, this.view].map((part) => part.group);
       this.ned.add(...parts, this.blob, this.roverBlob, this.vehicle, this.rover);
+      this.mark = makeMark();
+      this.ned.add(this.mark);
       this.mode = "follow";
     },
     // -- data --
@@ -130,6 +134,10 @@ export default {
     },
     setPhotos(points) {
       if (this.ready) this.marks.setPhotos(points);
+    },
+    // The point that a form has, [north, east, down], or null.
+    setPoint(point) {
+      if (this.ready) this.mark.show(point, point ? this.ground.heightAt(point[0], point[1]) : 0);
     },
     setMode(mode) {
       if (!this.ready) return;

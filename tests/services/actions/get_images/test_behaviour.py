@@ -32,8 +32,8 @@ def with_fields(**fields: object) -> GetImagesGoal:
 @pytest.mark.parametrize(
     ("fields", "reason"),
     [
-        ({"num_images": 0}, "0 pictures: ask for 1 to 255"),
-        ({"num_images": 256}, "256 pictures: ask for 1 to 255"),
+        ({"num_images": 0}, "num_images 0 is not within 1 to 255"),
+        ({"num_images": 256}, "num_images 256 is not within 1 to 255"),
         ({"radius_m": 0.0}, "radius 0 m is too small"),
         ({"radius_m": -1.0}, "radius -1 m is too small"),
         ({"radius_m": 600.0}, "beyond the limit of 500 m"),

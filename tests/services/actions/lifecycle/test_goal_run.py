@@ -13,12 +13,14 @@ from jezero.schemas.actions import (
     Cancel,
     Feedback,
     GetResult,
+    GetRunning,
     GoToGoal,
     LandOnSpotGoal,
     MoveFeedback,
     MoveResult,
     Rejected,
     Result,
+    RunningGoal,
     TakeoffGoal,
 )
 from jezero.schemas.state import StatusCode
@@ -363,3 +365,24 @@ def test_the_same_seed_gives_the_same_bytes() -> None:
         return log
 
     assert fly() == fly()
+
+
+def test_a_server_replies_which_goal_it_flies_and_whose_it_is() -> None:
+    world = World()
+    assert running(world).goal_id == ""
+    answers = world.flying(FAR, client="me")
+    flown = running(world)
+    assert (flown.goal_id, flown.clients) == ("far", ("me",))
+    assert flown.goal["target_ned_m"] == [20.0, 0.0, -3.0]
+    assert flown.coverage is None
+    world.bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="far"))
+    world.end(answers)
+    assert running(world).goal_id == ""
+
+
+def running(world: World) -> RunningGoal:
+    request = world.bus.send_request(topics.GO_TO.running, GetRunning())
+    assert world.bus.run_for(1.0, lambda: request.ended)
+    (reply,) = request.replies
+    assert isinstance(reply, RunningGoal)
+    return reply
