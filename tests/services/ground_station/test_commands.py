@@ -11,11 +11,18 @@ pytest.importorskip("nicegui", reason="the extra jezero[ground] is not installed
 
 from nicegui import ui
 
+from jezero.schemas.topics import GO_TO
 from jezero.services.ground_station.state import VehicleState
 from jezero.services.ground_station.web.commands import Commands
 from jezero.services.ground_station.web.pilot_link import PilotLink
 
-EXAMPLES: dict[str, Any] = {"str": "takeoff", "dict[str, Any]": {}, "float": 0.0, "list[list[float]]": []}
+EXAMPLES: dict[str, Any] = {
+    "str": "takeoff",
+    "float": 0.0,
+    "collections.abc.Mapping[str, typing.Any]": {"words": "go to", "action": "go_to", "goal_id": "1"},
+    "jezero.schemas.topics.Action[typing.Any]": GO_TO,
+}
+"""An argument of each type that commands have."""
 
 
 class UntouchedVehicle:
@@ -38,7 +45,11 @@ def _all_commands() -> Iterator[tuple[str, list[Any]]]:
         parameters = list(inspect.signature(function).parameters.values())[1:]
         needed = [parameter for parameter in parameters if parameter.default is inspect.Parameter.empty]
         if not name.startswith("_"):
-            yield name, [EXAMPLES.get(str(parameter.annotation), "") for parameter in needed]
+            yield name, [EXAMPLES[_name_of(parameter.annotation)] for parameter in needed]
+
+
+def _name_of(annotation: Any) -> str:
+    return annotation.__name__ if annotation in (str, float) else str(annotation)
 
 
 @pytest.mark.parametrize(("name", "arguments"), list(_all_commands()))
