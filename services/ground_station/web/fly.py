@@ -36,6 +36,8 @@ class FlyPanel:
         self._tabs: ui.tabs | None = None
         self._wanted = ""
         """Tab that the browser has kept, for the time when its action is known."""
+        self._recalled = False
+        """The browser has sent what it has kept, which must not be overwritten before."""
         self._version = 0
         self._path: list[list[float]] = []
         self._drawn: list[list[float]] = []
@@ -57,7 +59,7 @@ class FlyPanel:
             self._drawn = path
             self._view.run_method("setPlan", path)
         area = self.area.around(self._feed.state.origin_deg)
-        if area is not self.area:
+        if self._recalled and area is not self.area:
             moved = area.rings != self.area.rings
             self.area = area
             self._map.run_method("keep", "area", area.kept())
@@ -154,6 +156,8 @@ class FlyPanel:
             kept = await self._map.run_method("kept", timeout=KEPT_TIMEOUT_S)
         except TimeoutError:
             return ""
+        finally:
+            self._recalled = True
         if not isinstance(kept, dict):
             return ""
         area = kept.get("area")
