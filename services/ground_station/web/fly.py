@@ -14,7 +14,8 @@ from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.form import Form
 
 WAITS = "No action server has replied yet: is the stack up? (jezero ps)"
-KEPT_TIMEOUT_S = 5.0
+KEPT_TIMEOUT_S = 120.0
+"""A browser without a graphics card may be busy with its first view in space for long."""
 
 
 class FlyPanel:
@@ -154,10 +155,9 @@ class FlyPanel:
         """Take what the browser has kept from before the page was loaded again; returns the view, "" for none."""
         try:
             kept = await self._map.run_method("kept", timeout=KEPT_TIMEOUT_S)
-        except TimeoutError:
+        except TimeoutError:  # the page was closed
             return ""
-        finally:
-            self._recalled = True
+        self._recalled = True
         if not isinstance(kept, dict):
             return ""
         area = kept.get("area")
