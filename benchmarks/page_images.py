@@ -49,6 +49,8 @@ class Photographer:
 
     def take(self, name: str) -> None:
         """Take a picture of each size, the phone's first."""
+        for view in ("Free", "Follow"):  # the eye goes back to its place beside the vehicle
+            self._page.get_by_text(view, exact=True).click()
         for size, (width_px, height_px) in reversed(SIZES.items()):
             self._page.set_viewport_size({"width": width_px, "height": height_px})
             self.draw()

@@ -40,11 +40,14 @@ class Goal(Payload, frozen=True, kw_only=True):
         issued_t_ns: vehicle time at which the client sent the goal; the goal expires 30 s later. None means that it
             does not expire.
         on_client_loss: reaction to a client that disappears: `continue` flies on, `cancel` ends the goal with a hover.
+        plan_from_ned_m: only for a request for a plan: the vehicle's position in world NED at the start of the flight.
+            None plans from where the vehicle is, as it is. A goal with it is refused.
     """
 
     goal_id: Annotated[str, Meta(max_length=64, pattern=r"^[A-Za-z0-9_.-]*$")] = ""
     issued_t_ns: TimeNs | None = None
     on_client_loss: Literal["continue", "cancel"] = "continue"
+    plan_from_ned_m: PositionNed | None = None
 
 
 class TakeoffGoal(Goal, frozen=True, kw_only=True):
@@ -407,6 +410,7 @@ class PlanReply(Payload, frozen=True, kw_only=True):
     Attributes:
         accepted: the goal would be accepted now.
         reason: reason why it would be refused, for people.
+        input_missing: the refusal is for a measurement that is missing now, and may be there in flight.
         code: status code of the vehicle. None when it is unknown.
         warning: part of the goal that would be done differently from the request, for people; "" for none.
         duration_s: planned duration of the flight, without waits for wind or rover. None where it is unknown.
@@ -415,10 +419,13 @@ class PlanReply(Payload, frozen=True, kw_only=True):
         battery_remaining: present fraction of the battery's capacity. None when the autopilot doesn't measure it.
         battery_critical: fraction that must be left, see `Battery.critical`. None when it is unknown.
         coverage: path and images of an area coverage. None for other actions.
+        path_ned_m: (n, 3) corners of the planned way in world NED, from the vehicle's position to the end of the goal.
+            Empty where it is unknown.
     """
 
     accepted: bool
     reason: Text = ""
+    input_missing: bool = False
     code: int | None = None
     warning: Text = ""
     duration_s: NonNegative | None = None
@@ -427,6 +434,7 @@ class PlanReply(Payload, frozen=True, kw_only=True):
     battery_remaining: Fraction | None = None
     battery_critical: Fraction | None = None
     coverage: PlannedCoverage | None = None
+    path_ned_m: tuple[PositionNed, ...] = ()
 
 
 class UnknownAction(Payload, frozen=True, kw_only=True):

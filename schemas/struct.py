@@ -9,6 +9,10 @@ from msgspec import Meta
 class Payload(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Base of everything that travels on the bus. Decoding refuses unknown fields and values out of range."""
 
+    def __deepcopy__(self, memo: object) -> Self:
+        """The same payload: nothing changes it, so that the copy of a state shares it."""
+        return self
+
 
 class Message(Payload, frozen=True, kw_only=True):
     """Payload of a topic.

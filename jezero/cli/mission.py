@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from jezero.cli.area import Origin, checked_origin, simulator_origin
+from jezero.cli.area import Origin, checked_origin
 from jezero.cli.exit_codes import ABORTED, FAILED
 from jezero.cli.flight import Printer, common_options, connected
 
@@ -45,22 +45,17 @@ def list_missions() -> None:
 @click.argument("file")
 @click.option(
     "--origin", nargs=2, type=float, callback=checked_origin, metavar="LAT LON",
-    help="Degrees of the world's origin, for areas in degrees [the simulator's].",
+    help="Degrees of the world's origin without a stack, for areas in degrees [the simulator's].",
 )  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def check(file: str, origin: Origin | None, as_json: bool) -> None:
-    """Read a mission, name its mistakes, and list its steps with loops written out. Needs no running stack.
+@common_options
+def check(file: str, origin: Origin | None, vehicle: str, router: str, as_json: bool) -> None:
+    """Name the mistakes of a mission, and plan its steps without flying them.
 
-    Whether each goal can be flown from where it will begin is found out in flight.
+    Each step is planned by the stack, from where the step before ends. Without a stack the file is read only.
     """
-    import msgspec
+    from jezero.cli.mission_check import check_mission
 
-    printer = Printer(as_json)
-    read = _read(file, (origin or simulator_origin()).position_deg, printer)
-    steps = list(zip(read.lines, read.mission.steps, strict=True))
-    text = "\n".join(f"{number:>4}  line {line:<4} {step.label}" for number, (line, step) in enumerate(steps, start=1))
-    plain = [{"line": line, **msgspec.to_builtins(step)} for line, step in steps]
-    printer.event("mission", f"{read.mission.name}: {len(steps)} steps\n{text}", name=read.mission.name, steps=plain)
+    check_mission(Printer(as_json), lambda at: _read(file, at, Printer(as_json)), origin, vehicle, router)
 
 
 @mission.command(epilog=FILE_HELP)

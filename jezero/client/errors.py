@@ -17,12 +17,14 @@ class Refused(JezeroError):  # noqa: N818
     Attributes:
         reason: why, and what to do about it.
         code: the vehicle's status code at that time; None if unknown.
+        input_missing: a plan was refused for a measurement that is missing now.
     """
 
-    def __init__(self, reason: str, code: int | None = None) -> None:
+    def __init__(self, reason: str, code: int | None = None, *, input_missing: bool = False) -> None:
         super().__init__(reason)
         self.reason = reason
         self.code = code
+        self.input_missing = input_missing
 
 
 class EndedError(JezeroError):

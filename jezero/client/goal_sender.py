@@ -102,5 +102,5 @@ class GoalSender:
         """
         reply: PlanReply = self._connection.request(action.plan, self._make(action, goal, fields), PLAN_TIMEOUT_S)
         if not reply.accepted:
-            raise Refused(reply.reason, reply.code)
+            raise Refused(reply.reason, reply.code, input_missing=reply.input_missing)
         return reply

@@ -9,10 +9,12 @@ with Vehicle.connect("uav1") as uav:
 ```
 """
 
+from jezero.mission_files.planning import StepPlan, plan_mission
 from jezero.mission_files.problems import MissionFileError, Problem
 from jezero.mission_files.reader import MissionFile, read_mission
 from jezero.mission_files.shipped import shipped_file, shipped_mission, shipped_names
 
 __all__ = [
-    "MissionFile", "MissionFileError", "Problem", "read_mission", "shipped_file", "shipped_mission", "shipped_names",
+    "MissionFile", "MissionFileError", "Problem", "StepPlan", "plan_mission", "read_mission", "shipped_file",
+    "shipped_mission", "shipped_names",
 ]  # fmt: skip

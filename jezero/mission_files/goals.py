@@ -10,7 +10,7 @@ from jezero.mission_files.nodes import Node
 from jezero.mission_files.problems import Problems, did_you_mean, listed
 from jezero.schemas.topics import Action
 
-CHOSEN = ("goal_id", "issued_t_ns", "plan_id", "on_client_loss")
+CHOSEN = ("goal_id", "issued_t_ns", "plan_id", "plan_from_ned_m", "on_client_loss")
 """Fields of a goal that the mission service chooses."""
 PLACE = "_ned_m"
 """Fields whose names end so take the name of a point or of an area."""
@@ -28,17 +28,23 @@ class Places:
     Attributes:
         points: (3,) north, east and down by name.
         areas: fields of a coverage goal by name: polygon, holes, and origin.
+        shown: what people read for a name of a loop: the name or the coordinates of its present point.
     """
 
     def __init__(self) -> None:
         self.points: dict[str, list[float]] = {}
         self.areas: dict[str, dict[str, Any]] = {}
+        self.shown: dict[str, str] = {}
 
-    def with_point(self, name: str, point_m: list[float]) -> "Places":
-        """The same with one more point."""
+    def in_loop(self, name: str, point_m: list[float], shown: str) -> "Places":
+        """The same with the present point of a loop."""
         places = Places()
         places.points, places.areas = {**self.points, name: point_m}, self.areas
+        places.shown = {**self.shown, name: shown}
         return places
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str) and (name in self.points or name in self.areas)
 
     @property
     def names(self) -> list[str]:

@@ -13,7 +13,7 @@ class Problem:
     """One mistake.
 
     Attributes:
-        line: line of the file, counted from 1.
+        line: line of the file, counted from 1; 0 for the file as a whole.
         text: what is wrong, and what to write instead.
     """
 
@@ -30,7 +30,10 @@ class MissionFileError(ValueError):
 
     def __init__(self, file: object, problems: Iterable[Problem]) -> None:
         self.problems = tuple(sorted(problems, key=lambda problem: problem.line))
-        shown = [f"{file}, line {problem.line}: {problem.text}" for problem in self.problems[:SHOWN_MAX]]
+        shown = [
+            f"{file}, line {problem.line}: {problem.text}" if problem.line else f"{file} {problem.text}"
+            for problem in self.problems[:SHOWN_MAX]
+        ]
         more = len(self.problems) - len(shown)
         super().__init__("\n".join([*shown, *([f"and {more} more"] if more else [])]))
 

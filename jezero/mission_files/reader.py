@@ -88,10 +88,10 @@ class _Reader:
         try:
             size = self._file.stat().st_size
             if size > BYTES_MAX:
-                raise self._error(1, f"has {size / 1e6:.0f} MB, and a mission has {BYTES_MAX / 1e6:.0f} at most")
+                raise self._error(0, f"has {size / 1e6:.0f} MB, and a mission has {BYTES_MAX / 1e6:.0f} at most")
             root = parse(self._file.read_text(encoding="utf-8"), self._problems)
         except OSError as error:
-            raise self._error(1, f"can't be read: {error.strerror or error}") from None
+            raise self._error(0, f"can't be read: {error.strerror or error}") from None
         except UnicodeDecodeError:
             raise self._error(1, "is no text in UTF-8: save it as UTF-8") from None
         except UnreadableError as error:

@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from jezero.mission_files.goals import Places, goal_fields, in_words
+from jezero.mission_files.goals import PLACE, Places, goal_fields, in_words
 from jezero.mission_files.nodes import Node
 from jezero.mission_files.problems import Problems, did_you_mean, listed
 from jezero.schemas.mission import STEPS_MAX, WAIT_MAX_S, FailurePolicy, GoalStep, Step, WaitStep
@@ -101,7 +101,9 @@ class Steps:
             self._problems.add(node.line, f"{name} needs fields, as in `{name}: {{field: value}}`, not {node.in_words}")
             return
         goal = goal_fields(action, fields, node.line, places, self._problems)
-        self._add(node.line, GoalStep(label=_label(name, fields, goal), action=name, goal=goal, on_failure=policy))
+        self._add(
+            node.line, GoalStep(label=_label(name, fields, goal, places), action=name, goal=goal, on_failure=policy)
+        )
 
     def _wait(self, node: Node) -> None:
         duration_s = node.value
@@ -144,7 +146,9 @@ class Steps:
             point_m = self._point(point, places)
             before = len(self._problems.found)
             if point_m is not None:
-                self._read_list(parts["steps"], places.with_point(name, point_m), depth + 1)
+                shown = point.value if isinstance(point.value, str) else _coordinates(point_m)
+                inside = places.in_loop(name, point_m, places.shown.get(shown, shown))
+                self._read_list(parts["steps"], inside, depth + 1)
             if len(self._problems.found) > before or self._full:
                 return
 
@@ -171,11 +175,15 @@ class Steps:
             self.lines.append(line)
 
 
-def _label(name: str, fields: Mapping[str, Node], goal: Mapping[str, Any]) -> str:
+def _label(name: str, fields: Mapping[str, Node], goal: Mapping[str, Any], places: Places) -> str:
     """What a step does, for people: the action, and where."""
-    place = next((node.value for node in fields.values() if isinstance(node.value, str)), None)
-    if place is None:
-        point = next((goal[field] for field in ("target_ned_m", "center_ned_m") if field in goal), None)
-        place = None if point is None else ", ".join(map(str, point)) if isinstance(point, list) else str(point)
+    named = next((node.value for field, node in fields.items() if field.endswith(PLACE) and node.value in places), None)
+    point = next((goal[field] for field in ("target_ned_m", "center_ned_m") if field in goal), None)
     words = name.replace("_", " ")
-    return words if place is None else f"{words} ({place})"
+    if named is not None:
+        return f"{words} ({places.shown.get(named, named)})"
+    return f"{words} ({_coordinates(point)})" if isinstance(point, list) else words
+
+
+def _coordinates(point: list[Any]) -> str:
+    return ", ".join(f"{part:g}" if isinstance(part, int | float) else str(part) for part in point)

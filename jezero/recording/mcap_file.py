@@ -3,7 +3,7 @@
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import zstandard
 from mcap.exceptions import EndOfFile, McapError
@@ -38,9 +38,10 @@ class RawMessage(NamedTuple):
 
 
 class McapFile:
-    """One pass over a file.
+    """One pass over a file, and later ones from the chunks that it found.
 
     Attributes:
+        chunk_offset: place in the file of the chunk that the newest message is from.
         about: what was recorded, see `RecordingWriter`; known from the first message on.
         schemas: schema of each topic's messages, of the topics read so far.
         problem: why not all of the file could be read, or ""; known after the last message.
@@ -53,26 +54,34 @@ class McapFile:
         self.about: dict[str, str] = {}
         self.schemas: dict[str, Schema] = {}
         self.problem = ""
+        self.chunk_offset = 0
 
-    def messages(self) -> Iterator[RawMessage]:
+    def messages(self, chunk_offset: int = 0) -> Iterator[RawMessage]:
         """All messages in the order of the file.
+
+        Args:
+            chunk_offset: chunk of an earlier pass from which on the messages are read; 0 for all.
 
         Raises:
             RecordingError: the file can't be opened, or is no MCAP file.
         """
         try:
             with self._path.open("rb") as file:
-                reader = StreamReader(file, emit_chunks=True, record_size_limit=RECORD_SIZE_MAX_BYTES)
-                yield from self._messages(reader)
+                file.seek(chunk_offset)
+                reader = StreamReader(
+                    file, skip_magic=chunk_offset > 0, emit_chunks=True, record_size_limit=RECORD_SIZE_MAX_BYTES
+                )
+                yield from self._messages(file, reader)
         except IsADirectoryError:
             raise RecordingError(f"{self._path} is a folder: give a file in it") from None
         except OSError as error:
             raise RecordingError(describe_os_error(error)) from None
 
-    def _messages(self, reader: StreamReader) -> Iterator[RawMessage]:
+    def _messages(self, file: BinaryIO, reader: StreamReader) -> Iterator[RawMessage]:
         records = reader.records
         started = finished = False
         while True:
+            offset = file.tell()
             try:
                 record = next(records, None)
             except BAD_BYTES as error:
@@ -90,6 +99,7 @@ class McapFile:
                 case Metadata(name=name, metadata=metadata) if name == ABOUT:
                     self.about = metadata
                 case Chunk():
+                    self.chunk_offset = offset
                     yield from self._messages_of(record)
         if not finished:
             self.problem = "it was not finished"

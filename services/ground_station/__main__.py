@@ -1,13 +1,16 @@
 """`python -m jezero.services.ground_station`: the pages of the vehicle, in a browser on this machine."""
 
+import os
 import sys
 from collections.abc import Mapping
+from pathlib import Path
 
 from jezero.runtime.config import Instance, load_config
 from jezero.runtime.links import SocketLink
 from jezero.runtime.service import Service
 from jezero.runtime.zenoh_bus import run_process
 from jezero.services.ground_station.config import GroundStationConfig
+from jezero.services.ground_station.listening import listening_of
 from jezero.services.ground_station.service import GroundStation
 from jezero.vehicle_config import VehicleConfig
 
@@ -20,7 +23,8 @@ def main() -> int:
 
         config = load_config(GroundStationConfig, "ground_station")
         robot = load_config(VehicleConfig, "vehicle")
-        server = PageServer(config, robot, instance.vehicle, instance.router)
+        run_folder = Path(os.environ["JEZERO_RUN_DIR"]) if "JEZERO_RUN_DIR" in os.environ else None
+        server = PageServer(config, listening_of(config), robot, instance.vehicle, instance.router, run_folder)
         server.run_in_thread()
         print(f"the pages are on {server.address}")
         return GroundStation(server.health), {}

@@ -29,9 +29,14 @@ class Event:
 
 
 class EventLog:
-    """Collects the events of one vehicle."""
+    """Collects the events of one vehicle.
+
+    Attributes:
+        count: number of events so far, also of those that are not kept any more.
+    """
 
     def __init__(self) -> None:
+        self.count = 0
         self._events: deque[Event] = deque(maxlen=KEPT)
         self._status: Status | None = None
         self._health: dict[str, ServiceHealth] = {}
@@ -45,6 +50,7 @@ class EventLog:
         """Add an event, unless it repeats the last one."""
         if text and (not self._events or self._events[-1].text != text):
             self._events.append(Event(t_s, tone, text))
+            self.count += 1
 
     def on_status(self, t_s: float, status: Status) -> None:
         """Compare a status with the one before."""

@@ -7,7 +7,9 @@ from math import degrees, isfinite, radians
 from typing import Any, Literal
 
 Kind = Literal["number", "integer", "switch", "choice", "vector", "area", "areas"]
-LEFT_OUT = frozenset({"goal_id", "issued_t_ns", "on_client_loss", "plan_id", "first_picture", "origin_deg"})
+LEFT_OUT = frozenset(
+    {"goal_id", "issued_t_ns", "on_client_loss", "plan_id", "first_picture", "origin_deg", "plan_from_ned_m"}
+)
 """Fields that the ground station or the server fills in."""
 DEGREES = "°"
 UNITS = {"m": "m", "mps": "m/s", "rad": DEGREES, "s": "s", "deg": DEGREES, "px": "px", "hz": "Hz"}

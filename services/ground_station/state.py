@@ -40,6 +40,10 @@ from jezero.services.ground_station.scene import (
 )
 from jezero.services.ground_station.words import activity, duration, in_charge, wind_words
 
+WATCHED = (topics.ALTIMETER, topics.GNSS, topics.RELATIVE, topics.ROVER_ESTIMATE, topics.CAMERA_PITCH)
+"""Topics that are read only while somebody looks."""
+SHOWN = (*WATCHED, topics.STATUS)
+"""Topics that the pages show, besides the feedback of each action and the health of each service."""
 PHOTOS_MAX = 1000
 HEALTH_LATE_S = 3.0
 """A service publishes its health once a second."""

@@ -19,7 +19,16 @@ from jezero.aio import Aborted, Canceled, Goal, Refused, TimedOut, Unreachable, 
 from jezero.client import camera, goal, images, rover, subscription
 from jezero.client import vehicle as client
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, CancelReply, MoveResult, Rejected, Result
+from jezero.schemas.actions import (
+    Accepted,
+    CancelReply,
+    ModifyReply,
+    MoveResult,
+    PauseReply,
+    Rejected,
+    Result,
+    ResumeReply,
+)
 from jezero.schemas.commands import AbortReply, RoverCommand
 from jezero.schemas.state import Clock, Odometry
 from tests.client.rig import (
@@ -168,6 +177,23 @@ def test_an_abort_is_sent_at_once_however_many_tasks_wait(server: Server, endpoi
             wait.cancel()
         await asyncio.gather(*waits, return_exceptions=True)
         assert asked(server).count(CANCEL) == 100
+
+    with_vehicle(endpoint, server, test)
+
+
+def test_a_goal_is_paused_modified_and_resumed(server: Server, endpoint: str) -> None:
+    server.serve(TAKEOFF, ACCEPTED, end=False)
+    server.serve(f"{TAKEOFF}/pause", PauseReply(paused=True))
+    server.serve(f"{TAKEOFF}/modify", ModifyReply(modified=True, warning="lower than asked"))
+    server.serve(f"{TAKEOFF}/resume", ResumeReply(resumed=False, reason="goal g is not paused"))
+
+    async def test(uav: Vehicle) -> None:
+        goal = await uav.takeoff()
+        await goal.pause()
+        await goal.modify(altitude_m=3.0)
+        assert goal.warning == "lower than asked"
+        with pytest.raises(Refused, match="goal g is not paused"):
+            await goal.resume()
 
     with_vehicle(endpoint, server, test)
 

@@ -1,13 +1,17 @@
 """The mission service flies lists of goals, in virtual time."""
 
+from itertools import pairwise
 from typing import Any
 
 import msgspec
 import pytest
 
+from jezero.frames import norm, subtract
 from jezero.plugins import all_actions
+from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
+from jezero.schemas.actions import AreaCoverageGoal
 from jezero.schemas.commands import Abort
 from jezero.schemas.mission import (
     FailurePolicy,
@@ -20,8 +24,9 @@ from jezero.schemas.mission import (
 )
 from jezero.services.mission.record import MissionRecord
 from jezero.services.mission.service import MissionService
+from jezero.services.simulator.camera.config import CameraConfig
 from jezero.trials.stack import build_stack
-from tests.scenario.rig import Flight
+from tests.scenario.rig import Flight, go_to
 
 TAKEOFF = GoalStep(label="take off", action="takeoff", goal={"altitude_m": 2.0})
 LAND = GoalStep(label="land", action="land_on_spot", goal={})
@@ -172,3 +177,32 @@ def test_a_mission_with_a_goal_that_is_none_is_refused_with_the_step() -> None:
     assert not reply.accepted
     assert reply.reason.startswith("step 2, fly: ")
     assert "there is no action 'goto'" in flight.run(GoalStep(label="fly", action="goto", goal={})).reason
+
+
+def test_a_goal_is_planned_from_a_place_where_the_vehicle_is_not_with_its_way() -> None:
+    camera = msgspec.structs.replace(load_config(CameraConfig, "camera"), mode="rendered")
+    flight = Flight(1, lambda seed: build_stack(seed, camera=camera))
+    flight.wait_ready()
+    begin_ned_m, target_ned_m = (10.0, 0.0, -5.0), (10.0, 20.0, -5.0)
+    goals: list[tuple[topics.Action[Any], dict[str, Any], tuple[float, float, float]]] = [
+        (topics.TAKEOFF, {"altitude_m": 2.0}, (10.0, 0.0, -7.0)),
+        (topics.GO_TO, {"target_ned_m": target_ned_m}, target_ned_m),
+        (topics.GET_IMAGES, {"center_ned_m": (10.0, 5.0, -5.0), "radius_m": 3.0, "num_images": 4}, (10.0, 2.0, -5.0)),
+        (topics.LAND_ON_SPOT, {"landing_spot_ned_m": target_ned_m, "use_uwb": False, "use_tag": False}, (10, 20, 0)),
+    ]
+    for action, fields, end_ned_m in goals:
+        goal = action.goal_type(**fields, plan_from_ned_m=begin_ned_m)
+        plan = flight.request(action.plan, goal)
+        assert plan.accepted, plan.reason
+        assert plan.path_ned_m[0] == pytest.approx(begin_ned_m)
+        assert plan.path_ned_m[-1] == pytest.approx(end_ned_m, abs=1e-6)
+        assert plan.duration_s > 2.0
+    assert "plan_from_ned_m is for requests for a plan" in flight.refusal(
+        topics.GO_TO, go_to(0.0, 0.0, -3.0, plan_from_ned_m=begin_ned_m)
+    )
+    corners = ((0.0, 0.0), (0.0, 10.0), (10.0, 10.0), (10.0, 0.0))
+    area = AreaCoverageGoal(polygon_ned_m=corners, z_ned_m=-5.0, resolution_m=2.0, plan_from_ned_m=begin_ned_m)
+    plan = flight.request(topics.AREA_COVERAGE.plan, area)
+    assert plan.accepted, plan.reason
+    lengths_m = [norm(subtract(end, begin)) for begin, end in pairwise(plan.path_ned_m)]
+    assert sum(lengths_m) == pytest.approx(plan.distance_m, rel=0.02)

@@ -24,6 +24,9 @@ from jezero.services.actions.motion.tracking import ZERO, Reference, Tracker
 if TYPE_CHECKING:
     from jezero.services.actions.area_coverage.coverage_plan import CoveragePlan
 
+PATH_SAMPLES = 4
+"""The way that clients get has every fourth sample of the trajectory: a corner a metre."""
+
 
 class AreaCoverage:
     """Flies to the begin of the planned path, along it, and hovers at its end.
@@ -33,6 +36,7 @@ class AreaCoverage:
     Args:
         first_index: index of the path's first picture; the goal's pictures before it are taken.
         taken_before: number of pictures in `capture` that were taken before this path, for a goal that was modified.
+        asked: the goal in its own frame, with the origin of that frame, for a goal that was modified; None: `goal`.
     """
 
     def __init__(
@@ -43,6 +47,7 @@ class AreaCoverage:
         config: ActionsConfig,
         first_index: int,
         taken_before: int,
+        asked: "tuple[AreaCoverageGoal, Vec3] | None",
         t_ns: int,
         state: VehicleState,
     ) -> None:
@@ -60,6 +65,7 @@ class AreaCoverage:
         self._lost = frame_loss(goal, state)
         self._origin_ned_m = frame_origin_ned_m(goal, state)
         """Origin of the goal's frame, in the world."""
+        self.asked = asked or (goal, self._origin_ned_m)
         self._ground = deepcopy(plan.ground)
         lines_rad = plan.lines_rad
         ahead = abs(wrap_pi(lines_rad - state.yaw_rad)) <= 0.5 * pi
@@ -138,6 +144,12 @@ class AreaCoverage:
         along = Remaining(max(trajectory.duration_s - time_s, 0.0), trajectory.length_left_m(time_s))
         return along if self._tracker is not None else self._way_in.remaining() + along
 
+    def path(self, state: VehicleState) -> tuple[Vec3, ...]:
+        """To the begin of the lines and along them."""
+        times_s = self._plan.trajectory.t_s
+        corners_s = [*times_s[::PATH_SAMPLES].tolist(), float(times_s[-1])]
+        return (state.pos_uav_ned_m, *(self._reference(time_s).pos_ned_m for time_s in corners_s))
+
     def _feedback(self, state: VehicleState) -> ImagesFeedback:
         return ImagesFeedback(
             pos_uav_ned_m=subtract(state.pos_uav_ned_m, self._origin_ned_m),
@@ -154,7 +166,7 @@ class AreaCoverage:
             images=images,
             covered=self._ground.fraction,
             photographed=self._photographed(images),
-            resume=self._remainder(self._goal),
+            resume=self._remainder(),
         )
 
     def _photographed(self, images: tuple[Image, ...]) -> float:
@@ -182,47 +194,32 @@ class AreaCoverage:
 
         Another area is covered from its begin. In the same area the missing pictures are taken.
         """
-        before = self._goal
-        if (goal.polygon_ned_m, goal.holes_ned_m) == (before.polygon_ned_m, before.holes_ned_m):
-            if goal.z_ned_m != before.z_ned_m and goal.resolution_m is None:
-                return (
-                    "the lines of an area that is given with an overlap depend on the height: change polygon_ned_m, to "
-                    "the area that remains, together with z_ned_m"
-                )
-            return self._remainder(goal) or "all pictures are taken already"
-        return self._in_world(goal, first_picture=0, start_ned_m=None)
-
-    def _remainder(self, goal: AreaCoverageGoal) -> AreaCoverageGoal | None:
-        """The goal that takes the missing pictures, or None when there are none."""
-        plan = self._plan
-        first = plan.first_picture + self.capture.taken - self._taken_before
-        if first >= len(plan.pictures_m):
-            return None
-        start_ned_m = _moved((plan.start_m,), self._moved_by)[0]
-        return self._in_world(goal, first_picture=first, start_ned_m=start_ned_m)
+        before, origin_ned_m = self.asked
+        if (goal.polygon_ned_m, goal.holes_ned_m) != (before.polygon_ned_m, before.holes_ned_m):
+            return _in_world(goal, origin_ned_m, first_picture=0, start_ned_m=None)
+        if goal.z_ned_m != before.z_ned_m and goal.resolution_m is None:
+            return (
+                "the lines of an area that is given with an overlap depend on the height: change polygon_ned_m, to the "
+                "area that remains, together with z_ned_m"
+            )
+        if self._next_picture >= len(self._plan.pictures_m):
+            return "all pictures are taken already"
+        start_ned_m = _moved((self._plan.start_m,), self._origin_ned_m)[0]
+        return _in_world(goal, origin_ned_m, first_picture=self._next_picture, start_ned_m=start_ned_m)
 
     @property
-    def _moved_by(self) -> Vec3:
-        """Vector from the origin of the present world frame to that of the goal's frame."""
-        return add(self._origin_ned_m, self._shift_ned_m)
+    def _next_picture(self) -> int:
+        """Number of the plan's next picture."""
+        return self._plan.first_picture + self.capture.taken - self._taken_before
 
-    def _in_world(
-        self, goal: AreaCoverageGoal, *, first_picture: int, start_ned_m: tuple[float, float] | None
-    ) -> AreaCoverageGoal:
-        """The same goal in the present world frame, to be planned anew."""
-        by_ned_m = self._moved_by
-        return msgspec.structs.replace(
-            goal,
-            goal_id="",
-            plan_id="",
-            issued_t_ns=None,
-            frame="world",
-            polygon_ned_m=_moved(goal.polygon_ned_m, by_ned_m),
-            holes_ned_m=tuple(_moved(hole, by_ned_m) for hole in goal.holes_ned_m),
-            z_ned_m=goal.z_ned_m + by_ned_m[2],
-            start_ned_m=start_ned_m,
-            first_picture=first_picture,
-        )
+    def _remainder(self) -> AreaCoverageGoal | None:
+        """The goal that takes the missing pictures, in the present world frame, or None when there are none."""
+        plan = self._plan
+        if self._next_picture >= len(plan.pictures_m):
+            return None
+        by_ned_m = add(self._origin_ned_m, self._shift_ned_m)
+        start_ned_m = _moved((plan.start_m,), by_ned_m)[0]
+        return _in_world(self._goal, by_ned_m, first_picture=self._next_picture, start_ned_m=start_ned_m)
 
 
 def frame_loss(goal: AreaCoverageGoal, state: VehicleState) -> str:
@@ -239,3 +236,25 @@ def frame_origin_ned_m(goal: AreaCoverageGoal, state: VehicleState) -> Vec3:
 
 def _moved(corners_m: Corners, by_ned_m: Vec3) -> Corners:
     return tuple((north_m + by_ned_m[0], east_m + by_ned_m[1]) for north_m, east_m in corners_m)
+
+
+def _in_world(
+    goal: AreaCoverageGoal, by_ned_m: Vec3, *, first_picture: int, start_ned_m: tuple[float, float] | None
+) -> AreaCoverageGoal:
+    """The same goal in the world frame, to be planned anew.
+
+    Args:
+        by_ned_m: origin of the goal's frame in the world.
+    """
+    return msgspec.structs.replace(
+        goal,
+        goal_id="",
+        plan_id="",
+        issued_t_ns=None,
+        frame="world",
+        polygon_ned_m=_moved(goal.polygon_ned_m, by_ned_m),
+        holes_ned_m=tuple(_moved(hole, by_ned_m) for hole in goal.holes_ned_m),
+        z_ned_m=goal.z_ned_m + by_ned_m[2],
+        start_ned_m=start_ned_m,
+        first_picture=first_picture,
+    )

@@ -66,7 +66,14 @@ class AreaCoveragePlanner:
         capture, index = running.capture, running.next_index
         preparation = Preparation(
             work=partial(self._work, rest),
-            start=partial(self._prepared, rest, capture, first_index=index, taken_before=capture.taken),
+            start=partial(
+                self._prepared,
+                rest,
+                capture,
+                first_index=index,
+                taken_before=capture.taken,
+                asked=(goal, running.asked[1]),
+            ),
             too_long=TOO_LONG,
         )
         return Plan(preparation, capture=capture, rate_hz=self._config.tracking.rate_hz)
@@ -96,9 +103,10 @@ class AreaCoveragePlanner:
         *,
         first_index: int | None = None,
         taken_before: int = 0,
+        asked: tuple[AreaCoverageGoal, Vec3] | None = None,
     ) -> Prepared:
         first_index = made.plan.first_picture if first_index is None else first_index
-        start = partial(AreaCoverage, goal, made.plan, capture, self._config, first_index, taken_before)
+        start = partial(AreaCoverage, goal, made.plan, capture, self._config, first_index, taken_before, asked)
         return Prepared(start, warning=made.plan.warning, coverage=made.shown)
 
 

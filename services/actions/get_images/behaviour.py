@@ -1,6 +1,6 @@
 """Photograph a target from all sides, in the world's frame or in the rover's. Source: spec §5; thesis §3.5."""
 
-from jezero.frames import Vec3
+from jezero.frames import Vec3, add
 from jezero.schemas.actions import GetImagesGoal, ImagesResult
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.get_images.config import GetImagesConfig
@@ -8,7 +8,7 @@ from jezero.services.actions.get_images.orbit import Turn
 from jezero.services.actions.get_images.orbit_flight import OrbitFlight
 from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState
 from jezero.services.actions.motion.capture import Capture
-from jezero.services.actions.motion.rover_frame import step_in_rover_frame
+from jezero.services.actions.motion.rover_frame import rover_position, step_in_rover_frame
 
 
 class GetImages:
@@ -52,6 +52,18 @@ class GetImages:
 
     def remaining(self, state: VehicleState) -> Remaining | None:
         return None if self._flight is None else self._flight.remaining()
+
+    def path(self, state: VehicleState) -> tuple[Vec3, ...]:
+        """To the circle and around it."""
+        if self._flight is None:
+            return ()
+        way_ned_m = self._flight.path()
+        if self._goal.frame == "rover":
+            if state.relative is None:
+                return ()
+            origin_ned_m = rover_position(state, state.relative)
+            way_ned_m = tuple(add(point_m, origin_ned_m) for point_m in way_ned_m)
+        return (state.pos_uav_ned_m, *way_ned_m)
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> ImagesResult:
         return ImagesResult(completed=completed, pos_uav_ned_m=pos_uav_ned_m, images=self.capture.images())

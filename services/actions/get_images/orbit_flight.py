@@ -23,6 +23,7 @@ SETTLED_RAD, SETTLED_S = 0.035, 0.5
 VELOCITY_LEAD_S = 0.11
 """Time by which the velocity setpoints are ahead, because the vehicle's velocity follows them late by that much;
 without it, the vehicle is carried out of the circle."""
+PATH_CORNERS = 24
 ROLL_CAMERA_MAX_RAD = 0.6
 """Limit of the camera's roll axis."""
 
@@ -105,6 +106,14 @@ class OrbitFlight:
         yaw_rad, _ = facing(self._way_in.end_ned_m, (0.0, 0.0, 0.0), self._orbit.center_ned_m)
         face_s = abs(wrap_pi(yaw_rad - self._yaw_rad)) / self._move_config.yaw_rate_rps
         return Remaining(max(way_in.time_s, face_s) + SETTLED_S, way_in.distance_m) + turn
+
+    def path(self) -> tuple[Vec3, ...]:
+        """Corners of the way from the first point of the circle on; a goal with one picture ends there."""
+        orbit, start_ned_m = self._orbit, self._way_in.end_ned_m
+        if self._goal.num_images == 1:
+            return (start_ned_m,)
+        step_s = orbit.profile.duration_s / PATH_CORNERS
+        return (start_ned_m, *(orbit.at(step_s * i).pos_ned_m for i in range(1, PATH_CORNERS + 1)))
 
     def _settle(self, t_ns: int, state: VehicleState) -> None:
         """Begin the turn when the vehicle is at its first point and faces the centre."""

@@ -1,12 +1,12 @@
 """Go to a target: in a straight line, after a takeoff if the goal wants one."""
 
-from jezero.frames import Vec3, distance
+from jezero.frames import Vec3, add, distance
 from jezero.schemas.actions import GoToGoal, MoveFeedback, MoveResult
 from jezero.schemas.commands import Phase
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.go_to.config import GoToConfig
 from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState
-from jezero.services.actions.motion.rover_frame import state_in_rover_frame, step_in_rover_frame
+from jezero.services.actions.motion.rover_frame import rover_position, state_in_rover_frame, step_in_rover_frame
 from jezero.services.actions.motion.straight_path import StraightPath
 from jezero.services.actions.takeoff.climb import Climb
 
@@ -83,6 +83,16 @@ class GoTo:
         x, y, z = state.pos_uav_ned_m
         begin_ned_m = (x, y, z - climb.path.left_m)
         return climb.path.remaining() + self._path_from(0, begin_ned_m, climb.path.yaw_rad).remaining()
+
+    def path(self, state: VehicleState) -> tuple[Vec3, ...]:
+        """Up to the end of the climb, if there is one, and to the target."""
+        target_ned_m = self._goal.target_ned_m
+        if self._in_rover_frame:
+            if state.relative is None or not state.relative.valid:
+                return ()
+            target_ned_m = add(target_ned_m, rover_position(state, state.relative))
+        climb = () if self._climb is None else (self._climb.path.end_ned_m,)
+        return (state.pos_uav_ned_m, *climb, target_ned_m)
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> MoveResult:
         return MoveResult(completed=completed, pos_uav_ned_m=pos_uav_ned_m)

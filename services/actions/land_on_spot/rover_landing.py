@@ -183,6 +183,16 @@ class RoverLanding:
             return None
         return rover_landing_remaining(subtract(state.pos_uav_ned_m, self._pos_supposed_ned_m), self._land)
 
+    def path(self, state: VehicleState) -> tuple[Vec3, ...]:
+        """To the approach's height above the platform, and down to it; empty while nobody knows where the rover is."""
+        platform_ned_m = self._pos_supposed_ned_m
+        if self._platform is not None:
+            platform_ned_m = subtract(state.pos_uav_ned_m, self._platform.pos_ned_m)
+        if platform_ned_m is None:
+            return ()
+        above_ned_m = add(platform_ned_m, (0.0, 0.0, -self._land.height_approach_m))
+        return state.pos_uav_ned_m, above_ned_m, platform_ned_m
+
     # -- estimates --
 
     def _update_platform(self, t_ns: int, dt_s: float, state: VehicleState) -> PlatformState | None:

@@ -45,6 +45,7 @@ from jezero.services.actions.motion.behaviour import (
     Remaining,
     Start,
     VehicleState,
+    path_of,
     pause_refusal_of,
     remaining_of,
 )
@@ -142,6 +143,7 @@ class GoalFlight:
         self._behaviour: Behaviour = start(t_ns, state)
         move = self._behaviour.step(t_ns, state)
         self.planned: Remaining | Done | None = move if isinstance(move, Done) else remaining_of(self._behaviour, state)
+        self._start_state = state
         self._first = self._feedback(t_ns, move, odometry, inbox) if isinstance(move, Move) else None
         """The first feedback, until something newer arrives."""
 
@@ -157,12 +159,17 @@ class GoalFlight:
             yield from self._publish_feedback(t_ns, self._first)
         yield SetRate(FIRST_SETPOINT_HZ)
 
+    def planned_path_ned_m(self) -> tuple[Vec3, ...]:
+        """Corners of the planned way; for a goal that is only planned."""
+        return path_of(self._behaviour, self._start_state)
+
     def pause(self, t_ns: int, inbox: Inbox) -> str:
         """Pause as soon as the vehicle has braked; returns the reason why it can't be paused, or ""."""
         odometry = self._view.odometry(inbox)
         if odometry is None:
             return "the vehicle's position is unknown"
-        if refusal := pause_refusal_of(self._behaviour, self._state(t_ns, inbox, odometry)):
+        refusal = pause_refusal_of(self._behaviour, self._state(t_ns, inbox, odometry))
+        if refusal and not self._pause.wanted:
             return refusal
         self._pause.wanted = True
         return ""

@@ -121,7 +121,7 @@ class GoalRun:
         captured = () if plan.capture is None else CAPTURE_INPUTS
         inputs = tuple(dict.fromkeys((ALTIMETER, *plan.inputs, *captured)))
         self._plan = plan
-        self._view = VehicleView(epoch_id, lease, inputs)
+        self._view = VehicleView(epoch_id, lease, inputs, goal.plan_from_ned_m)
         self._context = GoalContext(
             action=action,
             goal_id=goal_id,
@@ -157,6 +157,9 @@ class GoalRun:
         So a goal that the bridge would refuse anyway is refused with that reason, and not with a missing input.
         """
         self._arrived_ns = t_ns
+        if self.goal.plan_from_ned_m is not None:  # what the bridge says of the vehicle as it is now doesn't matter
+            yield from self._check(t_ns, inbox)
+            return
         immediate = self._plan.check_inputs is None and not isinstance(self._plan.start, Preparation)
         if immediate and not self.plan_only:
             yield from self._prepare(t_ns, inbox)
@@ -280,7 +283,7 @@ class GoalRun:
             return
         check = self._plan.check_inputs
         reason = "" if check is None else check(self._view.state(t_ns, inbox, odometry))
-        yield from self.reject(reason, inbox) if reason else self._prepare(t_ns, inbox)
+        yield from self.reject(reason, inbox, input_missing=True) if reason else self._prepare(t_ns, inbox)
 
     def _prepare(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Start the preparation, if the goal needs one, else acquire control."""
@@ -326,7 +329,7 @@ class GoalRun:
             yield from self.reject(refusal, inbox)
             return
         if self.plan_only:
-            yield from self._reply_with_plan(flight.planned, inbox)
+            yield from self._reply_with_plan(flight, inbox)
             return
         tag = f"{self.goal_id}/acquire/{t_ns}"
         yield Call(ACQUIRE, self._request(t_ns), tag, ACQUIRE_TIMEOUT_S)
@@ -363,20 +366,21 @@ class GoalRun:
             yield from (Reply(watcher, self._accepted, final=False) for watcher in self._context.watchers)
             yield from flight.begin(t_ns, grant, with_feedback=not self._cancel_reason)
 
-    def reject(self, reason: str, inbox: Inbox) -> Iterator[Output]:
+    def reject(self, reason: str, inbox: Inbox, *, input_missing: bool = False) -> Iterator[Output]:
         """End a goal that hasn't been accepted yet."""
         status = inbox.latest(STATUS)
         code = None if status is None else status.code
         refused: Payload = Rejected(goal_id=self.goal_id, reason=reason, code=code)
         if self.plan_only:
-            refused = PlanReply(accepted=False, reason=reason, code=code)
+            refused = PlanReply(accepted=False, reason=reason, code=code, input_missing=input_missing)
         yield from (Reply(watcher, refused) for watcher in self._context.watchers)
         if isinstance(self._stage, PreparationRun):
             yield from self._stage.end()
         self._stage = _Over()
 
-    def _reply_with_plan(self, planned: Remaining | Done | None, inbox: Inbox) -> Iterator[Output]:
+    def _reply_with_plan(self, flight: GoalFlight, inbox: Inbox) -> Iterator[Output]:
         """End a goal that is only planned."""
+        planned = flight.planned
         if isinstance(planned, Done):
             yield from self.reject(planned.reason or "the goal would end at once", inbox)
             return
@@ -392,6 +396,7 @@ class GoalRun:
             battery_remaining=None if battery is None else battery.remaining,
             battery_critical=None if battery is None else battery.critical,
             coverage=self.coverage,
+            path_ned_m=flight.planned_path_ned_m(),
         )
         yield from (Reply(watcher, reply) for watcher in self._context.watchers)
         self._stage = _Over()

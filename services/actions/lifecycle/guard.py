@@ -4,7 +4,7 @@ import sys
 import traceback
 from collections.abc import Callable
 from functools import partial
-from math import inf
+from math import inf, isfinite
 from typing import Any
 
 from msgspec.structs import replace
@@ -25,6 +25,7 @@ from jezero.services.actions.motion.behaviour import (
     Start,
     VehicleState,
     hold_of,
+    path_of,
     pause_refusal_of,
     remaining_of,
 )
@@ -168,6 +169,18 @@ class _GuardedBehaviour:
             self._failure = _report(self._name, "remaining", error)
             return None
         return rest if rest is not None and 0.0 <= rest.time_s < inf and 0.0 <= rest.distance_m < inf else None
+
+    def path(self, state: VehicleState) -> tuple[Vec3, ...]:
+        """Corners of the planned way; empty when the behaviour doesn't know it, or raises."""
+        if self._behaviour is None or self._failure:
+            return ()
+        try:
+            corners = path_of(self._behaviour, state)
+            finite = all(isfinite(north_m + east_m + down_m) for north_m, east_m, down_m in corners)
+        except Exception as error:  # noqa: BLE001
+            self._failure = _report(self._name, "path", error)
+            return ()
+        return corners if finite else ()
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> Payload | None:
         """The behaviour's result; None when its own code raises, or has never started."""

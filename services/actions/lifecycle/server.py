@@ -31,7 +31,7 @@ from jezero.services.actions.lifecycle.goal_run import GoalRun
 from jezero.services.actions.lifecycle.guard import GuardedPlanner
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.lifecycle.running_goal_requests import RunningGoalRequests, not_running_reason
-from jezero.services.actions.lifecycle.vehicle_view import STATUS_AGE_MAX_S, is_fresh
+from jezero.services.actions.lifecycle.vehicle_view import STATUS_AGE_MAX_S, hovering_at, is_fresh
 from jezero.services.actions.motion.behaviour import Plan, Planner, Refusal
 from jezero.services.actions.motion.capture import CAPTURE_INPUTS
 
@@ -40,6 +40,7 @@ EXPIRY_S = 30.0
 RESULTS_MAX = 100
 GOAL_AHEAD_MAX_NS = NS_PER_S
 """A goal that was issued farther in the future is from before a restart of the vehicle."""
+PLAN_ONLY = "plan_from_ned_m is for requests for a plan: a goal is flown from where the vehicle is"
 UNWATCHED = "on_client_loss has no effect: the goal names no client whose liveliness could be watched"
 
 
@@ -145,7 +146,7 @@ class ActionServer:
             yield Reply(request.request_id, Accepted(goal_id=goal.goal_id), final=False)
             yield Reply(request.request_id, self._results[goal.goal_id])
             return
-        plan = self._plan_of(t_ns, goal, status)
+        plan = self._plan_of(t_ns, goal, status) if goal.plan_from_ned_m is None else Refusal(PLAN_ONLY)
         if isinstance(plan, Refusal) or status is None:
             code, reason = (None if status is None else status.code), plan.reason if isinstance(plan, Refusal) else ""
             yield Reply(request.request_id, Rejected(goal_id=goal.goal_id, reason=reason, code=code))
@@ -154,6 +155,8 @@ class ActionServer:
 
     def _handle_plan_request(self, t_ns: int, request: Request, inbox: Inbox) -> Iterator[Output]:
         status = inbox.latest(STATUS)
+        if status is not None and request.payload.plan_from_ned_m is not None:
+            status = hovering_at(status, request.payload.plan_from_ned_m)
         plan = self._plan_of(t_ns, request.payload, status)
         if isinstance(plan, Refusal) or status is None:
             code, reason = (None if status is None else status.code), plan.reason if isinstance(plan, Refusal) else ""

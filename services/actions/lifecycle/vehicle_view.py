@@ -5,10 +5,10 @@ from typing import Any
 
 import msgspec
 
-from jezero.frames import Quat, Vec3, quat_rotate, subtract
+from jezero.frames import Quat, Vec3, add, quat_rotate, subtract
 from jezero.runtime.service import Inbox
 from jezero.schemas.estimate import Relative, RoverEstimate
-from jezero.schemas.state import Odometry
+from jezero.schemas.state import Odometry, Status, StatusCode
 from jezero.schemas.struct import Message
 from jezero.schemas.topics import ALTIMETER, ODOMETRY, RELATIVE, ROVER_ESTIMATE, STATUS, Topic
 from jezero.schemas.units import NS_PER_S
@@ -34,6 +34,17 @@ ESTIMATE_AGE_MAX_S = 0.3
 """Older readings and estimates count as lost."""
 
 
+def hovering_at(status: Status, pos_ned_m: Vec3) -> Status:
+    """The status of a vehicle that hovers somewhere, for a plan from there."""
+    odometry = status.odometry
+    if odometry is not None:
+        odometry = msgspec.structs.replace(odometry, pos_uav_ned_m=pos_ned_m, vel_uav_ned_mps=NO_SHIFT)
+    code = StatusCode.HOVER
+    return msgspec.structs.replace(
+        status, code=code, name=code.name, armed=True, landed=False, ready=True, not_ready_reason="", odometry=odometry
+    )
+
+
 class VehicleView:
     """Makes the states of the vehicle for one goal.
 
@@ -41,10 +52,18 @@ class VehicleView:
         epoch_id: of the vehicle that the goal is for.
         lease: of the goal's own selection of the estimator's inputs, if it has one.
         inputs: topics besides odometry and status that the goal subscribes to.
+        plan_from_ned_m: position at which the vehicle is supposed to hover, for a plan; None: where and as it is.
     """
 
-    def __init__(self, epoch_id: int, lease: SelectionLease | None, inputs: Sequence[Topic[Any]]) -> None:
+    def __init__(
+        self,
+        epoch_id: int,
+        lease: SelectionLease | None,
+        inputs: Sequence[Topic[Any]],
+        plan_from_ned_m: Vec3 | None = None,
+    ) -> None:
         self._epoch_id = epoch_id
+        self._plan_from_ned_m = plan_from_ned_m
         self._lease = lease
         self._with_rover = RELATIVE in inputs or ROVER_ESTIMATE in inputs
         self._offset_start_ned_m: Vec3 = (0.0, 0.0, 0.0)
@@ -55,11 +74,12 @@ class VehicleView:
 
     def odometry(self, inbox: Inbox) -> Odometry | None:
         """The newest odometry; until the first one of its own topic arrives, that in the status."""
-        odometry = inbox.latest(ODOMETRY)
-        if odometry is not None:
+        odometry, status = inbox.latest(ODOMETRY), inbox.latest(STATUS)
+        if odometry is None and status is not None:
+            odometry = status.odometry
+        if odometry is None or self._plan_from_ned_m is None:
             return odometry
-        status = inbox.latest(STATUS)
-        return None if status is None else status.odometry
+        return msgspec.structs.replace(odometry, pos_uav_ned_m=self._plan_from_ned_m, vel_uav_ned_mps=NO_SHIFT)
 
     def shift(self, odometry: Odometry) -> Vec3:
         """Shift of positions from the behaviour's world frame to the autopilot's present one."""
@@ -72,16 +92,16 @@ class VehicleView:
         Args:
             behind_ns: vehicle time minus the goal's own time, in which the times of estimates are given.
         """
-        status = inbox.latest(STATUS)
+        status, supposed = inbox.latest(STATUS), self._plan_from_ned_m is not None
         shift_ned_m, pos_ned_m = self.shift(odometry), odometry.pos_uav_ned_m
         return VehicleState(
             pos_ned_m if shift_ned_m is NO_SHIFT else subtract(pos_ned_m, shift_ned_m),
             odometry.vel_uav_ned_mps,
             odometry.q_ned_from_frd,
-            status is not None and status.armed,
-            status is not None and status.landed,
+            supposed or (status is not None and status.armed),
+            not supposed and status is not None and status.landed,
             min(max((t_ns - odometry.t_ns) / NS_PER_S, 0.0), ODOMETRY_AGE_MAX_S),
-            self._height_m(t_ns, inbox, odometry.q_ned_from_frd),
+            None if supposed else self._height_m(t_ns, inbox, odometry.q_ned_from_frd),
             self._relative(t_ns, inbox, behind_ns) if self._with_rover else None,
             self._rover(t_ns, inbox, behind_ns) if self._with_rover else None,
             shift_ned_m,
@@ -106,11 +126,27 @@ class VehicleView:
             relative = self._lease.checked(relative)
         if not is_fresh(relative, t_ns, ESTIMATE_AGE_MAX_S):
             return None
+        if self._plan_from_ned_m is not None:
+            return self._supposed_relative(relative, inbox)
         if behind_ns == 0:
             return relative
         # A measurement from before a long pause would be older than the goal's own time is.
         fused_t_ns = max(relative.fused_t_ns - behind_ns, 0)
         return msgspec.structs.replace(relative, t_ns=max(relative.t_ns - behind_ns, 0), fused_t_ns=fused_t_ns)
+
+    def _supposed_relative(self, relative: Relative, inbox: Inbox) -> Relative:
+        """The estimate as it would be where the vehicle is supposed to hover."""
+        status = inbox.latest(STATUS)
+        odometry = inbox.latest(ODOMETRY) or (None if status is None else status.odometry)
+        if odometry is None or self._plan_from_ned_m is None:
+            return relative
+        moved_m = subtract(self._plan_from_ned_m, odometry.pos_uav_ned_m)
+        north_mps, east_mps, down_mps = relative.vel_rover_ned_mps
+        return msgspec.structs.replace(
+            relative,
+            pos_uav_rel_rover_ned_m=add(relative.pos_uav_rel_rover_ned_m, moved_m),
+            vel_uav_rel_rover_ned_mps=(-north_mps, -east_mps, -down_mps),
+        )
 
     def _rover(self, t_ns: int, inbox: Inbox, behind_ns: int) -> RoverEstimate | None:
         """Estimate of the rover in the behaviour's world frame."""

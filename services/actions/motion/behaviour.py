@@ -168,6 +168,8 @@ class Behaviour(Protocol):
 
     - `remaining(state: VehicleState) -> Remaining | None`, called after the first step: the rest of the flight. Clients
       get the one of the first step before they decide to fly, then the progress.
+    - `path(state: VehicleState) -> Sequence[Vec3]`, called after the first step: corners of the planned way in the
+      world frame, from the vehicle's position to the end of the goal. Empty where it is unknown.
     - `hold(t_ns: int, dt_s: float, state: VehicleState) -> Move | Done | None`, called instead of `step` while the goal
       is paused: the setpoint of a hover, for a flight that must not simply hover where it has come to rest. `t_ns`
       stands still, and `dt_s` is the time since the last call. None leaves the hover to the pause.
@@ -193,6 +195,12 @@ def remaining_of(behaviour: Behaviour, state: VehicleState) -> Remaining | None:
     method = getattr(behaviour, "remaining", None)
     rest: Remaining | None = None if method is None else method(state)
     return rest
+
+
+def path_of(behaviour: Behaviour, state: VehicleState) -> tuple[Vec3, ...]:
+    """Corners of a behaviour's planned way; empty where the behaviour doesn't know it."""
+    method = getattr(behaviour, "path", None)
+    return () if method is None else tuple(method(state))
 
 
 def hold_of(behaviour: Behaviour, t_ns: int, dt_s: float, state: VehicleState) -> Move | Done | None:

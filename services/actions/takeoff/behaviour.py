@@ -37,5 +37,8 @@ class Takeoff:
     def remaining(self, state: VehicleState) -> Remaining:
         return self._climb.path.remaining()
 
+    def path(self, state: VehicleState) -> tuple[Vec3, ...]:
+        return state.pos_uav_ned_m, self._climb.path.end_ned_m
+
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> MoveResult:
         return MoveResult(completed=completed, pos_uav_ned_m=pos_uav_ned_m)

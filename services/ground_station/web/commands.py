@@ -11,7 +11,7 @@ from jezero.client.rover import Wheel
 from jezero.schemas.actions import PlanReply
 from jezero.schemas.topics import Action
 from jezero.services.ground_station.events import Tone
-from jezero.services.ground_station.web.feed import Feed
+from jezero.services.ground_station.web.pilot_link import PilotLink
 
 
 class Commands:
@@ -21,7 +21,7 @@ class Commands:
         sent: ids of the goals that were sent from this page.
     """
 
-    def __init__(self, feed: Feed) -> None:
+    def __init__(self, feed: PilotLink) -> None:
         self._feed = feed
         self.sent: set[str] = set()
         self._wheel = Wheel()
@@ -115,6 +115,7 @@ class Commands:
                 self._note("good", done)
 
     def _note(self, tone: Tone, text: str) -> None:
-        self._feed.state.events.add(time.monotonic(), tone, text)
+        if not self._feed.refusal:  # who watches writes nothing into the list that all pages show
+            self._feed.state.events.add(time.monotonic(), tone, text)
         kind = {"good": "positive", "plain": "info", "warning": "warning", "bad": "negative"}[tone]
         ui.notify(text, type=kind, position="top")  # type: ignore[arg-type]

@@ -92,3 +92,7 @@ class HoldButton(Element, component="static/hold_button.js"):
     def __init__(self, text: str) -> None:
         super().__init__()
         self.props["text"] = text
+
+
+class Watchdog(Element, component="static/watchdog.js"):
+    """Tells when nothing comes from the server any more."""

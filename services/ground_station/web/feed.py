@@ -9,13 +9,11 @@ from jezero.schemas import topics
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.terrain import Ground
 from jezero.schemas.topics import Topic
-from jezero.services.ground_station.state import VehicleState
+from jezero.services.ground_station.state import WATCHED, VehicleState
 from jezero.services.ground_station.web.coverage_map import CoverageMap
 from jezero.services.ground_station.web.stack_actions import ALL_FEEDBACK, StackActions
 
 ALL_HEALTH = Topic("health/*", ServiceHealth, 1.0, "every service")
-WATCHED = (topics.ALTIMETER, topics.GNSS, topics.RELATIVE, topics.ROVER_ESTIMATE, topics.CAMERA_PITCH)
-"""Topics that are read only while somebody looks."""
 RETRY_S = 1.0
 
 
@@ -48,6 +46,11 @@ class Feed:
     def uav(self) -> Vehicle | None:
         """The vehicle; None until a router replies."""
         return self._uav
+
+    @property
+    def now_s(self) -> float:
+        """Present time, of the clock of `state`."""
+        return time.monotonic()
 
     @property
     def viewers(self) -> int:

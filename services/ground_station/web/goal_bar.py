@@ -7,6 +7,7 @@ from nicegui import ui
 from jezero.services.ground_station.web.commands import Commands
 from jezero.services.ground_station.web.elements import Map
 from jezero.services.ground_station.web.feed import Feed
+from jezero.services.ground_station.web.playback_feed import PlaybackFeed
 
 
 def is_local(router: str) -> bool:
@@ -17,7 +18,7 @@ def is_local(router: str) -> bool:
 class GoalBar:
     """The bar of one page; it also draws the goal, and the images that it has taken, on the map."""
 
-    def __init__(self, feed: Feed, commands: Commands, chart: Map) -> None:
+    def __init__(self, feed: Feed | PlaybackFeed, commands: Commands, chart: Map) -> None:
         self._feed, self._commands, self._map = feed, commands, chart
         self._goal: dict[str, Any] | None = None
         self._changes = -1
@@ -48,7 +49,7 @@ class GoalBar:
         if state.goals.changes != self._changes:
             self._changes = state.goals.changes
             self._map.run_method("setGoal", state.goals.drawing())
-        if shows_map and self._map.shows_photos:
+        if isinstance(self._feed, Feed) and shows_map and self._map.shows_photos:
             photos = self._feed.coverage_map
             photos.look()
             if photos.version != self._photos and photos.version > 0:

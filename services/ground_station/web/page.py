@@ -1,12 +1,16 @@
 """The one page: what the vehicle does, where it is, how it is, and what it should do."""
 
-import time
 from typing import Any
 
 from nicegui import ui
 
+from jezero.services.ground_station.config import GroundStationConfig
 from jezero.services.ground_station.scene import ground_shape
+from jezero.services.ground_station.web.access import Access
+from jezero.services.ground_station.web.access_bar import AccessBar
+from jezero.services.ground_station.web.backpressure import Backpressure
 from jezero.services.ground_station.web.commands import Commands
+from jezero.services.ground_station.web.data_panel import DataPanel
 from jezero.services.ground_station.web.elements import (
     STATIC,
     Camera,
@@ -17,12 +21,17 @@ from jezero.services.ground_station.web.elements import (
     Readings,
     Target,
     View3D,
+    Watchdog,
 )
 from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.fly import FlyPanel
 from jezero.services.ground_station.web.goal_bar import GoalBar, is_local
 from jezero.services.ground_station.web.lists import Events, Services
+from jezero.services.ground_station.web.pilot_link import PilotLink
+from jezero.services.ground_station.web.playback_bar import PlaybackBar
+from jezero.services.ground_station.web.playback_feed import RECORDED, PlaybackFeed
 from jezero.services.ground_station.web.rover_panel import RoverPanel
+from jezero.services.ground_station.web.topic_watch import TopicWatch
 
 SLOW = 5
 """What changes slowly is updated in every fifth period."""
@@ -35,24 +44,43 @@ CAMERAS = {"follow": "Follow", "top": "From above", "free": "Free"}
 class Page:
     """One open page."""
 
-    def __init__(self, feed: Feed, robot: dict[str, Any], rate_hz: float, rate_camera_hz: float) -> None:
+    def __init__(
+        self,
+        feed: Feed | PlaybackFeed,
+        access: Access,
+        token: str,
+        robot: dict[str, Any],
+        config: GroundStationConfig,
+        pictures: str = "/camera.jpg",
+        watch: TopicWatch | None = None,
+    ) -> None:
         self._feed = feed
+        self._backpressure = Backpressure(ui.context.client)
+        self._pictures = pictures
+        self._watch = watch
+        self._access, self._token = access, token
         self._robot = robot
-        self._commands = Commands(feed)
+        self._commands = Commands(PilotLink(feed, self._refusal))
         self._count = 0
         self._ground_version = 0
-        self._period_camera_s = 1.0 / rate_camera_hz
+        self._period_camera_s = 1.0 / config.rate_camera_hz
         ui.add_css(STATIC / "style.css")
         ui.add_css(STATIC / "fly.css")
         ui.query("body").classes("ground")
-        Keys().on("hover", self._commands.hover).on("abort", self._commands.abort)
-        with ui.element("div").classes("page"):
+        keys = Keys()
+        Watchdog()
+        with ui.element("div").classes("page") as self._whole:
             self._header()
             with ui.element("main").classes("main"):
                 self._stage()
                 self._target = Target(self._robot)
                 self._side()
-        ui.timer(1.0 / rate_hz, self._refresh)
+            if isinstance(feed, PlaybackFeed):
+                keys.on("hover", PlaybackBar(feed).toggle)
+                self._whole.classes("recorded")
+            else:
+                keys.on("hover", self._commands.hover).on("abort", self._commands.abort)
+        ui.timer(1.0 / config.rate_hz, self._refresh)
         ui.timer(0.1, self._recall, once=True)
 
     # -- layout --
@@ -65,6 +93,14 @@ class Page:
                     self._charge = ui.label().classes("state-charge")
                     self._why = ui.label().classes("state-why")
             with ui.element("div").classes("bar-buttons"):
+                if isinstance(self._feed, PlaybackFeed):
+                    ui.label(f"Recording {self._feed.flight.path.name}").classes("recorded-words").props(
+                        'data-mark="recorded"'
+                    )
+                    ui.link("Others", "/recordings").classes("recordings-link")
+                else:
+                    ui.link("Recordings", "/recordings").classes("recordings-link").props('data-mark="recordings"')
+                self._bar = AccessBar(self._access, self._token, self._whole)
                 ui.button("Hover", on_click=self._commands.hover, color=None).classes("hover-button").props(
                     "no-caps"
                 ).props('data-mark="hover"')
@@ -77,7 +113,7 @@ class Page:
         with ui.element("section").classes("stage"):
             self._view = View3D(self._robot).classes("layer").on("ready", self._draw_ground)
             self._map = Map(self._robot).classes("layer layer-off")
-            self._map.show_photos(is_local(self._feed.router))
+            self._map.show_photos(isinstance(self._feed, Feed) and is_local(self._feed.router))
             self._map.on("photos", lambda event: self._map.show_photos(bool(event.args)))
             with ui.element("div").classes("stage-tools"):
                 self._which = ui.toggle(VIEWS, value="3d", on_change=self._switch).props("no-caps dense unelevated")
@@ -85,7 +121,7 @@ class Page:
             with ui.element("details").classes("picture").props("open"):
                 with ui.element("summary"):
                     ui.label("Camera")
-                Camera("/camera.jpg", self._period_camera_s)
+                Camera(self._pictures, self._period_camera_s)
             self._goal = GoalBar(self._feed, self._commands, self._map)
 
     def _side(self) -> None:
@@ -94,19 +130,29 @@ class Page:
                 self._horizon = Horizon()
                 self._readings = Readings().classes("readings-main")
                 self._details = Readings().classes("readings-more")
-            self._fly = FlyPanel(self._feed, self._commands, self._map, self._view, self._show_map)
-            RoverPanel(self._commands)
+            self._fly: FlyPanel | None = None
+            if isinstance(self._feed, Feed):
+                self._fly = FlyPanel(self._feed, self._commands, self._map, self._view, self._show_map)
+                RoverPanel(self._commands)
             with ui.element("section").classes("card"):
                 ui.label("Events").classes("card-title")
                 self._events = Events()
             with ui.element("section").classes("card"):
                 ui.label("Services").classes("card-title")
                 self._services = Services()
+            if self._watch is not None:
+                DataPanel(self._watch)
+
+    def _refusal(self) -> str:
+        """Why this page may not fly now; "" if it may."""
+        return RECORDED if isinstance(self._feed, PlaybackFeed) else self._bar.refusal()
 
     # -- refresh --
 
     def _refresh(self) -> None:
-        now_s, state = time.monotonic(), self._feed.state
+        if not self._backpressure.may_send():
+            return
+        now_s, state = self._feed.now_s, self._feed.state
         line = state.status_line(now_s, self._feed.problem)
         self._words.set_text(line["words"])
         self._words.classes(replace=f"state-words tone-{line['tone']}")
@@ -131,19 +177,21 @@ class Page:
         if self._ground_version != self._feed.ground_version:
             self._ground_version = self._feed.ground_version
             self._draw_ground()
+        self._bar.show()
         trail = state.trail()
         self._view.run_method("setTrail", trail)
         self._map.run_method("setTrail", trail)
         self._view.run_method("setPhotos", state.photos())
         self._events.show(state.event_rows(now_s))
         self._services.show(state.services(now_s))
-        self._fly.refresh()
+        if self._fly is not None:
+            self._fly.refresh()
         self._goal.refresh(now_s, self._which.value == "map")
 
     # -- views --
 
     async def _recall(self) -> None:
-        if await self._fly.recall() == "map":
+        if self._fly is not None and await self._fly.recall() == "map":
             self._show_map()
 
     def _draw_ground(self) -> None:

@@ -1,103 +1,87 @@
-"""The web server of the pages, on this machine's loopback address."""
+"""The web server of the pages."""
 
 import asyncio
-import socket
 import threading
-from collections.abc import Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
+from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 import uvicorn
-from fastapi import FastAPI, Response
+from fastapi import FastAPI, Request, Response
+from fastapi.responses import RedirectResponse
 from nicegui import Client, ui
 from nicegui import app as pages
 
 from jezero.runtime.service import Health
 from jezero.services.ground_station.config import GroundStationConfig
+from jezero.services.ground_station.listening import Listening, listening_socket
 from jezero.services.ground_station.robot import robot_shapes
+from jezero.services.ground_station.web.access import Access, token_of
 from jezero.services.ground_station.web.camera_feed import CameraFeed
 from jezero.services.ground_station.web.feed import Feed
+from jezero.services.ground_station.web.guard import BODY_MAX_BYTES, OwnPagesOnly, SmallBodies
 from jezero.services.ground_station.web.page import Page
+from jezero.services.ground_station.web.playback_feed import PlaybackFeed
+from jezero.services.ground_station.web.recording_pages import RecordingPages
+from jezero.services.ground_station.web.recordings import Recordings
+from jezero.services.ground_station.web.topic_watch import TopicWatch
 from jezero.vehicle_config import VehicleConfig
 
-HOST = "127.0.0.1"
-LOOPBACK = frozenset({"127.0.0.1", "localhost", "[::1]"})
-PORTS_TRIED = 20
 STOP_TIMEOUT_S = 1.0
-RECONNECT_TIMEOUT_S = 30.0
-"""A browser that is busy for longer gets a new page."""
-Receive = Callable[[], Awaitable[Any]]
-Send = Callable[[Any], Awaitable[None]]
-
-
-def listening_socket(port: int) -> socket.socket:
-    """A socket that listens on a port of the loopback address, or on one of the next ports when that is busy.
-
-    Raises:
-        OSError: none of them is free.
-    """
-    for candidate in (*range(port, min(port + PORTS_TRIED, 65536)), 0):
-        listening = socket.socket()
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            listening.bind((HOST, candidate))
-            listening.listen()
-        except OSError:
-            listening.close()
-            continue
-        return listening
-    raise OSError(f"no free port on {HOST}")
-
-
-class OwnPagesOnly:
-    """Refuses what another site's page sends: a browser would pass it on with the user's own address.
-
-    A page of another site names itself in `Origin`; one that has pointed its own name at this machine in `Host`.
-    """
-
-    def __init__(self, inner: Callable[[Any, Receive, Send], Awaitable[None]]) -> None:
-        self._inner = inner
-
-    async def __call__(self, scope: Any, receive: Receive, send: Send) -> None:
-        if scope["type"] in ("http", "websocket"):
-            headers = {name: value.decode("latin-1") for name, value in scope["headers"]}
-            host, origin = headers.get(b"host", ""), headers.get(b"origin")
-            if host.rpartition(":")[0] not in LOOPBACK or (origin is not None and urlsplit(origin).netloc != host):
-                await _refuse(scope, receive, send)
-                return
-        await self._inner(scope, receive, send)
-
-
-async def _refuse(scope: Any, receive: Receive, send: Send) -> None:
-    if scope["type"] == "websocket":
-        await receive()
-        await send({"type": "websocket.close", "code": 1008})
-    else:
-        await Response("only this machine's own pages are served", status_code=403)(scope, receive, send)
+RECONNECT_TIMEOUT_S = 60.0
+"""A browser that is busy for 0.4 of it must connect anew; one that is away for longer gets a new page."""
+CONNECTIONS_MAX = 200
+"""Open connections; a page has up to seven."""
 
 
 class PageServer:
     """Serves the pages of one vehicle, in the thread that calls `run`.
 
+    Args:
+        router: the vehicle's router; None to show recordings only.
+        recordings: a recording, or a run's folder with recordings; None for none.
+
     Attributes:
         address: of the pages, for a browser.
+
+    Raises:
+        OSError: the address can't be listened on.
     """
 
-    def __init__(self, config: GroundStationConfig, robot: VehicleConfig, vehicle: str, router: str) -> None:
-        self._socket = listening_socket(config.port)
+    def __init__(
+        self,
+        config: GroundStationConfig,
+        listening: Listening,
+        robot: VehicleConfig,
+        vehicle: str,
+        router: str | None,
+        recordings: Path | None = None,
+    ) -> None:
+        self._socket = listening_socket(listening.address, config.port)
         self.port: int = self._socket.getsockname()[1]
-        self.address = f"http://{HOST}:{self.port}"
-        self._feed = Feed(vehicle, router)
+        self.address = listening.url(self.port)
+        self._feed = Feed(vehicle, router or "")
+        self._is_live = router is not None
+        self._topics = TopicWatch(self._feed)
         self._camera = CameraFeed(robot, config.rate_camera_hz)
         shapes = robot_shapes(robot)
         site = FastAPI(lifespan=self._life, docs_url=None, redoc_url=None, openapi_url=None)
         site.add_api_route("/camera.jpg", self._send_picture)
         site.add_api_route("/coverage.webp", self._send_coverage)
+        access = Access(config, listening)
+        access.add_routes(site)
+
+        def show_recording(feed: PlaybackFeed, pictures: str, request: Request) -> None:
+            Page(feed, access, token_of(request), shapes, config, pictures)
+
+        RecordingPages(Recordings(recordings), show_recording).add_routes(site)
 
         @ui.page("/", title=f"{vehicle} · jezero", dark=True)
-        def show() -> None:
-            Page(self._feed, shapes, config.rate_hz, config.rate_camera_hz)
+        def show(request: Request) -> Response | None:
+            if router is None:
+                return RedirectResponse("/recordings")
+            Page(self._feed, access, token_of(request), shapes, config, watch=self._topics)
+            return None
 
         pages.on_connect(self._count_viewers)
         pages.on_disconnect(self._count_viewers)
@@ -108,7 +92,18 @@ class PageServer:
             binding_refresh_interval=None,
             reconnect_timeout=RECONNECT_TIMEOUT_S,
         )
-        settings = uvicorn.Config(OwnPagesOnly(site), log_level="warning", timeout_graceful_shutdown=1)
+        settings = uvicorn.Config(
+            OwnPagesOnly(SmallBodies(site), listening.serves),
+            log_level="warning",
+            timeout_graceful_shutdown=1,
+            ssl_certfile=listening.certificate or None,
+            ssl_keyfile=listening.key or None,
+            ws_max_size=BODY_MAX_BYTES,
+            ws_ping_interval=None,  # the pages have pings of their own
+            limit_concurrency=CONNECTIONS_MAX,
+            proxy_headers=False,
+            server_header=False,
+        )
         self._server = uvicorn.Server(settings)
 
     def run(self) -> None:
@@ -139,12 +134,13 @@ class PageServer:
 
     @asynccontextmanager
     async def _life(self, site: FastAPI) -> Any:
-        connecting = asyncio.create_task(self._feed.connect())
+        connecting = asyncio.create_task(self._feed.connect() if self._is_live else asyncio.sleep(0))
         yield
         connecting.cancel()
         with suppress(asyncio.CancelledError):
             await connecting
         self._camera.close()
+        self._topics.close()
         await self._feed.close()
 
     async def _send_picture(self) -> Response:

@@ -7,7 +7,9 @@ const LAG_S = 0.12; // time constant of the motion between two updates
 const FRAME_GAP_MS = 33, FRAME_GAP_MAX_MS = 250;
 const SLOW_MS = 100; // a frame that takes longer: fewer pixels, and no shadows
 const SLOW_FRAMES = 4;
-const PIXELS = [1, 0.8, 0.6]; // pixels of the view for each of the screen, along a side; fewer step by step
+const PIXELS = [1, 0.8, 0.65]; // of the view for each of the screen, along a side; fewer step by step
+const PIXELS_ENOUGH = 200_000; // a small view keeps all of its own
+const ROVER_NEAR_M = 25, BESIDE_RAD = 0.35;
 const ROTOR_RPS = 38;
 const UP = new THREE.Vector3(0, 0, 1);
 
@@ -146,7 +148,8 @@ export default {
     resize() {
       const { clientWidth: width, clientHeight: height } = this.$el;
       if (!width || !height) return;
-      this.renderer.setPixelRatio(PIXELS[this.fewer] * Math.min(window.devicePixelRatio, 2));
+      const enough = Math.sqrt(PIXELS_ENOUGH / (width * height));
+      this.renderer.setPixelRatio(Math.max(PIXELS[this.fewer], Math.min(enough, 1)) * Math.min(window.devicePixelRatio, 2));
       this.renderer.setSize(width, height, false);
       this.camera.aspect = width / height;
       this.camera.fov = width > height ? 50 : 62;
@@ -216,7 +219,7 @@ export default {
       const step = this.lastAt ? at.clone().sub(this.lastAt) : new THREE.Vector3();
       this.lastAt = at;
       if (this.snap && this.mode === "follow") {
-        this.camera.position.set(at.x - 2.9, at.y - 3.7, at.z + 1.7);
+        this.camera.position.copy(at).add(this.besideVehicle(at));
         this.controls.target.copy(at);
       } else if (this.snap && this.mode === "top") {
         this.camera.position.set(at.x, at.y - 0.01, at.z + 18);
@@ -231,6 +234,14 @@ export default {
       this.dome.position.copy(this.camera.position);
       const turn = Math.atan2(this.controls.target.x - this.camera.position.x, this.controls.target.y - this.camera.position.y);
       this.$refs.north.style.transform = `rotate(${-turn}rad)`;
+    },
+    // Where the eye is beside the vehicle: so that the rover, if it is near, is behind the vehicle and beside it.
+    besideVehicle(at) {
+      const rover = this.rover.visible ? this.rover.getWorldPosition(new THREE.Vector3()) : at;
+      const away = new THREE.Vector3(at.x - rover.x, at.y - rover.y, 0), distance = away.length();
+      if (distance < 1 || distance > ROVER_NEAR_M) away.set(-0.62, -0.79, 0);
+      else away.normalize().applyAxisAngle(UP, BESIDE_RAD);
+      return away.multiplyScalar(4.7).setZ(1.7);
     },
     // The sun moves along with the vehicle, so that the finest part of its shadows is there.
     moveLight(at) {

@@ -36,6 +36,17 @@ def test_it_comes_down_on_the_middle_of_a_rover_that_stands_drives_or_turns(
     assert landing.vel_deck_mps == pytest.approx((*last[-1][:2], 0.0), abs=0.02)  # type: ignore[index]
 
 
+def test_the_feedback_has_the_radius_of_the_cone_at_the_height_of_the_vehicle() -> None:
+    landing = Landing(BOTH)
+    landing.run(40.0)
+    descent = [(move, offset_m) for _, offset_m, move in landing.moves if move.feedback.phase == "descent"]
+    narrowest_m = [0.008 + 0.08 * altitude_m(offset_m[2]) for _, offset_m in descent]
+    cones_m = [move.feedback.cone_m for move, _ in descent]
+    assert all(cone_m >= least_m - 0.01 for cone_m, least_m in zip(cones_m, narrowest_m, strict=True))
+    assert cones_m[-1] < 0.25 * cones_m[0]
+    assert all(move.feedback.cone_m >= 0.0 for _, _, move in landing.moves)
+
+
 def test_from_lower_than_the_platform_it_climbs_before_it_comes_near() -> None:
     landing = Landing(BOTH, (3.0, -3.0, -0.4))
     assert landing.run(40.0) == Done("succeeded", then="disarm")

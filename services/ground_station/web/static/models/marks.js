@@ -13,7 +13,7 @@ export class Marks {
     this.home = makeHome();
     this.lost = makePin();
     this.drop = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: 0xffffff, transparent: true, opacity: 0.8, fog: false }));
-    this.photos = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({ color: 0xffffff, size: 0.14, fog: false }));
+    this.photos = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({ color: 0xffffff, size: 0.1, fog: false }));
     this.drop.frustumCulled = this.photos.frustumCulled = false;
     this.group.add(this.ellipsoid, this.wind, this.home, this.lost, this.drop, this.photos);
     this.ellipsoid.visible = this.wind.visible = this.lost.visible = this.drop.visible = false;

@@ -1,0 +1,121 @@
+"""Numbers of any topic over the last minute, for plots: which there are, and their values.
+
+Times are seconds of a clock that the caller reads.
+"""
+
+import json
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any
+
+from jezero.recording.channels import json_schema
+from jezero.schemas.topics import CAMERA, TOPICS, Topic
+
+SPAN_S = 60.0
+PERIOD_MIN_S = 0.05
+"""Values that follow each other faster are left out: a screen has no more columns."""
+VALUES_MAX = int(SPAN_S / PERIOD_MIN_S)
+ITEMS_MAX = 9
+"""Longer lists, such as covariances of six numbers by six, are not offered."""
+AXES = {"ned": ("north", "east", "down"), "frd": ("forward", "right", "down"), "q": ("w", "x", "y", "z")}
+UNITS = {
+    "m": "m", "mps": "m/s", "mps2": "m/s²", "rad": "rad", "rps": "rad/s", "s": "s", "ns": "ns", "deg": "°", "px": "px",
+    "hz": "Hz", "v": "V", "a": "A", "pa": "Pa", "ut": "µT", "kelvin": "K", "celsius": "°C",
+}  # fmt: skip
+LEFT_OUT = frozenset({"t_ns", "pixels"})
+
+
+@dataclass(frozen=True)
+class PlotField:
+    """A number in the messages of a topic.
+
+    Attributes:
+        topic: name of the topic.
+        path: names of fields and places in lists that lead to it.
+        label: its name for people, which is unique within the topic.
+        unit: its unit by its name, "" without one.
+    """
+
+    topic: str
+    path: tuple[str | int, ...]
+    label: str
+    unit: str
+
+    def value_in(self, message: Any) -> float | None:
+        """Its value in a message; None when it is absent or not finite."""
+        value = message
+        for step in self.path:
+            if value is None:
+                return None
+            if isinstance(step, int):
+                value = value[step] if step < len(value) else None
+            else:
+                value = getattr(value, step, None)
+        if not isinstance(value, int | float) or not isfinite(value):
+            return None
+        return float(value)
+
+
+def plottable_topics() -> list[str]:
+    """Names of the topics whose numbers can be plotted."""
+    return [topic.name for topic in TOPICS if topic is not CAMERA and fields_of(topic)]
+
+
+def fields_of(topic: Topic[Any]) -> list[PlotField]:
+    """The numbers in the messages of a topic, by its schema."""
+    return list(_walk(topic.name, json.loads(json_schema(topic.name)), ()))
+
+
+def _walk(topic: str, node: dict[str, Any], path: tuple[str | int, ...]) -> Iterator[PlotField]:
+    match node.get("type"):
+        case "object":
+            for name, inner in node.get("properties", {}).items():
+                if name not in LEFT_OUT:
+                    yield from _walk(topic, inner, (*path, name))
+        case "array" if node.get("items", {}).get("type") in ("number", "integer"):
+            for place in range(_length(node)):
+                yield _field(topic, (*path, place))
+        case "number" | "integer" | "boolean":
+            yield _field(topic, path)
+
+
+def _length(node: dict[str, Any]) -> int:
+    length = node.get("maxItems", 0)
+    return length if length == node.get("minItems") and length <= ITEMS_MAX else 0
+
+
+def _field(topic: str, path: tuple[str | int, ...]) -> PlotField:
+    names = [str(step) for step in path]
+    words = names[-1 if isinstance(path[-1], str) else -2].split("_")
+    unit = UNITS.get(words[-1], "") if len(words) > 1 else ""
+    if isinstance(path[-1], int):
+        axes = next((AXES[word] for word in words if word in AXES), ())
+        names[-1] = axes[path[-1]] if path[-1] < len(axes) else names[-1]
+    return PlotField(topic, path, ".".join(names), unit)
+
+
+class Series:
+    """The values of one field during the last minute. It is bounded, whatever the rate."""
+
+    def __init__(self, field: PlotField) -> None:
+        self.field = field
+        self._values: deque[tuple[float, float]] = deque(maxlen=VALUES_MAX)
+
+    def on_message(self, now_s: float, message: Any) -> None:
+        """Take a message of the field's topic."""
+        if self._values and now_s - self._values[-1][0] < PERIOD_MIN_S:
+            return
+        value = self.field.value_in(message)
+        if value is not None:
+            self._values.append((now_s, value))
+
+    def since(self, t_s: float) -> list[tuple[float, float]]:
+        """Times and values after a time, the oldest first."""
+        newer = []
+        for entry in reversed(self._values):
+            if entry[0] <= t_s:
+                break
+            newer.append(entry)
+        return newer[::-1]

@@ -1,0 +1,75 @@
+"""What reaches the pages' server at all: requests of its own pages, of limited size."""
+
+from collections.abc import Awaitable, Callable
+from typing import Any
+from urllib.parse import urlsplit
+
+from fastapi import Response
+
+BODY_MAX_BYTES = 64_000
+"""Of a request; also of one message of a page, see `PageServer`."""
+Receive = Callable[[], Awaitable[Any]]
+Send = Callable[[Any], Awaitable[None]]
+Inner = Callable[[Any, Receive, Send], Awaitable[None]]
+
+
+class OwnPagesOnly:
+    """Refuses what another site's page sends: a browser would pass it on with the user's own address and log-in.
+
+    A page of another site names itself in `Origin`; one that has pointed its own name at this machine in `Host`.
+
+    Args:
+        serves: whether a `Host` names this machine.
+    """
+
+    def __init__(self, inner: Inner, serves: Callable[[str], bool]) -> None:
+        self._inner = inner
+        self._serves = serves
+
+    async def __call__(self, scope: Any, receive: Receive, send: Send) -> None:
+        if scope["type"] in ("http", "websocket"):
+            headers = {name: value.decode("latin-1") for name, value in scope["headers"]}
+            host, origin = headers.get(b"host", ""), headers.get(b"origin")
+            if not self._serves(host) or (origin is not None and not _is_same(origin, host)):
+                await _refuse(scope, receive, send, 403, "only this machine's own pages are served")
+                return
+        await self._inner(scope, receive, send)
+
+
+def _is_same(origin: str, host: str) -> bool:
+    return urlsplit(origin).netloc.lower() == host.lower()
+
+
+class SmallBodies:
+    """Refuses requests with a body that is larger than any of a page."""
+
+    def __init__(self, inner: Inner) -> None:
+        self._inner = inner
+
+    async def __call__(self, scope: Any, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._inner(scope, receive, send)
+            return
+        length = next((value for name, value in scope["headers"] if name == b"content-length"), b"0")
+        if not length.isdigit() or int(length) > BODY_MAX_BYTES:
+            await _refuse(scope, receive, send, 413, f"a request has at most {BODY_MAX_BYTES} bytes")
+            return
+        received = 0
+
+        async def limited() -> Any:
+            nonlocal received
+            message = await receive()
+            received += len(message.get("body", b""))
+            if received > BODY_MAX_BYTES:  # a body without a length
+                return {"type": "http.disconnect"}
+            return message
+
+        await self._inner(scope, limited, send)
+
+
+async def _refuse(scope: Any, receive: Receive, send: Send, status: int, reason: str) -> None:
+    if scope["type"] == "websocket":
+        await receive()
+        await send({"type": "websocket.close", "code": 1008})
+    else:
+        await Response(f"{reason}\n", status_code=status, media_type="text/plain")(scope, receive, send)

@@ -1,0 +1,59 @@
+"""A page that may not fly reaches the vehicle by none of its commands."""
+
+import asyncio
+import inspect
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip("nicegui", reason="the extra jezero[ground] is not installed")
+
+from nicegui import ui
+
+from jezero.services.ground_station.state import VehicleState
+from jezero.services.ground_station.web.commands import Commands
+from jezero.services.ground_station.web.pilot_link import PilotLink
+
+EXAMPLES: dict[str, Any] = {"str": "takeoff", "dict[str, Any]": {}, "float": 0.0, "list[list[float]]": []}
+
+
+class UntouchedVehicle:
+    """A vehicle that must not be asked for anything."""
+
+    def __getattr__(self, name: str) -> Any:
+        raise AssertionError(f"{name} was asked for")
+
+
+class OneVehicle:
+    """A feed with a vehicle."""
+
+    def __init__(self) -> None:
+        self.state = VehicleState()
+        self.uav, self.problem = UntouchedVehicle(), ""
+
+
+def _all_commands() -> Iterator[tuple[str, list[Any]]]:
+    for name, function in inspect.getmembers(Commands, inspect.iscoroutinefunction):
+        parameters = list(inspect.signature(function).parameters.values())[1:]
+        needed = [parameter for parameter in parameters if parameter.default is inspect.Parameter.empty]
+        if not name.startswith("_"):
+            yield name, [EXAMPLES.get(str(parameter.annotation), "") for parameter in needed]
+
+
+@pytest.mark.parametrize(("name", "arguments"), list(_all_commands()))
+def test_no_command_of_a_page_that_watches_reaches_the_vehicle(
+    name: str, arguments: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+    monkeypatch.setattr(ui, "notify", lambda text, **rest: told.append(text))
+    feed: Any = OneVehicle()
+    reply = asyncio.run(getattr(Commands(PilotLink(feed, lambda: "you are watching")), name)(*arguments))
+    assert "you are watching" in f"{reply} {told}"
+
+
+def test_a_page_that_may_fly_reaches_the_vehicle(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ui, "notify", lambda text, **rest: None)
+    feed: Any = OneVehicle()
+    with pytest.raises(AssertionError, match="hover was asked for"):
+        asyncio.run(Commands(PilotLink(feed, lambda: "")).hover())

@@ -1,0 +1,107 @@
+"""Watching and flying in a real browser, with a ground station that needs a password."""
+
+import os
+import shutil
+import signal
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("nicegui", reason="the extra jezero[ground] is not installed")
+pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+from tests.services.ground_station.serving import PASSWORD, serving, serving_process
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+REFUSED = "you are watching: log in to fly"
+
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on the path"),
+    pytest.mark.timeout(300),
+]
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    """Address of a ground station without a vehicle."""
+    with serving() as pages:
+        yield pages
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """A browser."""
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-3d-apis"])
+        yield started
+        started.close()
+
+
+@pytest.fixture
+def page(browser: Browser, address: str) -> Iterator[Page]:
+    """The page, by somebody who has not logged in."""
+    context = browser.new_context()
+    opened = context.new_page()
+    opened.set_default_timeout(60_000)
+    opened.goto(address)
+    expect(opened.locator(".state-words")).to_contain_text("No vehicle", timeout=60_000)
+    yield opened
+    context.close()
+
+
+def log_in(page: Page) -> None:
+    """Log in by the form."""
+    page.locator('[data-mark="log-in"]').click()
+    page.locator("input[name=password]").fill(PASSWORD)
+    page.locator("button").click()
+    expect(page.locator('[data-mark="log-out"]')).to_be_visible(timeout=60_000)
+
+
+def tells(page: Page, words: str) -> None:
+    """Wait until the page notifies its user."""
+    expect(page.locator(".q-notification").filter(has_text=words)).to_be_visible(timeout=30_000)
+
+
+def test_a_page_that_watches_says_so_and_has_no_commands(page: Page) -> None:
+    expect(page.locator('[data-mark="access"]')).to_have_text("Watching")
+    for mark in ("hover", "abort", "fly-takeoff"):
+        expect(page.locator(f'[data-mark="{mark}"]')).not_to_be_visible()
+
+
+def test_the_server_refuses_a_page_that_watches_though_it_sends_commands(page: Page) -> None:
+    page.keyboard.press("Space")
+    tells(page, f"Hover failed: {REFUSED}")
+    page.keyboard.press("Escape")
+    tells(page, f"Abort failed: {REFUSED}")
+    expect(page.locator(".events")).not_to_contain_text(REFUSED)
+    page.evaluate("document.querySelector('.page').classList.remove('watching')")
+    page.locator('[data-mark="fly-takeoff"]').click()
+    expect(page.locator('[data-mark="problem-takeoff"]')).to_have_text(REFUSED, timeout=30_000)
+
+
+def test_who_logs_in_may_fly_until_the_log_out_also_on_pages_that_are_open(page: Page, address: str) -> None:
+    log_in(page)
+    page.locator('[data-mark="hover"]').click()
+    expect(page.locator(".events")).to_contain_text("Hover failed: ", timeout=30_000)
+    expect(page.locator('[data-mark="access"]')).to_be_empty()
+    second = page.context.new_page()
+    second.goto(address)
+    second.locator('[data-mark="log-out"]').click()
+    expect(second.locator('[data-mark="access"]')).to_have_text("Watching", timeout=60_000)
+    expect(page.locator('[data-mark="access"]')).to_have_text("Watching", timeout=60_000)
+    page.keyboard.press("Escape")
+    tells(page, f"Abort failed: {REFUSED}")
+
+
+def test_a_page_whose_server_is_silent_says_that_it_is_old(browser: Browser) -> None:
+    with serving_process() as (address, server), browser.new_context() as context:
+        page = context.new_page()
+        page.goto(address)
+        expect(page.locator(".state-words")).to_contain_text("No vehicle", timeout=60_000)
+        expect(page.locator(".watchdog")).to_have_count(0)
+        os.kill(server, signal.SIGSTOP)
+        expect(page.locator(".watchdog")).to_contain_text("what this page shows is old", timeout=60_000)
+        os.kill(server, signal.SIGCONT)
+        expect(page.locator(".watchdog")).to_have_count(0, timeout=60_000)
