@@ -22,6 +22,7 @@ SOFTWARE_GL = (
 )
 FLIGHT_TIMEOUT_MS = 180_000
 REPLY_TIMEOUT_MS = 60_000
+expect.set_options(timeout=REPLY_TIMEOUT_MS)
 CLICKED = ("go_to", "get_images", "area_coverage")
 """Actions whose forms take clicks on the map at once."""
 

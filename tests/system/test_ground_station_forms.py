@@ -64,15 +64,14 @@ pytestmark = [
 def pages_for(endpoint: str) -> Iterator[str]:
     """A ground station of its own; its address."""
     words = [sys.executable, "-m", "jezero.cli.main", "ground", "--connect", endpoint, "--vehicle", "v"]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    found = re.search(r"http://[\d.:]+\d", process.stdout.readline())
-    assert found is not None
-    try:
-        yield found[0]
-    finally:
-        process.terminate()
-        process.wait()
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        found = re.search(r"http://[\d.:]+\d", process.stdout.readline())
+        assert found is not None
+        try:
+            yield found[0]
+        finally:
+            process.terminate()
 
 
 def serve(server: Server) -> None:

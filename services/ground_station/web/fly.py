@@ -12,9 +12,11 @@ from jezero.services.ground_station.web.commands import Commands
 from jezero.services.ground_station.web.elements import Map, View3D
 from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.form import Form
+from jezero.services.ground_station.web.playback_feed import PlaybackFeed
+from jezero.services.ground_station.web.stack_actions import StackActions
 
-WAITS = "No action server has replied yet: is the stack up? (jezero ps)"
-KEPT_TIMEOUT_S = 5.0
+KEPT_TIMEOUT_S = 120.0
+"""A browser without a graphics card may be busy with its first view in space for long."""
 
 
 class FlyPanel:
@@ -27,20 +29,30 @@ class FlyPanel:
         area: the area that is drawn.
     """
 
-    def __init__(self, feed: Feed, commands: Commands, chart: Map, view: View3D, show_map: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        feed: Feed | PlaybackFeed,
+        commands: Commands,
+        chart: Map,
+        view: View3D,
+        show_map: Callable[[], None],
+    ) -> None:
         self.area = DrawnArea()
         self._feed, self._commands = feed, commands
+        self._actions = feed.actions if isinstance(feed, Feed) else StackActions(feed.state)
         self._map, self._view, self._show_map = chart, view, show_map
         self._forms: dict[str, Form] = {}
         self._open: Form | None = None
         self._tabs: ui.tabs | None = None
         self._wanted = ""
         """Tab that the browser has kept, for the time when its action is known."""
+        self._recalled = False
+        """The browser has sent what it has kept, which must not be overwritten before."""
         self._version = 0
         self._path: list[list[float]] = []
         self._drawn: list[list[float]] = []
         with ui.element("section").classes("card fly-card") as self._card:
-            ui.label(WAITS).classes("form-waits")
+            ui.label("Forms").classes("card-title")
         chart.on("point", self._on_point)
         view.on("point", self._on_point)
         chart.on("area", self._on_area)
@@ -49,15 +61,15 @@ class FlyPanel:
 
     def refresh(self) -> None:
         """Follow the actions of the stack, and the world's origin; called about twice a second."""
-        if self._feed.actions.version != self._version:
-            self._version = self._feed.actions.version
+        if self._actions.version != self._version:
+            self._version = self._actions.version
             self._build()
         path = self._feed.state.goals.drawing()["path"] or self._path
         if path != self._drawn:
             self._drawn = path
             self._view.run_method("setPlan", path)
         area = self.area.around(self._feed.state.origin_deg)
-        if area is not self.area:
+        if self._recalled and area is not self.area:
             moved = area.rings != self.area.rings
             self.area = area
             self._map.run_method("keep", "area", area.kept())
@@ -66,7 +78,7 @@ class FlyPanel:
 
     def _build(self) -> None:
         """Make the forms anew; what was typed is lost, which happens only when an action has changed."""
-        actions = self._feed.actions
+        actions = self._actions
         opened = self._open.action.name if self._open is not None else self._wanted
         opened = opened if opened in actions.names else actions.names[0]
         self._card.clear()
@@ -152,8 +164,9 @@ class FlyPanel:
         """Take what the browser has kept from before the page was loaded again; returns the view, "" for none."""
         try:
             kept = await self._map.run_method("kept", timeout=KEPT_TIMEOUT_S)
-        except TimeoutError:
+        except TimeoutError:  # the page was closed
             return ""
+        self._recalled = True
         if not isinstance(kept, dict):
             return ""
         area = kept.get("area")

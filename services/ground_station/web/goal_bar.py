@@ -49,7 +49,7 @@ class GoalBar:
         if state.goals.changes != self._changes:
             self._changes = state.goals.changes
             self._map.run_method("setGoal", state.goals.drawing())
-        if shows_map and self._map.shows_photos and isinstance(self._feed, Feed):
+        if isinstance(self._feed, Feed) and shows_map and self._map.shows_photos:
             photos = self._feed.coverage_map
             photos.look()
             if photos.version != self._photos and photos.version > 0:

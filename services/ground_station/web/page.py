@@ -61,8 +61,6 @@ class Page:
         self._access, self._token = access, token
         self._robot = robot
         self._commands = Commands(PilotLink(feed, self._refusal))
-        self._fly: FlyPanel | None = None
-        """None for a recording."""
         self._count = 0
         self._ground_version = 0
         self._period_camera_s = 1.0 / config.rate_camera_hz
@@ -132,8 +130,8 @@ class Page:
                 self._horizon = Horizon()
                 self._readings = Readings().classes("readings-main")
                 self._details = Readings().classes("readings-more")
+            self._fly = FlyPanel(self._feed, self._commands, self._map, self._view, self._show_map)
             if isinstance(self._feed, Feed):
-                self._fly = FlyPanel(self._feed, self._commands, self._map, self._view, self._show_map)
                 RoverPanel(self._commands)
             with ui.element("section").classes("card"):
                 ui.label("Events").classes("card-title")
@@ -185,14 +183,13 @@ class Page:
         self._view.run_method("setPhotos", state.photos())
         self._events.show(state.event_rows(now_s))
         self._services.show(state.services(now_s))
-        if self._fly is not None:
-            self._fly.refresh()
+        self._fly.refresh()
         self._goal.refresh(now_s, self._which.value == "map")
 
     # -- views --
 
     async def _recall(self) -> None:
-        if self._fly is not None and await self._fly.recall() == "map":
+        if await self._fly.recall() == "map":
             self._show_map()
 
     def _draw_ground(self) -> None:

@@ -67,6 +67,7 @@ class PageServer:
         shapes = robot_shapes(robot)
         site = FastAPI(lifespan=self._life, docs_url=None, redoc_url=None, openapi_url=None)
         site.add_api_route("/camera.jpg", self._send_picture)
+        site.add_api_route("/coverage.webp", self._send_coverage)
         access = Access(config, listening)
         access.add_routes(site)
 
@@ -74,7 +75,6 @@ class PageServer:
             Page(feed, access, token_of(request), shapes, config, pictures)
 
         RecordingPages(Recordings(recordings), show_recording).add_routes(site)
-        site.add_api_route("/coverage.webp", self._send_coverage)
 
         @ui.page("/", title=f"{vehicle} · jezero", dark=True)
         def show(request: Request) -> Response | None:

@@ -7,6 +7,7 @@ from typing import Any
 
 from jezero.aio import JezeroError, Vehicle
 from jezero.client.actions import described
+from jezero.plugins import PluginError, action_names, find_action
 from jezero.schemas.actions import ActionDescription, FeedbackMessage
 from jezero.schemas.topics import Action, Topic
 from jezero.services.ground_station.state import VehicleState
@@ -20,7 +21,7 @@ FLIGHT_ORDER = ("takeoff", "go_to", "get_images", "area_coverage", "land_on_spot
 
 
 class StackActions:
-    """The actions of one vehicle's stack.
+    """The actions of one vehicle's stack; those that are installed here until it has replied.
 
     They are asked for their descriptions at the start, and when a service has appeared or was restarted.
 
@@ -29,9 +30,12 @@ class StackActions:
     """
 
     def __init__(self, state: VehicleState) -> None:
-        self.version = 0
+        self.version = 1
         self._state = state
         self._actions: dict[str, tuple[ActionDescription, Action[Any]]] = {}
+        for name in action_names():
+            with suppress(PluginError):  # a broken package: the stack may have a good one
+                self._actions[name] = (find_action(name).description, find_action(name))
         self._runs: dict[str, int] | None = None
         self._next_s = 0.0
 
@@ -57,10 +61,10 @@ class StackActions:
 
     async def _ask(self, uav: Vehicle, now_s: float) -> None:
         runs = dict(self._state.runs)
-        if (runs != self._runs or not self._actions) and now_s >= self._next_s:
+        if runs != self._runs and now_s >= self._next_s:
             self._next_s = now_s + RETRY_S
             found = await uav.actions.descriptions()
-            self._runs = runs
+            self._runs = runs if found else None
             self._keep(found)
         if self._state.goals.wants_running(now_s):
             self._state.goals.on_running(await uav.actions.running(), self._state.rover_ned_m)
