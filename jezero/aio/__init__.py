@@ -24,7 +24,9 @@ from jezero.aio.goal import Goal, ImagesGoal
 from jezero.aio.rover import Rover
 from jezero.aio.subscription import Subscription
 from jezero.aio.vehicle import Camera, Vehicle
+from jezero.client.actions import described
 from jezero.client.errors import Aborted, Canceled, JezeroError, Refused, TimedOut, Unreachable
+from jezero.client.rover import Wheel
 
 __all__ = [
     "Aborted",
@@ -39,4 +41,6 @@ __all__ = [
     "TimedOut",
     "Unreachable",
     "Vehicle",
+    "Wheel",
+    "described",
 ]

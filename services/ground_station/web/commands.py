@@ -6,8 +6,7 @@ from typing import Any
 
 from nicegui import ui
 
-from jezero.aio import JezeroError, Refused, Vehicle
-from jezero.client.rover import Wheel
+from jezero.aio import JezeroError, Refused, Vehicle, Wheel
 from jezero.schemas.actions import PlanReply
 from jezero.schemas.topics import Action
 from jezero.services.ground_station.events import Tone

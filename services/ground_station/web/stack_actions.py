@@ -5,8 +5,7 @@ import time
 from contextlib import suppress
 from typing import Any
 
-from jezero.aio import JezeroError, Vehicle
-from jezero.client.actions import described
+from jezero.aio import JezeroError, Vehicle, described
 from jezero.plugins import PluginError, action_names, find_action
 from jezero.schemas.actions import ActionDescription, FeedbackMessage
 from jezero.schemas.topics import Action, Topic
