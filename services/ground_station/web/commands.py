@@ -85,6 +85,10 @@ class Commands:
 
     async def steer(self, speed_mps: float, yaw_rate_rps: float) -> None:
         """Drive the rover until `release`, or until no other call comes within half a second."""
+        if self._feed.refusal:  # a log-in that has ended during a drive
+            self._wheel.release()
+            await self._request("Driving the rover", lambda uav: uav.rover.steer(self._wheel), "")
+            return
         try:
             self._wheel.turn(speed_mps, yaw_rate_rps)
         except ValueError as error:

@@ -68,3 +68,14 @@ def test_a_page_that_may_fly_reaches_the_vehicle(monkeypatch: pytest.MonkeyPatch
     feed: Any = OneVehicle()
     with pytest.raises(AssertionError, match="hover was asked for"):
         asyncio.run(Commands(PilotLink(feed, lambda: "")).hover())
+
+
+def test_a_drive_ends_with_the_log_in_also_while_the_wheel_is_turned(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    monkeypatch.setattr(ui, "notify", lambda text, **rest: told.append(text))
+    feed: Any = OneVehicle()
+    driving = Commands(PilotLink(feed, lambda: "you are watching"))
+    driving._drives = True
+    driving._wheel.turn(0.5, 0.0)
+    asyncio.run(driving.steer(0.5, 0.0))
+    assert told == ["Driving the rover failed: you are watching"]
