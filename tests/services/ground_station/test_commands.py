@@ -15,7 +15,7 @@ from jezero.services.ground_station.state import VehicleState
 from jezero.services.ground_station.web.commands import Commands
 from jezero.services.ground_station.web.pilot_link import PilotLink
 
-EXAMPLES: dict[str, Any] = {"str": "takeoff", "dict[str, Any]": {}, "float": 0.0, "list[list[float]]": []}
+EXAMPLES: dict[str, Any] = {"str": "takeoff", "dict[str, Any]": {}, "<class 'float'>": 0.0, "list[list[float]]": []}
 
 
 class UntouchedVehicle:
