@@ -45,20 +45,19 @@ class Commands:
         """Stop the motors."""
         await self._request("Kill", lambda uav: uav.kill(confirm=True), "The motors are stopped")
 
-    async def cancel(self, goal: Mapping[str, Any], owner: str) -> None:
-        """Cancel the goal that is shown, of whichever client."""
-        name = f"{goal['words']} ({owner})" if owner else goal["words"]
-        await self._request(
-            f"Cancel of {name}",
-            lambda uav: uav.actions.cancel(goal["action"], goal["goal_id"]),
-            f"{name} is canceled: the vehicle hovers",
-        )
+    async def cancel(self, action: str, goal_id: str, owner: str) -> None:
+        """Cancel a goal of whichever client; its owner is named in words."""
+        words = action.replace("_", " ")
+        name = f"{words} ({owner})" if owner else words
+        done = f"{name} is canceled: the vehicle hovers"
+        await self._request(f"Cancel of {name}", lambda uav: uav.actions.cancel(action, goal_id), done)
 
     async def send(self, action: Action[Any], fields: Mapping[str, Any]) -> str:
         """Send a goal; returns "" when it is accepted, else the reason of the refusal."""
-        uav, name = self._feed.uav, action.name.replace("_", " ")
+        uav = self._feed.uav
         if uav is None:
             return self._feed.problem
+        name = action.name.replace("_", " ")
         try:
             goal = await uav.send(action, **fields)
         except (JezeroError, ValueError) as error:

@@ -58,4 +58,4 @@ class GoalBar:
 
     async def _cancel(self) -> None:
         if self._goal is not None:
-            await self._commands.cancel(self._goal, self._goal["owner"])
+            await self._commands.cancel(self._goal["action"], self._goal["goal_id"], self._goal["owner"])
