@@ -4,7 +4,6 @@ acquiring -> flying -> releasing -> over
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import msgspec
@@ -21,27 +20,23 @@ from jezero.schemas.topics import (
     RELEASE,
     SETPOINT,
     STATUS,
-    Action,
-    Topic,
     feedback_of,
 )
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.control_lease import ControlLease
+from jezero.services.actions.lifecycle.goal_context import GoalContext
 from jezero.services.actions.lifecycle.ground_proximity import GroundProximity
 from jezero.services.actions.lifecycle.pause_control import PauseControl
 from jezero.services.actions.lifecycle.runaway_detector import RunawayDetector
-from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 from jezero.services.actions.lifecycle.vehicle_view import (
     ODOMETRY_AGE_MAX_S,
     STATUS_AGE_MAX_S,
-    VehicleView,
     is_fresh,
 )
 from jezero.services.actions.motion.behaviour import (
     Behaviour,
     Done,
     Move,
-    Plan,
     Remaining,
     Start,
     VehicleState,
@@ -50,7 +45,6 @@ from jezero.services.actions.motion.behaviour import (
     remaining_of,
 )
 from jezero.services.actions.motion.limits import beyond_limits
-from jezero.vehicle_config import VehicleConfig
 
 SETPOINT_RATE_HZ, FEEDBACK_RATE_HZ = 50.0, 10.0
 """Rates while a goal runs; a plan may ask for more setpoints."""
@@ -64,35 +58,6 @@ FIRST_SETPOINT_HZ = 100.0
 otherwise share the processors with the services that the setpoint wakes."""
 CAMERA_PITCH_PERIOD_NS = 45_000_000
 """A little less than the period of `command/camera_pitch`, because steps don't come evenly."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class GoalContext:
-    """One goal with what it needs from its arrival to its result.
-
-    Attributes:
-        action: that the goal is for.
-        goal_id: its id.
-        plan: its plan.
-        inputs: topics that it subscribes to besides odometry.
-        view: state of the vehicle for this goal.
-        lease: its own selection of the estimator's inputs; None: it has none.
-        vehicle: has the limits of the goal's points.
-        epoch_id: of the vehicle that the goal is for.
-        acceleration_mps2: with which a pause brakes.
-        watchers: ids of the requests that get replies.
-    """
-
-    action: Action[Any]
-    goal_id: str
-    plan: Plan
-    inputs: tuple[Topic[Any], ...]
-    view: VehicleView
-    lease: SelectionLease | None
-    vehicle: VehicleConfig
-    epoch_id: int
-    acceleration_mps2: float
-    watchers: list[int] = field(default_factory=list)
 
 
 class GoalFlight:

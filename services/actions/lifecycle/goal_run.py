@@ -5,12 +5,11 @@ exactly once. The last three are the part of `GoalFlight`. A goal that is only p
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 from msgspec.structs import replace
 
-from jezero.runtime.service import Call, Inbox, Output, Reply, Request, Response, Subscribe
+from jezero.runtime.service import Call, Inbox, Output, Reply, Request, Subscribe
 from jezero.schemas.actions import Accepted, Goal, PlanReply, Rejected, Result
 from jezero.schemas.commands import Acquire
 from jezero.schemas.struct import Payload
@@ -18,7 +17,19 @@ from jezero.schemas.topics import ACQUIRE, ALTIMETER, ODOMETRY, STATUS, Action
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.lifecycle.battery_reserve import battery_refusal
-from jezero.services.actions.lifecycle.goal_flight import GoalContext, GoalFlight
+from jezero.services.actions.lifecycle.goal_context import GoalContext
+from jezero.services.actions.lifecycle.goal_flight import GoalFlight
+from jezero.services.actions.lifecycle.goal_stages import (
+    ACQUIRE_TIMEOUT_S,
+    Acquiring,
+    Admitting,
+    Checking,
+    New,
+    Over,
+    refusal_by,
+    reply_deadline_ns,
+    response_to,
+)
 from jezero.services.actions.lifecycle.guard import GuardedPlanner
 from jezero.services.actions.lifecycle.modification import Modification, changed_goal
 from jezero.services.actions.lifecycle.picture_store import PictureStore
@@ -30,49 +41,7 @@ from jezero.services.actions.motion.capture import CAPTURE_INPUTS
 
 CHECK_TIMEOUT_S = 1.5
 """Time-out of the inputs of a goal whose inputs are checked before it is accepted."""
-ACQUIRE_TIMEOUT_S = 1.0
-"""Time-out of the bridge's reply; the bridge refuses older requests."""
 POSITION_LOST = "the vehicle's position is not known any more: is vehicle_bridge running?"
-NO_REPLY = "the vehicle bridge did not reply"
-
-
-@dataclass(frozen=True)
-class _New:
-    name: ClassVar = "new"
-
-
-@dataclass(frozen=True)
-class _Admitting:
-    """The goal has asked the bridge whether it would get control, before anything else can refuse it."""
-
-    name: ClassVar = "admitting"
-    deadline_ns: int
-    tag: str
-
-
-@dataclass(frozen=True)
-class _Checking:
-    """The goal waits for its inputs, which are checked then."""
-
-    name: ClassVar = "checking"
-    deadline_ns: int
-
-
-@dataclass(frozen=True)
-class _Acquiring:
-    """The goal has requested control from the bridge."""
-
-    name: ClassVar = "acquiring"
-    deadline_ns: int
-    tag: str
-    flight: GoalFlight
-
-
-@dataclass(frozen=True)
-class _Over:
-    """The goal was rejected, or planned."""
-
-    name: ClassVar = "over"
 
 
 class GoalRun:
@@ -112,7 +81,7 @@ class GoalRun:
         self._battery = config.vehicle.battery
         self._accepted = Accepted(goal_id=goal_id, warning=warning)
         self._pictures = pictures
-        self._stage: _New | _Admitting | _Checking | PreparationRun | _Acquiring | GoalFlight | _Over = _New()
+        self._stage: New | Admitting | Checking | PreparationRun | Acquiring | GoalFlight | Over = New()
         self.coverage = plan.coverage
         self._cancel_reason = ""
         self._modification: Modification | None = None
@@ -165,7 +134,7 @@ class GoalRun:
             yield from self._prepare(t_ns, inbox)
             return
         tag = f"{self.goal_id}/admit/{t_ns}"
-        self._stage = _Admitting(_reply_deadline_ns(t_ns), tag)
+        self._stage = Admitting(reply_deadline_ns(t_ns), tag)
         yield Call(ACQUIRE, self._request(t_ns, check_only=True), tag, ACQUIRE_TIMEOUT_S)
 
     def attach(self, request: Request) -> Iterator[Output]:
@@ -236,13 +205,13 @@ class GoalRun:
         """Go on with the present stage."""
         self._store_pictures(t_ns, inbox)
         stage = self._stage
-        if isinstance(stage, _Admitting):
+        if isinstance(stage, Admitting):
             yield from self._await_admission(t_ns, inbox, stage)
-        elif isinstance(stage, _Checking):
+        elif isinstance(stage, Checking):
             yield from self._check_inputs(t_ns, inbox, stage)
         elif isinstance(stage, PreparationRun):
             yield from self._await_preparation(t_ns, inbox, stage)
-        elif isinstance(stage, _Acquiring):
+        elif isinstance(stage, Acquiring):
             yield from self._await_control(t_ns, inbox, stage)
         elif isinstance(stage, GoalFlight):
             yield from stage.step(t_ns, inbox, self._cancel_reason)
@@ -250,12 +219,12 @@ class GoalRun:
 
     # -- until the goal is accepted --
 
-    def _await_admission(self, t_ns: int, inbox: Inbox, stage: _Admitting) -> Iterator[Output]:
+    def _await_admission(self, t_ns: int, inbox: Inbox, stage: Admitting) -> Iterator[Output]:
         """Go on when the bridge would grant control."""
-        response = _response(inbox, stage.tag)
+        response = response_to(inbox, stage.tag)
         if self._cancel_reason:
             yield from self.reject(self._cancel_reason, inbox)
-        elif refusal := _refusal_by(response, t_ns, stage.deadline_ns):
+        elif refusal := refusal_by(response, t_ns, stage.deadline_ns):
             yield from self.reject(refusal, inbox)
         elif response is not None:
             yield from self._check(t_ns, inbox)
@@ -265,10 +234,10 @@ class GoalRun:
         if self._plan.check_inputs is None and not (self.plan_only and self._plan.inputs):
             yield from self._prepare(t_ns, inbox)
             return
-        self._stage = _Checking(t_ns + int(CHECK_TIMEOUT_S * NS_PER_S))
+        self._stage = Checking(t_ns + int(CHECK_TIMEOUT_S * NS_PER_S))
         yield Subscribe((ODOMETRY, *self._context.inputs))
 
-    def _check_inputs(self, t_ns: int, inbox: Inbox, stage: _Checking) -> Iterator[Output]:
+    def _check_inputs(self, t_ns: int, inbox: Inbox, stage: Checking) -> Iterator[Output]:
         """Go on or refuse as soon as every input has come, or the time for it is over."""
         if self._cancel_reason:
             yield from self.reject(self._cancel_reason, inbox)
@@ -333,7 +302,7 @@ class GoalRun:
             return
         tag = f"{self.goal_id}/acquire/{t_ns}"
         yield Call(ACQUIRE, self._request(t_ns), tag, ACQUIRE_TIMEOUT_S)
-        self._stage = _Acquiring(_reply_deadline_ns(t_ns), tag, flight)
+        self._stage = Acquiring(reply_deadline_ns(t_ns), tag, flight)
 
     def _battery_refusal(self, planned: Remaining | Done | None, inbox: Inbox) -> str:
         """Reason why the battery doesn't hold the flight, or ""; a flight of unknown duration isn't judged."""
@@ -354,9 +323,9 @@ class GoalRun:
             check_only=check_only,
         )
 
-    def _await_control(self, t_ns: int, inbox: Inbox, stage: _Acquiring) -> Iterator[Output]:
-        response, flight = _response(inbox, stage.tag), stage.flight
-        if refusal := _refusal_by(response, t_ns, stage.deadline_ns):
+    def _await_control(self, t_ns: int, inbox: Inbox, stage: Acquiring) -> Iterator[Output]:
+        response, flight = response_to(inbox, stage.tag), stage.flight
+        if refusal := refusal_by(response, t_ns, stage.deadline_ns):
             yield from self.reject(refusal, inbox)
         elif response is None:
             flight.drop_first_feedback()
@@ -376,7 +345,7 @@ class GoalRun:
         yield from (Reply(watcher, refused) for watcher in self._context.watchers)
         if isinstance(self._stage, PreparationRun):
             yield from self._stage.end()
-        self._stage = _Over()
+        self._stage = Over()
 
     def _reply_with_plan(self, flight: GoalFlight, inbox: Inbox) -> Iterator[Output]:
         """End a goal that is only planned."""
@@ -399,7 +368,7 @@ class GoalRun:
             path_ned_m=flight.planned_path_ned_m(),
         )
         yield from (Reply(watcher, reply) for watcher in self._context.watchers)
-        self._stage = _Over()
+        self._stage = Over()
 
     # -- pictures --
 
@@ -412,21 +381,3 @@ class GoalRun:
                 self._pictures.keep(shot.reply(self.goal_id))
             except OSError as error:
                 self.capture.fail(f"they can't be stored: {error.strerror or error}")
-
-
-def _reply_deadline_ns(t_ns: int) -> int:
-    """Time at which a reply of the bridge is missing, somewhat after the call's own time-out."""
-    return t_ns + int((ACQUIRE_TIMEOUT_S + 0.5) * NS_PER_S)
-
-
-def _refusal_by(response: Response | None, t_ns: int, deadline_ns: int) -> str:
-    """Reason why the bridge refuses, or doesn't reply; "" while the reply may come, and for a grant."""
-    if response is None:
-        return NO_REPLY if t_ns > deadline_ns else ""
-    if response.payload is None:
-        return f"{NO_REPLY}: {response.error}"
-    return "" if response.payload.granted else str(response.payload.reason)
-
-
-def _response(inbox: Inbox, tag: str) -> Response | None:
-    return next((response for response in inbox.responses if response.tag == tag), None)
