@@ -83,7 +83,7 @@ class MissionService:
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Go on with the mission, then handle the requests that arrived."""
         before = self._record
-        self._watch_epoch(inbox)
+        yield from self._watch_epoch(inbox)
         yield from self._watch_interventions(inbox)
         yield from self._advance(t_ns, inbox)
         for request in inbox.requests(RUN_MISSION):
@@ -96,7 +96,7 @@ class MissionService:
 
     # -- flying --
 
-    def _watch_epoch(self, inbox: Inbox) -> None:
+    def _watch_epoch(self, inbox: Inbox) -> Iterator[Output]:
         """Interrupt the mission when the vehicle was restarted."""
         clock, record = inbox.latest(CLOCK), self._record
         if clock is None or record is None or record.ended or clock.epoch_id == record.epoch_id:
@@ -105,6 +105,7 @@ class MissionService:
         if record.epoch_id:
             self._run, self._wanted = None, ""
             self._record = self._record.next_attempt(None).in_state("interrupted", VEHICLE_RESTARTED)
+            yield from self._reply_to_pauses(VEHICLE_RESTARTED, record)
 
     def _watch_interventions(self, inbox: Inbox) -> Iterator[Output]:
         """Interrupt the mission when a person or a failsafe has intervened since it began or went on."""
@@ -125,7 +126,7 @@ class MissionService:
         """Stop flying, and wait for a command."""
         self._record = held
         if isinstance(self._run, GoalRun):
-            self._wanted = "hold"
+            self._wanted = "stop" if self._wanted == "stop" else "hold"
             yield from self._run.cancel()
 
     def _advance(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
