@@ -23,6 +23,7 @@ HOLE_PX = ((20.0, 20.0), (20.0, 45.0), (45.0, 45.0))
 pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on the path"),
     pytest.mark.timeout(900),
+    pytest.mark.slow,  # a stack, and a browser that draws without a graphics card, need both processors for minutes
 ]
 
 

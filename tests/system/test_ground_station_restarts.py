@@ -22,6 +22,7 @@ SERVICES = ("vehicle_bridge", "router")
 pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on the path"),
     pytest.mark.timeout(900),
+    pytest.mark.slow,  # a stack, and a browser that draws without a graphics card, need both processors for minutes
 ]
 
 
