@@ -6,6 +6,7 @@
 # make campaign   three minutes of missions with faults; the seeds follow from the commit
 # make broken     fly bridges that are broken on purpose with full physics until each is caught: ten minutes or so
 # make walk       run the commands of README and docs as a reader would: five minutes or so
+# make pages      fly a stack from the ground station's page, in a real browser: ten minutes or so
 # make speed      measure speed and cost: one table, and runs/bench.json
 # make reference  write the generated pages of docs/reference anew
 # make images     write the pictures of README and docs anew, from a flight in virtual time
@@ -20,7 +21,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 DOCS_INSTALLED := $(VENV)/.docs-installed
 
-.PHONY: setup demo lint style types contracts unit test campaign broken walk speed reference images docs
+.PHONY: setup demo lint style types contracts unit test campaign broken walk pages speed reference images docs
 
 setup: $(INSTALLED)
 
@@ -60,6 +61,9 @@ broken: setup
 
 walk: setup
 	$(BIN)/pytest -q -m slow tests/system/test_docs_commands.py
+
+pages: setup
+	$(BIN)/pytest -q -m slow tests/system/test_ground_station.py tests/system/test_ground_station_restarts.py
 
 speed: setup
 	$(BIN)/python -m benchmarks.speed

@@ -31,11 +31,15 @@ class GetImagesPlanner:
 
     def plan(self, goal: GetImagesGoal, status: Status) -> Plan | Refusal:
         """Plan the turn; its speed is lower than the goal's where the circle is small or has many pictures."""
+        if reason := self._shape_refusal(goal):
+            return Refusal(reason)
         capture = Capture(self._config.capture, self._config.vehicle, goal.num_images, stream=goal.stream_images)
         return self._plan(goal, Turn.begin(goal.num_images), capture)
 
     def replan(self, goal: GetImagesGoal, status: Status, running: GetImages) -> Plan | Refusal:
         """Plan the rest of the turn on the changed circle, with the pictures that are still missing."""
+        if reason := self._shape_refusal(goal):
+            return Refusal(reason)
         turn = running.turn
         if turn.requested == 0:
             return self._plan(goal, Turn.begin(goal.num_images), running.capture)
@@ -46,9 +50,10 @@ class GetImagesPlanner:
             )
         return self._plan(goal, turn.with_images(goal.num_images), running.capture)
 
-    def _plan(self, goal: GetImagesGoal, turn: Turn, capture: Capture) -> Plan | Refusal:
-        if reason := shape_refusal(goal, self._settings, self._config.vehicle.limits):
-            return Refusal(reason)
+    def _shape_refusal(self, goal: GetImagesGoal) -> str:
+        return shape_refusal(goal, self._settings, self._config.vehicle.limits)
+
+    def _plan(self, goal: GetImagesGoal, turn: Turn, capture: Capture) -> Plan:
         wanted_mps = self._settings.speed_mps if goal.speed_mps is None else goal.speed_mps
         speed_mps = min(wanted_mps, self._speed_max_mps(goal, turn))
         slower = (
