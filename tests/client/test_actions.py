@@ -53,7 +53,8 @@ def test_an_action_that_only_the_stack_has_is_sent_with_the_fields_of_its_descri
     assert (action.endpoint.name, action.plan.name) == ("@action/spiral", "@action/spiral/plan")
     goal = msgspec.convert({"altitude_m": 3.0, "goal_id": "a-1"}, action.goal_type)
     assert msgspec.to_builtins(goal) == {
-        "goal_id": "a-1", "issued_t_ns": None, "on_client_loss": "continue", "altitude_m": 3.0,
+        "goal_id": "a-1", "issued_t_ns": None, "on_client_loss": "continue", "plan_from_ned_m": None,
+        "altitude_m": 3.0,
     }  # fmt: skip
     with pytest.raises(msgspec.ValidationError, match="height"):
         msgspec.convert({"height": 3.0}, action.goal_type)
