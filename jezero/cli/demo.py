@@ -16,7 +16,6 @@ from jezero.cli.flight import Printer, connected
 from jezero.cli.fly import draw, fly_fast, fly_mission
 from jezero.cli.mapping import map_pictures
 from jezero.schemas.topics import AREA_COVERAGE
-from jezero.trials.missions import DEMONSTRATION
 
 READY_TIMEOUT_S = 60.0
 
@@ -53,6 +52,8 @@ def demo(runs: Path, fast: bool, seed: int, as_json: bool) -> None:
     The mission: take off, take images of the rover from all sides, cover the area around it, and land on it. Recording,
     images, map and figures are written to runs/<time>/.
     """
+    from jezero.trials.missions import DEMONSTRATION
+
     printer = Printer(as_json)
     folder = new_run_folder(runs)
     if fast:
@@ -67,6 +68,7 @@ def demo(runs: Path, fast: bool, seed: int, as_json: bool) -> None:
 def _fly(printer: Printer, folder: Path) -> None:
     """Fly the mission on real processes."""
     from jezero.deploy.launcher.ports import instance_environment, reserved_instance
+    from jezero.trials.missions import DEMONSTRATION
 
     with reserved_instance() as instance:
         environment = {**os.environ, **instance_environment(instance), "JEZERO_RUN_DIR": str(folder.resolve())}

@@ -16,13 +16,12 @@ from jezero.cli.exit_codes import ABORTED
 from jezero.cli.flight import Printer, common_options, connected, fly_goal
 from jezero.cli.pictures import take_pictures
 from jezero.cli.plan import as_planned, show_plan
-from jezero.recording.writer import RECORDING
 from jezero.schemas.actions import AreaCoverageGoal
-from jezero.trials.missions import FLIGHT, Mission
 
 if TYPE_CHECKING:
     from jezero.client import Vehicle
     from jezero.trials.flight import CapturedImages
+    from jezero.trials.missions import Mission
 
 RECORDED_AFTER_FLIGHT_S = 0.5
 
@@ -42,6 +41,9 @@ RECORDED_AFTER_FLIGHT_S = 0.5
 @common_options
 def fly(fast: bool, seed: int, out: Path | None, vehicle: str, router: str, as_json: bool) -> None:
     """Take off, fly to (-1, -2, -3), hover, climb, and land on the rover."""
+    from jezero.recording.writer import RECORDING
+    from jezero.trials.missions import FLIGHT
+
     printer = Printer(as_json)
     if fast:
         fly_fast(printer, FLIGHT, seed, out)
@@ -56,7 +58,7 @@ def fly(fast: bool, seed: int, out: Path | None, vehicle: str, router: str, as_j
             draw(printer, out)
 
 
-def fly_fast(printer: Printer, mission: Mission, seed: int, out: Path | None) -> None:
+def fly_fast(printer: Printer, mission: "Mission", seed: int, out: Path | None) -> None:
     """Fly a mission in virtual time and write recording, images and figures into a folder, if one is given.
 
     Raises:
@@ -64,6 +66,7 @@ def fly_fast(printer: Printer, mission: Mission, seed: int, out: Path | None) ->
     """
     import msgspec
 
+    from jezero.recording.writer import RECORDING
     from jezero.trials.flight import fly_virtually
 
     if out is not None:
@@ -104,10 +107,12 @@ def _write_dataset(out: Path, captured: "CapturedImages") -> None:
 
 
 def _fly_flight(printer: Printer, uav: "Vehicle") -> None:
+    from jezero.trials.missions import FLIGHT
+
     fly_mission(printer, uav, FLIGHT, Path())
 
 
-def fly_mission(printer: Printer, uav: "Vehicle", mission: Mission, folder: Path) -> None:
+def fly_mission(printer: Printer, uav: "Vehicle", mission: "Mission", folder: Path) -> None:
     """Fly a mission on a running stack; images go into folders with the actions' names.
 
     Each goal's plan is shown before the goal is sent: it begins where the goal before has ended.

@@ -93,7 +93,7 @@ def test_a_mission_shows_the_plan_of_each_goal_and_asks_nothing(
     server: Server, vehicle: Vehicle, endpoint: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     far = GoToGoal(target_ned_m=(300.0, 0.0, -9.0))
-    monkeypatch.setattr("jezero.cli.fly.FLIGHT", ((GO_TO, far, 0.0), (LAND_ON_SPOT, LandOnSpotGoal(), 0.0)))
+    monkeypatch.setattr("jezero.trials.missions.FLIGHT", ((GO_TO, far, 0.0), (LAND_ON_SPOT, LandOnSpotGoal(), 0.0)))
     server.serve("@action/go_to/plan", LONG)
     server.serve("@action/go_to", ACCEPTED, a_result())
     server.serve("@action/land_on_spot/plan", PlanReply(accepted=True))
