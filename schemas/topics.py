@@ -72,6 +72,15 @@ class Endpoint(Generic[Q, R]):
     wildcards: bool = False
 
 
+def refusing(name: str, request_type: type[Q], reply_type: type[R], server: str, **fields: Any) -> Endpoint[Q, R]:
+    """An endpoint that refuses a request by its one type of reply.
+
+    Args:
+        fields: fields of the refusal besides its reason.
+    """
+    return Endpoint(name, request_type, reply_type, server, lambda why: reply_type(reason=why, **fields))
+
+
 @dataclass(frozen=True)
 class Action(Generic[Q]):
     """One action: its goal, its feedback, its result, and the endpoints that its server declares.
@@ -110,68 +119,32 @@ class Action(Generic[Q]):
     @cached_property
     def plan(self) -> Endpoint[Q, actions.PlanReply]:
         """Endpoint that plans a goal without flying it."""
-        return Endpoint(
-            f"@action/{self.name}/plan",
-            self.goal_type,
-            actions.PlanReply,
-            self.name,
-            lambda why: actions.PlanReply(accepted=False, reason=why),
-        )
+        return refusing(f"@action/{self.name}/plan", self.goal_type, actions.PlanReply, self.name, accepted=False)
 
     @cached_property
     def cancel(self) -> Endpoint[actions.Cancel, actions.CancelReply]:
         """Endpoint that ends a goal."""
-        return Endpoint(
-            f"@action/{self.name}/cancel",
-            actions.Cancel,
-            actions.CancelReply,
-            self.name,
-            lambda why: actions.CancelReply(canceled=False, reason=why),
-        )
+        return refusing(f"@action/{self.name}/cancel", actions.Cancel, actions.CancelReply, self.name, canceled=False)
 
     @cached_property
     def pause(self) -> Endpoint[actions.Pause, actions.PauseReply]:
         """Endpoint that pauses a goal."""
-        return Endpoint(
-            f"@action/{self.name}/pause",
-            actions.Pause,
-            actions.PauseReply,
-            self.name,
-            lambda why: actions.PauseReply(paused=False, reason=why),
-        )
+        return refusing(f"@action/{self.name}/pause", actions.Pause, actions.PauseReply, self.name, paused=False)
 
     @cached_property
     def resume(self) -> Endpoint[actions.Resume, actions.ResumeReply]:
         """Endpoint that resumes a paused goal."""
-        return Endpoint(
-            f"@action/{self.name}/resume",
-            actions.Resume,
-            actions.ResumeReply,
-            self.name,
-            lambda why: actions.ResumeReply(resumed=False, reason=why),
-        )
+        return refusing(f"@action/{self.name}/resume", actions.Resume, actions.ResumeReply, self.name, resumed=False)
 
     @cached_property
     def modify(self) -> Endpoint[actions.Modify, actions.ModifyReply]:
         """Endpoint that changes fields of a goal while it is flown."""
-        return Endpoint(
-            f"@action/{self.name}/modify",
-            actions.Modify,
-            actions.ModifyReply,
-            self.name,
-            lambda why: actions.ModifyReply(modified=False, reason=why),
-        )
+        return refusing(f"@action/{self.name}/modify", actions.Modify, actions.ModifyReply, self.name, modified=False)
 
     @cached_property
     def image(self) -> Endpoint[images.GetImage, images.ImageReply]:
         """Endpoint of the pixels of one image, also after the goal's end."""
-        return Endpoint(
-            f"@action/{self.name}/image",
-            images.GetImage,
-            images.ImageReply,
-            self.name,
-            lambda why: images.ImageReply(reason=why),
-        )
+        return refusing(f"@action/{self.name}/image", images.GetImage, images.ImageReply, self.name)
 
     @cached_property
     def describe(self) -> Endpoint[actions.GetDescription, actions.ActionDescription]:
@@ -251,41 +224,13 @@ TOPICS: tuple[Topic[Any], ...] = (
     MISSION,
 )  # fmt: skip
 
-ACQUIRE = Endpoint(
-    "@control/acquire",
-    commands.Acquire,
-    commands.AcquireReply,
-    "vehicle_bridge",
-    lambda why: commands.AcquireReply(granted=False, reason=why),
+ACQUIRE = refusing("@control/acquire", commands.Acquire, commands.AcquireReply, "vehicle_bridge", granted=False)
+RELEASE = refusing(
+    "@control/release", commands.Release, commands.ReleaseReply, "vehicle_bridge", released=False, code=-1
 )
-RELEASE = Endpoint(
-    "@control/release",
-    commands.Release,
-    commands.ReleaseReply,
-    "vehicle_bridge",
-    lambda why: commands.ReleaseReply(released=False, code=-1, reason=why),
-)
-HOVER = Endpoint(
-    "@control/hover",
-    commands.Hover,
-    commands.HoverReply,
-    "vehicle_bridge",
-    lambda why: commands.HoverReply(hover_mode=False, reason=why),
-)
-ABORT = Endpoint(
-    "@control/abort",
-    commands.Abort,
-    commands.AbortReply,
-    "vehicle_bridge",
-    lambda why: commands.AbortReply(hovering=False, reason=why),
-)
-KILL = Endpoint(
-    "@control/kill",
-    commands.Kill,
-    commands.KillReply,
-    "vehicle_bridge",
-    lambda why: commands.KillReply(killed=False, reason=why),
-)
+HOVER = refusing("@control/hover", commands.Hover, commands.HoverReply, "vehicle_bridge", hover_mode=False)
+ABORT = refusing("@control/abort", commands.Abort, commands.AbortReply, "vehicle_bridge", hovering=False)
+KILL = refusing("@control/kill", commands.Kill, commands.KillReply, "vehicle_bridge", killed=False)
 RESULT = Endpoint(
     "@action/result",
     actions.GetResult,
@@ -308,41 +253,15 @@ UNKNOWN_ACTION = Endpoint(
     shared=True,
 )
 """Requests to actions that don't exist."""
-GET_PARAMETERS = Endpoint(
-    "@estimator/parameters/get",
-    estimate.GetParameters,
-    estimate.ParametersReply,
-    "estimator",
-    lambda why: estimate.ParametersReply(accepted=False, reason=why),
+GET_PARAMETERS = refusing(
+    "@estimator/parameters/get", estimate.GetParameters, estimate.ParametersReply, "estimator", accepted=False
 )
-SET_PARAMETERS = Endpoint(
-    "@estimator/parameters/set",
-    estimate.SetParameters,
-    estimate.ParametersReply,
-    "estimator",
-    lambda why: estimate.ParametersReply(accepted=False, reason=why),
+SET_PARAMETERS = refusing(
+    "@estimator/parameters/set", estimate.SetParameters, estimate.ParametersReply, "estimator", accepted=False
 )
-LEASE = Endpoint(
-    "@estimator/parameters/lease",
-    estimate.Lease,
-    estimate.LeaseReply,
-    "estimator",
-    lambda why: estimate.LeaseReply(accepted=False, reason=why),
-)
-RUN_MISSION = Endpoint(
-    "@mission/run",
-    mission.Mission,
-    mission.MissionReply,
-    "mission",
-    lambda why: mission.MissionReply(accepted=False, reason=why),
-)
-COMMAND_MISSION = Endpoint(
-    "@mission/command",
-    mission.MissionCommand,
-    mission.MissionReply,
-    "mission",
-    lambda why: mission.MissionReply(accepted=False, reason=why),
-)
+LEASE = refusing("@estimator/parameters/lease", estimate.Lease, estimate.LeaseReply, "estimator", accepted=False)
+RUN_MISSION = refusing("@mission/run", mission.Mission, mission.MissionReply, "mission", accepted=False)
+COMMAND_MISSION = refusing("@mission/command", mission.MissionCommand, mission.MissionReply, "mission", accepted=False)
 GROUND = Endpoint(
     "simulator/ground",
     terrain.GetGround,

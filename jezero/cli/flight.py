@@ -218,7 +218,8 @@ def _in_words(feedback: dict[str, Any]) -> str:
         parts.append(f"{fields.pop('distance_m'):.2f} m to go")
     if "phase" in fields:
         parts.append(str(fields.pop("phase")))
-    fields.pop("pos_rel_ned_m", None)
+    for name in ("pos_rel_ned_m", "cone_m"):  # for programs
+        fields.pop(name, None)
     parts.extend(
         f"{name} {value:.2f}" if isinstance(value, float) else f"{name} {value}" for name, value in fields.items()
     )

@@ -81,44 +81,29 @@ def status(vehicle: str, router: str, as_json: bool) -> None:
         _show(printer, uav.mission.progress())
 
 
-@mission.command()
-@common_options
-def pause(vehicle: str, router: str, as_json: bool) -> None:
-    """Hold the present step; the vehicle hovers until `resume`."""
-    printer = Printer(as_json)
-    with connected(vehicle, router, printer) as uav:
-        uav.mission.pause()
-        printer.event("result", "paused; jezero mission resume goes on", outcome="succeeded")
+def _add_command(name: str, summary: str, done: str) -> None:
+    """Add a command that sends one request to the mission service.
+
+    Args:
+        name: of the command, and of the method of `Missions`.
+        done: what is printed once the request is carried out.
+    """
+
+    @mission.command(name=name, help=summary)
+    @common_options
+    def command(vehicle: str, router: str, as_json: bool) -> None:
+        printer = Printer(as_json)
+        with connected(vehicle, router, printer) as uav:
+            getattr(uav.mission, name)()
+            printer.event("result", done, outcome="succeeded")
 
 
-@mission.command()
-@common_options
-def resume(vehicle: str, router: str, as_json: bool) -> None:
-    """Go on with a paused or interrupted mission."""
-    printer = Printer(as_json)
-    with connected(vehicle, router, printer) as uav:
-        uav.mission.resume()
-        printer.event("result", GOES_ON, outcome="succeeded")
-
-
-@mission.command()
-@common_options
-def skip(vehicle: str, router: str, as_json: bool) -> None:
-    """Leave the present step out, and go on with the next one."""
-    printer = Printer(as_json)
-    with connected(vehicle, router, printer) as uav:
-        uav.mission.skip()
-        printer.event("result", GOES_ON, outcome="succeeded")
-
-
-@mission.command()
-@common_options
-def stop(vehicle: str, router: str, as_json: bool) -> None:
-    """End the mission; the vehicle hovers."""
-    printer = Printer(as_json)
-    with connected(vehicle, router, printer) as uav:
-        uav.mission.stop()
-        printer.event("result", "stopped: the vehicle hovers", outcome="succeeded")
+_add_command(
+    "pause", "Hold the present step; the vehicle hovers until `resume`.", "paused; jezero mission resume goes on"
+)
+_add_command("resume", "Go on with a paused or interrupted mission.", GOES_ON)
+_add_command("skip", "Leave the present step out, and go on with the next one.", GOES_ON)
+_add_command("stop", "End the mission; the vehicle hovers.", "stopped: the vehicle hovers")
 
 
 def _read(file: str, origin_deg: "Sequence[float] | None", printer: Printer) -> "MissionFile":

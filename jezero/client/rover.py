@@ -69,7 +69,7 @@ class Wheel:
         self._turned = (speed_mps, yaw_rate_rps, time.monotonic())
 
     def release(self) -> None:
-        """Let go."""
+        """Stop the rover: the wheel is let go."""
         self._turned = (0.0, 0.0, -math.inf)
 
     @property

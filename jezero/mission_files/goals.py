@@ -37,7 +37,7 @@ class Places:
         self.shown: dict[str, str] = {}
 
     def in_loop(self, name: str, point_m: list[float], shown: str) -> "Places":
-        """The same with the present point of a loop."""
+        """A copy that also has the name of a loop, for the loop's present point."""
         places = Places()
         places.points, places.areas = {**self.points, name: point_m}, self.areas
         places.shown = {**self.shown, name: shown}
@@ -48,7 +48,7 @@ class Places:
 
     @property
     def names(self) -> list[str]:
-        """All names."""
+        """Names of all points and areas."""
         return [*self.points, *self.areas]
 
 

@@ -34,7 +34,7 @@ class Node:
 
     @property
     def in_words(self) -> str:
-        """What kind of value it is."""
+        """The kind of the value, for messages."""
         match self.value:
             case None:
                 return "nothing"

@@ -1,4 +1,4 @@
-"""What is wrong with a mission file."""
+"""Mistakes in a mission file, and the error that names them."""
 
 import difflib
 from collections.abc import Iterable

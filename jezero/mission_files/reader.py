@@ -177,7 +177,7 @@ class _Reader:
 
 
 def _numbers(node: Node, count: int) -> list[float] | None:
-    """That many numbers; None for anything else."""
+    """The numbers of a list with `count` numbers; None for any other value."""
     values = node.plain
     if not isinstance(values, list) or len(values) != count:
         return None

@@ -11,17 +11,17 @@ FOLDER = "missions"
 
 
 def shipped_names() -> list[str]:
-    """Their names."""
+    """Names of the missions that come with jezero."""
     return sorted(path.stem for path in _folder().glob("*.yaml"))
 
 
 def shipped_file(name: str) -> Path:
-    """The file of one of them."""
+    """The file of a mission that comes with jezero."""
     return _folder() / f"{name}.yaml"
 
 
 def shipped_mission(name: str) -> Mission:
-    """One of them; their areas are in metres, and their actions are jezero's own."""
+    """Read a mission that comes with jezero. Its areas are in metres, and its actions are jezero's own."""
     return read_mission(shipped_file(name), actions=ACTIONS).mission
 
 

@@ -17,7 +17,7 @@ DEPTH_MAX = 10
 
 
 def failure_policy(node: Node, problems: Problems) -> FailurePolicy:
-    """What to do when a step fails; a mistake is noted."""
+    """Read the reaction to a step that fails. A mistake in it is added to the problems."""
     try:
         return msgspec.convert(node.plain, FailurePolicy)
     except msgspec.ValidationError as error:
@@ -176,7 +176,7 @@ class Steps:
 
 
 def _label(name: str, fields: Mapping[str, Node], goal: Mapping[str, Any], places: Places) -> str:
-    """What a step does, for people: the action, and where."""
+    """The label of a step for people: the action's name and its place."""
     named = next((node.value for field, node in fields.items() if field.endswith(PLACE) and node.value in places), None)
     point = next((goal[field] for field in ("target_ned_m", "center_ned_m") if field in goal), None)
     words = name.replace("_", " ")

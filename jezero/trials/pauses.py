@@ -35,7 +35,7 @@ from jezero.trials.platform import offset_m
 READY_TIMEOUT_S, GOAL_TIMEOUT_S, REPLY_TIMEOUT_S = 60.0, 400.0, 25.0
 PAUSE_MAX_S = 3.0
 ACCELERATION_MPS2 = 2.0
-"""Of setpoints: twice that of a straight path, for a pause that brakes while the path brakes."""
+"""Greatest acceleration of the setpoints: twice that of a straight path, as a pause may brake while the path brakes."""
 GAP_MAX_S = 0.1
 
 _WORLD_GOALS: tuple[tuple[topics.Action[Any], Payload], ...] = (

@@ -12,7 +12,7 @@ from jezero.frames import geodetic_from_ned, ned_from_geodetic
 
 FILE_MAX_BYTES = 500_000
 CORNERS_MAX = 6000
-"""As many as the planner takes."""
+"""Greatest number of corners that the planner accepts."""
 COORDINATE_MAX_M = 1e6
 SHIFT_MIN_M = 0.001
 Ring = list[list[float]]
@@ -52,7 +52,7 @@ class DrawnArea:
         return tuple([[corner[0] - origin_m[0], corner[1] - origin_m[1]] for corner in ring] for ring in self.rings)
 
     def kept(self) -> dict[str, Any]:
-        """What the browser keeps of it."""
+        """The area as the browser stores it."""
         return {"rings": self.rings, "origin": self.origin_deg}
 
     def geojson(self) -> bytes:

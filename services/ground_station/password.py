@@ -13,7 +13,8 @@ from jezero.os_errors import naming
 from jezero.runtime.config import ConfigError
 
 COST, BLOCK_SIZE, PARALLELISM = 2**15, 8, 1
-"""Of scrypt: 32 MiB and about 0.1 s for each guess. Source: RFC 7914; OWASP's sheet on storing passwords."""
+"""Parameters of scrypt, with which each guess takes 32 MiB and about 0.1 s. Source: RFC 7914; OWASP's sheet on storing
+passwords."""
 MEMORY_MAX_BYTES = 2**26
 SALT_BYTES = 16
 LENGTH_MIN, LENGTH_MAX = 8, 200

@@ -26,7 +26,7 @@ from jezero.services.ground_station.state import SHOWN, VehicleState
 
 KEYFRAME_PERIOD_S = 5.0
 PICTURE_AGE_MAX_S = 2.0
-"""A jump begins so long before its time, so that it finds the picture too. An older picture is not shown."""
+"""A jump reads the recording from this long before its time, to find the last picture; an older one is not shown."""
 EVENTS_MAX = 1000
 """Later events are not marked, in a recording with more."""
 

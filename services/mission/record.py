@@ -65,7 +65,7 @@ class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
         return replace(self, state=state, reason=reason)
 
     def next_step(self) -> "MissionRecord":
-        """After the present step: at the next one, or at the end."""
+        """The mission after its present step: at the next step, or at its end."""
         if self.last is not None:
             return self.in_state("failed", self.reason)
         if self.index + 1 == len(self.mission.steps):
@@ -73,7 +73,7 @@ class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
         return replace(self, index=self.index + 1, attempt=1, failures=0, rest=None, state="running", reason="")
 
     def next_attempt(self, rest: dict[str, Any] | None) -> "MissionRecord":
-        """At the next try of the present step.
+        """The mission at the next try of its present step.
 
         Args:
             rest: fields of the goal that does what is still missing; None tries the same as before.

@@ -27,7 +27,7 @@ REQUESTED = "a hover, an abort or a kill was requested"
 VEHICLE_RESTARTED = "the vehicle was restarted"
 NO_MISSION = "no mission is flown: send one with jezero mission run FILE"
 Wanted = Literal["", "hold", "skip", "stop"]
-"""What follows when the goal that was canceled has ended."""
+"""Next action of the service, once the goal that it has canceled has ended; "" for none."""
 ENDING = "the goal of the present step is still ending: try again in a second"
 
 
@@ -208,7 +208,7 @@ class MissionService:
         return Reply(request.request_id, MissionReply(accepted=True, mission_id=mission_id))
 
     def _problem(self, mission: Mission) -> str:
-        """What is wrong with a mission's goals, or ""."""
+        """The first mistake in a mission's goals, or ""."""
         for number, step in enumerate(mission.steps, start=1):
             if not isinstance(step, GoalStep):
                 continue

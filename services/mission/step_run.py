@@ -44,7 +44,7 @@ class StepEnd(msgspec.Struct, frozen=True):
 
 
 class _Result(msgspec.Struct):
-    """What the mission reads of a result of any action."""
+    """The fields of any action's result that the mission uses."""
 
     outcome: Literal["succeeded", "canceled", "aborted"]
     reason: str = ""

@@ -5,11 +5,13 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from urllib.parse import urlsplit
 
+import pytest
 from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
 
-from tests.system.conftest import Stack
+from tests.system.conftest import Stack, new_stack
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 SOFTWARE_GL = (
@@ -23,6 +25,12 @@ SOFTWARE_GL = (
 FLIGHT_TIMEOUT_MS = 180_000
 REPLY_TIMEOUT_MS = 60_000
 expect.set_options(timeout=REPLY_TIMEOUT_MS)
+FLIES_A_STACK = [
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on the path"),
+    pytest.mark.timeout(900),
+    pytest.mark.slow,  # a stack, and a browser that draws without a graphics card, need both processors for minutes
+]
+"""Marks of the tests that fly a stack from its page."""
 CLICKED = ("go_to", "get_images", "area_coverage")
 """Actions whose forms take clicks on the map at once."""
 
@@ -161,3 +169,16 @@ def browser_started() -> Iterator[Browser]:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(SOFTWARE_GL))
         yield browser
         browser.close()
+
+
+@contextmanager
+def stack_with_screen(folder: Path) -> Iterator[Screen]:
+    """The page of a stack that is ready.
+
+    Args:
+        folder: for the run folder.
+    """
+    with new_stack(folder) as stack, browser_started() as browser:
+        shown = open_screen(browser, stack, pages_of(stack))
+        shown.shows("On the ground, ready")
+        yield shown

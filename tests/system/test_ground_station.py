@@ -12,27 +12,20 @@ pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
 from playwright.sync_api import expect
 
-from tests.system.conftest import new_stack
-from tests.system.ground_screen import CHROMIUM, FLIGHT_TIMEOUT_MS, Screen, browser_started, open_screen, pages_of
+from tests.system.ground_screen import FLIES_A_STACK, FLIGHT_TIMEOUT_MS, Screen, open_screen, stack_with_screen
 
 ORBIT_CENTER_PX = (0.0, 80.0)
 """Two metres north of the map's middle: a metre has 40 pixels at first."""
 OUTLINE_PX = ((-60.0, -60.0), (-60.0, 60.0), (60.0, 60.0), (60.0, -60.0))
 HOLE_PX = ((20.0, 20.0), (20.0, 45.0), (45.0, 45.0))
 
-pytestmark = [
-    pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on the path"),
-    pytest.mark.timeout(900),
-    pytest.mark.slow,  # a stack, and a browser that draws without a graphics card, need both processors for minutes
-]
+pytestmark = FLIES_A_STACK
 
 
 @pytest.fixture(scope="module")
 def screen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Screen]:
     """The page of a stack that is ready."""
-    with new_stack(tmp_path_factory.mktemp("ground")) as stack, browser_started() as browser:
-        shown = open_screen(browser, stack, pages_of(stack))
-        shown.shows("On the ground, ready")
+    with stack_with_screen(tmp_path_factory.mktemp("ground")) as shown:
         yield shown
 
 

@@ -13,7 +13,7 @@ from jezero.schemas.topics import Endpoint
 from jezero.trials.campaign.sent_goals import FIELD_DRAWS, SentGoal
 
 PAUSE_PROBABILITY, RESUME_PROBABILITY, MODIFY_PROBABILITY = 0.12, 0.3, 0.06
-"""Of a request in one period, while a goal is flown or paused."""
+"""Probabilities that a request is sent in one period, while a goal is flown or paused."""
 
 
 class Pauser:

@@ -145,7 +145,7 @@ class AreaCoverage:
         return along if self._tracker is not None else self._way_in.remaining() + along
 
     def path(self, state: VehicleState) -> tuple[Vec3, ...]:
-        """To the begin of the lines and along them."""
+        """The way to the begin of the lines, and along the lines."""
         times_s = self._plan.trajectory.t_s
         corners_s = [*times_s[::PATH_SAMPLES].tolist(), float(times_s[-1])]
         return (state.pos_uav_ned_m, *(self._reference(time_s).pos_ned_m for time_s in corners_s))

@@ -54,7 +54,7 @@ class GetImages:
         return None if self._flight is None else self._flight.remaining()
 
     def path(self, state: VehicleState) -> tuple[Vec3, ...]:
-        """To the circle and around it."""
+        """The way to the circle, and around the circle."""
         if self._flight is None:
             return ()
         way_ned_m = self._flight.path()

@@ -85,7 +85,7 @@ class GoTo:
         return climb.path.remaining() + self._path_from(0, begin_ned_m, climb.path.yaw_rad).remaining()
 
     def path(self, state: VehicleState) -> tuple[Vec3, ...]:
-        """Up to the end of the climb, if there is one, and to the target."""
+        """The way to the end of the climb, if there is one, and to the target."""
         target_ned_m = self._goal.target_ned_m
         if self._in_rover_frame:
             if state.relative is None or not state.relative.valid:

@@ -201,7 +201,7 @@ class PlainLanding:
         return way + plain_descent_remaining(max(height_m, 0.0) + up_m, self._settings)
 
     def path(self, state: VehicleState) -> tuple[Vec3, ...]:
-        """To the place above the spot, and down to the height of the world's origin."""
+        """The way to the place above the spot, and down to the height of the world's origin."""
         north_m, east_m, _ = self._spot_ned_m
         return state.pos_uav_ned_m, self._path.end_ned_m, (north_m, east_m, 0.0)
 

@@ -50,7 +50,7 @@ class PauseControl:
         self._t_ns = t_ns
         self._rate_per_s = 0.0
         self._speed_mps = 0.0
-        """Of the behaviour's last setpoint, relative to its frame."""
+        """Speed of the behaviour's last setpoint, relative to the behaviour's frame."""
         self._held_m: Vec3 | None = None
         """Hover point relative to the frame of a behaviour that commands velocities; None while it moves."""
         self._left_mps = STILL.vel_ned_mps

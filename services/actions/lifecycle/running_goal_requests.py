@@ -28,7 +28,7 @@ class RunningGoalRequests:
         self._paused = ("", 0)
         """Id of the last goal that was paused or resumed, and issue time of that request."""
         self._modified = ("", 0)
-        """The same of the last goal that was modified."""
+        """Id of the last goal that was modified, and issue time of that request."""
 
     def handle(
         self, t_ns: int, inbox: Inbox, run: GoalRun | None, results: Mapping[str, Result[Any]]

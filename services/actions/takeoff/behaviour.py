@@ -22,7 +22,7 @@ class Takeoff:
 
     @property
     def z_ground_ned_m(self) -> float:
-        """Of the take-off point."""
+        """z of the take-off point in the world frame."""
         return self._climb.z_ground_ned_m
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:

@@ -8,7 +8,7 @@ from jezero.services.ground_station.web.elements import STATIC
 from jezero.services.ground_station.words import duration
 
 WARN_S = 120.0
-"""The page tells that its log-in ends so long before."""
+"""The page warns of the end of its log-in this long before it."""
 
 
 class Activity(Element, component="static/activity.js"):

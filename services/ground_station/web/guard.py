@@ -1,4 +1,4 @@
-"""What reaches the pages' server at all: requests of its own pages, of limited size."""
+"""Guards of the pages' server: it accepts only requests of its own pages, and only small ones."""
 
 from collections.abc import Awaitable, Callable
 from typing import Any
@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 from fastapi import Response
 
 BODY_MAX_BYTES = 64_000
-"""Of a request; also of one message of a page, see `PageServer`."""
+"""Greatest size of a request's body, and of one message that a page sends."""
 Receive = Callable[[], Awaitable[Any]]
 Send = Callable[[Any], Awaitable[None]]
 Inner = Callable[[Any, Receive, Send], Awaitable[None]]

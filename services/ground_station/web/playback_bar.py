@@ -15,7 +15,7 @@ PERIOD_S = 0.1
 MARKS_MAX = 150
 """More marks would touch each other."""
 TONES = ("plain", "good", "warning", "bad")
-"""By weight."""
+"""From the least to the most important; where marks overlap, the more important one is kept."""
 
 
 class Timeline(Element, component="static/timeline.js"):

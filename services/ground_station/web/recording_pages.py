@@ -19,7 +19,7 @@ from jezero.services.ground_station.web.recordings import Recordings
 OPEN_MAX = 8
 """Pages that show recordings at the same time: each has a place of its own in a file."""
 WAIT_S = 0.5
-"""Longest wait for a recording to be read before the page tells how far it is."""
+"""A recording that is read for longer than this gets a page that shows the progress of the reading."""
 
 
 class RecordingPages:

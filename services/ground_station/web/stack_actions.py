@@ -44,7 +44,7 @@ class StackActions:
         return sorted(self._actions, key=lambda name: ((*FLIGHT_ORDER, name).index(name), name))
 
     def description(self, name: str) -> ActionDescription:
-        """What an action says about itself."""
+        """The description of an action, as the action publishes it."""
         return self._actions[name][0]
 
     def action(self, name: str) -> Action[Any]:

@@ -13,7 +13,7 @@ from jezero.schemas.state import StatusCode
 from tests.services.actions.rig import CONFIG, FAR, World
 
 ACCELERATION_MAX_MPS2 = 2.0 * CONFIG.move.accel_mps2
-"""Of setpoints: the path's own, and that of the pause."""
+"""Greatest acceleration of the setpoints: that of the path plus that of the pause."""
 END_STEP_MPS = 0.07
 """The last step of a path to rest, whether or not it was paused."""
 
