@@ -184,7 +184,7 @@ class RoverLanding:
         return rover_landing_remaining(subtract(state.pos_uav_ned_m, self._pos_supposed_ned_m), self._land)
 
     def path(self, state: VehicleState) -> tuple[Vec3, ...]:
-        """The way to the place above the platform, and down to the platform; empty while the rover's position is unknown."""
+        """The way above the platform and down to the platform; empty while the position of the rover is unknown."""
         platform_ned_m = self._pos_supposed_ned_m
         if self._platform is not None:
             platform_ned_m = subtract(state.pos_uav_ned_m, self._platform.pos_ned_m)
