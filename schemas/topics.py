@@ -10,7 +10,7 @@ from typing import Any, Generic, Literal, TypeVar, get_origin
 
 import msgspec
 
-from jezero.schemas import actions, commands, estimate, health, images, journal, mission, sensors, state, terrain
+from jezero.schemas import actions, commands, estimate, goals, health, images, journal, mission, sensors, state, terrain
 from jezero.schemas.struct import Message, Payload
 
 M = TypeVar("M", bound=Message)
@@ -274,42 +274,42 @@ GROUND = Endpoint(
 
 TAKEOFF = Action(
     "takeoff",
-    actions.TakeoffGoal,
-    actions.MoveFeedback,
-    actions.MoveResult,
+    goals.TakeoffGoal,
+    goals.MoveFeedback,
+    goals.MoveResult,
     commands.Phase.TAKEOFF,
     changeable=("altitude_m",),
 )
 GO_TO = Action(
     "go_to",
-    actions.GoToGoal,
-    actions.MoveFeedback,
-    actions.MoveResult,
+    goals.GoToGoal,
+    goals.MoveFeedback,
+    goals.MoveResult,
     commands.Phase.GO_TO,
     changeable=("target_ned_m", "yaw_rad", "speed_mps"),
 )
 LAND_ON_SPOT = Action(
     "land_on_spot",
-    actions.LandOnSpotGoal,
-    actions.LandFeedback,
-    actions.LandResult,
+    goals.LandOnSpotGoal,
+    goals.LandFeedback,
+    goals.LandResult,
     commands.Phase.LANDING,
     changeable=("landing_spot_ned_m",),
 )
 AREA_COVERAGE = Action(
     "area_coverage",
-    actions.AreaCoverageGoal,
-    actions.ImagesFeedback,
-    actions.CoverageResult,
+    goals.AreaCoverageGoal,
+    goals.ImagesFeedback,
+    goals.CoverageResult,
     commands.Phase.COVERAGE,
     takes_pictures=True,
     changeable=("polygon_ned_m", "holes_ned_m", "z_ned_m", "speed_mps"),
 )
 GET_IMAGES = Action(
     "get_images",
-    actions.GetImagesGoal,
-    actions.ImagesFeedback,
-    actions.ImagesResult,
+    goals.GetImagesGoal,
+    goals.ImagesFeedback,
+    goals.ImagesResult,
     commands.Phase.GET_IMAGES,
     takes_pictures=True,
     changeable=("center_ned_m", "radius_m", "num_images", "target_z_ned_m", "speed_mps"),

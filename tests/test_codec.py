@@ -19,8 +19,8 @@ from jezero.codec import (
     reader,
     split_attachment,
 )
-from jezero.schemas.actions import GoToGoal, TakeoffGoal
 from jezero.schemas.commands import Hover, Phase, Release, Setpoint
+from jezero.schemas.goals import GoToGoal, TakeoffGoal
 from jezero.schemas.sensors import Altimeter, CameraFrame
 from jezero.schemas.state import Clock
 from jezero.schemas.struct import Payload

@@ -15,8 +15,8 @@ from jezero.runtime.config import ConfigError, load_config
 from jezero.runtime.memory_bus import NO_DELAY, MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Service, Spec
 from jezero.schemas import topics
-from jezero.schemas.actions import AreaCoverageGoal, Goal, GoToGoal, TakeoffGoal
 from jezero.schemas.estimate import Relative, TagEstimate
+from jezero.schemas.goals import AreaCoverageGoal, Goal, GoToGoal, TakeoffGoal
 from jezero.schemas.landing_board import BIG_ID
 from jezero.schemas.sensors import Altimeter, CameraInfo, RoverOdometry, TagCorners, Uwb
 from jezero.schemas.state import Clock, Odometry, Scene, Status

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shapely.geometry import LineString
 
 from benchmarks.quality.covering import Covering
-from jezero.schemas.actions import AreaCoverageGoal, Corners
+from jezero.schemas.goals import AreaCoverageGoal, Corners
 from jezero.services.actions.area_coverage.coverage_plan import CoveragePlan, plan_coverage
 from jezero.services.actions.area_coverage.path import covered_fraction
 from jezero.services.actions.config import ActionsConfig

@@ -11,8 +11,9 @@ from jezero.client.images import Picture
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import SentRequest
 from jezero.schemas import topics
-from jezero.schemas.actions import AreaCoverageGoal, CoverageResult, Result, TakeoffGoal
+from jezero.schemas.actions import Result
 from jezero.schemas.commands import Phase, Setpoint
+from jezero.schemas.goals import AreaCoverageGoal, CoverageResult, TakeoffGoal
 from jezero.schemas.images import GetImage
 from jezero.schemas.state import Odometry, Status, Truth
 from jezero.services.simulator.camera.config import CameraConfig

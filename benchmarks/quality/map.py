@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from benchmarks.quality.covering import Covering
 from jezero.mapping.making import Map, make_map
 from jezero.runtime.config import load_config
-from jezero.schemas.actions import AreaCoverageGoal
+from jezero.schemas.goals import AreaCoverageGoal
 from jezero.services.simulator.camera.orthophoto import make_orthophoto
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.vehicle_config import VehicleConfig

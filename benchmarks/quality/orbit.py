@@ -30,8 +30,9 @@ from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.runtime.service import Service
 from jezero.schemas import topics
-from jezero.schemas.actions import Frame, GetImagesGoal, Result, TakeoffGoal
+from jezero.schemas.actions import Result
 from jezero.schemas.estimate import Relative
+from jezero.schemas.goals import Frame, GetImagesGoal, TakeoffGoal
 from jezero.schemas.images import Image
 from jezero.schemas.state import Odometry, Scene, Status, Truth
 from jezero.services.simulator.camera.config import CameraConfig

@@ -21,8 +21,9 @@ import zenoh
 from benchmarks.speed.mavlink_proxy import HOST
 from jezero.codec import encode
 from jezero.runtime.config import Instance, instance_from_environment
-from jezero.schemas.actions import Accepted, Feedback, GoToGoal, MoveFeedback
+from jezero.schemas.actions import Accepted, Feedback
 from jezero.schemas.commands import Acquire, AcquireReply, Phase, Setpoint
+from jezero.schemas.goals import GoToGoal, MoveFeedback
 from jezero.schemas.state import Odometry
 from jezero.zenoh_client import client_config
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jezero.schemas.actions import AreaCoverageGoal
+from jezero.schemas.goals import AreaCoverageGoal
 from jezero.services.actions.area_coverage.area import Point
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
 from jezero.services.actions.config import ActionsConfig

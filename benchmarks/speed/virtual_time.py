@@ -17,7 +17,7 @@ from jezero.mavlink import MavlinkCodec
 from jezero.runtime.config import load_config
 from jezero.runtime.node import Node
 from jezero.schemas import topics
-from jezero.schemas.actions import LandOnSpotGoal
+from jezero.schemas.goals import LandOnSpotGoal
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.trials.flight import fly_virtually
 from jezero.trials.missions import FLIGHT, Mission

@@ -12,7 +12,7 @@ from jezero.client import goal as client
 from jezero.client import images
 from jezero.client.errors import JezeroError, TimedOut
 from jezero.client.images import Picture
-from jezero.schemas.actions import ImagesFeedback, ImagesResult
+from jezero.schemas.goals import ImagesFeedback, ImagesResult
 
 F = TypeVar("F")
 R = TypeVar("R")

@@ -14,8 +14,8 @@ from jezero.client import actions, camera, control, goal, images, mission
 from jezero.client import vehicle as client
 from jezero.client.errors import TimedOut, Unreachable
 from jezero.client.status import STATUS_TIMEOUT_S, no_status
-from jezero.schemas.actions import Goal as GoalPayload
 from jezero.schemas.actions import PlanReply
+from jezero.schemas.goals import Goal as GoalPayload
 from jezero.schemas.state import Status
 from jezero.schemas.struct import Message
 from jezero.schemas.topics import STATUS, Action, Topic

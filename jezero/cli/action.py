@@ -9,7 +9,7 @@ import msgspec
 from jezero.cli.flight import NUMBERS, Printer, connected, flight_options, fly_goal
 from jezero.cli.plan import send_goal
 from jezero.plugins import PluginError, action_names, find_action
-from jezero.schemas.actions import Goal
+from jezero.schemas.goals import Goal
 from jezero.schemas.topics import ACTIONS, Action
 
 COMMON = frozenset(field.name for field in msgspec.structs.fields(Goal))

@@ -11,7 +11,7 @@ import msgspec
 
 if TYPE_CHECKING:
     from jezero.area_files import FilePolygon
-    from jezero.schemas.actions import AreaCoverageGoal, Corners
+    from jezero.schemas.goals import AreaCoverageGoal, Corners
     from jezero.schemas.state import Odometry
 
 ROUTER_WAIT_S = 0.5
@@ -49,7 +49,7 @@ class CoverageRequest:
     def goal(self, origin: Origin | None) -> "AreaCoverageGoal":
         """Place the area. Without an origin, it must be in metres."""
         from jezero.area_files import AreaFileError, place
-        from jezero.schemas.actions import AreaCoverageGoal
+        from jezero.schemas.goals import AreaCoverageGoal
 
         try:
             area = place(self.polygon, None if origin is None else origin.position_deg)

@@ -13,7 +13,8 @@ from jezero.cli.plan import flight_in_words, minutes
 
 if TYPE_CHECKING:
     from jezero.client import Vehicle
-    from jezero.schemas.actions import AreaCoverageGoal, PlannedCoverage, PlanReply
+    from jezero.schemas.actions import PlannedCoverage, PlanReply
+    from jezero.schemas.goals import AreaCoverageGoal
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from jezero.client import Goal, Vehicle
-    from jezero.schemas.actions import Frame
+    from jezero.schemas.goals import Frame
 
 FRAMES = click.Choice(["world", "rover"])
 PLAIN_PERIOD_S = 1.0
@@ -235,7 +235,7 @@ def point_in_words(pos_ned_m: Any) -> str:
 @flight_options
 def takeoff(altitude_m: float, yes: bool, vehicle: str, router: str, as_json: bool) -> None:
     """Take off to ALTITUDE metres above the take-off point (2 by default; positive is up)."""
-    from jezero.schemas.actions import TakeoffGoal
+    from jezero.schemas.goals import TakeoffGoal
     from jezero.schemas.topics import TAKEOFF
 
     printer = Printer(as_json)
@@ -271,7 +271,7 @@ def target(
     FRAME is world (default) or rover; TAKEOFF true takes off first: `jezero target 0 0 -4 world true`.
     """
     from jezero.frames import wrap_pi
-    from jezero.schemas.actions import GoToGoal
+    from jezero.schemas.goals import GoToGoal
     from jezero.schemas.topics import GO_TO
 
     printer = Printer(as_json)
@@ -315,7 +315,7 @@ def land_on_spot(
     Without UWB the command needs the rover's approximate position, from --spot or a prompt. Without UWB and
     tags this is the spot on the ground on which the vehicle lands.
     """
-    from jezero.schemas.actions import LandOnSpotGoal
+    from jezero.schemas.goals import LandOnSpotGoal
     from jezero.schemas.topics import LAND_ON_SPOT
 
     printer = Printer(as_json)

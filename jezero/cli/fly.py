@@ -16,7 +16,7 @@ from jezero.cli.exit_codes import ABORTED
 from jezero.cli.flight import Printer, common_options, connected, fly_goal
 from jezero.cli.pictures import take_pictures
 from jezero.cli.plan import as_planned, show_plan
-from jezero.schemas.actions import AreaCoverageGoal
+from jezero.schemas.goals import AreaCoverageGoal
 
 if TYPE_CHECKING:
     from jezero.client import Vehicle

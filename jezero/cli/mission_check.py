@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from jezero.cli.flight import Printer
     from jezero.client import Vehicle
     from jezero.mission_files import MissionFile, StepPlan
-    from jezero.schemas.actions import Goal, PlanReply
+    from jezero.schemas.actions import PlanReply
+    from jezero.schemas.goals import Goal
     from jezero.schemas.topics import Action
 
 Read = Callable[[Sequence[float]], "MissionFile"]

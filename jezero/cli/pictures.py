@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from jezero.client.dataset import Dataset
     from jezero.client.images import ImagesGoal
     from jezero.frames import Vec3
-    from jezero.schemas.actions import ImagesFeedback
+    from jezero.schemas.goals import ImagesFeedback
 
 PNG_OR_JPG = click.Choice(["jpg", "png"])
 
@@ -42,7 +42,7 @@ def take_pictures(
     import msgspec
 
     from jezero.client.errors import EndedError
-    from jezero.schemas.actions import ImagesResult
+    from jezero.schemas.goals import ImagesResult
 
     folder, before = dataset.folder, dataset.count
     track: list[Vec3] = []

@@ -14,7 +14,8 @@ from jezero.cli.exit_codes import FAILED, USAGE
 if TYPE_CHECKING:
     from jezero.cli.flight import Printer
     from jezero.client import Vehicle
-    from jezero.schemas.actions import FeedbackMessage, Goal, PlanReply
+    from jezero.schemas.actions import FeedbackMessage, PlanReply
+    from jezero.schemas.goals import Goal
     from jezero.schemas.topics import Action
 
 LONG_FLIGHT_S = 60.0

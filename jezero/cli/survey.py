@@ -24,7 +24,7 @@ from jezero.os_errors import write_whole
 
 if TYPE_CHECKING:
     from jezero.client.dataset import Dataset, Kind
-    from jezero.schemas.actions import AreaCoverageGoal, Frame
+    from jezero.schemas.goals import AreaCoverageGoal, Frame
 
 RESUME_OPTIONS = {"resume", "kind", "yes", "vehicle", "router", "as_json"}
 """Parameters that a resumed coverage uses; the others are those of the coverage that ended early."""
@@ -68,7 +68,7 @@ def getimages(
     Coordinates are metres north, east and down, so 4 m up is `-4`. FRAME is world (default) or rover, whose origin is
     the middle of its platform: `jezero getimages -2.0 0 -4 2 4 rover`.
     """
-    from jezero.schemas.actions import GetImagesGoal
+    from jezero.schemas.goals import GetImagesGoal
     from jezero.schemas.topics import GET_IMAGES
 
     printer = Printer(as_json)
@@ -228,7 +228,7 @@ def _resumed(folder: Path, kind: str) -> "tuple[AreaCoverageGoal | None, Dataset
     The folder of a command that was killed has images since its goal was written, so the images count.
     """
     from jezero.client.dataset import Dataset
-    from jezero.schemas.actions import AreaCoverageGoal
+    from jezero.schemas.goals import AreaCoverageGoal
     from jezero.schemas.images import LISTING
 
     file, listing = folder / RESUME, folder / LISTING

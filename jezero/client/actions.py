@@ -11,16 +11,9 @@ from jezero.client.images import Picture, fetch_picture
 from jezero.client.session import Connection, decoder
 from jezero.codec import encode
 from jezero.plugins import PluginError, find_action
-from jezero.schemas.actions import (
-    ActionDescription,
-    Cancel,
-    CancelReply,
-    GetDescription,
-    GetRunning,
-    Goal,
-    RunningGoal,
-)
+from jezero.schemas.actions import ActionDescription, Cancel, CancelReply, GetDescription, GetRunning, RunningGoal
 from jezero.schemas.commands import Phase
+from jezero.schemas.goals import Goal
 from jezero.schemas.images import Image
 from jezero.schemas.topics import Action
 

@@ -8,8 +8,8 @@ from jezero.client.goal import modify_goal, pause_goal, resume_goal
 from jezero.client.goal_sender import GoalSender
 from jezero.client.session import Connection
 from jezero.client.status import REPLY_TIMEOUT_S, request_status
-from jezero.schemas.actions import Goal, LandOnSpotGoal
 from jezero.schemas.commands import Abort, AbortReply, Hover, HoverReply, Kill, KillReply, Phase
+from jezero.schemas.goals import Goal, LandOnSpotGoal
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import ABORT, HOVER, KILL, LAND_ON_SPOT, Action
 

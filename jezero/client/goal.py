@@ -23,7 +23,7 @@ from jezero.schemas.actions import (
     Resume,
     ResumeReply,
 )
-from jezero.schemas.actions import Goal as GoalPayload
+from jezero.schemas.goals import Goal as GoalPayload
 from jezero.schemas.topics import RESULT, Action
 
 F = TypeVar("F")

@@ -13,8 +13,8 @@ from jezero.client.images import ImagesGoal
 from jezero.client.session import Connection
 from jezero.client.status import REPLY_TIMEOUT_S, request_status
 from jezero.plugins import PluginError, find_action
-from jezero.schemas.actions import Goal as GoalPayload
 from jezero.schemas.actions import PlanReply
+from jezero.schemas.goals import Goal as GoalPayload
 from jezero.schemas.topics import Action
 
 OnClientLoss = Literal["continue", "cancel"]

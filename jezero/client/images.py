@@ -16,7 +16,7 @@ from jezero.client.errors import EndedError, JezeroError
 from jezero.client.goal import Goal
 from jezero.client.session import Connection, decode
 from jezero.codec import encode
-from jezero.schemas.actions import ImagesFeedback, ImagesResult
+from jezero.schemas.goals import ImagesFeedback, ImagesResult
 from jezero.schemas.images import GetImage, Image, ImageReply
 from jezero.schemas.topics import Action
 

@@ -18,7 +18,10 @@ from jezero.client.session import Connection
 from jezero.client.status import REPLY_TIMEOUT_S, request_status, wait_ready, watch_status
 from jezero.client.subscription import LatestValues, Subscription, call_for_each, topic_named
 from jezero.schemas import topics
-from jezero.schemas.actions import (
+from jezero.schemas.actions import PlanReply, ResultReply
+from jezero.schemas.commands import AbortReply
+from jezero.schemas.estimate import Relative
+from jezero.schemas.goals import (
     AreaCoverageGoal,
     Frame,
     GetImagesGoal,
@@ -28,13 +31,9 @@ from jezero.schemas.actions import (
     LandResult,
     MoveFeedback,
     MoveResult,
-    PlanReply,
-    ResultReply,
     TakeoffGoal,
 )
-from jezero.schemas.actions import Goal as GoalPayload
-from jezero.schemas.commands import AbortReply
-from jezero.schemas.estimate import Relative
+from jezero.schemas.goals import Goal as GoalPayload
 from jezero.schemas.state import Battery, Odometry, Status
 from jezero.schemas.struct import Message
 from jezero.schemas.terrain import GetGround, Ground

@@ -6,7 +6,8 @@ from typing import Any
 
 import msgspec
 
-from jezero.schemas.actions import Goal, PlanReply
+from jezero.schemas.actions import PlanReply
+from jezero.schemas.goals import Goal
 from jezero.schemas.mission import Mission, WaitStep
 from jezero.schemas.topics import Action
 

@@ -8,7 +8,8 @@ import msgspec
 
 from jezero.codec import BadPayloadError, decode_request
 from jezero.schemas import journal
-from jezero.schemas.actions import Accepted, FeedbackMessage, Goal, Rejected, Result
+from jezero.schemas.actions import Accepted, FeedbackMessage, Rejected, Result
+from jezero.schemas.goals import Goal
 from jezero.schemas.journal import JournalPart
 from jezero.schemas.topics import Action
 from jezero.schemas.units import NS_PER_S

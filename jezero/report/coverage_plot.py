@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from jezero.frames import Vec3
 from jezero.report.style import BLUE, GREEN, GREY, ORANGE, WIDTH_IN, Format, draw
-from jezero.schemas.actions import AreaCoverageGoal, Frame, PlannedCoverage
+from jezero.schemas.actions import PlannedCoverage
+from jezero.schemas.goals import AreaCoverageGoal, Frame
 from jezero.schemas.images import LISTING
 
 if TYPE_CHECKING:

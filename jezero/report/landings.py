@@ -12,8 +12,8 @@ from jezero.frames import Vec3, add, quat_from_euler, quat_rotate, rotate_yaw, s
 from jezero.recording import Entry
 from jezero.runtime.config import load_config
 from jezero.schemas import topics
-from jezero.schemas.actions import LandFeedback
 from jezero.schemas.estimate import Relative
+from jezero.schemas.goals import LandFeedback
 from jezero.schemas.sensors import RoverOdometry, Uwb
 from jezero.schemas.state import Odometry, StatusCode, Truth
 from jezero.schemas.units import NS_PER_S

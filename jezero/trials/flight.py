@@ -13,7 +13,8 @@ from jezero.recording.writer import RecordingWriter
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas import topics
-from jezero.schemas.actions import Feedback, ImagesResult
+from jezero.schemas.actions import Feedback
+from jezero.schemas.goals import ImagesResult
 from jezero.schemas.images import GetImage, Image
 from jezero.schemas.state import Status, StatusCode, Truth
 from jezero.schemas.units import NS_PER_S

@@ -13,19 +13,9 @@ from jezero.codec import decode
 from jezero.frames import Vec3, horizontal
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas import topics
-from jezero.schemas.actions import (
-    AreaCoverageGoal,
-    GetImagesGoal,
-    GoToGoal,
-    ImagesResult,
-    LandOnSpotGoal,
-    Pause,
-    Rejected,
-    Result,
-    Resume,
-    TakeoffGoal,
-)
+from jezero.schemas.actions import Pause, Rejected, Result, Resume
 from jezero.schemas.commands import Setpoint
+from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, GoToGoal, ImagesResult, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.state import Status, Truth
 from jezero.schemas.struct import Payload
 from jezero.schemas.units import NS_PER_S

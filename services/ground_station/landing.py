@@ -5,8 +5,9 @@ from math import hypot, isfinite, sqrt
 from typing import Any
 
 from jezero.frames import altitude_m
-from jezero.schemas.actions import FeedbackMessage, LandFeedback
+from jezero.schemas.actions import FeedbackMessage
 from jezero.schemas.estimate import Relative
+from jezero.schemas.goals import LandFeedback
 from jezero.services.ground_station.readings import LATE_S, reading
 from jezero.services.ground_station.scene import SIGMAS, ellipsoid, rounded
 

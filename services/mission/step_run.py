@@ -6,16 +6,8 @@ from typing import Any, Literal
 import msgspec
 
 from jezero.runtime.service import Call, Inbox, Output, Response
-from jezero.schemas.actions import (
-    Cancel,
-    GetResult,
-    Goal,
-    Pause,
-    PauseReply,
-    Rejected,
-    ResultReply,
-    Resume,
-)
+from jezero.schemas.actions import Cancel, GetResult, Pause, PauseReply, Rejected, ResultReply, Resume
+from jezero.schemas.goals import Goal
 from jezero.schemas.topics import RESULT, Action
 from jezero.schemas.units import NS_PER_S
 

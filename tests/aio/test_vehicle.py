@@ -19,17 +19,9 @@ from jezero.aio import Aborted, Canceled, Goal, Refused, TimedOut, Unreachable, 
 from jezero.client import camera, goal, images, rover, subscription
 from jezero.client import vehicle as client
 from jezero.schemas import topics
-from jezero.schemas.actions import (
-    Accepted,
-    CancelReply,
-    ModifyReply,
-    MoveResult,
-    PauseReply,
-    Rejected,
-    Result,
-    ResumeReply,
-)
+from jezero.schemas.actions import Accepted, CancelReply, ModifyReply, PauseReply, Rejected, Result, ResumeReply
 from jezero.schemas.commands import AbortReply, RoverCommand
+from jezero.schemas.goals import MoveResult
 from jezero.schemas.state import Clock, Odometry
 from tests.client.rig import (
     ACCEPTED,

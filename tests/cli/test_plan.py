@@ -9,7 +9,8 @@ from click.testing import CliRunner
 from jezero import Vehicle
 from jezero.cli.main import main
 from jezero.cli.plan import minutes
-from jezero.schemas.actions import GoToGoal, LandOnSpotGoal, LandResult, PlanReply, Result
+from jezero.schemas.actions import PlanReply, Result
+from jezero.schemas.goals import GoToGoal, LandOnSpotGoal, LandResult
 from jezero.schemas.topics import GO_TO, LAND_ON_SPOT
 from tests.client.rig import ACCEPTED, Server, a_feedback, a_result, endpoint, server, vehicle
 

@@ -19,7 +19,8 @@ from jezero.cli.pictures import take_pictures
 from jezero.client.dataset import Dataset
 from jezero.client.errors import Aborted
 from jezero.client.images import Picture
-from jezero.schemas.actions import AreaCoverageGoal, CoverageResult, ImagesFeedback, PlannedCoverage, PlanReply
+from jezero.schemas.actions import PlannedCoverage, PlanReply
+from jezero.schemas.goals import AreaCoverageGoal, CoverageResult, ImagesFeedback
 from jezero.schemas.images import LISTING
 from jezero.schemas.topics import Action
 from tests.client.test_dataset import picture

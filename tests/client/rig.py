@@ -14,7 +14,8 @@ import zenoh
 
 from jezero import Vehicle
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, Feedback, MoveFeedback, MoveResult, Result
+from jezero.schemas.actions import Accepted, Feedback, Result
+from jezero.schemas.goals import MoveFeedback, MoveResult
 from jezero.schemas.state import Odometry, Status, StatusCode
 from jezero.schemas.struct import Message, Payload
 from jezero.zenoh_client import client_config

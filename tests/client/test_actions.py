@@ -6,8 +6,9 @@ import pytest
 from jezero import Refused, Unreachable, Vehicle
 from jezero.client.actions import described
 from jezero.schemas import topics
-from jezero.schemas.actions import CancelReply, RunningGoal, TakeoffGoal
+from jezero.schemas.actions import CancelReply, RunningGoal
 from jezero.schemas.commands import Phase
+from jezero.schemas.goals import TakeoffGoal
 from jezero.schemas.topics import GO_TO, TAKEOFF
 from tests.client.rig import Server, endpoint, server, vehicle
 

@@ -10,8 +10,9 @@ from click.testing import CliRunner
 from jezero import Aborted, JezeroError, Vehicle
 from jezero.cli.main import main
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, Feedback, GetImagesGoal, ImagesFeedback, ImagesResult, PlanReply, Result
+from jezero.schemas.actions import Accepted, Feedback, PlanReply, Result
 from jezero.schemas.commands import Outcome
+from jezero.schemas.goals import GetImagesGoal, ImagesFeedback, ImagesResult
 from jezero.schemas.images import GetImage, Image, ImageReply
 from tests.client.rig import Server, endpoint, server, vehicle, wait_until_served
 from tests.client.test_dataset import HEIGHT_PX, WIDTH_PX, picture

@@ -17,15 +17,14 @@ from jezero.schemas.actions import (
     Accepted,
     CancelReply,
     ModifyReply,
-    MoveResult,
     PauseReply,
     Rejected,
     Result,
     ResultReply,
     ResumeReply,
-    TakeoffGoal,
 )
 from jezero.schemas.commands import AbortReply, HoverReply, KillReply
+from jezero.schemas.goals import MoveResult, TakeoffGoal
 from jezero.schemas.state import StatusCode
 from jezero.zenoh_client import client_config
 from tests.client.rig import (

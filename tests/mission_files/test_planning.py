@@ -3,7 +3,8 @@
 from typing import Any
 
 from jezero.mission_files import plan_mission
-from jezero.schemas.actions import GoToGoal, PlanReply
+from jezero.schemas.actions import PlanReply
+from jezero.schemas.goals import GoToGoal
 from jezero.schemas.mission import GoalStep, Mission, WaitStep
 from jezero.schemas.topics import ACTIONS
 

@@ -9,8 +9,9 @@ from jezero.codec import encode
 from jezero.recording import RecordedGoal, open_recording
 from jezero.recording.writer import RecordingWriter
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, FeedbackMessage, GoToGoal, MoveFeedback, MoveResult, Result
+from jezero.schemas.actions import Accepted, FeedbackMessage, Result
 from jezero.schemas.commands import Outcome
+from jezero.schemas.goals import GoToGoal, MoveFeedback, MoveResult
 from jezero.schemas.journal import AnyEntry, JournalPart, Replied, Requested, Step
 from jezero.schemas.struct import Payload
 from tests.recording.rig import SECOND_NS

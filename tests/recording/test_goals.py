@@ -9,7 +9,8 @@ from jezero.codec import encode
 from jezero.recording import RecordingError
 from jezero.recording.goals import feedback_by_goal
 from jezero.schemas import topics
-from jezero.schemas.actions import GetImagesGoal, GoToGoal, ImagesFeedback, MoveFeedback, Rejected
+from jezero.schemas.actions import Rejected
+from jezero.schemas.goals import GetImagesGoal, GoToGoal, ImagesFeedback, MoveFeedback
 from jezero.schemas.journal import Replied, Requested
 from tests.recording.goals_rig import (
     GOAL,

@@ -10,7 +10,7 @@ from jezero.recording.writer import RecordingWriter
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import SentRequest
 from jezero.schemas import topics
-from jezero.schemas.actions import TakeoffGoal
+from jezero.schemas.goals import TakeoffGoal
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.trials.stack import build_stack
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from jezero.report.coverage_plot import draw_coverage
-from jezero.schemas.actions import AreaCoverageGoal
+from jezero.schemas.goals import AreaCoverageGoal
 from jezero.schemas.images import LISTING
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
 from jezero.services.actions.config import ActionsConfig

@@ -13,7 +13,8 @@ from jezero.recording.writer import RECORDING, RecordingWriter
 from jezero.report.landings import Series, landings
 from jezero.report.report import draw_report
 from jezero.schemas import topics
-from jezero.schemas.actions import FeedbackMessage, LandFeedback, LandPhase
+from jezero.schemas.actions import FeedbackMessage
+from jezero.schemas.goals import LandFeedback, LandPhase
 from jezero.schemas.state import Odometry, Status, StatusCode
 
 S = 1_000_000_000

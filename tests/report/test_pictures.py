@@ -13,7 +13,8 @@ from jezero.report.coverage_track import draw_coverage_tracks
 from jezero.report.pictures import SHEET_MAX, draw_contact_sheet, draw_orbits
 from jezero.report.report import ReportError, draw_run
 from jezero.schemas import topics
-from jezero.schemas.actions import FeedbackMessage, ImagesFeedback
+from jezero.schemas.actions import FeedbackMessage
+from jezero.schemas.goals import ImagesFeedback
 from jezero.schemas.images import LISTING
 from jezero.schemas.state import Odometry
 from tests.client.test_dataset import picture

@@ -10,8 +10,9 @@ from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.runtime.service import Service
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, AreaCoverageGoal, GetImagesGoal, TakeoffGoal
+from jezero.schemas.actions import Accepted
 from jezero.schemas.commands import Hover
+from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, TakeoffGoal
 from jezero.schemas.state import StatusCode
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.service import Camera

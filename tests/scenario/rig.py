@@ -9,7 +9,8 @@ from jezero.mavlink import MavlinkCodec, MavMessage
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.runtime.service import Inbox, Output, Send, Service
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, GoToGoal, LandOnSpotGoal, Rejected, Result, TakeoffGoal
+from jezero.schemas.actions import Accepted, Rejected, Result
+from jezero.schemas.goals import GoToGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.state import Status, StatusCode, Truth
 from jezero.trials.stack import build_stack
 

@@ -3,8 +3,9 @@
 from benchmarks.quality.coverage import measure
 from benchmarks.quality.covering import Covering
 from jezero.schemas import topics
-from jezero.schemas.actions import AreaCoverageGoal, Rejected, Result
+from jezero.schemas.actions import Rejected, Result
 from jezero.schemas.commands import Abort
+from jezero.schemas.goals import AreaCoverageGoal
 from jezero.schemas.state import StatusCode
 
 SQUARE = ((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0))

@@ -6,7 +6,7 @@ from jezero.frames import altitude_m
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
-from jezero.schemas.actions import LandOnSpotGoal
+from jezero.schemas.goals import LandOnSpotGoal
 from jezero.schemas.state import StatusCode as Code
 from jezero.services.actions.land_on_spot.rover_landing import CONTACT_TIMEOUT_S
 from jezero.services.autopilot.config import AutopilotConfig

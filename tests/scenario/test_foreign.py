@@ -7,8 +7,8 @@ from jezero.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.runtime.memory_bus import UDP_DELAY
 from jezero.runtime.service import Inbox, Output, Send, Spec
 from jezero.schemas import topics
-from jezero.schemas.actions import TakeoffGoal
 from jezero.schemas.commands import Hover
+from jezero.schemas.goals import TakeoffGoal
 from jezero.schemas.state import StatusCode as Code
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import VehicleBridge

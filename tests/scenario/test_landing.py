@@ -7,7 +7,7 @@ import pytest
 
 from jezero.frames import tilt_from_quat
 from jezero.schemas import topics
-from jezero.schemas.actions import LandOnSpotGoal
+from jezero.schemas.goals import LandOnSpotGoal
 from jezero.services.simulator.config import RoverConfig, SimulatorConfig, TerrainConfig
 from jezero.trials.landing.benchmark import fly_landings
 from jezero.trials.landing.flight import fly_landing

@@ -10,7 +10,8 @@ from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.runtime.service import Service
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, LandOnSpotGoal
+from jezero.schemas.actions import Accepted
+from jezero.schemas.goals import LandOnSpotGoal
 from jezero.schemas.state import StatusCode
 from jezero.services.simulator.config import SimulatorConfig, WindConfig
 from jezero.services.simulator.service import Simulator

@@ -7,8 +7,9 @@ import pytest
 
 from jezero.frames import horizontal, norm, subtract
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, LandOnSpotGoal, TakeoffGoal
+from jezero.schemas.actions import Accepted
 from jezero.schemas.commands import Abort, Hover, Kill
+from jezero.schemas.goals import LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.state import StatusCode as Code
 from jezero.trials.flight import fly_virtually
 from jezero.trials.missions import FLIGHT

@@ -11,8 +11,8 @@ from jezero.plugins import all_actions
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
-from jezero.schemas.actions import AreaCoverageGoal
 from jezero.schemas.commands import Abort
+from jezero.schemas.goals import AreaCoverageGoal
 from jezero.schemas.mission import (
     FailurePolicy,
     GoalStep,

@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from jezero.schemas import topics
-from jezero.schemas.actions import AreaCoverageGoal, GetImagesGoal, Modify, ModifyReply, TakeoffGoal
+from jezero.schemas.actions import Modify, ModifyReply
+from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, TakeoffGoal
 from jezero.schemas.images import Image
 from jezero.schemas.struct import Payload
 from jezero.trials.pauses import ObservedStack

@@ -6,8 +6,8 @@ from math import hypot, radians
 import pytest
 
 from jezero.schemas import topics
-from jezero.schemas.actions import LandOnSpotGoal
 from jezero.schemas.commands import Hover
+from jezero.schemas.goals import LandOnSpotGoal
 from jezero.trials.platform import off_platform_reason, on_platform_m
 from jezero.trials.stack import build_stack
 from jezero.vehicle_config import (

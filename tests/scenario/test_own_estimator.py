@@ -6,7 +6,7 @@ from types import ModuleType
 
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
-from jezero.schemas.actions import GoToGoal, LandOnSpotGoal
+from jezero.schemas.goals import GoToGoal, LandOnSpotGoal
 from jezero.trials.platform import off_platform_reason
 from jezero.trials.stack import build_stack
 from tests.scenario.rig import Flight

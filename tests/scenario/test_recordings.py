@@ -7,14 +7,14 @@ from pathlib import Path
 
 from jezero.recording import open_recording
 from jezero.schemas import topics
-from jezero.schemas.actions import MoveResult, TakeoffGoal
+from jezero.schemas.goals import MoveResult, TakeoffGoal
 from jezero.trials.flight import fly_virtually
 
 FLY = """
 import sys
 from pathlib import Path
 from jezero.schemas import topics
-from jezero.schemas.actions import TakeoffGoal
+from jezero.schemas.goals import TakeoffGoal
 from jezero.trials.flight import fly_virtually
 
 fly_virtually(((topics.TAKEOFF, TakeoffGoal(altitude_m=2.0), 1.0),), 3, Path(sys.argv[1]))

@@ -9,7 +9,7 @@ from jezero.recording.journals import journaled_services
 from jezero.replay.through import Replay, replay_through
 from jezero.runtime.config import config_directory
 from jezero.schemas import topics
-from jezero.schemas.actions import AreaCoverageGoal, GetImagesGoal, LandOnSpotGoal, TakeoffGoal
+from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.trials.campaign.mission import Mission
 from jezero.trials.flight import fly_virtually
 from jezero.trials.recording import virtual_recording

@@ -8,7 +8,7 @@ import pytest
 from jezero.frames import subtract, wrap_pi
 from jezero.runtime.config import load_config
 from jezero.schemas import topics
-from jezero.schemas.actions import TakeoffGoal
+from jezero.schemas.goals import TakeoffGoal
 from jezero.schemas.state import StatusCode
 from jezero.services.simulator.config import SimulatorConfig, UavConfig
 from jezero.trials.platform import on_platform_m

@@ -9,7 +9,7 @@ from jezero.frames import altitude_m, tilt_from_quat
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
-from jezero.schemas.actions import TakeoffGoal
+from jezero.schemas.goals import TakeoffGoal
 from jezero.schemas.state import StatusCode
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.trials.stack import build_stack

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
-from jezero.schemas.actions import GetImagesGoal, TakeoffGoal
+from jezero.schemas.goals import GetImagesGoal, TakeoffGoal
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.config import SimulatorConfig, WindConfig
 from jezero.trials.campaign.blank_camera import BlankCamera

@@ -5,7 +5,7 @@ import shapely
 from shapely.geometry import Polygon
 
 from jezero.frames import Vec3, geodetic_from_ned, ned_from_geodetic
-from jezero.schemas.actions import AreaCoverageGoal
+from jezero.schemas.goals import AreaCoverageGoal
 from jezero.services.actions.area_coverage.area import AreaError, Point
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
 from jezero.services.actions.config import ActionsConfig

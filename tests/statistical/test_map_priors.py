@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.quality.covering import Covering
 from jezero.mapping.alignment import std_way_m
-from jezero.schemas.actions import AreaCoverageGoal
+from jezero.schemas.goals import AreaCoverageGoal
 
 STEP_S = 0.1
 GOAL = AreaCoverageGoal(polygon_ned_m=((1.0, -3.0), (7.0, -3.0), (7.0, 3.0), (1.0, 3.0)), z_ned_m=-5.0, overlap=0.65)

@@ -14,7 +14,7 @@ pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 from playwright.sync_api import Page, expect, sync_playwright
 
 from jezero.schemas import topics
-from jezero.schemas.actions import LandOnSpotGoal, TakeoffGoal
+from jezero.schemas.goals import LandOnSpotGoal, TakeoffGoal
 from jezero.trials.flight import fly_virtually
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

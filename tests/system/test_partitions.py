@@ -19,8 +19,8 @@ from jezero import JezeroError, Vehicle
 from jezero.codec import encode
 from jezero.runtime.config import config_directory
 from jezero.schemas import topics
-from jezero.schemas.actions import GoToGoal
 from jezero.schemas.commands import Abort, Acquire, Hover
+from jezero.schemas.goals import GoToGoal
 from jezero.schemas.state import StatusCode
 from jezero.schemas.struct import Payload
 from jezero.zenoh_client import client_config

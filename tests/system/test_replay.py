@@ -29,7 +29,7 @@ from jezero.recording.writer import RecordingWriter
 from jezero.replay.player import is_published
 from jezero.runtime.config import Instance
 from jezero.schemas import topics
-from jezero.schemas.actions import TakeoffGoal
+from jezero.schemas.goals import TakeoffGoal
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.topics import key, liveliness_key
 from jezero.trials.flight import fly_virtually

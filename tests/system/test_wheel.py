@@ -95,7 +95,7 @@ import asyncio
 from jezero import Aborted, Vehicle, aio
 from jezero.client.images import Picture
 from jezero.schemas import topics
-from jezero.schemas.actions import MoveResult
+from jezero.schemas.goals import MoveResult
 from jezero.schemas.state import Odometry
 
 

@@ -8,7 +8,7 @@ import msgspec
 from jezero.cli.reference.fields import Field, description_of, fields_of
 from jezero.cli.reference.markdown import escape, table
 from jezero.plugins import all_actions
-from jezero.schemas import actions
+from jezero.schemas import actions, goals
 from jezero.schemas.topics import ACTIONS, Action
 from jezero.services.vehicle_bridge.transitions import CODE_OF, completed
 
@@ -16,29 +16,29 @@ from jezero.services.vehicle_bridge.transitions import CODE_OF, completed
 class Example(NamedTuple):
     """One goal, sent in three ways; the way by Zenoh follows from `goal`."""
 
-    goal: actions.Goal
+    goal: goals.Goal
     command: str
     call: str
 
 
 EXAMPLES = {
-    "takeoff": Example(actions.TakeoffGoal(altitude_m=3.0), "jezero takeoff 3", "uav.takeoff(altitude_m=3.0)"),
+    "takeoff": Example(goals.TakeoffGoal(altitude_m=3.0), "jezero takeoff 3", "uav.takeoff(altitude_m=3.0)"),
     "go_to": Example(
-        actions.GoToGoal(target_ned_m=(-1.0, -2.0, -3.0), speed_mps=1.5),
+        goals.GoToGoal(target_ned_m=(-1.0, -2.0, -3.0), speed_mps=1.5),
         "jezero target -1 -2 -3 --speed 1.5",
         "uav.go_to(-1.0, -2.0, -3.0, speed_mps=1.5)",
     ),
     "get_images": Example(
-        actions.GetImagesGoal(center_ned_m=(-2.0, 0.0, -4.0), radius_m=2.0, num_images=4, frame="rover"),
+        goals.GetImagesGoal(center_ned_m=(-2.0, 0.0, -4.0), radius_m=2.0, num_images=4, frame="rover"),
         "jezero getimages -2 0 -4 2 4 rover",
         'uav.get_images((-2.0, 0.0, -4.0), 2.0, 4, frame="rover")',
     ),
     "area_coverage": Example(
-        actions.AreaCoverageGoal(polygon_ned_m=((0, 0), (9, 0), (9, 6), (0, 6)), z_ned_m=-5.0, overlap=0.65),
+        goals.AreaCoverageGoal(polygon_ned_m=((0, 0), (9, 0), (9, 6), (0, 6)), z_ned_m=-5.0, overlap=0.65),
         "jezero gridsweep --polygon field.kml --z -5 --overlap 0.65",
         "uav.area_coverage(((0, 0), (9, 0), (9, 6), (0, 6)), -5.0, overlap=0.65)",
     ),
-    "land_on_spot": Example(actions.LandOnSpotGoal(), "jezero land_on_spot", "uav.land_on_spot()"),
+    "land_on_spot": Example(goals.LandOnSpotGoal(), "jezero land_on_spot", "uav.land_on_spot()"),
 }
 """Examples of jezero's own actions."""
 
@@ -95,8 +95,8 @@ REPLIES: dict[Any, str] = {
 def page() -> str:
     """The page: what all goals share, then a chapter for each action."""
     found = list(all_actions().values())
-    common = [field.name for field in fields_of(actions.Goal)]
-    parts = [INTRODUCTION, "## Fields of every goal\n", _inputs(fields_of(actions.Goal))]
+    common = [field.name for field in fields_of(goals.Goal)]
+    parts = [INTRODUCTION, "## Fields of every goal\n", _inputs(fields_of(goals.Goal))]
     parts.append("## Replies\n")
     parts.append(table([_reply_row(struct, text) for struct, text in REPLIES.items()]) + "\n")
     for action in found:
@@ -198,7 +198,7 @@ def _inner_structs(found: Iterable[Action[Any]]) -> list[type]:
     while pending:
         for field in fields_of(pending.pop(0)):
             for struct in field.structs:
-                if struct not in seen and not issubclass(struct, actions.Goal):
+                if struct not in seen and not issubclass(struct, goals.Goal):
                     seen[struct] = None
                     pending.append(struct)
     return list(seen)

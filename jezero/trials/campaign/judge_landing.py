@@ -4,9 +4,10 @@ from collections.abc import Callable, Iterator
 
 from jezero.runtime.service import Inbox, Output, Publish, Reply, Service
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, LandOnSpotGoal, Result
+from jezero.schemas.actions import Accepted, Result
 from jezero.schemas.commands import Setpoint
 from jezero.schemas.estimate import Relative
+from jezero.schemas.goals import LandOnSpotGoal
 from jezero.schemas.state import Truth
 from jezero.schemas.units import NS_PER_S
 from jezero.trials.campaign.judge import Judge

@@ -13,7 +13,8 @@ from jezero.mavlink import MavlinkCodec, dialect
 from jezero.plugins import find_action
 from jezero.runtime.service import Inbox, Output, Reply, Send, Service
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, GetImagesGoal, ImagesResult, Modify, ModifyReply, Rejected, Result
+from jezero.schemas.actions import Accepted, Modify, ModifyReply, Rejected, Result
+from jezero.schemas.goals import GetImagesGoal, ImagesResult
 from jezero.schemas.state import Truth
 from jezero.schemas.units import NS_PER_S
 from jezero.services.autopilot.service import HIL, OFFBOARD

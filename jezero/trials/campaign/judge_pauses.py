@@ -8,8 +8,9 @@ from jezero.frames import norm
 from jezero.plugins import find_action
 from jezero.runtime.service import Inbox, Output, Publish, Reply, Service
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, Goal, PauseReply, Result, ResumeReply
+from jezero.schemas.actions import Accepted, PauseReply, Result, ResumeReply
 from jezero.schemas.commands import Setpoint
+from jezero.schemas.goals import Goal
 from jezero.schemas.units import NS_PER_S
 from jezero.trials.campaign.judge import Judge
 

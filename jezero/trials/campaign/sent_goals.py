@@ -9,7 +9,8 @@ import msgspec
 
 from jezero.runtime.memory_bus import SentRequest
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, Goal
+from jezero.schemas.actions import Accepted
+from jezero.schemas.goals import Goal
 
 FIELD_DRAWS: dict[str, Callable[[Random], Any]] = {
     "altitude_m": lambda rng: rng.uniform(0.6, 5.0),

@@ -13,7 +13,7 @@ from jezero.runtime.config import ConfigError, load_config
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Service
 from jezero.schemas import topics
-from jezero.schemas.actions import TakeoffGoal
+from jezero.schemas.goals import TakeoffGoal
 from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.config import SimulatorConfig, WindConfig

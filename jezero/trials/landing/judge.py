@@ -7,8 +7,9 @@ import numpy as np
 
 from jezero.frames import Vec3, add, scale, subtract
 from jezero.schemas import topics
-from jezero.schemas.actions import FeedbackMessage, LandPhase
+from jezero.schemas.actions import FeedbackMessage
 from jezero.schemas.estimate import Relative
+from jezero.schemas.goals import LandPhase
 from jezero.schemas.state import Status, Truth
 from jezero.trials.platform import is_on_its_back, offset_m
 

@@ -9,7 +9,7 @@ import msgspec
 from msgspec import Meta
 
 from jezero.frames import Vec3
-from jezero.schemas.actions import LandOnSpotGoal
+from jezero.schemas.goals import LandOnSpotGoal
 
 CaseName = Literal["uwb+tag", "uwb", "tag", "none"]
 RoverName = Literal["still", "drive", "turn", "zigzag"]

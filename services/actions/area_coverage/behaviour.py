@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from jezero.frames import Vec3, add, altitude_m, subtract, wrap_pi
-from jezero.schemas.actions import AreaCoverageGoal, Corners, CoverageResult, ImagesFeedback
 from jezero.schemas.commands import Phase
+from jezero.schemas.goals import AreaCoverageGoal, Corners, CoverageResult, ImagesFeedback
 from jezero.schemas.images import Image
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig

@@ -10,7 +10,7 @@ from shapely.affinity import translate
 from shapely.geometry import Polygon
 
 from jezero.frames import Vec3, add, altitude_m
-from jezero.schemas.actions import AreaCoverageGoal
+from jezero.schemas.goals import AreaCoverageGoal
 from jezero.services.actions.area_coverage.area import AreaError, PlaceNames, Point, repair_area
 from jezero.services.actions.area_coverage.flight_area import FlightArea, flight_area
 from jezero.services.actions.area_coverage.ground import CoveredGround

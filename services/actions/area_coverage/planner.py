@@ -5,7 +5,7 @@ from functools import partial
 from math import dist, hypot
 
 from jezero.frames import Vec3, ned_from_geodetic, subtract
-from jezero.schemas.actions import AreaCoverageGoal, ImagesFeedback
+from jezero.schemas.goals import AreaCoverageGoal, ImagesFeedback
 from jezero.schemas.state import Status
 from jezero.schemas.topics import RELATIVE
 from jezero.services.actions.area_coverage.behaviour import AreaCoverage, frame_loss, frame_origin_ned_m

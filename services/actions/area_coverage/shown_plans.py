@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 from msgspec.structs import replace
 
-from jezero.schemas.actions import AreaCoverageGoal, PlannedCoverage
+from jezero.schemas.actions import PlannedCoverage
+from jezero.schemas.goals import AreaCoverageGoal
 from jezero.schemas.state import Status
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.motion.behaviour import Refusal

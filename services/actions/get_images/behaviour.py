@@ -1,7 +1,7 @@
 """Photograph a target from all sides, in the world's frame or in the rover's. Source: spec §5; thesis §3.5."""
 
 from jezero.frames import Vec3, add
-from jezero.schemas.actions import GetImagesGoal, ImagesResult
+from jezero.schemas.goals import GetImagesGoal, ImagesResult
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.get_images.config import GetImagesConfig
 from jezero.services.actions.get_images.orbit import Turn

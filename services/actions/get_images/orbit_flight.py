@@ -7,8 +7,8 @@ camera's axes keep the target in the middle of the picture.
 from math import pi
 
 from jezero.frames import Vec3, add, scale, subtract, wrap_pi
-from jezero.schemas.actions import GetImagesGoal, ImagesFeedback
 from jezero.schemas.commands import Phase
+from jezero.schemas.goals import GetImagesGoal, ImagesFeedback
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.get_images.config import GetImagesConfig
 from jezero.services.actions.get_images.orbit import Orbit, Turn, aim, facing, nearest_phase

@@ -4,7 +4,7 @@ from functools import partial
 from math import hypot, sqrt
 
 from jezero.frames import Vec3, add
-from jezero.schemas.actions import GetImagesGoal
+from jezero.schemas.goals import GetImagesGoal
 from jezero.schemas.state import Status
 from jezero.schemas.topics import RELATIVE
 from jezero.services.actions.config import ActionsConfig

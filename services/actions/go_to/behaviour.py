@@ -1,8 +1,8 @@
 """Go to a target: in a straight line, after a takeoff if the goal wants one."""
 
 from jezero.frames import Vec3, add, distance
-from jezero.schemas.actions import GoToGoal, MoveFeedback, MoveResult
 from jezero.schemas.commands import Phase
+from jezero.schemas.goals import GoToGoal, MoveFeedback, MoveResult
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.go_to.config import GoToConfig
 from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState

@@ -5,7 +5,7 @@ from functools import partial
 from msgspec.structs import replace
 
 from jezero.frames import add, altitude_m
-from jezero.schemas.actions import GoToGoal
+from jezero.schemas.goals import GoToGoal
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.topics import RELATIVE
 from jezero.services.actions.config import ActionsConfig

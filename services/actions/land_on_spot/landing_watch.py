@@ -3,7 +3,7 @@
 from math import hypot
 
 from jezero.frames import Vec3, altitude_m, subtract
-from jezero.schemas.actions import LandPhase
+from jezero.schemas.goals import LandPhase
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.config import RoverLandingConfig
 from jezero.services.actions.motion.behaviour import Done, VehicleState

@@ -3,8 +3,8 @@
 from math import hypot
 
 from jezero.frames import Vec3, altitude_m, subtract
-from jezero.schemas.actions import LandFeedback, LandPhase, LandResult
 from jezero.schemas.commands import Phase
+from jezero.schemas.goals import LandFeedback, LandPhase, LandResult
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.config import LandOnSpotConfig, PlainLandingConfig

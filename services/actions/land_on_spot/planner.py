@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from jezero.schemas.actions import LandOnSpotGoal
+from jezero.schemas.goals import LandOnSpotGoal
 from jezero.schemas.state import Status
 from jezero.schemas.topics import ALTIMETER, RELATIVE, ROVER_ESTIMATE
 from jezero.services.actions.config import ActionsConfig

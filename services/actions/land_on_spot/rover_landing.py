@@ -9,9 +9,9 @@ from math import exp, hypot
 from msgspec.structs import replace
 
 from jezero.frames import Vec3, add, altitude_m, scale, subtract
-from jezero.schemas.actions import LandFeedback, LandPhase, LandResult
 from jezero.schemas.commands import Phase
 from jezero.schemas.estimate import Relative
+from jezero.schemas.goals import LandFeedback, LandPhase, LandResult
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.config import LandOnSpotConfig
 from jezero.services.actions.land_on_spot.contact import (

@@ -10,8 +10,9 @@ import msgspec
 
 from jezero.frames import Vec3, add
 from jezero.runtime.service import Call, Inbox, Output, Publish, Reply, SetRate, Subscribe
-from jezero.schemas.actions import Feedback, FeedbackMessage, ImagesFeedback, LandFeedback, MoveFeedback, Result
+from jezero.schemas.actions import Feedback, FeedbackMessage, Result
 from jezero.schemas.commands import AcquireReply, CameraPitch, Release, ReleaseReply, Setpoint
+from jezero.schemas.goals import ImagesFeedback, LandFeedback, MoveFeedback
 from jezero.schemas.state import Odometry, StatusCode
 from jezero.schemas.topics import (
     CAMERA_PITCH,

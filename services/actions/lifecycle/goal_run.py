@@ -10,8 +10,9 @@ from typing import Any
 from msgspec.structs import replace
 
 from jezero.runtime.service import Call, Inbox, Output, Reply, Request, Subscribe
-from jezero.schemas.actions import Accepted, Goal, PlanReply, Rejected, Result
+from jezero.schemas.actions import Accepted, PlanReply, Rejected, Result
 from jezero.schemas.commands import Acquire
+from jezero.schemas.goals import Goal
 from jezero.schemas.struct import Payload
 from jezero.schemas.topics import ACQUIRE, ALTIMETER, ODOMETRY, STATUS, Action
 from jezero.schemas.units import NS_PER_S

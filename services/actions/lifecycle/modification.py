@@ -10,7 +10,8 @@ from typing import Any
 import msgspec
 
 from jezero.runtime.service import Inbox, Output, Reply
-from jezero.schemas.actions import Goal, ModifyReply
+from jezero.schemas.actions import ModifyReply
+from jezero.schemas.goals import Goal
 from jezero.schemas.topics import STATUS, Action
 from jezero.services.actions.lifecycle.battery_reserve import battery_refusal
 from jezero.services.actions.lifecycle.goal_flight import GoalFlight

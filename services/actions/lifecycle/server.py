@@ -6,7 +6,8 @@ from typing import Any
 import msgspec
 
 from jezero.runtime.service import Health, Inbox, Output, Reply, Request, SetRate, Spec, Subscribe
-from jezero.schemas.actions import Accepted, CancelReply, Goal, PlanReply, Rejected, Result, ResultReply, RunningGoal
+from jezero.schemas.actions import Accepted, CancelReply, PlanReply, Rejected, Result, ResultReply, RunningGoal
+from jezero.schemas.goals import Goal
 from jezero.schemas.images import GetImage
 from jezero.schemas.state import Status
 from jezero.schemas.topics import (

@@ -5,8 +5,8 @@ for arrival. `TimedStraightPath` gives its reference as a function of time, for 
 """
 
 from jezero.frames import Vec3, add, distance, norm, scale, subtract, wrap_pi
-from jezero.schemas.actions import ImagesFeedback, LandFeedback, MoveFeedback
 from jezero.schemas.commands import Phase
+from jezero.schemas.goals import ImagesFeedback, LandFeedback, MoveFeedback
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.motion.arrival import ArrivalDetector
 from jezero.services.actions.motion.behaviour import Move, Remaining, VehicleState

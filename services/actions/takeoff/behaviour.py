@@ -1,8 +1,8 @@
 """Take off: climb straight up from the vehicle's place on the ground."""
 
 from jezero.frames import Vec3
-from jezero.schemas.actions import MoveFeedback, MoveResult, TakeoffGoal
 from jezero.schemas.commands import Phase
+from jezero.schemas.goals import MoveFeedback, MoveResult, TakeoffGoal
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.motion.behaviour import Done, Move, Remaining, VehicleState
 from jezero.services.actions.takeoff.climb import Climb

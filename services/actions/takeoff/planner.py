@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from jezero.schemas.actions import TakeoffGoal
+from jezero.schemas.goals import TakeoffGoal
 from jezero.schemas.state import Status
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.motion.behaviour import Plan, Refusal

@@ -4,7 +4,8 @@ from typing import Any
 
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, GoToGoal, Result
+from jezero.schemas.actions import Accepted, Result
+from jezero.schemas.goals import GoToGoal
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.lifecycle.server import ActionServer
 from jezero.services.actions.table import DECLARATIONS, action_server

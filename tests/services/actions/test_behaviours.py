@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from jezero.frames import Quat, Vec3, norm, quat_from_euler, wrap_pi
-from jezero.schemas.actions import GoToGoal, LandOnSpotGoal, LandResult, TakeoffGoal
 from jezero.schemas.commands import Phase
+from jezero.schemas.goals import GoToGoal, LandOnSpotGoal, LandResult, TakeoffGoal
 from jezero.schemas.state import Status
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.go_to.declaration import ACTION as GO_TO

@@ -4,7 +4,8 @@ from typing import Any
 
 import msgspec
 
-from jezero.schemas.actions import FeedbackMessage, GoToGoal, PlannedCoverage, RunningGoal
+from jezero.schemas.actions import FeedbackMessage, PlannedCoverage, RunningGoal
+from jezero.schemas.goals import GoToGoal
 from jezero.schemas.images import Image
 from jezero.services.ground_station.goals import Goals
 from tests.services.ground_station.messages import Flight

@@ -5,7 +5,8 @@ from typing import Any
 
 import msgspec
 
-from jezero.schemas.actions import FeedbackMessage, LandFeedback, MoveFeedback
+from jezero.schemas.actions import FeedbackMessage
+from jezero.schemas.goals import LandFeedback, MoveFeedback
 from jezero.services.ground_station.landing import landing_view
 from tests.services.ground_station.messages import covariance, relative
 

@@ -7,7 +7,8 @@ import msgspec
 import pytest
 
 from jezero.schemas import topics
-from jezero.schemas.actions import FeedbackMessage, ImagesFeedback, LandFeedback
+from jezero.schemas.actions import FeedbackMessage
+from jezero.schemas.goals import ImagesFeedback, LandFeedback
 from jezero.schemas.images import Image
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Battery

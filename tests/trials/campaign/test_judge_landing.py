@@ -7,9 +7,10 @@ import pytest
 
 from jezero.runtime.service import Inbox, Output, Publish, Reply, Request, Spec
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, LandOnSpotGoal, LandResult, Result
+from jezero.schemas.actions import Accepted, Result
 from jezero.schemas.commands import Phase, Setpoint
 from jezero.schemas.estimate import Relative
+from jezero.schemas.goals import LandOnSpotGoal, LandResult
 from jezero.schemas.state import Truth
 from jezero.trials.campaign.judge import Judge
 from jezero.trials.campaign.judge_landing import LandOnSpotJudge

@@ -7,8 +7,9 @@ import pytest
 from jezero.codec import encode
 from jezero.frames import Vec3
 from jezero.schemas import topics
-from jezero.schemas.actions import FeedbackMessage, LandFeedback, LandPhase
+from jezero.schemas.actions import FeedbackMessage
 from jezero.schemas.estimate import Relative
+from jezero.schemas.goals import LandFeedback, LandPhase
 from jezero.schemas.state import Truth
 from jezero.trials.landing.judge import LandingJudge, percentile
 from jezero.trials.landing.trial import Conditions, draw_trial

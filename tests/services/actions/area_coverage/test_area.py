@@ -7,7 +7,7 @@ import pytest
 import shapely
 from shapely.geometry import LineString, Polygon
 
-from jezero.schemas.actions import AreaCoverageGoal
+from jezero.schemas.goals import AreaCoverageGoal
 from jezero.services.actions.area_coverage.area import CORNERS_MAX, AreaError, PlaceNames, Point, make_area, repair_area
 from jezero.services.actions.area_coverage.coverage_plan import CoveragePlan, plan_coverage
 from jezero.services.actions.config import ActionsConfig

@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from shapely.geometry import Polygon, box
 
-from jezero.schemas.actions import AreaCoverageGoal, Rejected
+from jezero.schemas.actions import Rejected
+from jezero.schemas.goals import AreaCoverageGoal
 from jezero.services.actions.area_coverage import coverage_plan
 from jezero.services.actions.area_coverage.area import AreaError
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage

@@ -8,8 +8,9 @@ import pytest
 from jezero.codec import decode
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, AreaCoverageGoal, Cancel, CoverageResult, Feedback, Rejected, Result
+from jezero.schemas.actions import Accepted, Cancel, Feedback, Rejected, Result
 from jezero.schemas.estimate import Relative
+from jezero.schemas.goals import AreaCoverageGoal, CoverageResult
 from jezero.schemas.state import StatusCode
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
 from jezero.services.actions.area_coverage.declaration import ACTION as AREA_COVERAGE

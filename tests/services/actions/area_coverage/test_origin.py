@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from jezero.frames import Vec3, geodetic_from_ned
-from jezero.schemas.actions import AreaCoverageGoal
+from jezero.schemas.goals import AreaCoverageGoal
 from jezero.schemas.state import Odometry, Status
 from jezero.services.actions.area_coverage.planner import AreaCoveragePlanner
 from jezero.services.actions.config import ActionsConfig

@@ -9,7 +9,8 @@ import pytest
 from shapely.geometry import box
 
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, AreaCoverageGoal, PlanReply, Rejected, Result
+from jezero.schemas.actions import Accepted, PlanReply, Rejected, Result
+from jezero.schemas.goals import AreaCoverageGoal
 from jezero.services.actions.area_coverage.area import AreaError
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
 from jezero.services.actions.area_coverage.photographs import photographed_fraction, planned_footprint

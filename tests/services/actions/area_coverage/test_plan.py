@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from shapely.geometry import LineString, Polygon
 
-from jezero.schemas.actions import AreaCoverageGoal
+from jezero.schemas.goals import AreaCoverageGoal
 from jezero.services.actions.area_coverage.area import AreaError, Point, make_area
 from jezero.services.actions.area_coverage.coverage_plan import CoveragePlan, plan_coverage
 from jezero.services.actions.area_coverage.ground import CoveredGround

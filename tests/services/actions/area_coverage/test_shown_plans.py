@@ -8,16 +8,8 @@ import pytest
 
 from jezero.runtime import memory_port
 from jezero.schemas import topics
-from jezero.schemas.actions import (
-    Accepted,
-    AreaCoverageGoal,
-    Cancel,
-    GoToGoal,
-    PlannedCoverage,
-    PlanReply,
-    Rejected,
-    Result,
-)
+from jezero.schemas.actions import Accepted, Cancel, PlannedCoverage, PlanReply, Rejected, Result
+from jezero.schemas.goals import AreaCoverageGoal, GoToGoal
 from jezero.schemas.state import Status
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
 from jezero.services.actions.area_coverage.shown_plans import KEPT_MAX, KEPT_S, ShownPlan, ShownPlans, describe

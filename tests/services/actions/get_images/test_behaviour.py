@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from jezero.frames import Vec3, frd_from_camera, quat_from_euler, quat_rotate, subtract, wrap_pi
-from jezero.schemas.actions import GetImagesGoal, ImagesFeedback
 from jezero.schemas.commands import Phase
 from jezero.schemas.estimate import Relative
+from jezero.schemas.goals import GetImagesGoal, ImagesFeedback
 from jezero.services.actions.get_images.declaration import ACTION as GET_IMAGES
 from jezero.services.actions.get_images.orbit import Orbit, aim, facing, nearest_phase
 from jezero.services.actions.motion.behaviour import Done, Move, Preparation, VehicleState

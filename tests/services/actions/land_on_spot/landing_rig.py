@@ -5,8 +5,8 @@ from math import cos, hypot, sin
 from random import Random
 
 from jezero.frames import Quat, Vec3, add, scale, subtract
-from jezero.schemas.actions import LandOnSpotGoal
 from jezero.schemas.estimate import Relative, RoverEstimate
+from jezero.schemas.goals import LandOnSpotGoal
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.declaration import ACTION as LAND_ON_SPOT
 from jezero.services.actions.motion.behaviour import Done, Move, Preparation, VehicleState

@@ -5,7 +5,7 @@ from math import hypot, pi
 import pytest
 
 from jezero.frames import add, altitude_m, subtract
-from jezero.schemas.actions import LandOnSpotGoal
+from jezero.schemas.goals import LandOnSpotGoal
 from jezero.services.actions.land_on_spot.declaration import ACTION as LAND_ON_SPOT
 from jezero.services.actions.land_on_spot.descent import COMMIT_M, FORCE_S
 from jezero.services.actions.land_on_spot.rover_landing import DRIVE_TIME_CONSTANT_S, SEARCH_SPEED_DOWN_MAX_MPS

@@ -2,7 +2,8 @@
 
 import pytest
 
-from jezero.schemas.actions import GoToGoal, LandOnSpotGoal, Rejected, TakeoffGoal
+from jezero.schemas.actions import Rejected
+from jezero.schemas.goals import GoToGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.state import Battery
 from jezero.services.actions.lifecycle.battery_reserve import battery_refusal
 from jezero.vehicle_config import BatteryConfig

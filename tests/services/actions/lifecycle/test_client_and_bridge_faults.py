@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from jezero.codec import decode
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, Cancel, GoToGoal, Rejected, Result
+from jezero.schemas.actions import Accepted, Cancel, Rejected, Result
 from jezero.schemas.commands import Setpoint
+from jezero.schemas.goals import GoToGoal
 from jezero.schemas.state import StatusCode
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.table import action_server

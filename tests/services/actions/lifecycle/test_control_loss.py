@@ -5,7 +5,8 @@ import pytest
 
 from jezero.codec import decode, encode
 from jezero.schemas import topics
-from jezero.schemas.actions import Cancel, GoToGoal
+from jezero.schemas.actions import Cancel
+from jezero.schemas.goals import GoToGoal
 from jezero.schemas.state import Status, StatusCode
 from tests.services.actions.rig import FAR, World
 

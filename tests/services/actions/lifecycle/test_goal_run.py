@@ -8,21 +8,8 @@ import pytest
 
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
-from jezero.schemas.actions import (
-    Accepted,
-    Cancel,
-    Feedback,
-    GetResult,
-    GetRunning,
-    GoToGoal,
-    LandOnSpotGoal,
-    MoveFeedback,
-    MoveResult,
-    Rejected,
-    Result,
-    RunningGoal,
-    TakeoffGoal,
-)
+from jezero.schemas.actions import Accepted, Cancel, Feedback, GetResult, GetRunning, Rejected, Result, RunningGoal
+from jezero.schemas.goals import GoToGoal, LandOnSpotGoal, MoveFeedback, MoveResult, TakeoffGoal
 from jezero.schemas.state import StatusCode
 from jezero.services.actions.table import action_server
 from tests.services.actions.rig import CONFIG, FAR, World

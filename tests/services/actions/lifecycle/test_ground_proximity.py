@@ -2,8 +2,8 @@
 
 import pytest
 
-from jezero.schemas.actions import MoveFeedback
 from jezero.schemas.commands import Phase
+from jezero.schemas.goals import MoveFeedback
 from jezero.services.actions.lifecycle.ground_proximity import GroundProximity
 from jezero.services.actions.motion.behaviour import Move, VehicleState
 from jezero.vehicle_config import VehicleConfig

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from jezero.frames import Vec3
-from jezero.schemas.actions import GoToGoal, MoveFeedback, MoveResult
 from jezero.schemas.commands import Phase
+from jezero.schemas.goals import GoToGoal, MoveFeedback, MoveResult
 from jezero.schemas.state import Status, StatusCode
 from jezero.services.actions.lifecycle.guard import GuardedPlanner
 from jezero.services.actions.motion.behaviour import Done, Move, Plan, Preparation, Prepared, Refusal, VehicleState

@@ -6,7 +6,8 @@ import pytest
 
 from jezero.frames import distance, norm
 from jezero.schemas import topics
-from jezero.schemas.actions import GetImagesGoal, GoToGoal, LandOnSpotGoal, Modify, ModifyReply, Pause, TakeoffGoal
+from jezero.schemas.actions import Modify, ModifyReply, Pause
+from jezero.schemas.goals import GetImagesGoal, GoToGoal, LandOnSpotGoal, TakeoffGoal
 from tests.services.actions.lifecycle.test_pause import assert_continuous, request
 from tests.services.actions.rig import FAR, World
 

@@ -7,17 +7,8 @@ import msgspec
 import pytest
 
 from jezero.schemas import topics
-from jezero.schemas.actions import (
-    Accepted,
-    AreaCoverageGoal,
-    GetImagesGoal,
-    Goal,
-    GoToGoal,
-    LandOnSpotGoal,
-    PlanReply,
-    Rejected,
-    TakeoffGoal,
-)
+from jezero.schemas.actions import Accepted, PlanReply, Rejected
+from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, Goal, GoToGoal, LandOnSpotGoal, TakeoffGoal
 from tests.services.actions.fake_camera import FakeCamera
 from tests.services.actions.rig import World
 

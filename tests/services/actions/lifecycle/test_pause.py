@@ -7,8 +7,9 @@ import pytest
 
 from jezero.frames import distance, norm, subtract
 from jezero.schemas import topics
-from jezero.schemas.actions import Cancel, Feedback, GoToGoal, Pause, PauseReply, Resume, ResumeReply
+from jezero.schemas.actions import Cancel, Feedback, Pause, PauseReply, Resume, ResumeReply
 from jezero.schemas.commands import Setpoint
+from jezero.schemas.goals import GoToGoal
 from jezero.schemas.state import StatusCode
 from tests.services.actions.rig import CONFIG, FAR, World
 

@@ -5,8 +5,8 @@ from math import cos, sin
 import pytest
 
 from jezero.frames import Vec3, add, distance, scale
-from jezero.schemas.actions import MoveFeedback
 from jezero.schemas.commands import Phase
+from jezero.schemas.goals import MoveFeedback
 from jezero.schemas.state import StatusCode
 from jezero.services.actions.lifecycle.guard import GuardedPlanner
 from jezero.services.actions.lifecycle.pause_control import PauseControl

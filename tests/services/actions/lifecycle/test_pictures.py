@@ -8,8 +8,9 @@ import pytest
 
 from jezero.frames import Vec3
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
-from jezero.schemas.actions import Accepted, Feedback, GetImagesGoal, ImagesFeedback, ImagesResult, Rejected, Result
+from jezero.schemas.actions import Accepted, Feedback, Rejected, Result
 from jezero.schemas.commands import Phase
+from jezero.schemas.goals import GetImagesGoal, ImagesFeedback, ImagesResult
 from jezero.schemas.images import GetImage
 from jezero.schemas.state import Status
 from jezero.schemas.topics import Action

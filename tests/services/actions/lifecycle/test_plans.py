@@ -7,19 +7,8 @@ import pytest
 
 from jezero.frames import distance
 from jezero.schemas import topics
-from jezero.schemas.actions import (
-    Accepted,
-    AreaCoverageGoal,
-    Feedback,
-    GetImagesGoal,
-    Goal,
-    GoToGoal,
-    LandOnSpotGoal,
-    PlanReply,
-    Rejected,
-    Result,
-    TakeoffGoal,
-)
+from jezero.schemas.actions import Accepted, Feedback, PlanReply, Rejected, Result
+from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, Goal, GoToGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.state import StatusCode
 from tests.services.actions.fake_camera import FakeCamera
 from tests.services.actions.rig import CONFIG, FAR, World

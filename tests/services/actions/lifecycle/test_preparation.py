@@ -10,7 +10,8 @@ import pytest
 from jezero.runtime import memory_port
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas import topics
-from jezero.schemas.actions import Accepted, Cancel, CancelReply, GoToGoal, Rejected
+from jezero.schemas.actions import Accepted, Cancel, CancelReply, Rejected
+from jezero.schemas.goals import GoToGoal
 from jezero.schemas.state import Status
 from jezero.services.actions.lifecycle.preparation_run import PREPARE_TIMEOUT_S
 from jezero.services.actions.lifecycle.server import ActionServer

@@ -6,8 +6,9 @@ from math import radians, sin
 import pytest
 
 from jezero.frames import Vec3, distance
-from jezero.schemas.actions import Goal, GoToGoal, MoveFeedback, Result
+from jezero.schemas.actions import Result
 from jezero.schemas.commands import Phase
+from jezero.schemas.goals import Goal, GoToGoal, MoveFeedback
 from jezero.services.actions.lifecycle.runaway_detector import RunawayDetector
 from jezero.services.actions.motion.behaviour import Move, VehicleState
 from tests.services.actions.fake_camera import FakeCamera

@@ -10,9 +10,10 @@ from jezero.frames import Vec3, subtract
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.runtime.service import Inbox, Output, Publish, Reply, Spec
 from jezero.schemas import topics
-from jezero.schemas.actions import Cancel, LandOnSpotGoal, Result
+from jezero.schemas.actions import Cancel, Result
 from jezero.schemas.commands import Setpoint
 from jezero.schemas.estimate import Lease, LeaseReply, Relative
+from jezero.schemas.goals import LandOnSpotGoal
 from jezero.schemas.topics import Endpoint
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.table import action_server

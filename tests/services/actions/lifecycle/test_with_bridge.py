@@ -11,8 +11,9 @@ from jezero.mavlink import dialect
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus, SentRequest
 from jezero.runtime.service import Inbox, Output, Publish, Send, Spec
 from jezero.schemas import topics
-from jezero.schemas.actions import Cancel, GoToGoal, LandOnSpotGoal, Rejected, Result, TakeoffGoal
+from jezero.schemas.actions import Cancel, Rejected, Result
 from jezero.schemas.commands import Abort
+from jezero.schemas.goals import GoToGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Clock, Status
 from jezero.services.actions.config import ActionsConfig

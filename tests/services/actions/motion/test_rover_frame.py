@@ -2,9 +2,9 @@
 
 from msgspec.structs import replace
 
-from jezero.schemas.actions import MoveFeedback
 from jezero.schemas.commands import Phase
 from jezero.schemas.estimate import Relative
+from jezero.schemas.goals import MoveFeedback
 from jezero.services.actions.motion.behaviour import Done, Move, VehicleState
 from jezero.services.actions.motion.rover_frame import rover_position, step_in_rover_frame, turn_acceleration
 
