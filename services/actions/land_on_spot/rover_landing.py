@@ -4,13 +4,12 @@ Approach, descent, contact. The vehicle descends only while the estimate is vali
 sight for half a second it holds its height, then it climbs and searches, and when it finds nothing it hovers.
 """
 
-from math import exp, hypot
+from math import hypot
 
 from msgspec.structs import replace
 
-from jezero.frames import Vec3, add, altitude_m, scale, subtract
+from jezero.frames import Vec3, add, altitude_m, subtract
 from jezero.schemas.commands import Phase
-from jezero.schemas.estimate import Relative
 from jezero.schemas.goals import LandFeedback, LandPhase, LandResult
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.land_on_spot.config import LandOnSpotConfig
@@ -25,7 +24,8 @@ from jezero.services.actions.land_on_spot.contact import (
 from jezero.services.actions.land_on_spot.descent import Descent, TouchdownDetector
 from jezero.services.actions.land_on_spot.landing_watch import LandingWatch
 from jezero.services.actions.land_on_spot.paused_hover import PausedHover
-from jezero.services.actions.land_on_spot.platform_control import PlatformControl, PlatformState, platform_state_at
+from jezero.services.actions.land_on_spot.platform_control import PlatformControl, PlatformState
+from jezero.services.actions.land_on_spot.platform_tracking import PlatformTracking
 from jezero.services.actions.land_on_spot.remaining import rover_landing_remaining
 from jezero.services.actions.land_on_spot.search import Search, towards
 from jezero.services.actions.land_on_spot.tilt_contact_detector import landing_outcome
@@ -39,12 +39,6 @@ VIEW_PER_M = 1.6
 """Least height on the way per metre of distance with the tag alone, to keep the tag in view."""
 GAIN_HEIGHT_1PS, SPEED_UP_MPS, SPEED_DOWN_MAX_MPS = 0.8, 1.0, 1.2
 """Vertical speed on the way per metre of height, and its limits."""
-STD_ROUGH_PER_M = 0.4
-"""Far away, the vehicle comes nearer at its height by an invalid estimate, like that of UWB from afar, whose standard
-deviation is below this per metre of distance."""
-FEET_BELOW_M, TILT_TIME_CONSTANT_S = 0.22, 1.0
-"""Offset of the touchdown per radian of filtered tilt: the feet are below the centre of mass, and the vehicle slides
-downwind while it turns upright and the thrust goes."""
 PUSH_MPS = 0.5
 """Downward speed after contact. Source: spec §8."""
 CONTACT_TIMEOUT_S = 10.0
@@ -56,8 +50,6 @@ ACQUIRE_S = 3.0
 SEARCH_SPEED_MPS, SEARCH_SPEED_DOWN_MAX_MPS = 1.5, 0.15
 """Speeds of the search; it descends slowly, because only the autopilot's height is known, which its barometer may have
 wrong."""
-DRIVE_TIME_CONSTANT_S = 10.0
-"""The rover's supposed speed decays with this time constant."""
 STEP_MAX_S = 0.1
 BOUNCE_M = 0.4
 """A vehicle that is higher than this over the platform after contact descends again."""
@@ -100,31 +92,24 @@ class RoverLanding:
         self._touchdown = TouchdownDetector(vehicle)
         self._phase: LandPhase = "approach"
         self._search: Search | None = None
-        self._platform: PlatformState | None = None
-        """The newest by a valid estimate, carried on by the rover's supposed motion without one."""
-        self._rough: PlatformState | None = None
-        """State by an invalid estimate that is good enough to come nearer."""
-        self._pos_supposed_ned_m = selection.pos_rover_ned_m
-        """Position of the platform in the world: of the goal, then by the estimates."""
-        self._vel_supposed_ned_mps = STILL
-        self._loss_reason = ""
-        self._start_ns = self._t_ns = self._measured_ns = self._wait_from_ns = t_ns
+        self._tracking = PlatformTracking(t_ns, selection.pos_rover_ned_m, land.coast_s)
+        self._t_ns = self._wait_from_ns = t_ns
         self._contact_ns = 0
         self._t_paused_ns = -1
         self._paused = PausedHover(land.height_approach_m)
         self._yaw_rad = state.yaw_rad
         self._hold_ned_m = state.pos_uav_ned_m
-        self._feet_ned_m = STILL
-        """Vector from the vehicle's reference point to the middle of its feet."""
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
         dt_s = min(max((t_ns - self._t_ns) / NS_PER_S, 0.0), STEP_MAX_S)
         self._t_ns = t_ns
-        measured = self._update_platform(t_ns, dt_s, state)
+        measured = self._tracking.update(t_ns, dt_s, state, searches=self._phase == "search")
+        if measured is not None:
+            self._hold_ned_m = state.pos_uav_ned_m
         self._wind_limit.update(t_ns, state)
         if state.landed and self._phase in ("descent", "contact"):
             return self._landed(state)
-        if (end := self._watch.update(t_ns, state, self._phase, self._loss_reason)) is not None:
+        if (end := self._watch.update(t_ns, state, self._phase, self._tracking.loss_reason)) is not None:
             return end
         if self._phase == "go_around":
             return self._go_around(t_ns, dt_s, measured, state)
@@ -146,12 +131,12 @@ class RoverLanding:
         """
         if self._t_paused_ns != t_ns:
             self._t_paused_ns = t_ns
-            self._paused = PausedHover(self._land.height_approach_m, self._vel_supposed_ned_mps)
-        measured = self._update_platform(t_ns, dt_s, state)
+            self._paused = PausedHover(self._land.height_approach_m, self._tracking.vel_rover_ned_mps)
+        measured = self._tracking.update(t_ns, dt_s, state, searches=self._phase == "search")
         self._hold_ned_m = state.pos_uav_ned_m
         if self._phase != "search":
             self._phase = "approach"
-        if (end := self._watch.update(t_ns, state, self._phase, self._loss_reason)) is not None:
+        if (end := self._watch.update(t_ns, state, self._phase, self._tracking.loss_reason)) is not None:
             return end
         if measured is None:
             return self._move(state, self._paused.velocity(dt_s, state.pos_uav_ned_m, state.height_m), None)
@@ -162,14 +147,14 @@ class RoverLanding:
 
     def _go_on(self, t_ns: int, dt_s: float, measured: PlatformState | None, state: VehicleState) -> Move | Done:
         """Go on with a landing that nothing interrupts."""
-        if self._phase == "contact" and self._platform is not None:
-            return self._press_down(t_ns, measured, self._platform, state)
+        if self._phase == "contact" and self._tracking.platform is not None:
+            return self._press_down(t_ns, measured, self._tracking.platform, state)
         if measured is not None:
             return self._over_platform(t_ns, dt_s, measured, state)
-        if self._rough is not None and self._phase == "approach":
+        if self._tracking.rough is not None and self._phase == "approach":
             self._wait_from_ns = t_ns
             self._hold_ned_m = state.pos_uav_ned_m
-            return self._keep_height_over(state, self._rough, dt_s)
+            return self._keep_height_over(state, self._tracking.rough, dt_s)
         return self._out_of_sight(t_ns, dt_s, state)
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> LandResult:
@@ -177,84 +162,21 @@ class RoverLanding:
 
     def remaining(self, state: VehicleState) -> Remaining | None:
         """Rest of the landing; None while nobody knows where the rover is."""
-        if self._platform is not None:
-            return rover_landing_remaining(self._platform.pos_ned_m, self._land)
-        if self._pos_supposed_ned_m is None:
+        if self._tracking.platform is not None:
+            return rover_landing_remaining(self._tracking.platform.pos_ned_m, self._land)
+        if self._tracking.pos_rover_ned_m is None:
             return None
-        return rover_landing_remaining(subtract(state.pos_uav_ned_m, self._pos_supposed_ned_m), self._land)
+        return rover_landing_remaining(subtract(state.pos_uav_ned_m, self._tracking.pos_rover_ned_m), self._land)
 
     def path(self, state: VehicleState) -> tuple[Vec3, ...]:
         """The way above the platform and down to the platform; empty while the position of the rover is unknown."""
-        platform_ned_m = self._pos_supposed_ned_m
-        if self._platform is not None:
-            platform_ned_m = subtract(state.pos_uav_ned_m, self._platform.pos_ned_m)
+        platform_ned_m = self._tracking.pos_rover_ned_m
+        if self._tracking.platform is not None:
+            platform_ned_m = subtract(state.pos_uav_ned_m, self._tracking.platform.pos_ned_m)
         if platform_ned_m is None:
             return ()
         above_ned_m = add(platform_ned_m, (0.0, 0.0, -self._land.height_approach_m))
         return state.pos_uav_ned_m, above_ned_m, platform_ned_m
-
-    # -- estimates --
-
-    def _update_platform(self, t_ns: int, dt_s: float, state: VehicleState) -> PlatformState | None:
-        """Use the newest estimate; returns the state by it when it is good enough to descend by."""
-        relative = state.relative
-        self._update_feet(dt_s, state)
-        if relative is None or not relative.valid:
-            self._loss_reason = "the estimator is silent" if relative is None else relative.reason
-            self._predict_rover(dt_s, state)
-            self._rough = None if relative is None else self._rough_state(t_ns, relative)
-            return None
-        self._rough = None
-        self._platform = platform = platform_state_at(t_ns, relative, self._feet_ned_m)
-        self._pos_supposed_ned_m = add(subtract(state.pos_uav_ned_m, platform.pos_ned_m), self._feet_ned_m)
-        self._vel_supposed_ned_mps = platform.vel_rover_ned_mps
-        age_s = (t_ns - relative.fused_t_ns) / NS_PER_S
-        if relative.fused_t_ns <= self._start_ns or age_s > self._land.coast_s:
-            self._loss_reason = f"no measurement of the rover for {age_s:.1f} s"
-            return None
-        self._measured_ns = t_ns
-        self._hold_ned_m = state.pos_uav_ned_m
-        return platform
-
-    def _rough_state(self, t_ns: int, relative: Relative) -> PlatformState | None:
-        """State by an estimate that is good enough to come nearer, but not to descend; None: by no such estimate."""
-        platform = platform_state_at(t_ns, relative, self._feet_ned_m)
-        fresh = (t_ns - relative.fused_t_ns) / NS_PER_S < self._land.coast_s and not relative.contradicted
-        return platform if fresh and platform.std_m < STD_ROUGH_PER_M * platform.error_m else None
-
-    def _update_feet(self, dt_s: float, state: VehicleState) -> None:
-        """Filter the offset of the feet.
-
-        The feet of a vehicle that tilts against the wind are downwind of its centre of mass; on the ground it turns
-        upright above them.
-        """
-        weight = min(1.0, dt_s / TILT_TIME_CONSTANT_S)
-        north_m, east_m, _ = self._feet_ned_m
-        wanted_north_m, wanted_east_m = (FEET_BELOW_M * tilt for tilt in state.down_ned)
-        self._feet_ned_m = (
-            north_m + weight * (wanted_north_m - north_m),
-            east_m + weight * (wanted_east_m - east_m),
-            0.0,
-        )
-
-    def _predict_rover(self, dt_s: float, state: VehicleState) -> None:
-        """Predict the rover's motion without a valid estimate, by its own estimate or its last velocity.
-
-        During a search the supposed velocity decays, because the last one becomes worthless, and may have been wrong.
-        """
-        if state.rover is not None and state.rover.valid:
-            self._pos_supposed_ned_m = state.rover.pos_rover_ned_m
-            self._vel_supposed_ned_mps = state.rover.vel_rover_ned_mps
-        elif self._pos_supposed_ned_m is not None:
-            if self._phase == "search":
-                decay = exp(-dt_s / DRIVE_TIME_CONSTANT_S)
-                self._vel_supposed_ned_mps = scale(self._vel_supposed_ned_mps, decay)
-            self._pos_supposed_ned_m = add(self._pos_supposed_ned_m, scale(self._vel_supposed_ned_mps, dt_s))
-        if self._platform is not None and self._pos_supposed_ned_m is not None:
-            pos_ned_m = add(subtract(state.pos_uav_ned_m, self._pos_supposed_ned_m), self._feet_ned_m)
-            vel_ned_mps = subtract(state.vel_uav_ned_mps, self._vel_supposed_ned_mps)
-            yaw_rate_rps = self._platform.yaw_rate_rover_rps
-            self._platform = PlatformState(pos_ned_m, vel_ned_mps, self._vel_supposed_ned_mps, yaw_rate_rps)
 
     # -- with the platform in sight --
 
@@ -294,8 +216,7 @@ class RoverLanding:
             self._phase = "contact"
             self._contact_ns = t_ns
             self._touchdown.reset()
-            north_m, east_m, _ = self._feet_ned_m
-            self._contact.begin(t_ns, (north_m / FEET_BELOW_M, east_m / FEET_BELOW_M))
+            self._contact.begin(t_ns, self._tracking.tilt_ned)
             return self._press_down(t_ns, None, platform, state)
         return self._follow(state, platform, dt_s, down_mps)
 
@@ -327,24 +248,24 @@ class RoverLanding:
         """Where the feet are now: in contact the tilt changes faster than the filtered offset of the feet."""
         if measured is None:
             return None
-        (north_m, east_m, _), (filtered_north_m, filtered_east_m, _) = measured.pos_ned_m, self._feet_ned_m
+        (north_m, east_m, _), (filtered_north_m, filtered_east_m, _) = measured.pos_ned_m, self._tracking.feet_ned_m
         feet_north_m, feet_east_m = feet_from_uav_ned_m(state, self._airframe)
         offset_ned_m = (north_m - filtered_north_m + feet_north_m, east_m - filtered_east_m + feet_east_m)
         return OnSurface(offset_ned_m, measured.std_m)
 
     def _go_around(self, t_ns: int, dt_s: float, measured: PlatformState | None, state: VehicleState) -> Move | Done:
         """Climb after a contact in which the vehicle slides or leans, then try again, or end the landing."""
-        platform = measured or self._platform
+        platform = measured or self._tracking.platform
         if self._go_arounds.is_high(t_ns, None if platform is None else platform.height_m):
             if reason := self._go_arounds.abort_reason(state):
                 return Done("aborted", reason)
             self._phase = "approach"
         if measured is not None:
             return self._follow(state, measured, dt_s, -CLIMB_MPS)
-        return self._fly(state, add(self._vel_supposed_ned_mps, (0.0, 0.0, -CLIMB_MPS)), None)
+        return self._fly(state, add(self._tracking.vel_rover_ned_mps, (0.0, 0.0, -CLIMB_MPS)), None)
 
     def _landed(self, state: VehicleState) -> Done:
-        beside_m = 0.0 if self._platform is None else self._platform.error_m
+        beside_m = 0.0 if self._tracking.platform is None else self._tracking.platform.error_m
         if beside_m > self._on_platform_m:
             return Done("aborted", f"touched down {beside_m:.2f} m from the middle of the platform", then="disarm")
         return landing_outcome(state)
@@ -355,9 +276,9 @@ class RoverLanding:
         if state.relative is not None and state.relative.contradicted:
             self._phase = "hold"
             return self._wait(state)
-        land, platform = self._land, self._platform
-        lost_s = (t_ns - self._measured_ns) / NS_PER_S
-        was_measured = self._measured_ns > self._start_ns
+        land, platform = self._land, self._tracking.platform
+        lost_s = (t_ns - self._tracking.measured_ns) / NS_PER_S
+        was_measured = self._tracking.was_measured
         if self._phase == "descent" and platform is not None and platform.height_m < BLIND_M:
             return self._go_down(t_ns, dt_s, platform, state)
         if was_measured and platform is not None and self._phase != "search" and lost_s < land.hold_s:
@@ -366,9 +287,9 @@ class RoverLanding:
         waited_s = (t_ns - self._wait_from_ns) / NS_PER_S
         if not was_measured and not self._tag_alone and waited_s < ACQUIRE_S:
             return self._wait(state)
-        if self._pos_supposed_ned_m is None:
-            return Done("aborted", f"{LOST}: the rover can't be found: {self._loss_reason}")
-        return self._fly_search(t_ns, self._pos_supposed_ned_m, state)
+        if self._tracking.pos_rover_ned_m is None:
+            return Done("aborted", f"{LOST}: the rover can't be found: {self._tracking.loss_reason}")
+        return self._fly_search(t_ns, self._tracking.pos_rover_ned_m, state)
 
     def _wait(self, state: VehicleState) -> Move:
         return Move(Phase.LANDING, self._feedback(state), pos_ned_m=self._hold_ned_m, yaw_rad=self._yaw_rad)
@@ -385,10 +306,10 @@ class RoverLanding:
         search.step(t_ns, (north_m, east_m), height_m)
         if search.over:
             tries = self._search_config.tries
-            return Done("aborted", f"{LOST}: not found in {tries} rounds of search: {self._loss_reason}")
+            return Done("aborted", f"{LOST}: not found in {tries} rounds of search: {self._tracking.loss_reason}")
         to_north_m, to_east_m = search.offset_m
         offset_m = (to_north_m - north_m, to_east_m - east_m, height_m - search.height_m)
-        rover_north_mps, rover_east_mps, _ = self._vel_supposed_ned_mps
+        rover_north_mps, rover_east_mps, _ = self._tracking.vel_rover_ned_mps
         north_mps, east_mps, down_mps = towards(offset_m, SEARCH_SPEED_MPS)
         low = state.height_m is not None and state.height_m < self._land.height_approach_m
         down_mps = min(down_mps, 0.0 if low else SEARCH_SPEED_DOWN_MAX_MPS)
@@ -430,12 +351,12 @@ class RoverLanding:
             vel_ned_mps=vel_ned_mps,
             acc_ned_mps2=acc_ned_mps2,
             yaw_rad=self._yaw_rad,
-            frame=MovingFrame(vel_ned_mps=self._vel_supposed_ned_mps),
+            frame=MovingFrame(vel_ned_mps=self._tracking.vel_rover_ned_mps),
         )
 
     def _feedback(self, state: VehicleState) -> LandFeedback:
         pos_m = state.pos_uav_ned_m
-        if self._platform is None:
+        if self._tracking.platform is None:
             return LandFeedback(pos_uav_ned_m=pos_m, phase=self._phase)
-        rel_m, cone_m = self._platform.pos_ned_m, max(self._descent.cone_m(self._platform), 0.0)
+        rel_m, cone_m = self._tracking.platform.pos_ned_m, max(self._descent.cone_m(self._tracking.platform), 0.0)
         return LandFeedback(pos_uav_ned_m=pos_m, pos_rel_ned_m=rel_m, phase=self._phase, cone_m=cone_m)
