@@ -70,13 +70,24 @@ def _goal_fields(name: str, words: tuple[str, ...]) -> dict[str, Any]:
         known = _fields(find_action(name))
     except PluginError as error:
         raise click.UsageError(str(error)) from None
+    fields = key_values(words)
+    for key in fields:
+        if key not in known:
+            raise click.UsageError(f"{name} has no field {key!r}; its fields are {', '.join(known)}")
+    return fields
+
+
+def key_values(words: tuple[str, ...]) -> dict[str, Any]:
+    """Values by key, of `key=value` words; a value that is no JSON is a text.
+
+    Raises:
+        click.UsageError: a word has no `=`, or a key is given twice.
+    """
     fields: dict[str, Any] = {}
     for word in words:
         key, separator, value = word.partition("=")
-        if not separator:
-            raise click.UsageError(f"{word!r} is not KEY=VALUE")
-        if key not in known:
-            raise click.UsageError(f"{name} has no field {key!r}; its fields are {', '.join(known)}")
+        if not separator or not key:
+            raise click.UsageError(f"{word!r} is not KEY=VALUE, such as speed_mps=1.5")
         if key in fields:
             raise click.UsageError(f"{key} is given twice")
         try:

@@ -1,10 +1,8 @@
 """`jezero pause`, `jezero resume` and `jezero modify`: requests about the goal in charge, whoever sent it."""
 
-import json
-from typing import Any
-
 import click
 
+from jezero.cli.action import key_values
 from jezero.cli.flight import NUMBERS, Printer, common_options, connected
 
 
@@ -40,29 +38,9 @@ def modify(words: tuple[str, ...], vehicle: str, router: str, as_json: bool) -> 
     The vehicle brakes, and goes on by the new plan. A VALUE is JSON where it parses, and text otherwise. `jezero info
     page actions` lists the fields that may change.
     """
-    fields = _fields(words)
+    fields = key_values(words)
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
         goal_id, warning = uav.modify(**fields)
         printer.event("result", f"modified goal {goal_id}", outcome="succeeded", goal_id=goal_id, warning=warning)
         printer.warn(warning)
-
-
-def _fields(words: tuple[str, ...]) -> dict[str, Any]:
-    """The fields of `key=value` words.
-
-    Raises:
-        click.UsageError: a word has no `=`, or a field is given twice.
-    """
-    fields: dict[str, Any] = {}
-    for word in words:
-        key, separator, value = word.partition("=")
-        if not separator or not key:
-            raise click.UsageError(f"{word!r} is not KEY=VALUE, such as speed_mps=1.5")
-        if key in fields:
-            raise click.UsageError(f"{key} is given twice")
-        try:
-            fields[key] = json.loads(value)
-        except ValueError:
-            fields[key] = value
-    return fields

@@ -79,6 +79,11 @@ class Goals:
             self._asked_s = -ASKED_AGAIN_S
             self._from_m = None if status.odometry is None else list(status.odometry.pos_uav_ned_m)
 
+    def forget(self) -> None:
+        """Forget the last goal, because the vehicle was restarted: its places are in another frame."""
+        self.view = None
+        self.changes += 1
+
     def on_feedback(self, now_s: float, message: FeedbackMessage[Any]) -> None:
         """Take in feedback of any goal, as a struct or as its fields."""
         fields: dict[str, Any] = msgspec.to_builtins(message.feedback)

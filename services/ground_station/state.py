@@ -4,14 +4,13 @@ Times are seconds of a monotonic wall clock that the caller reads. Ages are ages
 lost, also when vehicle time stands still.
 """
 
-from collections import deque
 from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
 import msgspec
 
-from jezero.frames import Vec3, subtract
+from jezero.frames import subtract
 from jezero.recording.thinned_path import ThinnedPath
 from jezero.schemas import topics
 from jezero.schemas.actions import FeedbackMessage
@@ -63,7 +62,6 @@ class VehicleState:
         self._newest: dict[str, tuple[float, Any]] = {}
         self._health: dict[str, tuple[float, ServiceHealth]] = {}
         self._feedback: tuple[float, FeedbackMessage[Any]] | None = None
-        self._photos: deque[Vec3] = deque(maxlen=PHOTOS_MAX)
         self._trail = ThinnedPath()
         self._home_z_ned_m: float | None = None
         self._since_s: float | None = None
@@ -85,10 +83,7 @@ class VehicleState:
     def _on_feedback(self, now_s: float, message: FeedbackMessage[Any]) -> None:
         message = _typed(message)
         self.goals.on_feedback(now_s, message)
-        if self._feedback is None or self._feedback[1].goal_id != message.goal_id:
-            self._photos.clear()
         self._feedback = (now_s, message)
-        self._photos.extend(image.pos_camera_ned_m for image in getattr(message.feedback, "images", ()))
 
     def _on_status(self, now_s: float, status: Status) -> None:
         self.events.on_status(now_s, status)
@@ -101,7 +96,7 @@ class VehicleState:
         before = None if last is None else last.odometry
         if before is not None and before.epoch_id != status.odometry.epoch_id:
             self._trail.clear()
-            self._photos.clear()
+            self.goals.forget()
             self._home_z_ned_m = None
         elif before is not None and before.reset_offset_ned_m != status.odometry.reset_offset_ned_m:
             self._trail.shift(subtract(status.odometry.reset_offset_ned_m, before.reset_offset_ned_m))
@@ -235,8 +230,10 @@ class VehicleState:
         return [rounded(point_m) for point_m in self._trail.points_m]
 
     def photos(self) -> list[list[float]]:
-        """Where the images of the newest goal were taken, NED."""
-        return [rounded(point_m) for point_m in self._photos]
+        """Where the last images of the newest goal were taken, NED."""
+        view = self.goals.view
+        images = [] if view is None else list(view.images.values())[-PHOTOS_MAX:]
+        return [rounded(image.pos_camera_ned_m) for image in images]
 
 
 def _tone(status: Status) -> str:

@@ -5,6 +5,7 @@ from typing import Any
 
 from jezero.schemas.estimate import Covariance6, Relative, RoverEstimate
 from jezero.schemas.health import ServiceHealth
+from jezero.schemas.images import Image
 from jezero.schemas.state import Battery, Odometry, Status
 
 
@@ -44,6 +45,23 @@ class Flight:
         """The same flight at another position."""
         north_m, east_m, down_m = position_m
         return replace(self, position_m=(north_m, east_m, down_m))
+
+
+IMAGE = Image(
+    index=0,
+    t_ns=0,
+    pos_uav_ned_m=(0.0, 0.0, -4.0),
+    q_ned_from_frd=(1.0, 0.0, 0.0, 0.0),
+    yaw_rad=0.0,
+    pos_camera_ned_m=(0.0, 0.0, -4.0),
+    q_ned_from_camera=(1.0, 0.0, 0.0, 0.0),
+    pitch_camera_rad=-1.0,
+    exposure_s=0.01,
+    width_px=640,
+    height_px=480,
+    focal_px=400.0,
+    center_px=(319.5, 239.5),
+)
 
 
 def health(service: str = "estimator", state: Any = "ok", text: str = "fine", boot_id: int = 1) -> ServiceHealth:

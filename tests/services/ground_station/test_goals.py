@@ -8,24 +8,9 @@ from jezero.schemas.actions import FeedbackMessage, PlannedCoverage, RunningGoal
 from jezero.schemas.goals import GoToGoal
 from jezero.schemas.images import Image
 from jezero.services.ground_station.goals import Goals
-from tests.services.ground_station.messages import Flight
+from tests.services.ground_station.messages import IMAGE, Flight
 
 FLIGHT = Flight()
-IMAGE = Image(
-    index=0,
-    t_ns=1,
-    pos_uav_ned_m=(0.0, 0.0, -4.0),
-    q_ned_from_frd=(1.0, 0.0, 0.0, 0.0),
-    yaw_rad=0.0,
-    pos_camera_ned_m=(0.0, 0.0, -4.0),
-    q_ned_from_camera=(1.0, 0.0, 0.0, 0.0),
-    pitch_camera_rad=-1.5,
-    exposure_s=0.001,
-    width_px=640,
-    height_px=480,
-    focal_px=500.0,
-    center_px=(319.5, 239.5),
-)
 PLAN = PlannedCoverage(
     plan_id="ab",
     path_ned_m=((0.0, 0.0), (5.0, 0.0)),

@@ -9,30 +9,14 @@ import pytest
 from jezero.schemas import topics
 from jezero.schemas.actions import FeedbackMessage
 from jezero.schemas.goals import ImagesFeedback, LandFeedback
-from jezero.schemas.images import Image
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Battery
 from jezero.schemas.topics import feedback_of, health_of
 from jezero.services.ground_station import readings
 from jezero.services.ground_station.state import VehicleState
-from tests.services.ground_station.messages import Flight, health, relative, rover
+from tests.services.ground_station.messages import IMAGE, Flight, health, relative, rover
 
 FLIGHT = Flight()
-IMAGE = Image(
-    index=0,
-    t_ns=0,
-    pos_uav_ned_m=(0.0, 0.0, -4.0),
-    q_ned_from_frd=(1.0, 0.0, 0.0, 0.0),
-    yaw_rad=0.0,
-    pos_camera_ned_m=(0.0, 0.0, -4.0),
-    q_ned_from_camera=(1.0, 0.0, 0.0, 0.0),
-    pitch_camera_rad=-1.0,
-    exposure_s=0.01,
-    width_px=640,
-    height_px=480,
-    focal_px=400.0,
-    center_px=(319.5, 239.5),
-)
 
 
 def reading(state: VehicleState, label: str, now_s: float) -> dict[str, Any]:
@@ -210,7 +194,8 @@ def test_where_the_vehicle_was_last_is_kept_when_its_link_is_lost() -> None:
 def test_the_places_of_the_images_are_those_of_the_newest_goal() -> None:
     state = VehicleState()
     for number, goal_id in enumerate(("first", "second", "second")):
-        image = msgspec.structs.replace(IMAGE, pos_camera_ned_m=(float(number), 0.0, -4.0))
+        state.update(0.0, topics.STATUS, FLIGHT.status(in_charge="goal", goal_id=goal_id))
+        image = msgspec.structs.replace(IMAGE, index=number, pos_camera_ned_m=(float(number), 0.0, -4.0))
         feedback = ImagesFeedback(pos_uav_ned_m=(0.0, 0.0, -4.0), taken=1, planned=12, images=(image,))
         message = FeedbackMessage(t_ns=0, goal_id=goal_id, action="get_images", code=6, feedback=feedback)
         state.update(0.0, feedback_of(topics.GET_IMAGES), message)
