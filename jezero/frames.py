@@ -18,6 +18,7 @@ from math import asin, atan2, copysign, cos, degrees, hypot, pi, radians, sin, s
 
 Vec3 = tuple[float, float, float]
 Quat = tuple[float, float, float, float]
+Matrix3 = tuple[float, float, float, float, float, float, float, float, float]
 
 EARTH_RADIUS_M = 6_371_000.0
 """Radius of the local tangent projection; PX4 and jezero use the same sphere."""
@@ -120,6 +121,23 @@ def quat_rotate(q_a_from_b: Quat, v_b: Vec3) -> Vec3:
         vx + w * tx + y * tz - z * ty,
         vy + w * ty + z * tx - x * tz,
         vz + w * tz + x * ty - y * tx,
+    )
+
+
+def rotation_matrix(q_a_from_b: Quat) -> Matrix3:
+    """(9,) rotation matrix of a unit quaternion, row by row: `v_a = R_a_from_b @ v_b`."""
+    w, x, y, z = q_a_from_b
+    xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
+    return (
+        1.0 - 2.0 * (yy + zz),
+        2.0 * (xy - wz),
+        2.0 * (xz + wy),
+        2.0 * (xy + wz),
+        1.0 - 2.0 * (xx + zz),
+        2.0 * (yz - wx),
+        2.0 * (xz - wy),
+        2.0 * (yz + wx),
+        1.0 - 2.0 * (xx + yy),
     )
 
 

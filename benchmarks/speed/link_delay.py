@@ -13,8 +13,8 @@ from math import log
 from benchmarks.speed.stack import running_module
 from jezero.deploy.launcher.ports import reserved_instance
 from jezero.runtime.config import instance_from_environment
+from jezero.runtime.process import new_boot_id, run_service
 from jezero.runtime.service import Inbox, Output, Publish, Service, Spec
-from jezero.runtime.zenoh_bus import new_boot_id, run_service
 from jezero.schemas import topics
 from jezero.schemas.state import Odometry
 

@@ -18,8 +18,8 @@ from benchmarks.speed.stack import cpu_ns, running_module
 from jezero.codec import decode
 from jezero.deploy.launcher.ports import reserved_instance
 from jezero.runtime.config import instance_from_environment
+from jezero.runtime.process import new_boot_id, run_service
 from jezero.runtime.service import Inbox, Output, Publish, Spec
-from jezero.runtime.zenoh_bus import new_boot_id, run_service
 from jezero.schemas.struct import Message
 from jezero.schemas.topics import ACTIONS, TOPICS, Topic, feedback_of
 

@@ -6,7 +6,7 @@
 import sys
 
 from jezero.runtime.links import Udp
-from jezero.runtime.zenoh_bus import run_process
+from jezero.runtime.process import run_process
 from jezero.services.vehicle_bridge.__main__ import HOST, build
 from jezero.services.vehicle_bridge.service import LINK
 

@@ -15,7 +15,7 @@ from jezero.recording.images import decompress
 from jezero.recording.mcap_file import RecordingError
 from jezero.replay import NAME
 from jezero.replay.player import ReplayMessage
-from jezero.runtime.zenoh_bus import new_boot_id
+from jezero.runtime.process import new_boot_id
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.state import Status

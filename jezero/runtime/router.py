@@ -18,7 +18,7 @@ from jezero.router_address import parse_router
 from jezero.runtime.config import ConfigError, Instance, instance_from_environment
 from jezero.runtime.link_guard import LinkGuard
 from jezero.runtime.ports import listen_problem
-from jezero.runtime.zenoh_bus import new_boot_id
+from jezero.runtime.process import new_boot_id
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.topics import health_of, key, liveliness_key
 from jezero.zenoh_client import LINK_SETTINGS, config_of

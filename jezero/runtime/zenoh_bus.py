@@ -5,29 +5,25 @@ service's inbox and steps the service.
 """
 
 import os
-import secrets
 import select
-import signal
 import socket
-import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable
 from types import FrameType
 from typing import Any, cast
 
 import zenoh
 
 from jezero.codec import BadPayloadError, decode, encode
-from jezero.os_errors import describe_os_error
 from jezero.runtime.clock import VehicleClock
-from jezero.runtime.config import ConfigError, Instance, instance_from_environment, is_recorded
+from jezero.runtime.config import Instance, is_recorded
 from jezero.runtime.journal import Journal
 from jezero.runtime.links import SocketLink
 from jezero.runtime.node import Node
 from jezero.runtime.service import SentMessage, Service
 from jezero.runtime.task_runner import TaskRunner
-from jezero.runtime.zenoh_session import AlreadyRunningError, BusSession, Kind
+from jezero.runtime.zenoh_session import BusSession, Kind
 from jezero.runtime.zenoh_transport import ZenohTransport
 from jezero.schemas import topics
 from jezero.schemas.actions import UnknownAction
@@ -52,64 +48,8 @@ LINK_POLL_PERIOD_NS = 50_000_000
 """Period at which links with nothing to read are polled too, as polling also connects."""
 
 
-def new_boot_id() -> int:
-    """An id that differs between two runs of a service, on any host."""
-    return secrets.randbits(48)
-
-
-Build = Callable[[Instance, int], tuple[Service, Mapping[str, SocketLink]]]
-"""Makes a service and its links from the instance and a fresh boot id."""
-
-
-def run_process(name: str, build: Build) -> int:
-    """Build a service and run its process until SIGTERM or SIGINT.
-
-    Args:
-        name: the service's, for error messages.
-        build: makes the service and its links.
-
-    Returns:
-        Exit code of the process; EX_CONFIG when the settings are wrong, so that a restart would not help.
-    """
-    boot_id = new_boot_id()
-    try:
-        instance = instance_from_environment()
-        service, links = build(instance, boot_id)
-    except ConfigError as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        return os.EX_CONFIG
-    return run_service(service, instance, boot_id, links)
-
-
-def run_service(
-    service: Service, instance: Instance, boot_id: int, links: Mapping[str, SocketLink] | None = None
-) -> int:
-    """Run a service until SIGTERM or SIGINT.
-
-    Args:
-        links: one for each name in the service's `Spec.links`.
-
-    Returns:
-        Exit code of the process.
-    """
-    runner = _Runner(service, instance, boot_id, dict(links or {}))
-    signal.signal(signal.SIGTERM, runner.stop)
-    signal.signal(signal.SIGINT, runner.stop)
-    try:
-        runner.run()
-    except AlreadyRunningError as error:
-        print(f"{service.spec.name}: {error}", file=sys.stderr)
-        return 1
-    except OSError as error:
-        print(f"{service.spec.name}: {describe_os_error(error)}", file=sys.stderr)
-        return 1
-    finally:
-        runner.close()
-    return 0
-
-
-class _Runner:
-    """The loop of one process."""
+class ServiceLoop:
+    """The loop of one process: it moves messages into the inbox, and steps the service."""
 
     def __init__(self, service: Service, instance: Instance, boot_id: int, links: dict[str, SocketLink]) -> None:
         self._spec = service.spec

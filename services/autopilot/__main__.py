@@ -9,8 +9,8 @@ from pathlib import Path
 from jezero.runtime.child import ChildLink
 from jezero.runtime.config import Instance, chosen_autopilot, load_config
 from jezero.runtime.links import SocketLink, TcpClient, Udp
+from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
-from jezero.runtime.zenoh_bus import run_process
 from jezero.services.autopilot import px4
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.service import GCS, HIL, OFFBOARD, Autopilot

@@ -28,6 +28,7 @@ from jezero.frames import (
     quat_from_rotation_vector,
     quat_multiply,
     quat_normalize,
+    rotation_matrix,
     subtract,
     tilt_from_quat,
     wrap_pi,
@@ -242,7 +243,7 @@ class Estimator:
     def _start(self) -> None:
         q, gyro_bias, origin, self._origin_pressure_m = self._alignment.result()
         self.q_ned_from_frd, self.gyro_bias_rps, self.origin_deg = q, gyro_bias, origin
-        self._update_rotation_matrix()
+        self.R_ned_from_frd = rotation_matrix(self.q_ned_from_frd)
         c = self._config
         std_tilt = STD_ACC_BIAS_MPS2 / self._gravity_mps2
         std = [std_tilt, std_tilt, c.ekf2_head_noise_rad, 0.1, 0.1, 0.1, 0.3, 0.3, 0.3]
@@ -296,22 +297,7 @@ class Estimator:
         if w < 0.0:
             n = -n
         self.q_ned_from_frd = (w * n, x * n, y * n, z * n)
-        self._update_rotation_matrix()
-
-    def _update_rotation_matrix(self) -> None:
-        w, x, y, z = self.q_ned_from_frd
-        xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
-        self.R_ned_from_frd = (
-            1.0 - 2.0 * (yy + zz),
-            2.0 * (xy - wz),
-            2.0 * (xz + wy),
-            2.0 * (xy + wz),
-            1.0 - 2.0 * (xx + zz),
-            2.0 * (yz - wx),
-            2.0 * (xz - wy),
-            2.0 * (yz + wx),
-            1.0 - 2.0 * (xx + yy),
-        )
+        self.R_ned_from_frd = rotation_matrix(self.q_ned_from_frd)
 
     def _predict_covariance(self) -> None:
         """P = F P Fᵀ + Q over the time since the last call; adds the state to the history for late fixes."""
@@ -398,7 +384,7 @@ class Estimator:
         self._turned_ned_rad = add(self._turned_ned_rad, turned_ned_rad)
         turn = quat_from_rotation_vector(turned_ned_rad)
         self.q_ned_from_frd = quat_normalize(quat_multiply(turn, self.q_ned_from_frd))
-        self._update_rotation_matrix()
+        self.R_ned_from_frd = rotation_matrix(self.q_ned_from_frd)
 
 
 def _limited(bias: Vec3, change: list[float], limit: float) -> Vec3:

@@ -10,8 +10,8 @@ import msgspec
 from jezero.plugins import all_actions
 from jezero.runtime.config import Instance
 from jezero.runtime.links import SocketLink
+from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
-from jezero.runtime.zenoh_bus import run_process
 from jezero.services.mission.record import MissionRecord
 from jezero.services.mission.service import MissionService
 

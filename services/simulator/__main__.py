@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from jezero.runtime.config import Instance, load_config
 from jezero.runtime.links import SocketLink, TcpServer
+from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
-from jezero.runtime.zenoh_bus import run_process
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.service import HIL, Simulator
 from jezero.vehicle_config import VehicleConfig

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from jezero.plugins import action_names
 from jezero.runtime.config import Instance, load_config
 from jezero.runtime.links import SocketLink, Udp
+from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
-from jezero.runtime.zenoh_bus import run_process
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import LINK, VehicleBridge
 from jezero.vehicle_config import VehicleConfig

@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 from jezero import Vehicle
 from jezero.cli.main import main
 from jezero.schemas.actions import PlanReply
-from tests.cli.test_survey import PLANNED
+from tests.cli.test_survey_flights import PLANNED
 from tests.client.rig import ODOMETRY, Server, a_status, endpoint, server, vehicle
 
 __all__ = ["endpoint", "server", "vehicle"]

@@ -1,11 +1,7 @@
 """The client against a real router and hand-made servers, on a free loopback port."""
 
-import subprocess
-import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import msgspec
 import pytest
@@ -354,63 +350,6 @@ def test_a_flight_that_a_pilot_took_over_is_left_alone(vehicle: Vehicle, server:
     with vehicle.flight():
         pass
     assert {name for name, _, _ in server.asked} == {"status", "@action/takeoff"}
-
-
-PROGRAM = """
-import signal, sys
-from jezero import Vehicle
-signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in a shell's background
-uav = Vehicle.connect("v", router=sys.argv[1])
-goal = uav.takeoff()
-print("accepted", flush=True)
-if sys.argv[2] == "wait":
-    goal.result()
-"""
-
-
-@contextmanager
-def running_program(endpoint: str, word: str) -> "Iterator[subprocess.Popen[str]]":
-    program = subprocess.Popen(
-        [sys.executable, "-c", PROGRAM, endpoint, word], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    with program:
-        try:
-            yield program
-        finally:
-            program.kill()
-
-
-def test_a_program_that_forgets_to_close_still_exits(server: Server, endpoint: str) -> None:
-    server.serve("@action/takeoff", ACCEPTED, end=False)
-    with running_program(endpoint, "leave") as program:
-        out, err = program.communicate(timeout=10)
-    assert (program.returncode, out, err) == (0, "accepted\n", "")
-
-
-def test_ctrl_c_is_heard_while_waiting_for_a_result(server: Server, endpoint: str) -> None:
-    server.serve("@action/takeoff", ACCEPTED, end=False)
-    with running_program(endpoint, "wait") as program:
-        assert program.stdout is not None
-        assert program.stdout.readline() == "accepted\n"
-        start = time.monotonic()
-        program.send_signal(2)
-        _, err = program.communicate(timeout=10)
-    assert time.monotonic() - start < 1.0
-    assert "KeyboardInterrupt" in err
-
-
-def test_the_client_imports_nothing_heavy() -> None:
-    code = "import sys, jezero; jezero.Vehicle; print(*sorted(m.split('.')[0] for m in sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=20)
-    loaded = set(done.stdout.split())
-    assert {"zenoh", "msgspec"} <= loaded
-    assert not loaded & {"numpy", "pymavlink", "pybullet", "scipy", "matplotlib", "click", "rich", "asyncio"}
-
-
-def test_importing_jezero_alone_loads_no_client() -> None:
-    code = "import sys, jezero; print('zenoh' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=20)
-    assert done.stdout == "False\n"
 
 
 def test_the_goal_says_what_it_is(vehicle: Vehicle, server: Server) -> None:

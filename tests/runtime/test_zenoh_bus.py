@@ -39,7 +39,7 @@ class Host:
         """Stall of the process in each of its next sleeps."""
         clock = SimpleNamespace(monotonic_ns=lambda: self.wall_ns, sleep=self._sleep)
         monkeypatch.setattr(zenoh_bus, "time", clock)
-        self.runner = zenoh_bus._Runner(Idle(), Instance(), 1, {})
+        self.runner = zenoh_bus.ServiceLoop(Idle(), Instance(), 1, {})
 
     def _sleep(self, seconds: float) -> None:
         self.wall_ns += round(seconds * 1000 * MS + (self.stalls_ms.pop(0) if self.stalls_ms else 0) * MS)
@@ -179,7 +179,7 @@ class Asking:
         self.wall_ns = 10 * MS
         monkeypatch.setattr(zenoh_bus, "time", SimpleNamespace(monotonic_ns=lambda: self.wall_ns))
         self.service = Asked()
-        self.runner = zenoh_bus._Runner(self.service, Instance(), 1, {})
+        self.runner = zenoh_bus.ServiceLoop(self.service, Instance(), 1, {})
         self.put: list[int] = []
         monkeypatch.setattr(self.runner._session, "put", lambda topic, data: self.put.append(self.wall_ns // MS))
         self.asked: list[str] = []
@@ -270,7 +270,7 @@ def test_of_pictures_that_pile_up_the_newest_is_read_once(monkeypatch: pytest.Mo
             seen.extend(frame.sequence for frame in inbox.new(topics.CAMERA))
             return ()
 
-    runner = zenoh_bus._Runner(Viewer(), Instance(), 1, {})
+    runner = zenoh_bus.ServiceLoop(Viewer(), Instance(), 1, {})
     try:
         for number in range(3):
             header, pixels = split_attachment(encode(picture(number)))

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable
 from functools import partial
 
 from jezero.runtime.config import instance_from_environment
+from jezero.runtime.process import new_boot_id, run_service
 from jezero.runtime.service import BackgroundTask, Inbox, Output, Publish, Reply, Service, Spec
-from jezero.runtime.zenoh_bus import new_boot_id, run_service
 from jezero.schemas import topics
 from jezero.schemas.commands import AbortReply
 from jezero.schemas.images import GetImage, ImageReply

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 
 from jezero.runtime.config import Instance, load_config
 from jezero.runtime.links import SocketLink
+from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
-from jezero.runtime.zenoh_bus import run_process
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.service import TagDetector
 from jezero.vehicle_config import VehicleConfig

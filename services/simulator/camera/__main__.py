@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from jezero.runtime.config import ConfigError, Instance, load_config
 from jezero.runtime.links import SocketLink
+from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
-from jezero.runtime.zenoh_bus import run_process
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.making import make_camera
 from jezero.services.simulator.camera.service import NoEglError
