@@ -12,6 +12,7 @@ from jezero.schemas.struct import (
     Payload,
     Position,
     PositionNed,
+    Text,
     TimeNs,
 )
 
@@ -88,6 +89,26 @@ class LandOnSpotGoal(Goal, frozen=True, kw_only=True):
     use_uwb: bool = True
     use_tag: bool = True
     force: bool = False
+
+
+ReturnPhase = Literal["climb", "way", "landing"]
+HomePlace = Literal["rover", "takeoff_point", "rally_point", "here"]
+
+
+class ReturnHomeGoal(Goal, frozen=True, kw_only=True):
+    """Fly home and land: on the rover by the best knowledge of it, else where the vehicle took off, else at the nearest
+    rally point, else here.
+
+    A place at which the landing fails is followed by the next one. The wind does not keep the vehicle in the air.
+
+    Attributes:
+        safe_height_m: height above the world's origin to which the vehicle climbs first, unless it is higher or close
+            to the place. None means that of the settings.
+        speed_mps: speed on the way. None means that of the settings.
+    """
+
+    safe_height_m: NonNegative | None = None
+    speed_mps: float | None = None
 
 
 class GetImagesGoal(Goal, frozen=True, kw_only=True):
@@ -206,6 +227,26 @@ class LandFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="la
     cone_m: NonNegative | None = None
 
 
+class ReturnFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="return"):
+    """Progress of a return.
+
+    Attributes:
+        pos_uav_ned_m: position of the vehicle in world NED.
+        phase: `climb` to the safe height, `way` to above the place, then `landing`.
+        place: place to which the vehicle returns.
+        place_ned_m: position of this place in world NED.
+        reason: why it is this place, for people.
+        landing: progress of the landing; None before.
+    """
+
+    pos_uav_ned_m: PositionNed
+    phase: ReturnPhase
+    place: HomePlace
+    place_ned_m: PositionNed
+    reason: Text = ""
+    landing: LandFeedback | None = None
+
+
 class ImagesFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="images"):
     """Progress of a goal that takes images.
 
@@ -279,3 +320,18 @@ class LandResult(Payload, frozen=True, kw_only=True):
 
     completed: bool
     touchdown_ned_m: PositionNed | None = None
+
+
+class ReturnResult(LandResult, frozen=True, kw_only=True):
+    """End of a return.
+
+    Attributes:
+        completed: true after a success.
+        touchdown_ned_m: position of the touchdown in world NED, by the vehicle's own estimate. None without a
+            touchdown.
+        place: place on which the vehicle landed, or was about to land.
+        reason: why it was this place, for people.
+    """
+
+    place: HomePlace
+    reason: Text = ""

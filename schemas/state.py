@@ -136,6 +136,8 @@ class Status(Message, frozen=True, kw_only=True):
         std_gust_mps: standard deviation of the wind about that mean, in the direction in which it is larger. None as
             above.
         paused: the goal in charge is paused, and the vehicle hovers.
+        takeoff_ned_m: where an armed vehicle stood before it was armed, in the world frame as it is now. None for a
+            disarmed one, and when the bridge did not see it stand.
     """
 
     code: Annotated[int, Meta(ge=0, le=15)]
@@ -159,6 +161,7 @@ class Status(Message, frozen=True, kw_only=True):
     wind_ned_mps: VelocityNed | None = None
     std_gust_mps: NonNegative | None = None
     paused: bool = False
+    takeoff_ned_m: PositionNed | None = None
 
 
 class TruePoses(Message, frozen=True, kw_only=True):

@@ -296,6 +296,13 @@ LAND_ON_SPOT = Action(
     commands.Phase.LANDING,
     changeable=("landing_spot_ned_m",),
 )
+RETURN_HOME = Action(
+    "return_home",
+    goals.ReturnHomeGoal,
+    goals.ReturnFeedback,
+    goals.ReturnResult,
+    commands.Phase.LANDING,
+)
 AREA_COVERAGE = Action(
     "area_coverage",
     goals.AreaCoverageGoal,
@@ -314,7 +321,9 @@ GET_IMAGES = Action(
     takes_pictures=True,
     changeable=("center_ned_m", "radius_m", "num_images", "target_z_ned_m", "speed_mps"),
 )
-ACTIONS: dict[str, Action[Any]] = {a.name: a for a in (TAKEOFF, GO_TO, GET_IMAGES, AREA_COVERAGE, LAND_ON_SPOT)}
+ACTIONS: dict[str, Action[Any]] = {
+    a.name: a for a in (TAKEOFF, GO_TO, GET_IMAGES, AREA_COVERAGE, LAND_ON_SPOT, RETURN_HOME)
+}
 
 ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (
     ACQUIRE, RELEASE, HOVER, ABORT, KILL, RESULT, UNKNOWN_ACTION, GET_PARAMETERS, SET_PARAMETERS, LEASE,

@@ -133,6 +133,7 @@ class Vehicle:
     takeoff = sends(client.Vehicle.takeoff, Goal)
     go_to = sends(client.Vehicle.go_to, Goal)
     land_on_spot = sends(client.Vehicle.land_on_spot, Goal)
+    return_home = sends(client.Vehicle.return_home, Goal)
     get_images = sends(client.Vehicle.get_images, ImagesGoal)
     area_coverage = sends(client.Vehicle.area_coverage, ImagesGoal)
     resume_coverage = sends(client.Vehicle.resume_coverage, ImagesGoal)

@@ -331,6 +331,23 @@ def land_on_spot(
         fly_goal(printer, send_goal(printer, uav, LAND_ON_SPOT, goal, yes=yes), "land_on_spot")
 
 
+@click.command(name="return")
+@click.option("--height", "safe_height_m", type=FINITE, help="Height of the way above the origin in metres.")
+@click.option("--speed", "speed_mps", type=FINITE, help="Speed on the way in m/s.")
+@flight_options
+def return_home(
+    safe_height_m: float | None, speed_mps: float | None, yes: bool, vehicle: str, router: str, as_json: bool
+) -> None:
+    """Fly home and land: on the rover if it is known, else where the vehicle took off, else at a rally point."""
+    from jezero.schemas.goals import ReturnHomeGoal
+    from jezero.schemas.topics import RETURN_HOME
+
+    printer = Printer(as_json)
+    goal = ReturnHomeGoal(safe_height_m=safe_height_m, speed_mps=speed_mps)
+    with connected(vehicle, router, printer) as uav:
+        fly_goal(printer, send_goal(printer, uav, RETURN_HOME, goal, yes=yes), "return")
+
+
 def _prompt_for_spot(use_tag: bool) -> tuple[float, float, float]:
     """Ask for the spot as in the thesis' Fig. 4.9; scripts give it with --spot."""
     if not sys.stdin.isatty():

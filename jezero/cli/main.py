@@ -31,6 +31,7 @@ SECTIONS: dict[str, dict[str, Entry]] = {
         "takeoff": Entry("jezero.cli.flight", "takeoff", "Take off."),
         "target": Entry("jezero.cli.flight", "target", "Fly to a point."),
         "land_on_spot": Entry("jezero.cli.flight", "land_on_spot", "Land."),
+        "return": Entry("jezero.cli.flight", "return_home", "Fly home and land, on the rover if it is known."),
         "hover": Entry("jezero.cli.flight", "hover", "Hover here, or at a point."),
         "pause": Entry("jezero.cli.pausing", "pause", "Pause the goal in charge: hover until it is resumed."),
         "resume": Entry("jezero.cli.pausing", "resume", "Go on with the paused goal in charge."),

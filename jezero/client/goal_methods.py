@@ -18,6 +18,9 @@ from jezero.schemas.goals import (
     LandResult,
     MoveFeedback,
     MoveResult,
+    ReturnFeedback,
+    ReturnHomeGoal,
+    ReturnResult,
     TakeoffGoal,
 )
 from jezero.schemas.goals import Goal as GoalPayload
@@ -104,6 +107,22 @@ class GoalMethods:
             on_client_loss=on_client_loss,
         )
         return self._goals.send(topics.LAND_ON_SPOT, goal)
+
+    def return_home(
+        self,
+        *,
+        safe_height_m: float | None = None,
+        speed_mps: float | None = None,
+        on_client_loss: OnClientLoss = "continue",
+    ) -> Goal[ReturnFeedback, ReturnResult]:
+        """Fly home and land: on the rover if it is known, else where the vehicle took off, else at a rally point.
+
+        Args:
+            safe_height_m: height above the world's origin to which the vehicle climbs first; None for the default.
+            speed_mps: speed on the way; None for the default.
+        """
+        goal = ReturnHomeGoal(safe_height_m=safe_height_m, speed_mps=speed_mps, on_client_loss=on_client_loss)
+        return self._goals.send(topics.RETURN_HOME, goal)
 
     def get_images(
         self,

@@ -9,6 +9,7 @@ from jezero.services.actions.go_to.config import GoToConfig
 from jezero.services.actions.land_on_spot.config import LandOnSpotConfig
 from jezero.services.actions.lifecycle.config import LifecycleConfig
 from jezero.services.actions.motion.config import CaptureConfig, MoveConfig, TrackingConfig
+from jezero.services.actions.return_home.config import ReturnHomeConfig
 from jezero.services.actions.takeoff.config import TakeoffConfig
 from jezero.vehicle_config import VehicleConfig
 
@@ -26,6 +27,7 @@ class ActionsConfig(Config, frozen=True, kw_only=True):
         get_images: settings of the action `get_images`.
         area_coverage: settings of the action `area_coverage`.
         land_on_spot: settings of the action `land_on_spot`.
+        return_home: settings of the action `return_home`.
         vehicle: the vehicle itself, with the limits of every goal; from `vehicle.toml`, no table of `actions.toml`.
     """
 
@@ -38,6 +40,7 @@ class ActionsConfig(Config, frozen=True, kw_only=True):
     get_images: GetImagesConfig = GetImagesConfig()
     area_coverage: AreaCoverageConfig = AreaCoverageConfig()
     land_on_spot: LandOnSpotConfig = LandOnSpotConfig()
+    return_home: ReturnHomeConfig = ReturnHomeConfig()
     vehicle: VehicleConfig = VehicleConfig()
 
 

@@ -12,10 +12,12 @@ from jezero.services.actions.land_on_spot.declaration import ACTION as LAND_ON_S
 from jezero.services.actions.lifecycle.declaration import ActionDeclaration
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.lifecycle.server import ActionServer
+from jezero.services.actions.return_home.declaration import ACTION as RETURN_HOME
 from jezero.services.actions.takeoff.declaration import ACTION as TAKEOFF
 
 DECLARATIONS: dict[str, ActionDeclaration[Any]] = {
-    declaration.name: declaration for declaration in (TAKEOFF, GO_TO, GET_IMAGES, LAND_ON_SPOT, AREA_COVERAGE)
+    declaration.name: declaration
+    for declaration in (TAKEOFF, GO_TO, GET_IMAGES, LAND_ON_SPOT, AREA_COVERAGE, RETURN_HOME)
 }
 """Declarations of jezero's own actions by name; `find_declaration` also finds those of packages."""
 

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import replace
 from math import inf
 
-from jezero.frames import Quat, altitude_m
+from jezero.frames import Quat, Vec3, add, altitude_m
 from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Send, Spec, Subscribe
 from jezero.schemas.health import ServiceState
 from jezero.schemas.state import Status, StatusCode
@@ -97,8 +97,8 @@ class VehicleBridge:
         self._wind = WindEstimator(robot.airframe)
         self._epoch_id: int | None = None
         self._timer = Timer()
-        self._ground_z_ned_m = 0.0
-        """z of the place where the vehicle last stood disarmed."""
+        self._ground_ned_m: Vec3 | None = None
+        """Place where the vehicle last stood disarmed; None before this run of the bridge has seen it."""
         self._requests = RequestQueue(self._authority, self._link, boot_id)
         self._dropped_setpoints = 0
         self._drop_reason = ""
@@ -168,10 +168,10 @@ class VehicleBridge:
             self._foreign_setpoints.update(batch.setpoint_echo, t_ns, self._timer.now_ns)
         for step_ned_m in batch.steps_ned_m:
             self._authority.on_position_step(step_ned_m, self._snapshot(t_ns, inbox))
-            self._ground_z_ned_m += step_ned_m[2]
+            self._ground_ned_m = None if self._ground_ned_m is None else add(self._ground_ned_m, step_ned_m)
         telemetry = self._link.telemetry
         if telemetry.armed is False and telemetry.odometry is not None and telemetry.landed is not False:
-            self._ground_z_ned_m = telemetry.odometry.pos_uav_ned_m[2]
+            self._ground_ned_m = telemetry.odometry.pos_uav_ned_m
 
     def _snapshot(self, t_ns: int, inbox: Inbox) -> VehicleSnapshot:
         telemetry = self._link.telemetry
@@ -217,7 +217,8 @@ class VehicleBridge:
         odometry = self._link.telemetry.odometry
         if odometry is None or range_m is not None:
             return None if odometry is None else range_m
-        return altitude_m(odometry.pos_uav_ned_m[2] - self._ground_z_ned_m)
+        z_ground_ned_m = 0.0 if self._ground_ned_m is None else self._ground_ned_m[2]
+        return altitude_m(odometry.pos_uav_ned_m[2] - z_ground_ned_m)
 
     def _not_ready_reason(self, telemetry_age_s: float) -> str | None:
         """Reason why a takeoff isn't possible now, None when it is."""
@@ -332,6 +333,7 @@ class VehicleBridge:
             wind_ned_mps=None if wind is None else wind.mean_ned_mps,
             std_gust_mps=None if wind is None else wind.std_gust_mps,
             paused=control_state.paused,
+            takeoff_ned_m=self._ground_ned_m if vehicle.armed else None,
         )
 
     def _subscribe(self) -> Iterator[Output]:

@@ -39,6 +39,7 @@ EXAMPLES = {
         "uav.area_coverage(((0, 0), (9, 0), (9, 6), (0, 6)), -5.0, overlap=0.65)",
     ),
     "land_on_spot": Example(goals.LandOnSpotGoal(), "jezero land_on_spot", "uav.land_on_spot()"),
+    "return_home": Example(goals.ReturnHomeGoal(), "jezero return", "uav.return_home()"),
 }
 """Examples of jezero's own actions."""
 

@@ -16,7 +16,7 @@ ALL_FEEDBACK: Topic[FeedbackMessage[dict[str, Any]]] = Topic(
 )
 PERIOD_S = 0.2
 RETRY_S = 2.0
-FLIGHT_ORDER = ("takeoff", "go_to", "get_images", "area_coverage", "land_on_spot")
+FLIGHT_ORDER = ("takeoff", "go_to", "get_images", "area_coverage", "land_on_spot", "return_home")
 
 
 class StackActions:
