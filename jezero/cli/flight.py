@@ -218,7 +218,10 @@ def _in_words(feedback: dict[str, Any]) -> str:
         parts.append(f"{fields.pop('distance_m'):.2f} m to go")
     if "phase" in fields:
         parts.append(str(fields.pop("phase")))
-    for name in ("pos_rel_ned_m", "cone_m"):  # for programs
+    if "place" in fields:
+        why = f" ({reason})" if (reason := fields.pop("reason", "")) else ""
+        parts.append(f"to the {fields.pop('place').replace('_', ' ')}{why}".replace("to the here", "landing here"))
+    for name in ("pos_rel_ned_m", "cone_m", "place_ned_m", "landing"):  # for programs
         fields.pop(name, None)
     parts.extend(
         f"{name} {value:.2f}" if isinstance(value, float) else f"{name} {value}" for name, value in fields.items()

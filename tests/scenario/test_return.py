@@ -1,6 +1,5 @@
 """The way home, in virtual time with the whole stack."""
 
-
 from jezero.frames import distance, horizontal, subtract
 from jezero.schemas import topics
 from jezero.schemas.goals import ReturnHomeGoal
@@ -13,6 +12,7 @@ def test_a_vehicle_far_out_of_sight_of_the_rover_returns_over_a_safe_height_and_
     flight.do(topics.GO_TO, go_to(40.0, 10.0, -4.0))
     before = len(flight.truths)
     result = flight.do(topics.RETURN_HOME, ReturnHomeGoal()).result
+    assert result is not None
     assert result.place == "rover"
     assert "by its odometry" in result.reason or "in sight" in result.reason
     away = [truth for truth in flight.truths[before:] if horizontal(subtract(truth.pos_uav_ned_m, (40, 10, 0))) > 5.0]
