@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
+from jezero.schemas.preflight import Override
 from jezero.schemas.struct import Angle, Message, Name, Payload, PositionNed, Text, TimeNs, Vector, VelocityNed
 
 
@@ -67,6 +68,7 @@ class Acquire(Payload, frozen=True, kw_only=True):
         goal_issued_t_ns: vehicle time at which the client sent the goal. The request is refused when the bridge has
             started after it, because the bridge does not know whether the goal flew before. None means that this is not
             checked.
+        override: names of failed preflight checks in spite of which the goal takes off.
         check_only: only ask whether control would be granted now; nothing is granted.
     """
 
@@ -76,6 +78,7 @@ class Acquire(Payload, frozen=True, kw_only=True):
     issued_t_ns: TimeNs | None = None
     goal_t_ns: TimeNs | None = None
     goal_issued_t_ns: TimeNs | None = None
+    override: tuple[Override, ...] = ()
     check_only: bool = False
 
 
@@ -89,6 +92,7 @@ class AcquireReply(Payload, frozen=True, kw_only=True):
         bridge_boot_id: id of this run of the bridge; every run has another one.
         grants: number of grants in this run of the bridge, this one included; a `Status` with a smaller number is older
             than the reply.
+        warning: failed preflight checks that the goal overrides, for people; "" for none.
     """
 
     granted: bool
@@ -96,6 +100,7 @@ class AcquireReply(Payload, frozen=True, kw_only=True):
     control_id: str = ""
     bridge_boot_id: int = 0
     grants: Annotated[int, Meta(ge=0)] = 0
+    warning: Text = ""
 
 
 Outcome = Literal["succeeded", "canceled", "aborted"]

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from jezero.schemas.images import Image, Index
+from jezero.schemas.preflight import Override
 from jezero.schemas.struct import (
     Angle,
     Fraction,
@@ -46,9 +47,11 @@ class TakeoffGoal(Goal, frozen=True, kw_only=True):
 
     Attributes:
         altitude_m: target altitude above the take-off point, positive up.
+        override: names of failed preflight checks in spite of which the vehicle takes off; it is logged.
     """
 
     altitude_m: float = 2.0
+    override: tuple[Override, ...] = ()
 
 
 class GoToGoal(Goal, frozen=True, kw_only=True):
@@ -60,6 +63,7 @@ class GoToGoal(Goal, frozen=True, kw_only=True):
         do_takeoff: take off first if the vehicle is on the ground.
         yaw_rad: heading at the target, clockwise from north. None keeps the present heading.
         speed_mps: speed along the path. None means the default speed of the settings.
+        override: names of failed preflight checks in spite of which it takes off; it is logged.
     """
 
     target_ned_m: PositionNed
@@ -67,6 +71,7 @@ class GoToGoal(Goal, frozen=True, kw_only=True):
     do_takeoff: bool = False
     yaw_rad: Angle | None = None
     speed_mps: float | None = None
+    override: tuple[Override, ...] = ()
 
 
 class LandOnSpotGoal(Goal, frozen=True, kw_only=True):

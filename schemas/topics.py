@@ -10,7 +10,20 @@ from typing import Any, Generic, Literal, TypeVar, get_origin
 
 import msgspec
 
-from jezero.schemas import actions, commands, estimate, goals, health, images, journal, mission, sensors, state, terrain
+from jezero.schemas import (
+    actions,
+    commands,
+    estimate,
+    goals,
+    health,
+    images,
+    journal,
+    mission,
+    preflight,
+    sensors,
+    state,
+    terrain,
+)
 from jezero.schemas.struct import Message, Payload
 
 M = TypeVar("M", bound=Message)
@@ -217,11 +230,12 @@ ODOMETRY = Topic("odometry", state.Odometry, 50.0, "vehicle_bridge")
 STATUS = Topic("status", state.Status, 10.0, "vehicle_bridge")
 SETPOINT = Topic("command/setpoint", commands.Setpoint, 50.0, GOAL_IN_CHARGE)
 MISSION = Topic("mission/progress", mission.MissionProgress, 2.0, "mission")
+PREFLIGHT = Topic("preflight", preflight.PreflightReport, None, "preflight")
 
 TOPICS: tuple[Topic[Any], ...] = (
     CLOCK, IMU, GNSS, BARO, MAG, ALTIMETER, UWB, ROVER_ODOMETRY, TRUTH, ODOMETRY, STATUS, SETPOINT,
     SCENE, CAMERA, CAMERA_INFO, TAG_CORNERS, ESTIMATE_TAG, RELATIVE, ROVER_ESTIMATE, CAMERA_PITCH, ROVER_COMMAND,
-    MISSION,
+    MISSION, PREFLIGHT,
 )  # fmt: skip
 
 ACQUIRE = refusing("@control/acquire", commands.Acquire, commands.AcquireReply, "vehicle_bridge", granted=False)
@@ -262,6 +276,7 @@ SET_PARAMETERS = refusing(
 LEASE = refusing("@estimator/parameters/lease", estimate.Lease, estimate.LeaseReply, "estimator", accepted=False)
 RUN_MISSION = refusing("@mission/run", mission.Mission, mission.MissionReply, "mission", accepted=False)
 COMMAND_MISSION = refusing("@mission/command", mission.MissionCommand, mission.MissionReply, "mission", accepted=False)
+CHECK_PREFLIGHT = refusing("@preflight/check", preflight.GetPreflight, preflight.PreflightReply, "preflight")
 GROUND = Endpoint(
     "simulator/ground",
     terrain.GetGround,
@@ -327,7 +342,7 @@ ACTIONS: dict[str, Action[Any]] = {
 
 ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (
     ACQUIRE, RELEASE, HOVER, ABORT, KILL, RESULT, UNKNOWN_ACTION, GET_PARAMETERS, SET_PARAMETERS, LEASE,
-    RUN_MISSION, COMMAND_MISSION, GROUND,
+    RUN_MISSION, COMMAND_MISSION, CHECK_PREFLIGHT, GROUND,
     *(endpoint for action in ACTIONS.values() for endpoint in action.endpoints),
 )  # fmt: skip
 

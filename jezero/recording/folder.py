@@ -1,5 +1,6 @@
 """The recordings of a stack: files of limited size in one folder."""
 
+import shutil
 import threading
 from collections.abc import Mapping, Sequence
 from datetime import datetime
@@ -23,11 +24,13 @@ class Progress(NamedTuple):
         path: the present file; None when there is none.
         size_bytes: its size.
         problem: why the last messages could not be written, or "".
+        room_bytes: free space of the folder's disk; None when it is unknown.
     """
 
     path: Path | None
     size_bytes: int
     problem: str
+    room_bytes: int | None = None
 
 
 class RecordingFolder:
@@ -79,7 +82,7 @@ class RecordingFolder:
                     self._give_up()
                     return Progress(None, 0, f"{self._path} has vanished: a new file is begun")
                 size_bytes = self._writer.size_bytes
-                progress = Progress(self._path, size_bytes, "")
+                progress = Progress(self._path, size_bytes, "", shutil.disk_usage(self._folder).free)
                 if size_bytes >= self._size_max_bytes:
                     self._finish()
                 return progress

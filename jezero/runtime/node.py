@@ -118,6 +118,7 @@ class Node:
         self._health_ns: int | None = None
         self._reported_state: ServiceState | None = None
         self._state: ServiceState = "ok"
+        self._room_bytes: int | None = None
         self._text = (
             f"listening; vehicle time starts when link {self.spec.lockstep!r} connects"
             if self.spec.lockstep
@@ -262,7 +263,7 @@ class Node:
             case CancelTask():
                 self._transport.cancel_task(output.tag)
             case Health():
-                self._state, self._text = output.state, output.text[:2000]
+                self._state, self._text, self._room_bytes = output.state, output.text[:2000], output.room_bytes
 
     def _publish(self, output: Publish) -> None:
         topic, message = output.topic, output.message
@@ -348,5 +349,6 @@ class Node:
             },
             not_sent=self._not_sent,
             last_error=self._last_error,
+            room_bytes=self._room_bytes,
             late_s=max(0.0, late_s),
         )

@@ -138,10 +138,17 @@ class CancelTask(msgspec.Struct, frozen=True):
 
 
 class Health(msgspec.Struct, frozen=True):
-    """State of the service and a sentence for people, published in `health/<service>` until the next one."""
+    """State of the service and a sentence for people, published in `health/<service>` until the next one.
+
+    Attributes:
+        state: state of the service.
+        text: a sentence for people.
+        room_bytes: free space for what the service writes, if it writes.
+    """
 
     state: ServiceState
     text: str
+    room_bytes: int | None = None
 
 
 Output = Publish | Reply | Call | Send | Subscribe | SetRate | BackgroundTask | CancelTask | Health

@@ -27,6 +27,8 @@ class Progress(Protocol):
     def size_bytes(self) -> int: ...
     @property
     def problem(self) -> str: ...
+    @property
+    def room_bytes(self) -> int | None: ...
 
 
 Batch = Sequence[tuple[int, str, bytes]]
@@ -70,6 +72,7 @@ class Recorder:
         self._lost = 0
         self._problem = ""
         self._where = ""
+        self._room_bytes: int | None = None
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
         """Take in what arrived, and start the next write when the last one has ended."""
@@ -106,6 +109,7 @@ class Recorder:
         if self._problem:
             self._retry_ns = wall_ns + RETRY_PERIOD_NS
         elif not isinstance(progress, str):
+            self._room_bytes = progress.room_bytes
             self._where = f"recording to {progress.path}, {progress.size_bytes / 1e6:.1f} MB"
 
     def _health(self, wall_ns: int) -> Health:
@@ -116,4 +120,4 @@ class Recorder:
         if started_ns is not None and wall_ns - started_ns > WRITE_TIMEOUT_NS:
             waited_s = (wall_ns - started_ns) / NS_PER_S
             return Health("degraded", f"not recording: the disk has not taken anything for {waited_s:.0f} s{lost}")
-        return Health("ok", f"{self._where or 'nothing to record yet'}{lost}")
+        return Health("ok", f"{self._where or 'nothing to record yet'}{lost}", self._room_bytes)

@@ -34,6 +34,7 @@ class GoToPlanner:
             partial(GoTo, goal, do_takeoff, self._settings, self._config),
             warning="already flying: the takeoff is left out" if goal.do_takeoff and not do_takeoff else "",
             do_takeoff=do_takeoff,
+            override=goal.override,
             landing_from_m=altitude_m(goal.target_ned_m[2]) if do_takeoff else 0.0,
             inputs=(RELATIVE,) if in_rover_frame else (),
             check_inputs=partial(self._check_inputs, goal) if in_rover_frame else None,

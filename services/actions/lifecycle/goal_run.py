@@ -278,8 +278,7 @@ class GoalRun:
         if isinstance(outcome, Refusal):
             yield from self.reject(outcome.reason, inbox)
         elif outcome is not None:
-            texts = [text for text in (self._accepted.warning, outcome.warning) if text]
-            self._accepted = replace(self._accepted, warning="; ".join(texts))
+            self._warn(outcome.warning)
             self.coverage = outcome.coverage
             yield from self._acquire(t_ns, inbox, outcome.start)
         elif odometry is not None:
@@ -321,6 +320,7 @@ class GoalRun:
             issued_t_ns=t_ns,
             goal_t_ns=self._arrived_ns,
             goal_issued_t_ns=self.goal.issued_t_ns,
+            override=self._plan.override,
             check_only=check_only,
         )
 
@@ -333,8 +333,14 @@ class GoalRun:
         else:
             grant: Any = response.payload  # AcquireReply, as no refusal says otherwise
             self._stage = flight
+            self._warn(grant.warning)
             yield from (Reply(watcher, self._accepted, final=False) for watcher in self._context.watchers)
             yield from flight.begin(t_ns, grant, with_feedback=not self._cancel_reason)
+
+    def _warn(self, warning: str) -> None:
+        """Add a warning to the acceptance of the goal."""
+        texts = [text for text in (self._accepted.warning, warning) if text]
+        self._accepted = replace(self._accepted, warning="; ".join(texts))
 
     def reject(self, reason: str, inbox: Inbox, *, input_missing: bool = False) -> Iterator[Output]:
         """End a goal that hasn't been accepted yet."""

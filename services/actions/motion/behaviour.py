@@ -18,6 +18,7 @@ from jezero.schemas.actions import PlannedCoverage
 from jezero.schemas.commands import Outcome, Phase
 from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.schemas.state import Status
+from jezero.schemas.preflight import Override
 from jezero.schemas.struct import Payload
 from jezero.schemas.topics import Topic
 from jezero.services.actions.motion.capture import Capture
@@ -269,6 +270,7 @@ class Plan(msgspec.Struct, frozen=True):
         warning: part of the goal that will not be done as the client wants it.
         coverage: as in `Prepared`, of a plan that needs no preparation.
         do_takeoff: the goal starts on the ground.
+        override: names of failed preflight checks that it overrides.
         landing_from_m: height from which the vehicle must still land after a goal that starts on the ground, so that
             its battery must hold for that, too; 0 for other goals, whose landing the autopilot keeps a reserve for.
         lands: the goal ends on the ground. It is not refused for the battery, as no flight takes less.
@@ -284,6 +286,7 @@ class Plan(msgspec.Struct, frozen=True):
     warning: str = ""
     coverage: PlannedCoverage | None = None
     do_takeoff: bool = False
+    override: tuple[Override, ...] = ()
     landing_from_m: float = 0.0
     lands: bool = False
     inputs: tuple[Topic[Any], ...] = ()

@@ -30,4 +30,4 @@ class TakeoffPlanner:
         if not low <= goal.altitude_m <= high:
             return Refusal(f"altitude {goal.altitude_m:g} m is not within {low:g} to {high:g} m above the ground")
         start = partial(Takeoff, goal, self._config, z_ground_ned_m)
-        return Plan(start, do_takeoff=True, landing_from_m=goal.altitude_m)
+        return Plan(start, do_takeoff=True, override=goal.override, landing_from_m=goal.altitude_m)

@@ -1,0 +1,1 @@
+"""Preflight checks: what a pilot checks before a takeoff."""

@@ -1,0 +1,181 @@
+"""The preflight checks of the sensors: ages, noise, and whether they agree with each other.
+
+Each check is a function from the readings of one round to a `Check`.
+"""
+
+from collections.abc import Iterator, Sequence
+from math import atan2, cos, degrees, hypot, sin
+from statistics import stdev
+
+from jezero.frames import horizontal, ned_from_geodetic, quat_rotate, subtract, wrap_pi, yaw_from_quat
+from jezero.schemas.preflight import Check, CheckName, Verdict
+from jezero.schemas.topics import (
+    ALTIMETER,
+    BARO,
+    ESTIMATE_TAG,
+    GNSS,
+    IMU,
+    MAG,
+    ROVER_ODOMETRY,
+    UWB,
+    Topic,
+)
+from jezero.services.preflight.readings import Readings
+
+NEEDED = (IMU, GNSS, BARO, MAG, ALTIMETER)
+"""Sensors of the vehicle itself; those after them are needed for landings on the rover only."""
+ROVER_SENSORS = (UWB, ROVER_ODOMETRY)
+WORDS = {
+    IMU.name: "IMU", GNSS.name: "GNSS", BARO.name: "barometer", MAG.name: "magnetometer",
+    ALTIMETER.name: "altimeter", UWB.name: "UWB", ROVER_ODOMETRY.name: "rover odometry",
+}  # fmt: skip
+AGE_MAX_S = 0.5
+RATE_MIN = 0.5
+"""A sensor that sends less than this part of its readings is worth knowing."""
+STD_ACC_MPS2, STD_GYRO_RPS = 0.1, 0.01
+"""Noise of the IMU of a vehicle that stands still with its motors off."""
+NOISE_HIGH, NOISE_MAX = 2.0, 8.0
+"""Noise above its stated standard deviation by this factor is a warning, or a failure."""
+NOISE_READINGS_MIN = 8
+GNSS_SIGMAS, GNSS_MARGIN_M, GNSS_MAX_M = 3.0, 1.5, 8.0
+"""Distance of estimate and GNSS that is a warning, with its margin, and the one that is a failure."""
+SATELLITES_MIN = 6
+HEADING_WARN_RAD, HEADING_MAX_RAD = 0.35, 1.05
+"""20 and 60 degrees: the angle between magnetic and true north, up to 20 degrees in inhabited places, is in it."""
+ROVER_HEADING_WARN_RAD = 0.17
+
+
+def check_sensors(readings: Readings) -> Check:
+    """Whether every sensor sends, in time and often enough."""
+    failed, warned = list(_silent(readings, NEEDED)), list(_silent(readings, ROVER_SENSORS))
+    never = [WORDS[t.name] for t in (*NEEDED, *ROVER_SENSORS) if not readings.all(t) and t.name not in readings.heard]
+    if never:
+        warned.append(f"no readings of {', '.join(never)} so far")
+    for topic in (*NEEDED, *ROVER_SENSORS):
+        rate_hz = len(readings.all(topic)) / max(readings.duration_s, 0.1)
+        if readings.all(topic) and topic.rate_hz is not None and rate_hz < RATE_MIN * topic.rate_hz:
+            warned.append(f"{WORDS[topic.name]} sends {rate_hz:.0f} instead of {topic.rate_hz:g} readings a second")
+    if failed or warned:
+        return _check("sensors", "failed" if failed else "warning", "; ".join([*failed, *warned]))
+    ages = [age_s for topic in (*NEEDED, *ROVER_SENSORS) if (age_s := readings.age_s(topic)) is not None]
+    return _check("sensors", "passed", f"all {len(ages)} send, the oldest reading is {1000.0 * max(ages):.0f} ms old")
+
+
+def _silent(readings: Readings, topics: Sequence[Topic]) -> Iterator[str]:  # type: ignore[type-arg]
+    """Sensors of these that have fallen silent, or whose readings are old."""
+    for topic in topics:
+        age_s = readings.age_s(topic)
+        if age_s is None and topic.name in readings.heard:
+            yield f"the {WORDS[topic.name]} has fallen silent"
+        elif age_s is not None and age_s > AGE_MAX_S:
+            yield f"readings of the {WORDS[topic.name]} are {age_s:.1f} s old, {AGE_MAX_S:g} s is the limit"
+
+
+def check_noise(readings: Readings) -> Check:
+    """Whether the readings of the standing vehicle scatter as their stated standard deviation says."""
+    measured = list(_noises(readings))
+    parts, worst = [], 0.0
+    for name, std, stated, unit in measured:
+        factor = std / stated
+        parts.append(f"{name} {std:.2g} of {stated:.2g} {unit}")
+        worst = max(worst, factor)
+    frozen = list(_frozen(readings))
+    if not measured and not frozen:
+        return _check("noise", "warning", "too few readings to measure it")
+    verdict: Verdict = "failed" if worst > NOISE_MAX or frozen else "warning" if worst > NOISE_HIGH else "passed"
+    text = ", ".join(parts)
+    if frozen:
+        text = f"{' and '.join(frozen)} repeat one reading to the last digit: restart the sensor; {text}"
+    elif verdict != "passed":
+        text += ": is the vehicle shaken, or a sensor loose?"
+    return _check("noise", verdict, text)
+
+
+def _noises(readings: Readings) -> Iterator[tuple[str, float, float, str]]:
+    """(name, measured, stated, unit) of each noise that can be measured."""
+    imu, parameters = readings.all(IMU), readings.parameters
+    if len(imu) >= NOISE_READINGS_MIN:
+        yield "accelerometer", max(stdev(m.acc_imu_frd_mps2[i] for m in imu) for i in range(3)), STD_ACC_MPS2, "m/s²"
+        yield "gyro", max(stdev(m.gyro_imu_frd_rps[i] for m in imu) for i in range(3)), STD_GYRO_RPS, "rad/s"
+    ranges = [m.range_m for m in readings.all(ALTIMETER) if m.range_m is not None]
+    if len(ranges) >= NOISE_READINGS_MIN and parameters is not None and parameters.std_altimeter_m:
+        yield "altimeter", stdev(ranges), parameters.std_altimeter_m, "m"
+    by_anchor: dict[int, list[float]] = {}
+    for each in (r for m in readings.all(UWB) for r in m.ranges):
+        by_anchor.setdefault(each.anchor, []).append(each.range_m)
+    scatter = [stdev(found) for found in by_anchor.values() if len(found) >= NOISE_READINGS_MIN]
+    if scatter and parameters is not None and parameters.std_uwb_m:
+        yield "UWB", max(scatter), parameters.std_uwb_m, "m"
+
+
+def _frozen(readings: Readings) -> Iterator[str]:
+    imu = {(m.acc_imu_frd_mps2, m.gyro_imu_frd_rps) for m in readings.all(IMU)}
+    if len(imu) == 1 and len(readings.all(IMU)) >= NOISE_READINGS_MIN:
+        yield "the IMU's readings"
+    fields = {m.field_frd_gauss for m in readings.all(MAG)}
+    if len(fields) == 1 and len(readings.all(MAG)) >= NOISE_READINGS_MIN:
+        yield "the magnetometer's readings"
+
+
+def check_gnss(readings: Readings) -> Check:
+    """Whether the autopilot's position agrees with the GNSS receiver's."""
+    fixes, status = readings.all(GNSS), readings.status
+    odometry = None if status is None else status.odometry
+    if not fixes:
+        return _check("gnss", "warning", "no fix to compare the autopilot's position with")
+    if odometry is None or odometry.origin_deg is None:
+        return _check("gnss", "warning", "the autopilot has no position yet to compare the fixes with")
+    places = [ned_from_geodetic(fix.position_deg, odometry.origin_deg) for fix in fixes]
+    mean = tuple(sum(place[i] for place in places) / len(places) for i in range(3))
+    apart_m = horizontal(subtract((mean[0], mean[1], mean[2]), odometry.pos_uav_ned_m))
+    std_m = hypot(fixes[-1].std_horizontal_m, odometry.std_pos_m or 0.0)
+    satellites = fixes[-1].satellites
+    text = f"the estimate is {apart_m:.1f} m from the fixes, whose standard deviation is {std_m:.1f} m"
+    text += f"; {satellites} satellites"
+    if apart_m > max(GNSS_MAX_M, 2.0 * GNSS_SIGMAS * std_m):
+        return _check("gnss", "failed", f"{text}: wait until they agree, or restart the autopilot")
+    far = apart_m > GNSS_SIGMAS * std_m + GNSS_MARGIN_M
+    return _check("gnss", "warning" if far or satellites < SATELLITES_MIN else "passed", text)
+
+
+def check_compass(readings: Readings) -> Check:
+    """Whether the autopilot's heading agrees with the magnetic field."""
+    fields, status = readings.all(MAG), readings.status
+    odometry = None if status is None else status.odometry
+    if not fields or odometry is None:
+        return _check("compass", "warning", "no magnetometer or no heading to compare")
+    level = [quat_rotate(odometry.q_ned_from_frd, m.field_frd_gauss) for m in fields]
+    # Level axes by the autopilot's own attitude: magnetic north lies at its error of heading, plus the declination.
+    apart_rad = atan2(sum(v[1] for v in level), sum(v[0] for v in level))
+    heading_deg = degrees(yaw_from_quat(odometry.q_ned_from_frd)) % 360.0
+    apart_deg = abs(degrees(apart_rad))
+    text = f"the autopilot's heading is {heading_deg:.0f}°, magnetic north lies {apart_deg:.0f}° from its north"
+    failed, warned = abs(apart_rad) > HEADING_MAX_RAD, abs(apart_rad) > HEADING_WARN_RAD
+    advice = ": keep metal away, and calibrate it" if warned else ""
+    return _check("compass", "failed" if failed else "warning" if warned else "passed", text + advice)
+
+
+def check_rover(readings: Readings) -> Check:
+    """Whether the rover's compass agrees with its heading by the tags; only a warning, as the vehicle flies without."""
+    rover = readings.all(ROVER_ODOMETRY)
+    if not rover:
+        return _check("rover", "warning", "the rover sends no odometry: a landing on it has to do without")
+    heading_rad = _mean_angle([m.yaw_rover_rad for m in rover])
+    seen = [tag.yaw_rover_rad for tag in readings.all(ESTIMATE_TAG) if tag.yaw_rover_rad is not None]
+    text = f"its compass says {degrees(heading_rad) % 360.0:.0f}°"
+    if not seen:
+        return _check("rover", "passed", f"{text}; no tag is in view, so nothing contradicts it")
+    by_tags_rad = _mean_angle(seen)
+    text += f", the tags on it {degrees(by_tags_rad) % 360.0:.0f}° by the vehicle's compass"
+    apart_rad = wrap_pi(heading_rad - by_tags_rad)
+    if abs(apart_rad) > ROVER_HEADING_WARN_RAD:
+        return _check("rover", "warning", f"{text}: one of the two compasses is wrong")
+    return _check("rover", "passed", text)
+
+
+def _mean_angle(angles_rad: Sequence[float]) -> float:
+    return atan2(sum(sin(a) for a in angles_rad), sum(cos(a) for a in angles_rad))
+
+
+def _check(name: CheckName, verdict: Verdict, text: str) -> Check:
+    return Check(name=name, verdict=verdict, text=text[:2000])

@@ -1,0 +1,163 @@
+"""The preflight service: listens to everything for a second, checks it, and publishes what it found.
+
+It does so every ten seconds while the vehicle stands, so that a takeoff never waits for it: the bridge refuses by the
+newest report. In between, and in flight, it listens to status and clock only.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+from jezero.plugins import action_names
+from jezero.runtime.service import Call, Health, Inbox, Output, Publish, Reply, Request, Spec, Subscribe
+from jezero.schemas.estimate import GetParameters, SetParameters
+from jezero.schemas.health import ServiceHealth
+from jezero.schemas.preflight import PreflightReply, PreflightReport
+from jezero.schemas.state import StatusCode
+from jezero.schemas.topics import (
+    ALTIMETER,
+    BARO,
+    CHECK_PREFLIGHT,
+    CLOCK,
+    ESTIMATE_TAG,
+    GET_PARAMETERS,
+    GNSS,
+    IMU,
+    MAG,
+    PREFLIGHT,
+    ROVER_ODOMETRY,
+    STATUS,
+    UWB,
+    health_of,
+)
+from jezero.schemas.units import NS_PER_S
+from jezero.services.preflight.checks import (
+    check_autopilot,
+    check_battery,
+    check_clock,
+    check_services,
+    check_storage,
+)
+from jezero.services.preflight.readings import Readings
+from jezero.services.preflight.sensor_checks import (
+    check_compass,
+    check_gnss,
+    check_noise,
+    check_rover,
+    check_sensors,
+)
+
+CHECKS = (
+    check_autopilot, check_services, check_clock, check_sensors, check_noise, check_gnss, check_compass, check_rover,
+    check_battery, check_storage,
+)  # fmt: skip
+SENSORS = (IMU, GNSS, BARO, MAG, ALTIMETER, UWB, ROVER_ODOMETRY, ESTIMATE_TAG)
+SERVICES = ("simulator", "camera", "autopilot", "vehicle_bridge", "tag_detector", "estimator", "mission", "recorder")
+"""Services whose health is checked, besides the actions; every one publishes it once a second."""
+ROUND_NS = 1_300_000_000
+"""Duration of a round: every service publishes its health within it."""
+PERIOD_NS, FAILED_PERIOD_NS = 10 * NS_PER_S, 2 * NS_PER_S
+"""Time between two rounds; what has failed is checked again sooner."""
+PARAMETERS = "parameters"
+
+
+class Preflight:
+    """Checks vehicle and stack before a takeoff.
+
+    Args:
+        actions: names of all actions, whose servers' health is checked too.
+    """
+
+    def __init__(self, actions: tuple[str, ...] | None = None) -> None:
+        actions = tuple(action_names()) if actions is None else actions
+        self._health = {name: health_of(name) for name in (*SERVICES, *actions)}
+        self._on_demand = (*SENSORS, *self._health.values())
+        self.spec = Spec(
+            name="preflight",
+            inputs=(STATUS, CLOCK),
+            on_demand=self._on_demand,
+            outputs=(PREFLIGHT,),
+            last_value=(PREFLIGHT,),
+            serves=(CHECK_PREFLIGHT,),
+            calls=(GET_PARAMETERS,),
+            triggers=(CHECK_PREFLIGHT.name,),
+            rate_hz=10.0,
+            made_with={"actions": actions},
+        )
+        self._epoch_id: int | None = None
+        self._waiting: list[Request] = []
+        self._round_start_ns: int | None = None
+        """Wall time of the start of the present round."""
+        self._due_ns = 0
+        """Wall time of the next round of a vehicle that stands."""
+        self._messages: dict[str, list[Any]] = {}
+        self._parameters: SetParameters | None = None
+        self._heard: frozenset[str] = frozenset()
+        self._heard_services: frozenset[str] = frozenset()
+        self._idle = False
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        """Begin a round when it is due or wanted, collect, and end it."""
+        self._waiting += inbox.requests(CHECK_PREFLIGHT)
+        self._watch(inbox)
+        if self._round_start_ns is None:
+            if self._waiting or (self._idle and inbox.wall_ns >= self._due_ns):
+                yield from self._begin(inbox.wall_ns)
+            return
+        self._collect(inbox)
+        if inbox.wall_ns - self._round_start_ns >= ROUND_NS:
+            yield from self._end(t_ns, inbox.wall_ns)
+
+    def _watch(self, inbox: Inbox) -> None:
+        """Follow the vehicle's status and epoch; a vehicle that has just landed is checked at once."""
+        status, clock = inbox.latest(STATUS), inbox.latest(CLOCK)
+        if clock is not None and clock.epoch_id != self._epoch_id:
+            self._epoch_id = clock.epoch_id
+            self._heard = self._heard_services = frozenset()
+            self._due_ns = 0
+        idle = status is not None and status.code == StatusCode.IDLE and status.odometry is not None
+        if idle and not self._idle:
+            self._due_ns = 0
+        self._idle = idle
+
+    def _begin(self, wall_ns: int) -> Iterator[Output]:
+        self._round_start_ns = wall_ns
+        self._messages = {}
+        self._parameters = None
+        yield Subscribe(self._on_demand)
+        yield Call(GET_PARAMETERS, GetParameters(), PARAMETERS, timeout_s=1.0)
+
+    def _collect(self, inbox: Inbox) -> None:
+        for topic in (STATUS, CLOCK, *self._on_demand):
+            if messages := inbox.new(topic):
+                self._messages.setdefault(topic.name, []).extend(messages)
+        for response in inbox.responses:
+            if response.tag == PARAMETERS and response.payload is not None:
+                self._parameters = response.payload.parameters
+
+    def _end(self, t_ns: int, wall_ns: int) -> Iterator[Output]:
+        health: dict[str, ServiceHealth] = {
+            name: self._messages[topic.name][-1] for name, topic in self._health.items() if topic.name in self._messages
+        }
+        readings = Readings(
+            t_ns=t_ns,
+            duration_s=(wall_ns - (self._round_start_ns or wall_ns)) / NS_PER_S,
+            messages={name: tuple(messages) for name, messages in self._messages.items()},
+            health=health,
+            heard=self._heard,
+            heard_services=self._heard_services,
+            parameters=self._parameters,
+        )
+        report = PreflightReport(
+            t_ns=t_ns, epoch_id=self._epoch_id or 0, checks=tuple(check(readings) for check in CHECKS)
+        )
+        self._heard |= {topic.name for topic in SENSORS if topic.name in self._messages}
+        self._heard_services |= health.keys()
+        self._round_start_ns, self._messages = None, {}
+        failed = report.failed()
+        self._due_ns = wall_ns + (FAILED_PERIOD_NS if failed else PERIOD_NS)
+        waiting, self._waiting = self._waiting, []
+        yield Subscribe(())
+        yield Publish(PREFLIGHT, report)
+        yield from (Reply(request.request_id, PreflightReply(report=report)) for request in waiting)
+        names = ", ".join(check.name for check in failed)
+        yield Health("ok", f"failed checks: {names}" if names else "no check has failed")
