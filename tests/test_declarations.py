@@ -22,6 +22,7 @@ from jezero.schemas.topics import (
     TRUTH,
     Endpoint,
     Topic,
+    health_of,
 )
 
 ROOT = Path(__file__).parents[1]
@@ -48,7 +49,8 @@ def test_an_endpoint_is_served_by_the_service_that_the_table_names(endpoint: End
 
 @pytest.mark.parametrize("spec", SPECS.values(), ids=lambda spec: spec.name)
 def test_a_service_declares_only_topics_and_endpoints_of_the_table(spec: Spec) -> None:
-    assert {*spec.inputs, *spec.on_demand, *spec.outputs} <= set(all_topics())
+    healths = {health_of(name) for name in SPECS}
+    assert {*spec.inputs, *spec.on_demand, *spec.outputs} <= {*all_topics(), *healths}
     assert {*spec.serves, *spec.calls} <= set(ENDPOINTS)
 
 

@@ -164,6 +164,7 @@ class Vehicle:
     # -- state --
 
     status = in_thread(client.Vehicle.status)
+    preflight = in_thread(client.Vehicle.preflight)
     wait_ready = in_thread(client.Vehicle.wait_ready)
     odometry = in_thread(client.Vehicle.odometry)
     relative = in_thread(client.Vehicle.relative)

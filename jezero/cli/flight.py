@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import isfinite, radians
-from typing import TYPE_CHECKING, Any, NoReturn, cast
+from typing import TYPE_CHECKING, Any, NoReturn, cast, get_args
 
 import click
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from jezero.client import Goal, Vehicle
     from jezero.schemas.goals import Frame
+    from jezero.schemas.preflight import Override
 
 FRAMES = click.Choice(["world", "rover"])
 PLAIN_PERIOD_S = 1.0
@@ -56,6 +57,25 @@ class FiniteRange(click.FloatRange):
         return FINITE.convert(super().convert(value, param, ctx), param, ctx)
 
 
+class OverrideName(click.ParamType[str]):
+    """The name of a preflight check that a takeoff may override."""
+
+    name = "name"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        from jezero.schemas.preflight import Override
+
+        if value not in (names := get_args(Override)):
+            self.fail(f"{value!r} is no check that can be overridden; these are: {', '.join(names)}", param, ctx)
+        return str(value)
+
+
+override_option = click.option(
+    "--override",
+    multiple=True,
+    type=OverrideName(),
+    help="Take off although this preflight check has failed; may be given several times.",
+)
 FINITE = Finite()
 NUMBERS = {"ignore_unknown_options": True}  # "-4" is a coordinate, not an option
 
@@ -235,15 +255,16 @@ def point_in_words(pos_ned_m: Any) -> str:
 
 @click.command(context_settings=NUMBERS)
 @click.argument("altitude_m", metavar="[ALTITUDE]", type=FINITE, default=2.0)
+@override_option
 @flight_options
-def takeoff(altitude_m: float, yes: bool, vehicle: str, router: str, as_json: bool) -> None:
+def takeoff(altitude_m: float, override: tuple["Override", ...], yes: bool, vehicle: str, router: str, as_json: bool) -> None:
     """Take off to ALTITUDE metres above the take-off point (2 by default; positive is up)."""
     from jezero.schemas.goals import TakeoffGoal
     from jezero.schemas.topics import TAKEOFF
 
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
-        goal = send_goal(printer, uav, TAKEOFF, TakeoffGoal(altitude_m=altitude_m), yes=yes)
+        goal = send_goal(printer, uav, TAKEOFF, TakeoffGoal(altitude_m=altitude_m, override=override), yes=yes)
         fly_goal(printer, goal, "takeoff")
 
 
@@ -255,6 +276,7 @@ def takeoff(altitude_m: float, yes: bool, vehicle: str, router: str, as_json: bo
 @click.argument("do_takeoff", metavar="[TAKEOFF]", type=bool, default=False)
 @click.option("--speed", "speed_mps", type=FINITE, help="Metres per second along the path.")
 @click.option("--yaw", "yaw_deg", type=FINITE, help="Heading in degrees: 0 is north, 90 is east.")
+@override_option
 @flight_options
 def target(
     x: float,
@@ -264,6 +286,7 @@ def target(
     do_takeoff: bool,
     speed_mps: float | None,
     yaw_deg: float | None,
+    override: tuple["Override", ...],
     yes: bool,
     vehicle: str,
     router: str,
@@ -284,6 +307,7 @@ def target(
         do_takeoff=do_takeoff,
         yaw_rad=None if yaw_deg is None else wrap_pi(radians(yaw_deg)),
         speed_mps=speed_mps,
+        override=override,
     )
     with connected(vehicle, router, printer) as uav:
         fly_goal(printer, send_goal(printer, uav, GO_TO, goal, yes=yes), "target")

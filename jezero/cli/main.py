@@ -28,6 +28,7 @@ SECTIONS: dict[str, dict[str, Entry]] = {
         "info": Entry("jezero.cli.info", "info", "Show the declared services and topics."),
     },
     "Flight": {
+        "preflight": Entry("jezero.cli.preflight", "preflight", "Check what a pilot checks before a takeoff."),
         "takeoff": Entry("jezero.cli.flight", "takeoff", "Take off."),
         "target": Entry("jezero.cli.flight", "target", "Fly to a point."),
         "land_on_spot": Entry("jezero.cli.flight", "land_on_spot", "Land."),

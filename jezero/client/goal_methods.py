@@ -24,6 +24,7 @@ from jezero.schemas.goals import (
     TakeoffGoal,
 )
 from jezero.schemas.goals import Goal as GoalPayload
+from jezero.schemas.preflight import Override
 from jezero.schemas.topics import Action
 
 Point = tuple[float, float, float]
@@ -37,14 +38,20 @@ class GoalMethods:
         self._goals = goals
 
     def takeoff(
-        self, altitude_m: float = 2.0, *, on_client_loss: OnClientLoss = "continue"
+        self,
+        altitude_m: float = 2.0,
+        *,
+        override: Sequence[Override] = (),
+        on_client_loss: OnClientLoss = "continue",
     ) -> Goal[MoveFeedback, MoveResult]:
         """Take off.
 
         Args:
             altitude_m: altitude above the take-off point, positive up.
+            override: names of failed preflight checks in spite of which the vehicle takes off; see `preflight`.
         """
-        return self._goals.send(topics.TAKEOFF, TakeoffGoal(altitude_m=altitude_m, on_client_loss=on_client_loss))
+        goal = TakeoffGoal(altitude_m=altitude_m, override=tuple(override), on_client_loss=on_client_loss)
+        return self._goals.send(topics.TAKEOFF, goal)
 
     def go_to(
         self,
@@ -56,6 +63,7 @@ class GoalMethods:
         do_takeoff: bool = False,
         yaw_rad: float | None = None,
         speed_mps: float | None = None,
+        override: Sequence[Override] = (),
         on_client_loss: OnClientLoss = "continue",
     ) -> Goal[MoveFeedback, MoveResult]:
         """Fly to a point in a straight line.
@@ -68,6 +76,7 @@ class GoalMethods:
             do_takeoff: take off first if the vehicle is on the ground.
             yaw_rad: heading at the target, zero at north and positive towards east; None keeps the heading.
             speed_mps: speed along the line; None for the default.
+            override: as in `takeoff`.
         """
         goal = GoToGoal(
             target_ned_m=(x_m, y_m, z_m),
@@ -75,6 +84,7 @@ class GoalMethods:
             do_takeoff=do_takeoff,
             yaw_rad=yaw_rad,
             speed_mps=speed_mps,
+            override=tuple(override),
             on_client_loss=on_client_loss,
         )
         return self._goals.send(topics.GO_TO, goal)

@@ -1,15 +1,17 @@
-"""The vehicle's status: the last one, each change, and the wait until the vehicle is ready."""
+"""The vehicle's status: the last one, each change, the wait until it is ready, and the preflight checks."""
 
 import time
 from collections.abc import Iterator
 
-from jezero.client.errors import TimedOut, Unreachable
+from jezero.client.errors import Refused, TimedOut, Unreachable
 from jezero.client.session import Connection, decode
+from jezero.schemas.preflight import GetPreflight, PreflightReply, PreflightReport
 from jezero.schemas.state import Status
-from jezero.schemas.topics import STATUS
+from jezero.schemas.topics import CHECK_PREFLIGHT, STATUS
 
 REPLY_TIMEOUT_S = 3.0
 STATUS_TIMEOUT_S = 3.0
+PREFLIGHT_TIMEOUT_S = 6.0
 """The bridge publishes its status ten times a second."""
 
 
@@ -24,6 +26,14 @@ def request_status(connection: Connection) -> Status:
     status: Status = decode(Status, connection.first(arrivals, STATUS.name, REPLY_TIMEOUT_S))
     connection.set_vehicle_time(status.t_ns)
     return status
+
+
+def check_preflight(connection: Connection) -> PreflightReport:
+    """Check everything before a takeoff, which takes a second and a half; see `Vehicle.preflight`."""
+    reply: PreflightReply = connection.request(CHECK_PREFLIGHT, GetPreflight(), PREFLIGHT_TIMEOUT_S)
+    if reply.report is None:
+        raise Refused(reply.reason)
+    return reply.report
 
 
 def watch_status(connection: Connection) -> Iterator[Status]:

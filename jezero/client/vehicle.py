@@ -15,12 +15,13 @@ from jezero.client.goal_sender import GoalSender
 from jezero.client.mission import Missions
 from jezero.client.rover import Rover
 from jezero.client.session import Connection
-from jezero.client.status import REPLY_TIMEOUT_S, request_status, wait_ready, watch_status
+from jezero.client.status import REPLY_TIMEOUT_S, check_preflight, request_status, wait_ready, watch_status
 from jezero.client.subscription import LatestValues, Subscription, call_for_each, topic_named
 from jezero.schemas import topics
 from jezero.schemas.actions import ResultReply
 from jezero.schemas.commands import AbortReply
 from jezero.schemas.estimate import Relative
+from jezero.schemas.preflight import PreflightReport
 from jezero.schemas.state import Battery, Odometry, Status
 from jezero.schemas.struct import Message
 from jezero.schemas.terrain import GetGround, Ground
@@ -102,6 +103,16 @@ class Vehicle(GoalMethods):
         self.close()
 
     # -- requests: each raises Unreachable or TimedOut without a reply --
+
+    def preflight(self) -> PreflightReport:
+        """Check services, sensors, battery and storage, which takes a second and a half.
+
+        ```python
+        for check in uav.preflight().failed():
+            print(check.name, check.text)
+        ```
+        """
+        return check_preflight(self._connection)
 
     def hover(self, pos_ned_m: Point | None = None) -> None:
         """Hover here, which ends the goal in charge; or hover at a point, only while hovering already.

@@ -17,6 +17,7 @@ from jezero.services.estimator.service import Estimator
 from jezero.services.estimator.tag_detector.service import TagDetector
 from jezero.services.mission.record import MissionRecord
 from jezero.services.mission.service import MissionService
+from jezero.services.preflight.service import Preflight
 from jezero.services.simulator.camera.making import make_camera
 from jezero.services.simulator.service import Simulator
 from jezero.services.vehicle_bridge.service import VehicleBridge
@@ -34,6 +35,7 @@ MAKERS: dict[str, Callable[..., Service]] = {
     "tag_detector": TagDetector,
     "estimator": Estimator,
     "mission": _mission,
+    "preflight": Preflight,
 }
 """Makers of the services that are no action servers; all of those have one."""
 

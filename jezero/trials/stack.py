@@ -18,6 +18,7 @@ from jezero.services.estimator.service import Estimator
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.service import TagDetector
 from jezero.services.mission.service import MissionService
+from jezero.services.preflight.service import Preflight
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.making import make_camera
 from jezero.services.simulator.config import SimulatorConfig
@@ -80,6 +81,7 @@ def service_makers(
         return lambda boot: action_server(name, boot, actions)
 
     makers |= {name: action_maker(name) for name in action_names()}
+    makers["preflight"] = lambda boot: Preflight()
     return makers | {"mission": lambda boot: MissionService(boot, all_actions())}
 
 

@@ -35,6 +35,7 @@ class Grant:
         timer_ns: time of the grant, then of the last accepted setpoint.
         sequence: sequence number of the last accepted setpoint, -1 before the first.
         paused: the goal is paused, by its last accepted setpoint.
+        overriding: failed preflight checks that it overrides, for people; "" for none.
     """
 
     control_id: str
@@ -44,6 +45,7 @@ class Grant:
     timer_ns: int
     sequence: int = -1
     paused: bool = False
+    overriding: str = ""
 
     @property
     def name(self) -> str:
@@ -110,6 +112,23 @@ def _acquire_refusals(
         yield f"{request.action} needs a hovering vehicle (3), {status}: take off first{hint}"
     if code is StatusCode.IDLE and vehicle.not_ready_reason:
         yield f"not ready to take off: {vehicle.not_ready_reason}"
+    if code is StatusCode.IDLE and (failed := _checks_in_words(request, vehicle, overridden=False)):
+        yield (
+            f"preflight checks have failed: {failed}. Put it right; jezero preflight checks again. Or take off in spite "
+            "of it, with the name in the goal's field override: jezero takeoff --override NAME"
+        )
+
+
+def overriding(request: Acquire, code: StatusCode, vehicle: VehicleSnapshot) -> str:
+    """Failed preflight checks that a goal on the ground overrides, for people; "" for none."""
+    failed = _checks_in_words(request, vehicle, overridden=True) if code is StatusCode.IDLE else ""
+    return f"takes off in spite of failed preflight checks: {failed}" if failed else ""
+
+
+def _checks_in_words(request: Acquire, vehicle: VehicleSnapshot, *, overridden: bool) -> str:
+    """Failed preflight checks that the request overrides, or those that it doesn't."""
+    checks = [check for check in vehicle.failed_checks if (check.name in request.override) is overridden]
+    return "; ".join(f"{check.name}: {check.text}" for check in checks)
 
 
 def setpoint_refusal(

@@ -127,7 +127,8 @@ class Authority:
         if code is not self.code:
             if self.code is StatusCode.IDLE:
                 self._engagement.start(vehicle)
-            self.text = f"{grant.name}: {setpoint.phase}"
+            because = f"; {grant.overriding}" if grant.overriding else ""
+            self.text = f"{grant.name}: {setpoint.phase}{because}"
             self._set_code(code, vehicle)
         return None
 

@@ -2,7 +2,7 @@
 
 from jezero.schemas.commands import Acquire
 from jezero.schemas.state import StatusCode
-from jezero.services.vehicle_bridge.admission import Grant, acquire_refusal, phases_of
+from jezero.services.vehicle_bridge.admission import Grant, acquire_refusal, overriding, phases_of
 from jezero.services.vehicle_bridge.goal_history import GoalHistory
 from jezero.services.vehicle_bridge.vehicle import VehicleSnapshot
 
@@ -49,6 +49,7 @@ class Grants:
             action=request.action,
             phases=phases_of(request.action, code),
             timer_ns=vehicle.timer_ns,
+            overriding=overriding(request, code, vehicle),
         )
         return None
 

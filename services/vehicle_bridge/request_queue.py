@@ -101,7 +101,13 @@ class RequestQueue:
         if refusal or grant is None:
             return AcquireReply(granted=False, reason=refusal or "", bridge_boot_id=self._boot_id)
         grants = self._authority.control_state.grants
-        return AcquireReply(granted=True, control_id=grant.control_id, bridge_boot_id=self._boot_id, grants=grants)
+        return AcquireReply(
+            granted=True,
+            control_id=grant.control_id,
+            bridge_boot_id=self._boot_id,
+            grants=grants,
+            warning=grant.overriding[:2000],
+        )
 
     def _final_reply(self, payload: Kill | Hover | Release, vehicle: VehicleSnapshot, age_ns: int) -> Payload | None:
         """Reply to a pending request, None while it has no effect yet."""

@@ -7,6 +7,7 @@ from math import inf
 from jezero.frames import Quat, Vec3, add, altitude_m
 from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Send, Spec, Subscribe
 from jezero.schemas.health import ServiceState
+from jezero.schemas.preflight import Check
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.topics import (
     ABORT,
@@ -17,6 +18,7 @@ from jezero.schemas.topics import (
     HOVER,
     KILL,
     ODOMETRY,
+    PREFLIGHT,
     RELEASE,
     SETPOINT,
     STATUS,
@@ -43,13 +45,15 @@ HEARTBEAT_PERIOD_NS = 1_000_000_000
 INTERVALS_PERIOD_NS = 5_000_000_000
 """Period of the requests for telemetry: an autopilot that has restarted needs a new one."""
 ALTIMETER_MAX_AGE_NS = 300_000_000
+PREFLIGHT_MAX_AGE_NS = 30_000_000_000
+"""The preflight service checks a vehicle that stands every ten seconds."""
 FIRST_STATUS_TIMEOUT_NS = 1_500_000_000
 """A bridge that has just started waits this long for telemetry before it publishes status 0: the vehicle may be
 flying."""
 
 SPEC = Spec(
     name="vehicle_bridge",
-    inputs=(CLOCK, SETPOINT),
+    inputs=(CLOCK, SETPOINT, PREFLIGHT),
     on_demand=(ALTIMETER,),
     outputs=(ODOMETRY, STATUS),
     last_value=(STATUS,),
@@ -199,11 +203,19 @@ class VehicleBridge:
             range_m=range_m,
             height_m=self._height_m(range_m),
             telemetry_age_s=telemetry_age_s,
+            failed_checks=self._failed_checks(t_ns, inbox) if idle else (),
             not_ready_reason=self._not_ready_reason(telemetry_age_s) if idle else None,
             acknowledged=self._link.acknowledged,
             command_failure=self._link.command_failure(timer_ns),
             router_lost_s=(inbox.wall_ns - (self._router_seen_wall_ns or 0)) * 1e-9,
         )
+
+    def _failed_checks(self, t_ns: int, inbox: Inbox) -> tuple[Check, ...]:
+        """Failed checks of a young report; the one of the autopilot is the bridge's own, and is judged anew."""
+        report = inbox.latest(PREFLIGHT)
+        if report is None or report.epoch_id != self._epoch_id or t_ns - report.t_ns > PREFLIGHT_MAX_AGE_NS:
+            return ()
+        return report.failed(("autopilot",))
 
     def _range_m(self, t_ns: int, inbox: Inbox, q_ned_from_frd: Quat) -> float | None:
         altimeter = inbox.latest(ALTIMETER)

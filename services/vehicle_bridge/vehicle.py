@@ -5,6 +5,7 @@ from enum import StrEnum
 import msgspec
 
 from jezero.frames import Quat, Vec3, add, tilt_from_quat, yaw_from_quat
+from jezero.schemas.preflight import Check
 from jezero.schemas.state import InCharge, StatusCode
 
 OFFBOARD = "OFFBOARD"
@@ -75,6 +76,7 @@ class VehicleSnapshot(msgspec.Struct, frozen=True, kw_only=True):
         range_m: tilt-corrected distance from the altimeter to ground or platform; None without a valid measurement.
         height_m: height above ground or platform, None without odometry.
         telemetry_age_s: age of the newest telemetry, or of the newest odometry if that is older.
+        failed_checks: preflight checks that have failed lately.
         not_ready_reason: reason why a takeoff isn't possible; None when it is, and in any status but 0.
         acknowledged: the present command, once the autopilot has acknowledged it.
         command_failure: the autopilot's reason for refusing a command, "" without one.
@@ -95,6 +97,7 @@ class VehicleSnapshot(msgspec.Struct, frozen=True, kw_only=True):
     range_m: float | None = None
     height_m: float | None = None
     telemetry_age_s: float = 0.0
+    failed_checks: tuple[Check, ...] = ()
     not_ready_reason: str | None = None
     acknowledged: Command | None = None
     command_failure: str = ""

@@ -12,6 +12,7 @@ from jezero.services.estimator.service import SPEC as ESTIMATOR
 from jezero.services.estimator.tag_detector.service import SPEC as TAG_DETECTOR
 from jezero.services.ground_station.service import SPEC as GROUND_STATION
 from jezero.services.mission.service import MissionService
+from jezero.services.preflight.service import Preflight
 from jezero.services.recorder.service import SPEC as RECORDER
 from jezero.services.simulator.camera.service import SPEC as CAMERA
 from jezero.services.simulator.service import SPEC as SIMULATOR
@@ -25,7 +26,7 @@ def all_specs() -> dict[str, Spec]:
     actions = (action_server(name, boot_id=0).spec for name in action_names())
     mission = MissionService(boot_id=0, actions=all_actions()).spec
     vehicle = (SIMULATOR, CAMERA, AUTOPILOT, VEHICLE_BRIDGE, TAG_DETECTOR, ESTIMATOR)
-    return {spec.name: spec for spec in (*vehicle, RECORDER, GROUND_STATION, *actions, mission)}
+    return {spec.name: spec for spec in (*vehicle, RECORDER, GROUND_STATION, *actions, mission, Preflight().spec)}
 
 
 def all_topics() -> tuple[Topic[Any], ...]:
