@@ -257,7 +257,9 @@ def point_in_words(pos_ned_m: Any) -> str:
 @click.argument("altitude_m", metavar="[ALTITUDE]", type=FINITE, default=2.0)
 @override_option
 @flight_options
-def takeoff(altitude_m: float, override: tuple["Override", ...], yes: bool, vehicle: str, router: str, as_json: bool) -> None:
+def takeoff(
+    altitude_m: float, override: tuple["Override", ...], yes: bool, vehicle: str, router: str, as_json: bool
+) -> None:
     """Take off to ALTITUDE metres above the take-off point (2 by default; positive is up)."""
     from jezero.schemas.goals import TakeoffGoal
     from jezero.schemas.topics import TAKEOFF

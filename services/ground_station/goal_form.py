@@ -121,6 +121,8 @@ def _field(name: str, part: Mapping[str, Any], schema: Mapping[str, Any], requir
             return Field(**common, unit=unit, kind="vector", axes=axes)
         case "array":
             items = _resolved(kind_schema["items"], schema)
+            if "enum" in items:
+                return None
             return Field(**common, unit=unit, kind="area" if "prefixItems" in items else "areas")
     return None
 

@@ -17,8 +17,8 @@ from jezero.frames import Quat, Vec3, horizontal, quat_rotate, yaw_from_quat
 from jezero.schemas.actions import PlannedCoverage
 from jezero.schemas.commands import Outcome, Phase
 from jezero.schemas.estimate import Relative, RoverEstimate
-from jezero.schemas.state import Status
 from jezero.schemas.preflight import Override
+from jezero.schemas.state import Status
 from jezero.schemas.struct import Payload
 from jezero.schemas.topics import Topic
 from jezero.services.actions.motion.capture import Capture
