@@ -119,10 +119,7 @@ def _field(name: str, part: Mapping[str, Any], schema: Mapping[str, Any], requir
         case "array" if "prefixItems" in kind_schema:
             axes = ("north", "east", "down")[: len(kind_schema["prefixItems"])]
             return Field(**common, unit=unit, kind="vector", axes=axes)
-        case "array":
-            items = _resolved(kind_schema["items"], schema)
-            if "enum" in items:
-                return None
+        case "array" if "enum" not in (items := _resolved(kind_schema["items"], schema)):
             return Field(**common, unit=unit, kind="area" if "prefixItems" in items else "areas")
     return None
 
