@@ -11,7 +11,7 @@ Verdict = Literal["passed", "warning", "failed"]
 Override = Literal["services", "clock", "sensors", "noise", "gnss", "compass", "battery", "storage"]
 """Name of a check that a takeoff may override."""
 CheckName = Literal["autopilot", "rover"] | Override
-"""Name of a check. The one of the autopilot can't be overridden, as it would not arm; the one of the rover never fails."""
+"""Name of a check. `autopilot` can't be overridden, as the autopilot would not arm; `rover` never fails."""
 
 
 class Check(Payload, frozen=True, kw_only=True):
@@ -39,9 +39,9 @@ class PreflightReport(Message, frozen=True, kw_only=True):
     epoch_id: int
     checks: Annotated[tuple[Check, ...], Meta(max_length=32)]
 
-    def failed(self, overridden: tuple[str, ...] = ()) -> tuple[Check, ...]:
-        """Failed checks without those that are overridden."""
-        return tuple(check for check in self.checks if check.verdict == "failed" and check.name not in overridden)
+    def failed(self) -> tuple[Check, ...]:
+        """Checks that have failed."""
+        return tuple(check for check in self.checks if check.verdict == "failed")
 
 
 class GetPreflight(Payload, frozen=True, kw_only=True):

@@ -11,8 +11,9 @@ from jezero.schemas.topics import CHECK_PREFLIGHT, STATUS
 
 REPLY_TIMEOUT_S = 3.0
 STATUS_TIMEOUT_S = 3.0
-PREFLIGHT_TIMEOUT_S = 6.0
 """The bridge publishes its status ten times a second."""
+PREFLIGHT_TIMEOUT_S = 10.0
+"""A round of checks takes at most four seconds, and the one in work ends before."""
 
 
 def request_status(connection: Connection) -> Status:

@@ -2,7 +2,7 @@
 
 import sys
 
-from jezero.runtime.zenoh_bus import run_process
+from jezero.runtime.process import run_process
 from jezero.services.preflight.service import Preflight
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ class Readings:
 
     Attributes:
         t_ns: vehicle time at the end of the round.
-        duration_s: wall time that the round took.
+        duration_s: vehicle time that the round took.
         messages: messages of the round by the topic's name, oldest first.
         health: newest health of each service in this round, by the service's name.
         heard: names of the topics that were heard in an earlier round.

@@ -4,11 +4,14 @@ Each check is a function from the readings of one round to a `Check`.
 """
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from math import atan2, cos, degrees, hypot, sin
-from statistics import stdev
+from statistics import median, stdev
+from typing import Any, NamedTuple
 
 from jezero.frames import horizontal, ned_from_geodetic, quat_rotate, subtract, wrap_pi, yaw_from_quat
 from jezero.schemas.preflight import Check, CheckName, Verdict
+from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import (
     ALTIMETER,
     BARO,
@@ -22,21 +25,24 @@ from jezero.schemas.topics import (
 )
 from jezero.services.preflight.readings import Readings
 
-NEEDED = (IMU, GNSS, BARO, MAG, ALTIMETER)
+NEEDED: tuple[Topic[Any], ...] = (IMU, GNSS, BARO, MAG, ALTIMETER)
 """Sensors of the vehicle itself; those after them are needed for landings on the rover only."""
-ROVER_SENSORS = (UWB, ROVER_ODOMETRY)
+ROVER_SENSORS: tuple[Topic[Any], ...] = (UWB, ROVER_ODOMETRY)
 WORDS = {
     IMU.name: "IMU", GNSS.name: "GNSS", BARO.name: "barometer", MAG.name: "magnetometer",
     ALTIMETER.name: "altimeter", UWB.name: "UWB", ROVER_ODOMETRY.name: "rover odometry",
 }  # fmt: skip
 AGE_MAX_S = 0.5
+DURATION_MIN_S = 0.1
 RATE_MIN = 0.5
 """A sensor that sends less than this part of its readings is worth knowing."""
 STD_ACC_MPS2, STD_GYRO_RPS = 0.1, 0.01
-"""Noise of the IMU of a vehicle that stands still with its motors off."""
-NOISE_HIGH, NOISE_MAX = 2.0, 8.0
-"""Noise above its stated standard deviation by this factor is a warning, or a failure."""
+"""Usual noise of a small IMU on a vehicle that stands still with its motors off."""
+NOISE_WARN, NOISE_MAX = 2.0, 8.0
+"""Factors above the expected standard deviation at which noise is a warning, and a failure."""
 NOISE_READINGS_MIN = 8
+STD_PER_DIFFERENCE = 1.048
+"""Standard deviation of normally distributed readings, over the median distance of two of them."""
 GNSS_SIGMAS, GNSS_MARGIN_M, GNSS_MAX_M = 3.0, 1.5, 8.0
 """Distance of estimate and GNSS that is a warning, with its margin, and the one that is a failure."""
 SATELLITES_MIN = 6
@@ -52,7 +58,7 @@ def check_sensors(readings: Readings) -> Check:
     if never:
         warned.append(f"no readings of {', '.join(never)} so far")
     for topic in (*NEEDED, *ROVER_SENSORS):
-        rate_hz = len(readings.all(topic)) / max(readings.duration_s, 0.1)
+        rate_hz = len(readings.all(topic)) / max(readings.duration_s, DURATION_MIN_S)
         if readings.all(topic) and topic.rate_hz is not None and rate_hz < RATE_MIN * topic.rate_hz:
             warned.append(f"{WORDS[topic.name]} sends {rate_hz:.0f} instead of {topic.rate_hz:g} readings a second")
     if failed or warned:
@@ -61,7 +67,7 @@ def check_sensors(readings: Readings) -> Check:
     return _check("sensors", "passed", f"all {len(ages)} send, the oldest reading is {1000.0 * max(ages):.0f} ms old")
 
 
-def _silent(readings: Readings, topics: Sequence[Topic]) -> Iterator[str]:  # type: ignore[type-arg]
+def _silent(readings: Readings, topics: Sequence[Topic[Any]]) -> Iterator[str]:
     """Sensors of these that have fallen silent, or whose readings are old."""
     for topic in topics:
         age_s = readings.age_s(topic)
@@ -72,49 +78,68 @@ def _silent(readings: Readings, topics: Sequence[Topic]) -> Iterator[str]:  # ty
 
 
 def check_noise(readings: Readings) -> Check:
-    """Whether the readings of the standing vehicle scatter as their stated standard deviation says."""
-    measured = list(_noises(readings))
-    parts, worst = [], 0.0
-    for name, std, stated, unit in measured:
-        factor = std / stated
-        parts.append(f"{name} {std:.2g} of {stated:.2g} {unit}")
-        worst = max(worst, factor)
-    frozen = list(_frozen(readings))
-    if not measured and not frozen:
+    """Whether the readings of the standing vehicle scatter as their expected standard deviation says."""
+    if readings.status is not None and readings.status.code != StatusCode.IDLE:
+        return _check("noise", "passed", "it is measured only while the vehicle stands")
+    if frozen := list(_frozen(readings)):
+        return _check("noise", "failed", f"{' and '.join(frozen)} repeats one reading to the last digit: restart it")
+    noises = list(_noises(readings))
+    if not noises:
         return _check("noise", "warning", "too few readings to measure it")
-    verdict: Verdict = "failed" if worst > NOISE_MAX or frozen else "warning" if worst > NOISE_HIGH else "passed"
-    text = ", ".join(parts)
-    if frozen:
-        text = f"{' and '.join(frozen)} repeat one reading to the last digit: restart the sensor; {text}"
-    elif verdict != "passed":
-        text += ": is the vehicle shaken, or a sensor loose?"
-    return _check("noise", verdict, text)
+    high = [noise for noise in noises if noise.factor > NOISE_WARN]
+    if not high:
+        return _check("noise", "passed", ", ".join(f"{noise.name} {noise.std:.2g} {noise.unit}" for noise in noises))
+    parts = [f"{n.name} {n.std:.2g} {n.unit}, at most {NOISE_WARN * n.expected:.2g} is normal" for n in high]
+    verdict: Verdict = "failed" if max(noise.factor for noise in high) > NOISE_MAX else "warning"
+    return _check("noise", verdict, f"{'; '.join(parts)}: is the vehicle shaken, or a sensor loose?")
 
 
-def _noises(readings: Readings) -> Iterator[tuple[str, float, float, str]]:
-    """(name, measured, stated, unit) of each noise that can be measured."""
+class _Noise(NamedTuple):
+    """Measured and expected standard deviation of one sensor."""
+
+    name: str
+    std: float
+    expected: float
+    unit: str
+
+    @property
+    def factor(self) -> float:
+        return self.std / self.expected
+
+
+def _noises(readings: Readings) -> Iterator[_Noise]:
+    """Noise of each sensor with enough readings."""
     imu, parameters = readings.all(IMU), readings.parameters
     if len(imu) >= NOISE_READINGS_MIN:
-        yield "accelerometer", max(stdev(m.acc_imu_frd_mps2[i] for m in imu) for i in range(3)), STD_ACC_MPS2, "m/s²"
-        yield "gyro", max(stdev(m.gyro_imu_frd_rps[i] for m in imu) for i in range(3)), STD_GYRO_RPS, "rad/s"
+        std_acc = max(stdev(m.acc_imu_frd_mps2[i] for m in imu) for i in range(3))
+        std_gyro = max(stdev(m.gyro_imu_frd_rps[i] for m in imu) for i in range(3))
+        yield _Noise("accelerometer", std_acc, STD_ACC_MPS2, "m/s²")
+        yield _Noise("gyro", std_gyro, STD_GYRO_RPS, "rad/s")
+    if parameters is None:
+        return
     ranges = [m.range_m for m in readings.all(ALTIMETER) if m.range_m is not None]
-    if len(ranges) >= NOISE_READINGS_MIN and parameters is not None and parameters.std_altimeter_m:
-        yield "altimeter", stdev(ranges), parameters.std_altimeter_m, "m"
+    if len(ranges) >= NOISE_READINGS_MIN and parameters.std_altimeter_m:
+        yield _Noise("altimeter", _std_of_ranges(ranges), parameters.std_altimeter_m, "m")
     by_anchor: dict[int, list[float]] = {}
     for each in (r for m in readings.all(UWB) for r in m.ranges):
         by_anchor.setdefault(each.anchor, []).append(each.range_m)
-    scatter = [stdev(found) for found in by_anchor.values() if len(found) >= NOISE_READINGS_MIN]
-    if scatter and parameters is not None and parameters.std_uwb_m:
-        yield "UWB", max(scatter), parameters.std_uwb_m, "m"
+    stds = [_std_of_ranges(found) for found in by_anchor.values() if len(found) >= NOISE_READINGS_MIN]
+    if stds and parameters.std_uwb_m:
+        yield _Noise("UWB", max(stds), parameters.std_uwb_m, "m")
+
+
+def _std_of_ranges(ranges_m: Sequence[float]) -> float:
+    """Standard deviation of ranges by their differences, which a driving rover and a rare outlier leave small."""
+    return STD_PER_DIFFERENCE * median(abs(b - a) for a, b in pairwise(ranges_m))
 
 
 def _frozen(readings: Readings) -> Iterator[str]:
     imu = {(m.acc_imu_frd_mps2, m.gyro_imu_frd_rps) for m in readings.all(IMU)}
     if len(imu) == 1 and len(readings.all(IMU)) >= NOISE_READINGS_MIN:
-        yield "the IMU's readings"
+        yield "the IMU"
     fields = {m.field_frd_gauss for m in readings.all(MAG)}
     if len(fields) == 1 and len(readings.all(MAG)) >= NOISE_READINGS_MIN:
-        yield "the magnetometer's readings"
+        yield "the magnetometer"
 
 
 def check_gnss(readings: Readings) -> Check:

@@ -27,6 +27,7 @@ from jezero.schemas.topics import (
     ROVER_ODOMETRY,
     STATUS,
     UWB,
+    Topic,
     health_of,
 )
 from jezero.schemas.units import NS_PER_S
@@ -50,11 +51,12 @@ CHECKS = (
     check_autopilot, check_services, check_clock, check_sensors, check_noise, check_gnss, check_compass, check_rover,
     check_battery, check_storage,
 )  # fmt: skip
-SENSORS = (IMU, GNSS, BARO, MAG, ALTIMETER, UWB, ROVER_ODOMETRY, ESTIMATE_TAG)
+SENSORS: tuple[Topic[Any], ...] = (IMU, GNSS, BARO, MAG, ALTIMETER, UWB, ROVER_ODOMETRY, ESTIMATE_TAG)
 SERVICES = ("simulator", "camera", "autopilot", "vehicle_bridge", "tag_detector", "estimator", "mission", "recorder")
 """Services whose health is checked, besides the actions; every one publishes it once a second."""
-ROUND_NS = 1_300_000_000
-"""Duration of a round: every service publishes its health within it."""
+ROUND_NS, FAILED_ROUND_NS = 1_300_000_000, 4_000_000_000
+"""Duration of a round, in which every service publishes its health. A round with a failed check goes on for longer,
+until the check passes: on a loaded computer a message may be late."""
 PERIOD_NS, FAILED_PERIOD_NS = 10 * NS_PER_S, 2 * NS_PER_S
 """Time between two rounds; what has failed is checked again sooner."""
 PARAMETERS = "parameters"
@@ -70,7 +72,7 @@ class Preflight:
     def __init__(self, actions: tuple[str, ...] | None = None) -> None:
         actions = tuple(action_names()) if actions is None else actions
         self._health = {name: health_of(name) for name in (*SERVICES, *actions)}
-        self._on_demand = (*SENSORS, *self._health.values())
+        self._on_demand: tuple[Topic[Any], ...] = (*SENSORS, *self._health.values())
         self.spec = Spec(
             name="preflight",
             inputs=(STATUS, CLOCK),
@@ -84,9 +86,14 @@ class Preflight:
             made_with={"actions": actions},
         )
         self._epoch_id: int | None = None
+        self._requests: list[Request] = []
+        """Requests for the next round."""
         self._waiting: list[Request] = []
+        """Requests for the present round."""
         self._round_start_ns: int | None = None
         """Wall time of the start of the present round."""
+        self._round_start_t_ns = 0
+        """Vehicle time of the start of the present round."""
         self._due_ns = 0
         """Wall time of the next round of a vehicle that stands."""
         self._messages: dict[str, list[Any]] = {}
@@ -97,61 +104,71 @@ class Preflight:
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Begin a round when it is due or wanted, collect, and end it."""
-        self._waiting += inbox.requests(CHECK_PREFLIGHT)
+        self._requests += inbox.requests(CHECK_PREFLIGHT)
         self._watch(inbox)
         if self._round_start_ns is None:
-            if self._waiting or (self._idle and inbox.wall_ns >= self._due_ns):
-                yield from self._begin(inbox.wall_ns)
+            if self._requests or (self._idle and inbox.wall_ns >= self._due_ns):
+                yield from self._begin(t_ns, inbox.wall_ns)
             return
         self._collect(inbox)
-        if inbox.wall_ns - self._round_start_ns >= ROUND_NS:
-            yield from self._end(t_ns, inbox.wall_ns)
+        duration_ns = inbox.wall_ns - self._round_start_ns
+        if duration_ns < ROUND_NS:
+            return
+        report = self._report(t_ns)
+        if duration_ns >= FAILED_ROUND_NS or not report.failed():
+            yield from self._end(report, inbox.wall_ns)
 
     def _watch(self, inbox: Inbox) -> None:
-        """Follow the vehicle's status and epoch; a vehicle that has just landed is checked at once."""
+        """Follow status and epoch; a vehicle that has just landed or become ready is checked at once."""
         status, clock = inbox.latest(STATUS), inbox.latest(CLOCK)
         if clock is not None and clock.epoch_id != self._epoch_id:
             self._epoch_id = clock.epoch_id
             self._heard = self._heard_services = frozenset()
-            self._due_ns = 0
-        idle = status is not None and status.code == StatusCode.IDLE and status.odometry is not None
+            self._round_start_ns, self._due_ns = None, 0
+            self._requests, self._waiting = self._waiting + self._requests, []
+        idle = status is not None and status.code == StatusCode.IDLE and status.ready
         if idle and not self._idle:
             self._due_ns = 0
         self._idle = idle
 
-    def _begin(self, wall_ns: int) -> Iterator[Output]:
-        self._round_start_ns = wall_ns
-        self._messages = {}
-        self._parameters = None
+    def _begin(self, t_ns: int, wall_ns: int) -> Iterator[Output]:
+        self._round_start_ns, self._round_start_t_ns = wall_ns, t_ns
+        self._messages, self._parameters = {}, None
+        self._waiting, self._requests = self._requests, []
         yield Subscribe(self._on_demand)
         yield Call(GET_PARAMETERS, GetParameters(), PARAMETERS, timeout_s=1.0)
 
     def _collect(self, inbox: Inbox) -> None:
-        for topic in (STATUS, CLOCK, *self._on_demand):
+        topics: tuple[Topic[Any], ...] = (STATUS, CLOCK, *self._on_demand)
+        for topic in topics:
             if messages := inbox.new(topic):
                 self._messages.setdefault(topic.name, []).extend(messages)
         for response in inbox.responses:
             if response.tag == PARAMETERS and response.payload is not None:
                 self._parameters = response.payload.parameters
 
-    def _end(self, t_ns: int, wall_ns: int) -> Iterator[Output]:
-        health: dict[str, ServiceHealth] = {
-            name: self._messages[topic.name][-1] for name, topic in self._health.items() if topic.name in self._messages
-        }
+    def _report(self, t_ns: int) -> PreflightReport:
+        """Check what has arrived in this round so far."""
         readings = Readings(
             t_ns=t_ns,
-            duration_s=(wall_ns - (self._round_start_ns or wall_ns)) / NS_PER_S,
+            duration_s=(t_ns - self._round_start_t_ns) / NS_PER_S,
             messages={name: tuple(messages) for name, messages in self._messages.items()},
-            health=health,
+            health=self._newest_health(),
             heard=self._heard,
             heard_services=self._heard_services,
             parameters=self._parameters,
         )
-        report = PreflightReport(
-            t_ns=t_ns, epoch_id=self._epoch_id or 0, checks=tuple(check(readings) for check in CHECKS)
-        )
+        checks = tuple(check(readings) for check in CHECKS)
+        return PreflightReport(t_ns=t_ns, epoch_id=self._epoch_id or 0, checks=checks)
+
+    def _newest_health(self) -> dict[str, ServiceHealth]:
+        heard = {name: self._messages.get(topic.name) for name, topic in self._health.items()}
+        return {name: messages[-1] for name, messages in heard.items() if messages}
+
+    def _end(self, report: PreflightReport, wall_ns: int) -> Iterator[Output]:
+        """Publish the report of a round, and reply to those who wait for it."""
         self._heard |= {topic.name for topic in SENSORS if topic.name in self._messages}
-        self._heard_services |= health.keys()
+        self._heard_services |= self._newest_health().keys()
         self._round_start_ns, self._messages = None, {}
         failed = report.failed()
         self._due_ns = wall_ns + (FAILED_PERIOD_NS if failed else PERIOD_NS)

@@ -211,11 +211,15 @@ class VehicleBridge:
         )
 
     def _failed_checks(self, t_ns: int, inbox: Inbox) -> tuple[Check, ...]:
-        """Failed checks of a young report; the one of the autopilot is the bridge's own, and is judged anew."""
+        """Failed checks of a young report of a vehicle that was ready.
+
+        While it is not, the refusal gives that reason, and position and heading are still converging.
+        """
         report = inbox.latest(PREFLIGHT)
         if report is None or report.epoch_id != self._epoch_id or t_ns - report.t_ns > PREFLIGHT_MAX_AGE_NS:
             return ()
-        return report.failed(("autopilot",))
+        failed = report.failed()
+        return () if any(check.name == "autopilot" for check in failed) else failed
 
     def _range_m(self, t_ns: int, inbox: Inbox, q_ned_from_frd: Quat) -> float | None:
         altimeter = inbox.latest(ALTIMETER)
