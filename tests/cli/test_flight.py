@@ -21,6 +21,8 @@ NOBODY = ["--router", "tcp/127.0.0.1:9"]
         ("target 0 0 -3 --sped 3", "--sped"),
         ("takeoff nan", "not a finite number"),
         ("hover 1 2", "all three"),
+        ("takeoff --override nonsense", "'nonsense' is no check that can be overridden; these are: services, clock,"),
+        ("target 0 0 -3 world true --override rover", "'rover' is no check that can be overridden"),
         ("land_on_spot false", "--spot X Y Z"),
         ("kill", "--yes"),
         ("rover drive 3", "not within ±2"),

@@ -1,0 +1,136 @@
+"""The checks of autopilot, services, clock, battery and storage: each verdict with its words."""
+
+from typing import Any
+
+import pytest
+
+from jezero.schemas.health import ServiceHealth
+from jezero.schemas.state import Battery, StatusCode
+from jezero.schemas.topics import CLOCK, STATUS
+from jezero.services.preflight.checks import (
+    check_autopilot,
+    check_battery,
+    check_clock,
+    check_services,
+    check_storage,
+)
+from jezero.services.preflight.service import CHECKS
+from tests.services.preflight.healthy import clocks, health, readings, status
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+def test_a_healthy_vehicle_passes(check: Any) -> None:
+    outcome = check(readings())
+    assert outcome.verdict == "passed", outcome.text
+    assert f"check_{outcome.name}" == check.__name__
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+def test_before_anything_has_been_heard_only_autopilot_and_clock_fail(check: Any) -> None:
+    nothing = readings(
+        dict.fromkeys(readings().messages, ()),
+        health={},
+        heard=frozenset(),
+        heard_services=frozenset(),
+        parameters=None,
+    )
+    outcome = check(nothing)
+    assert (outcome.verdict == "failed") is (outcome.name in ("autopilot", "clock")), outcome.text
+
+
+def test_an_autopilot_that_is_not_ready_fails_with_its_reason() -> None:
+    waiting = status(ready=False, not_ready_reason="the autopilot has no position")
+    outcome = check_autopilot(readings({STATUS.name: (waiting,)}))
+    assert (outcome.verdict, outcome.text) == ("failed", "the autopilot has no position")
+
+
+def test_a_flying_vehicle_passes_the_check_of_the_autopilot() -> None:
+    flying = status(code=int(StatusCode.HOVER), autopilot_mode="OFFBOARD")
+    assert "flies, in mode OFFBOARD" in check_autopilot(readings({STATUS.name: (flying,)})).text
+
+
+def without(*names: str) -> dict[str, ServiceHealth]:
+    return {name: found for name, found in readings().health.items() if name not in names}
+
+
+@pytest.mark.parametrize(
+    ("changes", "verdict", "words"),
+    [
+        ({"health": without("estimator")}, "failed", "estimator is silent: the vehicle could not land on the rover"),
+        ({"health": without("mission")}, "warning", "mission is silent"),
+        (
+            {"health": without("camera"), "heard_services": frozenset()},
+            "warning",
+            "no camera runs: the vehicle could not land on the rover",
+        ),
+        (
+            {"health": readings().health | {"camera": health("camera", "degraded", "renders 4 of 15 images")}},
+            "warning",
+            "camera: renders 4 of 15 images",
+        ),
+    ],
+)
+def test_a_service_of_the_landing_that_has_fallen_silent_fails_and_others_warn(
+    changes: dict[str, Any], verdict: str, words: str
+) -> None:
+    outcome = check_services(readings(**changes))
+    assert outcome.verdict == verdict
+    assert words in outcome.text
+
+
+@pytest.mark.parametrize(
+    ("messages", "verdict", "words"),
+    [
+        ({CLOCK.name: clocks()[:1]}, "failed", "vehicle time stands still"),
+        ({STATUS.name: (status(t_ns=4_200_000_000),)}, "failed", "the status is 0.80 s old on arrival"),
+        ({CLOCK.name: clocks(rate=0.6)}, "warning", "60 % of wall time"),
+        ({CLOCK.name: clocks(rate=0.95)}, "passed", "95 % of wall time, the status is 50 ms old"),
+    ],
+)
+def test_the_clock_must_go_on_with_young_messages_and_warns_when_it_is_slow(
+    messages: dict[str, Any], verdict: str, words: str
+) -> None:
+    outcome = check_clock(readings(messages))
+    assert outcome.verdict == verdict
+    assert words in outcome.text
+
+
+@pytest.mark.parametrize(
+    ("battery", "verdict", "words"),
+    [
+        (
+            Battery(voltage_v=14.0, remaining=0.07, critical=0.07),
+            "failed",
+            "7 %, 14.0 V; the autopilot ends a flight at",
+        ),
+        (Battery(voltage_v=14.4, remaining=0.21, critical=0.07), "warning", "enough for a short flight only"),
+        (Battery(voltage_v=14.8, remaining=0.23, critical=0.07), "passed", "23 %, 14.8 V"),
+        (Battery(voltage_v=14.8, remaining=0.05), "warning", "the level at which the autopilot returns is unknown"),
+        (Battery(voltage_v=14.8), "warning", "the autopilot does not measure its charge"),
+        (None, "warning", "the autopilot does not measure its charge"),
+    ],
+)
+def test_the_battery_fails_at_its_critical_level(battery: Battery | None, verdict: str, words: str) -> None:
+    outcome = check_battery(readings({STATUS.name: (status(battery=battery),)}))
+    assert outcome.verdict == verdict
+    assert words in outcome.text
+
+
+@pytest.mark.parametrize(
+    ("recorder", "verdict", "words"),
+    [
+        (health("recorder", room_bytes=49_000_000), "failed", "49 MB free for recordings: delete old ones"),
+        (health("recorder", room_bytes=1_500_000_000), "warning", "1.5 GB free for recordings"),
+        (health("recorder", room_bytes=3_000_000_000), "passed", "3.0 GB free for recordings"),
+        (health("recorder", "degraded", "not recording: the disk is full"), "warning", "not recording"),
+        (health("recorder", text="nothing to record yet"), "passed", "nothing to record yet"),
+        (None, "warning", "this flight is not recorded"),
+    ],
+)
+def test_a_full_disk_fails_and_a_flight_without_a_recording_warns(
+    recorder: ServiceHealth | None, verdict: str, words: str
+) -> None:
+    found = without("recorder") | ({"recorder": recorder} if recorder else {})
+    outcome = check_storage(readings(health=found))
+    assert outcome.verdict == verdict
+    assert words in outcome.text

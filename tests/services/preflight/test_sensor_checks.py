@@ -1,0 +1,114 @@
+"""The checks of sensors, noise, position and compasses: each verdict with its words."""
+
+from math import pi, radians
+from typing import Any
+
+import msgspec
+import pytest
+
+from jezero.schemas.state import StatusCode
+from jezero.schemas.topics import ALTIMETER, ESTIMATE_TAG, GNSS, IMU, MAG, ROVER_ODOMETRY, STATUS, UWB, Topic
+from jezero.services.preflight.sensor_checks import (
+    check_compass,
+    check_gnss,
+    check_noise,
+    check_rover,
+    check_sensors,
+)
+from tests.services.preflight.healthy import HEARD, altimeter, gnss, imu, mag, readings, rover, status, tags, uwb
+
+
+@pytest.mark.parametrize(
+    ("topic", "messages", "verdict", "words"),
+    [
+        (MAG, (), "failed", "the magnetometer has fallen silent"),
+        (UWB, (), "warning", "the UWB has fallen silent"),
+        (GNSS, gnss()[:5], "failed", "readings of the GNSS are 0.6 s old, 0.5 s is the limit"),
+        (IMU, imu()[::3], "warning", "IMU sends 17 instead of 50 readings a second"),
+    ],
+)
+def test_a_silent_or_late_sensor_fails_and_a_slow_one_or_one_of_the_landing_warns(
+    topic: Topic[Any], messages: tuple[Any, ...], verdict: str, words: str
+) -> None:
+    outcome = check_sensors(readings({topic.name: messages}))
+    assert outcome.verdict == verdict
+    assert words in outcome.text
+
+
+def test_a_sensor_that_has_never_been_heard_warns() -> None:
+    outcome = check_sensors(readings({UWB.name: ()}, heard=HEARD - {UWB.name}))
+    assert (outcome.verdict, outcome.text) == ("warning", "no readings of UWB so far")
+
+
+@pytest.mark.parametrize(
+    ("topic", "messages", "verdict", "words"),
+    [
+        (IMU, imu(std_gyro_rps=0.03), "warning", "gyro 0.027 rad/s, at most 0.02 is normal"),
+        (IMU, imu(std_gyro_rps=0.2), "failed", "is the vehicle shaken, or a sensor loose?"),
+        (IMU, imu(std_acc_mps2=0.3), "warning", "m/s², at most 0.2 is normal"),
+        (ALTIMETER, altimeter(std_m=0.12), "warning", "altimeter 0.1"),
+        (UWB, uwb(std_m=0.5), "failed", "UWB 0."),
+        (UWB, uwb(speed_rover_mps=0.5), "passed", "UWB 0.0"),
+        (UWB, uwb(outliers_m=5.0), "passed", "UWB 0.0"),
+        (IMU, (imu()[0],) * 50, "failed", "the IMU repeats one reading to the last digit"),
+        (MAG, (mag()[0],) * 10, "failed", "the magnetometer repeats one reading"),
+    ],
+)
+def test_noise_warns_above_twice_and_fails_above_eight_times_what_is_expected(
+    topic: Topic[Any], messages: tuple[Any, ...], verdict: str, words: str
+) -> None:
+    outcome = check_noise(readings({topic.name: messages}))
+    assert outcome.verdict == verdict, outcome.text
+    assert words in outcome.text
+
+
+def test_the_noise_of_a_flying_vehicle_is_not_judged() -> None:
+    flying = status(code=int(StatusCode.HOVER))
+    outcome = check_noise(readings({STATUS.name: (flying,), IMU.name: imu(std_acc_mps2=3.0)}))
+    assert (outcome.verdict, outcome.text) == ("passed", "it is measured only while the vehicle stands")
+
+
+@pytest.mark.parametrize(
+    ("north_m", "verdict"),
+    [(2.9, "passed"), (3.1, "warning"), (7.9, "warning"), (8.1, "failed")],
+)
+def test_the_estimate_may_be_three_standard_deviations_and_a_margin_from_the_fixes(
+    north_m: float, verdict: str
+) -> None:
+    """The standard deviation of fixes and estimate is 0.5 m, the margin 1.5 m."""
+    here = status()
+    assert here.odometry is not None
+    moved = msgspec.structs.replace(here.odometry, pos_uav_ned_m=(north_m, 0.0, 0.0))
+    outcome = check_gnss(readings({STATUS.name: (status(odometry=moved),)}))
+    assert outcome.verdict == verdict, outcome.text
+    assert f"{north_m:.1f} m from the fixes, whose standard deviation is 0.5 m; 14 satellites" in outcome.text
+
+
+def test_few_satellites_warn() -> None:
+    outcome = check_gnss(readings({GNSS.name: gnss(satellites=5)}))
+    assert outcome.verdict == "warning"
+    assert "5 satellites" in outcome.text
+
+
+@pytest.mark.parametrize(
+    ("error_deg", "verdict"), [(-19.0, "passed"), (21.0, "warning"), (59.0, "warning"), (-62.0, "failed")]
+)
+def test_the_heading_may_be_20_degrees_from_magnetic_north(error_deg: float, verdict: str) -> None:
+    outcome = check_compass(readings({MAG.name: mag(error_rad=radians(error_deg), std_gauss=0.0)}))
+    assert outcome.verdict == verdict
+    assert f"heading is 29°, magnetic north lies {abs(error_deg):.0f}° from its north" in outcome.text
+
+
+def test_the_rovers_compass_is_compared_with_the_tags_across_south() -> None:
+    near = {ROVER_ODOMETRY.name: rover(pi - 0.05), ESTIMATE_TAG.name: tags(-pi + 0.05)}
+    assert check_rover(readings(near)).verdict == "passed"
+    apart = {ROVER_ODOMETRY.name: rover(0.5), ESTIMATE_TAG.name: tags(0.7)}
+    outcome = check_rover(readings(apart))
+    assert outcome.verdict == "warning"
+    assert "29°, the tags on it 40° by the vehicle's compass: one of the two compasses is wrong" in outcome.text
+
+
+def test_a_rover_without_tags_in_view_or_without_odometry_never_fails() -> None:
+    assert "no tag is in view" in check_rover(readings({ESTIMATE_TAG.name: ()})).text
+    assert "no tag is in view" in check_rover(readings({ESTIMATE_TAG.name: tags(None)})).text
+    assert check_rover(readings({ROVER_ODOMETRY.name: ()})).verdict == "warning"

@@ -1,0 +1,138 @@
+"""The rounds of the preflight service, on the in-memory bus with a vehicle that stands still."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import msgspec
+import pytest
+
+from jezero.codec import decode
+from jezero.runtime.memory_bus import MemoryBus
+from jezero.runtime.service import Inbox, Output, Publish, Spec
+from jezero.schemas.preflight import GetPreflight, PreflightReply, PreflightReport
+from jezero.schemas.state import Clock, StatusCode
+from jezero.schemas.topics import CHECK_PREFLIGHT, CLOCK, MAG, STATUS
+from jezero.services.preflight.service import Preflight
+from tests.services.preflight.healthy import mag, status
+
+
+class StandingVehicle:
+    """Publishes clock, status and magnetometer.
+
+    Attributes:
+        status: fields of the status that differ from a healthy one.
+        silent: the magnetometer sends nothing.
+        epoch_id: id of the epoch.
+    """
+
+    spec = Spec(name="vehicle_bridge", outputs=(CLOCK, STATUS, MAG), rate_hz=10.0)
+
+    def __init__(self) -> None:
+        self.status: dict[str, Any] = {}
+        self.silent = False
+        self.epoch_id = 1
+        self._readings = mag()
+        self._count = 0
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        self._count += 1
+        yield Publish(CLOCK, Clock(t_ns=t_ns, epoch_id=self.epoch_id, wall_ns=inbox.wall_ns))
+        yield Publish(STATUS, status(t_ns=t_ns, **self.status))
+        if not self.silent:
+            reading = self._readings[self._count % len(self._readings)]
+            yield Publish(MAG, msgspec.structs.replace(reading, t_ns=t_ns))
+
+
+class Bench:
+    """A bus with the vehicle and the preflight service, and every report so far."""
+
+    def __init__(self) -> None:
+        self.vehicle = StandingVehicle()
+        self.reports: list[PreflightReport] = []
+        self.bus = MemoryBus(0)
+        self.bus.observe(self._observe)
+        self.bus.add(self.vehicle)
+        self.bus.add(Preflight(actions=()))
+
+    def _observe(self, t_ns: int, topic: str, data: bytes) -> None:
+        if topic == "preflight":
+            self.reports.append(decode(PreflightReport, data))
+
+    def wait_report(self, timeout_s: float) -> PreflightReport:
+        count = len(self.reports)
+        assert self.bus.run_for(timeout_s, stop=lambda: len(self.reports) > count), f"no report within {timeout_s} s"
+        return self.reports[-1]
+
+    def request(self) -> PreflightReport:
+        sent = self.bus.send_request(CHECK_PREFLIGHT, GetPreflight())
+        assert self.bus.run_for(10.0, stop=lambda: bool(sent.replies))
+        reply = sent.replies[0]
+        assert isinstance(reply, PreflightReply) and reply.report is not None
+        return reply.report
+
+
+def failed(report: PreflightReport) -> list[str]:
+    return [check.name for check in report.failed()]
+
+
+def test_a_vehicle_that_stands_is_checked_when_it_becomes_ready_and_every_ten_seconds() -> None:
+    bench = Bench()
+    bench.vehicle.status = {"ready": False, "not_ready_reason": "no position"}
+    bench.bus.run_for(20.0)
+    assert bench.reports == []
+    bench.vehicle.status = {}
+    first = bench.wait_report(2.0)
+    second = bench.wait_report(12.0)
+    assert failed(first) == failed(second) == []
+    assert (second.t_ns - first.t_ns) / 1e9 == pytest.approx(11.3, abs=0.3)
+
+
+def test_a_flying_vehicle_is_checked_on_request_only_and_again_after_the_landing() -> None:
+    bench = Bench()
+    bench.vehicle.status = {"code": int(StatusCode.HOVER), "landed": False}
+    bench.bus.run_for(20.0)
+    assert bench.reports == []
+    assert failed(bench.request()) == []
+    bench.vehicle.status = {}
+    bench.wait_report(2.0)
+
+
+def test_a_sensor_that_is_silent_for_two_seconds_passes_and_for_longer_fails_until_it_sends_again() -> None:
+    bench = Bench()
+    bench.wait_report(3.0)
+    bench.vehicle.silent = True
+    sent = bench.bus.send_request(CHECK_PREFLIGHT, GetPreflight())
+    bench.bus.run_for(2.0)
+    bench.vehicle.silent = False
+    assert failed(bench.wait_report(1.0)) == []
+    bench.bus.run_for(0.1)
+    assert sent.replies, "the report is the one that was requested"
+    bench.vehicle.silent = True
+    report = bench.request()
+    assert failed(report) == ["sensors"]
+    assert "the magnetometer has fallen silent" in report.failed()[0].text
+    bench.vehicle.silent = False
+    assert failed(bench.wait_report(4.0)) == [], "a failed check is repeated soon"
+
+
+def test_a_request_gets_a_round_of_its_own() -> None:
+    bench = Bench()
+    bench.wait_report(3.0)
+    bench.bus.run_for(10.5)  # into the next round
+    count = len(bench.reports)
+    bench.vehicle.silent = True
+    assert failed(bench.request()) == ["sensors"]
+    assert len(bench.reports) == count + 2
+
+
+def test_a_new_epoch_begins_the_round_anew_and_forgets_what_was_heard() -> None:
+    bench = Bench()
+    bench.wait_report(3.0)
+    bench.vehicle.silent = True
+    sent = bench.bus.send_request(CHECK_PREFLIGHT, GetPreflight())
+    bench.bus.run_for(1.0)
+    bench.vehicle.epoch_id = 2
+    report = bench.wait_report(2.0)
+    assert (report.epoch_id, failed(report)) == (2, [])
+    bench.bus.run_for(0.1)
+    assert sent.replies
