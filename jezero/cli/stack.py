@@ -139,7 +139,7 @@ def _launch(
     """
     from jezero.deploy.launcher.claims import Claims
     from jezero.deploy.launcher.launcher import Launcher
-    from jezero.deploy.launcher.preflight import ROUTER, check_start
+    from jezero.deploy.launcher.start_checks import ROUTER, check_start
 
     os.environ["JEZERO_RUN_DIR"] = str(folder.path)  # for services that write files there
     with _sentences(folder), contextlib.closing(Claims()) as claims:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import degrees, isfinite, radians
 from typing import Any, Literal
 
-Kind = Literal["number", "integer", "switch", "choice", "vector", "area", "areas"]
+Kind = Literal["number", "integer", "switch", "choice", "choices", "vector", "area", "areas"]
 LEFT_OUT = frozenset(
     {"goal_id", "issued_t_ns", "on_client_loss", "plan_id", "first_picture", "origin_deg", "plan_from_ned_m"}
 )
@@ -33,12 +33,13 @@ class Field:
         name: name of the goal's field.
         label: its name for people, without frame and unit.
         unit: unit of a number, "" without one.
-        kind: what is typed: a number, a switch, one of `choices`, numbers along the axes, or areas from the map.
+        kind: what is typed: a number, a switch, one or several of `choices`, numbers along the axes, or areas from the
+            map.
         required: the goal needs it.
         default: value of a field that is left out; None lets the server choose.
         minimum: smallest number; None without a bound.
         maximum: largest number; None without a bound.
-        choices: the values of a choice.
+        choices: the values of one choice or of several.
         axes: names of a vector's numbers.
         help: what it means.
     """
@@ -119,7 +120,10 @@ def _field(name: str, part: Mapping[str, Any], schema: Mapping[str, Any], requir
         case "array" if "prefixItems" in kind_schema:
             axes = ("north", "east", "down")[: len(kind_schema["prefixItems"])]
             return Field(**common, unit=unit, kind="vector", axes=axes)
-        case "array" if "enum" not in (items := _resolved(kind_schema["items"], schema)):
+        case "array":
+            items = _resolved(kind_schema["items"], schema)
+            if "enum" in items:
+                return Field(**common, unit="", kind="choices", choices=tuple(str(choice) for choice in items["enum"]))
             return Field(**common, unit=unit, kind="area" if "prefixItems" in items else "areas")
     return None
 
@@ -172,6 +176,8 @@ def _value(field: Field, typed: Any) -> Any:
     """
     if field.kind in ("switch", "choice"):
         return typed
+    if field.kind == "choices":
+        return list(typed) if typed else None
     if field.kind == "vector":
         return _vector(field, list(typed or ()))
     if typed in (None, "") or (field.kind in ("area", "areas") and not typed):

@@ -127,6 +127,8 @@ class Form:
         self._show_case()
 
     def _is_first(self, field: Field, number: int) -> bool:
+        if field.kind == "choices":
+            return False
         clicked = bool(self._cases) and field.kind == "vector"
         return number < MANY or field.required or clicked or field.name in START.get(self.action.name, {})
 
@@ -171,6 +173,9 @@ class Form:
                 return [ui.switch(label, value=bool(default)).props(mark)]
             case "choice":
                 return [ui.select(list(field.choices), value=default, label=label).props("dense").props(mark)]
+            case "choices":
+                several = ui.select(list(field.choices), value=list(default or ()), label=label, multiple=True)
+                return [several.props("dense").props(mark)]
             case "vector":
                 parts = default or [None] * len(field.axes)
                 with ui.element("div").classes("vector"):

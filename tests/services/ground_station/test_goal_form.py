@@ -41,6 +41,16 @@ def test_typed_text_becomes_a_goal() -> None:
     msgspec.convert(goal, GO_TO.goal_type)
 
 
+def test_several_choices_become_a_list() -> None:
+    override = fields_of("takeoff")["override"]
+    assert (override.kind, override.required) == ("choices", False)
+    assert {"battery", "services"} <= set(override.choices)
+    goal, problems = goal_from([override], {"override": ["battery", "storage"]})
+    assert not problems
+    assert goal == {"override": ["battery", "storage"]}
+    assert goal_from([override], {"override": []})[0] == {}
+
+
 @pytest.mark.parametrize(
     ("typed", "sentence"),
     [("high", "'high' is no number"), ("nan", "altitude must be a number"), ("inf", "altitude must be a number")],
