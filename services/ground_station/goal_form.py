@@ -107,8 +107,9 @@ def _field(name: str, part: Mapping[str, Any], schema: Mapping[str, Any], requir
     common: dict[str, Any] = {
         "name": name, "label": label, "required": required, "default": part.get("default"), "help": meaning,
     }  # fmt: skip
-    if "enum" in kind_schema:
-        return Field(**common, unit="", kind="choice", choices=tuple(str(choice) for choice in kind_schema["enum"]))
+    items = _resolved(kind_schema.get("items") or {}, schema)
+    if choices := tuple(str(choice) for choice in kind_schema.get("enum") or items.get("enum") or ()):
+        return Field(**common, unit="", kind="choice" if "enum" in kind_schema else "choices", choices=choices)
     match kind_schema.get("type"):
         case "boolean":
             return Field(**common, unit="", kind="switch")
@@ -121,9 +122,6 @@ def _field(name: str, part: Mapping[str, Any], schema: Mapping[str, Any], requir
             axes = ("north", "east", "down")[: len(kind_schema["prefixItems"])]
             return Field(**common, unit=unit, kind="vector", axes=axes)
         case "array":
-            items = _resolved(kind_schema["items"], schema)
-            if "enum" in items:
-                return Field(**common, unit="", kind="choices", choices=tuple(str(choice) for choice in items["enum"]))
             return Field(**common, unit=unit, kind="area" if "prefixItems" in items else "areas")
     return None
 
@@ -174,10 +172,8 @@ def _value(field: Field, typed: Any) -> Any:
     Raises:
         ValueError: what was typed is no such value; the message says what is.
     """
-    if field.kind in ("switch", "choice"):
-        return typed
-    if field.kind == "choices":
-        return list(typed) if typed else None
+    if field.kind in ("switch", "choice", "choices"):
+        return typed or None if field.kind == "choices" else typed
     if field.kind == "vector":
         return _vector(field, list(typed or ()))
     if typed in (None, "") or (field.kind in ("area", "areas") and not typed):

@@ -177,22 +177,23 @@ class Form:
                 several = ui.select(list(field.choices), value=list(default or ()), label=label, multiple=True)
                 return [several.props("dense").props(mark)]
             case "vector":
-                parts = default or [None] * len(field.axes)
-                with ui.element("div").classes("vector"):
-                    return [
-                        ui.input(f"{axis} ({field.unit})", value="" if part is None else f"{part:g}").props(
-                            f'dense data-mark="{self.action.name}-{field.name}-{axis}"'
-                        )
-                        for axis, part in zip(field.axes, parts, strict=True)
-                    ]
-            case "area":
-                ui.label(AREA_HINT).classes("form-hint")
-                return []
-            case "areas":
+                return self._vector_input(field, default or [None] * len(field.axes))
+            case "area" | "areas":
+                if field.kind == "area":
+                    ui.label(AREA_HINT).classes("form-hint")
                 return []
         value = "" if default is None else f"{default:g}"
         hint = field.range_words or ("" if field.required or default is not None else "empty: the vehicle chooses")
         return [ui.input(label, value=value).props(f'dense hide-bottom-space hint="{hint}"').props(mark)]
+
+    def _vector_input(self, field: Field, parts: Sequence[float | None]) -> list[Any]:
+        with ui.element("div").classes("vector"):
+            return [
+                ui.input(f"{axis} ({field.unit})", value="" if part is None else f"{part:g}").props(
+                    f'dense data-mark="{self.action.name}-{field.name}-{axis}"'
+                )
+                for axis, part in zip(field.axes, parts, strict=True)
+            ]
 
     # -- the map --
 

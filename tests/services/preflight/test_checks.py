@@ -64,7 +64,7 @@ def without(*names: str) -> dict[str, ServiceHealth]:
             "no camera runs: the vehicle could not land on the rover",
         ),
         (
-            {"health": readings().health | {"camera": health("camera", "degraded", "renders 4 of 15 images")}},
+            {"health": without("camera") | {"camera": health("camera", "degraded", "renders 4 of 15 images")}},
             "warning",
             "camera: renders 4 of 15 images",
         ),
