@@ -32,6 +32,7 @@ from jezero.schemas.topics import (
 )
 from jezero.schemas.units import NS_PER_S
 from jezero.services.preflight.checks import (
+    LANDING_CHAIN,
     check_autopilot,
     check_battery,
     check_clock,
@@ -54,9 +55,9 @@ CHECKS = (
 SENSORS: tuple[Topic[Any], ...] = (IMU, GNSS, BARO, MAG, ALTIMETER, UWB, ROVER_ODOMETRY, ESTIMATE_TAG)
 SERVICES = ("simulator", "camera", "autopilot", "vehicle_bridge", "tag_detector", "estimator", "mission", "recorder")
 """Services whose health is checked, besides the actions; every one publishes it once a second."""
-ROUND_NS, FAILED_ROUND_NS = 1_300_000_000, 4_000_000_000
-"""Duration of a round, in which every service publishes its health. A round with a failed check goes on for longer,
-until the check passes: on a loaded computer a message may be late."""
+ROUND_MIN_NS, ROUND_MAX_NS = 1_300_000_000, 4_000_000_000
+"""Limits of a round. Every service publishes its health within the shorter one. A round with a failed check, or without
+the health of a service, goes on up to the longer one: on a loaded computer a message may be late."""
 PERIOD_NS, FAILED_PERIOD_NS = 10 * NS_PER_S, 2 * NS_PER_S
 """Time between two rounds; what has failed is checked again sooner."""
 PARAMETERS = "parameters"
@@ -112,10 +113,11 @@ class Preflight:
             return
         self._collect(inbox)
         duration_ns = inbox.wall_ns - self._round_start_ns
-        if duration_ns < ROUND_NS:
+        if duration_ns < ROUND_MIN_NS:
             return
         report = self._report(t_ns)
-        if duration_ns >= FAILED_ROUND_NS or not report.failed():
+        silent = (self._heard_services | LANDING_CHAIN) - self._newest_health().keys()
+        if duration_ns >= ROUND_MAX_NS or not (report.failed() or silent):
             yield from self._end(report, inbox.wall_ns)
 
     def _watch(self, inbox: Inbox) -> None:

@@ -12,6 +12,7 @@ from jezero.runtime.service import Inbox, Output, Publish, Spec
 from jezero.schemas.preflight import GetPreflight, PreflightReply, PreflightReport
 from jezero.schemas.state import Clock, StatusCode
 from jezero.schemas.topics import CHECK_PREFLIGHT, CLOCK, MAG, STATUS
+from jezero.services.preflight.checks import LANDING_CHAIN
 from jezero.services.preflight.service import Preflight
 from tests.services.preflight.healthy import mag, status
 
@@ -43,8 +44,18 @@ class StandingVehicle:
             yield Publish(MAG, msgspec.structs.replace(reading, t_ns=t_ns))
 
 
+class Idle:
+    """A service that only publishes its health."""
+
+    def __init__(self, name: str) -> None:
+        self.spec = Spec(name=name, rate_hz=1.0)
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        return ()
+
+
 class Bench:
-    """A bus with the vehicle and the preflight service, and every report so far."""
+    """A bus with the vehicle, the services of a landing and the preflight service, and every report so far."""
 
     def __init__(self) -> None:
         self.vehicle = StandingVehicle()
@@ -52,7 +63,9 @@ class Bench:
         self.bus = MemoryBus(0)
         self.bus.observe(self._observe)
         self.bus.add(self.vehicle)
-        self.bus.add(Preflight(actions=()))
+        for name in LANDING_CHAIN:
+            self.bus.add(Idle(name))
+        self.bus.add(Preflight(actions=("land_on_spot",)))
 
     def _observe(self, t_ns: int, topic: str, data: bytes) -> None:
         if topic == "preflight":
@@ -113,6 +126,24 @@ def test_a_sensor_that_is_silent_for_two_seconds_passes_and_for_longer_fails_unt
     assert "the magnetometer has fallen silent" in report.failed()[0].text
     bench.vehicle.silent = False
     assert failed(bench.wait_report(4.0)) == [], "a failed check is repeated soon"
+
+
+def test_a_service_whose_health_is_late_does_not_warn() -> None:
+    bench = Bench()
+    bench.wait_report(3.0)
+    bench.bus.remove("camera")
+    sent = bench.bus.send_request(CHECK_PREFLIGHT, GetPreflight())
+    bench.bus.run_for(2.0)
+    assert not sent.replies
+    bench.bus.add(Idle("camera"))
+    assert "well" in services(bench.wait_report(2.0))
+    bench.bus.remove("camera")
+    assert services(bench.request()) == "camera is silent: the vehicle could not land on the rover; see jezero ps"
+
+
+def services(report: PreflightReport) -> str:
+    """The text of the check of the services."""
+    return next(check.text for check in report.checks if check.name == "services")
 
 
 def test_a_request_gets_a_round_of_its_own() -> None:
