@@ -11,7 +11,7 @@ from jezero.cli.reference.markdown import cell
 from jezero.cli.reference.pages import PAGES, reference_page
 from jezero.cli.reference.topics import Row, endpoint_rows, mermaid, service_rows, topic_rows
 
-TABLE_WIDTH_MIN = 120
+TABLE_WIDTH_MIN, COLUMN_WIDTH_MAX = 120, 40
 
 
 def _print(rows: Sequence[Row], *, as_json: bool) -> None:
@@ -26,7 +26,8 @@ def _print(rows: Sequence[Row], *, as_json: bool) -> None:
     table = Table(box=box.SIMPLE_HEAD)
     *names, last = rows[0]
     for name in names:
-        table.add_column(name, no_wrap=True)
+        longest = max(len(cell(row[name])) for row in rows)
+        table.add_column(name, no_wrap=longest <= COLUMN_WIDTH_MAX, max_width=COLUMN_WIDTH_MAX)
     table.add_column(last)
     for row in rows:
         table.add_row(*map(cell, row.values()))
