@@ -114,8 +114,8 @@ def _acquire_refusals(
         yield f"not ready to take off: {vehicle.not_ready_reason}"
     if code is StatusCode.IDLE and (failed := _checks_in_words(request, vehicle, overridden=False)):
         yield (
-            f"preflight checks have failed: {failed}. Put it right; jezero preflight checks again. To take off in spite "
-            "of it, put the names of the checks into the goal's field override: jezero takeoff --override NAME"
+            f"preflight checks have failed: {failed}. Put it right; jezero preflight checks again. To take off in "
+            "spite of it, put the names of the checks into the goal's field override: jezero takeoff --override NAME"
         )
 
 
