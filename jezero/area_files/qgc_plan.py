@@ -34,6 +34,20 @@ def read_plan(content: Any) -> list[FilePolygon]:
     if not areas:
         has = f": its items are {', '.join(sorted(set(kinds)))}" if kinds else ""
         raise AreaFileError(f"has neither a survey nor a geofence that includes an area{has}")
+    return _with_holes(areas, fences)
+
+
+def read_surveys(content: Any) -> list[FilePolygon]:
+    """Read the areas of a plan's surveys in their order; exclusion fences that overlap with them are holes.
+
+    Raises:
+        AreaFileError: a survey or a fence has no area.
+    """
+    surveys = list(_surveys(_member(content, "mission"), []))
+    return _with_holes(surveys, list(_fences(_member(content, "geoFence"))))
+
+
+def _with_holes(areas: list[tuple[str, Ring]], fences: list[tuple[str, Ring, bool]]) -> list[FilePolygon]:
     excluded = [ring for _, ring, included in fences if not included]
     return [
         FilePolygon(place, place, (outline, *(ring for ring in excluded if overlap(outline, ring))))

@@ -9,6 +9,7 @@ import click
 from jezero.cli.area import Origin, checked_origin
 from jezero.cli.exit_codes import ABORTED, FAILED
 from jezero.cli.flight import Printer, common_options, connected
+from jezero.cli.mission_convert import export_mission, import_mission
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -55,7 +56,7 @@ def check(file: str, origin: Origin | None, vehicle: str, router: str, as_json: 
     """
     from jezero.cli.mission_check import check_mission
 
-    check_mission(Printer(as_json), lambda at: _read(file, at, Printer(as_json)), origin, vehicle, router)
+    check_mission(Printer(as_json), lambda at: read_file(file, at, Printer(as_json)), origin, vehicle, router)
 
 
 @mission.command(epilog=FILE_HELP)
@@ -65,7 +66,7 @@ def run(file: str, vehicle: str, router: str, as_json: bool) -> None:
     """Fly a mission, and show its progress. Ctrl+C ends this command only."""
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
-        read = _read(file, _origin_deg(uav), printer)
+        read = read_file(file, _origin_deg(uav), printer)
         mission_id = uav.mission.run(read.mission)
         count = len(read.mission.steps)
         printer.event("accepted", f"{read.mission.name}: accepted, {count} steps", mission_id=mission_id, steps=count)
@@ -98,6 +99,8 @@ def _add_command(name: str, summary: str, done: str) -> None:
             printer.event("result", done, outcome="succeeded")
 
 
+mission.add_command(import_mission)
+mission.add_command(export_mission)
 _add_command(
     "pause", "Hold the present step; the vehicle hovers until `resume`.", "paused; jezero mission resume goes on"
 )
@@ -106,7 +109,7 @@ _add_command("skip", "Leave the present step out, and go on with the next one.",
 _add_command("stop", "End the mission; the vehicle hovers.", "stopped: the vehicle hovers")
 
 
-def _read(file: str, origin_deg: "Sequence[float] | None", printer: Printer) -> "MissionFile":
+def read_file(file: str, origin_deg: "Sequence[float] | None", printer: Printer) -> "MissionFile":
     """Read a mission file, or one that comes with jezero; one with mistakes ends the command."""
     from jezero.mission_files import MissionFileError, read_mission, shipped_file, shipped_names
 

@@ -2,8 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import hypot
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -15,9 +16,14 @@ from jezero.plugins import all_actions
 from jezero.schemas.mission import FailurePolicy, Mission
 from jezero.schemas.topics import Action
 
+if TYPE_CHECKING:
+    from jezero.area_files import Area
+
 BYTES_MAX = 1_000_000
 PARTS = ("mission", "points", "areas", "on_failure", "steps")
 AREA_PARTS = ("file", "feature", "metres")
+DEGREES_PARTS = ("degrees", "holes")
+UNKNOWN_ORIGIN = "is in degrees, and the world's origin is not known yet"
 CORNERS_MIN = 3
 
 
@@ -130,11 +136,36 @@ class _Reader:
         return node.value
 
     def _add_point(self, name: str, node: Node) -> None:
-        point_m = _numbers(node, 3)
+        point_m = self._point_in_degrees(name, node) if isinstance(node.value, dict) else _numbers(node, 3)
         if point_m is None:
-            self._problems.add(node.line, f"the point {name!r} needs [north, east, down] in metres; 3 m up is -3")
-            point_m = [0.0, 0.0, 0.0]
-        self._places.points[name] = point_m
+            self._problems.add(
+                node.line,
+                f"the point {name!r} needs [north, east, down] in metres, 3 m up is -3; or {{degrees: [latitude, "
+                "longitude], altitude_m: 3}",
+            )
+        self._places.points[name] = point_m or [0.0, 0.0, 0.0]
+
+    def _point_in_degrees(self, name: str, node: Node) -> list[float] | None:
+        """The point in metres; None for a malformed one."""
+        parts: dict[str, Node] = node.value
+        place_deg = _numbers(parts.get("degrees", node), 2)
+        altitude_m: Any = parts["altitude_m"].value if "altitude_m" in parts else None
+        if len(parts) != 2 or place_deg is None or not _is_number(altitude_m):
+            return None
+        if self._origin_deg is None:
+            self._problems.add(node.line, f"the point {name!r} {UNKNOWN_ORIGIN}")
+            return [0.0, 0.0, 0.0]
+        from jezero.area_files.area import DISTANCE_MAX_M, project  # most missions don't need it
+
+        north_m, east_m = project(((place_deg[0], place_deg[1]),), self._origin_deg)[0]
+        if abs(place_deg[0]) > 90.0 or abs(place_deg[1]) > 180.0 or not hypot(north_m, east_m) <= DISTANCE_MAX_M:
+            self._problems.add(
+                node.line,
+                f"the point {name!r} is {hypot(north_m, east_m) / 1000.0:.0f} km from the world's origin, which is at "
+                f"{self._origin_deg[0]:.6f}, {self._origin_deg[1]:.6f}: start the vehicle near the point, or give the "
+                "point as [latitude, longitude] in degrees",
+            )
+        return [north_m, east_m, -float(altitude_m)]
 
     def _add_area(self, name: str, node: Node) -> None:
         self._places.areas[name] = {"polygon_ned_m": [], "holes_ned_m": []}
@@ -148,12 +179,32 @@ class _Reader:
                 )
             else:
                 self._places.areas[name] = {"polygon_ned_m": corners}
+        elif isinstance(node.value, dict) and "degrees" in node.value:
+            self._add_area_in_degrees(name, node)
         elif isinstance(node.value, str | dict):
             self._add_area_of_file(name, node)
         else:
             self._problems.add(
                 node.line, f"the area {name!r} is a list of corners [north, east], or the name of a file"
             )
+
+    def _add_area_in_degrees(self, name: str, node: Node) -> None:
+        from jezero.area_files import AreaFileError, FilePolygon, place
+        from jezero.area_files.polygon import ring_from
+
+        rings = [node.value["degrees"], *_list_in(node.value.get("holes"))]
+        corners = [[_numbers(corner, 2) for corner in _list_in(ring)] for ring in rings]
+        if set(node.value) - set(DEGREES_PARTS) or any(None in ring for ring in corners):
+            wanted = "{degrees: [[latitude, longitude], ...], holes: [[[latitude, longitude], ...], ...]}"
+            self._problems.add(node.line, f"the area {name!r} needs {wanted}, its holes may be left out")
+            return
+        try:
+            outlines = tuple(ring_from([(c[0], c[1]) for c in ring if c], "it") for ring in corners)
+            area = place(FilePolygon(name, "it", outlines), self._origin_deg)
+        except AreaFileError as error:
+            self._problems.add(node.line, f"the area {name!r}: {error}")
+            return
+        self._places.areas[name] = _fields_of(area)
 
     def _add_area_of_file(self, name: str, node: Node) -> None:
         options: dict[str, Any] = {"file": node.value} if isinstance(node.value, str) else node.plain
@@ -172,8 +223,18 @@ class _Reader:
             text = str(error).replace("add --metres", "add `metres: true` here")
             self._problems.add(node.line, f"the area {name!r}: {text}")
             return
-        fields: dict[str, Any] = {"polygon_ned_m": area.polygon_ned_m, "holes_ned_m": area.holes_ned_m}
-        self._places.areas[name] = fields | ({} if area.origin_deg is None else {"origin_deg": area.origin_deg})
+        self._places.areas[name] = _fields_of(area)
+
+
+def _fields_of(area: "Area") -> dict[str, Any]:
+    """Fields of a coverage's goal."""
+    fields: dict[str, Any] = {"polygon_ned_m": area.polygon_ned_m, "holes_ned_m": area.holes_ned_m}
+    return fields | ({} if area.origin_deg is None else {"origin_deg": area.origin_deg})
+
+
+def _list_in(node: Node | None) -> list[Node]:
+    """The nodes of a list; an empty list for any other value."""
+    return node.value if node is not None and isinstance(node.value, list) else []
 
 
 def _numbers(node: Node, count: int) -> list[float] | None:
@@ -181,6 +242,8 @@ def _numbers(node: Node, count: int) -> list[float] | None:
     values = node.plain
     if not isinstance(values, list) or len(values) != count:
         return None
-    if any(isinstance(value, bool) or not isinstance(value, int | float) for value in values):
-        return None
-    return [float(value) for value in values]
+    return [float(value) for value in values] if all(map(_is_number, values)) else None
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -149,3 +149,51 @@ def test_a_file_that_is_not_there_or_too_big_is_named(tmp_path: Path) -> None:
         read_mission(tmp_path / "none.yaml")
     with pytest.raises(MissionFileError, match="has 2 MB, and a mission has 1 at most"):
         read_mission(written(tmp_path, "#" * 2_000_000))
+
+
+def test_points_and_areas_in_degrees_are_placed_around_the_origin(tmp_path: Path) -> None:
+    text = (
+        "points:\n  mast: {degrees: [47.397842, 8.545594], altitude_m: 12}\n"
+        "areas:\n  field: {degrees: [[47.3978, 8.5456], [47.3979, 8.5456], [47.3979, 8.5457]]}\n"
+        "steps:\n  - go_to: {target_ned_m: mast}\n"
+        "  - area_coverage: {polygon_ned_m: field, z_ned_m: -5, resolution_m: 1}\n"
+    )
+    go_to, coverage = read_mission(written(tmp_path, text), ORIGIN_DEG).mission.steps
+    assert isinstance(go_to, GoalStep) and isinstance(coverage, GoalStep)
+    assert go_to.goal["target_ned_m"] == pytest.approx([11.12, 0.0, -12.0], abs=0.01)
+    assert coverage.goal["origin_deg"] == ORIGIN_DEG
+    assert len(coverage.goal["polygon_ned_m"]) == 3
+
+
+@pytest.mark.parametrize(
+    ("place", "origin_deg", "sentence"),
+    [
+        ("points: {a: {degrees: [47.4, 8.5]}}", ORIGIN_DEG, "or {degrees: [latitude, longitude], altitude_m: 3}"),
+        ("points: {a: {degrees: [47.4], altitude_m: 1}}", ORIGIN_DEG, "the point 'a' needs [north, east, down]"),
+        (
+            "points: {a: {degrees: [8.5, 47.4], altitude_m: 1}}",
+            ORIGIN_DEG,
+            "km from the world's origin, which is at 47.39",
+        ),
+        (
+            "points: {a: {degrees: [47.4, 8.5], altitude_m: 1}}",
+            None,
+            "is in degrees, and the world's origin is not known",
+        ),
+        ("areas: {a: {degrees: [[47.4, 8.5], [47.4, 8.6]]}}", ORIGIN_DEG, "has 2 corners, and an area needs three"),
+        (
+            "areas: {a: {degrees: [[47.4, 8.5], 3, [47, 8]]}}",
+            ORIGIN_DEG,
+            "needs {degrees: [[latitude, longitude], ...]",
+        ),
+        ("areas: {a: {degrees: 3, hole: []}}", ORIGIN_DEG, "needs {degrees: [[latitude, longitude], ...]"),
+        ("areas: {a: {degrees: [[47.4, 8.5], [47.5, 8.5], [47, 8]]}}", None, "the world's origin is not known yet"),
+    ],
+)
+def test_a_wrong_place_in_degrees_is_named(
+    place: str, origin_deg: tuple[float, float] | None, sentence: str, tmp_path: Path
+) -> None:
+    with pytest.raises(MissionFileError) as error:
+        read_mission(written(tmp_path, f"{place}\nsteps: [takeoff]\n"), origin_deg)
+    assert [problem.line for problem in error.value.problems] == [1]
+    assert sentence in str(error.value)
