@@ -1,21 +1,20 @@
 """`jezero mission`: checks mission files, and flies them by the mission service of the vehicle."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from jezero.cli.area import Origin, checked_origin
-from jezero.cli.exit_codes import ABORTED, FAILED
+from jezero.cli.exit_codes import ABORTED
 from jezero.cli.flight import Printer, common_options, connected
 from jezero.cli.mission_convert import export_mission, import_mission
+from jezero.cli.mission_file import read_file
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from jezero.client import Vehicle
-    from jezero.mission_files import MissionFile
     from jezero.schemas.mission import MissionProgress
 
 FILE_HELP = "FILE is a mission in YAML or JSON, or the name of one that comes with jezero: jezero mission list."
@@ -107,18 +106,6 @@ _add_command(
 _add_command("resume", "Go on with a paused or interrupted mission.", GOES_ON)
 _add_command("skip", "Leave the present step out, and go on with the next one.", GOES_ON)
 _add_command("stop", "End the mission; the vehicle hovers.", "stopped: the vehicle hovers")
-
-
-def read_file(file: str, origin_deg: "Sequence[float] | None", printer: Printer) -> "MissionFile":
-    """Read a mission file, or one that comes with jezero; one with mistakes ends the command."""
-    from jezero.mission_files import MissionFileError, read_mission, shipped_file, shipped_names
-
-    shipped = file in shipped_names() and not Path(file).exists()
-    try:
-        return read_mission(shipped_file(file) if shipped else file, origin_deg)
-    except MissionFileError as error:
-        problems = [{"line": problem.line, "text": problem.text} for problem in error.problems]
-        printer.fail("mistakes", str(error), FAILED, problems=problems)
 
 
 def _origin_deg(uav: "Vehicle") -> "Sequence[float] | None":

@@ -10,6 +10,7 @@ import click
 from jezero.cli.area import ROUTER_WAIT_S, Origin, checked_origin
 from jezero.cli.exit_codes import FAILED
 from jezero.cli.flight import FiniteRange, Printer, common_options
+from jezero.cli.mission_file import read_file
 
 if TYPE_CHECKING:
     from jezero.area_files import FilePolygon
@@ -65,8 +66,6 @@ def export_mission(file: str, out: Path, origin: Origin | None, vehicle: str, ro
 
     Each part of the mission that the file can't have is named.
     """
-    from jezero.cli.mission import read_file
-
     printer = Printer(as_json)
     ending = out.suffix.lower()
     if ending not in (".plan", ".kml", ".kmz"):
@@ -137,8 +136,6 @@ def _origin_deg(origin: Origin | None, vehicle: str, router: str) -> list[float]
 
 def _check(out: Path, printer: Printer) -> "MissionFile":
     """Read the file that was written: a plan may have numbers that no goal takes."""
-    from jezero.cli.mission import read_file
-
     first = _first_place(out)
     return read_file(str(out), first, printer)
 
