@@ -83,15 +83,20 @@ def export_mission(file: str, out: Path, origin: Origin | None, vehicle: str, ro
 def _imported(file: Path, altitude_m: float, overlap: float, printer: Printer) -> "ImportedMission":
     from jezero.area_files import AreaFileError, read_polygons
     from jezero.area_files.geojson import parse_json
+    from jezero.area_files.reader import BYTES_MAX
     from jezero.mission_files.imported import import_polygons
     from jezero.mission_files.qgc_import import import_plan
 
     ending = file.suffix.lower()
     try:
         if ending == ".plan":
+            if file.stat().st_size > BYTES_MAX:
+                raise AreaFileError(f"has more than {BYTES_MAX / 1e6:.0f} MB, which no plan needs")
             return import_plan(parse_json(file.read_bytes()), file.stem)
         if ending in (".kml", ".kmz"):
             return import_polygons(read_polygons(file), file.stem, altitude_m, overlap)
+    except RecursionError:
+        printer.fail("mistakes", f"{file} is nested too deeply", FAILED)
     except (AreaFileError, OSError) as error:
         text = str(error) if str(file) in str(error) else f"{file}: {error}"
         printer.fail("mistakes", text, FAILED)

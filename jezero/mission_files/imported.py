@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from textwrap import indent
 from typing import Any
 
 import yaml
 
 from jezero.area_files.polygon import FilePolygon
 
-WIDTH = 110
+WIDTH, LINE_MAX = 110, 1_000_000
 NAME_MAX = 64
 
 
@@ -32,12 +33,22 @@ class ImportedMission:
 
     def to_yaml(self) -> str:
         """Text of the mission file."""
-        document: dict[str, Any] = {"mission": mission_name(self.name)}
-        document |= {"points": self.points} if self.points else {}
-        document |= {"areas": self.areas} if self.areas else {}
-        document["steps"] = self.steps
-        text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=WIDTH, allow_unicode=True)
-        return str(text)
+        lines = [f"mission: {_inline(mission_name(self.name))}"]
+        if self.points:
+            lines += ["points:", *(f"  {name}: {_inline(point)}" for name, point in self.points.items())]
+        if self.areas:
+            text = yaml.safe_dump(self.areas, sort_keys=False, default_flow_style=None, width=WIDTH, allow_unicode=True)
+            lines += ["areas:", indent(text.rstrip(), "  ")]
+        lines.append("steps:")
+        for name, fields in (next(iter(step.items())) for step in self.steps):
+            lines.append(f"  - {name}" if fields == {} else f"  - {name}: {_inline(fields)}")
+        return "\n".join([*lines, ""])
+
+
+def _inline(value: Any) -> str:
+    """A value on one line."""
+    text = str(yaml.safe_dump(value, sort_keys=False, default_flow_style=True, width=LINE_MAX, allow_unicode=True))
+    return text.removesuffix("...\n").strip()
 
 
 def mission_name(text: str) -> str:

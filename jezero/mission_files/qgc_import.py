@@ -91,7 +91,7 @@ class _Importer:
             LOITER_UNLIMITED: self._waypoint, DELAY: self._delay, DELAY_NAV: self._delay,
             CHANGE_SPEED: self._change_speed,
         }  # fmt: skip
-        maker = makers.get(command)
+        maker = makers.get(command) if isinstance(command, int) else None
         if maker is None:
             what = WORDS.get(command, "") if isinstance(command, int) else ""
             self._note(f"{where} ({what or f'MAVLink command {excerpt(command)}'}) is left out: no action does it")
@@ -255,7 +255,8 @@ class _Importer:
 
     def _fence(self) -> None:
         fence = _member(self._content, "geoFence")
-        shapes = [shape for kind in ("polygons", "circles") for shape in (fence.get(kind) or ())]
+        zones = [fence.get(kind) for kind in ("polygons", "circles")]
+        shapes = [shape for found in zones if isinstance(found, list) for shape in found]
         if shapes:
             self._note(
                 f"the geofence ({_counted(len(shapes), 'zone')}) is not part of a mission: set it in the autopilot; "

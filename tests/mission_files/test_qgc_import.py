@@ -1,5 +1,7 @@
 """Plans of QGroundControl as missions: what becomes what, and the sentence for each part that is lost."""
 
+from collections.abc import Iterator
+from contextlib import suppress
 from math import radians
 from pathlib import Path
 from typing import Any
@@ -7,7 +9,7 @@ from typing import Any
 import pytest
 
 from jezero.area_files import AreaFileError
-from jezero.mission_files import read_mission
+from jezero.mission_files import MissionFileError, read_mission
 from jezero.mission_files.imported import ImportedMission
 from jezero.mission_files.qgc_import import import_plan
 from jezero.schemas.mission import GoalStep, Step, WaitStep
@@ -148,3 +150,34 @@ def test_a_plan_without_a_takeoff_says_that_it_begins_in_the_air() -> None:
 def test_what_is_no_plan_is_refused_with_its_place(content: Any, why: str) -> None:
     with pytest.raises(AreaFileError, match=why):
         import_plan(content, "field")
+
+
+JUNK = (None, True, -1, 1e308, "x", "", [], [[]], {}, {"x": 1}, float("inf"))
+
+
+def mutations(value: Any) -> Iterator[Any]:
+    """Copies of a value of JSON with one part replaced by junk."""
+    yield from JUNK
+    if isinstance(value, dict):
+        for key, part in value.items():
+            yield from (value | {key: changed} for changed in mutations(part))
+    elif isinstance(value, list):
+        for index, part in enumerate(value):
+            yield from ([*value[:index], changed, *value[index + 1 :]] for changed in mutations(part))
+
+
+def test_no_plan_with_junk_in_it_breaks_the_import(tmp_path: Path) -> None:
+    whole = plan(TAKEOFF, WAYPOINT, survey(), LAND, polygons=[(HOLE_DEG, False)], rally=[[47.3979, 8.5457, 12]])
+    made = 0
+    for content in mutations(whole):
+        try:
+            text = import_plan(content, "field").to_yaml()
+        except AreaFileError as error:
+            assert str(error)
+            continue
+        if made % 20 == 0:  # reading takes longer than making
+            (tmp_path / "mission.yaml").write_text(text)
+            with suppress(MissionFileError):
+                read_mission(tmp_path / "mission.yaml", HOME_DEG[:2])
+        made += 1
+    assert made > 500
