@@ -152,7 +152,7 @@ def test_what_is_no_plan_is_refused_with_its_place(content: Any, why: str) -> No
         import_plan(content, "field")
 
 
-JUNK = (None, True, -1, 1e308, "x", "", [], [[]], {}, {"x": 1}, float("inf"))
+JUNK: tuple[Any, ...] = (None, True, -1, 1e308, "x", "", [], [[]], {}, {"x": 1}, float("inf"))
 
 
 def mutations(value: Any) -> Iterator[Any]:
