@@ -25,6 +25,7 @@ class Readings:
         health: newest health of each service in this round, by the service's name.
         heard: names of the topics that were heard in an earlier round.
         heard_services: names of the services that were heard in an earlier round.
+        silent_services: names of the services that were silent in the round before.
         parameters: parameters of the estimator; None when it does not reply.
     """
 
@@ -34,6 +35,7 @@ class Readings:
     health: Mapping[str, ServiceHealth] = field(default_factory=dict)
     heard: frozenset[str] = frozenset()
     heard_services: frozenset[str] = frozenset()
+    silent_services: frozenset[str] = frozenset()
     parameters: SetParameters | None = None
 
     def all(self, topic: Topic[M]) -> tuple[M, ...]:

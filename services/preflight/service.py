@@ -59,7 +59,7 @@ ROUND_MIN_NS, ROUND_MAX_NS = 1_300_000_000, 4_000_000_000
 """Limits of a round. Every service publishes its health within the shorter one. A round with a failed check, or without
 the health of a service, goes on up to the longer one: on a loaded computer a message may be late."""
 PERIOD_NS, FAILED_PERIOD_NS = 10 * NS_PER_S, 2 * NS_PER_S
-"""Time between two rounds; what has failed is checked again sooner."""
+"""Time between two rounds; what has failed or was silent is checked again sooner."""
 PARAMETERS = "parameters"
 
 
@@ -101,6 +101,7 @@ class Preflight:
         self._parameters: SetParameters | None = None
         self._heard: frozenset[str] = frozenset()
         self._heard_services: frozenset[str] = frozenset()
+        self._silent_services: frozenset[str] = frozenset()
         self._idle = False
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
@@ -116,8 +117,8 @@ class Preflight:
         if duration_ns < ROUND_MIN_NS:
             return
         report = self._report(t_ns)
-        silent = (self._heard_services | LANDING_CHAIN) - self._newest_health().keys()
-        if duration_ns >= ROUND_MAX_NS or not (report.failed() or silent):
+        missing = (self._heard_services | LANDING_CHAIN) - self._newest_health().keys()
+        if duration_ns >= ROUND_MAX_NS or not (report.failed() or missing):
             yield from self._end(report, inbox.wall_ns)
 
     def _watch(self, inbox: Inbox) -> None:
@@ -125,7 +126,7 @@ class Preflight:
         status, clock = inbox.latest(STATUS), inbox.latest(CLOCK)
         if clock is not None and clock.epoch_id != self._epoch_id:
             self._epoch_id = clock.epoch_id
-            self._heard = self._heard_services = frozenset()
+            self._heard = self._heard_services = self._silent_services = frozenset()
             self._round_start_ns, self._due_ns = None, 0
             self._requests, self._waiting = self._waiting + self._requests, []
         idle = status is not None and status.code == StatusCode.IDLE and status.ready
@@ -158,6 +159,7 @@ class Preflight:
             health=self._newest_health(),
             heard=self._heard,
             heard_services=self._heard_services,
+            silent_services=self._silent_services,
             parameters=self._parameters,
         )
         checks = tuple(check(readings) for check in CHECKS)
@@ -170,10 +172,12 @@ class Preflight:
     def _end(self, report: PreflightReport, wall_ns: int) -> Iterator[Output]:
         """Publish the report of a round, and reply to those who wait for it."""
         self._heard |= {topic.name for topic in SENSORS if topic.name in self._messages}
-        self._heard_services |= self._newest_health().keys()
+        health = self._newest_health().keys()
+        self._silent_services = self._heard_services - health
+        self._heard_services |= health
         self._round_start_ns, self._messages = None, {}
         failed = report.failed()
-        self._due_ns = wall_ns + (FAILED_PERIOD_NS if failed else PERIOD_NS)
+        self._due_ns = wall_ns + (FAILED_PERIOD_NS if failed or self._silent_services else PERIOD_NS)
         waiting, self._waiting = self._waiting, []
         yield Subscribe(())
         yield Publish(PREFLIGHT, report)

@@ -56,8 +56,13 @@ def without(*names: str) -> dict[str, ServiceHealth]:
 @pytest.mark.parametrize(
     ("changes", "verdict", "words"),
     [
-        ({"health": without("estimator")}, "failed", "estimator is silent: the vehicle could not land on the rover"),
-        ({"health": without("mission")}, "warning", "mission is silent"),
+        ({"health": without("estimator")}, "warning", "estimator is silent: the vehicle could not land on the rover"),
+        (
+            {"health": without("estimator"), "silent_services": frozenset({"estimator"})},
+            "failed",
+            "estimator is silent: the vehicle could not land on the rover",
+        ),
+        ({"health": without("mission"), "silent_services": frozenset({"mission"})}, "warning", "mission is silent"),
         (
             {"health": without("camera"), "heard_services": frozenset()},
             "warning",
@@ -70,7 +75,7 @@ def without(*names: str) -> dict[str, ServiceHealth]:
         ),
     ],
 )
-def test_a_service_of_the_landing_that_has_fallen_silent_fails_and_others_warn(
+def test_a_service_of_the_landing_that_is_silent_in_two_rounds_fails_and_all_else_warns(
     changes: dict[str, Any], verdict: str, words: str
 ) -> None:
     outcome = check_services(readings(**changes))
