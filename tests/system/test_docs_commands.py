@@ -35,6 +35,8 @@ REASONS = {
 }
 """The only reasons for which a block is not run; `<!-- not run: REASON -->` stands before it in the page."""
 INTERRUPTED = "until Ctrl+C"
+TAKE_OFF = ("takeoff", "mission run")
+"""Words of the pages that begin on the ground."""
 CONNECTED = 'from jezero import Vehicle\nuav = Vehicle.connect("uav1")\n'
 """Stands before a Python block that uses a connected `uav`."""
 BLOCK_TIMEOUT_S = 300.0
@@ -147,7 +149,7 @@ class Reader:
             self._stack.up()
             self._up_detached = True
         if not starts_stack(blocks):
-            self._hover(takes_off=any("takeoff" in block.text for block in blocks))
+            self._hover(takes_off=any(words in block.text for block in blocks for words in TAKE_OFF))
         try:
             for block in blocks:
                 self._run(block)
