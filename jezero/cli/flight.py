@@ -6,11 +6,12 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import isfinite, radians
-from typing import TYPE_CHECKING, Any, NoReturn, cast, get_args
+from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 import click
 
 from jezero.cli.exit_codes import ABORTED, REFUSED, UNREACHABLE
+from jezero.cli.override import override_option
 from jezero.cli.plan import minutes, send_goal
 from jezero.router_address import parse_router
 
@@ -57,25 +58,6 @@ class FiniteRange(click.FloatRange):
         return FINITE.convert(super().convert(value, param, ctx), param, ctx)
 
 
-class OverrideName(click.ParamType[str]):
-    """The name of a preflight check that a takeoff may override."""
-
-    name = "name"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        from jezero.schemas.preflight import Override
-
-        if value not in (names := get_args(Override)):
-            self.fail(f"{value!r} is no check that can be overridden; these are: {', '.join(names)}", param, ctx)
-        return str(value)
-
-
-override_option = click.option(
-    "--override",
-    multiple=True,
-    type=OverrideName(),
-    help="Take off although this preflight check has failed; may be given several times.",
-)
 FINITE = Finite()
 NUMBERS = {"ignore_unknown_options": True}  # "-4" is a coordinate, not an option
 
