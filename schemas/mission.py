@@ -18,7 +18,7 @@ class FailurePolicy(Payload, frozen=True, kw_only=True):
 
     Attributes:
         retries: how many times the step is tried again first. A coverage goes on with the first image not taken.
-        then: what follows the last try: `stop` hovers, `skip` goes on with the next step, `return` lands on the rover,
+        then: what follows the last try: `stop` hovers, `skip` goes on with the next step, `return` flies home,
             `land` lands here. All but `skip` end the mission.
     """
 
@@ -74,10 +74,12 @@ class MissionCommand(Payload, frozen=True, kw_only=True):
 
     Attributes:
         command: `pause` holds the present step, `resume` goes on with a paused or interrupted mission, `skip` leaves
-            the present step out and goes on, `stop` ends the mission in a hover.
+            the present step out and goes on, `stop` ends the mission in a hover. `swapped` goes on as `resume` does,
+            after a change of the battery; it is refused while the battery is low. A vehicle that has landed takes off
+            again first.
     """
 
-    command: Literal["pause", "resume", "skip", "stop"]
+    command: Literal["pause", "resume", "skip", "stop", "swapped"]
 
 
 class MissionReply(Payload, frozen=True, kw_only=True):
@@ -101,8 +103,9 @@ class MissionProgress(Message, frozen=True, kw_only=True):
     """Progress of the mission that flies, or of the last one.
 
     Attributes:
-        state: `idle` before the first mission. `paused` by a command. `interrupted` when somebody else took control, or
-            the service or the vehicle was restarted: it waits for `resume`, `skip` or `stop`. The last three are ends.
+        state: `idle` before the first mission. `paused` by a command. `interrupted` when somebody else took control,
+            when the service or the vehicle was restarted, and when the vehicle must return: it waits for `resume`,
+            `swapped`, `skip` or `stop`. The last three are ends.
         reason: why the mission is in this state, for people; "" while all goes as planned.
         mission_id: id of the mission; "" before the first.
         name: name of the mission.

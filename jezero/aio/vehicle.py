@@ -64,6 +64,7 @@ class Missions:
     run = in_thread(mission.Missions.run)
     pause = in_thread(mission.Missions.pause)
     resume = in_thread(mission.Missions.resume)
+    swapped = in_thread(mission.Missions.swapped)
     skip = in_thread(mission.Missions.skip)
     stop = in_thread(mission.Missions.stop)
     progress = in_thread(mission.Missions.progress)

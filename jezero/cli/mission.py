@@ -104,6 +104,7 @@ _add_command(
     "pause", "Hold the present step; the vehicle hovers until `resume`.", "paused; jezero mission resume goes on"
 )
 _add_command("resume", "Go on with a paused or interrupted mission.", GOES_ON)
+_add_command("swapped", "Go on with an interrupted mission, after a change of the battery.", GOES_ON)
 _add_command("skip", "Leave the present step out, and go on with the next one.", GOES_ON)
 _add_command("stop", "End the mission; the vehicle hovers.", "stopped: the vehicle hovers")
 
@@ -159,5 +160,5 @@ def in_words(progress: "MissionProgress") -> str:
         case "succeeded":
             return f"{progress.name}: succeeded, {progress.steps} steps{reason}"
         case "interrupted":
-            return f"{progress.name}: interrupted at {step}{reason}. jezero mission resume, skip or stop"
+            return f"{progress.name}: interrupted at {step}{reason}. jezero mission resume, swapped, skip or stop"
     return f"{progress.name}: {progress.state} at {step}{reason}"

@@ -42,6 +42,10 @@ class Missions:
         """Go on with a paused or interrupted mission; errors as of `run`."""
         self._request(COMMAND_MISSION, MissionCommand(command="resume"))
 
+    def swapped(self) -> None:
+        """Go on with an interrupted mission after a change of the battery; errors as of `run`."""
+        self._request(COMMAND_MISSION, MissionCommand(command="swapped"))
+
     def skip(self) -> None:
         """Leave the present step out and go on; errors as of `run`."""
         self._request(COMMAND_MISSION, MissionCommand(command="skip"))

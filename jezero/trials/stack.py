@@ -17,6 +17,7 @@ from jezero.services.estimator.config import EstimatorConfig
 from jezero.services.estimator.service import Estimator
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.service import TagDetector
+from jezero.services.mission.config import MissionConfig
 from jezero.services.mission.service import MissionService
 from jezero.services.preflight.service import Preflight
 from jezero.services.simulator.camera.config import CameraConfig
@@ -82,7 +83,8 @@ def service_makers(
 
     makers |= {name: action_maker(name) for name in action_names()}
     makers["preflight"] = lambda boot: Preflight()
-    return makers | {"mission": lambda boot: MissionService(boot, all_actions())}
+    mission = load_config(MissionConfig, "mission")
+    return makers | {"mission": lambda boot: MissionService(boot, all_actions(), config=mission, vehicle=robot)}
 
 
 def wired_bus(seed: int) -> MemoryBus:

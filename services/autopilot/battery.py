@@ -29,6 +29,11 @@ class Battery:
         """Apply new settings; the charge stays the same."""
         self._config = config
 
+    def swap(self) -> None:
+        """Put in a full battery."""
+        self._start_mah = self._config.capacity_mah
+        self.used_mah = 0.0
+
     def step(self, dt: float, commands: Commands) -> None:
         """Discharge for `dt` seconds. The power of a rotor is proportional to its thrust to the power of 3/2."""
         f1, f2, f3, f4 = commands

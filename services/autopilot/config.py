@@ -210,6 +210,8 @@ class AutopilotConfig(Config, frozen=True, kw_only=True):
         failsafe: triggers and actions of the failsafes.
         navigator: takeoff and return.
         charge_at_start: remaining fraction of the battery's capacity at the start.
+        battery_swap_s: a person puts in a full battery when the vehicle has landed with less than half of its charge
+            and has been disarmed for this long; 0: nobody does.
         telemetry: telemetry streams.
         signing: MAVLink 2 signing.
     """
@@ -222,5 +224,6 @@ class AutopilotConfig(Config, frozen=True, kw_only=True):
     failsafe: FailsafeConfig = FailsafeConfig()
     navigator: NavigatorConfig = NavigatorConfig()
     charge_at_start: Annotated[float, Meta(ge=0.0, le=1.0)] = 1.0
+    battery_swap_s: Annotated[float, Meta(ge=0.0, le=3600.0)] = 0.0
     telemetry: TelemetryConfig = TelemetryConfig()
     signing: SigningConfig = SigningConfig()

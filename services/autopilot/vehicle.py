@@ -19,6 +19,8 @@ from jezero.services.autopilot.streams import Snapshot
 from jezero.tilt_contact import SLOPE_SINE_MAX, TILT_SINE_MAX
 
 STEP_MAX_S = 0.05
+SWAPPED_BELOW = 0.5
+"""A battery with more charge, as a fraction of the capacity, is not changed."""
 COMMANDER_PERIOD_US = 10_000
 """Source: PX4's COMMANDER_MONITORING_INTERVAL."""
 SENSOR_TIMEOUT_S = 1.0
@@ -68,6 +70,8 @@ class Vehicle:
         self._offboard_us: int | None = None
         self._active_setpoint: Setpoint | None = None
         self._thrust = 0.0
+        self._stood_s: float | None = None
+        """Time since the last flight; None before the first one."""
         self._commander_due_us = 0
         self._mode = self.commander.mode
         self._reset_offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
@@ -121,8 +125,18 @@ class Vehicle:
         elif estimator.running:
             commands = self._fly(dt)
         self._battery.step(dt, commands)
+        self._swap_battery(dt)
         self._thrust = sum(commands) / 4.0
         return commands
+
+    def _swap_battery(self, dt: float) -> None:
+        """Put in a full battery after a flight, as a person does, if that is set."""
+        if self.commander.armed:
+            self._stood_s = 0.0
+        elif self._stood_s is not None and self._config.battery_swap_s:
+            self._stood_s += dt
+            if self._stood_s >= self._config.battery_swap_s and self._battery.remaining < SWAPPED_BELOW:
+                self._battery.swap()
 
     def _fly(self, dt: float) -> Commands:
         commander = self.commander

@@ -3,17 +3,20 @@
 import os
 import sys
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 import msgspec
 
 from jezero.plugins import all_actions
-from jezero.runtime.config import Instance
+from jezero.runtime.config import Instance, load_config
 from jezero.runtime.links import SocketLink
 from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
+from jezero.services.mission.config import MissionConfig
 from jezero.services.mission.record import MissionRecord
 from jezero.services.mission.service import MissionService
+from jezero.vehicle_config import VehicleConfig
 
 
 def main() -> int:
@@ -23,7 +26,9 @@ def main() -> int:
 
     def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
         saved = None if path is None else load(path)
-        return MissionService(boot_id, all_actions(), saved, lambda record: save(path, record)), {}
+        config, vehicle = load_config(MissionConfig, "mission"), load_config(VehicleConfig, "vehicle")
+        keep = partial(save, path)
+        return MissionService(boot_id, all_actions(), saved, keep, config=config, vehicle=vehicle), {}
 
     return run_process("mission", build)
 

@@ -26,6 +26,8 @@ class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
         failures: number of failed tries of the present step.
         rest: fields of the goal that takes the images that are still missing; None for the goal of the step.
         last: goal that is flown after a failure, before the mission ends; None while the steps are flown.
+        altitude_m: altitude over the world's origin at which the mission was held, to which a vehicle that has landed
+            since takes off before the mission goes on; None for a mission that goes on where it is.
     """
 
     mission: Mission
@@ -38,6 +40,7 @@ class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
     failures: int = 0
     rest: dict[str, Any] | None = None
     last: GoalStep | None = None
+    altitude_m: float | None = None
 
     @property
     def ended(self) -> bool:

@@ -2,7 +2,10 @@
 
 running -> succeeded, failed or stopped; running <-> paused by commands. When a person requests a hover or an abort,
 cancels a goal or takes control, when a failsafe does, and after a restart of this service or of the vehicle, the
-mission is interrupted: it does nothing until a person commands `resume`, `skip` or `stop`.
+mission is interrupted: it does nothing until a person commands `resume`, `swapped`, `skip` or `stop`.
+
+Whatever flies, a mission or any client's goal, the service also flies the vehicle home when the battery is just enough
+for it, or when the ground station is lost. The mission goes on by command, after a takeoff, with what is still missing.
 """
 
 from collections.abc import Callable, Generator, Iterator, Mapping
@@ -11,16 +14,32 @@ from typing import Any, Literal
 import msgspec
 from msgspec.structs import replace
 
+from jezero.frames import altitude_m
 from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Request, Spec
 from jezero.schemas.mission import GoalStep, Mission, MissionCommand, MissionProgress, MissionReply, WaitStep
 from jezero.schemas.state import Status
-from jezero.schemas.topics import CLOCK, COMMAND_MISSION, MISSION, RESULT, RUN_MISSION, STATUS, Action
+from jezero.schemas.topics import (
+    ABORT,
+    CLOCK,
+    COMMAND_MISSION,
+    MISSION,
+    RESULT,
+    RETURN_HOME,
+    RUN_MISSION,
+    STATUS,
+    TAKEOFF,
+    Action,
+)
 from jezero.schemas.units import NS_PER_S
+from jezero.services.mission.config import MissionConfig
 from jezero.services.mission.record import MissionRecord
+from jezero.services.mission.return_run import ReturnRun
+from jezero.services.mission.return_watch import GROUND, ReturnWatch
+from jezero.services.mission.rules import landing_step, last_goal, somebody_else, swap_refusal
 from jezero.services.mission.step_run import GoalRun, StepEnd, Wait, goal_of
+from jezero.vehicle_config import VehicleConfig
 
 PUBLISH_PERIOD_NS = NS_PER_S // 2
-LAND_ON_SPOT = "land_on_spot"
 PAUSED = "paused by a command"
 RESTARTED = "the mission service was restarted"
 REQUESTED = "a hover, an abort or a kill was requested"
@@ -29,6 +48,8 @@ NO_MISSION = "no mission is flown: send one with jezero mission run FILE"
 Wanted = Literal["", "hold", "skip", "stop"]
 """Next action of the service, once the goal that it has canceled has ended; "" for none."""
 ENDING = "the goal of the present step is still ending: try again in a second"
+ALTITUDE_MIN_M = 2.0
+"""Least altitude of a takeoff before a mission goes on."""
 
 
 class MissionService:
@@ -39,6 +60,8 @@ class MissionService:
         actions: every action by name.
         saved: the mission of the run before this one; None: there was none.
         save: keeps a mission over a restart.
+        config: settings; like the next, None stands for the defaults.
+        vehicle: the vehicle itself.
     """
 
     def __init__(
@@ -47,7 +70,11 @@ class MissionService:
         actions: Mapping[str, Action[Any]],
         saved: MissionRecord | None = None,
         save: Callable[[MissionRecord], None] = lambda record: None,
+        *,
+        config: MissionConfig | None = None,
+        vehicle: VehicleConfig | None = None,
     ) -> None:
+        config, vehicle = config or MissionConfig(), vehicle or VehicleConfig()
         self._boot_id = boot_id
         self._actions = actions
         self._save = save
@@ -58,10 +85,16 @@ class MissionService:
         """Ids of the requests for a pause that wait for the action server."""
         self._interventions: tuple[int, int] | None = None
         """Bridge's boot id, and the number of interventions, when the mission began or went on."""
+        self._altitude_max_m = vehicle.limits.altitude_max_m
+        self._watch = ReturnWatch(config, vehicle.battery)
+        self._return: ReturnRun | None = None
+        self._returns = 0
+        self._takes_off = False
+        """The goal that flies is a takeoff before the step."""
         self._published_ns: int | None = None
         self._health: Health | None = None
         self._record = saved
-        if saved is not None and not saved.ended:
+        if saved is not None and saved.state in ("running", "paused"):
             self._record = saved.in_state("interrupted", RESTARTED)
         calls = [
             endpoint
@@ -70,14 +103,14 @@ class MissionService:
         ]
         self.spec = Spec(
             name="mission",
-            inputs=(STATUS, CLOCK),
+            inputs=(STATUS, CLOCK, *((GROUND,) if config.ground_loss_s else ())),
             outputs=(MISSION,),
             last_value=(MISSION,),
             serves=(RUN_MISSION, COMMAND_MISSION),
-            calls=(RESULT, *calls),
+            calls=(RESULT, ABORT, RETURN_HOME.plan, *calls),
             triggers=(RUN_MISSION.name, COMMAND_MISSION.name),
             rate_hz=10.0,
-            made_with={"boot_id": boot_id, "saved": saved},
+            made_with={"boot_id": boot_id, "saved": saved, "config": config, "vehicle": vehicle},
         )
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
@@ -85,11 +118,12 @@ class MissionService:
         before = self._record
         yield from self._watch_epoch(inbox)
         yield from self._watch_interventions(inbox)
+        yield from self._watch_way_home(t_ns, inbox)
         yield from self._advance(t_ns, inbox)
         for request in inbox.requests(RUN_MISSION):
             yield self._begin(request)
         for request in inbox.requests(COMMAND_MISSION):
-            yield from self._command(request)
+            yield from self._command(request, inbox)
         if self._record is not None and self._record is not before:
             self._save(self._record)
         yield from self._publish(t_ns, changed=self._record is not before)
@@ -119,15 +153,48 @@ class MissionService:
         if present == self._interventions and not external:
             return
         yield from self._hold(
-            record.in_state("interrupted", status.text if external else f"{REQUESTED}: {status.text}")
+            record.in_state("interrupted", status.text if external else f"{REQUESTED}: {status.text}"), status
         )
 
-    def _hold(self, held: MissionRecord) -> Iterator[Output]:
+    def _hold(self, held: MissionRecord, status: Status) -> Iterator[Output]:
         """Stop flying, and wait for a command."""
-        self._record = held
+        self._record = self._with_altitude(held, status)
         if isinstance(self._run, GoalRun):
             self._wanted = "stop" if self._wanted == "stop" else "hold"
             yield from self._run.cancel()
+
+    def _with_altitude(self, record: MissionRecord, status: Status) -> MissionRecord:
+        """The mission with the altitude of a takeoff, should the vehicle land before the mission goes on."""
+        if status.landed or status.odometry is None:
+            return record
+        height_m = max(altitude_m(status.odometry.pos_uav_ned_m[2]), ALTITUDE_MIN_M)
+        return replace(record, altitude_m=min(height_m, self._altitude_max_m))
+
+    def _watch_way_home(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        """Fly home when the vehicle must."""
+        status, record = inbox.latest(STATUS), self._record
+        if self._return is not None:
+            yield from self._return.step(t_ns, inbox)
+            if self._return.ended is not None:
+                self._after_return(self._return.reason, self._return.ended)
+                self._return = None
+            return
+        yield from self._watch.step(t_ns, inbox)
+        if not self._watch.reason or status is None:
+            return
+        self._returns += 1
+        self._return = ReturnRun(f"return-{self._boot_id:x}-{self._returns}", self._watch.reason)
+        if record is not None and not record.ended:
+            yield from self._hold(record.in_state("interrupted", self._watch.reason), status)
+
+    def _after_return(self, reason: str, end: StepEnd) -> None:
+        """Name the outcome of the return in the mission that waits."""
+        record = self._record
+        if end.end != "succeeded":
+            self._watch.overrule()
+        if record is not None and record.state == "interrupted":
+            outcome = "it has landed" if end.end == "succeeded" else f"the return has ended: {end.reason}"
+            self._record = record.in_state("interrupted", f"{reason}; {outcome}")
 
     def _advance(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Go on with the present step, and begin the next one when it has ended."""
@@ -150,12 +217,21 @@ class MissionService:
         step, status = record.step, inbox.latest(STATUS)
         if status is None:
             return
-        if reason := _somebody_else(status, record.mission_id):
+        if reason := somebody_else(status, record.mission_id):
             self._record = record.in_state("interrupted", reason)
+            return
+        landed, self._takes_off = status.landed and not status.armed, False
+        if record.altitude_m is not None and landed and landing_step(step):
+            self._record = replace(record, altitude_m=None).next_step()
             return
         if isinstance(step, WaitStep):
             self._run = Wait(t_ns, step.duration_s)
+        elif record.altitude_m is not None and landed and step.action != TAKEOFF.name:
+            self._takes_off = True
+            goal_id = f"{record.goal_id}.takeoff"
+            self._run = GoalRun(TAKEOFF, goal_of(TAKEOFF, {"altitude_m": record.altitude_m}, goal_id, t_ns))
         else:
+            self._record = replace(record, altitude_m=None)
             action, fields = self._actions[step.action], step.goal if record.rest is None else record.rest
             self._run = GoalRun(action, goal_of(action, fields, record.goal_id, t_ns))
         yield from self._run.step(t_ns, inbox, paused=False)
@@ -167,7 +243,10 @@ class MissionService:
             return record.in_state("stopped", "stopped by a command")
         if wanted == "skip":
             return record.next_step()
-        following = record.next_step() if end.end == "succeeded" else record.next_attempt(end.rest)
+        if self._takes_off and end.end == "succeeded":
+            following = replace(record, altitude_m=None)
+        else:
+            following = record.next_step() if end.end == "succeeded" else record.next_attempt(end.rest)
         if wanted == "hold":
             return following if following.ended else following.in_state(record.state, record.reason)
         if end.end == "succeeded":
@@ -189,13 +268,15 @@ class MissionService:
             return replace(record.next_step(), reason=f"left out {reason}")
         if policy.then == "stop" or status is None or status.odometry is None or status.landed:
             return record.in_state("failed", end.reason)
-        return replace(record, last=_last_goal(policy.then, status), attempt=1, rest=None, reason=reason)
+        return replace(record, last=last_goal(policy.then, status), attempt=1, rest=None, reason=reason)
 
     # -- requests --
 
     def _begin(self, request: Request) -> Reply:
         mission: Mission = request.payload
         present = self._record
+        if self._return is not None:
+            return Reply(request.request_id, MissionReply(accepted=False, reason=self._returning(self._return)))
         if present is not None and not present.ended:
             reason = f"the mission {present.mission.name!r} is {present.state}: end it first (jezero mission stop)"
             return Reply(request.request_id, MissionReply(accepted=False, reason=reason))
@@ -222,18 +303,24 @@ class MissionService:
                 return f"step {number}, {step.label}: {error}"
         return ""
 
-    def _command(self, request: Request) -> Iterator[Output]:
+    def _command(self, request: Request, inbox: Inbox) -> Iterator[Output]:
         command: MissionCommand = request.payload
         record = self._record
         refusal = NO_MISSION
-        if record is not None and not record.ended:
+        if self._return is not None and command.command != "stop":
+            refusal = self._returning(self._return)
+        elif record is not None and not record.ended:
             if command.command == "pause" and record.state == "running" and isinstance(self._run, GoalRun):
                 self._pauses.append(request.request_id)
                 yield from self._run.pause()
                 return
-            refusal = yield from self._carry_out(command.command, record)
+            refusal = yield from self._carry_out(command.command, record, inbox.latest(STATUS))
         mission_id = "" if record is None else record.mission_id
         yield Reply(request.request_id, MissionReply(accepted=not refusal, reason=refusal, mission_id=mission_id))
+
+    @staticmethod
+    def _returning(run: ReturnRun) -> str:
+        return f"{run.reason}: wait until it has landed, or end the return with jezero hover"
 
     def _reply_to_pauses(self, refusal: str, record: MissionRecord) -> Iterator[Output]:
         """Reply to the requests for a pause.
@@ -248,15 +335,17 @@ class MissionService:
             yield Reply(request_id, reply)
         self._pauses.clear()
 
-    def _carry_out(self, command: str, record: MissionRecord) -> Generator[Output, None, str]:
+    def _carry_out(self, command: str, record: MissionRecord, status: Status | None) -> Generator[Output, None, str]:
         """Carry out a command; returns the reason of a refusal, or ""."""
         run = self._run
         waits = record.state in ("paused", "interrupted")
-        if command == "resume" and not waits:
+        if command in ("resume", "swapped") and not waits:
             return "the mission is running"
+        if command == "swapped" and (refusal := swap_refusal(record, status)):
+            return refusal
         if command == "pause" and waits:
             return f"the mission is {record.state} already"
-        if command == "resume":
+        if command in ("resume", "swapped"):
             if self._wanted:
                 return ENDING
             self._interventions = None
@@ -285,26 +374,13 @@ class MissionService:
         yield Publish(
             MISSION, MissionProgress(t_ns=t_ns, state="idle") if record is None else record.message(t_ns, goal_id)
         )
-        health = Health("ok", "no mission" if record is None else f"{record.mission.name}: {record.state}")
+        health = Health("ok", self._health_text())
         if health != self._health:
             self._health = health
             yield health
 
-
-def _somebody_else(status: Status, mission_id: str) -> str:
-    """Who else than the mission has control, or ""."""
-    if status.in_charge in ("external", "failsafe"):
-        return f"somebody else has control: {status.text}"
-    if status.in_charge == "goal" and not status.goal_id.startswith(f"{mission_id}."):
-        return f"goal {status.goal_id} of another client is in charge"
-    return ""
-
-
-def _last_goal(then: str, status: Status) -> GoalStep:
-    """The goal that ends a mission after a failure."""
-    if then == "return":
-        return GoalStep(label="land on the rover", action=LAND_ON_SPOT, goal={})
-    assert status.odometry is not None
-    north_m, east_m, _ = status.odometry.pos_uav_ned_m
-    goal = {"landing_spot_ned_m": [north_m, east_m, 0.0], "use_uwb": False, "use_tag": False}
-    return GoalStep(label="land here", action=LAND_ON_SPOT, goal=goal)
+    def _health_text(self) -> str:
+        record = self._record
+        mission = "no mission" if record is None else f"{record.mission.name}: {record.state}"
+        way_home = self._watch.text if self._return is None else self._return.reason
+        return f"{mission}; {way_home}" if way_home else mission

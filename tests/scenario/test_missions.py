@@ -7,77 +7,18 @@ import msgspec
 import pytest
 
 from jezero.frames import norm, subtract
-from jezero.plugins import all_actions
 from jezero.runtime.config import load_config
-from jezero.runtime.memory_bus import MemoryBus
 from jezero.schemas import topics
 from jezero.schemas.commands import Abort
 from jezero.schemas.goals import AreaCoverageGoal
 from jezero.schemas.mission import (
-    FailurePolicy,
     GoalStep,
-    Mission,
-    MissionCommand,
-    MissionProgress,
-    MissionReply,
     WaitStep,
 )
-from jezero.services.mission.record import MissionRecord
-from jezero.services.mission.service import MissionService
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.trials.stack import build_stack
+from tests.scenario.mission_rig import LAND, TAKEOFF, MissionFlight, go
 from tests.scenario.rig import Flight, go_to
-
-TAKEOFF = GoalStep(label="take off", action="takeoff", goal={"altitude_m": 2.0})
-LAND = GoalStep(label="land", action="land_on_spot", goal={})
-
-
-def go(north_m: float, east_m: float, down_m: float = -3.0, **policy: Any) -> GoalStep:
-    goal = {"target_ned_m": [north_m, east_m, down_m]}
-    return GoalStep(
-        label=f"go to {north_m:g} {east_m:g}", action="go_to", goal=goal, on_failure=FailurePolicy(**policy)
-    )
-
-
-class MissionFlight(Flight):
-    """A stack whose mission service keeps its mission as a process does."""
-
-    def __init__(self) -> None:
-        self.saved: list[MissionRecord] = []
-        self.progress: list[MissionProgress] = []
-        super().__init__(1, self._make)
-        self.bus.observe(self._on_message)
-
-    def _make(self, seed: int) -> MemoryBus:
-        bus = build_stack(seed, without=("mission",))
-        bus.add(self.service(1))
-        return bus
-
-    def service(self, boot_id: int) -> MissionService:
-        """A new process of the mission service."""
-        saved = self.saved[-1] if self.saved else None
-        return MissionService(boot_id, all_actions(), saved, self.saved.append)
-
-    def _on_message(self, t_ns: int, topic: str, data: bytes) -> None:
-        if topic == topics.MISSION.name:
-            self.progress.append(msgspec.json.decode(data, type=MissionProgress))
-
-    def run(self, *steps: Any) -> MissionReply:
-        reply = self.request(topics.RUN_MISSION, Mission(name="test", steps=steps))
-        assert isinstance(reply, MissionReply)
-        return reply
-
-    def command(self, command: Any) -> MissionReply:
-        reply = self.request(topics.COMMAND_MISSION, MissionCommand(command=command))
-        assert isinstance(reply, MissionReply)
-        return reply
-
-    def wait_state(self, state: str, timeout_s: float = 120.0) -> MissionProgress:
-        self.wait(lambda: bool(self.progress) and self.progress[-1].state == state, timeout_s, f"mission {state}")
-        return self.progress[-1]
-
-    def wait_step(self, step: int) -> None:
-        self.wait(lambda: self.progress[-1].step == step and bool(self.progress[-1].goal_id), 60.0, f"step {step}")
 
 
 def test_a_mission_flies_its_steps_and_ends_on_the_rover() -> None:

@@ -17,6 +17,7 @@ from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.estimator.config import EstimatorConfig
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.ground_station.config import GroundStationConfig
+from jezero.services.mission.config import MissionConfig
 from jezero.services.recorder.config import RecorderConfig
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.config import SimulatorConfig
@@ -37,6 +38,7 @@ FILES: dict[str, tuple[type[Config], str]] = {
     "vehicle_bridge": (VehicleBridgeConfig, "The vehicle bridge."),
     "tag_detector": (TagDetectorConfig, "The tag detector."),
     "estimator": (EstimatorConfig, "The estimator."),
+    "mission": (MissionConfig, "When the vehicle flies home by itself."),
     "recorder": (RecorderConfig, "The recorder of flights."),
     "ground_station": (GroundStationConfig, "The ground station."),
     "actions": (ActionsConfig, "All action servers."),

@@ -1,0 +1,82 @@
+"""One return that the vehicle flies by itself: ends the goal in charge, then flies `return_home`."""
+
+from collections.abc import Iterator
+
+from jezero.runtime.service import Call, Inbox, Output
+from jezero.schemas.commands import Abort
+from jezero.schemas.goals import ReturnHomeGoal
+from jezero.schemas.state import Status, StatusCode
+from jezero.schemas.topics import ABORT, RETURN_HOME, STATUS
+from jezero.schemas.units import NS_PER_S
+from jezero.services.mission.step_run import GoalRun, StepEnd
+
+TRIES = 3
+ABORT_PERIOD_NS = 2 * NS_PER_S
+OTHER_CONTROL = "somebody else has control"
+
+
+class ReturnRun:
+    """One return.
+
+    Args:
+        return_id: start of the ids of its goals.
+        reason: why the vehicle returns, for the client of the goal that is ended, and for people.
+
+    Attributes:
+        ended: the end; None before. `canceled` when a person or a failsafe took control.
+    """
+
+    def __init__(self, return_id: str, reason: str) -> None:
+        self.reason = reason
+        self.ended: StepEnd | None = None
+        self._return_id = return_id
+        self._run: GoalRun | None = None
+        self._tries = 0
+        self._abort_due_ns = 0
+        self._interventions: tuple[int, int] | None = None
+        """Bridge's boot id and the number of interventions, when the first goal began."""
+
+    @property
+    def goal_id(self) -> str:
+        """Id of the goal that flies; "" before."""
+        return "" if self._run is None else self._run.goal_id
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        """Go on with the return."""
+        status = inbox.latest(STATUS)
+        if status is None or self.ended is not None:
+            return
+        if self._run is None:
+            yield from self._begin(t_ns, status)
+        if self._run is None or self.ended is not None:
+            return
+        yield from self._run.step(t_ns, inbox, paused=False)
+        self._watch_interventions(status)
+        end = self._run.ended
+        if end is not None and end.end == "failed" and self._tries < TRIES:
+            self._run = None
+        else:
+            self.ended = self.ended or end
+
+    def _begin(self, t_ns: int, status: Status) -> Iterator[Output]:
+        """Fly home as soon as the vehicle hovers; request an abort of the goal in charge until then."""
+        if status.in_charge in ("external", "failsafe"):
+            self.ended = StepEnd("canceled", f"{OTHER_CONTROL}: {status.text}")
+        elif status.landed or not status.armed:
+            self.ended = StepEnd("canceled", "the vehicle has landed")
+        elif status.code == StatusCode.HOVER:
+            self._tries += 1
+            self._interventions = self._interventions or (status.bridge_boot_id, status.interventions)
+            goal_id = f"{self._return_id}.{self._tries}"
+            self._run = GoalRun(RETURN_HOME, ReturnHomeGoal(goal_id=goal_id, issued_t_ns=t_ns))
+        elif status.in_charge == "goal" and t_ns >= self._abort_due_ns:
+            self._abort_due_ns = t_ns + ABORT_PERIOD_NS
+            yield Call(ABORT, Abort(reason=self.reason), f"{self._return_id}/abort")
+
+    def _watch_interventions(self, status: Status) -> None:
+        """End the return when a person or a failsafe takes control."""
+        if status.in_charge in ("external", "failsafe"):
+            self.ended = StepEnd("canceled", f"{OTHER_CONTROL}: {status.text}")
+            return
+        if (status.bridge_boot_id, status.interventions) != self._interventions:
+            self.ended = StepEnd("canceled", status.text)

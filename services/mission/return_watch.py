@@ -1,0 +1,97 @@
+"""Decides when a flying vehicle must turn home: while the battery still holds the way, or when the ground is silent."""
+
+from collections.abc import Iterator
+
+from jezero.runtime.service import Call, Inbox, Output
+from jezero.schemas.actions import PlanReply
+from jezero.schemas.goals import ReturnHomeGoal
+from jezero.schemas.state import Battery, Status
+from jezero.schemas.topics import LAND_ON_SPOT, RETURN_HOME, STATUS, health_of
+from jezero.schemas.units import NS_PER_S
+from jezero.services.mission.battery_use import BatteryUse
+from jezero.services.mission.config import MissionConfig
+from jezero.vehicle_config import BatteryConfig
+
+PLAN_PERIOD_NS = 5 * NS_PER_S
+PLAN_TIMEOUT_S = 3.0
+HALF_STEP = 0.005
+"""The autopilot reports whole percents, so that half of one may be missing."""
+CRITICAL_MARGIN = 0.01
+"""At the critical level the autopilot flies its own return: the landing is over before."""
+GROUND = health_of("ground_station")
+
+
+class ReturnWatch:
+    """Asks for the plan of the way home while the vehicle flies, and compares it with the battery.
+
+    Attributes:
+        reason: why the vehicle must turn home now, for people; "" while it need not.
+        text: charge that is there, and charge that the way home needs, for people; "" while nobody knows.
+    """
+
+    def __init__(self, config: MissionConfig, battery: BatteryConfig) -> None:
+        self.reason = ""
+        self.text = ""
+        self._config = config
+        self._use = BatteryUse(battery.used(1.0))
+        self._duration_s: float | None = None
+        """Planned duration of the way home and of the landing."""
+        self._plans = 0
+        self._plan_due_ns = 0
+        self._ground_ns: int | None = None
+        """Time at which the ground station was last heard in this flight."""
+        self._overruled = False
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
+        """Ask for the plan when that is due, and judge."""
+        status = inbox.latest(STATUS)
+        if status is None or not status.armed or status.landed:
+            self._forget_flight()
+            return
+        if self._config.ground_loss_s and inbox.new(GROUND):
+            self._ground_ns = t_ns
+        if status.battery is not None and status.battery.remaining is not None:
+            self._use.update(t_ns, status.battery.remaining)
+        yield from self._plan(t_ns, status, inbox)
+        comes_home = status.action in (RETURN_HOME.name, LAND_ON_SPOT.name)
+        stays = comes_home or self._overruled or status.in_charge in ("external", "failsafe")
+        low = self._judge_battery(status.battery)
+        self.reason = "" if stays else low or self._judge_ground(t_ns)
+
+    def overrule(self) -> None:
+        """Let the vehicle fly on until its landing: a person ended the return."""
+        self._overruled = True
+
+    def _forget_flight(self) -> None:
+        self.reason = self.text = ""
+        self._use.reset()
+        self._duration_s = self._ground_ns = None
+        self._overruled = False
+
+    def _plan(self, t_ns: int, status: Status, inbox: Inbox) -> Iterator[Output]:
+        """Ask how long the way home takes from here."""
+        for response in inbox.responses:
+            if response.tag == f"way home/{self._plans}" and isinstance(response.payload, PlanReply):
+                self._duration_s = response.payload.duration_s or self._duration_s
+        if status.odometry is None or t_ns < self._plan_due_ns or not self._config.return_when_low:
+            return
+        self._plan_due_ns = t_ns + PLAN_PERIOD_NS
+        self._plans += 1
+        goal = ReturnHomeGoal(issued_t_ns=t_ns, plan_from_ned_m=status.odometry.pos_uav_ned_m)
+        yield Call(RETURN_HOME.plan, goal, f"way home/{self._plans}", PLAN_TIMEOUT_S)
+
+    def _judge_battery(self, battery: Battery | None) -> str:
+        """Reason to turn home because of the battery, or ""."""
+        if battery is None or battery.remaining is None or self._duration_s is None:
+            return ""
+        reserve = max(self._config.reserve, (battery.critical or 0.0) + CRITICAL_MARGIN)
+        needed = self._config.way_margin * self._duration_s * self._use.per_s + reserve
+        self.text = f"the battery has {battery.remaining:.0%}, the way home needs {needed:.0%}"
+        return f"{self.text}: the vehicle returns" if battery.remaining - HALF_STEP < needed else ""
+
+    def _judge_ground(self, t_ns: int) -> str:
+        """Reason to turn home because of the ground station, or ""."""
+        limit_s = self._config.ground_loss_s
+        if not limit_s or self._ground_ns is None or t_ns - self._ground_ns < limit_s * NS_PER_S:
+            return ""
+        return f"the ground station has been silent for {limit_s:g} s: the vehicle returns"
