@@ -61,7 +61,7 @@ def test_a_survey_goes_on_with_the_first_missing_image_after_a_change_of_the_bat
     assert on_the_rover(flight)
     first, second = feedback.values()
     assert 0 < first.taken < first.planned
-    assert first.taken + second.planned == first.planned
+    assert first.taken + second.taken == first.planned == second.planned
 
 
 def test_a_person_who_ends_the_return_flies_on_and_is_not_overruled() -> None:
