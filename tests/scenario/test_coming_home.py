@@ -18,7 +18,7 @@ from tests.scenario.rig import go_to
 SURVEY = GoalStep(
     label="survey",
     action="area_coverage",
-    goal={"polygon_ned_m": [[-6.0, -6.0], [6.0, -6.0], [6.0, 6.0], [-6.0, 6.0]], "z_ned_m": -5.0, "overlap": 0.6},
+    goal={"polygon_ned_m": [[-4.0, -4.0], [4.0, -4.0], [4.0, 4.0], [-4.0, 4.0]], "z_ned_m": -5.0, "overlap": 0.6},
 )
 
 
@@ -38,7 +38,7 @@ def test_a_goal_of_any_client_ends_while_the_battery_still_holds_the_way_home() 
 
 
 def test_a_survey_goes_on_with_the_first_missing_image_after_a_change_of_the_battery() -> None:
-    flight = MissionFlight(AutopilotConfig(charge_at_start=0.17, battery_swap_s=20.0))
+    flight = MissionFlight(AutopilotConfig(charge_at_start=0.15, battery_swap_s=5.0))
     feedback: dict[str, ImagesFeedback] = {}
 
     def keep(t_ns: int, topic: str, data: bytes) -> None:
@@ -55,7 +55,7 @@ def test_a_survey_goes_on_with_the_first_missing_image_after_a_change_of_the_bat
     flight.wait(lambda: on_the_rover(flight), 240.0, "landing on the rover")
     flight.wait(lambda: "it has landed" in flight.progress[-1].reason, 10.0, "the mission knows of the landing")
     assert "put in one with" in flight.command("swapped").reason
-    flight.bus.run_for(22.0)
+    flight.bus.run_for(6.0)
     assert flight.command("swapped").accepted
     flight.wait_state("succeeded", 300.0)
     assert on_the_rover(flight)
