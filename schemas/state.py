@@ -138,6 +138,7 @@ class Status(Message, frozen=True, kw_only=True):
         paused: the goal in charge is paused, and the vehicle hovers.
         takeoff_ned_m: where an armed vehicle stood before it was armed, in the world frame as it is now. None for a
             disarmed one, and when the bridge did not see it stand.
+        fence_id: changes with the fence that the bridge holds; "" without one.
     """
 
     code: Annotated[int, Meta(ge=0, le=15)]
@@ -162,6 +163,7 @@ class Status(Message, frozen=True, kw_only=True):
     std_gust_mps: NonNegative | None = None
     paused: bool = False
     takeoff_ned_m: PositionNed | None = None
+    fence_id: Annotated[str, Meta(max_length=64)] = ""
 
 
 class TruePoses(Message, frozen=True, kw_only=True):

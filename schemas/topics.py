@@ -14,6 +14,7 @@ from jezero.schemas import (
     actions,
     commands,
     estimate,
+    fence,
     goals,
     health,
     images,
@@ -229,13 +230,14 @@ ROVER_COMMAND = Topic("rover/command", commands.RoverCommand, 10.0, CLIENTS)
 ODOMETRY = Topic("odometry", state.Odometry, 50.0, "vehicle_bridge")
 STATUS = Topic("status", state.Status, 10.0, "vehicle_bridge")
 SETPOINT = Topic("command/setpoint", commands.Setpoint, 50.0, GOAL_IN_CHARGE)
+FENCE = Topic("fence", fence.FenceState, 1.0, "vehicle_bridge")
 MISSION = Topic("mission/progress", mission.MissionProgress, 2.0, "mission")
 PREFLIGHT = Topic("preflight", preflight.PreflightReport, None, "preflight")
 
 TOPICS: tuple[Topic[Any], ...] = (
     CLOCK, IMU, GNSS, BARO, MAG, ALTIMETER, UWB, ROVER_ODOMETRY, TRUTH, ODOMETRY, STATUS, SETPOINT,
     SCENE, CAMERA, CAMERA_INFO, TAG_CORNERS, ESTIMATE_TAG, RELATIVE, ROVER_ESTIMATE, CAMERA_PITCH, ROVER_COMMAND,
-    MISSION, PREFLIGHT,
+    MISSION, PREFLIGHT, FENCE,
 )  # fmt: skip
 
 ACQUIRE = refusing("@control/acquire", commands.Acquire, commands.AcquireReply, "vehicle_bridge", granted=False)
@@ -245,6 +247,7 @@ RELEASE = refusing(
 HOVER = refusing("@control/hover", commands.Hover, commands.HoverReply, "vehicle_bridge", hover_mode=False)
 ABORT = refusing("@control/abort", commands.Abort, commands.AbortReply, "vehicle_bridge", hovering=False)
 KILL = refusing("@control/kill", commands.Kill, commands.KillReply, "vehicle_bridge", killed=False)
+SET_FENCE = refusing("@fence/set", fence.SetFence, fence.FenceReply, "vehicle_bridge", accepted=False)
 RESULT = Endpoint(
     "@action/result",
     actions.GetResult,
@@ -342,7 +345,7 @@ ACTIONS: dict[str, Action[Any]] = {
 
 ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (
     ACQUIRE, RELEASE, HOVER, ABORT, KILL, RESULT, UNKNOWN_ACTION, GET_PARAMETERS, SET_PARAMETERS, LEASE,
-    RUN_MISSION, COMMAND_MISSION, CHECK_PREFLIGHT, GROUND,
+    RUN_MISSION, COMMAND_MISSION, CHECK_PREFLIGHT, SET_FENCE, GROUND,
     *(endpoint for action in ACTIONS.values() for endpoint in action.endpoints),
 )  # fmt: skip
 

@@ -26,7 +26,7 @@ def read_plan(content: Any) -> list[FilePolygon]:
     """
     if not is_plan(content):
         raise AreaFileError('is not a plan of QGroundControl: it has no "fileType": "Plan"')
-    fences = list(_fences(_member(content, "geoFence")))
+    fences = list(read_geofence(content))
     kinds: list[str] = []
     areas = list(_surveys(_member(content, "mission"), kinds))
     if not areas:
@@ -68,8 +68,13 @@ def _surveys(mission: dict[str, Any], kinds: list[str]) -> Iterator[tuple[str, R
             yield f"survey {number}", _ring(item.get("polygon"), f"survey {number}")
 
 
-def _fences(geofence: dict[str, Any]) -> Iterator[tuple[str, Ring, bool]]:
-    """The geofence's polygons and circles: place, outline, and whether the vehicle stays inside."""
+def read_geofence(content: Any) -> Iterator[tuple[str, Ring, bool]]:
+    """The polygons and circles of a plan's geofence: place, outline in degrees, and whether the vehicle stays inside.
+
+    Raises:
+        AreaFileError: one of them is damaged.
+    """
+    geofence = _member(content, "geoFence")
     for number, fence in enumerate(_list(geofence, "polygons"), 1):
         place = f"geofence polygon {number}"
         if not isinstance(fence, dict):

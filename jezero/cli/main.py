@@ -46,6 +46,7 @@ SECTIONS: dict[str, dict[str, Entry]] = {
         "camera": Entry("jezero.cli.camera", "camera", "Save images of the camera, or of the ground from above."),
     },
     "Missions": {
+        "fence": Entry("jezero.cli.fence", "fence", "Set the places to stay in and out of."),
         "mission": Entry("jezero.cli.mission", "mission", "Check a mission file, fly it, and command it in flight."),
     },
     "Survey": {

@@ -9,6 +9,7 @@ from typing import Any, Self, TypeVar, overload
 from jezero.client import control
 from jezero.client.actions import Actions
 from jezero.client.camera import Camera
+from jezero.client.fence import request_fence, set_fence
 from jezero.client.goal import request_result
 from jezero.client.goal_methods import GoalMethods, Point
 from jezero.client.goal_sender import GoalSender
@@ -21,6 +22,7 @@ from jezero.schemas import topics
 from jezero.schemas.actions import ResultReply
 from jezero.schemas.commands import AbortReply
 from jezero.schemas.estimate import Relative
+from jezero.schemas.fence import Fence, FenceState
 from jezero.schemas.preflight import PreflightReport
 from jezero.schemas.state import Battery, Odometry, Status
 from jezero.schemas.struct import Message
@@ -125,6 +127,18 @@ class Vehicle(GoalMethods):
             ValueError: a coordinate is NaN or infinite.
         """
         control.hover(self._connection, pos_ned_m)
+
+    def fence(self) -> FenceState:
+        """The fence in force, and whether the vehicle is outside."""
+        return request_fence(self._connection)
+
+    def set_fence(self, fence: Fence | None) -> None:
+        """Set the fence, on the ground only; None takes it away. `jezero.mission_files.read_fence` reads one.
+
+        Raises:
+            Refused: the vehicle is armed.
+        """
+        set_fence(self._connection, fence)
 
     def abort(self, reason: str = "") -> AbortReply:
         """End the goal in charge at once, also another client's: hover, or disarm if still on the ground."""

@@ -15,11 +15,13 @@ from jezero.schemas.topics import (
     ACTIONS,
     ALTIMETER,
     CLOCK,
+    FENCE,
     HOVER,
     KILL,
     ODOMETRY,
     PREFLIGHT,
     RELEASE,
+    SET_FENCE,
     SETPOINT,
     STATUS,
     UNKNOWN_ACTION,
@@ -27,6 +29,7 @@ from jezero.schemas.topics import (
 from jezero.services.vehicle_bridge.authority import Authority
 from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+from jezero.services.vehicle_bridge.fence_holder import FenceHolder
 from jezero.services.vehicle_bridge.foreign_setpoints import ForeignSetpointDetector
 from jezero.services.vehicle_bridge.readiness import moving_ground_reason, system_not_ready_reason
 from jezero.services.vehicle_bridge.request_queue import RequestQueue
@@ -55,9 +58,9 @@ SPEC = Spec(
     name="vehicle_bridge",
     inputs=(CLOCK, SETPOINT, PREFLIGHT),
     on_demand=(ALTIMETER,),
-    outputs=(ODOMETRY, STATUS),
-    last_value=(STATUS,),
-    serves=(ACQUIRE, RELEASE, HOVER, ABORT, KILL, UNKNOWN_ACTION),
+    outputs=(ODOMETRY, STATUS, FENCE),
+    last_value=(STATUS, FENCE),
+    serves=(ACQUIRE, RELEASE, HOVER, ABORT, KILL, SET_FENCE, UNKNOWN_ACTION),
     links=(LINK,),
     triggers=(LINK, SETPOINT.name, ACQUIRE.name, RELEASE.name, HOVER.name, ABORT.name, KILL.name, UNKNOWN_ACTION.name),
 )
@@ -98,6 +101,7 @@ class VehicleBridge:
         self._link = AutopilotLink(system_id, config.parameters)
         self._foreign_setpoints = ForeignSetpointDetector()
         self._authority = Authority(config, robot, boot_id)
+        self._fence = FenceHolder()
         self._wind = WindEstimator(robot.airframe)
         self._epoch_id: int | None = None
         self._timer = Timer()
@@ -129,6 +133,7 @@ class VehicleBridge:
         batch = self._read_link(inbox, respawned=respawned)
         self._digest(batch, t_ns, inbox, respawned=respawned)
         vehicle = self._snapshot(self._vehicle_time_ns(t_ns), inbox)
+        yield from self._fence.handle(self._authority.code, vehicle, inbox)
         yield from self._handle_requests(vehicle, inbox)
         self._authority.update(vehicle)
         yield from self._requests.reply_to_pending(vehicle, inbox.wall_ns)
@@ -137,6 +142,7 @@ class VehicleBridge:
         for odometry in batch.odometry:
             self._wind.update(odometry, vehicle)
             yield Publish(ODOMETRY, odometry)
+        yield from self._fence.update(self._link.telemetry.origin_deg, vehicle, inbox.wall_ns)
         yield from self._publish_status(vehicle, inbox.wall_ns)
         yield from self._subscribe()
         yield from self._publish_health(vehicle)
@@ -350,6 +356,7 @@ class VehicleBridge:
             std_gust_mps=None if wind is None else wind.std_gust_mps,
             paused=control_state.paused,
             takeoff_ned_m=self._ground_ned_m if vehicle.armed else None,
+            fence_id=self._fence.fence_id,
         )
 
     def _subscribe(self) -> Iterator[Output]:

@@ -18,6 +18,7 @@ from jezero.schemas.topics import ACQUIRE, ALTIMETER, ODOMETRY, STATUS, Action
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.lifecycle.battery_reserve import battery_refusal
+from jezero.services.actions.lifecycle.fence_check import fence_refusal
 from jezero.services.actions.lifecycle.goal_context import GoalContext
 from jezero.services.actions.lifecycle.goal_flight import GoalFlight
 from jezero.services.actions.lifecycle.goal_stages import (
@@ -294,7 +295,8 @@ class GoalRun:
             yield from self.reject(POSITION_LOST, inbox)
             return
         flight = GoalFlight(t_ns, inbox, odometry, start, self._context)
-        if refusal := self._battery_refusal(flight.planned, inbox):
+        refusal = self._battery_refusal(flight.planned, inbox)
+        if refusal := refusal or fence_refusal(flight.planned_path_ned_m(), self._plan, inbox):
             yield from self.reject(refusal, inbox)
             return
         if self.plan_only:

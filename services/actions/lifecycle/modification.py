@@ -9,15 +9,25 @@ from typing import Any
 
 import msgspec
 
+from jezero.frames import add
 from jezero.runtime.service import Inbox, Output, Reply
 from jezero.schemas.actions import ModifyReply
 from jezero.schemas.goals import Goal
 from jezero.schemas.topics import STATUS, Action
 from jezero.services.actions.lifecycle.battery_reserve import battery_refusal
+from jezero.services.actions.lifecycle.fence_check import fence_refusal
 from jezero.services.actions.lifecycle.goal_flight import GoalFlight
 from jezero.services.actions.lifecycle.guard import GuardedPlanner
 from jezero.services.actions.lifecycle.preparation_run import PreparationRun
-from jezero.services.actions.motion.behaviour import Plan, Preparation, Refusal, Start, VehicleState, remaining_of
+from jezero.services.actions.motion.behaviour import (
+    Plan,
+    Preparation,
+    Refusal,
+    Start,
+    VehicleState,
+    path_of,
+    remaining_of,
+)
 from jezero.vehicle_config import BatteryConfig
 
 NO_STATUS = "the vehicle's status is unknown"
@@ -98,8 +108,12 @@ class Modification:
     def _take_over(
         self, t_ns: int, inbox: Inbox, flight: GoalFlight, state: VehicleState, start: Start, warning: str
     ) -> Iterator[Output]:
-        """Start the new behaviour, if the battery holds its flight."""
+        """Start the new behaviour, if its way stays inside the fence and the battery holds its flight."""
         behaviour = start(flight.goal_time_ns(t_ns), state)
+        way_ned_m = [add(point_m, state.shift_ned_m) for point_m in path_of(behaviour, state)]
+        if self._plan is not None and (reason := fence_refusal(way_ned_m, self._plan, inbox)):
+            yield from self._refuse(reason, flight)
+            return
         status, rest = inbox.latest(STATUS), remaining_of(behaviour, state)
         if self._plan is not None and not self._plan.lands and status is not None and rest is not None:
             reason = battery_refusal(rest.time_s, self._plan.landing_from_m, status.battery, self._battery)

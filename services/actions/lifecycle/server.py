@@ -15,6 +15,7 @@ from jezero.schemas.topics import (
     ALTIMETER,
     CAMERA_PITCH,
     CLOCK,
+    FENCE,
     LEASE,
     ODOMETRY,
     RELATIVE,
@@ -78,7 +79,7 @@ class ActionServer:
         takes = action.takes_pictures
         self.spec = Spec(
             name=action.name,
-            inputs=(STATUS, CLOCK),
+            inputs=(STATUS, CLOCK, FENCE),
             on_demand=(ODOMETRY, RELATIVE, ROVER_ESTIMATE, *(CAPTURE_INPUTS if takes else (ALTIMETER,))),
             outputs=(SETPOINT, feedback_of(action), *((CAMERA_PITCH,) if takes else ())),
             serves=(*action.endpoints, RESULT),

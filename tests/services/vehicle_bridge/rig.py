@@ -13,7 +13,7 @@ from jezero.runtime.service import Output, Publish, Reply, Request, Send
 from jezero.schemas.commands import Acquire, AcquireReply, Phase, Release, Setpoint
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Clock, Odometry, Status
-from jezero.schemas.topics import ACQUIRE, ALTIMETER, CLOCK, ODOMETRY, RELEASE, SETPOINT, STATUS, Endpoint
+from jezero.schemas.topics import ACQUIRE, ALTIMETER, CLOCK, FENCE, ODOMETRY, RELEASE, SETPOINT, STATUS, Endpoint
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import VehicleBridge
 from jezero.vehicle_config import VehicleConfig
@@ -301,7 +301,7 @@ class Rig:
 
     def _apply(self, output: Output) -> None:
         self.outputs.append(output)
-        if isinstance(output, Publish):
+        if isinstance(output, Publish) and output.topic is not FENCE:
             message = decode(output.topic.type, encode(output.message))
             (self.statuses if output.topic is STATUS else self.odometry).append(message)
             assert output.topic in (STATUS, ODOMETRY)

@@ -72,15 +72,15 @@ def test_setpoints_are_numbered_and_carry_the_grant() -> None:
     assert {s.phase for s in setpoints} == {"go_to"}
 
 
-def test_an_idle_server_listens_to_status_and_clock_only() -> None:
+def test_an_idle_server_listens_to_status_clock_and_fence_only() -> None:
     world = World()
     port = world.bus._ports["go_to"]
-    assert port.subscribed == {"status", "clock"}
+    assert port.subscribed == {"status", "clock", "fence"}
     goal = world.flying()
-    assert port.subscribed == {"status", "clock", "odometry", "sensor/altimeter"}
+    assert port.subscribed == {"status", "clock", "fence", "odometry", "sensor/altimeter"}
     world.bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="far"))
     world.end(goal)
-    assert port.subscribed == {"status", "clock"}
+    assert port.subscribed == {"status", "clock", "fence"}
 
 
 @pytest.mark.parametrize(

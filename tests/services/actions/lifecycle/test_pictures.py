@@ -150,9 +150,9 @@ def test_a_full_disk_ends_the_goal_with_its_reason(tmp_path: Path) -> None:
 
 def test_an_idle_server_hears_no_pictures() -> None:
     world = World()
-    assert world.bus._ports["snap"].subscribed == {"status", "clock"}
+    assert world.bus._ports["snap"].subscribed == {"status", "clock", "fence"}
     world.end(world.send(1))
-    assert world.bus._ports["snap"].subscribed == {"status", "clock"}
+    assert world.bus._ports["snap"].subscribed == {"status", "clock", "fence"}
 
 
 @pytest.mark.parametrize("goal_id", ["..", "a/b", ""])

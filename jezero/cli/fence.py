@@ -1,0 +1,82 @@
+"""`jezero fence`: places to stay in and out of."""
+
+from typing import TYPE_CHECKING
+
+import click
+
+from jezero.cli.exit_codes import FAILED
+from jezero.cli.flight import Printer, common_options, connected
+
+if TYPE_CHECKING:
+    from jezero.schemas.fence import Fence
+
+FILE_HELP = "FILE is a fence in YAML or JSON, or a .plan of QGroundControl with a geofence."
+
+
+@click.group()
+def fence() -> None:
+    """Set the fence: goals whose planned way leaves it are refused before they start."""
+
+
+@fence.command(epilog=FILE_HELP)
+@click.argument("file")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def check(file: str, as_json: bool) -> None:
+    """Name the mistakes of a fence file."""
+    printer = Printer(as_json)
+    printer.event("fence", _in_words(_read(file, printer)))
+
+
+@fence.command(name="set", epilog=FILE_HELP)
+@click.argument("file")
+@common_options
+def set_(file: str, vehicle: str, router: str, as_json: bool) -> None:
+    """Set the fence of a vehicle on the ground, until the vehicle's stack ends."""
+    printer = Printer(as_json)
+    read = _read(file, printer)
+    with connected(vehicle, router, printer) as uav:
+        uav.set_fence(read)
+        printer.event("fence", f"in force: {_in_words(read)}")
+
+
+@fence.command()
+@common_options
+def clear(vehicle: str, router: str, as_json: bool) -> None:
+    """Take the fence of a vehicle on the ground away."""
+    printer = Printer(as_json)
+    with connected(vehicle, router, printer) as uav:
+        uav.set_fence(None)
+        printer.event("fence", "no fence")
+
+
+@fence.command()
+@common_options
+def show(vehicle: str, router: str, as_json: bool) -> None:
+    """Show the fence in force."""
+    import msgspec
+
+    printer = Printer(as_json)
+    with connected(vehicle, router, printer) as uav:
+        state = uav.fence()
+        waiting = "the fence waits for the vehicle's origin" if state.fence_id else "no fence"
+        text = waiting if state.fence is None else _in_words(state.fence)
+        outside = f"; the vehicle is {state.outside}" if state.outside else ""
+        printer.event("fence", text + outside, **msgspec.to_builtins(state))
+
+
+def _read(file: str, printer: Printer) -> "Fence":
+    from jezero.mission_files import MissionFileError, read_fence
+
+    try:
+        return read_fence(file)
+    except MissionFileError as error:
+        problems = [{"line": problem.line, "text": problem.text} for problem in error.problems]
+        printer.fail("mistakes", str(error), FAILED, problems=problems)
+
+
+def _in_words(fence: "Fence") -> str:
+    parts = [] if fence.keep_in is None else [f"stay in {fence.keep_in.name}"]
+    parts += [f"stay out of {', '.join(zone.name for zone in fence.keep_out)}"] if fence.keep_out else []
+    parts += [] if fence.ceiling_m is None else [f"ceiling {fence.ceiling_m:g} m"]
+    parts += [f"floor {fence.floor_over_ground_m:g} m"] if fence.floor_over_ground_m else []
+    return f"{fence.name}: {', '.join(parts)}"

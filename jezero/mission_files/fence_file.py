@@ -1,0 +1,154 @@
+"""Reads a fence from a file in YAML or JSON, or from the geofence of a QGroundControl plan."""
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from jezero.mission_files.goals import in_words
+from jezero.mission_files.nodes import Node, UnreadableError, parse
+from jezero.mission_files.problems import MissionFileError, Problem, Problems, did_you_mean, listed
+from jezero.schemas.fence import Fence, Zone
+
+BYTES_MAX = 1_000_000
+PARTS = ("fence", "degrees", "keep_in", "keep_out", "ceiling_m", "floor_over_ground_m")
+PLAIN = ("ceiling_m", "floor_over_ground_m")
+CORNERS = "three corners or more, each [north, east] in metres, or with `degrees: true` [latitude, longitude]"
+
+
+def read_fence(file: Path | str) -> Fence:
+    """Read a fence.
+
+    Raises:
+        MissionFileError: the file can't be read, or is no fence; it names every mistake with its line.
+    """
+    path = Path(file)
+    try:
+        if path.stat().st_size > BYTES_MAX:
+            raise MissionFileError(path, [Problem(0, "has more than a megabyte, which no fence needs")])
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise MissionFileError(path, [Problem(0, f"can't be read: {error.strerror or error}")]) from None
+    except UnicodeDecodeError:
+        raise MissionFileError(path, [Problem(1, "is no text in UTF-8: save it as UTF-8")]) from None
+    problems = Problems()
+    fence = _of_plan(path, text) if path.suffix.lower() == ".plan" else _of_yaml(path, text, problems)
+    if problems.found or fence is None:
+        raise MissionFileError(path, problems.found)
+    return fence
+
+
+def _of_plan(path: Path, text: str) -> Fence:
+    from jezero.area_files import AreaFileError
+    from jezero.area_files.geojson import parse_json
+    from jezero.area_files.qgc_plan import is_plan, read_geofence
+
+    try:
+        content = parse_json(text.encode())
+        if not is_plan(content):
+            raise AreaFileError('is not a plan of QGroundControl: it has no "fileType": "Plan"')
+        zones = [(Zone(name=name, corners_deg=ring), included) for name, ring, included in read_geofence(content)]
+    except AreaFileError as error:
+        raise MissionFileError(path, [Problem(0, str(error))]) from None
+    keep_in = [zone for zone, included in zones if included]
+    if not zones:
+        raise MissionFileError(path, [Problem(0, "has no geofence: draw one in QGroundControl's Plan view")])
+    if len(keep_in) > 1:
+        raise MissionFileError(path, [Problem(0, f"has {len(keep_in)} areas to stay in: join them to one polygon")])
+    out = tuple(zone for zone, included in zones if not included)
+    return Fence(name=path.stem[:64], keep_in=keep_in[0] if keep_in else None, keep_out=out)
+
+
+def _of_yaml(path: Path, text: str, problems: Problems) -> Fence | None:
+    try:
+        root = parse(text, problems)
+    except UnreadableError as error:
+        raise MissionFileError(path, [error.problem]) from None
+    if root is None or not isinstance(root.value, dict):
+        what = "is empty" if root is None else f"is {root.in_words}"
+        raise MissionFileError(path, [Problem(1, f"{what}: a fence has {listed(PARTS)}")])
+    parts: dict[str, Node] = root.value
+    for name, node in parts.items():
+        if name not in PARTS:
+            hint = did_you_mean(name, PARTS) or f"; known are {listed(PARTS)}"
+            problems.add(node.line, f"there is no {name!r} in a fence{hint}")
+    degrees = parts.get("degrees", Node(1, False))
+    if not isinstance(degrees.value, bool):
+        problems.add(degrees.line, "degrees is true or false")
+    fields: dict[str, Any] = {name: parts[name].plain for name in PLAIN if name in parts}
+    fields["name"] = parts["fence"].plain if "fence" in parts else path.stem[:64]
+    reader = _Zones(path, degrees.value is True, problems)
+    if "keep_in" in parts:
+        fields["keep_in"] = reader.zone("keep_in", parts["keep_in"])
+    fields["keep_out"] = reader.named(parts["keep_out"]) if "keep_out" in parts else []
+    if not any(name in parts for name in PARTS[2:]):
+        problems.add(root.line, f"the fence limits nothing: give one of {listed(PARTS[2:])}")
+    return None if problems.found else _checked(fields, parts, root.line, problems)
+
+
+def _checked(fields: dict[str, Any], parts: dict[str, Node], line: int, problems: Problems) -> Fence | None:
+    try:
+        return msgspec.convert(fields, Fence)
+    except msgspec.ValidationError as error:
+        text, _, path = str(error).partition(" - at `$.")
+        name = path.rstrip("`").partition("[")[0].partition(".")[0]
+        at = parts["fence" if name == "name" else name].line if name in parts or name == "name" else line
+        problems.add(at, f"{name}: {in_words(text)}" if name else in_words(text))
+        return None
+
+
+class _Zones:
+    """Reads zones: lists of corners, or the names of area files."""
+
+    def __init__(self, file: Path, degrees: bool, problems: Problems) -> None:
+        self._folder = file.parent
+        self._degrees = degrees
+        self._problems = problems
+
+    def named(self, node: Node) -> list[dict[str, Any]]:
+        """All zones of `NAME: corners`."""
+        if node.value is None:
+            return []
+        if not isinstance(node.value, dict):
+            self._problems.add(node.line, f"keep_out is written as `NAME: [corners]`, not as {node.in_words}")
+            return []
+        zones = [self.zone(name, below) for name, below in node.value.items()]
+        return [zone for zone in zones if zone is not None]
+
+    def zone(self, name: str, node: Node) -> dict[str, Any] | None:
+        """Fields of one zone."""
+        if isinstance(node.value, str):
+            return self._of_file(name, {"file": node.value}, node.line)
+        if isinstance(node.value, dict) and isinstance(node.plain.get("file"), str):
+            return self._of_file(name, node.plain, node.line)
+        corners = node.plain
+        if not isinstance(corners, list) or len(corners) < 3 or not all(_is_corner(corner) for corner in corners):
+            self._problems.add(node.line, f"{name} needs {CORNERS}; or the name of an area's file")
+            return None
+        corners = corners[:-1] if corners[-1] == corners[0] else corners
+        zone = {"name": name, "corners_deg" if self._degrees else "corners_ned_m": corners}
+        try:
+            msgspec.convert(zone, Zone)
+        except msgspec.ValidationError as error:
+            self._problems.add(node.line, f"{name}: {in_words(str(error).partition(' - at')[0])}")
+            return None
+        return zone
+
+    def _of_file(self, name: str, options: dict[str, Any], line: int) -> dict[str, Any] | None:
+        from jezero.area_files import AreaFileError, read_polygon  # with its formats, which most fences don't need
+
+        metres = options.get("metres", False)
+        try:
+            polygon = read_polygon(self._folder / options["file"], feature=options.get("feature"), metres=metres)
+        except AreaFileError as error:
+            self._problems.add(line, f"{name}: {str(error).replace('add --metres', 'add `metres: true` here')}")
+            return None
+        if len(polygon.rings) > 1:
+            self._problems.add(line, f"{name}: {polygon.place} has holes: write each as a zone under keep_out")
+            return None
+        return {"name": name, "corners_ned_m" if polygon.in_metres else "corners_deg": polygon.rings[0]}
+
+
+def _is_corner(corner: Any) -> bool:
+    numbers = isinstance(corner, list) and len(corner) == 2
+    return numbers and all(isinstance(part, int | float) and not isinstance(part, bool) for part in corner)

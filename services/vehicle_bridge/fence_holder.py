@@ -1,0 +1,69 @@
+"""The fence in force: set on the ground, placed around the vehicle's origin, published once a second."""
+
+from collections.abc import Iterator
+from zlib import crc32
+
+from jezero.codec import encode
+from jezero.fence_geometry import outside_reason, placed
+from jezero.frames import Vec3
+from jezero.runtime.service import Inbox, Output, Publish, Reply
+from jezero.schemas.fence import Fence, FenceReply, FenceState
+from jezero.schemas.state import StatusCode
+from jezero.schemas.topics import FENCE, SET_FENCE
+from jezero.services.vehicle_bridge.vehicle import VehicleSnapshot
+
+PERIOD_NS = 1_000_000_000
+IN_FLIGHT = "the fence can't change while the vehicle is armed: land and disarm first"
+
+
+class FenceHolder:
+    """Holds the fence.
+
+    Args:
+        fence: the fence at the start.
+
+    Attributes:
+        fence_id: changes with the fence and with its place; "" without a fence.
+    """
+
+    def __init__(self, fence: Fence | None = None) -> None:
+        self._fence = fence
+        self._placed: Fence | None = None
+        self._origin_deg: Vec3 | None = None
+        self._published: FenceState | None = None
+        self._published_wall_ns = 0
+        self.fence_id = ""
+        self._place()
+
+    def handle(self, code: StatusCode, vehicle: VehicleSnapshot, inbox: Inbox) -> Iterator[Output]:
+        """Set the fence by the requests that have come, on the ground only."""
+        for request in inbox.requests(SET_FENCE):
+            if code is not StatusCode.IDLE or vehicle.armed is not False:
+                yield Reply(request.request_id, FenceReply(accepted=False, reason=IN_FLIGHT))
+                continue
+            self._fence = request.payload.fence
+            self._place()
+            yield Reply(request.request_id, FenceReply(accepted=True))
+
+    def update(self, origin_deg: Vec3 | None, vehicle: VehicleSnapshot, wall_ns: int) -> Iterator[Output]:
+        """Place zones in degrees anew where the origin has changed, and publish when it is due."""
+        if origin_deg != self._origin_deg:
+            self._origin_deg = origin_deg
+            self._place()
+        known = self._placed is not None and vehicle.pos_ned_m is not None
+        outside = outside_reason(self._placed, vehicle.pos_ned_m) if known else ""  # type: ignore[arg-type]
+        last = self._published
+        changed = last is None or last.fence_id != self.fence_id or bool(last.outside) is not bool(outside)
+        if changed or wall_ns - self._published_wall_ns >= PERIOD_NS:
+            self._published_wall_ns = wall_ns
+            self._published = FenceState(
+                t_ns=max(0, vehicle.t_ns), fence=self._placed, fence_id=self.fence_id, outside=outside
+            )
+            yield Publish(FENCE, self._published)
+
+    def _place(self) -> None:
+        if self._fence is None:
+            self._placed, self.fence_id = None, ""
+            return
+        self._placed = placed(self._fence, self._origin_deg)
+        self.fence_id = f"{crc32(encode(self._placed or self._fence)):08x}"
