@@ -3,11 +3,11 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import hypot, inf
+from math import hypot
 
 from msgspec.structs import replace
 
-from jezero.frames import Vec3, altitude_m, ned_from_geodetic
+from jezero.frames import Vec3, altitude_m, ned_from_geodetic, z_ned_m
 from jezero.schemas.fence import Fence, Zone
 
 Point = tuple[float, float]
@@ -16,18 +16,25 @@ HOLD_OFF_M = 0.5
 STEP_M = 0.1
 """A way is checked at points this far apart: it may cut a corner by a twentieth of a metre less than `HOLD_OFF_M`."""
 STEPS_MAX = 20_000
+INWARD_STEPS = 20
 
 
 @dataclass(frozen=True)
-class Nearest:
-    """The nearest part of the outlines.
+class Edge:
+    """One edge of a zone, seen from a point.
 
     Attributes:
-        inside_m: distance to it, negative outside the fence.
-        zone: its zone.
+        begin_m: north and east of one end.
+        end_m: north and east of the other end.
+        nearest_m: north and east of its point that is nearest to the point.
+        inside_m: distance to it; negative when the point is on the forbidden side of the zone.
+        zone: the zone.
         keep_in: the zone is the one to stay in.
     """
 
+    begin_m: Point
+    end_m: Point
+    nearest_m: Point
     inside_m: float
     zone: Zone
     keep_in: bool
@@ -37,6 +44,18 @@ class Nearest:
         """The zone, for people."""
         return (
             f"the area {self.zone.name!r} to stay in" if self.keep_in else f"the zone {self.zone.name!r} to stay out of"
+        )
+
+    def distance_to_way_m(self, begin_m: Sequence[float], end_m: Sequence[float]) -> float:
+        """Distance between this edge and a straight way, on the map."""
+        way_begin, way_end = (begin_m[0], begin_m[1]), (end_m[0], end_m[1])
+        if _cross(way_begin, way_end, self.begin_m, self.end_m):
+            return 0.0
+        return min(
+            _distance_m(way_begin, _nearest_point(way_begin, self.begin_m, self.end_m)),
+            _distance_m(way_end, _nearest_point(way_end, self.begin_m, self.end_m)),
+            _distance_m(self.begin_m, _nearest_point(self.begin_m, way_begin, way_end)),
+            _distance_m(self.end_m, _nearest_point(self.end_m, way_begin, way_end)),
         )
 
 
@@ -57,48 +76,98 @@ def placed(fence: Fence, origin_deg: Vec3 | None) -> Fence | None:
     return replace(fence, keep_in=keep_in, keep_out=tuple(placed_zone(zone) for zone in fence.keep_out))
 
 
-def nearest(fence: Fence, point_m: Sequence[float]) -> Nearest | None:
-    """The nearest outline, or where zones are violated the one that is violated most; None without zones.
+def edges(fence: Fence, point_m: Sequence[float]) -> Iterator[Edge]:
+    """All edges of the zones; of a zone that the point violates, the nearest edge alone.
 
     Args:
         point_m: north and east; further numbers are not used.
     """
-    found: Nearest | None = None
     for zone in fence.zones:
-        each = _nearest_of(zone, (point_m[0], point_m[1]), keep_in=zone is fence.keep_in)
-        if found is None or each.inside_m < found.inside_m:
-            found = each
-    return found
+        found = _edges_of(zone, (point_m[0], point_m[1]), keep_in=zone is fence.keep_in)
+        if found[0].inside_m < 0.0:
+            yield max(found, key=lambda edge: edge.inside_m)
+        else:
+            yield from found
 
 
-def _nearest_of(zone: Zone, point_m: Point, *, keep_in: bool) -> Nearest:
+def nearest(fence: Fence, point_m: Sequence[float]) -> Edge | None:
+    """The nearest edge, or where zones are violated that of the zone that is violated most; None without zones.
+
+    Args:
+        point_m: north and east; further numbers are not used.
+    """
+    return min(edges(fence, point_m), key=lambda edge: edge.inside_m, default=None)
+
+
+def _edges_of(zone: Zone, point_m: Point, *, keep_in: bool) -> list[Edge]:
     north_m, east_m = point_m
-    best_m, within = inf, False
+    within = False
     corners = zone.corners_ned_m
-    a_north, a_east = corners[-1]
-    for b_north, b_east in corners:
-        d_north, d_east = b_north - a_north, b_east - a_east
-        length2 = d_north * d_north + d_east * d_east
-        along = ((north_m - a_north) * d_north + (east_m - a_east) * d_east) / length2 if length2 > 0.0 else 0.0
-        along = min(max(along, 0.0), 1.0)
-        distance_m = hypot(north_m - a_north - along * d_north, east_m - a_east - along * d_east)
-        best_m = min(best_m, distance_m)
-        if (a_east > east_m) != (b_east > east_m) and north_m < a_north + (east_m - a_east) / d_east * d_north:
+    found: list[tuple[Point, Point, Point, float]] = []
+    a = corners[-1]
+    for b in corners:
+        near = _nearest_point(point_m, a, b)
+        found.append((a, b, near, _distance_m(point_m, near)))
+        if (a[1] > east_m) != (b[1] > east_m) and north_m < a[0] + (east_m - a[1]) / (b[1] - a[1]) * (b[0] - a[0]):
             within = not within
-        a_north, a_east = b_north, b_east
-    allowed = within is keep_in
-    return Nearest(best_m if allowed else -best_m, zone, keep_in)
+        a = b
+    sign = 1.0 if within is keep_in else -1.0
+    return [Edge(begin, end, near, sign * away_m, zone, keep_in) for begin, end, near, away_m in found]
 
 
-def outside_reason(fence: Fence, pos_ned_m: Vec3) -> str:
-    """Where and how far a position is outside, for people; "" inside."""
-    at = nearest(fence, pos_ned_m)
-    place = f"at north {pos_ned_m[0]:.1f} m, east {pos_ned_m[1]:.1f} m, {altitude_m(pos_ned_m[2]):.1f} m up"
-    if at is not None and at.inside_m < 0.0:
+def _nearest_point(point_m: Point, begin_m: Point, end_m: Point) -> Point:
+    """Nearest point of a line from `begin_m` to `end_m`."""
+    d_north, d_east = end_m[0] - begin_m[0], end_m[1] - begin_m[1]
+    length2 = d_north * d_north + d_east * d_east
+    along = ((point_m[0] - begin_m[0]) * d_north + (point_m[1] - begin_m[1]) * d_east) / length2 if length2 else 0.0
+    along = min(max(along, 0.0), 1.0)
+    return (begin_m[0] + along * d_north, begin_m[1] + along * d_east)
+
+
+def _distance_m(a: Point, b: Point) -> float:
+    return hypot(a[0] - b[0], a[1] - b[1])
+
+
+def _cross(a: Point, b: Point, c: Point, d: Point) -> bool:
+    """Whether the lines from `a` to `b` and from `c` to `d` cross."""
+
+    def side(p: Point, q: Point, r: Point) -> float:
+        return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+
+    return side(a, b, c) * side(a, b, d) < 0.0 and side(c, d, a) * side(c, d, b) < 0.0
+
+
+def point_inside(fence: Fence, pos_ned_m: Vec3, inside_m: float) -> Vec3:
+    """The point nearest to a position that is `inside_m` within the fence; less where the fence is narrow."""
+    point: Vec3 = pos_ned_m
+    if fence.ceiling_m is not None:
+        point = (point[0], point[1], max(point[2], z_ned_m(fence.ceiling_m - inside_m)))
+    for _ in range(INWARD_STEPS):
+        at = nearest(fence, point)
+        if at is None or at.inside_m >= inside_m - 1e-3:
+            break
+        away_m = abs(at.inside_m)
+        if away_m < 1e-6:
+            away_m, point = 1e-3, (point[0] + 1e-3, point[1] + 7e-4, point[2])
+        step = (inside_m - at.inside_m) / away_m * (1.0 if at.inside_m >= 0.0 else -1.0)
+        north_m, east_m = point[0] - at.nearest_m[0], point[1] - at.nearest_m[1]
+        point = (point[0] + step * north_m, point[1] + step * east_m, point[2])
+    return point
+
+
+def outside_reason(fence: Fence, pos_ned_m: Vec3, margin_m: float = 0.0) -> str:
+    """Where and how far a position is outside, for people; "" inside.
+
+    Args:
+        margin_m: distance from edges and ceiling that a position inside must have.
+    """
+    at, up_m = nearest(fence, pos_ned_m), altitude_m(pos_ned_m[2])
+    place = f"at north {pos_ned_m[0]:.1f} m, east {pos_ned_m[1]:.1f} m, {up_m:.1f} m up"
+    if at is not None and at.inside_m < margin_m:
         side = "outside" if at.keep_in else "inside"
         return f"{-at.inside_m:.1f} m {side} {at.in_words}, {place}"
-    if fence.ceiling_m is not None and altitude_m(pos_ned_m[2]) > fence.ceiling_m:
-        return f"{altitude_m(pos_ned_m[2]) - fence.ceiling_m:.1f} m above the ceiling of {fence.ceiling_m:g} m, {place}"
+    if fence.ceiling_m is not None and up_m > fence.ceiling_m - margin_m:
+        return f"{up_m - fence.ceiling_m:.1f} m above the ceiling of {fence.ceiling_m:g} m, {place}"
     return ""
 
 
@@ -117,12 +186,12 @@ def way_refusal(fence: Fence, way_ned_m: Sequence[Vec3], *, from_ground: bool, t
     for index, (begin, end) in enumerate(legs):
         low_allowed = (from_ground and index == 0) or (to_ground and index == len(legs) - 1)
         for pos_ned_m in _points(begin, end):
-            reason = _place_refusal(fence, pos_ned_m, low_allowed=low_allowed)
+            reason = place_refusal(fence, pos_ned_m, low_allowed=low_allowed)
             if reason and entered:
                 return f"the way leaves the fence {fence.name!r}: {reason}"
             entered |= not reason
     if legs and not entered:
-        return f"the way is outside the fence {fence.name!r}: {_place_refusal(fence, legs[-1][1], low_allowed=True)}"
+        return f"the way is outside the fence {fence.name!r}: {place_refusal(fence, legs[-1][1], low_allowed=True)}"
     return ""
 
 
@@ -138,7 +207,7 @@ def _points(begin: Vec3, end: Vec3) -> Iterator[Vec3]:
         )
 
 
-def _place_refusal(fence: Fence, pos_ned_m: Vec3, *, low_allowed: bool) -> str:
+def place_refusal(fence: Fence, pos_ned_m: Vec3, *, low_allowed: bool) -> str:
     """Reason why no goal leads to a place, or ""."""
     if reason := outside_reason(fence, pos_ned_m):
         return reason
@@ -146,6 +215,8 @@ def _place_refusal(fence: Fence, pos_ned_m: Vec3, *, low_allowed: bool) -> str:
     place = f"at north {pos_ned_m[0]:.1f} m, east {pos_ned_m[1]:.1f} m"
     if at is not None and at.inside_m < HOLD_OFF_M - 1e-6:
         return f"it comes within {HOLD_OFF_M:g} m of the edge of {at.in_words}, {place}"
+    if fence.ceiling_m is not None and up_m > fence.ceiling_m - HOLD_OFF_M + 1e-6:
+        return f"{up_m:.1f} m up is within {HOLD_OFF_M:g} m of the ceiling of {fence.ceiling_m:g} m, {place}"
     if not low_allowed and up_m < fence.floor_over_ground_m - 1e-6:
         return f"{up_m:.1f} m up is below the floor of {fence.floor_over_ground_m:g} m, {place}"
     return ""

@@ -46,7 +46,7 @@ def test_the_distance_is_that_to_the_nearest_outline_and_negative_outside(
             "within 0.5 m of the edge of the area 'field' to stay in, at north 0.0 m, east 9.",
         ),
         ([(0.0, 0.0, -3.0), (0.0, 9.8, -3.0)], "within 0.5 m of the edge of the area 'field'"),
-        ([(0.0, 0.0, -3.0), (0.0, 0.0, -25.0)], "above the ceiling of 20 m"),
+        ([(0.0, 0.0, -3.0), (0.0, 0.0, -25.0)], "within 0.5 m of the ceiling of 20 m"),
         ([(0.0, 0.0, -3.0), (0.0, 5.0, -0.6)], "is below the floor of 1 m"),
         ([(0.0, 15.0, -3.0), (0.0, 5.0, -3.0)], ""),
         ([(0.0, 15.0, -3.0), (0.0, 25.0, -3.0)], "the way is outside the fence"),

@@ -9,13 +9,13 @@ with Vehicle.connect("uav1") as uav:
 ```
 """
 
-from jezero.mission_files.fence_file import read_fence
+from jezero.mission_files.fence_file import configured_fence, read_fence
 from jezero.mission_files.planning import StepPlan, plan_mission
 from jezero.mission_files.problems import MissionFileError, Problem
 from jezero.mission_files.reader import MissionFile, read_mission
 from jezero.mission_files.shipped import shipped_file, shipped_mission, shipped_names
 
 __all__ = [
-    "MissionFile", "MissionFileError", "Problem", "StepPlan", "plan_mission", "read_fence", "read_mission",
-    "shipped_file", "shipped_mission", "shipped_names",
+    "MissionFile", "MissionFileError", "Problem", "StepPlan", "configured_fence", "plan_mission", "read_fence",
+    "read_mission", "shipped_file", "shipped_mission", "shipped_names",
 ]  # fmt: skip

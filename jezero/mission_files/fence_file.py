@@ -8,6 +8,7 @@ import msgspec
 from jezero.mission_files.goals import in_words
 from jezero.mission_files.nodes import Node, UnreadableError, parse
 from jezero.mission_files.problems import MissionFileError, Problem, Problems, did_you_mean, listed
+from jezero.runtime.config import ConfigError, config_directory
 from jezero.schemas.fence import Fence, Zone
 
 BYTES_MAX = 1_000_000
@@ -36,6 +37,23 @@ def read_fence(file: Path | str) -> Fence:
     if problems.found or fence is None:
         raise MissionFileError(path, problems.found)
     return fence
+
+
+def configured_fence(file: str) -> Fence | None:
+    """The fence that a setting names; None for "".
+
+    Args:
+        file: absolute, or relative to the folder of the settings.
+
+    Raises:
+        ConfigError: the file can't be read, or is no fence.
+    """
+    if not file:
+        return None
+    try:
+        return read_fence(config_directory() / file)
+    except MissionFileError as error:
+        raise ConfigError(f"the setting fence of vehicle_bridge.toml: {error}") from None
 
 
 def _of_plan(path: Path, text: str) -> Fence:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Collection
 
 import msgspec
 
+from jezero.mission_files import configured_fence
 from jezero.plugins import action_names, all_actions
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus, Observer
@@ -73,7 +74,9 @@ def service_makers(
         "simulator": lambda boot: Simulator(simulator, robot, seed=seed, boot_id=boot),
         "camera": lambda boot: make_camera(camera, simulator, robot, seed),
         "autopilot": lambda _: Autopilot(autopilot, robot, system_id=system_id),
-        "vehicle_bridge": lambda boot: VehicleBridge(bridge, robot, system_id=system_id, boot_id=boot),
+        "vehicle_bridge": lambda boot: VehicleBridge(
+            bridge, robot, system_id=system_id, boot_id=boot, fence=configured_fence(bridge.fence)
+        ),
         "tag_detector": lambda boot: TagDetector(load_config(TagDetectorConfig, "tag_detector"), robot),
         "estimator": lambda boot: Estimator(estimator, robot),
     }

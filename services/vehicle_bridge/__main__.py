@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Mapping
 
+from jezero.mission_files import configured_fence
 from jezero.plugins import action_names
 from jezero.runtime.config import Instance, load_config
 from jezero.runtime.links import SocketLink, Udp
@@ -18,7 +19,8 @@ HOST = "127.0.0.1"
 def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
     """The bridge of an instance, and its link to the autopilot."""
     config, vehicle = load_config(VehicleBridgeConfig, "vehicle_bridge"), load_config(VehicleConfig, "vehicle")
-    bridge = VehicleBridge(config, vehicle, instance.system_id, boot_id, action_names())
+    fence = configured_fence(config.fence)
+    bridge = VehicleBridge(config, vehicle, instance.system_id, boot_id, action_names(), fence)
     autopilot = (HOST, instance.autopilot_offboard_port)
     return bridge, {LINK: Udp((HOST, instance.bridge_port), autopilot, only_from_peer=True)}
 

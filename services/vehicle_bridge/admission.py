@@ -52,6 +52,14 @@ class Grant:
         """Name for people, e.g. "go_to g-17"; servers' own ids begin with the action."""
         return self.goal_id if self.goal_id.startswith(self.action) else f"{self.action} {self.goal_id}"
 
+    def follow(self, setpoint: Setpoint, vehicle: VehicleSnapshot) -> str:
+        """Note an accepted setpoint; returns the event of a pause that begins or ends, for people, or ""."""
+        changes = setpoint.paused is not self.paused
+        self.sequence, self.timer_ns, self.paused = setpoint.sequence, vehicle.timer_ns, setpoint.paused
+        if not changes:
+            return ""
+        return f"{self.name} is paused" if self.paused else f"{self.name} goes on"
+
 
 def status_words(code: StatusCode) -> str:
     """The status for people, as a clause."""

@@ -6,10 +6,10 @@ Inputs are requests, setpoints and a `VehicleSnapshot` per step; outputs are `co
 from jezero.frames import Vec3
 from jezero.schemas.commands import Acquire, Hover, Release, Setpoint
 from jezero.schemas.state import InCharge, StatusCode
+from jezero.services.vehicle_bridge import targets
 from jezero.services.vehicle_bridge.abort_maneuver import AbortManeuver
 from jezero.services.vehicle_bridge.admission import (
     Grant,
-    force_disarm_refusal,
     hover_refusal,
     leaves_limits,
     release_refusal,
@@ -17,19 +17,17 @@ from jezero.services.vehicle_bridge.admission import (
     status_words,
 )
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+from jezero.services.vehicle_bridge.disarming import Disarming
 from jezero.services.vehicle_bridge.engagement import EngagementTimer
+from jezero.services.vehicle_bridge.fence_keeper import FenceKeeper
 from jezero.services.vehicle_bridge.flight_monitor import FlightMonitor
 from jezero.services.vehicle_bridge.grants import Grants
 from jezero.services.vehicle_bridge.resets import ResetHistory
 from jezero.services.vehicle_bridge.takeover_detector import TakeoverDetector
-from jezero.services.vehicle_bridge.targets import press_down_target, released_target, setpoint_target, stopping_target
 from jezero.services.vehicle_bridge.transitions import CODE_OF, IN_PROGRESS, REPORT_MIN_S, completed, require
 from jezero.services.vehicle_bridge.unarmable_mode import UnarmableModeDetector
 from jezero.services.vehicle_bridge.vehicle import LAND, OFFBOARD, Command, ControlState, Target, VehicleSnapshot
 from jezero.vehicle_config import VehicleConfig
-
-DISARM_TIMEOUT_S = 10.0
-"""Time-out of a normal disarm on the ground: the autopilot must first detect the ground."""
 
 
 class Authority:
@@ -38,7 +36,9 @@ class Authority:
     Attributes:
         code: the present status.
         text: the last event, for people.
-        target: setpoint to stream, None for no stream.
+        target: setpoint to follow, None for none.
+        streamed: the target within the fence, which goes to the autopilot.
+        fence: holds the vehicle inside the fence.
         command: command to the autopilot, None for none.
         taking_back: in status 13, the bridge tries to take control back.
         killing: in status 13, the motors are being cut.
@@ -50,6 +50,8 @@ class Authority:
         self.code = StatusCode.IDLE
         self.text = "the bridge has started"
         self.target: Target | None = None
+        self.streamed: Target | None = None
+        self.fence = FenceKeeper(config.on_fence)
         self.command: Command | None = None
         self.taking_back = self.killing = False
         self.changes: list[ControlState] = []
@@ -69,8 +71,7 @@ class Authority:
         """Arming was commanded and may still happen, whatever telemetry reports."""
         self._was_disarmed = False
         self._land_commanded = False
-        self._force_disarm = False
-        """The finished landing detected the ground, although the autopilot's land detector did not."""
+        self._disarming = Disarming(robot)
 
     @property
     def grant(self) -> Grant | None:
@@ -87,19 +88,7 @@ class Authority:
 
     @property
     def control_state(self) -> ControlState:
-        grant = self.grant
-        goal_id, action, control_id = ("", "", "") if grant is None else (grant.goal_id, grant.action, grant.control_id)
-        return ControlState(
-            code=self.code,
-            in_charge=self.in_charge,
-            goal_id=goal_id,
-            action=action,
-            control_id=control_id,
-            grants=self._grants.count,
-            interventions=self.interventions,
-            text=self.text,
-            paused=grant is not None and grant.paused,
-        )
+        return self._grants.control_state(self.code, self.in_charge, self.interventions, self.text)
 
     # -- requests and setpoints --------------------------------------------------------------------------
 
@@ -116,14 +105,10 @@ class Authority:
         refusal = setpoint_refusal(setpoint, self.code, grant, vehicle, resets)
         if refusal or grant is None or code is None:
             return refusal
-        self.target = setpoint_target(setpoint, self._yaw_rad(vehicle), resets)
+        self.target = targets.setpoint_target(setpoint, self._yaw_rad(vehicle), resets)
         if grant.sequence < 0:
             self._grants.history.add_flown(grant.goal_id)
-        grant.sequence = setpoint.sequence
-        grant.timer_ns = vehicle.timer_ns
-        if setpoint.paused is not grant.paused:
-            grant.paused = setpoint.paused
-            self.text = f"{grant.name} is paused" if grant.paused else f"{grant.name} goes on"
+        self.text = grant.follow(setpoint, vehicle) or self.text
         if code is not self.code:
             if self.code is StatusCode.IDLE:
                 self._engagement.start(vehicle)
@@ -145,20 +130,20 @@ class Authority:
         elif refusal := release_refusal(request, self.code, vehicle, self._robot):
             return refusal
         else:
-            self._force_disarm = request.then == "force_disarm"
-            forced = ", disarming by force: the autopilot doesn't detect the ground" if self._force_disarm else ""
+            self._disarming.by_force = request.then == "force_disarm"
+            forced = ", disarming by force: the autopilot doesn't detect the ground" if self._disarming.by_force else ""
             self._end_grant(f"{grant.name} succeeded{forced}", released=True)
             if self.code is StatusCode.LANDING:
-                self.target = press_down_target(self.target, self._yaw_rad(vehicle))
+                self.target = targets.press_down_target(self.target, self._yaw_rad(vehicle))
             else:
-                self.target = released_target(request, self._stopping_target(vehicle), resets)
+                self.target = targets.released_target(request, self._stopping_target(vehicle), resets)
             self._set_code(completed(self.code), vehicle)
         return None
 
     def hover(self, request: Hover, vehicle: VehicleSnapshot) -> str | None:
         """Hover here or at a point; returns the reason for a refusal, or None. It is done when the status is 3."""
         refusal = hover_refusal(request, self.code, self.text, self.killing, vehicle, self._robot.limits)
-        if refusal:
+        if refusal := refusal or self.fence.point_refusal(request.hover_pos):
             return refusal
         self.interventions += 1
         if self.code is StatusCode.EXTERNAL:
@@ -167,12 +152,7 @@ class Authority:
         if self.grant is not None:
             self._revoke(f"{self.grant.name} ended: hover was requested", vehicle)
         if self.code is StatusCode.HOVER:
-            if request.hover_pos is None:
-                self.target = self._stopping_target(vehicle)
-                self.text = "hovering here"
-            else:
-                self.target = Target(request.hover_pos, None, None, self._yaw_rad(vehicle))
-                self.text = "hovering at ({:.2f}, {:.2f}, {:.2f})".format(*request.hover_pos)
+            self.target, self.text = targets.hover_target(request, self._stopping_target(vehicle))
         return None
 
     def _begin_taking_back(self, vehicle: VehicleSnapshot) -> None:
@@ -229,7 +209,8 @@ class Authority:
         if vehicle.armed or vehicle.acknowledged in (Command.DISARM, Command.FORCE_DISARM):
             self._arm_pending = False
         flying = self.code not in (StatusCode.IDLE, StatusCode.EXTERNAL)
-        self._monitor.update(vehicle, self.target, flying=flying)
+        self._monitor.update(vehicle, self.streamed, flying=flying)
+        left_fence = self.fence.update(vehicle)
         takeover = None
         if self.code in IN_PROGRESS and not self._engaged:
             takeover = self._takeover.before_lift_off(vehicle, arm_commanded=arm_commanded)
@@ -238,15 +219,16 @@ class Authority:
         if takeover:
             self._lose_control(*takeover, vehicle)
         elif flying:
-            self._judge_flight(vehicle)
+            self._judge_flight(vehicle, left_fence=left_fence)
         self._was_disarmed |= vehicle.armed is False
         expiry = self._grants.expiry_reason(vehicle)
         if expiry:
             self._revoke(expiry, vehicle)
         self.command = self._advance(vehicle)
         self._arm_pending |= self.command is Command.ARM
+        self.streamed = self.fence.limited(self.target, vehicle, self.code)
 
-    def _judge_flight(self, vehicle: VehicleSnapshot) -> None:
+    def _judge_flight(self, vehicle: VehicleSnapshot, *, left_fence: bool) -> None:
         monitor = self._monitor
         takeover = self._takeover.in_flight(vehicle) if self._engaged else None
         if reason := monitor.kill_reason(vehicle):
@@ -260,13 +242,22 @@ class Authority:
         elif self.grant is not None and (reason := monitor.link_reason(vehicle)):
             self._revoke(f"{self.grant.name} ended: {reason}", vehicle)
         elif reason := monitor.router_reason(vehicle):
-            self._lose_control("failsafe", reason, vehicle)
-            self._land_commanded = True
+            self._land(reason, vehicle)
+        elif left_fence and not vehicle.landed:
+            self._on_left_fence(f"the vehicle is {self.fence.outside}", vehicle)
+
+    def _on_left_fence(self, reason: str, vehicle: VehicleSnapshot) -> None:
+        if self.fence.on_fence == "land":
+            self._land(f"landing: {reason}", vehicle)
+        elif self.grant is not None:
+            self._revoke(f"{self.grant.name} ended: {reason}", vehicle)
+        else:
+            self.text = reason
 
     def _on_disarmed(self, vehicle: VehicleSnapshot) -> None:
         """The motors stopped, which is the aim of a landing and of an abort on the ground, and else a failure."""
         because = f" ({vehicle.command_failure})" if vehicle.command_failure else ""
-        on_ground = vehicle.landed or self._force_disarm
+        on_ground = vehicle.landed or self._disarming.by_force
         if on_ground and self.code in (StatusCode.LANDING, StatusCode.LANDING_DONE, StatusCode.ABORT):
             return
         if vehicle.landed and self.code is StatusCode.TAKEOFF and self.grant is not None:
@@ -289,6 +280,9 @@ class Authority:
             return self._disarm(vehicle)
         if code is not StatusCode.HOVER and self._code_age_s(vehicle) >= REPORT_MIN_S:
             self._set_code(StatusCode.HOVER, vehicle)
+        elif self.grant is None and (point := self.fence.return_point(self.target, vehicle)):
+            self.target = Target(point, None, None, self._yaw_rad(vehicle))
+            self.text += "; it returns inside the fence"
         return None
 
     def _engage(self, vehicle: VehicleSnapshot) -> Command | None:
@@ -298,10 +292,8 @@ class Authority:
             self._engaged = True
         elif self._engagement.is_overdue(vehicle):
             self._revoke(f"{self.grant.name} ended: could not arm in offboard mode: {vehicle.failure_reason}", vehicle)
-        elif self._engagement.may_command(vehicle) and vehicle.mode == OFFBOARD:
-            return Command.ARM
-        elif self._engagement.may_command(vehicle) and not self._takeover.was_offboard:
-            return Command.OFFBOARD
+        elif self._engagement.may_command(vehicle) and (vehicle.mode == OFFBOARD or not self._takeover.was_offboard):
+            return Command.ARM if vehicle.mode == OFFBOARD else Command.OFFBOARD
         return None
 
     def _advance_abort(self, vehicle: VehicleSnapshot) -> Command | None:
@@ -321,12 +313,10 @@ class Authority:
             if elapsed_s >= REPORT_MIN_S:
                 self._set_code(StatusCode.IDLE, vehicle)
             return None
-        if elapsed_s > DISARM_TIMEOUT_S:
-            reason = f"the autopilot did not disarm within {elapsed_s:.0f} s: {vehicle.failure_reason}"
+        if reason := self._disarming.overdue_reason(vehicle, elapsed_s):
             self._lose_control("failsafe", reason, vehicle)
             return None
-        by_force = self._force_disarm and not vehicle.landed and not force_disarm_refusal(vehicle, self._robot)
-        return Command.FORCE_DISARM if by_force else Command.DISARM
+        return self._disarming.command(vehicle)
 
     def _advance_external(self, vehicle: VehicleSnapshot) -> Command | None:
         if self.killing:
@@ -371,7 +361,7 @@ class Authority:
         self.code = code
         self._code_since_ns = vehicle.timer_ns
         if code in (StatusCode.IDLE, StatusCode.EXTERNAL):
-            self._engaged = self._force_disarm = False
+            self._engaged = self._disarming.by_force = False
             self.target = None
         self.changes.append(self.control_state)
 
@@ -398,6 +388,11 @@ class Authority:
         if self.code is not StatusCode.EXTERNAL:
             self._set_code(StatusCode.EXTERNAL, vehicle)
 
+    def _land(self, reason: str, vehicle: VehicleSnapshot) -> None:
+        """Leave the landing to the autopilot."""
+        self._lose_control("failsafe", reason, vehicle)
+        self._land_commanded = True
+
     def _plan_abort(self, vehicle: VehicleSnapshot) -> bool:
         """Plan the abort manoeuvre; returns False when control was lost instead, as the position is unknown."""
         if not vehicle.landed and (vehicle.pos_ned_m is None or vehicle.height_m is None):
@@ -411,4 +406,4 @@ class Authority:
         return vehicle.yaw_rad if self.target is None else self.target.yaw_rad
 
     def _stopping_target(self, vehicle: VehicleSnapshot) -> Target:
-        return stopping_target(vehicle, self._yaw_rad(vehicle))
+        return targets.stopping_target(vehicle, self._yaw_rad(vehicle))

@@ -4,12 +4,13 @@ from collections.abc import Iterator
 from zlib import crc32
 
 from jezero.codec import encode
-from jezero.fence_geometry import outside_reason, placed
+from jezero.fence_geometry import placed
 from jezero.frames import Vec3
 from jezero.runtime.service import Inbox, Output, Publish, Reply
 from jezero.schemas.fence import Fence, FenceReply, FenceState
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import FENCE, SET_FENCE
+from jezero.services.vehicle_bridge.fence_keeper import FenceKeeper
 from jezero.services.vehicle_bridge.vehicle import VehicleSnapshot
 
 PERIOD_NS = 1_000_000_000
@@ -20,15 +21,16 @@ class FenceHolder:
     """Holds the fence.
 
     Args:
+        keeper: gets the fence whenever it changes.
         fence: the fence at the start.
 
     Attributes:
         fence_id: changes with the fence and with its place; "" without a fence.
     """
 
-    def __init__(self, fence: Fence | None = None) -> None:
+    def __init__(self, keeper: FenceKeeper, fence: Fence | None = None) -> None:
+        self._keeper = keeper
         self._fence = fence
-        self._placed: Fence | None = None
         self._origin_deg: Vec3 | None = None
         self._published: FenceState | None = None
         self._published_wall_ns = 0
@@ -50,20 +52,17 @@ class FenceHolder:
         if origin_deg != self._origin_deg:
             self._origin_deg = origin_deg
             self._place()
-        known = self._placed is not None and vehicle.pos_ned_m is not None
-        outside = outside_reason(self._placed, vehicle.pos_ned_m) if known else ""  # type: ignore[arg-type]
+        placed_fence, outside = self._keeper.fence, self._keeper.outside
         last = self._published
         changed = last is None or last.fence_id != self.fence_id or bool(last.outside) is not bool(outside)
         if changed or wall_ns - self._published_wall_ns >= PERIOD_NS:
             self._published_wall_ns = wall_ns
             self._published = FenceState(
-                t_ns=max(0, vehicle.t_ns), fence=self._placed, fence_id=self.fence_id, outside=outside
+                t_ns=max(0, vehicle.t_ns), fence=placed_fence, fence_id=self.fence_id, outside=outside
             )
             yield Publish(FENCE, self._published)
 
     def _place(self) -> None:
-        if self._fence is None:
-            self._placed, self.fence_id = None, ""
-            return
-        self._placed = placed(self._fence, self._origin_deg)
-        self.fence_id = f"{crc32(encode(self._placed or self._fence)):08x}"
+        self._keeper.fence = None if self._fence is None else placed(self._fence, self._origin_deg)
+        fence = self._keeper.fence or self._fence
+        self.fence_id = "" if fence is None else f"{crc32(encode(fence)):08x}"

@@ -1,10 +1,10 @@
 """Grants of control: one goal at a time has the right to send setpoints."""
 
 from jezero.schemas.commands import Acquire
-from jezero.schemas.state import StatusCode
+from jezero.schemas.state import InCharge, StatusCode
 from jezero.services.vehicle_bridge.admission import Grant, acquire_refusal, overriding, phases_of
 from jezero.services.vehicle_bridge.goal_history import GoalHistory
-from jezero.services.vehicle_bridge.vehicle import VehicleSnapshot
+from jezero.services.vehicle_bridge.vehicle import ControlState, VehicleSnapshot
 
 UNUSED_TIMEOUT_S = 0.5
 """A grant ends when its goal has sent no setpoint within this time: the reply may have been lost."""
@@ -52,6 +52,21 @@ class Grants:
             overriding=overriding(request, code, vehicle),
         )
         return None
+
+    def control_state(self, code: StatusCode, in_charge: InCharge, interventions: int, text: str) -> ControlState:
+        """What `status` says of control."""
+        grant = self.present
+        return ControlState(
+            code=code,
+            in_charge=in_charge,
+            goal_id="" if grant is None else grant.goal_id,
+            action="" if grant is None else grant.action,
+            control_id="" if grant is None else grant.control_id,
+            grants=self.count,
+            interventions=interventions,
+            text=text,
+            paused=grant is not None and grant.paused,
+        )
 
     def end(self, reason: str | None) -> None:
         """End the present grant, if there is one; `reason` is None when its owner releases it."""

@@ -6,6 +6,7 @@ from math import inf
 
 from jezero.frames import Quat, Vec3, add, altitude_m
 from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Send, Spec, Subscribe
+from jezero.schemas.fence import Fence
 from jezero.schemas.health import ServiceState
 from jezero.schemas.preflight import Check
 from jezero.schemas.state import Status, StatusCode
@@ -77,6 +78,7 @@ class VehicleBridge:
         system_id: MAVLink system id of the vehicle.
         boot_id: differs between two runs of the bridge.
         actions: names of all actions; requests to others are refused.
+        fence: the fence at the start; None for none.
     """
 
     def __init__(
@@ -86,6 +88,7 @@ class VehicleBridge:
         system_id: int,
         boot_id: int,
         actions: Collection[str] = tuple(ACTIONS),
+        fence: Fence | None = None,
     ) -> None:
         made_with = {
             "config": config,
@@ -93,6 +96,7 @@ class VehicleBridge:
             "system_id": system_id,
             "boot_id": boot_id,
             "actions": tuple(actions),
+            "fence": fence,
         }
         self.spec = replace(SPEC, rate_hz=config.rate_hz, made_with=made_with)
         self._config = config
@@ -101,7 +105,7 @@ class VehicleBridge:
         self._link = AutopilotLink(system_id, config.parameters)
         self._foreign_setpoints = ForeignSetpointDetector()
         self._authority = Authority(config, robot, boot_id)
-        self._fence = FenceHolder()
+        self._fence = FenceHolder(self._authority.fence, fence)
         self._wind = WindEstimator(robot.airframe)
         self._epoch_id: int | None = None
         self._timer = Timer()
@@ -270,7 +274,7 @@ class VehicleBridge:
 
         Each accepted setpoint is another target, even with the numbers of the last one, and goes out at once.
         """
-        target, (last, sent_ns), timer_ns = self._authority.target, self._sent, self._timer.now_ns
+        target, (last, sent_ns), timer_ns = self._authority.streamed, self._sent, self._timer.now_ns
         if target is None:
             self._foreign_setpoints.reset()
         elif target is not last or timer_ns - sent_ns >= STREAM_PERIOD_NS:
@@ -376,6 +380,10 @@ class VehicleBridge:
             state, text = "degraded", reason
         if self._dropped_setpoints:
             text += f"; {self._dropped_setpoints} setpoints dropped, the last: {self._drop_reason}"
+        if (fence := self._authority.fence).outside:
+            state, text = "degraded", f"{text}; the vehicle is outside the fence"
+        if fence.limits:
+            text += f"; held back by the fence {fence.limits} times, the last time by {fence.last_limit}"
         if self._link.parameters.failed:
             text += f"; {self._link.parameters.failure_text}"
         if self._link.malformed:

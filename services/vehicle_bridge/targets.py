@@ -1,6 +1,6 @@
 """Targets to stream: a goal's setpoint, and the bridge's own to come to rest and to press onto the ground."""
 
-from jezero.schemas.commands import Release, Setpoint
+from jezero.schemas.commands import Hover, Release, Setpoint
 from jezero.services.vehicle_bridge.resets import ResetHistory
 from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
 
@@ -32,6 +32,14 @@ def stopping_target(vehicle: VehicleSnapshot, yaw_rad: float) -> Target:
     down_m = min(vel[2] * STOPPING_TIME_S, room_m)
     north_m, east_m = pos_ned_m[0] + vel[0] * STOPPING_TIME_S, pos_ned_m[1] + vel[1] * STOPPING_TIME_S
     return Target((north_m, east_m, pos_ned_m[2] + down_m), None, None, yaw_rad)
+
+
+def hover_target(request: Hover, stopping: Target) -> tuple[Target, str]:
+    """Hover where a request says, with the heading of `stopping`, or at `stopping`; and the event, for people."""
+    if request.hover_pos is None:
+        return stopping, "hovering here"
+    text = "hovering at ({:.2f}, {:.2f}, {:.2f})".format(*request.hover_pos)
+    return Target(request.hover_pos, None, None, stopping.yaw_rad), text
 
 
 def released_target(release: Release, stopping: Target, resets: ResetHistory) -> Target:

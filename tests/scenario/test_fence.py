@@ -39,7 +39,7 @@ class Flight:
 def test_goals_that_leave_the_fence_are_refused_with_the_place_and_others_fly() -> None:
     flight = Flight()
     high = flight.ask(topics.TAKEOFF.endpoint, TakeoffGoal(altitude_m=12.0))
-    assert isinstance(high, Rejected) and "above the ceiling of 10 m" in high.reason
+    assert isinstance(high, Rejected) and "within 0.5 m of the ceiling of 10 m" in high.reason
     assert flight.ask(topics.TAKEOFF.endpoint, TakeoffGoal(altitude_m=3.0)).outcome == "succeeded"
     through = GoToGoal(target_ned_m=(12.0, 0.0, -3.0))
     for endpoint in (topics.GO_TO.endpoint, topics.GO_TO.plan):

@@ -1,0 +1,100 @@
+"""The bridge holds the fence: what goes to the autopilot, and what happens to a vehicle that is pushed out."""
+
+import pytest
+from msgspec.structs import replace
+
+from jezero.schemas.commands import Hover, Phase
+from jezero.schemas.fence import Fence, SetFence, Zone
+from jezero.schemas.state import StatusCode
+from jezero.schemas.topics import HOVER, SET_FENCE
+from jezero.services.vehicle_bridge.config import OnFence, VehicleBridgeConfig
+from tests.services.vehicle_bridge.rig import Rig
+
+FIELD = Zone(name="field", corners_ned_m=((-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)))
+FENCE = Fence(keep_in=FIELD, ceiling_m=10.0)
+
+
+def flying(on_fence: OnFence = "return") -> Rig:
+    rig = Rig(replace(VehicleBridgeConfig(), on_fence=on_fence)).ready()
+    assert rig.request(SET_FENCE, SetFence(fence=FENCE)).accepted
+    return rig.fly()
+
+
+def push_to(rig: Rig, north_m: float) -> None:
+    rig.autopilot.pos[0] = north_m
+
+
+def test_setpoints_beyond_the_fence_reach_the_autopilot_as_ones_in_front_of_it() -> None:
+    rig = flying()
+    control_id = rig.go("go_to", Phase.GO_TO)
+    push_to(rig, 9.0)
+    outwards = {"pos_ned_m": None, "vel_ned_mps": (8.0, 1.0, 0.0)}
+    rig.run(0.2, lambda: rig.setpoint(control_id, Phase.GO_TO, **outwards))
+    sent = rig.autopilot.setpoints[-1]
+    assert sent.vx == pytest.approx((2.0 * 1.5 * 0.7) ** 0.5, abs=1e-3)
+    assert sent.vy == pytest.approx(1.0)
+    assert rig.status.control_id == control_id
+    rig.run(0.2, lambda: rig.setpoint(control_id, Phase.GO_TO, pos_ned_m=(30.0, 0.0, -2.0)))
+    assert rig.autopilot.setpoints[-1].x == pytest.approx(9.7, abs=1e-3)
+
+
+def test_a_vehicle_that_is_pushed_out_ends_its_goal_with_the_zone_and_returns_inside() -> None:
+    rig = flying()
+    control_id = rig.go("go_to", Phase.GO_TO)
+    push_to(rig, 10.6)
+    rig.run_until(
+        lambda: rig.status.code == StatusCode.ABORT,
+        lambda: rig.setpoint(control_id, Phase.GO_TO, pos_ned_m=(8.0, 0.0, -2.0)),
+    )
+    assert "ended: the vehicle is 0.6 m outside the area 'field' to stay in, at north 10.6 m" in rig.status.text
+    rig.run(0.5)
+    assert rig.status.code == StatusCode.HOVER
+    assert rig.autopilot.setpoints[-1].x == pytest.approx(10.6, abs=1e-3)
+    rig.run_until(lambda: rig.autopilot.setpoints[-1].x < 9.5)
+    assert rig.autopilot.setpoints[-1].x == pytest.approx(9.0, abs=1e-2)
+    assert "it returns inside the fence" in rig.status.text
+
+
+def test_a_vehicle_that_is_pushed_out_stays_there_by_setting() -> None:
+    rig = flying("stop")
+    control_id = rig.go("go_to", Phase.GO_TO)
+    push_to(rig, 10.6)
+    rig.run(0.3, lambda: rig.setpoint(control_id, Phase.GO_TO, pos_ned_m=(8.0, 0.0, -2.0)))
+    rig.run(5.0)
+    assert rig.status.code == StatusCode.HOVER
+    assert rig.autopilot.setpoints[-1].x == pytest.approx(10.6, abs=1e-3)
+
+
+def test_a_vehicle_that_is_pushed_out_lands_by_setting() -> None:
+    rig = flying("land")
+    rig.go("go_to", Phase.GO_TO)
+    push_to(rig, 10.6)
+    rig.run(1.0)
+    assert rig.status.code == StatusCode.EXTERNAL
+    assert rig.status.autopilot_mode == "AUTO.LAND"
+    assert "landing: the vehicle is 0.6 m outside" in rig.status.text
+
+
+def test_a_hover_that_is_pushed_out_keeps_its_point_inside() -> None:
+    rig = flying()
+    push_to(rig, 10.6)
+    rig.run(5.0)
+    assert rig.status.code == StatusCode.HOVER
+    assert rig.autopilot.setpoints[-1].x == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_goal_that_begins_outside_may_lead_in() -> None:
+    rig = flying("stop")
+    push_to(rig, 10.6)
+    rig.run(0.5)
+    control_id = rig.go("go_to", Phase.GO_TO)
+    rig.run(1.0, lambda: rig.setpoint(control_id, Phase.GO_TO, pos_ned_m=(8.0, 0.0, -2.0)))
+    assert rig.status.control_id == control_id
+    assert rig.autopilot.setpoints[-1].x == pytest.approx(8.0, abs=1e-3)
+
+
+def test_a_hover_point_outside_is_refused_with_the_zone() -> None:
+    rig = flying()
+    reply = rig.request(HOVER, Hover(hover_req=True, hover_pos=(20.0, 0.0, -2.0)))
+    assert not reply.hover_mode
+    assert "10.0 m outside the area 'field' to stay in" in reply.reason
