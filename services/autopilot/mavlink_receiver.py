@@ -1,4 +1,4 @@
-"""Handles received MAVLink messages: setpoints, commands, parameters, and refusals of files and missions."""
+"""Handles received MAVLink messages: setpoints, commands, parameters, a geofence; refuses files and missions."""
 
 import struct
 from collections.abc import Callable
@@ -10,6 +10,7 @@ from jezero.mavlink import MavMessage, dialect, is_finite
 from jezero.services.autopilot.control import Axes, Setpoint
 from jezero.services.autopilot.modes import FROM_MAIN_AND_SUB, Mode
 from jezero.services.autopilot.parameters import Parameters, Value
+from jezero.services.autopilot.stored_fence import FENCE_TYPE, StoredFence
 from jezero.services.autopilot.telemetry import TelemetryLink
 from jezero.services.autopilot.vehicle import Vehicle
 
@@ -58,6 +59,7 @@ class MavlinkReceiver:
     def __init__(self, vehicle: Vehicle, parameters: Parameters) -> None:
         self._vehicle = vehicle
         self._parameters = parameters
+        self._fence = StoredFence()
         self._handlers = {
             dialect.MAVLINK_MSG_ID_COMMAND_LONG: self._on_command_long,
             dialect.MAVLINK_MSG_ID_COMMAND_INT: self._on_command_int,
@@ -70,6 +72,13 @@ class MavlinkReceiver:
             dialect.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: _refuse_files,
             dialect.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: _send_empty_mission,
             dialect.MAVLINK_MSG_ID_MISSION_COUNT: _refuse_mission,
+        }
+        self._fence_handlers = {
+            dialect.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: self._fence.send_count,
+            dialect.MAVLINK_MSG_ID_MISSION_REQUEST_INT: self._fence.send_item,
+            dialect.MAVLINK_MSG_ID_MISSION_REQUEST: self._fence.send_item,
+            dialect.MAVLINK_MSG_ID_MISSION_COUNT: self._fence.on_count,
+            dialect.MAVLINK_MSG_ID_MISSION_ITEM_INT: self._fence.on_item,
         }
 
         self._command_handlers: dict[int, Callable[[Command], int]] = {
@@ -91,6 +100,8 @@ class MavlinkReceiver:
         elif kind == dialect.MAVLINK_MSG_ID_HEARTBEAT:
             if message.type == dialect.MAV_TYPE_GCS:
                 self._vehicle.on_gcs_heartbeat()
+        elif kind in self._fence_handlers and message.mission_type == FENCE_TYPE:
+            return self._fence_handlers[kind](link, message)
         elif handler := self._handlers.get(kind):
             return handler(link, message)
         return b""

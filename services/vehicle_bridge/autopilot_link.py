@@ -7,6 +7,7 @@ from types import MappingProxyType
 from jezero.frames import Quat, Vec3, quat_normalize, quat_rotate
 from jezero.mavlink import FieldReader, FramePacker, MavlinkCodec, MavMessage, dialect
 from jezero.schemas.state import Battery, Odometry
+from jezero.services.vehicle_bridge.fence_upload import FenceUpload
 from jezero.services.vehicle_bridge.foreign_setpoints import SetpointEcho
 from jezero.services.vehicle_bridge.parameters import ParameterSetter
 from jezero.services.vehicle_bridge.telemetry import Telemetry, TelemetryBatch
@@ -83,12 +84,15 @@ class AutopilotLink:
     Attributes:
         telemetry: the autopilot's reported state.
         parameters: progress of setting the parameters.
+        fence: progress of the autopilot's own fence.
         acknowledged: the present command, once the autopilot has acknowledged it.
     """
 
     def __init__(self, system_id: int, parameters: Mapping[str, int | float] = MappingProxyType({})) -> None:
         self.telemetry = Telemetry()
         self.parameters = ParameterSetter(parameters)
+        self.fence = FenceUpload(system_id)
+        self._fence_items = b""
         self.acknowledged: Command | None = None
         self._system_id = system_id
         self._codec = MavlinkCodec(system_id, COMPONENT_ID, peer=(system_id, AUTOPILOT_COMPONENT_ID))
@@ -110,6 +114,9 @@ class AutopilotLink:
             dialect.MAVLINK_MSG_ID_STATUSTEXT: self._on_statustext,
             dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: self._on_setpoint_echo,
             dialect.MAVLINK_MSG_ID_PARAM_VALUE: self._on_parameter,
+            dialect.MAVLINK_MSG_ID_MISSION_REQUEST: self._on_fence_message,
+            dialect.MAVLINK_MSG_ID_MISSION_REQUEST_INT: self._on_fence_message,
+            dialect.MAVLINK_MSG_ID_MISSION_ACK: self._on_fence_message,
         }
 
     @property
@@ -121,6 +128,7 @@ class AutopilotLink:
         """Start again with another vehicle, about which nothing is known."""
         self.telemetry = Telemetry()
         self.parameters.restart()
+        self.fence.restart()
         self.command(None, 0)
         self._refusal = ""
         self._origin_request_wall_ns = self._critical_request_wall_ns = None
@@ -245,6 +253,10 @@ class AutopilotLink:
         else:
             self._refusal = f"{command} {_RESULTS.get(message.result, f'refused with result {message.result}')}"
 
+    def _on_fence_message(self, message: MavMessage, batch: TelemetryBatch) -> None:
+        if (item := self.fence.on_message(message, batch.timer_ns)) is not None:
+            self._fence_items += self._codec.pack(item)
+
     # -- out --
 
     def heartbeat(self) -> bytes:
@@ -298,6 +310,12 @@ class AutopilotLink:
             )
             for name, value, kind in self.parameters.due(wall_ns)
         )
+
+    def send_fence(self, timer_ns: int) -> bytes:
+        """Messages that give the autopilot its fence, when they are due."""
+        data, self._fence_items = self._fence_items, b""
+        announcement = self.fence.due(timer_ns)
+        return data if announcement is None else data + self._codec.pack(announcement)
 
     def setpoint(self, target: Target, t_ns: int) -> bytes:
         """SET_POSITION_TARGET_LOCAL_NED of a target."""

@@ -1,0 +1,71 @@
+"""The autopilot's own fence, over MAVLink's mission protocol with the embedded autopilot at the other end."""
+
+import pytest
+
+from jezero.frames import ned_from_geodetic
+from jezero.mavlink import MavMessage, dialect
+from jezero.schemas.fence import Fence, Zone
+from jezero.services.vehicle_bridge.fence_upload import KEEP_IN, KEEP_OUT, TRIES, FenceUpload, autopilot_items
+from tests.services.autopilot.test_service import Bench
+from tests.services.autopilot.test_mavlink_receiver import send
+
+ORIGIN_DEG = (47.3977418, 8.5455938, 488.0)
+FENCE = Fence(
+    keep_in=Zone(name="field", corners_ned_m=((-20.0, -20.0), (20.0, -20.0), (20.0, 20.0), (-20.0, 20.0))),
+    keep_out=(
+        Zone(name="crater", corners_ned_m=((4.0, -4.0), (12.0, -4.0), (12.0, 4.0), (4.0, 4.0))),
+        Zone(name="stone", corners_ned_m=((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))),
+    ),
+)
+
+
+def test_the_autopilots_fence_is_two_metres_wider_and_small_zones_to_stay_out_of_vanish() -> None:
+    items = autopilot_items(FENCE, ORIGIN_DEG)
+    assert [(command, count) for command, count, _ in items] == [(KEEP_IN, 4)] * 4 + [(KEEP_OUT, 4)] * 4
+    corners_m = [ned_from_geodetic((*corner, ORIGIN_DEG[2]), ORIGIN_DEG)[:2] for _, _, corner in items]
+    assert max(north for north, _ in corners_m[:4]) == pytest.approx(22.0, abs=0.01)
+    assert min(north for north, _ in corners_m[4:]) == pytest.approx(6.0, abs=0.01)
+    assert max(north for north, _ in corners_m[4:]) == pytest.approx(10.0, abs=0.01)
+
+
+def exchange(bench: Bench, upload: FenceUpload) -> None:
+    """Pass messages until neither side has one."""
+    message = upload.due(0)
+    while message is not None:
+        replies: list[MavMessage] = send(bench, message)
+        message = next((item for reply in replies if (item := upload.on_message(reply, 0)) is not None), None)
+
+
+def test_the_embedded_autopilot_stores_the_fence_and_gives_it_back() -> None:
+    bench, upload = Bench(), FenceUpload(1)
+    bench.rest(0.1)
+    items = autopilot_items(FENCE, ORIGIN_DEG)
+    upload.start(items)
+    exchange(bench, upload)
+    assert upload.done
+    (count,) = send(bench, dialect.MAVLink_mission_request_list_message(1, 1, dialect.MAV_MISSION_TYPE_FENCE))
+    assert count.count == len(items)
+    (item,) = send(bench, dialect.MAVLink_mission_request_int_message(1, 1, 5, dialect.MAV_MISSION_TYPE_FENCE))
+    assert (item.command, item.param1) == (KEEP_OUT, 4.0)
+    assert item.x == round(items[5][2][0] * 1e7)
+    upload.clear()
+    exchange(bench, upload)
+    (count,) = send(bench, dialect.MAVLink_mission_request_list_message(1, 1, dialect.MAV_MISSION_TYPE_FENCE))
+    assert count.count == 0
+
+
+def test_an_autopilot_that_never_replies_is_named_after_some_tries() -> None:
+    upload = FenceUpload(1)
+    assert upload.due(0) is None, "without a fence nothing is sent"
+    upload.start(autopilot_items(FENCE, ORIGIN_DEG))
+    sent = [upload.due(second * 1_000_000_000) for second in range(TRIES + 2)]
+    assert sum(message is not None for message in sent) == TRIES
+    assert upload.failure == "the autopilot doesn't reply"
+
+
+def test_a_refusal_is_named_with_its_number() -> None:
+    upload = FenceUpload(1)
+    upload.start(autopilot_items(FENCE, ORIGIN_DEG))
+    upload.on_message(dialect.MAVLink_mission_ack_message(1, 191, 4, dialect.MAV_MISSION_TYPE_FENCE), 0)
+    assert "refuses it with MAV_MISSION_RESULT 4" in upload.failure
+    assert upload.due(0) is None
