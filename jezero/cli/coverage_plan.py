@@ -1,7 +1,7 @@
 """`jezero gridsweep --plan-only`: the plan of a coverage, by the running stack or without one, drawn and in words."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ from jezero.cli.plan import flight_in_words, minutes
 if TYPE_CHECKING:
     from jezero.client import Vehicle
     from jezero.schemas.actions import PlannedCoverage, PlanReply
+    from jezero.schemas.fence import Fence
     from jezero.schemas.goals import AreaCoverageGoal
 
 
@@ -24,6 +25,7 @@ class _Planned:
     Attributes:
         start: where its path begins, and why there, for people.
         reply: of the stack that would fly it; None for a plan that no stack knows.
+        fence: the vehicle's fence; None without one, and for a plan in the rover's frame.
     """
 
     goal: "AreaCoverageGoal"
@@ -32,6 +34,7 @@ class _Planned:
     warning: str
     start: str
     reply: "PlanReply | None" = None
+    fence: "Fence | None" = None
 
 
 def show_coverage_plan(
@@ -52,7 +55,7 @@ def show_coverage_plan(
     goal, coverage = planned.goal, planned.coverage
     area = make_area(goal.polygon_ned_m, goal.holes_ned_m)
     title = f"{len(coverage.pictures_ned_m)} images, {coverage.length_m:.0f} m, {minutes(coverage.duration_s)}"
-    draw_plan(file, area, coverage, title)
+    draw_plan(file, area, coverage, title, planned.fence)
     if as_json:
         click.echo(json.dumps(_fields(planned)))
         return
@@ -77,7 +80,10 @@ def _plan_of_stack(request: CoverageRequest, vehicle: str, router: str) -> _Plan
 
     try:
         with Vehicle.connect(vehicle, router=router, timeout_s=ROUTER_WAIT_S) as uav:
-            return _ask(request, uav)
+            planned = _ask(request, uav)
+            if planned is None or planned.goal.frame == "rover":
+                return planned
+            return replace(planned, fence=uav.fence().fence)
     except (Unreachable, TimedOut):
         return None
 

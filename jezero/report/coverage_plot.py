@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from jezero.frames import Vec3
-from jezero.report.style import BLUE, GREEN, GREY, ORANGE, WIDTH_IN, Format, draw
+from jezero.report.style import BLUE, GREEN, GREY, ORANGE, PINK, WIDTH_IN, Format, draw
 from jezero.schemas.actions import PlannedCoverage
+from jezero.schemas.fence import Fence
 from jezero.schemas.goals import AreaCoverageGoal, Frame
 from jezero.schemas.images import LISTING
 
@@ -38,13 +39,15 @@ class _Dataset(msgspec.Struct, frozen=True):
     track_frame: Frame = "world"
 
 
-def draw_plan(path: Path, area: "Polygon", plan: PlannedCoverage, title: str) -> None:
-    """Draw a plan, north up."""
+def draw_plan(path: Path, area: "Polygon", plan: PlannedCoverage, title: str, fence: Fence | None = None) -> None:
+    """Draw a plan, north up, with the fence in force where the plan is in the world frame."""
     path_m, pictures_m = np.array(plan.path_ned_m), np.array(plan.pictures_ned_m)
 
     def fill(figure: Any, axes: Any) -> None:
         ax = axes[0, 0]
         _area(ax, area)
+        if fence is not None:
+            _fence(ax, fence)
         ax.plot(path_m[:, 1], path_m[:, 0], color=BLUE, label="path")
         _places(ax, pictures_m, f"{len(pictures_m)} pictures")
         ax.plot(*path_m[0, ::-1], "o", color=GREEN, ms=6, label="start", zorder=4)
@@ -150,6 +153,15 @@ def _area(ax: "Axes", area: "Polygon") -> None:
     ax.margins(0.05)
     ax.set_xlabel("east [m]")
     ax.set_ylabel("north [m]")
+
+
+def _fence(ax: "Axes", fence: Fence) -> None:
+    """Draw the zone to stay in as an outline, and those to stay out of hatched."""
+    for zone in fence.zones:
+        corners = np.array(zone.corners_ned_m)
+        keep_in = zone is fence.keep_in
+        style: dict[str, Any] = {"fill": False, "edgecolor": PINK, "lw": 1.2}
+        ax.fill(corners[:, 1], corners[:, 0], hatch=None if keep_in else "///", label=zone.name, **style)
 
 
 def _places(ax: "Axes", positions_m: Array, label: str) -> None:

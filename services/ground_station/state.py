@@ -14,6 +14,7 @@ from jezero.frames import subtract
 from jezero.recording.thinned_path import ThinnedPath
 from jezero.schemas import topics
 from jezero.schemas.actions import FeedbackMessage
+from jezero.schemas.fence import FenceState
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.state import Status
 from jezero.schemas.struct import Message
@@ -39,7 +40,9 @@ from jezero.services.ground_station.scene import (
 )
 from jezero.services.ground_station.words import activity, duration, in_charge, wind_words
 
-WATCHED = (topics.ALTIMETER, topics.GNSS, topics.RELATIVE, topics.ROVER_ESTIMATE, topics.CAMERA_PITCH)
+WATCHED = (
+    topics.ALTIMETER, topics.GNSS, topics.RELATIVE, topics.ROVER_ESTIMATE, topics.CAMERA_PITCH, topics.FENCE,
+)  # fmt: skip
 """Topics that are read only while somebody looks."""
 SHOWN = (*WATCHED, topics.STATUS)
 """Topics that the pages show, besides the feedback of each action and the health of each service."""
@@ -228,6 +231,16 @@ class VehicleState:
     def trail(self) -> list[list[float]]:
         """Path flown so far, NED."""
         return [rounded(point_m) for point_m in self._trail.points_m]
+
+    def fence(self) -> list[dict[str, Any]]:
+        """Zones of the fence in force; corners are north and east."""
+        state: FenceState | None = self._latest(topics.FENCE)
+        fence = None if state is None else state.fence
+        zones = () if fence is None else fence.zones
+        return [
+            {"name": zone.name, "keep_in": fence is not None and zone is fence.keep_in, "corners": zone.corners_ned_m}
+            for zone in zones
+        ]
 
     def photos(self) -> list[list[float]]:
         """Where the last images of the newest goal were taken, NED."""

@@ -180,6 +180,7 @@ class Page:
         trail = state.trail()
         self._view.run_method("setTrail", trail)
         self._map.run_method("setTrail", trail)
+        self._map.run_method("setFence", state.fence())
         self._view.run_method("setPhotos", state.photos())
         self._events.show(state.event_rows(now_s))
         self._services.show(state.services(now_s))

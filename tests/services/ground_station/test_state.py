@@ -8,6 +8,7 @@ import pytest
 
 from jezero.schemas import topics
 from jezero.schemas.actions import FeedbackMessage
+from jezero.schemas.fence import Fence, FenceState, Zone
 from jezero.schemas.goals import ImagesFeedback, LandFeedback
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Battery
@@ -210,3 +211,16 @@ def test_a_landing_in_charge_has_a_target_view_and_an_old_one_has_none() -> None
     assert state.landing(0.1) is not None
     state.update(0.2, topics.STATUS, FLIGHT.status(goal_id=""))
     assert state.landing(0.3) is None
+
+
+def test_the_zones_of_the_fence_are_drawn_with_their_side() -> None:
+    state = VehicleState()
+    assert state.fence() == []
+    field = Zone(name="field", corners_ned_m=((0.0, 0.0), (9.0, 0.0), (9.0, 9.0)))
+    crater = Zone(name="crater", corners_ned_m=((4.0, 1.0), (6.0, 1.0), (6.0, 3.0)))
+    fence = Fence(keep_in=field, keep_out=(crater,))
+    state.update(1.0, topics.FENCE, FenceState(t_ns=1, fence=fence, fence_id="1"))
+    assert state.fence() == [
+        {"name": "field", "keep_in": True, "corners": field.corners_ned_m},
+        {"name": "crater", "keep_in": False, "corners": crater.corners_ned_m},
+    ]

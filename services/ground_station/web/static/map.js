@@ -33,7 +33,7 @@ export default {
     return { place: "", mode: "look", hole: false, undoable: false, selected: false, corners: 0 };
   },
   mounted() {
-    Object.assign(this, { center: [0, 0], scale: 40, trail: [], plan: null, goal: null, point: null, state: null, drag: null });
+    Object.assign(this, { center: [0, 0], scale: 40, trail: [], fence: [], plan: null, goal: null, point: null, state: null, drag: null });
     this.area = new AreaEditor();
     this.sizes = new ResizeObserver(() => this.draw());
     this.sizes.observe(this.$el);
@@ -53,6 +53,10 @@ export default {
     },
     setTrail(points) {
       this.trail = points;
+    },
+    // The zones in force: [{name, keep_in, corners}].
+    setFence(zones) {
+      this.fence = zones;
     },
     // What this page plans: {path, pictures}.
     setPlan(plan) {
@@ -182,7 +186,7 @@ export default {
       this.draw();
     },
     fit() {
-      const places = [...this.area.rings.flat(), ...(this.plan?.path ?? []), ...(this.goal?.path ?? [])];
+      const places = [...this.area.rings.flat(), ...this.fence.flatMap((zone) => zone.corners), ...(this.plan?.path ?? []), ...(this.goal?.path ?? [])];
       for (const thing of [this.state?.vehicle, this.state?.rover]) if (thing) places.push(thing.pos);
       if (!places.length || !this.$el.clientWidth) return;
       const [norths, easts] = [0, 1].map((axis) => places.map((place) => place[axis]));
@@ -212,6 +216,7 @@ export default {
       c.setTransform(1, 0, 0, 1, 0, 0);
       c.drawImage(this.ground(w, h, ratio), 0, 0);
       c.setTransform(ratio, 0, 0, ratio, 0, 0);
+      for (const zone of this.fence) this.drawZone(c, zone);
       this.area.draw(c, (place) => this.toPixel(place), this.mode === "area");
       if (this.plan && !this.goal?.path.length) this.drawFlight(c, this.plan, "#ffd34d");
       if (this.goal) this.drawFlight(c, this.goal, "#ffa63d");
@@ -264,6 +269,32 @@ export default {
       c.strokeStyle = color;
       c.lineWidth = width;
       stroke(c, places.map((place) => this.toPixel(place)));
+    },
+    // A zone to stay in is an outline, one to stay out of is hatched.
+    drawZone(c, { name, keep_in, corners }) {
+      const pixels = corners.map((corner) => this.toPixel(corner));
+      const [xs, ys] = [0, 1].map((axis) => pixels.map((pixel) => pixel[axis]));
+      const { clientWidth: w, clientHeight: h } = this.$el;
+      const [left, top] = [Math.max(0, Math.min(...xs)), Math.max(0, Math.min(...ys))];
+      const [right, bottom] = [Math.min(w, Math.max(...xs)), Math.min(h, Math.max(...ys))];
+      c.save();
+      c.beginPath();
+      for (const pixel of pixels) c.lineTo(...pixel);
+      c.closePath();
+      c.strokeStyle = keep_in ? "#3ddc84" : "#ff5a4d";
+      c.fillStyle = c.strokeStyle;
+      c.lineWidth = 2.5;
+      c.stroke();
+      if (!keep_in) {
+        c.clip();
+        c.lineWidth = 1;
+        for (let x = left - bottom + top; x < right; x += 10) stroke(c, [[x, bottom], [x + bottom - top, top]]);
+      }
+      c.restore();
+      c.font = "12px system-ui";
+      c.textAlign = "left";
+      c.fillStyle = keep_in ? "#3ddc84" : "#ff8a80";
+      c.fillText(name, left + 4, top + 14);
     },
     drawMosaic(c) {
       if (!this.mosaic || !this.photos) return;
