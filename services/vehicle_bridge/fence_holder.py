@@ -11,6 +11,7 @@ from jezero.schemas.fence import Fence, FenceReply, FenceState
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import FENCE, SET_FENCE
 from jezero.services.vehicle_bridge.fence_keeper import FenceKeeper
+from jezero.services.vehicle_bridge.fence_upload import FenceUpload, autopilot_items
 from jezero.services.vehicle_bridge.vehicle import VehicleSnapshot
 
 PERIOD_NS = 1_000_000_000
@@ -22,14 +23,18 @@ class FenceHolder:
 
     Args:
         keeper: gets the fence whenever it changes.
+        upload: gives it to the autopilot.
         fence: the fence at the start.
 
     Attributes:
         fence_id: changes with the fence and with its place; "" without a fence.
     """
 
-    def __init__(self, keeper: FenceKeeper, fence: Fence | None = None) -> None:
+    def __init__(self, keeper: FenceKeeper, upload: FenceUpload, fence: Fence | None = None) -> None:
         self._keeper = keeper
+        self._upload = upload
+        self._uploaded: tuple[str, Vec3 | None] = ("", None)
+        """Id of the autopilot's own fence, and the origin around which it was placed."""
         self._fence = fence
         self._origin_deg: Vec3 | None = None
         self._published: FenceState | None = None
@@ -52,6 +57,8 @@ class FenceHolder:
         if origin_deg != self._origin_deg:
             self._origin_deg = origin_deg
             self._place()
+        if self._uploaded != (self.fence_id, origin_deg):
+            self._give_to_autopilot()
         placed_fence, outside = self._keeper.fence, self._keeper.outside
         last = self._published
         changed = last is None or last.fence_id != self.fence_id or bool(last.outside) is not bool(outside)
@@ -61,6 +68,28 @@ class FenceHolder:
                 t_ns=max(0, vehicle.t_ns), fence=placed_fence, fence_id=self.fence_id, outside=outside
             )
             yield Publish(FENCE, self._published)
+
+    @property
+    def health_text(self) -> str:
+        """What the fence does now and has done, for people; "" for nothing."""
+        keeper, text = self._keeper, ""
+        if keeper.outside:
+            text += "; the vehicle is outside the fence"
+        if keeper.limits:
+            text += f"; held back by the fence {keeper.limits} times, the last time by {keeper.last_limit}"
+        if self._upload.failure:
+            text += f"; the autopilot's own fence is not set: {self._upload.failure}"
+        return text
+
+    def _give_to_autopilot(self) -> None:
+        fence, origin_deg = self._keeper.fence, self._origin_deg
+        if fence is not None and origin_deg is not None:
+            self._upload.start(autopilot_items(fence, origin_deg))
+        elif self._fence is None:
+            self._upload.clear()
+        else:
+            return  # the fence waits for the origin
+        self._uploaded = (self.fence_id, origin_deg)
 
     def _place(self) -> None:
         self._keeper.fence = None if self._fence is None else placed(self._fence, self._origin_deg)

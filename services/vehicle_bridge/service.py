@@ -31,7 +31,6 @@ from jezero.services.vehicle_bridge.authority import Authority
 from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.fence_holder import FenceHolder
-from jezero.services.vehicle_bridge.fence_upload import autopilot_items
 from jezero.services.vehicle_bridge.foreign_setpoints import ForeignSetpointDetector
 from jezero.services.vehicle_bridge.readiness import moving_ground_reason, system_not_ready_reason
 from jezero.services.vehicle_bridge.request_queue import RequestQueue
@@ -106,9 +105,7 @@ class VehicleBridge:
         self._link = AutopilotLink(system_id, config.parameters)
         self._foreign_setpoints = ForeignSetpointDetector()
         self._authority = Authority(config, robot, boot_id)
-        self._fence = FenceHolder(self._authority.fence, fence)
-        self._uploaded: tuple[str, Vec3 | None] = ("", None)
-        """Id of the autopilot's own fence, and the origin around which it was placed."""
+        self._fence = FenceHolder(self._authority.fence, self._link.fence, fence)
         self._wind = WindEstimator(robot.airframe)
         self._epoch_id: int | None = None
         self._timer = Timer()
@@ -150,7 +147,6 @@ class VehicleBridge:
             self._wind.update(odometry, vehicle)
             yield Publish(ODOMETRY, odometry)
         yield from self._fence.update(self._link.telemetry.origin_deg, vehicle, inbox.wall_ns)
-        self._upload_fence()
         yield from self._publish_status(vehicle, inbox.wall_ns)
         yield from self._subscribe()
         yield from self._publish_health(vehicle)
@@ -297,20 +293,6 @@ class VehicleBridge:
         if data:
             yield Send(LINK, data)
 
-    def _upload_fence(self) -> None:
-        """Begin to give the autopilot the fence, when it or the origin has changed."""
-        fence, origin_deg = self._authority.fence.fence, self._link.telemetry.origin_deg
-        wanted = (self._fence.fence_id, origin_deg)
-        if wanted == self._uploaded:
-            return
-        if fence is not None and origin_deg is not None:
-            self._link.fence.start(autopilot_items(fence, origin_deg))
-        elif fence is None and not self._fence.fence_id:
-            self._link.fence.clear()
-        else:
-            return
-        self._uploaded = wanted
-
     def _configure(self, vehicle: VehicleSnapshot, wall_ns: int) -> bytes:
         """Request telemetry and set parameters; neither while others fly and telemetry arrives."""
         if self._link.telemetry.received_wall_ns is None:
@@ -399,14 +381,11 @@ class VehicleBridge:
             state, text = "degraded", reason
         if self._dropped_setpoints:
             text += f"; {self._dropped_setpoints} setpoints dropped, the last: {self._drop_reason}"
-        if (fence := self._authority.fence).outside:
-            state, text = "degraded", f"{text}; the vehicle is outside the fence"
-        if fence.limits:
-            text += f"; held back by the fence {fence.limits} times, the last time by {fence.last_limit}"
+        if self._authority.fence.outside:
+            state = "degraded"
+        text += self._fence.health_text
         if self._link.parameters.failed:
             text += f"; {self._link.parameters.failure_text}"
-        if self._link.fence.failure:
-            text += f"; the autopilot's own fence is not set: {self._link.fence.failure}"
         if self._link.malformed:
             text += f"; {self._link.malformed} malformed MAVLink messages"
         if (state, text) != self._health:
