@@ -4,7 +4,7 @@ from math import isclose
 
 import pytest
 
-from jezero.fence_geometry import nearest, outside_reason, placed, way_refusal
+from jezero.fence_geometry import nearest, outside_reason, placed, point_inside, way_refusal
 from jezero.frames import Vec3
 from jezero.schemas.fence import Fence, Zone
 
@@ -79,3 +79,17 @@ def test_zones_in_degrees_are_placed_around_the_origin() -> None:
     assert corners_m[1] == pytest.approx((111.19, 0.0), abs=0.1)
     assert not outside_reason(placed_fence, (20.0, 20.0, -2.0))
     assert outside_reason(placed_fence, (-1.0, 20.0, -2.0))
+
+
+@pytest.mark.parametrize(
+    ("outside", "expected"),
+    [
+        ((0.0, 10.7, -3.0), (0.0, 9.0, -3.0)),
+        ((11.0, 11.0, -3.0), (9.0, 9.0, -3.0)),
+        ((7.5, 0.0, -3.0), (9.0, 0.0, -3.0)),
+        ((0.0, 0.0, -21.0), (0.0, 0.0, -19.0)),
+        ((0.0, 0.0, -3.0), (0.0, 0.0, -3.0)),
+    ],
+)
+def test_the_way_back_ends_a_metre_inside(outside: Vec3, expected: Vec3) -> None:
+    assert point_inside(FENCE, outside, 1.0) == pytest.approx(expected, abs=0.01)

@@ -47,6 +47,7 @@ class FenceKeeper:
         left = self._was_inside and bool(self.outside)
         if self.outside:
             self._was_inside = False
+            self._stopped_ns = None if left else self._stopped_ns
         elif not self._was_inside:
             self._was_inside = not outside_reason(self.fence, vehicle.pos_ned_m, margin_m=INSIDE_AGAIN_M)
         return left
@@ -78,4 +79,7 @@ class FenceKeeper:
         if self._stopped_ns is None:
             self._stopped_ns = vehicle.timer_ns
         stopped_s = (vehicle.timer_ns - self._stopped_ns) * 1e-9
-        return point_inside(self.fence, point, RETURN_M) if self.on_fence == "return" and stopped_s >= STOP_S else None
+        if self.on_fence != "return" or stopped_s < STOP_S:
+            return None
+        inside = point_inside(self.fence, point, RETURN_M)
+        return None if outside_reason(self.fence, inside) else inside
