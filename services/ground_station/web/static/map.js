@@ -294,7 +294,7 @@ export default {
       c.font = "12px system-ui";
       c.textAlign = "left";
       c.fillStyle = keep_in ? "#3ddc84" : "#ff8a80";
-      c.fillText(name, left + 4, top + 14);
+      c.fillText(name, left + 4, keep_in ? top + 14 : top - 6);
     },
     drawMosaic(c) {
       if (!this.mosaic || !this.photos) return;
