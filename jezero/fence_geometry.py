@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import hypot
+from math import hypot, inf
 
 from msgspec.structs import replace
 
@@ -76,18 +76,25 @@ def placed(fence: Fence, origin_deg: Vec3 | None) -> Fence | None:
     return replace(fence, keep_in=keep_in, keep_out=tuple(placed_zone(zone) for zone in fence.keep_out))
 
 
-def edges(fence: Fence, point_m: Sequence[float]) -> Iterator[Edge]:
-    """All edges of the zones; of a zone that the point violates, the nearest edge alone.
+def edges(fence: Fence, point_m: Sequence[float], reach_m: float = inf) -> Iterator[Edge]:
+    """The edges of the zones within reach; of a zone that the point violates, the nearest edge alone.
 
     Args:
         point_m: north and east; further numbers are not used.
+        reach_m: greatest distance of an edge from the point.
     """
     for zone in fence.zones:
-        found = _edges_of(zone, (point_m[0], point_m[1]), keep_in=zone is fence.keep_in)
-        if found[0].inside_m < 0.0:
-            yield max(found, key=lambda edge: edge.inside_m)
+        keep_in = zone is fence.keep_in
+        away_m, near, within = _distances(zone, (point_m[0], point_m[1]))
+        if within is keep_in:
+            yield from (
+                _edge(zone, index, near[index], each_m, keep_in=keep_in)
+                for index, each_m in enumerate(away_m)
+                if each_m <= reach_m
+            )
         else:
-            yield from found
+            index = away_m.index(min(away_m))
+            yield _edge(zone, index, near[index], -away_m[index], keep_in=keep_in)
 
 
 def nearest(fence: Fence, point_m: Sequence[float]) -> Edge | None:
@@ -96,23 +103,45 @@ def nearest(fence: Fence, point_m: Sequence[float]) -> Edge | None:
     Args:
         point_m: north and east; further numbers are not used.
     """
-    return min(edges(fence, point_m), key=lambda edge: edge.inside_m, default=None)
+    found: Edge | None = None
+    for zone in fence.zones:
+        keep_in = zone is fence.keep_in
+        away_m, near, within = _distances(zone, (point_m[0], point_m[1]))
+        index = away_m.index(min(away_m))
+        inside_m = away_m[index] if within is keep_in else -away_m[index]
+        if found is None or inside_m < found.inside_m:
+            found = _edge(zone, index, near[index], inside_m, keep_in=keep_in)
+    return found
 
 
-def _edges_of(zone: Zone, point_m: Point, *, keep_in: bool) -> list[Edge]:
+def _edge(zone: Zone, index: int, near: Point, inside_m: float, *, keep_in: bool) -> Edge:
+    corners = zone.corners_ned_m
+    return Edge(corners[index - 1], corners[index], near, inside_m, zone, keep_in)
+
+
+def _distances(zone: Zone, point_m: Point) -> tuple[list[float], list[Point], bool]:
+    """Distance to each edge and its nearest point, and whether the point is within the polygon.
+
+    Edge i leads from corner i - 1 to corner i. Plain numbers: the bridge needs this in each step.
+    """
     north_m, east_m = point_m
     within = False
+    away_m: list[float] = []
+    near: list[Point] = []
     corners = zone.corners_ned_m
-    found: list[tuple[Point, Point, Point, float]] = []
-    a = corners[-1]
-    for b in corners:
-        near = _nearest_point(point_m, a, b)
-        found.append((a, b, near, _distance_m(point_m, near)))
-        if (a[1] > east_m) != (b[1] > east_m) and north_m < a[0] + (east_m - a[1]) / (b[1] - a[1]) * (b[0] - a[0]):
+    a_north, a_east = corners[-1]
+    for b_north, b_east in corners:
+        d_north, d_east = b_north - a_north, b_east - a_east
+        length2 = d_north * d_north + d_east * d_east
+        along = ((north_m - a_north) * d_north + (east_m - a_east) * d_east) / length2 if length2 else 0.0
+        along = 0.0 if along < 0.0 else min(along, 1.0)
+        near_north, near_east = a_north + along * d_north, a_east + along * d_east
+        near.append((near_north, near_east))
+        away_m.append(hypot(north_m - near_north, east_m - near_east))
+        if (a_east > east_m) != (b_east > east_m) and north_m < a_north + (east_m - a_east) / d_east * d_north:
             within = not within
-        a = b
-    sign = 1.0 if within is keep_in else -1.0
-    return [Edge(begin, end, near, sign * away_m, zone, keep_in) for begin, end, near, away_m in found]
+        a_north, a_east = b_north, b_east
+    return away_m, near, within
 
 
 def _nearest_point(point_m: Point, begin_m: Point, end_m: Point) -> Point:

@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 
 from jezero.codec import decode
-from jezero.fence_geometry import nearest
+from jezero.fence_geometry import HOLD_OFF_M, nearest
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Spec
@@ -36,8 +36,8 @@ FLOWN_BY = ("simulator", "autopilot", "vehicle_bridge", "takeoff", "go_to")
 HEIGHT_NED_M = -6.0
 HOVER_S, OUTWARDS_S = 15.0, 8.0
 OUTWARDS_MPS = 8.0
-BEYOND_MAX_M = 0.3
-"""Greatest distance beyond the fence that counts as held: as much as targets keep inside it."""
+BEYOND_MAX_M = HOLD_OFF_M
+"""Greatest distance beyond the fence that counts as held: as much as planned ways keep inside it."""
 
 
 @dataclass

@@ -71,7 +71,9 @@ def limited_target(fence: Fence, target: Target, vehicle: VehicleSnapshot, *, fl
     if pos_ned_m is None:
         return target, ""
     vel, lead = target.vel_ned_mps, None if target.pos_ned_m is None else subtract(target.pos_ned_m, pos_ned_m)
-    walls = list(_walls(fence, vehicle, pos_ned_m, floor_holds=floor_holds))
+    speed_mps = max(norm(vel or ZERO), norm(vehicle.vel_ned_mps))
+    reach_m = EDGE_M + max(norm(lead or ZERO), speed_mps * speed_mps / (2.0 * BRAKING_MPS2))
+    walls = list(_walls(fence, vehicle, pos_ned_m, reach_m, floor_holds=floor_holds))
     for wall in walls:
         if _is_too_fast(wall, vehicle, pos_ned_m):
             vel, lead, limiting = *_braking(vel, lead, wall, vehicle), wall.name
@@ -133,9 +135,11 @@ def _limited(v_ned: Vec3, wall: Wall, out_max: float) -> Vec3:
     return v_ned if excess <= 1e-9 else subtract(v_ned, scale(wall.out_ned, excess))
 
 
-def _walls(fence: Fence, vehicle: VehicleSnapshot, pos_ned_m: Vec3, *, floor_holds: bool) -> Iterator[Wall]:
+def _walls(
+    fence: Fence, vehicle: VehicleSnapshot, pos_ned_m: Vec3, reach_m: float, *, floor_holds: bool
+) -> Iterator[Wall]:
     """All walls that the vehicle may meet."""
-    for edge in edges(fence, pos_ned_m):
+    for edge in edges(fence, pos_ned_m, reach_m):
         north_m, east_m = edge.nearest_m[0] - pos_ned_m[0], edge.nearest_m[1] - pos_ned_m[1]
         length_m = hypot(north_m, east_m)
         sign = 1.0 if edge.inside_m >= 0.0 else -1.0
