@@ -11,10 +11,11 @@ from jezero.frames import Vec3, add, altitude_m, dot, norm, scale, subtract
 from jezero.schemas.fence import Fence
 from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
 
-EDGE_M = 0.3
+EDGE_M = 0.4
 """Targets keep this far inside the fence: less than planned ways do, so that a goal's tracking errors meet no limit."""
-BRAKING_MPS2 = 1.5
-"""Deceleration in front of the fence: more than that of planned ways, and less than what remains in a wind of 8 m/s."""
+BRAKING_MPS2 = 1.0
+"""Deceleration in front of the fence: that of planned ways, and less than the 1.3 m/s² that the greatest tilt leaves in
+gusts of 11 m/s."""
 PULL_1PS = 1.0
 """Speed per distance of a target's point that the autopilot may make of it. Source: PX4's MPC_XY_P is 0.95."""
 ROUNDS = 2
@@ -132,7 +133,7 @@ def _stopping_way(vel_ned_mps: Vec3, speed_mps: float) -> Vec3:
 def _limited(v_ned: Vec3, wall: Wall, out_max: float) -> Vec3:
     """A vector whose part towards a wall is at most `out_max`."""
     excess = dot(v_ned, wall.out_ned) - out_max
-    return v_ned if excess <= 1e-9 else subtract(v_ned, scale(wall.out_ned, excess))
+    return v_ned if excess <= 1e-3 else subtract(v_ned, scale(wall.out_ned, excess))
 
 
 def _walls(

@@ -31,11 +31,11 @@ def test_setpoints_beyond_the_fence_reach_the_autopilot_as_ones_in_front_of_it()
     outwards = {"pos_ned_m": None, "vel_ned_mps": (8.0, 1.0, 0.0)}
     rig.run(0.2, lambda: rig.setpoint(control_id, Phase.GO_TO, **outwards))
     sent = rig.autopilot.setpoints[-1]
-    assert sent.vx == pytest.approx((2.0 * 1.5 * 0.7) ** 0.5, abs=1e-3)
+    assert sent.vx == pytest.approx((2.0 * 1.0 * 0.6) ** 0.5, abs=1e-3)
     assert sent.vy == pytest.approx(1.0)
     assert rig.status.control_id == control_id
     rig.run(0.2, lambda: rig.setpoint(control_id, Phase.GO_TO, pos_ned_m=(30.0, 0.0, -2.0)))
-    assert rig.autopilot.setpoints[-1].x == pytest.approx(9.7, abs=1e-3)
+    assert rig.autopilot.setpoints[-1].x == pytest.approx(9.6, abs=1e-3)
 
 
 def test_a_vehicle_that_is_pushed_out_ends_its_goal_with_the_zone_and_returns_inside() -> None:
