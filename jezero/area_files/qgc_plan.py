@@ -44,7 +44,7 @@ def read_surveys(content: Any) -> list[FilePolygon]:
         AreaFileError: a survey or a fence has no area.
     """
     surveys = list(_surveys(_member(content, "mission"), []))
-    return _with_holes(surveys, list(_fences(_member(content, "geoFence"))))
+    return _with_holes(surveys, list(read_geofence(content)))
 
 
 def _with_holes(areas: list[tuple[str, Ring]], fences: list[tuple[str, Ring, bool]]) -> list[FilePolygon]:
