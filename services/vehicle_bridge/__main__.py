@@ -3,12 +3,12 @@
 import sys
 from collections.abc import Mapping
 
-from jezero.mission_files import configured_fence
 from jezero.plugins import action_names
 from jezero.runtime.config import Instance, load_config
 from jezero.runtime.links import SocketLink, Udp
 from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
+from jezero.schemas.fence import Fence
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import LINK, VehicleBridge
 from jezero.vehicle_config import VehicleConfig
@@ -19,10 +19,17 @@ HOST = "127.0.0.1"
 def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
     """The bridge of an instance, and its link to the autopilot."""
     config, vehicle = load_config(VehicleBridgeConfig, "vehicle_bridge"), load_config(VehicleConfig, "vehicle")
-    fence = configured_fence(config.fence)
-    bridge = VehicleBridge(config, vehicle, instance.system_id, boot_id, action_names(), fence)
+    bridge = VehicleBridge(config, vehicle, instance.system_id, boot_id, action_names(), _fence(config))
     autopilot = (HOST, instance.autopilot_offboard_port)
     return bridge, {LINK: Udp((HOST, instance.bridge_port), autopilot, only_from_peer=True)}
+
+
+def _fence(config: VehicleBridgeConfig) -> Fence | None:
+    if not config.fence:
+        return None
+    from jezero.mission_files import configured_fence  # with planners, which no vehicle without a fence file needs
+
+    return configured_fence(config.fence)
 
 
 if __name__ == "__main__":
