@@ -1,6 +1,7 @@
 """`jezero gridsweep --plan-only`: the plan of a coverage, by the running stack or without one, drawn and in words."""
 
 import json
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -81,9 +82,10 @@ def _plan_of_stack(request: CoverageRequest, vehicle: str, router: str) -> _Plan
     try:
         with Vehicle.connect(vehicle, router=router, timeout_s=ROUTER_WAIT_S) as uav:
             planned = _ask(request, uav)
-            if planned is None or planned.goal.frame == "rover":
-                return planned
-            return replace(planned, fence=uav.fence().fence)
+            if planned is not None and planned.goal.frame == "world":
+                with suppress(Unreachable, TimedOut):  # a bridge of an earlier version publishes no fence
+                    return replace(planned, fence=uav.fence().fence)
+            return planned
     except (Unreachable, TimedOut):
         return None
 
