@@ -1,7 +1,9 @@
 """A wind of 8 m/s with gusts pushes the vehicle against a fence, in virtual time.
 
-`python -m benchmarks.quality.fence [--gusts STD] [--first SEED] [--seeds N] [--jobs N]` flies each seed downwind to 0.6 m in front of the edge and
-hovers there; then a sender that knows no fence commands 8 m/s downwind, from 10 m in front of the edge.
+`python -m benchmarks.quality.fence [--gusts STD] [--first SEED] [--seeds N] [--jobs N]`
+
+Each seed flies downwind to 0.6 m in front of the edge and hovers there; then a sender that knows no fence commands
+8 m/s downwind, from 10 m in front of the edge.
 """
 
 import argparse
