@@ -155,6 +155,8 @@ class Vehicle:
     # -- requests --
 
     hover = in_thread(client.Vehicle.hover)
+    fence = in_thread(client.Vehicle.fence)
+    set_fence = in_thread(client.Vehicle.set_fence)
     abort = in_thread(client.Vehicle.abort)
     kill = in_thread(client.Vehicle.kill)
     pause = in_thread(client.Vehicle.pause)

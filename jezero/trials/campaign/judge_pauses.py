@@ -7,9 +7,8 @@ from typing import Any
 from jezero.frames import norm
 from jezero.plugins import find_action
 from jezero.runtime.service import Inbox, Output, Publish, Reply, Service
-from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, PauseReply, Result, ResumeReply
-from jezero.schemas.commands import Setpoint
+from jezero.schemas.commands import Phase, Setpoint
 from jezero.schemas.goals import Goal
 from jezero.schemas.units import NS_PER_S
 from jezero.trials.campaign.judge import Judge
@@ -81,7 +80,7 @@ class PauseJudge:
         last, self._last = self._last, setpoint
         if setpoint.paused:
             self._wanted_s = None
-        lands = self._action is topics.LAND_ON_SPOT
+        lands = setpoint.phase == Phase.LANDING
         if self._wanted_s is not None and not lands:
             text = f"no hover {self._wanted_s:.1f} s after the pause was promised"
             self._judge.check(self._wanted_s <= BRAKING_MAX_S, t_ns, "a pause comes into force", text)
