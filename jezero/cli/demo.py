@@ -15,7 +15,6 @@ import click
 from jezero.cli.flight import Printer, connected
 from jezero.cli.fly import draw, fly_fast, fly_mission
 from jezero.cli.mapping import map_pictures
-from jezero.schemas.topics import AREA_COVERAGE
 
 READY_TIMEOUT_S = 60.0
 
@@ -52,6 +51,7 @@ def demo(runs: Path, fast: bool, seed: int, as_json: bool) -> None:
     The mission: take off, take images of the rover from all sides, cover the area around it, and land on it. Recording,
     images, map and figures are written to runs/<time>/.
     """
+    from jezero.schemas.topics import AREA_COVERAGE
     from jezero.trials.missions import DEMONSTRATION
 
     printer = Printer(as_json)

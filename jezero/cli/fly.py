@@ -16,7 +16,6 @@ from jezero.cli.exit_codes import ABORTED
 from jezero.cli.flight import Printer, common_options, connected, fly_goal
 from jezero.cli.pictures import take_pictures
 from jezero.cli.plan import as_planned, show_plan
-from jezero.schemas.goals import AreaCoverageGoal
 
 if TYPE_CHECKING:
     from jezero.client import Vehicle
@@ -135,6 +134,8 @@ def fly_mission(printer: Printer, uav: "Vehicle", mission: "Mission", folder: Pa
 
 def _planned(goal: Any) -> dict[str, Any]:
     """Fields of `images.json` for a goal: a coverage's goal, from which the report plans the path again."""
+    from jezero.schemas.goals import AreaCoverageGoal
+
     return {"goal": goal} if isinstance(goal, AreaCoverageGoal) else {}
 
 

@@ -15,16 +15,23 @@ from jezero.services.actions.table import action_server
 from jezero.services.autopilot.service import Autopilot
 from jezero.services.estimator.service import Estimator
 from jezero.services.estimator.tag_detector.service import TagDetector
+from jezero.services.mission.config import MissionConfig
 from jezero.services.mission.record import MissionRecord
 from jezero.services.mission.service import MissionService
 from jezero.services.preflight.service import Preflight
 from jezero.services.simulator.camera.making import make_camera
 from jezero.services.simulator.service import Simulator
 from jezero.services.vehicle_bridge.service import VehicleBridge
+from jezero.vehicle_config import VehicleConfig
 
 
-def _mission(boot_id: int, saved: MissionRecord | None = None) -> Service:
-    return MissionService(boot_id, all_actions(), saved)
+def _mission(
+    boot_id: int,
+    saved: MissionRecord | None = None,
+    config: MissionConfig | None = None,
+    vehicle: VehicleConfig | None = None,
+) -> Service:
+    return MissionService(boot_id, all_actions(), saved, config=config, vehicle=vehicle)
 
 
 MAKERS: dict[str, Callable[..., Service]] = {
