@@ -24,6 +24,7 @@ HASH = (
 )
 
 
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize("world", WORLDS)
 def test_a_mission_passes_and_replays_exactly_in_another_process(world: str) -> None:
     reports = list(fly_campaign((2019,), jobs=1, mission=partial(fly_mission, world=world)))

@@ -35,8 +35,14 @@ class GroundStation:
             yield Send("autopilot", self._codec.pack(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))
 
 
-def flight_with(config: AutopilotConfig, vehicle: VehicleConfig | None = None) -> Flight:
-    return Flight(seed=5, make_bus=lambda seed: build_stack(seed, autopilot=config, vehicle=vehicle))
+def flight_with(
+    config: AutopilotConfig, vehicle: VehicleConfig | None = None, bridge: VehicleBridgeConfig | None = None
+) -> Flight:
+    """A stack without the mission service, which flies home before a failsafe does."""
+    return Flight(
+        seed=5,
+        make_bus=lambda seed: build_stack(seed, autopilot=config, bridge=bridge, vehicle=vehicle, without=("mission",)),
+    )
 
 
 def wait_mode(flight: Flight, mode: str, timeout_s: float) -> None:
@@ -119,7 +125,7 @@ def test_an_empty_battery_only_warns_without_the_bridges_parameters() -> None:
     assert not bridge.parameters
     config = AutopilotConfig(charge_at_start=0.2)
     vehicle = VehicleConfig(battery=BatteryConfig(capacity_mah=1000.0))
-    flight = Flight(seed=5, make_bus=lambda seed: build_stack(seed, autopilot=config, bridge=bridge, vehicle=vehicle))
+    flight = flight_with(config, vehicle, bridge)
     flight.take_off(3.0)
     flight.bus.run_for(35.0)
     assert flight.status.battery is not None
