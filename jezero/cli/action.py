@@ -6,8 +6,8 @@ from typing import Any
 import click
 import msgspec
 
-from jezero.cli.flight import NUMBERS, Printer, connected, flight_options, fly_goal
 from jezero.cli.plan import send_goal
+from jezero.cli.shared import NUMBERS, Printer, connected, flight_options, fly_goal
 from jezero.plugins import PluginError, action_names, find_action
 from jezero.schemas.goals import Goal
 from jezero.schemas.topics import ACTIONS, Action

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from jezero.cli.flight import FINITE, NUMBERS, FiniteRange, Printer, common_options, connected
+from jezero.cli.shared import FINITE, NUMBERS, FiniteRange, Printer, common_options, connected
 from jezero.os_errors import naming
 
 PNG = click.Path(path_type=Path, dir_okay=False, writable=True)

@@ -12,9 +12,9 @@ from typing import Any
 
 import click
 
-from jezero.cli.flight import Printer, connected
 from jezero.cli.fly import draw, fly_fast, fly_mission
 from jezero.cli.mapping import map_pictures
+from jezero.cli.shared import Printer, connected
 
 READY_TIMEOUT_S = 60.0
 

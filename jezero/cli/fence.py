@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from jezero.cli.exit_codes import FAILED
-from jezero.cli.flight import Printer, common_options, connected
+from jezero.cli.mission_file import read_fence_file
+from jezero.cli.shared import Printer, common_options, connected
 
 if TYPE_CHECKING:
     from jezero.schemas.fence import Fence
@@ -15,7 +15,7 @@ FILE_HELP = "FILE is a fence in YAML or JSON, or a .plan of QGroundControl with 
 
 @click.group()
 def fence() -> None:
-    """Set the fence: goals whose planned way leaves it are refused before they start."""
+    """Set the fence, which the vehicle doesn't leave; a goal whose planned way does is refused before it starts."""
 
 
 @fence.command(epilog=FILE_HELP)
@@ -24,7 +24,7 @@ def fence() -> None:
 def check(file: str, as_json: bool) -> None:
     """Name the mistakes of a fence file."""
     printer = Printer(as_json)
-    printer.event("fence", _in_words(_read(file, printer)))
+    printer.event("fence", _in_words(read_fence_file(file, printer)))
 
 
 @fence.command(name="set", epilog=FILE_HELP)
@@ -33,7 +33,7 @@ def check(file: str, as_json: bool) -> None:
 def set_(file: str, vehicle: str, router: str, as_json: bool) -> None:
     """Set the fence of a vehicle on the ground, until the vehicle's stack ends."""
     printer = Printer(as_json)
-    read = _read(file, printer)
+    read = read_fence_file(file, printer)
     with connected(vehicle, router, printer) as uav:
         uav.set_fence(read)
         printer.event("fence", f"in force: {_in_words(read)}")
@@ -62,16 +62,6 @@ def show(vehicle: str, router: str, as_json: bool) -> None:
         text = waiting if state.fence is None else _in_words(state.fence)
         outside = f"; the vehicle is {state.outside}" if state.outside else ""
         printer.event("fence", text + outside, **msgspec.to_builtins(state))
-
-
-def _read(file: str, printer: Printer) -> "Fence":
-    from jezero.mission_files import MissionFileError, read_fence
-
-    try:
-        return read_fence(file)
-    except MissionFileError as error:
-        problems = [{"line": problem.line, "text": problem.text} for problem in error.problems]
-        printer.fail("mistakes", str(error), FAILED, problems=problems)
 
 
 def _in_words(fence: "Fence") -> str:

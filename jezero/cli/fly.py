@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jezero.cli.exit_codes import ABORTED
-from jezero.cli.flight import Printer, common_options, connected, fly_goal
 from jezero.cli.pictures import take_pictures
 from jezero.cli.plan import as_planned, show_plan
+from jezero.cli.shared import Printer, common_options, connected, fly_goal
 
 if TYPE_CHECKING:
     from jezero.client import Vehicle

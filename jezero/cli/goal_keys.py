@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Self
 from jezero.cli.keyboard import Keyboard
 
 if TYPE_CHECKING:
-    from jezero.cli.flight import Printer
+    from jezero.cli.shared import Printer
     from jezero.client import Goal
 
 HINT = "p pauses, r resumes, Ctrl+C cancels"

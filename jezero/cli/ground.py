@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jezero.cli.flight import Router
 from jezero.cli.recording import RECORDING_PATH
+from jezero.cli.shared import Router
 
 if TYPE_CHECKING:
     from jezero.services.ground_station.config import GroundStationConfig

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from jezero.cli.flight import FiniteRange, Printer
+from jezero.cli.shared import FiniteRange, Printer
 
 if TYPE_CHECKING:
     from jezero.mapping.making import Map

@@ -7,9 +7,9 @@ import click
 
 from jezero.cli.area import Origin, checked_origin
 from jezero.cli.exit_codes import ABORTED
-from jezero.cli.flight import Printer, common_options, connected
 from jezero.cli.mission_convert import export_mission, import_mission
-from jezero.cli.mission_file import read_file
+from jezero.cli.mission_file import read_mission_file
+from jezero.cli.shared import Printer, common_options, connected
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -55,7 +55,7 @@ def check(file: str, origin: Origin | None, vehicle: str, router: str, as_json: 
     """
     from jezero.cli.mission_check import check_mission
 
-    check_mission(Printer(as_json), lambda at: read_file(file, at, Printer(as_json)), origin, vehicle, router)
+    check_mission(Printer(as_json), lambda at: read_mission_file(file, at, Printer(as_json)), origin, vehicle, router)
 
 
 @mission.command(epilog=FILE_HELP)
@@ -65,7 +65,7 @@ def run(file: str, vehicle: str, router: str, as_json: bool) -> None:
     """Fly a mission, and show its progress. Ctrl+C ends this command only."""
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
-        read = read_file(file, _origin_deg(uav), printer)
+        read = read_mission_file(file, _origin_deg(uav), printer)
         mission_id = uav.mission.run(read.mission)
         count = len(read.mission.steps)
         printer.event("accepted", f"{read.mission.name}: accepted, {count} steps", mission_id=mission_id, steps=count)

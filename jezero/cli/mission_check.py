@@ -10,7 +10,7 @@ from jezero.cli.exit_codes import FAILED
 from jezero.cli.plan import flight_in_words, minutes
 
 if TYPE_CHECKING:
-    from jezero.cli.flight import Printer
+    from jezero.cli.shared import Printer
     from jezero.client import Vehicle
     from jezero.mission_files import MissionFile, StepPlan
     from jezero.schemas.actions import PlanReply

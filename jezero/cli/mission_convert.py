@@ -9,8 +9,8 @@ import click
 
 from jezero.cli.area import ROUTER_WAIT_S, Origin, checked_origin
 from jezero.cli.exit_codes import FAILED
-from jezero.cli.flight import FiniteRange, Printer, common_options
-from jezero.cli.mission_file import read_file
+from jezero.cli.mission_file import read_mission_file
+from jezero.cli.shared import FiniteRange, Printer, common_options
 
 if TYPE_CHECKING:
     from jezero.area_files import FilePolygon
@@ -71,7 +71,7 @@ def export_mission(file: str, out: Path, origin: Origin | None, vehicle: str, ro
     if ending not in (".plan", ".kml", ".kmz"):
         raise click.BadParameter(f"{out}: its name must end in {ENDINGS}", param_hint="-o")
     origin_deg = _origin_deg(origin, vehicle, router)
-    mission = read_file(file, origin_deg[:2], printer).mission
+    mission = read_mission_file(file, origin_deg[:2], printer).mission
     data, notes = _exported(mission, origin_deg, ending, printer)
     _write(out, data, printer)
     for note in notes:
@@ -142,7 +142,7 @@ def _origin_deg(origin: Origin | None, vehicle: str, router: str) -> list[float]
 def _check(out: Path, printer: Printer) -> "MissionFile":
     """Read the file that was written: a plan may have numbers that no goal takes."""
     first = _first_place(out)
-    return read_file(str(out), first, printer)
+    return read_mission_file(str(out), first, printer)
 
 
 def _first_place(out: Path) -> "list[float] | None":

@@ -3,7 +3,7 @@
 import click
 
 from jezero.cli.action import key_values
-from jezero.cli.flight import NUMBERS, Printer, common_options, connected
+from jezero.cli.shared import NUMBERS, Printer, common_options, connected
 
 
 @click.command()

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jezero.cli.flight import Printer, time_to_go
 from jezero.cli.goal_keys import GoalKeys
+from jezero.cli.shared import Printer, time_to_go
 
 if TYPE_CHECKING:
     from jezero.client.dataset import Dataset

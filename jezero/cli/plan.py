@@ -12,7 +12,7 @@ import msgspec
 from jezero.cli.exit_codes import FAILED, USAGE
 
 if TYPE_CHECKING:
-    from jezero.cli.flight import Printer
+    from jezero.cli.shared import Printer
     from jezero.client import Vehicle
     from jezero.schemas.actions import FeedbackMessage, PlanReply
     from jezero.schemas.goals import Goal

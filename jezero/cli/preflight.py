@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from jezero.cli.exit_codes import REFUSED
-from jezero.cli.flight import Printer, common_options, connected
+from jezero.cli.shared import Printer, common_options, connected
 
 if TYPE_CHECKING:
     from jezero.schemas.preflight import PreflightReport

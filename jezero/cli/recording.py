@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jezero.cli.flight import FINITE
+from jezero.cli.shared import FINITE
 from jezero.schemas.units import NS_PER_S
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from typing import Any
 
 import click
 
-from jezero.cli.flight import FINITE, vehicle_options
 from jezero.cli.recording import RECORDING_PATH
+from jezero.cli.shared import FINITE, vehicle_options
 
 PLAIN = ("speed", "start_s", "end_s", "loop", "topics", "force", "vehicle", "router")
 """Parameters of a replay onto a bus, which mean nothing with --through."""

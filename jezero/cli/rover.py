@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from jezero.cli.flight import FINITE, NUMBERS, Printer, common_options, connected
+from jezero.cli.shared import FINITE, NUMBERS, Printer, common_options, connected
 
 if TYPE_CHECKING:
     from jezero.client.rover import Leg

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jezero.cli.flight import Printer, common_options, connected, point_in_words
+from jezero.cli.shared import Printer, common_options, connected, point_in_words
 
 if TYPE_CHECKING:
     from jezero.frames import Vec3

@@ -17,9 +17,9 @@ from jezero.cli.area import (
     vehicle_origin,
 )
 from jezero.cli.coverage_plan import show_coverage_plan
-from jezero.cli.flight import FINITE, FRAMES, NUMBERS, FiniteRange, Printer, connected, flight_options
 from jezero.cli.pictures import PNG_OR_JPG, default_folder, take_pictures
 from jezero.cli.plan import agreed_plan, as_planned, send_goal
+from jezero.cli.shared import FINITE, FRAMES, NUMBERS, FiniteRange, Printer, connected, flight_options
 from jezero.os_errors import write_whole
 
 if TYPE_CHECKING:

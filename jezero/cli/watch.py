@@ -5,7 +5,7 @@ from ipaddress import ip_address
 import click
 
 from jezero.cli.exit_codes import UNREACHABLE
-from jezero.cli.flight import Printer, common_options
+from jezero.cli.shared import Printer, common_options
 
 PORT = 8765
 """The port that Foxglove suggests."""

@@ -292,8 +292,10 @@ class Authority:
             self._engaged = True
         elif self._engagement.is_overdue(vehicle):
             self._revoke(f"{self.grant.name} ended: could not arm in offboard mode: {vehicle.failure_reason}", vehicle)
-        elif self._engagement.may_command(vehicle) and (vehicle.mode == OFFBOARD or not self._takeover.was_offboard):
-            return Command.ARM if vehicle.mode == OFFBOARD else Command.OFFBOARD
+        elif self._engagement.may_command(vehicle) and vehicle.mode == OFFBOARD:
+            return Command.ARM
+        elif self._engagement.may_command(vehicle) and not self._takeover.was_offboard:
+            return Command.OFFBOARD
         return None
 
     def _advance_abort(self, vehicle: VehicleSnapshot) -> Command | None:

@@ -1,14 +1,13 @@
 """The MAVLink side: telemetry in, setpoints and acknowledged commands out."""
 
 from collections.abc import Callable, Mapping
-from math import nan, sqrt
 from types import MappingProxyType
 
-from jezero.frames import Quat, Vec3, quat_normalize, quat_rotate
-from jezero.mavlink import FieldReader, FramePacker, MavlinkCodec, MavMessage, dialect
+from jezero.frames import Vec3
+from jezero.mavlink import FramePacker, MavlinkCodec, MavMessage, dialect
 from jezero.schemas.state import Battery, Odometry
+from jezero.services.vehicle_bridge.decoding import odometry_of, setpoint_echo_of, text_of
 from jezero.services.vehicle_bridge.fence_upload import FenceUpload
-from jezero.services.vehicle_bridge.foreign_setpoints import SetpointEcho
 from jezero.services.vehicle_bridge.parameters import ParameterSetter
 from jezero.services.vehicle_bridge.telemetry import Telemetry, TelemetryBatch
 from jezero.services.vehicle_bridge.vehicle import Command, Target, mode_name
@@ -64,11 +63,6 @@ _SETPOINT = FramePacker(
     dialect.MAVLink_set_position_target_local_ned_message,
     *("time_boot_ms", "x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"),
     *("type_mask", "target_system", "target_component", "coordinate_frame"),
-)
-_ODOMETRY = FieldReader(
-    dialect.MAVLink_odometry_message,
-    *("time_usec", "x", "y", "z", "q", "vx", "vy", "vz", "rollspeed", "pitchspeed", "yawspeed"),
-    *("pose_covariance[0]", "pose_covariance[6]", "frame_id", "child_frame_id", "reset_counter"),
 )
 _MASK_POS, _MASK_VEL, _MASK_ACC, _MASK_YAW_RATE = 7, 56, 448, 2048
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
@@ -159,7 +153,7 @@ class AutopilotLink:
 
     def _on_odometry(self, message: MavMessage, batch: TelemetryBatch) -> None:
         try:
-            t_ns, pos, vel, q, rates, std_pos_m, reset_counter = _odometry_of(message)
+            t_ns, pos, vel, q, rates, std_pos_m, reset_counter = odometry_of(message)
         except ValueError:
             self._codec.malformed += 1
             return
@@ -203,10 +197,10 @@ class AutopilotLink:
         self.telemetry.landed = None if undefined else message.landed_state == dialect.MAV_LANDED_STATE_ON_GROUND
 
     def _on_setpoint_echo(self, message: MavMessage, batch: TelemetryBatch) -> None:
-        batch.setpoint_echo = _setpoint_echo_of(message)
+        batch.setpoint_echo = setpoint_echo_of(message)
 
     def _on_parameter(self, message: MavMessage, _batch: TelemetryBatch) -> None:
-        name = _text_of(message.param_id)
+        name = text_of(message.param_id)
         self.parameters.confirm(name, message.param_value, message.param_type)
         if name == BATTERY_CRITICAL and 0.0 <= message.param_value <= 1.0:
             self.telemetry.battery_critical = round(message.param_value, 6)
@@ -232,7 +226,7 @@ class AutopilotLink:
             self.telemetry.origin_deg = (latitude_deg, longitude_deg, altitude_m)
 
     def _on_statustext(self, message: MavMessage, batch: TelemetryBatch) -> None:
-        text = _text_of(message.text)
+        text = text_of(message.text)
         last_id, before = self._statustext
         if message.id != 0 and message.chunk_seq > 0 and message.id == last_id:
             text = (before + text)[:1000]
@@ -359,46 +353,3 @@ class AutopilotLink:
                 self._system_id, AUTOPILOT_COMPONENT_ID, number, confirmation, p1, p2, p3, 0.0, 0.0, 0.0, 0.0
             )
         )
-
-
-def _text_of(field: str | bytes) -> str:
-    """A MAVLink string without its padding."""
-    return (field if isinstance(field, str) else field.decode("utf-8", "replace")).rstrip("\0")
-
-
-def _setpoint_echo_of(message: MavMessage) -> SetpointEcho:
-    """Echo in a POSITION_TARGET_LOCAL_NED, with NaN in each masked axis."""
-    fields = ("x", "y", "z", "vx", "vy", "vz")
-    x, y, z, vx, vy, vz = (nan if message.type_mask >> i & 1 else getattr(message, f) for i, f in enumerate(fields))
-    return SetpointEcho(message.time_boot_ms * 1_000_000, (x, y, z), (vx, vy, vz))
-
-
-def _odometry_of(message: MavMessage) -> tuple[int, Vec3, Vec3, Quat, Vec3, float | None, int]:
-    """Contents of an ODOMETRY.
-
-    Returns:
-        Time in ns, position, velocity and attitude in world NED, body rates in FRD, horizontal standard deviation of
-        the position in m, reset counter.
-    Raises:
-        ValueError: a number is not finite or out of its range, or a frame is unknown.
-    """
-    numbers = _ODOMETRY(message)
-    t_us, x, y, z, qw, qx, qy, qz, vx, vy, vz, p, q, r, var_north_m2, var_east_m2, frame, child_frame, counter = numbers
-    pos, vel, rates = (x, y, z), (vx, vy, vz), (p, q, r)
-    if frame != _LOCAL_NED:
-        raise ValueError("not a pose in local NED")
-    attitude = quat_normalize((qw, qx, qy, qz))
-    if child_frame == dialect.MAV_FRAME_BODY_FRD:
-        vel = quat_rotate(attitude, vel)
-    elif child_frame != _LOCAL_NED:
-        raise ValueError("velocity in an unknown frame")
-    t_ns = t_us * 1000
-    if t_ns > 2**62:
-        raise ValueError("time out of range")
-    vx, vy, vz = vel
-    small = x * x + y * y + z * z <= 1e12 and vx * vx + vy * vy + vz * vz <= 1e6 and p * p + q * q + r * r <= 1e6
-    if not small:  # or NaN
-        raise ValueError("not finite, or out of range")
-    variance_m2 = max(var_north_m2, var_east_m2)
-    std_m = sqrt(variance_m2) if 0.0 <= variance_m2 <= 1e12 else None
-    return t_ns, pos, vel, attitude, rates, std_m, counter

@@ -19,7 +19,8 @@ gusts of 11 m/s."""
 PULL_1PS = 1.0
 """Speed per distance of a target's point that the autopilot may make of it. Source: PX4's MPC_XY_P is 0.95."""
 ROUNDS = 2
-"""In a corner, the limit by one wall may violate another one."""
+"""Number of times that the limits of all walls are applied: in a corner, the limit of one wall can lead towards another
+wall."""
 TOO_FAST_MPS = 0.2
 """Excess of speed towards a wall from which on all of the vehicle's tilt serves to brake."""
 ZERO: Vec3 = (0.0, 0.0, 0.0)

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from jezero.cli.flight import Printer
 from jezero.cli.goal_keys import GoalKeys
 from jezero.cli.main import main
+from jezero.cli.shared import Printer
 from jezero.client import Refused
 
 

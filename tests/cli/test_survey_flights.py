@@ -13,9 +13,9 @@ import pytest
 from click.testing import CliRunner
 
 from jezero.cli.area import Origin, around_origin
-from jezero.cli.flight import Printer
 from jezero.cli.main import main
 from jezero.cli.pictures import take_pictures
+from jezero.cli.shared import Printer
 from jezero.client.dataset import Dataset
 from jezero.client.errors import Aborted
 from jezero.client.images import Picture

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jezero.cli.demo import pointing_to
-from jezero.cli.flight import Printer
+from jezero.cli.shared import Printer
 from jezero.codec import encode
 from jezero.recording import Entry
 from jezero.recording.writer import RECORDING, RecordingWriter

@@ -1,20 +1,14 @@
-"""Grants of control, their end, and hover requests."""
-
-from dataclasses import replace
-from typing import Any
+"""Goals in control, their end, and hover requests."""
 
 import msgspec
 import pytest
 
 from jezero.runtime.config import load_config
-from jezero.schemas.commands import Abort, Acquire, Hover, Phase, Release
+from jezero.schemas.commands import Abort, Hover, Phase, Release
 from jezero.schemas.state import StatusCode
-from jezero.schemas.topics import ABORT, ACQUIRE, ACTIONS, HOVER, RELEASE
+from jezero.schemas.topics import ABORT, HOVER, RELEASE
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from tests.services.vehicle_bridge.rig import ARM, MODES, SET_MODE, Rig
-
-SOMERSAULT: Any = "somersault"
-"""A phase that no version of the bridge knows; only a newer schema could carry it."""
 
 
 def test_a_takeoff_goes_through_0_1_2_3_and_engages_before_it_arms() -> None:
@@ -152,63 +146,6 @@ def test_a_landing_that_the_autopilot_does_not_disarm_is_left_to_its_failsafe() 
     assert rig.status.in_charge == "failsafe"
 
 
-@pytest.mark.parametrize(
-    ("action", "do_takeoff", "granted"),
-    [("takeoff", False, True), ("go_to", True, True), ("go_to", False, False), ("land_on_spot", False, False)],
-)
-def test_on_the_ground_only_what_takes_off_is_accepted(action: str, do_takeoff: bool, granted: bool) -> None:
-    reply = Rig().ready().acquire(action, do_takeoff=do_takeoff)
-    assert reply.granted == granted
-    assert granted or "take off first" in reply.reason
-
-
-@pytest.mark.parametrize(("action", "granted"), [("takeoff", False), ("go_to", True), ("land_on_spot", True)])
-def test_in_hover_everything_but_a_takeoff_is_accepted(action: str, granted: bool) -> None:
-    reply = Rig().fly().acquire(action)
-    assert reply.granted == granted
-    assert granted or "3 (HOVER)" in reply.reason
-
-
-def test_a_second_goal_is_refused_with_who_is_in_charge_and_the_status() -> None:
-    rig = Rig().fly()
-    rig.go("go_to", Phase.GO_TO)
-    reply = rig.request(ACQUIRE, Acquire(goal_id="other", action="go_to"))
-    assert not reply.granted
-    assert reply.reason == "go_to goal-go_to is in charge, the status is 4 (GO_TO): wait for it or abort it"
-
-
-def test_of_two_goals_in_one_step_the_first_is_accepted() -> None:
-    rig = Rig().ready()
-    first = rig.post(ACQUIRE, Acquire(goal_id="a", action="takeoff"))
-    second = rig.post(ACQUIRE, Acquire(goal_id="b", action="takeoff"))
-    rig.step()
-    assert rig.replies[first].granted
-    assert not rig.replies[second].granted
-
-
-def test_an_acquire_that_is_repeated_because_its_reply_was_lost_gets_the_same_control() -> None:
-    rig = Rig().ready()
-    assert rig.acquire(goal_id="g").control_id == rig.acquire(goal_id="g").control_id != ""
-
-
-@pytest.mark.parametrize(
-    ("age_s", "refusal"),
-    [
-        (0.0, ""),
-        (0.8, ""),
-        (1.2, "the request is 1.2 s old"),
-        (-0.8, ""),
-        (-3600.0, "the request is 3600.0 s ahead of vehicle time"),
-    ],
-)
-def test_an_old_request_for_control_is_refused(age_s: float, refusal: str) -> None:
-    rig = Rig().ready()
-    issued_t_ns = rig.t_ns - int(age_s * 1e9)
-    reply = rig.request(ACQUIRE, Acquire(goal_id="g", action="takeoff", issued_t_ns=issued_t_ns))
-    assert reply.granted == (not refusal)
-    assert refusal in reply.reason
-
-
 def test_an_action_of_a_package_flies_in_14_and_15_with_its_name_in_the_status() -> None:
     rig = Rig().fly()
     control_id = rig.acquire("somersault").control_id
@@ -218,29 +155,6 @@ def test_an_action_of_a_package_flies_in_14_and_15_with_its_name_in_the_status()
     rig.run(0.5)
     assert rig.codes[-4:] == [3, 14, 15, 3]
     assert rig.status.action == ""
-
-
-def test_an_action_of_a_package_needs_a_hovering_vehicle() -> None:
-    reply = Rig().ready().acquire("somersault")
-    assert "somersault needs a hovering vehicle (3)" in reply.reason
-
-
-def test_an_action_whose_phase_the_bridge_does_not_know_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    somersault = replace(ACTIONS["go_to"], name="somersault", phase=SOMERSAULT)
-    monkeypatch.setitem(ACTIONS, "somersault", somersault)
-    reply = Rig().fly().acquire("somersault")
-    assert not reply.granted
-    assert "doesn't know phase 'somersault'" in reply.reason
-
-
-def test_before_the_autopilot_is_ready_a_takeoff_is_refused_with_what_is_missing() -> None:
-    rig = Rig()
-    rig.autopilot.armable = False
-    rig.run(0.2)
-    reply = rig.acquire()
-    assert not reply.granted
-    assert "arming checks" in reply.reason
-    assert rig.status.not_ready_reason in reply.reason
 
 
 def test_a_grant_lapses_without_a_setpoint_within_half_a_second() -> None:
@@ -355,47 +269,3 @@ def test_hover_during_a_goal_ends_the_goal_and_hovers_where_the_vehicle_comes_to
 def test_the_settings_that_ship_are_the_defaults() -> None:
     shipped = load_config(VehicleBridgeConfig, "vehicle_bridge")
     assert msgspec.structs.replace(shipped, parameters={}) == VehicleBridgeConfig()
-
-
-def test_a_goal_that_was_being_prepared_during_an_abort_is_not_flown() -> None:
-    rig = Rig().fly()
-    came_ns = rig.t_ns
-    rig.run(0.3)
-    rig.request(ABORT, Abort())
-    rig.run(0.2)
-    late = rig.request(ACQUIRE, Acquire(goal_id="late", action="go_to", goal_t_ns=came_ns))
-    assert not late.granted
-    assert late.reason == "goal late came before the last abort: send it again"
-    assert rig.request(ACQUIRE, Acquire(goal_id="new", action="go_to", goal_t_ns=rig.t_ns)).granted
-
-
-def test_a_goal_from_before_the_bridge_started_is_not_flown_as_nobody_may_remember_that_it_flew() -> None:
-    rig = Rig()
-    before_ns = rig.t_ns
-    rig.fly()
-    old = rig.request(ACQUIRE, Acquire(goal_id="old", action="go_to", goal_t_ns=rig.t_ns, goal_issued_t_ns=before_ns))
-    assert not old.granted
-    assert old.reason == "goal old is from before the bridge started and may have flown: send it with a new id"
-    assert rig.request(ACQUIRE, Acquire(goal_id="new", action="go_to", goal_issued_t_ns=rig.t_ns)).granted
-
-
-def test_a_request_that_only_checks_gets_the_decision_and_changes_nothing() -> None:
-    rig = Rig().fly()
-    before = rig.status
-
-    def check(action: str) -> Any:
-        return rig.request(ACQUIRE, Acquire(goal_id="plan", action=action, check_only=True))
-
-    assert check("go_to").granted
-    assert check("go_to").control_id == ""
-    assert "it flies already" in check("takeoff").reason
-    rig.run(0.2)
-    assert (rig.status.in_charge, rig.status.grants, rig.status.text) == ("hover", before.grants, before.text)
-    rig.go("go_to", Phase.GO_TO)
-    assert "is in charge" in check("get_images").reason
-
-
-def test_the_refusal_on_the_ground_names_no_option_of_one_interface() -> None:
-    reply = Rig().ready().acquire("go_to")
-    advice = "take off first, or let the goal begin with a takeoff"
-    assert reply.reason == f"go_to needs a hovering vehicle (3), the status is 0 (IDLE): {advice}"
