@@ -34,6 +34,7 @@ class TiltContactDetector:
         self._free_tilt_ned: tuple[float, float] | None = None
         self._t_ns = self._moved_ns = 0
         self._contact_ns: int | None = None
+        self._tilted = False
 
     @property
     def free_down_ned(self) -> tuple[float, float]:
@@ -45,11 +46,13 @@ class TiltContactDetector:
         passed_s = min(max((t_ns - self._t_ns) / NS_PER_S, 0.0), STEP_MAX_S)
         self._t_ns = t_ns
         if self._free_tilt_ned is None or state.vel_uav_ned_mps[2] >= STALLED_SPEED_RATIO * down_commanded_mps:
-            self._moved_ns = t_ns
+            self._moved_ns, self._tilted = t_ns, False
+        if self._free_tilt_ned is not None and is_tilted_by_contact(state.down_ned, self._free_tilt_ned):
+            self._tilted = True
         if t_ns - self._moved_ns >= STALLED_MIN_S * NS_PER_S:
             self._contact_ns = t_ns
         if self._contact_ns is not None and t_ns - self._contact_ns <= CONTACT_MEMORY_S * NS_PER_S:
-            return self._free_tilt_ned is not None and is_tilted_by_contact(state.down_ned, self._free_tilt_ned)
+            return self._tilted
         self._contact_ns = None
         north, east = self._free_tilt_ned or state.down_ned
         weight = passed_s / TILT_FILTER_TIME_CONSTANT_S
