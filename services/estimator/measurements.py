@@ -17,8 +17,11 @@ from jezero.services.estimator.kalman import Kalman, UpdateResult
 from jezero.services.estimator.motion import (
     ATTITUDE_ERROR,
     COMPASS_BIAS,
+    HEADING_ERROR,
+    PITCH_ERROR,
     POS_ROVER,
     POS_UAV,
+    ROLL_ERROR,
     SIZE,
     TAG_SCALE,
     UWB_BIAS,
@@ -29,7 +32,7 @@ from jezero.services.estimator.motion import (
     YAW_RATE,
     Array,
 )
-from jezero.services.estimator.rover_tilt import LEVEL
+from jezero.services.estimator.rover_tilt import LEVEL, ned_from_level
 
 Kind = Literal["odometry", "rover", "altimeter", "uwb", "tag", "locate"]
 """Kinds of measurements, in the order in which those with equal time stamps are fused."""
@@ -140,9 +143,10 @@ class RoverOdometryMeasurement(msgspec.Struct, frozen=True, gc=False):
         north, east, down = x[VEL_ROVER].tolist()
         forward, left_behind = c * north + s * east, c * east - s * north
         H = np.zeros((5, SIZE))
-        H[0, 9:11], H[0, YAW] = (c, s), left_behind
-        H[1, 9:11], H[1, YAW] = (-s, c), -forward
-        H[2, 11] = H[3, YAW] = H[3, COMPASS_BIAS] = H[4, YAW_RATE] = 1.0
+        H[0, VEL_ROVER], H[0, YAW] = (c, s, 0.0), left_behind
+        H[1, VEL_ROVER], H[1, YAW] = (-s, c, 0.0), -forward
+        H[2, VEL_ROVER] = (0.0, 0.0, 1.0)
+        H[3, YAW] = H[3, COMPASS_BIAS] = H[4, YAW_RATE] = 1.0
         innovation = np.array(
             (
                 self.speed_mps - forward,
@@ -237,9 +241,7 @@ class UwbMeasurement(msgspec.Struct, frozen=True, gc=False):
 
     def _predict_ranges(self, x: Array) -> tuple[Array, Array]:
         """Expected ranges (m,) and their Jacobian (m, n)."""
-        yaw = float(x[YAW])
-        c, s = cos(yaw), sin(yaw)
-        to_level = np.array(((c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)))
+        to_level = ned_from_level(float(x[YAW])).T
         delays = self.delays_s[:, None]
         tag_ned_m = x[POS_UAV] - x[POS_ROVER] + self.lever_ned_m + delays * (x[VEL_UAV] - x[VEL_ROVER])
         tag_m = tag_ned_m @ to_level.T
@@ -304,7 +306,7 @@ class AltimeterMeasurement(msgspec.Struct, frozen=True, gc=False):
         yaw = float(kalman.x[YAW])
         c, s = cos(yaw), sin(yaw)
         ahead, right = c * north + s * east, c * east - s * north
-        var_tilt = max(float(kalman.P[17, 17]), float(kalman.P[18, 18]))
+        var_tilt = max(float(kalman.P[ROLL_ERROR, ROLL_ERROR]), float(kalman.P[PITCH_ERROR, PITCH_ERROR]))
         variance = max(kalman.var_pos_rel_m2[:2]) + var_tilt * expected_m**2
         off_m: float = max(abs(ahead), abs(right))
         return off_m + PLATFORM_EDGE_SIGMAS * sqrt(max(variance, 0.0)) < self.half_side_m
@@ -374,17 +376,16 @@ class TagMeasurement(msgspec.Struct, frozen=True, gc=False):
     def _attitude_error_jacobian(self) -> Array:
         """(3, 3) derivative of the position with respect to the attitude error in forward, right, down."""
         x, y, z = self.lever_arm_m.tolist()
-        c, s = cos(self.heading_rad), sin(self.heading_rad)
         cross = np.array(((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)))
-        jacobian: Array = cross @ np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+        jacobian: Array = cross @ ned_from_level(self.heading_rad)
         return jacobian
 
     def _fuse_yaw(self, kalman: Kalman, yaw_rad: float, gate: tuple[float, float]) -> None:
         H = np.zeros((1, SIZE))
-        H[0, YAW] = H[0, 19] = 1.0
+        H[0, YAW] = H[0, HEADING_ERROR] = 1.0
         R = np.array([[(self.scale_std * self.std_yaw_rad) ** 2]])
         x = kalman.x
-        innovation = np.array([wrap_pi(yaw_rad - float(x[YAW]) - float(x[19]))])
+        innovation = np.array([wrap_pi(yaw_rad - float(x[YAW]) - float(x[HEADING_ERROR]))])
         fits = float(innovation[0]) ** 2 <= gate[0] * float(kalman.innovation_covariance(H, R)[0, 0])
         kalman.announce("tag_yaw", innovation, H, R, fits, self.scale_std)
         if fits:

@@ -1,4 +1,6 @@
-"""Roll and pitch of the rover's platform, by which anchors and tags aren't where they are on a level platform."""
+"""Attitude of the rover's platform, by which anchors and tags aren't where they are on a level platform."""
+
+from math import cos, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,3 +17,9 @@ def level_from_rover_body(rover: RoverOdometry) -> Array:
     q = quat_from_euler(rover.roll_rover_rad, rover.pitch_rover_rad, 0.0)
     axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     return np.array([quat_rotate(q, axis) for axis in axes]).T
+
+
+def ned_from_level(heading_rad: float) -> Array:
+    """(3, 3) rotation from level axes with this heading to NED."""
+    c, s = cos(heading_rad), sin(heading_rad)
+    return np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))

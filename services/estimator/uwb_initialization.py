@@ -1,7 +1,7 @@
 """Initial relative position from UWB alone, robust against ranges without line of sight."""
 
 from collections import deque
-from math import cos, dist, hypot, sin
+from math import dist, hypot
 from statistics import median
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from jezero.frames import Vec3
 from jezero.services.estimator.measurements import UwbMeasurement
 from jezero.services.estimator.motion import Array
+from jezero.services.estimator.rover_tilt import ned_from_level
 from jezero.services.estimator.trilateration import trilaterate
 from jezero.vehicle_config import PlatformConfig
 
@@ -59,9 +60,7 @@ class UwbWindow:
         rounds = [r for r in self._rounds if t_ns - WINDOW_NS <= r.t_ns <= t_ns]
         if len(rounds) < ROUNDS_MIN:
             return None
-        c, s = cos(yaw_rad), sin(yaw_rad)
-        R_level_from_rover_body = rounds[-1].R_level_from_rover_body
-        to_ned = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0))) @ R_level_from_rover_body
+        to_ned = ned_from_level(yaw_rad) @ rounds[-1].R_level_from_rover_body
         vel_body_mps = vel_rel_mps @ to_ned
         found = trilaterate(*_medians(rounds, t_ns, vel_body_mps, None))
         for _ in range(REFINEMENTS_MAX):
