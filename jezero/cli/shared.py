@@ -219,7 +219,8 @@ def _in_words(feedback: dict[str, Any]) -> str:
         parts.append(str(fields.pop("phase")))
     if "place" in fields:
         why = f" ({reason})" if (reason := fields.pop("reason", "")) else ""
-        parts.append(f"to the {fields.pop('place').replace('_', ' ')}{why}".replace("to the here", "landing here"))
+        place = fields.pop("place").replace("_", " ")
+        parts.append(f"landing here{why}" if place == "here" else f"to the {place}{why}")
     for name in ("pos_rel_ned_m", "cone_m", "place_ned_m", "landing"):  # for programs
         fields.pop(name, None)
     parts.extend(
