@@ -20,18 +20,18 @@ class AbortManeuver:
         self.on_ground = False
         self._climbs = False
 
-    def plan(self, previous: Target | None, vehicle: VehicleSnapshot, yaw_rad: float) -> Target | None:
+    def plan(self, previous: Target | None, vehicle: VehicleSnapshot) -> Target | None:
         """Target of the manoeuvre, None for no stream; in the air position and height must be known."""
         self.on_ground, self._climbs = vehicle.landed, False
         if vehicle.landed:
-            return press_down_target(previous, yaw_rad) if vehicle.armed else None
-        stopping = stopping_target(vehicle, yaw_rad)
+            return press_down_target(previous, vehicle) if vehicle.armed else None
+        stopping = stopping_target(previous, vehicle)
         pos_ned_m, height_m = vehicle.pos_ned_m, vehicle.height_m
         if stopping.pos_ned_m is None or pos_ned_m is None or height_m is None or height_m >= LOW_HEIGHT_M:
             return stopping
         self._climbs = True
         north_m, east_m, _ = stopping.pos_ned_m
-        return Target((north_m, east_m, pos_ned_m[2] - (CLIMB_HEIGHT_M - height_m)), None, None, yaw_rad)
+        return Target((north_m, east_m, pos_ned_m[2] - (CLIMB_HEIGHT_M - height_m)), None, None, stopping.yaw_rad)
 
     def is_done(self, vehicle: VehicleSnapshot, elapsed_s: float) -> bool:
         """Whether the vehicle is high enough, or has tried to climb until the time-out."""

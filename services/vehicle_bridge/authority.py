@@ -6,16 +6,9 @@ Inputs are requests, setpoints and a `VehicleSnapshot` per step; outputs are `co
 from jezero.frames import Vec3
 from jezero.schemas.commands import Acquire, Hover, Release, Setpoint
 from jezero.schemas.state import InCharge, StatusCode
-from jezero.services.vehicle_bridge import targets
+from jezero.services.vehicle_bridge import admission, targets
 from jezero.services.vehicle_bridge.abort_maneuver import AbortManeuver
-from jezero.services.vehicle_bridge.admission import (
-    Grant,
-    hover_refusal,
-    leaves_limits,
-    release_refusal,
-    setpoint_refusal,
-    status_words,
-)
+from jezero.services.vehicle_bridge.admission import Grant
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.disarming import Disarming
 from jezero.services.vehicle_bridge.engagement import EngagementTimer
@@ -102,10 +95,10 @@ class Authority:
     def accept(self, setpoint: Setpoint, vehicle: VehicleSnapshot, resets: ResetHistory) -> str | None:
         """Make a setpoint the new target; returns the reason for a refusal, or None."""
         grant, code = self.grant, CODE_OF.get(setpoint.phase)
-        refusal = setpoint_refusal(setpoint, self.code, grant, vehicle, resets)
+        refusal = admission.setpoint_refusal(setpoint, self.code, grant, vehicle, resets)
         if refusal or grant is None or code is None:
             return refusal
-        self.target = targets.setpoint_target(setpoint, self._yaw_rad(vehicle), resets)
+        self.target = targets.setpoint_target(setpoint, self.target, vehicle, resets)
         if grant.sequence < 0:
             self._grants.history.add_flown(grant.goal_id)
         self.text = grant.follow(setpoint, vehicle) or self.text
@@ -127,22 +120,22 @@ class Authority:
             self._revoke(f"{grant.name} {request.outcome}{because}", vehicle, released=True)
         elif not self._engaged:
             self._revoke(f"{grant.name} ended before the vehicle was armed in offboard mode", vehicle, released=True)
-        elif refusal := release_refusal(request, self.code, vehicle, self._robot):
+        elif refusal := admission.release_refusal(request, self.code, vehicle, self._robot):
             return refusal
         else:
             self._disarming.by_force = request.then == "force_disarm"
             forced = ", disarming by force: the autopilot doesn't detect the ground" if self._disarming.by_force else ""
             self._end_grant(f"{grant.name} succeeded{forced}", released=True)
             if self.code is StatusCode.LANDING:
-                self.target = targets.press_down_target(self.target, self._yaw_rad(vehicle))
+                self.target = targets.press_down_target(self.target, vehicle)
             else:
-                self.target = targets.released_target(request, self._stopping_target(vehicle), resets)
+                self.target = targets.released_target(request, targets.stopping_target(self.target, vehicle), resets)
             self._set_code(completed(self.code), vehicle)
         return None
 
     def hover(self, request: Hover, vehicle: VehicleSnapshot) -> str | None:
         """Hover here or at a point; returns the reason for a refusal, or None. It is done when the status is 3."""
-        refusal = hover_refusal(request, self.code, self.text, self.killing, vehicle, self._robot.limits)
+        refusal = admission.hover_refusal(request, self.code, self.text, self.killing, vehicle, self._robot.limits)
         if refusal := refusal or self.fence.point_refusal(request.hover_pos):
             return refusal
         self.interventions += 1
@@ -152,7 +145,7 @@ class Authority:
         if self.grant is not None:
             self._revoke(f"{self.grant.name} ended: hover was requested", vehicle)
         if self.code is StatusCode.HOVER:
-            self.target, self.text = targets.hover_target(request, self._stopping_target(vehicle))
+            self.target, self.text = targets.hover_target(request, targets.stopping_target(self.target, vehicle))
         return None
 
     def _begin_taking_back(self, vehicle: VehicleSnapshot) -> None:
@@ -160,7 +153,7 @@ class Authority:
             self.taking_back = True
             self._land_commanded = False
             self._engagement.start(vehicle)
-            self.target = self._stopping_target(vehicle)
+            self.target = targets.stopping_target(self.target, vehicle)
             self.text = "taking control back"
 
     def abort(self, reason: str, vehicle: VehicleSnapshot) -> str:
@@ -168,7 +161,7 @@ class Authority:
         self._grants.history.last_abort_ns = max(0, vehicle.t_ns)
         self.interventions += 1
         if self.grant is None:
-            return f"no goal was in charge, {status_words(self.code)}"
+            return f"no goal was in charge, {admission.status_words(self.code)}"
         because = f": {reason}" if reason else ""
         self._revoke(f"{self.grant.name} aborted on request{because}", vehicle)
         return self.text
@@ -199,8 +192,8 @@ class Authority:
             return
         self.target = before.moved(step_ned_m)
         hovers = self.code is StatusCode.HOVER and self.grant is None
-        if hovers and leaves_limits(before, self.target, self._robot.limits):
-            self.target = self._stopping_target(vehicle)
+        if hovers and admission.leaves_limits(before, self.target, self._robot.limits):
+            self.target = targets.stopping_target(self.target, vehicle)
             self.text = "the autopilot corrected its position, and the hover point is beyond the limits: hovering here"
 
     def update(self, vehicle: VehicleSnapshot) -> None:
@@ -281,7 +274,7 @@ class Authority:
         if code is not StatusCode.HOVER and self._code_age_s(vehicle) >= REPORT_MIN_S:
             self._set_code(StatusCode.HOVER, vehicle)
         elif self.grant is None and (point := self.fence.return_point(self.target, vehicle)):
-            self.target = Target(point, None, None, self._yaw_rad(vehicle))
+            self.target = Target(point, None, None, targets.heading_rad(self.target, vehicle))
             self.text += "; it returns inside the fence"
         return None
 
@@ -400,12 +393,5 @@ class Authority:
         if not vehicle.landed and (vehicle.pos_ned_m is None or vehicle.height_m is None):
             self._lose_control("failsafe", f"{self.text}; the position is unknown", vehicle)
             return False
-        self.target = self._abort_maneuver.plan(self.target, vehicle, self._yaw_rad(vehicle))
+        self.target = self._abort_maneuver.plan(self.target, vehicle)
         return True
-
-    def _yaw_rad(self, vehicle: VehicleSnapshot) -> float:
-        """Heading of the target, else of the vehicle."""
-        return vehicle.yaw_rad if self.target is None else self.target.yaw_rad
-
-    def _stopping_target(self, vehicle: VehicleSnapshot) -> Target:
-        return targets.stopping_target(vehicle, self._yaw_rad(vehicle))

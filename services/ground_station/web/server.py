@@ -92,19 +92,7 @@ class PageServer:
             binding_refresh_interval=None,
             reconnect_timeout=RECONNECT_TIMEOUT_S,
         )
-        settings = uvicorn.Config(
-            OwnPagesOnly(SmallBodies(site), listening.serves),
-            log_level="warning",
-            timeout_graceful_shutdown=1,
-            ssl_certfile=listening.certificate or None,
-            ssl_keyfile=listening.key or None,
-            ws_max_size=BODY_MAX_BYTES,
-            ws_ping_interval=None,  # the pages have pings of their own
-            limit_concurrency=CONNECTIONS_MAX,
-            proxy_headers=False,
-            server_header=False,
-        )
-        self._server = uvicorn.Server(settings)
+        self._server = uvicorn.Server(_server_settings(site, listening))
 
     def run(self) -> None:
         """Serve until `stop`, or in the main thread until SIGINT or SIGTERM."""
@@ -151,3 +139,18 @@ class PageServer:
     async def _send_coverage(self) -> Response:
         picture = self._feed.coverage_map.picture
         return Response(picture, media_type="image/webp") if picture else Response(status_code=204)
+
+
+def _server_settings(site: FastAPI, listening: Listening) -> uvicorn.Config:
+    return uvicorn.Config(
+        OwnPagesOnly(SmallBodies(site), listening.serves),
+        log_level="warning",
+        timeout_graceful_shutdown=1,
+        ssl_certfile=listening.certificate or None,
+        ssl_keyfile=listening.key or None,
+        ws_max_size=BODY_MAX_BYTES,
+        ws_ping_interval=None,  # the pages have pings of their own
+        limit_concurrency=CONNECTIONS_MAX,
+        proxy_headers=False,
+        server_header=False,
+    )
