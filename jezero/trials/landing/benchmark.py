@@ -90,6 +90,10 @@ def fly_landings(
     for landing in _landings(conditions, range(seed, seed + n), jobs, recordings):
         on_landing(landing)
         landings.append(landing)
+    return _report(conditions, landings)
+
+
+def _report(conditions: Conditions, landings: list[Landing]) -> LandingReport:
     errors = EstimateErrors()
     for landing in landings:
         errors.add(landing.errors)
@@ -98,7 +102,7 @@ def fly_landings(
     return LandingReport(
         case=conditions.case,
         rover=conditions.rover,
-        n=n,
+        n=len(landings),
         landed=sum(not landing.failure for landing in landings),
         crashed=sum(landing.crashed for landing in landings),
         gone_around=sum(landing.go_arounds > 0 for landing in landings),

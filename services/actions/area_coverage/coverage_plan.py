@@ -190,6 +190,8 @@ def _with_pictures(
     photographs = _photographs(goal, config, origin_ned_m, area, pictures_m, lines_rad)
     if (reason := photographs.refusal()) and not goal.force:
         raise AreaError(reason)
+    planned = _warnings(goal, config, origin_ned_m, motion["speed_mps"])
+    warnings = (*site.warnings, *planned, *photographs.warnings())
     return CoveragePlan(
         area=area,
         line_distance_m=across_m,
@@ -204,13 +206,7 @@ def _with_pictures(
         covered=site.covered,
         photographs=photographs,
         vehicle_m=vehicle_m,
-        warning="; ".join(
-            (
-                *site.warnings,
-                *_warnings(goal, config, origin_ned_m, motion["speed_mps"]),
-                *photographs.warnings(),
-            )
-        ),
+        warning="; ".join(warnings),
     )
 
 
