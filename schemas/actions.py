@@ -231,6 +231,7 @@ class RunningGoal(Payload, frozen=True, kw_only=True):
         goal: the goal's fields as JSON.
         coverage: plan of an area coverage. None for other goals.
         images: images taken so far, in the present world frame.
+        path_ned_m: (n, 3) corners of the way that was planned last, in world NED. Empty where it is unknown.
     """
 
     action: Name
@@ -239,6 +240,7 @@ class RunningGoal(Payload, frozen=True, kw_only=True):
     goal: dict[str, Any] = {}
     coverage: PlannedCoverage | None = None
     images: tuple[Image, ...] = ()
+    path_ned_m: tuple[PositionNed, ...] = ()
 
 
 class Cancel(Payload, frozen=True, kw_only=True):

@@ -3,7 +3,6 @@
 from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import dataclass, field
-from math import cos, pi, sin
 from typing import Any
 
 import msgspec
@@ -16,7 +15,6 @@ from jezero.services.ground_station.words import duration
 FEEDBACK_AGE_MAX_S = 2.0
 ASKED_AGAIN_S = 3.0
 """Period of requests for a goal that no server admits to fly yet, or of which images are missing."""
-CIRCLE_POINTS = 48
 Point = list[float]
 
 
@@ -66,7 +64,6 @@ class Goals:
         self._in_charge = ""
         self._feedback: _Feedback | None = None
         self._asked_s = -ASKED_AGAIN_S
-        self._from_m: Point | None = None
 
     def on_status(self, status: Status) -> None:
         """Follow the goal in charge."""
@@ -77,7 +74,6 @@ class Goals:
         if status.goal_id:
             self.view = GoalView(status.goal_id, status.action)
             self._asked_s = -ASKED_AGAIN_S
-            self._from_m = None if status.odometry is None else list(status.odometry.pos_uav_ned_m)
 
     def forget(self) -> None:
         """Forget the last goal, because the vehicle was restarted: its places are in another frame."""
@@ -110,18 +106,14 @@ class Goals:
         self._asked_s = now_s
         return True
 
-    def on_running(self, running: RunningGoal | None, rover_ned_m: Point | None) -> None:
-        """Take in the reply of the action servers.
-
-        Args:
-            rover_ned_m: position of the rover; None when it is not known.
-        """
+    def on_running(self, running: RunningGoal | None) -> None:
+        """Take in the reply of the action servers."""
         view = self.view
         if running is None or view is None or running.goal_id != view.goal_id:
             return
         view.clients, view.goal = running.clients, running.goal
         view.images |= {image.index: image for image in running.images}
-        view.path, view.pictures = _planned(running, self._from_m, rover_ned_m)
+        view.path, view.pictures = [list(point) for point in running.path_ned_m], _places_of_images(running)
         self.changes += 1
 
     # -- views --
@@ -172,41 +164,12 @@ class Goals:
         return {"path": view.path, "pictures": view.pictures, "taken": sorted(view.images)}
 
 
-def _planned(running: RunningGoal, from_m: Point | None, rover_m: Point | None) -> tuple[list[Point], list[Point]]:
-    """Path and places of images of a goal, as far as they are known in the world's frame.
-
-    Args:
-        from_m: position of the vehicle when the goal came into charge.
-        rover_m: position of the rover.
-    """
-    goal = running.goal
-    offset_m = [0.0, 0.0, 0.0] if goal.get("frame", "world") == "world" else rover_m
-    if offset_m is None:
-        return [], []
-    if running.coverage is not None:
-        if goal.get("frame", "world") != "world":
-            return [], []  # the area was fixed in the world where the rover was at the acceptance
-        path = [[*point, goal["z_ned_m"]] for point in running.coverage.path_ned_m]
-        return path, [list(point) for point in running.coverage.pictures_ned_m]
-    if "center_ned_m" in goal and "radius_m" in goal:
-        center_m = _moved(goal["center_ned_m"], offset_m)
-        return _circle(center_m, goal["radius_m"], CIRCLE_POINTS), []
-    target = goal.get("target_ned_m") or (None if goal.get("use_uwb") else goal.get("landing_spot_ned_m"))
-    if target is None and goal.get("use_uwb"):
-        target, offset_m = rover_m, [0.0, 0.0, 0.0]
-    if target is None or from_m is None:
-        return [], []
-    return [from_m, _moved(target, offset_m)], []
-
-
-def _moved(point: Any, offset_m: Point) -> Point:
-    return [a + b for a, b in zip(point, offset_m, strict=True)]
-
-
-def _circle(center_m: Point, radius_m: float, points: int) -> list[Point]:
-    north_m, east_m, down_m = center_m
-    angles = (2.0 * pi * i / points for i in range(points + 1))
-    return [[north_m + radius_m * cos(a), east_m + radius_m * sin(a), down_m] for a in angles]
+def _places_of_images(running: RunningGoal) -> list[Point]:
+    """Places of a coverage's images, as far as they are known in the world's frame: an area relative to the rover was
+    fixed in the world where the rover was at the acceptance."""
+    if running.coverage is None or running.goal.get("frame", "world") != "world":
+        return []
+    return [list(point) for point in running.coverage.pictures_ned_m]
 
 
 def _progress(news: _Feedback) -> str:

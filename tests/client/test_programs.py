@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -46,10 +45,8 @@ def test_ctrl_c_is_heard_while_waiting_for_a_result(server: Server, endpoint: st
     with running_program(endpoint, "wait") as program:
         assert program.stdout is not None
         assert program.stdout.readline() == "accepted\n"
-        start = time.monotonic()
         program.send_signal(2)
         _, err = program.communicate(timeout=10)
-    assert time.monotonic() - start < 1.0
     assert "KeyboardInterrupt" in err
 
 

@@ -59,10 +59,8 @@ def test_feedback_arrives_while_the_goal_runs(vehicle: Vehicle, server: Server) 
     goal = vehicle.takeoff()
     stream = goal.feedback()
     (query,) = server.open.pop("@action/takeoff")
-    start = time.monotonic()
     server.reply(query, a_feedback(5.0))
     assert next(stream).distance_m == 5.0
-    assert time.monotonic() - start < 0.1
     server.reply(query, a_result())
     query.drop()  # type: ignore[no-untyped-call]
     assert list(stream) == []

@@ -39,7 +39,7 @@ TAKE_OFF = ("takeoff", "mission run")
 """Words of the pages that begin on the ground."""
 CONNECTED = 'from jezero import Vehicle\nuav = Vehicle.connect("uav1")\n'
 """Stands before a Python block that uses a connected `uav`."""
-BLOCK_TIMEOUT_S = 300.0
+BLOCK_TIMEOUT_S = 900.0
 READY_TIMEOUT_S = 60.0
 INTERRUPT_TIMEOUT_S = 15.0
 
@@ -264,6 +264,7 @@ def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Reader]:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("page", [page for page in pages() if any(not block.reason for block in blocks_of(page))])
 def test_the_commands_of_a_page_work_as_written(page: str, reader: Reader) -> None:
     reader.read(page, [block for block in blocks_of(page) if not block.reason])

@@ -9,6 +9,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from jezero.frames import Vec3
 from jezero.runtime.service import Call, Inbox, Output, Reply, Request, Subscribe
 from jezero.schemas.actions import Accepted, PlanReply, Rejected, Result
 from jezero.schemas.commands import Acquire
@@ -60,6 +61,7 @@ class GoalRun:
         capture: the pictures that it takes, if it does.
         plan_only: whether it is only planned.
         coverage: plan of an area coverage, as soon as there is one.
+        path_ned_m: (n, 3) corners of the way that was planned last, as soon as there is one.
     """
 
     def __init__(
@@ -85,6 +87,7 @@ class GoalRun:
         self._pictures = pictures
         self._stage: New | Admitting | Checking | PreparationRun | Acquiring | GoalFlight | Over = New()
         self.coverage = plan.coverage
+        self.path_ned_m: tuple[Vec3, ...] = ()
         self._cancel_reason = ""
         self._modification: Modification | None = None
         self._arrived_ns = 0
@@ -195,7 +198,8 @@ class GoalRun:
         yield from modification.step(t_ns, inbox, flight)
         if modification.over:
             self._modification = None
-            self.goal = modification.goal if modification.in_force else self.goal
+            if modification.in_force:
+                self.goal, self.path_ned_m = modification.goal, modification.path_ned_m
 
     @property
     def _not_flying(self) -> str:
@@ -296,7 +300,8 @@ class GoalRun:
             return
         flight = GoalFlight(t_ns, inbox, odometry, start, self._context)
         refusal = self._battery_refusal(flight.planned, inbox)
-        if refusal := refusal or fence_refusal(flight.planned_path_ned_m(), self._plan, inbox):
+        self.path_ned_m = flight.planned_path_ned_m()
+        if refusal := refusal or fence_refusal(self.path_ned_m, self._plan, inbox):
             yield from self.reject(refusal, inbox)
             return
         if self.plan_only:
@@ -374,7 +379,7 @@ class GoalRun:
             battery_remaining=None if battery is None else battery.remaining,
             battery_critical=None if battery is None else battery.critical,
             coverage=self.coverage,
-            path_ned_m=flight.planned_path_ned_m(),
+            path_ned_m=self.path_ned_m,
         )
         yield from (Reply(watcher, reply) for watcher in self._context.watchers)
         self._stage = Over()

@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from jezero.frames import add
+from jezero.frames import Vec3, add
 from jezero.runtime.service import Inbox, Output, Reply
 from jezero.schemas.actions import ModifyReply
 from jezero.schemas.goals import Goal
@@ -44,6 +44,7 @@ class Modification:
         goal: with the changed fields.
         over: whether the reply is sent.
         in_force: whether the goal goes on with the changed fields.
+        path_ned_m: (n, 3) corners of the new way, when they are in force.
     """
 
     def __init__(
@@ -57,6 +58,7 @@ class Modification:
     ) -> None:
         self.goal = goal
         self.over = self.in_force = False
+        self.path_ned_m: tuple[Vec3, ...] = ()
         self._action = action
         self._request_id = request_id
         self._goal_id = goal_id
@@ -110,8 +112,8 @@ class Modification:
     ) -> Iterator[Output]:
         """Start the new behaviour, if its way stays inside the fence and the battery holds its flight."""
         behaviour = start(flight.goal_time_ns(t_ns), state)
-        way_ned_m = [add(point_m, state.shift_ned_m) for point_m in path_of(behaviour, state)]
-        if self._plan is not None and (reason := fence_refusal(way_ned_m, self._plan, inbox)):
+        path_ned_m = tuple(add(point_m, state.shift_ned_m) for point_m in path_of(behaviour, state))
+        if self._plan is not None and (reason := fence_refusal(path_ned_m, self._plan, inbox)):
             yield from self._refuse(reason, flight)
             return
         status, rest = inbox.latest(STATUS), remaining_of(behaviour, state)
@@ -121,6 +123,7 @@ class Modification:
                 yield from self._refuse(reason, flight)
                 return
         flight.go_on(behaviour)
+        self.path_ned_m = path_ned_m
         self.over = self.in_force = True
         yield Reply(self._request_id, ModifyReply(modified=True, warning=warning))
 

@@ -239,6 +239,7 @@ class ActionServer:
             goal=msgspec.to_builtins(run.goal),
             coverage=run.coverage,
             images=() if run.capture is None else run.capture.images(),
+            path_ned_m=run.path_ned_m,
         )
 
     def _cancel_reply(self, goal_id: str) -> CancelReply:

@@ -100,21 +100,17 @@ class FlyPanel:
         """Position of the rover; None while it is not known."""
         return self._feed.state.rover_ned_m
 
-    def show_plan(self, plan: PlanReply | None, z_m: float, origin_m: Sequence[float]) -> None:
-        """Draw a plan on the map at once, and in space at its height unless a goal is flown there.
+    def show_plan(self, plan: PlanReply | None, origin_m: Sequence[float]) -> None:
+        """Draw a plan on the map at once, and in space unless a goal is flown there.
 
         Args:
-            z_m: height of the flight in the plan's frame, NED.
             origin_m: origin of the plan's frame in the world.
         """
-        north_m, east_m, down_m = origin_m
+        self._path = [] if plan is None else [list(point_m) for point_m in plan.path_ned_m]
         coverage = None if plan is None else plan.coverage
-        path, pictures = (
-            [[point_m[0] + north_m, point_m[1] + east_m] for point_m in points_m]
-            for points_m in (((), ()) if coverage is None else (coverage.path_ned_m, coverage.pictures_ned_m))
-        )
-        self._map.run_method("setPlan", {"path": path, "pictures": pictures})
-        self._path = [[*point_m, z_m + down_m] for point_m in path]
+        places_m = () if coverage is None else coverage.pictures_ned_m
+        pictures = [[north_m + origin_m[0], east_m + origin_m[1]] for north_m, east_m in places_m]
+        self._map.run_method("setPlan", {"path": self._path, "pictures": pictures})
 
     def show_point(self) -> None:
         """Draw the point that the open form has."""

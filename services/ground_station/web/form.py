@@ -333,12 +333,14 @@ class Form:
         if self.plan is not None and self.plan.coverage is not None and self._planned == goal:
             goal = goal | {"plan_id": self.plan.coverage.plan_id}
         self._tell(await self._commands.send(self.action, goal))
+        if self.plan is not None and self.plan.coverage is None:  # the way that is flown is drawn from now on
+            self._show_plan(None)
 
     def _show_plan(self, plan: PlanReply | None) -> None:
         self.plan = plan
         self._show_items({} if plan is None else plan_items(plan))
         self._warning.set_text("" if plan is None else plan.warning)
-        self._panel.show_plan(plan, (self._planned or {}).get("z_ned_m", 0.0), self._origin_m or WORLD)
+        self._panel.show_plan(plan, self._origin_m or WORLD)
 
     def _show_items(self, items: Mapping[str, str]) -> None:
         self._found.clear()

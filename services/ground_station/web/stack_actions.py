@@ -66,7 +66,7 @@ class StackActions:
             self._runs = runs if found else None
             self._keep(found)
         if self._state.goals.wants_running(now_s):
-            self._state.goals.on_running(await uav.actions.running(), self._state.rover_ned_m)
+            self._state.goals.on_running(await uav.actions.running())
 
     def _keep(self, found: list[ActionDescription]) -> None:
         """Keep new descriptions; those of servers that do not reply now stay, and their goals are refused with why."""

@@ -5,7 +5,6 @@ from typing import Any
 import msgspec
 
 from jezero.schemas.actions import FeedbackMessage, PlannedCoverage, RunningGoal
-from jezero.schemas.goals import GoToGoal
 from jezero.schemas.images import Image
 from jezero.services.ground_station.goals import Goals
 from tests.services.ground_station.messages import IMAGE, Flight
@@ -68,14 +67,14 @@ def test_without_a_goal_in_charge_there_is_no_progress() -> None:
 def test_a_goal_has_the_owner_that_its_server_names() -> None:
     goals = flying()
     assert goals.owner("py-1", ()) == ""
-    goals.on_running(RunningGoal(action="area_coverage", goal_id="py-1-1", clients=("py-1",)), None)
+    goals.on_running(RunningGoal(action="area_coverage", goal_id="py-1-1", clients=("py-1",)))
     assert goals.owner("py-1", {"py-1-1"}) == "sent from this page"
     assert goals.owner("py-1", ()) == "sent from another page of this ground station"
     assert goals.owner("py-2", ()) == "sent by client py-1"
-    goals.on_running(RunningGoal(action="area_coverage", goal_id="py-1-1"), None)
+    goals.on_running(RunningGoal(action="area_coverage", goal_id="py-1-1"))
     assert goals.owner("py-2", ()) == "its client is gone"
     goals = flying(goal_id="m-7.3.1")
-    goals.on_running(RunningGoal(action="area_coverage", goal_id="m-7.3.1"), None)
+    goals.on_running(RunningGoal(action="area_coverage", goal_id="m-7.3.1"))
     assert goals.owner("py-2", ()) == "sent by the mission m-7"
 
 
@@ -83,7 +82,7 @@ def test_the_servers_are_asked_once_for_a_goal_and_again_for_images_that_are_mis
     goals = flying()
     assert goals.wants_running(10.0)
     assert not goals.wants_running(10.1)
-    goals.on_running(RunningGoal(action="area_coverage", goal_id="py-1-1"), None)
+    goals.on_running(RunningGoal(action="area_coverage", goal_id="py-1-1"))
     assert not goals.wants_running(20.0)
     goals.on_feedback(20.0, feedback(taken=2, images=(IMAGE,)))
     assert goals.wants_running(20.1)
@@ -91,24 +90,24 @@ def test_the_servers_are_asked_once_for_a_goal_and_again_for_images_that_are_mis
 
 def test_a_coverage_is_drawn_with_its_plan_and_the_images_that_are_taken() -> None:
     goals = flying()
-    goal = {"frame": "world", "z_ned_m": -4.0}
-    goals.on_running(RunningGoal(action="area_coverage", goal_id="py-1-1", goal=goal, coverage=PLAN), None)
+    path_ned_m = ((1.0, 2.0, -3.0), (0.0, 0.0, -4.0), (5.0, 0.0, -4.0))
+    goals.on_running(RunningGoal(action="area_coverage", goal_id="py-1-1", coverage=PLAN, path_ned_m=path_ned_m))
     goals.on_feedback(0.1, feedback(taken=1, images=(IMAGE,)))
     assert goals.drawing() == {
-        "path": [[0.0, 0.0, -4.0], [5.0, 0.0, -4.0]],
+        "path": [[1.0, 2.0, -3.0], [0.0, 0.0, -4.0], [5.0, 0.0, -4.0]],
         "pictures": [[0.0, 0.0], [2.5, 0.0], [5.0, 0.0]],
         "taken": [0],
     }
 
 
-def test_a_flight_to_a_point_relative_to_the_rover_is_drawn_where_the_rover_is() -> None:
-    goals = flying("go_to")
-    goal = msgspec.to_builtins(GoToGoal(target_ned_m=(1.0, 0.0, -3.0), frame="rover"))
-    goals.on_running(RunningGoal(action="go_to", goal_id="py-1-1", goal=goal), [10.0, 5.0, 0.0])
-    assert goals.drawing()["path"] == [[1.0, 2.0, -3.0], [11.0, 5.0, -3.0]]
+def test_the_places_of_images_relative_to_the_rover_are_not_drawn() -> None:
+    goals = flying()
+    goal = {"frame": "rover"}
+    goals.on_running(RunningGoal(action="area_coverage", goal_id="py-1-1", goal=goal, coverage=PLAN))
+    assert goals.drawing()["pictures"] == []
 
 
 def test_a_reply_about_another_goal_changes_nothing() -> None:
     goals = flying()
-    goals.on_running(RunningGoal(action="go_to", goal_id="other", clients=("me",)), None)
+    goals.on_running(RunningGoal(action="go_to", goal_id="other", clients=("me",)))
     assert goals.owner("", ()) == ""

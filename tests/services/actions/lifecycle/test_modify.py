@@ -6,7 +6,7 @@ import pytest
 
 from jezero.frames import distance, norm
 from jezero.schemas import topics
-from jezero.schemas.actions import Modify, ModifyReply, Pause
+from jezero.schemas.actions import GetRunning, Modify, ModifyReply, Pause
 from jezero.schemas.goals import GetImagesGoal, GoToGoal, LandOnSpotGoal, TakeoffGoal
 from tests.services.actions.lifecycle.test_pause import assert_continuous, request
 from tests.services.actions.rig import FAR, World
@@ -115,3 +115,17 @@ def test_a_goal_that_is_not_accepted_yet_is_not_modified() -> None:
     world.send(goal)
     world.bus.run_for(0.2)
     assert modify(world, "orbit", topics.GET_IMAGES, num_images=8).reason == "goal orbit does not fly yet"
+
+
+def test_other_clients_read_the_way_of_a_goal_and_its_new_way_after_a_change() -> None:
+    world = World()
+    world.flying()
+
+    def way_end_ned_m() -> Any:
+        read = world.bus.send_request(topics.GO_TO.running, GetRunning())
+        assert world.bus.run_for(1.0, lambda: read.ended)
+        return read.replies[0].path_ned_m[-1]
+
+    assert way_end_ned_m() == FAR.target_ned_m
+    assert modify(world, "far", target_ned_m=[5.0, 10.0, -6.0]).modified
+    assert way_end_ned_m() == (5.0, 10.0, -6.0)
