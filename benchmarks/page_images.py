@@ -167,7 +167,9 @@ def fly(uav: Vehicle, page: Page, photos: Photographer, bridge: int, launcher: i
 def cover(page: Page) -> None:
     """Draw an area on the map, and fly its plan."""
     page.locator('[data-mark="tab-area_coverage"]').click()
-    box = page.locator(".map canvas").bounding_box()
+    canvas = page.locator(".map canvas")
+    canvas.wait_for()  # the tab of this action shows the map
+    box = canvas.bounding_box()
     assert box is not None
     middle_px = (box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
     for right_px, down_px in ((-200, 90), (-200, -240), (160, -240), (160, 90)):
