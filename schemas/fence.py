@@ -69,11 +69,13 @@ class FenceState(Message, frozen=True, kw_only=True):
         fence: the fence, its zones in metres; None for none, and while zones in degrees wait for the vehicle's origin.
         fence_id: the same as `Status.fence_id`; "" for no fence.
         outside: where and how far the vehicle is outside, for people; "" inside.
+        autopilot_failure: why the autopilot has not taken the fence as its own, for people; "" for no failure.
     """
 
     fence: Fence | None = None
     fence_id: str = ""
     outside: Text = ""
+    autopilot_failure: Text = ""
 
 
 class SetFence(Payload, frozen=True, kw_only=True):

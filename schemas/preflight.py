@@ -10,8 +10,9 @@ Verdict = Literal["passed", "warning", "failed"]
 """`warning` is worth knowing, `failed` keeps the vehicle on the ground."""
 Override = Literal["services", "clock", "sensors", "noise", "gnss", "compass", "battery", "storage"]
 """Name of a check that a takeoff may override."""
-CheckName = Literal["autopilot", "rover"] | Override
-"""Name of a check. `autopilot` can't be overridden, as the autopilot would not arm; `rover` never fails."""
+CheckName = Literal["autopilot", "rover", "fence"] | Override
+"""Name of a check. `autopilot` and `fence` can't be overridden, as the autopilot would not arm, and goals outside the
+fence are refused; `rover` never fails."""
 
 
 class Check(Payload, frozen=True, kw_only=True):

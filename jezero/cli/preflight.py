@@ -2,7 +2,7 @@
 
 import shutil
 import textwrap
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import click
 
@@ -19,7 +19,7 @@ INDENT = 20
 @click.command()
 @common_options
 def preflight(vehicle: str, router: str, as_json: bool) -> None:
-    """Check what a pilot checks before a takeoff: services, sensors, position, compasses, battery, storage.
+    """Check what a pilot checks before a takeoff: services, sensors, position, compasses, battery, fence, storage.
 
     It takes a second and a half. The exit code is 3 when a check has failed, for which a takeoff is refused.
     """
@@ -44,11 +44,13 @@ def _print_report(report: "PreflightReport") -> None:
         click.echo(f"{check.name:<11}{verdict}{lines[0]}")
         for line in lines[1:]:
             click.echo(" " * INDENT + line)
+    from jezero.schemas.preflight import Override
+
     failed, warned = ([c.name for c in report.checks if c.verdict == verdict] for verdict in ("failed", "warning"))
     warnings = f"; warnings: {', '.join(warned)}" if warned else ""
     if not failed:
         click.echo(f"ready for a takeoff{warnings}")
         return
     click.echo(f"a takeoff would be refused: {', '.join(failed)}{warnings}")
-    if "autopilot" not in failed:
+    if set(failed) <= set(get_args(Override)):
         click.echo("to take off all the same: jezero takeoff " + " ".join(f"--override {name}" for name in failed))

@@ -3,9 +3,10 @@
 Each check is a function from the readings of one round to a `Check`.
 """
 
+from jezero.fence_geometry import nearest
 from jezero.schemas.preflight import Check, CheckName, Verdict
 from jezero.schemas.state import StatusCode
-from jezero.schemas.topics import CLOCK, STATUS
+from jezero.schemas.topics import CLOCK, FENCE, STATUS
 from jezero.services.preflight.readings import Readings
 
 LANDING_CHAIN = frozenset({"camera", "tag_detector", "estimator", "land_on_spot"})
@@ -81,6 +82,26 @@ def check_battery(readings: Readings) -> Check:
         return _check("battery", "failed", f"{text}: charge it")
     low = battery.remaining < battery.critical + BATTERY_RESERVE
     return _check("battery", "warning" if low else "passed", f"{text}: enough for a short flight only" if low else text)
+
+
+def check_fence(readings: Readings) -> Check:
+    """Whether the vehicle stands inside its fence, and the autopilot has the fence too."""
+    status, held = readings.status, readings.latest(FENCE)
+    if status is None or held is None:
+        return _check("fence", "warning", "the vehicle bridge publishes no fence: is it running?")
+    if not held.fence_id:
+        return _check("fence", "passed", "no fence is set")
+    if held.outside:
+        away = "carry it inside, or change the fence with jezero fence set or jezero fence clear"
+        return _check("fence", "failed", f"the vehicle is {held.outside}: {away}")
+    if held.fence is None or status.odometry is None:
+        return _check("fence", "warning", "the fence waits for the vehicle's origin, which GNSS gives")
+    if held.autopilot_failure:
+        text = f"the bridge alone holds the fence, the autopilot has not taken it: {held.autopilot_failure}"
+        return _check("fence", "warning", text)
+    edge = nearest(held.fence, status.odometry.pos_uav_ned_m)
+    where = "" if edge is None else f", {edge.inside_m:.1f} m from the edge of {edge.in_words}"
+    return _check("fence", "passed", f"the vehicle is inside {held.fence.name!r}{where}")
 
 
 def check_storage(readings: Readings) -> Check:

@@ -19,6 +19,7 @@ from jezero.schemas.topics import (
     CHECK_PREFLIGHT,
     CLOCK,
     ESTIMATE_TAG,
+    FENCE,
     GET_PARAMETERS,
     GNSS,
     IMU,
@@ -36,6 +37,7 @@ from jezero.services.preflight.checks import (
     check_autopilot,
     check_battery,
     check_clock,
+    check_fence,
     check_services,
     check_storage,
 )
@@ -50,7 +52,7 @@ from jezero.services.preflight.sensor_checks import (
 
 CHECKS = (
     check_autopilot, check_services, check_clock, check_sensors, check_noise, check_gnss, check_compass, check_rover,
-    check_battery, check_storage,
+    check_battery, check_fence, check_storage,
 )  # fmt: skip
 SENSORS: tuple[Topic[Any], ...] = (IMU, GNSS, BARO, MAG, ALTIMETER, UWB, ROVER_ODOMETRY, ESTIMATE_TAG)
 SERVICES = ("simulator", "camera", "autopilot", "vehicle_bridge", "tag_detector", "estimator", "mission", "recorder")
@@ -73,7 +75,7 @@ class Preflight:
     def __init__(self, actions: tuple[str, ...] | None = None) -> None:
         actions = tuple(action_names()) if actions is None else actions
         self._health = {name: health_of(name) for name in (*SERVICES, *actions)}
-        self._on_demand: tuple[Topic[Any], ...] = (*SENSORS, *self._health.values())
+        self._on_demand: tuple[Topic[Any], ...] = (*SENSORS, FENCE, *self._health.values())
         self.spec = Spec(
             name="preflight",
             inputs=(STATUS, CLOCK),

@@ -3,9 +3,11 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite
+from typing import get_args
 
 from jezero.frames import Vec3, altitude_m, horizontal
 from jezero.schemas.commands import Acquire, Hover, Phase, Release, Setpoint
+from jezero.schemas.preflight import Override
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import ACTIONS
 from jezero.services.vehicle_bridge.resets import ResetHistory
@@ -13,6 +15,8 @@ from jezero.services.vehicle_bridge.transitions import CODE_OF, is_allowed
 from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, Target, VehicleSnapshot
 from jezero.vehicle_config import VehicleConfig, VehicleLimitsConfig
 
+OVERRIDABLE = frozenset(get_args(Override))
+"""Names of the preflight checks that a takeoff may override."""
 MAX_AGE_NS = 300_000_000
 MAX_REQUEST_AGE_S = 1.0
 """Action servers wait this long for the reply to a request for control."""
@@ -121,10 +125,13 @@ def _acquire_refusals(
     if code is StatusCode.IDLE and vehicle.not_ready_reason:
         yield f"not ready to take off: {vehicle.not_ready_reason}"
     if code is StatusCode.IDLE and (failed := _checks_in_words(request, vehicle, overridden=False)):
-        yield (
-            f"preflight checks have failed: {failed}. Put it right; jezero preflight checks again. To take off in "
-            "spite of it, put the names of the checks into the goal's field override: jezero takeoff --override NAME"
-        )
+        advice = ""
+        if all(check.name in OVERRIDABLE for check in vehicle.failed_checks):
+            advice = (
+                ". To take off in spite of it, put the names of the checks into the goal's field override: jezero "
+                "takeoff --override NAME"
+            )
+        yield f"preflight checks have failed: {failed}. Put it right; jezero preflight checks again{advice}"
 
 
 def overriding(request: Acquire, code: StatusCode, vehicle: VehicleSnapshot) -> str:

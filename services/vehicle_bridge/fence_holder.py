@@ -65,7 +65,11 @@ class FenceHolder:
         if changed or wall_ns - self._published_wall_ns >= PERIOD_NS:
             self._published_wall_ns = wall_ns
             self._published = FenceState(
-                t_ns=max(0, vehicle.t_ns), fence=placed_fence, fence_id=self.fence_id, outside=outside
+                t_ns=max(0, vehicle.t_ns),
+                fence=placed_fence,
+                fence_id=self.fence_id,
+                outside=outside,
+                autopilot_failure=self._upload.failure,
             )
             yield Publish(FENCE, self._published)
 

@@ -8,6 +8,7 @@ import msgspec
 
 from jezero.frames import quat_from_euler
 from jezero.schemas.estimate import SetParameters, TagEstimate
+from jezero.schemas.fence import FenceState
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.sensors import Altimeter, Barometer, Gnss, Imu, Magnetometer, RoverOdometry, Uwb, UwbRange
 from jezero.schemas.state import Battery, Clock, Odometry, Status
@@ -16,6 +17,7 @@ from jezero.schemas.topics import (
     BARO,
     CLOCK,
     ESTIMATE_TAG,
+    FENCE,
     GNSS,
     IMU,
     MAG,
@@ -179,6 +181,7 @@ def readings(messages: dict[str, tuple[Any, ...]] | None = None, **changes: Any)
         UWB.name: uwb(),
         ROVER_ODOMETRY.name: rover(),
         ESTIMATE_TAG.name: tags(),
+        FENCE.name: (FenceState(t_ns=END_NS),),
     }
     services = (*SERVICES, "land_on_spot")
     fields: dict[str, Any] = {

@@ -4,13 +4,15 @@ from typing import Any
 
 import pytest
 
+from jezero.schemas.fence import Fence, FenceState, Zone
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.state import Battery, StatusCode
-from jezero.schemas.topics import CLOCK, STATUS
+from jezero.schemas.topics import CLOCK, FENCE, STATUS
 from jezero.services.preflight.checks import (
     check_autopilot,
     check_battery,
     check_clock,
+    check_fence,
     check_services,
     check_storage,
 )
@@ -137,5 +139,37 @@ def test_a_full_disk_fails_and_a_flight_without_a_recording_warns(
 ) -> None:
     found = without("recorder") | ({"recorder": recorder} if recorder else {})
     outcome = check_storage(readings(health=found))
+    assert outcome.verdict == verdict
+    assert words in outcome.text
+
+
+FIELD = Zone(name="field", corners_ned_m=((-10.0, -10.0), (-10.0, 10.0), (10.0, 10.0), (10.0, -10.0)))
+
+
+@pytest.mark.parametrize(
+    ("state", "verdict", "words"),
+    [
+        ({}, "passed", "no fence is set"),
+        (
+            {"fence": Fence(name="mars", keep_in=FIELD), "fence_id": "a"},
+            "passed",
+            "inside 'mars', 10.0 m from the edge of the area 'field' to stay in",
+        ),
+        ({"fence": Fence(ceiling_m=20.0), "fence_id": "a"}, "passed", "the vehicle is inside 'fence'"),
+        (
+            {"fence_id": "a", "outside": "3.0 m outside the area 'field' to stay in"},
+            "failed",
+            "3.0 m outside the area 'field' to stay in: carry it inside",
+        ),
+        ({"fence_id": "a"}, "warning", "waits for the vehicle's origin"),
+        (
+            {"fence": Fence(keep_in=FIELD), "fence_id": "a", "autopilot_failure": "it does not reply"},
+            "warning",
+            "the autopilot has not taken it: it does not reply",
+        ),
+    ],
+)
+def test_a_vehicle_outside_its_fence_fails(state: dict[str, Any], verdict: str, words: str) -> None:
+    outcome = check_fence(readings({FENCE.name: (FenceState(t_ns=1, **state),)}))
     assert outcome.verdict == verdict
     assert words in outcome.text

@@ -8,6 +8,7 @@ from jezero.schemas.topics import ACQUIRE, PREFLIGHT
 from tests.services.vehicle_bridge.rig import Rig
 
 BATTERY = Check(name="battery", verdict="failed", text="5 %, 14.0 V: charge it")
+FENCE = Check(name="fence", verdict="failed", text="the vehicle is 3.0 m outside")
 STORAGE = Check(name="storage", verdict="failed", text="3 MB free")
 AUTOPILOT = Check(name="autopilot", verdict="failed", text="no position")
 WARNING = Check(name="rover", verdict="warning", text="no odometry")
@@ -33,6 +34,13 @@ def test_a_takeoff_after_failed_checks_is_refused_with_their_words_and_the_way_o
     assert "preflight checks have failed: battery: 5 %, 14.0 V: charge it; storage: 3 MB free" in reply.reason
     assert "jezero takeoff --override NAME" in reply.reason
     assert "rover" not in reply.reason
+
+
+def test_a_check_that_no_takeoff_may_override_gets_no_such_advice() -> None:
+    reply = take_off(rig_with(BATTERY, FENCE))
+    assert not reply.granted
+    assert "fence: the vehicle is 3.0 m outside" in reply.reason
+    assert "--override" not in reply.reason
 
 
 def test_each_failed_check_needs_an_override_of_its_own() -> None:
