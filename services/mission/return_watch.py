@@ -85,9 +85,13 @@ class ReturnWatch:
         if battery is None or battery.remaining is None or self._duration_s is None:
             return ""
         reserve = max(self._config.reserve, (battery.critical or 0.0) + CRITICAL_MARGIN)
-        needed = self._config.way_margin * self._duration_s * self._use.per_s + reserve
+        used = self._duration_s * self._use.per_s
+        needed = self._config.way_margin * used + reserve
         self.text = f"the battery has {battery.remaining:.0%}, the way home needs {needed:.0%}"
-        return f"{self.text}: the vehicle returns" if battery.remaining - HALF_STEP < needed else ""
+        if battery.remaining - HALF_STEP >= needed:
+            return ""
+        short = battery.remaining - HALF_STEP - used < reserve
+        return f"{self.text}: the vehicle returns" + (f", but less than {reserve:.0%} will be left" if short else "")
 
     def _judge_ground(self, t_ns: int) -> str:
         """Reason to turn home because of the ground station, or ""."""

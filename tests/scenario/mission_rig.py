@@ -37,7 +37,9 @@ class MissionFlight(Flight):
         self,
         autopilot: AutopilotConfig | None = None,
         config: MissionConfig | None = None,
+        vehicle: VehicleConfig | None = None,
     ) -> None:
+        self._vehicle = vehicle or load_config(VehicleConfig, "vehicle")
         self._autopilot = autopilot
         self._config = config
         self.saved: list[MissionRecord] = []
@@ -46,16 +48,17 @@ class MissionFlight(Flight):
         self.bus.observe(self._on_message)
 
     def _make(self, seed: int) -> MemoryBus:
-        bus = build_stack(seed, autopilot=self._autopilot, without=("mission",))
-        camera = load_config(VehicleConfig, "vehicle").camera
-        bus.add(BlankCamera(load_config(CameraConfig, "camera"), camera, publishes_info=False))
+        bus = build_stack(seed, autopilot=self._autopilot, vehicle=self._vehicle, without=("mission",))
+        bus.add(BlankCamera(load_config(CameraConfig, "camera"), self._vehicle.camera, publishes_info=False))
         bus.add(self.service(1))
         return bus
 
     def service(self, boot_id: int) -> MissionService:
         """A new process of the mission service."""
         saved = self.saved[-1] if self.saved else None
-        return MissionService(boot_id, all_actions(), saved, self.saved.append, config=self._config)
+        return MissionService(
+            boot_id, all_actions(), saved, self.saved.append, config=self._config, vehicle=self._vehicle
+        )
 
     def _on_message(self, t_ns: int, topic: str, data: bytes) -> None:
         if topic == topics.MISSION.name:

@@ -2,8 +2,11 @@
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from jezero.frames import distance
+from jezero.mission_files import shipped_mission
+from jezero.runtime.config import load_config
 from jezero.schemas import topics
 from jezero.schemas.actions import FeedbackMessage
 from jezero.schemas.commands import Hover
@@ -12,6 +15,7 @@ from jezero.schemas.health import ServiceHealth
 from jezero.schemas.mission import GoalStep
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.mission.config import MissionConfig
+from jezero.vehicle_config import VehicleConfig
 from tests.scenario.mission_rig import LAND, TAKEOFF, MissionFlight, go
 from tests.scenario.rig import go_to
 
@@ -20,6 +24,13 @@ SURVEY = GoalStep(
     action="area_coverage",
     goal={"polygon_ned_m": [[-4.0, -4.0], [4.0, -4.0], [4.0, 4.0], [-4.0, 4.0]], "z_ned_m": -5.0, "overlap": 0.6},
 )
+
+
+DEMONSTRATION_S = 103.0
+"""Time in the air of `jezero demo`'s mission."""
+TENTHS = [pytest.param(tenth, marks=() if tenth in (3, 6, 9) else pytest.mark.slow) for tenth in range(1, 11)]
+WAY_HOME = 0.14
+"""Charge that the way home needs during the demonstration: 10 % and 30 to 40 s of flight."""
 
 
 def on_the_rover(flight: MissionFlight) -> bool:
@@ -88,3 +99,40 @@ def test_a_lost_ground_station_brings_the_vehicle_home_only_where_that_is_set(gr
 
 def health() -> ServiceHealth:
     return ServiceHealth(t_ns=0, service="ground_station", boot_id=1, state="ok", text="")
+
+
+@pytest.mark.parametrize("tenth", TENTHS)
+def test_a_battery_that_would_be_empty_at_a_tenth_of_the_demonstration_holds_the_way_home_or_says_why_not(
+    tenth: int,
+) -> None:
+    vehicle = load_config(VehicleConfig, "vehicle")
+    battery = vehicle.battery
+    capacity_mah = battery.capacity_mah * battery.used(tenth / 10 * DEMONSTRATION_S)
+    flight = MissionFlight(vehicle=replace(vehicle, battery=replace(battery, capacity_mah=capacity_mah)))
+    fly_the_demonstration(flight)
+
+
+@pytest.mark.parametrize("tenth", TENTHS)
+def test_a_battery_that_becomes_low_at_a_tenth_of_the_demonstration_holds_the_way_home(tenth: int) -> None:
+    used = load_config(VehicleConfig, "vehicle").battery.used(tenth / 10 * DEMONSTRATION_S)
+    flight = MissionFlight(AutopilotConfig(charge_at_start=WAY_HOME + used))
+    assert fly_the_demonstration(flight) >= 0.1
+
+
+def fly_the_demonstration(flight: MissionFlight) -> float:
+    """Fly until the vehicle has come home, and check that it has; returns the charge that is left."""
+    flight.wait_ready()
+    reply = flight.request(topics.RUN_MISSION, shipped_mission("demonstration"))
+    assert reply.accepted
+    flight.wait(lambda: flight.progress[-1].state not in ("idle", "running"), 300.0, "the end of the mission")
+    flight.wait(lambda: not flight.status.armed, 120.0, "the landing")
+    flight.bus.run_for(2.0)
+    reason, battery = flight.progress[-1].reason, flight.status.battery
+    assert battery is not None and battery.remaining is not None
+    print(f"{battery.remaining:.0%} left; {flight.progress[-1].state} {reason}")  # for pytest -s
+    if all(status.landed for status in flight.statuses):
+        assert "the battery is too low" in reason
+    else:
+        assert on_the_rover(flight)
+        assert battery.remaining >= 0.1 or "less than 10% will be left" in reason
+    return battery.remaining

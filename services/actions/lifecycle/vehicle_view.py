@@ -12,6 +12,7 @@ from jezero.schemas.state import Odometry, Status, StatusCode
 from jezero.schemas.struct import Message
 from jezero.schemas.topics import ALTIMETER, ODOMETRY, RELATIVE, ROVER_ESTIMATE, STATUS, Topic
 from jezero.schemas.units import NS_PER_S
+from jezero.services.actions.lifecycle.fence_check import known_fence
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 from jezero.services.actions.motion.behaviour import VehicleState
 
@@ -107,6 +108,7 @@ class VehicleView:
             shift_ned_m,
             None if status is None else status.wind_ned_mps,
             None if status is None else status.std_gust_mps,
+            known_fence(inbox),
         )
 
     def _height_m(self, t_ns: int, inbox: Inbox, q_ned_from_frd: Quat) -> float | None:

@@ -17,6 +17,7 @@ from jezero.frames import Quat, Vec3, horizontal, quat_rotate, yaw_from_quat
 from jezero.schemas.actions import PlannedCoverage
 from jezero.schemas.commands import Outcome, Phase
 from jezero.schemas.estimate import Relative, RoverEstimate
+from jezero.schemas.fence import Fence
 from jezero.schemas.preflight import Override
 from jezero.schemas.state import Status
 from jezero.schemas.struct import Payload
@@ -41,6 +42,7 @@ class VehicleState(msgspec.Struct, frozen=True):
         shift_ned_m: sum of the autopilot's position steps since the goal started.
         wind_ned_mps: estimated horizontal wind; None while it is unknown.
         std_gust_mps: standard deviation of the wind; None as above.
+        fence: the fence in force, in the autopilot's present frame; None for none, and while it is unknown.
     """
 
     pos_uav_ned_m: Vec3
@@ -55,6 +57,7 @@ class VehicleState(msgspec.Struct, frozen=True):
     shift_ned_m: Vec3 = (0.0, 0.0, 0.0)
     wind_ned_mps: Vec3 | None = None
     std_gust_mps: float | None = None
+    fence: Fence | None = None
 
     @property
     def yaw_rad(self) -> float:

@@ -1,6 +1,6 @@
 """The way home: up to a safe height, straight to above the place, down, and a landing there.
 
-When the landing fails while the vehicle still flies, it goes on to the next place.
+When the landing fails while the vehicle still flies, or the way would leave the fence, it goes on to the next place.
 """
 
 from collections.abc import Sequence
@@ -8,7 +8,8 @@ from math import hypot
 
 from msgspec.structs import replace
 
-from jezero.frames import Vec3, altitude_m, horizontal, subtract, z_ned_m
+from jezero.fence_geometry import way_refusal
+from jezero.frames import Vec3, add, altitude_m, horizontal, subtract, z_ned_m
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import LandFeedback, ReturnFeedback, ReturnHomeGoal, ReturnPhase, ReturnResult
 from jezero.services.actions.config import ActionsConfig
@@ -18,7 +19,7 @@ from jezero.services.actions.land_on_spot.rover_landing import RoverLanding
 from jezero.services.actions.motion.behaviour import Done, Move, Remaining, Selection, VehicleState
 from jezero.services.actions.motion.straight_path import StraightPath
 from jezero.services.actions.return_home.config import ReturnHomeConfig
-from jezero.services.actions.return_home.places import Place, ground_places, rover_place
+from jezero.services.actions.return_home.places import Place, ground_places, here, rover_place
 
 ROVER_MOVED_M = 5.0
 """A rover that is farther than this from the end of the way has driven on: the vehicle follows it."""
@@ -59,8 +60,7 @@ class ReturnHome:
         self._landing: RoverLanding | PlainLanding | None = None
         rover = rover_place(state.rover, settings.rover_std_max_m)
         if isinstance(rover, Place):
-            self._place = rover
-            self._begin(t_ns, state, rover)
+            self._begin_to_rover(t_ns, state, rover)
         else:
             self._begin_on_ground(t_ns, state, f"the rover can't be found: {rover}")
 
@@ -80,7 +80,7 @@ class ReturnHome:
             if self._paths:
                 self._paths[0].wait(t_ns, state)
             elif self._place.kind == "rover" and self._away_m(path.end_ned_m) > ROVER_MOVED_M:
-                self._begin(t_ns, state, self._place)
+                self._begin_to_rover(t_ns, state, self._place)
         climbs = path.end_ned_m[2] < path.pos_ned_m[2]
         feedback = self._feedback(state, "climb" if climbs else "way")
         return Move(Phase.LANDING, feedback, path.pos_ned_m, path.vel_ned_mps, path.acc_ned_mps2, path.yaw_rad)
@@ -139,10 +139,36 @@ class ReturnHome:
             start_ned_m = end_ned_m
 
     def _begin_on_ground(self, t_ns: int, state: VehicleState, because: str) -> None:
-        """Turn to the first of the places on the ground."""
+        """Turn to the first of the places on the ground that the fence lets the vehicle reach."""
         rally_points_ned_m = self._settings.rally_points_ned_m
         self._places = ground_places(because, state.pos_uav_ned_m, self._takeoff_ned_m, rally_points_ned_m)
-        self._begin(t_ns, state, self._places.pop(0))
+        self._begin_next(t_ns, state)
+
+    def _begin_to_rover(self, t_ns: int, state: VehicleState, rover: Place) -> None:
+        """Turn to the rover, or where that way leaves the fence to a place on the ground."""
+        self._begin(t_ns, state, rover)
+        if refusal := self._fence_refusal(state):
+            self._rover_failed = True
+            self._begin_on_ground(t_ns, state, f"the rover is left out: {refusal}")
+
+    def _begin_next(self, t_ns: int, state: VehicleState) -> None:
+        """Turn to the next place whose way stays inside the fence; without one, land here."""
+        left_out = ""
+        while self._places:
+            place = self._places.pop(0)
+            self._begin(t_ns, state, Place(place.kind, place.pos_ned_m, place.reason + left_out))
+            refusal = self._fence_refusal(state)
+            if not refusal or place.kind == "here":
+                return
+            left_out += f"; the {place.words} is left out: {refusal}"
+        self._begin(t_ns, state, here(place.reason + left_out, state.pos_uav_ned_m))
+
+    def _fence_refusal(self, state: VehicleState) -> str:
+        """Reason why the way to the present place leaves the fence, or ""."""
+        if state.fence is None:
+            return ""
+        way_ned_m = [add(point_ned_m, state.shift_ned_m) for point_ned_m in self.path(state)]
+        return way_refusal(state.fence, way_ned_m, from_ground=False, to_ground=True)
 
     def _corners(self, start_ned_m: Vec3, place_ned_m: Vec3) -> Sequence[Vec3]:
         """The end of the climb, the point above the place, and the end of the descent, where the landing begins."""
@@ -167,17 +193,17 @@ class ReturnHome:
             known = rover_place(rover, self._settings.rover_std_max_m)
             self._place = known if isinstance(known, Place) else self._place
         elif rover.valid:
-            self._begin(t_ns, state, Place("rover", rover.pos_rover_ned_m, "the rover came into sight on the way"))
+            sighted = Place("rover", rover.pos_rover_ned_m, "the rover came into sight on the way")
+            self._begin_to_rover(t_ns, state, sighted)
 
     def _go_on_elsewhere(self, t_ns: int, state: VehicleState, problem: str) -> Move | Done:
         """Turn to the next place after a failure, or end the goal where there is none."""
-        words = self._place.kind.replace("_", " ")
-        self._failures.append(f"{words}: {problem}")
+        self._failures.append(f"{self._place.words}: {problem}")
         if self._place.kind == "rover":
             self._rover_failed = True
             self._begin_on_ground(t_ns, state, f"no landing on the rover: {problem}")
         elif self._places:
-            self._begin(t_ns, state, self._places.pop(0))
+            self._begin_next(t_ns, state)
         else:
             return Done("aborted", f"{'; '.join(self._failures)}: land somewhere else by hand")
         return self.step(t_ns, state)

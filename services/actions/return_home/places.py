@@ -23,6 +23,11 @@ class Place:
     pos_ned_m: Vec3
     reason: str
 
+    @property
+    def words(self) -> str:
+        """What the place is, for people."""
+        return self.kind.replace("_", " ")
+
 
 def rover_place(rover: RoverEstimate | None, std_max_m: float) -> Place | str:
     """The rover, or the reason why nobody knows where it is.
@@ -59,5 +64,11 @@ def ground_places(
         places.append(Place("rally_point", (*nearest_m, 0.0), because + also))
     if not places:
         unknown = f"{because}; nobody knows where the vehicle took off, and there is no rally point"
-        places.append(Place("here", (north_m, east_m, 0.0), unknown))
+        places.append(here(unknown, pos_uav_ned_m))
     return places
+
+
+def here(reason: str, pos_uav_ned_m: Vec3) -> Place:
+    """The ground below the vehicle."""
+    north_m, east_m, _ = pos_uav_ned_m
+    return Place("here", (north_m, east_m, 0.0), reason)
