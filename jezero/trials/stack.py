@@ -70,12 +70,13 @@ def service_makers(
     estimator = estimator or load_config(EstimatorConfig, "estimator")
     robot = vehicle or load_config(VehicleConfig, "vehicle")
     actions = load_actions_config(robot)
+    kept_fences = [configured_fence(bridge.fence)]
     makers: dict[str, Callable[[int], Service]] = {
         "simulator": lambda boot: Simulator(simulator, robot, seed=seed, boot_id=boot),
         "camera": lambda boot: make_camera(camera, simulator, robot, seed),
         "autopilot": lambda _: Autopilot(autopilot, robot, system_id=system_id),
         "vehicle_bridge": lambda boot: VehicleBridge(
-            bridge, robot, system_id=system_id, boot_id=boot, fence=configured_fence(bridge.fence)
+            bridge, robot, system_id=system_id, boot_id=boot, fence=kept_fences[-1], keep_fence=kept_fences.append
         ),
         "tag_detector": lambda boot: TagDetector(load_config(TagDetectorConfig, "tag_detector"), robot),
         "estimator": lambda boot: Estimator(estimator, robot),
