@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from jezero.services.vehicle_bridge import admission, grants
+from jezero.services.vehicle_bridge import admission, fence_keeper, grants
 from jezero.services.vehicle_bridge.authority import Authority
 from jezero.trials.campaign.mission import fly_mission
 
@@ -41,11 +41,16 @@ def engages_again_after_a_failsafe(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Authority, "_lose_control", lose_and_take_back)
 
 
+def limits_no_target_at_a_fence(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(fence_keeper, "limited_target", lambda fence, target, vehicle, *, floor_holds: (target, ""))
+
+
 BROKEN: dict[Break, str] = {
     takes_setpoints_of_any_age: "only the owner's fresh setpoints",
     loses_releases: "released control stays released",
     grants_control_twice: "one owner at most",
     engages_again_after_a_failsafe: "silence after a failsafe or takeover",
+    limits_no_target_at_a_fence: "stays inside the fence",
 }
 """The fault of each broken bridge, and the promise that it breaks."""
 

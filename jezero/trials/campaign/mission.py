@@ -28,8 +28,10 @@ from jezero.trials.campaign.faults import (
     Kind,
     draw_faults,
 )
+from jezero.trials.campaign.fences import FenceSetter, UnawareServer
 from jezero.trials.campaign.judge import Judge, Violation
 from jezero.trials.campaign.judge_bridge import BridgeJudge
+from jezero.trials.campaign.judge_fence import FenceJudge, is_fence_refusal
 from jezero.trials.campaign.judge_landing import LandOnSpotJudge
 from jezero.trials.campaign.judge_others import AutopilotJudge, GoalRecord, ServerJudge, TruthJudge
 from jezero.trials.campaign.judge_pauses import PauseJudge
@@ -60,7 +62,7 @@ class MissionReport(msgspec.Struct, frozen=True, kw_only=True):
         faults: number of faults of each kind.
         states: number of times that each status was reached.
         goals: number of accepted goals by outcome, and of those that were rejected or lost with their server; number of
-            pauses, resumptions and changes that servers accepted.
+            pauses, resumptions and changes that servers accepted, of fences that were set and of goals refused by them.
         sim_time_s: length of the mission in virtual time.
         messages_sha256: SHA-256 of all messages; equal for two missions of the same seed.
         recording: file with the recording of a mission with violations; "" if there is none.
@@ -119,6 +121,9 @@ class Mission:
         self._status: Status | None = None
         self._status_decoder = msgspec.json.Decoder(Status)
         self._truth = TruthJudge(self.judge)
+        self.fence_judge = FenceJudge(self.judge)
+        fence_rng = named_random(seed, "fence")
+        self._fences = FenceSetter(self.bus, fence_rng, FAULTS_START_MAX_S, self._report_event)
         known = (world.sensors, world.autopilot, BRIDGE, *action_names())
         others = tuple(name for name in self._makers if name not in known)
         faults = draw_faults(named_random(seed, "faults"), FAULTS_START_MAX_S, others, fault_counts)
@@ -126,6 +131,7 @@ class Mission:
         self.clients = [self._client(name) for name in CLIENTS]
         self.bus.observe(self._observe)
         self.bus.observe(self._truth)
+        self.bus.observe(self.fence_judge)
         if record is not None:
             self.bus.observe(record)
             self.bus.read_journals(record)
@@ -138,6 +144,7 @@ class Mission:
         start_ns = self.bus.t_ns
         for fault in self.faults:
             self.bus.at(start_ns + int(fault.start_s * NS_PER_S), "", partial(self._start_fault, fault))
+        self._fences.start()
         last_s = max(fault.start_s + fault.duration_s for fault in self.faults)
         self._run(GOALS_DURATION_S, active=True)
         self._run(max(0.0, last_s - GOALS_DURATION_S) + QUIET_DURATION_S, active=False)
@@ -168,7 +175,7 @@ class Mission:
         if name == self._world.sensors:
             service = self._sensors = self._world.add_sensor_faults(service, self._sensor_rng)
         if name == self._world.autopilot:
-            return AutopilotJudge(service, self.judge, lambda: self._link_faults.delay_max_ns)
+            return AutopilotJudge(service, self.judge, lambda: self._link_faults.delay_max_ns, self.fence_judge.on_gap)
         if name == self._world.sensors:
             return service
         if name == BRIDGE:
@@ -177,6 +184,8 @@ class Mission:
             service = LandOnSpotJudge(service, self.judge, lambda: self._truth.truth)
         if name not in action_names():
             return service
+        if name in self._fences.unaware:
+            service = UnawareServer(service)
         return ServerJudge(PauseJudge(service, self.judge), run, self.judge, self._goals)
 
     def _start_fault(self, fault: Fault) -> None:
@@ -253,7 +262,9 @@ class Mission:
 
     def _judge_goals(self) -> None:
         """Check that every accepted goal has ended, and that its client knows how."""
-        known = {sent.goal.goal_id: sent for client in self.clients for sent in client.sent}
+        known = self._sent
+        aware = [record for record in self._goals if record.action not in self._fences.unaware]
+        self.fence_judge.judge_goals(aware, known)
         for record in self._goals:
             sent, t_ns = known.get(record.goal_id), self.bus.t_ns
             if (record.action, record.run) in self._lost and not record.outcomes:
@@ -262,6 +273,11 @@ class Mission:
             self.judge.check(bool(record.outcomes), t_ns, "every goal ends exactly once", text)
             if sent is not None and record.outcomes and (record.action, record.run) not in self._lost:
                 self._judge_known_outcome(record, sent)
+
+    @property
+    def _sent(self) -> dict[str, SentGoal]:
+        """All goals that clients sent, by their ids."""
+        return {sent.goal.goal_id: sent for client in self.clients for sent in client.sent}
 
     def _judge_known_outcome(self, record: GoalRecord, sent: SentGoal) -> None:
         outcomes = [outcome for _, outcome in record.outcomes]
@@ -273,7 +289,10 @@ class Mission:
         goals: Counter[str] = Counter()
         for record in self._goals:
             goals[record.outcomes[0][1] if record.outcomes else "lost with its server"] += 1
-        goals["rejected"] = sum(sent.known_outcome == "rejected" for client in self.clients for sent in client.sent)
+        goals["rejected"] = sum(sent.known_outcome == "rejected" for sent in self._sent.values())
+        replies = [reply for sent in self._sent.values() for query in sent.queries for reply in query.replies]
+        goals["refused by the fence"] = sum(is_fence_refusal(reply) for reply in replies)
+        goals["fences"] = self._fences.accepted
         for client in self.clients:
             goals.update(client.pauser.accepted)
         violations: list[Violation] = sorted(self.judge.violations, key=lambda violation: violation.t_s)
