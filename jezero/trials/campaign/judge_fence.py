@@ -12,7 +12,7 @@ Distances come from a library: the judge shares no geometry with the bridge.
 """
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from math import hypot
 
 from shapely import Point, Polygon
@@ -171,15 +171,23 @@ class FenceJudge:
         errors = [error for _, error in self._errors]
         return hypot(*(max(axis) - min(axis) for axis in zip(*errors, strict=True)))
 
-    def judge_goals(self, goals: Iterable[GoalRecord], sent: dict[str, SentGoal]) -> None:
-        """Check that no accepted goal ends outside the fence that was in force, and that refusals name the zone."""
-        for record in goals:
+    def judge_goals(self, records: Iterable[GoalRecord], goals: Mapping[str, Goal]) -> None:
+        """Check that no accepted goal ends outside the fence that was in force.
+
+        Args:
+            records: accepted goals.
+            goals: all goals by their ids.
+        """
+        for record in records:
             shape = self._shape_at(record.accepted_ns)
-            end_ned_m = end_of(sent[record.goal_id].goal) if record.goal_id in sent else None
+            end_ned_m = end_of(goals[record.goal_id]) if record.goal_id in goals else None
             if shape is not None and end_ned_m is not None:
                 beyond_m = shape.beyond_m(end_ned_m)
                 text = f"{record.action} {record.goal_id} was accepted and ends {beyond_m:.1f} m beyond the fence"
                 self._judge.check(beyond_m <= 0.0, record.accepted_ns, "no goal ends outside the fence", text)
+
+    def judge_refusals(self, sent: Mapping[str, SentGoal]) -> None:
+        """Check that each refusal by the fence names the zone, by goals' ids."""
         names = {name for _, shape in self.fences if shape is not None for name in shape.names}
         for goal_id, each in sent.items():
             for reply in (reply for query in each.queries for reply in query.replies):

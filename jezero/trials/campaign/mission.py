@@ -11,9 +11,11 @@ import msgspec
 
 from jezero.plugins import action_names
 from jezero.recording.writer import RECORDING
+from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import Observer
 from jezero.runtime.service import Service
 from jezero.schemas import topics
+from jezero.schemas.goals import Goal
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.service import Simulator
@@ -33,15 +35,20 @@ from jezero.trials.campaign.judge import Judge, Violation
 from jezero.trials.campaign.judge_bridge import BridgeJudge
 from jezero.trials.campaign.judge_fence import FenceJudge, is_fence_refusal
 from jezero.trials.campaign.judge_landing import LandOnSpotJudge
+from jezero.trials.campaign.judge_mission import MissionJudge, MissionLog
 from jezero.trials.campaign.judge_others import AutopilotJudge, GoalRecord, ServerJudge, TruthJudge
 from jezero.trials.campaign.judge_pauses import PauseJudge
 from jezero.trials.campaign.link_faults import LinkFaults
+from jezero.trials.campaign.missions import ENDS, MISSION_PROBABILITY, MissionClient
 from jezero.trials.campaign.pauser import Pauser
 from jezero.trials.campaign.sent_goals import SentGoal
 from jezero.trials.campaign.worlds import PHYSICS, WORLDS, FaultySensors, World
 from jezero.trials.digest import MessageDigest
 from jezero.trials.recording import virtual_recording
+from jezero.trials.stack import mission_maker
+from jezero.vehicle_config import VehicleConfig
 
+MISSION = "mission"
 READY_TIMEOUT_S = 20.0
 FAULTS_START_MAX_S = 42.0
 GOALS_DURATION_S = 47.0
@@ -107,6 +114,11 @@ class Mission:
         self.bus = world.make_bus(seed)
         self._world = world
         self._makers = world.make_service_makers(seed)
+        self.missions = self._mission_client()
+        if self.missions is not None:
+            self._makers.setdefault(MISSION, mission_maker(load_config(VehicleConfig, "vehicle")))
+        self._mission_logs: dict[str, MissionLog] = {}
+        self._mission_goals: dict[str, Goal] = {}
         self._runs: Counter[str] = Counter()
         self._goals: list[GoalRecord] = []
         self._flights: dict[str, set[str]] = {}
@@ -128,7 +140,7 @@ class Mission:
         others = tuple(name for name in self._makers if name not in known)
         faults = draw_faults(named_random(seed, "faults"), FAULTS_START_MAX_S, others, fault_counts)
         self.faults = [world.translate_fault(fault) for fault in faults]
-        self.clients = [self._client(name) for name in CLIENTS]
+        self.clients = [self._client(name) for name in CLIENTS] if self.missions is None else []
         self.bus.observe(self._observe)
         self.bus.observe(self._truth)
         self.bus.observe(self.fence_judge)
@@ -161,6 +173,13 @@ class Mission:
         pauser = Pauser(name, self.bus, named_random(self.seed, f"{name}/pauses"), self._report_event)
         return Client(name, self.bus, named_random(self.seed, name), self._report_event, pauser)
 
+    def _mission_client(self) -> MissionClient | None:
+        """The client that sends missions; None in seeds in which clients send single goals."""
+        rng = named_random(self.seed, MISSION)
+        if rng.random() >= MISSION_PROBABILITY:
+            return None
+        return MissionClient(self.bus, rng, self._report_event)
+
     # -- the stack -----------------------------------------------------------------------------------------
 
     def _start(self, name: str) -> None:
@@ -182,6 +201,8 @@ class Mission:
             return BridgeJudge(service, self.judge, self._flights)
         if name == topics.LAND_ON_SPOT.name:
             service = LandOnSpotJudge(service, self.judge, lambda: self._truth.truth)
+        if name == MISSION:
+            return MissionJudge(service, self.judge, self._mission_logs, self._mission_goals)
         if name not in action_names():
             return service
         if name in self._fences.unaware:
@@ -230,6 +251,8 @@ class Mission:
         while self.bus.t_ns < end_ns and not self._is_over:
             for client in self.clients:
                 client.step(self._status, active=active)
+            if self.missions is not None:
+                self.missions.step(self._status, active=active)
             self.bus.run_for(PERIOD_S)
 
     @property
@@ -264,7 +287,13 @@ class Mission:
         """Check that every accepted goal has ended, and that its client knows how."""
         known = self._sent
         aware = [record for record in self._goals if record.action not in self._fences.unaware]
-        self.fence_judge.judge_goals(aware, known)
+        self.fence_judge.judge_goals(
+            aware, {goal_id: sent.goal for goal_id, sent in known.items()} | self._mission_goals
+        )
+        self.fence_judge.judge_refusals(known)
+        for mission_id, log in self._mission_logs.items():
+            text = f"{mission_id} is {log.state} after all stops"
+            self.judge.check(log.state in ENDS, self.bus.t_ns, "a mission ends as its file says", text)
         for record in self._goals:
             sent, t_ns = known.get(record.goal_id), self.bus.t_ns
             if (record.action, record.run) in self._lost and not record.outcomes:
@@ -293,6 +322,8 @@ class Mission:
         replies = [reply for sent in self._sent.values() for query in sent.queries for reply in query.replies]
         goals["refused by the fence"] = sum(is_fence_refusal(reply) for reply in replies)
         goals["fences"] = self._fences.accepted
+        if self.missions is not None:
+            goals.update(self.missions.accepted)
         for client in self.clients:
             goals.update(client.pauser.accepted)
         violations: list[Violation] = sorted(self.judge.violations, key=lambda violation: violation.t_s)

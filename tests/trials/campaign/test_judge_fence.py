@@ -165,7 +165,7 @@ def test_the_fence_changes_on_the_ground_only() -> None:
 
 def test_no_goal_ends_outside_the_fence_that_the_servers_know() -> None:
     flown = Flown()
-    outside = SentGoal(GoToGoal(goal_id="g", target_ned_m=(6.0, 0.0, -3.0)), topics.GO_TO)
+    outside = GoToGoal(goal_id="g", target_ned_m=(6.0, 0.0, -3.0))
     early = GoalRecord("g", "go_to", 1, accepted_ns=12 * S)
     flown.observer.judge_goals([early], {"g": outside})
     assert flown.judge.violations == []
@@ -186,7 +186,7 @@ def test_a_refusal_by_the_fence_names_the_zone(reason: str, broken: bool) -> Non
     flown = Flown()
     goal = SentGoal(GoToGoal(goal_id="g", target_ned_m=STILL), topics.GO_TO)
     goal.queries.append(SentRequest(replies=[Rejected(goal_id="g", reason=reason)]))
-    flown.observer.judge_goals([], {"g": goal})
+    flown.observer.judge_refusals({"g": goal})
     assert bool(flown.judge.violations) is broken
 
 
