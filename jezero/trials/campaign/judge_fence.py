@@ -96,6 +96,8 @@ class FenceJudge:
             self._on_fence(t_ns, decode(FenceState, data))
         elif topic == topics.STATUS.name:
             self._on_status(t_ns, decode(Status, data))
+        elif self._shape is None:
+            return
         elif topic == topics.TRUTH.name:
             self._on_truth(t_ns, decode(Truth, data))
         elif topic == topics.ODOMETRY.name:
