@@ -140,9 +140,11 @@ def _launch(
     from jezero.deploy.launcher.claims import Claims
     from jezero.deploy.launcher.launcher import Launcher
     from jezero.deploy.launcher.start_checks import ROUTER, check_start
+    from jezero.services.vehicle_bridge.kept_fence import NAME as KEPT_FENCE
 
     os.environ["JEZERO_RUN_DIR"] = str(folder.path)  # for services that write files there
     with _sentences(folder), contextlib.closing(Claims()) as claims:
+        (folder.path / KEPT_FENCE).unlink(missing_ok=True)  # a fence lasts until the stack ends
         if detached:
             _print_into(folder.logs / LAUNCHER_LOG)
         external = frozenset([ROUTER] if check_start(services, instance, claims) else [])

@@ -19,6 +19,7 @@ from jezero.services.estimator.service import Estimator
 from jezero.services.estimator.tag_detector.config import TagDetectorConfig
 from jezero.services.estimator.tag_detector.service import TagDetector
 from jezero.services.mission.config import MissionConfig
+from jezero.services.mission.record import MissionRecord
 from jezero.services.mission.service import MissionService
 from jezero.services.preflight.service import Preflight
 from jezero.services.simulator.camera.config import CameraConfig
@@ -70,12 +71,13 @@ def service_makers(
     estimator = estimator or load_config(EstimatorConfig, "estimator")
     robot = vehicle or load_config(VehicleConfig, "vehicle")
     actions = load_actions_config(robot)
+    kept_fences = [configured_fence(bridge.fence)]
     makers: dict[str, Callable[[int], Service]] = {
         "simulator": lambda boot: Simulator(simulator, robot, seed=seed, boot_id=boot),
         "camera": lambda boot: make_camera(camera, simulator, robot, seed),
         "autopilot": lambda _: Autopilot(autopilot, robot, system_id=system_id),
         "vehicle_bridge": lambda boot: VehicleBridge(
-            bridge, robot, system_id=system_id, boot_id=boot, fence=configured_fence(bridge.fence)
+            bridge, robot, system_id=system_id, boot_id=boot, fence=kept_fences[-1], keep_fence=kept_fences.append
         ),
         "tag_detector": lambda boot: TagDetector(load_config(TagDetectorConfig, "tag_detector"), robot),
         "estimator": lambda boot: Estimator(estimator, robot),
@@ -86,8 +88,18 @@ def service_makers(
 
     makers |= {name: action_maker(name) for name in action_names()}
     makers["preflight"] = lambda boot: Preflight()
-    mission = load_config(MissionConfig, "mission")
-    return makers | {"mission": lambda boot: MissionService(boot, all_actions(), config=mission, vehicle=robot)}
+    return makers | {"mission": mission_maker(robot)}
+
+
+def mission_maker(robot: VehicleConfig) -> Callable[[int], Service]:
+    """Function that makes the mission service from its boot id; each run knows the mission of the run before."""
+    config, kept = load_config(MissionConfig, "mission"), list[MissionRecord]()
+
+    def make(boot: int) -> Service:
+        saved = kept[-1] if kept else None
+        return MissionService(boot, all_actions(), saved, kept.append, config=config, vehicle=robot)
+
+    return make
 
 
 def wired_bus(seed: int) -> MemoryBus:

@@ -26,6 +26,7 @@ class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
         failures: number of failed tries of the present step.
         rest: fields of the goal that takes the images that are still missing; None for the goal of the step.
         last: goal that is flown after a failure, before the mission ends; None while the steps are flown.
+        failure: why the mission fails once its last goal has ended; the reason may change meanwhile.
         altitude_m: altitude over the world's origin at which the mission was held, to which a vehicle that has landed
             since takes off before the mission goes on; None for a mission that goes on where it is.
     """
@@ -40,6 +41,7 @@ class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
     failures: int = 0
     rest: dict[str, Any] | None = None
     last: GoalStep | None = None
+    failure: str = ""
     altitude_m: float | None = None
 
     @property
@@ -70,7 +72,7 @@ class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
     def next_step(self) -> "MissionRecord":
         """The mission after its present step: at the next step, or at its end."""
         if self.last is not None:
-            return self.in_state("failed", self.reason)
+            return self.in_state("failed", self.failure)
         if self.index + 1 == len(self.mission.steps):
             return self.in_state("succeeded")
         return replace(self, index=self.index + 1, attempt=1, failures=0, rest=None, state="running", reason="")

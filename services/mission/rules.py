@@ -13,9 +13,14 @@ def somebody_else(status: Status, mission_id: str) -> str:
     """Who else than the mission has control, or ""."""
     if status.in_charge in ("external", "failsafe"):
         return f"somebody else has control: {status.text}"
-    if status.in_charge == "goal" and not status.goal_id.startswith(f"{mission_id}."):
+    if status.in_charge == "goal" and not flies_goal_of(status, mission_id):
         return f"goal {status.goal_id} of another client is in charge"
     return ""
+
+
+def flies_goal_of(status: Status, mission_id: str) -> bool:
+    """Whether a goal of the mission is in charge: it flies on while this service is restarted."""
+    return status.goal_id.startswith(f"{mission_id}.")
 
 
 def landing_step(step: Step) -> bool:

@@ -35,7 +35,7 @@ from jezero.services.mission.config import MissionConfig
 from jezero.services.mission.record import MissionRecord
 from jezero.services.mission.return_run import ReturnRun
 from jezero.services.mission.return_watch import GROUND, ReturnWatch
-from jezero.services.mission.rules import landing_step, last_goal, somebody_else, swap_refusal
+from jezero.services.mission.rules import flies_goal_of, landing_step, last_goal, somebody_else, swap_refusal
 from jezero.services.mission.step_run import GoalRun, StepEnd, Wait, goal_of
 from jezero.vehicle_config import VehicleConfig
 
@@ -259,7 +259,7 @@ class MissionService:
         """The mission after a failed try, by the step's policy."""
         reason = f"step {record.index + 1}, {record.step.label}: {end.reason}"
         if record.last is not None:
-            return record.in_state("failed", f"{record.reason}; then {record.last.label}: {end.reason}")
+            return record.in_state("failed", f"{record.failure}; then {record.last.label}: {end.reason}")
         policy, failures = record.policy, record.failures + 1
         record = record.in_state("running")
         if failures <= policy.retries:
@@ -268,7 +268,7 @@ class MissionService:
             return replace(record.next_step(), reason=f"left out {reason}")
         if policy.then == "stop" or status is None or status.odometry is None or status.landed:
             return record.in_state("failed", end.reason)
-        return replace(record, last=last_goal(policy.then, status), attempt=1, rest=None, reason=reason)
+        return replace(record, last=last_goal(policy.then, status), attempt=1, rest=None, reason=reason, failure=reason)
 
     # -- requests --
 
@@ -339,6 +339,8 @@ class MissionService:
         """Carry out a command; returns the reason of a refusal, or ""."""
         run = self._run
         waits = record.state in ("paused", "interrupted")
+        if command == "skip" and self._wanted == "stop":
+            return ENDING
         if command in ("resume", "swapped") and not waits:
             return "the mission is running"
         if command == "swapped" and (refusal := swap_refusal(record, status)):
@@ -357,11 +359,21 @@ class MissionService:
         else:
             self._interventions = None
             self._wanted = "skip" if command == "skip" else "stop"
+            run = self._run = run or self._goal_of_run_before(record, status)
             if run is not None:
                 yield from run.cancel()
             else:
                 self._record = self._after(record, StepEnd("canceled"), None)
         return ""
+
+    def _goal_of_run_before(self, record: MissionRecord, status: Status | None) -> GoalRun | None:
+        """The mission's goal that flies on since the run of this service before, or may do so; None for none."""
+        if status is None:
+            step = record.step
+            return GoalRun(self._actions[step.action], record.goal_id) if isinstance(step, GoalStep) else None
+        if not flies_goal_of(status, record.mission_id):
+            return None
+        return GoalRun(self._actions[status.action], status.goal_id)
 
     # -- outputs --
 

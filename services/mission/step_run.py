@@ -80,27 +80,30 @@ class Wait:
 class GoalRun:
     """A goal at its action server, which flies it once, however often it is sent.
 
+    Args:
+        action: the goal's action.
+        goal: the goal; the id of one that flies already.
+
     Attributes:
         goal_id: id of the goal.
         ended: the end; None before.
     """
 
-    def __init__(self, action: Action[Any], goal: Goal) -> None:
-        self.goal_id = goal.goal_id
+    def __init__(self, action: Action[Any], goal: Goal | str) -> None:
+        self.goal_id = goal if isinstance(goal, str) else goal.goal_id
         self.ended: StepEnd | None = None
         self._action = action
-        self._goal = goal
-        self._sent = False
-        self._accepted = False
+        self._goal = None if isinstance(goal, str) else goal
+        self._accepted = self._goal is None
         self._poll_due_ns = 0
         self._polls = 0
         self._unknown = 0
 
     def step(self, t_ns: int, inbox: Inbox, *, paused: bool) -> Iterator[Output]:
         """Send the goal, then ask for its result until there is one."""
-        if not self._sent:
-            self._sent = True
+        if self._goal is not None:
             yield Call(self._action.endpoint, self._goal, f"{self.goal_id}/goal", ACCEPT_TIMEOUT_S)
+            self._goal = None
         for response in inbox.responses:
             if response.tag == f"{self.goal_id}/goal":
                 self._on_first_reply(response)

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Mapping
+from functools import partial
 
 from jezero.plugins import action_names
 from jezero.runtime.config import Instance, load_config
@@ -10,6 +11,7 @@ from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
 from jezero.schemas.fence import Fence
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
+from jezero.services.vehicle_bridge.kept_fence import kept_fence_path, load, save
 from jezero.services.vehicle_bridge.service import LINK, VehicleBridge
 from jezero.vehicle_config import VehicleConfig
 
@@ -19,17 +21,25 @@ HOST = "127.0.0.1"
 def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
     """The bridge of an instance, and its link to the autopilot."""
     config, vehicle = load_config(VehicleBridgeConfig, "vehicle_bridge"), load_config(VehicleConfig, "vehicle")
-    bridge = VehicleBridge(config, vehicle, instance.system_id, boot_id, action_names(), _fence(config))
+    path = kept_fence_path()
+    kept = None if path is None else load(path)
+    fence = _configured(config) if kept is None else kept.fence
+    keep = _keep_nothing if path is None else partial(save, path)
+    bridge = VehicleBridge(config, vehicle, instance.system_id, boot_id, action_names(), fence, keep)
     autopilot = (HOST, instance.autopilot_offboard_port)
     return bridge, {LINK: Udp((HOST, instance.bridge_port), autopilot, only_from_peer=True)}
 
 
-def _fence(config: VehicleBridgeConfig) -> Fence | None:
+def _configured(config: VehicleBridgeConfig) -> Fence | None:
     if not config.fence:
         return None
     from jezero.mission_files import configured_fence  # with planners, which no vehicle without a fence file needs
 
     return configured_fence(config.fence)
+
+
+def _keep_nothing(fence: Fence | None) -> None:
+    """There is no run folder: the fence ends with the bridge."""
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """The fence in force: set on the ground, placed around the vehicle's origin, published once a second."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from zlib import crc32
 
 from jezero.codec import encode
@@ -25,17 +25,25 @@ class FenceHolder:
         keeper: gets the fence whenever it changes.
         upload: gives it to the autopilot.
         fence: the fence at the start.
+        keep: gets the fence of each request.
 
     Attributes:
         fence_id: changes with the fence and with its place; "" without a fence.
     """
 
-    def __init__(self, keeper: FenceKeeper, upload: FenceUpload, fence: Fence | None = None) -> None:
+    def __init__(
+        self,
+        keeper: FenceKeeper,
+        upload: FenceUpload,
+        fence: Fence | None = None,
+        keep: Callable[[Fence | None], None] = lambda fence: None,
+    ) -> None:
         self._keeper = keeper
         self._upload = upload
         self._uploaded: tuple[str, Vec3 | None] = ("", None)
         """Id of the autopilot's own fence, and the origin around which it was placed."""
         self._fence = fence
+        self._keep = keep
         self._origin_deg: Vec3 | None = None
         self._published: FenceState | None = None
         self._published_wall_ns = 0
@@ -49,6 +57,7 @@ class FenceHolder:
                 yield Reply(request.request_id, FenceReply(accepted=False, reason=IN_FLIGHT))
                 continue
             self._fence = request.payload.fence
+            self._keep(self._fence)
             self._place()
             yield Reply(request.request_id, FenceReply(accepted=True))
 

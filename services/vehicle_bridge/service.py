@@ -1,6 +1,6 @@
 """The vehicle bridge: it connects the autopilot's MAVLink with the bus, with `Authority` in between."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from math import inf
 
@@ -79,6 +79,7 @@ class VehicleBridge:
         boot_id: differs between two runs of the bridge.
         actions: names of all actions; requests to others are refused.
         fence: the fence at the start; None for none.
+        keep_fence: keeps a fence that was set by a request over a restart of the bridge.
     """
 
     def __init__(
@@ -89,6 +90,7 @@ class VehicleBridge:
         boot_id: int,
         actions: Collection[str] = tuple(ACTIONS),
         fence: Fence | None = None,
+        keep_fence: Callable[[Fence | None], None] = lambda fence: None,
     ) -> None:
         made_with = {
             "config": config,
@@ -105,7 +107,7 @@ class VehicleBridge:
         self._link = AutopilotLink(system_id, config.parameters)
         self._foreign_setpoints = ForeignSetpointDetector()
         self._authority = Authority(config, robot, boot_id)
-        self._fence = FenceHolder(self._authority.fence, self._link.fence, fence)
+        self._fence = FenceHolder(self._authority.fence, self._link.fence, fence, keep_fence)
         self._wind = WindEstimator(robot.airframe)
         self._epoch_id: int | None = None
         self._timer = Timer()

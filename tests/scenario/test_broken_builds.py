@@ -1,4 +1,4 @@
-"""A test of the campaign itself: bridges that are broken on purpose are caught by the seeds from 0 on.
+"""A test of the campaign itself: bridges and missions that are broken on purpose are caught by the seeds from 0 on.
 
 The seeds are not selected: they are flown in order until one breaks the rule, at most `SEEDS`. With the point mass that
 takes seconds; `make broken` does the same with full physics.
@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from jezero.services.vehicle_bridge import admission, grants
+from jezero.services.mission import service as mission
+from jezero.services.vehicle_bridge import admission, fence_keeper, grants
 from jezero.services.vehicle_bridge.authority import Authority
 from jezero.trials.campaign.mission import fly_mission
 
@@ -41,13 +42,24 @@ def engages_again_after_a_failsafe(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Authority, "_lose_control", lose_and_take_back)
 
 
+def limits_no_target_at_a_fence(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(fence_keeper, "limited_target", lambda fence, target, vehicle, *, floor_holds: (target, ""))
+
+
+def flies_missions_on_after_a_takeover(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(mission, "somebody_else", lambda status, mission_id: "")
+    patch.setattr(mission.MissionService, "_watch_interventions", lambda self, inbox: ())
+
+
 BROKEN: dict[Break, str] = {
     takes_setpoints_of_any_age: "only the owner's fresh setpoints",
     loses_releases: "released control stays released",
     grants_control_twice: "one owner at most",
     engages_again_after_a_failsafe: "silence after a failsafe or takeover",
+    limits_no_target_at_a_fence: "stays inside the fence",
+    flies_missions_on_after_a_takeover: "no goal of a mission after a takeover, until a command",
 }
-"""The fault of each broken bridge, and the promise that it breaks."""
+"""The fault of each broken build, and the promise that it breaks."""
 
 
 def first_seed_that_breaks(rule: str, world: str) -> int | None:
@@ -61,8 +73,8 @@ def first_seed_that_breaks(rule: str, world: str) -> int | None:
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("broken", BROKEN, ids=lambda broken: broken.__name__)
 @pytest.mark.parametrize("world", ["point-mass", pytest.param("physics", marks=pytest.mark.slow)])
-def test_a_broken_bridge_is_caught(monkeypatch: pytest.MonkeyPatch, world: str, broken: Break) -> None:
+def test_a_broken_build_is_caught(monkeypatch: pytest.MonkeyPatch, world: str, broken: Break) -> None:
     broken(monkeypatch)
     seed = first_seed_that_breaks(BROKEN[broken], world)
-    assert seed is not None, f"a bridge that {broken.__name__} went unnoticed in {SEEDS} missions"
-    print(f"{world}: a bridge that {broken.__name__} is caught by seed {seed}")
+    assert seed is not None, f"a build that {broken.__name__} went unnoticed in {SEEDS} missions"
+    print(f"{world}: a build that {broken.__name__} is caught by seed {seed}")

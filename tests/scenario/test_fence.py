@@ -22,7 +22,8 @@ class Flight:
 
     def __init__(self) -> None:
         self.bus: MemoryBus = POINT_MASS.make_bus(1)
-        for name, make in POINT_MASS.make_service_makers(1).items():
+        self.makers = POINT_MASS.make_service_makers(1)
+        for name, make in self.makers.items():
             if name in ("point_mass", "vehicle_bridge", "takeoff", "go_to"):
                 self.bus.add(make(1))
         self.bus.run_for(15.0)
@@ -68,6 +69,17 @@ def test_a_change_that_leads_out_of_the_fence_is_refused_and_the_goal_goes_on() 
     assert not reply.modified and "edge of the area 'field'" in reply.reason
     assert flight.bus.run_for(40.0, lambda: goal.ended)
     assert goal.replies[-1].outcome == "succeeded"
+
+
+def test_a_bridge_that_is_restarted_in_flight_holds_the_fence_that_was_set() -> None:
+    flight, states = Flight(), list[FenceState]()
+    flight.ask(topics.TAKEOFF.endpoint, TakeoffGoal(altitude_m=3.0))
+    flight.bus.remove("vehicle_bridge")
+    flight.bus.run_for(0.5)
+    flight.bus.observe(lambda t_ns, topic, data: states.append(_state(data)) if topic == topics.FENCE.name else None)
+    flight.bus.add(flight.makers["vehicle_bridge"](2))
+    flight.bus.run_for(2.5)
+    assert states[-1].fence == FENCE
 
 
 @pytest.mark.parametrize("fence", [FENCE, None])

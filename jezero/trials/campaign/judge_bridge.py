@@ -2,18 +2,20 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import dist, isfinite
+from math import dist, hypot, isfinite
 
 from jezero.frames import Vec3, add, subtract
 from jezero.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.runtime.service import Inbox, Output, Publish, Reply, Send, Service
 from jezero.schemas import topics
 from jezero.schemas.commands import AcquireReply, Setpoint
+from jezero.schemas.fence import FenceState
 from jezero.schemas.state import Odometry, Status
 from jezero.schemas.state import StatusCode as Code
 from jezero.schemas.struct import Message
 from jezero.schemas.units import NS_PER_S
 from jezero.trials.campaign.judge import ALLOWED, IN_PROGRESS, Judge
+from jezero.trials.campaign.judge_fence import FenceShape
 
 AGE_MAX_S = 0.3
 LEAD_MAX_S = 0.05
@@ -22,6 +24,8 @@ STREAM_GAP_MAX_S = 0.2
 SILENT_OWNER_MAX_S = 0.6
 TAKE_BACK_TIMEOUT_S = 6.0
 HOVER_START_DISTANCE_MAX_M = 3.0
+FENCE_REACH_M = 0.5
+"""The fence changes targets that lead to less than this distance from it, by position or by the way until a stop."""
 POS_IGNORED, VEL_IGNORED, ACC_IGNORED = 7, 56, 448
 FLYING = tuple(code for code in Code if code not in (Code.IDLE, Code.EXTERNAL))
 
@@ -62,6 +66,9 @@ class BridgeJudge:
         self._offsets: dict[int, Vec3] = {0: (0.0, 0.0, 0.0)}
         self._offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
         self._odometry: Odometry | None = None
+        self._fence: FenceShape | None = None
+        self._followed: list[Setpoint] = []
+        """Latest setpoints that the bridge might fly, which the fence limits anew in each step."""
         self._target: SentTarget | None = None
         self._target_offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
         self._streamed_ns: int | None = None
@@ -95,6 +102,8 @@ class BridgeJudge:
             self._on_odometry(message)
         elif type(message) is Status:
             self._on_status(t_ns, message)
+        elif type(message) is FenceState:
+            self._fence = None if message.fence is None else FenceShape(message.fence)
 
     def _on_odometry(self, odometry: Odometry) -> None:
         last = self._odometry
@@ -143,6 +152,7 @@ class BridgeJudge:
         allowed = [setpoint for setpoint in inbox.new(topics.SETPOINT) if self._is_allowed(t_ns, setpoint, status)]
         if allowed:
             self._owner = (status.control_id, t_ns)
+            self._followed = allowed
         self._judge_owner(t_ns, inbox, status)
         silent = status.code == Code.EXTERNAL and self._previous is not None and self._previous.code == Code.EXTERNAL
         if silent and not self._is_taking_back(t_ns):
@@ -195,12 +205,29 @@ class BridgeJudge:
         hovers_on = status.code == Code.HOVER and self._previous is not None and self._previous.code == Code.HOVER
         if previous is not None and (gap_s < 1.0 or hovers_on) and _is_same(previous, sent, moved_ned_m):
             return
+        if self._may_fence_change(sent):
+            return
         if status.control_id and not self._is_requested_hover(inbox, status, sent):
             explained = any(self._matches_setpoint(setpoint, sent) for setpoint in allowed)
             text = f"{sent.pos_ned_m}, {sent.vel_ned_mps} matches no recent setpoint of {status.control_id}"
             self._judge.check(explained, t_ns, "only the owner's fresh setpoints", text)
         elif status.code == Code.HOVER and sent.pos_ned_m is not None:
             self._judge_hover_point(t_ns, inbox, sent.pos_ned_m, previous, moved_ned_m)
+
+    def _may_fence_change(self, sent: SentTarget) -> bool:
+        """Whether the bridge may send another target as the fence is near; `FenceJudge` judges where that leads.
+
+        The floor counts from what the altimeter measures, so that it may be near at any height.
+        """
+        if self._fence is None or self._odometry is None:
+            return False
+        here_ned_m = self._odometry.pos_uav_ned_m
+        points = [sent.pos_ned_m, *(setpoint.pos_ned_m for setpoint in self._followed)]
+        lead_m = max((dist(point, here_ned_m) for point in points if point is not None), default=0.0)
+        velocities = [self._odometry.vel_uav_ned_mps, *(setpoint.vel_ned_mps for setpoint in self._followed)]
+        speed_mps = max(hypot(*velocity) for velocity in velocities if velocity is not None)
+        reach_m = FENCE_REACH_M + max(lead_m, speed_mps * speed_mps / 2.0)
+        return self._fence.fence.floor_over_ground_m > 0.0 or self._fence.beyond_m(here_ned_m) > -reach_m
 
     def _judge_hover_point(
         self, t_ns: int, inbox: Inbox, pos_ned_m: Vec3, previous: SentTarget | None, moved_ned_m: Vec3

@@ -39,14 +39,22 @@ class AutopilotJudge:
         autopilot: the autopilot.
         judge: collects the violations.
         link_delay_max_ns: returns the longest delay by a fault of the MAVLink link so far.
+        on_gap: called with the time while the autopilot, in offboard mode, gets no setpoints or late ones.
     """
 
-    def __init__(self, autopilot: Service, judge: Judge, link_delay_max_ns: Callable[[], int]) -> None:
+    def __init__(
+        self,
+        autopilot: Service,
+        judge: Judge,
+        link_delay_max_ns: Callable[[], int],
+        on_gap: Callable[[int], None] = lambda t_ns: None,
+    ) -> None:
         self.spec = autopilot.spec
         self._autopilot = autopilot
         self._judge = judge
         self._codec = MavlinkCodec(1, 201)
         self._link_delay_max_ns = link_delay_max_ns
+        self._on_gap = on_gap
         steps_at_once = OFFBOARD in autopilot.spec.triggers
         self._stale_s = SETPOINT_AGE_MAX_S + (0.0 if steps_at_once else 1.0 / autopilot.spec.rate_hz)
         self._commanded_ns: int | None = None
@@ -59,6 +67,8 @@ class AutopilotJudge:
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
                 self._commanded_ns = t_ns
                 age_s = t_ns / NS_PER_S - message.time_boot_ms / 1000.0
+                if age_s > self._stale_s:
+                    self._on_gap(t_ns)
                 if age_s > self._stale_s + self._link_delay_max_ns() / NS_PER_S:
                     text = f"the autopilot gets a setpoint that is {age_s:.2f} s old"
                     self._judge.check(False, t_ns, "no stale setpoint", text)
@@ -75,6 +85,8 @@ class AutopilotJudge:
             and t_ns - self._stepped_ns < MODE_REPORT_PERIOD_MAX_NS / 10
         ):
             silent_s = (t_ns - (self._commanded_ns or 0)) / NS_PER_S
+            if silent_s > SETPOINT_AGE_MAX_S:
+                self._on_gap(t_ns)
             if silent_s > OFFBOARD_LOSS_S:
                 text = f"armed in offboard mode, and no setpoint for {silent_s:.2f} s"
                 self._judge.check(False, t_ns, "never without a commander", text)

@@ -11,9 +11,11 @@ import msgspec
 
 from jezero.plugins import action_names
 from jezero.recording.writer import RECORDING
+from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import Observer
 from jezero.runtime.service import Service
 from jezero.schemas import topics
+from jezero.schemas.goals import Goal
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.service import Simulator
@@ -28,18 +30,25 @@ from jezero.trials.campaign.faults import (
     Kind,
     draw_faults,
 )
+from jezero.trials.campaign.fences import FenceSetter, UnawareServer
 from jezero.trials.campaign.judge import Judge, Violation
 from jezero.trials.campaign.judge_bridge import BridgeJudge
+from jezero.trials.campaign.judge_fence import FenceJudge, is_fence_refusal
 from jezero.trials.campaign.judge_landing import LandOnSpotJudge
+from jezero.trials.campaign.judge_mission import MissionJudge, MissionLog
 from jezero.trials.campaign.judge_others import AutopilotJudge, GoalRecord, ServerJudge, TruthJudge
 from jezero.trials.campaign.judge_pauses import PauseJudge
 from jezero.trials.campaign.link_faults import LinkFaults
+from jezero.trials.campaign.missions import ENDS, MISSION_PROBABILITY, MissionClient
 from jezero.trials.campaign.pauser import Pauser
 from jezero.trials.campaign.sent_goals import SentGoal
 from jezero.trials.campaign.worlds import PHYSICS, WORLDS, FaultySensors, World
 from jezero.trials.digest import MessageDigest
 from jezero.trials.recording import virtual_recording
+from jezero.trials.stack import mission_maker
+from jezero.vehicle_config import VehicleConfig
 
+MISSION = "mission"
 READY_TIMEOUT_S = 20.0
 FAULTS_START_MAX_S = 42.0
 GOALS_DURATION_S = 47.0
@@ -60,7 +69,7 @@ class MissionReport(msgspec.Struct, frozen=True, kw_only=True):
         faults: number of faults of each kind.
         states: number of times that each status was reached.
         goals: number of accepted goals by outcome, and of those that were rejected or lost with their server; number of
-            pauses, resumptions and changes that servers accepted.
+            pauses, resumptions and changes that servers accepted, of fences that were set and of goals refused by them.
         sim_time_s: length of the mission in virtual time.
         messages_sha256: SHA-256 of all messages; equal for two missions of the same seed.
         recording: file with the recording of a mission with violations; "" if there is none.
@@ -105,6 +114,11 @@ class Mission:
         self.bus = world.make_bus(seed)
         self._world = world
         self._makers = world.make_service_makers(seed)
+        self.missions = self._mission_client()
+        if self.missions is not None:
+            self._makers.setdefault(MISSION, mission_maker(load_config(VehicleConfig, "vehicle")))
+        self._mission_logs: dict[str, MissionLog] = {}
+        self._mission_goals: dict[str, Goal] = {}
         self._runs: Counter[str] = Counter()
         self._goals: list[GoalRecord] = []
         self._flights: dict[str, set[str]] = {}
@@ -119,13 +133,17 @@ class Mission:
         self._status: Status | None = None
         self._status_decoder = msgspec.json.Decoder(Status)
         self._truth = TruthJudge(self.judge)
+        self.fence_judge = FenceJudge(self.judge)
+        fence_rng = named_random(seed, "fence")
+        self._fences = FenceSetter(self.bus, fence_rng, FAULTS_START_MAX_S, self._report_event)
         known = (world.sensors, world.autopilot, BRIDGE, *action_names())
         others = tuple(name for name in self._makers if name not in known)
         faults = draw_faults(named_random(seed, "faults"), FAULTS_START_MAX_S, others, fault_counts)
         self.faults = [world.translate_fault(fault) for fault in faults]
-        self.clients = [self._client(name) for name in CLIENTS]
+        self.clients = [self._client(name) for name in CLIENTS] if self.missions is None else []
         self.bus.observe(self._observe)
         self.bus.observe(self._truth)
+        self.bus.observe(self.fence_judge)
         if record is not None:
             self.bus.observe(record)
             self.bus.read_journals(record)
@@ -138,6 +156,7 @@ class Mission:
         start_ns = self.bus.t_ns
         for fault in self.faults:
             self.bus.at(start_ns + int(fault.start_s * NS_PER_S), "", partial(self._start_fault, fault))
+        self._fences.start()
         last_s = max(fault.start_s + fault.duration_s for fault in self.faults)
         self._run(GOALS_DURATION_S, active=True)
         self._run(max(0.0, last_s - GOALS_DURATION_S) + QUIET_DURATION_S, active=False)
@@ -154,6 +173,13 @@ class Mission:
         pauser = Pauser(name, self.bus, named_random(self.seed, f"{name}/pauses"), self._report_event)
         return Client(name, self.bus, named_random(self.seed, name), self._report_event, pauser)
 
+    def _mission_client(self) -> MissionClient | None:
+        """The client that sends missions; None in seeds in which clients send single goals."""
+        rng = named_random(self.seed, MISSION)
+        if rng.random() >= MISSION_PROBABILITY:
+            return None
+        return MissionClient(self.bus, rng, self._report_event)
+
     # -- the stack -----------------------------------------------------------------------------------------
 
     def _start(self, name: str) -> None:
@@ -168,15 +194,19 @@ class Mission:
         if name == self._world.sensors:
             service = self._sensors = self._world.add_sensor_faults(service, self._sensor_rng)
         if name == self._world.autopilot:
-            return AutopilotJudge(service, self.judge, lambda: self._link_faults.delay_max_ns)
+            return AutopilotJudge(service, self.judge, lambda: self._link_faults.delay_max_ns, self.fence_judge.on_gap)
         if name == self._world.sensors:
             return service
         if name == BRIDGE:
             return BridgeJudge(service, self.judge, self._flights)
         if name == topics.LAND_ON_SPOT.name:
             service = LandOnSpotJudge(service, self.judge, lambda: self._truth.truth)
+        if name == MISSION:
+            return MissionJudge(service, self.judge, self._mission_logs, self._mission_goals)
         if name not in action_names():
             return service
+        if name in self._fences.unaware:
+            service = UnawareServer(service)
         return ServerJudge(PauseJudge(service, self.judge), run, self.judge, self._goals)
 
     def _start_fault(self, fault: Fault) -> None:
@@ -221,6 +251,8 @@ class Mission:
         while self.bus.t_ns < end_ns and not self._is_over:
             for client in self.clients:
                 client.step(self._status, active=active)
+            if self.missions is not None:
+                self.missions.step(self._status, active=active)
             self.bus.run_for(PERIOD_S)
 
     @property
@@ -253,7 +285,15 @@ class Mission:
 
     def _judge_goals(self) -> None:
         """Check that every accepted goal has ended, and that its client knows how."""
-        known = {sent.goal.goal_id: sent for client in self.clients for sent in client.sent}
+        known = self._sent
+        aware = [record for record in self._goals if record.action not in self._fences.unaware]
+        self.fence_judge.judge_goals(
+            aware, {goal_id: sent.goal for goal_id, sent in known.items()} | self._mission_goals
+        )
+        self.fence_judge.judge_refusals(known)
+        for mission_id, log in self._mission_logs.items():
+            text = f"{mission_id} is {log.state} after all stops"
+            self.judge.check(log.state in ENDS, self.bus.t_ns, "a mission ends as its file says", text)
         for record in self._goals:
             sent, t_ns = known.get(record.goal_id), self.bus.t_ns
             if (record.action, record.run) in self._lost and not record.outcomes:
@@ -262,6 +302,11 @@ class Mission:
             self.judge.check(bool(record.outcomes), t_ns, "every goal ends exactly once", text)
             if sent is not None and record.outcomes and (record.action, record.run) not in self._lost:
                 self._judge_known_outcome(record, sent)
+
+    @property
+    def _sent(self) -> dict[str, SentGoal]:
+        """All goals that clients sent, by their ids."""
+        return {sent.goal.goal_id: sent for client in self.clients for sent in client.sent}
 
     def _judge_known_outcome(self, record: GoalRecord, sent: SentGoal) -> None:
         outcomes = [outcome for _, outcome in record.outcomes]
@@ -273,7 +318,12 @@ class Mission:
         goals: Counter[str] = Counter()
         for record in self._goals:
             goals[record.outcomes[0][1] if record.outcomes else "lost with its server"] += 1
-        goals["rejected"] = sum(sent.known_outcome == "rejected" for client in self.clients for sent in client.sent)
+        goals["rejected"] = sum(sent.known_outcome == "rejected" for sent in self._sent.values())
+        replies = [reply for sent in self._sent.values() for query in sent.queries for reply in query.replies]
+        goals["refused by the fence"] = sum(is_fence_refusal(reply) for reply in replies)
+        goals["fences"] = self._fences.accepted
+        if self.missions is not None:
+            goals.update(self.missions.accepted)
         for client in self.clients:
             goals.update(client.pauser.accepted)
         violations: list[Violation] = sorted(self.judge.violations, key=lambda violation: violation.t_s)

@@ -12,6 +12,7 @@ from jezero.plugins import action_names
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus
 from jezero.runtime.service import Service
+from jezero.schemas.fence import Fence
 from jezero.services.actions.config import load_actions_config
 from jezero.services.actions.table import action_server
 from jezero.services.autopilot.config import AutopilotConfig, TelemetryConfig
@@ -91,9 +92,12 @@ def _point_mass_makers(seed: int) -> Makers:
     actions = load_actions_config(vehicle)
     lifecycle = msgspec.structs.replace(actions.lifecycle, step_rate_hz=SERVERS_HZ)
     actions = msgspec.structs.replace(actions, lifecycle=lifecycle)
+    kept_fences: list[Fence | None] = [None]
     return {
         NAME: partial(PointMass, config, place, vehicle, SYSTEM_ID, seed),
-        BRIDGE: lambda boot: VehicleBridge(bridge, vehicle, system_id=SYSTEM_ID, boot_id=boot),
+        BRIDGE: lambda boot: VehicleBridge(
+            bridge, vehicle, system_id=SYSTEM_ID, boot_id=boot, fence=kept_fences[-1], keep_fence=kept_fences.append
+        ),
         BLANK_CAMERA: lambda boot: _blank_camera(vehicle, publishes_info=True),
         **{name: partial(action_server, name, config=actions) for name in action_names()},
     }
