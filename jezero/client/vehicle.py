@@ -107,7 +107,7 @@ class Vehicle(GoalMethods):
     # -- requests: each raises Unreachable or TimedOut without a reply --
 
     def preflight(self) -> PreflightReport:
-        """Check services, sensors, battery and storage, which takes a second and a half.
+        """Check services, sensors, fence, battery and storage, which takes a second and a half.
 
         ```python
         for check in uav.preflight().failed():

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from jezero.codec import decode
-from jezero.runtime.memory_bus import MemoryBus
+from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.runtime.service import Inbox, Output, Publish, Spec
 from jezero.schemas.preflight import GetPreflight, PreflightReply, PreflightReport
 from jezero.schemas.state import Clock, StatusCode
@@ -83,6 +83,14 @@ class Bench:
         assert isinstance(reply, PreflightReply) and reply.report is not None
         return reply.report
 
+    def request_while_silent(self, silent_s: float) -> SentRequest:
+        """Wait for a report, then request another one, for whose first seconds the magnetometer sends nothing."""
+        self.wait_report(3.0)
+        self.vehicle.silent = True
+        sent = self.bus.send_request(CHECK_PREFLIGHT, GetPreflight())
+        self.bus.run_for(silent_s)
+        return sent
+
 
 def failed(report: PreflightReport) -> list[str]:
     return [check.name for check in report.failed()]
@@ -112,10 +120,7 @@ def test_a_flying_vehicle_is_checked_on_request_only_and_again_after_the_landing
 
 def test_a_sensor_that_is_silent_for_two_seconds_passes_and_for_longer_fails_until_it_sends_again() -> None:
     bench = Bench()
-    bench.wait_report(3.0)
-    bench.vehicle.silent = True
-    sent = bench.bus.send_request(CHECK_PREFLIGHT, GetPreflight())
-    bench.bus.run_for(2.0)
+    sent = bench.request_while_silent(2.0)
     bench.vehicle.silent = False
     assert failed(bench.wait_report(1.0)) == []
     bench.bus.run_for(0.1)
@@ -161,10 +166,7 @@ def test_a_request_gets_a_round_of_its_own() -> None:
 
 def test_a_new_epoch_begins_the_round_anew_and_forgets_what_was_heard() -> None:
     bench = Bench()
-    bench.wait_report(3.0)
-    bench.vehicle.silent = True
-    sent = bench.bus.send_request(CHECK_PREFLIGHT, GetPreflight())
-    bench.bus.run_for(1.0)
+    sent = bench.request_while_silent(1.0)
     bench.vehicle.epoch_id = 2
     report = bench.wait_report(2.0)
     assert (report.epoch_id, failed(report)) == (2, [])
