@@ -134,5 +134,5 @@ def fly_the_demonstration(flight: MissionFlight) -> float:
         assert "the battery is too low" in reason
     else:
         assert on_the_rover(flight)
-        assert battery.remaining >= 0.1 or "less than 10% will be left" in reason
+        assert battery.remaining >= 0.1 or "less than 10% may be left" in reason
     return battery.remaining
