@@ -30,7 +30,7 @@ DEMONSTRATION_S = 103.0
 """Time in the air of `jezero demo`'s mission."""
 NORMALLY_FLOWN = (3, 6, 9)
 SHORT_OF_LANDING = pytest.mark.xfail(
-    strict=True, reason="the takeoff's check plans 6 s for a landing, and one on the rover takes three times as long"
+    strict=True, reason="the takeoff's check plans 6 s for a landing, and the return to the rover takes more than 20 s"
 )
 TENTHS = [
     pytest.param(tenth, marks=() if tenth in NORMALLY_FLOWN else [pytest.mark.slow, *[SHORT_OF_LANDING] * (tenth == 2)])
