@@ -90,8 +90,8 @@ class ReturnWatch:
         self.text = f"the battery has {battery.remaining:.0%}, the way home needs {needed:.0%}"
         if battery.remaining - HALF_STEP >= needed:
             return ""
-        short = battery.remaining - HALF_STEP - used < reserve
-        return f"{self.text}: the vehicle returns" + (f", but less than {reserve:.0%} will be left" if short else "")
+        short = battery.remaining - used < reserve
+        return f"{self.text}: the vehicle returns" + (f", but less than {reserve:.0%} may be left" if short else "")
 
     def _judge_ground(self, t_ns: int) -> str:
         """Reason to turn home because of the ground station, or ""."""

