@@ -28,14 +28,7 @@ SURVEY = GoalStep(
 
 DEMONSTRATION_S = 103.0
 """Time in the air of `jezero demo`'s mission."""
-NORMALLY_FLOWN = (3, 6, 9)
-SHORT_OF_LANDING = pytest.mark.xfail(
-    strict=True, reason="the takeoff's check plans 6 s for a landing, and the return to the rover takes more than 20 s"
-)
-TENTHS = [
-    pytest.param(tenth, marks=() if tenth in NORMALLY_FLOWN else [pytest.mark.slow, *[SHORT_OF_LANDING] * (tenth == 2)])
-    for tenth in range(1, 11)
-]
+TENTHS = [pytest.param(tenth, marks=() if tenth in (3, 6, 9) else pytest.mark.slow) for tenth in range(1, 11)]
 WAY_HOME = 0.14
 """Charge that the way home needs during the demonstration: 10 % and 30 to 40 s of flight."""
 

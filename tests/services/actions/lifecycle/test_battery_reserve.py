@@ -24,8 +24,10 @@ def battery(remaining: float | None, critical: float | None = 0.07) -> Battery:
     [
         (10.0, 0.0, 0.13, False),  # 12.5 % are sure, 5 % are used: 7.5 % are left
         (10.0, 0.0, 0.12, True),  # 11.5 % are sure: 6.5 % are left
-        (10.0, 2.0, 0.16, False),  # a landing from 2 m takes 2 / 0.5 + 2 = 6 s and 3 %: 7.5 % are left
-        (10.0, 3.5, 0.16, True),  # one from 3.5 m takes 9 s and 4.5 %: 6 % are left
+        (10.0, 2.0, 0.23, False),  # the way home takes 20 s and 10 %: 7.5 % are left
+        (10.0, 2.0, 0.22, True),
+        (10.0, 10.0, 0.24, False),  # a landing from 10 m takes 10 / 0.5 + 2 = 22 s and 11 %: 7.5 % are left
+        (10.0, 10.0, 0.23, True),
         (0.0, 0.0, 0.0, True),
     ],
 )
@@ -37,8 +39,8 @@ def test_what_is_left_after_the_flight_must_reach_the_critical_level(
 
 def test_the_reason_has_the_numbers_and_what_to_do() -> None:
     assert battery_refusal(10.0, 2.0, battery(0.12), HALF_PERCENT_PER_S) == (
-        "the battery is too low: 10 s of flight and 6 s for the landing after it use 8.0 %, only 11.5 % are sure to be "
-        "there, and 7.0 % must be left for the autopilot's return: charge the battery, or fly a shorter way"
+        "the battery is too low: 10 s of flight and 20 s for the way home after it use 15.0 %, only 11.5 % are sure to "
+        "be there, and 7.0 % must be left for the autopilot's return: charge the battery, or fly a shorter way"
     )
 
 
