@@ -23,6 +23,12 @@ class Worker:
             self._started = True
             threading.Thread(target=self._run, name="worker", daemon=True).start()
 
+    def wait(self) -> None:
+        """Wait until all tasks so far have been executed."""
+        done = threading.Event()
+        self.add(done.set)
+        done.wait()
+
     def _run(self) -> None:
         while True:
             task = self._tasks.get()

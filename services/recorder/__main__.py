@@ -20,7 +20,7 @@ from jezero.vehicle_config import VehicleConfig
 
 def main() -> int:
     """Record until SIGTERM, then finish the file."""
-    opened: list[RecordingFolder] = []
+    opened: list[tuple[Recorder, RecordingFolder]] = []
     worker = Worker()
 
     def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
@@ -29,12 +29,16 @@ def main() -> int:
         origin = about(bus="zenoh", vehicle=instance.vehicle, autopilot=chosen_autopilot())
         size_max_bytes = int(1e6 * config.file_size_max_mb)
         scene = ViewerScene(load_config(VehicleConfig, "vehicle"))
-        opened.append(RecordingFolder(folder, origin, size_max_bytes, config.image_format, scene))
-        return Recorder(opened[0].write, images=config.images != "none", execute=worker.add), {}
+        recordings = RecordingFolder(folder, origin, size_max_bytes, config.image_format, scene)
+        recorder = Recorder(recordings.write, images=config.images != "none", execute=worker.add)
+        opened.append((recorder, recordings))
+        return recorder, {}
 
     code = run_process("recorder", build)
-    for folder in opened:
-        folder.close()
+    for recorder, recordings in opened:
+        recorder.finish()
+        worker.wait()
+        recordings.close()
     return code
 
 

@@ -12,6 +12,8 @@ from jezero.schemas.units import NS_PER_S
 
 WAITING_MAX_BYTES = 64_000_000
 """Messages that arrive while the disk takes none are kept up to this size; later ones are lost."""
+IMAGES_WAITING_MAX_BYTES = 48_000_000
+"""An image is lost when this much waits already: the rest of the room is for all other messages, which are small."""
 WRITE_TIMEOUT_NS = NS_PER_S
 RETRY_PERIOD_NS = 2 * NS_PER_S
 
@@ -81,17 +83,26 @@ class Recorder:
             self._write_start_ns = None
             self._on_written(self._written.popleft(), inbox.wall_ns)
         if self._waiting and self._write_start_ns is None and inbox.wall_ns >= self._retry_ns:
-            batch = [(message.arrival_ns, message.topic, message.data) for message in self._waiting]
-            self._waiting, self._waiting_bytes = [], 0
             self._write_start_ns = inbox.wall_ns
-            self._execute(partial(self._write_batch, batch))
+            self._write_waiting()
         yield self._health(inbox.wall_ns)
+
+    def finish(self) -> None:
+        """Write what still waits, now that no step follows."""
+        if self._waiting:
+            self._write_waiting()
+
+    def _write_waiting(self) -> None:
+        batch = [(message.arrival_ns, message.topic, message.data) for message in self._waiting]
+        self._waiting, self._waiting_bytes = [], 0
+        self._execute(partial(self._write_batch, batch))
 
     def _take(self, messages: Sequence[SentMessage]) -> None:
         for message in messages:
             if message.topic in self._left_out:
                 continue
-            if self._waiting_bytes + len(message.data) > WAITING_MAX_BYTES:
+            limit_bytes = IMAGES_WAITING_MAX_BYTES if message.topic == topics.CAMERA.name else WAITING_MAX_BYTES
+            if self._waiting_bytes + len(message.data) > limit_bytes:
                 self._lost += 1
                 continue
             self._waiting.append(message)

@@ -14,7 +14,7 @@ from jezero.runtime.service import Inbox, Output, Publish, SentMessage, Spec
 from jezero.schemas import topics
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.sensors import Altimeter
-from jezero.services.recorder.service import WAITING_MAX_BYTES, Recorder
+from jezero.services.recorder.service import IMAGES_WAITING_MAX_BYTES, WAITING_MAX_BYTES, Recorder
 
 MB = 1_000_000
 Batch = Sequence[tuple[int, str, bytes]]
@@ -118,3 +118,33 @@ def test_a_disk_that_takes_nothing_any_more_is_named_and_the_memory_stays_bounde
     recorder._write_start_ns = 0
     stuck = recorder._health(3_000_000_000)
     assert stuck.state == "degraded" and "has not taken anything for 3 s" in stuck.text
+
+
+def test_images_that_wait_leave_room_for_all_other_messages() -> None:
+    recorder = Recorder(lambda batch: Progress(None, 0, ""), images=True)
+    image = b" " * MB
+    recorder._take([SentMessage(i, topics.CAMERA.name, image) for i in range(60)])
+    assert len(recorder._waiting) * MB == IMAGES_WAITING_MAX_BYTES
+    recorder._take([SentMessage(60, topics.ALTIMETER.name, b" " * 100)])
+    assert recorder._waiting[-1].topic == topics.ALTIMETER.name
+
+
+def test_what_waits_while_a_batch_is_written_is_written_at_the_end() -> None:
+    tasks: list[Callable[[], None]] = []
+    written: list[int] = []
+
+    def write(batch: Batch) -> Progress:
+        written.extend(arrival_ns for arrival_ns, _, _ in batch)
+        return Progress(None, 0, "")
+
+    recorder = Recorder(write, images=True, execute=tasks.append)
+    bus = MemoryBus(0)
+    bus.add(recorder)
+    bus.add(Sensor())
+    bus.run_for(2.0)
+    assert len(tasks) == 1, "the first batch is not written yet"
+    recorder.finish()
+    for task in tasks:
+        task()
+    assert written[-1] > 1.9e9
+    assert written == sorted(written)
