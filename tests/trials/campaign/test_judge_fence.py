@@ -1,6 +1,7 @@
 """The campaign's rules of fences find what breaks them, and excuse what no bridge can prevent."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import pytest
 
@@ -20,7 +21,12 @@ from jezero.trials.campaign.sent_goals import SentGoal
 S = 1_000_000_000
 STEP_NS = S // 10
 STILL = (0.0, 0.0, 0.0)
-LEVEL = (1.0, 0.0, 0.0, 0.0)
+AT_REST: dict[str, Any] = {
+    "epoch_id": 1,
+    "vel_uav_ned_mps": STILL,
+    "q_ned_from_frd": (1.0, 0.0, 0.0, 0.0),
+    "rates_uav_frd_rps": STILL,
+}
 FIELD = Zone(name="field", corners_ned_m=((-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)))
 CRATER = Zone(name="crater", corners_ned_m=((4.0, -2.0), (8.0, -2.0), (8.0, 2.0), (4.0, 2.0)))
 FENCE = Fence(keep_in=FIELD, keep_out=(CRATER,), ceiling_m=6.0)
@@ -56,17 +62,14 @@ class Flown:
 def truth(t_ns: int, pos_ned_m: Vec3) -> Truth:
     return Truth(
         t_ns=t_ns,
-        epoch_id=1,
         pos_uav_ned_m=pos_ned_m,
-        vel_uav_ned_mps=STILL,
-        q_ned_from_frd=LEVEL,
-        rates_uav_frd_rps=STILL,
         pos_rover_ned_m=STILL,
         vel_rover_ned_mps=STILL,
         yaw_rover_rad=0.0,
         wind_ned_mps=STILL,
         contact_force_n=0.0,
         armed_motors=True,
+        **AT_REST,
     )
 
 
@@ -84,14 +87,7 @@ def status(t_ns: int, code: StatusCode) -> Status:
 
 
 def odometry(t_ns: int, pos_ned_m: Vec3) -> Odometry:
-    return Odometry(
-        t_ns=t_ns,
-        epoch_id=1,
-        pos_uav_ned_m=pos_ned_m,
-        vel_uav_ned_mps=STILL,
-        q_ned_from_frd=LEVEL,
-        rates_uav_frd_rps=STILL,
-    )
+    return Odometry(t_ns=t_ns, pos_uav_ned_m=pos_ned_m, **AT_REST)
 
 
 @pytest.mark.parametrize(
