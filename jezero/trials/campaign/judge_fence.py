@@ -2,8 +2,8 @@
 
 **The promise** is by the vehicle's own estimate, as nothing that flies knows more: while the bridge flies the vehicle,
 the estimate is never more than `BEYOND_MAX_M` beyond the fence. No bridge can prevent that an estimate jumps over the
-fence while the vehicle stays where it is. The judge sees such a jump in the difference between estimate and truth. A jump
-that is longer than the distance which targets keep from the fence excuses as much as it is long.
+fence while the vehicle stays where it is. The judge sees such a jump in the difference between estimate and truth. A
+jump that is longer than the distance that targets keep from the fence excuses as much as it is long.
 
 Left out, until the vehicle is inside again, because the bridge couldn't act: status 13 (a failsafe, a pilot or a kill
 has control), and gaps in the odometry or in the setpoints that reach the autopilot (the bridge or the link was gone).
