@@ -41,6 +41,8 @@ class PauseJudge:
         self._action = find_action(server.spec.name)
         self._goals: dict[int, Goal] = {}
         """Goals by the ids of their requests."""
+        self._ended: set[str] = set()
+        """Ids of the goals that have ended."""
         self._moves_with_rover = False
         self._last: Setpoint | None = None
         self._point: Setpoint | None = None
@@ -64,10 +66,13 @@ class PauseJudge:
 
     def _on_reply(self, reply: Reply) -> None:
         payload: Any = reply.payload
-        if isinstance(payload, Accepted):
+        if isinstance(payload, Accepted | Result) and payload.goal_id in self._ended:
+            pass  # a goal that is sent again gets its old result, also while another goal is flown
+        elif isinstance(payload, Accepted):
             goal = self._goals.get(reply.request_id)
             self._moves_with_rover = getattr(goal, "frame", "world") == "rover"
         elif isinstance(payload, Result):
+            self._ended.add(payload.goal_id)
             self._wanted_s = self._last = self._point = None
         elif isinstance(payload, PauseReply) and payload.paused and self._point is None:
             self._wanted_s = 0.0 if self._wanted_s is None else self._wanted_s
