@@ -2,7 +2,8 @@
 # make demo       bring everything up, fly, land, plot
 # make lint       style (ruff), types (mypy --strict), contracts (import-linter); each is a target of its own too
 # make unit       the tests that need neither a flight nor a process: a minute or so
-# make test       every check there is
+# make test       the checks but for long flights: a quarter of an hour or so
+# make test-all   every check, long flights too: an hour or so; this is what the CI runs
 # make campaign   three minutes of missions with faults; the seeds follow from the commit
 # make broken     fly bridges that are broken on purpose with full physics until each is caught: ten minutes or so
 # make walk       run the commands of README and docs as a reader would: five minutes or so
@@ -21,7 +22,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 DOCS_INSTALLED := $(VENV)/.docs-installed
 
-.PHONY: setup demo lint style types contracts unit test campaign broken walk pages speed reference images docs
+.PHONY: setup demo lint style types contracts unit test test-all campaign broken walk pages speed reference images docs
 
 setup: $(INSTALLED)
 
@@ -51,6 +52,9 @@ unit: setup
 	$(BIN)/pytest -q -n 2 --dist loadgroup --ignore tests/scenario --ignore tests/system --ignore tests/statistical
 
 test: lint
+	$(BIN)/pytest -q -n 2 --dist loadgroup -m "not long and not slow"
+
+test-all: lint
 	$(BIN)/pytest -q -n 2 --dist loadgroup
 
 campaign: setup

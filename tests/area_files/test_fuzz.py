@@ -96,6 +96,7 @@ def test_no_damage_to_a_file_raises_anything_but_a_sentence(name: str, data: st.
     check_content(name, content, metres=metres, feature=data.draw(st.sampled_from((None, "1", "2", "orchard"))))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SHAPEFILE)
 @given(st.data())
 @LIMITS

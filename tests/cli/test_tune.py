@@ -15,6 +15,8 @@ from jezero.trials.landing.flight import fly_landing
 from jezero.trials.landing.trial import Conditions
 from tests.recording.rig import record
 
+pytestmark = pytest.mark.long
+
 TRUE_TOPICS = ("truth", "simulator/scene")
 
 

@@ -69,6 +69,7 @@ def test_images_may_have_been_taken_in_any_order_and_at_any_time(tmp_path: Path,
     assert result.alignment.after_m < 0.01 and distortion_m(result, ground) < 0.05
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("times_s", [{}, {3: 107.0, 4: 109.0, 5: 111.0}], ids=["times follow", "times apart"])
 @pytest.mark.parametrize("apart_m", [(1.2, 0.0), (-0.9, 0.8), (2.5, -1.0)])
 def test_two_flights_whose_positions_differ_are_one_map_without_a_step(

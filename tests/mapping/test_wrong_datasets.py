@@ -40,6 +40,7 @@ def changed(listing: dict[str, Any], rng: random.Random) -> None:
             image[field] = value
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(40))
 def test_a_dataset_with_wrong_fields_is_a_map_or_is_refused_with_a_reason(tmp_path: Path, seed: int) -> None:
     dataset(tmp_path)

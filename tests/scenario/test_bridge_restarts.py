@@ -10,6 +10,7 @@ import pytest
 from tests.scenario.bridge_restarts import RESTARTS, BridgeFlight
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("restart", "phase"), RESTARTS)
 def test_a_bridge_restarted_in_any_phase_takes_off_again(
     restart: Callable[[BridgeFlight, str], None], phase: str

@@ -70,6 +70,7 @@ def first_seed_that_breaks(rule: str, world: str) -> int | None:
     return None
 
 
+@pytest.mark.long
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("broken", BROKEN, ids=lambda broken: broken.__name__)
 @pytest.mark.parametrize("world", ["point-mass", pytest.param("physics", marks=pytest.mark.slow)])

@@ -51,6 +51,7 @@ class Comparison:
             self.delays_ns.append(t_ns - frame.t_ns)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mode", ["rendered", "projected"])
 def test_the_tag_detector_measures_the_position_over_the_rover(mode: str) -> None:
     try:

@@ -24,6 +24,7 @@ HASH = (
 )
 
 
+@pytest.mark.long
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("world", WORLDS)
 def test_a_mission_passes_and_replays_exactly_in_another_process(world: str) -> None:
@@ -54,6 +55,7 @@ def test_the_judges_table_of_transitions_equals_the_bridges() -> None:
     assert {(a, b) for a in codes for b in codes if is_allowed(a, b)} == ALLOWED
 
 
+@pytest.mark.long
 def test_a_vehicle_whose_simulator_is_gone_needs_no_commander() -> None:
     mission = Mission(1)
     mission.faults = [

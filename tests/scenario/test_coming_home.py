@@ -37,6 +37,7 @@ def on_the_rover(flight: MissionFlight) -> bool:
     return not flight.status.armed and distance(flight.truth.pos_uav_ned_m, flight.truth.pos_rover_ned_m) < 0.3
 
 
+@pytest.mark.long
 def test_a_goal_of_any_client_ends_while_the_battery_still_holds_the_way_home() -> None:
     flight = MissionFlight(AutopilotConfig(charge_at_start=0.24))
     flight.take_off(3.0)
@@ -48,6 +49,7 @@ def test_a_goal_of_any_client_ends_while_the_battery_still_holds_the_way_home() 
     assert flight.status.battery.remaining >= 0.1
 
 
+@pytest.mark.long
 def test_a_survey_goes_on_with_the_first_missing_image_after_a_change_of_the_battery() -> None:
     flight = MissionFlight(AutopilotConfig(charge_at_start=0.15, battery_swap_s=5.0))
     feedback: dict[str, ImagesFeedback] = {}
@@ -75,6 +77,7 @@ def test_a_survey_goes_on_with_the_first_missing_image_after_a_change_of_the_bat
     assert first.taken + second.taken == first.planned == second.planned
 
 
+@pytest.mark.long
 def test_a_person_who_ends_the_return_flies_on_and_is_not_overruled() -> None:
     flight = MissionFlight(AutopilotConfig(charge_at_start=0.24))
     flight.take_off(3.0)
@@ -85,6 +88,7 @@ def test_a_person_who_ends_the_return_flies_on_and_is_not_overruled() -> None:
     assert flight.status.name == "HOVER"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ground_loss_s", [0.0, 10.0])
 def test_a_lost_ground_station_brings_the_vehicle_home_only_where_that_is_set(ground_loss_s: float) -> None:
     flight = MissionFlight(config=MissionConfig(ground_loss_s=ground_loss_s))
@@ -101,6 +105,7 @@ def health() -> ServiceHealth:
     return ServiceHealth(t_ns=0, service="ground_station", boot_id=1, state="ok", text="")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("tenth", TENTHS)
 def test_a_battery_that_would_be_empty_at_a_tenth_of_the_demonstration_holds_the_way_home_or_says_why_not(
     tenth: int,

@@ -19,6 +19,8 @@ from jezero.services.simulator.config import SimulatorConfig
 from jezero.trials.stack import build_stack
 from tests.scenario.rig import Flight, go_to, land_at
 
+pytestmark = pytest.mark.long
+
 PLACES = 12
 FALLEN_TILT_DEG = 60.0
 SETPOINTS_END_S = READY_S + 16.0

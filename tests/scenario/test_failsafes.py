@@ -144,6 +144,7 @@ def test_without_gnss_it_comes_down_where_it_is() -> None:
     assert_lands_by_itself(flight, 40.0, away_m=12.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("seed", "height_m"), [(1, 12.0), (2, 12.0), (3, 12.0), (1, 30.0)])
 def test_losing_gnss_in_fast_flight_it_stops_and_touches_down_slowly(seed: int, height_m: float) -> None:
     flight, simulator = Flight.with_tampered_simulator(lambda m: m.get_msgId() != dialect.MAVLINK_MSG_ID_HIL_GPS, seed)

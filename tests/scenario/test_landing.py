@@ -29,6 +29,7 @@ def test_a_plain_landing_gives_a_report() -> None:
     assert report.rmse_m == {"below_3m": None, "3_to_8m": None}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("conditions", "error_max_m"),
     [

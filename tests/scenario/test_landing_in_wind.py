@@ -45,6 +45,7 @@ def test_a_landing_in_more_wind_than_the_limit_is_refused_with_the_wind_and_acce
     assert isinstance(flight.send(topics.LAND_ON_SPOT, LandOnSpotGoal(force=True)).replies[0], Accepted)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_vehicle_that_slides_on_the_platform_four_times_ends_in_a_hover_whose_reason_names_the_wind(
     seed: int,

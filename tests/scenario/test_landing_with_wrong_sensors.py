@@ -5,6 +5,8 @@ import pytest
 from jezero.trials.landing.flight import fly_landing
 from jezero.trials.landing.trial import Conditions
 
+pytestmark = pytest.mark.long
+
 
 @pytest.mark.parametrize(
     "conditions",

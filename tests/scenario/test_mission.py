@@ -22,6 +22,7 @@ print(fly_virtually(FLIGHT, 5).messages_sha256)
 """
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_log_also_in_another_process_and_another_seed_does_not() -> None:
     first = fly_virtually(FLIGHT, 5)
     assert first.result == "succeeded", first.reason

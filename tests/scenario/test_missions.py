@@ -64,6 +64,7 @@ def test_a_person_who_takes_control_interrupts_the_mission_until_a_command() -> 
     assert flight.wait_state("succeeded").step == 3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("then", "state", "step", "on_ground"),
     [("stop", "failed", 2, False), ("skip", "succeeded", 3, False), ("return", "failed", 2, True),

@@ -47,6 +47,7 @@ HEAVY = VehicleConfig(
 )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("vehicle", "use_uwb", "use_tag"),
     [(OTHER, True, True), (OTHER, False, True), (OTHER, True, False), (TURNED, False, True)],

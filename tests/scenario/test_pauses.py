@@ -33,6 +33,7 @@ def assert_same_result(plain: PausedGoal, paused: PausedGoal) -> None:
     assert paused.step_mps < max(plain.step_mps, touchdown_mps) + STEP_MARGIN_MPS
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_each_action_paused_at_random_instants_has_the_same_result(seed: int) -> None:
     plain, paused = both_flights(seed, "point-mass")

@@ -14,6 +14,8 @@ from jezero.trials.campaign.mission import Mission
 from jezero.trials.flight import fly_virtually
 from jezero.trials.recording import virtual_recording
 
+pytestmark = pytest.mark.long
+
 MISSION = (
     (topics.TAKEOFF, TakeoffGoal(altitude_m=2.0), 0.0),
     (topics.GET_IMAGES, GetImagesGoal(center_ned_m=(0.0, 0.0, -3.0), radius_m=2.0, num_images=2, frame="rover"), 0.0),

@@ -41,6 +41,7 @@ def rms_m(landing: Landing, measured: Series) -> float:
     return float(np.sqrt(np.mean(np.sum(error_m**2, axis=1))))
 
 
+@pytest.mark.long
 def test_the_demonstration_lands_on_the_rover_and_a_report_draws_it(flown: tuple[Path, FlightResult]) -> None:
     folder, flight = flown
     assert flight.result == "succeeded", flight.reason
@@ -52,6 +53,7 @@ def test_the_demonstration_lands_on_the_rover_and_a_report_draws_it(flown: tuple
     }  # fmt: skip
 
 
+@pytest.mark.long
 def test_a_landing_is_read_from_its_log(flown: tuple[Path, FlightResult], landing: Landing) -> None:
     assert [name for name, _, _ in landing.phases] == ["approach", "descent", "contact"]
     assert landing.phases[0][1] == 0.0

@@ -1,10 +1,14 @@
 """The way home, in virtual time with the whole stack."""
 
+import pytest
+
 from jezero.frames import distance, horizontal, subtract
 from jezero.schemas import topics
 from jezero.schemas.fence import Fence, SetFence, Zone
 from jezero.schemas.goals import ReturnHomeGoal
 from tests.scenario.rig import Flight, go_to
+
+pytestmark = pytest.mark.long
 
 
 def test_a_vehicle_far_out_of_sight_of_the_rover_returns_over_a_safe_height_and_lands_on_it() -> None:

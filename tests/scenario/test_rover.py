@@ -31,6 +31,7 @@ def riding() -> tuple[Flight, RoverDriver]:
     return flight, driver
 
 
+@pytest.mark.long
 def test_a_disarmed_vehicle_rides_along_and_takes_off_when_the_rover_stands() -> None:
     flight, driver = riding()
     before = flight.truth

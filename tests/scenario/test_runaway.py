@@ -40,6 +40,7 @@ def test_a_goal_in_a_storm_that_carries_the_vehicle_off_ends_with_distance_durat
     assert hypot(*flight.truth.vel_uav_ned_mps) < 1.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("error_deg", [45.0, 120.0])
 def test_a_compass_that_jumps_in_flight_neither_leads_the_vehicle_away_nor_ends_its_goal(error_deg: float) -> None:
     """The autopilot rejects a compass that contradicts the gyroscope."""

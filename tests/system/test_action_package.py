@@ -74,6 +74,7 @@ def test_its_own_tests_pass(package: Path, environment: dict[str, str]) -> None:
     assert "3 passed" in done.stdout
 
 
+@pytest.mark.long
 def test_the_command_line_lists_and_flies_it(hovering: Stack) -> None:
     listed = [json.loads(line) for line in hovering.jezero("action", "list", "--json").stdout.splitlines()]
     assert {"action": NAME, "from": "package", "goal": {"side_m": "1.0", "on_client_loss": '"continue"'}} in listed
@@ -136,6 +137,7 @@ def test_a_planner_that_raises_refuses_its_goal_and_its_server_lives(hovering: S
     assert "ZeroDivisionError" in hovering.jezero("logs", "broken").stdout
 
 
+@pytest.mark.long
 def test_the_campaign_flies_and_judges_it(environment: dict[str, str]) -> None:
     done = subprocess.run(
         [*JEZERO, "campaign", "--world", "point-mass", "--seeds", "0..5", "-v"],

@@ -9,6 +9,7 @@ from jezero.schemas import topics
 from tests.system.conftest import Stack
 
 
+@pytest.mark.long
 def test_a_program_with_asyncio_takes_off_stops_a_flight_and_lands(stack: Stack) -> None:
     altitudes_m: list[float] = []
 

@@ -39,6 +39,7 @@ def test_of_two_clients_one_is_refused_with_the_reason_and_a_third_aborts(stack:
         wait_for_status(third, lambda s: s.code == StatusCode.HOVER, 15, "hovering")
 
 
+@pytest.mark.long
 def test_stale_or_foreign_setpoints_are_not_executed(stack: Stack) -> None:
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
@@ -69,6 +70,7 @@ def test_stale_or_foreign_setpoints_are_not_executed(stack: Stack) -> None:
         goal.cancel()
 
 
+@pytest.mark.long
 def test_when_an_action_server_is_killed_its_client_gets_an_error_and_the_vehicle_hovers(stack: Stack) -> None:
     with stack.connect() as vehicle:
         vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
@@ -100,6 +102,7 @@ def test_when_an_action_server_is_killed_its_client_gets_an_error_and_the_vehicl
                 time.sleep(0.1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("down_s", [0.3, 0.9, 1.5, 3.0])
 def test_when_the_bridge_dies_the_autopilot_lands_by_itself(
     start_stack: Callable[..., Stack], tmp_path: Path, down_s: float

@@ -108,6 +108,7 @@ def all_reply(session: zenoh.Session, stack: Stack) -> bool:
     return all(any(reply.ok for reply in session.get(query, timeout=1.0)) for query in queries)
 
 
+@pytest.mark.long
 def test_frozen_action_servers_are_restarted_while_the_vehicle_hovers(shared_stack: Stack) -> None:
     before = shared_stack.processes()
     servers = set(before) - CORE
@@ -121,6 +122,7 @@ def test_frozen_action_servers_are_restarted_while_the_vehicle_hovers(shared_sta
     assert changed(shared_stack, before) == servers
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_bridge_that_dies_or_freezes_leaves_the_landing_to_the_autopilot_and_takes_off_again(
     shared_stack: Stack, number: signal.Signals
@@ -158,6 +160,7 @@ def test_frozen_autopilot_and_simulator_are_restarted_and_a_new_vehicle_gets_rea
     assert changed(shared_stack, before) == {"autopilot", "simulator"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("service", ["autopilot", "simulator"])
 def test_when_autopilot_or_simulator_dies_goals_are_aborted_and_a_new_vehicle_gets_ready(
     shared_stack: Stack, service: str
@@ -208,6 +211,7 @@ def test_a_router_that_dies_or_freezes_comes_back_and_no_other_service_is_restar
         vehicle.go_to(0.0, 0.0, -2.0).result(timeout_s=TIMEOUT_S)
 
 
+@pytest.mark.long
 def test_a_hung_service_is_restarted_and_a_crash_loop_is_given_up_with_the_reason(tmp_path: Path) -> None:
     compose = yaml.safe_load((config_directory().parent / "compose.yaml").read_text())
     services = {name: compose["services"][name] for name in ("router", "go_to")}
@@ -246,6 +250,7 @@ def test_after_a_stall_of_the_whole_machine_no_service_is_restarted(shared_stack
     assert not changed(shared_stack, before)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("still_s", "between_s"), [(0.4, (0.5,) * 3), (1.2, (0.5,) * 3), (0.7, (0.5, 0.015, 0.2, 0.005, 0.025, 0.1) * 2)]
 )

@@ -21,6 +21,7 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 MISSION = ((topics.TAKEOFF, TakeoffGoal(altitude_m=2.0), 1.0), (topics.LAND_ON_SPOT, LandOnSpotGoal(), 0.0))
 
 pytestmark = [
+    pytest.mark.long,
     pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on the path"),
     pytest.mark.timeout(600),
 ]

@@ -95,6 +95,7 @@ class GroundStation:
         self._socket.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_without_its_ground_station_it_lands_if_the_parameter_says_so(autopilot: str, unstarted: Stack) -> None:
     unstarted.choose_autopilot(autopilot)

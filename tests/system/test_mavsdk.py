@@ -18,6 +18,7 @@ CLIENT = Path(__file__).with_name("mavsdk_client.py")
 pytestmark = pytest.mark.skipif(find_spec("mavsdk") is None, reason="the package mavsdk is not installed")
 
 
+@pytest.mark.long
 def test_mavsdk_arms_takes_off_flies_and_lands_while_the_bridge_is_silent(
     start_stack: Callable[..., Stack], tap: Tap
 ) -> None:

@@ -5,6 +5,8 @@ import signal
 import subprocess
 from pathlib import Path
 
+import pytest
+
 from jezero import Unreachable
 from jezero.schemas.mission import MissionProgress
 from tests.system.conftest import JEZERO, Stack, wait_for
@@ -20,6 +22,7 @@ steps:
 """
 
 
+@pytest.mark.long
 def test_a_mission_goes_on_without_its_sender_and_waits_for_a_person_after_a_restart_of_its_service(
     stack: Stack, tmp_path: Path
 ) -> None:

@@ -13,6 +13,7 @@ from tests.scenario.test_own_estimator import program
 from tests.system.conftest import Stack, wait_for
 
 
+@pytest.mark.long
 def test_an_estimator_beside_a_stack_without_one_lands_on_the_rover(unstarted: Stack, tmp_path: Path) -> None:
     stack = unstarted.up("--profile", "sim", "--profile", "control")
     assert "estimator" not in stack.processes()

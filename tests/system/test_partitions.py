@@ -141,6 +141,7 @@ def assert_stays(recording: Recording, begin_s: float) -> None:
     assert max(math.dist(position(status), start_ned_m) for status in statuses) < STAYS_WITHIN_M
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("partition_s", [SHORT_S, LONG_S])
 @pytest.mark.parametrize("name", ["go_to", "vehicle_bridge"])
 def test_setpoints_that_a_partition_held_back_are_not_flown(

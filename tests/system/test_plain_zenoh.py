@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import pytest
 import zenoh
 
 from jezero import JezeroError, Vehicle
@@ -30,6 +31,7 @@ assert "jezero" not in sys.modules
 """
 
 
+@pytest.mark.long
 def test_a_plain_zenoh_session_takes_off_with_a_selector_and_gets_streamed_feedback(stack: Stack) -> None:
     selector = f"jezero/{stack.instance.vehicle}/@action/takeoff?altitude_m=3;_time=[..]"
     command = [sys.executable, "-c", PLAIN_CLIENT, stack.instance.router, selector]
@@ -85,6 +87,7 @@ def zenoh_get(stack: Stack, name: str) -> list[Any]:
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
+@pytest.mark.long
 def test_a_running_stack_describes_its_actions_as_the_command_line_does(stack: Stack) -> None:
     descriptions = {found["name"]: found for found in zenoh_get(stack, "action/*/description")}
     lines = stack.jezero("info", "actions", "--json").stdout.splitlines()
@@ -92,6 +95,7 @@ def test_a_running_stack_describes_its_actions_as_the_command_line_does(stack: S
     assert zenoh_get(stack, "action/go_to/description") == [descriptions["go_to"]]
 
 
+@pytest.mark.long
 def test_a_goal_of_an_action_that_does_not_exist_is_refused_with_the_nearest_that_does(stack: Stack) -> None:
     (refusal,) = zenoh_get(stack, "@action/takeof?altitude_m=3;_time=[..]")
     assert (refusal["type"], refusal["reason"].startswith("there is no action 'takeof'")) == ("rejected", True)
@@ -116,6 +120,7 @@ def test_an_action_whose_server_is_gone_is_unreachable_and_not_unknown(stack: St
         wait_for(lambda: reason().startswith("no server replies on @action/go_to"), 5.0, "unreachable")
 
 
+@pytest.mark.long
 def test_wildcard_get_put_and_delete_change_nothing(stack: Stack) -> None:
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')

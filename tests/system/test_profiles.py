@@ -63,6 +63,7 @@ def _is_ready(stack: Stack) -> bool:
     return bool(json.loads((stack.run_dir / "state.json").read_text())["ready"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("profiles", [("sim", "control"), ("control", "sim")])
 def test_profiles_started_apart_get_ready_in_either_order(
     unstarted: Stack, tmp_path: Path, profiles: tuple[str, str]

@@ -114,6 +114,7 @@ def measured(stack: Stack) -> Iterator[dict[str, float]]:
         longest_s[name] = max(after - before for before, after in pairwise([*times_s, time.monotonic()]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kinds", "lease_ms"),
     [

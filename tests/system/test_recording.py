@@ -56,6 +56,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
         return sorted((stack.run_dir / "recordings").glob("*.mcap"))
 
 
+@pytest.mark.long
 def test_three_flights_by_hand_leave_three_recordings_that_other_programs_accept(recordings: list[Path]) -> None:
     assert len(recordings) == 3
     for path in recordings:
@@ -65,6 +66,7 @@ def test_three_flights_by_hand_leave_three_recordings_that_other_programs_accept
         assert open_recording(path).summary().problem == ""
 
 
+@pytest.mark.long
 def test_every_service_of_real_processes_is_replayed_identically(recordings: list[Path]) -> None:
     for path in recordings:
         services = journaled_services(path)
@@ -157,6 +159,7 @@ def receive_until(client: FoxgloveClient, condition: Callable[[], object], descr
     wait_for(received, TIMEOUT_S, description)
 
 
+@pytest.mark.long
 def test_foxglove_watches_a_running_stack(stack: Stack) -> None:
     watch = stack.start("watch", "--foxglove", "--port", "0", "--json")
     assert watch.stdout is not None
@@ -181,6 +184,7 @@ def test_foxglove_watches_a_running_stack(stack: Stack) -> None:
         watch.communicate()
 
 
+@pytest.mark.long
 def test_foxglove_goes_on_watching_after_a_restart_of_the_stack(unstarted: Stack) -> None:
     unstarted.up()
     watch = unstarted.start("watch", "--foxglove", "--port", "0", "--json")

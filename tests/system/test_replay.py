@@ -207,6 +207,7 @@ def image_of(sequence: int) -> CameraFrame:
     )
 
 
+@pytest.mark.long
 def test_a_replay_is_refused_where_the_vehicle_flies(flight: Path, stack: Stack) -> None:
     stack.jezero("takeoff", "2")
     refused = stack.jezero("replay", str(flight), check=False)

@@ -84,6 +84,7 @@ def test_a_jump_reaches_pythons_clock_and_zenohs_but_not_the_monotonic_one(wall_
         process.stdin.close()
 
 
+@pytest.mark.long
 def test_a_wall_clock_that_jumps_in_flight_changes_nothing(stack: Stack, wall_clock: WallClock) -> None:
     statuses: list[dict[str, Any]] = []
     stack.jezero("takeoff", "2")
