@@ -116,7 +116,9 @@ def _origin_deg(uav: "Vehicle") -> "Sequence[float] | None":
 
 
 def _follow(printer: Printer, uav: "Vehicle", mission_id: str) -> None:
-    """Show the progress of a mission until its end."""
+    """Show the progress of a mission until its end, or until the vehicle is not heard any more."""
+    from jezero.client import Unreachable
+
     try:
         for progress in _changes(uav, mission_id):
             _show(printer, progress)
@@ -124,6 +126,8 @@ def _follow(printer: Printer, uav: "Vehicle", mission_id: str) -> None:
     except KeyboardInterrupt:
         printer.event("interrupted", GOES_ON, mission_id=mission_id)
         return
+    except Unreachable as error:
+        raise Unreachable(f"{error}\nwhere only the link to the vehicle is lost, {GOES_ON}") from None
     if last.state != "succeeded":
         raise SystemExit(ABORTED)
 
