@@ -64,6 +64,7 @@ class Feedback(Payload, Generic[F], frozen=True, kw_only=True, tag_field="type",
         remaining_s: time to the goal's end by its plan, without waits for wind, rover or a pause. None where it is
             unknown.
         paused: the goal is paused, and the vehicle hovers.
+        changes: how often the goal's fields were changed since its start.
     """
 
     goal_id: Name
@@ -72,6 +73,7 @@ class Feedback(Payload, Generic[F], frozen=True, kw_only=True, tag_field="type",
     feedback: F
     remaining_s: NonNegative | None = None
     paused: bool = False
+    changes: Annotated[int, Meta(ge=0)] = 0
 
 
 class Result(Payload, Generic[R], frozen=True, kw_only=True, tag_field="type", tag="result"):
@@ -102,6 +104,7 @@ class FeedbackMessage(Message, Generic[F], frozen=True, kw_only=True):
         feedback: progress, in the action's own type.
         remaining_s: time to the goal's end by its plan, see `Feedback`.
         paused: the goal is paused, see `Feedback`.
+        changes: how often the goal's fields were changed, see `Feedback`.
     """
 
     goal_id: Name
@@ -110,6 +113,7 @@ class FeedbackMessage(Message, Generic[F], frozen=True, kw_only=True):
     feedback: F
     remaining_s: NonNegative | None = None
     paused: bool = False
+    changes: Annotated[int, Meta(ge=0)] = 0
 
 
 class PlannedCoverage(Payload, frozen=True, kw_only=True):

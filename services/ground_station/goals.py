@@ -14,7 +14,7 @@ from jezero.services.ground_station.words import duration
 
 FEEDBACK_AGE_MAX_S = 2.0
 ASKED_AGAIN_S = 3.0
-"""Period of requests for a goal that no server admits to fly yet, or of which images are missing."""
+"""Period of requests for a goal that no server admits to fly yet, that was changed, or of which images are missing."""
 Point = list[float]
 
 
@@ -30,6 +30,7 @@ class GoalView:
         path: (n, 3) path that it flies in the world, NED; empty where it is not known.
         pictures: (n, 2) places of all planned images, by index.
         images: images taken so far, by index.
+        changes: number of changes of the goal that are known here.
     """
 
     goal_id: str
@@ -39,6 +40,7 @@ class GoalView:
     path: list[Point] = field(default_factory=list)
     pictures: list[Point] = field(default_factory=list)
     images: dict[int, Image] = field(default_factory=dict)
+    changes: int = 0
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,7 @@ class _Feedback:
     fields: dict[str, Any]
     remaining_s: float | None
     paused: bool
+    changes: int
 
 
 class Goals:
@@ -64,6 +67,8 @@ class Goals:
         self._in_charge = ""
         self._feedback: _Feedback | None = None
         self._asked_s = -ASKED_AGAIN_S
+        self._asked_changes = 0
+        """Number of changes of the goal, at the last request."""
 
     def on_status(self, status: Status) -> None:
         """Follow the goal in charge."""
@@ -83,7 +88,7 @@ class Goals:
     def on_feedback(self, now_s: float, message: FeedbackMessage[Any]) -> None:
         """Take in feedback of any goal, as a struct or as its fields."""
         fields: dict[str, Any] = msgspec.to_builtins(message.feedback)
-        self._feedback = _Feedback(now_s, message.goal_id, fields, message.remaining_s, message.paused)
+        self._feedback = _Feedback(now_s, message.goal_id, fields, message.remaining_s, message.paused, message.changes)
         images = fields.get("images")
         if not images or self.view is None or self.view.goal_id != message.goal_id:
             return
@@ -98,12 +103,13 @@ class Goals:
         view = self.view
         if view is None or view.goal_id != self._in_charge or now_s - self._asked_s < ASKED_AGAIN_S:
             return False
-        taken = 0
+        taken = changes = 0
         if self._feedback is not None and self._feedback.goal_id == view.goal_id:
-            taken = self._feedback.fields.get("taken", 0)
-        if view.clients is not None and len(view.images) >= taken:
+            taken, changes = self._feedback.fields.get("taken", 0), self._feedback.changes
+        if view.clients is not None and len(view.images) >= taken and view.changes == changes:
             return False
         self._asked_s = now_s
+        self._asked_changes = changes
         return True
 
     def on_running(self, running: RunningGoal | None) -> None:
@@ -111,7 +117,7 @@ class Goals:
         view = self.view
         if running is None or view is None or running.goal_id != view.goal_id:
             return
-        view.clients, view.goal = running.clients, running.goal
+        view.clients, view.goal, view.changes = running.clients, running.goal, self._asked_changes
         view.images |= {image.index: image for image in running.images}
         view.path, view.pictures = [list(point) for point in running.path_ned_m], _places_of_images(running)
         self.changes += 1

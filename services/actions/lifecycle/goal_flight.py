@@ -97,6 +97,8 @@ class GoalFlight:
         self._deadline_ns = 0
         self._retry_ns: int | None = None
         self._sequence = 0
+        self._changes = 0
+        """Number of changes of the goal in force so far."""
         self._first_step = True
         self._move: Move | None = None
         self._setpoint_ns = 0
@@ -168,7 +170,9 @@ class GoalFlight:
     def go_on(self, behaviour: Behaviour | None = None) -> None:
         """Go on after a stop for a change: with the behaviour of the changed goal, or with the present one."""
         self._pause.changing = False
-        self._behaviour = behaviour or self._behaviour
+        if behaviour is not None:
+            self._behaviour = behaviour
+            self._changes += 1
 
     def goal_time_ns(self, t_ns: int) -> int:
         """The goal's own time at a time of the vehicle."""
@@ -284,6 +288,7 @@ class GoalFlight:
             feedback=content,
             remaining_s=None if rest is None else rest.time_s,
             paused=self._pause.paused,
+            changes=self._changes,
         )
 
     def _publish_feedback(self, t_ns: int, feedback: Feedback[Any]) -> Iterator[Output]:
@@ -301,6 +306,7 @@ class GoalFlight:
             feedback=feedback.feedback,
             remaining_s=feedback.remaining_s,
             paused=feedback.paused,
+            changes=feedback.changes,
         )
         yield Publish(self._feedback_topic, message)
 

@@ -31,10 +31,18 @@ def flying(action: str = "area_coverage", goal_id: str = "py-1-1") -> Goals:
 
 
 def feedback(
-    goal_id: str = "py-1-1", taken: int = 0, images: tuple[Image, ...] = ()
+    goal_id: str = "py-1-1", taken: int = 0, images: tuple[Image, ...] = (), changes: int = 0
 ) -> FeedbackMessage[dict[str, Any]]:
     fields = {"phase": "flying", "taken": taken, "planned": 12, "images": msgspec.to_builtins(images)}
-    return FeedbackMessage(t_ns=0, goal_id=goal_id, action="area_coverage", code=10, feedback=fields, remaining_s=75.0)
+    return FeedbackMessage(
+        t_ns=0,
+        goal_id=goal_id,
+        action="area_coverage",
+        code=10,
+        feedback=fields,
+        remaining_s=75.0,
+        changes=changes,
+    )
 
 
 def test_the_progress_of_another_clients_goal_is_shown() -> None:
@@ -86,6 +94,18 @@ def test_the_servers_are_asked_once_for_a_goal_and_again_for_images_that_are_mis
     assert not goals.wants_running(20.0)
     goals.on_feedback(20.0, feedback(taken=2, images=(IMAGE,)))
     assert goals.wants_running(20.1)
+
+
+def test_the_servers_are_asked_for_the_new_way_of_a_goal_that_was_changed() -> None:
+    goals = flying()
+    assert goals.wants_running(10.0)
+    goals.on_running(RunningGoal(action="area_coverage", goal_id="py-1-1"))
+    goals.on_feedback(20.0, feedback(changes=1))
+    assert goals.wants_running(20.1)
+    assert goals.wants_running(30.0)  # no reply came
+    goals.on_running(RunningGoal(action="area_coverage", goal_id="py-1-1", path_ned_m=((1.0, 2.0, -3.0),)))
+    assert not goals.wants_running(40.0)
+    assert goals.drawing()["path"] == [[1.0, 2.0, -3.0]]
 
 
 def test_a_coverage_is_drawn_with_its_plan_and_the_images_that_are_taken() -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from jezero.frames import distance, norm
 from jezero.schemas import topics
-from jezero.schemas.actions import GetRunning, Modify, ModifyReply, Pause
+from jezero.schemas.actions import Feedback, GetRunning, Modify, ModifyReply, Pause
 from jezero.schemas.goals import GetImagesGoal, GoToGoal, LandOnSpotGoal, TakeoffGoal
 from tests.services.actions.lifecycle.test_pause import assert_continuous, request
 from tests.services.actions.rig import FAR, World
@@ -40,7 +40,9 @@ def test_a_flight_goes_on_at_its_new_speed() -> None:
     world.bus.run_for(5.0)
     assert norm(world.bridge.vel_ned_mps) == pytest.approx(0.5, abs=0.05)
     assert modify(world, "far", speed_mps=4.0).modified
+    assert not modify(world, "far", speed_mps=-1.0).modified
     assert world.end(answers, 30.0).outcome == "succeeded"
+    assert [reply.changes for reply in answers.replies if isinstance(reply, Feedback)][-1] == 2
     assert_continuous(world.bridge.setpoints)
 
 
