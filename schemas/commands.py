@@ -88,7 +88,7 @@ class AcquireReply(Payload, frozen=True, kw_only=True):
     Attributes:
         granted: the goal has control, or with `check_only` would get it.
         reason: reason of a refusal, for people.
-        control_id: id of the grant, for setpoints and for the release.
+        control_id: id of the grant, for setpoints and for the release; nobody else gets to know it.
         bridge_boot_id: id of this run of the bridge; every run has another one.
         grants: number of grants in this run of the bridge, this one included; a `Status` with a smaller number is older
             than the reply.

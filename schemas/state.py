@@ -122,7 +122,8 @@ class Status(Message, frozen=True, kw_only=True):
         in_charge: source of the present setpoints: nobody, a goal, a hover, somebody external, or a failsafe.
         goal_id: id of the goal in charge; "" without one.
         action: name of the action of the goal in charge; "" without one.
-        control_id: control id of the grant of the goal in charge; "" without one.
+        grant: number of the grant of the goal in charge, see `AcquireReply.grants`; 0 without one. Its control id is a
+            secret of the bridge and the action server.
         bridge_boot_id: id of this run of the bridge; every run has another one.
         grants: number of grants in this run of the bridge.
         interventions: number of clients' requests to hover, abort or kill in this run of the bridge.
@@ -150,7 +151,7 @@ class Status(Message, frozen=True, kw_only=True):
     in_charge: InCharge
     goal_id: str = ""
     action: str = ""
-    control_id: str = ""
+    grant: Annotated[int, Meta(ge=0)] = 0
     bridge_boot_id: int
     grants: Annotated[int, Meta(ge=0)] = 0
     interventions: Annotated[int, Meta(ge=0)] = 0

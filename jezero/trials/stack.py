@@ -77,7 +77,13 @@ def service_makers(
         "camera": lambda boot: make_camera(camera, simulator, robot, seed),
         "autopilot": lambda _: Autopilot(autopilot, robot, system_id=system_id),
         "vehicle_bridge": lambda boot: VehicleBridge(
-            bridge, robot, system_id=system_id, boot_id=boot, fence=kept_fences[-1], keep_fence=kept_fences.append
+            bridge,
+            robot,
+            system_id=system_id,
+            boot_id=boot,
+            secret=f"{boot:x}",
+            fence=kept_fences[-1],
+            keep_fence=kept_fences.append,
         ),
         "tag_detector": lambda boot: TagDetector(load_config(TagDetectorConfig, "tag_detector"), robot),
         "estimator": lambda boot: Estimator(estimator, robot),

@@ -39,7 +39,7 @@ class Authority:
         interventions: number of requests to hover, abort or kill so far.
     """
 
-    def __init__(self, config: VehicleBridgeConfig, robot: VehicleConfig, boot_id: int) -> None:
+    def __init__(self, config: VehicleBridgeConfig, robot: VehicleConfig, secret: str) -> None:
         self.code = StatusCode.IDLE
         self.text = "the bridge has started"
         self.target: Target | None = None
@@ -50,7 +50,7 @@ class Authority:
         self.changes: list[ControlState] = []
         self.interventions = 0
         self._robot = robot
-        self._grants = Grants(boot_id)
+        self._grants = Grants(secret)
         self._external_holder: InCharge = "failsafe"
         self._takeover = TakeoverDetector()
         self._unarmable_mode = UnarmableModeDetector()

@@ -22,11 +22,11 @@ class Grants:
         history: past goals.
     """
 
-    def __init__(self, boot_id: int) -> None:
+    def __init__(self, secret: str) -> None:
         self.present: Grant | None = None
         self.count = 0
         self.history = GoalHistory()
-        self._boot_id = boot_id
+        self._secret = secret
 
     def acquire(self, request: Acquire, code: StatusCode, text: str, vehicle: VehicleSnapshot) -> str | None:
         """Give control to a goal; returns the reason for a refusal, or None with a new `present`.
@@ -44,7 +44,7 @@ class Grants:
             return refusal
         self.count += 1
         self.present = Grant(
-            control_id=f"{self._boot_id:x}-{self.count}",
+            control_id=f"{self._secret}-{self.count}",
             goal_id=request.goal_id,
             action=request.action,
             phases=phases_of(request.action, code),
@@ -61,7 +61,7 @@ class Grants:
             in_charge=in_charge,
             goal_id="" if grant is None else grant.goal_id,
             action="" if grant is None else grant.action,
-            control_id="" if grant is None else grant.control_id,
+            grant=0 if grant is None else self.count,
             grants=self.count,
             interventions=interventions,
             text=text,

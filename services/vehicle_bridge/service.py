@@ -77,6 +77,7 @@ class VehicleBridge:
         robot: the vehicle itself, with the limits of a hover point.
         system_id: MAVLink system id of the vehicle.
         boot_id: differs between two runs of the bridge.
+        secret: part of the control ids that nobody can guess; differs between two runs of the bridge.
         actions: names of all actions; requests to others are refused.
         fence: the fence at the start; None for none.
         keep_fence: keeps a fence that was set by a request over a restart of the bridge.
@@ -88,6 +89,7 @@ class VehicleBridge:
         robot: VehicleConfig,
         system_id: int,
         boot_id: int,
+        secret: str,
         actions: Collection[str] = tuple(ACTIONS),
         fence: Fence | None = None,
         keep_fence: Callable[[Fence | None], None] = lambda fence: None,
@@ -97,6 +99,7 @@ class VehicleBridge:
             "robot": robot,
             "system_id": system_id,
             "boot_id": boot_id,
+            "secret": secret,
             "actions": tuple(actions),
             "fence": fence,
         }
@@ -106,7 +109,7 @@ class VehicleBridge:
         self._actions = actions
         self._link = AutopilotLink(system_id, config.parameters)
         self._foreign_setpoints = ForeignSetpointDetector()
-        self._authority = Authority(config, robot, boot_id)
+        self._authority = Authority(config, robot, secret)
         self._fence = FenceHolder(self._authority.fence, self._link.fence, fence, keep_fence)
         self._wind = WindEstimator(robot.airframe)
         self._epoch_id: int | None = None
@@ -350,7 +353,7 @@ class VehicleBridge:
             in_charge=control_state.in_charge,
             goal_id=control_state.goal_id,
             action=control_state.action,
-            control_id=control_state.control_id,
+            grant=control_state.grant,
             bridge_boot_id=self._boot_id,
             grants=control_state.grants,
             interventions=control_state.interventions,

@@ -124,7 +124,7 @@ class ControlState(msgspec.Struct, frozen=True):
     in_charge: InCharge
     goal_id: str
     action: str
-    control_id: str
+    grant: int
     grants: int
     interventions: int
     text: str
@@ -133,4 +133,4 @@ class ControlState(msgspec.Struct, frozen=True):
     @property
     def visible(self) -> tuple[object, ...]:
         """Fields whose change is published at once."""
-        return self.code, self.in_charge, self.control_id, self.interventions, self.paused
+        return self.code, self.in_charge, self.grant, self.interventions, self.paused

@@ -184,7 +184,7 @@ def test_a_pilot_may_take_over_from_a_failsafe_and_the_new_bridge_says_so() -> N
     flight.take_off(6.0)
     flight.bus.remove("vehicle_bridge")
     flight.bus.run_for(2.0)
-    bridge = VehicleBridge(VehicleBridgeConfig(), VehicleConfig(), system_id=1, boot_id=2)
+    bridge = VehicleBridge(VehicleBridgeConfig(), VehicleConfig(), system_id=1, boot_id=2, secret="s2")
     flight.bus.add(bridge)
     flight.wait(lambda: flight.status.bridge_boot_id == 2 and flight.status.armed, 2.0, "the new bridge")
     assert (flight.status.code, flight.status.in_charge) == (Code.EXTERNAL, "failsafe")

@@ -90,7 +90,7 @@ def assert_bridge_silent(statuses: list[tuple[int, Status]], sent: list[Passed],
     assert len(external) >= len(armed) - 2 > 0  # the bridge may know of arming just before its status changes
     assert {s.in_charge for _, s in external} == {"external"}
     assert [m for m in dict.fromkeys(s.autopilot_mode for _, s in external) if m != "AUTO.LOITER"] == modes
-    assert not any(s.control_id or s.goal_id for _, s in external)
+    assert not any(s.grant or s.goal_id for _, s in external)
     begin_ns, end_ns = external[0][0], external[-1][0] - STATUS_DELAY_MAX_NS
     codec = MavlinkCodec(255, 0)
     messages = [(t_ns, message) for t_ns, data in sent for message in codec.parse(data) if t_ns > statuses[0][0]]

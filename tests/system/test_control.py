@@ -14,12 +14,12 @@ import yaml
 import zenoh
 
 from jezero import Aborted, Refused, Unreachable
-from jezero.codec import encode
+from jezero.codec import decode, encode
 from jezero.runtime.config import config_directory
 from jezero.schemas import topics
 from jezero.schemas.commands import Phase, Setpoint
 from jezero.schemas.state import StatusCode
-from tests.system.conftest import Stack, wait_for_status
+from tests.system.conftest import Stack, wait_for, wait_for_status
 
 DISARM_WITHIN_S = 30.0
 
@@ -49,16 +49,20 @@ def test_stale_or_foreign_setpoints_are_not_executed(stack: Stack) -> None:
     with stack.connect() as vehicle, zenoh.open(config) as session:
         vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
         goal = vehicle.go_to(0.0, 0.0, -8.0, speed_mps=0.5)
-        wait_for_status(vehicle, lambda s: bool(s.control_id), 5, "in charge")
+        wait_for_status(vehicle, lambda s: s.grant > 0, 5, "in charge")
+        setpoints: list[bytes] = []
+        with session.declare_subscriber(key, lambda sample: setpoints.append(sample.payload.to_bytes())):
+            wait_for(lambda: setpoints, 5, "a setpoint of the goal")
+        secret = decode(Setpoint, setpoints[0]).control_id
         worst_m = 0.0
         for number in range(100):
             status = vehicle.status()
             assert status.odometry is not None
             worst_m = max(worst_m, abs(status.odometry.pos_uav_ned_m[0]))
-            for control_id, age_ns in ((status.control_id, 350_000_000), ("somebody", 0)):
+            for control_id, age_ns in ((secret, 350_000_000), ("somebody", 0)):
                 stale = Setpoint(
                     t_ns=max(0, status.odometry.t_ns - age_ns),
-                    control_id=control_id or "nobody",
+                    control_id=control_id,
                     sequence=1_000_000 + number,
                     phase=Phase.GO_TO,
                     pos_ned_m=(20.0, 0.0, -2.0),

@@ -72,6 +72,8 @@ class BridgeJudge:
         self._target: SentTarget | None = None
         self._target_offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
         self._streamed_ns: int | None = None
+        self._control_ids: dict[int, str] = {}
+        """Control ids by the numbers of their grants, which the status has."""
         self._owner = ("", 0)
         """Control id of the last grant or accepted setpoint, and its time."""
         self._take_back_ns: int | None = None
@@ -130,28 +132,32 @@ class BridgeJudge:
             allowed = (Code(previous.code), code) in ALLOWED
             self._judge.check(allowed, t_ns, "only allowed status transitions", text)
 
-        if status.control_id and code in IN_PROGRESS:
+        if (control_id := self._control_id(status)) and code in IN_PROGRESS:
             flights = self._flights.setdefault(status.goal_id, set())
-            flights.add(status.control_id)
+            flights.add(control_id)
             text = f"goal {status.goal_id} flies for the {len(flights)}th time"
             self._judge.check(len(flights) == 1, t_ns, "a goal sent twice runs once", text)
 
     def _on_grant(self, t_ns: int, reply: AcquireReply, inbox: Inbox) -> None:
         """Check that control is granted to one goal at a time."""
-        previous = self._previous
-        held = "" if previous is None else previous.control_id
+        self._control_ids[reply.grants] = reply.control_id
+        held = self._control_id(self._previous)
         ended = any(inbox.requests(e) for e in (topics.RELEASE, topics.HOVER, topics.ABORT, topics.KILL))
         once = held in ("", reply.control_id) or ended
         text = f"{reply.control_id} is granted while {held} is in charge"
         self._judge.check(once, t_ns, "one owner at most", text)
         self._owner = (reply.control_id, t_ns) if self._owner[0] != reply.control_id else self._owner
 
+    def _control_id(self, status: Status | None) -> str:
+        """Control id of the goal in charge by a status, "" without one."""
+        return "" if status is None else self._control_ids.get(status.grant, "")
+
     # -- MAVLink -------------------------------------------------------------------------------------------
 
     def _judge_step(self, t_ns: int, inbox: Inbox, status: Status, sent: list[MavMessage]) -> None:
         allowed = [setpoint for setpoint in inbox.new(topics.SETPOINT) if self._is_allowed(t_ns, setpoint, status)]
         if allowed:
-            self._owner = (status.control_id, t_ns)
+            self._owner = (self._control_id(status), t_ns)
             self._followed = allowed
         self._judge_owner(t_ns, inbox, status)
         silent = status.code == Code.EXTERNAL and self._previous is not None and self._previous.code == Code.EXTERNAL
@@ -164,17 +170,18 @@ class BridgeJudge:
 
     def _is_allowed(self, t_ns: int, setpoint: Setpoint, status: Status) -> bool:
         """Whether the bridge may fly this setpoint, by its owner and age."""
-        owner = status.control_id or ("" if self._previous is None else self._previous.control_id)
+        owner = self._control_id(status) or self._control_id(self._previous)
         age_s = (t_ns - setpoint.t_ns) / NS_PER_S
         return bool(owner) and setpoint.control_id == owner and -LEAD_MAX_S <= age_s <= AGE_MAX_S
 
     def _judge_owner(self, t_ns: int, inbox: Inbox, status: Status) -> None:
-        if not status.control_id:
+        in_charge = self._control_id(status)
+        if not in_charge:
             return
         owner, since_ns = self._owner
         silent_s = (t_ns - since_ns) / NS_PER_S
-        if status.control_id != owner or silent_s > SILENT_OWNER_MAX_S:
-            text = f"{status.control_id} is in charge, its last setpoint came {silent_s:.2f} s ago"
+        if in_charge != owner or silent_s > SILENT_OWNER_MAX_S:
+            text = f"{in_charge} is in charge, its last setpoint came {silent_s:.2f} s ago"
             self._judge.check(False, t_ns, "a silent goal loses control", text)
         if any(request.payload.control_id == owner for request in inbox.requests(topics.RELEASE)):
             text = f"{owner} released control and is still in charge"
@@ -207,9 +214,9 @@ class BridgeJudge:
             return
         if self._may_fence_change(sent):
             return
-        if status.control_id and not self._is_requested_hover(inbox, status, sent):
+        if status.grant and not self._is_requested_hover(inbox, status, sent):
             explained = any(self._matches_setpoint(setpoint, sent) for setpoint in allowed)
-            text = f"{sent.pos_ned_m}, {sent.vel_ned_mps} matches no recent setpoint of {status.control_id}"
+            text = f"{sent.pos_ned_m}, {sent.vel_ned_mps} matches no recent setpoint of {self._control_id(status)}"
             self._judge.check(explained, t_ns, "only the owner's fresh setpoints", text)
         elif status.code == Code.HOVER and sent.pos_ned_m is not None:
             self._judge_hover_point(t_ns, inbox, sent.pos_ned_m, previous, moved_ned_m)
@@ -237,7 +244,7 @@ class BridgeJudge:
         stays = was_ned_m is not None and dist(add(was_ned_m, moved_ned_m), pos_ned_m) < SAME_DISTANCE_MAX_M
         if stays or inbox.requests(topics.HOVER):
             return
-        if self._previous is not None and self._previous.code == Code.HOVER and not self._previous.control_id:
+        if self._previous is not None and self._previous.code == Code.HOVER and not self._previous.grant:
             text = f"from {was_ned_m} to {pos_ned_m} without a request"
             self._judge.check(False, t_ns, "no jump of a hover point", text)
         elif self._odometry is not None:

@@ -279,7 +279,7 @@ class Mission:
         if status is None or truth is None or self._truth.speed_mps > STEADY_SPEED_MAX_MPS:
             return False
         landed = status.code == StatusCode.IDLE and not status.armed and not truth.armed_motors
-        return landed or (status.code == StatusCode.HOVER and not status.control_id)
+        return landed or (status.code == StatusCode.HOVER and not status.grant)
 
     # -- goals ---------------------------------------------------------------------------------------------
 

@@ -96,7 +96,13 @@ def _point_mass_makers(seed: int) -> Makers:
     return {
         NAME: partial(PointMass, config, place, vehicle, SYSTEM_ID, seed),
         BRIDGE: lambda boot: VehicleBridge(
-            bridge, vehicle, system_id=SYSTEM_ID, boot_id=boot, fence=kept_fences[-1], keep_fence=kept_fences.append
+            bridge,
+            vehicle,
+            system_id=SYSTEM_ID,
+            boot_id=boot,
+            secret=f"{boot:x}",
+            fence=kept_fences[-1],
+            keep_fence=kept_fences.append,
         ),
         BLANK_CAMERA: lambda boot: _blank_camera(vehicle, publishes_info=True),
         **{name: partial(action_server, name, config=actions) for name in action_names()},

@@ -40,7 +40,7 @@ class ControlLease:
 
     def is_ours(self, status: Status) -> bool:
         """Whether the goal is in charge by this status."""
-        return status.bridge_boot_id == self._grant.bridge_boot_id and status.control_id == self._grant.control_id
+        return status.bridge_boot_id == self._grant.bridge_boot_id and status.grant == self._grant.grants
 
     def loss_reason(self, t_ns: int, inbox: Inbox) -> str:
         """Reason why this goal isn't in charge any more and needs no release, or ""."""

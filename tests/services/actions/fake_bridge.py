@@ -189,7 +189,7 @@ class FakeBridge:
                 armed=self.code != StatusCode.IDLE,
                 landed=self.landed,
                 in_charge="goal" if self.control_id else "none",
-                control_id=self.control_id,
+                grant=self.grants if self.control_id else 0,
                 bridge_boot_id=self.boot_id,
                 grants=self.grants,
                 epoch_id=self.epoch_id,

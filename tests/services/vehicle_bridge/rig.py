@@ -20,6 +20,7 @@ from jezero.vehicle_config import VehicleConfig
 
 STEP_NS = 20_000_000
 BOOT_ID = 0xB0
+SECRET = "secret"
 MODES = {"OFFBOARD": 6 << 16, "POSCTL": 3 << 16, "LOITER": 4 << 16 | 3 << 24, "LAND": 4 << 16 | 6 << 24}
 CRITICAL = dialect.MAV_STATE_CRITICAL
 ARM, SET_MODE = dialect.MAV_CMD_COMPONENT_ARM_DISARM, dialect.MAV_CMD_DO_SET_MODE
@@ -255,7 +256,7 @@ class Rig:
 
     def __init__(self, config: VehicleBridgeConfig | None = None, robot: VehicleConfig | None = None) -> None:
         self.bridge = VehicleBridge(
-            config or VehicleBridgeConfig(), robot or VehicleConfig(), system_id=1, boot_id=BOOT_ID
+            config or VehicleBridgeConfig(), robot or VehicleConfig(), system_id=1, boot_id=BOOT_ID, secret=SECRET
         )
         self.autopilot = FakeAutopilot()
         self.box = Box()

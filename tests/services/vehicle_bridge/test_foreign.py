@@ -12,7 +12,7 @@ from jezero.schemas.commands import Hover, Phase
 from jezero.schemas.topics import HOVER
 from jezero.services.vehicle_bridge.foreign_setpoints import ForeignSetpointDetector, SetpointEcho
 from jezero.services.vehicle_bridge.vehicle import Target
-from tests.services.vehicle_bridge.rig import CRITICAL, MODES, SET_MODE, Rig
+from tests.services.vehicle_bridge.rig import CRITICAL, MODES, SECRET, SET_MODE, Rig
 
 S = 1_000_000_000
 MS = 1_000_000
@@ -156,11 +156,10 @@ def test_a_ground_station_that_only_listens_takes_nothing_over() -> None:
     rig.autopilot.foreign_setpoint = None
     rig.run(0.2, forwarded)
     assert rig.status.code == 4
-    control_id = rig.status.control_id
 
     def forwarded_and_flown() -> None:
         forwarded()
-        rig.setpoint(control_id, Phase.GO_TO)
+        rig.setpoint(f"{SECRET}-{rig.status.grant}", Phase.GO_TO)
 
     rig.run(1.5, forwarded_and_flown)
     assert rig.status.code == 4

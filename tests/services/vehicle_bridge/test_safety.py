@@ -253,7 +253,7 @@ def test_when_the_autopilot_leaves_offboard_mode_the_goal_ends_and_the_bridge_fa
     control_id = rig.go("go_to", Phase.GO_TO)
     rig.autopilot.mode, rig.autopilot.system_status = MODES[mode], state
     rig.step()
-    assert (rig.status.code, rig.status.in_charge, rig.status.control_id) == (13, who, "")
+    assert (rig.status.code, rig.status.in_charge, rig.status.grant) == (13, who, 0)
     assert rig.status.text.startswith("failsafe: " if who == "failsafe" else "taken over: ")
     assert not rig.status.ready
     rig.autopilot.setpoints.clear()

@@ -86,7 +86,7 @@ class World:
         self.status: Status | None = None
         self.bus.observe(self._note)
         self.bus.add(self.mass)
-        self.bus.add(VehicleBridge(VehicleBridgeConfig(), VehicleConfig(), system_id=1, boot_id=0xB0))
+        self.bus.add(VehicleBridge(VehicleBridgeConfig(), VehicleConfig(), system_id=1, boot_id=0xB0, secret="s"))
         self.bus.wire(("point_mass", "offboard"), ("vehicle_bridge", "autopilot"), UDP_DELAY)
         for name in DECLARATIONS:
             self.bus.add(action_server(name, 5, ActionsConfig()))
