@@ -153,13 +153,18 @@ class Reader:
         try:
             for block in blocks:
                 self._run(block)
+        except BaseException:
+            self.close()  # the next page begins anew
+            raise
         finally:
             self._interrupt_up()
 
     def close(self) -> None:
-        """Stop the stack."""
+        """Stop the stack, and those that a page has left."""
         self._interrupt_up()
         self._stack.jezero("down", check=False)
+        for run_dir in (self._clone / "runs").glob("*/"):
+            self._stack.jezero("down", "--run-dir", str(run_dir), check=False)
         self._up_detached = False
 
     def _hover(self, takes_off: bool) -> None:
@@ -223,7 +228,7 @@ class Reader:
         output = self._clone.parent / "output"
         with output.open("w") as file:  # a pipe would stop a process whose output nobody reads
             process = subprocess.Popen(
-                ["bash", "-c", f"exec env {command}"], cwd=self._clone, stdin=subprocess.DEVNULL, stdout=file,
+                ["bash", "-c", f"exec env --default-signal=INT {command}"], cwd=self._clone, stdin=subprocess.DEVNULL, stdout=file,
                 stderr=subprocess.STDOUT, env={**self._environment, "PYTHONUNBUFFERED": "1"},
             )  # fmt: skip
         if is_up(command):
