@@ -6,15 +6,18 @@ from typing import Any, Literal
 import msgspec
 
 from jezero.runtime.service import Call, Inbox, Output, Response
-from jezero.schemas.actions import Cancel, GetResult, Pause, PauseReply, Rejected, ResultReply, Resume
+from jezero.schemas.actions import Cancel, CancelReply, GetResult, Pause, PauseReply, Rejected, ResultReply, Resume
 from jezero.schemas.goals import Goal
 from jezero.schemas.topics import RESULT, Action
 from jezero.schemas.units import NS_PER_S
 
-ACCEPT_TIMEOUT_S = 35.0
-"""A server replies within 30 s: it may have to plan first."""
+SENDS_MAX, SEND_TIMEOUT_S = 7, 5.0
+"""A goal without a reply is sent again, because a gap in the connection may have lost it: the server flies it once. It
+may have to plan for 30 s first."""
 POLL_PERIOD_NS = NS_PER_S // 2
 REPLY_TIMEOUT_S = 1.0
+TIMEOUT = "timeout"
+"""Error of a call that nobody has answered in time, be it for a gap in the connection."""
 UNKNOWN_MAX = 4
 """A goal that no server knows this many times in a row was forgotten: its server was restarted."""
 
@@ -95,28 +98,42 @@ class GoalRun:
         self._action = action
         self._goal = None if isinstance(goal, str) else goal
         self._accepted = self._goal is None
+        self._sends = 0
+        """Number of times that the goal was sent."""
+        self._sends_now = not self._accepted
+        self._canceling = False
+        self._cancels = 0
         self._poll_due_ns = 0
         self._polls = 0
         self._unknown = 0
 
     def step(self, t_ns: int, inbox: Inbox, *, paused: bool) -> Iterator[Output]:
         """Send the goal, then ask for its result until there is one."""
-        if self._goal is not None:
-            yield Call(self._action.endpoint, self._goal, f"{self.goal_id}/goal", ACCEPT_TIMEOUT_S)
-            self._goal = None
         for response in inbox.responses:
-            if response.tag == f"{self.goal_id}/goal":
-                self._on_first_reply(response)
-            elif response.tag == f"{self.goal_id}/result/{self._polls}":
-                self._on_result(response)
-        if self._accepted and self.ended is None and t_ns >= self._poll_due_ns:
-            self._poll_due_ns = t_ns + POLL_PERIOD_NS
+            goal_id, _, call = response.tag.partition("/")
+            if goal_id == self.goal_id:
+                self._on_response(call.partition("/")[0], response)
+        if self.ended is not None:
+            return
+        if self._sends_now and self._goal is not None:
+            self._sends_now = False
+            self._sends += 1
+            yield Call(self._action.endpoint, self._goal, f"{self.goal_id}/goal/{self._sends}", SEND_TIMEOUT_S)
+        if t_ns < self._poll_due_ns:
+            return
+        self._poll_due_ns = t_ns + POLL_PERIOD_NS
+        if self._canceling:
+            yield from self.cancel()
+        if self._accepted:
             self._polls += 1
             yield Call(RESULT, GetResult(goal_id=self.goal_id), f"{self.goal_id}/result/{self._polls}", REPLY_TIMEOUT_S)
 
     def cancel(self) -> Iterator[Output]:
-        """End the goal; its result follows."""
-        yield Call(self._action.cancel, Cancel(goal_id=self.goal_id), f"{self.goal_id}/cancel", REPLY_TIMEOUT_S)
+        """End the goal; its result follows. The request is repeated until then."""
+        self._canceling = True
+        self._cancels += 1
+        tag = f"{self.goal_id}/cancel/{self._cancels}"
+        yield Call(self._action.cancel, Cancel(goal_id=self.goal_id), tag, REPLY_TIMEOUT_S)
 
     def pause(self) -> Iterator[Output]:
         """Ask for a pause; `pause_reply` has the outcome."""
@@ -134,9 +151,27 @@ class GoalRun:
         """End the pause."""
         yield Call(self._action.resume, Resume(goal_id=self.goal_id), f"{self.goal_id}/resume", REPLY_TIMEOUT_S)
 
+    def _on_response(self, kind: str, response: Response) -> None:
+        if kind == "goal" and not self._accepted:
+            self._on_first_reply(response)
+        elif kind == "cancel" and not self._accepted:
+            self._on_early_cancel(response)
+        elif kind == "result" and response.error != TIMEOUT:
+            self._on_result(response)
+
+    def _on_early_cancel(self, response: Response) -> None:
+        """End a goal that its server never got: should the goal still come, the server doesn't fly it."""
+        reply = response.payload
+        if isinstance(reply, CancelReply) and not reply.canceled:
+            self.ended = StepEnd("canceled", reply.reason)
+        elif reply is None and response.error != TIMEOUT:
+            self.ended = StepEnd("canceled", f"{self._action.name} did not reply ({response.error})")
+
     def _on_first_reply(self, response: Response) -> None:
         if isinstance(response.payload, Rejected):
-            self.ended = StepEnd("failed", response.payload.reason)
+            self.ended = StepEnd("canceled" if self._canceling else "failed", response.payload.reason)
+        elif response.error == TIMEOUT and (self._canceling or self._sends < SENDS_MAX):
+            self._sends_now = not self._canceling
         elif response.payload is None:
             reason = f"{self._action.name} did not reply ({response.error}): is its service running? (jezero ps)"
             self.ended = StepEnd("failed", reason)

@@ -1,5 +1,6 @@
 """An action server: accepts goals, runs one at a time, and replies to cancels and requests for results."""
 
+from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
@@ -43,6 +44,7 @@ RESULTS_MAX = 100
 GOAL_AHEAD_MAX_NS = NS_PER_S
 """A goal that was issued farther in the future is from before a restart of the vehicle."""
 PLAN_ONLY = "plan_from_ned_m is for requests for a plan: a goal is flown from where the vehicle is"
+CANCELED_EARLY = "it was canceled before it came: a new goal needs an id of its own"
 UNWATCHED = "on_client_loss has no effect: the goal names no client whose liveliness could be watched"
 
 
@@ -75,6 +77,8 @@ class ActionServer:
         self._goals_made = 0
         self._run: GoalRun | None = None
         self._results: dict[str, Result[Any]] = {}
+        self._canceled_early: deque[str] = deque(maxlen=RESULTS_MAX)
+        """Ids of goals whose cancel came before them, as after a gap in a connection."""
         self._health: Health | None = None
         takes = action.takes_pictures
         self.spec = Spec(
@@ -147,6 +151,10 @@ class ActionServer:
         if goal.goal_id in self._results:
             yield Reply(request.request_id, Accepted(goal_id=goal.goal_id), final=False)
             yield Reply(request.request_id, self._results[goal.goal_id])
+            return
+        if goal.goal_id in self._canceled_early:
+            code = None if status is None else status.code
+            yield Reply(request.request_id, Rejected(goal_id=goal.goal_id, reason=CANCELED_EARLY, code=code))
             return
         plan = self._plan_of(t_ns, goal, status) if goal.plan_from_ned_m is None else Refusal(PLAN_ONLY)
         if isinstance(plan, Refusal) or status is None:
@@ -247,6 +255,8 @@ class ActionServer:
             if self._run.cancel("canceled by a client"):
                 return CancelReply(canceled=True)
             return CancelReply(canceled=False, reason=f"goal {goal_id} is ending already")
+        if goal_id not in self._results:
+            self._canceled_early.append(goal_id)
         return CancelReply(canceled=False, reason=not_running_reason(goal_id, self._results, self._action.name))
 
     def _result_reply(self, goal_id: str) -> ResultReply | None:

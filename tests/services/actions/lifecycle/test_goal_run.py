@@ -212,6 +212,16 @@ def test_a_canceled_goal_is_released_and_says_so() -> None:
     assert (other.replies[0].canceled, other.replies[0].reason) == (False, "no goal nobody is known to go_to")
 
 
+def test_a_goal_whose_cancel_comes_before_it_does_not_fly() -> None:
+    world = World()
+    world.bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="far"))
+    world.bus.run_for(1.0)
+    reply = world.fly(FAR)
+    assert isinstance(reply, Rejected)
+    assert reply.reason == "it was canceled before it came: a new goal needs an id of its own"
+    assert world.bridge.grants == 0
+
+
 def test_a_cancel_that_comes_before_the_grant_still_cancels() -> None:
     world = World()
     goal = world.send(FAR)

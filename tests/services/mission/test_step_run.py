@@ -1,0 +1,126 @@
+"""A goal of a mission reaches its server over a connection with gaps, and ends when the mission wants it."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import msgspec
+
+from jezero.runtime.service import Call, Output, Response
+from jezero.schemas.actions import Accepted, Cancel, CancelReply, GetResult, Rejected, ResultReply
+from jezero.schemas.goals import GoToGoal
+from jezero.schemas.topics import GO_TO
+from jezero.schemas.units import NS_PER_S
+from jezero.services.mission.step_run import SENDS_MAX, GoalRun
+
+GOAL = GoToGoal(goal_id="m-1.1.1", target_ned_m=(1.0, 0.0, -3.0))
+STEP_NS = NS_PER_S // 10
+
+
+class Connection:
+    """Steps a goal's run ten times a second; its calls time out unless a test replies to them."""
+
+    def __init__(self) -> None:
+        self.run = GoalRun(GO_TO, GOAL)
+        self.t_ns = 0
+        self.waiting: dict[str, tuple[Call, int]] = {}
+        """Calls without a response, and the times at which they time out."""
+        self.responses: Sequence[Response] = ()
+
+    def step(self, *responses: Response, seconds: float = 0.1) -> list[Call]:
+        """Go on for some time; returns the new calls."""
+        calls: list[Call] = []
+        end_ns = self.t_ns + int(seconds * NS_PER_S)
+        while self.t_ns < end_ns:
+            self.t_ns += STEP_NS
+            late = [tag for tag, (_, due_ns) in self.waiting.items() if due_ns <= self.t_ns]
+            self.responses = (*responses, *(Response(tag, None, "timeout") for tag in late))
+            calls += self._take(list(self.run.step(self.t_ns, self, paused=False)))  # type: ignore[arg-type]
+            for response in self.responses:
+                self.waiting.pop(response.tag, None)
+            responses = ()
+        return calls
+
+    def cancel(self) -> list[Call]:
+        return self._take(list(self.run.cancel()))
+
+    def reply(self, kind: type, payload: Any) -> Response:
+        """A reply to the newest call with a request of this kind."""
+        tag = [tag for tag, (call, _) in self.waiting.items() if isinstance(call.payload, kind)][-1]
+        return Response(tag, payload)
+
+    def _take(self, outputs: list[Output]) -> list[Call]:
+        calls = [output for output in outputs if isinstance(output, Call)]
+        for call in calls:
+            self.waiting[call.tag] = (call, self.t_ns + int(call.timeout_s * NS_PER_S))
+        return calls
+
+
+def requests(calls: list[Call], kind: type) -> int:
+    return sum(isinstance(call.payload, kind) for call in calls)
+
+
+def test_a_goal_that_was_lost_on_its_way_is_sent_again() -> None:
+    link = Connection()
+    assert requests(link.step(), GoToGoal) == 1
+    assert requests(link.step(seconds=12.0), GoToGoal) == 2
+    link.step(link.reply(GoToGoal, Accepted(goal_id=GOAL.goal_id)))
+    calls = link.step(seconds=10.0)
+    assert requests(calls, GoToGoal) == 0
+    assert requests(calls, GetResult) > 10
+    assert link.run.ended is None
+
+
+def test_a_goal_that_nobody_replies_to_fails() -> None:
+    link = Connection()
+    assert requests(link.step(seconds=60.0), GoToGoal) == SENDS_MAX
+    assert link.run.ended is not None
+    assert link.run.ended.reason == "go_to did not reply (timeout): is its service running? (jezero ps)"
+
+
+def test_a_goal_that_its_server_never_got_ends_when_it_is_canceled() -> None:
+    link = Connection()
+    link.step(seconds=1.0)
+    link.cancel()
+    assert requests(link.step(seconds=10.0), Cancel) > 10
+    assert link.run.ended is None
+    link.step(link.reply(Cancel, CancelReply(canceled=False, reason="no goal is known")))
+    assert link.run.ended is not None
+    assert link.run.ended.end == "canceled"
+
+
+def test_a_canceled_goal_that_its_server_still_plans_ends_with_the_reply_to_the_goal() -> None:
+    link = Connection()
+    link.step()
+    link.cancel()
+    link.step(link.reply(Cancel, CancelReply(canceled=True)))
+    assert link.run.ended is None
+    link.step(link.reply(GoToGoal, Rejected(goal_id=GOAL.goal_id, reason="canceled by a client")))
+    assert link.run.ended is not None
+    assert link.run.ended.end == "canceled"
+
+
+def test_a_lost_cancel_is_repeated_until_the_result_comes() -> None:
+    link = Connection()
+    link.step()
+    link.step(link.reply(GoToGoal, Accepted(goal_id=GOAL.goal_id)))
+    link.cancel()
+    assert requests(link.step(seconds=5.0), Cancel) > 5
+    result = {"outcome": "canceled", "reason": "canceled by a client"}
+    done = ResultReply(goal_id=GOAL.goal_id, action="go_to", running=False, result=msgspec.json.encode(result).decode())
+    link.step(link.reply(GetResult, done))
+    assert link.run.ended is not None
+    assert (link.run.ended.end, link.run.ended.reason) == ("canceled", "canceled by a client")
+
+
+def test_a_gap_in_the_connection_is_no_restart_of_the_server_and_a_server_that_knows_nothing_is_one() -> None:
+    link = Connection()
+    link.step()
+    link.step(link.reply(GoToGoal, Accepted(goal_id=GOAL.goal_id)))
+    link.step(seconds=60.0)
+    assert link.run.ended is None
+    for _ in range(4):
+        link.step(seconds=0.5)
+        tag = link.reply(GetResult, None).tag
+        link.step(Response(tag, None, "no server"))
+    assert link.run.ended is not None
+    assert link.run.ended.reason == "go_to doesn't know the goal any more: it was restarted"
