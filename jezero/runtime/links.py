@@ -3,11 +3,14 @@
 import contextlib
 import select
 import socket
+import sys
 from typing import Protocol
 
 from jezero.runtime.ports import listen_error
 
 RETRY_PERIOD_NS = 100_000_000
+REFUSED_PERIOD_NS = 10_000_000_000
+"""A program that is refused again and again is named once in this time."""
 CHUNK = 65_536
 MOVED_BY = "JEZERO_INSTANCE"
 """Environment variable that moves the port of every link."""
@@ -92,12 +95,14 @@ class _Stream:
 
 
 class TcpServer(_Stream):
-    """A server with one connection, which the next one replaces."""
+    """A server with one connection: while it stands, another program is refused, and named in the log."""
 
     def __init__(self, host: str, port: int) -> None:
         super().__init__()
         self._address = (host, port)
         self._listener: socket.socket | None = None
+        self._named_ns = -REFUSED_PERIOD_NS
+        """Wall time at which a refused program was last named."""
 
     def start(self) -> None:
         try:
@@ -114,9 +119,15 @@ class TcpServer(_Stream):
         data = self._receive()
         if self._listener is not None:
             with contextlib.suppress(BlockingIOError):
-                connection, _ = self._listener.accept()
-                self._adopt(connection)
-                return b""
+                connection, (host, port) = self._listener.accept()
+                if self._connection is None:
+                    self._adopt(connection)
+                    return b""
+                connection.close()
+                if wall_ns - self._named_ns >= REFUSED_PERIOD_NS:
+                    self._named_ns = wall_ns
+                    own = "{}:{}".format(*self._address)
+                    print(f"a program at {host}:{port} was refused: {own} is taken", file=sys.stderr, flush=True)
         return data
 
     def close(self) -> None:
