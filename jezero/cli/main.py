@@ -26,6 +26,7 @@ SECTIONS: dict[str, dict[str, Entry]] = {
         "ps": Entry("jezero.cli.stack", "ps", "Show the state and health of the services."),
         "logs": Entry("jezero.cli.stack", "logs", "Show the output of the services."),
         "info": Entry("jezero.cli.info", "info", "Show the declared services and topics."),
+        "keys": Entry("jezero.cli.keys", "keys", "Make the certificates of a team's computers and people."),
     },
     "Flight": {
         "preflight": Entry("jezero.cli.preflight", "preflight", "Check what a pilot checks before a takeoff."),

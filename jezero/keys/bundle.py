@@ -1,0 +1,113 @@
+"""A bundle: the folder with everything that one computer or person needs to speak TLS with the team's routers."""
+
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from jezero.keys.members import KeysError
+from jezero.os_errors import describe_os_error
+
+if TYPE_CHECKING:
+    from cryptography import x509
+
+CA, CERTIFICATE, KEY = "ca.pem", "certificate.pem", "key.pem"
+
+
+class Identity(NamedTuple):
+    """What a certificate says.
+
+    Attributes:
+        name: common name.
+        role: organisational unit: the member's role.
+        begins, expires: its validity.
+        hosts: names and IP addresses of the member's router.
+    """
+
+    name: str
+    role: str
+    begins: datetime
+    expires: datetime
+    hosts: tuple[str, ...]
+
+
+def secured(address: str, bundle: Path) -> str:
+    """Zenoh's endpoint for an address, with TLS by a bundle: to listen there, or to connect to it.
+
+    Both sides need a certificate of the team's authority, and the one that connects checks that the other's
+    certificate is one of the host in the address.
+
+    Args:
+        address: such as `tls/192.168.1.10:7447`.
+        bundle: folder of the bundle.
+
+    Raises:
+        KeysError: a file is missing or can't be read, or Zenoh can't take the folder's name.
+    """
+    folder = bundle.expanduser().resolve()
+    if ";" in str(folder):
+        raise KeysError(f"{folder}: Zenoh reads no folder with ';' in its name: rename it")
+    for name in (CA, CERTIFICATE, KEY):
+        try:
+            (folder / name).open("rb").close()
+        except FileNotFoundError:
+            raise KeysError(
+                f"{folder / name} is missing: copy the whole folder that `jezero keys add` wrote, and name it"
+            ) from None
+        except OSError as error:
+            raise KeysError(
+                f"{describe_os_error(error)}: the keys belong to the user that starts jezero, see `ls -l {folder}`"
+            ) from None
+    settings = {
+        "root_ca_certificate_file": CA,
+        "listen_certificate_file": CERTIFICATE,
+        "listen_private_key_file": KEY,
+        "connect_certificate_file": CERTIFICATE,
+        "connect_private_key_file": KEY,
+    }
+    files = ";".join(f"{setting}={folder / name}" for setting, name in settings.items())
+    return f"{address}#{files};enable_mtls=true"
+
+
+def read_certificate(path: Path) -> "x509.Certificate":
+    """Read a certificate.
+
+    Raises:
+        KeysError: the file is missing, unreadable or damaged.
+    """
+    from cryptography import x509
+
+    try:
+        return x509.load_pem_x509_certificate(path.read_bytes())
+    except OSError as error:
+        raise KeysError(describe_os_error(error)) from None
+    except ValueError:
+        raise KeysError(f"{path} is damaged, or no certificate: copy it anew") from None
+
+
+def identity_of(certificate: "x509.Certificate") -> Identity:
+    """What a certificate says.
+
+    Raises:
+        KeysError: it has no common name, so jezero has not made it.
+    """
+    from cryptography import x509
+    from cryptography.x509.oid import NameOID
+
+    names, units = (
+        certificate.subject.get_attributes_for_oid(oid)
+        for oid in (NameOID.COMMON_NAME, NameOID.ORGANIZATIONAL_UNIT_NAME)
+    )
+    hosts: tuple[str, ...] = ()
+    try:
+        found = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        hosts = (
+            *found.get_values_for_type(x509.DNSName),
+            *(str(address) for address in found.get_values_for_type(x509.IPAddress)),
+        )
+    except x509.ExtensionNotFound:
+        pass
+    if not names:
+        raise KeysError("a certificate without a common name is none that `jezero keys` made")
+    role = str(units[0].value) if units else ""
+    begins, expires = certificate.not_valid_before_utc, certificate.not_valid_after_utc
+    return Identity(str(names[0].value), role, begins, expires, hosts)

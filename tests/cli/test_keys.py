@@ -1,0 +1,85 @@
+"""`jezero keys` on the command line."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from jezero.cli.main import main
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    return tmp_path
+
+
+def keys(*words: str) -> Result:
+    return CliRunner().invoke(main, ["keys", *words])
+
+
+def test_a_team_is_made_listed_renewed_and_revoked(home: Path) -> None:
+    team = home / "jezero" / "team"
+    assert str(team) in keys("init").output
+    assert str(team / "vehicle-uav1") in keys("add", "vehicle", "uav1", "--host", "192.168.1.10").output
+    added = keys("add", "pilot", "ana", "--days", "10").output
+    assert "into the bundles of vehicle-uav1" in added
+    assert sorted(path.name for path in (team / "pilot-ana").iterdir()) == [
+        "ca.pem",
+        "certificate.pem",
+        "key.pem",
+        "members.json",
+    ]
+    listed = keys("list").output
+    assert "in 9 days" in listed and "192.168.1.10" in listed and "authority" in listed
+    assert "in 9 days" not in keys("renew", "pilot-ana").output + keys("list").output
+    assert "pilot-ana is revoked" in keys("revoke", "pilot-ana").output
+    read = json.loads(keys("list", "--json").output)
+    assert [(member["name"], member["revoked"]) for member in read["members"]] == [
+        ("pilot-ana", True),
+        ("vehicle-uav1", False),
+    ]
+
+
+def test_nothing_secret_is_printed(home: Path) -> None:
+    printed = "".join(
+        keys(*words).output
+        for words in (("init",), ("add", "rover", "r1"), ("renew", "rover-r1"), ("list",), ("list", "--json"))
+    )
+    for path in home.rglob("key.pem"):
+        secret = path.read_text().splitlines()[1]
+        assert secret not in printed
+    assert "PRIVATE" not in printed
+
+
+def test_a_router_without_addresses_is_named(home: Path) -> None:
+    keys("init")
+    assert "without --host others can't connect to it" in keys("add", "ground", "lab").output
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["list"], "`jezero keys init` makes one"),
+        (["add", "vehicle", "uav1"], "`jezero keys init` makes one"),
+        (["revoke", "pilot-ana"], "`jezero keys init` makes one"),
+        (["add", "captain", "ana"], "is not one of"),
+        (["add", "pilot", "ana", "--days", "0"], "is not in the range"),
+    ],
+)
+def test_wrong_words_get_a_sentence(home: Path, words: list[str], sentence: str) -> None:
+    done = keys(*words)
+    assert done.exit_code in (1, 2)
+    assert sentence in done.output
+
+
+def test_the_help_of_jezero_imports_no_cryptography() -> None:
+    program = (
+        "import sys\nfrom jezero.cli.main import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "sys.exit('cryptography' in sys.modules or 'ssl' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", program], capture_output=True, check=False).returncode == 0
