@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 PROTOCOLS = ("tcp", "tls", "udp", "unixsock-stream")
 _NETWORK = re.compile(
-    r"(?P<protocol>tcp|tls|udp)/(?P<host>\[[0-9A-Fa-f:.]+(?:%\w+)?\]|[^\s/:\[\]]+):(?P<port>\d{1,5})(?:[?#]\S*)?"
+    r"(?P<protocol>tcp|tls|udp)/(?P<host>\[[0-9A-Fa-f:.]+(?:%\w+)?\]|[^\s/:\[\]]+):(?P<port>\d{1,5})"
+    r"(?:\?[^\s#]*)?(?:#\S.*)?"
 )
 _UNIX = re.compile(r"unixsock-stream/\S+")
 
@@ -36,3 +37,8 @@ def parse_router(text: str) -> RouterAddress:
     if match is None or not 1 <= int(match["port"]) <= 65535:
         raise ValueError(f"{text!r} is no address of a router: write PROTOCOL/HOST:PORT, such as tcp/127.0.0.1:7447")
     return RouterAddress(match["protocol"], match["host"].strip("[]"), int(match["port"]))
+
+
+def shown_router(text: str) -> str:
+    """An address for people: without the files that come behind `#`."""
+    return text.partition("#")[0]

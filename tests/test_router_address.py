@@ -2,7 +2,7 @@
 
 import pytest
 
-from jezero.router_address import RouterAddress, parse_router
+from jezero.router_address import RouterAddress, parse_router, shown_router
 
 
 @pytest.mark.parametrize(
@@ -13,11 +13,17 @@ from jezero.router_address import RouterAddress, parse_router
         ("udp/[::1]:65535", ("udp", "::1", 65535)),
         ("tcp/[fe80::1%eth0]:1#iface=eth0", ("tcp", "fe80::1%eth0", 1)),
         ("tcp/0.0.0.0:7447?prio=1", ("tcp", "0.0.0.0", 7447)),
+        ("tls/uav1:7447#root_ca_certificate_file=/my keys/ca.pem", ("tls", "uav1", 7447)),
         ("unixsock-stream//tmp/router", ("unixsock-stream", "", 0)),
     ],
 )
 def test_an_address_has_a_protocol_a_host_and_a_port(text: str, parts: tuple[str, str, int]) -> None:
     assert parse_router(text) == RouterAddress(*parts)
+
+
+def test_an_address_is_shown_without_the_files_of_its_keys() -> None:
+    assert shown_router("tls/uav1:7447#connect_private_key_file=/keys/key.pem") == "tls/uav1:7447"
+    assert shown_router("tcp/uav1:7447?prio=1") == "tcp/uav1:7447?prio=1"
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,66 @@
+"""A team, strangers, and routers that speak TLS on free loopback ports."""
+
+import socket
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from jezero.keys.bundle import secured
+from jezero.keys.members import Role
+from jezero.keys.team import Team
+from jezero.runtime.router import ROUTER_SETTINGS
+from jezero.zenoh_client import config_of
+
+
+def make_team(folder: Path) -> Team:
+    """A team with a vehicle that others reach as `127.0.0.2`, a ground station and two pilots."""
+    team = Team(folder)
+    team.found()
+    team.add("vehicle", "uav1", ["127.0.0.2"])
+    team.add("ground", "lab")
+    team.add("pilot", "ana")
+    team.add("pilot", "bo")
+    team.add("viewer", "eye")
+    return team
+
+
+def add_at(team: Team, days_from_now: int, role: Role, name: str) -> Path:
+    """A bundle made at another time, valid for a year from then."""
+    then = Team(team.folder, datetime.now(UTC) + timedelta(days=days_from_now))
+    return then.bundle(then.add(role, name).name)
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@contextmanager
+def router(bundle: Path, settings: Mapping[str, Any] | None = None) -> Iterator[tuple[int, zenoh.Session]]:
+    """A router that listens with a bundle on all addresses of the loopback; its port and session."""
+    port = free_port()
+    endpoint = secured(f"tls/0.0.0.0:{port}", bundle)
+    config = config_of({**ROUTER_SETTINGS, "listen/endpoints": [endpoint], **(settings or {})})
+    with zenoh.open(config) as session:
+        yield port, session
+
+
+def access_control(allowed: tuple[str, ...], keys: str) -> dict[str, Any]:
+    """Zenoh's settings with which these members alone put and subscribe, to these keys."""
+    rule = {
+        "id": "all", "permission": "allow", "flows": ["ingress", "egress"], "key_exprs": [keys],
+        "messages": ["put", "declare_subscriber"],
+    }  # fmt: skip
+    settings = {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": [rule],
+        "subjects": [{"id": "members", "cert_common_names": list(allowed)}],
+        "policies": [{"rules": ["all"], "subjects": ["members"]}],
+    }
+    return {"access_control": settings}
