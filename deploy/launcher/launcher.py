@@ -17,6 +17,7 @@ from jezero.deploy.launcher.health import HealthWatcher
 from jezero.deploy.launcher.output import Output
 from jezero.deploy.launcher.processes import Child, RestartPolicy, SpawnError, describe_exit, spawn
 from jezero.deploy.launcher.state import LaunchedService, RunFolder, RunState, ServiceState, start_ticks
+from jezero.router_address import shown_router
 from jezero.runtime.config import Instance
 
 BRIDGE = "vehicle_bridge"
@@ -344,7 +345,7 @@ class Launcher:
             launcher_start_ticks=start_ticks(pid) or 0,
             compose_file=self._compose_file,
             vehicle=self._instance.vehicle,
-            router=self._instance.router,
+            router=shown_router(self._instance.router),
             ready=not reason,
             not_ready_reason=reason,
             services=tuple(self._describe(name, slot) for name, slot in self._slots.items()),

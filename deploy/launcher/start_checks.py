@@ -15,6 +15,7 @@ from jezero.deploy.launcher.health import HealthWatcher, router_is_up
 from jezero.deploy.launcher.ports import ports_of
 from jezero.deploy.launcher.state import AlreadyUpError, RunFolder, StartError
 from jezero.replay import NAME as REPLAY
+from jezero.router_address import shown_router
 from jezero.runtime.config import Instance, config_directory
 from jezero.runtime.ports import listen_problem
 from jezero.runtime.router import router_problem
@@ -96,7 +97,7 @@ def _claim_router(instance: Instance, claims: Claims) -> bool:
         return False
     # After the claim, as two launchers that try the port at the same time would find it taken by each other.
     if problem := router_problem(instance.router):
-        raise StartError(f"{problem} (no Zenoh router replies at {instance.router})")
+        raise StartError(f"{problem} (no Zenoh router replies at {shown_router(instance.router)})")
     return True
 
 

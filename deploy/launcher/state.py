@@ -56,7 +56,7 @@ class RunState(msgspec.Struct, frozen=True, kw_only=True):
         launcher_start_ticks: start of the launcher, to distinguish it from a later process with the same id.
         compose_file: path of the compose file.
         vehicle: name of the vehicle.
-        router: Zenoh endpoint of the router.
+        router: address of the router.
         ready: whether the vehicle is ready.
         not_ready_reason: why it is not ready, or "".
         services: states of the services.

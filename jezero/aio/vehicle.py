@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from functools import partial, wraps
+from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, Self, TypeVar, overload
 
 from jezero.aio.goal import Goal, ImagesGoal, cancel_with_task
@@ -107,13 +108,20 @@ class Vehicle:
         self._blocking = blocking
 
     @classmethod
-    async def connect(cls, vehicle: str | None = None, *, router: str | None = None, timeout_s: float = 3.0) -> Self:
+    async def connect(
+        cls,
+        vehicle: str | None = None,
+        *,
+        router: str | None = None,
+        keys: str | Path | None = None,
+        timeout_s: float = 3.0,
+    ) -> Self:
         """Connect to a vehicle; arguments and errors as of `jezero.Vehicle.connect`.
 
         Close the connection afterwards: `async with await Vehicle.connect("uav1") as uav`.
         """
         threads = Threads()
-        blocking = await threads.run(client.Vehicle.connect, vehicle, router=router, timeout_s=timeout_s)
+        blocking = await threads.run(client.Vehicle.connect, vehicle, router=router, keys=keys, timeout_s=timeout_s)
         return cls(threads, blocking)
 
     @property

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jezero.cli.recording import RECORDING_PATH
-from jezero.cli.shared import Router
+from jezero.cli.shared import Router, keys_option
 
 if TYPE_CHECKING:
     from jezero.services.ground_station.config import GroundStationConfig
@@ -28,6 +28,7 @@ FILE = click.Path(exists=True, dir_okay=False)
     show_default=True,
     help="Endpoint of the vehicle's router.",
 )
+@keys_option
 @click.option("--vehicle", envvar="JEZERO_VEHICLE", default="uav1", show_default=True, help="Vehicle's name.")
 @click.option("--recording", type=RECORDING_PATH, help="Look back at this recording, or at those of a run's folder.")
 @click.option("--port", type=click.IntRange(1, 65535), help="Port of the pages [default: as in ground_station.toml].")

@@ -15,7 +15,7 @@ import click
 from jezero.cli.exit_codes import REFUSED, UNREACHABLE
 from jezero.cli.keyboard import Keyboard
 from jezero.cli.watch import is_loopback
-from jezero.router_address import parse_router
+from jezero.router_address import parse_router, shown_router
 from jezero.schemas.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ class _Bus(NamedTuple):
 
     Attributes:
         session: session on it.
-        router: address of its router.
+        router: address of its router, for people.
         is_own: whether this process is the router.
     """
 
@@ -156,6 +156,7 @@ def _open_bus(router: str) -> Iterator[_Bus]:
     """A session with the router; without one at a local address, this process is the router meanwhile."""
     import zenoh
 
+    from jezero.keys.diagnosis import connection_problem
     from jezero.runtime.router import ListenError, open_router
     from jezero.zenoh_client import client_config
 
@@ -163,10 +164,13 @@ def _open_bus(router: str) -> Iterator[_Bus]:
     try:
         session = zenoh.open(client_config(router, CONNECT_TIMEOUT_S))
     except zenoh.ZError:
-        host = parse_router(router).host
+        host, shown = parse_router(router).host, shown_router(router)
+        if problem := connection_problem(router):
+            click.echo(f"unreachable: {problem}", err=True)
+            raise SystemExit(UNREACHABLE) from None
         if host and not is_loopback(host):
             click.echo(
-                f"unreachable: no router at {router}: start it, or give an address of this machine's loopback, such "
+                f"unreachable: no router at {shown}: start it, or give an address of this machine's loopback, such "
                 "as tcp/127.0.0.1:7447, where the replay is the router",
                 err=True,
             )
@@ -176,9 +180,9 @@ def _open_bus(router: str) -> Iterator[_Bus]:
         except ListenError as error:
             raise click.ClickException(str(error)) from None
         is_own = True
-        click.echo(f"no router at {router}: the replay is the router until it ends")
+        click.echo(f"no router at {shown}: the replay is the router until it ends")
     with session:
-        yield _Bus(session, router, is_own)
+        yield _Bus(session, shown_router(router), is_own)
 
 
 class _Replay:

@@ -6,13 +6,15 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import isfinite
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 from jezero.cli.exit_codes import ABORTED, REFUSED, UNREACHABLE
 from jezero.cli.plan import minutes
-from jezero.router_address import parse_router
+from jezero.keys.bundle import VARIABLE as KEYS_VARIABLE
+from jezero.keys.bundle import endpoint_of
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -36,16 +38,15 @@ class Finite(click.ParamType[float]):
 
 
 class Router(click.ParamType[str]):
-    """The address of a router."""
+    """The address of a router, which becomes its endpoint with the bundle of `keys_option`."""
 
     name = "address"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         try:
-            parse_router(value)
+            return endpoint_of(value, ctx.meta.get(KEYS_VARIABLE) if ctx else None)
         except ValueError as error:
             self.fail(str(error), param, ctx)
-        return str(value)
 
 
 class FiniteRange(click.FloatRange):
@@ -65,8 +66,26 @@ def common_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return vehicle_options(json_option(command))
 
 
+def keys_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the option of the bundle, which the type `Router` uses."""
+
+    def keep(ctx: click.Context, _param: click.Parameter, value: Path | None) -> None:
+        ctx.meta[KEYS_VARIABLE] = value
+
+    return click.option(
+        "--keys",
+        envvar=KEYS_VARIABLE,
+        type=click.Path(path_type=Path, exists=True, file_okay=False),
+        is_eager=True,
+        expose_value=False,
+        callback=keep,
+        help="Folder of the bundle of `jezero keys`, for an address with tls.",
+    )(command)
+
+
 def vehicle_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options that name a vehicle and its router."""
+    """Add the options that name a vehicle, its router and the bundle for it."""
+    command = keys_option(command)
     command = click.option(
         "--router",
         envvar="JEZERO_ROUTER",

@@ -6,6 +6,7 @@ import click
 
 from jezero.cli.exit_codes import UNREACHABLE
 from jezero.cli.shared import Printer, common_options
+from jezero.router_address import shown_router
 
 PORT = 8765
 """The port that Foxglove suggests."""
@@ -53,6 +54,7 @@ def is_loopback(host: str) -> bool:
 def _serve(printer: Printer, vehicle: str, router: str, host: str, port: int) -> None:
     import zenoh
 
+    from jezero.keys.diagnosis import connection_problem
     from jezero.recording.live import LiveServer, ServeError, VehicleMessages
     from jezero.recording.viewer_scene import ViewerScene
     from jezero.runtime.config import load_config
@@ -63,8 +65,8 @@ def _serve(printer: Printer, vehicle: str, router: str, host: str, port: int) ->
     try:
         session = zenoh.open(client_config(router, CONNECT_TIMEOUT_S))
     except zenoh.ZError:
-        text = f"unreachable: no router at {router}: is the stack up? (`jezero up`)"
-        printer.fail("unreachable", text, UNREACHABLE, reason=text)
+        reason = connection_problem(router) or f"no router at {shown_router(router)}: is the stack up? (`jezero up`)"
+        printer.fail("unreachable", f"unreachable: {reason}", UNREACHABLE, reason=reason)
     try:
         server = LiveServer(vehicle, host, port, scene)
     except ServeError as error:

@@ -16,6 +16,7 @@ import zenoh
 
 from jezero.client.errors import JezeroError, TimedOut, Unreachable
 from jezero.codec import BadPayloadError, encode, reader
+from jezero.router_address import shown_router
 from jezero.schemas.struct import Message, Payload
 from jezero.schemas.topics import Endpoint, Topic, key, liveliness_key
 from jezero.zenoh_client import client_config, data_of
@@ -101,6 +102,7 @@ class Connection:
         timeout_s: longest wait for the router.
 
     Attributes:
+        router: its address, for people.
         closed: whether `close` was called: an end of messages is then no fault of router or stack.
 
     Raises:
@@ -109,7 +111,7 @@ class Connection:
 
     def __init__(self, vehicle: str, router: str, timeout_s: float) -> None:
         self.vehicle = vehicle
-        self.router = router
+        self.router = shown_router(router)
         self.client_id = f"py-{token_hex(6)}"
         self._session = _open(router, timeout_s)
         self._close = weakref.finalize(self, _close, self._session)
@@ -293,13 +295,25 @@ def _close(session: zenoh.Session) -> None:
 
 
 def _open(router: str, timeout_s: float) -> zenoh.Session:
-    """Connect to the router; tried in short attempts, as nothing interrupts one."""
+    """Connect to the router; tried in short attempts, as nothing interrupts one. TLS that fails ends them early."""
     deadline_s = time.monotonic() + timeout_s
+    diagnosed = False
     while True:
         attempt_s = min(CONNECT_ATTEMPT_S, max(deadline_s - time.monotonic(), 0.05))
         try:
             return zenoh.open(client_config(router, attempt_s))
         except zenoh.ZError as error:
+            if not diagnosed and (problem := _tls_problem(router)):
+                raise Unreachable(problem) from error
+            diagnosed = True
             if time.monotonic() >= deadline_s - 0.01:
-                hint = "is the stack up? (`jezero up`) Are the address and the credentials right?"
-                raise Unreachable(f"no router at {router} within {timeout_s:g} s: {hint}") from error
+                kind = ", with a tls/… address" if router.startswith("tls/") else ""
+                hint = f"is the stack up{kind}? (`jezero up`) Is the address right?"
+                raise Unreachable(f"no router at {shown_router(router)} within {timeout_s:g} s: {hint}") from error
+
+
+def _tls_problem(router: str) -> str:
+    """Why TLS doesn't come about, or "". Its modules are imported only when something is wrong."""
+    from jezero.keys.diagnosis import connection_problem
+
+    return connection_problem(router)

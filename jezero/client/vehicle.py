@@ -3,12 +3,14 @@
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar, overload
 
 from jezero.client import control
 from jezero.client.actions import Actions
 from jezero.client.camera import Camera
+from jezero.client.errors import Unreachable
 from jezero.client.fence import request_fence, set_fence
 from jezero.client.goal import request_result
 from jezero.client.goal_methods import GoalMethods, Point
@@ -18,6 +20,8 @@ from jezero.client.rover import Rover
 from jezero.client.session import Connection
 from jezero.client.status import REPLY_TIMEOUT_S, check_preflight, request_status, wait_ready, watch_status
 from jezero.client.subscription import LatestValues, Subscription, call_for_each, topic_named
+from jezero.keys.bundle import VARIABLE, endpoint_of
+from jezero.keys.members import KeysError
 from jezero.schemas import topics
 from jezero.schemas.actions import ResultReply
 from jezero.schemas.commands import AbortReply
@@ -73,21 +77,35 @@ class Vehicle(GoalMethods):
         self._latest = LatestValues(connection)
 
     @classmethod
-    def connect(cls, vehicle: str | None = None, *, router: str | None = None, timeout_s: float = 3.0) -> Self:
+    def connect(
+        cls,
+        vehicle: str | None = None,
+        *,
+        router: str | None = None,
+        keys: str | Path | None = None,
+        timeout_s: float = 3.0,
+    ) -> Self:
         """Connect to a vehicle. Close the connection afterwards, or use it in a `with` statement.
 
         Args:
             vehicle: name of the vehicle; None takes it from the environment variable JEZERO_VEHICLE, else `uav1`.
             router: Zenoh endpoint of the vehicle's router; None takes it from JEZERO_ROUTER, else
                 `tcp/127.0.0.1:7447`.
+            keys: folder of the bundle of `jezero keys`, for a router at an address with `tls`; None takes it from
+                JEZERO_KEYS.
             timeout_s: longest wait for the router.
 
         Raises:
-            Unreachable: no router replies within `timeout_s`.
+            Unreachable: no router replies within `timeout_s`, or the bundle is missing or refused.
+            ValueError: the router's address is none.
         """
         vehicle = vehicle or os.environ.get("JEZERO_VEHICLE") or DEFAULT_VEHICLE
         router = router or os.environ.get("JEZERO_ROUTER") or DEFAULT_ROUTER
-        return cls(Connection(vehicle, router, timeout_s))
+        try:
+            endpoint = endpoint_of(router, keys or os.environ.get(VARIABLE))
+        except KeysError as error:
+            raise Unreachable(str(error)) from None
+        return cls(Connection(vehicle, endpoint, timeout_s))
 
     @property
     def client_id(self) -> str:

@@ -6,10 +6,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from jezero.keys.members import KeysError
 from jezero.os_errors import describe_os_error
+from jezero.router_address import parse_router
 
 if TYPE_CHECKING:
     from cryptography import x509
 
+VARIABLE = "JEZERO_KEYS"
+"""Environment variable that names the folder of the bundle."""
 CA, CERTIFICATE, KEY = "ca.pem", "certificate.pem", "key.pem"
 
 
@@ -28,6 +31,24 @@ class Identity(NamedTuple):
     begins: datetime
     expires: datetime
     hosts: tuple[str, ...]
+
+
+def endpoint_of(address: str, keys: str | Path | None) -> str:
+    """Zenoh's endpoint for a router's address as people write it: with a bundle's TLS if the address wants TLS.
+
+    Args:
+        address: an address; one with settings of its own behind `#` stays as it is.
+        keys: folder of the bundle; None or "" without one.
+
+    Raises:
+        ValueError: the address's syntax is wrong.
+        KeysError: the address needs a bundle and there is none, or it can't be used.
+    """
+    if parse_router(address).protocol != "tls" or "#" in address:
+        return address
+    if not keys:
+        raise KeysError(f"{address} needs keys: name the folder of a bundle with --keys or {VARIABLE}")
+    return secured(address, Path(keys))
 
 
 def secured(address: str, bundle: Path) -> str:

@@ -9,8 +9,9 @@ from typing import Annotated, Literal, TypeVar
 import msgspec
 from msgspec import Meta
 
+from jezero.keys.bundle import VARIABLE as KEYS_VARIABLE
+from jezero.keys.bundle import endpoint_of
 from jezero.os_errors import describe_os_error
-from jezero.router_address import parse_router
 
 
 class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -33,7 +34,7 @@ class Instance(Config, frozen=True, kw_only=True):
 
     Attributes:
         vehicle: name within the keys (`JEZERO_VEHICLE`).
-        router: Zenoh endpoint of the router (`JEZERO_ROUTER`).
+        router: Zenoh endpoint of the router (`JEZERO_ROUTER`), with the files of the bundle (`JEZERO_KEYS`) for TLS.
         number: offset of every MAVLink port, so that stacks don't collide (`JEZERO_INSTANCE`).
         gcs_port: UDP port of ground stations, the same for all vehicles (`JEZERO_GCS_PORT`).
     """
@@ -78,7 +79,7 @@ _VARIABLES = {
 
 
 def instance_from_environment() -> Instance:
-    """Read `JEZERO_VEHICLE`, `JEZERO_ROUTER`, `JEZERO_INSTANCE` and `JEZERO_GCS_PORT`.
+    """Read `JEZERO_VEHICLE`, `JEZERO_ROUTER`, `JEZERO_KEYS`, `JEZERO_INSTANCE` and `JEZERO_GCS_PORT`.
 
     Raises:
         ConfigError: one of them is malformed.
@@ -86,7 +87,7 @@ def instance_from_environment() -> Instance:
     given = {field: os.environ[name] for field, name in _VARIABLES.items() if os.environ.get(name)}
     try:
         if "router" in given:
-            parse_router(given["router"])
+            given["router"] = endpoint_of(given["router"], os.environ.get(KEYS_VARIABLE))
     except ValueError as error:
         raise ConfigError(f"{_VARIABLES['router']}: {error}") from None
     try:

@@ -20,6 +20,7 @@ class Variable(NamedTuple):
 
 
 VARIABLES = (
+    Variable("JEZERO_KEYS", "folder", "–", "folder of the bundle of `jezero keys`, for an address with `tls`."),
     Variable("JEZERO_CONFIG_DIR", "folder", "the shipped folder", "folder of the settings."),
     Variable(
         "JEZERO_RUN_DIR",

@@ -14,7 +14,8 @@ from typing import Any
 import zenoh
 
 from jezero.codec import encode
-from jezero.router_address import parse_router
+from jezero.keys.diagnosis import listening_problem
+from jezero.router_address import parse_router, shown_router
 from jezero.runtime.config import ConfigError, Instance, instance_from_environment
 from jezero.runtime.link_guard import LinkGuard
 from jezero.runtime.ports import listen_problem
@@ -52,12 +53,17 @@ def open_router(endpoint: str) -> zenoh.Session:
     """Start listening.
 
     Raises:
-        ListenError: the port is taken or forbidden for this user, or this machine doesn't have the address.
+        ListenError: the port is taken or forbidden for this user, this machine doesn't have the address, or nobody
+            would take the certificate of the bundle.
     """
+    if problem := listening_problem(endpoint):
+        raise ListenError(problem)
     try:
         return zenoh.open(config_of({**ROUTER_SETTINGS, "listen/endpoints": [endpoint]}))
     except zenoh.ZError as error:
-        raise ListenError(router_problem(endpoint) or f"cannot listen on {endpoint}: {_reason(error)}") from error
+        raise ListenError(
+            router_problem(endpoint) or f"cannot listen on {shown_router(endpoint)}: {_reason(error)}"
+        ) from error
 
 
 def router_problem(endpoint: str) -> str:
@@ -69,7 +75,9 @@ def router_problem(endpoint: str) -> str:
     protocol, host, port = parse_router(endpoint)
     if not host:
         return ""
-    return listen_problem("udp" if protocol == "udp" else "tcp", host, port, "JEZERO_ROUTER")
+    return listening_problem(endpoint) or listen_problem(
+        "udp" if protocol == "udp" else "tcp", host, port, "JEZERO_ROUTER"
+    )
 
 
 def _reason(error: zenoh.ZError) -> str:
@@ -108,7 +116,7 @@ def run(instance: Instance) -> None:
                 boot_id=boot_id,
                 process=process,
                 state="ok",
-                text=f"listening on {instance.router}, {sessions} sessions{readers.text}",
+                text=f"listening on {shown_router(instance.router)}, {sessions} sessions{readers.text}",
             )
             publisher.put(encode(report))
         stopping = bool(select.select([stop_read], [], [], SAMPLE_PERIOD_S)[0])

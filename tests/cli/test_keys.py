@@ -76,6 +76,25 @@ def test_wrong_words_get_a_sentence(home: Path, words: list[str], sentence: str)
     assert sentence in done.output
 
 
+@pytest.mark.parametrize("command", [["status"], ["ground"], ["watch", "--foxglove"], ["replay", "no.mcap"]])
+def test_an_address_with_tls_needs_a_bundle(home: Path, command: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    router = ["--router", "tls/127.0.0.1:1"]
+    (home / "no.mcap").touch()
+    monkeypatch.chdir(home)
+    assert "name the folder of a bundle with --keys or JEZERO_KEYS" in invoke([*command, *router])
+    assert "ca.pem is missing: copy the whole folder" in invoke([*command, *router, "--keys", str(home)])
+    assert "does not exist" in invoke([*command, *router, "--keys", "nowhere"])
+    monkeypatch.setenv("JEZERO_KEYS", str(home))
+    assert "ca.pem is missing: copy the whole folder" in invoke([*command, *router])
+
+
+def invoke(words: list[str]) -> str:
+    """What a command says that is refused."""
+    done = CliRunner().invoke(main, words)
+    assert done.exit_code == 2
+    return " ".join(done.output.split())
+
+
 def test_the_help_of_jezero_imports_no_cryptography() -> None:
     program = (
         "import sys\nfrom jezero.cli.main import main\n"

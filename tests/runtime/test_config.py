@@ -18,6 +18,11 @@ class Settings(Config, frozen=True, kw_only=True):
         ("JEZERO_VEHICLE", "a/b", "is 'a/b': expected 1 to 32 letters, digits, '-' and '_'"),
         ("JEZERO_ROUTER", "tcp/here", "'tcp/here' is no address of a router"),
         ("JEZERO_ROUTER", "ws/here:1", "'ws/here:1' is no address of a router"),
+        (
+            "JEZERO_ROUTER",
+            "tls/here:1",
+            "tls/here:1 needs keys: name the folder of a bundle with --keys or JEZERO_KEYS",
+        ),
         ("JEZERO_INSTANCE", "250", "is '250': expected `int` <= 249"),
         ("JEZERO_INSTANCE", "one", "is 'one': expected `int`"),
         ("JEZERO_GCS_PORT", "0", "is '0': expected `int` >= 1"),

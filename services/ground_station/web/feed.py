@@ -5,6 +5,7 @@ import time
 from typing import Any
 
 from jezero.aio import JezeroError, Vehicle
+from jezero.router_address import shown_router
 from jezero.schemas import topics
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.terrain import Ground
@@ -36,7 +37,7 @@ class Feed:
         self.vehicle, self.router = vehicle, router
         self.ground: Ground | None = None
         self.ground_version = 0
-        self.problem = f"Connecting to {router} …"
+        self.problem = f"Connecting to {shown_router(router)} …"
         self._uav: Vehicle | None = None
         self._always: list[asyncio.Task[None]] = []
         self._watching: list[asyncio.Task[None]] = []
