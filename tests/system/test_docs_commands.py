@@ -29,6 +29,7 @@ REASONS = {
     "needs a file of your own",
     "needs a flight that ended early",
     "needs an installed package",
+    "needs another computer",
     "part of a longer program",
     "starts a second stack",
     "takes minutes",
@@ -264,6 +265,7 @@ def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Reader]:
     with new_stack(folder) as stack:
         stack.environment["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
         stack.environment["PYTHONPATH"] = str(ROOT)
+        stack.environment["XDG_CONFIG_HOME"] = str(folder / "config")  # for the keys of a team
         reader = Reader(folder, stack)
         yield reader
         reader.close()
