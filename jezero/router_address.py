@@ -1,6 +1,7 @@
 """The address of a Zenoh router, such as `tcp/127.0.0.1:7447`."""
 
 import re
+from ipaddress import ip_address
 from typing import NamedTuple
 
 PROTOCOLS = ("tcp", "tls", "udp", "unixsock-stream")
@@ -42,3 +43,24 @@ def parse_router(text: str) -> RouterAddress:
 def shown_router(text: str) -> str:
     """An address for people: without the files that come behind `#`."""
     return text.partition("#")[0]
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only programs on this machine reach an address."""
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:  # a name
+        return host == "localhost"
+
+
+def is_insecure(text: str) -> bool:
+    """Whether an address leaves this computer without TLS."""
+    protocol, host, _ = parse_router(text)
+    return protocol in ("tcp", "udp") and not is_loopback(host)
+
+
+def insecurity(text: str) -> str:
+    """What an address without TLS means, for people; "" for one with TLS, and for one of this computer."""
+    return (
+        f"{shown_router(text)} is insecure: whoever is on its network sees all and may fly" if is_insecure(text) else ""
+    )

@@ -2,7 +2,7 @@
 
 import pytest
 
-from jezero.router_address import RouterAddress, parse_router, shown_router
+from jezero.router_address import RouterAddress, insecurity, parse_router, shown_router
 
 
 @pytest.mark.parametrize(
@@ -35,3 +35,22 @@ def test_an_address_is_shown_without_the_files_of_its_keys() -> None:
 def test_anything_else_is_refused_with_an_example(text: str) -> None:
     with pytest.raises(ValueError, match=r"is no address of a router: write PROTOCOL/HOST:PORT, such as tcp/127"):
         parse_router(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "insecure"),
+    [
+        ("tcp/127.0.0.1:7447", False),
+        ("tcp/[::1]:7447", False),
+        ("udp/localhost:7447", False),
+        ("unixsock-stream//tmp/router", False),
+        ("tls/192.168.1.10:7447", False),
+        ("tcp/192.168.1.10:7447", True),
+        ("tcp/0.0.0.0:7447", True),
+        ("tcp/[::]:7447", True),
+        ("udp/uav1.local:7447", True),
+        ("tcp/localhost.example.org:7447", True),
+    ],
+)
+def test_an_address_without_tls_is_insecure_where_other_computers_are(text: str, insecure: bool) -> None:
+    assert ("whoever is on its network" in insecurity(text)) == insecure

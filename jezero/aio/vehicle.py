@@ -114,6 +114,7 @@ class Vehicle:
         *,
         router: str | None = None,
         keys: str | Path | None = None,
+        insecure: bool = False,
         timeout_s: float = 3.0,
     ) -> Self:
         """Connect to a vehicle; arguments and errors as of `jezero.Vehicle.connect`.
@@ -121,7 +122,9 @@ class Vehicle:
         Close the connection afterwards: `async with await Vehicle.connect("uav1") as uav`.
         """
         threads = Threads()
-        blocking = await threads.run(client.Vehicle.connect, vehicle, router=router, keys=keys, timeout_s=timeout_s)
+        blocking = await threads.run(
+            client.Vehicle.connect, vehicle, router=router, keys=keys, insecure=insecure, timeout_s=timeout_s
+        )
         return cls(threads, blocking)
 
     @property

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jezero.cli.recording import RECORDING_PATH
-from jezero.cli.shared import Router, keys_option
+from jezero.cli.shared import Router, insecure_option, keys_option
 
 if TYPE_CHECKING:
     from jezero.services.ground_station.config import GroundStationConfig
@@ -35,7 +35,7 @@ FILE = click.Path(exists=True, dir_okay=False)
 @click.option("--listen", metavar="ADDRESS", help="IP address of the pages; 0.0.0.0 for all networks.")
 @click.option("--certificate", type=FILE, help="TLS certificate, PEM.")
 @click.option("--key", type=FILE, help="Private key of the certificate, PEM.")
-@click.option("--insecure", is_flag=True, default=None, help="Serve another address than 127.0.0.1 without TLS.")
+@insecure_option("Serve and connect to other addresses than 127.0.0.1 without TLS.", expose_value=True)
 @click.option("--set-password", is_flag=True, help="Set the password of those who may fly, and end.")
 def ground(router: str, vehicle: str, recording: Path | None, set_password: bool, **given: Any) -> None:
     """Serve the ground station's pages to browsers, until Ctrl+C.

@@ -33,7 +33,7 @@ def check_mission(printer: "Printer", read: Read, origin: Origin | None, vehicle
     from jezero.client import TimedOut, Unreachable, Vehicle
 
     try:
-        with Vehicle.connect(vehicle, router=router, timeout_s=ROUTER_WAIT_S) as uav:
+        with Vehicle.connect(vehicle, router=router, insecure=True, timeout_s=ROUTER_WAIT_S) as uav:
             found = vehicle_origin(uav.status().odometry) or origin or simulator_origin()
             file = read(found.position_deg)
             plans: list[StepPlan] | None = _plans(file, uav)

@@ -130,7 +130,7 @@ def _origin_deg(origin: Origin | None, vehicle: str, router: str) -> list[float]
     if origin is not None:
         return [*origin.position_deg, 0.0]
     try:
-        with Vehicle.connect(vehicle, router=router, timeout_s=ROUTER_WAIT_S) as uav:
+        with Vehicle.connect(vehicle, router=router, insecure=True, timeout_s=ROUTER_WAIT_S) as uav:
             odometry = uav.status().odometry
             if odometry is not None and odometry.origin_deg is not None:
                 return list(odometry.origin_deg)

@@ -14,8 +14,7 @@ import click
 
 from jezero.cli.exit_codes import REFUSED, UNREACHABLE
 from jezero.cli.keyboard import Keyboard
-from jezero.cli.watch import is_loopback
-from jezero.router_address import parse_router, shown_router
+from jezero.router_address import is_loopback, parse_router, shown_router
 from jezero.schemas.units import NS_PER_S
 
 if TYPE_CHECKING:

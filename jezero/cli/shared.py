@@ -1,6 +1,7 @@
 """Parts that the commands share: options, what is printed, the connection, and a goal that is followed to its end."""
 
 import json
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -13,8 +14,9 @@ import click
 
 from jezero.cli.exit_codes import ABORTED, REFUSED, UNREACHABLE
 from jezero.cli.plan import minutes
+from jezero.keys.bundle import INSECURE_VARIABLE, endpoint_of
 from jezero.keys.bundle import VARIABLE as KEYS_VARIABLE
-from jezero.keys.bundle import endpoint_of
+from jezero.router_address import insecurity
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
 
 FRAMES = click.Choice(["world", "rover"])
 PLAIN_PERIOD_S = 1.0
+KEYS, INSECURE = "jezero.keys", "jezero.insecure"
+"""Names under which click's context has the values of these options."""
 
 
 class Finite(click.ParamType[float]):
@@ -38,13 +42,15 @@ class Finite(click.ParamType[float]):
 
 
 class Router(click.ParamType[str]):
-    """The address of a router, which becomes its endpoint with the bundle of `keys_option`."""
+    """The address of a router, which becomes its endpoint with what `keys_option` and `insecure_option` say."""
 
     name = "address"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         try:
-            return endpoint_of(value, ctx.meta.get(KEYS_VARIABLE) if ctx else None)
+            meta = ctx.meta if ctx else {}
+            insecure = bool(meta.get(INSECURE)) or os.environ.get(INSECURE_VARIABLE) == "1"
+            return endpoint_of(value, meta.get(KEYS), insecure=insecure)
         except ValueError as error:
             self.fail(str(error), param, ctx)
 
@@ -66,25 +72,46 @@ def common_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return vehicle_options(json_option(command))
 
 
+def _keep(ctx: click.Context, param: click.Parameter, value: Any) -> Any:
+    """Keep an option's value for the type `Router`."""
+    ctx.meta[f"jezero.{param.name}"] = value
+    return value
+
+
+def insecure_option(text: str, *, expose_value: bool = False) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """The option that permits addresses without TLS, which the type `Router` uses.
+
+    Args:
+        text: help.
+        expose_value: whether the command gets its value too.
+    """
+    return click.option(
+        "--insecure",
+        is_flag=True,
+        default=None,
+        is_eager=True,
+        expose_value=expose_value,
+        callback=_keep,
+        help=text,
+    )
+
+
 def keys_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the option of the bundle, which the type `Router` uses."""
-
-    def keep(ctx: click.Context, _param: click.Parameter, value: Path | None) -> None:
-        ctx.meta[KEYS_VARIABLE] = value
-
     return click.option(
         "--keys",
         envvar=KEYS_VARIABLE,
         type=click.Path(path_type=Path, exists=True, file_okay=False),
         is_eager=True,
         expose_value=False,
-        callback=keep,
+        callback=_keep,
         help="Folder of the bundle of `jezero keys`, for an address with tls.",
     )(command)
 
 
 def vehicle_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options that name a vehicle, its router and the bundle for it."""
+    command = insecure_option("Connect to another computer without TLS, on a network that you trust.")(command)
     command = keys_option(command)
     command = click.option(
         "--router",
@@ -170,7 +197,8 @@ def connected(vehicle: str, router: str, printer: Printer) -> Iterator["Vehicle"
     from jezero.client import Aborted, Canceled, JezeroError, Refused, Vehicle
 
     try:
-        with Vehicle.connect(vehicle, router=router) as uav:
+        with Vehicle.connect(vehicle, router=router, insecure=True) as uav:  # `Router` has checked it
+            printer.warn(insecurity(router))
             yield uav
     except Refused as error:
         printer.fail("rejected", f"refused: {error}", REFUSED, reason=str(error), code=error.code)

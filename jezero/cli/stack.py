@@ -14,6 +14,9 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 import click
 
 from jezero.cli.exit_codes import FAILED, REFUSED
+from jezero.cli.shared import INSECURE, KEYS, insecure_option, keys_option
+from jezero.keys.bundle import INSECURE_VARIABLE
+from jezero.keys.bundle import VARIABLE as KEYS_VARIABLE
 
 if TYPE_CHECKING:
     from jezero.deploy.launcher.compose import Service
@@ -40,9 +43,9 @@ def run_dir_option(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def _folder(run_dir: Path | None) -> "RunFolder":
     from jezero.deploy.launcher.state import RunFolder, default_folder
-    from jezero.runtime.config import instance_from_environment
+    from jezero.runtime.config import vehicle_from_environment
 
-    return RunFolder(run_dir or default_folder(instance_from_environment().vehicle))
+    return RunFolder(run_dir or default_folder(vehicle_from_environment()))
 
 
 def _shipped_compose_file() -> Path:
@@ -61,17 +64,33 @@ def _shipped_compose_file() -> Path:
               help="Longest wait of --wait, in seconds.")  # fmt: skip
 @click.option("-f", "--file", "file", type=click.Path(path_type=Path, dir_okay=False),
               help="Compose file [default: the one shipped with jezero].")  # fmt: skip
+@keys_option
+@insecure_option("Listen to other computers without TLS, on a network that you trust.")
 @run_dir_option
+@click.pass_context
 def up(
-    profiles: tuple[str, ...], detach: bool, wait: bool, timeout_s: float, file: Path | None, run_dir: Path | None
+    context: click.Context,
+    /,
+    profiles: tuple[str, ...],
+    detach: bool,
+    wait: bool,
+    timeout_s: float,
+    file: Path | None,
+    run_dir: Path | None,
 ) -> None:
     """Start the services of the compose file as local processes, in the foreground unless -d.
 
     Ctrl+C stops them in reverse order; a second one kills them. No process is left, however the launcher ends.
+
+    They listen at JEZERO_ROUTER; other computers reach it only with TLS, for which --keys names a bundle.
     """
     from jezero.runtime.config import instance_from_environment
 
     start_s = time.monotonic()
+    if (keys := context.meta[KEYS]) is not None:
+        os.environ[KEYS_VARIABLE] = str(keys.resolve())  # for the services
+    if context.meta[INSECURE]:
+        os.environ[INSECURE_VARIABLE] = "1"
     instance, folder = instance_from_environment(), _folder(run_dir)
     path = (file or _shipped_compose_file()).resolve()
     services = _read_services(path, profiles)
@@ -82,6 +101,7 @@ def up(
             _exit_now(_launch(services, folder, instance, path, detached=False))
         launcher = _detach(lambda: _launch(services, folder, instance, path, detached=True), keep=folder.fileno())
         _wait_for_start(folder, launcher, start_s + timeout_s if wait else None, start_s)
+        _warn_if_insecure(instance)
     except _CannotStart as error:
         click.echo(f"Error: {error}", err=True)
         _exit_now(error.exit_code)
@@ -148,8 +168,16 @@ def _launch(
         if detached:
             _print_into(folder.logs / LAUNCHER_LOG)
         external = frozenset([ROUTER] if check_start(services, instance, claims) else [])
+        _warn_if_insecure(instance)
         terminal = None if detached else sys.stdout
         return Launcher(services, folder, instance, str(file), external=external, terminal=terminal).run()
+
+
+def _warn_if_insecure(instance: "Instance") -> None:
+    from jezero.router_address import insecurity
+
+    if warning := insecurity(instance.router):
+        click.echo(f"warning: {warning}", err=True)
 
 
 def _print_into(log: Path) -> None:

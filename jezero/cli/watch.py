@@ -1,12 +1,10 @@
 """`jezero watch`: a vehicle's messages, live, for a viewer."""
 
-from ipaddress import ip_address
-
 import click
 
 from jezero.cli.exit_codes import UNREACHABLE
 from jezero.cli.shared import Printer, common_options
-from jezero.router_address import shown_router
+from jezero.router_address import is_loopback, shown_router
 
 PORT = 8765
 """The port that Foxglove suggests."""
@@ -41,14 +39,6 @@ def watch(foxglove: bool, host: str, port: int, vehicle: str, router: str, as_js
         _serve(Printer(as_json), vehicle, router, host, port)
     except KeyboardInterrupt:
         return
-
-
-def is_loopback(host: str) -> bool:
-    """Whether only programs on this machine reach an address."""
-    try:
-        return ip_address(host).is_loopback
-    except ValueError:  # a name
-        return host == "localhost"
 
 
 def _serve(printer: Printer, vehicle: str, router: str, host: str, port: int) -> None:

@@ -20,7 +20,7 @@ from jezero.client.rover import Rover
 from jezero.client.session import Connection
 from jezero.client.status import REPLY_TIMEOUT_S, check_preflight, request_status, wait_ready, watch_status
 from jezero.client.subscription import LatestValues, Subscription, call_for_each, topic_named
-from jezero.keys.bundle import VARIABLE, endpoint_of
+from jezero.keys.bundle import INSECURE_VARIABLE, VARIABLE, endpoint_of
 from jezero.keys.members import KeysError
 from jezero.schemas import topics
 from jezero.schemas.actions import ResultReply
@@ -83,6 +83,7 @@ class Vehicle(GoalMethods):
         *,
         router: str | None = None,
         keys: str | Path | None = None,
+        insecure: bool = False,
         timeout_s: float = 3.0,
     ) -> Self:
         """Connect to a vehicle. Close the connection afterwards, or use it in a `with` statement.
@@ -93,16 +94,18 @@ class Vehicle(GoalMethods):
                 `tcp/127.0.0.1:7447`.
             keys: folder of the bundle of `jezero keys`, for a router at an address with `tls`; None takes it from
                 JEZERO_KEYS.
+            insecure: permits a router on another computer without TLS; so does JEZERO_INSECURE=1.
             timeout_s: longest wait for the router.
 
         Raises:
-            Unreachable: no router replies within `timeout_s`, or the bundle is missing or refused.
+            Unreachable: no router replies within `timeout_s`, the bundle is missing or refused, or TLS is missing.
             ValueError: the router's address is none.
         """
         vehicle = vehicle or os.environ.get("JEZERO_VEHICLE") or DEFAULT_VEHICLE
         router = router or os.environ.get("JEZERO_ROUTER") or DEFAULT_ROUTER
+        insecure = insecure or os.environ.get(INSECURE_VARIABLE) == "1"
         try:
-            endpoint = endpoint_of(router, keys or os.environ.get(VARIABLE))
+            endpoint = endpoint_of(router, keys or os.environ.get(VARIABLE), insecure=insecure)
         except KeysError as error:
             raise Unreachable(str(error)) from None
         return cls(Connection(vehicle, endpoint, timeout_s))

@@ -1,18 +1,21 @@
 """A bundle: the folder with everything that one computer or person needs to speak TLS with the team's routers."""
 
+import os
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from jezero.keys.members import KeysError
 from jezero.os_errors import describe_os_error
-from jezero.router_address import parse_router
+from jezero.router_address import is_insecure, parse_router
 
 if TYPE_CHECKING:
     from cryptography import x509
 
 VARIABLE = "JEZERO_KEYS"
 """Environment variable that names the folder of the bundle."""
+INSECURE_VARIABLE = "JEZERO_INSECURE"
+"""Environment variable that is 1 where addresses without TLS may leave this computer."""
 CA, CERTIFICATE, KEY = "ca.pem", "certificate.pem", "key.pem"
 
 
@@ -33,22 +36,36 @@ class Identity(NamedTuple):
     hosts: tuple[str, ...]
 
 
-def endpoint_of(address: str, keys: str | Path | None) -> str:
+def endpoint_of(address: str, keys: str | Path | None, *, insecure: bool = False) -> str:
     """Zenoh's endpoint for a router's address as people write it: with a bundle's TLS if the address wants TLS.
+
+    Without TLS no address leaves this computer, unless a person has said so.
 
     Args:
         address: an address; one with settings of its own behind `#` stays as it is.
         keys: folder of the bundle; None or "" without one.
+        insecure: whether an address without TLS may be another computer's, or listen to others.
 
     Raises:
         ValueError: the address's syntax is wrong.
-        KeysError: the address needs a bundle and there is none, or it can't be used.
+        KeysError: the address needs a bundle and there is none, or it can't be used; or it needs TLS.
     """
+    if is_insecure(address) and not insecure:
+        raise KeysError(
+            f"without TLS whoever is on the network of {address} could fly: write tls/… and name the bundle of "
+            f"`jezero keys` with --keys or {VARIABLE}, or give --insecure or {INSECURE_VARIABLE}=1 on a network that "
+            "you trust"
+        )
     if parse_router(address).protocol != "tls" or "#" in address:
         return address
     if not keys:
         raise KeysError(f"{address} needs keys: name the folder of a bundle with --keys or {VARIABLE}")
     return secured(address, Path(keys))
+
+
+def given_endpoint(address: str) -> str:
+    """`endpoint_of` with the bundle and the permission that the environment names."""
+    return endpoint_of(address, os.environ.get(VARIABLE), insecure=os.environ.get(INSECURE_VARIABLE) == "1")
 
 
 def secured(address: str, bundle: Path) -> str:

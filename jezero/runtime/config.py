@@ -9,8 +9,7 @@ from typing import Annotated, Literal, TypeVar
 import msgspec
 from msgspec import Meta
 
-from jezero.keys.bundle import VARIABLE as KEYS_VARIABLE
-from jezero.keys.bundle import endpoint_of
+from jezero.keys.bundle import given_endpoint
 from jezero.os_errors import describe_os_error
 
 
@@ -78,18 +77,36 @@ _VARIABLES = {
 }
 
 
-def instance_from_environment() -> Instance:
-    """Read `JEZERO_VEHICLE`, `JEZERO_ROUTER`, `JEZERO_KEYS`, `JEZERO_INSTANCE` and `JEZERO_GCS_PORT`.
+def vehicle_from_environment() -> str:
+    """Read `JEZERO_VEHICLE` alone, for what needs no router.
 
     Raises:
-        ConfigError: one of them is malformed.
+        ConfigError: it is malformed.
+    """
+    return _instance_of({"vehicle": os.environ.get("JEZERO_VEHICLE") or Instance().vehicle}).vehicle
+
+
+def instance_from_environment() -> Instance:
+    """Read the variables that `Instance` names, and those of the router's keys: `JEZERO_KEYS`, `JEZERO_INSECURE`.
+
+    Raises:
+        ConfigError: one of them is malformed, or the router's address needs keys.
     """
     given = {field: os.environ[name] for field, name in _VARIABLES.items() if os.environ.get(name)}
     try:
         if "router" in given:
-            given["router"] = endpoint_of(given["router"], os.environ.get(KEYS_VARIABLE))
+            given["router"] = given_endpoint(given["router"])
     except ValueError as error:
         raise ConfigError(f"{_VARIABLES['router']}: {error}") from None
+    return _instance_of(given)
+
+
+def _instance_of(given: dict[str, str]) -> Instance:
+    """The instance with these fields.
+
+    Raises:
+        ConfigError: one of them is malformed.
+    """
     try:
         return msgspec.convert(given, Instance, strict=False)
     except msgspec.ValidationError as error:

@@ -21,6 +21,12 @@ class Variable(NamedTuple):
 
 VARIABLES = (
     Variable("JEZERO_KEYS", "folder", "–", "folder of the bundle of `jezero keys`, for an address with `tls`."),
+    Variable(
+        "JEZERO_INSECURE",
+        "`1`",
+        "–",
+        "whether the router's address may leave this computer without TLS; `1` permits it.",
+    ),
     Variable("JEZERO_CONFIG_DIR", "folder", "the shipped folder", "folder of the settings."),
     Variable(
         "JEZERO_RUN_DIR",

@@ -15,7 +15,7 @@ import zenoh
 
 from jezero.codec import encode
 from jezero.keys.diagnosis import listening_problem
-from jezero.router_address import parse_router, shown_router
+from jezero.router_address import insecurity, parse_router, shown_router
 from jezero.runtime.config import ConfigError, Instance, instance_from_environment
 from jezero.runtime.link_guard import LinkGuard
 from jezero.runtime.ports import listen_problem
@@ -104,6 +104,7 @@ def run(instance: Instance) -> None:
     )
     boot_id, process = new_boot_id(), f"{socket.gethostname()} pid {os.getpid()}"
     readers = _StoppedReaders(session)
+    where = f"listening on {insecurity(instance.router) or shown_router(instance.router)}"
     stopping, health_due_s = False, time.monotonic()
     while not stopping:
         readers.update()
@@ -116,7 +117,7 @@ def run(instance: Instance) -> None:
                 boot_id=boot_id,
                 process=process,
                 state="ok",
-                text=f"listening on {shown_router(instance.router)}, {sessions} sessions{readers.text}",
+                text=f"{where}, {sessions} sessions{readers.text}",
             )
             publisher.put(encode(report))
         stopping = bool(select.select([stop_read], [], [], SAMPLE_PERIOD_S)[0])

@@ -88,6 +88,20 @@ def test_an_address_with_tls_needs_a_bundle(home: Path, command: list[str], monk
     assert "ca.pem is missing: copy the whole folder" in invoke([*command, *router])
 
 
+@pytest.mark.parametrize("command", [["status"], ["ground"], ["takeoff", "3"]])
+def test_another_computer_needs_tls_or_the_word_insecure(command: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("JEZERO_INSECURE", raising=False)
+    said = invoke([*command, "--router", "tcp/192.0.2.1:7447"])
+    assert "write tls/… and name the bundle" in said and "--insecure or JEZERO_INSECURE=1" in said
+
+
+def test_up_refuses_to_listen_to_other_computers_without_tls(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("JEZERO_INSECURE", raising=False)
+    monkeypatch.setenv("JEZERO_ROUTER", "tcp/0.0.0.0:7447")
+    done = CliRunner().invoke(main, ["up"])
+    assert done.exit_code == 1 and "without TLS whoever is on the network of tcp/0.0.0.0:7447 could fly" in done.output
+
+
 def invoke(words: list[str]) -> str:
     """What a command says that is refused."""
     done = CliRunner().invoke(main, words)

@@ -7,7 +7,7 @@ from click.testing import CliRunner, Result
 
 from jezero.cli.exit_codes import FAILED, UNREACHABLE, USAGE
 from jezero.cli.main import main
-from jezero.cli.watch import is_loopback
+from jezero.router_address import is_loopback
 from tests.client.rig import free_endpoint
 from tests.recording.rig import record
 
@@ -81,7 +81,7 @@ def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
 
 def test_without_a_router_on_another_machine_the_address_is_named(flight: Path) -> None:
     assert not is_loopback("192.0.2.1")
-    result = CliRunner().invoke(main, ["replay", str(flight), "--router", "tcp/192.0.2.1:7447"])
+    result = CliRunner().invoke(main, ["replay", str(flight), "--router", "tcp/192.0.2.1:7447", "--insecure"])
     assert result.exit_code == UNREACHABLE and "no router at tcp/192.0.2.1:7447" in result.stderr
 
 

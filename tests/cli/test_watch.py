@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 from jezero.cli.exit_codes import UNREACHABLE, USAGE
 from jezero.cli.main import main
-from jezero.cli.watch import is_loopback
+from jezero.router_address import is_loopback
 
 
 def test_a_viewer_must_be_chosen() -> None:

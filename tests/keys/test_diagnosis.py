@@ -197,3 +197,14 @@ def test_a_router_does_not_listen_with_a_certificate_that_nobody_takes(team: Tea
     endpoint = secured(f"tls/127.0.0.1:{free_port()}", team.bundle("vehicle-uav1"))
     assert router_problem(endpoint) == ""
     open_router(endpoint).close()  # type: ignore[no-untyped-call]
+
+
+def test_the_sdk_connects_to_another_computer_without_tls_only_when_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("JEZERO_INSECURE", raising=False)
+    with pytest.raises(Unreachable, match="without TLS whoever is on the network"):
+        Vehicle.connect("uav1", router="tcp/no-such-host.invalid:7447")
+    with pytest.raises(Unreachable, match="no router at"):
+        Vehicle.connect("uav1", router="tcp/no-such-host.invalid:7447", insecure=True, timeout_s=0.2)
+    monkeypatch.setenv("JEZERO_INSECURE", "1")
+    with pytest.raises(Unreachable, match="no router at"):
+        Vehicle.connect("uav1", router="tcp/no-such-host.invalid:7447", timeout_s=0.2)

@@ -244,7 +244,7 @@ def test_a_service_whose_port_is_taken_later_says_so_itself(toy: Stack) -> None:
 )
 def test_an_address_of_the_router_that_cannot_be_used_is_shown(toy: Stack, address: str, reason: str) -> None:
     toy.environment["JEZERO_ROUTER"] = address
-    sentence = sentence_of(toy.jezero("up", "--wait", check=False))
+    sentence = sentence_of(toy.jezero("up", "--wait", "--insecure", check=False))
     assert reason in sentence and "JEZERO_ROUTER" in sentence
     if "is no address" in reason:
         status = toy.jezero("status", check=False)

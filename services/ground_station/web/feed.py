@@ -64,7 +64,7 @@ class Feed:
         """Connect, and read what is always read. Returns when a router has replied."""
         while self._uav is None:
             try:
-                self._uav = await Vehicle.connect(self.vehicle, router=self.router)
+                self._uav = await Vehicle.connect(self.vehicle, router=self.router, insecure=True)  # as it was started
             except JezeroError as error:
                 self.problem = str(error)
                 await asyncio.sleep(RETRY_S)
