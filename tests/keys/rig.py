@@ -41,9 +41,11 @@ def free_port() -> int:
 
 
 @contextmanager
-def router(bundle: Path, settings: Mapping[str, Any] | None = None) -> Iterator[tuple[int, zenoh.Session]]:
+def router(
+    bundle: Path, settings: Mapping[str, Any] | None = None, port: int | None = None
+) -> Iterator[tuple[int, zenoh.Session]]:
     """A router that listens with a bundle on all addresses of the loopback; its port and session."""
-    port = free_port()
+    port = port or free_port()
     endpoint = secured(f"tls/0.0.0.0:{port}", bundle)
     config = config_of({**ROUTER_SETTINGS, "listen/endpoints": [endpoint], **(settings or {})})
     with zenoh.open(config) as session:

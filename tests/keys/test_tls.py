@@ -1,6 +1,7 @@
 """Who gets into a router that listens with a bundle: real Zenoh sessions, on the loopback."""
 
 import time
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -83,6 +84,31 @@ def test_a_renewed_member_gets_in_with_its_old_key(tmp_path: Path) -> None:
         assert not gets_in(endpoint)
         team.renew("pilot-cy")
         assert gets_in(endpoint)
+
+
+def test_a_standing_link_outlives_its_certificate_and_comes_back_with_a_renewed_one(tmp_path: Path) -> None:
+    team = make_team(tmp_path)
+    a_year_ago = Team(team.folder, datetime.now(UTC) - timedelta(days=365) + timedelta(seconds=5))
+    expires = a_year_ago.add("pilot", "cy").expires
+    with router(team.bundle("vehicle-uav1")) as (port, _):
+        endpoint = secured(f"tls/127.0.0.1:{port}", team.bundle("pilot-cy"))
+        client = zenoh.open(client_config(endpoint, 3.0))
+        while datetime.now(UTC) <= expires + timedelta(seconds=1):  # certificates count in whole seconds
+            time.sleep(0.05)
+        assert list(client.info.routers_zid())
+        assert not gets_in(endpoint)
+    with client, router(team.bundle("vehicle-uav1"), port=port):
+        assert not is_back(client, within_s=1.0)
+        team.renew("pilot-cy")
+        assert is_back(client, within_s=5.0)
+
+
+def is_back(client: zenoh.Session, within_s: float) -> bool:
+    """Whether a session gets its link with the router again."""
+    deadline_s = time.monotonic() + within_s
+    while not list(client.info.routers_zid()) and time.monotonic() < deadline_s:
+        time.sleep(0.02)
+    return bool(list(client.info.routers_zid()))
 
 
 def test_the_list_of_members_is_what_access_control_compares(tmp_path: Path) -> None:
