@@ -1,4 +1,4 @@
-"""The Python SDK: needs only zenoh and msgspec."""
+"""The Python SDK: needs only zenoh, msgspec and cryptography."""
 
 from jezero.client.errors import Aborted, Canceled, JezeroError, Refused, TimedOut, Unreachable
 from jezero.client.goal import Goal
