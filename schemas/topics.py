@@ -27,6 +27,11 @@ from jezero.schemas import (
 )
 from jezero.schemas.struct import Message, Payload
 
+Host = Literal["vehicle", "rover"]
+"""Computer of which a topic's writer is a service."""
+Rank = Literal["viewer", "pilot", "service"]
+"""Who may read or ask: everybody of the team, those who fly, or only services of the vehicle itself."""
+
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Payload)
 R = TypeVar("R", bound=Payload)
@@ -41,12 +46,16 @@ class Topic(Generic[M]):
         type: type of its messages, for decoding; a generic struct has its arguments.
         rate_hz: nominal rate of publishing. None for messages that are published on events only.
         writer: name of the one service that publishes it; `GOAL_IN_CHARGE` or `CLIENTS` where that changes.
+        host: computer whose services publish it; `CLIENTS` publish from anywhere.
+        reader: who may subscribe to it, from another computer.
     """
 
     name: str
     type: type[M]
     rate_hz: float | None
     writer: str
+    host: Host = "vehicle"
+    reader: Rank = "viewer"
 
     @cached_property
     def struct(self) -> Any:
@@ -75,6 +84,7 @@ class Endpoint(Generic[Q, R]):
         refuse: function that makes the reply to a request that can't be decoded or served, from the reason.
         shared: several servers reply on this key, each for its own goals.
         wildcards: a query with wildcards gets a reply too; only for an endpoint without an effect.
+        asker: who may send requests, from another computer.
     """
 
     name: str
@@ -84,15 +94,18 @@ class Endpoint(Generic[Q, R]):
     refuse: Callable[[str], R]
     shared: bool = False
     wildcards: bool = False
+    asker: Rank = "pilot"
 
 
-def refusing(name: str, request_type: type[Q], reply_type: type[R], server: str, **fields: Any) -> Endpoint[Q, R]:
+def refusing(
+    name: str, request_type: type[Q], reply_type: type[R], server: str, asker: Rank = "pilot", **fields: Any
+) -> Endpoint[Q, R]:
     """An endpoint that refuses a request by its one type of reply.
 
     Args:
         fields: fields of the refusal besides its reason.
     """
-    return Endpoint(name, request_type, reply_type, server, lambda why: reply_type(reason=why, **fields))
+    return Endpoint(name, request_type, reply_type, server, lambda why: reply_type(reason=why, **fields), asker=asker)
 
 
 @dataclass(frozen=True)
@@ -158,7 +171,7 @@ class Action(Generic[Q]):
     @cached_property
     def image(self) -> Endpoint[images.GetImage, images.ImageReply]:
         """Endpoint of the pixels of one image, also after the goal's end."""
-        return refusing(f"@action/{self.name}/image", images.GetImage, images.ImageReply, self.name)
+        return refusing(f"@action/{self.name}/image", images.GetImage, images.ImageReply, self.name, "viewer")
 
     @cached_property
     def describe(self) -> Endpoint[actions.GetDescription, actions.ActionDescription]:
@@ -170,6 +183,7 @@ class Action(Generic[Q]):
             self.name,
             lambda why: self.description,  # a request without fields has nothing to refuse
             wildcards=True,
+            asker="viewer",
         )
 
     @cached_property
@@ -182,6 +196,7 @@ class Action(Generic[Q]):
             self.name,
             lambda why: actions.RunningGoal(action=self.name),  # a request without fields has nothing to refuse
             wildcards=True,
+            asker="viewer",
         )
 
     @cached_property
@@ -216,7 +231,7 @@ BARO = Topic("sensor/baro", sensors.Barometer, 10.0, "simulator")
 MAG = Topic("sensor/mag", sensors.Magnetometer, 10.0, "simulator")
 ALTIMETER = Topic("sensor/altimeter", sensors.Altimeter, 25.0, "simulator")
 UWB = Topic("sensor/uwb", sensors.Uwb, 20.0, "simulator")
-ROVER_ODOMETRY = Topic("rover/odometry", sensors.RoverOdometry, 25.0, "simulator")
+ROVER_ODOMETRY = Topic("rover/odometry", sensors.RoverOdometry, 25.0, "simulator", host="rover")
 TRUTH = Topic("truth", state.Truth, 50.0, "simulator")
 SCENE = Topic("simulator/scene", state.Scene, 15.0, "simulator")
 CAMERA = Topic("sensor/camera", sensors.CameraFrame, 15.0, "camera")
@@ -229,7 +244,7 @@ CAMERA_PITCH = Topic("command/camera_pitch", commands.CameraPitch, 20.0, GOAL_IN
 ROVER_COMMAND = Topic("rover/command", commands.RoverCommand, 10.0, CLIENTS)
 ODOMETRY = Topic("odometry", state.Odometry, 50.0, "vehicle_bridge")
 STATUS = Topic("status", state.Status, 10.0, "vehicle_bridge")
-SETPOINT = Topic("command/setpoint", commands.Setpoint, 50.0, GOAL_IN_CHARGE)
+SETPOINT = Topic("command/setpoint", commands.Setpoint, 50.0, GOAL_IN_CHARGE, reader="service")
 FENCE = Topic("fence", fence.FenceState, 1.0, "vehicle_bridge")
 MISSION = Topic("mission/progress", mission.MissionProgress, 2.0, "mission")
 PREFLIGHT = Topic("preflight", preflight.PreflightReport, None, "preflight")
@@ -240,9 +255,11 @@ TOPICS: tuple[Topic[Any], ...] = (
     MISSION, PREFLIGHT, FENCE,
 )  # fmt: skip
 
-ACQUIRE = refusing("@control/acquire", commands.Acquire, commands.AcquireReply, "vehicle_bridge", granted=False)
+ACQUIRE = refusing(
+    "@control/acquire", commands.Acquire, commands.AcquireReply, "vehicle_bridge", "service", granted=False
+)
 RELEASE = refusing(
-    "@control/release", commands.Release, commands.ReleaseReply, "vehicle_bridge", released=False, code=-1
+    "@control/release", commands.Release, commands.ReleaseReply, "vehicle_bridge", "service", released=False, code=-1
 )
 HOVER = refusing("@control/hover", commands.Hover, commands.HoverReply, "vehicle_bridge", hover_mode=False)
 ABORT = refusing("@control/abort", commands.Abort, commands.AbortReply, "vehicle_bridge", hovering=False)
@@ -255,6 +272,7 @@ RESULT = Endpoint(
     EVERY_ACTION,
     lambda why: actions.ResultReply(goal_id="-", action="-", running=False, result=None),
     shared=True,
+    asker="viewer",
 )
 UNKNOWN_ACTION = Endpoint(
     "@action/**",
@@ -271,15 +289,17 @@ UNKNOWN_ACTION = Endpoint(
 )
 """Requests to actions that don't exist."""
 GET_PARAMETERS = refusing(
-    "@estimator/parameters/get", estimate.GetParameters, estimate.ParametersReply, "estimator", accepted=False
+    "@estimator/parameters/get", estimate.GetParameters, estimate.ParametersReply, "estimator", "viewer", accepted=False
 )
 SET_PARAMETERS = refusing(
     "@estimator/parameters/set", estimate.SetParameters, estimate.ParametersReply, "estimator", accepted=False
 )
-LEASE = refusing("@estimator/parameters/lease", estimate.Lease, estimate.LeaseReply, "estimator", accepted=False)
+LEASE = refusing(
+    "@estimator/parameters/lease", estimate.Lease, estimate.LeaseReply, "estimator", "service", accepted=False
+)
 RUN_MISSION = refusing("@mission/run", mission.Mission, mission.MissionReply, "mission", accepted=False)
 COMMAND_MISSION = refusing("@mission/command", mission.MissionCommand, mission.MissionReply, "mission", accepted=False)
-CHECK_PREFLIGHT = refusing("@preflight/check", preflight.GetPreflight, preflight.PreflightReply, "preflight")
+CHECK_PREFLIGHT = refusing("@preflight/check", preflight.GetPreflight, preflight.PreflightReply, "preflight", "viewer")
 GROUND = Endpoint(
     "simulator/ground",
     terrain.GetGround,
@@ -287,6 +307,7 @@ GROUND = Endpoint(
     "simulator",
     lambda why: terrain.Ground(reason=why),
     wildcards=True,
+    asker="viewer",
 )
 """The simulator's terrain, for people to look at."""
 
@@ -357,7 +378,7 @@ def health_of(service: str) -> Topic[health.ServiceHealth]:
 
 def journal_of(service: str) -> Topic[journal.JournalPart]:
     """The topic on which a service's runtime publishes the service's journal, for the recorder."""
-    return Topic(f"journal/{service}", journal.JournalPart, 10.0, service)
+    return Topic(f"journal/{service}", journal.JournalPart, 10.0, service, reader="service")
 
 
 def feedback_of(action: Action[Any]) -> Topic[actions.FeedbackMessage[Any]]:

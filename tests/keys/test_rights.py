@@ -1,0 +1,239 @@
+"""What each member may do on a router, tried with real sessions: every key, every role, every operation."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from jezero.keys.bundle import secured
+from jezero.keys.members import Role, read_members
+from jezero.keys.rights import access_control
+from jezero.keys.team import Team
+from jezero.schemas.topics import (
+    CLIENTS,
+    ENDPOINTS,
+    TOPICS,
+    Endpoint,
+    Topic,
+    health_of,
+    journal_of,
+    key,
+    liveliness_key,
+)
+from jezero.zenoh_client import client_config
+from tests.keys.rig import make_team, router
+
+VEHICLE = "uav1"
+SETTLE_S = 0.5
+"""Time in which what is allowed has long arrived."""
+BLOCK = zenoh.CongestionControl.BLOCK
+ROLES: tuple[Role, ...] = ("viewer", "pilot", "ground", "rover", "vehicle")
+MEMBERS = {
+    "viewer": "viewer-eye",
+    "pilot": "pilot-ana",
+    "ground": "ground-lab",
+    "rover": "rover-r1",
+    "vehicle": "vehicle-uav1",
+}
+ALL_TOPICS: list[Topic] = [*TOPICS, health_of("estimator"), journal_of("estimator")]
+PLANES = ("", "@action/", "@control/", "@estimator/", "@fence/", "@mission/", "@preflight/")
+
+
+def name_of(endpoint: Endpoint) -> str:
+    """A key to which requests are sent; for a pattern one that it matches."""
+    return endpoint.name.replace("**", "somersault")
+
+
+ASKED = {name_of(endpoint): endpoint for endpoint in ENDPOINTS}
+TOKENS = {
+    ("client", "py-1"): ROLES,
+    ("service", "rover"): ("rover", "vehicle"),
+    ("service", "estimator"): ("vehicle",),
+    ("claim", "estimator/1"): ("vehicle",),
+}
+"""Kind and name of liveliness tokens, and who may declare them."""
+
+
+def publishers_of(topic: Topic) -> set[Role]:
+    """Who may publish on a topic, by its row in the table."""
+    allowed: set[Role] = {"vehicle"}
+    if topic.host == "rover":
+        allowed.add("rover")
+    if topic.writer == CLIENTS:
+        allowed |= {"pilot", "ground"}
+    return allowed
+
+
+def readers_of(topic: Topic) -> set[Role]:
+    """Who may subscribe to a topic, by its row in the table."""
+    return {"vehicle"} if topic.reader == "service" else set(ROLES)
+
+
+def askers_of(endpoint: Endpoint) -> set[Role]:
+    """Who may send requests to an endpoint, by its row in the table."""
+    allowed: dict[str, set[Role]] = {
+        "viewer": set(ROLES),
+        "pilot": {"pilot", "ground", "vehicle"},
+        "service": {"vehicle"},
+    }
+    return allowed[endpoint.asker]
+
+
+@dataclass
+class Bus:
+    """A router with the rights of a team, and a session with it of each role; `inside` is that of a service.
+
+    Attributes:
+        inside: session of one of the vehicle's own services.
+        sessions: the session of each role.
+    """
+
+    inside: zenoh.Session
+    sessions: dict[Role, zenoh.Session]
+
+
+@pytest.fixture(scope="module")
+def bus(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bus]:
+    team = make_team(tmp_path_factory.mktemp("team"))
+    team.add("rover", "r1")
+    bundle = team.bundle("vehicle-uav1")
+    with (
+        router(bundle, {"access_control": access_control(VEHICLE, read_members(bundle))}) as (port, _),
+        ExitStack() as ends,
+    ):
+
+        def connect(name: str) -> zenoh.Session:
+            endpoint = secured(f"tls/127.0.0.1:{port}", team.bundle(name))
+            return ends.enter_context(zenoh.open(client_config(endpoint, 3.0)))
+
+        yield Bus(connect("vehicle-uav1"), {role: connect(MEMBERS[role]) for role in ROLES})
+
+
+@pytest.fixture(params=ROLES)
+def role(request: pytest.FixtureRequest) -> Role:
+    return request.param  # type: ignore[no-any-return]
+
+
+def subscribed(session: zenoh.Session, names: list[str], ends: ExitStack) -> set[str]:
+    """The keys on which something arrives from now on."""
+    arrived: set[str] = set()
+    for name in names:
+        subscriber = session.declare_subscriber(key(VEHICLE, name), lambda sample: arrived.add(str(sample.key_expr)))
+        ends.callback(subscriber.undeclare)
+    time.sleep(SETTLE_S)
+    return arrived
+
+
+def short(keys: set[str]) -> set[str]:
+    return {each.removeprefix(key(VEHICLE, "")) for each in keys}
+
+
+def every(send: Callable[[str], object], names: list[str]) -> None:
+    for name in names:
+        send(key(VEHICLE, name))
+    time.sleep(SETTLE_S)
+
+
+def test_each_topic_is_published_by_its_writers_alone(bus: Bus, role: Role) -> None:
+    names = [topic.name for topic in ALL_TOPICS] + list(ASKED)
+    with ExitStack() as ends:
+        arrived = subscribed(bus.inside, [f"{plane}**" for plane in PLANES], ends)
+        every(lambda name: bus.sessions[role].put(name, "x", congestion_control=BLOCK), names)
+    allowed = {topic.name for topic in ALL_TOPICS if role in publishers_of(topic)}
+    assert short(arrived) == (set(names) if role == "vehicle" else allowed)
+
+
+def test_nobody_but_services_deletes(bus: Bus, role: Role) -> None:
+    names = [topic.name for topic in ALL_TOPICS] + list(ASKED)
+    with ExitStack() as ends:
+        arrived = subscribed(bus.inside, [f"{plane}**" for plane in PLANES], ends)
+        every(lambda name: bus.sessions[role].delete(name, congestion_control=BLOCK), names)
+    assert short(arrived) == (set(names) if role == "vehicle" else set())
+
+
+@pytest.mark.parametrize("wildcards", [False, True], ids=["by their keys", "by wildcards"])
+def test_each_topic_is_read_by_its_readers_alone(bus: Bus, role: Role, wildcards: bool) -> None:
+    names = [topic.name for topic in ALL_TOPICS]
+    with ExitStack() as ends:
+        arrived = subscribed(bus.sessions[role], ["**"] if wildcards else names, ends)
+        every(lambda name: bus.inside.put(name, "x", congestion_control=BLOCK), names)
+    assert short(arrived) == {topic.name for topic in ALL_TOPICS if role in readers_of(topic)}
+
+
+def test_each_endpoint_is_asked_by_its_askers_alone(bus: Bus, role: Role) -> None:
+    asked: set[str] = set()
+    with ExitStack() as ends:
+        for name in ASKED:
+            reply = answering(asked)
+            ends.callback(bus.inside.declare_queryable(key(VEHICLE, name), reply, complete=True).undeclare)
+        time.sleep(SETTLE_S)
+        replied = {name for name in ASKED if replies(bus.sessions[role], name)}
+    allowed = {name for name, endpoint in ASKED.items() if role in askers_of(endpoint)}
+    assert replied == allowed
+    assert short(asked) == allowed
+
+
+def answering(asked: set[str]) -> Callable[[zenoh.Query], None]:
+    def reply(query: zenoh.Query) -> None:
+        with query:
+            asked.add(str(query.key_expr))
+            query.reply(query.key_expr, "y")
+
+    return reply
+
+
+def replies(session: zenoh.Session, name: str) -> bool:
+    return any(reply.ok is not None for reply in session.get(key(VEHICLE, name), payload="{}", timeout=2.0))
+
+
+def test_nobody_but_services_answers_requests(bus: Bus, role: Role) -> None:
+    with ExitStack() as ends:
+        for name in (*ASKED, *(topic.name for topic in ALL_TOPICS)):
+            reply = answering(set())
+            ends.callback(bus.sessions[role].declare_queryable(key(VEHICLE, name), reply, complete=True).undeclare)
+        time.sleep(SETTLE_S)
+        answered = {name for name in (*ASKED, "status") if replies(bus.inside, name)}
+    assert answered == ({*ASKED, "status"} if role == "vehicle" else set())
+
+
+def test_liveliness_tokens_are_those_of_their_owners(bus: Bus, role: Role) -> None:
+    liveliness = bus.sessions[role].liveliness()
+    with ExitStack() as ends:
+        for kind, name in TOKENS:
+            ends.callback(liveliness.declare_token(liveliness_key(VEHICLE, kind, name)).undeclare)  # type: ignore[arg-type]
+        time.sleep(SETTLE_S)
+        found = {str(reply.ok.key_expr) for reply in bus.inside.liveliness().get(key(VEHICLE, "@alive/**")) if reply.ok}
+    allowed = {liveliness_key(VEHICLE, *token) for token, roles in TOKENS.items() if role in roles}  # type: ignore[arg-type]
+    assert found == allowed
+
+
+def test_everybody_sees_which_services_are_there(bus: Bus, role: Role) -> None:
+    own = liveliness_key(VEHICLE, "service", "estimator")
+    token = bus.inside.liveliness().declare_token(own)
+    time.sleep(SETTLE_S)
+    found = {
+        str(reply.ok.key_expr) for reply in bus.sessions[role].liveliness().get(key(VEHICLE, "@alive/**")) if reply.ok
+    }
+    token.undeclare()  # type: ignore[no-untyped-call]
+    assert own in found
+
+
+def test_a_revoked_member_may_do_nothing(tmp_path: Path) -> None:
+    team: Team = make_team(tmp_path)
+    team.revoke("pilot-bo")
+    bundle = team.bundle("vehicle-uav1")
+    heard: list[str] = []
+    with router(bundle, {"access_control": access_control(VEHICLE, read_members(bundle))}) as (port, inside):
+        subscriber = inside.declare_subscriber(
+            key(VEHICLE, "rover/command"), lambda s: heard.append(s.payload.to_string())
+        )
+        for name in ("pilot-bo", "pilot-ana"):
+            with zenoh.open(client_config(secured(f"tls/127.0.0.1:{port}", team.bundle(name)), 3.0)) as session:
+                session.put(key(VEHICLE, "rover/command"), name, congestion_control=BLOCK)
+                time.sleep(SETTLE_S)
+        subscriber.undeclare()  # type: ignore[no-untyped-call]
+    assert heard == ["pilot-ana"]
