@@ -371,6 +371,10 @@ ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (
 )  # fmt: skip
 
 
+KEYS = ("**", "@alive/**", *sorted({f"{e.name.partition('/')[0]}/**" for e in ENDPOINTS if e.name.startswith("@")}))
+"""Names that cover everything of a vehicle: `**` stops at a chunk that begins with `@`."""
+
+
 def health_of(service: str) -> Topic[health.ServiceHealth]:
     """The topic on which a service's runtime publishes its health, at 1 Hz of wall time and when the state changes."""
     return Topic(f"health/{service}", health.ServiceHealth, 1.0, service)

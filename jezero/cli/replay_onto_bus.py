@@ -175,7 +175,7 @@ def _open_bus(router: str) -> Iterator[_Bus]:
             )
             raise SystemExit(UNREACHABLE) from None
         try:
-            session = open_router(router)
+            session = open_router(router, {})
         except ListenError as error:
             raise click.ClickException(str(error)) from None
         is_own = True

@@ -14,6 +14,7 @@ from jezero.keys.members import Members, Role
 from jezero.schemas.topics import (
     CLIENTS,
     ENDPOINTS,
+    KEYS,
     SETPOINT,
     TOPICS,
     Rank,
@@ -93,8 +94,7 @@ def _rules(vehicle: str, role: Role) -> Iterator[dict[str, Any]]:
 
     alive = ("@alive/**",)
     if role == "vehicle":
-        planes = {endpoint.name.partition("/")[0] for endpoint in ENDPOINTS if endpoint.name.startswith("@")}
-        yield rule("all", ALL_MESSAGES, BOTH, ("**", *alive, *sorted(f"{plane}/**" for plane in planes)))
+        yield rule("all", ALL_MESSAGES, BOTH, KEYS)
         return
     yield rule("subscribes", ("declare_subscriber", "query"), IN, ("**",))
     yield rule("hears", ("put", "reply"), OUT, ("**",))

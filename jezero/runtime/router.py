@@ -9,19 +9,23 @@ import sys
 import threading
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import zenoh
 
 from jezero.codec import encode
+from jezero.keys.bundle import VARIABLE as KEYS_VARIABLE
 from jezero.keys.diagnosis import listening_problem
+from jezero.keys.members import KeysError, read_members
+from jezero.keys.rights import access_control
 from jezero.router_address import insecurity, parse_router, shown_router
 from jezero.runtime.config import ConfigError, Instance, instance_from_environment
 from jezero.runtime.link_guard import LinkGuard
 from jezero.runtime.ports import listen_problem
 from jezero.runtime.process import new_boot_id
 from jezero.schemas.health import ServiceHealth
-from jezero.schemas.topics import health_of, key, liveliness_key
+from jezero.schemas.topics import CAMERA, KEYS, TOPICS, health_of, key, liveliness_key
 from jezero.zenoh_client import LINK_SETTINGS, config_of
 
 NAME = "router"
@@ -42,15 +46,48 @@ ROUTER_SETTINGS: Mapping[str, Any] = {
     "transport/link/tx/queue/congestion_control/block/wait_before_close": 200_000,
     "scouting/delay": 0,  # nothing is scouted; the default waits 0.5 s for it
 }
-"""Zenoh's settings of the router, but for its endpoint."""
+"""Zenoh's settings of every router."""
+SIZE_MAX_BYTES = 8_000_000
+"""A larger message is dropped; the largest of the contract is a result of 4 MB, besides the frames of a large camera."""
+SIZED = (
+    *(topic.name for topic in TOPICS if topic is not CAMERA),
+    *("action/**", "health/**", "journal/**", "viewer/**"),
+    *(name for name in KEYS if name.startswith("@")),
+)
+"""Names of the keys on which the size of messages is limited."""
 
 
 class ListenError(RuntimeError):
     """The router can't listen on its endpoint; the message names it and the reason."""
 
 
-def open_router(endpoint: str) -> zenoh.Session:
+def settings_of(instance: Instance, bundle: str) -> dict[str, Any]:
+    """Zenoh's settings of an instance's router, but for its endpoint: what it drops, and who may do what.
+
+    Args:
+        bundle: folder of the bundle with the team's members; "" without one.
+
+    Raises:
+        KeysError: the bundle can't be used.
+    """
+    size = {
+        "id": "size",
+        "messages": ["put", "query", "reply"],
+        "flows": ["ingress"],
+        "key_exprs": [key("*", name) for name in SIZED],
+        "size_limit": SIZE_MAX_BYTES,
+    }
+    settings: dict[str, Any] = {"low_pass_filter": [size]}
+    if bundle and parse_router(instance.router).protocol == "tls":
+        settings["access_control"] = access_control(instance.vehicle, read_members(Path(bundle).expanduser()))
+    return settings
+
+
+def open_router(endpoint: str, settings: Mapping[str, Any]) -> zenoh.Session:
     """Start listening.
+
+    Args:
+        settings: Zenoh's settings besides those of every router, by their paths.
 
     Raises:
         ListenError: the port is taken or forbidden for this user, this machine doesn't have the address, or nobody
@@ -59,7 +96,7 @@ def open_router(endpoint: str) -> zenoh.Session:
     if problem := listening_problem(endpoint):
         raise ListenError(problem)
     try:
-        return zenoh.open(config_of({**ROUTER_SETTINGS, "listen/endpoints": [endpoint]}))
+        return zenoh.open(config_of({**ROUTER_SETTINGS, **settings, "listen/endpoints": [endpoint]}))
     except zenoh.ZError as error:
         raise ListenError(
             router_problem(endpoint) or f"cannot listen on {shown_router(endpoint)}: {_reason(error)}"
@@ -90,14 +127,19 @@ def run(instance: Instance) -> None:
     """Route until SIGTERM or SIGINT, and publish health once a second.
 
     Raises:
+        ConfigError: the bundle can't be used.
         ListenError: see `open_router`.
     """
+    try:
+        settings = settings_of(instance, os.environ.get(KEYS_VARIABLE, ""))
+    except KeysError as error:
+        raise ConfigError(str(error)) from None
     stop_read, stop_write = socket.socketpair()
     stop_write.setblocking(False)
     signal.set_wakeup_fd(stop_write.fileno())  # works in whichever thread the signal arrives
     for number in STOP_SIGNALS:
         signal.signal(number, lambda _number, _frame: None)
-    session = open_router(instance.router)
+    session = open_router(instance.router, settings)
     alive = session.liveliness().declare_token(liveliness_key(instance.vehicle, "service", NAME))
     publisher = session.declare_publisher(
         key(instance.vehicle, health_of(NAME).name), encoding=zenoh.Encoding.APPLICATION_JSON
