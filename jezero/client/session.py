@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 
 import zenoh
 
-from jezero.client.errors import JezeroError, TimedOut, Unreachable
+from jezero.client.errors import JezeroError, Refused, TimedOut, Unreachable
 from jezero.codec import BadPayloadError, encode, reader
 from jezero.router_address import shown_router
 from jezero.schemas.struct import Message, Payload
@@ -112,6 +112,8 @@ class Connection:
     def __init__(self, vehicle: str, router: str, timeout_s: float) -> None:
         self.vehicle = vehicle
         self.router = shown_router(router)
+        self._endpoint = router
+        self._may_publish: set[str] = set()
         self.client_id = f"py-{token_hex(6)}"
         self._session = _open(router, timeout_s)
         self._close = weakref.finalize(self, _close, self._session)
@@ -175,6 +177,7 @@ class Connection:
         """Send a request and wait for its one reply.
 
         Raises:
+            Refused: the keys don't give the right to.
             Unreachable: no server has this key.
             TimedOut: the server does not reply in time.
         """
@@ -252,17 +255,32 @@ class Connection:
         """Publish one message.
 
         Raises:
+            Refused: the keys don't give the right to; the router would drop the message without a word.
             Unreachable: the session is closed.
         """
+        if topic.name not in self._may_publish:
+            self._check_right(topic.name)
+            self._may_publish.add(topic.name)
         name = key(self.vehicle, topic.name)
         try:
             self._session.put(name, encode(message), encoding=zenoh.Encoding.APPLICATION_JSON)
         except zenoh.ZError as error:
             raise Unreachable(self.loss_reason() or f"can't publish {topic.name}: {error}") from None
 
+    def _check_right(self, name: str) -> None:
+        """Raise `Refused` where the keys of this connection don't give the right to send something there."""
+        if not self._endpoint.startswith("tls/"):
+            return
+        from jezero.keys.diagnosis import missing_right
+
+        if reason := missing_right(self._endpoint, name):
+            raise Refused(reason)
+
     def _raise_unreachable(self, name: str) -> NoReturn:
         if reason := self.loss_reason():
             raise Unreachable(reason)
+        if name.startswith("@"):  # everybody may ask for what has no effect
+            self._check_right(name)
         raise Unreachable(f"no server replies on {name} of {self.vehicle}: is the stack up? (`jezero up`, `jezero ps`)")
 
 

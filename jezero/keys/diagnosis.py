@@ -9,7 +9,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from jezero.keys.bundle import VARIABLE, Identity, identity_of, read_certificate
-from jezero.keys.members import MEMBERS, KeysError, read_members
+from jezero.keys.members import MEMBERS, ROLES, KeysError, read_members
+from jezero.keys.rights import may_send
 from jezero.os_errors import describe_os_error
 from jezero.router_address import parse_router, shown_router
 
@@ -64,6 +65,29 @@ def listening_problem(endpoint: str) -> str:
         return _own_problem(own, certificate.parent)
     except KeysError as error:
         return str(error)
+
+
+def missing_right(endpoint: str, name: str) -> str:
+    """Why a router denies a member what it asks, or "" where its rights are not the cause.
+
+    Args:
+        endpoint: Zenoh's endpoint of the router, with the files of the member's bundle.
+        name: name of the endpoint or topic to which the member sends something.
+    """
+    certificate = _files_of(endpoint).get("connect_certificate_file")
+    if certificate is None:
+        return ""
+    try:
+        own = identity_of(read_certificate(certificate))
+        revoked = read_members(certificate.parent).is_revoked(own.name)
+    except KeysError:
+        return ""
+    role = next((role for role in ROLES if role == own.role), None)
+    if revoked:
+        return f"{own.name} is revoked: ask the owner of the team's authority for another bundle"
+    if role is None or may_send(role, name):
+        return ""
+    return f"{own.name} has no right to {name}: only pilots fly, ask for the bundle of one"
 
 
 def _files_of(endpoint: str) -> dict[str, Path]:

@@ -8,6 +8,7 @@ at a chunk that begins with `@`: so each of those needs a key of its own.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
+from fnmatch import fnmatchcase
 from typing import Any
 
 from jezero.keys.members import Members, Role
@@ -57,6 +58,11 @@ def written_by(role: Role) -> tuple[str, ...]:
     if RANK_OF[role] == "pilot":
         return tuple(topic.name for topic in TOPICS if topic.writer == CLIENTS)
     return ()
+
+
+def may_send(role: Role, name: str) -> bool:
+    """Whether a role may send a request to an endpoint or publish on a topic, by its name."""
+    return any(fnmatchcase(name, allowed) for allowed in (*asked_by(role), *written_by(role)))
 
 
 def access_control(vehicle: str, members: Members) -> dict[str, Any]:

@@ -48,7 +48,7 @@ ROUTER_SETTINGS: Mapping[str, Any] = {
 }
 """Zenoh's settings of every router."""
 SIZE_MAX_BYTES = 8_000_000
-"""A larger message is dropped; the largest of the contract is a result of 4 MB, besides the frames of a large camera."""
+"""A larger message is dropped. The largest of the contract is a result of 4 MB, besides frames of a large camera."""
 SIZED = (
     *(topic.name for topic in TOPICS if topic is not CAMERA),
     *("action/**", "health/**", "journal/**", "viewer/**"),

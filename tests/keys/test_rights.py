@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from jezero import Refused, Unreachable, Vehicle
 from jezero.keys.bundle import secured
 from jezero.keys.members import Role, read_members
 from jezero.keys.rights import access_control
@@ -220,6 +221,22 @@ def test_everybody_sees_which_services_are_there(bus: Bus, role: Role) -> None:
     }
     token.undeclare()  # type: ignore[no-untyped-call]
     assert own in found
+
+
+def connected(team: Team, port: int, name: str) -> Vehicle:
+    return Vehicle.connect(VEHICLE, router=f"tls/127.0.0.1:{port}", keys=team.bundle(name), timeout_s=3.0)
+
+
+def test_a_viewer_that_wants_to_fly_reads_why_that_is_denied(tmp_path: Path) -> None:
+    team = make_team(tmp_path)
+    bundle = team.bundle("vehicle-uav1")
+    with router(bundle, {"access_control": access_control(VEHICLE, read_members(bundle))}) as (port, _):
+        with connected(team, port, "viewer-eye") as viewer:
+            for send in (viewer.hover, viewer.takeoff, lambda: viewer.rover.drive(1.0)):
+                with pytest.raises(Refused, match="viewer-eye has no right to .*: only pilots fly"):
+                    send()
+        with connected(team, port, "pilot-ana") as pilot, pytest.raises(Unreachable, match="no server replies on"):
+            pilot.hover()
 
 
 def test_a_revoked_member_may_do_nothing(tmp_path: Path) -> None:
