@@ -10,13 +10,16 @@ import pytest
 import zenoh
 
 from jezero import Refused, Unreachable, Vehicle
+from jezero.client.session import Connection
 from jezero.keys.bundle import secured
 from jezero.keys.members import Role, read_members
 from jezero.keys.rights import access_control
 from jezero.keys.team import Team
+from jezero.schemas.commands import RoverCommand
 from jezero.schemas.topics import (
     CLIENTS,
     ENDPOINTS,
+    ROVER_COMMAND,
     TOPICS,
     Endpoint,
     Topic,
@@ -232,9 +235,13 @@ def test_a_viewer_that_wants_to_fly_reads_why_that_is_denied(tmp_path: Path) -> 
     bundle = team.bundle("vehicle-uav1")
     with router(bundle, {"access_control": access_control(VEHICLE, read_members(bundle))}) as (port, _):
         with connected(team, port, "viewer-eye") as viewer:
-            for send in (viewer.hover, viewer.takeoff, lambda: viewer.rover.drive(1.0)):
-                with pytest.raises(Refused, match="viewer-eye has no right to .*: only pilots fly"):
+            for send in (viewer.hover, viewer.takeoff, viewer.land_on_spot):
+                with pytest.raises(Refused, match=r"viewer-eye has no right to @.*: only pilots fly"):
                     send()
+        connection = Connection(VEHICLE, secured(f"tls/127.0.0.1:{port}", team.bundle("viewer-eye")), 3.0)
+        with pytest.raises(Refused, match=r"viewer-eye has no right to rover/command: only pilots fly"):
+            connection.publish(ROVER_COMMAND, RoverCommand(t_ns=0, speed_rover_body_mps=1.0, yaw_rate_rover_rps=0.0))
+        connection.close()
         with connected(team, port, "pilot-ana") as pilot, pytest.raises(Unreachable, match="no server replies on"):
             pilot.hover()
 
