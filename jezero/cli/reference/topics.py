@@ -40,7 +40,7 @@ def all_endpoints() -> tuple[Endpoint[Any, Any], ...]:
 
 
 def topic_rows() -> list[Row]:
-    """One row a topic: name, message type, rate, writer, readers."""
+    """One row a topic: name, message type, rate, writer, readers, and who may read it from another computer."""
     specs = all_specs().values()
     return [
         {
@@ -48,6 +48,7 @@ def topic_rows() -> list[Row]:
             "type": topic.struct.__name__,
             "rate_hz": topic.rate_hz,
             "writer": topic.writer,
+            "may read": topic.reader,
             "readers": [s.name for s in specs if topic in (*s.inputs, *s.on_demand)],
         }
         for topic in all_topics()
@@ -55,13 +56,14 @@ def topic_rows() -> list[Row]:
 
 
 def endpoint_rows() -> list[Row]:
-    """One row an endpoint: name, request type, the service that replies, the services that send requests."""
+    """One row an endpoint: name, request type, the service that replies, and who sends requests, or may."""
     specs = all_specs().values()
     return [
         {
             "endpoint": endpoint.name,
             "request": endpoint.request_type.__name__,
             "replies": endpoint.server,
+            "may request": endpoint.asker,
             "requested by": [s.name for s in specs if endpoint in s.calls],
         }
         for endpoint in all_endpoints()
@@ -107,6 +109,9 @@ def page() -> str:
 
 This page is the output of `jezero info page topics`. Keys are `jezero/<vehicle>/<name>`; *actions* are all action
 servers. Every service also publishes `health/<service>` once a second, and at once when its state changes.
+
+*May read* and *may request* name who may do so from another computer with [keys](../how-to/keys.md#who-may-what): a viewer
+is everybody of the team, a pilot who flies, a service one of the vehicle's own.
 
 ```mermaid
 {mermaid()}
