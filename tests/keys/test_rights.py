@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zenoh
@@ -43,11 +44,11 @@ MEMBERS = {
     "rover": "rover-r1",
     "vehicle": "vehicle-uav1",
 }
-ALL_TOPICS: list[Topic] = [*TOPICS, health_of("estimator"), journal_of("estimator")]
+ALL_TOPICS: list[Topic[Any]] = [*TOPICS, health_of("estimator"), journal_of("estimator")]
 PLANES = ("", "@action/", "@control/", "@estimator/", "@fence/", "@mission/", "@preflight/")
 
 
-def name_of(endpoint: Endpoint) -> str:
+def name_of(endpoint: Endpoint[Any, Any]) -> str:
     """A key to which requests are sent; for a pattern one that it matches."""
     return endpoint.name.replace("**", "somersault")
 
@@ -62,7 +63,7 @@ TOKENS = {
 """Kind and name of liveliness tokens, and who may declare them."""
 
 
-def publishers_of(topic: Topic) -> set[Role]:
+def publishers_of(topic: Topic[Any]) -> set[Role]:
     """Who may publish on a topic, by its row in the table."""
     allowed: set[Role] = {"vehicle"}
     if topic.host == "rover":
@@ -72,12 +73,12 @@ def publishers_of(topic: Topic) -> set[Role]:
     return allowed
 
 
-def readers_of(topic: Topic) -> set[Role]:
+def readers_of(topic: Topic[Any]) -> set[Role]:
     """Who may subscribe to a topic, by its row in the table."""
     return {"vehicle"} if topic.reader == "service" else set(ROLES)
 
 
-def askers_of(endpoint: Endpoint) -> set[Role]:
+def askers_of(endpoint: Endpoint[Any, Any]) -> set[Role]:
     """Who may send requests to an endpoint, by its row in the table."""
     allowed: dict[str, set[Role]] = {
         "viewer": set(ROLES),

@@ -110,8 +110,8 @@ def page() -> str:
 This page is the output of `jezero info page topics`. Keys are `jezero/<vehicle>/<name>`; *actions* are all action
 servers. Every service also publishes `health/<service>` once a second, and at once when its state changes.
 
-*May read* and *may request* name who may do so from another computer with [keys](../how-to/keys.md#who-may-what): a viewer
-is everybody of the team, a pilot who flies, a service one of the vehicle's own.
+*May read* and *may request* name who may do so from another computer with [keys](../how-to/keys.md#who-may-what): a
+viewer is everybody of the team, a pilot who flies, a service one of the vehicle's own.
 
 ```mermaid
 {mermaid()}

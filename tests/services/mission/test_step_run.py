@@ -40,6 +40,9 @@ class Connection:
             responses = ()
         return calls
 
+    def is_over(self) -> bool:
+        return self.run.ended is not None
+
     def cancel(self) -> list[Call]:
         return self._take(list(self.run.cancel()))
 
@@ -67,7 +70,7 @@ def test_a_goal_that_was_lost_on_its_way_is_sent_again() -> None:
     calls = link.step(seconds=10.0)
     assert requests(calls, GoToGoal) == 0
     assert requests(calls, GetResult) > 10
-    assert link.run.ended is None
+    assert not link.is_over()
 
 
 def test_a_goal_that_nobody_replies_to_fails() -> None:
@@ -82,7 +85,7 @@ def test_a_goal_that_its_server_never_got_ends_when_it_is_canceled() -> None:
     link.step(seconds=1.0)
     link.cancel()
     assert requests(link.step(seconds=10.0), Cancel) > 10
-    assert link.run.ended is None
+    assert not link.is_over()
     link.step(link.reply(Cancel, CancelReply(canceled=False, reason="no goal is known")))
     assert link.run.ended is not None
     assert link.run.ended.end == "canceled"
@@ -93,7 +96,7 @@ def test_a_canceled_goal_that_its_server_still_plans_ends_with_the_reply_to_the_
     link.step()
     link.cancel()
     link.step(link.reply(Cancel, CancelReply(canceled=True)))
-    assert link.run.ended is None
+    assert not link.is_over()
     link.step(link.reply(GoToGoal, Rejected(goal_id=GOAL.goal_id, reason="canceled by a client")))
     assert link.run.ended is not None
     assert link.run.ended.end == "canceled"
@@ -117,7 +120,7 @@ def test_a_gap_in_the_connection_is_no_restart_of_the_server_and_a_server_that_k
     link.step()
     link.step(link.reply(GoToGoal, Accepted(goal_id=GOAL.goal_id)))
     link.step(seconds=60.0)
-    assert link.run.ended is None
+    assert not link.is_over()
     for _ in range(4):
         link.step(seconds=0.5)
         tag = link.reply(GetResult, None).tag
