@@ -7,6 +7,7 @@ from msgspec import Meta
 from jezero.schemas.images import Image, Index
 from jezero.schemas.preflight import Override
 from jezero.schemas.struct import (
+    END,
     Angle,
     Fraction,
     NonNegative,
@@ -20,7 +21,7 @@ from jezero.schemas.struct import (
 Frame = Literal["world", "rover"]
 Overlap = Annotated[float, Meta(ge=0.0, le=0.95)]
 OriginDegrees = tuple[Annotated[float, Meta(ge=-90.0, le=90.0)], Annotated[float, Meta(ge=-180.0, le=180.0)]]
-PlanId = Annotated[str, Meta(max_length=64, pattern=r"^[0-9a-z]*$")]
+PlanId = Annotated[str, Meta(max_length=64, pattern=rf"^[0-9a-z]*{END}")]
 
 
 class Goal(Payload, frozen=True, kw_only=True):
@@ -36,7 +37,7 @@ class Goal(Payload, frozen=True, kw_only=True):
             None plans from where the vehicle is, as it is. A goal with it is refused.
     """
 
-    goal_id: Annotated[str, Meta(max_length=64, pattern=r"^[A-Za-z0-9_.-]*$")] = ""
+    goal_id: Annotated[str, Meta(max_length=64, pattern=rf"^[A-Za-z0-9_.-]*{END}")] = ""
     issued_t_ns: TimeNs | None = None
     on_client_loss: Literal["continue", "cancel"] = "continue"
     plan_from_ned_m: PositionNed | None = None

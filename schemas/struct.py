@@ -85,7 +85,10 @@ QuatNedFromFrd = tuple[Unit, Unit, Unit, Unit]
 """Attitude [w, x, y, z] that turns body FRD into world NED, w >= 0."""
 Vector = tuple[Finite, Finite, Finite]
 
-Name = Annotated[str, Meta(max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
+END = r"$(?!\n)"
+"""End of a pattern, in Python and in JSON Schema: a plain `$` also matches before a line feed at the end of a text."""
+
+Name = Annotated[str, Meta(max_length=64, pattern=rf"^[A-Za-z0-9_.-]+{END}")]
 """Identifier that is safe within a key."""
 Text = Annotated[str, Meta(max_length=2000)]
 """A sentence for people."""

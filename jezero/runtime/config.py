@@ -11,6 +11,7 @@ from msgspec import Meta
 
 from jezero.keys.bundle import given_endpoint
 from jezero.os_errors import describe_os_error
+from jezero.schemas.struct import END
 
 
 class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -38,8 +39,8 @@ class Instance(Config, frozen=True, kw_only=True):
         gcs_port: UDP port of ground stations, the same for all vehicles (`JEZERO_GCS_PORT`).
     """
 
-    vehicle: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "uav1"
-    router: Annotated[str, Meta(pattern=r"^(tcp|tls|udp|unixsock-stream)/.+")] = "tcp/127.0.0.1:7447"
+    vehicle: Annotated[str, Meta(pattern=rf"^[A-Za-z0-9_-]{{1,32}}{END}")] = "uav1"
+    router: Annotated[str, Meta(pattern=rf"^(tcp|tls|udp|unixsock-stream)/.+{END}")] = "tcp/127.0.0.1:7447"
     number: Annotated[int, Meta(ge=0, le=249)] = 0
     gcs_port: Annotated[int, Meta(ge=1, le=65535)] = 14550
 

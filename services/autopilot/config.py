@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from jezero.runtime.config import Config
+from jezero.schemas.struct import END
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
@@ -193,7 +194,7 @@ class SigningConfig(Config, frozen=True, kw_only=True):
         links: links that require signatures. The offboard link stays within the vehicle.
     """
 
-    key: Annotated[str, Meta(pattern=r"^([0-9a-fA-F]{64})?$")] = ""
+    key: Annotated[str, Meta(pattern=rf"^([0-9a-fA-F]{{64}})?{END}")] = ""
     links: tuple[Literal["gcs", "offboard"], ...] = ("gcs",)
 
 

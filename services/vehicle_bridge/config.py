@@ -5,8 +5,9 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from jezero.runtime.config import Config
+from jezero.schemas.struct import END
 
-ParameterName = Annotated[str, Meta(pattern=r"^[A-Z][A-Z0-9_]{0,15}$")]
+ParameterName = Annotated[str, Meta(pattern=rf"^[A-Z][A-Z0-9_]{{0,15}}{END}")]
 ParameterValue = Annotated[int, Meta(ge=-4_194_304, le=2_139_095_040)] | Annotated[float, Meta(gt=-1e30, lt=1e30)]
 """Integer or float, as the autopilot has it; other integers wouldn't survive as the bytes of a float."""
 OnFence = Literal["stop", "return", "land"]
