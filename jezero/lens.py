@@ -51,9 +51,10 @@ def undistort(points: Array, distortion: Distortion) -> Array:
     if not any(distortion):
         return points
     ideal = points
-    for _ in range(ITERATIONS):
-        ideal = ideal + points - distort(ideal, distortion)
-    missed = np.abs(points - distort(ideal, distortion)).max(axis=-1)
+    with np.errstate(over="ignore", invalid="ignore"):  # of points that the lens does not show
+        for _ in range(ITERATIONS):
+            ideal = ideal + points - distort(ideal, distortion)
+        missed = np.abs(points - distort(ideal, distortion)).max(axis=-1)
     result: Array = np.where(missed[..., None] < NOT_FOUND_MIN, ideal, np.nan)
     return result
 

@@ -35,7 +35,9 @@ class ServiceHealth(Message, frozen=True, kw_only=True):
         text: description of the state, for people.
         inputs: state of each input by the topic's name.
         not_sent: number of messages that were dropped because a value was not finite.
-        last_error: reason why the last rejected or dropped message was invalid; "" without one.
+        failed_steps: number of steps that an error in the service's own code ended early.
+        last_error: reason why the last rejected or dropped message was invalid, or the last step failed; "" without
+            one.
         room_bytes: free space for what the service writes. None for a service that does not write.
         late_s: greatest delay of a step's start in the last second.
     """
@@ -47,6 +49,7 @@ class ServiceHealth(Message, frozen=True, kw_only=True):
     text: Text
     inputs: dict[str, InputHealth] = {}
     not_sent: Annotated[int, Meta(ge=0)] = 0
+    failed_steps: Annotated[int, Meta(ge=0)] = 0
     last_error: Text = ""
     room_bytes: Annotated[int, Meta(ge=0)] | None = None
     late_s: NonNegative = 0.0

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from jezero.schemas.sensors import NO_DISTORTION, Distortion, Gnss, Imu, Pixel
+from jezero.schemas.sensors import NO_DISTORTION, Distortion, FocalLength, Gnss, Imu, Pixel
 from jezero.schemas.state import Geodetic
 from jezero.schemas.struct import (
     Angle,
@@ -17,6 +17,7 @@ from jezero.schemas.struct import (
     TimeNs,
     Unit,
     WithAttachment,
+    require_rotation,
 )
 
 LISTING = "images/images.json"
@@ -68,12 +69,16 @@ class Image(Payload, frozen=True, kw_only=True):
     exposure_s: NonNegative
     width_px: Annotated[int, Meta(ge=1, le=8192)]
     height_px: Annotated[int, Meta(ge=1, le=8192)]
-    focal_px: NonNegative
+    focal_px: FocalLength
     center_px: Pixel
     distortion: Distortion = NO_DISTORTION
     range_m: NonNegative | None = None
     imu: Imu | None = None
     gnss: Gnss | None = None
+
+    def __post_init__(self) -> None:
+        require_rotation("q_ned_from_frd", self.q_ned_from_frd)
+        require_rotation("q_ned_from_camera", self.q_ned_from_camera)
 
 
 class GetImage(Payload, frozen=True, kw_only=True):

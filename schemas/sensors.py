@@ -19,8 +19,11 @@ from jezero.schemas.struct import (
     WithAttachment,
 )
 
-Pixel = tuple[Finite, Finite]
+PixelCoordinate = Annotated[float, Meta(ge=-1e5, le=1e5)]
+Pixel = tuple[PixelCoordinate, PixelCoordinate]
 """(x, y) in an image: x to the right, y down, (0, 0) is the centre of the first pixel."""
+FocalLength = Annotated[float, Meta(ge=1.0, le=1e6)]
+"""Focal length in pixels."""
 Coefficient = Annotated[float, Meta(ge=-2.0, le=2.0)]
 Distortion = tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient]
 """Coefficients k1, k2, p1, p2, k3 of a lens, as OpenCV's calibration gives them."""
@@ -153,10 +156,10 @@ class CameraInfo(Message, frozen=True, kw_only=True):
 
     width_px: Annotated[int, Meta(ge=1, le=8192)]
     height_px: Annotated[int, Meta(ge=1, le=8192)]
-    focal_px: NonNegative
+    focal_px: FocalLength
     center_px: Pixel
     pos_camera_frd_m: PositionNed
-    rate_hz: NonNegative
+    rate_hz: Annotated[float, Meta(ge=0.01, le=1e3)]
     turn_camera_rad: Angle = 0.0
     distortion: Distortion = NO_DISTORTION
 

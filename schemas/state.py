@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from jezero.schemas.struct import (
+    Angle,
     Fraction,
     Message,
     Name,
@@ -17,6 +18,7 @@ from jezero.schemas.struct import (
     TimeNs,
     Vector,
     VelocityNed,
+    require_rotation,
 )
 
 
@@ -92,6 +94,9 @@ class Odometry(Message, frozen=True, kw_only=True):
     reset_counter: int = 0
     reset_offset_ned_m: PositionNed = (0.0, 0.0, 0.0)
     std_pos_m: NonNegative | None = None
+
+    def __post_init__(self) -> None:
+        require_rotation("q_ned_from_frd", self.q_ned_from_frd)
 
 
 class Battery(Payload, frozen=True, kw_only=True):
@@ -190,9 +195,12 @@ class TruePoses(Message, frozen=True, kw_only=True):
     rates_uav_frd_rps: Vector
     pos_rover_ned_m: PositionNed
     vel_rover_ned_mps: VelocityNed
-    yaw_rover_rad: float
-    pitch_rover_rad: float = 0.0
-    roll_rover_rad: float = 0.0
+    yaw_rover_rad: Angle
+    pitch_rover_rad: Angle = 0.0
+    roll_rover_rad: Angle = 0.0
+
+    def __post_init__(self) -> None:
+        require_rotation("q_ned_from_frd", self.q_ned_from_frd)
 
 
 class Truth(TruePoses, frozen=True, kw_only=True):

@@ -1,5 +1,6 @@
 """Base classes and checked number types of every message."""
 
+import math
 from typing import Annotated, Self
 
 import msgspec
@@ -82,7 +83,7 @@ Fraction = Annotated[float, Meta(ge=0.0, le=1.0)]
 PositionNed = tuple[Position, Position, Position]
 VelocityNed = tuple[Speed, Speed, Speed]
 QuatNedFromFrd = tuple[Unit, Unit, Unit, Unit]
-"""Attitude [w, x, y, z] that turns body FRD into world NED, w >= 0."""
+"""Attitude [w, x, y, z] that turns body FRD into world NED, w >= 0; see `require_rotation`."""
 Vector = tuple[Finite, Finite, Finite]
 
 END = r"$(?!\n)"
@@ -92,3 +93,14 @@ Name = Annotated[str, Meta(max_length=64, pattern=rf"^[A-Za-z0-9_.-]+{END}")]
 """Identifier that is safe within a key."""
 Text = Annotated[str, Meta(max_length=2000)]
 """A sentence for people."""
+
+
+def require_rotation(field: str, q: tuple[float, float, float, float]) -> None:
+    """Check that a field holds a quaternion of unit length, for the `__post_init__` of a message.
+
+    Raises:
+        ValueError: its length is another one.
+    """
+    length = math.hypot(*q)
+    if not 0.99 <= length <= 1.01:
+        raise ValueError(f"{field} has the length {length:.3g}: a quaternion of length 1 is expected")

@@ -75,7 +75,8 @@ class MemoryBus:
     Args:
         seed: seed of every link's delays.
         delay: distribution of the delays of messages, requests and replies.
-        strict: whether a number that is not finite raises when a service publishes it.
+        strict: whether a number that is not finite raises when a service publishes it, and whether a step that fails
+            does.
 
     Attributes:
         t_ns: virtual time.

@@ -1,5 +1,6 @@
 """One running service: its mailbox, the check of its declaration, and its health; the same on both buses."""
 
+import traceback
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
@@ -33,6 +34,9 @@ from jezero.schemas.units import NS_PER_S
 
 HEALTH_PERIOD_MIN_NS = 100_000_000
 """Period of health while its state changes in each step."""
+FAILED_STEPS_MAX = 50
+"""Steps in a row that may fail before the service ends, to be started anew: one message fails one step, and what the
+service has kept of it may fail many."""
 
 
 class Transport(Protocol):
@@ -79,7 +83,8 @@ class Node:
     Args:
         service: the service to run.
         transport: the bus's side for this service.
-        strict: whether a number that is not finite raises; otherwise it is counted and not sent.
+        strict: whether a number that is not finite, and a step that fails, raises; otherwise it is counted and not
+            sent, or the service goes on with its next step.
         boot_id: differs between two runs of the same service; part of its health.
         process: host and process id, for people.
         journal: gets all inputs and outputs of the service; None keeps none.
@@ -115,6 +120,10 @@ class Node:
         self._call_number = 0
         self._not_sent = 0
         self._last_error = ""
+        self._failed_steps = self._failed_in_row = 0
+        self._has_failed = False
+        """Whether a step has failed since the last report of health."""
+        self._printed_failure = ""
         self._health_ns: int | None = None
         self._reported_state: ServiceState | None = None
         self._state: ServiceState = "ok"
@@ -228,13 +237,29 @@ class Node:
     def step(self, t_ns: int) -> None:
         """Step the service once and execute its outputs.
 
+        A step that fails is left where it failed, and its inbox is cleared: no message may end a service, or fail it
+        again after a restart.
+
         Raises:
             UndeclaredError: the service used a topic, endpoint or link that its `Spec` doesn't name.
             NotFiniteError: a number is not finite, and the node is strict.
+            Exception: the step failed, and the node is strict or `FAILED_STEPS_MAX` steps before it failed too.
         """
         inbox = self.inbox
         if self._journal is not None:
             self._journal.step(t_ns, inbox.wall_ns, connected=inbox.connected)
+        try:
+            self._step(t_ns)
+        except UndeclaredError:
+            raise
+        except Exception as error:  # noqa: BLE001 - nothing that a message may cause ends the service
+            self._on_failed_step(error)
+        else:
+            self._failed_in_row = 0
+        inbox.clear()
+
+    def _step(self, t_ns: int) -> None:
+        inbox = self.inbox
         for output in self.service.step(t_ns, inbox):
             if type(output) is Publish:
                 self._publish(output)
@@ -244,7 +269,19 @@ class Node:
                 self._transport.send(output.link, output.data)
             else:
                 self._execute(output)
-        self.inbox.clear()
+
+    def _on_failed_step(self, error: Exception) -> None:
+        """Count it and print its traceback, of equal ones in a row only the first; or raise it again."""
+        if self._strict or self._failed_in_row >= FAILED_STEPS_MAX:
+            raise error
+        self._failed_steps += 1
+        self._failed_in_row += 1
+        self._has_failed = True
+        failure = f"{type(error).__name__}: {error}"[:400]
+        self._last_error = f"step failed: {failure}"
+        if failure != self._printed_failure:
+            self._printed_failure = failure
+            traceback.print_exception(error)
 
     def _execute(self, output: Output) -> None:
         """Execute one of the rarer outputs; not for all, as each pattern that doesn't match costs 0.5 us."""
@@ -332,13 +369,18 @@ class Node:
         """
         wall_ns = self._health_ns = self.inbox.wall_ns
         self._reported_state = self._state
+        state, text = self._state, self._text
+        if self._failed_steps:
+            text = f"{text}; {self._failed_steps} steps failed, its log has the traceback"[-2000:]
+            state = "degraded" if self._has_failed and state == "ok" else state
+            self._has_failed = False
         return ServiceHealth(
             t_ns=t_ns,
             service=self.spec.name,
             boot_id=self._boot_id,
             process=self._process,
-            state=self._state,
-            text=self._text,
+            state=state,
+            text=text,
             inputs={
                 name: InputHealth(
                     received=source.received,
@@ -348,6 +390,7 @@ class Node:
                 for name, source in self._inputs.items()
             },
             not_sent=self._not_sent,
+            failed_steps=self._failed_steps,
             last_error=self._last_error,
             room_bytes=self._room_bytes,
             late_s=max(0.0, late_s),

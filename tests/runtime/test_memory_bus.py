@@ -10,9 +10,10 @@ from typing import Any
 
 import pytest
 
-from jezero.codec import NotFiniteError
+from jezero.codec import NotFiniteError, decode, encode
 from jezero.runtime.memory_bus import BUS_DELAY, LinkDelay, MemoryBus
 from jezero.runtime.memory_port import BACKGROUND_TASK_S
+from jezero.runtime.node import FAILED_STEPS_MAX
 from jezero.runtime.service import (
     BackgroundTask,
     Call,
@@ -31,7 +32,7 @@ from jezero.runtime.service import (
 )
 from jezero.schemas import topics
 from jezero.schemas.commands import Abort, AbortReply, Kill
-from jezero.schemas.health import ServiceState
+from jezero.schemas.health import ServiceHealth, ServiceState
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Clock
 
@@ -311,3 +312,66 @@ def test_a_state_that_changes_in_each_step_is_reported_ten_times_a_second_at_mos
     bus.observe(lambda t_ns, _topic, _data: reports.append(t_ns))
     bus.run_for(0.95)
     assert 5 <= len(reports) <= 10
+
+
+class Divider:
+    """Divides by the time of each clock message, and publishes the quotient."""
+
+    spec = Spec(name="divider", inputs=(topics.CLOCK,), outputs=(topics.ALTIMETER,), triggers=(topics.CLOCK.name,))
+
+    def __init__(self) -> None:
+        self.divisors: list[int] = []
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        for clock in inbox.new(topics.CLOCK):
+            self.divisors.append(clock.wall_ns)
+            yield Publish(topics.ALTIMETER, Altimeter(t_ns=t_ns, range_m=1.0 / clock.wall_ns))
+
+
+def send_clock(bus: MemoryBus, wall_ns: int) -> None:
+    bus.publish("master", topics.CLOCK, encode(Clock(t_ns=bus.t_ns, epoch_id=1, wall_ns=wall_ns)))
+    bus.run_for(0.02)
+
+
+def test_a_message_that_a_service_fails_on_fails_one_step_and_is_named_in_health(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    bus, divider = MemoryBus(strict=False), Divider()
+    published: list[float] = []
+    health: list[ServiceHealth] = []
+
+    def observe(t_ns: int, topic: str, data: bytes) -> None:
+        if topic == topics.ALTIMETER.name:
+            published.append(json.loads(data)["range_m"])
+        elif topic == "health/divider":
+            health.append(decode(ServiceHealth, data))
+
+    bus.observe(observe)
+    bus.add(divider)
+    for wall_ns in (1, 0, 0, 2):
+        send_clock(bus, wall_ns)
+    bus.run_for(1.2)
+    assert divider.divisors == [1, 0, 0, 2]
+    assert published == [1.0, 0.5]
+    assert (health[-1].failed_steps, health[-1].state) == (2, "degraded")
+    assert health[-1].last_error == "step failed: ZeroDivisionError: float division by zero"
+    assert "2 steps failed" in health[-1].text
+    assert capfd.readouterr().err.count("Traceback") == 1
+    bus.run_for(1.2)
+    assert health[-1].state == "ok"
+
+
+def test_a_service_whose_steps_all_fail_ends_after_many_of_them() -> None:
+    bus = MemoryBus(strict=False)
+    bus.add(Divider())
+    for _ in range(FAILED_STEPS_MAX):
+        send_clock(bus, 0)
+    with pytest.raises(ZeroDivisionError):
+        send_clock(bus, 0)
+
+
+def test_a_failed_step_raises_in_tests() -> None:
+    bus = MemoryBus()
+    bus.add(Divider())
+    with pytest.raises(ZeroDivisionError):
+        send_clock(bus, 0)

@@ -37,6 +37,7 @@ from jezero.services.actions.lifecycle.running_goal_requests import RunningGoalR
 from jezero.services.actions.lifecycle.vehicle_view import STATUS_AGE_MAX_S, hovering_at, is_fresh
 from jezero.services.actions.motion.behaviour import Plan, Planner, Refusal
 from jezero.services.actions.motion.capture import CAPTURE_INPUTS
+from jezero.services.actions.motion.limits import beyond_limits
 
 EXPIRY_S = 30.0
 """Older goals are refused: what they were for may be over."""
@@ -164,10 +165,11 @@ class ActionServer:
         yield from self._begin(t_ns, request, plan, status, inbox)
 
     def _handle_plan_request(self, t_ns: int, request: Request, inbox: Inbox) -> Iterator[Output]:
-        status = inbox.latest(STATUS)
-        if status is not None and request.payload.plan_from_ned_m is not None:
-            status = hovering_at(status, request.payload.plan_from_ned_m)
-        plan = self._plan_of(t_ns, request.payload, status)
+        status, start_ned_m = inbox.latest(STATUS), request.payload.plan_from_ned_m
+        beyond = "" if start_ned_m is None else beyond_limits(start_ned_m, self._config.vehicle.limits)
+        if status is not None and start_ned_m is not None:
+            status = hovering_at(status, start_ned_m)
+        plan = Refusal(f"plan_from_ned_m: {beyond}") if beyond else self._plan_of(t_ns, request.payload, status)
         if isinstance(plan, Refusal) or status is None:
             code, reason = (None if status is None else status.code), plan.reason if isinstance(plan, Refusal) else ""
             yield Reply(request.request_id, PlanReply(accepted=False, reason=reason, code=code))
