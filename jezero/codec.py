@@ -170,19 +170,26 @@ def split_attachment(data: bytes) -> tuple[bytes, bytes]:
     return json, attachment
 
 
-def decode_request(kind: Any, data: bytes, parameters: Mapping[str, str]) -> Any:
+def decode_request(kind: Any, data: bytes, parameters: Mapping[str, str], *, needs_field: bool = False) -> Any:
     """The payload of a request: its JSON body, or its selector's parameters, decoded into the same struct.
 
     Args:
         parameters: as strings; values are JSON where they parse and text elsewhere. Names that start with `_` belong
             to Zenoh and are ignored.
+        needs_field: refuse a request that names no field, of a type whose fields all have defaults.
 
     Raises:
-        BadPayloadError: as `decode`; also when body and parameters are both given.
+        BadPayloadError: as `decode`; also when body and parameters are both given, or none is and one is needed.
     """
     given = {name: value for name, value in parameters.items() if not name.startswith("_")}
     if data and given:
         raise BadPayloadError(f"both a payload and parameters ({', '.join(sorted(given))}): send one of them")
+    if needs_field and not given and data.translate(None, b" \t\r\n") in (b"", b"{}"):
+        example = _own_fields(kind)[0]
+        raise BadPayloadError(
+            "the request names no field, so it may be a mistake: name at least one, such as "
+            f"{example}, or a goal_id of your choice"
+        )
     if data:
         return decode(kind, data)
     fields = {name: _json_or_text(value) for name, value in given.items()}
@@ -190,6 +197,13 @@ def decode_request(kind: Any, data: bytes, parameters: Mapping[str, str]) -> Any
         return msgspec.convert(fields, kind)
     except msgspec.ValidationError as error:
         raise BadPayloadError(str(error)) from None
+
+
+def _own_fields(kind: Any) -> list[str]:
+    """Names of a struct's fields, its own before those of its base."""
+    fields: tuple[str, ...] = kind.__struct_fields__
+    inherited = {name for base in kind.__bases__ for name in getattr(base, "__struct_fields__", ())}
+    return sorted(fields, key=lambda name: name in inherited)
 
 
 def _json_or_text(value: str) -> Any:

@@ -85,6 +85,7 @@ class Endpoint(Generic[Q, R]):
         shared: several servers reply on this key, each for its own goals.
         wildcards: a query with wildcards gets a reply too; only for an endpoint without an effect.
         asker: who may send requests, from another computer.
+        needs_field: a request that names no field at all is refused: it may be a mistake, such as a look at the key.
     """
 
     name: str
@@ -95,6 +96,7 @@ class Endpoint(Generic[Q, R]):
     shared: bool = False
     wildcards: bool = False
     asker: Rank = "pilot"
+    needs_field: bool = False
 
 
 def refusing(
@@ -140,7 +142,12 @@ class Action(Generic[Q]):
             | actions.Result[self.result_type]  # type: ignore[name-defined]
         )
         return Endpoint(
-            f"@action/{self.name}", self.goal_type, replies, self.name, lambda why: actions.Rejected(reason=why)
+            f"@action/{self.name}",
+            self.goal_type,
+            replies,
+            self.name,
+            lambda why: actions.Rejected(reason=why),
+            needs_field=True,
         )
 
     @cached_property

@@ -167,14 +167,14 @@ class Node:
         self, name: str, request_id: int, client_id: str, data: bytes, parameters: Mapping[str, str]
     ) -> bool:
         """Put a request into the inbox; a malformed one is refused here with the reason."""
-        source = self._inputs[name]
+        source, endpoint = self._inputs[name], self._serves[name]
         source.received += 1
         try:
-            payload = decode_request(source.kind, data, parameters)
+            payload = decode_request(source.kind, data, parameters, needs_field=endpoint.needs_field)
         except BadPayloadError as error:
             source.rejected += 1
             self._last_error = f"{name}: {error}"[:500]
-            refusal = self._serves[name].refuse(f"not understood: {error}"[:1000])
+            refusal = endpoint.refuse(f"not understood: {error}"[:1000])
             if self._journal is not None:
                 text = data.decode("utf-8", "replace")
                 self._journal.add(entries.Refused(name, client_id, text, str(error)), len(data))
