@@ -1,6 +1,7 @@
 """Messages as bytes: JSON that is finite when it is sent and checked when it arrives.
 
 A payload with an attachment (`schemas.struct.WithAttachment`) is its JSON, a line feed, and the attachment as it is.
+Texts lose their control characters when they are decoded, see `plain_text`.
 """
 
 import math
@@ -11,6 +12,7 @@ from typing import Any
 
 import msgspec
 
+from jezero.plain_text import plain, plain_json
 from jezero.schemas.struct import Payload, WithAttachment
 
 MAX_JSON_BYTES = 4_000_000
@@ -90,11 +92,12 @@ class Reader:
         max_json_bytes: longer messages are refused; None accepts any length. Attachments don't count.
     """
 
-    __slots__ = ("_attached", "_decode", "_last", "_max_json_bytes")
+    __slots__ = ("_attached", "_decode", "_last", "_lines", "_max_json_bytes")
 
     def __init__(self, kind: Any, max_json_bytes: int | None) -> None:
         self._decode = msgspec.json.Decoder(kind).decode
         self._attached = has_attachment(kind)
+        self._lines = bool(getattr(kind, "has_lines", False))
         self._max_json_bytes = sys.maxsize if max_json_bytes is None else max_json_bytes
         self._last: tuple[bytes | None, Any] = (None, None)
         """One object, so that a thread never sees the bytes of one message with the content of another."""
@@ -121,7 +124,7 @@ class Reader:
         if len(json) > self._max_json_bytes:
             raise BadPayloadError(f"{len(json)} bytes are more than {self._max_json_bytes}")
         try:
-            return self._decode(json)
+            return self._decode(plain_json(json, lines=self._lines))
         except (msgspec.DecodeError, UnicodeDecodeError) as error:
             raise BadPayloadError(str(error)) from None
         except RecursionError:
@@ -192,7 +195,7 @@ def decode_request(kind: Any, data: bytes, parameters: Mapping[str, str], *, nee
         )
     if data:
         return decode(kind, data)
-    fields = {name: _json_or_text(value) for name, value in given.items()}
+    fields = {plain(name): _json_or_text(value) for name, value in given.items()}
     try:
         return msgspec.convert(fields, kind)
     except msgspec.ValidationError as error:
@@ -208,6 +211,6 @@ def _own_fields(kind: Any) -> list[str]:
 
 def _json_or_text(value: str) -> Any:
     try:
-        return msgspec.json.decode(value.encode())
+        return msgspec.json.decode(plain_json(value.encode()))
     except (msgspec.DecodeError, UnicodeEncodeError, RecursionError):
-        return value
+        return plain(value)

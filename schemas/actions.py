@@ -4,7 +4,7 @@ A goal is a query on `@action/<name>`. Its replies are one `Accepted` or `Reject
 one `Result`.
 """
 
-from typing import Annotated, Any, Generic, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
 from msgspec import Meta
 
@@ -207,6 +207,8 @@ class ActionDescription(Payload, frozen=True, kw_only=True):
         feedback: JSON Schema of the field `feedback` of the replies while a goal is flown.
         result: JSON Schema of the field `result` of the last reply.
     """
+
+    has_lines: ClassVar[bool] = True
 
     name: Name
     endpoint: Text

@@ -1,14 +1,22 @@
 """Base classes and checked number types of every message."""
 
 import math
-from typing import Annotated, Self
+from typing import Annotated, ClassVar, Self
 
 import msgspec
 from msgspec import Meta
 
 
 class Payload(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Base of everything that travels on the bus. Decoding refuses unknown fields and values out of range."""
+    """Base of everything that travels on the bus.
+
+    Decoding refuses unknown fields and values out of range, and frees texts of control characters.
+
+    Attributes:
+        has_lines: whether its texts may have several lines; otherwise decoding joins them to one.
+    """
+
+    has_lines: ClassVar[bool] = False
 
     def __deepcopy__(self, memo: object) -> Self:
         """The same payload: nothing changes it, so that the copy of a state shares it."""
@@ -92,7 +100,7 @@ END = r"$(?!\n)"
 Name = Annotated[str, Meta(max_length=64, pattern=rf"^[A-Za-z0-9_.-]+{END}")]
 """Identifier that is safe within a key."""
 Text = Annotated[str, Meta(max_length=2000)]
-"""A sentence for people."""
+"""A sentence for people, in one line."""
 
 
 def require_rotation(field: str, q: tuple[float, float, float, float]) -> None:

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from typing import TextIO
 
 from jezero.deploy.launcher.state import RunFolder
+from jezero.plain_text import plain
 
 COLOURS = (36, 33, 32, 35, 34, 96, 93, 92, 95, 94)
 MAX_LINE_BYTES = 65536
@@ -84,7 +85,7 @@ class Output:
         return self._last_lines[name].removeprefix(f"{name}: ")[:QUOTED_MAX]
 
     def _write_printed(self, name: str, line: bytes) -> None:
-        text = line.decode("utf-8", "replace").rstrip("\r")
+        text = plain(line.decode("utf-8", "replace").rstrip("\r"))
         self._last_lines[name] = text.strip() or self._last_lines[name]
         self.write_line(name, text)
 

@@ -16,6 +16,7 @@ import zenoh
 
 from jezero.client.errors import JezeroError, Refused, TimedOut, Unreachable
 from jezero.codec import BadPayloadError, encode, reader
+from jezero.plain_text import plain
 from jezero.router_address import shown_router
 from jezero.schemas.struct import Message, Payload
 from jezero.schemas.topics import Endpoint, Topic, key, liveliness_key
@@ -74,7 +75,7 @@ class Arrivals:
         if sample is not None:
             self._put(data_of(sample))
         elif reply.err is not None:
-            self.error = reply.err.payload.to_bytes().decode("utf-8", "replace")
+            self.error = plain(reply.err.payload.to_bytes().decode("utf-8", "replace"))
 
     def on_sample(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Self
 import msgspec
 
 from jezero.codec import BadPayloadError
+from jezero.plain_text import plain_json
 from jezero.recording.channels import topic_of, usable_actions
 from jezero.recording.folder import newest_recording
 from jezero.recording.goals import GoalCollector, RecordedGoal
@@ -200,7 +201,7 @@ class Recording:
 
     def _decode(self, topic: str, decoder: "msgspec.json.Decoder[Any]", data: bytes) -> Any:
         try:
-            return decoder.decode(data)
+            return decoder.decode(plain_json(data))
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise self._misfit(topic, error) from None
 

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 from msgspec import Raw
 
 from jezero.codec import BadPayloadError, NotFiniteError, decode, decode_request, encode, has_attachment, reader
+from jezero.plain_text import plain
 from jezero.runtime.journal import NULL, Journal, JournaledTransport
 from jezero.runtime.mailbox import Mailbox
 from jezero.runtime.service import (
@@ -174,7 +175,7 @@ class Node:
         except BadPayloadError as error:
             source.rejected += 1
             self._last_error = f"{name}: {error}"[:500]
-            refusal = endpoint.refuse(f"not understood: {error}"[:1000])
+            refusal = endpoint.refuse(plain(f"not understood: {error}"[:1000]))
             if self._journal is not None:
                 text = data.decode("utf-8", "replace")
                 self._journal.add(entries.Refused(name, client_id, text, str(error)), len(data))
@@ -277,7 +278,7 @@ class Node:
         self._failed_steps += 1
         self._failed_in_row += 1
         self._has_failed = True
-        failure = f"{type(error).__name__}: {error}"[:400]
+        failure = plain(f"{type(error).__name__}: {error}"[:400])
         self._last_error = f"step failed: {failure}"
         if failure != self._printed_failure:
             self._printed_failure = failure

@@ -16,6 +16,7 @@ from typing import Any, cast
 import zenoh
 
 from jezero.codec import BadPayloadError, decode, encode
+from jezero.plain_text import plain
 from jezero.runtime.clock import VehicleClock
 from jezero.runtime.config import Instance, is_recorded
 from jezero.runtime.journal import Journal
@@ -331,7 +332,7 @@ class ServiceLoop:
         return self._node.deliver_request(
             name,
             self._out.keep_query(name, query),
-            "" if attachment is None else attachment.to_bytes().decode("utf-8", "replace")[:64],
+            "" if attachment is None else plain(attachment.to_bytes().decode("utf-8", "replace")[:64]),
             data,
             parameters,
         )

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from jezero.plain_text import plain_json
 from jezero.recording.channels import topic_of
 from jezero.recording.foxglove import CompressedImage
 from jezero.recording.mcap_file import McapFile, RawMessage
@@ -116,7 +117,7 @@ class RecordedFlight:
         decoder = self._decoders[topic.name]
         if decoder is not None:
             try:
-                state.update(timed.t_s, topic, decoder.decode(timed.raw.data))
+                state.update(timed.t_s, topic, decoder.decode(plain_json(timed.raw.data)))
             except msgspec.DecodeError:
                 self._misfits += 1
 

@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from jezero.plain_text import plain_json
 from jezero.runtime.service import Call, Inbox, Output, Response
 from jezero.schemas.actions import Cancel, CancelReply, GetResult, Pause, PauseReply, Rejected, ResultReply, Resume
 from jezero.schemas.goals import Goal
@@ -187,7 +188,7 @@ class GoalRun:
             return
         self._unknown = 0
         if not reply.running and reply.result is not None:
-            self.ended = _end_of(msgspec.json.decode(reply.result, type=_Result))
+            self.ended = _end_of(msgspec.json.decode(plain_json(reply.result.encode()), type=_Result))
 
 
 def _end_of(result: _Result) -> StepEnd:
