@@ -15,6 +15,7 @@ import click
 from jezero.cli.fly import draw, fly_fast, fly_mission
 from jezero.cli.mapping import map_pictures
 from jezero.cli.shared import Printer, connected
+from jezero.private_files import keep_private
 
 READY_TIMEOUT_S = 60.0
 
@@ -55,6 +56,7 @@ def demo(runs: Path, fast: bool, seed: int, as_json: bool) -> None:
     from jezero.trials.missions import DEMONSTRATION
 
     printer = Printer(as_json)
+    keep_private()
     folder = new_run_folder(runs)
     if fast:
         fly_fast(printer, DEMONSTRATION, seed, folder)

@@ -16,6 +16,7 @@ from jezero.cli.exit_codes import ABORTED
 from jezero.cli.pictures import take_pictures
 from jezero.cli.plan import as_planned, show_plan
 from jezero.cli.shared import Printer, common_options, connected, fly_goal
+from jezero.private_files import keep_private
 
 if TYPE_CHECKING:
     from jezero.client import Vehicle
@@ -44,6 +45,7 @@ def fly(fast: bool, seed: int, out: Path | None, vehicle: str, router: str, as_j
     from jezero.trials.missions import FLIGHT
 
     printer = Printer(as_json)
+    keep_private()
     if fast:
         fly_fast(printer, FLIGHT, seed, out)
         return

@@ -17,6 +17,7 @@ from jezero.cli.exit_codes import FAILED, REFUSED
 from jezero.cli.shared import INSECURE, KEYS, insecure_option, keys_option
 from jezero.keys.bundle import INSECURE_VARIABLE
 from jezero.keys.bundle import VARIABLE as KEYS_VARIABLE
+from jezero.private_files import keep_private
 
 if TYPE_CHECKING:
     from jezero.deploy.launcher.compose import Service
@@ -91,6 +92,7 @@ def up(
         os.environ[KEYS_VARIABLE] = str(keys.resolve())  # for the services
     if context.meta[INSECURE]:
         os.environ[INSECURE_VARIABLE] = "1"
+    keep_private()
     instance, folder = instance_from_environment(), _folder(run_dir)
     path = (file or _shipped_compose_file()).resolve()
     services = _read_services(path, profiles)
@@ -182,7 +184,7 @@ def _warn_if_insecure(instance: "Instance") -> None:
 
 def _print_into(log: Path) -> None:
     """Send what this process prints into a new file."""
-    descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+    descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
     for standard in (1, 2):
         os.dup2(descriptor, standard)
     os.close(descriptor)

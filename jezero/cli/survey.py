@@ -21,6 +21,7 @@ from jezero.cli.pictures import PNG_OR_JPG, default_folder, take_pictures
 from jezero.cli.plan import agreed_plan, as_planned, send_goal
 from jezero.cli.shared import FINITE, FRAMES, NUMBERS, FiniteRange, Printer, connected, flight_options
 from jezero.os_errors import write_whole
+from jezero.private_files import keep_private
 
 if TYPE_CHECKING:
     from jezero.client.dataset import Dataset, Kind
@@ -216,6 +217,7 @@ def _drawing(out: Path | None) -> Path:
 def _new_dataset(out: Path | None, kind: str) -> "Dataset":
     from jezero.client.dataset import Dataset
 
+    keep_private()
     try:
         return Dataset(out or default_folder(), cast("Kind", kind))
     except FileExistsError as error:

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Mapping
 
 from jezero.os_errors import describe_os_error
+from jezero.private_files import keep_private
 from jezero.runtime.config import ConfigError, Instance, instance_from_environment
 from jezero.runtime.links import SocketLink
 from jezero.runtime.service import Service
@@ -34,6 +35,7 @@ def run_process(name: str, build: Build) -> int:
         Exit code of the process; EX_CONFIG when the settings are wrong, so that a restart would not help.
     """
     boot_id = new_boot_id()
+    keep_private()
     try:
         instance = instance_from_environment()
         service, links = build(instance, boot_id)
