@@ -5,11 +5,12 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from jezero.codec import encode
+from jezero.runtime.epoch_filter import EpochFilter
 from jezero.runtime.journal import Journal
 from jezero.runtime.node import Node
 from jezero.runtime.service import SentMessage, Service
 from jezero.runtime.task import CANCELED, Outcome, execute, pickled, read_outcome
-from jezero.schemas.topics import Endpoint, Topic, health_of, journal_of
+from jezero.schemas.topics import CLOCK, Endpoint, Topic, health_of, journal_of
 from jezero.schemas.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ class Port:
         spec = service.spec
         keeps_journal = journaled and not spec.hears_all
         self._journal = Journal(spec.name, 0, spec.made_with) if keeps_journal else None
+        self._epochs = EpochFilter()
         self.node = Node(service, self, strict=strict, boot_id=0, journal=self._journal)
         self.subscribed = frozenset(topic.name for topic in spec.inputs)
         self.serving = frozenset(endpoint.name for endpoint in spec.serves)
@@ -98,7 +100,10 @@ class Port:
 
     def receive(self, name: str, data: bytes) -> None:
         if self.alive and name in self.subscribed:
-            self.node.inbox.wall_ns = self._bus.t_ns
+            wall_ns = self.node.inbox.wall_ns = self._bus.t_ns
+            if name == CLOCK.name and (refusal := self._epochs.refusal(data, wall_ns)):
+                self.node.deliver(name, None, refusal)
+                return
             self.wants_step |= self.node.deliver(name, data)
 
     def hear(self, t_ns: int, name: str, data: bytes) -> None:

@@ -137,12 +137,13 @@ class Node:
 
     # -- deliveries of the bus; each returns whether it triggers a step --
 
-    def deliver(self, name: str, data: bytes | None) -> bool:
+    def deliver(self, name: str, data: bytes | None, refusal: str = "not a put on exactly this key") -> bool:
         """Put a topic's message into the inbox if the service reads this topic.
 
         Args:
             name: the topic's.
-            data: the message; None for anything but a put on exactly the topic's key, which is counted as rejected.
+            data: the message; None for one that is refused, which is counted as rejected.
+            refusal: reason for that.
         """
         source = self._inputs.get(name)
         if source is None:
@@ -150,7 +151,7 @@ class Node:
         source.received += 1
         if data is None:
             source.rejected += 1
-            self._last_error = f"{name}: not a put on exactly this key"
+            self._last_error = f"{name}: {refusal}"
             return False
         try:
             message = source.read(data)

@@ -19,6 +19,7 @@ from jezero.codec import BadPayloadError, decode, encode
 from jezero.plain_text import plain
 from jezero.runtime.clock import VehicleClock
 from jezero.runtime.config import Instance, is_recorded
+from jezero.runtime.epoch_filter import EpochFilter
 from jezero.runtime.journal import Journal
 from jezero.runtime.links import SocketLink
 from jezero.runtime.node import Node
@@ -59,6 +60,7 @@ class ServiceLoop:
         self._links = links
         self._prefix = topics.key(instance.vehicle, "")
         self._clock = VehicleClock()
+        self._epochs = EpochFilter()
         self._master_t_ns = 0
         self._stalled_ns = 0
         self._stopping = False
@@ -306,6 +308,8 @@ class ServiceLoop:
 
     def _on_sample(self, name: str, data: bytes | None) -> bool:
         if name == CLOCK_NAME and data is not None:
+            if refusal := self._epochs.refusal(data, self._node.inbox.wall_ns):
+                return self._node.deliver(name, None, refusal)
             self._on_clock(data)
         if name in self._on_demand and name not in self._out.subscribed:  # it came before the subscription ended
             return False

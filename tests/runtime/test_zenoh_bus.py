@@ -12,6 +12,7 @@ import pytest
 from jezero.codec import encode, split_attachment
 from jezero.runtime import zenoh_bus
 from jezero.runtime.config import Instance
+from jezero.runtime.node import FAILED_STEPS_MAX
 from jezero.runtime.service import Call, Inbox, Output, Publish, Reply, Response, Spec
 from jezero.schemas import topics
 from jezero.schemas.commands import AbortReply, Release, ReleaseReply
@@ -290,8 +291,12 @@ def picture(number: int) -> CameraFrame:
     )
 
 
-def test_a_step_that_fails_ends_the_process(asking: Asking) -> None:
+def test_a_step_that_fails_ends_nothing_and_many_in_a_row_end_the_process(asking: Asking) -> None:
     asking.service.fails = True
+    for _ in range(FAILED_STEPS_MAX):
+        asking.ask()
+        asking.turn()
+    assert len(asking.service.threads) == FAILED_STEPS_MAX
     asking.ask()
     with pytest.raises(RuntimeError, match="broken"):
         asking.runner._loop()

@@ -112,6 +112,9 @@ def test_an_earlier_value_does_not_count_as_confirmed() -> None:
 
 def test_an_autopilot_that_restarted_is_given_them_again() -> None:
     rig = rig_with(dict(WANTED)).ready()
+    rig.autopilot.silent = True
+    rig.run(0.4)
+    rig.autopilot.silent = False
     rig.epoch_id += 1
     rig.autopilot.parameters = {"COM_RC_IN_MODE": 1, "NAV_DLL_ACT": 0, "COM_OF_LOSS_T": 1.0}
     rig.run(0.2)
