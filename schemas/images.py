@@ -17,7 +17,6 @@ from jezero.schemas.struct import (
     TimeNs,
     Unit,
     WithAttachment,
-    require_rotation,
 )
 
 LISTING = "images/images.json"
@@ -75,10 +74,6 @@ class Image(Payload, frozen=True, kw_only=True):
     range_m: NonNegative | None = None
     imu: Imu | None = None
     gnss: Gnss | None = None
-
-    def __post_init__(self) -> None:
-        require_rotation("q_ned_from_frd", self.q_ned_from_frd)
-        require_rotation("q_ned_from_camera", self.q_ned_from_camera)
 
 
 class GetImage(Payload, frozen=True, kw_only=True):

@@ -106,9 +106,11 @@ Text = Annotated[str, Meta(max_length=2000)]
 def require_rotation(field: str, q: tuple[float, float, float, float]) -> None:
     """Check that a field holds a quaternion of unit length, for the `__post_init__` of a message.
 
+    One that is not finite can't arrive, as JSON has no such numbers.
+
     Raises:
         ValueError: its length is another one.
     """
     length = math.hypot(*q)
-    if not 0.99 <= length <= 1.01:
+    if math.isfinite(length) and not 0.99 <= length <= 1.01:
         raise ValueError(f"{field} has the length {length:.3g}: a quaternion of length 1 is expected")
