@@ -186,7 +186,7 @@ class PlatformConfig(Config, frozen=True, kw_only=True):
 
 
 class VehicleLimitsConfig(Config, frozen=True, kw_only=True):
-    """Limits of every goal and of hover points.
+    """Limits of every goal and of hover points. Of setpoints the bridge holds the upper ones, 2 m and 2 m/s beyond.
 
     Attributes:
         altitude_min_m: minimum height above the world's origin; of a takeoff above the take-off point; of a goal in the

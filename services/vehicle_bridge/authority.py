@@ -30,8 +30,8 @@ class Authority:
         code: the present status.
         text: the last event, for people.
         target: setpoint to follow, None for none.
-        streamed: the target within the fence, which goes to the autopilot.
-        fence: holds the vehicle inside the fence.
+        streamed: the target within the fence and the limits, which goes to the autopilot.
+        fence: holds the vehicle inside the fence and the limits.
         command: command to the autopilot, None for none.
         taking_back: in status 13, the bridge tries to take control back.
         killing: in status 13, the motors are being cut.
@@ -44,7 +44,7 @@ class Authority:
         self.text = "the bridge has started"
         self.target: Target | None = None
         self.streamed: Target | None = None
-        self.fence = FenceKeeper(config.on_fence)
+        self.fence = FenceKeeper(config.on_fence, robot.limits)
         self.command: Command | None = None
         self.taking_back = self.killing = False
         self.changes: list[ControlState] = []

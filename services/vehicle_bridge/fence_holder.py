@@ -89,7 +89,7 @@ class FenceHolder:
         if keeper.outside:
             text += "; the vehicle is outside the fence"
         if keeper.limits:
-            text += f"; held back by the fence {keeper.limits} times, the last time by {keeper.last_limit}"
+            text += f"; held back {keeper.limits} times, the last time by {keeper.last_limit}"
         if self._upload.failure:
             text += f"; the autopilot's own fence is not set: {self._upload.failure}"
         return text

@@ -1,4 +1,7 @@
-"""Holds the vehicle inside the fence: limits targets, and brings a vehicle back that something has pushed out."""
+"""Holds the vehicle inside the fence and its limits: limits targets, and brings back one that was pushed out of the
+fence."""
+
+from functools import partial
 
 from jezero.fence_geometry import outside_reason, place_refusal, point_inside
 from jezero.frames import Vec3
@@ -7,6 +10,8 @@ from jezero.schemas.state import StatusCode
 from jezero.services.vehicle_bridge.config import OnFence
 from jezero.services.vehicle_bridge.fence_limit import limited_target
 from jezero.services.vehicle_bridge.vehicle import Target, VehicleSnapshot
+from jezero.services.vehicle_bridge.vehicle_limits import limit_walls, near_target, slowed_target
+from jezero.vehicle_config import VehicleLimitsConfig
 
 INSIDE_AGAIN_M = 0.2
 """A vehicle that was outside is inside again when it is this far inside: it doesn't leave twice on one edge."""
@@ -18,17 +23,19 @@ NO_FLOOR = (StatusCode.TAKEOFF, StatusCode.LANDING, StatusCode.LANDING_DONE, Sta
 
 
 class FenceKeeper:
-    """Holds the vehicle inside a fence.
+    """Holds the vehicle inside a fence, and within its limits of height, distance and speed.
 
     Attributes:
         fence: the fence in force, its zones in metres; None for none.
         on_fence: what a vehicle does that was pushed out.
         outside: where and how far the vehicle is outside, for people; "" inside.
-        limits: number of times that the fence began to limit the target.
+        limits: number of times that the fence or a limit began to limit the target.
         last_limit: the zone or limit that did so last, for people.
     """
 
-    def __init__(self, on_fence: OnFence) -> None:
+    def __init__(self, on_fence: OnFence, limits: VehicleLimitsConfig) -> None:
+        self._limits = limits
+        self._limit_walls = partial(limit_walls, limits)
         self.fence: Fence | None = None
         self.on_fence = on_fence
         self.outside = self.last_limit = ""
@@ -53,11 +60,16 @@ class FenceKeeper:
         return left
 
     def limited(self, target: Target | None, vehicle: VehicleSnapshot, code: StatusCode) -> Target | None:
-        """The target, or where that leads out of the fence another one that doesn't."""
-        if self.fence is None or target is None or vehicle.landed:
+        """The target, or where that leads out of the fence or beyond the limits another one that doesn't."""
+        if target is None or vehicle.landed:
             self._is_limiting = False
             return target
-        target, limit = limited_target(self.fence, target, vehicle, floor_holds=code not in NO_FLOOR)
+        target, slowed = slowed_target(self._limits, target)
+        target, brought_near = near_target(self._limits, target, vehicle)
+        target, limit = limited_target(
+            self.fence, target, vehicle, floor_holds=code not in NO_FLOOR, limits=self._limit_walls
+        )
+        limit = limit or brought_near or slowed
         if limit and not self._is_limiting:
             self.limits, self.last_limit = self.limits + 1, limit
         self._is_limiting = bool(limit)

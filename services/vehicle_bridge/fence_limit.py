@@ -1,6 +1,6 @@
 """Limit of a target so that it can't carry the vehicle through the fence. Source: stopping distance v²/2a."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from math import hypot, sqrt
 
@@ -34,7 +34,7 @@ class Wall:
         out_ned: (3,) unit vector from the vehicle's position towards the forbidden side.
         distance_m: distance to it, negative for a vehicle on the forbidden side.
         name: the wall, for people.
-        edge: edge of a zone; None for ceiling and floor, which have no end.
+        edge: edge of a zone; None for ceiling, floor and limits, which have no end.
     """
 
     out_ned: Vec3
@@ -60,11 +60,20 @@ class Wall:
         return self.edge.distance_to_way_m(begin_ned_m, end_ned_m) < EDGE_M
 
 
-def limited_target(fence: Fence, target: Target, vehicle: VehicleSnapshot, *, floor_holds: bool) -> tuple[Target, str]:
-    """Target that leads no farther and no faster than to the fence.
+def limited_target(
+    fence: Fence | None,
+    target: Target,
+    vehicle: VehicleSnapshot,
+    *,
+    floor_holds: bool,
+    limits: Callable[[VehicleSnapshot, Vec3], Iterable[Wall]] = lambda vehicle, pos_ned_m: (),
+) -> tuple[Target, str]:
+    """Target that leads no farther and no faster than to the fence and to the vehicle's limits.
 
     Args:
+        fence: the fence; None for none.
         floor_holds: the fence's floor over ground holds now.
+        limits: gives the vehicle's limits as walls.
 
     Returns:
         The same target if it needs no limit, and the name of the wall that limits it, or "".
@@ -75,7 +84,9 @@ def limited_target(fence: Fence, target: Target, vehicle: VehicleSnapshot, *, fl
     vel, lead = target.vel_ned_mps, None if target.pos_ned_m is None else subtract(target.pos_ned_m, pos_ned_m)
     speed_mps = max(norm(vel or ZERO), norm(vehicle.vel_ned_mps))
     reach_m = EDGE_M + max(norm(lead or ZERO), speed_mps * speed_mps / (2.0 * BRAKING_MPS2))
-    walls = list(_walls(fence, vehicle, pos_ned_m, reach_m, floor_holds=floor_holds))
+    walls = [wall for wall in limits(vehicle, pos_ned_m) if wall.distance_m <= reach_m]
+    if fence is not None:
+        walls += _walls(fence, vehicle, pos_ned_m, reach_m, floor_holds=floor_holds)
     for wall in walls:
         if _is_too_fast(wall, vehicle, pos_ned_m):
             vel, lead, limiting = *_braking(vel, lead, wall, vehicle), wall.name

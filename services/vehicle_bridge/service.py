@@ -216,6 +216,7 @@ class VehicleBridge:
             q_ned_from_frd=q,
             range_m=range_m,
             height_m=self._height_m(range_m),
+            takeoff_ned_m=self._ground_ned_m,
             telemetry_age_s=telemetry_age_s,
             failed_checks=self._failed_checks(t_ns, inbox) if idle else (),
             not_ready_reason=self._not_ready_reason(telemetry_age_s) if idle else None,

@@ -75,6 +75,7 @@ class VehicleSnapshot(msgspec.Struct, frozen=True, kw_only=True):
         q_ned_from_frd: attitude of the newest odometry.
         range_m: tilt-corrected distance from the altimeter to ground or platform; None without a valid measurement.
         height_m: height above ground or platform, None without odometry.
+        takeoff_ned_m: place where the vehicle last stood; None when the bridge did not see it stand.
         telemetry_age_s: age of the newest telemetry, or of the newest odometry if that is older.
         failed_checks: preflight checks that have failed lately.
         not_ready_reason: reason why a takeoff isn't possible; None when it is, and in any status but 0.
@@ -96,6 +97,7 @@ class VehicleSnapshot(msgspec.Struct, frozen=True, kw_only=True):
     q_ned_from_frd: Quat = (1.0, 0.0, 0.0, 0.0)
     range_m: float | None = None
     height_m: float | None = None
+    takeoff_ned_m: Vec3 | None = None
     telemetry_age_s: float = 0.0
     failed_checks: tuple[Check, ...] = ()
     not_ready_reason: str | None = None
