@@ -108,7 +108,7 @@ class ActionServer:
             yield from self._handle_plan_request(t_ns, request, inbox)
         self._handle_departures(inbox)
         for request in inbox.requests(self._cancel):
-            yield Reply(request.request_id, self._cancel_reply(request.payload.goal_id))
+            yield Reply(request.request_id, self._cancel_reply(request.payload.goal_id, request.client_id))
         yield from self._running.handle(t_ns, inbox, self._run, self._results)
         for request in inbox.requests(RESULT):
             yield Reply(request.request_id, self._result_reply(request.payload.goal_id))
@@ -252,9 +252,11 @@ class ActionServer:
             path_ned_m=run.path_ned_m,
         )
 
-    def _cancel_reply(self, goal_id: str) -> CancelReply:
+    def _cancel_reply(self, goal_id: str, client_id: str) -> CancelReply:
+        """Cancel a goal for whoever asks; a client that did not send it is named to those who did."""
         if self._run is not None and self._run.goal_id == goal_id:
-            if self._run.cancel("canceled by a client"):
+            another = bool(client_id) and client_id not in self._run.clients
+            if self._run.cancel(f"canceled by another client, {client_id}" if another else "canceled by a client"):
                 return CancelReply(canceled=True)
             return CancelReply(canceled=False, reason=f"goal {goal_id} is ending already")
         if goal_id not in self._results:

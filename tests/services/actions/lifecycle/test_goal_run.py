@@ -222,6 +222,23 @@ def test_a_goal_whose_cancel_comes_before_it_does_not_fly() -> None:
     assert world.bridge.grants == 0
 
 
+@pytest.mark.parametrize(
+    ("client_id", "reason"),
+    [
+        ("me", "canceled by a client"),
+        ("", "canceled by a client"),
+        ("py-0123456789ab", "canceled by another client, py-0123456789ab"),
+    ],
+)
+def test_a_goal_that_another_client_cancels_says_which(client_id: str, reason: str) -> None:
+    world = World()
+    goal = world.flying()
+    reply = world.bus.send_request(topics.GO_TO.cancel, Cancel(goal_id="far"), client_id=client_id)
+    result = world.end(goal)
+    assert reply.replies[0].canceled
+    assert (result.outcome, result.reason) == ("canceled", reason)
+
+
 def test_a_cancel_that_comes_before_the_grant_still_cancels() -> None:
     world = World()
     goal = world.send(FAR)
