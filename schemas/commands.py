@@ -190,13 +190,15 @@ class AbortReply(Payload, frozen=True, kw_only=True):
 
 
 class Kill(Payload, frozen=True, kw_only=True):
-    """Request to stop the motors at once, in the air too.
+    """Request to stop the motors at once, in the air too, where the vehicle then falls.
 
     Attributes:
         confirm: must be true; otherwise the request is refused.
+        vehicle: name of the vehicle, as in its keys; the second confirmation, without which it is refused in the air.
     """
 
     confirm: bool = False
+    vehicle: Annotated[str, Meta(max_length=64)] = ""
 
 
 class KillReply(Payload, frozen=True, kw_only=True):

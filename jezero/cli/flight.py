@@ -190,15 +190,20 @@ def abort(vehicle: str, router: str, as_json: bool) -> None:
 
 
 @click.command()
-@click.option("--yes", is_flag=True, help="Confirm to stop the motors, also in the air.")
+@click.argument("name", default="")
+@click.option("--yes", is_flag=True, help="Confirm to stop the motors.")
 @common_options
-def kill(yes: bool, vehicle: str, router: str, as_json: bool) -> None:
-    """Stop the motors at once. A flying vehicle falls."""
+def kill(name: str, yes: bool, vehicle: str, router: str, as_json: bool) -> None:
+    """Stop the motors at once. A flying vehicle falls.
+
+    In the air the vehicle's NAME is the second confirmation: `jezero kill --yes uav1`.
+    """
     if not yes:
         raise click.UsageError(
-            "this stops the motors also in the air: add --yes to confirm (`jezero abort` makes the vehicle hover)"
+            "this stops the motors: add --yes to confirm, and in the air the vehicle's name too, such as `jezero kill "
+            f"--yes {vehicle}` (`jezero abort` makes the vehicle hover)"
         )
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
-        uav.kill(confirm=True)
+        uav.kill(confirm=True, vehicle=name)
         printer.event("result", "killed: motors off", outcome="succeeded")

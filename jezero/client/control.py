@@ -31,9 +31,9 @@ def abort(connection: Connection, reason: str) -> AbortReply:
     return reply
 
 
-def kill(connection: Connection, *, confirm: bool) -> None:
+def kill(connection: Connection, *, confirm: bool, vehicle: str) -> None:
     """See `Vehicle.kill`."""
-    reply: KillReply = connection.request(KILL, Kill(confirm=confirm), DISARM_TIMEOUT_S)
+    reply: KillReply = connection.request(KILL, Kill(confirm=confirm, vehicle=vehicle), DISARM_TIMEOUT_S)
     if not reply.killed:
         raise Refused(reply.reason)
 

@@ -195,16 +195,17 @@ class Vehicle(GoalMethods):
         reply: Ground = self._connection.request(topics.GROUND, GetGround(), REPLY_TIMEOUT_S)
         return reply
 
-    def kill(self, *, confirm: bool = False) -> None:
+    def kill(self, *, confirm: bool = False, vehicle: str = "") -> None:
         """Stop the motors at once, also in the air: a flying vehicle falls.
 
         Args:
             confirm: must be True.
+            vehicle: name of the vehicle, such as "uav1"; in the air it must be given.
 
         Raises:
-            Refused: not confirmed, or the autopilot did not disarm.
+            Refused: not confirmed, in the air not by name, or the autopilot did not disarm.
         """
-        control.kill(self._connection, confirm=confirm)
+        control.kill(self._connection, confirm=confirm, vehicle=vehicle)
 
     # -- state --
 

@@ -26,7 +26,17 @@ def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, Socke
     kept = None if path is None else load(path)
     fence = _configured(config) if kept is None else kept.fence
     keep = _keep_nothing if path is None else partial(save, path)
-    bridge = VehicleBridge(config, vehicle, instance.system_id, boot_id, token_hex(8), action_names(), fence, keep)
+    bridge = VehicleBridge(
+        config,
+        vehicle,
+        instance.system_id,
+        boot_id,
+        token_hex(8),
+        action_names(),
+        fence,
+        keep,
+        name=instance.vehicle,
+    )
     autopilot = (HOST, instance.autopilot_offboard_port)
     return bridge, {LINK: Udp((HOST, instance.bridge_port), autopilot, only_from_peer=True)}
 

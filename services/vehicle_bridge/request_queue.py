@@ -21,7 +21,7 @@ from jezero.schemas.struct import Payload
 from jezero.schemas.topics import ABORT, ACQUIRE, HOVER, KILL, RELEASE, Endpoint
 from jezero.services.vehicle_bridge.authority import Authority
 from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink
-from jezero.services.vehicle_bridge.vehicle import VehicleSnapshot
+from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, VehicleSnapshot
 
 KILL_TIMEOUT_NS = 3_000_000_000
 """A kill that the autopilot has not confirmed by then gets a reply; the bridge keeps trying."""
@@ -35,12 +35,14 @@ class RequestQueue:
 
     Args:
         boot_id: differs between two runs of the bridge.
+        name: name of the vehicle, as in its keys.
     """
 
-    def __init__(self, authority: Authority, link: AutopilotLink, boot_id: int) -> None:
+    def __init__(self, authority: Authority, link: AutopilotLink, boot_id: int, name: str) -> None:
         self._authority = authority
         self._link = link
         self._boot_id = boot_id
+        self._name = name
         self._pending: list[tuple[Request, int]] = []
         """Releases, hovers and kills without a reply yet, with the wall time of their arrival."""
         self._before_setpoints: Handlers = ((KILL, self._on_kill), (ABORT, self._on_abort), (HOVER, self._on_hover))
@@ -76,9 +78,22 @@ class RequestQueue:
     def _on_kill(self, request: Kill, vehicle: VehicleSnapshot) -> KillReply | None:
         if not request.confirm:
             return KillReply(killed=False, reason="kill cuts the motors, in the air too: set confirm to true")
+        if request.vehicle != self._name and (refusal := self._kill_refusal(request.vehicle, vehicle)):
+            return KillReply(killed=False, reason=refusal)
         self._authority.interventions += 1
         self._authority.kill("killed on request", vehicle)
         return None
+
+    def _kill_refusal(self, named: str, vehicle: VehicleSnapshot) -> str:
+        """Reason why the motors are not cut of a vehicle that the request does not name, or "" on the ground."""
+        if named:
+            return f"this vehicle is {self._name}, not {named}: its motors run on"
+        if vehicle.armed is False or (vehicle.landed and vehicle.telemetry_age_s <= LINK_TIMEOUT_S):
+            return ""
+        return (
+            f"{self._name} is in the air and would fall: to cut its motors, confirm that too, by its name, with "
+            f"vehicle={self._name} (abort makes it hover)"
+        )
 
     def _on_abort(self, request: Abort, vehicle: VehicleSnapshot) -> AbortReply:
         text = self._authority.abort(request.reason, vehicle)

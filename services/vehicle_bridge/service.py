@@ -82,6 +82,7 @@ class VehicleBridge:
         actions: names of all actions; requests to others are refused.
         fence: the fence at the start; None for none.
         keep_fence: keeps a fence that was set by a request over a restart of the bridge.
+        name: name of the vehicle, as in its keys.
     """
 
     def __init__(
@@ -94,6 +95,7 @@ class VehicleBridge:
         actions: Collection[str] = tuple(ACTIONS),
         fence: Fence | None = None,
         keep_fence: Callable[[Fence | None], None] = lambda fence: None,
+        name: str = "uav1",
     ) -> None:
         made_with = {
             "config": config,
@@ -103,6 +105,7 @@ class VehicleBridge:
             "secret": secret,
             "actions": tuple(actions),
             "fence": fence,
+            "name": name,
         }
         self.spec = replace(SPEC, rate_hz=config.rate_hz, made_with=made_with)
         self._config = config
@@ -117,7 +120,7 @@ class VehicleBridge:
         self._timer = Timer()
         self._ground_ned_m: Vec3 | None = None
         """Place where the vehicle last stood disarmed; None before this run of the bridge has seen it."""
-        self._requests = RequestQueue(self._authority, self._link, boot_id)
+        self._requests = RequestQueue(self._authority, self._link, boot_id, name)
         self._dropped_setpoints = 0
         self._drop_reason = ""
         self._sent: tuple[Target | None, int] = (None, 0)

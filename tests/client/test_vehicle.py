@@ -262,8 +262,8 @@ def test_hover_abort_and_kill_ask_the_bridge(vehicle: Vehicle, server: Server) -
     assert server.asked[-1][2] == {"hover_req": True, "hover_pos": [0.0, 0.0, -3.0]}
     assert vehicle.abort("enough") == AbortReply(hovering=True, reason="was going to")
     assert server.asked[-1][2] == {"reason": "enough"}
-    vehicle.kill(confirm=True)
-    assert server.asked[-1][2] == {"confirm": True}
+    vehicle.kill(confirm=True, vehicle="v")
+    assert server.asked[-1][2] == {"confirm": True, "vehicle": "v"}
 
 
 def test_a_refused_hover_or_kill_raises(vehicle: Vehicle, server: Server) -> None:

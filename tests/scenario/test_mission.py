@@ -161,7 +161,9 @@ def test_kill_needs_to_be_confirmed_and_then_stops_the_motors_in_the_air() -> No
     assert not flight.request(topics.KILL, Kill()).killed
     unconfirmed = flight.status
     assert unconfirmed.armed
-    assert flight.request(topics.KILL, Kill(confirm=True)).killed
+    assert "vehicle=uav1" in flight.request(topics.KILL, Kill(confirm=True)).reason
+    assert flight.status.armed
+    assert flight.request(topics.KILL, Kill(confirm=True, vehicle="uav1")).killed
     confirmed = flight.status
     assert not confirmed.armed
     flight.bus.run_for(4.0)

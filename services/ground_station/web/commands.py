@@ -41,9 +41,15 @@ class Commands:
         else:
             await self._request("Pause", lambda uav: uav.pause(), "The goal pauses: the vehicle hovers until Resume")
 
+    @property
+    def kill_words(self) -> str:
+        """Words on the button that kills: in the air the name is the second confirmation."""
+        return f"Kill {self._feed.vehicle} (hold)"
+
     async def kill(self) -> None:
-        """Stop the motors."""
-        await self._request("Kill", lambda uav: uav.kill(confirm=True), "The motors are stopped")
+        """Stop the motors, also in the air: the button that was held names the vehicle."""
+        name = self._feed.vehicle
+        await self._request("Kill", lambda uav: uav.kill(confirm=True, vehicle=name), "The motors are stopped")
 
     async def cancel(self, action: str, goal_id: str, owner: str) -> None:
         """Cancel a goal of whichever client; its owner is named in words."""

@@ -107,7 +107,7 @@ class Page:
                 ui.button("Abort", on_click=self._commands.abort, color=None).classes("abort-button").props(
                     "no-caps"
                 ).props('data-mark="abort"')
-                HoldButton("Kill (hold)").on("held", self._commands.kill)
+                HoldButton(self._commands.kill_words).on("held", self._commands.kill)
 
     def _stage(self) -> None:
         with ui.element("section").classes("stage"):

@@ -26,6 +26,11 @@ class PilotLink:
         return None if self._refusal() else self._feed.uav
 
     @property
+    def vehicle(self) -> str:
+        """Name of the vehicle, as in its keys; "" for a recording."""
+        return self._feed.vehicle if isinstance(self._feed, Feed) else ""
+
+    @property
     def refusal(self) -> str:
         """Why the page may not fly now; "" if it may."""
         return self._refusal()

@@ -102,7 +102,7 @@ class Chaos:
         rig, autopilot = self.rig, self.rig.autopilot
         kind = self.choose(12)
         if kind == 0:
-            rig.post(KILL, Kill(confirm=True))
+            rig.post(KILL, Kill(confirm=True, vehicle="uav1"))
         elif kind == 1:
             autopilot.mode = tuple(MODES.values())[self.choose(4)]
         elif kind == 2:
