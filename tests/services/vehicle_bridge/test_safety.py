@@ -204,7 +204,7 @@ def test_kill_in_the_air_needs_the_vehicle_s_name_too(vehicle: str, reason: str)
     assert reason in reply.reason
     rig.run(0.5, keep_flying)
     assert rig.autopilot.armed
-    assert rig.status.control_id == control_id
+    assert rig.status.in_charge == "goal"
     assert not rig.request(KILL, Kill(vehicle="uav1"), keep_flying).killed
     assert rig.autopilot.armed
 

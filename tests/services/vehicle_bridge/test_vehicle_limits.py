@@ -44,7 +44,7 @@ def test_a_point_beyond_a_limit_reaches_the_autopilot_as_one_at_most_2_m_beyond(
     rig.run(0.2, lambda: rig.setpoint(control_id, Phase.GO_TO, **fields))
     sent = rig.autopilot.setpoints[-1]
     assert (sent.x, sent.y, sent.z) == pytest.approx(expected_ned_m, abs=1e-3)
-    assert rig.status.control_id == control_id
+    assert rig.status.in_charge == "goal"
 
 
 def test_a_speed_towards_a_limit_is_one_from_which_the_vehicle_stops_there() -> None:
