@@ -91,8 +91,8 @@ class RequestQueue:
         if vehicle.armed is False or (vehicle.landed and vehicle.telemetry_age_s <= LINK_TIMEOUT_S):
             return ""
         return (
-            f"{self._name} is in the air and would fall: to cut its motors, confirm that too, by its name, with "
-            f"vehicle={self._name} (abort makes it hover)"
+            f"{self._name} is in the air and would fall: to cut its motors, confirm that too, by its name: "
+            f"vehicle={self._name}, or `jezero kill --yes {self._name}`; an abort makes it hover"
         )
 
     def _on_abort(self, request: Abort, vehicle: VehicleSnapshot) -> AbortReply:
