@@ -66,14 +66,14 @@ def limited_target(
     vehicle: VehicleSnapshot,
     *,
     floor_holds: bool,
-    limits: Callable[[VehicleSnapshot, Vec3], Iterable[Wall]] = lambda vehicle, pos_ned_m: (),
+    limits: Callable[[VehicleSnapshot, Vec3, float], Iterable[Wall]] = lambda vehicle, pos_ned_m, reach_m: (),
 ) -> tuple[Target, str]:
     """Target that leads no farther and no faster than to the fence and to the vehicle's limits.
 
     Args:
         fence: the fence; None for none.
         floor_holds: the fence's floor over ground holds now.
-        limits: gives the vehicle's limits as walls.
+        limits: gives the vehicle's limits within reach as walls.
 
     Returns:
         The same target if it needs no limit, and the name of the wall that limits it, or "".
@@ -84,7 +84,7 @@ def limited_target(
     vel, lead = target.vel_ned_mps, None if target.pos_ned_m is None else subtract(target.pos_ned_m, pos_ned_m)
     speed_mps = max(norm(vel or ZERO), norm(vehicle.vel_ned_mps))
     reach_m = EDGE_M + max(norm(lead or ZERO), speed_mps * speed_mps / (2.0 * BRAKING_MPS2))
-    walls = [wall for wall in limits(vehicle, pos_ned_m) if wall.distance_m <= reach_m]
+    walls = list(limits(vehicle, pos_ned_m, reach_m))
     if fence is not None:
         walls += _walls(fence, vehicle, pos_ned_m, reach_m, floor_holds=floor_holds)
     for wall in walls:

@@ -17,16 +17,21 @@ ACCELERATION_MAX_MPS2 = 10.0
 """Greatest feed-forward, beyond the tilt of any multicopter that flies on."""
 
 
-def limit_walls(limits: VehicleLimitsConfig, vehicle: VehicleSnapshot, pos_ned_m: Vec3) -> Iterator[Wall]:
-    """The limits of height and distance as walls. The height of a takeoff counts from the take-off point."""
+def limit_walls(
+    limits: VehicleLimitsConfig, vehicle: VehicleSnapshot, pos_ned_m: Vec3, reach_m: float
+) -> Iterator[Wall]:
+    """The limits of height and distance as walls, those within reach.
+
+    The height of a takeoff counts from the take-off point.
+    """
     from_m = 0.0 if vehicle.takeoff_ned_m is None else max(0.0, altitude_m(vehicle.takeoff_ned_m[2]))
-    below_m = limits.altitude_max_m + from_m - altitude_m(pos_ned_m[2])
-    yield Wall((0.0, 0.0, -1.0), below_m + MARGIN_M + EDGE_M, f"the greatest height of {limits.altitude_max_m:g} m")
+    below_m = limits.altitude_max_m + from_m - altitude_m(pos_ned_m[2]) + MARGIN_M + EDGE_M
+    if below_m <= reach_m:
+        yield Wall((0.0, 0.0, -1.0), below_m, f"the greatest height of {limits.altitude_max_m:g} m")
     away_m = horizontal(pos_ned_m)
-    if away_m > 1.0:
-        out_ned = (pos_ned_m[0] / away_m, pos_ned_m[1] / away_m, 0.0)
-        room_m = limits.distance_max_m - away_m + MARGIN_M + EDGE_M
-        yield Wall(out_ned, room_m, _distance_name(limits))
+    room_m = limits.distance_max_m - away_m + MARGIN_M + EDGE_M
+    if room_m <= reach_m and away_m > 1.0:
+        yield Wall((pos_ned_m[0] / away_m, pos_ned_m[1] / away_m, 0.0), room_m, _distance_name(limits))
 
 
 def near_target(limits: VehicleLimitsConfig, target: Target, vehicle: VehicleSnapshot) -> tuple[Target, str]:
