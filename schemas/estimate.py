@@ -9,6 +9,7 @@ from jezero.schemas.struct import (
     Finite,
     Message,
     Name,
+    NearPositionNed,
     NonNegative,
     Payload,
     PositionNed,
@@ -41,7 +42,7 @@ class TagEstimate(Message, frozen=True, kw_only=True):
     """
 
     tag_ids: Annotated[tuple[int, ...], Meta(max_length=8)]
-    pos_uav_rel_rover_ned_m: PositionNed
+    pos_uav_rel_rover_ned_m: NearPositionNed
     cov_pos_ned_m2: Covariance3
     range_m: NonNegative
     yaw_rover_rad: Angle | None = None
@@ -83,7 +84,7 @@ class Relative(Message, frozen=True, kw_only=True):
     valid: bool
     reason: Text = ""
     contradicted: bool = False
-    pos_uav_rel_rover_ned_m: PositionNed
+    pos_uav_rel_rover_ned_m: NearPositionNed
     vel_uav_rel_rover_ned_mps: VelocityNed
     cov: Covariance6
     vel_rover_ned_mps: VelocityNed
@@ -115,7 +116,7 @@ class RoverEstimate(Message, frozen=True, kw_only=True):
     epoch_id: int
     valid: bool
     reason: Text = ""
-    pos_rover_ned_m: PositionNed
+    pos_rover_ned_m: NearPositionNed
     vel_rover_ned_mps: VelocityNed
     yaw_rover_rad: Angle
     std_pos_m: NonNegative

@@ -10,6 +10,7 @@ from jezero.schemas.struct import (
     Fraction,
     Message,
     Name,
+    NearPositionNed,
     NonNegative,
     Payload,
     PositionNed,
@@ -86,7 +87,7 @@ class Odometry(Message, frozen=True, kw_only=True):
     """
 
     epoch_id: int
-    pos_uav_ned_m: PositionNed
+    pos_uav_ned_m: NearPositionNed
     vel_uav_ned_mps: VelocityNed
     q_ned_from_frd: QuatNedFromFrd
     rates_uav_frd_rps: Vector

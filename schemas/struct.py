@@ -79,6 +79,8 @@ NonNegative = Annotated[float, Meta(ge=0.0, le=1e12)]
 """Finite number from 0."""
 Position = Annotated[float, Meta(ge=-1e6, le=1e6)]
 """Coordinate in metres."""
+NearPosition = Annotated[float, Meta(ge=-1e5, le=1e5)]
+"""Measured or estimated coordinate in metres: sums and differences of two or three are within `Position`."""
 Speed = Annotated[float, Meta(ge=-1e3, le=1e3)]
 """Velocity component in m/s."""
 Angle = Annotated[float, Meta(ge=-6.2832, le=6.2832)]
@@ -89,6 +91,7 @@ Fraction = Annotated[float, Meta(ge=0.0, le=1.0)]
 """Number from 0 to 1."""
 
 PositionNed = tuple[Position, Position, Position]
+NearPositionNed = tuple[NearPosition, NearPosition, NearPosition]
 VelocityNed = tuple[Speed, Speed, Speed]
 QuatNedFromFrd = tuple[Unit, Unit, Unit, Unit]
 """Attitude [w, x, y, z] that turns body FRD into world NED, w >= 0; see `require_rotation`."""

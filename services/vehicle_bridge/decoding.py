@@ -49,7 +49,7 @@ def odometry_of(message: MavMessage) -> tuple[int, Vec3, Vec3, Quat, Vec3, float
     if t_ns > 2**62:
         raise ValueError("time out of range")
     vx, vy, vz = vel
-    small = x * x + y * y + z * z <= 1e12 and vx * vx + vy * vy + vz * vz <= 1e6 and p * p + q * q + r * r <= 1e6
+    small = x * x + y * y + z * z <= 1e10 and vx * vx + vy * vy + vz * vz <= 1e6 and p * p + q * q + r * r <= 1e6
     if not small:  # or NaN
         raise ValueError("not finite, or out of range")
     variance_m2 = max(var_north_m2, var_east_m2)
