@@ -148,6 +148,11 @@ class GoalFlight:
         return was_wanted
 
     @property
+    def taken(self) -> int:
+        """Number of pictures so far."""
+        return 0 if self._capture is None else self._capture.taken
+
+    @property
     def behaviour(self) -> Behaviour:
         """The running behaviour."""
         return self._behaviour

@@ -66,6 +66,8 @@ class Modification:
         self._battery = battery
         self._plan: Plan | None = None
         self._preparation: PreparationRun | None = None
+        self._taken = 0
+        """Number of pictures when the plan was made."""
 
     def step(self, t_ns: int, inbox: Inbox, flight: GoalFlight) -> Iterator[Output]:
         """Go on with the change; the flight has made its own step before."""
@@ -77,6 +79,10 @@ class Modification:
             if state:
                 yield from self._refuse(state, flight)
             return
+        if self._preparation is not None and flight.taken != self._taken:
+            # A point was passed while the vehicle came to rest: the plan would take its picture again.
+            yield from self._preparation.end()
+            self._preparation = None
         if self._preparation is None:
             yield from self._begin(t_ns, inbox, flight, state)
         else:
@@ -84,6 +90,7 @@ class Modification:
 
     def _begin(self, t_ns: int, inbox: Inbox, flight: GoalFlight, state: VehicleState) -> Iterator[Output]:
         """Plan from where the vehicle hovers, at once or in the background."""
+        self._taken = flight.taken
         status = inbox.latest(STATUS)
         plan = Refusal(NO_STATUS) if status is None else self._planner.replan(self.goal, status, flight.behaviour)
         if isinstance(plan, Plan) and plan.check_inputs is not None and (reason := plan.check_inputs(state)):
