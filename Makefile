@@ -2,7 +2,7 @@
 # make demo       bring everything up, fly, land, plot
 # make lint       style (ruff), types (mypy --strict), contracts (import-linter); each is a target of its own too
 # make unit       the tests that need neither a flight nor a process: a minute or so
-# make test       the checks but for long flights: a quarter of an hour or so
+# make test       the checks but for long flights: twenty minutes or so
 # make test-all   every check, long flights too: an hour or so; this is what the CI runs
 # make campaign   three minutes of missions with faults; the seeds follow from the commit
 # make broken     fly bridges that are broken on purpose with full physics until each is caught: ten minutes or so

@@ -169,6 +169,8 @@ def test_a_key_that_this_user_may_not_read_is_named(team: Team) -> None:
         os.chmod(folder, 0o755)
         bundle = Path(shutil.copytree(team.bundle("pilot-ana"), Path(folder) / "keys"))
         bundle.chmod(0o755)
+        for file in bundle.iterdir():
+            file.chmod(0o644)
         (bundle / "key.pem").chmod(0)
         is_root = os.geteuid() == 0
         if is_root:
