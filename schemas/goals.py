@@ -16,6 +16,7 @@ from jezero.schemas.struct import (
     PositionNed,
     Text,
     TimeNs,
+    Vector,
 )
 
 Frame = Literal["world", "rover"]
@@ -248,7 +249,7 @@ class ReturnFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="
     pos_uav_ned_m: PositionNed
     phase: ReturnPhase
     place: HomePlace
-    place_ned_m: PositionNed
+    place_ned_m: Vector
     reason: Text = ""
     landing: LandFeedback | None = None
 
