@@ -1,8 +1,8 @@
 """Text without control characters: what others send must not steer the terminal of whoever reads it.
 
-Every message from the bus is freed of them before it is decoded, so that they reach no terminal, log, page or report.
-So is what services print. A line feed or a tab becomes a space, as a text from the bus is one line; the others,
-DEL, the second set of control codes (C1), and the marks that turn the direction of the text among them, become `SHOWN`.
+Every message from the bus loses them before it is decoded, so that they reach no terminal, log, page or report. What
+services print loses them too. A line feed or a tab becomes a space, as a text from the bus is one line. All others
+become `SHOWN`: also DEL, the second set of control codes (C1), and the marks that change the direction of the text.
 """
 
 import re

@@ -16,7 +16,8 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from jezero.schemas.commands import Phase
-from jezero.schemas.topics import ACTIONS, Action
+from jezero.schemas.rows import Action
+from jezero.schemas.topics import ACTIONS
 
 GROUP = "jezero.actions"
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,40}")

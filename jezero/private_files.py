@@ -1,4 +1,4 @@
-"""Files that only this user can read: recordings, pictures, logs and states tell where somebody flew."""
+"""Files that only this user can read. Recordings, images and logs show where somebody has flown."""
 
 import os
 

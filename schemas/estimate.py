@@ -120,7 +120,7 @@ class RoverEstimate(Message, frozen=True, kw_only=True):
     vel_rover_ned_mps: VelocityNed
     yaw_rover_rad: Angle
     std_pos_m: NonNegative
-    reset_offset_ned_m: PositionNed = (0.0, 0.0, 0.0)
+    reset_offset_ned_m: NearPositionNed = (0.0, 0.0, 0.0)
 
 
 class GetParameters(Payload, frozen=True, kw_only=True):

@@ -16,7 +16,6 @@ from jezero.schemas.struct import (
     PositionNed,
     Text,
     TimeNs,
-    Vector,
 )
 
 Frame = Literal["world", "rover"]
@@ -249,7 +248,7 @@ class ReturnFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="
     pos_uav_ned_m: PositionNed
     phase: ReturnPhase
     place: HomePlace
-    place_ned_m: Vector
+    place_ned_m: PositionNed
     reason: Text = ""
     landing: LandFeedback | None = None
 

@@ -93,7 +93,7 @@ class Odometry(Message, frozen=True, kw_only=True):
     rates_uav_frd_rps: Vector
     origin_deg: Geodetic | None = None
     reset_counter: int = 0
-    reset_offset_ned_m: PositionNed = (0.0, 0.0, 0.0)
+    reset_offset_ned_m: NearPositionNed = (0.0, 0.0, 0.0)
     std_pos_m: NonNegative | None = None
 
     def __post_init__(self) -> None:

@@ -11,19 +11,8 @@ from jezero.cli.reference.settings import FILES
 from jezero.cli.reference.topics import all_specs, all_topics
 from jezero.deploy.launcher.compose import parse
 from jezero.runtime.service import Spec
-from jezero.schemas.topics import (
-    ACTIONS,
-    CLIENTS,
-    ENDPOINTS,
-    EVERY_ACTION,
-    GOAL_IN_CHARGE,
-    GROUND,
-    SCENE,
-    TRUTH,
-    Endpoint,
-    Topic,
-    health_of,
-)
+from jezero.schemas.rows import CLIENTS, EVERY_ACTION, GOAL_IN_CHARGE, Endpoint, Topic
+from jezero.schemas.topics import ACTIONS, ENDPOINTS, GROUND, SCENE, TRUTH, health_of
 
 ROOT = Path(__file__).parents[1]
 SPECS = all_specs()

@@ -18,6 +18,7 @@ from jezero.schemas import topics
 from jezero.schemas.estimate import Relative, TagEstimate
 from jezero.schemas.goals import AreaCoverageGoal, Goal, GoToGoal, TakeoffGoal
 from jezero.schemas.landing_board import BIG_ID
+from jezero.schemas.rows import Topic
 from jezero.schemas.sensors import Altimeter, CameraInfo, RoverOdometry, TagCorners, Uwb
 from jezero.schemas.state import Clock, Odometry, Scene, Status
 from jezero.schemas.struct import Message
@@ -56,7 +57,7 @@ from jezero.vehicle_config import (
     VehicleLimitsConfig,
 )
 
-Arrivals = list[tuple[int, topics.Topic[Any], Message]]
+Arrivals = list[tuple[int, Topic[Any], Message]]
 MS = 1_000_000
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -88,7 +89,7 @@ class Feeder:
         return [Publish(topic, message) for _, topic, message in due]
 
 
-def published(topic: topics.Topic[Any], services: Sequence[Service], messages: Arrivals) -> list[Any]:
+def published(topic: Topic[Any], services: Sequence[Service], messages: Arrivals) -> list[Any]:
     """Messages of a topic that the services publish within 4 s when they receive some messages."""
     bus, found = MemoryBus(delay=NO_DELAY), []
 

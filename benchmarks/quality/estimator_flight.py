@@ -31,6 +31,7 @@ from jezero.frames import (
 )
 from jezero.schemas import topics
 from jezero.schemas.estimate import TagEstimate
+from jezero.schemas.rows import Topic
 from jezero.schemas.state import Clock, Odometry
 from jezero.schemas.units import GRAVITY_MPS2, NS_PER_S
 from jezero.services.simulator.body import BodyState, RoverState
@@ -53,7 +54,7 @@ TAG_STDS_M = (0.002, 0.002, 0.004, 0.007, 0.016, 0.026)
 """Standard deviations along the line of sight; across it they are half. Measured on rendered pictures."""
 HALF_WIDTH, HALF_HEIGHT = tan(radians(40.0)), 0.75 * tan(radians(40.0))
 STD_TAG_YAW_RAD = 0.01
-Arrival = tuple[int, topics.Topic[Any], Any]
+Arrival = tuple[int, Topic[Any], Any]
 """Time of arrival, topic and message."""
 
 

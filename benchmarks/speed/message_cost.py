@@ -20,8 +20,9 @@ from jezero.deploy.launcher.ports import reserved_instance
 from jezero.runtime.config import instance_from_environment
 from jezero.runtime.process import new_boot_id, run_service
 from jezero.runtime.service import Inbox, Output, Publish, Spec
+from jezero.schemas.rows import Topic
 from jezero.schemas.struct import Message
-from jezero.schemas.topics import ACTIONS, TOPICS, Topic, feedback_of
+from jezero.schemas.topics import ACTIONS, TOPICS, feedback_of
 
 OWN_MODULE = "benchmarks.speed.message_cost"
 RATE_HZ = 100.0

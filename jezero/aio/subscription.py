@@ -7,8 +7,8 @@ from typing import Generic, Self, TypeVar
 from jezero.aio.arrivals import AsyncArrivals
 from jezero.client import subscription as client
 from jezero.client.errors import TimedOut, Unreachable
+from jezero.schemas.rows import Topic
 from jezero.schemas.struct import Message
-from jezero.schemas.topics import Topic
 
 M = TypeVar("M", bound=Message)
 

@@ -17,9 +17,10 @@ from jezero.client.errors import TimedOut, Unreachable
 from jezero.client.status import STATUS_TIMEOUT_S, no_status
 from jezero.schemas.actions import PlanReply
 from jezero.schemas.goals import Goal as GoalPayload
+from jezero.schemas.rows import Action, Topic
 from jezero.schemas.state import Status
 from jezero.schemas.struct import Message
-from jezero.schemas.topics import STATUS, Action, Topic
+from jezero.schemas.topics import STATUS
 
 P = ParamSpec("P")
 G = TypeVar("G", bound=goal.Goal[Any, Any])

@@ -10,7 +10,8 @@ from jezero.cli.plan import send_goal
 from jezero.cli.shared import NUMBERS, Printer, connected, flight_options, fly_goal
 from jezero.plugins import PluginError, action_names, find_action
 from jezero.schemas.goals import Goal
-from jezero.schemas.topics import ACTIONS, Action
+from jezero.schemas.rows import Action
+from jezero.schemas.topics import ACTIONS
 
 COMMON = frozenset(field.name for field in msgspec.structs.fields(Goal))
 """Fields of every goal, which the client fills in."""

@@ -23,8 +23,8 @@ SECTIONS: dict[str, dict[str, Entry]] = {
     "Stack": {
         "up": Entry("jezero.cli.stack", "up", "Start the services (Ctrl+C stops them; -d in the background)."),
         "down": Entry("jezero.cli.stack", "down", "Stop the services."),
-        "ps": Entry("jezero.cli.stack", "ps", "Show the state and health of the services."),
-        "logs": Entry("jezero.cli.stack", "logs", "Show the output of the services."),
+        "ps": Entry("jezero.cli.stack_view", "ps", "Show the state and health of the services."),
+        "logs": Entry("jezero.cli.stack_view", "logs", "Show the output of the services."),
         "info": Entry("jezero.cli.info", "info", "Show the declared services and topics."),
         "keys": Entry("jezero.cli.keys", "keys", "Make the certificates of a team's computers and people."),
     },

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from jezero.mission_files import MissionFile, StepPlan
     from jezero.schemas.actions import PlanReply
     from jezero.schemas.goals import Goal
-    from jezero.schemas.topics import Action
+    from jezero.schemas.rows import Action
 
 Read = Callable[[Sequence[float]], "MissionFile"]
 """Reads the mission around the world's origin, latitude and longitude in degrees."""

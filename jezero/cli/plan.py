@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from jezero.client import Vehicle
     from jezero.schemas.actions import FeedbackMessage, PlanReply
     from jezero.schemas.goals import Goal
-    from jezero.schemas.topics import Action
+    from jezero.schemas.rows import Action
 
 LONG_FLIGHT_S = 60.0
 SHORT_PLAN_S = 1.0

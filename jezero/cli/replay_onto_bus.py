@@ -68,7 +68,7 @@ def replay_onto_bus(
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)  # gives the terminal back, as after Ctrl+C
     try:
         flight = _Flight(open_recording(file), speed, start_s, end_s, loop, topics)
-        with _open_bus(router) as bus:
+        with _open_bus(router, vehicle) as bus:
             _Replay(flight, bus, vehicle, force).run()
     except RecordingError as error:
         raise click.ClickException(str(error)) from None
@@ -151,8 +151,12 @@ class _Bus(NamedTuple):
 
 
 @contextmanager
-def _open_bus(router: str) -> Iterator[_Bus]:
-    """A session with the router; without one at a local address, this process is the router meanwhile."""
+def _open_bus(router: str, vehicle: str) -> Iterator[_Bus]:
+    """A session with the router; without one at a local address, this process is the router meanwhile.
+
+    Args:
+        vehicle: name of the vehicle within the keys.
+    """
     import zenoh
 
     from jezero.keys.diagnosis import connection_problem
@@ -175,7 +179,7 @@ def _open_bus(router: str) -> Iterator[_Bus]:
             )
             raise SystemExit(UNREACHABLE) from None
         try:
-            session = open_router(router, {})
+            session = open_router(router, vehicle)
         except ListenError as error:
             raise click.ClickException(str(error)) from None
         is_own = True

@@ -15,7 +15,7 @@ from jezero.schemas.actions import ActionDescription, Cancel, CancelReply, GetDe
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import Goal
 from jezero.schemas.images import Image
-from jezero.schemas.topics import Action
+from jezero.schemas.rows import Action
 
 REPLIES_TIMEOUT_S = 1.0
 CANCEL_TIMEOUT_S = 3.0

@@ -10,8 +10,9 @@ from jezero.client.session import Connection
 from jezero.client.status import REPLY_TIMEOUT_S, request_status
 from jezero.schemas.commands import Abort, AbortReply, Hover, HoverReply, Kill, KillReply, Phase
 from jezero.schemas.goals import Goal, LandOnSpotGoal
+from jezero.schemas.rows import Action
 from jezero.schemas.state import StatusCode
-from jezero.schemas.topics import ABORT, HOVER, KILL, LAND_ON_SPOT, Action
+from jezero.schemas.topics import ABORT, HOVER, KILL, LAND_ON_SPOT
 
 HOVER_TIMEOUT_S = 10.0
 """Longest wait for a hover: a goal that ends near the ground climbs first, and taking control back takes seconds."""

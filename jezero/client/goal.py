@@ -24,7 +24,8 @@ from jezero.schemas.actions import (
     ResumeReply,
 )
 from jezero.schemas.goals import Goal as GoalPayload
-from jezero.schemas.topics import RESULT, Action
+from jezero.schemas.rows import Action
+from jezero.schemas.topics import RESULT
 
 F = TypeVar("F")
 R = TypeVar("R")

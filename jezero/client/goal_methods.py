@@ -25,7 +25,7 @@ from jezero.schemas.goals import (
 )
 from jezero.schemas.goals import Goal as GoalPayload
 from jezero.schemas.preflight import Override
-from jezero.schemas.topics import Action
+from jezero.schemas.rows import Action
 
 Point = tuple[float, float, float]
 Corners = Sequence[tuple[float, float]]

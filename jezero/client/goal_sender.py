@@ -15,7 +15,7 @@ from jezero.client.status import REPLY_TIMEOUT_S, request_status
 from jezero.plugins import PluginError, find_action
 from jezero.schemas.actions import PlanReply
 from jezero.schemas.goals import Goal as GoalPayload
-from jezero.schemas.topics import Action
+from jezero.schemas.rows import Action
 
 OnClientLoss = Literal["continue", "cancel"]
 NO_FIELDS: Mapping[str, Any] = {}

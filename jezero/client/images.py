@@ -18,7 +18,7 @@ from jezero.client.session import Connection, decode
 from jezero.codec import encode
 from jezero.schemas.goals import ImagesFeedback, ImagesResult
 from jezero.schemas.images import GetImage, Image, ImageReply
-from jezero.schemas.topics import Action
+from jezero.schemas.rows import Action
 
 IMAGE_TIMEOUT_S = 10.0
 

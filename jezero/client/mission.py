@@ -8,8 +8,9 @@ from jezero.client.session import Connection, decode
 from jezero.client.status import REPLY_TIMEOUT_S
 from jezero.client.subscription import Subscription
 from jezero.schemas.mission import Mission, MissionCommand, MissionProgress, MissionReply
+from jezero.schemas.rows import Endpoint
 from jezero.schemas.struct import Payload
-from jezero.schemas.topics import COMMAND_MISSION, MISSION, RUN_MISSION, Endpoint
+from jezero.schemas.topics import COMMAND_MISSION, MISSION, RUN_MISSION
 
 PROGRESS_TIMEOUT_S = 3.0
 """The service publishes its progress twice a second."""

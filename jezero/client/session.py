@@ -18,8 +18,9 @@ from jezero.client.errors import JezeroError, Refused, TimedOut, Unreachable
 from jezero.codec import BadPayloadError, encode, reader
 from jezero.plain_text import plain
 from jezero.router_address import shown_router
+from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.struct import Message, Payload
-from jezero.schemas.topics import Endpoint, Topic, key, liveliness_key
+from jezero.schemas.topics import key, liveliness_key
 from jezero.zenoh_client import client_config, data_of
 
 CONNECT_ATTEMPT_S = 0.5

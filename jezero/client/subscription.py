@@ -8,8 +8,8 @@ from typing import Any, Generic, Self, TypeVar
 from jezero.client.errors import TimedOut, Unreachable
 from jezero.client.session import Connection, decoder
 from jezero.schemas import topics
+from jezero.schemas.rows import Topic
 from jezero.schemas.struct import Message, WithAttachment
-from jezero.schemas.topics import Topic
 
 M = TypeVar("M", bound=Message)
 

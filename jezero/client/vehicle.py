@@ -28,10 +28,10 @@ from jezero.schemas.commands import AbortReply
 from jezero.schemas.estimate import Relative
 from jezero.schemas.fence import Fence, FenceState
 from jezero.schemas.preflight import PreflightReport
+from jezero.schemas.rows import Topic
 from jezero.schemas.state import Battery, Odometry, Status
 from jezero.schemas.struct import Message
 from jezero.schemas.terrain import GetGround, Ground
-from jezero.schemas.topics import Topic
 
 DEFAULT_VEHICLE, DEFAULT_ROUTER = "uav1", "tcp/127.0.0.1:7447"
 M = TypeVar("M", bound=Message)

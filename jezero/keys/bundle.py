@@ -5,7 +5,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from jezero.keys.members import KeysError
+from jezero.keys.members import KeysError, Members, read_members
 from jezero.os_errors import describe_os_error
 from jezero.router_address import is_insecure, parse_router
 
@@ -37,9 +37,9 @@ class Identity(NamedTuple):
 
 
 def endpoint_of(address: str, keys: str | Path | None, *, insecure: bool = False) -> str:
-    """Zenoh's endpoint for a router's address as people write it: with a bundle's TLS if the address wants TLS.
+    """Zenoh's endpoint for a router's address. An address with `tls` gets the files of the bundle.
 
-    Without TLS no address leaves this computer, unless a person has said so.
+    An address of another computer without TLS is refused, unless a person has permitted it.
 
     Args:
         address: an address; one with settings of its own behind `#` stays as it is.
@@ -64,7 +64,7 @@ def endpoint_of(address: str, keys: str | Path | None, *, insecure: bool = False
 
 
 def given_endpoint(address: str) -> str:
-    """`endpoint_of` with the bundle and the permission that the environment names."""
+    """`endpoint_of` with the bundle and the permission from the environment."""
     return endpoint_of(address, os.environ.get(VARIABLE), insecure=os.environ.get(INSECURE_VARIABLE) == "1")
 
 
@@ -104,6 +104,24 @@ def secured(address: str, bundle: Path) -> str:
     }
     files = ";".join(f"{setting}={folder / name}" for setting, name in settings.items())
     return f"{address}#{files};enable_mtls=true"
+
+
+def files_of(endpoint: str) -> dict[str, Path]:
+    """The files of an endpoint, by Zenoh's names for them."""
+    settings = (each.partition("=") for each in endpoint.partition("#")[2].split(";"))
+    return {name: Path(value) for name, _, value in settings if name.endswith("_file")}
+
+
+def members_of(endpoint: str) -> Members:
+    """The team's members, from the bundle of an endpoint to listen on.
+
+    Raises:
+        KeysError: the endpoint has no bundle, or the bundle's list is missing or damaged.
+    """
+    certificate = files_of(endpoint).get("listen_certificate_file")
+    if certificate is None:
+        raise KeysError(f"a router with TLS needs the bundle of its computer: name the folder with {VARIABLE}")
+    return read_members(certificate.parent)
 
 
 def read_certificate(path: Path) -> "x509.Certificate":

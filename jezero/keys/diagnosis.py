@@ -8,7 +8,7 @@ import ssl
 from datetime import UTC, datetime
 from pathlib import Path
 
-from jezero.keys.bundle import VARIABLE, Identity, identity_of, read_certificate
+from jezero.keys.bundle import VARIABLE, Identity, files_of, identity_of, read_certificate
 from jezero.keys.members import MEMBERS, ROLES, KeysError, read_members
 from jezero.keys.rights import may_send
 from jezero.os_errors import describe_os_error
@@ -40,7 +40,7 @@ def connection_problem(endpoint: str) -> str:
         return f"the router at {shown} speaks TLS only: write tls/… and name a bundle with --keys or {VARIABLE}"
     if address.protocol != "tls":
         return ""
-    files = _files_of(endpoint)
+    files = files_of(endpoint)
     if not {"root_ca_certificate_file", "connect_certificate_file", "connect_private_key_file"} <= files.keys():
         return f"a router with TLS lets nobody in without a bundle: name its folder with --keys or {VARIABLE}"
     try:
@@ -52,7 +52,7 @@ def connection_problem(endpoint: str) -> str:
 
 def listening_problem(endpoint: str) -> str:
     """Why nobody could connect to a router that listens on an endpoint with a bundle, or ""."""
-    certificate = _files_of(endpoint).get("listen_certificate_file")
+    certificate = files_of(endpoint).get("listen_certificate_file")
     if certificate is None:
         return ""
     try:
@@ -68,32 +68,25 @@ def listening_problem(endpoint: str) -> str:
 
 
 def missing_right(endpoint: str, name: str) -> str:
-    """Why a router denies a member what it asks, or "" where its rights are not the cause.
+    """Why the router denies what this member sends, or "" where the member has the right to send it.
 
     Args:
         endpoint: Zenoh's endpoint of the router, with the files of the member's bundle.
         name: name of the endpoint or topic to which the member sends something.
     """
-    certificate = _files_of(endpoint).get("connect_certificate_file")
+    certificate = files_of(endpoint).get("connect_certificate_file")
     if certificate is None:
         return ""
     try:
         own = identity_of(read_certificate(certificate))
-        revoked = read_members(certificate.parent).is_revoked(own.name)
-    except KeysError:
-        return ""
+        if problem := _revocation(own, certificate.parent):
+            return problem
+    except KeysError as error:
+        return str(error)
     role = next((role for role in ROLES if role == own.role), None)
-    if revoked:
-        return f"{own.name} is revoked: ask the owner of the team's authority for another bundle"
     if role is None or may_send(role, name):
         return ""
     return f"{own.name} has no right to {name}: only pilots fly, ask for the bundle of one"
-
-
-def _files_of(endpoint: str) -> dict[str, Path]:
-    """The files of an endpoint, by Zenoh's names for them."""
-    settings = (each.partition("=") for each in endpoint.partition("#")[2].split(";"))
-    return {name: Path(value) for name, _, value in settings if name.endswith("_file")}
 
 
 def _time_problem(identity: Identity) -> str:
@@ -111,8 +104,11 @@ def _time_problem(identity: Identity) -> str:
 
 def _own_problem(own: Identity, bundle: Path) -> str:
     """Why nobody takes this computer's certificate: it is not valid now, or its own list says that it is revoked."""
-    if problem := _time_problem(own):
-        return problem
+    return _time_problem(own) or _revocation(own, bundle)
+
+
+def _revocation(own: Identity, bundle: Path) -> str:
+    """Whether the bundle's own list says that its member is revoked."""
     if (bundle / MEMBERS).exists() and read_members(bundle).is_revoked(own.name):
         return f"{own.name} is revoked: ask the one who has the team for another bundle"
     return ""
@@ -125,7 +121,7 @@ def _handshake_problem(endpoint: str, own: Identity) -> str:
         KeysError: a file can't be used.
     """
     address, shown = parse_router(endpoint), shown_router(endpoint)
-    context = _context(_files_of(endpoint))
+    context = _context(files_of(endpoint))
     try:
         with (
             socket.create_connection((address.host, address.port), PROBE_TIMEOUT_S) as link,

@@ -12,17 +12,8 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 from jezero.keys.members import Members, Role
-from jezero.schemas.topics import (
-    CLIENTS,
-    ENDPOINTS,
-    KEYS,
-    SETPOINT,
-    TOPICS,
-    Rank,
-    health_of,
-    journal_of,
-    key,
-)
+from jezero.schemas.rows import CLIENTS, Rank
+from jezero.schemas.topics import ENDPOINTS, KEYS, TOPICS, health_of, journal_of, key
 
 RANK_OF: Mapping[Role, Rank] = {
     "vehicle": "service",
@@ -33,8 +24,6 @@ RANK_OF: Mapping[Role, Rank] = {
 }
 """What each role may read and ask. A ground computer has a pilot's rights, because pilots are its clients."""
 RANKS: tuple[Rank, ...] = ("viewer", "pilot", "service")
-SECRET = (SETPOINT.name, journal_of("*").name)
-"""Keys that only services read: with a setpoint's control id anybody could fly."""
 ALL_MESSAGES = (
     "put", "delete", "declare_subscriber", "query", "declare_queryable", "reply",
     "liveliness_token", "liveliness_query", "declare_liveliness_subscriber",
@@ -47,6 +36,12 @@ PLAIN_LINKS = "plain links"
 def asked_by(role: Role) -> tuple[str, ...]:
     """Names of the endpoints to which a role may send requests."""
     return tuple(endpoint.name for endpoint in ENDPOINTS if _may(role, endpoint.asker)) + _asked_of_packages(role)
+
+
+def hidden_from(role: Role) -> tuple[str, ...]:
+    """Names of the topics to which a role may not subscribe: with a setpoint's control id anybody could fly."""
+    topics = (*TOPICS, journal_of("*"))
+    return tuple(topic.name for topic in topics if not _may(role, topic.reader))
 
 
 def written_by(role: Role) -> tuple[str, ...]:
@@ -104,7 +99,7 @@ def _rules(vehicle: str, role: Role) -> Iterator[dict[str, Any]]:
         return
     yield rule("subscribes", ("declare_subscriber", "query"), IN, ("**",))
     yield rule("hears", ("put", "reply"), OUT, ("**",))
-    yield {**rule("hears no secrets", ("put",), OUT, SECRET), "permission": "deny"}
+    yield {**rule("hears no secrets", ("put",), OUT, hidden_from(role)), "permission": "deny"}
     yield rule("asks", ("query",), IN, asked_by(role))
     yield rule("gets replies", ("reply", "declare_queryable"), OUT, asked_by(role))
     yield rule("sees who is there", ("declare_liveliness_subscriber", "liveliness_query"), IN, alive)

@@ -8,7 +8,7 @@ import msgspec
 
 from jezero.mission_files.nodes import Node
 from jezero.mission_files.problems import Problems, did_you_mean, listed
-from jezero.schemas.topics import Action
+from jezero.schemas.rows import Action
 
 CHOSEN = ("goal_id", "issued_t_ns", "plan_id", "plan_from_ned_m", "on_client_loss")
 """Fields of a goal that the mission service chooses."""

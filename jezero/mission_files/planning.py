@@ -9,7 +9,7 @@ import msgspec
 from jezero.schemas.actions import PlanReply
 from jezero.schemas.goals import Goal
 from jezero.schemas.mission import Mission, WaitStep
-from jezero.schemas.topics import Action
+from jezero.schemas.rows import Action
 
 Position = tuple[float, float, float]
 Plan = Callable[[Action[Any], Goal], PlanReply]

@@ -14,7 +14,7 @@ from jezero.mission_files.problems import MissionFileError, Problem, Problems, d
 from jezero.mission_files.steps import Steps, failure_policy
 from jezero.plugins import all_actions
 from jezero.schemas.mission import FailurePolicy, Mission
-from jezero.schemas.topics import Action
+from jezero.schemas.rows import Action
 
 if TYPE_CHECKING:
     from jezero.area_files import Area

@@ -9,7 +9,7 @@ from jezero.mission_files.goals import PLACE, Places, goal_fields, in_words
 from jezero.mission_files.nodes import Node
 from jezero.mission_files.problems import Problems, did_you_mean, listed
 from jezero.schemas.mission import STEPS_MAX, WAIT_MAX_S, FailurePolicy, GoalStep, Step, WaitStep
-from jezero.schemas.topics import Action
+from jezero.schemas.rows import Action
 
 LOOPS = ("wait", "for_each", "repeat")
 TIMES_MAX = 100

@@ -9,7 +9,8 @@ import msgspec
 from jezero.plugins import PluginError, load_declaration, plugin_names
 from jezero.recording import foxglove, viewer_scene
 from jezero.recording.images import HEADERS
-from jezero.schemas.topics import ACTIONS, CAMERA, TOPICS, Action, Topic, feedback_of, health_of, journal_of
+from jezero.schemas.rows import Action, Topic
+from jezero.schemas.topics import ACTIONS, CAMERA, TOPICS, feedback_of, health_of, journal_of
 
 _HEADERS = Topic(HEADERS, CAMERA.type, CAMERA.rate_hz, CAMERA.writer)
 _HEALTH, _JOURNAL = health_of("").name, journal_of("").name

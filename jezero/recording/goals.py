@@ -11,7 +11,7 @@ from jezero.schemas import journal
 from jezero.schemas.actions import Accepted, FeedbackMessage, Rejected, Result
 from jezero.schemas.goals import Goal
 from jezero.schemas.journal import JournalPart
-from jezero.schemas.topics import Action
+from jezero.schemas.rows import Action
 from jezero.schemas.units import NS_PER_S
 
 GoalOutcome = Literal["succeeded", "canceled", "aborted", "rejected", "unknown"]

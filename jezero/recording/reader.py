@@ -18,8 +18,9 @@ from jezero.recording.images import HEADERS, decompress
 from jezero.recording.mcap_file import McapFile, RawMessage, RecordingError
 from jezero.recording.table import Table, make_table
 from jezero.recording.writer import RECORDING
+from jezero.schemas.rows import Topic
 from jezero.schemas.sensors import CameraFrame
-from jezero.schemas.topics import CAMERA, Topic, feedback_of, journal_of
+from jezero.schemas.topics import CAMERA, feedback_of, journal_of
 from jezero.schemas.units import NS_PER_S
 
 

@@ -17,7 +17,7 @@ from jezero.runtime.service import Service
 from jezero.runtime.task import Outcome, execute, pickled, read_outcome
 from jezero.schemas import journal
 from jezero.schemas.journal import AnyEntry, Output
-from jezero.schemas.topics import Endpoint, Topic
+from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.units import NS_PER_S
 
 

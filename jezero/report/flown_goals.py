@@ -8,6 +8,7 @@ from jezero.recording import Entry
 from jezero.recording.goals import feedback_by_goal
 from jezero.schemas import topics
 from jezero.schemas.images import Image
+from jezero.schemas.rows import Action
 from jezero.schemas.state import Odometry, Truth
 
 
@@ -35,7 +36,7 @@ class FlownGoal:
         return f"{self.planned} pictures planned, none in the feedback"
 
 
-def flown_goals(entries: Sequence[Entry], action: topics.Action[Any]) -> Iterator[FlownGoal]:
+def flown_goals(entries: Sequence[Entry], action: Action[Any]) -> Iterator[FlownGoal]:
     """The goals of one action that the vehicle has flown, in their order; also those that were aborted."""
     feedback_topic = topics.feedback_of(action).name
     odometry = [entry.message for entry in entries if entry.topic == topics.ODOMETRY.name]

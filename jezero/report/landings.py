@@ -14,6 +14,7 @@ from jezero.runtime.config import load_config
 from jezero.schemas import topics
 from jezero.schemas.estimate import Relative
 from jezero.schemas.goals import LandFeedback
+from jezero.schemas.rows import Topic
 from jezero.schemas.sensors import RoverOdometry, Uwb
 from jezero.schemas.state import Odometry, StatusCode, Truth
 from jezero.schemas.units import NS_PER_S
@@ -140,7 +141,7 @@ def _spans(by_topic: dict[str, list[Any]]) -> Iterator[tuple[int, int]]:
 
 
 def _landing(by_topic: dict[str, list[Any]], start_ns: int, end_ns: int) -> Landing:
-    def within(topic: topics.Topic[Any], after_ns: int = 0) -> list[Any]:
+    def within(topic: Topic[Any], after_ns: int = 0) -> list[Any]:
         return [m for m in by_topic.get(topic.name, ()) if start_ns <= m.t_ns <= end_ns + after_ns]
 
     def series(messages: list[Any], values: Sequence[Sequence[float]], size: int = 3) -> Series:

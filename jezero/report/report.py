@@ -22,8 +22,9 @@ from jezero.report.style import Format
 from jezero.report.touchdowns import Touchdowns, draw_touchdown, draw_touchdowns
 from jezero.schemas import topics
 from jezero.schemas.images import LISTING
+from jezero.schemas.rows import Topic
 
-DRAWN: tuple[topics.Topic[Any], ...] = (
+DRAWN: tuple[Topic[Any], ...] = (
     topics.STATUS,
     topics.ODOMETRY,
     topics.SETPOINT,

@@ -9,7 +9,7 @@ time, which are 0.4 s where it is slowest."""
 
 
 class EpochFilter:
-    """Tells messages of the master from those of others.
+    """Separates the clock's messages of the one time master from those of anybody else.
 
     A master that starts a new epoch sends nothing of the old one any more. While the old one is heard, a message with
     another epoch is somebody else's, and must not end goals or shift vehicle time.

@@ -10,7 +10,7 @@ from msgspec import Raw
 from jezero.codec import split_attachment
 from jezero.schemas import journal
 from jezero.schemas.journal import AnyEntry, JournalPart
-from jezero.schemas.topics import Endpoint, Topic
+from jezero.schemas.rows import Endpoint, Topic
 
 if TYPE_CHECKING:
     from jezero.runtime.node import Transport

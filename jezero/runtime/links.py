@@ -127,7 +127,8 @@ class TcpServer(_Stream):
                 if wall_ns - self._named_ns >= REFUSED_PERIOD_NS:
                     self._named_ns = wall_ns
                     own = "{}:{}".format(*self._address)
-                    print(f"a program at {host}:{port} was refused: {own} is taken", file=sys.stderr, flush=True)
+                    refusal = f"a second program ({host}:{port}) was refused: another one is connected to {own}"
+                    print(refusal, file=sys.stderr, flush=True)
         return data
 
     def close(self) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from jezero.runtime.service import Request, Response, SentMessage
-from jezero.schemas.topics import Endpoint, Topic
+from jezero.schemas.rows import Endpoint, Topic
 
 
 class Mailbox:

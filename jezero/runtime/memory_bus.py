@@ -16,8 +16,8 @@ from typing import Any
 from jezero.codec import decode, encode
 from jezero.runtime.memory_port import Port
 from jezero.runtime.service import Service
+from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.struct import Payload
-from jezero.schemas.topics import Endpoint, Topic
 from jezero.schemas.units import NS_PER_S
 
 Observer = Callable[[int, str, bytes], None]

@@ -10,7 +10,8 @@ from jezero.runtime.journal import Journal
 from jezero.runtime.node import Node
 from jezero.runtime.service import SentMessage, Service
 from jezero.runtime.task import CANCELED, Outcome, execute, pickled, read_outcome
-from jezero.schemas.topics import CLOCK, Endpoint, Topic, health_of, journal_of
+from jezero.schemas.rows import Endpoint, Topic
+from jezero.schemas.topics import CLOCK, health_of, journal_of
 from jezero.schemas.units import NS_PER_S
 
 if TYPE_CHECKING:

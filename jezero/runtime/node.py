@@ -29,8 +29,8 @@ from jezero.runtime.service import (
 from jezero.runtime.task import Outcome
 from jezero.schemas import journal as entries
 from jezero.schemas.health import InputHealth, ServiceHealth, ServiceState
+from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.struct import Payload
-from jezero.schemas.topics import Endpoint, Topic
 from jezero.schemas.units import NS_PER_S
 
 HEALTH_PERIOD_MIN_NS = 100_000_000

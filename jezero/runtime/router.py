@@ -9,15 +9,14 @@ import sys
 import threading
 import time
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import zenoh
 
 from jezero.codec import encode
-from jezero.keys.bundle import VARIABLE as KEYS_VARIABLE
+from jezero.keys.bundle import members_of
 from jezero.keys.diagnosis import listening_problem
-from jezero.keys.members import KeysError, read_members
+from jezero.keys.members import KeysError
 from jezero.keys.rights import access_control
 from jezero.router_address import insecurity, parse_router, shown_router
 from jezero.runtime.config import ConfigError, Instance, instance_from_environment
@@ -61,15 +60,19 @@ class ListenError(RuntimeError):
     """The router can't listen on its endpoint; the message names it and the reason."""
 
 
-def settings_of(instance: Instance, bundle: str) -> dict[str, Any]:
-    """Zenoh's settings of an instance's router, but for its endpoint: what it drops, and who may do what.
+def open_router(endpoint: str, vehicle: str) -> zenoh.Session:
+    """Start listening, with the rights of the team's members where the endpoint has a bundle.
 
     Args:
-        bundle: folder of the bundle with the team's members; "" without one.
+        endpoint: Zenoh's endpoint, with the files of the bundle for TLS.
+        vehicle: name of the vehicle within the keys.
 
     Raises:
-        KeysError: the bundle can't be used.
+        ListenError: the port is taken or forbidden for this user, this machine doesn't have the address, nobody would
+            take the certificate of the bundle, or the list of the team's members is missing.
     """
+    if problem := listening_problem(endpoint):
+        raise ListenError(problem)
     size = {
         "id": "size",
         "messages": ["put", "query", "reply"],
@@ -77,26 +80,14 @@ def settings_of(instance: Instance, bundle: str) -> dict[str, Any]:
         "key_exprs": [key("*", name) for name in SIZED],
         "size_limit": SIZE_MAX_BYTES,
     }
-    settings: dict[str, Any] = {"low_pass_filter": [size]}
-    if bundle and parse_router(instance.router).protocol == "tls":
-        settings["access_control"] = access_control(instance.vehicle, read_members(Path(bundle).expanduser()))
-    return settings
-
-
-def open_router(endpoint: str, settings: Mapping[str, Any]) -> zenoh.Session:
-    """Start listening.
-
-    Args:
-        settings: Zenoh's settings besides those of every router, by their paths.
-
-    Raises:
-        ListenError: the port is taken or forbidden for this user, this machine doesn't have the address, or nobody
-            would take the certificate of the bundle.
-    """
-    if problem := listening_problem(endpoint):
-        raise ListenError(problem)
+    settings = {**ROUTER_SETTINGS, "listen/endpoints": [endpoint], "low_pass_filter": [size]}
+    if parse_router(endpoint).protocol == "tls":
+        try:
+            settings["access_control"] = access_control(vehicle, members_of(endpoint))
+        except KeysError as error:
+            raise ListenError(str(error)) from None
     try:
-        return zenoh.open(config_of({**ROUTER_SETTINGS, **settings, "listen/endpoints": [endpoint]}))
+        return zenoh.open(config_of(settings))
     except zenoh.ZError as error:
         raise ListenError(
             router_problem(endpoint) or f"cannot listen on {shown_router(endpoint)}: {_reason(error)}"
@@ -127,19 +118,14 @@ def run(instance: Instance) -> None:
     """Route until SIGTERM or SIGINT, and publish health once a second.
 
     Raises:
-        ConfigError: the bundle can't be used.
         ListenError: see `open_router`.
     """
-    try:
-        settings = settings_of(instance, os.environ.get(KEYS_VARIABLE, ""))
-    except KeysError as error:
-        raise ConfigError(str(error)) from None
     stop_read, stop_write = socket.socketpair()
     stop_write.setblocking(False)
     signal.set_wakeup_fd(stop_write.fileno())  # works in whichever thread the signal arrives
     for number in STOP_SIGNALS:
         signal.signal(number, lambda _number, _frame: None)
-    session = open_router(instance.router, settings)
+    session = open_router(instance.router, instance.vehicle)
     alive = session.liveliness().declare_token(liveliness_key(instance.vehicle, "service", NAME))
     publisher = session.declare_publisher(
         key(instance.vehicle, health_of(NAME).name), encoding=zenoh.Encoding.APPLICATION_JSON

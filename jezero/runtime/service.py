@@ -12,8 +12,8 @@ from typing import Any, Protocol, TypeVar
 import msgspec
 
 from jezero.schemas.health import ServiceState
+from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.struct import Message, Payload
-from jezero.schemas.topics import Endpoint, Topic
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Payload)

@@ -15,7 +15,8 @@ from jezero.codec import BadPayloadError, decode, has_attachment
 from jezero.runtime.config import Instance
 from jezero.runtime.service import Spec
 from jezero.schemas import topics
-from jezero.schemas.topics import Endpoint, Topic, health_of, journal_of, key, liveliness_key
+from jezero.schemas.rows import Endpoint, Topic
+from jezero.schemas.topics import health_of, journal_of, key, liveliness_key
 from jezero.zenoh_client import client_config, data_of, declare_publisher, put
 
 CLAIM_TIMEOUT_S = 2.5

@@ -11,7 +11,8 @@ from jezero.runtime.links import SocketLink
 from jezero.runtime.service import Spec
 from jezero.runtime.task_runner import TaskRunner
 from jezero.runtime.zenoh_session import BusSession
-from jezero.schemas.topics import Endpoint, Topic, key
+from jezero.schemas.rows import Endpoint, Topic
+from jezero.schemas.topics import key
 from jezero.schemas.units import NS_PER_S
 
 

@@ -16,6 +16,7 @@ from jezero.schemas import topics
 from jezero.schemas.actions import Feedback
 from jezero.schemas.goals import ImagesResult
 from jezero.schemas.images import GetImage, Image
+from jezero.schemas.rows import Action
 from jezero.schemas.state import Status, StatusCode, Truth
 from jezero.schemas.units import NS_PER_S
 from jezero.services.simulator.camera.config import CameraConfig
@@ -29,7 +30,7 @@ from jezero.vehicle_config import VehicleConfig
 READY_TIMEOUT_S = 60.0
 GOAL_TIMEOUT_S = 180.0
 IMAGE_TIMEOUT_S = 1.0
-Step = tuple[topics.Action[Any], Any, float]
+Step = tuple[Action[Any], Any, float]
 
 
 class FlightResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -101,7 +102,7 @@ class CapturedImages(NamedTuple):
         images: (image, its RGB pixels), fetched from the action server one at a time.
     """
 
-    action: topics.Action[Any]
+    action: Action[Any]
     goal: Any
     result: ImagesResult
     track_ned_m: list[Vec3]
@@ -185,7 +186,7 @@ def _fly(
     return off_platform_reason(recorder.truth, 0.5 * load_config(VehicleConfig, "vehicle").platform.side_m)
 
 
-def _captured_images(bus: MemoryBus, action: topics.Action[Any], goal: Any, query: SentRequest) -> CapturedImages:
+def _captured_images(bus: MemoryBus, action: Action[Any], goal: Any, query: SentRequest) -> CapturedImages:
     result = query.replies[-1].result
     track_ned_m = [reply.feedback.pos_uav_ned_m for reply in query.replies if isinstance(reply, Feedback)]
     return CapturedImages(
@@ -194,7 +195,7 @@ def _captured_images(bus: MemoryBus, action: topics.Action[Any], goal: Any, quer
 
 
 def _fetch_images(
-    bus: MemoryBus, action: topics.Action[Any], goal_id: str, result: ImagesResult
+    bus: MemoryBus, action: Action[Any], goal_id: str, result: ImagesResult
 ) -> Iterator[tuple[Image, bytes]]:
     for image in result.images:
         query = bus.send_request(action.image, GetImage(goal_id=goal_id, index=image.index))

@@ -3,17 +3,17 @@
 from typing import Any
 
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
-from jezero.schemas import topics
 from jezero.schemas.actions import Rejected, Result
+from jezero.schemas.rows import Action
 from jezero.schemas.struct import Payload
 
 
-def fly_goal(bus: MemoryBus, action: topics.Action[Any], goal: Payload, timeout_s: float) -> str:
+def fly_goal(bus: MemoryBus, action: Action[Any], goal: Payload, timeout_s: float) -> str:
     """Send a goal and wait for its result; returns why it did not succeed, or ""."""
     return wait_for_result(bus, action, bus.send_request(action.endpoint, goal), timeout_s)
 
 
-def wait_for_result(bus: MemoryBus, action: topics.Action[Any], query: SentRequest, timeout_s: float) -> str:
+def wait_for_result(bus: MemoryBus, action: Action[Any], query: SentRequest, timeout_s: float) -> str:
     """Run the bus until a goal has ended; returns why it did not succeed, or "".
 
     Args:

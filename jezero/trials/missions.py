@@ -7,7 +7,8 @@ import msgspec
 from jezero.mission_files import shipped_mission
 from jezero.schemas.mission import Mission as ListedMission
 from jezero.schemas.mission import WaitStep
-from jezero.schemas.topics import ACTIONS, Action
+from jezero.schemas.rows import Action
+from jezero.schemas.topics import ACTIONS
 
 Mission = tuple[tuple[Action[Any], Any, float], ...]
 

@@ -16,6 +16,7 @@ from jezero.schemas import topics
 from jezero.schemas.actions import Pause, Rejected, Result, Resume
 from jezero.schemas.commands import Setpoint
 from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, GoToGoal, ImagesResult, LandOnSpotGoal, TakeoffGoal
+from jezero.schemas.rows import Action, Endpoint
 from jezero.schemas.state import Status, Truth
 from jezero.schemas.struct import Payload
 from jezero.schemas.units import NS_PER_S
@@ -28,7 +29,7 @@ ACCELERATION_MPS2 = 2.0
 """Greatest acceleration of the setpoints: twice that of a straight path, as a pause may brake while the path brakes."""
 GAP_MAX_S = 0.1
 
-_WORLD_GOALS: tuple[tuple[topics.Action[Any], Payload], ...] = (
+_WORLD_GOALS: tuple[tuple[Action[Any], Payload], ...] = (
     (topics.GO_TO, GoToGoal(target_ned_m=(6.0, -4.0, -5.0), yaw_rad=1.0)),
     (topics.GET_IMAGES, GetImagesGoal(center_ned_m=(0.0, 0.0, -4.0), radius_m=3.0, num_images=8)),
     (
@@ -36,7 +37,7 @@ _WORLD_GOALS: tuple[tuple[topics.Action[Any], Payload], ...] = (
         AreaCoverageGoal(polygon_ned_m=((-4.0, -3.0), (4.0, -3.0), (4.0, 3.0)), z_ned_m=-5.0, resolution_m=1.5),
     ),
 )
-GOALS: dict[str, tuple[tuple[topics.Action[Any], Payload], ...]] = {
+GOALS: dict[str, tuple[tuple[Action[Any], Payload], ...]] = {
     "physics": (
         (topics.TAKEOFF, TakeoffGoal(altitude_m=3.0)),
         (topics.GO_TO, GoToGoal(target_ned_m=(1.0, 1.0, -4.0), frame="rover")),
@@ -113,7 +114,7 @@ class ObservedStack:
         self.bus.run_for(READY_TIMEOUT_S, lambda: self.status is not None and self.status.ready)
         self.bus.run_for(1.0)
 
-    def request(self, endpoint: topics.Endpoint[Any, Any], payload: Payload) -> Any:
+    def request(self, endpoint: Endpoint[Any, Any], payload: Payload) -> Any:
         """The reply to a request."""
         sent = self.bus.send_request(endpoint, payload)
         self.bus.run_for(REPLY_TIMEOUT_S, lambda: sent.ended)
@@ -147,7 +148,7 @@ def fly_with_pauses(
 
 def _fly(
     flight: ObservedStack,
-    action: topics.Action[Any],
+    action: Action[Any],
     goal: Any,
     instants_s: Sequence[float],
     rng: Random,

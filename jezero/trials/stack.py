@@ -10,6 +10,7 @@ from jezero.plugins import action_names, all_actions
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus, Observer
 from jezero.runtime.service import Service
+from jezero.schemas.fence import Fence
 from jezero.services.actions.config import load_actions_config
 from jezero.services.actions.table import action_server
 from jezero.services.autopilot.config import AutopilotConfig
@@ -71,20 +72,11 @@ def service_makers(
     estimator = estimator or load_config(EstimatorConfig, "estimator")
     robot = vehicle or load_config(VehicleConfig, "vehicle")
     actions = load_actions_config(robot)
-    kept_fences = [configured_fence(bridge.fence)]
     makers: dict[str, Callable[[int], Service]] = {
         "simulator": lambda boot: Simulator(simulator, robot, seed=seed, boot_id=boot),
         "camera": lambda boot: make_camera(camera, simulator, robot, seed),
         "autopilot": lambda _: Autopilot(autopilot, robot, system_id=system_id),
-        "vehicle_bridge": lambda boot: VehicleBridge(
-            bridge,
-            robot,
-            system_id=system_id,
-            boot_id=boot,
-            secret=f"{boot:x}",
-            fence=kept_fences[-1],
-            keep_fence=kept_fences.append,
-        ),
+        "vehicle_bridge": bridge_maker(bridge, robot, system_id, configured_fence(bridge.fence)),
         "tag_detector": lambda boot: TagDetector(load_config(TagDetectorConfig, "tag_detector"), robot),
         "estimator": lambda boot: Estimator(estimator, robot),
     }
@@ -95,6 +87,22 @@ def service_makers(
     makers |= {name: action_maker(name) for name in action_names()}
     makers["preflight"] = lambda boot: Preflight()
     return makers | {"mission": mission_maker(robot)}
+
+
+def bridge_maker(
+    config: VehicleBridgeConfig, robot: VehicleConfig, system_id: int, fence: Fence | None = None
+) -> Callable[[int], Service]:
+    """Function that makes the bridge from its boot id; each run knows the fence of the run before.
+
+    Args:
+        fence: the fence of the first run.
+    """
+    kept = [fence]
+
+    def make(boot: int) -> Service:
+        return VehicleBridge(config, robot, system_id, boot, f"{boot:x}", fence=kept[-1], keep_fence=kept.append)
+
+    return make
 
 
 def mission_maker(robot: VehicleConfig) -> Callable[[int], Service]:

@@ -6,7 +6,8 @@ Times are seconds of a clock that the caller reads.
 from collections import deque
 from typing import Any
 
-from jezero.schemas.topics import CAMERA, CLIENTS, GOAL_IN_CHARGE, TOPICS
+from jezero.schemas.rows import CLIENTS, GOAL_IN_CHARGE
+from jezero.schemas.topics import CAMERA, TOPICS
 from jezero.services.ground_station.words import duration
 
 SPAN_S = 5.0

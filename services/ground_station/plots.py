@@ -11,7 +11,8 @@ from math import isfinite
 from typing import Any
 
 from jezero.recording.channels import json_schema
-from jezero.schemas.topics import CAMERA, TOPICS, Topic
+from jezero.schemas.rows import Topic
+from jezero.schemas.topics import CAMERA, TOPICS
 
 SPAN_S = 60.0
 PERIOD_MIN_S = 0.05

@@ -16,9 +16,9 @@ from jezero.schemas import topics
 from jezero.schemas.actions import FeedbackMessage
 from jezero.schemas.fence import FenceState
 from jezero.schemas.health import ServiceHealth
+from jezero.schemas.rows import Topic
 from jezero.schemas.state import Status
 from jezero.schemas.struct import Message
-from jezero.schemas.topics import Topic
 from jezero.services.ground_station.events import EventLog
 from jezero.services.ground_station.goals import Goals
 from jezero.services.ground_station.landing import landing_view

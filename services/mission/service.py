@@ -17,6 +17,7 @@ from msgspec.structs import replace
 from jezero.frames import altitude_m
 from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Request, Spec
 from jezero.schemas.mission import GoalStep, Mission, MissionCommand, MissionProgress, MissionReply, WaitStep
+from jezero.schemas.rows import Action
 from jezero.schemas.state import Status
 from jezero.schemas.topics import (
     ABORT,
@@ -28,7 +29,6 @@ from jezero.schemas.topics import (
     RUN_MISSION,
     STATUS,
     TAKEOFF,
-    Action,
 )
 from jezero.schemas.units import NS_PER_S
 from jezero.services.mission.config import MissionConfig

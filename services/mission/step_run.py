@@ -9,7 +9,8 @@ from jezero.plain_text import plain_json
 from jezero.runtime.service import Call, Inbox, Output, Response
 from jezero.schemas.actions import Cancel, CancelReply, GetResult, Pause, PauseReply, Rejected, ResultReply, Resume
 from jezero.schemas.goals import Goal
-from jezero.schemas.topics import RESULT, Action
+from jezero.schemas.rows import Action
+from jezero.schemas.topics import RESULT
 from jezero.schemas.units import NS_PER_S
 
 SENDS_MAX, SEND_TIMEOUT_S = 7, 5.0
@@ -161,7 +162,7 @@ class GoalRun:
             self._on_result(response)
 
     def _on_early_cancel(self, response: Response) -> None:
-        """End a goal that its server never got: should the goal still come, the server doesn't fly it."""
+        """End a goal that its server has never got. If the goal still arrives, the server refuses it."""
         reply = response.payload
         if isinstance(reply, CancelReply) and not reply.canceled:
             self.ended = StepEnd("canceled", reply.reason)

@@ -6,9 +6,10 @@ from typing import Any, TypeVar
 
 from jezero.schemas.estimate import SetParameters
 from jezero.schemas.health import ServiceHealth
+from jezero.schemas.rows import Topic
 from jezero.schemas.state import Status
 from jezero.schemas.struct import Message
-from jezero.schemas.topics import STATUS, Topic
+from jezero.schemas.topics import STATUS
 from jezero.schemas.units import NS_PER_S
 
 M = TypeVar("M", bound=Message)

@@ -11,18 +11,9 @@ from typing import Any, NamedTuple
 
 from jezero.frames import horizontal, ned_from_geodetic, quat_rotate, subtract, wrap_pi, yaw_from_quat
 from jezero.schemas.preflight import Check, CheckName, Verdict
+from jezero.schemas.rows import Topic
 from jezero.schemas.state import StatusCode
-from jezero.schemas.topics import (
-    ALTIMETER,
-    BARO,
-    ESTIMATE_TAG,
-    GNSS,
-    IMU,
-    MAG,
-    ROVER_ODOMETRY,
-    UWB,
-    Topic,
-)
+from jezero.schemas.topics import ALTIMETER, BARO, ESTIMATE_TAG, GNSS, IMU, MAG, ROVER_ODOMETRY, UWB
 from jezero.services.preflight.readings import Readings
 
 NEEDED: tuple[Topic[Any], ...] = (IMU, GNSS, BARO, MAG, ALTIMETER)

@@ -12,6 +12,7 @@ from jezero.runtime.service import Call, Health, Inbox, Output, Publish, Reply, 
 from jezero.schemas.estimate import GetParameters, SetParameters
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.preflight import PreflightReply, PreflightReport
+from jezero.schemas.rows import Topic
 from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import (
     ALTIMETER,
@@ -28,7 +29,6 @@ from jezero.schemas.topics import (
     ROVER_ODOMETRY,
     STATUS,
     UWB,
-    Topic,
     health_of,
 )
 from jezero.schemas.units import NS_PER_S

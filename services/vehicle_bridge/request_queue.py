@@ -16,9 +16,10 @@ from jezero.schemas.commands import (
     Release,
     ReleaseReply,
 )
+from jezero.schemas.rows import Endpoint
 from jezero.schemas.state import StatusCode
 from jezero.schemas.struct import Payload
-from jezero.schemas.topics import ABORT, ACQUIRE, HOVER, KILL, RELEASE, Endpoint
+from jezero.schemas.topics import ABORT, ACQUIRE, HOVER, KILL, RELEASE
 from jezero.services.vehicle_bridge.authority import Authority
 from jezero.services.vehicle_bridge.autopilot_link import AutopilotLink
 from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, VehicleSnapshot
@@ -91,8 +92,8 @@ class RequestQueue:
         if vehicle.armed is False or (vehicle.landed and vehicle.telemetry_age_s <= LINK_TIMEOUT_S):
             return ""
         return (
-            f"{self._name} is in the air and would fall: to cut its motors, confirm that too, by its name: "
-            f"vehicle={self._name}, or `jezero kill --yes {self._name}`; an abort makes it hover"
+            f"{self._name} is in the air and would fall: to stop its motors all the same, name it too: "
+            f"`jezero kill --yes {self._name}`, or vehicle={self._name} in the request. `jezero abort` makes it hover"
         )
 
     def _on_abort(self, request: Abort, vehicle: VehicleSnapshot) -> AbortReply:

@@ -139,7 +139,8 @@ class VehicleBridge:
             self._started_wall_ns = inbox.wall_ns
         if inbox.connected or self._router_seen_wall_ns is None:
             self._router_seen_wall_ns = inbox.wall_ns
-        respawned = self._on_clocks(inbox)
+        self._epoch.note_autopilot(inbox.wall_ns, self._link.telemetry.received_wall_ns)
+        respawned = self._epoch.update((clock.epoch_id for clock in inbox.new(CLOCK)), inbox.wall_ns)
         t_ns = self._vehicle_time_ns(t_ns)
         if self._epoch.epoch_id is not None:  # before, there is no vehicle time
             self._timer.update(t_ns)
@@ -166,11 +167,6 @@ class VehicleBridge:
         """Vehicle time by the bus or, if that is later, by the autopilot: the bridge may be cut off from the bus."""
         odometry = self._link.telemetry.odometry
         return t_ns if odometry is None else max(t_ns, odometry.t_ns)
-
-    def _on_clocks(self, inbox: Inbox) -> bool:
-        """Update the epoch; returns whether it is a new one, with another vehicle."""
-        self._epoch.note_autopilot(inbox.wall_ns, self._link.telemetry.received_wall_ns)
-        return self._epoch.update((clock.epoch_id for clock in inbox.new(CLOCK)), inbox.wall_ns)
 
     def _read_link(self, inbox: Inbox, *, respawned: bool) -> TelemetryBatch:
         if respawned:

@@ -11,10 +11,10 @@ UNCONFIRMED_MAX_NS = 3_000_000_000
 
 
 class VehicleEpoch:
-    """Judges whether a clock with another epoch means another vehicle: only together with the autopilot.
+    """Decides whether a clock with another epoch means that the vehicle was restarted; the autopilot must confirm it.
 
-    A vehicle that is lost and starts again has an autopilot that was silent, or whose time steps back. A clock alone
-    may be anybody's, and must not end a goal.
+    The autopilot of a restarted vehicle was silent, or its time stepped back. A message of the clock alone may be
+    anybody's, and must not end a goal.
 
     Attributes:
         epoch_id: the present epoch; None before the first message of the clock.

@@ -35,9 +35,9 @@ def limit_walls(
 
 
 def near_target(limits: VehicleLimitsConfig, target: Target, vehicle: VehicleSnapshot) -> tuple[Target, str]:
-    """Target whose point is no farther away than the vehicle may be, or is, and the limit's name or "".
+    """Target with a point within the greatest distance, or no farther than the vehicle is; and the limit's name or "".
 
-    The wall of `limit_walls` alone stops no point that is far away at right angles to the vehicle's own direction.
+    `limit_walls` has a wall only in the vehicle's own direction, and does not stop a point far away to its side.
     """
     point, pos_ned_m = target.pos_ned_m, vehicle.pos_ned_m
     if point is None or pos_ned_m is None:

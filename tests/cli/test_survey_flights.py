@@ -22,7 +22,7 @@ from jezero.client.images import Picture
 from jezero.schemas.actions import PlannedCoverage, PlanReply
 from jezero.schemas.goals import AreaCoverageGoal, CoverageResult, ImagesFeedback
 from jezero.schemas.images import LISTING
-from jezero.schemas.topics import Action
+from jezero.schemas.rows import Action
 from tests.cli.areas import SQUARE, field
 from tests.client.test_dataset import picture
 

@@ -16,6 +16,7 @@ from jezero import Vehicle
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Feedback, Result
 from jezero.schemas.goals import MoveFeedback, MoveResult
+from jezero.schemas.rows import Topic
 from jezero.schemas.state import Odometry, Status, StatusCode
 from jezero.schemas.struct import Message, Payload
 from jezero.zenoh_client import client_config
@@ -102,7 +103,7 @@ class Server:
     def publish_status(self, status: Status) -> None:
         self.publish(topics.STATUS, status)
 
-    def publish(self, topic: topics.Topic[Any], message: Message) -> None:
+    def publish(self, topic: Topic[Any], message: Message) -> None:
         block = zenoh.CongestionControl.BLOCK  # a busy machine drops nothing
         self.session.put(topics.key("v", topic.name), msgspec.json.encode(message), congestion_control=block)
 
@@ -150,9 +151,7 @@ def wait_until_subscribed(session: zenoh.Session, key: str) -> None:
 
 
 @contextmanager
-def published(
-    server: Server, make: Callable[[int], Message], topic: topics.Topic[Any] = topics.STATUS
-) -> Iterator[None]:
+def published(server: Server, make: Callable[[int], Message], topic: Topic[Any] = topics.STATUS) -> Iterator[None]:
     """Publish `make(t_ns)` every 20 ms, with growing times."""
     stop = threading.Event()
 

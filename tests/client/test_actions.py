@@ -5,10 +5,10 @@ import pytest
 
 from jezero import Refused, Unreachable, Vehicle
 from jezero.client.actions import described
-from jezero.schemas import topics
 from jezero.schemas.actions import CancelReply, RunningGoal
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import TakeoffGoal
+from jezero.schemas.rows import Action
 from jezero.schemas.topics import GO_TO, TAKEOFF
 from tests.client.rig import Server, endpoint, server, vehicle
 
@@ -49,7 +49,7 @@ def test_an_installed_action_keeps_its_own_types() -> None:
 
 
 def test_an_action_that_only_the_stack_has_is_sent_with_the_fields_of_its_description() -> None:
-    other = topics.Action("spiral", TakeoffGoal, dict, dict, Phase.ACTION)
+    other = Action("spiral", TakeoffGoal, dict, dict, Phase.ACTION)
     action = described(other.description)
     assert (action.endpoint.name, action.plan.name) == ("@action/spiral", "@action/spiral/plan")
     goal = msgspec.convert({"altitude_m": 3.0, "goal_id": "a-1"}, action.goal_type)

@@ -112,7 +112,7 @@ def test_who_plays_a_router_with_a_viewers_key_is_named(team: Team) -> None:
 
 def test_a_router_without_tls_is_named(team: Team) -> None:
     port = free_port()
-    with open_router(f"tcp/127.0.0.1:{port}", {}):
+    with open_router(f"tcp/127.0.0.1:{port}", "uav1"):
         assert "is the stack up, with a tls/… address?" in refusal(port, team.bundle("pilot-ana"))
 
 
@@ -195,10 +195,10 @@ def test_a_router_does_not_listen_with_a_certificate_that_nobody_takes(team: Tea
         endpoint = secured(f"tls/127.0.0.1:{free_port()}", bundle)
         assert expected in router_problem(endpoint)
         with pytest.raises(ListenError, match=expected):
-            open_router(endpoint, {})
+            open_router(endpoint, "uav1")
     endpoint = secured(f"tls/127.0.0.1:{free_port()}", team.bundle("vehicle-uav1"))
     assert router_problem(endpoint) == ""
-    open_router(endpoint, {}).close()  # type: ignore[no-untyped-call]
+    open_router(endpoint, "uav1").close()  # type: ignore[no-untyped-call]
 
 
 def test_the_sdk_connects_to_another_computer_without_tls_only_when_told(monkeypatch: pytest.MonkeyPatch) -> None:

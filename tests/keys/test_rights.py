@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,24 +13,23 @@ import zenoh
 from jezero import Refused, Unreachable, Vehicle
 from jezero.client.session import Connection
 from jezero.keys.bundle import secured
-from jezero.keys.members import Role, read_members
-from jezero.keys.rights import access_control
+from jezero.keys.members import MEMBERS as MEMBERS_FILE
+from jezero.keys.members import Role
 from jezero.keys.team import Team
+from jezero.runtime.router import ListenError, open_router
 from jezero.schemas.commands import RoverCommand
+from jezero.schemas.rows import CLIENTS, Endpoint, Topic
 from jezero.schemas.topics import (
-    CLIENTS,
     ENDPOINTS,
     ROVER_COMMAND,
     TOPICS,
-    Endpoint,
-    Topic,
     health_of,
     journal_of,
     key,
     liveliness_key,
 )
 from jezero.zenoh_client import client_config
-from tests.keys.rig import make_team, router
+from tests.keys.rig import free_port, make_team
 
 VEHICLE = "uav1"
 SETTLE_S = 0.5
@@ -101,13 +100,21 @@ class Bus:
     sessions: dict[Role, zenoh.Session]
 
 
+@contextmanager
+def router_of_team(bundle: Path) -> Iterator[tuple[int, zenoh.Session]]:
+    """A router that listens with a bundle; its port and session."""
+    port = free_port()
+    with open_router(secured(f"tls/0.0.0.0:{port}", bundle), VEHICLE) as session:
+        yield port, session
+
+
 @pytest.fixture(scope="module")
 def bus(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bus]:
     team = make_team(tmp_path_factory.mktemp("team"))
     team.add("rover", "r1")
     bundle = team.bundle("vehicle-uav1")
     with (
-        router(bundle, {"access_control": access_control(VEHICLE, read_members(bundle))}) as (port, _),
+        router_of_team(bundle) as (port, _),
         ExitStack() as ends,
     ):
 
@@ -234,7 +241,7 @@ def connected(team: Team, port: int, name: str) -> Vehicle:
 def test_a_viewer_that_wants_to_fly_reads_why_that_is_denied(tmp_path: Path) -> None:
     team = make_team(tmp_path)
     bundle = team.bundle("vehicle-uav1")
-    with router(bundle, {"access_control": access_control(VEHICLE, read_members(bundle))}) as (port, _):
+    with router_of_team(bundle) as (port, _):
         with connected(team, port, "viewer-eye") as viewer:
             for send in (viewer.hover, viewer.takeoff, viewer.land_on_spot):
                 with pytest.raises(Refused, match=r"viewer-eye has no right to @.*: only pilots fly"):
@@ -252,7 +259,7 @@ def test_a_revoked_member_may_do_nothing(tmp_path: Path) -> None:
     team.revoke("pilot-bo")
     bundle = team.bundle("vehicle-uav1")
     heard: list[str] = []
-    with router(bundle, {"access_control": access_control(VEHICLE, read_members(bundle))}) as (port, inside):
+    with router_of_team(bundle) as (port, inside):
         subscriber = inside.declare_subscriber(
             key(VEHICLE, "rover/command"), lambda s: heard.append(s.payload.to_string())
         )
@@ -262,3 +269,12 @@ def test_a_revoked_member_may_do_nothing(tmp_path: Path) -> None:
                 time.sleep(SETTLE_S)
         subscriber.undeclare()  # type: ignore[no-untyped-call]
     assert heard == ["pilot-ana"]
+
+
+def test_a_router_without_the_list_of_members_does_not_listen(tmp_path: Path) -> None:
+    bundle = make_team(tmp_path).bundle("vehicle-uav1")
+    (bundle / MEMBERS_FILE).unlink()
+    with pytest.raises(ListenError, match=r"members\.json is missing: copy the whole folder"):
+        open_router(secured(f"tls/127.0.0.1:{free_port()}", bundle), VEHICLE)
+    with pytest.raises(ListenError, match="a router with TLS needs the bundle of its computer"):
+        open_router(f"tls/127.0.0.1:{free_port()}", VEHICLE)

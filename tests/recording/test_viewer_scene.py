@@ -17,9 +17,9 @@ from jezero.recording.viewer_scene import CALIBRATION, LOCATION, SCENE, TRANSFOR
 from jezero.schemas import topics
 from jezero.schemas.commands import CameraPitch, Phase, Setpoint
 from jezero.schemas.estimate import RoverEstimate
+from jezero.schemas.rows import Topic
 from jezero.schemas.state import Odometry, Truth
 from jezero.schemas.struct import Message
-from jezero.schemas.topics import Topic
 from jezero.schemas.units import NS_PER_S
 from jezero.vehicle_config import VehicleConfig
 from tests.recording.frames_of_viewers import in_map

@@ -63,7 +63,7 @@ def test_a_second_program_is_refused_and_named_while_the_first_is_connected(
         first.sendall(b"still here")
         assert received_by(link) == b"still here"
         assert (link.up, link.connections) == (True, 1)
-    assert capsys.readouterr().err.count(f"was refused: {HOST}:{port} is taken") == 1
+    assert capsys.readouterr().err.count(f"was refused: another one is connected to {HOST}:{port}") == 1
 
 
 def test_when_a_program_has_ended_the_next_one_is_taken(server: tuple[TcpServer, int]) -> None:

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
-from jezero.runtime.config import Instance
-from jezero.runtime.router import SIZE_MAX_BYTES, open_router, settings_of
+from jezero.runtime.router import SIZE_MAX_BYTES, open_router
 from jezero.schemas.topics import CAMERA, HOVER, STATUS, TAKEOFF, feedback_of, key
 from jezero.zenoh_client import client_config
 from tests.client.rig import free_endpoint
@@ -20,11 +19,11 @@ BLOCK = zenoh.CongestionControl.BLOCK
 @pytest.fixture
 def sessions() -> Iterator[tuple[zenoh.Session, zenoh.Session]]:
     """Two clients of a router."""
-    instance = Instance(vehicle=VEHICLE, router=free_endpoint())
+    endpoint = free_endpoint()
     with (
-        open_router(instance.router, settings_of(instance, "")),
-        zenoh.open(client_config(instance.router, LATEST_S)) as one,
-        zenoh.open(client_config(instance.router, LATEST_S)) as other,
+        open_router(endpoint, VEHICLE),
+        zenoh.open(client_config(endpoint, LATEST_S)) as one,
+        zenoh.open(client_config(endpoint, LATEST_S)) as other,
     ):
         yield one, other
 

@@ -13,6 +13,7 @@ from jezero.schemas import topics
 from jezero.schemas.actions import Accepted
 from jezero.schemas.commands import Hover
 from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, TakeoffGoal
+from jezero.schemas.rows import Action
 from jezero.schemas.state import StatusCode
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.service import Camera
@@ -68,7 +69,7 @@ class BridgeFlight(Flight):
         self.bus.run_for(RESTART_S)
         self.start_bridge()
 
-    def begin(self, action: topics.Action[Any], goal: Any, code: StatusCode, seconds: float) -> None:
+    def begin(self, action: Action[Any], goal: Any, code: StatusCode, seconds: float) -> None:
         """Fly a goal for some time after it has the given status."""
         self.take_off(3.0)
         reply = self.send(action, goal).replies[0]

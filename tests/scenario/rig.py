@@ -11,6 +11,7 @@ from jezero.runtime.service import Inbox, Output, Send, Service
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Rejected, Result
 from jezero.schemas.goals import GoToGoal, LandOnSpotGoal, TakeoffGoal
+from jezero.schemas.rows import Action, Endpoint
 from jezero.schemas.state import Status, StatusCode, Truth
 from jezero.trials.stack import build_stack
 
@@ -120,7 +121,7 @@ class Flight:
     def wait_code(self, code: StatusCode, timeout_s: float) -> None:
         self.wait(lambda: bool(self.codes) and self.codes[-1] is code, timeout_s, f"status {code.name}")
 
-    def send(self, action: topics.Action[Any], goal: Any) -> SentRequest:
+    def send(self, action: Action[Any], goal: Any) -> SentRequest:
         """Send a goal and run until it is accepted or rejected."""
         request = self.bus.send_request(action.endpoint, goal)
         self.wait(lambda: bool(request.replies) or request.ended, 2.0, f"a reply to {action.name}")
@@ -136,7 +137,7 @@ class Flight:
         assert isinstance(request.replies[-1], Result), request.replies[-1]
         return request.replies[-1]
 
-    def do(self, action: topics.Action[Any], goal: Any) -> Result[Any]:
+    def do(self, action: Action[Any], goal: Any) -> Result[Any]:
         """Send a goal and run until it has succeeded."""
         request = self.send(action, goal)
         assert isinstance(request.replies[0], Accepted), request.replies[0]
@@ -144,7 +145,7 @@ class Flight:
         assert result.outcome == "succeeded", result.reason
         return result
 
-    def refusal(self, action: topics.Action[Any], goal: Any) -> str:
+    def refusal(self, action: Action[Any], goal: Any) -> str:
         """Send a goal that is rejected; returns the reason."""
         request = self.send(action, goal)
         assert isinstance(request.replies[0], Rejected), request.replies[0]
@@ -154,7 +155,7 @@ class Flight:
         self.wait_ready()
         self.do(topics.TAKEOFF, TakeoffGoal(altitude_m=altitude_m))
 
-    def request(self, endpoint: topics.Endpoint[Any, Any], payload: Any, timeout_s: float = 15.0) -> Any:
+    def request(self, endpoint: Endpoint[Any, Any], payload: Any, timeout_s: float = 15.0) -> Any:
         """Send a request and run until it has ended; returns the first reply."""
         request = self.bus.send_request(endpoint, payload)
         self.wait(lambda: request.ended, timeout_s, f"a reply on {endpoint.name}")

@@ -13,9 +13,9 @@ from jezero.cli.reference.topics import all_specs, all_topics
 from jezero.codec import BadPayloadError, decode, encode, has_attachment
 from jezero.schemas import topics
 from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, Goal, GoToGoal, LandOnSpotGoal, ReturnHomeGoal
+from jezero.schemas.rows import Action, Topic
 from jezero.schemas.sensors import CameraInfo
 from jezero.schemas.state import Clock, Odometry
-from jezero.schemas.topics import Action, Topic
 from tests.scenario.extremes import example_of, extreme_messages
 from tests.scenario.rig import Flight
 

@@ -15,6 +15,7 @@ from jezero.schemas.mission import (
     GoalStep,
     WaitStep,
 )
+from jezero.schemas.rows import Action
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.trials.stack import build_stack
 from tests.scenario.mission_rig import LAND, TAKEOFF, MissionFlight, go
@@ -126,7 +127,7 @@ def test_a_goal_is_planned_from_a_place_where_the_vehicle_is_not_with_its_way() 
     flight = Flight(1, lambda seed: build_stack(seed, camera=camera))
     flight.wait_ready()
     begin_ned_m, target_ned_m = (10.0, 0.0, -5.0), (10.0, 20.0, -5.0)
-    goals: list[tuple[topics.Action[Any], dict[str, Any], tuple[float, float, float]]] = [
+    goals: list[tuple[Action[Any], dict[str, Any], tuple[float, float, float]]] = [
         (topics.TAKEOFF, {"altitude_m": 2.0}, (10.0, 0.0, -7.0)),
         (topics.GO_TO, {"target_ned_m": target_ned_m}, target_ned_m),
         (topics.GET_IMAGES, {"center_ned_m": (10.0, 5.0, -5.0), "radius_m": 3.0, "num_images": 4}, (10.0, 2.0, -5.0)),

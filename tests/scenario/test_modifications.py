@@ -10,6 +10,7 @@ from jezero.schemas import topics
 from jezero.schemas.actions import Modify, ModifyReply
 from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, TakeoffGoal
 from jezero.schemas.images import Image
+from jezero.schemas.rows import Action
 from jezero.schemas.struct import Payload
 from jezero.trials.pauses import ObservedStack
 
@@ -28,7 +29,7 @@ class ModifiedFlight:
         images: in its result.
     """
 
-    def __init__(self, action: topics.Action[Any], goal: Payload, after: int, **fields: Any) -> None:
+    def __init__(self, action: Action[Any], goal: Payload, after: int, **fields: Any) -> None:
         stack = ObservedStack(5, "point-mass")
         stack.wait_ready()
         up = stack.bus.send_request(topics.TAKEOFF.endpoint, TakeoffGoal(altitude_m=4.0))

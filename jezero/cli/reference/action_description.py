@@ -5,7 +5,7 @@ from typing import Any
 
 from jezero.cli.reference.fields import fields_of, summary_of
 from jezero.cli.reference.topics import Row
-from jezero.schemas.topics import Action
+from jezero.schemas.rows import Action
 
 _LINK = re.compile(r"\[(\w+)\]\(#\w+\)")
 """A link inside a reference page; a terminal shows only its text."""

@@ -9,7 +9,8 @@ from jezero.cli.reference.fields import Field, description_of, fields_of
 from jezero.cli.reference.markdown import escape, table
 from jezero.plugins import all_actions
 from jezero.schemas import actions, goals
-from jezero.schemas.topics import ACTIONS, Action
+from jezero.schemas.rows import Action
+from jezero.schemas.topics import ACTIONS
 from jezero.services.vehicle_bridge.transitions import CODE_OF, completed
 
 

@@ -5,7 +5,8 @@ from typing import Any
 from jezero.cli.reference.markdown import table
 from jezero.plugins import action_names, all_actions, find_action, plugin_names
 from jezero.runtime.service import Spec
-from jezero.schemas.topics import ENDPOINTS, TOPICS, Endpoint, Topic, feedback_of
+from jezero.schemas.rows import Endpoint, Topic
+from jezero.schemas.topics import ENDPOINTS, TOPICS, feedback_of
 from jezero.services.actions.table import action_server
 from jezero.services.autopilot.service import SPEC as AUTOPILOT
 from jezero.services.estimator.service import SPEC as ESTIMATOR

@@ -8,6 +8,7 @@ from msgspec.structs import replace
 
 from jezero.schemas import sensors as messages
 from jezero.schemas import topics
+from jezero.schemas.rows import Topic
 
 
 class BusSensor(NamedTuple):
@@ -19,7 +20,7 @@ class BusSensor(NamedTuple):
         wrong: returns a reading with a constant error from a reading and the error's amount, 0 to 1.
     """
 
-    topic: topics.Topic[Any]
+    topic: Topic[Any]
     garbled: Callable[[Any, Random], Any]
     wrong: Callable[[Any, float], Any]
 

@@ -11,6 +11,7 @@ from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas import topics
 from jezero.schemas.actions import Cancel, GetResult, Rejected, Result
 from jezero.schemas.commands import Abort, Hover, Kill
+from jezero.schemas.rows import Action, Endpoint
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.units import NS_PER_S
 from jezero.trials.campaign.pauser import Pauser
@@ -112,7 +113,7 @@ class Client:
             case _:
                 self._send(rng.choice(tuple(all_actions().values())))
 
-    def _send(self, action: topics.Action[Any]) -> None:
+    def _send(self, action: Action[Any]) -> None:
         goal = draw_goal(action, self._rng, f"{self.name}-{len(self.sent) + 1}", self._bus.t_ns)
         sent = SentGoal(goal, action, result_queried_ns=self._bus.t_ns)
         self.sent.append(sent)
@@ -126,6 +127,6 @@ class Client:
         sent.known_outcome = "" if sent.known_outcome == "rejected" else sent.known_outcome
         sent.queries.append(self._bus.send_request(sent.action.endpoint, sent.goal, self.name))
 
-    def _request(self, endpoint: topics.Endpoint[Any, Any], payload: Any) -> None:
+    def _request(self, endpoint: Endpoint[Any, Any], payload: Any) -> None:
         self._on_event(f"{self.name} requests {endpoint.name} {msgspec.json.encode(payload).decode()}")
         self.requests.append(self._bus.send_request(endpoint, payload, self.name))

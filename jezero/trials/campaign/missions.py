@@ -22,8 +22,8 @@ from jezero.schemas.mission import (
     Step,
     WaitStep,
 )
+from jezero.schemas.rows import Endpoint
 from jezero.schemas.state import Status, StatusCode
-from jezero.schemas.topics import Endpoint
 from jezero.trials.campaign.sent_goals import draw_goal
 
 MISSION_PROBABILITY = 1.0 / 4.0

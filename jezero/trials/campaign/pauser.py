@@ -9,7 +9,7 @@ import msgspec
 
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas.actions import Modify, ModifyReply, Pause, PauseReply, Resume, ResumeReply
-from jezero.schemas.topics import Endpoint
+from jezero.schemas.rows import Endpoint
 from jezero.trials.campaign.sent_goals import FIELD_DRAWS, SentGoal
 
 PAUSE_PROBABILITY, RESUME_PROBABILITY, MODIFY_PROBABILITY = 0.12, 0.3, 0.06

@@ -8,9 +8,9 @@ from typing import Any
 import msgspec
 
 from jezero.runtime.memory_bus import SentRequest
-from jezero.schemas import topics
 from jezero.schemas.actions import Accepted
 from jezero.schemas.goals import Goal
+from jezero.schemas.rows import Action
 
 FIELD_DRAWS: dict[str, Callable[[Random], Any]] = {
     "altitude_m": lambda rng: rng.uniform(0.6, 5.0),
@@ -33,7 +33,7 @@ FIELD_DRAWS: dict[str, Callable[[Random], Any]] = {
 """Functions that draw the fields of goals, by field name; fields without one keep their defaults."""
 
 
-def draw_goal(action: topics.Action[Any], rng: Random, goal_id: str, t_ns: int) -> Goal:
+def draw_goal(action: Action[Any], rng: Random, goal_id: str, t_ns: int) -> Goal:
     """Draw a valid goal, whether or not the vehicle can fly it now.
 
     Raises:
@@ -63,7 +63,7 @@ class SentGoal:
     """
 
     goal: Goal
-    action: topics.Action[Any]
+    action: Action[Any]
     queries: list[SentRequest] = field(default_factory=list)
     result_query: SentRequest | None = None
     result_queried_ns: int = 0

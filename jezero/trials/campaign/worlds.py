@@ -12,21 +12,19 @@ from jezero.plugins import action_names
 from jezero.runtime.config import load_config
 from jezero.runtime.memory_bus import UDP_DELAY, MemoryBus
 from jezero.runtime.service import Service
-from jezero.schemas.fence import Fence
 from jezero.services.actions.config import load_actions_config
 from jezero.services.actions.table import action_server
 from jezero.services.autopilot.config import AutopilotConfig, TelemetryConfig
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
-from jezero.services.vehicle_bridge.service import VehicleBridge
 from jezero.trials.campaign.blank_camera import NAME as BLANK_CAMERA
 from jezero.trials.campaign.blank_camera import BlankCamera
 from jezero.trials.campaign.faults import AUTOPILOT, BRIDGE, SIMULATOR, Fault
 from jezero.trials.campaign.point_mass_faults import FaultyPointMass, point_mass_fault
 from jezero.trials.campaign.point_mass_world import NAME, PointMass
 from jezero.trials.campaign.sensor_faults import FaultySimulator, SensorFault
-from jezero.trials.stack import SYSTEM_ID, service_makers, wired_bus
+from jezero.trials.stack import SYSTEM_ID, bridge_maker, service_makers, wired_bus
 from jezero.vehicle_config import AirframeConfig, VehicleConfig
 
 TELEMETRY_INTERVAL_S = 0.1
@@ -92,18 +90,9 @@ def _point_mass_makers(seed: int) -> Makers:
     actions = load_actions_config(vehicle)
     lifecycle = msgspec.structs.replace(actions.lifecycle, step_rate_hz=SERVERS_HZ)
     actions = msgspec.structs.replace(actions, lifecycle=lifecycle)
-    kept_fences: list[Fence | None] = [None]
     return {
         NAME: partial(PointMass, config, place, vehicle, SYSTEM_ID, seed),
-        BRIDGE: lambda boot: VehicleBridge(
-            bridge,
-            vehicle,
-            system_id=SYSTEM_ID,
-            boot_id=boot,
-            secret=f"{boot:x}",
-            fence=kept_fences[-1],
-            keep_fence=kept_fences.append,
-        ),
+        BRIDGE: bridge_maker(bridge, vehicle, SYSTEM_ID),
         BLANK_CAMERA: lambda boot: _blank_camera(vehicle, publishes_info=True),
         **{name: partial(action_server, name, config=actions) for name in action_names()},
     }

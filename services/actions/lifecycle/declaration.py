@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from jezero.runtime.config import Config
-from jezero.schemas.topics import Action
+from jezero.schemas.rows import Action
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.motion.behaviour import Planner
 

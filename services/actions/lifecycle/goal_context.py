@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from jezero.schemas.topics import Action, Topic
+from jezero.schemas.rows import Action, Topic
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease
 from jezero.services.actions.lifecycle.vehicle_view import VehicleView
 from jezero.services.actions.motion.behaviour import Plan

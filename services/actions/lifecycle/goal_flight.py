@@ -10,9 +10,8 @@ import msgspec
 
 from jezero.frames import Vec3, add
 from jezero.runtime.service import Call, Inbox, Output, Publish, Reply, SetRate, Subscribe
-from jezero.schemas.actions import Feedback, FeedbackMessage, Result
+from jezero.schemas.actions import Feedback, Result
 from jezero.schemas.commands import AcquireReply, CameraPitch, Release, ReleaseReply, Setpoint
-from jezero.schemas.goals import ImagesFeedback, LandFeedback, MoveFeedback
 from jezero.schemas.state import Odometry, StatusCode
 from jezero.schemas.topics import (
     CAMERA_PITCH,
@@ -21,11 +20,11 @@ from jezero.schemas.topics import (
     RELEASE,
     SETPOINT,
     STATUS,
-    feedback_of,
 )
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.control_lease import ControlLease
 from jezero.services.actions.lifecycle.goal_context import GoalContext
+from jezero.services.actions.lifecycle.goal_feedback import GoalFeedback
 from jezero.services.actions.lifecycle.ground_proximity import GroundProximity
 from jezero.services.actions.lifecycle.pause_control import PauseControl
 from jezero.services.actions.lifecycle.runaway_detector import RunawayDetector
@@ -47,8 +46,8 @@ from jezero.services.actions.motion.behaviour import (
 )
 from jezero.services.actions.motion.limits import beyond_limits
 
-SETPOINT_RATE_HZ, FEEDBACK_RATE_HZ = 50.0, 10.0
-"""Rates while a goal runs; a plan may ask for more setpoints."""
+SETPOINT_RATE_HZ = 50.0
+"""Rate while a goal runs; a plan may ask for more setpoints."""
 RELEASE_HOVER_TIMEOUT_S, RELEASE_DISARM_TIMEOUT_S = 6.0, 12.0
 """Time-outs of one reply to a release that hovers or disarms; the release is sent again after it."""
 RELEASE_GIVE_UP_S = 20.0
@@ -78,8 +77,7 @@ class GoalFlight:
     def __init__(self, t_ns: int, inbox: Inbox, odometry: Odometry, start: Start, context: GoalContext) -> None:
         self.stage: Literal["acquiring", "flying", "releasing", "over"] = "acquiring"
         self.result: Result[Any] | None = None
-        self._action = context.action
-        self._feedback_topic = feedback_of(context.action)
+        self._feedback = GoalFeedback(context)
         self._goal_id = context.goal_id
         self._rate_hz = context.plan.rate_hz
         self._capture = context.plan.capture
@@ -102,7 +100,6 @@ class GoalFlight:
         self._first_step = True
         self._move: Move | None = None
         self._setpoint_ns = 0
-        self._feedback_due_ns = 0
         self._pitch_due_ns = 0
         self._done = Done("aborted")
         """End of the behaviour, while control is released."""
@@ -112,7 +109,7 @@ class GoalFlight:
         move = self._behaviour.step(t_ns, state)
         self.planned: Remaining | Done | None = move if isinstance(move, Done) else remaining_of(self._behaviour, state)
         self._start_state = state
-        self._first = self._feedback(t_ns, move, odometry, inbox) if isinstance(move, Move) else None
+        self._first = self._feedback_now(t_ns, move, odometry, inbox) if isinstance(move, Move) else None
         """The first feedback, until something newer arrives."""
 
     def drop_first_feedback(self) -> None:
@@ -124,7 +121,7 @@ class GoalFlight:
         self._control.begin(grant, t_ns)
         self.stage = "flying"
         if self._first is not None and with_feedback:
-            yield from self._publish_feedback(t_ns, self._first)
+            yield from self._feedback.send(t_ns, self._first)
         yield SetRate(FIRST_SETPOINT_HZ)
 
     def planned_path_ned_m(self) -> tuple[Vec3, ...]:
@@ -244,8 +241,8 @@ class GoalFlight:
             self._pitch_due_ns = t_ns + CAMERA_PITCH_PERIOD_NS
             axes = CameraPitch(t_ns=t_ns, pitch_camera_rad=move.pitch_camera_rad, roll_camera_rad=move.roll_camera_rad)
             yield Publish(CAMERA_PITCH, axes)
-        if t_ns >= self._feedback_due_ns:
-            yield from self._publish_feedback(t_ns, self._feedback(t_ns, move, odometry, inbox))
+        if self._feedback.is_due(t_ns):
+            yield from self._feedback.send(t_ns, self._feedback_now(t_ns, move, odometry, inbox))
 
     def _moved_beyond(self, move: Move, shift_ned_m: Vec3) -> str:
         """Reason why the goal's points are beyond the limits after a step of the autopilot's position, or ""."""
@@ -276,44 +273,10 @@ class GoalFlight:
     def _state(self, t_ns: int, inbox: Inbox, odometry: Odometry) -> VehicleState:
         return self._view.state(t_ns, inbox, odometry, self._pause.behind_ns)
 
-    def _feedback(self, t_ns: int, move: Move, odometry: Odometry, inbox: Inbox) -> Feedback[Any]:
-        status = inbox.latest(STATUS)
-        code = -1 if status is None else status.code
-        content = move.feedback
-        if isinstance(content, MoveFeedback | LandFeedback | ImagesFeedback) and content.frame == "world":
-            content = msgspec.structs.replace(content, pos_uav_ned_m=odometry.pos_uav_ned_m)
-        if isinstance(content, ImagesFeedback) and self._capture is not None:
-            taken, planned, images = self._capture.taken, self._capture.planned, self._capture.unreported_images()
-            content = msgspec.structs.replace(content, taken=taken, planned=planned, images=images)
+    def _feedback_now(self, t_ns: int, move: Move, odometry: Odometry, inbox: Inbox) -> Feedback[Any]:
         rest = remaining_of(self._behaviour, self._state(t_ns, inbox, odometry))
-        return Feedback(
-            goal_id=self._goal_id,
-            t_ns=t_ns,
-            code=code,
-            feedback=content,
-            remaining_s=None if rest is None else rest.time_s,
-            paused=self._pause.paused,
-            changes=self._changes,
-        )
-
-    def _publish_feedback(self, t_ns: int, feedback: Feedback[Any]) -> Iterator[Output]:
-        """Send feedback to all watchers; the next is due one period after this one was."""
-        yield from (Reply(watcher, feedback, final=False) for watcher in self._watchers)
-        period_ns = int(NS_PER_S / FEEDBACK_RATE_HZ)
-        late_ns = t_ns - self._feedback_due_ns
-        self._feedback_due_ns = (self._feedback_due_ns if late_ns < period_ns else t_ns) + period_ns
-        name = self._action.name
-        message = FeedbackMessage(
-            t_ns=feedback.t_ns,
-            goal_id=feedback.goal_id,
-            action=name,
-            code=feedback.code,
-            feedback=feedback.feedback,
-            remaining_s=feedback.remaining_s,
-            paused=feedback.paused,
-            changes=feedback.changes,
-        )
-        yield Publish(self._feedback_topic, message)
+        status, paused = inbox.latest(STATUS), self._pause.paused
+        return self._feedback.make(t_ns, move, odometry, status, rest, paused=paused, changes=self._changes)
 
     # -- releasing --
 
@@ -321,7 +284,7 @@ class GoalFlight:
         odometry = self._view.odometry(inbox)
         if self._move is not None and odometry is not None and self._capture is not None:
             # Feedback that is not due yet, because no later one would report the last pictures.
-            yield from self._publish_feedback(t_ns, self._feedback(t_ns, self._move, odometry, inbox))
+            yield from self._feedback.send(t_ns, self._feedback_now(t_ns, self._move, odometry, inbox))
         self.stage = "releasing"
         self._done = done
         self._deadline_ns = t_ns + int(RELEASE_GIVE_UP_S * NS_PER_S)

@@ -14,8 +14,9 @@ from jezero.runtime.service import Call, Inbox, Output, Reply, Request, Subscrib
 from jezero.schemas.actions import Accepted, PlanReply, Rejected, Result
 from jezero.schemas.commands import Acquire
 from jezero.schemas.goals import Goal
+from jezero.schemas.rows import Action
 from jezero.schemas.struct import Payload
-from jezero.schemas.topics import ACQUIRE, ALTIMETER, ODOMETRY, STATUS, Action
+from jezero.schemas.topics import ACQUIRE, ALTIMETER, ODOMETRY, STATUS
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.lifecycle.battery_reserve import battery_refusal

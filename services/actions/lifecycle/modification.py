@@ -13,7 +13,8 @@ from jezero.frames import Vec3, add
 from jezero.runtime.service import Inbox, Output, Reply
 from jezero.schemas.actions import ModifyReply
 from jezero.schemas.goals import Goal
-from jezero.schemas.topics import STATUS, Action
+from jezero.schemas.rows import Action
+from jezero.schemas.topics import STATUS
 from jezero.services.actions.lifecycle.battery_reserve import battery_refusal
 from jezero.services.actions.lifecycle.fence_check import fence_refusal
 from jezero.services.actions.lifecycle.goal_flight import GoalFlight

@@ -5,8 +5,9 @@ from typing import Any, ClassVar
 
 from jezero.runtime.service import BackgroundTask, CancelTask, Inbox, Output, Publish
 from jezero.schemas.actions import FeedbackMessage
+from jezero.schemas.rows import Action
 from jezero.schemas.state import Status
-from jezero.schemas.topics import Action, feedback_of
+from jezero.schemas.topics import feedback_of
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.motion.behaviour import Preparation, Prepared, Refusal, VehicleState
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from jezero.runtime.service import Inbox, Output, Reply, Request
 from jezero.schemas.actions import Modify, ModifyReply, Pause, PauseReply, Result, Resume, ResumeReply
-from jezero.schemas.topics import Action
+from jezero.schemas.rows import Action
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.goal_run import GoalRun
 from jezero.services.actions.lifecycle.guard import GuardedPlanner

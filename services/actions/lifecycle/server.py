@@ -10,6 +10,7 @@ from jezero.runtime.service import Health, Inbox, Output, Reply, Request, SetRat
 from jezero.schemas.actions import Accepted, CancelReply, PlanReply, Rejected, Result, ResultReply, RunningGoal
 from jezero.schemas.goals import Goal
 from jezero.schemas.images import GetImage
+from jezero.schemas.rows import Action
 from jezero.schemas.state import Status
 from jezero.schemas.topics import (
     ACQUIRE,
@@ -25,7 +26,6 @@ from jezero.schemas.topics import (
     ROVER_ESTIMATE,
     SETPOINT,
     STATUS,
-    Action,
     feedback_of,
 )
 from jezero.schemas.units import NS_PER_S
@@ -45,7 +45,7 @@ RESULTS_MAX = 100
 GOAL_AHEAD_MAX_NS = NS_PER_S
 """A goal that was issued farther in the future is from before a restart of the vehicle."""
 PLAN_ONLY = "plan_from_ned_m is for requests for a plan: a goal is flown from where the vehicle is"
-CANCELED_EARLY = "it was canceled before it came: a new goal needs an id of its own"
+CANCELED_EARLY = "the goal was canceled before it arrived: send it again with another goal_id"
 UNWATCHED = "on_client_loss has no effect: the goal names no client whose liveliness could be watched"
 
 

@@ -8,9 +8,10 @@ import msgspec
 from jezero.frames import Quat, Vec3, add, quat_rotate, subtract
 from jezero.runtime.service import Inbox
 from jezero.schemas.estimate import Relative, RoverEstimate
+from jezero.schemas.rows import Topic
 from jezero.schemas.state import Odometry, Status, StatusCode
 from jezero.schemas.struct import Message
-from jezero.schemas.topics import ALTIMETER, ODOMETRY, RELATIVE, ROVER_ESTIMATE, STATUS, Topic
+from jezero.schemas.topics import ALTIMETER, ODOMETRY, RELATIVE, ROVER_ESTIMATE, STATUS
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.lifecycle.fence_check import known_fence
 from jezero.services.actions.lifecycle.selection_lease import SelectionLease

@@ -19,9 +19,9 @@ from jezero.schemas.commands import Outcome, Phase
 from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.schemas.fence import Fence
 from jezero.schemas.preflight import Override
+from jezero.schemas.rows import Topic
 from jezero.schemas.state import Status
 from jezero.schemas.struct import Payload
-from jezero.schemas.topics import Topic
 from jezero.services.actions.motion.capture import Capture
 
 

@@ -39,10 +39,11 @@ from jezero.frames import (
 )
 from jezero.runtime.service import Inbox
 from jezero.schemas.images import Image, ImageReply
+from jezero.schemas.rows import Topic
 from jezero.schemas.sensors import CameraFrame, CameraInfo
 from jezero.schemas.state import Odometry
 from jezero.schemas.struct import Message
-from jezero.schemas.topics import ALTIMETER, CAMERA, CAMERA_INFO, GNSS, IMU, ODOMETRY, Topic
+from jezero.schemas.topics import ALTIMETER, CAMERA, CAMERA_INFO, GNSS, IMU, ODOMETRY
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.motion.config import CaptureConfig
 from jezero.vehicle_config import VehicleConfig

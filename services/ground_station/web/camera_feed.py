@@ -10,9 +10,9 @@ from typing import Any
 from jezero.aio import JezeroError, Vehicle
 from jezero.schemas import topics
 from jezero.schemas.estimate import Relative, TagEstimate
+from jezero.schemas.rows import Topic
 from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.state import Odometry
-from jezero.schemas.topics import Topic
 from jezero.schemas.units import NS_PER_S
 from jezero.services.ground_station.tag_marks import Pixel, tag_outlines
 from jezero.vehicle_config import VehicleConfig

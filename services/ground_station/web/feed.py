@@ -8,8 +8,8 @@ from jezero.aio import JezeroError, Vehicle
 from jezero.router_address import shown_router
 from jezero.schemas import topics
 from jezero.schemas.health import ServiceHealth
+from jezero.schemas.rows import Topic
 from jezero.schemas.terrain import Ground
-from jezero.schemas.topics import Topic
 from jezero.services.ground_station.state import WATCHED, VehicleState
 from jezero.services.ground_station.web.coverage_map import CoverageMap
 from jezero.services.ground_station.web.stack_actions import ALL_FEEDBACK, StackActions

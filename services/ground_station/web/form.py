@@ -7,7 +7,7 @@ from typing import Any
 from nicegui import ui
 
 from jezero.schemas.actions import ActionDescription, PlanReply
-from jezero.schemas.topics import Action
+from jezero.schemas.rows import Action
 from jezero.services.ground_station.flown_area import DrawnArea
 from jezero.services.ground_station.goal_form import CORNERS_MIN, Field, form_of, goal_from, named_field
 from jezero.services.ground_station.web.commands import Commands

@@ -8,7 +8,7 @@ from typing import Any
 from jezero.aio import JezeroError, Vehicle, described
 from jezero.plugins import PluginError, action_names, find_action
 from jezero.schemas.actions import ActionDescription, FeedbackMessage
-from jezero.schemas.topics import Action, Topic
+from jezero.schemas.rows import Action, Topic
 from jezero.services.ground_station.state import VehicleState
 
 ALL_FEEDBACK: Topic[FeedbackMessage[dict[str, Any]]] = Topic(

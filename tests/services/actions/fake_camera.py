@@ -7,9 +7,9 @@ from typing import Any
 
 from jezero.runtime.service import Inbox, Output, Publish, Spec
 from jezero.schemas import topics
+from jezero.schemas.rows import Topic
 from jezero.schemas.sensors import CameraFrame, CameraInfo, Gnss, Imu
 from jezero.schemas.struct import Message
-from jezero.schemas.topics import Topic
 
 SIDE_PX = 16
 PERIOD_NS = 66_666_667

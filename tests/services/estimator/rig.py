@@ -12,6 +12,7 @@ from jezero.runtime.memory_bus import MemoryBus
 from jezero.runtime.service import Inbox, Output, Publish, Spec
 from jezero.schemas import topics
 from jezero.schemas.estimate import Lease, Relative, RoverEstimate
+from jezero.schemas.rows import Endpoint
 from jezero.schemas.struct import Payload
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.config import EstimatorConfig
@@ -92,7 +93,7 @@ class Rig:
         """A new process of it."""
         self.bus.add(Estimator(self.config, self.vehicle))
 
-    def ask(self, endpoint: topics.Endpoint[Any, Any], payload: Payload) -> Any:
+    def ask(self, endpoint: Endpoint[Any, Any], payload: Payload) -> Any:
         """A question's answer; takes some milliseconds of the flight."""
         answers = self.bus.send_request(endpoint, payload)
         assert self.bus.run_for(1.0, stop=lambda: answers.ended), f"no answer on {endpoint.name}"

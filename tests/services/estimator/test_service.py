@@ -12,6 +12,7 @@ from benchmarks.quality.estimator_flight import Arrival, Conditions
 from jezero.frames import add, norm, subtract
 from jezero.schemas import topics
 from jezero.schemas.estimate import GetParameters, Lease, SetParameters
+from jezero.schemas.rows import Topic
 from jezero.schemas.state import Clock
 from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.config import EstimatorConfig, Tuning
@@ -323,7 +324,7 @@ def test_odometry_of_the_rover_that_is_garbage_leads_nobody_astray(seed: int) ->
 
 
 @pytest.mark.parametrize("sensor", [topics.UWB, topics.ESTIMATE_TAG])
-def test_a_sensor_that_tells_the_same_again_and_again_leads_nobody_astray(sensor: topics.Topic[Any]) -> None:
+def test_a_sensor_that_tells_the_same_again_and_again_leads_nobody_astray(sensor: Topic[Any]) -> None:
     first: list[Any] = []
 
     def stuck(arrival: Arrival) -> Iterable[Arrival]:

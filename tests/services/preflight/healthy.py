@@ -10,6 +10,7 @@ from jezero.frames import quat_from_euler
 from jezero.schemas.estimate import SetParameters, TagEstimate
 from jezero.schemas.fence import FenceState
 from jezero.schemas.health import ServiceHealth
+from jezero.schemas.rows import Topic
 from jezero.schemas.sensors import Altimeter, Barometer, Gnss, Imu, Magnetometer, RoverOdometry, Uwb, UwbRange
 from jezero.schemas.state import Battery, Clock, Odometry, Status
 from jezero.schemas.topics import (
@@ -24,7 +25,6 @@ from jezero.schemas.topics import (
     ROVER_ODOMETRY,
     STATUS,
     UWB,
-    Topic,
 )
 from jezero.services.preflight.readings import Readings
 from jezero.services.preflight.service import SERVICES

@@ -6,8 +6,9 @@ from typing import Any
 import msgspec
 import pytest
 
+from jezero.schemas.rows import Topic
 from jezero.schemas.state import StatusCode
-from jezero.schemas.topics import ALTIMETER, ESTIMATE_TAG, GNSS, IMU, MAG, ROVER_ODOMETRY, STATUS, UWB, Topic
+from jezero.schemas.topics import ALTIMETER, ESTIMATE_TAG, GNSS, IMU, MAG, ROVER_ODOMETRY, STATUS, UWB
 from jezero.services.preflight.sensor_checks import (
     check_compass,
     check_gnss,

@@ -14,6 +14,7 @@ from jezero.mavlink import MavlinkCodec, dialect
 from jezero.runtime.config import ConfigError, load_config
 from jezero.runtime.service import Health, Output, Publish, Reply, Request, Send
 from jezero.schemas import topics
+from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.terrain import GetGround, Ground
 from jezero.services.simulator.config import RoverConfig, SimulatorConfig, UavConfig, WindConfig
 from jezero.services.simulator.schedule import Schedule
@@ -46,10 +47,10 @@ class Bench:
         values = [self.command] * 4 + [0.0] * 12
         return self._codec.pack(dialect.MAVLink_hil_actuator_controls_message(self.t_ns // 1000, values, 129, 1))
 
-    def new(self, topic: topics.Topic[Any]) -> tuple[Any, ...]:
+    def new(self, topic: Topic[Any]) -> tuple[Any, ...]:
         return ()
 
-    def requests(self, endpoint: topics.Endpoint[Any, Any]) -> tuple[Request, ...]:
+    def requests(self, endpoint: Endpoint[Any, Any]) -> tuple[Request, ...]:
         return self.pending if endpoint is topics.GROUND else ()
 
     def connections(self, link: str) -> int:
@@ -69,7 +70,7 @@ class Bench:
         return outputs
 
 
-def published(outputs: list[Output], topic: topics.Topic[Any]) -> list[Any]:
+def published(outputs: list[Output], topic: Topic[Any]) -> list[Any]:
     return [o.message for o in outputs if isinstance(o, Publish) and o.topic is topic]
 
 
@@ -117,7 +118,7 @@ def test_readings_carry_the_time_at_which_they_were_true() -> None:
     bench = Bench()
     bench.run(100)
     now_ns = bench.t_ns
-    delays_s: dict[topics.Topic[Any], float] = {
+    delays_s: dict[Topic[Any], float] = {
         topics.GNSS: CALM.gnss.delay_s,
         topics.ALTIMETER: CALM.altimeter.delay_s,
         topics.UWB: CALM.uwb.delay_s,
@@ -246,7 +247,7 @@ def test_uwb_and_gnss_agree_with_the_truth() -> None:
 def test_the_shipped_settings_are_the_defaults() -> None:
     assert load_config(SimulatorConfig, "simulator") == SimulatorConfig()
     config = SimulatorConfig()
-    rates: dict[topics.Topic[Any], float] = {
+    rates: dict[Topic[Any], float] = {
         topics.IMU: config.imu.rate_hz,
         topics.GNSS: config.gnss.rate_hz,
         topics.BARO: config.barometer.rate_hz,

@@ -11,9 +11,10 @@ from jezero.codec import decode, encode
 from jezero.mavlink import MavlinkCodec, dialect
 from jezero.runtime.service import Output, Publish, Reply, Request, Send
 from jezero.schemas.commands import Acquire, AcquireReply, Phase, Release, Setpoint
+from jezero.schemas.rows import Endpoint
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Clock, Odometry, Status
-from jezero.schemas.topics import ACQUIRE, ALTIMETER, CLOCK, FENCE, ODOMETRY, RELEASE, SETPOINT, STATUS, Endpoint
+from jezero.schemas.topics import ACQUIRE, ALTIMETER, CLOCK, FENCE, ODOMETRY, RELEASE, SETPOINT, STATUS
 from jezero.services.vehicle_bridge.config import VehicleBridgeConfig
 from jezero.services.vehicle_bridge.service import VehicleBridge
 from jezero.vehicle_config import VehicleConfig

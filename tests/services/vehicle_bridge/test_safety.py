@@ -1,12 +1,10 @@
 """Aborts, kills and failsafes."""
 
-from functools import partial
-
 import pytest
 
 from jezero.frames import quat_from_euler
-from jezero.schemas.commands import Abort, Hover, Kill, Phase
-from jezero.schemas.topics import ABORT, HOVER, KILL
+from jezero.schemas.commands import Abort, Hover, Phase
+from jezero.schemas.topics import ABORT, HOVER
 from tests.services.vehicle_bridge.rig import ARM, CRITICAL, MODES, Rig
 
 TARGETS = [("go_to", Phase.GO_TO), ("land_on_spot", Phase.LANDING)]
@@ -165,87 +163,6 @@ def test_every_code_lasts_long_enough_to_be_seen() -> None:
 
 
 # -- kill and tilt -----------------------------------------------------------------------------------------
-
-
-def test_kill_needs_to_be_confirmed() -> None:
-    rig = Rig().fly()
-    reply = rig.request(KILL, Kill())
-    assert not reply.killed
-    assert "confirm" in reply.reason
-    assert rig.autopilot.armed
-
-
-def test_kill_forces_a_disarm_in_the_air_at_once_and_until_it_is_done() -> None:
-    rig = Rig().fly()
-    rig.go("go_to", Phase.GO_TO)
-    rig.autopilot.lost_commands = 2
-    request = rig.post(KILL, Kill(confirm=True, vehicle="uav1"))
-    rig.step()
-    assert rig.status.code == 13
-    assert rig.autopilot.lost_commands == 1, "the first order goes out in the same step"
-    rig.run_until(lambda: request in rig.replies, limit_s=2.0)
-    assert rig.replies[request].killed
-    assert not rig.autopilot.armed
-    assert rig.autopilot.commands[-1] == (ARM, (0.0, 21196.0, 0.0))
-    rig.autopilot.landed = True
-    rig.run(0.1)
-    assert rig.codes[-2:] == [13, 0]
-
-
-@pytest.mark.parametrize(
-    ("vehicle", "reason"), [("", "uav1 is in the air"), ("uav2", "is uav1, not uav2"), ("UAV1", "is uav1, not UAV1")]
-)
-def test_kill_in_the_air_needs_the_vehicle_s_name_too(vehicle: str, reason: str) -> None:
-    rig = Rig().fly()
-    control_id = rig.go("go_to", Phase.GO_TO)
-    keep_flying = partial(rig.setpoint, control_id, Phase.GO_TO)
-    reply = rig.request(KILL, Kill(confirm=True, vehicle=vehicle), keep_flying)
-    assert not reply.killed
-    assert reason in reply.reason
-    rig.run(0.5, keep_flying)
-    assert rig.autopilot.armed
-    assert rig.status.in_charge == "goal"
-    assert not rig.request(KILL, Kill(vehicle="uav1"), keep_flying).killed
-    assert rig.autopilot.armed
-
-
-def test_kill_on_the_ground_needs_no_name_but_not_another_vehicle_s() -> None:
-    rig = Rig().ready()
-    rig.autopilot.armed = True
-    rig.run(0.1)
-    assert not rig.request(KILL, Kill(confirm=True, vehicle="uav2")).killed
-    assert rig.autopilot.armed
-    assert rig.request(KILL, Kill(confirm=True)).killed
-    assert not rig.autopilot.armed
-
-
-def test_kill_needs_the_name_when_nobody_knows_whether_the_vehicle_still_stands() -> None:
-    rig = Rig().ready()
-    rig.autopilot.armed = True
-    rig.run(0.1)
-    rig.autopilot.silent = True
-    rig.run(1.5)
-    assert "in the air" in rig.request(KILL, Kill(confirm=True)).reason
-    request = rig.post(KILL, Kill(confirm=True, vehicle="uav1"))
-    rig.step()
-    rig.autopilot.silent = False
-    rig.run_until(lambda: request in rig.replies)
-    assert not rig.autopilot.armed
-
-
-def test_kill_on_the_ground_has_nothing_to_do() -> None:
-    rig = Rig().ready()
-    assert rig.request(KILL, Kill(confirm=True)).killed
-    assert rig.codes == [0]
-
-
-def test_a_kill_that_the_autopilot_does_not_hear_is_reported_and_kept_up() -> None:
-    rig = Rig().fly()
-    rig.autopilot.lost_commands = 10_000
-    assert not rig.request(KILL, Kill(confirm=True, vehicle="uav1")).killed
-    rig.autopilot.lost_commands = 0
-    rig.run(1.0)
-    assert not rig.autopilot.armed
 
 
 @pytest.mark.parametrize(("seconds", "killed"), [(0.44, False), (0.6, True)])

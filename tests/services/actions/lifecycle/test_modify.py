@@ -8,11 +8,12 @@ from jezero.frames import distance, norm
 from jezero.schemas import topics
 from jezero.schemas.actions import Feedback, GetRunning, Modify, ModifyReply, Pause
 from jezero.schemas.goals import GetImagesGoal, GoToGoal, LandOnSpotGoal, TakeoffGoal
+from jezero.schemas.rows import Action
 from tests.services.actions.lifecycle.test_pause import assert_continuous, request
 from tests.services.actions.rig import FAR, World
 
 
-def modify(world: World, goal_id: str, action: topics.Action[Any] = topics.GO_TO, **fields: Any) -> ModifyReply:
+def modify(world: World, goal_id: str, action: Action[Any] = topics.GO_TO, **fields: Any) -> ModifyReply:
     """The reply to a change, after the vehicle has braked for it."""
     sent = world.bus.send_request(action.modify, Modify(goal_id=goal_id, fields=fields))
     assert world.bus.run_for(10.0, lambda: sent.ended)

@@ -10,6 +10,7 @@ from jezero.schemas import topics
 from jezero.schemas.actions import Cancel, Feedback, Pause, PauseReply, Resume, ResumeReply
 from jezero.schemas.commands import Setpoint
 from jezero.schemas.goals import GoToGoal
+from jezero.schemas.rows import Action
 from jezero.schemas.state import StatusCode
 from tests.services.actions.rig import CONFIG, FAR, World
 
@@ -19,7 +20,7 @@ END_STEP_MPS = 0.07
 """The last step of a path to rest, whether or not it was paused."""
 
 
-def request(world: World, payload: Any, action: topics.Action[Any] = topics.GO_TO) -> Any:
+def request(world: World, payload: Any, action: Action[Any] = topics.GO_TO) -> Any:
     """The reply to a request about a goal."""
     endpoints: dict[Any, Any] = {Pause: action.pause, Resume: action.resume, Cancel: action.cancel}
     endpoint = endpoints[type(payload)]

@@ -12,8 +12,8 @@ from jezero.schemas.actions import Accepted, Feedback, Rejected, Result
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import GetImagesGoal, ImagesFeedback, ImagesResult
 from jezero.schemas.images import GetImage
+from jezero.schemas.rows import Action
 from jezero.schemas.state import Status
-from jezero.schemas.topics import Action
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.lifecycle.picture_store import PictureStore
 from jezero.services.actions.lifecycle.server import ActionServer

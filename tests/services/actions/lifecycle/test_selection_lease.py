@@ -14,7 +14,7 @@ from jezero.schemas.actions import Cancel, Result
 from jezero.schemas.commands import Setpoint
 from jezero.schemas.estimate import Lease, LeaseReply, Relative
 from jezero.schemas.goals import LandOnSpotGoal
-from jezero.schemas.topics import Endpoint
+from jezero.schemas.rows import Endpoint
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.table import action_server
 from tests.services.actions.fake_bridge import FakeBridge

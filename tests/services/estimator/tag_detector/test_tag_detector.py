@@ -24,6 +24,7 @@ from jezero.runtime.service import Inbox, Output, Publish, Spec
 from jezero.schemas import topics
 from jezero.schemas.estimate import TagEstimate
 from jezero.schemas.landing_board import BIG_ID, make_board
+from jezero.schemas.rows import Topic
 from jezero.schemas.sensors import CameraFrame, CameraInfo, CornersOfTag, TagCorners
 from jezero.schemas.state import Odometry
 from jezero.schemas.struct import Message
@@ -269,7 +270,7 @@ class Feeder:
         name="feeder", outputs=(topics.ODOMETRY, topics.CAMERA_INFO, topics.TAG_CORNERS), triggers=(), rate_hz=100.0
     )
 
-    def __init__(self, messages: Sequence[tuple[float, topics.Topic[Any], Message]]) -> None:
+    def __init__(self, messages: Sequence[tuple[float, Topic[Any], Message]]) -> None:
         self._messages = list(messages)
 
     def step(self, t_ns: int, inbox: Inbox) -> list[Output]:

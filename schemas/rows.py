@@ -1,0 +1,214 @@
+"""The kinds of rows of the topic table: a topic, an endpoint, and an action with all its endpoints."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Generic, Literal, TypeVar, get_origin
+
+import msgspec
+
+from jezero.schemas import actions, commands, images
+from jezero.schemas.struct import Message, Payload
+
+Host = Literal["vehicle", "rover"]
+"""Computer of which a topic's writer is a service."""
+Rank = Literal["viewer", "pilot", "service"]
+"""Who may read or ask: everybody of the team, those who fly, or only services of the vehicle itself."""
+
+M = TypeVar("M", bound=Message)
+Q = TypeVar("Q", bound=Payload)
+R = TypeVar("R", bound=Payload)
+
+
+@dataclass(frozen=True)
+class Topic(Generic[M]):
+    """Key on which messages are published.
+
+    Attributes:
+        name: the key without `jezero/<vehicle>/`.
+        type: type of its messages, for decoding; a generic struct has its arguments.
+        rate_hz: nominal rate of publishing. None for messages that are published on events only.
+        writer: name of the one service that publishes it; `GOAL_IN_CHARGE` or `CLIENTS` where that changes.
+        host: computer whose services publish it; `CLIENTS` publish from anywhere.
+        reader: who may subscribe to it, from another computer.
+    """
+
+    name: str
+    type: type[M]
+    rate_hz: float | None
+    writer: str
+    host: Host = "vehicle"
+    reader: Rank = "viewer"
+
+    @cached_property
+    def struct(self) -> Any:
+        """Class of the messages: `type` without its arguments."""
+        return get_origin(self.type) or self.type
+
+
+GOAL_IN_CHARGE = "the goal in charge"
+"""Writer of a topic that each action server declares; only the server whose goal has control publishes it."""
+CLIENTS = "clients"
+"""Writer of a topic that is published by programs outside the stack: the command line, the SDK, any Zenoh client."""
+EVERY_ACTION = "every action server"
+"""Server of an endpoint on which each action server replies for its own goals."""
+
+
+@dataclass(frozen=True)
+class Endpoint(Generic[Q, R]):
+    """Key to which requests are sent.
+
+    Attributes:
+        name: the key without `jezero/<vehicle>/`; or a pattern with `**` for requests on keys without a server of
+            their own, whose content is the key.
+        request_type: type of each request.
+        reply_type: type (or union of types) of each reply.
+        server: name of the one service that replies; `EVERY_ACTION` where each action server replies.
+        refuse: function that makes the reply to a request that can't be decoded or served, from the reason.
+        shared: several servers reply on this key, each for its own goals.
+        wildcards: a query with wildcards gets a reply too; only for an endpoint without an effect.
+        asker: who may send requests, from another computer.
+        needs_field: a request that names no field at all is refused: it may be a mistake, such as a look at the key.
+    """
+
+    name: str
+    request_type: type[Q]
+    reply_type: Any
+    server: str
+    refuse: Callable[[str], R]
+    shared: bool = False
+    wildcards: bool = False
+    asker: Rank = "pilot"
+    needs_field: bool = False
+
+
+def refusing(
+    name: str, request_type: type[Q], reply_type: type[R], server: str, asker: Rank = "pilot", **fields: Any
+) -> Endpoint[Q, R]:
+    """An endpoint that refuses a request by its one type of reply.
+
+    Args:
+        fields: fields of the refusal besides its reason.
+    """
+    return Endpoint(name, request_type, reply_type, server, lambda why: reply_type(reason=why, **fields), asker=asker)
+
+
+@dataclass(frozen=True)
+class Action(Generic[Q]):
+    """One action: its goal, its feedback, its result, and the endpoints that its server declares.
+
+    Attributes:
+        name: name of the action, its server and its keys.
+        goal_type: type of a goal.
+        feedback_type: type of the feedback.
+        result_type: type of the result.
+        phase: phase of the setpoints, from which the status code follows.
+        takes_pictures: whether the server also declares `image`.
+        changeable: fields of a goal that may change while it is flown.
+    """
+
+    name: str
+    goal_type: type[Q]
+    feedback_type: Any
+    result_type: Any
+    phase: commands.Phase
+    takes_pictures: bool = False
+    changeable: tuple[str, ...] = ()
+
+    @cached_property
+    def endpoint(self) -> Endpoint[Q, actions.Rejected]:
+        """Endpoint of goals, with a stream of replies to each."""
+        replies = (
+            actions.Accepted
+            | actions.Rejected
+            | actions.Feedback[self.feedback_type]  # type: ignore[name-defined]
+            | actions.Result[self.result_type]  # type: ignore[name-defined]
+        )
+        return Endpoint(
+            f"@action/{self.name}",
+            self.goal_type,
+            replies,
+            self.name,
+            lambda why: actions.Rejected(reason=why),
+            needs_field=True,
+        )
+
+    @cached_property
+    def plan(self) -> Endpoint[Q, actions.PlanReply]:
+        """Endpoint that plans a goal without flying it."""
+        return refusing(f"@action/{self.name}/plan", self.goal_type, actions.PlanReply, self.name, accepted=False)
+
+    @cached_property
+    def cancel(self) -> Endpoint[actions.Cancel, actions.CancelReply]:
+        """Endpoint that ends a goal."""
+        return refusing(f"@action/{self.name}/cancel", actions.Cancel, actions.CancelReply, self.name, canceled=False)
+
+    @cached_property
+    def pause(self) -> Endpoint[actions.Pause, actions.PauseReply]:
+        """Endpoint that pauses a goal."""
+        return refusing(f"@action/{self.name}/pause", actions.Pause, actions.PauseReply, self.name, paused=False)
+
+    @cached_property
+    def resume(self) -> Endpoint[actions.Resume, actions.ResumeReply]:
+        """Endpoint that resumes a paused goal."""
+        return refusing(f"@action/{self.name}/resume", actions.Resume, actions.ResumeReply, self.name, resumed=False)
+
+    @cached_property
+    def modify(self) -> Endpoint[actions.Modify, actions.ModifyReply]:
+        """Endpoint that changes fields of a goal while it is flown."""
+        return refusing(f"@action/{self.name}/modify", actions.Modify, actions.ModifyReply, self.name, modified=False)
+
+    @cached_property
+    def image(self) -> Endpoint[images.GetImage, images.ImageReply]:
+        """Endpoint of the pixels of one image, also after the goal's end."""
+        return refusing(f"@action/{self.name}/image", images.GetImage, images.ImageReply, self.name, "viewer")
+
+    @cached_property
+    def describe(self) -> Endpoint[actions.GetDescription, actions.ActionDescription]:
+        """Endpoint of the action's description; it has no effect, so that `action/*/description` gets all of them."""
+        return Endpoint(
+            f"action/{self.name}/description",
+            actions.GetDescription,
+            actions.ActionDescription,
+            self.name,
+            lambda why: self.description,  # a request without fields has nothing to refuse
+            wildcards=True,
+            asker="viewer",
+        )
+
+    @cached_property
+    def running(self) -> Endpoint[actions.GetRunning, actions.RunningGoal]:
+        """Endpoint of the goal that is flown; it has no effect, so that `action/*/running` finds it."""
+        return Endpoint(
+            f"action/{self.name}/running",
+            actions.GetRunning,
+            actions.RunningGoal,
+            self.name,
+            lambda why: actions.RunningGoal(action=self.name),  # a request without fields has nothing to refuse
+            wildcards=True,
+            asker="viewer",
+        )
+
+    @cached_property
+    def endpoints(self) -> tuple[Endpoint[Any, Any], ...]:
+        """All endpoints of its server but the shared one."""
+        image = (self.image,) if self.takes_pictures else ()
+        requests = (self.cancel, self.pause, self.resume, self.modify)
+        return (self.endpoint, self.plan, *requests, self.describe, self.running, *image)
+
+    @cached_property
+    def description(self) -> actions.ActionDescription:
+        """The action's keys, and its goal, feedback and result as JSON Schema."""
+        return actions.ActionDescription(
+            name=self.name,
+            endpoint=self.endpoint.name,
+            cancel=self.cancel.name,
+            plan=self.plan.name,
+            pause=self.pause.name,
+            resume=self.resume.name,
+            modify=self.modify.name,
+            changeable=self.changeable,
+            goal=msgspec.json.schema(self.goal_type),
+            feedback=msgspec.json.schema(self.feedback_type),
+            result=msgspec.json.schema(self.result_type),
+        )
