@@ -43,7 +43,7 @@ def engages_again_after_a_failsafe(patch: pytest.MonkeyPatch) -> None:
 
 
 def limits_no_target_at_a_fence(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(fence_keeper, "limited_target", lambda fence, target, vehicle, *, floor_holds: (target, ""))
+    patch.setattr(fence_keeper, "limited_target", lambda fence, target, vehicle, **_: (target, ""))
 
 
 def flies_missions_on_after_a_takeover(patch: pytest.MonkeyPatch) -> None:
