@@ -15,6 +15,10 @@ LINK_SETTINGS: Mapping[str, Any] = {
     "transport/link/tx/keep_alive": 4,
 }
 """Settings of the router and of everybody else: one link to the router, found by its address alone."""
+RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
+"""When a lost connection is tried again."""
+FIRST, LAST = zenoh.Priority.INTERACTIVE_HIGH, zenoh.Priority.DATA_LOW
+"""Of what waits for a link, commands and status go first, pictures and journals last."""
 
 
 def config_of(settings: Mapping[str, Any]) -> zenoh.Config:
@@ -36,7 +40,7 @@ def client_config(router: str, timeout_s: float | None = None) -> zenoh.Config:
         "connect/endpoints": [router],
         "connect/timeout_ms": -1 if timeout_s is None else int(1000 * timeout_s),
         "connect/exit_on_failure": timeout_s is not None,
-        "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
+        "connect/retry": RETRY,
     }
     return config_of({**LINK_SETTINGS, **settings})
 
@@ -51,7 +55,7 @@ def data_of(sample: zenoh.Sample) -> bytes:
 
 
 def declare_publisher(
-    session: zenoh.Session, name: str, *, attached: bool, congestion: zenoh.CongestionControl
+    session: zenoh.Session, name: str, *, attached: bool, congestion: zenoh.CongestionControl, urgent: bool = False
 ) -> zenoh.Publisher:
     """A publisher of the messages of one key.
 
@@ -59,12 +63,13 @@ def declare_publisher(
         name: the whole key.
         attached: whether its messages have attachments.
         congestion: what happens to a message that a reader doesn't take in time.
+        urgent: whether its messages go first on a link that has no room for all.
     """
     return session.declare_publisher(
         name,
         encoding=zenoh.Encoding.APPLICATION_OCTET_STREAM if attached else zenoh.Encoding.APPLICATION_JSON,
         congestion_control=congestion,
-        priority=zenoh.Priority.DATA_LOW if attached else zenoh.Priority.DATA,
+        priority=FIRST if urgent else LAST if attached else zenoh.Priority.DATA,
     )
 
 

@@ -31,6 +31,8 @@ class Topic(Generic[M]):
         writer: name of the one service that publishes it; `GOAL_IN_CHARGE` or `CLIENTS` where that changes.
         host: computer whose services publish it; `CLIENTS` publish from anywhere.
         reader: who may subscribe to it, from another computer.
+        link_hz: greatest rate at which it crosses a link to another computer; None for as published, 0 for never.
+        urgent: whether it goes first on a link that has no room for all.
     """
 
     name: str
@@ -39,6 +41,8 @@ class Topic(Generic[M]):
     writer: str
     host: Host = "vehicle"
     reader: Rank = "viewer"
+    link_hz: float | None = None
+    urgent: bool = False
 
     @cached_property
     def struct(self) -> Any:
@@ -69,6 +73,7 @@ class Endpoint(Generic[Q, R]):
         wildcards: a query with wildcards gets a reply too; only for an endpoint without an effect.
         asker: who may send requests, from another computer.
         needs_field: a request that names no field at all is refused: it may be a mistake, such as a look at the key.
+        urgent: whether a request goes first on a link that has no room for all.
     """
 
     name: str
@@ -80,17 +85,29 @@ class Endpoint(Generic[Q, R]):
     wildcards: bool = False
     asker: Rank = "pilot"
     needs_field: bool = False
+    urgent: bool = False
 
 
 def refusing(
-    name: str, request_type: type[Q], reply_type: type[R], server: str, asker: Rank = "pilot", **fields: Any
+    name: str,
+    request_type: type[Q],
+    reply_type: type[R],
+    server: str,
+    asker: Rank = "pilot",
+    *,
+    urgent: bool = False,
+    **fields: Any,
 ) -> Endpoint[Q, R]:
     """An endpoint that refuses a request by its one type of reply.
 
     Args:
         fields: fields of the refusal besides its reason.
     """
-    return Endpoint(name, request_type, reply_type, server, lambda why: reply_type(reason=why, **fields), asker=asker)
+
+    def refuse(why: str) -> R:
+        return reply_type(reason=why, **fields)
+
+    return Endpoint(name, request_type, reply_type, server, refuse, asker=asker, urgent=urgent)
 
 
 @dataclass(frozen=True)
@@ -141,12 +158,14 @@ class Action(Generic[Q]):
     @cached_property
     def cancel(self) -> Endpoint[actions.Cancel, actions.CancelReply]:
         """Endpoint that ends a goal."""
-        return refusing(f"@action/{self.name}/cancel", actions.Cancel, actions.CancelReply, self.name, canceled=False)
+        name = f"@action/{self.name}/cancel"
+        return refusing(name, actions.Cancel, actions.CancelReply, self.name, urgent=True, canceled=False)
 
     @cached_property
     def pause(self) -> Endpoint[actions.Pause, actions.PauseReply]:
         """Endpoint that pauses a goal."""
-        return refusing(f"@action/{self.name}/pause", actions.Pause, actions.PauseReply, self.name, paused=False)
+        name = f"@action/{self.name}/pause"
+        return refusing(name, actions.Pause, actions.PauseReply, self.name, urgent=True, paused=False)
 
     @cached_property
     def resume(self) -> Endpoint[actions.Resume, actions.ResumeReply]:

@@ -3,6 +3,7 @@
 Every endpoint that has an effect is behind an `@` chunk, which the wildcards `*` and `**` never match.
 """
 
+from dataclasses import replace
 from typing import Any, Literal
 
 from jezero.schemas import (
@@ -21,27 +22,27 @@ from jezero.schemas import (
 )
 from jezero.schemas.rows import CLIENTS, EVERY_ACTION, GOAL_IN_CHARGE, Action, Endpoint, Topic, refusing
 
-CLOCK = Topic("clock", state.Clock, 10.0, "simulator")
-IMU = Topic("sensor/imu", sensors.Imu, 50.0, "simulator")
-GNSS = Topic("sensor/gnss", sensors.Gnss, 10.0, "simulator")
-BARO = Topic("sensor/baro", sensors.Barometer, 10.0, "simulator")
-MAG = Topic("sensor/mag", sensors.Magnetometer, 10.0, "simulator")
-ALTIMETER = Topic("sensor/altimeter", sensors.Altimeter, 25.0, "simulator")
-UWB = Topic("sensor/uwb", sensors.Uwb, 20.0, "simulator")
-ROVER_ODOMETRY = Topic("rover/odometry", sensors.RoverOdometry, 25.0, "simulator", host="rover")
-TRUTH = Topic("truth", state.Truth, 50.0, "simulator")
-SCENE = Topic("simulator/scene", state.Scene, 15.0, "simulator")
-CAMERA = Topic("sensor/camera", sensors.CameraFrame, 15.0, "camera")
+CLOCK = Topic("clock", state.Clock, 10.0, "simulator", urgent=True)
+IMU = Topic("sensor/imu", sensors.Imu, 50.0, "simulator", link_hz=5.0)
+GNSS = Topic("sensor/gnss", sensors.Gnss, 10.0, "simulator", link_hz=2.0)
+BARO = Topic("sensor/baro", sensors.Barometer, 10.0, "simulator", link_hz=1.0)
+MAG = Topic("sensor/mag", sensors.Magnetometer, 10.0, "simulator", link_hz=1.0)
+ALTIMETER = Topic("sensor/altimeter", sensors.Altimeter, 25.0, "simulator", link_hz=5.0)
+UWB = Topic("sensor/uwb", sensors.Uwb, 20.0, "simulator", link_hz=5.0)
+ROVER_ODOMETRY = Topic("rover/odometry", sensors.RoverOdometry, 25.0, "simulator", host="rover", urgent=True)
+TRUTH = Topic("truth", state.Truth, 50.0, "simulator", link_hz=5.0)
+SCENE = Topic("simulator/scene", state.Scene, 15.0, "simulator", link_hz=5.0)
+CAMERA = Topic("sensor/camera", sensors.CameraFrame, 15.0, "camera", link_hz=0.0)
 CAMERA_INFO = Topic("camera/info", sensors.CameraInfo, 1.0, "camera")
-TAG_CORNERS = Topic("sensor/tag_corners", sensors.TagCorners, 15.0, "camera")
-ESTIMATE_TAG = Topic("estimate/tag", estimate.TagEstimate, 15.0, "tag_detector")
-RELATIVE = Topic("estimate/relative", estimate.Relative, 50.0, "estimator")
-ROVER_ESTIMATE = Topic("estimate/rover", estimate.RoverEstimate, 10.0, "estimator")
-CAMERA_PITCH = Topic("command/camera_pitch", commands.CameraPitch, 20.0, GOAL_IN_CHARGE)
-ROVER_COMMAND = Topic("rover/command", commands.RoverCommand, 10.0, CLIENTS)
-ODOMETRY = Topic("odometry", state.Odometry, 50.0, "vehicle_bridge")
-STATUS = Topic("status", state.Status, 10.0, "vehicle_bridge")
-SETPOINT = Topic("command/setpoint", commands.Setpoint, 50.0, GOAL_IN_CHARGE, reader="service")
+TAG_CORNERS = Topic("sensor/tag_corners", sensors.TagCorners, 15.0, "camera", link_hz=0.0)
+ESTIMATE_TAG = Topic("estimate/tag", estimate.TagEstimate, 15.0, "tag_detector", link_hz=5.0)
+RELATIVE = Topic("estimate/relative", estimate.Relative, 50.0, "estimator", link_hz=10.0)
+ROVER_ESTIMATE = Topic("estimate/rover", estimate.RoverEstimate, 10.0, "estimator", link_hz=5.0)
+CAMERA_PITCH = Topic("command/camera_pitch", commands.CameraPitch, 20.0, GOAL_IN_CHARGE, link_hz=2.0)
+ROVER_COMMAND = Topic("rover/command", commands.RoverCommand, 10.0, CLIENTS, urgent=True)
+ODOMETRY = Topic("odometry", state.Odometry, 50.0, "vehicle_bridge", link_hz=10.0)
+STATUS = Topic("status", state.Status, 10.0, "vehicle_bridge", urgent=True)
+SETPOINT = Topic("command/setpoint", commands.Setpoint, 50.0, GOAL_IN_CHARGE, reader="service", link_hz=0.0)
 FENCE = Topic("fence", fence.FenceState, 1.0, "vehicle_bridge")
 MISSION = Topic("mission/progress", mission.MissionProgress, 2.0, "mission")
 PREFLIGHT = Topic("preflight", preflight.PreflightReport, None, "preflight")
@@ -58,9 +59,9 @@ ACQUIRE = refusing(
 RELEASE = refusing(
     "@control/release", commands.Release, commands.ReleaseReply, "vehicle_bridge", "service", released=False, code=-1
 )
-HOVER = refusing("@control/hover", commands.Hover, commands.HoverReply, "vehicle_bridge", hover_mode=False)
-ABORT = refusing("@control/abort", commands.Abort, commands.AbortReply, "vehicle_bridge", hovering=False)
-KILL = refusing("@control/kill", commands.Kill, commands.KillReply, "vehicle_bridge", killed=False)
+HOVER = refusing("@control/hover", commands.Hover, commands.HoverReply, "vehicle_bridge", urgent=True, hover_mode=False)
+ABORT = refusing("@control/abort", commands.Abort, commands.AbortReply, "vehicle_bridge", urgent=True, hovering=False)
+KILL = refusing("@control/kill", commands.Kill, commands.KillReply, "vehicle_bridge", urgent=True, killed=False)
 SET_FENCE = refusing("@fence/set", fence.SetFence, fence.FenceReply, "vehicle_bridge", accepted=False)
 RESULT = Endpoint(
     "@action/result",
@@ -179,13 +180,17 @@ def health_of(service: str) -> Topic[health.ServiceHealth]:
 
 def journal_of(service: str) -> Topic[journal.JournalPart]:
     """The topic on which a service's runtime publishes the service's journal, for the recorder."""
-    return Topic(f"journal/{service}", journal.JournalPart, 10.0, service, reader="service")
+    return Topic(f"journal/{service}", journal.JournalPart, 10.0, service, reader="service", link_hz=0.0)
 
 
 def feedback_of(action: Action[Any]) -> Topic[actions.FeedbackMessage[Any]]:
     """The topic on which an action's feedback is published for every subscriber."""
     message: Any = actions.FeedbackMessage[action.feedback_type]  # type: ignore[name-defined]
-    return Topic(f"action/{action.name}/feedback", message, 10.0, action.name)
+    return Topic(f"action/{action.name}/feedback", message, 10.0, action.name, link_hz=5.0)
+
+
+EVERY_ACTION_FEEDBACK = replace(feedback_of(GO_TO), name="action/*/feedback")
+"""The feedback of every action, also of those that packages add."""
 
 
 def key(vehicle: str, name: str) -> str:

@@ -51,6 +51,7 @@ class Service:
         max_retries: number of restarts that `on-failure:N` allows; None for any number.
         stop_grace_s: time between SIGTERM and SIGKILL.
         profiles: profiles that it belongs to; an empty tuple belongs to all.
+        only_with_profile: whether it runs only where one of its profiles is named (`x-only-with-profile`).
     """
 
     name: str
@@ -62,6 +63,7 @@ class Service:
     max_retries: int | None = None
     stop_grace_s: float = _DEFAULT_GRACE_S
     profiles: tuple[str, ...] = ()
+    only_with_profile: bool = False
 
 
 def parse(text: str, variables: Mapping[str, str]) -> dict[str, Service]:
@@ -111,7 +113,7 @@ def _like(pattern: Service, name: str) -> Service:
 
 
 def select(services: Mapping[str, Service], profiles: Iterable[str] = ()) -> dict[str, Service]:
-    """Services of the given profiles and those without a profile; all services if no profile is given.
+    """Services of the given profiles and those without a profile; without a profile all that need none to be named.
 
     Raises:
         ComposeError: a profile does not exist, or a selected service depends on one that is not selected.
@@ -123,7 +125,7 @@ def select(services: Mapping[str, Service], profiles: Iterable[str] = ()) -> dic
     chosen = {
         name: service
         for name, service in services.items()
-        if not wanted or not service.profiles or wanted.intersection(service.profiles)
+        if wanted.intersection(service.profiles) or not service.profiles or not (wanted or service.only_with_profile)
     }
     for service in chosen.values():
         for dependency in service.depends_on:
@@ -222,6 +224,7 @@ def _service(name: str, fields: Any) -> Service:
         max_retries=max_retries,
         stop_grace_s=_duration_s(f"{where}.stop_grace_period", fields.get("stop_grace_period", "10s")),
         profiles=_strings(f"{where}.profiles", fields.get("profiles", [])),
+        only_with_profile=fields.get("x-only-with-profile", False) is True,
     )
 
 

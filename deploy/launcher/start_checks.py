@@ -16,9 +16,9 @@ from jezero.deploy.launcher.ports import ports_of
 from jezero.deploy.launcher.state import AlreadyUpError, RunFolder, StartError
 from jezero.replay import NAME as REPLAY
 from jezero.router_address import shown_router
-from jezero.runtime.config import Instance, config_directory
+from jezero.runtime.config import HostLinks, Instance, config_directory, links_from_environment
 from jezero.runtime.ports import listen_problem
-from jezero.runtime.router import router_problem
+from jezero.runtime.router import ListenError, check_local, host_link_problem, router_problem
 
 OPEN_FILES_MIN = 256
 """The launcher of the shipped stack has 63 files open, its router 49 and 3 more for each client."""
@@ -55,7 +55,7 @@ def check_start(services: Mapping[str, Service], instance: Instance, claims: Cla
         _check_nobody_runs([*others, REPLAY], instance)
     claims.take_services(others, instance.vehicle, instance.router)
     if ROUTER in services and not router_runs:
-        router_runs = not _claim_router(instance, claims)
+        router_runs = not _claim_router(instance, links_from_environment(), claims)
     own = [name for name, service in services.items() if service.command[-1] == f"jezero.services.{name}"]
     for protocol, host, port in ports_of(own, instance):
         if problem := listen_problem(protocol, host, port, "JEZERO_INSTANCE"):
@@ -87,7 +87,7 @@ def _raise_open_files_limit() -> None:
     resource.setrlimit(resource.RLIMIT_NOFILE, (OPEN_FILES_MIN, hard))
 
 
-def _claim_router(instance: Instance, claims: Claims) -> bool:
+def _claim_router(instance: Instance, links: HostLinks, claims: Claims) -> bool:
     """Claim the router, which doesn't reply; False if another launcher starts it now.
 
     Raises:
@@ -95,9 +95,15 @@ def _claim_router(instance: Instance, claims: Claims) -> bool:
     """
     if not claims.take(instance.router):
         return False
+    try:
+        check_local(instance.router)
+    except ListenError as error:
+        raise StartError(str(error)) from None
     # After the claim, as two launchers that try the port at the same time would find it taken by each other.
     if problem := router_problem(instance.router):
         raise StartError(f"{problem} (no Zenoh router replies at {shown_router(instance.router)})")
+    if problem := next(filter(None, map(host_link_problem, links.listen)), ""):
+        raise StartError(problem)
     return True
 
 

@@ -14,15 +14,16 @@ from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 import click
 
 from jezero.cli.exit_codes import FAILED, REFUSED
-from jezero.cli.shared import INSECURE, KEYS, insecure_option, keys_option
+from jezero.cli.shared import INSECURE, KEYS, Router, insecure_option, keys_option
 from jezero.keys.bundle import INSECURE_VARIABLE
 from jezero.keys.bundle import VARIABLE as KEYS_VARIABLE
 from jezero.private_files import keep_private
+from jezero.router_address import shown_router
 
 if TYPE_CHECKING:
     from jezero.deploy.launcher.compose import Service
     from jezero.deploy.launcher.state import RunFolder
-    from jezero.runtime.config import Instance
+    from jezero.runtime.config import HostLinks, Instance
 
 POLL_S = 0.05
 LAUNCHER_LOG = "launcher.log"
@@ -58,7 +59,10 @@ def _shipped_compose_file() -> Path:
 
 @click.command()
 @click.option(
-    "--profile", "profiles", multiple=True, help="Only this profile (sim, estimation, control, ground); repeatable."
+    "--profile",
+    "profiles",
+    multiple=True,
+    help="Only this profile (sim, estimation, control, ground; onboard, rover); repeatable.",
 )
 @click.option("-d", "--detach", is_flag=True, help="Run in the background; `jezero down` stops it.")
 @click.option("--wait", is_flag=True, help="Return when the vehicle is ready; implies -d.")
@@ -66,8 +70,12 @@ def _shipped_compose_file() -> Path:
               help="Longest wait of --wait, in seconds.")  # fmt: skip
 @click.option("-f", "--file", "file", type=click.Path(path_type=Path, dir_okay=False),
               help="Compose file [default: the one shipped with jezero].")  # fmt: skip
+@click.option(
+    "--listen", type=Router(), multiple=True, metavar="ADDRESS", help="Listen to other computers there; repeatable."
+)
+@click.option("--connect", type=Router(), multiple=True, metavar="ADDRESS", help="Connect to that router; repeatable.")
 @keys_option
-@insecure_option("Listen to other computers without TLS, on a network that you trust.")
+@insecure_option("Listen and connect to other computers without TLS, on a network that you trust.")
 @run_dir_option
 @click.pass_context
 def up(
@@ -78,33 +86,49 @@ def up(
     wait: bool,
     timeout_s: float,
     file: Path | None,
+    listen: tuple[str, ...],
+    connect: tuple[str, ...],
     run_dir: Path | None,
 ) -> None:
     """Start the services of the compose file as local processes, in the foreground unless -d.
 
     Ctrl+C stops them in reverse order; a second one kills them. No process is left, however the launcher ends.
 
-    They listen at JEZERO_ROUTER; other computers reach it only with TLS, for which --keys names a bundle.
+    They meet at JEZERO_ROUTER, on this computer. On several computers each runs its own part, with a router of its own:
+
+    \b
+    jezero up --profile onboard --listen tls/0.0.0.0:7448 --keys vehicle-uav1
+    jezero up --profile ground --connect tls/192.168.1.10:7448 --keys ground-lab
     """
-    from jezero.runtime.config import instance_from_environment
+    from jezero.runtime.config import (
+        CONNECT_VARIABLE,
+        LISTEN_VARIABLE,
+        instance_from_environment,
+        links_from_environment,
+    )
 
     start_s = time.monotonic()
     if (keys := context.meta[KEYS]) is not None:
         os.environ[KEYS_VARIABLE] = str(keys.resolve())  # for the services
     if context.meta[INSECURE]:
         os.environ[INSECURE_VARIABLE] = "1"
+    for variable, endpoints in ((LISTEN_VARIABLE, listen), (CONNECT_VARIABLE, connect)):
+        if endpoints:
+            os.environ[variable] = " ".join(map(shown_router, endpoints))
     keep_private()
-    instance, folder = instance_from_environment(), run_folder(run_dir)
+    instance, links, folder = instance_from_environment(), links_from_environment(), run_folder(run_dir)
     path = (file or _shipped_compose_file()).resolve()
     services = _read_services(path, profiles)
     try:
         with _sentences(folder):
             folder.acquire()
         if not (detach or wait):
-            exit_now(_launch(services, folder, instance, path, detached=False))
-        launcher = _detach(lambda: _launch(services, folder, instance, path, detached=True), keep=folder.fileno())
+            exit_now(_launch(services, folder, instance, links, path, detached=False))
+        launcher = _detach(
+            lambda: _launch(services, folder, instance, links, path, detached=True), keep=folder.fileno()
+        )
         _wait_for_start(folder, launcher, start_s + timeout_s if wait else None, start_s)
-        _warn_if_insecure(instance)
+        _warn_if_insecure(links)
     except _CannotStart as error:
         click.echo(f"Error: {error}", err=True)
         exit_now(error.exit_code)
@@ -153,7 +177,13 @@ def _sentences(folder: "RunFolder") -> Iterator[None]:
 
 
 def _launch(
-    services: "dict[str, Service]", folder: "RunFolder", instance: "Instance", file: Path, *, detached: bool
+    services: "dict[str, Service]",
+    folder: "RunFolder",
+    instance: "Instance",
+    links: "HostLinks",
+    file: Path,
+    *,
+    detached: bool,
 ) -> int:
     """Run the launcher in this process; returns its exit code.
 
@@ -171,16 +201,17 @@ def _launch(
         if detached:
             _print_into(folder.logs / LAUNCHER_LOG)
         external = frozenset([ROUTER] if check_start(services, instance, claims) else [])
-        _warn_if_insecure(instance)
+        _warn_if_insecure(links)
         terminal = None if detached else sys.stdout
         return Launcher(services, folder, instance, str(file), external=external, terminal=terminal).run()
 
 
-def _warn_if_insecure(instance: "Instance") -> None:
+def _warn_if_insecure(links: "HostLinks") -> None:
     from jezero.router_address import insecurity
 
-    if warning := insecurity(instance.router):
-        click.echo(f"warning: {warning}", err=True)
+    for endpoint in (*links.listen, *links.connect):
+        if warning := insecurity(endpoint):
+            click.echo(f"warning: {warning}", err=True)
 
 
 def _print_into(log: Path) -> None:

@@ -16,6 +16,7 @@ from jezero.schemas.commands import Phase
 from jezero.schemas.goals import Goal
 from jezero.schemas.images import Image
 from jezero.schemas.rows import Action
+from jezero.zenoh_client import FIRST
 
 REPLIES_TIMEOUT_S = 1.0
 CANCEL_TIMEOUT_S = 3.0
@@ -50,7 +51,7 @@ class Actions:
             TimedOut: the reply is missing.
         """
         name = f"@action/{action}/cancel"
-        arrivals = self._connection.stream(name, encode(Cancel(goal_id=goal_id)), CANCEL_TIMEOUT_S)
+        arrivals = self._connection.stream(name, encode(Cancel(goal_id=goal_id)), CANCEL_TIMEOUT_S, FIRST)
         reply: CancelReply = decoder(CancelReply)(self._connection.first(arrivals, name, CANCEL_TIMEOUT_S))
         if not reply.canceled:
             raise Refused(reply.reason)

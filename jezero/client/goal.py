@@ -26,6 +26,7 @@ from jezero.schemas.actions import (
 from jezero.schemas.goals import Goal as GoalPayload
 from jezero.schemas.rows import Action
 from jezero.schemas.topics import RESULT
+from jezero.zenoh_client import FIRST
 
 F = TypeVar("F")
 R = TypeVar("R")
@@ -188,7 +189,7 @@ class Goal(Generic[F, R]):
     def _withdraw(self) -> None:
         """Cancel a goal whose acceptance did not arrive; best effort."""
         if self._connection.connected and not self._arrivals.ended:
-            self._connection.stream(self._action.cancel.name, encode(Cancel(goal_id=self.goal_id)), 1.0)
+            self._connection.stream(self._action.cancel.name, encode(Cancel(goal_id=self.goal_id)), 1.0, FIRST)
 
     @property
     def _ended(self) -> bool:

@@ -19,6 +19,7 @@ from jezero.codec import encode
 from jezero.schemas.goals import ImagesFeedback, ImagesResult
 from jezero.schemas.images import GetImage, Image, ImageReply
 from jezero.schemas.rows import Action
+from jezero.zenoh_client import LAST
 
 IMAGE_TIMEOUT_S = 10.0
 
@@ -80,7 +81,7 @@ class ImagesGoal(Goal[ImagesFeedback, ImagesResult]):
 def fetch_picture(connection: Connection, action: Action[Any], goal_id: str, image: Image) -> Picture:
     """Fetch one image of a goal from its server; raises the errors of `ImagesGoal.picture`."""
     request = encode(GetImage(goal_id=goal_id, index=image.index))
-    arrivals = connection.stream(action.image.name, request, IMAGE_TIMEOUT_S)
+    arrivals = connection.stream(action.image.name, request, IMAGE_TIMEOUT_S, LAST)
     reply: ImageReply = decode(ImageReply, connection.first(arrivals, action.image.name, IMAGE_TIMEOUT_S))
     if reply.reason:
         raise JezeroError(reply.reason)

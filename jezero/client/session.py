@@ -21,7 +21,7 @@ from jezero.router_address import shown_router
 from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.struct import Message, Payload
 from jezero.schemas.topics import key, liveliness_key
-from jezero.zenoh_client import client_config, data_of
+from jezero.zenoh_client import FIRST, client_config, data_of
 
 CONNECT_ATTEMPT_S = 0.5
 TIMEOUT_MARGIN_S = 0.2
@@ -153,8 +153,13 @@ class Connection:
             return f"the connection to {self.vehicle} was closed"
         return "" if self.connected else f"the connection to the router {self.router} is lost"
 
-    def stream(self, name: str, payload: bytes, timeout_s: float) -> Arrivals:
+    def stream(
+        self, name: str, payload: bytes, timeout_s: float, priority: zenoh.Priority = zenoh.Priority.DATA
+    ) -> Arrivals:
         """Send a query; its replies arrive in the returned queue.
+
+        Args:
+            priority: of the query and its replies on a link that has no room for all.
 
         Raises:
             Unreachable: the session is closed.
@@ -166,6 +171,7 @@ class Connection:
                 zenoh.handlers.Callback(arrivals.on_reply, arrivals.on_end, indirect=False),
                 target=zenoh.QueryTarget.BEST_MATCHING,
                 consolidation=zenoh.ConsolidationMode.NONE,
+                priority=priority,
                 timeout=timeout_s,
                 payload=payload or None,
                 encoding=zenoh.Encoding.APPLICATION_JSON,
@@ -183,7 +189,8 @@ class Connection:
             Unreachable: no server has this key.
             TimedOut: the server does not reply in time.
         """
-        data = self.first(self.stream(endpoint.name, encode(payload), timeout_s), endpoint.name, timeout_s)
+        priority = FIRST if endpoint.urgent else zenoh.Priority.DATA
+        data = self.first(self.stream(endpoint.name, encode(payload), timeout_s, priority), endpoint.name, timeout_s)
         return decode(endpoint.reply_type, data)
 
     def first(self, arrivals: Arrivals, name: str, timeout_s: float) -> bytes:

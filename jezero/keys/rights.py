@@ -98,7 +98,8 @@ def _rules(vehicle: str, role: Role) -> Iterator[dict[str, Any]]:
         yield rule("all", ALL_MESSAGES, BOTH, KEYS)
         return
     yield rule("subscribes", ("declare_subscriber", "query"), IN, ("**",))
-    yield rule("hears", ("put", "reply"), OUT, ("**",))
+    # The router of a computer has to know who replies; a program sends its request to its router in any case.
+    yield rule("hears", ("put", "reply", "declare_queryable"), OUT, ("**",))
     yield {**rule("hears no secrets", ("put",), OUT, hidden_from(role)), "permission": "deny"}
     yield rule("asks", ("query",), IN, asked_by(role))
     yield rule("gets replies", ("reply", "declare_queryable"), OUT, asked_by(role))

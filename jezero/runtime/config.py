@@ -4,7 +4,7 @@ import os
 import re
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal, NamedTuple, TypeVar
 
 import msgspec
 from msgspec import Meta
@@ -76,6 +76,38 @@ _VARIABLES = {
     "number": "JEZERO_INSTANCE",
     "gcs_port": "JEZERO_GCS_PORT",
 }
+
+
+class HostLinks(NamedTuple):
+    """The links of this computer's router with other computers, read from the environment by the router alone.
+
+    Attributes:
+        listen: Zenoh's endpoints at which it listens to them (`JEZERO_LISTEN`).
+        connect: Zenoh's endpoints of their routers, to which it connects (`JEZERO_CONNECT`).
+    """
+
+    listen: tuple[str, ...] = ()
+    connect: tuple[str, ...] = ()
+
+
+NO_LINKS = HostLinks()
+LISTEN_VARIABLE, CONNECT_VARIABLE = "JEZERO_LISTEN", "JEZERO_CONNECT"
+
+
+def links_from_environment() -> HostLinks:
+    """Read `JEZERO_LISTEN` and `JEZERO_CONNECT`, addresses with blanks between them, and the variables of the keys.
+
+    Raises:
+        ConfigError: an address is malformed, or needs keys.
+    """
+    return HostLinks(_endpoints(LISTEN_VARIABLE), _endpoints(CONNECT_VARIABLE))
+
+
+def _endpoints(variable: str) -> tuple[str, ...]:
+    try:
+        return tuple(given_endpoint(address) for address in os.environ.get(variable, "").split())
+    except ValueError as error:
+        raise ConfigError(f"{variable}: {error}") from None
 
 
 def vehicle_from_environment() -> str:

@@ -27,6 +27,18 @@ VARIABLES = (
         "–",
         "whether the router's address may leave this computer without TLS; `1` permits it.",
     ),
+    Variable(
+        "JEZERO_LISTEN",
+        "addresses",
+        "–",
+        "where the stack's router listens to other computers, such as `tls/0.0.0.0:7448`; several with blanks between.",
+    ),
+    Variable(
+        "JEZERO_CONNECT",
+        "addresses",
+        "–",
+        "routers of other computers to which the stack's router connects, such as `tls/uav1.local:7448`.",
+    ),
     Variable("JEZERO_CONFIG_DIR", "folder", "the shipped folder", "folder of the settings."),
     Variable(
         "JEZERO_RUN_DIR",

@@ -1,4 +1,8 @@
-"""The Zenoh router of one stack: `python -m jezero.runtime.router` listens on `JEZERO_ROUTER` until SIGTERM."""
+"""The Zenoh router of one stack: `python -m jezero.runtime.router` routes until SIGTERM.
+
+It listens to the programs of its own computer at `JEZERO_ROUTER` and to other computers at `JEZERO_LISTEN`, and
+connects to the routers of others at `JEZERO_CONNECT`. So what a computer's programs say to each other waits for no radio.
+"""
 
 import os
 import re
@@ -8,7 +12,7 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import zenoh
@@ -18,14 +22,24 @@ from jezero.keys.bundle import members_of
 from jezero.keys.diagnosis import listening_problem
 from jezero.keys.members import KeysError
 from jezero.keys.rights import access_control
-from jezero.router_address import insecurity, parse_router, shown_router
-from jezero.runtime.config import ConfigError, Instance, instance_from_environment
+from jezero.router_address import insecurity, is_loopback, parse_router, shown_router
+from jezero.runtime.config import (
+    LISTEN_VARIABLE,
+    NO_LINKS,
+    ConfigError,
+    HostLinks,
+    Instance,
+    instance_from_environment,
+    links_from_environment,
+)
 from jezero.runtime.link_guard import LinkGuard
+from jezero.runtime.link_rules import link_rules
 from jezero.runtime.ports import listen_problem
 from jezero.runtime.process import new_boot_id
+from jezero.runtime.uplinks import Uplinks
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.topics import CAMERA, KEYS, TOPICS, health_of, key, liveliness_key
-from jezero.zenoh_client import LINK_SETTINGS, config_of
+from jezero.zenoh_client import LINK_SETTINGS, RETRY, config_of
 
 NAME = "router"
 CLOSE_TIMEOUT_S = 0.7
@@ -40,6 +54,9 @@ ROUTER_SETTINGS: Mapping[str, Any] = {
     "mode": "router",
     "listen/timeout_ms": 0,  # a port that is taken is an error at once
     "listen/exit_on_failure": True,
+    "connect/timeout_ms": -1,  # a router works without the others, and goes on trying to connect to them
+    "connect/exit_on_failure": False,
+    "connect/retry": RETRY,
     # A reply waits this long in us for a reader that doesn't take it, then the reader's link is closed. The action
     # server that replies can't send setpoints meanwhile, and a setpoint counts for 0.3 s. The default is 5 s.
     "transport/link/tx/queue/congestion_control/block/wait_before_close": 200_000,
@@ -60,18 +77,20 @@ class ListenError(RuntimeError):
     """The router can't listen on its endpoint; the message names it and the reason."""
 
 
-def open_router(endpoint: str, vehicle: str) -> zenoh.Session:
-    """Start listening, with the rights of the team's members where the endpoint has a bundle.
+def open_router(endpoint: str, vehicle: str, links: HostLinks = NO_LINKS) -> zenoh.Session:
+    """Start listening, with the rights of the team's members where an endpoint has a bundle.
 
     Args:
         endpoint: Zenoh's endpoint, with the files of the bundle for TLS.
         vehicle: name of the vehicle within the keys.
+        links: links with other computers.
 
     Raises:
-        ListenError: the port is taken or forbidden for this user, this machine doesn't have the address, nobody would
+        ListenError: a port is taken or forbidden for this user, this machine doesn't have the address, nobody would
             take the certificate of the bundle, or the list of the team's members is missing.
     """
-    if problem := listening_problem(endpoint):
+    listening, others = (endpoint, *links.listen), (*links.listen, *links.connect)
+    if problem := next(filter(None, map(listening_problem, listening)), ""):
         raise ListenError(problem)
     size = {
         "id": "size",
@@ -80,22 +99,38 @@ def open_router(endpoint: str, vehicle: str) -> zenoh.Session:
         "key_exprs": [key("*", name) for name in SIZED],
         "size_limit": SIZE_MAX_BYTES,
     }
-    settings = {**ROUTER_SETTINGS, "listen/endpoints": [endpoint], "low_pass_filter": [size]}
-    if parse_router(endpoint).protocol == "tls":
+    settings = {
+        **ROUTER_SETTINGS,
+        "listen/endpoints": list(listening),
+        "connect/endpoints": list(links.connect),
+        "low_pass_filter": [size],
+    }
+    if others:
+        settings["downsampling"] = link_rules(vehicle, others)
+    with_keys = [each for each in (endpoint, *others) if parse_router(each).protocol == "tls"]
+    if with_keys:
         try:
-            settings["access_control"] = access_control(vehicle, members_of(endpoint))
+            settings["access_control"] = access_control(vehicle, members_of(with_keys[0]))
         except KeysError as error:
             raise ListenError(str(error)) from None
     try:
         return zenoh.open(config_of(settings))
     except zenoh.ZError as error:
-        raise ListenError(
-            router_problem(endpoint) or f"cannot listen on {shown_router(endpoint)}: {_reason(error)}"
-        ) from error
+        problem = router_problem(endpoint) or next(filter(None, map(host_link_problem, links.listen)), "")
+        raise ListenError(problem or f"cannot listen on {_shown(listening)}: {_reason(error)}") from error
 
 
-def router_problem(endpoint: str) -> str:
+def host_link_problem(endpoint: str) -> str:
+    """Why no router can listen to other computers on an endpoint now, in one sentence, or ""; see `router_problem`."""
+    return router_problem(endpoint, LISTEN_VARIABLE)
+
+
+def router_problem(endpoint: str, variable: str = "JEZERO_ROUTER") -> str:
     """Why no router can listen on an endpoint now, in one sentence, or "".
+
+    Args:
+        endpoint: Zenoh's endpoint.
+        variable: environment variable that has the address.
 
     Raises:
         ValueError: the endpoint's syntax is wrong.
@@ -103,9 +138,25 @@ def router_problem(endpoint: str) -> str:
     protocol, host, port = parse_router(endpoint)
     if not host:
         return ""
-    return listening_problem(endpoint) or listen_problem(
-        "udp" if protocol == "udp" else "tcp", host, port, "JEZERO_ROUTER"
-    )
+    return listening_problem(endpoint) or listen_problem("udp" if protocol == "udp" else "tcp", host, port, variable)
+
+
+def check_local(endpoint: str) -> None:
+    """Check the address for the programs of the router's own computer, on which nothing is left out.
+
+    Raises:
+        ListenError: other computers reach it, or it has TLS.
+    """
+    protocol, host, _ = parse_router(endpoint)
+    if host and (protocol == "tls" or not is_loopback(host)):
+        raise ListenError(
+            f"JEZERO_ROUTER is {shown_router(endpoint)}, but the programs of this computer meet on its loopback, such "
+            "as tcp/127.0.0.1:7447: where other computers connect is said by --listen or JEZERO_LISTEN"
+        )
+
+
+def _shown(endpoints: Iterable[str]) -> str:
+    return " and ".join(map(shown_router, endpoints))
 
 
 def _reason(error: zenoh.ZError) -> str:
@@ -114,25 +165,28 @@ def _reason(error: zenoh.ZError) -> str:
     return known[1] if known else str(error).split(" at /", maxsplit=1)[0]
 
 
-def run(instance: Instance) -> None:
+def run(instance: Instance, links: HostLinks) -> None:
     """Route until SIGTERM or SIGINT, and publish health once a second.
 
     Raises:
-        ListenError: see `open_router`.
+        ListenError: see `open_router` and `check_local`.
     """
+    check_local(instance.router)
     stop_read, stop_write = socket.socketpair()
     stop_write.setblocking(False)
     signal.set_wakeup_fd(stop_write.fileno())  # works in whichever thread the signal arrives
     for number in STOP_SIGNALS:
         signal.signal(number, lambda _number, _frame: None)
-    session = open_router(instance.router, instance.vehicle)
+    session = open_router(instance.router, instance.vehicle, links)
     alive = session.liveliness().declare_token(liveliness_key(instance.vehicle, "service", NAME))
     publisher = session.declare_publisher(
         key(instance.vehicle, health_of(NAME).name), encoding=zenoh.Encoding.APPLICATION_JSON
     )
     boot_id, process = new_boot_id(), f"{socket.gethostname()} pid {os.getpid()}"
     readers = _StoppedReaders(session)
-    where = f"listening on {insecurity(instance.router) or shown_router(instance.router)}"
+    uplinks = Uplinks(session, links.connect)
+    warnings = "".join(f"; {warning}" for each in (*links.listen, *links.connect) if (warning := insecurity(each)))
+    where = f"listening on {_shown((instance.router, *links.listen))}{warnings}"
     stopping, health_due_s = False, time.monotonic()
     while not stopping:
         readers.update()
@@ -144,8 +198,8 @@ def run(instance: Instance) -> None:
                 service=NAME,
                 boot_id=boot_id,
                 process=process,
-                state="ok",
-                text=f"{where}, {sessions} sessions{readers.text}",
+                state="degraded" if uplinks.problem else "ok",
+                text=(uplinks.problem or f"{where}, {sessions} sessions{readers.text}")[:TEXT_MAX],
             )
             publisher.put(encode(report))
         stopping = bool(select.select([stop_read], [], [], SAMPLE_PERIOD_S)[0])
@@ -181,7 +235,7 @@ class _StoppedReaders:
     def text(self) -> str:
         """For health: the readers of the last minute, or ""."""
         names = ", ".join(name for name, _ in self._named.values())
-        return f"; stopped reading, link closed: {names}"[:TEXT_MAX] if names else ""
+        return f"; stopped reading, link closed: {names}" if names else ""
 
 
 def _close(session: zenoh.Session) -> None:
@@ -197,7 +251,7 @@ def _close(session: zenoh.Session) -> None:
 def main() -> int:
     """Run the router of the instance in the environment."""
     try:
-        run(instance_from_environment())
+        run(instance_from_environment(), links_from_environment())
     except (ConfigError, ListenError) as error:
         print(f"{NAME}: {error}", file=sys.stderr)
         return os.EX_CONFIG if isinstance(error, ConfigError) else 1

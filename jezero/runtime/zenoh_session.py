@@ -17,7 +17,7 @@ from jezero.runtime.service import Spec
 from jezero.schemas import topics
 from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.topics import health_of, journal_of, key, liveliness_key
-from jezero.zenoh_client import client_config, data_of, declare_publisher, put
+from jezero.zenoh_client import FIRST, LAST, client_config, data_of, declare_publisher, put
 
 CLAIM_TIMEOUT_S = 2.5
 """Duration for which a service waits for its name; the lease of a dead process ends after 2 s."""
@@ -180,6 +180,7 @@ class BusSession:
                 key(self._instance.vehicle, topic.name),
                 attached=topic.name in self._attached,
                 congestion=zenoh.CongestionControl.DROP,  # else one reader that stands still stops everybody
+                urgent=topic.urgent,
             )
         for topic in self._spec.last_value:
             self._declare_last_value(topic.name)
@@ -286,7 +287,7 @@ class BusSession:
                 own,
                 encoding=zenoh.Encoding.APPLICATION_JSON,
                 congestion_control=zenoh.CongestionControl.DROP,
-                priority=zenoh.Priority.DATA_LOW,
+                priority=LAST,
             )
         status: Any = self._journal.matching_status
         if status.matching:
@@ -311,6 +312,7 @@ class BusSession:
             _direct(on_reply, lambda: self._enqueue("response", call_id, (None, "no server"))),
             target=zenoh.QueryTarget.BEST_MATCHING,
             consolidation=zenoh.ConsolidationMode.NONE,
+            priority=FIRST if endpoint.urgent else zenoh.Priority.DATA,
             timeout=timeout_s,
             payload=data,
             encoding=zenoh.Encoding.APPLICATION_JSON,

@@ -44,6 +44,8 @@ class Stack:
     environment: dict[str, str]
     processes_cached: dict[str, int] = field(default_factory=dict)
     """Process id of each service at the start, so that a test can kill one without running a command first."""
+    before: tuple[str, ...] = ()
+    """Words before each command, which run it on another computer of a `Network`."""
 
     def choose_autopilot(self, autopilot: str) -> None:
         """Set the autopilot of the next start. PX4's start script has one port for ground stations only."""
@@ -59,7 +61,12 @@ class Stack:
     def jezero(self, *words: str, check: bool = True, timeout_s: float = 120) -> subprocess.CompletedProcess[str]:
         """Run a jezero command against this stack."""
         done = subprocess.run(
-            [*JEZERO, *words], env=self.environment, capture_output=True, text=True, timeout=timeout_s, check=False
+            [*self.before, *JEZERO, *words],
+            env=self.environment,
+            capture_output=True,
+            text=True,
+            timeout=timeout_s,
+            check=False,
         )
         if check and done.returncode != 0:
             raise AssertionError(f"jezero {' '.join(words)}: exit {done.returncode}\n{done.stdout}\n{done.stderr}")
@@ -68,7 +75,11 @@ class Stack:
     def start(self, *words: str) -> "subprocess.Popen[str]":
         """Start a jezero command and leave it running."""
         return subprocess.Popen(
-            [*JEZERO, *words], env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            [*self.before, *JEZERO, *words],
+            env=self.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
         )
 
     def connect(self) -> Vehicle:

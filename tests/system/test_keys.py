@@ -7,7 +7,7 @@ import pytest
 
 from jezero import Refused, Unreachable, Vehicle
 from jezero.keys.team import Team
-from tests.keys.rig import make_team
+from tests.keys.rig import free_port, make_team
 from tests.system.conftest import Stack, new_stack
 
 
@@ -19,13 +19,13 @@ def team(tmp_path_factory: pytest.TempPathFactory) -> Team:
 @pytest.fixture(scope="module")
 def stack(tmp_path_factory: pytest.TempPathFactory, team: Team) -> Iterator[Stack]:
     with new_stack(tmp_path_factory.mktemp("stack")) as stack:
-        stack.environment["JEZERO_ROUTER"] = address(stack)
+        stack.environment["JEZERO_LISTEN"] = f"tls/127.0.0.1:{free_port()}"
         stack.environment["JEZERO_KEYS"] = str(team.bundle("vehicle-uav1"))
         yield stack.up()
 
 
 def address(stack: Stack) -> str:
-    return stack.instance.router.replace("tcp/", "tls/")
+    return stack.environment["JEZERO_LISTEN"]
 
 
 def connect(stack: Stack, bundle: Path | None) -> Vehicle:
@@ -55,4 +55,4 @@ def test_a_stranger_without_keys_does_not_get_in(stack: Stack) -> None:
     with pytest.raises(Unreachable, match="--keys"):
         connect(stack, None)
     with pytest.raises(Unreachable, match="speaks TLS only"):
-        Vehicle.connect(stack.instance.vehicle, router=stack.instance.router, timeout_s=5.0)
+        Vehicle.connect(stack.instance.vehicle, router=address(stack).replace("tls/", "tcp/"), timeout_s=5.0)

@@ -41,13 +41,14 @@ def all_endpoints() -> tuple[Endpoint[Any, Any], ...]:
 
 
 def topic_rows() -> list[Row]:
-    """One row a topic: name, message type, rate, writer, readers, and who may read it from another computer."""
+    """One row a topic: name, message type, rates, writer, readers, and who may read it from another computer."""
     specs = all_specs().values()
     return [
         {
             "topic": topic.name,
             "type": topic.struct.__name__,
             "rate_hz": topic.rate_hz,
+            "link_hz": topic.rate_hz if topic.link_hz is None else topic.link_hz,
             "writer": topic.writer,
             "may read": topic.reader,
             "readers": [s.name for s in specs if topic in (*s.inputs, *s.on_demand)],
@@ -110,6 +111,8 @@ def page() -> str:
 
 This page is the output of `jezero info page topics`. Keys are `jezero/<vehicle>/<name>`; *actions* are all action
 servers. Every service also publishes `health/<service>` once a second, and at once when its state changes.
+
+*link_hz* is the greatest rate at which a topic crosses a link [between computers](../how-to/three-computers.md).
 
 *May read* and *may request* name who may do so from another computer with [keys](../how-to/keys.md#who-may-what): a
 viewer is everybody of the team, a pilot who flies, a service one of the vehicle's own.

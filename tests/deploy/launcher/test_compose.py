@@ -42,7 +42,7 @@ def test_profiles_choose_services_and_those_without_one_always_run() -> None:
 
 
 def test_an_unknown_profile_is_refused_with_those_there_are() -> None:
-    with pytest.raises(ComposeError, match=r"profile simulation; there are control, estimation, ground, sim"):
+    with pytest.raises(ComposeError, match=r"profile simulation; there are control, estimation, ground, onboard, sim"):
         select(parse(SHIPPED.read_text(), {}), ["simulation"])
 
 
