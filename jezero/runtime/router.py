@@ -1,7 +1,8 @@
 """The Zenoh router of one stack: `python -m jezero.runtime.router` routes until SIGTERM.
 
 It listens to the programs of its own computer at `JEZERO_ROUTER` and to other computers at `JEZERO_LISTEN`, and
-connects to the routers of others at `JEZERO_CONNECT`. So what a computer's programs say to each other waits for no radio.
+connects to the routers of others at `JEZERO_CONNECT`. So what programs of one computer say to each other waits for no
+radio.
 """
 
 import os

@@ -93,7 +93,7 @@ def test_each_topic_crosses_the_link_at_the_rate_of_the_table(hosts: Hosts) -> N
 
     subscribers = [hosts.ground.declare_subscriber(key(VEHICLE, name), count) for name in counts]
     publishers = [hosts.vehicle.declare_publisher(key(VEHICLE, name)) for name in counts]
-    assert wait_until(lambda: all(each.matching_status.matching for each in publishers if "journal" not in str(each)))
+    time.sleep(SETTLE_S)
     begin_s = time.monotonic()
     for _ in range(SENT):
         for publisher in publishers:
