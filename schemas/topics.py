@@ -33,6 +33,7 @@ TRUTH = Topic("truth", state.Truth, 50.0, "simulator")
 SCENE = Topic("simulator/scene", state.Scene, 15.0, "simulator")
 CAMERA = Topic("sensor/camera", sensors.CameraFrame, 15.0, "camera")
 CAMERA_INFO = Topic("camera/info", sensors.CameraInfo, 1.0, "camera")
+CAMERA_PREVIEW = Topic("camera/preview", sensors.CameraPreview, 2.0, "camera")
 TAG_CORNERS = Topic("sensor/tag_corners", sensors.TagCorners, 15.0, "camera")
 ESTIMATE_TAG = Topic("estimate/tag", estimate.TagEstimate, 15.0, "tag_detector")
 RELATIVE = Topic("estimate/relative", estimate.Relative, 50.0, "estimator")
@@ -48,8 +49,8 @@ PREFLIGHT = Topic("preflight", preflight.PreflightReport, None, "preflight")
 
 TOPICS: tuple[Topic[Any], ...] = (
     CLOCK, IMU, GNSS, BARO, MAG, ALTIMETER, UWB, ROVER_ODOMETRY, TRUTH, ODOMETRY, STATUS, SETPOINT,
-    SCENE, CAMERA, CAMERA_INFO, TAG_CORNERS, ESTIMATE_TAG, RELATIVE, ROVER_ESTIMATE, CAMERA_PITCH, ROVER_COMMAND,
-    MISSION, PREFLIGHT, FENCE,
+    SCENE, CAMERA, CAMERA_INFO, CAMERA_PREVIEW, TAG_CORNERS, ESTIMATE_TAG, RELATIVE, ROVER_ESTIMATE, CAMERA_PITCH,
+    ROVER_COMMAND, MISSION, PREFLIGHT, FENCE,
 )  # fmt: skip
 
 ACQUIRE = refusing(
