@@ -25,7 +25,7 @@ def preview_of(frame: CameraFrame) -> CameraPreview:
     scale = min(1.0, SIDE_MAX_PX / max(image.size))
     while True:
         size_px = (max(1, round(scale * frame.width_px)), max(1, round(scale * frame.height_px)))
-        small = image if size_px == image.size else image.resize(size_px, Image.Resampling.LANCZOS)
+        small = image if size_px == image.size else image.resize(size_px, Image.Resampling.HAMMING)
         for quality in QUALITIES:
             jpeg = _jpeg(small, quality)
             if len(jpeg) <= PREVIEW_MAX_BYTES:
