@@ -8,13 +8,16 @@ from jezero.schemas.topics import CAMERA_PREVIEW
 from jezero.schemas.units import NS_PER_S
 
 PREVIEW_PERIOD_NS = int(NS_PER_S / (CAMERA_PREVIEW.rate_hz or 1.0))
+FRAME_TIMEOUT_S = 2.0
+"""Without an image for this duration, a preview is shown or saved in its place. Images don't leave the vehicle's
+computer; even the slowest renderer makes several in this time."""
 SIDE_MAX_PX = 480
-"""Longer side of a preview. Simulated ground, with its stones, fits into `PREVIEW_MAX_BYTES` at the middle qualities; a
-picture of 320 px in finer quality shows less of it."""
+"""Longer side of a preview. Simulated ground, with its stones, fits into `PREVIEW_MAX_BYTES` in quality 45 or 60; a
+picture of 320 px shows less of it, in whatever quality."""
 QUALITIES = (60, 45, 30)
 """Qualities of the JPEG, of which the first is taken that is small enough."""
 SHRINKING = 0.7
-"""Factor of the sides of a picture that is too large in each quality."""
+"""Factor of the sides of a picture that is too large in all qualities."""
 
 
 def preview_of(frame: CameraFrame) -> CameraPreview:

@@ -4,6 +4,7 @@ import io
 from pathlib import Path
 from typing import TypeVar
 
+from jezero.camera_preview import FRAME_TIMEOUT_S
 from jezero.client.errors import JezeroError, TimedOut, Unreachable
 from jezero.client.png import png_of
 from jezero.client.session import Connection
@@ -14,10 +15,6 @@ from jezero.schemas.struct import Message
 from jezero.schemas.topics import CAMERA, CAMERA_PREVIEW
 
 M = TypeVar("M", bound=Message)
-
-FRAME_TIMEOUT_S = 2.0
-"""Without an image for this duration, a preview is shown or saved in its place. Images don't leave the vehicle's
-computer; even the slowest renderer makes several in this time."""
 
 
 class Camera:

@@ -11,9 +11,8 @@ from collections import deque
 from contextlib import suppress
 from typing import Any
 
-from jezero.aio import JezeroError, Vehicle
-from jezero.client.camera import FRAME_TIMEOUT_S
-from jezero.client.errors import TimedOut
+from jezero.aio import JezeroError, TimedOut, Vehicle
+from jezero.camera_preview import FRAME_TIMEOUT_S
 from jezero.schemas import topics
 from jezero.schemas.estimate import Relative, TagEstimate
 from jezero.schemas.rows import Topic
