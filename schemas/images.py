@@ -16,7 +16,7 @@ from jezero.schemas.struct import (
     Text,
     TimeNs,
     Unit,
-    WithAttachment,
+    WithPixels,
 )
 
 LISTING = "images/images.json"
@@ -88,7 +88,7 @@ class GetImage(Payload, frozen=True, kw_only=True):
     index: Index
 
 
-class ImageReply(Payload, WithAttachment, frozen=True, kw_only=True):
+class ImageReply(Payload, WithPixels, frozen=True, kw_only=True):
     """Reply to `GetImage`.
 
     On Zenoh the pixels are the payload and everything else is its attachment, in JSON, as of a `CameraFrame`.

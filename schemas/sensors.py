@@ -17,6 +17,7 @@ from jezero.schemas.struct import (
     Vector,
     VelocityNed,
     WithAttachment,
+    WithPixels,
 )
 
 PixelCoordinate = Annotated[float, Meta(ge=-1e5, le=1e5)]
@@ -164,7 +165,7 @@ class CameraInfo(Message, frozen=True, kw_only=True):
     distortion: Distortion = NO_DISTORTION
 
 
-class CameraFrame(Message, WithAttachment, frozen=True, kw_only=True, omit_defaults=True):
+class CameraFrame(Message, WithPixels, frozen=True, kw_only=True, omit_defaults=True):
     """One image of the camera; `t_ns` is the middle of its exposure.
 
     On Zenoh the pixels are the payload and everything else is its attachment, in JSON.
@@ -186,6 +187,41 @@ class CameraFrame(Message, WithAttachment, frozen=True, kw_only=True, omit_defau
     roll_camera_rad: Angle = 0.0
     exposure_s: NonNegative
     pixels: bytes = b""
+
+
+JPEG_START = b"\xff\xd8\xff"
+PREVIEW_MAX_BYTES = 18_000
+"""Size of a preview. Two in a second are 288 kbit/s, so that a radio of 1 Mbit/s has room for all other topics."""
+
+
+class CameraPreview(Message, WithAttachment, frozen=True, kw_only=True, omit_defaults=True):
+    """A small picture of the camera, for people on another computer; `t_ns` is the middle of its exposure.
+
+    On Zenoh the JPEG is the payload and everything else is its attachment, in JSON.
+
+    Attributes:
+        width_px: width of the picture.
+        height_px: height of the picture.
+        scale: pixels of the picture per pixel of the `CameraFrame` from which it was made, in both directions.
+        pitch_camera_rad: pitch of the optical axis against the body's forward axis; -pi/2 points straight down.
+        roll_camera_rad: roll of the pitch axis about the body's forward axis; positive turns the view to the left.
+        jpeg: the picture as a JPEG file of up to `PREVIEW_MAX_BYTES`.
+    """
+
+    attached_field = "jpeg"
+    width_px: Annotated[int, Meta(ge=1, le=8192)]
+    height_px: Annotated[int, Meta(ge=1, le=8192)]
+    scale: Annotated[float, Meta(gt=0.0, le=1.0)]
+    pitch_camera_rad: Angle
+    roll_camera_rad: Angle = 0.0
+    jpeg: bytes = b""
+
+    def check_attachment(self) -> None:
+        """Raise ValueError where the attachment is no JPEG, or too large for a radio."""
+        if not self.jpeg.startswith(JPEG_START):
+            raise ValueError(f"the {len(self.jpeg)} bytes of the preview are no JPEG")
+        if len(self.jpeg) > PREVIEW_MAX_BYTES:
+            raise ValueError(f"a preview of {len(self.jpeg)} bytes is larger than {PREVIEW_MAX_BYTES}")
 
 
 class CornersOfTag(Payload, frozen=True, kw_only=True):

@@ -34,9 +34,38 @@ class Message(Payload, frozen=True, kw_only=True):
 
 
 class WithAttachment:
-    """Mixin of a payload whose pixels travel beside the JSON of its other fields, as they are.
+    """Mixin of a payload with bytes that travel beside the JSON of its other fields, as they are.
 
-    A subclass declares the fields `width_px`, `height_px` and `pixels`; without its attachment it has no pixels.
+    Attributes:
+        attached_field: name of the field that has these bytes; it is empty in a payload without its attachment.
+    """
+
+    __slots__ = ()
+    attached_field: ClassVar[str]
+
+    @property
+    def attachment(self) -> bytes:
+        """Bytes that travel beside the JSON."""
+        data: bytes = getattr(self, self.attached_field)
+        return data
+
+    def with_attachment(self, data: bytes) -> Self:
+        """Copy of the payload with another attachment, which only `check_attachment` checks."""
+        return msgspec.structs.replace(self, **{self.attached_field: data})  # type: ignore[type-var]
+
+    def check_attachment(self) -> None:
+        """Compare the attachment with the other fields.
+
+        Raises:
+            ValueError: they don't fit; the text says why.
+        """
+        raise NotImplementedError
+
+
+class WithPixels(WithAttachment):
+    """Mixin of a payload whose attachment is pixels as they are.
+
+    A subclass declares the fields `width_px`, `height_px` and `pixels`.
 
     Attributes:
         width_px: number of columns.
@@ -45,25 +74,13 @@ class WithAttachment:
     """
 
     __slots__ = ()
+    attached_field = "pixels"
     width_px: int
     height_px: int
     pixels: bytes
 
-    @property
-    def attachment(self) -> bytes:
-        """Bytes that travel beside the JSON."""
-        return self.pixels
-
-    def with_attachment(self, data: bytes) -> Self:
-        """Copy of the payload with another attachment, which only `check_attachment` checks."""
-        return msgspec.structs.replace(self, pixels=data)  # type: ignore[type-var]
-
     def check_attachment(self) -> None:
-        """Compare the attachment with the other fields.
-
-        Raises:
-            ValueError: the attachment does not have three bytes for each pixel.
-        """
+        """Raise ValueError where the pixels are not three bytes for each pixel."""
         if len(self.pixels) != 3 * self.width_px * self.height_px:
             size = f"{self.width_px} x {self.height_px}"
             raise ValueError(f"{len(self.pixels)} bytes are not {size} pixels of three bytes")

@@ -34,6 +34,7 @@ TRUTH = Topic("truth", state.Truth, 50.0, "simulator", link_hz=5.0)
 SCENE = Topic("simulator/scene", state.Scene, 15.0, "simulator", link_hz=5.0)
 CAMERA = Topic("sensor/camera", sensors.CameraFrame, 15.0, "camera", link_hz=0.0)
 CAMERA_INFO = Topic("camera/info", sensors.CameraInfo, 1.0, "camera")
+CAMERA_PREVIEW = Topic("camera/preview", sensors.CameraPreview, 2.0, "camera")
 TAG_CORNERS = Topic("sensor/tag_corners", sensors.TagCorners, 15.0, "camera", link_hz=0.0)
 ESTIMATE_TAG = Topic("estimate/tag", estimate.TagEstimate, 15.0, "tag_detector", link_hz=5.0)
 RELATIVE = Topic("estimate/relative", estimate.Relative, 50.0, "estimator", link_hz=10.0)
@@ -49,8 +50,8 @@ PREFLIGHT = Topic("preflight", preflight.PreflightReport, None, "preflight")
 
 TOPICS: tuple[Topic[Any], ...] = (
     CLOCK, IMU, GNSS, BARO, MAG, ALTIMETER, UWB, ROVER_ODOMETRY, TRUTH, ODOMETRY, STATUS, SETPOINT,
-    SCENE, CAMERA, CAMERA_INFO, TAG_CORNERS, ESTIMATE_TAG, RELATIVE, ROVER_ESTIMATE, CAMERA_PITCH, ROVER_COMMAND,
-    MISSION, PREFLIGHT, FENCE,
+    SCENE, CAMERA, CAMERA_INFO, CAMERA_PREVIEW, TAG_CORNERS, ESTIMATE_TAG, RELATIVE, ROVER_ESTIMATE, CAMERA_PITCH,
+    ROVER_COMMAND, MISSION, PREFLIGHT, FENCE,
 )  # fmt: skip
 
 ACQUIRE = refusing(

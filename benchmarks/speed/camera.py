@@ -7,9 +7,10 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from math import pi
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -18,10 +19,12 @@ import zenoh
 from benchmarks.speed.bare import direct
 from benchmarks.speed.stack import Stack, cpu_ns, percentile, running_stack
 from jezero import Vehicle
+from jezero.camera_preview import preview_of
 from jezero.deploy.launcher.ports import reserved_instance
 from jezero.frames import quat_from_euler
 from jezero.runtime.clock import VehicleClock
 from jezero.runtime.config import load_config
+from jezero.schemas.sensors import CameraFrame
 from jezero.schemas.state import Clock, Scene
 from jezero.schemas.topics import CAMERA, CLOCK, key
 from jezero.services.simulator.camera.config import CameraConfig
@@ -83,8 +86,9 @@ def time_of(make: Callable[[], object]) -> Cost:
 
 
 def costs(kind: str) -> dict[str, Cost]:
-    """Costs of all views with one renderer, or of mode "projected"."""
-    config = msgspec.structs.replace(load_config(CameraConfig, "camera"), renderer="egl" if kind == "egl" else "tiny")
+    """Costs of all views with one renderer, of mode "projected", or of the previews of the views."""
+    renderers = {"egl": "egl", "preview": "auto"}
+    config = msgspec.structs.replace(load_config(CameraConfig, "camera"), renderer=renderers.get(kind, "tiny"))
     vehicle = load_config(VehicleConfig, "vehicle")
     board = BoardGeometry(vehicle.platform.board)
     place = load_config(SimulatorConfig, "simulator")
@@ -94,7 +98,7 @@ def costs(kind: str) -> dict[str, Cost]:
     for name, above_m, pitch_rad, speed_mps in VIEWS:
         scene = scene_of(above_m, speed_mps)
 
-        def make(scene: Scene = scene, pitch_rad: float = pitch_rad) -> object:
+        def make(scene: Scene = scene, pitch_rad: float = pitch_rad) -> Any:
             half_s, mount = 0.5 * config.exposure_s, vehicle.camera.pos_camera_frd_m
             begin, middle, end = (
                 view_of(scene, mount, (pitch_rad, 0.0), ahead_s=ahead_s) for ahead_s in (-half_s, 0.0, half_s)
@@ -103,8 +107,22 @@ def costs(kind: str) -> dict[str, Cost]:
                 return detect(board, (begin, middle, end), vehicle.camera.info(0), config.projection, rng)
             return renderer.picture(scene, (begin, middle, end))
 
-        found[name] = time_of(make)
+        found[name] = time_of(partial(preview_of, _frame(make(), vehicle)) if kind == "preview" else make)
     return found
+
+
+def _frame(pixels: bytes, vehicle: VehicleConfig) -> CameraFrame:
+    """A camera's message with these pixels."""
+    width_px, height_px = vehicle.camera.width_px, vehicle.camera.height_px
+    return CameraFrame(
+        t_ns=0,
+        sequence=1,
+        width_px=width_px,
+        height_px=height_px,
+        pitch_camera_rad=0.0,
+        exposure_s=0.0,
+        pixels=pixels,
+    )
 
 
 class Delivery(NamedTuple):
@@ -183,7 +201,7 @@ def main() -> int:
     arguments = parser.parse_args()
     print(f"load {os.getloadavg()[0]:.1f}; ms of processor / median ms of one picture")
     print(f"{'':10}" + "".join(f"{name:>24}" for name, *_ in VIEWS))
-    for kind in ("egl", "tiny", "projected"):
+    for kind in ("egl", "tiny", "projected", "preview"):
         try:
             row = costs(kind)
         except NoEglError as error:

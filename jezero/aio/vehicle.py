@@ -53,6 +53,7 @@ class Camera:
         self._blocking = blocking
 
     frame = in_thread(camera.Camera.frame)
+    preview = in_thread(camera.Camera.preview)
     snap = in_thread(camera.Camera.snap)
 
 

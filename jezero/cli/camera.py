@@ -6,6 +6,7 @@ import click
 
 from jezero.cli.shared import FINITE, NUMBERS, FiniteRange, Printer, common_options, connected
 from jezero.os_errors import naming
+from jezero.schemas.sensors import CameraPreview
 
 PNG = click.Path(path_type=Path, dir_okay=False, writable=True)
 
@@ -20,12 +21,16 @@ def camera() -> None:
 @click.option("--timeout", "timeout_s", type=FINITE, default=3.0, show_default=True, help="Seconds to wait.")
 @common_options
 def snap(file: Path, timeout_s: float, vehicle: str, router: str, as_json: bool) -> None:
-    """Save the next image of the camera as FILE, a PNG."""
+    """Save the next image of the camera as FILE, a PNG.
+
+    On another computer than the vehicle's, which its images don't reach, the next preview is saved.
+    """
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
         with naming(file):
             frame = uav.camera.snap(file, timeout_s)
-        text = f"wrote {file}: {frame.width_px} x {frame.height_px} pixels, taken at {frame.t_ns / 1e9:.3f} s"
+        kind = ", a preview" if isinstance(frame, CameraPreview) else ""
+        text = f"wrote {file}: {frame.width_px} x {frame.height_px} pixels{kind}, taken at {frame.t_ns / 1e9:.3f} s"
         printer.event("result", text, outcome="succeeded", file=str(file), t_ns=frame.t_ns)
 
 

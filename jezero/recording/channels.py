@@ -6,6 +6,7 @@ from typing import Any
 
 import msgspec
 
+from jezero.codec import has_attachment
 from jezero.plugins import PluginError, load_declaration, plugin_names
 from jezero.recording import foxglove, viewer_scene
 from jezero.recording.images import HEADERS
@@ -46,7 +47,7 @@ def usable_actions() -> dict[str, Action[Any]]:
 
 def keys_without_images() -> list[str]:
     """Keys, without `jezero/<vehicle>/`, of everything that is recorded but the camera's images."""
-    return [name for name in _topics() if name not in (CAMERA.name, HEADERS)] + [f"{_HEALTH}*"]
+    return [name for name, topic in _topics().items() if not has_attachment(topic.type)] + [f"{_HEALTH}*"]
 
 
 def schema_name(name: str) -> str:

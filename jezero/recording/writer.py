@@ -14,7 +14,7 @@ from jezero.recording.channels import json_schema, schema_name
 from jezero.recording.images import ImageFormat, split_image
 from jezero.recording.mcap_file import ABOUT
 from jezero.recording.viewer_scene import ViewerScene
-from jezero.schemas.topics import CAMERA
+from jezero.schemas.topics import CAMERA, CAMERA_PREVIEW
 from jezero.schemas.units import NS_PER_S
 
 RECORDING = "flight.mcap"
@@ -89,11 +89,14 @@ class RecordingWriter:
             logged_ns: time of arrival, on the recording's own clock. Viewers need times that never decrease, so an
                 earlier time than the last one is written as the last one.
             topic: name of the topic.
-            data: the encoded message. Of an image, the pixels become a message of their own.
+            data: the encoded message. Of an image, the pixels become a message of their own; a preview of one is left
+                out, as the image shows more.
 
         Raises:
             OSError: the file can't be written.
         """
+        if topic == CAMERA_PREVIEW.name:
+            return
         self._last_ns = max(self._last_ns, logged_ns)
         if self._chunk_start_ns is None:
             self._chunk_start_ns = self._last_ns

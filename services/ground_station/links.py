@@ -6,16 +6,17 @@ Times are seconds of a clock that the caller reads.
 from collections import deque
 from typing import Any
 
+from jezero.codec import has_attachment
 from jezero.schemas.rows import CLIENTS, GOAL_IN_CHARGE
-from jezero.schemas.topics import CAMERA, TOPICS
+from jezero.schemas.topics import TOPICS
 from jezero.services.ground_station.words import duration
 
 SPAN_S = 5.0
 ARRIVALS_MAX = 512
 LATE_FRACTION = 0.5
 """A topic with less than this fraction of its rate is marked."""
-LINKS = tuple(topic for topic in TOPICS if topic is not CAMERA)
-"""The topics of the table. The camera's images are too large to be read for a count."""
+LINKS = tuple(topic for topic in TOPICS if not has_attachment(topic.type))
+"""The topics of the table. The camera's images and previews are too large to be read for a count."""
 
 
 class LinkTable:

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
+from jezero.codec import has_attachment
 from jezero.recording.channels import json_schema
 from jezero.schemas.rows import Topic
-from jezero.schemas.topics import CAMERA, TOPICS
+from jezero.schemas.topics import TOPICS
 
 SPAN_S = 60.0
 PERIOD_MIN_S = 0.05
@@ -61,7 +62,7 @@ class PlotField:
 
 def plottable_topics() -> list[str]:
     """Names of the topics whose numbers can be plotted."""
-    return [topic.name for topic in TOPICS if topic is not CAMERA and fields_of(topic)]
+    return [topic.name for topic in TOPICS if not has_attachment(topic.type) and fields_of(topic)]
 
 
 def fields_of(topic: Topic[Any]) -> list[PlotField]:

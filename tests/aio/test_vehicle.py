@@ -186,7 +186,7 @@ def test_pictures_come_once_each(server: Server, endpoint: str) -> None:
 
 def test_without_a_camera_a_snap_says_so(server: Server, endpoint: str, tmp_path: Path) -> None:
     async def test(uav: Vehicle) -> None:
-        with pytest.raises(Unreachable, match=r"no image of v within 0.1 s"):
+        with pytest.raises(Unreachable, match=r"no image and no preview of v within 0.1 s"):
             await uav.camera.snap(tmp_path / "x.png", timeout_s=0.1)
 
     with_vehicle(endpoint, server, test)

@@ -1,7 +1,9 @@
 """Telemetry of the client: latest values, subscriptions, pictures, the rover, and an end in the middle of each."""
 
 import inspect
+import io
 import struct
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -9,15 +11,17 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from PIL import Image
 
-from jezero import TimedOut, Unreachable, Vehicle
+from jezero import JezeroError, TimedOut, Unreachable, Vehicle
+from jezero.client import camera
 from jezero.client.dataset import Dataset
 from jezero.client.goal import Goal
 from jezero.client.images import ImagesGoal
 from jezero.client.rover import Rover
 from jezero.client.subscription import QUEUE_MAX, Subscription
 from jezero.schemas import topics
-from jezero.schemas.sensors import Altimeter, CameraFrame
+from jezero.schemas.sensors import Altimeter, CameraFrame, CameraPreview
 from jezero.schemas.state import Battery, Clock, Odometry
 from tests.client.rig import (
     ACCEPTED,
@@ -160,8 +164,59 @@ def test_snap_writes_a_png_of_the_next_picture(vehicle: Vehicle, server: Server,
     assert struct.unpack(">II", data[16:24]) == (frame.width_px, frame.height_px) == (2, 1)
 
 
+def publish_preview(server: Server, jpeg: bytes) -> None:
+    key = topics.key("v", topics.CAMERA_PREVIEW.name)
+    wait_until_subscribed(server.session, key)
+    header = {"t_ns": 8, "width_px": 3, "height_px": 2, "scale": 0.5, "pitch_camera_rad": -1.5}
+    server.session.put(key, jpeg, attachment=msgspec.json.encode(header))
+
+
+def test_where_only_previews_arrive_snap_writes_one_as_a_png(
+    vehicle: Vehicle, server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(camera, "FRAME_TIMEOUT_S", 0.1)
+    jpeg = io.BytesIO()
+    Image.new("RGB", (3, 2), (200, 30, 30)).save(jpeg, "jpeg", quality=95)
+    publisher = threading.Thread(target=publish_preview, args=[server, jpeg.getvalue()])
+    publisher.start()
+    preview = vehicle.camera.snap(tmp_path / "x.png", timeout_s=5.0)
+    publisher.join()
+    assert isinstance(preview, CameraPreview) and (preview.t_ns, preview.jpeg) == (8, jpeg.getvalue())
+    with Image.open(tmp_path / "x.png") as image:
+        red, green, blue = image.convert("RGB").tobytes()[:3]
+        assert (image.format, image.size) == ("PNG", (3, 2))
+        assert red > 180 and green < 60 and blue < 60
+
+
+def test_without_pillow_a_snap_of_a_preview_says_what_to_install(
+    vehicle: Vehicle, server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(camera, "FRAME_TIMEOUT_S", 0.1)
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    publisher = threading.Thread(target=publish_preview, args=[server, b"\xff\xd8\xff"])
+    publisher.start()
+    with pytest.raises(JezeroError, match=r"pip install 'jezero\[cli\]'"):
+        vehicle.camera.snap(tmp_path / "x.png", timeout_s=5.0)
+    publisher.join()
+    assert not (tmp_path / "x.png").exists()
+
+
+def test_the_preview_is_read_on_its_own_too(vehicle: Vehicle, server: Server) -> None:
+    publisher = threading.Thread(target=publish_preview, args=[server, b"\xff\xd8\xff"])
+    publisher.start()
+    assert vehicle.camera.preview(timeout_s=5.0).scale == 0.5
+    publisher.join()
+
+
+def test_without_images_a_program_on_another_computer_is_told_of_previews(vehicle: Vehicle) -> None:
+    with pytest.raises(Unreachable, match=r"no image of v within 0.1 s.*there are previews only"):
+        vehicle.camera.frame(timeout_s=0.1)
+    with pytest.raises(Unreachable, match=r"no preview of v within 0.1 s: does its camera run"):
+        vehicle.camera.preview(timeout_s=0.1)
+
+
 def test_without_a_camera_a_snap_says_so_and_writes_nothing(vehicle: Vehicle, tmp_path: Path) -> None:
-    with pytest.raises(Unreachable, match=r"no image of v within 0.1 s: does its camera run in the mode rendered\?"):
+    with pytest.raises(Unreachable, match=r"no image and no preview of v within 0.1 s: does its camera run in the"):
         vehicle.camera.snap(tmp_path / "x.png", timeout_s=0.1)
     assert not (tmp_path / "x.png").exists()
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
+from jezero.camera_preview import preview_of
 from jezero.codec import encode
 from jezero.recording import open_recording
 from jezero.recording.channels import json_schema, keys_without_images, schema_name
@@ -63,6 +64,22 @@ def test_an_image_is_recorded_as_a_jpeg_that_viewers_show_and_its_other_fields_b
     assert frame.t_ns == 7
     assert pixels.shape == (48, 64, 3)
     assert np.abs(pixels.astype(int) - 120).max() < 5
+
+
+def test_previews_are_left_out_as_the_images_show_more(tmp_path: Path) -> None:
+    path = tmp_path / "flight.mcap"
+    with RecordingWriter(path, {}, image_format=ImageFormat("jpeg", 90)) as writer:
+        writer.write(7, topics.CAMERA.name, encode(FRAME))
+        writer.write(8, topics.CAMERA_PREVIEW.name, encode(preview_of(FRAME)))
+    with path.open("rb") as file:
+        found = {message[1].topic for message in make_reader(file).iter_messages()}
+    assert found == {"sensor/camera", "sensor/camera/header"}
+
+
+def test_live_viewers_are_sent_neither_images_nor_previews_without_asking() -> None:
+    keys = keys_without_images()
+    assert topics.CAMERA_INFO.name in keys
+    assert not {topics.CAMERA.name, topics.CAMERA_PREVIEW.name, "sensor/camera/header"} & set(keys)
 
 
 def test_an_image_recorded_as_a_png_has_every_pixel_as_it_was(tmp_path: Path) -> None:

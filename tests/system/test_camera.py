@@ -1,5 +1,6 @@
 """The camera as a real process: its pictures are those of its renderer."""
 
+import io
 import os
 import subprocess
 import sys
@@ -7,13 +8,14 @@ import time
 
 import numpy as np
 import zenoh
+from PIL import Image
 
 from jezero.codec import decode, encode
 from jezero.deploy.launcher.ports import instance_environment, reserved_instance
 from jezero.frames import quat_from_euler
 from jezero.runtime.config import load_config
 from jezero.schemas import topics
-from jezero.schemas.sensors import CameraFrame
+from jezero.schemas.sensors import CameraFrame, CameraPreview
 from jezero.schemas.state import Clock, Scene
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.making import make_renderer
@@ -41,8 +43,9 @@ def scene(t_ns: int) -> Scene:
     )
 
 
-def test_pictures_of_a_real_process_equal_those_of_its_renderer() -> None:
+def test_pictures_and_previews_of_a_real_process_equal_those_of_its_renderer() -> None:
     frames: list[CameraFrame] = []
+    previews: list[CameraPreview] = []
     with reserved_instance(vehicle=f"camera{os.getpid()}") as instance:
         environment = {**os.environ, **instance_environment(instance)}
         modules = ("jezero.runtime.router", "jezero.services.simulator.camera")
@@ -52,15 +55,20 @@ def test_pictures_of_a_real_process_equal_those_of_its_renderer() -> None:
                 camera = topics.key(instance.vehicle, topics.CAMERA.name)
                 session.declare_subscriber(camera, lambda sample: frames.append(decode(CameraFrame, data_of(sample))))
 
+                preview = topics.key(instance.vehicle, topics.CAMERA_PREVIEW.name)
+                session.declare_subscriber(
+                    preview, lambda sample: previews.append(decode(CameraPreview, data_of(sample)))
+                )
+
                 def shows() -> bool:
                     now_ns = time.monotonic_ns()
                     clock = Clock(t_ns=now_ns, epoch_id=1, wall_ns=now_ns)
                     session.put(topics.key(instance.vehicle, topics.CLOCK.name), encode(clock))
                     session.put(topics.key(instance.vehicle, topics.SCENE.name), encode(scene(now_ns)))
                     time.sleep(0.07)
-                    return len(frames) >= 3
+                    return len(frames) >= 3 and len(previews) >= 2
 
-                wait_for(shows, 60, "three pictures")
+                wait_for(shows, 60, "three pictures and two previews")
         finally:
             for process in processes:
                 process.terminate()
@@ -74,3 +82,8 @@ def test_pictures_of_a_real_process_equal_those_of_its_renderer() -> None:
     shown = np.frombuffer(frame.pixels, dtype=np.uint8).astype(float)
     assert drawn.std() > 30.0
     assert np.abs(shown - drawn).mean() < 10.0
+    seen = next(frame for frame in frames if frame.t_ns == previews[-1].t_ns)
+    with Image.open(io.BytesIO(previews[-1].jpeg)) as image:
+        whole = np.asarray(image.resize((seen.width_px, seen.height_px))).astype(float)
+    pixels = np.frombuffer(seen.pixels, dtype=np.uint8).reshape(whole.shape)
+    assert np.abs(whole - pixels).mean() < 10.0

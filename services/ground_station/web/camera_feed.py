@@ -1,4 +1,8 @@
-"""The camera's images for the page, with the detected tags drawn in. They are read only while somebody looks."""
+"""The camera's images for the page, with the detected tags drawn in. They are read only while somebody looks.
+
+Images are too large for a radio and don't leave the vehicle's computer. A ground station on another computer shows the
+camera's previews in their place.
+"""
 
 import asyncio
 import io
@@ -7,17 +11,19 @@ from collections import deque
 from contextlib import suppress
 from typing import Any
 
-from jezero.aio import JezeroError, Vehicle
+from jezero.aio import JezeroError, TimedOut, Vehicle
+from jezero.camera_preview import FRAME_TIMEOUT_S
 from jezero.schemas import topics
 from jezero.schemas.estimate import Relative, TagEstimate
 from jezero.schemas.rows import Topic
-from jezero.schemas.sensors import CameraFrame
+from jezero.schemas.sensors import CameraFrame, CameraPreview
 from jezero.schemas.state import Odometry
 from jezero.schemas.units import NS_PER_S
 from jezero.services.ground_station.tag_marks import Pixel, tag_outlines
 from jezero.vehicle_config import VehicleConfig
 
 PICTURE_AGE_MAX_S = 2.0
+RETRY_S = 0.2
 LOOKER_TIMEOUT_S = 3.0
 """The camera's images are read until nobody has asked for one for this duration."""
 JPEG_QUALITY = 75
@@ -37,7 +43,8 @@ class CameraFeed:
     def __init__(self, vehicle: VehicleConfig, rate_hz: float) -> None:
         self._vehicle = vehicle
         self._period_s = 1.0 / rate_hz
-        self._asked_s = 0.0
+        self._asked_s = self._frame_s = 0.0
+        """Times at which a page asked for an image, and at which one arrived from the camera, or reading began."""
         self._reading: asyncio.Task[None] | None = None
         self._picture: tuple[float, bytes] | None = None
         self._odometry: deque[Odometry] = deque(maxlen=ODOMETRY_KEPT)
@@ -59,30 +66,59 @@ class CameraFeed:
             self._reading.cancel()
 
     async def _read(self, uav: Vehicle) -> None:
+        self._frame_s = time.monotonic()
         beside = [
+            asyncio.create_task(self._read_previews(uav)),
             asyncio.create_task(_keep(uav, topics.ODOMETRY, self._odometry)),
             asyncio.create_task(_keep(uav, topics.ESTIMATE_TAG, self._tags)),
             asyncio.create_task(_keep(uav, topics.RELATIVE, self._relative)),
         ]
         try:
             with suppress(JezeroError):  # no camera, or no router: `picture` shows that there is no image
-                await self._read_images(uav)
+                await self._read_frames(uav)
         finally:
             for task in beside:
                 task.cancel()
 
-    async def _read_images(self, uav: Vehicle) -> None:
+    async def _read_frames(self, uav: Vehicle) -> None:
+        """Read the camera's images until nobody looks any more."""
         next_s = 0.0
         async with uav.subscribe(topics.CAMERA) as stream:
             while time.monotonic() - self._asked_s < LOOKER_TIMEOUT_S:
-                frame = await stream.next(LOOKER_TIMEOUT_S)
-                now_s = time.monotonic()
+                try:
+                    frame = await stream.next(FRAME_TIMEOUT_S)
+                except TimedOut:
+                    continue
+                self._frame_s = now_s = time.monotonic()
                 if now_s >= next_s:
                     next_s = now_s + self._period_s
-                    self._picture = (now_s, await asyncio.to_thread(_jpeg, frame, self._outlines(frame)))
+                    self._picture = (now_s, await asyncio.to_thread(_marked_frame, frame, self._outlines(frame)))
 
-    def _outlines(self, frame: CameraFrame) -> list[list[Pixel]]:
-        """Corners of the tags that were detected at about the time of an image."""
+    async def _read_previews(self, uav: Vehicle) -> None:
+        """Read the camera's previews while no image arrives."""
+        with suppress(JezeroError):  # the connection was closed
+            while True:
+                await asyncio.sleep(RETRY_S)
+                if self._frames_are_silent():
+                    await self._read_previews_until_frame(uav)
+
+    async def _read_previews_until_frame(self, uav: Vehicle) -> None:
+        async with uav.subscribe(topics.CAMERA_PREVIEW) as stream:
+            while self._frames_are_silent():
+                try:
+                    preview = await stream.next(FRAME_TIMEOUT_S)
+                    marked = await asyncio.to_thread(_marked_preview, preview, self._outlines(preview))
+                except (JezeroError, OSError):  # none in time, not valid, or the JPEG is damaged
+                    await asyncio.sleep(RETRY_S)
+                    continue
+                if self._frames_are_silent():
+                    self._picture = (time.monotonic(), marked)
+
+    def _frames_are_silent(self) -> bool:
+        return time.monotonic() - self._frame_s > FRAME_TIMEOUT_S
+
+    def _outlines(self, frame: CameraFrame | CameraPreview) -> list[list[Pixel]]:
+        """Corners, in pixels of a whole image, of the tags that were detected at about the time of an image."""
         if not self._odometry or not self._tags or abs(self._tags[0].t_ns - frame.t_ns) > MARK_AGE_MAX_NS:
             return []
         yaw_rad = self._tags[0].yaw_rover_rad
@@ -104,13 +140,31 @@ async def _keep(uav: Vehicle, topic: Topic[Any], kept: deque[Any]) -> None:
                 kept.append(message)
 
 
-def _jpeg(frame: CameraFrame, outlines: list[list[Pixel]]) -> bytes:
-    from PIL import Image, ImageDraw
+def _marked_frame(frame: CameraFrame, outlines: list[list[Pixel]]) -> bytes:
+    """An image as a JPEG with outlines."""
+    from PIL import Image
 
-    compressed = io.BytesIO()
-    image = Image.frombytes("RGB", (frame.width_px, frame.height_px), frame.pixels)
+    return _marked(Image.frombytes("RGB", (frame.width_px, frame.height_px), frame.pixels), outlines, width_px=3)
+
+
+def _marked_preview(preview: CameraPreview, outlines: list[list[Pixel]]) -> bytes:
+    """A preview with outlines, which are in pixels of a whole image; as it is, if there are none."""
+    from PIL import Image
+
+    if not outlines:
+        return preview.jpeg
+    scale = preview.scale
+    scaled = [[(scale * (x + 0.5) - 0.5, scale * (y + 0.5) - 0.5) for x, y in corners] for corners in outlines]
+    with Image.open(io.BytesIO(preview.jpeg)) as image:
+        return _marked(image.convert("RGB"), scaled, width_px=2)
+
+
+def _marked(image: Any, outlines: list[list[Pixel]], width_px: int) -> bytes:
+    from PIL import ImageDraw
+
     draw = ImageDraw.Draw(image)
     for corners in outlines:
-        draw.line([*corners, corners[0]], fill=GREEN, width=3, joint="curve")
+        draw.line([*corners, corners[0]], fill=GREEN, width=width_px, joint="curve")
+    compressed = io.BytesIO()
     image.save(compressed, "jpeg", quality=JPEG_QUALITY)
     return compressed.getvalue()

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from functools import partial
 from typing import Protocol
 
+from jezero.camera_preview import PREVIEW_PERIOD_NS, preview_of
 from jezero.runtime.service import Health, Inbox, Output, Publish, Spec
 from jezero.schemas import topics
 from jezero.schemas.sensors import CameraFrame, TagCorners
@@ -22,7 +23,7 @@ INFO_PERIOD_NS = NS_PER_S
 SPEC = Spec(
     name="camera",
     inputs=(topics.SCENE, topics.CAMERA_PITCH),
-    outputs=(topics.CAMERA, topics.CAMERA_INFO, topics.TAG_CORNERS),
+    outputs=(topics.CAMERA, topics.CAMERA_INFO, topics.CAMERA_PREVIEW, topics.TAG_CORNERS),
     triggers=(topics.SCENE.name,),
     rate_hz=100.0,
 )
@@ -78,6 +79,8 @@ class Camera:
         self._sequence = 0
         self._next_exposure_ns = 0
         self._next_info_ns = 0
+        self._preview_period = -1
+        """Number of the period, from time 0, whose preview is published."""
         self._described = False
         self.description = "projecting the tags" if renderer is None else renderer.description
 
@@ -91,7 +94,10 @@ class Camera:
         if scenes:
             self._expose(scenes[-1])
         while self._waiting and self._waiting[0][0] <= t_ns:
-            yield self._waiting.popleft()[1]
+            exposed = self._waiting.popleft()[1]
+            yield exposed
+            if isinstance(exposed.message, CameraFrame):
+                yield from self._preview(exposed.message)
         if t_ns >= self._next_info_ns or self._next_info_ns > t_ns + INFO_PERIOD_NS:
             self._next_info_ns = t_ns + INFO_PERIOD_NS
             yield Publish(topics.CAMERA_INFO, self._mount.info(t_ns))
@@ -109,6 +115,13 @@ class Camera:
         views = self._views(scene)
         due_ns = scene.t_ns + int(self._config.delay_s * NS_PER_S)
         self._waiting.append((due_ns, self._take(scene, views)))
+
+    def _preview(self, frame: CameraFrame) -> Iterable[Output]:
+        """Publish the preview of the first frame of each period."""
+        period = frame.t_ns // PREVIEW_PERIOD_NS
+        if period != self._preview_period:
+            self._preview_period = period
+            yield Publish(topics.CAMERA_PREVIEW, preview_of(frame))
 
     def _views(self, scene: Scene) -> tuple[View, View, View]:
         gimbal = self._gimbal

@@ -12,7 +12,7 @@ from jezero.runtime.service import Inbox, Output, Publish, Spec
 from jezero.schemas import topics
 from jezero.schemas.commands import CameraPitch
 from jezero.schemas.landing_board import BIG_ID
-from jezero.schemas.sensors import CameraFrame, TagCorners
+from jezero.schemas.sensors import CameraFrame, CameraPreview, TagCorners
 from jezero.schemas.state import Scene
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.services.simulator.camera.gimbal import Gimbal
@@ -137,6 +137,21 @@ def test_rendered_pictures_keep_their_exposure_time_and_count_up() -> None:
         assert isinstance(first, CameraFrame) and isinstance(second, CameraFrame)
         assert second.sequence == first.sequence + 1
         assert second.t_ns > first.t_ns
+
+
+def test_a_frame_is_followed_by_its_preview_twice_a_second() -> None:
+    seen = published(Camera(CameraConfig(), VEHICLE, Grey(), seed=1), 3.2)
+    frames = dict(decoded(CameraFrame, seen[topics.CAMERA.name]))
+    previews = decoded(CameraPreview, seen[topics.CAMERA_PREVIEW.name])
+    assert len(previews) in {6, 7}
+    for t_ns, preview in previews:
+        frame = frames[t_ns]
+        assert isinstance(frame, CameraFrame) and isinstance(preview, CameraPreview)
+        assert (preview.t_ns, preview.pitch_camera_rad) == (frame.t_ns, frame.pitch_camera_rad)
+
+
+def test_projected_tags_have_no_previews() -> None:
+    assert topics.CAMERA_PREVIEW.name not in published(Camera(CONFIG, VEHICLE, None, seed=1), 1.0)
 
 
 def test_a_slower_camera_takes_every_third_scene() -> None:
