@@ -61,6 +61,8 @@ ROUTER_SETTINGS: Mapping[str, Any] = {
     # A reply waits this long in us for a reader that doesn't take it, then the reader's link is closed. The action
     # server that replies can't send setpoints meanwhile, and a setpoint counts for 0.3 s. The default is 5 s.
     "transport/link/tx/queue/congestion_control/block/wait_before_close": 200_000,
+    # A picture as it is, 0.9 MB, waits here for a radio, and so for no one else. In batches of 64 kB; the default is 2.
+    "transport/link/tx/queue/size/data_low": 16,
     "scouting/delay": 0,  # nothing is scouted; the default waits 0.5 s for it
 }
 """Zenoh's settings of every router."""

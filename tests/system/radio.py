@@ -80,7 +80,7 @@ class Network:
     """
 
     computers: tuple[str, ...]
-    _links: dict[frozenset[str], _Link] = field(default_factory=dict)
+    _links: list[tuple[frozenset[str], _Link]] = field(default_factory=list)
 
     def __enter__(self) -> Self:
         for computer in self.computers:
@@ -95,7 +95,7 @@ class Network:
         os.write(self._stop_write, b"x")
         if self._thread.ident is not None:
             self._thread.join()
-        for link in self._links.values():
+        for _, link in self._links:
             for end in link.ends:
                 os.close(end)
         os.close(self._stop_read)
@@ -120,7 +120,7 @@ class Network:
             ends.append(_open_tun(self.namespace(computer), device))
             _ip("-n", self.namespace(computer), "addr", "add", f"{address}/30", "dev", device)
             _ip("-n", self.namespace(computer), "link", "set", device, "up")
-        self._links[frozenset((one, other))] = _Link(radio, (ends[0], ends[1]))
+        self._links.append((frozenset((one, other)), _Link(radio, (ends[0], ends[1]))))
         return addresses
 
     def start(self) -> None:
@@ -129,8 +129,8 @@ class Network:
 
     @contextlib.contextmanager
     def cut(self, one: str, other: str) -> Iterator[None]:
-        """Carry nothing between two computers in the `with` block."""
-        link = self._links[frozenset((one, other))]
+        """Let the radio between two computers carry nothing in the `with` block."""
+        link = self._radio(one, other)
         link.is_cut = True
         try:
             yield
@@ -138,11 +138,14 @@ class Network:
             link.is_cut = False
 
     def carried_bytes(self, one: str, other: str) -> int:
-        """Bytes that a link has carried so far, in both directions, with the headers of IP and TCP."""
-        return self._links[frozenset((one, other))].carried_bytes
+        """Bytes that a radio has carried so far, in both directions, with the headers of IP and TCP."""
+        return self._radio(one, other).carried_bytes
+
+    def _radio(self, one: str, other: str) -> _Link:
+        return next(link for ends, link in self._links if ends == {one, other} and link.radio is not CABLE)
 
     def _carry(self) -> None:
-        ends = {end: (link, link.ends[1 - i]) for link in self._links.values() for i, end in enumerate(link.ends)}
+        ends = {end: (link, link.ends[1 - i]) for _, link in self._links for i, end in enumerate(link.ends)}
         waiting: list[tuple[float, int, int, bytes]] = []
         count = 0
         while True:

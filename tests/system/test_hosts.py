@@ -7,39 +7,42 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import hypot
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from jezero.keys.team import Team
 from jezero.runtime.config import Instance
 from tests.system.conftest import JEZERO, Stack, wait_for
-from tests.system.radio import Network, Radio, missing
+from tests.system.radio import CABLE, Network, Radio, missing
 
 pytestmark = [pytest.mark.skipif(bool(missing()), reason=missing()), pytest.mark.long]
 
 BAD_RADIO = Radio(rate_bps=1e6, delay_s=0.05, loss=0.05)
 PORT = 7448
-RADIO = ("vehicle", "ground")
+RADIO, ROVER_RADIO = ("vehicle", "ground"), ("vehicle", "rover")
 COMMAND_S = 60.0
 
 
 @dataclass
 class Hosts:
-    """A vehicle's computer and one on the ground.
+    """The computers of a vehicle, a rover, and the people on the ground.
 
     Attributes:
-        network: their namespaces, and the radio between them.
-        vehicle, ground: the part of the stack on each.
+        network: their namespaces, and the radios between them.
+        vehicle, rover, ground: the part of the stack on each.
     """
 
     network: Network
     vehicle: Stack
+    rover: Stack
     ground: Stack
 
-    def status(self, stack: Stack) -> dict[str, object]:
+    def status(self, stack: Stack) -> dict[str, Any]:
         """The status as a computer sees it."""
-        found: dict[str, object] = json.loads(stack.jezero("status", "--json").stdout)
+        found: dict[str, Any] = json.loads(stack.jezero("status", "--json").stdout)
         return found
 
 
@@ -59,20 +62,34 @@ def hosts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hosts]:
     folder = tmp_path_factory.mktemp("hosts")
     team = Team(folder / "team")
     team.found()
-    with Network(RADIO) as network:
-        address, _ = network.add_link(*RADIO, BAD_RADIO)
+    with Network(("vehicle", "rover", "ground")) as network:
+        for_ground, _ = network.add_link(*RADIO, BAD_RADIO)
+        for_rover, _ = network.add_link(*ROVER_RADIO, BAD_RADIO)
+        # What the rover's wheels measure comes from the simulator, which runs on the vehicle's computer.
+        simulator, _ = network.add_link("vehicle", "rover", CABLE)
         network.start()
-        team.add("vehicle", "uav1", [address])
+        team.add("vehicle", "uav1", [for_ground, for_rover])
+        team.add("rover", "r1")
         team.add("ground", "lab")
-        listen, connect = {"JEZERO_LISTEN": f"tls/0.0.0.0:{PORT}"}, {"JEZERO_CONNECT": f"tls/{address}:{PORT}"}
-        vehicle = stack_on(network, "vehicle", folder, team.bundle("vehicle-uav1"), **listen)
-        ground = stack_on(network, "ground", folder, team.bundle("ground-lab"), **connect)
+        world = {"JEZERO_SIMULATOR": simulator, "JEZERO_INSECURE": "1"}
+        members = {
+            "vehicle": stack_on(
+                network, "vehicle", folder, team.bundle("vehicle-uav1"), JEZERO_LISTEN=f"tls/0.0.0.0:{PORT}", **world
+            ),
+            "rover": stack_on(
+                network, "rover", folder, team.bundle("rover-r1"), JEZERO_CONNECT=f"tls/{for_rover}:{PORT}", **world
+            ),
+            "ground": stack_on(
+                network, "ground", folder, team.bundle("ground-lab"), JEZERO_CONNECT=f"tls/{for_ground}:{PORT}"
+            ),
+        }
         try:
-            yield Hosts(
-                network, vehicle.up("--profile", "onboard", "--profile", "sim"), ground.up("--profile", "ground")
-            )
+            members["vehicle"].up("--profile", "onboard", "--profile", "sim")
+            members["rover"].up("--profile", "rover")
+            members["ground"].up("--profile", "ground")
+            yield Hosts(network, **members)
         finally:
-            for stack in (ground, vehicle):
+            for stack in reversed(members.values()):
                 stack.jezero("down", check=False)
 
 
@@ -104,6 +121,14 @@ def test_a_flight_is_commanded_over_a_bad_radio_while_a_viewer_watches(on_ground
     print(f"the radio carried {carried_bps / 1e3:.0f} kbit/s")
 
 
+def test_pictures_cross_a_bad_radio_one_after_the_other_and_the_goal_goes_on(on_ground: Hosts, tmp_path: Path) -> None:
+    on_ground.vehicle.jezero("takeoff", "3")
+    words = ("getimages", "4", "0", "-3", "3", "2", "--out", str(tmp_path))
+    on_ground.ground.jezero(*words, timeout_s=180)
+    assert len(list(tmp_path.glob("*.jpg"))) == 2
+    assert "no link to" not in on_ground.ground.jezero("ps").stdout
+
+
 def test_the_vehicle_flies_on_while_the_ground_is_gone_and_the_ground_finds_it_again(on_ground: Hosts) -> None:
     on_ground.vehicle.jezero("takeoff", "3")
     sender = on_ground.ground.start("target", "25", "0", "-3", "--speed", "1")
@@ -132,3 +157,99 @@ def test_the_camera_and_setpoints_do_not_cross_the_radio(hosts: Hosts) -> None:
     ).stdout  # fmt: skip
     assert "jezero/uav1/odometry" in heard and "jezero/uav1/camera/info" in heard
     assert "sensor/camera" not in heard and "command/setpoint" not in heard
+
+
+WATCH = """
+import json, sys, time, zenoh
+from jezero.zenoh_client import client_config
+session, phases, last = zenoh.open(client_config("tcp/127.0.0.1:7447", 5)), [""], {}
+def on_feedback(sample):
+    phase = json.loads(sample.payload.to_bytes())["feedback"]["phase"]
+    if phase != phases[-1]:
+        phases.append(phase)
+        print(phase, flush=True)
+def on_truth(sample):
+    last.update(json.loads(sample.payload.to_bytes()))
+kept = [
+    session.declare_subscriber("jezero/uav1/action/land_on_spot/feedback", on_feedback),
+    session.declare_subscriber("jezero/uav1/truth", on_truth),
+]
+sys.stdin.read()
+print(json.dumps(last), flush=True)
+session.close()
+"""
+"""Prints each phase of a landing, and at the end the truth."""
+
+
+class Landing:
+    """A landing that the ground asks for, observed on the vehicle's computer.
+
+    Args:
+        hosts: the computers; the vehicle flies.
+    """
+
+    def __init__(self, hosts: Hosts) -> None:
+        self._hosts = hosts
+        self._watch = subprocess.Popen(
+            [*hosts.vehicle.before, sys.executable, "-c", WATCH], env=hosts.vehicle.environment,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        time.sleep(2.0)
+        self._sender = hosts.ground.start("land_on_spot")
+
+    def wait_for_phase(self, phase: str) -> None:
+        for line in self._watch.stdout or ():
+            if line.strip() == phase:
+                return
+        raise AssertionError(f"the phase {phase} did not come")
+
+    def end(self) -> tuple[dict[str, Any], float, str]:
+        """Wait for the end; returns the status, the true distance from the platform's middle, and what the ground saw.
+
+        Raises:
+            AssertionError: the landing goes on for four minutes.
+        """
+
+        def ended() -> bool:
+            return self._hosts.status(self._hosts.vehicle)["name"] in ("IDLE", "HOVER", "FAILSAFE")
+
+        wait_for(ended, 240, "the landing's end")
+        out, err = self._sender.communicate(timeout=90)
+        truth = json.loads(self._watch.communicate("")[0].splitlines()[-1])
+        offset = [a - b for a, b in zip(truth["pos_uav_ned_m"], truth["pos_rover_ned_m"], strict=True)]
+        return self._hosts.status(self._hosts.vehicle), hypot(*offset), (err or out).strip().splitlines()[-1]
+
+
+def cut_a_landing(hosts: Hosts, radio: tuple[str, str], phase: str, cut_s: float) -> tuple[dict[str, Any], float, str]:
+    """Take off beside the rover, land on it, and cut a radio when a phase begins; see `Landing.end`."""
+    hosts.vehicle.jezero("takeoff", "3")
+    hosts.vehicle.jezero("target", "8", "4", "-5")
+    landing = Landing(hosts)
+    landing.wait_for_phase(phase)
+    with hosts.network.cut(*radio):
+        time.sleep(cut_s)
+    return landing.end()
+
+
+@pytest.mark.parametrize(("radio", "phase"), [(RADIO, "descent"), (ROVER_RADIO, "approach"), (ROVER_RADIO, "descent")])
+def test_a_landing_goes_on_while_a_radio_is_cut_for_three_seconds(
+    on_ground: Hosts, radio: tuple[str, str], phase: str
+) -> None:
+    status, distance_m, _ = cut_a_landing(on_ground, radio, phase, 3.0)
+    assert status["landed"] is True and distance_m < 0.5, status["text"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cut_s", [3.0, 15.0, 60.0])
+@pytest.mark.parametrize("phase", ["approach", "descent"])
+@pytest.mark.parametrize("radio", [RADIO, ROVER_RADIO], ids=["vehicle-ground", "vehicle-rover"])
+def test_a_landing_whose_radio_is_cut_ends_on_the_rover_or_in_a_hover_that_says_why(
+    on_ground: Hosts, radio: tuple[str, str], phase: str, cut_s: float
+) -> None:
+    status, distance_m, seen = cut_a_landing(on_ground, radio, phase, cut_s)
+    print(
+        f"| {'–'.join(radio)} | {phase} | {cut_s:g} | {status['name']}, {distance_m:.2f} m from the platform's middle "
+        f"| {status['text']} | {seen} |"
+    )
+    on_rover = status["landed"] is True and distance_m < 0.5
+    assert on_rover or (status["name"] == "HOVER" and status["text"]), status
