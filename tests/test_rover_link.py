@@ -55,7 +55,7 @@ def test_another_computer_is_refused_without_permission(monkeypatch: pytest.Monk
     monkeypatch.delenv("JEZERO_INSECURE", raising=False)
     assert checked_host("JEZERO_SIMULATOR", "localhost") == "localhost"
     for host in ("0.0.0.0", "10.0.0.7", "rover.local"):
-        with pytest.raises(ConfigError, match="JEZERO_SIMULATOR .* JEZERO_INSECURE=1"):
+        with pytest.raises(ConfigError, match=r"JEZERO_SIMULATOR .* JEZERO_INSECURE=1"):
             checked_host("JEZERO_SIMULATOR", host)
     monkeypatch.setenv("JEZERO_INSECURE", "1")
     assert checked_host("JEZERO_SIMULATOR", "10.0.0.7") == "10.0.0.7"
@@ -63,5 +63,5 @@ def test_another_computer_is_refused_without_permission(monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("host", ["", "::1", "10.0.0.7:4810", "tcp/10.0.0.7", "a b"])
 def test_what_is_no_host_is_refused_by_the_name_of_its_setting(host: str) -> None:
-    with pytest.raises(ConfigError, match="rover_host is .* without a port"):
+    with pytest.raises(ConfigError, match=r"rover_host is .* without a port"):
         checked_host("rover_host", host)

@@ -6,7 +6,6 @@ from typing import Any
 from jezero.runtime.service import Request, Response, SentMessage
 from jezero.schemas.rows import Endpoint, Topic
 
-
 LINK_BYTES_MAX = 4_000_000
 """Bytes of a link that wait for the next step; later ones are dropped, so that no peer can fill the memory."""
 

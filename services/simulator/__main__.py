@@ -1,4 +1,7 @@
-"""`python -m jezero.services.simulator`: the simulator as a process; autopilots connect over TCP to 4560 and up, rovers to 4810."""
+"""`python -m jezero.services.simulator`: the simulator as a process.
+
+Autopilots connect over TCP to 4560 and up, the rover's computer to 4810 and up.
+"""
 
 import argparse
 import sys
