@@ -24,7 +24,7 @@ def forwards(bench: Bench, speed_mps: float = 1.0) -> RoverCommand:
 def connected() -> Bench:
     bench = Bench()
     bench.run(50)
-    bench.rover_up = True
+    bench.rover_up, bench.rover_count = True, 1
     return bench
 
 

@@ -39,6 +39,7 @@ class Bench:
         self.wall_ns = 0
         self.command: float | None = None
         self.rover_up = False
+        self.rover_count = 0
         self.rover_sends = b""
         self.rover_commands: list[RoverCommand] = []
         """Commands on the bus."""
@@ -64,7 +65,7 @@ class Bench:
         return self.pending if endpoint is topics.GROUND else ()
 
     def connections(self, link: str) -> int:
-        return self.count if link == HIL else int(self.rover_up)
+        return self.count if link == HIL else self.rover_count
 
     def is_up(self, link: str) -> bool:
         return self.up if link == HIL else self.rover_up
