@@ -29,7 +29,8 @@ class Topic(Generic[M]):
         type: type of its messages, for decoding; a generic struct has its arguments.
         rate_hz: nominal rate of publishing. None for messages that are published on events only.
         writer: name of the one service that publishes it; `GOAL_IN_CHARGE` or `CLIENTS` where that changes.
-        host: computer whose services publish it; `CLIENTS` publish from anywhere.
+        host: computer whose services publish it; `CLIENTS` publish from anywhere. A topic of the rover's computer is
+            published by the service `rover` there, or by a real rover's driver; without either by `writer`.
         reader: who may subscribe to it, from another computer.
         link_hz: greatest rate at which it crosses a link to another computer; None for as published, 0 for never.
         urgent: whether it goes first on a link that has no room for all.

@@ -14,7 +14,7 @@ HOST = "127.0.0.1"
 def ports_of(services: Collection[str], instance: Instance) -> list[tuple[Protocol, str, int]]:
     """Protocol, host and port of everything that these services listen on, but for the router's."""
     ports: dict[str, tuple[tuple[Protocol, int], ...]] = {
-        "simulator": (("tcp", instance.hil_port),),
+        "simulator": (("tcp", instance.hil_port), ("tcp", instance.rover_port)),
         "vehicle_bridge": (("udp", instance.bridge_port),),
         "autopilot": (("udp", instance.autopilot_offboard_port), ("udp", instance.autopilot_gcs_port)),
     }

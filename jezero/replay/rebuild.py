@@ -19,6 +19,7 @@ from jezero.services.mission.config import MissionConfig
 from jezero.services.mission.record import MissionRecord
 from jezero.services.mission.service import MissionService
 from jezero.services.preflight.service import Preflight
+from jezero.services.rover.service import RoverComputer
 from jezero.services.simulator.camera.making import make_camera
 from jezero.services.simulator.service import Simulator
 from jezero.services.vehicle_bridge.service import VehicleBridge
@@ -38,6 +39,7 @@ MAKERS: dict[str, Callable[..., Service]] = {
     "simulator": Simulator,
     "camera": make_camera,
     "autopilot": Autopilot,
+    "rover": RoverComputer,
     "vehicle_bridge": VehicleBridge,
     "tag_detector": TagDetector,
     "estimator": Estimator,

@@ -9,8 +9,9 @@ from typing import Annotated, Literal, NamedTuple, TypeVar
 import msgspec
 from msgspec import Meta
 
-from jezero.keys.bundle import given_endpoint
+from jezero.keys.bundle import INSECURE_VARIABLE, given_endpoint
 from jezero.os_errors import describe_os_error
+from jezero.router_address import is_loopback
 from jezero.schemas.struct import END
 
 
@@ -35,7 +36,7 @@ class Instance(Config, frozen=True, kw_only=True):
     Attributes:
         vehicle: name within the keys (`JEZERO_VEHICLE`).
         router: Zenoh endpoint of the router (`JEZERO_ROUTER`), with the files of the bundle (`JEZERO_KEYS`) for TLS.
-        number: offset of every MAVLink port, so that stacks don't collide (`JEZERO_INSTANCE`).
+        number: offset of every MAVLink port and of the rover's, so that stacks don't collide (`JEZERO_INSTANCE`).
         gcs_port: UDP port of ground stations, the same for all vehicles (`JEZERO_GCS_PORT`).
     """
 
@@ -48,6 +49,11 @@ class Instance(Config, frozen=True, kw_only=True):
     def hil_port(self) -> int:
         """TCP port on which the simulator listens for the autopilot."""
         return 4560 + self.number
+
+    @property
+    def rover_port(self) -> int:
+        """TCP port on which the simulator listens for the rover's computer; those of the HIL links are below."""
+        return 4810 + self.number
 
     @property
     def bridge_port(self) -> int:
@@ -148,6 +154,26 @@ def _instance_of(given: dict[str, str]) -> Instance:
         field = wrong[2]
         expected = NAME_EXPECTED if field == "vehicle" else wrong[1].replace("Expected", "expected")
         raise ConfigError(f"{_VARIABLES[field]} is {given[field]!r}: {expected}") from None
+
+
+def checked_host(name: str, host: str) -> str:
+    """The host of a link without TLS, which is another computer only where a person has permitted it.
+
+    Args:
+        name: of the setting or variable, for the error.
+        host: its value.
+
+    Raises:
+        ConfigError: it is no IPv4 address or name of a computer, or not this computer and not permitted.
+    """
+    if not re.fullmatch(r"[A-Za-z0-9._-]{1,253}", host):
+        raise ConfigError(f"{name} is {host!r}: write an IPv4 address or the name of a computer, without a port")
+    if not is_loopback(host) and os.environ.get(INSECURE_VARIABLE) != "1":
+        raise ConfigError(
+            f"{name} is {host!r}: this link has no TLS, so whoever is on its network could drive the rover: write "
+            f"127.0.0.1, or set {INSECURE_VARIABLE}=1 on a network that you trust"
+        )
+    return host
 
 
 def is_recorded() -> bool:

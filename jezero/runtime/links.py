@@ -1,4 +1,4 @@
-"""Byte pipes over sockets, to the autopilot; they never block."""
+"""Byte pipes over sockets, to the autopilot and to the rover's computer; they never block."""
 
 import contextlib
 import select
@@ -12,6 +12,10 @@ RETRY_PERIOD_NS = 100_000_000
 REFUSED_PERIOD_NS = 10_000_000_000
 """A program that is refused again and again is named once in this time."""
 CHUNK = 65_536
+READS_MAX = 16
+"""Chunks that one poll reads: a peer that sends without end must not stop the loop."""
+SILENCE_MAX_S = 5
+"""Time without any sign of the other computer after which a link between two computers counts as lost."""
 MOVED_BY = "JEZERO_INSTANCE"
 """Environment variable that moves the port of every link."""
 
@@ -47,9 +51,15 @@ class SocketLink(Protocol):
 
 
 class _Stream:
-    """The connected half of a TCP link."""
+    """The connected half of a TCP link.
 
-    def __init__(self) -> None:
+    Args:
+        silence_max_s: time in seconds after which a peer that acknowledges nothing counts as gone, as its computer may
+            have lost its network; None leaves that to the operating system, which takes minutes.
+    """
+
+    def __init__(self, silence_max_s: int | None) -> None:
+        self._silence_max_s = silence_max_s
         self.up = False
         self.connections = 0
         self._connection: socket.socket | None = None
@@ -58,6 +68,8 @@ class _Stream:
         self._drop()
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if self._silence_max_s is not None:
+            _end_when_silent(connection, self._silence_max_s)
         self._connection = connection
         self.connections += 1
         self.up = True
@@ -70,7 +82,7 @@ class _Stream:
 
     def _receive(self) -> bytes:
         parts: list[bytes] = []
-        while self._connection is not None:
+        while self._connection is not None and len(parts) < READS_MAX:
             try:
                 data = self._connection.recv(CHUNK)
             except BlockingIOError:
@@ -94,11 +106,19 @@ class _Stream:
                 self._drop()
 
 
+def _end_when_silent(connection: socket.socket, silence_max_s: int) -> None:
+    """Let the operating system end a connection whose other end is silent, whether there is data to send or not."""
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 1)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 1)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, silence_max_s * 1000)
+
+
 class TcpServer(_Stream):
     """A server with one connection: while it stands, another program is refused, and named in the log."""
 
-    def __init__(self, host: str, port: int) -> None:
-        super().__init__()
+    def __init__(self, host: str, port: int, *, silence_max_s: int | None = None) -> None:
+        super().__init__(silence_max_s)
         self._address = (host, port)
         self._listener: socket.socket | None = None
         self._named_ns = -REFUSED_PERIOD_NS
@@ -140,8 +160,8 @@ class TcpServer(_Stream):
 class TcpClient(_Stream):
     """A client that connects again whenever its connection is lost."""
 
-    def __init__(self, host: str, port: int) -> None:
-        super().__init__()
+    def __init__(self, host: str, port: int, *, silence_max_s: int | None = None) -> None:
+        super().__init__(silence_max_s)
         self._address = (host, port)
         self._retry_ns = 0
 

@@ -6,6 +6,9 @@ from typing import Any
 from jezero.runtime.service import Request, Response, SentMessage
 from jezero.schemas.rows import Endpoint, Topic
 
+LINK_BYTES_MAX = 4_000_000
+"""Bytes of a link that wait for the next step; later ones are dropped, so that no peer can fill the memory."""
+
 
 class Mailbox:
     """The `Inbox` of a service, filled by a bus through `Node`."""
@@ -20,6 +23,7 @@ class Mailbox:
         self._latest: dict[str, Any] = {}
         self._requests: dict[str, list[Request]] = {}
         self._bytes: dict[str, list[bytes]] = {link: [] for link in declared_links}
+        self._sizes = dict.fromkeys(declared_links, 0)
         self._connections = dict.fromkeys(declared_links, 0)
         self._up = dict.fromkeys(declared_links, False)
 
@@ -57,9 +61,10 @@ class Mailbox:
             self._requests.clear()
         if self.sent:
             self.sent.clear()
-        for parts in self._bytes.values():
+        for link, parts in self._bytes.items():
             if parts:
                 parts.clear()
+                self._sizes[link] = 0
 
     def add_message(self, name: str, message: Any) -> None:
         self._latest[name] = message
@@ -76,11 +81,15 @@ class Mailbox:
         self._requests.setdefault(name, []).append(request)
 
     def add_bytes(self, link: str, data: bytes) -> None:
-        self._bytes[link].append(data)
+        size = self._sizes[link] + len(data)
+        if size <= LINK_BYTES_MAX:
+            self._sizes[link] = size
+            self._bytes[link].append(data)
 
     def set_link(self, link: str, up: bool) -> None:
         if up and not self._up[link]:
             self._connections[link] += 1
         if not up:
             self._bytes[link].clear()
+            self._sizes[link] = 0
         self._up[link] = up

@@ -1,14 +1,18 @@
-"""`python -m jezero.services.simulator`: the simulator as a process; autopilots connect over TCP to 4560 and up."""
+"""`python -m jezero.services.simulator`: the simulator as a process.
+
+Autopilots connect over TCP to 4560 and up, the rover's computer to 4810 and up.
+"""
 
 import argparse
 import sys
 from collections.abc import Mapping
 
-from jezero.runtime.config import Instance, load_config
-from jezero.runtime.links import SocketLink, TcpServer
+from jezero.runtime.config import Instance, checked_host, load_config
+from jezero.runtime.links import SILENCE_MAX_S, SocketLink, TcpServer
 from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
 from jezero.services.simulator.config import SimulatorConfig
+from jezero.services.simulator.rover_port import ROVER
 from jezero.services.simulator.service import HIL, Simulator
 from jezero.vehicle_config import VehicleConfig
 
@@ -22,7 +26,11 @@ def main() -> int:
 
     def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
         config, vehicle = load_config(SimulatorConfig, "simulator"), load_config(VehicleConfig, "vehicle")
-        return Simulator(config, vehicle, seed, boot_id), {HIL: TcpServer(HOST, instance.hil_port)}
+        rover_host = checked_host("rover_host in simulator.toml", config.rover_host)
+        return Simulator(config, vehicle, seed, boot_id), {
+            HIL: TcpServer(HOST, instance.hil_port),
+            ROVER: TcpServer(rover_host, instance.rover_port, silence_max_s=SILENCE_MAX_S),
+        }
 
     return run_process("simulator", build)
 

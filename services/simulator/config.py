@@ -331,6 +331,8 @@ class SimulatorConfig(Config, frozen=True, kw_only=True):
         gravity_mps2: gravitational acceleration. PX4 assumes 9.81, and the vehicle could not fly in the air of Mars:
             only the ground is like that of Mars.
         density_air_kgpm3: density of the air.
+        rover_host: IPv4 address, or name of this computer, at which the rover's computer reaches the simulator. Another
+            one than this machine's own 127.0.0.1 needs `JEZERO_INSECURE=1`, as the link has no TLS.
         origin: geodetic position of the map's origin.
         terrain: shape of the ground.
         wind: mean wind and gusts.
@@ -347,6 +349,7 @@ class SimulatorConfig(Config, frozen=True, kw_only=True):
 
     gravity_mps2: Positive = 9.81
     density_air_kgpm3: Positive = 1.2
+    rover_host: str = "127.0.0.1"
     origin: OriginConfig = OriginConfig()
     terrain: TerrainConfig = TerrainConfig()
     wind: WindConfig = WindConfig()

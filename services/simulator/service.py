@@ -8,6 +8,7 @@ from jezero.frames import euler_from_quat, subtract
 from jezero.runtime.service import Health, Inbox, Output, Publish, Reply, Send, Spec
 from jezero.schemas import sensors as messages
 from jezero.schemas import topics
+from jezero.schemas.health import ServiceState
 from jezero.schemas.state import Clock, Scene, Truth
 from jezero.schemas.terrain import Ground
 from jezero.services.simulator import sensors
@@ -18,6 +19,7 @@ from jezero.services.simulator.ground_reply import ground_reply
 from jezero.services.simulator.hil import HilPort
 from jezero.services.simulator.noise import generator, normals_of
 from jezero.services.simulator.rover import Rover
+from jezero.services.simulator.rover_port import ROVER, RoverPort
 from jezero.services.simulator.schedule import Schedule
 from jezero.services.simulator.terrain import make_terrain
 from jezero.services.simulator.uav import Uav
@@ -48,7 +50,7 @@ SPEC = Spec(
         topics.SCENE,
     ),
     serves=(topics.GROUND,),
-    links=(HIL,),
+    links=(HIL, ROVER),
     rate_hz=STEPS_PER_S,
     lockstep=HIL,
 )
@@ -79,6 +81,8 @@ class Simulator:
         self._behind_ns = 0
         """Delay of vehicle time behind wall time when the clock was last published, up to a constant."""
         self._hil = HilPort()
+        self._rover_port = RoverPort()
+        self._reported = Health("ok", "")
         self._rover = Rover(config.rover, terrain, vehicle.platform.height_m)
         self._drive = Drive(config.rover)
         self._world = World(config, vehicle, terrain, self._rover.state)
@@ -117,9 +121,10 @@ class Simulator:
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
         """Advance the world by 4 ms to `t_ns`, with or without a new motor command."""
-        yield from self._follow_link(inbox)
+        self._follow_link(inbox)
         yield from self._clock(t_ns, inbox.wall_ns)
-        self._drive.update(t_ns, inbox.new(topics.ROVER_COMMAND))
+        self._drive.update(t_ns, self._rover_port.commands(inbox))
+        yield from self._health()
         self._drive_rover(t_ns)
         state = self._advance()
         yield from self._autopilot_sensors(t_ns, state)
@@ -154,7 +159,7 @@ class Simulator:
     def _epoch_id(self) -> int:
         return (self._boot_id * EPOCHS_PER_BOOT + self._connections) % EPOCH_LIMIT
 
-    def _follow_link(self, inbox: Inbox) -> Iterable[Output]:
+    def _follow_link(self, inbox: Inbox) -> None:
         """Take the newest motor commands; a new autopilot finds a new vehicle, a lost one leaves the motors off."""
         connections = inbox.connections(HIL)
         up = inbox.is_up(HIL)
@@ -165,10 +170,18 @@ class Simulator:
             self._hil.receive(inbox.received(HIL))
         elif self._up:
             self._hil = HilPort()
-            yield Health("degraded", "the autopilot is gone: motors are stopped until one connects")
-        if up and not self._up:
-            yield Health("ok", "an autopilot is connected")
         self._up = up
+
+    def _health(self) -> Iterable[Output]:
+        """State of the two links, when it has changed."""
+        state: ServiceState = "ok" if self._up else "degraded"
+        text = (
+            "an autopilot is connected" if self._up else "the autopilot is gone: motors are stopped until one connects"
+        )
+        text += self._rover_port.text
+        if text != self._reported.text:
+            self._reported = Health(state, text)
+            yield self._reported
 
     def _respawn(self) -> None:
         """Put vehicle and rover back to their start; delayed readings of the old epoch are dropped."""
@@ -232,7 +245,7 @@ class Simulator:
         if self._when_odometry.due(t_ns):
             self._when_odometry.put(t_ns, self._odometry.measure(t_ns, self._rover.state))
         if (odometry := self._when_odometry.arrived(t_ns)) is not None:
-            yield Publish(topics.ROVER_ODOMETRY, odometry)
+            yield self._rover_port.odometry(odometry)
 
     def _scene(self, t_ns: int, state: BodyState) -> Scene:
         """State of vehicle and rover for one picture, in the map."""

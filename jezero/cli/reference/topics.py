@@ -15,6 +15,7 @@ from jezero.services.ground_station.service import SPEC as GROUND_STATION
 from jezero.services.mission.service import MissionService
 from jezero.services.preflight.service import Preflight
 from jezero.services.recorder.service import SPEC as RECORDER
+from jezero.services.rover.service import SPEC as ROVER
 from jezero.services.simulator.camera.service import SPEC as CAMERA
 from jezero.services.simulator.service import SPEC as SIMULATOR
 from jezero.services.vehicle_bridge.service import SPEC as VEHICLE_BRIDGE
@@ -26,7 +27,7 @@ def all_specs() -> dict[str, Spec]:
     """Declarations of all services of the stack, by name."""
     actions = (action_server(name, boot_id=0).spec for name in action_names())
     mission = MissionService(boot_id=0, actions=all_actions()).spec
-    vehicle = (SIMULATOR, CAMERA, AUTOPILOT, VEHICLE_BRIDGE, TAG_DETECTOR, ESTIMATOR)
+    vehicle = (SIMULATOR, CAMERA, AUTOPILOT, ROVER, VEHICLE_BRIDGE, TAG_DETECTOR, ESTIMATOR)
     return {spec.name: spec for spec in (*vehicle, RECORDER, GROUND_STATION, *actions, mission, Preflight().spec)}
 
 
@@ -49,7 +50,7 @@ def topic_rows() -> list[Row]:
             "type": topic.struct.__name__,
             "rate_hz": topic.rate_hz,
             "link_hz": topic.rate_hz if topic.link_hz is None else topic.link_hz,
-            "writer": topic.writer,
+            "writer": topic.writer if topic.host == "vehicle" else f"{topic.writer} or {topic.host}",
             "may read": topic.reader,
             "readers": [s.name for s in specs if topic in (*s.inputs, *s.on_demand)],
         }

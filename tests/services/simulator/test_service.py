@@ -14,9 +14,11 @@ from jezero.mavlink import MavlinkCodec, dialect
 from jezero.runtime.config import ConfigError, load_config
 from jezero.runtime.service import Health, Output, Publish, Reply, Request, Send
 from jezero.schemas import topics
+from jezero.schemas.commands import RoverCommand
 from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.terrain import GetGround, Ground
 from jezero.services.simulator.config import RoverConfig, SimulatorConfig, UavConfig, WindConfig
+from jezero.services.simulator.rover_port import ROVER
 from jezero.services.simulator.schedule import Schedule
 from jezero.services.simulator.service import HIL, SPEC, Simulator
 from jezero.vehicle_config import VehicleConfig
@@ -27,7 +29,7 @@ CALM = SimulatorConfig(wind=WindConfig(mean_mps=0.0, std_gust_mps=0.0))
 
 
 class Bench:
-    """A simulator with an autopilot's link that the test controls."""
+    """A simulator with the links of an autopilot and of a rover's computer, which the test controls."""
 
     def __init__(self, config: SimulatorConfig = CALM, seed: int = 1) -> None:
         self.simulator = Simulator(config, VEHICLE, seed, boot_id=7)
@@ -36,28 +38,37 @@ class Bench:
         self.count = 1
         self.wall_ns = 0
         self.command: float | None = None
+        self.rover_up = False
+        self.rover_count = 0
+        self.rover_sends = b""
+        self.rover_commands: list[RoverCommand] = []
+        """Commands on the bus."""
         self.outputs: list[Output] = []
         self.pending: tuple[Request, ...] = ()
         self._codec = MavlinkCodec(1, 1)
 
     def received(self, link: str) -> bytes:
-        assert link == HIL
+        if link == ROVER:
+            data, self.rover_sends = self.rover_sends, b""
+            return data
         if self.command is None or not self.up:
             return b""
         values = [self.command] * 4 + [0.0] * 12
         return self._codec.pack(dialect.MAVLink_hil_actuator_controls_message(self.t_ns // 1000, values, 129, 1))
 
-    def new(self, topic: Topic[Any]) -> tuple[Any, ...]:
-        return ()
+    def new(self, topic: Topic[Any]) -> list[RoverCommand]:
+        assert topic is topics.ROVER_COMMAND
+        commands, self.rover_commands = self.rover_commands, []
+        return commands
 
     def requests(self, endpoint: Endpoint[Any, Any]) -> tuple[Request, ...]:
         return self.pending if endpoint is topics.GROUND else ()
 
     def connections(self, link: str) -> int:
-        return self.count
+        return self.count if link == HIL else self.rover_count
 
     def is_up(self, link: str) -> bool:
-        return self.up
+        return self.up if link == HIL else self.rover_up
 
     def run(self, steps: int) -> list[Output]:
         inbox: Any = self
@@ -75,7 +86,7 @@ def published(outputs: list[Output], topic: Topic[Any]) -> list[Any]:
 
 
 def sent(outputs: list[Output], message_id: int) -> list[Any]:
-    data = b"".join(o.data for o in outputs if isinstance(o, Send))
+    data = b"".join(o.data for o in outputs if isinstance(o, Send) and o.link == HIL)
     return [m for m in MavlinkCodec(1, 1).parse(data) if m.get_msgId() == message_id]
 
 

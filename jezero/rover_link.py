@@ -1,0 +1,58 @@
+"""The link between the simulator and the rover's computer: one JSON message a line, over TCP without TLS.
+
+The simulator sends `RoverOdometry`, the rover's computer sends `RoverCommand`, as both are on the bus.
+"""
+
+from typing import Generic, TypeVar
+
+from jezero.codec import BadPayloadError, decode, encode
+from jezero.schemas.struct import Message
+
+LINE_MAX_BYTES = 4096
+"""Longer lines are dropped: both messages are much shorter."""
+
+M = TypeVar("M", bound=Message)
+
+
+def line_of(message: Message) -> bytes:
+    """A message as a line.
+
+    Raises:
+        NotFiniteError: a float in it is NaN or infinite.
+    """
+    return encode(message) + b"\n"
+
+
+class MessageLines(Generic[M]):
+    """Reads the messages of one type that arrive over one connection.
+
+    Attributes:
+        dropped: number of lines so far that were too long or no message of this type.
+    """
+
+    def __init__(self, kind: type[M]) -> None:
+        self.dropped = 0
+        self._kind = kind
+        self._rest = b""
+        """Beginning of a line; one byte above the limit at most, so that a line that is too long stays too long."""
+
+    def receive(self, data: bytes) -> list[M]:
+        """Messages of the lines that are complete with these bytes, oldest first."""
+        if not data:
+            return []
+        *lines, rest = (self._rest + data).split(b"\n")
+        self._rest = rest[: LINE_MAX_BYTES + 1]
+        messages: list[M] = []
+        for line in lines:
+            try:
+                if len(line) > LINE_MAX_BYTES:
+                    raise BadPayloadError("too long")
+                messages.append(decode(self._kind, line))
+            except BadPayloadError:
+                self.dropped += 1
+        return messages
+
+    @property
+    def dropped_text(self) -> str:
+        """The dropped lines for people, to be appended to a sentence; "" without any."""
+        return f"; {self.dropped} invalid messages dropped" if self.dropped else ""

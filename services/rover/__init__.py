@@ -1,0 +1,1 @@
+"""The rover's own computer in a simulation."""
