@@ -48,12 +48,6 @@ VARIABLES = (
     ),
     Variable("JEZERO_RECORD", "`0` or `1`", "`1`", "whether the stack records; `0` starts no recorder."),
     Variable("JEZERO_GROUND", "`0` or `1`", "`1`", "whether the stack has a ground station in the browser."),
-    Variable(
-        "JEZERO_ROVER",
-        "`0` or `1`",
-        "`0`",
-        "whether the simulated rover has a computer of its own, the service `rover`; `1` starts it.",
-    ),
     Variable("JEZERO_SIMULATOR", "host", "`127.0.0.1`", "computer of the simulator, for the service `rover`."),
     Variable("JEZERO_AUTOPILOT", "`embedded` or `px4`", "as in `autopilot.toml`", "autopilot that the stack runs."),
     Variable("JEZERO_PX4_DIR", "folder", "–", "folder of PX4, with `bin/px4` and `etc/`."),

@@ -95,7 +95,7 @@ class Network:
         os.write(self._stop_write, b"x")
         if self._thread.ident is not None:
             self._thread.join()
-        for _, link in self._links:
+        for _pair, link in self._links:
             for end in link.ends:
                 os.close(end)
         os.close(self._stop_read)
@@ -142,7 +142,7 @@ class Network:
         return self._radio(one, other).carried_bytes
 
     def _radio(self, one: str, other: str) -> _Link:
-        return next(link for ends, link in self._links if ends == {one, other} and link.radio is not CABLE)
+        return next(link for pair, link in self._links if pair == {one, other} and link.radio is not CABLE)
 
     def _carry(self) -> None:
         ends = {end: (link, link.ends[1 - i]) for _, link in self._links for i, end in enumerate(link.ends)}

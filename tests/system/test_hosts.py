@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -14,7 +15,7 @@ from typing import Any
 import pytest
 
 from jezero.keys.team import Team
-from jezero.runtime.config import Instance
+from jezero.runtime.config import Instance, config_directory
 from tests.system.conftest import JEZERO, Stack, wait_for
 from tests.system.radio import CABLE, Network, Radio, missing
 
@@ -71,13 +72,28 @@ def hosts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hosts]:
         team.add("vehicle", "uav1", [for_ground, for_rover])
         team.add("rover", "r1")
         team.add("ground", "lab")
-        world = {"JEZERO_SIMULATOR": simulator, "JEZERO_INSECURE": "1"}
+        world = {"JEZERO_INSECURE": "1"}
+        settings = Path(shutil.copytree(config_directory(), folder / "config"))
+        file = settings / "simulator.toml"
+        file.write_text(f'rover_host = "{simulator}"\n{file.read_text()}')
         members = {
             "vehicle": stack_on(
-                network, "vehicle", folder, team.bundle("vehicle-uav1"), JEZERO_LISTEN=f"tls/0.0.0.0:{PORT}", **world
+                network,
+                "vehicle",
+                folder,
+                team.bundle("vehicle-uav1"),
+                JEZERO_LISTEN=f"tls/0.0.0.0:{PORT}",
+                JEZERO_CONFIG_DIR=str(settings),
+                **world,
             ),
             "rover": stack_on(
-                network, "rover", folder, team.bundle("rover-r1"), JEZERO_CONNECT=f"tls/{for_rover}:{PORT}", **world
+                network,
+                "rover",
+                folder,
+                team.bundle("rover-r1"),
+                JEZERO_CONNECT=f"tls/{for_rover}:{PORT}",
+                JEZERO_SIMULATOR=simulator,
+                **world,
             ),
             "ground": stack_on(
                 network, "ground", folder, team.bundle("ground-lab"), JEZERO_CONNECT=f"tls/{for_ground}:{PORT}"
@@ -125,7 +141,7 @@ def test_pictures_cross_a_bad_radio_one_after_the_other_and_the_goal_goes_on(on_
     on_ground.vehicle.jezero("takeoff", "3")
     words = ("getimages", "4", "0", "-3", "3", "2", "--out", str(tmp_path))
     on_ground.ground.jezero(*words, timeout_s=180)
-    assert len(list(tmp_path.glob("*.jpg"))) == 2
+    assert len(list(tmp_path.rglob("*.jpg"))) == 2
     assert "no link to" not in on_ground.ground.jezero("ps").stdout
 
 
