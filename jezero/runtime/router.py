@@ -186,7 +186,7 @@ def run(instance: Instance, links: HostLinks) -> None:
         key(instance.vehicle, health_of(NAME).name), encoding=zenoh.Encoding.APPLICATION_JSON
     )
     boot_id, process = new_boot_id(), f"{socket.gethostname()} pid {os.getpid()}"
-    readers = _StoppedReaders(session)
+    readers = _Readers(session)
     uplinks = Uplinks(session, links.connect)
     warnings = "".join(f"; {warning}" for each in (*links.listen, *links.connect) if (warning := insecurity(each)))
     where = f"listening on {_shown((instance.router, *links.listen))}{warnings}"
@@ -202,7 +202,7 @@ def run(instance: Instance, links: HostLinks) -> None:
                 boot_id=boot_id,
                 process=process,
                 state="degraded" if uplinks.problem else "ok",
-                text=(uplinks.problem or f"{where}, {sessions} sessions{readers.text}")[:TEXT_MAX],
+                text=(uplinks.problem or f"{where}, {sessions} sessions{readers.members}{readers.text}")[:TEXT_MAX],
             )
             publisher.put(encode(report))
         stopping = bool(select.select([stop_read], [], [], SAMPLE_PERIOD_S)[0])
@@ -210,35 +210,49 @@ def run(instance: Instance, links: HostLinks) -> None:
     _close(session)
 
 
-class _StoppedReaders:
-    """Ends the links of readers that stopped reading, and names them."""
+class _Readers:
+    """Who is connected; ends the links of readers that stopped reading, and names them."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
         self._guard = LinkGuard()
-        self._ids: dict[str, str] = {}
-        """Zenoh's id of the session at each address."""
+        self._peers: dict[str, str] = {}
+        """Who is at each address: name of the member with keys, and Zenoh's id of the session."""
+        self._members: set[str] = set()
         self._named: dict[str, tuple[str, float]] = {}
-        """Stopped readers by session id: the name of each, and the time until which the router's health names it."""
+        """Stopped readers by what they are: the name of each, and the time until which the router's health names it."""
 
     def update(self) -> None:
         """Check all links; to be called every `SAMPLE_PERIOD_S`."""
         now_s = time.monotonic()
-        ids = {link.dst.partition("/")[2].partition("?")[0]: str(link.zid) for link in self._session.info.links()}
-        known = self._ids | ids  # a link may have ended since the last update
-        self._ids = ids
+        links = list(self._session.info.links())
+        self._members = {link.auth_identifier for link in links if link.auth_identifier}
+        peers = {link.dst.partition("/")[2].partition("?")[0]: _peer(link) for link in links}
+        known = self._peers | peers  # a link may have ended since the last update
+        self._peers = peers
         self._named = {session: named for session, named in self._named.items() if named[1] > now_s}
         for address in self._guard.update(now_s):
-            session = known.get(address, "unknown")
-            name = f"{address} (session {session})"
-            self._named[session] = (name, now_s + NAMED_FOR_S)
+            peer = known.get(address, "unknown")
+            name = f"{address} ({peer})"
+            self._named[peer] = (name, now_s + NAMED_FOR_S)
             print(f"{NAME}: {name} stopped reading: its link is closed", file=sys.stderr, flush=True)
+
+    @property
+    def members(self) -> str:
+        """For health: the members of the team on other computers that are connected, or ""."""
+        return f", with {', '.join(sorted(self._members))}" if self._members else ""
 
     @property
     def text(self) -> str:
         """For health: the readers of the last minute, or ""."""
         names = ", ".join(name for name, _ in self._named.values())
         return f"; stopped reading, link closed: {names}" if names else ""
+
+
+def _peer(link: zenoh.Link) -> str:
+    """Who is at the other end of a link."""
+    member = f"{link.auth_identifier}, " if link.auth_identifier else ""
+    return f"{member}session {link.zid}"
 
 
 def _close(session: zenoh.Session) -> None:

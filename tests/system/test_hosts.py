@@ -160,6 +160,10 @@ def test_the_vehicle_flies_on_while_the_ground_is_gone_and_the_ground_finds_it_a
     assert on_ground.status(on_ground.ground)["name"] == "HOVER"
 
 
+def test_the_vehicles_router_names_the_members_that_are_connected(hosts: Hosts) -> None:
+    assert "with ground-lab, rover-r1" in hosts.vehicle.jezero("ps").stdout
+
+
 def test_the_camera_and_setpoints_do_not_cross_the_radio(hosts: Hosts) -> None:
     program = (
         "import time, zenoh\nfrom jezero.zenoh_client import client_config\n"
