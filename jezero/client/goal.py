@@ -231,12 +231,18 @@ class Goal(Generic[F, R]):
             elif reply is not None:
                 give_up_s = time.monotonic() + RECOVER_S
             elif not link_was_lost and denials > 1:
-                died = f"the {self._action.name} server died or lost its router"
-                self._failure = Unreachable(f"{died}; the vehicle hovers (`jezero ps`, uav.status())")
+                self._failure = Unreachable(self._out_of_reach())
             elif self._connection.closed or (link_was_lost and time.monotonic() > give_up_s):
                 self._failure = Unreachable(self._lost(connected))
             if not self._ended:
                 time.sleep(POLL_S)
+
+    def _out_of_reach(self) -> str:
+        """Error text for a goal whose server is gone, while this computer's router is there."""
+        if self._connection.sees_bridge():
+            died = f"the {self._action.name} server died or lost its router"
+            return f"{died}; the vehicle hovers (`jezero ps`, uav.status())"
+        return f"the link to {self._connection.vehicle} is lost; goal {self.goal_id} may still run (`jezero status`)"
 
     def _still_runs(self, timeout_s: float | None) -> str:
         """Error text for a wait that was too short."""

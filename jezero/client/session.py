@@ -26,6 +26,8 @@ from jezero.zenoh_client import FIRST, client_config, data_of
 CONNECT_ATTEMPT_S = 0.5
 TIMEOUT_MARGIN_S = 0.2
 """Zenoh ends a query without replies slightly after its timeout."""
+SEE_TIMEOUT_S = 0.5
+"""Duration after which the tokens that this computer's router knows have arrived."""
 ARRIVALS_MAX = 1000
 VEHICLE_TIME_AGE_MAX_S = 1.0
 """Vehicle time older than this is not used as the time at which a goal was issued."""
@@ -131,6 +133,11 @@ class Connection:
     def connected(self) -> bool:
         """Whether a router is connected now."""
         return not self._session.is_closed() and bool(self._session.info.routers_zid())
+
+    def sees_bridge(self) -> bool:
+        """Whether the vehicle's bridge is in reach; it isn't while the link to the vehicle's computer is cut."""
+        bridge = liveliness_key(self.vehicle, "service", "vehicle_bridge")
+        return any(reply.ok for reply in self._session.liveliness().get(bridge, timeout=SEE_TIMEOUT_S))
 
     def set_vehicle_time(self, t_ns: int) -> None:
         """Set the vehicle time from a message that has just arrived."""

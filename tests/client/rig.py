@@ -78,6 +78,8 @@ class Server:
         self.open: dict[str, list[zenoh.Query]] = {}
         self.clients: list[zenoh.Session] = []
         self._queryables: list[Any] = []
+        bridge = topics.liveliness_key("v", "service", "vehicle_bridge")
+        self._alive = self.session.liveliness().declare_token(bridge)
 
     def serve(self, name: str, *replies: Payload, end: bool = True, complete: bool = True) -> None:
         def on_query(query: zenoh.Query) -> None:

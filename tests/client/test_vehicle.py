@@ -179,6 +179,15 @@ def test_a_server_that_dies_is_told_within_a_second(vehicle: Vehicle, server: Se
         goal.result()
 
 
+def test_a_cut_link_to_the_vehicles_computer_is_not_taken_for_a_dead_server() -> None:
+    with own_stack() as (endpoint, _, server), Vehicle.connect("v", router=endpoint) as vehicle:
+        server.serve("@action/takeoff", ACCEPTED, end=False)
+        goal = vehicle.takeoff()
+        server.close()
+        with pytest.raises(Unreachable, match=f"the link to v is lost; goal {goal.goal_id} may still run"):
+            goal.result()
+
+
 def test_a_lost_connection_is_not_taken_for_a_dead_server() -> None:
     with own_stack() as (endpoint, router, server):
         server.serve("@action/takeoff", ACCEPTED, end=False)
