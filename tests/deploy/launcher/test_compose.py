@@ -38,11 +38,20 @@ def test_profiles_choose_services_and_those_without_one_always_run() -> None:
     services = parse(SHIPPED.read_text(), {})
     assert list(select(services, ["sim"])) == ["router", "simulator", "camera", "autopilot"]
     assert "simulator" not in select(services, ["control"])
-    assert select(services) == services
+    assert select(services).keys() == services.keys() - {"rover"}
+
+
+def test_the_profiles_of_three_computers_are_the_whole_stack_and_have_no_service_but_the_router_in_common() -> None:
+    services = parse(SHIPPED.read_text(), {})
+    parts = [set(select(services, profiles)) for profiles in (["onboard", "sim"], ["rover"], ["ground"])]
+    assert set().union(*parts) == set(services)
+    assert sum(map(len, parts)) == len(services) + 2
 
 
 def test_an_unknown_profile_is_refused_with_those_there_are() -> None:
-    with pytest.raises(ComposeError, match=r"profile simulation; there are control, estimation, ground, onboard, sim"):
+    with pytest.raises(
+        ComposeError, match=r"profile simulation; there are control, estimation, ground, onboard, rover, sim"
+    ):
         select(parse(SHIPPED.read_text(), {}), ["simulation"])
 
 
