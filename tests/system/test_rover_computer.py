@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import pytest
 import zenoh
 
 from jezero.codec import decode
@@ -48,6 +49,7 @@ def await_more(readings: list[RoverOdometry], description: str) -> None:
     wait_for(lambda: len(readings) >= count + 10, TIMEOUT_S, description)
 
 
+@pytest.mark.long
 def test_the_rovers_computer_publishes_and_drives_and_the_simulator_takes_over_when_it_dies(stack: Stack) -> None:
     readings: list[RoverOdometry] = []
     texts: list[str] = []
