@@ -10,7 +10,7 @@ from jezero.cli.exit_codes import FAILED
 if TYPE_CHECKING:
     from jezero.trials.landing.benchmark import LandingReport
     from jezero.trials.landing.flight import Landing
-    from jezero.trials.landing.trial import CaseName, RoverName
+    from jezero.trials.landing.trial import CaseName
 
 
 BIAS_MAX_M = 10.0
@@ -53,66 +53,47 @@ def bench() -> None:
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="First seed.")
 @click.option("--rover", type=click.Choice(["still", "drive", "turn", "zigzag"]), default="still", show_default=True,
               help="Motion: none; 0.5 m/s straight; 1 m/s and 0.2 rad/s; 0.8 m/s, turning left and right.")  # fmt: skip
-@click.option("--wind", type=click.FloatRange(0.0, 30.0), default=3.0, show_default=True, metavar="MEAN",
+@click.option("--wind", "wind_mps", type=click.FloatRange(0.0, 30.0), default=3.0, show_default=True, metavar="MEAN",
               help="Speed of the mean wind, in m/s.")  # fmt: skip
-@click.option("--gusts", type=click.FloatRange(0.0, 10.0), default=0.6, show_default=True, metavar="STD",
-              help="Standard deviation of the gusts, in m/s.")  # fmt: skip
-@click.option("--wind-change", type=click.FloatRange(0.0, 30.0), metavar="MEAN",
+@click.option("--gusts", "std_gust_mps", type=click.FloatRange(0.0, 10.0), default=0.6, show_default=True,
+              metavar="STD", help="Standard deviation of the gusts, in m/s.")  # fmt: skip
+@click.option("--wind-change", "wind_change_mps", type=click.FloatRange(0.0, 30.0), metavar="MEAN",
               help="Mean wind, from another direction, from a random time of the landing on.")  # fmt: skip
-@click.option("--tilt", type=click.FloatRange(0.0, 30.0), default=0.0, show_default=True, metavar="DEG",
+@click.option("--tilt", "tilt_deg", type=click.FloatRange(0.0, 30.0), default=0.0, show_default=True, metavar="DEG",
               help="Tilt of the rover's platform, in a random direction.")  # fmt: skip
-@click.option("--compass-step", type=click.FloatRange(-180.0, 180.0), default=0.0, show_default=True, metavar="DEG",
+@click.option("--compass-step", "compass_step_deg", type=click.FloatRange(-180.0, 180.0), default=0.0,
+              show_default=True, metavar="DEG",
               help="Jump of the vehicle's compass at a random time of the landing.")  # fmt: skip
 @click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Number of processes.")
 @click.option("--tags", type=click.Choice(["projected", "rendered"]), default="projected", show_default=True,
               help="Calculate the tags' corners, or render images and detect.")  # fmt: skip
 @click.option(
     "--uwb-std",
+    "uwb_std_m",
     type=click.FloatRange(0.0, 10.0),
     metavar="M",
     help="Standard deviation of a UWB range [default: 0.01, case uwb: 0.1].",
 )
 @click.option("--uwb-outliers", type=click.FloatRange(0.0, 1.0), metavar="SHARE",
               help="Share of UWB ranges that are 0.5 to 3 m too long [default: 0, case uwb: 0.1].")  # fmt: skip
-@click.option("--uwb-bias", type=_Bias(), default=(), metavar="M[,M...]",
+@click.option("--uwb-bias", "uwb_bias_m", type=_Bias(), default=(), metavar="M[,M...]",
               help="Constant error of the UWB ranges: one number for all anchors, or one for each.")  # fmt: skip
 @click.option("--anchors", type=click.Choice(["right", "rotated"]), default="right", show_default=True,
               help="Rotated: each UWB anchor stands where the next one should.")  # fmt: skip
-@click.option("--tag-side", type=click.FloatRange(0.2, 0.8), metavar="M",
+@click.option("--tag-side", "tag_side_m", type=click.FloatRange(0.2, 0.8), metavar="M",
               help="Side of the big tag as it was printed [default: as configured].")  # fmt: skip
-@click.option("--rover-compass", type=click.FloatRange(-180.0, 180.0), default=0.0, show_default=True, metavar="DEG",
-              help="Constant error of the rover's compass.")  # fmt: skip
-@click.option("--camera-delay", type=click.FloatRange(0.0, 1.0), metavar="S",
+@click.option("--rover-compass", "rover_compass_deg", type=click.FloatRange(-180.0, 180.0), default=0.0,
+              show_default=True, metavar="DEG", help="Constant error of the rover's compass.")  # fmt: skip
+@click.option("--camera-delay", "camera_delay_s", type=click.FloatRange(0.0, 1.0), metavar="S",
               help="Seconds from exposure to the image [default: 0.1].")  # fmt: skip
 @click.option("--hide-tag", is_flag=True, help="Hide the tags twice, for a second each.")
-@click.option("--tag-until", type=click.FloatRange(0.0, 20.0), metavar="M",
+@click.option("--tag-until", "tag_until_m", type=click.FloatRange(0.0, 20.0), metavar="M",
               help="Hide the tags below this height above the platform.")  # fmt: skip
 @click.option("--record", "--out", "out", type=click.Path(path_type=Path, file_okay=False), metavar="FOLDER",
               help="Record each landing, about 2 MB, for `jezero report`.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="One JSON object per case; `jezero report` draws them.")
 def landing(
-    case: str,
-    n: int,
-    seed: int,
-    rover: str,
-    wind: float,
-    gusts: float,
-    wind_change: float | None,
-    tilt: float,
-    compass_step: float,
-    jobs: int,
-    tags: str,
-    uwb_std: float | None,
-    uwb_outliers: float | None,
-    uwb_bias: tuple[float, ...],
-    anchors: str,
-    tag_side: float | None,
-    rover_compass: float,
-    camera_delay: float | None,
-    hide_tag: bool,
-    tag_until: float | None,
-    out: Path | None,
-    as_json: bool,
+    case: str, n: int, seed: int, jobs: int, anchors: str, out: Path | None, as_json: bool, **conditions: Any
 ) -> None:
     """Land many times, from random positions 4 to 8 m up and up to 8 m away.
 
@@ -127,26 +108,8 @@ def landing(
 
     failed = False
     for name in CASES if case == "all" else (case,):
-        conditions = Conditions(
-            case=cast("CaseName", name),
-            rover=cast("RoverName", rover),
-            tags="rendered" if tags == "rendered" else "projected",
-            uwb_std_m=uwb_std,
-            uwb_outliers=uwb_outliers,
-            uwb_bias_m=uwb_bias,
-            anchors_rotated=anchors == "rotated",
-            tag_side_m=tag_side,
-            rover_compass_deg=rover_compass,
-            camera_delay_s=camera_delay,
-            hide_tag=hide_tag,
-            tag_until_m=tag_until,
-            wind_mps=wind,
-            std_gust_mps=gusts,
-            wind_change_mps=wind_change,
-            tilt_deg=tilt,
-            compass_step_deg=compass_step,
-        )
-        report = fly_landings(conditions, n, seed, jobs, _print_nothing if as_json else _print_landing, out)
+        conditions_of_case = Conditions(case=cast("CaseName", name), anchors_rotated=anchors == "rotated", **conditions)
+        report = fly_landings(conditions_of_case, n, seed, jobs, _print_nothing if as_json else _print_landing, out)
         click.echo(msgspec.json.encode(report).decode() if as_json else _table(report))
         failed |= bool(report.failed_seeds)
     if failed:

@@ -100,21 +100,10 @@ def up(
     jezero up --profile onboard --listen tls/0.0.0.0:7448 --keys vehicle-uav1
     jezero up --profile ground --connect tls/192.168.1.10:7448 --keys ground-lab
     """
-    from jezero.runtime.config import (
-        CONNECT_VARIABLE,
-        LISTEN_VARIABLE,
-        instance_from_environment,
-        links_from_environment,
-    )
+    from jezero.runtime.config import instance_from_environment, links_from_environment
 
     start_s = time.monotonic()
-    if (keys := context.meta[KEYS]) is not None:
-        os.environ[KEYS_VARIABLE] = str(keys.resolve())  # for the services
-    if context.meta[INSECURE]:
-        os.environ[INSECURE_VARIABLE] = "1"
-    for variable, endpoints in ((LISTEN_VARIABLE, listen), (CONNECT_VARIABLE, connect)):
-        if endpoints:
-            os.environ[variable] = " ".join(map(shown_router, endpoints))
+    _set_environment(context, listen, connect)
     keep_private()
     instance, links, folder = instance_from_environment(), links_from_environment(), run_folder(run_dir)
     path = (file or _shipped_compose_file()).resolve()
@@ -132,6 +121,19 @@ def up(
     except _CannotStart as error:
         click.echo(f"Error: {error}", err=True)
         exit_now(error.exit_code)
+
+
+def _set_environment(context: click.Context, listen: tuple[str, ...], connect: tuple[str, ...]) -> None:
+    """Set the variables by which the services, and this process, know what the options say."""
+    from jezero.runtime.config import CONNECT_VARIABLE, LISTEN_VARIABLE
+
+    if (keys := context.meta[KEYS]) is not None:
+        os.environ[KEYS_VARIABLE] = str(keys.resolve())
+    if context.meta[INSECURE]:
+        os.environ[INSECURE_VARIABLE] = "1"
+    for variable, endpoints in ((LISTEN_VARIABLE, listen), (CONNECT_VARIABLE, connect)):
+        if endpoints:
+            os.environ[variable] = " ".join(map(shown_router, endpoints))
 
 
 def _read_services(path: Path, profiles: tuple[str, ...]) -> "dict[str, Service]":

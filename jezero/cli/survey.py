@@ -167,14 +167,7 @@ def gridsweep(
             return
         pending = missing
     with connected(vehicle, router, printer) as uav:
-        known = vehicle_origin(uav.status().odometry)
-        if not isinstance(pending, CoverageRequest):
-            goal = around_origin(pending, known)
-        else:
-            goal = pending.goal(known)
-            printer.event(
-                "area", f"area: {place_in_words(goal, known)}", origin_deg=None if known is None else known.position_deg
-            )
+        goal = _placed(pending, printer, vehicle_origin(uav.status().odometry))
         plan = agreed_plan(printer, uav, AREA_COVERAGE, goal, yes=yes)
         images_goal: Any = uav.send(AREA_COVERAGE, as_planned(goal, plan))
         # with its start, the same path can be resumed if its server dies, and drawn beside the one flown
@@ -186,6 +179,19 @@ def gridsweep(
         take_pictures(
             printer, images_goal, "gridsweep", dataset, lambda result: _write_resume_goal(dataset.folder, result.resume)
         )
+
+
+def _placed(
+    pending: "AreaCoverageGoal | CoverageRequest", printer: Printer, known: Origin | None
+) -> "AreaCoverageGoal":
+    """The goal around the vehicle's origin; prints where a new area is."""
+    if not isinstance(pending, CoverageRequest):
+        return around_origin(pending, known)
+    goal = pending.goal(known)
+    printer.event(
+        "area", f"area: {place_in_words(goal, known)}", origin_deg=None if known is None else known.position_deg
+    )
+    return goal
 
 
 def _refuse_unused(*, plan_only: bool, resume: Path | None) -> None:

@@ -210,22 +210,11 @@ class GoalMethods:
             force: fly also if less than 90 % of the area would be in the images, or too high for a map.
         """
         goal = AreaCoverageGoal(
-            polygon_ned_m=tuple(polygon_ned_m),
-            holes_ned_m=tuple(tuple(hole) for hole in holes_ned_m),
-            origin_deg=origin_deg,
-            margin_outline_m=margin_outline_m,
-            margin_holes_m=margin_holes_m,
-            z_ned_m=z_ned_m,
-            resolution_m=resolution_m,
-            overlap=overlap,
-            sidelap=sidelap,
-            frame=frame,
-            speed_mps=speed_mps,
-            start_ned_m=start_ned_m,
-            on_client_loss=on_client_loss,
-            plan_id=plan_id,
-            force=force,
-        )
+            polygon_ned_m=tuple(polygon_ned_m), holes_ned_m=tuple(tuple(hole) for hole in holes_ned_m),
+            origin_deg=origin_deg, margin_outline_m=margin_outline_m, margin_holes_m=margin_holes_m, z_ned_m=z_ned_m,
+            resolution_m=resolution_m, overlap=overlap, sidelap=sidelap, frame=frame, speed_mps=speed_mps,
+            start_ned_m=start_ned_m, on_client_loss=on_client_loss, plan_id=plan_id, force=force,
+        )  # fmt: skip
         return self._goals.send_for_images(topics.AREA_COVERAGE, goal)
 
     def resume_coverage(self, goal: AreaCoverageGoal) -> ImagesGoal:

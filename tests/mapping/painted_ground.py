@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from jezero.frames import quat_from_euler, quat_multiply, quat_normalize
+from jezero.frames import Quat, Vec3, quat_from_euler, quat_multiply, quat_normalize
 from jezero.lens import undistort
 from jezero.mapping.mosaic import Mosaic
 from jezero.schemas.images import LISTING
@@ -76,29 +76,31 @@ def dataset(
         error_m += rng.uniform(-wander_m, wander_m, 2)
         told_m = (north_m + error_m[0], east_m + error_m[1], -HEIGHT_M)
         q_ned_from_frd = quat_from_euler(0.0, 0.0, yaw_rad + yaw_error_rad)
-        q_frd_from_camera = quat_multiply(quat_from_euler(0.0, -0.5 * np.pi, 0.0), LOOKING_DOWN)
-        images.append(
-            {
-                "file": f"{index:04d}.png",
-                "index": index,
-                "t_ns": 2_000_000_000 * index,
-                "pos_uav_ned_m": told_m,
-                "q_ned_from_frd": q_ned_from_frd,
-                "yaw_rad": yaw_rad,
-                "pos_camera_ned_m": told_m,
-                "q_ned_from_camera": quat_normalize(quat_multiply(q_ned_from_frd, q_frd_from_camera)),
-                "pitch_camera_rad": -1.5708,
-                "exposure_s": 0.004,
-                "width_px": WIDTH_PX,
-                "height_px": HEIGHT_PX,
-                "focal_px": FOCAL_PX,
-                "center_px": (0.5 * (WIDTH_PX - 1), 0.5 * (HEIGHT_PX - 1)),
-                "distortion": distortion,
-                "range_m": HEIGHT_M - 0.02,
-            }
-        )
+        images.append({**_entry(index, told_m, q_ned_from_frd, distortion), "yaw_rad": yaw_rad})
     (folder / LISTING).write_text(json.dumps({"images": images}))
     return ground
+
+
+def _entry(index: int, told_m: Vec3, q_ned_from_frd: Quat, distortion: Distortion) -> dict[str, Any]:
+    """Entry of a picture in the listing, for a camera at `told_m` that looks down."""
+    q_frd_from_camera = quat_multiply(quat_from_euler(0.0, -0.5 * np.pi, 0.0), LOOKING_DOWN)
+    return {
+        "file": f"{index:04d}.png",
+        "index": index,
+        "t_ns": 2_000_000_000 * index,
+        "pos_uav_ned_m": told_m,
+        "q_ned_from_frd": q_ned_from_frd,
+        "pos_camera_ned_m": told_m,
+        "q_ned_from_camera": quat_normalize(quat_multiply(q_ned_from_frd, q_frd_from_camera)),
+        "pitch_camera_rad": -1.5708,
+        "exposure_s": 0.004,
+        "width_px": WIDTH_PX,
+        "height_px": HEIGHT_PX,
+        "focal_px": FOCAL_PX,
+        "center_px": (0.5 * (WIDTH_PX - 1), 0.5 * (HEIGHT_PX - 1)),
+        "distortion": distortion,
+        "range_m": HEIGHT_M - 0.02,
+    }
 
 
 def picture_matrix(north_m: float, east_m: float, yaw_rad: float) -> NDArray[np.float64]:
