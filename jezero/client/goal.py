@@ -223,36 +223,32 @@ class Goal(Generic[F, R]):
             if deadline_s is not None and time.monotonic() > deadline_s:
                 raise TimedOut("no result in time")
             reply = request_result(self._connection, self.goal_id) if self._connection.connected else None
-            connected = self._connection.connected  # after the request, which may end because the link does
-            link_was_lost |= not connected
+            # After the request, which may end because a link does. Where the bridge is in reach the goal's server is too.
+            in_reach = self._connection.connected and (reply is not None or self._connection.sees_bridge())
+            link_was_lost |= not in_reach
             denials += reply is None
             if reply is not None and reply.result is not None:
                 self._result = decode(Result[self._action.result_type], reply.result.encode())  # type: ignore[name-defined]
             elif reply is not None:
                 give_up_s = time.monotonic() + RECOVER_S
             elif not link_was_lost and denials > 1:
-                self._failure = Unreachable(self._out_of_reach())
+                died = f"the {self._action.name} server died or lost its router"
+                self._failure = Unreachable(f"{died}; the vehicle hovers (`jezero ps`, uav.status())")
             elif self._connection.closed or (link_was_lost and time.monotonic() > give_up_s):
-                self._failure = Unreachable(self._lost(connected))
+                self._failure = Unreachable(self._lost(in_reach))
             if not self._ended:
                 time.sleep(POLL_S)
-
-    def _out_of_reach(self) -> str:
-        """Error text for a goal whose server is gone, while this computer's router is there."""
-        if self._connection.sees_bridge():
-            died = f"the {self._action.name} server died or lost its router"
-            return f"{died}; the vehicle hovers (`jezero ps`, uav.status())"
-        return f"the link to {self._connection.vehicle} is lost; goal {self.goal_id} may still run (`jezero status`)"
 
     def _still_runs(self, timeout_s: float | None) -> str:
         """Error text for a wait that was too short."""
         return f"{self._action.name} still runs after {timeout_s:g} s"
 
-    def _lost(self, connected: bool) -> str:
+    def _lost(self, in_reach: bool) -> str:
         """Error text for a goal after the connection was closed, lost, or lost and restored."""
-        if connected:
+        if in_reach:
             return f"the connection was lost, and no action server knows goal {self.goal_id}: its server died too"
-        return f"{self._connection.loss_reason()}; goal {self.goal_id} may still run"
+        reason = self._connection.loss_reason() or f"the link to {self._connection.vehicle} is lost (`jezero ps`)"
+        return f"{reason}; goal {self.goal_id} may still run"
 
 
 def pause_goal(connection: Connection, action: Action[Any], goal_id: str, timeout_s: float) -> None:

@@ -137,7 +137,10 @@ class Connection:
     def sees_bridge(self) -> bool:
         """Whether the vehicle's bridge is in reach; it isn't while the link to the vehicle's computer is cut."""
         bridge = liveliness_key(self.vehicle, "service", "vehicle_bridge")
-        return any(reply.ok for reply in self._session.liveliness().get(bridge, timeout=SEE_TIMEOUT_S))
+        try:
+            return any(reply.ok for reply in self._session.liveliness().get(bridge, timeout=SEE_TIMEOUT_S))
+        except zenoh.ZError:  # the session was closed
+            return False
 
     def set_vehicle_time(self, t_ns: int) -> None:
         """Set the vehicle time from a message that has just arrived."""

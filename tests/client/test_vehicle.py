@@ -179,13 +179,38 @@ def test_a_server_that_dies_is_told_within_a_second(vehicle: Vehicle, server: Se
         goal.result()
 
 
-def test_a_cut_link_to_the_vehicles_computer_is_not_taken_for_a_dead_server() -> None:
+def test_a_cut_link_to_the_vehicles_computer_is_not_taken_for_a_dead_server(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("jezero.client.goal.RECOVER_S", 0.5)
     with own_stack() as (endpoint, _, server), Vehicle.connect("v", router=endpoint) as vehicle:
         server.serve("@action/takeoff", ACCEPTED, end=False)
         goal = vehicle.takeoff()
         server.close()
-        with pytest.raises(Unreachable, match=f"the link to v is lost; goal {goal.goal_id} may still run"):
+        with pytest.raises(
+            Unreachable, match=rf"the link to v is lost \(`jezero ps`\); goal {goal.goal_id} may still run"
+        ):
             goal.result()
+
+
+def test_a_goal_goes_on_for_its_client_when_the_link_to_the_vehicles_computer_is_there_again() -> None:
+    text = msgspec.json.encode(a_result()).decode()
+    with own_stack() as (endpoint, _, server), Vehicle.connect("v", router=endpoint) as vehicle:
+        server.serve("@action/takeoff", ACCEPTED, end=False)
+        goal = vehicle.takeoff()
+        server.close()
+        again: list[Server] = []
+
+        def come_back() -> None:
+            far = Server(endpoint)
+            far.serve("@action/result", ResultReply(goal_id="g", action="takeoff", running=False, result=text))
+            again.append(far)
+
+        opener = threading.Timer(1.0, come_back)
+        opener.start()
+        try:
+            assert goal.result(timeout_s=10.0).completed
+        finally:
+            opener.join()
+            again[0].close()
 
 
 def test_a_lost_connection_is_not_taken_for_a_dead_server() -> None:
