@@ -2,11 +2,12 @@
 
 from bisect import bisect_left, insort
 from collections import deque
+from collections.abc import Sequence
 from itertools import combinations
 from statistics import median
 
 from jezero.frozen_sensor import FrozenSensorDetector
-from jezero.schemas.sensors import Uwb, UwbRange
+from jezero.schemas.sensors import UwbRange
 from jezero.schemas.units import NS_PER_S
 
 NOISE_WINDOW_NS = 2 * NS_PER_S
@@ -47,13 +48,14 @@ class RangeOutlierFilter:
         self._frozen.clear()
         self.std_m = 0.0
 
-    def filter(self, uwb: Uwb, std_m: float) -> tuple[UwbRange, ...]:
+    def filter(self, ranges: Sequence[UwbRange], std_m: float) -> tuple[UwbRange, ...]:
         """Ranges that are neither frozen nor NLOS.
 
         Args:
+            ranges: those of one message.
             std_m: standard deviation that the filter assumes for a range.
         """
-        for r in uwb.ranges:
+        for r in ranges:
             history = self._history.setdefault(r.anchor, deque())
             if history and r.t_ns <= history[-1][0]:
                 continue
@@ -69,7 +71,7 @@ class RangeOutlierFilter:
                     del self._second_differences_m[bisect_left(self._second_differences_m, dropped_m)]
         self._estimate_noise()
         limit_m = NLOS_SIGMAS * max(std_m, self.std_m) + NLOS_MARGIN_M
-        return tuple(r for r in uwb.ranges if r.anchor not in self._frozen and not self._is_nlos(r, limit_m))
+        return tuple(r for r in ranges if r.anchor not in self._frozen and not self._is_nlos(r, limit_m))
 
     def _detect_freeze(self, r: UwbRange) -> None:
         if self._freeze_detectors.setdefault(r.anchor, FrozenSensorDetector()).is_frozen(r.range_m):

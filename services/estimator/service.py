@@ -38,6 +38,8 @@ UPPER_6 = np.triu_indices(6)
 ATTITUDE_AGE_MAX_S = 0.06
 RANGE_STD_FACTOR = 1.5
 """Factor on the ranges' estimated noise, as each anchor also has a constant error."""
+RANGE_MARGIN = 1.1
+"""Ranges greater than this times the sensor's greatest range are none that it has measured."""
 STD_MAX_M = 1e5
 COV_UNKNOWN = tuple((STD_MAX_M**2 * np.eye(6))[UPPER_6].tolist())
 INVALID_PERIOD_NS = 100_000_000
@@ -202,8 +204,11 @@ class Estimator:
                 self._R_level_from_rover_body = level_from_rover_body(rover)
                 yield self._rover_measurement(rover)
         for altimeter in inbox.new(topics.ALTIMETER):
-            if altimeter.range_m is not None and self._arrivals.is_timely(t_ns, altimeter.t_ns, "the altimeter"):
-                yield from self._altimeter_measurement(altimeter, altimeter.range_m)
+            range_m = altimeter.range_m
+            if range_m is None or not self._arrivals.is_timely(t_ns, altimeter.t_ns, "the altimeter"):
+                continue
+            if self._is_possible(range_m, self._vehicle.altimeter.range_max_m):
+                yield from self._altimeter_measurement(altimeter, range_m)
         if self._selection.use_uwb:
             for uwb in inbox.new(topics.UWB):
                 if uwb.ranges and self._arrivals.is_timely(t_ns, uwb.t_ns, UWB):
@@ -217,6 +222,12 @@ class Estimator:
         plausible = self._rover_check.is_plausible(rover)
         self._arrivals.dropped += not plausible
         return plausible
+
+    def _is_possible(self, range_m: float, range_max_m: float) -> bool:
+        """Whether a sensor can have measured this range; a filter that began with another would be lost far away."""
+        possible = range_m <= RANGE_MARGIN * range_max_m
+        self._arrivals.dropped += not possible
+        return possible
 
     def _rover_measurement(self, rover: sensors.RoverOdometry) -> RoverOdometryMeasurement:
         tuning = self._selection.tuning
@@ -251,7 +262,8 @@ class Estimator:
     def _uwb_measurement(self, uwb: sensors.Uwb) -> Iterator[Measurement]:
         """Ranges with line of sight; their noise is the parameter's or the estimated one, whichever is greater."""
         std_m = max(self._selection.tuning.std_uwb_m, RANGE_STD_FACTOR * self._outlier_filter.std_m)
-        ranges = self._outlier_filter.filter(uwb, std_m)
+        possible = tuple(r for r in uwb.ranges if self._is_possible(r.range_m, self._vehicle.uwb.range_max_m))
+        ranges = self._outlier_filter.filter(possible, std_m)
         if not ranges:
             return
         t_ns = sum(r.t_ns for r in ranges) // len(ranges)

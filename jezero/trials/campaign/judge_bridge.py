@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import dist, hypot, isfinite
 
-from jezero.frames import Vec3, add, subtract
+from jezero.frames import Vec3, add, altitude_m, horizontal, subtract
 from jezero.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.runtime.service import Inbox, Output, Publish, Reply, Send, Service
 from jezero.schemas import topics
@@ -16,6 +16,7 @@ from jezero.schemas.struct import Message
 from jezero.schemas.units import NS_PER_S
 from jezero.trials.campaign.judge import ALLOWED, IN_PROGRESS, Judge
 from jezero.trials.campaign.judge_fence import FenceShape
+from jezero.vehicle_config import VehicleLimitsConfig
 
 AGE_MAX_S = 0.3
 LEAD_MAX_S = 0.05
@@ -52,13 +53,17 @@ class BridgeJudge:
         bridge: the bridge.
         judge: collects the violations.
         flights: control ids with which each goal id flew, in any run of the bridge; added to.
+        limits: limits of the vehicle, which the bridge holds.
     """
 
-    def __init__(self, bridge: Service, judge: Judge, flights: dict[str, set[str]]) -> None:
+    def __init__(
+        self, bridge: Service, judge: Judge, flights: dict[str, set[str]], limits: VehicleLimitsConfig
+    ) -> None:
         self.spec = bridge.spec
         self._bridge = bridge
         self._judge = judge
         self._flights = flights
+        self._limits = limits
         self._codec = MavlinkCodec(1, 200)
         self._status: Status | None = None
         self._previous: Status | None = None
@@ -212,7 +217,7 @@ class BridgeJudge:
         hovers_on = status.code == Code.HOVER and self._previous is not None and self._previous.code == Code.HOVER
         if previous is not None and (gap_s < 1.0 or hovers_on) and _is_same(previous, sent, moved_ned_m):
             return
-        if self._may_fence_change(sent):
+        if self._may_fence_or_limit_change(sent):
             return
         if status.grant and not self._is_requested_hover(inbox, status, sent):
             explained = any(self._matches_setpoint(setpoint, sent) for setpoint in allowed)
@@ -221,12 +226,13 @@ class BridgeJudge:
         elif status.code == Code.HOVER and sent.pos_ned_m is not None:
             self._judge_hover_point(t_ns, inbox, sent.pos_ned_m, previous, moved_ned_m)
 
-    def _may_fence_change(self, sent: SentTarget) -> bool:
-        """Whether the bridge may send another target as the fence is near; `FenceJudge` judges where that leads.
+    def _may_fence_or_limit_change(self, sent: SentTarget) -> bool:
+        """Whether the bridge may send another target as the fence or a limit is near.
 
-        The floor counts from what the altimeter measures, so that it may be near at any height.
+        `FenceJudge` judges where that leads. The floor counts from what the altimeter measures, so that it may be near
+        at any height.
         """
-        if self._fence is None or self._odometry is None:
+        if self._odometry is None:
             return False
         here_ned_m = self._odometry.pos_uav_ned_m
         points = [sent.pos_ned_m, *(setpoint.pos_ned_m for setpoint in self._followed)]
@@ -234,7 +240,12 @@ class BridgeJudge:
         velocities = [self._odometry.vel_uav_ned_mps, *(setpoint.vel_ned_mps for setpoint in self._followed)]
         speed_mps = max(hypot(*velocity) for velocity in velocities if velocity is not None)
         reach_m = FENCE_REACH_M + max(lead_m, speed_mps * speed_mps / 2.0)
-        return self._fence.fence.floor_over_ground_m > 0.0 or self._fence.beyond_m(here_ned_m) > -reach_m
+        limits = self._limits
+        height_left_m = limits.altitude_max_m - altitude_m(here_ned_m[2])
+        if min(height_left_m, limits.distance_max_m - horizontal(here_ned_m)) < reach_m:
+            return True
+        fence = self._fence
+        return fence is not None and (fence.fence.floor_over_ground_m > 0.0 or fence.beyond_m(here_ned_m) > -reach_m)
 
     def _judge_hover_point(
         self, t_ns: int, inbox: Inbox, pos_ned_m: Vec3, previous: SentTarget | None, moved_ned_m: Vec3

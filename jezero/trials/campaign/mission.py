@@ -115,8 +115,10 @@ class Mission:
         self._world = world
         self._makers = world.make_service_makers(seed)
         self.missions = self._mission_client()
+        vehicle = load_config(VehicleConfig, "vehicle")
+        self._limits = vehicle.limits
         if self.missions is not None:
-            self._makers.setdefault(MISSION, mission_maker(load_config(VehicleConfig, "vehicle")))
+            self._makers.setdefault(MISSION, mission_maker(vehicle))
         self._mission_logs: dict[str, MissionLog] = {}
         self._mission_goals: dict[str, Goal] = {}
         self._runs: Counter[str] = Counter()
@@ -198,7 +200,7 @@ class Mission:
         if name == self._world.sensors:
             return service
         if name == BRIDGE:
-            return BridgeJudge(service, self.judge, self._flights)
+            return BridgeJudge(service, self.judge, self._flights, self._limits)
         if name == topics.LAND_ON_SPOT.name:
             service = LandOnSpotJudge(service, self.judge, lambda: self._truth.truth)
         if name == MISSION:

@@ -4,7 +4,7 @@ When the landing fails while the vehicle still flies, or the way would leave the
 """
 
 from collections.abc import Sequence
-from math import hypot
+from math import dist, hypot
 
 from msgspec.structs import replace
 
@@ -23,6 +23,8 @@ from jezero.services.actions.return_home.places import Place, ground_places, her
 
 ROVER_MOVED_M = 5.0
 """A rover that is farther than this from the end of the way has driven on: the vehicle follows it."""
+ROVER_JUMPED_M = 10.0
+"""A rover that is this far from where it was a moment ago was believed in a wrong place: the way begins anew."""
 SEARCH_TRIES = 1
 """Rounds of search for a rover that is out of sight; the battery must also last to the next place."""
 
@@ -58,7 +60,7 @@ class ReturnHome:
         self._paths: list[StraightPath] = []
         """Paths to above the place that are not flown yet."""
         self._landing: RoverLanding | PlainLanding | None = None
-        rover = rover_place(state.rover, settings.rover_std_max_m)
+        rover = self._rover_place(state)
         if isinstance(rover, Place):
             self._begin_to_rover(t_ns, state, rover)
         else:
@@ -174,15 +176,18 @@ class ReturnHome:
         """The end of the climb, the point above the place, and the end of the descent, where the landing begins."""
         north_m, east_m, z_place_ned_m = place_ned_m
         x, y, z = start_ned_m
-        z_arrival_ned_m = z_place_ned_m + z_ned_m(self._settings.height_arrival_m)
+        limit_m = self._config.vehicle.limits.altitude_max_m
+        z_arrival_ned_m = max(z_place_ned_m + z_ned_m(self._settings.height_arrival_m), z_ned_m(limit_m))
         if hypot(north_m - x, east_m - y) < self._settings.near_m:
             return [(north_m, east_m, z_arrival_ned_m)] if z < z_arrival_ned_m else []
-        limit_m = self._config.vehicle.limits.altitude_max_m
         z_way_ned_m = min(z, z_arrival_ned_m, z_ned_m(min(self._safe_height_m, limit_m)))
         corners = [(x, y, z_way_ned_m), (north_m, east_m, z_way_ned_m), (north_m, east_m, z_arrival_ned_m)]
         before = [start_ned_m, *corners]
         reached_m = self._config.move.reached_m
         return [end for start, end in zip(before, corners, strict=False) if _far(start, end) > reached_m]
+
+    def _rover_place(self, state: VehicleState) -> Place | str:
+        return rover_place(state.rover, self._settings.rover_std_max_m, self._config.vehicle.limits)
 
     def _update_rover(self, t_ns: int, state: VehicleState) -> None:
         """Follow what is known of the rover: it may drive on, and come into sight on the way to another place."""
@@ -190,8 +195,13 @@ class ReturnHome:
         if rover is None or self._rover_failed:
             return
         if self._place.kind == "rover":
-            known = rover_place(rover, self._settings.rover_std_max_m)
-            self._place = known if isinstance(known, Place) else self._place
+            known = self._rover_place(state)
+            if not isinstance(known, Place):
+                return
+            if dist(known.pos_ned_m, self._place.pos_ned_m) > ROVER_JUMPED_M:
+                self._begin_to_rover(t_ns, state, known)
+            else:
+                self._place = known
         elif rover.valid:
             sighted = Place("rover", rover.pos_rover_ned_m, "the rover came into sight on the way")
             self._begin_to_rover(t_ns, state, sighted)

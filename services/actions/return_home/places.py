@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot
 
-from jezero.frames import Vec3
+from jezero.frames import Vec3, altitude_m, horizontal
 from jezero.schemas.estimate import RoverEstimate
 from jezero.schemas.goals import HomePlace
+from jezero.vehicle_config import VehicleLimitsConfig
 
 
 @dataclass(frozen=True)
@@ -29,14 +30,19 @@ class Place:
         return self.kind.replace("_", " ")
 
 
-def rover_place(rover: RoverEstimate | None, std_max_m: float) -> Place | str:
+def rover_place(rover: RoverEstimate | None, std_max_m: float, limits: VehicleLimitsConfig) -> Place | str:
     """The rover, or the reason why nobody knows where it is.
 
     Args:
         std_max_m: greatest standard deviation of a position that is good enough to fly there.
+        limits: a rover beyond them is none: its estimate is wrong, or the vehicle may not follow it.
     """
     if rover is None:
         return "the estimator is silent"
+    away_m, height_m = horizontal(rover.pos_rover_ned_m), altitude_m(rover.pos_rover_ned_m[2])
+    if away_m > limits.distance_max_m or height_m > limits.altitude_max_m:
+        beyond = f"{limits.distance_max_m:g} m away and {limits.altitude_max_m:g} m up"
+        return f"it is said to be {away_m:.0f} m away and {height_m:.0f} m up, beyond the limits of {beyond}"
     if rover.valid:
         return Place("rover", rover.pos_rover_ned_m, "the rover is in sight")
     if rover.std_pos_m <= std_max_m:
