@@ -53,7 +53,7 @@ def load_declaration(name: str) -> Any:
         raise PluginError(f"action {name!r}: {point.value} can't be imported: {error!r}") from error
     action = getattr(declaration, "action", None)
     if not isinstance(action, Action):
-        raise PluginError(f"action {name!r}: {point.value} has no attribute `action` (a jezero.schemas.topics.Action)")
+        raise PluginError(f"action {name!r}: {point.value} has no attribute `action` (a jezero.schemas.rows.Action)")
     if action.name != name or action.phase is not Phase.ACTION:
         raise PluginError(
             f"action {name!r}: {point.value} declares the name {action.name!r} and the phase {action.phase.value!r}; "

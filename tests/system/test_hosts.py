@@ -119,7 +119,7 @@ def on_ground(hosts: Hosts) -> Iterator[Hosts]:
     assert hosts.status(hosts.vehicle)["landed"] is True
     yield hosts
     if not hosts.status(hosts.vehicle)["landed"]:
-        hosts.vehicle.jezero("land_on_spot")
+        hosts.vehicle.jezero("return")
 
 
 def test_a_flight_is_commanded_over_a_bad_radio_while_a_viewer_watches(on_ground: Hosts) -> None:

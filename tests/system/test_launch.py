@@ -249,7 +249,7 @@ def test_the_launcher_ends_with_its_services_in_the_foreground_and_reports_that_
         (("up", "-f", "/no/such/file"), "/no/such/file: No such file or directory"),
         (
             ("up", "--profile", "nobody"),
-            "no service has the profile nobody; there are control, estimation, ground, sim",
+            "no service has the profile nobody; there are control, estimation, ground, onboard, rover, sim",
         ),
         (("logs", "nobody"), "no log of nobody"),
     ],

@@ -17,6 +17,7 @@ from jezero.schemas import topics
 from jezero.schemas.estimate import Relative, TagEstimate
 from jezero.schemas.sensors import Altimeter, RoverOdometry, Uwb, UwbRange
 from jezero.schemas.state import Clock, Odometry
+from jezero.schemas.units import NS_PER_S
 from jezero.services.estimator.config import EstimatorConfig
 from jezero.services.estimator.kalman import UpdateResult
 from jezero.services.estimator.measurements import AltimeterMeasurement
@@ -100,20 +101,23 @@ def test_a_fifth_of_the_ranges_without_line_of_sight_hardly_matters() -> None:
     assert blocked.relative.valid
 
 
-@pytest.mark.parametrize(("begin_s", "end_s"), [(0.5, 8.0), (3.0, 8.0)])
-def test_ranges_that_no_uwb_measures_never_put_the_rover_far_away(begin_s: float, end_s: float) -> None:
-    rng = np.random.default_rng(1)
+@pytest.mark.parametrize("seed", range(3))
+def test_ranges_that_no_uwb_measures_never_put_the_rover_far_away(seed: int) -> None:
+    rng = np.random.default_rng(seed)
 
     def garbled(arrival: Arrival) -> Iterable[Arrival]:
         t_ns, topic, message = arrival
-        if isinstance(message, Uwb) and begin_s * 1e9 < t_ns < end_s * 1e9:
+        if topic is topics.ESTIMATE_TAG:
+            return ()
+        if isinstance(message, Uwb) and 3.0 * NS_PER_S < t_ns < 8.0 * NS_PER_S:
             ranges = tuple(changed(r, range_m=rng.uniform(0.0, 1e3)) for r in message.ranges)
             message = changed(message, ranges=ranges)
         return ((t_ns, topic, message),)
 
     rig = Rig(tamper=garbled)
     rig.until(9.5)
-    assert max(norm(rover.pos_rover_ned_m) for rover in rig.rovers) < 100.0
+    assert max(norm(rover.pos_rover_ned_m) for rover in rig.rovers) < 10.0
+    assert rig.relative.valid and rig.error_m() < 0.2
 
 
 def test_the_noise_of_the_ranges_is_measured_whatever_moves() -> None:

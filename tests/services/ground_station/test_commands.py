@@ -20,7 +20,7 @@ EXAMPLES: dict[str, Any] = {
     "str": "takeoff",
     "float": 0.0,
     "collections.abc.Mapping[str, typing.Any]": {"words": "go to", "action": "go_to", "goal_id": "1"},
-    "jezero.schemas.topics.Action[typing.Any]": GO_TO,
+    "jezero.schemas.rows.Action[typing.Any]": GO_TO,
 }
 """An argument of each type that commands have."""
 
