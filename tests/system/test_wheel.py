@@ -79,7 +79,10 @@ def test_the_command_and_its_files_come_from_the_wheel(installed: Path, tmp_path
     assert "takeoff" in run(installed / "jezero", "--help", cwd=tmp_path).stdout
     assert run(installed / "jezero", "--version", cwd=tmp_path).stdout.startswith("jezero")
     refused = run(installed / "jezero", "up", "--profile", "nobody", cwd=tmp_path)
-    assert f"{installed.parent}" in refused.stderr and "there are control, estimation, ground, sim" in refused.stderr
+    assert (
+        f"{installed.parent}" in refused.stderr
+        and "there are control, estimation, ground, onboard, rover, sim" in refused.stderr
+    )
 
 
 def test_the_wheel_flies(installed: Path, tmp_path: Path) -> None:
