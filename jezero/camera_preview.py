@@ -15,7 +15,7 @@ SIDE_MAX_PX = 480
 """Longer side of a preview. Simulated ground, with its stones, fits into `PREVIEW_MAX_BYTES` in quality 45 or 60; a
 picture of 320 px shows less of it, in whatever quality."""
 QUALITIES = (60, 45, 30)
-"""Qualities of the JPEG, of which the first is taken that is small enough."""
+"""Qualities of the JPEG; the first one that makes the picture small enough is taken."""
 SHRINKING = 0.7
 """Factor of the sides of a picture that is too large in all qualities."""
 

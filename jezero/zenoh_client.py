@@ -18,7 +18,7 @@ LINK_SETTINGS: Mapping[str, Any] = {
 RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
 """When a lost connection is tried again."""
 FIRST, LAST = zenoh.Priority.INTERACTIVE_HIGH, zenoh.Priority.DATA_LOW
-"""Of what waits for a link, commands and status go first, pictures and journals last."""
+"""Priorities of the messages that wait for a link: commands and status go first, pictures and journals last."""
 
 
 def config_of(settings: Mapping[str, Any]) -> zenoh.Config:

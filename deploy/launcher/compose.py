@@ -113,7 +113,9 @@ def _like(pattern: Service, name: str) -> Service:
 
 
 def select(services: Mapping[str, Service], profiles: Iterable[str] = ()) -> dict[str, Service]:
-    """Services of the given profiles and those without a profile; without a profile all that need none to be named.
+    """Services of the given profiles and those without a profile.
+
+    If no profile is given: all services but those that run only with a profile.
 
     Raises:
         ComposeError: a profile does not exist, or a selected service depends on one that is not selected.
@@ -224,7 +226,7 @@ def _service(name: str, fields: Any) -> Service:
         max_retries=max_retries,
         stop_grace_s=_duration_s(f"{where}.stop_grace_period", fields.get("stop_grace_period", "10s")),
         profiles=_strings(f"{where}.profiles", fields.get("profiles", [])),
-        only_with_profile=fields.get("x-only-with-profile", False) is True,
+        only_with_profile=_flag(f"{where}.x-only-with-profile", fields.get("x-only-with-profile", False)),
     )
 
 
@@ -235,6 +237,12 @@ def _scale(where: str, fields: Mapping[str, Any], variables: Mapping[str, str]) 
     if value not in ("0", "1"):
         raise ComposeError(f"{where}: {given} is {value!r}, expected 0 (off) or 1 (on)")
     return int(value)
+
+
+def _flag(where: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ComposeError(f"{where}: expected true or false, got {value!r}")
+    return value
 
 
 def _strings(where: str, value: Any) -> tuple[str, ...]:

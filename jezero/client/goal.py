@@ -223,7 +223,7 @@ class Goal(Generic[F, R]):
             if deadline_s is not None and time.monotonic() > deadline_s:
                 raise TimedOut("no result in time")
             reply = request_result(self._connection, self.goal_id) if self._connection.connected else None
-            # After the request, which may end because a link does. Where the bridge is in reach, the server is too.
+            # After the request, which may end because a link does. Bridge and action servers are on one computer.
             in_reach = self._connection.connected and (reply is not None or self._connection.sees_bridge())
             link_was_lost |= not in_reach
             denials += reply is None

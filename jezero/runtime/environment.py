@@ -25,7 +25,7 @@ VARIABLES = (
         "JEZERO_INSECURE",
         "`1`",
         "–",
-        "whether the router's address may leave this computer without TLS; `1` permits it.",
+        "whether links to other computers may go without TLS; `1` permits it.",
     ),
     Variable(
         "JEZERO_LISTEN",

@@ -1,4 +1,4 @@
-"""What of a vehicle's topics crosses the links between computers, and how often: the column `link_hz` of the table.
+"""Which topics cross the links between computers, and at what rate: the column `link_hz` of the topic table.
 
 Within a computer every message passes. A link to another computer may be a radio that carries a thousandth of that.
 

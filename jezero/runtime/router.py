@@ -1,8 +1,7 @@
 """The Zenoh router of one stack: `python -m jezero.runtime.router` routes until SIGTERM.
 
-It listens to the programs of its own computer at `JEZERO_ROUTER` and to other computers at `JEZERO_LISTEN`, and
-connects to the routers of others at `JEZERO_CONNECT`. So what programs of one computer say to each other waits for no
-radio.
+It listens to the programs of its own computer at `JEZERO_ROUTER` and to other computers at `JEZERO_LISTEN`. It connects
+to the routers of others at `JEZERO_CONNECT`. So no radio delays messages between programs of one computer.
 """
 
 import os
@@ -61,7 +60,8 @@ ROUTER_SETTINGS: Mapping[str, Any] = {
     # A reply waits this long in us for a reader that doesn't take it, then the reader's link is closed. The action
     # server that replies can't send setpoints meanwhile, and a setpoint counts for 0.3 s. The default is 5 s.
     "transport/link/tx/queue/congestion_control/block/wait_before_close": 200_000,
-    # A picture as it is, 0.9 MB, waits here for a radio, and so for no one else. In batches of 64 kB; the default is 2.
+    # Room for a picture of 0.9 MB that waits for a slow radio, in batches of 64 kB. With the default of 2 the action
+    # server that sends it would wait.
     "transport/link/tx/queue/size/data_low": 16,
     "scouting/delay": 0,  # nothing is scouted; the default waits 0.5 s for it
 }
@@ -153,8 +153,8 @@ def check_local(endpoint: str) -> None:
     protocol, host, _ = parse_router(endpoint)
     if host and (protocol == "tls" or not is_loopback(host)):
         raise ListenError(
-            f"JEZERO_ROUTER is {shown_router(endpoint)}, but the programs of this computer meet on its loopback, such "
-            "as tcp/127.0.0.1:7447: where other computers connect is said by --listen or JEZERO_LISTEN"
+            f"JEZERO_ROUTER is {shown_router(endpoint)}, but the programs of this computer need an address on its "
+            "loopback, such as tcp/127.0.0.1:7447. Give the address for other computers with --listen or JEZERO_LISTEN"
         )
 
 
@@ -220,7 +220,7 @@ class _Readers:
         """Who is at each address: name of the member with keys, and Zenoh's id of the session."""
         self._members: set[str] = set()
         self._named: dict[str, tuple[str, float]] = {}
-        """Stopped readers by what they are: the name of each, and the time until which the router's health names it."""
+        """Stopped readers by member and session: the name of each, and the time until which health names it."""
 
     def update(self) -> None:
         """Check all links; to be called every `SAMPLE_PERIOD_S`."""

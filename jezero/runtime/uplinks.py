@@ -16,7 +16,7 @@ DIAGNOSIS_PERIOD_S = 5.0
 
 
 class Uplinks:
-    """Watches, in a thread of its own, whether each router is connected to which this one connects.
+    """Watches in a thread of its own whether this router is connected to each of the others.
 
     Args:
         session: session of this router.
@@ -36,7 +36,10 @@ class Uplinks:
 
     def _watch(self) -> None:
         while not self._session.is_closed():
-            linked = {link.dst.partition("/")[2].partition("?")[0] for link in self._session.info.links()}
+            try:
+                linked = {link.dst.partition("/")[2].partition("?")[0] for link in self._session.info.links()}
+            except zenoh.ZError:  # the session was closed just now
+                return
             missing = [endpoint for endpoint in self._reasons if not linked & _addresses(endpoint)]
             if missing and time.monotonic() >= self._due_s:
                 self._due_s = time.monotonic() + DIAGNOSIS_PERIOD_S

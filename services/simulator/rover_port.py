@@ -14,7 +14,7 @@ ROVER = "rover"
 class RoverPort:
     """Where odometry goes and commands come from: while the rover's computer is connected, its link alone.
 
-    So no reading is published twice, and no command counts that the rover's computer has not got.
+    So no reading is published twice, and a command counts only if the rover's computer has received it.
 
     Attributes:
         text: state of the link for people, to be appended to a sentence; "" before the first connection.

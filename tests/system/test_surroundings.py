@@ -235,7 +235,7 @@ def test_a_service_whose_port_is_taken_later_says_so_itself(toy: Stack) -> None:
     [
         ("127.0.0.1:7447", "is no address of a router: write PROTOCOL/HOST:PORT, such as tcp/127.0.0.1:7447"),
         ("tcp://127.0.0.1:7447", "is no address of a router"),
-        ("tcp/192.0.2.1:7447", "the programs of this computer meet on its loopback, such as tcp/127.0.0.1:7447"),
+        ("tcp/192.0.2.1:7447", "the programs of this computer need an address on its loopback, such as tcp/"),
     ],
 )
 def test_an_address_of_the_router_that_cannot_be_used_is_shown(toy: Stack, address: str, reason: str) -> None:

@@ -217,7 +217,7 @@ class BridgeJudge:
         hovers_on = status.code == Code.HOVER and self._previous is not None and self._previous.code == Code.HOVER
         if previous is not None and (gap_s < 1.0 or hovers_on) and _is_same(previous, sent, moved_ned_m):
             return
-        if self._may_fence_or_limit_change(sent):
+        if self._may_fence_change(sent) or self._may_limits_change():
             return
         if status.grant and not self._is_requested_hover(inbox, status, sent):
             explained = any(self._matches_setpoint(setpoint, sent) for setpoint in allowed)
@@ -226,13 +226,26 @@ class BridgeJudge:
         elif status.code == Code.HOVER and sent.pos_ned_m is not None:
             self._judge_hover_point(t_ns, inbox, sent.pos_ned_m, previous, moved_ned_m)
 
-    def _may_fence_or_limit_change(self, sent: SentTarget) -> bool:
-        """Whether the bridge may send another target as the fence or a limit is near.
-
-        `FenceJudge` judges where that leads. The floor counts from what the altimeter measures, so that it may be near
-        at any height.
-        """
+    def _may_limits_change(self) -> bool:
+        """Whether the setpoints lead beyond the limits of height and distance, or the vehicle brakes before them."""
         if self._odometry is None:
+            return False
+
+        def room_m(point_ned_m: Vec3) -> float:
+            height_m, away_m = altitude_m(point_ned_m[2]), horizontal(point_ned_m)
+            return min(self._limits.altitude_max_m - height_m, self._limits.distance_max_m - away_m)
+
+        points = [setpoint.pos_ned_m for setpoint in self._followed if setpoint.pos_ned_m is not None]
+        speed_mps = hypot(*self._odometry.vel_uav_ned_mps)
+        brakes = room_m(self._odometry.pos_uav_ned_m) < FENCE_REACH_M + speed_mps * speed_mps / 2.0
+        return brakes or any(room_m(point) < 0.0 for point in points)
+
+    def _may_fence_change(self, sent: SentTarget) -> bool:
+        """Whether the bridge may send another target as the fence is near; `FenceJudge` judges where that leads.
+
+        The floor counts from what the altimeter measures, so that it may be near at any height.
+        """
+        if self._fence is None or self._odometry is None:
             return False
         here_ned_m = self._odometry.pos_uav_ned_m
         points = [sent.pos_ned_m, *(setpoint.pos_ned_m for setpoint in self._followed)]
@@ -240,12 +253,7 @@ class BridgeJudge:
         velocities = [self._odometry.vel_uav_ned_mps, *(setpoint.vel_ned_mps for setpoint in self._followed)]
         speed_mps = max(hypot(*velocity) for velocity in velocities if velocity is not None)
         reach_m = FENCE_REACH_M + max(lead_m, speed_mps * speed_mps / 2.0)
-        limits = self._limits
-        height_left_m = limits.altitude_max_m - altitude_m(here_ned_m[2])
-        if min(height_left_m, limits.distance_max_m - horizontal(here_ned_m)) < reach_m:
-            return True
-        fence = self._fence
-        return fence is not None and (fence.fence.floor_over_ground_m > 0.0 or fence.beyond_m(here_ned_m) > -reach_m)
+        return self._fence.fence.floor_over_ground_m > 0.0 or self._fence.beyond_m(here_ned_m) > -reach_m
 
     def _judge_hover_point(
         self, t_ns: int, inbox: Inbox, pos_ned_m: Vec3, previous: SentTarget | None, moved_ned_m: Vec3

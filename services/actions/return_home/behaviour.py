@@ -24,7 +24,7 @@ from jezero.services.actions.return_home.places import Place, ground_places, her
 ROVER_MOVED_M = 5.0
 """A rover that is farther than this from the end of the way has driven on: the vehicle follows it."""
 ROVER_JUMPED_M = 10.0
-"""A rover that is this far from where it was a moment ago was believed in a wrong place: the way begins anew."""
+"""If the rover's position changes by this much at once, the earlier one was wrong: the way begins anew."""
 SEARCH_TRIES = 1
 """Rounds of search for a rover that is out of sight; the battery must also last to the next place."""
 

@@ -41,8 +41,8 @@ def rover_place(rover: RoverEstimate | None, std_max_m: float, limits: VehicleLi
         return "the estimator is silent"
     away_m, height_m = horizontal(rover.pos_rover_ned_m), altitude_m(rover.pos_rover_ned_m[2])
     if away_m > limits.distance_max_m or height_m > limits.altitude_max_m:
-        beyond = f"{limits.distance_max_m:g} m away and {limits.altitude_max_m:g} m up"
-        return f"it is said to be {away_m:.0f} m away and {height_m:.0f} m up, beyond the limits of {beyond}"
+        beyond = f"beyond the limits of {limits.distance_max_m:g} m and {limits.altitude_max_m:g} m"
+        return f"its estimated position is {away_m:.0f} m away and {height_m:.0f} m up, {beyond}"
     if rover.valid:
         return Place("rover", rover.pos_rover_ned_m, "the rover is in sight")
     if rover.std_pos_m <= std_max_m:

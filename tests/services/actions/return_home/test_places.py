@@ -43,7 +43,7 @@ def test_a_rover_that_nobody_knows_is_no_place_but_a_reason(estimate: RoverEstim
 @pytest.mark.parametrize("valid", [False, True])
 def test_a_rover_beyond_the_limits_is_no_place_however_well_it_is_known(pos_ned_m: Vec3, valid: bool) -> None:
     place = rover_place(rover(valid=valid, std_m=2.9, pos_ned_m=pos_ned_m), 10.0, LIMITS)
-    assert isinstance(place, str) and "beyond the limits of 500 m away and 120 m up" in place
+    assert isinstance(place, str) and "beyond the limits of 500 m and 120 m" in place
 
 
 def test_the_takeoff_point_comes_before_the_nearest_rally_point() -> None:
