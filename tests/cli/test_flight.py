@@ -43,6 +43,7 @@ def test_wrong_usage_says_what_is_wrong_and_exits_with_2(words: str, said: str) 
     assert said in result.output
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("command", ["target 0 0 -4 world true", "takeoff 3", "abort", "status", "hover 0 0 -3"])
 def test_without_a_stack_it_says_so_and_exits_with_5(command: str) -> None:
     result = CliRunner().invoke(main, [*command.split(), *NOBODY])

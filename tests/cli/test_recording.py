@@ -132,6 +132,7 @@ def test_a_recording_of_another_program_makes_no_command_crash(command: str, tmp
         assert result.exit_code == 0, result.output
 
 
+@pytest.mark.long
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_a_damaged_recording_ends_no_command_with_a_traceback(
@@ -154,6 +155,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return record(tmp_path_factory.mktemp("run") / "flight.mcap").read_bytes()
 
 
+@pytest.mark.long
 def test_a_report_of_a_recording_that_is_cut_at_any_place_draws_it_or_says_why_not(
     whole: bytes, tmp_path: Path
 ) -> None:

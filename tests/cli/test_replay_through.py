@@ -23,6 +23,7 @@ def replay(path: Path, *words: str) -> Result:
     return CliRunner().invoke(main, ["replay", str(path), "--through", *words])
 
 
+@pytest.mark.long
 def test_a_replay_without_changes_is_identical_and_succeeds(recording: Path) -> None:
     done = replay(recording, "vehicle_bridge")
     assert done.exit_code == 0

@@ -23,6 +23,7 @@ def test_pictures_from_known_poses_make_a_map_that_is_where_things_are(tmp_path:
     assert np.abs(displacement_m(make_map(tmp_path, M_PER_PX, VehicleConfig()).mosaic, ground)).max() <= 1.5 * M_PER_PX
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("distortion", [(-0.25, 0.05, 0.0, 0.0, 0.0), (0.25, 0.0, 0.001, -0.001, 0.0)])
 def test_pictures_of_a_lens_with_distortion_make_the_same_map_and_nothing_that_the_lens_does_not_show(
     tmp_path: Path, distortion: Distortion

@@ -87,6 +87,7 @@ def test_what_stands_on_the_ground_comes_whole_from_one_picture(tmp_path: Path) 
     assert likeness.max() > VISIBLE_LIKENESS
 
 
+@pytest.mark.long
 def test_ground_around_what_stands_on_it_keeps_the_detail_of_a_single_picture(tmp_path: Path) -> None:
     (tmp_path / "with").mkdir()
     (tmp_path / "without").mkdir()
@@ -149,6 +150,7 @@ def test_a_picture_alone_is_a_map(tmp_path: Path) -> None:
     assert made(tmp_path).seen.mean() > 0.8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("m_per_px", [0.01, 0.05, 0.2, 1.0])
 def test_a_map_can_be_finer_and_coarser_than_its_pictures(tmp_path: Path, m_per_px: float) -> None:
     dataset(tmp_path)

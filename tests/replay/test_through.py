@@ -38,6 +38,7 @@ def copy(source: Path, target: Path, keep: Callable[[int, RawMessage], bool]) ->
     return target
 
 
+@pytest.mark.long
 def test_every_service_repeats_its_outputs_bit_by_bit(recording: Path) -> None:
     services = journaled_services(recording)
     assert {"simulator", "autopilot", "vehicle_bridge", "estimator", "takeoff", "tag_detector"} <= set(services)

@@ -1,5 +1,7 @@
 """A coverage in wind, in virtual time, through all services: tracked as required, and aborted at once."""
 
+import pytest
+
 from benchmarks.quality.coverage import measure
 from benchmarks.quality.covering import Covering
 from jezero.schemas import topics
@@ -11,6 +13,7 @@ from jezero.schemas.state import StatusCode
 SQUARE = ((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0))
 
 
+@pytest.mark.long
 def test_a_coverage_in_wind_stays_on_its_path_and_takes_its_pictures() -> None:
     figures = measure(seed=2, resolution_m=0.5, polygon_ned_m=SQUARE)
     assert figures.across_m <= 0.05

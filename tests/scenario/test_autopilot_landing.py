@@ -11,6 +11,7 @@ DOWN_S = READY_S + CLIMB_S
 DISARM_S = 2.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("seed", "down_mps"), [(1, 0.7), (2, 0.5), (3, 0.3)])
 def test_the_vehicle_lands_upright_in_wind_and_stops_its_motors(seed: int, down_mps: float) -> None:
     def target(t_s: float) -> Target:

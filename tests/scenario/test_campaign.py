@@ -66,6 +66,7 @@ def test_a_vehicle_whose_simulator_is_gone_needs_no_commander() -> None:
     assert mission.judge.states["EXTERNAL"], "the bridge came back before the simulator"
 
 
+@pytest.mark.long
 def test_a_goal_sent_again_to_a_restarted_server_does_not_fly_again() -> None:
     flight = Flight()
     flight.take_off()

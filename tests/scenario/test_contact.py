@@ -30,6 +30,7 @@ def test_a_platform_too_steep_to_stand_on_ends_the_landing_after_three_go_around
     assert not landing.crashed
 
 
+@pytest.mark.long
 def test_a_tag_that_is_hidden_near_the_platform_ends_the_landing_with_the_height_below_which_nothing_is_seen() -> None:
     landing = fly_landing(0, Conditions(case="tag", tag_until_m=1.5))
     assert "the descent was interrupted 4 times, 1." in landing.failure

@@ -78,6 +78,7 @@ def test_without_setpoints_it_lands_within_a_second_and_a_half() -> None:
     assert altitude_m(truths[-1].pos_uav_ned_m[2]) < 1.0
 
 
+@pytest.mark.long
 def test_without_its_ground_station_it_returns_and_lands_if_the_parameter_says_so() -> None:
     config = AutopilotConfig(failsafe=FailsafeConfig(nav_dll_act=2), navigator=CLOSE_TO_HOME)
     flight, station = flight_with(config), GroundStation()
@@ -94,6 +95,7 @@ def test_without_its_ground_station_it_returns_and_lands_if_the_parameter_says_s
     assert_lands_by_itself(flight, 60.0, away_m=2.0)
 
 
+@pytest.mark.long
 def test_a_low_battery_warns_a_critical_one_returns_and_an_empty_one_lands() -> None:
     config = AutopilotConfig(navigator=CLOSE_TO_HOME, charge_at_start=0.2)
     flight = flight_with(config, VehicleConfig(battery=BatteryConfig(capacity_mah=1200.0)))
@@ -120,6 +122,7 @@ def test_a_takeoff_that_the_battery_does_not_hold_is_refused_on_the_ground() -> 
     assert not flight.status.armed
 
 
+@pytest.mark.long
 def test_an_empty_battery_only_warns_without_the_bridges_parameters() -> None:
     bridge = VehicleBridgeConfig()
     assert not bridge.parameters

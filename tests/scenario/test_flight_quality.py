@@ -5,6 +5,7 @@ import pytest
 from benchmarks.quality.autopilot import hold, jump, track
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [11, 12])
 def test_it_holds_its_position(seed: int) -> None:
     figures = hold(seed)
@@ -12,6 +13,7 @@ def test_it_holds_its_position(seed: int) -> None:
     assert figures.wander_max_m < 1.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [11, 12])
 def test_it_tracks_velocity_setpoints(seed: int) -> None:
     figures = track(seed)

@@ -1,6 +1,7 @@
 """Landing on the rover with an autopilot that never detects the ground: the goal's own conditions decide."""
 
 import msgspec
+import pytest
 
 from jezero.frames import altitude_m
 from jezero.runtime.config import load_config
@@ -45,6 +46,7 @@ def test_it_is_disarmed_by_force_after_it_has_stood_on_the_platform_for_more_tha
     assert any("by force" in status.text for status in flight.statuses)
 
 
+@pytest.mark.long
 def test_without_an_estimate_it_is_not_disarmed_and_climbs_away() -> None:
     flight = over_the_rover(2)
     begun = len(flight.statuses)

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 
+import pytest
+
 from jezero.frames import norm
 from jezero.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.runtime.memory_bus import UDP_DELAY
@@ -93,6 +95,7 @@ class Piloted(Flight):
         assert (self.status.code, self.status.in_charge) == (Code.EXTERNAL, "external")
 
 
+@pytest.mark.long
 def test_a_pilot_who_changes_the_mode_ends_the_goal_and_has_the_vehicle_until_hover_is_requested() -> None:
     flight = Piloted()
     flight.take_off()
@@ -193,6 +196,7 @@ def test_a_pilot_may_take_over_from_a_failsafe_and_the_new_bridge_says_so() -> N
     flight.assert_silence(3.0)
 
 
+@pytest.mark.long
 def test_the_stack_without_a_pilot_is_not_taken_over_by_its_own_setpoints() -> None:
     flight = Flight(11)
     flight.wait_ready()

@@ -1,10 +1,13 @@
 """An orbit in wind, in virtual time, with the simulator's own camera: flown, aimed and recorded as required."""
 
+import pytest
+
 from benchmarks.quality.orbit import Orbiting, measure, orbit_goal
 from jezero.schemas import topics
 from jezero.schemas.images import GetImage
 
 
+@pytest.mark.long
 def test_an_orbit_in_wind_is_flown_aimed_and_recorded_as_required() -> None:
     flight, goal = Orbiting(seed=2), orbit_goal("world")
     result = flight.fly(goal)
@@ -23,6 +26,7 @@ def test_an_orbit_in_wind_is_flown_aimed_and_recorded_as_required() -> None:
     assert len(request.replies[0].pixels) == 3 * 640 * 480
 
 
+@pytest.mark.long
 def test_around_a_driving_rover_the_circle_drives_along() -> None:
     flight, goal = Orbiting(seed=0, rover_mps=0.5), orbit_goal("rover", num_images=4)
     result = flight.fly(goal)

@@ -2,6 +2,8 @@
 
 from math import degrees
 
+import pytest
+
 from jezero.frames import EARTH_RADIUS_M, horizontal, subtract
 from jezero.mavlink import MavMessage, dialect
 from jezero.schemas import topics
@@ -16,6 +18,7 @@ def shift_north(message: MavMessage) -> bool:
     return True
 
 
+@pytest.mark.long
 def test_a_gnss_step_while_hovering_does_not_make_the_vehicle_jump() -> None:
     flight, simulator = Flight.with_tampered_simulator(shift_north, seed=3)
     flight.take_off(3.0)

@@ -47,6 +47,7 @@ def test_it_lands_on_the_rover(conditions: Conditions, error_max_m: float) -> No
     assert landing.impact_mps <= 0.6
 
 
+@pytest.mark.long
 def test_the_benchmark_flies_the_weather_and_the_faults_that_it_names() -> None:
     conditions = Conditions(
         case="uwb+tag",

@@ -31,6 +31,7 @@ def test_a_mission_flies_its_steps_and_ends_on_the_rover() -> None:
     assert not flight.status.armed
 
 
+@pytest.mark.long
 def test_a_paused_mission_hovers_and_goes_on_where_it_was() -> None:
     flight = MissionFlight()
     flight.wait_ready()
@@ -82,6 +83,7 @@ def test_a_step_that_is_refused_ends_as_its_policy_says(then: str, state: str, s
         assert "9000" in progress.reason
 
 
+@pytest.mark.long
 def test_a_restarted_service_waits_for_a_person_while_the_goal_flies_on_and_then_finds_it_again() -> None:
     flight = MissionFlight()
     flight.wait_ready()

@@ -91,6 +91,7 @@ def test_a_folder_or_file_without_a_flight_is_refused(tmp_path: Path) -> None:
     assert "neither the folder of a run nor a file of `jezero bench landing --json`" in result.output
 
 
+@pytest.mark.long
 def test_a_recording_without_truth_has_the_same_figures_of_a_landing(
     flown: tuple[Path, FlightResult], landing: Landing, tmp_path: Path
 ) -> None:
@@ -112,6 +113,7 @@ def test_a_recording_without_truth_has_the_same_figures_of_a_landing(
     assert off_m < 5.0 * blind.std_touchdown_m
 
 
+@pytest.mark.long
 def test_every_recording_of_a_stack_is_drawn_into_a_folder_of_its_own(
     flown: tuple[Path, FlightResult], tmp_path: Path
 ) -> None:

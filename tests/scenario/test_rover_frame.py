@@ -19,6 +19,7 @@ def off_target_m(flight: Flight, target_ned_m: tuple[float, float, float]) -> fl
     return hypot(north, east)
 
 
+@pytest.mark.long
 def test_a_goal_in_the_rovers_frame_follows_a_driving_rover_and_ends_with_the_estimate() -> None:
     flight = Flight(seed=3)
     driver = RoverDriver()

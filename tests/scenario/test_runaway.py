@@ -24,6 +24,7 @@ def flight_with_simulator(seed: int) -> tuple[Flight, Simulator]:
     return Flight(seed, lambda seed: build_stack(seed, wrap_simulator=keep)), simulators[0]
 
 
+@pytest.mark.long
 def test_a_goal_in_a_storm_that_carries_the_vehicle_off_ends_with_distance_duration_and_what_to_check() -> None:
     flight, simulator = flight_with_simulator(5)
     flight.take_off(5.0)

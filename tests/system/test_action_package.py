@@ -61,6 +61,7 @@ def hovering(environment: dict[str, str], tmp_path_factory: pytest.TempPathFacto
         yield stack
 
 
+@pytest.mark.long
 def test_its_own_tests_pass(package: Path, environment: dict[str, str]) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(package / "tests")],
@@ -93,6 +94,7 @@ def test_wrong_words_are_explained(hovering: Stack) -> None:
     assert "side_m" in too_long.stderr
 
 
+@pytest.mark.long
 def test_the_sdk_and_the_status_know_it_by_name(hovering: Stack) -> None:
     script = f"""
 from jezero import Vehicle
@@ -108,6 +110,7 @@ with Vehicle.connect({hovering.instance.vehicle!r}, router={hovering.instance.ro
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.long
 def test_plain_zenoh_gets_its_description(hovering: Stack) -> None:
     (description,) = zenoh_get(hovering, f"action/{NAME}/description")
     assert description["endpoint"] == f"@action/{NAME}"
@@ -119,6 +122,7 @@ def test_plain_zenoh_gets_its_description(hovering: Stack) -> None:
     assert f"action/{NAME}/description" in [row["endpoint"] for row in endpoints]
 
 
+@pytest.mark.long
 def test_a_plain_zenoh_session_flies_it(hovering: Stack) -> None:
     selector = f"jezero/{hovering.instance.vehicle}/@action/{NAME}?side_m=1;_time=[..]"
     command = [sys.executable, "-c", PLAIN_CLIENT, hovering.instance.router, selector]

@@ -150,6 +150,7 @@ def test_a_bridge_that_dies_or_freezes_leaves_the_landing_to_the_autopilot_and_t
     assert changed(shared_stack, before) == {"vehicle_bridge"}
 
 
+@pytest.mark.long
 def test_frozen_autopilot_and_simulator_are_restarted_and_a_new_vehicle_gets_ready(shared_stack: Stack) -> None:
     before = shared_stack.processes()
     with shared_stack.connect() as vehicle:
@@ -184,6 +185,7 @@ def test_when_autopilot_or_simulator_dies_goals_are_aborted_and_a_new_vehicle_ge
     assert changed(shared_stack, before) == {service}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_router_that_dies_or_freezes_comes_back_and_no_other_service_is_restarted(
     shared_stack: Stack, number: signal.Signals

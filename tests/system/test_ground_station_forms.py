@@ -105,6 +105,7 @@ def screen(served: tuple[Screen, Server]) -> Screen:
     return served[0]
 
 
+@pytest.mark.long
 def test_a_refusal_stands_at_the_field_that_it_is_about(screen: Screen) -> None:
     screen.choose("takeoff")
     for typed, reason in (("9000", "120"), ("high", "'high' is no number")):
@@ -152,6 +153,7 @@ def test_an_area_is_drawn_corrected_exported_and_imported(screen: Screen, tmp_pa
     screen.has("plan-area_coverage", "5 % of 90 %")
 
 
+@pytest.mark.long
 def test_another_clients_goal_is_shown_and_is_ended_by_button_and_by_keys_whatever_has_the_focus(
     served: tuple[Screen, Server],
 ) -> None:

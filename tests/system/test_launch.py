@@ -105,6 +105,7 @@ def test_services_stop_in_reverse_order_and_print_into_logs(toy: Stack, tmp_path
     assert "hello from late" in toy.jezero("logs", "-n", "100").stdout  # also of a run that is over
 
 
+@pytest.mark.long
 def test_a_service_waits_until_its_dependencies_are_healthy(toy: Stack, tmp_path: Path) -> None:
     health = "healthcheck: {test: [NEVER RUN]}"
     file = compose_file(
@@ -272,6 +273,7 @@ def test_the_whole_stack_gets_ready_and_leaves_no_process_behind(stack: Stack) -
     assert not [line for line in stack.jezero("logs").stdout.splitlines() if "Traceback" in line or "killed" in line]
 
 
+@pytest.mark.long
 def test_simulation_and_control_can_be_launched_apart_and_share_the_router(toy: Stack, tmp_path: Path) -> None:
     control = Stack(
         toy.instance, tmp_path / "control", {**toy.environment, "JEZERO_RUN_DIR": str(tmp_path / "control")}

@@ -106,6 +106,7 @@ def test_a_goal_of_an_action_that_does_not_exist_is_refused_with_the_nearest_tha
     assert "unknown field `height`" in understood["reason"]
 
 
+@pytest.mark.long
 def test_an_action_whose_server_is_gone_is_unreachable_and_not_unknown(stack: Stack) -> None:
     with stack.connect() as vehicle:
         os.kill(stack.processes_cached["go_to"], signal.SIGKILL)

@@ -71,6 +71,7 @@ def test_profiles_started_apart_get_ready_in_either_order(
     get_ready_apart(unstarted, tmp_path, profiles)
 
 
+@pytest.mark.long
 def test_when_up_says_ready_ps_shows_every_service_well(unstarted: Stack) -> None:
     unstarted.up()
     assert {row["health"] for row in _rows(unstarted)} == {"ok"}, unstarted.jezero("ps").stdout

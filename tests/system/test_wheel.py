@@ -85,6 +85,7 @@ def test_the_command_and_its_files_come_from_the_wheel(installed: Path, tmp_path
     )
 
 
+@pytest.mark.long
 def test_the_wheel_flies(installed: Path, tmp_path: Path) -> None:
     done = run(installed / "jezero", "fly", "--fast", "--seed", "1", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
