@@ -18,7 +18,7 @@ from jezero.replay import NAME as REPLAY
 from jezero.router_address import shown_router
 from jezero.runtime.config import HostLinks, Instance, config_directory, links_from_environment
 from jezero.runtime.ports import listen_problem
-from jezero.runtime.router import ListenError, check_local, host_link_problem, router_problem
+from jezero.runtime.routing import ListenError, check_local, host_link_problem, router_problem
 
 OPEN_FILES_MIN = 256
 """The launcher of the shipped stack has 63 files open, its router 49 and 3 more for each client."""

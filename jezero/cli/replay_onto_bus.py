@@ -160,7 +160,7 @@ def _open_bus(router: str, vehicle: str) -> Iterator[_Bus]:
     import zenoh
 
     from jezero.keys.diagnosis import connection_problem
-    from jezero.runtime.router import ListenError, open_router
+    from jezero.runtime.routing import ListenError, open_router
     from jezero.zenoh_client import client_config
 
     is_own = False

@@ -67,6 +67,20 @@ def listening_problem(endpoint: str) -> str:
         return str(error)
 
 
+def bundle_problem(endpoint: str) -> str:
+    """Why the bundle of an endpoint can't be used, to listen or to connect, in one sentence, or ""."""
+    files = files_of(endpoint)
+    if not {"root_ca_certificate_file", "connect_certificate_file", "connect_private_key_file"} <= files.keys():
+        return ""
+    bundle = files["connect_certificate_file"].parent
+    try:
+        _context(files)
+        read_members(bundle)
+        return _own_problem(identity_of(read_certificate(files["connect_certificate_file"])), bundle)
+    except KeysError as error:
+        return str(error)
+
+
 def missing_right(endpoint: str, name: str) -> str:
     """Why the router denies what this member sends, or "" where the member has the right to send it.
 

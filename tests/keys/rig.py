@@ -12,7 +12,7 @@ import zenoh
 from jezero.keys.bundle import secured
 from jezero.keys.members import Role
 from jezero.keys.team import Team
-from jezero.runtime.router import ROUTER_SETTINGS
+from jezero.runtime.routing import ROUTER_SETTINGS
 from jezero.zenoh_client import config_of
 
 

@@ -16,7 +16,7 @@ from jezero.keys.bundle import secured
 from jezero.keys.members import MEMBERS as MEMBERS_FILE
 from jezero.keys.members import Role
 from jezero.keys.team import Team
-from jezero.runtime.router import ListenError, open_router
+from jezero.runtime.routing import ListenError, open_router
 from jezero.schemas.commands import RoverCommand
 from jezero.schemas.rows import CLIENTS, Endpoint, Topic
 from jezero.schemas.topics import (

@@ -13,11 +13,12 @@ import zenoh
 from jezero.keys.bundle import secured
 from jezero.keys.team import Team
 from jezero.runtime.config import HostLinks
-from jezero.runtime.link_rules import link_rules
-from jezero.runtime.router import ListenError, check_local, open_router
+from jezero.runtime.link_rules import COMMANDS_MAX_HZ, MESSAGES_MAX_HZ, link_rules
+from jezero.runtime.routing import ListenError, check_local, open_gate, open_router
 from jezero.runtime.uplinks import Uplinks
 from jezero.schemas.rows import Topic
 from jezero.schemas.topics import (
+    ABORT,
     ACQUIRE,
     CLOCK,
     HOVER,
@@ -36,6 +37,7 @@ from tests.keys.rig import free_port, make_team
 VEHICLE = "uav1"
 LATEST_S = 5.0
 PERIOD_S, SENT = 0.01, 100
+FLOOD = 2000
 SETTLE_S = 0.5
 CROSSING: list[Topic[Any]] = [*TOPICS, feedback_of(LAND_ON_SPOT), health_of("estimator"), journal_of("estimator")]
 
@@ -53,13 +55,13 @@ class Hosts:
 
     Attributes:
         vehicle, ground: session of a program on each.
-        ground_router: session of the router of the ground computer.
+        ground_gate: session of the gate of the ground computer.
         address: where the vehicle's router listens to others.
     """
 
     vehicle: zenoh.Session
     ground: zenoh.Session
-    ground_router: zenoh.Session
+    ground_gate: zenoh.Session
     address: str
 
 
@@ -72,17 +74,28 @@ def local() -> str:
     return f"tcp/127.0.0.1:{free_port()}"
 
 
+def open_host(router: str, links: HostLinks, ends: ExitStack) -> zenoh.Session:
+    """Open a computer's router and gate; returns the session of the gate."""
+    ends.enter_context(open_router(router, VEHICLE))
+    return ends.enter_context(open_gate(router, VEHICLE, links))
+
+
+def linked(gate: zenoh.Session) -> bool:
+    """Whether a gate is linked with the router of its own computer and with another one."""
+    return len(list(gate.info.routers_zid())) > 1
+
+
 @pytest.fixture(scope="module")
 def hosts(team: Team) -> Iterator[Hosts]:
     vehicle, ground, address = local(), local(), f"tls/127.0.0.1:{free_port()}"
     with ExitStack() as ends:
         listen = HostLinks(listen=(secured(address, team.bundle("vehicle-uav1")),))
         connect = HostLinks(connect=(secured(address, team.bundle("ground-lab")),))
-        ends.enter_context(open_router(vehicle, VEHICLE, listen))
-        ground_router = ends.enter_context(open_router(ground, VEHICLE, connect))
-        assert wait_until(lambda: bool(ground_router.info.routers_zid()))
+        open_host(vehicle, listen, ends)
+        ground_gate = open_host(ground, connect, ends)
+        assert wait_until(lambda: linked(ground_gate))
         one, other = (ends.enter_context(zenoh.open(client_config(each, LATEST_S))) for each in (vehicle, ground))
-        yield Hosts(one, other, ground_router, address)
+        yield Hosts(one, other, ground_gate, address)
 
 
 def test_each_topic_crosses_the_link_at_the_rate_of_the_table(hosts: Hosts) -> None:
@@ -152,7 +165,7 @@ def test_programs_behind_the_grounds_router_have_the_rights_of_its_certificate(h
 
 
 def test_a_link_that_is_there_is_no_problem(hosts: Hosts, team: Team) -> None:
-    uplinks = Uplinks(hosts.ground_router, (secured(hosts.address, team.bundle("ground-lab")),))
+    uplinks = Uplinks(hosts.ground_gate, (secured(hosts.address, team.bundle("ground-lab")),))
     time.sleep(SETTLE_S)
     assert uplinks.problem == ""
 
@@ -162,8 +175,9 @@ def test_a_missing_link_is_named_with_its_reason(team: Team, tmp_path: Path) -> 
     address, nobody = f"tls/127.0.0.1:{free_port()}", f"tls/127.0.0.1:{free_port()}"
     listen = HostLinks(listen=(secured(address, team.bundle("vehicle-uav1")),))
     wrong = tuple(secured(each, stranger.bundle("ground-lab")) for each in (address, nobody))
-    with open_router(local(), VEHICLE, listen), open_router(local(), VEHICLE, HostLinks(connect=wrong)) as session:
-        uplinks = Uplinks(session, wrong)
+    with ExitStack() as ends:
+        open_host(local(), listen, ends)
+        uplinks = Uplinks(open_host(local(), HostLinks(connect=wrong), ends), wrong)
         assert wait_until(lambda: "another team's" in uplinks.problem)
         assert f"no link to {address}: the router at {address} is another team's" in uplinks.problem
         assert f"no link to {nobody}: no router replies there" in uplinks.problem
@@ -173,19 +187,46 @@ def test_a_router_works_alone_and_links_to_the_other_when_that_comes(team: Team)
     vehicle, ground, address = local(), local(), f"tls/127.0.0.1:{free_port()}"
     connect = HostLinks(connect=(secured(address, team.bundle("ground-lab")),))
     listen = HostLinks(listen=(secured(address, team.bundle("vehicle-uav1")),))
-    with open_router(ground, VEHICLE, connect) as early:
-        with zenoh.open(client_config(ground, LATEST_S)) as program:
-            assert program.info.routers_zid()
-        with open_router(vehicle, VEHICLE, listen):
-            assert wait_until(lambda: bool(early.info.routers_zid()))
+    with ExitStack() as ends:
+        early = open_host(ground, connect, ends)
+        program = ends.enter_context(zenoh.open(client_config(ground, LATEST_S)))
+        assert program.info.routers_zid() and not linked(early)
+        open_host(vehicle, listen, ends)
+        assert wait_until(lambda: linked(early))
 
 
 def test_links_without_tls_leave_out_the_same_on_every_network_but_the_loopback() -> None:
     with_tls = link_rules(VEHICLE, ["tls/10.0.0.1:7448#files"])
-    without = link_rules(VEHICLE, ["tcp/10.0.0.1:7448"])
-    assert [each["link_protocols"] for each in with_tls] == [["tls"]]
-    assert [each["link_protocols"] for each in without] == [["tls"], ["tcp"]]
-    assert without[1]["rules"] == with_tls[0]["rules"] and "lo" not in without[1]["interfaces"]
+    both = link_rules(VEHICLE, ["tcp/10.0.0.1:7448"])
+    assert {*(protocol for each in with_tls for protocol in each["link_protocols"])} == {"tls"}
+    without = [each for each in both if each["link_protocols"] == ["tcp"]]
+    assert [each["rules"] for each in without] == [each["rules"] for each in with_tls]
+    assert not any("lo" in each["interfaces"] for each in without)
+
+
+def test_a_flood_from_another_computer_arrives_as_what_a_person_may_send(hosts: Hosts) -> None:
+    asked: list[float] = []
+    heard: list[zenoh.Sample] = []
+
+    def reply(query: zenoh.Query) -> None:
+        asked.append(time.monotonic())
+        with query:
+            query.reply(query.key_expr, "{}")
+
+    queryables = [hosts.vehicle.declare_queryable(key(VEHICLE, each.name), reply) for each in (HOVER, ABORT)]
+    subscriber = hosts.vehicle.declare_subscriber(key(VEHICLE, ROVER_COMMAND.name), heard.append)
+    time.sleep(SETTLE_S)
+    begin_s = time.monotonic()
+    for _ in range(FLOOD):
+        hosts.ground.get(key(VEHICLE, HOVER.name), lambda _reply: None, timeout=2.0)
+        hosts.ground.put(key(VEHICLE, ROVER_COMMAND.name), b"{}", congestion_control=zenoh.CongestionControl.BLOCK)
+    elapsed_s = time.monotonic() - begin_s
+    time.sleep(SETTLE_S)
+    assert 0 < len(asked) <= COMMANDS_MAX_HZ * (elapsed_s + SETTLE_S) + 1
+    assert 0 < len(heard) <= MESSAGES_MAX_HZ * (elapsed_s + SETTLE_S) + 1
+    assert any(reply.ok for reply in hosts.ground.get(key(VEHICLE, ABORT.name), timeout=2.0)), "another key"
+    for each in (*queryables, subscriber):
+        each.undeclare()  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("address", ["tcp/0.0.0.0:7447", "tls/127.0.0.1:7447#files", "tcp/uav1.local:7447"])

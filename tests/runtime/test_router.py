@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
-from jezero.runtime.router import SIZE_MAX_BYTES, open_router
+from jezero.runtime.routing import SIZE_MAX_BYTES, open_router
 from jezero.schemas.topics import CAMERA, HOVER, STATUS, TAKEOFF, feedback_of, key
 from jezero.zenoh_client import client_config
 from tests.client.rig import free_endpoint

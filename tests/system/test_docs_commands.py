@@ -3,6 +3,7 @@
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -24,6 +25,7 @@ DOCUMENTED_VEHICLE, DOCUMENTED_ROUTER = "uav1", "tcp/127.0.0.1:7447"
 REASONS = {
     "asks questions",
     "downloads or installs",
+    "example of a command's help",
     "needs Docker",
     "needs PX4",
     "needs a file of your own",
@@ -144,6 +146,7 @@ class Reader:
     def read(self, page: str, blocks: list[Block]) -> None:
         """Run the blocks of a page, in a new terminal."""
         self._environment = dict(self._stack.environment)
+        shutil.rmtree(Path(self._environment["XDG_CONFIG_HOME"]) / "jezero" / "team", ignore_errors=True)
         if starts_stack(blocks):
             self.close()
         elif not self._up_detached:

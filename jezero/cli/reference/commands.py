@@ -21,6 +21,9 @@ This page is the output of `jezero info page commands`. Numbers may be negative:
 are in [Getting started](../getting-started.md#a-first-flight-by-hand).
 """
 
+EXAMPLE = "<!-- not run: example of a command's help -->"
+"""Stands before a block of code of the page."""
+
 Option = dict[str, str]
 
 
@@ -69,7 +72,7 @@ def _paragraphs(text: str) -> Iterable[str]:
     """Paragraphs of a help text; one that is marked to keep its line breaks becomes a block of code."""
     for paragraph in inspect.cleandoc(text).split("\n\n"):
         kept = paragraph.removeprefix("\b\n")
-        yield escape(paragraph.replace("\n", " ")) if kept == paragraph else f"```\n{kept}\n```"
+        yield escape(paragraph.replace("\n", " ")) if kept == paragraph else f"{EXAMPLE}\n```\n{kept}\n```"
 
 
 def _options(command: click.Command) -> list[Option]:

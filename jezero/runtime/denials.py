@@ -1,0 +1,165 @@
+"""What routers have denied, and to whom, from Zenoh's own log: nothing else of Zenoh tells it.
+
+Zenoh writes each decision of its access control at its finest level, and a handshake that failed as a warning. A thread
+reads them from a pipe in the place of the standard output, and keeps what was denied.
+
+Source: the messages of zenoh 1.10.2, `zenoh/src/net/routing/interceptor/access_control.rs`.
+"""
+
+import fcntl
+import os
+import re
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import zenoh
+
+from jezero.keys.members import HOST_ROLES
+from jezero.plain_text import plain
+
+LEVELS = "off,zenoh::net::routing::interceptor::access_control=trace,zenoh_link_tls::unicast=warn"
+PIPE_BYTES = 1 << 20
+"""Room for the lines of `READ_PERIOD_S` at 20,000 messages a second: Zenoh waits for a reader of a full pipe."""
+READ_PERIOD_S = 0.1
+NAMED_FOR_S = 60.0
+"""Time for which health names a denial, and after which one that goes on is logged again."""
+DENIALS_MAX = 50
+"""Number of denials that are kept: a member may try any number of keys."""
+WORDS = {
+    "Put": "publish on {}",
+    "Delete": "delete {}",
+    "Query": "send a request to {}",
+    "Reply": "reply on {}",
+    "Declare Queryable": "take requests on {}",
+    "Liveliness Token": "be {}",
+}
+DECLARED = frozenset({"Declare Queryable", "Liveliness Token"})
+"""What the router of a computer does by itself for the programs behind it: no attempt of anybody."""
+HANDSHAKES = {
+    b"certificate expired": "its certificate has expired",
+    b"not valid yet": "its certificate is not valid yet, or this computer's clock is behind",
+    b"UnknownIssuer": "its certificate is another team's",
+    b"BadSignature": "its certificate is another team's",
+    b"UnknownCA": "its bundle is another team's, or it has none",
+    b"DecryptError": "its bundle is another team's",
+    b"NoCertificatesPresented": "it shows no certificate",
+    b"InvalidContentType": "it speaks no TLS",
+}
+"""Why a handshake failed, by a word of the reason; see https://docs.rs/rustls/latest/rustls/enum.Error.html."""
+_DENIED = re.compile(
+    rb"ThreadId\((?P<thread>\d+)\) \S+access_control: (?:"
+    rb"(?P<block>ACL \(\w+\): caching)|"
+    rb"(?P<cached>Using cached result: )?(?P<session>[0-9a-f]+)(?: on (?P<subject>\S+))? is "
+    rb"(?P<denied>un)?authorized to (?P<what>[A-Z][A-Za-z/ ]+) \((?P<flow>\w+)\) on (?P<key>.+)|"
+    rb"(?P<stranger>[0-9a-f]+) did not match any configured ACL subject)"
+)
+_HANDSHAKE = re.compile(rb"WARN .*zenoh_link_tls::unicast: (?P<reason>.+)")
+_BLOCK_END = b"Declare Liveliness Subscriber"
+"""The last message of a block of permissions. Zenoh works those out in advance for a key: they are no attempts."""
+
+
+@dataclass
+class _Denial:
+    logged_s: float
+    newest_s: float
+    count: int = 0
+
+
+class Denials:
+    """Denials so far, each with the time of the newest and the number of them.
+
+    Args:
+        member_of: name of the member by Zenoh's id of its session, or "" for an unknown one.
+    """
+
+    def __init__(self, member_of: Callable[[str], str]) -> None:
+        self._member_of = member_of
+        self._denials: dict[str, _Denial] = {}
+        self._in_block: set[bytes] = set()
+        """Threads of Zenoh that are in a block of permissions."""
+        self._lock = threading.Lock()
+
+    def watch(self) -> None:
+        """Take the process' standard output for Zenoh's log, and read it in a thread; to be called once."""
+        out, into = os.pipe()
+        fcntl.fcntl(into, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
+        os.dup2(into, sys.stdout.fileno())
+        os.close(into)
+        os.environ["NO_COLOR"] = "1"  # no escape codes between the words
+        zenoh.init_log_from_env_or(LEVELS)
+        threading.Thread(target=self._read, args=(out,), daemon=True).start()
+
+    def _read(self, out: int) -> None:
+        rest = b""
+        while chunk := os.read(out, PIPE_BYTES):
+            lines, _, rest = (rest + chunk).rpartition(b"\n")
+            self.add(lines, time.monotonic())
+            time.sleep(READ_PERIOD_S)
+
+    def add(self, lines: bytes, now_s: float) -> None:
+        """Add lines of Zenoh's log.
+
+        Args:
+            lines: whole lines.
+            now_s: monotonic time.
+        """
+        for line in lines.splitlines():
+            match = _DENIED.search(line)
+            if match is not None:
+                self._add_decision(match, now_s)
+            elif handshake := _HANDSHAKE.search(line):
+                self._count(f"a connection was refused: {_handshake_words(handshake['reason'])}", now_s)
+
+    def _add_decision(self, match: re.Match[bytes], now_s: float) -> None:
+        thread = match["thread"]
+        if match["block"]:
+            self._in_block.add(thread)
+        elif match["stranger"]:
+            who = self._member_of(match["stranger"].decode()) or f"session {match['stranger'].decode()}"
+            self._count(f"{who} is revoked, or not in this computer's list of members, and may do nothing", now_s)
+        elif thread in self._in_block and not match["cached"]:
+            if match["what"] == _BLOCK_END:
+                self._in_block.discard(thread)
+        elif match["denied"] and match["flow"] == b"ingress":
+            self._add_attempt(match, now_s)
+
+    def _add_attempt(self, match: re.Match[bytes], now_s: float) -> None:
+        what, session = match["what"].decode(), match["session"].decode()
+        who = self._member_of(session) or _common_name(match["subject"] or b"") or f"session {session}"
+        by_itself = what in DECLARED and who.partition("-")[0] in HOST_ROLES
+        if what in WORDS and not by_itself:
+            own = plain(match["key"].decode(errors="replace"))
+            self._count(f"{who} may not {WORDS[what].format(own)}", now_s)
+
+    def _count(self, text: str, now_s: float) -> None:
+        with self._lock:
+            known = self._denials.get(text)
+            if known is None or now_s - known.logged_s > NAMED_FOR_S:
+                times = f" ({known.count} times since the last line)" if known else ""
+                print(f"router: {text}{times}", file=sys.stderr, flush=True)
+                known = self._denials[text] = _Denial(logged_s=now_s, newest_s=now_s)
+            known.count += 1
+            known.newest_s = now_s
+            if len(self._denials) > DENIALS_MAX:
+                del self._denials[min(self._denials, key=lambda each: self._denials[each].newest_s)]
+
+    def text(self, now_s: float) -> str:
+        """For health: what was denied in the last `NAMED_FOR_S`, or ""."""
+        with self._lock:
+            new = [text for text, denial in self._denials.items() if now_s - denial.newest_s <= NAMED_FOR_S]
+        return f"; denied: {', '.join(new)}" if new else ""
+
+
+def _common_name(subject: bytes) -> str:
+    """The member in the subject of Zenoh's log, or ""."""
+    match = re.search(rb"CertCommonName\(([^)]+)\)", subject)
+    return match[1].decode(errors="replace") if match else ""
+
+
+def _handshake_words(reason: bytes) -> str:
+    """Why a handshake failed, in words."""
+    known = (words for mark, words in HANDSHAKES.items() if mark in reason)
+    return next(known, plain(reason.decode(errors="replace").partition(". Hint:")[0]))

@@ -1,0 +1,162 @@
+"""Opens Zenoh's routers: the one for the programs of a computer, and its gate to other computers."""
+
+import re
+import threading
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import zenoh
+
+from jezero.keys.bundle import members_of
+from jezero.keys.diagnosis import listening_problem
+from jezero.keys.members import KeysError
+from jezero.keys.rights import access_control
+from jezero.router_address import is_loopback, parse_router, shown_router
+from jezero.runtime.config import LISTEN_VARIABLE, HostLinks
+from jezero.runtime.link_rules import link_rules
+from jezero.runtime.ports import listen_problem
+from jezero.schemas.topics import CAMERA, KEYS, TOPICS, key
+from jezero.zenoh_client import LINK_SETTINGS, RETRY, config_of
+
+ROUTER_SETTINGS: Mapping[str, Any] = {
+    **LINK_SETTINGS,
+    "mode": "router",
+    "listen/timeout_ms": 0,  # a port that is taken is an error at once
+    "listen/exit_on_failure": True,
+    "connect/timeout_ms": -1,  # a router works without the others, and goes on trying to connect to them
+    "connect/exit_on_failure": False,
+    "connect/retry": RETRY,
+    # A reply waits this long in us for a reader that doesn't take it, then the reader's link is closed. The action
+    # server that replies can't send setpoints meanwhile, and a setpoint counts for 0.3 s. The default is 5 s.
+    "transport/link/tx/queue/congestion_control/block/wait_before_close": 200_000,
+    # Room for a picture of 0.9 MB that waits for a slow radio, in batches of 64 kB. With the default of 2 the action
+    # server that sends it would wait.
+    "transport/link/tx/queue/size/data_low": 16,
+    "scouting/delay": 0,  # nothing is scouted; the default waits 0.5 s for it
+}
+"""Zenoh's settings of every router."""
+CLOSE_TIMEOUT_S = 0.7
+SIZE_MAX_BYTES = 8_000_000
+"""A larger message is dropped. The largest of the contract is a result of 4 MB, besides frames of a large camera."""
+SIZED = (
+    *(topic.name for topic in TOPICS if topic is not CAMERA),
+    *("action/**", "health/**", "journal/**", "viewer/**"),
+    *(name for name in KEYS if name.startswith("@")),
+)
+"""Names of the keys on which the size of messages is limited."""
+
+
+class ListenError(RuntimeError):
+    """The router can't listen on its endpoint; the message names it and the reason."""
+
+
+def open_router(endpoint: str, vehicle: str) -> zenoh.Session:
+    """Start listening, with the rights of the team's members where the endpoint has a bundle.
+
+    Args:
+        endpoint: Zenoh's endpoint, with the files of the bundle for TLS.
+        vehicle: name of the vehicle within the keys.
+
+    Raises:
+        ListenError: a port is taken or forbidden for this user, this machine doesn't have the address, nobody would
+            take the certificate of the bundle, or the list of the team's members is missing.
+    """
+    return _open((endpoint,), (), vehicle, {}, "JEZERO_ROUTER")
+
+
+def open_gate(router: str, vehicle: str, links: HostLinks) -> zenoh.Session:
+    """Open the router between other computers and that of this one, with the rights of the team's members.
+
+    Args:
+        router: Zenoh's endpoint of the router of this computer's own programs.
+        vehicle: name of the vehicle within the keys.
+        links: links with other computers.
+
+    Raises:
+        ListenError: see `open_router`.
+    """
+    rules = {"downsampling": link_rules(vehicle, (*links.listen, *links.connect))}
+    return _open(links.listen, (router, *links.connect), vehicle, rules, LISTEN_VARIABLE)
+
+
+def _open(
+    listen: Sequence[str], connect: Sequence[str], vehicle: str, settings: Mapping[str, Any], variable: str
+) -> zenoh.Session:
+    if problem := next(filter(None, map(listening_problem, listen)), ""):
+        raise ListenError(problem)
+    size = {
+        "id": "size",
+        "messages": ["put", "query", "reply"],
+        "flows": ["ingress"],
+        "key_exprs": [key("*", name) for name in SIZED],
+        "size_limit": SIZE_MAX_BYTES,
+    }
+    own = {
+        "listen/endpoints": list(listen),
+        "connect/endpoints": list(connect),
+        "low_pass_filter": [size],
+    }
+    if with_keys := [each for each in (*listen, *connect) if parse_router(each).protocol == "tls"]:
+        try:
+            own["access_control"] = access_control(vehicle, members_of(with_keys[0]))
+        except KeysError as error:
+            raise ListenError(str(error)) from None
+    try:
+        return zenoh.open(config_of({**ROUTER_SETTINGS, **own, **settings}))
+    except zenoh.ZError as error:
+        problem = next(filter(None, (router_problem(each, variable) for each in listen)), "")
+        raise ListenError(problem or f"cannot listen on {shown(listen)}: {_reason(error)}") from error
+
+
+def host_link_problem(endpoint: str) -> str:
+    """Why no router can listen to other computers on an endpoint now, in one sentence, or ""; see `router_problem`."""
+    return router_problem(endpoint, LISTEN_VARIABLE)
+
+
+def router_problem(endpoint: str, variable: str = "JEZERO_ROUTER") -> str:
+    """Why no router can listen on an endpoint now, in one sentence, or "".
+
+    Args:
+        endpoint: Zenoh's endpoint.
+        variable: environment variable that has the address.
+
+    Raises:
+        ValueError: the endpoint's syntax is wrong.
+    """
+    protocol, host, port = parse_router(endpoint)
+    if not host:
+        return ""
+    return listening_problem(endpoint) or listen_problem("udp" if protocol == "udp" else "tcp", host, port, variable)
+
+
+def check_local(endpoint: str) -> None:
+    """Check the address for the programs of the router's own computer, on which nothing is left out.
+
+    Raises:
+        ListenError: other computers reach it, or it has TLS.
+    """
+    protocol, host, _ = parse_router(endpoint)
+    if host and (protocol == "tls" or not is_loopback(host)):
+        raise ListenError(
+            f"JEZERO_ROUTER is {shown_router(endpoint)}, but the programs of this computer need an address on its "
+            "loopback, such as tcp/127.0.0.1:7447. Give the address for other computers with --listen or JEZERO_LISTEN"
+        )
+
+
+def close(session: zenoh.Session) -> bool:
+    """Close a router's session; returns whether that is done after `CLOSE_TIMEOUT_S`, as a client may delay it."""
+    closer = threading.Thread(target=session.close, daemon=True)
+    closer.start()
+    closer.join(CLOSE_TIMEOUT_S)
+    return not closer.is_alive()
+
+
+def shown(endpoints: Iterable[str]) -> str:
+    """Endpoints for people: without the files of their bundles."""
+    return " and ".join(map(shown_router, endpoints))
+
+
+def _reason(error: zenoh.ZError) -> str:
+    """Zenoh's reason without the places in its source."""
+    known = re.search(r"([A-Z][\w ]+) \(os error \d+\)", str(error))
+    return known[1] if known else str(error).split(" at /", maxsplit=1)[0]
