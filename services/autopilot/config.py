@@ -177,13 +177,17 @@ class NavigatorConfig(Config, frozen=True, kw_only=True):
 
 
 class TelemetryConfig(Config, frozen=True, kw_only=True):
-    """Telemetry streams.
+    """MAVLink links: telemetry streams, and who may send.
 
     Attributes:
         interval_min_s: minimum interval of a stream, whatever SET_MESSAGE_INTERVAL requests; PX4 also limits the rates.
+        ground_systems: MAVLink system ids of the ground stations whose messages are taken, besides those of the
+            vehicle's own system, which the bridge belongs to. QGroundControl, MAVProxy and pymavlink have 255, MAVSDK
+            has 245.
     """
 
     interval_min_s: Annotated[float, Meta(ge=0.004, le=1.0)] = 0.004
+    ground_systems: tuple[Annotated[int, Meta(ge=1, le=255)], ...] = (245, 250, 251, 252, 253, 254, 255)
 
 
 class SigningConfig(Config, frozen=True, kw_only=True):

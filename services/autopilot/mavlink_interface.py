@@ -1,5 +1,6 @@
 """The MAVLink interface of a vehicle: handles received messages and sends telemetry on all links."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
 from jezero.mavlink import Signing
@@ -7,7 +8,7 @@ from jezero.runtime.service import Inbox, Output, Send
 from jezero.services.autopilot.config import SigningConfig
 from jezero.services.autopilot.mavlink_receiver import MavlinkReceiver
 from jezero.services.autopilot.parameters import Parameters
-from jezero.services.autopilot.telemetry import GCS_INTERVALS_US, OFFBOARD_INTERVALS_US, TelemetryLink
+from jezero.services.autopilot.telemetry import GCS_INTERVALS_US, OFFBOARD_INTERVALS_US, Senders, TelemetryLink
 from jezero.services.autopilot.vehicle import Vehicle
 
 OFFBOARD, GCS = "offboard", "gcs"
@@ -38,9 +39,12 @@ class MavlinkInterface:
     ) -> None:
         self._vehicle = vehicle
         self._receiver = MavlinkReceiver(vehicle, parameters)
-        interval_min_us = round(parameters.config.telemetry.interval_min_s * 1e6)
+        config = parameters.config.telemetry
+        interval_min_us = round(config.interval_min_s * 1e6)
+        self._senders = Senders((system_id, *config.ground_systems))
         self._links = {
-            name: TelemetryLink(system_id, _INTERVALS_US[name], interval_min_us, signing.get(name)) for name in links
+            name: TelemetryLink(system_id, self._senders, _INTERVALS_US[name], interval_min_us, signing.get(name))
+            for name in links
         }
 
     @property
@@ -52,6 +56,11 @@ class MavlinkInterface:
     def bad_signatures(self) -> int:
         """Number of messages without an accepted signature on all links."""
         return sum([link.bad_signatures for link in self._links.values()])
+
+    @property
+    def refused(self) -> Counter[int]:
+        """Number of messages to this vehicle by the MAVLink system that sent them without being listed."""
+        return self._senders.refused
 
     def handle_messages(self, inbox: Inbox) -> Iterator[Output]:
         """Carry out the received messages and reply to them."""

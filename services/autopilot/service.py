@@ -54,8 +54,8 @@ class Autopilot:
         self._started_wall_ns: int | None = None
         self._connections = 0
         self._health: Health | None = None
-        self._health_state: tuple[bool, int, int] | None = None
-        """(landed, malformed messages, bad signatures) of the last health."""
+        self._health_state: tuple[bool, int, int, int] | None = None
+        """(landed, malformed messages, bad signatures, refused messages) of the last health."""
         self._restart()
 
     def _restart(self) -> None:
@@ -106,15 +106,19 @@ class Autopilot:
         if not inbox.is_up(HIL):
             self._health_state = None
             return Health("starting", "waiting for the simulator")
-        landed, malformed, bad_signatures = (
+        landed, malformed, bad_signatures, refused = state = (
             self._vehicle.landed,
             self._hil.malformed + self._mavlink.malformed,
             self._mavlink.bad_signatures,
+            self._mavlink.refused.total(),
         )
-        if self._health is not None and self._health_state == (landed, malformed, bad_signatures):
+        if self._health is not None and self._health_state == state:
             return self._health
-        self._health_state = (landed, malformed, bad_signatures)
+        self._health_state = state
         text = "connected to the simulator" if landed else "flying"
         text += f"; {malformed} malformed messages" if malformed else ""
         text += f"; {bad_signatures} messages without a valid signature" if bad_signatures else ""
+        if refused:
+            systems = ", ".join(map(str, sorted(self._mavlink.refused)))
+            text += f"; {refused} messages of MAVLink system {systems} refused: see ground_systems in autopilot.toml"
         return Health("ok", text)

@@ -3,6 +3,9 @@
 The streams have the messages, units and frames of PX4. SET_MESSAGE_INTERVAL sets their rates.
 """
 
+from collections import Counter
+from collections.abc import Iterable
+
 from jezero.frames import Vec3
 from jezero.mavlink import MavlinkCodec, MavMessage, Signing, dialect
 from jezero.services.autopilot.streams import STREAMS, Snapshot
@@ -37,13 +40,51 @@ GCS_INTERVALS_US = {
 }
 
 
+class Senders:
+    """The MAVLink systems whose messages are taken.
+
+    Args:
+        system_ids: their ids.
+
+    Attributes:
+        refused: number of messages to this vehicle by the id of the system that sent them without being one of these.
+    """
+
+    def __init__(self, system_ids: Iterable[int]) -> None:
+        self.refused: Counter[int] = Counter()
+        self._system_ids = frozenset(system_ids)
+
+    def take(self, message: MavMessage) -> bool:
+        """Whether a message is taken; one that is refused is counted."""
+        sender = message.get_srcSystem()
+        if sender in self._system_ids:
+            return True
+        if hasattr(message, "target_system"):  # the heartbeat of another vehicle asks for nothing
+            self.refused[sender] += 1
+        return False
+
+
 class TelemetryLink:
-    """One link: sends its streams, and receives the messages that are addressed to this autopilot."""
+    """One link: sends its streams, and receives the messages that are addressed to this autopilot.
+
+    Args:
+        system_id: MAVLink system id of this autopilot.
+        senders: who may send; all links have them in common.
+        intervals_us: default interval of each stream, by the id of its message.
+        interval_min_us: minimum interval of a stream.
+        signing: signing of the link, if it requires signatures.
+    """
 
     def __init__(
-        self, system_id: int, intervals_us: dict[int, int], interval_min_us: int, signing: Signing | None = None
+        self,
+        system_id: int,
+        senders: Senders,
+        intervals_us: dict[int, int],
+        interval_min_us: int,
+        signing: Signing | None = None,
     ) -> None:
         self._system_id = system_id
+        self._senders = senders
         self._codec = MavlinkCodec(system_id, dialect.MAV_COMP_ID_AUTOPILOT1, signing)
         self._interval_min_us = interval_min_us
         self._default_us = {message_id: max(interval_min_us, us) for message_id, us in intervals_us.items()}
@@ -65,15 +106,16 @@ class TelemetryLink:
         return self._codec.bad_signatures
 
     def receive(self, data: bytes) -> list[MavMessage]:
-        """Parse bytes; returns the messages to this autopilot or to all systems."""
+        """Parse bytes; returns the messages of the senders to this autopilot or to all systems."""
         return [message for message in self._codec.parse(data) if self._is_for_us(message)]
 
     def _is_for_us(self, message: MavMessage) -> bool:
-        """Whether the message has this autopilot as a target, and is not from its own id."""
+        """Whether the message is of a sender, has this autopilot as a target, and is not from its own id."""
         if (message.get_srcSystem(), message.get_srcComponent()) == (self._system_id, dialect.MAV_COMP_ID_AUTOPILOT1):
             return False
         system, component = getattr(message, "target_system", 0), getattr(message, "target_component", 0)
-        return system in {0, self._system_id} and component in {0, dialect.MAV_COMP_ID_AUTOPILOT1}
+        is_meant = system in {0, self._system_id} and component in {0, dialect.MAV_COMP_ID_AUTOPILOT1}
+        return is_meant and self._senders.take(message)
 
     def pack(self, *messages: MavMessage) -> bytes:
         """Pack messages in order."""

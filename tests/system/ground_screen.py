@@ -86,6 +86,7 @@ class Screen:
         """Open the form of an action."""
         self.marked(f"tab-{action}").click()
         expect(self.marked(f"fly-{action}")).to_be_visible()
+        expect(self.page.locator('[data-mark^="fly-"]:visible')).to_have_count(1)  # the form before has slid away
         cursor = "crosshair" if action in CLICKED else "grab"
         expect(self.page.locator(".map canvas")).to_have_css("cursor", cursor)
 

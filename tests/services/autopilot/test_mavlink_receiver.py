@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from jezero.mavlink import MavMessage, dialect
+from jezero.mavlink import MavlinkCodec, MavMessage, dialect
 from jezero.services.autopilot.battery import Battery
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.mavlink_receiver import decode_parameter, encode_parameter
@@ -13,6 +13,7 @@ from jezero.vehicle_config import BatteryConfig
 from tests.services.autopilot.test_service import Bench, kinds
 
 HOVER = 0.5
+REQUEST_MESSAGE = dialect.MAV_CMD_REQUEST_MESSAGE
 
 
 def send(bench: Bench, message: MavMessage) -> list[MavMessage]:
@@ -109,3 +110,26 @@ def test_an_empty_battery_is_not_less_than_empty() -> None:
     battery = Battery(BatteryConfig(), 0.0, HOVER)
     battery.step(10.0, (1.0, 1.0, 1.0, 1.0))
     assert battery.remaining == 0.0
+
+
+@pytest.mark.parametrize(("system", "taken"), [(1, True), (245, True), (255, True), (77, False), (2, False)])
+def test_commands_are_taken_of_the_listed_systems_alone_and_health_names_the_others(system: int, taken: bool) -> None:
+    bench = Bench()
+    bench.rest(0.1)
+    bench.companion = MavlinkCodec(system, 190)
+    heartbeat = bench.companion.pack(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    bench.step(b"", heartbeat)
+    received = send(bench, dialect.MAVLink_command_long_message(1, 1, REQUEST_MESSAGE, 0, 148.0, *[0.0] * 6))
+    bench.step(bench.sensor())
+    assert bool(kinds(received, dialect.MAVLINK_MSG_ID_COMMAND_ACK)) == taken
+    refusal = f"1 messages of MAVLink system {system} refused: see ground_systems in autopilot.toml"
+    assert (refusal in bench.health[-1].text) == (not taken)
+
+
+def test_the_list_of_ground_stations_is_a_setting() -> None:
+    bench = Bench(msgspec.convert({"telemetry": {"ground_systems": [7]}}, AutopilotConfig))
+    bench.rest(0.1)
+    for system, taken in ((7, True), (255, False)):
+        bench.companion = MavlinkCodec(system, 190)
+        received = send(bench, dialect.MAVLink_command_long_message(1, 1, REQUEST_MESSAGE, 0, 148.0, *[0.0] * 6))
+        assert bool(kinds(received, dialect.MAVLINK_MSG_ID_COMMAND_ACK)) == taken

@@ -54,8 +54,8 @@ class Box:
 class Bench:
     """An autopilot on a table: sensors at rest, their last digits alive, on one link, a companion on the other."""
 
-    def __init__(self) -> None:
-        self.autopilot = Autopilot(AutopilotConfig(), VehicleConfig(), system_id=1)
+    def __init__(self, config: AutopilotConfig | None = None) -> None:
+        self.autopilot = Autopilot(config or AutopilotConfig(), VehicleConfig(), system_id=1)
         self.box = Box()
         self.simulator = MavlinkCodec(1, 25)
         self.companion = MavlinkCodec(1, 191)
