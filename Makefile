@@ -6,8 +6,8 @@
 # make test-all   every check, long flights too: an hour or so; this is what the CI runs
 # make campaign   three minutes of missions with faults; the seeds follow from the commit
 # make broken     fly bridges that are broken on purpose with full physics until each is caught: ten minutes or so
-# make walk       run the commands of README and docs as a reader would: five minutes or so
-# make pages      fly a stack from the ground station's page, in a real browser: ten minutes or so
+# make walk       run the commands of README and docs as a reader would: ten minutes or so
+# make pages      fly a stack from the ground station's page, in a real browser: two minutes or so
 # make speed      measure speed and cost: one table, and runs/bench.json
 # make reference  write the generated pages of docs/reference anew
 # make images     write the pictures of README and docs anew, from a flight in virtual time

@@ -8,7 +8,8 @@ from ipaddress import ip_address
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from jezero.runtime.config import ConfigError
+from jezero.router_address import insecurity
+from jezero.runtime.config import ConfigError, links_from_environment
 from jezero.services.ground_station.config import GroundStationConfig
 from jezero.services.ground_station.password import SET_IT, default_password_file, read_password
 
@@ -86,6 +87,20 @@ def listening_of(config: GroundStationConfig) -> Listening:
     own = socket.gethostname().lower()
     names = {own, f"{own}.local", *(name.lower() for name in config.host_names)}
     return Listening(config.listen, hashed, config.certificate, config.key, frozenset(names))
+
+
+def insecurities(listening: Listening, router: str | None) -> str:
+    """What is without TLS between this stack, its pages and others, for people; "" for nothing.
+
+    Args:
+        listening: where the pages are served.
+        router: endpoint of the vehicle's router; None without one.
+    """
+    links = links_from_environment()
+    found = [insecurity(endpoint) for endpoint in (router, *links.listen, *links.connect) if endpoint]
+    if not listening.is_loopback and not listening.certificate:
+        found.append("These pages are insecure: whoever is on their network reads the password and may fly")
+    return "; ".join(filter(None, found))
 
 
 def password_file(config: GroundStationConfig) -> Path:

@@ -66,8 +66,19 @@ def tells(page: Page, words: str) -> None:
 
 def test_a_page_that_watches_says_so_and_has_no_commands(page: Page) -> None:
     expect(page.locator('[data-mark="access"]')).to_have_text("Watching")
+    expect(page.locator('[data-mark="insecure"]')).to_have_count(0)
     for mark in ("hover", "abort", "fly-takeoff"):
         expect(page.locator(f'[data-mark="{mark}"]')).not_to_be_visible()
+
+
+def test_a_stack_without_tls_says_so_all_the_time(browser: Browser, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("JEZERO_INSECURE", "1")
+    monkeypatch.setenv("JEZERO_LISTEN", "tcp/0.0.0.0:7448")
+    with serving() as address, browser.new_context() as context:
+        page = context.new_page()
+        page.goto(address)
+        banner = page.locator('[data-mark="insecure"]')
+        expect(banner).to_contain_text("tcp/0.0.0.0:7448 is insecure: whoever is on its network", timeout=60_000)
 
 
 def test_the_server_refuses_a_page_that_watches_though_it_sends_commands(page: Page) -> None:

@@ -53,6 +53,7 @@ class Page:
         config: GroundStationConfig,
         pictures: str = "/camera.jpg",
         watch: TopicWatch | None = None,
+        insecure: str = "",
     ) -> None:
         self._feed = feed
         self._backpressure = Backpressure(ui.context.client)
@@ -70,6 +71,8 @@ class Page:
         keys = Keys()
         Watchdog()
         with ui.element("div").classes("page") as self._whole:
+            if insecure:
+                ui.label(insecure).classes("insecure").props('data-mark="insecure" role=alert')
             self._header()
             with ui.element("main").classes("main"):
                 self._stage()

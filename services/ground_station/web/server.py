@@ -14,7 +14,7 @@ from nicegui import app as pages
 
 from jezero.runtime.service import Health
 from jezero.services.ground_station.config import GroundStationConfig
-from jezero.services.ground_station.listening import Listening, listening_socket
+from jezero.services.ground_station.listening import Listening, insecurities, listening_socket
 from jezero.services.ground_station.robot import robot_shapes
 from jezero.services.ground_station.web.access import Access, token_of
 from jezero.services.ground_station.web.camera_feed import CameraFeed
@@ -65,6 +65,7 @@ class PageServer:
         self._topics = TopicWatch(self._feed)
         self._camera = CameraFeed(robot, config.rate_camera_hz)
         shapes = robot_shapes(robot)
+        insecure = insecurities(listening, router)
         site = FastAPI(lifespan=self._life, docs_url=None, redoc_url=None, openapi_url=None)
         site.add_api_route("/camera.jpg", self._send_picture)
         site.add_api_route("/coverage.webp", self._send_coverage)
@@ -80,7 +81,7 @@ class PageServer:
         def show(request: Request) -> Response | None:
             if router is None:
                 return RedirectResponse("/recordings")
-            Page(self._feed, access, token_of(request), shapes, config, watch=self._topics)
+            Page(self._feed, access, token_of(request), shapes, config, watch=self._topics, insecure=insecure)
             return None
 
         pages.on_connect(self._count_viewers)

@@ -7,7 +7,7 @@ import pytest
 
 from jezero.runtime.config import ConfigError
 from jezero.services.ground_station.config import GroundStationConfig
-from jezero.services.ground_station.listening import Listening, listening_of, listening_socket
+from jezero.services.ground_station.listening import Listening, insecurities, listening_of, listening_socket
 from jezero.services.ground_station.password import write_password
 
 OUTSIDE = "192.0.2.7"
@@ -39,6 +39,19 @@ def test_another_address_needs_tls_or_the_word_insecure(password_file: str) -> N
     listening = listening_of(GroundStationConfig(listen=OUTSIDE, password_file=password_file, insecure=True))
     assert listening.password_hash
     assert listening.url(8080) == f"http://{OUTSIDE}:8080"
+
+
+def test_what_is_without_tls_is_named(password_file: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    on_loopback = listening_of(GroundStationConfig())
+    assert insecurities(on_loopback, "tcp/127.0.0.1:7447") == insecurities(on_loopback, None) == ""
+    assert insecurities(on_loopback, "tcp/10.0.0.1:7447") == (
+        "tcp/10.0.0.1:7447 is insecure: whoever is on its network sees all and may fly"
+    )
+    monkeypatch.setenv("JEZERO_INSECURE", "1")
+    monkeypatch.setenv("JEZERO_LISTEN", "tcp/0.0.0.0:7448")
+    assert insecurities(on_loopback, "tcp/127.0.0.1:7447").startswith("tcp/0.0.0.0:7448 is insecure")
+    outside = listening_of(GroundStationConfig(listen=OUTSIDE, password_file=password_file, insecure=True))
+    assert "; These pages are insecure" in insecurities(outside, "tcp/127.0.0.1:7447")
 
 
 @pytest.mark.parametrize(
