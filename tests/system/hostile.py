@@ -9,6 +9,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import zenoh
@@ -53,13 +54,14 @@ class Hostile:
             yield from self._messages()
 
     def _declarations(self) -> Iterator[Attempt]:
-        liveliness = self._session.liveliness()
         for service in ("estimator", "vehicle_bridge"):
-            for kind in ("claim", "service"):
-                name = topics.liveliness_key(self._vehicle, kind, f"{service}/0" if kind == "claim" else service)  # type: ignore[arg-type]
-                yield f"be {name}", lambda name=name: self._kept.append(liveliness.declare_token(name))
+            yield f"be {service}", partial(self._be, topics.liveliness_key(self._vehicle, "service", service))
+            yield f"claim {service}", partial(self._be, topics.liveliness_key(self._vehicle, "claim", f"{service}/0"))
         for endpoint in (topics.HOVER, topics.ACQUIRE, topics.TAKEOFF.endpoint, topics.RESULT):
-            yield f"serve {endpoint.name}", lambda endpoint=endpoint: self._serve(endpoint)
+            yield f"serve {endpoint.name}", partial(self._serve, endpoint)
+
+    def _be(self, token: str) -> None:
+        self._kept.append(self._session.liveliness().declare_token(token))
 
     def _serve(self, endpoint: Endpoint[Any, Any]) -> None:
         def refuse(query: zenoh.Query) -> None:
@@ -87,23 +89,21 @@ class Hostile:
             (action.modify, Modify(goal_id=goal_id, fields={"speed_mps": 5.0})),
         ]
         for endpoint, request in requests:
-            yield (
-                f"ask {endpoint.name}",
-                lambda endpoint=endpoint, request=request: self._session.get(
-                    self._key(endpoint.name), lambda _reply: None, payload=encode(request), timeout=0.5
-                ),
-            )
+            yield f"ask {endpoint.name}", partial(self._ask, endpoint, request)
+
+    def _ask(self, endpoint: Endpoint[Any, Any], request: Payload) -> None:
+        self._session.get(self._key(endpoint.name), lambda _reply: None, payload=encode(request), timeout=0.5)
 
     def _messages(self) -> Iterator[Attempt]:
         command = encode(RoverCommand(t_ns=0, speed_rover_body_mps=1.0, yaw_rate_rover_rps=0.5))
-        yield "put rover/command", lambda: self._session.put(self._key(topics.ROVER_COMMAND.name), command)
+        yield "put rover/command", partial(self._session.put, self._key(topics.ROVER_COMMAND.name), command)
         for key, message in list(self._heard.items()):
-            yield f"replay {key}", lambda key=key, message=message: self._session.put(key, message)
             other = message.replace(b"true", b"false").replace(b":1", b":9").replace(b"-", b"")
-            yield f"put {key}", lambda key=key, other=other: self._session.put(key, other)
+            yield f"replay {key}", partial(self._session.put, key, message)
+            yield f"put {key}", partial(self._session.put, key, other)
         for name in (self._key("**"), self._key(topics.STATUS.name)):
-            yield f"delete {name}", lambda name=name: self._session.delete(name)
-            yield f"put 10 MB on {name}", lambda name=name: self._session.put(name, bytes(10_000_000))
+            yield f"delete {name}", partial(self._session.delete, name)
+            yield f"put 10 MB on {name}", partial(self._session.put, name, bytes(10_000_000))
 
 
 def main(router: str, vehicle: str) -> None:
