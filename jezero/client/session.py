@@ -300,7 +300,13 @@ class Connection:
             raise Unreachable(reason)
         if name.startswith("@"):  # everybody may ask for what has no effect
             self._check_right(name)
-        raise Unreachable(f"no server replies on {name} of {self.vehicle}: is the stack up? (`jezero up`, `jezero ps`)")
+        text = f"no server replies on {name} of {self.vehicle}: is the stack up? (`jezero up`, `jezero ps`)"
+        if not self.sees_bridge():
+            text += (
+                f". Where {self.vehicle} flies on another computer, the link to that may be cut, and the request may "
+                "have arrived: `jezero status` shows it once the link is back"
+            )
+        raise Unreachable(text)
 
 
 def decode(kind: Any, data: bytes) -> Any:

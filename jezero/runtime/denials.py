@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import zenoh
@@ -23,7 +24,7 @@ from jezero.plain_text import plain
 LEVELS = "off,zenoh::net::routing::interceptor::access_control=trace,zenoh_link_tls::unicast=warn"
 PIPE_BYTES = 1 << 20
 """Room for the lines of `READ_PERIOD_S` at 20,000 messages a second: Zenoh waits for a reader of a full pipe."""
-READ_PERIOD_S = 0.1
+READ_PERIOD_S = 0.05
 NAMED_FOR_S = 60.0
 """Time for which health names a denial, and after which one that goes on is logged again."""
 DENIALS_MAX = 50
@@ -85,19 +86,23 @@ class Denials:
     def watch(self) -> None:
         """Take the process' standard output for Zenoh's log, and read it in a thread; to be called once."""
         out, into = os.pipe()
-        fcntl.fcntl(into, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
+        with suppress(OSError):  # this user has many large pipes already
+            fcntl.fcntl(into, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         os.dup2(into, sys.stdout.fileno())
         os.close(into)
-        os.environ["NO_COLOR"] = "1"  # no escape codes between the words
-        zenoh.init_log_from_env_or(LEVELS)
+        os.environ |= {"RUST_LOG": LEVELS, "NO_COLOR": "1"}  # no escape codes between the words
+        zenoh.try_init_log_from_env()
         threading.Thread(target=self._read, args=(out,), daemon=True).start()
 
     def _read(self, out: int) -> None:
         rest = b""
-        while chunk := os.read(out, PIPE_BYTES):
-            lines, _, rest = (rest + chunk).rpartition(b"\n")
-            self.add(lines, time.monotonic())
-            time.sleep(READ_PERIOD_S)
+        try:
+            while chunk := os.read(out, PIPE_BYTES):
+                time.sleep(READ_PERIOD_S)  # until a session that has just begun is in Zenoh's list
+                lines, _, rest = (rest + chunk).rpartition(b"\n")
+                self.add(lines, time.monotonic())
+        finally:  # Zenoh must not wait for a pipe that nobody reads
+            os.close(out)
 
     def add(self, lines: bytes, now_s: float) -> None:
         """Add lines of Zenoh's log.

@@ -11,7 +11,8 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 
 import zenoh
 
@@ -102,6 +103,7 @@ class _Readers:
 
     def __init__(self) -> None:
         self._guard = LinkGuard()
+        self._sessions: tuple[zenoh.Session, ...] = ()
         self._peers: dict[str, str] = {}
         """Who is at each address: name of the member with keys, and Zenoh's id of the session."""
         self._members: dict[str, str] = {}
@@ -114,9 +116,10 @@ class _Readers:
     def update(self, sessions: Sequence[zenoh.Session]) -> None:
         """Check all links of the sessions of this process; to be called every `SAMPLE_PERIOD_S`."""
         now_s = time.monotonic()
+        self._sessions = tuple(sessions)
         own = {str(session.zid()) for session in sessions}
         links = [link for session in sessions for link in session.info.links() if str(link.zid) not in own]
-        self._members = {str(link.zid): link.auth_identifier for link in links if link.auth_identifier}
+        self._members = _members_of(links)
         self.sessions = len({str(link.zid) for link in links})
         peers = {link.dst.partition("/")[2].partition("?")[0]: _peer(link) for link in links}
         known = self._peers | peers  # a link may have ended since the last update
@@ -130,6 +133,9 @@ class _Readers:
 
     def member_of(self, session: str) -> str:
         """Name of the member that has a session, by Zenoh's id of it, or "" for one that isn't known."""
+        if session not in self._members:  # it has begun since the last update
+            with suppress(zenoh.ZError):  # the gate was closed just now
+                self._members |= _members_of(link for each in self._sessions for link in each.info.links())
         return self._members.get(session, "")
 
     @property
@@ -142,6 +148,11 @@ class _Readers:
         """For health: the readers of the last minute, or ""."""
         names = ", ".join(name for name, _ in self._named.values())
         return f"; stopped reading, link closed: {names}" if names else ""
+
+
+def _members_of(links: Iterable[zenoh.Link]) -> dict[str, str]:
+    """Name of the member by Zenoh's id of its session, of the links with keys."""
+    return {str(link.zid): link.auth_identifier for link in links if link.auth_identifier}
 
 
 def _peer(link: zenoh.Link) -> str:

@@ -17,6 +17,7 @@ from jezero import deploy
 from jezero.deploy.launcher.ports import instance_environment, reserved_instance
 from jezero.deploy.launcher.state import start_ticks
 from jezero.schemas import topics
+from jezero.services.vehicle_bridge.kept_fence import NAME as KEPT_FENCE
 from tests.system.conftest import Stack, wait_for
 
 SHIPPED = Path(deploy.__path__[0]) / "compose.yaml"
@@ -133,6 +134,16 @@ def test_a_second_up_on_the_same_run_is_refused_with_the_process_and_the_folder(
     assert second.returncode == 3
     assert f"process {launcher_of(toy)} runs in {toy.run_dir}" in second.stderr
     assert rows(toy)["a"]["state"] == "running"
+
+
+def test_a_fence_that_was_set_in_the_run_before_is_gone(toy: Stack, tmp_path: Path) -> None:
+    file = compose_file(tmp_path, f"  a: {SLEEPER}\n")
+    kept = toy.run_dir / KEPT_FENCE
+    toy.jezero("up", "-d", "-f", file)
+    kept.write_text("{}")
+    toy.jezero("down")
+    toy.jezero("up", "-d", "-f", file)
+    assert not kept.exists()
 
 
 def test_when_the_launcher_is_killed_no_child_is_alive_a_second_later(toy: Stack, tmp_path: Path) -> None:
