@@ -91,7 +91,7 @@ class Denials:
         os.dup2(into, sys.stdout.fileno())
         os.close(into)
         os.environ |= {"RUST_LOG": LEVELS, "NO_COLOR": "1"}  # no escape codes between the words
-        zenoh.try_init_log_from_env()
+        zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
         threading.Thread(target=self._read, args=(out,), daemon=True).start()
 
     def _read(self, out: int) -> None:
