@@ -12,6 +12,7 @@ import re
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -28,7 +29,7 @@ READ_PERIOD_S = 0.05
 NAMED_FOR_S = 60.0
 """Time for which health names a denial, and after which one that goes on is logged again."""
 DENIALS_MAX = 50
-"""Number of denials that are kept: a member may try any number of keys."""
+"""Number of denials that are kept, and of lines in the log within `NAMED_FOR_S`: a member may try all keys there are."""
 WORDS = {
     "Put": "publish on {}",
     "Delete": "delete {}",
@@ -81,6 +82,8 @@ class Denials:
         self._denials: dict[str, _Denial] = {}
         self._in_block: set[bytes] = set()
         """Threads of Zenoh that are in a block of permissions."""
+        self._logged_s: deque[float] = deque()
+        """Times of the lines in the log within `NAMED_FOR_S`."""
         self._lock = threading.Lock()
 
     def watch(self) -> None:
@@ -143,13 +146,20 @@ class Denials:
         with self._lock:
             known = self._denials.get(text)
             if known is None or now_s - known.logged_s > NAMED_FOR_S:
-                times = f" ({known.count} times since the last line)" if known else ""
-                print(f"router: {text}{times}", file=sys.stderr, flush=True)
+                self._log(f"{text} ({known.count} times since the last line)" if known else text, now_s)
                 known = self._denials[text] = _Denial(logged_s=now_s, newest_s=now_s)
             known.count += 1
             known.newest_s = now_s
             if len(self._denials) > DENIALS_MAX:
                 del self._denials[min(self._denials, key=lambda each: self._denials[each].newest_s)]
+
+    def _log(self, text: str, now_s: float) -> None:
+        while self._logged_s and now_s - self._logged_s[0] > NAMED_FOR_S:
+            self._logged_s.popleft()
+        if len(self._logged_s) < DENIALS_MAX:
+            self._logged_s.append(now_s)
+            end = "; more within this minute is not logged" if len(self._logged_s) == DENIALS_MAX else ""
+            print(f"router: {text}{end}", file=sys.stderr, flush=True)
 
     def text(self, now_s: float) -> str:
         """For health: what was denied in the last `NAMED_FOR_S`, or ""."""

@@ -60,11 +60,15 @@ class Gate:
         To be called about once a second: files that change from one call to the next are still being copied.
         """
         before, self._seen = self._seen, _files(self._endpoints)
-        if self._session is not None and (self._seen == self._used or self._seen != before):
-            return False
-        if problem := next(filter(None, map(bundle_problem, self._endpoints)), ""):
-            self._keys_problem = f"the changed keys can't be used, the links go on with the old ones: {problem}"
-            return False
+        if self._session is not None:
+            if self._seen == self._used:
+                self._keys_problem = ""
+                return False
+            if self._seen != before:
+                return False
+            if problem := next(filter(None, map(bundle_problem, self._endpoints)), ""):
+                self._keys_problem = f"the changed keys can't be used, the links go on with the old ones: {problem}"
+                return False
         self.close()
         self._used = self._seen
         try:

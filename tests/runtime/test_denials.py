@@ -91,10 +91,14 @@ def test_a_denial_that_goes_on_is_logged_once_a_minute(denials: Denials, capsys:
     assert denials.text(89.0 + NAMED_FOR_S + 1.0) == ""
 
 
-def test_a_member_that_tries_any_number_of_keys_takes_no_room(denials: Denials) -> None:
+def test_a_member_that_tries_any_number_of_keys_fills_neither_memory_nor_log(
+    denials: Denials, capsys: pytest.CaptureFixture[str]
+) -> None:
     for number in range(3 * DENIALS_MAX):
         text = read(denials, f"{PUT}{number}", now_s=0.001 * number)
     assert text.count("may not publish") == DENIALS_MAX and f"odometry{3 * DENIALS_MAX - 1}" in text
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == DENIALS_MAX and lines[-1].endswith("; more within this minute is not logged")
 
 
 @contextmanager

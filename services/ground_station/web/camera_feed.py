@@ -38,9 +38,13 @@ class CameraFeed:
 
     Args:
         rate_hz: images per second that are compressed at most.
+
+    Attributes:
+        shows_previews: whether the newest image is a preview, as the camera's images don't arrive here.
     """
 
     def __init__(self, vehicle: VehicleConfig, rate_hz: float) -> None:
+        self.shows_previews = False
         self._vehicle = vehicle
         self._period_s = 1.0 / rate_hz
         self._asked_s = self._frame_s = 0.0
@@ -66,7 +70,7 @@ class CameraFeed:
             self._reading.cancel()
 
     async def _read(self, uav: Vehicle) -> None:
-        self._frame_s = time.monotonic()
+        self._frame_s = 0.0 if self.shows_previews else time.monotonic()  # else each look would begin with a wait
         beside = [
             asyncio.create_task(self._read_previews(uav)),
             asyncio.create_task(_keep(uav, topics.ODOMETRY, self._odometry)),
@@ -90,6 +94,7 @@ class CameraFeed:
                 except TimedOut:
                     continue
                 self._frame_s = now_s = time.monotonic()
+                self.shows_previews = False
                 if now_s >= next_s:
                     next_s = now_s + self._period_s
                     self._picture = (now_s, await asyncio.to_thread(_marked_frame, frame, self._outlines(frame)))
@@ -112,7 +117,7 @@ class CameraFeed:
                     await asyncio.sleep(RETRY_S)
                     continue
                 if self._frames_are_silent():
-                    self._picture = (time.monotonic(), marked)
+                    self._picture, self.shows_previews = (time.monotonic(), marked), True
 
     def _frames_are_silent(self) -> bool:
         return time.monotonic() - self._frame_s > FRAME_TIMEOUT_S

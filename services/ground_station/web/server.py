@@ -135,7 +135,10 @@ class PageServer:
     async def _send_picture(self) -> Response:
         uav = self._feed.uav
         picture = None if uav is None else await self._camera.picture(uav)
-        return Response(status_code=204) if picture is None else Response(picture, media_type="image/jpeg")
+        if picture is None:
+            return Response(status_code=204)
+        kind = {"X-Picture": "preview"} if self._camera.shows_previews else {}
+        return Response(picture, media_type="image/jpeg", headers=kind)
 
     async def _send_coverage(self) -> Response:
         picture = self._feed.coverage_map.picture

@@ -20,7 +20,7 @@ from jezero.schemas import topics
 from jezero.schemas.rows import Topic
 from jezero.schemas.sensors import CameraFrame
 from jezero.services.ground_station.web import camera_feed
-from jezero.services.ground_station.web.camera_feed import CameraFeed
+from jezero.services.ground_station.web.camera_feed import RETRY_S, CameraFeed
 from jezero.vehicle_config import VehicleConfig
 from jezero.zenoh_client import declare_publisher, put
 from tests.aio.rig import with_vehicle
@@ -138,6 +138,25 @@ def test_previews_are_shown_where_no_images_arrive_and_images_as_soon_as_they_do
             await looks_until(feed, uav, WHOLE)
         camera.on = {topics.CAMERA_PREVIEW}
         await looks_until(feed, uav, SMALL)
+
+    with_feed(endpoint, server, test)
+
+
+def test_a_new_look_where_previews_are_shown_begins_with_previews(
+    endpoint: str, server: Server, camera: CameraOnBus
+) -> None:
+    async def test(feed: CameraFeed, uav: Vehicle) -> None:
+        camera.on = {topics.CAMERA_PREVIEW}
+        await looks_until(feed, uav, SMALL)
+        assert feed.shows_previews
+        while camera.subscribed():
+            await asyncio.sleep(0.02)
+        await feed.picture(uav)
+        await asyncio.sleep(2 * RETRY_S)
+        assert topics.CAMERA_PREVIEW.name in camera.subscribed()
+        camera.on = set(TOPICS)
+        await looks_until(feed, uav, WHOLE)
+        assert not feed.shows_previews
 
     with_feed(endpoint, server, test)
 

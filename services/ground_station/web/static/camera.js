@@ -1,9 +1,9 @@
 // The camera's picture. The next one is requested when the last one has arrived, so a slow link gets fewer.
 export default {
-  template: `<div class="camera"><img ref="picture" alt="picture of the camera" :hidden="!!note" /><div v-if="note" class="camera-note">{{ note }}</div></div>`,
+  template: `<div class="camera"><img ref="picture" alt="picture of the camera" :hidden="!!note" /><div v-if="note" class="camera-note">{{ note }}</div><div v-else-if="preview" class="camera-preview">preview</div></div>`,
   props: { address: String, period_ms: Number },
   data() {
-    return { note: "waiting for a picture" };
+    return { note: "waiting for a picture", preview: false };
   },
   mounted() {
     this.next();
@@ -26,6 +26,7 @@ export default {
           this.note = "no picture of the camera";
           return;
         }
+        this.preview = reply.headers.get("x-picture") === "preview";
         const url = URL.createObjectURL(await reply.blob());
         if (this.url) URL.revokeObjectURL(this.url);
         this.$refs.picture.src = this.url = url;
