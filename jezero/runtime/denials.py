@@ -29,7 +29,7 @@ READ_PERIOD_S = 0.05
 NAMED_FOR_S = 60.0
 """Time for which health names a denial, and after which one that goes on is logged again."""
 DENIALS_MAX = 50
-"""Number of denials that are kept, and of lines in the log within `NAMED_FOR_S`: a member may try all keys there are."""
+"""Number of denials that are kept, and of lines in the log within `NAMED_FOR_S`: a member may try many keys."""
 WORDS = {
     "Put": "publish on {}",
     "Delete": "delete {}",
