@@ -13,9 +13,13 @@ class Relay:
     """Passes the bytes of any number of connections on to a port of this host, inside its `with` block.
 
     During a partition bytes are held back in both directions; none are lost.
+
+    Attributes:
+        change: what becomes of bytes on their way, in both directions.
     """
 
     def __init__(self, port: int) -> None:
+        self.change: Callable[[bytes], bytes] = bytes
         self._target = (HOST, port)
         self._listener = socket.create_server((HOST, 0))
         self._passing = threading.Event()
@@ -76,7 +80,7 @@ class Relay:
         with contextlib.suppress(OSError):
             while data := source.recv(65536):
                 self._passing.wait()
-                sink.sendall(data)
+                sink.sendall(self.change(data))
         self._passing.wait()
         _end(source)
         _end(sink)

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from jezero import Vehicle
+from jezero import JezeroError, Vehicle
 from jezero.codec import decode
 from jezero.keys.bundle import secured
 from jezero.keys.team import Team
@@ -23,7 +23,8 @@ from jezero.schemas.sensors import RoverOdometry
 from jezero.schemas.state import Odometry, Status, StatusCode
 from jezero.zenoh_client import client_config
 from tests.keys.rig import add_at, free_port, make_team
-from tests.system.conftest import Stack, new_stack, wait_for
+from tests.system.conftest import Stack, has_status, new_stack, wait_for
+from tests.system.relay import Relay
 
 pytestmark = pytest.mark.long
 HOSTILE = Path(__file__).with_name("hostile.py")
@@ -73,7 +74,7 @@ def hostile(stack: Stack, team: Team, member: str) -> Iterator[set[str]]:
 @contextmanager
 def strangers(stack: Stack, team: Team) -> Iterator[None]:
     """Connections without a certificate: open for good, with garbage, and with one that has expired."""
-    host, port = "127.0.0.1", int(stack.environment["JEZERO_LISTEN"].rpartition(":")[2])
+    host, port = "127.0.0.1", port_of(stack)
     past = add_at(team, -400, "pilot", "past")
     context = ssl.create_default_context(cafile=str(past / "ca.pem"))
     with ExitStack() as ends:
@@ -126,6 +127,11 @@ class Watch:
         return max(map(off, self.places_ned_m))
 
 
+def port_of(stack: Stack) -> int:
+    """Port at which the stack's router listens to other computers."""
+    return int(stack.environment["JEZERO_LISTEN"].rpartition(":")[2])
+
+
 def fly(stack: Stack, team: Team) -> tuple[float, Watch]:
     """A pilot flies to the target and back to the hover before; the distance from the line, and what was seen."""
     with (
@@ -168,3 +174,23 @@ def test_what_strangers_and_viewers_try_moves_nothing_and_is_named(stack: Stack,
         assert f"viewer-eye may not send a request to {topics.key(stack.instance.vehicle, f'@control/{name}')}" in log
     assert f"viewer-eye may not publish on {topics.key(stack.instance.vehicle, topics.CLOCK.name)}" in log
     assert "a connection was refused: its certificate has expired" in log
+
+
+def test_bytes_that_are_changed_on_the_wire_command_nothing(stack: Stack, team: Team) -> None:
+    def flip(data: bytes) -> bytes:
+        return data[:-3] + bytes((data[-3] ^ 1,)) + data[-2:] if len(data) > 20 else data
+
+    with Relay(port_of(stack)) as wire:
+        address = f"tls/127.0.0.1:{wire.port}"
+        with Vehicle.connect(
+            stack.instance.vehicle, router=address, keys=team.bundle("pilot-ana"), timeout_s=2.0
+        ) as pilot:
+            assert pilot.status().code == StatusCode.IDLE
+            wire.change = flip
+            for _ in range(3):
+                with pytest.raises(JezeroError):
+                    pilot.takeoff(altitude_m=2.0)
+            assert "IDLE" in stack.jezero("status").stdout
+            wire.change = bytes
+            wait_for(lambda: has_status(pilot), 20.0, "the link is there again")
+            assert pilot.status().code == StatusCode.IDLE
