@@ -12,10 +12,10 @@ import re
 import sys
 import threading
 import time
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import zenoh
 
@@ -28,8 +28,13 @@ PIPE_BYTES = 1 << 20
 READ_PERIOD_S = 0.05
 NAMED_FOR_S = 60.0
 """Time for which health names a denial, and after which one that goes on is logged again."""
-DENIALS_MAX = 50
-"""Number of denials that are kept, and of lines in the log within `NAMED_FOR_S`: a member may try many keys."""
+DENIALS_MAX = 20
+"""Number of denials of one member that are kept, and of its lines in the log within `NAMED_FOR_S`. A member may try many
+keys, and must not hide by that what others try."""
+SHOWN_MAX = 3
+"""Number of newest denials of one member in health."""
+UNKNOWN, CONNECTIONS = "unknown", "connections"
+"""In the place of a member: sessions without a name, and connections without a session."""
 WORDS = {
     "Put": "publish on {}",
     "Delete": "delete {}",
@@ -70,6 +75,39 @@ class _Denial:
     count: int = 0
 
 
+@dataclass
+class _Denied:
+    """What was denied to one member."""
+
+    denials: dict[str, _Denial] = field(default_factory=dict)
+    logged_s: deque[float] = field(default_factory=deque)
+    """Times of the lines in the log within `NAMED_FOR_S`."""
+
+    def add(self, text: str, now_s: float) -> None:
+        known = self.denials.get(text)
+        if known is None or now_s - known.logged_s > NAMED_FOR_S:
+            self._log(f"{text} ({known.count} times since the last line)" if known else text, now_s)
+            known = self.denials[text] = _Denial(logged_s=now_s, newest_s=now_s)
+        known.count += 1
+        known.newest_s = now_s
+        if len(self.denials) > DENIALS_MAX:
+            del self.denials[min(self.denials, key=lambda each: self.denials[each].newest_s)]
+
+    def _log(self, text: str, now_s: float) -> None:
+        while self.logged_s and now_s - self.logged_s[0] > NAMED_FOR_S:
+            self.logged_s.popleft()
+        if len(self.logged_s) < DENIALS_MAX:
+            self.logged_s.append(now_s)
+            end = "; more of this within a minute is not logged" if len(self.logged_s) == DENIALS_MAX else ""
+            print(f"router: {text}{end}", file=sys.stderr, flush=True)
+
+    def newest(self, now_s: float) -> list[str]:
+        """Denials of the last `NAMED_FOR_S`, newest first, `SHOWN_MAX` of them at most."""
+        ages_s = {text: now_s - denial.newest_s for text, denial in self.denials.items()}
+        new = sorted((text for text, age_s in ages_s.items() if age_s <= NAMED_FOR_S), key=lambda text: ages_s[text])
+        return [*new[:SHOWN_MAX], f"and {len(new) - SHOWN_MAX} more"] if len(new) > SHOWN_MAX else new
+
+
 class Denials:
     """Denials so far, each with the time of the newest and the number of them.
 
@@ -79,11 +117,10 @@ class Denials:
 
     def __init__(self, member_of: Callable[[str], str]) -> None:
         self._member_of = member_of
-        self._denials: dict[str, _Denial] = {}
+        self._denied: defaultdict[str, _Denied] = defaultdict(_Denied)
+        """What was denied, by member, `UNKNOWN` or `CONNECTIONS`."""
         self._in_block: set[bytes] = set()
         """Threads of Zenoh that are in a block of permissions."""
-        self._logged_s: deque[float] = deque()
-        """Times of the lines in the log within `NAMED_FOR_S`."""
         self._lock = threading.Lock()
 
     def watch(self) -> None:
@@ -119,15 +156,18 @@ class Denials:
             if match is not None:
                 self._add_decision(match, now_s)
             elif handshake := _HANDSHAKE.search(line):
-                self._count(f"a connection was refused: {_handshake_words(handshake['reason'])}", now_s)
+                words = _handshake_words(handshake["reason"])
+                self._count(CONNECTIONS, f"a connection was refused: {words}", now_s)
 
     def _add_decision(self, match: re.Match[bytes], now_s: float) -> None:
         thread = match["thread"]
         if match["block"]:
             self._in_block.add(thread)
         elif match["stranger"]:
-            who = self._member_of(match["stranger"].decode()) or f"session {match['stranger'].decode()}"
-            self._count(f"{who} is revoked, or not in this computer's list of members, and may do nothing", now_s)
+            name = self._member_of(match["stranger"].decode())
+            who = name or f"session {match['stranger'].decode()}"
+            text = f"{who} is revoked, or not in this computer's list of members, and may do nothing"
+            self._count(name or UNKNOWN, text, now_s)
         elif thread in self._in_block and not match["cached"]:
             if match["what"] == _BLOCK_END:
                 self._in_block.discard(thread)
@@ -136,35 +176,20 @@ class Denials:
 
     def _add_attempt(self, match: re.Match[bytes], now_s: float) -> None:
         what, session = match["what"].decode(), match["session"].decode()
-        who = self._member_of(session) or _common_name(match["subject"] or b"") or f"session {session}"
-        by_itself = what in DECLARED and who.partition("-")[0] in HOST_ROLES
+        name = self._member_of(session) or _common_name(match["subject"] or b"")
+        by_itself = what in DECLARED and name.partition("-")[0] in HOST_ROLES
         if what in WORDS and not by_itself:
             own = plain(match["key"].decode(errors="replace"))
-            self._count(f"{who} may not {WORDS[what].format(own)}", now_s)
+            self._count(name or UNKNOWN, f"{name or f'session {session}'} may not {WORDS[what].format(own)}", now_s)
 
-    def _count(self, text: str, now_s: float) -> None:
+    def _count(self, who: str, text: str, now_s: float) -> None:
         with self._lock:
-            known = self._denials.get(text)
-            if known is None or now_s - known.logged_s > NAMED_FOR_S:
-                self._log(f"{text} ({known.count} times since the last line)" if known else text, now_s)
-                known = self._denials[text] = _Denial(logged_s=now_s, newest_s=now_s)
-            known.count += 1
-            known.newest_s = now_s
-            if len(self._denials) > DENIALS_MAX:
-                del self._denials[min(self._denials, key=lambda each: self._denials[each].newest_s)]
-
-    def _log(self, text: str, now_s: float) -> None:
-        while self._logged_s and now_s - self._logged_s[0] > NAMED_FOR_S:
-            self._logged_s.popleft()
-        if len(self._logged_s) < DENIALS_MAX:
-            self._logged_s.append(now_s)
-            end = "; more within this minute is not logged" if len(self._logged_s) == DENIALS_MAX else ""
-            print(f"router: {text}{end}", file=sys.stderr, flush=True)
+            self._denied[who].add(text, now_s)
 
     def text(self, now_s: float) -> str:
         """For health: what was denied in the last `NAMED_FOR_S`, or ""."""
         with self._lock:
-            new = [text for text, denial in self._denials.items() if now_s - denial.newest_s <= NAMED_FOR_S]
+            new = [text for denied in self._denied.values() for text in denied.newest(now_s)]
         return f"; denied: {', '.join(new)}" if new else ""
 
 

@@ -13,7 +13,7 @@ import zenoh
 
 from jezero.keys.bundle import secured
 from jezero.keys.team import Team
-from jezero.runtime.denials import DENIALS_MAX, NAMED_FOR_S, Denials
+from jezero.runtime.denials import DENIALS_MAX, NAMED_FOR_S, SHOWN_MAX, Denials
 from jezero.schemas.topics import CLOCK, HOVER, KILL, STATUS, key
 from jezero.zenoh_client import client_config
 from tests.keys.rig import add_at, free_port, make_team
@@ -96,9 +96,20 @@ def test_a_member_that_tries_any_number_of_keys_fills_neither_memory_nor_log(
 ) -> None:
     for number in range(3 * DENIALS_MAX):
         text = read(denials, f"{PUT}{number}", now_s=0.001 * number)
-    assert text.count("may not publish") == DENIALS_MAX and f"odometry{3 * DENIALS_MAX - 1}" in text
+    newest = f"viewer-eye may not publish on uav1/odometry{3 * DENIALS_MAX - 1}"
+    assert text.startswith(f"; denied: {newest}, ") and text.endswith(f", and {DENIALS_MAX - SHOWN_MAX} more")
     lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == DENIALS_MAX and lines[-1].endswith("; more within this minute is not logged")
+    assert len(lines) == DENIALS_MAX and lines[-1].endswith("; more of this within a minute is not logged")
+
+
+def test_nobody_hides_what_others_try_behind_many_attempts(
+    denials: Denials, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number in range(3 * DENIALS_MAX):
+        read(denials, f"{PUT}{number}", now_s=0.001 * number)
+    text = read(denials, PUT.replace("80a6", "0b0b"), now_s=1.0)
+    own = "ground-lab may not publish on uav1/odometry"
+    assert own in text and f"router: {own}" in capsys.readouterr().err
 
 
 @contextmanager

@@ -38,7 +38,9 @@ class Hostile:
         self._session, self._vehicle = session, vehicle
         self._heard: dict[str, bytes] = {}
         """The latest message of each topic, by its whole key."""
-        self._kept: list[Any] = [session.declare_subscriber(self._key("**"), self._on_sample)]
+        self._kept: list[Any] = [
+            session.declare_subscriber(self._key("**"), self._on_sample, allowed_origin=zenoh.Locality.REMOTE)
+        ]
 
     def _key(self, name: str) -> str:
         return topics.key(self._vehicle, name)

@@ -37,7 +37,9 @@ STRANGERS = 50
 
 @pytest.fixture(scope="module")
 def team(tmp_path_factory: pytest.TempPathFactory) -> Team:
-    return make_team(tmp_path_factory.mktemp("team"))
+    team = make_team(tmp_path_factory.mktemp("team"))
+    add_at(team, -400, "pilot", "past")
+    return team
 
 
 @pytest.fixture(scope="module")
@@ -69,13 +71,15 @@ def hostile(stack: Stack, team: Team, member: str) -> Iterator[set[str]]:
         process.terminate()
         process.wait()
         reader.join()
+        if process.stdout is not None:
+            process.stdout.close()
 
 
 @contextmanager
 def strangers(stack: Stack, team: Team) -> Iterator[None]:
     """Connections without a certificate: open for good, with garbage, and with one that has expired."""
     host, port = "127.0.0.1", port_of(stack)
-    past = add_at(team, -400, "pilot", "past")
+    past = team.bundle("pilot-past")
     context = ssl.create_default_context(cafile=str(past / "ca.pem"))
     with ExitStack() as ends:
         for number in range(STRANGERS):
@@ -172,7 +176,6 @@ def test_what_strangers_and_viewers_try_moves_nothing_and_is_named(stack: Stack,
     assert max(dist(place, watch.rover_places_m[0]) for place in watch.rover_places_m) < ROVER_STANDS_M
     for name in ("kill", "acquire", "abort", "hover"):
         assert f"viewer-eye may not send a request to {topics.key(stack.instance.vehicle, f'@control/{name}')}" in log
-    assert f"viewer-eye may not publish on {topics.key(stack.instance.vehicle, topics.CLOCK.name)}" in log
     assert "a connection was refused: its certificate has expired" in log
 
 
