@@ -29,7 +29,7 @@ READ_PERIOD_S = 0.05
 NAMED_FOR_S = 60.0
 """Time for which health names a denial, and after which one that goes on is logged again."""
 DENIALS_MAX = 20
-"""Number of denials of one member that are kept, and of its lines in the log within `NAMED_FOR_S`. It may try many keys,
+"""Number of denials of one member that are kept, and of its lines in the log within `NAMED_FOR_S`. It may try any key,
 and must not hide by that what others try."""
 SHOWN_MAX = 3
 """Number of newest denials of one member in health."""
