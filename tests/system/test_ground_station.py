@@ -75,12 +75,15 @@ def test_a_mission_is_flown_by_clicks_alone_and_seen_alike_after_a_reload_and_in
     screen.has("plan-area_coverage", "battery")
     screen.send("area_coverage")
     screen.has("goal", "images")
+    screen.marked("pause").click()  # so that the goal lasts for as long as the pages take to open
+    screen.has("pause", "Resume")
     screen.page.reload()
     screen.has("goal", "area coverage")
     assert [len(ring) for ring in screen.rings()] == [4, 3]
     other = open_screen(screen.page.context.browser, screen.stack, screen.address)  # type: ignore[arg-type]
     other.has("goal-owner", "sent from another page of this ground station")
     assert other.page.locator(".state-words").inner_text() == screen.page.locator(".state-words").inner_text()
+    screen.marked("pause").click()
     expect(screen.marked("goal")).not_to_be_visible(timeout=FLIGHT_TIMEOUT_MS)
     screen.shows("Hovering")
     assert screen.maps > 0
