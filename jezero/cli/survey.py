@@ -24,6 +24,7 @@ from jezero.os_errors import write_whole
 from jezero.private_files import keep_private
 
 if TYPE_CHECKING:
+    from jezero import Vehicle
     from jezero.client.dataset import Dataset, Kind
     from jezero.schemas.goals import AreaCoverageGoal, Frame
 
@@ -146,8 +147,6 @@ def gridsweep(
     fly; without a stack, the path begins near the world's origin. --resume takes the missing images of a coverage that
     ended early.
     """
-    from jezero.schemas.topics import AREA_COVERAGE
-
     _refuse_unused(plan_only=plan_only, resume=resume)
     if plan_only:
         file = _drawing(out)
@@ -168,17 +167,26 @@ def gridsweep(
         pending = missing
     with connected(vehicle, router, printer) as uav:
         goal = _placed(pending, printer, vehicle_origin(uav.status().odometry))
-        plan = agreed_plan(printer, uav, AREA_COVERAGE, goal, yes=yes)
-        images_goal: Any = uav.send(AREA_COVERAGE, as_planned(goal, plan))
-        # with its start, the same path can be resumed if its server dies, and drawn beside the one flown
-        start_ned_m = goal.start_ned_m if plan.coverage is None else plan.coverage.start_ned_m
-        goal = msgspec.structs.replace(goal, plan_id="", start_ned_m=start_ned_m)
-        if resume is None:
-            dataset.note(goal=goal)
-        _write_resume_goal(dataset.folder, goal)
-        take_pictures(
-            printer, images_goal, "gridsweep", dataset, lambda result: _write_resume_goal(dataset.folder, result.resume)
-        )
+        _fly_coverage(printer, uav, goal, dataset, yes=yes, is_new=resume is None)
+
+
+def _fly_coverage(
+    printer: Printer, uav: "Vehicle", goal: "AreaCoverageGoal", dataset: "Dataset", *, yes: bool, is_new: bool
+) -> None:
+    """Fly a coverage as the user has agreed to its plan, and save its images and what is needed to resume it."""
+    from jezero.schemas.topics import AREA_COVERAGE
+
+    plan = agreed_plan(printer, uav, AREA_COVERAGE, goal, yes=yes)
+    images_goal: Any = uav.send(AREA_COVERAGE, as_planned(goal, plan))
+    # with its start, the same path can be resumed if its server dies, and drawn beside the one flown
+    start_ned_m = goal.start_ned_m if plan.coverage is None else plan.coverage.start_ned_m
+    goal = msgspec.structs.replace(goal, plan_id="", start_ned_m=start_ned_m)
+    if is_new:
+        dataset.note(goal=goal)
+    _write_resume_goal(dataset.folder, goal)
+    take_pictures(
+        printer, images_goal, "gridsweep", dataset, lambda result: _write_resume_goal(dataset.folder, result.resume)
+    )
 
 
 def _placed(

@@ -18,6 +18,7 @@ from jezero import Unreachable, Vehicle
 from jezero.deploy.launcher.ports import instance_environment, reserved_instance
 from jezero.runtime.config import Instance
 from jezero.schemas.state import Status
+from tests.keys.rig import free_port
 from tests.system.bridge_observation import Tap
 
 GCS_PORT = 17550
@@ -168,6 +169,19 @@ def new_stack(folder: Path) -> Iterator[Stack]:
             yield stack
         finally:
             stack.jezero("down", check=False)
+
+
+@contextmanager
+def stack_with_keys(folder: Path, bundle: Path) -> Iterator[Stack]:
+    """A stack that is up, and listens to other computers at `JEZERO_LISTEN`, an address on the loopback.
+
+    Args:
+        folder: for the run folder.
+        bundle: folder of the vehicle's bundle.
+    """
+    with new_stack(folder) as stack:
+        stack.environment |= {"JEZERO_LISTEN": f"tls/127.0.0.1:{free_port()}", "JEZERO_KEYS": str(bundle)}
+        yield stack.up()
 
 
 @pytest.fixture

@@ -22,8 +22,8 @@ from jezero.schemas import topics
 from jezero.schemas.sensors import RoverOdometry
 from jezero.schemas.state import Odometry, Status, StatusCode
 from jezero.zenoh_client import client_config
-from tests.keys.rig import add_at, free_port, make_team
-from tests.system.conftest import Stack, has_status, new_stack, wait_for
+from tests.keys.rig import add_at, make_team
+from tests.system.conftest import Stack, has_status, stack_with_keys, wait_for
 from tests.system.relay import Relay
 
 pytestmark = pytest.mark.long
@@ -44,10 +44,8 @@ def team(tmp_path_factory: pytest.TempPathFactory) -> Team:
 
 @pytest.fixture(scope="module")
 def stack(tmp_path_factory: pytest.TempPathFactory, team: Team) -> Iterator[Stack]:
-    with new_stack(tmp_path_factory.mktemp("stack")) as stack:
-        stack.environment["JEZERO_LISTEN"] = f"tls/127.0.0.1:{free_port()}"
-        stack.environment["JEZERO_KEYS"] = str(team.bundle("vehicle-uav1"))
-        yield stack.up()
+    with stack_with_keys(tmp_path_factory.mktemp("stack"), team.bundle("vehicle-uav1")) as stack:
+        yield stack
 
 
 @contextmanager

@@ -7,8 +7,8 @@ import pytest
 
 from jezero import Refused, Unreachable, Vehicle
 from jezero.keys.team import Team
-from tests.keys.rig import free_port, make_team
-from tests.system.conftest import Stack, new_stack
+from tests.keys.rig import make_team
+from tests.system.conftest import Stack, stack_with_keys
 
 
 @pytest.fixture(scope="module")
@@ -18,10 +18,8 @@ def team(tmp_path_factory: pytest.TempPathFactory) -> Team:
 
 @pytest.fixture(scope="module")
 def stack(tmp_path_factory: pytest.TempPathFactory, team: Team) -> Iterator[Stack]:
-    with new_stack(tmp_path_factory.mktemp("stack")) as stack:
-        stack.environment["JEZERO_LISTEN"] = f"tls/127.0.0.1:{free_port()}"
-        stack.environment["JEZERO_KEYS"] = str(team.bundle("vehicle-uav1"))
-        yield stack.up()
+    with stack_with_keys(tmp_path_factory.mktemp("stack"), team.bundle("vehicle-uav1")) as stack:
+        yield stack
 
 
 def address(stack: Stack) -> str:
