@@ -1,5 +1,6 @@
 """Whole flights in virtual time: the mission, its determinism, refusals, abort, hover and kill."""
 
+import os
 import subprocess
 import sys
 
@@ -27,7 +28,7 @@ def test_the_same_seed_gives_the_same_log_also_in_another_process_and_another_se
     first = fly_virtually(FLIGHT, 5)
     assert first.result == "succeeded", first.reason
     assert first.touchdown_error_m is not None and first.touchdown_error_m < 0.1
-    environment = {"PYTHONHASHSEED": "99"}
+    environment = {**os.environ, "PYTHONHASHSEED": "99"}
     other = subprocess.run(
         [sys.executable, "-c", HASH], capture_output=True, text=True, check=True, env=environment
     ).stdout.split()[-1]
