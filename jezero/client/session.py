@@ -303,8 +303,8 @@ class Connection:
         text = f"no server replies on {name} of {self.vehicle}: is the stack up? (`jezero up`, `jezero ps`)"
         if not self.sees_bridge():
             text += (
-                f". Where {self.vehicle} flies on another computer, the link to that may be cut, and the request may "
-                "have arrived: `jezero status` shows it once the link is back"
+                f". If {self.vehicle} flies on another computer, the link to that computer may be cut. The request may "
+                "have arrived: see `jezero status` when the link is back"
             )
         raise Unreachable(text)
 

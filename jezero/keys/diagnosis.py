@@ -21,6 +21,8 @@ NAME_MISMATCHES = frozenset({62, 64})
 EXPIRED, NOT_YET_VALID, WRONG_PURPOSE = 10, 9, 26
 OTHER_AUTHORITY = frozenset({7, 18, 19, 20, 21, 30})
 """OpenSSL's verification errors of a certificate that another authority has signed."""
+CONNECTING = frozenset({"root_ca_certificate_file", "connect_certificate_file", "connect_private_key_file"})
+"""Zenoh's names for the files of a bundle that a connection needs."""
 REFUSED_TIME = "SSLV3_ALERT_CERTIFICATE_EXPIRED"
 REFUSED_AUTHORITY = frozenset({"TLSV1_ALERT_UNKNOWN_CA", "TLSV1_ALERT_DECRYPT_ERROR"})
 """Alerts with which a router refuses a client's certificate. Source: RFC 8446, 6.2. The latter is that of a signature
@@ -41,7 +43,7 @@ def connection_problem(endpoint: str) -> str:
     if address.protocol != "tls":
         return ""
     files = files_of(endpoint)
-    if not {"root_ca_certificate_file", "connect_certificate_file", "connect_private_key_file"} <= files.keys():
+    if not files.keys() >= CONNECTING:
         return f"a router with TLS lets nobody in without a bundle: name its folder with --keys or {VARIABLE}"
     try:
         own = identity_of(read_certificate(files["connect_certificate_file"]))
@@ -70,7 +72,7 @@ def listening_problem(endpoint: str) -> str:
 def bundle_problem(endpoint: str) -> str:
     """Why the bundle of an endpoint can't be used, to listen or to connect, in one sentence, or ""."""
     files = files_of(endpoint)
-    if not {"root_ca_certificate_file", "connect_certificate_file", "connect_private_key_file"} <= files.keys():
+    if not files.keys() >= CONNECTING:
         return ""
     bundle = files["connect_certificate_file"].parent
     try:

@@ -1,4 +1,4 @@
-"""What routers have denied, and to whom, from Zenoh's own log: nothing else of Zenoh tells it.
+"""Reads what the router has denied, and to whom, from Zenoh's log, the only place where Zenoh reports it.
 
 Zenoh writes each decision of its access control at its finest level, and a handshake that failed as a warning. A thread
 reads them from a pipe in the place of the standard output, and keeps what was denied.
@@ -34,14 +34,14 @@ and must not hide by that what others try."""
 SHOWN_MAX = 3
 """Number of newest denials of one member in health."""
 UNKNOWN, CONNECTIONS = "unknown", "connections"
-"""In the place of a member: sessions without a name, and connections without a session."""
+"""Stand for a member whose name is unknown, and for connections that ended before the member was known."""
 WORDS = {
     "Put": "publish on {}",
     "Delete": "delete {}",
     "Query": "send a request to {}",
     "Reply": "reply on {}",
     "Declare Queryable": "take requests on {}",
-    "Liveliness Token": "be {}",
+    "Liveliness Token": "register as {}",
 }
 DECLARED = frozenset({"Declare Queryable", "Liveliness Token"})
 """What the router of a computer does by itself for the programs behind it: no attempt of anybody."""

@@ -85,7 +85,7 @@ def _stop_socket() -> socket.socket:
 
 
 def _health_publisher(session: zenoh.Session, vehicle: str) -> Callable[[ServiceState, str], None]:
-    """What publishes the health of this router, by its state and text."""
+    """A function that publishes the health of this router, from its state and text."""
     publisher = session.declare_publisher(key(vehicle, health_of(NAME).name), encoding=zenoh.Encoding.APPLICATION_JSON)
     boot_id, process = new_boot_id(), f"{socket.gethostname()} pid {os.getpid()}"
 

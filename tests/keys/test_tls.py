@@ -86,6 +86,7 @@ def test_a_renewed_member_gets_in_with_its_old_key(tmp_path: Path) -> None:
         assert gets_in(endpoint)
 
 
+@pytest.mark.long
 def test_a_standing_link_outlives_its_certificate_and_comes_back_with_a_renewed_one(tmp_path: Path) -> None:
     team = make_team(tmp_path)
     a_year_ago = Team(team.folder, datetime.now(UTC) - timedelta(days=365) + timedelta(seconds=5))

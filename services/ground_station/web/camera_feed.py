@@ -40,7 +40,7 @@ class CameraFeed:
         rate_hz: images per second that are compressed at most.
 
     Attributes:
-        shows_previews: whether the newest image is a preview, as the camera's images don't arrive here.
+        shows_previews: whether the newest image is a preview, because the camera's images don't arrive here.
     """
 
     def __init__(self, vehicle: VehicleConfig, rate_hz: float) -> None:

@@ -14,6 +14,7 @@ TRICKLE_MAX = 200
 """More than the messages that are sent to a stalled viewer during the test."""
 
 
+@pytest.mark.long
 def test_a_viewer_who_does_not_read_is_sent_a_bounded_number_of_messages_and_others_get_all_of_theirs() -> None:
     with (
         serving(NO_ROUTER, "rate_hz=30") as address,
@@ -28,6 +29,7 @@ def test_a_viewer_who_does_not_read_is_sent_a_bounded_number_of_messages_and_oth
         assert not reader.closed
 
 
+@pytest.mark.long
 def test_a_viewer_whose_acknowledgements_were_lost_is_sent_all_again_after_the_next_one() -> None:
     with serving(NO_ROUTER, "rate_hz=30") as address, PageViewer(address) as viewer:
         viewer.acknowledges = False
