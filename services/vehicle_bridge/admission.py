@@ -40,6 +40,7 @@ class Grant:
         sequence: sequence number of the last accepted setpoint, -1 before the first.
         paused: the goal is paused, by its last accepted setpoint.
         overriding: failed preflight checks that it overrides, for people; "" for none.
+        refusal: reason why the last setpoint was dropped; "" for one that was accepted.
     """
 
     control_id: str
@@ -50,6 +51,7 @@ class Grant:
     sequence: int = -1
     paused: bool = False
     overriding: str = ""
+    refusal: str = ""
 
     @property
     def name(self) -> str:
@@ -60,6 +62,7 @@ class Grant:
         """Note an accepted setpoint; returns the event of a pause that begins or ends, for people, or ""."""
         changes = setpoint.paused is not self.paused
         self.sequence, self.timer_ns, self.paused = setpoint.sequence, vehicle.timer_ns, setpoint.paused
+        self.refusal = ""
         if not changes:
             return ""
         return f"{self.name} is paused" if self.paused else f"{self.name} goes on"

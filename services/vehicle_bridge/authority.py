@@ -97,6 +97,8 @@ class Authority:
         grant, code = self.grant, CODE_OF.get(setpoint.phase)
         refusal = admission.setpoint_refusal(setpoint, self.code, grant, vehicle, resets)
         if refusal or grant is None or code is None:
+            if refusal and grant is not None and setpoint.control_id == grant.control_id:
+                grant.refusal = refusal
             return refusal
         self.target = targets.setpoint_target(setpoint, self.target, vehicle, resets)
         if grant.sequence < 0:

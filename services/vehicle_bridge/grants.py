@@ -8,9 +8,9 @@ from jezero.services.vehicle_bridge.vehicle import ControlState, VehicleSnapshot
 
 UNUSED_TIMEOUT_S = 0.5
 """A grant ends when its goal has sent no setpoint within this time: the reply may have been lost."""
-SETPOINT_TIMEOUT_S = 0.3
-"""A grant ends when its goal has sent no further setpoint for this time, and the bridge hovers, within 0.5 s in all:
-the autopilot would go on with the last velocity. Source: architecture §5."""
+SETPOINT_TIMEOUT_S = 0.35
+"""A grant ends when its goal has sent no further setpoint for this time, and the bridge stops the vehicle, within 0.5 s
+in all: the autopilot would go on with the last velocity. Source: architecture §5."""
 
 
 class Grants:
@@ -82,4 +82,6 @@ class Grants:
         age_s = (vehicle.timer_ns - grant.timer_ns) * 1e-9
         if age_s <= (UNUSED_TIMEOUT_S if grant.sequence < 0 else SETPOINT_TIMEOUT_S):
             return None
+        if grant.refusal:
+            return f"{grant.name} ended: no setpoint of it could be flown for {age_s:.2f} s: {grant.refusal}"
         return f"{grant.name} ended: it sent no setpoint for {age_s:.2f} s"

@@ -1,6 +1,6 @@
 """Elapsed vehicle time, for time-outs."""
 
-AHEAD_MAX_NS = 150_000_000
+AHEAD_MAX_NS = 100_000_000
 """No time-out may be exceeded by more than this."""
 
 
