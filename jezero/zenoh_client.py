@@ -73,10 +73,14 @@ def declare_publisher(
     )
 
 
-def put(publisher: zenoh.Publisher, data: bytes, *, attached: bool) -> None:
-    """Publish a message that is in one piece, as the codec writes it; see `data_of`."""
+def put(publisher: zenoh.Publisher, data: bytes, *, attached: bool, source: zenoh.SourceInfo | None = None) -> None:
+    """Publish a message that is in one piece, as the codec writes it; see `data_of`.
+
+    Args:
+        source: who publishes, for readers that check it.
+    """
     if attached:
         json_data, attachment = split_attachment(data)
-        publisher.put(attachment, attachment=json_data)
+        publisher.put(attachment, attachment=json_data, source_info=source)
     else:
-        publisher.put(data)
+        publisher.put(data, source_info=source)

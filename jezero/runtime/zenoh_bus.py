@@ -66,7 +66,7 @@ class ServiceLoop:
         self._stopping = False
         self._events: deque[tuple[Kind, str, Any]] = deque()
         """Arrivals from Zenoh's threads and that of the background tasks, oldest first."""
-        self._newest: dict[str, zenoh.Sample | None] = {}
+        self._newest: dict[str, zenoh.Sample] = {}
         """By topic, the last message with an attachment, until the loop reads it."""
         self._wakeup_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._wakeup_armed = True
@@ -270,8 +270,9 @@ class ServiceLoop:
             wanted = self._on_sample(name, value)
         elif kind == "newest":
             if name in self._newest:  # else this message was replaced by a newer one, which has been read
-                sample = self._newest.pop(name)
-                wanted = self._on_sample(name, None if sample is None else data_of(sample))
+                wanted = self._on_sample(name, data_of(self._newest.pop(name)))
+        elif kind == "refused":
+            wanted = node.deliver(name, None, value)
         elif kind == "query":
             wanted = self._on_query(name, value)
         elif kind == "response":
@@ -306,8 +307,8 @@ class ServiceLoop:
                 wanted |= self._node.deliver_bytes(name, data)
         return wanted
 
-    def _on_sample(self, name: str, data: bytes | None) -> bool:
-        if name == CLOCK_NAME and data is not None:
+    def _on_sample(self, name: str, data: bytes) -> bool:
+        if name == CLOCK_NAME:
             if refusal := self._epochs.refusal(data, self._node.inbox.wall_ns):
                 return self._node.deliver(name, None, refusal)
             self._on_clock(data)

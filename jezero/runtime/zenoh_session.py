@@ -6,7 +6,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from secrets import token_hex
 from typing import Any, Literal
 
 import zenoh
@@ -14,6 +13,7 @@ import zenoh
 from jezero.codec import BadPayloadError, decode, has_attachment
 from jezero.runtime.config import Instance
 from jezero.runtime.service import Spec
+from jezero.runtime.writers import Writers, source_of
 from jezero.schemas import topics
 from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.topics import health_of, journal_of, key, liveliness_key
@@ -24,7 +24,7 @@ CLAIM_TIMEOUT_S = 2.5
 CLOSE_TIMEOUT_S = 0.7
 JOURNAL_WAITING_MAX_BYTES = 16_000_000
 """Parts of the journal that wait for a recorder; the oldest are dropped. A start of the stack takes far less."""
-Kind = Literal["sample", "newest", "query", "response", "departed", "opened", "outcome", "sent"]
+Kind = Literal["sample", "newest", "refused", "query", "response", "departed", "opened", "outcome", "sent"]
 Enqueue = Callable[[Kind, str, Any], None]
 
 
@@ -51,8 +51,9 @@ class BusSession:
         enqueue: called by Zenoh's threads as `enqueue(kind, name, value)` with each arrival.
 
     Kinds of arrivals:
-        sample: a topic's name and the bytes of a message; None for anything but a put of bytes on exactly its key.
-        newest: a topic's name and the sample of a message with an attachment; None as above.
+        sample: a topic's name and the bytes of a message.
+        newest: a topic's name and the sample of a message with an attachment.
+        refused: a topic's name and the reason why a message on it is not taken.
         query: an endpoint's name and the query.
         response: a call's id and (bytes, None) or (None, error).
         departed: the id of a client that vanished.
@@ -69,6 +70,8 @@ class BusSession:
         self._subscribers: dict[str, zenoh.Subscriber[Any]] = {}
         self._declared: list[Any] = []
         self._last_value: dict[str, bytes] = {}
+        self._sources: dict[str, zenoh.SourceInfo] = {}
+        self._writers = Writers({topic.name: topic for topic in (*spec.inputs, *spec.on_demand, topics.CLOCK)})
         used = (*spec.inputs, *spec.on_demand, *spec.outputs)
         self._journal: zenoh.Publisher | None = None
         self._journal_waiting: deque[bytes] = deque()
@@ -127,7 +130,7 @@ class BusSession:
             AlreadyRunningError: another process keeps its claim.
         """
         name, liveliness = self._spec.name, self._session.liveliness()
-        own = liveliness_key(self._instance.vehicle, "claim", f"{name}/{token_hex(8)}")
+        own = liveliness_key(self._instance.vehicle, "claim", f"{name}/{self._session.zid()}")
         claim: zenoh.LivelinessToken | None = None
         deadline = time.monotonic() + CLAIM_TIMEOUT_S
         while not should_stop():
@@ -175,15 +178,20 @@ class BusSession:
         """Declare everything that the service's `Spec` names."""
         session = self._session
         for topic in (*self._spec.outputs, health_of(self._spec.name)):
-            self._publishers[topic.name] = declare_publisher(
+            publisher = declare_publisher(
                 session,
                 key(self._instance.vehicle, topic.name),
                 attached=topic.name in self._attached,
                 congestion=zenoh.CongestionControl.DROP,  # else one reader that stands still stops everybody
                 urgent=topic.urgent,
             )
+            self._publishers[topic.name], self._sources[topic.name] = publisher, source_of(publisher)
         for topic in self._spec.last_value:
             self._declare_last_value(topic.name)
+        claims = session.liveliness().declare_subscriber(
+            liveliness_key(self._instance.vehicle, "claim", "**"), _direct(self._writers.on_claim), history=True
+        )
+        self._declared.append(claims)
         for topic in self._spec.inputs:
             self.subscribe(topic.name)
         if self._uses_vehicle_time() and topics.CLOCK not in self._spec.inputs:
@@ -212,20 +220,22 @@ class BusSession:
         return spec.lockstep is None and bool(spec.inputs or spec.outputs or spec.serves)
 
     def subscribe(self, name: str) -> None:
-        """Subscribe to a topic; everything but a put on exactly its key is enqueued as None."""
+        """Subscribe to a topic; everything but a put on exactly its key, by its writer, is enqueued as refused."""
         own = key(self._instance.vehicle, name)
         exactly = zenoh.KeyExpr(own)
-        enqueue = self._enqueue
+        enqueue, writers, attached = self._enqueue, self._writers, name in self._attached
 
         def on_sample(sample: zenoh.Sample) -> None:
-            data = sample.payload.to_bytes()  # empty for a delete
-            enqueue("sample", name, data if data and sample.key_expr == exactly else None)
+            if sample.key_expr != exactly or sample.kind != zenoh.SampleKind.PUT:
+                enqueue("refused", name, "not a put on exactly this key")
+            elif refusal := writers.refusal(name, sample):
+                enqueue("refused", name, refusal)
+            elif attached:
+                enqueue("newest", name, sample)
+            else:
+                enqueue("sample", name, sample.payload.to_bytes())
 
-        def on_attached(sample: zenoh.Sample) -> None:
-            exact = sample.key_expr == exactly and sample.kind == zenoh.SampleKind.PUT
-            enqueue("newest", name, sample if exact else None)
-
-        handler = _direct(on_attached if name in self._attached else on_sample)
+        handler = _direct(on_sample)
         self._subscribers[name] = self._session.declare_subscriber(own, handler)
 
     def _declare_endpoint(self, endpoint: Endpoint[Any, Any]) -> None:
@@ -274,7 +284,8 @@ class BusSession:
 
     def put(self, topic: Topic[Any], data: bytes) -> None:
         """Publish a message."""
-        put(self._publishers[topic.name], data, attached=topic.name in self._attached)
+        source = self._sources[topic.name]
+        put(self._publishers[topic.name], data, attached=topic.name in self._attached, source=source)
 
     def put_journal(self, part: bytes) -> None:
         """Publish a part of the service's journal, as soon as a recorder has subscribed to it."""

@@ -1,5 +1,6 @@
 """Control over real processes: two clients, abort, stale setpoints, servers and bridges that die."""
 
+import json
 import os
 import signal
 import subprocess
@@ -8,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -18,7 +20,9 @@ from jezero.codec import decode, encode
 from jezero.runtime.config import config_directory
 from jezero.schemas import topics
 from jezero.schemas.commands import Phase, Setpoint
+from jezero.schemas.rows import Topic
 from jezero.schemas.state import StatusCode
+from jezero.zenoh_client import client_config
 from tests.system.conftest import Stack, wait_for, wait_for_status
 
 DISARM_WITHIN_S = 30.0
@@ -72,6 +76,61 @@ def test_stale_or_foreign_setpoints_are_not_executed(stack: Stack) -> None:
         assert worst_m < 0.5
         assert vehicle.status().code == StatusCode.GO_TO
         goal.cancel()
+
+
+@pytest.mark.long
+def test_what_a_program_publishes_in_the_place_of_services_changes_nothing_and_is_named(stack: Stack) -> None:
+    lies: dict[Topic[Any], dict[str, Any]] = {
+        topics.CLOCK: {"epoch_id": 77},
+        topics.STATUS: {"code": int(StatusCode.ABORT), "name": StatusCode.ABORT.name, "armed": False},
+        topics.ODOMETRY: {"pos_uav_ned_m": [50.0, 0.0, -30.0]},
+        topics.ALTIMETER: {"range_m": 0.05},
+        topics.RELATIVE: {"valid": False},
+    }
+    heard: dict[str, dict[str, Any]] = {}
+    with stack.connect() as vehicle, zenoh.open(client_config(stack.instance.router)) as session:
+
+        def on_sample(topic: Topic[Any]) -> Callable[[zenoh.Sample], None]:
+            return lambda sample: heard.update({topic.name: json.loads(sample.payload.to_bytes())})
+
+        for topic in lies:
+            key = topics.key(stack.instance.vehicle, topic.name)
+            session.declare_subscriber(key, on_sample(topic), allowed_origin=zenoh.Locality.REMOTE)
+        vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
+        wait_for(lambda: len(heard) == len(lies), 10.0, "a message of each topic")
+        before = vehicle.status()
+        goal = vehicle.go_to(6.0, 0.0, -3.0, speed_mps=1.0)
+        stopping = threading.Event()
+
+        def lie() -> None:
+            while not stopping.wait(0.02):
+                for topic, changes in lies.items():
+                    message = json.dumps(heard[topic.name] | changes)
+                    session.put(topics.key(stack.instance.vehicle, topic.name), message)
+
+        liar = threading.Thread(target=lie)
+        liar.start()
+        try:
+            goal.result(timeout_s=60)
+            reports = {name: health(session, stack, name) for name in ("vehicle_bridge", "go_to")}
+        finally:
+            stopping.set()
+            liar.join()
+        wait_for_status(vehicle, lambda s: s.code == StatusCode.HOVER, 5, "hovering")
+        after = vehicle.status()
+    assert (after.epoch_id, after.bridge_boot_id) == (before.epoch_id, before.bridge_boot_id)
+    assert reports["vehicle_bridge"]["inputs"]["clock"]["rejected"] > 0
+    assert "publishes it, and is not its writer" in reports["go_to"]["last_error"]
+
+
+def health(session: zenoh.Session, stack: Stack, service: str) -> dict[str, Any]:
+    """The next report of a service."""
+    key = topics.key(stack.instance.vehicle, topics.health_of(service).name)
+    reports: list[bytes] = []
+    with session.declare_subscriber(key, lambda sample: reports.append(sample.payload.to_bytes())):
+        wait_for(lambda: bool(reports), 5.0, f"health of {service}")
+    found: dict[str, Any] = json.loads(reports[0])
+    return found
 
 
 @pytest.mark.long
