@@ -1,7 +1,7 @@
 # make setup      install into .venv
 # make demo       bring everything up, fly, land, plot
 # make lint       style (ruff), types (mypy --strict), contracts (import-linter); each is a target of its own too
-# make unit       the tests that need neither a flight nor a process: two minutes or so
+# make unit       the tests that need neither a flight nor a process: less than two minutes
 # make test       the checks but for long flights: twenty minutes or so
 # make test-all   every check, long flights too: an hour or so; this is what the CI runs
 # make campaign   three minutes of missions with faults; the seeds follow from the commit
@@ -48,8 +48,9 @@ types: setup
 contracts: setup
 	$(BIN)/lint-imports
 
+# Four workers for two processors: many of these tests wait for a router.
 unit: setup
-	$(BIN)/pytest -q -n 2 --dist loadgroup -m "not long and not slow" --ignore tests/scenario --ignore tests/system --ignore tests/statistical
+	$(BIN)/pytest -q -n 4 --dist loadgroup -m "not long and not slow" --ignore tests/scenario --ignore tests/system --ignore tests/statistical
 
 test: lint
 	$(BIN)/pytest -q -n 2 --dist loadgroup -m "not long and not slow"

@@ -300,12 +300,20 @@ class Connection:
             raise Unreachable(reason)
         if name.startswith("@"):  # everybody may ask for what has no effect
             self._check_right(name)
+        with_keys = self._endpoint.startswith("tls/")
+        if with_keys:
+            from jezero.keys.diagnosis import known_revocation
+
+            if reason := known_revocation(self._endpoint):
+                raise Unreachable(reason)
         text = f"no server replies on {name} of {self.vehicle}: is the stack up? (`jezero up`, `jezero ps`)"
         if not self.sees_bridge():
             text += (
                 f". If {self.vehicle} flies on another computer, the link to that computer may be cut. The request may "
                 "have arrived: see `jezero status` when the link is back"
             )
+            if with_keys:
+                text += ". A router shows nothing to a member that is revoked: ask the one who has the team"
         raise Unreachable(text)
 
 

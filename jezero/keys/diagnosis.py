@@ -105,6 +105,20 @@ def missing_right(endpoint: str, name: str) -> str:
     return f"{own.name} has no right to {name}: only pilots fly, ask for the bundle of one"
 
 
+def known_revocation(endpoint: str) -> str:
+    """That this member is revoked, in one sentence, or "" where its bundle's list doesn't say so.
+
+    The list of another computer may be newer: its router lets a revoked member connect, and shows it nothing.
+    """
+    certificate = files_of(endpoint).get("connect_certificate_file")
+    if certificate is None:
+        return ""
+    try:
+        return _revocation(identity_of(read_certificate(certificate)), certificate.parent)
+    except KeysError as error:
+        return str(error)
+
+
 def _time_problem(identity: Identity) -> str:
     """Whether a certificate is not valid now."""
     now = datetime.now(UTC)
