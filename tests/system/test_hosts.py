@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import hypot
 from pathlib import Path
@@ -17,7 +18,7 @@ import pytest
 
 from jezero.keys.team import Team
 from jezero.runtime.config import Instance, config_directory
-from tests.system.conftest import JEZERO, Stack, wait_for
+from tests.system.conftest import Stack, wait_for
 from tests.system.radio import CABLE, Network, Radio, missing
 
 pytestmark = [pytest.mark.skipif(bool(missing()), reason=missing()), pytest.mark.long]
@@ -26,6 +27,8 @@ BAD_RADIO = Radio(rate_bps=1e6, delay_s=0.05, loss=0.05)
 PORT = 7448
 RADIO, ROVER_RADIO = ("vehicle", "ground"), ("vehicle", "rover")
 COMMAND_S = 60.0
+MISSION_S = 600.0
+ON_ROVER_MAX_M = 0.5
 
 
 @dataclass
@@ -123,24 +126,40 @@ def on_ground(hosts: Hosts) -> Iterator[Hosts]:
         hosts.vehicle.jezero("return")
 
 
+@contextmanager
+def viewer(hosts: Hosts) -> Iterator[list[str]]:
+    """Somebody on the ground who watches the status; the list has the lines at the end of the `with` block."""
+    seen: list[str] = []
+    watching = hosts.ground.start("status", "--watch")
+    try:
+        yield seen
+    finally:
+        watching.terminate()
+        seen.extend(watching.communicate(timeout=COMMAND_S)[0].splitlines())
+
+
 def test_a_flight_is_commanded_over_a_bad_radio_while_a_viewer_watches(on_ground: Hosts) -> None:
-    with subprocess.Popen(
-        [*on_ground.ground.before, *JEZERO, "status", "--watch"], env=on_ground.ground.environment,
-        stdout=subprocess.PIPE, text=True,
-    ) as viewer:  # fmt: skip
-        try:
-            on_ground.ground.jezero("takeoff", "3")
-            begin_s, before = time.monotonic(), on_ground.carried_bytes()
-            on_ground.ground.jezero("target", "4", "0", "-3")
-            elapsed_s, carried = time.monotonic() - begin_s, on_ground.carried_bytes()
-            on_ground.ground.jezero("land_on_spot")
-        finally:
-            viewer.terminate()
-        seen = viewer.communicate()[0]
+    with viewer(on_ground) as seen:
+        on_ground.ground.jezero("takeoff", "3")
+        begin_s, before = time.monotonic(), on_ground.carried_bytes()
+        on_ground.ground.jezero("target", "4", "0", "-3")
+        elapsed_s, carried = time.monotonic() - begin_s, on_ground.carried_bytes()
+        on_ground.ground.jezero("land_on_spot")
     assert on_ground.status(on_ground.vehicle)["landed"] is True
-    assert all(word in seen for word in ("TAKEOFF", "GO_TO", "LANDING"))
+    assert all(word in "".join(seen) for word in ("TAKEOFF", "GO_TO", "LANDING"))
     for (radio, size), (_, size_before) in zip(carried.items(), before.items(), strict=True):
         print(f"{'–'.join(radio)}: {8e-3 * (size - size_before) / elapsed_s:.0f} kbit/s")
+
+
+def test_the_thesis_mission_is_flown_from_the_ground_over_bad_radios_while_a_viewer_watches(on_ground: Hosts) -> None:
+    mission = config_directory().parent / "missions" / "demonstration.yaml"
+    with viewer(on_ground) as seen:
+        done = on_ground.ground.jezero("mission", "run", str(mission), timeout_s=MISSION_S)
+    print(done.stdout)
+    status = on_ground.status(on_ground.ground)
+    assert (status["name"], status["landed"]) == ("IDLE", True), status["text"]
+    assert distance_from_rover_m(on_ground) < ON_ROVER_MAX_M
+    assert all(word in "".join(seen) for word in ("TAKEOFF", "GET_IMAGES", "COVERAGE", "LANDING"))
 
 
 def test_pictures_cross_a_bad_radio_one_after_the_other_and_the_goal_goes_on(on_ground: Hosts, tmp_path: Path) -> None:
@@ -188,23 +207,34 @@ def test_the_camera_and_setpoints_do_not_cross_the_radio(hosts: Hosts) -> None:
 WATCH = """
 import json, sys, time, zenoh
 from jezero.zenoh_client import client_config
-session, phases, last = zenoh.open(client_config("tcp/127.0.0.1:7447", 5)), [""], {}
+session, phases = zenoh.open(client_config("tcp/127.0.0.1:7447", 5)), [""]
 def on_feedback(sample):
     phase = json.loads(sample.payload.to_bytes())["feedback"]["phase"]
     if phase != phases[-1]:
         phases.append(phase)
         print(phase, flush=True)
-def on_truth(sample):
-    last.update(json.loads(sample.payload.to_bytes()))
-kept = [
-    session.declare_subscriber("jezero/uav1/action/land_on_spot/feedback", on_feedback),
-    session.declare_subscriber("jezero/uav1/truth", on_truth),
-]
+kept = session.declare_subscriber("jezero/uav1/action/land_on_spot/feedback", on_feedback)
 sys.stdin.read()
-print(json.dumps(last), flush=True)
 session.close()
 """
-"""Prints each phase of a landing, and at the end the truth."""
+"""Prints each phase of a landing."""
+
+TRUTH = """
+import zenoh
+from jezero.zenoh_client import client_config
+with zenoh.open(client_config("tcp/127.0.0.1:7447", 5)) as session:
+    print(session.declare_subscriber("jezero/uav1/truth").recv().payload.to_string())
+"""
+"""Prints the truth as it is now."""
+
+
+def distance_from_rover_m(hosts: Hosts) -> float:
+    """True horizontal distance of the vehicle from the platform's middle."""
+    words = [*hosts.vehicle.before, sys.executable, "-c", TRUTH]
+    told = subprocess.run(words, env=hosts.vehicle.environment, capture_output=True, text=True, check=True, timeout=30)
+    truth = json.loads(told.stdout)
+    north_m, east_m, _ = (a - b for a, b in zip(truth["pos_uav_ned_m"], truth["pos_rover_ned_m"], strict=True))
+    return hypot(north_m, east_m)
 
 
 class Landing:
@@ -241,9 +271,9 @@ class Landing:
 
         wait_for(ended, 240, "the landing's end")
         out, err = self._sender.communicate(timeout=90)
-        truth = json.loads(self._watch.communicate("")[0].splitlines()[-1])
-        offset = [a - b for a, b in zip(truth["pos_uav_ned_m"], truth["pos_rover_ned_m"], strict=True)]
-        return self._hosts.status(self._hosts.vehicle), hypot(*offset), (err or out).strip().splitlines()[-1]
+        self._watch.communicate("")
+        status, distance_m = self._hosts.status(self._hosts.vehicle), distance_from_rover_m(self._hosts)
+        return status, distance_m, (err or out).strip().splitlines()[-1]
 
 
 def cut_a_landing(hosts: Hosts, radio: tuple[str, str], phase: str, cut_s: float) -> tuple[dict[str, Any], float, str]:
@@ -262,7 +292,7 @@ def test_a_landing_goes_on_while_a_radio_is_cut_for_three_seconds(
     on_ground: Hosts, radio: tuple[str, str], phase: str
 ) -> None:
     status, distance_m, _ = cut_a_landing(on_ground, radio, phase, 3.0)
-    assert status["landed"] is True and distance_m < 0.5, status["text"]
+    assert status["landed"] is True and distance_m < ON_ROVER_MAX_M, status["text"]
 
 
 @pytest.fixture
@@ -286,7 +316,7 @@ def check_end(hosts: Hosts, radio: tuple[str, str], phase: str, cut_s: float) ->
         f"| {'–'.join(radio)} | {phase} | {cut_s:g} | {status['name']}, {distance_m:.2f} m from the platform's middle "
         f"| {status['text']} | {seen} |"
     )
-    on_rover = status["landed"] is True and distance_m < 0.5
+    on_rover = status["landed"] is True and distance_m < ON_ROVER_MAX_M
     assert on_rover or (status["name"] == "HOVER" and status["text"]), status
 
 
