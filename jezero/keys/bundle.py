@@ -1,5 +1,6 @@
 """A bundle: the folder with everything that one computer or person needs to speak TLS with the team's routers."""
 
+import hashlib
 import os
 from datetime import datetime
 from pathlib import Path
@@ -17,6 +18,9 @@ VARIABLE = "JEZERO_KEYS"
 INSECURE_VARIABLE = "JEZERO_INSECURE"
 """Environment variable that is 1 where addresses without TLS may leave this computer."""
 CA, CERTIFICATE, KEY = "ca.pem", "certificate.pem", "key.pem"
+MAVLINK_KEY = "mavlink.key"
+"""A line of text, the same for all that fly the team's vehicles by MAVLink."""
+MAVLINK_TEXT_LENGTH = 32
 
 
 class Identity(NamedTuple):
@@ -104,6 +108,26 @@ def secured(address: str, bundle: Path) -> str:
     }
     files = ";".join(f"{setting}={folder / name}" for setting, name in settings.items())
     return f"{address}#{files};enable_mtls=true"
+
+
+def mavlink_key(bundle: str | None) -> bytes:
+    """Key of MAVLink's signatures by a bundle, 32 bytes; b"" without a bundle, or without a text in it.
+
+    It is the SHA-256 of the text, as in MAVProxy and QGroundControl, so that a person can give them the text.
+
+    Raises:
+        KeysError: the text can't be read, or is damaged.
+    """
+    path = Path(bundle).expanduser() / MAVLINK_KEY if bundle else None
+    if path is None or not path.exists():
+        return b""
+    try:
+        text = path.read_bytes().strip()
+    except OSError as error:
+        raise KeysError(describe_os_error(error)) from None
+    if len(text) != MAVLINK_TEXT_LENGTH or not text.isascii():
+        raise KeysError(f"{path} is damaged: it has one line of {MAVLINK_TEXT_LENGTH} characters, copy it anew")
+    return hashlib.sha256(text).digest()
 
 
 def files_of(endpoint: str) -> dict[str, Path]:

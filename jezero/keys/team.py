@@ -1,12 +1,14 @@
 """The folder of a team: its authority, its members, and a bundle for each of them.
 
 team/ca/certificate.pem, team/ca/key.pem     the authority; its key stays on this computer
+team/ca/mavlink.key                          for MAVLink's signatures; a copy is in the bundle of all that fly
 team/members.json                            all members, also in each bundle
 team/vehicle-uav1/                           a bundle, to be copied to the member's computer
 """
 
 import os
 import re
+import secrets
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from ipaddress import ip_address
@@ -16,7 +18,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from jezero.keys.authority import issue, issue_authority, new_key
-from jezero.keys.bundle import CA, CERTIFICATE, KEY, read_certificate
+from jezero.keys.bundle import CA, CERTIFICATE, KEY, MAVLINK_KEY, MAVLINK_TEXT_LENGTH, read_certificate
 from jezero.keys.members import (
     HOST_ROLES,
     KeysError,
@@ -34,6 +36,8 @@ if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey, EllipticCurvePublicKey
 
 AUTHORITY = "ca"
+MAVLINK_ROLES: tuple[Role, ...] = ("vehicle", "ground", "pilot")
+"""Members that fly, or are flown, by MAVLink."""
 DAYS = 365
 _HOST_NAME = re.compile(r"(?=.{1,253}$)[A-Za-z0-9_]([A-Za-z0-9_-]{0,62})(\.[A-Za-z0-9_-]{1,63})*", re.ASCII)
 
@@ -109,12 +113,15 @@ class Team:
         _write_key(bundle / KEY, key)
         write_whole(bundle / CERTIFICATE, _pem(certificate))
         write_whole(bundle / CA, _pem(self._authority_certificate()))
+        self._give_mavlink_key(role, bundle)
         return self._keep(
             members, Member(name=identity, role=role, expires=certificate.not_valid_after_utc, hosts=checked)
         )
 
     def renew(self, name: str, hosts: Sequence[str] = (), days: int = DAYS) -> Member:
         """Make a member a new certificate for the key that it has: only `certificate.pem` of its bundle changes.
+
+        A bundle from before there were signatures of MAVLink gets the text for them too.
 
         Args:
             name: common name.
@@ -135,6 +142,7 @@ class Team:
         assert isinstance(public_key, EllipticCurvePublicKey)
         certificate = self._issue(public_key, member.role, name, checked, days)
         write_whole(path, _pem(certificate))
+        self._give_mavlink_key(member.role, path.parent)
         return self._keep(
             members, msgspec.structs.replace(member, expires=certificate.not_valid_after_utc, hosts=checked)
         )
@@ -157,6 +165,15 @@ class Team:
             if self.bundle(each.name).is_dir():
                 write_members(self.bundle(each.name), changed)
         return member
+
+    def _give_mavlink_key(self, role: Role, bundle: Path) -> None:
+        """Copy the text for MAVLink's signatures into a bundle; the first that needs it makes it."""
+        if role not in MAVLINK_ROLES:
+            return
+        made = self.folder / AUTHORITY / MAVLINK_KEY
+        if not made.exists():
+            _write_private(made, f"{secrets.token_hex(MAVLINK_TEXT_LENGTH // 2)}\n".encode())
+        _write_private(bundle / MAVLINK_KEY, made.read_bytes())
 
     def _known(self, members: Members, name: str) -> Member:
         member = members.find(name)
@@ -227,12 +244,16 @@ def _make_private_folder(folder: Path) -> None:
 
 
 def _write_key(path: Path, key: "EllipticCurvePrivateKey") -> None:
-    """Write a private key that only its owner reads, also while it is written."""
     from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 
+    _write_private(path, key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+
+
+def _write_private(path: Path, data: bytes) -> None:
+    """Write a file that only its owner reads, also while it is written."""
     path.unlink(missing_ok=True)
     with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-        file.write(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+        file.write(data)
 
 
 def _pem(certificate: "x509.Certificate") -> bytes:

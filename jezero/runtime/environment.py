@@ -39,6 +39,12 @@ VARIABLES = (
         "–",
         "routers of other computers to which the stack's router connects, such as `tls/uav1.local:7448`.",
     ),
+    Variable(
+        "JEZERO_GCS_HOST",
+        "IPv4 address",
+        "`127.0.0.1`",
+        "computer of the ground stations of the embedded autopilot; from another one it takes signed messages only.",
+    ),
     Variable("JEZERO_CONFIG_DIR", "folder", "the shipped folder", "folder of the settings."),
     Variable(
         "JEZERO_RUN_DIR",

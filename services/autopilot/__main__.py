@@ -7,29 +7,34 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from jezero.runtime.child import ChildLink
-from jezero.runtime.config import Instance, chosen_autopilot, load_config
+from jezero.runtime.config import ConfigError, Instance, chosen_autopilot, load_config
 from jezero.runtime.links import SocketLink, TcpClient, Udp
 from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
 from jezero.services.autopilot import px4
 from jezero.services.autopilot.config import AutopilotConfig
+from jezero.services.autopilot.ground_link import HOST_VARIABLE, ground_host, is_local, with_signatures
 from jezero.services.autopilot.service import GCS, HIL, OFFBOARD, Autopilot
 from jezero.vehicle_config import VehicleConfig
 
-HOST = "127.0.0.1"
+HOST, ANY = "127.0.0.1", "0.0.0.0"
 UNIX_2015_S = 1_420_070_400
 
 
 def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
     """The autopilot of an instance, and its links."""
     config = load_config(AutopilotConfig, "autopilot")
+    ground = ground_host()
     if chosen_autopilot() == "px4":
+        if not is_local(ground):
+            raise ConfigError(f"{HOST_VARIABLE} is for the embedded autopilot: PX4 has settings of its own for MAVLink")
         return px4.Px4(), {px4.PX4: _px4_link(instance)}
     vehicle = load_config(VehicleConfig, "vehicle")
+    config = with_signatures(config, ground)
     return Autopilot(config, vehicle, instance.system_id, time.time() - UNIX_2015_S), {
         HIL: TcpClient(HOST, instance.hil_port),
         OFFBOARD: Udp((HOST, instance.autopilot_offboard_port), (HOST, instance.bridge_port)),
-        GCS: Udp((HOST, instance.autopilot_gcs_port), (HOST, instance.gcs_port)),
+        GCS: Udp((HOST if is_local(ground) else ANY, instance.autopilot_gcs_port), (ground, instance.gcs_port)),
     }
 
 

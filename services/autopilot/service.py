@@ -3,10 +3,12 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
+import msgspec
+
 from jezero.runtime.service import Health, Inbox, Output, Send, Spec
 from jezero.schemas.units import GRAVITY_MPS2
 from jezero.services.autopilot.alignment import Fix
-from jezero.services.autopilot.config import AutopilotConfig
+from jezero.services.autopilot.config import AutopilotConfig, SigningConfig
 from jezero.services.autopilot.estimator import Estimator
 from jezero.services.autopilot.hil import HilLink, SensorSample
 from jezero.services.autopilot.mavlink_interface import GCS, OFFBOARD, MavlinkInterface, signing_by_link
@@ -40,7 +42,7 @@ class Autopilot:
         self, config: AutopilotConfig, vehicle: VehicleConfig, system_id: int, since_2015_s: float = 0.0
     ) -> None:
         made_with = {
-            "config": config,
+            "config": msgspec.structs.replace(config, signing=SigningConfig()),  # recordings have no key
             "vehicle": vehicle,
             "system_id": system_id,
             "since_2015_s": since_2015_s,

@@ -31,6 +31,7 @@ def test_a_team_is_made_listed_renewed_and_revoked(home: Path) -> None:
         "ca.pem",
         "certificate.pem",
         "key.pem",
+        "mavlink.key",
         "members.json",
     ]
     listed = keys("list").output
@@ -47,10 +48,13 @@ def test_a_team_is_made_listed_renewed_and_revoked(home: Path) -> None:
 def test_nothing_secret_is_printed(home: Path) -> None:
     printed = "".join(
         keys(*words).output
-        for words in (("init",), ("add", "rover", "r1"), ("renew", "rover-r1"), ("list",), ("list", "--json"))
-    )
-    for path in home.rglob("key.pem"):
-        secret = path.read_text().splitlines()[1]
+        for words in (
+            ("init",), ("add", "rover", "r1"), ("add", "pilot", "ana"), ("renew", "pilot-ana"), ("list",),
+            ("list", "--json"),
+        )
+    )  # fmt: skip
+    for path in (*home.rglob("key.pem"), *home.rglob("mavlink.key")):
+        secret = path.read_text().splitlines()[-2 if path.suffix == ".pem" else 0]
         assert secret not in printed
     assert "PRIVATE" not in printed
 

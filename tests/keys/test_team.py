@@ -10,7 +10,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric.ec import ECDSA, EllipticCurvePublicKey
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from jezero.keys.bundle import identity_of, read_certificate
+from jezero.keys.bundle import identity_of, mavlink_key, read_certificate
 from jezero.keys.members import ROLES, KeysError, Role, read_members
 from jezero.keys.team import Team
 
@@ -72,8 +72,25 @@ def test_only_the_owner_reads_private_keys_and_folders(team: Team) -> None:
         mode = stat.S_IMODE(path.stat().st_mode)
         if path.is_dir():
             assert mode == 0o700, path
-        if path.name == "key.pem":
+        if path.name in ("key.pem", "mavlink.key"):
             assert mode == 0o600, path
+
+
+def test_all_that_fly_by_mavlink_have_one_key_and_others_have_none(team: Team) -> None:
+    for role in ROLES:
+        team.add(role, "one")
+    keys = {role: mavlink_key(str(team.bundle(f"{role}-one"))) for role in ROLES}
+    assert len({keys["vehicle"], keys["ground"], keys["pilot"]}) == 1 and len(keys["pilot"]) == 32
+    assert keys["rover"] == keys["viewer"] == mavlink_key(None) == b""
+
+
+def test_a_bundle_from_before_there_was_a_mavlink_key_gets_it_when_it_is_renewed(team: Team) -> None:
+    team.add("pilot", "ana")
+    path = team.bundle("pilot-ana") / "mavlink.key"
+    key = path.read_text()
+    path.unlink()
+    team.renew("pilot-ana")
+    assert path.read_text() == key
 
 
 def test_every_bundle_has_the_present_list_of_members(team: Team) -> None:

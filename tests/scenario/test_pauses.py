@@ -1,11 +1,13 @@
 """Every action, paused and resumed at random instants: the same result as without a pause, and no jump."""
 
+from functools import partial
 from math import dist
 from statistics import quantiles
 
 import pytest
 
 from jezero.trials.pauses import PausedFlight, PausedGoal, fly_with_pauses
+from jezero.trials.workers import workers
 
 PICTURES_APART_MAX_M = 0.5
 """Between two pictures of one planned point: the vehicle is as far from its path in gusts."""
@@ -43,8 +45,10 @@ def test_each_action_paused_at_random_instants_has_the_same_result(seed: int) ->
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3600)
 def test_ten_seeds_with_physics_have_the_same_results_and_land_as_exactly() -> None:
-    flights = [both_flights(seed, "physics") for seed in SEEDS]
+    with workers(2) as pool:
+        flights = pool.map(partial(both_flights, world="physics"), SEEDS, chunksize=1)
     errors_m = [[flight.touchdown_error_m for flight in column] for column in zip(*flights, strict=True)]
     for plain, paused in flights:
         print(f"seed {plain.seed}: touchdown {plain.touchdown_error_m:.3f} m, paused {paused.touchdown_error_m:.3f} m")

@@ -72,7 +72,7 @@ def hosts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hosts]:
     team = Team(folder / "team")
     team.found()
     with Network(("vehicle", "rover", "ground")) as network:
-        for_ground, _ = network.add_link(*RADIO, BAD_RADIO)
+        for_ground, grounds = network.add_link(*RADIO, BAD_RADIO)
         for_rover, _ = network.add_link(*ROVER_RADIO, BAD_RADIO)
         # What the rover's wheels measure comes from the simulator, which runs on the vehicle's computer.
         simulator, _ = network.add_link("vehicle", "rover", CABLE)
@@ -92,6 +92,7 @@ def hosts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hosts]:
                 team.bundle("vehicle-uav1"),
                 JEZERO_LISTEN=f"tls/0.0.0.0:{PORT}",
                 JEZERO_CONFIG_DIR=str(settings),
+                JEZERO_GCS_HOST=grounds,
                 **world,
             ),
             "rover": stack_on(
@@ -202,6 +203,37 @@ def test_the_camera_and_setpoints_do_not_cross_the_radio(hosts: Hosts) -> None:
     ).stdout  # fmt: skip
     assert "jezero/uav1/odometry" in heard and "jezero/uav1/camera/info" in heard
     assert "sensor/camera" not in heard and "command/setpoint" not in heard
+
+
+GROUND_STATION = """
+import hashlib, sys, time
+from pathlib import Path
+from pymavlink import mavutil
+m, key = mavutil.mavlink, hashlib.sha256(Path(sys.argv[1]).read_bytes().strip()).digest()
+link = mavutil.mavlink_connection("udpin:0.0.0.0:14550", source_system=255, dialect="common")
+assert link.wait_heartbeat(timeout=10), "no heartbeat"
+def answer():
+    command = m.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES
+    for _ in range(20):
+        link.mav.command_long_send(1, 1, command, 0, 1, 0, 0, 0, 0, 0, 0)
+        ack = link.recv_match(type="COMMAND_ACK", blocking=True, timeout=0.5)
+        if ack is not None and ack.command == command:
+            return ack.result
+print(answer())
+link.setup_signing(key)
+print(answer())
+"""
+"""Prints what a vehicle answers to a command, first without a signature, then with that of the team."""
+
+
+def test_a_mavlink_ground_station_on_the_ground_needs_the_teams_signature(hosts: Hosts) -> None:
+    text = Path(hosts.ground.environment["JEZERO_KEYS"]) / "mavlink.key"
+    words = [*hosts.ground.before, sys.executable, "-c", GROUND_STATION, str(text)]
+    told = subprocess.run(
+        words, env={**os.environ, "MAVLINK20": "1"}, capture_output=True, text=True, timeout=90, check=False
+    )
+    assert told.stdout.split() == ["None", "0"], told.stderr
+    assert "messages without a valid signature" in hosts.vehicle.jezero("ps").stdout
 
 
 WATCH = """
