@@ -55,4 +55,4 @@ def with_signatures(config: AutopilotConfig, host: str) -> AutopilotConfig:
             f"bundle of `jezero keys` with {VARIABLE}, whose mavlink.key the ground station needs too, or set "
             f"{INSECURE_VARIABLE}=1 on a network that you trust"
         )
-    return replace(config, signing=SigningConfig(key=key, links=tuple({*signing.links, "gcs"})))
+    return replace(config, signing=SigningConfig(key=key, links=tuple(dict.fromkeys(("gcs", *signing.links)))))

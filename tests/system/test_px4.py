@@ -1,19 +1,24 @@
 """PX4 in place of the embedded autopilot, over real processes; JEZERO_PX4_DIR names its folder."""
 
 import json
+import math
 import os
 import signal
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
+from pymavlink import mavutil
 
 from benchmarks.px4.process import real_px4
 from jezero import Aborted
 from jezero.runtime.config import config_directory
 from jezero.schemas.state import StatusCode
+from jezero.services.vehicle_bridge.fence_upload import MARGIN_M
 from jezero.trials.landing.flight import fly_landing
 from jezero.trials.landing.trial import Conditions
 from jezero.trials.missions import DEMONSTRATION
@@ -148,6 +153,71 @@ def test_a_restarted_simulator_gets_a_new_px4(start_px4_stack: Callable[..., Sta
         os.kill(stack.processes_cached["simulator"], signal.SIGKILL)
         wait_for_status(vehicle, lambda s: s.ready and s.epoch_id != epoch_id, 30.0, "ready again")
         assert not set(before) & set(px4_processes(stack.run_dir))
+
+
+FENCE = """
+fence: field
+keep_in: [[-10, -10], [10, -10], [10, 10], [-10, 10]]
+keep_out: {crater: [[2, -9], [9, -9], [9, -3], [2, -3]]}
+"""
+METRES_PER_DEGREE = 111_319.5
+
+
+def stored_fence(ground: Any) -> list[Any]:
+    """The items of PX4's own geofence, as a ground station downloads them."""
+    m = mavutil.mavlink
+    target = ground.target_system, 1
+    ground.mav.mission_request_list_send(*target, m.MAV_MISSION_TYPE_FENCE)
+    count = ground.recv_match(type="MISSION_COUNT", blocking=True, timeout=5)
+    items = []
+    for number in range(count.count):
+        ground.mav.mission_request_int_send(*target, number, m.MAV_MISSION_TYPE_FENCE)
+        items.append(ground.recv_match(type="MISSION_ITEM_INT", blocking=True, timeout=5))
+    ground.mav.mission_ack_send(*target, m.MAV_MISSION_ACCEPTED, m.MAV_MISSION_TYPE_FENCE)
+    return items
+
+
+def reposition_north(ground: Any, corners: Sequence[Any], north_m: float) -> None:
+    """Command, as a pilot, a flight to a point north of the middle of a polygon."""
+    m, middle = mavutil.mavlink, [sum(each) / len(corners) for each in zip(*((c.x, c.y) for c in corners), strict=True)]
+    changes_mode = m.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
+    place = round(middle[0] + 1e7 * north_m / METRES_PER_DEGREE), round(middle[1]), math.nan
+    ground.mav.command_int_send(
+        ground.target_system,
+        1,
+        m.MAV_FRAME_GLOBAL,
+        m.MAV_CMD_DO_REPOSITION,
+        0,
+        0,
+        -1,
+        changes_mode,
+        0,
+        math.nan,
+        *place,
+    )
+
+
+def test_px4_stores_the_fence_and_takes_no_pilot_beyond_it(
+    start_px4_stack: Callable[..., Stack], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MAVLINK20", "1")
+    file = tmp_path / "field.yaml"
+    file.write_text(FENCE)
+    stack = start_px4_stack()
+    ground = mavutil.mavlink_connection(f"udpin:127.0.0.1:{stack.instance.gcs_port}", source_system=255)
+    assert ground.wait_heartbeat(timeout=10)
+    stack.jezero("fence", "set", str(file))
+    wait_for(lambda: len(stored_fence(ground)) == 8, 15.0, "the fence is stored")
+    items = stored_fence(ground)
+    for corners, size_m in ((items[:4], 20.0 + 2 * MARGIN_M), (items[4:], 7.0 - 2 * MARGIN_M)):
+        north_m = [1e-7 * item.x * METRES_PER_DEGREE for item in corners]
+        assert max(north_m) - min(north_m) == pytest.approx(size_m, abs=0.1)
+    with stack.connect() as vehicle:
+        vehicle.takeoff(altitude_m=3.0).result(timeout_s=60)
+        reposition_north(ground, items[:4], 20.0)
+        wait_for(lambda: "eofence" in stack.jezero("logs", "autopilot").stdout, 15.0, "PX4 names its geofence")
+        seen = [status.odometry for status in islice(vehicle.watch_status(), 100)]
+        assert max(odometry.pos_uav_ned_m[0] for odometry in seen if odometry) < 10.0 + MARGIN_M + 1.0
 
 
 def test_it_lands_on_a_driving_rover() -> None:

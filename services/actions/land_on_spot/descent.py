@@ -23,6 +23,10 @@ GAIN_DESCENT_1PS = 0.6
 COMMIT_M = 0.1
 """Below this height the vehicle descends without waiting, as long as the place below it is on the platform: in gusts,
 waiting so close to the platform is worse than a larger error."""
+FASTER_DOWN_MPS2, SLOWER_DOWN_MPS2 = 2.0, 8.0
+"""The vertical velocity setpoint changes at most this fast: a gust may end and begin the descent in turn."""
+AT_ONCE_BELOW_M = 0.6
+"""Below this height it changes at once: it is small there, and every tenth of a second counts."""
 STRAYED_CONES = 4.0
 """The vehicle climbs when the error is larger than this number of cone radii."""
 CONTACT_M, CONTACT_S = 0.03, 0.4
@@ -96,6 +100,33 @@ class Descent:
         if not stalled or self._moving_ns is None:
             self._moving_ns = t_ns
         return feet_m < CONTACT_M or t_ns - self._moving_ns > CONTACT_S * NS_PER_S
+
+
+class VerticalSpeed:
+    """Vertical velocity setpoint without jumps, however often the descent waits and goes on."""
+
+    def __init__(self) -> None:
+        self._t_ns: int | None = None
+        self._down_mps = 0.0
+
+    def limited(self, t_ns: int, wanted_mps: float, vel_down_mps: float, height_m: float) -> float:
+        """The setpoint, positive down.
+
+        Args:
+            wanted_mps: the descent's, positive down.
+            vel_down_mps: of the vehicle: the setpoint begins there when something else has moved the vehicle.
+            height_m: of the vehicle over the platform; inf while it is unknown.
+        """
+        passed_ns = None if self._t_ns is None else t_ns - self._t_ns
+        if passed_ns is None or passed_ns > STEP_MAX_S * NS_PER_S:
+            self._down_mps, passed_ns = vel_down_mps, 0
+        change_mps = wanted_mps - self._down_mps
+        if height_m > AT_ONCE_BELOW_M:
+            passed_s = passed_ns / NS_PER_S
+            change_mps = min(max(change_mps, -SLOWER_DOWN_MPS2 * passed_s), FASTER_DOWN_MPS2 * passed_s)
+        self._down_mps += change_mps
+        self._t_ns = t_ns
+        return self._down_mps
 
 
 class TouchdownDetector:

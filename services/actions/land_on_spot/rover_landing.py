@@ -4,7 +4,7 @@ Approach, descent, contact. The vehicle descends only while the estimate is vali
 sight for half a second it holds its height, then it climbs and searches, and when it finds nothing it hovers.
 """
 
-from math import hypot
+from math import hypot, inf
 
 from msgspec.structs import replace
 
@@ -21,7 +21,7 @@ from jezero.services.actions.land_on_spot.contact import (
     feet_from_uav_ned_m,
     foot_drop_m,
 )
-from jezero.services.actions.land_on_spot.descent import Descent, TouchdownDetector
+from jezero.services.actions.land_on_spot.descent import Descent, TouchdownDetector, VerticalSpeed
 from jezero.services.actions.land_on_spot.landing_watch import LandingWatch
 from jezero.services.actions.land_on_spot.paused_hover import PausedHover
 from jezero.services.actions.land_on_spot.platform_control import PlatformControl, PlatformState
@@ -86,6 +86,7 @@ class RoverLanding:
         self._search_config = land.search
         self._control = PlatformControl(land.platform_control)
         self._descent = Descent(land, room_m)
+        self._vertical = VerticalSpeed()
         self._contact = ContactWatcher(room_m)
         self._go_arounds = GoArounds(settings.go_arounds_max)
         self._watch = LandingWatch(land, t_ns, state)
@@ -133,6 +134,7 @@ class RoverLanding:
             self._t_paused_ns = t_ns
             self._paused = PausedHover(self._land.height_approach_m, self._tracking.vel_rover_ned_mps)
         measured = self._tracking.update(t_ns, dt_s, state, searches=self._phase == "search")
+        self._vertical = VerticalSpeed()
         self._hold_ned_m = state.pos_uav_ned_m
         if self._phase != "search":
             self._phase = "approach"
@@ -339,7 +341,11 @@ class RoverLanding:
         Args:
             offset_m: (2,) north and east of the vehicle from the point that the velocity leads to; None: to no point.
         """
-        move = self._move(state, vel_ned_mps, None if acc_mps2 is None else (*acc_mps2, 0.0))
+        north_mps, east_mps, down_mps = vel_ned_mps
+        height_m = inf if self._tracking.platform is None else self._tracking.platform.height_m
+        down_mps = self._vertical.limited(self._t_ns, down_mps, state.vel_uav_ned_mps[2], height_m)
+        acc_ned_mps2 = None if acc_mps2 is None else (*acc_mps2, 0.0)
+        move = self._move(state, (north_mps, east_mps, down_mps), acc_ned_mps2)
         if offset_m is None:
             return move
         return replace(move, target_ned_m=subtract(state.pos_uav_ned_m, (*offset_m, 0.0)))

@@ -18,7 +18,7 @@ def test_a_vehicle_that_stands_on_the_ground_while_the_estimate_says_it_is_high_
     done = landing.run(5.0)
     assert done is not None
     assert (done.outcome, done.then) == ("aborted", "disarm")
-    assert "the vehicle stands on the ground, but UWB and tag say 8.7 m above the platform" in done.reason
+    assert "the vehicle stands on the ground, but UWB and tag say 8.9 m above the platform" in done.reason
     assert landing.t_s < 1.0
 
 
@@ -80,7 +80,7 @@ def test_a_descent_that_is_interrupted_again_and_again_ends() -> None:
     assert done is not None
     begin = f"the descent was interrupted {INTERRUPTIONS_MAX + 1} times, "
     assert done.reason.startswith(begin)
-    assert " to 2.7 m above the platform: no measurement of the rover for " in done.reason
+    assert " to 2.8 m above the platform: no measurement of the rover for " in done.reason
     assert "check what hides the tags there" in done.reason
     assert "check that the UWB anchors are powered" in done.reason
 

@@ -1,5 +1,6 @@
 """Landing on the rover against a point mass and an estimate that the test controls."""
 
+from itertools import pairwise
 from math import hypot, pi
 
 import pytest
@@ -7,7 +8,7 @@ import pytest
 from jezero.frames import add, altitude_m, subtract
 from jezero.schemas.goals import LandOnSpotGoal
 from jezero.services.actions.land_on_spot.declaration import ACTION as LAND_ON_SPOT
-from jezero.services.actions.land_on_spot.descent import COMMIT_M, FORCE_S
+from jezero.services.actions.land_on_spot.descent import AT_ONCE_BELOW_M, COMMIT_M, FORCE_S, SLOWER_DOWN_MPS2
 from jezero.services.actions.land_on_spot.platform_tracking import DRIVE_TIME_CONSTANT_S
 from jezero.services.actions.land_on_spot.rover_landing import SEARCH_SPEED_DOWN_MAX_MPS
 from jezero.services.actions.motion.behaviour import Done, Selection
@@ -290,3 +291,13 @@ def test_a_vehicle_that_lies_on_the_platform_has_not_landed() -> None:
 )
 def test_what_cannot_be_found_is_refused(goal: LandOnSpotGoal, said: str) -> None:
     assert said in refusal_of(LAND_ON_SPOT, goal)
+
+
+def test_the_vertical_setpoint_makes_no_jump_while_the_estimate_is_good_and_poor_in_turn() -> None:
+    landing = Landing(BOTH)
+    landing.std_at = lambda offset_m: 0.0 if round(landing.t_s / DT_S) % 50 < 25 else 0.9
+    landing.run(15.0)
+    high = [move for _, offset_m, move in landing.moves if altitude_m(offset_m[2]) > AT_ONCE_BELOW_M]
+    down_mps = [move.vel_ned_mps[2] for move in high if move.vel_ned_mps is not None]
+    assert max(down_mps) > 0.2
+    assert max(abs(b - a) for a, b in pairwise(down_mps)) <= SLOWER_DOWN_MPS2 * DT_S + 1e-9
