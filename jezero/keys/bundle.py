@@ -113,7 +113,7 @@ def secured(address: str, bundle: Path) -> str:
 def mavlink_key(bundle: str | None) -> bytes:
     """Key of MAVLink's signatures by a bundle, 32 bytes; b"" without a bundle, or without a text in it.
 
-    It is the SHA-256 of the text, as in MAVProxy and QGroundControl, so that a person can give them the text.
+    It is the SHA-256 of the text, as in MAVProxy, so that a person can give it the text.
 
     Raises:
         KeysError: the text can't be read, or is damaged.

@@ -124,6 +124,7 @@ def on_ground(hosts: Hosts) -> Iterator[Hosts]:
     assert hosts.status(hosts.vehicle)["landed"] is True
     yield hosts
     if not hosts.status(hosts.vehicle)["landed"]:
+        hosts.vehicle.jezero("abort")
         hosts.vehicle.jezero("return")
 
 
@@ -179,15 +180,14 @@ def test_the_vehicle_flies_on_while_the_ground_is_gone_and_the_ground_finds_it_a
         _, complaint = sender.communicate(timeout=COMMAND_S)
         assert sender.returncode != 0 and complaint
         assert on_ground.status(on_ground.vehicle)["name"] == "GO_TO"
-        health = on_ground.ground.jezero("ps", check=False).stdout
-        assert "no link to tls/" in health
+        wait_for(lambda: "no link to tls/" in on_ground.ground.jezero("ps", check=False).stdout, COMMAND_S, "the loss")
     wait_for(lambda: "no link to" not in on_ground.ground.jezero("ps").stdout, COMMAND_S, "the link is there again")
     assert on_ground.ground.jezero("abort").returncode == 0
     assert on_ground.status(on_ground.ground)["name"] == "HOVER"
 
 
 def test_the_vehicles_router_names_the_members_that_are_connected(hosts: Hosts) -> None:
-    assert "with ground-lab, rover-r1" in hosts.vehicle.jezero("ps").stdout
+    wait_for(lambda: "with ground-lab, rover-r1" in hosts.vehicle.jezero("ps").stdout, COMMAND_S, "both members")
 
 
 def test_the_camera_and_setpoints_do_not_cross_the_radio(hosts: Hosts) -> None:
