@@ -84,10 +84,14 @@ class Descent:
         return -config.descent_min_mps if strayed else 0.0
 
     def cone_m(self, platform: PlatformState) -> float:
-        """Permitted error at this height; it widens with the time spent waiting, and narrows again."""
+        """Permitted error at this height; it widens with the time spent waiting, and narrows again.
+
+        Its foot stays on the platform: a vehicle that lands beside the room there would tip over the edge.
+        """
         config = self._config
         cone_m = config.cone_m + config.cone_per_m * platform.height_m
-        return cone_m * (1.0 + self._waited_s / config.cone_widening_s)
+        widest_m = self._room_m + config.cone_per_m * platform.height_m
+        return max(cone_m, min(cone_m * (1.0 + self._waited_s / config.cone_widening_s), widest_m))
 
     def has_contact(self, t_ns: int, platform: PlatformState, feet_m: float, down_mps: float) -> bool:
         """Whether the vehicle is as low as it can be, or is stalled low over the platform although it descends.
@@ -109,19 +113,19 @@ class VerticalSpeed:
         self._t_ns: int | None = None
         self._down_mps = 0.0
 
-    def limited(self, t_ns: int, wanted_mps: float, vel_down_mps: float, height_m: float) -> float:
+    def limited(self, t_ns: int, wanted_mps: float, vel_down_mps: float, *, at_once: bool) -> float:
         """The setpoint, positive down.
 
         Args:
             wanted_mps: the descent's, positive down.
             vel_down_mps: of the vehicle: the setpoint begins there when something else has moved the vehicle.
-            height_m: of the vehicle over the platform; inf while it is unknown.
+            at_once: whether it may change at once.
         """
         passed_ns = None if self._t_ns is None else t_ns - self._t_ns
         if passed_ns is None or passed_ns > STEP_MAX_S * NS_PER_S:
             self._down_mps, passed_ns = vel_down_mps, 0
         change_mps = wanted_mps - self._down_mps
-        if height_m > AT_ONCE_BELOW_M:
+        if not at_once:
             passed_s = passed_ns / NS_PER_S
             change_mps = min(max(change_mps, -SLOWER_DOWN_MPS2 * passed_s), FASTER_DOWN_MPS2 * passed_s)
         self._down_mps += change_mps

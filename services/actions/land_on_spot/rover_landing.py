@@ -4,7 +4,7 @@ Approach, descent, contact. The vehicle descends only while the estimate is vali
 sight for half a second it holds its height, then it climbs and searches, and when it finds nothing it hovers.
 """
 
-from math import hypot, inf
+from math import hypot
 
 from msgspec.structs import replace
 
@@ -21,7 +21,7 @@ from jezero.services.actions.land_on_spot.contact import (
     feet_from_uav_ned_m,
     foot_drop_m,
 )
-from jezero.services.actions.land_on_spot.descent import Descent, TouchdownDetector, VerticalSpeed
+from jezero.services.actions.land_on_spot.descent import AT_ONCE_BELOW_M, Descent, TouchdownDetector, VerticalSpeed
 from jezero.services.actions.land_on_spot.landing_watch import LandingWatch
 from jezero.services.actions.land_on_spot.paused_hover import PausedHover
 from jezero.services.actions.land_on_spot.platform_control import PlatformControl, PlatformState
@@ -327,7 +327,7 @@ class RoverLanding:
     def _keep_height_over(self, state: VehicleState, platform: PlatformState, dt_s: float) -> Move:
         """Follow the platform horizontally; by an estimate that isn't valid the vehicle doesn't move vertically."""
         (north_mps, east_mps), acc_mps2 = self._control.command(dt_s, platform)
-        return self._fly(state, (north_mps, east_mps, 0.0), acc_mps2, platform.pos_ned_m[:2])
+        return self._fly(state, (north_mps, east_mps, 0.0), acc_mps2, platform.pos_ned_m[:2], at_once=True)
 
     def _fly(
         self,
@@ -335,15 +335,19 @@ class RoverLanding:
         vel_ned_mps: Vec3,
         acc_mps2: tuple[float, float] | None,
         offset_m: tuple[float, float] | None = None,
+        *,
+        at_once: bool = False,
     ) -> Move:
         """Move at a velocity.
 
         Args:
             offset_m: (2,) north and east of the vehicle from the point that the velocity leads to; None: to no point.
+            at_once: whether the vertical velocity may change at once, as it may close to the platform.
         """
         north_mps, east_mps, down_mps = vel_ned_mps
-        height_m = inf if self._tracking.platform is None else self._tracking.platform.height_m
-        down_mps = self._vertical.limited(self._t_ns, down_mps, state.vel_uav_ned_mps[2], height_m)
+        platform = self._tracking.platform
+        at_once = at_once or (platform is not None and platform.height_m < AT_ONCE_BELOW_M)
+        down_mps = self._vertical.limited(self._t_ns, down_mps, state.vel_uav_ned_mps[2], at_once=at_once)
         acc_ned_mps2 = None if acc_mps2 is None else (*acc_mps2, 0.0)
         move = self._move(state, (north_mps, east_mps, down_mps), acc_ned_mps2)
         if offset_m is None:

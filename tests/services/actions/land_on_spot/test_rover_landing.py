@@ -295,9 +295,17 @@ def test_what_cannot_be_found_is_refused(goal: LandOnSpotGoal, said: str) -> Non
 
 def test_the_vertical_setpoint_makes_no_jump_while_the_estimate_is_good_and_poor_in_turn() -> None:
     landing = Landing(BOTH)
-    landing.std_at = lambda offset_m: 0.0 if round(landing.t_s / DT_S) % 50 < 25 else 0.9
+    landing.std_at = lambda offset_m: 0.0 if round(landing.t_s / DT_S) % 50 < 25 else 0.4
     landing.run(15.0)
     high = [move for _, offset_m, move in landing.moves if altitude_m(offset_m[2]) > AT_ONCE_BELOW_M]
     down_mps = [move.vel_ned_mps[2] for move in high if move.vel_ned_mps is not None]
     assert max(down_mps) > 0.2
     assert max(abs(b - a) for a, b in pairwise(down_mps)) <= SLOWER_DOWN_MPS2 * DT_S + 1e-9
+
+
+def test_the_cone_does_not_widen_beyond_the_place_where_all_feet_stand_on_the_platform() -> None:
+    landing = Landing(BOTH)
+    landing.std_at = lambda offset_m: 0.35  # it waits above the height of 1.7 m for this
+    assert landing.run(60.0) is None
+    room_m, height_m = 0.5 - hypot(0.13, 0.16), altitude_m(landing.offset_m[2])
+    assert landing.moves[-1][2].feedback.cone_m == pytest.approx(room_m + 0.08 * height_m, abs=0.02)
