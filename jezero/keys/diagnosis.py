@@ -93,12 +93,9 @@ def missing_right(endpoint: str, name: str) -> str:
     certificate = files_of(endpoint).get("connect_certificate_file")
     if certificate is None:
         return ""
-    try:
-        own = identity_of(read_certificate(certificate))
-        if problem := _revocation(own, certificate.parent):
-            return problem
-    except KeysError as error:
-        return str(error)
+    if problem := known_revocation(endpoint):
+        return problem
+    own = identity_of(read_certificate(certificate))
     role = next((role for role in ROLES if role == own.role), None)
     if role is None or may_send(role, name):
         return ""
@@ -106,9 +103,9 @@ def missing_right(endpoint: str, name: str) -> str:
 
 
 def known_revocation(endpoint: str) -> str:
-    """That this member is revoked, in one sentence, or "" where its bundle's list doesn't say so.
+    """Say in one sentence that this member is revoked; returns "" where the list in its bundle doesn't say so.
 
-    The list of another computer may be newer: its router lets a revoked member connect, and shows it nothing.
+    The list on another computer may be newer. The router there lets a revoked member connect, and shows it nothing.
     """
     certificate = files_of(endpoint).get("connect_certificate_file")
     if certificate is None:

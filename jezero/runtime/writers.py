@@ -1,12 +1,11 @@
 """Who writes a topic: the session of the one service that the topic table names.
 
-Without keys whoever reaches the router can publish on any topic. A message that comes from another session than that of
-a topic's writer is not taken while the writer is there. A writer's session is known by its claim of the service's name,
-a liveliness token that ends with it. Where the writer doesn't run, because an estimator of one's own takes its place
-for example, everybody may write.
+Without keys everybody who reaches the router can publish on any topic. While the writer of a topic runs, its readers
+refuse messages from other sessions. They know the session of the writer by the claim of the service's name, a
+liveliness token that ends with the session. While the writer doesn't run, for example because an estimator of one's own
+takes its place, everybody may write.
 """
 
-from collections import defaultdict
 from collections.abc import Mapping
 from typing import Any
 
@@ -26,7 +25,7 @@ def writers_of(topic: Topic[Any]) -> frozenset[str]:
 
 
 def source_of(publisher: zenoh.Publisher) -> zenoh.SourceInfo:
-    """What a publisher adds to each message, by which readers know its session."""
+    """The part of each message by which readers know the session of its publisher."""
     return zenoh.SourceInfo(publisher.id, 0)
 
 
@@ -39,21 +38,20 @@ class Writers:
 
     def __init__(self, topics: Mapping[str, Topic[Any]]) -> None:
         self._writers = {name: writers_of(topic) for name, topic in topics.items()}
-        self._sessions: defaultdict[str, set[str]] = defaultdict(set)
-        """Zenoh's ids of the sessions that claim the name of a service, by that."""
+        self._sessions: dict[str, frozenset[str]] = {}
+        """Zenoh's ids of the sessions that claim a service's name, by that name. Zenoh's threads read the sets, so that
+        a claim makes a new set."""
 
     def on_claim(self, sample: zenoh.Sample) -> None:
-        """Take note of a claim that begins or ends: a liveliness token …/claim/SERVICE/SESSION."""
+        """Add or remove a claim, a liveliness token …/claim/SERVICE/SESSION."""
         _, service, session = str(sample.key_expr).rsplit("/", 2)
-        if sample.kind == zenoh.SampleKind.PUT:
-            self._sessions[service].add(session)
-        else:
-            self._sessions[service].discard(session)
+        others = self._sessions.get(service, frozenset()) - {session}
+        self._sessions[service] = others | {session} if sample.kind == zenoh.SampleKind.PUT else others
 
     def refusal(self, name: str, sample: zenoh.Sample) -> str:
-        """Why a message is not taken, or "": another session than that of the topic's writer has sent it."""
+        """Reason why a message is refused, because its session is not that of the topic's writer; "" for none."""
         writers = self._writers.get(name, frozenset())
-        sessions = [session for service in writers for session in self._sessions[service]]
+        sessions = frozenset[str]().union(*(self._sessions.get(service, frozenset()) for service in writers))
         if not sessions:
             return ""
         source = sample.source_info

@@ -13,11 +13,18 @@ from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
 from jezero.services.autopilot import px4
 from jezero.services.autopilot.config import AutopilotConfig
-from jezero.services.autopilot.ground_link import HOST_VARIABLE, ground_host, is_local, with_signatures
+from jezero.services.autopilot.ground_link import (
+    HOST_VARIABLE,
+    LOOPBACK,
+    ground_host,
+    insecurity,
+    is_local,
+    with_signatures,
+)
 from jezero.services.autopilot.service import GCS, HIL, OFFBOARD, Autopilot
 from jezero.vehicle_config import VehicleConfig
 
-HOST, ANY = "127.0.0.1", "0.0.0.0"
+ANY = "0.0.0.0"
 UNIX_2015_S = 1_420_070_400
 
 
@@ -31,10 +38,11 @@ def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, Socke
         return px4.Px4(), {px4.PX4: _px4_link(instance)}
     vehicle = load_config(VehicleConfig, "vehicle")
     config = with_signatures(config, ground)
-    return Autopilot(config, vehicle, instance.system_id, time.time() - UNIX_2015_S), {
-        HIL: TcpClient(HOST, instance.hil_port),
-        OFFBOARD: Udp((HOST, instance.autopilot_offboard_port), (HOST, instance.bridge_port)),
-        GCS: Udp((HOST if is_local(ground) else ANY, instance.autopilot_gcs_port), (ground, instance.gcs_port)),
+    since_2015_s = time.time() - UNIX_2015_S
+    return Autopilot(config, vehicle, instance.system_id, since_2015_s, insecurity(config, ground)), {
+        HIL: TcpClient(LOOPBACK, instance.hil_port),
+        OFFBOARD: Udp((LOOPBACK, instance.autopilot_offboard_port), (LOOPBACK, instance.bridge_port)),
+        GCS: Udp((LOOPBACK if is_local(ground) else ANY, instance.autopilot_gcs_port), (ground, instance.gcs_port)),
     }
 
 

@@ -34,6 +34,13 @@ def is_local(host: str) -> bool:
     return IPv4Address(host).is_loopback
 
 
+def insecurity(config: AutopilotConfig, host: str) -> str:
+    """What a link without signatures to another computer means, for people; "" for any other link."""
+    if is_local(host) or config.signing.key:
+        return ""
+    return f"the MAVLink link to {host} is insecure: everybody on its network may fly"
+
+
 def with_signatures(config: AutopilotConfig, host: str) -> AutopilotConfig:
     """The settings with signatures on a link that leaves this computer, by the key in `autopilot.toml` or the bundle's.
 
@@ -51,8 +58,8 @@ def with_signatures(config: AutopilotConfig, host: str) -> AutopilotConfig:
         return config
     if not key:
         raise ConfigError(
-            f"{HOST_VARIABLE} is {host}: without signatures whoever is on its network could fly by MAVLink: name the "
-            f"bundle of `jezero keys` with {VARIABLE}, whose mavlink.key the ground station needs too, or set "
+            f"{HOST_VARIABLE} is {host}: without signatures everybody on its network could fly by MAVLink. Name the "
+            f"bundle of `jezero keys` with {VARIABLE}: the ground station needs its mavlink.key too. Or set "
             f"{INSECURE_VARIABLE}=1 on a network that you trust"
         )
     return replace(config, signing=SigningConfig(key=key, links=tuple(dict.fromkeys(("gcs", *signing.links)))))

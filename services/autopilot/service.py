@@ -36,19 +36,27 @@ class Autopilot:
         vehicle: the vehicle itself: its airframe and its battery.
         system_id: MAVLink system id.
         since_2015_s: wall time at the start, for the time stamps of signatures.
+        insecurity: sentence that the health shows all the time; "" for none.
     """
 
     def __init__(
-        self, config: AutopilotConfig, vehicle: VehicleConfig, system_id: int, since_2015_s: float = 0.0
+        self,
+        config: AutopilotConfig,
+        vehicle: VehicleConfig,
+        system_id: int,
+        since_2015_s: float = 0.0,
+        insecurity: str = "",
     ) -> None:
         made_with = {
             "config": msgspec.structs.replace(config, signing=SigningConfig()),  # recordings have no key
             "vehicle": vehicle,
             "system_id": system_id,
             "since_2015_s": since_2015_s,
+            "insecurity": insecurity,
         }
         self.spec = replace(SPEC, made_with=made_with)
         self._system_id = system_id
+        self._insecurity = f"; {insecurity}" if insecurity else ""
         self._parameters = Parameters(config, vehicle.battery, system_id)
         self._airframe = vehicle.airframe
         self._signing = signing_by_link(config.signing)
@@ -107,7 +115,7 @@ class Autopilot:
     def _current_health(self, inbox: Inbox) -> Health:
         if not inbox.is_up(HIL):
             self._health_state = None
-            return Health("starting", "waiting for the simulator")
+            return Health("starting", f"waiting for the simulator{self._insecurity}")
         landed, malformed, bad_signatures, refused = state = (
             self._vehicle.landed,
             self._hil.malformed + self._mavlink.malformed,
@@ -123,4 +131,4 @@ class Autopilot:
         if refused:
             systems = ", ".join(map(str, sorted(self._mavlink.refused)))
             text += f"; {refused} messages of MAVLink system {systems} refused: see ground_systems in autopilot.toml"
-        return Health("ok", text)
+        return Health("ok", text + self._insecurity)

@@ -83,5 +83,5 @@ class Grants:
         if age_s <= (UNUSED_TIMEOUT_S if grant.sequence < 0 else SETPOINT_TIMEOUT_S):
             return None
         if grant.refusal:
-            return f"{grant.name} ended: no setpoint of it could be flown for {age_s:.2f} s: {grant.refusal}"
+            return f"{grant.name} ended: none of its setpoints could be flown for {age_s:.2f} s: {grant.refusal}"
         return f"{grant.name} ended: it sent no setpoint for {age_s:.2f} s"

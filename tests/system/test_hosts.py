@@ -229,10 +229,10 @@ print(answer())
 def test_a_mavlink_ground_station_on_the_ground_needs_the_teams_signature(hosts: Hosts) -> None:
     text = Path(hosts.ground.environment["JEZERO_KEYS"]) / "mavlink.key"
     words = [*hosts.ground.before, sys.executable, "-c", GROUND_STATION, str(text)]
-    told = subprocess.run(
+    done = subprocess.run(
         words, env={**os.environ, "MAVLINK20": "1"}, capture_output=True, text=True, timeout=90, check=False
     )
-    assert told.stdout.split() == ["None", "0"], told.stderr
+    assert done.stdout.split() == ["None", "0"], done.stderr
     assert "messages without a valid signature" in hosts.vehicle.jezero("ps").stdout
 
 
@@ -263,8 +263,8 @@ with zenoh.open(client_config("tcp/127.0.0.1:7447", 5)) as session:
 def distance_from_rover_m(hosts: Hosts) -> float:
     """True horizontal distance of the vehicle from the platform's middle."""
     words = [*hosts.vehicle.before, sys.executable, "-c", TRUTH]
-    told = subprocess.run(words, env=hosts.vehicle.environment, capture_output=True, text=True, check=True, timeout=30)
-    truth = json.loads(told.stdout)
+    done = subprocess.run(words, env=hosts.vehicle.environment, capture_output=True, text=True, check=True, timeout=30)
+    truth = json.loads(done.stdout)
     north_m, east_m, _ = (a - b for a, b in zip(truth["pos_uav_ned_m"], truth["pos_rover_ned_m"], strict=True))
     return hypot(north_m, east_m)
 

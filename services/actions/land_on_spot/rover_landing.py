@@ -342,7 +342,7 @@ class RoverLanding:
 
         Args:
             offset_m: (2,) north and east of the vehicle from the point that the velocity leads to; None: to no point.
-            at_once: whether the vertical velocity may change at once, as it may close to the platform.
+            at_once: whether the vertical velocity may jump; close to the platform it always may.
         """
         north_mps, east_mps, down_mps = vel_ned_mps
         platform = self._tracking.platform

@@ -49,7 +49,7 @@ from jezero.services.actions.motion.limits import beyond_limits
 SETPOINT_RATE_HZ = 50.0
 """Rate while a goal runs; a plan may ask for more setpoints."""
 SETPOINT_RATE_MIN_HZ = 25.0
-"""Rate while no odometry comes: the goal's first and those of a bridge that stood still for a moment."""
+"""Rate while no odometry comes: at the start of a goal, and after the bridge has stood still for a moment."""
 RELEASE_HOVER_TIMEOUT_S, RELEASE_DISARM_TIMEOUT_S = 6.0, 12.0
 """Time-outs of one reply to a release that hovers or disarms; the release is sent again after it."""
 RELEASE_GIVE_UP_S = 20.0

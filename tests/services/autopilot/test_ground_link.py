@@ -6,12 +6,14 @@ import pytest
 
 from jezero.keys.bundle import MAVLINK_KEY
 from jezero.runtime.config import ConfigError, Instance
+from jezero.runtime.service import Health
 from jezero.services.autopilot.__main__ import build
 from jezero.services.autopilot.config import AutopilotConfig, SigningConfig
-from jezero.services.autopilot.ground_link import ground_host, with_signatures
+from jezero.services.autopilot.ground_link import ground_host, insecurity, with_signatures
 from jezero.services.autopilot.service import Autopilot
 from jezero.vehicle_config import VehicleConfig
 from tests.keys.rig import make_team
+from tests.services.autopilot.test_service import Box
 
 CONFIG = AutopilotConfig()
 FAR = "192.168.1.20"
@@ -49,6 +51,17 @@ def test_without_a_key_it_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> No
         with_signatures(CONFIG, FAR)
     monkeypatch.setenv("JEZERO_INSECURE", "1")
     assert with_signatures(CONFIG, FAR) is CONFIG
+
+
+@pytest.mark.parametrize(("host", "key", "shown"), [(FAR, "", True), (FAR, "ab" * 32, False), ("127.0.0.1", "", False)])
+def test_the_health_shows_a_link_without_signatures(
+    host: str, key: str, shown: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("JEZERO_INSECURE", "1")
+    config = with_signatures(AutopilotConfig(signing=SigningConfig(key=key)), host)
+    autopilot = Autopilot(config, VehicleConfig(), 1, insecurity=insecurity(config, host))
+    (health,) = [output for output in autopilot.step(0, Box()) if isinstance(output, Health)]
+    assert (f"the MAVLink link to {host} is insecure" in health.text) is shown
 
 
 def test_a_damaged_key_is_named(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
