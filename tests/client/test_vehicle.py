@@ -334,7 +334,7 @@ def test_waiting_until_ready_says_what_is_missing(vehicle: Vehicle, server: Serv
     with pytest.raises(TimedOut, match=r"v is not ready after 0.1 s: no server replies on status"):
         vehicle.wait_ready(timeout_s=0.1)
     server.serve("status", a_status(ready=False, missing="no GNSS fix yet"))
-    with published(server, lambda t_ns: a_status(t_ns=t_ns, ready=t_ns > 110, missing="no GNSS fix yet")):
+    with published(server, lambda t_ns: a_status(t_ns=t_ns, ready=t_ns == 111, missing="no GNSS fix yet")):
         assert vehicle.wait_ready(timeout_s=5.0).t_ns == 111
     with (
         published(server, lambda t_ns: a_status(t_ns=t_ns, ready=False, missing="no GNSS fix yet")),
