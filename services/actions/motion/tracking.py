@@ -27,6 +27,8 @@ STRONG_WIND_MPS, STRONG_WIND_TIMEOUT_S = 8.0, 60.0
 seconds, and the vehicle needs as long again to come back."""
 RATE_AT_REST = 1e-3
 """The reference counts as waiting at a lower rate than this."""
+SPEED_AT_REST_MPS = 1e-6
+"""The reference counts as waiting at a lower speed than this: it is at its end, and the vehicle has not arrived."""
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 
@@ -58,6 +60,7 @@ class Tracker:
         self._config = config
         self._t_ns = t_ns
         self._moved_ns = t_ns
+        self._lag_m = 0.0
         self._timeout_s = PROGRESS_TIMEOUT_S
         self._integral_mps = ZERO
 
@@ -80,7 +83,8 @@ class Tracker:
         self._timeout_s = progress_timeout_s(state)
         lag_m = distance(reference.pos_ned_m, position_now(state))
         self.rate = min(max((LAG_MAX_M - lag_m) / (LAG_MAX_M - LAG_FREE_M), 0.0), 1.0)
-        if self.rate > RATE_AT_REST:
+        self._lag_m = lag_m
+        if self.rate > RATE_AT_REST and norm(reference.vel_ned_mps) > SPEED_AT_REST_MPS:
             self._moved_ns = t_ns
         self.time_s += self.rate * dt_s
         return dt_s
@@ -90,7 +94,7 @@ class Tracker:
         stuck_s = (t_ns - self._moved_ns) / NS_PER_S
         if stuck_s <= self._timeout_s:
             return ""
-        return f"no progress for {stuck_s:.0f} s: more than {LAG_MAX_M:g} m from the reference"
+        return f"no progress for {stuck_s:.0f} s: {self._lag_m:.1f} m from the reference"
 
     def command(self, dt_s: float, reference: Reference, state: VehicleState) -> tuple[Vec3, Vec3]:
         """Velocity setpoint and its derivative.

@@ -7,6 +7,7 @@ import pytest
 from jezero.frames import Vec3, add, scale, subtract
 from jezero.services.actions.motion.behaviour import VehicleState
 from jezero.services.actions.motion.config import TrackingConfig
+from jezero.services.actions.motion.straight_path import TimedStraightPath
 from jezero.services.actions.motion.tracking import (
     ACCELERATION_MAX_MPS2,
     CORRECTION_MAX_MPS,
@@ -93,3 +94,16 @@ def test_a_distant_vehicle_gets_bounded_commands() -> None:
     velocity, acceleration = tracker.command(DT_S, circle(0.0), away)
     assert hypot(*velocity) <= CORRECTION_MAX_MPS + INTEGRAL_MAX_MPS + 1e-9
     assert hypot(*acceleration) <= ACCELERATION_MAX_MPS2 + 1e-9
+
+
+def test_a_vehicle_that_never_gets_to_the_end_of_the_reference_is_stuck() -> None:
+    """It is near enough for the reference to go on, but something holds it before the end, such as a fence."""
+    path = TimedStraightPath((0.0, 0.0, -4.0), (0.0, 0.0, -6.0), 1.0, 1.0)
+    tracker, t_ns = Tracker(0, CONFIG), 0
+    while t_ns < 30e9 and not tracker.stuck(t_ns):
+        t_ns += DT_NS
+        at_m = path.at(tracker.time_s).pos_ned_m
+        vehicle = LaggingVehicle((0.0, 0.0, max(at_m[2], -5.3)), held=True)
+        tracker.advance(t_ns, path.at(tracker.time_s), vehicle.state)
+    assert tracker.time_s > path.profile.duration_s
+    assert tracker.stuck(t_ns) == "no progress for 20 s: 0.7 m from the reference"
