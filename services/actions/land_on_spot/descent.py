@@ -107,25 +107,25 @@ class Descent:
 
 
 class VerticalSpeed:
-    """Vertical velocity setpoint without jumps, however often the descent waits and goes on."""
+    """Vertical velocity setpoint, which makes no jumps however often the descent waits and goes on."""
 
     def __init__(self) -> None:
         self._t_ns: int | None = None
         self._down_mps = 0.0
 
-    def limited(self, t_ns: int, wanted_mps: float, vel_down_mps: float, *, at_once: bool) -> float:
-        """The setpoint, positive down.
+    def changed(self, t_ns: int, wanted_mps: float, vel_down_mps: float, *, gradually: bool) -> float:
+        """The next setpoint, positive down.
 
         Args:
             wanted_mps: the descent's, positive down.
             vel_down_mps: of the vehicle: the setpoint begins there when something else has moved the vehicle.
-            at_once: whether it may change at once.
+            gradually: whether it changes by the limits, or at once.
         """
         passed_ns = None if self._t_ns is None else t_ns - self._t_ns
         if passed_ns is None or passed_ns > STEP_MAX_S * NS_PER_S:
             self._down_mps, passed_ns = vel_down_mps, 0
         change_mps = wanted_mps - self._down_mps
-        if not at_once:
+        if gradually:
             passed_s = passed_ns / NS_PER_S
             change_mps = min(max(change_mps, -SLOWER_DOWN_MPS2 * passed_s), FASTER_DOWN_MPS2 * passed_s)
         self._down_mps += change_mps

@@ -322,12 +322,13 @@ class RoverLanding:
     def _follow(self, state: VehicleState, platform: PlatformState, dt_s: float, down_mps: float) -> Move:
         (north_mps, east_mps), acc_mps2 = self._control.command(dt_s, platform)
         down_mps += platform.vel_rover_ned_mps[2]
-        return self._fly(state, (north_mps, east_mps, down_mps), acc_mps2, platform.pos_ned_m[:2])
+        gradually = platform.height_m > AT_ONCE_BELOW_M
+        return self._fly(state, (north_mps, east_mps, down_mps), acc_mps2, platform.pos_ned_m[:2], gradually=gradually)
 
     def _keep_height_over(self, state: VehicleState, platform: PlatformState, dt_s: float) -> Move:
         """Follow the platform horizontally; by an estimate that isn't valid the vehicle doesn't move vertically."""
         (north_mps, east_mps), acc_mps2 = self._control.command(dt_s, platform)
-        return self._fly(state, (north_mps, east_mps, 0.0), acc_mps2, platform.pos_ned_m[:2], at_once=True)
+        return self._fly(state, (north_mps, east_mps, 0.0), acc_mps2, platform.pos_ned_m[:2])
 
     def _fly(
         self,
@@ -336,18 +337,16 @@ class RoverLanding:
         acc_mps2: tuple[float, float] | None,
         offset_m: tuple[float, float] | None = None,
         *,
-        at_once: bool = False,
+        gradually: bool = False,
     ) -> Move:
         """Move at a velocity.
 
         Args:
             offset_m: (2,) north and east of the vehicle from the point that the velocity leads to; None: to no point.
-            at_once: whether the vertical velocity may jump; close to the platform it always may.
+            gradually: change the vertical velocity without a jump, which only a valid estimate permits.
         """
         north_mps, east_mps, down_mps = vel_ned_mps
-        platform = self._tracking.platform
-        at_once = at_once or (platform is not None and platform.height_m < AT_ONCE_BELOW_M)
-        down_mps = self._vertical.limited(self._t_ns, down_mps, state.vel_uav_ned_mps[2], at_once=at_once)
+        down_mps = self._vertical.changed(self._t_ns, down_mps, state.vel_uav_ned_mps[2], gradually=gradually)
         acc_ned_mps2 = None if acc_mps2 is None else (*acc_mps2, 0.0)
         move = self._move(state, (north_mps, east_mps, down_mps), acc_ned_mps2)
         if offset_m is None:
