@@ -46,6 +46,7 @@ class Service:
         command: program and arguments.
         environment: variables added to the launcher's own.
         depends_on: condition that each named service must meet before this one starts.
+        optional: services of `depends_on` that may be missing or fail (`required: false`).
         has_healthcheck: whether it is ready only when it reports itself healthy.
         restart: when it is restarted.
         max_retries: number of restarts that `on-failure:N` allows; None for any number.
@@ -58,6 +59,7 @@ class Service:
     command: tuple[str, ...]
     environment: Mapping[str, str]
     depends_on: Mapping[str, Condition]
+    optional: frozenset[str] = frozenset()
     has_healthcheck: bool = False
     restart: Restart = "no"
     max_retries: int | None = None
@@ -92,10 +94,23 @@ def parse(text: str, variables: Mapping[str, str]) -> dict[str, Service]:
     for name, fields in document["services"].items():
         if _scale(f"services.{name}.scale", fields, variables) == 0:
             del services[str(name)]
+    services = _without_missing(services)
     for service in services.values():
         _check_dependencies(service, services)
     in_levels(services)
     return services
+
+
+def _without_missing(services: Mapping[str, Service]) -> dict[str, Service]:
+    """The services without the optional dependencies that are not among them."""
+
+    def is_there(dependency: str, service: Service) -> bool:
+        return dependency in services or dependency not in service.optional
+
+    return {
+        name: replace(service, depends_on={d: c for d, c in service.depends_on.items() if is_there(d, service)})
+        for name, service in services.items()
+    }
 
 
 def with_actions(services: Mapping[str, Service], names: Iterable[str]) -> dict[str, Service]:
@@ -129,6 +144,7 @@ def select(services: Mapping[str, Service], profiles: Iterable[str] = ()) -> dic
         for name, service in services.items()
         if wanted.intersection(service.profiles) or not service.profiles or not (wanted or service.only_with_profile)
     }
+    chosen = _without_missing(chosen)
     for service in chosen.values():
         for dependency in service.depends_on:
             if dependency not in chosen:
@@ -216,11 +232,13 @@ def _service(name: str, fields: Any) -> Service:
         if key not in _SERVICE_KEYS and not str(key).startswith("x-"):
             raise ComposeError(f"{where}.{key}: not supported; there are {', '.join(sorted(_SERVICE_KEYS))}")
     restart, max_retries = _restart(f"{where}.restart", fields.get("restart", "no"))
+    depends_on, optional = _depends_on(f"{where}.depends_on", fields.get("depends_on", {}))
     return Service(
         name=name,
         command=_command(f"{where}.command", fields.get("command")),
         environment=_environment(f"{where}.environment", fields.get("environment", {})),
-        depends_on=_depends_on(f"{where}.depends_on", fields.get("depends_on", {})),
+        depends_on=depends_on,
+        optional=optional,
         has_healthcheck=_has_healthcheck(f"{where}.healthcheck", fields.get("healthcheck")),
         restart=restart,
         max_retries=max_retries,
@@ -276,18 +294,22 @@ def _environment(where: str, value: Any) -> dict[str, str]:
     return {str(name): str(text) for name, text in value.items() if text is not None}
 
 
-def _depends_on(where: str, value: Any) -> dict[str, Condition]:
+def _depends_on(where: str, value: Any) -> tuple[dict[str, Condition], frozenset[str]]:
+    """Conditions of the services on which a service depends, and which of these are optional."""
     if isinstance(value, list):
-        return dict.fromkeys(_strings(where, value), "service_started")
+        return dict.fromkeys(_strings(where, value), "service_started"), frozenset()
     if not isinstance(value, dict):
         raise ComposeError(f"{where}: expected a mapping or a list, got {value!r}")
     conditions: dict[str, Condition] = {}
+    optional: set[str] = set()
     for name, fields in value.items():
         condition = fields.get("condition") if isinstance(fields, dict) else None
         if condition not in ("service_started", "service_healthy"):
             raise ComposeError(f"{where}.{name}.condition: expected service_started or service_healthy")
         conditions[str(name)] = condition
-    return conditions
+        if not _flag(f"{where}.{name}.required", fields.get("required", True)):
+            optional.add(str(name))
+    return conditions, frozenset(optional)
 
 
 def _has_healthcheck(where: str, value: Any) -> bool:

@@ -230,6 +230,8 @@ class Launcher:
         missing = []
         for name, condition in slot.service.depends_on.items():
             other = self._slots[name]
+            if other.state == "failed" and name in slot.service.optional:
+                continue
             if condition == "service_healthy" and not self._is_healthy(other):
                 missing.append(f"{name} to be healthy" if other.state != "failed" else f"{name}, which failed")
             elif not other.has_started:

@@ -166,6 +166,9 @@ class ServiceLoop:
                 self._step(now_ns)
             self._report(now_ns)
             self._update_subscriptions()
+        if self._spec.hears_all:  # what has arrived since the last step is not lost
+            self._collect(now_ns)
+            self._step(now_ns)
 
     def _step(self, now_ns: int) -> None:
         self._node.step(self._clock.now_ns(now_ns))  # not the time now: a stall since the loop's turn began is in it

@@ -14,9 +14,9 @@ SHIPPED = Path(deploy.__path__[0]) / "compose.yaml"
 def test_the_shipped_file_starts_the_router_first_and_what_needs_the_simulator_after_it() -> None:
     services = parse(SHIPPED.read_text(), {})
     levels = in_levels(services)
-    assert levels[0] == ["router"]
-    assert "simulator" in levels[1]
-    assert levels[2] == ["camera", "autopilot"]
+    assert levels[:2] == [["router"], ["recorder"]]
+    assert "simulator" in levels[2]
+    assert levels[3] == ["camera", "autopilot"]
     assert services["autopilot"].depends_on["simulator"] == "service_started"
     assert services["camera"].depends_on["simulator"] == "service_healthy"
 
@@ -46,6 +46,17 @@ def test_the_profiles_of_three_computers_are_the_whole_stack_and_have_no_service
     parts = [set(select(services, profiles)) for profiles in (["onboard", "sim"], ["rover"], ["ground"])]
     assert set().union(*parts) == set(services)
     assert sum(map(len, parts)) == len(services) + 2
+
+
+def test_an_optional_dependency_may_be_turned_off_or_outside_the_chosen_profiles() -> None:
+    text = (
+        "services: {log: {command: x, profiles: [p], scale: $LOG},"
+        " a: {command: x, profiles: [p, q], depends_on: {log: {condition: service_started, required: false}}}}"
+    )
+    services = parse(text, {"LOG": "1"})
+    assert in_levels(services) == [["log"], ["a"]]
+    assert in_levels(select(services, ["q"])) == [["a"]]
+    assert in_levels(parse(text, {"LOG": "0"})) == [["a"]]
 
 
 def test_an_unknown_profile_is_refused_with_those_there_are() -> None:
@@ -96,6 +107,10 @@ def test_variables_are_replaced_as_the_specification_says(written: str, variable
         (" a: {command: x, stop_grace_period: 2}", "services.a.stop_grace_period: expected a duration"),
         (" a: {command: x, depends_on: [b]}", "services.a.depends_on.b: there is no such service"),
         (" a: {command: x, depends_on: {a: {condition: ready}}}", "services.a.depends_on.a.condition: expected"),
+        (
+            " a: {command: x, depends_on: {a: {condition: service_started, required: 0}}}",
+            "services.a.depends_on.a.required: expected true or false, got 0",
+        ),
         (" a: {command: x, environment: {E: true}}", "services.a.environment.E: expected text"),
         (" a: {command: x, healthcheck: {interval: 1s}}", "services.a.healthcheck.test: missing"),
         (" a: {command: '${V:?set it}'}", "services.a.command: V is not set: set it"),
