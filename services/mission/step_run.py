@@ -1,11 +1,12 @@
 """One try of one step: a goal from its request to its result, or a wait."""
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from typing import Any, Literal
 
 import msgspec
 
-from jezero.plain_text import plain_json
+from jezero.codec import BadPayloadError, decode
 from jezero.runtime.service import Call, Inbox, Output, Response
 from jezero.schemas.actions import Cancel, CancelReply, GetResult, Pause, PauseReply, Rejected, ResultReply, Resume
 from jezero.schemas.goals import Goal
@@ -189,7 +190,8 @@ class GoalRun:
             return
         self._unknown = 0
         if not reply.running and reply.result is not None:
-            self.ended = _end_of(msgspec.json.decode(plain_json(reply.result.encode()), type=_Result))
+            with suppress(BadPayloadError):  # else the next reply has it
+                self.ended = _end_of(decode(_Result, reply.result.encode()))
 
 
 def _end_of(result: _Result) -> StepEnd:

@@ -1,11 +1,13 @@
 """Clients that send goals and requests at random, independently of each other."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from random import Random
 from typing import Any
 
 import msgspec
 
+from jezero.codec import BadPayloadError, decode
 from jezero.plugins import all_actions
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas import topics
@@ -20,6 +22,12 @@ from jezero.trials.campaign.sent_goals import SentGoal, draw_goal
 PERIOD_S = 0.5
 ACTION_INTERVAL_MEAN_S = 3.0
 RESULT_QUERY_PERIOD_S = 3.0
+
+
+class _Outcome(msgspec.Struct):
+    """The field of any action's result that a client needs."""
+
+    outcome: str
 
 
 class Client:
@@ -73,7 +81,8 @@ class Client:
                 sent.known_outcome = reply.outcome
         replies = [] if sent.result_query is None else sent.result_query.replies
         if replies and replies[-1].result is not None:
-            sent.known_outcome = msgspec.json.decode(replies[-1].result)["outcome"]
+            with suppress(BadPayloadError):  # else another reply has it
+                sent.known_outcome = decode(_Outcome, replies[-1].result.encode()).outcome
         if not sent.known_outcome and self._bus.t_ns >= sent.result_queried_ns + int(RESULT_QUERY_PERIOD_S * NS_PER_S):
             sent.result_queried_ns = self._bus.t_ns
             sent.result_query = self._bus.send_request(topics.RESULT, GetResult(goal_id=sent.goal.goal_id), self.name)

@@ -115,6 +115,20 @@ def test_a_lost_cancel_is_repeated_until_the_result_comes() -> None:
     assert (link.run.ended.end, link.run.ended.reason) == ("canceled", "canceled by a client")
 
 
+def test_a_garbled_result_is_asked_for_again() -> None:
+    link = Connection()
+    link.step()
+    link.step(link.reply(GoToGoal, Accepted(goal_id=GOAL.goal_id)))
+    link.step(seconds=0.5)
+    done = ResultReply(goal_id=GOAL.goal_id, action="go_to", running=False, result='{"outcome": "succ')
+    link.step(link.reply(GetResult, done))
+    assert not link.is_over()
+    link.step(seconds=0.5)
+    link.step(link.reply(GetResult, msgspec.structs.replace(done, result='{"outcome": "succeeded"}')))
+    assert link.run.ended is not None
+    assert link.run.ended.end == "succeeded"
+
+
 def test_a_gap_in_the_connection_is_no_restart_of_the_server_and_a_server_that_knows_nothing_is_one() -> None:
     link = Connection()
     link.step()
