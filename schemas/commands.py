@@ -53,8 +53,8 @@ class Setpoint(Message, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Acquire(Payload, frozen=True, kw_only=True):
-    """Request for control for a goal. Control is granted to one goal at a time. A grant ends when no setpoint arrives
-    for 0.5 s.
+    """Request for control for a goal. Control is granted to one goal at a time. A grant ends unless a setpoint
+    arrives within 0.5 s.
 
     Attributes:
         goal_id: id of the goal.

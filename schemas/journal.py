@@ -118,9 +118,13 @@ class LinkState(Entry, frozen=True, array_like=True, tag="link state"):
 
 
 class Departed(Entry, frozen=True, array_like=True, tag="departed"):
-    """A client vanished."""
+    """A client or a service vanished.
 
-    client_id: str
+    Attributes:
+        name: id of the client, or name of the service.
+    """
+
+    name: str
 
 
 # -- outputs -----------------------------------------------------------------------------------------------

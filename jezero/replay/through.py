@@ -173,8 +173,8 @@ class _Player:
                 node.deliver_bytes(link, data)
             case journal.LinkState(link, up):
                 node.set_link(link, up)
-            case journal.Departed(client_id):
-                node.deliver_departure(client_id)
+            case journal.Departed(name):
+                node.deliver_departure(name)
 
     def _outcome(self, tag: str, error: str | None) -> Outcome:
         task = self._tasks.pop(tag, None)

@@ -16,7 +16,7 @@ class Mailbox:
     def __init__(self, declared_links: Sequence[str]) -> None:
         self.wall_ns = 0
         self.connected = True
-        self.departed_clients: list[str] = []
+        self.departed: list[str] = []
         self.responses: list[Response] = []
         self.sent: list[SentMessage] = []
         self._new: dict[str, list[Any]] = {}
@@ -53,8 +53,8 @@ class Mailbox:
     def clear(self) -> None:
         """Remove everything that the last step has read; latest values and link states stay."""
         self._new.clear()
-        if self.departed_clients:
-            self.departed_clients.clear()
+        if self.departed:
+            self.departed.clear()
         if self.responses:
             self.responses.clear()
         if self._requests:

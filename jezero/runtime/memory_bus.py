@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from math import exp
 from random import Random
-from typing import Any
+from typing import Any, Literal
 
 from jezero.codec import decode, encode
 from jezero.runtime.memory_port import Port
@@ -131,6 +131,7 @@ class MemoryBus:
         for request_id, request in [(i, r) for i, r in self._requests.items() if r.server == name]:
             del self._requests[request_id]
             self._send_back(request.client_id, name, b"", partial(_ignoring_data, request.on_end))
+        self._report_departure("service", name)
 
     def freeze(self, name: str, seconds: float) -> None:
         """Stop a service's steps for a duration, as SIGSTOP does; arrivals wait in its inbox."""
@@ -204,10 +205,7 @@ class MemoryBus:
 
     def client_departs(self, client_id: str) -> None:
         """Report to the services that watch clients that one has vanished."""
-        for port in self._order:
-            if port.node.spec.watches_clients:
-                port.node.deliver_departure(client_id)
-                self.at(self.t_ns, "", port.request_step)
+        self._report_departure("client", client_id)
 
     # -- for ports --
 
@@ -273,6 +271,12 @@ class MemoryBus:
             self._send_back(request.client_id, server, b"", partial(_ignoring_data, request.on_end))
 
     # -- inside --
+
+    def _report_departure(self, kind: Literal["client", "service"], name: str) -> None:
+        for port in self._order:
+            if port.node.spec.watches == kind:
+                port.node.deliver_departure(name)
+                self.at(self.t_ns, "", port.request_step)
 
     def _request(
         self,

@@ -227,11 +227,11 @@ class Node:
         self.inbox.set_link(link, up)
         return link in self._triggers
 
-    def deliver_departure(self, client_id: str) -> bool:
-        """Put the id of a client that has vanished into the inbox."""
+    def deliver_departure(self, name: str) -> bool:
+        """Put the id of a client, or the name of a service, that has vanished into the inbox."""
         if self._journal is not None:
-            self._journal.add(entries.Departed(client_id))
-        self.inbox.departed_clients.append(client_id)
+            self._journal.add(entries.Departed(name))
+        self.inbox.departed.append(name)
         return True
 
     # -- the step --

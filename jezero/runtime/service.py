@@ -7,7 +7,7 @@ an `Inbox` and the time, and executes the `Output`s that its step yields. The sa
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeVar
+from typing import Any, Literal, Protocol, TypeVar
 
 import msgspec
 
@@ -37,7 +37,7 @@ class Spec:
         rate_hz: steps per second of vehicle time when no trigger arrives; `SetRate` changes it.
         lockstep: name of the link on which the time master awaits an answer after each step (at most 16 ms); vehicle
             time starts when this link first connects. None for every other service.
-        watches_clients: whether the inbox lists the clients that have vanished.
+        watches: whose departures the inbox lists: those of clients, of services, or of nobody.
         hears_all: whether the inbox has every message that anybody publishes for the vehicle, as it was sent. Such
             messages trigger no step.
         made_with: arguments with which the service was made, by name: its settings, ids and seeds. They are recorded,
@@ -55,7 +55,7 @@ class Spec:
     triggers: tuple[str, ...] = ()
     rate_hz: float = 10.0
     lockstep: str | None = None
-    watches_clients: bool = False
+    watches: Literal["client", "service"] | None = None
     hears_all: bool = False
     made_with: Mapping[str, Any] = field(default_factory=dict)
 
@@ -215,8 +215,8 @@ class Inbox(Protocol):
         """Whether the bus's router is reachable."""
 
     @property
-    def departed_clients(self) -> Sequence[str]:
-        """Ids of clients that vanished since the last step; needs `Spec.watches_clients`."""
+    def departed(self) -> Sequence[str]:
+        """Ids of the clients, or names of the services, that vanished since the last step; needs `Spec.watches`."""
 
     @property
     def responses(self) -> Sequence[Response]:

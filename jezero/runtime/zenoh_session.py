@@ -56,7 +56,7 @@ class BusSession:
         refused: a topic's name and the reason why a message on it is not taken.
         query: an endpoint's name and the query.
         response: a call's id and (bytes, None) or (None, error).
-        departed: the id of a client that vanished.
+        departed: the id of a client, or the name of a service, that vanished.
         sent: the name of any topic and (time of arrival in ns since 1970, the message), for `Spec.hears_all`.
         opened: the session is open.
     """
@@ -200,9 +200,9 @@ class BusSession:
             self._declare_endpoint(endpoint)
         if self._spec.hears_all:
             self._declared.append(self._hear_all())
-        if self._spec.watches_clients:
-            watched = liveliness_key(self._instance.vehicle, "client", "*")
-            self._declared.append(session.liveliness().declare_subscriber(watched, _direct(self._on_client)))
+        if self._spec.watches is not None:
+            watched = liveliness_key(self._instance.vehicle, self._spec.watches, "*")
+            self._declared.append(session.liveliness().declare_subscriber(watched, _direct(self._on_watched)))
 
     def _hear_all(self) -> Any:
         """Subscribe to everything but the keys with an effect, which no wildcard matches."""
@@ -268,7 +268,7 @@ class BusSession:
 
         self._declared.append(self._session.declare_queryable(own, _direct(on_query), complete=True))
 
-    def _on_client(self, sample: zenoh.Sample) -> None:
+    def _on_watched(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:
             self._enqueue("departed", str(sample.key_expr).rsplit("/", 1)[-1], None)
 

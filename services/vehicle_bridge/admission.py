@@ -41,6 +41,8 @@ class Grant:
         paused: the goal is paused, by its last accepted setpoint.
         overriding: failed preflight checks that it overrides, for people; "" for none.
         refusal: reason why the last setpoint was dropped; "" for one that was accepted.
+        is_late: the next setpoint is late, and the vehicle hovers until one comes.
+        is_orphaned: the action's server has vanished since the grant.
     """
 
     control_id: str
@@ -52,6 +54,8 @@ class Grant:
     paused: bool = False
     overriding: str = ""
     refusal: str = ""
+    is_late: bool = False
+    is_orphaned: bool = False
 
     @property
     def name(self) -> str:
@@ -59,10 +63,10 @@ class Grant:
         return self.goal_id if self.goal_id.startswith(self.action) else f"{self.action} {self.goal_id}"
 
     def follow(self, setpoint: Setpoint, vehicle: VehicleSnapshot) -> str:
-        """Note an accepted setpoint; returns the event of a pause that begins or ends, for people, or ""."""
-        changes = setpoint.paused is not self.paused
+        """Note an accepted setpoint; returns the event of a pause or hover that begins or ends, for people, or ""."""
+        changes = setpoint.paused is not self.paused or self.is_late
         self.sequence, self.timer_ns, self.paused = setpoint.sequence, vehicle.timer_ns, setpoint.paused
-        self.refusal = ""
+        self.refusal, self.is_late = "", False
         if not changes:
             return ""
         return f"{self.name} is paused" if self.paused else f"{self.name} goes on"

@@ -3,6 +3,8 @@
 Inputs are requests, setpoints and a `VehicleSnapshot` per step; outputs are `code`, `target` and `command`.
 """
 
+from collections.abc import Collection
+
 from jezero.frames import Vec3
 from jezero.schemas.commands import Acquire, Hover, Release, Setpoint
 from jezero.schemas.state import InCharge, StatusCode
@@ -73,11 +75,7 @@ class Authority:
 
     @property
     def in_charge(self) -> InCharge:
-        if self.code is StatusCode.EXTERNAL:
-            return self._external_holder
-        if self.grant is not None:
-            return "goal"
-        return "none" if self.code is StatusCode.IDLE else "hover"
+        return self._external_holder if self.code is StatusCode.EXTERNAL else self._grants.in_charge(self.code)
 
     @property
     def control_state(self) -> ControlState:
@@ -198,8 +196,8 @@ class Authority:
             self.target = targets.stopping_target(self.target, vehicle)
             self.text = "the autopilot corrected its position, and the hover point is beyond the limits: hovering here"
 
-    def update(self, vehicle: VehicleSnapshot) -> None:
-        """Judge safety and time-outs; called once in each step, after all requests."""
+    def update(self, vehicle: VehicleSnapshot, departed: Collection[str] = ()) -> None:
+        """Judge safety and time-outs once in each step, after all requests; `departed` are services that vanished."""
         arm_commanded = self._arm_pending
         if vehicle.armed or vehicle.acknowledged in (Command.DISARM, Command.FORCE_DISARM):
             self._arm_pending = False
@@ -216,9 +214,11 @@ class Authority:
         elif flying:
             self._judge_flight(vehicle, left_fence=left_fence)
         self._was_disarmed |= vehicle.armed is False
-        expiry = self._grants.expiry_reason(vehicle)
-        if expiry:
-            self._revoke(expiry, vehicle)
+        end, late = self._grants.silence(vehicle, departed)
+        if end:
+            self._revoke(end, vehicle)
+        elif late:
+            self.text, self.target = late, targets.stopping_target(self.target, vehicle)
         self.command = self._advance(vehicle)
         self._arm_pending |= self.command is Command.ARM
         self.streamed = self.fence.limited(self.target, vehicle, self.code)
@@ -281,7 +281,7 @@ class Authority:
         return None
 
     def _engage(self, vehicle: VehicleSnapshot) -> Command | None:
-        if self._engaged or self.grant is None:
+        if self._engaged or self.grant is None or self.grant.is_late:
             return None
         if vehicle.armed and vehicle.mode == OFFBOARD:
             self._engaged = True

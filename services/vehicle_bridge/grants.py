@@ -1,5 +1,7 @@
 """Grants of control: one goal at a time has the right to send setpoints."""
 
+from collections.abc import Collection
+
 from jezero.schemas.commands import Acquire
 from jezero.schemas.state import InCharge, StatusCode
 from jezero.services.vehicle_bridge.admission import Grant, acquire_refusal, overriding, phases_of
@@ -8,9 +10,11 @@ from jezero.services.vehicle_bridge.vehicle import ControlState, VehicleSnapshot
 
 UNUSED_TIMEOUT_S = 0.5
 """A grant ends when its goal has sent no setpoint within this time: the reply may have been lost."""
-SETPOINT_TIMEOUT_S = 0.35
-"""A grant ends when its goal has sent no further setpoint for this time, and the bridge stops the vehicle, within 0.5 s
-in all: the autopilot would go on with the last velocity. Source: architecture §5."""
+LATE_S = 0.35
+"""When a goal has sent no further setpoint for this time the bridge stops the vehicle, within 0.5 s in all: the
+autopilot would go on with the last velocity. Source: architecture §5. The grant of a server that has vanished ends."""
+SILENT_MAX_S = 1.0
+"""A grant ends when its goal stays silent for this time: a server on a busy machine comes back before."""
 
 
 class Grants:
@@ -53,6 +57,12 @@ class Grants:
         )
         return None
 
+    def in_charge(self, code: StatusCode) -> InCharge:
+        """Who controls a vehicle that the bridge commands."""
+        if self.present is not None:
+            return "goal"
+        return "none" if code is StatusCode.IDLE else "hover"
+
     def control_state(self, code: StatusCode, in_charge: InCharge, interventions: int, text: str) -> ControlState:
         """What `status` says of control."""
         grant = self.present
@@ -74,14 +84,28 @@ class Grants:
             self.history.add_ended(self.present, reason)
         self.present = None
 
-    def expiry_reason(self, vehicle: VehicleSnapshot) -> str | None:
-        """Reason why the present grant ends without setpoints, None when it doesn't."""
+    def silence(self, vehicle: VehicleSnapshot, departed: Collection[str]) -> tuple[str, str]:
+        """Judge for how long the goal in charge has sent no setpoint that could be flown.
+
+        Args:
+            departed: names of the services that vanished since the last step.
+
+        Returns:
+            The reason why the present grant ends, and the event when its goal becomes late; "" for none.
+        """
         grant = self.present
         if grant is None:
-            return None
+            return "", ""
+        grant.is_orphaned |= grant.action in departed
         age_s = (vehicle.timer_ns - grant.timer_ns) * 1e-9
-        if age_s <= (UNUSED_TIMEOUT_S if grant.sequence < 0 else SETPOINT_TIMEOUT_S):
-            return None
+        if age_s <= (UNUSED_TIMEOUT_S if grant.sequence < 0 else LATE_S):
+            return "", ""
+        because = f"it sent no setpoint for {age_s:.2f} s"
         if grant.refusal:
-            return f"{grant.name} ended: none of its setpoints could be flown for {age_s:.2f} s: {grant.refusal}"
-        return f"{grant.name} ended: it sent no setpoint for {age_s:.2f} s"
+            because = f"none of its setpoints could be flown for {age_s:.2f} s: {grant.refusal}"
+        if grant.sequence < 0 or grant.is_orphaned or age_s > SILENT_MAX_S:
+            return f"{grant.name} ended: {because}", ""
+        if grant.is_late:
+            return "", ""
+        grant.is_late = True
+        return "", f"hovering until {grant.name} goes on: {because}"

@@ -65,6 +65,7 @@ SPEC = Spec(
     serves=(ACQUIRE, RELEASE, HOVER, ABORT, KILL, SET_FENCE, UNKNOWN_ACTION),
     links=(LINK,),
     triggers=(LINK, SETPOINT.name, ACQUIRE.name, RELEASE.name, HOVER.name, ABORT.name, KILL.name, UNKNOWN_ACTION.name),
+    watches="service",
 )
 
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
@@ -149,7 +150,7 @@ class VehicleBridge:
         vehicle = self._snapshot(self._vehicle_time_ns(t_ns), inbox)
         yield from self._fence.handle(self._authority.code, vehicle, inbox)
         yield from self._handle_requests(vehicle, inbox)
-        self._authority.update(vehicle)
+        self._authority.update(vehicle, inbox.departed)
         yield from self._requests.reply_to_pending(vehicle, inbox.wall_ns)
         yield from self._stream(vehicle.t_ns)
         yield from self._send_commands(vehicle, inbox)

@@ -270,6 +270,18 @@ def test_a_machine_that_stands_still_for_a_moment_costs_no_goal(
         goal.result(timeout_s=60)
 
 
+def test_an_action_server_that_stands_still_for_less_than_a_second_costs_no_goal(shared_stack: Stack) -> None:
+    with shared_stack.connect() as vehicle:
+        in_the_air(vehicle)
+        goal = vehicle.go_to(6.0, 0.0, -2.0, speed_mps=2.0)
+        wait_for_status(vehicle, lambda s: s.code == StatusCode.GO_TO, TIMEOUT_S, "on its way")
+        for _ in range(2):
+            time.sleep(0.5)
+            pause([shared_stack.processes()["go_to"]], 0.6)
+            wait_for_status(vehicle, lambda s: s.text.endswith("goes on"), TIMEOUT_S, "the goal goes on")
+        goal.result(timeout_s=TIMEOUT_S)
+
+
 def pause(processes: Sequence[int], seconds: float) -> None:
     """Stop all processes and continue them.
 

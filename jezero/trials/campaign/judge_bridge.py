@@ -22,7 +22,11 @@ AGE_MAX_S = 0.3
 LEAD_MAX_S = 0.05
 SAME_DISTANCE_MAX_M = 0.02
 STREAM_GAP_MAX_S = 0.2
-SILENT_OWNER_MAX_S = 0.6
+LATE_OWNER_MAX_S, SILENT_OWNER_MAX_S = 0.6, 1.3
+"""The vehicle hovers when the goal in charge has sent nothing for the first time, and the goal has ended after the
+second; both with a bridge that has been frozen in between for a moment."""
+LATE_OWNER_MIN_S = 0.3
+"""A goal that is silent for less flies on."""
 TAKE_BACK_TIMEOUT_S = 6.0
 HOVER_START_DISTANCE_MAX_M = 3.0
 FENCE_REACH_M = 0.5
@@ -74,6 +78,8 @@ class BridgeJudge:
         self._fence: FenceShape | None = None
         self._followed: list[Setpoint] = []
         """Latest setpoints that the bridge might fly, which the fence limits anew in each step."""
+        self._newest: Setpoint | None = None
+        """The last setpoint that the bridge might fly."""
         self._target: SentTarget | None = None
         self._target_offset_ned_m: Vec3 = (0.0, 0.0, 0.0)
         self._streamed_ns: int | None = None
@@ -164,6 +170,7 @@ class BridgeJudge:
         if allowed:
             self._owner = (self._control_id(status), t_ns)
             self._followed = allowed
+            self._newest = allowed[-1]
         self._judge_owner(t_ns, inbox, status)
         silent = status.code == Code.EXTERNAL and self._previous is not None and self._previous.code == Code.EXTERNAL
         if silent and not self._is_taking_back(t_ns):
@@ -174,10 +181,13 @@ class BridgeJudge:
         self._judge_stream(t_ns, status)
 
     def _is_allowed(self, t_ns: int, setpoint: Setpoint, status: Status) -> bool:
-        """Whether the bridge may fly this setpoint, by its owner and age."""
+        """Whether the bridge may fly this setpoint, by its owner, age and number."""
         owner = self._control_id(status) or self._control_id(self._previous)
-        age_s = (t_ns - setpoint.t_ns) / NS_PER_S
-        return bool(owner) and setpoint.control_id == owner and -LEAD_MAX_S <= age_s <= AGE_MAX_S
+        now_ns = t_ns if self._odometry is None else max(t_ns, self._odometry.t_ns)  # the later one, as the bridge's
+        age_s = (now_ns - setpoint.t_ns) / NS_PER_S
+        newest = self._newest
+        is_next = newest is None or newest.control_id != owner or setpoint.sequence > newest.sequence
+        return bool(owner) and setpoint.control_id == owner and is_next and -LEAD_MAX_S <= age_s <= AGE_MAX_S
 
     def _judge_owner(self, t_ns: int, inbox: Inbox, status: Status) -> None:
         in_charge = self._control_id(status)
@@ -188,6 +198,9 @@ class BridgeJudge:
         if in_charge != owner or silent_s > SILENT_OWNER_MAX_S:
             text = f"{in_charge} is in charge, its last setpoint came {silent_s:.2f} s ago"
             self._judge.check(False, t_ns, "a silent goal loses control", text)
+        elif silent_s > LATE_OWNER_MAX_S and not (self._target is None or self._target.vel_ned_mps is None):
+            text = f"{in_charge} sent its last setpoint {silent_s:.2f} s ago, and the vehicle flies on"
+            self._judge.check(self._may_limits_change(), t_ns, "a late goal hovers", text)
         if any(request.payload.control_id == owner for request in inbox.requests(topics.RELEASE)):
             text = f"{owner} released control and is still in charge"
             self._judge.check(False, t_ns, "released control stays released", text)
@@ -219,12 +232,18 @@ class BridgeJudge:
             return
         if self._may_fence_change(sent) or self._may_limits_change():
             return
-        if status.grant and not self._is_requested_hover(inbox, status, sent):
+        if sent.pos_ned_m is not None and self._is_late(t_ns, status):
+            self._judge_hover_point(t_ns, inbox, sent.pos_ned_m, previous, moved_ned_m)
+        elif status.grant and not self._is_requested_hover(inbox, status, sent):
             explained = any(self._matches_setpoint(setpoint, sent) for setpoint in allowed)
             text = f"{sent.pos_ned_m}, {sent.vel_ned_mps} matches no recent setpoint of {self._control_id(status)}"
             self._judge.check(explained, t_ns, "only the owner's fresh setpoints", text)
         elif status.code == Code.HOVER and sent.pos_ned_m is not None:
             self._judge_hover_point(t_ns, inbox, sent.pos_ned_m, previous, moved_ned_m)
+
+    def _is_late(self, t_ns: int, status: Status) -> bool:
+        """Whether the goal in charge has been silent for so long that the vehicle may hover."""
+        return bool(status.grant) and t_ns - self._owner[1] > LATE_OWNER_MIN_S * NS_PER_S
 
     def _may_limits_change(self) -> bool:
         """Whether the setpoints lead beyond the limits of height and distance, or the vehicle brakes before them."""

@@ -69,6 +69,8 @@ class LandOnSpotJudge:
         truth, velocity = self._truth(), setpoint.vel_ned_mps
         if self._goal is None or truth is None or velocity is None or on_platform_m(truth)[2] > -BLIND_HEIGHT_MAX_M:
             return
+        if setpoint.paused:  # it returns to the height of the pause when the autopilot's own estimate moves
+            return
         if velocity[2] - truth.vel_rover_ned_mps[2] <= DESCENT_SPEED_MIN_MPS:
             return
         is_own = relative is not None and relative.valid and relative.goal_id == self._goal_id

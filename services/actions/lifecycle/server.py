@@ -91,7 +91,7 @@ class ActionServer:
             calls=(ACQUIRE, RELEASE, LEASE),
             triggers=(ODOMETRY.name, RELATIVE.name, RESULT.name, *(endpoint.name for endpoint in action.endpoints)),
             rate_hz=config.lifecycle.step_rate_hz,
-            watches_clients=True,
+            watches="client",
             made_with={"name": action.name, "boot_id": boot_id, "config": config},
         )
 
@@ -233,7 +233,7 @@ class ActionServer:
         run = self._run
         if run is None or not run.clients:
             return
-        run.clients = [client for client in run.clients if client not in inbox.departed_clients]
+        run.clients = [client for client in run.clients if client not in inbox.departed]
         if not run.clients and (run.plan_only or run.goal.on_client_loss == "cancel"):
             run.cancel("its client vanished")
 

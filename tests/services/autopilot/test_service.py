@@ -24,7 +24,7 @@ class Box:
     wall_ns = 0
     connected = True
     has_requests = False
-    departed_clients: Sequence[str] = ()
+    departed: Sequence[str] = ()
     responses: Sequence[Any] = ()
     sent: Sequence[Any] = ()
 

@@ -212,7 +212,7 @@ class Box:
     def __init__(self) -> None:
         self.wall_ns = 0
         self.connected = True
-        self.departed_clients: Sequence[str] = ()
+        self.departed: Sequence[str] = ()
         self.responses: Sequence[Any] = ()
         self.sent: Sequence[Any] = ()
         self.messages: dict[str, list[Any]] = {}
@@ -249,6 +249,7 @@ class Box:
     def clear(self) -> None:
         self.messages.clear()
         self.pending.clear()
+        self.departed = ()
         self.bytes = b""
 
 

@@ -1,5 +1,7 @@
 """Goals in control, their end, and hover requests."""
 
+import re
+
 import msgspec
 import pytest
 
@@ -171,14 +173,58 @@ def test_a_grant_lapses_without_a_setpoint_within_half_a_second() -> None:
     assert rig.autopilot.setpoints == []
 
 
-def test_when_the_owner_falls_silent_the_vehicle_hovers_within_half_a_second() -> None:
+def test_when_the_owner_has_vanished_the_goal_ends_and_the_vehicle_hovers_within_half_a_second() -> None:
     rig = Rig().fly()
     rig.go("go_to", Phase.GO_TO)
     silent_since_ns = rig.t_ns
+    rig.box.departed = ("go_to",)
     rig.run_until(lambda: rig.status.code == 3, limit_s=1.0)
     assert rig.t_ns - silent_since_ns <= 500_000_000
     assert rig.codes[-3:] == [4, 12, 3]
-    assert "no setpoint for" in rig.status.text
+    assert "ended: it sent no setpoint for" in rig.status.text
+
+
+def test_when_the_owner_falls_silent_the_vehicle_hovers_within_half_a_second_and_goes_on_with_it() -> None:
+    rig = Rig().fly()
+    control_id = rig.go("go_to", Phase.GO_TO)
+    rig.autopilot.vel[0] = 2.0
+    rig.box.departed = ("get_images",)
+    rig.run(0.1, lambda: rig.setpoint(control_id, Phase.GO_TO, pos_ned_m=None, vel_ned_mps=(2.0, 0.0, 0.0)))
+    assert rig.autopilot.setpoints[-1].vx == 2.0
+    rig.run(0.5)
+    assert rig.autopilot.setpoints[-1].vx != 2.0
+    assert rig.autopilot.setpoints[-1].x == pytest.approx(1.0)  # the vehicle comes to rest there
+    assert (rig.status.code, rig.status.in_charge) == (4, "goal")
+    assert re.search(r"hovering until go_to \S+ goes on: it sent no setpoint for 0\.3\d s", rig.status.text)
+    rig.run(0.4)
+    rig.setpoint(control_id, Phase.GO_TO, pos_ned_m=None, vel_ned_mps=(2.0, 0.0, 0.0))
+    rig.step()
+    assert rig.autopilot.setpoints[-1].vx == 2.0
+    rig.run(0.3)
+    assert (rig.codes[-1], rig.status.text[-7:]) == (4, "goes on")
+
+
+def test_an_owner_that_stays_silent_loses_control_after_a_second() -> None:
+    rig = Rig().fly()
+    rig.go("go_to", Phase.GO_TO)
+    silent_since_ns = rig.t_ns
+    rig.run_until(lambda: rig.status.code == 12, limit_s=2.0)
+    assert 1_000_000_000 <= rig.t_ns - silent_since_ns <= 1_050_000_000
+    rig.run(0.2)
+    assert rig.codes[-3:] == [4, 12, 3]
+    assert "ended: it sent no setpoint for 1.0" in rig.status.text
+
+
+def test_a_vehicle_whose_goal_is_late_is_not_armed() -> None:
+    rig = Rig().ready()
+    rig.autopilot.refuse_arming = "Arming denied: not yet"
+    control_id = rig.acquire().control_id
+    rig.run(0.3, lambda: rig.setpoint(control_id, Phase.TAKEOFF))
+    rig.run(0.4)
+    rig.autopilot.refuse_arming = ""
+    rig.run(0.4)
+    assert "hovering until takeoff" in rig.status.text and not rig.status.armed
+    rig.run_until(lambda: bool(rig.status.armed), lambda: rig.setpoint(control_id, Phase.TAKEOFF), limit_s=3.0)
 
 
 def test_arming_that_is_refused_ends_the_goal_with_the_autopilots_words() -> None:

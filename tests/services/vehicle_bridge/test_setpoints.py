@@ -114,6 +114,6 @@ def test_setpoints_are_passed_on_with_the_right_masks_and_never_with_nan() -> No
 def test_a_goal_whose_setpoints_are_all_dropped_ends_with_the_reason() -> None:
     rig = Rig().fly()
     control_id = rig.go("go_to", Phase.GO_TO)
-    rig.run(0.5, lambda: rig.setpoint(control_id, Phase.LANDING))
-    assert rig.status.text.startswith("go_to goal-go_to ended: none of its setpoints could be flown for 0.")
+    rig.run(1.1, lambda: rig.setpoint(control_id, Phase.LANDING))
+    assert rig.status.text.startswith("go_to goal-go_to ended: none of its setpoints could be flown for 1.0")
     assert "phase landing of go_to in status GO_TO" in rig.status.text
