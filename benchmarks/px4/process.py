@@ -15,6 +15,7 @@ from jezero.runtime.links import TcpServer, Udp
 from jezero.runtime.service import Inbox, Output, Send, Service, Spec
 from jezero.services.autopilot import px4
 from jezero.services.vehicle_bridge.parameters import ParameterSetter, Value
+from jezero.vehicle_config import VehicleConfig
 
 HIL, OFFBOARD = "hil", "offboard"
 FIRST_REPLY_TIMEOUT_S = 0.02
@@ -42,7 +43,7 @@ class Px4Process:
         self._hil = TcpServer(HOST, instance.hil_port)
         self._offboard = Udp((HOST, instance.bridge_port), (HOST, instance.autopilot_offboard_port))
         command = px4.command(runtime, instance.number)
-        self._child = ChildLink("PX4", command, px4.ENVIRONMENT, None, instance.hil_port)
+        self._child = ChildLink("PX4", command, px4.environment(VehicleConfig().battery), None, instance.hil_port)
         for link in (self._hil, self._offboard, self._child):
             link.start()
         self._begin_s = time.monotonic()

@@ -22,7 +22,7 @@ from jezero.services.autopilot.ground_link import (
     with_signatures,
 )
 from jezero.services.autopilot.service import GCS, HIL, OFFBOARD, Autopilot
-from jezero.vehicle_config import VehicleConfig
+from jezero.vehicle_config import BatteryConfig, VehicleConfig
 
 ANY = "0.0.0.0"
 UNIX_2015_S = 1_420_070_400
@@ -30,13 +30,12 @@ UNIX_2015_S = 1_420_070_400
 
 def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
     """The autopilot of an instance, and its links."""
-    config = load_config(AutopilotConfig, "autopilot")
+    config, vehicle = load_config(AutopilotConfig, "autopilot"), load_config(VehicleConfig, "vehicle")
     ground = ground_host()
     if chosen_autopilot() == "px4":
         if not is_local(ground):
             raise ConfigError(f"{HOST_VARIABLE} is for the embedded autopilot: PX4 has settings of its own for MAVLink")
-        return px4.Px4(), {px4.PX4: _px4_link(instance)}
-    vehicle = load_config(VehicleConfig, "vehicle")
+        return px4.Px4(), {px4.PX4: _px4_link(instance, vehicle.battery)}
     config = with_signatures(config, ground)
     since_2015_s = time.time() - UNIX_2015_S
     return Autopilot(config, vehicle, instance.system_id, since_2015_s, insecurity(config, ground)), {
@@ -46,12 +45,12 @@ def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, Socke
     }
 
 
-def _px4_link(instance: Instance) -> ChildLink:
+def _px4_link(instance: Instance, battery: BatteryConfig) -> ChildLink:
     runtime, run_dir = os.environ.get("JEZERO_PX4_DIR"), os.environ.get("JEZERO_RUN_DIR")
     return ChildLink(
         "PX4",
         px4.command(Path(runtime) if runtime else None, instance.number),
-        px4.ENVIRONMENT,
+        px4.environment(battery),
         Path(run_dir).absolute() / "px4" if run_dir else None,
         instance.hil_port,
     )

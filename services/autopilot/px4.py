@@ -5,12 +5,14 @@ from pathlib import Path
 
 from jezero.runtime.config import ConfigError
 from jezero.runtime.service import Health, Inbox, Output, Spec
+from jezero.vehicle_config import BatteryConfig
 
 PX4 = "px4"
 INSTANCE_MAX = 9
 """PX4's start script gives all higher instances the same port."""
-ENVIRONMENT = {"PX4_SIM_MODEL": "none_iris"}
+MODEL = "none_iris"
 """Airframe 10016; the simulator has the same motors."""
+START = Path(__file__).with_name("px4_start.sh")
 
 SPEC = Spec(name="autopilot", links=(PX4,), triggers=(PX4,), rate_hz=10.0)
 
@@ -32,6 +34,11 @@ class Px4:
             yield health
 
 
+def environment(battery: BatteryConfig) -> dict[str, str]:
+    """Variables that PX4's start scripts read."""
+    return {"PX4_SIM_MODEL": MODEL, "JEZERO_ENDURANCE_S": f"{1.0 / battery.used(1.0):.0f}"}
+
+
 def command(runtime: Path | None, instance: int) -> tuple[str, ...]:
     """Command that starts PX4 in its working directory.
 
@@ -49,4 +56,4 @@ def command(runtime: Path | None, instance: int) -> tuple[str, ...]:
         raise ConfigError(f"JEZERO_PX4_DIR: {runtime} has no bin/px4 or no etc/, so it is not a PX4 runtime")
     if instance > INSTANCE_MAX:
         raise ConfigError(f"JEZERO_INSTANCE is {instance}: with PX4 it is {INSTANCE_MAX} at most")
-    return (str(program), "-i", str(instance), "-d", str(scripts), "-s", "etc/init.d-posix/rcS")
+    return (str(program), "-i", str(instance), "-d", str(scripts), "-s", str(START))

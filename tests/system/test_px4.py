@@ -5,6 +5,7 @@ import math
 import os
 import signal
 import subprocess
+import time
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
@@ -78,6 +79,19 @@ def test_the_demonstration_flies_unchanged(tmp_path: Path) -> None:
     log = (run_dir / "logs" / "autopilot.log").read_text()
     assert "Takeoff detected" in log and "Landing detected" in log and "Disarmed by" in log
     assert not px4_processes(run_dir)
+
+
+def test_a_minute_in_the_air_uses_no_more_of_px4s_battery_than_of_the_vehicles(
+    start_px4_stack: Callable[..., Stack],
+) -> None:
+    with start_px4_stack().connect() as vehicle:
+        vehicle.takeoff(altitude_m=3.0).result(timeout_s=60)
+        begin_s = time.monotonic()
+        for status in vehicle.watch_status():
+            assert status.code == StatusCode.HOVER, status.text
+            assert status.battery is not None and (status.battery.remaining or 0.0) > 0.85
+            if time.monotonic() - begin_s > 50.0:
+                break
 
 
 def test_when_the_bridge_dies_px4_lands_by_itself(start_px4_stack: Callable[..., Stack], tmp_path: Path) -> None:

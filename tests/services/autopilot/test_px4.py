@@ -12,7 +12,8 @@ import pytest
 
 from jezero.runtime.child import ChildLink
 from jezero.runtime.config import ConfigError
-from jezero.services.autopilot.px4 import command
+from jezero.services.autopilot.px4 import command, environment
+from jezero.vehicle_config import BatteryConfig
 
 CONNECTS = """
 import os, signal, socket, subprocess, sys
@@ -149,6 +150,11 @@ def test_a_temporary_folder_is_removed(server: socket.socket) -> None:
     assert not folder.exists()
 
 
+def test_the_simulated_battery_lasts_as_long_as_the_vehicles_in_a_hover() -> None:
+    battery = BatteryConfig(capacity_mah=9000.0, electronics_a=1.0, hover_a=26.0)
+    assert environment(battery)["JEZERO_ENDURANCE_S"] == "1200"
+
+
 def test_what_is_wrong_with_the_runtime_is_told_in_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="JEZERO_PX4_DIR is not set"):
         command(None, 0)
@@ -157,6 +163,8 @@ def test_what_is_wrong_with_the_runtime_is_told_in_a_sentence(tmp_path: Path) ->
     (tmp_path / "bin").mkdir()
     (tmp_path / "etc").mkdir()
     (tmp_path / "bin" / "px4").touch()
-    assert command(tmp_path, 9)[:3] == (str(tmp_path / "bin" / "px4"), "-i", "9")
+    started = command(tmp_path, 9)
+    assert started[:3] == (str(tmp_path / "bin" / "px4"), "-i", "9")
+    assert Path(started[-1]).is_file()
     with pytest.raises(ConfigError, match="JEZERO_INSTANCE is 10: with PX4 it is 9 at most"):
         command(tmp_path, 10)

@@ -1,37 +1,56 @@
-"""The use of the battery is measured from the steps of its reported charge."""
+"""The use of the battery is measured from the slope of its reported charge."""
+
+from collections.abc import Callable
+from random import Random
 
 import pytest
 
 from jezero.schemas.units import NS_PER_S
 from jezero.services.mission.battery_use import BatteryUse
 
-
-def fly(use: BatteryUse, percent_per_s: float, seconds: int, begin: float = 1.0) -> None:
-    for second in range(seconds):
-        use.update(second * NS_PER_S, round(begin - 0.01 * percent_per_s * second, 2))
+DECLARED_PER_S = 0.001
 
 
-def test_the_declared_use_holds_until_the_charge_has_fallen_by_some_percent() -> None:
-    use = BatteryUse(declared_per_s=0.001)
-    fly(use, 0.2, 15)
-    assert use.per_s == 0.001
+def fly(charge: Callable[[int], float], seconds: int) -> BatteryUse:
+    """The use after a flight in which the charge is reported in whole percents, ten times a second."""
+    use = BatteryUse(DECLARED_PER_S)
+    for tenth in range(10 * seconds):
+        use.update(tenth * NS_PER_S // 10, round(charge(tenth // 10), 2))
+    return use
+
+
+def test_the_declared_use_holds_until_the_flight_is_long_enough_to_measure_it() -> None:
+    assert fly(lambda second: 1.0 - 0.002 * second, 25).per_s == DECLARED_PER_S
 
 
 def test_a_flight_that_uses_more_than_declared_is_measured() -> None:
-    use = BatteryUse(declared_per_s=0.001)
-    fly(use, 0.2, 60)
-    assert use.per_s == pytest.approx(0.002, rel=0.05)
+    assert fly(lambda second: 1.0 - 0.002 * second, 60).per_s == pytest.approx(0.002, rel=0.05)
+
+
+def test_a_voltage_that_sags_at_the_takeoff_is_no_use() -> None:
+    sag = fly(lambda second: (1.0 if second < 3 else 0.92) - 0.001 * second, 40)
+    assert sag.per_s < 0.0025
+    assert fly(lambda second: (1.0 if second < 3 else 0.92) - 0.001 * second, 120).per_s == pytest.approx(
+        0.001, rel=0.1
+    )
+
+
+def test_a_charge_that_is_estimated_from_a_noisy_voltage_is_measured() -> None:
+    rng = Random(1)
+    assert fly(lambda second: 1.0 - 0.001 * second + rng.gauss(0.0, 0.015), 90).per_s == pytest.approx(0.001, abs=4e-4)
+
+
+def test_a_battery_that_stops_emptying_is_not_thought_to_empty_for_ever() -> None:
+    assert fly(lambda second: max(0.5, 1.0 - 0.016 * second), 150).per_s == pytest.approx(0.0, abs=1e-6)
 
 
 def test_another_battery_starts_the_measurement_anew() -> None:
-    use = BatteryUse(declared_per_s=0.001)
-    fly(use, 0.2, 60, begin=0.5)
+    use = fly(lambda second: 0.5 - 0.002 * second, 60)
     use.update(61 * NS_PER_S, 1.0)
-    assert use.per_s == 0.001
+    assert use.per_s == DECLARED_PER_S
 
 
 def test_a_flight_that_is_over_is_forgotten() -> None:
-    use = BatteryUse(declared_per_s=0.001)
-    fly(use, 0.2, 60)
+    use = fly(lambda second: 1.0 - 0.002 * second, 60)
     use.reset()
-    assert use.per_s == 0.001
+    assert use.per_s == DECLARED_PER_S
