@@ -147,16 +147,17 @@ class VehicleBridge:
             self._timer.update(t_ns)
         batch = self._read_link(inbox, respawned=respawned)
         self._digest(batch, t_ns, inbox, respawned=respawned)
+        for odometry in batch.odometry:  # first: the goal in charge waits for it
+            yield Publish(ODOMETRY, odometry)
         vehicle = self._snapshot(self._vehicle_time_ns(t_ns), inbox)
+        for odometry in batch.odometry:
+            self._wind.update(odometry, vehicle)
         yield from self._fence.handle(self._authority.code, vehicle, inbox)
         yield from self._handle_requests(vehicle, inbox)
         self._authority.update(vehicle, inbox.departed)
         yield from self._requests.reply_to_pending(vehicle, inbox.wall_ns)
         yield from self._stream(vehicle.t_ns)
         yield from self._send_commands(vehicle, inbox)
-        for odometry in batch.odometry:
-            self._wind.update(odometry, vehicle)
-            yield Publish(ODOMETRY, odometry)
         yield from self._fence.update(self._link.telemetry.origin_deg, vehicle, inbox.wall_ns)
         yield from self._publish_status(vehicle, inbox.wall_ns)
         yield from self._subscribe()
