@@ -36,7 +36,7 @@ class Px4:
 
 def environment(battery: BatteryConfig) -> dict[str, str]:
     """Variables that PX4's start scripts read."""
-    return {"PX4_SIM_MODEL": MODEL, "JEZERO_ENDURANCE_S": f"{1.0 / battery.used(1.0):.0f}"}
+    return {"PX4_SIM_MODEL": MODEL, "PX4_BATTERY_S": f"{1.0 / battery.used(1.0):.0f}"}
 
 
 def command(runtime: Path | None, instance: int) -> tuple[str, ...]:

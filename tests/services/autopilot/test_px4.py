@@ -152,7 +152,7 @@ def test_a_temporary_folder_is_removed(server: socket.socket) -> None:
 
 def test_the_simulated_battery_lasts_as_long_as_the_vehicles_in_a_hover() -> None:
     battery = BatteryConfig(capacity_mah=9000.0, electronics_a=1.0, hover_a=26.0)
-    assert environment(battery)["JEZERO_ENDURANCE_S"] == "1200"
+    assert environment(battery)["PX4_BATTERY_S"] == "1200"
 
 
 def test_what_is_wrong_with_the_runtime_is_told_in_a_sentence(tmp_path: Path) -> None:
