@@ -10,11 +10,12 @@ MEASURED_MIN_NS, MEASURED_MAX_NS = 30 * NS_PER_S, 90 * NS_PER_S
 """The use is measured over a time in which the charge falls by several of the whole percents that an autopilot reports,
 and in which the sag of the voltage at a takeoff hardly counts."""
 OTHER_BATTERY_RISE = 0.1
-"""A charge that is estimated from the voltage rises by less when the vehicle flies with less thrust."""
+"""When the charge rises by more, somebody has put in another battery. A charge that the autopilot estimates from the
+voltage rises by less than this when the vehicle flies with less thrust."""
 
 
 class BatteryUse:
-    """Measures the use of the battery as the slope of its reported charge over the last flown time.
+    """Measures the use of the battery as the slope of its reported charge over the last 90 s of the flight.
 
     So the measurement contains what a forecast does not know: wind, payload, and the age of the battery.
 
@@ -50,6 +51,6 @@ class BatteryUse:
             self.per_s = max(0.0, -linear_regression(times_s, [charge for _, charge in samples]).slope)
 
     def reset(self) -> None:
-        """Forget the flight that is over."""
+        """Forget what was measured, for another flight or another battery."""
         self._samples.clear()
         self.per_s = self._declared_per_s

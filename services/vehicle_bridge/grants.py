@@ -12,9 +12,11 @@ UNUSED_TIMEOUT_S = 0.5
 """A grant ends when its goal has sent no setpoint within this time: the reply may have been lost."""
 LATE_S = 0.35
 """When a goal has sent no further setpoint for this time the bridge stops the vehicle, within 0.5 s in all: the
-autopilot would go on with the last velocity. Source: architecture §5. The grant of a server that has vanished ends."""
+autopilot would go on with the last velocity. Source: architecture §5. When the action's server has vanished, the grant
+ends after this time."""
 SILENT_MAX_S = 1.0
-"""A grant ends when its goal stays silent for this time: a server on a busy machine comes back before."""
+"""A grant ends when its goal sends no setpoint for this time. A server that a busy machine holds up for a moment sends
+the next one before."""
 
 
 class Grants:

@@ -23,10 +23,10 @@ LEAD_MAX_S = 0.05
 SAME_DISTANCE_MAX_M = 0.02
 STREAM_GAP_MAX_S = 0.2
 LATE_OWNER_MAX_S, SILENT_OWNER_MAX_S = 0.6, 1.3
-"""The vehicle hovers when the goal in charge has sent nothing for the first time, and the goal has ended after the
-second; both with a bridge that has been frozen in between for a moment."""
+"""Longest time without a setpoint of the goal in charge until the vehicle hovers, and until the goal ends. In each of
+them the bridge may have been frozen for a moment."""
 LATE_OWNER_MIN_S = 0.3
-"""A goal that is silent for less flies on."""
+"""Shortest time without a setpoint after which the bridge may hover."""
 TAKE_BACK_TIMEOUT_S = 6.0
 HOVER_START_DISTANCE_MAX_M = 3.0
 FENCE_REACH_M = 0.5

@@ -26,7 +26,8 @@ waiting so close to the platform is worse than a larger error."""
 FASTER_DOWN_MPS2, SLOWER_DOWN_MPS2 = 2.0, 8.0
 """The vertical velocity setpoint changes at most this fast: a gust may end and begin the descent in turn."""
 AT_ONCE_BELOW_M = 0.6
-"""Below this height the setpoint changes at once: the speeds are low there, and a late descent misses the middle."""
+"""Below this height over the platform the setpoint changes at once. The speeds are low there, and a vehicle that
+descends later than it wants to touches down away from the platform's middle."""
 STRAYED_CONES = 4.0
 """The vehicle climbs when the error is larger than this number of cone radii."""
 CONTACT_M, CONTACT_S = 0.03, 0.4

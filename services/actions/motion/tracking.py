@@ -28,7 +28,7 @@ seconds, and the vehicle needs as long again to come back."""
 RATE_AT_REST = 1e-3
 """The reference counts as waiting at a lower rate than this."""
 SPEED_AT_REST_MPS = 1e-6
-"""The reference counts as waiting at a lower speed than this: it is at its end, and the vehicle has not arrived."""
+"""Below this speed the reference is at its end. A vehicle that has not arrived there makes no progress any more."""
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 
