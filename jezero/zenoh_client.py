@@ -73,14 +73,10 @@ def declare_publisher(
     )
 
 
-def put(publisher: zenoh.Publisher, data: bytes, *, attached: bool, source: zenoh.SourceInfo | None = None) -> None:
-    """Publish a message that is in one piece, as the codec writes it; see `data_of`.
-
-    Args:
-        source: who publishes, for readers that check it.
-    """
+def put(publisher: zenoh.Publisher, data: bytes, *, attached: bool) -> None:
+    """Publish a message that is in one piece, as the codec writes it; see `data_of`."""
     if attached:
         json_data, attachment = split_attachment(data)
-        publisher.put(attachment, attachment=json_data, source_info=source)
+        publisher.put(attachment, attachment=json_data)
     else:
-        publisher.put(data, source_info=source)
+        publisher.put(data)

@@ -53,3 +53,17 @@ class ServiceHealth(Message, frozen=True, kw_only=True):
     last_error: Text = ""
     room_bytes: Annotated[int, Meta(ge=0)] | None = None
     late_s: NonNegative = 0.0
+
+
+class GateLinks(Message, frozen=True, kw_only=True):
+    """The links of the gate of one computer, published by it at 1 Hz of wall time, and its reply to a request.
+
+    Attributes:
+        gate: Zenoh's id of its session, 1 to 32 hexadecimal digits.
+        process: host and process id.
+        linked: ids of the gates of other computers with which it has a link.
+    """
+
+    gate: Name
+    process: Text = ""
+    linked: tuple[Name, ...] = ()

@@ -13,7 +13,7 @@ from jezero.schemas.struct import Message, Payload
 Host = Literal["vehicle", "rover"]
 """Computer of which a topic's writer is a service."""
 Rank = Literal["viewer", "pilot", "service"]
-"""Who may read or ask: everybody of the team, those who fly, or only services of the vehicle itself."""
+"""Who may ask: everybody of the team, those who fly, or only services of the vehicle itself."""
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Payload)
@@ -31,7 +31,6 @@ class Topic(Generic[M]):
         writer: name of the one service that publishes it; `GOAL_IN_CHARGE` or `CLIENTS` where that changes.
         host: computer whose services publish it; `CLIENTS` publish from anywhere. A topic of the rover's computer is
             published by the service `rover` there, or by a real rover's driver; without either by `writer`.
-        reader: who may subscribe to it, from another computer.
         link_hz: greatest rate at which it crosses a link to another computer; None for as published, 0 for never.
         urgent: whether it goes first on a link that has no room for all.
     """
@@ -41,7 +40,6 @@ class Topic(Generic[M]):
     rate_hz: float | None
     writer: str
     host: Host = "vehicle"
-    reader: Rank = "viewer"
     link_hz: float | None = None
     urgent: bool = False
 
@@ -72,7 +70,7 @@ class Endpoint(Generic[Q, R]):
         refuse: function that makes the reply to a request that can't be decoded or served, from the reason.
         shared: several servers reply on this key, each for its own goals.
         wildcards: a query with wildcards gets a reply too; only for an endpoint without an effect.
-        asker: who may send requests, from another computer.
+        asker: who may send requests; programs of the vehicle's computer have a pilot's rights, its services all.
         needs_field: a request that names no field at all is refused: it may be a mistake, such as a look at the key.
         urgent: whether a request goes first on a link that has no room for all.
     """

@@ -43,7 +43,7 @@ CAMERA_PITCH = Topic("command/camera_pitch", commands.CameraPitch, 20.0, GOAL_IN
 ROVER_COMMAND = Topic("rover/command", commands.RoverCommand, 10.0, CLIENTS, urgent=True)
 ODOMETRY = Topic("odometry", state.Odometry, 50.0, "vehicle_bridge", link_hz=10.0)
 STATUS = Topic("status", state.Status, 10.0, "vehicle_bridge", urgent=True)
-SETPOINT = Topic("command/setpoint", commands.Setpoint, 50.0, GOAL_IN_CHARGE, reader="service", link_hz=0.0)
+SETPOINT = Topic("command/setpoint", commands.Setpoint, 50.0, GOAL_IN_CHARGE, link_hz=0.0)
 FENCE = Topic("fence", fence.FenceState, 1.0, "vehicle_bridge")
 MISSION = Topic("mission/progress", mission.MissionProgress, 2.0, "mission")
 PREFLIGHT = Topic("preflight", preflight.PreflightReport, None, "preflight")
@@ -170,7 +170,12 @@ ENDPOINTS: tuple[Endpoint[Any, Any], ...] = (
 )  # fmt: skip
 
 
-KEYS = ("**", "@alive/**", *sorted({f"{e.name.partition('/')[0]}/**" for e in ENDPOINTS if e.name.startswith("@")}))
+EVERY_LINK = Topic("@link/*", health.GateLinks, 1.0, "gate", urgent=True)
+"""The topic `@link/GATE` of each gate, which also replies there, so that the launchers know whether its links pass."""
+KEYS = (
+    *("**", "@alive/**", "@link/**"),
+    *sorted({f"{e.name.partition('/')[0]}/**" for e in ENDPOINTS if e.name.startswith("@")}),
+)
 """Names that cover everything of a vehicle: `**` stops at a chunk that begins with `@`."""
 
 
@@ -181,7 +186,7 @@ def health_of(service: str) -> Topic[health.ServiceHealth]:
 
 def journal_of(service: str) -> Topic[journal.JournalPart]:
     """The topic on which a service's runtime publishes the service's journal, for the recorder."""
-    return Topic(f"journal/{service}", journal.JournalPart, 10.0, service, reader="service", link_hz=0.0)
+    return Topic(f"journal/{service}", journal.JournalPart, 10.0, service, link_hz=0.0)
 
 
 def feedback_of(action: Action[Any]) -> Topic[actions.FeedbackMessage[Any]]:

@@ -127,6 +127,27 @@ def _like(pattern: Service, name: str) -> Service:
     return replace(pattern, name=name, command=(*pattern.command[:-1], name))
 
 
+def at_bus(services: Mapping[str, Service], bus: str, run_folder: str, router: str) -> dict[str, Service]:
+    """The services with the variables that depend on this run: the bus at which they meet, and the run folder.
+
+    Args:
+        bus: address of the router for services.
+        run_folder: path of the run folder.
+        router: name of the router, which has the address for people's programs in that variable.
+    """
+    return {
+        name: replace(
+            service,
+            environment={
+                **service.environment,
+                "JEZERO_RUN_DIR": run_folder,
+                **({} if name == router else {"JEZERO_ROUTER": bus}),
+            },
+        )
+        for name, service in services.items()
+    }
+
+
 def select(services: Mapping[str, Service], profiles: Iterable[str] = ()) -> dict[str, Service]:
     """Services of the given profiles and those without a profile.
 

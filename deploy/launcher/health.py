@@ -1,5 +1,6 @@
 """Health of the services, as published on the bus, and whether the vehicle is ready."""
 
+import contextlib
 import socket
 import threading
 from collections import Counter
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Self
 
 from jezero.runtime.config import Instance
 from jezero.schemas import topics
-from jezero.schemas.health import ServiceHealth
+from jezero.schemas.health import GateLinks, ServiceHealth
 from jezero.schemas.topics import key, liveliness_key
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 CONNECT_TRY_MS = 500
 CLOSE_TIMEOUT_S = 0.5
+GATES_TIMEOUT_S = 3.0
 
 
 @dataclass(frozen=True)
@@ -76,11 +78,18 @@ class HealthWatcher:
     Args:
         instance: the stack.
         on_change: called from a background thread after each change.
+        on_gate: called from a background thread with each beat of a gate, and whether it is a reply.
     """
 
-    def __init__(self, instance: Instance, on_change: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        instance: Instance,
+        on_change: Callable[[], None],
+        on_gate: Callable[[GateLinks, bool], None] = lambda _links, _is_reply: None,
+    ) -> None:
         self._instance = instance
         self._on_change = on_change
+        self._on_gate = on_gate
         self._reports: dict[str, ServiceReport] = {}
         self._reports_received: Counter[str] = Counter()
         self._status: tuple[bool, str] | None = None
@@ -130,11 +139,14 @@ class HealthWatcher:
         )
         health = session.declare_subscriber(key(vehicle, "health/*"), self._on_health)
         status = session.declare_subscriber(key(vehicle, topics.STATUS.name), self._on_status)
+        gates = session.declare_subscriber(
+            key(vehicle, topics.EVERY_LINK.name), lambda beat: self._on_beat(beat, is_reply=False)
+        )
         self._session = session
         self._on_change()
         self._stopping.wait()
         self._session = None
-        for subscriber in (alive, health, status):
+        for subscriber in (alive, health, status, gates):
             subscriber.undeclare()  # type: ignore[no-untyped-call]
         session.close()  # type: ignore[no-untyped-call]
 
@@ -173,6 +185,35 @@ class HealthWatcher:
         if report != self.report(health.service):
             self._reports[health.service] = report
             self._on_change()
+
+    def ask_gates(self) -> None:
+        """Send a request to all gates; `on_gate` gets their replies."""
+        import zenoh
+
+        def on_reply(reply: "zenoh.Reply") -> None:
+            if reply.ok is not None:
+                self._on_beat(reply.ok, is_reply=True)
+
+        session = self._session
+        if session is not None:
+            with contextlib.suppress(zenoh.ZError):  # it was closed just now
+                session.get(
+                    key(self._instance.vehicle, topics.EVERY_LINK.name),
+                    on_reply,
+                    target=zenoh.QueryTarget.ALL,
+                    consolidation=zenoh.ConsolidationMode.NONE,
+                    timeout=GATES_TIMEOUT_S,
+                )
+
+    def _on_beat(self, sample: "zenoh.Sample", *, is_reply: bool) -> None:
+        from jezero.codec import BadPayloadError, decode
+
+        try:
+            links: GateLinks = decode(GateLinks, sample.payload.to_bytes())
+        except BadPayloadError:
+            return
+        if self._is_put_on(topics.EVERY_LINK.name.replace("*", links.gate), sample):
+            self._on_gate(links, is_reply)
 
     def _on_status(self, sample: "zenoh.Sample") -> None:
         from jezero.codec import BadPayloadError, decode

@@ -11,16 +11,24 @@ from dataclasses import dataclass
 from types import FrameType
 from typing import TextIO
 
+from msgspec.structs import replace
+
 from jezero.deploy.launcher.compose import Service, in_levels
 from jezero.deploy.launcher.freezes import SAMPLE_PERIOD_S, FreezeDetector, sample_process
+from jezero.deploy.launcher.gate_watch import GateWatch
 from jezero.deploy.launcher.health import HealthWatcher
 from jezero.deploy.launcher.output import Output
 from jezero.deploy.launcher.processes import Child, RestartPolicy, SpawnError, describe_exit, spawn
 from jezero.deploy.launcher.state import LaunchedService, RunFolder, RunState, ServiceState, start_ticks
 from jezero.router_address import shown_router
 from jezero.runtime.config import Instance
+from jezero.schemas.health import GateLinks
 
-BRIDGE = "vehicle_bridge"
+BRIDGE, GATE = "vehicle_bridge", "gate"
+ASK_PERIOD_S = 1.0
+"""Period of the requests that ask all gates for their links."""
+NOTED_FOR_S = 60.0
+"""Time for which a service's text says why the process before was killed."""
 STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 KILL_MARGIN_S = 0.5
 
@@ -38,7 +46,8 @@ class _Slot:
         started_s: monotonic time of the last start.
         due_s: monotonic time of the restart when restarting, of SIGKILL when stopping.
         exit_code: exit code of the last process.
-        frozen: why the present process was killed as frozen, or "".
+        killed: why this launcher killed the present process, or "".
+        note: what became of the process before the present one, for people; "" after `NOTED_FOR_S`.
     """
 
     service: Service
@@ -49,7 +58,8 @@ class _Slot:
     started_s: float | None = None
     due_s: float | None = None
     exit_code: int | None = None
-    frozen: str = ""
+    killed: str = ""
+    note: str = ""
 
     @property
     def has_started(self) -> bool:
@@ -62,7 +72,8 @@ class Launcher:
     Args:
         services: the services.
         folder: folder of the run, already acquired.
-        instance: the stack.
+        instance: the stack; its `router` is the address for people's programs.
+        bus: address of the router for services.
         compose_file: path of the compose file, for the state.
         external: services that another launcher runs; this one waits for them but does not start or stop them.
         terminal: gets every line of output; None when detached.
@@ -73,6 +84,7 @@ class Launcher:
         services: Mapping[str, Service],
         folder: RunFolder,
         instance: Instance,
+        bus: str,
         compose_file: str,
         *,
         external: frozenset[str] = frozenset(),
@@ -84,14 +96,16 @@ class Launcher:
         self._levels = in_levels(services)
         self._folder = folder
         self._instance = instance
+        self._bus = bus
         self._compose_file = compose_file
         self._ends_with_services = terminal is not None
         self._output = Output(folder, services, terminal)
         self._selector = selectors.DefaultSelector()
         self._wake_read, self._wake_write = socket.socketpair()
-        self._health = HealthWatcher(instance, self._wake)
+        self._gate_watch = GateWatch()
+        self._health = HealthWatcher(replace(instance, router=bus), self._wake, self._on_gate)
         self._freeze_detector = FreezeDetector()
-        self._sample_due_s = time.monotonic()
+        self._sample_due_s = self._ask_due_s = time.monotonic()
         self._stop_requests = 0
         self._stopping: Iterator[list[str]] | None = None
         self._level: list[str] = []
@@ -176,7 +190,8 @@ class Launcher:
         if self._stopping is not None or self._stop_requests:
             self._set(slot, "stopped", f"stopped with {describe_exit(slot.exit_code)}")
             return
-        how = f"was frozen and killed: {slot.frozen}" if slot.frozen else f"ended with {describe_exit(slot.exit_code)}"
+        how = f"was {slot.killed}" if slot.killed else f"ended with {describe_exit(slot.exit_code)}"
+        slot.note = how if slot.killed else ""
         if slot.exit_code > 0 and (said := self._output.last_line(name)):
             how = f"{how}: {said}"
         delay_s = slot.policy.after_exit(now_s, now_s - (slot.started_s or now_s), slot.exit_code, how)
@@ -207,12 +222,13 @@ class Launcher:
                     slot.due_s = None
                     self._start(slot)
             if now_s >= self._sample_due_s:
+                self._sample_due_s = now_s + SAMPLE_PERIOD_S
                 self._kill_frozen(now_s)
+                self._watch_gate(now_s)
         self._write()
 
     def _kill_frozen(self, now_s: float) -> None:
         """Kill frozen services, which are then restarted as after a crash."""
-        self._sample_due_s = now_s + SAMPLE_PERIOD_S
         running = {slot.child.pid: slot for slot in self._slots.values() if slot.child is not None}
         connected = self._health.connected
         samples = {}
@@ -222,9 +238,28 @@ class Launcher:
             samples[pid] = sample_process(pid, reports=self._health.reports_received(name), reachable=reachable)
         for pid, how in self._freeze_detector.update(now_s, samples).items():
             slot = running[pid]
-            if slot.child is not None and not slot.frozen:
-                slot.frozen = how
-                slot.child.signal(signal.SIGKILL)
+            self._kill(slot, f"frozen and killed: {how}")
+
+    def _kill(self, slot: _Slot, how: str) -> None:
+        """Kill a service's process, which is then restarted as after a crash."""
+        if slot.child is not None and not slot.killed:
+            slot.killed = how
+            slot.child.signal(signal.SIGKILL)
+
+    def _on_gate(self, links: GateLinks, is_reply: bool) -> None:
+        self._gate_watch.on_beat(links, time.monotonic(), is_reply=is_reply)
+
+    def _watch_gate(self, now_s: float) -> None:
+        """Start the gate anew where a link of it is up and passes nothing."""
+        slot = self._slots.get(GATE)
+        if slot is None or slot.child is None or slot.started_s is None or not self._health.connected:
+            return
+        if now_s >= self._ask_due_s:
+            self._ask_due_s = now_s + ASK_PERIOD_S
+            self._health.ask_gates()
+        process = f"{socket.gethostname()} pid {slot.child.pid}"
+        if reason := self._gate_watch.problem(process, slot.started_s, now_s):
+            self._kill(slot, f"killed, so that its links begin anew: {reason}")
 
     def _start_if_possible(self, slot: _Slot) -> None:
         missing = []
@@ -248,7 +283,7 @@ class Launcher:
         except SpawnError as error:
             self._set(slot, "failed", str(error))
             return
-        slot.frozen = ""
+        slot.killed = ""
         slot.started_s = time.monotonic()
         self._selector.register(slot.child.pidfd, selectors.EVENT_READ, name)
         self._selector.register(slot.child.output, selectors.EVENT_READ, name)
@@ -335,8 +370,8 @@ class Launcher:
         ready = self._written is not None and self._written.ready
         if ready and not self._ready_printed:
             self._output.print_line(f"ready after {time.monotonic() - start_s:.1f} s")
-            if self._written is not None and self._written.page_address:
-                self._output.print_line(f"ground station: {self._written.page_address}")
+            for line in self._written.addresses if self._written is not None else ():
+                self._output.print_line(line)
         self._ready_printed |= ready
 
     def _write(self) -> None:
@@ -348,6 +383,7 @@ class Launcher:
             compose_file=self._compose_file,
             vehicle=self._instance.vehicle,
             router=shown_router(self._instance.router),
+            bus=self._bus,
             ready=not reason,
             not_ready_reason=reason,
             services=tuple(self._describe(name, slot) for name, slot in self._slots.items()),
@@ -364,6 +400,8 @@ class Launcher:
 
     def _describe(self, name: str, slot: _Slot) -> LaunchedService:
         report = self._health.report(name)
+        text = report.text if slot.state == "running" and report.text else slot.text
+        noted = slot.note and slot.state == "running" and time.monotonic() - (slot.started_s or 0.0) < NOTED_FOR_S
         return LaunchedService(
             service=name,
             state=slot.state,
@@ -373,7 +411,7 @@ class Launcher:
             restarts=slot.policy.restarts,
             exit_code=slot.exit_code,
             started_monotonic_s=slot.started_s,
-            text=report.text if slot.state == "running" and report.text else slot.text,
+            text=f"{text}; the process before {slot.note}" if noted else text,
         )
 
 

@@ -9,6 +9,8 @@ import time
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from jezero.deploy.launcher.claims import Claims
 from jezero.deploy.launcher.compose import Service
 from jezero.deploy.launcher.health import HealthWatcher, router_is_up
@@ -16,30 +18,89 @@ from jezero.deploy.launcher.ports import ports_of
 from jezero.deploy.launcher.state import AlreadyUpError, RunFolder, StartError
 from jezero.replay import NAME as REPLAY
 from jezero.router_address import shown_router
-from jezero.runtime.config import HostLinks, Instance, config_directory, links_from_environment
+from jezero.runtime.bus_address import PREFIX, bus_of_router, socket_of
+from jezero.runtime.config import Instance, config_directory, links_from_environment
 from jezero.runtime.ports import listen_problem
 from jezero.runtime.routing import ListenError, check_local, host_link_problem, router_problem
 
 OPEN_FILES_MIN = 256
 """The launcher of the shipped stack has 63 files open, its router 49 and 3 more for each client."""
-ROUTER = "router"
+ROUTER, GATE = "router", "gate"
+OF_COMPUTER = (ROUTER, GATE)
+"""Services of a computer: each has its own."""
+ROUTER_TIMEOUT_S = 10.0
+"""Duration after which a router that another launcher starts has long replied."""
 TOKENS_TIMEOUT_S = 0.5
 """Duration after which the tokens of all services that live have arrived."""
 HEALTH_TIMEOUT_S = 1.2
 """Health is published once a second."""
 
 
-def check_start(services: Mapping[str, Service], instance: Instance, claims: Claims) -> bool:
+def find_bus(instance: Instance, folder: RunFolder, claims: Claims) -> tuple[str, bool]:
+    """Find the router that the services join, or claim the right to start it.
+
+    Args:
+        instance: the stack; its `router` is the address for people's programs.
+        folder: folder of this run.
+        claims: claims of this launcher, which get that to the router.
+
+    Returns:
+        The address of the router for services; and whether it runs already.
+
+    Raises:
+        StartError: the router can't be started, or the services can't join the one that runs.
+    """
+    own = claims.take(instance.router)
+    if own and not router_is_up(instance.router):
+        _check_router(instance)
+        return socket_of(folder.path), False
+    if not own and not _appears(instance.router):  # another launcher starts it now
+        raise StartError(f"another launcher starts the router at {shown_router(instance.router)}, which doesn't reply")
+    bus = bus_of_router(instance.router)
+    if not bus or not router_is_up(bus):
+        raise StartError(
+            f"a router runs at {shown_router(instance.router)}, but it is none that `jezero up` of this user started, "
+            "so that services can't join it: choose another address with JEZERO_ROUTER"
+        )
+    return bus, True
+
+
+def _appears(router: str) -> bool:
+    """Whether a router replies within `ROUTER_TIMEOUT_S`."""
+    deadline_s = time.monotonic() + ROUTER_TIMEOUT_S
+    while not router_is_up(router):
+        if time.monotonic() > deadline_s:
+            return False
+        time.sleep(0.1)
+    return True
+
+
+def _check_router(instance: Instance) -> None:
+    """Raise StartError if no router can listen at its address, which doesn't reply."""
+    try:
+        check_local(instance.router)
+    except ListenError as error:
+        raise StartError(str(error)) from None
+    if instance.router.startswith(PREFIX):
+        raise StartError(f"no router replies at {instance.router}, the socket for services of another stack")
+    # After the claim, as two launchers that try the port at the same time would find it taken by each other.
+    if problem := router_problem(instance.router):
+        raise StartError(f"{problem} (no Zenoh router replies at {shown_router(instance.router)})")
+
+
+def check_start(
+    services: Mapping[str, Service], instance: Instance, bus: str, claims: Claims, *, router_runs: bool
+) -> None:
     """Check everything that the services need from this machine.
 
     The ports of a program that isn't jezero's own, which a compose file may name for a service, aren't known.
 
     Args:
         services: services to start, by name.
+        instance: the stack.
+        bus: address of the router for services.
         claims: claims of this launcher, which get those to the services.
-
-    Returns:
-        Whether the router runs already, or another launcher starts it now, so that it must not be started.
+        router_runs: whether other services may be there.
 
     Raises:
         StartError: something is missing, or taken by another program.
@@ -49,18 +110,17 @@ def check_start(services: Mapping[str, Service], instance: Instance, claims: Cla
     _raise_open_files_limit()
     if not config_directory().is_dir():
         raise StartError(f"{config_directory()} is no folder: JEZERO_CONFIG_DIR must name the folder of the settings")
-    others = [name for name in services if name != ROUTER]
-    router_runs = ROUTER in services and router_is_up(instance.router)
+    others = [name for name in services if name not in OF_COMPUTER]
     if router_runs:
-        _check_nobody_runs([*others, REPLAY], instance)
+        _check_nobody_runs([*others, REPLAY], replace(instance, router=bus))
     claims.take_services(others, instance.vehicle, instance.router)
-    if ROUTER in services and not router_runs:
-        router_runs = not _claim_router(instance, links_from_environment(), claims)
+    listening = links_from_environment().listen if GATE in services else ()
+    if problem := next(filter(None, map(host_link_problem, listening)), ""):
+        raise StartError(problem)
     own = [name for name, service in services.items() if service.command[-1] == f"jezero.services.{name}"]
     for protocol, host, port in ports_of(own, instance):
         if problem := listen_problem(protocol, host, port, "JEZERO_INSTANCE"):
             raise StartError(problem)
-    return router_runs
 
 
 def _check_interpreter() -> None:
@@ -85,26 +145,6 @@ def _raise_open_files_limit() -> None:
             f"a process may open {hard} files only, a stack needs {OPEN_FILES_MIN}: raise the limit with `ulimit -n`"
         )
     resource.setrlimit(resource.RLIMIT_NOFILE, (OPEN_FILES_MIN, hard))
-
-
-def _claim_router(instance: Instance, links: HostLinks, claims: Claims) -> bool:
-    """Claim the router, which doesn't reply; False if another launcher starts it now.
-
-    Raises:
-        StartError: it can't be started.
-    """
-    if not claims.take(instance.router):
-        return False
-    try:
-        check_local(instance.router)
-    except ListenError as error:
-        raise StartError(str(error)) from None
-    # After the claim, as two launchers that try the port at the same time would find it taken by each other.
-    if problem := router_problem(instance.router):
-        raise StartError(f"{problem} (no Zenoh router replies at {shown_router(instance.router)})")
-    if problem := next(filter(None, map(host_link_problem, links.listen)), ""):
-        raise StartError(problem)
-    return True
 
 
 def _check_nobody_runs(services: Collection[str], instance: Instance) -> None:

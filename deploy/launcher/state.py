@@ -3,7 +3,6 @@
 import contextlib
 import fcntl
 import os
-from errno import ENOENT
 from pathlib import Path
 from typing import Literal
 
@@ -56,7 +55,8 @@ class RunState(msgspec.Struct, frozen=True, kw_only=True):
         launcher_start_ticks: start of the launcher, to distinguish it from a later process with the same id.
         compose_file: path of the compose file.
         vehicle: name of the vehicle.
-        router: address of the router.
+        router: address of the router for people's programs.
+        bus: address of the router for services.
         ready: whether the vehicle is ready.
         not_ready_reason: why it is not ready, or "".
         services: states of the services.
@@ -67,6 +67,7 @@ class RunState(msgspec.Struct, frozen=True, kw_only=True):
     compose_file: str
     vehicle: str
     router: str
+    bus: str
     ready: bool
     not_ready_reason: str
     services: tuple[LaunchedService, ...]
@@ -85,6 +86,16 @@ class RunState(msgspec.Struct, frozen=True, kw_only=True):
         texts = [s.text for s in self.services if s.service == "ground_station" and s.health == "ok"]
         return texts[0].partition(",")[0] if texts else ""
 
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        """Where people and programs reach the stack, a line for each address."""
+        page = self.page_address
+        return (
+            *((f"ground station: {page}",) if page else ()),
+            f"programs: {self.router}, with the rights of a pilot",
+            f"services of your own: JEZERO_ROUTER={self.bus}",
+        )
+
 
 def start_ticks(pid: int) -> int | None:
     """Clock ticks from the machine's start to that of a process; None without such a process. Source: proc(5)."""
@@ -101,18 +112,6 @@ def _is_file(descriptor: int, path: Path) -> bool:
         return os.path.samestat(os.fstat(descriptor), path.stat())
     except FileNotFoundError:
         return False
-
-
-def default_folder(vehicle: str) -> Path:
-    """This user's folder for a vehicle's stack.
-
-    Raises:
-        OSError: the user has no home.
-    """
-    base = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
-    if not os.path.isabs(base):
-        raise OSError(ENOENT, "no folder for the run, as this user has no home: choose one with --run-dir")
-    return Path(base) / "jezero" / vehicle
 
 
 class RunFolder:

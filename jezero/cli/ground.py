@@ -1,6 +1,5 @@
 """`jezero ground`: the ground station alone, for a vehicle whose stack runs here or elsewhere."""
 
-import os
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -103,11 +102,10 @@ def _serve(config: "GroundStationConfig", vehicle: str, router: str, recording: 
 
 def _run_folder(vehicle: str) -> Path | None:
     """Folder of the vehicle's run on this machine, whose recordings are listed; None when there is none."""
-    from jezero.deploy.launcher.state import default_folder
+    from jezero.runtime.bus_address import run_folder_of
 
-    given = os.environ.get("JEZERO_RUN_DIR")
     try:
-        return Path(given) if given else default_folder(vehicle)
+        return run_folder_of(vehicle)
     except OSError:  # the user has no home
         return None
 

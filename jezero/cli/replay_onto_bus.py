@@ -152,7 +152,7 @@ class _Bus(NamedTuple):
 
 @contextmanager
 def _open_bus(router: str, vehicle: str) -> Iterator[_Bus]:
-    """A session with the router; without one at a local address, this process is the router meanwhile.
+    """A session with the router, at its socket for services; without one here, this process is the router meanwhile.
 
     Args:
         vehicle: name of the vehicle within the keys.
@@ -160,12 +160,13 @@ def _open_bus(router: str, vehicle: str) -> Iterator[_Bus]:
     import zenoh
 
     from jezero.keys.diagnosis import connection_problem
+    from jezero.runtime.bus_address import bus_of_router, run_folder_of, socket_of
     from jezero.runtime.routing import ListenError, open_router
     from jezero.zenoh_client import client_config
 
     is_own = False
     try:
-        session = zenoh.open(client_config(router, CONNECT_TIMEOUT_S))
+        session = zenoh.open(client_config(bus_of_router(router) or router, CONNECT_TIMEOUT_S))
     except zenoh.ZError:
         host, shown = parse_router(router).host, shown_router(router)
         if problem := connection_problem(router):
@@ -179,11 +180,12 @@ def _open_bus(router: str, vehicle: str) -> Iterator[_Bus]:
             )
             raise SystemExit(UNREACHABLE) from None
         try:
-            session = open_router(router, vehicle)
-        except ListenError as error:
+            bus = socket_of(run_folder_of(vehicle))
+            session = open_router(router, bus)
+        except (ListenError, OSError) as error:
             raise click.ClickException(str(error)) from None
         is_own = True
-        click.echo(f"no router at {shown}: the replay is the router until it ends")
+        click.echo(f"no router at {shown}: the replay is the router until it ends, and on {bus} that for services")
     with session:
         yield _Bus(session, shown_router(router), is_own)
 

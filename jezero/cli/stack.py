@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 POLL_S = 0.05
 LAUNCHER_LOG = "launcher.log"
 GROUND_STATION = "ground_station"
+GATE_VARIABLE = "JEZERO_GATE"
+"""Variable of the compose file: 1 where the stack has links with other computers."""
 OPEN_FILES_MAX = 1 << 20
 """No process has a file descriptor with a greater number."""
 KILL_LAUNCHER_AFTER_S = 30.0
@@ -45,10 +47,11 @@ def run_dir_option(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def run_folder(run_dir: Path | None) -> "RunFolder":
     """The folder of that option, or the default one of the vehicle."""
-    from jezero.deploy.launcher.state import RunFolder, default_folder
+    from jezero.deploy.launcher.state import RunFolder
+    from jezero.runtime.bus_address import default_run_folder
     from jezero.runtime.config import vehicle_from_environment
 
-    return RunFolder(run_dir or default_folder(vehicle_from_environment()))
+    return RunFolder(run_dir or default_run_folder(vehicle_from_environment()))
 
 
 def _shipped_compose_file() -> Path:
@@ -94,7 +97,10 @@ def up(
 
     Ctrl+C stops them in reverse order; a second one kills them. No process is left, however the launcher ends.
 
-    They meet at JEZERO_ROUTER, on this computer. On several computers each runs its own part, with a router of its own:
+    Programs of this computer reach them at JEZERO_ROUTER, and may do what a pilot may. The services meet at a socket in
+    the run folder; a program that gets its address as JEZERO_ROUTER may do what services do.
+
+    On several computers each runs its own part, with a router of its own:
 
     \b
     jezero up --profile onboard --listen tls/0.0.0.0:7448 --keys vehicle-uav1
@@ -107,7 +113,7 @@ def up(
     keep_private()
     instance, links, folder = instance_from_environment(), links_from_environment(), run_folder(run_dir)
     path = (file or _shipped_compose_file()).resolve()
-    services = _read_services(path, profiles)
+    services = _read_services(path, profiles, linked=any(links))
     try:
         with _sentences(folder):
             folder.acquire()
@@ -136,12 +142,13 @@ def _set_environment(context: click.Context, listen: tuple[str, ...], connect: t
             os.environ[variable] = " ".join(map(shown_router, endpoints))
 
 
-def _read_services(path: Path, profiles: tuple[str, ...]) -> "dict[str, Service]":
+def _read_services(path: Path, profiles: tuple[str, ...], *, linked: bool) -> "dict[str, Service]":
     from jezero.deploy.launcher.compose import ComposeError, parse, select, with_actions
     from jezero.plugins import plugin_names
 
+    variables = {GATE_VARIABLE: "1" if linked else "0", **os.environ}
     try:
-        services = select(with_actions(parse(path.read_text(encoding="utf-8"), os.environ), plugin_names()), profiles)
+        services = select(with_actions(parse(path.read_text(encoding="utf-8"), variables), plugin_names()), profiles)
     except (ComposeError, OSError) as error:
         raise click.ClickException(f"{path}: {error.strerror if isinstance(error, OSError) else error}") from error
     if GROUND_STATION in services and find_spec("nicegui") is None:
@@ -193,19 +200,22 @@ def _launch(
         _CannotStart: something is missing, or taken by another program; or the folder can't be written.
     """
     from jezero.deploy.launcher.claims import Claims
+    from jezero.deploy.launcher.compose import at_bus
     from jezero.deploy.launcher.launcher import Launcher
-    from jezero.deploy.launcher.start_checks import ROUTER, check_start
+    from jezero.deploy.launcher.start_checks import ROUTER, check_start, find_bus
     from jezero.services.vehicle_bridge.kept_fence import NAME as KEPT_FENCE
 
-    os.environ["JEZERO_RUN_DIR"] = str(folder.path)  # for services that write files there
     with _sentences(folder), contextlib.closing(Claims()) as claims:
         (folder.path / KEPT_FENCE).unlink(missing_ok=True)  # a fence lasts until the stack ends
         if detached:
             _print_into(folder.logs / LAUNCHER_LOG)
-        external = frozenset([ROUTER] if check_start(services, instance, claims) else [])
+        bus, router_runs = find_bus(instance, folder, claims)
+        check_start(services, instance, bus, claims, router_runs=router_runs)
         _warn_if_insecure(links)
+        services = at_bus(services, bus, str(folder.path), ROUTER)
+        external = frozenset([ROUTER] if router_runs else [])
         terminal = None if detached else sys.stdout
-        return Launcher(services, folder, instance, str(file), external=external, terminal=terminal).run()
+        return Launcher(services, folder, instance, bus, str(file), external=external, terminal=terminal).run()
 
 
 def _warn_if_insecure(links: "HostLinks") -> None:
@@ -291,8 +301,8 @@ def _wait_for_start(folder: "RunFolder", launcher: TextIO, deadline_s: float | N
         if state is not None and state.ready:
             elapsed_s = time.monotonic() - start_s
             click.echo(f"ready after {elapsed_s:.1f} s. Run folder: {folder.path}{_recordings(folder)}")
-            if state.page_address:
-                click.echo(f"ground station: {state.page_address}")
+            for line in state.addresses:
+                click.echo(line)
             return
         if state is not None and state.failures:
             raise click.ClickException(f"{'; '.join(state.failures)}\n{_hint(folder)}")

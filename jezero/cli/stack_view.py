@@ -63,6 +63,8 @@ def _print_table(state: "RunState") -> None:
         click.echo("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
     ready = "ready" if state.ready else f"not ready: {state.not_ready_reason}"
     click.echo(f"\nvehicle {state.vehicle} on {state.router}, launcher process {state.launcher_pid}: {ready}")
+    for line in state.addresses:
+        click.echo(line)
 
 
 def _span(seconds: float | None) -> str:

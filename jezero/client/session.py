@@ -274,7 +274,7 @@ class Connection:
         """Publish one message.
 
         Raises:
-            Refused: the keys don't give the right to; the router would drop the message without a word.
+            Refused: this connection doesn't give the right to; the router would drop the message without a word.
             Unreachable: the session is closed.
         """
         if topic.name not in self._may_publish:
@@ -287,9 +287,7 @@ class Connection:
             raise Unreachable(self.loss_reason() or f"can't publish {topic.name}: {error}") from None
 
     def _check_right(self, name: str) -> None:
-        """Raise `Refused` where the keys of this connection don't give the right to send something there."""
-        if not self._endpoint.startswith("tls/"):
-            return
+        """Raise `Refused` where this connection doesn't give the right to send something there."""
         from jezero.keys.diagnosis import missing_right
 
         if reason := missing_right(self._endpoint, name):

@@ -12,7 +12,7 @@ from jezero.keys.bundle import VARIABLE, Identity, files_of, identity_of, read_c
 from jezero.keys.members import MEMBERS, ROLES, KeysError, read_members
 from jezero.keys.rights import may_send
 from jezero.os_errors import describe_os_error
-from jezero.router_address import parse_router, shown_router
+from jezero.router_address import is_loopback, parse_router, shown_router
 
 PROBE_TIMEOUT_S = 0.5
 """A handshake takes some ms, and a radio's round trip some hundred at most."""
@@ -84,12 +84,18 @@ def bundle_problem(endpoint: str) -> str:
 
 
 def missing_right(endpoint: str, name: str) -> str:
-    """Why the router denies what this member sends, or "" where the member has the right to send it.
+    """Why the router denies what this program sends, or "" where it has the right to send it.
 
     Args:
-        endpoint: Zenoh's endpoint of the router, with the files of the member's bundle.
+        endpoint: Zenoh's endpoint of the router, with the files of the member's bundle for TLS.
         name: name of the endpoint or topic to which the member sends something.
     """
+    address = parse_router(endpoint)
+    if address.protocol == "tcp" and is_loopback(address.host) and not may_send("pilot", name):
+        return (
+            f"only services of the vehicle send to {name}: give a program that is one the socket that `jezero ps` "
+            "prints, as JEZERO_ROUTER"
+        )
     certificate = files_of(endpoint).get("connect_certificate_file")
     if certificate is None:
         return ""

@@ -1,7 +1,9 @@
-"""What each member of a team may do on a router, as Zenoh's access control has it: made from the topic table.
+"""What each program may do on a router, as Zenoh's access control has it: made from the topic table.
 
-Everything that is not allowed here is denied. A rule holds for a link, so that a computer's router has the rights of
-its own certificate, whoever is behind it: it must give its own clients no more than theirs.
+Everything that is not allowed here is denied. A rule holds for a link. On the router of a computer's own programs the
+kind of the link decides: its Unix socket, which the kernel opens to this user alone, has the rights of the services,
+and TCP those of a pilot. At the gate the certificate decides, so that the computer behind a link has the rights of its
+certificate, whoever is on it: it must give its own clients no more than theirs.
 
 Sources: the topic table; https://zenoh.io/docs/manual/access-control. Zenoh compares keys by inclusion, and `**` stops
 at a chunk that begins with `@`: so each of those needs a key of its own.
@@ -11,9 +13,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from typing import Any
 
-from jezero.keys.members import Members, Role
+from jezero.keys.members import HOST_ROLES, Members, Role
 from jezero.schemas.rows import CLIENTS, Rank
-from jezero.schemas.topics import ENDPOINTS, KEYS, TOPICS, health_of, journal_of, key
+from jezero.schemas.topics import ENDPOINTS, EVERY_LINK, KEYS, TOPICS, health_of, key
 
 RANK_OF: Mapping[Role, Rank] = {
     "vehicle": "service",
@@ -22,26 +24,20 @@ RANK_OF: Mapping[Role, Rank] = {
     "rover": "viewer",
     "viewer": "viewer",
 }
-"""What each role may read and ask. A ground computer has a pilot's rights, because pilots are its clients."""
+"""What each role may ask. A ground computer has a pilot's rights, because pilots are its clients."""
 RANKS: tuple[Rank, ...] = ("viewer", "pilot", "service")
 ALL_MESSAGES = (
     "put", "delete", "declare_subscriber", "query", "declare_queryable", "reply",
     "liveliness_token", "liveliness_query", "declare_liveliness_subscriber",
 )  # fmt: skip
 BOTH, IN, OUT = ("ingress", "egress"), ("ingress",), ("egress",)
-PLAIN_LINKS = "plain links"
-"""Subject of the links without TLS, which only programs of the router's own computer have."""
+EVERY_VEHICLE = "*"
+"""The router of a computer's own programs may serve several vehicles."""
 
 
 def asked_by(role: Role) -> tuple[str, ...]:
     """Names of the endpoints to which a role may send requests."""
     return tuple(endpoint.name for endpoint in ENDPOINTS if _may(role, endpoint.asker)) + _asked_of_packages(role)
-
-
-def hidden_from(role: Role) -> tuple[str, ...]:
-    """Names of the topics to which a role may not subscribe: with a setpoint's control id anybody could fly."""
-    topics = (*TOPICS, journal_of("*"))
-    return tuple(topic.name for topic in topics if not _may(role, topic.reader))
 
 
 def written_by(role: Role) -> tuple[str, ...]:
@@ -60,55 +56,78 @@ def may_send(role: Role, name: str) -> bool:
     return any(fnmatchcase(name, allowed) for allowed in (*asked_by(role), *written_by(role)))
 
 
+def local_access_control() -> dict[str, Any]:
+    """Zenoh's setting `access_control` of the router of a computer's own programs."""
+    services = {"id": "services", "link_protocols": ["unixsock-stream"]}
+    people = {"id": "people", "link_protocols": ["tcp"]}
+    return _access_control(EVERY_VEHICLE, (("vehicle", services), ("pilot", people)))
+
+
 def access_control(vehicle: str, members: Members) -> dict[str, Any]:
-    """Zenoh's setting `access_control` of a router.
+    """Zenoh's setting `access_control` of the gate to other computers.
 
     Args:
         vehicle: name of the vehicle within the keys.
         members: the team; those that are revoked may do nothing.
     """
-    named: dict[str, list[str]] = {role: list(members.allowed(role)) for role in RANK_OF}
-    roles: list[Role] = [role for role in RANK_OF if named[role]]
-    rules = {role: list(_rules(vehicle, role)) for role in {*roles, "vehicle"}}
-    subjects = [{"id": role, "cert_common_names": named[role]} for role in roles]
-    policies = [{"rules": [rule["id"] for rule in rules[role]], "subjects": [role]} for role in roles]
+    named: dict[Role, list[str]] = {role: list(members.allowed(role)) for role in RANK_OF}
+    subjects: list[tuple[Role, dict[str, Any]]] = [
+        (role, {"id": role, "cert_common_names": names}) for role, names in named.items() if names
+    ]
+    # Its link with the router of its own computer, and those that a person has opened without TLS.
+    plain = {"id": "plain links", "link_protocols": ["tcp", "unixsock-stream"]}
+    return _access_control(vehicle, (*subjects, ("vehicle", plain)))
+
+
+def _access_control(vehicle: str, subjects: Iterable[tuple[Role, dict[str, Any]]]) -> dict[str, Any]:
+    """Access control by which each subject has the rights of a role."""
+    subjects = tuple(subjects)
+    rules = {role: list(_rules(vehicle, role)) for role in {role for role, _ in subjects}}
     return {
         "enabled": True,
         "default_permission": "deny",
         "rules": [rule for each in rules.values() for rule in each],
-        "subjects": [*subjects, {"id": PLAIN_LINKS, "link_protocols": ["tcp", "unixsock-stream"]}],
-        "policies": [*policies, {"rules": [rule["id"] for rule in rules["vehicle"]], "subjects": [PLAIN_LINKS]}],
+        "subjects": [subject for _, subject in subjects],
+        "policies": [
+            {"rules": [rule["id"] for rule in rules[role]], "subjects": [subject["id"]]} for role, subject in subjects
+        ],
     }
 
 
 def _rules(vehicle: str, role: Role) -> Iterator[dict[str, Any]]:
-    """The rules of a role; its services of the vehicle itself may do everything."""
+    """The rules of a role; the services of the vehicle itself may do everything."""
 
-    def rule(name: str, messages: Iterable[str], flows: Iterable[str], names: Iterable[str]) -> dict[str, Any]:
+    def rule(name: str, messages: Iterable[str], flows: Iterable[str], keys: Iterable[str]) -> dict[str, Any]:
         return {
             "id": f"{role}: {name}",
             "permission": "allow",
             "messages": list(messages),
             "flows": list(flows),
-            "key_exprs": [key(vehicle, each) for each in names],
+            "key_exprs": list(keys),
         }
 
-    alive = ("@alive/**",)
+    def of_vehicle(names: Iterable[str]) -> list[str]:
+        return [key(vehicle, name) for name in names]
+
     if role == "vehicle":
-        yield rule("all", ALL_MESSAGES, BOTH, KEYS)
+        yield rule("all", ALL_MESSAGES, BOTH, ("**", *of_vehicle(KEYS)))
         return
+    alive, asked, written = of_vehicle(("@alive/**",)), of_vehicle(asked_by(role)), of_vehicle(written_by(role))
     yield rule("subscribes", ("declare_subscriber", "query"), IN, ("**",))
     # The router of a computer has to know who replies; a program sends its request to its router in any case.
     yield rule("hears", ("put", "reply", "declare_queryable"), OUT, ("**",))
-    yield {**rule("hears no secrets", ("put",), OUT, hidden_from(role)), "permission": "deny"}
-    yield rule("asks", ("query",), IN, asked_by(role))
-    yield rule("gets replies", ("reply", "declare_queryable"), OUT, asked_by(role))
+    yield rule("asks", ("query",), IN, asked)
+    yield rule("gets replies", ("reply", "declare_queryable"), OUT, asked)
     yield rule("sees who is there", ("declare_liveliness_subscriber", "liveliness_query"), IN, alive)
     yield rule("hears who is there", ("liveliness_token",), OUT, alive)
-    yield rule("is there", ("liveliness_token",), IN, (f"@alive/{kind}/**" for kind in _tokens_of(role)))
-    if written_by(role):
-        yield rule("publishes", ("put",), IN, written_by(role))
-        yield rule("is heard", ("declare_subscriber",), OUT, written_by(role))
+    if tokens := _tokens_of(role):
+        yield rule("is there", ("liveliness_token",), IN, of_vehicle(f"@alive/{kind}/**" for kind in tokens))
+    if written:
+        yield rule("publishes", ("put",), IN, written)
+        yield rule("is heard", ("declare_subscriber",), OUT, written)
+    if role in HOST_ROLES:
+        messages = ("put", "declare_subscriber", "query", "declare_queryable", "reply")
+        yield rule("checks links", messages, BOTH, of_vehicle((EVERY_LINK.name,)))
 
 
 def _may(role: Role, rank: Rank) -> bool:
@@ -116,7 +135,10 @@ def _may(role: Role, rank: Rank) -> bool:
 
 
 def _tokens_of(role: Role) -> tuple[str, ...]:
-    return ("client", "service/rover", "claim/rover") if role == "rover" else ("client",)
+    """Kinds of the liveliness tokens that a role may declare; a viewer needs none, as it has no goals."""
+    if role == "rover":
+        return ("client", "service/rover", "claim/rover")
+    return ("client",) if _may(role, "pilot") else ()
 
 
 def _asked_of_packages(role: Role) -> tuple[str, ...]:

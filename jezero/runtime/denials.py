@@ -1,7 +1,12 @@
-"""Reads what the router has denied, and to whom, from Zenoh's log, the only place where Zenoh reports it.
+"""Reads what the gate has denied, and to whom, from Zenoh's log, the only place where Zenoh reports it.
 
-Zenoh writes each decision of its access control at its finest level, and a handshake that failed as a warning. A thread
-reads them from a pipe in the place of the standard output, and keeps what was denied.
+Zenoh writes each decision of its access control at its finest level, and a handshake that failed as a warning. They go
+into a file in memory in the place of the standard output. A thread takes them from there and keeps what was denied.
+Writing to such a file never waits, as it would for a pipe that is full: a member that floods the gate can cost lines of
+the log, and never holds up a message.
+
+The same lines say how much each member sends. One that sends far more than people and their programs do is excluded for
+some time.
 
 Source: the messages of zenoh 1.10.2, `zenoh/src/net/routing/interceptor/access_control.rs`.
 """
@@ -12,9 +17,8 @@ import re
 import sys
 import threading
 import time
-from collections import defaultdict, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field
 
 import zenoh
@@ -23,9 +27,13 @@ from jezero.keys.members import HOST_ROLES
 from jezero.plain_text import plain
 
 LEVELS = "off,zenoh::net::routing::interceptor::access_control=trace,zenoh_link_tls::unicast=warn"
-PIPE_BYTES = 1 << 20
-"""Room for the lines of `READ_PERIOD_S` at 20,000 messages a second: Zenoh waits for a reader of a full pipe."""
 READ_PERIOD_S = 0.05
+READ_MAX_BYTES = 200_000
+"""Bytes of the log that are read in one period, some thousand lines; the rest is lost."""
+LOG_MAX_BYTES = 4_000_000
+"""Size from which the file is emptied."""
+KEY_MAX = 100
+"""Characters of a key in the log and in health."""
 NAMED_FOR_S = 60.0
 """Time for which health names a denial, and after which one that goes on is logged again."""
 DENIALS_MAX = 20
@@ -33,6 +41,11 @@ DENIALS_MAX = 20
 and must not hide by that what others try."""
 SHOWN_MAX = 3
 """Number of newest denials of one member in health."""
+MESSAGES_MAX_HZ, MESSAGES_BURST = 300.0, 1500.0
+"""Requests, messages and declarations that one member may send, and how many at once: a computer declares some hundred
+when its link begins."""
+EXCLUDED_FOR_S = 10.0
+"""Time for which a member that sends more is excluded, since its last message."""
 UNKNOWN, CONNECTIONS = "unknown", "connections"
 """Stand for a member whose name is unknown, and for connections that ended before the member was known."""
 WORDS = {
@@ -56,7 +69,7 @@ HANDSHAKES = {
     b"InvalidContentType": "it speaks no TLS",
 }
 """Why a handshake failed, by a word of the reason; see https://docs.rs/rustls/latest/rustls/enum.Error.html."""
-_DENIED = re.compile(
+_DECISION = re.compile(
     rb"ThreadId\((?P<thread>\d+)\) \S+access_control: (?:"
     rb"(?P<block>ACL \(\w+\): caching)|"
     rb"(?P<cached>Using cached result: )?(?P<session>[0-9a-f]+)(?: on (?P<subject>\S+))? is "
@@ -99,7 +112,7 @@ class _Denied:
         if len(self.logged_s) < DENIALS_MAX:
             self.logged_s.append(now_s)
             end = "; more of this within a minute is not logged" if len(self.logged_s) == DENIALS_MAX else ""
-            print(f"router: {text}{end}", file=sys.stderr, flush=True)
+            print(f"gate: {text}{end}", file=sys.stderr, flush=True)
 
     def newest(self, now_s: float) -> list[str]:
         """Denials of the last `NAMED_FOR_S`, newest first, `SHOWN_MAX` of them at most."""
@@ -108,41 +121,63 @@ class _Denied:
         return [*new[:SHOWN_MAX], f"and {len(new) - SHOWN_MAX} more"] if len(new) > SHOWN_MAX else new
 
 
+@dataclass
+class _Allowance:
+    """How many messages a member may send now, a bucket that fills at `MESSAGES_MAX_HZ`."""
+
+    left: float = MESSAGES_BURST
+    updated_s: float = 0.0
+    excluded_until_s: float = 0.0
+
+    def take(self, count: int, now_s: float) -> bool:
+        """Take some messages; returns whether the member is excluded for them from now on."""
+        self.left = min(MESSAGES_BURST, self.left + MESSAGES_MAX_HZ * (now_s - self.updated_s)) - count
+        self.updated_s = now_s
+        was_excluded = now_s < self.excluded_until_s
+        if self.left < 0.0 or was_excluded:
+            self.left = MESSAGES_BURST
+            self.excluded_until_s = now_s + EXCLUDED_FOR_S
+        return now_s < self.excluded_until_s and not was_excluded
+
+
 class Denials:
-    """Denials so far, each with the time of the newest and the number of them.
+    """Denials so far, each with the time of the newest and the number of them, and the members that are excluded."""
 
-    Args:
-        member_of: name of the member by Zenoh's id of its session, or "" for an unknown one.
-    """
-
-    def __init__(self, member_of: Callable[[str], str]) -> None:
-        self._member_of = member_of
+    def __init__(self) -> None:
+        self._member_of: Callable[[str], str] = lambda session: ""
         self._denied: defaultdict[str, _Denied] = defaultdict(_Denied)
         """What was denied, by member, `UNKNOWN` or `CONNECTIONS`."""
+        self._allowances: defaultdict[str, _Allowance] = defaultdict(_Allowance)
+        """By the name of the member."""
         self._in_block: set[bytes] = set()
         """Threads of Zenoh that are in a block of permissions."""
         self._lock = threading.Lock()
 
-    def watch(self) -> None:
-        """Take the process' standard output for Zenoh's log, and read it in a thread; to be called once."""
-        out, into = os.pipe()
-        with suppress(OSError):  # this user has many large pipes already
-            fcntl.fcntl(into, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
-        os.dup2(into, sys.stdout.fileno())
-        os.close(into)
+    def take_log(self) -> None:
+        """Let Zenoh write its log into memory, in the place of the process' standard output; before Zenoh opens."""
+        log = os.memfd_create("zenoh.log")
+        fcntl.fcntl(log, fcntl.F_SETFL, os.O_APPEND)
+        os.dup2(log, sys.stdout.fileno())
         os.environ |= {"RUST_LOG": LEVELS, "NO_COLOR": "1"}  # no escape codes between the words
         zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
-        threading.Thread(target=self._read, args=(out,), daemon=True).start()
+        threading.Thread(target=self._read, args=(log,), daemon=True).start()
 
-    def _read(self, out: int) -> None:
-        rest = b""
-        try:
-            while chunk := os.read(out, PIPE_BYTES):
-                time.sleep(READ_PERIOD_S)  # until a session that has just begun is in Zenoh's list
-                lines, _, rest = (rest + chunk).rpartition(b"\n")
-                self.add(lines, time.monotonic())
-        finally:  # Zenoh must not wait for a pipe that nobody reads
-            os.close(out)
+    def name_by(self, member_of: Callable[[str], str]) -> None:
+        """Set the function that returns the name of the member by Zenoh's id of its session, "" for an unknown one."""
+        self._member_of = member_of
+
+    def _read(self, log: int) -> None:
+        at = 0
+        while True:
+            time.sleep(READ_PERIOD_S)  # until a session that has just begun is in Zenoh's list
+            size = os.fstat(log).st_size
+            at = max(at, size - READ_MAX_BYTES)  # what a flood has written beyond that is lost
+            lines, newline, _ = os.pread(log, READ_MAX_BYTES, at).rpartition(b"\n")
+            self.add(lines, time.monotonic())
+            at += len(lines) + len(newline)
+            if size > LOG_MAX_BYTES:
+                os.ftruncate(log, 0)
+                at = 0
 
     def add(self, lines: bytes, now_s: float) -> None:
         """Add lines of Zenoh's log.
@@ -151,15 +186,23 @@ class Denials:
             lines: whole lines.
             now_s: monotonic time.
         """
+        sent: Counter[str] = Counter()
         for line in lines.splitlines():
-            match = _DENIED.search(line)
+            match = _DECISION.search(line)
             if match is not None:
-                self._add_decision(match, now_s)
+                sent[self._add_decision(match, now_s)] += 1
             elif handshake := _HANDSHAKE.search(line):
                 words = _handshake_words(handshake["reason"])
                 self._count(CONNECTIONS, f"a connection was refused: {words}", now_s)
+        for name in sent.keys() - {""}:
+            with self._lock:
+                excluded = self._allowances[name].take(sent[name], now_s)
+            if excluded:
+                limit = f"{MESSAGES_MAX_HZ:g} requests, messages and declarations a second"
+                self._count(name, f"{name} sends more than {limit}: it is excluded for {EXCLUDED_FOR_S:g} s", now_s)
 
-    def _add_decision(self, match: re.Match[bytes], now_s: float) -> None:
+    def _add_decision(self, match: re.Match[bytes], now_s: float) -> str:
+        """Add one decision; returns the name of the member whose message it was, "" where no limit holds for it."""
         thread = match["thread"]
         if match["block"]:
             self._in_block.add(thread)
@@ -171,20 +214,28 @@ class Denials:
         elif thread in self._in_block and not match["cached"]:
             if match["what"] == _BLOCK_END:
                 self._in_block.discard(thread)
-        elif match["denied"] and match["flow"] == b"ingress":
-            self._add_attempt(match, now_s)
+        elif match["flow"] == b"ingress":
+            name = self._member_of(match["session"].decode()) or _common_name(match["subject"] or b"")
+            if match["denied"]:
+                self._add_attempt(match, name, now_s)
+            return "" if name.partition("-")[0] == "vehicle" else name
+        return ""
 
-    def _add_attempt(self, match: re.Match[bytes], now_s: float) -> None:
+    def _add_attempt(self, match: re.Match[bytes], name: str, now_s: float) -> None:
         what, session = match["what"].decode(), match["session"].decode()
-        name = self._member_of(session) or _common_name(match["subject"] or b"")
         by_itself = what in DECLARED and name.partition("-")[0] in HOST_ROLES
         if what in WORDS and not by_itself:
-            own = plain(match["key"].decode(errors="replace"))
+            own = plain(match["key"][:KEY_MAX].decode(errors="replace"))
             self._count(name or UNKNOWN, f"{name or f'session {session}'} may not {WORDS[what].format(own)}", now_s)
 
     def _count(self, who: str, text: str, now_s: float) -> None:
         with self._lock:
             self._denied[who].add(text, now_s)
+
+    def excluded(self, now_s: float) -> list[str]:
+        """Names of the members whose links are to be closed."""
+        with self._lock:
+            return [name for name, allowance in self._allowances.items() if now_s < allowance.excluded_until_s]
 
     def text(self, now_s: float) -> str:
         """For health: what was denied in the last `NAMED_FOR_S`, or ""."""

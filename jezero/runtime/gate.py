@@ -1,99 +1,174 @@
-"""The gate: the router between other computers and that of this one, in the process of the latter.
+"""The gate: the router between other computers and that of this one, `python -m jezero.runtime.gate`.
 
-The programs of this computer speak through a router of their own, so that nothing that happens on a link with another
-computer holds them up. Zenoh reads certificates and rights when a router opens. So when the files of the bundle change,
-by `jezero keys renew` or `revoke`, the gate alone is opened anew: other computers are cut off for about a second, and
-who has control keeps it.
+It listens to other computers at `JEZERO_LISTEN`, connects to their routers at `JEZERO_CONNECT`, and is a client of this
+computer's router. It is a process of its own: whatever happens on a link with another computer, or in the log of what
+was denied there, the programs of this computer go on speaking through their own router.
+
+Zenoh reads certificates and rights when a router opens. So when the files of the bundle change, by `jezero keys renew`
+or `revoke`, the whole process starts anew: other computers are cut off for about a second, and who has control keeps
+it.
 """
 
-from collections.abc import Iterable
+import os
+import socket
+import sys
+import threading
+import time
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import zenoh
 
+from jezero.codec import encode
 from jezero.keys.bundle import files_of
-from jezero.keys.diagnosis import bundle_problem
+from jezero.keys.diagnosis import bundle_problem, connection_problem
 from jezero.keys.members import MEMBERS
-from jezero.runtime.config import HostLinks
-from jezero.runtime.routing import ListenError, close, open_gate
-from jezero.runtime.uplinks import Uplinks
+from jezero.router_address import insecurity, parse_router, shown_router
+from jezero.runtime.bus_address import service_instance
+from jezero.runtime.config import ConfigError, HostLinks, Instance, links_from_environment
+from jezero.runtime.denials import Denials
+from jezero.runtime.router import Health, Readers, process_in_words, serve
+from jezero.runtime.routing import ListenError, open_gate, shown
+from jezero.schemas.health import GateLinks
+from jezero.schemas.topics import EVERY_LINK, key
+from jezero.zenoh_client import FIRST
 
+NAME = "gate"
+BEAT_PERIOD_S = 1.0
+LOOK_PERIOD_S = 1.0
+DIAGNOSIS_PERIOD_S = 5.0
+"""A diagnosis is a TLS handshake of its own, which takes room on the link."""
+CLOSE_PERIOD_S = 0.05
+"""Time in which an excluded member that connects again may send."""
+NICENESS = 5
+"""A flood that keeps the gate busy must leave the processors to what flies."""
 Files = tuple[tuple[Path, int, int] | None, ...]
 """Path, time of change (ns) and size (bytes) of each file; None for one that is missing."""
 
 
-class Gate:
-    """A gate that follows the files of its bundle.
+class Bundles:
+    """Watches the files of the bundles that the gate has read when it opened.
 
     Args:
-        router: Zenoh's endpoint of the router of this computer's own programs.
-        vehicle: name of the vehicle within the keys.
-        links: links with other computers.
+        endpoints: Zenoh's endpoints of the gate's links.
 
-    Raises:
-        ListenError: see `open_router`.
+    Attributes:
+        problem: why changed files can't be used, or "".
     """
 
-    def __init__(self, router: str, vehicle: str, links: HostLinks) -> None:
-        self._router, self._vehicle, self._links = router, vehicle, links
-        self._endpoints = (*links.listen, *links.connect)
+    def __init__(self, endpoints: Iterable[str]) -> None:
+        self.problem = ""
+        self._endpoints = tuple(endpoints)
         self._used = self._seen = _files(self._endpoints)
-        self._keys_problem = ""
-        self._session: zenoh.Session | None = None
-        self._uplinks: Uplinks | None = None
-        self._open()
 
-    @property
-    def session(self) -> zenoh.Session | None:
-        """The gate's session; None while it can't be opened."""
-        return self._session
+    def changed(self) -> bool:
+        """Whether the files have changed, rest, and can be used.
 
-    @property
-    def problem(self) -> str:
-        """What is wrong with the bundle or with a link, in a sentence for each, or ""."""
-        missing = "" if self._uplinks is None else self._uplinks.problem
-        return "; ".join(filter(None, (self._keys_problem, missing)))
-
-    def update(self) -> bool:
-        """Open the gate anew if its bundle has changed and can be used; returns whether it did.
-
-        To be called about once a second: files that change from one call to the next are still being copied.
+        To be called again and again: files that change from one call to the next are still being copied.
         """
         before, self._seen = self._seen, _files(self._endpoints)
-        if self._session is not None:
-            if self._seen == self._used:
-                self._keys_problem = ""
-                return False
-            if self._seen != before:
-                return False
-            if problem := next(filter(None, map(bundle_problem, self._endpoints)), ""):
-                self._keys_problem = f"the changed keys can't be used, the links go on with the old ones: {problem}"
-                return False
-        self.close()
-        self._used = self._seen
-        try:
-            self._open()
-        except ListenError as error:  # the next call tries again
-            self._keys_problem = str(error)
-            return False
-        self._keys_problem = ""
-        return True
+        if self._seen == self._used:
+            self.problem = ""
+        elif self._seen == before:
+            found = next(filter(None, map(bundle_problem, self._endpoints)), "")
+            self.problem = (
+                f"the changed keys can't be used, the links go on with the old ones: {found}" if found else ""
+            )
+            return not found
+        return False
 
-    def _open(self) -> None:
-        self._session = open_gate(self._router, self._vehicle, self._links)
-        self._uplinks = Uplinks(self._session, self._links.connect)
 
-    def close(self) -> None:
-        """Close the gate."""
-        if self._session is not None:
-            close(self._session)
-        self._session = self._uplinks = None
+class Uplinks:
+    """Watches in a thread of its own whether the gate is connected to each of the other routers.
+
+    Args:
+        session: session of the gate.
+        endpoints: Zenoh's endpoints of the other routers.
+
+    Attributes:
+        problem: a sentence for each link that is missing, or "".
+    """
+
+    def __init__(self, session: zenoh.Session, endpoints: Sequence[str]) -> None:
+        self.problem = ""
+        self._session = session
+        self._reasons = dict.fromkeys(endpoints, "no router replies there")
+        self._due_s = 0.0
+        if endpoints:
+            threading.Thread(target=self._watch, daemon=True).start()
+
+    def _watch(self) -> None:
+        while not self._session.is_closed():
+            try:
+                linked = {link.dst.partition("/")[2].partition("?")[0] for link in self._session.info.links()}
+            except zenoh.ZError:  # the session was closed just now
+                return
+            missing = [endpoint for endpoint in self._reasons if not linked & _addresses(endpoint)]
+            if missing and time.monotonic() >= self._due_s:
+                self._due_s = time.monotonic() + DIAGNOSIS_PERIOD_S
+                for endpoint in missing:
+                    self._reasons[endpoint] = connection_problem(endpoint) or "no router replies there"
+            self.problem = "; ".join(f"no link to {shown_router(each)}: {self._reasons[each]}" for each in missing)
+            time.sleep(LOOK_PERIOD_S)
+
+
+class Beat:
+    """Publishes which links the gate has, and replies with it: by this the launchers know whether a link passes.
+
+    Args:
+        session: session of the gate.
+        vehicle: name of the vehicle within the keys.
+    """
+
+    def __init__(self, session: zenoh.Session, vehicle: str) -> None:
+        self._session = session
+        self._gate, self._process = str(session.zid()), process_in_words()
+        own = key(vehicle, EVERY_LINK.name.replace("*", self._gate))
+        json = zenoh.Encoding.APPLICATION_JSON
+        self._publisher = session.declare_publisher(own, encoding=json, priority=FIRST)
+        self._due_s = 0.0
+
+        def reply(query: zenoh.Query) -> None:
+            with query:
+                query.reply(own, self._links(), encoding=json, priority=FIRST)
+
+        self._queryable = session.declare_queryable(own, zenoh.handlers.Callback(reply, indirect=False), complete=True)
+
+    def update(self) -> None:
+        """Publish when that is due."""
+        if time.monotonic() >= self._due_s:
+            self._due_s = time.monotonic() + BEAT_PERIOD_S
+            self._publisher.put(self._links())
+
+    def _links(self) -> bytes:
+        others = {
+            str(link.zid)
+            for link in self._session.info.links()
+            if not link.dst.startswith("unixsock-stream/") and _is_gate(self._session, link)
+        }
+        return encode(GateLinks(t_ns=0, gate=self._gate, process=self._process, linked=tuple(sorted(others))))
+
+
+def _addresses(endpoint: str) -> set[str]:
+    """The addresses of an endpoint's host as Zenoh writes them: host:port, an IPv6 host in brackets."""
+    _, host, port = parse_router(endpoint)
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    except OSError:  # no such name, or nobody to ask
+        return set()
+    return {f"[{address[0]}]:{port}" if ":" in str(address[0]) else f"{address[0]}:{port}" for *_, address in found}
+
+
+def _is_gate(session: zenoh.Session, link: zenoh.Link) -> bool:
+    """Whether another computer's gate, no client, is at the other end of a link."""
+    return str(link.zid) in {str(router) for router in session.info.routers_zid()}
 
 
 def _files(endpoints: Iterable[str]) -> Files:
     """The files that the gate reads when it opens, as they are now."""
+    paths = {path for endpoint in endpoints for path in files_of(endpoint).values()}
     found: list[tuple[Path, int, int] | None] = []
-    for path in sorted({path for endpoint in endpoints for path in (*files_of(endpoint).values(), *_lists(endpoint))}):
+    for path in sorted(paths | {path.parent / MEMBERS for path in paths}):
         try:
             state = path.stat()
         except OSError:
@@ -103,6 +178,53 @@ def _files(endpoints: Iterable[str]) -> Files:
     return tuple(found)
 
 
-def _lists(endpoint: str) -> set[Path]:
-    """The lists of members beside the files of an endpoint."""
-    return {path.parent / MEMBERS for path in files_of(endpoint).values()}
+def run(instance: Instance, links: HostLinks) -> None:
+    """Route between this computer and others until SIGTERM or SIGINT; start the process anew when its keys change.
+
+    Raises:
+        ListenError: see `open_gate`.
+    """
+    os.nice(NICENESS)
+    endpoints = (*links.listen, *links.connect)
+    bundles = Bundles(endpoints)  # before the router reads them
+    denials = Denials()
+    denials.take_log()
+    session = open_gate(instance.router, instance.vehicle, links)
+    readers = Readers(NAME, session)
+    denials.name_by(readers.member_of)
+    uplinks, beat = Uplinks(session, links.connect), Beat(session, instance.vehicle)
+    warnings = "".join(f"; {warning}" for each in endpoints if (warning := insecurity(each)))
+    where = f"listening on {shown(links.listen)}" if links.listen else f"linked to {shown(links.connect)}"
+
+    def update() -> None:
+        if bundles.changed():
+            print(f"{NAME}: the keys have changed: the links with other computers begin anew", file=sys.stderr)
+            sys.stderr.flush()
+            os.execv(sys.executable, sys.orig_argv)
+        readers.update()
+        readers.close(denials.excluded(time.monotonic()))
+        beat.update()
+
+    def health() -> Health:
+        problem = "; ".join(filter(None, (bundles.problem, uplinks.problem)))
+        text = problem or f"{where}{warnings}, {readers.sessions} sessions{readers.members}"
+        return "degraded" if problem else "ok", f"{text}{readers.text}{denials.text(time.monotonic())}"
+
+    serve(NAME, session, instance.vehicle, update, health, period_s=CLOSE_PERIOD_S)
+
+
+def main() -> int:
+    """Run the gate of the instance in the environment."""
+    try:
+        links = links_from_environment()
+        if not any(links):
+            raise ConfigError("JEZERO_LISTEN and JEZERO_CONNECT are empty: a gate needs one of them")
+        run(service_instance(), links)
+    except (ConfigError, ListenError) as error:
+        print(f"{NAME}: {error}", file=sys.stderr)
+        return os.EX_CONFIG if isinstance(error, ConfigError) else 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

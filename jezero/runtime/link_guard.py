@@ -11,7 +11,7 @@ import os
 import socket
 import stat
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 STUCK_MAX_S = 1.0
@@ -97,11 +97,20 @@ class LinkGuard:
                 end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, CLOSE_IN_BACKGROUND)
             samples = {address: sample_connection(end) for address, end in connections.items()}
             stopped = self._detector.update(now_s, samples)
-            for address in stopped:
-                with contextlib.suppress(KeyError, OSError):  # it has ended by itself
-                    connections[address].setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, CLOSE_WITH_RESET)
-                    connections[address].shutdown(socket.SHUT_RDWR)
+            _close(connections, stopped)
         return stopped
+
+    def close(self, addresses: Collection[str]) -> None:
+        """Close the connections with these addresses."""
+        with contextlib.ExitStack() as ends:
+            _close({address: ends.enter_context(end) for address, end in _connections()}, addresses)
+
+
+def _close(connections: Mapping[str, socket.socket], addresses: Iterable[str]) -> None:
+    for address in addresses:
+        with contextlib.suppress(KeyError, OSError):  # it has ended by itself
+            connections[address].setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, CLOSE_WITH_RESET)
+            connections[address].shutdown(socket.SHUT_RDWR)
 
 
 def sample_connection(connection: socket.socket) -> LinkSample:

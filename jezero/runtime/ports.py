@@ -11,6 +11,8 @@ from typing import Literal
 
 Protocol = Literal["tcp", "udp"]
 COMMAND_MAX = 80
+ACCEPTS = 1 << 16
+"""Flag of a socket that listens: `__SO_ACCEPTCON` of linux/net.h."""
 
 
 def listen_problem(protocol: Protocol, host: str, port: int, variable: str) -> str:
@@ -41,17 +43,30 @@ def listen_error(protocol: Protocol, host: str, port: int, variable: str, error:
     where = f"{protocol.upper()} port {port} of {host}"
     if error.errno != errno.EADDRINUSE:
         return f"cannot listen on {where}: {error.strerror}; set {variable} to another one"
-    holder = port_holder(protocol, port) or "a process that this user can't see"
+    process = port_holder(protocol, port)
+    holder = "a process that this user can't see" if process is None else f"process {process} ({_command(process)})"
     return f"{where} is held by {holder}: stop that, or set {variable} to another one"
 
 
-def port_holder(protocol: Protocol, port: int) -> str:
-    """The process that has a port, as `process 123 (its command)`; "" if /proc doesn't show it."""
+def port_holder(protocol: Protocol, port: int) -> int | None:
+    """The id of the process that has a port; None if /proc doesn't show it."""
     links = {f"socket:[{inode}]" for inode in _inodes(protocol, port)}
     for folder in Path("/proc").glob("[0-9]*") if links else ():
         with suppress(OSError):  # it has ended, or is another user's
             if any(os.readlink(folder / "fd" / name) in links for name in os.listdir(folder / "fd")):
-                return f"process {folder.name} ({_command(folder)})"
+                return int(folder.name)
+    return None
+
+
+def unix_listener(process: int) -> str:
+    """Path of a Unix socket on which a process listens; "" without one, or if /proc doesn't show it."""
+    with suppress(OSError):  # it has ended, or is another user's
+        folder = Path(f"/proc/{process}/fd")
+        links = {os.readlink(folder / name) for name in os.listdir(folder)}
+        for line in Path("/proc/net/unix").read_text().splitlines()[1:]:
+            _, _, _, flags, _, _, inode, *path = line.split(maxsplit=7)
+            if path and path[0].startswith("/") and int(flags, 16) & ACCEPTS and f"socket:[{inode}]" in links:
+                return path[0]
     return ""
 
 
@@ -67,9 +82,13 @@ def _inodes(protocol: Protocol, port: int) -> set[str]:
     return found
 
 
-def _command(folder: Path) -> str:
-    """A process' command line, shortened, without control characters."""
-    words = (folder / "cmdline").read_bytes().decode("utf-8", "replace").rstrip("\0").split("\0")
+def _command(process: int) -> str:
+    """A process' command line, shortened, without control characters; "" of one that has just ended."""
+    try:
+        data = Path(f"/proc/{process}/cmdline").read_bytes()
+    except OSError:
+        return ""
+    words = data.decode("utf-8", "replace").rstrip("\0").split("\0")
     text = re.sub(r"[^ -~]", "?", shlex.join(words))
     return text if len(text) <= COMMAND_MAX else f"{text[:COMMAND_MAX]}…"
 

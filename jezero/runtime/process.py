@@ -8,7 +8,8 @@ from collections.abc import Callable, Mapping
 
 from jezero.os_errors import describe_os_error
 from jezero.private_files import keep_private
-from jezero.runtime.config import ConfigError, Instance, instance_from_environment
+from jezero.runtime.bus_address import service_instance
+from jezero.runtime.config import ConfigError, Instance
 from jezero.runtime.links import SocketLink
 from jezero.runtime.service import Service
 from jezero.runtime.zenoh_bus import ServiceLoop
@@ -37,11 +38,11 @@ def run_process(name: str, build: Build) -> int:
     boot_id = new_boot_id()
     keep_private()
     try:
-        instance = instance_from_environment()
+        instance = service_instance()
         service, links = build(instance, boot_id)
-    except ConfigError as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        return os.EX_CONFIG
+    except (ConfigError, OSError) as error:
+        print(f"{name}: {describe_os_error(error) if isinstance(error, OSError) else error}", file=sys.stderr)
+        return os.EX_CONFIG if isinstance(error, ConfigError) else 1
     return run_service(service, instance, boot_id, links)
 
 

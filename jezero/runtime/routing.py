@@ -10,8 +10,10 @@ import zenoh
 from jezero.keys.bundle import members_of
 from jezero.keys.diagnosis import listening_problem
 from jezero.keys.members import KeysError
-from jezero.keys.rights import access_control
+from jezero.keys.rights import EVERY_VEHICLE, access_control, local_access_control
+from jezero.os_errors import describe_os_error
 from jezero.router_address import is_loopback, parse_router, shown_router
+from jezero.runtime.bus_address import make_socket_folder
 from jezero.runtime.config import LISTEN_VARIABLE, HostLinks
 from jezero.runtime.link_rules import link_rules
 from jezero.runtime.ports import listen_problem
@@ -50,18 +52,28 @@ class ListenError(RuntimeError):
     """The router can't listen on its endpoint; the message names it and the reason."""
 
 
-def open_router(endpoint: str, vehicle: str) -> zenoh.Session:
-    """Start listening, with the rights of the team's members where the endpoint has a bundle.
+def open_router(endpoint: str, socket: str) -> zenoh.Session:
+    """Open the router for the programs of this computer.
 
     Args:
-        endpoint: Zenoh's endpoint, with the files of the bundle for TLS.
-        vehicle: name of the vehicle within the keys.
+        endpoint: Zenoh's endpoint for people's programs, which have the rights of a pilot.
+        socket: Zenoh's endpoint of the Unix socket for the services.
 
     Raises:
-        ListenError: a port is taken or forbidden for this user, this machine doesn't have the address, nobody would
-            take the certificate of the bundle, or the list of the team's members is missing.
+        ListenError: `check_local` says no, a port is taken or forbidden for this user, this machine doesn't have the
+            address, or the socket can't be made.
     """
-    return _open((endpoint,), (), vehicle, {}, "JEZERO_ROUTER")
+    check_local(endpoint)
+    try:
+        make_socket_folder(socket)
+    except OSError as error:
+        raise ListenError(f"no socket for the services: {describe_os_error(error)}") from None
+    settings = {
+        "listen/endpoints": [endpoint, socket],
+        "access_control": local_access_control(),
+        "low_pass_filter": [_size(EVERY_VEHICLE)],
+    }
+    return _open(settings, (endpoint,), "JEZERO_ROUTER")
 
 
 def open_gate(router: str, vehicle: str, links: HostLinks) -> zenoh.Session:
@@ -73,36 +85,40 @@ def open_gate(router: str, vehicle: str, links: HostLinks) -> zenoh.Session:
         links: links with other computers.
 
     Raises:
-        ListenError: see `open_router`.
+        ListenError: a port is taken or forbidden for this user, this machine doesn't have the address, nobody would
+            take the certificate of the bundle, or the list of the team's members is missing.
     """
-    rules = {"downsampling": link_rules(vehicle, (*links.listen, *links.connect))}
-    return _open(links.listen, (router, *links.connect), vehicle, rules, LISTEN_VARIABLE)
-
-
-def _open(
-    listen: Sequence[str], connect: Sequence[str], vehicle: str, settings: Mapping[str, Any], variable: str
-) -> zenoh.Session:
-    if problem := next(filter(None, map(listening_problem, listen)), ""):
+    if problem := next(filter(None, map(listening_problem, links.listen)), ""):
         raise ListenError(problem)
-    size = {
+    outside = (*links.listen, *links.connect)
+    settings = {
+        "listen/endpoints": list(links.listen),
+        "connect/endpoints": [router, *links.connect],
+        "downsampling": link_rules(vehicle, outside),
+        "low_pass_filter": [_size(vehicle)],
+    }
+    if with_keys := [each for each in outside if parse_router(each).protocol == "tls"]:
+        try:
+            settings["access_control"] = access_control(vehicle, members_of(with_keys[0]))
+        except KeysError as error:
+            raise ListenError(str(error)) from None
+    return _open(settings, links.listen, LISTEN_VARIABLE)
+
+
+def _size(vehicle: str) -> dict[str, Any]:
+    """The rule by which larger messages than any of the contract are dropped."""
+    return {
         "id": "size",
         "messages": ["put", "query", "reply"],
         "flows": ["ingress"],
-        "key_exprs": [key("*", name) for name in SIZED],
+        "key_exprs": [key(vehicle, name) for name in SIZED],
         "size_limit": SIZE_MAX_BYTES,
     }
-    own = {
-        "listen/endpoints": list(listen),
-        "connect/endpoints": list(connect),
-        "low_pass_filter": [size],
-    }
-    if with_keys := [each for each in (*listen, *connect) if parse_router(each).protocol == "tls"]:
-        try:
-            own["access_control"] = access_control(vehicle, members_of(with_keys[0]))
-        except KeysError as error:
-            raise ListenError(str(error)) from None
+
+
+def _open(settings: Mapping[str, Any], listen: Sequence[str], variable: str) -> zenoh.Session:
     try:
-        return zenoh.open(config_of({**ROUTER_SETTINGS, **own, **settings}))
+        return zenoh.open(config_of({**ROUTER_SETTINGS, **settings}))
     except zenoh.ZError as error:
         problem = next(filter(None, (router_problem(each, variable) for each in listen)), "")
         raise ListenError(problem or f"cannot listen on {shown(listen)}: {_reason(error)}") from error

@@ -13,7 +13,6 @@ import zenoh
 from jezero.codec import BadPayloadError, decode, has_attachment
 from jezero.runtime.config import Instance
 from jezero.runtime.service import Spec
-from jezero.runtime.writers import Writers, source_of
 from jezero.schemas import topics
 from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.topics import health_of, journal_of, key, liveliness_key
@@ -70,8 +69,6 @@ class BusSession:
         self._subscribers: dict[str, zenoh.Subscriber[Any]] = {}
         self._declared: list[Any] = []
         self._last_value: dict[str, bytes] = {}
-        self._sources: dict[str, zenoh.SourceInfo] = {}
-        self._writers = Writers({topic.name: topic for topic in (*spec.inputs, *spec.on_demand, topics.CLOCK)})
         used = (*spec.inputs, *spec.on_demand, *spec.outputs)
         self._journal: zenoh.Publisher | None = None
         self._journal_waiting: deque[bytes] = deque()
@@ -178,20 +175,15 @@ class BusSession:
         """Declare everything that the service's `Spec` names."""
         session = self._session
         for topic in (*self._spec.outputs, health_of(self._spec.name)):
-            publisher = declare_publisher(
+            self._publishers[topic.name] = declare_publisher(
                 session,
                 key(self._instance.vehicle, topic.name),
                 attached=topic.name in self._attached,
                 congestion=zenoh.CongestionControl.DROP,  # else one reader that stands still stops everybody
                 urgent=topic.urgent,
             )
-            self._publishers[topic.name], self._sources[topic.name] = publisher, source_of(publisher)
         for topic in self._spec.last_value:
             self._declare_last_value(topic.name)
-        claims = session.liveliness().declare_subscriber(
-            liveliness_key(self._instance.vehicle, "claim", "**"), _direct(self._writers.on_claim), history=True
-        )
-        self._declared.append(claims)
         for topic in self._spec.inputs:
             self.subscribe(topic.name)
         if self._uses_vehicle_time() and topics.CLOCK not in self._spec.inputs:
@@ -220,16 +212,14 @@ class BusSession:
         return spec.lockstep is None and bool(spec.inputs or spec.outputs or spec.serves)
 
     def subscribe(self, name: str) -> None:
-        """Subscribe to a topic; everything but a put on exactly its key, by its writer, is enqueued as refused."""
+        """Subscribe to a topic; everything but a put on exactly its key is enqueued as refused."""
         own = key(self._instance.vehicle, name)
         exactly = zenoh.KeyExpr(own)
-        enqueue, writers, attached = self._enqueue, self._writers, name in self._attached
+        enqueue, attached = self._enqueue, name in self._attached
 
         def on_sample(sample: zenoh.Sample) -> None:
             if sample.key_expr != exactly or sample.kind != zenoh.SampleKind.PUT:
                 enqueue("refused", name, "not a put on exactly this key")
-            elif refusal := writers.refusal(name, sample):
-                enqueue("refused", name, refusal)
             elif attached:
                 enqueue("newest", name, sample)
             else:
@@ -284,8 +274,7 @@ class BusSession:
 
     def put(self, topic: Topic[Any], data: bytes) -> None:
         """Publish a message."""
-        source = self._sources[topic.name]
-        put(self._publishers[topic.name], data, attached=topic.name in self._attached, source=source)
+        put(self._publishers[topic.name], data, attached=topic.name in self._attached)
 
     def put_journal(self, part: bytes) -> None:
         """Publish a part of the service's journal, as soon as a recorder has subscribed to it."""

@@ -42,7 +42,7 @@ def all_endpoints() -> tuple[Endpoint[Any, Any], ...]:
 
 
 def topic_rows() -> list[Row]:
-    """One row a topic: name, message type, rates, writer, readers, and who may read it from another computer."""
+    """One row a topic: name, message type, rates, writer and readers."""
     specs = all_specs().values()
     return [
         {
@@ -51,7 +51,6 @@ def topic_rows() -> list[Row]:
             "rate_hz": topic.rate_hz,
             "link_hz": topic.rate_hz if topic.link_hz is None else topic.link_hz,
             "writer": topic.writer if topic.host == "vehicle" else f"{topic.writer} or {topic.host}",
-            "may read": topic.reader,
             "readers": [s.name for s in specs if topic in (*s.inputs, *s.on_demand)],
         }
         for topic in all_topics()
