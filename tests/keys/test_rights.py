@@ -1,11 +1,15 @@
-"""What each member may do on a router, tried with real sessions: every key, every role, every operation."""
+"""What each program may do on a router, tried with real sessions: every key, every role, every operation.
+
+Members of the team are on other computers, behind the gate by TLS. On the vehicle's computer a service is one that
+comes by the socket, and a program of people one that comes by TCP.
+"""
 
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 import zenoh
@@ -16,10 +20,14 @@ from jezero.keys.bundle import secured
 from jezero.keys.members import MEMBERS as MEMBERS_FILE
 from jezero.keys.members import Role
 from jezero.keys.team import Team
-from jezero.runtime.routing import ListenError, open_router
+from jezero.runtime.bus_address import socket_of
+from jezero.runtime.config import HostLinks
+from jezero.runtime.routing import ListenError, open_gate, open_router
 from jezero.schemas.commands import RoverCommand
 from jezero.schemas.rows import CLIENTS, Endpoint, Topic
+from jezero.schemas.state import Clock
 from jezero.schemas.topics import (
+    CLOCK,
     ENDPOINTS,
     ROVER_COMMAND,
     TOPICS,
@@ -35,14 +43,18 @@ VEHICLE = "uav1"
 SETTLE_S = 0.5
 """Time in which what is allowed has long arrived."""
 BLOCK = zenoh.CongestionControl.BLOCK
-ROLES: tuple[Role, ...] = ("viewer", "pilot", "ground", "rover", "vehicle")
-MEMBERS = {
+Who = Role | Literal["program", "service"]
+"""A role of the team on another computer, or a program or service of the vehicle's own."""
+MEMBERS: dict[Role, str] = {
     "viewer": "viewer-eye",
     "pilot": "pilot-ana",
     "ground": "ground-lab",
     "rover": "rover-r1",
     "vehicle": "vehicle-uav1",
 }
+EVERYBODY: tuple[Who, ...] = (*MEMBERS, "program", "service")
+PILOTS: frozenset[Who] = frozenset({"pilot", "ground", "program"})
+SERVICES: frozenset[Who] = frozenset({"vehicle", "service"})
 ALL_TOPICS: list[Topic[Any]] = [*TOPICS, health_of("estimator"), journal_of("estimator")]
 PLANES = ("", "@action/", "@control/", "@estimator/", "@fence/", "@mission/", "@preflight/")
 
@@ -54,79 +66,82 @@ def name_of(endpoint: Endpoint[Any, Any]) -> str:
 
 ASKED = {name_of(endpoint): endpoint for endpoint in ENDPOINTS}
 TOKENS = {
-    ("client", "py-1"): ROLES,
-    ("service", "rover"): ("rover", "vehicle"),
-    ("service", "estimator"): ("vehicle",),
-    ("claim", "estimator/1"): ("vehicle",),
+    ("client", "py-1"): {*PILOTS, "rover", *SERVICES},
+    ("service", "rover"): {"rover", *SERVICES},
+    ("service", "estimator"): SERVICES,
+    ("claim", "estimator/1"): SERVICES,
 }
 """Kind and name of liveliness tokens, and who may declare them."""
 
 
-def publishers_of(topic: Topic[Any]) -> set[Role]:
+def publishers_of(topic: Topic[Any]) -> set[Who]:
     """Who may publish on a topic, by its row in the table."""
-    allowed: set[Role] = {"vehicle"}
+    allowed: set[Who] = set(SERVICES)
     if topic.host == "rover":
         allowed.add("rover")
     if topic.writer == CLIENTS:
-        allowed |= {"pilot", "ground"}
+        allowed |= PILOTS
     return allowed
 
 
-def readers_of(topic: Topic[Any]) -> set[Role]:
-    """Who may subscribe to a topic, by its row in the table."""
-    return {"vehicle"} if topic.reader == "service" else set(ROLES)
-
-
-def askers_of(endpoint: Endpoint[Any, Any]) -> set[Role]:
+def askers_of(endpoint: Endpoint[Any, Any]) -> set[Who]:
     """Who may send requests to an endpoint, by its row in the table."""
-    allowed: dict[str, set[Role]] = {
-        "viewer": set(ROLES),
-        "pilot": {"pilot", "ground", "vehicle"},
-        "service": {"vehicle"},
-    }
+    allowed: dict[str, set[Who]] = {"viewer": set(EVERYBODY), "pilot": {*PILOTS, *SERVICES}, "service": set(SERVICES)}
     return allowed[endpoint.asker]
 
 
 @dataclass
 class Bus:
-    """A router with the rights of a team, and a session with it of each role; `inside` is that of a service.
+    """The two routers of a vehicle's computer, and a session with them of everybody.
 
     Attributes:
         inside: session of one of the vehicle's own services.
-        sessions: the session of each role.
+        sessions: the session of each that tries.
     """
 
     inside: zenoh.Session
-    sessions: dict[Role, zenoh.Session]
+    sessions: dict[Who, zenoh.Session]
 
 
 @contextmanager
-def router_of_team(bundle: Path) -> Iterator[tuple[int, zenoh.Session]]:
-    """A router that listens with a bundle; its port and session."""
-    port = free_port()
-    with open_router(secured(f"tls/0.0.0.0:{port}", bundle), VEHICLE) as session:
-        yield port, session
+def computer(bundle: Path, run_folder: Path) -> Iterator[tuple[int, str, str]]:
+    """The routers of a vehicle's computer.
+
+    Returns:
+        Port of the gate, and the addresses for programs and for services.
+    """
+    port, people, bus = free_port(), f"tcp/127.0.0.1:{free_port()}", socket_of(run_folder)
+    links = HostLinks(listen=(secured(f"tls/0.0.0.0:{port}", bundle),))
+    with open_router(people, bus), open_gate(bus, VEHICLE, links):
+        yield port, people, bus
 
 
 @pytest.fixture(scope="module")
 def bus(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bus]:
     team = make_team(tmp_path_factory.mktemp("team"))
     team.add("rover", "r1")
-    bundle = team.bundle("vehicle-uav1")
     with (
-        router_of_team(bundle) as (port, _),
+        computer(team.bundle("vehicle-uav1"), tmp_path_factory.mktemp("run")) as (port, people, socket),
         ExitStack() as ends,
     ):
 
-        def connect(name: str) -> zenoh.Session:
-            endpoint = secured(f"tls/127.0.0.1:{port}", team.bundle(name))
+        def connect(endpoint: str) -> zenoh.Session:
             return ends.enter_context(zenoh.open(client_config(endpoint, 3.0)))
 
-        yield Bus(connect("vehicle-uav1"), {role: connect(MEMBERS[role]) for role in ROLES})
+        yield Bus(
+            connect(socket),
+            {
+                **{
+                    role: connect(secured(f"tls/127.0.0.1:{port}", team.bundle(name))) for role, name in MEMBERS.items()
+                },
+                "program": connect(people),
+                "service": connect(socket),
+            },
+        )
 
 
-@pytest.fixture(params=ROLES)
-def role(request: pytest.FixtureRequest) -> Role:
+@pytest.fixture(params=EVERYBODY)
+def who(request: pytest.FixtureRequest) -> Who:
     return request.param  # type: ignore[no-any-return]
 
 
@@ -150,41 +165,42 @@ def every(send: Callable[[str], object], names: list[str]) -> None:
     time.sleep(SETTLE_S)
 
 
-def test_each_topic_is_published_by_its_writers_alone(bus: Bus, role: Role) -> None:
+def test_each_topic_is_published_by_its_writers_alone(bus: Bus, who: Who) -> None:
     names = [topic.name for topic in ALL_TOPICS] + list(ASKED)
     with ExitStack() as ends:
         arrived = subscribed(bus.inside, [f"{plane}**" for plane in PLANES], ends)
-        every(lambda name: bus.sessions[role].put(name, "x", congestion_control=BLOCK), names)
-    allowed = {topic.name for topic in ALL_TOPICS if role in publishers_of(topic)}
-    assert short(arrived) == (set(names) if role == "vehicle" else allowed)
+        every(lambda name: bus.sessions[who].put(name, "x", congestion_control=BLOCK), names)
+    allowed = {topic.name for topic in ALL_TOPICS if who in publishers_of(topic)}
+    assert short(arrived) == (set(names) if who in SERVICES else allowed)
 
 
-def test_nobody_but_services_deletes(bus: Bus, role: Role) -> None:
+def test_nobody_but_services_deletes(bus: Bus, who: Who) -> None:
     names = [topic.name for topic in ALL_TOPICS] + list(ASKED)
     with ExitStack() as ends:
         arrived = subscribed(bus.inside, [f"{plane}**" for plane in PLANES], ends)
-        every(lambda name: bus.sessions[role].delete(name, congestion_control=BLOCK), names)
-    assert short(arrived) == (set(names) if role == "vehicle" else set())
+        every(lambda name: bus.sessions[who].delete(name, congestion_control=BLOCK), names)
+    assert short(arrived) == (set(names) if who in SERVICES else set())
 
 
 @pytest.mark.parametrize("wildcards", [False, True], ids=["by their keys", "by wildcards"])
-def test_each_topic_is_read_by_its_readers_alone(bus: Bus, role: Role, wildcards: bool) -> None:
+def test_everybody_reads_each_topic_that_crosses_the_link(bus: Bus, who: Who, wildcards: bool) -> None:
     names = [topic.name for topic in ALL_TOPICS]
     with ExitStack() as ends:
-        arrived = subscribed(bus.sessions[role], ["**"] if wildcards else names, ends)
+        arrived = subscribed(bus.sessions[who], ["**"] if wildcards else names, ends)
         every(lambda name: bus.inside.put(name, "x", congestion_control=BLOCK), names)
-    assert short(arrived) == {topic.name for topic in ALL_TOPICS if role in readers_of(topic)}
+    at_home = set() if who in ("program", "service") else {topic.name for topic in ALL_TOPICS if topic.link_hz == 0.0}
+    assert short(arrived) == set(names) - at_home
 
 
-def test_each_endpoint_is_asked_by_its_askers_alone(bus: Bus, role: Role) -> None:
+def test_each_endpoint_is_asked_by_its_askers_alone(bus: Bus, who: Who) -> None:
     asked: set[str] = set()
     with ExitStack() as ends:
         for name in ASKED:
             reply = answering(asked)
             ends.callback(bus.inside.declare_queryable(key(VEHICLE, name), reply, complete=True).undeclare)
         time.sleep(SETTLE_S)
-        replied = {name for name in ASKED if replies(bus.sessions[role], name)}
-    allowed = {name for name, endpoint in ASKED.items() if role in askers_of(endpoint)}
+        replied = {name for name in ASKED if replies(bus.sessions[who], name)}
+    allowed = {name for name, endpoint in ASKED.items() if who in askers_of(endpoint)}
     assert replied == allowed
     assert short(asked) == allowed
 
@@ -202,33 +218,33 @@ def replies(session: zenoh.Session, name: str) -> bool:
     return any(reply.ok is not None for reply in session.get(key(VEHICLE, name), payload="{}", timeout=2.0))
 
 
-def test_nobody_but_services_answers_requests(bus: Bus, role: Role) -> None:
+def test_nobody_but_services_answers_requests(bus: Bus, who: Who) -> None:
     with ExitStack() as ends:
         for name in (*ASKED, *(topic.name for topic in ALL_TOPICS)):
             reply = answering(set())
-            ends.callback(bus.sessions[role].declare_queryable(key(VEHICLE, name), reply, complete=True).undeclare)
+            ends.callback(bus.sessions[who].declare_queryable(key(VEHICLE, name), reply, complete=True).undeclare)
         time.sleep(SETTLE_S)
         answered = {name for name in (*ASKED, "status") if replies(bus.inside, name)}
-    assert answered == ({*ASKED, "status"} if role == "vehicle" else set())
+    assert answered == ({*ASKED, "status"} if who in SERVICES else set())
 
 
-def test_liveliness_tokens_are_those_of_their_owners(bus: Bus, role: Role) -> None:
-    liveliness = bus.sessions[role].liveliness()
+def test_liveliness_tokens_are_those_of_their_owners(bus: Bus, who: Who) -> None:
+    liveliness = bus.sessions[who].liveliness()
     with ExitStack() as ends:
         for kind, name in TOKENS:
             ends.callback(liveliness.declare_token(liveliness_key(VEHICLE, kind, name)).undeclare)  # type: ignore[arg-type]
         time.sleep(SETTLE_S)
         found = {str(reply.ok.key_expr) for reply in bus.inside.liveliness().get(key(VEHICLE, "@alive/**")) if reply.ok}
-    allowed = {liveliness_key(VEHICLE, *token) for token, roles in TOKENS.items() if role in roles}  # type: ignore[arg-type]
+    allowed = {liveliness_key(VEHICLE, *token) for token, owners in TOKENS.items() if who in owners}  # type: ignore[arg-type]
     assert found == allowed
 
 
-def test_everybody_sees_which_services_are_there(bus: Bus, role: Role) -> None:
+def test_everybody_sees_which_services_are_there(bus: Bus, who: Who) -> None:
     own = liveliness_key(VEHICLE, "service", "estimator")
     token = bus.inside.liveliness().declare_token(own)
     time.sleep(SETTLE_S)
     found = {
-        str(reply.ok.key_expr) for reply in bus.sessions[role].liveliness().get(key(VEHICLE, "@alive/**")) if reply.ok
+        str(reply.ok.key_expr) for reply in bus.sessions[who].liveliness().get(key(VEHICLE, "@alive/**")) if reply.ok
     }
     token.undeclare()  # type: ignore[no-untyped-call]
     assert own in found
@@ -239,9 +255,8 @@ def connected(team: Team, port: int, name: str) -> Vehicle:
 
 
 def test_a_viewer_that_wants_to_fly_reads_why_that_is_denied(tmp_path: Path) -> None:
-    team = make_team(tmp_path)
-    bundle = team.bundle("vehicle-uav1")
-    with router_of_team(bundle) as (port, _):
+    team = make_team(tmp_path / "team")
+    with computer(team.bundle("vehicle-uav1"), tmp_path / "run") as (port, _people, _bus):
         with connected(team, port, "viewer-eye") as viewer:
             for send in (viewer.hover, viewer.takeoff, viewer.land_on_spot):
                 with pytest.raises(Refused, match=r"viewer-eye has no right to @.*: only pilots fly"):
@@ -254,12 +269,23 @@ def test_a_viewer_that_wants_to_fly_reads_why_that_is_denied(tmp_path: Path) -> 
             pilot.hover()
 
 
+def test_a_program_that_would_be_a_service_reads_which_address_to_take(tmp_path: Path) -> None:
+    address = f"tcp/127.0.0.1:{free_port()}"
+    with open_router(address, socket_of(tmp_path)):
+        connection = Connection(VEHICLE, address, 3.0)
+        with pytest.raises(Refused, match=r"only services of the vehicle send to clock: .* socket that `jezero ps`"):
+            connection.publish(CLOCK, Clock(t_ns=0, epoch_id=1, wall_ns=0))
+        connection.close()
+
+
 def test_a_revoked_member_may_do_nothing(tmp_path: Path) -> None:
-    team: Team = make_team(tmp_path)
+    team: Team = make_team(tmp_path / "team")
     team.revoke("pilot-bo")
-    bundle = team.bundle("vehicle-uav1")
     heard: list[str] = []
-    with router_of_team(bundle) as (port, inside):
+    with (
+        computer(team.bundle("vehicle-uav1"), tmp_path / "run") as (port, _people, bus),
+        zenoh.open(client_config(bus, 3.0)) as inside,
+    ):
         subscriber = inside.declare_subscriber(
             key(VEHICLE, "rover/command"), lambda s: heard.append(s.payload.to_string())
         )
@@ -274,7 +300,9 @@ def test_a_revoked_member_may_do_nothing(tmp_path: Path) -> None:
 def test_a_router_without_the_list_of_members_does_not_listen(tmp_path: Path) -> None:
     bundle = make_team(tmp_path).bundle("vehicle-uav1")
     (bundle / MEMBERS_FILE).unlink()
+    links = HostLinks(listen=(secured(f"tls/127.0.0.1:{free_port()}", bundle),))
     with pytest.raises(ListenError, match=r"members\.json is missing: copy the whole folder"):
-        open_router(secured(f"tls/127.0.0.1:{free_port()}", bundle), VEHICLE)
+        open_gate(socket_of(tmp_path), VEHICLE, links)
+    links = HostLinks(listen=(f"tls/127.0.0.1:{free_port()}",))
     with pytest.raises(ListenError, match="a router with TLS needs the bundle of its computer"):
-        open_router(f"tls/127.0.0.1:{free_port()}", VEHICLE)
+        open_gate(socket_of(tmp_path), VEHICLE, links)
