@@ -54,8 +54,9 @@ def test_no_service_asks_the_simulator_for_its_ground() -> None:
     assert not [name for name, spec in SPECS.items() if GROUND in spec.calls]
 
 
-def test_the_compose_file_starts_every_service_and_the_router() -> None:
-    assert set(parse((ROOT / "deploy" / "compose.yaml").read_text(), {})) == {*SPECS, "router"}
+def test_the_compose_file_starts_every_service_the_router_and_the_gate() -> None:
+    services = parse((ROOT / "deploy" / "compose.yaml").read_text(), {"JEZERO_GATE": "1"})
+    assert set(services) == {*SPECS, "router", "gate"}
 
 
 @pytest.mark.parametrize("name", PAGES)

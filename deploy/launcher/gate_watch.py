@@ -64,8 +64,8 @@ class GateWatch:
         reason = next(filter(None, reasons), "")
         if not reason or now_s - self._restarted_s < self._period_s:
             return ""
-        helped = now_s - self._restarted_s > RESTART_PERIOD_MAX_S + self._period_s
-        self._period_s = RESTART_PERIOD_MIN_S if helped else min(2 * self._period_s, RESTART_PERIOD_MAX_S)
+        is_first = now_s - self._restarted_s > 2 * RESTART_PERIOD_MAX_S
+        self._period_s = RESTART_PERIOD_MIN_S if is_first else min(2 * self._period_s, RESTART_PERIOD_MAX_S)
         self._restarted_s = now_s
         return reason
 

@@ -4,7 +4,9 @@ import errno
 import socket
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
+from jezero.runtime.bus_address import socket_of
 from jezero.runtime.config import Instance
 from jezero.runtime.ports import Protocol, listen_problem
 
@@ -51,6 +53,16 @@ def instance_environment(instance: Instance) -> dict[str, str]:
         "JEZERO_ROUTER": instance.router,
         "JEZERO_INSTANCE": str(instance.number),
     }
+
+
+def service_environment(instance: Instance, run_folder: Path) -> dict[str, str]:
+    """Environment variables that make a process a service of this stack, which no launcher starts.
+
+    Args:
+        run_folder: of the stack; the router needs it in `JEZERO_RUN_DIR` too.
+    """
+    own = {"JEZERO_ROUTER": socket_of(run_folder), "JEZERO_RUN_DIR": str(run_folder)}
+    return {**instance_environment(instance), **own}
 
 
 def _free_tcp_port() -> int:

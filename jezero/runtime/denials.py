@@ -39,6 +39,7 @@ NAMED_FOR_S = 60.0
 DENIALS_MAX = 20
 """Number of denials of one member that are kept, and of its lines in the log within `NAMED_FOR_S`. It may try any key,
 and must not hide by that what others try."""
+NAMES_MAX = 1000
 SHOWN_MAX = 3
 """Number of newest denials of one member in health."""
 MESSAGES_MAX_HZ, MESSAGES_BURST = 300.0, 1500.0
@@ -46,8 +47,9 @@ MESSAGES_MAX_HZ, MESSAGES_BURST = 300.0, 1500.0
 when its link begins."""
 EXCLUDED_FOR_S = 10.0
 """Time for which a member that sends more is excluded, since its last message."""
-UNKNOWN, CONNECTIONS = "unknown", "connections"
-"""Stand for a member whose name is unknown, and for connections that ended before the member was known."""
+UNKNOWN, CONNECTIONS, EXCLUDED = "unknown", "connections", "excluded"
+"""Stand for a member whose name is unknown, for connections that ended before the member was known, and for members
+that are excluded, whose denials must not hide that."""
 WORDS = {
     "Put": "publish on {}",
     "Delete": "delete {}",
@@ -145,8 +147,10 @@ class Denials:
 
     def __init__(self) -> None:
         self._member_of: Callable[[str], str] = lambda session: ""
+        self._names: dict[str, str] = {}
+        """Name of the member by Zenoh's id of its session, of the newest `NAMES_MAX` sessions."""
         self._denied: defaultdict[str, _Denied] = defaultdict(_Denied)
-        """What was denied, by member, `UNKNOWN` or `CONNECTIONS`."""
+        """What was denied, by member, `UNKNOWN`, `CONNECTIONS` or `EXCLUDED`."""
         self._allowances: defaultdict[str, _Allowance] = defaultdict(_Allowance)
         """By the name of the member."""
         self._in_block: set[bytes] = set()
@@ -199,7 +203,7 @@ class Denials:
                 excluded = self._allowances[name].take(sent[name], now_s)
             if excluded:
                 limit = f"{MESSAGES_MAX_HZ:g} requests, messages and declarations a second"
-                self._count(name, f"{name} sends more than {limit}: it is excluded for {EXCLUDED_FOR_S:g} s", now_s)
+                self._count(EXCLUDED, f"{name} sends more than {limit}: it is excluded for {EXCLUDED_FOR_S:g} s", now_s)
 
     def _add_decision(self, match: re.Match[bytes], now_s: float) -> str:
         """Add one decision; returns the name of the member whose message it was, "" where no limit holds for it."""
@@ -215,11 +219,20 @@ class Denials:
             if match["what"] == _BLOCK_END:
                 self._in_block.discard(thread)
         elif match["flow"] == b"ingress":
-            name = self._member_of(match["session"].decode()) or _common_name(match["subject"] or b"")
+            name = self._name_of(match)
             if match["denied"]:
                 self._add_attempt(match, name, now_s)
             return "" if name.partition("-")[0] == "vehicle" else name
         return ""
+
+    def _name_of(self, match: re.Match[bytes]) -> str:
+        """Name of the member whose message it was, or ""; Zenoh names it with the first message on each key only."""
+        session = match["session"].decode()
+        if session not in self._names and (name := _common_name(match["subject"] or b"") or self._member_of(session)):
+            self._names[session] = name
+            if len(self._names) > NAMES_MAX:
+                del self._names[next(iter(self._names))]
+        return self._names.get(session, "")
 
     def _add_attempt(self, match: re.Match[bytes], name: str, now_s: float) -> None:
         what, session = match["what"].decode(), match["session"].decode()

@@ -52,7 +52,8 @@ def _rates_out_hz() -> dict[str, float]:
     """Greatest rates of the topics that don't cross with each message."""
     topics = (*TOPICS, EVERY_ACTION_FEEDBACK, journal_of("*"))
     rates_hz = {topic.name: topic.link_hz for topic in topics if topic.link_hz is not None}
-    return rates_hz | {health_of("router").name: 0.0}  # each computer has its own, which is of no use to others
+    # Each computer has its own router and gate, whose health is of no use to others.
+    return rates_hz | {health_of(name).name: 0.0 for name in ("router", "gate")}
 
 
 def _written_hz() -> dict[str, float]:

@@ -5,6 +5,7 @@ import os
 import re
 import shlex
 import socket
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Literal
@@ -51,23 +52,26 @@ def listen_error(protocol: Protocol, host: str, port: int, variable: str, error:
 def port_holder(protocol: Protocol, port: int) -> int | None:
     """The id of the process that has a port; None if /proc doesn't show it."""
     links = {f"socket:[{inode}]" for inode in _inodes(protocol, port)}
-    for folder in Path("/proc").glob("[0-9]*") if links else ():
-        with suppress(OSError):  # it has ended, or is another user's
-            if any(os.readlink(folder / "fd" / name) in links for name in os.listdir(folder / "fd")):
-                return int(folder.name)
-    return None
+    processes = Path("/proc").glob("[0-9]*") if links else ()
+    return next((int(each.name) for each in processes if not links.isdisjoint(_open_files(each))), None)
 
 
 def unix_listener(process: int) -> str:
     """Path of a Unix socket on which a process listens; "" without one, or if /proc doesn't show it."""
+    paths = {}
+    for line in Path("/proc/net/unix").read_text().splitlines()[1:]:
+        _, _, _, flags, _, _, inode, *path = line.split(maxsplit=7)
+        if path and path[0].startswith("/") and int(flags, 16) & ACCEPTS:
+            paths[f"socket:[{inode}]"] = path[0]
+    return next((paths[link] for link in _open_files(Path(f"/proc/{process}")) if link in paths), "")
+
+
+def _open_files(process: Path) -> Iterator[str]:
+    """What the file descriptors of a process are, as far as /proc shows it. Source: proc(5)."""
     with suppress(OSError):  # it has ended, or is another user's
-        folder = Path(f"/proc/{process}/fd")
-        links = {os.readlink(folder / name) for name in os.listdir(folder)}
-        for line in Path("/proc/net/unix").read_text().splitlines()[1:]:
-            _, _, _, flags, _, _, inode, *path = line.split(maxsplit=7)
-            if path and path[0].startswith("/") and int(flags, 16) & ACCEPTS and f"socket:[{inode}]" in links:
-                return path[0]
-    return ""
+        for name in os.listdir(process / "fd"):
+            with suppress(OSError):  # closed since it was listed
+                yield os.readlink(process / "fd" / name)
 
 
 def _inodes(protocol: Protocol, port: int) -> set[str]:

@@ -17,7 +17,7 @@ def test_a_stack_without_the_extra_starts_without_the_ground_station_and_says_so
 ) -> None:
     monkeypatch.delenv("JEZERO_GROUND", raising=False)
     monkeypatch.setattr(stack, "find_spec", lambda name: None)
-    services = _read_services(_shipped_compose_file(), ())
+    services = _read_services(_shipped_compose_file(), (), linked=False)
     assert GROUND_STATION not in services
     assert "vehicle_bridge" in services
     expected = "no ground station in the browser, which is an extra: pip install 'jezero[ground]'\n"
@@ -27,8 +27,8 @@ def test_a_stack_without_the_extra_starts_without_the_ground_station_and_says_so
 def test_a_stack_with_the_extra_has_the_ground_station(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("JEZERO_GROUND", raising=False)
     monkeypatch.setattr(stack, "find_spec", lambda name: object())
-    assert GROUND_STATION in _read_services(_shipped_compose_file(), ())
-    assert GROUND_STATION not in _read_services(_shipped_compose_file(), ("control",))
+    assert GROUND_STATION in _read_services(_shipped_compose_file(), (), linked=False)
+    assert GROUND_STATION not in _read_services(_shipped_compose_file(), ("control",), linked=False)
 
 
 def test_a_password_is_read_from_standard_input_and_only_its_hash_is_written(

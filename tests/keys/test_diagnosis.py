@@ -15,7 +15,9 @@ from jezero import Unreachable, Vehicle
 from jezero.keys.bundle import secured
 from jezero.keys.diagnosis import connection_problem
 from jezero.keys.team import Team
-from jezero.runtime.routing import ListenError, open_router, router_problem
+from jezero.runtime.bus_address import socket_of
+from jezero.runtime.config import HostLinks
+from jezero.runtime.routing import ListenError, open_gate, open_router, router_problem
 from tests.keys.rig import add_at, free_port, make_team, router
 
 
@@ -110,9 +112,9 @@ def test_who_plays_a_router_with_a_viewers_key_is_named(team: Team) -> None:
         )
 
 
-def test_a_router_without_tls_is_named(team: Team) -> None:
+def test_a_router_without_tls_is_named(team: Team, tmp_path: Path) -> None:
     port = free_port()
-    with open_router(f"tcp/127.0.0.1:{port}", "uav1"):
+    with open_router(f"tcp/127.0.0.1:{port}", socket_of(tmp_path)):
         assert "is the stack up, with a tls/… address?" in refusal(port, team.bundle("pilot-ana"))
 
 
@@ -183,7 +185,7 @@ def test_a_key_that_this_user_may_not_read_is_named(team: Team) -> None:
     assert "key.pem: Permission denied" in reason and "belong to the user that starts jezero" in reason
 
 
-def test_a_router_does_not_listen_with_a_certificate_that_nobody_takes(team: Team) -> None:
+def test_a_gate_does_not_listen_with_a_certificate_that_nobody_takes(team: Team, tmp_path: Path) -> None:
     team.add("ground", "gone")
     team.revoke("ground-gone")
     expired = add_at(team, -400, "rover", "past")
@@ -195,10 +197,10 @@ def test_a_router_does_not_listen_with_a_certificate_that_nobody_takes(team: Tea
         endpoint = secured(f"tls/127.0.0.1:{free_port()}", bundle)
         assert expected in router_problem(endpoint)
         with pytest.raises(ListenError, match=expected):
-            open_router(endpoint, "uav1")
+            open_gate(socket_of(tmp_path), "uav1", HostLinks(listen=(endpoint,)))
     endpoint = secured(f"tls/127.0.0.1:{free_port()}", team.bundle("vehicle-uav1"))
     assert router_problem(endpoint) == ""
-    open_router(endpoint, "uav1").close()  # type: ignore[no-untyped-call]
+    open_gate(socket_of(tmp_path), "uav1", HostLinks(listen=(endpoint,))).close()  # type: ignore[no-untyped-call]
 
 
 def test_the_sdk_connects_to_another_computer_without_tls_only_when_told(monkeypatch: pytest.MonkeyPatch) -> None:

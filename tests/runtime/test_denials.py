@@ -1,26 +1,31 @@
 """What a router denied, and to whom, from Zenoh's log: as a member's attempts make it, and from lines of it."""
 
-import os
-import subprocess
-import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 import zenoh
 
 from jezero.keys.bundle import secured
-from jezero.keys.team import Team
-from jezero.runtime.denials import DENIALS_MAX, NAMED_FOR_S, SHOWN_MAX, Denials
+from jezero.runtime.denials import (
+    DENIALS_MAX,
+    EXCLUDED_FOR_S,
+    KEY_MAX,
+    MESSAGES_BURST,
+    MESSAGES_MAX_HZ,
+    NAMED_FOR_S,
+    SHOWN_MAX,
+    Denials,
+)
 from jezero.schemas.topics import CLOCK, HOVER, KILL, STATUS, key
 from jezero.zenoh_client import client_config
-from tests.keys.rig import add_at, free_port, make_team
+from tests.keys.rig import add_at, make_team
+from tests.runtime.computers import computer
 
 VEHICLE = "uav1"
 LATEST_S = 10.0
-MEMBERS = {"80a6": "viewer-eye", "0b0b": "ground-lab"}
+MEMBERS = {"80a6": "viewer-eye", "0b0b": "ground-lab", "7e1c": "vehicle-uav1"}
 BEGIN = "2026-11-28T08:52:25.930486Z TRACE  rx-0 ThreadId(08) zenoh::net::routing::interceptor::access_control: "
 TLS = "2026-11-28T08:52:27.444629Z  WARN acc-0 ThreadId(04) zenoh_link_tls::unicast: "
 PUT = BEGIN + "Using cached result: 80a6 is unauthorized to Put (ingress) on uav1/odometry"
@@ -28,7 +33,9 @@ PUT = BEGIN + "Using cached result: 80a6 is unauthorized to Put (ingress) on uav
 
 @pytest.fixture
 def denials() -> Denials:
-    return Denials(lambda session: MEMBERS.get(session, ""))
+    denials = Denials()
+    denials.name_by(lambda session: MEMBERS.get(session, ""))
+    return denials
 
 
 def read(denials: Denials, *lines: str, now_s: float = 0.0) -> str:
@@ -86,7 +93,7 @@ def test_what_the_router_itself_leaves_out_is_no_attempt(denials: Denials) -> No
 def test_a_denial_that_goes_on_is_logged_once_a_minute(denials: Denials, capsys: pytest.CaptureFixture[str]) -> None:
     for second in range(90):
         read(denials, PUT, PUT, now_s=float(second))
-    own = "router: viewer-eye may not publish on uav1/odometry"
+    own = "gate: viewer-eye may not publish on uav1/odometry"
     assert capsys.readouterr().err.splitlines() == [own, f"{own} (122 times since the last line)"]
     assert denials.text(89.0 + NAMED_FOR_S + 1.0) == ""
 
@@ -102,6 +109,40 @@ def test_a_member_that_tries_any_number_of_keys_fills_neither_memory_nor_log(
     assert len(lines) == DENIALS_MAX and lines[-1].endswith("; more of this within a minute is not logged")
 
 
+def test_a_key_without_end_is_cut(denials: Denials) -> None:
+    text = read(denials, PUT + "x" * 10_000)
+    assert KEY_MAX < len(text) < 2 * KEY_MAX
+
+
+def sent(denials: Denials, count: int, at_s: float, session: str = "80a6") -> None:
+    """The member with a session sends some messages, which it may send."""
+    line = BEGIN + f"Using cached result: {session} is authorized to Query (ingress) on uav1/status"
+    denials.add("\n".join([line] * count).encode(), at_s)
+
+
+def test_a_member_that_sends_as_people_do_is_not_excluded(denials: Denials) -> None:
+    sent(denials, int(MESSAGES_BURST), 0.0)
+    for second in range(1, 60):
+        sent(denials, int(MESSAGES_MAX_HZ), float(second))
+        assert denials.excluded(float(second)) == []
+
+
+def test_a_member_that_sends_more_is_excluded_until_it_has_been_quiet(denials: Denials) -> None:
+    sent(denials, int(MESSAGES_BURST) + 1, 0.0)
+    assert denials.excluded(0.0) == ["viewer-eye"]
+    assert "viewer-eye sends more than 300 requests, messages and declarations a second" in denials.text(0.0)
+    sent(denials, 1, EXCLUDED_FOR_S - 1.0)
+    assert denials.excluded(2 * EXCLUDED_FOR_S - 2.0) == ["viewer-eye"]
+    assert denials.excluded(2 * EXCLUDED_FOR_S) == []
+    sent(denials, 100, 2 * EXCLUDED_FOR_S)
+    assert denials.excluded(2 * EXCLUDED_FOR_S) == []
+
+
+def test_the_vehicles_own_messages_are_not_counted(denials: Denials) -> None:
+    sent(denials, 10 * int(MESSAGES_BURST), 0.0, "7e1c")
+    assert denials.excluded(0.0) == []
+
+
 def test_nobody_hides_what_others_try_behind_many_attempts(
     denials: Denials, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -109,41 +150,21 @@ def test_nobody_hides_what_others_try_behind_many_attempts(
         read(denials, f"{PUT}{number}", now_s=0.001 * number)
     text = read(denials, PUT.replace("80a6", "0b0b"), now_s=1.0)
     own = "ground-lab may not publish on uav1/odometry"
-    assert own in text and f"router: {own}" in capsys.readouterr().err
-
-
-@contextmanager
-def router_process(team: Team, folder: Path) -> Iterator[tuple[str, Path]]:
-    """The process of a vehicle's router; its address for others and its log."""
-    address, log = f"tls/127.0.0.1:{free_port()}", folder / "router.log"
-    environment = {
-        **os.environ,
-        "JEZERO_ROUTER": f"tcp/127.0.0.1:{free_port()}",
-        "JEZERO_LISTEN": address,
-        "JEZERO_KEYS": str(team.bundle("vehicle-uav1")),
-    }
-    with log.open("wb") as out:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "jezero.runtime.router"], env=environment, stdout=out, stderr=out
-        )
-        try:
-            yield address, log
-        finally:
-            process.terminate()
-            process.wait(LATEST_S)
+    assert own in text and f"gate: {own}" in capsys.readouterr().err
 
 
 def test_what_members_and_strangers_try_is_logged_with_the_name_of_the_certificate(tmp_path: Path) -> None:
     team, others = make_team(tmp_path / "team"), make_team(tmp_path / "others")
     team.add("viewer", "gone")
     team.revoke("viewer-gone")
-    with router_process(team, tmp_path) as (address, log):
-        with zenoh.open(client_config(secured(address, team.bundle("viewer-eye")), LATEST_S)) as viewer:
+    with computer(team, tmp_path) as vehicle:
+        address, log = vehicle.address, vehicle.log
+        with vehicle.visitor("viewer-eye") as viewer:
             viewer.put(key(VEHICLE, CLOCK.name), b"{}")
             for endpoint in (HOVER, KILL):
                 list(viewer.get(key(VEHICLE, endpoint.name), timeout=0.5))
             viewer.declare_queryable(key(VEHICLE, STATUS.name), lambda _query: None)
-            with zenoh.open(client_config(secured(address, team.bundle("viewer-gone")), LATEST_S)) as gone:
+            with vehicle.visitor("viewer-gone") as gone:
                 gone.put(key(VEHICLE, CLOCK.name), b"{}")
                 time.sleep(1.0)
             for bundle in (add_at(team, -400, "pilot", "past"), others.bundle("pilot-ana")):
@@ -162,4 +183,4 @@ def test_what_members_and_strangers_try_is_logged_with_the_name_of_the_certifica
         while any(words not in log.read_text() for words in expected) and time.monotonic() < deadline_s:
             time.sleep(0.1)
         lines = log.read_text().splitlines()
-    assert sorted(lines) == sorted(f"router: {words}" for words in expected)
+    assert sorted(lines) == sorted(f"gate: {words}" for words in expected)

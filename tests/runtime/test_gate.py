@@ -1,185 +1,179 @@
-"""The gate to other computers follows the keys of its bundle, and the programs of its own computer notice nothing."""
+"""The gate follows the keys of its bundle and bounds what members send; the programs of its computer notice nothing."""
 
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from threading import Event, Thread
 
 import pytest
 import zenoh
 
-from jezero.keys.bundle import CERTIFICATE, KEY, read_certificate, secured
+from jezero.keys.bundle import CERTIFICATE, KEY, secured
 from jezero.keys.members import MEMBERS
 from jezero.keys.team import Team
-from jezero.runtime.config import HostLinks
-from jezero.runtime.gate import Gate
-from jezero.runtime.routing import ListenError, open_router
-from jezero.schemas.topics import ROVER_COMMAND, STATUS, key
-from jezero.zenoh_client import client_config
-from tests.keys.rig import add_at, free_port, make_team
+from jezero.runtime.gate import Bundles
+from jezero.schemas.topics import HOVER, ROVER_COMMAND, STATUS, key, liveliness_key
+from tests.keys.rig import add_at, make_team
+from tests.runtime.computers import Computer, computer, wait_until
 
 VEHICLE = "uav1"
-LATEST_S = 5.0
-PERIOD_S, SENT = 0.005, 20
 BLOCK = zenoh.CongestionControl.BLOCK
-
-
-def wait_until(condition: Callable[[], bool]) -> bool:
-    deadline_s = time.monotonic() + LATEST_S
-    while not condition() and time.monotonic() < deadline_s:
-        time.sleep(0.02)
-    return condition()
-
-
-class Computer:
-    """A vehicle's computer: router, gate with the bundle of `vehicle-uav1`, and two programs."""
-
-    def __init__(self, team: Team) -> None:
-        self.team, self.bundle = team, team.bundle("vehicle-uav1")
-        self.port = free_port()
-        router = f"tcp/127.0.0.1:{free_port()}"
-        self.router = open_router(router, VEHICLE)
-        links = HostLinks(listen=(secured(f"tls/127.0.0.1:{self.port}", self.bundle),))
-        self.gate = Gate(router, VEHICLE, links)
-        self.one, self.other = (zenoh.open(client_config(router, LATEST_S)) for _ in range(2))
-
-    def connect(self, name: str) -> zenoh.Session:
-        """The session of a member on another computer."""
-        endpoint = secured(f"tls/127.0.0.1:{self.port}", self.team.bundle(name))
-        return zenoh.open(client_config(endpoint, LATEST_S))
-
-    def follow(self) -> bool:
-        """Whether the gate is opened anew for files that have changed and rest."""
-        return any(self.gate.update() for _ in range(2))
-
-    def close(self) -> None:
-        for session in (self.one, self.other):
-            session.close()  # type: ignore[no-untyped-call]
-        self.gate.close()
-        self.router.close()  # type: ignore[no-untyped-call]
+PERIOD_S = 0.02
+STATUS_KEY, COMMAND_KEY, HOVER_KEY = (key(VEHICLE, each.name) for each in (STATUS, ROVER_COMMAND, HOVER))
 
 
 @pytest.fixture
-def computer(tmp_path: Path) -> Iterator[Computer]:
-    computer = Computer(make_team(tmp_path / "team"))
-    yield computer
-    computer.close()
+def vehicle(tmp_path: Path) -> Iterator[Computer]:
+    with computer(make_team(tmp_path / "team"), tmp_path) as vehicle:
+        yield vehicle
 
 
-def heard_from(computer: Computer, name: str) -> bool:
-    """Whether what a member publishes on `rover/command` arrives at a program of the vehicle."""
-    heard: list[zenoh.Sample] = []
-    subscriber = computer.one.declare_subscriber(key(VEHICLE, ROVER_COMMAND.name), heard.append)
-    with computer.connect(name) as session:
-        for _ in range(10):
-            session.put(key(VEHICLE, ROVER_COMMAND.name), name, congestion_control=BLOCK)
-            time.sleep(0.1)
-    subscriber.undeclare()  # type: ignore[no-untyped-call]
-    return bool(heard)
+class Traffic:
+    """Status from one service of a computer to another, 50 times a second, as long as it is needed."""
 
+    def __init__(self, vehicle: Computer) -> None:
+        self.gaps_s: list[float] = []
+        self._last_s: float | None = None
+        self._ending = Event()
+        vehicle.service().declare_subscriber(STATUS_KEY, self._on_status)
+        self._writer = vehicle.service()
+        self._thread = Thread(target=self._publish)
+        self._thread.start()
 
-def test_without_changes_the_gate_stays(computer: Computer) -> None:
-    session = computer.gate.session
-    assert not computer.follow() and computer.gate.session is session and computer.gate.problem == ""
+    def _on_status(self, _sample: zenoh.Sample) -> None:
+        now_s = time.monotonic()
+        if self._last_s is not None:
+            self.gaps_s.append(now_s - self._last_s)
+        self._last_s = now_s
 
-
-def test_a_renewed_certificate_is_shown_while_local_messages_go_on(computer: Computer) -> None:
-    heard: list[zenoh.Sample] = []
-    own = key(VEHICLE, STATUS.name)
-    subscriber = computer.other.declare_subscriber(own, heard.append)
-    publisher = computer.one.declare_publisher(own)
-    wait_until(lambda: bool(publisher.matching_status.matching))  # type: ignore[attr-defined]
-    before = read_certificate(computer.bundle / CERTIFICATE).serial_number
-    Team(computer.team.folder, datetime.now(UTC) + timedelta(seconds=1)).renew("vehicle-uav1")
-    assert read_certificate(computer.bundle / CERTIFICATE).serial_number != before
-    sent, renewed = 0, False
-    deadline_s = time.monotonic() + LATEST_S
-    while not renewed and time.monotonic() < deadline_s:
-        for _ in range(SENT):
+    def _publish(self) -> None:
+        publisher = self._writer.declare_publisher(STATUS_KEY)
+        while not self._ending.wait(PERIOD_S):
             publisher.put(b"{}")
-            time.sleep(PERIOD_S)
-        sent += SENT
-        renewed = computer.gate.update()
-    assert wait_until(lambda: len(heard) == sent)
-    subscriber.undeclare()  # type: ignore[no-untyped-call]
-    assert renewed
-    assert heard_from(computer, "pilot-ana")
+
+    def end(self) -> None:
+        """Stop publishing; `gaps_s` has the times between messages."""
+        self._ending.set()
+        self._thread.join()
 
 
-def test_a_revocation_counts_without_a_restart(computer: Computer) -> None:
-    assert heard_from(computer, "pilot-bo")
-    computer.team.revoke("pilot-bo")
-    shutil.copy(computer.team.folder / MEMBERS, computer.bundle / MEMBERS)
-    assert computer.follow()
-    assert not heard_from(computer, "pilot-bo")
-    assert heard_from(computer, "pilot-ana")
-
-
-def test_a_member_that_is_connected_comes_back_by_itself(computer: Computer) -> None:
+def arrives_from(vehicle: Computer, name: str, latest_s: float = 10.0) -> bool:
+    """Whether what a member publishes on `rover/command` arrives at a service of the vehicle."""
     heard: list[zenoh.Sample] = []
-    with computer.connect("viewer-eye") as viewer:
-        viewer.declare_subscriber(key(VEHICLE, STATUS.name), heard.append)
-        computer.team.add("pilot", "new")
-        shutil.copy(computer.team.folder / MEMBERS, computer.bundle / MEMBERS)
-        assert computer.follow()
-        heard.clear()
+    subscriber = vehicle.service().declare_subscriber(COMMAND_KEY, heard.append)
+    with vehicle.visitor(name) as session:
 
-        def arrives() -> bool:
-            computer.one.put(key(VEHICLE, STATUS.name), b"{}")
+        def try_once() -> bool:
+            session.put(COMMAND_KEY, name, congestion_control=BLOCK)
+            time.sleep(0.1)
             return bool(heard)
 
-        assert wait_until(arrives)
-    assert heard_from(computer, "pilot-new")
+        arrived = wait_until(try_once, latest_s)
+    subscriber.undeclare()  # type: ignore[no-untyped-call]
+    return arrived
 
 
-def test_keys_that_cannot_be_used_leave_the_links_as_they_are(computer: Computer) -> None:
-    old = (computer.bundle / CERTIFICATE).read_bytes()
-    session = computer.gate.session
+def changes_noticed(vehicle: Computer) -> int:
+    return vehicle.log.read_text().count("the keys have changed")
+
+
+def test_a_change_of_keys_is_followed_while_local_messages_go_on(vehicle: Computer) -> None:
+    assert arrives_from(vehicle, "pilot-bo") and arrives_from(vehicle, "pilot-ana")
+    traffic = Traffic(vehicle)
+    with vehicle.visitor("viewer-eye") as viewer:
+        seen: list[zenoh.Sample] = []
+        viewer.declare_subscriber(STATUS_KEY, seen.append)
+        assert wait_until(lambda: len(seen) > 3)
+        vehicle.team.revoke("pilot-bo")
+        vehicle.team.add("pilot", "new")
+        vehicle.copy_bundle()
+        assert wait_until(lambda: changes_noticed(vehicle) == 1)
+        seen.clear()
+        assert wait_until(lambda: len(seen) > 3), "who is connected comes back by itself"
+    traffic.end()
+    assert arrives_from(vehicle, "pilot-new") and not arrives_from(vehicle, "pilot-bo", 2.0)
+    assert vehicle.gate.poll() is None, "it is the same process, started anew"
+    assert max(traffic.gaps_s) < 1.0
+
+
+def test_keys_that_cannot_be_used_leave_the_links_as_they_are(tmp_path: Path) -> None:
+    team = make_team(tmp_path)
+    bundle = team.bundle("vehicle-uav1")
+    bundles = Bundles((secured("tls/127.0.0.1:7448", bundle),))
+    assert not bundles.changed() and bundles.problem == ""
+    old = (bundle / CERTIFICATE).read_bytes()
     for damage, reason in (
-        (lambda: (computer.bundle / CERTIFICATE).write_bytes(old[: len(old) // 2]), "damaged"),
+        (lambda: (bundle / CERTIFICATE).write_bytes(old[: len(old) // 2]), "damaged"),
+        (lambda: shutil.copy(team.bundle("pilot-ana") / CERTIFICATE, bundle / CERTIFICATE), "is not the key of"),
         (
-            lambda: shutil.copy(computer.team.bundle("pilot-ana") / CERTIFICATE, computer.bundle / CERTIFICATE),
-            "is not the key of",
+            lambda: shutil.copy(add_at(team, -400, "rover", "past") / CERTIFICATE, bundle / CERTIFICATE),
+            "is not the key",
         ),
-        (
-            lambda: shutil.copy(
-                add_at(computer.team, -400, "rover", "past") / CERTIFICATE, computer.bundle / CERTIFICATE
-            ),
-            "is not the key of",
-        ),
-        (lambda: (computer.bundle / MEMBERS).write_text("{"), "damaged"),
+        (lambda: (bundle / MEMBERS).write_text("{"), "damaged"),
     ):
         damage()
-        assert not computer.follow() and computer.gate.session is session
-        assert "can't be used, the links go on with the old ones" in computer.gate.problem
-        assert reason in computer.gate.problem
-    shutil.copy(computer.team.folder / MEMBERS, computer.bundle / MEMBERS)
-    (computer.bundle / CERTIFICATE).write_bytes(old)
-    computer.follow()
-    assert computer.gate.problem == ""
-    assert heard_from(computer, "pilot-ana")
+        assert not any(bundles.changed() for _ in range(3))
+        assert "can't be used, the links go on with the old ones" in bundles.problem and reason in bundles.problem
+    shutil.copy(team.folder / MEMBERS, bundle / MEMBERS)
+    (bundle / CERTIFICATE).write_bytes(old)
+    Team(team.folder, datetime.now(UTC) + timedelta(seconds=1)).renew("vehicle-uav1")
+    assert [bundles.changed(), bundles.changed()] == [False, True] and bundles.problem == ""
 
 
-def test_files_that_are_still_being_copied_are_waited_for(computer: Computer) -> None:
-    part = (computer.bundle / KEY).read_bytes()
-    for size in (10, 20, len(part)):
-        (computer.bundle / KEY).write_bytes(part[:size])
-        assert not computer.gate.update() and computer.gate.problem == ""
-    assert computer.gate.update()
+def test_files_that_are_still_being_copied_are_waited_for(tmp_path: Path) -> None:
+    bundle = make_team(tmp_path).bundle("vehicle-uav1")
+    bundles = Bundles((secured("tls/127.0.0.1:7448", bundle),))
+    whole = (bundle / KEY).read_bytes()
+    for size in (10, 20, len(whole)):
+        (bundle / KEY).write_bytes(whole[:size])
+        assert not bundles.changed() and bundles.problem == ""
+    assert bundles.changed()
 
 
-def test_a_port_that_was_taken_meanwhile_is_named_until_it_is_free(
-    computer: Computer, monkeypatch: pytest.MonkeyPatch
+def test_a_gate_without_a_link_says_what_it_needs(tmp_path: Path) -> None:
+    with computer(make_team(tmp_path / "team"), tmp_path) as vehicle:
+        vehicle.gate.terminate()
+        vehicle.gate.wait(10.0)
+        with ExitStack() as ends:
+            lonely = Computer(vehicle.team, "vehicle-uav1", tmp_path, ends, connect=(" ",))
+            assert wait_until(lambda: "JEZERO_LISTEN and JEZERO_CONNECT are empty" in lonely.log.read_text())
+
+
+def ask(session: zenoh.Session) -> None:
+    for number in range(40):
+        session.get(f"{STATUS_KEY}{number}", lambda _reply: None, timeout=1.0)
+
+
+def publish(session: zenoh.Session) -> None:
+    for number in range(200):
+        session.put(f"{STATUS_KEY}{number % 40}", b"{}", congestion_control=BLOCK)
+
+
+def register(session: zenoh.Session) -> None:
+    for number in range(20):
+        liveliness = session.liveliness()
+        liveliness.declare_token(liveliness_key(VEHICLE, "client", f"x{number}")).undeclare()  # type: ignore[no-untyped-call]
+
+
+@pytest.mark.parametrize("member", ["viewer-eye", "pilot-ana"])
+@pytest.mark.parametrize("attack", [ask, publish, register])
+def test_a_member_that_sends_without_end_is_excluded_and_holds_up_no_local_message(
+    vehicle: Computer, attack: "object", member: str
 ) -> None:
-    computer.team.add("pilot", "new")
-    shutil.copy(computer.team.folder / MEMBERS, computer.bundle / MEMBERS)
-
-    def refuse(*_args: object) -> zenoh.Session:
-        raise ListenError("the port is taken")
-
-    with monkeypatch.context() as patched:
-        patched.setattr("jezero.runtime.gate.open_gate", refuse)
-        assert not computer.follow() and computer.gate.session is None
-        assert computer.gate.problem == "the port is taken"
-    assert computer.gate.update() and computer.gate.problem == ""
+    traffic = Traffic(vehicle)
+    deadline_s = time.monotonic() + 30.0
+    excluded = f"{member} sends more than 300 requests, messages and declarations a second: it is excluded"
+    while excluded not in vehicle.log.read_text() and time.monotonic() < deadline_s:
+        with suppress(zenoh.ZError), vehicle.visitor(member, 5.0) as session:
+            begin_s = time.monotonic()
+            while session.info.routers_zid() and time.monotonic() < min(deadline_s, begin_s + 5.0):
+                attack(session)  # type: ignore[operator]
+    assert excluded in vehicle.log.read_text()
+    traffic.end()
+    assert max(traffic.gaps_s) < 1.0
+    with vehicle.visitor("pilot-bo") as other:
+        vehicle.service().declare_queryable(HOVER_KEY, lambda query: query.reply(HOVER_KEY, b"{}"), complete=True)
+        assert wait_until(lambda: any(reply.ok for reply in other.get(HOVER_KEY, timeout=1.0)), 10.0)

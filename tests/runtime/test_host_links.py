@@ -12,10 +12,11 @@ import zenoh
 
 from jezero.keys.bundle import secured
 from jezero.keys.team import Team
+from jezero.runtime.bus_address import socket_of
 from jezero.runtime.config import HostLinks
+from jezero.runtime.gate import Uplinks
 from jezero.runtime.link_rules import COMMANDS_MAX_HZ, MESSAGES_MAX_HZ, link_rules
 from jezero.runtime.routing import ListenError, check_local, open_gate, open_router
-from jezero.runtime.uplinks import Uplinks
 from jezero.schemas.rows import Topic
 from jezero.schemas.topics import (
     ABORT,
@@ -70,14 +71,15 @@ def team(tmp_path_factory: pytest.TempPathFactory) -> Team:
     return make_team(tmp_path_factory.mktemp("team"))
 
 
-def local() -> str:
-    return f"tcp/127.0.0.1:{free_port()}"
+def open_host(folder: Path, links: HostLinks, ends: ExitStack) -> zenoh.Session:
+    """Open a computer's router and gate; returns the session of the gate.
 
-
-def open_host(router: str, links: HostLinks, ends: ExitStack) -> zenoh.Session:
-    """Open a computer's router and gate; returns the session of the gate."""
-    ends.enter_context(open_router(router, VEHICLE))
-    return ends.enter_context(open_gate(router, VEHICLE, links))
+    Args:
+        folder: the computer's run folder.
+    """
+    bus = socket_of(folder)
+    ends.enter_context(open_router(f"tcp/127.0.0.1:{free_port()}", bus))
+    return ends.enter_context(open_gate(bus, VEHICLE, links))
 
 
 def linked(gate: zenoh.Session) -> bool:
@@ -86,15 +88,18 @@ def linked(gate: zenoh.Session) -> bool:
 
 
 @pytest.fixture(scope="module")
-def hosts(team: Team) -> Iterator[Hosts]:
-    vehicle, ground, address = local(), local(), f"tls/127.0.0.1:{free_port()}"
+def hosts(team: Team, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hosts]:
+    vehicle, ground = (tmp_path_factory.mktemp(name) for name in ("vehicle", "ground"))
+    address = f"tls/127.0.0.1:{free_port()}"
     with ExitStack() as ends:
         listen = HostLinks(listen=(secured(address, team.bundle("vehicle-uav1")),))
         connect = HostLinks(connect=(secured(address, team.bundle("ground-lab")),))
         open_host(vehicle, listen, ends)
         ground_gate = open_host(ground, connect, ends)
         assert wait_until(lambda: linked(ground_gate))
-        one, other = (ends.enter_context(zenoh.open(client_config(each, LATEST_S))) for each in (vehicle, ground))
+        one, other = (
+            ends.enter_context(zenoh.open(client_config(socket_of(each), LATEST_S))) for each in (vehicle, ground)
+        )
         yield Hosts(one, other, ground_gate, address)
 
 
@@ -125,11 +130,11 @@ def test_each_topic_crosses_the_link_at_the_rate_of_the_table(hosts: Hosts) -> N
             assert (crossed > 0) == (topic.link_hz > 0), topic.name
 
 
-def test_the_health_of_a_router_stays_on_its_computer(hosts: Hosts) -> None:
+def test_the_health_of_router_and_gate_stays_on_their_computer(hosts: Hosts) -> None:
     heard: list[zenoh.Sample] = []
     subscriber = hosts.ground.declare_subscriber(key(VEHICLE, health_of("*").name), heard.append)
     time.sleep(SETTLE_S)
-    for name in ("router", "estimator"):
+    for name in ("router", "gate", "estimator"):
         hosts.vehicle.put(key(VEHICLE, health_of(name).name), b"{}", congestion_control=zenoh.CongestionControl.BLOCK)
     assert wait_until(lambda: bool(heard))
     time.sleep(SETTLE_S)
@@ -171,25 +176,25 @@ def test_a_link_that_is_there_is_no_problem(hosts: Hosts, team: Team) -> None:
 
 
 def test_a_missing_link_is_named_with_its_reason(team: Team, tmp_path: Path) -> None:
-    stranger = make_team(tmp_path)
+    stranger = make_team(tmp_path / "strangers")
     address, nobody = f"tls/127.0.0.1:{free_port()}", f"tls/127.0.0.1:{free_port()}"
     listen = HostLinks(listen=(secured(address, team.bundle("vehicle-uav1")),))
     wrong = tuple(secured(each, stranger.bundle("ground-lab")) for each in (address, nobody))
     with ExitStack() as ends:
-        open_host(local(), listen, ends)
-        uplinks = Uplinks(open_host(local(), HostLinks(connect=wrong), ends), wrong)
+        open_host(tmp_path / "vehicle", listen, ends)
+        uplinks = Uplinks(open_host(tmp_path / "ground", HostLinks(connect=wrong), ends), wrong)
         assert wait_until(lambda: "another team's" in uplinks.problem)
         assert f"no link to {address}: the router at {address} is another team's" in uplinks.problem
         assert f"no link to {nobody}: no router replies there" in uplinks.problem
 
 
-def test_a_router_works_alone_and_links_to_the_other_when_that_comes(team: Team) -> None:
-    vehicle, ground, address = local(), local(), f"tls/127.0.0.1:{free_port()}"
+def test_a_router_works_alone_and_links_to_the_other_when_that_comes(team: Team, tmp_path: Path) -> None:
+    vehicle, ground, address = tmp_path / "vehicle", tmp_path / "ground", f"tls/127.0.0.1:{free_port()}"
     connect = HostLinks(connect=(secured(address, team.bundle("ground-lab")),))
     listen = HostLinks(listen=(secured(address, team.bundle("vehicle-uav1")),))
     with ExitStack() as ends:
         early = open_host(ground, connect, ends)
-        program = ends.enter_context(zenoh.open(client_config(ground, LATEST_S)))
+        program = ends.enter_context(zenoh.open(client_config(socket_of(ground), LATEST_S)))
         assert program.info.routers_zid() and not linked(early)
         open_host(vehicle, listen, ends)
         assert wait_until(lambda: linked(early))

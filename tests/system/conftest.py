@@ -16,6 +16,7 @@ import pytest
 
 from jezero import Unreachable, Vehicle
 from jezero.deploy.launcher.ports import instance_environment, reserved_instance
+from jezero.runtime.bus_address import socket_of
 from jezero.runtime.config import Instance
 from jezero.schemas.state import Status
 from tests.keys.rig import free_port
@@ -47,6 +48,11 @@ class Stack:
     """Process id of each service at the start, so that a test can kill one without running a command first."""
     before: tuple[str, ...] = ()
     """Words before each command, which run it on another computer of a `Network`."""
+
+    @property
+    def bus(self) -> str:
+        """Address of the router for services."""
+        return socket_of(self.run_dir)
 
     def choose_autopilot(self, autopilot: str) -> None:
         """Set the autopilot of the next start. PX4's start script has one port for ground stations only."""

@@ -11,8 +11,9 @@ import zenoh
 from PIL import Image
 
 from jezero.codec import decode, encode
-from jezero.deploy.launcher.ports import instance_environment, reserved_instance
+from jezero.deploy.launcher.ports import instance_environment, reserved_instance, service_environment
 from jezero.frames import quat_from_euler
+from jezero.runtime.bus_address import socket_of
 from jezero.runtime.config import load_config
 from jezero.schemas import topics
 from jezero.schemas.sensors import CameraFrame, CameraPreview
@@ -43,15 +44,21 @@ def scene(t_ns: int) -> Scene:
     )
 
 
-def test_pictures_and_previews_of_a_real_process_equal_those_of_its_renderer() -> None:
+def test_pictures_and_previews_of_a_real_process_equal_those_of_its_renderer(tmp_path: Path) -> None:
     frames: list[CameraFrame] = []
     previews: list[CameraPreview] = []
     with reserved_instance(vehicle=f"camera{os.getpid()}") as instance:
-        environment = {**os.environ, **instance_environment(instance)}
-        modules = ("jezero.runtime.router", "jezero.services.simulator.camera")
-        processes = [subprocess.Popen([sys.executable, "-m", module], env=environment) for module in modules]
+        service = service_environment(instance, tmp_path)
+        programs = (
+            ("jezero.runtime.router", {**service, **instance_environment(instance)}),
+            ("jezero.services.simulator.camera", service),
+        )
+        processes = [
+            subprocess.Popen([sys.executable, "-m", module], env={**os.environ, **variables})
+            for module, variables in programs
+        ]
         try:
-            with zenoh.open(client_config(instance.router)) as session:
+            with zenoh.open(client_config(socket_of(tmp_path))) as session:
                 camera = topics.key(instance.vehicle, topics.CAMERA.name)
                 session.declare_subscriber(camera, lambda sample: frames.append(decode(CameraFrame, data_of(sample))))
 

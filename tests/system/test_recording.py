@@ -15,6 +15,7 @@ import numpy.typing as npt
 import pytest
 from mcap.reader import make_reader
 
+from jezero.deploy.launcher.ports import service_environment
 from jezero.frames import distance
 from jezero.recording import open_recording
 from jezero.recording.folder import newest_recording
@@ -91,8 +92,9 @@ def test_the_autopilot_of_the_settings_is_in_the_recording(tmp_path: Path) -> No
     (settings / "autopilot.toml").write_text('autopilot = "px4"\n')
     with new_stack(tmp_path) as stack:
         environment = {**stack.environment, "JEZERO_AUTOPILOT": "", "JEZERO_CONFIG_DIR": str(settings)}
-        names = ("jezero.runtime.router", "jezero.services.recorder")
-        processes = [subprocess.Popen([sys.executable, "-m", name], env=environment) for name in names]
+        service = {**environment, **service_environment(stack.instance, stack.run_dir)}
+        programs = (("jezero.runtime.router", environment), ("jezero.services.recorder", service))
+        processes = [subprocess.Popen([sys.executable, "-m", name], env=variables) for name, variables in programs]
         try:
             wait_for(lambda: newest_recording(stack.run_dir), TIMEOUT_S, "a recording")  # of the router's health
         finally:

@@ -27,6 +27,7 @@ from jezero.recording.images import ImageFormat
 from jezero.recording.mcap_file import McapFile
 from jezero.recording.writer import RecordingWriter
 from jezero.replay.player import is_published
+from jezero.runtime.bus_address import socket_of
 from jezero.runtime.config import Instance
 from jezero.schemas import topics
 from jezero.schemas.goals import TakeoffGoal
@@ -56,8 +57,9 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def instance() -> Iterator[Instance]:
-    """A vehicle's name, and a free address for a router."""
+def instance(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Instance]:
+    """A vehicle's name, and a free address for a router whose socket is in a folder of the test."""
+    monkeypatch.setenv("JEZERO_RUN_DIR", str(tmp_path))
     with reserved_instance(vehicle=f"r{os.getpid()}") as reserved:
         yield reserved
 
@@ -229,10 +231,10 @@ def test_a_replay_is_refused_where_the_vehicle_flies(flight: Path, stack: Stack)
 
 
 @pytest.mark.usefixtures("router")
-def test_a_replay_ends_when_a_service_of_the_vehicle_starts(flight: Path, instance: Instance) -> None:
+def test_a_replay_ends_when_a_service_of_the_vehicle_starts(flight: Path, instance: Instance, tmp_path: Path) -> None:
     replay = start(instance, "replay", str(flight), "--loop")
     try:
-        with Subscriber(instance) as subscriber, zenoh.open(client_config(instance.router, TIMEOUT_S)) as session:
+        with Subscriber(instance) as subscriber, zenoh.open(client_config(socket_of(tmp_path), TIMEOUT_S)) as session:
             wait_for(lambda: subscriber.samples["odometry"], TIMEOUT_S, "the replay")
             token = session.liveliness().declare_token(liveliness_key(instance.vehicle, "service", "estimator"))
             _, stderr = replay.communicate(timeout=TIMEOUT_S)
@@ -245,9 +247,11 @@ def test_a_replay_ends_when_a_service_of_the_vehicle_starts(flight: Path, instan
 
 
 @pytest.mark.usefixtures("router")
-def test_a_replay_is_refused_where_a_program_that_is_no_service_publishes(flight: Path, instance: Instance) -> None:
+def test_a_replay_is_refused_where_a_program_of_ones_own_publishes(
+    flight: Path, instance: Instance, tmp_path: Path
+) -> None:
     stopping = threading.Event()
-    with zenoh.open(client_config(instance.router, TIMEOUT_S)) as session:
+    with zenoh.open(client_config(socket_of(tmp_path), TIMEOUT_S)) as session:
 
         def publish() -> None:
             while not stopping.wait(0.05):

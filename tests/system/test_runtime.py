@@ -15,10 +15,12 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from msgspec.structs import replace
 
 from jezero.codec import encode
-from jezero.deploy.launcher.ports import instance_environment, reserved_instance
+from jezero.deploy.launcher.ports import instance_environment, reserved_instance, service_environment
 from jezero.runtime import zenoh_session
+from jezero.runtime.bus_address import socket_of
 from jezero.runtime.config import Instance
 from jezero.runtime.links import TcpClient, TcpServer, Udp
 from jezero.runtime.service import Spec
@@ -37,13 +39,18 @@ def start(environment: dict[str, str], name: str) -> "subprocess.Popen[str]":
 
 
 @pytest.fixture
-def router() -> Iterator[tuple[Instance, dict[str, str]]]:
+def router(tmp_path: Path) -> Iterator[tuple[Instance, dict[str, str]]]:
+    """A router; the instance has its address for services, and the variables are those of a service."""
     with reserved_instance(vehicle=f"r{os.getpid()}") as instance:
-        environment = {**os.environ, **instance_environment(instance)}
-        process = subprocess.Popen([sys.executable, "-m", "jezero.runtime.router"], env=environment)
-        yield instance, environment
+        process = run_router(instance, tmp_path)
+        yield replace(instance, router=socket_of(tmp_path)), {**os.environ, **service_environment(instance, tmp_path)}
         process.terminate()
         process.wait(timeout=5)
+
+
+def run_router(instance: Instance, run_folder: Path) -> "subprocess.Popen[bytes]":
+    environment = {**os.environ, **instance_environment(instance), "JEZERO_RUN_DIR": str(run_folder)}
+    return subprocess.Popen([sys.executable, "-m", "jezero.runtime.router"], env=environment)
 
 
 @pytest.fixture
@@ -168,7 +175,7 @@ def test_a_service_leaves_within_a_second(
 ) -> None:
     instance, environment = router
     if when == "no router yet":
-        environment = {**environment, "JEZERO_ROUTER": "tcp/127.0.0.1:1"}
+        environment = {**environment, "JEZERO_ROUTER": "unixsock-stream//nobody/here"}
         process = start(environment, "echo")
         time.sleep(1.5)  # long enough to be waiting for the router; nothing tells that it is
     else:
@@ -205,17 +212,15 @@ def test_a_service_answers_while_its_work_keeps_the_interpreter_busy(router: tup
     assert len(delays_s) > 10 and max(delays_s) < 0.5
 
 
-def test_a_service_that_lost_its_router_resumes_when_it_is_back() -> None:
+def test_a_service_that_lost_its_router_resumes_when_it_is_back(tmp_path: Path) -> None:
     with reserved_instance(vehicle=f"b{os.getpid()}") as instance:
-        environment = {**os.environ, **instance_environment(instance)}
-        command = [sys.executable, "-m", "jezero.runtime.router"]
-        first = subprocess.Popen(command, env=environment)
-        process = start(environment, "echo")
+        first = run_router(instance, tmp_path)
+        process = start({**os.environ, **service_environment(instance, tmp_path)}, "echo")
         with zenoh.open(client_config(instance.router)) as session:
             wait_for(lambda: bool(ask(session, instance)), 10.0, "an answer")
         first.kill()
         first.wait(timeout=5)
-        again = subprocess.Popen(command, env=environment)
+        again = run_router(instance, tmp_path)
         with zenoh.open(client_config(instance.router)) as session:
             took_s = wait_for(lambda: bool(ask(session, instance)), 10.0, "an answer after the router's return")
         assert took_s < 5.0

@@ -23,6 +23,7 @@ def state_of(pid: int, ticks: int) -> RunState:
         compose_file="compose.yaml",
         vehicle="uav1",
         router="tcp/127.0.0.1:7447",
+        bus="unixsock-stream//run/jezero/bus",
         ready=False,
         not_ready_reason="starting",
         services=(LaunchedService(service="a", state="failed", text="crash loop"),),

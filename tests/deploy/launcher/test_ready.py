@@ -22,7 +22,7 @@ class Bus:
     """A launcher of a bridge and a program without health, and the messages that it gets."""
 
     def __init__(self, folder: RunFolder) -> None:
-        self.launcher = Launcher(parse(SERVICES, {}), folder, Instance(vehicle="uav1"), "compose.yaml")
+        self.launcher = Launcher(parse(SERVICES, {}), folder, Instance(vehicle="uav1"), "", "compose.yaml")
         for slot in self.launcher._slots.values():
             slot.state = "running"
         self.launcher._health._on_token(_sample("jezero/uav1/service/vehicle_bridge", b""))
