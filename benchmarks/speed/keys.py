@@ -19,6 +19,7 @@ import zenoh
 
 from benchmarks.speed.stack import percentile
 from jezero.keys.team import Team
+from jezero.runtime.bus_address import socket_of
 from jezero.schemas.topics import HOVER, STATUS, key
 from jezero.zenoh_client import client_config
 
@@ -93,12 +94,19 @@ def measure(folder: Path, kind: str) -> Figures:
         commands = [bare_router([vehicle, link], []), bare_router([ground], [link])]
         variables: list[dict[str, str]] = [{}, {}]
     else:
-        commands = [[sys.executable, "-m", "jezero.runtime.router"]] * 2
-        common = {"JEZERO_VEHICLE": VEHICLE}
-        variables = [
-            {**common, "JEZERO_ROUTER": vehicle, "JEZERO_LISTEN": link, "JEZERO_KEYS": str(folder / "vehicle-uav1")},
-            {**common, "JEZERO_ROUTER": ground, "JEZERO_CONNECT": link, "JEZERO_KEYS": str(folder / "ground-lab")},
-        ]
+        commands, variables = [], []
+        for own, way, bundle in (
+            (vehicle, {"JEZERO_LISTEN": link}, "vehicle-uav1"),
+            (ground, {"JEZERO_CONNECT": link}, "ground-lab"),
+        ):
+            run = {"JEZERO_VEHICLE": VEHICLE, "JEZERO_RUN_DIR": str(folder / bundle)}
+            keys = {"JEZERO_KEYS": str(folder / bundle), "JEZERO_INSECURE": "1"}
+            commands += [[sys.executable, "-m", f"jezero.runtime.{each}"] for each in ("router", "gate")]
+            variables += [
+                {**run, "JEZERO_ROUTER": own},
+                {**run, **keys, **way, "JEZERO_ROUTER": socket_of(folder / bundle)},
+            ]
+        vehicle, ground = (socket_of(folder / bundle) for bundle in ("vehicle-uav1", "ground-lab"))
     with ExitStack() as ends:
         routers = [ends.enter_context(running(*each)) for each in zip(commands, variables, strict=True)]
         sessions = [zenoh.open(client_config(each, CONNECT_TIMEOUT_S)) for each in (vehicle, ground)]

@@ -13,12 +13,14 @@ from typing import Literal
 
 import msgspec
 import zenoh
+from msgspec.structs import replace
 
 from benchmarks.speed import bare, by_hand
 from benchmarks.speed.mavlink_proxy import Times
 from benchmarks.speed.stack import compose_file, percentile, running_module, running_stack, wait_for
 from jezero import Canceled, Vehicle
 from jezero.deploy.launcher.ports import HOST, reserved_instance
+from jezero.runtime.bus_address import socket_of
 from jezero.runtime.config import Instance
 from jezero.schemas.state import StatusCode
 from jezero.zenoh_client import client_config
@@ -101,6 +103,7 @@ def measure(folder: Path, goals: int) -> Latency:
         bridge = f"python -m benchmarks.speed.shifted_bridge {bridge_port} {own_port}"
         path = compose_file(folder, without=LEFT_OUT_SERVICES, commands={"vehicle_bridge": bridge})
         stack.enter_context(running_stack(instance, folder / "run", "-f", str(path)))
+        at_socket = replace(instance, router=socket_of(folder / "run"))
         for words in (
             ("bare", "bridge", bare_port),
             ("bare", "action"),
@@ -108,10 +111,10 @@ def measure(folder: Path, goals: int) -> Latency:
             ("by_hand", "action"),
         ):
             module = f"benchmarks.speed.{words[0]}"
-            end = stack.enter_context(running_module(module, *words[1:], instance=instance))
+            end = stack.enter_context(running_module(module, *words[1:], instance=at_socket))
             if end.stdout is None or end.stdout.readline() != "ready\n":
                 raise RuntimeError(f"{module} {words[1]} did not start")
-        session = stack.enter_context(zenoh.open(client_config(instance.router)))
+        session = stack.enter_context(zenoh.open(client_config(at_socket.router)))
         with Vehicle.connect(instance.vehicle, router=instance.router) as uav:
             uav.wait_ready()
             goals_ms, flights_ns = _fly(uav, session, instance, goals)

@@ -6,11 +6,13 @@
 import os
 import statistics
 import sys
+import tempfile
 import time
 from collections.abc import Iterable
 from math import log
+from pathlib import Path
 
-from benchmarks.speed.stack import running_module
+from benchmarks.speed.stack import running_module, running_router
 from jezero.deploy.launcher.ports import reserved_instance
 from jezero.runtime.config import instance_from_environment
 from jezero.runtime.process import new_boot_id, run_service
@@ -56,8 +58,9 @@ class Receiver:
 def main() -> None:
     """Run both ends and print the figures."""
     with (
-        reserved_instance(vehicle=f"delay{os.getpid()}") as instance,
-        running_module("jezero.runtime.router", instance=instance),
+        tempfile.TemporaryDirectory() as folder,
+        reserved_instance(vehicle=f"delay{os.getpid()}") as reserved,
+        running_router(reserved, Path(folder)) as (_, instance),
         running_module("benchmarks.speed.link_delay", "sender", instance=instance),
         running_module("benchmarks.speed.link_delay", "receiver", instance=instance) as receiver,
     ):

@@ -14,7 +14,7 @@ from typing import Any
 
 import msgspec
 
-from benchmarks.speed.stack import cpu_ns, running_module
+from benchmarks.speed.stack import cpu_ns, running_module, running_router
 from jezero.codec import decode
 from jezero.deploy.launcher.ports import reserved_instance
 from jezero.runtime.config import instance_from_environment
@@ -87,8 +87,8 @@ def measure(samples: Mapping[str, bytes], folder: Path) -> dict[str, Cost]:
     """
     path = folder / "samples.json"
     path.write_bytes(msgspec.json.encode(samples))
-    with reserved_instance(vehicle="cost") as instance, ExitStack() as stack:
-        router = stack.enter_context(running_module("jezero.runtime.router", instance=instance))
+    with reserved_instance(vehicle="cost") as reserved, ExitStack() as stack:
+        router_pid, instance = stack.enter_context(running_router(reserved, folder))
         reader = stack.enter_context(running_module(OWN_MODULE, "reader", str(path), instance=instance))
         time.sleep(2.0)
         writer = stack.enter_context(
@@ -96,7 +96,7 @@ def measure(samples: Mapping[str, bytes], folder: Path) -> dict[str, Cost]:
                 OWN_MODULE,
                 "writer",
                 str(path),
-                str(router.pid),
+                str(router_pid),
                 str(reader.pid),
                 instance=instance,
             )

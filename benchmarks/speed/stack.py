@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from msgspec.structs import replace
 
 from jezero.deploy.launcher.ports import instance_environment
 from jezero.deploy.launcher.state import RunFolder
+from jezero.runtime.bus_address import socket_of
 from jezero.runtime.config import Instance
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -107,8 +109,31 @@ def running_stack(instance: Instance, folder: Path, *words: str, settings: Path 
 
 
 @contextmanager
+def running_router(instance: Instance, folder: Path) -> Iterator[tuple[int, Instance]]:
+    """Run a router alone.
+
+    Args:
+        folder: its run folder.
+
+    Returns:
+        Its process id, and the instance of its services.
+    """
+    environment = {**environment_of(instance), "JEZERO_RUN_DIR": str(folder)}
+    process = subprocess.Popen([sys.executable, "-m", "jezero.runtime.router"], env=environment)
+    try:
+        yield process.pid, replace(instance, router=socket_of(folder))
+    finally:
+        process.terminate()
+        process.wait(timeout=10)
+
+
+@contextmanager
 def running_module(module: str, *words: str, instance: Instance) -> Iterator["subprocess.Popen[str]"]:
-    """Run `python -m <module> <words>` as part of a stack, and stop it at the end. The caller reads its output."""
+    """Run `python -m <module> <words>` as part of a stack, and stop it at the end. The caller reads its output.
+
+    Args:
+        instance: its `router` is the address by which the process reaches the router.
+    """
     process = subprocess.Popen(
         [sys.executable, "-m", module, *words], env=environment_of(instance), stdout=subprocess.PIPE, text=True
     )

@@ -207,11 +207,11 @@ class Goal(Generic[F, R]):
         """Process one reply: return feedback, keep the result."""
         reply = self._decode(data)
         if isinstance(reply, Feedback):
-            self._connection.set_vehicle_time(reply.t_ns)
+            self._connection.set_vehicle_time(reply.t_ns, may_have_waited=True)
             self.code, self.remaining_s, self.paused = reply.code, reply.remaining_s, reply.paused
             return cast(F, reply.feedback)
         if isinstance(reply, Result):
-            self._connection.set_vehicle_time(reply.t_ns)
+            self._connection.set_vehicle_time(reply.t_ns, may_have_waited=True)
             self._result = reply
         return None
 

@@ -21,6 +21,7 @@ from jezero.router_address import shown_router
 from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.struct import Message, Payload
 from jezero.schemas.topics import key, liveliness_key
+from jezero.schemas.units import NS_PER_S
 from jezero.zenoh_client import FIRST, client_config, data_of
 
 CONNECT_ATTEMPT_S = 0.5
@@ -142,9 +143,18 @@ class Connection:
         except zenoh.ZError:  # the session was closed
             return False
 
-    def set_vehicle_time(self, t_ns: int) -> None:
-        """Set the vehicle time from a message that has just arrived."""
-        self._vehicle_time = (t_ns, time.monotonic())
+    def set_vehicle_time(self, t_ns: int, *, may_have_waited: bool = False) -> None:
+        """Set the vehicle time from a message.
+
+        Args:
+            may_have_waited: whether it may have waited in a queue for its reader; then one that is too old is ignored.
+        """
+        now_s = time.monotonic()
+        if may_have_waited and self._vehicle_time is not None:
+            before_ns, before_s = self._vehicle_time
+            if (t_ns - before_ns) / NS_PER_S < now_s - before_s - VEHICLE_TIME_AGE_MAX_S:
+                return
+        self._vehicle_time = (t_ns, now_s)
 
     def vehicle_time_ns(self) -> int | None:
         """Vehicle time of the last message, or None if that is older than a second."""

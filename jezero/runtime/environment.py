@@ -31,14 +31,15 @@ VARIABLES = (
         "JEZERO_LISTEN",
         "addresses",
         "–",
-        "where the stack's router listens to other computers, such as `tls/0.0.0.0:7448`; several with blanks between.",
+        "where the stack's gate listens to other computers, such as `tls/0.0.0.0:7448`; several with blanks between.",
     ),
     Variable(
         "JEZERO_CONNECT",
         "addresses",
         "–",
-        "routers of other computers to which the stack's router connects, such as `tls/uav1.local:7448`.",
+        "gates of other computers to which the stack's gate connects, such as `tls/uav1.local:7448`.",
     ),
+    Variable("JEZERO_GATE", "`0` or `1`", "`0`", "whether containers run the gate; `jezero up` sets it by the links."),
     Variable(
         "JEZERO_GCS_HOST",
         "IPv4 address",

@@ -38,6 +38,7 @@ class Computer:
         member: name of the member whose computer it is.
         folder: for the run folder, logs, and this computer's copy of the bundle.
         connect: addresses of other computers' gates.
+        vehicle: name of the vehicle.
 
     Attributes:
         bundle: this computer's copy of the bundle.
@@ -47,7 +48,15 @@ class Computer:
         gate: process of the gate.
     """
 
-    def __init__(self, team: Team, member: str, folder: Path, ends: ExitStack, connect: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self,
+        team: Team,
+        member: str,
+        folder: Path,
+        ends: ExitStack,
+        connect: tuple[str, ...] = (),
+        vehicle: str = "uav1",
+    ) -> None:
         self.team, self.bundle = team, folder / member
         self._member, self._ends = member, ends
         self.copy_bundle()
@@ -55,6 +64,7 @@ class Computer:
         self.bus, self.log = socket_of(folder), folder / "gate.log"
         self._environment = {
             **os.environ,
+            "JEZERO_VEHICLE": vehicle,
             "JEZERO_RUN_DIR": str(folder),
             "JEZERO_LISTEN": "" if connect else self.address,
             "JEZERO_CONNECT": " ".join(connect),

@@ -1,27 +1,37 @@
-"""A TCP relay that can interrupt its connections for a while, like a network partition."""
+"""A relay that can interrupt its connections for a while, like a network partition."""
 
 import contextlib
 import socket
 import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Self
 
 from jezero.deploy.launcher.ports import HOST
 
 
 class Relay:
-    """Passes the bytes of any number of connections on to a port of this host, inside its `with` block.
+    """Passes the bytes of any number of connections on to a server of this host, inside its `with` block.
 
     During a partition bytes are held back in both directions; none are lost.
+
+    Args:
+        target: port or Unix socket of the server.
+        own: path of the relay's own Unix socket; None for a free port.
 
     Attributes:
         change: what becomes of bytes on their way, in both directions.
     """
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, target: int | Path, own: Path | None = None) -> None:
         self.change: Callable[[bytes], bytes] = bytes
-        self._target = (HOST, port)
-        self._listener = socket.create_server((HOST, 0))
+        self._target = target
+        if own is None:
+            self._listener = socket.create_server((HOST, 0))
+        else:
+            self._listener = socket.socket(socket.AF_UNIX)
+            self._listener.bind(str(own))
+            self._listener.listen()
         self._passing = threading.Event()
         self._passing.set()
         self._open: list[socket.socket] = []
@@ -67,13 +77,20 @@ class Relay:
                 self._open.append(near)
                 self._passing.wait()
                 try:
-                    far = socket.create_connection(self._target)
-                except OSError:  # no router there
+                    far = self._connect()
+                except OSError:  # no server there
                     _end(near)
                     continue
                 self._open.append(far)
                 self._start(self._pump, near, far)
                 self._start(self._pump, far, near)
+
+    def _connect(self) -> socket.socket:
+        if isinstance(self._target, int):
+            return socket.create_connection((HOST, self._target))
+        connection = socket.socket(socket.AF_UNIX)
+        connection.connect(str(self._target))
+        return connection
 
     def _pump(self, source: socket.socket, sink: socket.socket) -> None:
         """Pass on one direction, until either end closes."""

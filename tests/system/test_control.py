@@ -143,7 +143,7 @@ LIES: dict[Topic[Any], dict[str, Any]] = {
     topics.STATUS: {"code": int(StatusCode.EXTERNAL), "name": StatusCode.EXTERNAL.name, "armed": False},
     topics.ODOMETRY: {"pos_uav_ned_m": [50.0, 0.0, -30.0]},
     topics.ALTIMETER: {"range_m": 0.05},
-    topics.RELATIVE: {"pos_rel_ned_m": [9.0, 9.0, -1.0], "valid": True},
+    topics.RELATIVE: {"pos_uav_rel_rover_ned_m": [9.0, 9.0, -1.0], "valid": True},
 }
 
 

@@ -6,6 +6,7 @@ import ssl
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from math import dist
@@ -14,6 +15,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from benchmarks.speed.flooder import FLOODS
 from jezero import JezeroError, Vehicle
 from jezero.codec import decode
 from jezero.keys.bundle import secured
@@ -23,7 +25,7 @@ from jezero.schemas.sensors import RoverOdometry
 from jezero.schemas.state import Odometry, Status, StatusCode
 from jezero.zenoh_client import client_config
 from tests.keys.rig import add_at, make_team
-from tests.system.conftest import Stack, has_status, stack_with_keys, wait_for
+from tests.system.conftest import ProcessorWait, Stack, has_status, stack_with_keys, wait_for
 from tests.system.relay import Relay
 
 pytestmark = pytest.mark.long
@@ -33,6 +35,8 @@ OFF_LINE_M = 0.3
 """Distance from the straight line that a flight without wind stays below, with and without somebody hostile."""
 ROVER_STANDS_M = 0.1
 STRANGERS = 50
+FLOOD_S = 12.0
+HOVER_S = 1.0
 
 
 @pytest.fixture(scope="module")
@@ -166,7 +170,7 @@ def test_what_strangers_and_viewers_try_moves_nothing_and_is_named(stack: Stack,
             result = own.land_on_spot().result(timeout_s=120)
         assert own.status().code == StatusCode.IDLE
         assert own.status().epoch_id == before.epoch_id and own.status().bridge_boot_id == before.bridge_boot_id
-    log = (stack.run_dir / "logs" / "router.log").read_text()
+    log = (stack.run_dir / "logs" / "gate.log").read_text()
     print(f"off the line: {100 * alone_m:.0f} cm alone, {100 * attacked_m:.0f} cm attacked; landed: {result}")
     assert max(alone_m, attacked_m) < OFF_LINE_M
     assert watch.codes == {StatusCode.HOVER, StatusCode.GO_TO, StatusCode.GO_TO_DONE}
@@ -175,6 +179,38 @@ def test_what_strangers_and_viewers_try_moves_nothing_and_is_named(stack: Stack,
     for name in ("kill", "acquire", "abort", "hover"):
         assert f"viewer-eye may not send a request to {topics.key(stack.instance.vehicle, f'@control/{name}')}" in log
     assert "a connection was refused: its certificate has expired" in log
+
+
+@pytest.mark.long
+def test_a_viewer_at_its_worst_ends_no_goal_and_hover_is_answered(stack: Stack, team: Team) -> None:
+    """Half a minute of floods in flight: what is denied, what is permitted, and declarations."""
+    endpoint = secured(stack.environment["JEZERO_LISTEN"], team.bundle("viewer-eye"))
+    waits_s: dict[str, list[float]] = {"vehicle": [], "pilot": []}
+    with (
+        stack.connect() as own,
+        Vehicle.connect(
+            stack.instance.vehicle, router=stack.environment["JEZERO_LISTEN"], keys=team.bundle("pilot-ana")
+        ) as pilot,
+    ):
+        own.wait_ready()
+        own.takeoff(altitude_m=3.0).result(timeout_s=60)
+        for kind in FLOODS:
+            goal = pilot.go_to(*TARGET_NED_M, speed_mps=0.8)
+            words = [kind, stack.instance.vehicle, endpoint, str(FLOOD_S)]
+            with subprocess.Popen([sys.executable, "-m", "benchmarks.speed.flooder", *words]) as flooder:
+                goal.result(timeout_s=60)
+                for name, client in (("vehicle", own), ("pilot", pilot)):
+                    starved = ProcessorWait([*stack.processes_cached.values(), os.getpid()])
+                    begin_s = time.monotonic()
+                    client.hover()
+                    waits_s[name].append(time.monotonic() - begin_s - starved.seconds())
+                assert flooder.wait(60.0) == 0
+            own.go_to(0.0, 0.0, -3.0).result(timeout_s=60)
+        own.land_on_spot().result(timeout_s=120)
+    print(f"hover was answered after {waits_s}")
+    assert max(*waits_s["vehicle"], *waits_s["pilot"]) < HOVER_S
+    log = (stack.run_dir / "logs" / "gate.log").read_text()
+    assert "viewer-eye sends more than 300 requests, messages and declarations a second: it is excluded" in log
 
 
 def test_bytes_that_are_changed_on_the_wire_command_nothing(stack: Stack, team: Team) -> None:

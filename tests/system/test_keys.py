@@ -1,15 +1,24 @@
 """A stack whose router listens with keys: members fly or watch by their roles, and strangers do neither."""
 
+import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+import zenoh
 
 from jezero import Refused, Unreachable, Vehicle
 from jezero.keys.team import Team
+from jezero.schemas.topics import EVERY_LINK, ROVER_COMMAND, STATUS, key
+from jezero.zenoh_client import client_config
 from tests.keys.rig import make_team
-from tests.system.conftest import Stack, stack_with_keys, wait_for
+from tests.runtime.computers import Computer
+from tests.system.conftest import ProcessorWait, Stack, stack_with_keys, wait_for
+
+CHANGES = 20
+WHOLE_S = 3.0
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +70,7 @@ def test_a_stranger_without_keys_does_not_get_in(stack: Stack) -> None:
 def test_keys_are_renewed_and_revoked_in_flight_and_the_pilots_goal_goes_on(
     stack: Stack, team: Team, tmp_path: Path
 ) -> None:
-    log = stack.run_dir / "logs" / "router.log"
+    log = stack.run_dir / "logs" / "gate.log"
 
     elsewhere = shutil.copytree(team.bundle("viewer-eye"), tmp_path / "viewer-eye")
 
@@ -84,3 +93,69 @@ def test_keys_are_renewed_and_revoked_in_flight_and_the_pilots_goal_goes_on(
         assert (status.name, status.goal_id) == ("GO_TO", goal.goal_id)
         goal.result(timeout_s=60)
         pilot.land_on_spot().result(timeout_s=90)
+
+
+@pytest.mark.long
+def test_keys_change_twenty_times_on_each_computer_in_flight_and_the_links_are_whole(
+    stack: Stack, team: Team, tmp_path: Path
+) -> None:
+    """After each change requests go both ways, and so do messages, within `WHOLE_S`."""
+    vehicle = stack.instance.vehicle
+    took_s: list[float] = []
+    with stack.connect() as own, ExitStack() as ends, service_of(stack) as inside:
+        ground = Computer(team, "ground-lab", tmp_path, ends, connect=(address(stack),), vehicle=vehicle)
+        program = ground.program()
+        statuses: list[zenoh.Sample] = []
+        program.declare_subscriber(key(vehicle, STATUS.name), statuses.append)
+        commands: list[zenoh.Sample] = []
+        inside.declare_subscriber(key(vehicle, ROVER_COMMAND.name), commands.append)
+
+        def is_whole() -> bool:
+            """Whether everything passes; each attempt takes a quarter of a second at most."""
+            program.put(key(vehicle, ROVER_COMMAND.name), b"{}")
+            asked = program.get(key(vehicle, STATUS.name), timeout=0.2)
+            answered = any(reply.ok for reply in asked)
+            gates = {str(reply.ok.key_expr) for reply in asks_gates(inside, vehicle) if reply.ok}
+            return answered and len(gates) == 2 and bool(statuses) and bool(commands)
+
+        own.takeoff(altitude_m=2.0).result(timeout_s=60)
+        wait_for(is_whole, 30.0, "the first link")
+        for number in range(CHANGES):
+            for member, copy, log in (
+                ("vehicle-uav1", nothing, stack.run_dir / "logs" / "gate.log"),
+                ("ground-lab", ground.copy_bundle, ground.log),
+            ):
+                before = log.read_text().count("the keys have changed")
+                if number % 2:
+                    team.add("viewer", f"{member[:3]}{number}")
+                else:
+                    team.renew(member)
+                copy()
+                wait_for(lambda: log.read_text().count("the keys have changed") > before, 15.0, "a change noticed")  # noqa: B023
+                statuses.clear()
+                commands.clear()
+                starved = ProcessorWait([*stack.processes_cached.values(), ground.gate.pid, os.getpid()])
+                took_s.append(wait_for(is_whole, 30.0, f"change {number} of {member}") - starved.seconds())
+        assert own.status().name == "HOVER"
+        own.land_on_spot().result(timeout_s=90)
+    print(
+        f"{len(took_s)} changes: everything passes after {sorted(took_s)[len(took_s) // 2]:.2f} s, {max(took_s):.2f} s"
+    )
+    assert len(took_s) == 2 * CHANGES and max(took_s) < WHOLE_S
+
+
+def nothing() -> None:
+    """The vehicle of these tests uses the team's own copy of its bundle."""
+
+
+def service_of(stack: Stack) -> zenoh.Session:
+    """A session of a service of the vehicle."""
+    return zenoh.open(client_config(stack.bus, 10.0))
+
+
+def asks_gates(session: zenoh.Session, vehicle: str) -> Iterable[zenoh.Reply]:
+    """Replies of the gates of all computers."""
+    streaming = zenoh.ConsolidationMode.NONE
+    return session.get(
+        key(vehicle, EVERY_LINK.name), target=zenoh.QueryTarget.ALL, consolidation=streaming, timeout=0.3
+    )

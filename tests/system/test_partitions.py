@@ -5,10 +5,12 @@ A partition shorter than Zenoh's lease of 2 s delivers everything late; a longer
 
 import json
 import math
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -17,6 +19,7 @@ import zenoh
 
 from jezero import JezeroError, Vehicle
 from jezero.codec import encode
+from jezero.runtime.bus_address import PREFIX
 from jezero.runtime.config import config_directory
 from jezero.schemas import topics
 from jezero.schemas.commands import Abort, Acquire, Hover
@@ -38,7 +41,7 @@ BEHIND_RELAY = ("go_to", "vehicle_bridge", "client")
 
 @dataclass
 class RelayedStack:
-    """A stack whose router two services and a client reach through relays.
+    """A stack whose router two services and another one reach through relays.
 
     Attributes:
         stack: the stack.
@@ -50,8 +53,11 @@ class RelayedStack:
 
     def session(self, relay: str = "") -> zenoh.Session:
         """A session with the router, directly or through a relay."""
-        router = f"tcp/127.0.0.1:{self.relays[relay].port}" if relay else self.stack.instance.router
-        return zenoh.open(client_config(router))
+        return zenoh.open(client_config(self.address(relay) if relay else self.stack.bus))
+
+    def address(self, relay: str) -> str:
+        """Address of the router for services behind a relay."""
+        return f"{self.stack.bus}.{relay}"
 
     def key(self, name: str) -> str:
         return topics.key(self.stack.instance.vehicle, name)
@@ -90,15 +96,18 @@ class Recording:
 def relayed_stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RelayedStack]:
     folder = tmp_path_factory.mktemp("relayed")
     with ExitStack() as ends, new_stack(folder) as stack:
-        port = int(stack.instance.router.rpartition(":")[2])
-        relays = {name: ends.enter_context(Relay(port)) for name in BEHIND_RELAY}
+        stack.run_dir.mkdir(mode=0o700)
+        bus = Path(stack.bus.removeprefix(PREFIX))
+        relays = {name: ends.enter_context(Relay(bus, Path(f"{bus}.{name}"))) for name in BEHIND_RELAY}
+        relayed = RelayedStack(stack, relays)
         compose = yaml.safe_load((config_directory().parent / "compose.yaml").read_text())
         for name in ("go_to", "vehicle_bridge"):
-            usual = compose["services"][name]["environment"]
-            relayed = {"JEZERO_ROUTER": f"tcp/127.0.0.1:{relays[name].port}"}
-            compose["services"][name]["environment"] = {**usual, **relayed}
+            service = compose["services"][name]
+            service["command"] = f"env JEZERO_ROUTER={relayed.address(name)} {service['command']}"
+            service["command"] = service["command"].replace("python", sys.executable, 1)
         (folder / "compose.yaml").write_text(yaml.safe_dump(compose))
-        yield RelayedStack(stack.up("-f", str(folder / "compose.yaml")), relays)
+        stack.up("-f", str(folder / "compose.yaml"))
+        yield relayed
 
 
 @pytest.fixture

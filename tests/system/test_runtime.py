@@ -168,6 +168,13 @@ def test_of_services_of_one_name_that_start_at_the_same_instant_exactly_one_gets
         assert len(winners) == 1
 
 
+def waits_for_router(pid: int) -> bool:
+    """Whether a service has its handlers of signals, and threads that open the session. Source: proc(5)."""
+    text = Path(f"/proc/{pid}/status").read_text()
+    caught = int(text.partition("SigCgt:")[2].split()[0], 16)
+    return bool(caught & 1 << (signal.SIGTERM - 1)) and len(os.listdir(f"/proc/{pid}/task")) > 2
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize("when", ["running", "router dead", "no router yet"])
 def test_a_service_leaves_within_a_second(
@@ -177,7 +184,7 @@ def test_a_service_leaves_within_a_second(
     if when == "no router yet":
         environment = {**environment, "JEZERO_ROUTER": "unixsock-stream//nobody/here"}
         process = start(environment, "echo")
-        time.sleep(1.5)  # long enough to be waiting for the router; nothing tells that it is
+        wait_for(lambda: waits_for_router(process.pid), 30.0, "the thread that waits for the router")
     else:
         with zenoh.open(client_config(instance.router)) as session:
             process = start(environment, "echo")
