@@ -204,6 +204,6 @@ def key(vehicle: str, name: str) -> str:
     return f"jezero/{vehicle}/{name}"
 
 
-def liveliness_key(vehicle: str, kind: Literal["service", "client", "claim"], name: str) -> str:
-    """The key of the liveliness token of a service, of a client, or of a process that claims a service's name."""
+def liveliness_key(vehicle: str, kind: Literal["service", "client"], name: str) -> str:
+    """The key of the liveliness token of a service or a client."""
     return f"jezero/{vehicle}/@alive/{kind}/{name}"

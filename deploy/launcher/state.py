@@ -3,10 +3,13 @@
 import contextlib
 import fcntl
 import os
+import shutil
 from pathlib import Path
 from typing import Literal
 
 import msgspec
+
+from jezero.runtime.bus_address import NAMES
 
 ServiceState = Literal["waiting", "running", "restarting", "stopping", "stopped", "exited", "failed", "external"]
 """waiting: waits for its dependencies. restarting: waits for its restart. stopped: stopped on request. exited: ended
@@ -183,7 +186,8 @@ class RunFolder:
         temporary.replace(self._state_path)
 
     def release(self) -> None:
-        """Remove the state and unlock the folder."""
+        """Remove the state and the names of services, and unlock the folder."""
+        shutil.rmtree(self.path / NAMES, ignore_errors=True)
         with contextlib.suppress(FileNotFoundError):
             self._state_path.unlink()
         if self._lock is not None:

@@ -137,7 +137,7 @@ def _may(role: Role, rank: Rank) -> bool:
 def _tokens_of(role: Role) -> tuple[str, ...]:
     """Kinds of the liveliness tokens that a role may declare; a viewer needs none, as it has no goals."""
     if role == "rover":
-        return ("client", "service/rover", "claim/rover")
+        return ("client", "service/rover")
     return ("client",) if _may(role, "pilot") else ()
 
 

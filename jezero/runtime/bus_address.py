@@ -20,6 +20,8 @@ from jezero.runtime.ports import port_holder, unix_listener
 RUN_DIR_VARIABLE = "JEZERO_RUN_DIR"
 PREFIX = "unixsock-stream/"
 SOCKET = "bus"
+NAMES = "names"
+"""Folder beside a router's socket, with a locked file for each service that runs."""
 PATH_MAX_BYTES = 107
 """Longest path of a Unix socket. Source: unix(7)."""
 _PLAIN_PATH = re.compile(r"[A-Za-z0-9/._~+-]+")

@@ -15,6 +15,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import zenoh
@@ -27,7 +28,8 @@ from jezero.router_address import insecurity, parse_router, shown_router
 from jezero.runtime.bus_address import service_instance
 from jezero.runtime.config import ConfigError, HostLinks, Instance, links_from_environment
 from jezero.runtime.denials import Denials
-from jezero.runtime.router import Health, Readers, process_in_words, serve
+from jezero.runtime.process import process_in_words
+from jezero.runtime.router import Health, Readers, serve
 from jezero.runtime.routing import ListenError, open_gate, shown
 from jezero.schemas.health import GateLinks
 from jezero.schemas.topics import EVERY_LINK, key
@@ -79,11 +81,11 @@ class Bundles:
 
 
 class Uplinks:
-    """Watches in a thread of its own whether the gate is connected to each of the other routers.
+    """Watches whether the gate is connected to each of the others, in a thread, as looking a name up may take long.
 
     Args:
         session: session of the gate.
-        endpoints: Zenoh's endpoints of the other routers.
+        endpoints: Zenoh's endpoints of the other gates.
 
     Attributes:
         problem: a sentence for each link that is missing, or "".
@@ -98,18 +100,15 @@ class Uplinks:
             threading.Thread(target=self._watch, daemon=True).start()
 
     def _watch(self) -> None:
-        while not self._session.is_closed():
-            try:
+        with suppress(zenoh.ZError):  # the session was closed
+            while True:
                 linked = {link.dst.partition("/")[2].partition("?")[0] for link in self._session.info.links()}
-            except zenoh.ZError:  # the session was closed just now
-                return
-            missing = [endpoint for endpoint in self._reasons if not linked & _addresses(endpoint)]
-            if missing and time.monotonic() >= self._due_s:
-                self._due_s = time.monotonic() + DIAGNOSIS_PERIOD_S
-                for endpoint in missing:
-                    self._reasons[endpoint] = connection_problem(endpoint) or "no router replies there"
-            self.problem = "; ".join(f"no link to {shown_router(each)}: {self._reasons[each]}" for each in missing)
-            time.sleep(LOOK_PERIOD_S)
+                missing = [endpoint for endpoint in self._reasons if not linked & _addresses(endpoint)]
+                if missing and time.monotonic() >= self._due_s:
+                    self._due_s = time.monotonic() + DIAGNOSIS_PERIOD_S
+                    self._reasons |= {each: connection_problem(each) or "no router replies there" for each in missing}
+                self.problem = "; ".join(f"no link to {shown_router(each)}: {self._reasons[each]}" for each in missing)
+                time.sleep(LOOK_PERIOD_S)
 
 
 class Beat:

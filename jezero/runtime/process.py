@@ -1,19 +1,26 @@
 """The process of one service: it is built, runs over Zenoh until a signal, and says what is wrong."""
 
+import fcntl
 import os
 import secrets
 import signal
+import socket
 import sys
+import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
 
 from jezero.os_errors import describe_os_error
 from jezero.private_files import keep_private
-from jezero.runtime.bus_address import service_instance
+from jezero.runtime.bus_address import NAMES, PREFIX, make_socket_folder, service_instance
 from jezero.runtime.config import ConfigError, Instance
 from jezero.runtime.links import SocketLink
 from jezero.runtime.service import Service
 from jezero.runtime.zenoh_bus import ServiceLoop
-from jezero.runtime.zenoh_session import AlreadyRunningError
+
+NAME_TIMEOUT_S = 2.5
+"""Time for which a service waits for its name: the process before may still be closing."""
 
 
 def new_boot_id() -> int:
@@ -57,17 +64,54 @@ def run_service(
     Returns:
         Exit code of the process.
     """
-    loop = ServiceLoop(service, instance, boot_id, dict(links or {}))
-    signal.signal(signal.SIGTERM, loop.stop)
-    signal.signal(signal.SIGINT, loop.stop)
+    name = service.spec.name
     try:
-        loop.run()
-    except AlreadyRunningError as error:
-        print(f"{service.spec.name}: {error}", file=sys.stderr)
-        return 1
+        if holder := take_name(name, instance):
+            print(f"{name} of vehicle {instance.vehicle} already runs as {holder}; stop that first", file=sys.stderr)
+            return 1
+        loop = ServiceLoop(service, instance, boot_id, dict(links or {}))
+        signal.signal(signal.SIGTERM, loop.stop)
+        signal.signal(signal.SIGINT, loop.stop)
+        try:
+            loop.run()
+        finally:
+            loop.close()
     except OSError as error:
-        print(f"{service.spec.name}: {describe_os_error(error)}", file=sys.stderr)
+        print(f"{name}: {describe_os_error(error)}", file=sys.stderr)
         return 1
-    finally:
-        loop.close()
     return 0
+
+
+def take_name(name: str, instance: Instance) -> str:
+    """Take the name of a service at a router's socket, until this process ends.
+
+    A lock beside the socket makes sure that no two processes serve one name; the kernel ends it with its process.
+
+    Returns:
+        "", or the host and process id of the process that has the name.
+
+    Raises:
+        OSError: the lock can't be made.
+    """
+    make_socket_folder(instance.router)
+    socket_path = Path(instance.router.removeprefix(PREFIX))
+    names = socket_path.parent / NAMES
+    names.mkdir(mode=0o700, exist_ok=True)
+    path = names / f"{socket_path.name}.{instance.vehicle}.{name}"
+    lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    deadline_s = time.monotonic() + NAME_TIMEOUT_S
+    while True:
+        with suppress(BlockingIOError):
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            break
+        if time.monotonic() > deadline_s:
+            return os.pread(lock, 200, 0).decode(errors="replace") or "an unknown process"
+        time.sleep(0.05)
+    os.ftruncate(lock, 0)
+    os.pwrite(lock, process_in_words().encode(), 0)
+    return ""
+
+
+def process_in_words() -> str:
+    """This host and process, for people."""
+    return f"{socket.gethostname()} pid {os.getpid()}"

@@ -22,7 +22,7 @@ from jezero.router_address import shown_router
 from jezero.runtime.bus_address import run_folder_of, socket_of
 from jezero.runtime.config import ConfigError, Instance, instance_from_environment
 from jezero.runtime.link_guard import LinkGuard
-from jezero.runtime.process import new_boot_id
+from jezero.runtime.process import new_boot_id, process_in_words
 from jezero.runtime.routing import ListenError, close, open_router
 from jezero.schemas.health import ServiceHealth, ServiceState
 from jezero.schemas.topics import health_of, key, liveliness_key
@@ -162,11 +162,6 @@ def serve(
     if not close(session):
         sys.stderr.flush()
         os._exit(0)
-
-
-def process_in_words() -> str:
-    """This host and process, as health names them."""
-    return f"{socket.gethostname()} pid {os.getpid()}"
 
 
 def run(instance: Instance, bus: str) -> None:

@@ -109,7 +109,6 @@ class ServiceLoop:
             select.select([self._wakeup_fd], [], [], 0.2)
         if not self._session.is_open:  # the thread waits for a router inside the library: exit without it
             os._exit(0)
-        self._session.claim_name(lambda: self._stopping)
         self._session.declare()
         if self._spec.lockstep is None:
             self._loop()

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import zenoh
 
-from jezero.codec import BadPayloadError, decode, has_attachment
+from jezero.codec import has_attachment
 from jezero.runtime.config import Instance
 from jezero.runtime.service import Spec
 from jezero.schemas import topics
@@ -18,17 +18,11 @@ from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.topics import health_of, journal_of, key, liveliness_key
 from jezero.zenoh_client import FIRST, LAST, client_config, data_of, declare_publisher, put
 
-CLAIM_TIMEOUT_S = 2.5
-"""Duration for which a service waits for its name; the lease of a dead process ends after 2 s."""
 CLOSE_TIMEOUT_S = 0.7
 JOURNAL_WAITING_MAX_BYTES = 16_000_000
 """Parts of the journal that wait for a recorder; the oldest are dropped. A start of the stack takes far less."""
 Kind = Literal["sample", "newest", "refused", "query", "response", "departed", "opened", "outcome", "sent"]
 Enqueue = Callable[[Kind, str, Any], None]
-
-
-class AlreadyRunningError(RuntimeError):
-    """Another process serves the same name for the same vehicle."""
 
 
 def _direct(callback: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:
@@ -114,66 +108,13 @@ class BusSession:
             raise RuntimeError("the session is not open")
         return self._opened
 
-    # -- one service per name --
-
-    def claim_name(self, should_stop: Callable[[], bool]) -> None:
-        """Declare the service's liveliness token as soon as no other process claims its name.
-
-        Each process first declares a claim of its own and then queries the claims of others. So of two processes at
-        least one finds the other's claim, however close together they start. A process that finds none has the name,
-        and keeps its claim. Otherwise the process whose claim sorts first waits until the others withdraw theirs.
-
-        Raises:
-            AlreadyRunningError: another process keeps its claim.
-        """
-        name, liveliness = self._spec.name, self._session.liveliness()
-        own = liveliness_key(self._instance.vehicle, "claim", f"{name}/{self._session.zid()}")
-        claim: zenoh.LivelinessToken | None = None
-        deadline = time.monotonic() + CLAIM_TIMEOUT_S
-        while not should_stop():
-            others = self._claims() - {own}
-            if not others and claim is not None:
-                token = liveliness.declare_token(liveliness_key(self._instance.vehicle, "service", name))
-                self._declared.extend((claim, token))
-                return
-            if not others:
-                claim = liveliness.declare_token(own)
-                continue
-            if claim is not None and min(others) < own:
-                claim.undeclare()  # type: ignore[no-untyped-call]
-                claim = None
-            if time.monotonic() > deadline:
-                raise AlreadyRunningError(
-                    f"{name!r} of vehicle {self._instance.vehicle!r} already runs as {self._holder()}; stop that first"
-                )
-            time.sleep(0.1)
-
-    def _claims(self) -> set[str]:
-        """Keys of all claims to the service's name."""
-        everybody = liveliness_key(self._instance.vehicle, "claim", f"{self._spec.name}/*")
-        replies = self._session.liveliness().get(everybody, timeout=1.0)
-        return {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
-
-    def _holder(self) -> str:
-        """Name of the process that publishes this service's health, for people."""
-        topic = health_of(self._spec.name)
-        found: deque[bytes] = deque(maxlen=1)
-        with self._session.declare_subscriber(
-            key(self._instance.vehicle, topic.name), lambda sample: found.append(sample.payload.to_bytes())
-        ):
-            deadline = time.monotonic() + 1.5
-            while not found and time.monotonic() < deadline:
-                time.sleep(0.02)
-        try:
-            return str(decode(topic.type, found[0]).process) if found else "an unknown process"
-        except BadPayloadError:
-            return "a process of another version"
-
     # -- declarations --
 
     def declare(self) -> None:
-        """Declare everything that the service's `Spec` names."""
+        """Declare everything that the service's `Spec` names, and that the service is there."""
         session = self._session
+        alive = liveliness_key(self._instance.vehicle, "service", self._spec.name)
+        self._declared.append(session.liveliness().declare_token(alive))
         for topic in (*self._spec.outputs, health_of(self._spec.name)):
             self._publishers[topic.name] = declare_publisher(
                 session,

@@ -69,7 +69,6 @@ TOKENS = {
     ("client", "py-1"): {*PILOTS, "rover", *SERVICES},
     ("service", "rover"): {"rover", *SERVICES},
     ("service", "estimator"): SERVICES,
-    ("claim", "estimator/1"): SERVICES,
 }
 """Kind and name of liveliness tokens, and who may declare them."""
 

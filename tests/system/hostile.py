@@ -58,7 +58,6 @@ class Hostile:
     def _declarations(self) -> Iterator[Attempt]:
         for service in ("estimator", "vehicle_bridge"):
             yield f"be {service}", partial(self._be, topics.liveliness_key(self._vehicle, "service", service))
-            yield f"claim {service}", partial(self._be, topics.liveliness_key(self._vehicle, "claim", f"{service}/0"))
         for endpoint in (topics.HOVER, topics.ACQUIRE, topics.TAKEOFF.endpoint, topics.RESULT):
             yield f"serve {endpoint.name}", partial(self._serve, endpoint)
 

@@ -97,8 +97,7 @@ class Stranger:
             )
         for endpoint in (topics.GO_TO.endpoint, topics.HOVER, topics.ACQUIRE):
             self._session.declare_queryable(self._key(endpoint.name), self._on_query, complete=True)
-        for name in ("service/vehicle_bridge", "claim/estimator/0"):
-            self._session.liveliness().declare_token(self._key(f"@alive/{name}"))
+        self._session.liveliness().declare_token(self._key("@alive/service/vehicle_bridge"))
 
     def __enter__(self) -> "Stranger":
         self._thread.start()

@@ -10,7 +10,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -19,7 +18,6 @@ from msgspec.structs import replace
 
 from jezero.codec import encode
 from jezero.deploy.launcher.ports import instance_environment, reserved_instance, service_environment
-from jezero.runtime import zenoh_session
 from jezero.runtime.bus_address import socket_of
 from jezero.runtime.config import Instance
 from jezero.runtime.links import TcpClient, TcpServer, Udp
@@ -142,30 +140,19 @@ def test_a_router_that_was_stopped_for_longer_than_its_tick_goes_on(router: tupl
 
 
 def test_of_services_of_one_name_that_start_at_the_same_instant_exactly_one_gets_it(
-    router: tuple[Instance, dict[str, str]], monkeypatch: pytest.MonkeyPatch
+    router: tuple[Instance, dict[str, str]],
 ) -> None:
-    instance, _ = router
-    monkeypatch.setattr(zenoh_session, "CLAIM_TIMEOUT_S", 0.3)
-    monkeypatch.setattr(zenoh_session.BusSession, "_holder", lambda self: "the winner")
-    for _ in range(8):
-        sessions = [zenoh_session.BusSession(instance, Spec(name="wanted"), lambda *_: None) for _ in range(3)]
-        for opening in [session.open_in_background() for session in sessions]:
-            opening.join()
-        together = threading.Barrier(len(sessions))
-
-        def claims(session: zenoh_session.BusSession, together: threading.Barrier = together) -> bool:
-            together.wait()
-            try:
-                session.claim_name(lambda: False)
-            except zenoh_session.AlreadyRunningError:
-                return False
-            return True
-
-        with ThreadPoolExecutor() as threads:
-            winners = [session for session, won in zip(sessions, threads.map(claims, sessions), strict=True) if won]
-        for session in sessions:
-            session.close()
-        assert len(winners) == 1
+    instance, environment = router
+    with zenoh.open(client_config(instance.router)) as session:
+        processes = [start(environment, "echo") for _ in range(4)]
+        try:
+            wait_for(lambda: bool(ask(session, instance)), 20.0, "an answer")
+            wait_for(lambda: sum(each.poll() == 1 for each in processes) == 3, 30.0, "three that refuse to start")
+            assert len(ask(session, instance)) == 1
+        finally:
+            for process in processes:
+                process.kill()
+                process.communicate(timeout=5)
 
 
 def waits_for_router(pid: int) -> bool:

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -11,7 +11,6 @@ from jezero import deploy
 from jezero.cli.reference.fields import Field, description_of, fields_of, json_words, summary_of
 from jezero.cli.reference.markdown import escape, table
 from jezero.runtime.config import Config, Instance, load_config
-from jezero.runtime.environment import VARIABLES
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.estimator.config import EstimatorConfig
@@ -45,6 +44,65 @@ FILES: dict[str, tuple[type[Config], str]] = {
 }
 """Each file in deploy/config, with the struct that it is read into, and its subject."""
 SHIPPED = Path(deploy.__path__[0]) / "config"
+
+
+class Variable(NamedTuple):
+    """One environment variable.
+
+    Attributes:
+        name: its name.
+        value: kind of its value, for people.
+        default: what holds without it, for people.
+        meaning: what it does, for people.
+    """
+
+    name: str
+    value: str
+    default: str
+    meaning: str
+
+
+VARIABLES = (
+    Variable("JEZERO_KEYS", "folder", "–", "folder of the bundle of `jezero keys`, for an address with `tls`."),
+    Variable(
+        "JEZERO_INSECURE",
+        "`1`",
+        "–",
+        "whether links to other computers may go without TLS; `1` permits it.",
+    ),
+    Variable(
+        "JEZERO_LISTEN",
+        "addresses",
+        "–",
+        "where the stack's gate listens to other computers, such as `tls/0.0.0.0:7448`; several with blanks between.",
+    ),
+    Variable(
+        "JEZERO_CONNECT",
+        "addresses",
+        "–",
+        "gates of other computers to which the stack's gate connects, such as `tls/uav1.local:7448`.",
+    ),
+    Variable("JEZERO_GATE", "`0` or `1`", "`0`", "whether containers run the gate; `jezero up` sets it by the links."),
+    Variable(
+        "JEZERO_GCS_HOST",
+        "IPv4 address",
+        "`127.0.0.1`",
+        "computer of the ground stations of the embedded autopilot; from another one it takes signed messages only.",
+    ),
+    Variable("JEZERO_CONFIG_DIR", "folder", "the shipped folder", "folder of the settings."),
+    Variable(
+        "JEZERO_RUN_DIR",
+        "folder",
+        "`~/.local/state/jezero/<vehicle>`",
+        "run folder of the stack, with its logs, pictures and recordings.",
+    ),
+    Variable("JEZERO_RECORD", "`0` or `1`", "`1`", "whether the stack records; `0` starts no recorder."),
+    Variable("JEZERO_GROUND", "`0` or `1`", "`1`", "whether the stack has a ground station in the browser."),
+    Variable("JEZERO_SIMULATOR", "host", "`127.0.0.1`", "computer of the simulator, for the service `rover`."),
+    Variable("JEZERO_AUTOPILOT", "`embedded` or `px4`", "as in `autopilot.toml`", "autopilot that the stack runs."),
+    Variable("JEZERO_PX4_DIR", "folder", "–", "folder of PX4, with `bin/px4` and `etc/`."),
+)
+"""The environment variables that are no fields of `Instance`."""
 
 ENVIRONMENT = "The identity of one stack on this machine, and how it runs. All its processes read these variables."
 INTRODUCTION = """# Settings
