@@ -10,9 +10,11 @@ import pytest
 import zenoh
 
 from jezero import Refused, Unreachable, Vehicle
+from jezero.keys.bundle import secured
 from jezero.keys.team import Team
+from jezero.runtime.routing import ROUTER_SETTINGS
 from jezero.schemas.topics import EVERY_LINK, ROVER_COMMAND, STATUS, key
-from jezero.zenoh_client import client_config
+from jezero.zenoh_client import client_config, config_of
 from tests.keys.rig import make_team
 from tests.runtime.computers import Computer
 from tests.system.conftest import ProcessorWait, Stack, stack_with_keys, wait_for
@@ -96,6 +98,7 @@ def test_keys_are_renewed_and_revoked_in_flight_and_the_pilots_goal_goes_on(
 
 
 @pytest.mark.long
+@pytest.mark.timeout(900)
 def test_keys_change_twenty_times_on_each_computer_in_flight_and_the_links_are_whole(
     stack: Stack, team: Team, tmp_path: Path
 ) -> None:
@@ -142,6 +145,18 @@ def test_keys_change_twenty_times_on_each_computer_in_flight_and_the_links_are_w
         f"{len(took_s)} changes: everything passes after {sorted(took_s)[len(took_s) // 2]:.2f} s, {max(took_s):.2f} s"
     )
     assert len(took_s) == 2 * CHANGES and max(took_s) < WHOLE_S
+
+
+@pytest.mark.long
+def test_a_link_that_is_up_and_passes_nothing_is_begun_anew_and_health_says_so(stack: Stack, team: Team) -> None:
+    """A router with the keys of the ground's computer, which passes none of what gates send each other."""
+    before = stack.processes()["gate"]
+    mute = {**ROUTER_SETTINGS, "connect/endpoints": [secured(address(stack), team.bundle("ground-lab"))]}
+    with zenoh.open(config_of(mute)):
+        wait_for(lambda: stack.processes().get("gate") not in (None, before), 60.0, "another process of the gate")
+    shown = stack.jezero("ps").stdout
+    assert "killed, so that its links begin anew: the link with the gate" in shown
+    assert "is up and brings no beats for" in shown
 
 
 def nothing() -> None:
