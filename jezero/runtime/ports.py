@@ -2,13 +2,14 @@
 
 import errno
 import os
-import re
 import shlex
 import socket
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Literal
+
+from jezero.plain_text import plain
 
 Protocol = Literal["tcp", "udp"]
 COMMAND_MAX = 80
@@ -87,14 +88,14 @@ def _inodes(protocol: Protocol, port: int) -> set[str]:
 
 
 def _command(process: int) -> str:
-    """A process' command line, shortened, without control characters; "" of one that has just ended."""
+    """A process' command line, in the middle of which a long one is cut: its end names a module or script."""
     try:
         data = Path(f"/proc/{process}/cmdline").read_bytes()
-    except OSError:
+    except OSError:  # it has just ended
         return ""
     words = data.decode("utf-8", "replace").rstrip("\0").split("\0")
-    text = re.sub(r"[^ -~]", "?", shlex.join(words))
-    return text if len(text) <= COMMAND_MAX else f"{text[:COMMAND_MAX]}…"
+    text, half = plain(shlex.join(words)), COMMAND_MAX // 2
+    return text if len(text) <= COMMAND_MAX else f"{text[:half]}…{text[-half:]}"
 
 
 def _kind(protocol: Protocol) -> socket.SocketKind:

@@ -218,9 +218,8 @@ def test_a_goal_that_is_accepted_after_its_task_was_canceled_is_canceled(server:
 
 
 PROGRAM = """
-import asyncio, signal, sys
+import asyncio, sys
 from jezero.aio import Vehicle
-signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in a shell's background
 async def main():
     async with await Vehicle.connect("v", router=sys.argv[1]) as uav:
         goal = await uav.takeoff()

@@ -10,9 +10,8 @@ from tests.client.rig import ACCEPTED, Server, endpoint, server
 __all__ = ["endpoint", "server"]
 
 PROGRAM = """
-import signal, sys
+import sys
 from jezero import Vehicle
-signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in a shell's background
 uav = Vehicle.connect("v", router=sys.argv[1])
 goal = uav.takeoff()
 print("accepted", flush=True)

@@ -1,6 +1,7 @@
 """Ports that are taken, and who has them."""
 
 import os
+import shlex
 import socket
 import subprocess
 import sys
@@ -8,7 +9,7 @@ import sys
 import pytest
 
 from jezero.runtime.links import TcpServer, Udp
-from jezero.runtime.ports import listen_problem, port_holder
+from jezero.runtime.ports import COMMAND_MAX, listen_problem, port_holder
 
 HOST = "127.0.0.1"
 
@@ -25,15 +26,15 @@ def test_the_holder_of_a_port_is_named_with_its_command(address: str) -> None:
     script = (
         f"import socket; s = socket.create_server(('{address}', 0)); print(s.getsockname()[1], flush=True); input()"
     )
-    with subprocess.Popen(
-        [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as other:
+    command = [sys.executable, "-c", script, "the end\x1b"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
         assert other.stdout is not None
         port = int(other.stdout.readline())
         problem = listen_problem("tcp", HOST, port, "VARIABLE")
         other.communicate("\n")
-    assert problem.startswith(f"TCP port {port} of {HOST} is held by process {other.pid} ({sys.executable} -c 'import")
-    assert problem.endswith(": stop that, or set VARIABLE to another one")
+    begin = f"TCP port {port} of {HOST} is held by process {other.pid} ({shlex.join(command)[: COMMAND_MAX // 2]}…"
+    assert problem.startswith(begin)
+    assert problem.endswith(" input()' 'the end\N{REPLACEMENT CHARACTER}'): stop that, or set VARIABLE to another one")
 
 
 def test_links_that_cannot_listen_name_the_port_and_its_holder() -> None:

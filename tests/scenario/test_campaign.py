@@ -1,5 +1,6 @@
 """The fault campaign: missions pass and replay exactly, and faults that they found stay fixed."""
 
+import os
 import subprocess
 import sys
 from functools import partial
@@ -34,8 +35,14 @@ def test_a_mission_passes_and_replays_exactly_in_another_process(world: str) -> 
     assert result.failed == {} and result.seeds == 1 and result.sim_time_s > 60.0
     assert sum(result.faults.values()) >= FAULT_COUNTS[0]
     assert result.states["HOVER"] >= 2
-    run = subprocess.run([sys.executable, "-c", HASH.format(world=world)], capture_output=True, text=True, check=True)
+    command, environment = [sys.executable, "-c", HASH.format(world=world)], {**os.environ, "PYTHONHASHSEED": "99"}
+    run = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     assert run.stdout.split()[-1] == reports[0].messages_sha256
+
+
+def test_another_seed_is_another_mission() -> None:
+    one, other = (fly_mission(seed, world="point-mass") for seed in (2019, 2020))
+    assert one.messages_sha256 != other.messages_sha256
 
 
 def test_every_kind_of_fault_is_drawn_and_no_partition_is_too_long() -> None:

@@ -1,8 +1,4 @@
-"""Whole flights in virtual time: the mission, its determinism, refusals, abort, hover and kill."""
-
-import os
-import subprocess
-import sys
+"""Whole flights in virtual time: the mission, refusals, abort, hover and kill."""
 
 import pytest
 
@@ -12,28 +8,7 @@ from jezero.schemas.actions import Accepted
 from jezero.schemas.commands import Abort, Hover, Kill
 from jezero.schemas.goals import LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.state import StatusCode as Code
-from jezero.trials.flight import fly_virtually
-from jezero.trials.missions import FLIGHT
 from tests.scenario.rig import Flight, go_to, land_at
-
-HASH = """
-from jezero.trials.missions import FLIGHT
-from jezero.trials.flight import fly_virtually
-print(fly_virtually(FLIGHT, 5).messages_sha256)
-"""
-
-
-@pytest.mark.long
-def test_the_same_seed_gives_the_same_log_also_in_another_process_and_another_seed_does_not() -> None:
-    first = fly_virtually(FLIGHT, 5)
-    assert first.result == "succeeded", first.reason
-    assert first.touchdown_error_m is not None and first.touchdown_error_m < 0.1
-    environment = {**os.environ, "PYTHONHASHSEED": "99"}
-    other = subprocess.run(
-        [sys.executable, "-c", HASH], capture_output=True, text=True, check=True, env=environment
-    ).stdout.split()[-1]
-    assert other == first.messages_sha256
-    assert fly_virtually(FLIGHT, 6).messages_sha256 != first.messages_sha256
 
 
 def test_the_status_goes_through_the_codes_of_the_thesis() -> None:

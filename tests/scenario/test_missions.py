@@ -31,25 +31,6 @@ def test_a_mission_flies_its_steps_and_ends_on_the_rover() -> None:
     assert not flight.status.armed
 
 
-@pytest.mark.long
-def test_a_paused_mission_hovers_and_goes_on_where_it_was() -> None:
-    flight = MissionFlight()
-    flight.wait_ready()
-    flight.run(TAKEOFF, go(30.0, 0.0))
-    flight.wait_step(2)
-    flight.bus.run_for(3.0)
-    assert flight.command("pause").accepted
-    flight.wait_state("paused")
-    flight.bus.run_for(2.0)
-    before_m = flight.truth.pos_uav_ned_m
-    flight.bus.run_for(10.0)
-    assert flight.truth.pos_uav_ned_m == pytest.approx(before_m, abs=0.5)
-    assert flight.command("resume").accepted
-    flight.wait_state("succeeded")
-    assert flight.truth.pos_uav_ned_m[0] == pytest.approx(30.0, abs=0.7)
-    assert flight.progress[-1].attempt == 1  # the goal itself was paused
-
-
 def test_a_person_who_takes_control_interrupts_the_mission_until_a_command() -> None:
     flight = MissionFlight()
     flight.wait_ready()
@@ -63,42 +44,6 @@ def test_a_person_who_takes_control_interrupts_the_mission_until_a_command() -> 
     assert flight.progress[-1].state == "interrupted"
     assert "is interrupted: end it first" in flight.run(TAKEOFF).reason
     assert flight.command("skip").accepted
-    assert flight.wait_state("succeeded").step == 3
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("then", "state", "step", "on_ground"),
-    [("stop", "failed", 2, False), ("skip", "succeeded", 3, False), ("return", "failed", 2, True),
-     ("land", "failed", 2, True)],
-)  # fmt: skip
-def test_a_step_that_is_refused_ends_as_its_policy_says(then: str, state: str, step: int, on_ground: bool) -> None:
-    flight = MissionFlight()
-    flight.wait_ready()
-    flight.run(TAKEOFF, go(9000.0, 0.0, retries=1, then=then), go(1.0, 0.0))
-    progress = flight.wait_state(state)
-    assert progress.step == step
-    assert flight.status.landed == on_ground
-    if state == "failed":
-        assert "9000" in progress.reason
-
-
-@pytest.mark.long
-def test_a_restarted_service_waits_for_a_person_while_the_goal_flies_on_and_then_finds_it_again() -> None:
-    flight = MissionFlight()
-    flight.wait_ready()
-    flight.run(TAKEOFF, go(40.0, 0.0), go(0.0, 0.0))
-    flight.wait_step(2)
-    flight.bus.remove("mission")
-    flight.bus.run_for(2.0)
-    flight.bus.add(flight.service(2))
-    progress = flight.wait_state("interrupted")
-    assert progress.reason == "the mission service was restarted"
-    assert flight.status.action == "go_to"
-    goal_id = flight.status.goal_id
-    assert flight.command("resume").accepted
-    flight.wait_step(2)
-    assert flight.progress[-1].goal_id == goal_id
     assert flight.wait_state("succeeded").step == 3
 
 

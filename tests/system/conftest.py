@@ -29,12 +29,53 @@ HERE = Path(__file__).parent
 JEZERO = [sys.executable, "-m", "jezero.cli.main"]
 
 
+FAILED = pytest.StashKey[bool]()
+"""Whether the set-up or the call of a test has failed."""
+TIMEOUT = pytest.StashKey[object]()
+"""Settings of pytest-timeout for a test."""
+
+
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run one stack at a time with `pytest --dist loadgroup`, because a stack needs a core and a half."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Run one stack at a time with `pytest --dist loadgroup`, because a stack needs a core and a half.
+
+    A test that fails runs once more, because other programs may keep real processes from a processor; but not in a
+    debugger, which pytest-rerunfailures refuses.
+    """
+    reruns = 0 if config.getoption("usepdb") else 1
     for item in items:
         if HERE in item.path.parents:
             item.add_marker(pytest.mark.xdist_group("stack"))
+            item.add_marker(pytest.mark.flaky(reruns=reruns))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_timeout_set_timer(item: pytest.Item, settings: object) -> None:
+    """Keep the settings for `pytest_runtest_setup`; pytest-timeout itself sets the timer."""
+    item.stash[TIMEOUT] = settings
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Set the timer of a second run: the first failure has ended it, so a test that hangs would never end."""
+    if item.stash.get(FAILED, False) and TIMEOUT in item.stash:
+        item.config.hook.pytest_timeout_set_timer(item=item, settings=item.stash[TIMEOUT])
+    item.stash[FAILED] = False
+
+
+def pytest_exception_interact(node: pytest.Item | pytest.Collector) -> None:
+    """Note a failure."""
+    node.stash[FAILED] = True
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_teardown(item: pytest.Item) -> None:
+    """Stop the shared stacks after a failure, so that the second run and the tests after it get new ones.
+
+    pytest-rerunfailures would keep them, and forget to stop those that start in the second run.
+    """
+    if item.stash.get(FAILED, False):
+        item.session._setupstate.teardown_exact(None)
 
 
 @dataclass

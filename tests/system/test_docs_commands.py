@@ -232,7 +232,7 @@ class Reader:
         output = self._clone.parent / "output"
         with output.open("w") as file:  # a pipe would stop a process whose output nobody reads
             process = subprocess.Popen(
-                ["bash", "-c", f"exec env --default-signal=INT {command}"], cwd=self._clone,
+                ["bash", "-c", f"exec env {command}"], cwd=self._clone,
                 stdin=subprocess.DEVNULL, stdout=file, stderr=subprocess.STDOUT,
                 env={**self._environment, "PYTHONUNBUFFERED": "1"},
             )  # fmt: skip

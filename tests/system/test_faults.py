@@ -123,18 +123,12 @@ def test_frozen_action_servers_are_restarted_while_the_vehicle_hovers(shared_sta
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_bridge_that_dies_or_freezes_leaves_the_landing_to_the_autopilot_and_takes_off_again(
-    shared_stack: Stack, number: signal.Signals
-) -> None:
+def test_a_bridge_that_freezes_leaves_the_landing_to_the_autopilot_and_takes_off_again(shared_stack: Stack) -> None:
     before = shared_stack.processes()
     with shared_stack.connect() as vehicle:
         in_the_air(vehicle)
         goal = vehicle.go_to(3.0, 0.0, -3.0, speed_mps=0.5)
-        if number == signal.SIGKILL:
-            os.kill(before["vehicle_bridge"], signal.SIGKILL)
-        else:
-            freeze(shared_stack, ["vehicle_bridge"])
+        freeze(shared_stack, ["vehicle_bridge"])
         with pytest.raises(Aborted, match=r"the vehicle bridge (has been silent|restarted)|no odometry for") as ended:
             goal.result(timeout_s=TIMEOUT_S)
         assert "the vehicle restarted" not in ended.value.reason

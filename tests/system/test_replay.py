@@ -12,7 +12,7 @@ import termios
 import threading
 from collections import defaultdict
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -32,11 +32,13 @@ from jezero.runtime.config import Instance
 from jezero.schemas import topics
 from jezero.schemas.goals import TakeoffGoal
 from jezero.schemas.sensors import CameraFrame
+from jezero.schemas.state import StatusCode
 from jezero.schemas.topics import key, liveliness_key
 from jezero.trials.flight import fly_virtually
 from jezero.zenoh_client import client_config, data_of
+from tests.client.rig import a_status
 from tests.recording.foxglove_client import FoxgloveClient
-from tests.system.conftest import JEZERO, Stack, wait_for
+from tests.system.conftest import JEZERO, wait_for
 
 TIMEOUT_S = 30.0
 SECOND_NS = 1_000_000_000
@@ -209,25 +211,36 @@ def image_of(sequence: int) -> CameraFrame:
     )
 
 
-@pytest.mark.long
-def test_a_replay_is_refused_where_the_vehicle_flies(flight: Path, stack: Stack) -> None:
-    stack.jezero("takeoff", "2")
-    refused = stack.jezero("replay", str(flight), check=False)
-    assert refused.returncode == 3
-    assert "and the vehicle flies" in refused.stderr and "--vehicle" in refused.stderr
-    assert len(refused.stderr.splitlines()) == 1
-    with stack.connect() as vehicle:
-        assert vehicle.status().name == "HOVER"
-    other = stack.jezero("replay", str(flight), "--vehicle", "other", "--speed", "20")
-    assert "messages published" in other.stdout
+@contextmanager
+def a_vehicle_in_the_air(instance: Instance) -> Iterator[None]:
+    """What a replay finds of one: the liveliness of its bridge, and the status that the bridge replies."""
+    status = encode(a_status(StatusCode.HOVER))
+    with zenoh.open(client_config(instance.router, TIMEOUT_S)) as session:
+        token = session.liveliness().declare_token(liveliness_key(instance.vehicle, "service", "vehicle_bridge"))
+        name = key(instance.vehicle, topics.STATUS.name)
+        queryable = session.declare_queryable(name, lambda query: query.reply(name, status))
+        yield
+        queryable.undeclare()  # type: ignore[no-untyped-call]
+        token.undeclare()  # type: ignore[no-untyped-call]
+
+
+@pytest.mark.usefixtures("router")
+def test_a_replay_is_refused_where_the_vehicle_flies(flight: Path, instance: Instance) -> None:
     commands = ("--topic", topics.SETPOINT.name)
-    with Subscriber(stack.instance) as subscriber:
+    with a_vehicle_in_the_air(instance), Subscriber(instance) as subscriber:
+        refused = run(instance, "replay", str(flight))
+        assert refused.returncode == 3
+        assert "and the vehicle flies" in refused.stderr and "--vehicle" in refused.stderr
+        assert len(refused.stderr.splitlines()) == 1
+        other = run(instance, "replay", str(flight), "--vehicle", "other", "--speed", "20")
+        assert "messages published" in other.stdout
+        assert subscriber.samples.keys() <= {"health/router"}
         words = ("replay", str(flight), "--force", "--speed", "20", "--topic", topics.CAMERA_INFO.name)
-        forced = stack.jezero(*words, *commands)
+        forced = run(instance, *words, *commands)
         assert "confuse their readers" in forced.stderr and " 1 topics" in forced.stdout
         assert not subscriber.samples[topics.SETPOINT.name]
-    nothing = stack.jezero("replay", str(flight), "--force", *commands, check=False)
-    assert nothing.returncode == 1 and "commands" in nothing.stderr
+        nothing = run(instance, "replay", str(flight), "--force", *commands)
+        assert nothing.returncode == 1 and "commands" in nothing.stderr
 
 
 @pytest.mark.usefixtures("router")

@@ -4,6 +4,7 @@ import fcntl
 import json
 import os
 import resource
+import shlex
 import shutil
 import signal
 import socket
@@ -73,7 +74,7 @@ def with_disk(stack: Stack, options: str, folder: Path, script: str) -> "subproc
     if subprocess.run(["unshare", "-Urm", "true"], capture_output=True, check=False).returncode != 0:
         pytest.skip("this user may not mount disks of its own")
     folder.mkdir(exist_ok=True)
-    mount = f"mount -t tmpfs -o {options} tmpfs $DISK && {script.replace('jezero', ' '.join(JEZERO))}"
+    mount = f"mount -t tmpfs -o {options} tmpfs $DISK && {script.replace('jezero', shlex.join(JEZERO))}"
     return subprocess.run(
         ["unshare", "-Urm", "sh", "-c", mount],
         env={**stack.environment, "DISK": str(folder)},
@@ -167,7 +168,7 @@ def test_too_few_open_files_are_counted_against_what_a_stack_needs(toy: Stack, f
 def test_a_low_limit_of_open_files_that_may_be_raised_is_raised_for_all_services(toy: Stack, tmp_path: Path) -> None:
     prints = 'python -c "import resource, time; print(resource.getrlimit(7)[0], flush=True); time.sleep(1000)"'
     file = compose_file(tmp_path, f"services:\n  a:\n    command: {json.dumps(prints)}\n")
-    lower = f"ulimit -S -n 64; exec {' '.join(JEZERO)} up -d -f {file}"
+    lower = f"ulimit -S -n 64; exec {shlex.join(JEZERO)} up -d -f {file}"
     subprocess.run(["sh", "-c", lower], env=toy.environment, check=True)
     wait_for(lambda: "a | 256" in toy.jezero("logs").stdout, 20.0, "the limit in the log")
 

@@ -1,0 +1,12 @@
+"""What holds for all tests."""
+
+import signal
+
+
+def pytest_configure() -> None:
+    """Let Ctrl+C reach the programs that tests start, also where the tests run in the background of a script.
+
+    A shell without job control starts background commands with SIGINT ignored. Children inherit that, but no handler.
+    """
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
