@@ -139,13 +139,13 @@ def test_keys_change_twenty_times_on_each_computer_in_flight_and_the_links_are_w
                 wait_for(lambda: log.read_text().count("the keys have changed") > before, 15.0, "a change noticed")  # noqa: B023
                 statuses.clear()
                 commands.clear()
-                starved = ProcessorWait([*stack.processes_cached.values(), ground.gate.pid, os.getpid()])
-                took_s.append(wait_for(is_whole, 30.0, f"change {number} of {member}") - starved.seconds())
+                starved = ProcessorWait([*routers, ground.gate.pid, os.getpid()])
+                took_s.append(wait_for(is_whole, 30.0, f"change {number} of {member}"))
+                starved_s.append(starved.seconds())
         assert own.status().name == "HOVER"
         own.land_on_spot().result(timeout_s=90)
-    print(
-        f"{len(took_s)} changes: everything passes after {sorted(took_s)[len(took_s) // 2]:.2f} s, {max(took_s):.2f} s"
-    )
+    median_s = sorted(took_s)[len(took_s) // 2]
+    print(f"{len(took_s)} changes: everything passes after {median_s:.2f} s, {max(took_s):.2f} s at the longest")
     assert len(took_s) == 2 * CHANGES
     assert max(took - starved for took, starved in zip(took_s, starved_s, strict=True)) < WHOLE_S
 
