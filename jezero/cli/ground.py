@@ -1,7 +1,8 @@
 """`jezero ground`: the ground station alone, for a vehicle whose stack runs here or elsewhere."""
 
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,8 +66,9 @@ def _settings(given: dict[str, Any]) -> "GroundStationConfig":
 
 def _set_password(config: "GroundStationConfig") -> None:
     """Ask for a password, or read it from the first line of standard input, and write its hash."""
-    from jezero.services.ground_station.listening import password_file
-    from jezero.services.ground_station.password import write_password
+    with _ground_extra():
+        from jezero.services.ground_station.listening import password_file
+        from jezero.services.ground_station.password import write_password
 
     if sys.stdin.isatty():
         password = click.prompt("Password", hide_input=True, confirmation_prompt=True)
@@ -81,15 +83,11 @@ def _set_password(config: "GroundStationConfig") -> None:
 
 def _serve(config: "GroundStationConfig", vehicle: str, router: str, recording: Path | None) -> None:
     from jezero.runtime.config import load_config
-    from jezero.services.ground_station.listening import listening_of
     from jezero.vehicle_config import VehicleConfig
 
-    try:
+    with _ground_extra():
+        from jezero.services.ground_station.listening import listening_of
         from jezero.services.ground_station.web.server import PageServer
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] == "jezero":
-            raise
-        raise click.ClickException("the ground station is an extra: pip install 'jezero[ground]'") from None
     live = router if recording is None else None
     place = _run_folder(vehicle) if recording is None else _checked(recording)
     server = PageServer(config, listening_of(config), load_config(VehicleConfig, "vehicle"), vehicle, live, place)
@@ -98,6 +96,17 @@ def _serve(config: "GroundStationConfig", vehicle: str, router: str, recording: 
             f"the pages of {vehicle if recording is None else recording} are on {server.address}. Ctrl+C ends them."
         )
         server.run()
+
+
+@contextmanager
+def _ground_extra() -> Iterator[None]:
+    """Imports from the extra `ground`, with a sentence where it is not installed."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] == "jezero":
+            raise
+        raise click.ClickException("the ground station is an extra: pip install 'jezero[ground]'") from None
 
 
 def _run_folder(vehicle: str) -> Path | None:

@@ -5,6 +5,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+pytest.importorskip("argon2", reason="the extra jezero[ground] is not installed")
+
 from jezero.cli import stack
 from jezero.cli.ground import ground
 from jezero.cli.main import main

@@ -3,7 +3,11 @@
 import os
 import shutil
 import signal
+import threading
 from collections.abc import Iterator
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 
 import pytest
 
@@ -15,6 +19,7 @@ from playwright.sync_api import Browser, Page, expect, sync_playwright
 from tests.services.ground_station.serving import PASSWORD, serving, serving_process
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+POLICY = "Content Security Policy"
 REFUSED = "you are watching: log in to fly"
 
 pytestmark = [
@@ -104,6 +109,37 @@ def test_who_logs_in_may_fly_until_the_log_out_also_on_pages_that_are_open(page:
     expect(page.locator('[data-mark="access"]')).to_have_text("Watching", timeout=60_000)
     page.keyboard.press("Escape")
     tells(page, f"Abort failed: {REFUSED}")
+
+
+def test_another_site_cannot_show_the_page_in_a_frame(browser: Browser, address: str, tmp_path: Path) -> None:
+    (tmp_path / "index.html").write_text(f'<iframe src="{address}/login"></iframe>')
+    handler = partial(SimpleHTTPRequestHandler, directory=str(tmp_path))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as other, browser.new_context() as context:
+        threading.Thread(target=other.serve_forever, daemon=True).start()
+        page = context.new_page()
+        with page.expect_console_message(lambda message: "frame-ancestors 'none'" in message.text, timeout=60_000):
+            page.goto(f"http://127.0.0.1:{other.server_port}/index.html")
+        assert page.frame_locator("iframe").locator("form").count() == 0
+        other.shutdown()
+
+
+def test_a_page_does_nothing_that_its_policy_forbids_and_reaches_no_other_host(browser: Browser, address: str) -> None:
+    with browser.new_context() as context:
+        page = context.new_page()
+        messages: list[str] = []
+        page.on("console", lambda message: messages.append(message.text))
+        page.goto(address)
+        expect(page.locator(".state-words")).to_contain_text("No vehicle", timeout=60_000)
+        log_in(page)
+        page.goto(f"{address}/recordings")
+        expect(page.locator("h1")).to_have_text("Recordings")
+        page.goto(address)
+        page.locator('[data-mark="tab-go_to"]').click(timeout=60_000)
+        expect(page.locator('[data-mark="fly-go_to"]')).to_be_visible(timeout=60_000)
+        assert not any(POLICY in text for text in messages)
+        with page.expect_console_message(lambda message: POLICY in message.text, timeout=60_000):
+            fetched = page.evaluate("fetch('http://192.0.2.1/').then(() => 'reached', error => String(error))")
+        assert "Failed to fetch" in fetched
 
 
 def test_a_page_whose_server_is_silent_says_that_it_is_old(browser: Browser) -> None:

@@ -1,6 +1,7 @@
 """Logging in and out. Whoever has not logged in only watches, where the pages can be reached from other machines."""
 
 import asyncio
+import secrets
 import time
 from html import escape
 from typing import Any
@@ -8,21 +9,28 @@ from urllib.parse import parse_qs
 
 from fastapi import FastAPI, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
+from starlette.middleware.sessions import SessionMiddleware
 
 from jezero.services.ground_station.config import GroundStationConfig
 from jezero.services.ground_station.listening import Listening
 from jezero.services.ground_station.password import LENGTH_MAX, matches
 from jezero.services.ground_station.sessions import LoginLimiter, Sessions
 from jezero.services.ground_station.web.elements import STATIC
+from jezero.services.ground_station.web.guard import Inner
 
 COOKIE = "jezero_session"
+SESSION = "id"
 CHECKS_MAX = 4
-"""Passwords that are checked or wait for it; each check takes 32 MiB, so that there is one at a time."""
+"""Passwords that are checked or wait for it. There is one check at a time: it takes 19 MiB and one processor."""
 WATCHING = "you are watching: log in to fly"
 
 
 class Access:
-    """The log-ins of one server."""
+    """The log-ins of one server.
+
+    Starlette's cookie has a session's id: it is signed, and valid for `session_max_s`. The session itself is kept here,
+    so that a log-out and the idle time end it on its open pages too.
+    """
 
     def __init__(self, config: GroundStationConfig, listening: Listening) -> None:
         self._listening = listening
@@ -37,13 +45,28 @@ class Access:
         """Whether only those who have logged in may fly."""
         return bool(self._listening.password_hash)
 
-    def remaining_s(self, token: str) -> float:
+    def remaining_s(self, session: str) -> float:
         """Time until a page may not fly any more; 0 for one that only watches."""
-        return self._sessions.remaining_s(token, time.monotonic()) if self.needs_login else float("inf")
+        return self._sessions.remaining_s(session, time.monotonic()) if self.needs_login else float("inf")
 
-    def use(self, token: str) -> bool:
+    def use(self, session: str) -> bool:
         """Note that somebody uses a page; returns whether it may fly."""
-        return not self.needs_login or self._sessions.use(token, time.monotonic())
+        return not self.needs_login or self._sessions.use(session, time.monotonic())
+
+    def has_login(self, scope: Any) -> bool:
+        """Whether a request is one of somebody who has logged in."""
+        return self.needs_login and self.remaining_s(scope["session"].get(SESSION, "")) > 0.0
+
+    def with_sessions(self, inner: Inner) -> Inner:
+        """The same application with the sessions of its requests, which end when this server does."""
+        return SessionMiddleware(
+            inner,
+            secret_key=secrets.token_hex(),
+            session_cookie=COOKIE,
+            max_age=int(self._config.session_max_s),
+            same_site="strict",
+            https_only=bool(self._listening.certificate),
+        )
 
     def add_routes(self, site: FastAPI) -> None:
         """Add the pages that log in and out."""
@@ -65,16 +88,8 @@ class Access:
             self._limiter.on_failure(address, time.monotonic())
             return _form("The password is wrong.", 401)
         self._limiter.on_success(address)
-        reply = RedirectResponse("/", 303)
-        reply.set_cookie(
-            COOKIE,
-            self._sessions.begin(time.monotonic()),
-            max_age=int(self._config.session_max_s),
-            httponly=True,
-            samesite="strict",
-            secure=bool(self._listening.certificate),
-        )
-        return reply
+        request.session[SESSION] = self._sessions.begin(time.monotonic())
+        return RedirectResponse("/", 303)
 
     async def _is_right(self, password: str) -> bool:
         if not self.needs_login or not password:
@@ -87,15 +102,14 @@ class Access:
             self._checks -= 1
 
     async def _log_out(self, request: Request) -> Response:
-        self._sessions.end(token_of(request))
-        reply = RedirectResponse("/", 303)
-        reply.delete_cookie(COOKIE, httponly=True, samesite="strict", secure=bool(self._listening.certificate))
-        return reply
+        self._sessions.end(session_of(request))
+        request.session.clear()
+        return RedirectResponse("/", 303)
 
 
-def token_of(request: Any) -> str:
-    """The token of a request's session, "" without one."""
-    return str(request.cookies.get(COOKIE, ""))
+def session_of(request: Request) -> str:
+    """The id of a request's session, "" without one."""
+    return str(request.session.get(SESSION, ""))
 
 
 def _password_in(body: bytes) -> str:

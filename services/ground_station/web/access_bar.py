@@ -20,16 +20,16 @@ class AccessBar:
 
     Args:
         page: the page's outermost element, whose class `watching` hides the commands.
-        token: of the page's session.
+        session: id of the page's session.
     """
 
-    def __init__(self, access: Access, token: str, page: Element) -> None:
-        self._access, self._token, self._page = access, token, page
+    def __init__(self, access: Access, session: str, page: Element) -> None:
+        self._access, self._session, self._page = access, session, page
         self._shown: tuple[bool, str] | None = None
         ui.add_css(STATIC / "access.css")
         if not access.needs_login:
             return
-        Activity().on("used", lambda: access.use(token))
+        Activity().on("used", lambda: access.use(session))
         with ui.element("div").classes("access"):
             self._words = ui.label().classes("access-words").props('data-mark="access"')
             self._log_in = ui.link("Log in", "/login").props('data-mark="log-in"')
@@ -39,13 +39,13 @@ class AccessBar:
 
     def refusal(self) -> str:
         """Why the page may not fly now; "" if it may, which counts as use."""
-        return "" if self._access.use(self._token) else WATCHING
+        return "" if self._access.use(self._session) else WATCHING
 
     def show(self) -> None:
         """Show whether the page may fly, and when that ends."""
         if not self._access.needs_login:
             return
-        remaining_s = self._access.remaining_s(self._token)
+        remaining_s = self._access.remaining_s(self._session)
         flies = remaining_s > 0.0
         words = "Watching" if not flies else f"log-in ends in {duration(remaining_s)}" if remaining_s < WARN_S else ""
         if (flies, words) == self._shown:

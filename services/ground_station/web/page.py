@@ -48,7 +48,7 @@ class Page:
         self,
         feed: Feed | PlaybackFeed,
         access: Access,
-        token: str,
+        session: str,
         robot: dict[str, Any],
         config: GroundStationConfig,
         pictures: str = "/camera.jpg",
@@ -59,7 +59,7 @@ class Page:
         self._backpressure = Backpressure(ui.context.client)
         self._pictures = pictures
         self._watch = watch
-        self._access, self._token = access, token
+        self._access, self._session = access, session
         self._robot = robot
         self._commands = Commands(PilotLink(feed, self._refusal))
         self._count = 0
@@ -103,7 +103,7 @@ class Page:
                     ui.link("Others", "/recordings").classes("recordings-link")
                 else:
                     ui.link("Recordings", "/recordings").classes("recordings-link").props('data-mark="recordings"')
-                self._bar = AccessBar(self._access, self._token, self._whole)
+                self._bar = AccessBar(self._access, self._session, self._whole)
                 ui.button("Hover", on_click=self._commands.hover, color=None).classes("hover-button").props(
                     "no-caps"
                 ).props('data-mark="hover"')

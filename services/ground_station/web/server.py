@@ -16,11 +16,13 @@ from jezero.runtime.service import Health
 from jezero.services.ground_station.config import GroundStationConfig
 from jezero.services.ground_station.listening import Listening, insecurities, listening_socket
 from jezero.services.ground_station.robot import robot_shapes
-from jezero.services.ground_station.web.access import Access, token_of
+from jezero.services.ground_station.web.access import Access, session_of
 from jezero.services.ground_station.web.camera_feed import CameraFeed
+from jezero.services.ground_station.web.connections import BoundedServer, Connections, WebSocket
 from jezero.services.ground_station.web.feed import Feed
-from jezero.services.ground_station.web.guard import BODY_MAX_BYTES, OwnPagesOnly, SmallBodies
+from jezero.services.ground_station.web.guard import BODY_MAX_BYTES, RESPONSE_HEADERS, Inner, OwnPagesOnly, WholeBodies
 from jezero.services.ground_station.web.page import Page
+from jezero.services.ground_station.web.places import PageTurns, Places
 from jezero.services.ground_station.web.playback_feed import PlaybackFeed
 from jezero.services.ground_station.web.recording_pages import RecordingPages
 from jezero.services.ground_station.web.recordings import Recordings
@@ -30,8 +32,6 @@ from jezero.vehicle_config import VehicleConfig
 STOP_TIMEOUT_S = 1.0
 RECONNECT_TIMEOUT_S = 60.0
 """A browser that is busy for 0.4 of it must connect anew; one that is away for longer gets a new page."""
-CONNECTIONS_MAX = 200
-"""Open connections; a page has up to seven."""
 
 
 class PageServer:
@@ -73,7 +73,7 @@ class PageServer:
         access.add_routes(site)
 
         def show_recording(feed: PlaybackFeed, pictures: str, request: Request) -> None:
-            Page(feed, access, token_of(request), shapes, config, pictures)
+            Page(feed, access, session_of(request), shapes, config, pictures)
 
         RecordingPages(Recordings(recordings), show_recording).add_routes(site)
 
@@ -81,7 +81,7 @@ class PageServer:
         def show(request: Request) -> Response | None:
             if router is None:
                 return RedirectResponse("/recordings")
-            Page(self._feed, access, token_of(request), shapes, config, watch=self._topics, insecure=insecure)
+            Page(self._feed, access, session_of(request), shapes, config, watch=self._topics, insecure=insecure)
             return None
 
         pages.on_connect(self._count_viewers)
@@ -93,11 +93,17 @@ class PageServer:
             binding_refresh_interval=None,
             reconnect_timeout=RECONNECT_TIMEOUT_S,
         )
-        self._server = uvicorn.Server(_server_settings(site, listening))
+        connections = Connections()
+        # A request passes the guards from the outermost to the site; a place is taken when its body has arrived.
+        guarded: Inner = PageTurns(site, access.has_login)
+        guarded = Places(guarded, connections, access.has_login)
+        guarded = access.with_sessions(WholeBodies(guarded))
+        guarded = OwnPagesOnly(guarded, listening.serves)
+        self._server = BoundedServer(_server_settings(guarded, listening), self._socket, connections)
 
     def run(self) -> None:
         """Serve until `stop`, or in the main thread until SIGINT or SIGTERM."""
-        self._server.run(sockets=[self._socket])
+        self._server.run()
 
     def run_in_thread(self) -> threading.Thread:
         """Start to serve in a thread of its own."""
@@ -145,16 +151,17 @@ class PageServer:
         return Response(picture, media_type="image/webp") if picture else Response(status_code=204)
 
 
-def _server_settings(site: FastAPI, listening: Listening) -> uvicorn.Config:
+def _server_settings(guarded: Inner, listening: Listening) -> uvicorn.Config:
     return uvicorn.Config(
-        OwnPagesOnly(SmallBodies(site), listening.serves),
+        guarded,
+        headers=RESPONSE_HEADERS,
         log_level="warning",
         timeout_graceful_shutdown=1,
         ssl_certfile=listening.certificate or None,
         ssl_keyfile=listening.key or None,
+        ws=WebSocket,
         ws_max_size=BODY_MAX_BYTES,
         ws_ping_interval=None,  # the pages have pings of their own
-        limit_concurrency=CONNECTIONS_MAX,
         proxy_headers=False,
         server_header=False,
     )

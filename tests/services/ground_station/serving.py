@@ -3,16 +3,22 @@
 Run as a program, it is this process: it prints the address of its pages.
 """
 
+import http.client
 import signal
+import socket
+import ssl
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import urlencode, urlsplit
 
 PASSWORD = "correct horse"
 ADDRESS = "127.0.0.2"
 NO_ROUTER = "tcp/127.0.0.1:1"
+REPLY_TIMEOUT_S = 60.0
 
 
 @contextmanager
@@ -37,6 +43,67 @@ def serving_process(router: str = NO_ROUTER, *words: str) -> Iterator[tuple[str,
         finally:
             process.send_signal(signal.SIGCONT)
             process.terminate()
+
+
+@dataclass(frozen=True)
+class Reply:
+    """A response, read to its end."""
+
+    status: int
+    headers: http.client.HTTPMessage
+    text: str
+
+    @property
+    def cookie(self) -> str:
+        """The cookie that it sets, as a browser sends it back."""
+        return str(self.headers.get("Set-Cookie", "")).partition(";")[0]
+
+
+def ask(
+    address: str,
+    method: str,
+    path: str,
+    fields: dict[str, str] | None = None,
+    *,
+    source: str = "127.0.0.1",
+    **headers: str,
+) -> Reply:
+    """Send one request on a connection of its own.
+
+    Args:
+        source: address of the client, on the loopback.
+    """
+    parts = urlsplit(address)
+    connection = (
+        http.client.HTTPSConnection(
+            parts.netloc, timeout=REPLY_TIMEOUT_S, source_address=(source, 0), context=ssl._create_unverified_context()
+        )
+        if parts.scheme == "https"
+        else http.client.HTTPConnection(parts.netloc, timeout=REPLY_TIMEOUT_S, source_address=(source, 0))
+    )
+    try:
+        connection.request(method, path, None if fields is None else urlencode(fields), headers)
+        reply = connection.getresponse()
+        return Reply(reply.status, reply.headers, reply.read().decode("utf-8", "replace"))
+    finally:
+        connection.close()
+
+
+def opened(address: str, source: str, begun: bytes) -> socket.socket:
+    """A connection on which only the begin of something was sent."""
+    parts = urlsplit(address)
+    connection = socket.create_connection((parts.hostname, parts.port), REPLY_TIMEOUT_S, (source, 0))
+    connection.sendall(begun)
+    return connection
+
+
+def make_certificate(folder: Path) -> tuple[Path, Path]:
+    """Make a certificate that signs itself; returns its file and its key's."""
+    certificate, key = folder / "certificate.pem", folder / "key.pem"
+    request = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-subj",
+               "/CN=test", "-days", "1", "-keyout", str(key), "-out", str(certificate)]  # fmt: skip
+    subprocess.run(request, check=True, capture_output=True)
+    return certificate, key
 
 
 def main() -> None:

@@ -1,41 +1,30 @@
 """Logging in and out, on a server of its own."""
 
-import http.client
 import shutil
-import ssl
-import subprocess
+from collections import Counter
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from urllib.parse import urlencode, urlsplit
 
 import pytest
 
 pytest.importorskip("nicegui", reason="the extra jezero[ground] is not installed")
 
-from tests.services.ground_station.serving import ADDRESS, PASSWORD, serving
+from tests.services.ground_station.serving import PASSWORD, ask, make_certificate, serving
+
+FLOOD = 60
 
 
 class Browser:
     """Sends requests to one server."""
 
     def __init__(self, address: str) -> None:
-        parts = urlsplit(address)
-        self._tls = parts.scheme == "https"
-        self.host, self._port = parts.netloc, parts.port
+        self.address = address
 
     def request(self, method: str, path: str, fields: dict[str, str] | None = None, **headers: str) -> tuple[int, str]:
         """Status of the reply, and its `Set-Cookie`."""
-        context = ssl._create_unverified_context() if self._tls else None
-        connection = (
-            http.client.HTTPSConnection(ADDRESS, self._port, timeout=20, context=context)
-            if self._tls
-            else http.client.HTTPConnection(ADDRESS, self._port, timeout=20)
-        )
-        connection.request(method, path, None if fields is None else urlencode(fields), headers)
-        reply = connection.getresponse()
-        reply.read()
-        connection.close()
-        return reply.status, reply.getheader("Set-Cookie", "")
+        reply = ask(self.address, method, path, fields, **headers)
+        return reply.status, reply.headers.get("Set-Cookie", "")
 
     def log_in(self, password: str, **headers: str) -> tuple[int, str]:
         """Send a password."""
@@ -52,9 +41,10 @@ def browser() -> Iterator[Browser]:
 def test_the_right_password_gives_a_cookie_that_scripts_and_other_sites_do_not_get(browser: Browser) -> None:
     status, cookie = browser.log_in(PASSWORD)
     assert status == 303
-    assert "HttpOnly" in cookie
-    assert "SameSite=strict" in cookie
-    assert "Secure" not in cookie
+    attributes = cookie.lower().split("; ")
+    assert "httponly" in attributes
+    assert "samesite=strict" in attributes
+    assert "secure" not in attributes
 
 
 def test_other_sites_do_not_log_in(browser: Browser) -> None:
@@ -84,14 +74,41 @@ def test_after_five_wrong_passwords_the_right_one_waits_too() -> None:
         assert browser.log_in(PASSWORD) == (429, "")
 
 
+def test_a_cookie_that_was_changed_or_has_logged_out_only_watches(browser: Browser) -> None:
+    cookie = ask(browser.address, "POST", "/login", {"password": PASSWORD}).cookie
+    assert not watches(browser, cookie)
+    assert watches(browser, "")
+    assert watches(browser, cookie[:-1])
+    assert watches(browser, cookie.replace("=", "=A", 1))
+    assert ask(browser.address, "POST", "/logout", Cookie=cookie).status == 303
+    assert watches(browser, cookie)
+
+
+def watches(browser: Browser, cookie: str) -> bool:
+    """Whether the page of a cookie may not fly."""
+    return '"text":"Watching"' in ask(browser.address, "GET", "/", Cookie=cookie).text
+
+
+def test_a_flood_of_passwords_from_many_addresses_is_checked_one_by_one_and_the_rest_is_refused_at_once() -> None:
+    """A guess takes one processor for 0.05 s; the others, and the pages, go on."""
+    with serving() as address, ThreadPoolExecutor(FLOOD) as pool:
+
+        def guess(number: int) -> int:
+            return ask(address, "POST", "/login", {"password": "a wrong one"}, source=f"127.0.1.{1 + number}").status
+
+        assert ask(address, "GET", "/login").status == 200
+        guesses = [pool.submit(guess, number) for number in range(FLOOD)]
+        assert ask(address, "GET", "/login").status == 200
+        found = Counter(each.result() for each in guesses)
+        assert set(found) == {401, 429}
+        assert ask(address, "POST", "/login", {"password": PASSWORD}).status == 303
+
+
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="there is no openssl on the path")
 def test_with_tls_the_cookie_is_sent_over_tls_only(tmp_path: Path) -> None:
-    key, certificate = tmp_path / "key.pem", tmp_path / "certificate.pem"
-    request = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-subj",
-               "/CN=test", "-days", "1", "-keyout", str(key), "-out", str(certificate)]  # fmt: skip
-    subprocess.run(request, check=True, capture_output=True)
+    certificate, key = make_certificate(tmp_path)
     with serving("tcp/127.0.0.1:1", f"certificate={certificate}", f"key={key}") as address:
         assert address.startswith("https://")
         status, cookie = Browser(address).log_in(PASSWORD)
     assert status == 303
-    assert "Secure" in cookie
+    assert "secure" in cookie.lower().split("; ")

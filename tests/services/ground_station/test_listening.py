@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+pytest.importorskip("argon2", reason="the extra jezero[ground] is not installed")
+
 from jezero.runtime.config import ConfigError
 from jezero.services.ground_station.config import GroundStationConfig
 from jezero.services.ground_station.listening import Listening, insecurities, listening_of, listening_socket

@@ -5,35 +5,35 @@ from jezero.services.ground_station.sessions import ADDRESSES_MAX, SESSIONS_MAX,
 
 def test_a_session_that_is_not_used_ends_after_its_idle_time() -> None:
     sessions = Sessions(idle_s=100.0, max_s=1000.0)
-    token = sessions.begin(0.0)
-    assert sessions.use(token, 60.0)
-    assert sessions.remaining_s(token, 110.0) == 50.0
-    assert not sessions.use(token, 160.0)
-    assert sessions.remaining_s(token, 160.0) == 0.0
+    session = sessions.begin(0.0)
+    assert sessions.use(session, 60.0)
+    assert sessions.remaining_s(session, 110.0) == 50.0
+    assert not sessions.use(session, 160.0)
+    assert sessions.remaining_s(session, 160.0) == 0.0
 
 
 def test_a_session_ends_after_its_absolute_time_though_it_is_used() -> None:
     sessions = Sessions(idle_s=100.0, max_s=150.0)
-    token = sessions.begin(0.0)
-    assert sessions.use(token, 90.0)
-    assert sessions.remaining_s(token, 100.0) == 50.0
-    assert not sessions.use(token, 150.0)
+    session = sessions.begin(0.0)
+    assert sessions.use(session, 90.0)
+    assert sessions.remaining_s(session, 100.0) == 50.0
+    assert not sessions.use(session, 150.0)
 
 
 def test_an_ended_or_unknown_session_is_none() -> None:
     sessions = Sessions(idle_s=100.0, max_s=150.0)
-    token = sessions.begin(0.0)
-    sessions.end(token)
-    assert not sessions.use(token, 1.0)
+    session = sessions.begin(0.0)
+    sessions.end(session)
+    assert not sessions.use(session, 1.0)
     assert not sessions.use("", 1.0)
     assert not sessions.use("ä", 1.0)
 
 
 def test_the_oldest_session_ends_when_there_are_too_many() -> None:
     sessions = Sessions(idle_s=100.0, max_s=150.0)
-    tokens = [sessions.begin(0.0) for _ in range(SESSIONS_MAX + 1)]
-    assert not sessions.use(tokens[0], 1.0)
-    assert all(sessions.use(token, 1.0) for token in tokens[1:])
+    begun = [sessions.begin(0.0) for _ in range(SESSIONS_MAX + 1)]
+    assert not sessions.use(begun[0], 1.0)
+    assert all(sessions.use(session, 1.0) for session in begun[1:])
 
 
 def test_an_address_waits_after_five_wrong_passwords_and_others_do_not() -> None:
