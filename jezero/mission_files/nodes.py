@@ -9,7 +9,7 @@ import yaml
 from jezero.mission_files.problems import Problem, Problems
 
 DEPTH_MAX = 50
-"""Lists and fields within each other. A mission has ten at most; the parser's time grows with the square of their number."""
+"""Lists and fields within each other. A mission has ten at most; time grows with the square of their number."""
 TOO_DEEP = f"lists and fields are nested more than {DEPTH_MAX} deep here: nobody needs more than ten"
 KEYS_OF_ALIASES = "anchors and aliases (& and *) are not read: name points and areas under `points` and `areas`"
 

@@ -241,7 +241,8 @@ def connected(team: Team, port: int, name: str) -> Vehicle:
 def test_a_viewer_that_wants_to_fly_reads_why_that_is_denied(tmp_path: Path) -> None:
     team = make_team(tmp_path)
     bundle = team.bundle("vehicle-uav1")
-    with router_of_team(bundle) as (port, _):
+    with router_of_team(bundle) as (port, session):
+        own = session.liveliness().declare_token(liveliness_key(VEHICLE, "service", "router"))
         with connected(team, port, "viewer-eye") as viewer:
             for send in (viewer.hover, viewer.takeoff, viewer.land_on_spot):
                 with pytest.raises(Refused, match=r"viewer-eye has no right to @.*: only pilots fly"):
@@ -252,6 +253,7 @@ def test_a_viewer_that_wants_to_fly_reads_why_that_is_denied(tmp_path: Path) -> 
         connection.close()
         with connected(team, port, "pilot-ana") as pilot, pytest.raises(Unreachable, match="no server replies on"):
             pilot.hover()
+        own.undeclare()  # type: ignore[no-untyped-call]
 
 
 def test_a_revoked_member_may_do_nothing(tmp_path: Path) -> None:
