@@ -29,26 +29,42 @@ class _Sink:
         return len(data)
 
 
+def _keep_nothing(_: int) -> None:
+    """For a receiver that nothing can be replayed to after its end."""
+
+
 class Signing:
-    """MAVLink 2 signatures of one link. Time stamps count units of 10 µs since 2015.
+    """MAVLink 2 signatures of one receiver. Time stamps count units of 10 µs since 2015.
 
     A message is accepted when its signature was made with the key, its time stamp is later than the last one of the
     same sender and link id, and the time stamp differs from the local clock by a minute at most. The checks of
     pymavlink and PX4 accept any later time stamp: a single message from the far future would lock out all others.
+
+    A restart must not let a captured message in again, and a write for each message would take too long. So the kept
+    time stamp is `AHEAD` later than the message at which it was kept: it covers all that is accepted until the next
+    write. After a restart only messages above it are accepted.
+
+    Args:
+        key: the secret, 32 bytes.
+        kept: the time stamp that `keep` got last before the restart; -1 when it never got one.
+        keep: stores a time stamp; called before the message that needs it is accepted.
 
     Attributes:
         clock_10us: the local clock; the owner of this object sets it.
     """
 
     WINDOW = 6_000_000
+    AHEAD = 500_000
     SIGNED = 0x01
     MARKER = 0xFD
 
-    def __init__(self, key: bytes) -> None:
+    def __init__(self, key: bytes, kept: int = -1, keep: Callable[[int], None] = _keep_nothing) -> None:
         if len(key) != 32:
             raise ValueError(f"a signing key has 32 bytes, not {len(key)}")
         self.clock_10us = 0
         self._key = key
+        self._at_start = self._kept = kept
+        self._keep = keep
         self._last_timestamp: dict[tuple[int, int, int], int] = {}
         self._last_sent = 0
 
@@ -71,8 +87,11 @@ class Signing:
             return False
         stamp = int.from_bytes(data[-12:-6], "little")
         stream = (data[-13], message.get_srcSystem(), message.get_srcComponent())
-        if abs(stamp - self.clock_10us) > self.WINDOW or stamp <= self._last_timestamp.get(stream, -1):
+        if abs(stamp - self.clock_10us) > self.WINDOW or stamp <= self._last_timestamp.get(stream, self._at_start):
             return False
+        if stamp > self._kept:
+            self._kept = stamp + self.AHEAD
+            self._keep(self._kept)
         self._last_timestamp[stream] = stamp
         return True
 

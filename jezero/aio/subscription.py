@@ -1,5 +1,6 @@
 """Subscriptions to topics."""
 
+import asyncio
 import time
 from collections.abc import AsyncIterator
 from typing import Generic, Self, TypeVar
@@ -52,7 +53,8 @@ class Subscription(Generic[M]):
         try:
             data = await self._arrivals.take(None if timeout_s is None else time.monotonic() + timeout_s)
         except TimedOut:
-            raise TimedOut(client.silence(self._blocking._connection, self.topic, timeout_s)) from None
+            silence = await asyncio.to_thread(client.silence, self._blocking._connection, self.topic, timeout_s)
+            raise TimedOut(silence) from None
         return self._blocking._read(data)
 
     def close(self) -> None:

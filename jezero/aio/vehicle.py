@@ -196,7 +196,7 @@ class Vehicle:
                 try:
                     newer = await stream.next(STATUS_TIMEOUT_S)
                 except TimedOut:
-                    raise Unreachable(no_status(self._blocking._connection)) from None
+                    raise Unreachable(await self._threads.run(no_status, self._blocking._connection)) from None
                 if newer != status:
                     status = newer
                     yield status

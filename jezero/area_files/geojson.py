@@ -24,6 +24,8 @@ def parse_json(data: bytes) -> Any:
         raise AreaFileError("is not text in UTF-8: save it in this encoding") from None
     except json.JSONDecodeError as error:
         raise AreaFileError(f"line {error.lineno}, column {error.colno} is not JSON ({error.msg})") from None
+    except RecursionError:
+        raise AreaFileError("is nested too deeply") from None
     except ValueError:  # an integer of thousands of digits
         raise AreaFileError("has a number with too many digits") from None
 

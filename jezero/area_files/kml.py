@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 DAMAGES = (zipfile.BadZipFile, zlib.error, LZMAError, EOFError, NotImplementedError, RuntimeError, OSError, ValueError)
 """What `zipfile` raises for damaged archives; a ValueError for a document that would begin before the file."""
+DEPTH_MAX = 100
+"""Elements within each other; folders within folders are ten deep at most."""
 OTHERS = ("Point", "LineString", "Track", "GroundOverlay", "NetworkLink")
 """Elements that are no areas, to say what a file without areas has."""
 
@@ -55,6 +57,7 @@ def read_kml(data: bytes) -> list[FilePolygon]:
         root = fromstring(data)
     except (ParseError, ValueError, LookupError) as error:
         raise AreaFileError(f"is not KML that can be read ({excerpt(error) or type(error).__name__})") from None
+    _check_depth(root)
     found = []
     for number, placemark in enumerate(_all(root, "Placemark"), 1):
         name = " ".join((_text(placemark, "name")).split())
@@ -67,6 +70,19 @@ def read_kml(data: bytes) -> list[FilePolygon]:
         has = f": it has {', '.join(others)}" if others else ""
         raise AreaFileError(f"has no Placemark with a Polygon{has}")
     return found
+
+
+def _check_depth(root: "Element") -> None:
+    """Refuse elements that are nested so deeply that a search at each of them takes for ever.
+
+    Raises:
+        AreaFileError: they are.
+    """
+    level = [root]
+    for _ in range(DEPTH_MAX):
+        level = [child for element in level for child in element]
+    if level:
+        raise AreaFileError("is nested too deeply")
 
 
 def _rings(shape: "Element", place: str) -> Iterator[tuple[Corner, ...]]:

@@ -172,6 +172,6 @@ def _tell_routers(team: "Team", but: str = "") -> None:
     others = [name for name in team.routers() if name != but]
     if others:
         click.echo(
-            f"the list of members has changed: copy {team.folder / MEMBERS} into the bundles of {', '.join(others)} "
-            "and restart their routers"
+            f"the list of members has changed: copy {team.folder / MEMBERS} into the bundles of {', '.join(others)}, "
+            "whose routers follow it by themselves, also in flight"
         )

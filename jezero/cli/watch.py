@@ -44,6 +44,7 @@ def watch(foxglove: bool, host: str, port: int, vehicle: str, router: str, as_js
 def _serve(printer: Printer, vehicle: str, router: str, host: str, port: int) -> None:
     import zenoh
 
+    from jezero.client.session import hidden_reason
     from jezero.keys.diagnosis import connection_problem
     from jezero.recording.live import LiveServer, ServeError, VehicleMessages
     from jezero.recording.viewer_scene import ViewerScene
@@ -56,6 +57,9 @@ def _serve(printer: Printer, vehicle: str, router: str, host: str, port: int) ->
         session = zenoh.open(client_config(router, CONNECT_TIMEOUT_S))
     except zenoh.ZError:
         reason = connection_problem(router) or f"no router at {shown_router(router)}: is the stack up? (`jezero up`)"
+        printer.fail("unreachable", f"unreachable: {reason}", UNREACHABLE, reason=reason)
+    if reason := hidden_reason(session, router, vehicle):
+        session.close()  # type: ignore[no-untyped-call]
         printer.fail("unreachable", f"unreachable: {reason}", UNREACHABLE, reason=reason)
     try:
         server = LiveServer(vehicle, host, port, scene)

@@ -247,7 +247,8 @@ class Goal(Generic[F, R]):
         """Error text for a goal after the connection was closed, lost, or lost and restored."""
         if in_reach:
             return f"the connection was lost, and no action server knows goal {self.goal_id}: its server died too"
-        reason = self._connection.loss_reason() or f"the link to {self._connection.vehicle} is lost (`jezero ps`)"
+        reason = self._connection.loss_reason() or self._connection.hidden_reason()
+        reason = reason or f"the link to {self._connection.vehicle} is lost (`jezero ps`)"
         return f"{reason}; goal {self.goal_id} may still run"
 
 

@@ -257,7 +257,7 @@ class _Clock(Iterator[int]):
             data = None
         if data is None:
             silent = f"no clock of {self._connection.vehicle} for {CLOCK_TIMEOUT_S:g} s: is the stack up? (`jezero up`)"
-            raise Unreachable(self._connection.loss_reason() or silent)
+            raise Unreachable(self._connection.loss_reason() or self._connection.hidden_reason() or silent)
         clock: Clock = decode(Clock, data)
         return clock.t_ns
 

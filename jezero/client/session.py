@@ -29,6 +29,8 @@ TIMEOUT_MARGIN_S = 0.2
 """Zenoh ends a query without replies slightly after its timeout."""
 SEE_TIMEOUT_S = 0.5
 """Duration after which the tokens that this computer's router knows have arrived."""
+HIDDEN_TIMEOUT_S = 2.0
+"""Duration after which the token of a router on another computer has arrived, also over a slow radio."""
 ARRIVALS_MAX = 1000
 VEHICLE_TIME_AGE_MAX_S = 1.0
 """Vehicle time older than this is not used as the time at which a goal was issued."""
@@ -137,11 +139,11 @@ class Connection:
 
     def sees_bridge(self) -> bool:
         """Whether the vehicle's bridge is in reach; it isn't while the link to the vehicle's computer is cut."""
-        bridge = liveliness_key(self.vehicle, "service", "vehicle_bridge")
-        try:
-            return any(reply.ok for reply in self._session.liveliness().get(bridge, timeout=SEE_TIMEOUT_S))
-        except zenoh.ZError:  # the session was closed
-            return False
+        return _sees(self._session, self.vehicle, "vehicle_bridge", SEE_TIMEOUT_S)
+
+    def hidden_reason(self) -> str:
+        """Why the router shows nothing of the vehicle to the member whose keys these are; "" where it shows itself."""
+        return hidden_reason(self._session, self._endpoint, self.vehicle) if self.connected else ""
 
     def set_vehicle_time(self, t_ns: int, *, may_have_waited: bool = False) -> None:
         """Set the vehicle time from a message.
@@ -308,20 +310,14 @@ class Connection:
             raise Unreachable(reason)
         if name.startswith("@"):  # everybody may ask for what has no effect
             self._check_right(name)
-        with_keys = self._endpoint.startswith("tls/")
-        if with_keys:
-            from jezero.keys.diagnosis import known_revocation
-
-            if reason := known_revocation(self._endpoint):
-                raise Unreachable(reason)
+        if reason := self.hidden_reason():
+            raise Unreachable(reason)
         text = f"no server replies on {name} of {self.vehicle}: is the stack up? (`jezero up`, `jezero ps`)"
         if not self.sees_bridge():
             text += (
                 f". If {self.vehicle} flies on another computer, the link to that computer may be cut. The request may "
                 "have arrived: see `jezero status` when the link is back"
             )
-            if with_keys:
-                text += ". A router shows nothing to a member that is revoked: ask the one who has the team"
         raise Unreachable(text)
 
 
@@ -369,6 +365,33 @@ def _open(router: str, timeout_s: float) -> zenoh.Session:
                 kind = ", with a tls/… address" if router.startswith("tls/") else ""
                 hint = f"is the stack up{kind}? (`jezero up`) Is the address right?"
                 raise Unreachable(f"no router at {shown_router(router)} within {timeout_s:g} s: {hint}") from error
+
+
+def hidden_reason(session: zenoh.Session, endpoint: str, vehicle: str) -> str:
+    """Why a router with TLS shows nothing of a vehicle to the member of a bundle; "" where it shows itself.
+
+    Every member may see the token of the router that it connects to. It takes up to `HIDDEN_TIMEOUT_S`, so it is asked
+    only when something is wrong.
+
+    Args:
+        session: a client's session with the router.
+        endpoint: Zenoh's endpoint of the router, with the files of the bundle.
+        vehicle: name of the vehicle.
+    """
+    if not endpoint.startswith("tls/") or _sees(session, vehicle, "router", HIDDEN_TIMEOUT_S):
+        return ""
+    from jezero.keys.diagnosis import hidden_reason as reason_of
+
+    return reason_of(endpoint, vehicle)
+
+
+def _sees(session: zenoh.Session, vehicle: str, service: str, timeout_s: float) -> bool:
+    """Whether a service of a vehicle is in reach."""
+    try:
+        token = liveliness_key(vehicle, "service", service)
+        return any(reply.ok for reply in session.liveliness().get(token, timeout=timeout_s))
+    except zenoh.ZError:  # the session was closed
+        return False
 
 
 def _tls_problem(router: str) -> str:

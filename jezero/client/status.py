@@ -65,7 +65,8 @@ def watch_status(connection: Connection) -> Iterator[Status]:
 
 def no_status(connection: Connection) -> str:
     """Error text for a vehicle that publishes no status any more."""
-    return connection.loss_reason() or f"no status of {connection.vehicle} for {STATUS_TIMEOUT_S:g} s"
+    known = connection.loss_reason() or connection.hidden_reason()
+    return known or f"no status of {connection.vehicle} for {STATUS_TIMEOUT_S:g} s"
 
 
 def wait_ready(connection: Connection, timeout_s: float) -> Status:

@@ -170,6 +170,8 @@ class _Latest:
 
 def silence(connection: Connection, topic: Topic[Any], timeout_s: float | None) -> str:
     """Error text for a topic without a message in time."""
+    if hidden := connection.hidden_reason():
+        return hidden
     return f"no message on {topic.name} of {connection.vehicle} for {timeout_s:g} s: is its service up? (`jezero ps`)"
 
 

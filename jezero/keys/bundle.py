@@ -2,11 +2,13 @@
 
 import hashlib
 import os
+import shlex
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from jezero.keys.members import KeysError, Members, read_members
+from jezero.keys.files import read_plain_file
+from jezero.keys.members import MEMBERS, KeysError, Members, read_members
 from jezero.os_errors import describe_os_error
 from jezero.router_address import is_insecure, parse_router
 
@@ -21,6 +23,9 @@ CA, CERTIFICATE, KEY = "ca.pem", "certificate.pem", "key.pem"
 MAVLINK_KEY = "mavlink.key"
 """A line of text, the same for all that fly the team's vehicles by MAVLink."""
 MAVLINK_TEXT_LENGTH = 32
+OTHERS_READ_OR_WRITE, OTHERS_WRITE = 0o066, 0o022
+"""Bits of a mode: what others than the owner may do, its group included."""
+SECRETS, PUBLIC = (KEY, MAVLINK_KEY), (CA, CERTIFICATE, MEMBERS)
 
 
 class Identity(NamedTuple):
@@ -83,14 +88,14 @@ def secured(address: str, bundle: Path) -> str:
         bundle: folder of the bundle.
 
     Raises:
-        KeysError: a file is missing or can't be read, or Zenoh can't take the folder's name.
+        KeysError: a file is missing, can't be read, or can be read by others; or Zenoh can't take the folder's name.
     """
     folder = bundle.expanduser().resolve()
     if ";" in str(folder):
         raise KeysError(f"{folder}: Zenoh reads no folder with ';' in its name: rename it")
     for name in (CA, CERTIFICATE, KEY):
         try:
-            (folder / name).open("rb").close()
+            read_plain_file(folder / name)  # Zenoh would wait for a pipe, and for the end of a device
         except FileNotFoundError:
             raise KeysError(
                 f"{folder / name} is missing: copy the whole folder that `jezero keys add` wrote, and name it"
@@ -99,6 +104,7 @@ def secured(address: str, bundle: Path) -> str:
             raise KeysError(
                 f"{describe_os_error(error)}: the keys belong to the user that starts jezero, see `ls -l {folder}`"
             ) from None
+    check_private(folder)
     settings = {
         "root_ca_certificate_file": CA,
         "listen_certificate_file": CERTIFICATE,
@@ -110,21 +116,43 @@ def secured(address: str, bundle: Path) -> str:
     return f"{address}#{files};enable_mtls=true"
 
 
+def check_private(folder: Path) -> None:
+    """Refuse a bundle whose folder or keys others can read or change, or whose other files others can change.
+
+    Raises:
+        KeysError: they can; the message has the command that ends it.
+    """
+    masks = dict.fromkeys(("", *SECRETS), OTHERS_READ_OR_WRITE) | dict.fromkeys(PUBLIC, OTHERS_WRITE)
+    for name, mask in masks.items():
+        path = folder / name
+        try:
+            mode = path.stat().st_mode
+        except OSError:  # it is missing, which whoever needs it says
+            continue
+        if mode & mask:
+            what = "read or change" if mode & OTHERS_READ_OR_WRITE & ~OTHERS_WRITE else "change"
+            raise KeysError(
+                f"other users can {what} {path}, and could play its owner: type "
+                f"`chmod -R go= {shlex.quote(str(folder))}`"
+            )
+
+
 def mavlink_key(bundle: str | None) -> bytes:
     """Key of MAVLink's signatures by a bundle, 32 bytes; b"" without a bundle, or without a text in it.
 
     It is the SHA-256 of the text, as in MAVProxy, so that a person can give it the text.
 
     Raises:
-        KeysError: the text can't be read, or is damaged.
+        KeysError: the text can't be read, can be read by others, or is damaged.
     """
     path = Path(bundle).expanduser() / MAVLINK_KEY if bundle else None
     if path is None or not path.exists():
         return b""
     try:
-        text = path.read_bytes().strip()
+        text = read_plain_file(path).strip()
     except OSError as error:
         raise KeysError(describe_os_error(error)) from None
+    check_private(path.parent)
     if len(text) != MAVLINK_TEXT_LENGTH or not text.isascii():
         raise KeysError(f"{path} is damaged: it has one line of {MAVLINK_TEXT_LENGTH} characters, copy it anew")
     return hashlib.sha256(text).digest()
@@ -157,9 +185,11 @@ def read_certificate(path: Path) -> "x509.Certificate":
     from cryptography import x509
 
     try:
-        return x509.load_pem_x509_certificate(path.read_bytes())
+        return x509.load_pem_x509_certificate(read_plain_file(path))
     except OSError as error:
         raise KeysError(describe_os_error(error)) from None
+    except KeysError:
+        raise
     except ValueError:
         raise KeysError(f"{path} is damaged, or no certificate: copy it anew") from None
 

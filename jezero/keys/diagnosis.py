@@ -8,7 +8,8 @@ import ssl
 from datetime import UTC, datetime
 from pathlib import Path
 
-from jezero.keys.bundle import VARIABLE, Identity, files_of, identity_of, read_certificate
+from jezero.keys.bundle import VARIABLE, Identity, check_private, files_of, identity_of, read_certificate
+from jezero.keys.files import read_plain_file
 from jezero.keys.members import MEMBERS, ROLES, KeysError, read_members
 from jezero.keys.rights import may_send
 from jezero.os_errors import describe_os_error
@@ -23,6 +24,15 @@ OTHER_AUTHORITY = frozenset({7, 18, 19, 20, 21, 30})
 """OpenSSL's verification errors of a certificate that another authority has signed."""
 CONNECTING = frozenset({"root_ca_certificate_file", "connect_certificate_file", "connect_private_key_file"})
 """Zenoh's names for the files of a bundle that a connection needs."""
+REFUSED_FOR = {
+    "TLSV13_ALERT_CERTIFICATE_REQUIRED": "its key is of a kind that TLS 1.3 doesn't take",
+    "SSLV3_ALERT_UNSUPPORTED_CERTIFICATE": "it isn't that of a member, who connects to routers",
+    "SSLV3_ALERT_CERTIFICATE_UNKNOWN": "it isn't one that `jezero keys` makes for a member",
+    "SSLV3_ALERT_BAD_CERTIFICATE": "it is damaged, or isn't one that `jezero keys` makes",
+}
+"""Why a router refuses a certificate that `jezero keys` has not made, by its alert."""
+OTHER_TLS = frozenset({"TLSV1_ALERT_PROTOCOL_VERSION", "SSLV3_ALERT_HANDSHAKE_FAILURE", "UNSUPPORTED_PROTOCOL"})
+"""Alerts and errors of two sides that have no version or method of TLS in common."""
 REFUSED_TIME = "SSLV3_ALERT_CERTIFICATE_EXPIRED"
 REFUSED_AUTHORITY = frozenset({"TLSV1_ALERT_UNKNOWN_CA", "TLSV1_ALERT_DECRYPT_ERROR"})
 """Alerts with which a router refuses a client's certificate. Source: RFC 8446, 6.2. The latter is that of a signature
@@ -76,6 +86,7 @@ def bundle_problem(endpoint: str) -> str:
         return ""
     bundle = files["connect_certificate_file"].parent
     try:
+        check_private(bundle)
         _context(files)
         read_members(bundle)
         return _own_problem(identity_of(read_certificate(files["connect_certificate_file"])), bundle)
@@ -120,6 +131,27 @@ def known_revocation(endpoint: str) -> str:
         return _revocation(identity_of(read_certificate(certificate)), certificate.parent)
     except KeysError as error:
         return str(error)
+
+
+def hidden_reason(endpoint: str, vehicle: str) -> str:
+    """Say in one sentence why a router shows nothing of a vehicle, not even itself, to the member of a bundle.
+
+    A router lets a revoked member connect as any other, and then shows it nothing: its list of members isn't to be had.
+    """
+    if revocation := known_revocation(endpoint):
+        return revocation
+    certificate = files_of(endpoint).get("connect_certificate_file")
+    if certificate is None:
+        return ""
+    try:
+        name = identity_of(read_certificate(certificate)).name
+    except KeysError as error:
+        return str(error)
+    return (
+        f"the router at {shown_router(endpoint)} lets {name} connect, and shows it nothing of {vehicle}: {name} is "
+        f"revoked, or not yet in its list of members, or {vehicle} is not the name of its vehicle. Ask the one who has "
+        "the team"
+    )
 
 
 def _time_problem(identity: Identity) -> str:
@@ -179,8 +211,11 @@ def _context(files: dict[str, Path]) -> ssl.SSLContext:
         KeysError: one of them can't be used.
     """
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.minimum_version = ssl.TLSVersion.TLSv1_3  # Zenoh's
     certificate, key = files["connect_certificate_file"], files["connect_private_key_file"]
     try:
+        for path in (files["root_ca_certificate_file"], certificate, key):
+            read_plain_file(path)  # OpenSSL would wait for a pipe, and for the end of a device
         context.load_verify_locations(files["root_ca_certificate_file"])
         context.load_cert_chain(certificate, key, password="")
     except ssl.SSLError:
@@ -205,7 +240,7 @@ def _router_refused(error: ssl.SSLCertVerificationError, endpoint: str) -> str:
         return f"the certificate of the router at {shown} is refused: {error.verify_message}"
     if error.verify_code in (EXPIRED, NOT_YET_VALID):
         problem = _time_problem(router)
-        return f"the router at {shown} can't be trusted: {problem}, and restart it" if problem else ""
+        return f"the router at {shown} can't be trusted: {problem}" if problem else ""
     if error.verify_code in NAME_MISMATCHES:
         known = ", ".join(router.hosts)
         return (
@@ -228,6 +263,13 @@ def _own_refused(error: ssl.SSLError, shown: str, own: Identity) -> str:
         return (
             f"the router at {shown} doesn't know the authority that signed the certificate of {own.name}: the bundle "
             "is another team's, or was put together from two"
+        )
+    if error.reason in OTHER_TLS:
+        return f"what listens at {shown} has no TLS 1.3, which Zenoh's routers speak: check the address"
+    if why := REFUSED_FOR.get(error.reason or ""):
+        return (
+            f"the router at {shown} refuses the certificate of {own.name}: {why}. Ask the one who has the team for "
+            "another bundle"
         )
     if "ALERT" in (error.reason or ""):
         return f"the router at {shown} refuses the certificate of {own.name}: {_words(error)}"

@@ -1,4 +1,4 @@
-"""The members of a team: who has a certificate, and whose is revoked. Routers read the list when they start.
+"""The members of a team: who has a certificate, and whose is revoked. Routers follow the list when it changes.
 
 Zenoh reads no revocation lists of certificates. It knows members by the common names of their certificates, which its
 access control compares letter by letter: so a name is allowed or not, and a revoked one is never given again.
@@ -11,6 +11,8 @@ from typing import Literal, get_args
 
 import msgspec
 
+from jezero.keys.files import KeysError as KeysError  # noqa: PLC0414 - the name of this package's error for others
+from jezero.keys.files import read_plain_file
 from jezero.os_errors import describe_os_error, write_whole
 
 Role = Literal["vehicle", "rover", "ground", "pilot", "viewer"]
@@ -19,10 +21,6 @@ HOST_ROLES: tuple[Role, ...] = ("vehicle", "rover", "ground")
 """Roles of computers that run a router: others connect to them."""
 MEMBERS = "members.json"
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
-
-
-class KeysError(ValueError):
-    """The team's folder, a bundle or a request for one is wrong; the message says what to do."""
 
 
 class Member(msgspec.Struct, frozen=True, kw_only=True):
@@ -90,12 +88,12 @@ def read_members(folder: Path) -> Members:
     """
     path = folder / MEMBERS
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Members)
+        return msgspec.json.decode(read_plain_file(path), type=Members)
     except FileNotFoundError:
         raise KeysError(f"{path} is missing: copy the whole folder that `jezero keys add` wrote") from None
     except OSError as error:
         raise KeysError(describe_os_error(error)) from None
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, RecursionError) as error:
         raise KeysError(f"{path} is damaged ({error}): copy it anew from the computer that has the team") from None
 
 

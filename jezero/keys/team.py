@@ -18,7 +18,16 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from jezero.keys.authority import issue, issue_authority, new_key
-from jezero.keys.bundle import CA, CERTIFICATE, KEY, MAVLINK_KEY, MAVLINK_TEXT_LENGTH, read_certificate
+from jezero.keys.bundle import (
+    CA,
+    CERTIFICATE,
+    KEY,
+    MAVLINK_KEY,
+    MAVLINK_TEXT_LENGTH,
+    check_private,
+    read_certificate,
+)
+from jezero.keys.files import read_plain_file
 from jezero.keys.members import (
     HOST_ROLES,
     KeysError,
@@ -71,6 +80,7 @@ class Team:
             raise KeysError(f"{self.folder} has a team already: choose another folder with --team")
         key = new_key()
         certificate = issue_authority(key, self._now)
+        _make_private_folder(self.folder)
         _make_private_folder(authority)
         write_whole(authority / CERTIFICATE, _pem(certificate))
         write_members(self.folder, Members())
@@ -173,7 +183,7 @@ class Team:
         made = self.folder / AUTHORITY / MAVLINK_KEY
         if not made.exists():
             _write_private(made, f"{secrets.token_hex(MAVLINK_TEXT_LENGTH // 2)}\n".encode())
-        _write_private(bundle / MAVLINK_KEY, made.read_bytes())
+        _write_private(bundle / MAVLINK_KEY, read_plain_file(made))
 
     def _known(self, members: Members, name: str) -> Member:
         member = members.find(name)
@@ -194,7 +204,8 @@ class Team:
                 f"the authority in {self.folder} has expired: make a new team in another folder with --team, "
                 "and new bundles for all members"
             )
-        key = load_pem_private_key((self.folder / AUTHORITY / KEY).read_bytes(), password=None)
+        check_private(self.folder / AUTHORITY)
+        key = load_pem_private_key(read_plain_file(self.folder / AUTHORITY / KEY), password=None)
         assert isinstance(key, EllipticCurvePrivateKey)
         validity = (self._now, self._now + timedelta(days=days))
         return issue(public_key, role, name, hosts, validity, (certificate, key))

@@ -68,6 +68,8 @@ def _of_plan(path: Path, text: str) -> Fence:
         zones = [(Zone(name=name, corners_deg=ring), included) for name, ring, included in read_geofence(content)]
     except AreaFileError as error:
         raise MissionFileError(path, [Problem(0, str(error))]) from None
+    except RecursionError:
+        raise MissionFileError(path, [Problem(0, "is nested too deeply")]) from None
     keep_in = [zone for zone, included in zones if included]
     if not zones:
         raise MissionFileError(path, [Problem(0, "has no geofence: draw one in QGroundControl's Plan view")])

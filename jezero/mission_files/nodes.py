@@ -8,6 +8,9 @@ import yaml
 
 from jezero.mission_files.problems import Problem, Problems
 
+DEPTH_MAX = 50
+"""Lists and fields within each other. A mission has ten at most; time grows with the square of their number."""
+TOO_DEEP = f"lists and fields are nested more than {DEPTH_MAX} deep here: nobody needs more than ten"
 KEYS_OF_ALIASES = "anchors and aliases (& and *) are not read: name points and areas under `points` and `areas`"
 
 
@@ -62,15 +65,31 @@ class UnreadableError(ValueError):
         self.problem = Problem(line, text)
 
 
+class _Loader(yaml.SafeLoader):
+    """A loader that stops at a text which is nested too deeply, before its scanner looks ahead for the end."""
+
+    def fetch_flow_collection_start(self, TokenClass: Any) -> None:
+        self._check_depth()
+        super().fetch_flow_collection_start(TokenClass)
+
+    def add_indent(self, column: int) -> bool:
+        self._check_depth()
+        return bool(super().add_indent(column))
+
+    def _check_depth(self) -> None:
+        if self.flow_level + len(self.indents) > DEPTH_MAX:
+            raise UnreadableError(self.line + 1, TOO_DEEP)
+
+
 def parse(text: str, problems: Problems) -> Node | None:
     """The value of a text; None for an empty one. Names that stand twice are noted.
 
     Raises:
         UnreadableError: it can't be read at all.
     """
-    loader = yaml.SafeLoader(text)
+    loader = _Loader(text)
     try:
-        for token in yaml.scan(text, yaml.SafeLoader):
+        for token in yaml.scan(text, _Loader):
             if isinstance(token, yaml.AliasToken | yaml.AnchorToken):
                 raise UnreadableError(token.start_mark.line + 1, KEYS_OF_ALIASES)
         root = loader.get_single_node()
@@ -79,7 +98,7 @@ def parse(text: str, problems: Problems) -> Node | None:
         mark = error.problem_mark or error.context_mark
         context = f" {error.context}" if error.context else ""
         raise UnreadableError(1 if mark is None else mark.line + 1, f"is no YAML: {error.problem}{context}") from None
-    except (yaml.YAMLError, RecursionError) as error:
+    except yaml.YAMLError as error:
         raise UnreadableError(1, f"is no YAML: {error}") from None
     finally:
         loader.dispose()

@@ -69,6 +69,22 @@ HANDSHAKES = {
     b"DecryptError": "its bundle is another team's",
     b"NoCertificatesPresented": "it shows no certificate",
     b"InvalidContentType": "it speaks no TLS",
+    b"sent no certificates": "it shows no certificate",
+    b"does not allow extended key usage": "its certificate is not that of a member who connects to routers",
+    b"CaUsedAsEndEntity": "it shows the certificate of an authority in the place of its own",
+    b"UnsupportedCriticalExtension": "its certificate is none that `jezero keys` makes",
+    b"BadCertificate": "it uses an address that is not in this computer's certificate",
+    b"CertificateExpired": "it takes this computer's certificate for expired: renew it, or its clock is wrong",
+    b"UnsupportedCertificate": "it takes this computer's certificate for none of a router",
+    b"CertificateUnknown": "it doesn't take this computer's certificate",
+    b"peer is incompatible": "it has no TLS 1.3",
+    b"ProtocolVersion": "it has no TLS 1.3",
+    b"handshake eof": "it went away before it showed a certificate",
+    b"Connection reset": "it went away before it showed a certificate",
+    b"MessageTooLarge": "it speaks no TLS",
+    b"InvalidEmptyPayload": "it speaks no TLS",
+    b"unexpected": "it speaks no TLS",
+    b"Timeout during": "it began TLS, and fell silent",
 }
 """Why a handshake failed, by a word of the reason; see https://docs.rs/rustls/latest/rustls/enum.Error.html."""
 _DECISION = re.compile(

@@ -4,6 +4,7 @@ import os
 import sys
 import time
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 from jezero.runtime.child import ChildLink
@@ -21,6 +22,7 @@ from jezero.services.autopilot.ground_link import (
     is_local,
     with_signatures,
 )
+from jezero.services.autopilot.kept_stamp import kept_stamp_path, load, save
 from jezero.services.autopilot.service import GCS, HIL, OFFBOARD, Autopilot
 from jezero.vehicle_config import BatteryConfig, VehicleConfig
 
@@ -37,8 +39,10 @@ def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, Socke
             raise ConfigError(f"{HOST_VARIABLE} is for the embedded autopilot: PX4 has settings of its own for MAVLink")
         return px4.Px4(), {px4.PX4: _px4_link(instance, vehicle.battery)}
     config = with_signatures(config, ground)
-    since_2015_s = time.time() - UNIX_2015_S
-    return Autopilot(config, vehicle, instance.system_id, since_2015_s, insecurity(config, ground)), {
+    since_2015_s, path = time.time() - UNIX_2015_S, kept_stamp_path()
+    kept_stamp, keep_stamp = load(path, int(since_2015_s * 1e5)), partial(save, path)
+    warning = insecurity(config, ground)
+    return Autopilot(config, vehicle, instance.system_id, since_2015_s, warning, kept_stamp, keep_stamp), {
         HIL: TcpClient(LOOPBACK, instance.hil_port),
         OFFBOARD: Udp((LOOPBACK, instance.autopilot_offboard_port), (LOOPBACK, instance.bridge_port)),
         GCS: Udp((LOOPBACK if is_local(ground) else ANY, instance.autopilot_gcs_port), (ground, instance.gcs_port)),

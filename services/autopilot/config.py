@@ -184,10 +184,13 @@ class TelemetryConfig(Config, frozen=True, kw_only=True):
         ground_systems: MAVLink system ids of the ground stations whose messages are taken, besides those of the
             vehicle's own system, which the bridge belongs to. QGroundControl, MAVProxy and pymavlink have 255, MAVSDK
             has 245.
+        force_disarm_systems: MAVLink system ids that may stop the motors in the air over the link of ground stations,
+            by a forced disarm. Without any, these are the systems that sent something before the takeoff.
     """
 
     interval_min_s: Annotated[float, Meta(ge=0.004, le=1.0)] = 0.004
     ground_systems: tuple[Annotated[int, Meta(ge=1, le=255)], ...] = (245, 250, 251, 252, 253, 254, 255)
+    force_disarm_systems: tuple[Annotated[int, Meta(ge=1, le=255)], ...] = ()
 
 
 class SigningConfig(Config, frozen=True, kw_only=True):

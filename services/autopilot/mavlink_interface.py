@@ -1,24 +1,33 @@
 """The MAVLink interface of a vehicle: handles received messages and sends telemetry on all links."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from jezero.mavlink import Signing
 from jezero.runtime.service import Inbox, Output, Send
 from jezero.services.autopilot.config import SigningConfig
 from jezero.services.autopilot.mavlink_receiver import MavlinkReceiver
 from jezero.services.autopilot.parameters import Parameters
-from jezero.services.autopilot.telemetry import GCS_INTERVALS_US, OFFBOARD_INTERVALS_US, Senders, TelemetryLink
+from jezero.services.autopilot.telemetry import (
+    GCS,
+    GCS_INTERVALS_US,
+    OFFBOARD,
+    OFFBOARD_INTERVALS_US,
+    Senders,
+    TelemetryLink,
+)
 from jezero.services.autopilot.vehicle import Vehicle
 
-OFFBOARD, GCS = "offboard", "gcs"
 _INTERVALS_US = {OFFBOARD: OFFBOARD_INTERVALS_US, GCS: GCS_INTERVALS_US}
 
 
-def signing_by_link(config: SigningConfig) -> dict[str, Signing]:
-    """Signing of each link that requires signatures."""
+def signing_by_link(config: SigningConfig, kept: int, keep: Callable[[int], None]) -> dict[str, Signing]:
+    """Signing of each link that requires signatures; see `Signing` for `kept` and `keep`.
+
+    The links have it in common: a message that was captured on one of them isn't accepted on another.
+    """
     key = bytes.fromhex(config.key)
-    return {name: Signing(key) for name in config.links} if key else {}
+    return dict.fromkeys(config.links, Signing(key, kept, keep)) if key else {}
 
 
 class MavlinkInterface:
@@ -43,7 +52,7 @@ class MavlinkInterface:
         interval_min_us = round(config.interval_min_s * 1e6)
         self._senders = Senders((system_id, *config.ground_systems))
         self._links = {
-            name: TelemetryLink(system_id, self._senders, _INTERVALS_US[name], interval_min_us, signing.get(name))
+            name: TelemetryLink(name, system_id, self._senders, _INTERVALS_US[name], interval_min_us, signing.get(name))
             for name in links
         }
 

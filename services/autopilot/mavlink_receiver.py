@@ -8,10 +8,11 @@ from math import isfinite, radians
 from jezero.frames import Vec3, ned_from_geodetic, rotate_yaw, z_ned_m
 from jezero.mavlink import MavMessage, dialect, is_finite
 from jezero.services.autopilot.control import Axes, Setpoint
+from jezero.services.autopilot.forced_disarm import ForcedDisarmRule
 from jezero.services.autopilot.modes import FROM_MAIN_AND_SUB, Mode
 from jezero.services.autopilot.parameters import Parameters, Value
 from jezero.services.autopilot.stored_fence import FENCE_TYPE, StoredFence
-from jezero.services.autopilot.telemetry import TelemetryLink
+from jezero.services.autopilot.telemetry import GCS, TelemetryLink
 from jezero.services.autopilot.vehicle import Vehicle
 
 FORCE_DISARM = 21196.0
@@ -60,6 +61,7 @@ class MavlinkReceiver:
         self._vehicle = vehicle
         self._parameters = parameters
         self._fence = StoredFence()
+        self._forced_disarm = ForcedDisarmRule(parameters.config.telemetry.force_disarm_systems)
         self._handlers = {
             dialect.MAVLINK_MSG_ID_COMMAND_LONG: self._on_command_long,
             dialect.MAVLINK_MSG_ID_COMMAND_INT: self._on_command_int,
@@ -93,6 +95,8 @@ class MavlinkReceiver:
     def handle(self, link: TelemetryLink, message: MavMessage) -> bytes:
         """Carry out a message; returns the bytes of the reply, which are empty for a message without one."""
         kind = message.get_msgId()
+        if link.name == GCS and self._vehicle.landed:
+            self._forced_disarm.on_message_on_ground(message.get_srcSystem())
         if kind == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
             setpoint = offboard_setpoint(message, self._vehicle.estimator.yaw_rad)
             if setpoint is not None:
@@ -137,7 +141,29 @@ class MavlinkReceiver:
         if number == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
             known = command.are_finite(0, 1) and link.set_interval(int(command.params[0]), command.params[1])
             return link.acknowledge(message, number, ACCEPTED if known else UNSUPPORTED)
+        if self._stops_motors_in_air(command) and not self._may_stop_motors_in_air(link, message):
+            return link.acknowledge(message, number, DENIED)
         return link.acknowledge(message, number, self._execute(command))
+
+    def _stops_motors_in_air(self, command: Command) -> bool:
+        """Whether a command is a forced disarm in the air."""
+        forced = command.number == dialect.MAV_CMD_COMPONENT_ARM_DISARM and command.params[:2] == (0.0, FORCE_DISARM)
+        return forced and self._vehicle.commander.armed and not self._vehicle.landed
+
+    def _may_stop_motors_in_air(self, link: TelemetryLink, message: MavMessage) -> bool:
+        """Whether the sender of a forced disarm in the air may have it; logs the sender in either case.
+
+        The offboard link is the bridge's alone, which decides by itself when it stops the motors.
+        """
+        system_id, component_id = message.get_srcSystem(), message.get_srcComponent()
+        sender = f"component {component_id} of MAVLink system {system_id} on the link {link.name!r}"
+        refusal = self._forced_disarm.refusal(system_id) if link.name == GCS else ""
+        if refusal:
+            self._vehicle.commander.add_status_text(4, f"Forced disarm denied: {refusal}")
+            self._forced_disarm.log(f"a forced disarm in the air by {sender} is denied: {refusal}")
+        else:
+            self._forced_disarm.log(f"disarmed by force in the air by {sender}")
+        return not refusal
 
     def _execute(self, command: Command) -> int:
         """Carry out a command to the vehicle; returns a MAV_RESULT."""

@@ -1,6 +1,6 @@
 """The embedded autopilot: has the MAVLink interface of PX4, and measurements only from HIL_SENSOR and HIL_GPS."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import msgspec
@@ -11,9 +11,10 @@ from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.config import AutopilotConfig, SigningConfig
 from jezero.services.autopilot.estimator import Estimator
 from jezero.services.autopilot.hil import HilLink, SensorSample
-from jezero.services.autopilot.mavlink_interface import GCS, OFFBOARD, MavlinkInterface, signing_by_link
+from jezero.services.autopilot.mavlink_interface import MavlinkInterface, signing_by_link
 from jezero.services.autopilot.multicopter import MulticopterController
 from jezero.services.autopilot.parameters import Parameters
+from jezero.services.autopilot.telemetry import GCS, OFFBOARD
 from jezero.services.autopilot.vehicle import Vehicle
 from jezero.vehicle_config import VehicleConfig
 
@@ -37,6 +38,8 @@ class Autopilot:
         system_id: MAVLink system id.
         since_2015_s: wall time at the start, for the time stamps of signatures.
         insecurity: sentence that the health shows all the time; "" for none.
+        kept_stamp: time stamp of signatures that was kept before the restart; -1 when there was none.
+        keep_stamp: stores such a time stamp.
     """
 
     def __init__(
@@ -46,6 +49,8 @@ class Autopilot:
         system_id: int,
         since_2015_s: float = 0.0,
         insecurity: str = "",
+        kept_stamp: int = -1,
+        keep_stamp: Callable[[int], None] = lambda _: None,
     ) -> None:
         made_with = {
             "config": msgspec.structs.replace(config, signing=SigningConfig()),  # recordings have no key
@@ -59,7 +64,7 @@ class Autopilot:
         self._insecurity = f"; {insecurity}" if insecurity else ""
         self._parameters = Parameters(config, vehicle.battery, system_id)
         self._airframe = vehicle.airframe
-        self._signing = signing_by_link(config.signing)
+        self._signing = signing_by_link(config.signing, kept_stamp, keep_stamp)
         self._since_2015_10us = int(since_2015_s * 1e5)
         self._started_wall_ns: int | None = None
         self._connections = 0

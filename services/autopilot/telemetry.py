@@ -10,6 +10,8 @@ from jezero.frames import Vec3
 from jezero.mavlink import MavlinkCodec, MavMessage, Signing, dialect
 from jezero.services.autopilot.streams import STREAMS, Snapshot
 
+OFFBOARD, GCS = "offboard", "gcs"
+"""Names of the links."""
 STATUSTEXT_CHARACTERS = 50
 
 OFFBOARD_INTERVALS_US = {
@@ -68,6 +70,7 @@ class TelemetryLink:
     """One link: sends its streams, and receives the messages that are addressed to this autopilot.
 
     Args:
+        name: name of the link.
         system_id: MAVLink system id of this autopilot.
         senders: who may send; all links have them in common.
         intervals_us: default interval of each stream, by the id of its message.
@@ -77,12 +80,14 @@ class TelemetryLink:
 
     def __init__(
         self,
+        name: str,
         system_id: int,
         senders: Senders,
         intervals_us: dict[int, int],
         interval_min_us: int,
         signing: Signing | None = None,
     ) -> None:
+        self.name = name
         self._system_id = system_id
         self._senders = senders
         self._codec = MavlinkCodec(system_id, dialect.MAV_COMP_ID_AUTOPILOT1, signing)

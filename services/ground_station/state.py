@@ -142,6 +142,11 @@ class VehicleState:
         rover = self._latest(topics.ROVER_ESTIMATE)
         return list(rover.pos_rover_ned_m) if rover is not None and rover.valid else None
 
+    def has_status(self, now_s: float, age_max_s: float) -> bool:
+        """Whether the newest status is at most so old."""
+        age_s = self._age_s(topics.STATUS, now_s)
+        return age_s is not None and age_s <= age_max_s
+
     def status_line(self, now_s: float, link_problem: str) -> dict[str, Any]:
         """The vehicle's activity, who is in charge, since when and why.
 

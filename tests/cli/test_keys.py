@@ -26,7 +26,8 @@ def test_a_team_is_made_listed_renewed_and_revoked(home: Path) -> None:
     assert str(team) in keys("init").output
     assert str(team / "vehicle-uav1") in keys("add", "vehicle", "uav1", "--host", "192.168.1.10").output
     added = keys("add", "pilot", "ana", "--days", "10").output
-    assert "into the bundles of vehicle-uav1" in added
+    assert "into the bundles of vehicle-uav1, whose routers follow it by themselves, also in flight" in added
+    assert "restart" not in added
     assert sorted(path.name for path in (team / "pilot-ana").iterdir()) == [
         "ca.pem",
         "certificate.pem",
@@ -90,6 +91,18 @@ def test_an_address_with_tls_needs_a_bundle(home: Path, command: list[str], monk
     assert "does not exist" in invoke([*command, *router, "--keys", "nowhere"])
     monkeypatch.setenv("JEZERO_KEYS", str(home))
     assert "ca.pem is missing: copy the whole folder" in invoke([*command, *router])
+
+
+@pytest.mark.parametrize("command", [["status"], ["ground"], ["watch", "--foxglove"], ["replay", "no.mcap"]])
+def test_a_bundle_that_others_can_read_is_refused_with_the_command_to_type(home: Path, command: list[str]) -> None:
+    keys("init")
+    keys("add", "pilot", "ana")
+    bundle = home / "jezero" / "team" / "pilot-ana"
+    bundle.chmod(0o750)
+    (home / "no.mcap").touch()
+    words = [*command, "--router", "tls/127.0.0.1:1", "--keys", str(bundle)]
+    words = [str(home / word) if word.endswith(".mcap") else word for word in words]
+    assert f"other users can read or change {bundle}, and could play its owner: type" in invoke(words)
 
 
 @pytest.mark.parametrize("command", [["status"], ["ground"], ["takeoff", "3"]])

@@ -255,7 +255,11 @@ def connected(team: Team, port: int, name: str) -> Vehicle:
 
 def test_a_viewer_that_wants_to_fly_reads_why_that_is_denied(tmp_path: Path) -> None:
     team = make_team(tmp_path / "team")
-    with computer(team.bundle("vehicle-uav1"), tmp_path / "run") as (port, _people, _bus):
+    with (
+        computer(team.bundle("vehicle-uav1"), tmp_path / "run") as (port, _people, bus),
+        zenoh.open(client_config(bus, 3.0)) as inside,
+    ):
+        own = inside.liveliness().declare_token(liveliness_key(VEHICLE, "service", "router"))
         with connected(team, port, "viewer-eye") as viewer:
             for send in (viewer.hover, viewer.takeoff, viewer.land_on_spot):
                 with pytest.raises(Refused, match=r"viewer-eye has no right to @.*: only pilots fly"):
@@ -266,6 +270,7 @@ def test_a_viewer_that_wants_to_fly_reads_why_that_is_denied(tmp_path: Path) -> 
         connection.close()
         with connected(team, port, "pilot-ana") as pilot, pytest.raises(Unreachable, match="no server replies on"):
             pilot.hover()
+        own.undeclare()  # type: ignore[no-untyped-call]
 
 
 def test_a_program_that_would_be_a_service_reads_which_address_to_take(tmp_path: Path) -> None:

@@ -17,8 +17,9 @@ from jezero.schemas.state import Clock, Truth
 from jezero.services.autopilot.alignment import Fix
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.autopilot.hil import SensorSample
-from jezero.services.autopilot.mavlink_interface import OFFBOARD, MavlinkInterface
+from jezero.services.autopilot.mavlink_interface import MavlinkInterface
 from jezero.services.autopilot.parameters import Parameters
+from jezero.services.autopilot.telemetry import OFFBOARD
 from jezero.services.autopilot.vehicle import Vehicle
 from jezero.services.simulator.config import SimulatorConfig
 from jezero.services.simulator.schedule import Schedule

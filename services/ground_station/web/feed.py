@@ -6,6 +6,7 @@ from typing import Any
 
 from jezero.aio import JezeroError, Vehicle
 from jezero.router_address import shown_router
+from jezero.runtime.config import links_from_environment
 from jezero.schemas import topics
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.rows import Topic
@@ -16,6 +17,9 @@ from jezero.services.ground_station.web.stack_actions import ALL_FEEDBACK, Stack
 
 ALL_HEALTH = Topic("health/*", ServiceHealth, 1.0, "every service")
 RETRY_S = 1.0
+SILENT_S = 5.0
+"""Time without a status after which the keys are asked for the reason, and between two such checks."""
+CONNECT_TIMEOUT_S = 3.0
 
 
 class Feed:
@@ -25,7 +29,7 @@ class Feed:
         state: what arrived.
         actions: the actions of the stack.
         coverage_map: the map of the images of the goal in charge.
-        problem: why there is no connection yet; "" with one.
+        problem: why there is no connection yet, or why none of the vehicle's messages come over TLS; "" for neither.
         ground: ground of the simulator; None while nobody has looked, and without a simulator.
         ground_version: grows with each reply to a request for the ground, also with one that there is none.
     """
@@ -73,6 +77,7 @@ class Feed:
         self._always += [
             asyncio.create_task(follow(self._uav)) for follow in (self.actions.follow, self.coverage_map.follow)
         ]
+        self._always.append(asyncio.create_task(self._check_keys()))
         self._watch()
 
     async def close(self) -> None:
@@ -109,6 +114,23 @@ class Feed:
                     self.ground = None
                 self.ground_version += 1
             await asyncio.sleep(RETRY_S)
+
+    async def _check_keys(self) -> None:
+        """Find out why no status comes over TLS: the router of this computer hides that its keys are revoked."""
+        routers = [each for each in (self.router, *links_from_environment().connect) if each.startswith("tls/")]
+        while routers:
+            await asyncio.sleep(SILENT_S)
+            self.problem = "" if self.state.has_status(self.now_s, SILENT_S) else await self._silence(*routers)
+
+    async def _silence(self, *routers: str) -> str:
+        """Why the vehicle's status isn't to be had from a router over TLS, the first one with a reason; or ""."""
+        for router in routers:
+            try:
+                async with await Vehicle.connect(self.vehicle, router=router, timeout_s=CONNECT_TIMEOUT_S) as uav:
+                    await uav.status()
+            except JezeroError as error:
+                return str(error)
+        return ""
 
     # -- messages --
 
