@@ -14,12 +14,13 @@ import pytest
 from jezero import TimedOut, Unreachable, Vehicle, aio
 from jezero.cli.exit_codes import UNREACHABLE
 from jezero.keys.team import Team
+from jezero.runtime.bus_address import socket_of
 from jezero.runtime.routing import open_router
 from jezero.schemas import topics
 from jezero.services.ground_station.web.feed import Feed
 from tests.client.rig import free_endpoint
 from tests.keys.rig import make_team
-from tests.runtime.test_denials import router_process
+from tests.runtime.computers import computer
 
 VEHICLE = "uav1"
 LATEST_S = 60.0
@@ -49,7 +50,8 @@ def revoked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Revoked]:
     team = make_team(folder / "team")
     elsewhere = Path(shutil.copytree(team.bundle("viewer-eye"), folder / "viewer-eye"))
     team.revoke("viewer-eye")
-    with router_process(team, folder) as (address, _):
+    with computer(team, folder) as vehicle:
+        address = vehicle.address
         with Vehicle.connect(VEHICLE, router=address, keys=team.bundle("pilot-ana"), timeout_s=LATEST_S):
             pass
         yield Revoked(address, team, elsewhere)
@@ -105,7 +107,9 @@ def test_the_commands_say_it(revoked: Revoked, words: tuple[str, ...]) -> None:
     assert done.returncode == UNREACHABLE and HIDDEN in said, said
 
 
-def test_the_page_of_a_computer_that_is_revoked_says_it(revoked: Revoked, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_page_of_a_computer_that_is_revoked_says_it(
+    revoked: Revoked, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setenv("JEZERO_CONNECT", revoked.address)
     monkeypatch.setenv("JEZERO_KEYS", str(revoked.elsewhere))
     endpoint = free_endpoint()
@@ -121,6 +125,6 @@ def test_the_page_of_a_computer_that_is_revoked_says_it(revoked: Revoked, monkey
         finally:
             await feed.close()
 
-    with open_router(endpoint, VEHICLE):
+    with open_router(endpoint, socket_of(tmp_path)):
         line = asyncio.run(page())
     assert line["words"] == "No vehicle" and HIDDEN in str(line["why"])

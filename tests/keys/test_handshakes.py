@@ -20,7 +20,7 @@ from jezero.keys.team import Team
 from jezero.zenoh_client import client_config
 from tests.keys.rig import add_at, make_team, router
 from tests.keys.strange_certificates import SERVER, strange_bundle
-from tests.runtime.test_denials import router_process
+from tests.runtime.computers import computer
 
 LATEST_S = 30.0
 
@@ -40,7 +40,7 @@ class RouterProcess:
 
     def await_line(self, words: str) -> None:
         """Wait until the log has a line that a connection was refused, and why."""
-        line = f"router: a connection was refused: {words}\n"
+        line = f"gate: a connection was refused: {words}\n"
         deadline_s = time.monotonic() + LATEST_S
         while line not in self.log.read_text():
             assert time.monotonic() < deadline_s, f"no {line!r} in {self.log.read_text()}"
@@ -83,7 +83,8 @@ def process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RouterProcess]
     team = make_team(folder / "team")
     add_at(team, -400, "pilot", "past")  # before the router starts, which begins anew when its list changes
     add_at(team, 5, "pilot", "future")
-    with router_process(team, folder) as (address, log):
+    with computer(team, folder) as vehicle:
+        address, log = vehicle.address, vehicle.log
         Vehicle.connect("uav1", router=address, keys=team.bundle("pilot-ana"), timeout_s=LATEST_S).close()
         yield RouterProcess(team, int(address.rpartition(":")[2]), log, folder)
 

@@ -15,7 +15,7 @@ from typing import Self
 import pytest
 
 from jezero import Unreachable, Vehicle
-from jezero.deploy.launcher.ports import instance_environment, reserved_instance
+from jezero.deploy.launcher.ports import instance_environment, reserved_instance, service_environment
 from jezero.runtime.bus_address import socket_of
 from jezero.runtime.config import Instance
 from jezero.schemas.state import Status
@@ -94,6 +94,11 @@ class Stack:
     def bus(self) -> str:
         """Address of the router for services."""
         return socket_of(self.run_dir)
+
+    @property
+    def service_environment(self) -> dict[str, str]:
+        """Environment of a service that a test starts itself."""
+        return {**self.environment, **service_environment(self.instance, self.run_dir)}
 
     def choose_autopilot(self, autopilot: str) -> None:
         """Set the autopilot of the next start. PX4's start script has one port for ground stations only."""

@@ -95,7 +95,7 @@ class Stranger:
             self._session.declare_subscriber(
                 self._key(topic.name), self._on_sample(topic.name), allowed_origin=zenoh.Locality.REMOTE
             )
-        for endpoint in (topics.GO_TO.endpoint, topics.HOVER, topics.ACQUIRE):
+        for endpoint in (topics.GO_TO.endpoint, topics.LAND_ON_SPOT.endpoint, topics.HOVER):
             self._session.declare_queryable(self._key(endpoint.name), self._on_query, complete=True)
         self._session.liveliness().declare_token(self._key("@alive/service/vehicle_bridge"))
 
@@ -207,7 +207,7 @@ def test_when_the_bridge_dies_the_autopilot_lands_by_itself(
         vehicle.takeoff(altitude_m=2.0).result(timeout_s=60)
         os.kill(stack.processes_cached["vehicle_bridge"], signal.SIGKILL)
     time.sleep(down_s)
-    bridge = subprocess.Popen([sys.executable, "-m", "jezero.services.vehicle_bridge"], env=stack.environment)
+    bridge = subprocess.Popen([sys.executable, "-m", "jezero.services.vehicle_bridge"], env=stack.service_environment)
     try:
         with stack.connect() as vehicle:
             codes: list[int] = []

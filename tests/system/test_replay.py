@@ -212,10 +212,10 @@ def image_of(sequence: int) -> CameraFrame:
 
 
 @contextmanager
-def a_vehicle_in_the_air(instance: Instance) -> Iterator[None]:
+def a_vehicle_in_the_air(instance: Instance, run_folder: Path) -> Iterator[None]:
     """What a replay finds of one: the liveliness of its bridge, and the status that the bridge replies."""
     status = encode(a_status(StatusCode.HOVER))
-    with zenoh.open(client_config(instance.router, TIMEOUT_S)) as session:
+    with zenoh.open(client_config(socket_of(run_folder), TIMEOUT_S)) as session:
         token = session.liveliness().declare_token(liveliness_key(instance.vehicle, "service", "vehicle_bridge"))
         name = key(instance.vehicle, topics.STATUS.name)
         queryable = session.declare_queryable(name, lambda query: query.reply(name, status))
@@ -225,9 +225,9 @@ def a_vehicle_in_the_air(instance: Instance) -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("router")
-def test_a_replay_is_refused_where_the_vehicle_flies(flight: Path, instance: Instance) -> None:
+def test_a_replay_is_refused_where_the_vehicle_flies(flight: Path, instance: Instance, tmp_path: Path) -> None:
     commands = ("--topic", topics.SETPOINT.name)
-    with a_vehicle_in_the_air(instance), Subscriber(instance) as subscriber:
+    with a_vehicle_in_the_air(instance, tmp_path), Subscriber(instance) as subscriber:
         refused = run(instance, "replay", str(flight))
         assert refused.returncode == 3
         assert "and the vehicle flies" in refused.stderr and "--vehicle" in refused.stderr

@@ -26,7 +26,7 @@ SILENCE_S = 0.5
 @contextmanager
 def rover_computer(stack: Stack) -> Iterator["subprocess.Popen[bytes]"]:
     """The service `rover`, started by hand, so that nobody starts it again."""
-    process = subprocess.Popen([sys.executable, "-m", "jezero.services.rover"], env=stack.environment)
+    process = subprocess.Popen([sys.executable, "-m", "jezero.services.rover"], env=stack.service_environment)
     try:
         yield process
     finally:

@@ -221,7 +221,7 @@ def test_a_service_whose_port_is_taken_later_says_so_itself(toy: Stack) -> None:
     with hold("tcp", toy.instance.hil_port):
         done = subprocess.run(
             [JEZERO[0], "-m", "jezero.services.simulator"],
-            env=toy.environment,
+            env=toy.service_environment,
             capture_output=True,
             text=True,
             timeout=60,

@@ -13,8 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from jezero.deploy.launcher.ports import instance_environment, reserved_instance
+from jezero.deploy.launcher.ports import reserved_instance, service_environment
 from jezero.mavlink import MavlinkCodec, Signing, dialect
+from jezero.runtime.bus_address import socket_of
 from jezero.runtime.config import Instance, config_directory
 from jezero.runtime.routing import open_router
 from jezero.services.autopilot.__main__ import UNIX_2015_S
@@ -136,13 +137,12 @@ def test_a_captured_command_is_not_carried_out_again_after_the_process_was_kille
     (settings / "autopilot.toml").write_text(f'[signing]\nkey = "{KEY.hex()}"\n')
     with (
         reserved_instance() as instance,
-        open_router(instance.router, instance.vehicle),
+        open_router(instance.router, socket_of(tmp_path)),
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link,
     ):
         link.bind(("127.0.0.1", 0))
-        environment = os.environ | instance_environment(instance) | {
+        environment = os.environ | service_environment(instance, tmp_path) | {
             "JEZERO_CONFIG_DIR": str(settings),
-            "JEZERO_RUN_DIR": str(tmp_path),
             "JEZERO_GCS_PORT": str(link.getsockname()[1]),
             "JEZERO_RECORD": "0",
         }  # fmt: skip
