@@ -11,6 +11,7 @@
 # make speed      measure speed and cost: one table, and runs/bench.json
 # make reference  write the generated pages of docs/reference anew
 # make images     write the pictures of README and docs anew, from a flight in virtual time
+# make image      build the image `jezero` of deploy/compose.yaml, with docker
 # make docs       build the documentation as a site, into site/
 
 # Arrays are small here: threads of the linear algebra library only wait for each other.
@@ -22,7 +23,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 DOCS_INSTALLED := $(VENV)/.docs-installed
 
-.PHONY: setup demo lint style types contracts unit test test-all campaign broken walk pages speed reference images docs
+.PHONY: setup demo lint style types contracts unit test test-all campaign broken walk pages speed reference images image docs
 
 setup: $(INSTALLED)
 
@@ -78,6 +79,17 @@ reference: setup
 
 images: setup
 	$(BIN)/python -m benchmarks.docs_images
+
+# Hashes of the files that pip chooses now, for this machine's architecture: no list of them is kept with the project, because
+# the same version has other files for other machines, and new ones are added.
+image-requirements.txt: $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --dry-run --ignore-installed -c constraints.txt \
+		--report $(VENV)/image.json '.[sim,ground]' hatchling
+	$(BIN)/python -m jezero.deploy.hashed_requirements < $(VENV)/image.json > $@.new
+	mv $@.new $@
+
+image: image-requirements.txt
+	docker build --tag jezero --file deploy/Dockerfile .
 
 $(DOCS_INSTALLED): $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'

@@ -16,9 +16,9 @@ Restart = Literal["no", "always", "on-failure", "unless-stopped"]
 
 _SERVICE_KEYS = {
     "command", "environment", "depends_on", "healthcheck", "restart", "stop_grace_period", "profiles",
-    "scale", "image", "build", "network_mode",
+    "scale", "image", "build", "network_mode", "read_only", "cap_drop", "security_opt", "tmpfs", "volumes",
 }  # fmt: skip
-"""`image`, `build` and `network_mode` are for container runtimes and mean nothing to plain processes."""
+"""From `image` on they are for container runtimes and mean nothing to plain processes."""
 _HEALTHCHECK_KEYS = {"test", "interval", "timeout", "retries", "start_period", "disable"}
 _NAME = re.compile(r"[a-zA-Z0-9._-]+")
 _DURATION = re.compile(r"(?:\d+(?:\.\d+)?(?:us|ms|s|m|h))+")
@@ -85,8 +85,8 @@ def parse(text: str, variables: Mapping[str, str]) -> dict[str, Service]:
     if not isinstance(document, dict) or not isinstance(document.get("services"), dict):
         raise ComposeError("services: expected a mapping of service names")
     for key in document:
-        if key not in ("name", "version", "services") and not str(key).startswith("x-"):
-            raise ComposeError(f"{key}: not supported; only name, services and x-… are")
+        if key not in ("name", "version", "services", "volumes") and not str(key).startswith("x-"):
+            raise ComposeError(f"{key}: not supported; only name, services, volumes and x-… are")
     services = {
         str(name): _service(str(name), _interpolate(f"services.{name}", fields, variables))
         for name, fields in document["services"].items()

@@ -126,7 +126,7 @@ def test_a_mistake_is_told_with_its_service_and_field(text: str, told: str) -> N
         parse(f"services:\n{text}", {})
 
 
-@pytest.mark.parametrize("text", ["", "[]", "services: []", "services: {a: ", "volumes: {}\nservices: {}"])
+@pytest.mark.parametrize("text", ["", "[]", "services: []", "services: {a: ", "networks: {}\nservices: {}"])
 def test_what_is_no_compose_file_is_refused(text: str) -> None:
     with pytest.raises(ComposeError):
         parse(text, {})
