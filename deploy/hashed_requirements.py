@@ -16,8 +16,8 @@ def requirements(report: Mapping[str, Any]) -> str:
     Packages of a folder, such as this project itself, are left out: they have no file.
 
     Args:
-        report: what `pip install --dry-run --ignore-installed --report FILE` writes, see
-            https://pip.pypa.io/en/stable/reference/installation-report.
+        report: what `pip install --dry-run --ignore-installed --report FILE` writes, as pip's page "Installation
+            Report" describes it.
 
     Raises:
         ValueError: a package comes from elsewhere, such as a repository, and has no hash.
