@@ -48,8 +48,7 @@ def run_process(name: str, build: Build) -> int:
         instance = service_instance()
         service, links = build(instance, boot_id)
     except (ConfigError, OSError) as error:
-        print(f"{name}: {describe_os_error(error) if isinstance(error, OSError) else error}", file=sys.stderr)
-        return os.EX_CONFIG if isinstance(error, ConfigError) else 1
+        return _refuse(name, error)
     return run_service(service, instance, boot_id, links)
 
 
@@ -76,10 +75,15 @@ def run_service(
             loop.run()
         finally:
             loop.close()
-    except OSError as error:
-        print(f"{name}: {describe_os_error(error)}", file=sys.stderr)
-        return 1
+    except (ConfigError, OSError) as error:
+        return _refuse(name, error)
     return 0
+
+
+def _refuse(name: str, error: ConfigError | OSError) -> int:
+    """Print why a service can't run; returns the exit code of its process."""
+    print(f"{name}: {describe_os_error(error) if isinstance(error, OSError) else error}", file=sys.stderr)
+    return os.EX_CONFIG if isinstance(error, ConfigError) else 1
 
 
 def take_name(name: str, instance: Instance) -> str:
@@ -91,7 +95,7 @@ def take_name(name: str, instance: Instance) -> str:
         "", or the host and process id of the process that has the name.
 
     Raises:
-        OSError: the lock can't be made.
+        ConfigError, OSError: the lock can't be made.
     """
     make_socket_folder(instance.router)
     socket_path = Path(instance.router.removeprefix(PREFIX))
