@@ -40,6 +40,7 @@ BEAT_PERIOD_S = 1.0
 LOOK_PERIOD_S = 1.0
 DIAGNOSIS_PERIOD_S = 5.0
 """A diagnosis is a TLS handshake of its own, which takes room on the link."""
+FILES_PERIOD_S = 0.5
 CLOSE_PERIOD_S = 0.05
 """Time in which an excluded member that connects again may send."""
 NICENESS = 5
@@ -62,12 +63,16 @@ class Bundles:
         self.problem = ""
         self._endpoints = tuple(endpoints)
         self._used = self._seen = _files(self._endpoints)
+        self._due_s = 0.0
 
     def changed(self) -> bool:
-        """Whether the files have changed, rest, and can be used.
+        """Whether the files have changed, rest, and can be used; looks every `FILES_PERIOD_S`.
 
-        To be called again and again: files that change from one call to the next are still being copied.
+        Files that change from one look to the next are still being copied.
         """
+        if time.monotonic() < self._due_s:
+            return False
+        self._due_s = time.monotonic() + FILES_PERIOD_S
         before, self._seen = self._seen, _files(self._endpoints)
         if self._seen == self._used:
             self.problem = ""
@@ -183,7 +188,7 @@ def run(instance: Instance, links: HostLinks) -> None:
     Raises:
         ListenError: see `open_gate`.
     """
-    os.nice(NICENESS)
+    os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
     endpoints = (*links.listen, *links.connect)
     bundles = Bundles(endpoints)  # before the router reads them
     denials = Denials()
@@ -197,8 +202,8 @@ def run(instance: Instance, links: HostLinks) -> None:
 
     def update() -> None:
         if bundles.changed():
-            print(f"{NAME}: the keys have changed: the links with other computers begin anew", file=sys.stderr)
-            sys.stderr.flush()
+            text = f"{NAME}: the keys have changed: the links with other computers begin anew"
+            print(text, file=sys.stderr, flush=True)
             os.execv(sys.executable, sys.orig_argv)
         readers.update()
         readers.close(denials.excluded(time.monotonic()))
@@ -206,7 +211,9 @@ def run(instance: Instance, links: HostLinks) -> None:
 
     def health() -> Health:
         problem = "; ".join(filter(None, (bundles.problem, uplinks.problem)))
-        text = problem or f"{where}{warnings}, {readers.sessions} sessions{readers.members}"
+        text = (
+            problem or f"{where}{warnings}, {max(readers.sessions - 1, 0)} sessions{readers.members}"
+        )  # but for the own router
         return "degraded" if problem else "ok", f"{text}{readers.text}{denials.text(time.monotonic())}"
 
     serve(NAME, session, instance.vehicle, update, health, period_s=CLOSE_PERIOD_S)

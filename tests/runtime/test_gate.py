@@ -1,5 +1,6 @@
 """The gate follows the keys of its bundle and bounds what members send; the programs of its computer notice nothing."""
 
+import os
 import shutil
 import time
 from collections.abc import Iterator
@@ -14,7 +15,7 @@ import zenoh
 from jezero.keys.bundle import CERTIFICATE, KEY, secured
 from jezero.keys.members import MEMBERS
 from jezero.keys.team import Team
-from jezero.runtime.gate import Bundles
+from jezero.runtime.gate import NICENESS, Bundles
 from jezero.schemas.topics import HOVER, ROVER_COMMAND, STATUS, key, liveliness_key
 from tests.keys.rig import add_at, make_team
 from tests.runtime.computers import Computer, computer, wait_until
@@ -96,12 +97,14 @@ def test_a_change_of_keys_is_followed_while_local_messages_go_on(vehicle: Comput
     traffic.end()
     assert arrives_from(vehicle, "pilot-new") and not arrives_from(vehicle, "pilot-bo", 2.0)
     assert vehicle.gate.poll() is None, "it is the same process, started anew"
+    assert os.getpriority(os.PRIO_PROCESS, vehicle.gate.pid) == NICENESS
     assert max(traffic.gaps_s) < 1.0
 
 
-def test_keys_that_cannot_be_used_leave_the_links_as_they_are(tmp_path: Path) -> None:
+def test_keys_that_cannot_be_used_leave_the_links_as_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     team = make_team(tmp_path)
     bundle = team.bundle("vehicle-uav1")
+    monkeypatch.setattr("jezero.runtime.gate.FILES_PERIOD_S", 0.0)
     bundles = Bundles((secured("tls/127.0.0.1:7448", bundle),))
     assert not bundles.changed() and bundles.problem == ""
     old = (bundle / CERTIFICATE).read_bytes()
@@ -123,7 +126,8 @@ def test_keys_that_cannot_be_used_leave_the_links_as_they_are(tmp_path: Path) ->
     assert [bundles.changed(), bundles.changed()] == [False, True] and bundles.problem == ""
 
 
-def test_files_that_are_still_being_copied_are_waited_for(tmp_path: Path) -> None:
+def test_files_that_are_still_being_copied_are_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("jezero.runtime.gate.FILES_PERIOD_S", 0.0)
     bundle = make_team(tmp_path).bundle("vehicle-uav1")
     bundles = Bundles((secured("tls/127.0.0.1:7448", bundle),))
     whole = (bundle / KEY).read_bytes()
