@@ -36,10 +36,13 @@ HEALTH_TIMEOUT_S = 1.2
 """Health is published once a second."""
 
 
-def find_bus(instance: Instance, folder: RunFolder, claims: Claims) -> tuple[str, bool]:
+def find_bus(
+    services: Mapping[str, Service], instance: Instance, folder: RunFolder, claims: Claims
+) -> tuple[str, bool]:
     """Find the router that the services join, or claim the right to start it.
 
     Args:
+        services: services to start, by name; without a router among them, it is one that runs or comes later.
         instance: the stack; its `router` is the address for people's programs.
         folder: folder of this run.
         claims: claims of this launcher, which get that to the router.
@@ -50,7 +53,9 @@ def find_bus(instance: Instance, folder: RunFolder, claims: Claims) -> tuple[str
     Raises:
         StartError: the router can't be started, or the services can't join the one that runs.
     """
-    own = claims.take(instance.router)
+    if ROUTER not in services and not router_is_up(instance.router):
+        return socket_of(folder.path), False
+    own = ROUTER not in services or claims.take(instance.router)
     if own and not router_is_up(instance.router):
         _check_router(instance)
         return socket_of(folder.path), False

@@ -209,7 +209,7 @@ def _launch(
         (folder.path / KEPT_FENCE).unlink(missing_ok=True)  # a fence lasts until the stack ends
         if detached:
             _print_into(folder.logs / LAUNCHER_LOG)
-        bus, router_runs = find_bus(instance, folder, claims)
+        bus, router_runs = find_bus(services, instance, folder, claims)
         check_start(services, instance, bus, claims, router_runs=router_runs)
         _warn_if_insecure(links)
         services = at_bus(services, bus, str(folder.path), ROUTER)
