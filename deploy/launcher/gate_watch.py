@@ -28,7 +28,7 @@ class GateWatch:
 
     def __init__(self) -> None:
         self._heard: dict[str, _Heard] = {}
-        """By the id of the gate."""
+        """The last beat and reply of each gate, with the id of the gate as key."""
         self._links: dict[str, GateLinks] = {}
         """The newest links of each gate, by its process."""
         self._linked_s: dict[str, float] = {}

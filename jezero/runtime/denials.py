@@ -168,7 +168,7 @@ class Denials:
         self._denied: defaultdict[str, _Denied] = defaultdict(_Denied)
         """What was denied, by member, `UNKNOWN`, `CONNECTIONS` or `EXCLUDED`."""
         self._allowances: defaultdict[str, _Allowance] = defaultdict(_Allowance)
-        """By the name of the member."""
+        """The allowance of each member, with its name as key."""
         self._in_block: set[bytes] = set()
         """Threads of Zenoh that are in a block of permissions."""
         self._lock = threading.Lock()

@@ -1,4 +1,4 @@
-"""A revoked member is told so, also when only the router knows it: real routers, clients and commands."""
+"""A revoked member reads that it is revoked, also when only the router knows it: real routers and clients."""
 
 import asyncio
 import os

@@ -20,7 +20,7 @@ from websockets.http11 import Response
 from jezero.services.ground_station.sessions import network_of
 
 REQUEST_TIMEOUT_S = 10.0
-"""From the start of a connection, or from its last reply, until the next request is there with its whole body."""
+"""Longest time from the start of a connection, or from its last reply, to the end of the next request's body."""
 REPLY_TIMEOUT_S = 120.0
 """Until the client has read a reply. A page without a websocket is sent a reply after 48 s at the latest."""
 WAITING_MAX = 128

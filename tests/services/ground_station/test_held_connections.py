@@ -1,4 +1,4 @@
-"""Whoever holds connections, requests or websockets keeps nobody else from the pages: on real servers and sockets."""
+"""A client that holds connections, requests or websockets keeps nobody else from the pages of a real server."""
 
 import select
 import shutil
