@@ -23,7 +23,7 @@ def test_an_estimator_beside_a_stack_without_one_lands_on_the_rover(unstarted: S
         uav.takeoff(altitude_m=3.0).result(timeout_s=60.0)
         with pytest.raises(Refused, match="the estimator is silent"):
             uav.go_to(0.0, 0.0, -3.0, frame="rover")
-        with subprocess.Popen([sys.executable, file], env=stack.environment) as estimator:
+        with subprocess.Popen([sys.executable, file], env=stack.service_environment) as estimator:
             try:
                 wait_for(lambda: uav.relative(timeout_s=10.0).valid, 30.0, "a valid estimate")
                 uav.land_on_spot().result(timeout_s=120.0)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.deploy.test_image import copied
+from tests.deploy.test_image import HASHES, copied
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -64,7 +64,7 @@ def test_the_wheel_has_every_package_and_data_file(wheel: Path) -> None:
 def test_the_files_that_the_image_copies_make_the_same_wheel(wheel: Path, tmp_path: Path) -> None:
     context = tmp_path / "context"
     context.mkdir()
-    for name in copied():
+    for name in set(copied()) - {HASHES}:  # `make image` writes it, and pip reads it before it builds the wheel
         if (ROOT / name).is_dir():
             shutil.copytree(ROOT / name, context / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
         else:
