@@ -19,9 +19,9 @@ from jezero.deploy.launcher.state import AlreadyUpError, RunFolder, StartError
 from jezero.replay import NAME as REPLAY
 from jezero.router_address import shown_router
 from jezero.runtime.bus_address import PREFIX, bus_of_router, socket_of
-from jezero.runtime.config import Instance, config_directory, links_from_environment
+from jezero.runtime.config import LISTEN_VARIABLE, Instance, config_directory, links_from_environment
 from jezero.runtime.ports import listen_problem
-from jezero.runtime.routing import ListenError, check_local, host_link_problem, router_problem
+from jezero.runtime.routing import ListenError, check_local, router_problem
 
 OPEN_FILES_MIN = 256
 """The launcher of the shipped stack has 63 files open, its router 49 and 3 more for each client."""
@@ -120,7 +120,7 @@ def check_start(
         _check_nobody_runs([*others, REPLAY], replace(instance, router=bus))
     claims.take_services(others, instance.vehicle, instance.router)
     listening = links_from_environment().listen if GATE in services else ()
-    if problem := next(filter(None, map(host_link_problem, listening)), ""):
+    if problem := next(filter(None, (router_problem(each, LISTEN_VARIABLE) for each in listening)), ""):
         raise StartError(problem)
     own = [name for name, service in services.items() if service.command[-1] == f"jezero.services.{name}"]
     for protocol, host, port in ports_of(own, instance):

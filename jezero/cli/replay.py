@@ -16,7 +16,7 @@ PLAIN = ("speed", "start_s", "end_s", "loop", "topics", "force", "vehicle", "rou
 def _plain_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of a replay onto a bus."""
     for option in (
-        click.option("--force", is_flag=True, help="Replay where services of the vehicle run, too, without commands."),
+        click.option("--force", is_flag=True, help="Replay where services run, too, without commands and clock."),
         click.option("--topic", "topics", multiple=True, help="Only this topic; may be given several times."),
         click.option("--loop", is_flag=True, help="Begin again at the end."),
         click.option("--to", "end_s", type=FINITE, metavar="S", help="End, in seconds from the start of FILE."),

@@ -215,7 +215,7 @@ class _Replay:
                 _refuse(others)
             topics = topics - COMMANDS
             if not topics:
-                raise click.ClickException("nothing to replay: commands are not published where services run")
+                raise click.ClickException("nothing to replay: commands and clock are not published where services run")
             click.echo(f"warning: {others}: topics with two writers confuse their readers", err=True)
         with ReplayBus(self._bus.session, self._vehicle, topics) as bus, Keyboard() as keyboard:
             player = self._flight.player(topics)

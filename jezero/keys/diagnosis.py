@@ -107,30 +107,11 @@ def missing_right(endpoint: str, name: str) -> str:
             f"only services of the vehicle send to {name}: give a program that is one the socket that `jezero ps` "
             "prints, as JEZERO_ROUTER"
         )
-    certificate = files_of(endpoint).get("connect_certificate_file")
-    if certificate is None:
-        return ""
-    if problem := known_revocation(endpoint):
+    own, problem = _member(endpoint)
+    role = next((role for role in ROLES if own is not None and role == own.role), None)
+    if own is None or problem or role is None or may_send(role, name):
         return problem
-    own = identity_of(read_certificate(certificate))
-    role = next((role for role in ROLES if role == own.role), None)
-    if role is None or may_send(role, name):
-        return ""
     return f"{own.name} has no right to {name}: only pilots fly, ask for the bundle of one"
-
-
-def known_revocation(endpoint: str) -> str:
-    """Say in one sentence that this member is revoked; returns "" where the list in its bundle doesn't say so.
-
-    The list on another computer may be newer. The router there lets a revoked member connect, and shows it nothing.
-    """
-    certificate = files_of(endpoint).get("connect_certificate_file")
-    if certificate is None:
-        return ""
-    try:
-        return _revocation(identity_of(read_certificate(certificate)), certificate.parent)
-    except KeysError as error:
-        return str(error)
 
 
 def hidden_reason(endpoint: str, vehicle: str) -> str:
@@ -138,20 +119,26 @@ def hidden_reason(endpoint: str, vehicle: str) -> str:
 
     A router lets a revoked member connect as any other, and then shows it nothing: its list of members isn't to be had.
     """
-    if revocation := known_revocation(endpoint):
-        return revocation
+    own, problem = _member(endpoint)
+    if own is None or problem:
+        return problem
+    return (
+        f"the router at {shown_router(endpoint)} lets {own.name} connect, and shows it nothing of {vehicle}: "
+        f"{own.name} is revoked, or not yet in its list of members, or {vehicle} is not the name of its vehicle. Ask "
+        "the one who has the team"
+    )
+
+
+def _member(endpoint: str) -> tuple[Identity | None, str]:
+    """The member of an endpoint's bundle, None without one, and why the bundle says that it is none any more, or ""."""
     certificate = files_of(endpoint).get("connect_certificate_file")
     if certificate is None:
-        return ""
+        return None, ""
     try:
-        name = identity_of(read_certificate(certificate)).name
+        own = identity_of(read_certificate(certificate))
+        return own, _revocation(own, certificate.parent)
     except KeysError as error:
-        return str(error)
-    return (
-        f"the router at {shown_router(endpoint)} lets {name} connect, and shows it nothing of {vehicle}: {name} is "
-        f"revoked, or not yet in its list of members, or {vehicle} is not the name of its vehicle. Ask the one who has "
-        "the team"
-    )
+        return None, str(error)
 
 
 def _time_problem(identity: Identity) -> str:

@@ -17,7 +17,7 @@ import re
 import sys
 import threading
 import time
-from collections import Counter, defaultdict, deque
+from collections import Counter, defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -35,10 +35,9 @@ LOG_MAX_BYTES = 4_000_000
 KEY_MAX = 100
 """Characters of a key in the log and in health."""
 NAMED_FOR_S = 60.0
-"""Time for which health names a denial, and after which one that goes on is logged again."""
+"""Time for which health names a denial, and in which it is not logged again."""
 DENIALS_MAX = 20
-"""Number of denials of one member that are kept, and of its lines in the log within `NAMED_FOR_S`. It may try any key,
-and must not hide by that what others try."""
+"""Number of denials of one member that are kept and logged. It may try any key, and must not fill the log with that."""
 NAMES_MAX = 1000
 SHOWN_MAX = 3
 """Number of newest denials of one member in health."""
@@ -61,32 +60,25 @@ WORDS = {
 DECLARED = frozenset({"Declare Queryable", "Liveliness Token"})
 """What the router of a computer does by itself for the programs behind it: no attempt of anybody."""
 HANDSHAKES = {
-    b"certificate expired": "its certificate has expired",
-    b"not valid yet": "its certificate is not valid yet, or this computer's clock is behind",
-    b"UnknownIssuer": "its certificate is another team's",
-    b"BadSignature": "its certificate is another team's",
-    b"UnknownCA": "its bundle is another team's, or it has none",
-    b"DecryptError": "its bundle is another team's",
-    b"NoCertificatesPresented": "it shows no certificate",
-    b"InvalidContentType": "it speaks no TLS",
-    b"sent no certificates": "it shows no certificate",
-    b"does not allow extended key usage": "its certificate is not that of a member who connects to routers",
-    b"CaUsedAsEndEntity": "it shows the certificate of an authority in the place of its own",
-    b"UnsupportedCriticalExtension": "its certificate is none that `jezero keys` makes",
-    b"BadCertificate": "it uses an address that is not in this computer's certificate",
-    b"CertificateExpired": "it takes this computer's certificate for expired: renew it, or its clock is wrong",
-    b"UnsupportedCertificate": "it takes this computer's certificate for none of a router",
-    b"CertificateUnknown": "it doesn't take this computer's certificate",
-    b"peer is incompatible": "it has no TLS 1.3",
-    b"ProtocolVersion": "it has no TLS 1.3",
-    b"handshake eof": "it went away before it showed a certificate",
-    b"Connection reset": "it went away before it showed a certificate",
-    b"MessageTooLarge": "it speaks no TLS",
-    b"InvalidEmptyPayload": "it speaks no TLS",
-    b"unexpected": "it speaks no TLS",
-    b"Timeout during": "it began TLS, and fell silent",
+    rb"certificate expired": "its certificate has expired",
+    rb"not valid yet": "its certificate is not valid yet, or this computer's clock is behind",
+    rb"UnknownIssuer|BadSignature": "its certificate is another team's",
+    rb"UnknownCA": "its bundle is another team's, or it has none",
+    rb"DecryptError": "its bundle is another team's",
+    rb"NoCertificatesPresented|sent no certificates": "it shows no certificate",
+    rb"does not allow extended key usage": "its certificate is not that of a member who connects to routers",
+    rb"CaUsedAsEndEntity": "it shows the certificate of an authority in the place of its own",
+    rb"UnsupportedCriticalExtension": "its certificate is none that `jezero keys` makes",
+    rb"BadCertificate": "it uses an address that is not in this computer's certificate",
+    rb"CertificateExpired": "it takes this computer's certificate for expired: renew it, or its clock is wrong",
+    rb"UnsupportedCertificate": "it takes this computer's certificate for none of a router",
+    rb"CertificateUnknown": "it doesn't take this computer's certificate",
+    rb"peer is incompatible|ProtocolVersion": "it has no TLS 1.3",
+    rb"handshake eof|Connection reset": "it went away before it showed a certificate",
+    rb"InvalidContentType|MessageTooLarge|InvalidEmptyPayload|unexpected": "it speaks no TLS",
+    rb"Timeout during": "it began TLS, and fell silent",
 }
-"""Why a handshake failed, by a word of the reason; see https://docs.rs/rustls/latest/rustls/enum.Error.html."""
+"""Why a handshake failed, by words of the reason; see https://docs.rs/rustls/latest/rustls/enum.Error.html."""
 _DECISION = re.compile(
     rb"ThreadId\((?P<thread>\d+)\) \S+access_control: (?:"
     rb"(?P<block>ACL \(\w+\): caching)|"
@@ -100,43 +92,30 @@ _BLOCK_END = b"Declare Liveliness Subscriber"
 
 
 @dataclass
-class _Denial:
-    logged_s: float
-    newest_s: float
-    count: int = 0
-
-
-@dataclass
 class _Denied:
     """What was denied to one member."""
 
-    denials: dict[str, _Denial] = field(default_factory=dict)
-    logged_s: deque[float] = field(default_factory=deque)
-    """Times of the lines in the log within `NAMED_FOR_S`."""
+    newest_s: dict[str, float] = field(default_factory=dict)
+    """Time of the newest denial of each kind within `NAMED_FOR_S`, in the order of these times."""
 
     def add(self, text: str, now_s: float) -> None:
-        known = self.denials.get(text)
-        if known is None or now_s - known.logged_s > NAMED_FOR_S:
-            self._log(f"{text} ({known.count} times since the last line)" if known else text, now_s)
-            known = self.denials[text] = _Denial(logged_s=now_s, newest_s=now_s)
-        known.count += 1
-        known.newest_s = now_s
-        if len(self.denials) > DENIALS_MAX:
-            del self.denials[min(self.denials, key=lambda each: self.denials[each].newest_s)]
-
-    def _log(self, text: str, now_s: float) -> None:
-        while self.logged_s and now_s - self.logged_s[0] > NAMED_FOR_S:
-            self.logged_s.popleft()
-        if len(self.logged_s) < DENIALS_MAX:
-            self.logged_s.append(now_s)
-            end = "; more of this within a minute is not logged" if len(self.logged_s) == DENIALS_MAX else ""
-            print(f"gate: {text}{end}", file=sys.stderr, flush=True)
+        """Add a denial, and log the first of its kind, unless there are `DENIALS_MAX` kinds already."""
+        self._forget(now_s)
+        if text not in self.newest_s and len(self.newest_s) < DENIALS_MAX:
+            print(f"gate: {text}", file=sys.stderr, flush=True)
+        self.newest_s.pop(text, None)
+        self.newest_s[text] = now_s
+        if len(self.newest_s) > DENIALS_MAX:
+            del self.newest_s[next(iter(self.newest_s))]
 
     def newest(self, now_s: float) -> list[str]:
-        """Denials of the last `NAMED_FOR_S`, newest first, `SHOWN_MAX` of them at most."""
-        ages_s = {text: now_s - denial.newest_s for text, denial in self.denials.items()}
-        new = sorted((text for text, age_s in ages_s.items() if age_s <= NAMED_FOR_S), key=lambda text: ages_s[text])
+        """The newest denials, newest first, `SHOWN_MAX` of them at most."""
+        self._forget(now_s)
+        new = list(reversed(self.newest_s))
         return [*new[:SHOWN_MAX], f"and {len(new) - SHOWN_MAX} more"] if len(new) > SHOWN_MAX else new
+
+    def _forget(self, now_s: float) -> None:
+        self.newest_s = {text: at_s for text, at_s in self.newest_s.items() if now_s - at_s <= NAMED_FOR_S}
 
 
 @dataclass
@@ -281,5 +260,5 @@ def _common_name(subject: bytes) -> str:
 
 def _handshake_words(reason: bytes) -> str:
     """Why a handshake failed, in words."""
-    known = (words for mark, words in HANDSHAKES.items() if mark in reason)
+    known = (words for mark, words in HANDSHAKES.items() if re.search(mark, reason))
     return next(known, plain(reason.decode(errors="replace").partition(". Hint:")[0]))

@@ -45,8 +45,8 @@ CLOSE_PERIOD_S = 0.05
 """Time in which an excluded member that connects again may send."""
 NICENESS = 5
 """A flood that keeps the gate busy must leave the processors to what flies."""
-Files = tuple[tuple[Path, int, int] | None, ...]
-"""Path, time of change (ns) and size (bytes) of each file; None for one that is missing."""
+Files = tuple[tuple[Path, int, int], ...]
+"""Path, time of change (ns) and size (bytes) of each file that is there."""
 
 
 class Bundles:
@@ -171,13 +171,10 @@ def _is_gate(session: zenoh.Session, link: zenoh.Link) -> bool:
 def _files(endpoints: Iterable[str]) -> Files:
     """The files that the gate reads when it opens, as they are now."""
     paths = {path for endpoint in endpoints for path in files_of(endpoint).values()}
-    found: list[tuple[Path, int, int] | None] = []
+    found: list[tuple[Path, int, int]] = []
     for path in sorted(paths | {path.parent / MEMBERS for path in paths}):
-        try:
+        with suppress(OSError):
             state = path.stat()
-        except OSError:
-            found.append(None)
-        else:
             found.append((path, state.st_mtime_ns, state.st_size))
     return tuple(found)
 

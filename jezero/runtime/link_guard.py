@@ -2,8 +2,8 @@
 
 A program that subscribes and then stands still (a laptop asleep, a debugger, SIGSTOP) fills the buffers of its
 connection. Nobody waits for it: everything is published with Zenoh's congestion control DROP. But the router would
-keep its link for as long as the program's own lease says. So a link whose connection has bytes to send and gets none
-acknowledged for a second is closed, and named. A client of Zenoh connects again when it continues.
+keep its link for as long as the program's own lease says. So the kernel ends a connection that has bytes to send and
+gets none acknowledged for a second. A client of Zenoh connects again when it continues.
 """
 
 import contextlib
@@ -11,15 +11,12 @@ import os
 import socket
 import stat
 import struct
+import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
 
-STUCK_MAX_S = 1.0
-STEP_MAX_S = 0.5
-"""The time between two samples counts as at most this: the router itself may have been stopped."""
-TCP_INFO_BYTES = 148
-ACKNOWLEDGED_OFFSET, UNSENT_OFFSET = 120, 144
-"""Offsets of `tcpi_bytes_acked` and `tcpi_notsent_bytes` in the kernel's `struct tcp_info` (linux/tcp.h)."""
+STUCK_MAX_MS = 1000
+TCP_INFO_BYTES, UNSENT_OFFSET = 148, 144
+"""Size of the kernel's `struct tcp_info`, and the offset of `tcpi_notsent_bytes` in it (linux/tcp.h)."""
 
 CLOSE_IN_BACKGROUND = struct.pack("ii", 0, 0)
 """`struct linger`. Zenoh asks for 10 s of lingering: closing a connection with unsent bytes would stop a thread that
@@ -28,77 +25,29 @@ CLOSE_WITH_RESET = struct.pack("ii", 1, 0)
 """`struct linger`: discards the unsent bytes at once."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class LinkSample:
-    """State of one connection at one time.
-
-    Attributes:
-        unsent_bytes: bytes that wait in this host because the other end takes none.
-        acknowledged_bytes: all bytes that the other end has acknowledged so far.
-    """
-
-    unsent_bytes: int
-    acknowledged_bytes: int
-
-
-@dataclass
-class _Record:
-    previous: LinkSample
-    stuck_s: float = 0.0
-    reported: bool = False
-
-    def add(self, sample: LinkSample, step_s: float) -> None:
-        progress = sample.acknowledged_bytes != self.previous.acknowledged_bytes
-        self.stuck_s = 0.0 if progress or sample.unsent_bytes == 0 else self.stuck_s + step_s
-        self.previous = sample
-
-
-class StoppedReaderDetector:
-    """Detects readers that stopped reading from samples of their connections."""
-
-    def __init__(self) -> None:
-        self._records: dict[str, _Record] = {}
-        self._last_s: float | None = None
-
-    def update(self, now_s: float, samples: Mapping[str, LinkSample]) -> list[str]:
-        """Update with new samples; returns each stopped reader once.
-
-        A link that ended while it was stuck is returned too, because Zenoh ends one itself when a reply can't be sent.
-
-        Args:
-            now_s: monotonic time.
-            samples: samples by the address of the other end; a missing connection has ended.
-        """
-        step_s = 0.0 if self._last_s is None else min(now_s - self._last_s, STEP_MAX_S)
-        self._last_s = now_s
-        ended = {address: record for address, record in self._records.items() if address not in samples}
-        self._records = {address: self._records.get(address) or _Record(sample) for address, sample in samples.items()}
-        for address, sample in samples.items():
-            self._records[address].add(sample, step_s)
-        stopped = [address for address, record in ended.items() if record.stuck_s > 0.0 and not record.reported]
-        for address, record in self._records.items():
-            if record.stuck_s >= STUCK_MAX_S and not record.reported:
-                record.reported = True
-                stopped.append(address)
-        return stopped
-
-
 class LinkGuard:
-    """Closes the connections of this process whose readers stopped reading."""
+    """Lets the kernel end the TCP connections of this process whose readers stopped reading. Source: tcp(7)."""
 
     def __init__(self) -> None:
-        self._detector = StoppedReaderDetector()
+        self._waiting: dict[str, int] = {}
+        """For how many updates in a row bytes have waited for the other end, by its address."""
 
-    def update(self, now_s: float) -> list[str]:
-        """Sample all connections, and close those of stopped readers; returns their addresses, host:port."""
+    def update(self) -> list[str]:
+        """Set the options of all connections.
+
+        Returns:
+            Addresses, host:port, of the connections that ended since the last update while bytes waited.
+        """
         with contextlib.ExitStack() as ends:
             connections = {address: ends.enter_context(end) for address, end in _connections()}
+            ended = [address for address, count in self._waiting.items() if count > 1 and address not in connections]
             for end in connections.values():
-                end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, CLOSE_IN_BACKGROUND)
-            samples = {address: sample_connection(end) for address, end in connections.items()}
-            stopped = self._detector.update(now_s, samples)
-            _close(connections, stopped)
-        return stopped
+                with contextlib.suppress(OSError):  # it has ended just now
+                    end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, CLOSE_IN_BACKGROUND)
+                    end.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, STUCK_MAX_MS)
+            waiting = [address for address, end in connections.items() if unsent_bytes(end)]
+        self._waiting = {address: self._waiting.get(address, 0) + 1 for address in waiting}
+        return ended
 
     def close(self, addresses: Collection[str]) -> None:
         """Close the connections with these addresses."""
@@ -113,12 +62,10 @@ def _close(connections: Mapping[str, socket.socket], addresses: Iterable[str]) -
             connections[address].shutdown(socket.SHUT_RDWR)
 
 
-def sample_connection(connection: socket.socket) -> LinkSample:
-    """Sample a TCP connection."""
+def unsent_bytes(connection: socket.socket) -> int:
+    """Number of bytes of a TCP connection that wait in this computer because the other end takes none."""
     info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, TCP_INFO_BYTES)
-    (acknowledged_bytes,) = struct.unpack_from("=Q", info, ACKNOWLEDGED_OFFSET)
-    (unsent_bytes,) = struct.unpack_from("=I", info, UNSENT_OFFSET)
-    return LinkSample(unsent_bytes=unsent_bytes, acknowledged_bytes=acknowledged_bytes)
+    return int.from_bytes(info[UNSENT_OFFSET : UNSENT_OFFSET + 4], sys.byteorder)
 
 
 def _connections() -> Iterator[tuple[str, socket.socket]]:

@@ -137,22 +137,17 @@ class Node:
 
     # -- deliveries of the bus; each returns whether it triggers a step --
 
-    def deliver(self, name: str, data: bytes | None, refusal: str = "not a put on exactly this key") -> bool:
+    def deliver(self, name: str, data: bytes) -> bool:
         """Put a topic's message into the inbox if the service reads this topic.
 
         Args:
             name: the topic's.
-            data: the message; None for one that is refused, which is counted as rejected.
-            refusal: reason for that.
+            data: the message.
         """
         source = self._inputs.get(name)
         if source is None:
             return False
         source.received += 1
-        if data is None:
-            source.rejected += 1
-            self._last_error = f"{name}: {refusal}"
-            return False
         try:
             message = source.read(data)
         except BadPayloadError as error:

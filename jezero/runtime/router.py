@@ -23,7 +23,8 @@ from jezero.runtime.bus_address import run_folder_of, socket_of
 from jezero.runtime.config import ConfigError, Instance, instance_from_environment
 from jezero.runtime.link_guard import LinkGuard
 from jezero.runtime.process import new_boot_id, process_in_words
-from jezero.runtime.routing import ListenError, close, open_router
+from jezero.runtime.routing import ListenError, open_router
+from jezero.runtime.zenoh_session import close_or_exit
 from jezero.schemas.health import ServiceHealth, ServiceState
 from jezero.schemas.topics import health_of, key, liveliness_key
 
@@ -75,7 +76,7 @@ class Readers:
         known = self._peers | peers  # a link may have ended since the last update
         self._peers = peers
         self._named = {session: named for session, named in self._named.items() if named[1] > now_s}
-        for address in self._guard.update(now_s):
+        for address in self._guard.update():
             peer = known.get(address, "unknown")
             self._named[peer] = (f"{address} ({peer})", now_s + NAMED_FOR_S)
             text = f"{address} ({peer}) stopped reading: its link is closed"
@@ -159,9 +160,7 @@ def serve(
             )
             publisher.put(encode(report))
     alive.undeclare()  # type: ignore[no-untyped-call]
-    if not close(session):
-        sys.stderr.flush()
-        os._exit(0)
+    close_or_exit(session)
 
 
 def run(instance: Instance, bus: str) -> None:

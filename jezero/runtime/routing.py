@@ -1,7 +1,7 @@
 """Opens Zenoh's routers: the one for the programs of a computer, and its gate to other computers."""
 
 import re
-import threading
+import socket
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -12,12 +12,22 @@ from jezero.keys.diagnosis import listening_problem
 from jezero.keys.members import KeysError
 from jezero.keys.rights import EVERY_VEHICLE, access_control, local_access_control
 from jezero.os_errors import describe_os_error
-from jezero.router_address import is_loopback, parse_router, shown_router
+from jezero.router_address import is_insecure, is_loopback, parse_router, shown_router
 from jezero.runtime.bus_address import make_socket_folder
 from jezero.runtime.config import LISTEN_VARIABLE, HostLinks
-from jezero.runtime.link_rules import link_rules
 from jezero.runtime.ports import listen_problem
-from jezero.schemas.topics import CAMERA, KEYS, TOPICS, key
+from jezero.schemas.rows import CLIENTS
+from jezero.schemas.topics import (
+    CAMERA,
+    ENDPOINTS,
+    EVERY_ACTION_FEEDBACK,
+    KEYS,
+    TOPICS,
+    UNKNOWN_ACTION,
+    health_of,
+    journal_of,
+    key,
+)
 from jezero.zenoh_client import LINK_SETTINGS, RETRY, config_of
 
 ROUTER_SETTINGS: Mapping[str, Any] = {
@@ -37,7 +47,6 @@ ROUTER_SETTINGS: Mapping[str, Any] = {
     "scouting/delay": 0,  # nothing is scouted; the default waits 0.5 s for it
 }
 """Zenoh's settings of every router."""
-CLOSE_TIMEOUT_S = 0.7
 SIZE_MAX_BYTES = 8_000_000
 """A larger message is dropped. The largest of the contract is a result of 4 MB, besides frames of a large camera."""
 SIZED = (
@@ -46,6 +55,10 @@ SIZED = (
     *(name for name in KEYS if name.startswith("@")),
 )
 """Names of the keys on which the size of messages is limited."""
+LOOPBACK = "lo"
+COMMANDS_MAX_HZ, QUESTIONS_MAX_HZ, MESSAGES_MAX_HZ = 50.0, 200.0, 200.0
+"""Greatest rates on each key at which a link brings in requests with an effect, requests without one, and messages.
+People and their scripts stay far below."""
 
 
 class ListenError(RuntimeError):
@@ -105,6 +118,61 @@ def open_gate(router: str, vehicle: str, links: HostLinks) -> zenoh.Session:
     return _open(settings, links.listen, LISTEN_VARIABLE)
 
 
+def link_rules(vehicle: str, links: Iterable[str]) -> list[dict[str, Any]]:
+    """Zenoh's setting `downsampling` of a router.
+
+    Within a computer every message passes. A link to another computer may be a radio that carries a thousandth of
+    that. What comes in over one link is limited too, so that no member of the team keeps a service from serving the
+    others. Source: https://zenoh.io/docs/manual/downsampling.
+
+    Args:
+        vehicle: name of the vehicle within the keys.
+        links: endpoints at which the router listens to other computers, or connects to their routers.
+    """
+    limits = (
+        _limit("put", "egress", vehicle, _rates_out_hz()),
+        _limit("put", "ingress", vehicle, _written_hz()),
+        _limit("query", "ingress", vehicle, _asked_hz()),
+    )
+    rules = [{**limit, "id": f"{limit['id']} with TLS", "link_protocols": ["tls"]} for limit in limits]
+    if any(map(is_insecure, links)):  # the programs of this computer use the same protocol, on the loopback
+        others = [name for _, name in socket.if_nameindex() if name != LOOPBACK]
+        without = {"link_protocols": ["tcp"], "interfaces": others}
+        rules += [{**limit, "id": f"{limit['id']} without TLS", **without} for limit in limits]
+    return rules
+
+
+def _rates_out_hz() -> dict[str, float]:
+    """Greatest rates of the topics that don't cross with each message."""
+    topics = (*TOPICS, EVERY_ACTION_FEEDBACK, journal_of("*"))
+    rates_hz = {topic.name: topic.link_hz for topic in topics if topic.link_hz is not None}
+    # Each computer has its own router and gate, whose health is of no use to others.
+    return rates_hz | {health_of(name).name: 0.0 for name in ("router", "gate")}
+
+
+def _written_hz() -> dict[str, float]:
+    """Greatest rates of the topics that other computers may write."""
+    return {topic.name: MESSAGES_MAX_HZ for topic in TOPICS if topic.writer == CLIENTS or topic.host == "rover"}
+
+
+def _asked_hz() -> dict[str, float]:
+    """Greatest rates of requests to each endpoint; the key of `UNKNOWN_ACTION` has those of all actions."""
+    return {
+        endpoint.name: QUESTIONS_MAX_HZ if endpoint.asker == "viewer" else COMMANDS_MAX_HZ
+        for endpoint in ENDPOINTS
+        if endpoint is not UNKNOWN_ACTION
+    }
+
+
+def _limit(message: str, flow: str, vehicle: str, rates_hz: Mapping[str, float]) -> dict[str, Any]:
+    return {
+        "id": f"{message} {flow}",
+        "messages": [message],
+        "flows": [flow],
+        "rules": [{"key_expr": key(vehicle, name), "freq": hz} for name, hz in rates_hz.items()],
+    }
+
+
 def _size(vehicle: str) -> dict[str, Any]:
     """The rule by which larger messages than any of the contract are dropped."""
     return {
@@ -122,11 +190,6 @@ def _open(settings: Mapping[str, Any], listen: Sequence[str], variable: str) -> 
     except zenoh.ZError as error:
         problem = next(filter(None, (router_problem(each, variable) for each in listen)), "")
         raise ListenError(problem or f"cannot listen on {shown(listen)}: {_reason(error)}") from error
-
-
-def host_link_problem(endpoint: str) -> str:
-    """Why no router can listen to other computers on an endpoint now, in one sentence, or ""; see `router_problem`."""
-    return router_problem(endpoint, LISTEN_VARIABLE)
 
 
 def router_problem(endpoint: str, variable: str = "JEZERO_ROUTER") -> str:
@@ -157,14 +220,6 @@ def check_local(endpoint: str) -> None:
             f"JEZERO_ROUTER is {shown_router(endpoint)}, but the programs of this computer need an address on its "
             "loopback, such as tcp/127.0.0.1:7447. Give the address for other computers with --listen or JEZERO_LISTEN"
         )
-
-
-def close(session: zenoh.Session) -> bool:
-    """Close a router's session; returns whether that is done after `CLOSE_TIMEOUT_S`, as a client may delay it."""
-    closer = threading.Thread(target=session.close, daemon=True)
-    closer.start()
-    closer.join(CLOSE_TIMEOUT_S)
-    return not closer.is_alive()
 
 
 def shown(endpoints: Iterable[str]) -> str:

@@ -9,28 +9,27 @@ import select
 import socket
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from types import FrameType
 from typing import Any, cast
 
 import zenoh
 
-from jezero.codec import BadPayloadError, decode, encode
+from jezero.codec import BadPayloadError, decode, encode, has_attachment, split_attachment
 from jezero.plain_text import plain
 from jezero.runtime.clock import VehicleClock
 from jezero.runtime.config import Instance, is_recorded
-from jezero.runtime.epoch_filter import EpochFilter
 from jezero.runtime.journal import Journal
 from jezero.runtime.links import SocketLink
 from jezero.runtime.node import Node
-from jezero.runtime.service import SentMessage, Service
+from jezero.runtime.service import SentMessage, Service, Spec
 from jezero.runtime.task_runner import TaskRunner
 from jezero.runtime.zenoh_session import BusSession, Kind
-from jezero.runtime.zenoh_transport import ZenohTransport
 from jezero.schemas import topics
 from jezero.schemas.actions import UnknownAction
+from jezero.schemas.rows import Endpoint, Topic
 from jezero.schemas.state import Clock
-from jezero.schemas.topics import health_of
+from jezero.schemas.topics import health_of, key
 from jezero.schemas.units import NS_PER_S
 from jezero.zenoh_client import data_of
 
@@ -60,7 +59,6 @@ class ServiceLoop:
         self._links = links
         self._prefix = topics.key(instance.vehicle, "")
         self._clock = VehicleClock()
-        self._epochs = EpochFilter()
         self._master_t_ns = 0
         self._stalled_ns = 0
         self._stopping = False
@@ -273,8 +271,6 @@ class ServiceLoop:
         elif kind == "newest":
             if name in self._newest:  # else this message was replaced by a newer one, which has been read
                 wanted = self._on_sample(name, data_of(self._newest.pop(name)))
-        elif kind == "refused":
-            wanted = node.deliver(name, None, value)
         elif kind == "query":
             wanted = self._on_query(name, value)
         elif kind == "response":
@@ -311,8 +307,6 @@ class ServiceLoop:
 
     def _on_sample(self, name: str, data: bytes) -> bool:
         if name == CLOCK_NAME:
-            if refusal := self._epochs.refusal(data, self._node.inbox.wall_ns):
-                return self._node.deliver(name, None, refusal)
             self._on_clock(data)
         if name in self._on_demand and name not in self._out.subscribed:  # it came before the subscription ended
             return False
@@ -361,3 +355,79 @@ class ServiceLoop:
             part = self._journal.take(self._now_ns(), force=force)
             if part is not None:
                 self._session.put_journal(part)
+
+
+class ZenohTransport:
+    """Executes the outputs of one service's steps.
+
+    Attributes:
+        period_ns: time from a step to the next, unless something triggers one before.
+        subscribed: the topics on demand that the service wants; the loop declares them to the router.
+    """
+
+    def __init__(
+        self, instance: Instance, spec: Spec, session: BusSession, links: Mapping[str, SocketLink], tasks: TaskRunner
+    ) -> None:
+        self.period_ns = int(NS_PER_S / spec.rate_hz)
+        self.subscribed: frozenset[str] = frozenset()
+        self._vehicle = instance.vehicle
+        self._session = session
+        self._links = links
+        self._tasks = tasks
+        self._last_value = frozenset(topic.name for topic in spec.last_value)
+        attached = (endpoint.name for endpoint in spec.serves if has_attachment(endpoint.reply_type))
+        self._attached = frozenset(key(instance.vehicle, name) for name in attached)
+        """Keys whose replies have attachments."""
+        self._queries: dict[int, tuple[str, zenoh.Query]] = {}
+        """Queries without a final reply yet, with the keys of their replies."""
+        self._request_id = 0
+
+    def keep_query(self, name: str, query: zenoh.Query) -> int:
+        """Keep a query to an endpoint until its final reply; returns the request's id."""
+        self._request_id += 1
+        own = str(query.key_expr) if "*" in name else key(self._vehicle, name)
+        self._queries[self._request_id] = (own, query)
+        return self._request_id
+
+    def forget_queries(self) -> None:
+        """End all requests without a reply."""
+        self._queries.clear()
+
+    # -- Transport --
+
+    def publish(self, topic: Topic[Any], data: bytes) -> None:
+        if topic.name in self._last_value:
+            self._session.set_last_value(topic, data)
+        self._session.put(topic, data)
+
+    def reply(self, request_id: int, data: bytes | None, *, final: bool) -> None:
+        if request_id not in self._queries:
+            return
+        own, query = self._queries[request_id]
+        if data is not None and own in self._attached:
+            json, attachment = split_attachment(data)
+            octets = zenoh.Encoding.APPLICATION_OCTET_STREAM
+            query.reply(own, attachment, encoding=octets, attachment=json)
+        elif data is not None:
+            query.reply(own, data, encoding=zenoh.Encoding.APPLICATION_JSON)
+        if final:
+            del self._queries[request_id]
+            query.drop()  # type: ignore[no-untyped-call]
+
+    def call(self, endpoint: Endpoint[Any, Any], data: bytes, call_id: str, timeout_s: float) -> None:
+        self._session.call(endpoint, data, call_id, timeout_s)
+
+    def send(self, link: str, data: bytes) -> None:
+        self._links[link].send(data)
+
+    def subscribe(self, names: frozenset[str]) -> None:
+        self.subscribed = names
+
+    def set_rate(self, rate_hz: float) -> None:
+        self.period_ns = int(NS_PER_S / rate_hz)
+
+    def run_task(self, function: Callable[[], Any], tag: str) -> None:
+        self._tasks.add(function, tag)
+
+    def cancel_task(self, tag: str) -> None:
+        self._tasks.cancel(tag)

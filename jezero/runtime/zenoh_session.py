@@ -21,7 +21,7 @@ from jezero.zenoh_client import FIRST, LAST, client_config, data_of, declare_pub
 CLOSE_TIMEOUT_S = 0.7
 JOURNAL_WAITING_MAX_BYTES = 16_000_000
 """Parts of the journal that wait for a recorder; the oldest are dropped. A start of the stack takes far less."""
-Kind = Literal["sample", "newest", "refused", "query", "response", "departed", "opened", "outcome", "sent"]
+Kind = Literal["sample", "newest", "query", "response", "departed", "opened", "outcome", "sent"]
 Enqueue = Callable[[Kind, str, Any], None]
 
 
@@ -35,6 +35,16 @@ def _direct(callback: Callable[[Any], None], drop: Callable[[], None] | None = N
     return zenoh.handlers.Callback(callback, drop, indirect=False)
 
 
+def close_or_exit(session: zenoh.Session) -> None:
+    """Close a session, or end the process after `CLOSE_TIMEOUT_S`, e.g. when what is at the other end hangs."""
+    closer = threading.Thread(target=session.close, daemon=True)
+    closer.start()
+    closer.join(CLOSE_TIMEOUT_S)
+    if closer.is_alive():
+        sys.stderr.flush()
+        os._exit(0)
+
+
 class BusSession:
     """The session of one service.
 
@@ -46,7 +56,6 @@ class BusSession:
     Kinds of arrivals:
         sample: a topic's name and the bytes of a message.
         newest: a topic's name and the sample of a message with an attachment.
-        refused: a topic's name and the reason why a message on it is not taken.
         query: an endpoint's name and the query.
         response: a call's id and (bytes, None) or (None, error).
         departed: the id of a client, or the name of a service, that vanished.
@@ -92,15 +101,9 @@ class BusSession:
         return thread
 
     def close(self) -> None:
-        """Close the session, or end the process after `CLOSE_TIMEOUT_S`, e.g. when the router hangs."""
-        if self._opened is None:
-            return
-        closer = threading.Thread(target=self._opened.close, daemon=True)
-        closer.start()
-        closer.join(CLOSE_TIMEOUT_S)
-        if closer.is_alive():
-            sys.stderr.flush()
-            os._exit(0)
+        """Close the session; see `close_or_exit`."""
+        if self._opened is not None:
+            close_or_exit(self._opened)
 
     @property
     def _session(self) -> zenoh.Session:
@@ -153,21 +156,14 @@ class BusSession:
         return spec.lockstep is None and bool(spec.inputs or spec.outputs or spec.serves)
 
     def subscribe(self, name: str) -> None:
-        """Subscribe to a topic; everything but a put on exactly its key is enqueued as refused."""
-        own = key(self._instance.vehicle, name)
-        exactly = zenoh.KeyExpr(own)
+        """Subscribe to a topic."""
         enqueue, attached = self._enqueue, name in self._attached
 
         def on_sample(sample: zenoh.Sample) -> None:
-            if sample.key_expr != exactly or sample.kind != zenoh.SampleKind.PUT:
-                enqueue("refused", name, "not a put on exactly this key")
-            elif attached:
-                enqueue("newest", name, sample)
-            else:
-                enqueue("sample", name, sample.payload.to_bytes())
+            enqueue("newest" if attached else "sample", name, sample if attached else sample.payload.to_bytes())
 
-        handler = _direct(on_sample)
-        self._subscribers[name] = self._session.declare_subscriber(own, handler)
+        own = key(self._instance.vehicle, name)
+        self._subscribers[name] = self._session.declare_subscriber(own, _direct(on_sample))
 
     def _declare_endpoint(self, endpoint: Endpoint[Any, Any]) -> None:
         own, name = key(self._instance.vehicle, endpoint.name), endpoint.name

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
-from jezero.runtime.child import ChildLink
 from jezero.runtime.config import ConfigError, Instance, chosen_autopilot, load_config
 from jezero.runtime.links import SocketLink, TcpClient, Udp
 from jezero.runtime.process import run_process
@@ -23,6 +22,7 @@ from jezero.services.autopilot.ground_link import (
     with_signatures,
 )
 from jezero.services.autopilot.kept_stamp import kept_stamp_path, load, save
+from jezero.services.autopilot.px4_link import ChildLink
 from jezero.services.autopilot.service import GCS, HIL, OFFBOARD, Autopilot
 from jezero.vehicle_config import BatteryConfig, VehicleConfig
 

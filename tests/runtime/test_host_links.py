@@ -15,8 +15,15 @@ from jezero.keys.team import Team
 from jezero.runtime.bus_address import socket_of
 from jezero.runtime.config import HostLinks
 from jezero.runtime.gate import Uplinks
-from jezero.runtime.link_rules import COMMANDS_MAX_HZ, MESSAGES_MAX_HZ, link_rules
-from jezero.runtime.routing import ListenError, check_local, open_gate, open_router
+from jezero.runtime.routing import (
+    COMMANDS_MAX_HZ,
+    MESSAGES_MAX_HZ,
+    ListenError,
+    check_local,
+    link_rules,
+    open_gate,
+    open_router,
+)
 from jezero.schemas.rows import Topic
 from jezero.schemas.topics import (
     ABORT,

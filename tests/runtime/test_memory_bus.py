@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 
 from jezero.codec import NotFiniteError, decode, encode
-from jezero.runtime.memory_bus import BUS_DELAY, LinkDelay, MemoryBus
-from jezero.runtime.memory_port import BACKGROUND_TASK_S
+from jezero.runtime.memory_bus import BACKGROUND_TASK_S, BUS_DELAY, LinkDelay, MemoryBus
 from jezero.runtime.node import FAILED_STEPS_MAX
 from jezero.runtime.service import (
     BackgroundTask,

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from jezero.runtime.child import ChildLink
 from jezero.runtime.config import ConfigError
 from jezero.services.autopilot.px4 import command, environment
+from jezero.services.autopilot.px4_link import ChildLink
 from jezero.vehicle_config import BatteryConfig
 
 CONNECTS = """
@@ -109,7 +109,7 @@ def test_a_program_that_ends_by_itself_is_an_error(server: socket.socket, progra
 def test_a_program_that_is_stopped_is_an_error_and_one_that_goes_on_after_a_moment_is_not(
     server: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("jezero.runtime.child.CHECK_PERIOD_NS", 20_000_000)
+    monkeypatch.setattr("jezero.services.autopilot.px4_link.CHECK_PERIOD_NS", 20_000_000)
     link = child("import os, time; print(os.getpid(), flush=True); time.sleep(60)", server, None)
     link.start()
     try:

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from jezero.runtime import memory_port
+from jezero.runtime import memory_bus
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Cancel, PlannedCoverage, PlanReply, Rejected, Result
 from jezero.schemas.goals import AreaCoverageGoal, GoToGoal
@@ -78,7 +78,7 @@ def test_exactly_the_plan_that_was_shown_is_flown_after_the_vehicle_has_drifted(
 
 def test_a_goal_with_a_plan_is_accepted_without_planning_again(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = shown(world)
-    monkeypatch.setattr(memory_port, "BACKGROUND_TASK_S", 3600.0)
+    monkeypatch.setattr(memory_bus, "BACKGROUND_TASK_S", 3600.0)
     answers = world.send(changed(plan_id=plan.plan_id))
     assert world.bus.run_for(3.0, lambda: bool(answers.replies))
     assert isinstance(answers.replies[0], Accepted)

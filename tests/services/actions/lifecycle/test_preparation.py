@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from jezero.runtime import memory_port
+from jezero.runtime import memory_bus
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Cancel, CancelReply, Rejected
@@ -66,7 +66,7 @@ class World:
 @pytest.fixture
 def endless(monkeypatch: pytest.MonkeyPatch) -> World:
     """A world whose work takes an hour."""
-    monkeypatch.setattr(memory_port, "BACKGROUND_TASK_S", 3600.0)
+    monkeypatch.setattr(memory_bus, "BACKGROUND_TASK_S", 3600.0)
     return World()
 
 
