@@ -38,7 +38,6 @@ from jezero.services.vehicle_bridge.telemetry import TelemetryBatch
 from jezero.services.vehicle_bridge.timer import Timer
 from jezero.services.vehicle_bridge.unknown_action import refusal_of
 from jezero.services.vehicle_bridge.vehicle import LINK_TIMEOUT_S, OFFBOARD, ControlState, Target, VehicleSnapshot
-from jezero.services.vehicle_bridge.vehicle_epoch import VehicleEpoch
 from jezero.services.vehicle_bridge.wind_estimator import WindEstimator
 from jezero.vehicle_config import VehicleConfig
 
@@ -117,7 +116,8 @@ class VehicleBridge:
         self._authority = Authority(config, robot, secret)
         self._fence = FenceHolder(self._authority.fence, self._link.fence, fence, keep_fence)
         self._wind = WindEstimator(robot.airframe)
-        self._epoch = VehicleEpoch()
+        self._epoch_id: int | None = None
+        """Epoch of the vehicle; None before the first message of the clock."""
         self._timer = Timer()
         self._ground_ned_m: Vec3 | None = None
         """Place where the vehicle last stood disarmed; None before this run of the bridge has seen it."""
@@ -140,10 +140,11 @@ class VehicleBridge:
             self._started_wall_ns = inbox.wall_ns
         if inbox.connected or self._router_seen_wall_ns is None:
             self._router_seen_wall_ns = inbox.wall_ns
-        self._epoch.note_autopilot(inbox.wall_ns, self._link.telemetry.received_wall_ns)
-        respawned = self._epoch.update((clock.epoch_id for clock in inbox.new(CLOCK)), inbox.wall_ns)
+        clock, before = inbox.latest(CLOCK), self._epoch_id
+        self._epoch_id = None if clock is None else clock.epoch_id
+        respawned = before not in (None, self._epoch_id)
         t_ns = self._vehicle_time_ns(t_ns)
-        if self._epoch.epoch_id is not None:  # before, there is no vehicle time
+        if self._epoch_id is not None:  # before, there is no vehicle time
             self._timer.update(t_ns)
         batch = self._read_link(inbox, respawned=respawned)
         self._digest(batch, t_ns, inbox, respawned=respawned)
@@ -173,12 +174,11 @@ class VehicleBridge:
     def _read_link(self, inbox: Inbox, *, respawned: bool) -> TelemetryBatch:
         if respawned:
             self._link.reset()
-        return self._link.receive(inbox.received(LINK), self._timer.now_ns, inbox.wall_ns, self._epoch.epoch_id or 0)
+        return self._link.receive(inbox.received(LINK), self._timer.now_ns, inbox.wall_ns, self._epoch_id or 0)
 
     def _digest(self, batch: TelemetryBatch, t_ns: int, inbox: Inbox, *, respawned: bool) -> None:
         """Update everything that depends on what the autopilot sent."""
         if respawned or batch.restarted:
-            self._epoch.note_autopilot(inbox.wall_ns, inbox.wall_ns, restarted=True)
             self._sent = (None, 0)
             reason = "the vehicle was respawned" if respawned else "the autopilot restarted"
             self._authority.on_restart(reason, self._snapshot(t_ns, inbox))
@@ -232,7 +232,7 @@ class VehicleBridge:
         While it is not, the refusal gives that reason, and position and heading are still converging.
         """
         report = inbox.latest(PREFLIGHT)
-        if report is None or report.epoch_id != self._epoch.epoch_id or t_ns - report.t_ns > PREFLIGHT_MAX_AGE_NS:
+        if report is None or report.epoch_id != self._epoch_id or t_ns - report.t_ns > PREFLIGHT_MAX_AGE_NS:
             return ()
         failed = report.failed()
         return () if any(check.name == "autopilot" for check in failed) else failed
@@ -254,7 +254,7 @@ class VehicleBridge:
 
     def _not_ready_reason(self, telemetry_age_s: float) -> str | None:
         """Reason why a takeoff isn't possible now, None when it is."""
-        reason = system_not_ready_reason(self._link, self._epoch.epoch_id, telemetry_age_s, self._timer.now_ns)
+        reason = system_not_ready_reason(self._link, self._epoch_id, telemetry_age_s, self._timer.now_ns)
         if reason is None and self._authority.code is StatusCode.IDLE:
             return moving_ground_reason(self._link, self._config)
         return reason
@@ -358,7 +358,7 @@ class VehicleBridge:
             bridge_boot_id=self._boot_id,
             grants=control_state.grants,
             interventions=control_state.interventions,
-            epoch_id=self._epoch.epoch_id or 0,
+            epoch_id=self._epoch_id or 0,
             ready=not_ready_reason is None,
             not_ready_reason=not_ready_reason or "",
             battery=telemetry.battery,
@@ -380,7 +380,7 @@ class VehicleBridge:
     def _publish_health(self, vehicle: VehicleSnapshot) -> Iterator[Output]:
         state: ServiceState = "ok"
         text = f"{self._authority.code.name}, linked"
-        if vehicle.telemetry_age_s > LINK_TIMEOUT_S or self._epoch.epoch_id is None:
+        if vehicle.telemetry_age_s > LINK_TIMEOUT_S or self._epoch_id is None:
             state = "starting" if self._link.telemetry.received_wall_ns is None else "degraded"
             text = self._not_ready_reason(vehicle.telemetry_age_s) or ""
         elif self._authority.code is StatusCode.IDLE and (reason := self._not_ready_reason(vehicle.telemetry_age_s)):

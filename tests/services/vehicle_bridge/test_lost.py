@@ -4,9 +4,7 @@ import pytest
 
 from jezero.runtime.service import Subscribe
 from jezero.schemas.commands import Abort, Acquire, Hover, Phase, Release
-from jezero.schemas.state import Clock
-from jezero.schemas.topics import ABORT, ACQUIRE, ALTIMETER, CLOCK, HOVER, RELEASE
-from jezero.services.vehicle_bridge.vehicle_epoch import VehicleEpoch
+from jezero.schemas.topics import ABORT, ACQUIRE, ALTIMETER, HOVER, RELEASE
 from jezero.vehicle_config import VehicleConfig, VehicleLimitsConfig
 from tests.services.vehicle_bridge.rig import BOOT_ID, MODES, Rig
 
@@ -128,57 +126,6 @@ def test_a_new_epoch_ends_the_goal_and_resets_the_vehicle() -> None:
     rig.ready()
     assert rig.odometry[-1].reset_offset_ned_m == (0.0, 0.0, 0.0)
     assert rig.acquire(goal_id="g2").granted
-
-
-def test_one_message_of_another_epoch_is_no_other_vehicle() -> None:
-    epoch, second = VehicleEpoch(), 1_000_000_000
-    for tenth in range(200):
-        wall_ns = tenth * second // 10
-        epoch.note_autopilot(wall_ns, wall_ns)
-        assert not epoch.update([99 if tenth % 20 == 19 else 7], wall_ns)
-    assert epoch.epoch_id == 7
-
-
-@pytest.mark.parametrize("period", [1, 5, 1000])
-def test_a_clock_with_another_epoch_ends_nothing_while_the_autopilot_flies_on(period: int) -> None:
-    rig = Rig().fly()
-    control_id = rig.go("go_to", Phase.GO_TO)
-    steps = 0
-
-    def lie_now_and_then() -> None:
-        nonlocal steps
-        rig.setpoint(control_id, Phase.GO_TO)
-        if steps % period == 0:
-            rig.box.put(CLOCK, Clock(t_ns=5, epoch_id=99, wall_ns=rig.t_ns))
-        steps += 1
-
-    rig.run(5.0, lie_now_and_then)
-    assert rig.codes[-1] == 4
-    assert rig.status.epoch_id == 7
-    assert rig.odometry[-1].epoch_id == 7
-
-
-def test_an_autopilot_that_was_silent_a_moment_ago_confirms_a_new_epoch_at_once() -> None:
-    rig = Rig().fly()
-    rig.autopilot.silent = True
-    rig.run(0.4)
-    rig.autopilot.silent = False
-    rig.run(2.0)
-    assert rig.status.code == 3
-    rig.epoch_id += 1
-    rig.step()
-    assert rig.status.text == "the vehicle was respawned"
-
-
-def test_an_epoch_that_nothing_but_the_clock_changes_is_believed_in_the_end() -> None:
-    rig = Rig().fly()
-    rig.run(5.0)  # since the bridge first heard the autopilot
-    rig.epoch_id += 1
-    rig.run(2.9)
-    assert rig.status.code == 3
-    rig.run(0.2)
-    assert rig.status.epoch_id == rig.epoch_id
-    assert any(status.text == "the vehicle was respawned" for status in rig.statuses)
 
 
 def test_an_autopilot_whose_time_goes_back_has_restarted() -> None:
