@@ -18,7 +18,7 @@ _SERVICE_KEYS = {
     "command", "environment", "depends_on", "healthcheck", "restart", "stop_grace_period", "profiles",
     "scale", "image", "build", "network_mode", "read_only", "cap_drop", "security_opt", "tmpfs", "volumes",
 }  # fmt: skip
-"""From `image` on they are for container runtimes and mean nothing to plain processes."""
+"""Those from `image` on are for container runtimes; plain processes do not use them."""
 _HEALTHCHECK_KEYS = {"test", "interval", "timeout", "retries", "start_period", "disable"}
 _NAME = re.compile(r"[a-zA-Z0-9._-]+")
 _DURATION = re.compile(r"(?:\d+(?:\.\d+)?(?:us|ms|s|m|h))+")

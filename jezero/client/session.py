@@ -29,7 +29,7 @@ TIMEOUT_MARGIN_S = 0.2
 """Zenoh ends a query without replies slightly after its timeout."""
 SEE_TIMEOUT_S = 0.5
 """Duration after which the tokens that this computer's router knows have arrived."""
-HIDDEN_TIMEOUT_S = 2.0
+HIDDEN_TIMEOUT_S = 4.0
 """Duration after which the token of a router on another computer has arrived, also over a slow radio."""
 ARRIVALS_MAX = 1000
 VEHICLE_TIME_AGE_MAX_S = 1.0

@@ -15,7 +15,7 @@ from jezero.mission_files import MissionFileError, read_fence, read_mission
 DEPTH = 20_000
 OPEN, CLOSED = "[" * DEPTH, "]" * DEPTH
 LATEST_S = 1.0
-"""Of processor time, so that a busy machine doesn't count."""
+"""Longest processor time; wall time would be longer on a busy machine."""
 YAML = {
     "list.yaml": f"steps: {OPEN}{CLOSED}\n",
     "open.yaml": f"steps: {OPEN}\n",
