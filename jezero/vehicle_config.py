@@ -202,6 +202,10 @@ class VehicleLimitsConfig(Config, frozen=True, kw_only=True):
     speed_max_mps: Annotated[float, Meta(gt=0.0, le=100.0)] = 10.0
 
 
+LEAST_USE = 0.5
+"""Fraction of the declared use of the battery in hover that every flight uses."""
+
+
 class BatteryConfig(Config, frozen=True, kw_only=True):
     """A lithium polymer battery.
 
@@ -230,6 +234,13 @@ class BatteryConfig(Config, frozen=True, kw_only=True):
         vehicle's speed as long as its thrust carries the weight.
         """
         return (self.electronics_a + self.hover_a) * flight_s / (3.6 * self.capacity_mah)
+
+    def least_used(self, flight_s: float) -> float:
+        """Fraction of the capacity that a flight of this duration uses in any case: half of that in hover.
+
+        A gauge that shows less use is wrong, as none that measures the charge of a flying vehicle can.
+        """
+        return LEAST_USE * self.used(flight_s)
 
 
 class VehicleConfig(Config, frozen=True, kw_only=True):

@@ -16,6 +16,8 @@ PLAN_PERIOD_NS = 5 * NS_PER_S
 PLAN_TIMEOUT_S = 3.0
 HALF_STEP = 0.005
 """The autopilot reports whole percents, so that half of one may be missing."""
+WRONG_MIN = 0.02
+"""A gauge that reports more than can be left by this is wrong: it is said."""
 CRITICAL_MARGIN = 0.01
 """At the critical level the autopilot flies its own return: the landing is over before."""
 GROUND = health_of("ground_station")
@@ -82,15 +84,17 @@ class ReturnWatch:
 
     def _judge_battery(self, battery: Battery | None) -> str:
         """Reason to turn home because of the battery, or ""."""
-        if battery is None or battery.remaining is None or self._duration_s is None:
+        charge = self._use.charge
+        if battery is None or battery.remaining is None or charge is None or self._duration_s is None:
             return ""
         reserve = max(self._config.reserve, (battery.critical or 0.0) + CRITICAL_MARGIN)
         used = self._duration_s * self._use.per_s
         needed = self._config.way_margin * used + reserve
-        self.text = f"the battery has {battery.remaining:.0%}, the way home needs {needed:.0%}"
-        if battery.remaining - HALF_STEP >= needed:
+        doubt = f" at most, though it reports {battery.remaining:.0%}" if battery.remaining - charge > WRONG_MIN else ""
+        self.text = f"the battery has {charge:.0%}{doubt}, the way home needs {needed:.0%}"
+        if charge - HALF_STEP >= needed:
             return ""
-        short = battery.remaining - used < reserve
+        short = charge - used < reserve
         return f"{self.text}: the vehicle returns" + (f", but less than {reserve:.0%} may be left" if short else "")
 
     def _judge_ground(self, t_ns: int) -> str:

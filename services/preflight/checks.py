@@ -70,10 +70,12 @@ def check_clock(readings: Readings) -> Check:
 
 
 def check_battery(readings: Readings) -> Check:
-    """Whether the battery is above the level at which the autopilot ends a flight."""
+    """Whether the battery is above the level at which the autopilot ends a flight, and its charge falls in flight."""
     battery = None if readings.status is None else readings.status.battery
     if battery is None or battery.remaining is None:
         return _check("battery", "warning", "the autopilot does not measure its charge")
+    if readings.charge_problem:
+        return _check("battery", "failed", readings.charge_problem)
     text = f"{100.0 * battery.remaining:.0f} %, {battery.voltage_v:.1f} V"
     if battery.critical is None:
         return _check("battery", "warning", f"{text}; the level at which the autopilot returns is unknown")

@@ -28,6 +28,7 @@ class Readings:
         heard_services: names of the services that were heard in an earlier round.
         silent_services: names of the services that were silent in the round before.
         parameters: parameters of the estimator; None when it does not reply.
+        charge_problem: what is wrong with the reported charge, see `ChargeWatch`, or "".
     """
 
     t_ns: int
@@ -38,6 +39,7 @@ class Readings:
     heard_services: frozenset[str] = frozenset()
     silent_services: frozenset[str] = frozenset()
     parameters: SetParameters | None = None
+    charge_problem: str = ""
 
     def all(self, topic: Topic[M]) -> tuple[M, ...]:
         """Messages of a topic, oldest first."""

@@ -32,6 +32,7 @@ from jezero.schemas.topics import (
     health_of,
 )
 from jezero.schemas.units import NS_PER_S
+from jezero.services.preflight.charge_watch import ChargeWatch
 from jezero.services.preflight.checks import (
     LANDING_CHAIN,
     check_autopilot,
@@ -49,6 +50,7 @@ from jezero.services.preflight.sensor_checks import (
     check_rover,
     check_sensors,
 )
+from jezero.vehicle_config import BatteryConfig
 
 CHECKS = (
     check_autopilot, check_services, check_clock, check_sensors, check_noise, check_gnss, check_compass, check_rover,
@@ -70,9 +72,11 @@ class Preflight:
 
     Args:
         actions: names of all actions, whose servers' health is checked too.
+        battery: the vehicle's battery.
     """
 
-    def __init__(self, actions: tuple[str, ...] | None = None) -> None:
+    def __init__(self, actions: tuple[str, ...] | None = None, battery: BatteryConfig | None = None) -> None:
+        battery = battery or BatteryConfig()
         actions = tuple(action_names()) if actions is None else actions
         self._health = {name: health_of(name) for name in (*SERVICES, *actions)}
         self._on_demand: tuple[Topic[Any], ...] = (*SENSORS, FENCE, *self._health.values())
@@ -86,8 +90,9 @@ class Preflight:
             calls=(GET_PARAMETERS,),
             triggers=(CHECK_PREFLIGHT.name,),
             rate_hz=10.0,
-            made_with={"actions": actions},
+            made_with={"actions": actions, "battery": battery},
         )
+        self._battery = battery
         self._epoch_id: int | None = None
         self._requests: list[Request] = []
         """Requests for the next round."""
@@ -105,13 +110,16 @@ class Preflight:
         self._heard_services: frozenset[str] = frozenset()
         self._silent_services: frozenset[str] = frozenset()
         self._idle = False
+        self._charge = ChargeWatch(battery)
+        self._alarmed = False
+        """Whether a problem with the charge came up since the last round."""
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Begin a round when it is due or wanted, collect, and end it."""
         self._requests += inbox.requests(CHECK_PREFLIGHT)
         self._watch(inbox)
         if self._round_start_ns is None:
-            if self._requests or (self._idle and inbox.wall_ns >= self._due_ns):
+            if self._requests or self._alarmed or (self._idle and inbox.wall_ns >= self._due_ns):
                 yield from self._begin(t_ns, inbox.wall_ns)
             return
         self._collect(inbox)
@@ -124,13 +132,21 @@ class Preflight:
             yield from self._end(report, inbox.wall_ns)
 
     def _watch(self, inbox: Inbox) -> None:
-        """Follow status and epoch; a vehicle that has just landed or become ready is checked at once."""
+        """Follow status and epoch.
+
+        A vehicle that has just landed or become ready is checked at once, and in flight when its charge stands still.
+        """
         status, clock = inbox.latest(STATUS), inbox.latest(CLOCK)
         if clock is not None and clock.epoch_id != self._epoch_id:
             self._epoch_id = clock.epoch_id
             self._heard = self._heard_services = self._silent_services = frozenset()
             self._round_start_ns, self._due_ns = None, 0
             self._requests, self._waiting = self._waiting + self._requests, []
+            self._charge = ChargeWatch(self._battery)
+        before = self._charge.problem
+        for each in inbox.new(STATUS):
+            self._charge.update(each)
+        self._alarmed |= bool(self._charge.problem) and not before
         idle = status is not None and status.code == StatusCode.IDLE and status.ready
         if idle and not self._idle:
             self._due_ns = 0
@@ -138,7 +154,7 @@ class Preflight:
 
     def _begin(self, t_ns: int, wall_ns: int) -> Iterator[Output]:
         self._round_start_ns, self._round_start_t_ns = wall_ns, t_ns
-        self._messages, self._parameters = {}, None
+        self._messages, self._parameters, self._alarmed = {}, None, False
         self._waiting, self._requests = self._requests, []
         yield Subscribe(self._on_demand)
         yield Call(GET_PARAMETERS, GetParameters(), PARAMETERS, timeout_s=1.0)
@@ -163,6 +179,7 @@ class Preflight:
             heard_services=self._heard_services,
             silent_services=self._silent_services,
             parameters=self._parameters,
+            charge_problem=self._charge.problem,
         )
         checks = tuple(check(readings) for check in CHECKS)
         return PreflightReport(t_ns=t_ns, epoch_id=self._epoch_id or 0, checks=checks)

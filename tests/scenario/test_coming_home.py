@@ -4,6 +4,7 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
+from jezero.codec import decode, encode
 from jezero.frames import distance
 from jezero.mission_files import shipped_mission
 from jezero.runtime.config import load_config
@@ -13,6 +14,8 @@ from jezero.schemas.commands import Hover
 from jezero.schemas.goals import ImagesFeedback
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.mission import GoalStep
+from jezero.schemas.preflight import PreflightReport
+from jezero.schemas.state import Status
 from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.mission.config import MissionConfig
 from jezero.vehicle_config import VehicleConfig
@@ -47,6 +50,33 @@ def test_a_goal_of_any_client_ends_while_the_battery_still_holds_the_way_home() 
     flight.wait(lambda: on_the_rover(flight), 240.0, "landing on the rover")
     assert flight.status.battery is not None and flight.status.battery.remaining is not None
     assert flight.status.battery.remaining >= 0.1
+
+
+@pytest.mark.long
+def test_a_gauge_that_stands_still_brings_the_vehicle_home_too_and_is_named() -> None:
+    flight = MissionFlight(AutopilotConfig(charge_at_start=0.3))
+    named: list[str] = []
+
+    def stand_still(sender: str, receiver: str, name: str, t_ns: int, data: bytes) -> list[tuple[int, bytes]]:
+        if name == topics.STATUS.name:
+            status: Status = decode(Status, data)
+            if status.battery is not None:
+                data = encode(replace(status, battery=replace(status.battery, remaining=0.3)))
+        return [(t_ns, data)]
+
+    def keep(t_ns: int, topic: str, data: bytes) -> None:
+        if topic == topics.PREFLIGHT.name:
+            report: PreflightReport = decode(PreflightReport, data)
+            named.extend(check.text for check in report.failed())
+
+    flight.take_off(3.0)
+    flight.bus.tamper = stand_still
+    flight.bus.observe(keep)
+    flight.wait(lambda: flight.status.action == "return_home", 260.0, "the return")
+    flight.wait(lambda: on_the_rover(flight), 120.0, "landing on the rover")
+    left = flight.status.battery  # as the autopilot reports it
+    assert left is not None and left.remaining is not None and left.remaining >= 0.1
+    assert any("its gauge stands still" in text for text in named)
 
 
 @pytest.mark.long

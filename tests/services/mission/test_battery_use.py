@@ -40,14 +40,38 @@ def test_a_charge_that_is_estimated_from_a_noisy_voltage_is_measured() -> None:
     assert fly(lambda second: 1.0 - 0.001 * second + rng.gauss(0.0, 0.015), 90).per_s == pytest.approx(0.001, abs=4e-4)
 
 
-def test_a_battery_that_stops_emptying_is_not_thought_to_empty_for_ever() -> None:
-    assert fly(lambda second: max(0.5, 1.0 - 0.016 * second), 150).per_s == pytest.approx(0.0, abs=1e-6)
+def test_a_battery_that_empties_more_slowly_again_is_measured_anew() -> None:
+    fast = fly(lambda second: 1.0 - 0.008 * min(second, 50) - 0.0008 * max(second - 50, 0), 150)
+    assert fast.per_s == pytest.approx(0.0008, rel=0.1)
 
 
-def test_another_battery_starts_the_measurement_anew() -> None:
-    use = fly(lambda second: 0.5 - 0.002 * second, 60)
-    use.update(61 * NS_PER_S, 1.0)
-    assert use.per_s == DECLARED_PER_S
+@pytest.mark.parametrize(
+    "charge",
+    [
+        lambda second: 0.8,
+        lambda second: 0.5 + 0.001 * second,
+        lambda second: max(0.5, 0.8 - 0.016 * second),
+        lambda second: 0.3 if second < 200 else 1.0,
+        lambda second: 0.8 - 0.0001 * second,
+    ],
+    ids=["stands still", "rises", "stands still later", "jumps", "hardly falls"],
+)
+def test_no_gauge_makes_the_use_less_than_half_of_the_declared_one(charge: Callable[[int], float]) -> None:
+    for seconds in (60, 150, 300):
+        use = fly(charge, seconds)
+        assert use.per_s >= 0.5 * DECLARED_PER_S
+        assert use.charge is not None
+        assert use.charge <= charge(0) - 0.5 * DECLARED_PER_S * (seconds - 1) + 1e-9
+
+
+def test_the_charge_of_a_gauge_that_stands_still_is_reckoned_with_the_declared_use() -> None:
+    assert fly(lambda second: 0.8, 300).charge == pytest.approx(0.8 - DECLARED_PER_S * 300, abs=0.02)
+    working_until = fly(lambda second: 0.8 - DECLARED_PER_S * min(second, 200), 500)
+    assert working_until.charge == pytest.approx(0.8 - DECLARED_PER_S * 500, abs=0.04)
+
+
+def test_the_charge_of_a_gauge_that_works_is_believed() -> None:
+    assert fly(lambda second: 1.0 - 0.001 * second, 120).charge == pytest.approx(0.88, abs=0.006)
 
 
 def test_a_flight_that_is_over_is_forgotten() -> None:

@@ -10,10 +10,12 @@ from jezero.codec import decode
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
 from jezero.runtime.service import Inbox, Output, Publish, Spec
 from jezero.schemas.preflight import GetPreflight, PreflightReply, PreflightReport
-from jezero.schemas.state import Clock, StatusCode
+from jezero.schemas.state import Battery, Clock, StatusCode
 from jezero.schemas.topics import CHECK_PREFLIGHT, CLOCK, MAG, STATUS
+from jezero.services.preflight.charge_watch import LEAST_FALL
 from jezero.services.preflight.checks import LANDING_CHAIN
 from jezero.services.preflight.service import Preflight
+from jezero.vehicle_config import BatteryConfig
 from tests.services.preflight.healthy import mag, status
 
 
@@ -116,6 +118,38 @@ def test_a_flying_vehicle_is_checked_on_request_only_and_again_after_the_landing
     assert failed(bench.request()) == []
     bench.vehicle.status = {}
     bench.wait_report(2.0)
+
+
+def flying(charge: float) -> dict[str, Any]:
+    return {
+        "code": int(StatusCode.HOVER),
+        "armed": True,
+        "landed": False,
+        "battery": Battery(voltage_v=16.0, remaining=round(charge, 2), critical=0.07),
+    }
+
+
+def test_a_charge_that_stands_still_in_flight_is_a_failed_check_until_it_changes() -> None:
+    bench = Bench()
+    bench.vehicle.status = flying(0.8)
+    report = bench.wait_report(LEAST_FALL / BatteryConfig().least_used(1.0) + 10.0)
+    assert failed(report) == ["battery"]
+    assert "the charge went from 80% to 80% in 14" in report.failed()[0].text
+    assert "its gauge stands still" in report.failed()[0].text
+    standing = {"battery": Battery(voltage_v=16.0, remaining=0.8, critical=0.07)}
+    bench.vehicle.status = standing
+    assert failed(bench.wait_report(8.0)) == ["battery"]
+    bench.vehicle.status = {"battery": Battery(voltage_v=16.4, remaining=0.95, critical=0.07)}
+    assert failed(bench.wait_report(8.0)) == []
+
+
+@pytest.mark.parametrize(("per_s", "stands"), [(0.00086, False), (0.0005, False), (0.0001, True), (-0.0003, True)])
+def test_a_charge_stands_still_where_it_falls_by_less_than_any_flight_uses(per_s: float, stands: bool) -> None:
+    bench = Bench()
+    for second in range(300):
+        bench.vehicle.status = flying(0.8 - per_s * second)
+        bench.bus.run_for(1.0)
+    assert bool(bench.reports) == stands
 
 
 def test_a_sensor_that_is_silent_for_two_seconds_passes_and_for_longer_fails_until_it_sends_again() -> None:
