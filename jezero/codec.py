@@ -8,12 +8,12 @@ import math
 import sys
 from collections.abc import Iterable, Mapping
 from functools import cache
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import msgspec
 
 from jezero.plain_text import plain, plain_json
-from jezero.schemas.struct import Payload, WithAttachment
+from jezero.schemas.struct import Payload, WithAttachment, WithReadings
 
 MAX_JSON_BYTES = 4_000_000
 """Size of a message without its attachment up to which a service decodes it."""
@@ -67,6 +67,11 @@ def _are_finite(values: Iterable[Any]) -> bool:
     return True
 
 
+def finite_readings(message: WithReadings) -> Any:
+    """A message without the readings in which a number is not finite."""
+    return message.with_readings(reading for reading in message.readings if _are_finite((reading,)))
+
+
 def _require_finite(value: Any, where: str) -> None:
     if isinstance(value, float):
         if not math.isfinite(value):
@@ -86,49 +91,90 @@ class Reader:
     """Decodes payloads of one type.
 
     On the in-memory bus all subscribers get the same bytes object, so the last message is kept and decoded once.
+    A message with a list of readings (`schemas.struct.WithReadings`) loses its bad ones, and keeps the others.
 
     Args:
         kind: a type, or a union of types.
         max_json_bytes: longer messages are refused; None accepts any length. Attachments don't count.
     """
 
-    __slots__ = ("_attached", "_decode", "_last", "_lines", "_max_json_bytes")
+    __slots__ = ("_attached", "_decode", "_kind", "_last", "_lines", "_max_json_bytes")
 
     def __init__(self, kind: Any, max_json_bytes: int | None) -> None:
+        self._kind = kind
         self._decode = msgspec.json.Decoder(kind).decode
         self._attached = has_attachment(kind)
         self._lines = bool(getattr(kind, "has_lines", False))
         self._max_json_bytes = sys.maxsize if max_json_bytes is None else max_json_bytes
-        self._last: tuple[bytes | None, Any] = (None, None)
-        """One object, so that a thread never sees the bytes of one message with the content of another."""
+        self._last: tuple[bytes | None, Any, tuple[str, ...]] = (None, None, ())
+        """Bytes, message, and what is wrong with the readings that were left out. It is one object, so that a thread
+        never sees the bytes of one message with the content of another."""
 
     def read(self, data: bytes) -> Any:
         """A payload.
 
         Raises:
-            BadPayloadError: malformed, too long, an unknown field, a wrong type, a number out of its range, or an
-                attachment that doesn't fit the other fields.
+            BadPayloadError: malformed, too long, an unknown field, a wrong type, a number out of its range (but for
+                readings of a list), or an attachment that doesn't fit the other fields.
         """
         last = self._last
         if data is last[0]:
             return last[1]
+        json, attachment = split_attachment(data) if self._attached else (data, b"")
+        message, dropped = self._decode_json(json)
         if self._attached:
-            json, attachment = split_attachment(data)
-            message = _attach(self._decode_json(json), attachment)
-        else:
-            message = self._decode_json(data)
-        self._last = (data, message)
+            message = _attach(message, attachment)
+        self._last = (data, message, dropped)
         return message
 
-    def _decode_json(self, json: bytes) -> Any:
+    def dropped(self, data: bytes) -> tuple[str, ...]:
+        """What is wrong with each reading that was left out of the message that was read last.
+
+        Args:
+            data: the very bytes of that message.
+        """
+        last = self._last
+        return last[2] if data is last[0] else ()
+
+    def _decode_json(self, json: bytes) -> tuple[Any, tuple[str, ...]]:
         if len(json) > self._max_json_bytes:
             raise BadPayloadError(f"{len(json)} bytes are more than {self._max_json_bytes}")
         try:
-            return self._decode(plain_json(json, lines=self._lines))
+            text = plain_json(json, lines=self._lines)
+            try:
+                return self._decode(text), ()
+            except msgspec.ValidationError:
+                if not _has_readings(self._kind):
+                    raise
+                return _without_bad_readings(self._kind, text)
         except (msgspec.DecodeError, UnicodeDecodeError) as error:
             raise BadPayloadError(str(error)) from None
         except RecursionError:
             raise BadPayloadError("nested too deeply") from None
+
+
+def _has_readings(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, WithReadings)
+
+
+def _without_bad_readings(kind: type[WithReadings], json: bytes) -> tuple[Any, tuple[str, ...]]:
+    """A message without its bad readings, and what is wrong with each of those.
+
+    Raises:
+        ValidationError: something else is wrong with the message.
+    """
+    fields, name = msgspec.json.decode(json), kind.readings_field
+    readings = fields.get(name) if isinstance(fields, dict) else None
+    if not isinstance(readings, list):
+        return msgspec.convert(fields, kind), ()
+    (reading_type, _) = get_args(get_type_hints(kind)[name])
+    good, dropped = [], []
+    for number, reading in enumerate(readings):
+        try:
+            good.append(msgspec.convert(reading, reading_type))
+        except msgspec.ValidationError as error:
+            dropped.append(f"{name}[{number}]: {error}")
+    return msgspec.convert({**fields, name: good}, kind), tuple(dropped)
 
 
 def _attach(message: WithAttachment, attachment: bytes) -> WithAttachment:

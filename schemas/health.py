@@ -16,11 +16,13 @@ class InputHealth(Payload, frozen=True, kw_only=True):
     Attributes:
         received: number of messages since the start.
         rejected: number of these messages that were undecodable, out of range or misdirected; the service ignores them.
+        dropped: number of single readings, such as one UWB range of four, that were left out of valid messages.
         age_s: wall time since the last valid message. None before the first one.
     """
 
     received: int = 0
     rejected: int = 0
+    dropped: int = 0
     age_s: NonNegative | None = None
 
 

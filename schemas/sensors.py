@@ -18,6 +18,7 @@ from jezero.schemas.struct import (
     VelocityNed,
     WithAttachment,
     WithPixels,
+    WithReadings,
 )
 
 PixelCoordinate = Annotated[float, Meta(ge=-1e5, le=1e5)]
@@ -111,13 +112,14 @@ class UwbRange(Message, frozen=True, kw_only=True):
     range_m: NonNegative
 
 
-class Uwb(Message, frozen=True, kw_only=True):
+class Uwb(Message, WithReadings, frozen=True, kw_only=True):
     """One round of UWB ranges.
 
     Attributes:
         ranges: ranges to the anchors; an anchor without a range is missing.
     """
 
+    readings_field = "ranges"
     ranges: Annotated[tuple[UwbRange, ...], Meta(max_length=64)]
 
 
@@ -236,7 +238,7 @@ class CornersOfTag(Payload, frozen=True, kw_only=True):
     corners_px: tuple[Pixel, Pixel, Pixel, Pixel]
 
 
-class TagCorners(Message, frozen=True, kw_only=True):
+class TagCorners(Message, WithReadings, frozen=True, kw_only=True):
     """Corners of the tags that a detector would find in an image that is not rendered; `t_ns` is the middle of its
     exposure.
 
@@ -246,6 +248,7 @@ class TagCorners(Message, frozen=True, kw_only=True):
         tags: corners of each tag.
     """
 
+    readings_field = "tags"
     pitch_camera_rad: Angle
     roll_camera_rad: Angle = 0.0
     tags: Annotated[tuple[CornersOfTag, ...], Meta(max_length=32)]

@@ -1,7 +1,8 @@
 """Base classes and checked number types of every message."""
 
 import math
-from typing import Annotated, ClassVar, Self
+from collections.abc import Iterable
+from typing import Annotated, Any, ClassVar, Self
 
 import msgspec
 from msgspec import Meta
@@ -60,6 +61,27 @@ class WithAttachment:
             ValueError: they don't fit; the text says why.
         """
         raise NotImplementedError
+
+
+class WithReadings:
+    """Mixin of a message with a list of readings, each of which stands for itself: a bad one is left out.
+
+    Attributes:
+        readings_field: name of the field that has them.
+    """
+
+    __slots__ = ()
+    readings_field: ClassVar[str]
+
+    @property
+    def readings(self) -> tuple[Any, ...]:
+        """The readings."""
+        found: tuple[Any, ...] = getattr(self, self.readings_field)
+        return found
+
+    def with_readings(self, readings: Iterable[Any]) -> Self:
+        """Copy of the message with other readings."""
+        return msgspec.structs.replace(self, **{self.readings_field: tuple(readings)})  # type: ignore[type-var]
 
 
 class WithPixels(WithAttachment):

@@ -2,6 +2,7 @@
 
 import json
 import math
+from typing import Any
 
 import msgspec
 import pytest
@@ -21,9 +22,9 @@ from jezero.codec import (
 )
 from jezero.schemas.commands import Hover, Phase, Release, Setpoint
 from jezero.schemas.goals import GoToGoal, TakeoffGoal
-from jezero.schemas.sensors import Altimeter, CameraFrame
+from jezero.schemas.sensors import Altimeter, CameraFrame, CornersOfTag, TagCorners, Uwb, UwbRange
 from jezero.schemas.state import Clock
-from jezero.schemas.struct import Payload
+from jezero.schemas.struct import Payload, WithReadings
 from jezero.schemas.topics import ACTIONS, ENDPOINTS, GROUND, TOPICS
 
 SETPOINT = Setpoint(t_ns=5, control_id="c", sequence=1, phase=Phase.GO_TO, vel_ned_mps=(1.0, 2.0, 3.0))
@@ -145,6 +146,64 @@ def test_a_parameter_of_the_wrong_kind_is_refused_by_name(value: str) -> None:
 def test_an_unknown_parameter_is_refused_by_name() -> None:
     with pytest.raises(BadPayloadError, match="altitude"):
         decode_request(TakeoffGoal, b"", {"altitude": "3"})
+
+
+WITH_READINGS: dict[Any, Any] = {
+    Uwb: Uwb(
+        t_ns=1,
+        ranges=tuple(
+            UwbRange(t_ns=1, anchor=anchor, pos_anchor_rover_body_m=(0.5, 0.5, -0.3), range_m=2.0)
+            for anchor in range(4)
+        ),
+    ),
+    TagCorners: TagCorners(
+        t_ns=1,
+        pitch_camera_rad=-1.5,
+        tags=tuple(CornersOfTag(tag_id=tag, corners_px=((0, 0), (9, 0), (9, 9), (0, 9))) for tag in range(4)),
+    ),
+}
+
+
+def test_every_message_with_a_list_of_readings_is_tried() -> None:
+    assert {topic.type for topic in TOPICS if issubclass(topic.type, WithReadings)} == set(WITH_READINGS)
+
+
+@pytest.mark.parametrize("kind", WITH_READINGS)
+@pytest.mark.parametrize("bad", [None, -1.0, "2", {}, [], [1, 2]])
+@pytest.mark.parametrize("number", range(4))
+def test_a_bad_reading_is_left_out_and_named_and_the_others_are_kept(kind: Any, bad: Any, number: int) -> None:
+    message: Any = WITH_READINGS[kind]
+    fields = json.loads(encode(message))
+    field = "range_m" if kind is Uwb else "corners_px"
+    fields[kind.readings_field][number][field] = bad
+    data = json.dumps(fields).encode()
+    read = reader(kind).read(data)
+    assert read == message.with_readings(each for index, each in enumerate(message.readings) if index != number)
+    (why,) = reader(kind).dropped(data)
+    assert why.startswith(f"{kind.readings_field}[{number}]: ") and field in why
+    assert reader(kind).dropped(encode(message)) == ()
+
+
+@pytest.mark.parametrize("kind", WITH_READINGS)
+def test_what_is_wrong_beside_the_readings_refuses_the_message(kind: Any) -> None:
+    fields = json.loads(encode(WITH_READINGS[kind]))
+    name = kind.readings_field
+    for wrong in (
+        fields | {"t_ns": -1},
+        fields | {"t_ns": -1, name: [None]},
+        fields | {"more": 1},
+        fields | {name: fields[name] * 100},
+        fields | {name: 5},
+        {key: value for key, value in fields.items() if key != name},
+        [fields],
+    ):
+        with pytest.raises(BadPayloadError):
+            decode(kind, json.dumps(wrong).encode())
+
+
+def test_a_message_all_of_whose_readings_are_bad_is_one_without_readings() -> None:
+    fields = json.loads(encode(WITH_READINGS[Uwb])) | {"ranges": [None, 1, "x"]}
+    assert decode(Uwb, json.dumps(fields).encode()).ranges == ()
 
 
 @given(st.binary(max_size=200))

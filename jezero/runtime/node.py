@@ -6,7 +6,16 @@ from typing import Any, Protocol
 
 from msgspec import Raw
 
-from jezero.codec import BadPayloadError, NotFiniteError, decode, decode_request, encode, has_attachment, reader
+from jezero.codec import (
+    BadPayloadError,
+    NotFiniteError,
+    decode,
+    decode_request,
+    encode,
+    finite_readings,
+    has_attachment,
+    reader,
+)
 from jezero.plain_text import plain
 from jezero.runtime.journal import NULL, Journal, JournaledTransport
 from jezero.runtime.mailbox import Mailbox
@@ -30,7 +39,7 @@ from jezero.runtime.task import Outcome
 from jezero.schemas import journal as entries
 from jezero.schemas.health import InputHealth, ServiceHealth, ServiceState
 from jezero.schemas.rows import Endpoint, Topic
-from jezero.schemas.struct import Payload
+from jezero.schemas.struct import Payload, WithReadings
 from jezero.schemas.units import NS_PER_S
 
 HEALTH_PERIOD_MIN_NS = 100_000_000
@@ -58,23 +67,25 @@ class _Input:
 
     Attributes:
         kind: type of its decoded messages.
-        read: decodes a message.
+        reader: decodes a message.
         attached: whether its messages have attachments.
         triggers: whether a message triggers a step.
         received: number of messages so far.
         rejected: number of invalid ones among them.
+        dropped: number of bad readings that were left out of valid ones.
         last_ns: wall time of the last valid message; None before the first.
     """
 
-    __slots__ = ("attached", "kind", "last_ns", "read", "received", "rejected", "triggers")
+    __slots__ = ("attached", "dropped", "kind", "last_ns", "reader", "received", "rejected", "triggers")
 
     def __init__(self, kind: Any, *, triggers: bool) -> None:
         self.kind = kind
-        self.read = reader(kind).read
+        self.reader = reader(kind)
         self.attached = has_attachment(kind)
         self.triggers = triggers
         self.received = 0
         self.rejected = 0
+        self.dropped = 0
         self.last_ns: int | None = None
 
 
@@ -149,11 +160,14 @@ class Node:
             return False
         source.received += 1
         try:
-            message = source.read(data)
+            message = source.reader.read(data)
         except BadPayloadError as error:
             source.rejected += 1
             self._last_error = f"{name}: {error}"[:500]
             return False
+        if dropped := source.reader.dropped(data):
+            source.dropped += len(dropped)
+            self._last_error = f"{name}: {dropped[0]}"[:500]
         source.last_ns = self.inbox.wall_ns
         if self._journal is not None:
             self._journal.received(name, data, attached=source.attached)
@@ -305,11 +319,10 @@ class Node:
             self._require(False, "output", topic.name)
         if type(message) is not topic.struct:
             raise TypeError(f"{topic.name} carries {topic.struct.__name__}, not {type(message).__name__}")
-        try:
-            data = encode(message)
-        except NotFiniteError as error:
-            self._drop(error)
-        else:
+        data = self._encoded(message)
+        if data is None and isinstance(message, WithReadings):
+            data = self._encoded(finite_readings(message))
+        if data is not None:
             self._transport.publish(topic, data)
 
     def _call(self, output: Call) -> None:
@@ -382,6 +395,7 @@ class Node:
                 name: InputHealth(
                     received=source.received,
                     rejected=source.rejected,
+                    dropped=source.dropped,
                     age_s=None if source.last_ns is None else max(0, wall_ns - source.last_ns) / 1e9,
                 )
                 for name, source in self._inputs.items()

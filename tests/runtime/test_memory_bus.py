@@ -32,7 +32,7 @@ from jezero.runtime.service import (
 from jezero.schemas import topics
 from jezero.schemas.commands import Abort, AbortReply, Kill
 from jezero.schemas.health import ServiceHealth, ServiceState
-from jezero.schemas.sensors import Altimeter
+from jezero.schemas.sensors import Altimeter, Uwb, UwbRange
 from jezero.schemas.state import Clock
 
 
@@ -191,6 +191,60 @@ def test_what_is_not_finite_raises_in_tests_and_is_counted_in_flight() -> None:
     flying.observe(lambda _t, topic, data: health.append(data) if topic == "health/wrong" else None)
     flying.run_for(1.5)
     assert b'"not_sent":1' in health[0]
+
+
+class Ranging:
+    """Publishes one UWB round whose second range has a given value."""
+
+    spec = Spec(name="ranging", outputs=(topics.UWB,), rate_hz=1.0)
+
+    def __init__(self, range_m: float) -> None:
+        ranges_m = (2.0, range_m, 3.0)
+        self._ranges = tuple(
+            UwbRange(t_ns=0, anchor=anchor, pos_anchor_rover_body_m=(0.0, 0.0, 0.0), range_m=each_m)
+            for anchor, each_m in enumerate(ranges_m)
+        )
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        yield Publish(topics.UWB, Uwb(t_ns=t_ns, ranges=self._ranges))
+
+
+class RangeReader:
+    """Keeps the anchors of the newest UWB round."""
+
+    spec = Spec(name="reader", inputs=(topics.UWB,), rate_hz=10.0)
+
+    def __init__(self) -> None:
+        self.anchors: list[int] = []
+
+    def step(self, t_ns: int, inbox: Inbox) -> Iterable[Output]:
+        for message in inbox.new(topics.UWB):
+            self.anchors = [each.anchor for each in message.ranges]
+        return ()
+
+
+@pytest.mark.parametrize(("range_m", "sender"), [(-0.05, False), (math.nan, True), (math.inf, True)])
+def test_a_message_with_one_bad_reading_keeps_its_good_ones_and_counts_the_bad_one(
+    range_m: float, sender: bool
+) -> None:
+    bus, read = MemoryBus(strict=False), RangeReader()
+    healths: dict[str, list[ServiceHealth]] = {"ranging": [], "reader": []}
+    bus.observe(
+        lambda _t, topic, data: (
+            healths[topic.removeprefix("health/")].append(decode(ServiceHealth, data))
+            if topic.startswith("health/")
+            else None
+        )
+    )
+    bus.add(Ranging(range_m))
+    bus.add(read)
+    bus.run_for(2.5)
+    assert read.anchors == [0, 2]
+    own, other = healths["ranging"][-1], healths["reader"][-1]
+    assert (own.not_sent > 0) == sender
+    assert "ranges[1]" in (own if sender else other).last_error
+    assert (other.inputs[topics.UWB.name].dropped > 0) == (not sender)
+    assert other.inputs[topics.UWB.name].rejected == 0
 
 
 def test_what_is_under_way_can_be_tampered_with() -> None:
