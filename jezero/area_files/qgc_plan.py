@@ -11,6 +11,7 @@ from jezero.frames import geodetic_from_ned
 CIRCLE_CORNERS = 72
 """The polygon in place of a circle differs from it by a thousandth of the radius."""
 RADIUS_MAX_M = 50_000.0
+GEOFENCE_VERSION = 2
 
 
 def is_plan(content: Any) -> bool:
@@ -72,9 +73,15 @@ def read_geofence(content: Any) -> Iterator[tuple[str, Ring, bool]]:
     """The polygons and circles of a plan's geofence: place, outline in degrees, and whether the vehicle stays inside.
 
     Raises:
-        AreaFileError: one of them is damaged.
+        AreaFileError: one of them is damaged, or the geofence has another version than QGroundControl writes since 2018.
     """
     geofence = _member(content, "geoFence")
+    version = geofence.get("version", GEOFENCE_VERSION)
+    if version != GEOFENCE_VERSION and any(value for name, value in geofence.items() if name != "version"):
+        raise AreaFileError(
+            f'has a geofence of version "{excerpt(version)}", and only version {GEOFENCE_VERSION} is read: open the plan '
+            "in a QGroundControl of today and save it again"
+        )
     for number, fence in enumerate(_list(geofence, "polygons"), 1):
         place = f"geofence polygon {number}"
         if not isinstance(fence, dict):

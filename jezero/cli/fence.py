@@ -1,5 +1,6 @@
 """`jezero fence`: places to stay in and out of."""
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import click
@@ -8,8 +9,10 @@ from jezero.cli.mission_file import read_fence_file
 from jezero.cli.shared import Printer, common_options, connected
 
 if TYPE_CHECKING:
+    from jezero.client import Vehicle
     from jezero.schemas.fence import Fence
 
+ROVER_TIMEOUT_S = 2.0
 FILE_HELP = "FILE is a fence in YAML or JSON, or a .plan of QGroundControl with a geofence."
 
 
@@ -23,8 +26,14 @@ def fence() -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def check(file: str, as_json: bool) -> None:
     """Name the mistakes of a fence file."""
+    from jezero.fence_judgement import fence_doubts
+
     printer = Printer(as_json)
-    printer.event("fence", _in_words(read_fence_file(file, printer)))
+    read = read_fence_file(file, printer)
+    warnings = fence_doubts(read)
+    printer.event("fence", _in_words(read), warnings=warnings)
+    for warning in warnings:
+        printer.warn(warning)
 
 
 @fence.command(name="set", epilog=FILE_HELP)
@@ -36,7 +45,10 @@ def set_(file: str, vehicle: str, router: str, as_json: bool) -> None:
     read = read_fence_file(file, printer)
     with connected(vehicle, router, printer) as uav:
         uav.set_fence(read)
-        printer.event("fence", f"in force: {_in_words(read)}")
+        warnings = _doubts(uav, read)
+        printer.event("fence", f"in force: {_in_words(read)}", warnings=warnings)
+        for warning in warnings:
+            printer.warn(warning)
 
 
 @fence.command()
@@ -62,6 +74,23 @@ def show(vehicle: str, router: str, as_json: bool) -> None:
         text = waiting if state.fence is None else _in_words(state.fence)
         outside = f"; the vehicle is {state.outside}" if state.outside else ""
         printer.event("fence", text + outside, **msgspec.to_builtins(state))
+
+
+def _doubts(uav: "Vehicle", fence: "Fence") -> tuple[str, ...]:
+    """What the person should know who has set a fence: its parts, and what of vehicle and rover is outside."""
+    from jezero.client.errors import JezeroError
+    from jezero.fence_judgement import fence_doubts, places_outside
+    from jezero.frames import subtract
+
+    held, odometry = uav.fence().fence, uav.status().odometry
+    if odometry is None or held is None:
+        return fence_doubts(fence)
+    pos_rover_ned_m = None
+    with suppress(JezeroError):  # no estimator runs, or it is silent
+        relative = uav.relative(timeout_s=ROVER_TIMEOUT_S)
+        if relative.valid:
+            pos_rover_ned_m = subtract(odometry.pos_uav_ned_m, relative.pos_uav_rel_rover_ned_m)
+    return (*fence_doubts(held), *places_outside(held, odometry.pos_uav_ned_m, pos_rover_ned_m))
 
 
 def _in_words(fence: "Fence") -> str:

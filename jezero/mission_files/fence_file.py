@@ -5,6 +5,7 @@ from typing import Any
 
 import msgspec
 
+from jezero.fence_judgement import fence_refusal, joined, zone_refusal
 from jezero.mission_files.goals import in_words
 from jezero.mission_files.nodes import Node, UnreadableError, parse
 from jezero.mission_files.problems import MissionFileError, Problem, Problems, did_you_mean, listed
@@ -34,6 +35,8 @@ def read_fence(file: Path | str) -> Fence:
         raise MissionFileError(path, [Problem(1, "is no text in UTF-8: save it as UTF-8")]) from None
     problems = Problems()
     fence = _of_plan(path, text) if path.suffix.lower() == ".plan" else _of_yaml(path, text, problems)
+    if fence is not None and not problems.found and (reason := fence_refusal(fence)):
+        problems.add(0, f"is no fence: {reason}")
     if problems.found or fence is None:
         raise MissionFileError(path, problems.found)
     return fence
@@ -70,13 +73,13 @@ def _of_plan(path: Path, text: str) -> Fence:
         raise MissionFileError(path, [Problem(0, str(error))]) from None
     except RecursionError:
         raise MissionFileError(path, [Problem(0, "is nested too deeply")]) from None
-    keep_in = [zone for zone, included in zones if included]
     if not zones:
         raise MissionFileError(path, [Problem(0, "has no geofence: draw one in QGroundControl's Plan view")])
-    if len(keep_in) > 1:
-        raise MissionFileError(path, [Problem(0, f"has {len(keep_in)} areas to stay in: join them to one polygon")])
-    out = tuple(zone for zone, included in zones if not included)
-    return Fence(name=path.stem[:64], keep_in=keep_in[0] if keep_in else None, keep_out=out)
+    keep_in = [zone for zone, included in zones if included]
+    whole = joined(keep_in) if keep_in else None
+    if isinstance(whole, str):
+        raise MissionFileError(path, [Problem(0, whole)])
+    return Fence(name=path.stem[:64], keep_in=whole, keep_out=tuple(zone for zone, included in zones if not included))
 
 
 def _of_yaml(path: Path, text: str, problems: Problems) -> Fence | None:
@@ -99,7 +102,7 @@ def _of_yaml(path: Path, text: str, problems: Problems) -> Fence | None:
     fields["name"] = parts["fence"].plain if "fence" in parts else path.stem[:64]
     reader = _Zones(path, degrees.value is True, problems)
     if "keep_in" in parts:
-        fields["keep_in"] = reader.zone("keep_in", parts["keep_in"])
+        fields["keep_in"] = reader.one("keep_in", parts["keep_in"])
     fields["keep_out"] = reader.named(parts["keep_out"]) if "keep_out" in parts else []
     if not any(name in parts for name in PARTS[2:]):
         problems.add(root.line, f"the fence limits nothing: give one of {listed(PARTS[2:])}")
@@ -108,7 +111,7 @@ def _of_yaml(path: Path, text: str, problems: Problems) -> Fence | None:
 
 def _checked(fields: dict[str, Any], parts: dict[str, Node], line: int, problems: Problems) -> Fence | None:
     try:
-        return msgspec.convert(fields, Fence)
+        return msgspec.convert(msgspec.to_builtins(fields), Fence)
     except msgspec.ValidationError as error:
         text, _, path = str(error).partition(" - at `$.")
         name = path.rstrip("`").partition("[")[0].partition(".")[0]
@@ -125,7 +128,18 @@ class _Zones:
         self._degrees = degrees
         self._problems = problems
 
-    def named(self, node: Node) -> list[dict[str, Any]]:
+    def one(self, name: str, node: Node) -> Zone | None:
+        """One zone, or several of `NAME: corners` that touch as one."""
+        if not isinstance(node.value, dict) or "file" in node.value:
+            return self.zone(name, node)
+        zones = self.named(node)
+        whole = joined(zones) if zones else "it has no area"
+        if isinstance(whole, str):
+            self._problems.add(node.line, f"{name}: {whole}")
+            return None
+        return whole
+
+    def named(self, node: Node) -> list[Zone]:
         """All zones of `NAME: corners`."""
         if node.value is None:
             return []
@@ -135,8 +149,22 @@ class _Zones:
         zones = [self.zone(name, below) for name, below in node.value.items()]
         return [zone for zone in zones if zone is not None]
 
-    def zone(self, name: str, node: Node) -> dict[str, Any] | None:
-        """Fields of one zone."""
+    def zone(self, name: str, node: Node) -> Zone | None:
+        """One zone."""
+        fields = self._fields(name, node)
+        if fields is None:
+            return None
+        try:
+            zone = msgspec.convert(fields, Zone)
+        except msgspec.ValidationError as error:
+            self._problems.add(node.line, f"{name}: {in_words(str(error).partition(' - at')[0])}")
+            return None
+        if reason := zone_refusal(zone):
+            self._problems.add(node.line, f"{name}: {reason}")
+            return None
+        return zone
+
+    def _fields(self, name: str, node: Node) -> dict[str, Any] | None:
         if isinstance(node.value, str):
             return self._of_file(name, {"file": node.value}, node.line)
         if isinstance(node.value, dict) and isinstance(node.plain.get("file"), str):
@@ -146,13 +174,7 @@ class _Zones:
             self._problems.add(node.line, f"{name} needs {CORNERS}; or the name of an area's file")
             return None
         corners = corners[:-1] if corners[-1] == corners[0] else corners
-        zone = {"name": name, "corners_deg" if self._degrees else "corners_ned_m": corners}
-        try:
-            msgspec.convert(zone, Zone)
-        except msgspec.ValidationError as error:
-            self._problems.add(node.line, f"{name}: {in_words(str(error).partition(' - at')[0])}")
-            return None
-        return zone
+        return {"name": name, "corners_deg" if self._degrees else "corners_ned_m": corners}
 
     def _of_file(self, name: str, options: dict[str, Any], line: int) -> dict[str, Any] | None:
         from jezero.area_files import AreaFileError, read_polygon  # with its formats, which most fences don't need

@@ -116,6 +116,9 @@ def _node(node: Any, loader: yaml.SafeLoader, problems: Problems) -> Node:
         value = node.value
     if value is not None and not isinstance(value, bool | int | float | str):
         value = node.value  # a date is a text here
+    if isinstance(value, float) and not isfinite(value):
+        problems.add(line, f"{node.value} is no number here: write one, such as 2.5")
+        value = 0.0
     return Node(line, _number(value) if isinstance(value, str) and node.style is None else value)
 
 

@@ -5,6 +5,7 @@ from zlib import crc32
 
 from jezero.codec import encode
 from jezero.fence_geometry import placed
+from jezero.fence_judgement import fence_refusal
 from jezero.frames import Vec3
 from jezero.runtime.service import Inbox, Output, Publish, Reply
 from jezero.schemas.fence import Fence, FenceReply, FenceState
@@ -51,12 +52,16 @@ class FenceHolder:
         self._place()
 
     def handle(self, code: StatusCode, vehicle: VehicleSnapshot, inbox: Inbox) -> Iterator[Output]:
-        """Set the fence by the requests that have come, on the ground only."""
+        """Set the fence by the requests that have come, on the ground only, and only one that can be meant."""
         for request in inbox.requests(SET_FENCE):
             if code is not StatusCode.IDLE or vehicle.armed is not False:
                 yield Reply(request.request_id, FenceReply(accepted=False, reason=IN_FLIGHT))
                 continue
-            self._fence = request.payload.fence
+            fence = request.payload.fence
+            if fence is not None and (reason := fence_refusal(fence, self._origin_deg)):
+                yield Reply(request.request_id, FenceReply(accepted=False, reason=f"the fence is refused: {reason}"))
+                continue
+            self._fence = fence
             self._keep(self._fence)
             self._place()
             yield Reply(request.request_id, FenceReply(accepted=True))

@@ -93,6 +93,26 @@ def test_a_goal_that_begins_outside_may_lead_in() -> None:
     assert rig.autopilot.setpoints[-1].x == pytest.approx(8.0, abs=1e-3)
 
 
+def test_a_fence_that_nobody_can_mean_is_refused_and_the_one_before_stays() -> None:
+    rig = Rig().ready()
+    assert rig.request(SET_FENCE, SetFence(fence=FENCE)).accepted
+    rig.run(0.2)
+    before = rig.status.fence_id
+    bow = Zone(name="bow", corners_ned_m=((-10.0, -10.0), (10.0, 10.0), (10.0, -10.0), (-10.0, 10.0)))
+    origin_deg = rig.odometry[-1].origin_deg
+    assert origin_deg is not None
+    latitude, longitude, _ = origin_deg
+    exchanged = tuple((longitude + east, latitude + north) for north, east in ((0, 0), (1e-3, 0), (1e-3, 1e-3)))
+    for zone, words in (
+        (bow, "'bow': its edges cross"),
+        (Zone(name="far", corners_deg=exchanged), "'far': latitude and longitude are exchanged"),
+    ):
+        reply = rig.request(SET_FENCE, SetFence(fence=Fence(keep_in=zone)))
+        assert not reply.accepted and words in reply.reason
+    rig.run(0.2)
+    assert rig.status.fence_id == before != ""
+
+
 def test_a_hover_point_outside_is_refused_with_the_zone() -> None:
     rig = flying()
     reply = rig.request(HOVER, Hover(hover_req=True, hover_pos=(20.0, 0.0, -2.0)))
