@@ -41,7 +41,7 @@ def changed(listing: dict[str, Any], rng: random.Random) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", [pytest.param(n, marks=() if n < 12 else pytest.mark.slow) for n in range(40)])
 def test_a_dataset_with_wrong_fields_is_a_map_or_is_refused_with_a_reason(tmp_path: Path, seed: int) -> None:
     dataset(tmp_path)
     listing = json.loads((tmp_path / LISTING).read_text())

@@ -61,6 +61,10 @@ BROKEN: dict[Break, str] = {
 }
 """The fault of each broken build, and the promise that it breaks."""
 
+QUICK = (takes_setpoints_of_any_age, limits_no_target_at_a_fence)
+"""Those that `make test-all` flies; `make broken` flies all."""
+CASES = [pytest.param(broken, marks=() if broken in QUICK else pytest.mark.slow) for broken in BROKEN]
+
 
 def first_seed_that_breaks(rule: str, world: str) -> int | None:
     for seed in range(SEEDS):
@@ -72,7 +76,7 @@ def first_seed_that_breaks(rule: str, world: str) -> int | None:
 
 @pytest.mark.long
 @pytest.mark.timeout(7200)
-@pytest.mark.parametrize("broken", BROKEN, ids=lambda broken: broken.__name__)
+@pytest.mark.parametrize("broken", CASES, ids=lambda broken: broken.__name__)
 @pytest.mark.parametrize("world", ["point-mass", pytest.param("physics", marks=pytest.mark.slow)])
 def test_a_broken_build_is_caught(monkeypatch: pytest.MonkeyPatch, world: str, broken: Break) -> None:
     broken(monkeypatch)

@@ -22,6 +22,7 @@ from tests.scenario.rig import Flight, go_to, land_at
 pytestmark = pytest.mark.long
 
 PLACES = 12
+CASES = [pytest.param(place, marks=() if place % 3 == 0 else pytest.mark.slow) for place in range(PLACES)]
 FALLEN_TILT_DEG = 60.0
 SETPOINTS_END_S = READY_S + 16.0
 HOVER_REQUEST_DELAY_S = 0.4
@@ -53,7 +54,7 @@ def assert_upright(truths: list[Truth], end_deg: float = 15.0) -> None:
     assert tilt_deg(truths[-1]) < end_deg
 
 
-@pytest.mark.parametrize("place", range(PLACES))
+@pytest.mark.parametrize("place", CASES)
 def test_the_autopilot_steps_aside(place: int) -> None:
     """The setpoints stop above the edge, and the failsafe lands there."""
     north_m, east_m = edge_ned_m(place)
@@ -69,7 +70,7 @@ def test_the_autopilot_steps_aside(place: int) -> None:
     assert not landing[-1].armed_motors
 
 
-@pytest.mark.parametrize("place", range(PLACES))
+@pytest.mark.parametrize("place", CASES)
 def test_the_autopilot_steps_aside_without_a_position(place: int) -> None:
     """GNSS fails 1 m above the edge."""
     config = AutopilotConfig(failsafe=FailsafeConfig(ekf2_noaid_tout_s=0.5))
@@ -85,7 +86,7 @@ def test_the_autopilot_steps_aside_without_a_position(place: int) -> None:
     assert_upright(flight.truths[start:], 10.0)
 
 
-@pytest.mark.parametrize("place", range(PLACES))
+@pytest.mark.parametrize("place", CASES)
 def test_a_hover_begins_right_after_contact(place: int) -> None:
     """The bridge is frozen, so the autopilot lands. After contact a hover is requested."""
     flight = flying(place, 2.0)
@@ -99,7 +100,7 @@ def test_a_hover_begins_right_after_contact(place: int) -> None:
     assert_upright(flight.truths[start:])
 
 
-@pytest.mark.parametrize("place", range(PLACES))
+@pytest.mark.parametrize("place", CASES)
 def test_a_landing_stays_upright_when_the_bridge_freezes_at_contact(place: int) -> None:
     """The last setpoint pushes down, and the autopilot follows it for a second."""
     flight = flying(place, 2.0)
@@ -111,7 +112,7 @@ def test_a_landing_stays_upright_when_the_bridge_freezes_at_contact(place: int) 
     assert_upright(flight.truths[start:])
 
 
-@pytest.mark.parametrize("place", range(PLACES))
+@pytest.mark.parametrize("place", CASES)
 def test_a_goal_ends_in_a_hover_or_on_the_platform(place: int) -> None:
     flight = flying(place, 3.0)
     start = len(flight.truths)
