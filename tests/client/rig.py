@@ -78,6 +78,8 @@ class Server:
         self.open: dict[str, list[zenoh.Query]] = {}
         self.clients: list[zenoh.Session] = []
         self._queryables: list[Any] = []
+        self._replies = threading.Lock()
+        """Held while replies are sent from Zenoh's thread: a query can't be dropped meanwhile."""
         bridge = topics.liveliness_key("v", "service", "vehicle_bridge")
         self._alive = self.session.liveliness().declare_token(bridge)
 
@@ -88,10 +90,11 @@ class Server:
             self.asked.append((name, attachment.to_bytes().decode() if attachment else "", fields))
             if not end:
                 self.open.setdefault(name, []).append(query)
-            for reply in replies:
-                self.reply(query, reply)
+            with self._replies:
+                for reply in replies:
+                    self.reply(query, reply)
             if end:
-                query.drop()  # type: ignore[no-untyped-call]
+                self.end(query)
 
         key = topics.key("v", name)
         callback = zenoh.handlers.Callback(on_query, indirect=False)
@@ -101,6 +104,11 @@ class Server:
 
     def reply(self, query: zenoh.Query, reply: Payload) -> None:
         query.reply(query.key_expr, msgspec.json.encode(reply), encoding=zenoh.Encoding.APPLICATION_JSON)
+
+    def end(self, query: zenoh.Query) -> None:
+        """Send no more replies to a query."""
+        with self._replies:
+            query.drop()  # type: ignore[no-untyped-call]
 
     def publish_status(self, status: Status) -> None:
         self.publish(topics.STATUS, status)

@@ -62,7 +62,7 @@ def test_feedback_arrives_while_the_goal_runs(vehicle: Vehicle, server: Server) 
     server.reply(query, a_feedback(5.0))
     assert next(stream).distance_m == 5.0
     server.reply(query, a_result())
-    query.drop()  # type: ignore[no-untyped-call]
+    server.end(query)
     assert list(stream) == []
     assert goal.result().completed
 
@@ -130,7 +130,7 @@ def test_a_goal_that_still_runs_times_out_and_can_be_waited_for_again(vehicle: V
         goal.result(timeout_s=0.1)
     (query,) = server.open.pop("@action/takeoff")
     server.reply(query, a_result())
-    query.drop()  # type: ignore[no-untyped-call]
+    server.end(query)
     assert goal.result(timeout_s=2.0).completed
 
 
