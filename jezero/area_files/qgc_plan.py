@@ -73,14 +73,14 @@ def read_geofence(content: Any) -> Iterator[tuple[str, Ring, bool]]:
     """The polygons and circles of a plan's geofence: place, outline in degrees, and whether the vehicle stays inside.
 
     Raises:
-        AreaFileError: one of them is damaged, or the geofence has another version than QGroundControl writes since 2018.
+        AreaFileError: one of them is damaged, or the geofence is older or newer than the version that is read.
     """
     geofence = _member(content, "geoFence")
     version = geofence.get("version", GEOFENCE_VERSION)
     if version != GEOFENCE_VERSION and any(value for name, value in geofence.items() if name != "version"):
         raise AreaFileError(
-            f'has a geofence of version "{excerpt(version)}", and only version {GEOFENCE_VERSION} is read: open the plan '
-            "in a QGroundControl of today and save it again"
+            f'has a geofence of version "{excerpt(version)}", and only version {GEOFENCE_VERSION} is read: open the '
+            "plan in a QGroundControl of today and save it again"
         )
     for number, fence in enumerate(_list(geofence, "polygons"), 1):
         place = f"geofence polygon {number}"
