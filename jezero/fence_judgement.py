@@ -1,4 +1,4 @@
-"""What is wrong with a fence before it is in force: shapes that nobody can mean, and areas in which nothing can fly."""
+"""What is wrong with a fence before it is in force: shapes that are a mistake, and areas in which nothing can fly."""
 
 from collections.abc import Sequence
 from math import hypot
@@ -12,20 +12,20 @@ from jezero.fence_geometry import HOLD_OFF_M, outside_reason, placed, way_refusa
 from jezero.frames import Vec3, ned_from_geodetic
 from jezero.schemas.fence import Fence, Zone
 
-SMALL_M, AREA_MIN_M2 = 1.0, 0.01
+SIZE_MIN_M, AREA_MIN_M2 = 1.0, 0.01
+"""Smallest diagonal and area of a zone; a smaller one is a mistake."""
 FAR_M = 50_000.0
-"""No vehicle flies so far."""
+"""Distance from the vehicle's origin at which no fence is of use."""
 
 
 def zone_refusal(zone: Zone) -> str:
-    """Why a zone can't be meant as it is, for people, or "". It needs no origin."""
+    """What is wrong with the shape of a zone, for people, or ""."""
     shape = _polygon(zone)
     north_m, east_m, north_end_m, east_end_m = shape.bounds
     size_m = hypot(north_end_m - north_m, east_end_m - east_m)
-    if size_m < SMALL_M:
-        if zone.corners_ned_m and all(abs(north) <= 90.0 and abs(east) <= 180.0 for north, east in zone.corners_ned_m):
-            return f"all its corners are within {1000.0 * size_m:.0f} mm: are they degrees? Then write `degrees: true`"
-        return f"all its corners are within {1000.0 * size_m:.0f} mm"
+    if size_m < SIZE_MIN_M:
+        hint = ": are they degrees? Then write `degrees: true`" if zone.corners_ned_m else ""
+        return f"its corners are at most {1000.0 * size_m:.0f} mm apart{hint}"
     if shape.convex_hull.area < AREA_MIN_M2:
         return "it has no area: all its corners are in one line"
     if not shape.is_valid:
@@ -68,7 +68,7 @@ def fence_doubts(fence: Fence, origin_deg: Vec3 | None = None) -> tuple[str, ...
 
 
 def places_outside(fence: Fence, pos_uav_ned_m: Vec3, pos_rover_ned_m: Vec3 | None) -> tuple[str, ...]:
-    """A sentence for each of vehicle, rover and the straight way between them that is outside.
+    """Whether the vehicle, the rover, or the straight way between them is outside: a sentence for each that is.
 
     Args:
         fence: its zones in metres.
@@ -104,9 +104,10 @@ def joined(zones: Sequence[Zone]) -> Zone | str:
 
 
 def _areas(fence: Fence, origin_deg: Vec3 | None) -> tuple[Any, Any]:
-    """Where goals may lead on the map: in the area to stay in, and without the zones to stay out of.
+    """The area to stay in, `HOLD_OFF_M` inside its edge, and what is left of it without the zones to stay out of.
 
-    Both are None where there is no such area, or where nobody knows how zones in degrees lie to those in metres.
+    Both are None without an area to stay in. They are None too where some zones are in degrees, others in metres, and
+    the origin, which places both on one map, isn't known.
     """
     corners_deg = [zone.corners_deg for zone in fence.zones if zone.corners_deg]
     if origin_deg is None and corners_deg and len(corners_deg) == len(fence.zones):

@@ -34,7 +34,7 @@ def degrees(corners: Corners, name: str = "field") -> Zone:
         (((0, 0), (10, 0), (10, 10), (5, 0), (0, 10)), "its edges cross or touch at"),
         (((0, 0), (5, 0), (10, 0)), "it has no area: all its corners are in one line"),
         (((0, 0), (0, 5), (0, 10), (0, 2)), "it has no area"),
-        (((0, 0), (0.1, 0), (0.1, 0.1)), "all its corners are within 141 mm"),
+        (((0, 0), (0.1, 0), (0.1, 0.1)), "its corners are at most 141 mm apart"),
     ],
 )
 def test_a_zone_that_cannot_be_meant_is_refused(make: Callable[..., Zone], corners: Corners, words: str) -> None:

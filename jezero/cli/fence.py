@@ -77,7 +77,7 @@ def show(vehicle: str, router: str, as_json: bool) -> None:
 
 
 def _doubts(uav: "Vehicle", fence: "Fence") -> tuple[str, ...]:
-    """What the person should know who has set a fence: its parts, and what of vehicle and rover is outside."""
+    """Warnings for the person who has set a fence: about its parts, and about a vehicle or a rover outside."""
     from jezero.client.errors import JezeroError
     from jezero.fence_judgement import fence_doubts, places_outside
     from jezero.frames import subtract

@@ -130,7 +130,7 @@ def hidden_reason(endpoint: str, vehicle: str) -> str:
 
 
 def _member(endpoint: str) -> tuple[Identity | None, str]:
-    """The member of an endpoint's bundle, None without one, and why the bundle says that it is none any more, or ""."""
+    """The member of an endpoint's bundle, or None; and why it is not valid: it is revoked, or a file is damaged."""
     certificate = files_of(endpoint).get("connect_certificate_file")
     if certificate is None:
         return None, ""

@@ -132,8 +132,12 @@ class _Zones:
         """One zone, or several of `NAME: corners` that touch as one."""
         if not isinstance(node.value, dict) or "file" in node.value:
             return self.zone(name, node)
+        if not node.value:
+            self._problems.add(node.line, f"{name} needs {CORNERS}; or the name of an area's file")
         zones = self.named(node)
-        whole = joined(zones) if zones else "it has no area"
+        if len(zones) < len(node.value):  # what is wrong with the others is noted
+            return None
+        whole = joined(zones) if zones else None
         if isinstance(whole, str):
             self._problems.add(node.line, f"{name}: {whole}")
             return None

@@ -16,8 +16,8 @@ class BatteryUse:
     """Measures the use of the battery as the slope of its reported charge over the last 90 s of the flight.
 
     So the measurement contains what a forecast does not know: wind, payload, and the age of the battery. A gauge that
-    shows less than `LEAST_USE` of the declared use stands still, rises, or is wrong in another way: the declared use
-    counts then, and the charge is reckoned with it.
+    shows less than `LEAST_USE` of the declared use is wrong: it stands still, for example, or rises. Then the declared
+    use counts, and the charge is calculated with it.
 
     Args:
         declared_per_s: fraction of the capacity used per second in hover.

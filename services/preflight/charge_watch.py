@@ -13,7 +13,7 @@ the whole percents that an autopilot reports, and more than an estimate from the
 STANDING_SHARE = 1.0 / 3.0
 """A charge that falls by less than this fraction of `LEAST_FALL` stands still."""
 CHANGE_MIN = 0.015
-"""A change on the ground by which a gauge shows that it works again: of a battery that is charged or exchanged."""
+"""Change of the charge on the ground that ends the problem: somebody has charged the battery, or put in another one."""
 
 
 class ChargeWatch:

@@ -87,7 +87,7 @@ def test_no_service_gets_rights_or_writes_outside_its_volume_and_memory() -> Non
 
 @pytest.mark.parametrize(
     ("variables", "mounted"),
-    [({}, "keys:/keys:ro"), ({"JEZERO_KEYS": "/home/a/bundle"}, "/home/a/bundle:/home/a/bundle:ro")],
+    [({}, "keys:/keys:ro"), ({"JEZERO_KEYS": "/keys/uav1"}, "/keys/uav1:/keys/uav1:ro")],
 )
 def test_a_bundle_is_mounted_read_only_under_its_own_name(variables: dict[str, str], mounted: str) -> None:
     volumes = yaml.safe_load(COMPOSE.read_text())["services"]["router"]["volumes"]

@@ -247,7 +247,14 @@ def test_after_a_stall_of_the_whole_machine_no_service_is_restarted(shared_stack
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("still_s", "between_s"), [(1.2, (0.5,) * 3), (0.7, (0.5, 0.015, 0.2, 0.005, 0.025, 0.1) * 2)])
+@pytest.mark.parametrize(
+    ("still_s", "between_s"),
+    [
+        pytest.param(0.4, (0.5,) * 3, marks=pytest.mark.slow),
+        (1.2, (0.5,) * 3),
+        (0.7, (0.5, 0.015, 0.2, 0.005, 0.025, 0.1) * 2),
+    ],
+)
 def test_a_machine_that_stands_still_for_a_moment_costs_no_goal(
     stack: Stack, still_s: float, between_s: tuple[float, ...]
 ) -> None:

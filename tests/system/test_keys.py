@@ -102,7 +102,10 @@ def test_keys_are_renewed_and_revoked_in_flight_and_the_pilots_goal_goes_on(
 def test_keys_change_again_and_again_on_each_computer_in_flight_and_the_links_are_whole(
     stack: Stack, team: Team, tmp_path: Path, changes: int
 ) -> None:
-    """After each change requests and messages pass both ways within `WHOLE_S`; waits for a processor don't count."""
+    """After each change, requests and messages pass in both directions within `WHOLE_S`.
+
+    Time in which the processes wait for a processor is left out.
+    """
     vehicle = stack.instance.vehicle
     took_s: list[float] = []
     starved_s: list[float] = []
