@@ -29,8 +29,9 @@ TIMEOUT_MARGIN_S = 0.2
 """Zenoh ends a query without replies slightly after its timeout."""
 SEE_TIMEOUT_S = 0.5
 """Duration after which the tokens that this computer's router knows have arrived."""
-HIDDEN_TIMEOUT_S = 4.0
-"""Duration after which the token of a router on another computer has arrived, also over a slow radio."""
+HIDDEN_TIMEOUT_S, LOOK_PERIOD_S = 4.0, 0.1
+"""Duration after which the token of a router on another computer has arrived, also over a slow radio. A router that has
+just started may reply before it knows of the token, so it is asked again until then."""
 ARRIVALS_MAX = 1000
 VEHICLE_TIME_AGE_MAX_S = 1.0
 """Vehicle time older than this is not used as the time at which a goal was issued."""
@@ -378,8 +379,13 @@ def hidden_reason(session: zenoh.Session, endpoint: str, vehicle: str) -> str:
         endpoint: Zenoh's endpoint of the router, with the files of the bundle.
         vehicle: name of the vehicle.
     """
-    if not endpoint.startswith("tls/") or _sees(session, vehicle, "router", HIDDEN_TIMEOUT_S):
+    if not endpoint.startswith("tls/"):
         return ""
+    deadline_s = time.monotonic() + HIDDEN_TIMEOUT_S
+    while (left_s := deadline_s - time.monotonic()) > 0.0:
+        if _sees(session, vehicle, "router", left_s):
+            return ""
+        time.sleep(min(LOOK_PERIOD_S, left_s))
     from jezero.keys.diagnosis import hidden_reason as reason_of
 
     return reason_of(endpoint, vehicle)
