@@ -17,7 +17,11 @@ RESTART_PERIOD_MIN_S, RESTART_PERIOD_MAX_S = 20.0, 600.0
 
 @dataclass
 class _Heard:
-    """When a gate was last heard of; monotonic times."""
+    """When a gate was last heard of; monotonic times. Both begin with what is heard first.
+
+    A gate that begins anew for its keys gets another id and stays the same process: it is no gate that has been silent
+    since its process started.
+    """
 
     beat_s: float
     reply_s: float
@@ -38,7 +42,7 @@ class GateWatch:
 
     def on_beat(self, links: GateLinks, now_s: float, *, is_reply: bool) -> None:
         """Update with a beat or a reply."""
-        heard = self._heard.setdefault(links.gate, _Heard(float("-inf"), float("-inf")))
+        heard = self._heard.setdefault(links.gate, _Heard(now_s, now_s))
         if is_reply:
             heard.reply_s = now_s
         else:

@@ -134,7 +134,7 @@ class Beat:
 
         def reply(query: zenoh.Query) -> None:
             with query:
-                query.reply(own, self._links(), encoding=json, priority=FIRST)
+                query.reply(own, self._links(), encoding=json)
 
         self._queryable = session.declare_queryable(own, zenoh.handlers.Callback(reply, indirect=False), complete=True)
 

@@ -104,12 +104,14 @@ def test_keys_change_again_and_again_on_each_computer_in_flight_and_the_links_ar
 ) -> None:
     """After each change, requests and messages pass in both directions within `WHOLE_S`.
 
+    A member that is added is written into every bundle of the team, so that the vehicle's gate begins anew for it too.
     Time in which the processes wait for a processor is left out.
     """
     vehicle = stack.instance.vehicle
     took_s: list[float] = []
     starved_s: list[float] = []
     routers = [stack.processes_cached[name] for name in ("router", "gate")]
+    own_log = stack.run_dir / "logs" / "gate.log"
     with stack.connect() as own, ExitStack() as ends, service_of(stack) as inside:
         ground = Computer(team, "ground-lab", tmp_path, ends, connect=(address(stack),), vehicle=vehicle)
         program = ground.program()
@@ -130,16 +132,19 @@ def test_keys_change_again_and_again_on_each_computer_in_flight_and_the_links_ar
         wait_for(is_whole, 30.0, "the first link")
         for number in range(changes):
             for member, copy, log in (
-                ("vehicle-uav1", nothing, stack.run_dir / "logs" / "gate.log"),
+                ("vehicle-uav1", nothing, own_log),
                 ("ground-lab", ground.copy_bundle, ground.log),
             ):
-                before = log.read_text().count("the keys have changed")
-                if number % 2:
+                adds = number % 2 == 1
+                logs = {log, own_log} if adds else {log}
+                before = [changes_noticed(each) for each in logs]
+                if adds:
                     team.add("viewer", f"{member[:3]}{number}")
                 else:
                     team.renew(member)
                 copy()
-                wait_for(lambda: log.read_text().count("the keys have changed") > before, 15.0, "a change noticed")  # noqa: B023
+                for each, count in zip(logs, before, strict=True):
+                    wait_for(lambda: changes_noticed(each) > count, 15.0, "a change noticed")  # noqa: B023
                 statuses.clear()
                 commands.clear()
                 starved = ProcessorWait([*routers, ground.gate.pid, os.getpid()])
@@ -167,6 +172,11 @@ def test_a_link_that_is_up_and_passes_nothing_is_begun_anew_and_health_says_so(s
 
 def nothing() -> None:
     """The vehicle of these tests uses the team's own copy of its bundle."""
+
+
+def changes_noticed(log: Path) -> int:
+    """How often a gate has begun anew for its keys."""
+    return log.read_text().count("the keys have changed")
 
 
 def service_of(stack: Stack) -> zenoh.Session:

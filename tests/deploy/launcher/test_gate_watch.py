@@ -46,6 +46,15 @@ def test_a_gate_that_is_not_heard_at_all_is_named() -> None:
     assert watch((), (), SILENT_MAX_S + 1.0, GateWatch()) == ["the gate itself is up and brings no beats for 4 s"]
 
 
+def test_a_gate_that_begins_anew_in_the_same_process_is_not_missed_before_its_first_reply() -> None:
+    watched, own = GateWatch(), links(OWN)
+    assert watch((own,), (own,), 20.0, watched) == []
+    anew = GateLinks(t_ns=0, gate="cc", process=PROCESS, linked=())
+    for is_reply in (False, True):
+        watched.on_beat(anew, 120.0, is_reply=is_reply)
+        assert watched.problem(PROCESS, 100.0, 120.0) == ""
+
+
 def test_a_link_that_has_ended_is_not_missed() -> None:
     watched = GateWatch()
     both = (links(OWN, OTHER), links(OTHER, OWN))
