@@ -53,10 +53,15 @@ def is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
+def is_on_this_computer(text: str) -> bool:
+    """Whether an address is a Unix socket's, or has a host that only this machine reaches."""
+    protocol, host, _ = parse_router(text)
+    return protocol == "unixsock-stream" or is_loopback(host)
+
+
 def is_insecure(text: str) -> bool:
     """Whether an address leaves this computer without TLS."""
-    protocol, host, _ = parse_router(text)
-    return protocol in ("tcp", "udp") and not is_loopback(host)
+    return parse_router(text).protocol in ("tcp", "udp") and not is_on_this_computer(text)
 
 
 def insecurity(text: str) -> str:

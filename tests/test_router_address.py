@@ -2,7 +2,7 @@
 
 import pytest
 
-from jezero.router_address import RouterAddress, insecurity, parse_router, shown_router
+from jezero.router_address import RouterAddress, insecurity, is_on_this_computer, parse_router, shown_router
 
 
 @pytest.mark.parametrize(
@@ -54,3 +54,18 @@ def test_anything_else_is_refused_with_an_example(text: str) -> None:
 )
 def test_an_address_without_tls_is_insecure_where_other_computers_are(text: str, insecure: bool) -> None:
     assert ("whoever is on its network" in insecurity(text)) == insecure
+
+
+@pytest.mark.parametrize(
+    ("text", "is_here"),
+    [
+        ("unixsock-stream//tmp/router", True),
+        ("tcp/localhost:7447", True),
+        ("tls/127.0.0.2:7447#root_ca_certificate_file=/keys/ca.pem", True),
+        ("tcp/[::1]:7447", True),
+        ("tcp/192.168.1.10:7447", False),
+        ("tls/uav1.local:7447", False),
+    ],
+)
+def test_a_socket_and_a_loopback_address_are_on_this_computer(text: str, is_here: bool) -> None:
+    assert is_on_this_computer(text) == is_here

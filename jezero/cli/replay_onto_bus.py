@@ -14,7 +14,7 @@ import click
 
 from jezero.cli.exit_codes import REFUSED, UNREACHABLE
 from jezero.cli.keyboard import Keyboard
-from jezero.router_address import is_loopback, parse_router, shown_router
+from jezero.router_address import is_on_this_computer, shown_router
 from jezero.schemas.units import NS_PER_S
 
 if TYPE_CHECKING:
@@ -168,11 +168,11 @@ def _open_bus(router: str, vehicle: str) -> Iterator[_Bus]:
     try:
         session = zenoh.open(client_config(bus_of_router(router) or router, CONNECT_TIMEOUT_S))
     except zenoh.ZError:
-        host, shown = parse_router(router).host, shown_router(router)
+        shown = shown_router(router)
         if problem := connection_problem(router):
             click.echo(f"unreachable: {problem}", err=True)
             raise SystemExit(UNREACHABLE) from None
-        if host and not is_loopback(host):
+        if not is_on_this_computer(router):
             click.echo(
                 f"unreachable: no router at {shown}: start it, or give an address of this machine's loopback, such "
                 "as tcp/127.0.0.1:7447, where the replay is the router",

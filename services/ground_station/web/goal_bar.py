@@ -10,11 +10,6 @@ from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.playback_feed import PlaybackFeed
 
 
-def is_local(router: str) -> bool:
-    """Whether a router is on this machine. Over a radio the images of a coverage are fetched only when asked for."""
-    return any(host in router for host in ("/127.0.0.1:", "/localhost:", "/[::1]:"))
-
-
 class GoalBar:
     """The bar of one page; it also draws the goal, and the images that it has taken, on the map."""
 

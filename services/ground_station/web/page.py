@@ -4,6 +4,7 @@ from typing import Any
 
 from nicegui import ui
 
+from jezero.router_address import is_on_this_computer
 from jezero.services.ground_station.config import GroundStationConfig
 from jezero.services.ground_station.scene import ground_shape
 from jezero.services.ground_station.web.access import Access
@@ -25,7 +26,7 @@ from jezero.services.ground_station.web.elements import (
 )
 from jezero.services.ground_station.web.feed import Feed
 from jezero.services.ground_station.web.fly import FlyPanel
-from jezero.services.ground_station.web.goal_bar import GoalBar, is_local
+from jezero.services.ground_station.web.goal_bar import GoalBar
 from jezero.services.ground_station.web.lists import Events, Services
 from jezero.services.ground_station.web.pilot_link import PilotLink
 from jezero.services.ground_station.web.playback_bar import PlaybackBar
@@ -116,7 +117,8 @@ class Page:
         with ui.element("section").classes("stage"):
             self._view = View3D(self._robot).classes("layer").on("ready", self._draw_ground)
             self._map = Map(self._robot).classes("layer layer-off")
-            self._map.show_photos(isinstance(self._feed, Feed) and is_local(self._feed.router))
+            # over a radio the images of a coverage are fetched only when asked for
+            self._map.show_photos(isinstance(self._feed, Feed) and is_on_this_computer(self._feed.router))
             self._map.on("photos", lambda event: self._map.show_photos(bool(event.args)))
             with ui.element("div").classes("stage-tools"):
                 self._which = ui.toggle(VIEWS, value="3d", on_change=self._switch).props("no-caps dense unelevated")
