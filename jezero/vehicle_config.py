@@ -5,7 +5,7 @@ its origin in the centre of mass; `rover_body` has its origin in the middle of t
 down. The errors of the sensors and the simulated world are in the services' own settings.
 """
 
-from math import hypot, radians, tan
+from math import hypot, radians, sqrt, tan
 from typing import Annotated
 
 from msgspec import Meta
@@ -14,12 +14,16 @@ from jezero.lens import image_radius
 from jezero.runtime.config import Config
 from jezero.schemas.landing_board import BoardTag, board_refusal, make_board
 from jezero.schemas.sensors import NO_DISTORTION, CameraInfo, Distortion
+from jezero.schemas.units import GRAVITY_MPS2
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NonNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 Mounting = Annotated[float, Meta(ge=-10.0, le=10.0)]
 Place = tuple[Mounting, Mounting, Mounting]
 
+DENSITY_AIR_KGPM3 = 1.2
+TILT_STEADY_RAD = 0.55
+"""Tilt of a steady flight against the wind; an autopilot allows a few degrees more, for gusts."""
 PITCH_DOWN_RAD = -1.5708
 """Pitch of a camera that points straight down, as `command/camera_pitch` limits it."""
 
@@ -122,6 +126,35 @@ class AirframeConfig(Config, frozen=True, kw_only=True):
     drag_area_side_m2: NonNegative = 0.06
     drag_area_top_m2: NonNegative = 0.1
 
+    def drag_n(self, airspeed_mps: float) -> float:
+        """Drag in the rotors' plane at an airspeed."""
+        linear, quadratic = self._drag_coefficients
+        return (linear + quadratic * airspeed_mps) * airspeed_mps
+
+    def airspeed_mps(self, drag_n: float) -> float:
+        """Airspeed in the rotors' plane at which the drag is this; 0 for a vehicle whose drag isn't declared."""
+        linear, quadratic = self._drag_coefficients
+        root = sqrt(linear * linear + 4.0 * quadratic * drag_n)
+        return 2.0 * drag_n / (linear + root) if root > 0.0 else 0.0
+
+    @property
+    def airspeed_max_mps(self) -> float:
+        """Airspeed of a steady flight at `TILT_STEADY_RAD`; infinite for a vehicle whose drag isn't declared."""
+        return self.airspeed_mps(self.mass_kg * GRAVITY_MPS2 * tan(TILT_STEADY_RAD)) or float("inf")
+
+    def power_ratio(self, airspeed_mps: float) -> float:
+        """Power of the rotors relative to that in hover: their thrust carries the weight and holds against the drag.
+
+        The power of a rotor is proportional to its thrust to the power of 3/2.
+        """
+        thrust = hypot(1.0, self.drag_n(airspeed_mps) / (self.mass_kg * GRAVITY_MPS2))
+        return thrust * sqrt(thrust)
+
+    @property
+    def _drag_coefficients(self) -> tuple[float, float]:
+        """Drag per m/s of airspeed, and per square of it."""
+        return self.drag_rotors_nspm, 0.5 * DENSITY_AIR_KGPM3 * self.drag_area_side_m2
+
 
 class AltimeterMountConfig(Config, frozen=True, kw_only=True):
     """The laser altimeter, whose narrow beam points along the body's down axis.
@@ -217,6 +250,7 @@ class BatteryConfig(Config, frozen=True, kw_only=True):
         internal_ohm: internal resistance of a cell.
         electronics_a: current that is always drawn.
         hover_a: current of all motors in hover.
+        reserve: fraction of the capacity that is left after a return.
     """
 
     capacity_mah: Positive = 5000.0
@@ -226,12 +260,12 @@ class BatteryConfig(Config, frozen=True, kw_only=True):
     internal_ohm: NonNegative = 0.005
     electronics_a: NonNegative = 0.5
     hover_a: NonNegative = 15.0
+    reserve: Annotated[float, Meta(ge=0.0, le=0.9)] = 0.1
 
     def used(self, flight_s: float) -> float:
         """Fraction of the capacity that a flight of this duration uses, at the current that is drawn in hover.
 
-        A flight at a few metres a second draws the same within some percent: a rotor's power hardly depends on the
-        vehicle's speed as long as its thrust carries the weight.
+        A flight at a few metres a second in still air draws the same within some percent.
         """
         return (self.electronics_a + self.hover_a) * flight_s / (3.6 * self.capacity_mah)
 

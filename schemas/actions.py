@@ -11,6 +11,7 @@ from msgspec import Meta
 from jezero.schemas.commands import Outcome
 from jezero.schemas.goals import Corners, PlanId
 from jezero.schemas.images import Image
+from jezero.schemas.state import Geodetic
 from jezero.schemas.struct import (
     Fraction,
     Message,
@@ -85,6 +86,7 @@ class Result(Payload, Generic[R], frozen=True, kw_only=True, tag_field="type", t
         outcome: end of the goal: `succeeded`, `canceled` or `aborted`.
         reason: reason of a canceled or aborted goal, for people; "" after a success.
         result: result, in the action's own type. None when the action's code failed before it could make one.
+        position_deg: latitude, longitude and altitude of the vehicle at the end, by the autopilot. None without GNSS.
     """
 
     goal_id: Name
@@ -92,6 +94,7 @@ class Result(Payload, Generic[R], frozen=True, kw_only=True, tag_field="type", t
     outcome: Outcome
     reason: Text = ""
     result: R | None
+    position_deg: Geodetic | None = None
 
 
 class FeedbackMessage(Message, Generic[F], frozen=True, kw_only=True):

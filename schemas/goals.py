@@ -102,19 +102,25 @@ HomePlace = Literal["rover", "takeoff_point", "rally_point", "here"]
 
 
 class ReturnHomeGoal(Goal, frozen=True, kw_only=True):
-    """Fly home and land: on the rover by the best knowledge of it, else where the vehicle took off, else at the nearest
-    rally point, else here.
+    """Fly home and land: on the rover by the best knowledge of it, else where the vehicle took off, else at a rally
+    point, else here.
 
-    A place at which the landing fails is followed by the next one. The wind does not keep the vehicle in the air.
+    Each second the vehicle decides again: the best place counts that it still reaches with the battery's reserve. A
+    place at which the landing fails is followed by the next one. The wind does not keep the vehicle in the air.
 
     Attributes:
         safe_height_m: height above the world's origin to which the vehicle climbs first, unless it is higher or close
             to the place. None means that of the settings.
         speed_mps: speed on the way. None means that of the settings.
+        charge: fraction of the battery's capacity that is left at most, for a gauge that reports too much. None means
+            what the gauge reports.
+        charge_per_s: fraction of the capacity that the flight has used per second. None means the declared use.
     """
 
     safe_height_m: NonNegative | None = None
     speed_mps: float | None = None
+    charge: Fraction | None = None
+    charge_per_s: NonNegative | None = None
 
 
 class GetImagesGoal(Goal, frozen=True, kw_only=True):

@@ -3,6 +3,7 @@
 import shutil
 import threading
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -82,13 +83,13 @@ class RecordingFolder:
                     self._give_up()
                     return Progress(None, 0, f"{self._path} has vanished: a new file is begun")
                 size_bytes = self._writer.size_bytes
-                progress = Progress(self._path, size_bytes, "", shutil.disk_usage(self._folder).free)
+                progress = Progress(self._path, size_bytes, "", self._room_bytes())
                 if size_bytes >= self._size_max_bytes:
                     self._finish()
                 return progress
             except OSError as error:
                 self._give_up()
-                return Progress(None, 0, describe_os_error(error))
+                return Progress(None, 0, describe_os_error(error), self._room_bytes())
 
     def close(self) -> None:
         """Finish the present file, if there is one and the disk takes it."""
@@ -111,6 +112,12 @@ class RecordingFolder:
         if self._writer is not None:
             self._writer.close()
             self._writer = None
+
+    def _room_bytes(self) -> int | None:
+        """Free space of the folder's disk; None where the folder can't be looked at."""
+        with suppress(OSError):
+            return shutil.disk_usage(self._folder).free
+        return None
 
     def _give_up(self) -> None:
         if self._writer is not None:

@@ -199,7 +199,14 @@ class Estimator:
         motion = self._motion_heading
         motion.on_fix(fix.t_us or self.t_us - int(c.ekf2_gps_delay_s * 1e6), fix.vel_ned_mps)
         if motion.insists:
+            # Velocity and position were integrated with the wrong heading, and may have been kept from the fixes since.
             self._reset(2, (motion.error_rad,), motion.std_rad)
+            pos_then, vel_then = self._state_at(fix.t_us or self.t_us - int(c.ekf2_gps_delay_s * 1e6))
+            self._reset(3, subtract(fix.vel_ned_mps, vel_then)[:2], c.ekf2_gps_v_noise_mps)
+            north, east, _ = subtract(ned_from_geodetic(fix.position_deg, self.origin_deg), pos_then)
+            self._reset(6, (north, east), c.ekf2_gps_p_noise_m)
+            self._vel_reset.clear()
+            self._pos_reset.clear()
 
     def on_baro(self, altitude_pressure_m: float) -> None:
         if not self.running:

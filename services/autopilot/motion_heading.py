@@ -9,6 +9,7 @@ Source: the purpose of PX4's EKF-GSF yaw estimator; here a fit in closed form ta
 
 import cmath
 from collections import deque
+from collections.abc import Collection
 from dataclasses import dataclass
 from math import inf, sqrt
 
@@ -28,6 +29,10 @@ ERROR_MIN_RAD, ERROR_SIGMAS, STD_MAX_RAD = 0.25, 3.0, 0.3
 measurement with more than STD_MAX_RAD contradicts nothing."""
 CONTRADICTIONS = 2
 """The heading is reset after this number of segments in a row that contradict it."""
+GROSS_US, GROSS_RAD, GROSS_STD_RAD = 2_000_000, 0.8, 0.12
+"""An error that exceeds GROSS_RAD as clearly resets the heading at once, as soon as a segment has this length and
+measures it with this standard deviation: with such a heading each correction of the position drives the vehicle away.
+"""
 
 
 @dataclass(frozen=True)
@@ -132,6 +137,18 @@ class MotionHeading:
         if duration_us >= SEGMENT_US:
             self._segment = None
             self._evaluate(segment.fit() if duration_us < 2 * SEGMENT_US else None)
+        elif duration_us >= GROSS_US and (fit := segment.fit()) is not None and self._is_gross(fit):
+            self._segment = None
+            self._fits.clear()
+            self._fits.append(fit)
+            self.std_rad = _std_rad([fit])
+            self.insists = True
+
+    def _is_gross(self, fit: _Fit) -> bool:
+        """Whether a part of a segment alone shows that the heading is wrong by a large angle."""
+        std_rad = _std_rad([fit])
+        error_rad = wrap_pi(cmath.phase(fit.product) - self._turned_ned_rad[2])
+        return std_rad < GROSS_STD_RAD and abs(error_rad) > GROSS_RAD + ERROR_SIGMAS * std_rad
 
     def _evaluate(self, fit: _Fit | None) -> None:
         """Add a segment's fit; None, after too few fixes or a pause of GNSS, starts the measurement again."""
@@ -141,17 +158,18 @@ class MotionHeading:
             self._contradictions = 0
             return
         self._fits.append(fit)
-        self.std_rad = self._std_rad()
+        self.std_rad = _std_rad(self._fits)
         limit_rad = ERROR_MIN_RAD + ERROR_SIGMAS * self.std_rad
         contradicted = self.std_rad < STD_MAX_RAD and abs(self.error_rad) > limit_rad
         self._contradictions = self._contradictions + 1 if contradicted else 0
         self.insists = self._contradictions >= CONTRADICTIONS
 
-    def _std_rad(self) -> float:
-        energy = sum(fit.energy_m2ps2 for fit in self._fits)
-        residual = sum(fit.residual_m2ps2 for fit in self._fits)
-        variance = residual / (INDEPENDENT * len(self._fits))
-        return sqrt(variance / energy) if energy > 0.0 else inf
+
+def _std_rad(fits: Collection[_Fit]) -> float:
+    """Standard deviation of the angle that some fits measure together; infinite without motion."""
+    energy = sum(fit.energy_m2ps2 for fit in fits)
+    variance = sum(fit.residual_m2ps2 for fit in fits) / (INDEPENDENT * len(fits))
+    return sqrt(variance / energy) if energy > 0.0 else inf
 
 
 def _without_trend(times: tuple[float, ...], values: tuple[complex, ...]) -> list[complex]:

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 
+from msgspec.structs import replace
+
 from jezero.runtime.service import Call, Inbox, Output
 from jezero.schemas.commands import Abort
 from jezero.schemas.goals import ReturnHomeGoal
@@ -21,15 +23,17 @@ class ReturnRun:
     Args:
         return_id: start of the ids of its goals.
         reason: why the vehicle returns, for the client of the goal that is ended, and for people.
+        goal: the return; it gets its id and its time when it is sent.
 
     Attributes:
         ended: the end; None before. `canceled` when a person or a failsafe took control.
     """
 
-    def __init__(self, return_id: str, reason: str) -> None:
+    def __init__(self, return_id: str, reason: str, goal: ReturnHomeGoal) -> None:
         self.reason = reason
         self.ended: StepEnd | None = None
         self._return_id = return_id
+        self._goal = goal
         self._run: GoalRun | None = None
         self._tries = 0
         self._abort_due_ns = 0
@@ -68,7 +72,7 @@ class ReturnRun:
             self._tries += 1
             self._interventions = self._interventions or (status.bridge_boot_id, status.interventions)
             goal_id = f"{self._return_id}.{self._tries}"
-            self._run = GoalRun(RETURN_HOME, ReturnHomeGoal(goal_id=goal_id, issued_t_ns=t_ns))
+            self._run = GoalRun(RETURN_HOME, replace(self._goal, goal_id=goal_id, issued_t_ns=t_ns))
         elif status.in_charge == "goal" and t_ns >= self._abort_due_ns:
             self._abort_due_ns = t_ns + ABORT_PERIOD_NS
             yield Call(ABORT, Abort(reason=self.reason), f"{self._return_id}/abort")

@@ -12,7 +12,7 @@ from jezero.services.mission.battery_use import BatteryUse
 from jezero.services.mission.config import MissionConfig
 from jezero.vehicle_config import BatteryConfig
 
-PLAN_PERIOD_NS = 5 * NS_PER_S
+PLAN_PERIOD_NS = NS_PER_S
 PLAN_TIMEOUT_S = 3.0
 HALF_STEP = 0.005
 """The autopilot reports whole percents, so that half of one may be missing."""
@@ -35,9 +35,12 @@ class ReturnWatch:
         self.reason = ""
         self.text = ""
         self._config = config
+        self._reserve = battery.reserve
         self._use = BatteryUse(battery.used(1.0))
         self._duration_s: float | None = None
         """Planned duration of the way home and of the landing."""
+        self._planned_use = 0.0
+        """Fraction of the capacity that they take by what is known of the vehicle and of the wind."""
         self._plans = 0
         self._plan_due_ns = 0
         self._ground_ns: int | None = None
@@ -60,6 +63,10 @@ class ReturnWatch:
         low = self._judge_battery(status.battery)
         self.reason = "" if stays else low or self._judge_ground(t_ns)
 
+    def goal(self) -> ReturnHomeGoal:
+        """The return, with what this flight has shown of the battery."""
+        return ReturnHomeGoal(charge=self._use.charge, charge_per_s=self._use.per_s)
+
     def overrule(self) -> None:
         """Let the vehicle fly on until its landing: a person ended the return."""
         self._overruled = True
@@ -73,8 +80,9 @@ class ReturnWatch:
     def _plan(self, t_ns: int, status: Status, inbox: Inbox) -> Iterator[Output]:
         """Ask how long the way home takes from here."""
         for response in inbox.responses:
-            if response.tag == f"way home/{self._plans}" and isinstance(response.payload, PlanReply):
-                self._duration_s = response.payload.duration_s or self._duration_s
+            reply = response.payload
+            if response.tag == f"way home/{self._plans}" and isinstance(reply, PlanReply) and reply.duration_s:
+                self._duration_s, self._planned_use = reply.duration_s, reply.battery_used or 0.0
         if status.odometry is None or t_ns < self._plan_due_ns or not self._config.return_when_low:
             return
         self._plan_due_ns = t_ns + PLAN_PERIOD_NS
@@ -87,8 +95,8 @@ class ReturnWatch:
         charge = self._use.charge
         if battery is None or battery.remaining is None or charge is None or self._duration_s is None:
             return ""
-        reserve = max(self._config.reserve, (battery.critical or 0.0) + CRITICAL_MARGIN)
-        used = self._duration_s * self._use.per_s
+        reserve = max(self._reserve, (battery.critical or 0.0) + CRITICAL_MARGIN)
+        used = max(self._duration_s * self._use.per_s, self._planned_use)
         needed = self._config.way_margin * used + reserve
         doubt = f" at most, though it reports {battery.remaining:.0%}" if battery.remaining - charge > WRONG_MIN else ""
         self.text = f"the battery has {charge:.0%}{doubt}, the way home needs {needed:.0%}"

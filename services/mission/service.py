@@ -183,7 +183,7 @@ class MissionService:
         if not self._watch.reason or status is None:
             return
         self._returns += 1
-        self._return = ReturnRun(f"return-{self._boot_id:x}-{self._returns}", self._watch.reason)
+        self._return = ReturnRun(f"return-{self._boot_id:x}-{self._returns}", self._watch.reason, self._watch.goal())
         if record is not None and not record.ended:
             yield from self._hold(record.in_state("interrupted", self._watch.reason), status)
 

@@ -111,14 +111,14 @@ def check_storage(readings: Readings) -> Check:
     recorder = readings.health.get(RECORDER)
     if recorder is None:
         return _check("storage", "warning", "no recorder runs: this flight is not recorded")
+    room_bytes = recorder.room_bytes
+    if room_bytes is not None and room_bytes < ROOM_MIN_BYTES:
+        return _check("storage", "failed", f"{room_bytes / 1e6:.0f} MB free for recordings: delete old ones")
     if recorder.state == "degraded":
         return _check("storage", "warning", recorder.text)
-    room_bytes = recorder.room_bytes
     if room_bytes is None:
         return _check("storage", "passed", recorder.text)
     text = f"{room_bytes / 1e9:.1f} GB free for recordings"
-    if room_bytes < ROOM_MIN_BYTES:
-        return _check("storage", "failed", f"{room_bytes / 1e6:.0f} MB free for recordings: delete old ones")
     low = room_bytes < ROOM_LOW_BYTES
     return _check("storage", "warning" if low else "passed", f"{text}: delete old ones soon" if low else text)
 

@@ -29,6 +29,7 @@ class Readings:
         silent_services: names of the services that were silent in the round before.
         parameters: parameters of the estimator; None when it does not reply.
         charge_problem: what is wrong with the reported charge, see `ChargeWatch`, or "".
+        compass_problem: what is wrong with the compass, see `HeadingWatch`, or "".
     """
 
     t_ns: int
@@ -40,6 +41,7 @@ class Readings:
     silent_services: frozenset[str] = frozenset()
     parameters: SetParameters | None = None
     charge_problem: str = ""
+    compass_problem: str = ""
 
     def all(self, topic: Topic[M]) -> tuple[M, ...]:
         """Messages of a topic, oldest first."""

@@ -40,11 +40,14 @@ SATELLITES_MIN = 6
 HEADING_WARN_RAD, HEADING_MAX_RAD = 0.35, 1.05
 """20 and 60 degrees: the angle between magnetic and true north, up to 20 degrees in inhabited places, is in it."""
 ROVER_HEADING_WARN_RAD = 0.17
+STANDING_RANGE_MAX_M = 0.8
+"""Greatest range of the altimeter of a vehicle that stands; the beam may miss the platform's edge or a stone."""
 
 
 def check_sensors(readings: Readings) -> Check:
     """Whether every sensor sends, in time and often enough."""
     failed, warned = list(_silent(readings, NEEDED)), list(_silent(readings, ROVER_SENSORS))
+    failed += _altimeter_too_high(readings)
     never = [WORDS[t.name] for t in (*NEEDED, *ROVER_SENSORS) if not readings.all(t) and t.name not in readings.heard]
     if never:
         warned.append(f"no readings of {', '.join(never)} so far")
@@ -66,6 +69,17 @@ def _silent(readings: Readings, topics: Sequence[Topic[Any]]) -> Iterator[str]:
             yield f"the {WORDS[topic.name]} has fallen silent"
         elif age_s is not None and age_s > AGE_MAX_S:
             yield f"readings of the {WORDS[topic.name]} are {age_s:.1f} s old, {AGE_MAX_S:g} s is the limit"
+
+
+def _altimeter_too_high(readings: Readings) -> list[str]:
+    """The problem of an altimeter that measures a distance from a vehicle that stands."""
+    ranges = [m.range_m for m in readings.all(ALTIMETER) if m.range_m is not None]
+    stands = readings.status is not None and readings.status.landed and not readings.status.armed
+    if not ranges or not stands or (range_m := median(ranges)) < STANDING_RANGE_MAX_M:
+        return []
+    return [
+        f"the altimeter reads {range_m:.1f} m while the vehicle stands: is something wrong with it, or its mounting?"
+    ]
 
 
 def check_noise(readings: Readings) -> Check:
@@ -128,6 +142,9 @@ def _frozen(readings: Readings) -> Iterator[str]:
     imu = {(m.acc_imu_frd_mps2, m.gyro_imu_frd_rps) for m in readings.all(IMU)}
     if len(imu) == 1 and len(readings.all(IMU)) >= NOISE_READINGS_MIN:
         yield "the IMU"
+    pressures = {m.pressure_pa for m in readings.all(BARO)}
+    if len(pressures) == 1 and len(readings.all(BARO)) >= NOISE_READINGS_MIN:
+        yield "the barometer"
     fields = {m.field_frd_gauss for m in readings.all(MAG)}
     if len(fields) == 1 and len(readings.all(MAG)) >= NOISE_READINGS_MIN:
         yield "the magnetometer"
@@ -155,7 +172,9 @@ def check_gnss(readings: Readings) -> Check:
 
 
 def check_compass(readings: Readings) -> Check:
-    """Whether the autopilot's heading agrees with the magnetic field."""
+    """Whether the autopilot's heading agrees with the magnetic field, and the last flight with both."""
+    if readings.compass_problem:
+        return _check("compass", "failed", readings.compass_problem)
     fields, status = readings.all(MAG), readings.status
     odometry = None if status is None else status.odometry
     if not fields or odometry is None:

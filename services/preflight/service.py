@@ -42,6 +42,7 @@ from jezero.services.preflight.checks import (
     check_services,
     check_storage,
 )
+from jezero.services.preflight.heading_watch import HeadingWatch
 from jezero.services.preflight.readings import Readings
 from jezero.services.preflight.sensor_checks import (
     check_compass,
@@ -57,7 +58,17 @@ CHECKS = (
     check_battery, check_fence, check_storage,
 )  # fmt: skip
 SENSORS: tuple[Topic[Any], ...] = (IMU, GNSS, BARO, MAG, ALTIMETER, UWB, ROVER_ODOMETRY, ESTIMATE_TAG)
-SERVICES = ("simulator", "camera", "autopilot", "vehicle_bridge", "tag_detector", "estimator", "mission", "recorder")
+SERVICES = (
+    "simulator",
+    "camera",
+    "autopilot",
+    "vehicle_bridge",
+    "tag_detector",
+    "estimator",
+    "mission",
+    "recorder",
+    "gate",
+)
 """Services whose health is checked, besides the actions; every one publishes it once a second."""
 ROUND_MIN_NS, ROUND_MAX_NS = 1_300_000_000, 4_000_000_000
 """Limits of a round. Every service publishes its health within the shorter one. A round with a failed check, or without
@@ -110,9 +121,9 @@ class Preflight:
         self._heard_services: frozenset[str] = frozenset()
         self._silent_services: frozenset[str] = frozenset()
         self._idle = False
-        self._charge = ChargeWatch(battery)
+        self._charge, self._heading = ChargeWatch(battery), HeadingWatch()
         self._alarmed = False
-        """Whether a problem with the charge came up since the last round."""
+        """Whether a problem came up in flight since the last round."""
 
     def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
         """Begin a round when it is due or wanted, collect, and end it."""
@@ -134,7 +145,8 @@ class Preflight:
     def _watch(self, inbox: Inbox) -> None:
         """Follow status and epoch.
 
-        A vehicle that has just landed or become ready is checked at once, and in flight when its charge stands still.
+        A vehicle that has just landed or become ready is checked at once, and in flight when its charge stands still or
+        its compass is found to be wrong.
         """
         status, clock = inbox.latest(STATUS), inbox.latest(CLOCK)
         if clock is not None and clock.epoch_id != self._epoch_id:
@@ -142,11 +154,13 @@ class Preflight:
             self._heard = self._heard_services = self._silent_services = frozenset()
             self._round_start_ns, self._due_ns = None, 0
             self._requests, self._waiting = self._waiting + self._requests, []
-            self._charge = ChargeWatch(self._battery)
-        before = self._charge.problem
+            self._charge, self._heading = ChargeWatch(self._battery), HeadingWatch()
+        before = (self._charge.problem, self._heading.problem)
         for each in inbox.new(STATUS):
             self._charge.update(each)
-        self._alarmed |= bool(self._charge.problem) and not before
+            self._heading.update(each)
+        after = (self._charge.problem, self._heading.problem)
+        self._alarmed |= any(now and not then for now, then in zip(after, before, strict=True))
         idle = status is not None and status.code == StatusCode.IDLE and status.ready
         if idle and not self._idle:
             self._due_ns = 0
@@ -180,6 +194,7 @@ class Preflight:
             silent_services=self._silent_services,
             parameters=self._parameters,
             charge_problem=self._charge.problem,
+            compass_problem=self._heading.problem,
         )
         checks = tuple(check(readings) for check in CHECKS)
         return PreflightReport(t_ns=t_ns, epoch_id=self._epoch_id or 0, checks=checks)

@@ -117,16 +117,17 @@ class Recorder:
 
     def _on_written(self, progress: Progress | str, wall_ns: int) -> None:
         self._problem = progress if isinstance(progress, str) else progress.problem
+        if not isinstance(progress, str):
+            self._room_bytes = progress.room_bytes
         if self._problem:
             self._retry_ns = wall_ns + RETRY_PERIOD_NS
         elif not isinstance(progress, str):
-            self._room_bytes = progress.room_bytes
             self._where = f"recording to {progress.path}, {progress.size_bytes / 1e6:.1f} MB"
 
     def _health(self, wall_ns: int) -> Health:
         lost = f"; {self._lost} messages lost so far" if self._lost else ""
         if self._problem:
-            return Health("degraded", f"not recording: {self._problem}{lost}")
+            return Health("degraded", f"not recording: {self._problem}{lost}", self._room_bytes)
         started_ns = self._write_start_ns
         if started_ns is not None and wall_ns - started_ns > WRITE_TIMEOUT_NS:
             waited_s = (wall_ns - started_ns) / NS_PER_S

@@ -10,7 +10,6 @@ from jezero.schemas.units import GRAVITY_MPS2, NS_PER_S
 from jezero.services.vehicle_bridge.vehicle import VehicleSnapshot
 from jezero.vehicle_config import AirframeConfig
 
-DENSITY_AIR_KGPM3 = 1.2
 SAMPLE_S = 0.4
 """One sample of the wind is made of this time of flight. Shorter differences of the velocity would be mostly noise."""
 GAP_MAX_S = 0.2
@@ -39,7 +38,7 @@ def wind_ned_mps(acc_ned_mps2: Vec3, vel_ned_mps: Vec3, q_ned_from_frd: Quat, ai
     north_mps2, east_mps2, down_mps2 = acc_ned_mps2
     forward_mps2, right_mps2, _ = quat_rotate(frd_from_ned, (north_mps2, east_mps2, down_mps2 - GRAVITY_MPS2))
     drag_n = airframe.mass_kg * hypot(forward_mps2, right_mps2)
-    per_mps = -_airspeed_mps(drag_n, airframe) / max(drag_n / airframe.mass_kg, 1e-9)
+    per_mps = -airframe.airspeed_mps(drag_n) / max(drag_n / airframe.mass_kg, 1e-9)
     air_forward_mps, air_right_mps = per_mps * forward_mps2, per_mps * right_mps2
     # The component along the body's down axis is the one that makes the vertical wind zero.
     north_mps, east_mps, down_mps = quat_rotate(q_ned_from_frd, (air_forward_mps, air_right_mps, 0.0))
@@ -49,13 +48,6 @@ def wind_ned_mps(acc_ned_mps2: Vec3, vel_ned_mps: Vec3, q_ned_from_frd: Quat, ai
         vel_ned_mps[1] - east_mps - along_mps * down_ned[1],
         0.0,
     )
-
-
-def _airspeed_mps(drag_n: float, airframe: AirframeConfig) -> float:
-    """Airspeed in the rotors' plane: solution of drag = linear * airspeed + quadratic * airspeed²."""
-    linear, quadratic = airframe.drag_rotors_nspm, 0.5 * DENSITY_AIR_KGPM3 * airframe.drag_area_side_m2
-    root = sqrt(linear * linear + 4.0 * quadratic * drag_n)
-    return 2.0 * drag_n / (linear + root) if root > 0.0 else 0.0
 
 
 class Wind(msgspec.Struct, frozen=True):

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from jezero.frames import Vec3, add
+from jezero.frames import Vec3, add, geodetic_from_ned
 from jezero.runtime.service import Call, Inbox, Output, Publish, Reply, SetRate, Subscribe
 from jezero.schemas.actions import Feedback, Result
 from jezero.schemas.commands import AcquireReply, CameraPitch, Release, ReleaseReply, Setpoint
@@ -27,6 +27,7 @@ from jezero.services.actions.lifecycle.goal_context import GoalContext
 from jezero.services.actions.lifecycle.goal_feedback import GoalFeedback
 from jezero.services.actions.lifecycle.ground_proximity import GroundProximity
 from jezero.services.actions.lifecycle.pause_control import PauseControl
+from jezero.services.actions.lifecycle.reset_watch import ResetWatch
 from jezero.services.actions.lifecycle.runaway_detector import RunawayDetector
 from jezero.services.actions.lifecycle.vehicle_view import (
     ODOMETRY_AGE_MAX_S,
@@ -89,6 +90,7 @@ class GoalFlight:
         self._limits = context.vehicle.limits
         self._ground = GroundProximity(context.vehicle)
         self._runaway = RunawayDetector()
+        self._resets = None if context.plan.lands else ResetWatch(odometry)
         self._pause = PauseControl(t_ns, context.acceleration_mps2)
         self._control = ControlLease(context.epoch_id)
         self._watchers = context.watchers
@@ -230,6 +232,8 @@ class GoalFlight:
             self._capture.behind_ns = self._pause.behind_ns
         if any(shift_ned_m) and isinstance(move, Move) and (beyond := self._moved_beyond(move, shift_ned_m)):
             move = Done("aborted", beyond)
+        if self._resets and isinstance(move, Move) and (problem := self._resets.problem(odometry, move)):
+            move = Done("aborted", problem)
         if isinstance(move, Move) and (problem := self._ground.problem(t_ns, state, move)):
             move = Done("aborted", problem)
         if isinstance(move, Move) and (problem := self._runaway.problem(t_ns, state, move)):
@@ -371,5 +375,13 @@ class GoalFlight:
             outcome=done.outcome,
             reason=done.reason,
             result=self._behaviour.result(done.outcome == "succeeded", pos_uav_ned_m),
+            position_deg=_position_deg(odometry),
         )
         yield from (Reply(watcher, self.result) for watcher in self._watchers)
+
+
+def _position_deg(odometry: Odometry | None) -> Vec3 | None:
+    """Latitude, longitude and altitude of the vehicle; None while the origin is unknown."""
+    if odometry is None or odometry.origin_deg is None:
+        return None
+    return geodetic_from_ned(odometry.pos_uav_ned_m, odometry.origin_deg)

@@ -376,7 +376,7 @@ class GoalRun:
             warning=self._accepted.warning,
             duration_s=None if planned is None else planned.time_s,
             distance_m=None if planned is None else planned.distance_m,
-            battery_used=None if planned is None else self._battery.used(planned.time_s),
+            battery_used=None if planned is None else self._battery.used(planned.hover_s or planned.time_s),
             battery_remaining=None if battery is None else battery.remaining,
             battery_critical=None if battery is None else battery.critical,
             coverage=self.coverage,

@@ -110,6 +110,7 @@ class VehicleView:
             None if status is None else status.wind_ned_mps,
             None if status is None else status.std_gust_mps,
             known_fence(inbox),
+            None if supposed or status is None else status.battery,
         )
 
     def _height_m(self, t_ns: int, inbox: Inbox, q_ned_from_frd: Quat) -> float | None:

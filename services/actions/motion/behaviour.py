@@ -20,7 +20,7 @@ from jezero.schemas.estimate import Relative, RoverEstimate
 from jezero.schemas.fence import Fence
 from jezero.schemas.preflight import Override
 from jezero.schemas.rows import Topic
-from jezero.schemas.state import Status
+from jezero.schemas.state import Battery, Status
 from jezero.schemas.struct import Payload
 from jezero.services.actions.motion.capture import Capture
 
@@ -43,6 +43,7 @@ class VehicleState(msgspec.Struct, frozen=True):
         wind_ned_mps: estimated horizontal wind; None while it is unknown.
         std_gust_mps: standard deviation of the wind; None as above.
         fence: the fence in force, in the autopilot's present frame; None for none, and while it is unknown.
+        battery: the battery; None while it is unknown, and for a plan from somewhere else.
     """
 
     pos_uav_ned_m: Vec3
@@ -58,6 +59,7 @@ class VehicleState(msgspec.Struct, frozen=True):
     wind_ned_mps: Vec3 | None = None
     std_gust_mps: float | None = None
     fence: Fence | None = None
+    battery: Battery | None = None
 
     @property
     def yaw_rad(self) -> float:
@@ -156,10 +158,12 @@ class Remaining(msgspec.Struct, frozen=True):
     Attributes:
         time_s: to the end of the goal.
         distance_m: length of the way to fly.
+        hover_s: time in hover, in still air, that uses the same charge; None: `time_s`.
     """
 
     time_s: float
     distance_m: float
+    hover_s: float | None = None
 
     def __add__(self, other: "Remaining") -> "Remaining":
         return Remaining(self.time_s + other.time_s, self.distance_m + other.distance_m)

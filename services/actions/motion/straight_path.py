@@ -4,7 +4,7 @@
 for arrival. `TimedStraightPath` gives its reference as a function of time, for the `Tracker`, which does the waiting.
 """
 
-from jezero.frames import Vec3, add, distance, norm, scale, subtract, wrap_pi
+from jezero.frames import Vec3, add, distance, dot, norm, scale, subtract, wrap_pi
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import ImagesFeedback, LandFeedback, MoveFeedback
 from jezero.schemas.units import NS_PER_S
@@ -106,6 +106,16 @@ class StraightPath:
         self.left_m = distance(self.end_ned_m, state.pos_uav_ned_m)
         self._t_ns = t_ns
         self._nearer_ns = t_ns
+
+    def redirect(self, end_ned_m: Vec3) -> None:
+        """Lead to another end from where the reference is; it keeps its speed as far as that leads to the new end."""
+        way_ned_m = subtract(end_ned_m, self.pos_ned_m)
+        length_m = norm(way_ned_m)
+        direction = scale(way_ned_m, 1.0 / max(length_m, 1e-9))
+        self._nearest_m += distance(end_ned_m, self.end_ned_m)
+        self._speed_mps *= max(dot(self._direction, direction), 0.0)
+        self._start_ned_m, self.end_ned_m = self.pos_ned_m, end_ned_m
+        self._length_m, self._direction, self._travelled_m = length_m, direction, 0.0
 
     def stuck(self, t_ns: int) -> str:
         """Reason why the end can't be reached, or "" while the vehicle makes progress."""

@@ -1,32 +1,41 @@
 """The way home: up to a safe height, straight to above the place, down, and a landing there.
 
-When the landing fails while the vehicle still flies, or the way would leave the fence, it goes on to the next place.
+Each second the return decides again to which place the vehicle flies. When the landing fails while the vehicle still
+flies, it goes on to the next place.
 """
 
-from collections.abc import Sequence
-from math import dist, hypot
+from itertools import pairwise
 
 from msgspec.structs import replace
 
-from jezero.fence_geometry import way_refusal
-from jezero.frames import Vec3, add, altitude_m, horizontal, subtract, z_ned_m
+from jezero.frames import Vec3, distance, dot, horizontal, norm, subtract
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import LandFeedback, ReturnFeedback, ReturnHomeGoal, ReturnPhase, ReturnResult
+from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.plain_landing import PlainLanding
-from jezero.services.actions.land_on_spot.remaining import plain_descent_remaining, rover_landing_remaining
 from jezero.services.actions.land_on_spot.rover_landing import RoverLanding
 from jezero.services.actions.motion.behaviour import Done, Move, Remaining, Selection, VehicleState
 from jezero.services.actions.motion.straight_path import StraightPath
 from jezero.services.actions.return_home.config import ReturnHomeConfig
-from jezero.services.actions.return_home.places import Place, ground_places, here, rover_place
+from jezero.services.actions.return_home.decision import Decision
+from jezero.services.actions.return_home.places import Place, ground_places, rover_place
 
+DECISION_PERIOD_NS = NS_PER_S // 2
 ROVER_MOVED_M = 5.0
 """A rover that is farther than this from the end of the way has driven on: the vehicle follows it."""
+ROVER_DRIVES_MPS, ROVER_NEAR_M = 0.3, 10.0
+"""The landing begins as soon as a rover that drives is in sight and nearer than this: it follows the rover."""
 ROVER_JUMPED_M = 10.0
 """If the rover's position changes by this much at once, the earlier one was wrong: the way begins anew."""
+ROVER_KEPT_NS = 3 * NS_PER_S
+"""A rover that nobody knows of for a shorter time is still where it was."""
+REDIRECT_M = 1.0
+"""The way is led to another end when the end has moved by more than this."""
 SEARCH_TRIES = 1
 """Rounds of search for a rover that is out of sight; the battery must also last to the next place."""
+SEARCH_MARGIN_S = 5.0
+"""The search ends when the way to the next place would not leave the reserve after this time."""
 
 
 class ReturnHome:
@@ -50,27 +59,27 @@ class ReturnHome:
         self._settings = settings
         self._config = config
         self._selection = selection
-        self._takeoff_ned_m = takeoff_ned_m
-        self._speed_mps = goal.speed_mps or settings.speed_mps
-        self._safe_height_m = settings.safe_height_m if goal.safe_height_m is None else goal.safe_height_m
-        self._failures: list[str] = []
-        self._rover_failed = False
-        self._places: list[Place] = []
-        """Places that are tried after the present one."""
+        self._decision = Decision(goal, settings, config, t_ns, state)
+        self._ground = ground_places(state.pos_uav_ned_m, takeoff_ned_m, settings.rally_points_ned_m)
+        self._failures: dict[Place, str] = {}
+        """Why the landing failed at each place that was tried."""
+        self._rover: Place | str = rover_place(state.rover, settings.rover_std_max_m, config.vehicle.limits)
+        self._rover_ns = t_ns
+        """Time at which the rover was last known."""
         self._paths: list[StraightPath] = []
         """Paths to above the place that are not flown yet."""
         self._landing: RoverLanding | PlainLanding | None = None
-        rover = self._rover_place(state)
-        if isinstance(rover, Place):
-            self._begin_to_rover(t_ns, state, rover)
-        else:
-            self._begin_on_ground(t_ns, state, f"the rover can't be found: {rover}")
+        self._decided_ns = t_ns
+        self._way = self._decision.best(t_ns, state, self._places(), None)
+        self._fly(t_ns, state)
 
     def step(self, t_ns: int, state: VehicleState) -> Move | Done:
+        self._update_rover(t_ns, state)
         if self._landing is not None:
             return self._land(t_ns, state, self._landing)
-        self._update_rover(t_ns, state)
-        if not self._paths:
+        if t_ns - self._decided_ns >= DECISION_PERIOD_NS:
+            self._decide(t_ns, state)
+        if not self._paths or self._is_over_driving_rover(state):
             self._landing = self._start_landing(t_ns, state)
             return self._land(t_ns, state, self._landing)
         path = self._paths[0]
@@ -81,9 +90,10 @@ class ReturnHome:
             del self._paths[0]
             if self._paths:
                 self._paths[0].wait(t_ns, state)
-            elif self._place.kind == "rover" and self._away_m(path.end_ned_m) > ROVER_MOVED_M:
-                self._begin_to_rover(t_ns, state, self._place)
-        climbs = path.end_ned_m[2] < path.pos_ned_m[2]
+            elif self._way.place.kind == "rover" and self._away_m(path.end_ned_m) > ROVER_MOVED_M:
+                self._way = self._decision.best(t_ns, state, self._places(), self._way)
+                self._fly(t_ns, state)
+        climbs = path.end_ned_m[2] < path.pos_ned_m[2] - self._config.move.reached_m
         feedback = self._feedback(state, "climb" if climbs else "way")
         return Move(Phase.LANDING, feedback, path.pos_ned_m, path.vel_ned_mps, path.acc_ned_mps2, path.yaw_rad)
 
@@ -100,151 +110,147 @@ class ReturnHome:
         """Rest of the way and of the landing; the search for a rover is not part of it."""
         if self._landing is not None:
             return self._landing.remaining(state)
-        height_m = altitude_m(self._end_ned_m(state)[2] - self._place.pos_ned_m[2])
-        land = self._config.land_on_spot
-        if self._place.kind == "rover":
-            rest = rover_landing_remaining((0.0, 0.0, z_ned_m(height_m)), land.rover)
-        else:
-            rest = plain_descent_remaining(height_m, land.plain)
-        return sum((path.remaining() for path in self._paths), rest)
+        cost = self._decision.cost(state, self._way.place, [path.end_ned_m for path in self._paths]) or self._way.cost
+        length_m = sum(distance(begin, end) for begin, end in pairwise(self.path(state)))
+        return Remaining(cost.time_s, length_m, cost.hover_s)
 
     def path(self, state: VehicleState) -> tuple[Vec3, ...]:
         """The corners of the way, and the place."""
-        return state.pos_uav_ned_m, *(path.end_ned_m for path in self._paths), self._place.pos_ned_m
+        return state.pos_uav_ned_m, *(path.end_ned_m for path in self._paths), self._place_ned_m
 
     def result(self, completed: bool, pos_uav_ned_m: Vec3) -> ReturnResult:
         return ReturnResult(
             completed=completed,
             touchdown_ned_m=pos_uav_ned_m if completed else None,
-            place=self._place.kind,
-            reason=self._place.reason,
+            place=self._way.place.kind,
+            reason=self._way.reason,
         )
 
-    # -- places --
+    # -- the decision --
 
-    def _begin(self, t_ns: int, state: VehicleState, place: Place) -> None:
-        """Turn to a place."""
-        self._place = place
+    def _places(self) -> list[Place | str]:
+        """All places, best first; in place of one that can't be flown to, the reason."""
+        rover = f"the rover can't be found: {self._rover}" if isinstance(self._rover, str) else self._rover
+        return [self._failure(place) or place for place in (rover, *self._ground)]
+
+    def _failure(self, place: Place | str) -> str:
+        """Why the landing failed at a place, or ""."""
+        if isinstance(place, str):
+            return ""
+        where = "on the rover" if place.kind == "rover" else f"at the {place.words}"
+        problems = (problem for failed, problem in self._failures.items() if failed.is_same(place))
+        return next((f"no landing {where}: {problem}" for problem in problems), "")
+
+    def _decide(self, t_ns: int, state: VehicleState) -> None:
+        """Decide again, and turn to another place, or to where the rover will be."""
+        self._decided_ns = t_ns
+        before, self._way = self._way, self._decision.best(t_ns, state, self._places(), self._way)
+        if not self._way.place.is_same(before.place):
+            self._fly(t_ns, state)
+        elif self._way.place.kind == "rover" and self._paths:
+            self._lead(t_ns, state)
+
+    def _fly(self, t_ns: int, state: VehicleState) -> None:
+        """Begin the present way from where the vehicle is."""
         self._landing = None
         start_ned_m, self._paths = state.pos_uav_ned_m, []
-        for end_ned_m in self._corners(start_ned_m, place.pos_ned_m):
-            self._paths.append(
-                StraightPath(
-                    t_ns,
-                    start_ned_m,
-                    end_ned_m,
-                    speed_mps=self._speed_mps,
-                    config=self._config.move,
-                    yaw_start_rad=state.yaw_rad,
-                )
-            )
+        for end_ned_m in self._way.corners_ned_m:
+            self._paths.append(self._path(t_ns, start_ned_m, end_ned_m, state.yaw_rad))
             start_ned_m = end_ned_m
 
-    def _begin_on_ground(self, t_ns: int, state: VehicleState, because: str) -> None:
-        """Turn to the first of the places on the ground that the fence lets the vehicle reach."""
-        rally_points_ned_m = self._settings.rally_points_ned_m
-        self._places = ground_places(because, state.pos_uav_ned_m, self._takeoff_ned_m, rally_points_ned_m)
-        self._begin_next(t_ns, state)
+    def _path(self, t_ns: int, start_ned_m: Vec3, end_ned_m: Vec3, yaw_rad: float) -> StraightPath:
+        speed_mps, move = self._decision.speed_mps, self._config.move
+        return StraightPath(t_ns, start_ned_m, end_ned_m, speed_mps=speed_mps, config=move, yaw_start_rad=yaw_rad)
 
-    def _begin_to_rover(self, t_ns: int, state: VehicleState, rover: Place) -> None:
-        """Turn to the rover, or where that way leaves the fence to a place on the ground."""
-        self._begin(t_ns, state, rover)
-        if refusal := self._fence_refusal(state):
-            self._rover_failed = True
-            self._begin_on_ground(t_ns, state, f"the rover is left out: {refusal}")
-
-    def _begin_next(self, t_ns: int, state: VehicleState) -> None:
-        """Turn to the next place whose way stays inside the fence; without one, land here."""
-        left_out = ""
-        while self._places:
-            place = self._places.pop(0)
-            self._begin(t_ns, state, Place(place.kind, place.pos_ned_m, place.reason + left_out))
-            refusal = self._fence_refusal(state)
-            if not refusal or place.kind == "here":
-                return
-            left_out += f"; the {place.words} is left out: {refusal}"
-        self._begin(t_ns, state, here(place.reason + left_out, state.pos_uav_ned_m))
-
-    def _fence_refusal(self, state: VehicleState) -> str:
-        """Reason why the way to the present place leaves the fence, or ""."""
-        if state.fence is None:
-            return ""
-        way_ned_m = [add(point_ned_m, state.shift_ned_m) for point_ned_m in self.path(state)]
-        return way_refusal(state.fence, way_ned_m, from_ground=False, to_ground=True)
-
-    def _corners(self, start_ned_m: Vec3, place_ned_m: Vec3) -> Sequence[Vec3]:
-        """The end of the climb, the point above the place, and the end of the descent, where the landing begins."""
-        north_m, east_m, z_place_ned_m = place_ned_m
-        x, y, z = start_ned_m
-        limit_m = self._config.vehicle.limits.altitude_max_m
-        z_arrival_ned_m = max(z_place_ned_m + z_ned_m(self._settings.height_arrival_m), z_ned_m(limit_m))
-        if hypot(north_m - x, east_m - y) < self._settings.near_m:
-            return [(north_m, east_m, z_arrival_ned_m)] if z < z_arrival_ned_m else []
-        z_way_ned_m = min(z, z_arrival_ned_m, z_ned_m(min(self._safe_height_m, limit_m)))
-        corners = [(x, y, z_way_ned_m), (north_m, east_m, z_way_ned_m), (north_m, east_m, z_arrival_ned_m)]
-        before = [start_ned_m, *corners]
-        reached_m = self._config.move.reached_m
-        return [end for start, end in zip(before, corners, strict=False) if _far(start, end) > reached_m]
-
-    def _rover_place(self, state: VehicleState) -> Place | str:
-        return rover_place(state.rover, self._settings.rover_std_max_m, self._config.vehicle.limits)
+    def _lead(self, t_ns: int, state: VehicleState) -> None:
+        """Lead what is left of the way to where a driving rover will be; the vehicle keeps its speed."""
+        count = min(len(self._paths), len(self._way.corners_ned_m))
+        ends_ned_m = [path.end_ned_m for path in self._paths]
+        ends_ned_m[len(ends_ned_m) - count :] = self._way.corners_ned_m[len(self._way.corners_ned_m) - count :]
+        if distance(ends_ned_m[-1], self._paths[-1].end_ned_m) < REDIRECT_M:
+            return
+        path = self._paths[0]
+        turned = dot(subtract(ends_ned_m[0], state.pos_uav_ned_m), subtract(path.end_ned_m, state.pos_uav_ned_m)) < 0.0
+        if turned:
+            self._fly(t_ns, state)
+            return
+        if distance(ends_ned_m[0], path.end_ned_m) > 0.0:
+            path.redirect(ends_ned_m[0])
+        starts_and_ends = pairwise(ends_ned_m)
+        self._paths[1:] = [self._path(t_ns, begin, end, state.yaw_rad) for begin, end in starts_and_ends]
 
     def _update_rover(self, t_ns: int, state: VehicleState) -> None:
         """Follow what is known of the rover: it may drive on, and come into sight on the way to another place."""
-        rover = state.rover
-        if rover is None or self._rover_failed:
+        known = rover_place(state.rover, self._settings.rover_std_max_m, self._config.vehicle.limits)
+        before = self._rover
+        if isinstance(known, Place):
+            self._rover, self._rover_ns = known, t_ns
+        elif t_ns - self._rover_ns > ROVER_KEPT_NS:
+            self._rover = known
+        if self._landing is not None or not (isinstance(before, Place) and isinstance(known, Place)):
             return
-        if self._place.kind == "rover":
-            known = self._rover_place(state)
-            if not isinstance(known, Place):
-                return
-            if dist(known.pos_ned_m, self._place.pos_ned_m) > ROVER_JUMPED_M:
-                self._begin_to_rover(t_ns, state, known)
-            else:
-                self._place = known
-        elif rover.valid:
-            sighted = Place("rover", rover.pos_rover_ned_m, "the rover came into sight on the way")
-            self._begin_to_rover(t_ns, state, sighted)
+        if distance(known.pos_ned_m, before.pos_ned_m) > ROVER_JUMPED_M:
+            self._decide(t_ns, state)
+            self._fly(t_ns, state)
 
     def _go_on_elsewhere(self, t_ns: int, state: VehicleState, problem: str) -> Move | Done:
         """Turn to the next place after a failure, or end the goal where there is none."""
-        self._failures.append(f"{self._place.words}: {problem}")
-        if self._place.kind == "rover":
-            self._rover_failed = True
-            self._begin_on_ground(t_ns, state, f"no landing on the rover: {problem}")
-        elif self._places:
-            self._begin_next(t_ns, state)
-        else:
-            return Done("aborted", f"{'; '.join(self._failures)}: land somewhere else by hand")
+        self._failures[self._way.place] = problem
+        if self._way.place.kind == "here":
+            texts = [f"{place.words}: {problem}" for place, problem in self._failures.items()]
+            return Done("aborted", f"{'; '.join(texts)}: land somewhere else by hand")
+        self._decided_ns = t_ns
+        self._way = self._decision.best(t_ns, state, self._places(), None)
+        self._fly(t_ns, state)
         return self.step(t_ns, state)
+
+    @property
+    def _place_ned_m(self) -> Vec3:
+        """The place, as it is known now; a rover drives."""
+        is_rover = self._way.place.kind == "rover" and isinstance(self._rover, Place)
+        return self._rover.pos_ned_m if is_rover and isinstance(self._rover, Place) else self._way.place.pos_ned_m
 
     def _away_m(self, point_ned_m: Vec3) -> float:
         """Horizontal distance of a point from the place."""
-        return horizontal(subtract(point_ned_m, self._place.pos_ned_m))
-
-    def _end_ned_m(self, state: VehicleState) -> Vec3:
-        """Where the landing begins."""
-        return self._paths[-1].end_ned_m if self._paths else state.pos_uav_ned_m
+        return horizontal(subtract(point_ned_m, self._place_ned_m))
 
     # -- the landing --
+
+    def _is_over_driving_rover(self, state: VehicleState) -> bool:
+        """Whether the landing follows a rover that is in sight better than a way to one point does."""
+        rover = state.rover
+        if self._way.place.kind != "rover" or rover is None or not rover.valid:
+            return False
+        return norm(rover.vel_rover_ned_mps) > ROVER_DRIVES_MPS and self._away_m(state.pos_uav_ned_m) < ROVER_NEAR_M
 
     def _start_landing(self, t_ns: int, state: VehicleState) -> RoverLanding | PlainLanding:
         """Start the landing; neither is ended by the wind, because a hover would only empty the battery."""
         land = self._config.land_on_spot
-        if self._place.kind != "rover":
-            return PlainLanding(self._place.pos_ned_m, land, self._config, True, t_ns, state)
+        if self._way.place.kind != "rover":
+            return PlainLanding(self._place_ned_m, land, self._config, True, t_ns, state)
         search = replace(land.rover.search, tries=SEARCH_TRIES)
         land = replace(land, rover=replace(land.rover, search=search))
-        selection = replace(self._selection, pos_rover_ned_m=self._place.pos_ned_m)
+        selection = replace(self._selection, pos_rover_ned_m=self._place_ned_m)
         return RoverLanding(selection, land, self._config.vehicle, True, t_ns, state)
 
     def _land(self, t_ns: int, state: VehicleState, landing: RoverLanding | PlainLanding) -> Move | Done:
         move = landing.step(t_ns, state)
         if isinstance(move, Move):
+            searches = isinstance(move.feedback, LandFeedback) and move.feedback.phase == "search"
+            if searches and t_ns - self._decided_ns >= DECISION_PERIOD_NS:
+                self._decided_ns = t_ns
+                others = [place for place in self._places() if isinstance(place, str) or place.kind != "rover"]
+                if not self._lasts_for_others(t_ns, state, others):
+                    return self._go_on_elsewhere(t_ns, state, "the battery does not last for a longer search")
             return self._with_feedback(move, state)
         if move.outcome == "aborted" and move.then == "hover" and not state.landed:
             return self._go_on_elsewhere(t_ns, state, move.reason)
         return move
+
+    def _lasts_for_others(self, t_ns: int, state: VehicleState, others: list[Place | str]) -> bool:
+        """Whether the best of the other places may still be reached a little later."""
+        way = self._decision.best(t_ns, state, others, None)
+        return self._decision.leaves_reserve(t_ns, state, way, SEARCH_MARGIN_S)
 
     def _with_feedback(self, move: Move, state: VehicleState) -> Move:
         return replace(move, feedback=self._feedback(state, "landing", move.feedback))
@@ -253,13 +259,8 @@ class ReturnHome:
         return ReturnFeedback(
             pos_uav_ned_m=state.pos_uav_ned_m,
             phase=phase,
-            place=self._place.kind,
-            place_ned_m=self._place.pos_ned_m,
-            reason=self._place.reason,
+            place=self._way.place.kind,
+            place_ned_m=self._place_ned_m,
+            reason=self._way.reason,
             landing=landing,
         )
-
-
-def _far(start_ned_m: Vec3, end_ned_m: Vec3) -> float:
-    """Greatest difference on any axis."""
-    return max(abs(difference) for difference in subtract(end_ned_m, start_ned_m))

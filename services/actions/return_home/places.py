@@ -9,6 +9,10 @@ from jezero.schemas.estimate import RoverEstimate
 from jezero.schemas.goals import HomePlace
 from jezero.vehicle_config import VehicleLimitsConfig
 
+NO_TAKEOFF = "nobody knows where the vehicle took off"
+NO_RALLY_POINT = "there is no rally point"
+STILL: Vec3 = (0.0, 0.0, 0.0)
+
 
 @dataclass(frozen=True)
 class Place:
@@ -17,17 +21,23 @@ class Place:
     Attributes:
         kind: the rover, or what the place on the ground is.
         pos_ned_m: its position; z of a rally point is that of the world's origin.
-        reason: why the vehicle returns to this place, for people.
+        note: what is known of it, for people.
+        vel_ned_mps: its velocity.
     """
 
     kind: HomePlace
     pos_ned_m: Vec3
-    reason: str
+    note: str = ""
+    vel_ned_mps: Vec3 = STILL
 
     @property
     def words(self) -> str:
         """What the place is, for people."""
         return self.kind.replace("_", " ")
+
+    def is_same(self, other: "Place") -> bool:
+        """Whether both are one place; a rover stays the same while it drives."""
+        return self.kind == other.kind and (self.kind != "rally_point" or self.pos_ned_m == other.pos_ned_m)
 
 
 def rover_place(rover: RoverEstimate | None, std_max_m: float, limits: VehicleLimitsConfig) -> Place | str:
@@ -43,38 +53,34 @@ def rover_place(rover: RoverEstimate | None, std_max_m: float, limits: VehicleLi
     if away_m > limits.distance_max_m or height_m > limits.altitude_max_m:
         beyond = f"beyond the limits of {limits.distance_max_m:g} m and {limits.altitude_max_m:g} m"
         return f"its estimated position is {away_m:.0f} m away and {height_m:.0f} m up, {beyond}"
+    north_mps, east_mps, _ = rover.vel_rover_ned_mps
     if rover.valid:
-        return Place("rover", rover.pos_rover_ned_m, "the rover is in sight")
-    if rover.std_pos_m <= std_max_m:
-        known = f"the rover is out of sight; by its odometry its position is known to {rover.std_pos_m:.1f} m"
-        return Place("rover", rover.pos_rover_ned_m, known)
-    return rover.reason or f"its position is known to {rover.std_pos_m:.0f} m"
+        note = "the rover is in sight"
+    elif rover.std_pos_m <= std_max_m:
+        note = f"the rover is out of sight; by its odometry its position is known to {rover.std_pos_m:.1f} m"
+    else:
+        return rover.reason or f"its position is known to {rover.std_pos_m:.0f} m"
+    return Place("rover", rover.pos_rover_ned_m, note, (north_mps, east_mps, 0.0))
 
 
 def ground_places(
-    because: str, pos_uav_ned_m: Vec3, takeoff_ned_m: Vec3 | None, rally_points_ned_m: Sequence[tuple[float, float]]
-) -> list[Place]:
-    """Places on the ground, in the order in which they are tried: never none.
+    pos_uav_ned_m: Vec3, takeoff_ned_m: Vec3 | None, rally_points_ned_m: Sequence[tuple[float, float]]
+) -> list[Place | str]:
+    """Places on the ground but for the one below the vehicle, best first; in place of one that is missing, why it is.
 
     Args:
-        because: why the vehicle doesn't land on the rover.
         takeoff_ned_m: where the vehicle took off; None when nobody knows.
     """
     north_m, east_m, _ = pos_uav_ned_m
-    places = []
-    if takeoff_ned_m is not None:
-        places.append(Place("takeoff_point", takeoff_ned_m, because))
-    if rally_points_ned_m:
-        nearest_m = min(rally_points_ned_m, key=lambda point: hypot(point[0] - north_m, point[1] - east_m))
-        also = "" if takeoff_ned_m is not None else "; nobody knows where the vehicle took off"
-        places.append(Place("rally_point", (*nearest_m, 0.0), because + also))
-    if not places:
-        unknown = f"{because}; nobody knows where the vehicle took off, and there is no rally point"
-        places.append(here(unknown, pos_uav_ned_m))
-    return places
+    nearest_first = sorted(rally_points_ned_m, key=lambda point: hypot(point[0] - north_m, point[1] - east_m))
+    return [
+        NO_TAKEOFF if takeoff_ned_m is None else Place("takeoff_point", takeoff_ned_m),
+        *(Place("rally_point", (*point, 0.0)) for point in nearest_first),
+        *(() if nearest_first else (NO_RALLY_POINT,)),
+    ]
 
 
-def here(reason: str, pos_uav_ned_m: Vec3) -> Place:
+def here(pos_uav_ned_m: Vec3) -> Place:
     """The ground below the vehicle."""
     north_m, east_m, _ = pos_uav_ned_m
-    return Place("here", (north_m, east_m, 0.0), reason)
+    return Place("here", (north_m, east_m, 0.0))

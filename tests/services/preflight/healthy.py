@@ -113,6 +113,19 @@ def mag(error_rad: float = 0.05, std_gauss: float = 0.003) -> tuple[Magnetometer
     )
 
 
+def baro(std_pa: float = 2.0) -> tuple[Barometer, ...]:
+    noise = random.Random(5)
+    return tuple(
+        Barometer(
+            t_ns=t_ns,
+            pressure_pa=70_000.0 + noise.gauss(0.0, std_pa),
+            altitude_pressure_m=3000.0,
+            temperature_degc=15.0,
+        )
+        for t_ns in times_ns(BARO)
+    )
+
+
 def altimeter(std_m: float = 0.02) -> tuple[Altimeter, ...]:
     noise = random.Random(3)
     return tuple(Altimeter(t_ns=t_ns, range_m=abs(0.5 + noise.gauss(0.0, std_m))) for t_ns in times_ns(ALTIMETER))
@@ -172,10 +185,7 @@ def readings(messages: dict[str, tuple[Any, ...]] | None = None, **changes: Any)
         CLOCK.name: clocks(),
         IMU.name: imu(),
         GNSS.name: gnss(),
-        BARO.name: tuple(
-            Barometer(t_ns=t_ns, pressure_pa=70_000.0, altitude_pressure_m=3000.0, temperature_degc=15.0)
-            for t_ns in times_ns(BARO)
-        ),
+        BARO.name: baro(),
         MAG.name: mag(),
         ALTIMETER.name: altimeter(),
         UWB.name: uwb(),

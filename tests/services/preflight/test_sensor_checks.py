@@ -8,7 +8,7 @@ import pytest
 
 from jezero.schemas.rows import Topic
 from jezero.schemas.state import StatusCode
-from jezero.schemas.topics import ALTIMETER, ESTIMATE_TAG, GNSS, IMU, MAG, ROVER_ODOMETRY, STATUS, UWB
+from jezero.schemas.topics import ALTIMETER, BARO, ESTIMATE_TAG, GNSS, IMU, MAG, ROVER_ODOMETRY, STATUS, UWB
 from jezero.services.preflight.sensor_checks import (
     check_compass,
     check_gnss,
@@ -16,7 +16,7 @@ from jezero.services.preflight.sensor_checks import (
     check_rover,
     check_sensors,
 )
-from tests.services.preflight.healthy import HEARD, altimeter, gnss, imu, mag, readings, rover, status, tags, uwb
+from tests.services.preflight.healthy import HEARD, altimeter, baro, gnss, imu, mag, readings, rover, status, tags, uwb
 
 
 @pytest.mark.parametrize(
@@ -61,6 +61,19 @@ def test_noise_warns_above_twice_and_fails_above_eight_times_what_is_expected(
     outcome = check_noise(readings({topic.name: messages}))
     assert outcome.verdict == verdict, outcome.text
     assert words in outcome.text
+
+
+def test_a_barometer_that_repeats_one_reading_fails() -> None:
+    check = check_noise(readings({BARO.name: baro(std_pa=0.0)}))
+    assert check.verdict == "failed" and "the barometer repeats one reading" in check.text
+
+
+def test_an_altimeter_that_measures_metres_below_a_standing_vehicle_fails() -> None:
+    far = tuple(msgspec.structs.replace(reading, range_m=5.0) for reading in altimeter())
+    check = check_sensors(readings({ALTIMETER.name: far}))
+    assert check.verdict == "failed" and "the altimeter reads 5.0 m while the vehicle stands" in check.text
+    flying = status(armed=True, landed=False, code=StatusCode.HOVER)
+    assert check_sensors(readings({ALTIMETER.name: far, STATUS.name: (flying,)})).verdict == "passed"
 
 
 def test_the_noise_of_a_flying_vehicle_is_not_judged() -> None:

@@ -229,18 +229,29 @@ def test_a_position_reset_moves_the_target_along() -> None:
     answers = world.send(GoToGoal(target_ned_m=(4.0, 0.0, -3.0), goal_id="g"))
     world.bus.run_for(1.5)
     before = world.bridge.setpoints[-1]
-    world.bridge.step_position((0.5, -1.0, 0.2))
+    world.bridge.step_position((0.5, -0.8, 0.2))
     world.bus.run_for(0.1)
     after = world.bridge.setpoints[-1]
     assert before.pos_ned_m is not None
     assert after.pos_ned_m is not None
     assert (before.reset_counter, after.reset_counter) == (0, 1)
-    assert after.pos_ned_m[1:] == pytest.approx((-1.0, -2.8))
+    assert after.pos_ned_m[1:] == pytest.approx((-0.8, -2.8))
     assert abs(after.pos_ned_m[0] - before.pos_ned_m[0] - 0.5) < 0.3
     result = world.end(answers, 30.0)
-    assert result.result.pos_uav_ned_m == pytest.approx((4.5, -1.0, -2.8), abs=0.15)
-    assert world.bridge.releases[0].hover_pos_ned_m == pytest.approx((4.5, -1.0, -2.8))
+    assert result.result.pos_uav_ned_m == pytest.approx((4.5, -0.8, -2.8), abs=0.15)
+    assert world.bridge.releases[0].hover_pos_ned_m == pytest.approx((4.5, -0.8, -2.8))
     assert world.bridge.releases[0].reset_counter == 1
+
+
+def test_steps_of_the_position_by_more_than_a_metre_in_sum_end_the_goal_with_the_sizes() -> None:
+    world = World()
+    answers = world.send(GoToGoal(target_ned_m=(8.0, 0.0, -3.0), goal_id="g"))
+    for step_ned_m in ((0.6, 0.0, 0.0), (-0.6, 0.0, 3.0)):  # back again: the sum counts
+        world.bus.run_for(1.0)
+        world.bridge.step_position(step_ned_m)
+    result = world.end(answers, 1.0)
+    assert result.outcome == "aborted"
+    assert "the autopilot corrected its position by 1.2 m in 2 steps during the goal" in result.reason
 
 
 def test_a_goal_whose_point_is_beyond_the_limits_after_a_position_reset_is_aborted() -> None:

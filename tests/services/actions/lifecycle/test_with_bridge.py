@@ -165,7 +165,7 @@ def test_a_position_reset_in_flight_goes_unnoticed() -> None:
     answers = world.send(GoToGoal(target_ned_m=(6.0, 0.0, -2.0), goal_id="g"))
     world.bus.run_for(2.0)
     autopilot = world.mass.autopilot
-    autopilot.pos[1] += 1.5
+    autopilot.pos[1] += 0.8
     autopilot.reset_counter = 1
     sideways: list[float] = []
 
@@ -175,8 +175,8 @@ def test_a_position_reset_in_flight_goes_unnoticed() -> None:
 
     assert world.bus.run_for(30.0, has_ended)
     assert answers.replies[-1].outcome == "succeeded"
-    assert all(abs(y - 1.5) < 0.05 for y in sideways)
-    assert answers.replies[-1].result.pos_uav_ned_m == pytest.approx((6.0, 1.5, -2.0), abs=0.15)
+    assert all(abs(y - 0.8) < 0.05 for y in sideways)
+    assert answers.replies[-1].result.pos_uav_ned_m == pytest.approx((6.0, 0.8, -2.0), abs=0.15)
 
 
 def test_arming_that_is_refused_ends_the_goal_with_the_autopilots_words() -> None:

@@ -1,6 +1,7 @@
 """The places of a return, best first."""
 
 import pytest
+from msgspec.structs import replace
 
 from jezero.frames import Vec3
 from jezero.schemas.estimate import RoverEstimate
@@ -46,21 +47,19 @@ def test_a_rover_beyond_the_limits_is_no_place_however_well_it_is_known(pos_ned_
     assert isinstance(place, str) and "beyond the limits of 500 m and 120 m" in place
 
 
-def test_the_takeoff_point_comes_before_the_nearest_rally_point() -> None:
-    places = ground_places("no rover", HERE, (1.0, 2.0, 0.0), [(0.0, 0.0), (30.0, 50.0)])
-    assert [(place.kind, place.pos_ned_m) for place in places] == [
-        ("takeoff_point", (1.0, 2.0, 0.0)),
-        ("rally_point", (30.0, 50.0, 0.0)),
+def test_a_driving_rover_has_its_velocity_over_ground() -> None:
+    place = rover_place(replace(rover(valid=True, std_m=0.1), vel_rover_ned_mps=(0.4, -0.3, 0.1)), 10.0, LIMITS)
+    assert isinstance(place, Place) and place.vel_ned_mps == (0.4, -0.3, 0.0)
+
+
+def test_the_takeoff_point_comes_before_all_rally_points_nearest_first() -> None:
+    places = ground_places(HERE, (1.0, 2.0, 0.0), [(0.0, 0.0), (30.0, 50.0)])
+    assert places == [
+        Place("takeoff_point", (1.0, 2.0, 0.0)),
+        Place("rally_point", (30.0, 50.0, 0.0)),
+        Place("rally_point", (0.0, 0.0, 0.0)),
     ]
 
 
-def test_without_a_takeoff_point_the_nearest_rally_point_says_why() -> None:
-    (place,) = ground_places("no rover", HERE, None, [(0.0, 0.0)])
-    assert place.kind == "rally_point"
-    assert place.reason == "no rover; nobody knows where the vehicle took off"
-
-
-def test_without_any_place_the_vehicle_lands_where_it_is() -> None:
-    (place,) = ground_places("no rover", HERE, None, [])
-    assert (place.kind, place.pos_ned_m) == ("here", (30.0, 40.0, 0.0))
-    assert "no rally point" in place.reason
+def test_places_that_are_missing_are_said() -> None:
+    assert ground_places(HERE, None, []) == ["nobody knows where the vehicle took off", "there is no rally point"]

@@ -1,0 +1,236 @@
+"""Decides to which place a return leads: the best that the vehicle reaches with the battery's reserve.
+
+What each place needs is calculated anew at each decision, from where the vehicle is: with the wind that blows, to where
+a driving rover will be, as high as the fence lets the vehicle fly, and with the charge that is left.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot
+
+from jezero.fence_geometry import HOLD_OFF_M, way_refusal
+from jezero.frames import Vec3, add, altitude_m, horizontal, norm, scale, subtract, z_ned_m
+from jezero.schemas.goals import ReturnHomeGoal
+from jezero.schemas.units import NS_PER_S
+from jezero.services.actions.config import ActionsConfig
+from jezero.services.actions.land_on_spot.remaining import plain_descent_remaining, rover_landing_remaining
+from jezero.services.actions.motion.behaviour import VehicleState
+from jezero.services.actions.motion.way_cost import WayCost, flight_cost, leg_cost
+from jezero.services.actions.return_home.config import ReturnHomeConfig
+from jezero.services.actions.return_home.places import STILL, Place, here
+
+SWITCH_MARGIN = 1.3
+"""A return turns to a better place where the battery would hold this many times the charge that the place needs, so
+that it does not turn back at the next gust."""
+RESOLUTION = 0.005
+"""The autopilot reports whole percents, so that half of one may be missing: for this alone no place is given up."""
+SLACK = 0.01
+"""Where no place leaves the reserve, a place is still better than the ground below the vehicle, if it takes no more
+than this fraction of the capacity more."""
+DOUBT_MIN = 0.02
+"""A gauge that reports more than the goal by this fraction is wrong."""
+CRITICAL_MARGIN = 0.01
+"""At the critical level the autopilot flies its own return: the landing is over before."""
+MEETING_TRIES = 12
+MEETING_M = 1.0
+"""The place to meet a driving rover is calculated again until it changes by less than this."""
+MEETING_MAX_S = 300.0
+"""A rover that is not met within this time is left alone."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way to a place.
+
+    Attributes:
+        place: the place.
+        end_ned_m: where the place will be when the vehicle arrives.
+        corners_ned_m: ends of the straight legs: of the climb, above the place, and where the landing begins.
+        cost: of the legs and the landing.
+        reason: why the vehicle returns to this place, for people.
+    """
+
+    place: Place
+    end_ned_m: Vec3
+    corners_ned_m: tuple[Vec3, ...]
+    cost: WayCost
+    reason: str = ""
+
+
+class Charge:
+    """The charge that is left, and what a way takes from it.
+
+    Args:
+        goal: has the charge and its use as its sender knows them, for a gauge that is wrong.
+    """
+
+    def __init__(self, goal: ReturnHomeGoal, config: ActionsConfig, t_ns: int, state: VehicleState) -> None:
+        self._battery = config.vehicle.battery
+        self._start_ns = t_ns
+        reported = None if state.battery is None else state.battery.remaining
+        self._start = reported if goal.charge is None else min(goal.charge, 1.0 if reported is None else reported)
+        doubted = self._start is not None and reported is not None and reported - self._start > DOUBT_MIN
+        declared_per_s = self._battery.used(1.0)
+        self._fall_per_s = declared_per_s if doubted else self._battery.least_used(1.0)
+        self._per_s = declared_per_s if goal.charge_per_s is None else goal.charge_per_s
+
+    def needed(self, cost: WayCost) -> float:
+        """Fraction of the capacity that a way takes: by what is known of the vehicle, or by what the flight used so
+        far, whichever is more."""
+        return max(self._battery.used(cost.hover_s), self._per_s * cost.time_s)
+
+    def left(self, t_ns: int, state: VehicleState) -> float | None:
+        """Fraction of the capacity that is left now; None where nobody knows."""
+        reported = None if state.battery is None else state.battery.remaining
+        if self._start is None:
+            return reported
+        known = max(self._start - self._fall_per_s * (t_ns - self._start_ns) / NS_PER_S, 0.0)
+        return known if reported is None else min(reported, known)
+
+    def reserve(self, state: VehicleState) -> float:
+        """Fraction of the capacity that must be left after the landing."""
+        critical = 0.0 if state.battery is None else state.battery.critical or 0.0
+        return max(self._battery.reserve, critical + CRITICAL_MARGIN)
+
+
+class Decision:
+    """The choice of one return.
+
+    Args:
+        goal: of the return.
+        settings: of the action.
+        config: of all actions.
+    """
+
+    def __init__(
+        self, goal: ReturnHomeGoal, settings: ReturnHomeConfig, config: ActionsConfig, t_ns: int, state: VehicleState
+    ) -> None:
+        self.speed_mps = goal.speed_mps or settings.speed_mps
+        self._safe_height_m = settings.safe_height_m if goal.safe_height_m is None else goal.safe_height_m
+        self._settings, self._config = settings, config
+        self._charge = Charge(goal, config, t_ns, state)
+
+    def best(self, t_ns: int, state: VehicleState, places: Sequence[Place | str], present: Way | None) -> Way:
+        """The way to the best place that leaves the reserve; its reason says why better ones are left out.
+
+        Args:
+            places: best first; in place of one that can't be flown to, the reason, for people.
+            present: the way that is being flown; None at first. It is left for a better one only with a margin.
+        """
+        left, reserve = self._charge.left(t_ns, state), self._charge.reserve(state)
+        left_out: list[str] = []
+        short: list[Way] = []
+        for place in (*places, here(state.pos_uav_ned_m)):  # landing below the vehicle is possible at any time
+            way = place if isinstance(place, str) else self._way(place, state)
+            if isinstance(way, str):
+                left_out.append(way)
+                continue
+            is_present = present is not None and way.place.is_same(present.place)
+            margin = SWITCH_MARGIN if present is not None and not is_present else 1.0
+            keeps = left is None or left - margin * self._charge.needed(way.cost) >= reserve - RESOLUTION * is_present
+            if keeps:
+                return _with_reason(way, left_out)
+            short.append(way)
+            rest = max((left or 0.0) - self._charge.needed(way.cost), 0.0)
+            if way.place.kind != "here":
+                left_out.append(
+                    f"the {way.place.words} is left out: the battery would have {rest:.0%} there, and {reserve:.0%} is "
+                    "its reserve"
+                )
+        here_needs = self._charge.needed(short[-1].cost)
+        best = next(way for way in short if self._charge.needed(way.cost) <= here_needs + SLACK)
+        return _with_reason(best, [text for text in left_out if not text.startswith(f"the {best.place.words} is ")])
+
+    def leaves_reserve(self, t_ns: int, state: VehicleState, way: Way, waiting_s: float) -> bool:
+        """Whether a way would still leave the reserve after some more seconds of hovering."""
+        left = self._charge.left(t_ns, state)
+        wait = flight_cost(waiting_s, STILL, state.wind_ned_mps or STILL, self._config.vehicle)
+        return left is None or left - self._charge.needed(way.cost.plus(wait)) >= self._charge.reserve(state)
+
+    def cost(self, state: VehicleState, place: Place, corners_ned_m: Sequence[Vec3]) -> WayCost | None:
+        """Cost of the legs and of the landing at their end; None where the wind doesn't let the vehicle come there."""
+        legs = self._legs_cost(state, corners_ned_m)
+        return None if legs is None else legs.plus(self._landing_cost(state, place, corners_ned_m))
+
+    def _legs_cost(self, state: VehicleState, corners_ned_m: Sequence[Vec3]) -> WayCost | None:
+        wind_ned_mps = state.wind_ned_mps or STILL
+        cost, start_ned_m = WayCost(0.0, 0.0), state.pos_uav_ned_m
+        for end_ned_m in corners_ned_m:
+            move, vehicle = self._config.move, self._config.vehicle
+            leg = leg_cost(start_ned_m, end_ned_m, self.speed_mps, move, wind_ned_mps, vehicle)
+            if leg is None:
+                return None
+            cost, start_ned_m = cost.plus(leg), end_ned_m
+        return cost
+
+    def _landing_cost(self, state: VehicleState, place: Place, corners_ned_m: Sequence[Vec3]) -> WayCost:
+        _, _, z_start_ned_m = corners_ned_m[-1] if corners_ned_m else state.pos_uav_ned_m
+        height_m = altitude_m(z_start_ned_m - place.pos_ned_m[2])
+        land = self._config.land_on_spot
+        if place.kind == "rover":
+            landing = rover_landing_remaining((0.0, 0.0, z_ned_m(height_m)), land.rover)
+        else:
+            landing = plain_descent_remaining(height_m, land.plain)
+        return flight_cost(landing.time_s, place.vel_ned_mps, state.wind_ned_mps or STILL, self._config.vehicle)
+
+    def _way(self, place: Place, state: VehicleState) -> Way | str:
+        """The way to a place, or the reason why it is left out."""
+        left_out = f"the {place.words} is left out: "
+        end_ned_m, legs = place.pos_ned_m, WayCost(0.0, 0.0)
+        for _ in range(MEETING_TRIES):
+            corners_ned_m = self._corners(state, end_ned_m)
+            now = self._legs_cost(state, corners_ned_m)
+            if now is None:
+                wind_mps = horizontal(state.wind_ned_mps or STILL)
+                return f"{left_out}the wind of {wind_mps:.0f} m/s does not let the vehicle come there"
+            legs = now
+            if legs.time_s > MEETING_MAX_S and horizontal(place.vel_ned_mps) > 0.0:
+                return f"{left_out}it drives at {horizontal(place.vel_ned_mps):.1f} m/s, too fast to be caught up with"
+            then_ned_m = add(place.pos_ned_m, scale(place.vel_ned_mps, legs.time_s))
+            moved_m = subtract(then_ned_m, end_ned_m)
+            if norm(moved_m) < MEETING_M:
+                break
+            # Half of the way towards it: the time jumps where the vehicle need not climb, and would never settle.
+            end_ned_m = add(end_ned_m, scale(moved_m, 0.5))
+        limit_m = self._config.vehicle.limits.distance_max_m
+        if horizontal(end_ned_m) > limit_m and place.kind == "rover":
+            return f"{left_out}it drives beyond the limit of {limit_m:g} m"
+        if state.fence is not None and place.kind != "here":
+            way_ned_m = [state.pos_uav_ned_m, *corners_ned_m, end_ned_m]
+            shifted_ned_m = [add(point_ned_m, state.shift_ned_m) for point_ned_m in way_ned_m]
+            if refusal := way_refusal(state.fence, shifted_ned_m, from_ground=False, to_ground=True):
+                return left_out + refusal
+        cost = legs.plus(self._landing_cost(state, place, corners_ned_m))
+        return Way(place, end_ned_m, corners_ned_m, cost)
+
+    def _corners(self, state: VehicleState, place_ned_m: Vec3) -> tuple[Vec3, ...]:
+        """The end of the climb, the point above the place, and the end of the descent, where the landing begins."""
+        north_m, east_m, z_place_ned_m = place_ned_m
+        x, y, z = start_ned_m = state.pos_uav_ned_m
+        z_top_ned_m = z_ned_m(self._config.vehicle.limits.altitude_max_m)
+        if state.fence is not None and state.fence.ceiling_m is not None:
+            z_ceiling_ned_m = z_ned_m(state.fence.ceiling_m - HOLD_OFF_M) - state.shift_ned_m[2]
+            z_top_ned_m = max(z_top_ned_m, min(z_ceiling_ned_m, z_place_ned_m))
+        z_arrival_ned_m = max(z_place_ned_m + z_ned_m(self._settings.height_arrival_m), z_top_ned_m)
+        if hypot(north_m - x, east_m - y) < self._settings.near_m:
+            return ((north_m, east_m, z_arrival_ned_m),) if z < z_arrival_ned_m else ()
+        z_way_ned_m = max(min(z, z_arrival_ned_m, z_ned_m(self._safe_height_m)), z_top_ned_m)
+        corners = [(x, y, z_way_ned_m), (north_m, east_m, z_way_ned_m), (north_m, east_m, z_arrival_ned_m)]
+        before = [start_ned_m, *corners]
+        reached_m = self._config.move.reached_m
+        return tuple(end for start, end in zip(before, corners, strict=False) if _far(start, end) > reached_m)
+
+
+def _with_reason(way: Way, left_out: Sequence[str]) -> Way:
+    """A way with the reasons why better ones are left out; several rally points count as one."""
+    rally = [text for text in left_out if text.startswith("the rally point is left out")]
+    texts = [*(text for text in left_out if text not in rally), *rally[:1]]
+    if len(rally) > 1:
+        texts.append(f"so are {len(rally) - 1} more")
+    reason = "; ".join(filter(None, (*texts, way.place.note)))
+    return Way(way.place, way.end_ned_m, way.corners_ned_m, way.cost, reason)
+
+
+def _far(start_ned_m: Vec3, end_ned_m: Vec3) -> float:
+    """Greatest difference on any axis."""
+    return max(abs(difference) for difference in subtract(end_ned_m, start_ned_m))
