@@ -8,7 +8,8 @@ import msgspec
 
 from jezero.area_files.polygon import FilePolygon
 from jezero.frames import altitude_m, geodetic_from_ned
-from jezero.mission_files.qgc_import import CHANGE_SPEED, DELAY_NAV, LAND, MANUAL_CAMERA, TAKEOFF, WAYPOINT
+from jezero.mission_files.qgc_import import CHANGE_SPEED, DELAY_NAV, LAND, TAKEOFF, WAYPOINT
+from jezero.mission_files.qgc_surveys import MANUAL_CAMERA
 from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, Goal, GoToGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.mission import FailurePolicy, Mission, WaitStep
 from jezero.schemas.topics import ACTIONS
@@ -195,9 +196,10 @@ class _Exporter:
             "VisualTransectPoints": path,
         }  # fmt: skip
         self._items.append({
-            "type": "ComplexItem", "complexItemType": "survey", "version": 5, "angle": 0, "entryLocation": 0,
-            "flyAlternateTransects": False, "splitConcavePolygons": False,
-            "polygon": [self._degrees(corner) for corner in goal.polygon_ned_m], "TransectStyleComplexItem": style,
+            "type": "ComplexItem", "complexItemType": "survey", "version": 5, "entryLocation": 0,
+            "flyAlternateTransects": False, "splitConcavePolygons": False, "TransectStyleComplexItem": style,
+            "angle": round(degrees(made.plan.lines_rad), 4),
+            "polygon": [self._degrees(corner) for corner in goal.polygon_ned_m],
         })  # fmt: skip
         for hole in goal.holes_ned_m:
             corners = [self._degrees(corner) for corner in hole]
@@ -215,13 +217,13 @@ class _Exporter:
             self._notes.append(f"{where}: QGroundControl has no margin, so that {goal.margin_outline_m:g} m are lost")
 
     def _camera(self, goal: AreaCoverageGoal, line_m: float, picture_m: float) -> dict[str, Any]:
-        """The survey's camera: the vehicle's own, or for a goal with a distance between lines none."""
+        """The survey's camera: the vehicle's own, or for a goal with distances none."""
         height_m = altitude_m(goal.z_ned_m)
         common = {
             "version": 2, "DistanceMode": RELATIVE_MODE, "DistanceToSurface": height_m, "AdjustedFootprintSide": line_m,
             "AdjustedFootprintFrontal": picture_m,
         }  # fmt: skip
-        if goal.resolution_m is not None:
+        if goal.resolution_m is not None or goal.picture_distance_m is not None:
             return common | {"CameraName": MANUAL_CAMERA}
         camera = self._config.vehicle.camera
         overlap, sidelap = (100.0 * (a if a is not None else b or 0.0) for a, b in (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from jezero.mission_files.goals import Places
+from jezero.mission_files.goals import Places, height_m
 from jezero.mission_files.nodes import Node, UnreadableError, parse
 from jezero.mission_files.problems import MissionFileError, Problem, Problems, did_you_mean, listed
 from jezero.mission_files.steps import Steps, failure_policy
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from jezero.area_files import Area
 
 BYTES_MAX = 1_000_000
+FOREIGN = (".plan", ".mission", ".waypoints", ".txt", ".kml", ".kmz")
+"""Endings of files of other programs, of which a mission is made first."""
 PARTS = ("mission", "points", "areas", "on_failure", "steps")
 AREA_PARTS = ("file", "feature", "metres")
 DEGREES_PARTS = ("degrees", "holes")
@@ -49,8 +51,9 @@ def read_mission(
 
     Args:
         file: the file; files of areas that it names are relative to its folder.
-        origin_deg: latitude and longitude of the world's origin in degrees, such as `Odometry.origin_deg`; None if all
-            areas are in metres.
+        origin_deg: latitude and longitude of the world's origin in degrees and its altitude above sea level, such as
+            `Odometry.origin_deg`. Heights above sea level need the altitude. None if everything is in metres around the
+            origin.
         actions: every action by name; None takes those that are installed.
 
     Raises:
@@ -65,7 +68,7 @@ class _Reader:
         self._origin_deg = origin_deg
         self._actions = actions
         self._problems = Problems()
-        self._places = Places()
+        self._places = Places(None if origin_deg is None or len(origin_deg) < 3 else origin_deg[2])
 
     def read(self) -> MissionFile:
         """The mission, or `MissionFileError`."""
@@ -91,6 +94,9 @@ class _Reader:
         return MissionFile(mission, tuple(steps.lines))
 
     def _parse(self) -> Node:
+        if self._file.suffix.lower() in FOREIGN and self._file.is_file():
+            made = self._file.with_suffix(".yaml").name
+            raise self._error(0, f"is no mission of jezero yet: jezero mission import {self._file} -o {made} makes one")
         try:
             size = self._file.stat().st_size
             if size > BYTES_MAX:
@@ -149,8 +155,8 @@ class _Reader:
         """The point in metres; None for a malformed one."""
         parts: dict[str, Node] = node.value
         place_deg = _numbers(parts.get("degrees", node), 2)
-        altitude_m: Any = parts["altitude_m"].value if "altitude_m" in parts else None
-        if len(parts) != 2 or place_deg is None or not _is_number(altitude_m):
+        up = parts.get("altitude_m", node)
+        if len(parts) != 2 or place_deg is None or not (_is_number(up.value) or (up is not node and _is_fields(up))):
             return None
         if self._origin_deg is None:
             self._problems.add(node.line, f"the point {name!r} {UNKNOWN_ORIGIN}")
@@ -165,7 +171,9 @@ class _Reader:
                 f"{self._origin_deg[0]:.6f}, {self._origin_deg[1]:.6f}: start the vehicle near the point, or give the "
                 "point as [latitude, longitude] in degrees",
             )
-        return [north_m, east_m, -float(altitude_m)]
+        at = f"the altitude_m of the point {name!r}"
+        altitude_m = height_m(at, up, self._places, self._problems) if _is_fields(up) else float(up.value)
+        return [north_m, east_m, -altitude_m]
 
     def _add_area(self, name: str, node: Node) -> None:
         self._places.areas[name] = {"polygon_ned_m": [], "holes_ned_m": []}
@@ -243,6 +251,10 @@ def _numbers(node: Node, count: int) -> list[float] | None:
     if not isinstance(values, list) or len(values) != count:
         return None
     return [float(value) for value in values] if all(map(_is_number, values)) else None
+
+
+def _is_fields(node: Node) -> bool:
+    return isinstance(node.value, dict)
 
 
 def _is_number(value: Any) -> bool:

@@ -8,8 +8,19 @@ from click.testing import CliRunner, Result
 
 from jezero.area_files import read_polygons
 from jezero.cli.main import main
-from jezero.mission_files import read_mission
-from tests.mission_files.qgc import FIELD_DEG, HOME_DEG, LAND, TAKEOFF, WAYPOINT, plan, simple, survey, written
+from jezero.mission_files import read_fence, read_mission
+from tests.mission_files.qgc import (
+    FIELD_DEG,
+    HOLE_DEG,
+    HOME_DEG,
+    LAND,
+    TAKEOFF,
+    WAYPOINT,
+    plan,
+    simple,
+    survey,
+    written,
+)
 
 NOBODY = ["--router", "tcp/127.0.0.1:9"]
 KML = """<kml xmlns="http://www.opengis.net/kml/2.2"><Document>
@@ -29,13 +40,58 @@ def run(*words: str | Path) -> Result:
 def test_a_plan_is_written_as_a_mission_with_a_line_for_what_is_lost(tmp_path: Path) -> None:
     file = written(tmp_path, plan(TAKEOFF, WAYPOINT, simple(177, [1, 2, 0, 0, 0, 0, 0], 2), survey(), LAND))
     out = tmp_path / "mission.yaml"
-    done = run("import", file, "-o", out)
+    refused = run("import", file, "-o", out)
+    assert refused.exit_code == 1 and not out.exists()
+    assert refused.stderr.splitlines() == [
+        f"{file} has what no mission can have:", "  item 3 (do jump): no action does it",
+        "change the plan, or leave this out with --leave-out",
+    ]  # fmt: skip
+    done = run("import", file, "-o", out, "--leave-out")
     assert done.exit_code == 0, done.output
     lines = done.stdout.splitlines()
-    assert lines[0] == "item 3 (do jump) is left out: no action does it"
+    assert lines[0] == "left out: item 3 (do jump): no action does it"
     assert lines[-1] == f"{out}: 5 steps; jezero mission check {out} plans them"
-    assert "- area_coverage: {polygon_ned_m: survey_1, z_ned_m: -40.0, overlap: 0.75, sidelap: 0.65}" in out.read_text()
+    survey_1 = "polygon_ned_m: survey_1, z_ned_m: -40.0, overlap: 0.75, sidelap: 0.65, angle_rad: 0.0"
+    assert f"- area_coverage: {{{survey_1}}}" in out.read_text()
     assert read_mission(out, HOME_DEG[:2]).mission.name == "survey"
+
+
+def test_the_geofence_of_a_plan_is_written_beside_the_mission_and_none_is_written_over(tmp_path: Path) -> None:
+    file = written(tmp_path, plan(TAKEOFF, WAYPOINT, polygons=[(FIELD_DEG, True), (HOLE_DEG, False)]))
+    out, beside = tmp_path / "mission.yaml", tmp_path / "mission.fence.yaml"
+    done = run("import", file, "-o", out)
+    assert done.exit_code == 0, done.output
+    assert done.stdout.splitlines()[-1] == f"{beside}: the geofence; jezero fence set {beside} puts it in force"
+    fence = read_fence(beside)
+    assert fence.keep_in is not None and [list(corner) for corner in fence.keep_in.corners_deg] == FIELD_DEG
+    assert [[list(corner) for corner in zone.corners_deg] for zone in fence.keep_out] == [HOLE_DEG]
+    out.write_text("mine")
+    beside.unlink()
+    again = run("import", file, "-o", out)
+    assert again.exit_code == 1 and f"{out} exists: choose another name, or add --force" in again.stderr
+    assert out.read_text() == "mine" and not beside.exists(), "nothing is written if one file may not be"
+    assert run("import", file, "-o", out, "--force").exit_code == 0
+    assert beside.exists() and "takeoff" in out.read_text()
+
+
+def test_a_geofence_that_is_none_is_refused_unless_it_is_left_out(tmp_path: Path) -> None:
+    line = [[47.3980, 8.5458], [47.3981, 8.5459], [47.3982, 8.5460]]
+    file, out = written(tmp_path, plan(TAKEOFF, polygons=[(line, True)])), tmp_path / "mission.yaml"
+    refused = run("import", file, "-o", out)
+    assert refused.exit_code == 1 and "all its corners are in one line" in refused.stderr
+    assert run("import", file, "-o", out, "--leave-out").exit_code == 0
+    assert not (tmp_path / "mission.fence.yaml").exists()
+
+
+@pytest.mark.parametrize("command", [["check"], ["export", "-o", "{folder}/out.kml"]])
+def test_a_plan_in_place_of_a_mission_is_told_to_import_it_in_one_sentence(command: list[str], tmp_path: Path) -> None:
+    words = [word.format(folder=tmp_path) for word in command]
+    for name in ("field.plan", "field.waypoints", "field.kml", "field.mission"):
+        file = written(tmp_path, plan(TAKEOFF) | {"version": 42}, name)
+        done = run(words[0], file, *words[1:], *NOBODY)
+        assert done.exit_code == 1
+        made = file.with_suffix(".yaml").name
+        assert done.stderr == f"{file} is no mission of jezero yet: jezero mission import {file} -o {made} makes one\n"
 
 
 def test_the_polygons_of_a_kml_file_are_coverages(tmp_path: Path) -> None:
@@ -83,7 +139,7 @@ def test_each_line_of_json_has_a_note_or_the_file(tmp_path: Path) -> None:
     [
         ("import nothing.plan -o a.yaml", "does not exist", 2),
         ("import {file}", "Missing option '-o'", 2),
-        ("import {csv} -o a.yaml", "its name must end in .plan, .kml or .kmz", 2),
+        ("import {csv} -o a.yaml", "its name must end in one of .plan, .mission", 2),
         ("import {empty} -o {folder}/a.yaml", "has nothing to fly", 1),
         ("import {text} -o {folder}/a.yaml", "text.plan", 1),
         ("import {file} -o {folder}/none/a.yaml", "can't be written: No such file or directory", 1),
