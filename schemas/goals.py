@@ -14,6 +14,7 @@ from jezero.schemas.struct import (
     Payload,
     Position,
     PositionNed,
+    RallyPoints,
     Text,
     TimeNs,
 )
@@ -111,10 +112,13 @@ class ReturnHomeGoal(Goal, frozen=True, kw_only=True):
         safe_height_m: height above the world's origin to which the vehicle climbs first, unless it is higher or close
             to the place. None means that of the settings.
         speed_mps: speed on the way. None means that of the settings.
+        rally_points_ned_m: north and east of places on the ground where the vehicle may land, besides those of the
+            settings.
     """
 
     safe_height_m: NonNegative | None = None
     speed_mps: float | None = None
+    rally_points_ned_m: RallyPoints = ()
 
 
 class GetImagesGoal(Goal, frozen=True, kw_only=True):

@@ -123,6 +123,7 @@ class GoalMethods:
         *,
         safe_height_m: float | None = None,
         speed_mps: float | None = None,
+        rally_points_ned_m: Sequence[tuple[float, float]] = (),
         on_client_loss: OnClientLoss = "continue",
     ) -> Goal[ReturnFeedback, ReturnResult]:
         """Fly home and land: on the rover if it is known, else where the vehicle took off, else at a rally point.
@@ -130,8 +131,12 @@ class GoalMethods:
         Args:
             safe_height_m: height above the world's origin to which the vehicle climbs first; None for the default.
             speed_mps: speed on the way; None for the default.
+            rally_points_ned_m: (n, 2) places on the ground where the vehicle may land, besides those of the settings.
         """
-        goal = ReturnHomeGoal(safe_height_m=safe_height_m, speed_mps=speed_mps, on_client_loss=on_client_loss)
+        goal = ReturnHomeGoal(
+            safe_height_m=safe_height_m, speed_mps=speed_mps, on_client_loss=on_client_loss,
+            rally_points_ned_m=tuple(rally_points_ned_m),
+        )  # fmt: skip
         return self._goals.send(topics.RETURN_HOME, goal)
 
     def get_images(

@@ -12,6 +12,8 @@ from jezero.schemas.rows import Action
 
 CHOSEN = ("goal_id", "issued_t_ns", "plan_id", "plan_from_ned_m", "on_client_loss")
 """Fields of a goal that the mission service chooses."""
+RALLY_POINTS = "rally_points_ned_m"
+"""Field of a return, which gets the mission's rally points unless the step has its own."""
 PLACE = "_ned_m"
 """Fields whose names end so take the name of a point or of an area."""
 HEIGHTS = {"altitude_m": 1.0, "z_ned_m": -1.0}
@@ -33,6 +35,7 @@ class Places:
     Attributes:
         points: (3,) north, east and down by name.
         areas: fields of a coverage goal by name: polygon, holes, and origin.
+        rally_points_m: (n, 2) north and east of the mission's rally points, for its returns.
         shown: what people read for a name of a loop: the name or the coordinates of its present point.
     """
 
@@ -40,12 +43,14 @@ class Places:
         self.origin_altitude_m = origin_altitude_m
         self.points: dict[str, list[float]] = {}
         self.areas: dict[str, dict[str, Any]] = {}
+        self.rally_points_m: list[list[float]] = []
         self.shown: dict[str, str] = {}
 
     def in_loop(self, name: str, point_m: list[float], shown: str) -> "Places":
         """A copy that also has the name of a loop, for the loop's present point."""
         places = Places(self.origin_altitude_m)
         places.points, places.areas = {**self.points, name: point_m}, self.areas
+        places.rally_points_m = self.rally_points_m
         places.shown = {**self.shown, name: shown}
         return places
 
@@ -66,6 +71,8 @@ def goal_fields(action: Action[Any], fields: Mapping[str, Node], line: int, plac
     """
     known = [field.name for field in msgspec.structs.fields(action.goal_type) if field.name not in CHOSEN]
     goal: dict[str, Any] = {}
+    if RALLY_POINTS in known and places.rally_points_m:
+        goal[RALLY_POINTS] = places.rally_points_m
     before = len(problems.found)
     for name, node in fields.items():
         if name in CHOSEN:

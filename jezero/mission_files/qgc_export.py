@@ -57,6 +57,7 @@ class _Exporter:
         self._items: list[dict[str, Any]] = []
         self._zones: list[dict[str, Any]] = []
         self._notes: list[str] = []
+        self._rally_points: list[list[float]] = []
         self._speed_mps: float | None = None
         self._here_m = (0.0, 0.0)
         self._count = 0
@@ -70,6 +71,7 @@ class _Exporter:
                 self._items.append(self._item(DELAY_NAV, [step.duration_s, -1, -1, -1, 0, 0, 0], frame=2))
             else:
                 self._goal(step.action, step.goal, where)
+        self._rally_points = [[*self._degrees(point), 0.0] for point in mission.rally_points_ned_m]
         if not self._items:
             raise ExportError("has no step that a plan of QGroundControl can have: " + "; ".join(self._notes))
         if any(not isinstance(step, WaitStep) and step.on_failure != FailurePolicy() for step in mission.steps):
@@ -85,7 +87,7 @@ class _Exporter:
         return {
             "fileType": "Plan", "version": 1, "groundStation": "QGroundControl", "mission": mission,
             "geoFence": {"version": 2, "polygons": self._zones, "circles": []},
-            "rallyPoints": {"version": 2, "points": []},
+            "rallyPoints": {"version": 2, "points": self._rally_points},
         }  # fmt: skip
 
     def _goal(self, action: str, fields: Mapping[str, Any], where: str) -> None:

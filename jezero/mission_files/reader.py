@@ -22,11 +22,12 @@ if TYPE_CHECKING:
 BYTES_MAX = 1_000_000
 FOREIGN = (".plan", ".mission", ".waypoints", ".txt", ".kml", ".kmz")
 """Endings of files of other programs, of which a mission is made first."""
-PARTS = ("mission", "points", "areas", "on_failure", "steps")
+PARTS = ("mission", "points", "areas", "rally_points", "on_failure", "steps")
 AREA_PARTS = ("file", "feature", "metres")
 DEGREES_PARTS = ("degrees", "holes")
 UNKNOWN_ORIGIN = "is in degrees, and the world's origin is not known yet"
 CORNERS_MIN = 3
+RALLY_POINTS_MAX = 100
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,7 @@ class _Reader:
             self._add_point(name, node)
         for name, node in self._named(fields, "areas").items():
             self._add_area(name, node)
+        self._places.rally_points_m = self._rally_points(fields["rally_points"]) if "rally_points" in fields else []
         policy = failure_policy(fields["on_failure"], self._problems) if "on_failure" in fields else FailurePolicy()
         steps = Steps(self._actions, self._places, policy, self._problems)
         if "steps" in fields:
@@ -120,7 +122,11 @@ class _Reader:
     def _mission(self, fields: dict[str, Node], steps: Steps) -> Mission | None:
         name = fields["mission"].plain if "mission" in fields else self._file.stem.replace(" ", "-")
         try:
-            fields_of_mission = {"name": name, "steps": msgspec.to_builtins(steps.steps)}
+            fields_of_mission = {
+                "name": name,
+                "steps": msgspec.to_builtins(steps.steps),
+                "rally_points_ned_m": self._places.rally_points_m,
+            }
             return msgspec.convert(fields_of_mission, Mission)
         except msgspec.ValidationError as error:
             if "`$.name`" in str(error):
@@ -174,6 +180,19 @@ class _Reader:
         at = f"the altitude_m of the point {name!r}"
         altitude_m = height_m(at, up, self._places, self._problems) if _is_fields(up) else float(up.value)
         return [north_m, east_m, -altitude_m]
+
+    def _rally_points(self, node: Node) -> list[list[float]]:
+        """North and east of each rally point."""
+        found = []
+        for part in _list_in(node):
+            known = self._places.points.get(part.value) if isinstance(part.value, str) else _numbers(part, 2)
+            if known is not None:
+                found.append(known[:2])
+        if not isinstance(node.value, list) or len(found) < len(node.value):
+            self._problems.add(node.line, "rally_points are a list with names of points, or [north, east] in metres")
+        if len(found) > RALLY_POINTS_MAX:
+            self._problems.add(node.line, f"a mission has {RALLY_POINTS_MAX} rally points at most, not {len(found)}")
+        return found
 
     def _add_area(self, name: str, node: Node) -> None:
         self._places.areas[name] = {"polygon_ned_m": [], "holes_ned_m": []}

@@ -6,6 +6,7 @@ from jezero.runtime.service import Call, Inbox, Output
 from jezero.schemas.commands import Abort
 from jezero.schemas.goals import ReturnHomeGoal
 from jezero.schemas.state import Status, StatusCode
+from jezero.schemas.struct import RallyPoints
 from jezero.schemas.topics import ABORT, RETURN_HOME, STATUS
 from jezero.schemas.units import NS_PER_S
 from jezero.services.mission.step_run import GoalRun, StepEnd
@@ -21,15 +22,17 @@ class ReturnRun:
     Args:
         return_id: start of the ids of its goals.
         reason: why the vehicle returns, for the client of the goal that is ended, and for people.
+        rally_points_ned_m: of the mission that flies; none without one.
 
     Attributes:
         ended: the end; None before. `canceled` when a person or a failsafe took control.
     """
 
-    def __init__(self, return_id: str, reason: str) -> None:
+    def __init__(self, return_id: str, reason: str, rally_points_ned_m: RallyPoints = ()) -> None:
         self.reason = reason
         self.ended: StepEnd | None = None
         self._return_id = return_id
+        self._rally_points_ned_m = rally_points_ned_m
         self._run: GoalRun | None = None
         self._tries = 0
         self._abort_due_ns = 0
@@ -68,7 +71,8 @@ class ReturnRun:
             self._tries += 1
             self._interventions = self._interventions or (status.bridge_boot_id, status.interventions)
             goal_id = f"{self._return_id}.{self._tries}"
-            self._run = GoalRun(RETURN_HOME, ReturnHomeGoal(goal_id=goal_id, issued_t_ns=t_ns))
+            goal = ReturnHomeGoal(goal_id=goal_id, issued_t_ns=t_ns, rally_points_ned_m=self._rally_points_ned_m)
+            self._run = GoalRun(RETURN_HOME, goal)
         elif status.in_charge == "goal" and t_ns >= self._abort_due_ns:
             self._abort_due_ns = t_ns + ABORT_PERIOD_NS
             yield Call(ABORT, Abort(reason=self.reason), f"{self._return_id}/abort")

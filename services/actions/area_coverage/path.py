@@ -117,9 +117,7 @@ def covered_fraction(area: Polygon, path_m: Array, resolution_m: float) -> float
     return float(area.intersection(swept([path_m], resolution_m)).area / area.area)
 
 
-def _best_sweep(
-    area: Polygon, resolution_m: float, outline: list[Track], angles_rad: Sequence[float]
-) -> list[Track]:
+def _best_sweep(area: Polygon, resolution_m: float, outline: list[Track], angles_rad: Sequence[float]) -> list[Track]:
     """The cheapest sweep that covers enough together with the outline; else the sweep that covers most."""
     done = swept(tracks_of(outline), resolution_m)
     trials = [

@@ -53,6 +53,11 @@ class ReturnHome:
         self._takeoff_ned_m = takeoff_ned_m
         self._speed_mps = goal.speed_mps or settings.speed_mps
         self._safe_height_m = settings.safe_height_m if goal.safe_height_m is None else goal.safe_height_m
+        self._rally_points_ned_m = [
+            point
+            for point in (*settings.rally_points_ned_m, *goal.rally_points_ned_m)
+            if hypot(*point) <= config.vehicle.limits.distance_max_m
+        ]
         self._failures: list[str] = []
         self._rover_failed = False
         self._places: list[Place] = []
@@ -142,8 +147,7 @@ class ReturnHome:
 
     def _begin_on_ground(self, t_ns: int, state: VehicleState, because: str) -> None:
         """Turn to the first of the places on the ground that the fence lets the vehicle reach."""
-        rally_points_ned_m = self._settings.rally_points_ned_m
-        self._places = ground_places(because, state.pos_uav_ned_m, self._takeoff_ned_m, rally_points_ned_m)
+        self._places = ground_places(because, state.pos_uav_ned_m, self._takeoff_ned_m, self._rally_points_ned_m)
         self._begin_next(t_ns, state)
 
     def _begin_to_rover(self, t_ns: int, state: VehicleState, rover: Place) -> None:
