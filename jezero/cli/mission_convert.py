@@ -107,8 +107,9 @@ def _imported(file: Path, altitude_m: float, overlap: float, printer: Printer) -
     from jezero.mission_files.other_programs import import_file
     from jezero.mission_files.reader import FOREIGN
 
-    if file.suffix.lower() not in FOREIGN:
-        raise click.BadParameter(f"{file}: its name must end in one of {', '.join(FOREIGN)}", param_hint="FILE")
+    endings = (*FOREIGN, ".txt")
+    if file.suffix.lower() not in endings:
+        raise click.BadParameter(f"{file}: its name must end in one of {', '.join(endings)}", param_hint="FILE")
     try:
         return import_file(file, altitude_m, overlap)
     except AreaFileError as error:

@@ -6,6 +6,7 @@ from typing import Any
 
 from jezero.area_files.polygon import AreaFileError, excerpt, number_from, number_in
 from jezero.area_files.qgc_plan import MISSION_VERSION, PLAN_VERSION, SAVE_AGAIN
+from jezero.mission_files.imported import DECIMALS_DEG
 
 WAYPOINT = 16
 """MAV_CMD_NAV_WAYPOINT."""
@@ -51,7 +52,7 @@ class PlanItem:
     calculated: bool = False
     waits: bool = False
 
-    def place_deg(self, decimals: int = 8) -> list[float] | None:
+    def place_deg(self) -> list[float] | None:
         """Latitude and longitude; None without them, which the programs write as 0 or null.
 
         Raises:
@@ -62,12 +63,10 @@ class PlanItem:
                 f"{self.where} is in MAV_FRAME {self.frame}, and places are read in frames of latitude and longitude "
                 "only (0, 3, 5 and 6): choose one of them"
             )
-        return place_deg(self.params[4], self.params[5], self.where, decimals)
+        return place_deg(self.params[4], self.params[5], self.where)
 
 
-def place_deg(
-    latitude_deg: float | None, longitude_deg: float | None, where: str, decimals: int = 8
-) -> list[float] | None:
+def place_deg(latitude_deg: float | None, longitude_deg: float | None, where: str) -> list[float] | None:
     """Latitude and longitude for a mission file; None without them, which the programs write as 0 or null.
 
     Raises:
@@ -77,7 +76,7 @@ def place_deg(
         return None
     if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
         raise AreaFileError(f"{where}: {latitude_deg:g}, {longitude_deg:g} is no latitude and longitude in degrees")
-    return [round(latitude_deg, decimals), round(longitude_deg, decimals)]
+    return [round(latitude_deg, DECIMALS_DEG), round(longitude_deg, DECIMALS_DEG)]
 
 
 def simple_item(item: Mapping[str, Any], where: str) -> PlanItem:

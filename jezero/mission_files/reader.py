@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from jezero.area_files import Area
 
 BYTES_MAX = 1_000_000
-FOREIGN = (".plan", ".mission", ".waypoints", ".txt", ".kml", ".kmz")
-"""Endings of files of other programs, of which a mission is made first."""
+FOREIGN, FOREIGN_BEGIN = (".plan", ".mission", ".waypoints", ".kml", ".kmz"), b"QGC WPL"
+"""Endings of files of other programs, and the begin of those that end in .txt: a mission is made of them first."""
 PARTS = ("mission", "points", "areas", "rally_points", "on_failure", "steps")
 AREA_PARTS = ("file", "feature", "metres")
 DEGREES_PARTS = ("degrees", "holes")
@@ -96,10 +96,11 @@ class _Reader:
         return MissionFile(mission, tuple(steps.lines))
 
     def _parse(self) -> Node:
-        if self._file.suffix.lower() in FOREIGN and self._file.is_file():
-            made = self._file.with_suffix(".yaml").name
-            raise self._error(0, f"is no mission of jezero yet: jezero mission import {self._file} -o {made} makes one")
         try:
+            if self._file.is_file() and self._is_foreign():
+                made = self._file.with_suffix(".yaml").name
+                hint = f"jezero mission import {self._file} -o {made} makes one"
+                raise self._error(0, f"is no mission of jezero yet: {hint}")
             size = self._file.stat().st_size
             if size > BYTES_MAX:
                 raise self._error(0, f"has {size / 1e6:.0f} MB, and a mission has {BYTES_MAX / 1e6:.0f} at most")
@@ -115,6 +116,13 @@ class _Reader:
         if not isinstance(root.value, dict):
             raise self._error(root.line, f"is {root.in_words}: a mission has a list of steps under `steps:`")
         return root
+
+    def _is_foreign(self) -> bool:
+        """Whether another program has written the file."""
+        if self._file.suffix.lower() in FOREIGN:
+            return True
+        with self._file.open("rb") as file:
+            return file.read(len(FOREIGN_BEGIN)) == FOREIGN_BEGIN
 
     def _error(self, line: int, text: str) -> MissionFileError:
         return MissionFileError(self._file, [Problem(line, text)])

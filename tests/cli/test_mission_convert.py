@@ -74,6 +74,21 @@ def test_the_geofence_of_a_plan_is_written_beside_the_mission_and_none_is_writte
     assert beside.exists() and "takeoff" in out.read_text()
 
 
+def test_heights_above_sea_level_are_checked_around_the_simulators_origin_or_named(tmp_path: Path) -> None:
+    takeoff, high = (
+        simple(command, [0, 0, 0, None, 47.39783193, 8.545594, altitude_m], frame=0)
+        for command, altitude_m in ((22, 491), (16, 494))
+    )
+    file, out = written(tmp_path, plan(takeoff, high, home=(47.39783193, 8.545594, 448))), tmp_path / "mission.yaml"
+    assert "the planned home position is at 448 m, which is not used" in run("import", file, "-o", out).stdout
+    (mission,) = map(json.loads, run("check", out, "--json", *NOBODY).stdout.splitlines())
+    first, second = (step["goal"] for step in mission["steps"])
+    assert first == {"altitude_m": 3.0} and second["target_ned_m"][2] == -6.0
+    elsewhere = run("check", out, "--origin", "47.3978", "8.5456", *NOBODY)
+    assert elsewhere.exit_code == 1
+    assert "is 491 m above sea level, and the altitude of the world's origin is not known" in elsewhere.stderr
+
+
 def test_a_geofence_that_is_none_is_refused_unless_it_is_left_out(tmp_path: Path) -> None:
     line = [[47.3980, 8.5458], [47.3981, 8.5459], [47.3982, 8.5460]]
     file, out = written(tmp_path, plan(TAKEOFF, polygons=[(line, True)])), tmp_path / "mission.yaml"
@@ -86,7 +101,7 @@ def test_a_geofence_that_is_none_is_refused_unless_it_is_left_out(tmp_path: Path
 @pytest.mark.parametrize("command", [["check"], ["export", "-o", "{folder}/out.kml"]])
 def test_a_plan_in_place_of_a_mission_is_told_to_import_it_in_one_sentence(command: list[str], tmp_path: Path) -> None:
     words = [word.format(folder=tmp_path) for word in command]
-    for name in ("field.plan", "field.waypoints", "field.kml", "field.mission"):
+    for name in ("field.plan", "field.waypoints", "field.kml", "field.mission", "field.kmz"):
         file = written(tmp_path, plan(TAKEOFF) | {"version": 42}, name)
         done = run(words[0], file, *words[1:], *NOBODY)
         assert done.exit_code == 1

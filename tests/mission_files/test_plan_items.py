@@ -1,5 +1,6 @@
 """Older files of other programs: missions of QGroundControl before 2017, and texts of waypoints."""
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,10 @@ import pytest
 from jezero.area_files import AreaFileError
 from jezero.mission_files.imported import ImportedMission
 from jezero.mission_files.other_programs import import_file
+from jezero.mission_files.plan_items import plan_of_mission
+from jezero.mission_files.qgc_import import import_plan
 from tests.mission_files.qgc import written
+from tests.mission_files.test_qgc_import import mutations
 
 HOME = [47.397742, 8.545594, 488]
 
@@ -60,6 +64,16 @@ def test_a_mission_of_version_2_and_a_plan_with_coordinates_mean_the_same(tmp_pa
 def test_missions_of_other_versions_are_refused_by_their_version(content: Any, why: str, tmp_path: Path) -> None:
     with pytest.raises(AreaFileError, match=why):
         imported(written(tmp_path, content, "old.mission"))
+
+
+def test_no_old_mission_with_junk_in_it_breaks_the_import(tmp_path: Path) -> None:
+    whole = {
+        "version": 1, "plannedHomePosition": old_item(16, [47.3977, 8.5455, 488], 0),
+        "items": [old_item(22, [47.3977, 8.5455, 4]), old_item(16, [47.3980, 8.5460, 494], 0)],
+    }  # fmt: skip
+    for content in mutations(whole):
+        with suppress(AreaFileError):
+            import_plan(plan_of_mission(content) if isinstance(content, dict) else content, "old").to_yaml()
 
 
 WAYPOINTS = (

@@ -219,6 +219,14 @@ def test_what_are_no_rally_points_is_named_with_its_line(points: str, tmp_path: 
         read_mission(written(tmp_path, text))
 
 
+def test_waypoints_of_another_program_are_no_mission_yet_and_a_text_may_be_one(tmp_path: Path) -> None:
+    with pytest.raises(
+        MissionFileError, match=r"a\.txt is no mission of jezero yet: jezero mission import .* makes one"
+    ):
+        read_mission(written(tmp_path, "QGC WPL 110\n", "a.txt"))
+    assert len(read_mission(written(tmp_path, "steps: [{wait: 1}]\n", "b.txt")).mission.steps) == 1
+
+
 def test_too_many_rally_points_are_named(tmp_path: Path) -> None:
     with pytest.raises(MissionFileError, match="a mission has 100 rally points at most, not 101"):
         read_mission(
