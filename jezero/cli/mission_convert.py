@@ -1,7 +1,7 @@
 """`jezero mission import` and `export`: missions from and for QGroundControl and Google Earth."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,15 +57,13 @@ def import_mission(
     texts = {out: made.to_yaml()}
     if made.fence is not None:
         texts[out.with_suffix(".fence.yaml")] = fence_yaml(made.fence)
-    existing = [str(path) for path in texts if path.exists() and not force]
-    if existing:
-        printer.fail("mistakes", f"{' and '.join(existing)} exists: choose another name, or add --force", FAILED)
+    _refuse_existing(texts, force, printer)
     for path, text in texts.items():
         _write(path, text.encode(), printer)
     for note in made.lost:
-        printer.event("lost", f"left out: {note}")
+        printer.event("lost", f"left out: {note}", note=note)
     for note in made.notes:
-        printer.event("note", note)
+        printer.event("note", note, note=note)
     read_mission_file(str(out), made.some_origin_deg, printer)  # a plan may have numbers that no goal takes
     printer.event(
         "written", f"{out}: {count(len(made.steps), 'step')}; jezero mission check {out} plans them", file=str(out)
@@ -81,8 +79,11 @@ def import_mission(
     "--origin", nargs=2, type=float, callback=checked_origin, metavar="LAT LON",
     help="Degrees of the world's origin [that of the running stack, else the simulator's].",
 )  # fmt: skip
+@click.option("--force", is_flag=True, help="Write over a file that exists.")
 @common_options
-def export_mission(file: str, out: Path, origin: Origin | None, vehicle: str, router: str, as_json: bool) -> None:
+def export_mission(
+    file: str, out: Path, origin: Origin | None, force: bool, vehicle: str, router: str, as_json: bool
+) -> None:
     """Write a mission as a plan of QGroundControl (.plan), or its areas as KML or KMZ.
 
     Each part of the mission that the file can't have is named.
@@ -91,13 +92,14 @@ def export_mission(file: str, out: Path, origin: Origin | None, vehicle: str, ro
     ending = out.suffix.lower()
     if ending not in (".plan", ".kml", ".kmz"):
         raise click.BadParameter(f"{out}: its name must end in {EXPORTED}", param_hint="-o")
+    _refuse_existing((out,), force, printer)
     origin_deg = _origin_deg(origin, vehicle, router)
     known_deg = origin_deg if origin is None else origin.position_deg
     mission = read_mission_file(file, known_deg, printer).mission
     data, notes = _exported(mission, origin_deg, ending, printer)
     _write(out, data, printer)
     for note in notes:
-        printer.event("lost", note)
+        printer.event("lost", note, note=note)
     where = "{:.6f}, {:.6f}".format(*origin_deg[:2])
     printer.event("written", f"{out}: around the world's origin at {where}", file=str(out), origin_deg=origin_deg[:2])
 
@@ -150,6 +152,12 @@ def _origin_deg(origin: Origin | None, vehicle: str, router: str) -> list[float]
     except (Unreachable, TimedOut):
         pass
     return list(load_config(SimulatorConfig, "simulator").origin.origin_deg)
+
+
+def _refuse_existing(files: Iterable[Path], force: bool, printer: Printer) -> None:
+    existing = [str(file) for file in files if file.exists()]
+    if existing and not force:
+        printer.fail("mistakes", f"{' and '.join(existing)} exists: choose another name, or add --force", FAILED)
 
 
 def _write(out: Path, data: bytes, printer: Printer) -> None:

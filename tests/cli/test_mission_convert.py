@@ -3,12 +3,16 @@
 import json
 from pathlib import Path
 
+import msgspec
 import pytest
 from click.testing import CliRunner, Result
 
+from jezero import Vehicle
 from jezero.area_files import read_polygons
 from jezero.cli.main import main
 from jezero.mission_files import read_fence, read_mission
+from jezero.schemas.actions import PlanReply
+from tests.client.rig import ODOMETRY, Server, a_status, endpoint, server, vehicle
 from tests.mission_files.qgc import (
     FIELD_DEG,
     HOLE_DEG,
@@ -21,6 +25,8 @@ from tests.mission_files.qgc import (
     survey,
     written,
 )
+
+__all__ = ["endpoint", "server", "vehicle"]
 
 NOBODY = ["--router", "tcp/127.0.0.1:9"]
 KML = """<kml xmlns="http://www.opengis.net/kml/2.2"><Document>
@@ -141,11 +147,36 @@ def test_a_mission_is_written_as_a_plan_around_an_origin(tmp_path: Path) -> None
     assert [item["command"] for item in items] == [22, 93, 16, 93, 16]
 
 
+def test_an_export_writes_over_a_file_with_force_only(tmp_path: Path) -> None:
+    out = tmp_path / "flight.plan"
+    out.write_text("mine")
+    refused = run("export", "flight", "-o", out, *NOBODY)
+    assert refused.exit_code == 1 and "exists: choose another name, or add --force" in refused.stderr
+    assert out.read_text() == "mine"
+    assert run("export", "flight", "-o", out, "--force", *NOBODY).exit_code == 0
+    assert json.loads(out.read_text())["fileType"] == "Plan"
+
+
+def test_heights_above_sea_level_are_counted_from_the_origin_of_the_stack(
+    tmp_path: Path, server: Server, vehicle: Vehicle, endpoint: str
+) -> None:
+    odometry = msgspec.structs.replace(ODOMETRY, origin_deg=(*HOME_DEG[:2], 485.0))
+    server.serve("status", msgspec.structs.replace(a_status(), odometry=odometry))
+    server.serve("@action/takeoff/plan", PlanReply(accepted=True, duration_s=4.0))
+    takeoff = simple(22, [0, 0, 0, None, *HOME_DEG[:2], 491], frame=0)
+    out = tmp_path / "mission.yaml"
+    run("import", written(tmp_path, plan(takeoff, home=(*HOME_DEG[:2], 0))), "-o", out)
+    done = run("check", out, "--json", "--vehicle", "v", "--router", endpoint)
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)["steps"][0]["goal"] == {"altitude_m": 6.0}
+
+
 def test_each_line_of_json_has_a_note_or_the_file(tmp_path: Path) -> None:
     out = tmp_path / "flight.plan"
     done = run("export", "flight", "-o", out, "--json", *NOBODY)
     rows = [json.loads(line) for line in done.stdout.splitlines()]
     assert [row["type"] for row in rows] == ["lost", "written"]
+    assert "a plan can't land on the rover" in rows[0]["note"]
     assert rows[1]["file"] == str(out)
 
 
