@@ -9,7 +9,7 @@ import click
 
 from jezero.cli.area import ROUTER_WAIT_S, Origin, checked_origin
 from jezero.cli.exit_codes import FAILED
-from jezero.cli.mission_file import read_mission_file
+from jezero.cli.mission_file import read_fence_file, read_mission_file
 from jezero.cli.shared import FiniteRange, Printer, common_options
 
 if TYPE_CHECKING:
@@ -69,6 +69,7 @@ def import_mission(
         "written", f"{out}: {count(len(made.steps), 'step')}; jezero mission check {out} plans them", file=str(out)
     )
     for path in list(texts)[1:]:
+        read_fence_file(str(path), printer)
         printer.event("written", f"{path}: the geofence; jezero fence set {path} puts it in force", file=str(path))
 
 

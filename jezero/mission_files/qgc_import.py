@@ -31,6 +31,8 @@ WORDS = {
 }  # fmt: skip
 SCANS = {"CorridorScan": "corridor scan", "StructureScan": "structure scan"}
 RALLY_VERSIONS = (1, 2)
+VERTICAL_SPEEDS = (2.0, 3.0)
+"""First parameter of a change of speed: that of climbs, and that of descents."""
 AT_HOME_M = 1.0
 
 
@@ -168,7 +170,9 @@ class _Importer:
 
     def _change_speed(self, item: PlanItem, number: str) -> None:
         speed_mps = item.params[1]
-        if speed_mps is not None and speed_mps > 0.0:
+        if item.params[0] in VERTICAL_SPEEDS:
+            self._lose(f"{item.where} (change of the vertical speed): no action does it")
+        elif speed_mps is not None and speed_mps > 0.0:
             self._speed_mps = speed_mps
         elif speed_mps == -2.0:
             self._speed_mps = None
@@ -223,6 +227,11 @@ class _Importer:
             self._made.rally_points.append(f"rally_{number}")
 
     def _fence(self) -> None:
+        geofence = _member(self._content, "geoFence")
+        if geofence.get("breachReturn"):
+            self._lose("the geofence: its point to return to, which no fence of jezero has")
+        if geofence.get("polygon") and _member(geofence, "circle").get("radius"):
+            self._note("the geofence's circle was a setting of the vehicle, and is no part of the fence")
         try:
             fence = fence_of_plan(self._content, self._made.name)
             if fence is not None and (reason := fence_refusal(fence)):

@@ -1,6 +1,7 @@
 """`jezero mission import` and `export`: the files that they write, and their sentences."""
 
 import json
+from math import cos, sin
 from pathlib import Path
 
 import msgspec
@@ -204,6 +205,12 @@ def test_what_can_not_be_converted_is_told_in_a_sentence(words: str, said: str, 
     done = run(*words.format(**places).split(), *(NOBODY if words.startswith("export") else []))
     assert done.exit_code == code, done.output
     assert said in done.output
+
+
+def test_a_geofence_with_too_many_corners_is_written_and_named(tmp_path: Path) -> None:
+    ring = [[47.3980 + 0.001 * cos(0.01 * step), 8.5458 + 0.001 * sin(0.01 * step)] for step in range(600)]
+    done = run("import", written(tmp_path, plan(TAKEOFF, polygons=[(ring, True)])), "-o", tmp_path / "mission.yaml")
+    assert done.exit_code == 1 and f"{tmp_path / 'mission.fence.yaml'}, line 3: " in done.stderr
 
 
 def test_a_plan_with_numbers_that_no_goal_takes_is_written_and_its_lines_are_named(tmp_path: Path) -> None:

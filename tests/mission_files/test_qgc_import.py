@@ -145,6 +145,17 @@ def test_an_exclusion_zone_in_a_survey_is_a_hole_and_part_of_the_fence() -> None
     assert [len(zone.corners_deg) for zone in made.fence.keep_out] == [3]
 
 
+def test_what_a_geofence_has_besides_its_zones_is_named() -> None:
+    content = plan(TAKEOFF, polygons=[(FIELD_DEG, True)])
+    content["geoFence"]["breachReturn"] = [47.3981, 8.5460, 20]
+    assert import_plan(content, "field").lost == ["the geofence: its point to return to, which no fence of jezero has"]
+    circle = {"radius": 50, "center": [47.3981, 8.5460]}
+    content["geoFence"] = {"version": 1, "polygon": FIELD_DEG, "circle": circle}
+    made = import_plan(content, "field")
+    assert made.fence is not None and len(made.fence.zones) == 1 and made.lost == []
+    assert made.notes == ["the geofence's circle was a setting of the vehicle, and is no part of the fence"]
+
+
 def test_rally_points_of_both_versions_are_places_of_the_mission(tmp_path: Path) -> None:
     for version in (1, 2):
         content = plan(TAKEOFF, WAYPOINT, rally=[[47.3979, 8.5457, 12], [47.3980, 8.5457]])
@@ -216,6 +227,7 @@ def scan(kind: str = "CorridorScan", distance_m: float = 0.0, items: Any = ITEMS
         (simple(21, [0] * 7), "item 2 (land) has no latitude and longitude, and nothing was flown"),
         (simple(93, [-1, 12, 0, 0, 0, 0, 0], 2), "item 2 is a delay until a time of day"),
         (WAYPOINT | {"autoContinue": False}, "item 2 waits for a person before the next one"),
+        (simple(178, [2, 3, -1, 0, 0, 0, 0], 2), "item 2 (change of the vertical speed): no action does it"),
         ({"type": "ComplexItem", "complexItemType": "fwLandingPattern"}, "item 2 (fwLandingPattern): no action"),
         (scan(distance_m=3.0), "item 2 (corridor scan) takes images along its way"),
         (
