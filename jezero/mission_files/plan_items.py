@@ -107,7 +107,9 @@ def simple_item(item: Mapping[str, Any], where: str) -> PlanItem:
 
 
 def _whole(value: Any) -> int | None:
-    return value if isinstance(value, int) and not isinstance(value, bool) else None
+    """A whole number of a JSON file, also one that is written as 16.0; None for everything else."""
+    number = number_from(value)
+    return int(number) if number is not None and number.is_integer() else None
 
 
 # -- altitudes --
@@ -117,6 +119,7 @@ def item_height(item: PlanItem, plan_mode: Any, notes: list[str]) -> Height:
     """The height that an item means, by its frame; by QGroundControl's number for it, if it has no frame with a place.
 
     Args:
+        item: in a frame of latitude and longitude, see `PlanItem.place_deg`.
         plan_mode: QGroundControl's number for the whole plan, for items with neither.
         notes: gets a sentence for a height that the file gives in two ways.
 

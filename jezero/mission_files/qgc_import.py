@@ -119,9 +119,8 @@ class _Importer:
         return item_height(item, self._mode, self._made.notes)
 
     def _takeoff(self, item: PlanItem, number: str) -> None:
-        height = self._height(item)
+        place, height = item.place_deg(), self._height(item)
         self._made.steps.append({"takeoff": {"altitude_m": height}})
-        place = item.place_deg()
         if place is not None and (self._home_deg is None or _apart_m(place, self._home_deg) > AT_HOME_M):
             self._go_to(f"takeoff_{number}", place, height, None)
 

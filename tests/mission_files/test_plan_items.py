@@ -5,11 +5,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from jezero.area_files import AreaFileError
 from jezero.mission_files.imported import ImportedMission
 from jezero.mission_files.other_programs import import_file
-from jezero.mission_files.plan_items import plan_of_mission
+from jezero.mission_files.plan_items import plan_of_mission, plan_of_waypoints
 from jezero.mission_files.qgc_import import import_plan
 from tests.mission_files.qgc import written
 from tests.mission_files.test_qgc_import import mutations
@@ -135,3 +137,15 @@ def test_a_line_after_which_the_vehicle_waits_for_a_person_is_lost(tmp_path: Pat
     file = tmp_path / "a.waypoints"
     file.write_text("\n".join(WAYPOINTS).replace("\t5\t1", "\t5\t0"))
     assert imported(file).lost == ["item 2 waits for a person before the next one (autoContinue is false)"]
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.sampled_from(["0", "1", "3", "16", "22", "-1", "47.4", "8.5", "1e308", "nan", "x", "\x00"]), max_size=30
+    )
+)
+def test_no_text_of_waypoints_breaks_the_import(words: list[str]) -> None:
+    lines = ["\t".join(words[at : at + 12]) for at in range(0, len(words), 12)]
+    with suppress(AreaFileError):
+        import_plan(plan_of_waypoints("\n".join(["QGC WPL 120", *lines])), "text").to_yaml()

@@ -76,6 +76,7 @@ def test_heights_above_sea_level_are_counted_from_the_vehicles_origin(home: Any,
     [
         ({"frame": 3, "AltitudeMode": 1}, 2, 20.0),
         ({"frame": 6, "AltitudeMode": 1}, 1, 20.0),
+        ({"frame": 0.0, "AltitudeMode": 2.0, "command": 16.0}, 1, {"amsl_m": 20.0}),
         ({"frame": 3, "AltitudeMode": None, "Altitude": None}, 2, 20.0),
         ({"frame": 0, "AltitudeMode": 2}, 1, {"amsl_m": 20.0}),
         ({"frame": 5, "AltitudeMode": 0}, 1, {"amsl_m": 20.0}),
@@ -111,6 +112,7 @@ def test_each_items_frame_and_mode_and_the_plans_mode_are_obeyed(item: Any, plan
             "item 2 is in MAV_FRAME 1, and places are read in frames",
         ),
         (simple(16, [0, 0, 0, None, 4.0, 8.0, 25], 8), "item 2 is in MAV_FRAME 8"),
+        (simple(22, [0, 0, 0, None, 0, 0, -25], 1), "item 2 is in MAV_FRAME 1"),
         (simple(21, [0, 0, 0, None, 4.0, 8.0, 25], 7), "item 2 is in MAV_FRAME 7"),
         (
             simple(16, [0, 0, 0, None, 47.3980, 8.5460, 25]) | {"Altitude": 250},
