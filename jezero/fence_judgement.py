@@ -93,14 +93,24 @@ def joined(zones: Sequence[Zone]) -> Zone | str:
     for zone in zones:
         if reason := zone_refusal(zone):
             return f"{zone.name!r}: {reason}"
-    shape = shapely.unary_union([Polygon(zone.corners_deg or zone.corners_ned_m) for zone in zones])
+    first_deg = zones[0].corners_deg[0][1] if True in in_degrees else 0.0
+    shape = shapely.unary_union([Polygon(_turned(zone.corners_deg, first_deg) or zone.corners_ned_m) for zone in zones])
     if not isinstance(shape, Polygon):
         return f"the {len(zones)} areas to stay in don't touch: give one area, or let them overlap"
     if shape.interiors:
         return "the areas to stay in surround a hole: join them to one, and write the hole as a zone to stay out of"
     corners = tuple((float(a), float(b)) for a, b in shape.exterior.coords[:-1])
     name = " and ".join(zone.name for zone in zones)[:64]
-    return Zone(name=name, corners_deg=corners) if True in in_degrees else Zone(name=name, corners_ned_m=corners)
+    return (
+        Zone(name=name, corners_deg=_turned(corners, 0.0))
+        if True in in_degrees
+        else Zone(name=name, corners_ned_m=corners)
+    )
+
+
+def _turned(corners_deg: Sequence[tuple[float, float]], longitude_deg: float) -> tuple[tuple[float, float], ...]:
+    """The same corners with longitudes within half a turn of one, so that no edge leads around the Earth."""
+    return tuple((a, b - 360.0 * round((b - longitude_deg) / 360.0)) for a, b in corners_deg)
 
 
 def _areas(fence: Fence, origin_deg: Vec3 | None) -> tuple[Any, Any]:

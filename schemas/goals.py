@@ -14,6 +14,7 @@ from jezero.schemas.struct import (
     Payload,
     Position,
     PositionNed,
+    RallyPoints,
     Text,
     TimeNs,
 )
@@ -115,12 +116,15 @@ class ReturnHomeGoal(Goal, frozen=True, kw_only=True):
         charge: fraction of the battery's capacity that is left at most, for a gauge that reports too much. None means
             what the gauge reports.
         charge_per_s: fraction of the capacity that the flight has used per second. None means the declared use.
+        rally_points_ned_m: north and east of places on the ground where the vehicle may land, besides those of the
+            settings.
     """
 
     safe_height_m: NonNegative | None = None
     speed_mps: float | None = None
     charge: Fraction | None = None
     charge_per_s: NonNegative | None = None
+    rally_points_ned_m: RallyPoints = ()
 
 
 class GetImagesGoal(Goal, frozen=True, kw_only=True):
@@ -155,7 +159,7 @@ class AreaCoverageGoal(Goal, frozen=True, kw_only=True):
     """Map an area: fly over it in lines and take images.
 
     Either `resolution_m` is given, or `overlap` or `sidelap`, from which the distances follow by the camera's view of
-    level ground at z = 0. A goal with both is refused.
+    level ground at z = 0. A goal with both is refused, and so is one with `overlap` and `picture_distance_m`.
 
     Attributes:
         polygon_ned_m: corners of the area in `frame`, each north and east.
@@ -167,7 +171,7 @@ class AreaCoverageGoal(Goal, frozen=True, kw_only=True):
             its path stays inside.
         margin_holes_m: least horizontal distance of the vehicle from each hole. 0 means that its path stays outside.
         z_ned_m: height of the flight in `frame`; negative is up.
-        resolution_m: distance between two lines, and between two images on a line.
+        resolution_m: distance between two lines, and between two images on a line unless `picture_distance_m` is given.
         overlap: fraction of an image that the next image on the line shows again. None takes the value of `sidelap`.
         sidelap: fraction of an image that the image on the next line shows again. None takes the value of `overlap`.
         frame: frame of all positions of the goal. With `rover` the area is fixed in the world when the goal is
@@ -181,6 +185,10 @@ class AreaCoverageGoal(Goal, frozen=True, kw_only=True):
             a plan for ten minutes, while the vehicle stays where it was. "" plans anew.
         force: fly also where less than 90 % of the area would be in the images, or higher than the altimeter reaches,
             so that no map can be made.
+        angle_rad: direction of the lines, clockwise from north: 0 is north and south, pi/2 east and west. The passes
+            along the outline and through narrow parts follow the area's shape all the same. None takes the direction of
+            the shortest path.
+        picture_distance_m: distance between two images on a line. None follows from `resolution_m` or `overlap`.
     """
 
     polygon_ned_m: Corners
@@ -198,6 +206,8 @@ class AreaCoverageGoal(Goal, frozen=True, kw_only=True):
     first_picture: Index = 0
     plan_id: PlanId = ""
     force: bool = False
+    angle_rad: Angle | None = None
+    picture_distance_m: Annotated[float, Meta(gt=0.0)] | None = None
 
 
 class MoveFeedback(Payload, frozen=True, kw_only=True, tag_field="kind", tag="move"):

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from jezero.schemas.struct import Message, Name, Payload, Text
+from jezero.schemas.struct import Message, Name, Payload, RallyPoints, Text
 
 STEPS_MAX = 1000
 WAIT_MAX_S = 3600.0
@@ -63,10 +63,13 @@ class Mission(Payload, frozen=True, kw_only=True):
     Attributes:
         name: name of the mission, for people.
         steps: steps in their order.
+        rally_points_ned_m: north and east of places on the ground where the vehicle may land when it returns during the
+            mission, besides those of the settings.
     """
 
     name: Name
     steps: Annotated[tuple[Step, ...], Meta(min_length=1, max_length=STEPS_MAX)]
+    rally_points_ned_m: RallyPoints = ()
 
 
 class MissionCommand(Payload, frozen=True, kw_only=True):

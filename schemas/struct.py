@@ -130,6 +130,8 @@ Fraction = Annotated[float, Meta(ge=0.0, le=1.0)]
 """Number from 0 to 1."""
 
 PositionNed = tuple[Position, Position, Position]
+RallyPoints = Annotated[tuple[tuple[Position, Position], ...], Meta(max_length=100)]
+"""(n, 2) north and east of places on the ground where a vehicle that returns may land."""
 NearPositionNed = tuple[NearPosition, NearPosition, NearPosition]
 VelocityNed = tuple[Speed, Speed, Speed]
 QuatNedFromFrd = tuple[Unit, Unit, Unit, Unit]

@@ -16,6 +16,8 @@ HEADINGS = {
 }
 """Quantities, and the headings that name their columns, with or without a unit: `lat`, `latitude_deg`, `north (m)`."""
 UNIT = r"(?:[ _]*[\[(]?(?:deg|degrees|°|m|metres|meters|wgs ?84)[\])]?)?"
+SEPARATOR_LINE = re.compile(r'"?sep=([;,\t|])"?')
+"""First line of tables for Excel: what separates the columns."""
 DEGREES, METRES, MAP = ("latitude", "longitude"), ("north", "east"), ("y", "x")
 EXPECTED = 'write "latitude,longitude" or "longitude,latitude" for degrees, "north,east" or "east,north" for metres'
 
@@ -54,7 +56,10 @@ def read_csv(data: bytes, *, metres: bool) -> list[FilePolygon]:
         lines = data.decode("utf-8-sig").splitlines()
     except UnicodeDecodeError:
         raise AreaFileError("is not text in UTF-8: save it in this encoding") from None
-    separator = _separator(next((line for line in lines if line.strip()), ""))
+    named = SEPARATOR_LINE.fullmatch(lines[0].strip(" ")) if lines else None
+    if named:  # Excel writes it, and doesn't show it
+        lines[0] = ""
+    separator = named[1] if named else _separator(next((line for line in lines if line.strip()), ""))
     columns: Columns | None = None
     rings: list[list[Corner]] = [[]]
     for number, line in enumerate(lines, 1):

@@ -7,6 +7,7 @@ from typing import Any
 
 from jezero.area_files.polygon import AreaFileError, Corner, FilePolygon, excerpt, number_from, ring_from
 from jezero.area_files.reference_system import Convert, degrees_from
+from jezero.area_files.rings import joined_at_180
 
 NAMES = ("name", "Name", "NAME", "title", "id")
 """Properties of a feature that name it, the best first."""
@@ -75,17 +76,18 @@ def _polygons(
     parts = coordinates if geometry["type"] == "MultiPolygon" else [coordinates]
     if not isinstance(parts, list):
         raise AreaFileError(f"{place or geometry['type']}: its coordinates are not a list of polygons")
+    order = "[north, east] in metres" if in_metres else "[longitude, latitude] in degrees"
+    whole = place or str(geometry["type"])
+    areas = []
     for number, rings in enumerate(parts, 1):
-        here = ", ".join(filter(None, (place, f"part {number}" if len(parts) > 1 else ""))) or geometry["type"]
+        here = f"{whole}, part {number}" if len(parts) > 1 else whole
         if not isinstance(rings, list) or not rings:
             raise AreaFileError(f"{here}: its coordinates are not a list of rings")
-        order = "[north, east] in metres" if in_metres else "[longitude, latitude] in degrees"
-        yield FilePolygon(
-            name,
-            here,
-            tuple(_ring(ring, f"{here}, ring {index}", convert, order) for index, ring in enumerate(rings, 1)),
-            in_metres,
-        )
+        areas.append(tuple(_ring(ring, f"{here}, ring {index}", convert, order) for index, ring in enumerate(rings, 1)))
+    areas = areas if in_metres else joined_at_180(areas)
+    for number, area in enumerate(areas, 1):
+        here = f"{whole}, part {number}" if len(areas) > 1 else whole
+        yield FilePolygon(name, here, area, in_metres)
 
 
 def _ring(ring: Any, place: str, convert: Convert, order: str) -> tuple[Corner, ...]:

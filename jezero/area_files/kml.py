@@ -1,8 +1,10 @@
 """KML, as Google Earth writes it, and KMZ, the same in a ZIP archive."""
 
+import re
 import zipfile
 import zlib
 from collections.abc import Iterator
+from html.entities import name2codepoint
 from io import BytesIO
 from lzma import LZMAError
 from typing import TYPE_CHECKING
@@ -18,6 +20,15 @@ DEPTH_MAX = 100
 """Elements within each other; folders within folders are ten deep at most."""
 OTHERS = ("Point", "LineString", "Track", "GroundOverlay", "NetworkLink")
 """Elements that are no areas, to say what a file without areas has."""
+LETTER, XML_LETTERS = re.compile(rb"&([A-Za-z][A-Za-z0-9]*);"), ("amp", "lt", "gt", "quot", "apos")
+"""A name of a letter, and those that XML itself has."""
+ROOT = re.compile(
+    rb"(?>\s+|\xef\xbb\xbf|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>\[]*>)*+<[A-Za-z][\w.:-]*(?P<attributes>[^>]*)", re.DOTALL
+)
+"""Everything up to the end of the first tag."""
+TAG, PREFIX = re.compile(rb"<[^<>!?]+>"), re.compile(rb"([A-Za-z_][\w.-]*):[\w.-]")
+DECLARED = re.compile(rb"xmlns:([\w.-]+)")
+"""A tag, prefixes in it (those in a value of an attribute do no harm), and one that is declared."""
 
 
 def read_kmz(data: bytes, bytes_max: int) -> list[FilePolygon]:
@@ -44,7 +55,10 @@ def read_kmz(data: bytes, bytes_max: int) -> list[FilePolygon]:
 
 
 def read_kml(data: bytes) -> list[FilePolygon]:
-    """Read all polygons of all placemarks.
+    """Read all polygons of all placemarks; a ring that stands alone is a polygon too.
+
+    Prefixes that the file uses without declaring them, and HTML's names of letters such as `&nbsp;`, are no mistakes:
+    Google Earth and web pages write them.
 
     Raises:
         AreaFileError: it is not XML, defines entities (which can grow without bounds), or has no polygon.
@@ -54,14 +68,14 @@ def read_kml(data: bytes) -> list[FilePolygon]:
     except ModuleNotFoundError:
         raise AreaFileError("is KML, which needs defusedxml, an extra: pip install 'jezero[cli]'") from None
     try:
-        root = fromstring(data)
+        root = fromstring(_repaired(data))
     except (ParseError, ValueError, LookupError) as error:
         raise AreaFileError(f"is not KML that can be read ({excerpt(error) or type(error).__name__})") from None
     _check_depth(root)
     found = []
     for number, placemark in enumerate(_all(root, "Placemark"), 1):
         name = " ".join((_text(placemark, "name")).split())
-        shapes = list(_all(placemark, "Polygon"))
+        shapes = list(_shapes(placemark))
         for index, shape in enumerate(shapes, 1):
             place = f"Placemark {number}" + (f", Polygon {index}" if len(shapes) > 1 else "")
             found.append(FilePolygon(name, place, tuple(_rings(shape, place))))
@@ -70,6 +84,33 @@ def read_kml(data: bytes) -> list[FilePolygon]:
         has = f": it has {', '.join(others)}" if others else ""
         raise AreaFileError(f"has no Placemark with a Polygon{has}")
     return found
+
+
+def _repaired(data: bytes) -> bytes:
+    """The document with all its prefixes declared, and with numbers in place of HTML's names of letters."""
+    data = LETTER.sub(lambda name: _letter(name[0], name[1].decode()), data)
+    begin = ROOT.match(data)
+    used = {name for tag in TAG.findall(data) for name in PREFIX.findall(tag)}
+    if begin is None:
+        return data
+    missing = sorted(used - {b"xml", b"xmlns", *DECLARED.findall(begin["attributes"])})
+    declared = b"".join(b' xmlns:%s="undeclared:%s"' % (prefix, prefix) for prefix in missing)
+    at = begin.start("attributes")
+    return data[:at] + declared + data[at:]
+
+
+def _letter(whole: bytes, name: str) -> bytes:
+    code = name2codepoint.get(name)
+    return whole if code is None or name in XML_LETTERS else b"&#%d;" % code
+
+
+def _shapes(placemark: "Element") -> Iterator["Element"]:
+    """The polygons, and the rings that are no part of one."""
+    for element in placemark:
+        if _is(element, "Polygon") or _is(element, "LinearRing"):
+            yield element
+        else:
+            yield from _shapes(element)
 
 
 def _check_depth(root: "Element") -> None:
@@ -87,13 +128,20 @@ def _check_depth(root: "Element") -> None:
 
 def _rings(shape: "Element", place: str) -> Iterator[tuple[Corner, ...]]:
     """The outline, then the holes."""
+    if _is(shape, "LinearRing"):
+        yield _ring(shape, place)
+        return
     outer = [ring for boundary in _children(shape, "outerBoundaryIs") for ring in _children(boundary, "LinearRing")]
     inner = [ring for boundary in _children(shape, "innerBoundaryIs") for ring in _children(boundary, "LinearRing")]
     if len(outer) != 1:
         raise AreaFileError(f"{place} has {len(outer)} outer boundaries instead of one")
     for number, ring in enumerate((outer[0], *inner)):
         here = f"{place}, hole {number}" if number else place
-        yield ring_from([_corner(word, here) for word in _text(ring, "coordinates").split()], here)
+        yield _ring(ring, here)
+
+
+def _ring(ring: "Element", place: str) -> tuple[Corner, ...]:
+    return ring_from([_corner(word, place) for word in _text(ring, "coordinates").split()], place)
 
 
 def _corner(word: str, place: str) -> Corner:

@@ -11,12 +11,30 @@ from jezero.frames import geodetic_from_ned
 CIRCLE_CORNERS = 72
 """The polygon in place of a circle differs from it by a thousandth of the radius."""
 RADIUS_MAX_M = 50_000.0
-GEOFENCE_VERSION = 2
+PLAN_VERSION, MISSION_VERSION, OLD_GEOFENCE_VERSION, GEOFENCE_VERSION = 1, 2, 1, 2
+SAVE_AGAIN = "open it in a QGroundControl of today and save it again"
 
 
 def is_plan(content: Any) -> bool:
     """Whether a JSON file is a plan of QGroundControl."""
     return isinstance(content, dict) and content.get("fileType") == "Plan"
+
+
+def checked_plan(content: Any) -> dict[str, Any]:
+    """The content of a plan.
+
+    Raises:
+        AreaFileError: it is no plan, or one of a version that is not read.
+    """
+    if not is_plan(content):
+        raise AreaFileError('is not a plan of QGroundControl: it has no "fileType": "Plan"')
+    mission = _member(content, "mission")
+    for kind, part, known in (("plan", content, PLAN_VERSION), ("mission", mission, MISSION_VERSION)):
+        version = part.get("version", known)
+        if version != known:
+            raise AreaFileError(f'is a {kind} of version "{excerpt(version)}", and {known} is read: {SAVE_AGAIN}')
+    plan: dict[str, Any] = content
+    return plan
 
 
 def read_plan(content: Any) -> list[FilePolygon]:
@@ -25,8 +43,7 @@ def read_plan(content: Any) -> list[FilePolygon]:
     Raises:
         AreaFileError: it is not a plan, or has neither a survey nor a geofence that includes an area.
     """
-    if not is_plan(content):
-        raise AreaFileError('is not a plan of QGroundControl: it has no "fileType": "Plan"')
+    content = checked_plan(content)
     fences = list(read_geofence(content))
     kinds: list[str] = []
     areas = list(_surveys(_member(content, "mission"), kinds))
@@ -77,10 +94,13 @@ def read_geofence(content: Any) -> Iterator[tuple[str, Ring, bool]]:
     """
     geofence = _member(content, "geoFence")
     version = geofence.get("version", GEOFENCE_VERSION)
+    if version == OLD_GEOFENCE_VERSION:
+        yield from _old_geofence(geofence)
+        return
     if version != GEOFENCE_VERSION and any(value for name, value in geofence.items() if name != "version"):
         raise AreaFileError(
-            f'has a geofence of version "{excerpt(version)}", and only version {GEOFENCE_VERSION} is read: open the '
-            "plan in a QGroundControl of today and save it again"
+            f'has a geofence of version "{excerpt(version)}", and versions {OLD_GEOFENCE_VERSION} and '
+            f"{GEOFENCE_VERSION} are read: {SAVE_AGAIN}"
         )
     for number, fence in enumerate(_list(geofence, "polygons"), 1):
         place = f"geofence polygon {number}"
@@ -93,10 +113,19 @@ def read_geofence(content: Any) -> Iterator[tuple[str, Ring, bool]]:
         if not isinstance(circle, dict):
             raise AreaFileError(f'{place}: "{excerpt(fence)}" is not a circle')
         included = fence.get("inclusion") is not False
-        yield place, _circle(circle, place, included), included
+        yield place, _circle(circle, place, included=included), included
 
 
-def _circle(circle: dict[str, Any], place: str, included: bool) -> Ring:
+def _old_geofence(geofence: dict[str, Any]) -> Iterator[tuple[str, Ring, bool]]:
+    """The geofence of 2017: one polygon to stay in. Its circle was the vehicle's, and counts without a polygon."""
+    circle = _member(geofence, "circle")
+    if geofence.get("polygon"):
+        yield "geofence polygon", _ring(geofence.get("polygon"), "geofence polygon"), True
+    elif circle.get("radius"):
+        yield "geofence circle", _circle(circle, "geofence circle", included=True), True
+
+
+def _circle(circle: dict[str, Any], place: str, *, included: bool) -> Ring:
     """A polygon inside the circle that the vehicle stays in, or around the one that it stays out of."""
     center_deg = _corner(circle.get("center"), place)
     radius_m = number_from(circle.get("radius"))
@@ -122,6 +151,8 @@ def _corner(corner: Any, place: str) -> Corner:
     latitude_deg, longitude_deg = (number_from(value) for value in values)
     if latitude_deg is None or longitude_deg is None or abs(latitude_deg) > 90.0 or abs(longitude_deg) > 360.0:
         raise AreaFileError(f'{place}: "{excerpt(corner)}" is not [latitude, longitude] in degrees')
+    if abs(longitude_deg) > 180.0:
+        longitude_deg = (longitude_deg + 180.0) % 360.0 - 180.0
     return latitude_deg, longitude_deg
 
 

@@ -1,4 +1,4 @@
-"""Which outlines lie in each other, on a plane with any units."""
+"""Which outlines lie in each other, on a map of latitudes and longitudes."""
 
 from collections.abc import Iterator
 
@@ -10,8 +10,14 @@ def ring_area(ring: Ring) -> float:
     return 0.5 * abs(sum(a[0] * b[1] - a[1] * b[0] for a, b in _edges(ring)))
 
 
+def beside(ring: Ring, longitude_deg: float) -> Ring:
+    """The ring with longitudes within half a turn of one: beyond 180° where it crosses that meridian."""
+    return tuple((corner[0], corner[1] - 360.0 * round((corner[1] - longitude_deg) / 360.0)) for corner in ring)
+
+
 def overlap(a: Ring, b: Ring) -> bool:
     """Whether two outlines have an area in common."""
+    a, b = (beside(ring, a[0][1]) for ring in (a, b))
     if any(_inside(corner, b) for corner in a) or any(_inside(corner, a) for corner in b):
         return True
     return any(_cross(p, q, r, s) for p, q in _edges(a) for r, s in _edges(b))
@@ -22,7 +28,7 @@ def with_holes(rings: list[Ring]) -> list[tuple[Ring, ...]]:
 
     A ring inside an odd number of others is a hole in the smallest of them.
     """
-    ordered = sorted(rings, key=ring_area, reverse=True)
+    ordered = sorted((beside(ring, rings[0][0][1]) for ring in rings), key=ring_area, reverse=True)
     areas: dict[int, list[Ring]] = {}
     for index, ring in enumerate(ordered):
         around = [larger for larger in range(index) if _mostly_inside(ring, ordered[larger])]
@@ -31,6 +37,26 @@ def with_holes(rings: list[Ring]) -> list[tuple[Ring, ...]]:
         else:
             areas[around[-1]].append(ring)
     return [tuple(area) for area in areas.values()]
+
+
+def joined_at_180(areas: list[tuple[Ring, ...]]) -> list[tuple[Ring, ...]]:
+    """Areas that were cut along the meridian of 180°, as GeoJSON wants it, in one piece again; others as they are.
+
+    Args:
+        areas: each an outline with its holes.
+    """
+    if len(areas) < 2 or {abs(corner[1]) for area in areas for corner in area[0]}.isdisjoint({180.0}):
+        return areas
+    import shapely  # only few files need it
+
+    turned = [tuple(beside(ring, 180.0) for ring in area) for area in areas]
+    polygons = [shapely.Polygon(outline, holes) for outline, *holes in turned]
+    parts = shapely.get_parts(shapely.union_all(polygons)) if all(polygon.is_valid for polygon in polygons) else ()
+    if not 0 < len(parts) < len(areas):
+        return areas
+    return [
+        tuple(tuple((a, b) for a, b in ring.coords[:-1]) for ring in (part.exterior, *part.interiors)) for part in parts
+    ]
 
 
 def _mostly_inside(ring: Ring, other: Ring) -> bool:

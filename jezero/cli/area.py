@@ -25,10 +25,17 @@ class Origin:
     Attributes:
         position_deg: latitude and longitude.
         source: for people.
+        altitude_m: above sea level; None where it is not known.
     """
 
     position_deg: tuple[float, float]
     source: str
+    altitude_m: float | None = None
+
+    @property
+    def origin_deg(self) -> tuple[float, ...]:
+        """Latitude and longitude, and the altitude where it is known."""
+        return self.position_deg if self.altitude_m is None else (*self.position_deg, self.altitude_m)
 
     def __str__(self) -> str:
         return "{:.6f}, {:.6f}".format(*self.position_deg)
@@ -106,7 +113,7 @@ def vehicle_origin(odometry: "Odometry | None") -> Origin | None:
     """The world's origin as the vehicle's autopilot has it; None until it sends it."""
     if odometry is None or odometry.origin_deg is None:
         return None
-    return Origin(odometry.origin_deg[:2], "the vehicle's")
+    return Origin(odometry.origin_deg[:2], "the vehicle's", odometry.origin_deg[2])
 
 
 def around_origin(goal: "AreaCoverageGoal", origin: Origin | None) -> "AreaCoverageGoal":
@@ -148,4 +155,5 @@ def simulator_origin() -> Origin:
     from jezero.runtime.config import load_config
     from jezero.services.simulator.config import SimulatorConfig
 
-    return Origin(load_config(SimulatorConfig, "simulator").origin.origin_deg[:2], "the simulator's settings")
+    latitude_deg, longitude_deg, altitude_m = load_config(SimulatorConfig, "simulator").origin.origin_deg
+    return Origin((latitude_deg, longitude_deg), "the simulator's settings", altitude_m)

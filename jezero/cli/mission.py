@@ -110,9 +110,9 @@ _add_command("stop", "End the mission; the vehicle hovers.", "stopped: the vehic
 
 
 def _origin_deg(uav: "Vehicle") -> "Sequence[float] | None":
-    """Latitude and longitude of the vehicle's world origin; None while it is unknown."""
+    """Latitude, longitude and altitude of the vehicle's world origin; None while it is unknown."""
     odometry = uav.status().odometry
-    return None if odometry is None or odometry.origin_deg is None else odometry.origin_deg[:2]
+    return None if odometry is None else odometry.origin_deg
 
 
 def _follow(printer: Printer, uav: "Vehicle", mission_id: str) -> None:

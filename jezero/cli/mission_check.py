@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from jezero.schemas.rows import Action
 
 Read = Callable[[Sequence[float]], "MissionFile"]
-"""Reads the mission around the world's origin, latitude and longitude in degrees."""
+"""Reads the mission around the world's origin: latitude and longitude in degrees, and altitude where it is known."""
 
 
 def check_mission(printer: "Printer", read: Read, origin: Origin | None, vehicle: str, router: str) -> None:
@@ -35,10 +35,10 @@ def check_mission(printer: "Printer", read: Read, origin: Origin | None, vehicle
     try:
         with Vehicle.connect(vehicle, router=router, insecure=True, timeout_s=ROUTER_WAIT_S) as uav:
             found = vehicle_origin(uav.status().odometry) or origin or simulator_origin()
-            file = read(found.position_deg)
+            file = read(found.origin_deg)
             plans: list[StepPlan] | None = _plans(file, uav)
     except (Unreachable, TimedOut) as error:
-        file, plans = read((origin or simulator_origin()).position_deg), None
+        file, plans = read((origin or simulator_origin()).origin_deg), None
         note = f"the steps are not planned: {error}"
     else:
         note = ""

@@ -1,5 +1,6 @@
 """`jezero getimages` and `jezero gridsweep`: goals that take images."""
 
+from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -113,6 +114,14 @@ def getimages(
 )
 @click.option("--overlap", type=FiniteRange(0.0, 0.95), help="Share of an image that the next one repeats.")
 @click.option("--sidelap", type=FiniteRange(0.0, 0.95), help="The same for the images of the next line.")
+@click.option(
+    "--picture-distance", "picture_distance_m", type=FiniteRange(min=0.0, min_open=True),
+    help="Metres between images on a line [that of --resolution or --overlap].",
+)  # fmt: skip
+@click.option(
+    "--angle", "angle_deg", type=FiniteRange(-360.0, 360.0),
+    help="Direction of the lines in degrees, clockwise from north [that of the shortest path].",
+)  # fmt: skip
 @click.option("--speed", "speed_mps", type=FINITE, help="Metres per second along the lines.")
 @click.option("--force", is_flag=True, help="Fly also where images show too little, or no map can be made of them.")
 @click.option("--plan-only", is_flag=True, help="Draw the plan instead of flying it.")
@@ -284,6 +293,8 @@ def _request(file: Path | None, feature: str | None, metres: bool, **fields: Any
         polygon = FilePolygon("", "the area", (_prompt_for_corners(),), in_metres=True)
     else:
         polygon = read_polygon_file(file, feature, metres=metres, frame=fields["frame"])
+    angle_deg = fields.pop("angle_deg")
+    fields["angle_rad"] = None if angle_deg is None else radians(angle_deg)
     if fields["z_ned_m"] is None:
         fields["z_ned_m"] = click.prompt("Enter altitude", type=FINITE)
     if fields["resolution_m"] is None and fields["overlap"] is None and fields["sidelap"] is None:

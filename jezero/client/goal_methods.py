@@ -123,6 +123,7 @@ class GoalMethods:
         *,
         safe_height_m: float | None = None,
         speed_mps: float | None = None,
+        rally_points_ned_m: Sequence[tuple[float, float]] = (),
         on_client_loss: OnClientLoss = "continue",
     ) -> Goal[ReturnFeedback, ReturnResult]:
         """Fly home and land: on the rover if it is known, else where the vehicle took off, else at a rally point.
@@ -130,8 +131,12 @@ class GoalMethods:
         Args:
             safe_height_m: height above the world's origin to which the vehicle climbs first; None for the default.
             speed_mps: speed on the way; None for the default.
+            rally_points_ned_m: (n, 2) places on the ground where the vehicle may land, besides those of the settings.
         """
-        goal = ReturnHomeGoal(safe_height_m=safe_height_m, speed_mps=speed_mps, on_client_loss=on_client_loss)
+        goal = ReturnHomeGoal(
+            safe_height_m=safe_height_m, speed_mps=speed_mps, on_client_loss=on_client_loss,
+            rally_points_ned_m=tuple(rally_points_ned_m),
+        )  # fmt: skip
         return self._goals.send(topics.RETURN_HOME, goal)
 
     def get_images(
@@ -186,6 +191,8 @@ class GoalMethods:
         start_ned_m: tuple[float, float] | None = None,
         plan_id: str = "",
         force: bool = False,
+        angle_rad: float | None = None,
+        picture_distance_m: float | None = None,
         on_client_loss: OnClientLoss = "continue",
     ) -> ImagesGoal:
         """Cover an area in parallel lines and take images of all of it.
@@ -200,7 +207,7 @@ class GoalMethods:
                 `Area.origin_deg`. With it, refusals and warnings name places in degrees too.
             margin_outline_m: least distance of the vehicle from the outline, inside it.
             margin_holes_m: least distance of the vehicle from each hole.
-            resolution_m: distance between lines and between images.
+            resolution_m: distance between lines, and between images unless `picture_distance_m` is given.
             overlap: share of each image that the next one repeats, 0 to 0.95.
             sidelap: share of each image that the images of the next line repeat, 0 to 0.95; None is `overlap`.
             frame: frame of all points.
@@ -208,12 +215,15 @@ class GoalMethods:
             start_ned_m: (2,) the path starts near this point; None for the vehicle's position.
             plan_id: id of the plan to fly, from `uav.plan("area_coverage", ...).coverage`; "" for a new plan.
             force: fly also if less than 90 % of the area would be in the images, or too high for a map.
+            angle_rad: direction of the lines, clockwise from north; None for the shortest path.
+            picture_distance_m: distance between two images on a line; None for that of `resolution_m` or `overlap`.
         """
         goal = AreaCoverageGoal(
             polygon_ned_m=tuple(polygon_ned_m), holes_ned_m=tuple(tuple(hole) for hole in holes_ned_m),
             origin_deg=origin_deg, margin_outline_m=margin_outline_m, margin_holes_m=margin_holes_m, z_ned_m=z_ned_m,
             resolution_m=resolution_m, overlap=overlap, sidelap=sidelap, frame=frame, speed_mps=speed_mps,
-            start_ned_m=start_ned_m, on_client_loss=on_client_loss, plan_id=plan_id, force=force,
+            start_ned_m=start_ned_m, on_client_loss=on_client_loss, plan_id=plan_id, force=force, angle_rad=angle_rad,
+            picture_distance_m=picture_distance_m,
         )  # fmt: skip
         return self._goals.send_for_images(topics.AREA_COVERAGE, goal)
 

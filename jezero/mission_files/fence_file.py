@@ -59,27 +59,42 @@ def configured_fence(file: str) -> Fence | None:
         raise ConfigError(f"the setting fence of vehicle_bridge.toml: {error}") from None
 
 
+def fence_of_plan(plan: Any, name: str) -> Fence | None:
+    """The geofence of a plan; None without one.
+
+    Args:
+        plan: the plan, decoded from JSON.
+
+    Raises:
+        AreaFileError: a zone is damaged, or the areas to stay in are not one.
+    """
+    from jezero.area_files import AreaFileError
+    from jezero.area_files.qgc_plan import read_geofence
+
+    zones = [(Zone(name=name, corners_deg=ring), included) for name, ring, included in read_geofence(plan)]
+    if not zones:
+        return None
+    keep_in = [zone for zone, included in zones if included]
+    whole = joined(keep_in) if keep_in else None
+    if isinstance(whole, str):
+        raise AreaFileError(whole)
+    return Fence(name=name[:64], keep_in=whole, keep_out=tuple(zone for zone, included in zones if not included))
+
+
 def _of_plan(path: Path, text: str) -> Fence:
     from jezero.area_files import AreaFileError
     from jezero.area_files.geojson import parse_json
-    from jezero.area_files.qgc_plan import is_plan, read_geofence
+    from jezero.area_files.qgc_plan import checked_plan
 
     try:
-        content = parse_json(text.encode())
-        if not is_plan(content):
-            raise AreaFileError('is not a plan of QGroundControl: it has no "fileType": "Plan"')
-        zones = [(Zone(name=name, corners_deg=ring), included) for name, ring, included in read_geofence(content)]
+        fence = fence_of_plan(checked_plan(parse_json(text.encode())), path.stem)
     except AreaFileError as error:
         raise MissionFileError(path, [Problem(0, str(error))]) from None
     except RecursionError:
         raise MissionFileError(path, [Problem(0, "is nested too deeply")]) from None
-    if not zones:
+    if fence is None:
         raise MissionFileError(path, [Problem(0, "has no geofence: draw one in QGroundControl's Plan view")])
-    keep_in = [zone for zone, included in zones if included]
-    whole = joined(keep_in) if keep_in else None
-    if isinstance(whole, str):
-        raise MissionFileError(path, [Problem(0, whole)])
-    return Fence(name=path.stem[:64], keep_in=whole, keep_out=tuple(zone for zone, included in zones if not included))
+    return fence
 
 
 def _of_yaml(path: Path, text: str, problems: Problems) -> Fence | None:

@@ -8,7 +8,11 @@ from typing import Any
 import yaml
 
 from jezero.area_files.polygon import FilePolygon
+from jezero.mission_files.goals import HEIGHTS
+from jezero.schemas.fence import Fence, Zone
 
+DECIMALS_DEG = 8
+"""A millimetre."""
 WIDTH, LINE_MAX = 110, 1_000_000
 NAME_MAX = 64
 
@@ -22,14 +26,22 @@ class ImportedMission:
         points: points by name, as a mission file has them.
         areas: areas by name, as a mission file has them.
         steps: steps, each a name with its fields.
-        notes: a sentence for each part of the other file that the mission doesn't have, or has in another way.
+        rally_points: names of points at which the vehicle may land.
+        fence: the geofence of the other file; None without one.
+        notes: a sentence for each part of the other file that the mission has in another way.
+        lost: a sentence for each part of the other file that the mission doesn't have.
+        home_altitude_m: altitude above sea level of the home position of the other file; None without one.
     """
 
     name: str
     points: dict[str, Any] = field(default_factory=dict)
     areas: dict[str, Any] = field(default_factory=dict)
     steps: list[dict[str, Any]] = field(default_factory=list)
+    rally_points: list[str] = field(default_factory=list)
+    fence: Fence | None = None
     notes: list[str] = field(default_factory=list)
+    lost: list[str] = field(default_factory=list)
+    home_altitude_m: float | None = None
 
     def to_yaml(self) -> str:
         """Text of the mission file."""
@@ -39,10 +51,48 @@ class ImportedMission:
         if self.areas:
             text = yaml.safe_dump(self.areas, sort_keys=False, default_flow_style=None, width=WIDTH, allow_unicode=True)
             lines += ["areas:", indent(text.rstrip(), "  ")]
+        if self.rally_points:
+            lines.append(f"rally_points: {_inline(self.rally_points)}")
         lines.append("steps:")
         for name, fields in (next(iter(step.items())) for step in self.steps):
             lines.append(f"  - {name}" if fields == {} else f"  - {name}: {_inline(fields)}")
         return "\n".join([*lines, ""])
+
+    @property
+    def has_heights_above_sea_level(self) -> bool:
+        """Whether the vehicle's origin needs an altitude to fly the mission."""
+        return any(isinstance(up, dict) for up in self._heights())
+
+    @property
+    def some_origin_deg(self) -> tuple[float, float, float]:
+        """An origin around which the mission can be read: at its first place, below all its heights."""
+        places: list[list[float]] = [point["degrees"] for point in self.points.values()]
+        places += [area["degrees"][0] for area in self.areas.values()]
+        heights_m = [up["amsl_m"] for up in self._heights() if isinstance(up, dict)]
+        latitude_deg, longitude_deg = places[0] if places else (0.0, 0.0)
+        altitude_m = 0.0 if self.home_altitude_m is None else self.home_altitude_m
+        return latitude_deg, longitude_deg, min(altitude_m, *heights_m) if heights_m else altitude_m
+
+    def _heights(self) -> list[Any]:
+        goals = [fields for step in self.steps for fields in step.values() if isinstance(fields, dict)]
+        return [fields.get(name) for fields in (*self.points.values(), *goals) for name in HEIGHTS]
+
+
+def fence_yaml(fence: Fence) -> str:
+    """Text of the fence file of a fence in degrees."""
+    lines = [f"fence: {_inline(fence.name)}", "degrees: true"]
+    if fence.keep_in is not None:
+        lines.append(f"keep_in: {_inline({fence.keep_in.name: _corners(fence.keep_in)})}")
+    if fence.keep_out:
+        lines += ["keep_out:", *(f"  {_inline(zone.name)}: {_inline(_corners(zone))}" for zone in fence.keep_out)]
+    return "\n".join([*lines, ""])
+
+
+def _corners(zone: Zone) -> list[list[float]]:
+    return [
+        [round(latitude_deg, DECIMALS_DEG), round(longitude_deg, DECIMALS_DEG)]
+        for latitude_deg, longitude_deg in zone.corners_deg
+    ]
 
 
 def _inline(value: Any) -> str:

@@ -8,7 +8,8 @@ import msgspec
 
 from jezero.area_files.polygon import FilePolygon
 from jezero.frames import altitude_m, geodetic_from_ned
-from jezero.mission_files.qgc_import import CHANGE_SPEED, DELAY_NAV, LAND, MANUAL_CAMERA, TAKEOFF, WAYPOINT
+from jezero.mission_files.qgc_import import CHANGE_SPEED, DELAY_NAV, LAND, TAKEOFF, WAYPOINT
+from jezero.mission_files.qgc_surveys import MANUAL_CAMERA
 from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, Goal, GoToGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.mission import FailurePolicy, Mission, WaitStep
 from jezero.schemas.topics import ACTIONS
@@ -56,6 +57,7 @@ class _Exporter:
         self._items: list[dict[str, Any]] = []
         self._zones: list[dict[str, Any]] = []
         self._notes: list[str] = []
+        self._rally_points: list[list[float]] = []
         self._speed_mps: float | None = None
         self._here_m = (0.0, 0.0)
         self._count = 0
@@ -69,6 +71,7 @@ class _Exporter:
                 self._items.append(self._item(DELAY_NAV, [step.duration_s, -1, -1, -1, 0, 0, 0], frame=2))
             else:
                 self._goal(step.action, step.goal, where)
+        self._rally_points = [[*self._degrees(point), 0.0] for point in mission.rally_points_ned_m]
         if not self._items:
             raise ExportError("has no step that a plan of QGroundControl can have: " + "; ".join(self._notes))
         if any(not isinstance(step, WaitStep) and step.on_failure != FailurePolicy() for step in mission.steps):
@@ -84,7 +87,7 @@ class _Exporter:
         return {
             "fileType": "Plan", "version": 1, "groundStation": "QGroundControl", "mission": mission,
             "geoFence": {"version": 2, "polygons": self._zones, "circles": []},
-            "rallyPoints": {"version": 2, "points": []},
+            "rallyPoints": {"version": 2, "points": self._rally_points},
         }  # fmt: skip
 
     def _goal(self, action: str, fields: Mapping[str, Any], where: str) -> None:
@@ -195,9 +198,10 @@ class _Exporter:
             "VisualTransectPoints": path,
         }  # fmt: skip
         self._items.append({
-            "type": "ComplexItem", "complexItemType": "survey", "version": 5, "angle": 0, "entryLocation": 0,
-            "flyAlternateTransects": False, "splitConcavePolygons": False,
-            "polygon": [self._degrees(corner) for corner in goal.polygon_ned_m], "TransectStyleComplexItem": style,
+            "type": "ComplexItem", "complexItemType": "survey", "version": 5, "entryLocation": 0,
+            "flyAlternateTransects": False, "splitConcavePolygons": False, "TransectStyleComplexItem": style,
+            "angle": round(degrees(made.plan.lines_rad), 4),
+            "polygon": [self._degrees(corner) for corner in goal.polygon_ned_m],
         })  # fmt: skip
         for hole in goal.holes_ned_m:
             corners = [self._degrees(corner) for corner in hole]
@@ -215,13 +219,13 @@ class _Exporter:
             self._notes.append(f"{where}: QGroundControl has no margin, so that {goal.margin_outline_m:g} m are lost")
 
     def _camera(self, goal: AreaCoverageGoal, line_m: float, picture_m: float) -> dict[str, Any]:
-        """The survey's camera: the vehicle's own, or for a goal with a distance between lines none."""
+        """The survey's camera: the vehicle's own, or for a goal with distances none."""
         height_m = altitude_m(goal.z_ned_m)
         common = {
             "version": 2, "DistanceMode": RELATIVE_MODE, "DistanceToSurface": height_m, "AdjustedFootprintSide": line_m,
             "AdjustedFootprintFrontal": picture_m,
         }  # fmt: skip
-        if goal.resolution_m is not None:
+        if goal.resolution_m is not None or goal.picture_distance_m is not None:
             return common | {"CameraName": MANUAL_CAMERA}
         camera = self._config.vehicle.camera
         overlap, sidelap = (100.0 * (a if a is not None else b or 0.0) for a, b in (

@@ -1,301 +1,251 @@
-"""Missions from plans of QGroundControl, with a sentence for each part that is lost."""
+"""Missions from plans of QGroundControl, with a sentence for each part that is flown in another way, or is lost."""
 
-from collections.abc import Callable, Iterator, Mapping
-from math import hypot, isfinite, radians
+from collections.abc import Callable, Mapping
+from math import hypot, radians
 from typing import Any
 
 from jezero.area_files.polygon import AreaFileError, excerpt, number_from
-from jezero.area_files.qgc_plan import is_plan, read_surveys
+from jezero.area_files.qgc_plan import SAVE_AGAIN, checked_plan, read_surveys
+from jezero.fence_judgement import fence_refusal
 from jezero.frames import ned_from_geodetic
+from jezero.mission_files.fence_file import fence_of_plan
 from jezero.mission_files.imported import ImportedMission
+from jezero.mission_files.plan_items import Height, PlanItem, item_height, place_deg, simple_item
+from jezero.mission_files.qgc_surveys import CAMERA_COMMANDS, survey_coverages, takes_pictures
 
-TAKEOFF, VTOL_TAKEOFF, WAYPOINT, LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME = 22, 84, 16, 17, 18, 19
+TAKEOFF, VTOL_TAKEOFF, WAYPOINT, SPLINE = 22, 84, 16, 82
+LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME, LOITER_TO_ALTITUDE = 17, 18, 19, 31
 RETURN, LAND, VTOL_LAND, DELAY_NAV, DELAY, CHANGE_SPEED = 20, 21, 85, 93, 112, 178
 """Numbers of MAV_CMD."""
+PLACES = {
+    SPLINE: "spline waypoint", LOITER_UNLIMITED: "loiter unlimited", LOITER_TURNS: "loiter turns",
+    LOITER_TO_ALTITUDE: "loiter to an altitude",
+}  # fmt: skip
+"""Commands that are flown as waypoints, with a note."""
 WORDS = {
-    LOITER_TURNS: "loiter turns", 177: "do jump", 115: "condition yaw", 183: "set servo", 187: "set actuator",
-    189: "landing start", 195: "region of interest", 197: "end of the region of interest", 201: "region of interest",
+    177: "do jump", 115: "condition yaw", 183: "set servo", 187: "set actuator", 189: "landing start",
+    195: "region of interest", 197: "end of the region of interest", 201: "region of interest",
     203: "trigger the camera", 205: "gimbal", 206: "camera trigger distance", 530: "camera mode", 531: "camera zoom",
     532: "camera focus", 1000: "gimbal", 2000: "take images", 2001: "stop images", 2500: "start video",
     2501: "stop video",
 }  # fmt: skip
-ABSOLUTE_FRAMES, RELATIVE_FRAMES, TERRAIN_FRAMES = (0, 5), (3, 6), (10, 11)
-"""Numbers of MAV_FRAME: altitudes above sea level, above the home position, and above the terrain."""
-ABSOLUTE_MODE, TERRAIN_MODES = 2, (3, 4)
-"""QGroundControl's own numbers for the altitudes of a survey."""
-MANUAL_CAMERA = "Manual (no camera specs)"
-OVERLAP_MAX = 0.95
+SCANS = {"CorridorScan": "corridor scan", "StructureScan": "structure scan"}
+RALLY_VERSIONS = (1, 2)
+VERTICAL_SPEEDS = (2.0, 3.0)
+"""First parameter of a change of speed: that of climbs, and that of descents."""
 AT_HOME_M = 1.0
-DECIMALS_DEG = 8
 
 
 def import_plan(content: Any, name: str) -> ImportedMission:
     """Make a mission of a plan; points and areas stay in degrees, and the vehicle places them when it flies.
 
     Args:
-        content: the plan, decoded from JSON.
+        content: the plan, decoded from JSON, or made of another file by `plan_items`.
         name: name of the mission.
 
     Raises:
-        AreaFileError: it is no plan, or has nothing that a mission can have.
+        AreaFileError: it is no plan, has nothing that a mission can have, or an altitude that the vehicle can't fly.
     """
-    if not is_plan(content):
-        raise AreaFileError('is not a plan of QGroundControl: it has no "fileType": "Plan"')
-    return _Importer(content, name).run()
+    return _Importer(checked_plan(content), name).run()
 
 
 class _Importer:
     def __init__(self, content: Mapping[str, Any], name: str) -> None:
         self._content = content
         self._mission = _member(content, "mission")
+        self._mode = self._mission.get("globalPlanAltitudeMode")
         home = self._mission.get("plannedHomePosition")
         numbers = [number_from(value) for value in home] if isinstance(home, list) else []
-        self._home_deg = [value for value in numbers[:3] if value is not None]
+        self._home_deg = place_deg(numbers[0], numbers[1], "the planned home position") if len(numbers) >= 2 else None
         self._speed_mps: float | None = None
         self._last_place: str | None = None
         self._surveys = iter(read_surveys(content))
-        self._made = ImportedMission(name)
+        self._made = ImportedMission(name, home_altitude_m=numbers[2] if len(numbers) > 2 else None)
 
     def run(self) -> ImportedMission:
         """The mission with its notes."""
         items = self._mission.get("items")
         for number, item in enumerate(items if isinstance(items, list) else [], 1):
-            where = f"item {number}"
-            if not isinstance(item, dict):
-                raise AreaFileError(f'{where}: "{excerpt(item)}" is no item of a mission')
-            if "complexItemType" in item:
-                self._complex(item, where)
-            else:
-                self._simple(item, number, where)
+            self._item(item, f"item {number}", str(number))
         self._rally_points()
         self._fence()
         if not self._made.steps:
-            raise AreaFileError("has nothing to fly: no takeoff, waypoint, survey or landing")
+            cause = f": {'; '.join(self._made.lost)}" if self._made.lost else ""
+            raise AreaFileError(f"has nothing to fly, no takeoff, waypoint, survey or landing{cause}")
         if next(iter(self._made.steps[0])) != "takeoff":
             self._note("the plan has no takeoff at its begin: fly it from a hover, or add the step takeoff")
+        self._note_sea_level()
         return self._made
 
     def _note(self, text: str) -> None:
         self._made.notes.append(text)
 
+    def _lose(self, text: str) -> None:
+        self._made.lost.append(text)
+
+    def _note_sea_level(self) -> None:
+        if not self._made.has_heights_above_sea_level:
+            return
+        home_m = self._made.home_altitude_m
+        planned = "" if home_m is None else f"; the planned home position is at {home_m:g} m, which is not used"
+        self._note(f"heights above sea level are counted from the altitude of the vehicle's origin{planned}")
+
+    def _item(self, item: Any, where: str, number: str) -> None:
+        if not isinstance(item, dict):
+            raise AreaFileError(f'{where}: "{excerpt(item)}" is no item of a mission')
+        if "complexItemType" in item:
+            self._complex(item, where, number)
+        else:
+            self._simple(simple_item(item, where), number)
+
     # -- simple items --
 
-    def _simple(self, item: Mapping[str, Any], number: int, where: str) -> None:
-        command = item.get("command")
-        params = item.get("params")
-        numbers = [number_from(value) for value in params] if isinstance(params, list) else []
-        numbers += [None] * (7 - len(numbers))
-        makers: dict[Any, Callable[[Mapping[str, Any], list[float | None], int, str], None]] = {
+    def _simple(self, item: PlanItem, number: str) -> None:
+        makers: dict[int | None, Callable[[PlanItem, str], None]] = {
             TAKEOFF: self._takeoff, VTOL_TAKEOFF: self._takeoff, LAND: self._land, VTOL_LAND: self._land,
-            RETURN: self._return, WAYPOINT: self._waypoint, LOITER_TIME: self._waypoint,
-            LOITER_UNLIMITED: self._waypoint, DELAY: self._delay, DELAY_NAV: self._delay,
-            CHANGE_SPEED: self._change_speed,
+            RETURN: self._return, WAYPOINT: self._waypoint, LOITER_TIME: self._waypoint, DELAY: self._delay,
+            DELAY_NAV: self._delay, CHANGE_SPEED: self._change_speed, **dict.fromkeys(PLACES, self._waypoint),
         }  # fmt: skip
-        maker = makers.get(command) if isinstance(command, int) else None
+        maker = makers.get(item.command)
         if maker is None:
-            what = WORDS.get(command, "") if isinstance(command, int) else ""
-            self._note(f"{where} ({what or f'MAVLink command {excerpt(command)}'}) is left out: no action does it")
+            what = WORDS.get(item.command or 0, f"MAVLink command {excerpt(item.command)}")
+            self._lose(f"{item.where} ({what}): no action does it")
             return
-        maker(item, numbers, number, where)
+        maker(item, number)
+        if item.waits:
+            self._lose(f"{item.where} waits for a person before the next one (autoContinue is false)")
 
-    def _takeoff(self, item: Mapping[str, Any], numbers: list[float | None], number: int, where: str) -> None:
-        altitude_m = self._altitude_m(item.get("frame"), numbers[6], where)
-        self._made.steps.append({"takeoff": {"altitude_m": altitude_m}})
-        place_deg = _place(numbers)
-        if place_deg is not None and self._home_deg and self._from_home_m(place_deg) > AT_HOME_M:
-            self._go_to(f"takeoff_{number}", place_deg, altitude_m, None)
+    def _height(self, item: PlanItem) -> Height:
+        return item_height(item, self._mode, self._made.notes)
 
-    def _waypoint(self, item: Mapping[str, Any], numbers: list[float | None], number: int, where: str) -> None:
-        place_deg = _place(numbers)
-        if place_deg is None:
-            self._note(f"{where} is left out: it has no latitude and longitude")
+    def _takeoff(self, item: PlanItem, number: str) -> None:
+        place, height = item.place_deg(), self._height(item)
+        self._made.steps.append({"takeoff": {"altitude_m": height}})
+        if place is not None and (self._home_deg is None or _apart_m(place, self._home_deg) > AT_HOME_M):
+            self._go_to(f"takeoff_{number}", place, height, None)
+
+    def _waypoint(self, item: PlanItem, number: str) -> None:
+        place = item.place_deg()
+        if place is None:
+            self._lose(f"{item.where} has no latitude and longitude")
             return
-        command = item.get("command")
-        yaw_deg = numbers[3] if command == WAYPOINT else None
-        self._go_to(f"waypoint_{number}", place_deg, self._altitude_m(item.get("frame"), numbers[6], where), yaw_deg)
-        if command == LOITER_UNLIMITED:
-            self._note(f"{where} (loiter unlimited) is a waypoint: the next step follows at once")
-        elif numbers[0]:
-            self._made.steps.append({"wait": numbers[0]})
+        yaw_deg = item.params[3] if item.command == WAYPOINT else None
+        self._go_to(f"waypoint_{number}", place, self._height(item), yaw_deg)
+        if item.command in PLACES:
+            self._note(f"{item.where} ({PLACES[item.command]}) is a waypoint, to which the vehicle flies straight")
+        if item.command in (WAYPOINT, SPLINE, LOITER_TIME) and (item.params[0] or 0.0) > 0.0:
+            self._made.steps.append({"wait": item.params[0]})
 
-    def _go_to(self, name: str, place_deg: list[float], altitude_m: float, yaw_deg: float | None) -> None:
-        self._made.points[name] = {"degrees": place_deg, "altitude_m": altitude_m}
+    def _go_to(self, name: str, place: list[float], height: Height, yaw_deg: float | None) -> None:
+        self._made.points[name] = {"degrees": place, "altitude_m": height}
         self._last_place = name
         fields: dict[str, Any] = {"target_ned_m": name}
         if yaw_deg is not None:
             fields["yaw_rad"] = round(radians(yaw_deg), 6)
         self._made.steps.append({"go_to": self._with_speed(fields)})
 
-    def _land(self, item: Mapping[str, Any], numbers: list[float | None], number: int, where: str) -> None:
-        place_deg = _place(numbers)
-        if place_deg is not None:
-            self._made.points[f"landing_{number}"] = {"degrees": place_deg, "altitude_m": 0.0}
+    def _land(self, item: PlanItem, number: str) -> None:
+        place = item.place_deg()
+        if place is not None:
+            self._made.points[f"landing_{number}"] = {"degrees": place, "altitude_m": 0.0}
             self._land_on(f"landing_{number}")
         elif self._last_place is not None:
             self._land_on(self._last_place)
         else:
-            self._note(f"{where} (land) is left out: it has no latitude and longitude, and nothing was flown before it")
+            self._lose(f"{item.where} (land) has no latitude and longitude, and nothing was flown before it")
 
-    def _return(self, item: Mapping[str, Any], numbers: list[float | None], number: int, where: str) -> None:
+    def _return(self, item: PlanItem, number: str) -> None:
         self._made.steps.append({"return_home": {}})
-        self._note(f"{where} (return) goes to the rover if its position is known, else to the take-off point")
+        self._note(f"{item.where} (return) goes to the rover if its position is known, else to the take-off point")
 
     def _land_on(self, name: str) -> None:
         self._made.steps.append({"land_on_spot": {"landing_spot_ned_m": name, "use_uwb": False, "use_tag": False}})
 
-    def _delay(self, item: Mapping[str, Any], numbers: list[float | None], number: int, where: str) -> None:
-        if numbers[0] is None or numbers[0] < 0.0:
-            self._note(f"{where} (delay until a time of day) is left out")
+    def _delay(self, item: PlanItem, number: str) -> None:
+        if item.params[0] is None or item.params[0] < 0.0:
+            self._lose(f"{item.where} is a delay until a time of day")
         else:
-            self._made.steps.append({"wait": numbers[0]})
+            self._made.steps.append({"wait": item.params[0]})
 
-    def _change_speed(self, item: Mapping[str, Any], numbers: list[float | None], number: int, where: str) -> None:
-        if numbers[1] is not None and numbers[1] > 0.0:
-            self._speed_mps = numbers[1]
-        elif numbers[1] == -2.0:
+    def _change_speed(self, item: PlanItem, number: str) -> None:
+        speed_mps = item.params[1]
+        if item.params[0] in VERTICAL_SPEEDS:
+            self._lose(f"{item.where} (change of the vertical speed): no action does it")
+        elif speed_mps is not None and speed_mps > 0.0:
+            self._speed_mps = speed_mps
+        elif speed_mps == -2.0:
             self._speed_mps = None
 
     def _with_speed(self, fields: dict[str, Any]) -> dict[str, Any]:
         return fields if self._speed_mps is None else fields | {"speed_mps": self._speed_mps}
 
-    # -- altitudes --
-
-    def _altitude_m(self, frame: Any, altitude_m: float | None, where: str) -> float:
-        """Altitude above the place where the vehicle starts."""
-        if altitude_m is None:
-            raise AreaFileError(f"{where} has no altitude")
-        if frame in ABSOLUTE_FRAMES:
-            return self._over_home_m(altitude_m, where)
-        if frame in TERRAIN_FRAMES:
-            self._note(f"{where}: its {altitude_m:g} m over the terrain are flown over the take-off point")
-        return altitude_m
-
-    def _over_home_m(self, altitude_m: float, where: str) -> float:
-        if len(self._home_deg) < 3:
-            raise AreaFileError(
-                f"{where} is at {altitude_m:g} m above sea level, and the plan has no planned home position: choose "
-                "altitudes relative to launch in QGroundControl"
-            )
-        return round(altitude_m - self._home_deg[2], 3)
-
-    def _from_home_m(self, place_deg: list[float]) -> float:
-        north_m, east_m, _ = ned_from_geodetic(
-            (place_deg[0], place_deg[1], 0.0), (self._home_deg[0], self._home_deg[1], 0.0)
-        )
-        return hypot(north_m, east_m)
-
     # -- complex items --
 
-    def _complex(self, item: Mapping[str, Any], where: str) -> None:
+    def _complex(self, item: Mapping[str, Any], where: str, number: str) -> None:
         kind = item.get("complexItemType")
-        if kind != "survey":
-            self._note(f"{where} ({excerpt(kind)}) is left out: only surveys become a coverage")
-            return
+        if kind == "survey":
+            self._survey(item, f"{where} (survey)")
+        elif isinstance(kind, str) and kind in SCANS:
+            self._scan(item, f"{where} ({SCANS[kind]})", number)
+        else:
+            self._lose(f"{where} ({excerpt(kind)}): no action does it")
+
+    def _survey(self, item: Mapping[str, Any], where: str) -> None:
         polygon = next(self._surveys)
         name = polygon.name.replace(" ", "_")
         outline, *holes = ([list(corner) for corner in ring] for ring in polygon.rings)
         self._made.areas[name] = {"degrees": outline} | ({"holes": holes} if holes else {})
-        style = _member(item, "TransectStyleComplexItem")
-        camera = _member(style, "CameraCalc")
-        fields: dict[str, Any] = {"polygon_ned_m": name, "z_ned_m": -self._survey_altitude_m(camera, where)}
-        fields |= self._spacing(camera, where)
-        self._made.steps.append({"area_coverage": self._with_speed(fields)})
-        if lost := list(_lost_of_survey(item, style)):
-            self._note(f"{where} (survey): the coverage plans its own lines, without {', '.join(lost)}")
+        for fields in survey_coverages(item, self._mode, where, self._made):
+            self._made.steps.append({"area_coverage": self._with_speed({"polygon_ned_m": name, **fields})})
 
-    def _survey_altitude_m(self, camera: Mapping[str, Any], where: str) -> float:
-        altitude_m = number_from(camera.get("DistanceToSurface"))
-        if altitude_m is None:
-            raise AreaFileError(f"{where} (survey) has no altitude: save it with QGroundControl 3.5 or later")
-        mode = camera.get("DistanceMode", 1 if camera.get("DistanceToSurfaceRelative", True) else ABSOLUTE_MODE)
-        if mode == ABSOLUTE_MODE:
-            return self._over_home_m(altitude_m, where)
-        if mode in TERRAIN_MODES:
-            self._note(f"{where}: its {altitude_m:g} m over the terrain are flown over the take-off point")
-        return altitude_m
-
-    def _spacing(self, camera: Mapping[str, Any], where: str) -> dict[str, float]:
-        """Overlaps of images; without a known camera, the distance between lines."""
-        overlaps = [number_from(camera.get(side)) for side in ("FrontalOverlap", "SideOverlap")]
-        name = camera.get("CameraName")
-        if name == MANUAL_CAMERA or None in overlaps:
-            side_m, front_m = (
-                number_from(camera.get(f"AdjustedFootprint{direction}")) for direction in ("Side", "Frontal")
-            )
-            if not side_m:
-                raise AreaFileError(f"{where} (survey) has neither overlaps nor a distance between its lines")
-            if front_m and front_m != side_m:
-                self._note(f"{where} (survey): images are {side_m:g} m apart as the lines are, and not {front_m:g} m")
-            return {"resolution_m": side_m}
-        fractions = [min(max(each or 0.0, 0.0) / 100.0, OVERLAP_MAX) for each in overlaps]
-        if any((each or 0.0) > 100.0 * OVERLAP_MAX for each in overlaps):
-            self._note(f"{where} (survey): overlaps above {100 * OVERLAP_MAX:g} % become {100 * OVERLAP_MAX:g} %")
-        if isinstance(name, str) and name and name != "Custom Camera":
-            self._note(f"{where} (survey): its overlaps hold for the vehicle's own camera, and not for {excerpt(name)}")
-        return {"overlap": round(fractions[0], 4), "sidelap": round(fractions[1], 4)}
+    def _scan(self, item: Mapping[str, Any], where: str, number: str) -> None:
+        """Fly the waypoints that a scan has; what its camera does is lost."""
+        items = _member(item, "TransectStyleComplexItem").get("Items")
+        if not isinstance(items, list) or not items:
+            raise AreaFileError(f"{where} has no waypoints of its own: {SAVE_AGAIN}, or plan its waypoints one by one")
+        if takes_pictures(item):
+            self._lose(f"{where} takes images along its way, and only surveys become coverages; its way is flown")
+        for index, below in enumerate(items, 1):
+            command = below.get("command") if isinstance(below, dict) else None
+            if command not in CAMERA_COMMANDS:
+                self._item(below, f"{where}, item {index}", f"{number}_{index}")
 
     # -- what belongs to no item --
 
     def _rally_points(self) -> None:
-        points = _member(self._content, "rallyPoints").get("points")
-        count = 0
+        rally = _member(self._content, "rallyPoints")
+        points = rally.get("points")
+        if points and rally.get("version", RALLY_VERSIONS[-1]) not in RALLY_VERSIONS:
+            raise AreaFileError(f'has rally points of version "{excerpt(rally["version"])}": {SAVE_AGAIN}')
         for number, point in enumerate(points if isinstance(points, list) else [], 1):
-            numbers = [number_from(value) for value in point] if isinstance(point, list) else []
-            place_deg = _place([None, None, None, None, *numbers])
-            if place_deg is None:
+            numbers = [number_from(value) for value in point[:2]] if isinstance(point, list) else []
+            place = place_deg(numbers[0], numbers[1], f"rally point {number}") if len(numbers) == 2 else None
+            if place is None:
                 raise AreaFileError(f'rally point {number}: "{excerpt(point)}" is not [latitude, longitude, altitude]')
-            altitude_m = (numbers[2] if len(numbers) > 2 else None) or 0.0
-            self._made.points[f"rally_{number}"] = {"degrees": place_deg, "altitude_m": altitude_m}
-            count += 1
-        if count:
-            self._note(
-                f"{_counted(count, 'rally point')} of the plan: points of the mission, which no step uses; the return "
-                "has its own in rally_points_ned_m of actions.toml"
-            )
+            self._made.points[f"rally_{number}"] = {"degrees": place, "altitude_m": 0.0}
+            self._made.rally_points.append(f"rally_{number}")
 
     def _fence(self) -> None:
-        fence = _member(self._content, "geoFence")
-        zones = [fence.get(kind) for kind in ("polygons", "circles")]
-        shapes = [shape for found in zones if isinstance(found, list) for shape in found]
-        if shapes:
-            self._note(
-                f"the geofence ({_counted(len(shapes), 'zone')}) is not part of a mission: set it in the autopilot; "
-                "its exclusion zones in a survey are holes of the area, too"
-            )
+        geofence = _member(self._content, "geoFence")
+        if geofence.get("breachReturn"):
+            self._lose("the geofence: its point to return to, which no fence of jezero has")
+        if geofence.get("polygon") and _member(geofence, "circle").get("radius"):
+            self._note("the geofence's circle was a setting of the vehicle, and is no part of the fence")
+        try:
+            fence = fence_of_plan(self._content, self._made.name)
+            if fence is not None and (reason := fence_refusal(fence)):
+                raise AreaFileError(reason)
+        except AreaFileError as error:
+            self._lose(f"the geofence: {error}")
+        else:
+            self._made.fence = fence
 
 
-def _lost_of_survey(item: Mapping[str, Any], style: Mapping[str, Any]) -> Iterator[str]:
-    """Parts of a survey that a coverage doesn't have."""
-    angle_deg = number_from(item.get("angle"))
-    if angle_deg:
-        yield f"their direction of {angle_deg:g}°"
-    turnaround_m = number_from(style.get("TurnAroundDistance"))
-    if turnaround_m:
-        yield f"the turnarounds of {turnaround_m:g} m"
-    for words, part in (
-        ("the second pass across", style.get("Refly90Degrees")),
-        ("the stop at each image", style.get("HoverAndCapture")),
-        ("the terrain's heights", style.get("FollowTerrain")),
-        ("the alternate order of lines", item.get("flyAlternateTransects")),
-    ):
-        if part is True:
-            yield words
-
-
-def _place(numbers: list[float | None]) -> list[float] | None:
-    """Latitude and longitude of an item's parameters; None without them, which QGroundControl writes as 0 or null."""
-    latitude_deg, longitude_deg = (*numbers, None, None)[4:6]
-    if latitude_deg is None or longitude_deg is None or (latitude_deg == 0.0 and longitude_deg == 0.0):
-        return None
-    if not (isfinite(latitude_deg) and abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
-        raise AreaFileError(f"{latitude_deg:g}, {longitude_deg:g} is no latitude and longitude in degrees")
-    return [round(latitude_deg, DECIMALS_DEG), round(longitude_deg, DECIMALS_DEG)]
+def _apart_m(a_deg: list[float], b_deg: list[float]) -> float:
+    north_m, east_m, _ = ned_from_geodetic((a_deg[0], a_deg[1], 0.0), (b_deg[0], b_deg[1], 0.0))
+    return hypot(north_m, east_m)
 
 
 def _member(content: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     member = content.get(name)
     return member if isinstance(member, dict) else {}
-
-
-def _counted(number: int, noun: str) -> str:
-    return f"{number} {noun}" + ("" if number == 1 else "s")

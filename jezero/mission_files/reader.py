@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from jezero.mission_files.goals import Places
+from jezero.mission_files.goals import Places, height_m
 from jezero.mission_files.nodes import Node, UnreadableError, parse
 from jezero.mission_files.problems import MissionFileError, Problem, Problems, did_you_mean, listed
 from jezero.mission_files.steps import Steps, failure_policy
@@ -20,11 +20,14 @@ if TYPE_CHECKING:
     from jezero.area_files import Area
 
 BYTES_MAX = 1_000_000
-PARTS = ("mission", "points", "areas", "on_failure", "steps")
+FOREIGN, FOREIGN_BEGIN = (".plan", ".mission", ".waypoints", ".kml", ".kmz"), b"QGC WPL"
+"""Endings of files of other programs, and the begin of those that end in .txt: a mission is made of them first."""
+PARTS = ("mission", "points", "areas", "rally_points", "on_failure", "steps")
 AREA_PARTS = ("file", "feature", "metres")
 DEGREES_PARTS = ("degrees", "holes")
 UNKNOWN_ORIGIN = "is in degrees, and the world's origin is not known yet"
 CORNERS_MIN = 3
+RALLY_POINTS_MAX = 100
 
 
 @dataclass(frozen=True)
@@ -49,8 +52,9 @@ def read_mission(
 
     Args:
         file: the file; files of areas that it names are relative to its folder.
-        origin_deg: latitude and longitude of the world's origin in degrees, such as `Odometry.origin_deg`; None if all
-            areas are in metres.
+        origin_deg: latitude and longitude of the world's origin in degrees and its altitude above sea level, such as
+            `Odometry.origin_deg`. Heights above sea level need the altitude. None if everything is in metres around the
+            origin.
         actions: every action by name; None takes those that are installed.
 
     Raises:
@@ -65,7 +69,7 @@ class _Reader:
         self._origin_deg = origin_deg
         self._actions = actions
         self._problems = Problems()
-        self._places = Places()
+        self._places = Places(None if origin_deg is None or len(origin_deg) < 3 else origin_deg[2])
 
     def read(self) -> MissionFile:
         """The mission, or `MissionFileError`."""
@@ -79,6 +83,7 @@ class _Reader:
             self._add_point(name, node)
         for name, node in self._named(fields, "areas").items():
             self._add_area(name, node)
+        self._places.rally_points_m = self._rally_points(fields["rally_points"]) if "rally_points" in fields else []
         policy = failure_policy(fields["on_failure"], self._problems) if "on_failure" in fields else FailurePolicy()
         steps = Steps(self._actions, self._places, policy, self._problems)
         if "steps" in fields:
@@ -92,6 +97,10 @@ class _Reader:
 
     def _parse(self) -> Node:
         try:
+            if self._file.is_file() and self._is_foreign():
+                made = self._file.with_suffix(".yaml").name
+                hint = f"jezero mission import {self._file} -o {made} makes one"
+                raise self._error(0, f"is no mission of jezero yet: {hint}")
             size = self._file.stat().st_size
             if size > BYTES_MAX:
                 raise self._error(0, f"has {size / 1e6:.0f} MB, and a mission has {BYTES_MAX / 1e6:.0f} at most")
@@ -108,13 +117,24 @@ class _Reader:
             raise self._error(root.line, f"is {root.in_words}: a mission has a list of steps under `steps:`")
         return root
 
+    def _is_foreign(self) -> bool:
+        """Whether another program has written the file."""
+        if self._file.suffix.lower() in FOREIGN:
+            return True
+        with self._file.open("rb") as file:
+            return file.read(len(FOREIGN_BEGIN)) == FOREIGN_BEGIN
+
     def _error(self, line: int, text: str) -> MissionFileError:
         return MissionFileError(self._file, [Problem(line, text)])
 
     def _mission(self, fields: dict[str, Node], steps: Steps) -> Mission | None:
         name = fields["mission"].plain if "mission" in fields else self._file.stem.replace(" ", "-")
         try:
-            fields_of_mission = {"name": name, "steps": msgspec.to_builtins(steps.steps)}
+            fields_of_mission = {
+                "name": name,
+                "steps": msgspec.to_builtins(steps.steps),
+                "rally_points_ned_m": self._places.rally_points_m,
+            }
             return msgspec.convert(fields_of_mission, Mission)
         except msgspec.ValidationError as error:
             if "`$.name`" in str(error):
@@ -149,8 +169,8 @@ class _Reader:
         """The point in metres; None for a malformed one."""
         parts: dict[str, Node] = node.value
         place_deg = _numbers(parts.get("degrees", node), 2)
-        altitude_m: Any = parts["altitude_m"].value if "altitude_m" in parts else None
-        if len(parts) != 2 or place_deg is None or not _is_number(altitude_m):
+        up = parts.get("altitude_m", node)
+        if len(parts) != 2 or place_deg is None or not (_is_number(up.value) or (up is not node and _is_fields(up))):
             return None
         if self._origin_deg is None:
             self._problems.add(node.line, f"the point {name!r} {UNKNOWN_ORIGIN}")
@@ -165,7 +185,22 @@ class _Reader:
                 f"{self._origin_deg[0]:.6f}, {self._origin_deg[1]:.6f}: start the vehicle near the point, or give the "
                 "point as [latitude, longitude] in degrees",
             )
-        return [north_m, east_m, -float(altitude_m)]
+        at = f"the altitude_m of the point {name!r}"
+        altitude_m = height_m(at, up, self._places, self._problems) if _is_fields(up) else float(up.value)
+        return [north_m, east_m, -altitude_m]
+
+    def _rally_points(self, node: Node) -> list[list[float]]:
+        """North and east of each rally point."""
+        found = []
+        for part in _list_in(node):
+            known = self._places.points.get(part.value) if isinstance(part.value, str) else _numbers(part, 2)
+            if known is not None:
+                found.append(known[:2])
+        if not isinstance(node.value, list) or len(found) < len(node.value):
+            self._problems.add(node.line, "rally_points are a list with names of points, or [north, east] in metres")
+        if len(found) > RALLY_POINTS_MAX:
+            self._problems.add(node.line, f"a mission has {RALLY_POINTS_MAX} rally points at most, not {len(found)}")
+        return found
 
     def _add_area(self, name: str, node: Node) -> None:
         self._places.areas[name] = {"polygon_ned_m": [], "holes_ned_m": []}
@@ -243,6 +278,10 @@ def _numbers(node: Node, count: int) -> list[float] | None:
     if not isinstance(values, list) or len(values) != count:
         return None
     return [float(value) for value in values] if all(map(_is_number, values)) else None
+
+
+def _is_fields(node: Node) -> bool:
+    return isinstance(node.value, dict)
 
 
 def _is_number(value: Any) -> bool:

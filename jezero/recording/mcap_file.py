@@ -103,6 +103,8 @@ class McapFile:
                     yield from self._messages_of(record)
         if not finished:
             self.problem = "it was not finished"
+        elif file.read(1):  # viewers read the end first; after a loss of power a file system may have put zeros there
+            self.problem = self.problem or "it has bytes after its end"
 
     def _messages_of(self, chunk: Chunk) -> Iterator[RawMessage]:
         try:

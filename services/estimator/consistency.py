@@ -136,8 +136,8 @@ class ConsistencyMonitor:
     def turn_heading(self, error_rad: float) -> None:
         """Note that the rover's heading is corrected."""
         self.heading_turned = (
-            f"the rover's heading was corrected by {degrees(-error_rad):.0f} degrees: check its compass, how the camera "
-            "is turned (turn_rad), and the order of the anchors in vehicle.toml"
+            f"the rover's heading was corrected by {degrees(-error_rad):.0f} degrees: check its compass, the turn of "
+            "the camera, and the order of the anchors in vehicle.toml"
         )
 
     def judge_uwb(self, pairs: list[tuple[TagMeasurement, UwbMeasurement]], yaw_rad: float) -> None:

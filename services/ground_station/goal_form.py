@@ -8,9 +8,12 @@ from typing import Any, Literal
 
 Kind = Literal["number", "integer", "switch", "choice", "choices", "vector", "area", "areas"]
 LEFT_OUT = frozenset(
-    {"goal_id", "issued_t_ns", "on_client_loss", "plan_id", "first_picture", "origin_deg", "plan_from_ned_m"}
-)
-"""Fields that the ground station or the server fills in."""
+    {
+        "goal_id", "issued_t_ns", "on_client_loss", "plan_id", "first_picture", "origin_deg", "plan_from_ned_m",
+        "rally_points_ned_m",
+    }
+)  # fmt: skip
+"""Fields that the ground station, the server or a mission fills in."""
 DEGREES = "°"
 UNITS = {"m": "m", "mps": "m/s", "rad": DEGREES, "s": "s", "deg": DEGREES, "px": "px", "hz": "Hz"}
 """Unit that people type, by the end of a field's name; an angle in radians is typed in degrees."""

@@ -6,6 +6,7 @@ from jezero.runtime.service import Call, Inbox, Output
 from jezero.schemas.actions import PlanReply
 from jezero.schemas.goals import ReturnHomeGoal
 from jezero.schemas.state import Battery, Status
+from jezero.schemas.struct import RallyPoints
 from jezero.schemas.topics import LAND_ON_SPOT, RETURN_HOME, STATUS, health_of
 from jezero.schemas.units import NS_PER_S
 from jezero.services.mission.battery_use import BatteryUse
@@ -47,8 +48,12 @@ class ReturnWatch:
         """Time at which the ground station was last heard in this flight."""
         self._overruled = False
 
-    def step(self, t_ns: int, inbox: Inbox) -> Iterator[Output]:
-        """Ask for the plan when that is due, and judge."""
+    def step(self, t_ns: int, inbox: Inbox, rally_points_ned_m: RallyPoints = ()) -> Iterator[Output]:
+        """Ask for the plan when that is due, and judge.
+
+        Args:
+            rally_points_ned_m: of the mission that flies; none without one.
+        """
         status = inbox.latest(STATUS)
         if status is None or not status.armed or status.landed:
             self._forget_flight()
@@ -57,15 +62,17 @@ class ReturnWatch:
             self._ground_ns = t_ns
         if status.battery is not None and status.battery.remaining is not None:
             self._use.update(t_ns, status.battery.remaining)
-        yield from self._plan(t_ns, status, inbox)
+        yield from self._plan(t_ns, status, inbox, rally_points_ned_m)
         comes_home = status.action in (RETURN_HOME.name, LAND_ON_SPOT.name)
         stays = comes_home or self._overruled or status.in_charge in ("external", "failsafe")
         low = self._judge_battery(status.battery)
         self.reason = "" if stays else low or self._judge_ground(t_ns)
 
-    def goal(self) -> ReturnHomeGoal:
+    def goal(self, rally_points_ned_m: RallyPoints) -> ReturnHomeGoal:
         """The return, with what this flight has shown of the battery."""
-        return ReturnHomeGoal(charge=self._use.charge, charge_per_s=self._use.per_s)
+        return ReturnHomeGoal(
+            charge=self._use.charge, charge_per_s=self._use.per_s, rally_points_ned_m=rally_points_ned_m
+        )
 
     def overrule(self) -> None:
         """Let the vehicle fly on until its landing: a person ended the return."""
@@ -77,7 +84,7 @@ class ReturnWatch:
         self._duration_s = self._ground_ns = None
         self._overruled = False
 
-    def _plan(self, t_ns: int, status: Status, inbox: Inbox) -> Iterator[Output]:
+    def _plan(self, t_ns: int, status: Status, inbox: Inbox, rally_points_ned_m: RallyPoints) -> Iterator[Output]:
         """Ask how long the way home takes from here."""
         for response in inbox.responses:
             reply = response.payload
@@ -87,7 +94,9 @@ class ReturnWatch:
             return
         self._plan_due_ns = t_ns + PLAN_PERIOD_NS
         self._plans += 1
-        goal = ReturnHomeGoal(issued_t_ns=t_ns, plan_from_ned_m=status.odometry.pos_uav_ned_m)
+        goal = ReturnHomeGoal(
+            issued_t_ns=t_ns, plan_from_ned_m=status.odometry.pos_uav_ned_m, rally_points_ned_m=rally_points_ned_m
+        )
         yield Call(RETURN_HOME.plan, goal, f"way home/{self._plans}", PLAN_TIMEOUT_S)
 
     def _judge_battery(self, battery: Battery | None) -> str:

@@ -1,7 +1,10 @@
 """What a mission may do next, from its present state and the vehicle's."""
 
+from typing import Any
+
 from jezero.schemas.mission import GoalStep, Step
 from jezero.schemas.state import Status
+from jezero.schemas.struct import RallyPoints
 from jezero.schemas.topics import LAND_ON_SPOT, RETURN_HOME
 from jezero.services.mission.record import MissionRecord
 
@@ -40,10 +43,15 @@ def swap_refusal(record: MissionRecord, status: Status | None) -> str:
     return ""
 
 
-def last_goal(then: str, status: Status) -> GoalStep:
-    """The goal that ends a mission after a failure."""
+def last_goal(then: str, status: Status, rally_points_ned_m: RallyPoints) -> GoalStep:
+    """The goal that ends a mission after a failure.
+
+    Args:
+        rally_points_ned_m: of the mission.
+    """
     if then == "return":
-        return GoalStep(label="return home", action=RETURN_HOME.name, goal={})
+        goal: dict[str, Any] = {"rally_points_ned_m": rally_points_ned_m} if rally_points_ned_m else {}
+        return GoalStep(label="return home", action=RETURN_HOME.name, goal=goal)
     assert status.odometry is not None
     north_m, east_m, _ = status.odometry.pos_uav_ned_m
     goal = {"landing_spot_ned_m": [north_m, east_m, 0.0], "use_uwb": False, "use_tag": False}

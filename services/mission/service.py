@@ -179,11 +179,13 @@ class MissionService:
                 self._after_return(self._return.reason, self._return.ended)
                 self._return = None
             return
-        yield from self._watch.step(t_ns, inbox)
+        rally_points_ned_m = () if record is None or record.ended else record.mission.rally_points_ned_m
+        yield from self._watch.step(t_ns, inbox, rally_points_ned_m)
         if not self._watch.reason or status is None:
             return
         self._returns += 1
-        self._return = ReturnRun(f"return-{self._boot_id:x}-{self._returns}", self._watch.reason, self._watch.goal())
+        goal = self._watch.goal(rally_points_ned_m)
+        self._return = ReturnRun(f"return-{self._boot_id:x}-{self._returns}", self._watch.reason, goal)
         if record is not None and not record.ended:
             yield from self._hold(record.in_state("interrupted", self._watch.reason), status)
 
@@ -268,7 +270,14 @@ class MissionService:
             return replace(record.next_step(), reason=f"left out {reason}")
         if policy.then == "stop" or status is None or status.odometry is None or status.landed:
             return record.in_state("failed", end.reason)
-        return replace(record, last=last_goal(policy.then, status), attempt=1, rest=None, reason=reason, failure=reason)
+        return replace(
+            record,
+            last=last_goal(policy.then, status, record.mission.rally_points_ned_m),
+            attempt=1,
+            rest=None,
+            reason=reason,
+            failure=reason,
+        )
 
     # -- requests --
 

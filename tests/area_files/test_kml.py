@@ -51,6 +51,43 @@ def test_what_is_no_kml_area_is_refused_with_its_place(tmp_path: Path, text: str
     assert why in sentence(tmp_path, "area.kml", text)
 
 
+FIELD_SHAPE = SHAPE.format(coordinates(FIELD))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        kml("<gx:CascadingStyle kml:id='a'/>", placemark(FIELD_SHAPE)),
+        kml(placemark('<gx:altitudeMode x="a:b">clampToGround</gx:altitudeMode>' + FIELD_SHAPE)),
+        '<?xml version="1.0"?>\n<!-- a > b -->\n<kml:kml>' + placemark(FIELD_SHAPE) + "</kml:kml>",
+        kml(placemark(FIELD_SHAPE)).replace("<kml ", '<!DOCTYPE kml><kml xsi:schemaLocation="a b" '),
+        kml("<a xmlns:q='b'><q:c/></a><q:d/>", placemark(FIELD_SHAPE)),
+        '<kml xmlns:gx="http://www.google.com/kml/ext/2.2"><gx:Tour/><atom:link/>' + placemark(FIELD_SHAPE) + "</kml>",
+    ],
+)
+def test_prefixes_that_the_file_does_not_declare_are_no_mistake(text: str, tmp_path: Path) -> None:
+    assert len(read(tmp_path, "area.kml", text).polygon_ned_m) == 4
+    assert len(read(tmp_path, "area.kml", "\ufeff" + text).polygon_ned_m) == 4
+
+
+@pytest.mark.parametrize("letters", ["a&nbsp;b", "&copy;&uuml;", "&amp;nbsp;", "<![CDATA[a&nbsp;b<br>]]>", "&#160;"])
+def test_names_of_letters_of_html_are_read(letters: str, tmp_path: Path) -> None:
+    text = kml(f"<description>{letters}</description>", placemark(FIELD_SHAPE, "caf&eacute;"))
+    assert read(tmp_path, "area.kml", text, feature="café").name == "café"
+    assert "is not KML that can be read" in sentence(tmp_path, "area.kml", kml("&klingon;"))
+
+
+def test_a_ring_alone_is_an_area_and_the_rings_of_a_polygon_are_none_of_their_own(tmp_path: Path) -> None:
+    assert len(read(tmp_path, "area.kml", kml(placemark(coordinates(FIELD)))).polygon_ned_m) == 4
+    both = kml(placemark(f"<MultiGeometry>{coordinates(FIELD)}{FIELD_SHAPE}</MultiGeometry>"))
+    assert "has 2 areas" in sentence(tmp_path, "area.kml", both)
+    assert "Placemark 1 has 0 corners" in sentence(tmp_path, "area.kml", kml(placemark("<LinearRing/>")))
+
+
+def test_many_comments_without_an_element_are_refused_at_once(tmp_path: Path) -> None:
+    assert "is not KML that can be read" in sentence(tmp_path, "area.kml", "<!-- x -->" * 5000)
+
+
 def test_entities_that_grow_without_bounds_are_refused(tmp_path: Path) -> None:
     entities = "".join(f'<!ENTITY e{n} "{f"&e{n - 1};" * 10 if n else "8,47 "}">' for n in range(12))
     bomb = f"<!DOCTYPE kml [{entities}]>" + kml(placemark(SHAPE.format(RING.format("&e11;"))))

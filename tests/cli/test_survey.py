@@ -43,6 +43,19 @@ def test_a_plan_is_told_to_programs(tmp_path: Path) -> None:
     assert not any(1.01 < n < 1.99 and 1.01 < e < 1.99 for n, e in plan["path_ned_m"])
 
 
+def test_the_lines_and_the_images_are_as_angle_and_picture_distance_say(tmp_path: Path) -> None:
+    file = tmp_path / "area.geojson"
+    file.write_text(json.dumps(SQUARE))
+    common = ("--polygon", str(file), "--metres", "--z", "-5", "--resolution", "0.5", "--json")
+    plans = [
+        json.loads(run(tmp_path, *common, "--picture-distance", "0.25", "--angle", angle).output)
+        for angle in ("0", "90", "-90")
+    ]
+    for plan in plans:
+        assert len(plan["pictures_ned_m"]) == pytest.approx(plan["length_m"] / 0.25, abs=1)
+    assert plans[0]["path_ned_m"] != plans[1]["path_ned_m"] == plans[2]["path_ned_m"]
+
+
 @pytest.mark.parametrize(
     ("words", "why"),
     [
@@ -50,6 +63,9 @@ def test_a_plan_is_told_to_programs(tmp_path: Path) -> None:
         (("--z", "-5", "--resolution", "0.005"), "needs about 640000 pictures, more than 3000"),
         (("--z", "-5", "--resolution", "0.5", "--overlap", "0.7"), "choose one of them"),
         (("--z", "-5", "--resolution", "0"), "above 0 m"),
+        (("--z", "-5", "--resolution", "1", "--picture-distance", "0"), "x>0"),
+        (("--z", "-5", "--resolution", "1", "--angle", "400"), "-360.0<=x<=360.0"),
+        (("--z", "-5", "--overlap", "0.7", "--picture-distance", "1"), "choose one of them"),
         (("--z", "-5", "--resolution", "nan"), "finite"),
         (("--z", "-5", "--resolution", "1", "--speed", "50"), "speed 50 m/s is not within"),
         (("--z", "-500", "--resolution", "1"), "beyond the limit of 120 m"),

@@ -71,10 +71,22 @@ def test_areas_of_a_plan_that_touch_are_one_and_others_are_refused(tmp_path: Pat
         read_fence(plan(tmp_path, {"version": 2, "polygons": [square(0.0), square(0.01)]}))
 
 
-def test_a_geofence_of_another_version_is_refused_by_its_version(tmp_path: Path) -> None:
-    old = {"version": 1, "polygon": [[47.0, 8.0], [47.001, 8.0], [47.001, 8.001]]}
-    with pytest.raises(MissionFileError, match='geofence of version "1"'):
-        read_fence(plan(tmp_path, old))
+def test_the_one_area_of_a_geofence_of_2017_is_read(tmp_path: Path) -> None:
+    circle = {"radius": 50, "center": [47.0, 8.0]}
+    old = {"version": 1, "polygon": [[47.0, 8.0], [47.001, 8.0], [47.001, 8.001]], "circle": circle}
+    read = read_fence(plan(tmp_path, old))
+    assert read.keep_in is not None and len(read.keep_in.corners_deg) == 3 and not read.keep_out
+    read = read_fence(plan(tmp_path, old | {"polygon": []}))
+    assert read.keep_in is not None and len(read.keep_in.corners_deg) == 72
+
+
+def test_a_geofence_or_plan_of_another_version_is_refused_by_its_version(tmp_path: Path) -> None:
+    with pytest.raises(MissionFileError, match='geofence of version "3", and versions 1 and 2 are read'):
+        read_fence(plan(tmp_path, {"version": 3, "polygon": [[47.0, 8.0], [47.001, 8.0], [47.001, 8.001]]}))
+    newer = tmp_path / "newer.plan"
+    newer.write_text(json.dumps({"fileType": "Plan", "version": 42}))
+    with pytest.raises(MissionFileError, match='is a plan of version "42"'):
+        read_fence(newer)
     with pytest.raises(MissionFileError, match="has no geofence"):
         read_fence(plan(tmp_path, {"version": 1, "polygon": []}))
 

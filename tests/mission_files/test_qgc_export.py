@@ -122,3 +122,9 @@ def test_what_a_plan_can_not_have_is_named(tmp_path: Path) -> None:
 def test_a_mission_with_nothing_for_a_plan_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ExportError, match="has no step that a plan of QGroundControl can have: step 1"):
         exported(mission_of("steps:\n  - land_on_spot\n", tmp_path))
+
+
+def test_rally_points_come_back_from_a_plan(tmp_path: Path) -> None:
+    plan, _ = exported(mission_of(GOOD + "rally_points: [[20, -15], [3, 4]]\n", tmp_path))
+    back = mission_of(import_plan(plan, "round").to_yaml(), tmp_path)
+    assert [pytest.approx(point, abs=0.02) for point in back.rally_points_ned_m] == [(20.0, -15.0), (3.0, 4.0)]

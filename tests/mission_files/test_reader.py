@@ -34,6 +34,11 @@ steps:
 """
 
 
+RALLY = (
+    "rally_points: [rock, [20, -15]]\nsteps:\n  - return_home\n  - go_to: {target_ned_m: rock}\n  - return_home: {}\n"
+)
+
+
 def written(tmp_path: Path, text: str | bytes, name: str = "survey.yaml") -> Path:
     path = tmp_path / name
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
@@ -197,3 +202,54 @@ def test_a_wrong_place_in_degrees_is_named(
         read_mission(written(tmp_path, f"{place}\nsteps: [takeoff]\n"), origin_deg)
     assert [problem.line for problem in error.value.problems] == [1]
     assert sentence in str(error.value)
+
+
+def test_rally_points_are_those_of_the_mission_and_of_its_returns(tmp_path: Path) -> None:
+    own = "  - return_home: {rally_points_ned_m: [[1, 1]]}\n"
+    mission = read_mission(written(tmp_path, "points: {rock: [4, 3, -2]}\n" + RALLY + own)).mission
+    assert mission.rally_points_ned_m == ((4.0, 3.0), (20.0, -15.0))
+    goals = [step.goal.get("rally_points_ned_m") for step in mission.steps if isinstance(step, GoalStep)]
+    assert goals == [[[4.0, 3.0], [20.0, -15.0]], None, [[4.0, 3.0], [20.0, -15.0]], [[1, 1]]]
+
+
+@pytest.mark.parametrize("points", ["rock", "[rok]", "[[1]]", "[[1, 2, 3]]", "{a: [1, 2]}", "[[1, x]]"])
+def test_what_are_no_rally_points_is_named_with_its_line(points: str, tmp_path: Path) -> None:
+    text = "points: {rock: [4, 3, -2]}\n" + RALLY.replace("[rock, [20, -15]]", points)
+    with pytest.raises(MissionFileError, match="line 2: rally_points are a list with names of points, or"):
+        read_mission(written(tmp_path, text))
+
+
+def test_waypoints_of_another_program_are_no_mission_yet_and_a_text_may_be_one(tmp_path: Path) -> None:
+    with pytest.raises(
+        MissionFileError, match=r"a\.txt is no mission of jezero yet: jezero mission import .* makes one"
+    ):
+        read_mission(written(tmp_path, "QGC WPL 110\n", "a.txt"))
+    assert len(read_mission(written(tmp_path, "steps: [{wait: 1}]\n", "b.txt")).mission.steps) == 1
+
+
+def test_too_many_rally_points_are_named(tmp_path: Path) -> None:
+    with pytest.raises(MissionFileError, match="a mission has 100 rally points at most, not 101"):
+        read_mission(
+            written(tmp_path, "points: {rock: [4, 3, -2]}\n" + RALLY.replace("[20, -15]", ", ".join(["rock"] * 100)))
+        )
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("points: {a: {degrees: [47.4, 8.5], altitude_m: {amsl: 5}}}\n", "needs a number, or {amsl_m: NUMBER}"),
+        ("points: {a: {degrees: [47.4, 8.5], altitude_m: {amsl_m: x}}}\n", "needs a number, or {amsl_m: NUMBER}"),
+        ("points: {a: {degrees: [47.4, 8.5], altitude_m: {amsl_m: 5, x: 3}}}\n", "needs a number, or {amsl_m: NUMBER}"),
+        ("points: {a: {degrees: [47.4, 8.5], altitude_m: [5]}}\n", "the point 'a' needs"),
+        (
+            "steps: [{takeoff: {altitude_m: {amsl_m: 480}}}]\n",
+            "8.0 m below the world's origin, which is 488 m above sea",
+        ),
+        ("steps: [{takeoff: {altitude_m: {up: 480}}}]\n", "altitude_m needs a number, or {amsl_m: NUMBER}"),
+        ("steps: [{go_to: {target_ned_m: [1, 2, {amsl_m: 500}]}}]\n", "expected a number"),
+    ],
+)
+def test_a_height_above_sea_level_that_is_none_is_named(text: str, why: str, tmp_path: Path) -> None:
+    with pytest.raises(MissionFileError) as refused:
+        read_mission(written(tmp_path, text), (*ORIGIN_DEG, 488.0))
+    assert why in str(refused.value)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from jezero.codec import encode
@@ -107,6 +108,34 @@ def test_a_killed_process_loses_the_open_chunk_only_and_repair_finishes_the_file
     assert (tmp_path / "torn.mcap.damaged").exists()
     assert repair(torn) == (20, "")
     writer.close()
+
+
+@pytest.mark.parametrize("behind", [bytes(4096), bytes(1), b"x" * 100, b"\x89MCAP0\r\n"])
+def test_repair_takes_away_what_stands_after_the_end_so_that_mcap_readers_open_the_file(
+    behind: bytes, path: Path, tmp_path: Path
+) -> None:
+    whole = path.read_bytes()
+    file = tmp_path / "flight.mcap"
+    file.write_bytes(whole + behind)
+    count = sum(open_recording(path).summary().counts.values())
+    assert open_recording(file).summary().problem == "it has bytes after its end"
+    assert repair(file) == (count, "it has bytes after its end")
+    with file.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None and summary.statistics is not None and summary.statistics.message_count == count
+    assert repair(file) == (count, "")
+    assert (tmp_path / "flight.mcap.damaged").read_bytes() == whole + behind
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9, 0.99])
+def test_a_file_that_was_cut_and_filled_with_zeros_is_finished(share: float, path: Path, tmp_path: Path) -> None:
+    whole = path.read_bytes()
+    file = tmp_path / "flight.mcap"
+    file.write_bytes(whole[: int(share * len(whole))] + bytes(len(whole)))
+    count, problem = repair(file)
+    assert problem and repair(file) == (count, "")
+    with file.open("rb") as stream:
+        assert make_reader(stream).get_summary() is not None
 
 
 def test_a_recording_of_an_older_version_gets_the_defaults_of_new_fields(tmp_path: Path) -> None:

@@ -202,6 +202,11 @@ class AreaCoverage:
                 "the lines of an area that is given with an overlap depend on the height: change polygon_ned_m, to the "
                 "area that remains, together with z_ned_m"
             )
+        if (goal.angle_rad, goal.picture_distance_m) != (before.angle_rad, before.picture_distance_m):
+            return (
+                "the lines and images of an area keep their direction and distance: change polygon_ned_m, to the area "
+                "that remains, together with angle_rad or picture_distance_m"
+            )
         if self._next_picture >= len(self._plan.pictures_m):
             return "all pictures are taken already"
         start_ned_m = _moved((self._plan.start_m,), self._origin_ned_m)[0]

@@ -51,7 +51,8 @@ class CoveragePlan:
         first_picture: index of the picture at which the trajectory begins.
         picture_times_s: (n - first_picture,) times of the pictures, in the trajectory's time.
         ground: the area, of which the part before the first picture is covered; for one flight.
-        lines_rad: direction of most of the path, 0 to pi from north towards east; either way along the lines.
+        lines_rad: the goal's direction of the lines, else that of most of the path, 0 to pi from north towards east;
+            either way along the lines.
         covered: covered fraction of the area: the part within half a line distance of the path.
         photographs: what the pictures show of the area.
         vehicle_m: (2,) position of the vehicle at the planning; None when nobody knew it.
@@ -101,7 +102,7 @@ def plan_coverage(
     _check_count(area.area / across_m / along_m, f"the area of {area.area:.0f} m² needs about", config)
     start = goal.start_ned_m or start_m
     near_m = None if start is None else _from(corner_m, [start])[0]
-    site = _site(ground, across_m, near_m, _motion(goal, config)).moved(corner_m, repaired.warnings)
+    site = _site(ground, across_m, near_m, goal.angle_rad, _motion(goal, config)).moved(corner_m, repaired.warnings)
     vehicle_m = None if start_m is None else (float(start_m[0]), float(start_m[1]))
     first_m = site.path_m[0] if start is None else start
     return _with_pictures(goal, config, origin_ned_m, site, (float(first_m[0]), float(first_m[1])), vehicle_m)
@@ -138,13 +139,15 @@ class _Site:
         )
 
 
-def _site(ground: FlightArea, across_m: float, start_m: Point | None, motion: dict[str, float]) -> _Site:
+def _site(
+    ground: FlightArea, across_m: float, start_m: Point | None, angle_rad: float | None, motion: dict[str, float]
+) -> _Site:
     """Plan the path over the ground of an area, with the widest turns that leave out little of it.
 
     Raises:
         AreaError: the path would leave the ground over which it may lead.
     """
-    path_m = plan_path(ground.sweep, across_m, start_m, ground.fly)
+    path_m = plan_path(ground.sweep, across_m, start_m, ground.fly, angle_rad)
     for cut in CUTS:
         cuts_m = turn_cuts(path_m, ground.fly, cut * across_m)
         whole = make_trajectory(path_m, cut_m=cuts_m, **motion)
@@ -186,7 +189,7 @@ def _with_pictures(
     if goal.first_picture:
         rest = make_trajectory(site.path_m, cut_m=site.cuts_m, **motion, from_m=first_m)
         ground.mark_way(whole.pos_m[whole.distance_m <= first_m])
-    lines_rad = _main_direction_rad(whole.pos_m)
+    lines_rad = _main_direction_rad(whole.pos_m) if goal.angle_rad is None else goal.angle_rad % np.pi
     photographs = _photographs(goal, config, origin_ned_m, area, pictures_m, lines_rad)
     if (reason := photographs.refusal()) and not goal.force:
         raise AreaError(reason)
@@ -325,12 +328,15 @@ def _distances(goal: AreaCoverageGoal, camera: CameraMountConfig) -> tuple[float
     if overlap is None or sidelap is None:
         if not goal.resolution_m:
             raise AreaError("give a resolution above 0 m, or an overlap of the pictures")
-        return goal.resolution_m, goal.resolution_m
+        return goal.resolution_m, goal.picture_distance_m or goal.resolution_m
     if goal.resolution_m is not None:
         raise AreaError("a resolution and an overlap are both given: choose one of them")
+    if goal.picture_distance_m is not None and goal.overlap is not None:
+        raise AreaError("an overlap and a distance between images are both given: choose one of them")
     across_px, along_px = _upright_px(camera)
     m_per_px = altitude_m(goal.z_ned_m) / camera.focal_px
-    return m_per_px * across_px * (1.0 - sidelap), m_per_px * along_px * (1.0 - overlap)
+    along_m = goal.picture_distance_m or m_per_px * along_px * (1.0 - overlap)
+    return m_per_px * across_px * (1.0 - sidelap), along_m
 
 
 def _upright_px(camera: CameraMountConfig) -> tuple[float, float]:

@@ -30,7 +30,11 @@ ROUNDING_M = 1e-3
 
 
 def plan_path(
-    area: Polygon, resolution_m: float, start_m: Sequence[float] | None = None, fly: Polygon | None = None
+    area: Polygon,
+    resolution_m: float,
+    start_m: Sequence[float] | None = None,
+    fly: Polygon | None = None,
+    angle_rad: float | None = None,
 ) -> Array:
     """Plan a path from which every point of the area is at most half a resolution away, as far as the area allows.
 
@@ -38,13 +42,15 @@ def plan_path(
         area: metres, (north, east).
         start_m: (2,) the vehicle's position; the path begins near it.
         fly: part of the area that the path may not leave; the whole area by default.
+        angle_rad: direction of the sweep lines, from north towards east; None chooses the one with the shortest path.
 
     Returns:
         (n, 2) corners of the path.
     """
     fly = area if fly is None else fly
     tracks = outline_tracks(area, resolution_m)
-    tracks += _best_sweep(area, resolution_m, tracks)
+    angles_rad = _angles(area) if angle_rad is None else [angle_rad % np.pi]
+    tracks += _best_sweep(area, resolution_m, tracks, angles_rad)
     for _ in range(LEFT_OVER_ROUNDS):
         left = left_over_tracks(area, swept(tracks_of(tracks), resolution_m), resolution_m, COVERED_MIN, fly)
         if not left:
@@ -111,12 +117,12 @@ def covered_fraction(area: Polygon, path_m: Array, resolution_m: float) -> float
     return float(area.intersection(swept([path_m], resolution_m)).area / area.area)
 
 
-def _best_sweep(area: Polygon, resolution_m: float, outline: list[Track]) -> list[Track]:
+def _best_sweep(area: Polygon, resolution_m: float, outline: list[Track], angles_rad: Sequence[float]) -> list[Track]:
     """The cheapest sweep that covers enough together with the outline; else the sweep that covers most."""
     done = swept(tracks_of(outline), resolution_m)
     trials = [
         sweep_tracks(area, resolution_m, angle_rad, inset * resolution_m)
-        for angle_rad in _angles(area)
+        for angle_rad in angles_rad
         for inset in INSETS
     ]
     best: tuple[float, list[Track]] = (-1.0, [])

@@ -5,6 +5,7 @@ flies, it goes on to the next place.
 """
 
 from itertools import pairwise
+from math import hypot
 
 from msgspec.structs import replace
 
@@ -60,7 +61,12 @@ class ReturnHome:
         self._config = config
         self._selection = selection
         self._decision = Decision(goal, settings, config, t_ns, state)
-        self._ground = ground_places(state.pos_uav_ned_m, takeoff_ned_m, settings.rally_points_ned_m)
+        rally_points_ned_m = [
+            point
+            for point in (*settings.rally_points_ned_m, *goal.rally_points_ned_m)
+            if hypot(*point) <= config.vehicle.limits.distance_max_m
+        ]
+        self._ground = ground_places(state.pos_uav_ned_m, takeoff_ned_m, rally_points_ned_m)
         self._failures: dict[Place, str] = {}
         """Why the landing failed at each place that was tried."""
         self._rover: Place | str = rover_place(state.rover, settings.rover_std_max_m, config.vehicle.limits)

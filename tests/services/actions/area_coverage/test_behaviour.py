@@ -4,6 +4,7 @@ from math import dist, hypot
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from jezero.codec import decode
 from jezero.runtime.memory_bus import MemoryBus, SentRequest
@@ -12,6 +13,7 @@ from jezero.schemas.actions import Accepted, Cancel, Feedback, Rejected, Result
 from jezero.schemas.estimate import Relative
 from jezero.schemas.goals import AreaCoverageGoal, CoverageResult
 from jezero.schemas.state import StatusCode
+from jezero.services.actions.area_coverage.behaviour import AreaCoverage
 from jezero.services.actions.area_coverage.coverage_plan import plan_coverage
 from jezero.services.actions.area_coverage.declaration import ACTION as AREA_COVERAGE
 from jezero.services.actions.config import ActionsConfig
@@ -225,3 +227,19 @@ def test_a_rover_that_is_lost_before_the_begin_ends_the_goal() -> None:
     done = behaviour.step(1, lost)
     assert isinstance(done, Done) and done.outcome == "aborted"
     assert "the rover is out of sight" in done.reason
+
+
+def test_the_direction_and_the_images_of_an_area_under_way_change_with_the_area_only() -> None:
+    begin = VehicleState((0.0, 0.0, -3.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), True, False)
+    plan = plan_of(AREA_COVERAGE, GOAL)
+    assert isinstance(plan.start, Preparation)
+    prepared = plan.start.start(plan.start.work(begin)())
+    assert not isinstance(prepared, Refusal)
+    running = prepared.start(0, begin)
+    assert isinstance(running, AreaCoverage)
+    for fields in ({"angle_rad": 1.0}, {"picture_distance_m": 0.25}):
+        refusal = running.changed(replace(GOAL, **fields))
+        assert isinstance(refusal, str) and "keep their direction and distance" in refusal
+        elsewhere = running.changed(replace(GOAL, polygon_ned_m=SQUARE[:3], **fields))
+        assert isinstance(elsewhere, AreaCoverageGoal)
+    assert isinstance(running.changed(replace(GOAL, speed_mps=0.5)), AreaCoverageGoal)

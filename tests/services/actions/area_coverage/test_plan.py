@@ -1,9 +1,11 @@
 """Plans of area coverages: the thesis' polygon by its figures, random areas by what every plan must hold."""
 
 from math import radians
+from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from numpy.typing import NDArray
 from shapely.geometry import LineString, Polygon
 
@@ -193,3 +195,53 @@ def test_a_turn_begins_and_ends_straight_and_stays_within_its_corner() -> None:
     assert flown.pos_m[:, 1].min() >= 0.0
     before = flown.pos_m[flown.pos_m[:, 0] < 3.5 - 1e-9]
     assert np.abs(before[:, 1]).max() < 1e-9
+
+
+def coverage(**fields: Any) -> CoveragePlan:
+    """Plan of a field of 40 m by 30 m, with lines 3 m apart."""
+    polygon = ((0.0, 0.0), (40.0, 0.0), (40.0, 30.0), (0.0, 30.0))
+    goal = AreaCoverageGoal(polygon_ned_m=polygon, z_ned_m=-5.0, margin_holes_m=0.0, **({"resolution_m": 3.0} | fields))
+    return plan_coverage(goal, ActionsConfig(), (0.0, 0.0))
+
+
+@pytest.mark.parametrize("angle_deg", [0, 30, 45, 90, 135, 170, 350, -30])
+def test_the_lines_have_the_direction_that_the_goal_gives(angle_deg: int) -> None:
+    plan = coverage(angle_rad=radians(angle_deg))
+    assert plan.lines_rad == pytest.approx(radians(angle_deg) % np.pi)
+    inside = plan.area.buffer(-4.0)  # without the pass along the outline, and the turns beside it
+    legs = np.diff(plan.trajectory.pos_m, axis=0)
+    middles = plan.trajectory.pos_m[:-1] + 0.5 * legs
+    kept = shapely.contains_xy(inside, middles)
+    lengths_m = np.linalg.norm(legs, axis=1)
+    off = np.abs((np.arctan2(legs[:, 1], legs[:, 0]) - radians(angle_deg) + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
+    along_m = lengths_m[kept & (off < radians(2.0))].sum()
+    assert along_m > 0.8 * lengths_m[kept].sum()
+    assert plan.covered >= 0.99
+
+
+def test_without_a_direction_the_path_is_the_shortest_one() -> None:
+    free = coverage()
+    assert all(free.trajectory.length_m <= coverage(angle_rad=radians(a)).trajectory.length_m + 1.0 for a in (0, 37))
+
+
+@pytest.mark.parametrize(
+    ("fields", "lines_m", "pictures_m"),
+    [
+        ({"resolution_m": 3.0, "picture_distance_m": 1.5}, 3.0, 1.5),
+        ({"resolution_m": 2.0, "picture_distance_m": 5.0}, 2.0, 5.0),
+        ({"resolution_m": 3.0}, 3.0, 3.0),
+        ({"resolution_m": None, "sidelap": 0.5, "picture_distance_m": 1.5}, None, 1.5),
+    ],
+)
+def test_images_on_a_line_have_the_distance_that_the_goal_gives(
+    fields: dict[str, Any], lines_m: float | None, pictures_m: float
+) -> None:
+    plan = coverage(**fields)
+    assert plan.picture_distance_m == pictures_m
+    assert lines_m is None or plan.line_distance_m == lines_m
+    assert len(plan.pictures_m) == pytest.approx(plan.trajectory.length_m / pictures_m, abs=2.0)
+
+
+def test_an_overlap_and_a_distance_between_images_are_refused() -> None:
+    with pytest.raises(AreaError, match="an overlap and a distance between images are both given"):
+        coverage(resolution_m=None, overlap=0.7, picture_distance_m=1.0)
