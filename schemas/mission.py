@@ -76,8 +76,8 @@ class MissionCommand(Payload, frozen=True, kw_only=True):
     """Request about the mission that flies.
 
     Attributes:
-        command: `pause` holds the present step, `resume` goes on with a paused or interrupted mission, `skip` leaves
-            the present step out and goes on, `stop` ends the mission in a hover. `swapped` goes on as `resume` does,
+        command: `pause` holds the present step, `resume` goes on with a paused or interrupted mission and tries the
+            step of a failed one again, `skip` leaves the present step out and goes on, `stop` ends the mission in a hover. `swapped` goes on as `resume` does,
             after a change of the battery; it is refused while the battery is low. A vehicle that has landed takes off
             again first.
     """
@@ -108,7 +108,7 @@ class MissionProgress(Message, frozen=True, kw_only=True):
     Attributes:
         state: `idle` before the first mission. `paused` by a command. `interrupted` when somebody else took control,
             when the service or the vehicle was restarted, and when the vehicle must return: it waits for `resume`,
-            `swapped`, `skip` or `stop`. The last three are ends.
+            `swapped`, `skip` or `stop`. The last three are ends; `resume` tries the step of a failed mission again.
         reason: why the mission is in this state, for people; "" while all goes as planned.
         mission_id: id of the mission; "" before the first.
         name: name of the mission.
@@ -117,6 +117,7 @@ class MissionProgress(Message, frozen=True, kw_only=True):
         label: what the present step does, for people.
         attempt: number of the present try of the step, counted from 1.
         goal_id: id of the goal that the step flies; "" for none.
+        left_out: number of steps that were left out: a mission that succeeded without them has not done all.
     """
 
     state: MissionState
@@ -128,3 +129,4 @@ class MissionProgress(Message, frozen=True, kw_only=True):
     label: Text = ""
     attempt: Annotated[int, Meta(ge=0)] = 0
     goal_id: str = ""
+    left_out: Annotated[int, Meta(ge=0)] = 0

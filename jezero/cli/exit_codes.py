@@ -10,3 +10,5 @@ ABORTED = 4
 """Accepted, then canceled or aborted."""
 UNREACHABLE = 5
 """No reply: the stack does not run, or the connection to it is lost."""
+INCOMPLETE = 6
+"""The mission has ended, and some of its steps were left out."""

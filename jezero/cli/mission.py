@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 import click
 
 from jezero.cli.area import Origin, checked_origin
-from jezero.cli.exit_codes import ABORTED
+from jezero.cli.exit_codes import ABORTED, FAILED, INCOMPLETE
 from jezero.cli.mission_convert import export_mission, import_mission
 from jezero.cli.mission_file import read_mission_file
-from jezero.cli.shared import Printer, common_options, connected
+from jezero.cli.shared import FINITE, Printer, common_options, connected, flight_options
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,6 +18,11 @@ if TYPE_CHECKING:
     from jezero.schemas.mission import MissionProgress
 
 FILE_HELP = "FILE is a mission in YAML or JSON, or the name of one that comes with jezero: jezero mission list."
+WIND = click.option(
+    "--wind", nargs=2, type=FINITE, metavar="MPS FROM_DEG",
+    help="Wind to plan for, and the direction from which it blows [what the vehicle measures].",
+)  # fmt: skip
+COLOURS = {"succeeded": "green", "failed": "red", "interrupted": "yellow", "stopped": "yellow"}
 GOES_ON = "the mission goes on; jezero mission status shows it, jezero mission stop ends it"
 
 
@@ -47,25 +52,44 @@ def list_missions() -> None:
     "--origin", nargs=2, type=float, callback=checked_origin, metavar="LAT LON",
     help="Degrees of the world's origin without a stack, for areas in degrees [the simulator's].",
 )  # fmt: skip
+@WIND
 @common_options
-def check(file: str, origin: Origin | None, vehicle: str, router: str, as_json: bool) -> None:
+def check(
+    file: str, origin: Origin | None, wind: tuple[float, float] | None, vehicle: str, router: str, as_json: bool
+) -> None:
     """Name the mistakes of a mission, and plan its steps without flying them.
 
-    Each step is planned by the stack, from where the step before ends. Without a stack the file is read only.
+    Each step is planned from where the step before ends, in the state in which it leaves the vehicle: by the stack, or
+    without one in this process, for a full battery. A step in which the battery would end the mission is named.
     """
     from jezero.cli.mission_check import check_mission
 
-    check_mission(Printer(as_json), lambda at: read_mission_file(file, at, Printer(as_json)), origin, vehicle, router)
+    printer = Printer(as_json)
+    check_mission(printer, lambda at: read_mission_file(file, at, printer), origin, wind, vehicle, router)
 
 
 @mission.command(epilog=FILE_HELP)
 @click.argument("file")
-@common_options
-def run(file: str, vehicle: str, router: str, as_json: bool) -> None:
-    """Fly a mission, and show its progress. Ctrl+C ends this command only."""
+@WIND
+@flight_options
+def run(file: str, wind: tuple[float, float] | None, yes: bool, vehicle: str, router: str, as_json: bool) -> None:
+    """Fly a mission, and show its progress. Ctrl+C ends this command only.
+
+    The plan is shown as by `jezero mission check`. A mission with a step that would fail is not sent, and one of more
+    than a minute must be confirmed; with --yes both are sent.
+    """
+    from jezero.cli.mission_check import show_mission
+    from jezero.cli.plan import LONG_FLIGHT_S, confirm
+
     printer = Printer(as_json)
     with connected(vehicle, router, printer) as uav:
         read = read_mission_file(file, _origin_deg(uav), printer)
+        judged = show_mission(printer, read, uav, _origin_deg(uav) or (), wind)
+        if judged.mistakes and not yes:
+            reason = f"not sent: {judged.mistakes} of the steps would fail; --yes sends it all the same"
+            printer.fail("mistakes", reason, FAILED, number=judged.mistakes)
+        if judged.duration_s > LONG_FLIGHT_S and not yes:
+            confirm(printer)
         mission_id = uav.mission.run(read.mission)
         count = len(read.mission.steps)
         printer.event("accepted", f"{read.mission.name}: accepted, {count} steps", mission_id=mission_id, steps=count)
@@ -130,6 +154,8 @@ def _follow(printer: Printer, uav: "Vehicle", mission_id: str) -> None:
         raise Unreachable(f"{error}\nwhere only the link to the vehicle is lost, {GOES_ON}") from None
     if last.state != "succeeded":
         raise SystemExit(ABORTED)
+    if last.left_out:
+        raise SystemExit(INCOMPLETE)
 
 
 def _changes(uav: "Vehicle", mission_id: str) -> "Iterator[MissionProgress]":
@@ -148,7 +174,10 @@ def _changes(uav: "Vehicle", mission_id: str) -> "Iterator[MissionProgress]":
 def _show(printer: Printer, progress: "MissionProgress") -> None:
     import msgspec
 
-    printer.event("progress", in_words(progress), **msgspec.to_builtins(progress))
+    colour = COLOURS.get(progress.state)
+    if progress.left_out and colour == "green":
+        colour = "yellow"
+    printer.event("progress", click.style(in_words(progress), fg=colour), **msgspec.to_builtins(progress))
 
 
 def in_words(progress: "MissionProgress") -> str:
@@ -162,7 +191,14 @@ def in_words(progress: "MissionProgress") -> str:
         case "running":
             return f"{progress.name}: {step}{attempt}{reason}"
         case "succeeded":
-            return f"{progress.name}: succeeded, {progress.steps} steps{reason}"
+            steps = (
+                f"{progress.left_out} of {progress.steps} steps left out"
+                if progress.left_out
+                else f"{progress.steps} steps"
+            )
+            return f"{progress.name}: succeeded, {steps}"
         case "interrupted":
             return f"{progress.name}: interrupted at {step}{reason}. jezero mission resume, swapped, skip or stop"
+        case "failed":
+            return f"{progress.name}: failed at {step}{reason}. jezero mission resume tries the step again"
     return f"{progress.name}: {progress.state} at {step}{reason}"

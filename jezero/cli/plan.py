@@ -48,7 +48,7 @@ def agreed_plan(printer: "Printer", uav: "Vehicle", action: "Action[Any]", goal:
         show_plan(printer, plan, action.name)
     printer.warn(plan.warning)
     if long and not yes:
-        _confirm(printer)
+        confirm(printer)
     return plan
 
 
@@ -121,7 +121,7 @@ def show_plan(printer: "Printer", plan: "PlanReply", name: str) -> None:
     )
 
 
-def _confirm(printer: "Printer") -> None:
+def confirm(printer: "Printer") -> None:
     """Ask on a terminal; a script has to say --yes."""
     if printer.as_json or not _is_terminal():
         reason = "not sent: this flight takes more than a minute; add --yes to fly it without a question"

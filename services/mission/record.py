@@ -24,11 +24,15 @@ class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
         attempt: number of the present try of the step, counted from 1; ids of goals contain it.
         epoch_id: epoch of the vehicle that flies it, see `Clock`; 0 until it is known.
         failures: number of failed tries of the present step.
-        rest: fields of the goal that takes the images that are still missing; None for the goal of the step.
+        rest: fields of the goal that takes the images that are still missing, or the rest of a wait; None for the whole
+            step.
+        left_out: number of steps that were left out.
         last: goal that is flown after a failure, before the mission ends; None while the steps are flown.
         failure: why the mission fails once its last goal has ended; the reason may change meanwhile.
         altitude_m: altitude over the world's origin at which the mission was held, to which a vehicle that has landed
             since takes off before the mission goes on; None for a mission that goes on where it is.
+        step_altitude_m: altitude over the world's origin at which the present step began in flight, for a mission that
+            was not held before it ended or the stack was restarted; None on the ground.
     """
 
     mission: Mission
@@ -43,6 +47,8 @@ class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
     last: GoalStep | None = None
     failure: str = ""
     altitude_m: float | None = None
+    step_altitude_m: float | None = None
+    left_out: int = 0
 
     @property
     def ended(self) -> bool:
@@ -74,8 +80,25 @@ class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
         if self.last is not None:
             return self.in_state("failed", self.failure)
         if self.index + 1 == len(self.mission.steps):
-            return self.in_state("succeeded")
+            return self.in_state("succeeded", self.left_out_in_words)
         return replace(self, index=self.index + 1, attempt=1, failures=0, rest=None, state="running", reason="")
+
+    def without_step(self, reason: str = "") -> "MissionRecord":
+        """The mission after a step that is left out."""
+        following = replace(self, left_out=self.left_out + 1).next_step()
+        return following if following.ended else replace(following, reason=reason)
+
+    @property
+    def left_out_in_words(self) -> str:
+        """How many steps were left out, for people, or ""."""
+        return f"{self.left_out} of {len(self.mission.steps)} steps left out" if self.left_out else ""
+
+    def again(self) -> "MissionRecord":
+        """A mission that has failed, at another try of the step that failed."""
+        altitude_m = self.altitude_m if self.altitude_m is not None else self.step_altitude_m
+        return replace(
+            self, state="running", reason="", attempt=self.attempt + 1, failures=0, last=None, altitude_m=altitude_m
+        )
 
     def next_attempt(self, rest: dict[str, Any] | None) -> "MissionRecord":
         """The mission at the next try of its present step.
@@ -98,4 +121,5 @@ class MissionRecord(msgspec.Struct, frozen=True, kw_only=True):
             label=self.step.label,
             attempt=self.attempt,
             goal_id=goal_id,
+            left_out=self.left_out,
         )

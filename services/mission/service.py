@@ -162,6 +162,8 @@ class MissionService:
         if isinstance(self._run, GoalRun):
             self._wanted = "stop" if self._wanted == "stop" else "hold"
             yield from self._run.cancel()
+        elif self._run is not None:
+            self._record, self._run = replace(self._record, rest={"duration_s": self._run.left_s}), None
 
     def _with_altitude(self, record: MissionRecord, status: Status) -> MissionRecord:
         """The mission with the altitude of a takeoff, should the vehicle land before the mission goes on."""
@@ -226,12 +228,16 @@ class MissionService:
         if record.altitude_m is not None and landed and landing_step(step):
             self._record = replace(record, altitude_m=None).next_step()
             return
-        if isinstance(step, WaitStep):
-            self._run = Wait(t_ns, step.duration_s)
-        elif record.altitude_m is not None and landed and step.action != TAKEOFF.name:
-            self._takes_off = True
+        if not landed:
+            record = replace(record, step_altitude_m=self._with_altitude(record, status).altitude_m)
+        is_takeoff = isinstance(step, GoalStep) and step.action == TAKEOFF.name
+        if record.altitude_m is not None and landed and not is_takeoff:
+            self._takes_off, self._record = True, record
             goal_id = f"{record.goal_id}.takeoff"
             self._run = GoalRun(TAKEOFF, goal_of(TAKEOFF, {"altitude_m": record.altitude_m}, goal_id, t_ns))
+        elif isinstance(step, WaitStep):
+            self._record = replace(record, altitude_m=None)
+            self._run = Wait(t_ns, step.duration_s if record.rest is None else float(record.rest["duration_s"]))
         else:
             self._record = replace(record, altitude_m=None)
             action, fields = self._actions[step.action], step.goal if record.rest is None else record.rest
@@ -244,7 +250,7 @@ class MissionService:
         if wanted == "stop":
             return record.in_state("stopped", "stopped by a command")
         if wanted == "skip":
-            return record.next_step()
+            return record.without_step()
         if self._takes_off and end.end == "succeeded":
             following = replace(record, altitude_m=None)
         else:
@@ -267,7 +273,7 @@ class MissionService:
         if failures <= policy.retries:
             return replace(record.next_attempt(end.rest), failures=failures, reason=f"tried again: {end.reason}")
         if policy.then == "skip":
-            return replace(record.next_step(), reason=f"left out {reason}")
+            return record.without_step(f"left out {reason}")
         if policy.then == "stop" or status is None or status.odometry is None or status.landed:
             return record.in_state("failed", end.reason)
         return replace(
@@ -318,6 +324,11 @@ class MissionService:
         refusal = NO_MISSION
         if self._return is not None and command.command != "stop":
             refusal = self._returning(self._return)
+        elif record is not None and record.state == "failed" and command.command in ("resume", "skip"):
+            self._interventions, refusal = None, ""
+            self._record = again = record.again()
+            if command.command == "skip":
+                self._record = again.without_step()
         elif record is not None and not record.ended:
             if command.command == "pause" and record.state == "running" and isinstance(self._run, GoalRun):
                 self._pauses.append(request.request_id)
@@ -361,6 +372,8 @@ class MissionService:
                 return ENDING
             self._interventions = None
             self._record = record.in_state("running")
+            if status is not None and status.landed and record.altitude_m is None:  # the stack was restarted
+                self._record = replace(self._record, altitude_m=record.step_altitude_m)
             if isinstance(run, GoalRun):
                 yield from run.resume()
         elif command == "pause":

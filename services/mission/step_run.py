@@ -70,6 +70,11 @@ class Wait:
         self._t_ns = t_ns
         yield from ()
 
+    @property
+    def left_s(self) -> float:
+        """Rest of the wait."""
+        return max(self._left_ns, 0) / NS_PER_S
+
     def cancel(self) -> Iterator[Output]:
         """End the wait."""
         self._canceled = True

@@ -162,7 +162,7 @@ def test_heights_above_sea_level_are_counted_from_the_origin_of_the_stack(
     tmp_path: Path, server: Server, vehicle: Vehicle, endpoint: str
 ) -> None:
     odometry = msgspec.structs.replace(ODOMETRY, origin_deg=(*HOME_DEG[:2], 485.0))
-    server.serve("status", msgspec.structs.replace(a_status(), odometry=odometry))
+    server.serve("status", msgspec.structs.replace(a_status(), odometry=odometry, armed=False, landed=True))
     server.serve("@action/takeoff/plan", PlanReply(accepted=True, duration_s=4.0))
     takeoff = simple(22, [0, 0, 0, None, *HOME_DEG[:2], 491], frame=0)
     out = tmp_path / "mission.yaml"

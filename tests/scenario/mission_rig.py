@@ -38,11 +38,12 @@ class MissionFlight(Flight):
         autopilot: AutopilotConfig | None = None,
         config: MissionConfig | None = None,
         vehicle: VehicleConfig | None = None,
+        saved: MissionRecord | None = None,
     ) -> None:
         self._vehicle = vehicle or load_config(VehicleConfig, "vehicle")
         self._autopilot = autopilot
         self._config = config
-        self.saved: list[MissionRecord] = []
+        self.saved = [] if saved is None else [saved]
         self.progress: list[MissionProgress] = []
         super().__init__(1, self._make)
         self.bus.observe(self._on_message)

@@ -16,6 +16,7 @@ from jezero.schemas.mission import (
     WaitStep,
 )
 from jezero.schemas.rows import Action
+from jezero.services.autopilot.config import AutopilotConfig
 from jezero.services.simulator.camera.config import CameraConfig
 from jezero.trials.stack import build_stack
 from tests.scenario.mission_rig import LAND, TAKEOFF, MissionFlight, go
@@ -96,3 +97,55 @@ def test_a_goal_is_planned_from_a_place_where_the_vehicle_is_not_with_its_way() 
     assert plan.accepted, plan.reason
     lengths_m = [norm(subtract(end, begin)) for begin, end in pairwise(plan.path_ned_m)]
     assert sum(lengths_m) == pytest.approx(plan.distance_m, rel=0.02)
+
+
+def test_a_mission_without_some_of_its_steps_succeeds_with_their_number() -> None:
+    flight = MissionFlight()
+    flight.wait_ready()
+    assert flight.run(TAKEOFF, go(900.0, 0.0, then="skip"), go(2.0, 0.0), go(950.0, 0.0, then="skip"), LAND).accepted
+    end = flight.wait_state("succeeded")
+    assert (end.left_out, end.reason) == (2, "2 of 5 steps left out")
+
+
+def test_a_failed_mission_is_resumed_with_the_step_that_failed_or_without_it() -> None:
+    flight = MissionFlight()
+    flight.wait_ready()
+    assert flight.run(TAKEOFF, go(900.0, 0.0), LAND).accepted
+    assert flight.wait_state("failed").attempt == 1
+    assert flight.command("resume").accepted
+    flight.wait(lambda: flight.progress[-1].state == "failed" and flight.progress[-1].attempt == 2, 20.0, "another try")
+    assert flight.command("skip").accepted
+    assert flight.wait_state("succeeded").left_out == 1
+    assert not flight.status.armed
+
+
+def test_a_mission_whose_stack_is_started_anew_takes_off_and_goes_on() -> None:
+    before = MissionFlight()
+    before.wait_ready()
+    assert before.run(TAKEOFF, go(3.0, 0.0), go(30.0, 0.0, -5.0), go(0.0, 0.0), LAND).accepted
+    before.wait_step(3)
+    before.bus.run_for(3.0)
+    flight = MissionFlight(saved=before.saved[-1])
+    flight.wait_ready()
+    interrupted = flight.wait_state("interrupted")
+    assert (interrupted.step, flight.status.landed) == (3, True)
+    assert flight.command("resume").accepted
+    flight.wait_state("succeeded", 200.0)
+    assert max(-truth.pos_uav_ned_m[2] for truth in flight.truths) > 4.5
+    assert max(truth.pos_uav_ned_m[0] for truth in flight.truths) > 29.0
+
+
+@pytest.mark.long
+def test_a_wait_that_a_return_has_cut_waits_on_in_the_air() -> None:
+    flight = MissionFlight(AutopilotConfig(charge_at_start=0.16, battery_swap_s=5.0))
+    flight.wait_ready()
+    assert flight.run(TAKEOFF, WaitStep(label="wait", duration_s=100.0), LAND).accepted
+    flight.wait_state("interrupted", 200.0)
+    waited_s = sum(status.name == "HOVER" for status in flight.statuses) / 10.0
+    flight.wait(lambda: not flight.status.armed, 100.0, "the landing")
+    flight.bus.run_for(8.0)
+    assert flight.command("swapped").accepted
+    begin = len(flight.statuses)
+    flight.wait_state("succeeded", 300.0)
+    hovered_s = sum(status.name == "HOVER" for status in flight.statuses[begin:]) / 10.0
+    assert hovered_s == pytest.approx(100.0 - waited_s, abs=8.0)

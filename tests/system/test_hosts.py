@@ -156,7 +156,7 @@ def test_a_flight_is_commanded_over_a_bad_radio_while_a_viewer_watches(on_ground
 def test_the_thesis_mission_is_flown_from_the_ground_over_bad_radios_while_a_viewer_watches(on_ground: Hosts) -> None:
     mission = config_directory().parent / "missions" / "demonstration.yaml"
     with viewer(on_ground) as seen:
-        done = on_ground.ground.jezero("mission", "run", str(mission), timeout_s=MISSION_S)
+        done = on_ground.ground.jezero("mission", "run", "--yes", str(mission), timeout_s=MISSION_S)
     print(done.stdout)
     status = on_ground.status(on_ground.ground)
     assert (status["name"], status["landed"]) == ("IDLE", True), status["text"]

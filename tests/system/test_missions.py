@@ -54,7 +54,7 @@ def test_a_mission_goes_on_without_its_sender_and_waits_for_a_person_after_a_res
             wait_for(lambda: reached(state, step), timeout_s, f"step {step}, {state}")
             return vehicle.mission.progress()
 
-        sender = subprocess.Popen([*JEZERO, "mission", "run", str(file)], env=stack.environment)
+        sender = subprocess.Popen([*JEZERO, "mission", "run", "--yes", str(file)], env=stack.environment)
         try:
             wait_for_progress("running", 2, 60)
         finally:
@@ -77,7 +77,7 @@ def test_a_mission_goes_on_while_its_ground_host_is_cut_off_for_a_minute(stack: 
         vehicle.wait_ready()
         ground = {**stack.environment, "JEZERO_ROUTER": f"tcp/127.0.0.1:{link.port}"}
         sender = subprocess.Popen(
-            [*JEZERO, "mission", "run", str(file)],
+            [*JEZERO, "mission", "run", "--yes", str(file)],
             env=ground,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -9,7 +9,7 @@ from jezero.services.actions.motion.behaviour import Remaining
 
 APPROACH_DOWN_MPS = 1.2
 """Speed downwards on the way to the rover."""
-DISARM_S = 1.5
+DISARM_S = 4.0
 """Time from the contact until the autopilot has found the ground and stopped the motors."""
 STEP_M = 0.05
 """Step of height with which the time of the descent is summed up."""

@@ -8,7 +8,7 @@ from math import hypot
 
 from msgspec.structs import replace
 
-from jezero.frames import Vec3, add, altitude_m, subtract
+from jezero.frames import Vec3, add, altitude_m, norm, subtract
 from jezero.schemas.commands import Phase
 from jezero.schemas.goals import LandFeedback, LandPhase, LandResult
 from jezero.schemas.units import NS_PER_S
@@ -45,6 +45,8 @@ CONTACT_TIMEOUT_S = 10.0
 """The goal is aborted when the vehicle isn't disarmed within this time after contact."""
 BLIND_M = 0.25
 """Below this height the platform need not be in sight any more."""
+KNOWN_STD_MAX_M = 10.0
+"""Standard deviation up to which a rover out of sight, whose odometry goes on, is worth a flight to it and a search."""
 ACQUIRE_S = 3.0
 """Time for the first estimate, before the search begins."""
 SEARCH_SPEED_MPS, SEARCH_SPEED_DOWN_MAX_MPS = 1.5, 0.15
@@ -80,6 +82,7 @@ class RoverLanding:
         self._tag_alone = not selection.use_uwb
         self._land = land = settings.rover
         self._airframe = vehicle.airframe
+        self._uwb_range_m = vehicle.uwb.range_max_m
         self._on_platform_m = 0.5 * vehicle.platform.side_m
         room_m = max(self._on_platform_m - hypot(*vehicle.airframe.feet_frd_m), 0.0)
         self._wind_limit = WindLimit(settings.wind_max_mps, force)
@@ -165,10 +168,15 @@ class RoverLanding:
     def remaining(self, state: VehicleState) -> Remaining | None:
         """Rest of the landing; None while nobody knows where the rover is."""
         if self._tracking.platform is not None:
-            return rover_landing_remaining(self._tracking.platform.pos_ned_m, self._land)
-        if self._tracking.pos_rover_ned_m is None:
+            pos_ned_m = self._tracking.platform.pos_ned_m
+        elif self._tracking.pos_rover_ned_m is not None:
+            pos_ned_m = subtract(state.pos_uav_ned_m, self._tracking.pos_rover_ned_m)
+        else:
             return None
-        return rover_landing_remaining(subtract(state.pos_uav_ned_m, self._tracking.pos_rover_ned_m), self._land)
+        # As long as UWB doesn't reach the rover, the vehicle comes nearer with the speed of a search.
+        beyond_m = max(norm(pos_ned_m) - self._uwb_range_m, 0.0)
+        search_s = ACQUIRE_S + beyond_m / SEARCH_SPEED_MPS if beyond_m > 0.0 else 0.0
+        return rover_landing_remaining(pos_ned_m, self._land) + Remaining(search_s, 0.0)
 
     def path(self, state: VehicleState) -> tuple[Vec3, ...]:
         """The way above the platform and down to the platform; empty while the position of the rover is unknown."""
@@ -289,6 +297,9 @@ class RoverLanding:
         waited_s = (t_ns - self._wait_from_ns) / NS_PER_S
         if not was_measured and not self._tag_alone and waited_s < ACQUIRE_S:
             return self._wait(state)
+        rover = state.rover
+        if self._tracking.pos_rover_ned_m is None and rover is not None and rover.std_pos_m <= KNOWN_STD_MAX_M:
+            self._tracking.pos_rover_ned_m = rover.pos_rover_ned_m  # as its odometry has it
         if self._tracking.pos_rover_ned_m is None:
             return Done("aborted", f"{LOST}: the rover can't be found: {self._tracking.loss_reason}")
         return self._fly_search(t_ns, self._tracking.pos_rover_ned_m, state)

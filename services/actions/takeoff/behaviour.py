@@ -35,7 +35,7 @@ class Takeoff:
         return path.move(Phase.TAKEOFF, MoveFeedback(pos_uav_ned_m=state.pos_uav_ned_m, distance_m=path.left_m))
 
     def remaining(self, state: VehicleState) -> Remaining:
-        return self._climb.path.remaining()
+        return self._climb.remaining()
 
     def path(self, state: VehicleState) -> tuple[Vec3, ...]:
         return state.pos_uav_ned_m, self._climb.path.end_ned_m

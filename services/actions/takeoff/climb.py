@@ -2,12 +2,13 @@
 
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
-from jezero.services.actions.motion.behaviour import VehicleState
+from jezero.services.actions.motion.behaviour import Remaining, VehicleState
 from jezero.services.actions.motion.straight_path import StraightPath
 
 LEAD_M = 0.6
 """Height to which the reference rises before the vehicle leaves the ground."""
-ARMING_TIMEOUT_S = 10.0
+ARMING_S, ARMING_TIMEOUT_S = 1.0, 10.0
+"""Usual and greatest time until the motors turn."""
 
 
 class Climb:
@@ -30,7 +31,7 @@ class Climb:
         config: ActionsConfig,
         z_ground_ned_m: float | None = None,
     ) -> None:
-        x, y, z = state.pos_uav_ned_m
+        x, y, z = self._start_ned_m = state.pos_uav_ned_m
         self.z_ground_ned_m = z if z_ground_ned_m is None else z_ground_ned_m
         self.path = StraightPath(
             t_ns,
@@ -42,6 +43,11 @@ class Climb:
             yaw_start_rad=state.yaw_rad,
         )
         self._arm_by_ns = t_ns + int(ARMING_TIMEOUT_S * NS_PER_S)
+
+    def remaining(self) -> Remaining:
+        """Rest of the climb, with the time for arming before it begins."""
+        waits = self.path.pos_ned_m == self._start_ned_m
+        return self.path.remaining() + Remaining(ARMING_S if waits else 0.0, 0.0)
 
     def step(self, t_ns: int, state: VehicleState) -> str:
         """Move the reference on; returns the reason why the climb must be aborted, or ""."""

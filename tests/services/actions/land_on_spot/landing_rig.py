@@ -65,6 +65,7 @@ class Landing:
         self.vel_error_mps: Callable[[float], Vec3] = lambda t_s: STILL
         self.vel_rover_error_mps = STILL
         self.std_height_m = 0.01
+        self.std_rover_m = 9.0
         self.range_m: float | None = None
         self.silent = False
         self.contradicted = ""
@@ -140,7 +141,7 @@ class Landing:
             pos_rover_ned_m=self.deck_m,
             vel_rover_ned_mps=STILL,
             yaw_rover_rad=self.yaw_rad,
-            std_pos_m=9.0,
+            std_pos_m=self.std_rover_m,
         )
 
     def run(self, within_s: float) -> Done | None:

@@ -171,13 +171,18 @@ def test_below_the_last_range_of_the_tag_it_finishes_blind() -> None:
 @pytest.mark.parametrize("silent", [True, False])
 def test_without_any_estimate_it_waits_and_then_gives_up_with_the_reason(silent: bool) -> None:
     landing = Landing(BOTH, sees=lambda t_s, offset_m: False)
-    landing.silent = silent
+    landing.silent, landing.std_rover_m = silent, 11.0
     done = landing.run(20.0)
     assert done is not None
     assert done.outcome == "aborted"
     why = "the estimator is silent" if silent else "not seen"
     assert done.reason == f"TARGET_LOST: the rover can't be found: {why}"
     assert all(move.pos_ned_m == (-1.0, -3.0, -6.0) for _, _, move in landing.moves)
+
+
+def test_a_rover_out_of_sight_whose_odometry_goes_on_is_flown_to() -> None:
+    landing = Landing(BOTH, sees=lambda t_s, offset_m: hypot(*offset_m[:2]) < 1.0)
+    assert landing.run(120.0) == Done("succeeded", then="disarm")
 
 
 @pytest.mark.parametrize("speed_mps", [0.0, 0.5])
