@@ -1,19 +1,24 @@
 """`python -m jezero.services.preflight`: the preflight checks over Zenoh."""
 
+import os
 import sys
 from collections.abc import Mapping
+from datetime import UTC, datetime
 
+from jezero.keys.bundle import VARIABLE
 from jezero.runtime.config import Instance, load_config
 from jezero.runtime.links import SocketLink
 from jezero.runtime.process import run_process
 from jezero.runtime.service import Service
+from jezero.services.preflight.certificate import certificate_problem
 from jezero.services.preflight.service import Preflight
 from jezero.vehicle_config import VehicleConfig
 
 
 def build(instance: Instance, boot_id: int) -> tuple[Service, Mapping[str, SocketLink]]:
     """The preflight service of a vehicle."""
-    return Preflight(battery=load_config(VehicleConfig, "vehicle").battery), {}
+    keys = certificate_problem(os.environ.get(VARIABLE), datetime.now(UTC))
+    return Preflight(battery=load_config(VehicleConfig, "vehicle").battery, keys=keys), {}
 
 
 if __name__ == "__main__":

@@ -45,7 +45,7 @@ def check_services(readings: Readings) -> Check:
     ill = [health for health in ill if health.service not in ("vehicle_bridge", RECORDER)]
     parts = [f"{name} is silent" for name in lost] + [f"{health.service}: {health.text}" for health in ill]
     missing = sorted(LANDING_CHAIN - readings.health.keys() - set(lost))
-    parts += [f"no {name} runs" for name in missing]
+    parts += [f"no {name} runs" for name in missing] + ([readings.keys_problem] if readings.keys_problem else [])
     verdict: Verdict = "warning" if parts else "passed"
     if LANDING_CHAIN & set(lost) & readings.silent_services:
         verdict = "failed"

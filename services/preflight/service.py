@@ -58,17 +58,7 @@ CHECKS = (
     check_battery, check_fence, check_storage,
 )  # fmt: skip
 SENSORS: tuple[Topic[Any], ...] = (IMU, GNSS, BARO, MAG, ALTIMETER, UWB, ROVER_ODOMETRY, ESTIMATE_TAG)
-SERVICES = (
-    "simulator",
-    "camera",
-    "autopilot",
-    "vehicle_bridge",
-    "tag_detector",
-    "estimator",
-    "mission",
-    "recorder",
-    "gate",
-)
+SERVICES = ("simulator", "camera", "autopilot", "vehicle_bridge", "tag_detector", "estimator", "mission", "recorder")
 """Services whose health is checked, besides the actions; every one publishes it once a second."""
 ROUND_MIN_NS, ROUND_MAX_NS = 1_300_000_000, 4_000_000_000
 """Limits of a round. Every service publishes its health within the shorter one. A round with a failed check, or without
@@ -84,9 +74,12 @@ class Preflight:
     Args:
         actions: names of all actions, whose servers' health is checked too.
         battery: the vehicle's battery.
+        keys: what is wrong with the certificate of this computer, for people, or "".
     """
 
-    def __init__(self, actions: tuple[str, ...] | None = None, battery: BatteryConfig | None = None) -> None:
+    def __init__(
+        self, actions: tuple[str, ...] | None = None, battery: BatteryConfig | None = None, keys: str = ""
+    ) -> None:
         battery = battery or BatteryConfig()
         actions = tuple(action_names()) if actions is None else actions
         self._health = {name: health_of(name) for name in (*SERVICES, *actions)}
@@ -101,9 +94,9 @@ class Preflight:
             calls=(GET_PARAMETERS,),
             triggers=(CHECK_PREFLIGHT.name,),
             rate_hz=10.0,
-            made_with={"actions": actions, "battery": battery},
+            made_with={"actions": actions, "battery": battery, "keys": keys},
         )
-        self._battery = battery
+        self._battery, self._keys = battery, keys
         self._epoch_id: int | None = None
         self._requests: list[Request] = []
         """Requests for the next round."""
@@ -195,6 +188,7 @@ class Preflight:
             parameters=self._parameters,
             charge_problem=self._charge.problem,
             compass_problem=self._heading.problem,
+            keys_problem=self._keys,
         )
         checks = tuple(check(readings) for check in CHECKS)
         return PreflightReport(t_ns=t_ns, epoch_id=self._epoch_id or 0, checks=checks)

@@ -10,6 +10,7 @@ from jezero.schemas import topics
 from jezero.schemas.actions import Accepted, Feedback, PlanReply, Rejected, Result
 from jezero.schemas.goals import AreaCoverageGoal, GetImagesGoal, Goal, GoToGoal, LandOnSpotGoal, TakeoffGoal
 from jezero.schemas.state import StatusCode
+from jezero.services.actions.land_on_spot.rover_landing import ACQUIRE_S, SEARCH_SPEED_MPS
 from tests.services.actions.fake_camera import FakeCamera
 from tests.services.actions.rig import CONFIG, FAR, World
 
@@ -147,6 +148,6 @@ def test_a_landing_with_the_rovers_rough_position_is_planned_by_it() -> None:
     near: Any = plan(World(), LandOnSpotGoal(use_uwb=False, landing_spot_ned_m=(5.0, 0.0, -0.5)))
     far: Any = plan(World(), LandOnSpotGoal(use_uwb=False, landing_spot_ned_m=(40.0, 0.0, -0.5)))
     assert far.distance_m - near.distance_m == pytest.approx(35.0)
-    assert far.duration_s - near.duration_s == pytest.approx(
-        35.0 / CONFIG.land_on_spot.rover.platform_control.speed_max_mps
-    )
+    follows_s = 35.0 / CONFIG.land_on_spot.rover.platform_control.speed_max_mps
+    searches_s = ACQUIRE_S + (40.0 - CONFIG.vehicle.uwb.range_max_m) / SEARCH_SPEED_MPS
+    assert far.duration_s - near.duration_s == pytest.approx(follows_s + searches_s, abs=1.0)
