@@ -77,9 +77,9 @@ class MissionCommand(Payload, frozen=True, kw_only=True):
 
     Attributes:
         command: `pause` holds the present step, `resume` goes on with a paused or interrupted mission and tries the
-            step of a failed one again, `skip` leaves the present step out and goes on, `stop` ends the mission in a hover. `swapped` goes on as `resume` does,
-            after a change of the battery; it is refused while the battery is low. A vehicle that has landed takes off
-            again first.
+            step of a failed one again, `skip` leaves the present step out and goes on, `stop` ends the mission in a
+            hover. `swapped` goes on as `resume` does, after a change of the battery; it is refused while the battery is
+            low. A vehicle that has landed takes off again first.
     """
 
     command: Literal["pause", "resume", "skip", "stop", "swapped"]
