@@ -1,8 +1,8 @@
 """What a straight leg takes in the wind: its time, and the charge of the battery."""
 
 from math import hypot, sqrt
-from typing import NamedTuple
 
+from jezero.flight_cost import FlightCost, flight_cost
 from jezero.frames import Vec3, distance, scale, subtract
 from jezero.services.actions.motion.config import MoveConfig
 from jezero.services.actions.motion.speed_profile import SpeedProfile
@@ -13,37 +13,9 @@ SPEED_MIN_MPS = 0.3
 """A vehicle that comes forward more slowly against the wind may just as well be blown away."""
 
 
-class WayCost(NamedTuple):
-    """Time of a way, and what the way takes from the battery.
-
-    Attributes:
-        time_s: of the flight.
-        hover_s: time in hover, in still air, that uses the same charge.
-    """
-
-    time_s: float
-    hover_s: float
-
-    def plus(self, other: "WayCost") -> "WayCost":
-        """Both ways, one after the other."""
-        return WayCost(self.time_s + other.time_s, self.hover_s + other.hover_s)
-
-
-def flight_cost(time_s: float, vel_ned_mps: Vec3, wind_ned_mps: Vec3, vehicle: VehicleConfig) -> WayCost:
-    """Cost of a steady flight, or of a hover in the wind.
-
-    Args:
-        vel_ned_mps: velocity over ground.
-    """
-    battery, (north_mps, east_mps, _) = vehicle.battery, subtract(vel_ned_mps, wind_ned_mps)
-    hover_a = battery.electronics_a + battery.hover_a
-    flight_a = battery.electronics_a + battery.hover_a * vehicle.airframe.power_ratio(hypot(north_mps, east_mps))
-    return WayCost(time_s, time_s * flight_a / hover_a if hover_a > 0.0 else time_s)
-
-
 def leg_cost(
     start_ned_m: Vec3, end_ned_m: Vec3, speed_mps: float, move: MoveConfig, wind_ned_mps: Vec3, vehicle: VehicleConfig
-) -> WayCost | None:
+) -> FlightCost | None:
     """Cost of a straight leg from rest to rest; None where the vehicle doesn't come forward against the wind.
 
     Args:
@@ -51,7 +23,7 @@ def leg_cost(
     """
     length_m = distance(start_ned_m, end_ned_m)
     if length_m < 1e-6:
-        return WayCost(0.0, 0.0)
+        return FlightCost(0.0, 0.0)
     direction_ned = scale(subtract(end_ned_m, start_ned_m), 1.0 / length_m)
     speed_mps = straight_speed_mps(start_ned_m, end_ned_m, speed_mps, move)
     speed_mps = min(speed_mps, _speed_in_wind_mps(direction_ned, wind_ned_mps, vehicle.airframe.airspeed_max_mps))

@@ -9,13 +9,14 @@ from dataclasses import dataclass
 from math import hypot
 
 from jezero.fence_geometry import HOLD_OFF_M, way_refusal
+from jezero.flight_cost import FlightCost, flight_cost
 from jezero.frames import Vec3, add, altitude_m, horizontal, norm, scale, subtract, z_ned_m
 from jezero.schemas.goals import ReturnHomeGoal
 from jezero.schemas.units import NS_PER_S
 from jezero.services.actions.config import ActionsConfig
 from jezero.services.actions.land_on_spot.remaining import plain_descent_remaining, rover_landing_remaining
 from jezero.services.actions.motion.behaviour import VehicleState
-from jezero.services.actions.motion.way_cost import WayCost, flight_cost, leg_cost
+from jezero.services.actions.motion.way_cost import leg_cost
 from jezero.services.actions.return_home.config import ReturnHomeConfig
 from jezero.services.actions.return_home.places import STILL, Place, here
 
@@ -53,7 +54,7 @@ class Way:
     place: Place
     end_ned_m: Vec3
     corners_ned_m: tuple[Vec3, ...]
-    cost: WayCost
+    cost: FlightCost
     reason: str = ""
 
 
@@ -74,7 +75,7 @@ class Charge:
         self._fall_per_s = declared_per_s if doubted else self._battery.least_used(1.0)
         self._per_s = declared_per_s if goal.charge_per_s is None else goal.charge_per_s
 
-    def needed(self, cost: WayCost) -> float:
+    def needed(self, cost: FlightCost) -> float:
         """Fraction of the capacity that a way takes: by what is known of the vehicle, or by what the flight used so
         far, whichever is more."""
         return max(self._battery.used(cost.hover_s), self._per_s * cost.time_s)
@@ -147,14 +148,14 @@ class Decision:
         wait = flight_cost(waiting_s, STILL, state.wind_ned_mps or STILL, self._config.vehicle)
         return left is None or left - self._charge.needed(way.cost.plus(wait)) >= self._charge.reserve(state)
 
-    def cost(self, state: VehicleState, place: Place, corners_ned_m: Sequence[Vec3]) -> WayCost | None:
+    def cost(self, state: VehicleState, place: Place, corners_ned_m: Sequence[Vec3]) -> FlightCost | None:
         """Cost of the legs and of the landing at their end; None where the wind doesn't let the vehicle come there."""
         legs = self._legs_cost(state, corners_ned_m)
         return None if legs is None else legs.plus(self._landing_cost(state, place, corners_ned_m))
 
-    def _legs_cost(self, state: VehicleState, corners_ned_m: Sequence[Vec3]) -> WayCost | None:
+    def _legs_cost(self, state: VehicleState, corners_ned_m: Sequence[Vec3]) -> FlightCost | None:
         wind_ned_mps = state.wind_ned_mps or STILL
-        cost, start_ned_m = WayCost(0.0, 0.0), state.pos_uav_ned_m
+        cost, start_ned_m = FlightCost(0.0, 0.0), state.pos_uav_ned_m
         for end_ned_m in corners_ned_m:
             move, vehicle = self._config.move, self._config.vehicle
             leg = leg_cost(start_ned_m, end_ned_m, self.speed_mps, move, wind_ned_mps, vehicle)
@@ -163,7 +164,7 @@ class Decision:
             cost, start_ned_m = cost.plus(leg), end_ned_m
         return cost
 
-    def _landing_cost(self, state: VehicleState, place: Place, corners_ned_m: Sequence[Vec3]) -> WayCost:
+    def _landing_cost(self, state: VehicleState, place: Place, corners_ned_m: Sequence[Vec3]) -> FlightCost:
         _, _, z_start_ned_m = corners_ned_m[-1] if corners_ned_m else state.pos_uav_ned_m
         height_m = altitude_m(z_start_ned_m - place.pos_ned_m[2])
         land = self._config.land_on_spot
@@ -176,7 +177,7 @@ class Decision:
     def _way(self, place: Place, state: VehicleState) -> Way | str:
         """The way to a place, or the reason why it is left out."""
         left_out = f"the {place.words} is left out: "
-        end_ned_m, legs = place.pos_ned_m, WayCost(0.0, 0.0)
+        end_ned_m, legs = place.pos_ned_m, FlightCost(0.0, 0.0)
         for _ in range(MEETING_TRIES):
             corners_ned_m = self._corners(state, end_ned_m)
             now = self._legs_cost(state, corners_ned_m)
