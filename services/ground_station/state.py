@@ -6,6 +6,7 @@ lost, also when vehicle time stands still.
 
 from contextlib import suppress
 from dataclasses import asdict
+from math import inf
 from typing import Any
 
 import msgspec
@@ -16,6 +17,7 @@ from jezero.schemas import topics
 from jezero.schemas.actions import FeedbackMessage
 from jezero.schemas.fence import FenceState
 from jezero.schemas.health import ServiceHealth
+from jezero.schemas.preflight import PreflightReport
 from jezero.schemas.rows import Topic
 from jezero.schemas.state import Status
 from jezero.schemas.struct import Message
@@ -38,17 +40,21 @@ from jezero.services.ground_station.scene import (
     rover_pose,
     vehicle_pose,
 )
-from jezero.services.ground_station.words import activity, duration, in_charge, wind_words
+from jezero.services.ground_station.words import duration, in_charge, state_words, wind_words
 
 WATCHED = (
     topics.ALTIMETER, topics.GNSS, topics.RELATIVE, topics.ROVER_ESTIMATE, topics.CAMERA_PITCH, topics.FENCE,
 )  # fmt: skip
 """Topics that are read only while somebody looks."""
-SHOWN = (*WATCHED, topics.STATUS)
-"""Topics that the pages show, besides the feedback of each action and the health of each service."""
+ALWAYS = (topics.STATUS, topics.PREFLIGHT)
+"""Topics that are always read, besides the feedback of each action and the health of each service."""
+SHOWN = (*WATCHED, *ALWAYS)
+"""Topics that the pages show, besides that feedback and health."""
 PHOTOS_MAX = 1000
 HEALTH_LATE_S = 3.0
 """A service publishes its health once a second."""
+PREFLIGHT_AGE_MAX_S = 30.0
+"""A vehicle that stands is checked every ten seconds."""
 
 
 class VehicleState:
@@ -68,6 +74,8 @@ class VehicleState:
         self._trail = ThinnedPath()
         self._home_z_ned_m: float | None = None
         self._since_s: float | None = None
+        self._stands_since_s = -inf
+        """Since when the vehicle stands on the ground as it does now; preflight reports from before don't count."""
 
     # -- messages --
 
@@ -89,9 +97,11 @@ class VehicleState:
         self._feedback = (now_s, message)
 
     def _on_status(self, now_s: float, status: Status) -> None:
-        self.events.on_status(now_s, status)
-        self.goals.on_status(status)
         last: Status | None = self._latest(topics.STATUS)
+        if last is not None and (last.code, last.epoch_id) != (status.code, status.epoch_id):
+            self._stands_since_s = now_s
+        self.events.on_status(now_s, status, state_words(status, self._preflight(now_s)))
+        self.goals.on_status(status)
         if last is None or (last.code, last.in_charge, last.goal_id) != (status.code, status.in_charge, status.goal_id):
             self._since_s = now_s
         if status.odometry is None:
@@ -115,6 +125,14 @@ class VehicleState:
     def _age_s(self, topic: Topic[Any], now_s: float) -> float | None:
         entry = self._newest.get(topic.name)
         return None if entry is None else now_s - entry[0]
+
+    def _preflight(self, now_s: float) -> PreflightReport | None:
+        """Newest preflight report; None without a fresh one since the vehicle stands on the ground."""
+        age_s = self._age_s(topics.PREFLIGHT, now_s)
+        if age_s is None or age_s > min(PREFLIGHT_AGE_MAX_S, now_s - self._stands_since_s):
+            return None
+        report: PreflightReport = self._latest(topics.PREFLIGHT)
+        return report
 
     @property
     def epoch_id(self) -> int | None:
@@ -158,14 +176,15 @@ class VehicleState:
         if status is None or age_s is None:
             reason = link_problem or "No vehicle bridge publishes a status: is the stack up? (jezero ps)"
             return {"words": "No vehicle", "tone": "lost", "charge": "", "since": "", "why": reason}
-        since = "" if self._since_s is None else f"for {duration(now_s - self._since_s)}"
+        state = state_words(status, self._preflight(now_s))
         if age_s > LATE_S:
-            silent = f"No status for {duration(age_s)}; the last one was: {activity(status)}."
+            silent = f"The vehicle is silent for {duration(age_s)}; its last state was: {state.words}."
             why = f"{silent} {link_problem}".strip()
             return {"words": "Link lost", "tone": "lost", "charge": "", "since": "", "why": why}
-        why = status.text if status.ready else status.not_ready_reason or status.text
+        since = "" if self._since_s is None else f"for {duration(now_s - self._since_s)}"
         return {
-            "words": activity(status), "tone": _tone(status), "charge": in_charge(status), "since": since, "why": why,
+            "words": state.words, "tone": state.tone, "charge": in_charge(status), "since": since,
+            "why": state.why or status.text,
         }  # fmt: skip
 
     def readings(self, now_s: float) -> list[dict[str, Any]]:
@@ -252,14 +271,6 @@ class VehicleState:
         view = self.goals.view
         images = [] if view is None else list(view.images.values())[-PHOTOS_MAX:]
         return [rounded(image.pos_camera_ned_m) for image in images]
-
-
-def _tone(status: Status) -> str:
-    if status.in_charge in ("external", "failsafe"):
-        return "bad"
-    if not status.ready:
-        return "warning"
-    return "flying" if status.armed else "good"
 
 
 def _typed(message: FeedbackMessage[Any]) -> FeedbackMessage[Any]:

@@ -1,10 +1,15 @@
 """The vehicle's state in words."""
 
 from math import atan2, hypot, isfinite, pi
+from typing import Literal, NamedTuple
 
+from jezero.schemas.preflight import PreflightReport
 from jezero.schemas.state import Status, StatusCode
 from jezero.schemas.struct import VelocityNed
 
+Tone = Literal["good", "flying", "plain", "warning", "bad", "lost"]
+"""How something is marked on the pages."""
+NOT_CHECKED = "The preflight checks have not reported yet since the vehicle stands here"
 ACTIVITIES = {
     StatusCode.IDLE: "On the ground",
     StatusCode.TAKEOFF: "Taking off",
@@ -33,11 +38,43 @@ IN_CHARGE = {
 
 
 def activity(status: Status) -> str:
-    """What the vehicle does, e.g. "On the ground, not ready"."""
+    """What the vehicle does, e.g. "Hovering"."""
     words = ACTIVITIES[StatusCode(status.code)].format(action=status.action.replace("_", " ") or "an action")
-    if status.code == StatusCode.IDLE:
-        return f"{words}, ready" if status.ready else f"{words}, not ready"
     return f"{words}, paused" if status.paused else words
+
+
+class StateWords(NamedTuple):
+    """The state of a vehicle for people.
+
+    Attributes:
+        words: what it does, and on the ground whether it may take off, e.g. "On the ground, ready".
+        tone: `good` for a vehicle on the ground only when all that is checked before a takeoff is well.
+        why: what explains the words; "" where the bridge's last event does.
+    """
+
+    words: str
+    tone: Tone
+    why: str
+
+
+def state_words(status: Status, preflight: PreflightReport | None) -> StateWords:
+    """The state of a vehicle for people.
+
+    Args:
+        preflight: newest preflight report; None when there is none since the vehicle stands on the ground.
+    """
+    words = activity(status)
+    if status.in_charge in ("external", "failsafe"):
+        return StateWords(words, "bad", "")
+    if status.code != StatusCode.IDLE:
+        return StateWords(words, "flying" if status.ready else "warning", status.not_ready_reason)
+    if not status.ready:
+        return StateWords(f"{words}, not ready", "warning", status.not_ready_reason)
+    if preflight is None:
+        return StateWords(f"{words}, not checked", "warning", NOT_CHECKED)
+    if failed := preflight.failed():
+        return StateWords(f"{words}, preflight failed", "warning", "; ".join(f"{c.name}: {c.text}" for c in failed))
+    return StateWords(f"{words}, ready", "good", "")
 
 
 def in_charge(status: Status) -> str:

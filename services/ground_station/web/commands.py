@@ -9,8 +9,8 @@ from nicegui import ui
 from jezero.aio import JezeroError, Refused, Vehicle, Wheel
 from jezero.schemas.actions import PlanReply
 from jezero.schemas.rows import Action
-from jezero.services.ground_station.events import Tone
 from jezero.services.ground_station.web.pilot_link import PilotLink
+from jezero.services.ground_station.words import Tone
 
 
 class Commands:

@@ -10,6 +10,7 @@ from jezero.schemas import topics
 from jezero.schemas.actions import FeedbackMessage
 from jezero.schemas.fence import Fence, FenceState, Zone
 from jezero.schemas.goals import ImagesFeedback, LandFeedback
+from jezero.schemas.preflight import Check, PreflightReport
 from jezero.schemas.sensors import Altimeter
 from jezero.schemas.state import Battery
 from jezero.schemas.topics import feedback_of, health_of
@@ -94,10 +95,49 @@ def test_a_vehicle_that_is_not_ready_tells_why() -> None:
     assert (line["words"], line["tone"], line["why"]) == ("On the ground, not ready", "warning", "no GNSS fix")
 
 
+def standing(state: VehicleState, now_s: float, **fields: Any) -> dict[str, Any]:
+    """The state line of a vehicle that stands on the ground and is ready, unless `fields` say otherwise."""
+    on_ground: dict[str, Any] = {"code": 0, "armed": False, "landed": True, "in_charge": "none"}
+    state.update(now_s, topics.STATUS, FLIGHT.status(**(on_ground | fields)))
+    return state.status_line(now_s, "")
+
+
+def report(*failed: str) -> PreflightReport:
+    """A preflight report in which these checks have failed."""
+    names = ("battery", "gnss")
+    checks = [Check(name=n, verdict="failed" if n in failed else "passed", text="12 %") for n in names]  # type: ignore[arg-type]
+    return PreflightReport(t_ns=0, epoch_id=1, checks=tuple(checks))
+
+
+def test_a_vehicle_is_green_only_when_a_fresh_preflight_report_has_no_failure() -> None:
+    state = VehicleState()
+    line = standing(state, 0.0)
+    assert (line["words"], line["tone"]) == ("On the ground, not checked", "warning")
+    state.update(1.0, topics.PREFLIGHT, report("battery"))
+    line = standing(state, 1.1)
+    assert (line["words"], line["tone"]) == ("On the ground, preflight failed", "warning")
+    assert line["why"] == "battery: 12 %"
+    state.update(2.0, topics.PREFLIGHT, report())
+    line = standing(state, 2.1)
+    assert (line["words"], line["tone"]) == ("On the ground, ready", "good")
+    assert standing(state, 2.2, ready=False)["tone"] == "warning"
+    assert standing(state, 33.0)["words"] == "On the ground, not checked"
+
+
+def test_a_preflight_report_from_before_the_flight_makes_nothing_green() -> None:
+    state = VehicleState()
+    state.update(0.0, topics.PREFLIGHT, report())
+    assert standing(state, 0.1)["tone"] == "good"
+    state.update(1.0, topics.STATUS, FLIGHT.status(code=1, in_charge="goal", action="takeoff", goal_id="a"))
+    assert standing(state, 4.0)["words"] == "On the ground, not checked"
+    state.update(6.0, topics.PREFLIGHT, report())
+    assert standing(state, 6.1)["words"] == "On the ground, ready"
+
+
 def test_a_silent_bridge_is_a_lost_link_and_the_last_state_is_still_told() -> None:
     line = shown().status_line(4.0, "")
     assert (line["words"], line["tone"]) == ("Link lost", "lost")
-    assert line["why"] == "No status for 4 s; the last one was: Hovering."
+    assert line["why"] == "The vehicle is silent for 4 s; its last state was: Hovering."
     assert line["charge"] == ""
 
 
@@ -140,7 +180,7 @@ def test_events_tell_changes_once_and_the_newest_first() -> None:
         "In charge now: a failsafe of the autopilot",
         "Taking off",
         "Motors on",
-        "Connected: On the ground, ready",
+        "Connected: On the ground, not checked",
     ]
 
 
