@@ -95,4 +95,4 @@ class HoldButton(Element, component="static/hold_button.js"):
 
 
 class Watchdog(Element, component="static/watchdog.js"):
-    """Tells when nothing comes from the server any more."""
+    """Says in the place of the state that nothing comes from the server any more, and turns the page grey."""

@@ -70,7 +70,6 @@ class Page:
         ui.add_css(STATIC / "fly.css")
         ui.query("body").classes("ground")
         keys = Keys()
-        Watchdog()
         with ui.element("div").classes("page") as self._whole:
             if insecure:
                 ui.label(insecure).classes("insecure").props('data-mark="insecure" role=alert')
@@ -92,6 +91,7 @@ class Page:
     def _header(self) -> None:
         with ui.element("header").classes("bar"):
             with ui.element("div").classes("state"):
+                Watchdog()
                 self._words = ui.label().classes("state-words").props('data-mark="state"')
                 with ui.element("div").classes("state-more"):
                     self._charge = ui.label().classes("state-charge")
@@ -163,6 +163,8 @@ class Page:
         charge = f"in charge: {line['charge']} {line['since']}" if line["charge"] else ""
         self._charge.set_text(charge)
         self._why.set_text(line["why"])
+        lost = line["tone"] == "lost"
+        self._whole.classes("vehicle-silent" if lost else "", remove="" if lost else "vehicle-silent")
         scene = state.scene(now_s)
         self._view.run_method("update", scene)
         self._map.run_method("update", scene)
