@@ -22,6 +22,7 @@ from jezero.schemas.rows import Topic
 from jezero.schemas.state import Status
 from jezero.schemas.struct import Message
 from jezero.services.ground_station.events import EventLog
+from jezero.services.ground_station.flight_end import FlightEndDetector
 from jezero.services.ground_station.goals import Goals
 from jezero.services.ground_station.landing import landing_view
 from jezero.services.ground_station.readings import (
@@ -63,11 +64,13 @@ class VehicleState:
     Attributes:
         events: the last events.
         goals: the goal in charge.
+        flight_end: what ended the last flight before its time.
     """
 
     def __init__(self) -> None:
         self.events = EventLog()
         self.goals = Goals()
+        self.flight_end = FlightEndDetector()
         self._newest: dict[str, tuple[float, Any]] = {}
         self._health: dict[str, tuple[float, ServiceHealth]] = {}
         self._feedback: tuple[float, FeedbackMessage[Any]] | None = None
@@ -102,6 +105,7 @@ class VehicleState:
             self._stands_since_s = now_s
         self.events.on_status(now_s, status, state_words(status, self._preflight(now_s)))
         self.goals.on_status(status)
+        self.flight_end.update(now_s, status)
         if last is None or (last.code, last.in_charge, last.goal_id) != (status.code, status.in_charge, status.goal_id):
             self._since_s = now_s
         if status.odometry is None:
@@ -186,6 +190,11 @@ class VehicleState:
             "words": state.words, "tone": state.tone, "charge": in_charge(status), "since": since,
             "why": state.why or status.text,
         }  # fmt: skip
+
+    def notice(self, now_s: float) -> str:
+        """What ended the last flight, with its age, until somebody takes note of it; "" for nothing."""
+        end = self.flight_end.newest
+        return "" if end is None else f"{end.words} ({duration(now_s - end.t_s)} ago)"
 
     def readings(self, now_s: float) -> list[dict[str, Any]]:
         """The instruments, in the order in which they are shown."""

@@ -1,10 +1,11 @@
 """The vehicle's state in words."""
 
+from collections.abc import Mapping
 from math import atan2, hypot, isfinite, pi
 from typing import Literal, NamedTuple
 
 from jezero.schemas.preflight import PreflightReport
-from jezero.schemas.state import Status, StatusCode
+from jezero.schemas.state import InCharge, Status, StatusCode
 from jezero.schemas.struct import VelocityNed
 
 Tone = Literal["good", "flying", "plain", "warning", "bad", "lost"]
@@ -32,13 +33,23 @@ IN_CHARGE = {
     "none": "nobody",
     "goal": "the goal {action}",
     "hover": "the hover of the vehicle bridge",
-    "external": "a pilot or another ground station",
+    "external": "an external pilot: a person or another program",
     "failsafe": "a failsafe of the autopilot",
 }
 
 
+OTHERS: Mapping[InCharge, str] = {"external": "external pilot", "failsafe": "failsafe"}
+"""Who flies while the bridge does not."""
+MODES = {"AUTO.LAND": "Landing", "AUTO.PRECLAND": "Landing", "AUTO.RTL": "Returning", "AUTO.LOITER": "Hovering"}
+"""What the autopilot does by itself, by its mode."""
+
+
 def activity(status: Status) -> str:
-    """What the vehicle does, e.g. "Hovering"."""
+    """What the vehicle does, e.g. "Hovering" or "Landing, failsafe"."""
+    if status.in_charge in OTHERS:
+        if not status.armed:
+            return "Motors off"
+        return f"{MODES.get(status.autopilot_mode, 'Flying')}, {OTHERS[status.in_charge]}"
     words = ACTIVITIES[StatusCode(status.code)].format(action=status.action.replace("_", " ") or "an action")
     return f"{words}, paused" if status.paused else words
 

@@ -51,6 +51,14 @@ class Commands:
         name = self._feed.vehicle
         await self._request("Kill", lambda uav: uav.kill(confirm=True, vehicle=name), "The motors are stopped")
 
+    async def take_note(self) -> None:
+        """Take note of what ended the last flight, for all pages."""
+        if self._feed.refusal:
+            self._note("bad", f"Noted failed: {self._feed.refusal}")
+        elif (end := self._feed.state.flight_end.newest) is not None:
+            self._feed.state.flight_end.take_note()
+            self._feed.state.events.add(time.monotonic(), "plain", f"Noted: {end.words}")
+
     async def cancel(self, action: str, goal_id: str, owner: str) -> None:
         """Cancel a goal of whichever client; its owner is named in words."""
         words = action.replace("_", " ")

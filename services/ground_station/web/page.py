@@ -73,7 +73,9 @@ class Page:
         with ui.element("div").classes("page") as self._whole:
             if insecure:
                 ui.label(insecure).classes("insecure").props('data-mark="insecure" role=alert')
-            self._header()
+            with ui.element("div").classes("top"):
+                self._header()
+                self._notice_bar()
             with ui.element("main").classes("main"):
                 self._stage()
                 self._target = Target(self._robot)
@@ -112,6 +114,12 @@ class Page:
                     "no-caps"
                 ).props('data-mark="abort"')
                 HoldButton(self._commands.kill_words).on("held", self._commands.kill)
+
+    def _notice_bar(self) -> None:
+        with ui.element("div").classes("notice").props("role=alert") as self._notice:
+            self._notice_words = ui.label().props('data-mark="notice"')
+            ui.button("Noted", on_click=self._commands.take_note, color=None).props('no-caps dense data-mark="noted"')
+        self._notice.set_visibility(False)
 
     def _stage(self) -> None:
         with ui.element("section").classes("stage"):
@@ -163,6 +171,10 @@ class Page:
         charge = f"in charge: {line['charge']} {line['since']}" if line["charge"] else ""
         self._charge.set_text(charge)
         self._why.set_text(line["why"])
+        if isinstance(self._feed, Feed):  # a recording has nobody who has to take note
+            notice = state.notice(now_s)
+            self._notice.set_visibility(bool(notice))
+            self._notice_words.set_text(notice)
         lost = line["tone"] == "lost"
         self._whole.classes("vehicle-silent" if lost else "", remove="" if lost else "vehicle-silent")
         scene = state.scene(now_s)

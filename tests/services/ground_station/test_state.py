@@ -134,6 +134,56 @@ def test_a_preflight_report_from_before_the_flight_makes_nothing_green() -> None
     assert standing(state, 6.1)["words"] == "On the ground, ready"
 
 
+@pytest.mark.parametrize(
+    ("mode", "in_charge", "words"),
+    [
+        ("AUTO.LAND", "failsafe", "Landing, failsafe"),
+        ("AUTO.RTL", "failsafe", "Returning, failsafe"),
+        ("AUTO.LAND", "external", "Landing, external pilot"),
+        ("POSCTL", "external", "Flying, external pilot"),
+    ],
+)
+def test_whoever_flies_instead_of_the_bridge_is_named_beside_what_the_vehicle_does(
+    mode: str, in_charge: str, words: str
+) -> None:
+    line = shown(code=13, in_charge=in_charge, autopilot_mode=mode, text="why").status_line(0.1, "")
+    assert (line["words"], line["tone"], line["why"]) == (words, "bad", "why")
+
+
+LOST = {"code": 13, "in_charge": "failsafe", "action": ""}
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"text": "motors cut on request"}, "Motors cut on request (5 s ago)"),
+        ({"text": "failsafe: low battery"}, "Ended by a failsafe: low battery (5 s ago)"),
+        (
+            {"text": "taken over: armed, and not by the bridge", "in_charge": "external"},
+            "Taken over by an external pilot: armed, and not by the bridge (5 s ago)",
+        ),
+    ],
+)
+def test_what_ended_a_flight_stays_until_somebody_takes_note_of_it(fields: dict[str, Any], words: str) -> None:
+    state = shown()
+    state.update(1.0, topics.STATUS, FLIGHT.status(**(LOST | fields)))
+    state.update(2.0, topics.STATUS, FLIGHT.status(**(LOST | fields | {"text": "landed and disarmed"})))
+    standing(state, 5.0)
+    assert state.notice(6.0) == words
+    state.flight_end.take_note()
+    standing(state, 7.0)
+    assert state.notice(7.0) == ""
+
+
+def test_a_failsafe_after_a_takeover_is_told_and_control_that_was_taken_back_ends_it() -> None:
+    state = shown(0.0, **(LOST | {"in_charge": "external", "text": "taken over: by a switch"}))
+    assert state.notice(0.0).startswith("Taken over")
+    state.update(1.0, topics.STATUS, FLIGHT.status(**(LOST | {"text": "failsafe: low battery"})))
+    assert state.notice(1.0) == "Ended by a failsafe: low battery (0 s ago)"
+    state.update(2.0, topics.STATUS, FLIGHT.status())
+    assert state.notice(2.0) == ""
+
+
 def test_a_silent_bridge_is_a_lost_link_and_the_last_state_is_still_told() -> None:
     line = shown().status_line(4.0, "")
     assert (line["words"], line["tone"]) == ("Link lost", "lost")
@@ -176,7 +226,7 @@ def test_events_tell_changes_once_and_the_newest_first() -> None:
     state.update(3.0, topics.STATUS, FLIGHT.status(in_charge="failsafe", code=13))
     texts = [row["text"] for row in state.event_rows(3.0)]
     assert texts == [
-        "Under other command",
+        "Flying, failsafe",
         "In charge now: a failsafe of the autopilot",
         "Taking off",
         "Motors on",
