@@ -158,9 +158,14 @@ def goal_from(fields: Sequence[Field], values: Mapping[str, Any]) -> tuple[dict[
             continue
         if value is not None:
             goal[field.name] = value
-        elif field.required:
+        elif field.required or (field.name in values and _has_number(field)):
             problems[field.name] = _missing(field)
     return goal, problems
+
+
+def _has_number(field: Field) -> bool:
+    """Whether a field that is left out stands for a number: emptied by a person, it must not fly with that."""
+    return field.kind in ("number", "integer") and field.default is not None
 
 
 def _missing(field: Field) -> str:

@@ -6,7 +6,7 @@ lost, also when vehicle time stands still.
 
 from contextlib import suppress
 from dataclasses import asdict
-from math import inf
+from math import inf, isfinite
 from typing import Any
 
 import msgspec
@@ -157,6 +157,17 @@ class VehicleState:
         status: Status | None = self._latest(topics.STATUS)
         odometry = None if status is None else status.odometry
         return None if odometry is None or odometry.origin_deg is None else odometry.origin_deg[:2]
+
+    @property
+    def start_z_ned_m(self) -> float:
+        """z of the place from which heights are counted: where the vehicle stood before it was armed, or where it
+        stands. While that is not known it is the world's origin, near which the vehicle stood at first."""
+        status: Status | None = self._latest(topics.STATUS)
+        if status is not None and status.takeoff_ned_m is not None:
+            return status.takeoff_ned_m[2]
+        odometry = None if status is None or status.armed else status.odometry
+        z_ned_m = 0.0 if odometry is None else odometry.pos_uav_ned_m[2]
+        return z_ned_m if isfinite(z_ned_m) else 0.0
 
     @property
     def rover_ned_m(self) -> list[float] | None:

@@ -4,12 +4,11 @@ import time
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
-from nicegui import ui
-
 from jezero.aio import JezeroError, Refused, Vehicle, Wheel
 from jezero.schemas.actions import PlanReply
 from jezero.schemas.rows import Action
 from jezero.services.ground_station.web.pilot_link import PilotLink
+from jezero.services.ground_station.web.toast import show_toast
 from jezero.services.ground_station.words import Tone
 
 
@@ -133,5 +132,4 @@ class Commands:
     def _note(self, tone: Tone, text: str) -> None:
         if not self._feed.refusal:  # who watches writes nothing into the list that all pages show
             self._feed.state.events.add(time.monotonic(), tone, text)
-        kind = {"good": "positive", "plain": "info", "warning": "warning", "bad": "negative"}[tone]
-        ui.notify(text, type=kind, position="top")  # type: ignore[arg-type]
+        show_toast(tone, text)

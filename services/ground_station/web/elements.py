@@ -83,7 +83,7 @@ class Camera(Element, component="static/camera.js"):
 
 
 class Keys(Element, component="static/keys.js"):
-    """Space and Esc, wherever the focus is; it emits `hover` and `abort`."""
+    """Space and Esc, wherever the focus is; it emits `hover`, `abort`, and `close` for a goal to be confirmed."""
 
 
 class HoldButton(Element, component="static/hold_button.js"):

@@ -1,13 +1,18 @@
-"""The form of one action, made from the goal type as the action describes it on the bus."""
+"""The form of one action, made from the goal type as the action describes it on the bus.
 
+A goal takes two clicks: the first one plans it and draws the plan, the second one confirms the plan and flies it.
+"""
+
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from nicegui import ui
+from nicegui import events, ui
 
 from jezero.schemas.actions import ActionDescription, PlanReply
 from jezero.schemas.rows import Action
+from jezero.services.ground_station.confirmation import Confirmation
 from jezero.services.ground_station.flown_area import DrawnArea
 from jezero.services.ground_station.goal_form import CORNERS_MIN, Field, form_of, goal_from, named_field
 from jezero.services.ground_station.web.commands import Commands
@@ -89,6 +94,9 @@ class Form:
         self._planned: dict[str, Any] | None = None
         """The goal that was sent to be planned last; the reply to an earlier one is not shown."""
         self._planning = False
+        self._is_asked = False
+        """The plan that comes next is shown with the button that confirms it."""
+        self._confirmation: Confirmation | None = None
         self._origin_m: Sequence[float] | None = WORLD
         """Origin of the goal's frame in the world; None while it is not known."""
         names = {field.name for field in self.fields}
@@ -121,9 +129,10 @@ class Form:
         self._found = ui.element("div").classes("plan").props(f'data-mark="plan-{name}"')
         self._warning = ui.label().classes("form-plan")
         with ui.element("div").classes("form-buttons"):
-            ui.button("Plan", on_click=self.make_plan).props(f'no-caps outline data-mark="plan-button-{name}"')
-            fly = ui.button("Fly", on_click=self.send, color=None).props(f'no-caps unelevated data-mark="fly-{name}"')
-            fly.classes("fly")
+            self._back = ui.button("Back", on_click=self.withdraw).props(f'no-caps outline data-mark="back-{name}"')
+            self._fly = ui.button("Fly", color=None).props(f'no-caps unelevated data-mark="fly-{name}"').classes("fly")
+            self._fly.on("click", self.press, ["detail"])
+        self._back.set_visibility(False)
         self._show_case()
 
     def _is_first(self, field: Field, number: int) -> bool:
@@ -142,6 +151,7 @@ class Form:
     def _show_case(self) -> None:
         if not self._cases:
             return
+        self.withdraw()
         case = self._cases[self._case.value]
         self._case_text.set_text(case.text)
         for field in self.fields:
@@ -158,7 +168,7 @@ class Form:
         self._rows[field.name] = row
         for element in self._inputs[field.name]:
             element.tooltip(field.help)
-            element.on("keydown.enter", self.send)
+            element.on_value_change(self.withdraw)
             if self.draws_area:
                 element.on("blur", self.replan)
             elif field.kind == "vector" or field.name == "frame":
@@ -244,6 +254,7 @@ class Form:
 
     async def on_area(self) -> None:
         """Plan a new area at once."""
+        self.withdraw()
         self._planned = None
         self._show_plan(None)
         if len(self._panel.area.outline) >= CORNERS_MIN:
@@ -322,18 +333,56 @@ class Form:
             if self._planned is goal:
                 self._tell(found if isinstance(found, str) else found.reason)
                 self._show_plan(None if isinstance(found, str) else found)
+                if self.plan is not None and self._is_asked:
+                    self._ask(Confirmation(goal, self.plan, time.monotonic()))
                 return
         self._show_plan(None)
 
-    async def send(self) -> None:
-        """Send the goal."""
-        goal = self._goal()
-        if goal is None:
+    # -- the two clicks --
+
+    async def press(self, event: events.GenericEventArguments) -> None:
+        """Plan the goal and ask for a confirmation; when that is given by a click of its own, fly it.
+
+        The second click of a double click confirms nothing, and neither does a key: `detail` counts clicks.
+        """
+        goal, confirmation = self._goal(), self._confirmation
+        if confirmation is not None and goal is not None and confirmation.holds_for(goal, time.monotonic()):
+            if event.args.get("detail") == 1:
+                await self._send(goal, confirmation.plan)
             return
-        if self.plan is not None and self.plan.coverage is not None and self._planned == goal:
-            goal = goal | {"plan_id": self.plan.coverage.plan_id}
+        self.withdraw()
+        if goal is not None:
+            self._is_asked = True
+            await self.make_plan()
+
+    def withdraw(self) -> None:
+        """Withdraw the goal that waits for its confirmation."""
+        self._is_asked = False
+        if not self.draws_area:
+            self._planned = None
+        if self._confirmation is not None:
+            self._ask(None)
+            if not self.draws_area:
+                self._show_plan(None)
+
+    def expire(self) -> None:
+        """Withdraw a confirmation that is too old."""
+        if self._confirmation is not None and self._confirmation.is_old(time.monotonic()):
+            self.withdraw()
+
+    def _ask(self, confirmation: Confirmation | None) -> None:
+        """Show the confirmation on the button that flies; None for the button that plans."""
+        self._confirmation = confirmation
+        self._fly.set_text("Fly" if confirmation is None else confirmation.words(self._panel.start_z_ned_m))
+        self._fly.classes("confirming") if confirmation is not None else self._fly.classes(remove="confirming")
+        self._back.set_visibility(confirmation is not None)
+
+    async def _send(self, goal: dict[str, Any], plan: PlanReply) -> None:
+        self._ask(None)
+        if plan.coverage is not None:
+            goal = goal | {"plan_id": plan.coverage.plan_id}
         self._tell(await self._commands.send(self.action, goal))
-        if self.plan is not None and self.plan.coverage is None:  # the way that is flown is drawn from now on
+        if plan.coverage is None:  # the way that is flown is drawn from now on
             self._show_plan(None)
 
     def _show_plan(self, plan: PlanReply | None) -> None:
@@ -352,12 +401,14 @@ class Form:
 
 
 def plan_items(plan: PlanReply) -> dict[str, str]:
-    """What a goal would take: images, length, time and battery."""
-    items = {}
-    if plan.coverage is not None:
-        items["images"] = f"{len(plan.coverage.pictures_ned_m)}"
-        items["photographed"] = f"{100.0 * plan.coverage.photographed:.0f} %"
-        items["line distance"] = f"{plan.coverage.line_distance_m:.1f} m"
+    """What a coverage would take: images, length, time and battery. Of other goals the confirmation says it all."""
+    if plan.coverage is None:
+        return {}
+    items = {
+        "images": f"{len(plan.coverage.pictures_ned_m)}",
+        "photographed": f"{100.0 * plan.coverage.photographed:.0f} %",
+        "line distance": f"{plan.coverage.line_distance_m:.1f} m",
+    }
     if plan.distance_m is not None:
         items["length"] = f"{plan.distance_m:.0f} m"
     if plan.duration_s is not None:

@@ -85,6 +85,7 @@ class Page:
                 self._whole.classes("recorded")
             else:
                 keys.on("hover", self._commands.hover).on("abort", self._commands.abort)
+                keys.on("close", self._fly.withdraw)
         ui.timer(1.0 / config.rate_hz, self._refresh)
         ui.timer(0.1, self._recall, once=True)
 

@@ -66,6 +66,13 @@ def test_a_number_out_of_range_is_told_with_its_range() -> None:
     assert problems["overlap"] == "overlap must be a number 0 to 0.95"
 
 
+def test_an_emptied_number_is_not_flown_with_the_number_that_it_stands_for() -> None:
+    fields = form_of(TAKEOFF.description.goal)[1]
+    assert goal_from(fields, {"altitude_m": ""})[1] == {"altitude_m": "altitude is needed"}
+    speed = [field for field in form_of(GO_TO.description.goal)[1] if field.name == "speed_mps"]
+    assert goal_from(speed, {"speed_mps": ""}) == ({}, {})  # the vehicle chooses it, as the form says
+
+
 def test_missing_fields_are_told() -> None:
     fields = form_of(GET_IMAGES.description.goal)[1]
     _, problems = goal_from(fields, {"center_ned_m": ["1", "", "-5"], "num_images": "2.5"})
