@@ -48,7 +48,7 @@ class Confirmation:
         if plan.battery_used is not None:
             parts.append(f"{ceil(round(100.0 * plan.battery_used, 3))} % of the battery")
         if plan.path_ned_m:
-            parts.append(f"up to {highest_m(plan, start_z_ned_m):.3g} m")
+            parts.append(f"up to {round(highest_m(plan, start_z_ned_m), 1):g} m")
         return f"Confirm: {', '.join(parts)}" if parts else "Confirm"
 
 

@@ -171,11 +171,10 @@ class Page:
         self._words.classes(replace=f"state-words tone-{line['tone']}")
         charge = f"in charge: {line['charge']} {line['since']}" if line["charge"] else ""
         self._charge.set_text(charge)
-        self._why.set_text(line["why"])
-        if isinstance(self._feed, Feed):  # a recording has nobody who has to take note
-            notice = state.notice(now_s)
-            self._notice.set_visibility(bool(notice))
-            self._notice_words.set_text(notice)
+        notice = state.notice(now_s) if isinstance(self._feed, Feed) else ""  # nobody has to take note of a recording
+        self._notice.set_visibility(bool(notice))
+        self._notice_words.set_text(notice)
+        self._why.set_text("" if notice and line["tone"] == "bad" else line["why"])  # the notice says it already
         lost = line["tone"] == "lost"
         self._whole.classes("vehicle-silent" if lost else "", remove="" if lost else "vehicle-silent")
         scene = state.scene(now_s)
