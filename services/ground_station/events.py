@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from jezero.schemas.health import ServiceHealth
 from jezero.schemas.state import Status
-from jezero.services.ground_station.words import StateWords, Tone, in_charge
+from jezero.services.ground_station.words import StateWords, Tone, in_charge, in_words
 
 KEPT = 60
 
@@ -47,6 +47,7 @@ class EventLog:
 
     def add(self, t_s: float, tone: Tone, text: str) -> None:
         """Add an event, unless it repeats the last one."""
+        text = in_words(text)
         if text and (not self._events or self._events[-1].text != text):
             self._events.append(Event(t_s, tone, text))
             self.count += 1

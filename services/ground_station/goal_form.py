@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from math import degrees, isfinite, radians
 from typing import Any, Literal
 
+from jezero.services.ground_station.words import DEGREES, UNITS, label_of
+
 Kind = Literal["number", "integer", "switch", "choice", "choices", "vector", "area", "areas"]
 LEFT_OUT = frozenset(
     {
@@ -14,9 +16,6 @@ LEFT_OUT = frozenset(
     }
 )  # fmt: skip
 """Fields that the ground station, the server or a mission fills in."""
-DEGREES = "°"
-UNITS = {"m": "m", "mps": "m/s", "rad": DEGREES, "s": "s", "deg": DEGREES, "px": "px", "hz": "Hz"}
-"""Unit that people type, by the end of a field's name; an angle in radians is typed in degrees."""
 BOUND_MAX = 1e4
 """Bounds from here on only keep out garbage such as infinity, so that no form shows them."""
 CORNERS_MIN = 3
@@ -137,9 +136,7 @@ def _bound(bound: float | None, unit: str, name: str) -> float | None:
 
 def _label_and_unit(name: str) -> tuple[str, str]:
     words = name.split("_")
-    unit = UNITS.get(words[-1], "") if len(words) > 1 else ""
-    shown = [word for word in (words[:-1] if unit else words) if word != "ned"]
-    return " ".join(shown), unit
+    return label_of(name), UNITS.get(words[-1], "") if len(words) > 1 else ""
 
 
 def goal_from(fields: Sequence[Field], values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:

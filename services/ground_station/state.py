@@ -41,7 +41,7 @@ from jezero.services.ground_station.scene import (
     rover_pose,
     vehicle_pose,
 )
-from jezero.services.ground_station.words import duration, in_charge, state_words, wind_words
+from jezero.services.ground_station.words import duration, in_charge, in_words, state_words, wind_words
 
 WATCHED = (
     topics.ALTIMETER, topics.GNSS, topics.RELATIVE, topics.ROVER_ESTIMATE, topics.CAMERA_PITCH, topics.FENCE,
@@ -199,13 +199,13 @@ class VehicleState:
         since = "" if self._since_s is None else f"for {duration(now_s - self._since_s)}"
         return {
             "words": state.words, "tone": state.tone, "charge": in_charge(status), "since": since,
-            "why": state.why or status.text,
+            "why": in_words(state.why or status.text),
         }  # fmt: skip
 
     def notice(self, now_s: float) -> str:
         """What ended the last flight, with its age, until somebody takes note of it; "" for nothing."""
         end = self.flight_end.newest
-        return "" if end is None else f"{end.words} ({duration(now_s - end.t_s)} ago)"
+        return "" if end is None else f"{in_words(end.words)} ({duration(now_s - end.t_s)} ago)"
 
     def readings(self, now_s: float) -> list[dict[str, Any]]:
         """The instruments, in the order in which they are shown."""
@@ -226,7 +226,7 @@ class VehicleState:
             silent = now_s - t_s > HEALTH_LATE_S
             state = "silent" if silent else health.state
             text = f"no health for {duration(now_s - t_s)}; the last was: {health.text}" if silent else health.text
-            rows.append({"name": name.replace("_", " "), "state": state, "text": text})
+            rows.append({"name": name.replace("_", " "), "state": state, "text": in_words(text)})
         return rows
 
     def event_rows(self, now_s: float) -> list[dict[str, Any]]:

@@ -1,5 +1,6 @@
 """The vehicle's state in words."""
 
+import re
 from collections.abc import Mapping
 from math import atan2, hypot, isfinite, pi
 from typing import Literal, NamedTuple
@@ -8,6 +9,9 @@ from jezero.schemas.preflight import PreflightReport
 from jezero.schemas.state import InCharge, Status, StatusCode
 from jezero.schemas.struct import VelocityNed
 
+DEGREES = "°"
+UNITS = {"m": "m", "mps": "m/s", "rad": DEGREES, "s": "s", "deg": DEGREES, "px": "px", "hz": "Hz"}
+"""Unit that people type, by the end of a field's name; an angle in radians is typed in degrees."""
 Tone = Literal["good", "flying", "plain", "warning", "bad", "lost"]
 """How something is marked on the pages."""
 NOT_CHECKED = "The preflight checks have not reported yet since the vehicle stands here"
@@ -42,6 +46,27 @@ OTHERS: Mapping[InCharge, str] = {"external": "external pilot", "failsafe": "fai
 """Who flies while the bridge does not."""
 MODES = {"AUTO.LAND": "Landing", "AUTO.PRECLAND": "Landing", "AUTO.RTL": "Returning", "AUTO.LOITER": "Hovering"}
 """What the autopilot does by itself, by its mode."""
+_NAME = re.compile(r"(?<![\w/.=-])\$?\.?[a-z][a-z0-9]*(?:_[a-z0-9]+)+(?![\w/=-]|\.\w)")
+_CLIENT = re.compile(r",? ?\b(?:goal )?py-[0-9a-f]{12}(?:-\d+)?")
+_MODE = re.compile(r"\b(?:mode )?(AUTO\.\w+|OFFBOARD|POSCTL|ALTCTL|STABILIZED|MANUAL|ACRO)\b")
+_MODE_WORDS = {"AUTO.RTL": "return", "AUTO.LOITER": "hold", "POSCTL": "position", "ALTCTL": "altitude"}
+_NOT_SAID = ("ned", *UNITS)
+
+
+def in_words(text: str) -> str:
+    """A sentence of the stack for people: names of actions and fields as words, modes by name, ids left out.
+
+    E.g. "land_on_spot: altitude_m is 9000" becomes "land on spot: altitude is 9000".
+    """
+    text = _CLIENT.sub("", text)
+    text = _MODE.sub(lambda mode: f"{_MODE_WORDS.get(mode[1]) or mode[1].rpartition('.')[2].lower()} mode", text)
+    return _NAME.sub(lambda name: label_of(name[0].lstrip("$.")), text)
+
+
+def label_of(name: str) -> str:
+    """The name of a field or an action for people, without frame and unit, e.g. "center" of `center_ned_m`."""
+    first, *rest = name.split("_")
+    return " ".join([first, *(word for word in rest if word not in _NOT_SAID)])
 
 
 def activity(status: Status) -> str:

@@ -171,9 +171,9 @@ def test_another_clients_goal_is_shown_and_is_ended_by_button_and_by_keys_whatev
     screen, server = served
     screen.choose("takeoff")
     screen.has("goal", "go to")
-    screen.has("goal-owner", "sent by client theirs")
+    screen.has("goal-owner", "sent by another program")
     screen.marked("goal-cancel").click()
-    screen.tells("go to (sent by client theirs) is canceled")
+    screen.tells("go to (sent by another program) is canceled")
     screen.marked("fly-takeoff").focus()
     screen.page.keyboard.press("Space")
     screen.tells("The vehicle hovers")
@@ -231,7 +231,7 @@ def test_a_click_on_the_map_sets_the_target_and_a_landing_asks_for_what_its_case
 def test_the_page_is_as_it_was_when_it_is_loaded_again(screen: Screen) -> None:
     before = screen.rings()
     screen.page.reload()
-    screen.has("goal-owner", "sent by client theirs")
+    screen.has("goal-owner", "sent by another program")
     expect(screen.marked("land_on_spot-case")).to_be_visible()
     expect(screen.page.locator(".map canvas")).to_be_visible()
     screen.choose("area_coverage")

@@ -78,7 +78,7 @@ def test_a_goal_goes_on_while_the_ground_station_is_restarted_and_is_shown_after
     expect(screen.page.get_by_text("Connection lost")).not_to_be_visible(timeout=FLIGHT_TIMEOUT_MS)
     assert screen.stack.processes()["ground_station"] != before
     screen.shows("Flying to a point")
-    screen.has("goal-owner", "its client is gone")
+    screen.has("goal-owner", "its sender is gone")
     screen.page.keyboard.press("Escape")
     screen.shows("Hovering")
     assert not screen.foreign

@@ -16,7 +16,7 @@ from jezero.services.ground_station.confirmation import Confirmation
 from jezero.services.ground_station.flown_area import DrawnArea
 from jezero.services.ground_station.goal_form import CORNERS_MIN, Field, form_of, goal_from, named_field
 from jezero.services.ground_station.web.commands import Commands
-from jezero.services.ground_station.words import duration
+from jezero.services.ground_station.words import duration, in_words
 
 START: dict[str, dict[str, Any]] = {
     "go_to": {"target_ned_m": [None, None, -3]},
@@ -306,10 +306,10 @@ class Form:
         at = named_field(reason, [field for field in self.fields if field.name in self._problems])
         shown = {at: reason} if at else dict(problems or {})
         for name, label in self._problems.items():
-            label.set_text(shown.get(name, ""))
+            label.set_text(in_words(shown.get(name, "")))
         if self._in_more & set(shown):
             self._more.open()
-        self._problem.set_text("" if at else reason)
+        self._problem.set_text("" if at else in_words(reason))
 
     async def make_plan(self) -> None:
         """Plan the goal, and show what it would take.
@@ -388,7 +388,7 @@ class Form:
     def _show_plan(self, plan: PlanReply | None) -> None:
         self.plan = plan
         self._show_items({} if plan is None else plan_items(plan))
-        self._warning.set_text("" if plan is None else plan.warning)
+        self._warning.set_text("" if plan is None else in_words(plan.warning))
         self._panel.show_plan(plan, self._origin_m or WORLD)
 
     def _show_items(self, items: Mapping[str, str]) -> None:
